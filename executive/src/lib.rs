@@ -1,0 +1,3 @@
+//! The time- and space-partitioned executive.
+
+pub mod plan;

@@ -1,0 +1,1 @@
+//! What a flight is turned into: scores, plots, one HTML page.

@@ -1,0 +1,1 @@
+//! The plant behind a UDP socket.

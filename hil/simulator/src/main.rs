@@ -1,0 +1,3 @@
+//! The plant behind a UDP socket.
+
+fn main() {}

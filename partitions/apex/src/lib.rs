@@ -1,0 +1,1 @@
+//! What a partition links: windows, ports, time, health.

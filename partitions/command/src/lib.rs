@@ -1,0 +1,1 @@
+//! The function that talks to the ground station over a serial line.

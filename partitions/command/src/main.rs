@@ -1,0 +1,3 @@
+//! The function that talks to the ground station over a serial line.
+
+fn main() {}

@@ -1,0 +1,1 @@
+//! The contract between executive and partition: control page, environment, exit codes.

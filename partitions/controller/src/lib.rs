@@ -1,0 +1,1 @@
+//! The function that flies: specific-acceleration loops, roll-rate loop and guidance.

@@ -1,0 +1,3 @@
+//! The function that flies: specific-acceleration loops, roll-rate loop and guidance.
+
+fn main() {}

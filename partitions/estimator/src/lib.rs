@@ -1,0 +1,1 @@
+//! The function that estimates position, velocity and attitude.

@@ -1,0 +1,3 @@
+//! The function that estimates position, velocity and attitude.
+
+fn main() {}

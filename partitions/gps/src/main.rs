@@ -1,0 +1,3 @@
+//! The function that turns a receiver's raw fixes into position and velocity.
+
+fn main() {}

@@ -1,0 +1,1 @@
+//! The function that exchanges sensors and actuators with a simulator over UDP.

@@ -1,0 +1,3 @@
+//! The function that exchanges sensors and actuators with a simulator over UDP.
+
+fn main() {}

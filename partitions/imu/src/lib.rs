@@ -1,0 +1,1 @@
+//! The function that turns raw analogue values into inertial, magnetic and pressure measurements.

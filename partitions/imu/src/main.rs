@@ -1,0 +1,3 @@
+//! The function that turns raw analogue values into inertial, magnetic and pressure measurements.
+
+fn main() {}

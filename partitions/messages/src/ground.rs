@@ -1,0 +1,330 @@
+//! From the ground to the aircraft.
+
+use crate::control::FunctionStatus;
+use crate::field::message;
+use crate::frame::Frame;
+
+/// Bytes of data that a ground message can hold.
+pub const GROUND_DATA: usize = 62;
+
+message! {
+    /// A message on its way from Command to a function, as it came over the serial line.
+    pub struct GroundMessage {
+        /// The frame's letter: one of the constants of this module.
+        pub letter: u8,
+        /// Bytes of `data` in use.
+        pub length: u8,
+        /// The data.
+        pub data: [u8; GROUND_DATA],
+    }
+}
+
+impl GroundMessage {
+    /// The message for a frame from the serial line; nothing where its data is too long for any ground message.
+    pub fn from_frame(frame: &Frame) -> Option<Self> {
+        let mut message = Self { letter: frame.letter, length: u8::try_from(frame.data.len()).ok()?, ..Self::default() };
+        message.data.get_mut(..frame.data.len())?.copy_from_slice(&frame.data);
+        Some(message)
+    }
+
+    /// The data in use.
+    pub fn bytes(&self) -> &[u8] {
+        &self.data[..usize::from(self.length).min(GROUND_DATA)]
+    }
+}
+
+const _: () = assert!(size_of::<GroundMessage>() == 64 && size_of::<FunctionStatus>() == 32);
+
+/// What the ground can ask for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Order {
+    /// `HH`: hardware-in-the-loop mode on or off (HILInterface).
+    Hil {
+        /// On.
+        on: bool,
+    },
+    /// `AA`: the autopilot flies, or the safety pilot (Controller, Servo).
+    Autopilot {
+        /// On.
+        on: bool,
+    },
+    /// `NN`: way-point navigation on or off (Controller).
+    Navigation {
+        /// On.
+        on: bool,
+    },
+    /// `WW`: one way-point of the list (Controller).
+    Waypoint(Waypoint),
+    /// `LL`: one loop of the Controller on or off, with its target.
+    Loop {
+        /// Which loop; see [`LoopId`].
+        id: LoopId,
+        /// On.
+        on: bool,
+        /// Target in the loop's unit.
+        target: f64,
+    },
+    /// `II`: take the bias of sensors anew (IMU); one bit a sensor, see the `SENSOR_…` constants.
+    InitialiseSensors {
+        /// The sensors.
+        sensors: u8,
+    },
+    /// `EE`: initialise, enable or disable (Estimator).
+    Estimator(EstimatorOrder),
+}
+
+/// What the ground can ask of the Estimator.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EstimatorOrder {
+    /// Stop estimating.
+    Disable,
+    /// Go on.
+    Enable,
+    /// Begin anew.
+    Initialise {
+        /// With attitude from the inertial sensors (full inertial estimation), or from aiding alone.
+        full_inertial: bool,
+    },
+}
+
+/// One way-point as the ground sends it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Waypoint {
+    /// Position in the list, from 0.
+    pub index: u8,
+    /// Way-points in the whole list.
+    pub count: u8,
+    /// North of the runway, m.
+    pub north_m: f64,
+    /// East of the runway, m.
+    pub east_m: f64,
+    /// Above the runway, m.
+    pub altitude_m: f64,
+    /// Heading of the seed's table, rad; kept as data.
+    pub heading_rad: f64,
+    /// Airspeed, m/s.
+    pub airspeed_mps: f64,
+}
+
+/// A loop that the ground can engage by itself, with its target's unit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum LoopId {
+    /// Roll angle, rad.
+    RollAngle = 0,
+    /// Roll rate, rad/s.
+    RollRate = 1,
+    /// Pitch rate, rad/s.
+    PitchRate = 2,
+    /// Airspeed, m/s.
+    Airspeed = 3,
+    /// Altitude above the runway, m.
+    Altitude = 4,
+    /// Climb rate, m/s.
+    ClimbRate = 5,
+    /// Heading over ground, rad.
+    Heading = 6,
+    /// Axial specific acceleration, m/s².
+    Axial = 7,
+    /// Lateral specific acceleration, m/s².
+    Lateral = 8,
+    /// Normal specific acceleration, m/s² (level flight: −9.81).
+    Normal = 9,
+}
+
+impl LoopId {
+    /// Every loop, in the order of its number.
+    pub const ALL: [Self; 10] = [
+        Self::RollAngle,
+        Self::RollRate,
+        Self::PitchRate,
+        Self::Airspeed,
+        Self::Altitude,
+        Self::ClimbRate,
+        Self::Heading,
+        Self::Axial,
+        Self::Lateral,
+        Self::Normal,
+    ];
+
+    /// The name that a person types.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::RollAngle => "roll_angle",
+            Self::RollRate => "roll_rate",
+            Self::PitchRate => "pitch_rate",
+            Self::Airspeed => "airspeed",
+            Self::Altitude => "altitude",
+            Self::ClimbRate => "climb_rate",
+            Self::Heading => "heading",
+            Self::Axial => "axial",
+            Self::Lateral => "lateral",
+            Self::Normal => "normal",
+        }
+    }
+}
+
+/// [`Order::InitialiseSensors`]: the accelerometer.
+pub const SENSOR_ACCELEROMETER: u8 = 1;
+/// [`Order::InitialiseSensors`]: the gyroscope.
+pub const SENSOR_GYROSCOPE: u8 = 2;
+/// [`Order::InitialiseSensors`]: the pressure sensors.
+pub const SENSOR_PRESSURE: u8 = 4;
+
+/// Why a ground message was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum OrderError {
+    /// A letter that no function knows.
+    #[error("no function knows a message \"{0}\"")]
+    UnknownLetter(char),
+    /// Data of the wrong length.
+    #[error("message \"{0}\" has the wrong length")]
+    WrongLength(char),
+    /// A value outside what the message allows.
+    #[error("message \"{0}\" holds a value outside its range")]
+    OutOfRange(char),
+}
+
+impl Order {
+    /// The letter on the line.
+    pub fn letter(&self) -> u8 {
+        match self {
+            Self::Hil { .. } => b'H',
+            Self::Autopilot { .. } => b'A',
+            Self::Navigation { .. } => b'N',
+            Self::Waypoint(_) => b'W',
+            Self::Loop { .. } => b'L',
+            Self::InitialiseSensors { .. } => b'I',
+            Self::Estimator(_) => b'E',
+        }
+    }
+
+    /// The data on the line, little endian.
+    pub fn data(&self) -> Vec<u8> {
+        match *self {
+            Self::Hil { on } | Self::Autopilot { on } | Self::Navigation { on } => vec![u8::from(on)],
+            Self::Waypoint(point) => point.data(),
+            Self::Loop { id, on, target } => [&[id as u8, u8::from(on)][..], &target.to_le_bytes()].concat(),
+            Self::InitialiseSensors { sensors } => vec![sensors],
+            Self::Estimator(EstimatorOrder::Disable) => vec![0, 0],
+            Self::Estimator(EstimatorOrder::Enable) => vec![1, 0],
+            Self::Estimator(EstimatorOrder::Initialise { full_inertial }) => vec![2, u8::from(full_inertial)],
+        }
+    }
+
+    /// Reads an order from a frame's letter and data. Every number is checked: nothing that is not finite passes.
+    pub fn parse(letter: u8, data: &[u8]) -> Result<Self, OrderError> {
+        match letter {
+            b'H' => switch(letter, data).map(|on| Self::Hil { on }),
+            b'A' => switch(letter, data).map(|on| Self::Autopilot { on }),
+            b'N' => switch(letter, data).map(|on| Self::Navigation { on }),
+            b'W' => Waypoint::parse(data).map(Self::Waypoint),
+            b'L' => parse_loop(data),
+            b'I' => parse_sensors(data),
+            b'E' => parse_estimator(data),
+            _ => Err(OrderError::UnknownLetter(letter as char)),
+        }
+    }
+}
+
+impl Waypoint {
+    fn data(&self) -> Vec<u8> {
+        let numbers = [self.north_m, self.east_m, self.altitude_m, self.heading_rad, self.airspeed_mps];
+        let mut data = vec![self.index, self.count];
+        numbers.iter().for_each(|number| data.extend(number.to_le_bytes()));
+        data
+    }
+
+    fn parse(data: &[u8]) -> Result<Self, OrderError> {
+        let numbers: [f64; 5] = finite(b'W', data.get(2..))?;
+        let [north_m, east_m, altitude_m, heading_rad, airspeed_mps] = numbers;
+        let (index, count) = (data[0], data[1]);
+        if index >= count || airspeed_mps <= 0.0 {
+            return Err(OrderError::OutOfRange('W'));
+        }
+        Ok(Self { index, count, north_m, east_m, altitude_m, heading_rad, airspeed_mps })
+    }
+}
+
+fn switch(letter: u8, data: &[u8]) -> Result<bool, OrderError> {
+    match data {
+        [0] => Ok(false),
+        [1] => Ok(true),
+        [_] => Err(OrderError::OutOfRange(letter as char)),
+        _ => Err(OrderError::WrongLength(letter as char)),
+    }
+}
+
+fn parse_loop(data: &[u8]) -> Result<Order, OrderError> {
+    let [target] = finite(b'L', data.get(2..))?;
+    let id = LoopId::ALL.get(usize::from(data[0])).copied().ok_or(OrderError::OutOfRange('L'))?;
+    Ok(Order::Loop { id, on: switch(b'L', &data[1..2])?, target })
+}
+
+fn parse_sensors(data: &[u8]) -> Result<Order, OrderError> {
+    match data {
+        [sensors @ 1..=7] => Ok(Order::InitialiseSensors { sensors: *sensors }),
+        [_] => Err(OrderError::OutOfRange('I')),
+        _ => Err(OrderError::WrongLength('I')),
+    }
+}
+
+fn parse_estimator(data: &[u8]) -> Result<Order, OrderError> {
+    let order = match data {
+        [0, 0] => EstimatorOrder::Disable,
+        [1, 0] => EstimatorOrder::Enable,
+        [2, full @ 0..=1] => EstimatorOrder::Initialise { full_inertial: *full == 1 },
+        [_, _] => return Err(OrderError::OutOfRange('E')),
+        _ => return Err(OrderError::WrongLength('E')),
+    };
+    Ok(Order::Estimator(order))
+}
+
+fn finite<const N: usize>(letter: u8, data: Option<&[u8]>) -> Result<[f64; N], OrderError> {
+    let data = data.filter(|data| data.len() == 8 * N).ok_or(OrderError::WrongLength(letter as char))?;
+    let mut numbers = [0.0; N];
+    for (number, bytes) in numbers.iter_mut().zip(data.as_chunks().0) {
+        *number = f64::from_le_bytes(*bytes);
+    }
+    if numbers.iter().all(|number| number.is_finite()) { Ok(numbers) } else { Err(OrderError::OutOfRange(letter as char)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn every_order_survives_the_line() {
+        let point =
+            Waypoint { index: 1, count: 4, north_m: 500.0, east_m: 0.0, altitude_m: 160.0, heading_rad: 0.0, airspeed_mps: 22.0 };
+        let orders = [
+            Order::Hil { on: true },
+            Order::Autopilot { on: false },
+            Order::Navigation { on: true },
+            Order::Waypoint(point),
+            Order::Loop { id: LoopId::Normal, on: true, target: -9.81 },
+            Order::InitialiseSensors { sensors: SENSOR_GYROSCOPE | SENSOR_PRESSURE },
+            Order::Estimator(EstimatorOrder::Disable),
+            Order::Estimator(EstimatorOrder::Enable),
+            Order::Estimator(EstimatorOrder::Initialise { full_inertial: true }),
+        ];
+        for order in orders {
+            assert_eq!(Order::parse(order.letter(), &order.data()), Ok(order));
+        }
+    }
+
+    #[test]
+    fn a_way_point_that_is_not_a_number_is_refused() {
+        let mut data = vec![0, 1];
+        (0..5).for_each(|_| data.extend(f64::NAN.to_le_bytes()));
+        assert_eq!(Order::parse(b'W', &data), Err(OrderError::OutOfRange('W')));
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_panic_the_parser(letter: u8, data in proptest::collection::vec(any::<u8>(), 0..80)) {
+            let _ = Order::parse(letter, &data);
+        }
+    }
+}

@@ -1,0 +1,307 @@
+//! From the aircraft to the ground. One letter a message; numbers little endian, SI and radians.
+
+use crate::field::message;
+use crate::frame::Frame;
+use crate::hil::{self, PacketError};
+use crate::Message;
+
+/// Bytes of data that a telemetry message can hold.
+pub const TELEMETRY_DATA: usize = 126;
+
+message! {
+    /// A message on its way from a function to Command, to be sent over the serial line.
+    pub struct TelemetryMessage {
+        /// The frame's letter.
+        pub letter: u8,
+        /// Bytes of `data` in use.
+        pub length: u8,
+        /// The data.
+        pub data: [u8; TELEMETRY_DATA],
+    }
+}
+
+impl TelemetryMessage {
+    /// The message that carries `item`.
+    pub fn of(item: &Telemetry) -> Self {
+        let (letter, bytes) = item.parts();
+        let mut message = Self { letter, ..Self::default() };
+        let length = bytes.len().min(TELEMETRY_DATA);
+        message.data[..length].copy_from_slice(&bytes[..length]);
+        message.length = length as u8; // TELEMETRY_DATA < 256
+        message
+    }
+
+    /// The data in use.
+    pub fn bytes(&self) -> &[u8] {
+        &self.data[..usize::from(self.length).min(TELEMETRY_DATA)]
+    }
+}
+
+message! {
+    /// `PP`: the OnBoardComputer's primary telemetry, on time-out 1. One is on or ready, 0 off.
+    pub struct Primary {
+        /// Module time, ns.
+        pub time_ns: u64,
+        /// The Servo follows the autopilot.
+        pub autopilot: u8,
+        /// The Controller has the autopilot engaged.
+        pub controller: u8,
+        /// The Estimator is enabled.
+        pub estimator_enabled: u8,
+        /// The Estimator's state can be used.
+        pub estimator_ready: u8,
+        /// HIL mode is on.
+        pub hil: u8,
+        /// The simulator answers.
+        pub hil_ready: u8,
+        /// Unused, zero.
+        pub reserved: [u8; 2],
+    }
+}
+
+message! {
+    /// `VV`: the OnBoardComputer's secondary telemetry, on time-out 3.
+    pub struct Voltages {
+        /// Module time, ns.
+        pub time_ns: u64,
+        /// Main battery, V.
+        pub main_v: f64,
+        /// Backup battery, V.
+        pub backup_v: f64,
+        /// Supply of the actuator board, V.
+        pub actuator_board_v: f64,
+    }
+}
+
+message! {
+    /// `GG`: GPS, on time-out 1.
+    pub struct GpsTelemetry {
+        /// Module time of the fix, ns.
+        pub measured_ns: u64,
+        /// Latitude, rad.
+        pub latitude_rad: f64,
+        /// Longitude, rad.
+        pub longitude_rad: f64,
+        /// Height above mean sea level, m.
+        pub altitude_m: f64,
+        /// Velocity north, east, down, m/s.
+        pub velocity_ned_mps: [f64; 3],
+        /// Fixes so far.
+        pub count: u64,
+    }
+}
+
+message! {
+    /// `MM`: IMU, on time-out 3.
+    pub struct ImuTelemetry {
+        /// Module time of the sample, ns.
+        pub measured_ns: u64,
+        /// Specific force, m/s².
+        pub specific_force_mps2: [f64; 3],
+        /// Angular rate, rad/s.
+        pub rates_radps: [f64; 3],
+        /// Magnetic field, gauss.
+        pub field_gauss: [f64; 3],
+        /// Pressure altitude, m.
+        pub pressure_altitude_m: f64,
+        /// Airspeed, m/s.
+        pub airspeed_mps: f64,
+    }
+}
+
+message! {
+    /// `XX`: Estimator, on time-out 3.
+    pub struct StateTelemetry {
+        /// Module time for which it holds, ns.
+        pub valid_ns: u64,
+        /// Position north, east, down of the runway, m.
+        pub position_ned_m: [f64; 3],
+        /// Velocity north, east, down, m/s.
+        pub velocity_ned_mps: [f64; 3],
+        /// Roll, pitch, yaw, rad.
+        pub euler_rad: [f64; 3],
+        /// Wind north and east, m/s.
+        pub wind_ne_mps: [f64; 2],
+        /// As [`crate::State::status`].
+        pub status: u32,
+        /// Measurements refused so far.
+        pub rejected: u32,
+    }
+}
+
+message! {
+    /// `QQ`: Controller's navigation, on time-out 1.
+    pub struct Navigation {
+        /// Module time, ns.
+        pub time_ns: u64,
+        /// Way-point flown to.
+        pub next_waypoint: u32,
+        /// Way-points reached since navigation was switched on.
+        pub waypoints_reached: u32,
+        /// Way-points in the list.
+        pub waypoint_count: u32,
+        /// Bit 0 autopilot, bit 1 navigation, bit 2 finished.
+        pub flags: u32,
+        /// Right of the track, m.
+        pub cross_track_m: f64,
+        /// Altitude asked for, m.
+        pub altitude_reference_m: f64,
+        /// Airspeed asked for, m/s.
+        pub airspeed_reference_mps: f64,
+        /// Bank asked for, rad.
+        pub bank_reference_rad: f64,
+    }
+}
+
+/// [`Navigation::flags`]: the autopilot is engaged.
+pub const NAVIGATION_AUTOPILOT: u32 = 1;
+/// [`Navigation::flags`]: way-point navigation is on.
+pub const NAVIGATION_ON: u32 = 2;
+/// [`Navigation::flags`]: the laps are flown.
+pub const NAVIGATION_FINISHED: u32 = 4;
+
+message! {
+    /// `CC`: Controller's loops, on time-out 3.
+    pub struct Loops {
+        /// Module time, ns.
+        pub time_ns: u64,
+        /// Throttle 0 to 1, aileron, elevator, rudder, rad.
+        pub command: [f64; 4],
+        /// Horizontal acceleration asked for, m/s².
+        pub horizontal_acceleration_mps2: f64,
+        /// Bank asked for, rad.
+        pub bank_reference_rad: f64,
+        /// One bit a loop, by [`crate::ground::LoopId`].
+        pub engaged: u64,
+    }
+}
+
+message! {
+    /// `TT`: Servo, on time-out 2.
+    pub struct ServoTelemetry {
+        /// Module time, ns.
+        pub time_ns: u64,
+        /// Left and right aileron, elevator, rudder, throttle, µs.
+        pub timers_us: [u16; 5],
+        /// 1 when the autopilot is behind them.
+        pub autopilot: u16,
+        /// Output cycles so far.
+        pub cycle: u32,
+    }
+}
+
+message! {
+    /// `KK`: a function took or refused a ground message. The seed's protocol has no such answer; a ground station
+    /// that must know sends again until it comes.
+    pub struct Acknowledge {
+        /// Module time, ns.
+        pub time_ns: u64,
+        /// Letter of the ground message.
+        pub letter: u8,
+        /// First byte of its data (a way-point's index, a loop's number).
+        pub first: u8,
+        /// Function that answers; see the `FROM_…` constants.
+        pub from: u8,
+        /// 0 taken, 1 not understood, 2 refused now.
+        pub result: u8,
+        /// Unused, zero.
+        pub reserved: u32,
+    }
+}
+
+/// [`Acknowledge::result`]: done.
+pub const ACCEPTED: u8 = 0;
+/// [`Acknowledge::result`]: letter, length or value wrong.
+pub const NOT_UNDERSTOOD: u8 = 1;
+/// [`Acknowledge::result`]: understood, but not possible in the present state.
+pub const REFUSED: u8 = 2;
+
+/// [`Acknowledge::from`]: Command itself (no function knows the letter).
+pub const FROM_COMMAND: u8 = 0;
+/// [`Acknowledge::from`]: HILInterface.
+pub const FROM_HIL_INTERFACE: u8 = 1;
+/// [`Acknowledge::from`]: IMU.
+pub const FROM_IMU: u8 = 2;
+/// [`Acknowledge::from`]: Estimator.
+pub const FROM_ESTIMATOR: u8 = 3;
+/// [`Acknowledge::from`]: Controller.
+pub const FROM_CONTROLLER: u8 = 4;
+/// [`Acknowledge::from`]: Servo.
+pub const FROM_SERVO: u8 = 5;
+
+/// Everything that can come down.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(missing_docs)] // each variant is named after its documented message
+pub enum Telemetry {
+    Primary(Primary),
+    Voltages(Voltages),
+    Gps(GpsTelemetry),
+    Imu(ImuTelemetry),
+    State(StateTelemetry),
+    Navigation(Navigation),
+    Loops(Loops),
+    Servo(ServoTelemetry),
+    Acknowledge(Acknowledge),
+}
+
+impl Telemetry {
+    /// The letter on the line and the bytes.
+    pub fn parts(&self) -> (u8, &[u8]) {
+        use zerocopy::IntoBytes;
+        match self {
+            Self::Primary(message) => (b'P', message.as_bytes()),
+            Self::Voltages(message) => (b'V', message.as_bytes()),
+            Self::Gps(message) => (b'G', message.as_bytes()),
+            Self::Imu(message) => (b'M', message.as_bytes()),
+            Self::State(message) => (b'X', message.as_bytes()),
+            Self::Navigation(message) => (b'Q', message.as_bytes()),
+            Self::Loops(message) => (b'C', message.as_bytes()),
+            Self::Servo(message) => (b'T', message.as_bytes()),
+            Self::Acknowledge(message) => (b'K', message.as_bytes()),
+        }
+    }
+
+    /// Reads a telemetry message from a frame.
+    pub fn of(frame: &Frame) -> Result<Self, PacketError> {
+        match frame.letter {
+            b'P' => hil::data(frame).map(Self::Primary),
+            b'V' => hil::data(frame).map(Self::Voltages),
+            b'G' => hil::data(frame).map(Self::Gps),
+            b'M' => hil::data(frame).map(Self::Imu),
+            b'X' => hil::data(frame).map(Self::State),
+            b'Q' => hil::data(frame).map(Self::Navigation),
+            b'C' => hil::data(frame).map(Self::Loops),
+            b'T' => hil::data(frame).map(Self::Servo),
+            b'K' => hil::data(frame).map(Self::Acknowledge),
+            letter => Err(PacketError::UnknownLetter(letter as char)),
+        }
+    }
+}
+
+const fn fits<T: Message>() {
+    assert!(size_of::<T>() <= TELEMETRY_DATA);
+}
+const _: () = {
+    fits::<Primary>();
+    fits::<Voltages>();
+    fits::<GpsTelemetry>();
+    fits::<ImuTelemetry>();
+    fits::<StateTelemetry>();
+    fits::<Navigation>();
+    fits::<Loops>();
+    fits::<ServoTelemetry>();
+    fits::<Acknowledge>();
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn telemetry_survives_the_port_and_the_line() {
+        let item = Telemetry::Navigation(Navigation { next_waypoint: 2, waypoint_count: 4, ..Default::default() });
+        let message = TelemetryMessage::of(&item);
+        let frame = Frame { letter: message.letter, data: message.bytes().to_vec() };
+        assert_eq!(Telemetry::of(&frame), Ok(item));
+    }
+}

@@ -1,0 +1,3 @@
+//! The function that reports the status and the supply voltages of the whole system.
+
+fn main() {}

@@ -1,0 +1,1 @@
+//! The function that gives the module its beat: synchronize, execute and the telemetry time-outs.

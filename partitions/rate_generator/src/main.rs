@@ -1,0 +1,3 @@
+//! The function that gives the module its beat: synchronize, execute and the telemetry time-outs.
+
+fn main() {}

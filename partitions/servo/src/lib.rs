@@ -1,0 +1,1 @@
+//! The function that turns actuator commands into timer values, or passes the safety pilot through.

@@ -1,0 +1,3 @@
+//! What the cargo aliases run: fly and verify.
+
+fn main() {}

@@ -1,0 +1,158 @@
+//! The closed sets of the schedule file: each member has one spelling, used in the file, in messages and in logs.
+
+use serde::Serialize;
+
+/// A closed set of names that a file may say.
+pub trait Closed: Copy + Sized + 'static {
+    /// What the set is called in a message, such as `direction`.
+    const WHAT: &'static str;
+    /// Every member, in the order of the documentation.
+    const ALL: &'static [Self];
+
+    /// The one spelling of this member.
+    fn name(self) -> &'static str;
+
+    /// The member that is spelled so.
+    fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.iter().copied().find(|member| member.name() == name)
+    }
+}
+
+macro_rules! closed {
+    ($(#[$doc:meta])* $set:ident, $what:literal { $($(#[$member_doc:meta])* $member:ident = $name:literal,)+ }) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+        pub enum $set { $($(#[$member_doc])* #[serde(rename = $name)] $member,)+ }
+
+        impl Closed for $set {
+            const WHAT: &'static str = $what;
+            const ALL: &'static [Self] = &[$(Self::$member,)+];
+
+            fn name(self) -> &'static str {
+                match self { $(Self::$member => $name,)+ }
+            }
+        }
+
+        impl std::fmt::Display for $set {
+            fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                formatter.write_str(self.name())
+            }
+        }
+    };
+}
+
+closed! {
+    /// Which way a port carries messages, seen from its partition.
+    Direction, "direction" {
+        /// The partition writes.
+        Source = "source",
+        /// The partition reads.
+        Destination = "destination",
+    }
+}
+
+closed! {
+    /// How a channel keeps messages.
+    Kind, "kind" {
+        /// The latest value only, with an age.
+        Sampling = "sampling",
+        /// Every message, in order, up to a depth.
+        Queuing = "queuing",
+    }
+}
+
+closed! {
+    /// What a partition may find when it starts again.
+    StartMode, "start" {
+        /// Nothing of the incarnation before.
+        Cold = "cold",
+        /// Its retained memory, as it was left.
+        Warm = "warm",
+    }
+}
+
+closed! {
+    /// What becomes of a partition that has used up its restarts.
+    Exhausted, "then" {
+        /// It keeps its windows and does nothing in them.
+        Idle = "idle",
+        /// It is ended, and the module is told.
+        Stop = "stop",
+    }
+}
+
+closed! {
+    /// What can go wrong in a partition.
+    PartitionError, "partition error" {
+        /// It touched memory that is not its own (SIGSEGV, SIGBUS).
+        MemoryViolation = "memory_violation",
+        /// It divided by zero or overflowed (SIGFPE).
+        NumericError = "numeric_error",
+        /// It asked the kernel, or the processor, for what it may not have (SIGSYS, SIGILL).
+        IllegalRequest = "illegal_request",
+        /// It used more stack than it has.
+        StackOverflow = "stack_overflow",
+        /// The machine reported damage while it ran.
+        HardwareFault = "hardware_fault",
+        /// Another signal ended it.
+        Killed = "killed",
+        /// It ended by itself, whatever its exit code.
+        Exit = "exit",
+        /// It did not become ready in time.
+        StartupTimeout = "startup_timeout",
+        /// Its window ended before it was done.
+        WindowOverrun = "window_overrun",
+        /// It closed none of a number of windows in a row.
+        Silence = "silence",
+        /// A process in it missed its deadline.
+        DeadlineMissed = "deadline_missed",
+        /// It raised an error itself.
+        ApplicationError = "application_error",
+        /// It needed more memory than it was granted.
+        MemoryLimit = "memory_limit",
+        /// A port could not be read or written.
+        PortError = "port_error",
+    }
+}
+
+closed! {
+    /// What is done about an error in a partition.
+    PartitionAction, "partition action" {
+        /// It is logged, and nothing else.
+        Ignore = "ignore",
+        /// The partition keeps its windows and does nothing in them.
+        Idle = "idle",
+        /// The partition starts again and finds its retained memory.
+        WarmRestart = "warm_restart",
+        /// The partition starts again from nothing.
+        ColdRestart = "cold_restart",
+        /// The partition is ended, and the module is told.
+        Stop = "stop",
+    }
+}
+
+closed! {
+    /// What can go wrong in a module.
+    ModuleError, "module error" {
+        /// A window was switched too late.
+        LateDispatcher = "late_dispatcher",
+        /// What the file says could not be set up on this machine.
+        ConfigError = "config_error",
+        /// The supply announced that it is going.
+        PowerFail = "power_fail",
+        /// A partition was ended.
+        PartitionStopped = "partition_stopped",
+    }
+}
+
+closed! {
+    /// What is done about an error in a module.
+    ModuleAction, "module action" {
+        /// It is logged, and nothing else.
+        Ignore = "ignore",
+        /// The module starts again, with every partition.
+        Reset = "reset",
+        /// The module ends, with every partition.
+        Shutdown = "shutdown",
+    }
+}

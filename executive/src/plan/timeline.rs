@@ -1,0 +1,108 @@
+//! The switch instants of one schedule on one module, computed before frame 0 and never again.
+//!
+//! All instants count from the start of a major frame; [`Timeline::instant_ns`] turns them into time since the
+//! origin of frame 0. Nothing is ever derived from "now", so no lateness can add up.
+
+use serde::Serialize;
+
+use super::model::{ModuleId, PartitionId, Plan, Schedule, ScheduleId};
+
+/// The windows of one schedule on one module, per core.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Timeline {
+    /// The whole cycle.
+    pub major_frame_ns: u64,
+    /// The base period.
+    pub minor_frame_ns: u64,
+    /// One line for each partitioned core of the module, in the module's order; a core without windows has an empty line.
+    pub cores: Vec<CoreTimeline>,
+}
+
+/// The windows of one core over the major frame.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct CoreTimeline {
+    /// The processor core.
+    pub core: u32,
+    /// The windows by rising start; none overlaps the next, though one may end where the next starts.
+    pub windows: Vec<TimelineWindow>,
+}
+
+/// One occurrence of a window in the major frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct TimelineWindow {
+    /// Its start, from the start of the major frame.
+    pub start_ns: u64,
+    /// Its end, from the start of the major frame.
+    pub end_ns: u64,
+    /// Whose it is.
+    pub partition: PartitionId,
+    /// The minor frame that it lies in, counted from zero.
+    pub minor: u32,
+    /// How many windows the same partition had before it in the major frame, on this core.
+    pub number: u32,
+    /// Its declaration: the place in [`Schedule::windows`].
+    pub declared: usize,
+}
+
+impl TimelineWindow {
+    /// Its length.
+    #[must_use]
+    pub fn duration_ns(&self) -> u64 {
+        self.end_ns - self.start_ns
+    }
+}
+
+impl Timeline {
+    /// Lays out every window of a schedule that one module runs.
+    #[must_use]
+    pub fn of(plan: &Plan, module: ModuleId, schedule: ScheduleId) -> Self {
+        let table = &plan[schedule];
+        let cores = plan[module].cores.iter();
+        Self {
+            major_frame_ns: table.major_frame_ns,
+            minor_frame_ns: table.minor_frame_ns,
+            cores: cores.map(|&core| CoreTimeline::of(plan, module, table, core)).collect(),
+        }
+    }
+
+    /// The time since the origin of frame 0 at which `from_frame_start_ns` of the given major frame is reached.
+    #[must_use]
+    pub fn instant_ns(&self, major_frame: u64, from_frame_start_ns: u64) -> u64 {
+        major_frame * self.major_frame_ns + from_frame_start_ns
+    }
+}
+
+impl CoreTimeline {
+    fn of(plan: &Plan, module: ModuleId, schedule: &Schedule, core: u32) -> Self {
+        let mut windows = Vec::new();
+        for (declared, window) in schedule.windows.iter().enumerate() {
+            if window.core != core || plan[window.partition].module != module {
+                continue;
+            }
+            windows.extend(window.minor.iter().map(|&minor| {
+                let start_ns = u64::from(minor) * schedule.minor_frame_ns + window.offset_ns;
+                let end_ns = start_ns + window.duration_ns;
+                TimelineWindow { start_ns, end_ns, partition: window.partition, minor, number: 0, declared }
+            }));
+        }
+        windows.sort_by_key(|window| window.start_ns);
+        number(&mut windows);
+        Self { core, windows }
+    }
+
+    /// The time of the major frame that belongs to a partition.
+    #[must_use]
+    pub fn used_ns(&self) -> u64 {
+        self.windows.iter().map(TimelineWindow::duration_ns).sum()
+    }
+}
+
+/// Counts the windows of each partition.
+fn number(windows: &mut [TimelineWindow]) {
+    let mut seen = std::collections::BTreeMap::new();
+    for window in windows {
+        let count = seen.entry(window.partition).or_insert(0);
+        window.number = *count;
+        *count += 1;
+    }
+}

@@ -1,1 +1,37 @@
-//! The contract between executive and partition: control page, environment, exit codes.
+//! The contract between the executive and a partition, and nothing else.
+//!
+//! Responsible for: the control page that both map, the description that a partition is started with, the numbers
+//! of the descriptors it inherits, and its exit codes. Both sides are built from this crate, and the page carries a
+//! version, so that a partition built against another contract is refused at its start. It must never grow policy:
+//! what a fault means is the executive's business, what a window computes is the partition's.
+
+pub mod description;
+pub mod page;
+
+mod mapping;
+
+pub use description::{Clock, Description, Direction, PortDescription, PortKind, StartCondition};
+pub use mapping::{Mapped, MappingError};
+pub use page::{ControlPage, Mode, ReportKind};
+
+/// Descriptor of the control page in a partition process.
+pub const CONTROL_FD: i32 = 3;
+/// Descriptor of the description (JSON) in a partition process.
+pub const DESCRIPTION_FD: i32 = 4;
+/// Descriptor of the retained memory in a partition process; not open when the plan grants none.
+pub const RETAINED_FD: i32 = 5;
+/// Set to the contract's version in the environment of a partition, so that a program started by hand can say what
+/// it is and how it is started.
+pub const ENVIRONMENT: &str = "BATELEUR_PARTITION";
+
+/// How a partition process ends by itself.
+pub mod exit {
+    /// It was asked to stop and did.
+    pub const STOPPED: i32 = 0;
+    /// Its `start` refused: a port, an attribute or a device was not as it needs it. The reason is on standard error.
+    pub const START_REFUSED: i32 = 64;
+    /// It was not started by an executive, or by one with another contract.
+    pub const NO_CONTRACT: i32 = 65;
+    /// It asked to be idle for good (SET_PARTITION_MODE IDLE).
+    pub const IDLE: i32 = 66;
+}

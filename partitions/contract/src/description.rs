@@ -1,0 +1,97 @@
+//! What a partition is told at its start, as JSON behind [`crate::DESCRIPTION_FD`].
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+/// Everything a partition knows about itself.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Description {
+    /// The module that it runs in.
+    pub module: String,
+    /// Its name in the plan.
+    pub partition: String,
+    /// Incarnations before this one.
+    pub generation: u32,
+    /// Why it was started.
+    pub start_condition: StartCondition,
+    /// Which clock module time follows. For the library only: a partition's own code can not tell.
+    pub clock: Clock,
+    /// Its ports.
+    pub ports: Vec<PortDescription>,
+    /// Its attributes, as the plan has them.
+    pub attributes: BTreeMap<String, serde_json::Value>,
+    /// Bytes of retained memory behind [`crate::RETAINED_FD`]; 0: none.
+    pub retained_bytes: u64,
+    /// Directory of the shared-memory services.
+    pub ports_root: String,
+    /// Prefix of everything they make.
+    pub ports_prefix: String,
+}
+
+/// Why a partition was started (ARINC 653 START_CONDITION).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StartCondition {
+    /// The module was started.
+    NormalStart,
+    /// The partition asked for it.
+    PartitionRestart,
+    /// Health monitoring restarted the module.
+    HmModuleRestart,
+    /// Health monitoring restarted the partition; retained memory is as it was left.
+    HmPartitionWarmRestart,
+    /// Health monitoring restarted the partition; retained memory is zero.
+    HmPartitionColdRestart,
+}
+
+/// The two clocks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Clock {
+    /// CLOCK_MONOTONIC.
+    Wall,
+    /// Jumps to the next event as soon as a window is closed.
+    Virtual,
+}
+
+/// One port.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PortDescription {
+    /// Its name within the partition.
+    pub name: String,
+    /// Which end of the channel it is.
+    pub direction: Direction,
+    /// Sampling or queuing.
+    pub kind: PortKind,
+    /// The message type's name.
+    pub message: String,
+    /// Bytes of a message; for queuing ports the most that one holds.
+    pub size: u32,
+    /// The service that carries the channel; empty for a port without a channel.
+    pub channel: String,
+    /// Sampling destination: the age up to which a value is valid, ns.
+    pub refresh_ns: u64,
+    /// Queuing: messages that wait at most.
+    pub depth: u32,
+}
+
+/// Which end of a channel a port is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Direction {
+    /// Writes.
+    Source,
+    /// Reads.
+    Destination,
+}
+
+/// What a port keeps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PortKind {
+    /// The latest value.
+    Sampling,
+    /// Messages in order.
+    Queuing,
+}

@@ -1,0 +1,223 @@
+//! The control page: one for each partition, mapped by the executive and by that partition alone.
+//!
+//! The executive writes the upper half and trusts nothing that it reads from the lower half; a partition that
+//! writes nonsense harms itself only. Every field is an atomic; the two words that are slept on are `grant` and
+//! `done`.
+//!
+//! A window: the executive stores the window's data, increments `grant` and wakes it. The partition, which sleeps
+//! on `grant`, computes, stores the grant's value in `done` and wakes it: the window is closed, the rest of it is
+//! slack. A `done` that differs from `grant` at the window's end is an overrun.
+#![allow(unsafe_code)] // one `unsafe impl`, a promise about this type
+
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+
+use crate::mapping::SharedMemory;
+
+/// First word of every control page.
+pub const MAGIC: u32 = 0x4254_4c52; // "BTLR"
+/// Raised whenever the page or the description changes its meaning.
+pub const VERSION: u32 = 1;
+
+/// Bytes of a report's text, as in REPORT_APPLICATION_MESSAGE.
+pub const REPORT_TEXT: usize = 128;
+/// Reports that fit between two looks of the executive; older ones are overwritten and counted as lost.
+pub const REPORTS: usize = 8;
+
+/// [`ControlPage::device_expected`]: nobody counts what the world sends.
+pub const NOT_COUNTED: u64 = u64::MAX;
+
+/// The operating mode of a partition (ARINC 653 numbers).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Mode {
+    /// Does not run.
+    Idle = 0,
+    /// Initialises, nothing kept.
+    ColdStart = 1,
+    /// Initialises, retained memory kept.
+    WarmStart = 2,
+    /// Runs.
+    Normal = 3,
+}
+
+impl Mode {
+    /// The mode with this number.
+    pub fn from_number(number: u32) -> Option<Self> {
+        [Self::Idle, Self::ColdStart, Self::WarmStart, Self::Normal].into_iter().find(|mode| *mode as u32 == number)
+    }
+}
+
+/// What a report is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum ReportKind {
+    /// REPORT_APPLICATION_MESSAGE: recorded, no error.
+    Message = 0,
+    /// RAISE_APPLICATION_ERROR: a health error.
+    ApplicationError = 1,
+    /// A port could not be read or written: a health error.
+    PortError = 2,
+}
+
+/// One report of a partition.
+#[derive(Debug, Default)]
+#[repr(C)]
+pub struct Report {
+    kind: AtomicU32,
+    length: AtomicU32,
+    text: [AtomicU64; REPORT_TEXT / 8],
+}
+
+/// The page. Offsets are part of the contract; reserved words are zero.
+#[derive(Debug)]
+#[repr(C, align(4096))]
+pub struct ControlPage {
+    // Written by the executive.
+    magic: AtomicU32,
+    version: AtomicU32,
+    /// Windows granted so far; the partition sleeps on it.
+    pub grant: AtomicU32,
+    /// 1 when the partition shall end instead of taking another window.
+    pub stop: AtomicU32,
+    /// 0 wall clock, 1 virtual clock.
+    pub clock: AtomicU32,
+    reserved_1: AtomicU32,
+    /// Wall clock: the CLOCK_MONOTONIC instant of module time 0, ns.
+    pub origin_ns: AtomicU64,
+    /// Virtual clock: module time, ns.
+    pub now_ns: AtomicU64,
+    /// Start of the granted window, module time, ns.
+    pub window_start_ns: AtomicU64,
+    /// End of the granted window, module time, ns.
+    pub window_end_ns: AtomicU64,
+    /// Minor frames since module time 0, at the window's start.
+    pub minor_frames: AtomicU64,
+    /// Length of the minor frame, ns.
+    pub minor_frame_ns: AtomicU64,
+    /// Bytes that the world has sent to the partition's device so far, or [`NOT_COUNTED`]. Under the virtual clock the
+    /// partition's library waits for them, so that a slow line discipline can not change a flight.
+    pub device_expected: AtomicU64,
+    reserved_2: [AtomicU64; 6],
+    // Written by the partition, on cache lines of its own.
+    /// The last grant that the partition has used up; the virtual clock's executive sleeps on it.
+    pub done: AtomicU32,
+    /// A [`Mode`], set by the partition.
+    pub mode: AtomicU32,
+    /// CLOCK_MONOTONIC when the partition took the last window, ns.
+    pub opened_ns: AtomicU64,
+    /// CLOCK_MONOTONIC when the partition closed it, ns.
+    pub closed_ns: AtomicU64,
+    /// Bytes written to the partition's device so far.
+    pub device_sent: AtomicU64,
+    /// Messages that the partition's ports refused so far.
+    pub port_refusals: AtomicU64,
+    reserved_3: [AtomicU64; 3],
+    /// Reports so far; report `n` stands in `reports[n % REPORTS]`.
+    pub report_count: AtomicU32,
+    reserved_4: AtomicU32,
+    reports: [Report; REPORTS],
+}
+
+// SAFETY: every field is an atomic or an array of atomics, for which every bit pattern is a value.
+unsafe impl SharedMemory for ControlPage {}
+
+const _: () = assert!(size_of::<ControlPage>() == 4096);
+
+impl ControlPage {
+    /// Makes the page a valid one (the executive, once for each incarnation).
+    pub fn initialise(&self) {
+        self.version.store(VERSION, Ordering::Relaxed);
+        self.device_expected.store(NOT_COUNTED, Ordering::Relaxed);
+        self.magic.store(MAGIC, Ordering::Release);
+    }
+
+    /// Whether the page is one of this contract.
+    pub fn is_valid(&self) -> bool {
+        self.magic.load(Ordering::Acquire) == MAGIC && self.version.load(Ordering::Relaxed) == VERSION
+    }
+
+    /// Adds a report (the partition). Text beyond [`REPORT_TEXT`] bytes is cut.
+    pub fn report(&self, kind: ReportKind, text: &str) {
+        let number = self.report_count.load(Ordering::Relaxed);
+        let report = &self.reports[number as usize % REPORTS];
+        let length = (0..=text.len().min(REPORT_TEXT)).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
+        let mut bytes = [0; REPORT_TEXT];
+        bytes[..length].copy_from_slice(&text.as_bytes()[..length]);
+        for (word, chunk) in report.text.iter().zip(bytes.as_chunks().0) {
+            word.store(u64::from_le_bytes(*chunk), Ordering::Relaxed);
+        }
+        report.kind.store(kind as u32, Ordering::Relaxed);
+        report.length.store(length as u32, Ordering::Relaxed);
+        self.report_count.store(number.wrapping_add(1), Ordering::Release);
+    }
+
+    /// The reports since number `seen` (the executive), which is moved on. Only the newest [`REPORTS`] still stand.
+    pub fn reports_since(&self, seen: &mut u32) -> Vec<(ReportKind, String)> {
+        let count = self.report_count.load(Ordering::Acquire);
+        let new = count.wrapping_sub(*seen).min(REPORTS as u32);
+        *seen = count;
+        (0..new).map(|back| self.reports[count.wrapping_sub(new - back) as usize % REPORTS].read()).collect()
+    }
+}
+
+impl Report {
+    fn read(&self) -> (ReportKind, String) {
+        let mut bytes = [0; REPORT_TEXT];
+        for (word, chunk) in self.text.iter().zip(bytes.as_chunks_mut::<8>().0) {
+            *chunk = word.load(Ordering::Relaxed).to_le_bytes();
+        }
+        let length = (self.length.load(Ordering::Relaxed) as usize).min(REPORT_TEXT);
+        let kind = match self.kind.load(Ordering::Relaxed) {
+            0 => ReportKind::Message,
+            2 => ReportKind::PortError,
+            _ => ReportKind::ApplicationError,
+        };
+        (kind, String::from_utf8_lossy(&bytes[..length]).into_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn page() -> crate::Mapped<ControlPage> {
+        let file = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::empty()).unwrap();
+        rustix::fs::ftruncate(&file, 4096).unwrap();
+        crate::Mapped::new(file).unwrap()
+    }
+
+    #[test]
+    fn a_page_of_zeros_is_not_a_control_page() {
+        let page = page();
+        assert!(!page.is_valid());
+        page.initialise();
+        assert!(page.is_valid());
+    }
+
+    #[test]
+    fn a_page_that_is_too_short_is_refused_instead_of_a_bus_error() {
+        let file = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::empty()).unwrap();
+        assert!(matches!(crate::Mapped::<ControlPage>::new(file), Err(crate::MappingError::TooShort { found: 0, .. })));
+    }
+
+    #[test]
+    fn reports_come_in_order_and_long_ones_are_cut_at_a_character() {
+        let page = page();
+        let mut seen = 0;
+        page.report(ReportKind::Message, "one");
+        page.report(ReportKind::ApplicationError, &"ä".repeat(100));
+        let reports = page.reports_since(&mut seen);
+        assert_eq!(reports[0], (ReportKind::Message, "one".into()));
+        assert_eq!(reports[1].1, "ä".repeat(64));
+        assert!(page.reports_since(&mut seen).is_empty());
+    }
+
+    #[test]
+    fn a_flood_of_reports_keeps_the_newest() {
+        let page = page();
+        (0..20).for_each(|number| page.report(ReportKind::Message, &number.to_string()));
+        let reports = page.reports_since(&mut 0);
+        assert_eq!(reports.first().unwrap().1, "12");
+        assert_eq!(reports.last().unwrap().1, "19");
+    }
+}

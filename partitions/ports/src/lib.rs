@@ -1,0 +1,280 @@
+//! How channels lie on shared-memory services: one definition for those who create, open and watch them.
+//!
+//! Responsible for: the iceoryx2 settings of a channel, the stamp on every message, and the three roles. The
+//! *custodian* creates every service before frame 0 and holds it; a *partition* only opens; an *observer* (recorder,
+//! command line) reads without being able to slow a writer down. It must never create a service from a partition: a
+//! killed creator would leave a name that nobody can use again.
+//!
+//! Every channel carries bytes, aligned for any message type; the message type's name and size are attributes of the
+//! service, verified by whoever opens it. So the custodian needs no message type to create a channel, and a partition
+//! still can not open one with the wrong type.
+
+use std::time::Duration;
+
+use iceoryx2::node::NodeCreationFailure;
+use iceoryx2::port::BackpressureAction;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::*;
+use iceoryx2::sample::Sample;
+use iceoryx2::service::attribute::{AttributeKey, AttributeSpecifier, AttributeValue, AttributeVerifier};
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+
+/// The kind of service below every channel.
+pub type Shared = ipc::Service;
+/// A process' membership in a module's shared memory.
+pub type Membership = Node<Shared>;
+/// A created or opened channel; holding it keeps the channel alive.
+pub type Channel = PortFactory<Shared, [u8], Stamp>;
+/// A source port's writing end.
+pub type Writer = Publisher<Shared, [u8], Stamp>;
+/// A destination port's reading end.
+pub type Reader = Subscriber<Shared, [u8], Stamp>;
+/// One received message, still in shared memory.
+pub type Received = Sample<Shared, [u8], Stamp>;
+
+/// Alignment of every message, bytes: enough for any plain message type.
+pub const ALIGNMENT: usize = 16;
+/// Observers that a channel admits beside its ports.
+const OBSERVERS: usize = 4;
+/// Messages that wait for an observer before the oldest is lost.
+pub const OBSERVER_DEPTH: usize = 128;
+/// How long a peer waits for a half-made resource. Bounds every wait inside a send or a receive; the default of one
+/// second would cost a partition fifty windows.
+const CREATION_TIMEOUT: Duration = Duration::from_millis(2);
+
+/// Travels with every message.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
+#[type_name("bateleur::Stamp")]
+#[repr(C)]
+pub struct Stamp {
+    /// Module time at which the source wrote it, ns.
+    pub source_ns: u64,
+    /// Messages that this incarnation of the source had written, this one included.
+    pub sequence: u64,
+}
+
+/// What a channel carries.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ChannelType {
+    /// The service's name.
+    pub name: String,
+    /// The message type's name.
+    pub message: String,
+    /// Bytes of a message; the most that one holds for a queue.
+    pub size: usize,
+    /// Queue length, or none for a sampling channel.
+    pub depth: Option<usize>,
+    /// Destination ports.
+    pub destinations: usize,
+}
+
+/// Why a channel could not be made, joined or opened.
+#[derive(Debug, thiserror::Error)]
+pub enum ChannelError {
+    /// The process can not join the module's shared memory.
+    #[error("cannot join the shared memory of the module: {0:?}")]
+    Join(NodeCreationFailure),
+    /// A name that the library refuses.
+    #[error("\"{0}\" can not be the name of a shared-memory service")]
+    Name(String),
+    /// The service could not be created.
+    #[error("cannot create channel {channel}: {reason}")]
+    Create {
+        /// The channel's service.
+        channel: String,
+        /// What the library said.
+        reason: String,
+    },
+    /// The service could not be opened, or is of another type.
+    #[error("cannot open channel {channel} for message {message}: {reason}")]
+    Open {
+        /// The channel's service.
+        channel: String,
+        /// The message type that was expected.
+        message: String,
+        /// What the library said.
+        reason: String,
+    },
+    /// The port could not be made.
+    #[error("cannot attach to channel {channel}: {reason}")]
+    Attach {
+        /// The channel's service.
+        channel: String,
+        /// What the library said.
+        reason: String,
+    },
+}
+
+/// Where a module's shared memory lies: nothing of two modules, or of two runs, can meet.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Domain {
+    /// Directory on a tmpfs.
+    pub root: String,
+    /// Prefix of every file and shared-memory object.
+    pub prefix: String,
+}
+
+impl Domain {
+    /// Joins as `name`. Nobody cleans up by himself: after a death only the custodian does.
+    pub fn join(&self, name: &str) -> Result<Membership, ChannelError> {
+        set_log_level(LogLevel::Fatal);
+        let node_name = name.try_into().map_err(|_| ChannelError::Name(name.into()))?;
+        NodeBuilder::new()
+            .name(&node_name)
+            .config(&self.config()?)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<Shared>()
+            .map_err(ChannelError::Join)
+    }
+
+    fn config(&self) -> Result<Config, ChannelError> {
+        let mut config = Config::default();
+        let root = Path::new(self.root.as_bytes()).map_err(|_| ChannelError::Name(self.root.clone()))?;
+        let prefix = FileName::new(self.prefix.as_bytes()).map_err(|_| ChannelError::Name(self.prefix.clone()))?;
+        config.global.set_root_path(&root);
+        config.global.prefix = prefix;
+        config.global.creation_timeout = CREATION_TIMEOUT;
+        config.global.node.cleanup_dead_nodes_on_creation = false;
+        config.global.node.cleanup_dead_nodes_on_destruction = false;
+        config.global.service.cleanup_dead_nodes_on_open = false;
+        config.defaults.publish_subscribe.subscriber_expired_connection_buffer = 4;
+        Ok(config)
+    }
+}
+
+impl ChannelType {
+    /// Creates the channel (the custodian, once, before frame 0).
+    pub fn create(&self, node: &Membership) -> Result<Channel, ChannelError> {
+        let failed = |reason: String| ChannelError::Create { channel: self.name.clone(), reason };
+        let builder = self.builder(node)?;
+        let attributes = AttributeSpecifier::new()
+            .define(&attribute_key()?, &self.attribute()?)
+            .map_err(|error| failed(format!("{error:?}")))?;
+        let readers = self.destinations + OBSERVERS;
+        let builder = match self.depth {
+            None => builder
+                .enable_safe_overflow(true)
+                .history_size(1)
+                .subscriber_max_buffer_size(OBSERVER_DEPTH)
+                .subscriber_max_borrowed_samples(2),
+            Some(depth) => builder
+                .enable_safe_overflow(false)
+                .history_size(0)
+                .subscriber_max_buffer_size(depth)
+                .subscriber_max_borrowed_samples(1),
+        };
+        builder
+            .max_publishers(1)
+            .max_subscribers(readers)
+            .max_nodes(readers + 3)
+            .create_with_attributes(&attributes)
+            .map_err(|error| failed(format!("{error:?}")))
+    }
+
+    /// Opens the channel; fails where it is absent or of another message type.
+    pub fn open(&self, node: &Membership) -> Result<Channel, ChannelError> {
+        let failed =
+            |reason: String| ChannelError::Open { channel: self.name.clone(), message: self.message.clone(), reason };
+        let verifier = AttributeVerifier::new()
+            .require(&attribute_key()?, &self.attribute()?)
+            .map_err(|error| failed(format!("{error:?}")))?;
+        self.builder(node)?.open_with_attributes(&verifier).map_err(|error| failed(format!("{error:?}")))
+    }
+
+    /// The writing end.
+    pub fn writer(&self, channel: &Channel) -> Result<Writer, ChannelError> {
+        channel
+            .publisher_builder()
+            .initial_max_slice_len(self.size)
+            .max_loaned_samples(1)
+            // The library's default retries for ever, which would hang a writer on a frozen or dead reader.
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .set_backpressure_handler(|_| BackpressureAction::DiscardDataAndFail)
+            .create()
+            .map_err(|error| self.attach_failed(format!("{error:?}")))
+    }
+
+    /// The reading end of a destination port.
+    pub fn reader(&self, channel: &Channel) -> Result<Reader, ChannelError> {
+        self.reader_with(channel, self.depth.unwrap_or(1))
+    }
+
+    /// A reading end that keeps more of a sampling channel, for an observer.
+    pub fn observer(&self, channel: &Channel) -> Result<Reader, ChannelError> {
+        self.reader_with(channel, OBSERVER_DEPTH)
+    }
+
+    fn reader_with(&self, channel: &Channel, buffer: usize) -> Result<Reader, ChannelError> {
+        channel
+            .subscriber_builder()
+            .buffer_size(buffer)
+            .create()
+            .map_err(|error| self.attach_failed(format!("{error:?}")))
+    }
+
+    fn attach_failed(&self, reason: String) -> ChannelError {
+        ChannelError::Attach { channel: self.name.clone(), reason }
+    }
+
+    fn builder(
+        &self,
+        node: &Membership,
+    ) -> Result<iceoryx2::service::builder::publish_subscribe::Builder<[u8], Stamp, Shared>, ChannelError> {
+        let name = self.name.as_str().try_into().map_err(|_| ChannelError::Name(self.name.clone()))?;
+        let alignment = Alignment::new(ALIGNMENT).ok_or_else(|| ChannelError::Name(self.name.clone()))?;
+        Ok(node.service_builder(&name).publish_subscribe::<[u8]>().user_header::<Stamp>().payload_alignment(alignment))
+    }
+
+    fn attribute(&self) -> Result<AttributeValue, ChannelError> {
+        let text = format!("{}/{}", self.message, self.size);
+        text.as_str().try_into().map_err(|_| ChannelError::Name(text.clone()))
+    }
+
+    /// The sampling channel on which observers see what a queue carries: a queue itself has one destination, and an
+    /// observer that reads too slowly must not make it full.
+    pub fn observed(&self) -> Self {
+        Self { name: format!("{}.observed", self.name), depth: None, destinations: 0, ..self.clone() }
+    }
+}
+
+fn attribute_key() -> Result<AttributeKey, ChannelError> {
+    "message".try_into().map_err(|_| ChannelError::Name("message".into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn domain(directory: &tempfile::TempDir, prefix: &str) -> Domain {
+        Domain { root: directory.path().to_string_lossy().into_owned(), prefix: prefix.into() }
+    }
+
+    fn sampling(message: &str) -> ChannelType {
+        ChannelType { name: "imu.rates".into(), message: message.into(), size: 24, depth: None, destinations: 1 }
+    }
+
+    #[test]
+    fn a_channel_of_another_message_type_is_refused() {
+        let directory = tempfile::tempdir().unwrap();
+        let node = domain(&directory, "ports_a_").join("test").unwrap();
+        let _held = sampling("Rates").create(&node).unwrap();
+        assert!(sampling("Rates").open(&node).is_ok());
+        let error = sampling("Pressure").open(&node).unwrap_err();
+        assert!(error.to_string().contains("for message Pressure"), "{error}");
+    }
+
+    #[test]
+    fn payloads_are_aligned_for_any_message() {
+        let directory = tempfile::tempdir().unwrap();
+        let node = domain(&directory, "ports_b_").join("test").unwrap();
+        let kind = sampling("Rates");
+        let channel = kind.create(&node).unwrap();
+        let (writer, reader) = (kind.writer(&channel).unwrap(), kind.reader(&channel).unwrap());
+        for _ in 0..3 {
+            writer.loan_slice_uninit(24).unwrap().write_from_slice(&[7; 24]).send().unwrap();
+            let sample = reader.receive().unwrap().unwrap();
+            assert_eq!(sample.payload().as_ptr() as usize % ALIGNMENT, 0);
+        }
+    }
+}

@@ -1,1 +1,54 @@
 //! What a partition links: windows, ports, time, health.
+//!
+//! Responsible for: the partition's side of the contract with the executive. A partition is a type with [`Partition::start`]
+//! (create ports, read attributes) and [`Partition::window`] (called once for each granted window); its `main` is
+//! `bateleur_apex::run::<MyPartition>()`. It must never let a partition see which clock drives it: time comes from the
+//! control page, waiting ends with the window, and the same program gives the same answers in a flight on the wall clock
+//! and in one that runs as fast as the machine can.
+//!
+//! ```no_run
+//! use bateleur_apex::{Context, Partition, SamplingDestination, SamplingSource, StartError, Window};
+//! use bateleur_messages::{Pressure, RawAnalog};
+//! use std::process::ExitCode;
+//!
+//! struct Altimeter {
+//!     raw: SamplingDestination<RawAnalog>,
+//!     pressure: SamplingSource<Pressure>,
+//! }
+//!
+//! impl Partition for Altimeter {
+//!     fn start(context: &mut Context) -> Result<Self, StartError> {
+//!         Ok(Self { raw: context.sampling_destination("raw")?, pressure: context.sampling_source("pressure")? })
+//!     }
+//!
+//!     fn window(&mut self, _window: &Window) {
+//!         if let Some(raw) = self.raw.read().filter(|raw| raw.valid) {
+//!             let pressure = Pressure { static_pressure_pa: raw.value.static_pressure_pa, ..Default::default() };
+//!             self.pressure.write(&pressure);
+//!         }
+//!     }
+//! }
+//!
+//! fn main() -> ExitCode {
+//!     bateleur_apex::run::<Altimeter>()
+//! }
+//! ```
+
+mod attributes;
+mod context;
+mod line;
+mod ports;
+mod retained;
+mod run;
+mod time;
+mod window;
+
+pub use attributes::AttributeError;
+pub use bateleur_contract::{Direction, PortKind, StartCondition};
+pub use context::{Context, StartError};
+pub use line::Line;
+pub use ports::{QueuingDestination, QueuingSource, Reading, SamplingDestination, SamplingSource, Sent};
+pub use retained::Retained;
+pub use run::{Partition, run};
+pub use time::Time;
+pub use window::Window;

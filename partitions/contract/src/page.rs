@@ -43,7 +43,9 @@ pub enum Mode {
 impl Mode {
     /// The mode with this number.
     pub fn from_number(number: u32) -> Option<Self> {
-        [Self::Idle, Self::ColdStart, Self::WarmStart, Self::Normal].into_iter().find(|mode| *mode as u32 == number)
+        [Self::Idle, Self::ColdStart, Self::WarmStart, Self::Normal]
+            .into_iter()
+            .find(|mode| *mode as u32 == number)
     }
 }
 
@@ -140,7 +142,8 @@ impl ControlPage {
     pub fn report(&self, kind: ReportKind, text: &str) {
         let number = self.report_count.load(Ordering::Relaxed);
         let report = &self.reports[number as usize % REPORTS];
-        let length = (0..=text.len().min(REPORT_TEXT)).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
+        let length =
+            (0..=text.len().min(REPORT_TEXT)).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
         let mut bytes = [0; REPORT_TEXT];
         bytes[..length].copy_from_slice(&text.as_bytes()[..length]);
         for (word, chunk) in report.text.iter().zip(bytes.as_chunks().0) {
@@ -197,7 +200,10 @@ mod tests {
     #[test]
     fn a_page_that_is_too_short_is_refused_instead_of_a_bus_error() {
         let file = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::empty()).unwrap();
-        assert!(matches!(crate::Mapped::<ControlPage>::new(file), Err(crate::MappingError::TooShort { found: 0, .. })));
+        assert!(matches!(
+            crate::Mapped::<ControlPage>::new(file),
+            Err(crate::MappingError::TooShort { found: 0, .. })
+        ));
     }
 
     #[test]

@@ -85,7 +85,12 @@ pub struct Decoder {
 
 impl Default for Decoder {
     fn default() -> Self {
-        Self { expect: Expect::Open, letter: 0, data: Vec::with_capacity(MAX_DATA), refused: Refused::default() }
+        Self {
+            expect: Expect::Open,
+            letter: 0,
+            data: Vec::with_capacity(MAX_DATA),
+            refused: Refused::default(),
+        }
     }
 }
 

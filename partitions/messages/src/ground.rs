@@ -22,7 +22,8 @@ message! {
 impl GroundMessage {
     /// The message for a frame from the serial line; nothing where its data is too long for any ground message.
     pub fn from_frame(frame: &Frame) -> Option<Self> {
-        let mut message = Self { letter: frame.letter, length: u8::try_from(frame.data.len()).ok()?, ..Self::default() };
+        let mut message =
+            Self { letter: frame.letter, length: u8::try_from(frame.data.len()).ok()?, ..Self::default() };
         message.data.get_mut(..frame.data.len())?.copy_from_slice(&frame.data);
         Some(message)
     }
@@ -286,7 +287,11 @@ fn finite<const N: usize>(letter: u8, data: Option<&[u8]>) -> Result<[f64; N], O
     for (number, bytes) in numbers.iter_mut().zip(data.as_chunks().0) {
         *number = f64::from_le_bytes(*bytes);
     }
-    if numbers.iter().all(|number| number.is_finite()) { Ok(numbers) } else { Err(OrderError::OutOfRange(letter as char)) }
+    if numbers.iter().all(|number| number.is_finite()) {
+        Ok(numbers)
+    } else {
+        Err(OrderError::OutOfRange(letter as char))
+    }
 }
 
 #[cfg(test)]
@@ -296,8 +301,15 @@ mod tests {
 
     #[test]
     fn every_order_survives_the_line() {
-        let point =
-            Waypoint { index: 1, count: 4, north_m: 500.0, east_m: 0.0, altitude_m: 160.0, heading_rad: 0.0, airspeed_mps: 22.0 };
+        let point = Waypoint {
+            index: 1,
+            count: 4,
+            north_m: 500.0,
+            east_m: 0.0,
+            altitude_m: 160.0,
+            heading_rad: 0.0,
+            airspeed_mps: 22.0,
+        };
         let orders = [
             Order::Hil { on: true },
             Order::Autopilot { on: false },

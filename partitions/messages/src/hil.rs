@@ -178,7 +178,11 @@ mod tests {
     #[test]
     fn one_datagram_carries_a_sensor_set() {
         let mut bytes = Vec::new();
-        let analog = RawAnalog { measured_ns: 20_000_000, specific_force_mps2: [0.0, 0.0, -9.81], ..Default::default() };
+        let analog = RawAnalog {
+            measured_ns: 20_000_000,
+            specific_force_mps2: [0.0, 0.0, -9.81],
+            ..Default::default()
+        };
         Packet::Analog(analog).write(&mut bytes);
         Packet::Gps(RawGps { satellites: 9, fix: 3, ..Default::default() }).write(&mut bytes);
         let mut decoder = Decoder::new();

@@ -1,9 +1,9 @@
 //! From the aircraft to the ground. One letter a message; numbers little endian, SI and radians.
 
+use crate::Message;
 use crate::field::message;
 use crate::frame::Frame;
 use crate::hil::{self, PacketError};
-use crate::Message;
 
 /// Bytes of data that a telemetry message can hold.
 pub const TELEMETRY_DATA: usize = 126;
@@ -299,7 +299,8 @@ mod tests {
 
     #[test]
     fn telemetry_survives_the_port_and_the_line() {
-        let item = Telemetry::Navigation(Navigation { next_waypoint: 2, waypoint_count: 4, ..Default::default() });
+        let item =
+            Telemetry::Navigation(Navigation { next_waypoint: 2, waypoint_count: 4, ..Default::default() });
         let message = TelemetryMessage::of(&item);
         let frame = Frame { letter: message.letter, data: message.bytes().to_vec() };
         assert_eq!(Telemetry::of(&frame), Ok(item));

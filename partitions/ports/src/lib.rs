@@ -131,7 +131,8 @@ impl Domain {
     fn config(&self) -> Result<Config, ChannelError> {
         let mut config = Config::default();
         let root = Path::new(self.root.as_bytes()).map_err(|_| ChannelError::Name(self.root.clone()))?;
-        let prefix = FileName::new(self.prefix.as_bytes()).map_err(|_| ChannelError::Name(self.prefix.clone()))?;
+        let prefix =
+            FileName::new(self.prefix.as_bytes()).map_err(|_| ChannelError::Name(self.prefix.clone()))?;
         config.global.set_root_path(&root);
         config.global.prefix = prefix;
         config.global.creation_timeout = CREATION_TIMEOUT;
@@ -174,8 +175,11 @@ impl ChannelType {
 
     /// Opens the channel; fails where it is absent or of another message type.
     pub fn open(&self, node: &Membership) -> Result<Channel, ChannelError> {
-        let failed =
-            |reason: String| ChannelError::Open { channel: self.name.clone(), message: self.message.clone(), reason };
+        let failed = |reason: String| ChannelError::Open {
+            channel: self.name.clone(),
+            message: self.message.clone(),
+            reason,
+        };
         let verifier = AttributeVerifier::new()
             .require(&attribute_key()?, &self.attribute()?)
             .map_err(|error| failed(format!("{error:?}")))?;
@@ -220,10 +224,15 @@ impl ChannelType {
     fn builder(
         &self,
         node: &Membership,
-    ) -> Result<iceoryx2::service::builder::publish_subscribe::Builder<[u8], Stamp, Shared>, ChannelError> {
+    ) -> Result<iceoryx2::service::builder::publish_subscribe::Builder<[u8], Stamp, Shared>, ChannelError>
+    {
         let name = self.name.as_str().try_into().map_err(|_| ChannelError::Name(self.name.clone()))?;
         let alignment = Alignment::new(ALIGNMENT).ok_or_else(|| ChannelError::Name(self.name.clone()))?;
-        Ok(node.service_builder(&name).publish_subscribe::<[u8]>().user_header::<Stamp>().payload_alignment(alignment))
+        Ok(node
+            .service_builder(&name)
+            .publish_subscribe::<[u8]>()
+            .user_header::<Stamp>()
+            .payload_alignment(alignment))
     }
 
     fn attribute(&self) -> Result<AttributeValue, ChannelError> {
@@ -251,7 +260,13 @@ mod tests {
     }
 
     fn sampling(message: &str) -> ChannelType {
-        ChannelType { name: "imu.rates".into(), message: message.into(), size: 24, depth: None, destinations: 1 }
+        ChannelType {
+            name: "imu.rates".into(),
+            message: message.into(),
+            size: 24,
+            depth: None,
+            destinations: 1,
+        }
     }
 
     #[test]

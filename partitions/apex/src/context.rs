@@ -1,0 +1,250 @@
+//! What a partition uses while it starts: its ports, attributes, retained memory and devices.
+
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::{Read, Write};
+use std::os::fd::AsFd;
+use std::rc::Rc;
+
+use bateleur_contract::{Description, Direction, PortDescription, PortKind, StartCondition};
+use bateleur_messages::Message;
+use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Membership, Reader, Writer};
+use serde::de::DeserializeOwned;
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
+
+use crate::attributes::{AttributeError, Attributes};
+use crate::line::Line;
+use crate::ports::{Connect, QueuingDestination, QueuingSource, SamplingDestination, SamplingSource};
+use crate::retained::Retained;
+use crate::time::Time;
+
+/// Why a partition can not start.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// The plan does not declare the port.
+    #[error("the plan gives this partition no port \"{name}\"; it has {known}")]
+    NoSuchPort {
+        /// The port that was asked for.
+        name: String,
+        /// Those that the plan declares.
+        known: String,
+    },
+    /// The plan declares the port otherwise.
+    #[error("port \"{name}\" is {found} in the plan, but the partition uses it as {wanted}")]
+    WrongPort {
+        /// The port.
+        name: String,
+        /// What the plan says.
+        found: String,
+        /// What the partition needs.
+        wanted: String,
+    },
+    /// The plan declares a port that the partition does not use.
+    #[error("the plan gives this partition a port \"{0}\" that it does not use")]
+    UnusedPort(String),
+    /// The channel below a port.
+    #[error(transparent)]
+    Channel(#[from] ChannelError),
+    /// An attribute.
+    #[error(transparent)]
+    Attribute(#[from] AttributeError),
+    /// Anything else that the partition needs: say what it is and how to mend it.
+    #[error("{0}")]
+    Other(String),
+}
+
+/// Handed to [`crate::Partition::start`].
+pub struct Context {
+    description: Description,
+    attributes: Attributes,
+    node: Membership,
+    time: Time,
+    used: BTreeSet<String>,
+    // Channels stay open as long as the partition runs.
+    channels: Vec<Channel>,
+    connections: Vec<Rc<dyn Connect>>,
+    retained: Option<File>,
+}
+
+impl Context {
+    pub(crate) fn new(
+        mut description: Description,
+        time: Time,
+        retained: Option<File>,
+    ) -> Result<Self, StartError> {
+        let domain =
+            Domain { root: description.ports_root.clone(), prefix: description.ports_prefix.clone() };
+        let node = domain.join(&description.partition)?;
+        let attributes = Attributes::new(std::mem::take(&mut description.attributes));
+        Ok(Self {
+            description,
+            attributes,
+            node,
+            time,
+            used: BTreeSet::new(),
+            channels: Vec::new(),
+            connections: Vec::new(),
+            retained,
+        })
+    }
+
+    /// The partition's name in the plan.
+    pub fn name(&self) -> &str {
+        &self.description.partition
+    }
+
+    /// Why the partition was started.
+    pub fn start_condition(&self) -> StartCondition {
+        self.description.start_condition
+    }
+
+    /// Incarnations before this one.
+    pub fn generation(&self) -> u32 {
+        self.description.generation
+    }
+
+    /// The module's clock.
+    pub fn time(&self) -> &Time {
+        &self.time
+    }
+
+    /// An attribute's value in the plan, or `default`.
+    pub fn attribute<T: DeserializeOwned>(&mut self, name: &str, default: T) -> Result<T, StartError> {
+        Ok(self.attributes.get(name, default)?)
+    }
+
+    /// An attribute such as "20ms", as nanoseconds.
+    pub fn duration_ns(&mut self, name: &str, default_ns: u64) -> Result<u64, StartError> {
+        Ok(self.attributes.duration_ns(name, default_ns)?)
+    }
+
+    /// CREATE_SAMPLING_PORT, source.
+    pub fn sampling_source<T: Message>(&mut self, name: &str) -> Result<SamplingSource<T>, StartError> {
+        let port = self.port::<T>(name, PortKind::Sampling, Direction::Source)?;
+        Ok(SamplingSource::new(self.writer(&port)?, self.time.clone()))
+    }
+
+    /// CREATE_SAMPLING_PORT, destination.
+    pub fn sampling_destination<T: Message>(
+        &mut self,
+        name: &str,
+    ) -> Result<SamplingDestination<T>, StartError> {
+        let port = self.port::<T>(name, PortKind::Sampling, Direction::Destination)?;
+        Ok(SamplingDestination::new(self.reader(&port)?, port.refresh_ns, self.time.clone()))
+    }
+
+    /// CREATE_QUEUING_PORT, source.
+    pub fn queuing_source<T: Message>(&mut self, name: &str) -> Result<QueuingSource<T>, StartError> {
+        let port = self.port::<T>(name, PortKind::Queuing, Direction::Source)?;
+        let writer = self.writer(&port)?;
+        let observed = match &writer {
+            Some(_) => Some(self.open_writer(&channel_type(&port).observed())?),
+            None => None,
+        };
+        Ok(QueuingSource::new(writer, observed, self.time.clone()))
+    }
+
+    /// CREATE_QUEUING_PORT, destination.
+    pub fn queuing_destination<T: Message>(
+        &mut self,
+        name: &str,
+    ) -> Result<QueuingDestination<T>, StartError> {
+        let port = self.port::<T>(name, PortKind::Queuing, Direction::Destination)?;
+        Ok(QueuingDestination::new(self.reader(&port)?, self.time.clone()))
+    }
+
+    /// Names of the ports that the plan declares with this direction and kind, in order; for a partition whose
+    /// ports the plan decides, such as Command.
+    pub fn port_names(&self, kind: PortKind, direction: Direction) -> Vec<String> {
+        let matching =
+            self.description.ports.iter().filter(|port| port.kind == kind && port.direction == direction);
+        matching.map(|port| port.name.clone()).collect()
+    }
+
+    /// Memory for one value that outlives the partition; may be asked for once.
+    pub fn retained<T: FromBytes + IntoBytes + Immutable + KnownLayout>(
+        &mut self,
+    ) -> Result<Retained<T>, StartError> {
+        Retained::new(self.retained.take(), self.description.retained_bytes)
+    }
+
+    /// A counted byte stream over an opened device.
+    pub fn line<D: Read + Write + AsFd>(&self, device: D) -> Line<D> {
+        Line::new(device, self.time.clone())
+    }
+
+    /// Nothing of the plan may be left over.
+    pub(crate) fn finish(self) -> Result<Started, StartError> {
+        self.attributes.all_known()?;
+        match self.description.ports.iter().find(|port| !self.used.contains(&port.name)) {
+            Some(port) => Err(StartError::UnusedPort(port.name.clone())),
+            None => Ok(Started { connections: self.connections, _channels: self.channels, _node: self.node }),
+        }
+    }
+
+    fn port<T: Message>(
+        &mut self,
+        name: &str,
+        kind: PortKind,
+        direction: Direction,
+    ) -> Result<PortDescription, StartError> {
+        let Some(port) = self.description.ports.iter().find(|port| port.name == name) else {
+            let known: Vec<_> = self.description.ports.iter().map(|port| port.name.as_str()).collect();
+            return Err(StartError::NoSuchPort { name: name.into(), known: known.join(", ") });
+        };
+        let size_fits = port.size as usize >= size_of::<T>();
+        if port.kind != kind || port.direction != direction || port.message != T::NAME || !size_fits {
+            let say = |kind, direction, message: &str, size| {
+                format!("{kind:?} {direction:?} of {message} ({size} bytes)")
+            };
+            return Err(StartError::WrongPort {
+                name: name.into(),
+                found: say(port.kind, port.direction, &port.message, port.size as usize),
+                wanted: say(kind, direction, T::NAME, size_of::<T>()),
+            });
+        }
+        self.used.insert(name.into());
+        Ok(port.clone())
+    }
+
+    fn writer(&mut self, port: &PortDescription) -> Result<Option<Rc<Writer>>, StartError> {
+        if port.channel.is_empty() { Ok(None) } else { self.open_writer(&channel_type(port)).map(Some) }
+    }
+
+    fn open_writer(&mut self, kind: &ChannelType) -> Result<Rc<Writer>, StartError> {
+        let channel = kind.open(&self.node)?;
+        let writer = Rc::new(kind.writer(&channel)?);
+        self.channels.push(channel);
+        self.connections.push(writer.clone());
+        Ok(writer)
+    }
+
+    fn reader(&mut self, port: &PortDescription) -> Result<Option<Rc<Reader>>, StartError> {
+        if port.channel.is_empty() {
+            return Ok(None);
+        }
+        let kind = channel_type(port);
+        let channel = kind.open(&self.node)?;
+        let reader = Rc::new(kind.reader(&channel)?);
+        self.channels.push(channel);
+        self.connections.push(reader.clone());
+        Ok(Some(reader))
+    }
+}
+
+/// What must live as long as the partition runs.
+pub(crate) struct Started {
+    pub(crate) connections: Vec<Rc<dyn Connect>>,
+    _channels: Vec<Channel>,
+    _node: Membership,
+}
+
+fn channel_type(port: &PortDescription) -> ChannelType {
+    ChannelType {
+        name: port.channel.clone(),
+        message: port.message.clone(),
+        size: port.size as usize,
+        depth: (port.kind == PortKind::Queuing).then_some(port.depth.max(1) as usize),
+        destinations: 1,
+    }
+}

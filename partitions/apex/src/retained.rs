@@ -1,0 +1,122 @@
+//! Retained memory: what a partition's next incarnation shall find again after a warm restart.
+//!
+//! The executive holds the memory across incarnations; it is zero after a cold start. Two copies are written in
+//! turn, each with its number last, so that a partition killed in the middle of a store leaves the copy before.
+
+use std::fs::File;
+use std::marker::PhantomData;
+use std::os::unix::fs::FileExt;
+
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
+
+use crate::context::StartError;
+
+/// Bytes before each copy: its number, the size of the value.
+const HEADER: u64 = 16;
+
+/// A value of plain data that outlives its partition.
+#[derive(Debug)]
+pub struct Retained<T> {
+    file: Option<File>,
+    number: u64,
+    value: PhantomData<T>,
+}
+
+impl<T: FromBytes + IntoBytes + Immutable + KnownLayout> Retained<T> {
+    /// The memory behind `file`, `bytes` long. Without memory, nothing is retained.
+    pub(crate) fn new(file: Option<File>, bytes: u64) -> Result<Self, StartError> {
+        let needed = 2 * slot_bytes::<T>();
+        if file.is_some() && bytes < needed {
+            return Err(StartError::Other(format!(
+                "retained = \"{bytes}\" is too small: this partition keeps {needed} bytes"
+            )));
+        }
+        Ok(Self { file, number: 0, value: PhantomData })
+    }
+
+    /// What the incarnation before stored last.
+    pub fn load(&mut self) -> Option<T> {
+        let file = self.file.as_ref()?;
+        let newest =
+            (0..2).filter_map(|slot| number_in::<T>(file, slot).map(|number| (number, slot))).max()?;
+        self.number = newest.0;
+        let mut value = T::new_zeroed();
+        file.read_exact_at(value.as_mut_bytes(), newest.1 * slot_bytes::<T>() + HEADER).ok()?;
+        Some(value)
+    }
+
+    /// Keeps `value` for the next incarnation.
+    pub fn store(&mut self, value: &T) {
+        let Some(file) = &self.file else { return };
+        self.number += 1;
+        let at = (self.number % 2) * slot_bytes::<T>();
+        let header = [self.number, size_of::<T>() as u64];
+        let written = file
+            .write_all_at(value.as_bytes(), at + HEADER)
+            .and_then(|()| file.write_all_at(header.as_bytes(), at));
+        if written.is_err() {
+            self.file = None; // memory that the executive took away: go on without
+        }
+    }
+}
+
+const fn slot_bytes<T>() -> u64 {
+    HEADER + (size_of::<T>() as u64).next_multiple_of(64)
+}
+
+fn number_in<T>(file: &File, slot: u64) -> Option<u64> {
+    let mut header = [0_u64; 2];
+    file.read_exact_at(header.as_mut_bytes(), slot * slot_bytes::<T>()).ok()?;
+    let [number, size] = header;
+    (number > 0 && size == size_of::<T>() as u64).then_some(number)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn memory() -> File {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(4096).unwrap();
+        file
+    }
+
+    fn retained(file: &File) -> Retained<[f64; 3]> {
+        Retained::new(Some(file.try_clone().unwrap()), 4096).unwrap()
+    }
+
+    #[test]
+    fn zero_memory_holds_nothing() {
+        assert_eq!(retained(&memory()).load(), None);
+    }
+
+    #[test]
+    fn the_next_incarnation_finds_the_last_value() {
+        let file = memory();
+        let mut first = retained(&file);
+        for number in 0..5 {
+            first.store(&[f64::from(number); 3]);
+        }
+        let mut second = retained(&file);
+        assert_eq!(second.load(), Some([4.0; 3]));
+        second.store(&[9.0; 3]);
+        assert_eq!(retained(&file).load(), Some([9.0; 3]));
+    }
+
+    #[test]
+    fn a_store_cut_short_leaves_the_value_before() {
+        let file = memory();
+        let mut first = retained(&file);
+        first.store(&[1.0; 3]);
+        first.store(&[2.0; 3]);
+        // The third store is killed after half of the value and before the number.
+        file.write_all_at(&[0xff; 12], slot_bytes::<[f64; 3]>() + HEADER).unwrap();
+        assert_eq!(retained(&file).load(), Some([2.0; 3]));
+    }
+
+    #[test]
+    fn memory_that_is_too_small_is_refused_with_the_size_that_is_needed() {
+        let error = Retained::<[f64; 3]>::new(Some(memory()), 100).unwrap_err();
+        assert!(error.to_string().contains("160 bytes"), "{error}");
+    }
+}

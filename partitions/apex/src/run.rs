@@ -1,0 +1,149 @@
+//! The life of a partition process.
+#![allow(unsafe_code)] // takes over the descriptors that the executive left open
+
+use std::fs::File;
+use std::os::fd::{FromRawFd, OwnedFd};
+use std::os::unix::fs::FileExt;
+use std::process::ExitCode;
+use std::rc::Rc;
+use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
+
+use bateleur_contract::{
+    CONTROL_FD, ControlPage, DESCRIPTION_FD, Description, ENVIRONMENT, Mapped, Mode, RETAINED_FD,
+    StartCondition, exit, page,
+};
+use rustix::thread::futex;
+
+use crate::context::{Context, StartError, Started};
+use crate::time::{Time, monotonic_ns};
+use crate::window::Window;
+
+/// A partition: state that is made once and a computation that runs once in each window.
+pub trait Partition: Sized {
+    /// Creates ports, reads attributes, takes up retained memory. Runs before the first window, without a time limit
+    /// but the plan's `startup_timeout`.
+    fn start(context: &mut Context) -> Result<Self, StartError>;
+
+    /// Computes one window. Returning closes it; the rest of the window is slack.
+    fn window(&mut self, window: &Window);
+}
+
+/// Runs partition `P` until the executive asks it to stop: the whole of its `main`.
+pub fn run<P: Partition>() -> ExitCode {
+    match live::<P>() {
+        Ok(()) => code(exit::STOPPED),
+        Err(End { code: number, reason }) => {
+            eprintln!("{}: {reason}", program());
+            code(number)
+        }
+    }
+}
+
+struct End {
+    code: i32,
+    reason: String,
+}
+
+fn live<P: Partition>() -> Result<(), End> {
+    let (page, description) = take_over().map_err(|reason| End { code: exit::NO_CONTRACT, reason })?;
+    name_process(&description.partition);
+    let starting = match description.start_condition {
+        StartCondition::HmPartitionWarmRestart => Mode::WarmStart,
+        _ => Mode::ColdStart,
+    };
+    page.mode.store(starting as u32, Release);
+    let time = Time::new(Rc::new(page), description.clock);
+    let refuse = |error: StartError| End { code: exit::START_REFUSED, reason: error.to_string() };
+    // SAFETY: the executive left this descriptor open when it says so, and nobody else in the process knows it.
+    let retained = (description.retained_bytes > 0).then(|| unsafe { File::from_raw_fd(RETAINED_FD) });
+    let mut context = Context::new(description, time.clone(), retained).map_err(refuse)?;
+    let mut partition = P::start(&mut context).map_err(refuse)?;
+    let started = context.finish().map_err(refuse)?;
+    lock_memory();
+    time.page().mode.store(Mode::Normal as u32, Release);
+    windows(&mut partition, &time, &started);
+    Ok(())
+}
+
+/// Takes windows until it is asked to stop.
+fn windows<P: Partition>(partition: &mut P, time: &Time, started: &Started) {
+    let page = time.page();
+    let mut last = 0;
+    loop {
+        last = next_grant(page, last);
+        if page.stop.load(Acquire) != 0 {
+            return;
+        }
+        page.opened_ns.store(monotonic_ns(), Relaxed);
+        let window = Window::granted(time);
+        if window.end_ns() == 0 {
+            // The executive's last call before frame 0: every peer is there now.
+            started.connections.iter().for_each(|port| port.connect());
+        } else {
+            partition.window(&window);
+        }
+        page.closed_ns.store(monotonic_ns(), Relaxed);
+        page.done.store(last, Release);
+        let _ = futex::wake(&page.done, futex::Flags::empty(), 1); // nobody asleep is fine
+    }
+}
+
+fn next_grant(page: &ControlPage, last: u32) -> u32 {
+    loop {
+        let grant = page.grant.load(Acquire);
+        if grant != last {
+            return grant;
+        }
+        // Interrupted, woken or changed meanwhile: look again.
+        let _ = futex::wait(&page.grant, futex::Flags::empty(), grant, None);
+    }
+}
+
+fn take_over() -> Result<(Mapped<ControlPage>, Description), String> {
+    let by_hand = "this program is a partition: an executive starts it (see `bateleur run --help`)";
+    let version = std::env::var(ENVIRONMENT).map_err(|_| by_hand.to_owned())?;
+    if version != page::VERSION.to_string() {
+        return Err(format!(
+            "built for contract {}, started by an executive of contract {version}: build both from one tree",
+            page::VERSION
+        ));
+    }
+    // SAFETY: the environment says that an executive started this process; it left these two open, and they are
+    // taken over once, before anything else opens a file.
+    let (control, description) =
+        unsafe { (OwnedFd::from_raw_fd(CONTROL_FD), File::from(OwnedFd::from_raw_fd(DESCRIPTION_FD))) };
+    let page = Mapped::<ControlPage>::new(&control).map_err(|error| format!("{by_hand}; {error}"))?;
+    if !page.is_valid() {
+        return Err("the control page is not one of this contract".into());
+    }
+    let length = description.metadata().map_err(|error| error.to_string())?.len();
+    let mut json = vec![0; length.min(1 << 20) as usize];
+    description
+        .read_exact_at(&mut json, 0)
+        .map_err(|error| format!("cannot read the description: {error}"))?;
+    let description =
+        serde_json::from_slice(&json).map_err(|error| format!("the description is damaged: {error}"))?;
+    Ok((page, description))
+}
+
+/// What `ps` shows: the partition, not the path of its program.
+fn name_process(name: &str) {
+    let short: Vec<u8> = name.bytes().filter(|byte| *byte != 0).take(15).collect();
+    if let Ok(short) = std::ffi::CString::new(short) {
+        let _ = rustix::thread::set_name(&short); // a name is a comfort
+    }
+}
+
+/// A page fault in a window costs more than many windows last. Refused where the limit is low: the executive says so.
+fn lock_memory() {
+    let _ = rustix::mm::mlockall(rustix::mm::MlockAllFlags::CURRENT);
+}
+
+fn program() -> String {
+    let path = std::env::args().next().unwrap_or_default();
+    path.rsplit('/').next().unwrap_or("partition").to_owned()
+}
+
+fn code(number: i32) -> ExitCode {
+    ExitCode::from(u8::try_from(number).unwrap_or(u8::MAX))
+}

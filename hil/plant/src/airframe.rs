@@ -1,0 +1,441 @@
+//! An airframe is data: mass, geometry, derivatives, power, servos and wheels, read from a TOML text.
+//!
+//! Axes are forward, right, down with the origin at the centre of gravity; units are SI, angles in rad, derivatives
+//! per rad. The fields are public so that a Monte-Carlo run can vary them; [`Airframe::check`] tells whether the result
+//! still makes sense.
+
+use serde::Deserialize;
+use thiserror::Error;
+
+/// Why an airframe text was refused.
+#[derive(Debug, Error)]
+pub enum AirframeError {
+    /// The text is not TOML, or a key is missing, unknown or of the wrong type. The message names line and column.
+    #[error("the airframe file cannot be read: {0}")]
+    Syntax(#[from] toml::de::Error),
+    /// A value is outside the range in which the model means anything.
+    #[error("airframe `{airframe}`: {key} is {value}, but it must be {demand}")]
+    Value {
+        /// Name of the airframe.
+        airframe: String,
+        /// Section and key, joined by a dot.
+        key: &'static str,
+        /// The value as read.
+        value: f64,
+        /// The condition it breaks.
+        demand: &'static str,
+    },
+}
+
+/// All that distinguishes one aircraft from another.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Airframe {
+    /// Name for people.
+    pub name: String,
+    /// Where the numbers come from.
+    pub sources: Vec<String>,
+    /// Mass and inertia.
+    pub mass: Mass,
+    /// Reference lengths.
+    pub geometry: Geometry,
+    /// Stability and control derivatives.
+    pub aerodynamics: Aerodynamics,
+    /// Motor or engine, with its propeller.
+    pub propulsion: Propulsion,
+    /// Actuators of the control surfaces.
+    pub servo: Servo,
+    /// Wheels and the outermost points of the structure.
+    pub gear: Gear,
+}
+
+/// Mass and moments of inertia about the centre of gravity; I_xy and I_yz are zero by symmetry.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Mass {
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// About the forward axis, kg m².
+    pub inertia_xx_kgm2: f64,
+    /// About the right axis, kg m².
+    pub inertia_yy_kgm2: f64,
+    /// About the down axis, kg m².
+    pub inertia_zz_kgm2: f64,
+    /// Product of inertia ∫ x z dm, kg m²; it enters the inertia matrix with a minus sign.
+    pub inertia_xz_kgm2: f64,
+}
+
+/// Reference lengths of the aerodynamic coefficients.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Geometry {
+    /// Wing area, m².
+    pub wing_area_m2: f64,
+    /// Wing span, m.
+    pub wing_span_m: f64,
+    /// Mean aerodynamic chord, m.
+    pub mean_chord_m: f64,
+}
+
+/// Coefficients named effect first, cause second: `roll_aileron` is what books call C_lδa. Per rad.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Aerodynamics {
+    /// C_L0.
+    pub lift_0: f64,
+    /// C_Lα.
+    pub lift_alpha: f64,
+    /// C_Lq, for q c / 2V.
+    pub lift_pitch_rate: f64,
+    /// C_Lδe.
+    pub lift_elevator: f64,
+    /// C_D at zero lift.
+    pub drag_0: f64,
+    /// Factor of C_L².
+    pub drag_induced: f64,
+    /// Drag per rad of |α|.
+    pub drag_alpha: f64,
+    /// Drag per rad of |δe|.
+    pub drag_elevator: f64,
+    /// C_Yβ.
+    pub side_beta: f64,
+    /// C_Yδa.
+    pub side_aileron: f64,
+    /// C_Yδr.
+    pub side_rudder: f64,
+    /// C_lβ.
+    pub roll_beta: f64,
+    /// C_lp, for p b / 2V.
+    pub roll_roll_rate: f64,
+    /// C_lr, for r b / 2V.
+    pub roll_yaw_rate: f64,
+    /// C_lδa, positive: a positive aileron rolls to the right.
+    pub roll_aileron: f64,
+    /// C_lδr.
+    pub roll_rudder: f64,
+    /// C_m0.
+    pub pitch_0: f64,
+    /// C_mα.
+    pub pitch_alpha: f64,
+    /// C_mq, for q c / 2V.
+    pub pitch_pitch_rate: f64,
+    /// C_mα̇, for α̇ c / 2V.
+    pub pitch_alpha_rate: f64,
+    /// C_mδe, negative: a positive elevator pitches down.
+    pub pitch_elevator: f64,
+    /// C_nβ.
+    pub yaw_beta: f64,
+    /// C_np, for p b / 2V.
+    pub yaw_roll_rate: f64,
+    /// C_nr, for r b / 2V.
+    pub yaw_yaw_rate: f64,
+    /// C_nδa.
+    pub yaw_aileron: f64,
+    /// C_nδr, negative: a positive rudder turns the nose to the left.
+    pub yaw_rudder: f64,
+    /// Angle of attack at which attached flow and flat plate weigh the same, rad.
+    pub stall_alpha_rad: f64,
+    /// Steepness of the change between the two, 1/rad.
+    pub stall_sharpness: f64,
+}
+
+/// Source of thrust. The throttle acts through a first-order lag; the shaft speed follows at once.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
+pub enum Propulsion {
+    /// Direct-current motor: the throttle scales the voltage.
+    Electric {
+        /// Speed constant, turns per minute and volt.
+        motor_kv_rpm_per_v: f64,
+        /// Voltage at full throttle, V.
+        battery_voltage_v: f64,
+        /// Resistance of the winding, Ω.
+        winding_resistance_ohm: f64,
+        /// Current without load, A.
+        no_load_current_a: f64,
+        /// Time constant from throttle command to effective throttle, s.
+        lag_s: f64,
+        /// The propeller.
+        propeller: Propeller,
+    },
+    /// Piston engine: the throttle scales a torque that does not depend on speed.
+    Piston {
+        /// Power at full throttle and rated speed, W.
+        power_w: f64,
+        /// Rated shaft speed, rad/s.
+        rated_speed_radps: f64,
+        /// Torque lost in the engine, N m.
+        friction_torque_nm: f64,
+        /// Time constant from throttle command to effective throttle, s.
+        lag_s: f64,
+        /// The propeller.
+        propeller: Propeller,
+    },
+}
+
+/// Thrust and torque coefficients as parabolas in the advance ratio.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Propeller {
+    /// Diameter, m.
+    pub diameter_m: f64,
+    /// C_T at J = 0.
+    pub thrust_0: f64,
+    /// Factor of J in C_T.
+    pub thrust_1: f64,
+    /// Factor of J² in C_T.
+    pub thrust_2: f64,
+    /// C_Q at J = 0.
+    pub torque_0: f64,
+    /// Factor of J in C_Q.
+    pub torque_1: f64,
+    /// Factor of J² in C_Q.
+    pub torque_2: f64,
+}
+
+/// Surface actuators, the same for all three axes.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Servo {
+    /// Corner frequency of the first-order lag, rad/s.
+    pub bandwidth_radps: f64,
+    /// Dead time before the lag, s; rounded to 2.5 ms. Delays the throttle too.
+    pub delay_s: f64,
+    /// Full width of the mechanical play, rad.
+    pub backlash_rad: f64,
+    /// Greatest aileron deflection either way, rad.
+    pub aileron_limit_rad: f64,
+    /// Greatest elevator deflection either way, rad.
+    pub elevator_limit_rad: f64,
+    /// Greatest rudder deflection either way, rad.
+    pub rudder_limit_rad: f64,
+}
+
+/// Ground contact: three wheels, and four points of the structure that should not touch.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Gear {
+    /// Right main wheel where it touches, body axes, m; the left one is its mirror image.
+    pub main_wheel_m: [f64; 3],
+    /// Steered wheel under nose or tail, body axes, m.
+    pub third_wheel_m: [f64; 3],
+    /// Foremost point, body axes, m.
+    pub nose_m: [f64; 3],
+    /// Rearmost point, body axes, m.
+    pub tail_m: [f64; 3],
+    /// Right wing tip, body axes, m; the left one is its mirror image.
+    pub wing_tip_m: [f64; 3],
+    /// Spring of each wheel, N/m.
+    pub spring_n_per_m: f64,
+    /// Damper of each wheel, N s/m.
+    pub damping_ns_per_m: f64,
+    /// Friction along the wheel.
+    pub rolling_friction: f64,
+    /// Friction across the wheel, and of the structure.
+    pub lateral_friction: f64,
+    /// Angle of the third wheel per rudder angle.
+    pub steering_ratio: f64,
+    /// Sink rate of a wheel from which the aircraft counts as lost, m/s; half of it for the structure.
+    pub crash_sink_mps: f64,
+}
+
+impl Propulsion {
+    /// The propeller of either kind.
+    pub fn propeller(&self) -> &Propeller {
+        match self {
+            Self::Electric { propeller, .. } | Self::Piston { propeller, .. } => propeller,
+        }
+    }
+
+    /// Time constant of the throttle, s.
+    pub fn lag_s(&self) -> f64 {
+        match self {
+            Self::Electric { lag_s, .. } | Self::Piston { lag_s, .. } => *lag_s,
+        }
+    }
+}
+
+impl Airframe {
+    /// Reads an airframe from TOML text and checks it.
+    ///
+    /// # Errors
+    /// When the text is not an airframe, or a value makes no sense.
+    pub fn from_toml(text: &str) -> Result<Self, AirframeError> {
+        let airframe: Self = toml::from_str(text)?;
+        airframe.check()?;
+        Ok(airframe)
+    }
+
+    /// The Aerosonde, the aircraft flown when nothing else is asked for.
+    pub fn aerosonde() -> Self {
+        Self::embedded(include_str!("../airframes/aerosonde.toml"))
+    }
+
+    /// The Rascal 110.
+    pub fn rascal110() -> Self {
+        Self::embedded(include_str!("../airframes/rascal110.toml"))
+    }
+
+    #[expect(clippy::expect_used, reason = "the text is part of the program and read by a test")]
+    fn embedded(text: &str) -> Self {
+        Self::from_toml(text).expect("an embedded airframe is valid")
+    }
+
+    /// Checks every value on which the equations rely.
+    ///
+    /// # Errors
+    /// Names the first value that makes no sense.
+    pub fn check(&self) -> Result<(), AirframeError> {
+        self.check_body()?;
+        self.check_aerodynamics()?;
+        self.check_propulsion()?;
+        self.check_servo()?;
+        self.check_gear()
+    }
+
+    fn demand(
+        &self,
+        holds: bool,
+        key: &'static str,
+        value: f64,
+        demand: &'static str,
+    ) -> Result<(), AirframeError> {
+        if holds && value.is_finite() {
+            return Ok(());
+        }
+        Err(AirframeError::Value { airframe: self.name.clone(), key, value, demand })
+    }
+
+    fn positive(&self, key: &'static str, value: f64) -> Result<(), AirframeError> {
+        self.demand(value > 0.0, key, value, "greater than zero")
+    }
+
+    fn not_negative(&self, key: &'static str, value: f64) -> Result<(), AirframeError> {
+        self.demand(value >= 0.0, key, value, "zero or greater")
+    }
+
+    fn check_body(&self) -> Result<(), AirframeError> {
+        let (m, g) = (&self.mass, &self.geometry);
+        self.positive("mass.mass_kg", m.mass_kg)?;
+        self.positive("mass.inertia_xx_kgm2", m.inertia_xx_kgm2)?;
+        self.positive("mass.inertia_yy_kgm2", m.inertia_yy_kgm2)?;
+        self.positive("mass.inertia_zz_kgm2", m.inertia_zz_kgm2)?;
+        let limit = (m.inertia_xx_kgm2 * m.inertia_zz_kgm2).sqrt();
+        let xz = m.inertia_xz_kgm2;
+        self.demand(xz.abs() < limit, "mass.inertia_xz_kgm2", xz, "less than the root of I_xx I_zz")?;
+        self.positive("geometry.wing_area_m2", g.wing_area_m2)?;
+        self.positive("geometry.wing_span_m", g.wing_span_m)?;
+        self.positive("geometry.mean_chord_m", g.mean_chord_m)
+    }
+
+    fn check_aerodynamics(&self) -> Result<(), AirframeError> {
+        let a = &self.aerodynamics;
+        self.positive("aerodynamics.lift_alpha", a.lift_alpha)?;
+        self.positive("aerodynamics.drag_0", a.drag_0)?;
+        self.positive("aerodynamics.roll_aileron", a.roll_aileron)?;
+        self.demand(
+            a.pitch_elevator < 0.0,
+            "aerodynamics.pitch_elevator",
+            a.pitch_elevator,
+            "less than zero",
+        )?;
+        self.demand(a.yaw_rudder < 0.0, "aerodynamics.yaw_rudder", a.yaw_rudder, "less than zero")?;
+        let (stall, sharpness) = (a.stall_alpha_rad, a.stall_sharpness);
+        self.demand(
+            stall > 0.05 && stall < 1.5,
+            "aerodynamics.stall_alpha_rad",
+            stall,
+            "between 0.05 and 1.5",
+        )?;
+        let sensible = sharpness > 0.0 && sharpness <= 100.0;
+        self.demand(sensible, "aerodynamics.stall_sharpness", sharpness, "between 0 and 100")
+    }
+
+    fn check_propulsion(&self) -> Result<(), AirframeError> {
+        self.not_negative("propulsion.lag_s", self.propulsion.lag_s())?;
+        let propeller = self.propulsion.propeller();
+        self.positive("propulsion.propeller.diameter_m", propeller.diameter_m)?;
+        self.positive("propulsion.propeller.thrust_0", propeller.thrust_0)?;
+        self.positive("propulsion.propeller.torque_0", propeller.torque_0)?;
+        match self.propulsion {
+            Propulsion::Electric {
+                motor_kv_rpm_per_v, battery_voltage_v, winding_resistance_ohm, ..
+            } => {
+                self.positive("propulsion.motor_kv_rpm_per_v", motor_kv_rpm_per_v)?;
+                self.positive("propulsion.battery_voltage_v", battery_voltage_v)?;
+                self.positive("propulsion.winding_resistance_ohm", winding_resistance_ohm)
+            }
+            Propulsion::Piston { power_w, rated_speed_radps, .. } => {
+                self.positive("propulsion.power_w", power_w)?;
+                self.positive("propulsion.rated_speed_radps", rated_speed_radps)
+            }
+        }
+    }
+
+    fn check_servo(&self) -> Result<(), AirframeError> {
+        let s = &self.servo;
+        self.positive("servo.bandwidth_radps", s.bandwidth_radps)?;
+        let longest = crate::servo::LONGEST_DELAY_S;
+        let delay_ok = (0.0..=longest).contains(&s.delay_s);
+        self.demand(delay_ok, "servo.delay_s", s.delay_s, "between 0 and 0.25")?;
+        self.not_negative("servo.backlash_rad", s.backlash_rad)?;
+        self.positive("servo.aileron_limit_rad", s.aileron_limit_rad)?;
+        self.positive("servo.elevator_limit_rad", s.elevator_limit_rad)?;
+        self.positive("servo.rudder_limit_rad", s.rudder_limit_rad)
+    }
+
+    fn check_gear(&self) -> Result<(), AirframeError> {
+        let g = &self.gear;
+        self.positive("gear.main_wheel_m[1]", g.main_wheel_m[1])?;
+        self.positive("gear.main_wheel_m[2]", g.main_wheel_m[2])?;
+        let supported = g.main_wheel_m[0] * g.third_wheel_m[0] < 0.0;
+        let demand = "on the other side of the centre of gravity than the main wheels";
+        self.demand(supported, "gear.third_wheel_m[0]", g.third_wheel_m[0], demand)?;
+        self.positive("gear.spring_n_per_m", g.spring_n_per_m)?;
+        self.not_negative("gear.damping_ns_per_m", g.damping_ns_per_m)?;
+        self.not_negative("gear.rolling_friction", g.rolling_friction)?;
+        self.not_negative("gear.lateral_friction", g.lateral_friction)?;
+        self.positive("gear.crash_sink_mps", g.crash_sink_mps)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_embedded_airframes_are_valid() {
+        assert_eq!(Airframe::aerosonde().name, "Aerosonde");
+        assert_eq!(Airframe::rascal110().name, "Rascal 110");
+        assert!(matches!(Airframe::rascal110().propulsion, Propulsion::Piston { .. }));
+    }
+
+    #[test]
+    fn unknown_key_is_refused_with_its_name() {
+        let text = include_str!("../airframes/aerosonde.toml").replace("drag_0 =", "drag_nought =");
+        let message = Airframe::from_toml(&text).unwrap_err().to_string();
+        assert!(message.contains("drag_nought"), "{message}");
+    }
+
+    #[test]
+    fn elevator_of_the_wrong_sign_is_refused_with_key_and_value() {
+        let text = include_str!("../airframes/aerosonde.toml")
+            .replace("pitch_elevator = -0.99", "pitch_elevator = 0.99");
+        let message = Airframe::from_toml(&text).unwrap_err().to_string();
+        assert!(message.contains("aerodynamics.pitch_elevator is 0.99"), "{message}");
+    }
+
+    #[test]
+    fn third_wheel_on_the_wrong_side_is_refused() {
+        let text = include_str!("../airframes/rascal110.toml").replace("[-0.826,", "[0.826,");
+        let message = Airframe::from_toml(&text).unwrap_err().to_string();
+        assert!(message.contains("gear.third_wheel_m[0]"), "{message}");
+    }
+
+    #[test]
+    fn unknown_engine_kind_is_refused_with_the_known_ones() {
+        let text = include_str!("../airframes/aerosonde.toml").replace("\"electric\"", "\"steam\"");
+        let message = Airframe::from_toml(&text).unwrap_err().to_string();
+        assert!(message.contains("steam") && message.contains("piston"), "{message}");
+    }
+}

@@ -1,0 +1,469 @@
+//! Sensors and their errors: inertial, magnetic, pressure, satellite.
+//!
+//! Every error has a number in [`SensorErrors`]; the defaults are those of a small autopilot board after its factory
+//! calibration. Turn-on biases are drawn once from the seed. Two slow errors no filter can see, the receiver's and the
+//! barometer's, are readable, since a score is fair only against a truth shifted by them.
+
+use crate::STEP_S;
+use crate::atmosphere::{self, GRAVITY_MPS2};
+use crate::geodesy::{Geodetic, LocalFrame};
+use crate::noise::{Noise, Source};
+use crate::rigid_body::{RigidState, StepMean};
+use nalgebra::{Matrix3, Vector3};
+
+/// Magnetic field at the runway at the beginning of 2026, NED, gauss: declination −26.90°, inclination −64.59°.
+pub const MAGNETIC_FIELD_NED_GAUSS: [f64; 3] = [0.095_84, -0.048_61, -0.226_24];
+/// Interval to which the noise of accelerometer and gyroscope refers, s. A mean over longer is quieter by the root.
+pub const NOISE_INTERVAL_S: f64 = 0.02;
+
+/// Size of every error. Zero switches one off.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorErrors {
+    /// Noise of a 20 ms mean, per axis, m/s². Default 0.0025 g.
+    pub accelerometer_noise_mps2: f64,
+    /// Turn-on bias, even within ± this per axis, m/s². Default 50 mg (MPU-6000 x and y axes).
+    pub accelerometer_bias_max_mps2: f64,
+    /// Scale error, even within ± this per axis. Default 0.2 % after calibration; the bare part has 3 %.
+    pub accelerometer_scale_max: f64,
+    /// Noise of a 20 ms mean, per axis, rad/s. Default 0.13°/s.
+    pub gyroscope_noise_radps: f64,
+    /// Turn-on bias, even within ± this per axis, rad/s. Default 1°/s after calibration; the bare part has 20°/s.
+    pub gyroscope_bias_max_radps: f64,
+    /// Scale error, even within ± this per axis. Default 0.2 %.
+    pub gyroscope_scale_max: f64,
+    /// Share of each other axis felt by accelerometer and gyroscope, even within ±. Default 0.2 %; bare 2 %.
+    pub cross_axis_max: f64,
+    /// Noise per sample and axis, gauss. Default 0.03° of the local field.
+    pub magnetometer_noise_gauss: f64,
+    /// Bias, even within ± this per axis, gauss. Default 0.01: some 5° of heading here, so it has to be estimated.
+    pub magnetometer_bias_max_gauss: f64,
+    /// Noise of the static pressure per sample, Pa. Default 10.
+    pub static_pressure_noise_pa: f64,
+    /// Standard deviation of the barometer's slow error, m of height. Default 1.5.
+    pub barometer_bias_sigma_m: f64,
+    /// Its correlation time, s. Default 1100.
+    pub barometer_bias_time_s: f64,
+    /// Noise of the differential pressure per sample, Pa. Default 2.
+    pub differential_pressure_noise_pa: f64,
+    /// Zero error of the differential pressure, even within ± this, Pa. Default 2.
+    pub differential_pressure_bias_max_pa: f64,
+    /// Satellite receiver.
+    pub gps: GpsErrors,
+}
+
+/// Errors of the satellite receiver.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GpsErrors {
+    /// Fixes per second, 1 to 10; rounded to a whole number of plant steps. Default 5.
+    pub rate_hz: f64,
+    /// From measurement to delivery, s, at most 1.5. Default 0.12.
+    pub latency_s: f64,
+    /// Rate at which the slow error is forgotten, 1/s. Default 1/1100.
+    pub slow_rate_per_s: f64,
+    /// Growth of the slow error north and east, m per root second. Default 0.21: 4.9 m in the long run.
+    pub slow_step_horizontal_m: f64,
+    /// The same for height, m per root second. Default 0.40: 9.4 m in the long run.
+    pub slow_step_vertical_m: f64,
+    /// Whether the slow error starts anywhere in its long-run spread (default) or at zero.
+    pub slow_starts_spread: bool,
+    /// Noise of each component of the velocity, m/s. Default 0.05.
+    pub velocity_noise_mps: f64,
+}
+
+impl Default for SensorErrors {
+    fn default() -> Self {
+        let degree = std::f64::consts::PI / 180.0;
+        let field = Vector3::from(MAGNETIC_FIELD_NED_GAUSS).norm();
+        Self {
+            accelerometer_noise_mps2: 0.0025 * GRAVITY_MPS2,
+            accelerometer_bias_max_mps2: 0.05 * GRAVITY_MPS2,
+            accelerometer_scale_max: 0.002,
+            gyroscope_noise_radps: 0.13 * degree,
+            gyroscope_bias_max_radps: degree,
+            gyroscope_scale_max: 0.002,
+            cross_axis_max: 0.002,
+            magnetometer_noise_gauss: 0.03 * degree * field,
+            magnetometer_bias_max_gauss: 0.01,
+            static_pressure_noise_pa: 10.0,
+            barometer_bias_sigma_m: 1.5,
+            barometer_bias_time_s: 1100.0,
+            differential_pressure_noise_pa: 2.0,
+            differential_pressure_bias_max_pa: 2.0,
+            gps: GpsErrors::default(),
+        }
+    }
+}
+
+impl Default for GpsErrors {
+    fn default() -> Self {
+        Self {
+            rate_hz: 5.0,
+            latency_s: 0.12,
+            slow_rate_per_s: 1.0 / 1100.0,
+            slow_step_horizontal_m: 0.21,
+            slow_step_vertical_m: 0.40,
+            slow_starts_spread: true,
+            velocity_noise_mps: 0.05,
+        }
+    }
+}
+
+impl SensorErrors {
+    /// Perfect sensors; the receiver still gives five fixes per second, but at once.
+    pub fn none() -> Self {
+        Self {
+            accelerometer_noise_mps2: 0.0,
+            accelerometer_bias_max_mps2: 0.0,
+            accelerometer_scale_max: 0.0,
+            gyroscope_noise_radps: 0.0,
+            gyroscope_bias_max_radps: 0.0,
+            gyroscope_scale_max: 0.0,
+            cross_axis_max: 0.0,
+            magnetometer_noise_gauss: 0.0,
+            magnetometer_bias_max_gauss: 0.0,
+            static_pressure_noise_pa: 0.0,
+            barometer_bias_sigma_m: 0.0,
+            differential_pressure_noise_pa: 0.0,
+            differential_pressure_bias_max_pa: 0.0,
+            gps: GpsErrors {
+                latency_s: 0.0,
+                slow_step_horizontal_m: 0.0,
+                slow_step_vertical_m: 0.0,
+                velocity_noise_mps: 0.0,
+                ..GpsErrors::default()
+            },
+            ..Self::default()
+        }
+    }
+
+    /// The bare parts as their data sheet (MPU-6000) allows them: 3 % scale, 2 % cross-axis, 20°/s.
+    pub fn uncalibrated() -> Self {
+        Self {
+            accelerometer_scale_max: 0.03,
+            gyroscope_bias_max_radps: 20.0_f64.to_radians(),
+            gyroscope_scale_max: 0.03,
+            cross_axis_max: 0.02,
+            ..Self::default()
+        }
+    }
+}
+
+/// One sample of everything. Vectors in body axes (forward, right, down).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorSet {
+    /// Time of the sample, end of the averaging interval, s.
+    pub time_s: f64,
+    /// Length of the averaging interval, s; zero if no time has passed since the last sample.
+    pub interval_s: f64,
+    /// Mean specific force, m/s²; (0, 0, −g) standing level.
+    pub accelerometer_mps2: Vector3<f64>,
+    /// Mean rates, rad/s.
+    pub gyroscope_radps: Vector3<f64>,
+    /// Magnetic field, gauss.
+    pub magnetometer_gauss: Vector3<f64>,
+    /// Static pressure, Pa.
+    pub static_pressure_pa: f64,
+    /// Pitot minus static pressure, Pa.
+    pub differential_pressure_pa: f64,
+    /// A fix, if one has come in since the last sample.
+    pub gps: Option<GpsFix>,
+}
+
+/// What the receiver reports. It is old by the latency when it comes in.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GpsFix {
+    /// Time at which the fix was true, s.
+    pub measured_at_s: f64,
+    /// Latitude, longitude, height above mean sea level.
+    pub geodetic: Geodetic,
+    /// The same place in the runway's NED axes, m.
+    pub position_ned_m: Vector3<f64>,
+    /// Velocity over ground, NED, m/s.
+    pub velocity_ned_mps: Vector3<f64>,
+}
+
+/// First-order Gauss-Markov process, updated at a fixed interval.
+#[derive(Clone, Copy, Debug)]
+struct GaussMarkov {
+    keep: f64,
+    drive: f64,
+    value: f64,
+}
+
+impl GaussMarkov {
+    fn new(rate_per_s: f64, sigma: f64, interval_s: f64) -> Self {
+        let keep = (-rate_per_s * interval_s).exp();
+        Self { keep, drive: sigma * (1.0 - keep * keep).max(0.0).sqrt(), value: 0.0 }
+    }
+
+    fn step(&mut self, gaussian: f64) {
+        self.value = self.keep * self.value + self.drive * gaussian;
+    }
+}
+
+/// Constant errors of a three-axis sensor.
+#[derive(Clone, Copy, Debug)]
+struct Triad {
+    matrix: Matrix3<f64>,
+    bias: Vector3<f64>,
+    noise: f64,
+}
+
+impl Triad {
+    fn draw(draws: &mut Noise, scale: f64, cross: f64, bias: f64, noise: f64) -> Self {
+        let mut matrix = Matrix3::identity();
+        for row in 0..3 {
+            for column in 0..3 {
+                matrix[(row, column)] += draws.within(if row == column { scale } else { cross });
+            }
+        }
+        Self { matrix, bias: draws.within3(bias), noise }
+    }
+
+    fn measure(&self, truth: &Vector3<f64>, gaussian: Vector3<f64>) -> Vector3<f64> {
+        self.matrix * truth + self.bias + gaussian * self.noise
+    }
+}
+
+/// Fixes on their way; a rate of 10 Hz and the longest latency need 15 places.
+const FIXES: usize = 32;
+const LONGEST_LATENCY_S: f64 = 1.5;
+
+/// The receiver: measures on its own clock, delivers late.
+#[derive(Clone, Debug)]
+struct Gps {
+    every: u64,
+    latency: u64,
+    velocity_noise: f64,
+    slow: [GaussMarkov; 3],
+    position_source: Noise,
+    velocity_source: Noise,
+    waiting: [(u64, GpsFix); FIXES],
+    measured: u64,
+    delivered: u64,
+}
+
+impl Gps {
+    fn new(seed: u64, e: &GpsErrors) -> Self {
+        let every = ((1.0 / e.rate_hz.clamp(0.1, 10.0)) / STEP_S).round() as u64;
+        let interval = every as f64 * STEP_S;
+        let process = |step: f64| {
+            let sigma = step / (1.0 - (-2.0 * e.slow_rate_per_s).exp()).max(1e-12).sqrt();
+            (GaussMarkov::new(e.slow_rate_per_s, sigma, interval), sigma)
+        };
+        let mut position_source = Noise::new(seed, Source::GpsPosition);
+        let start = position_source.gaussian3();
+        let mut slow =
+            [e.slow_step_horizontal_m, e.slow_step_horizontal_m, e.slow_step_vertical_m].map(process);
+        for (axis, (process, sigma)) in slow.iter_mut().enumerate() {
+            process.value = if e.slow_starts_spread { *sigma * start[axis] } else { 0.0 };
+        }
+        Self {
+            every,
+            latency: (e.latency_s.clamp(0.0, LONGEST_LATENCY_S) / STEP_S).round() as u64,
+            velocity_noise: e.velocity_noise_mps,
+            slow: slow.map(|(process, _)| process),
+            position_source,
+            velocity_source: Noise::new(seed, Source::GpsVelocity),
+            waiting: [(0, GpsFix::default()); FIXES],
+            measured: 0,
+            delivered: 0,
+        }
+    }
+
+    fn slow_error(&self) -> Vector3<f64> {
+        Vector3::new(self.slow[0].value, self.slow[1].value, self.slow[2].value)
+    }
+
+    fn step(&mut self, step: u64, state: &RigidState, frame: &LocalFrame) {
+        if !step.is_multiple_of(self.every) {
+            return;
+        }
+        let drive = self.position_source.gaussian3();
+        for (axis, process) in self.slow.iter_mut().enumerate() {
+            process.step(drive[axis]);
+        }
+        let position = state.position + self.slow_error();
+        let fix = GpsFix {
+            measured_at_s: step as f64 * STEP_S,
+            geodetic: frame.to_geodetic(&position),
+            position_ned_m: position,
+            velocity_ned_mps: state.velocity + self.velocity_source.gaussian3() * self.velocity_noise,
+        };
+        self.waiting[(self.measured % FIXES as u64) as usize] = (step + self.latency, fix);
+        self.measured += 1;
+    }
+
+    /// The newest fix that has arrived and was not given yet; older ones it overtakes are dropped.
+    fn take(&mut self, step: u64) -> Option<GpsFix> {
+        let mut newest = None;
+        self.delivered = self.delivered.max(self.measured.saturating_sub(FIXES as u64));
+        while self.delivered < self.measured {
+            let (due, fix) = self.waiting[(self.delivered % FIXES as u64) as usize];
+            if due > step {
+                break;
+            }
+            newest = Some(fix);
+            self.delivered += 1;
+        }
+        newest
+    }
+}
+
+/// What the sensors need to know at the instant of a sample.
+pub(crate) struct Instant<'a> {
+    pub(crate) step: u64,
+    pub(crate) state: &'a RigidState,
+    pub(crate) specific_force: Vector3<f64>,
+    pub(crate) airspeed_mps: f64,
+    pub(crate) density: f64,
+}
+
+/// All sensors of one aircraft.
+#[derive(Clone, Debug)]
+pub(crate) struct SensorSuite {
+    accelerometer: Triad,
+    gyroscope: Triad,
+    magnetometer: Triad,
+    pitot_bias_pa: f64,
+    static_noise_pa: f64,
+    pitot_noise_pa: f64,
+    barometer: GaussMarkov,
+    gps: Gps,
+    frame: LocalFrame,
+    elevation_m: f64,
+    sources: Sources,
+    sum: StepMean,
+    steps: u32,
+}
+
+#[derive(Clone, Debug)]
+struct Sources {
+    accelerometer: Noise,
+    gyroscope: Noise,
+    magnetometer: Noise,
+    static_pressure: Noise,
+    differential_pressure: Noise,
+    barometer: Noise,
+}
+
+impl Sources {
+    fn new(seed: u64) -> Self {
+        Self {
+            accelerometer: Noise::new(seed, Source::Accelerometer),
+            gyroscope: Noise::new(seed, Source::Gyroscope),
+            magnetometer: Noise::new(seed, Source::Magnetometer),
+            static_pressure: Noise::new(seed, Source::StaticPressure),
+            differential_pressure: Noise::new(seed, Source::DifferentialPressure),
+            barometer: Noise::new(seed, Source::BarometerDrift),
+        }
+    }
+}
+
+/// The barometer's slow error is renewed every 100 ms.
+const BAROMETER_STEPS: u64 = 40;
+
+impl SensorSuite {
+    pub(crate) fn new(seed: u64, e: &SensorErrors, elevation_m: f64) -> Self {
+        let mut draws = Noise::new(seed, Source::Biases);
+        let mut sources = Sources::new(seed);
+        let cross = e.cross_axis_max;
+        let (force_bias, rate_bias) = (e.accelerometer_bias_max_mps2, e.gyroscope_bias_max_radps);
+        let (force_noise, rate_noise) = (e.accelerometer_noise_mps2, e.gyroscope_noise_radps);
+        let mut barometer = GaussMarkov::new(
+            1.0 / e.barometer_bias_time_s.max(1e-3),
+            e.barometer_bias_sigma_m,
+            BAROMETER_STEPS as f64 * STEP_S,
+        );
+        barometer.value = e.barometer_bias_sigma_m * sources.barometer.gaussian();
+        Self {
+            accelerometer: Triad::draw(&mut draws, e.accelerometer_scale_max, cross, force_bias, force_noise),
+            gyroscope: Triad::draw(&mut draws, e.gyroscope_scale_max, cross, rate_bias, rate_noise),
+            magnetometer: Triad::draw(
+                &mut draws,
+                0.0,
+                0.0,
+                e.magnetometer_bias_max_gauss,
+                e.magnetometer_noise_gauss,
+            ),
+            pitot_bias_pa: draws.within(e.differential_pressure_bias_max_pa),
+            static_noise_pa: e.static_pressure_noise_pa,
+            pitot_noise_pa: e.differential_pressure_noise_pa,
+            barometer,
+            gps: Gps::new(seed, &e.gps),
+            frame: LocalFrame::new(elevation_m),
+            elevation_m,
+            sources,
+            sum: StepMean::default(),
+            steps: 0,
+        }
+    }
+
+    /// Follows the aircraft through one plant step.
+    pub(crate) fn follow(&mut self, step: u64, mean: &StepMean, state: &RigidState) {
+        self.sum.specific_force += mean.specific_force;
+        self.sum.rates += mean.rates;
+        self.steps += 1;
+        self.gps.step(step, state, &self.frame);
+        if step.is_multiple_of(BAROMETER_STEPS) {
+            self.barometer.step(self.sources.barometer.gaussian());
+        }
+    }
+
+    /// The receiver's slow error, NED, m: what it reports minus what is true.
+    pub(crate) fn gps_slow_error(&self) -> Vector3<f64> {
+        self.gps.slow_error()
+    }
+
+    /// The barometer's slow error, m of height: what it reports minus what is true.
+    pub(crate) fn barometer_bias(&self) -> f64 {
+        self.barometer.value
+    }
+
+    /// Biases of accelerometer (m/s²), gyroscope (rad/s), magnetometer (gauss).
+    pub(crate) fn biases(&self) -> [Vector3<f64>; 3] {
+        [self.accelerometer.bias, self.gyroscope.bias, self.magnetometer.bias]
+    }
+
+    /// Samples everything and starts the next averaging interval.
+    pub(crate) fn sample(&mut self, now: &Instant<'_>) -> SensorSet {
+        let interval_s = f64::from(self.steps) * STEP_S;
+        let (force, rates) = self.means(now);
+        // Before time has passed the noise is that of one plant step, not infinite.
+        let louder = (NOISE_INTERVAL_S / interval_s.max(STEP_S)).sqrt();
+        let field = now.state.attitude.inverse() * Vector3::from(MAGNETIC_FIELD_NED_GAUSS);
+        let s = &mut self.sources;
+        let set = SensorSet {
+            time_s: now.step as f64 * STEP_S,
+            interval_s,
+            accelerometer_mps2: self.accelerometer.measure(&force, s.accelerometer.gaussian3() * louder),
+            gyroscope_radps: self.gyroscope.measure(&rates, s.gyroscope.gaussian3() * louder),
+            magnetometer_gauss: self.magnetometer.measure(&field, s.magnetometer.gaussian3()),
+            static_pressure_pa: self.static_pressure(now.state.position.z),
+            differential_pressure_pa: self.differential_pressure(now),
+            gps: self.gps.take(now.step),
+        };
+        self.sum = StepMean::default();
+        self.steps = 0;
+        set
+    }
+
+    fn means(&self, now: &Instant<'_>) -> (Vector3<f64>, Vector3<f64>) {
+        if self.steps == 0 {
+            return (now.specific_force, now.state.rates);
+        }
+        let count = f64::from(self.steps);
+        (self.sum.specific_force / count, self.sum.rates / count)
+    }
+
+    fn static_pressure(&mut self, down_m: f64) -> f64 {
+        let apparent = self.elevation_m - down_m + self.barometer.value;
+        let noise = self.static_noise_pa * self.sources.static_pressure.gaussian();
+        atmosphere::air(apparent).pressure_pa + noise
+    }
+
+    fn differential_pressure(&mut self, now: &Instant<'_>) -> f64 {
+        let noise = self.pitot_noise_pa * self.sources.differential_pressure.gaussian();
+        0.5 * now.density * now.airspeed_mps * now.airspeed_mps + self.pitot_bias_pa + noise
+    }
+}

@@ -473,17 +473,15 @@ impl<'a> ModuleView<'a> {
 }
 
 impl PartitionHealth {
-    /// The table where the file says nothing, for every error of the set.
-    pub(in crate::plan) fn complete(said: impl Fn(PartitionError) -> Option<PartitionAction>) -> Self {
-        let action = |&error| (error, said(error).unwrap_or_else(|| default_partition_action(error)));
-        Self(PartitionError::ALL.iter().map(action).collect())
+    /// The table with an action for every error of the set.
+    pub(in crate::plan) fn fill(action: impl Fn(PartitionError) -> PartitionAction) -> Self {
+        Self(PartitionError::ALL.iter().map(|&error| (error, action(error))).collect())
     }
 }
 
 impl ModuleHealth {
-    /// The table where the file says nothing, for every error of the set.
-    pub(in crate::plan) fn complete(said: impl Fn(ModuleError) -> Option<ModuleAction>) -> Self {
-        let action = |&error| (error, said(error).unwrap_or_else(|| default_module_action(error)));
-        Self(ModuleError::ALL.iter().map(action).collect())
+    /// The table with an action for every error of the set.
+    pub(in crate::plan) fn fill(action: impl Fn(ModuleError) -> ModuleAction) -> Self {
+        Self(ModuleError::ALL.iter().map(|&error| (error, action(error))).collect())
     }
 }

@@ -23,7 +23,7 @@ pub enum QuantityError {
     /// It is not a whole number of the smallest unit.
     #[error("it is not a whole number of {0}")]
     Fraction(&'static str),
-    /// It is larger than 64 bits hold.
+    /// It is larger than a signed number of 64 bits holds.
     #[error("it is too large")]
     Overflow,
 }
@@ -103,7 +103,8 @@ fn scaled(number: &str, factor: u64, smallest: &'static str) -> Result<u64, Quan
         return Err(QuantityError::Fraction(smallest));
     }
     let total = whole.checked_mul(factor).and_then(|whole| whole.checked_add(part / scale));
-    total.and_then(|total| u64::try_from(total).ok()).ok_or(QuantityError::Overflow)
+    // Signed, because times are subtracted from each other and APEX counts them so.
+    total.and_then(|total| i64::try_from(total).ok()).map(i64::unsigned_abs).ok_or(QuantityError::Overflow)
 }
 
 fn is_digits(text: &str) -> bool {
@@ -170,7 +171,7 @@ mod tests {
             ("0.1s", 100_000_000),
             ("0.000000001s", 1),
             ("2min", 120_000_000_000),
-            ("18446744073709551615ns", u64::MAX),
+            ("9223372036854775807ns", i64::MAX.unsigned_abs()),
         ] {
             assert_eq!(duration_ns(text), Ok(ns), "{text}");
         }
@@ -193,7 +194,7 @@ mod tests {
             ("1e3ms", QuantityError::Unit("e3ms".to_owned())),
             ("0.5ns", QuantityError::Fraction("nanoseconds")),
             ("0.0000000001s", QuantityError::Fraction("nanoseconds")),
-            ("18446744073709551616ns", QuantityError::Overflow),
+            ("9223372036854775808ns", QuantityError::Overflow),
             ("99999999999999999999999999999999999999999s", QuantityError::Overflow),
         ] {
             assert_eq!(duration_ns(text), Err(error), "{text}");
@@ -207,7 +208,7 @@ mod tests {
         assert_eq!(size_bytes("256B"), Ok(256));
         assert_eq!(size_bytes("64kB"), Err(QuantityError::Unit("kB".to_owned())));
         assert_eq!(size_bytes("16777216GiB"), Ok(1 << 54));
-        assert_eq!(size_bytes("17179869184GiB"), Err(QuantityError::Overflow));
+        assert_eq!(size_bytes("8589934592GiB"), Err(QuantityError::Overflow));
     }
 
     #[test]

@@ -1,0 +1,215 @@
+//! Turns a raw file that breaks no rule into a [`Plan`].
+//!
+//! Everything here is an `Option` because the raw types are; nothing is missing once the rules have passed.
+
+use super::MessageCatalogue;
+use super::closed::{Direction, Exhausted, Kind, PartitionAction, StartMode};
+use super::model::{
+    Chain, Channel, ChannelId, Health, Module, ModuleHealth, ModuleId, Partition, PartitionHealth,
+    PartitionId, Payload, Plan, Port, PortId, Restart, Role, Schedule, Window, default_module_action,
+    default_partition_action,
+};
+use super::names::Names;
+use super::raw::{Answer, Numbers, RawFile, RawPartition, RawPort, RawSchedule, RawWindow};
+use super::reader::{Bytes, Nanoseconds, Word};
+use super::rules::chains;
+
+/// What holds where the file says nothing.
+pub(super) mod defaults {
+    use super::{Exhausted, StartMode};
+
+    /// One thread: a partition has one window loop.
+    pub(crate) const THREADS: u32 = 1;
+    /// Long enough for a debug build on a slow disk; a partition that hangs holds up the start for no longer.
+    pub(crate) const STARTUP_TIMEOUT_NS: u64 = 5_000_000_000;
+    /// Above every ordinary real-time thread of the system's own, below the dispatcher's 98.
+    pub(crate) const PRIORITY: u32 = 40;
+    /// A partition promises nothing about retained memory unless it says so.
+    pub(crate) const START: StartMode = StartMode::Cold;
+    /// With [`WITHIN_NS`]: enough for a passing fault, too few for a restart loop to go unseen.
+    pub(crate) const BUDGET: u32 = 5;
+    /// See [`BUDGET`].
+    pub(crate) const WITHIN_NS: u64 = 10_000_000_000;
+    /// The windows stay, so that nobody else's time changes.
+    pub(crate) const THEN: Exhausted = Exhausted::Idle;
+    /// About what starting a process takes; in virtual time it must be the same on every machine.
+    pub(crate) const STARTUP_NS: u64 = 20_000_000;
+    /// Half a second at 50 windows a second: long enough not to be a hiccup, short enough to fly through.
+    pub(crate) const SILENCE_WINDOWS: u32 = 25;
+}
+
+/// Builds the plan; nothing if a rule has let through what it must not.
+pub(super) fn plan(file: &RawFile, names: &Names, catalogue: &dyn MessageCatalogue) -> Option<Plan> {
+    let builder = Builder { file, names, catalogue };
+    Some(Plan {
+        modules: file
+            .modules
+            .iter()
+            .map(|raw| module(&raw.name.value, &raw.cores, &raw.housekeeping_cores))
+            .collect::<Option<_>>()?,
+        partitions: builder.partitions()?,
+        ports: (0..file.ports.len()).map(|place| builder.port(place)).collect::<Option<_>>()?,
+        channels: builder.channels()?,
+        chains: builder.chains()?,
+        schedules: file.schedules.iter().map(|raw| builder.schedule(raw)).collect::<Option<_>>()?,
+        health: builder.health(),
+    })
+}
+
+struct Builder<'a> {
+    file: &'a RawFile,
+    names: &'a Names,
+    catalogue: &'a dyn MessageCatalogue,
+}
+
+fn module(name: &str, cores: &Numbers, housekeeping: &Numbers) -> Option<Module> {
+    Some(Module {
+        name: name.to_owned(),
+        cores: numbers(cores)?,
+        housekeeping_cores: if housekeeping.is_absent() { Vec::new() } else { numbers(housekeeping)? },
+    })
+}
+
+fn numbers(list: &Numbers) -> Option<Vec<u32>> {
+    Some(list.said()?.value.iter().map(|number| number.value).collect())
+}
+
+impl Builder<'_> {
+    fn partitions(&self) -> Option<Vec<Partition>> {
+        let all = self.file.partitions.iter().enumerate();
+        all.map(|(place, raw)| self.partition(place, raw)).collect()
+    }
+
+    fn partition(&self, place: usize, raw: &RawPartition) -> Option<Partition> {
+        let ports = self.file.ports.iter().enumerate().filter(|(_, port)| port.partition == place);
+        let devices = raw.devices.or(Vec::new())?;
+        Some(Partition {
+            name: raw.name.value.clone(),
+            program: raw.program.get()?,
+            module: ModuleId(self.names.module_of(self.file, place)?),
+            memory_bytes: raw.memory.get()?.0,
+            threads: raw.threads.or(defaults::THREADS)?,
+            restart: restart(raw)?,
+            startup_timeout_ns: raw.startup_timeout.or(Nanoseconds(defaults::STARTUP_TIMEOUT_NS))?.0,
+            priority: u8::try_from(raw.priority.or(defaults::PRIORITY)?).ok()?,
+            network: raw.network.or(false)?,
+            devices: devices.into_iter().map(|device| device.value).collect(),
+            retained_bytes: raw.retained.or(Bytes(0))?.0,
+            attributes: raw.attributes.or(Default::default())?,
+            health: self.partition_health(raw)?,
+            ports: ports.map(|(port, _)| PortId(port)).collect(),
+        })
+    }
+
+    fn partition_health(&self, raw: &RawPartition) -> Option<PartitionHealth> {
+        let cold = raw.restart.start.or(Word(defaults::START))?.0 == StartMode::Cold;
+        let default = |error| {
+            let said = answer(&self.file.health.partition, error);
+            match said.unwrap_or_else(|| default_partition_action(error)) {
+                // A default is as warm as the partition can be.
+                PartitionAction::WarmRestart if cold => PartitionAction::ColdRestart,
+                action => action,
+            }
+        };
+        Some(PartitionHealth::fill(|error| answer(&raw.health, error).unwrap_or_else(|| default(error))))
+    }
+
+    fn port(&self, place: usize) -> Option<Port> {
+        let raw = &self.file.ports[place];
+        Some(Port {
+            name: raw.name.value.clone(),
+            partition: PartitionId(raw.partition),
+            role: role(raw)?,
+            payload: self.payload(raw)?,
+            channel: self.names.channel_of(place).map(ChannelId),
+        })
+    }
+
+    fn payload(&self, raw: &RawPort) -> Option<Payload> {
+        if let Some(name) = raw.message.get() {
+            let size_bytes = self.catalogue.size_of(&name)?;
+            return Some(Payload::Message { name, size_bytes });
+        }
+        Some(Payload::Bytes { max_size_bytes: usize::try_from(raw.max_size.get()?).ok()? })
+    }
+
+    fn channels(&self) -> Option<Vec<Channel>> {
+        let channel = |raw: &super::raw::RawChannel| {
+            let source = self.names.port(&raw.source.said()?.value)?;
+            let destinations = raw.destinations.said()?.value.iter();
+            let destinations = destinations.map(|path| self.names.port(&path.value).map(PortId));
+            let kind = self.file.ports[source].kind.get()?.0;
+            Some(Channel { source: PortId(source), destinations: destinations.collect::<Option<_>>()?, kind })
+        };
+        self.file.channels.iter().map(channel).collect()
+    }
+
+    fn chains(&self) -> Option<Vec<Chain>> {
+        let chain = |raw: &super::raw::RawChain| {
+            let path = chains::full_path(self.file, self.names, raw).ok()?;
+            let path = path.into_iter().map(PortId).collect();
+            Some(Chain { name: raw.name.get()?, path, max_age_ns: raw.max_age.get()?.0 })
+        };
+        self.file.chains.iter().map(chain).collect()
+    }
+
+    fn schedule(&self, raw: &RawSchedule) -> Option<Schedule> {
+        let (major, minor) = (raw.major_frame.get()?.0, raw.minor_frame.get()?.0);
+        let frames = u32::try_from(major.checked_div(minor)?).ok()?;
+        Some(Schedule {
+            name: raw.name.value.clone(),
+            major_frame_ns: major,
+            minor_frame_ns: minor,
+            initial: raw.initial.or(self.file.schedules.len() == 1)?,
+            windows: raw.windows.iter().map(|window| self.window(window, frames)).collect::<Option<_>>()?,
+        })
+    }
+
+    fn window(&self, raw: &RawWindow, frames: u32) -> Option<Window> {
+        let mut minor = if raw.minor.is_absent() { (0..frames).collect() } else { numbers(&raw.minor)? };
+        minor.sort_unstable();
+        Some(Window {
+            partition: PartitionId(self.names.owner(raw)?),
+            offset_ns: raw.offset.get()?.0,
+            duration_ns: raw.duration.get()?.0,
+            core: self.names.core(self.file, raw)?,
+            minor,
+        })
+    }
+
+    fn health(&self) -> Health {
+        let raw = &self.file.health;
+        Health {
+            module: ModuleHealth::fill(|error| {
+                answer(&raw.module, error).unwrap_or_else(|| default_module_action(error))
+            }),
+            silence_windows: raw.silence_windows.as_ref().map_or(defaults::SILENCE_WINDOWS, |at| at.value),
+        }
+    }
+}
+
+fn restart(raw: &RawPartition) -> Option<Restart> {
+    let raw = &raw.restart;
+    Some(Restart {
+        start: raw.start.or(Word(defaults::START))?.0,
+        budget: raw.budget.or(defaults::BUDGET)?,
+        within_ns: raw.within.or(Nanoseconds(defaults::WITHIN_NS))?.0,
+        then: raw.then.or(Word(defaults::THEN))?.0,
+        startup_ns: raw.startup.or(Nanoseconds(defaults::STARTUP_NS))?.0,
+    })
+}
+
+fn role(raw: &RawPort) -> Option<Role> {
+    Some(match (raw.kind.get()?.0, raw.direction.get()?.0) {
+        (Kind::Sampling, Direction::Source) => Role::SamplingSource,
+        (Kind::Sampling, Direction::Destination) => {
+            Role::SamplingDestination { refresh_ns: raw.refresh.get()?.0 }
+        }
+        (Kind::Queuing, Direction::Source) => Role::QueuingSource,
+        (Kind::Queuing, Direction::Destination) => Role::QueuingDestination { depth: raw.depth.get()? },
+    })
+}
+
+fn answer<E: Copy + PartialEq, A: Copy>(table: &[Answer<E, A>], error: E) -> Option<A> {
+    table.iter().find(|answer| answer.error == error).map(|answer| answer.action.value)
+}

@@ -1,0 +1,409 @@
+//! What the file says, table by table, with the place of every value: names are not yet looked up, and nothing is
+//! compared with anything else.
+
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use super::catalogue;
+use super::closed::{
+    Closed, Direction, Exhausted, Kind, ModuleAction, ModuleError, PartitionAction, PartitionError, StartMode,
+};
+use super::findings::{Finding, Findings, Span, did_you_mean, listed};
+use super::reader::{
+    At, Attributes, Bytes, Entry, Field, FromToml, Nanoseconds, TableReader, Word, in_order, table_of,
+};
+
+/// The whole file.
+pub(super) struct RawFile {
+    pub(super) modules: Vec<RawModule>,
+    pub(super) partitions: Vec<RawPartition>,
+    /// The ports of all partitions.
+    pub(super) ports: Vec<RawPort>,
+    pub(super) channels: Vec<RawChannel>,
+    pub(super) chains: Vec<RawChain>,
+    pub(super) schedules: Vec<RawSchedule>,
+    pub(super) health: RawHealth,
+}
+
+pub(super) type Names = Field<Vec<At<String>>>;
+pub(super) type Numbers = Field<Vec<At<u32>>>;
+
+pub(super) struct RawModule {
+    pub(super) name: At<String>,
+    pub(super) cores: Numbers,
+    pub(super) housekeeping_cores: Numbers,
+}
+
+pub(super) struct RawPartition {
+    pub(super) name: At<String>,
+    pub(super) program: Field<String>,
+    pub(super) module: Field<String>,
+    pub(super) memory: Field<Bytes>,
+    pub(super) threads: Field<u32>,
+    pub(super) restart: RawRestart,
+    pub(super) startup_timeout: Field<Nanoseconds>,
+    pub(super) priority: Field<u32>,
+    pub(super) network: Field<bool>,
+    pub(super) devices: Names,
+    pub(super) retained: Field<Bytes>,
+    pub(super) attributes: Field<Attributes>,
+    pub(super) health: Vec<Answer<PartitionError, PartitionAction>>,
+}
+
+pub(super) struct RawRestart {
+    pub(super) start: Field<Word<StartMode>>,
+    pub(super) budget: Field<u32>,
+    pub(super) within: Field<Nanoseconds>,
+    pub(super) then: Field<Word<Exhausted>>,
+    pub(super) startup: Field<Nanoseconds>,
+}
+
+pub(super) struct RawPort {
+    /// The place of the partition in the file.
+    pub(super) partition: usize,
+    pub(super) name: At<String>,
+    pub(super) direction: Field<Word<Direction>>,
+    pub(super) kind: Field<Word<Kind>>,
+    pub(super) message: Field<String>,
+    pub(super) max_size: Field<u32>,
+    pub(super) refresh: Field<Nanoseconds>,
+    pub(super) depth: Field<u32>,
+}
+
+pub(super) struct RawChannel {
+    pub(super) span: Span,
+    pub(super) source: Field<String>,
+    pub(super) destinations: Names,
+}
+
+pub(super) struct RawChain {
+    pub(super) name: Field<String>,
+    pub(super) path: Names,
+    pub(super) max_age: Field<Nanoseconds>,
+}
+
+pub(super) struct RawSchedule {
+    pub(super) name: At<String>,
+    pub(super) major_frame: Field<Nanoseconds>,
+    pub(super) minor_frame: Field<Nanoseconds>,
+    pub(super) initial: Field<bool>,
+    pub(super) windows: Vec<RawWindow>,
+}
+
+pub(super) struct RawWindow {
+    pub(super) span: Span,
+    pub(super) partition: Field<String>,
+    pub(super) offset: Field<Nanoseconds>,
+    pub(super) duration: Field<Nanoseconds>,
+    pub(super) core: Field<u32>,
+    pub(super) minor: Numbers,
+}
+
+#[derive(Default)]
+pub(super) struct RawHealth {
+    pub(super) partition: Vec<Answer<PartitionError, PartitionAction>>,
+    pub(super) module: Vec<Answer<ModuleError, ModuleAction>>,
+    pub(super) silence_windows: Option<At<u32>>,
+}
+
+/// What is to be done about one error.
+#[derive(Clone, Debug)]
+pub(super) struct Answer<E, A> {
+    pub(super) error: E,
+    pub(super) action: At<A>,
+}
+
+impl RawFile {
+    /// Reads a parsed document; whatever is wrong with it is noted.
+    pub(super) fn read(document: &DeTable<'_>, findings: &Findings<'_>) -> Self {
+        let mut file = TableReader::new(document, 0..0, "the file", findings);
+        let modules = file.entries("module");
+        let partitions = file.entries("partition");
+        let channels = file.tables("channel");
+        let chains = file.tables("chain");
+        let schedules = file.entries("schedule");
+        let health = file.table("health");
+        file.finish();
+        let mut ports = Vec::new();
+        let mut owners = Vec::new();
+        for entry in partitions {
+            owners.extend(RawPartition::read(entry, owners.len(), &mut ports, findings));
+        }
+        Self {
+            partitions: owners,
+            modules: modules.into_iter().filter_map(|entry| RawModule::read(entry, findings)).collect(),
+            ports,
+            channels: channels.into_iter().map(|table| RawChannel::read(table, findings)).collect(),
+            chains: chains.into_iter().map(|table| RawChain::read(table, findings)).collect(),
+            schedules: schedules.into_iter().filter_map(|entry| RawSchedule::read(entry, findings)).collect(),
+            health: health.map(|table| RawHealth::read(table, findings)).unwrap_or_default(),
+        }
+    }
+}
+
+/// A reader for a table that has a name.
+fn named<'r, 'i>(
+    what: &str,
+    entry: &Entry<'r, 'i>,
+    findings: &'r Findings<'r>,
+) -> Option<TableReader<'r, 'i>> {
+    let (name, value) = entry;
+    let table = table_of(value, findings)?;
+    Some(TableReader::new(table, name.span.clone(), format!("{what} `{}`", name.value), findings))
+}
+
+impl RawModule {
+    fn read(entry: Entry<'_, '_>, findings: &Findings<'_>) -> Option<Self> {
+        let mut table = named("module", &entry, findings)?;
+        let module = Self {
+            name: entry.0,
+            cores: table.required("cores", "[1]"),
+            housekeeping_cores: table.optional("housekeeping_cores"),
+        };
+        table.finish();
+        Some(module)
+    }
+}
+
+impl RawPartition {
+    fn read(
+        entry: Entry<'_, '_>,
+        place: usize,
+        ports: &mut Vec<RawPort>,
+        findings: &Findings<'_>,
+    ) -> Option<Self> {
+        let mut table = named("partition", &entry, findings)?;
+        let partition = Self {
+            program: table.required("program", &format!("\"{}\"", entry.0.value)),
+            module: table.required("module", "\"fcu\""),
+            memory: table.required("memory", "\"32MiB\""),
+            threads: table.optional("threads"),
+            restart: RawRestart::read(table.table("restart"), findings),
+            startup_timeout: table.optional("startup_timeout"),
+            priority: table.optional("priority"),
+            network: table.optional("network"),
+            devices: table.optional("devices"),
+            retained: table.optional("retained"),
+            attributes: table.optional("attributes"),
+            health: answers(&table.entries("health"), &PARTITION_LEVEL, findings),
+            name: entry.0,
+        };
+        let entries = table.entries("port").into_iter();
+        ports.extend(entries.filter_map(|entry| RawPort::read(entry, place, findings)));
+        table.finish();
+        Some(partition)
+    }
+}
+
+impl RawRestart {
+    fn read(table: Option<(&DeTable<'_>, Span)>, findings: &Findings<'_>) -> Self {
+        let empty = DeTable::new();
+        let (table, span) = table.unwrap_or((&empty, 0..0));
+        let mut table = TableReader::new(table, span, "`restart`", findings);
+        let restart = Self {
+            start: table.optional("start"),
+            budget: table.optional("budget"),
+            within: table.optional("within"),
+            then: table.optional("then"),
+            startup: table.optional("startup"),
+        };
+        table.finish();
+        restart
+    }
+}
+
+impl RawPort {
+    fn read(entry: Entry<'_, '_>, partition: usize, findings: &Findings<'_>) -> Option<Self> {
+        let mut table = named("port", &entry, findings)?;
+        let port = Self {
+            partition,
+            name: entry.0,
+            direction: table.required("direction", "\"source\""),
+            kind: table.required("kind", "\"sampling\""),
+            message: table.optional("message"),
+            max_size: table.optional("max_size"),
+            refresh: table.optional("refresh"),
+            depth: table.optional("depth"),
+        };
+        table.finish();
+        Some(port)
+    }
+}
+
+impl RawChannel {
+    fn read((table, span): (&DeTable<'_>, Span), findings: &Findings<'_>) -> Self {
+        let mut table = TableReader::new(table, span.clone(), "channel", findings);
+        let channel = Self {
+            span,
+            source: table.required("source", "\"partition.port\""),
+            destinations: table.required("destinations", "[\"partition.port\"]"),
+        };
+        table.finish();
+        channel
+    }
+}
+
+impl RawChain {
+    fn read((table, span): (&DeTable<'_>, Span), findings: &Findings<'_>) -> Self {
+        let mut table = TableReader::new(table, span, "chain", findings);
+        let chain = Self {
+            name: table.required("name", "\"sensor to actuator\""),
+            path: table.required("path", "[\"partition.port\", \"partition.port\"]"),
+            max_age: table.required("max_age", "\"25ms\""),
+        };
+        table.finish();
+        chain
+    }
+}
+
+impl RawSchedule {
+    fn read(entry: Entry<'_, '_>, findings: &Findings<'_>) -> Option<Self> {
+        let mut table = named("schedule", &entry, findings)?;
+        let major_frame = table.required("major_frame", "\"100ms\"");
+        let minor_frame = table.required("minor_frame", "\"20ms\"");
+        let initial = table.optional("initial");
+        let windows = table.tables("window").into_iter();
+        let windows = windows.map(|window| RawWindow::read(window, findings)).collect();
+        table.finish();
+        Some(Self { name: entry.0, major_frame, minor_frame, initial, windows })
+    }
+}
+
+impl RawWindow {
+    fn read((table, span): (&DeTable<'_>, Span), findings: &Findings<'_>) -> Self {
+        let mut table = TableReader::new(table, span.clone(), "window", findings);
+        let window = Self {
+            span,
+            partition: table.required("partition", "\"imu\""),
+            offset: table.required("offset", "\"3ms\""),
+            duration: table.required("duration", "\"500us\""),
+            core: table.optional("core"),
+            minor: table.optional("minor"),
+        };
+        table.finish();
+        window
+    }
+}
+
+impl RawHealth {
+    fn read((table, span): (&DeTable<'_>, Span), findings: &Findings<'_>) -> Self {
+        let mut table = TableReader::new(table, span, "`health`", findings);
+        let health = Self {
+            partition: answers(&table.entries("partition"), &PARTITION_LEVEL, findings),
+            module: answers(&table.entries("module"), &MODULE_LEVEL, findings),
+            silence_windows: match table.optional("silence_windows") {
+                Field::Said(at) => Some(at),
+                Field::Absent | Field::Broken => None,
+            },
+        };
+        table.finish();
+        health
+    }
+}
+
+/// A level of the health monitor: its own name, and what belongs to the other one.
+struct Level {
+    own: &'static str,
+    other: &'static str,
+    is_other_error: fn(&str) -> bool,
+    is_other_action: fn(&str) -> bool,
+}
+
+const PARTITION_LEVEL: Level = Level {
+    own: "partition",
+    other: "module",
+    is_other_error: |name| ModuleError::from_name(name).is_some(),
+    is_other_action: |name| ModuleAction::from_name(name).is_some(),
+};
+
+const MODULE_LEVEL: Level = Level {
+    own: "module",
+    other: "partition",
+    is_other_error: |name| PartitionError::from_name(name).is_some(),
+    is_other_action: |name| PartitionAction::from_name(name).is_some(),
+};
+
+fn answers<E: Closed, A: Closed>(
+    entries: &[Entry<'_, '_>],
+    level: &Level,
+    findings: &Findings<'_>,
+) -> Vec<Answer<E, A>> {
+    let read = |(key, value): &Entry<'_, '_>| {
+        // Both are read before either is given up, so that both faults of a line are reported.
+        let error = error_named(key, level, findings);
+        let action = action_in(value, level, findings);
+        Some(Answer { error: error?, action: action? })
+    };
+    entries.iter().filter_map(read).collect()
+}
+
+fn error_named<E: Closed>(key: &At<String>, level: &Level, findings: &Findings<'_>) -> Option<E> {
+    let error = E::from_name(&key.value);
+    if error.is_none() {
+        let (own, other) = (level.own, level.other);
+        let message = format!("`{}` is no error of a {own}", key.value);
+        let mend = if (level.is_other_error)(&key.value) {
+            format!("it is an error of a {other}: move it to `[health.{other}]`")
+        } else {
+            did_you_mean(&key.value, E::ALL.iter().map(|error| error.name()))
+        };
+        findings.add(Finding::new(&catalogue::UNKNOWN_ERROR, &key.span, message, mend));
+    }
+    error
+}
+
+fn action_in<A: Closed>(
+    value: &Spanned<DeValue<'_>>,
+    level: &Level,
+    findings: &Findings<'_>,
+) -> Option<At<A>> {
+    let name = String::from_toml(value, findings)?;
+    let action = A::from_name(&name);
+    if action.is_none() {
+        let (own, other) = (level.own, level.other);
+        let legal = || A::ALL.iter().map(|action| action.name());
+        let (message, mend) = if (level.is_other_action)(&name) {
+            (format!("`{name}` is an action of a {other}, not of a {own}"), listed(legal()))
+        } else {
+            (format!("`{name}` is no action of a {own}"), String::new())
+        };
+        let mend =
+            if mend.is_empty() { did_you_mean(&name, legal()) } else { format!("choose one of {mend}") };
+        findings.add(Finding::new(&catalogue::ILLEGAL_ACTION, &value.span(), message, mend));
+    }
+    action.map(|value_| At { value: value_, span: value.span() })
+}
+
+/// Parses a file; the parser's complaints are noted, and then there is nothing to read.
+pub(super) fn parse<'i>(text: &'i str, findings: &Findings<'_>) -> Option<Spanned<DeTable<'i>>> {
+    let (document, errors) = DeTable::parse_recoverable(text);
+    for error in &errors {
+        let span = error.span().unwrap_or(0..0);
+        // The parser tells this one apart by its text only.
+        let finding = if error.message() == "duplicate key" {
+            let message = format!("`{}` is there already", text.get(span.clone()).unwrap_or("this key"));
+            Finding::new(&catalogue::DUPLICATE_NAME, &span, message, "rename one of the two, or join them")
+        } else {
+            let mend = "see https://toml.io for how TOML is written";
+            Finding::new(&catalogue::SYNTAX, &span, error.message(), mend)
+        };
+        findings.add(finding);
+    }
+    errors.is_empty().then_some(document)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_are_read_in_the_order_of_the_file() {
+        let text = "[module.z]\ncores = [1]\n[module.a]\ncores = [2]\n";
+        let findings = Findings::new(text);
+        let document = parse(text, &findings).unwrap();
+        let file = RawFile::read(document.get_ref(), &findings);
+        let names: Vec<&str> = file.modules.iter().map(|module| module.name.value.as_str()).collect();
+        assert_eq!(names, ["z", "a"]);
+        assert!(in_order(document.get_ref()).len() == 1);
+    }
+}

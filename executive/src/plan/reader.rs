@@ -1,0 +1,349 @@
+//! Reads TOML tables key by key and notes everything that is wrong on the way.
+//!
+//! Deserialising stops at the first fault. This reader walks the parsed document instead, so that one look at a
+//! file reports every unknown key, missing key and wrong type in it, each at its place.
+
+use std::collections::BTreeMap;
+
+use toml::Spanned;
+use toml::de::{DeArray, DeInteger, DeTable, DeValue};
+
+use super::catalogue;
+use super::closed::Closed;
+use super::findings::{Finding, Findings, Span, did_you_mean, listed};
+use super::model::Attribute;
+use super::units::{self, QuantityError};
+
+/// A value with its place in the source.
+#[derive(Clone, Debug)]
+pub(super) struct At<T> {
+    pub(super) value: T,
+    pub(super) span: Span,
+}
+
+/// What a table says for one key.
+#[derive(Clone, Debug)]
+pub(super) enum Field<T> {
+    /// Nothing, and that is allowed.
+    Absent,
+    /// Something unusable, which has been reported.
+    Broken,
+    /// A value.
+    Said(At<T>),
+}
+
+impl<T> Field<T> {
+    /// The value with its place, if there is one.
+    pub(super) fn said(&self) -> Option<&At<T>> {
+        match self {
+            Self::Said(at) => Some(at),
+            Self::Absent | Self::Broken => None,
+        }
+    }
+
+    pub(super) fn is_absent(&self) -> bool {
+        matches!(self, Self::Absent)
+    }
+}
+
+impl<T: Clone> Field<T> {
+    /// The value, if there is one.
+    pub(super) fn get(&self) -> Option<T> {
+        self.said().map(|at| at.value.clone())
+    }
+
+    /// The value, or the default if the file says nothing; nothing if it says something unusable.
+    pub(super) fn or(&self, default: T) -> Option<T> {
+        match self {
+            Self::Absent => Some(default),
+            Self::Broken => None,
+            Self::Said(at) => Some(at.value.clone()),
+        }
+    }
+}
+
+/// A value that can be read from TOML. A fault is reported by the reading itself.
+pub(super) trait FromToml: Sized {
+    fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self>;
+}
+
+/// One table on its way to a raw type.
+pub(super) struct TableReader<'r, 'i> {
+    table: &'r DeTable<'i>,
+    /// Where the table begins: its header or its key.
+    span: Span,
+    /// What the table is, for messages.
+    what: String,
+    known: Vec<&'static str>,
+    findings: &'r Findings<'r>,
+}
+
+impl<'r, 'i> TableReader<'r, 'i> {
+    pub(super) fn new(
+        table: &'r DeTable<'i>,
+        span: Span,
+        what: impl Into<String>,
+        findings: &'r Findings<'r>,
+    ) -> Self {
+        Self { table, span, what: what.into(), known: Vec::new(), findings }
+    }
+
+    /// A key that need not be there.
+    pub(super) fn optional<T: FromToml>(&mut self, key: &'static str) -> Field<T> {
+        let Some((_, value)) = self.entry(key) else { return Field::Absent };
+        match T::from_toml(value, self.findings) {
+            Some(read) => Field::Said(At { value: read, span: value.span() }),
+            None => Field::Broken,
+        }
+    }
+
+    /// A key that must be there, with an example of it.
+    pub(super) fn required<T: FromToml>(&mut self, key: &'static str, example: &str) -> Field<T> {
+        match self.optional(key) {
+            Field::Absent => {
+                let message = format!("{} has no `{key}`", self.what);
+                let mend = format!("add `{key} = {example}`");
+                self.findings.add(Finding::new(&catalogue::MISSING_KEY, &self.span, message, mend));
+                Field::Broken
+            }
+            field => field,
+        }
+    }
+
+    /// The entries of a table under `key`, in the order of the file; none if it is not there or no table.
+    pub(super) fn entries(&mut self, key: &'static str) -> Vec<Entry<'r, 'i>> {
+        let Some((_, value)) = self.entry(key) else { return Vec::new() };
+        table_of(value, self.findings).map(in_order).unwrap_or_default()
+    }
+
+    /// The tables of a list under `key`; none if it is not there or no list.
+    pub(super) fn tables(&mut self, key: &'static str) -> Vec<(&'r DeTable<'i>, Span)> {
+        let Some((_, value)) = self.entry(key) else { return Vec::new() };
+        let Some(array) = array_of(value, self.findings) else { return Vec::new() };
+        array.iter().filter_map(|item| Some((table_of(item, self.findings)?, item.span()))).collect()
+    }
+
+    /// The table under `key` with the place of the key, if it is there.
+    pub(super) fn table(&mut self, key: &'static str) -> Option<(&'r DeTable<'i>, Span)> {
+        let (span, value) = self.entry(key)?;
+        Some((table_of(value, self.findings)?, span))
+    }
+
+    /// Reports every key that was never asked for.
+    pub(super) fn finish(self) {
+        for (key, _) in in_order(self.table) {
+            if !self.known.contains(&key.value.as_str()) {
+                let message = format!("{} has no key `{}`", self.what, key.value);
+                let mend = did_you_mean(&key.value, self.known.iter().copied());
+                self.findings.add(Finding::new(&catalogue::UNKNOWN_KEY, &key.span, message, mend));
+            }
+        }
+    }
+
+    fn entry(&mut self, key: &'static str) -> Option<(Span, &'r Spanned<DeValue<'i>>)> {
+        self.known.push(key);
+        self.table.get_key_value(key).map(|(key, value)| (key.span(), value))
+    }
+}
+
+/// A key with its place, and its value.
+pub(super) type Entry<'r, 'i> = (At<String>, &'r Spanned<DeValue<'i>>);
+
+/// The entries of a table in the order of the file, which the parser does not keep.
+pub(super) fn in_order<'r, 'i>(table: &'r DeTable<'i>) -> Vec<Entry<'r, 'i>> {
+    let mut entries: Vec<Entry<'r, 'i>> = table
+        .iter()
+        .map(|(key, value)| (At { value: key.get_ref().to_string(), span: key.span() }, value))
+        .collect();
+    entries.sort_by_key(|(key, _)| key.span.start);
+    entries
+}
+
+/// The value as a table.
+pub(super) fn table_of<'r, 'i>(
+    value: &'r Spanned<DeValue<'i>>,
+    findings: &Findings<'_>,
+) -> Option<&'r DeTable<'i>> {
+    match value.get_ref() {
+        DeValue::Table(table) => Some(table),
+        _ => wrong_type("a table", value, findings),
+    }
+}
+
+fn array_of<'r, 'i>(value: &'r Spanned<DeValue<'i>>, findings: &Findings<'_>) -> Option<&'r DeArray<'i>> {
+    match value.get_ref() {
+        DeValue::Array(array) => Some(array),
+        _ => wrong_type("a list", value, findings),
+    }
+}
+
+/// Reports a value of another type than expected.
+fn wrong_type<T>(expected: &str, value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<T> {
+    let message = format!("{expected} belongs here, not {}", article(value.get_ref()));
+    let mend = format!("write {expected}");
+    findings.add(Finding::new(&catalogue::WRONG_TYPE, &value.span(), message, mend));
+    None
+}
+
+fn article(value: &DeValue<'_>) -> &'static str {
+    match value {
+        DeValue::String(_) => "a string",
+        DeValue::Integer(_) => "a whole number",
+        DeValue::Float(_) => "a number with a fraction",
+        DeValue::Boolean(_) => "true or false",
+        DeValue::Datetime(_) => "a date",
+        DeValue::Array(_) => "a list",
+        DeValue::Table(_) => "a table",
+    }
+}
+
+impl FromToml for String {
+    fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
+        match value.get_ref() {
+            DeValue::String(text) => Some(text.to_string()),
+            _ => wrong_type("a string", value, findings),
+        }
+    }
+}
+
+impl FromToml for bool {
+    fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
+        match value.get_ref() {
+            DeValue::Boolean(said) => Some(*said),
+            _ => wrong_type("true or false", value, findings),
+        }
+    }
+}
+
+fn integer(number: &DeInteger<'_>) -> Option<i64> {
+    i64::from_str_radix(number.as_str(), number.radix()).ok()
+}
+
+impl FromToml for u32 {
+    fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
+        let DeValue::Integer(number) = value.get_ref() else {
+            return wrong_type("a whole number", value, findings);
+        };
+        let read = integer(number).and_then(|number| Self::try_from(number).ok());
+        if read.is_none() {
+            let message = format!("{number} is not a number from 0 to {}", Self::MAX);
+            let mend = "write a number in this range";
+            findings.add(Finding::new(&catalogue::OUT_OF_RANGE, &value.span(), message, mend));
+        }
+        read
+    }
+}
+
+impl<T: FromToml> FromToml for Vec<At<T>> {
+    fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
+        let read = |item: &Spanned<DeValue<'_>>| {
+            let value = T::from_toml(item, findings)?;
+            Some(At { value, span: item.span() })
+        };
+        // Every item is read, so that every fault in the list is reported.
+        let items: Vec<Option<At<T>>> = array_of(value, findings)?.iter().map(read).collect();
+        items.into_iter().collect()
+    }
+}
+
+/// A time in nanoseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Nanoseconds(pub(super) u64);
+
+impl FromToml for Nanoseconds {
+    fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
+        let mend = format!("write a number and {}, such as \"20ms\"", units::TIME_UNITS);
+        quantity(value, units::duration_ns, (&catalogue::BAD_DURATION, "time", mend), findings).map(Self)
+    }
+}
+
+/// A size in bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Bytes(pub(super) u64);
+
+impl FromToml for Bytes {
+    fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
+        let mend = format!("write a number and {}, such as \"64KiB\"", units::SIZE_UNITS);
+        quantity(value, units::size_bytes, (&catalogue::BAD_SIZE, "size", mend), findings).map(Self)
+    }
+}
+
+fn quantity(
+    value: &Spanned<DeValue<'_>>,
+    read: fn(&str) -> Result<u64, QuantityError>,
+    (rule, what, mend): (&'static catalogue::Rule, &str, String),
+    findings: &Findings<'_>,
+) -> Option<u64> {
+    let message = match value.get_ref() {
+        DeValue::String(text) => match read(text) {
+            Ok(quantity) => return Some(quantity),
+            Err(error) => format!("`{text}` is not a {what}: {error}"),
+        },
+        DeValue::Integer(number) => format!("`{number}` is not a {what}: it has no unit"),
+        DeValue::Float(number) => format!("`{number}` is not a {what}: it has no unit"),
+        _ => return wrong_type(&format!("a {what} in quotes"), value, findings),
+    };
+    findings.add(Finding::new(rule, &value.span(), message, mend));
+    None
+}
+
+/// A member of a closed set.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Word<T>(pub(super) T);
+
+impl<T: Closed> FromToml for Word<T> {
+    fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
+        let text = String::from_toml(value, findings)?;
+        let read = T::from_name(&text);
+        if read.is_none() {
+            let names = || T::ALL.iter().map(|member| member.name());
+            let message = format!("`{text}` is no `{}`: it is one of {}", T::WHAT, listed(names()));
+            let mend = did_you_mean(&text, names());
+            findings.add(Finding::new(&catalogue::UNKNOWN_WORD, &value.span(), message, mend));
+        }
+        read.map(Self)
+    }
+}
+
+/// The free table that a partition is told at its start.
+pub(super) type Attributes = BTreeMap<String, Attribute>;
+
+impl FromToml for Attributes {
+    fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
+        let entries = in_order(table_of(value, findings)?).into_iter();
+        let read: Vec<_> =
+            entries.map(|(key, value)| Some((key.value, Attribute::from_toml(value, findings)?))).collect();
+        read.into_iter().collect()
+    }
+}
+
+impl FromToml for Attribute {
+    fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
+        match value.get_ref() {
+            DeValue::String(text) => Some(Self::String(text.to_string())),
+            DeValue::Boolean(said) => Some(Self::Boolean(*said)),
+            DeValue::Integer(number) => {
+                integer(number).map(Self::Integer).or_else(|| too_large(value, findings))
+            }
+            DeValue::Float(number) => number.as_str().parse().ok().map(Self::Float),
+            DeValue::Array(_) => {
+                let items = Vec::<At<Self>>::from_toml(value, findings)?;
+                Some(Self::Array(items.into_iter().map(|item| item.value).collect()))
+            }
+            DeValue::Table(_) | DeValue::Datetime(_) => {
+                wrong_type("a string, a number, true or false, or a list of these", value, findings)
+            }
+        }
+    }
+}
+
+fn too_large<T>(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<T> {
+    let message = "the number does not fit 64 bits";
+    findings.add(Finding::new(
+        &catalogue::OUT_OF_RANGE,
+        &value.span(),
+        message,
+        "write it in quotes, or smaller",
+    ));
+    None
+}

@@ -1,0 +1,122 @@
+//! The schedule that ships with the project, and the plan that becomes of it.
+
+mod plan_support;
+
+use bateleur_executive::plan::{
+    Attribute, Direction, Kind, PartitionAction, PartitionError, Payload, Plan, Role, Timeline,
+    check_with_warnings,
+};
+use plan_support::{Table, repository};
+
+fn flight() -> Plan {
+    let text = std::fs::read_to_string(repository().join("schedule.toml")).unwrap();
+    let (plan, report) =
+        check_with_warnings("schedule.toml", &text, &Table).unwrap_or_else(|report| panic!("{report}"));
+    assert!(report.violations().is_empty(), "{report}");
+    plan
+}
+
+#[test]
+fn the_flight_schedule_breaks_no_rule() {
+    let plan = flight();
+    assert_eq!(plan.partitions.len(), 9);
+    assert_eq!(plan.schedules.len(), 1);
+    assert!(plan[plan.initial_schedule()].initial);
+}
+
+#[test]
+fn a_port_knows_its_role_its_message_and_its_channel() {
+    let plan = flight();
+    let id = plan.port("gps.raw").unwrap();
+    let port = &plan[id];
+    assert_eq!(port.role, Role::SamplingDestination { refresh_ns: 500_000_000 });
+    assert_eq!((port.direction(), port.kind()), (Direction::Destination, Kind::Sampling));
+    assert_eq!(port.payload, Payload::Message { name: "RawGps".to_owned(), size_bytes: 64 });
+    let channel = &plan[port.channel.unwrap()];
+    assert_eq!(plan.port_path(channel.source), "hil_interface.raw_gps");
+    assert_eq!(channel.destinations, [id]);
+}
+
+#[test]
+fn attributes_reach_the_partition_as_they_are_written() {
+    let plan = flight();
+    let controller = &plan[plan.partition("controller").unwrap()];
+    assert_eq!(controller.attributes["laps"], Attribute::Integer(2));
+    assert_eq!(controller.attributes["path"], Attribute::String("fillet".to_owned()));
+}
+
+#[test]
+fn a_default_warm_restart_reaches_a_cold_partition_as_a_cold_one() {
+    let plan = flight();
+    let action = |name| plan[plan.partition(name).unwrap()].health.action(PartitionError::MemoryViolation);
+    assert_eq!(action("estimator"), PartitionAction::WarmRestart);
+    assert_eq!(action("gps"), PartitionAction::ColdRestart);
+}
+
+#[test]
+fn a_chain_names_every_port_on_its_way() {
+    let plan = flight();
+    let path: Vec<String> = plan.chains[0].path.iter().map(|&port| plan.port_path(port)).collect();
+    assert_eq!(
+        path,
+        [
+            "hil_interface.raw_analog",
+            "imu.raw",
+            "imu.orientation",
+            "estimator.orientation",
+            "estimator.state",
+            "controller.state",
+            "controller.command",
+            "servo.command",
+            "servo.timers",
+        ]
+    );
+}
+
+#[test]
+fn a_module_sees_its_own_partitions_and_channels() {
+    let plan = flight();
+    let fcu = plan.module("fcu").unwrap();
+    assert_eq!(fcu.cores(), [1]);
+    assert_eq!(fcu.partitions().count(), 9);
+    assert_eq!(fcu.channels().count(), plan.channels.len());
+    assert_eq!(fcu.crossing_channels().count(), 0);
+    assert!(plan.module("elsewhere").is_none());
+}
+
+#[test]
+fn moving_a_partition_changes_its_module_and_nothing_else() {
+    let text = std::fs::read_to_string(repository().join("schedule.toml")).unwrap();
+    let here = "program    = \"estimator\"\nmodule     = \"fcu\"";
+    assert!(text.contains(here));
+    let moved = text.replace(here, "program    = \"estimator\"\nmodule     = \"aft\"");
+    let moved = moved.replace("[schedule.flight]", "[module.aft]\ncores = [3]\n\n[schedule.flight]");
+    let (plan, report) = check_with_warnings("schedule.toml", &moved, &Table).unwrap();
+    assert!(report.violations().is_empty(), "{report}");
+    let (fcu, aft) = (plan.module("fcu").unwrap(), plan.module("aft").unwrap());
+    assert_eq!((fcu.partitions().count(), aft.partitions().count()), (8, 1));
+    assert_eq!(aft.channels().count(), 0);
+    assert_eq!(aft.crossing_channels().count(), fcu.crossing_channels().count());
+    let line = Timeline::of(&plan, aft.id(), plan.initial_schedule());
+    assert_eq!((line.cores[0].core, line.cores[0].windows.len()), (3, 5));
+}
+
+#[test]
+fn the_timeline_of_the_flight_schedule_recurs_in_every_minor_frame() {
+    let plan = flight();
+    let line = Timeline::of(&plan, plan.module("fcu").unwrap().id(), plan.initial_schedule());
+    let [core] = line.cores.as_slice() else { panic!("{line:?}") };
+    assert_eq!(core.windows.len(), 9 * 5);
+    assert_eq!(core.used_ns(), 5 * 9_900_000);
+    assert!(core.windows.windows(2).all(|pair| pair[0].end_ns <= pair[1].start_ns));
+    let imu = plan.partition("imu").unwrap();
+    let imu: Vec<(u64, u32, u32)> = core
+        .windows
+        .iter()
+        .filter(|window| window.partition == imu)
+        .map(|window| (window.start_ns, window.minor, window.number))
+        .collect();
+    let expected =
+        [(3_800_000, 0, 0), (23_800_000, 1, 1), (43_800_000, 2, 2), (63_800_000, 3, 3), (83_800_000, 4, 4)];
+    assert_eq!(imu, expected);
+}

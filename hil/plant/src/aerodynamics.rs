@@ -33,8 +33,11 @@ pub struct Surfaces {
 
 /// Below this airspeed reduced rates are formed with it instead, so that they stay finite on the ground, m/s.
 const SLOWEST_MPS: f64 = 1.0;
-/// Moments stay at their value at this angle of attack beyond it, rad: the linear slopes end somewhere.
+/// Beyond this angle of attack moments stay as they are, rad: the linear slopes end somewhere.
 const LARGEST_ALPHA: f64 = 0.6;
+/// Beyond this sideslip side force and moments stay as they are, rad. Without it a side wind of 8 m/s, at 90° of
+/// sideslip on a standing aircraft, would spin it on its wheels.
+const LARGEST_BETA: f64 = 0.5;
 
 impl AirData {
     /// Angles and airspeed from the relative velocity.
@@ -48,6 +51,11 @@ impl AirData {
     /// ρ V² / 2, Pa.
     pub fn dynamic_pressure(&self) -> f64 {
         0.5 * self.density * self.airspeed * self.airspeed
+    }
+
+    /// Sideslip as far as the slopes reach, rad.
+    fn sloped_beta(&self) -> f64 {
+        self.beta.clamp(-LARGEST_BETA, LARGEST_BETA)
     }
 
     /// Length over twice the airspeed, s.
@@ -83,8 +91,9 @@ fn lift_and_drag(a: &Aerodynamics, air: &AirData, elevator: f64, pitch: f64) -> 
 pub fn force(a: &Aerodynamics, g: &Geometry, air: &AirData, surfaces: &Surfaces) -> Vector3<f64> {
     let (lift, drag) =
         lift_and_drag(a, air, surfaces.elevator_rad, air.rates.y * air.reduced(g.mean_chord_m));
-    let side =
-        a.side_beta * air.beta + a.side_aileron * surfaces.aileron_rad + a.side_rudder * surfaces.rudder_rad;
+    let side = a.side_beta * air.sloped_beta()
+        + a.side_aileron * surfaces.aileron_rad
+        + a.side_rudder * surfaces.rudder_rad;
     let (sin, cos) = air.alpha.sin_cos();
     let scale = air.dynamic_pressure() * g.wing_area_m2;
     Vector3::new(lift * sin - drag * cos, side, -lift * cos - drag * sin) * scale
@@ -101,8 +110,8 @@ pub fn moment(
     let Surfaces { aileron_rad, elevator_rad, rudder_rad } = *surfaces;
     let (span, chord) = (air.reduced(g.wing_span_m), air.reduced(g.mean_chord_m));
     let (p, q, r) = (air.rates.x * span, air.rates.y * chord, air.rates.z * span);
-    let alpha = air.alpha.clamp(-LARGEST_ALPHA, LARGEST_ALPHA);
-    let roll = a.roll_beta * air.beta
+    let (alpha, beta) = (air.alpha.clamp(-LARGEST_ALPHA, LARGEST_ALPHA), air.sloped_beta());
+    let roll = a.roll_beta * beta
         + a.roll_roll_rate * p
         + a.roll_yaw_rate * r
         + a.roll_aileron * aileron_rad
@@ -112,7 +121,7 @@ pub fn moment(
         + a.pitch_pitch_rate * q
         + a.pitch_alpha_rate * alpha_rate * chord
         + a.pitch_elevator * elevator_rad;
-    let yaw = a.yaw_beta * air.beta
+    let yaw = a.yaw_beta * beta
         + a.yaw_roll_rate * p
         + a.yaw_yaw_rate * r
         + a.yaw_aileron * aileron_rad

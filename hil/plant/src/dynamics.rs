@@ -11,6 +11,12 @@ use crate::wind::AirMotion;
 use crate::{Controls, STEP_S};
 use nalgebra::{UnitQuaternion, Vector3};
 
+/// On the ground with the throttle closed and slower than this, m/s, somebody holds the aircraft. Left alone, a light
+/// aircraft is blown off the runway before its pilot is ready.
+const HELD_MPS: f64 = 0.3;
+/// Throttle under which it is held.
+const CLOSED_THROTTLE: f64 = 0.02;
+
 /// An aircraft in motion, without sensors.
 #[derive(Clone, Debug)]
 pub(crate) struct Aircraft {
@@ -130,7 +136,12 @@ impl Aircraft {
     pub(crate) fn step(&mut self, controls: &Controls, air: &AirMotion) -> StepMean {
         self.actuators.step(controls);
         if self.crashed {
-            return self.wreck();
+            return self.lying();
+        }
+        if self.is_held() {
+            self.state.velocity = Vector3::zeros();
+            self.state.rates = Vector3::zeros();
+            return self.lying();
         }
         let (state, mean) = self.next(air);
         self.state = state;
@@ -147,8 +158,15 @@ impl Aircraft {
         self.model.body.step(&self.state, STEP_S, GRAVITY_MPS2, |state| self.model.loads(state, &held))
     }
 
-    /// A wreck lies still.
-    fn wreck(&self) -> StepMean {
+    /// Whether somebody on the ground holds the aircraft.
+    fn is_held(&self) -> bool {
+        self.actuators.throttle() < CLOSED_THROTTLE
+            && self.state.velocity.norm() < HELD_MPS
+            && self.on_ground()
+    }
+
+    /// What is felt in a body that does not move.
+    fn lying(&self) -> StepMean {
         let up = Vector3::new(0.0, 0.0, -GRAVITY_MPS2);
         StepMean { specific_force: self.state.attitude.inverse() * up, rates: Vector3::zeros() }
     }
@@ -164,8 +182,8 @@ impl Aircraft {
 
     /// Specific force at this instant, body axes, m/s².
     pub(crate) fn specific_force(&self, air: &AirMotion) -> Vector3<f64> {
-        if self.crashed {
-            return self.wreck().specific_force;
+        if self.crashed || self.is_held() {
+            return self.lying().specific_force;
         }
         self.model.loads(&self.state, &self.held(air)).force / self.model.body.mass
     }
@@ -184,5 +202,25 @@ impl Aircraft {
 
     pub(crate) fn crashed(&self) -> bool {
         self.crashed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wheels_alone_keep_the_aircraft_at_rest() {
+        for airframe in [Airframe::aerosonde(), Airframe::rascal110()] {
+            let mut aircraft = Aircraft::parked(Model::new(&airframe, 0.0), 1.0);
+            let before = aircraft.state;
+            for _ in 0..8000 {
+                aircraft.state = aircraft.next(&AirMotion::default()).0;
+            }
+            let moved = (aircraft.state.position - before.position).norm();
+            assert!(moved < 1e-3, "{} moved {moved} m in 20 s", airframe.name);
+            assert!(aircraft.state.attitude.angle_to(&before.attitude) < 1e-3, "{} turned", airframe.name);
+            assert!(aircraft.state.velocity.norm() < 1e-5 && aircraft.state.rates.norm() < 1e-5);
+        }
     }
 }

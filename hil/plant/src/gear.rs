@@ -97,10 +97,13 @@ impl GroundContact {
         total
     }
 
-    /// Force on one point, body axes, N.
+    /// Force on one point, body axes, N; a wheel is turned by `angle`, rad.
     fn point_force(&self, state: &RigidState, point: usize, touch: &Touch, angle: f64) -> Vector3<f64> {
-        let wheel = point < WHEELS;
-        let part = if wheel { 1.0 } else { SCRAPE };
+        let (part, along) = if point < WHEELS {
+            (1.0, self.gear.rolling_friction)
+        } else {
+            (SCRAPE, self.gear.lateral_friction)
+        };
         let press =
             part * (self.gear.spring_n_per_m * touch.depth + self.gear.damping_ns_per_m * touch.velocity.z);
         let normal = press.max(0.0);
@@ -109,9 +112,8 @@ impl GroundContact {
         let (north, east) = (forward.x / length, forward.y / length);
         let rolling = touch.velocity.x * north + touch.velocity.y * east;
         let sliding = touch.velocity.y * north - touch.velocity.x * east;
-        let along = if wheel { self.gear.rolling_friction } else { self.gear.lateral_friction };
-        let drag = -normal * along * saturate(rolling);
-        let side = -normal * self.gear.lateral_friction * saturate(sliding);
+        let (drag, side) =
+            (-normal * along * saturate(rolling), -normal * self.gear.lateral_friction * saturate(sliding));
         let ned = Vector3::new(drag * north - side * east, drag * east + side * north, -normal);
         state.attitude.inverse() * ned
     }

@@ -1,0 +1,285 @@
+//! Trim, modes, runway and wind of the whole aircraft.
+#![expect(clippy::unwrap_used, reason = "a panic in a test is a failed test")]
+
+use bateleur_plant::atmosphere::GRAVITY_MPS2;
+use bateleur_plant::{
+    Airframe, Conditions, Controls, FlightStart, STEP_S, SensorErrors, Simulation, StartError, Truth,
+    Turbulence, trim,
+};
+use nalgebra::{DMatrix, Matrix2, Vector3};
+
+const FRAME_S: f64 = 0.02;
+
+fn quiet() -> Conditions {
+    Conditions { sensors: SensorErrors::none(), ..Conditions::default() }
+}
+
+fn run(plant: &mut Simulation, seconds: f64, mut law: impl FnMut(&Truth) -> Controls) -> Vec<Truth> {
+    let mut log = Vec::new();
+    for _ in 0..(seconds / FRAME_S).round() as usize {
+        let truth = plant.truth();
+        plant.advance(law(&truth), FRAME_S);
+        log.push(plant.truth());
+    }
+    log
+}
+
+#[test]
+fn aerosonde_trims_where_its_published_model_does() {
+    // The published model takes 1.2682 kg/m³ for the density of air, which the standard atmosphere has at −358 m.
+    let trim = trim(&Airframe::aerosonde(), 22.0, 0.0, -358.0).unwrap();
+    println!("{trim:?}");
+    assert!((trim.alpha_rad.to_degrees() - 4.5).abs() < 0.1, "{trim:?}");
+    assert!((trim.controls.elevator_rad + 0.20).abs() < 0.005, "{trim:?}");
+    assert!((trim.controls.throttle - 0.69).abs() < 0.01, "{trim:?}");
+}
+
+#[test]
+fn trim_out_of_reach_says_which_control() {
+    let message = trim(&Airframe::aerosonde(), 60.0, 0.0, 160.0).unwrap_err().to_string();
+    assert!(message.contains("the throttle"), "{message}");
+}
+
+#[test]
+fn trimmed_aircraft_flies_straight_hands_off() {
+    for airframe in [Airframe::aerosonde(), Airframe::rascal110()] {
+        for wind in [0.0, 8.0] {
+            let conditions = Conditions { wind_speed_mps: wind, wind_from_rad: 1.0, ..quiet() };
+            let start = FlightStart { heading_rad: 0.5, ..FlightStart::default() };
+            let mut plant = Simulation::in_flight(&airframe, &conditions, &start).unwrap();
+            let controls = trim(&airframe, 22.0, 0.0, 160.0).unwrap().controls;
+            let end = *run(&mut plant, 4.0, |_| controls).last().unwrap();
+            assert!((end.airspeed_mps - 22.0).abs() < 0.01, "{} {}", airframe.name, end.airspeed_mps);
+            assert!(
+                (end.position_ned_m.z + 160.0).abs() < 0.05,
+                "{} {}",
+                airframe.name,
+                end.position_ned_m.z
+            );
+            let air = end.velocity_ned_mps - end.wind_ned_mps;
+            assert!((air.y.atan2(air.x) - 0.5).abs() < 1e-3, "{} {air}", airframe.name);
+        }
+    }
+}
+
+#[test]
+fn start_with_a_senseless_airframe_is_refused() {
+    let mut airframe = Airframe::aerosonde();
+    airframe.mass.mass_kg = -1.0;
+    let refused = Simulation::in_flight(&airframe, &quiet(), &FlightStart::default());
+    assert!(matches!(refused, Err(StartError::Airframe(_))));
+    assert!(Simulation::new(&airframe, &quiet()).is_err());
+}
+
+/// Discrete map x' = F x + c that fits a series of (α, q) best.
+fn fitted_map(series: &[(f64, f64)]) -> Matrix2<f64> {
+    let n = series.len() - 1;
+    let now = DMatrix::from_fn(n, 3, |i, j| [series[i].0, series[i].1, 1.0][j]);
+    let next = DMatrix::from_fn(n, 2, |i, j| [series[i + 1].0, series[i + 1].1][j]);
+    let fit = now.svd(true, true).solve(&next, 1e-14).unwrap();
+    Matrix2::new(fit[(0, 0)], fit[(1, 0)], fit[(0, 1)], fit[(1, 1)])
+}
+
+#[test]
+fn short_period_has_the_frequency_of_its_derivatives() {
+    // The Rascal's is damped so heavily (both roots nearly equal) that its frequency is read less sharply.
+    for (airframe, room) in [(Airframe::aerosonde(), 0.01), (Airframe::rascal110(), 0.03)] {
+        let controls = trim(&airframe, 22.0, 0.0, 160.0).unwrap().controls;
+        let mut plant = Simulation::in_flight(&airframe, &quiet(), &FlightStart::default()).unwrap();
+        let kick = Controls { elevator_rad: controls.elevator_rad - 0.005, ..controls };
+        run(&mut plant, 0.06, |_| kick);
+        run(&mut plant, 0.14, |_| controls);
+        let mut series = Vec::new();
+        for _ in 0..120 {
+            plant.advance(controls, STEP_S);
+            let truth = plant.truth();
+            series.push((truth.alpha_rad, truth.rates_radps.y));
+        }
+        // The eigenvalues of the map are those of the motion raised to e: their product gives the damping, and so on.
+        let roots = fitted_map(&series).complex_eigenvalues().map(|z| z.ln() / STEP_S);
+        let measured = (roots[0] * roots[1]).norm().sqrt();
+        let expected = short_period(&airframe, &plant.truth());
+        println!("{}: short period {measured:.3} rad/s, analytic {expected:.3} rad/s", airframe.name);
+        assert!((measured / expected - 1.0).abs() < room, "{measured} rad/s against {expected} rad/s");
+    }
+}
+
+/// Natural frequency of the two-state approximation, rad/s.
+fn short_period(airframe: &Airframe, at: &Truth) -> f64 {
+    let (a, g, m) = (&airframe.aerodynamics, &airframe.geometry, &airframe.mass);
+    let v: f64 = 22.0;
+    let area = 0.5 * at.density_kgpm3 * v * v * g.wing_area_m2;
+    let chord = g.mean_chord_m / (2.0 * v);
+    let pitch = area * g.mean_chord_m / m.inertia_yy_kgm2;
+    // α̇ = −lift_slope α + turn q and q̇ = pitch (C_mα α + (C_mq q + C_mα̇ α̇) c / 2V)
+    let lift_slope = (area * a.lift_alpha + at.thrust_n) / (m.mass_kg * v);
+    let turn = 1.0 - area * a.lift_pitch_rate * chord / (m.mass_kg * v);
+    let stiffness = pitch * (a.pitch_alpha - a.pitch_alpha_rate * chord * lift_slope);
+    let damping = pitch * chord * (a.pitch_pitch_rate + a.pitch_alpha_rate * turn);
+    (-stiffness * turn - lift_slope * damping).sqrt()
+}
+
+#[test]
+fn surfaces_act_in_the_direction_the_signs_say() {
+    let airframe = Airframe::aerosonde();
+    let controls = trim(&airframe, 22.0, 0.0, 160.0).unwrap().controls;
+    let after = |change: Controls| {
+        let mut plant = Simulation::in_flight(&airframe, &quiet(), &FlightStart::default()).unwrap();
+        let sum = Controls {
+            aileron_rad: controls.aileron_rad + change.aileron_rad,
+            elevator_rad: controls.elevator_rad + change.elevator_rad,
+            rudder_rad: controls.rudder_rad + change.rudder_rad,
+            throttle: controls.throttle + change.throttle,
+        };
+        run(&mut plant, 0.14, |_| sum).last().unwrap().rates_radps
+    };
+    assert!(after(Controls { aileron_rad: 0.05, ..Controls::default() }).x > 0.1);
+    assert!(after(Controls { elevator_rad: 0.05, ..Controls::default() }).y < -0.05);
+    assert!(after(Controls { rudder_rad: 0.05, ..Controls::default() }).z < -0.01);
+}
+
+#[test]
+fn parked_aircraft_stands_still() {
+    for airframe in [Airframe::aerosonde(), Airframe::rascal110()] {
+        let mut plant = Simulation::new(&airframe, &quiet()).unwrap();
+        let before = plant.truth();
+        let after = *run(&mut plant, 20.0, |_| Controls::default()).last().unwrap();
+        println!("{} parked at pitch {:.2} deg", airframe.name, after.pitch_rad.to_degrees());
+        assert!(after.on_ground && !after.crashed);
+        let moved = (after.position_ned_m - before.position_ned_m).norm();
+        assert!(moved < 2e-3, "{} moved {moved} m", airframe.name);
+        assert!(after.velocity_ned_mps.norm() < 1e-4 && after.rates_radps.norm() < 1e-4, "{}", airframe.name);
+        let up = after.attitude * after.specific_force_mps2;
+        assert!((up - Vector3::new(0.0, 0.0, -GRAVITY_MPS2)).norm() < 1e-3, "{}: {up}", airframe.name);
+    }
+}
+
+#[test]
+fn parked_aircraft_is_held_in_a_side_wind() {
+    for airframe in [Airframe::aerosonde(), Airframe::rascal110()] {
+        let conditions = Conditions { wind_speed_mps: 8.0, wind_from_rad: 1.57, ..quiet() };
+        let mut plant = Simulation::new(&airframe, &conditions).unwrap();
+        let after = *run(&mut plant, 20.0, |_| Controls::default()).last().unwrap();
+        println!("{}: {} m, yaw {:.1} deg", airframe.name, after.position_ned_m, after.yaw_rad.to_degrees());
+        assert!(after.on_ground && !after.crashed);
+        assert!(
+            after.position_ned_m.xy().norm() < 0.5,
+            "{} blown away: {}",
+            airframe.name,
+            after.position_ned_m
+        );
+        assert!(after.roll_rad.abs() < 0.2, "{} banked {}", airframe.name, after.roll_rad);
+    }
+}
+
+fn pilot(t: &Truth, pitch_rad: f64) -> Controls {
+    Controls {
+        aileron_rad: -0.8 * t.roll_rad - 0.1 * t.rates_radps.x,
+        elevator_rad: -0.15 + 1.0 * (t.pitch_rad - pitch_rad) + 0.15 * t.rates_radps.y,
+        rudder_rad: 1.5 * t.yaw_rad + 0.3 * t.rates_radps.z,
+        throttle: 1.0,
+    }
+}
+
+#[test]
+fn aircraft_takes_off_at_full_throttle_with_a_simple_pitch_hold() {
+    for airframe in [Airframe::aerosonde(), Airframe::rascal110()] {
+        for (speed, from) in [(0.0, 0.0), (8.0, 0.0), (5.0, 1.57)] {
+            let conditions = Conditions { wind_speed_mps: speed, wind_from_rad: from, ..quiet() };
+            let mut plant = Simulation::new(&airframe, &conditions).unwrap();
+            let log = run(&mut plant, 30.0, |t| pilot(t, 0.15));
+            let end = log.last().unwrap();
+            let off = log.iter().find(|t| !t.on_ground && t.position_ned_m.z < -2.0).unwrap();
+            println!(
+                "{} wind {speed} from {from}: off at {:.1} s, {:.0} m, {:.1} m/s; after 30 s {:.0} m high",
+                airframe.name, off.time_s, off.position_ned_m.x, off.airspeed_mps, -end.position_ned_m.z
+            );
+            assert!(!end.crashed && !end.on_ground);
+            assert!(-end.position_ned_m.z > 60.0, "{} only {} m high", airframe.name, -end.position_ned_m.z);
+            assert!(
+                off.position_ned_m.y.abs() < 15.0,
+                "{} left the runway: {}",
+                airframe.name,
+                off.position_ned_m
+            );
+        }
+    }
+}
+
+#[test]
+fn full_down_elevator_ends_in_a_crash_and_a_wreck_that_lies_still() {
+    let start = FlightStart { height_m: 40.0, ..FlightStart::default() };
+    let mut plant = Simulation::in_flight(&Airframe::aerosonde(), &quiet(), &start).unwrap();
+    let dive = Controls { elevator_rad: 0.3, throttle: 1.0, ..Controls::default() };
+    let log = run(&mut plant, 10.0, |_| dive);
+    let end = log.last().unwrap();
+    assert!(end.crashed && end.velocity_ned_mps == Vector3::zeros());
+    assert!(end.position_ned_m.iter().all(|x| x.is_finite()));
+    plant.sensors();
+    plant.advance(dive, FRAME_S);
+    assert!((plant.sensors().accelerometer_mps2.norm() - GRAVITY_MPS2).abs() < 1e-9);
+}
+
+#[test]
+fn wind_asked_for_is_the_wind_in_the_truth() {
+    let conditions = Conditions {
+        wind_speed_mps: 8.0,
+        wind_from_rad: 1.5 * std::f64::consts::PI,
+        turbulence: Turbulence::Moderate,
+        ..quiet()
+    };
+    let airframe = Airframe::aerosonde();
+    let (mut sum, mut square, mut n) = (Vector3::zeros(), Vector3::zeros(), 0.0);
+    for seed in 0..60 {
+        let conditions = Conditions { seed, ..conditions.clone() };
+        let mut plant = Simulation::in_flight(&airframe, &conditions, &FlightStart::default()).unwrap();
+        for truth in run(&mut plant, 20.0, |t| Controls { throttle: 0.69, ..pilot(t, 0.08) }) {
+            sum += truth.wind_ned_mps;
+            square += truth.gust_ned_mps.component_mul(&truth.gust_ned_mps);
+            n += 1.0;
+        }
+    }
+    let (mean, sigma) = (sum / n, (square / n).map(f64::sqrt));
+    println!("mean wind {mean} sigma {sigma}");
+    assert!((mean - Vector3::new(0.0, 8.0, 0.0)).norm() < 1.0, "{mean}");
+    assert!((sigma.z / 1.54 - 1.0).abs() < 0.12, "{sigma}");
+    assert!(sigma.x > 1.6 && sigma.x < 3.2, "{sigma}");
+}
+
+#[test]
+fn same_seed_gives_the_same_bits_and_cuts_do_not_matter() {
+    let conditions = Conditions {
+        seed: 7,
+        wind_speed_mps: 5.0,
+        turbulence: Turbulence::Moderate,
+        ..Conditions::default()
+    };
+    let airframe = Airframe::aerosonde();
+    let fly = |steps: usize, dt: f64| {
+        let mut plant = Simulation::in_flight(&airframe, &conditions, &FlightStart::default()).unwrap();
+        let controls = Controls { elevator_rad: -0.2, throttle: 0.69, ..Controls::default() };
+        (0..steps).for_each(|_| plant.advance(controls, dt));
+        (plant.truth(), plant.sensors())
+    };
+    let (truth, sensed) = fly(500, 0.02);
+    assert_eq!(fly(500, 0.02), (truth, sensed));
+    assert_eq!(fly(2000, 0.005).0, truth);
+    assert_eq!(fly(2000, 0.005).1, sensed);
+}
+
+#[test]
+fn another_seed_and_sensors_switched_off_do_not_shift_the_gusts() {
+    let airframe = Airframe::aerosonde();
+    let gusts = |conditions: Conditions| {
+        let mut plant = Simulation::in_flight(&airframe, &conditions, &FlightStart::default()).unwrap();
+        run(&mut plant, 2.0, |_| Controls { elevator_rad: -0.2, throttle: 0.69, ..Controls::default() })
+            .iter()
+            .map(|t| t.gust_ned_mps)
+            .collect::<Vec<_>>()
+    };
+    let base = Conditions { seed: 3, turbulence: Turbulence::Light, ..Conditions::default() };
+    let deaf = Conditions { sensors: SensorErrors::none(), ..base.clone() };
+    let other = Conditions { seed: 4, ..base.clone() };
+    assert_eq!(gusts(base.clone()), gusts(deaf));
+    assert_ne!(gusts(base), gusts(other));
+}

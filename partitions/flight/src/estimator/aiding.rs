@@ -1,0 +1,274 @@
+//! The measurements: how each looks at the state, when it is refused, and what happens if that lasts.
+
+use super::filter::{ATT, ErrorVector, MAG, POS, Scalar, VEL, WIND};
+use super::history::{Past, position_row, scalar, velocity_row};
+use super::{Estimator, GpsMeasurement, Phase};
+use crate::atmosphere::{airspeed_mps, density_kgpm3, pressure_altitude_m};
+use crate::attitude::{finite, skew};
+use nalgebra::Vector3;
+
+/// Barometer samples averaged before their mean becomes the reference: 2 s at 25 Hz leave 0.12 m of noise.
+const REFERENCE_SAMPLES: u32 = 50;
+/// Samples over which the reference is refined while standing; more would make it deaf to the weather.
+const LONGEST_REFERENCE_SAMPLES: u32 = 1500;
+/// Two GPS resets within this time, s: the attitude is to blame, so everything is found anew.
+const GPS_RESET_MEMORY_S: f64 = 6.0;
+/// Faster than this over ground, m/s, the aircraft no longer stands.
+const STANDING_SPEED_MPS: f64 = 3.0;
+
+/// Remembers since when a measurement has been refused.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Gate {
+    refused_since: Option<f64>,
+}
+
+impl Gate {
+    /// Notes the verdict; true when refusal has lasted longer than the patience (and the count starts anew).
+    fn out_of_patience(&mut self, accepted: bool, now_s: f64, patience_s: f64) -> bool {
+        if accepted {
+            self.refused_since = None;
+            return false;
+        }
+        let since = *self.refused_since.get_or_insert(now_s);
+        let lost = now_s - since >= patience_s;
+        if lost {
+            self.refused_since = None;
+        }
+        lost
+    }
+}
+
+/// Pressure altitude of the runway: measured there, remembered, or set against GPS in flight.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct BarometerReference {
+    offset_m: f64,
+    samples: u32,
+    sum_m: f64,
+    summed: u32,
+    last_s: Option<f64>,
+}
+
+impl BarometerReference {
+    pub(super) fn known(offset_m: Option<f64>) -> Self {
+        let samples = if offset_m.is_some() { REFERENCE_SAMPLES } else { 0 };
+        Self { offset_m: offset_m.unwrap_or(0.0), samples, ..Self::default() }
+    }
+
+    pub(super) fn settled_offset(&self) -> Option<f64> {
+        (self.samples >= REFERENCE_SAMPLES).then_some(self.offset_m)
+    }
+
+    fn learn(&mut self, offset_m: f64) {
+        self.samples += 1;
+        self.offset_m += (offset_m - self.offset_m) / f64::from(self.samples.min(LONGEST_REFERENCE_SAMPLES));
+    }
+
+    /// Averages what comes in; gives the mean once per interval.
+    fn decimate(&mut self, time_s: f64, altitude_m: f64, interval_s: f64) -> Option<f64> {
+        self.sum_m += altitude_m;
+        self.summed += 1;
+        let due = self.last_s.is_none_or(|last| time_s - last > interval_s - 1e-3);
+        due.then(|| {
+            let mean = self.sum_m / f64::from(self.summed);
+            (self.sum_m, self.summed, self.last_s) = (0.0, 0, Some(time_s));
+            mean
+        })
+    }
+}
+
+impl Estimator {
+    /// Fuses a fix at its measurement time.
+    pub fn update_gps(&mut self, measurement: &GpsMeasurement) {
+        let whole = finite(&measurement.position_ned) && finite(&measurement.velocity_ned);
+        if !whole || !measurement.time_s.is_finite() || !self.config.aiding.gps {
+            return;
+        }
+        let time_s = measurement.time_s - self.config.gps_extra_latency_s;
+        let fix = GpsMeasurement { time_s, ..*measurement };
+        match self.phase {
+            Phase::Stopped => {}
+            Phase::Aligning => self.alignment.add_gps(&fix),
+            Phase::Running => self.fuse_gps(&fix),
+        }
+    }
+
+    fn fuse_gps(&mut self, fix: &GpsMeasurement) {
+        let Some(past) = self.history.at(fix.time_s) else { return };
+        let now = self.now();
+        self.last_gps_s = now.time_s;
+        if fix.velocity_ned.norm() > STANDING_SPEED_MPS {
+            self.standing = false;
+        }
+        let velocity = self.velocity_scalars(fix, &past);
+        let position = self.position_scalars(fix, &past);
+        let accepted = self.fuse(&velocity) & self.fuse(&position);
+        let patience = self.config.measurement.gps_patience_s;
+        if self.gps_gate.out_of_patience(accepted, now.time_s, patience) {
+            self.reset_to_fix(fix, &past);
+        }
+    }
+
+    fn velocity_scalars(&self, fix: &GpsMeasurement, past: &Past) -> [Scalar; 3] {
+        let rotation = self.filter.nominal.attitude.to_rotation_matrix().into_inner();
+        let (now, sigma) = (self.now(), self.config.measurement.gps_velocity_mps);
+        [0, 1, 2].map(|axis| {
+            let innovation = fix.velocity_ned[axis] - past.velocity[axis];
+            scalar(velocity_row(axis, &now, past, &rotation), innovation, sigma)
+        })
+    }
+
+    fn position_scalars(&self, fix: &GpsMeasurement, past: &Past) -> [Scalar; 3] {
+        let noise = &self.config.measurement;
+        let by_barometer = self.config.aiding.pressure && self.barometer.settled_offset().is_some();
+        let vertical = if by_barometer { noise.gps_vertical_with_barometer_m } else { noise.gps_vertical_m };
+        let sigmas = [noise.gps_horizontal_m, noise.gps_horizontal_m, vertical];
+        let now = self.now();
+        [0, 1, 2].map(|axis| {
+            let innovation = fix.position_ned[axis] - past.position[axis];
+            scalar(position_row(axis, &now, past), innovation, sigmas[axis])
+        })
+    }
+
+    /// Takes a group of scalars together or not at all; true if taken.
+    fn fuse(&mut self, group: &[Scalar]) -> bool {
+        let gate = self.config.measurement.gate_sigma;
+        let accepted = group.iter().all(|scalar| self.filter.normalised(scalar).abs() <= gate);
+        if accepted {
+            for scalar in group {
+                self.filter.correct(scalar);
+            }
+            self.finish_update();
+        } else {
+            self.counters.refused += 1;
+        }
+        accepted
+    }
+
+    /// The fix has been refused for too long: believe it. Twice in short order: the attitude is wrong.
+    fn reset_to_fix(&mut self, fix: &GpsMeasurement, past: &Past) {
+        let now = self.now();
+        if now.time_s - self.last_gps_reset_s < GPS_RESET_MEMORY_S {
+            self.last_gps_reset_s = f64::NEG_INFINITY;
+            self.lose_state();
+            return;
+        }
+        self.counters.resets += 1;
+        self.last_gps_reset_s = now.time_s;
+        let lag = now.time_s - fix.time_s;
+        let nominal = &mut self.filter.nominal;
+        let moved = now.position - past.position;
+        nominal.velocity = fix.velocity_ned + now.velocity - past.velocity;
+        nominal.position = fix.position_ned + moved + (fix.velocity_ned - past.velocity) * lag;
+        if self.barometer.settled_offset().is_some() {
+            nominal.position.z = now.position.z;
+        }
+        self.filter.forget(VEL, 3, 1.0);
+        self.filter.forget(POS, 3, 5.0);
+        self.filter.widen(ATT, 3, 0.1);
+        self.history.clear();
+        let now = self.now();
+        self.history.push(now);
+    }
+
+    /// Fuses static pressure (Pa) as height above the runway; call as often as there are values, it fuses at 25 Hz.
+    pub fn update_baro(&mut self, time_s: f64, static_pa: f64) {
+        let Some(altitude) = pressure_altitude_m(static_pa) else { return };
+        let interval = self.config.measurement.barometer_interval_s;
+        let Some(altitude) = self.barometer.decimate(time_s, altitude, interval) else { return };
+        if self.phase != Phase::Running || !self.config.aiding.pressure {
+            return;
+        }
+        if self.standing {
+            // The runway is height zero by definition of the frame.
+            self.barometer.learn(altitude);
+        }
+        let Some(offset) = self.barometer.settled_offset() else {
+            if !self.standing {
+                self.barometer.learn(altitude + self.filter.nominal.position.z);
+            }
+            return;
+        };
+        let mut h = ErrorVector::zeros();
+        h[POS + 2] = -1.0;
+        let innovation = altitude - offset + self.filter.nominal.position.z;
+        let accepted = self.fuse(&[scalar(h, innovation, self.config.measurement.barometer_m)]);
+        let patience = self.config.measurement.other_patience_s;
+        if self.barometer_gate.out_of_patience(accepted, time_s, patience) {
+            self.counters.resets += 1;
+            self.barometer = BarometerReference { last_s: Some(time_s), ..BarometerReference::default() };
+        }
+    }
+
+    /// Fuses differential pressure (Pa) as airspeed: ground velocity less wind; it is what tells the wind.
+    pub fn update_airspeed(&mut self, time_s: f64, differential_pa: f64, static_pa: f64) {
+        if !differential_pa.is_finite() {
+            return;
+        }
+        let density = density_kgpm3(pressure_altitude_m(static_pa).unwrap_or(0.0));
+        let airspeed = airspeed_mps(differential_pa, density);
+        self.last_airspeed_mps = Some(airspeed);
+        let slow = airspeed < self.config.measurement.least_airspeed_mps;
+        if self.phase != Phase::Running || !self.config.aiding.pressure || slow {
+            return;
+        }
+        let nominal = &self.filter.nominal;
+        let air = nominal.velocity - Vector3::new(nominal.wind.x, nominal.wind.y, 0.0);
+        let expected = air.norm().max(1.0);
+        let mut h = ErrorVector::zeros();
+        for i in 0..3 {
+            h[VEL + i] = air[i] / expected;
+        }
+        h[WIND] = -air.x / expected;
+        h[WIND + 1] = -air.y / expected;
+        let sigma = self.config.measurement.airspeed_mps;
+        let accepted = self.fuse(&[scalar(h, airspeed - expected, sigma)]);
+        let patience = self.config.measurement.other_patience_s;
+        if self.airspeed_gate.out_of_patience(accepted, time_s, patience) {
+            self.counters.resets += 1;
+            self.filter.forget(WIND, 2, self.config.initial.wind);
+        }
+    }
+
+    /// Fuses the magnetic field (body, gauss) against the model's at the site; fuses at 10 Hz.
+    pub fn update_magnetometer(&mut self, time_s: f64, field_gauss: &Vector3<f64>) {
+        let plausible = finite(field_gauss) && field_gauss.norm() > 0.05 && field_gauss.norm() < 2.0;
+        if !plausible || !self.config.aiding.magnetometer {
+            return;
+        }
+        if self.phase == Phase::Aligning {
+            let corrected = field_gauss - self.filter.nominal.mag_bias;
+            self.alignment.add_magnetometer(&corrected);
+            return;
+        }
+        let due = time_s - self.last_magnetometer_s > self.config.measurement.magnetometer_interval_s - 1e-3;
+        if self.phase != Phase::Running || !due {
+            return;
+        }
+        self.last_magnetometer_s = time_s;
+        let scalars = self.magnetometer_scalars(field_gauss);
+        let accepted = self.fuse(&scalars);
+        let patience = self.config.measurement.other_patience_s;
+        if self.magnetometer_gate.out_of_patience(accepted, time_s, patience) {
+            self.counters.resets += 1;
+            self.filter.forget(MAG, 3, 5.0 * self.config.initial.mag_bias);
+            self.filter.widen(ATT + 2, 1, 0.3);
+        }
+    }
+
+    /// `m_body = Rᵀ m + b`, with `R = (1 + [θ]×) R̂`: the rows are `R̂ᵀ [m]×` and the identity for the bias.
+    fn magnetometer_scalars(&self, field_gauss: &Vector3<f64>) -> [Scalar; 3] {
+        let nominal = &self.filter.nominal;
+        let down = nominal.attitude.to_rotation_matrix().into_inner().transpose();
+        let field = &self.config.field_ned_gauss;
+        let expected = down * field + nominal.mag_bias;
+        let rows = down * skew(field);
+        [0, 1, 2].map(|axis| {
+            let mut h = ErrorVector::zeros();
+            for i in 0..3 {
+                h[ATT + i] = rows[(axis, i)];
+            }
+            h[MAG + axis] = 1.0;
+            scalar(h, field_gauss[axis] - expected[axis], self.config.measurement.magnetometer_gauss)
+        })
+    }
+}

@@ -1,0 +1,391 @@
+//! Way-points into a horizontal acceleration, an altitude and an airspeed.
+//!
+//! Responsible for the order of the way-points and for the track between them. It must never lose the mission: from
+//! any place and heading it turns towards the next way-point, and a way-point passed too far off is flown to again.
+
+pub mod path;
+
+use crate::GRAVITY_MPS2;
+use crate::attitude::wrap_angle;
+use nalgebra::Vector2;
+use path::{Arc, Leg, Offset};
+use thiserror::Error;
+
+/// Way-points a mission can hold.
+pub const MAX_WAYPOINTS: usize = 32;
+
+/// A place to fly to.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[repr(C)]
+pub struct Waypoint {
+    /// North of the runway, m.
+    pub north_m: f64,
+    /// East of the runway, m.
+    pub east_m: f64,
+    /// Above the runway, m.
+    pub altitude_m: f64,
+    /// Airspeed on the way there, m/s.
+    pub airspeed_mps: f64,
+    /// Kept as data; the track follows from the places (the seed's table does not fit its own square).
+    pub heading_rad: f64,
+}
+
+impl Waypoint {
+    /// North and east.
+    pub fn horizontal(&self) -> Vector2<f64> {
+        Vector2::new(self.north_m, self.east_m)
+    }
+
+    fn sane(&self) -> bool {
+        [self.north_m, self.east_m, self.altitude_m, self.airspeed_mps, self.heading_rad]
+            .iter()
+            .all(|x| x.is_finite())
+            && (5.0..=100.0).contains(&self.airspeed_mps)
+    }
+}
+
+/// The seed's four way-points: a square of 500 m, 160 m above the runway, 22 m/s.
+pub fn seed_waypoints() -> [Waypoint; 4] {
+    let at = |north_m, east_m, heading_deg: f64| Waypoint {
+        north_m,
+        east_m,
+        altitude_m: 160.0,
+        airspeed_mps: 22.0,
+        heading_rad: heading_deg.to_radians(),
+    };
+    [at(500.0, 0.0, 0.0), at(500.0, 500.0, 0.0), at(0.0, 500.0, 180.0), at(0.0, 0.0, 270.0)]
+}
+
+/// Why way-points were refused.
+#[derive(Debug, Error, Clone, Copy, PartialEq, Eq)]
+pub enum GuidanceError {
+    /// None given.
+    #[error("a mission needs at least one way-point")]
+    Empty,
+    /// More than fit.
+    #[error("{count} way-points were given, a mission holds {MAX_WAYPOINTS}")]
+    TooMany {
+        /// How many.
+        count: usize,
+    },
+    /// A value that is not a number, or an airspeed outside 5 to 100 m/s.
+    #[error("way-point {index} has a value that is not finite, or an airspeed outside 5 to 100 m/s")]
+    Value {
+        /// Which, from 0.
+        index: usize,
+    },
+}
+
+/// How corners are flown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Corner {
+    /// Legs joined by arcs inside the corner.
+    #[default]
+    Fillet,
+    /// Through the way-point, then turn: the seed's manner.
+    FlyThrough,
+}
+
+/// What one may set on guidance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GuidanceConfig {
+    /// How corners are flown.
+    pub corner: Corner,
+    /// Radius of the fillets, m; `None` takes it from airspeed and wind.
+    pub radius_m: Option<f64>,
+    /// Least automatic radius, m: 70 m keeps a 22 m/s aircraft within about 2 m in calm air.
+    pub least_radius_m: f64,
+    /// Bank for which the automatic radius is made, with the whole wind behind, rad; what is left up to the bank
+    /// limit is for corrections.
+    pub turn_bank_rad: f64,
+    /// Laps after which `finished` is set; it goes on cycling. Zero: never.
+    pub laps: u32,
+    /// How long before an arc begins or ends its acceleration is commanded, s: the lag of bank behind its reference.
+    pub lead_s: f64,
+}
+
+impl Default for GuidanceConfig {
+    fn default() -> Self {
+        Self {
+            corner: Corner::Fillet,
+            radius_m: None,
+            least_radius_m: 70.0,
+            turn_bank_rad: 40f64.to_radians(),
+            laps: 0,
+            lead_s: 0.55,
+        }
+    }
+}
+
+/// Motion over ground, as guidance needs it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion {
+    /// North, east, m.
+    pub position: Vector2<f64>,
+    /// North, east, m/s.
+    pub velocity: Vector2<f64>,
+    /// North, east, m/s.
+    pub wind: Vector2<f64>,
+}
+
+/// What guidance asks for, and where it stands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GuidanceOutput {
+    /// Horizontal acceleration to the right of the ground track, m/s².
+    pub horizontal_mps2: f64,
+    /// Altitude wanted, m above the runway.
+    pub altitude_m: f64,
+    /// Airspeed wanted, m/s.
+    pub airspeed_mps: f64,
+    /// Index of the way-point flown to.
+    pub next: usize,
+    /// Way-points reached since engagement.
+    pub reached: u32,
+    /// Distance right of the track, m.
+    pub cross_track_m: f64,
+    /// Way left on this leg or arc, m.
+    pub distance_m: f64,
+    /// Direction of the track, rad from north.
+    pub track_rad: f64,
+    /// On an arc.
+    pub on_arc: bool,
+    /// Radius of the corner at hand, m; zero without fillet.
+    pub radius_m: f64,
+    /// The laps asked for are done.
+    pub finished: bool,
+}
+
+/// Gain from cross-track error to closing speed, 1/s.
+const TRACK_GAIN: f64 = 0.35;
+/// Closing speed as a share of ground speed: an intercept of 37°.
+const TRACK_SHARE: f64 = 0.6;
+/// Gain from closing-speed error to acceleration, 1/s.
+const CLOSING_GAIN: f64 = 1.2;
+/// Greatest horizontal acceleration, m/s²: 43° of bank.
+const HORIZONTAL_LIMIT_MPS2: f64 = 9.0;
+/// Beyond this sideways distance from its previous leg, m, an engagement flies directly to the way-point instead.
+const JOIN_WIDTH_M: f64 = 300.0;
+/// Ground speeds below this count as this, m/s: the laws divide by it.
+const LEAST_GROUND_SPEED_MPS: f64 = 5.0;
+
+/// Where on the path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Stage {
+    /// Not engaged yet.
+    Idle,
+    /// On a leg to the next way-point, with the fillet at its end.
+    Leg(Leg, Option<Arc>),
+    /// On the fillet; true once its way-point was passed abeam.
+    Arc(Arc, bool),
+}
+
+/// Guidance over a circuit of way-points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Guidance {
+    config: GuidanceConfig,
+    waypoints: [Waypoint; MAX_WAYPOINTS],
+    count: usize,
+    next: usize,
+    reached: u32,
+    stage: Stage,
+}
+
+/// What to keep over a restart: enough to go on to the same way-point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(C)]
+pub struct GuidanceSnapshot {
+    /// Index of the way-point flown to.
+    pub next: u32,
+    /// Way-points reached.
+    pub reached: u32,
+}
+
+impl Guidance {
+    /// Guidance over way-points, in order and round again.
+    pub fn new(config: GuidanceConfig, waypoints: &[Waypoint]) -> Result<Self, GuidanceError> {
+        if waypoints.is_empty() {
+            return Err(GuidanceError::Empty);
+        }
+        if waypoints.len() > MAX_WAYPOINTS {
+            return Err(GuidanceError::TooMany { count: waypoints.len() });
+        }
+        if let Some(index) = waypoints.iter().position(|waypoint| !waypoint.sane()) {
+            return Err(GuidanceError::Value { index });
+        }
+        let mut held = [Waypoint::default(); MAX_WAYPOINTS];
+        held[..waypoints.len()].copy_from_slice(waypoints);
+        Ok(Self { config, waypoints: held, count: waypoints.len(), next: 0, reached: 0, stage: Stage::Idle })
+    }
+
+    /// The way-points flown.
+    pub fn waypoints(&self) -> &[Waypoint] {
+        &self.waypoints[..self.count]
+    }
+
+    /// Starts the mission at its first way-point, from wherever the aircraft is at the next step.
+    pub fn restart(&mut self) {
+        (self.next, self.reached, self.stage) = (0, 0, Stage::Idle);
+    }
+
+    /// Leaves the path but keeps the way-point: the next step joins anew.
+    pub fn disengage(&mut self) {
+        self.stage = Stage::Idle;
+    }
+
+    /// What to keep over a restart.
+    pub fn snapshot(&self) -> GuidanceSnapshot {
+        GuidanceSnapshot { next: self.next as u32, reached: self.reached }
+    }
+
+    /// Goes on where a snapshot stood.
+    pub fn resume(&mut self, snapshot: &GuidanceSnapshot) {
+        self.next = snapshot.next as usize % self.count;
+        self.reached = snapshot.reached;
+        self.stage = Stage::Idle;
+    }
+
+    fn waypoint(&self, index: usize) -> &Waypoint {
+        &self.waypoints[index % self.count]
+    }
+
+    fn circuit_leg(&self, index: usize) -> Leg {
+        let from = self.waypoint(index + self.count - 1).horizontal();
+        Leg { from, to: self.waypoint(index).horizontal() }
+    }
+
+    /// Radius at which the design bank suffices with the whole wind from behind: (V + W)²/(g tan φ).
+    fn radius_m(&self, wind: &Vector2<f64>) -> f64 {
+        let fastest = self.waypoint(self.next).airspeed_mps + wind.norm();
+        let needed = fastest * fastest / (GRAVITY_MPS2 * self.config.turn_bank_rad.tan());
+        self.config.radius_m.unwrap_or(needed.max(self.config.least_radius_m))
+    }
+
+    /// The leg, with the fillet at its end.
+    fn begin_leg(&self, leg: Leg, wind: &Vector2<f64>) -> Stage {
+        let arc = match self.config.corner {
+            Corner::Fillet => Arc::between(&leg, &self.circuit_leg(self.next + 1), self.radius_m(wind)),
+            Corner::FlyThrough => None,
+        };
+        Stage::Leg(leg, arc)
+    }
+
+    /// First leg: the circuit's own if the aircraft is beside it, otherwise straight from here.
+    fn join(&self, motion: &Motion) -> Stage {
+        let own = self.circuit_leg(self.next);
+        let offset = own.offset(&motion.position);
+        let room = offset.left_m > self.radius_m(&motion.wind);
+        let beside =
+            own.length_m() > 1.0 && offset.right_m.abs() < JOIN_WIDTH_M && offset.along_m > -JOIN_WIDTH_M;
+        if beside && room {
+            return self.begin_leg(own, &motion.wind);
+        }
+        self.begin_leg(Leg { from: motion.position, to: own.to }, &motion.wind)
+    }
+
+    fn pass(&mut self) {
+        self.next = (self.next + 1) % self.count;
+        self.reached = self.reached.saturating_add(1);
+    }
+
+    /// Moves on to the next piece where this one ends.
+    fn advance(&mut self, motion: &Motion) {
+        match self.stage {
+            Stage::Idle => self.stage = self.join(motion),
+            Stage::Leg(leg, arc) => self.advance_leg(&leg, arc, motion),
+            Stage::Arc(arc, passed) => self.advance_arc(arc, passed, motion),
+        }
+    }
+
+    fn advance_leg(&mut self, leg: &Leg, arc: Option<Arc>, motion: &Motion) {
+        let offset = leg.offset(&motion.position);
+        if offset.left_m > arc.map_or(0.0, |arc| arc.tangent_m) {
+            return;
+        }
+        if offset.right_m.abs() > self.radius_m(&motion.wind) {
+            // Too far off to count: fly to it again from here.
+            let again = Leg { from: motion.position, to: leg.to };
+            self.stage = self.begin_leg(again, &motion.wind);
+        } else if let Some(arc) = arc {
+            self.stage = Stage::Arc(arc, false);
+        } else {
+            self.pass();
+            self.stage = self.begin_leg(self.circuit_leg(self.next), &motion.wind);
+        }
+    }
+
+    fn advance_arc(&mut self, arc: Arc, passed: bool, motion: &Motion) {
+        let offset = arc.offset(&motion.position);
+        if !passed && offset.along_m >= offset.left_m {
+            self.pass();
+            self.stage = Stage::Arc(arc, true);
+        } else if passed && offset.left_m <= 0.0 {
+            self.stage = self.begin_leg(self.circuit_leg(self.next), &motion.wind);
+        }
+    }
+
+    /// One frame: moves along the path and asks for an acceleration.
+    pub fn step(&mut self, motion: &Motion) -> GuidanceOutput {
+        self.advance(motion);
+        let (offset, on_arc, radius_m) = match &self.stage {
+            Stage::Leg(leg, arc) => {
+                (leg.offset(&motion.position), false, arc.map_or(0.0, |arc| arc.radius_m))
+            }
+            Stage::Arc(arc, _) => (arc.offset(&motion.position), true, arc.radius_m),
+            Stage::Idle => (self.circuit_leg(self.next).offset(&motion.position), false, 0.0),
+        };
+        let target = self.waypoint(self.next);
+        GuidanceOutput {
+            horizontal_mps2: track_acceleration(&offset, &motion.velocity, self.curvature(motion)),
+            altitude_m: target.altitude_m,
+            airspeed_mps: target.airspeed_mps,
+            next: self.next,
+            reached: self.reached,
+            cross_track_m: offset.right_m,
+            distance_m: offset.left_m,
+            track_rad: offset.track_rad,
+            on_arc,
+            radius_m,
+            finished: self.config.laps > 0 && self.reached >= self.config.laps * self.count as u32,
+        }
+    }
+
+    /// Curvature of the path (1/m, positive right) a lead time ahead.
+    fn curvature(&self, motion: &Motion) -> f64 {
+        let ahead = motion.velocity.norm() * self.config.lead_s;
+        match &self.stage {
+            Stage::Leg(leg, Some(arc)) => {
+                let offset = leg.offset(&motion.position);
+                let near = offset.left_m - ahead <= arc.tangent_m && offset.right_m.abs() < 20.0;
+                if near { arc.side / arc.radius_m } else { 0.0 }
+            }
+            Stage::Arc(arc, _) if arc.offset(&motion.position).left_m > ahead => arc.side / arc.radius_m,
+            _ => 0.0,
+        }
+    }
+}
+
+/// Acceleration to the right (m/s²) that closes a cross-track error and follows the curvature (1/m):
+/// `ẏ_ref = clamp(−0.35 y, ±0.6 V_g)`, `a = clamp(1.2 (ẏ_ref − ẏ) + V_g²/R, ±9)`; from a course more than 70° off
+/// the wanted one it turns as hard as it may, the shorter way round.
+pub fn track_acceleration(offset: &Offset, velocity: &Vector2<f64>, curvature: f64) -> f64 {
+    let speed = velocity.norm().max(LEAST_GROUND_SPEED_MPS);
+    let closing = (-TRACK_GAIN * offset.right_m).clamp(-TRACK_SHARE * speed, TRACK_SHARE * speed);
+    let course = velocity.y.atan2(velocity.x);
+    let error = wrap_angle(offset.track_rad + (closing / speed).asin() - course);
+    if error.abs() > 1.2 {
+        return HORIZONTAL_LIMIT_MPS2.copysign(error);
+    }
+    let sideways = speed * wrap_angle(course - offset.track_rad).sin();
+    let wanted = CLOSING_GAIN * (closing - sideways) + curvature * speed * speed;
+    wanted.clamp(-HORIZONTAL_LIMIT_MPS2, HORIZONTAL_LIMIT_MPS2)
+}
+
+/// Acceleration to the right (m/s²) that turns the ground track to a wanted one (rad from north).
+pub fn course_acceleration(track_rad: f64, velocity: &Vector2<f64>) -> f64 {
+    let speed = velocity.norm().max(LEAST_GROUND_SPEED_MPS);
+    let error = wrap_angle(track_rad - velocity.y.atan2(velocity.x));
+    (CLOSING_GAIN * speed * error).clamp(-HORIZONTAL_LIMIT_MPS2, HORIZONTAL_LIMIT_MPS2)
+}
+
+#[cfg(test)]
+mod tests;

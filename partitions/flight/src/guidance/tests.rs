@@ -1,0 +1,129 @@
+//! Guidance on a point mass that does what it is told: order, capture, corners.
+
+use super::*;
+
+struct Flight {
+    motion: Motion,
+    airspeed: f64,
+    heading: f64,
+}
+
+impl Flight {
+    fn new(north: f64, east: f64, heading: f64, wind: Vector2<f64>) -> Self {
+        let mut flight = Self {
+            motion: Motion { position: Vector2::new(north, east), velocity: Vector2::zeros(), wind },
+            airspeed: 22.0,
+            heading,
+        };
+        flight.step(0.0);
+        flight
+    }
+
+    /// Turns the air velocity as bank would, without lag.
+    fn step(&mut self, acceleration: f64) {
+        let dt = 0.02;
+        self.heading += acceleration / self.airspeed * dt;
+        let air = Vector2::new(self.heading.cos(), self.heading.sin()) * self.airspeed;
+        self.motion.velocity = air + self.motion.wind;
+        self.motion.position += self.motion.velocity * dt;
+    }
+}
+
+fn fly(guidance: &mut Guidance, flight: &mut Flight, seconds: f64) -> Vec<(usize, f64)> {
+    let mut order = Vec::new();
+    for _ in 0..(seconds / 0.02) as usize {
+        let before = guidance.reached;
+        let next = guidance.next;
+        let out = guidance.step(&flight.motion);
+        if guidance.reached > before {
+            order.push((next, out.cross_track_m));
+        }
+        flight.step(out.horizontal_mps2);
+    }
+    order
+}
+
+fn circuit(config: GuidanceConfig) -> Guidance {
+    Guidance::new(config, &seed_waypoints()).unwrap()
+}
+
+#[test]
+fn way_points_are_reached_in_order_for_two_laps() {
+    let mut guidance = circuit(GuidanceConfig { laps: 2, lead_s: 0.0, ..GuidanceConfig::default() });
+    let mut flight = Flight::new(0.0, 0.0, 0.0, Vector2::new(0.0, 5.0));
+    let order: Vec<usize> = fly(&mut guidance, &mut flight, 200.0).iter().map(|x| x.0).collect();
+    assert_eq!(order[..8], [0, 1, 2, 3, 0, 1, 2, 3]);
+    assert!(guidance.step(&flight.motion).finished);
+}
+
+#[test]
+fn fly_through_passes_the_way_points_themselves() {
+    let config = GuidanceConfig { corner: Corner::FlyThrough, lead_s: 0.0, ..GuidanceConfig::default() };
+    let mut guidance = circuit(config);
+    let mut flight = Flight::new(0.0, 0.0, 0.0, Vector2::zeros());
+    let mut closest = f64::INFINITY;
+    for _ in 0..(60.0 / 0.02) as usize {
+        let out = guidance.step(&flight.motion);
+        closest = closest.min((flight.motion.position - Vector2::new(500.0, 500.0)).norm());
+        flight.step(out.horizontal_mps2);
+    }
+    assert!(closest < 2.0, "{closest}");
+    assert!(guidance.reached >= 2);
+}
+
+#[test]
+fn any_place_and_heading_leads_to_the_first_way_point_first() {
+    for place in 0..8 {
+        for heading in 0..6 {
+            let bearing = f64::from(place) * 0.8;
+            let (north, east) = (400.0 * bearing.cos() + 250.0, 900.0 * bearing.sin());
+            let mut guidance = circuit(GuidanceConfig { lead_s: 0.0, ..GuidanceConfig::default() });
+            let mut flight = Flight::new(north, east, f64::from(heading), Vector2::new(-4.0, 3.0));
+            let order = fly(&mut guidance, &mut flight, 250.0);
+            let seen: Vec<usize> = order.iter().map(|x| x.0).take(5).collect();
+            assert_eq!(seen, [0, 1, 2, 3, 0], "from {north:.0} {east:.0} heading {heading}");
+        }
+    }
+}
+
+#[test]
+fn radius_grows_with_the_wind() {
+    let guidance = circuit(GuidanceConfig::default());
+    assert_eq!(guidance.radius_m(&Vector2::zeros()), 70.0);
+    let windy = guidance.radius_m(&Vector2::new(8.0, 0.0));
+    assert!((100.0..120.0).contains(&windy), "{windy}");
+}
+
+#[test]
+fn snapshot_goes_on_to_the_same_way_point() {
+    let mut guidance = circuit(GuidanceConfig::default());
+    let mut flight = Flight::new(0.0, 0.0, 0.0, Vector2::zeros());
+    fly(&mut guidance, &mut flight, 60.0);
+    let mut restarted = circuit(GuidanceConfig::default());
+    restarted.resume(&guidance.snapshot());
+    assert_eq!((restarted.next, restarted.reached), (guidance.next, guidance.reached));
+    assert!(guidance.reached >= 2);
+    let order = fly(&mut restarted, &mut flight, 60.0);
+    assert_eq!(order[0].0, guidance.next);
+}
+
+#[test]
+fn bad_missions_are_refused() {
+    assert_eq!(Guidance::new(GuidanceConfig::default(), &[]).unwrap_err(), GuidanceError::Empty);
+    let mut waypoints = seed_waypoints();
+    waypoints[2].north_m = f64::NAN;
+    let error = Guidance::new(GuidanceConfig::default(), &waypoints).unwrap_err();
+    assert_eq!(error, GuidanceError::Value { index: 2 });
+    let error = Guidance::new(GuidanceConfig::default(), &[seed_waypoints()[0]; 33]).unwrap_err();
+    assert_eq!(error, GuidanceError::TooMany { count: 33 });
+}
+
+#[test]
+fn cross_track_law_turns_towards_the_track() {
+    let leg = Leg { from: Vector2::zeros(), to: Vector2::new(500.0, 0.0) };
+    let north = Vector2::new(22.0, 0.0);
+    assert!(track_acceleration(&leg.offset(&Vector2::new(100.0, 10.0)), &north, 0.0) < 0.0);
+    assert!(track_acceleration(&leg.offset(&Vector2::new(100.0, -10.0)), &north, 0.0) > 0.0);
+    let away = track_acceleration(&leg.offset(&Vector2::new(100.0, 0.0)), &-north, 0.0);
+    assert_eq!(away.abs(), 9.0, "flying backwards it turns round");
+}

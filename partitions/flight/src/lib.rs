@@ -14,7 +14,7 @@
 pub mod airframe;
 pub mod atmosphere;
 pub mod attitude;
-//pub mod control;
+pub mod control;
 pub mod estimator;
 pub mod guidance;
 pub mod magnetic;

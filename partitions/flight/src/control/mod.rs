@@ -1,0 +1,547 @@
+//! From a navigation state to actuator commands.
+//!
+//! Responsible for flying what is asked, by guidance or by a target for any single loop, and for flying something
+//! sensible when there is no state. It must never jump: engagement, a returning estimator and changed targets all
+//! pass through the references' slew limits, and the integrators start where the actuators are.
+//!
+//! Per channel the innermost target wins: roll rate over bank over track over navigation (ailerons), pitch rate over
+//! normal acceleration over altitude over navigation (elevator), axial acceleration over airspeed over navigation
+//! (throttle). A channel without target goes to the safety pilot; the rudder flies coordinated whenever the
+//! autopilot is on.
+
+pub mod fallback;
+pub mod inner;
+pub mod outer;
+
+use crate::GRAVITY_MPS2;
+use crate::airframe::{Airframe, Trim};
+use crate::attitude::low_pass;
+use crate::estimator::NavigationState;
+use crate::guidance::{Guidance, GuidanceOutput, GuidanceSnapshot, Motion, course_acceleration};
+use crate::servo::ActuatorCommand;
+use fallback::{Basis, Fallback};
+use inner::{InnerLoops, InnerTuning, Signals};
+use nalgebra::{Vector2, Vector3};
+use outer::{OuterTuning, limit_normal, normal_for, slew};
+
+/// Which loops are on, each with its target; `None` is off.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LoopCommands {
+    /// The autopilot as a whole; off, everything is the safety pilot's.
+    pub autopilot: bool,
+    /// Way-point navigation feeds track, altitude and airspeed.
+    pub navigation: bool,
+    /// Altitude above the runway, m.
+    pub altitude_m: Option<f64>,
+    /// Airspeed, m/s.
+    pub airspeed_mps: Option<f64>,
+    /// Direction of the ground track, rad from north.
+    pub track_rad: Option<f64>,
+    /// Bank angle, rad.
+    pub bank_rad: Option<f64>,
+    /// Roll rate about the direction of flight, rad/s.
+    pub roll_rate_radps: Option<f64>,
+    /// Pitch rate about the wind's y axis, rad/s.
+    pub pitch_rate_radps: Option<f64>,
+    /// Normal specific acceleration, m/s²; −9.8 in level flight.
+    pub normal_mps2: Option<f64>,
+    /// Lateral specific acceleration, m/s²; without target 0 is flown.
+    pub lateral_mps2: Option<f64>,
+    /// Axial specific acceleration, m/s²; g sin γ keeps the speed.
+    pub axial_mps2: Option<f64>,
+}
+
+impl LoopCommands {
+    /// Autopilot and way-point navigation on.
+    pub const MISSION: Self = Self {
+        autopilot: true,
+        navigation: true,
+        altitude_m: None,
+        airspeed_mps: None,
+        track_rad: None,
+        bank_rad: None,
+        roll_rate_radps: None,
+        pitch_rate_radps: None,
+        normal_mps2: None,
+        lateral_mps2: None,
+        axial_mps2: None,
+    };
+
+    /// Every target that is not a finite number counts as off.
+    fn finite(mut self) -> Self {
+        let targets = [
+            &mut self.altitude_m,
+            &mut self.airspeed_mps,
+            &mut self.track_rad,
+            &mut self.bank_rad,
+            &mut self.roll_rate_radps,
+            &mut self.pitch_rate_radps,
+            &mut self.normal_mps2,
+            &mut self.lateral_mps2,
+            &mut self.axial_mps2,
+        ];
+        for target in targets {
+            *target = target.filter(|value| value.is_finite());
+        }
+        self
+    }
+}
+
+/// What a frame brings to the controller.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ControllerInputs<'a> {
+    /// The estimator's state of this frame; `None` when it has none or it is stale.
+    pub navigation: Option<&'a NavigationState>,
+    /// Raw rates of the IMU, body, rad/s; flown on when the estimator is silent.
+    pub rates: Vector3<f64>,
+    /// Raw specific force of the IMU, body, m/s².
+    pub specific_force: Vector3<f64>,
+    /// Airspeed from the pitot, m/s, if there is one.
+    pub airspeed_mps: Option<f64>,
+    /// Air density, kg/m³, if known.
+    pub density_kgpm3: Option<f64>,
+    /// The safety pilot's sticks: flown on channels that are off, and where engagement starts.
+    pub pilot: ActuatorCommand,
+    /// Time since the last step, s.
+    pub dt_s: f64,
+}
+
+/// Which channels the autopilot has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Channels {
+    /// Ailerons.
+    pub roll: bool,
+    /// Elevator.
+    pub pitch: bool,
+    /// Rudder.
+    pub yaw: bool,
+    /// Throttle.
+    pub thrust: bool,
+}
+
+/// What the inner loops are asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[repr(C)]
+pub struct References {
+    /// rad/s.
+    pub roll_rate_radps: f64,
+    /// m/s².
+    pub normal_mps2: f64,
+    /// m/s².
+    pub axial_mps2: f64,
+    /// rad; what the bank loop works towards.
+    pub bank_rad: f64,
+}
+
+/// What a frame gives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ControllerOutput {
+    /// To the servos.
+    pub command: ActuatorCommand,
+    /// Where guidance stands, when navigation is on.
+    pub guidance: Option<GuidanceOutput>,
+    /// On what this frame was flown.
+    pub basis: Basis,
+    /// What the inner loops were asked for.
+    pub references: References,
+    /// What they measured.
+    pub signals: Signals,
+    /// Who flies what.
+    pub channels: Channels,
+}
+
+/// Gains and limits, and the airspeed flown when nothing is known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ControllerConfig {
+    /// Poles of the inner loops.
+    pub inner: InnerTuning,
+    /// Gains of the outer loops.
+    pub outer: OuterTuning,
+    /// Airspeed for trim and fall-back, m/s.
+    pub cruise_mps: f64,
+}
+
+impl Default for ControllerConfig {
+    fn default() -> Self {
+        Self { inner: InnerTuning::default(), outer: OuterTuning::default(), cruise_mps: 22.0 }
+    }
+}
+
+/// Slew limits of the references: invisible in normal flight, they take the edge off a change of basis.
+const ROLL_RATE_SLEW_RADPS2: f64 = 16.0;
+const NORMAL_SLEW_MPS3: f64 = 60.0;
+const AXIAL_SLEW_MPS3: f64 = 8.0;
+/// Airspeeds outside are taken as these, m/s: gains go with 1/V².
+const AIRSPEED_RANGE_MPS: (f64, f64) = (10.0, 60.0);
+/// Smoothing of the pitot's noise, s.
+const AIRSPEED_LAG_S: f64 = 0.15;
+/// Longest step taken as one, s; after a longer pause the rest is not made up.
+const LONGEST_STEP_S: f64 = 0.2;
+
+/// What to keep in retained memory over a restart of the controller: plain numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[repr(C)]
+pub struct ControllerSnapshot {
+    /// Integrators.
+    pub loops: InnerLoops,
+    /// References.
+    pub references: References,
+    /// Last command.
+    pub command: ActuatorCommand,
+    /// Smoothed airspeed, m/s; zero marks an empty snapshot.
+    pub airspeed_mps: f64,
+    /// Mission progress.
+    pub guidance: GuidanceSnapshot,
+}
+
+/// The controller.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Controller {
+    airframe: Airframe,
+    config: ControllerConfig,
+    trim: Trim,
+    guidance: Guidance,
+    loops: InnerLoops,
+    references: References,
+    channels: Channels,
+    fallback: Fallback,
+    airspeed_mps: f64,
+    airspeed_trim: f64,
+    last: ActuatorCommand,
+}
+
+impl Controller {
+    /// A controller with everything off. Should it be engaged in flight at once, it starts from trimmed flight.
+    pub fn new(airframe: Airframe, config: ControllerConfig, guidance: Guidance) -> Self {
+        let trim = airframe.trim(config.cruise_mps, 1.2);
+        Self {
+            airframe,
+            config,
+            trim,
+            guidance,
+            loops: InnerLoops::default(),
+            references: References { normal_mps2: -GRAVITY_MPS2, ..References::default() },
+            channels: Channels::default(),
+            fallback: Fallback::new(trim.alpha_rad, config.cruise_mps),
+            airspeed_mps: 0.0,
+            airspeed_trim: 0.0,
+            last: trimmed(&trim),
+        }
+    }
+
+    /// The mission, to replace or restart it.
+    pub fn guidance_mut(&mut self) -> &mut Guidance {
+        &mut self.guidance
+    }
+
+    /// The mission.
+    pub fn guidance(&self) -> &Guidance {
+        &self.guidance
+    }
+
+    /// Level flight at cruise airspeed.
+    pub fn trim(&self) -> &Trim {
+        &self.trim
+    }
+
+    /// What to keep over a restart.
+    pub fn snapshot(&self) -> ControllerSnapshot {
+        ControllerSnapshot {
+            loops: self.loops,
+            references: self.references,
+            command: self.last,
+            airspeed_mps: self.airspeed_mps,
+            guidance: self.guidance.snapshot(),
+        }
+    }
+
+    /// Goes on where a snapshot stood; false if it is empty or not finite.
+    pub fn resume(&mut self, snapshot: &ControllerSnapshot) -> bool {
+        let c = &snapshot.command;
+        let r = &snapshot.references;
+        let numbers =
+            [c.throttle, c.aileron_rad, c.elevator_rad, c.rudder_rad, r.roll_rate_radps, r.normal_mps2];
+        let sane = numbers.iter().all(|x| x.is_finite()) && r.axial_mps2.is_finite() && snapshot.loops.sane();
+        if !sane || !snapshot.airspeed_mps.is_finite() || snapshot.airspeed_mps <= 0.0 {
+            return false;
+        }
+        self.loops = snapshot.loops;
+        self.references = snapshot.references;
+        self.last = snapshot.command;
+        self.airspeed_mps = snapshot.airspeed_mps;
+        self.channels = Channels { roll: true, pitch: true, yaw: true, thrust: true };
+        self.guidance.resume(&snapshot.guidance);
+        true
+    }
+
+    /// Tells a controller that was started in flight where the actuators stand, so that it takes over from there.
+    pub fn assume_actuators(&mut self, command: &ActuatorCommand) {
+        self.last = *command;
+    }
+
+    /// One frame.
+    pub fn step(&mut self, inputs: &ControllerInputs<'_>, commands: &LoopCommands) -> ControllerOutput {
+        let dt_s = if inputs.dt_s.is_finite() { inputs.dt_s.clamp(1e-4, LONGEST_STEP_S) } else { 0.02 };
+        let commands = commands.finite();
+        let (state, basis) =
+            self.fallback.update(inputs.navigation, &inputs.rates, &inputs.specific_force, dt_s);
+        let signals = self.measure(&state, inputs, dt_s);
+        if !commands.autopilot {
+            return self.hand_over(inputs, basis, signals);
+        }
+        let guidance = self.navigate(&state, &commands, basis);
+        let wanted = self.outer(&state, &signals, &commands, guidance.as_ref(), basis);
+        let command = self.inner(&signals, &wanted, &commands, inputs, dt_s);
+        self.last = command;
+        ControllerOutput {
+            command,
+            guidance,
+            basis,
+            references: self.references,
+            signals,
+            channels: self.channels,
+        }
+    }
+
+    /// The safety pilot flies; loops forget, so that engagement starts from the pilot's actuators.
+    fn hand_over(
+        &mut self,
+        inputs: &ControllerInputs<'_>,
+        basis: Basis,
+        signals: Signals,
+    ) -> ControllerOutput {
+        self.channels = Channels::default();
+        self.guidance.disengage();
+        self.airspeed_trim = 0.0;
+        self.last = inputs.pilot;
+        ControllerOutput {
+            command: inputs.pilot,
+            guidance: None,
+            basis,
+            references: self.references,
+            signals,
+            channels: self.channels,
+        }
+    }
+
+    /// Specific acceleration in wind axes and the angles the loops need.
+    fn measure(&mut self, state: &NavigationState, inputs: &ControllerInputs<'_>, dt_s: f64) -> Signals {
+        let air = state.air_velocity();
+        let airspeed = inputs.airspeed_mps.filter(|v| v.is_finite()).unwrap_or(air.norm());
+        let airspeed = airspeed.clamp(AIRSPEED_RANGE_MPS.0, AIRSPEED_RANGE_MPS.1);
+        self.airspeed_mps = if self.airspeed_mps > 0.0 {
+            low_pass(self.airspeed_mps, airspeed, AIRSPEED_LAG_S, dt_s)
+        } else {
+            airspeed
+        };
+        // Direction of flight in body axes; below flying speed, or turned away from the nose, the trimmed one.
+        let nose = Vector3::new(self.trim.alpha_rad.cos(), 0.0, self.trim.alpha_rad.sin());
+        let flown = state.quaternion.inverse() * air;
+        let forward = flown.try_normalize(8.0).filter(|x| x.x > 0.8).unwrap_or(nose);
+        let right = Vector3::z().cross(&forward).try_normalize(1e-6).unwrap_or(Vector3::y());
+        let down = forward.cross(&right);
+        let force = state.specific_force;
+        Signals {
+            airspeed_mps: self.airspeed_mps,
+            density_kgpm3: inputs.density_kgpm3.filter(|x| (0.5..1.5).contains(x)).unwrap_or(1.2),
+            axial_mps2: force.dot(&forward),
+            lateral_mps2: force.y,
+            normal_mps2: force.dot(&down),
+            roll_rate_radps: state.rates.dot(&forward),
+            pitch_rate_radps: state.rates.y,
+            yaw_rate_radps: state.rates.z,
+            bank_rad: state.euler.x,
+            pitch_rad: state.euler.y,
+            climb_rad: (-(state.quaternion * forward).z).clamp(-1.0, 1.0).asin(),
+        }
+    }
+
+    fn navigate(
+        &mut self,
+        state: &NavigationState,
+        commands: &LoopCommands,
+        basis: Basis,
+    ) -> Option<GuidanceOutput> {
+        if !commands.navigation {
+            self.guidance.disengage();
+            return None;
+        }
+        let motion = Motion {
+            position: Vector2::new(state.position.x, state.position.y),
+            velocity: Vector2::new(state.velocity.x, state.velocity.y),
+            wind: state.wind,
+        };
+        // Without a position worth the name the path waits where it is.
+        (basis != Basis::WingsLevel).then(|| self.guidance.step(&motion))
+    }
+
+    /// References of the inner loops; `None` for channels that are off.
+    fn outer(
+        &self,
+        state: &NavigationState,
+        s: &Signals,
+        commands: &LoopCommands,
+        guidance: Option<&GuidanceOutput>,
+        basis: Basis,
+    ) -> Wanted {
+        let vertical = self.vertical(state, s, commands, guidance, basis);
+        let bank = self.bank(state, s, commands, guidance, basis, vertical.unwrap_or(0.0));
+        let roll_rate = bank.map(|bank| self.config.outer.bank(bank, s.bank_rad));
+        Wanted {
+            bank,
+            roll_rate: commands.roll_rate_radps.or(roll_rate),
+            normal: self.normal(s, commands, vertical),
+            axial: self.axial(s, commands, guidance, basis),
+        }
+    }
+
+    /// Vertical acceleration wanted, up, m/s².
+    fn vertical(
+        &self,
+        state: &NavigationState,
+        s: &Signals,
+        commands: &LoopCommands,
+        guidance: Option<&GuidanceOutput>,
+        basis: Basis,
+    ) -> Option<f64> {
+        let outer = &self.config.outer;
+        let target = commands.altitude_m.or(guidance.map(|g| g.altitude_m));
+        if basis == Basis::WingsLevel {
+            // No height to be trusted: keep the nose where level flight has it.
+            let climb = s.airspeed_mps * (s.pitch_rad - self.trim.alpha_rad).sin();
+            return (commands.navigation || target.is_some()).then(|| outer.climb_rate(0.0, climb));
+        }
+        let reference = commands.airspeed_mps.or(guidance.map(|g| g.airspeed_mps));
+        let lack = reference.map_or(0.0, |v| v - s.airspeed_mps);
+        target.map(|altitude| outer.altitude(altitude - state.altitude_m(), -state.velocity.z, lack))
+    }
+
+    fn bank(
+        &self,
+        state: &NavigationState,
+        s: &Signals,
+        commands: &LoopCommands,
+        guidance: Option<&GuidanceOutput>,
+        basis: Basis,
+        vertical: f64,
+    ) -> Option<f64> {
+        if commands.bank_rad.is_some() {
+            return commands.bank_rad;
+        }
+        if basis == Basis::WingsLevel {
+            return (commands.navigation || commands.track_rad.is_some()).then_some(0.0);
+        }
+        let velocity = Vector2::new(state.velocity.x, state.velocity.y);
+        let sideways = commands.track_rad.map(|track| course_acceleration(track, &velocity));
+        let sideways = sideways.or(guidance.map(|g| g.horizontal_mps2))?;
+        Some(self.config.outer.bank_for(sideways, vertical, s.climb_rad))
+    }
+
+    fn normal(&self, s: &Signals, commands: &LoopCommands, vertical: Option<f64>) -> Option<f64> {
+        let by_rate = commands.pitch_rate_radps.map(|rate| {
+            // Q_w = −(C + g cos γ cos φ)/V, solved for C.
+            limit_normal(-s.airspeed_mps * rate - GRAVITY_MPS2 * s.climb_rad.cos() * s.bank_rad.cos())
+        });
+        let by_force = commands.normal_mps2.map(limit_normal);
+        by_rate.or(by_force).or(vertical.map(|up| normal_for(up, s.bank_rad, s.climb_rad)))
+    }
+
+    fn axial(
+        &self,
+        s: &Signals,
+        commands: &LoopCommands,
+        guidance: Option<&GuidanceOutput>,
+        basis: Basis,
+    ) -> Option<f64> {
+        let waiting = (basis == Basis::WingsLevel && commands.navigation).then_some(self.config.cruise_mps);
+        let target = commands.airspeed_mps.or(guidance.map(|g| g.airspeed_mps)).or(waiting);
+        let by_speed = target.map(|v| self.config.outer.airspeed(v - s.airspeed_mps, s.climb_rad));
+        commands.axial_mps2.or(by_speed)
+    }
+
+    /// Runs the loops that are on; channels that come on start where the actuators are.
+    fn inner(
+        &mut self,
+        s: &Signals,
+        wanted: &Wanted,
+        commands: &LoopCommands,
+        inputs: &ControllerInputs<'_>,
+        dt_s: f64,
+    ) -> ActuatorCommand {
+        let lateral = commands.lateral_mps2.unwrap_or(0.0);
+        self.engage(s, wanted, lateral);
+        self.slew_references(wanted, dt_s);
+        let (airframe, tuning, r) = (&self.airframe, &self.config.inner, &self.references);
+        let loops = &mut self.loops;
+        let mut command = inputs.pilot;
+        if wanted.roll_rate.is_some() {
+            command.aileron_rad = loops.roll(airframe, tuning, s, r.roll_rate_radps, dt_s);
+        }
+        if wanted.normal.is_some() {
+            command.elevator_rad = loops.normal(airframe, tuning, s, r.normal_mps2, dt_s);
+        }
+        if wanted.axial.is_some() {
+            command.throttle = loops.axial(airframe, tuning, s, r.axial_mps2, dt_s);
+        }
+        command.rudder_rad = loops.lateral(airframe, tuning, s, lateral, dt_s);
+        command
+    }
+
+    fn engage(&mut self, s: &Signals, wanted: &Wanted, lateral: f64) {
+        let (airframe, tuning, last) = (&self.airframe, &self.config.inner, &self.last);
+        let loops = &mut self.loops;
+        if wanted.roll_rate.is_some() && !self.channels.roll {
+            self.references.roll_rate_radps = s.roll_rate_radps.clamp(-1.6, 1.6);
+            loops.engage_roll(airframe, tuning, s, self.references.roll_rate_radps, last.aileron_rad);
+        }
+        if wanted.normal.is_some() && !self.channels.pitch {
+            self.references.normal_mps2 = limit_normal(s.normal_mps2);
+            loops.engage_normal(airframe, tuning, s, self.references.normal_mps2, last.elevator_rad);
+        }
+        if wanted.axial.is_some() && !self.channels.thrust {
+            self.references.axial_mps2 = s.axial_mps2.clamp(-3.0, 4.0);
+            loops.engage_axial(airframe, tuning, s, self.references.axial_mps2, last.throttle);
+        }
+        if !self.channels.yaw {
+            loops.engage_lateral(airframe, tuning, s, lateral, last.rudder_rad);
+        }
+        self.channels = Channels {
+            roll: wanted.roll_rate.is_some(),
+            pitch: wanted.normal.is_some(),
+            yaw: true,
+            thrust: wanted.axial.is_some(),
+        };
+    }
+
+    fn slew_references(&mut self, wanted: &Wanted, dt_s: f64) {
+        let r = &mut self.references;
+        let limit = self.config.outer.roll_rate_radps;
+        if let Some(target) = wanted.roll_rate {
+            r.roll_rate_radps =
+                slew(r.roll_rate_radps, target.clamp(-limit, limit), ROLL_RATE_SLEW_RADPS2, dt_s);
+        }
+        if let Some(target) = wanted.normal {
+            r.normal_mps2 = slew(r.normal_mps2, target, NORMAL_SLEW_MPS3, dt_s);
+        }
+        if let Some(target) = wanted.axial {
+            r.axial_mps2 = slew(r.axial_mps2, target, AXIAL_SLEW_MPS3, dt_s);
+        }
+        r.bank_rad = wanted.bank.unwrap_or(r.bank_rad);
+    }
+}
+
+/// What the outer loops ask of the inner ones.
+#[derive(Debug, Clone, Copy)]
+struct Wanted {
+    bank: Option<f64>,
+    roll_rate: Option<f64>,
+    normal: Option<f64>,
+    axial: Option<f64>,
+}
+
+fn trimmed(trim: &Trim) -> ActuatorCommand {
+    ActuatorCommand { throttle: trim.throttle, elevator_rad: trim.elevator_rad, ..ActuatorCommand::default() }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,156 @@
+//! The controller's switching: who flies what, and that nothing jumps.
+
+use super::*;
+use crate::airframe::tests::aerosonde;
+use crate::attitude;
+use crate::estimator::{EstimatorStatus, StateSigmas};
+use crate::guidance::{GuidanceConfig, seed_waypoints};
+
+fn controller() -> Controller {
+    let guidance = Guidance::new(GuidanceConfig::default(), &seed_waypoints()).unwrap();
+    Controller::new(aerosonde(), ControllerConfig::default(), guidance)
+}
+
+fn level_state() -> NavigationState {
+    let quaternion = attitude::from_euler(0.0, 0.08, 0.0);
+    let one = Vector3::repeat(0.1);
+    NavigationState {
+        time_s: 0.0,
+        position: Vector3::new(50.0, 0.0, -160.0),
+        velocity: Vector3::new(22.0, 0.0, 0.0),
+        quaternion,
+        euler: attitude::euler(&quaternion),
+        rates: Vector3::zeros(),
+        specific_force: quaternion.inverse() * Vector3::new(0.0, 0.0, -GRAVITY_MPS2),
+        wind: Vector2::zeros(),
+        gyro_bias: Vector3::zeros(),
+        accel_bias: Vector3::zeros(),
+        mag_bias: Vector3::zeros(),
+        sigmas: StateSigmas { attitude: one, velocity: one, position: one },
+        status: EstimatorStatus::Ready,
+    }
+}
+
+fn inputs(state: Option<&NavigationState>) -> ControllerInputs<'_> {
+    ControllerInputs {
+        navigation: state,
+        rates: Vector3::zeros(),
+        specific_force: level_state().specific_force,
+        airspeed_mps: Some(22.0),
+        density_kgpm3: Some(1.2),
+        pilot: ActuatorCommand { throttle: 0.7, aileron_rad: 0.01, elevator_rad: -0.2, rudder_rad: 0.02 },
+        dt_s: 0.02,
+    }
+}
+
+#[test]
+fn autopilot_off_is_the_pilot_untouched() {
+    let state = level_state();
+    let out = controller().step(&inputs(Some(&state)), &LoopCommands::default());
+    assert_eq!(out.command, inputs(None).pilot);
+    assert_eq!(out.channels, Channels::default());
+}
+
+#[test]
+fn engagement_starts_from_the_pilots_actuators() {
+    let state = level_state();
+    let mut controller = controller();
+    controller.step(&inputs(Some(&state)), &LoopCommands::default());
+    let out = controller.step(&inputs(Some(&state)), &LoopCommands::MISSION);
+    let pilot = inputs(None).pilot;
+    assert!((out.command.elevator_rad - pilot.elevator_rad).abs() < 0.02, "{:?}", out.command);
+    assert!((out.command.aileron_rad - pilot.aileron_rad).abs() < 0.05);
+    assert!((out.command.throttle - pilot.throttle).abs() < 0.05);
+    assert!((out.command.rudder_rad - pilot.rudder_rad).abs() < 0.02);
+}
+
+#[test]
+fn each_loop_can_be_engaged_alone() {
+    let state = level_state();
+    let only = |commands: LoopCommands| {
+        let commands = LoopCommands { autopilot: true, ..commands };
+        controller().step(&inputs(Some(&state)), &commands).channels
+    };
+    let off = LoopCommands::default;
+    assert!(only(LoopCommands { roll_rate_radps: Some(0.1), ..off() }).roll);
+    assert!(only(LoopCommands { bank_rad: Some(0.1), ..off() }).roll);
+    assert!(only(LoopCommands { track_rad: Some(0.1), ..off() }).roll);
+    assert!(only(LoopCommands { pitch_rate_radps: Some(0.1), ..off() }).pitch);
+    assert!(only(LoopCommands { normal_mps2: Some(-12.0), ..off() }).pitch);
+    assert!(only(LoopCommands { altitude_m: Some(170.0), ..off() }).pitch);
+    assert!(only(LoopCommands { airspeed_mps: Some(20.0), ..off() }).thrust);
+    assert!(only(LoopCommands { axial_mps2: Some(0.2), ..off() }).thrust);
+    let bank = only(LoopCommands { bank_rad: Some(0.1), ..off() });
+    assert!(!bank.pitch && !bank.thrust && bank.yaw);
+    assert!(
+        !only(LoopCommands { bank_rad: Some(f64::NAN), ..off() }).roll,
+        "a target that is no number is off"
+    );
+}
+
+#[test]
+fn innermost_target_wins() {
+    let state = level_state();
+    let commands = LoopCommands { bank_rad: Some(0.5), roll_rate_radps: Some(0.0), ..LoopCommands::MISSION };
+    let mut controller = controller();
+    let mut out = controller.step(&inputs(Some(&state)), &commands);
+    for _ in 0..20 {
+        out = controller.step(&inputs(Some(&state)), &commands);
+    }
+    assert_eq!(out.references.roll_rate_radps, 0.0);
+}
+
+#[test]
+fn silent_estimator_is_bridged_without_a_jump() {
+    let mut state = level_state();
+    let mut controller = controller();
+    let mut last = controller.step(&inputs(Some(&state)), &LoopCommands::MISSION).command;
+    for frame in 0..300 {
+        let silent = (100..250).contains(&frame);
+        // It comes back with a bank 6° off what had been propagated.
+        if frame == 250 {
+            state.quaternion = attitude::from_euler(0.1, 0.08, 0.0);
+            state.euler = attitude::euler(&state.quaternion);
+        }
+        let out = controller.step(&inputs((!silent).then_some(&state)), &LoopCommands::MISSION);
+        let expected = match frame {
+            100..=174 => Basis::Propagated,
+            175..=249 => Basis::WingsLevel,
+            _ => Basis::Estimator,
+        };
+        assert_eq!(out.basis, expected, "frame {frame}");
+        assert!((out.command.aileron_rad - last.aileron_rad).abs() < 0.08, "frame {frame}");
+        assert!((out.command.elevator_rad - last.elevator_rad).abs() < 0.05, "frame {frame}");
+        assert!((out.command.throttle - last.throttle).abs() < 0.1, "frame {frame}");
+        last = out.command;
+    }
+}
+
+#[test]
+fn snapshot_resumes_with_the_same_command() {
+    let state = level_state();
+    let mut first = controller();
+    for _ in 0..50 {
+        first.step(&inputs(Some(&state)), &LoopCommands::MISSION);
+    }
+    let mut second = controller();
+    assert!(second.resume(&first.snapshot()));
+    let a = first.step(&inputs(Some(&state)), &LoopCommands::MISSION).command;
+    let b = second.step(&inputs(Some(&state)), &LoopCommands::MISSION).command;
+    assert!((a.elevator_rad - b.elevator_rad).abs() < 1e-9 && (a.throttle - b.throttle).abs() < 1e-9);
+    assert!(!second.resume(&ControllerSnapshot::default()), "zeroed memory is no snapshot");
+}
+
+#[test]
+fn nonsense_inputs_give_finite_commands() {
+    let mut controller = controller();
+    let mut bad = inputs(None);
+    bad.rates = Vector3::repeat(f64::NAN);
+    bad.specific_force = Vector3::repeat(f64::INFINITY);
+    bad.airspeed_mps = Some(f64::NAN);
+    bad.dt_s = f64::NAN;
+    for _ in 0..200 {
+        let c = controller.step(&bad, &LoopCommands::MISSION).command;
+        assert!([c.throttle, c.aileron_rad, c.elevator_rad, c.rudder_rad].iter().all(|x| x.is_finite()));
+    }
+}

@@ -3,7 +3,7 @@
 //! Everything here is an `Option` because the raw types are; nothing is missing once the rules have passed.
 
 use super::MessageCatalogue;
-use super::closed::{Direction, Exhausted, Kind, PartitionAction, StartMode};
+use super::closed::{Direction, Exhausted, Kind, PartitionAction, PartitionError, StartMode};
 use super::model::{
     Chain, Channel, ChannelId, Health, Module, ModuleHealth, ModuleId, Partition, PartitionHealth,
     PartitionId, Payload, Plan, Port, PortId, Restart, Role, Schedule, Window, default_module_action,
@@ -96,22 +96,9 @@ impl Builder<'_> {
             devices: devices.into_iter().map(|device| device.value).collect(),
             retained_bytes: raw.retained.or(Bytes(0))?.0,
             attributes: raw.attributes.or(Default::default())?,
-            health: self.partition_health(raw)?,
+            health: PartitionHealth::fill(|error| effective_action(self.file, raw, error)),
             ports: ports.map(|(port, _)| PortId(port)).collect(),
         })
-    }
-
-    fn partition_health(&self, raw: &RawPartition) -> Option<PartitionHealth> {
-        let cold = raw.restart.start.or(Word(defaults::START))?.0 == StartMode::Cold;
-        let default = |error| {
-            let said = answer(&self.file.health.partition, error);
-            match said.unwrap_or_else(|| default_partition_action(error)) {
-                // A default is as warm as the partition can be.
-                PartitionAction::WarmRestart if cold => PartitionAction::ColdRestart,
-                action => action,
-            }
-        };
-        Some(PartitionHealth::fill(|error| answer(&raw.health, error).unwrap_or_else(|| default(error))))
     }
 
     fn port(&self, place: usize) -> Option<Port> {
@@ -212,4 +199,17 @@ fn role(raw: &RawPort) -> Option<Role> {
 
 fn answer<E: Copy + PartialEq, A: Copy>(table: &[Answer<E, A>], error: E) -> Option<A> {
     table.iter().find(|answer| answer.error == error).map(|answer| answer.action.value)
+}
+
+/// What is done about an error: the partition's own answer, else the file's, else the executive's.
+pub(super) fn effective_action(file: &RawFile, raw: &RawPartition, error: PartitionError) -> PartitionAction {
+    if let Some(own) = answer(&raw.health, error) {
+        return own;
+    }
+    let cold = raw.restart.start.get().map_or(defaults::START, |word| word.0) == StartMode::Cold;
+    match answer(&file.health.partition, error).unwrap_or_else(|| default_partition_action(error)) {
+        // A default is as warm as the partition can be.
+        PartitionAction::WarmRestart if cold => PartitionAction::ColdRestart,
+        action => action,
+    }
 }

@@ -1,11 +1,24 @@
-//! The rules, by subject. Each looks at the raw file and notes what it finds; none depends on another having run.
+//! The rules, by subject. Each looks at the raw file and notes what it finds; none depends on another having passed,
+//! and what another rule has reported already is skipped.
 
 pub(super) mod chains;
+mod channels;
+mod health;
+mod laid;
+mod modules;
+mod names;
+mod partitions;
+mod ports;
+mod schedules;
+mod windows;
 
 use super::MessageCatalogue;
-use super::findings::{Finding, Findings};
+use super::catalogue::{self, Rule};
+use super::findings::{Finding, Findings, Span};
 use super::names::Names;
 use super::raw::RawFile;
+use super::reader::{At, Field};
+use laid::Laid;
 
 /// What every rule sees.
 pub(super) struct Context<'a> {
@@ -19,9 +32,45 @@ impl Context<'_> {
     fn add(&self, finding: Finding) {
         self.findings.add(finding);
     }
+
+    fn note(&self, rule: &'static Rule, span: &Span, message: impl Into<String>, mend: impl Into<String>) {
+        self.add(Finding::new(rule, span, message, mend));
+    }
+
+    /// A port as the file writes it.
+    fn port_path(&self, port: usize) -> String {
+        super::names::port_path(self.file, &self.file.ports[port])
+    }
+
+    fn partition_name(&self, partition: usize) -> &str {
+        &self.file.partitions[partition].name.value
+    }
+
+    /// Notes a number that is not in `low..=high`.
+    fn in_range(&self, what: &str, field: &Field<u32>, low: u32, high: u32) {
+        if let Some(number) = field.said() {
+            self.at_in_range(what, number, low, high);
+        }
+    }
+
+    fn at_in_range(&self, what: &str, number: &At<u32>, low: u32, high: u32) {
+        if !(low..=high).contains(&number.value) {
+            let message = format!("`{what}` is {}, and must lie between {low} and {high}", number.value);
+            self.note(&catalogue::OUT_OF_RANGE, &number.span, message, "write a number in this range");
+        }
+    }
 }
 
 /// Runs every rule.
 pub(super) fn check(cx: &Context<'_>) {
+    let laid: Vec<Laid> = cx.file.schedules.iter().map(|schedule| Laid::of(cx, schedule)).collect();
+    names::check(cx);
+    modules::check(cx);
+    partitions::check(cx);
+    schedules::check(cx);
+    windows::check(cx, &laid);
+    ports::check(cx);
+    channels::check(cx, &laid);
     chains::check(cx);
+    health::check(cx);
 }

@@ -1,0 +1,78 @@
+//! Rules about health tables: that what they ask for makes sense.
+
+use super::Context;
+use crate::plan::build::effective_action;
+use crate::plan::catalogue;
+use crate::plan::closed::{Closed, PartitionAction, PartitionError, StartMode};
+use crate::plan::findings::Finding;
+use crate::plan::raw::{Answer, RawPartition};
+use crate::plan::reader::{Bytes, Word};
+
+pub(super) fn check(cx: &Context<'_>) {
+    let health = &cx.file.health;
+    ignored(cx, &health.partition);
+    if let Some(windows) = &health.silence_windows {
+        cx.at_in_range("silence_windows", windows, 1, u32::MAX);
+    }
+    for partition in &cx.file.partitions {
+        ignored(cx, &partition.health);
+        warm(cx, partition);
+        warm_answers(cx, partition);
+        budget(cx, partition);
+    }
+}
+
+fn ignored(cx: &Context<'_>, table: &[Answer<PartitionError, PartitionAction>]) {
+    for answer in table {
+        let grave = matches!(
+            answer.error,
+            PartitionError::MemoryViolation | PartitionError::StackOverflow | PartitionError::HardwareFault
+        );
+        if grave && answer.action.value == PartitionAction::Ignore {
+            let message = format!("`{}` is ignored", answer.error);
+            let mend = "restart the partition, or stop it";
+            cx.note(&catalogue::FAULT_IGNORED, &answer.action.span, message, mend);
+        }
+    }
+}
+
+fn warm(cx: &Context<'_>, partition: &RawPartition) {
+    let Some(start) = partition.restart.start.said().filter(|start| start.value.0 == StartMode::Warm) else {
+        return;
+    };
+    if partition.retained.or(Bytes(0)) == Some(Bytes(0)) {
+        let message = format!("partition `{}` starts warm and retains nothing", partition.name.value);
+        let mend = "add `retained = \"16KiB\"`, or let it start cold";
+        cx.note(&catalogue::WARM_WITHOUT_RETAINED, &start.span, message, mend);
+    }
+}
+
+fn warm_answers(cx: &Context<'_>, partition: &RawPartition) {
+    let start = &partition.restart.start;
+    if start.or(Word(StartMode::Cold)).map(|word| word.0) != Some(StartMode::Cold) {
+        return;
+    }
+    for answer in partition.health.iter().filter(|answer| answer.action.value == PartitionAction::WarmRestart)
+    {
+        let name = &partition.name.value;
+        let message = format!("`{}` restarts `{name}` warm, but it starts cold", answer.error);
+        let mend = "say `cold_restart`, or `start = \"warm\"` in `restart`";
+        let finding = Finding::new(&catalogue::WARM_WHERE_COLD, &answer.action.span, message, mend);
+        cx.add(match start.said() {
+            Some(said) => finding.also(&said.span, "it starts cold"),
+            None => finding,
+        });
+    }
+}
+
+fn budget(cx: &Context<'_>, partition: &RawPartition) {
+    let Some(budget) = partition.restart.budget.said().filter(|budget| budget.value == 0) else { return };
+    let restarts = |&error: &PartitionError| {
+        let action = effective_action(cx.file, partition, error);
+        matches!(action, PartitionAction::WarmRestart | PartitionAction::ColdRestart)
+    };
+    let Some(error) = PartitionError::ALL.iter().find(|error| restarts(error)) else { return };
+    let message = format!("`{error}` restarts `{}`, but its budget is zero", partition.name.value);
+    let mend = "allow some restarts, or choose `idle` or `stop` for its errors";
+    cx.note(&catalogue::RESTART_WITHOUT_BUDGET, &budget.span, message, mend);
+}

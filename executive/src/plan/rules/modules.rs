@@ -1,0 +1,50 @@
+//! Rules about modules: their cores, and that they have something to run.
+
+use std::collections::HashMap;
+
+use super::Context;
+use crate::plan::catalogue;
+use crate::plan::findings::{Finding, Span};
+use crate::plan::raw::RawModule;
+
+pub(super) fn check(cx: &Context<'_>) {
+    for module in &cx.file.modules {
+        cores(cx, module);
+        repeated(cx, module);
+    }
+    empty(cx);
+}
+
+fn cores(cx: &Context<'_>, module: &RawModule) {
+    if let Some(cores) = module.cores.said().filter(|cores| cores.value.is_empty()) {
+        let message = format!("module `{}` has no core", module.name.value);
+        cx.note(&catalogue::NO_CORE, &cores.span, message, "give it at least one, such as `cores = [1]`");
+    }
+}
+
+fn repeated(cx: &Context<'_>, module: &RawModule) {
+    let mut seen: HashMap<u32, &Span> = HashMap::new();
+    let lists = [module.cores.said(), module.housekeeping_cores.said()];
+    for core in lists.into_iter().flatten().flat_map(|list| &list.value) {
+        let Some(first) = seen.insert(core.value, &core.span) else { continue };
+        let message = format!("core {} of module `{}` is named twice", core.value, module.name.value);
+        let mend = "name it once: under `cores` or under `housekeeping_cores`";
+        let finding = Finding::new(&catalogue::CORE_TWICE, &core.span, message, mend);
+        cx.add(finding.also(first, "it is named here before"));
+    }
+}
+
+fn empty(cx: &Context<'_>) {
+    let used = |name: &str| {
+        let mut modules = cx.file.partitions.iter().map(|partition| &partition.module);
+        // A partition whose module is not known may be meant for any.
+        modules.any(|module| {
+            module.said().is_none_or(|said| said.value == name || cx.names.module(&said.value).is_none())
+        })
+    };
+    for module in cx.file.modules.iter().filter(|module| !used(&module.name.value)) {
+        let message = format!("module `{}` has no partition", module.name.value);
+        let mend = format!("remove it, or move a partition to it with `module = \"{}\"`", module.name.value);
+        cx.note(&catalogue::EMPTY_MODULE, &module.name.span, message, mend);
+    }
+}

@@ -1,0 +1,80 @@
+//! Rules about what a partition is granted: memory, threads, priority, devices, time to start.
+
+use std::collections::HashMap;
+
+use super::Context;
+use crate::plan::catalogue;
+use crate::plan::findings::Finding;
+use crate::plan::raw::RawPartition;
+use crate::plan::reader::{Bytes, Field, Nanoseconds};
+use crate::plan::units::ShowSize;
+
+/// Above it lie the executive's own threads, which a partition must not hold up.
+const HIGHEST_PRIORITY: u32 = 50;
+/// As many as an APEX partition may have processes; each takes a stack of its memory.
+const MOST_THREADS: u32 = 128;
+
+pub(super) fn check(cx: &Context<'_>) {
+    for partition in &cx.file.partitions {
+        memory(cx, partition);
+        cx.in_range("threads", &partition.threads, 1, MOST_THREADS);
+        cx.in_range("priority", &partition.priority, 1, HIGHEST_PRIORITY);
+        devices(cx, partition);
+        not_zero(cx, "startup_timeout", &partition.startup_timeout);
+        not_zero(cx, "within", &partition.restart.within);
+    }
+    shared_devices(cx);
+}
+
+fn memory(cx: &Context<'_>, partition: &RawPartition) {
+    let Some(memory) = partition.memory.said() else { return };
+    let name = &partition.name.value;
+    if memory.value.0 == 0 {
+        let message = format!("partition `{name}` has no memory");
+        cx.note(&catalogue::MEMORY_ZERO, &memory.span, message, "give it some, such as \"32MiB\"");
+        return;
+    }
+    if let Some(retained) = partition.retained.said().filter(|retained| retained.value > memory.value) {
+        let (Bytes(retained_bytes), Bytes(memory_bytes)) = (retained.value, memory.value);
+        let (retained_bytes, memory_bytes) = (ShowSize(retained_bytes), ShowSize(memory_bytes));
+        let message = format!("partition `{name}` retains {retained_bytes} of {memory_bytes} memory");
+        let mend = "retain less, or give the partition more memory";
+        let finding = Finding::new(&catalogue::RETAINED_TOO_LARGE, &retained.span, message, mend);
+        cx.add(finding.also(&memory.span, "all its memory"));
+    }
+}
+
+fn not_zero(cx: &Context<'_>, what: &str, time: &Field<Nanoseconds>) {
+    if let Some(time) = time.said().filter(|time| time.value.0 == 0) {
+        let mend = "write a time above zero, or leave the key out for its default";
+        cx.note(&catalogue::ZERO_TIME, &time.span, format!("`{what}` is zero"), mend);
+    }
+}
+
+fn devices(cx: &Context<'_>, partition: &RawPartition) {
+    let mut seen = HashMap::new();
+    for device in partition.devices.said().into_iter().flat_map(|list| &list.value) {
+        let Some(first) = seen.insert(&device.value, &device.span) else { continue };
+        let message = format!("partition `{}` is granted `{}` twice", partition.name.value, device.value);
+        let finding = Finding::new(&catalogue::DEVICE_TWICE, &device.span, message, "remove one of the two");
+        cx.add(finding.also(first, "it is granted here before"));
+    }
+}
+
+fn shared_devices(cx: &Context<'_>) {
+    let mut seen: HashMap<(Option<String>, &str), (usize, _)> = HashMap::new();
+    for (place, partition) in cx.file.partitions.iter().enumerate() {
+        for device in partition.devices.said().into_iter().flat_map(|list| &list.value) {
+            let key = (partition.module.get(), device.value.as_str());
+            let (owner, first) = *seen.entry(key).or_insert((place, &device.span));
+            if owner == place {
+                continue;
+            }
+            let (one, other) = (cx.partition_name(owner), &partition.name.value);
+            let message = format!("`{one}` and `{other}` share the device `{}`", device.value);
+            let mend = "grant it to one of them, and let the other ask through a port";
+            let finding = Finding::new(&catalogue::DEVICE_SHARED, &device.span, message, mend);
+            cx.add(finding.also(first, format!("`{one}` has it here")));
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! Rules about schedules as a whole: their frames, which one is initial, and who is in them.
+
+use super::Context;
+use crate::plan::catalogue;
+use crate::plan::findings::Finding;
+use crate::plan::raw::RawSchedule;
+use crate::plan::reader::{Field, Nanoseconds};
+use crate::plan::units::ShowTime;
+
+/// At 50 minor frames a second, three minutes: far beyond any cycle that a person can read. The timeline has an entry
+/// for every window in each of them, in memory that the dispatcher keeps locked.
+const MOST_MINOR_FRAMES: u64 = 10_000;
+
+pub(super) fn check(cx: &Context<'_>) {
+    for schedule in &cx.file.schedules {
+        frames(cx, schedule);
+    }
+    initial(cx);
+    major_frames(cx);
+    partitions(cx);
+}
+
+/// The minor frame and how many of it make the major frame; nothing where another rule objects.
+pub(super) fn minor_frames(schedule: &RawSchedule) -> Option<(u64, u64)> {
+    let (major, minor) = (schedule.major_frame.get()?.0, schedule.minor_frame.get()?.0);
+    let whole = minor > 0 && major > 0 && major % minor == 0 && major / minor <= MOST_MINOR_FRAMES;
+    whole.then(|| (minor, major / minor))
+}
+
+fn frames(cx: &Context<'_>, schedule: &RawSchedule) {
+    zero(cx, "major", &schedule.major_frame);
+    zero(cx, "minor", &schedule.minor_frame);
+    let (Some(major), Some(minor)) = (schedule.major_frame.said(), schedule.minor_frame.said()) else {
+        return;
+    };
+    let (major_ns, minor_ns) = (major.value.0, minor.value.0);
+    if major_ns == 0 || minor_ns == 0 {
+        return;
+    }
+    if major_ns % minor_ns != 0 {
+        let (major_time, minor_time) = (ShowTime(major_ns), ShowTime(minor_ns));
+        let message =
+            format!("a major frame of {major_time} is no whole number of {minor_time} minor frames");
+        let mend =
+            format!("make it {} or {}", below(major_ns, minor_ns), ShowTime(above(major_ns, minor_ns)));
+        let finding = Finding::new(&catalogue::MAJOR_NOT_MULTIPLE, &major.span, message, mend);
+        cx.add(finding.also(&minor.span, "the minor frame"));
+    } else if major_ns / minor_ns > MOST_MINOR_FRAMES {
+        let message = format!("the major frame has {} minor frames", major_ns / minor_ns);
+        let mend = format!("shorten it: {MOST_MINOR_FRAMES} is the most");
+        let finding = Finding::new(&catalogue::TOO_MANY_MINOR_FRAMES, &major.span, message, mend);
+        cx.add(finding.also(&minor.span, "the minor frame"));
+    }
+}
+
+/// The next shorter whole major frame, but at least one minor frame.
+fn below(major_ns: u64, minor_ns: u64) -> ShowTime {
+    ShowTime((major_ns / minor_ns).max(1) * minor_ns)
+}
+
+fn above(major_ns: u64, minor_ns: u64) -> u64 {
+    (major_ns / minor_ns + 1).max(2).saturating_mul(minor_ns)
+}
+
+fn zero(cx: &Context<'_>, what: &str, frame: &Field<Nanoseconds>) {
+    if let Some(frame) = frame.said().filter(|frame| frame.value.0 == 0) {
+        let message = format!("the {what} frame is zero");
+        cx.note(&catalogue::ZERO_FRAME, &frame.span, message, "write a time above zero, such as \"20ms\"");
+    }
+}
+
+fn initial(cx: &Context<'_>) {
+    let schedules = &cx.file.schedules;
+    // The only schedule need not say so.
+    let alone = schedules.len() == 1;
+    let says = |schedule: &&RawSchedule| schedule.initial.or(alone) != Some(false);
+    let mut initial = schedules.iter().filter(says);
+    let Some(first) = initial.next() else { return no_initial(cx) };
+    for other in initial {
+        let message = format!("`{}` and `{}` are both initial", first.name.value, other.name.value);
+        let mend = "leave `initial = true` to one of them";
+        let finding = Finding::new(&catalogue::TWO_INITIAL_SCHEDULES, &other.name.span, message, mend);
+        cx.add(finding.also(&first.name.span, "the other one"));
+    }
+}
+
+fn no_initial(cx: &Context<'_>) {
+    let (span, message, mend) = match cx.file.schedules.first() {
+        None => (0..0, "the file has no schedule", "add `[schedule.NAME]` with its frames and windows"),
+        Some(first) => (first.name.span.clone(), "no schedule is initial", "add `initial = true` to one"),
+    };
+    cx.note(&catalogue::NO_INITIAL_SCHEDULE, &span, message, mend);
+}
+
+fn major_frames(cx: &Context<'_>) {
+    let mut frames =
+        cx.file.schedules.iter().filter_map(|schedule| Some((schedule, schedule.major_frame.said()?)));
+    let Some((first, one)) = frames.next() else { return };
+    for (schedule, other) in frames.filter(|(_, other)| other.value != one.value) {
+        let message = format!(
+            "the major frames of `{}` and `{}` differ: {} and {}",
+            first.name.value,
+            schedule.name.value,
+            ShowTime(one.value.0),
+            ShowTime(other.value.0)
+        );
+        let mend = "make them equal, or accept that a change takes up to the longer of the two";
+        let finding = Finding::new(&catalogue::MAJOR_FRAMES_DIFFER, &other.span, message, mend);
+        cx.add(finding.also(&one.span, "the other one"));
+    }
+}
+
+/// Every partition has a window, in every schedule at best.
+fn partitions(cx: &Context<'_>) {
+    let windows = || cx.file.schedules.iter().flat_map(|schedule| &schedule.windows);
+    if cx.file.schedules.is_empty() || windows().any(|window| cx.names.owner(window).is_none()) {
+        // A window of an unknown partition may well be the one that seems to be missing.
+        return;
+    }
+    for (place, partition) in cx.file.partitions.iter().enumerate() {
+        let runs = |schedule: &&RawSchedule| {
+            schedule.windows.iter().any(|window| cx.names.owner(window) == Some(place))
+        };
+        let (with, without): (Vec<_>, Vec<_>) = cx.file.schedules.iter().partition(runs);
+        let name = &partition.name;
+        if with.is_empty() {
+            let message = format!("partition `{}` has no window in any schedule", name.value);
+            let mend = "add a `[[schedule.NAME.window]]` for it, or remove it";
+            cx.note(&catalogue::NEVER_SCHEDULED, &name.span, message, mend);
+            continue;
+        }
+        for schedule in without {
+            let message =
+                format!("partition `{}` has no window in schedule `{}`", name.value, schedule.name.value);
+            let mend = "add one, unless the partition is meant to stand still there";
+            let finding = Finding::new(&catalogue::NOT_IN_SCHEDULE, &name.span, message, mend);
+            cx.add(finding.also(&schedule.name.span, "the schedule without it"));
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! One bad file for each rule, with the text that the checker answers.
+//!
+//! The first line of a file names the rules that it breaks, and it must break those and no other. With
+//! `BLESS=1` in the environment the texts are written instead of compared.
+
+mod plan_support;
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use bateleur_executive::plan::{RULES, Report, check_with_warnings};
+use plan_support::{Table, repository};
+
+fn bad_files() -> Vec<PathBuf> {
+    let entries = fs::read_dir(repository().join("tests/schedule")).unwrap();
+    let paths = entries.map(|entry| entry.unwrap().path());
+    let mut files: Vec<PathBuf> =
+        paths.filter(|path| path.extension().is_some_and(|end| end == "toml")).collect();
+    files.sort();
+    files
+}
+
+fn report_on(path: &Path) -> (String, Report) {
+    let text = fs::read_to_string(path).unwrap();
+    let name = format!("tests/schedule/{}", path.file_name().unwrap().display());
+    let report = match check_with_warnings(&name, &text, &Table) {
+        Ok((_, warnings)) => warnings,
+        Err(report) => report,
+    };
+    (text, report)
+}
+
+fn announced(text: &str) -> BTreeSet<&str> {
+    let first = text.lines().next().unwrap_or_default();
+    let rules = first.strip_prefix("# breaks ").expect("the first line names the rules that the file breaks");
+    rules.split(", ").collect()
+}
+
+fn broken(report: &Report) -> BTreeSet<&str> {
+    report.violations().iter().map(|violation| violation.rule).collect()
+}
+
+#[test]
+fn every_bad_file_breaks_the_rules_that_it_announces_and_no_other() {
+    for path in bad_files() {
+        let (text, report) = report_on(&path);
+        assert_eq!(broken(&report), announced(&text), "{}:\n{report}", path.display());
+    }
+}
+
+#[test]
+fn every_rule_has_a_bad_file() {
+    let reports: Vec<Report> = bad_files().iter().map(|path| report_on(path).1).collect();
+    let found: BTreeSet<&str> = reports.iter().flat_map(broken).collect();
+    let rules: BTreeSet<&str> = RULES.iter().map(|rule| rule.id).collect();
+    assert_eq!(found, rules);
+    assert_eq!(rules.len(), RULES.len(), "two rules share an id");
+}
+
+#[test]
+fn every_bad_file_is_answered_with_the_text_beside_it() {
+    let bless = std::env::var_os("BLESS").is_some();
+    let mut differ = Vec::new();
+    for path in bad_files() {
+        let text = report_on(&path).1.render(false);
+        let expected = path.with_extension("stderr");
+        if bless {
+            fs::write(&expected, &text).unwrap();
+        } else if fs::read_to_string(&expected).unwrap_or_default() != text {
+            differ.push(format!("{}:\n{text}", expected.display()));
+        }
+    }
+    assert!(differ.is_empty(), "{}\nrun again with BLESS=1 if this is meant", differ.join("\n"));
+}
+
+#[test]
+fn every_expected_text_has_its_bad_file() {
+    for entry in fs::read_dir(repository().join("tests/schedule")).unwrap() {
+        let path = entry.unwrap().path();
+        assert!(path.with_extension("toml").exists(), "{} has no file that it answers", path.display());
+    }
+}
+
+#[test]
+fn every_violation_says_where_it_is_and_how_to_mend_it() {
+    for path in bad_files() {
+        let (text, report) = report_on(&path);
+        for violation in report.violations() {
+            let place = &violation.place;
+            assert!(text.get(place.span.clone()).is_some(), "{violation:?}");
+            assert_eq!(
+                text[..place.span.start].lines().count().max(1),
+                place.line.max(1) - usize::from(place.column == 1 && place.line > 1),
+                "{violation:?}"
+            );
+            assert!(!violation.message.is_empty() && !violation.mend.is_empty(), "{violation:?}");
+        }
+    }
+}

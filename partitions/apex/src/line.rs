@@ -25,6 +25,11 @@ impl<D: Read + Write + AsFd> Line<D> {
         Self { device, time, received: 0 }
     }
 
+    /// Goes on over another device, because the one before is gone. What was received stays counted.
+    pub fn replace(&mut self, device: D) {
+        self.device = device;
+    }
+
     /// Appends what has arrived to `out`, at most `limit` bytes. An error means that the device is gone.
     pub fn receive(&mut self, window: &Window, out: &mut Vec<u8>, limit: usize) -> io::Result<()> {
         let expected = match self.time.page().device_expected.load(Relaxed) {

@@ -29,7 +29,7 @@ pub use gps::{GpsPosition, GpsVelocity, RawGps};
 pub use ground::GroundMessage;
 pub use hil::Custom;
 pub use imu::{Acceleration, Magnetization, Pressure, Rates, RawAnalog};
-pub use rate::Rate;
+pub use rate::{Rate, Watch};
 pub use state::State;
 pub use telemetry::TelemetryMessage;
 

@@ -3,6 +3,7 @@
 use crate::Message;
 use crate::field::message;
 use crate::frame::Frame;
+use crate::ground::GroundMessage;
 use crate::hil::{self, PacketError};
 
 /// Bytes of data that a telemetry message can hold.
@@ -206,6 +207,14 @@ message! {
         pub result: u8,
         /// Unused, zero.
         pub reserved: u32,
+    }
+}
+
+impl Acknowledge {
+    /// The answer of function `from` (a `FROM_…` constant) to `message` at module time `time_ns`.
+    pub fn of(message: &GroundMessage, from: u8, result: u8, time_ns: u64) -> Self {
+        let first = message.bytes().first().copied().unwrap_or_default();
+        Self { time_ns, letter: message.letter, first, from, result, reserved: 0 }
     }
 }
 

@@ -1,5 +1,8 @@
 //! The schedule that ships with the project, and the plan that becomes of it.
 
+// A test may be blunt: a panic is how it fails.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 mod plan_support;
 
 use bateleur_executive::plan::{
@@ -119,4 +122,89 @@ fn the_timeline_of_the_flight_schedule_recurs_in_every_minor_frame() {
     let expected =
         [(3_800_000, 0, 0), (23_800_000, 1, 1), (43_800_000, 2, 2), (63_800_000, 3, 3), (83_800_000, 4, 4)];
     assert_eq!(imu, expected);
+}
+
+/// Three partitions on two cores, in an order of the file that is not the order of time.
+const TOUCHING: &str = r#"
+[module.fcu]
+cores = [2, 1]
+
+[partition.one]
+program = "one"
+module = "fcu"
+memory = "1MiB"
+
+[partition.two]
+program = "two"
+module = "fcu"
+memory = "1MiB"
+
+[partition.three]
+program = "three"
+module = "fcu"
+memory = "1MiB"
+
+[schedule.flight]
+major_frame = "20ms"
+minor_frame = "10ms"
+window = [
+    { partition = "two", offset = "1ms", duration = "9ms", core = 1 },
+    { partition = "one", offset = "0ms", duration = "1ms", core = 1, minor = [1, 0] },
+    { partition = "three", offset = "5ms", duration = "500us", minor = [1] },
+    { partition = "one", offset = "1ms", duration = "1ms", core = 2 },
+]
+"#;
+
+fn touching() -> Plan {
+    let (plan, report) = check_with_warnings("touching.toml", TOUCHING, &Table).unwrap();
+    let rules: Vec<&str> = report.violations().iter().map(|violation| violation.rule).collect();
+    assert_eq!(rules, ["T12-core-too-full"], "windows may touch, whoever has them");
+    plan
+}
+
+#[test]
+fn windows_that_touch_do_not_overlap() {
+    let plan = touching();
+    let line = Timeline::of(&plan, plan.module("fcu").unwrap().id(), plan.initial_schedule());
+    assert_eq!(line.cores.iter().map(|core| core.core).collect::<Vec<_>>(), [2, 1]);
+    let spans: Vec<(u64, u64)> =
+        line.cores[1].windows.iter().map(|window| (window.start_ns, window.end_ns)).collect();
+    let ms = 1_000_000;
+    assert_eq!(spans, [(0, ms), (ms, 10 * ms), (10 * ms, 11 * ms), (11 * ms, 20 * ms)]);
+}
+
+#[test]
+fn a_window_without_a_core_is_on_the_first_of_its_module() {
+    let plan = touching();
+    let line = Timeline::of(&plan, plan.module("fcu").unwrap().id(), plan.initial_schedule());
+    let three = plan.partition("three").unwrap();
+    let window = line.cores[0].windows.iter().find(|window| window.partition == three).unwrap();
+    assert_eq!(
+        (window.start_ns, window.duration_ns(), window.minor, window.declared),
+        (15_000_000, 500_000, 1, 2)
+    );
+}
+
+#[test]
+fn instants_count_from_the_origin() {
+    let plan = touching();
+    let line = Timeline::of(&plan, plan.module("fcu").unwrap().id(), plan.initial_schedule());
+    let last = line.cores[1].windows[3];
+    // A day of major frames later, the instant is still exact.
+    let frame = 24 * 60 * 60 * 50;
+    assert_eq!(line.instant_ns(frame, last.start_ns), 24 * 60 * 60 * 1_000_000_000 + 11_000_000);
+}
+
+#[test]
+fn what_the_file_leaves_out_has_a_default() {
+    let plan = touching();
+    let one = &plan[plan.partition("one").unwrap()];
+    assert_eq!((one.threads, one.priority, one.network, one.retained_bytes), (1, 40, false, 0));
+    assert_eq!(
+        (one.restart.budget, one.restart.within_ns, one.restart.startup_ns),
+        (5, 10_000_000_000, 20_000_000)
+    );
+    assert_eq!(one.startup_timeout_ns, 5_000_000_000);
+    assert_eq!(plan.health.silence_windows, 25);
+    assert!(plan.schedules[0].initial, "the only schedule is initial");
 }

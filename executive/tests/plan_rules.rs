@@ -3,6 +3,9 @@
 //! The first line of a file names the rules that it breaks, and it must break those and no other. With
 //! `BLESS=1` in the environment the texts are written instead of compared.
 
+// A test may be blunt: a panic is how it fails.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 mod plan_support;
 
 use std::collections::BTreeSet;
@@ -89,12 +92,68 @@ fn every_violation_says_where_it_is_and_how_to_mend_it() {
         for violation in report.violations() {
             let place = &violation.place;
             assert!(text.get(place.span.clone()).is_some(), "{violation:?}");
-            assert_eq!(
-                text[..place.span.start].lines().count().max(1),
-                place.line.max(1) - usize::from(place.column == 1 && place.line > 1),
-                "{violation:?}"
-            );
+            let before: Vec<&str> = text[..place.span.start].split('\n').collect();
+            assert_eq!(before.len(), place.line, "{violation:?}");
+            assert_eq!(before.last().unwrap().chars().count() + 1, place.column, "{violation:?}");
             assert!(!violation.message.is_empty() && !violation.mend.is_empty(), "{violation:?}");
         }
+    }
+}
+
+#[test]
+fn a_report_for_programs_has_every_violation_with_its_places() {
+    let (_, report) = report_on(&repository().join("tests/schedule/window_overlap.toml"));
+    let json = report.to_json();
+    assert_eq!((&json["errors"], &json["warnings"]), (&1.into(), &0.into()));
+    let violation = &json["violations"][0];
+    assert_eq!(violation["rule"], "T03-window-overlap");
+    assert_eq!(violation["severity"], "error");
+    assert_eq!((&violation["line"], &violation["related"][0]["line"]), (&30.into(), &29.into()));
+    assert!(violation["mend"].as_str().is_some_and(|mend| mend.contains("1ms")));
+}
+
+#[test]
+fn colour_changes_the_look_and_not_the_words() {
+    let (_, report) = report_on(&repository().join("tests/schedule/window_overlap.toml"));
+    let coloured = report.render(true);
+    assert!(coloured.contains("\u{1b}["));
+    assert!(!report.render(false).contains('\u{1b}'));
+    assert!(coloured.contains("overlap on core 1 of `fcu`"));
+}
+
+#[test]
+fn a_damaged_file_is_answered_and_never_panics() {
+    let text = fs::read_to_string(repository().join("schedule.toml")).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    for skipped in 0..lines.len() {
+        let rest = [&lines[..skipped], &lines[skipped + 1..]].concat().join("\n");
+        answer(&rest);
+    }
+    for end in (0..text.len()).step_by(101) {
+        answer(text.get(..end).unwrap_or_default());
+    }
+    for word in ["\"20ms\"", "\"imu\"", "[1]", "\"sampling\"", "\"source\""] {
+        for other in [
+            "0",
+            "\"0\"",
+            "\"0ms\"",
+            "[]",
+            "{}",
+            "-1",
+            "1e400",
+            "\"\"",
+            "\"ä.ö\"",
+            "99999999999999999999",
+            "[[]]",
+        ] {
+            answer(&text.replace(word, other));
+        }
+    }
+}
+
+fn answer(text: &str) {
+    match check_with_warnings("damaged.toml", text, &Table) {
+        Ok((_, report)) => assert_eq!(report.errors(), 0),
+        Err(report) => assert!(report.errors() > 0 && report.render(true).len() > 20),
     }
 }

@@ -372,22 +372,28 @@ fn action_in<A: Closed>(
     action.map(|value_| At { value: value_, span: value.span() })
 }
 
-/// Parses a file; the parser's complaints are noted, and then there is nothing to read.
+/// Parses a file; the parser's first complaint is noted, and then there is nothing to read.
+///
+/// The parser goes on after a fault, but what it finds then is mostly a consequence of the first.
 pub(super) fn parse<'i>(text: &'i str, findings: &Findings<'_>) -> Option<Spanned<DeTable<'i>>> {
-    let (document, errors) = DeTable::parse_recoverable(text);
-    for error in &errors {
-        let span = error.span().unwrap_or(0..0);
-        // The parser tells this one apart by its text only.
-        let finding = if error.message() == "duplicate key" {
-            let message = format!("`{}` is there already", text.get(span.clone()).unwrap_or("this key"));
-            Finding::new(&catalogue::DUPLICATE_NAME, &span, message, "rename one of the two, or join them")
+    let error = match DeTable::parse(text) {
+        Ok(document) => return Some(document),
+        Err(error) => error,
+    };
+    let span = error.span().unwrap_or(0..0);
+    // The parser tells its complaints apart by their text only.
+    findings.add(if error.message() == "duplicate key" {
+        let message = format!("`{}` is there already", text.get(span.clone()).unwrap_or("this key"));
+        Finding::new(&catalogue::DUPLICATE_NAME, &span, message, "rename one of the two, or join them")
+    } else {
+        let mend = if error.message().contains("must be quoted") {
+            "put the value in quotes"
         } else {
-            let mend = "see https://toml.io for how TOML is written";
-            Finding::new(&catalogue::SYNTAX, &span, error.message(), mend)
+            "how TOML is written stands at https://toml.io"
         };
-        findings.add(finding);
-    }
-    errors.is_empty().then_some(document)
+        Finding::new(&catalogue::SYNTAX, &span, error.message(), mend)
+    });
+    None
 }
 
 #[cfg(test)]

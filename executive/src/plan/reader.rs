@@ -226,8 +226,8 @@ impl FromToml for u32 {
         };
         let read = integer(number).and_then(|number| Self::try_from(number).ok());
         if read.is_none() {
-            let message = format!("{number} is not a number from 0 to {}", Self::MAX);
-            let mend = "write a number in this range";
+            let fault = if number.as_str().starts_with('-') { "negative" } else { "too large" };
+            let (message, mend) = (format!("`{number}` is {fault}"), "write a whole number, zero or above");
             findings.add(Finding::new(&catalogue::OUT_OF_RANGE, &value.span(), message, mend));
         }
         read

@@ -136,7 +136,10 @@ fn payload(cx: &Context<'_>, source: &End<'_>, destination: &End<'_>) {
         _ => &catalogue::MESSAGE_MISMATCH,
     };
     let message = format!("`{}` sends {from}, but `{}` takes {to}", source.name(), destination.name());
-    let mend = format!("let both say {from}");
+    let mend = match from {
+        Carried::Message(name) => format!("let both say `message = \"{name}\"`"),
+        Carried::Bytes(size) => format!("let both say `max_size = {size}`"),
+    };
     let finding = Finding::new(rule, &destination.said.span, message, mend);
     cx.add(finding.also(here, "what is sent").also(there, "what is taken"));
 }

@@ -55,8 +55,13 @@ impl Context<'_> {
 
     fn at_in_range(&self, what: &str, number: &At<u32>, low: u32, high: u32) {
         if !(low..=high).contains(&number.value) {
-            let message = format!("`{what}` is {}, and must lie between {low} and {high}", number.value);
-            self.note(&catalogue::OUT_OF_RANGE, &number.span, message, "write a number in this range");
+            let message = format!("`{what}` is {}", number.value);
+            let mend = if high == u32::MAX {
+                format!("write a number of at least {low}")
+            } else {
+                format!("write a number from {low} to {high}")
+            };
+            self.note(&catalogue::OUT_OF_RANGE, &number.span, message, mend);
         }
     }
 }

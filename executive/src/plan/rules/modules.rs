@@ -15,7 +15,15 @@ pub(super) fn check(cx: &Context<'_>) {
     empty(cx);
 }
 
+/// The last core that a fixed set of Linux names; no machine that flies has more.
+const LAST_CORE: u32 = 1023;
+
 fn cores(cx: &Context<'_>, module: &RawModule) {
+    for (key, list) in [("cores", &module.cores), ("housekeeping_cores", &module.housekeeping_cores)] {
+        for core in list.said().into_iter().flat_map(|list| &list.value) {
+            cx.at_in_range(key, core, 0, LAST_CORE);
+        }
+    }
     if let Some(cores) = module.cores.said().filter(|cores| cores.value.is_empty()) {
         let message = format!("module `{}` has no core", module.name.value);
         cx.note(&catalogue::NO_CORE, &cores.span, message, "give it at least one, such as `cores = [1]`");

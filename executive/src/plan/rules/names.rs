@@ -126,9 +126,22 @@ fn unknown_port(cx: &Context<'_>, port: &At<String>, known: &[String]) {
     // All ports of a plan are too many to list.
     let mend = match crate::plan::findings::nearest(&port.value, known.iter().map(String::as_str)) {
         Some(near) => format!("did you mean `{near}`?"),
-        None => "declare it under its partition as `[partition.NAME.port.PORT]`".to_owned(),
+        None => ports_beside(cx, port),
     };
     cx.note(&catalogue::UNKNOWN_PORT, &port.span, message, mend);
+}
+
+/// The ports of the partition that an unknown port names, if there are any.
+fn ports_beside(cx: &Context<'_>, port: &At<String>) -> String {
+    let partition = port.value.split('.').next().unwrap_or_default();
+    let owner = cx.names.partition(partition);
+    let ports = cx.file.ports.iter().filter(|port| Some(port.partition) == owner);
+    let ports: Vec<&str> = ports.map(|port| port.name.value.as_str()).collect();
+    if ports.is_empty() {
+        "declare it under its partition as `[partition.NAME.port.PORT]`".to_owned()
+    } else {
+        format!("the ports of `{partition}` are {}", listed(ports))
+    }
 }
 
 fn messages(cx: &Context<'_>) {

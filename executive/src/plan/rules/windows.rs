@@ -8,6 +8,7 @@ use super::schedules::minor_frames;
 use crate::plan::catalogue::{self, Rule};
 use crate::plan::findings::{Finding, Span};
 use crate::plan::raw::{RawSchedule, RawWindow};
+use crate::plan::reader::At;
 use crate::plan::units::ShowTime;
 
 /// A thaw, a wake-up, a freeze and its check take some tens of microseconds; a window below this is mostly switch.
@@ -71,12 +72,8 @@ fn minor(cx: &Context<'_>, schedule: &RawSchedule, window: &RawWindow) {
     let name = whose(window);
     if list.value.is_empty() {
         let message = format!("a window of `{name}` is in no minor frame");
-        cx.note(
-            &catalogue::MINOR_TWICE,
-            &list.span,
-            message,
-            "leave `minor` out for every frame, or remove the window",
-        );
+        let mend = "leave `minor` out for every frame, or remove the window";
+        cx.note(&catalogue::MINOR_TWICE, &list.span, message, mend);
     }
     let mut seen: BTreeMap<u32, &Span> = BTreeMap::new();
     for index in &list.value {
@@ -88,8 +85,18 @@ fn minor(cx: &Context<'_>, schedule: &RawSchedule, window: &RawWindow) {
         }
     }
     let Some((_, frames)) = minor_frames(schedule) else { return };
-    let beyond = list.value.iter().filter(|index| u64::from(index.value) >= frames);
-    for index in beyond.clone() {
+    if !minor_beyond(cx, schedule, &list.value, frames) && !even(&seen, frames) {
+        let message = format!("the windows of `{name}` come at uneven intervals");
+        let mend = "choose minor frames that lie equally far apart, also across the end of the major frame";
+        cx.note(&catalogue::UNEVEN_MINOR, &list.span, message, mend);
+    }
+}
+
+/// Notes the minor frames that do not exist, and says whether there are any.
+fn minor_beyond(cx: &Context<'_>, schedule: &RawSchedule, list: &[At<u32>], frames: u64) -> bool {
+    let mut any = false;
+    for index in list.iter().filter(|index| u64::from(index.value) >= frames) {
+        any = true;
         let message = format!("there is no minor frame {}: the major frame has {frames}", index.value);
         let mend = format!("they are counted from 0: the last is {}", frames - 1);
         let finding = Finding::new(&catalogue::MINOR_OUT_OF_RANGE, &index.span, message, mend);
@@ -98,11 +105,7 @@ fn minor(cx: &Context<'_>, schedule: &RawSchedule, window: &RawWindow) {
             None => finding,
         });
     }
-    if beyond.count() == 0 && !even(&seen, frames) {
-        let message = format!("the windows of `{name}` come at uneven intervals");
-        let mend = "choose minor frames that lie equally far apart, also across the end of the major frame";
-        cx.note(&catalogue::UNEVEN_MINOR, &list.span, message, mend);
-    }
+    any
 }
 
 /// Whether minor frames lie equally far apart in a cycle of `frames`.

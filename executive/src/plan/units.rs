@@ -149,7 +149,7 @@ impl fmt::Display for ShowTime {
 
 impl fmt::Display for ShowSize {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let fits = |(_, factor): &&(&str, u64)| self.0 >= *factor && self.0 % *factor == 0;
+        let fits = |(_, factor): &&(&str, u64)| self.0 >= *factor && self.0.is_multiple_of(*factor);
         let (unit, factor) = SIZE.units.iter().rev().find(fits).copied().unwrap_or(("B", 1));
         write!(formatter, "{}{unit}", self.0 / factor)
     }

@@ -1,3 +1,150 @@
-//! The plant behind a UDP socket.
+//! `simulator`: an aircraft that a flight computer can fly over UDP.
+//!
+//! Exit codes: 0 it ran and was told to end, 1 it broke while running, 2 it could not start.
 
-fn main() {}
+use anyhow::Context;
+use bateleur_simulator::{Options, Server, airframe};
+use clap::{Parser, ValueEnum};
+use std::io::{Read, Write};
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Flies an aircraft over UDP: actuators in, sensors out, in lockstep with the flight computer's time.
+#[derive(Debug, Parser)]
+#[command(name = "simulator", version)]
+struct Arguments {
+    /// Address to listen on; port 0 takes a free one.
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:15200")]
+    listen: SocketAddr,
+    /// aerosonde, rascal110, or a TOML file.
+    #[arg(long, value_name = "NAME|FILE", default_value = "aerosonde")]
+    airframe: String,
+    /// Seed of all chance: the same seed and the same packets give the same flight.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Mean wind.
+    #[arg(long, value_name = "M/S", default_value_t = 0.0, value_parser = wind)]
+    wind: f64,
+    /// Direction that the wind comes from, clockwise from north.
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = number, allow_negative_numbers = true)]
+    wind_from: f64,
+    /// Gusts (Dryden, MIL-F-8785C).
+    #[arg(long, value_enum, default_value_t = Turbulence::Calm)]
+    turbulence: Turbulence,
+    /// Advance by the own clock, 20 ms at a time, instead of by the flight computer's.
+    #[arg(long)]
+    free_running: bool,
+    /// Log what was really the case into this file.
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+    /// Print one line of JSON with the address once packets are answered.
+    #[arg(long)]
+    ready: bool,
+    /// End when the standard input closes, so that no simulator outlives who started it.
+    #[arg(long)]
+    until_stdin_closes: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Turbulence {
+    Calm,
+    Light,
+    Moderate,
+    Severe,
+}
+
+impl From<Turbulence> for bateleur_plant::Turbulence {
+    fn from(level: Turbulence) -> Self {
+        match level {
+            Turbulence::Calm => Self::Calm,
+            Turbulence::Light => Self::Light,
+            Turbulence::Moderate => Self::Moderate,
+            Turbulence::Severe => Self::Severe,
+        }
+    }
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => Err("it must be a number".to_owned()),
+    }
+}
+
+fn wind(text: &str) -> Result<f64, String> {
+    match number(text)? {
+        speed if (0.0..=50.0).contains(&speed) => Ok(speed),
+        _ => Err("it must lie between 0 and 50 m/s; --wind-from says where it comes from".to_owned()),
+    }
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    match start(&arguments) {
+        Ok((server, stop)) => serve(server, &stop),
+        Err(error) => fail(&error, 2),
+    }
+}
+
+fn fail(error: &anyhow::Error, code: u8) -> ExitCode {
+    eprintln!("simulator: {error:#}");
+    ExitCode::from(code)
+}
+
+fn start(arguments: &Arguments) -> anyhow::Result<(Server, Arc<AtomicBool>)> {
+    let server = Server::bind(&options(arguments)?)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+        signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot listen to signals")?;
+    }
+    if arguments.until_stdin_closes {
+        stop_with_stdin(Arc::clone(&stop));
+    }
+    if arguments.ready {
+        announce(server.address()).context("cannot write to the standard output")?;
+    }
+    Ok((server, stop))
+}
+
+fn options(arguments: &Arguments) -> anyhow::Result<Options> {
+    let mut options = Options {
+        listen: arguments.listen,
+        airframe: airframe(&arguments.airframe)?,
+        free_running: arguments.free_running,
+        truth: arguments.truth.clone(),
+        ..Options::default()
+    };
+    options.conditions.seed = arguments.seed;
+    options.conditions.wind_speed_mps = arguments.wind;
+    options.conditions.wind_from_rad = arguments.wind_from.to_radians();
+    options.conditions.turbulence = arguments.turbulence.into();
+    Ok(options)
+}
+
+/// The socket is bound, so packets that come from now on wait for the first read.
+fn announce(address: SocketAddr) -> std::io::Result<()> {
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "{}", serde_json::json!({ "listening": address.to_string() }))?;
+    out.flush()
+}
+
+fn stop_with_stdin(stop: Arc<AtomicBool>) {
+    std::thread::spawn(move || {
+        let mut rest = [0; 256];
+        while matches!(std::io::stdin().read(&mut rest), Ok(1..)) {}
+        stop.store(true, Ordering::Relaxed);
+    });
+}
+
+fn serve(mut server: Server, stop: &AtomicBool) -> ExitCode {
+    match server.run(stop) {
+        Ok(counters) => {
+            eprintln!("simulator: {counters}");
+            ExitCode::SUCCESS
+        }
+        Err(error) => fail(&error.into(), 1),
+    }
+}

@@ -1,0 +1,98 @@
+//! What a simulation is started with.
+
+use bateleur_plant::{Airframe, AirframeError, Conditions};
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// Port on which flight computers expect the simulator.
+pub const DEFAULT_PORT: u16 = 15200;
+
+/// Everything about one run of the simulator.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Address to listen on; port 0 takes a free one.
+    pub listen: SocketAddr,
+    /// The aircraft.
+    pub airframe: Airframe,
+    /// Seed, wind and sensor errors.
+    pub conditions: Conditions,
+    /// Advance by an own clock instead of by the flight computer's.
+    pub free_running: bool,
+    /// Where to log the truth.
+    pub truth: Option<PathBuf>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from((Ipv4Addr::LOCALHOST, DEFAULT_PORT)),
+            airframe: Airframe::aerosonde(),
+            conditions: Conditions::default(),
+            free_running: false,
+            truth: None,
+        }
+    }
+}
+
+/// Why an airframe could not be had.
+#[derive(Debug, Error)]
+pub enum AirframeChoiceError {
+    /// Neither an embedded airframe nor a file.
+    #[error(
+        "\"{choice}\" is neither an embedded airframe nor a readable file ({error}); embedded are \"aerosonde\" and \
+         \"rascal110\", and a path names a TOML file of your own"
+    )]
+    Unknown {
+        /// What was asked for.
+        choice: String,
+        /// What the file system said.
+        error: std::io::Error,
+    },
+    /// The file holds no airframe.
+    #[error("{}: {error}", path.display())]
+    Invalid {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        error: AirframeError,
+    },
+}
+
+/// The airframe called `choice`, or the one in the file of that name.
+///
+/// # Errors
+/// When there is none, or it makes no sense.
+pub fn airframe(choice: &str) -> Result<Airframe, AirframeChoiceError> {
+    match choice {
+        "aerosonde" => Ok(Airframe::aerosonde()),
+        "rascal110" => Ok(Airframe::rascal110()),
+        _ => from_file(Path::new(choice)),
+    }
+}
+
+fn from_file(path: &Path) -> Result<Airframe, AirframeChoiceError> {
+    let unknown = |error| AirframeChoiceError::Unknown { choice: path.display().to_string(), error };
+    let text = std::fs::read_to_string(path).map_err(unknown)?;
+    Airframe::from_toml(&text).map_err(|error| AirframeChoiceError::Invalid { path: path.to_owned(), error })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn misspelt_airframe_names_those_that_exist() {
+        let message = airframe("aerosond").unwrap_err().to_string();
+        assert!(message.contains("\"aerosonde\" and \"rascal110\""), "{message}");
+    }
+
+    #[test]
+    fn airframe_of_ones_own_is_read_from_its_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mine.toml");
+        std::fs::write(&path, "name = \"half\"").unwrap();
+        let message = airframe(path.to_str().unwrap()).unwrap_err().to_string();
+        assert!(message.contains("mine.toml"), "{message}");
+    }
+}

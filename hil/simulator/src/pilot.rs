@@ -1,0 +1,254 @@
+//! The safety pilot at the field, simulated: sees the aircraft, moves the sticks.
+//!
+//! Take-off is full throttle, straight along the runway, a rotation at [`ROTATE_MPS`], a climb with the wings level,
+//! and level flight once [`LEVEL_OFF_M`] is passed. While the autopilot flies the pilot keeps the sticks where level
+//! flight at the present height needs them, so that a fall-back to the sticks is no upset.
+//!
+//! Signs as in the plant: aileron positive rolls right, elevator positive pitches down, rudder positive yaws left.
+
+use bateleur_messages::hil::PILOT_TAKE_OFF;
+use bateleur_plant::{Airframe, Controls, Truth};
+use std::f64::consts::PI;
+
+/// Airspeed at which the nose is raised, m/s. Below it the wing of either aircraft carries too little.
+pub(crate) const ROTATE_MPS: f64 = 16.0;
+/// Height above which the pilot stops climbing, m: above any height at which the ground engages the autopilot.
+pub(crate) const LEVEL_OFF_M: f64 = 120.0;
+/// Height at which the pilot then stays, m.
+const LEVEL_M: f64 = 130.0;
+/// The pilot never settles lower than this after the autopilot has let go, m.
+const LOWEST_LEVEL_M: f64 = 80.0;
+/// Airspeed of level flight, m/s.
+const CRUISE_MPS: f64 = 22.0;
+/// Throttle around which the pilot works in level flight.
+const CRUISE_THROTTLE: f64 = 0.65;
+/// Above this height the aircraft may be banked, m: a wing-tip is 1.5 m long.
+const FREE_OF_GROUND_M: f64 = 8.0;
+
+/// Pitch of the climb at [`CLIMB_MPS`], rad.
+const CLIMB_PITCH_RAD: f64 = 0.18;
+/// Airspeed wanted in the climb, m/s; slower lowers the nose, faster raises it.
+const CLIMB_MPS: f64 = 19.0;
+/// Pitch limits of the climb, rad.
+const CLIMB_PITCH_RANGE_RAD: (f64, f64) = (0.05, 0.26);
+/// Pitch limits of level flight, rad.
+const LEVEL_PITCH_RANGE_RAD: (f64, f64) = (-0.15, 0.22);
+/// Steepest bank, rad.
+const STEEPEST_BANK_RAD: f64 = 0.26;
+
+/// Steepest angle at which the pilot returns to the centre line, rad.
+const STEEPEST_RETURN_RAD: f64 = 0.2;
+/// Elevator that keeps a tail wheel on the ground, rad.
+const TAIL_DOWN_RAD: f64 = -0.2;
+/// Airspeed above which the rudder alone steers and the tail may rise, m/s.
+const TAIL_UP_MPS: f64 = 5.0;
+/// Pitch at which an aircraft with a tail wheel gathers speed, rad.
+const TAIL_UP_PITCH_RAD: f64 = 0.05;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    StandBy,
+    Roll,
+    Climb,
+    Level,
+}
+
+/// The pilot's state: what he is doing, and what he has learned about the trim.
+#[derive(Debug, Clone)]
+pub struct SafetyPilot {
+    phase: Phase,
+    runway_heading_rad: f64,
+    tail_wheel: bool,
+    level_m: f64,
+    elevator_trim_rad: f64,
+    pitch_trim_rad: f64,
+}
+
+impl SafetyPilot {
+    /// A pilot standing by an aircraft parked at a heading, rad.
+    pub fn new(airframe: &Airframe, runway_heading_rad: f64) -> Self {
+        Self {
+            phase: Phase::StandBy,
+            runway_heading_rad,
+            tail_wheel: airframe.gear.third_wheel_m[0] < 0.0,
+            level_m: LEVEL_M,
+            elevator_trim_rad: 0.0,
+            pitch_trim_rad: 0.08,
+        }
+    }
+
+    /// Takes an order of the ground crew. Take-off is begun only once; anything else but take-off is stand-by.
+    pub fn order(&mut self, order: u32) {
+        self.phase = match (order, self.phase) {
+            (PILOT_TAKE_OFF, Phase::StandBy) => Phase::Roll,
+            (PILOT_TAKE_OFF, phase) => phase,
+            _ => Phase::StandBy,
+        };
+    }
+
+    /// Looks at the aircraft and moves the sticks; called every `dt_s` seconds.
+    pub fn fly(&mut self, truth: &Truth, autopilot: bool, dt_s: f64) -> Controls {
+        self.next_phase(truth, autopilot);
+        match self.phase {
+            Phase::StandBy => Controls::default(),
+            Phase::Roll => self.roll(truth, dt_s),
+            Phase::Climb => self.climb(truth, autopilot, dt_s),
+            Phase::Level => self.level(truth, autopilot, dt_s),
+        }
+    }
+
+    fn next_phase(&mut self, truth: &Truth, autopilot: bool) {
+        let height = -truth.position_ned_m.z;
+        match self.phase {
+            Phase::Roll if !truth.on_ground && height > 2.0 => self.phase = Phase::Climb,
+            Phase::Climb if height > LEVEL_OFF_M => self.phase = Phase::Level,
+            Phase::Climb if autopilot => self.phase = Phase::Level,
+            _ => {}
+        }
+        if autopilot {
+            self.level_m = height.max(LOWEST_LEVEL_M);
+        }
+    }
+
+    fn roll(&mut self, truth: &Truth, dt_s: f64) -> Controls {
+        let elevator_rad = match truth.airspeed_mps {
+            ROTATE_MPS.. => self.elevator(truth, climb_pitch(truth), dt_s),
+            // The tail wheel steers only while it is held down, but a tail left low makes the wing lift too early.
+            ..TAIL_UP_MPS if self.tail_wheel => TAIL_DOWN_RAD,
+            _ if self.tail_wheel => self.elevator(truth, TAIL_UP_PITCH_RAD, 0.0),
+            _ => 0.0,
+        };
+        let off = turn(self.course_wanted(truth) - truth.yaw_rad);
+        Controls {
+            aileron_rad: aileron(truth, 0.0),
+            elevator_rad,
+            rudder_rad: -0.8 * off + 0.25 * truth.rates_radps.z,
+            throttle: 1.0,
+        }
+    }
+
+    fn climb(&mut self, truth: &Truth, autopilot: bool, dt_s: f64) -> Controls {
+        let dt_s = if autopilot { 0.0 } else { dt_s };
+        Controls {
+            elevator_rad: self.elevator(truth, climb_pitch(truth), dt_s),
+            throttle: 1.0,
+            ..self.straight(truth)
+        }
+    }
+
+    fn level(&mut self, truth: &Truth, autopilot: bool, dt_s: f64) -> Controls {
+        // Nothing is learned about the trim while another flies.
+        let dt_s = if autopilot { 0.0 } else { dt_s };
+        let climb_wanted = (0.3 * (self.level_m + truth.position_ned_m.z)).clamp(-2.0, 2.0);
+        let climb_error = climb_wanted + truth.velocity_ned_mps.z;
+        let speed = truth.airspeed_mps.max(10.0);
+        self.pitch_trim_rad = (self.pitch_trim_rad + 0.3 * climb_error / speed * dt_s).clamp(-0.1, 0.2);
+        let (lowest, highest) = LEVEL_PITCH_RANGE_RAD;
+        let pitch = (self.pitch_trim_rad + climb_error / speed).clamp(lowest, highest);
+        let throttle = CRUISE_THROTTLE + 0.08 * (CRUISE_MPS - truth.airspeed_mps) + 0.05 * climb_wanted;
+        Controls {
+            elevator_rad: self.elevator(truth, pitch, dt_s),
+            throttle: throttle.clamp(0.1, 1.0),
+            ..self.straight(truth)
+        }
+    }
+
+    /// The direction that leads back to the runway's centre line, rad.
+    fn course_wanted(&self, truth: &Truth) -> f64 {
+        let (sin, cos) = self.runway_heading_rad.sin_cos();
+        let right_m = truth.position_ned_m.y * cos - truth.position_ned_m.x * sin;
+        self.runway_heading_rad - (0.01 * right_m).clamp(-STEEPEST_RETURN_RAD, STEEPEST_RETURN_RAD)
+    }
+
+    /// Ailerons and rudder for flight along the runway's direction over ground.
+    fn straight(&self, truth: &Truth) -> Controls {
+        let velocity = truth.velocity_ned_mps;
+        let course = velocity.y.atan2(velocity.x);
+        let off = turn(self.course_wanted(truth) - course);
+        let free = -truth.position_ned_m.z > FREE_OF_GROUND_M;
+        let bank = if free { off.clamp(-STEEPEST_BANK_RAD, STEEPEST_BANK_RAD) } else { 0.0 };
+        Controls {
+            aileron_rad: aileron(truth, bank),
+            rudder_rad: 0.1 * truth.rates_radps.z,
+            ..Controls::default()
+        }
+    }
+
+    /// Elevator that brings the pitch to `wanted_rad`; the trim follows slowly.
+    fn elevator(&mut self, truth: &Truth, wanted_rad: f64, dt_s: f64) -> f64 {
+        let error = wanted_rad - truth.pitch_rad;
+        self.elevator_trim_rad = (self.elevator_trim_rad - 0.8 * error * dt_s).clamp(-0.4, 0.2);
+        self.elevator_trim_rad - 0.8 * error + 0.12 * truth.rates_radps.y
+    }
+}
+
+fn climb_pitch(truth: &Truth) -> f64 {
+    let (lowest, highest) = CLIMB_PITCH_RANGE_RAD;
+    (CLIMB_PITCH_RAD + 0.03 * (truth.airspeed_mps - CLIMB_MPS)).clamp(lowest, highest)
+}
+
+/// Ailerons that bring the bank to `bank_rad`: larger movements where the air flows slowly over them.
+fn aileron(truth: &Truth, bank_rad: f64) -> f64 {
+    let slow = (CLIMB_MPS / truth.airspeed_mps.max(1.0)).powi(2).clamp(1.0, 5.0);
+    slow * (0.5 * (bank_rad - truth.roll_rad) - 0.06 * truth.rates_radps.x)
+}
+
+/// The same direction within −π to π.
+fn turn(angle_rad: f64) -> f64 {
+    (angle_rad + PI).rem_euclid(2.0 * PI) - PI
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bateleur_plant::{Airframe, Conditions, Simulation, Turbulence};
+
+    /// Height, largest bank above the ground and lateral offset after two minutes of the pilot's sticks.
+    fn take_off(airframe: &Airframe, conditions: &Conditions) -> (Truth, f64) {
+        let mut plant = Simulation::new(airframe, conditions).unwrap();
+        let mut pilot = SafetyPilot::new(airframe, conditions.runway_heading_rad);
+        pilot.order(PILOT_TAKE_OFF);
+        let (mut controls, mut steepest) = (Controls::default(), 0.0_f64);
+        for _ in 0..50 * 90 {
+            // One cycle of delay, as through a flight computer that only passes the sticks on.
+            let next = pilot.fly(&plant.truth(), false, 0.02);
+            plant.advance(controls, 0.02);
+            controls = next;
+            let truth = plant.truth();
+            assert!(!truth.crashed, "{} crashed after {} s: {truth:?}", airframe.name, truth.time_s);
+            steepest = steepest.max(truth.roll_rad.abs());
+        }
+        (plant.truth(), steepest)
+    }
+
+    #[test]
+    fn either_aircraft_is_flown_to_level_flight() {
+        for airframe in [Airframe::aerosonde(), Airframe::rascal110()] {
+            let (truth, steepest) = take_off(&airframe, &Conditions::default());
+            let height = -truth.position_ned_m.z;
+            assert!((height - LEVEL_M).abs() < 5.0, "{} is at {height} m", airframe.name);
+            assert!((truth.airspeed_mps - CRUISE_MPS).abs() < 3.0, "{} m/s", truth.airspeed_mps);
+            assert!(steepest < 0.25, "{steepest} rad of bank in calm air");
+            assert!(truth.position_ned_m.y.abs() < 25.0, "{} m beside", truth.position_ned_m.y);
+        }
+    }
+
+    #[test]
+    fn wind_from_any_side_and_gusts_do_not_upset_the_take_off() {
+        for airframe in [Airframe::aerosonde(), Airframe::rascal110()] {
+            for eighth in 0..8 {
+                for turbulence in [Turbulence::Light, Turbulence::Moderate] {
+                    let conditions = Conditions {
+                        seed: eighth,
+                        wind_speed_mps: 8.0,
+                        wind_from_rad: eighth as f64 * PI / 4.0,
+                        turbulence,
+                        ..Conditions::default()
+                    };
+                    let (truth, _) = take_off(&airframe, &conditions);
+                    assert!(-truth.position_ned_m.z > 100.0, "{} {conditions:?}", airframe.name);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,235 @@
+//! The protocol: datagrams in, datagrams out, no socket and no clock.
+
+use crate::counters::Counters;
+use crate::flight::{Flight, STEP_NS, STEPS_PER_CYCLE, Sample};
+use crate::options::Options;
+use crate::truth::{Header, TruthError, TruthWriter};
+use bateleur_messages::frame::Decoder;
+use bateleur_messages::hil::{Actuators, Packet, PilotOrder};
+use bateleur_plant::AirframeError;
+use thiserror::Error;
+
+/// Longest gap that one packet makes the plant catch up with, steps: 1 s. A longer one is a pause of the module (a
+/// debugger, a suspended machine), during which the aircraft shall not fly off with its controls held.
+const LONGEST_CATCH_UP: u64 = 1_000_000_000 / STEP_NS;
+/// So many older packets in a row, each newer than the one before, mean that the module's clock began anew: 1 s.
+const CLOCK_RESTART_PACKETS: u32 = 50;
+/// Free-running: a module clock further than this from its expected reading is taken anew, ns.
+const FREE_CLOCK_SLACK_NS: u64 = 100_000_000;
+
+/// Why a session could not begin.
+#[derive(Debug, Error)]
+pub enum SessionError {
+    /// The airframe makes no sense.
+    #[error(transparent)]
+    Airframe(#[from] AirframeError),
+    /// The truth cannot be logged.
+    #[error(transparent)]
+    Truth(#[from] TruthError),
+}
+
+/// A flight with the state of its conversation.
+#[derive(Debug)]
+pub struct Session {
+    flight: Flight,
+    free_running: bool,
+    /// Module time at which the plant's clock stood at zero, once known.
+    origin_ns: Option<u64>,
+    /// Module time of the newest answer.
+    newest_ns: u64,
+    answer: Vec<u8>,
+    older: OlderRun,
+    log: Option<TruthWriter>,
+    counters: Counters,
+}
+
+#[derive(Debug, Default)]
+struct OlderRun {
+    packets: u32,
+    last_ns: u64,
+}
+
+impl Session {
+    /// A parked aircraft and an empty log.
+    ///
+    /// # Errors
+    /// When the airframe makes no sense or the log cannot be created.
+    pub fn new(options: &Options) -> Result<Self, SessionError> {
+        let log = match &options.truth {
+            Some(path) => Some(TruthWriter::create(path, &Header::new(options))?),
+            None => None,
+        };
+        Ok(Self {
+            flight: Flight::new(options)?,
+            free_running: options.free_running,
+            origin_ns: None,
+            newest_ns: 0,
+            answer: Vec::with_capacity(1024),
+            older: OlderRun::default(),
+            log,
+            counters: Counters::default(),
+        })
+    }
+
+    /// What happened so far.
+    pub fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    /// Counts a datagram that the socket refused.
+    pub fn count_unsent(&mut self) {
+        self.counters.unsent += 1;
+    }
+
+    /// Takes one datagram and appends the reply to `reply`, nothing where none is due. True when the sender has
+    /// proved to be a flight computer.
+    pub fn take(&mut self, datagram: &[u8], reply: &mut Vec<u8>) -> bool {
+        // A decoder of its own for each datagram: half a frame from a stranger must not swallow the next one.
+        let mut decoder = Decoder::new();
+        let (mut sound, mut flies) = (true, false);
+        for &byte in datagram {
+            let Some(frame) = decoder.push(byte) else { continue };
+            match Packet::of(&frame) {
+                Ok(Packet::Actuators(actuators)) => {
+                    flies = true;
+                    self.actuators(&actuators, reply);
+                }
+                Ok(Packet::Pilot(order)) => self.pilot(order, reply),
+                _ => sound = false,
+            }
+        }
+        let refused = decoder.refused();
+        let useful = flies || !reply.is_empty();
+        if !(sound && useful && refused.frames() == 0 && refused.noise_bytes == 0) {
+            self.counters.garbage += 1;
+        }
+        flies
+    }
+
+    fn pilot(&mut self, order: PilotOrder, reply: &mut Vec<u8>) {
+        self.counters.pilot_orders += 1;
+        self.flight.order(order.order);
+        Packet::Pilot(order).write(reply);
+    }
+
+    fn actuators(&mut self, actuators: &Actuators, reply: &mut Vec<u8>) {
+        if self.free_running {
+            self.follow_clock(actuators.module_ns);
+            self.flight.actuate(actuators);
+        } else if self.exchange(actuators) {
+            reply.extend_from_slice(&self.answer);
+        }
+    }
+
+    /// Brings the answer up to the packet's time; false where the packet is to be ignored.
+    fn exchange(&mut self, actuators: &Actuators) -> bool {
+        let module_ns = actuators.module_ns;
+        let Some(origin_ns) = self.origin_ns else {
+            self.begin(actuators, module_ns);
+            return true;
+        };
+        if module_ns < self.newest_ns {
+            return self.older(actuators);
+        }
+        self.older.packets = 0;
+        let due = round_to_steps(module_ns.saturating_sub(origin_ns));
+        let steps = due.saturating_sub(self.flight.steps());
+        if module_ns == self.newest_ns || steps == 0 {
+            self.counters.repeated += 1;
+            return true;
+        }
+        let steps = self.skip_pause(origin_ns, steps);
+        self.flight.actuate(actuators);
+        self.flight.advance(steps);
+        self.compose(module_ns);
+        true
+    }
+
+    fn begin(&mut self, actuators: &Actuators, module_ns: u64) {
+        self.origin_ns = Some(module_ns.saturating_sub(self.flight.steps() * STEP_NS));
+        self.flight.actuate(actuators);
+        self.compose(module_ns);
+    }
+
+    /// An older packet is ignored, unless many in a row show that the module was started anew: then the aircraft
+    /// flies on under the new clock.
+    fn older(&mut self, actuators: &Actuators) -> bool {
+        self.counters.older += 1;
+        let rises = actuators.module_ns > self.older.last_ns;
+        self.older.packets = if rises { self.older.packets + 1 } else { 1 };
+        self.older.last_ns = actuators.module_ns;
+        if self.older.packets < CLOCK_RESTART_PACKETS {
+            return false;
+        }
+        self.older.packets = 0;
+        self.counters.clock_restarts += 1;
+        self.begin(actuators, actuators.module_ns);
+        true
+    }
+
+    /// Steps to advance by; a gap that is too long shrinks to one cycle, and the plant's clock zero moves along.
+    fn skip_pause(&mut self, origin_ns: u64, steps: u64) -> u64 {
+        if steps <= LONGEST_CATCH_UP {
+            return steps;
+        }
+        let skipped_ns = (steps - STEPS_PER_CYCLE) * STEP_NS;
+        self.counters.pauses += 1;
+        self.counters.skipped_ns += skipped_ns;
+        self.origin_ns = Some(origin_ns + skipped_ns);
+        STEPS_PER_CYCLE
+    }
+
+    /// Samples the sensors into the answer and logs the truth of that instant.
+    fn compose(&mut self, module_ns: u64) {
+        self.newest_ns = module_ns;
+        let sample = self.flight.sample(self.origin_ns.unwrap_or(0), module_ns);
+        self.write(&sample);
+        self.counters.answers += 1;
+        let Some(log) = &mut self.log else { return };
+        if log.append(&self.flight.truth(sample.analog.measured_ns)).is_err() {
+            self.counters.unlogged += 1;
+        }
+    }
+
+    fn write(&mut self, sample: &Sample) {
+        self.answer.clear();
+        Packet::Analog(sample.analog).write(&mut self.answer);
+        Packet::Custom(sample.custom).write(&mut self.answer);
+        if let Some(fix) = sample.gps {
+            Packet::Gps(fix).write(&mut self.answer);
+        }
+    }
+
+    /// Free-running: flies on for one cycle of 20 ms and gives the sensor set to send.
+    pub fn tick(&mut self) -> &[u8] {
+        self.flight.advance(STEPS_PER_CYCLE);
+        let now_ns = self.origin_ns.unwrap_or(0) + self.flight.steps() * STEP_NS;
+        self.compose(now_ns);
+        &self.answer
+    }
+
+    /// Free-running: ties the plant's clock to the module's at the first packet, and again after a jump.
+    fn follow_clock(&mut self, module_ns: u64) {
+        let flown_ns = self.flight.steps() * STEP_NS;
+        let expected_ns = self.origin_ns.map(|origin_ns| origin_ns + flown_ns);
+        match expected_ns {
+            Some(expected_ns) if expected_ns.abs_diff(module_ns) <= FREE_CLOCK_SLACK_NS => return,
+            Some(_) => self.counters.clock_restarts += 1,
+            None => {}
+        }
+        self.origin_ns = Some(module_ns.saturating_sub(flown_ns));
+    }
+
+    /// Hands the log to the system.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn flush(&mut self) -> Result<(), TruthError> {
+        self.log.as_mut().map_or(Ok(()), TruthWriter::flush)
+    }
+}
+
+/// To the nearest step, so that a module whose instants jitter by less than half of one sees equal intervals.
+fn round_to_steps(time_ns: u64) -> u64 {
+    (time_ns + STEP_NS / 2) / STEP_NS
+}

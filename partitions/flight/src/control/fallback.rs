@@ -71,7 +71,8 @@ impl Fallback {
             None => {
                 self.age_s += dt_s;
                 self.propagate(rates, force, dt_s);
-                let basis = if self.age_s <= TRUSTED_S + 1e-6 { Basis::Propagated } else { Basis::WingsLevel };
+                let basis =
+                    if self.age_s <= TRUSTED_S + 1e-6 { Basis::Propagated } else { Basis::WingsLevel };
                 (self.state, basis)
             }
         }

@@ -119,7 +119,8 @@ impl Estimator {
 
     fn position_scalars(&self, fix: &GpsMeasurement, past: &Past) -> [Scalar; 3] {
         let noise = &self.config.measurement;
-        let by_barometer = self.config.aiding.pressure && self.barometer.settled_offset().is_some();
+        let known = self.standing || self.barometer.settled_offset().is_some();
+        let by_barometer = self.config.aiding.pressure && known;
         let vertical = if by_barometer { noise.gps_vertical_with_barometer_m } else { noise.gps_vertical_m };
         let sigmas = [noise.gps_horizontal_m, noise.gps_horizontal_m, vertical];
         let now = self.now();
@@ -180,7 +181,7 @@ impl Estimator {
         }
         if self.standing {
             // The runway is height zero by definition of the frame.
-            self.barometer.learn(altitude);
+            self.barometer.learn(altitude - self.config.standing_height_m);
         }
         let Some(offset) = self.barometer.settled_offset() else {
             if !self.standing {
@@ -207,7 +208,9 @@ impl Estimator {
         let density = density_kgpm3(pressure_altitude_m(static_pa).unwrap_or(0.0));
         let airspeed = airspeed_mps(differential_pa, density);
         self.last_airspeed_mps = Some(airspeed);
-        let slow = airspeed < self.config.measurement.least_airspeed_mps;
+        // Near standstill the direction of the air is unknown and the linearisation means nothing.
+        let least = self.config.measurement.least_airspeed_mps;
+        let slow = airspeed < least || self.filter.nominal.velocity.norm() < 0.7 * least;
         if self.phase != Phase::Running || !self.config.aiding.pressure || slow {
             return;
         }

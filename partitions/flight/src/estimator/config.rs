@@ -60,7 +60,7 @@ impl Default for MeasurementNoise {
             gps_vertical_with_barometer_m: 20.0,
             gps_velocity_mps: 0.06,
             barometer_m: 0.7,
-            airspeed_mps: 1.0,
+            airspeed_mps: 1.5,
             magnetometer_gauss: 0.002,
             gate_sigma: 5.0,
             gps_patience_s: 1.5,
@@ -120,7 +120,9 @@ pub struct EstimatorConfig {
     pub initial: InitialSigmas,
     /// Usual angle of attack, rad: only for the weak direction-of-flight vector of a start in flight.
     pub incidence_rad: f64,
-    /// Time constant of GPS fixes being late, s: taken off a fix's time stamp on top of what the stamp says.
+    /// Height of the inertial sensors above the runway while the aircraft stands on it, m.
+    pub standing_height_m: f64,
+    /// Latency of GPS that its time stamps do not tell, s: taken off the stamp.
     /// Zero for receivers that stamp the measurement time.
     pub gps_extra_latency_s: f64,
     /// A gap in the inertial data longer than this, s, ends the state: it is found anew in flight.
@@ -142,6 +144,7 @@ impl EstimatorConfig {
             measurement: MeasurementNoise::default(),
             initial: InitialSigmas::default(),
             incidence_rad: 0.08,
+            standing_height_m: 0.3,
             gps_extra_latency_s: 0.0,
             longest_gap_s: 0.5,
         }

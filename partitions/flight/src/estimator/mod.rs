@@ -331,7 +331,9 @@ impl Estimator {
     fn try_alignment(&self) -> Option<(Aligned, bool)> {
         let field = &self.config.field_ned_gauss;
         let fix_speed = self.alignment.last_fix().map(|fix| fix.velocity_ned.norm());
-        let flying = fix_speed.is_some_and(|v| v > 5.0) || self.last_airspeed_mps.is_some_and(|v| v > 10.0);
+        // Wind blows into the pitot of a parked aircraft too, so a fix has the first word.
+        let by_air = self.last_airspeed_mps.is_some_and(|v| v > 10.0);
+        let flying = fix_speed.map_or(by_air, |v| v > 5.0);
         let age = self.alignment.age_s();
         let ground = || {
             let calm = self.alignment.still() && age >= 1.0;
@@ -364,7 +366,7 @@ impl Estimator {
         nominal.position = aligned.position;
         if standing {
             nominal.gyro_bias += aligned.mean_rates;
-            nominal.position.z = 0.0;
+            nominal.position.z = -self.config.standing_height_m;
         }
         self.filter = Filter::new(nominal, &sigmas);
         if self.slow_known {

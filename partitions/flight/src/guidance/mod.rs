@@ -163,8 +163,8 @@ const TRACK_SHARE: f64 = 0.6;
 const CLOSING_GAIN: f64 = 1.2;
 /// Greatest horizontal acceleration, m/s²: 43° of bank.
 const HORIZONTAL_LIMIT_MPS2: f64 = 9.0;
-/// Beyond this sideways distance from its previous leg, m, an engagement flies directly to the way-point instead.
-const JOIN_WIDTH_M: f64 = 300.0;
+/// A way-point passed abeam within this share of the radius counts as reached.
+const REACHED_SHARE: f64 = 0.5;
 /// Ground speeds below this count as this, m/s: the laws divide by it.
 const LEAST_GROUND_SPEED_MPS: f64 = 5.0;
 
@@ -173,6 +173,8 @@ const LEAST_GROUND_SPEED_MPS: f64 = 5.0;
 enum Stage {
     /// Not engaged yet.
     Idle,
+    /// On the way to the beginning of the leg, because there is no room left to join it before its end.
+    Entry(Leg),
     /// On a leg to the next way-point, with the fillet at its end.
     Leg(Leg, Option<Arc>),
     /// On the fillet; true once its way-point was passed abeam.
@@ -269,17 +271,23 @@ impl Guidance {
         Stage::Leg(leg, arc)
     }
 
-    /// First leg: the circuit's own if the aircraft is beside it, otherwise straight from here.
+    /// Joins the circuit: on the leg to the next way-point if there is room to get on it, otherwise by way of a point
+    /// beside its beginning, from where the turn back leads onto it.
     fn join(&self, motion: &Motion) -> Stage {
         let own = self.circuit_leg(self.next);
+        let radius_m = self.radius_m(&motion.wind);
+        if own.length_m() < 3.0 * radius_m {
+            // Too short to be joined: straight to the way-point.
+            return self.begin_leg(Leg { from: motion.position, to: own.to }, &motion.wind);
+        }
         let offset = own.offset(&motion.position);
-        let room = offset.left_m > self.radius_m(&motion.wind);
-        let beside =
-            own.length_m() > 1.0 && offset.right_m.abs() < JOIN_WIDTH_M && offset.along_m > -JOIN_WIDTH_M;
-        if beside && room {
+        if has_room(&offset, &motion.velocity, radius_m) {
             return self.begin_leg(own, &motion.wind);
         }
-        self.begin_leg(Leg { from: motion.position, to: own.to }, &motion.wind)
+        let track = offset.track_rad;
+        let right = Vector2::new(-track.sin(), track.cos());
+        let side = 1f64.copysign(offset.right_m);
+        Stage::Entry(Leg { from: motion.position, to: own.from + right * (2.0 * side * radius_m) })
     }
 
     fn pass(&mut self) {
@@ -291,6 +299,11 @@ impl Guidance {
     fn advance(&mut self, motion: &Motion) {
         match self.stage {
             Stage::Idle => self.stage = self.join(motion),
+            Stage::Entry(leg) => {
+                if (leg.to - motion.position).norm() < self.radius_m(&motion.wind) {
+                    self.stage = self.begin_leg(self.circuit_leg(self.next), &motion.wind);
+                }
+            }
             Stage::Leg(leg, arc) => self.advance_leg(&leg, arc, motion),
             Stage::Arc(arc, passed) => self.advance_arc(arc, passed, motion),
         }
@@ -301,10 +314,9 @@ impl Guidance {
         if offset.left_m > arc.map_or(0.0, |arc| arc.tangent_m) {
             return;
         }
-        if offset.right_m.abs() > self.radius_m(&motion.wind) {
-            // Too far off to count: fly to it again from here.
-            let again = Leg { from: motion.position, to: leg.to };
-            self.stage = self.begin_leg(again, &motion.wind);
+        if offset.right_m.abs() > REACHED_SHARE * self.radius_m(&motion.wind) {
+            // Too far off to count: fly to it again.
+            self.stage = self.join(motion);
         } else if let Some(arc) = arc {
             self.stage = Stage::Arc(arc, false);
         } else {
@@ -330,6 +342,7 @@ impl Guidance {
             Stage::Leg(leg, arc) => {
                 (leg.offset(&motion.position), false, arc.map_or(0.0, |arc| arc.radius_m))
             }
+            Stage::Entry(leg) => (leg.offset(&motion.position), false, 0.0),
             Stage::Arc(arc, _) => (arc.offset(&motion.position), true, arc.radius_m),
             Stage::Idle => (self.circuit_leg(self.next).offset(&motion.position), false, 0.0),
         };
@@ -362,6 +375,17 @@ impl Guidance {
             _ => 0.0,
         }
     }
+}
+
+/// Whether a leg can still be joined so that its end is passed near enough: at an intercept of 37° most of the
+/// sideways distance must be gone where the corner begins, and a turn back needs its own room.
+fn has_room(offset: &Offset, velocity: &Vector2<f64>, radius_m: f64) -> bool {
+    let course = velocity.y.atan2(velocity.x);
+    let turned = wrap_angle(course - offset.track_rad).abs();
+    let turning = if turned > 1.0 { 2.0 * radius_m } else { 0.0 };
+    let straight = offset.left_m - radius_m - turning;
+    let remaining = offset.right_m.abs() - TRACK_SHARE * straight;
+    straight > -0.1 * radius_m && remaining < 0.6 * REACHED_SHARE * radius_m
 }
 
 /// Acceleration to the right (m/s²) that closes a cross-track error and follows the curvature (1/m):

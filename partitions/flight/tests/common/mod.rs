@@ -1,12 +1,12 @@
 //! A flight of the plant with the real estimator and controller in the loop, and its score.
-#![allow(dead_code, reason = "each test program uses its own part of this")]
+#![allow(dead_code, unreachable_pub, reason = "each test program uses its own part of this")]
 
 use bateleur_flight::airframe::Airframe;
 use bateleur_flight::atmosphere::{airspeed_mps, density_kgpm3, pressure_altitude_m};
-use bateleur_flight::control::{Controller, ControllerConfig, ControllerInputs, ControllerOutput, LoopCommands};
-use bateleur_flight::estimator::{
-    Estimator, EstimatorConfig, GpsMeasurement, ImuSample, NavigationState,
+use bateleur_flight::control::{
+    Controller, ControllerConfig, ControllerInputs, ControllerOutput, LoopCommands,
 };
+use bateleur_flight::estimator::{Estimator, EstimatorConfig, GpsMeasurement, ImuSample, NavigationState};
 use bateleur_flight::guidance::path::{Circuit, Piece};
 use bateleur_flight::guidance::{Guidance, GuidanceConfig, seed_waypoints};
 use bateleur_flight::magnetic::Site;
@@ -80,7 +80,9 @@ pub struct Flight {
     pub engaged: bool,
     /// While true the estimator is not run at all (its partition is dead).
     pub estimator_dead: bool,
+    /// Mean of the barometer's slow error while the aircraft stood, when the estimator zeroed it.
     pub barometer_at_start_m: f64,
+    stood: f64,
     waiting: Vec<ActuatorCommand>,
     held: ActuatorCommand,
     count: u32,
@@ -107,7 +109,8 @@ impl Flight {
             ..ActuatorCommand::default()
         };
         Self {
-            barometer_at_start_m: plant.truth().barometer_bias_m,
+            barometer_at_start_m: 0.0,
+            stood: 0.0,
             plant,
             estimator: Estimator::new(options.estimator),
             controller,
@@ -127,6 +130,10 @@ impl Flight {
         let sensors = self.plant.sensors();
         let truth = self.plant.truth();
         self.count += 1;
+        if truth.time_s < 8.0 && truth.on_ground {
+            self.stood += 1.0;
+            self.barometer_at_start_m += (truth.barometer_bias_m - self.barometer_at_start_m) / self.stood;
+        }
         let lost = self.options.lose_every.is_some_and(|every| self.count % every == 0);
         if !lost {
             self.compute(&sensors, &truth);
@@ -234,6 +241,7 @@ impl Flight {
         let (mut altitude, mut altitude_true, mut airspeed, mut leg_true) =
             (Mean::default(), Mean::default(), Mean::default(), Mean::default());
         let mut radius = 70.0;
+        let mut captured = false;
         for frame in flown {
             let t = &frame.truth;
             if let Some(r) = frame.output.guidance.map(|g| g.radius_m).filter(|r| *r > 0.0) {
@@ -248,10 +256,17 @@ impl Flight {
                 let truly = circuit.nearest(&Vector2::new(t.position_ned_m.x, t.position_ned_m.y)).unwrap().0;
                 leg_true.add(truly);
             }
-            score.cross_track_max = score.cross_track_max.max(right.abs());
+            if right.abs() > score.cross_track_max {
+                score.cross_track_max = right.abs();
+                score.worst = (t.time_s, here.x, here.y);
+            }
             let drift = t.barometer_bias_m - self.barometer_at_start_m;
-            altitude.add(-t.position_ned_m.z + drift - 160.0);
-            altitude_true.add(-t.position_ned_m.z - 160.0);
+            // The climb from the take-off ends some way into the first lap.
+            captured |= (-t.position_ned_m.z + drift - 160.0).abs() < 1.0;
+            if captured {
+                altitude.add(-t.position_ned_m.z + drift - 160.0);
+                altitude_true.add(-t.position_ned_m.z - 160.0);
+            }
             airspeed.add(t.airspeed_mps - 22.0);
         }
         score.cross_track = all.rms();
@@ -279,7 +294,8 @@ impl Flight {
             let seen = t.position_ned_m + t.gps_slow_error_ned_m;
             let off = n.position - seen;
             sums[4].add(off.x.hypot(off.y));
-            sums[5].add(-n.position.z + t.position_ned_m.z - (t.barometer_bias_m - self.barometer_at_start_m));
+            sums[5]
+                .add(-n.position.z + t.position_ned_m.z - (t.barometer_bias_m - self.barometer_at_start_m));
         }
         e.roll_deg = sums[0].rms();
         e.pitch_deg = sums[1].rms();
@@ -354,6 +370,8 @@ pub struct Score {
     pub straight: f64,
     pub straight_true: f64,
     pub cross_track_max: f64,
+    /// Time, north, east of the largest cross-track error.
+    pub worst: (f64, f64, f64),
     pub altitude: f64,
     pub altitude_true: f64,
     pub airspeed: f64,
@@ -377,4 +395,3 @@ pub fn airborne() -> FlightStart {
 pub fn zero() -> Vector3<f64> {
     Vector3::zeros()
 }
-

@@ -1,3 +1,22 @@
 //! The time- and space-partitioned executive.
+//!
+//! Responsible for: reading the plan, granting windows, keeping partitions in their time and space, watching their
+//! health and starting them again. It must never block on a partition: whatever a partition does or fails to do, the
+//! next window starts at its instant.
 
+pub mod dispatcher;
+pub mod event;
+pub mod fast;
+pub mod guarantee;
+pub mod health;
+pub mod helper;
+pub mod instance;
+pub mod machine;
+pub mod module;
+pub mod monitor;
+pub mod partition;
 pub mod plan;
+pub mod slot;
+pub mod system;
+pub mod wall;
+pub mod world;

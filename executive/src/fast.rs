@@ -1,0 +1,125 @@
+//! The virtual clock: module time jumps to the next switch as soon as a window is closed. Everything happens in one
+//! thread and in the order of module time, so that a run with the same inputs is the same run, bit for bit.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::rc::Rc;
+use std::sync::Arc;
+
+use crate::dispatcher::{Gate, Occurrence, Pace};
+use crate::health::log::WindowRecord;
+use crate::monitor::Monitor;
+use crate::plan::TimelineWindow;
+use crate::slot::{Readiness, Slot};
+use crate::system::time::now_ns;
+
+/// Real time after which a window that is not closed counts as overrun. Longer than a partition may wait for its device
+/// (two seconds), far longer than any computation: it is met by a partition that hangs, and by no other.
+const PATIENCE_NS: u64 = 5_000_000_000;
+/// As above, for a partition that is known to hang: it must not hold up the others at every window.
+const HANGING_PATIENCE_NS: u64 = 2_000_000;
+/// Between two looks whether the partition still lives.
+const LOOK_NS: u64 = 20_000_000;
+
+/// Window records on their way from the gate to the monitor.
+pub type Records = Rc<RefCell<VecDeque<WindowRecord>>>;
+
+/// Time passes when it is told to.
+#[derive(Debug, Default)]
+pub struct VirtualPace;
+
+impl Pace for VirtualPace {
+    fn reach(&mut self, _: u64, _: &mut dyn FnMut() -> bool, _: &mut dyn FnMut()) -> u64 {
+        0
+    }
+}
+
+/// What else lives in virtual time: the ground station at the other end of a line, a recorder, planned faults.
+pub trait World {
+    /// A minor frame begins; false: the run shall end here.
+    fn minor_frame(&mut self, module_ns: u64, monitor: &mut Monitor) -> bool;
+}
+
+/// Opens windows and waits until they are closed.
+pub struct VirtualGate<'a> {
+    monitor: &'a mut Monitor,
+    world: &'a mut dyn World,
+    slots: Vec<Option<Arc<Slot>>>,
+    hanging: Vec<bool>,
+    records: Records,
+    granted: bool,
+}
+
+impl<'a> VirtualGate<'a> {
+    /// A gate that hands everything else to `monitor` and `world`.
+    pub fn new(monitor: &'a mut Monitor, world: &'a mut dyn World, records: Records) -> Self {
+        let slots = monitor.slots();
+        Self { hanging: vec![false; slots.len()], slots, monitor, world, records, granted: false }
+    }
+
+    /// Waits until the window is closed, its partition has ended, or patience has.
+    fn settle(&mut self, partition: usize, slot: &Slot) {
+        let begun_ns = now_ns();
+        let patience_ns = if self.hanging[partition] { HANGING_PATIENCE_NS } else { PATIENCE_NS };
+        while !slot.is_done() {
+            slot.await_change(LOOK_NS.min(patience_ns));
+            if slot.is_done() || self.monitor.has_ended(partition) {
+                break;
+            }
+            if now_ns() - begun_ns > patience_ns {
+                self.hanging[partition] = true;
+                return;
+            }
+        }
+        self.hanging[partition] = false;
+    }
+}
+
+impl Gate for VirtualGate<'_> {
+    fn minor_frame(&mut self, instant_ns: u64) -> bool {
+        self.monitor.step(instant_ns);
+        self.world.minor_frame(instant_ns, self.monitor) && self.monitor.stop_asked().is_none()
+    }
+
+    fn prepare(&mut self, _: &TimelineWindow) {}
+
+    fn is_done(&mut self, _: &TimelineWindow) -> bool {
+        true
+    }
+
+    fn open(&mut self, occurrence: &Occurrence) {
+        let partition = occurrence.window.partition.index();
+        self.granted = false;
+        let Some(slot) = self.slots[partition].clone() else { return };
+        if slot.readiness() == Readiness::Absent && occurrence.start_ns >= slot.not_before_ns() {
+            self.monitor.await_successor(partition, occurrence.start_ns);
+        }
+        if slot.readiness() == Readiness::Ready && occurrence.start_ns >= slot.not_before_ns() {
+            slot.grant(occurrence.start_ns, occurrence.end_ns, occurrence.minor_frames, now_ns());
+            self.granted = true;
+            self.settle(partition, &slot);
+        }
+    }
+
+    fn close(&mut self, occurrence: &Occurrence) {
+        let partition = occurrence.window.partition.index();
+        let mut record =
+            WindowRecord { occurrence: *occurrence, granted_ns: None, opened_ns: None, closed_ns: None };
+        if self.granted
+            && let Some(slot) = &self.slots[partition]
+        {
+            let usage = slot.usage();
+            slot.fence(usage.closed_ns.is_none());
+            // Module time stands still in a window; what the processor took is laid after its start.
+            record.granted_ns = Some(occurrence.start_ns);
+            record.opened_ns = usage.opened_ns.map(|_| occurrence.start_ns);
+            let took_ns = usage.closed_ns.zip(usage.opened_ns).map(|(closed, opened)| closed.saturating_sub(opened));
+            record.closed_ns = took_ns.map(|took| occurrence.start_ns + took);
+        }
+        self.granted = false;
+        self.records.borrow_mut().push_back(record);
+        if record.is_overrun() && self.monitor.has_ended(partition) {
+            self.monitor.step(occurrence.start_ns);
+        }
+    }
+}

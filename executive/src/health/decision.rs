@@ -1,0 +1,179 @@
+//! What to do about an error: a pure function of the tables and of what happened before.
+
+use std::os::unix::process::ExitStatusExt;
+use std::process::ExitStatus;
+
+use bateleur_contract::exit;
+
+use crate::plan::{Exhausted, PartitionAction, PartitionError, PartitionHealth, Restart, StartMode};
+
+/// What is done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Decision {
+    /// Log it and go on.
+    Ignore,
+    /// The partition keeps its windows and does nothing in them.
+    Idle,
+    /// Start it again; warm: with its retained memory.
+    Restart {
+        /// Retained memory is kept.
+        warm: bool,
+    },
+    /// End the partition and tell the module.
+    Stop,
+}
+
+impl Decision {
+    /// The word that stands in logs.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ignore => "ignore",
+            Self::Idle => "idle",
+            Self::Restart { warm: true } => "warm_restart",
+            Self::Restart { warm: false } => "cold_restart",
+            Self::Stop => "stop",
+        }
+    }
+}
+
+/// Decides about `error`. `alive`: the partition's process still runs. `recent`: restarts within the budget's time.
+#[must_use]
+pub fn decide(
+    error: PartitionError,
+    tables: &PartitionHealth,
+    restart: &Restart,
+    alive: bool,
+    recent: u32,
+) -> Decision {
+    match tables.action(error) {
+        // A process that is gone can not be ignored: without a restart its windows are idle.
+        PartitionAction::Ignore if !alive => Decision::Idle,
+        PartitionAction::Ignore => Decision::Ignore,
+        PartitionAction::Idle => Decision::Idle,
+        PartitionAction::Stop => Decision::Stop,
+        PartitionAction::WarmRestart | PartitionAction::ColdRestart if recent >= restart.budget => {
+            match restart.then {
+                Exhausted::Idle => Decision::Idle,
+                Exhausted::Stop => Decision::Stop,
+            }
+        }
+        PartitionAction::WarmRestart => Decision::Restart { warm: restart.start == StartMode::Warm },
+        PartitionAction::ColdRestart => Decision::Restart { warm: false },
+    }
+}
+
+/// The error that the end of a process means, and its description. None: it ended as it was asked to.
+#[must_use]
+pub fn error_of(status: ExitStatus) -> Option<(PartitionError, String)> {
+    let Some(signal) = status.signal() else { return error_of_code(status.code().unwrap_or(-1)) };
+    let (error, name) = match signal {
+        SIGSEGV => (PartitionError::MemoryViolation, "SIGSEGV"),
+        SIGBUS => (PartitionError::MemoryViolation, "SIGBUS"),
+        SIGFPE => (PartitionError::NumericError, "SIGFPE"),
+        SIGILL => (PartitionError::IllegalRequest, "SIGILL"),
+        SIGSYS => (PartitionError::IllegalRequest, "SIGSYS"),
+        SIGABRT => (PartitionError::Exit, "SIGABRT"),
+        SIGKILL => (PartitionError::Killed, "SIGKILL"),
+        _ => return Some((PartitionError::Killed, format!("ended by signal {signal}"))),
+    };
+    Some((error, format!("ended by {name}")))
+}
+
+const SIGILL: i32 = 4;
+const SIGABRT: i32 = 6;
+const SIGBUS: i32 = 7;
+const SIGFPE: i32 = 8;
+const SIGKILL: i32 = 9;
+const SIGSEGV: i32 = 11;
+const SIGSYS: i32 = 31;
+/// What a Rust program that panicked ends with.
+const PANICKED: i32 = 101;
+
+fn error_of_code(code: i32) -> Option<(PartitionError, String)> {
+    let text = match code {
+        exit::STOPPED => return None,
+        exit::START_REFUSED => "refused to start".into(),
+        exit::NO_CONTRACT => "was built for another contract".into(),
+        PANICKED => "panicked".into(),
+        code => format!("ended by itself with code {code}"),
+    };
+    Some((PartitionError::Exit, text))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::{Closed, MessageCatalogue, check};
+
+    struct NoMessages;
+    impl MessageCatalogue for NoMessages {
+        fn size_of(&self, _: &str) -> Option<usize> {
+            None
+        }
+        fn names(&self) -> Vec<&str> {
+            Vec::new()
+        }
+    }
+
+    fn partition(keys: &str) -> crate::plan::Partition {
+        let text = format!(
+            "[module.m]\ncores = [0]\n[partition.a]\nprogram = \"a\"\nmodule = \"m\"\n{keys}\n\
+             [schedule.s]\nmajor_frame = \"20ms\"\nminor_frame = \"20ms\"\ninitial = true\n\
+             [[schedule.s.window]]\npartition = \"a\"\noffset = \"0ms\"\nduration = \"2ms\"\n"
+        );
+        let plan =
+            check("a.toml", &text, &NoMessages).unwrap_or_else(|report| panic!("{}", report.render(false)));
+        plan.partitions[0].clone()
+    }
+
+    fn decided(keys: &str, error: PartitionError, alive: bool, recent: u32) -> Decision {
+        let partition = partition(keys);
+        decide(error, &partition.health, &partition.restart, alive, recent)
+    }
+
+    #[test]
+    fn a_killed_partition_comes_back_cold_or_warm_as_its_line_says() {
+        let warm = "retained = \"4KiB\"\nrestart = { start = \"warm\" }";
+        assert_eq!(decided("", PartitionError::Killed, false, 0), Decision::Restart { warm: false });
+        assert_eq!(decided(warm, PartitionError::Killed, false, 0), Decision::Restart { warm: true });
+    }
+
+    #[test]
+    fn a_restart_beyond_the_budget_ends_as_the_plan_says() {
+        let idle = "restart = { budget = 2, within = \"10s\", then = \"idle\" }";
+        let stop = "restart = { budget = 2, within = \"10s\", then = \"stop\" }";
+        assert_eq!(
+            decided(idle, PartitionError::MemoryViolation, false, 1),
+            Decision::Restart { warm: false }
+        );
+        assert_eq!(decided(idle, PartitionError::MemoryViolation, false, 2), Decision::Idle);
+        assert_eq!(decided(stop, PartitionError::MemoryViolation, false, 2), Decision::Stop);
+    }
+
+    #[test]
+    fn a_death_can_not_be_ignored() {
+        let ignore = "health = { killed = \"ignore\" }";
+        assert_eq!(decided(ignore, PartitionError::Killed, false, 0), Decision::Idle);
+        assert_eq!(decided("", PartitionError::WindowOverrun, true, 0), Decision::Ignore);
+    }
+
+    #[test]
+    fn every_error_has_a_decision() {
+        for error in PartitionError::ALL {
+            for alive in [true, false] {
+                let _ = decided("", *error, alive, 0);
+            }
+        }
+    }
+
+    #[test]
+    fn signals_and_exit_codes_are_named_after_what_went_wrong() {
+        let of = |raw| error_of(ExitStatus::from_raw(raw));
+        assert_eq!(of(SIGSEGV).unwrap().0, PartitionError::MemoryViolation);
+        assert_eq!(of(SIGFPE).unwrap().0, PartitionError::NumericError);
+        assert_eq!(of(SIGKILL).unwrap(), (PartitionError::Killed, "ended by SIGKILL".into()));
+        assert_eq!(of(PANICKED << 8).unwrap(), (PartitionError::Exit, "panicked".into()));
+        assert_eq!(of(0), None);
+    }
+}

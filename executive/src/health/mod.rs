@@ -1,0 +1,5 @@
+//! Health monitoring, in three places: what an error is (the monitor), what to do about it ([`decision`], pure), and
+//! doing it (the monitor again, by the mechanisms of [`crate::partition`]). What happened stands in the [`log`].
+
+pub mod decision;
+pub mod log;

@@ -1,0 +1,96 @@
+//! Creates every channel of a module and holds them until its standard input closes.
+//!
+//! It runs as the partitions' user (shared memory is shared within one user), and the executive itself maps none of
+//! the partitions' data: a damaged segment can bring down whoever maps it.
+
+use std::io::{self, Read, Write};
+
+use bateleur_ports::{ChannelError, ChannelType, Domain};
+use serde::{Deserialize, Serialize};
+
+/// What the custodian is told, as its one argument.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Order {
+    /// Root of the module's shared memory.
+    pub root: String,
+    /// Prefix of the module's shared memory.
+    pub prefix: String,
+    /// The channels.
+    pub channels: Vec<OrderedChannel>,
+}
+
+/// One channel of the order.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct OrderedChannel {
+    /// The service's name.
+    pub name: String,
+    /// The source port, `partition.port`.
+    pub source: String,
+    /// The message type's name.
+    pub message: String,
+    /// Bytes of a message.
+    pub size: usize,
+    /// Queue length; none: sampling.
+    pub depth: Option<usize>,
+    /// Destination ports.
+    pub destinations: usize,
+}
+
+impl OrderedChannel {
+    /// What lies in shared memory for it.
+    #[must_use]
+    pub fn channel_type(&self) -> ChannelType {
+        ChannelType {
+            name: self.name.clone(),
+            message: self.message.clone(),
+            size: self.size,
+            depth: self.depth,
+            destinations: self.destinations,
+        }
+    }
+}
+
+impl Order {
+    /// Where the module's shared memory lies.
+    #[must_use]
+    pub fn domain(&self) -> Domain {
+        Domain { root: self.root.clone(), prefix: self.prefix.clone() }
+    }
+}
+
+/// Why the custodian could not do its work.
+#[derive(Debug, thiserror::Error)]
+pub enum CustodianError {
+    /// The order is damaged.
+    #[error("the custodian's order is damaged: {0}")]
+    Order(#[from] serde_json::Error),
+    /// A channel.
+    #[error(transparent)]
+    Channel(#[from] ChannelError),
+    /// The executive is gone.
+    #[error("the executive does not listen: {0}")]
+    Pipe(#[from] io::Error),
+}
+
+/// The custodian's life: says "ready" on standard output, then holds the channels until standard input closes.
+pub fn run(order: &str) -> Result<(), CustodianError> {
+    name_process(c"custodian");
+    let order: Order = serde_json::from_str(order)?;
+    let node = order.domain().join("custodian")?;
+    let mut held = Vec::new();
+    for channel in &order.channels {
+        let channel = channel.channel_type();
+        held.push(channel.create(&node)?);
+        if channel.depth.is_some() {
+            held.push(channel.observed().create(&node)?);
+        }
+    }
+    io::stdout().write_all(b"ready\n")?;
+    io::stdout().flush()?;
+    io::stdin().read_to_end(&mut Vec::new())?;
+    Ok(())
+}
+
+pub(super) fn name_process(name: &std::ffi::CStr) {
+    let _ = rustix::thread::set_name(name); // a name is a comfort
+}

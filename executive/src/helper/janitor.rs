@@ -1,0 +1,93 @@
+//! Removes everything that a dead process left in the module's shared memory, at whatever instant it was killed.
+//!
+//! The library's own clean-up does most of it, but a process killed between two of its file operations leaves things
+//! that the clean-up waits for without end, or does not see: those are dealt with before and after. The owner of a
+//! file can be read from its name: the ids in it hold the process number in bits 64 to 95.
+//!
+//! The janitor is a process of its own, ended by the executive if it takes too long.
+
+use std::fs::{self, DirEntry};
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::path::Path;
+
+use bateleur_ports::{ChannelError, Domain};
+
+/// Where POSIX shared memory objects lie.
+const SHARED_MEMORY: &str = "/dev/shm";
+/// Ids in file names have more digits than any 64-bit number.
+const ID_DIGITS: usize = 20;
+/// The mode of an object that is created but not yet sized.
+const HALF_MADE_MODE: u32 = 0o200;
+
+/// Buries process `pid`, which must have been reaped, before its successor is started.
+pub fn run(domain: &Domain, pid: u32) -> Result<(), ChannelError> {
+    super::custodian::name_process(c"janitor");
+    remove_half_made(domain, pid);
+    unseal_hidden_tags(domain, pid);
+    let node = domain.join("janitor")?;
+    let _ = node.try_cleanup_dead_nodes(); // what it could not clean is removed by name below
+    remove_remains(domain, pid);
+    Ok(())
+}
+
+/// An object without a size would make the library wait for its size for ever.
+fn remove_half_made(domain: &Domain, pid: u32) {
+    for entry in entries(Path::new(SHARED_MEMORY), &domain.prefix).filter(|entry| is_owned(entry, pid)) {
+        if entry.metadata().is_ok_and(|about| about.size() == 0 || about.mode() & 0o777 == HALF_MADE_MODE) {
+            let _ = fs::remove_file(entry.path()); // a live peer removed it meanwhile
+        }
+    }
+}
+
+/// A tag that was not yet made readable is not listed, and the clean-up would then give up half way.
+fn unseal_hidden_tags(domain: &Domain, pid: u32) {
+    let nodes = entries(&Path::new(&domain.root).join("nodes"), "").filter(|entry| is_owned(entry, pid));
+    for tag in nodes.flat_map(|node| entries(&node.path(), &domain.prefix)) {
+        let _ = fs::set_permissions(tag.path(), fs::Permissions::from_mode(0o400)); // as above
+    }
+}
+
+fn remove_remains(domain: &Domain, pid: u32) {
+    let places = [
+        (format!("{}/nodes", domain.root), ""),
+        (domain.root.clone(), &domain.prefix),
+        (SHARED_MEMORY.into(), &domain.prefix),
+    ];
+    for entry in
+        places.iter().flat_map(|(place, prefix)| entries(Path::new(place), prefix)).filter(|entry| is_owned(entry, pid))
+    {
+        let path = entry.path();
+        let _ = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) }; // as above
+    }
+}
+
+fn entries(place: &Path, prefix: &str) -> impl Iterator<Item = DirEntry> + use<> {
+    let prefix = prefix.to_owned();
+    let all: Vec<_> = fs::read_dir(place).into_iter().flatten().flatten().collect();
+    all.into_iter().filter(move |entry| entry.file_name().to_string_lossy().starts_with(&prefix))
+}
+
+fn is_owned(entry: &DirEntry, pid: u32) -> bool {
+    owners(&entry.file_name().to_string_lossy()).any(|owner| owner == pid)
+}
+
+/// The processes whose ids stand in a file's name: one for a port, two for a connection.
+fn owners(name: &str) -> impl Iterator<Item = u32> {
+    let numbers = name.split(|c: char| !c.is_ascii_digit()).filter(|digits| digits.len() >= ID_DIGITS);
+    numbers.filter_map(|digits| digits.parse::<u128>().ok()).map(|id| (id >> 64) as u32) // bits 64 to 95
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_owners_are_read_from_a_file_name() {
+        let id: u128 = (1_234 << 64) | 77;
+        assert_eq!(
+            owners(&format!("bateleur.fcu.9_{id}_{}.connection", id + (1 << 64))).collect::<Vec<_>>(),
+            [1_234, 1_235]
+        );
+        assert_eq!(owners("bateleur.fcu.9_global_mgmt").count(), 0);
+    }
+}

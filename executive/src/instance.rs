@@ -1,0 +1,146 @@
+//! One run of one module on this machine: its name, its files in `/dev/shm`, its control group; and what earlier runs
+//! that were killed have left behind.
+//!
+//! Everything that a run makes outside its output folder carries the run's name, and the run's record says which
+//! process it belongs to. So whoever comes later, the guard process or the next start, can tell what nobody owns.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use bateleur_ports::Domain;
+
+use crate::system::cgroup;
+
+/// Where shared memory lies: files are told apart by their prefix there, so it can not be a folder of our own.
+const SHARED_MEMORY: &str = "/dev/shm";
+/// First part of every run's name.
+const NAME: &str = "bateleur";
+/// The record's file inside a run's directory.
+const RECORD: &str = "instance.json";
+
+/// What a run leaves in its directory for those who clean up after it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Instance {
+    /// The run's name: `bateleur.<module>.<process>`.
+    pub name: String,
+    /// The executive's process.
+    pub pid: i32,
+    /// When that process was started, clock ticks since boot: a number that is used again is not the same process.
+    pub started_ticks: u64,
+    /// The run's control group, where it has one.
+    pub group: Option<PathBuf>,
+}
+
+impl Instance {
+    /// The run of `module` by this process. Makes its directory.
+    pub fn create(module: &str) -> io::Result<Self> {
+        let pid = std::process::id() as i32;
+        let name = format!("{NAME}.{module}.{pid}");
+        let instance = Self { name, pid, started_ticks: started_ticks(pid).unwrap_or(0), group: None };
+        fs::create_dir(instance.directory())?;
+        instance.record()?;
+        Ok(instance)
+    }
+
+    /// Notes the control group, for those who clean up.
+    pub fn set_group(&mut self, group: &Path) -> io::Result<()> {
+        self.group = Some(group.to_owned());
+        self.record()
+    }
+
+    /// The run's directory.
+    #[must_use]
+    pub fn directory(&self) -> PathBuf {
+        Path::new(SHARED_MEMORY).join(&self.name)
+    }
+
+    /// The run's ports.
+    #[must_use]
+    pub fn domain(&self) -> Domain {
+        let root = self.directory().join("ports").to_string_lossy().into_owned();
+        Domain { root, prefix: format!("{}_", self.name) }
+    }
+
+    /// Makes the ports' directory, owned by the partitions' user.
+    pub fn make_ports_directory(&self, owner: Option<u32>) -> io::Result<()> {
+        let directory = self.directory().join("ports");
+        fs::create_dir(&directory)?;
+        std::os::unix::fs::chown(&directory, owner, owner)
+    }
+
+    fn record(&self) -> io::Result<()> {
+        fs::write(self.directory().join(RECORD), serde_json::to_vec(self)?)
+    }
+
+    /// Ends what is left of the run and removes what it made.
+    pub fn clean_up(&self) {
+        if let Some(group) = &self.group {
+            cgroup::remove(group);
+        }
+        let prefix = self.domain().prefix;
+        for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
+            if entry.file_name().to_string_lossy().starts_with(&prefix) {
+                let _ = fs::remove_file(entry.path()); // gone already, or not ours: the next start tries again
+            }
+        }
+        let _ = fs::remove_dir_all(self.directory()); // as above
+    }
+
+    fn is_alive(&self) -> bool {
+        started_ticks(self.pid) == Some(self.started_ticks)
+    }
+}
+
+/// Removes what killed runs have left; gives their names.
+pub fn clean_leftovers() -> Vec<String> {
+    let entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
+    let ours = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(&format!("{NAME}.")));
+    let records = ours.filter_map(|entry| {
+        let text = fs::read(entry.path().join(RECORD)).ok()?;
+        serde_json::from_slice::<Instance>(&text).ok()
+    });
+    let dead: Vec<_> = records.filter(|instance| !instance.is_alive()).collect();
+    dead.iter().for_each(Instance::clean_up);
+    dead.into_iter().map(|instance| instance.name).collect()
+}
+
+/// Field 22 of /proc/PID/stat; the name before it may hold anything, so fields are counted from its closing bracket.
+fn started_ticks(pid: i32) -> Option<u64> {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    let after_name = stat.rsplit_once(')')?.1;
+    let mut fields = after_name.split_ascii_whitespace();
+    if fields.next()? == "Z" {
+        return None;
+    }
+    fields.nth(18)?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_living_run_is_left_alone_and_a_dead_one_is_removed() {
+        let living = Instance::create("instance_test").unwrap();
+        // A process number that can not exist stands for an executive that was killed.
+        let dead = Instance {
+            name: "bateleur.instance_test.dead".into(),
+            pid: i32::MAX,
+            started_ticks: 1,
+            group: None,
+        };
+        fs::create_dir(dead.directory()).unwrap();
+        dead.record().unwrap();
+        let segment = Path::new(SHARED_MEMORY).join(format!("{}segment", dead.domain().prefix));
+        fs::write(&segment, "left").unwrap();
+        let cleaned = clean_leftovers();
+        assert!(cleaned.contains(&dead.name));
+        assert!(!segment.exists() && !dead.directory().exists());
+        assert!(living.directory().exists());
+        living.clean_up();
+        assert!(!living.directory().exists());
+    }
+}

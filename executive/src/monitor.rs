@@ -1,0 +1,550 @@
+//! The monitor: sees processes live and die, decides by the health tables, and brings successors up.
+//!
+//! It runs beside the dispatchers on the wall clock and between two minor frames on the virtual one; either way it is
+//! a state machine that is stepped and never waits for a partition for longer than a step.
+//!
+//! ```text
+//! Starting ──ready──▶ Running ──death──▶ Dead ──janitor──▶ Starting …
+//!     └────time-out, death──────────────▲   └──budget──▶ Gone
+//! ```
+
+use std::collections::VecDeque;
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Acquire;
+
+use bateleur_contract::{Clock, Mode, ReportKind, StartCondition, exit};
+
+use crate::event::{Event, Events};
+use crate::health::decision::{Decision, decide, error_of};
+use crate::health::log::{Fault, HealthLog, WindowLog, WindowRecord};
+use crate::partition::{Cage, await_any_end, ended};
+use crate::plan::{Closed, PartitionError, Plan};
+use crate::slot::{Readiness, Slot};
+use crate::system::spawn::Spawned;
+use crate::system::time::now_ns;
+
+/// A janitor that takes longer is ended: the library's clean-up can hang.
+const JANITOR_PATIENCE_NS: u64 = 1_000_000_000;
+/// Between two health entries about the overruns of one partition, module time: each is counted, not each is told.
+const OVERRUN_SILENCE_NS: u64 = 1_000_000_000;
+
+/// Starts a janitor for a dead process.
+pub type StartJanitor = Box<dyn Fn(i32) -> io::Result<Spawned>>;
+/// Takes the next window records that dispatchers have left.
+pub type TakeRecord = Box<dyn FnMut() -> Option<WindowRecord>>;
+
+#[derive(Debug)]
+enum Life {
+    /// Initialises, since this instant of CLOCK_MONOTONIC.
+    Starting(Spawned, u64),
+    /// Takes windows.
+    Running(Spawned),
+    /// Its remains wait for the janitor.
+    Dead(i32),
+    /// No process, and none to come.
+    Gone,
+}
+
+#[derive(Debug)]
+struct Watched {
+    cage: Cage,
+    life: Life,
+    generation: u32,
+    next_start: StartCondition,
+    /// Module time of the restarts so far.
+    restarts: Vec<u64>,
+    fault: Option<Fault>,
+    reports_seen: u32,
+    /// Granted windows in a row that were not closed.
+    unclosed: u32,
+    overrun_told_ns: Option<u64>,
+}
+
+/// Totals over a run.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Totals {
+    /// Windows granted.
+    pub windows: u64,
+    /// Windows whose start the dispatcher reached late.
+    pub late: u64,
+    /// Windows granted and not closed in time.
+    pub overruns: u64,
+}
+
+/// See the module's head.
+pub struct Monitor {
+    plan: Arc<Plan>,
+    clock: Clock,
+    watched: Vec<Watched>,
+    /// From a partition's place in the plan to its place here.
+    places: Vec<Option<usize>>,
+    start_janitor: StartJanitor,
+    janitor: Option<(usize, Spawned, u64)>,
+    waiting: VecDeque<usize>,
+    take_record: TakeRecord,
+    window_log: WindowLog,
+    health_log: HealthLog,
+    events: Events,
+    totals: Totals,
+    stop_asked: Option<String>,
+}
+
+/// What a monitor works with.
+pub struct Equipment {
+    /// The plan.
+    pub plan: Arc<Plan>,
+    /// The clock.
+    pub clock: Clock,
+    /// The partitions of the module.
+    pub cages: Vec<Cage>,
+    /// How a janitor is started.
+    pub start_janitor: StartJanitor,
+    /// Where dispatchers leave records.
+    pub take_record: TakeRecord,
+    /// The window log.
+    pub window_log: WindowLog,
+    /// The health log.
+    pub health_log: HealthLog,
+    /// Who watches.
+    pub events: Events,
+}
+
+impl Monitor {
+    /// Starts every partition.
+    ///
+    /// # Errors
+    /// A program that could not be started, with its partition.
+    pub fn start(equipment: Equipment) -> Result<Self, String> {
+        let Equipment { plan, clock, cages, start_janitor, take_record, window_log, health_log, events } = equipment;
+        let mut places = vec![None; plan.partitions.len()];
+        let mut watched = Vec::new();
+        for cage in cages {
+            places[cage.id.index()] = Some(watched.len());
+            let process = cage
+                .launch(0, StartCondition::NormalStart)
+                .map_err(|error| format!("partition {}: {error}", cage.name))?;
+            watched.push(Watched::new(cage, process));
+        }
+        Ok(Self {
+            plan,
+            clock,
+            watched,
+            places,
+            start_janitor,
+            janitor: None,
+            waiting: VecDeque::new(),
+            take_record,
+            window_log,
+            health_log,
+            events,
+            totals: Totals::default(),
+            stop_asked: None,
+        })
+    }
+
+    /// Waits until every partition has initialised, before frame 0.
+    ///
+    /// # Errors
+    /// The first partition that did not make it, with its last words.
+    pub fn await_all_ready(&mut self) -> Result<(), String> {
+        while self.watched.iter().any(|watched| matches!(watched.life, Life::Starting(..))) {
+            for watched in &mut self.watched {
+                watched.look_at_start(&self.plan)?;
+            }
+            self.pause(1_000_000);
+        }
+        Ok(())
+    }
+
+    /// Sleeps until a process ends, at most `nanoseconds`.
+    pub fn pause(&self, nanoseconds: u64) {
+        let processes = self.watched.iter().filter_map(|watched| match &watched.life {
+            Life::Starting(process, _) | Life::Running(process) => Some(process.pidfd.as_fd()),
+            Life::Dead(_) | Life::Gone => None,
+        });
+        let janitor = self.janitor.as_ref().map(|(_, process, _)| process.pidfd.as_fd());
+        let all: Vec<BorrowedFd<'_>> = processes.chain(janitor).collect();
+        await_any_end(&all, nanoseconds);
+    }
+
+    /// Looks at everything once. `module_ns`: the time of what is found.
+    pub fn step(&mut self, module_ns: u64) {
+        self.take_records(module_ns);
+        for place in 0..self.watched.len() {
+            self.take_reports(place, module_ns);
+            self.look_at_process(place, module_ns);
+        }
+        self.look_at_janitor();
+    }
+
+    /// The partition at `place` of the plan dies now (fault injection).
+    pub fn kill(&mut self, partition: usize, module_ns: u64) {
+        let Some(place) = self.places[partition] else { return };
+        if let Life::Running(process) | Life::Starting(process, _) = &self.watched[place].life {
+            let _ = rustix::process::pidfd_send_signal(&process.pidfd, rustix::process::Signal::KILL); // ended already
+            await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
+            self.look_at_process(place, module_ns);
+        }
+    }
+
+    /// Waits until the partition runs again or is given up (the virtual clock, at its first window after a restart).
+    pub fn await_successor(&mut self, partition: usize, module_ns: u64) {
+        let Some(place) = self.places[partition] else { return };
+        while matches!(self.watched[place].life, Life::Starting(..) | Life::Dead(_)) {
+            self.look_at_process(place, module_ns);
+            self.look_at_janitor();
+            if !matches!(self.watched[place].life, Life::Running(_) | Life::Gone) {
+                self.pause(200_000);
+            }
+        }
+    }
+
+    /// Whether the partition's process has ended.
+    pub fn has_ended(&self, partition: usize) -> bool {
+        let place = self.places[partition].map(|place| &self.watched[place].life);
+        match place {
+            Some(Life::Running(process)) => is_readable(process.pidfd.as_fd()),
+            _ => true,
+        }
+    }
+
+    /// Why the module shall stop, if it shall.
+    #[must_use]
+    pub fn stop_asked(&self) -> Option<&str> {
+        self.stop_asked.as_deref()
+    }
+
+    /// The partition's slot, for the dispatcher.
+    #[must_use]
+    pub fn slots(&self) -> Vec<Option<Arc<Slot>>> {
+        self.places.iter().map(|place| place.map(|place| self.watched[place].cage.slot.clone())).collect()
+    }
+
+    /// Totals so far.
+    #[must_use]
+    pub fn totals(&self) -> Totals {
+        self.totals
+    }
+
+    /// Who watches.
+    pub fn events(&mut self) -> &mut Events {
+        &mut self.events
+    }
+
+    /// Ends every partition: politely, then not.
+    pub fn finish(&mut self, module_ns: u64) {
+        self.take_records(module_ns);
+        self.watched.iter().for_each(|watched| watched.cage.slot.ask_to_stop());
+        let give_up_ns = now_ns() + STOP_PATIENCE_NS;
+        while now_ns() < give_up_ns && self.watched.iter_mut().any(|watched| !watched.is_gone()) {
+            self.pause(10_000_000);
+        }
+        for watched in &mut self.watched {
+            watched.put_an_end();
+            if let Some(fault) = watched.fault.take() {
+                let _ = self.health_log.write(&fault); // a full disk must not keep the module from ending
+            }
+        }
+        if let Some((_, janitor, _)) = self.janitor.take() {
+            end_helper(&janitor);
+        }
+        let _ = self.window_log.flush(); // as above
+    }
+
+    fn take_records(&mut self, module_ns: u64) {
+        while let Some(record) = (self.take_record)() {
+            let Some(place) = self.places[record.occurrence.window.partition.index()] else { continue };
+            let name = &self.watched[place].cage.name;
+            let _ = self.window_log.write(&record, name); // a full disk must not stop the aircraft
+            self.totals.windows += u64::from(record.granted_ns.is_some());
+            self.totals.late += u64::from(record.is_late());
+            self.totals.overruns += u64::from(record.is_overrun());
+            self.judge_window(place, &record, module_ns);
+        }
+    }
+
+    fn judge_window(&mut self, place: usize, record: &WindowRecord, module_ns: u64) {
+        if record.granted_ns.is_none() {
+            return;
+        }
+        self.note_recovery(place, record.occurrence.start_ns);
+        let watched = &mut self.watched[place];
+        if !record.is_overrun() {
+            watched.unclosed = 0;
+            return;
+        }
+        // A window that the dispatcher itself cut short says nothing about the partition.
+        if record.is_late() || !matches!(watched.life, Life::Running(_)) {
+            return;
+        }
+        watched.unclosed += 1;
+        if watched.unclosed >= self.plan.health.silence_windows {
+            watched.unclosed = 0;
+            let detail = format!("no window closed in {}", self.plan.health.silence_windows);
+            return self.fault(place, PartitionError::Silence, detail, module_ns);
+        }
+        let told = watched.overrun_told_ns.is_some_and(|told| module_ns < told + OVERRUN_SILENCE_NS);
+        if !told {
+            watched.overrun_told_ns = Some(module_ns);
+            let minor = record.occurrence.minor_frames;
+            self.fault(place, PartitionError::WindowOverrun, format!("not done at the end of its window in frame {minor}"), module_ns);
+        }
+    }
+
+    fn note_recovery(&mut self, place: usize, start_ns: u64) {
+        let watched = &mut self.watched[place];
+        if !matches!(watched.life, Life::Running(_)) {
+            return;
+        }
+        let Some(mut fault) = watched.fault.take_if(|fault| start_ns >= fault.time_ns) else { return };
+        fault.recovered_ns = Some(start_ns);
+        let after_ms = (start_ns - fault.time_ns) as f64 / 1e6;
+        let _ = self.health_log.write(&fault); // a full disk must not stop the aircraft
+        self.events.tell(&Event::Recovered { time_s: seconds(start_ns), partition: fault.partition, after_ms });
+    }
+
+    fn take_reports(&mut self, place: usize, module_ns: u64) {
+        let watched = &mut self.watched[place];
+        if watched.cage.slot.page.report_count.load(Acquire) == watched.reports_seen {
+            return;
+        }
+        let reports = watched.cage.slot.page.reports_since(&mut watched.reports_seen);
+        for (kind, text) in reports {
+            match kind {
+                ReportKind::Message => {
+                    let partition = self.watched[place].cage.name.clone();
+                    self.events.tell(&Event::Message { time_s: seconds(module_ns), partition, text });
+                }
+                ReportKind::ApplicationError => self.fault(place, PartitionError::ApplicationError, text, module_ns),
+                ReportKind::PortError => self.fault(place, PartitionError::PortError, text, module_ns),
+            }
+        }
+    }
+
+    fn look_at_process(&mut self, place: usize, module_ns: u64) {
+        let watched = &mut self.watched[place];
+        match watched.look_at_start(&self.plan) {
+            Ok(()) => {}
+            Err(detail) if matches!(watched.life, Life::Starting(..)) => {
+                return self.fault(place, PartitionError::StartupTimeout, detail, module_ns);
+            }
+            Err(detail) => return self.fault(place, PartitionError::Exit, detail, module_ns),
+        }
+        let Life::Running(process) = &watched.life else { return };
+        if !is_readable(process.pidfd.as_fd()) {
+            return;
+        }
+        let (pid, status) = (process.pid, ended(process));
+        watched.died(pid);
+        let found = status.and_then(error_of);
+        let idle = status.and_then(|status| status.code()) == Some(exit::IDLE);
+        if idle {
+            watched.rest(Readiness::Idle);
+            return;
+        }
+        let (error, mut detail) = found.unwrap_or((PartitionError::Exit, "ended by itself".into()));
+        if error != PartitionError::Killed
+            && let Some(words) = watched.cage.last_words()
+        {
+            detail = format!("{detail}: {words}");
+        }
+        self.fault(place, error, detail, module_ns);
+    }
+
+    fn fault(&mut self, place: usize, error: PartitionError, detail: String, module_ns: u64) {
+        let partition = self.watched[place].cage.id;
+        let restart = &self.plan[partition].restart;
+        let watched = &mut self.watched[place];
+        let alive = matches!(watched.life, Life::Running(_) | Life::Starting(..));
+        watched.restarts.retain(|at| module_ns.saturating_sub(*at) < restart.within_ns);
+        let decision = decide(error, &self.plan[partition].health, restart, alive, watched.restarts.len() as u32);
+        let fault = Fault {
+            time_ns: module_ns,
+            partition: watched.cage.name.clone(),
+            generation: watched.generation,
+            error: error.name().into(),
+            action: decision.name().into(),
+            detail,
+            recovered_ns: None,
+        };
+        self.events.tell(&Event::Fault {
+            time_s: seconds(module_ns),
+            partition: fault.partition.clone(),
+            error: fault.error.clone(),
+            action: fault.action.clone(),
+            detail: fault.detail.clone(),
+        });
+        self.act(place, decision, fault, module_ns);
+    }
+
+    fn act(&mut self, place: usize, decision: Decision, fault: Fault, module_ns: u64) {
+        let startup_ns = self.plan[self.watched[place].cage.id].restart.startup_ns;
+        let watched = &mut self.watched[place];
+        match decision {
+            Decision::Ignore => {
+                let _ = self.health_log.write(&fault); // a full disk must not stop the aircraft
+            }
+            Decision::Idle | Decision::Stop => {
+                watched.put_an_end();
+                watched.rest(if decision == Decision::Idle { Readiness::Idle } else { Readiness::Absent });
+                let _ = self.health_log.write(&fault); // as above
+                if decision == Decision::Stop {
+                    self.stop_asked = Some(format!("partition {} is stopped ({})", fault.partition, fault.error));
+                }
+            }
+            Decision::Restart { warm } => {
+                watched.put_an_end();
+                watched.next_start = match warm {
+                    true => StartCondition::HmPartitionWarmRestart,
+                    false => StartCondition::HmPartitionColdRestart,
+                };
+                watched.restarts.push(module_ns);
+                // A second fault before the first window: the first is what the user waits to see the end of.
+                if let Some(before) = watched.fault.replace(fault) {
+                    let _ = self.health_log.write(&before); // as above
+                }
+                if self.clock == Clock::Virtual {
+                    watched.cage.slot.set_not_before_ns(module_ns + startup_ns);
+                }
+                self.waiting.push_back(place);
+            }
+        }
+    }
+
+    fn look_at_janitor(&mut self) {
+        if let Some((place, janitor, since_ns)) = self.janitor.take() {
+            if ended(&janitor).is_none() {
+                if now_ns() - since_ns < JANITOR_PATIENCE_NS {
+                    self.janitor = Some((place, janitor, since_ns));
+                    return;
+                }
+                end_helper(&janitor);
+            }
+            self.start_successor(place);
+        }
+        let Some(place) = self.waiting.pop_front() else { return };
+        let Life::Dead(pid) = self.watched[place].life else { return };
+        match (self.start_janitor)(pid) {
+            Ok(janitor) => self.janitor = Some((place, janitor, now_ns())),
+            // Without a janitor the successor may still find its ports free: trying costs nothing.
+            Err(_) => self.start_successor(place),
+        }
+    }
+
+    fn start_successor(&mut self, place: usize) {
+        let watched = &mut self.watched[place];
+        watched.generation += 1;
+        match watched.cage.launch(watched.generation, watched.next_start) {
+            Ok(process) => {
+                watched.reports_seen = watched.cage.slot.page.report_count.load(Acquire);
+                watched.life = Life::Starting(process, now_ns());
+            }
+            Err(error) => {
+                watched.rest(Readiness::Absent);
+                let text = format!("cannot start again: {error}");
+                self.events.tell(&Event::Message { time_s: 0.0, partition: watched.cage.name.clone(), text });
+            }
+        }
+    }
+}
+
+/// How long partitions may take to end when they are asked to.
+const STOP_PATIENCE_NS: u64 = 500_000_000;
+
+impl Watched {
+    fn new(cage: Cage, process: Spawned) -> Self {
+        Self {
+            cage,
+            life: Life::Starting(process, now_ns()),
+            generation: 0,
+            next_start: StartCondition::NormalStart,
+            restarts: Vec::new(),
+            fault: None,
+            reports_seen: 0,
+            unclosed: 0,
+            overrun_told_ns: None,
+        }
+    }
+
+    /// Takes notice of a partition that has become ready; an error where it never will.
+    fn look_at_start(&mut self, plan: &Plan) -> Result<(), String> {
+        let Life::Starting(process, since_ns) = &self.life else { return Ok(()) };
+        if Mode::from_number(self.cage.slot.page.mode.load(Acquire)) == Some(Mode::Normal) {
+            self.cage.admit(process);
+            self.unclosed = 0;
+            if let Life::Starting(process, _) = std::mem::replace(&mut self.life, Life::Gone) {
+                self.life = Life::Running(process);
+            }
+            self.cage.slot.set_readiness(Readiness::Ready);
+            return Ok(());
+        }
+        let name = self.cage.name.clone();
+        if is_readable(process.pidfd.as_fd()) {
+            let (pid, status) = (process.pid, ended(process));
+            self.died(pid);
+            let found = status.and_then(error_of).map_or_else(|| "ended by itself".into(), |(_, detail)| detail);
+            let words = self.cage.last_words().unwrap_or_else(|| "it said nothing".into());
+            return Err(format!("partition {name} {found}: {words}"));
+        }
+        let limit_ns = plan[self.cage.id].startup_timeout_ns;
+        if now_ns() - since_ns > limit_ns {
+            return Err(format!("partition {name} was not ready after {} ms (startup_timeout)", limit_ns / 1_000_000));
+        }
+        Ok(())
+    }
+
+    /// Its process is reaped: children that it left go too, its windows pass.
+    fn died(&mut self, pid: i32) {
+        self.cage.slot.set_readiness(Readiness::Absent);
+        self.cage.kill(None);
+        self.life = Life::Dead(pid);
+    }
+
+    /// Makes sure that no process is left.
+    fn put_an_end(&mut self) {
+        self.cage.slot.set_readiness(Readiness::Absent);
+        if let Life::Starting(process, _) | Life::Running(process) = &self.life {
+            self.cage.kill(Some(process));
+            await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
+            let pid = process.pid;
+            let _ = ended(process); // reaps it
+            self.life = Life::Dead(pid);
+        }
+    }
+
+    fn rest(&mut self, readiness: Readiness) {
+        self.life = Life::Gone;
+        self.cage.slot.set_readiness(readiness);
+    }
+
+    fn is_gone(&mut self) -> bool {
+        match &self.life {
+            Life::Starting(process, _) | Life::Running(process) => {
+                let gone = ended(process).is_some();
+                if gone {
+                    self.life = Life::Gone;
+                }
+                gone
+            }
+            Life::Dead(_) | Life::Gone => true,
+        }
+    }
+}
+
+fn end_helper(process: &Spawned) {
+    let _ = rustix::process::pidfd_send_signal(&process.pidfd, rustix::process::Signal::KILL); // ended already
+    await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
+    let _ = ended(process);
+}
+
+fn is_readable(process: BorrowedFd<'_>) -> bool {
+    use rustix::event::{PollFd, PollFlags, Timespec, poll};
+    let now = Timespec { tv_sec: 0, tv_nsec: 0 };
+    poll(&mut [PollFd::from_borrowed_fd(process, PollFlags::IN)], Some(&now)).is_ok_and(|ready| ready > 0)
+}
+
+fn seconds(ns: u64) -> f64 {
+    ns as f64 / 1e9
+}

@@ -1,0 +1,316 @@
+//! The mechanisms of one partition's life: its cage, which outlives its processes, and the start and end of a process
+//! in it. Whether to start or end one is decided elsewhere.
+
+use std::collections::BTreeMap;
+use std::fs::{File, OpenOptions};
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::unix::fs::MetadataExt;
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
+use std::process::ExitStatus;
+use std::sync::Arc;
+
+use bateleur_contract::{
+    Clock, ControlPage, Description, Direction, ENVIRONMENT, Mapped, PortDescription, PortKind,
+    StartCondition, page,
+};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{MemfdFlags, ftruncate, memfd_create};
+use rustix::process::{WaitId, WaitIdOptions, waitid};
+
+use crate::plan::{Attribute, Partition, PartitionId, Plan, Port, Role};
+use crate::slot::Slot;
+use crate::system::cgroup::Group;
+use crate::system::sched;
+use crate::system::spawn::{Namespaces, Request, Spawned, User, spawn};
+
+/// What the module gives each of its partitions.
+#[derive(Debug, Clone)]
+pub struct Housing {
+    /// The module's name.
+    pub module: String,
+    /// The clock.
+    pub clock: Clock,
+    /// Root of the ports' shared memory.
+    pub ports_root: String,
+    /// Prefix of the ports' shared memory.
+    pub ports_prefix: String,
+    /// Namespaces that this machine allows.
+    pub namespaces: Namespaces,
+    /// Whom partitions run as; none: as the executive.
+    pub user: Option<u32>,
+    /// Whether real-time priority is to be had.
+    pub real_time: bool,
+    /// Where partitions' standard error goes.
+    pub logs: PathBuf,
+}
+
+/// A partition without its process.
+#[derive(Debug)]
+pub struct Cage {
+    /// Its place in the plan.
+    pub id: PartitionId,
+    /// Its name.
+    pub name: String,
+    /// Shared with the dispatcher.
+    pub slot: Arc<Slot>,
+    program: PathBuf,
+    cores: Vec<u32>,
+    priority: Option<u8>,
+    page: OwnedFd,
+    retained: Option<OwnedFd>,
+    retained_bytes: u64,
+    group: Option<Group>,
+    namespaces: Namespaces,
+    user: Option<User>,
+    data_limit: u64,
+    log: PathBuf,
+    description: Description,
+}
+
+impl Cage {
+    /// Builds the cage of partition `id`. `overrides` replace attributes of the plan.
+    pub fn build(
+        plan: &Plan,
+        id: PartitionId,
+        program: PathBuf,
+        group: Option<Group>,
+        housing: &Housing,
+        overrides: &BTreeMap<String, serde_json::Value>,
+    ) -> io::Result<Self> {
+        let partition = &plan[id];
+        let page = shared_memory(&partition.name, size_of::<ControlPage>() as u64)?;
+        let mapped = Mapped::new(&page).map_err(io::Error::other)?;
+        let freezer = group.as_ref().map(Group::freezer).transpose()?;
+        let memory_limited =
+            group.as_ref().is_some_and(|group| group.limit("memory.max", partition.memory_bytes).is_ok());
+        let real_time = housing.real_time && housing.clock == Clock::Wall;
+        let retained = match partition.retained_bytes {
+            0 => None,
+            bytes => Some(shared_memory(&partition.name, bytes)?),
+        };
+        Ok(Self {
+            id,
+            name: partition.name.clone(),
+            slot: Arc::new(Slot::new(mapped, freezer, partition.threads, partition.priority)),
+            program,
+            cores: window_cores(plan, id),
+            priority: real_time.then_some(partition.priority),
+            page,
+            retained,
+            retained_bytes: partition.retained_bytes,
+            group,
+            namespaces: Namespaces {
+                network: housing.namespaces.network && !partition.network,
+                ..housing.namespaces
+            },
+            user: housing.user.map(|id| User { id, groups: device_groups(partition, overrides) }),
+            data_limit: if memory_limited { 0 } else { partition.memory_bytes },
+            log: housing.logs.join(format!("{}.log", partition.name)),
+            description: describe(plan, partition, housing, overrides),
+        })
+    }
+
+    /// Replaces the plan's core numbers by the machine's.
+    pub fn translate_cores(&mut self, real: impl Fn(u32) -> u32) {
+        self.cores.iter_mut().for_each(|core| *core = real(*core));
+    }
+
+    /// Starts incarnation number `generation`.
+    pub fn launch(&self, generation: u32, condition: StartCondition) -> io::Result<Spawned> {
+        if condition != StartCondition::HmPartitionWarmRestart
+            && let Some(retained) = &self.retained
+        {
+            ftruncate(retained, 0)?;
+            ftruncate(retained, self.retained_bytes)?;
+        }
+        let description = Description { generation, start_condition: condition, ..self.description.clone() };
+        let description = sealed_text(&self.name, &serde_json::to_vec(&description)?)?;
+        let errors = OpenOptions::new().create(true).append(true).open(&self.log)?;
+        let mut descriptors: Vec<BorrowedFd<'_>> = vec![self.page.as_fd(), description.as_fd()];
+        descriptors.extend(self.retained.as_ref().map(AsFd::as_fd));
+        self.slot.take_in();
+        spawn(&Request {
+            program: &self.program,
+            arguments: &[],
+            environment: &[format!("{ENVIRONMENT}={}", page::VERSION), "RUST_BACKTRACE=0".into()],
+            descriptors: &descriptors,
+            input: None,
+            output: None,
+            errors: errors.as_fd(),
+            group: self.group.as_ref().map(Group::as_fd),
+            namespaces: self.namespaces,
+            user: self.user.clone(),
+            data_limit: self.data_limit,
+            dies_with_starter: true,
+        })
+    }
+
+    /// Moves a process that has initialised onto its core, at its priority.
+    pub fn admit(&self, process: &Spawned) {
+        for tid in sched::threads(process.pid) {
+            let _ = sched::bind(tid, &self.cores); // it ended meanwhile: found by its descriptor
+            if let Some(priority) = self.priority {
+                let _ = sched::fifo(tid, priority); // as above; without the right, it was said at the start
+            }
+        }
+        self.slot.set_process(process.pid);
+    }
+
+    /// Ends whatever runs in the cage.
+    pub fn kill(&self, process: Option<&Spawned>) {
+        if self.group.as_ref().is_some_and(|group| group.kill().is_ok()) {
+            return;
+        }
+        if let Some(process) = process {
+            let _ = rustix::process::pidfd_send_signal(&process.pidfd, rustix::process::Signal::KILL); // ended already
+        }
+    }
+
+    /// The last line that the partition wrote to its standard error.
+    #[must_use]
+    pub fn last_words(&self) -> Option<String> {
+        let mut file = File::open(&self.log).ok()?;
+        let length = file.metadata().ok()?.len();
+        file.seek(SeekFrom::Start(length.saturating_sub(LAST_WORDS))).ok()?;
+        let mut tail = Vec::new();
+        file.read_to_end(&mut tail).ok()?;
+        let tail = String::from_utf8_lossy(&tail);
+        let line =
+            tail.lines().rev().map(str::trim).find(|line| !line.is_empty() && !line.starts_with("note: "))?;
+        Some(line.chars().take(300).collect())
+    }
+}
+
+/// Bytes of a log that may hold its last line.
+const LAST_WORDS: u64 = 2000;
+
+/// How a process ended, if it has; reaps it.
+pub fn ended(process: &Spawned) -> Option<ExitStatus> {
+    let status = waitid(WaitId::PidFd(process.pidfd.as_fd()), WaitIdOptions::EXITED | WaitIdOptions::NOHANG)
+        .ok()??;
+    let raw = match (status.exit_status(), status.terminating_signal()) {
+        (Some(code), _) => (code & 0xff) << 8,
+        (_, Some(signal)) => signal,
+        _ => 0,
+    };
+    Some(ExitStatus::from_raw(raw))
+}
+
+/// Waits until one of `processes` ends, at most `nanoseconds`.
+pub fn await_any_end(processes: &[BorrowedFd<'_>], nanoseconds: u64) {
+    let mut fds: Vec<_> = processes.iter().map(|process| PollFd::new(process, PollFlags::IN)).collect();
+    let limit = Timespec {
+        tv_sec: (nanoseconds / 1_000_000_000) as i64,
+        tv_nsec: (nanoseconds % 1_000_000_000) as i64,
+    };
+    let _ = poll(&mut fds, Some(&limit)); // any end of the wait: the caller looks
+}
+
+fn shared_memory(name: &str, bytes: u64) -> io::Result<OwnedFd> {
+    let file = memfd_create(name, MemfdFlags::CLOEXEC)?;
+    ftruncate(&file, bytes)?;
+    Ok(file)
+}
+
+fn sealed_text(name: &str, text: &[u8]) -> io::Result<OwnedFd> {
+    let file = memfd_create(name, MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING)?;
+    let mut file = File::from(file);
+    file.write_all(text)?;
+    rustix::fs::fcntl_add_seals(&file, rustix::fs::SealFlags::WRITE | rustix::fs::SealFlags::SHRINK)?;
+    Ok(file.into())
+}
+
+/// The cores on which a partition has windows, in any schedule.
+fn window_cores(plan: &Plan, id: PartitionId) -> Vec<u32> {
+    let windows = plan.schedules.iter().flat_map(|schedule| &schedule.windows);
+    let mut cores: Vec<u32> =
+        windows.filter(|window| window.partition == id).map(|window| window.core).collect();
+    cores.sort_unstable();
+    cores.dedup();
+    cores
+}
+
+/// The groups that own the devices which a partition may open.
+fn device_groups(partition: &Partition, overrides: &BTreeMap<String, serde_json::Value>) -> Vec<u32> {
+    let attribute = overrides.get("device").and_then(|value| value.as_str().map(str::to_owned));
+    let paths = partition.devices.iter().cloned().chain(attribute);
+    paths
+        .filter_map(|path| Path::new(&path).metadata().ok().map(|about| about.gid()))
+        .filter(|gid| *gid != 0)
+        .collect()
+}
+
+fn describe(
+    plan: &Plan,
+    partition: &Partition,
+    housing: &Housing,
+    overrides: &BTreeMap<String, serde_json::Value>,
+) -> Description {
+    let mut attributes: BTreeMap<String, serde_json::Value> =
+        partition.attributes.iter().map(|(name, value)| (name.clone(), json(value))).collect();
+    attributes.extend(overrides.iter().map(|(name, value)| (name.clone(), value.clone())));
+    Description {
+        module: housing.module.clone(),
+        partition: partition.name.clone(),
+        generation: 0,
+        start_condition: StartCondition::NormalStart,
+        clock: housing.clock,
+        ports: partition.ports.iter().map(|id| describe_port(plan, &plan[*id])).collect(),
+        attributes,
+        retained_bytes: partition.retained_bytes,
+        ports_root: housing.ports_root.clone(),
+        ports_prefix: housing.ports_prefix.clone(),
+    }
+}
+
+fn json(attribute: &Attribute) -> serde_json::Value {
+    match attribute {
+        Attribute::String(text) => text.clone().into(),
+        Attribute::Integer(number) => (*number).into(),
+        Attribute::Float(number) => (*number).into(),
+        Attribute::Boolean(value) => (*value).into(),
+        Attribute::Array(list) => list.iter().map(json).collect(),
+    }
+}
+
+fn describe_port(plan: &Plan, port: &Port) -> PortDescription {
+    let channel = port.channel.map(|id| &plan[id]);
+    let (direction, kind, refresh_ns) = match port.role {
+        Role::SamplingSource => (Direction::Source, PortKind::Sampling, 0),
+        Role::SamplingDestination { refresh_ns } => (Direction::Destination, PortKind::Sampling, refresh_ns),
+        Role::QueuingSource => (Direction::Source, PortKind::Queuing, 0),
+        Role::QueuingDestination { .. } => (Direction::Destination, PortKind::Queuing, 0),
+    };
+    PortDescription {
+        name: port.name.clone(),
+        direction,
+        kind,
+        message: message_name(port),
+        size: channel
+            .map_or(port.payload.max_size_bytes(), |channel| plan[channel.source].payload.max_size_bytes())
+            as u32,
+        channel: channel.map_or_else(String::new, |channel| plan.port_path(channel.source)),
+        refresh_ns,
+        depth: channel.map_or(0, |channel| queue_depth(plan, channel).unwrap_or(0)),
+    }
+}
+
+/// The message type's name; "bytes" where the plan gives a size alone.
+#[must_use]
+pub fn message_name(port: &Port) -> String {
+    match &port.payload {
+        crate::plan::Payload::Message { name, .. } => name.clone(),
+        crate::plan::Payload::Bytes { .. } => "bytes".into(),
+    }
+}
+
+/// The length of a channel's queue; none: sampling.
+#[must_use]
+pub fn queue_depth(plan: &Plan, channel: &crate::plan::Channel) -> Option<u32> {
+    channel.destinations.iter().find_map(|id| match plan[*id].role {
+        Role::QueuingDestination { depth } => Some(depth),
+        _ => None,
+    })
+}

@@ -1,0 +1,199 @@
+//! A partition as the dispatcher sees it: a control page, a freezing file and a state. Made before frame 0, never moved;
+//! the process behind it comes and goes.
+
+use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
+use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, AtomicU64};
+
+use bateleur_contract::{ControlPage, Mapped};
+use rustix::thread::futex;
+
+use crate::system::cgroup::Freezer;
+use crate::system::sched;
+
+/// Whether a partition takes windows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Readiness {
+    /// No process, or one that still initialises: its windows pass unused.
+    Absent = 0,
+    /// Takes windows.
+    Ready = 1,
+    /// Keeps its windows and does nothing in them.
+    Idle = 2,
+}
+
+/// What the partition made of its window.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Use {
+    /// When it took the window, CLOCK_MONOTONIC ns; none: not at all.
+    pub opened_ns: Option<u64>,
+    /// When it closed it; none: it had not when the window ended.
+    pub closed_ns: Option<u64>,
+}
+
+/// See the module's head.
+#[derive(Debug)]
+pub struct Slot {
+    /// Shared with the partition; nothing read from its lower half is trusted.
+    pub page: Mapped<ControlPage>,
+    freezer: Option<Freezer>,
+    /// Several threads are held still between windows even when the window was closed in time.
+    always_freeze: bool,
+    granted: AtomicU32,
+    granted_ns: AtomicU64,
+    readiness: AtomicU32,
+    tid: AtomicI32,
+    priority: u8,
+    frozen: AtomicBool,
+    stopped: AtomicBool,
+    not_before_ns: AtomicU64,
+}
+
+impl Slot {
+    /// A slot without a process.
+    #[must_use]
+    pub fn new(page: Mapped<ControlPage>, freezer: Option<Freezer>, threads: u32, priority: u8) -> Self {
+        Self {
+            page,
+            freezer,
+            always_freeze: threads > 1,
+            granted: AtomicU32::new(0),
+            granted_ns: AtomicU64::new(0),
+            readiness: AtomicU32::new(Readiness::Absent as u32),
+            tid: AtomicI32::new(0),
+            priority,
+            frozen: AtomicBool::new(false),
+            stopped: AtomicBool::new(false),
+            not_before_ns: AtomicU64::new(0),
+        }
+    }
+
+    /// Empties the page for a process that is about to start: it has seen no grant yet.
+    pub fn take_in(&self) {
+        self.tid.store(0, Release);
+        self.granted.store(0, Relaxed);
+        self.page.grant.store(0, Relaxed);
+        self.page.done.store(0, Relaxed);
+        self.page.stop.store(0, Relaxed);
+        self.page.mode.store(0, Relaxed);
+        self.page.initialise();
+        self.stopped.store(false, Relaxed);
+        self.thaw(); // the group of a predecessor that was frozen when it was killed
+    }
+
+    /// The process behind the page, once it may take windows.
+    pub fn set_process(&self, pid: i32) {
+        self.tid.store(pid, Release);
+    }
+
+    /// Whether the partition takes windows.
+    pub fn readiness(&self) -> Readiness {
+        match self.readiness.load(Acquire) {
+            1 => Readiness::Ready,
+            2 => Readiness::Idle,
+            _ => Readiness::Absent,
+        }
+    }
+
+    /// Says whether the partition takes windows.
+    pub fn set_readiness(&self, readiness: Readiness) {
+        self.readiness.store(readiness as u32, Release);
+    }
+
+    /// Windows that start before this instant of module time pass unused (the virtual clock's restart).
+    pub fn set_not_before_ns(&self, instant_ns: u64) {
+        self.not_before_ns.store(instant_ns, Relaxed);
+    }
+
+    /// See [`Slot::set_not_before_ns`].
+    pub fn not_before_ns(&self) -> u64 {
+        self.not_before_ns.load(Relaxed)
+    }
+
+    /// Lets the partition's threads run again, where they were held. On a shared core nothing of it runs before the
+    /// dispatcher sleeps, so this may happen ahead of the window.
+    pub fn thaw(&self) {
+        if self.frozen.swap(false, Relaxed) {
+            if let Some(freezer) = &self.freezer {
+                let _ = freezer.thaw(); // the partition is found silent, which is an error of its own
+            }
+            let _ = sched::fifo(self.tid.load(Relaxed), self.priority); // refused without privileges: ordinary from the start
+        }
+        if self.stopped.swap(false, Relaxed) {
+            signal(self.tid.load(Relaxed), rustix::process::Signal::CONT);
+        }
+    }
+
+    /// Grants a window from `start_ns` to `end_ns` of module time.
+    pub fn grant(&self, start_ns: u64, end_ns: u64, minor_frames: u64, now_ns: u64) {
+        self.thaw();
+        self.page.now_ns.store(start_ns, Relaxed);
+        self.page.window_start_ns.store(start_ns, Relaxed);
+        self.page.window_end_ns.store(end_ns, Relaxed);
+        self.page.minor_frames.store(minor_frames, Relaxed);
+        self.granted_ns.store(now_ns, Relaxed);
+        let number = self.granted.load(Relaxed).wrapping_add(1);
+        self.granted.store(number, Relaxed);
+        self.page.grant.store(number, Release);
+        let _ = futex::wake(&self.page.grant, futex::Flags::empty(), 1); // nobody asleep: it is still busy
+    }
+
+    /// Whether the partition has closed the window that it was granted last.
+    pub fn is_done(&self) -> bool {
+        self.page.done.load(Acquire) == self.granted.load(Relaxed)
+    }
+
+    /// What the partition made of its last window. Its own stamps are believed only inside the window.
+    pub fn usage(&self) -> Use {
+        let granted_ns = self.granted_ns.load(Relaxed);
+        let done = self.is_done();
+        let inside = |stamp: u64| (stamp >= granted_ns).then_some(stamp);
+        Use {
+            opened_ns: inside(self.page.opened_ns.load(Relaxed)),
+            closed_ns: if done { inside(self.page.closed_ns.load(Relaxed)) } else { None },
+        }
+    }
+
+    /// Ends the window: holds what may still run. `overrun`: the partition was not done.
+    pub fn fence(&self, overrun: bool) {
+        if !overrun && !self.always_freeze {
+            return;
+        }
+        let tid = self.tid.load(Relaxed);
+        if tid == 0 {
+            return;
+        }
+        // Demoted first: a thread deep inside the kernel is not frozen at once, but then at least gives way.
+        let _ = sched::ordinary(tid);
+        self.frozen.store(true, Relaxed);
+        let held = self.freezer.as_ref().is_some_and(|freezer| freezer.freeze().is_ok());
+        if !held {
+            self.stopped.store(true, Relaxed);
+            signal(tid, rustix::process::Signal::STOP);
+        }
+    }
+
+    /// Sleeps until the partition's `done` differs from what it was, at most `nanoseconds`.
+    pub fn await_change(&self, nanoseconds: u64) {
+        let seen = self.page.done.load(Acquire);
+        if seen == self.granted.load(Relaxed) {
+            return;
+        }
+        let limit = rustix::time::Timespec { tv_sec: 0, tv_nsec: nanoseconds.min(999_999_999) as i64 };
+        let _ = futex::wait(&self.page.done, futex::Flags::empty(), seen, Some(&limit)); // any end: the caller looks
+    }
+
+    /// Asks the partition to end instead of taking another window.
+    pub fn ask_to_stop(&self) {
+        self.thaw();
+        self.page.stop.store(1, Release);
+        self.page.grant.store(self.granted.load(Relaxed).wrapping_add(1), Release);
+        let _ = futex::wake(&self.page.grant, futex::Flags::empty(), 1); // not asleep: it looks before it sleeps
+    }
+}
+
+fn signal(pid: i32, signal: rustix::process::Signal) {
+    if let Some(pid) = rustix::process::Pid::from_raw(pid) {
+        let _ = rustix::process::kill_process(pid, signal); // it has ended already
+    }
+}

@@ -1,0 +1,6 @@
+//! What the executive asks of the kernel. Every unsafe block of this crate lies below this folder.
+
+pub mod cgroup;
+pub mod sched;
+pub mod spawn;
+pub mod time;

@@ -1,0 +1,48 @@
+//! Scheduling policy and affinity of threads that are not our own.
+#![allow(unsafe_code)]
+
+use std::io;
+
+use rustix::process::Pid;
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+
+/// Gives thread `tid` SCHED_FIFO. What it forks later starts as ordinary work (SCHED_RESET_ON_FORK), so that a child
+/// can not carry a partition's priority out of its window.
+pub fn fifo(tid: i32, priority: u8) -> io::Result<()> {
+    set(tid, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, i32::from(priority))
+}
+
+/// Takes real-time priority from thread `tid`.
+pub fn ordinary(tid: i32) -> io::Result<()> {
+    set(tid, libc::SCHED_OTHER, 0)
+}
+
+fn set(tid: i32, policy: i32, priority: i32) -> io::Result<()> {
+    let parameters = libc::sched_param { sched_priority: priority };
+    // SAFETY: plain system call; the structure is alive for its length and is not kept.
+    match unsafe { libc::sched_setscheduler(tid, policy, &raw const parameters) } {
+        0 => Ok(()),
+        _ => Err(io::Error::last_os_error()),
+    }
+}
+
+/// The threads of a process, as they are now.
+#[must_use]
+pub fn threads(pid: i32) -> Vec<i32> {
+    let entries = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok()).collect()
+}
+
+/// The processors that this process may use now.
+#[must_use]
+pub fn allowed_cores() -> Vec<u32> {
+    let Ok(set) = sched_getaffinity(None) else { return vec![0] };
+    (0..CpuSet::MAX_CPU).filter(|&core| set.is_set(core)).map(|core| core as u32).collect()
+}
+
+/// Binds a thread (0: the caller's) to `cores`.
+pub fn bind(tid: i32, cores: &[u32]) -> io::Result<()> {
+    let mut set = CpuSet::new();
+    cores.iter().for_each(|&core| set.set(core as usize));
+    Ok(sched_setaffinity(Pid::from_raw(tid), &set)?)
+}

@@ -1,0 +1,370 @@
+//! Starting a process in a cage: `clone3` into its control group and namespaces, then limits, then another user.
+//!
+//! Between `clone3` and `execveat` the child runs in a copy of a process with several threads, so it makes system
+//! calls on memory that was prepared before and does nothing else: no allocation, no lock, no formatting.
+#![allow(unsafe_code)]
+
+use std::ffi::{CString, OsStr};
+use std::fs::File;
+use std::io::{self, Read};
+use std::mem::zeroed;
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
+use std::os::unix::ffi::OsStrExt;
+use std::path::Path;
+
+use rustix::pipe::{PipeFlags, pipe_with};
+
+/// `clone3` only; the C library's binding is too narrow for it.
+const CLONE_INTO_CGROUP: u64 = 0x2_0000_0000;
+
+/// What is shut off from a process. Each flag needs privileges that a machine may not give.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Namespaces {
+    /// A mount namespace whose tree is read-only but for `/dev/shm`.
+    pub mount: bool,
+    /// A network namespace without any interface.
+    pub network: bool,
+    /// System V objects and POSIX queues of its own.
+    pub ipc: bool,
+    /// A host name of its own.
+    pub uts: bool,
+    /// Process numbers of its own: it can signal nobody else.
+    pub pid: bool,
+}
+
+impl Namespaces {
+    fn flags(self) -> u64 {
+        let pairs = [
+            (self.mount, libc::CLONE_NEWNS),
+            (self.network, libc::CLONE_NEWNET),
+            (self.ipc, libc::CLONE_NEWIPC),
+            (self.uts, libc::CLONE_NEWUTS),
+            (self.pid, libc::CLONE_NEWPID),
+        ];
+        pairs.iter().filter(|(wanted, _)| *wanted).fold(0, |flags, (_, flag)| flags | *flag as u64)
+    }
+}
+
+/// A user that a process becomes.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct User {
+    /// User and group number.
+    pub id: u32,
+    /// Groups beside it: those of the devices that it may open.
+    pub groups: Vec<u32>,
+}
+
+/// A process to start.
+#[derive(Debug)]
+pub struct Request<'a> {
+    /// The program's file.
+    pub program: &'a Path,
+    /// Its arguments after the name.
+    pub arguments: &'a [String],
+    /// Its whole environment, `NAME=value`.
+    pub environment: &'a [String],
+    /// What it finds at descriptors 3, 4, …
+    pub descriptors: &'a [BorrowedFd<'a>],
+    /// What it finds at descriptor 0; else nothing to read.
+    pub input: Option<BorrowedFd<'a>>,
+    /// What it finds at descriptor 1; else the same as 2.
+    pub output: Option<BorrowedFd<'a>>,
+    /// What it finds at descriptor 2.
+    pub errors: BorrowedFd<'a>,
+    /// The control group that it starts in.
+    pub group: Option<BorrowedFd<'a>>,
+    /// What is shut off from it.
+    pub namespaces: Namespaces,
+    /// Whom it becomes; none: whoever the executive is.
+    pub user: Option<User>,
+    /// Limit of its data, bytes; 0: none.
+    pub data_limit: u64,
+    /// Whether it is killed when the thread that starts it ends.
+    pub dies_with_starter: bool,
+}
+
+/// A started process.
+#[derive(Debug)]
+pub struct Spawned {
+    /// Its number, as the executive sees it.
+    pub pid: i32,
+    /// Becomes readable when it ends.
+    pub pidfd: OwnedFd,
+}
+
+/// How far a child had come when it failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+enum Step {
+    Descriptors = 1,
+    Session,
+    Mounts,
+    Limits,
+    User,
+    Privileges,
+    Execute,
+}
+
+impl Step {
+    fn text(number: u8) -> &'static str {
+        const TEXTS: [&str; 7] = [
+            "arranging its descriptors",
+            "opening its session",
+            "making its file view read-only",
+            "setting its limits",
+            "changing its user",
+            "giving up privileges",
+            "executing it",
+        ];
+        TEXTS.get(usize::from(number).wrapping_sub(1)).copied().unwrap_or("starting it")
+    }
+}
+
+/// Everything the child needs, made before there is a child.
+struct Prepared {
+    program: OwnedFd,
+    _strings: Vec<CString>,
+    arguments: Vec<*const libc::c_char>,
+    environment: Vec<*const libc::c_char>,
+    descriptors: Vec<i32>,
+    input: OwnedFd,
+    output: i32,
+    errors: i32,
+    user: Option<User>,
+    read_only: bool,
+    data_limit: u64,
+    dies_with_starter: bool,
+    trouble: i32,
+}
+
+/// Starts a process.
+///
+/// # Errors
+/// What the kernel refused, and at which step.
+pub fn spawn(request: &Request<'_>) -> io::Result<Spawned> {
+    let (reader, writer) = pipe_with(PipeFlags::CLOEXEC)?;
+    // High enough not to be overwritten while the child arranges its first descriptors.
+    let writer = rustix::io::fcntl_dupfd_cloexec(&writer, 100)?;
+    let prepared = prepare(request, writer.as_raw_fd())?;
+    let mut pidfd: i32 = -1;
+    // SAFETY: `clone_args` is plain data, all zero is "nothing asked for".
+    let mut arguments: libc::clone_args = unsafe { zeroed() };
+    arguments.flags = libc::CLONE_PIDFD as u64 | request.namespaces.flags();
+    arguments.pidfd = (&raw mut pidfd) as u64;
+    arguments.exit_signal = libc::SIGCHLD as u64;
+    if let Some(group) = request.group {
+        arguments.flags |= CLONE_INTO_CGROUP;
+        arguments.cgroup = group.as_raw_fd() as u64;
+    }
+    // SAFETY: without CLONE_VM the child has a copy of the address space; it only runs `child`, which keeps to
+    // async-signal-safe calls and never returns.
+    let pid = unsafe { libc::syscall(libc::SYS_clone3, &raw mut arguments, size_of::<libc::clone_args>()) };
+    match pid {
+        -1 => Err(io::Error::last_os_error()),
+        0 => child(&prepared),
+        _ => {
+            drop(writer);
+            // SAFETY: the kernel stored a new descriptor there, which nobody else owns.
+            let pidfd = unsafe { OwnedFd::from_raw_fd(pidfd) };
+            confirm(reader, pidfd, pid as i32)
+        }
+    }
+}
+
+fn confirm(reader: OwnedFd, pidfd: OwnedFd, pid: i32) -> io::Result<Spawned> {
+    let mut trouble = [0; 5];
+    match File::from(reader).read(&mut trouble)? {
+        5 => {
+            let _ = rustix::process::waitid(
+                rustix::process::WaitId::PidFd(pidfd.as_fd()),
+                rustix::process::WaitIdOptions::EXITED,
+            );
+            let code = i32::from_le_bytes([trouble[1], trouble[2], trouble[3], trouble[4]]);
+            let error = io::Error::from_raw_os_error(code);
+            Err(io::Error::new(error.kind(), format!("{} failed: {error}", Step::text(trouble[0]))))
+        }
+        _ => Ok(Spawned { pid, pidfd }),
+    }
+}
+
+fn prepare(request: &Request<'_>, trouble: i32) -> io::Result<Prepared> {
+    let program = rustix::fs::open(
+        request.program,
+        rustix::fs::OFlags::PATH | rustix::fs::OFlags::CLOEXEC,
+        rustix::fs::Mode::empty(),
+    )?;
+    let name = request.program.file_name().unwrap_or(OsStr::new("partition")).as_bytes();
+    let mut strings = vec![CString::new(name)?];
+    for text in request.arguments.iter().chain(request.environment) {
+        strings.push(CString::new(text.as_str())?);
+    }
+    let (arguments, environment) = strings.split_at(1 + request.arguments.len());
+    let pointers =
+        |list: &[CString]| list.iter().map(|text| text.as_ptr()).chain([std::ptr::null()]).collect();
+    let input = match request.input {
+        Some(input) => input.try_clone_to_owned()?,
+        None => File::open("/dev/null")?.into(),
+    };
+    Ok(Prepared {
+        program,
+        arguments: pointers(arguments),
+        environment: pointers(environment),
+        _strings: strings,
+        descriptors: request.descriptors.iter().map(AsRawFd::as_raw_fd).collect(),
+        input,
+        output: request.output.map_or(request.errors.as_raw_fd(), |output| output.as_raw_fd()),
+        errors: request.errors.as_raw_fd(),
+        user: request.user.clone(),
+        read_only: request.namespaces.mount,
+        data_limit: request.data_limit,
+        dies_with_starter: request.dies_with_starter,
+        trouble,
+    })
+}
+
+/// The child: from here to its program. Reports the step and the error through the pipe when something fails.
+fn child(prepared: &Prepared) -> ! {
+    let step = become_program(prepared);
+    let mut report = [step as u8, 0, 0, 0, 0];
+    report[1..].copy_from_slice(&errno().to_le_bytes());
+    // SAFETY: writes five bytes of a local array, then ends the process without running any destructor.
+    unsafe {
+        libc::write(prepared.trouble, report.as_ptr().cast(), report.len());
+        libc::_exit(127)
+    }
+}
+
+fn errno() -> i32 {
+    // SAFETY: the location is this thread's own.
+    unsafe { *libc::__errno_location() }
+}
+
+fn become_program(prepared: &Prepared) -> Step {
+    // SAFETY: each function below makes system calls only, on data of `prepared`, which outlives them.
+    unsafe {
+        if !arrange_descriptors(prepared) {
+            return Step::Descriptors;
+        }
+        if libc::setsid() < 0 {
+            return Step::Session;
+        }
+        if prepared.read_only && !make_read_only() {
+            return Step::Mounts;
+        }
+        if !set_limits(prepared) {
+            return Step::Limits;
+        }
+        if !change_user(prepared) {
+            return Step::User;
+        }
+        if !give_up_privileges(prepared) {
+            return Step::Privileges;
+        }
+        libc::syscall(
+            libc::SYS_execveat,
+            prepared.program.as_raw_fd(),
+            c"".as_ptr(),
+            prepared.arguments.as_ptr(),
+            prepared.environment.as_ptr(),
+            libc::AT_EMPTY_PATH,
+        );
+        Step::Execute
+    }
+}
+
+/// Puts every descriptor where the contract wants it, out of the way first so that none overwrites another.
+unsafe fn arrange_descriptors(prepared: &Prepared) -> bool {
+    const ASIDE: i32 = 200;
+    // SAFETY: descriptor numbers only; the caller owns the process.
+    unsafe {
+        let standard = [prepared.input.as_raw_fd(), prepared.output, prepared.errors];
+        for (place, from) in standard.iter().chain(&prepared.descriptors).enumerate() {
+            if libc::dup3(*from, ASIDE + place as i32, libc::O_CLOEXEC) < 0 {
+                return false;
+            }
+        }
+        let count = standard.len() + prepared.descriptors.len();
+        for place in 0..count as i32 {
+            if libc::dup2(ASIDE + place, place) < 0 {
+                return false;
+            }
+        }
+        libc::syscall(libc::SYS_close_range, count as u32, u32::MAX, libc::CLOSE_RANGE_CLOEXEC) == 0
+    }
+}
+
+/// The whole tree read-only but for `/dev/shm`, where the ports lie.
+unsafe fn make_read_only() -> bool {
+    // SAFETY: constant strings and a local structure, in a mount namespace of the child's own.
+    unsafe {
+        if libc::mount(
+            c"none".as_ptr(),
+            c"/".as_ptr(),
+            std::ptr::null(),
+            libc::MS_REC | libc::MS_PRIVATE,
+            std::ptr::null(),
+        ) != 0
+        {
+            return false;
+        }
+        let mut read_only: libc::mount_attr = zeroed();
+        read_only.attr_set = libc::MOUNT_ATTR_RDONLY | libc::MOUNT_ATTR_NOSUID;
+        let mut writable: libc::mount_attr = zeroed();
+        writable.attr_clr = libc::MOUNT_ATTR_RDONLY;
+        let set = |path: *const libc::c_char, flags: i32, attributes: &libc::mount_attr| {
+            let at: *const libc::mount_attr = attributes;
+            libc::syscall(
+                libc::SYS_mount_setattr,
+                libc::AT_FDCWD,
+                path,
+                flags,
+                at,
+                size_of::<libc::mount_attr>(),
+            ) == 0
+        };
+        set(c"/".as_ptr(), libc::AT_RECURSIVE, &read_only) && set(c"/dev/shm".as_ptr(), 0, &writable)
+    }
+}
+
+/// Descriptors that a partition may have open: about ten for each port.
+const DESCRIPTORS: u64 = 4096;
+
+unsafe fn set_limits(prepared: &Prepared) -> bool {
+    let limit = |what, value: u64| {
+        let limit = libc::rlimit { rlim_cur: value, rlim_max: value };
+        // SAFETY: a local structure, not kept.
+        unsafe { libc::setrlimit(what, &raw const limit) == 0 }
+    };
+    let data = prepared.data_limit == 0 || limit(libc::RLIMIT_DATA, prepared.data_limit);
+    // Without privileges the hard limits may be lower already: lowering what can be lowered is all there is.
+    limit(libc::RLIMIT_NOFILE, DESCRIPTORS);
+    if prepared.user.is_some() {
+        limit(libc::RLIMIT_MEMLOCK, libc::RLIM_INFINITY);
+        limit(libc::RLIMIT_RTPRIO, 0);
+    }
+    data && limit(libc::RLIMIT_CORE, 0)
+}
+
+unsafe fn change_user(prepared: &Prepared) -> bool {
+    let Some(user) = &prepared.user else { return true };
+    // SAFETY: plain system calls; the raw ones, because the library's would signal threads that the child has not.
+    unsafe {
+        libc::syscall(libc::SYS_setgroups, user.groups.len(), user.groups.as_ptr()) == 0
+            && libc::syscall(libc::SYS_setresgid, user.id, user.id, user.id) == 0
+            && libc::syscall(libc::SYS_setresuid, user.id, user.id, user.id) == 0
+    }
+}
+
+unsafe fn give_up_privileges(prepared: &Prepared) -> bool {
+    // SAFETY: plain system calls on numbers and a local set.
+    unsafe {
+        // After the change of user, which would clear it.
+        if prepared.dies_with_starter && libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL) != 0 {
+            return false;
+        }
+        let mut none: libc::sigset_t = zeroed();
+        libc::sigemptyset(&raw mut none);
+        libc::sigprocmask(libc::SIG_SETMASK, &raw const none, std::ptr::null_mut());
+        libc::prctl(libc::PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0
+    }
+}

@@ -1,0 +1,201 @@
+//! What surrounds a module while it runs: planned faults, the recorder, the companion at the end of a line, and the
+//! wish to stop. Looked at once in each minor frame, on either clock.
+
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::net::UnixStream;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use crate::fast::World;
+use crate::monitor::Monitor;
+use crate::partition::await_any_end;
+use crate::plan::Plan;
+use crate::slot::Slot;
+use crate::system::spawn::Spawned;
+
+/// Module time between two exchanges with the companion and the recorder, ns: the step of a ground station.
+pub const EXCHANGE_NS: u64 = 100_000_000;
+/// How long a companion may take for a step, real time.
+const COMPANION_PATIENCE: Duration = Duration::from_secs(20);
+
+/// Partitions to kill, in the order of time.
+#[derive(Debug, Default)]
+pub struct Killing(Vec<(usize, u64)>);
+
+impl Killing {
+    /// By name and module time, ns. Names that are not in the plan were refused before.
+    #[must_use]
+    pub fn of(plan: &Plan, kills: &[(String, u64)]) -> Self {
+        let mut list: Vec<_> =
+            kills.iter().filter_map(|(name, at)| Some((plan.partition(name)?.index(), *at))).collect();
+        list.sort_by_key(|(_, at)| std::cmp::Reverse(*at));
+        Self(list)
+    }
+
+    fn due(&mut self, module_ns: u64) -> Option<usize> {
+        self.0.pop_if(|(_, at)| *at <= module_ns).map(|(partition, _)| partition)
+    }
+}
+
+/// The other end of the virtual clock's handshake: told the time and the bytes that were sent to it, answers with the
+/// bytes that it has sent and whether the run shall end.
+#[derive(Debug)]
+pub struct Companion(UnixStream);
+
+impl Companion {
+    /// Over a connected socket.
+    pub fn new(socket: UnixStream) -> io::Result<Self> {
+        socket.set_read_timeout(Some(COMPANION_PATIENCE))?;
+        Ok(Self(socket))
+    }
+
+    fn exchange(&mut self, module_ns: u64, sent: u64) -> io::Result<(u64, bool)> {
+        let mut question = [0; 16];
+        question[..8].copy_from_slice(&module_ns.to_le_bytes());
+        question[8..].copy_from_slice(&sent.to_le_bytes());
+        self.0.write_all(&question)?;
+        let mut answer = [0; 9];
+        self.0.read_exact(&mut answer)?;
+        let [bytes @ .., stop] = answer;
+        Ok((u64::from_le_bytes(bytes), stop != 0))
+    }
+}
+
+/// The recorder: a process that reads every channel when it is told to.
+#[derive(Debug)]
+pub struct Recorder {
+    process: Spawned,
+    orders: Option<File>,
+    answers: File,
+    pending: bool,
+}
+
+impl Recorder {
+    /// Starts it with a line for orders and a line for answers, and waits until it has attached itself.
+    pub fn start(start: impl FnOnce(&OwnedFd, &OwnedFd) -> io::Result<Spawned>) -> io::Result<Self> {
+        let (order_end, orders) = io::pipe()?;
+        let (answers, answer_end) = io::pipe()?;
+        let (order_end, answer_end) = (OwnedFd::from(order_end), OwnedFd::from(answer_end));
+        let process = start(&order_end, &answer_end)?;
+        drop(answer_end);
+        let (orders, answers) = (File::from(OwnedFd::from(orders)), File::from(OwnedFd::from(answers)));
+        let mut recorder = Self { process, orders: Some(orders), answers, pending: true };
+        recorder.await_answer();
+        Ok(recorder)
+    }
+
+    /// Has it read what has been written since the last time, after it has finished that.
+    fn read_channels(&mut self) {
+        self.await_answer();
+        if let Some(orders) = &mut self.orders {
+            self.pending = orders.write_all(b"r").is_ok();
+        }
+    }
+
+    fn await_answer(&mut self) {
+        if std::mem::take(&mut self.pending) {
+            let mut answer = [0; 1];
+            let heard = self.answers.read(&mut answer).is_ok_and(|count| count == 1);
+            if !heard {
+                self.orders = None; // it has ended: the flight goes on without a log
+            }
+        }
+    }
+
+    fn finish(&mut self) {
+        self.read_channels();
+        self.await_answer();
+        drop(self.orders.take());
+        await_any_end(&[self.process.pidfd.as_fd()], 5_000_000_000);
+    }
+}
+
+/// See the module's head.
+pub struct Surroundings {
+    kills: Killing,
+    until_ns: Option<u64>,
+    stop: Arc<AtomicBool>,
+    recorder: Option<Recorder>,
+    companion: Option<Companion>,
+    line: Option<Arc<Slot>>,
+    next_exchange_ns: u64,
+    module_ns: u64,
+    reason: Option<String>,
+}
+
+impl Surroundings {
+    /// Everything that may be there. `line`: the partition whose device the companion holds the other end of.
+    #[must_use]
+    pub fn new(
+        kills: Killing,
+        until_ns: Option<u64>,
+        stop: Arc<AtomicBool>,
+        recorder: Option<Recorder>,
+        companion: Option<Companion>,
+        line: Option<Arc<Slot>>,
+    ) -> Self {
+        Self { kills, until_ns, stop, recorder, companion, line, next_exchange_ns: 0, module_ns: 0, reason: None }
+    }
+
+    /// Module time of the last minor frame, ns.
+    #[must_use]
+    pub fn module_ns(&self) -> u64 {
+        self.module_ns
+    }
+
+    /// Why the run ended.
+    #[must_use]
+    pub fn reason(&self, of_monitor: Option<&str>) -> String {
+        let own = self.reason.as_deref();
+        own.or(of_monitor).unwrap_or("the end of its time").to_owned()
+    }
+
+    /// Ends what was started.
+    pub fn finish(&mut self) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.finish();
+        }
+    }
+
+    fn exchange(&mut self, module_ns: u64) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.read_channels();
+        }
+        let Some(companion) = &mut self.companion else { return };
+        let sent = self.line.as_ref().map_or(0, |slot| slot.page.device_sent.load(Ordering::Relaxed));
+        match companion.exchange(module_ns, sent) {
+            Ok((bytes, stop)) => {
+                if let Some(slot) = &self.line {
+                    slot.page.device_expected.store(bytes, Ordering::Relaxed);
+                }
+                if stop {
+                    self.reason = Some("the mission is over".into());
+                }
+            }
+            Err(error) => self.reason = Some(format!("the companion of the virtual clock is gone: {error}")),
+        }
+    }
+}
+
+impl World for Surroundings {
+    fn minor_frame(&mut self, module_ns: u64, monitor: &mut Monitor) -> bool {
+        self.module_ns = module_ns;
+        while let Some(partition) = self.kills.due(module_ns) {
+            monitor.kill(partition, module_ns);
+        }
+        if module_ns >= self.next_exchange_ns {
+            self.next_exchange_ns = module_ns + EXCHANGE_NS;
+            self.exchange(module_ns);
+        }
+        if self.stop.load(Ordering::Acquire) {
+            self.reason.get_or_insert_with(|| "it was asked to stop".into());
+        }
+        if self.until_ns.is_some_and(|until| module_ns >= until) {
+            self.reason.get_or_insert_with(|| "the asked-for time is over".into());
+        }
+        self.reason.is_none()
+    }
+}

@@ -11,7 +11,8 @@ use bateleur_flight::guidance::path::{Circuit, Piece};
 use bateleur_flight::guidance::{Guidance, GuidanceConfig, seed_waypoints};
 use bateleur_flight::magnetic::Site;
 use bateleur_flight::servo::ActuatorCommand;
-use bateleur_plant::{Conditions, Controls, FlightStart, SensorSet, Simulation, Truth, Turbulence};
+pub use bateleur_plant::FlightStart;
+use bateleur_plant::{Conditions, Controls, SensorSet, Simulation, Truth, Turbulence};
 use nalgebra::{Vector2, Vector3};
 
 pub const AEROSONDE: &str = include_str!("../../../../hil/plant/airframes/aerosonde.toml");

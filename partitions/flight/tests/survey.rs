@@ -49,31 +49,50 @@ fn table() {
     }
 }
 
+/// `FLIGHTS` flights (default 200) from the runway: wind 0–8 m/s, turbulence up to moderate, derivatives ±20 %, mass ±10 %,
+/// latency 50–250 ms, sensor biases from their full ranges; prints those that do not complete and the percentiles.
 #[test]
-#[ignore = "prints one flight"]
-fn one() {
-    let mut flight = Flight::new(Options::new(1, 8.0, 90.0, Turbulence::Moderate));
-    let mut last = (0, 0);
-    for _ in 0..50 * 120 {
-        flight.step();
-        let c = flight.estimator.counters();
-        if c.refused / 20 != last.0 / 20 || c.resets != last.1 {
-            last = (c.refused, c.resets);
-            let f = flight.last();
-            let n = f.navigation.unwrap();
-            println!(
-                "{:.2} {c:?} V {:.1} est {:.1} wind {:?} truth {:?} off {:?} h {:.1} truth {:.1} bias {:.1} sig {:?}",
-                f.truth.time_s,
-                f.truth.airspeed_mps,
-                n.air_velocity().norm(),
-                n.wind,
-                f.truth.wind_ned_mps,
-                flight.estimator.barometer_offset_m(),
-                n.altitude_m(),
-                -f.truth.position_ned_m.z,
-                f.truth.barometer_bias_m,
-                n.sigmas.position
-            );
+#[ignore = "prints percentiles over many flights"]
+fn monte_carlo() {
+    let flights: u64 = std::env::var("FLIGHTS").ok().and_then(|x| x.parse().ok()).unwrap_or(200);
+    let frame_s: f64 = std::env::var("FRAME_S").ok().and_then(|x| x.parse().ok()).unwrap_or(0.02);
+    let mut columns: [Vec<f64>; 5] = Default::default();
+    let mut failed = 0;
+    for seed in 1000..1000 + flights {
+        let options = Options { frame_s, ..common::varied(seed) };
+        let outcome = std::panic::catch_unwind(|| {
+            let mut flight = Flight::new(options);
+            flight.run_mission(400.0);
+            let score = flight.score();
+            if score.straight > 2.0 || score.altitude > 0.8 || score.cross_track_max > 30.0 {
+                let c = &flight.options.conditions;
+                println!("outlier {seed}: wind {:.1} {:?} {score:.2?} {:?}", c.wind_speed_mps, c.turbulence, flight.estimator.counters());
+            }
+            (flight.order(), score)
+        });
+        match outcome {
+            Ok((order, s)) if order[..8] == [0, 1, 2, 3, 0, 1, 2, 3] => {
+                let values = [s.cross_track, s.straight, s.altitude, s.airspeed, s.cross_track_max];
+                columns.iter_mut().zip(values).for_each(|(column, value)| column.push(value));
+            }
+            _ => {
+                failed += 1;
+                println!("seed {seed} did not complete");
+            }
         }
+    }
+    println!("{failed} of {flights} did not complete");
+    for (name, mut column) in
+        ["cross-track", "straight", "altitude", "airspeed", "xt max"].into_iter().zip(columns)
+    {
+        column.sort_by(f64::total_cmp);
+        let at = |share: f64| column[((column.len() - 1) as f64 * share) as usize];
+        println!(
+            "{name:12} median {:5.2}  90 % {:5.2}  99 % {:5.2}  max {:5.2}",
+            at(0.5),
+            at(0.9),
+            at(0.99),
+            at(1.0)
+        );
     }
 }

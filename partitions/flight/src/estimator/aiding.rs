@@ -2,7 +2,7 @@
 
 use super::filter::{ATT, ErrorVector, MAG, POS, Scalar, VEL, WIND};
 use super::history::{Past, position_row, scalar, velocity_row};
-use super::{Estimator, GpsMeasurement, Phase};
+use super::{Estimator, EstimatorStatus, GpsMeasurement, Phase};
 use crate::atmosphere::{airspeed_mps, density_kgpm3, pressure_altitude_m};
 use crate::attitude::{finite, skew};
 use nalgebra::Vector3;
@@ -132,11 +132,16 @@ impl Estimator {
 
     /// Takes a group of scalars together or not at all; true if taken.
     fn fuse(&mut self, group: &[Scalar]) -> bool {
+        self.fuse_from(group, 0)
+    }
+
+    /// The same, correcting error states from `first` on only.
+    fn fuse_from(&mut self, group: &[Scalar], first: usize) -> bool {
         let gate = self.config.measurement.gate_sigma;
         let accepted = group.iter().all(|scalar| self.filter.normalised(scalar).abs() <= gate);
         if accepted {
             for scalar in group {
-                self.filter.correct(scalar);
+                self.filter.correct_from(scalar, first);
             }
             self.finish_update();
         } else {
@@ -211,9 +216,23 @@ impl Estimator {
         // Near standstill the direction of the air is unknown and the linearisation means nothing.
         let least = self.config.measurement.least_airspeed_mps;
         let slow = airspeed < least || self.filter.nominal.velocity.norm() < 0.7 * least;
-        if self.phase != Phase::Running || !self.config.aiding.pressure || slow {
+        let due = time_s - self.last_pitot_s > self.config.measurement.airspeed_interval_s - 1e-3;
+        if self.phase != Phase::Running || !self.config.aiding.pressure || slow || !due {
             return;
         }
+        self.last_pitot_s = time_s;
+        let inertial = self.status() == EstimatorStatus::Inertial;
+        let scalar = self.airspeed_scalar(airspeed, inertial);
+        let accepted = self.fuse_from(&[scalar], if inertial { 0 } else { WIND });
+        let patience = self.config.measurement.other_patience_s;
+        if self.airspeed_gate.out_of_patience(accepted, time_s, patience) {
+            self.counters.resets += 1;
+            self.filter.forget(WIND, 2, self.config.initial.wind);
+        }
+    }
+
+    /// Airspeed is the length of ground velocity less wind.
+    fn airspeed_scalar(&self, airspeed: f64, inertial: bool) -> Scalar {
         let nominal = &self.filter.nominal;
         let air = nominal.velocity - Vector3::new(nominal.wind.x, nominal.wind.y, 0.0);
         let expected = air.norm().max(1.0);
@@ -223,13 +242,9 @@ impl Estimator {
         }
         h[WIND] = -air.x / expected;
         h[WIND + 1] = -air.y / expected;
-        let sigma = self.config.measurement.airspeed_mps;
-        let accepted = self.fuse(&[scalar(h, airspeed - expected, sigma)]);
-        let patience = self.config.measurement.other_patience_s;
-        if self.airspeed_gate.out_of_patience(accepted, time_s, patience) {
-            self.counters.resets += 1;
-            self.filter.forget(WIND, 2, self.config.initial.wind);
-        }
+        let noise = &self.config.measurement;
+        let sigma = if inertial { noise.airspeed_without_gps_mps } else { noise.airspeed_mps };
+        scalar(h, airspeed - expected, sigma)
     }
 
     /// Fuses the magnetic field (body, gauss) against the model's at the site; fuses at 10 Hz.

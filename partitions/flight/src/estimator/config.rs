@@ -34,8 +34,11 @@ pub struct MeasurementNoise {
     pub gps_velocity_mps: f64,
     /// Barometric height after averaging to 25 Hz, m (10 Pa are 0.83 m).
     pub barometer_m: f64,
-    /// Airspeed against ground velocity and steady wind, m/s: turbulence is noise here.
+    /// Airspeed against ground velocity and steady wind, m/s: turbulence is noise here. With GPS it corrects the
+    /// wind alone, for gusts last ten seconds and would be taken for motion.
     pub airspeed_mps: f64,
+    /// The same without GPS, when it has to carry the velocity: so large that gusts hardly tilt the attitude.
+    pub airspeed_without_gps_mps: f64,
     /// Magnetometer, each axis, gauss.
     pub magnetometer_gauss: f64,
     /// Innovations beyond this many standard deviations are refused.
@@ -46,6 +49,8 @@ pub struct MeasurementNoise {
     pub other_patience_s: f64,
     /// Least interval between two barometer updates, s.
     pub barometer_interval_s: f64,
+    /// Least interval between two pitot updates, s: nearer ones see the same gust.
+    pub airspeed_interval_s: f64,
     /// Least interval between two magnetometer updates, s.
     pub magnetometer_interval_s: f64,
     /// Below this airspeed the pitot is not used, m/s: the pressure falls with the square.
@@ -61,11 +66,13 @@ impl Default for MeasurementNoise {
             gps_velocity_mps: 0.06,
             barometer_m: 0.7,
             airspeed_mps: 1.5,
+            airspeed_without_gps_mps: 6.0,
             magnetometer_gauss: 0.002,
             gate_sigma: 5.0,
             gps_patience_s: 1.5,
             other_patience_s: 5.0,
             barometer_interval_s: 0.04,
+            airspeed_interval_s: 0.1,
             magnetometer_interval_s: 0.1,
             least_airspeed_mps: 10.0,
         }

@@ -208,11 +208,14 @@ impl Filter {
         (scalar.innovation - scalar.h.dot(&self.pending)) / variance.sqrt()
     }
 
-    /// Takes one scalar into covariance and pending correction (Joseph form, expanded for a scalar).
-    pub(crate) fn correct(&mut self, scalar: &Scalar) {
+    /// Takes one scalar into covariance and pending correction (Joseph form, expanded for a scalar). Only error
+    /// states from `first` on are corrected; the others are considered as they are (S. F. Schmidt's filter), which
+    /// the Joseph form allows, as it holds for any gain.
+    pub(crate) fn correct_from(&mut self, scalar: &Scalar, first: usize) {
         let column = self.covariance * scalar.h;
         let variance = scalar.h.dot(&column) + scalar.variance;
-        let gain = column / variance;
+        let mut gain = column / variance;
+        gain.rows_mut(0, first).fill(0.0);
         self.pending += gain * (scalar.innovation - scalar.h.dot(&self.pending));
         let p = &mut self.covariance;
         for j in 0..ERROR_STATES {
@@ -312,7 +315,7 @@ mod tests {
         let rows =
             [ErrorVector::from_fn(|i, _| (i % 3) as f64), ErrorVector::from_fn(|i, _| (i % 5) as f64 - 1.0)];
         for (row, innovation) in rows.iter().zip([0.4, -0.7]) {
-            filter.correct(&Scalar { h: *row, innovation, variance: 0.5 });
+            filter.correct_from(&Scalar { h: *row, innovation, variance: 0.5 }, 0);
         }
         let h = SMatrix::<f64, 2, ERROR_STATES>::from_rows(&[rows[0].transpose(), rows[1].transpose()]);
         let s = h * before.covariance * h.transpose() + SMatrix::<f64, 2, 2>::identity() * 0.5;

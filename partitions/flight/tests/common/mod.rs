@@ -13,7 +13,7 @@ use bateleur_flight::magnetic::Site;
 use bateleur_flight::servo::ActuatorCommand;
 pub use bateleur_plant::FlightStart;
 use bateleur_plant::{Conditions, Controls, SensorSet, Simulation, Truth, Turbulence};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector2;
 
 pub const AEROSONDE: &str = include_str!("../../../../hil/plant/airframes/aerosonde.toml");
 pub const RASCAL: &str = include_str!("../../../../hil/plant/airframes/rascal110.toml");
@@ -139,8 +139,8 @@ impl Flight {
         if !lost {
             self.compute(&sensors, &truth);
         }
-        let arriving = self.waiting.remove(0);
         self.waiting.push(self.held);
+        let arriving = self.waiting.remove(0);
         let controls = Controls {
             aileron_rad: arriving.aileron_rad,
             elevator_rad: arriving.elevator_rad,
@@ -388,11 +388,37 @@ pub struct EstimateErrors {
     pub height_m: f64,
 }
 
-/// The start of a mission in flight, south of the first leg.
-pub fn airborne() -> FlightStart {
-    FlightStart { north_m: 0.0, ..FlightStart::default() }
-}
-
-pub fn zero() -> Vector3<f64> {
-    Vector3::zeros()
+/// A flight drawn from a seed: wind, turbulence, derivatives ±20 %, mass ±10 %, latency 50–250 ms.
+pub fn varied(seed: u64) -> Options {
+    // A linear congruence, so that the cases are the same everywhere.
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    let mut draw = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as f64 / f64::from(1_u32 << 30) - 1.0
+    };
+    let levels = [Turbulence::Calm, Turbulence::Light, Turbulence::Moderate];
+    let turbulence = levels[(seed % 3) as usize];
+    let mut options = Options::new(seed, 4.0 + 4.0 * draw(), 180.0 * draw(), turbulence);
+    let mut plant = bateleur_plant::Airframe::from_toml(AEROSONDE).unwrap();
+    let a = &mut plant.aerodynamics;
+    for derivative in [
+        &mut a.lift_alpha,
+        &mut a.pitch_alpha,
+        &mut a.pitch_pitch_rate,
+        &mut a.pitch_elevator,
+        &mut a.side_beta,
+        &mut a.roll_beta,
+        &mut a.roll_roll_rate,
+        &mut a.roll_yaw_rate,
+        &mut a.roll_aileron,
+        &mut a.yaw_beta,
+        &mut a.yaw_yaw_rate,
+        &mut a.yaw_rudder,
+    ] {
+        *derivative *= 1.0 + 0.2 * draw();
+    }
+    plant.mass.mass_kg *= 1.0 + 0.1 * draw();
+    options.plant = Some(plant);
+    options.conditions.sensors.gps.latency_s = 0.15 + 0.1 * draw();
+    options
 }

@@ -1,3 +1,39 @@
 //! The function that gives the module its beat: synchronize, execute and the telemetry time-outs.
 
-fn main() {}
+use std::process::ExitCode;
+
+use bateleur_apex::{Context, Partition, SamplingSource, StartError, Window};
+use bateleur_messages::Rate;
+use bateleur_rate_generator::{Beat, Periods};
+
+struct RateGenerator {
+    beat: Beat,
+    rate: SamplingSource<Rate>,
+}
+
+impl Partition for RateGenerator {
+    fn start(context: &mut Context) -> Result<Self, StartError> {
+        let usual = Periods::default();
+        let [timeout_1, timeout_2, timeout_3] = usual.timeouts_ns;
+        let periods = Periods {
+            sync_ns: context.duration_ns("sync_period", usual.sync_ns)?,
+            cutoff_ns: context.duration_ns("sensor_cutoff_delay", usual.cutoff_ns)?,
+            timeouts_ns: [
+                context.duration_ns("timeout_1", timeout_1)?,
+                context.duration_ns("timeout_2", timeout_2)?,
+                context.duration_ns("timeout_3", timeout_3)?,
+            ],
+        };
+        let beat = Beat::new(periods).map_err(|error| StartError::Other(error.to_string()))?;
+        Ok(Self { beat, rate: context.sampling_source("rate")? })
+    }
+
+    fn window(&mut self, window: &Window) {
+        // The instant in the schedule, not the one at which the processor was given: no jitter gets in.
+        self.rate.write(&self.beat.at(window.start_ns()));
+    }
+}
+
+fn main() -> ExitCode {
+    bateleur_apex::run::<RateGenerator>()
+}

@@ -1,3 +1,101 @@
 //! The function that turns actuator commands into timer values, or passes the safety pilot through.
 
-fn main() {}
+use std::process::ExitCode;
+
+use bateleur_apex::{
+    Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
+    StartError, Window,
+};
+use bateleur_flight::airframe::Airframe;
+use bateleur_messages::ground::Order;
+use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_SERVO, NOT_UNDERSTOOD, Telemetry};
+use bateleur_messages::{
+    ActuatorCommand, Custom, FunctionStatus, GroundMessage, Rate, ServoTimers, TelemetryMessage, Watch,
+};
+use bateleur_servo::{Kept, Servo};
+
+/// Ground messages taken in one window at most; as many as the queue usually holds.
+const ORDERS_PER_WINDOW: usize = 8;
+/// How long the last output may stand without a command, ns: ten cycles, twice what a warm restart takes.
+const HOLD_NS: u64 = 200_000_000;
+/// The airframe that is built in.
+const AEROSONDE: &str = include_str!("../../../hil/plant/airframes/aerosonde.toml");
+
+struct Actuators {
+    servo: Servo,
+    retained: Retained<Kept>,
+    starts: u64,
+    command: SamplingDestination<ActuatorCommand>,
+    custom: SamplingDestination<Custom>,
+    timers: SamplingSource<ServoTimers>,
+    status: SamplingSource<FunctionStatus>,
+    rate: SamplingDestination<Rate>,
+    ground: QueuingDestination<GroundMessage>,
+    telemetry: QueuingSource<TelemetryMessage>,
+    timeout: Watch,
+}
+
+impl Partition for Actuators {
+    fn start(context: &mut Context) -> Result<Self, StartError> {
+        let map = airframe(context)?.servo_map();
+        let hold_ns = context.duration_ns("hold", HOLD_NS)?;
+        let mut retained = context.retained()?;
+        Ok(Self {
+            servo: Servo::new(map, hold_ns, retained.load()),
+            retained,
+            starts: u64::from(context.generation()) + 1,
+            command: context.sampling_destination("command")?,
+            custom: context.sampling_destination("custom")?,
+            timers: context.sampling_source("timers")?,
+            status: context.sampling_source("status")?,
+            rate: context.sampling_destination("rate")?,
+            ground: context.queuing_destination("ground")?,
+            telemetry: context.queuing_source("telemetry")?,
+            timeout: Watch::default(),
+        })
+    }
+
+    fn window(&mut self, window: &Window) {
+        let now_ns = window.start_ns();
+        self.take_orders(now_ns);
+        let timers = self.servo.step(now_ns, self.command.read_valid(), self.custom.read_valid());
+        self.timers.write(&timers);
+        self.retained.store(self.servo.kept());
+        self.status.write(&self.servo.status(self.starts));
+        if self.rate.read_valid().is_some_and(|rate| self.timeout.changed(rate.timeout_2)) {
+            let telemetry = Telemetry::Servo(self.servo.telemetry(now_ns));
+            self.telemetry.send(&TelemetryMessage::of(&telemetry));
+        }
+    }
+}
+
+impl Actuators {
+    fn take_orders(&mut self, now_ns: u64) {
+        for _ in 0..ORDERS_PER_WINDOW {
+            let Some(message) = self.ground.receive() else { return };
+            let taken = self.servo.order(Order::parse(message.letter, message.bytes()));
+            let result = if taken { ACCEPTED } else { NOT_UNDERSTOOD };
+            let answer = Acknowledge::of(&message, FROM_SERVO, result, now_ns);
+            self.telemetry.send(&TelemetryMessage::of(&Telemetry::Acknowledge(answer)));
+        }
+    }
+}
+
+/// The built-in airframe, or the file that the attribute names.
+fn airframe(context: &mut Context) -> Result<Airframe, StartError> {
+    let name: String = context.attribute("airframe", "aerosonde".into())?;
+    let text = match name.as_str() {
+        "aerosonde" => AEROSONDE.into(),
+        path => std::fs::read_to_string(path).map_err(|error| {
+            StartError::Other(format!(
+                "attribute airframe = \"{path}\": {error}; name a readable TOML file, or \"aerosonde\""
+            ))
+        })?,
+    };
+    Airframe::from_toml(&text)
+        .map_err(|error| StartError::Other(format!("attribute airframe = \"{name}\": {error}")))
+}
+
+fn main() -> ExitCode {
+    bateleur_apex::run::<Actuators>()
+}

@@ -1,1 +1,42 @@
 //! The function that exchanges sensors and actuators with a simulator over UDP.
+//!
+//! Responsible for: one question to the simulator in each cycle (the actuators, and the module time to advance to), and
+//! for publishing its answer before the sensor cut-off. It must never wait longer than that, whatever the network does,
+//! and never let one bad datagram decide what is taken afterwards.
+//!
+//! [`Inbox`] decides which datagrams to believe, [`Link`] moves them, [`exchange`] is the conversation of one window and
+//! [`Supervision`] says when the simulator has gone and come back.
+
+mod exchange;
+mod inbox;
+mod link;
+mod supervision;
+
+pub use exchange::{Moment, Waiting, exchange};
+pub use inbox::{Counters, Inbox, Sensors};
+pub use link::{Link, LinkError};
+pub use supervision::{Event, Supervision};
+
+use bateleur_messages::ServoTimers;
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
+
+/// What the simulator is told before the Servo has spoken: surfaces neutral, throttle closed.
+pub const AT_REST: ServoTimers = ServoTimers {
+    aileron_left_us: 1500,
+    aileron_right_us: 1500,
+    elevator_us: 1500,
+    rudder_us: 1500,
+    throttle_us: 1000,
+    autopilot: 0,
+    cycle: 0,
+};
+
+/// What outlives a warm restart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub struct Kept {
+    /// Questions so far.
+    pub sequence: u64,
+    /// 1 while HIL mode is on.
+    pub enabled: u64,
+}

@@ -1,3 +1,160 @@
 //! The function that exchanges sensors and actuators with a simulator over UDP.
 
-fn main() {}
+use std::os::fd::AsFd;
+use std::process::ExitCode;
+
+use bateleur_apex::{
+    Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
+    StartError, Window,
+};
+use bateleur_hil_interface::{
+    AT_REST, Event, Inbox, Kept, Link, Moment, Sensors, Supervision, Waiting, exchange,
+};
+use bateleur_messages::ground::Order;
+use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_HIL_INTERFACE, NOT_UNDERSTOOD, Telemetry};
+use bateleur_messages::{
+    Custom, FunctionStatus, GroundMessage, Rate, RawAnalog, RawGps, ServoTimers, TelemetryMessage,
+};
+
+/// Ground messages taken in one window at most; as many as the queue usually holds.
+const ORDERS_PER_WINDOW: usize = 8;
+/// What is left of the window when the wait for the simulator ends, ns: to decode and publish what came. Too little, and
+/// the window is overrun; too much, and a late answer is missed.
+const PUBLISH_NS: u64 = 200_000;
+
+struct HilInterface {
+    link: Link,
+    inbox: Inbox,
+    supervision: Supervision,
+    kept: Kept,
+    retained: Retained<Kept>,
+    starts: u64,
+    rate: SamplingDestination<Rate>,
+    timers: SamplingDestination<ServoTimers>,
+    raw_analog: SamplingSource<RawAnalog>,
+    raw_gps: SamplingSource<RawGps>,
+    custom: SamplingSource<Custom>,
+    status: SamplingSource<FunctionStatus>,
+    ground: QueuingDestination<GroundMessage>,
+    telemetry: QueuingSource<TelemetryMessage>,
+}
+
+impl Partition for HilInterface {
+    fn start(context: &mut Context) -> Result<Self, StartError> {
+        let simulator: String = context.attribute("simulator", "127.0.0.1:15200".into())?;
+        let listen: String = context.attribute("listen", "0.0.0.0:0".into())?;
+        let link = Link::open(&simulator, &listen).map_err(|error| StartError::Other(error.to_string()))?;
+        let mut retained: Retained<Kept> = context.retained()?;
+        Ok(Self {
+            link,
+            inbox: Inbox::new(),
+            supervision: Supervision::default(),
+            kept: retained.load().unwrap_or_default(),
+            retained,
+            starts: u64::from(context.generation()) + 1,
+            rate: context.sampling_destination("rate")?,
+            timers: context.sampling_destination("timers")?,
+            raw_analog: context.sampling_source("raw_analog")?,
+            raw_gps: context.sampling_source("raw_gps")?,
+            custom: context.sampling_source("custom")?,
+            status: context.sampling_source("status")?,
+            ground: context.queuing_destination("ground")?,
+            telemetry: context.queuing_source("telemetry")?,
+        })
+    }
+
+    fn window(&mut self, window: &Window) {
+        self.take_orders(window.start_ns());
+        if self.kept.enabled == 1 {
+            let sensors = self.ask(window);
+            self.publish(&sensors);
+            self.supervise(window, sensors.analog.is_some());
+            self.retained.store(&self.kept);
+        }
+        let status = self.status();
+        self.status.write(&status);
+    }
+}
+
+impl HilInterface {
+    fn take_orders(&mut self, now_ns: u64) {
+        for _ in 0..ORDERS_PER_WINDOW {
+            let Some(message) = self.ground.receive() else { return };
+            let result = match Order::parse(message.letter, message.bytes()) {
+                Ok(Order::Hil { on }) => {
+                    self.switch(on);
+                    ACCEPTED
+                }
+                _ => NOT_UNDERSTOOD,
+            };
+            let answer = Acknowledge::of(&message, FROM_HIL_INTERFACE, result, now_ns);
+            self.telemetry.send(&TelemetryMessage::of(&Telemetry::Acknowledge(answer)));
+        }
+    }
+
+    fn switch(&mut self, on: bool) {
+        if self.kept.enabled != u64::from(on) {
+            self.kept.enabled = u64::from(on);
+            self.supervision = Supervision::default();
+            self.retained.store(&self.kept);
+        }
+    }
+
+    fn ask(&mut self, window: &Window) -> Sensors {
+        let cutoff_ns = self.rate.read_valid().map(|rate| rate.sensor_cutoff_ns);
+        let latest_ns = window.end_ns().saturating_sub(PUBLISH_NS);
+        // A cut-off that is over belongs to another window of this cycle.
+        let cutoff_ns = cutoff_ns.filter(|cutoff_ns| *cutoff_ns > window.start_ns());
+        self.kept.sequence += 1;
+        let moment = Moment {
+            module_ns: window.start_ns(),
+            sequence: self.kept.sequence,
+            deadline_ns: cutoff_ns.map_or(latest_ns, |cutoff_ns| cutoff_ns.min(latest_ns)),
+        };
+        // The last values stand, however old they are, as the pulse of a real actuator board would.
+        let timers = self.timers.read().map_or(AT_REST, |reading| *reading.value);
+        exchange(&self.link, &mut self.inbox, &timers, &moment, &Clock(window))
+    }
+
+    fn publish(&mut self, sensors: &Sensors) {
+        sensors.analog.iter().for_each(|analog| self.raw_analog.write(analog));
+        sensors.gps.iter().for_each(|gps| self.raw_gps.write(gps));
+        sensors.custom.iter().for_each(|custom| self.custom.write(custom));
+    }
+
+    fn supervise(&mut self, window: &Window, answered: bool) {
+        let simulator = self.link.simulator();
+        match self.supervision.note(answered) {
+            Some(Event::Gone) => window.raise(&format!("simulator at {simulator} does not answer")),
+            Some(Event::Back) => window.report(&format!("simulator at {simulator} answers again")),
+            None => {}
+        }
+    }
+
+    fn status(&self) -> FunctionStatus {
+        let counters = self.inbox.counters();
+        FunctionStatus {
+            enabled: self.kept.enabled as u32, // 0 or 1
+            ready: u32::from(self.kept.enabled == 1 && self.supervision.is_ready()),
+            accepted: counters.accepted,
+            refused: counters.refused_in_all(),
+            starts: self.starts,
+        }
+    }
+}
+
+struct Clock<'a>(&'a Window);
+
+impl Waiting for Clock<'_> {
+    fn now_ns(&self) -> u64 {
+        self.0.now_ns()
+    }
+
+    fn wait_readable(&self, device: &impl AsFd, until_ns: u64) -> bool {
+        self.0.wait_readable(device, until_ns)
+    }
+}
+
+fn main() -> ExitCode {
+    bateleur_apex::run::<HilInterface>()
+}

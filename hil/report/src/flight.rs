@@ -1,0 +1,212 @@
+//! A flight's folder, read: everything that is there, and a note for everything that is not.
+
+use crate::error::ReportError;
+use crate::health::{self, HealthEntry};
+use crate::log;
+use crate::run::{self, Run};
+use crate::timing::Timing;
+use crate::windows::{self, Window};
+use bateleur_flight::guidance::{GuidanceConfig, Waypoint, seed_waypoints};
+use bateleur_messages::{ActuatorCommand, GpsPosition, Message, State};
+use bateleur_simulator::truth::{self, TruthRecord};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Name of the truth log in a flight's folder.
+pub const TRUTH_FILE: &str = "truth.bin";
+/// Name of the ports' log in a flight's folder.
+pub const PORTS_FILE: &str = "ports.mcap";
+/// Notes about one kind of file; more would only repeat themselves.
+const MOST_NOTES: usize = 20;
+
+/// What the flight was to do: a score needs it beside the logs.
+#[derive(Debug, Clone)]
+pub struct Inputs {
+    /// The way-points, in order.
+    pub waypoints: Vec<Waypoint>,
+    /// Laps asked for.
+    pub laps: u32,
+    /// How corners were flown: fillets or not, and their radius.
+    pub guidance: GuidanceConfig,
+    /// Whether the barometer carried the estimated height (it does unless the Estimator's attribute says otherwise).
+    pub pressure_aiding: bool,
+}
+
+impl Default for Inputs {
+    /// The seed's mission: four way-points, two laps, guidance as it is set by default.
+    fn default() -> Self {
+        Self {
+            waypoints: seed_waypoints().to_vec(),
+            laps: 2,
+            guidance: GuidanceConfig::default(),
+            pressure_aiding: true,
+        }
+    }
+}
+
+/// The conditions that the simulator was set to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Conditions {
+    /// Name of the airframe.
+    pub airframe: String,
+    /// Mean wind asked for, m/s.
+    pub wind_mps: f64,
+    /// Level of turbulence asked for.
+    pub turbulence: String,
+}
+
+/// A flight in memory.
+#[derive(Default)]
+pub struct Flight {
+    /// Name of the folder.
+    pub name: String,
+    /// What was to be flown.
+    pub inputs: Inputs,
+    /// The run as a whole.
+    pub run: Option<Run>,
+    /// The health log.
+    pub health: Vec<HealthEntry>,
+    /// What the simulator was set to.
+    pub conditions: Option<Conditions>,
+    /// What was really the case.
+    pub truth: Vec<TruthRecord>,
+    /// What the Estimator said, with the source's module time, ns.
+    pub states: Vec<(u64, State)>,
+    /// What the Controller said.
+    pub commands: Vec<(u64, ActuatorCommand)>,
+    /// The receiver's fixes, each once.
+    pub fixes: Vec<(u64, GpsPosition)>,
+    /// Messages on each topic.
+    pub messages: BTreeMap<String, u64>,
+    /// How well the windows kept their times.
+    pub timing: Timing,
+    /// The windows of one major frame from the middle of the flight.
+    pub frame: Vec<Window>,
+    /// What was missing or damaged.
+    pub notes: Vec<String>,
+}
+
+impl Flight {
+    /// Reads a flight's folder. Only a folder that is not there is an error.
+    pub fn load(dir: &Path, inputs: &Inputs) -> Result<Self, ReportError> {
+        if !dir.is_dir() {
+            return Err(ReportError::NoFlight(dir.to_path_buf()));
+        }
+        let resolved = dir.canonicalize().unwrap_or_else(|_| dir.to_path_buf());
+        let name = resolved.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        let mut flight = Self { name, inputs: inputs.clone(), ..Self::default() };
+        flight.load_run(&dir.join(run::FILE));
+        flight.load_health(&dir.join(health::FILE));
+        flight.load_truth(&dir.join(TRUTH_FILE));
+        flight.load_ports(&dir.join(PORTS_FILE));
+        flight.load_windows(&dir.join(windows::FILE));
+        flight.notes.truncate(MOST_NOTES);
+        Ok(flight)
+    }
+
+    fn text(&mut self, path: &Path) -> Option<String> {
+        match std::fs::read(path) {
+            Ok(bytes) => Some(String::from_utf8_lossy(&bytes).into_owned()),
+            Err(error) => {
+                self.notes.push(format!("{} cannot be read: {error}", short(path)));
+                None
+            }
+        }
+    }
+
+    fn load_run(&mut self, path: &Path) {
+        let Some(text) = self.text(path) else { return };
+        match serde_json::from_str(&text) {
+            Ok(run) => self.run = Some(run),
+            Err(error) => self.notes.push(format!("{} is not understood: {error}", short(path))),
+        }
+    }
+
+    fn load_health(&mut self, path: &Path) {
+        let Some(text) = self.text(path) else { return };
+        let (entries, broken) = health::parse(&text);
+        self.health = entries;
+        self.note_broken_lines(path, broken);
+    }
+
+    fn load_truth(&mut self, path: &Path) {
+        match truth::read_with_header(path) {
+            Ok((header, records)) => {
+                let (wind_mps, turbulence) = (header.wind_speed_mps, header.turbulence);
+                self.conditions = Some(Conditions { airframe: header.airframe, wind_mps, turbulence });
+                self.truth = records;
+            }
+            Err(error) => self.notes.push(format!("no score against the truth: {error}")),
+        }
+        if self.conditions.is_some() && self.truth.is_empty() {
+            self.notes.push(format!("{} holds no record", short(path)));
+        }
+    }
+
+    fn load_ports(&mut self, path: &Path) {
+        let wanted = [State::NAME, ActuatorCommand::NAME, GpsPosition::NAME];
+        let recording = match log::read(path, |message| wanted.contains(&message)) {
+            Ok(recording) => recording,
+            Err(error) => {
+                self.notes.push(format!("no messages: {error}"));
+                return;
+            }
+        };
+        if let log::Ending::Cut(why) = &recording.ending {
+            self.notes.push(format!("{} was cut short ({why}); what it holds is used", short(path)));
+        }
+        self.states = typed(&recording, "/estimator/state");
+        self.commands = typed(&recording, "/controller/command");
+        self.fixes = typed(&recording, "/gps/position");
+        self.fixes.dedup_by_key(|(_, fix)| fix.count);
+        self.fixes.retain(|(_, fix)| fix.count > 0);
+        if self.commands.is_empty() {
+            self.notes.push(format!("{} holds no command of the controller", short(path)));
+        }
+        self.messages = recording.counts;
+    }
+
+    fn load_windows(&mut self, path: &Path) {
+        let mut timing = Timing::default();
+        match windows::for_each(path, |window| timing.add(&window)) {
+            Ok(broken) => self.note_broken_lines(path, broken),
+            Err(error) => self.notes.push(format!("{} cannot be read: {error}", short(path))),
+        }
+        let middle = timing.last_frame / 2;
+        let mut frame = Vec::new();
+        // Read a second time rather than kept the first: a long flight has millions. What cannot be read was noted above.
+        let _ = windows::for_each(path, |window| {
+            if window.frame == middle {
+                frame.push(window);
+            }
+        });
+        (self.timing, self.frame) = (timing, frame);
+    }
+
+    fn note_broken_lines(&mut self, path: &Path, broken: usize) {
+        if broken > 0 {
+            self.notes.push(format!("{}: {broken} lines are damaged and left out", short(path)));
+        }
+    }
+
+    /// Module time of the last record of any kind, s.
+    pub fn last_time_s(&self) -> f64 {
+        let truth = self.truth.last().map(|record| record.time_ns);
+        let command = self.commands.last().map(|(time, _)| *time);
+        truth.max(command).map_or(0.0, seconds)
+    }
+}
+
+fn typed<T: Message>(recording: &log::Recording, topic: &str) -> Vec<(u64, T)> {
+    recording.track(topic, T::NAME).map(|track| track.typed()).unwrap_or_default()
+}
+
+fn short(path: &Path) -> String {
+    path.file_name()
+        .map_or_else(|| PathBuf::from(path).display().to_string(), |name| name.to_string_lossy().into())
+}
+
+/// Nanoseconds of module time in seconds.
+pub(crate) fn seconds(ns: u64) -> f64 {
+    ns as f64 * 1e-9
+}

@@ -1,0 +1,164 @@
+//! Reading a log, whole or cut short.
+
+use super::{CDR_HEADER, LogError, SCHEMA_PREFIX};
+use mcap::McapError;
+use mcap::records::Record;
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use std::collections::{BTreeMap, HashMap};
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+use zerocopy::FromBytes;
+
+/// Bytes asked of the file at a time.
+const READ_BYTES: usize = 256 * 1024;
+/// No record of ours is longer than a chunk; a length beyond this is damage and must not be allocated.
+const LONGEST_RECORD: usize = 64 << 20;
+
+/// One message of a log.
+#[derive(Debug, Clone, Copy)]
+pub struct Entry<'a> {
+    /// The channel's topic, "/partition/port".
+    pub topic: &'a str,
+    /// The message type's name as `schedule.toml` has it.
+    pub message: &'a str,
+    /// The source's sequence, modulo 2³².
+    pub sequence: u32,
+    /// The source's module time, ns.
+    pub time_ns: u64,
+    /// The message as it lay in the port.
+    pub bytes: &'a [u8],
+}
+
+/// How a log ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Ending {
+    /// With its index and summary.
+    Complete,
+    /// Early; with the reader's reason.
+    Cut(String),
+}
+
+/// The messages of one source port.
+#[derive(Debug, Clone, Default)]
+pub struct Track {
+    /// The message type's name.
+    pub message: String,
+    /// Module time, ns, and bytes, in the order logged.
+    pub samples: Vec<(u64, Vec<u8>)>,
+}
+
+impl Track {
+    /// The messages as `T`, with their module time, ns; those of another size than `T` are left out.
+    pub fn typed<T: FromBytes>(&self) -> Vec<(u64, T)> {
+        let typed =
+            |(time, bytes): &(u64, Vec<u8>)| T::read_from_bytes(bytes).ok().map(|value| (*time, value));
+        self.samples.iter().filter_map(typed).collect()
+    }
+}
+
+/// A log in memory.
+#[derive(Debug, Clone)]
+pub struct Recording {
+    /// By topic.
+    pub tracks: BTreeMap<String, Track>,
+    /// Messages on every topic, those not kept included.
+    pub counts: BTreeMap<String, u64>,
+    /// How it ended.
+    pub ending: Ending,
+}
+
+impl Recording {
+    /// The messages of type `message`: those on `topic` if it carries them, else those of the first topic that does.
+    pub fn track(&self, topic: &str, message: &str) -> Option<&Track> {
+        let preferred = self.tracks.get(topic).filter(|track| track.message == message);
+        preferred.or_else(|| self.tracks.values().find(|track| track.message == message))
+    }
+}
+
+/// Reads the messages whose type's name `keep` accepts into memory, and counts the others.
+pub fn read(path: impl AsRef<Path>, keep: impl Fn(&str) -> bool) -> Result<Recording, LogError> {
+    let mut tracks: BTreeMap<String, Track> = BTreeMap::new();
+    let mut counts: BTreeMap<String, u64> = BTreeMap::new();
+    let ending = for_each(path, |entry| {
+        count(&mut counts, entry.topic);
+        if !keep(entry.message) {
+            return;
+        }
+        if !tracks.contains_key(entry.topic) {
+            let empty = Track { message: entry.message.to_owned(), samples: Vec::new() };
+            tracks.insert(entry.topic.to_owned(), empty);
+        }
+        if let Some(track) = tracks.get_mut(entry.topic) {
+            track.samples.push((entry.time_ns, entry.bytes.to_vec()));
+        }
+    })?;
+    Ok(Recording { tracks, counts, ending })
+}
+
+fn count(counts: &mut BTreeMap<String, u64>, topic: &str) {
+    match counts.get_mut(topic) {
+        Some(count) => *count += 1,
+        None => drop(counts.insert(topic.to_owned(), 1)),
+    }
+}
+
+/// Gives every message of a log to `each`, in the order of the file. A log cut short gives what it holds, to its
+/// last whole message; only a file that cannot be opened, read, or is no such log at all is an error.
+pub fn for_each(path: impl AsRef<Path>, mut each: impl FnMut(Entry<'_>)) -> Result<Ending, LogError> {
+    let path = path.as_ref();
+    let wrong_file = |source| LogError::File { path: path.to_path_buf(), source };
+    let mut file = File::open(path).map_err(wrong_file)?;
+    let options = LinearReaderOptions::default().with_record_length_limit(LONGEST_RECORD);
+    let mut reader = LinearReader::new_with_options(options);
+    let mut names = Names::default();
+    loop {
+        match reader.next_event() {
+            None => return Ok(Ending::Complete),
+            Some(Ok(LinearReadEvent::ReadRequest(wanted))) => {
+                let room = reader.insert(wanted.max(READ_BYTES));
+                let count = file.read(room).map_err(wrong_file)?;
+                reader.notify_read(count);
+            }
+            Some(Ok(LinearReadEvent::Record { data, opcode })) => match mcap::parse_record(opcode, data) {
+                Ok(record) => names.take(&record, &mut each),
+                Err(error) => return Ok(Ending::Cut(error.to_string())),
+            },
+            Some(Err(source @ McapError::BadMagic)) if !names.seen_any => {
+                return Err(LogError::Container { path: path.to_path_buf(), source });
+            }
+            Some(Err(error)) => return Ok(Ending::Cut(error.to_string())),
+        }
+    }
+}
+
+/// What the numbers in a log stand for.
+#[derive(Default)]
+struct Names {
+    seen_any: bool,
+    schemas: HashMap<u16, String>,
+    channels: HashMap<u16, (String, String)>,
+}
+
+impl Names {
+    fn take(&mut self, record: &Record<'_>, each: &mut impl FnMut(Entry<'_>)) {
+        self.seen_any = true;
+        match record {
+            Record::Schema { header, .. } => {
+                let name = header.name.strip_prefix(SCHEMA_PREFIX).unwrap_or(&header.name);
+                self.schemas.insert(header.id, name.to_owned());
+            }
+            Record::Channel(channel) => {
+                let message = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
+                self.channels.insert(channel.id, (channel.topic.clone(), message));
+            }
+            Record::Message { header, data } => {
+                let Some((topic, message)) = self.channels.get(&header.channel_id) else { return };
+                let Some(bytes) = data.strip_prefix(&CDR_HEADER[..]) else { return };
+                let (sequence, time_ns) = (header.sequence, header.log_time);
+                each(Entry { topic, message, sequence, time_ns, bytes });
+            }
+            _ => {}
+        }
+    }
+}

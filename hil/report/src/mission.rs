@@ -1,0 +1,135 @@
+//! Which way-points were reached, when, and whether the aircraft really was there.
+
+use crate::believed::Believed;
+use bateleur_flight::guidance::Waypoint;
+use bateleur_messages::ActuatorCommand;
+use bateleur_simulator::truth::TruthRecord;
+use std::f64::consts::PI;
+
+/// Around the instant at which the aircraft says that it reached a way-point, the truth is searched for the
+/// closest approach this long before and after, ns: the fillet's nearest point lies within.
+const SEARCH_NS: u64 = 2_000_000_000;
+/// A passage is fair if it comes as near as the fillet of [`FAIR_RADIUS_M`] does, plus this, m. Wider than any
+/// tracking error that still counts as flying the path.
+const FAIR_MARGIN_M: f64 = 15.0;
+/// The widest fillet that guidance makes by itself, m: 22 m/s and 12 m/s of wind.
+const FAIR_RADIUS_M: f64 = 140.0;
+
+/// A way-point reached.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Passage {
+    /// The way-point's index.
+    pub index: usize,
+    /// Module time at which the aircraft said so, ns.
+    pub time_ns: u64,
+    /// How near it came, m, by the truth shifted by the slow error; `None` without truth there.
+    pub distance_m: Option<f64>,
+    /// The truth agrees.
+    pub verified: bool,
+}
+
+impl Passage {
+    /// "WP0".
+    pub fn name(&self) -> String {
+        format!("WP{}", self.index)
+    }
+}
+
+/// The way-points that the Controller counted, each checked against the truth.
+pub fn passages(
+    commands: &[(u64, ActuatorCommand)],
+    waypoints: &[Waypoint],
+    truth: &[TruthRecord],
+    believed: &Believed,
+) -> Vec<Passage> {
+    let counted = counted(commands, waypoints.len());
+    let check = |(time_ns, index): (u64, usize)| {
+        let distance_m = closest(truth, believed, &waypoints[index], time_ns);
+        let verified = distance_m.is_some_and(|distance| distance <= fair_distance_m(waypoints, index));
+        Passage { index, time_ns, distance_m, verified }
+    };
+    counted.into_iter().map(check).collect()
+}
+
+/// Time and index of every way-point counted. The count may jump by several where messages are missing, and fall
+/// where a cold restart began the mission anew; then it goes on from the new value.
+fn counted(commands: &[(u64, ActuatorCommand)], count: usize) -> Vec<(u64, usize)> {
+    let mut found = Vec::new();
+    for pair in commands.windows(2) {
+        let ((_, before), (time_ns, now)) = (&pair[0], &pair[1]);
+        let steps = now.waypoints_reached.saturating_sub(before.waypoints_reached).min(count as u32);
+        let index = |step: u32| (before.next_waypoint as usize + step as usize) % count.max(1);
+        found.extend((0..steps).map(|step| (*time_ns, index(step))));
+    }
+    found
+}
+
+fn closest(truth: &[TruthRecord], believed: &Believed, waypoint: &Waypoint, time_ns: u64) -> Option<f64> {
+    let from = truth.partition_point(|record| record.time_ns < time_ns.saturating_sub(SEARCH_NS));
+    let near = truth[from..].iter().take_while(|record| record.time_ns <= time_ns.saturating_add(SEARCH_NS));
+    let distance = |record: &TruthRecord| (believed.horizontal(record) - waypoint.horizontal()).norm();
+    near.map(distance).min_by(f64::total_cmp)
+}
+
+/// How near the path comes to a way-point at most: a fillet cuts the corner by R (1/cos(turn/2) − 1).
+fn fair_distance_m(waypoints: &[Waypoint], index: usize) -> f64 {
+    let count = waypoints.len();
+    let at = |i: usize| waypoints[i % count].horizontal();
+    let (inbound, outbound) = (at(index) - at(index + count - 1), at(index + 1) - at(index));
+    let turn = inbound.angle(&outbound);
+    let cut = if turn < 0.9 * PI { 1.0 / (0.5 * turn).cos() - 1.0 } else { 0.0 };
+    let room = 0.5 * inbound.norm().min(outbound.norm());
+    (FAIR_RADIUS_M * cut).min(room) + FAIR_MARGIN_M
+}
+
+/// Way-points reached in the right order without one missing, from the first: as many as a lap count may rest on.
+pub fn in_order(passages: &[Passage], count: usize) -> usize {
+    let right =
+        |(place, passage): (usize, &Passage)| passage.verified && passage.index == place % count.max(1);
+    passages.iter().enumerate().take_while(|pair| right(*pair)).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bateleur_flight::guidance::seed_waypoints;
+
+    fn command(time_ns: u64, next: u32, reached: u32) -> (u64, ActuatorCommand) {
+        (time_ns, ActuatorCommand { next_waypoint: next, waypoints_reached: reached, ..Default::default() })
+    }
+
+    #[test]
+    fn count_that_jumps_or_falls_names_the_right_waypoints() {
+        let commands = [
+            command(0, 0, 0),
+            command(1, 0, 0),
+            command(2, 1, 1),
+            command(3, 3, 3),
+            command(4, 0, 0),
+            command(5, 1, 1),
+        ];
+        assert_eq!(counted(&commands, 4), [(2, 0), (3, 1), (3, 2), (5, 0)]);
+        assert_eq!(counted(&[], 4), []);
+    }
+
+    #[test]
+    fn word_of_the_aircraft_alone_is_not_enough() {
+        let commands = [command(0, 0, 0), command(1_000_000_000, 1, 1)];
+        let truth = |north: f64| {
+            let record = |i: u64| TruthRecord {
+                time_ns: i * 20_000_000,
+                position_ned_m: [north, 0.0, -160.0],
+                ..TruthRecord::default()
+            };
+            (0..100).map(record).collect::<Vec<_>>()
+        };
+        let waypoints = seed_waypoints();
+        let far = passages(&commands, &waypoints, &truth(300.0), &Believed::default());
+        assert_eq!((far.len(), far[0].verified, far[0].distance_m), (1, false, Some(200.0)));
+        let near = passages(&commands, &waypoints, &truth(480.0), &Believed::default());
+        assert!(near[0].verified);
+        assert_eq!((in_order(&near, 4), in_order(&far, 4)), (1, 0));
+        let blind = passages(&commands, &waypoints, &[], &Believed::default());
+        assert_eq!((blind[0].verified, blind[0].distance_m), (false, None));
+    }
+}

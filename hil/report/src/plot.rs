@@ -1,0 +1,397 @@
+//! Charts as SVG text: axes with round numbers, several series, marks. Colours come from the page's style, so that one
+//! chart reads well on light and dark.
+
+use std::fmt::Write as _;
+
+/// Most points drawn of one series: more than a screen has columns is only weight.
+pub const MOST_POINTS: usize = 2000;
+/// Space left of the plot for the numbers, px.
+const LEFT: f64 = 54.0;
+/// Space right of it, px.
+const RIGHT: f64 = 12.0;
+/// Space above it for title and legend, px.
+const TOP: f64 = 44.0;
+/// Space below it for the numbers and the axis' name, px.
+const BOTTOM: f64 = 36.0;
+/// Width of a letter of the legend, px: an estimate that suits common sans-serif faces at 11 px.
+const LETTER: f64 = 6.1;
+/// Part of the range left empty above and below the data.
+const MARGIN: f64 = 0.06;
+/// Labels of marks nearer than this to the last one are left out, px.
+const MARK_SPACE: f64 = 46.0;
+
+/// How a series is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Style {
+    /// A line.
+    Line,
+    /// A dashed line behind the others.
+    Dashed,
+    /// A line that keeps its value until the next point.
+    Steps,
+    /// Dots.
+    Dots,
+}
+
+/// A series of points. A point that is not finite interrupts the line.
+#[derive(Debug, Clone)]
+pub struct Series {
+    /// For the legend.
+    pub name: &'static str,
+    /// Which of the page's colours, from 0.
+    pub colour: u8,
+    /// How it is drawn.
+    pub style: Style,
+    /// The points.
+    pub points: Vec<(f64, f64)>,
+}
+
+/// Something that happened, drawn as an upright line.
+#[derive(Debug, Clone)]
+pub struct Mark {
+    /// Where.
+    pub x: f64,
+    /// What.
+    pub label: String,
+}
+
+/// A named place, drawn as a ring.
+#[derive(Debug, Clone)]
+pub struct Place {
+    /// Where.
+    pub at: (f64, f64),
+    /// What.
+    pub label: String,
+}
+
+/// A chart.
+#[derive(Debug, Clone, Default)]
+pub struct Chart {
+    /// Above it.
+    pub title: String,
+    /// Name and unit of the horizontal axis.
+    pub x_label: &'static str,
+    /// Name and unit of the vertical axis.
+    pub y_label: &'static str,
+    /// The data.
+    pub series: Vec<Series>,
+    /// Upright lines.
+    pub marks: Vec<Mark>,
+    /// Rings.
+    pub places: Vec<Place>,
+    /// One metre is as long in both directions.
+    pub equal: bool,
+    /// Least height of the vertical range, so that noise on a constant does not fill the chart.
+    pub least_range: f64,
+}
+
+/// The mapping from values to pixels.
+#[derive(Debug, Clone, Copy)]
+struct Axes {
+    x: Axis,
+    y: Axis,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Axis {
+    from: f64,
+    to: f64,
+    start_px: f64,
+    end_px: f64,
+}
+
+impl Axis {
+    fn px(&self, value: f64) -> f64 {
+        self.start_px + (value - self.from) / (self.to - self.from) * (self.end_px - self.start_px)
+    }
+
+    /// Widens the range so that a unit takes as few pixels as `px_per_unit`.
+    fn widened(self, px_per_unit: f64) -> Self {
+        let range = (self.end_px - self.start_px).abs() / px_per_unit;
+        let middle = 0.5 * (self.from + self.to);
+        Self { from: middle - 0.5 * range, to: middle + 0.5 * range, ..self }
+    }
+
+    fn px_per_unit(&self) -> f64 {
+        (self.end_px - self.start_px).abs() / (self.to - self.from)
+    }
+}
+
+impl Chart {
+    /// The chart as an SVG element of `width` × `height` px; it scales with the page.
+    pub fn svg(&self, width: f64, height: f64) -> String {
+        let mut out = String::new();
+        let title = escape(&self.title);
+        let _ = write!(out, r#"<svg viewBox="0 0 {width} {height}" role="img" aria-label="{title}">"#);
+        let _ = write!(out, r#"<text class="title" x="{LEFT}" y="14">{title}</text>"#);
+        match self.axes(width, height) {
+            Some(axes) => self.draw(&mut out, &axes),
+            None => {
+                let _ = write!(
+                    out,
+                    r#"<text class="empty" x="{}" y="{}">no data</text>"#,
+                    width / 2.0,
+                    height / 2.0
+                );
+            }
+        }
+        out.push_str("</svg>");
+        out
+    }
+
+    fn draw(&self, out: &mut String, axes: &Axes) {
+        self.draw_grid(out, axes);
+        self.draw_legend(out);
+        self.draw_marks(out, axes);
+        for series in &self.series {
+            draw_series(out, axes, series, self.equal);
+        }
+        for place in &self.places {
+            let (x, y) = (axes.x.px(place.at.0), axes.y.px(place.at.1));
+            let label = escape(&place.label);
+            let _ = write!(out, r#"<circle class="place" cx="{x:.1}" cy="{y:.1}" r="4" />"#);
+            let _ =
+                write!(out, r#"<text class="label" x="{:.1}" y="{:.1}">{label}</text>"#, x + 7.0, y - 6.0);
+        }
+    }
+
+    /// The axes that hold all data; `None` without any.
+    fn axes(&self, width: f64, height: f64) -> Option<Axes> {
+        let places = self.places.iter().map(|place| place.at);
+        let points = self.series.iter().flat_map(|series| series.points.iter().copied()).chain(places);
+        let finite: Vec<_> = points.filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
+        let x = range(finite.iter().map(|(x, _)| *x), 0.0, if self.equal { MARGIN } else { 0.0 })?;
+        let y = range(finite.iter().map(|(_, y)| *y), self.least_range, MARGIN)?;
+        let x = Axis { from: x.0, to: x.1, start_px: LEFT, end_px: width - RIGHT };
+        let y = Axis { from: y.0, to: y.1, start_px: height - BOTTOM, end_px: TOP };
+        if !self.equal {
+            return Some(Axes { x, y });
+        }
+        let scale = x.px_per_unit().min(y.px_per_unit());
+        Some(Axes { x: x.widened(scale), y: y.widened(scale) })
+    }
+
+    fn draw_grid(&self, out: &mut String, axes: &Axes) {
+        let (left, right) = (axes.x.start_px, axes.x.end_px);
+        let (bottom, top) = (axes.y.start_px, axes.y.end_px);
+        for (value, text) in ticks(axes.x.from, axes.x.to, (right - left) / 62.0) {
+            let x = axes.x.px(value);
+            let _ = write!(out, r#"<line class="grid" x1="{x:.1}" y1="{top}" x2="{x:.1}" y2="{bottom}" />"#);
+            let _ = write!(out, r#"<text class="tick mid" x="{x:.1}" y="{}">{text}</text>"#, bottom + 14.0);
+        }
+        for (value, text) in ticks(axes.y.from, axes.y.to, (bottom - top) / 30.0) {
+            let y = axes.y.px(value);
+            let _ = write!(out, r#"<line class="grid" x1="{left}" y1="{y:.1}" x2="{right}" y2="{y:.1}" />"#);
+            let _ =
+                write!(out, r#"<text class="tick end" x="{}" y="{:.1}">{text}</text>"#, left - 5.0, y + 3.5);
+        }
+        let (wide, high) = (right - left, bottom - top);
+        let _ = write!(out, r#"<rect class="frame" x="{left}" y="{top}" width="{wide}" height="{high}" />"#);
+        let (x, y) = (escape(self.x_label), escape(self.y_label));
+        let _ = write!(out, r#"<text class="axis end" x="{right}" y="{}">{x}</text>"#, bottom + 29.0);
+        let _ = write!(out, r#"<text class="axis" x="{left}" y="{}">{y}</text>"#, bottom + 29.0);
+    }
+
+    fn draw_legend(&self, out: &mut String) {
+        let mut x = LEFT;
+        for series in self.series.iter().filter(|series| !series.points.is_empty()) {
+            let class = class(series);
+            if series.style == Style::Dots {
+                let _ = write!(out, r#"<circle class="{class}" cx="{:.1}" cy="30" r="2.5" />"#, x + 8.0);
+            } else {
+                let _ = write!(out, r#"<path class="{class}" d="M{x:.1} 30h16" />"#);
+            }
+            let name = escape(series.name);
+            let _ = write!(out, r#"<text class="legend" x="{:.1}" y="33.5">{name}</text>"#, x + 20.0);
+            x += 34.0 + LETTER * series.name.chars().count() as f64;
+        }
+    }
+
+    fn draw_marks(&self, out: &mut String, axes: &Axes) {
+        let mut last = f64::NEG_INFINITY;
+        let inside = |mark: &&Mark| (axes.x.from..=axes.x.to).contains(&mark.x);
+        for mark in self.marks.iter().filter(inside) {
+            let x = axes.x.px(mark.x);
+            let (top, bottom) = (axes.y.end_px, axes.y.start_px);
+            let _ = write!(out, r#"<line class="mark" x1="{x:.1}" y1="{top}" x2="{x:.1}" y2="{bottom}" />"#);
+            if x - last > MARK_SPACE {
+                let label = escape(&mark.label);
+                let _ = write!(
+                    out,
+                    r#"<text class="mark-label" x="{:.1}" y="{}">{label}</text>"#,
+                    x + 3.0,
+                    top + 10.0
+                );
+                last = x;
+            }
+        }
+    }
+}
+
+fn class(series: &Series) -> String {
+    let kind = match series.style {
+        Style::Line | Style::Steps => "line",
+        Style::Dashed => "line dashed",
+        Style::Dots => "dots",
+    };
+    format!("{kind} c{}", series.colour)
+}
+
+fn draw_series(out: &mut String, axes: &Axes, series: &Series, by_stride: bool) {
+    let points = if by_stride { strided(&series.points) } else { decimated(&series.points) };
+    let class = class(series);
+    let mut path = String::new();
+    let mut pen_down = false;
+    let mut last_y = 0.0;
+    for (x, y) in points {
+        if !x.is_finite() || !y.is_finite() {
+            pen_down = false;
+            continue;
+        }
+        let (x, y) = (axes.x.px(x), axes.y.px(y));
+        let _ = match (series.style, pen_down) {
+            (Style::Dots, _) => write!(path, "M{x:.1} {y:.1}h0"),
+            (_, false) => write!(path, "M{x:.1} {y:.1}"),
+            (Style::Steps, true) => write!(path, "L{x:.1} {last_y:.1}V{y:.1}"),
+            (_, true) => write!(path, "L{x:.1} {y:.1}"),
+        };
+        (pen_down, last_y) = (true, y);
+    }
+    if !path.is_empty() {
+        let _ = write!(out, r#"<path class="{class}" d="{path}" />"#);
+    }
+}
+
+/// At most [`MOST_POINTS`] points of a series over time, least and greatest of each stretch, so that no peak is lost.
+pub fn decimated(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    if points.len() <= MOST_POINTS {
+        return points.to_vec();
+    }
+    let stretch = points.len().div_ceil(MOST_POINTS / 2);
+    let mut kept = Vec::with_capacity(MOST_POINTS);
+    for chunk in points.chunks(stretch) {
+        let by_height = |a: &usize, b: &usize| chunk[*a].1.total_cmp(&chunk[*b].1);
+        let least = (0..chunk.len()).min_by(by_height).unwrap_or(0);
+        let greatest = (0..chunk.len()).max_by(by_height).unwrap_or(0);
+        kept.push(chunk[least.min(greatest)]);
+        if least != greatest {
+            kept.push(chunk[least.max(greatest)]);
+        }
+    }
+    kept
+}
+
+/// At most [`MOST_POINTS`] points of a track, evenly.
+fn strided(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let stride = points.len().div_ceil(MOST_POINTS - 1).max(1);
+    let mut kept: Vec<_> = points.iter().step_by(stride).copied().collect();
+    if points.len() % stride != 1 && stride > 1 {
+        kept.extend(points.last());
+    }
+    kept
+}
+
+/// The range of values with a margin; `None` without any.
+fn range(values: impl Iterator<Item = f64>, least: f64, margin: f64) -> Option<(f64, f64)> {
+    let (low, high) = values.fold(None, |range, value| match range {
+        None => Some((value, value)),
+        Some((low, high)) => Some((f64::min(low, value), f64::max(high, value))),
+    })?;
+    let middle = 0.5 * (low + high);
+    // A range too small for its numbers to differ would divide by nothing.
+    let least = least.max(1e-6 * middle.abs()).max(1e-9);
+    let half = (0.5 * (high - low)).max(0.5 * least) * (1.0 + 2.0 * margin);
+    Some((middle - half, middle + half))
+}
+
+/// Round numbers (1, 2 or 5 times a power of ten apart) from `from` to `to`, about `wanted` of them, with their texts.
+pub fn ticks(from: f64, to: f64, wanted: f64) -> Vec<(f64, String)> {
+    let rough = (to - from) / wanted.max(1.0);
+    if !rough.is_finite() || rough <= 0.0 {
+        return Vec::new();
+    }
+    let power = 10f64.powf(rough.log10().floor());
+    let factor =
+        [1.0, 2.0, 5.0, 10.0].into_iter().find(|factor| factor * power >= rough * 0.999).unwrap_or(10.0);
+    let step = factor * power;
+    let decimals = (-step.log10().floor()).clamp(0.0, 9.0) as usize;
+    let first = (from / step - 1e-9).ceil() as i64;
+    let last = (to / step + 1e-9).floor() as i64;
+    let text = |value: f64| format!("{value:.decimals$}").replace('-', "−");
+    // Adding zero turns a negative zero into zero.
+    (first..=last).map(|i| i as f64 * step + 0.0).map(|value| (value, text(value))).collect()
+}
+
+/// Text as it may stand in HTML and SVG, in attributes too.
+pub fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for letter in text.chars() {
+        match letter {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            '\'' => out.push_str("&#39;"),
+            // Control characters are not allowed in a page at all.
+            letter if letter.is_control() => out.push(' '),
+            letter => out.push(letter),
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn texts(from: f64, to: f64, wanted: f64) -> Vec<String> {
+        ticks(from, to, wanted).into_iter().map(|(_, text)| text).collect()
+    }
+
+    #[test]
+    fn ticks_are_round() {
+        assert_eq!(texts(0.0, 200.0, 5.0), ["0", "50", "100", "150", "200"]);
+        assert_eq!(texts(-0.3, 0.31, 4.0), ["−0.2", "0.0", "0.2"]);
+        assert_eq!(texts(21.93, 22.08, 3.0), ["21.95", "22.00", "22.05"]);
+        assert!(ticks(1.0, 1.0, 5.0).is_empty() && ticks(0.0, f64::NAN, 5.0).is_empty());
+    }
+
+    #[test]
+    fn decimation_keeps_the_peak_and_the_order() {
+        let points: Vec<_> =
+            (0..100_000).map(|i| (f64::from(i), if i == 54_321 { 9.0 } else { 0.0 })).collect();
+        let kept = decimated(&points);
+        assert!(kept.len() <= MOST_POINTS && kept.contains(&(54_321.0, 9.0)));
+        assert!(kept.windows(2).all(|pair| pair[0].0 < pair[1].0));
+        let track = strided(&points);
+        assert!(track.len() <= MOST_POINTS && track.last() == points.last());
+        assert_eq!(strided(&points[..7]), &points[..7]);
+        assert!(decimated(&[]).is_empty() && strided(&[]).is_empty());
+    }
+
+    fn chart(points: Vec<(f64, f64)>, style: Style) -> Chart {
+        Chart { series: vec![Series { name: "a<b", colour: 0, style, points }], ..Default::default() }
+    }
+
+    #[test]
+    fn nothing_that_is_not_a_number_reaches_the_picture() {
+        let odd = vec![(0.0, 1.0), (1.0, f64::NAN), (2.0, f64::INFINITY), (3.0, 1.0), (f64::NAN, 0.0)];
+        for style in [Style::Line, Style::Dots, Style::Steps, Style::Dashed] {
+            let svg = chart(odd.clone(), style).svg(400.0, 200.0);
+            assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+            assert!(svg.contains("a&lt;b") && svg.matches("M").count() >= 2);
+        }
+        let single = Chart { equal: true, ..chart(vec![(5.0, 5.0)], Style::Line) };
+        assert!(!single.svg(400.0, 200.0).contains("NaN"));
+        assert!(chart(vec![], Style::Line).svg(400.0, 200.0).contains("no data"));
+        assert!(chart(vec![(f64::NAN, 0.0)], Style::Line).svg(400.0, 200.0).contains("no data"));
+    }
+
+    #[test]
+    fn equal_axes_have_one_scale() {
+        let chart = Chart { equal: true, ..chart(vec![(0.0, 0.0), (100.0, 10.0)], Style::Line) };
+        let axes = chart.axes(500.0, 500.0).unwrap();
+        assert!((axes.x.px_per_unit() - axes.y.px_per_unit()).abs() < 1e-9);
+        assert!(axes.y.px(10.0) > TOP && axes.x.px(100.0) <= 500.0);
+    }
+}

@@ -1,0 +1,247 @@
+//! The summary for a terminal: plain text, at most [`WIDTH`] columns.
+
+use crate::run::Clock;
+use crate::summary::{Fault, Summary};
+use crate::timing::Percentiles;
+
+/// Columns that no line exceeds.
+pub const WIDTH: usize = 100;
+/// Column at which values begin.
+const LABEL: usize = 26;
+/// Columns of one value in a table.
+const CELL: usize = 14;
+/// Faults listed; the rest is counted.
+const MOST_FAULTS: usize = 12;
+
+/// A table of a summary: a heading, the columns' names, and rows of a label with its values.
+pub(crate) struct Table {
+    pub(crate) heading: &'static str,
+    pub(crate) columns: Vec<&'static str>,
+    pub(crate) rows: Vec<(String, Vec<String>)>,
+}
+
+/// The whole summary.
+pub fn table(summary: &Summary) -> String {
+    let mut lines = Vec::new();
+    wrap(&mut lines, "", &headline(summary));
+    wrap(&mut lines, "way-points", &waypoints(summary));
+    for table in tables(summary) {
+        lines.push(String::new());
+        lines.push(format!("{:<LABEL$}{}", table.heading, cells(table.columns.iter().copied())));
+        lines.extend(table.rows.iter().map(|(label, row)| line(label, row)));
+    }
+    list(&mut lines, "faults", summary.faults.iter().take(MOST_FAULTS).map(fault));
+    if summary.faults.len() > MOST_FAULTS {
+        wrap(&mut lines, "", &format!("and {} more", summary.faults.len() - MOST_FAULTS));
+    }
+    list(&mut lines, "guarantees", guarantees(summary).into_iter());
+    list(&mut lines, "notes", summary.notes.iter().cloned());
+    lines.push(String::new());
+    wrap(&mut lines, "digest", summary.digest.as_deref().unwrap_or(NONE));
+    lines.join("\n") + "\n"
+}
+
+const NONE: &str = "–";
+
+fn line(label: &str, row: &[String]) -> String {
+    let text = format!("{label:<LABEL$}{}", cells(row.iter().map(String::as_str)));
+    text.chars().take(WIDTH).collect()
+}
+
+fn cells<'a>(row: impl Iterator<Item = &'a str>) -> String {
+    let text: String = row.map(|cell| format!("{cell:>CELL$}")).collect();
+    text.trim_end().to_owned()
+}
+
+fn list(lines: &mut Vec<String>, heading: &str, items: impl Iterator<Item = String>) {
+    for (place, item) in items.enumerate() {
+        if place == 0 {
+            lines.push(String::new());
+        }
+        wrap(lines, if place == 0 { heading } else { "" }, &item);
+    }
+}
+
+/// Appends text beside its label, broken between words (or inside one that is too long for a line).
+fn wrap(lines: &mut Vec<String>, label: &str, text: &str) {
+    let indent = if label.is_empty() && lines.is_empty() { 0 } else { LABEL };
+    let room = WIDTH - indent;
+    let mut current = String::new();
+    let mut label = label;
+    let mut put = |text: &mut String| {
+        lines.push(format!("{label:<indent$}{text}").trim_end().to_owned());
+        label = "";
+        text.clear();
+    };
+    for word in text.split_whitespace() {
+        let letters: Vec<char> = word.chars().collect();
+        for piece in letters.chunks(room) {
+            let space = usize::from(!current.is_empty());
+            if current.chars().count() + space + piece.len() > room {
+                put(&mut current);
+            } else if space > 0 {
+                current.push(' ');
+            }
+            current.extend(piece);
+        }
+    }
+    if !current.is_empty() {
+        put(&mut current);
+    }
+}
+
+/// One sentence: whether it was flown, and how fast.
+pub(crate) fn headline(summary: &Summary) -> String {
+    let verdict = match &summary.failure {
+        None => format!("completed, {} laps", summary.laps),
+        Some(why) => format!("NOT completed: {why}"),
+    };
+    let clock = match summary.clock {
+        Some(Clock::Wall) => ", wall clock",
+        Some(Clock::Virtual) => ", virtual clock",
+        None => "",
+    };
+    let speed =
+        summary.real_time_factor.map_or_else(String::new, |factor| format!(", {factor:.1} × real time"));
+    format!(
+        "flight {}: {verdict}; {:.1} s of module time{clock}{speed}",
+        summary.flight, summary.module_time_s
+    )
+}
+
+/// The way-points in order, those without the truth's confirmation with a question mark.
+pub(crate) fn waypoints(summary: &Summary) -> String {
+    let named = |(place, name): (usize, &String)| {
+        let doubt = if summary.unverified_waypoints.contains(&place) { "?" } else { "" };
+        format!("{name}{doubt}")
+    };
+    let names: Vec<_> = summary.waypoints.iter().enumerate().map(named).collect();
+    if names.is_empty() { "none reached".to_owned() } else { names.join(" ") }
+}
+
+fn guarantees(summary: &Summary) -> Vec<String> {
+    let sentence = |promise: &crate::run::Guarantee| {
+        let mark = if promise.held { "held  " } else { "MISSED" };
+        let detail = if promise.detail.is_empty() { String::new() } else { format!(" ({})", promise.detail) };
+        format!("{mark} {}{detail}", promise.promise)
+    };
+    summary.guarantees.iter().map(sentence).collect()
+}
+
+fn fault(fault: &Fault) -> String {
+    let recovery = fault.recovery_ms.map_or_else(String::new, |ms| format!(", back after {ms:.1} ms"));
+    format!("{:.2} s {}: {} → {}{recovery}", fault.time_s, fault.partition, fault.error, fault.action)
+}
+
+/// The tables of numbers, for terminal and page alike.
+pub(crate) fn tables(summary: &Summary) -> Vec<Table> {
+    let mut tables =
+        vec![tracking(summary), estimate(summary), air(summary), windows(summary), times(summary)];
+    tables.retain(|table| !table.rows.is_empty());
+    tables
+}
+
+/// A number with its unit, or a dash.
+pub(crate) fn number(value: Option<f64>, unit: &str) -> String {
+    let finite = value.filter(|value| value.is_finite());
+    finite.map_or_else(|| NONE.to_owned(), |value| format!("{value:.2} {unit}").trim_end().to_owned())
+}
+
+fn tracking(summary: &Summary) -> Table {
+    let scores = &summary.scores;
+    let row = |label: &str, shifted, truth, unit: &str| {
+        (label.to_owned(), vec![number(shifted, unit), number(truth, unit)])
+    };
+    let rows = vec![
+        row("cross-track", scores.cross_track_rms_m, scores.cross_track_true_rms_m, "m"),
+        row(
+            "  on straight legs",
+            scores.straight_cross_track_rms_m,
+            scores.straight_cross_track_true_rms_m,
+            "m",
+        ),
+        row("altitude", scores.altitude_rms_m, scores.altitude_true_rms_m, "m"),
+        row("airspeed", scores.airspeed_rms_mps, scores.airspeed_true_rms_mps, "m/s"),
+    ];
+    Table { heading: "tracking, RMS", columns: vec!["shifted truth", "truth"], rows }
+}
+
+fn estimate(summary: &Summary) -> Table {
+    let scores = &summary.estimator;
+    let row = |label: &str, value, unit: &str| (label.to_owned(), vec![number(value, unit)]);
+    let rows = vec![
+        row("roll", scores.roll_rms_deg, "°"),
+        row("pitch", scores.pitch_rms_deg, "°"),
+        row("yaw", scores.yaw_rms_deg, "°"),
+        row("velocity", scores.velocity_rms_mps, "m/s"),
+        row("position, shifted truth", scores.position_rms_m, "m"),
+        row("position, truth", scores.position_true_rms_m, "m"),
+    ];
+    Table { heading: "estimate, RMS", columns: Vec::new(), rows }
+}
+
+fn air(summary: &Summary) -> Table {
+    let air = &summary.conditions;
+    let row = |label: &str, value: String| (label.to_owned(), vec![value]);
+    let rows = vec![
+        row("wind met (asked)", format!("{} ({:.1})", number(air.wind_mean_mps, "m/s"), air.wind_asked_mps)),
+        row("gusts met, RMS", number(air.gust_rms_mps, "m/s")),
+        row("turbulence asked", if air.turbulence.is_empty() { NONE.into() } else { air.turbulence.clone() }),
+        row("steepest bank", number(air.bank_max_deg, "°")),
+        row("slowest airspeed", number(air.airspeed_min_mps, "m/s")),
+        row("greatest cross-track", number(summary.scores.cross_track_max_m, "m")),
+    ];
+    Table { heading: "aircraft and air", columns: Vec::new(), rows }
+}
+
+fn windows(summary: &Summary) -> Table {
+    let row = |label: &str, value: u64| (label.to_owned(), vec![value.to_string()]);
+    let rows = vec![
+        row("granted", summary.windows),
+        row("late", summary.late_windows),
+        row("overruns", summary.window_overruns),
+        row("skipped", summary.skipped_windows),
+        row("restarts", summary.restarts),
+    ];
+    Table { heading: "windows", columns: Vec::new(), rows }
+}
+
+fn times(summary: &Summary) -> Table {
+    let row = |label: &str, times: &Percentiles| {
+        let values = [times.p50, times.p99, times.p999, times.max];
+        (label.to_owned(), values.iter().map(|value| format!("{value:.1}")).collect())
+    };
+    let mut rows = Vec::new();
+    rows.extend(summary.window_start_lateness_us.iter().map(|times| row("window start, late by", times)));
+    rows.extend(summary.chain_execution_us.iter().map(|times| row("whole chain", times)));
+    rows.extend(summary.partition_execution_us.iter().map(|(name, times)| row(&format!("  {name}"), times)));
+    Table { heading: "times, µs", columns: vec!["median", "99 %", "99.9 %", "greatest"], rows }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::{Guarantee, Run};
+    use crate::{Analysis, Flight};
+
+    #[test]
+    fn empty_flight_still_says_what_happened() {
+        let flight = Flight { notes: vec!["windows.csv cannot be read".into()], ..Default::default() };
+        let text = table(&Analysis::of(&flight).summary(&flight));
+        assert!(text.contains("NOT completed: the truth confirms 0 of 8 way-points"), "{text}");
+        assert!(text.contains("none reached") && text.contains("windows.csv cannot be read"));
+    }
+
+    #[test]
+    fn no_line_is_wider_than_the_terminal() {
+        let long = Guarantee { promise: "p".repeat(250), held: false, detail: "word ".repeat(60) };
+        let run = Run { guarantees: vec![long], ..Default::default() };
+        let flight = Flight { name: "n".repeat(120), run: Some(run), ..Default::default() };
+        let mut summary = Analysis::of(&flight).summary(&flight);
+        summary.waypoints = vec!["WP0".to_owned(); 200];
+        summary.unverified_waypoints = vec![1];
+        let text = table(&summary);
+        assert!(text.lines().all(|line| line.chars().count() <= WIDTH), "{text}");
+        assert!(text.contains("WP0 WP0? WP0") && text.contains("MISSED"));
+    }
+}

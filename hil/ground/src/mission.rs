@@ -1,0 +1,441 @@
+//! The scripted ground station: from the first order to the last way-point.
+//!
+//! A state machine with one step. Each phase says what it asks for on entering, when it is done, and how long it may
+//! take; from the take-off on, everything already established is watched and ordered again where it is lost.
+
+use crate::board::Board;
+use crate::courier::{Courier, RETRY_NS, Settled, function_name};
+use crate::link::{Link, LinkError};
+use crate::pilot::Pilot;
+use crate::plan::MissionPlan;
+use crate::progress::{Event, Outcome, Phase, Progress, Severity};
+use crate::watch::{Losses, Watch};
+use bateleur_messages::ground::{EstimatorOrder, Order, SENSOR_GYROSCOPE, SENSOR_PRESSURE};
+use bateleur_messages::hil::{PILOT_TAKE_OFF, PilotOrder};
+use bateleur_messages::state::{STATUS_COARSE, STATUS_DISABLED, STATUS_RUNNING};
+use bateleur_messages::telemetry::{
+    Acknowledge, NAVIGATION_FINISHED, NOT_UNDERSTOOD, Navigation, StateTelemetry, Telemetry,
+};
+
+const SECOND_NS: u64 = 1_000_000_000;
+/// Silence after which the line is called silent, ns: the aircraft speaks every half second.
+const SILENCE_NS: u64 = 5 * SECOND_NS;
+/// Silence after which the mission is given up, ns. Command may be restarted several times within it.
+const LOST_NS: u64 = 30 * SECOND_NS;
+/// A coarse state is taken for good enough after this time, ns: some biases show only in flight.
+const COARSE_PATIENCE_NS: u64 = 10 * SECOND_NS;
+/// Slowest climb that counts as rising, m/s.
+const RISING_MPS: f64 = 0.3;
+/// Lower than this, m, and slower than [`GROUNDED_MPS`] for [`GROUNDED_NS`], the aircraft is down. All three are far
+/// outside what flight or a restarted estimator shows.
+const GROUNDED_M: f64 = 3.0;
+const GROUNDED_MPS: f64 = 6.0;
+const GROUNDED_NS: u64 = 5 * SECOND_NS;
+
+/// A mission under way.
+#[derive(Debug)]
+pub struct Mission {
+    plan: MissionPlan,
+    board: Board,
+    courier: Courier,
+    watch: Watch,
+    phase: Phase,
+    now_ns: u64,
+    started_ns: Option<u64>,
+    phase_since_ns: u64,
+    pilot_called_ns: u64,
+    grounded_since_ns: Option<u64>,
+    reached: u32,
+    rearmed: u32,
+    silent: bool,
+    incoming: Vec<Telemetry>,
+    events: Vec<Event>,
+    outcome: Outcome,
+}
+
+impl Mission {
+    /// A mission that begins with its first step.
+    pub fn new(plan: MissionPlan) -> Self {
+        Self {
+            plan,
+            board: Board::default(),
+            courier: Courier::default(),
+            watch: Watch::default(),
+            phase: Phase::EnableHil,
+            now_ns: 0,
+            started_ns: None,
+            phase_since_ns: 0,
+            pilot_called_ns: 0,
+            grounded_since_ns: None,
+            reached: 0,
+            rearmed: 0,
+            silent: false,
+            incoming: Vec::new(),
+            events: Vec::new(),
+            outcome: Outcome::Running,
+        }
+    }
+
+    /// The newest telemetry.
+    pub fn board(&self) -> &Board {
+        &self.board
+    }
+
+    /// Reads what came, goes on in the script, sends what is due. Call it every 100 ms or so; `now_ns` never falls.
+    pub fn step(&mut self, now_ns: u64, link: &mut Link, pilot: &mut dyn Pilot) -> Progress {
+        self.now_ns = now_ns;
+        if self.started_ns.is_none() {
+            self.started_ns = Some(now_ns);
+            self.enter(Phase::EnableHil, pilot);
+        }
+        if let Err(error) = self.run(link, pilot) {
+            self.fail(format!("{}: {error}", self.phase));
+        }
+        self.progress()
+    }
+
+    fn run(&mut self, link: &mut Link, pilot: &mut dyn Pilot) -> Result<(), LinkError> {
+        self.read(link)?;
+        while self.outcome == Outcome::Running && self.is_done(pilot) {
+            self.enter(following(self.phase), pilot);
+        }
+        if self.outcome == Outcome::Running {
+            self.repair();
+            self.check_limits();
+        }
+        self.courier.send_due(self.now_ns, link)?;
+        link.flush()
+    }
+
+    fn read(&mut self, link: &mut Link) -> Result<(), LinkError> {
+        let mut incoming = std::mem::take(&mut self.incoming);
+        let received = link.receive(|telemetry| incoming.push(telemetry));
+        for telemetry in incoming.drain(..) {
+            self.take(&telemetry);
+        }
+        self.incoming = incoming;
+        received
+    }
+
+    fn take(&mut self, telemetry: &Telemetry) {
+        let restarts = self.board.module_restarts;
+        self.board.take(telemetry, self.now_ns);
+        if self.board.module_restarts != restarts {
+            self.courier.forget_times();
+            self.say(Severity::Warning, "the module's clock began anew".to_owned());
+        }
+        self.watch.notice(telemetry, &self.board);
+        match telemetry {
+            Telemetry::Acknowledge(answer) => self.answered(answer),
+            Telemetry::Navigation(navigation) => self.navigated(navigation),
+            _ => {}
+        }
+    }
+
+    fn answered(&mut self, answer: &Acknowledge) {
+        match self.courier.answer(answer) {
+            Some(Settled::Refused(Order::InitialiseSensors { .. }, _)) => {
+                self.say(Severity::Info, "the IMU keeps its present biases".to_owned());
+            }
+            Some(Settled::Refused(order, answer)) if answer.result == NOT_UNDERSTOOD => {
+                let name = function_name(answer.from);
+                self.say(Severity::Warning, format!("{name} does not understand {}", order_name(&order)));
+            }
+            Some(Settled::Accepted(order)) if self.phase >= Phase::Engage => {
+                self.say(Severity::Info, format!("{} acknowledged", order_name(&order)));
+            }
+            _ => {}
+        }
+    }
+
+    fn navigated(&mut self, navigation: &Navigation) {
+        let reached = navigation.waypoints_reached;
+        if reached > self.reached && self.phase >= Phase::Watch {
+            let total = self.plan.waypoints_to_reach();
+            let height = self.board.altitude_m().map_or(String::new(), |height| format!(" at {height:.1} m"));
+            self.say(Severity::Info, format!("{reached} of {total} way-points reached{height}"));
+        }
+        self.reached = reached;
+    }
+
+    fn say(&mut self, severity: Severity, text: String) {
+        self.events.push(Event { time_ns: self.now_ns, severity, text });
+    }
+
+    fn fail(&mut self, text: String) {
+        if self.outcome == Outcome::Running {
+            self.say(Severity::Failure, text.clone());
+            self.outcome = Outcome::Failed(text);
+        }
+    }
+
+    fn enter(&mut self, phase: Phase, pilot: &mut dyn Pilot) {
+        self.phase = phase;
+        self.phase_since_ns = self.now_ns;
+        self.say(Severity::Info, phase.name().to_owned());
+        match phase {
+            Phase::EnableHil => self.request(Order::Hil { on: true }),
+            Phase::InitialiseSensors => {
+                self.request(Order::InitialiseSensors { sensors: SENSOR_GYROSCOPE | SENSOR_PRESSURE });
+            }
+            Phase::InitialiseEstimator => self.request(initialise()),
+            Phase::LoadWaypoints => self.request_waypoints(),
+            Phase::SwitchNavigation => self.request(Order::Navigation { on: true }),
+            Phase::OrderTakeOff => self.call_pilot(pilot),
+            Phase::Engage => self.request(Order::Autopilot { on: true }),
+            Phase::End => self.outcome = Outcome::Finished,
+            _ => {}
+        }
+    }
+
+    fn request(&mut self, order: Order) {
+        self.courier.request(order, self.board.module_ns);
+    }
+
+    fn request_waypoints(&mut self) {
+        for &point in &self.plan.waypoints {
+            self.courier.request(Order::Waypoint(point), self.board.module_ns);
+        }
+    }
+
+    fn call_pilot(&mut self, pilot: &mut dyn Pilot) {
+        self.pilot_called_ns = self.now_ns;
+        pilot.order(PilotOrder { order: PILOT_TAKE_OFF, reserved: 0 });
+    }
+
+    fn is_done(&mut self, pilot: &mut dyn Pilot) -> bool {
+        match self.phase {
+            Phase::EnableHil => !self.courier.is_pending(b'H'),
+            Phase::AwaitSensors => self.sensors_came(),
+            Phase::InitialiseSensors => !self.courier.is_pending(b'I'),
+            Phase::InitialiseEstimator => !self.courier.is_pending(b'E'),
+            Phase::AwaitEstimator => self.estimator_can_be_flown_on(),
+            Phase::LoadWaypoints => !self.courier.is_pending(b'W'),
+            Phase::SwitchNavigation => !self.courier.is_pending(b'N'),
+            Phase::OrderTakeOff => self.pilot_understood(pilot),
+            Phase::Climb => self.is_high_and_rising(),
+            Phase::Engage => !self.courier.is_pending(b'A'),
+            Phase::Watch => self.laps_are_flown(),
+            Phase::Loiter => self.in_phase_ns() as f64 >= self.plan.loiter_s * 1e9,
+            Phase::End => false,
+        }
+    }
+
+    fn in_phase_ns(&self) -> u64 {
+        self.now_ns.saturating_sub(self.phase_since_ns)
+    }
+
+    fn sensors_came(&self) -> bool {
+        let settled_ns = self.courier.settled_ns(b'H');
+        self.board.imu.is_some_and(|imu| imu.message.measured_ns > settled_ns)
+    }
+
+    fn estimator_can_be_flown_on(&mut self) -> bool {
+        let Some(state) = self.state_since_initialised() else { return false };
+        let patient = self.in_phase_ns() >= COARSE_PATIENCE_NS;
+        if state.status == STATUS_DISABLED && self.in_phase_ns() > SECOND_NS {
+            self.request(Order::Estimator(EstimatorOrder::Enable));
+        }
+        state.status == STATUS_RUNNING || (patient && state.status == STATUS_COARSE)
+    }
+
+    fn state_since_initialised(&self) -> Option<StateTelemetry> {
+        let settled_ns = self.courier.settled_ns(b'E');
+        let state = self.board.state.filter(|state| state.received_ns >= self.phase_since_ns)?.message;
+        (state.valid_ns > settled_ns || state.status == STATUS_DISABLED).then_some(state)
+    }
+
+    fn pilot_understood(&mut self, pilot: &mut dyn Pilot) -> bool {
+        let understood = pilot.confirmed();
+        if !understood && self.now_ns.saturating_sub(self.pilot_called_ns) >= RETRY_NS {
+            self.call_pilot(pilot);
+        }
+        understood
+    }
+
+    fn is_high_and_rising(&self) -> bool {
+        self.board.state.is_some_and(|state| {
+            let high = -state.message.position_ned_m[2] > self.plan.engage_altitude_m;
+            high && -state.message.velocity_ned_mps[2] > RISING_MPS && state.message.status >= STATUS_COARSE
+        })
+    }
+
+    fn laps_are_flown(&self) -> bool {
+        let settled_ns = self.courier.settled_ns(b'N');
+        self.board.navigation.is_some_and(|navigation| {
+            let navigation = navigation.message;
+            let all = navigation.waypoints_reached >= self.plan.waypoints_to_reach();
+            navigation.time_ns > settled_ns && (all || navigation.flags & NAVIGATION_FINISHED != 0)
+        })
+    }
+
+    /// Orders again what a function has lost, as far as the script had come.
+    fn repair(&mut self) {
+        let lost = self.watch.losses(&self.board, &self.courier, self.plan.waypoints.len());
+        if lost.hil && self.phase > Phase::AwaitSensors {
+            self.rearm(Order::Hil { on: true }, "HIL mode is lost: ordering it again");
+        }
+        if lost.estimator && self.phase > Phase::AwaitEstimator {
+            self.rearm(initialise(), "the Estimator is disabled: initialising it again");
+        }
+        if self.phase > Phase::SwitchNavigation {
+            self.repair_navigation(lost);
+        }
+        let usable = self.board.state.is_some_and(|state| state.message.status >= STATUS_COARSE);
+        if lost.autopilot && usable && self.phase >= Phase::Watch {
+            self.rearm(Order::Autopilot { on: true }, "the autopilot has let go: engaging it again");
+        }
+    }
+
+    fn repair_navigation(&mut self, lost: Losses) {
+        let loading = self.courier.is_pending(b'W');
+        if lost.waypoints && !loading {
+            self.request_waypoints();
+            self.count_rearming("the Controller has lost the way-points: loading them again");
+        } else if lost.navigation && !loading {
+            self.rearm(Order::Navigation { on: true }, "navigation is off: switching it on again");
+        }
+    }
+
+    fn rearm(&mut self, order: Order, text: &str) {
+        if !self.courier.is_pending(order.letter()) && self.courier.request(order, self.board.module_ns) {
+            self.count_rearming(text);
+        }
+    }
+
+    fn count_rearming(&mut self, text: &str) {
+        self.rearmed += 1;
+        self.say(Severity::Warning, text.to_owned());
+    }
+
+    fn check_limits(&mut self) {
+        let in_mission_ns = self.now_ns.saturating_sub(self.started_ns.unwrap_or(self.now_ns));
+        let limit_s = limit_s(self.phase);
+        if in_mission_ns as f64 > self.plan.time_limit_s * 1e9 {
+            let (phase, limit) = (self.phase, self.plan.time_limit_s);
+            self.fail(format!("the mission's time limit of {limit} s is over while {phase}"));
+        } else if limit_s.is_some_and(|limit_s| self.in_phase_ns() > limit_s * SECOND_NS) {
+            self.fail(self.why_not_in_time(limit_s.unwrap_or(0)));
+        }
+        self.check_silence();
+        self.check_height();
+    }
+
+    fn why_not_in_time(&self, limit_s: u64) -> String {
+        let phase = self.phase;
+        let start = format!("{phase} took longer than {limit_s} s: ");
+        let reason = match (self.board.last_received_ns, self.courier.last_refusal()) {
+            (None, _) => {
+                "nothing was heard from the aircraft; is it the right line, and does Command run?".to_owned()
+            }
+            (_, Some(refusal)) if refusal.time_ns + 2 * SECOND_NS > self.board.module_ns => {
+                format!("{} refuses the order", function_name(refusal.from))
+            }
+            _ => waiting_for(phase).to_owned(),
+        };
+        start + &reason
+    }
+
+    fn check_silence(&mut self) {
+        let Some(silence_ns) = self.board.silence_ns(self.now_ns) else { return };
+        let silent = silence_ns > SILENCE_NS;
+        if silent && !self.silent {
+            self.say(Severity::Warning, "no telemetry for 5 s".to_owned());
+        } else if self.silent && !silent {
+            self.say(Severity::Info, "telemetry is back".to_owned());
+        }
+        self.silent = silent;
+        if silence_ns > LOST_NS {
+            self.fail(format!("no telemetry for {} s while {}", LOST_NS / SECOND_NS, self.phase));
+        }
+    }
+
+    fn check_height(&mut self) {
+        let low = self.board.altitude_m().is_some_and(|height| height < GROUNDED_M);
+        let slow = self.board.airspeed_mps().is_some_and(|speed| speed < GROUNDED_MPS);
+        if !(low && slow && self.phase >= Phase::Engage) {
+            self.grounded_since_ns = None;
+            return;
+        }
+        let since_ns = *self.grounded_since_ns.get_or_insert(self.now_ns);
+        if self.now_ns.saturating_sub(since_ns) >= GROUNDED_NS {
+            self.fail(format!("the aircraft came down while {}", self.phase));
+        }
+    }
+
+    fn progress(&mut self) -> Progress {
+        Progress {
+            phase: self.phase,
+            time_ns: self.now_ns,
+            next_waypoint: self.board.navigation.map(|navigation| navigation.message.next_waypoint),
+            altitude_m: self.board.altitude_m(),
+            airspeed_mps: self.board.airspeed_mps(),
+            waypoints_reached: self.reached,
+            waypoints_to_reach: self.plan.waypoints_to_reach(),
+            rearmed: self.rearmed,
+            events: std::mem::take(&mut self.events),
+            outcome: self.outcome.clone(),
+        }
+    }
+}
+
+fn initialise() -> Order {
+    Order::Estimator(EstimatorOrder::Initialise { full_inertial: true })
+}
+
+fn following(phase: Phase) -> Phase {
+    match phase {
+        Phase::EnableHil => Phase::AwaitSensors,
+        Phase::AwaitSensors => Phase::InitialiseSensors,
+        Phase::InitialiseSensors => Phase::InitialiseEstimator,
+        Phase::InitialiseEstimator => Phase::AwaitEstimator,
+        Phase::AwaitEstimator => Phase::LoadWaypoints,
+        Phase::LoadWaypoints => Phase::SwitchNavigation,
+        Phase::SwitchNavigation => Phase::OrderTakeOff,
+        Phase::OrderTakeOff => Phase::Climb,
+        Phase::Climb => Phase::Engage,
+        Phase::Engage => Phase::Watch,
+        Phase::Watch => Phase::Loiter,
+        Phase::Loiter | Phase::End => Phase::End,
+    }
+}
+
+/// Longest time in a phase, s. The laps have only the limit of the whole mission.
+fn limit_s(phase: Phase) -> Option<u64> {
+    match phase {
+        Phase::EnableHil => Some(30),
+        Phase::AwaitSensors
+        | Phase::InitialiseSensors
+        | Phase::InitialiseEstimator
+        | Phase::LoadWaypoints
+        | Phase::SwitchNavigation
+        | Phase::OrderTakeOff
+        | Phase::Engage => Some(15),
+        Phase::AwaitEstimator | Phase::Climb => Some(90),
+        Phase::Watch | Phase::Loiter | Phase::End => None,
+    }
+}
+
+/// What a phase lacks when its time is over and nobody has refused anything.
+fn waiting_for(phase: Phase) -> &'static str {
+    match phase {
+        Phase::AwaitSensors => "HIL mode is on, but no sensor values come; does the simulator run?",
+        Phase::AwaitEstimator => "the Estimator reports no usable state; do GPS and IMU give values?",
+        Phase::OrderTakeOff => "the safety pilot does not echo the order; does the simulator run?",
+        Phase::Climb => "the aircraft does not rise to the height at which the autopilot is engaged",
+        Phase::Engage => "Controller and Servo have not both acknowledged the autopilot",
+        _ => "no acknowledgement came",
+    }
+}
+
+fn order_name(order: &Order) -> String {
+    match order {
+        Order::Hil { .. } => "HIL mode".to_owned(),
+        Order::Autopilot { .. } => "autopilot".to_owned(),
+        Order::Navigation { .. } => "navigation".to_owned(),
+        Order::Waypoint(point) => format!("way-point {}", point.index),
+        Order::Loop { id, .. } => format!("loop {}", id.name()),
+        Order::InitialiseSensors { .. } => "sensor initialisation".to_owned(),
+        Order::Estimator(_) => "estimator order".to_owned(),
+    }
+}

@@ -1,0 +1,247 @@
+//! What a mission is: way-points, laps, limits.
+
+use bateleur_messages::ground::Waypoint;
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// Most way-points of a mission; the protocol counts them in one byte, and the Controller's list ends before that.
+pub const MOST_WAYPOINTS: usize = 64;
+
+/// A mission, checked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MissionPlan {
+    /// The way-points in order; index and count fit the list.
+    pub waypoints: Vec<Waypoint>,
+    /// Laps to fly; the last ends with the return to the first way-point.
+    pub laps: u32,
+    /// Height above the runway at which the autopilot is engaged, m.
+    pub engage_altitude_m: f64,
+    /// Flight after the last way-point before the mission ends, s.
+    pub loiter_s: f64,
+    /// Longest time from the first step to the end, s.
+    pub time_limit_s: f64,
+}
+
+/// Why a mission was refused.
+#[derive(Debug, Error)]
+pub enum PlanError {
+    /// The file cannot be read.
+    #[error("cannot read the mission {}: {error}", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        error: std::io::Error,
+    },
+    /// The text is no mission. The message names line and column.
+    #[error("the mission cannot be understood: {0}")]
+    Syntax(#[from] toml::de::Error),
+    /// The list of way-points is empty or too long.
+    #[error("the mission has {0} way-points; it must have 1 to {MOST_WAYPOINTS}")]
+    Waypoints(usize),
+    /// A value is outside its range.
+    #[error("the mission's {what} is {value}, but it must be {demand}")]
+    Value {
+        /// Which one.
+        what: String,
+        /// The value.
+        value: f64,
+        /// What it must be.
+        demand: &'static str,
+    },
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawPlan {
+    #[serde(default = "laps")]
+    laps: u32,
+    #[serde(default = "engage_altitude_m")]
+    engage_altitude_m: f64,
+    #[serde(default = "loiter_s")]
+    loiter_s: f64,
+    #[serde(default = "time_limit_s")]
+    time_limit_s: f64,
+    waypoint: Vec<RawWaypoint>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawWaypoint {
+    north_m: f64,
+    east_m: f64,
+    altitude_m: f64,
+    #[serde(default)]
+    heading_deg: f64,
+    #[serde(default = "airspeed_mps")]
+    airspeed_mps: f64,
+}
+
+fn laps() -> u32 {
+    2
+}
+
+fn engage_altitude_m() -> f64 {
+    60.0
+}
+
+fn loiter_s() -> f64 {
+    3.0
+}
+
+fn time_limit_s() -> f64 {
+    600.0
+}
+
+fn airspeed_mps() -> f64 {
+    22.0
+}
+
+impl MissionPlan {
+    /// Two laps of the thesis' square: 500 m, 160 m above the runway, 22 m/s.
+    pub fn thesis() -> Self {
+        let corners = [(500.0, 0.0, 0.0), (500.0, 500.0, 0.0), (0.0, 500.0, 180.0), (0.0, 0.0, 270.0_f64)];
+        let waypoint = |(index, (north_m, east_m, heading)): (usize, (f64, f64, f64))| Waypoint {
+            index: index as u8,
+            count: corners.len() as u8,
+            north_m,
+            east_m,
+            altitude_m: 160.0,
+            heading_rad: heading.to_radians(),
+            airspeed_mps: airspeed_mps(),
+        };
+        Self {
+            waypoints: corners.into_iter().enumerate().map(waypoint).collect(),
+            laps: laps(),
+            engage_altitude_m: engage_altitude_m(),
+            loiter_s: loiter_s(),
+            time_limit_s: time_limit_s(),
+        }
+    }
+
+    /// Reads and checks a mission from a TOML file.
+    ///
+    /// # Errors
+    /// When it cannot be read or is no mission.
+    pub fn from_file(path: &Path) -> Result<Self, PlanError> {
+        let unreadable = |error| PlanError::Unreadable { path: path.to_owned(), error };
+        Self::from_toml(&std::fs::read_to_string(path).map_err(unreadable)?)
+    }
+
+    /// Reads and checks a mission from a TOML text.
+    ///
+    /// # Errors
+    /// When it is no mission.
+    pub fn from_toml(text: &str) -> Result<Self, PlanError> {
+        let raw: RawPlan = toml::from_str(text)?;
+        let count = raw.waypoint.len();
+        if !(1..=MOST_WAYPOINTS).contains(&count) {
+            return Err(PlanError::Waypoints(count));
+        }
+        within("laps", f64::from(raw.laps), 1.0..=1000.0, "1 to 1000")?;
+        within("engage_altitude_m", raw.engage_altitude_m, 5.0..=2000.0, "5 to 2000 m")?;
+        within("loiter_s", raw.loiter_s, 0.0..=3600.0, "0 to 3600 s")?;
+        within("time_limit_s", raw.time_limit_s, 1.0..=1e6, "1 to 1000000 s")?;
+        let waypoints = raw
+            .waypoint
+            .iter()
+            .enumerate()
+            .map(|(index, raw)| raw.check(index, count))
+            .collect::<Result<_, _>>()?;
+        Ok(Self {
+            waypoints,
+            laps: raw.laps,
+            engage_altitude_m: raw.engage_altitude_m,
+            loiter_s: raw.loiter_s,
+            time_limit_s: raw.time_limit_s,
+        })
+    }
+
+    /// Way-points to reach until the laps are flown: all of them in each lap, and the return to the first.
+    pub fn waypoints_to_reach(&self) -> u32 {
+        self.laps * self.waypoints.len() as u32 + 1
+    }
+}
+
+impl RawWaypoint {
+    fn check(&self, index: usize, count: usize) -> Result<Waypoint, PlanError> {
+        let name = |key: &str| format!("way-point {index} {key}");
+        within(&name("north_m"), self.north_m, -1e5..=1e5, "within 100 km")?;
+        within(&name("east_m"), self.east_m, -1e5..=1e5, "within 100 km")?;
+        within(&name("altitude_m"), self.altitude_m, 0.0..=5000.0, "0 to 5000 m")?;
+        within(&name("heading_deg"), self.heading_deg, -360.0..=360.0, "-360 to 360 degrees")?;
+        within(&name("airspeed_mps"), self.airspeed_mps, 1.0..=100.0, "1 to 100 m/s")?;
+        Ok(Waypoint {
+            index: index as u8, // below MOST_WAYPOINTS
+            count: count as u8,
+            north_m: self.north_m,
+            east_m: self.east_m,
+            altitude_m: self.altitude_m,
+            heading_rad: self.heading_deg.to_radians(),
+            airspeed_mps: self.airspeed_mps,
+        })
+    }
+}
+
+fn within(
+    what: &str,
+    value: f64,
+    range: std::ops::RangeInclusive<f64>,
+    demand: &'static str,
+) -> Result<(), PlanError> {
+    if range.contains(&value) {
+        Ok(())
+    } else {
+        Err(PlanError::Value { what: what.to_owned(), value, demand })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thesis_square_has_nine_way_points_to_reach() {
+        assert_eq!(MissionPlan::thesis().waypoints_to_reach(), 9);
+    }
+
+    #[test]
+    fn thesis_square_can_be_written_down() {
+        let text = "
+            [[waypoint]]
+            north_m = 500
+            east_m = 0
+            altitude_m = 160
+            [[waypoint]]
+            north_m = 500
+            east_m = 500
+            altitude_m = 160
+            [[waypoint]]
+            north_m = 0
+            east_m = 500
+            altitude_m = 160
+            heading_deg = 180
+            [[waypoint]]
+            north_m = 0
+            east_m = 0
+            altitude_m = 160
+            heading_deg = 270
+            airspeed_mps = 22";
+        assert_eq!(MissionPlan::from_toml(text).unwrap(), MissionPlan::thesis());
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        let cases = [
+            ("waypoint = []", "has 0 way-points"),
+            ("[[waypoint]]\nnorth_m = 1\neast_m = nan\naltitude_m = 3", "way-point 0 east_m is NaN"),
+            ("[[waypoint]]\nnorth = 1", "unknown field `north`"),
+            ("laps = 0\n[[waypoint]]\nnorth_m = 1\neast_m = 2\naltitude_m = 3", "laps is 0"),
+        ];
+        for (text, expected) in cases {
+            let message = MissionPlan::from_toml(text).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+}

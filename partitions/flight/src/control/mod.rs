@@ -178,6 +178,13 @@ const AIRSPEED_LAG_S: f64 = 0.15;
 /// Longest step taken as one, s; after a longer pause the rest is not made up.
 const LONGEST_STEP_S: f64 = 0.2;
 
+/// Share of the elevator's travel from which more airspeed is asked for: at one lift the elevator needed falls with V².
+const ELEVATOR_COMFORT: f64 = 0.75;
+/// Airspeed added per share of travel beyond it, m/s, its limit, and how slowly it comes and goes, s.
+const AUTHORITY_GAIN_MPS: f64 = 12.0;
+const AUTHORITY_LIMIT_MPS: f64 = 3.0;
+const AUTHORITY_LAG_S: f64 = 4.0;
+
 /// What to keep in retained memory over a restart of the controller: plain numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[repr(C)]
@@ -206,7 +213,8 @@ pub struct Controller {
     channels: Channels,
     fallback: Fallback,
     airspeed_mps: f64,
-    airspeed_trim: f64,
+    /// Airspeed asked for on top of the reference, because the elevator is near its stop, m/s.
+    authority_mps: f64,
     last: ActuatorCommand,
 }
 
@@ -224,7 +232,7 @@ impl Controller {
             channels: Channels::default(),
             fallback: Fallback::new(trim.alpha_rad, config.cruise_mps),
             airspeed_mps: 0.0,
-            airspeed_trim: 0.0,
+            authority_mps: 0.0,
             last: trimmed(&trim),
         }
     }
@@ -312,7 +320,7 @@ impl Controller {
     ) -> ControllerOutput {
         self.channels = Channels::default();
         self.guidance.disengage();
-        self.airspeed_trim = 0.0;
+        self.authority_mps = 0.0;
         self.last = inputs.pilot;
         ControllerOutput {
             command: inputs.pilot,
@@ -455,7 +463,8 @@ impl Controller {
     ) -> Option<f64> {
         let waiting = (basis == Basis::WingsLevel && commands.navigation).then_some(self.config.cruise_mps);
         let target = commands.airspeed_mps.or(guidance.map(|g| g.airspeed_mps)).or(waiting);
-        let by_speed = target.map(|v| self.config.outer.airspeed(v - s.airspeed_mps, s.climb_rad));
+        let wanted = target.map(|v| v + self.authority_mps);
+        let by_speed = wanted.map(|v| self.config.outer.airspeed(v - s.airspeed_mps, s.climb_rad));
         commands.axial_mps2.or(by_speed)
     }
 
@@ -480,6 +489,9 @@ impl Controller {
         if wanted.normal.is_some() {
             command.elevator_rad = loops.normal(airframe, tuning, s, r.normal_mps2, dt_s);
         }
+        let used = -command.elevator_rad / airframe.servo.elevator_limit_rad;
+        let more = (AUTHORITY_GAIN_MPS * (used - ELEVATOR_COMFORT)).clamp(0.0, AUTHORITY_LIMIT_MPS);
+        self.authority_mps = low_pass(self.authority_mps, more, AUTHORITY_LAG_S, dt_s);
         if wanted.axial.is_some() {
             command.throttle = loops.axial(airframe, tuning, s, r.axial_mps2, dt_s);
         }

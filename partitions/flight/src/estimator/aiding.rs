@@ -224,6 +224,10 @@ impl Estimator {
         let inertial = self.status() == EstimatorStatus::Inertial;
         let scalar = self.airspeed_scalar(airspeed, inertial);
         let accepted = self.fuse_from(&[scalar], if inertial { 0 } else { WIND });
+        if -self.filter.nominal.position.z > self.config.measurement.sideslip_height_m {
+            let scalar = self.sideslip_scalar();
+            self.fuse_from(&[scalar], WIND);
+        }
         let patience = self.config.measurement.other_patience_s;
         if self.airspeed_gate.out_of_patience(accepted, time_s, patience) {
             self.counters.resets += 1;
@@ -245,6 +249,22 @@ impl Estimator {
         let noise = &self.config.measurement;
         let sigma = if inertial { noise.airspeed_without_gps_mps } else { noise.airspeed_mps };
         scalar(h, airspeed - expected, sigma)
+    }
+
+    /// The air comes along the plane of symmetry: `b · (v − w) = 0` with the body's y axis `b = R e_y`.
+    fn sideslip_scalar(&self) -> Scalar {
+        let nominal = &self.filter.nominal;
+        let air = nominal.velocity - Vector3::new(nominal.wind.x, nominal.wind.y, 0.0);
+        let right = nominal.attitude * Vector3::y();
+        let swing = right.cross(&air);
+        let mut h = ErrorVector::zeros();
+        for i in 0..3 {
+            h[ATT + i] = swing[i];
+            h[VEL + i] = right[i];
+        }
+        h[WIND] = -right.x;
+        h[WIND + 1] = -right.y;
+        scalar(h, -right.dot(&air), self.config.measurement.sideslip_mps)
     }
 
     /// Fuses the magnetic field (body, gauss) against the model's at the site; fuses at 10 Hz.

@@ -37,7 +37,12 @@ pub struct MeasurementNoise {
     /// Airspeed against ground velocity and steady wind, m/s: turbulence is noise here. With GPS it corrects the
     /// wind alone, for gusts last ten seconds and would be taken for motion.
     pub airspeed_mps: f64,
-    /// The same without GPS, when it has to carry the velocity: so large that gusts hardly tilt the attitude.
+    /// Air from the side, m/s: none on average in coordinated flight, which makes both components of the wind
+    /// observable on a straight leg. It corrects the wind alone.
+    pub sideslip_mps: f64,
+    /// Height above the runway from which the flight is taken to be coordinated, m; wheels roll sideways to the air.
+    pub sideslip_height_m: f64,
+    /// The same as `airspeed_mps` without GPS, when it has to carry the velocity: so large that gusts hardly tilt the attitude.
     pub airspeed_without_gps_mps: f64,
     /// Magnetometer, each axis, gauss.
     pub magnetometer_gauss: f64,
@@ -65,7 +70,9 @@ impl Default for MeasurementNoise {
             gps_vertical_with_barometer_m: 20.0,
             gps_velocity_mps: 0.06,
             barometer_m: 0.7,
-            airspeed_mps: 1.5,
+            airspeed_mps: 4.0,
+            sideslip_mps: 5.0,
+            sideslip_height_m: 8.0,
             airspeed_without_gps_mps: 6.0,
             magnetometer_gauss: 0.002,
             gate_sigma: 5.0,

@@ -93,7 +93,7 @@ impl Default for ProcessNoise {
             gyro_bias: 2e-5,
             accel_bias: 5e-4,
             mag_bias: 2e-5,
-            wind: 0.08,
+            wind: 0.15,
         }
     }
 }

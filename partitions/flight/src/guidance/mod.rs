@@ -163,6 +163,10 @@ const TRACK_SHARE: f64 = 0.6;
 const CLOSING_GAIN: f64 = 1.2;
 /// Greatest horizontal acceleration, m/s²: 43° of bank.
 const HORIZONTAL_LIMIT_MPS2: f64 = 9.0;
+/// Time an engagement takes to bend the track, s.
+const REACTION_S: f64 = 1.0;
+/// A wind beyond this is taken for a wrong estimate where the radius is chosen, m/s.
+const STRONGEST_WIND_MPS: f64 = 15.0;
 /// A way-point passed abeam within this share of the radius counts as reached.
 const REACHED_SHARE: f64 = 0.5;
 /// Ground speeds below this count as this, m/s: the laws divide by it.
@@ -257,7 +261,7 @@ impl Guidance {
 
     /// Radius at which the design bank suffices with the whole wind from behind: (V + W)²/(g tan φ).
     fn radius_m(&self, wind: &Vector2<f64>) -> f64 {
-        let fastest = self.waypoint(self.next).airspeed_mps + wind.norm();
+        let fastest = self.waypoint(self.next).airspeed_mps + wind.norm().min(STRONGEST_WIND_MPS);
         let needed = fastest * fastest / (GRAVITY_MPS2 * self.config.turn_bank_rad.tan());
         self.config.radius_m.unwrap_or(needed.max(self.config.least_radius_m))
     }
@@ -383,9 +387,10 @@ fn has_room(offset: &Offset, velocity: &Vector2<f64>, radius_m: f64) -> bool {
     let course = velocity.y.atan2(velocity.x);
     let turned = wrap_angle(course - offset.track_rad).abs();
     let turning = if turned > 1.0 { 2.0 * radius_m } else { 0.0 };
-    let straight = offset.left_m - radius_m - turning;
+    let reaction = velocity.norm() * REACTION_S;
+    let straight = offset.left_m - radius_m - turning - reaction;
     let remaining = offset.right_m.abs() - TRACK_SHARE * straight;
-    straight > -0.1 * radius_m && remaining < 0.6 * REACHED_SHARE * radius_m
+    straight > -0.25 * radius_m && remaining < 0.6 * REACHED_SHARE * radius_m
 }
 
 /// Acceleration to the right (m/s²) that closes a cross-track error and follows the curvature (1/m):

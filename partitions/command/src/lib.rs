@@ -1,1 +1,15 @@
 //! The function that talks to the ground station over a serial line.
+//!
+//! Responsible for: the frames on the line, the way of each order to the functions that it concerns, and the way of all
+//! telemetry to the ground. It must never believe that the line is there: noise, a device that vanishes and a ground
+//! station that does not listen are the usual case, and none of them may cost memory or time without bound.
+
+mod device;
+mod downlink;
+mod presence;
+mod uplink;
+
+pub use device::{Device, DeviceError};
+pub use downlink::{BACKLOG, Downlink};
+pub use presence::{Change, Presence};
+pub use uplink::{Delivery, Uplink, receivers};

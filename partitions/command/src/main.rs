@@ -1,3 +1,184 @@
 //! The function that talks to the ground station over a serial line.
 
-fn main() {}
+use std::process::ExitCode;
+
+use bateleur_apex::{
+    Context, Direction, Line, Partition, PortKind, QueuingDestination, QueuingSource, SamplingDestination,
+    Sent, StartError, Window,
+};
+use bateleur_command::{Change, Delivery, Device, Downlink, Presence, Uplink};
+use bateleur_messages::telemetry::{Acknowledge, FROM_COMMAND, NOT_UNDERSTOOD, REFUSED, Telemetry};
+use bateleur_messages::{GroundMessage, Rate, TelemetryMessage, Watch};
+
+/// Bytes read in one window, most: four times what a line of 57600 baud carries in 20 ms.
+const BYTES_PER_WINDOW: usize = 512;
+/// Telemetry messages taken from one function in one window, most; as many as the queue usually holds.
+const MESSAGES_PER_FUNCTION: usize = 8;
+
+struct Command {
+    path: String,
+    baud: u32,
+    line: Line<Device>,
+    presence: Presence,
+    received: Vec<u8>,
+    uplink: Uplink,
+    downlink: Downlink,
+    dropped_told: u64,
+    /// By the name of the function.
+    orders: Vec<(String, QueuingSource<GroundMessage>)>,
+    telemetry: Vec<QueuingDestination<TelemetryMessage>>,
+    rate: SamplingDestination<Rate>,
+    timeout: Watch,
+}
+
+impl Partition for Command {
+    fn start(context: &mut Context) -> Result<Self, StartError> {
+        let baud = context.attribute("baud", 57_600_u32)?;
+        if baud == 0 {
+            return Err(StartError::Other(
+                "attribute baud = 0: give the speed of the line, such as 57600".into(),
+            ));
+        }
+        let absent = Device::absent()
+            .map_err(|error| StartError::Other(format!("cannot make a stand-in for the device: {error}")))?;
+        Ok(Self {
+            path: context.attribute("device", "/dev/ttyS0".into())?,
+            baud,
+            line: context.line(absent),
+            presence: Presence::default(),
+            received: Vec::with_capacity(BYTES_PER_WINDOW),
+            uplink: Uplink::new(),
+            downlink: Downlink::new(baud),
+            dropped_told: 0,
+            orders: order_ports(context)?,
+            telemetry: telemetry_ports(context)?,
+            rate: context.sampling_destination("rate")?,
+            timeout: Watch::default(),
+        })
+    }
+
+    fn window(&mut self, window: &Window) {
+        if self.presence.is_due(window.start_ns()) {
+            self.open(window);
+        }
+        self.receive(window);
+        self.deliver(window.start_ns());
+        self.collect();
+        self.send(window);
+        if self.rate.read_valid().is_some_and(|rate| self.timeout.changed(rate.timeout_1)) {
+            self.complain(window);
+        }
+    }
+}
+
+impl Command {
+    fn open(&mut self, window: &Window) {
+        match Device::open(&self.path, self.baud) {
+            Ok(device) => {
+                self.line.replace(device);
+                if self.presence.opened() == Some(Change::Found) {
+                    window.report(&format!("ground link {} is there", self.path));
+                }
+            }
+            Err(error) => self.lost(window, &error.to_string()),
+        }
+    }
+
+    fn lost(&mut self, window: &Window, why: &str) {
+        self.downlink.cut();
+        if self.presence.failed(window.start_ns()) == Some(Change::Lost) {
+            window.raise(&format!("ground link {} {why}", self.path));
+        }
+    }
+
+    fn receive(&mut self, window: &Window) {
+        self.received.clear();
+        if !self.presence.is_open() {
+            return;
+        }
+        if let Err(error) = self.line.receive(window, &mut self.received, BYTES_PER_WINDOW) {
+            self.lost(window, &format!("is gone ({error})"));
+        }
+    }
+
+    fn deliver(&mut self, now_ns: u64) {
+        for delivery in self.uplink.take(&self.received) {
+            match delivery {
+                Delivery::To(message, functions) => {
+                    for function in functions {
+                        if let Some(result) = self.order(function, &message) {
+                            self.answer(&message, result, now_ns);
+                        }
+                    }
+                }
+                Delivery::NotUnderstood(message) => self.answer(&message, NOT_UNDERSTOOD, now_ns),
+            }
+        }
+    }
+
+    /// Passes an order on; gives what to answer in the function's place where that is not possible.
+    fn order(&mut self, function: &str, message: &GroundMessage) -> Option<u8> {
+        match self.orders.iter_mut().find(|(name, _)| name == function) {
+            None => Some(NOT_UNDERSTOOD), // the plan has no such function
+            Some((_, port)) => (port.send(message) != Sent::Queued).then_some(REFUSED),
+        }
+    }
+
+    fn answer(&mut self, message: &GroundMessage, result: u8, now_ns: u64) {
+        let answer = Telemetry::Acknowledge(Acknowledge::of(message, FROM_COMMAND, result, now_ns));
+        self.downlink.push(TelemetryMessage::of(&answer));
+    }
+
+    fn collect(&mut self) {
+        for port in &mut self.telemetry {
+            let messages = std::iter::from_fn(|| port.receive()).take(MESSAGES_PER_FUNCTION);
+            messages.for_each(|message| self.downlink.push(message));
+        }
+    }
+
+    fn send(&mut self, window: &Window) {
+        if !self.presence.is_open() {
+            return;
+        }
+        match self.line.send(self.downlink.due(window.start_ns())) {
+            Ok(count) => self.downlink.sent(count),
+            Err(error) => self.lost(window, &format!("is gone ({error})")),
+        }
+    }
+
+    /// Says what could not be read or sent, if that is news.
+    fn complain(&mut self, window: &Window) {
+        if let Some(refused) = self.uplink.news() {
+            let (frames, noise) = (refused.frames(), refused.noise_bytes);
+            window.report(&format!("ground link: {frames} frames refused, {noise} bytes of noise so far"));
+        }
+        let dropped = self.downlink.dropped();
+        if std::mem::replace(&mut self.dropped_told, dropped) != dropped {
+            window.report(&format!("ground link: {dropped} telemetry messages dropped so far"));
+        }
+    }
+}
+
+fn order_ports(context: &mut Context) -> Result<Vec<(String, QueuingSource<GroundMessage>)>, StartError> {
+    let mut ports = Vec::new();
+    for name in context.port_names(PortKind::Queuing, Direction::Source) {
+        if let Some(function) = name.strip_prefix("to_") {
+            ports.push((function.to_owned(), context.queuing_source(&name)?));
+        }
+    }
+    Ok(ports)
+}
+
+fn telemetry_ports(context: &mut Context) -> Result<Vec<QueuingDestination<TelemetryMessage>>, StartError> {
+    let mut ports = Vec::new();
+    for name in context.port_names(PortKind::Queuing, Direction::Destination) {
+        if name.starts_with("from_") {
+            ports.push(context.queuing_destination(&name)?);
+        }
+    }
+    Ok(ports)
+}
+
+fn main() -> ExitCode {
+    bateleur_apex::run::<Command>()
+}

@@ -1,0 +1,175 @@
+//! From the functions to the ground: telemetry waits here for its turn on the line.
+
+use std::collections::VecDeque;
+
+use bateleur_messages::TelemetryMessage;
+use bateleur_messages::frame;
+
+/// Messages that may wait, most. All telemetry of two seconds is 26 messages; older than that is of no use to anybody.
+pub const BACKLOG: usize = 64;
+/// Bytes sent at once, most, after the line was idle: little enough that the system's own buffer (4 KiB) never fills.
+const BURST_BYTES: u64 = 512;
+/// One byte on the line: a start bit, eight bits, a stop bit.
+const BITS_A_BYTE: u64 = 10;
+const SECOND_NS: u64 = 1_000_000_000;
+/// Letter of an acknowledgement, which the ground waits for: it is dropped last.
+const ACKNOWLEDGE: u8 = b'K';
+
+/// Waiting telemetry, paced to what the line can carry. A line that takes bytes faster (a pseudo-terminal) gets no
+/// more: the same flight then sends the same bytes in the same windows on any device.
+#[derive(Debug)]
+pub struct Downlink {
+    baud: u64,
+    waiting: VecDeque<TelemetryMessage>,
+    dropped: u64,
+    bytes: Vec<u8>,
+    /// Bits that may be sent now, times [`SECOND_NS`].
+    credit: u64,
+    last_ns: u64,
+}
+
+impl Downlink {
+    /// Towards a line of `baud` symbols a second.
+    pub fn new(baud: u32) -> Self {
+        Self {
+            baud: u64::from(baud),
+            waiting: VecDeque::with_capacity(BACKLOG),
+            dropped: 0,
+            bytes: Vec::with_capacity(1024),
+            credit: 0,
+            last_ns: 0,
+        }
+    }
+
+    /// Takes a message. Where too many wait, the oldest is dropped.
+    pub fn push(&mut self, message: TelemetryMessage) {
+        if self.waiting.len() == BACKLOG {
+            let oldest = self.waiting.iter().position(|waiting| waiting.letter != ACKNOWLEDGE);
+            self.waiting.remove(oldest.unwrap_or(0));
+            self.dropped += 1;
+        }
+        self.waiting.push_back(message);
+    }
+
+    /// Messages dropped so far.
+    pub fn dropped(&self) -> u64 {
+        self.dropped
+    }
+
+    /// The bytes that may go out at module time `now_ns`.
+    pub fn due(&mut self, now_ns: u64) -> &[u8] {
+        let elapsed_ns = now_ns.saturating_sub(self.last_ns).min(SECOND_NS);
+        self.last_ns = now_ns;
+        let most = BURST_BYTES * BITS_A_BYTE * SECOND_NS;
+        self.credit = self.credit.saturating_add(elapsed_ns.saturating_mul(self.baud)).min(most);
+        let room = (self.credit / (BITS_A_BYTE * SECOND_NS)) as usize; // BURST_BYTES at most
+        while self.bytes.len() < room {
+            let Some(message) = self.waiting.pop_front() else { break };
+            frame::encode(message.letter, message.bytes(), &mut self.bytes);
+        }
+        &self.bytes[..room.min(self.bytes.len())]
+    }
+
+    /// The line took the first `count` of the bytes that were due.
+    pub fn sent(&mut self, count: usize) {
+        let count = count.min(self.bytes.len());
+        self.bytes.drain(..count);
+        self.credit = self.credit.saturating_sub(count as u64 * BITS_A_BYTE * SECOND_NS);
+    }
+
+    /// The line is gone: a frame that was sent in part will never be whole. The next, if it was begun, goes with it.
+    pub fn cut(&mut self) {
+        self.bytes.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bateleur_messages::frame::Decoder;
+
+    const CYCLE: u64 = 20_000_000;
+
+    fn message(letter: u8, number: u8) -> TelemetryMessage {
+        let mut message = TelemetryMessage { letter, length: 100, ..TelemetryMessage::default() };
+        message.data[0] = number;
+        message
+    }
+
+    /// The other end of a line that takes `at_most` bytes a window.
+    struct Ground {
+        decoder: Decoder,
+        window: u64,
+        at_most: usize,
+    }
+
+    impl Ground {
+        fn new(at_most: usize) -> Self {
+            Self { decoder: Decoder::new(), window: 0, at_most }
+        }
+
+        /// Numbers of the frames that it hears in so many windows.
+        fn hears(&mut self, downlink: &mut Downlink, windows: u64) -> Vec<u8> {
+            let mut heard = Vec::new();
+            for _ in 0..windows {
+                self.window += 1;
+                let due = downlink.due(self.window * CYCLE);
+                let taken = due[..due.len().min(self.at_most)].to_vec();
+                downlink.sent(taken.len());
+                heard.extend(self.decoder.extend(&taken).map(|frame| frame.data[0]));
+            }
+            heard
+        }
+    }
+
+    #[test]
+    fn telemetry_goes_out_in_order_at_the_pace_of_the_line() {
+        let mut downlink = Downlink::new(57_600);
+        (0..20).for_each(|number| downlink.push(message(b'P', number)));
+        // 105 bytes each; 115 a window.
+        let mut ground = Ground::new(usize::MAX);
+        assert_eq!(ground.hears(&mut downlink, 10), (0..10).collect::<Vec<_>>());
+        assert_eq!(ground.hears(&mut downlink, 20), (10..20).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_line_that_takes_little_gets_the_frames_in_pieces() {
+        let mut downlink = Downlink::new(57_600);
+        (0..3).for_each(|number| downlink.push(message(b'P', number)));
+        assert_eq!(Ground::new(7).hears(&mut downlink, 100), [0, 1, 2]);
+    }
+
+    #[test]
+    fn a_line_that_takes_nothing_costs_the_oldest_telemetry_and_no_memory() {
+        let mut downlink = Downlink::new(57_600);
+        for number in 0..200 {
+            downlink.push(message(b'P', number));
+        }
+        assert_eq!(downlink.dropped(), 200 - BACKLOG as u64);
+        for window in 0..1_000 {
+            assert!(downlink.due(window * CYCLE).len() <= BURST_BYTES as usize);
+        }
+        assert!(downlink.bytes.len() < 700);
+    }
+
+    #[test]
+    fn answers_to_the_ground_outlive_telemetry() {
+        let mut downlink = Downlink::new(57_600);
+        downlink.push(message(b'K', 1));
+        (0..200).for_each(|_| downlink.push(message(b'P', 0)));
+        assert_eq!(Ground::new(usize::MAX).hears(&mut downlink, 2)[0], 1);
+        (0..200).for_each(|_| downlink.push(message(b'K', 2)));
+        assert_eq!(downlink.waiting.len(), BACKLOG);
+    }
+
+    #[test]
+    fn a_frame_that_was_cut_is_not_finished_on_the_next_line() {
+        let mut downlink = Downlink::new(57_600);
+        (0..3).for_each(|number| downlink.push(message(b'P', number)));
+        let mut ground = Ground::new(50);
+        assert!(ground.hears(&mut downlink, 1).is_empty());
+        downlink.cut();
+        ground.at_most = usize::MAX;
+        assert_eq!(ground.hears(&mut downlink, 5), [2]);
+    }
+}

@@ -29,6 +29,9 @@ fn main() -> anyhow::Result<()> {
     let mean = costs.iter().sum::<Duration>() / CYCLES as u32;
     println!("mean {mean:?}, 99 % {:?}, longest {:?}", costs[costs.len() * 99 / 100], costs[costs.len() - 1]);
     session.flush()?;
+    let records = bateleur_simulator::truth::read(&path)?;
+    let flew = records.iter().all(|record| record.crashed == 0) && records[records.len() - 1].on_ground == 0;
+    anyhow::ensure!(flew, "the aircraft did not stay in the air, so the figures say nothing");
     std::fs::remove_file(path)?;
     Ok(())
 }

@@ -37,6 +37,8 @@ pub struct Session {
     origin_ns: Option<u64>,
     /// Module time of the newest answer.
     newest_ns: u64,
+    /// Module time of the newest actuators of a free-running plant.
+    newest_actuators_ns: u64,
     answer: Vec<u8>,
     older: OlderRun,
     log: Option<TruthWriter>,
@@ -64,6 +66,7 @@ impl Session {
             free_running: options.free_running,
             origin_ns: None,
             newest_ns: 0,
+            newest_actuators_ns: 0,
             answer: Vec::with_capacity(1024),
             older: OlderRun::default(),
             log,
@@ -115,7 +118,7 @@ impl Session {
     fn actuators(&mut self, actuators: &Actuators, reply: &mut Vec<u8>) {
         if self.free_running {
             self.follow_clock(actuators.module_ns);
-            self.flight.actuate(actuators);
+            self.actuate_newest(actuators);
         } else if self.exchange(actuators) {
             reply.extend_from_slice(&self.answer);
         }
@@ -208,6 +211,16 @@ impl Session {
         &self.answer
     }
 
+    /// Free-running: datagrams may overtake each other; one that was overtaken is ignored.
+    fn actuate_newest(&mut self, actuators: &Actuators) {
+        if actuators.module_ns < self.newest_actuators_ns {
+            self.counters.older += 1;
+            return;
+        }
+        self.newest_actuators_ns = actuators.module_ns;
+        self.flight.actuate(actuators);
+    }
+
     /// Free-running: ties the plant's clock to the module's at the first packet, and again after a jump.
     fn follow_clock(&mut self, module_ns: u64) {
         let flown_ns = self.flight.steps() * STEP_NS;
@@ -218,6 +231,7 @@ impl Session {
             None => {}
         }
         self.origin_ns = Some(module_ns.saturating_sub(flown_ns));
+        self.newest_actuators_ns = 0;
     }
 
     /// Hands the log to the system.
@@ -232,4 +246,48 @@ impl Session {
 /// To the nearest step, so that a module whose instants jitter by less than half of one sees equal intervals.
 fn round_to_steps(time_ns: u64) -> u64 {
     (time_ns + STEP_NS / 2) / STEP_NS
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bateleur_messages::{Custom, RawAnalog, RawGps};
+
+    fn packet(module_ns: u64, pulse_us: u16) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        Packet::Actuators(Actuators { module_ns, throttle_us: pulse_us, ..Actuators::default() })
+            .write(&mut bytes);
+        bytes
+    }
+
+    #[test]
+    fn free_running_plant_ignores_overtaken_actuators_and_follows_a_new_clock() {
+        let mut session = Session::new(&Options { free_running: true, ..Options::default() }).unwrap();
+        let mut reply = Vec::new();
+        for (module_ns, pulse_us) in [(1_000_000_000, 1000), (1_040_000_000, 2000), (1_020_000_000, 1000)] {
+            session.take(&packet(module_ns, pulse_us), &mut reply);
+        }
+        assert_eq!((session.counters().older, session.counters().clock_restarts), (1, 0));
+        assert_eq!(session.flight.truth(0).timers_us[4], 2000);
+        session.take(&packet(20_000_000, 1500), &mut reply);
+        assert_eq!((session.counters().older, session.counters().clock_restarts), (1, 1));
+        assert_eq!(session.flight.truth(0).timers_us[4], 1500);
+        assert!(reply.is_empty());
+    }
+
+    /// The README tells these lengths to people who bring their own simulator.
+    #[test]
+    fn packets_have_the_lengths_that_are_documented() {
+        let lengths = [
+            ("`T` actuators", size_of::<Actuators>()),
+            ("`I` analogue", size_of::<RawAnalog>()),
+            ("`C` custom", size_of::<Custom>()),
+            ("`G` fix", size_of::<RawGps>()),
+            ("`P` pilot", size_of::<PilotOrder>()),
+        ];
+        let readme = include_str!("../README.md");
+        for (name, length) in lengths {
+            assert!(readme.contains(&format!("{name}, {length} bytes")), "{name} has {length} bytes");
+        }
+    }
 }

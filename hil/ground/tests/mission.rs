@@ -1,0 +1,392 @@
+//! The scripted ground station against a fake aircraft at the other end of the line.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a panic here is a failed test")]
+
+use bateleur_ground::{Link, Mission, MissionPlan, Outcome, Phase, Pilot, Progress, Severity};
+use bateleur_messages::frame::{self, Decoder, Frame};
+use bateleur_messages::ground::{EstimatorOrder, Order};
+use bateleur_messages::hil::{PILOT_TAKE_OFF, PilotOrder};
+use bateleur_messages::telemetry::*;
+use std::collections::BTreeMap;
+use std::io::{ErrorKind, Read, Write};
+use std::os::unix::net::UnixStream;
+
+const STEP_NS: u64 = 100_000_000;
+const SECOND_NS: u64 = 1_000_000_000;
+/// The fake Controller reaches a way-point every so many steps.
+const LEG_STEPS: u64 = 40;
+
+#[derive(Default)]
+struct FakePilot {
+    orders: u32,
+    deaf: u32,
+}
+
+impl Pilot for FakePilot {
+    fn order(&mut self, order: PilotOrder) {
+        assert_eq!(order.order, PILOT_TAKE_OFF);
+        self.orders += 1;
+    }
+
+    fn confirmed(&mut self) -> bool {
+        self.orders > self.deaf
+    }
+}
+
+/// Functions that lose their memory when they are restarted cold.
+#[derive(Default)]
+struct Functions {
+    hil: bool,
+    estimator_since: Option<u64>,
+    waypoints: BTreeMap<u8, u8>,
+    navigation: bool,
+    controller: bool,
+    servo: bool,
+    reached: u32,
+    leg: u64,
+}
+
+struct Aircraft {
+    stream: UnixStream,
+    decoder: Decoder,
+    functions: Functions,
+    step: u64,
+    sensors_step: u64,
+    height_m: f64,
+    heard: BTreeMap<u8, u32>,
+    /// Ignore one order in so many.
+    deaf_every: Option<u32>,
+    refuse_navigation: bool,
+    silent_from: Option<u64>,
+}
+
+impl Aircraft {
+    fn new() -> (Self, Link) {
+        let (ours, theirs) = UnixStream::pair().unwrap();
+        theirs.set_nonblocking(true).unwrap();
+        let aircraft = Self {
+            stream: theirs,
+            decoder: Decoder::new(),
+            functions: Functions::default(),
+            step: 0,
+            sensors_step: 0,
+            height_m: 0.0,
+            heard: BTreeMap::new(),
+            deaf_every: None,
+            refuse_navigation: false,
+            silent_from: None,
+        };
+        (aircraft, Link::new(ours).unwrap())
+    }
+
+    fn now_ns(&self) -> u64 {
+        self.step * STEP_NS
+    }
+
+    fn tell(&mut self, telemetry: &Telemetry) {
+        if self.silent_from.is_some_and(|from| self.step >= from) {
+            return;
+        }
+        let (letter, data) = telemetry.parts();
+        let mut bytes = Vec::new();
+        frame::encode(letter, data, &mut bytes);
+        self.stream.write_all(&bytes).unwrap();
+    }
+
+    fn heard(&self, letter: u8) -> u32 {
+        self.heard.get(&letter).copied().unwrap_or(0)
+    }
+
+    fn live(&mut self, taken_off: bool) {
+        self.step += 1;
+        for frame in self.frames() {
+            let total: u32 = self.heard.values().sum();
+            *self.heard.entry(frame.letter).or_default() += 1;
+            if self.deaf_every.is_none_or(|every| !(total + 1).is_multiple_of(every)) {
+                self.obey(&frame);
+            }
+        }
+        self.fly(taken_off);
+        self.report();
+    }
+
+    fn frames(&mut self) -> Vec<Frame> {
+        let mut bytes = [0; 4096];
+        match self.stream.read(&mut bytes) {
+            Ok(length) => self.decoder.extend(&bytes[..length]).collect(),
+            Err(error) if error.kind() == ErrorKind::WouldBlock => Vec::new(),
+            Err(error) => panic!("{error}"),
+        }
+    }
+
+    fn obey(&mut self, frame: &Frame) {
+        let order = Order::parse(frame.letter, &frame.data).unwrap();
+        let step = self.step;
+        let functions = &mut self.functions;
+        let answers: &[(u8, u8)] = match order {
+            Order::Hil { on } => {
+                functions.hil = on;
+                &[(FROM_HIL_INTERFACE, ACCEPTED)]
+            }
+            Order::InitialiseSensors { .. } => &[(FROM_IMU, REFUSED)],
+            Order::Estimator(EstimatorOrder::Initialise { .. }) => {
+                functions.estimator_since = Some(step);
+                &[(FROM_ESTIMATOR, ACCEPTED)]
+            }
+            Order::Waypoint(point) => {
+                functions.waypoints.insert(point.index, point.count);
+                &[(FROM_CONTROLLER, ACCEPTED)]
+            }
+            Order::Navigation { .. } if self.refuse_navigation => &[(FROM_CONTROLLER, REFUSED)],
+            Order::Navigation { on } => {
+                (functions.navigation, functions.reached, functions.leg) = (on, 0, 0);
+                &[(FROM_CONTROLLER, ACCEPTED)]
+            }
+            Order::Autopilot { on } => {
+                (functions.controller, functions.servo) = (on, on);
+                &[(FROM_CONTROLLER, ACCEPTED), (FROM_SERVO, ACCEPTED)]
+            }
+            other => panic!("the script never sends {other:?}"),
+        };
+        let (time_ns, letter, first) = (self.now_ns(), frame.letter, frame.data[0]);
+        for &(from, result) in answers {
+            self.tell(&Telemetry::Acknowledge(Acknowledge {
+                time_ns,
+                letter,
+                first,
+                from,
+                result,
+                reserved: 0,
+            }));
+        }
+    }
+
+    fn fly(&mut self, taken_off: bool) {
+        let functions = &mut self.functions;
+        if functions.hil {
+            self.sensors_step = self.step;
+        }
+        if taken_off && self.height_m < 160.0 {
+            self.height_m += 1.0;
+        }
+        let complete = functions.waypoints.len() == 4;
+        if functions.controller && functions.servo && functions.navigation && complete {
+            functions.leg += 1;
+            functions.reached = (functions.leg / LEG_STEPS).min(9) as u32;
+        }
+    }
+
+    fn report(&mut self) {
+        let due = |every: u64| self.step.is_multiple_of(every);
+        let (half, one, two) = (due(5), due(10), due(20));
+        if half {
+            self.tell(&Telemetry::Imu(self.imu()));
+            self.tell(&Telemetry::State(self.state()));
+        }
+        if one {
+            let autopilot = u16::from(self.functions.servo);
+            let time_ns = self.now_ns();
+            self.tell(&Telemetry::Servo(ServoTelemetry { time_ns, autopilot, ..Default::default() }));
+        }
+        if two {
+            self.tell(&Telemetry::Primary(self.primary()));
+            self.tell(&Telemetry::Navigation(self.navigation()));
+        }
+    }
+
+    fn imu(&self) -> ImuTelemetry {
+        let airspeed_mps = if self.height_m > 0.0 { 22.0 } else { 0.0 };
+        ImuTelemetry { measured_ns: self.sensors_step * STEP_NS, airspeed_mps, ..Default::default() }
+    }
+
+    fn state(&self) -> StateTelemetry {
+        let status = match self.functions.estimator_since {
+            None => 0,
+            Some(since) if self.step < since + 20 => 1,
+            Some(_) => 3,
+        };
+        StateTelemetry {
+            valid_ns: self.sensors_step * STEP_NS,
+            position_ned_m: [0.0, 0.0, -self.height_m],
+            velocity_ned_mps: [22.0, 0.0, if self.height_m < 160.0 { -3.0 } else { 0.0 }],
+            status,
+            ..Default::default()
+        }
+    }
+
+    fn primary(&self) -> Primary {
+        let functions = &self.functions;
+        Primary {
+            time_ns: self.now_ns(),
+            autopilot: u8::from(functions.servo),
+            controller: u8::from(functions.controller),
+            estimator_enabled: u8::from(functions.estimator_since.is_some()),
+            hil: u8::from(functions.hil),
+            ..Default::default()
+        }
+    }
+
+    fn navigation(&self) -> Navigation {
+        let functions = &self.functions;
+        let flag = |on: bool, bit: u32| if on { bit } else { 0 };
+        Navigation {
+            time_ns: self.now_ns(),
+            waypoints_reached: functions.reached,
+            waypoint_count: functions.waypoints.len() as u32,
+            flags: flag(functions.controller, NAVIGATION_AUTOPILOT)
+                | flag(functions.navigation, NAVIGATION_ON)
+                | flag(functions.reached == 9, NAVIGATION_FINISHED),
+            ..Default::default()
+        }
+    }
+}
+
+struct Flight {
+    aircraft: Aircraft,
+    pilot: FakePilot,
+    last: Progress,
+    texts: Vec<(Severity, String)>,
+}
+
+/// Flies until the mission is over, with `meddle` called before each step.
+fn fly(mut meddle: impl FnMut(&mut Aircraft, Phase)) -> Flight {
+    fly_with(FakePilot::default(), &mut meddle)
+}
+
+fn fly_with(mut pilot: FakePilot, meddle: &mut dyn FnMut(&mut Aircraft, Phase)) -> Flight {
+    let (mut aircraft, mut link) = Aircraft::new();
+    let mut mission = Mission::new(MissionPlan::thesis());
+    let (mut texts, mut phase) = (Vec::new(), Phase::EnableHil);
+    for step in 0..10_000 {
+        meddle(&mut aircraft, phase);
+        aircraft.live(pilot.confirmed());
+        let last = mission.step(step * STEP_NS, &mut link, &mut pilot);
+        phase = last.phase;
+        texts.extend(last.events.iter().map(|event| (event.severity, event.text.clone())));
+        if last.is_over() {
+            return Flight { aircraft, pilot, last, texts };
+        }
+    }
+    panic!("the mission never ended: {texts:?}");
+}
+
+fn failure(flight: &Flight) -> &str {
+    match &flight.last.outcome {
+        Outcome::Failed(text) => text,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn healthy_aircraft_flies_its_laps_and_each_order_goes_out_once() {
+    let flight = fly(|_, _| ());
+    assert_eq!(flight.last.outcome, Outcome::Finished, "{:?}", flight.texts);
+    assert_eq!((flight.last.waypoints_reached, flight.last.rearmed, flight.pilot.orders), (9, 0, 1));
+    let sendings: Vec<u32> = b"HIEWNA".iter().map(|&letter| flight.aircraft.heard(letter)).collect();
+    assert_eq!(sendings, [1, 1, 1, 4, 1, 1]);
+    let before_take_off = 5 * SECOND_NS;
+    let climb_and_laps = 7 * SECOND_NS + 9 * LEG_STEPS * STEP_NS;
+    assert!(flight.last.time_ns < before_take_off + climb_and_laps + 6 * SECOND_NS, "{:?}", flight.last);
+}
+
+#[test]
+fn orders_that_get_lost_are_sent_again() {
+    let flight = fly(|aircraft, _| aircraft.deaf_every = Some(2));
+    assert_eq!(flight.last.outcome, Outcome::Finished, "{:?}", flight.texts);
+}
+
+#[test]
+fn deaf_pilot_is_called_again() {
+    let flight = fly_with(FakePilot { orders: 0, deaf: 3 }, &mut |_, _| ());
+    assert_eq!((flight.last.outcome, flight.pilot.orders), (Outcome::Finished, 4));
+}
+
+#[test]
+fn controller_restarted_cold_gets_way_points_navigation_and_autopilot_again() {
+    let mut killed = false;
+    let flight = fly(|aircraft, phase| {
+        if phase == Phase::Watch && aircraft.functions.reached == 3 && !killed {
+            killed = true;
+            let kept = std::mem::take(&mut aircraft.functions);
+            let Functions { hil, estimator_since, servo, .. } = kept;
+            aircraft.functions = Functions { hil, estimator_since, servo, ..Functions::default() };
+        }
+    });
+    assert_eq!(flight.last.outcome, Outcome::Finished, "{:?}", flight.texts);
+    let sendings: Vec<u32> = b"WNA".iter().map(|&letter| flight.aircraft.heard(letter)).collect();
+    assert_eq!((sendings, flight.last.rearmed), (vec![8, 2, 2], 3), "{:?}", flight.texts);
+}
+
+#[test]
+fn servo_hil_and_estimator_restarted_cold_are_armed_again() {
+    for subject in [b'A', b'H', b'E'] {
+        let mut killed = false;
+        let flight = fly(|aircraft, phase| {
+            if phase != Phase::Watch || aircraft.functions.reached < 3 || killed {
+                return;
+            }
+            killed = true;
+            match subject {
+                b'A' => aircraft.functions.servo = false,
+                b'H' => aircraft.functions.hil = false,
+                _ => aircraft.functions.estimator_since = None,
+            }
+        });
+        assert_eq!(flight.last.outcome, Outcome::Finished, "{:?}", flight.texts);
+        assert_eq!((flight.aircraft.heard(subject), flight.last.rearmed), (2, 1), "{:?}", flight.texts);
+    }
+}
+
+#[test]
+fn lost_hil_mode_is_noticed_within_two_imu_messages() {
+    let (mut lost_at, mut back_at) = (None, None);
+    fly(|aircraft, phase| {
+        if phase == Phase::Watch && aircraft.functions.reached == 1 && lost_at.is_none() {
+            aircraft.functions.hil = false;
+            lost_at = Some(aircraft.step);
+        } else if lost_at.is_some() && back_at.is_none() && aircraft.functions.hil {
+            back_at = Some(aircraft.step);
+        }
+    });
+    assert!(back_at.unwrap() - lost_at.unwrap() <= 12, "{lost_at:?} to {back_at:?}");
+}
+
+#[test]
+fn silent_line_fails_with_the_likely_reason() {
+    let flight = fly(|aircraft, _| aircraft.silent_from = Some(0));
+    assert!(failure(&flight).contains("is it the right line"), "{}", failure(&flight));
+    let flight = fly(|aircraft, phase| {
+        if phase == Phase::Climb {
+            aircraft.silent_from.get_or_insert(aircraft.step);
+        }
+    });
+    assert!(failure(&flight).contains("no telemetry for 30 s while climbing"), "{}", failure(&flight));
+    assert!(flight.texts.iter().any(|(_, text)| text == "no telemetry for 5 s"));
+}
+
+#[test]
+fn refusal_is_named_when_time_is_over() {
+    let flight = fly(|aircraft, _| aircraft.refuse_navigation = true);
+    assert!(failure(&flight).contains("Controller refuses"), "{}", failure(&flight));
+}
+
+#[test]
+fn aircraft_on_the_ground_ends_the_mission() {
+    let flight = fly(|aircraft, phase| {
+        if phase == Phase::Watch && aircraft.functions.reached >= 2 {
+            aircraft.height_m = -1.0;
+        }
+    });
+    assert!(failure(&flight).contains("came down"), "{}", failure(&flight));
+}
+
+#[test]
+fn line_that_is_closed_ends_the_mission() {
+    let (aircraft, mut link) = Aircraft::new();
+    drop(aircraft);
+    let last = Mission::new(MissionPlan::thesis()).step(0, &mut link, &mut FakePilot::default());
+    assert_eq!(
+        last.outcome,
+        Outcome::Failed("enabling HIL mode: the line was closed by the other end".into())
+    );
+}

@@ -3,6 +3,8 @@
 //! Scores are against the truth shifted by what no filter can see: the receiver's slow error, and the drift of the
 //! barometer since it was zeroed on the runway.
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a panic here is a failed test")]
+
 mod common;
 
 use bateleur_flight::control::fallback::Basis;
@@ -205,7 +207,8 @@ fn old_snapshot_gives_its_biases_to_a_cold_start() {
     assert!((state.euler.x - truth.roll_rad).to_degrees().abs() < 1.5);
     assert!((state.euler.z - truth.yaw_rad).to_degrees().abs() < 3.0);
     flight.run_mission(LIMIT_S);
-    assert_within("after an old snapshot", &Score { altitude: 0.0, ..flight.score() }, 5.0, 1.0, 1.5);
+    // Three seconds without a state in a turn cost some 40 m of track, but no height reference.
+    assert_within("after an old snapshot", &flight.score(), 8.0, 1.5, 1.5);
 }
 
 #[test]

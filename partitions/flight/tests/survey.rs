@@ -66,7 +66,12 @@ fn monte_carlo() {
             let score = flight.score();
             if score.straight > 2.0 || score.altitude > 0.8 || score.cross_track_max > 30.0 {
                 let c = &flight.options.conditions;
-                println!("outlier {seed}: wind {:.1} {:?} {score:.2?} {:?}", c.wind_speed_mps, c.turbulence, flight.estimator.counters());
+                println!(
+                    "outlier {seed}: wind {:.1} {:?} {score:.2?} {:?}",
+                    c.wind_speed_mps,
+                    c.turbulence,
+                    flight.estimator.counters()
+                );
             }
             (flight.order(), score)
         });
@@ -94,27 +99,5 @@ fn monte_carlo() {
             at(0.99),
             at(1.0)
         );
-    }
-}
-
-#[test]
-#[ignore = "scratch"]
-fn trace() {
-    let seed: u64 = std::env::var("SEED").unwrap().parse().unwrap();
-    let t0: f64 = std::env::var("T0").unwrap().parse().unwrap();
-    let t1: f64 = std::env::var("T1").unwrap().parse().unwrap();
-    let options = common::varied(seed);
-    println!("{:?} lat {}", options.plant.as_ref().unwrap().aerodynamics, options.conditions.sensors.gps.latency_s);
-    let mut flight = Flight::new(options);
-    let mut k = 0;
-    while flight.plant.time_s() < t1 {
-        flight.step();
-        k += 1;
-        let f = flight.last();
-        if f.truth.time_s > t0 && k % 10 == 0 {
-            let (t, o) = (&f.truth, &f.output);
-            let n = f.navigation.unwrap();
-            println!("{:6.2} roll {:5.1} ref {:5.1} P {:5.2} ref {:5.2} C {:6.2} ref {:6.2} A {:5.2} ref {:5.2} V {:4.1} alt {:6.1} beta {:5.2} ail {:5.2} ele {:5.2} rud {:5.2} thr {:4.2} xt {:6.2} wind {:4.1} {:4.1} true {:4.1} {:4.1} arc {} R {:.0} next {} reached {}", t.time_s, t.roll_rad.to_degrees(), o.references.bank_rad.to_degrees(), o.signals.roll_rate_radps, o.references.roll_rate_radps, o.signals.normal_mps2, o.references.normal_mps2, o.signals.axial_mps2, o.references.axial_mps2, t.airspeed_mps, n.altitude_m(), t.beta_rad.to_degrees(), o.command.aileron_rad, o.command.elevator_rad, o.command.rudder_rad, o.command.throttle, o.guidance.map_or(0.0, |g| g.cross_track_m), n.wind.x, n.wind.y, t.wind_ned_mps.x, t.wind_ned_mps.y, o.guidance.is_some_and(|g| g.on_arc), o.guidance.map_or(0.0, |g| g.radius_m), o.guidance.map_or(9, |g| g.next), o.guidance.map_or(0, |g| g.reached));
-        }
     }
 }

@@ -370,6 +370,10 @@ impl Estimator {
             nominal.gyro_bias += aligned.mean_rates;
             nominal.position.z = -self.config.standing_height_m;
         }
+        if !standing && self.barometer.settled_offset().is_some() {
+            // The height found is the receiver's, many metres off; the barometer shall pull it back at once.
+            sigmas[POS + 2] = self.config.measurement.gps_vertical_with_barometer_m;
+        }
         self.filter = Filter::new(nominal, &sigmas);
         if self.slow_known {
             for (at, count) in [(GYRO, 3), (ACCEL, 3), (MAG, 3), (WIND, 2)] {

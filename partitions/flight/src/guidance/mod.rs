@@ -110,7 +110,7 @@ impl Default for GuidanceConfig {
             corner: Corner::Fillet,
             radius_m: None,
             least_radius_m: 70.0,
-            turn_bank_rad: 40f64.to_radians(),
+            turn_bank_rad: 38f64.to_radians(),
             laps: 0,
             lead_s: 0.55,
         }
@@ -161,10 +161,12 @@ const TRACK_GAIN: f64 = 0.35;
 const TRACK_SHARE: f64 = 0.6;
 /// Gain from closing-speed error to acceleration, 1/s.
 const CLOSING_GAIN: f64 = 1.2;
-/// Greatest horizontal acceleration, m/s²: 43° of bank.
-const HORIZONTAL_LIMIT_MPS2: f64 = 9.0;
+/// Greatest horizontal acceleration, m/s²: 47° of bank, which leaves a third of the lift a wing has at 22 m/s.
+const HORIZONTAL_LIMIT_MPS2: f64 = 10.5;
 /// Time an engagement takes to bend the track, s.
 const REACTION_S: f64 = 1.0;
+/// A fillet no longer changes when its beginning is nearer than this, s.
+const SETTLED_S: f64 = 3.0;
 /// A wind beyond this is taken for a wrong estimate where the radius is chosen, m/s.
 const STRONGEST_WIND_MPS: f64 = 15.0;
 /// A way-point passed abeam within this share of the radius counts as reached.
@@ -315,6 +317,12 @@ impl Guidance {
 
     fn advance_leg(&mut self, leg: &Leg, arc: Option<Arc>, motion: &Motion) {
         let offset = leg.offset(&motion.position);
+        let settled = arc.map_or(0.0, |arc| arc.tangent_m) + SETTLED_S * motion.velocity.norm();
+        if offset.left_m > settled {
+            // The wind of the corner is not that of the last corner: the fillet follows it until shortly before.
+            self.stage = self.begin_leg(*leg, &motion.wind);
+            return;
+        }
         if offset.left_m > arc.map_or(0.0, |arc| arc.tangent_m) {
             return;
         }
@@ -394,7 +402,7 @@ fn has_room(offset: &Offset, velocity: &Vector2<f64>, radius_m: f64) -> bool {
 }
 
 /// Acceleration to the right (m/s²) that closes a cross-track error and follows the curvature (1/m):
-/// `ẏ_ref = clamp(−0.35 y, ±0.6 V_g)`, `a = clamp(1.2 (ẏ_ref − ẏ) + V_g²/R, ±9)`; from a course more than 70° off
+/// `ẏ_ref = clamp(−0.35 y, ±0.6 V_g)`, `a = clamp(1.2 (ẏ_ref − ẏ) + V_g²/R, ±10.5)`; from a course more than 70° off
 /// the wanted one it turns as hard as it may, the shorter way round.
 pub fn track_acceleration(offset: &Offset, velocity: &Vector2<f64>, curvature: f64) -> f64 {
     let speed = velocity.norm().max(LEAST_GROUND_SPEED_MPS);

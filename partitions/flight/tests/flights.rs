@@ -7,12 +7,12 @@
 
 mod common;
 
+use bateleur_flight::control::LoopCommands;
 use bateleur_flight::control::fallback::Basis;
-use bateleur_flight::control::{Controller, ControllerConfig, LoopCommands};
 use bateleur_flight::estimator::{Aiding, Estimator, EstimatorStatus, Snapshot};
-use bateleur_flight::guidance::{Corner, Guidance, GuidanceConfig, seed_waypoints};
+use bateleur_flight::guidance::{Corner, GuidanceConfig};
 use bateleur_plant::Turbulence;
-use common::{Flight, FlightStart, Options, Score};
+use common::{Flight, FlightStart, Options, Score, new_controller};
 
 const TWO_LAPS: [usize; 8] = [0, 1, 2, 3, 0, 1, 2, 3];
 const LIMIT_S: f64 = 400.0;
@@ -232,17 +232,11 @@ fn estimator_dead_for_ten_seconds_leaves_the_aircraft_flying() {
     }
 }
 
-fn new_controller(flight: &Flight) -> Controller {
-    let airframe = bateleur_flight::airframe::Airframe::from_toml(flight.options.airframe).unwrap();
-    let guidance = Guidance::new(flight.options.guidance, &seed_waypoints()).unwrap();
-    Controller::new(airframe, ControllerConfig::default(), guidance)
-}
-
 #[test]
 fn controller_killed_in_a_turn_goes_on_from_its_snapshot() {
     let mut flight = banked(Options::new(6, 5.0, 250.0, Turbulence::Light), 30.0);
     let before = flight.controller.guidance().snapshot();
-    let mut fresh = new_controller(&flight);
+    let mut fresh = new_controller(&flight.options);
     assert!(fresh.resume(&flight.controller.snapshot()));
     flight.controller = fresh;
     assert_eq!(flight.controller.guidance().snapshot(), before);
@@ -254,7 +248,7 @@ fn controller_killed_in_a_turn_goes_on_from_its_snapshot() {
 fn controller_killed_in_a_turn_without_memory_survives_and_flies_the_mission_anew() {
     for seed in 1..=5 {
         let mut flight = banked(Options::new(seed, 5.0, 250.0, Turbulence::Moderate), 30.0);
-        flight.controller = new_controller(&flight);
+        flight.controller = new_controller(&flight.options);
         flight.frames.clear();
         flight.run_mission(LIMIT_S);
         assert_eq!(flight.order()[..8], TWO_LAPS);

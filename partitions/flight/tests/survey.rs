@@ -101,3 +101,79 @@ fn monte_carlo() {
         );
     }
 }
+
+/// Kills the estimator (without memory) at a drawn moment of `FLIGHTS` flights, for 0.1 s, and in every third flight the
+/// controller with it; prints how long it took, how far off the first state was, and what did not come back.
+#[test]
+#[ignore = "prints percentiles over many flights"]
+fn restarts() {
+    let flights: u64 = std::env::var("FLIGHTS").ok().and_then(|x| x.parse().ok()).unwrap_or(100);
+    let gps_hz: f64 = std::env::var("GPS_HZ").ok().and_then(|x| x.parse().ok()).unwrap_or(5.0);
+    let (mut delays, mut errors, mut sinks, mut later) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut failed = 0;
+    for seed in 5000..5000 + flights {
+        let outcome = std::panic::catch_unwind(|| {
+            let mut options = common::varied(seed);
+            options.conditions.sensors.gps.rate_hz = gps_hz;
+            let mut flight = Flight::new(options);
+            flight.run(60.0 + (seed * 37 % 100) as f64 * 0.73);
+            flight.estimator_dead = true;
+            flight.run(0.1);
+            flight.estimator = bateleur_flight::estimator::Estimator::new(flight.options.estimator);
+            flight.estimator_dead = false;
+            if seed % 3 == 0 {
+                flight.controller = common::new_controller(&flight.options);
+            }
+            let (began, height) = (flight.plant.time_s(), -flight.plant.truth().position_ned_m.z);
+            let from = flight.frames.len();
+            while flight.estimator.state().is_none() {
+                flight.step();
+                assert!(flight.plant.time_s() < began + 10.0, "no state");
+            }
+            let delay = flight.plant.time_s() - began;
+            let off = |flight: &Flight| {
+                let f = flight.last();
+                f.navigation.map_or(180.0, |n| n.quaternion.angle_to(&f.truth.attitude).to_degrees())
+            };
+            let first = off(&flight);
+            flight.run(10.0);
+            let after = off(&flight);
+            let lowest =
+                flight.frames[from..].iter().map(|f| -f.truth.position_ned_m.z).fold(f64::INFINITY, f64::min);
+            flight.frames.clear();
+            flight.run_mission(500.0);
+            (delay, first, after, height - lowest)
+        });
+        match outcome {
+            Ok((delay, first, after, sink)) => {
+                delays.push(delay);
+                errors.push(first);
+                later.push(after);
+                sinks.push(sink);
+                if sink > 10.0 || after > 3.0 {
+                    println!(
+                        "outlier {seed}: delay {delay:.2} first {first:.1} after {after:.1} sink {sink:.1}"
+                    );
+                }
+            }
+            Err(_) => {
+                failed += 1;
+                println!("seed {seed} did not come back");
+            }
+        }
+    }
+    println!("{failed} of {flights} did not come back");
+    for (name, mut column) in
+        ["delay s", "first °", "10 s later °", "sunk m"].into_iter().zip([delays, errors, later, sinks])
+    {
+        column.sort_by(f64::total_cmp);
+        let at = |share: f64| column[((column.len() - 1) as f64 * share) as usize];
+        println!(
+            "{name:12} median {:5.2}  90 % {:5.2}  99 % {:5.2}  max {:5.2}",
+            at(0.5),
+            at(0.9),
+            at(0.99),
+            at(1.0)
+        );
+    }
+}

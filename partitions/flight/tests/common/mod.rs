@@ -92,7 +92,6 @@ pub struct Flight {
 
 impl Flight {
     pub fn new(options: Options) -> Self {
-        let airframe = Airframe::from_toml(options.airframe).unwrap();
         let plant_airframe = options
             .plant
             .clone()
@@ -101,8 +100,7 @@ impl Flight {
             Some(start) => Simulation::in_flight(&plant_airframe, &options.conditions, start).unwrap(),
             None => Simulation::new(&plant_airframe, &options.conditions).unwrap(),
         };
-        let guidance = Guidance::new(options.guidance, &seed_waypoints()).unwrap();
-        let controller = Controller::new(airframe, options.controller, guidance);
+        let controller = new_controller(&options);
         let trim = *controller.trim();
         let flying = options.start.is_some();
         let rest = ActuatorCommand {
@@ -387,6 +385,13 @@ pub struct EstimateErrors {
     pub velocity_mps: f64,
     pub horizontal_m: f64,
     pub height_m: f64,
+}
+
+/// A controller as after a restart without memory.
+pub fn new_controller(options: &Options) -> Controller {
+    let airframe = Airframe::from_toml(options.airframe).unwrap();
+    let guidance = Guidance::new(options.guidance, &seed_waypoints()).unwrap();
+    Controller::new(airframe, options.controller, guidance)
 }
 
 /// A flight drawn from a seed: wind, turbulence, derivatives ±20 %, mass ±10 %, latency 50–250 ms.

@@ -5,8 +5,9 @@
 //! - gyroscope: the mean rate is the bias (the earth's own 15°/h are below the sensor's resolution);
 //! - accelerometer: the attitude is not known, so only the error along the vertical can be told from gravity; the
 //!   mean is brought to the length of gravity in its own direction, and level is not assumed;
-//! - pressure: the mean differential pressure is the bias, and the mean pressure altitude becomes height zero. In a
-//!   strong wind into the pitot tube, cover it.
+//! - pressure: the mean pressure altitude becomes height zero. The mean differential pressure is the bias only where
+//!   the caller says that the pitot tube is covered: 8 m/s of wind into it look like 38 Pa of bias, which would take
+//!   1.5 m/s off the airspeed in flight.
 //!
 //! An aircraft that moves gives itself away: rates or forces that differ from their mean, a force that is not
 //! gravity's, or a dynamic pressure. Straight and level flight shows in the last alone.
@@ -27,9 +28,12 @@ const MEAN_RATE_RADPS: f64 = 0.5;
 const FORCE_CHANGE_MPS2: f64 = 1.0;
 /// Largest difference of the mean specific force from gravity, m/s²: bias of 80 mg and scale error of 3 %.
 const FORCE_ERROR_MPS2: f64 = 1.5;
-/// Largest dynamic pressure at rest, Pa: bias, and wind up to 8 m/s into the tube; less than any flying speed gives.
-const DIFFERENTIAL_PA: f64 = 60.0;
-/// Samples older than this many averaging times end the attempt: the sensors are gone.
+/// Largest mean dynamic pressure at rest, Pa: bias, and gusts up to 12 m/s into the tube; less than any flying speed
+/// gives.
+const DIFFERENTIAL_PA: f64 = 100.0;
+/// Fewer samples are no mean; more are waited for.
+const ENOUGH: u32 = 10;
+/// After this many averaging times without [`ENOUGH`] samples the attempt ends: the sensors are gone.
 const PATIENCE: u64 = 3;
 
 /// What has come of an order.
@@ -45,6 +49,7 @@ pub enum Outcome {
 #[derive(Debug, Clone, Copy)]
 pub struct Initialise {
     sensors: u8,
+    pitot_covered: bool,
     began_ns: u64,
     length_ns: u64,
     first: Option<RawAnalog>,
@@ -56,10 +61,12 @@ pub struct Initialise {
 }
 
 impl Initialise {
-    /// Begins at module time `now_ns` to average the sensors of the bits `sensors` for `length_ns`.
-    pub fn new(sensors: u8, now_ns: u64, length_ns: u64) -> Self {
+    /// Begins at module time `now_ns` to average the sensors of the bits `sensors` for `length_ns`. With
+    /// `pitot_covered`, what the differential pressure shows is bias.
+    pub fn new(sensors: u8, pitot_covered: bool, now_ns: u64, length_ns: u64) -> Self {
         Self {
             sensors,
+            pitot_covered,
             began_ns: now_ns,
             length_ns,
             first: None,
@@ -88,12 +95,10 @@ impl Initialise {
         if age_ns < self.length_ns {
             return None;
         }
-        // A few samples are no mean; wait for more, but not for ever.
-        let enough = self.count >= 10;
-        match enough {
-            true => Some(Outcome::Found(self.biases(present))),
-            false => (age_ns > PATIENCE * self.length_ns).then_some(Outcome::Refused),
+        if self.count >= ENOUGH {
+            return Some(Outcome::Found(self.biases(present)));
         }
+        (age_ns > PATIENCE * self.length_ns).then_some(Outcome::Refused)
     }
 
     /// Adds a sample to the means; false: the aircraft moves, or the sample is broken.
@@ -125,8 +130,10 @@ impl Initialise {
             biases.rates_radps = self.rates;
         }
         if self.covers(SENSOR_PRESSURE) {
-            biases.differential_pressure_pa = self.differential_pa;
             biases.reference_altitude_m = self.altitude_m;
+        }
+        if self.covers(SENSOR_PRESSURE) && self.pitot_covered {
+            biases.differential_pressure_pa = self.differential_pa;
         }
         biases
     }
@@ -153,7 +160,7 @@ mod tests {
 
     /// Runs an order to its outcome over sensor sets by number.
     fn run(sensors: u8, set: impl Fn(u64) -> Option<RawAnalog>) -> (Outcome, u64) {
-        let mut initialise = Initialise::new(sensors, 0, SECOND);
+        let mut initialise = Initialise::new(sensors, true, 0, SECOND);
         for number in 1..1_000 {
             let raw = set(number);
             if let Some(outcome) = initialise.step(number * CYCLE, raw.as_ref(), &Biases::default()) {
@@ -200,6 +207,19 @@ mod tests {
         let set = |number| Some(RawAnalog { specific_force_mps2: tilted, ..standing(number * CYCLE) });
         let Outcome::Found(biases) = run(SENSOR_ACCELEROMETER, set).0 else { panic!() };
         assert!(biases.specific_force_mps2.iter().all(|bias| bias.abs() < 1e-9), "{biases:?}");
+    }
+
+    #[test]
+    fn wind_into_an_open_pitot_tube_is_no_bias() {
+        let mut initialise = Initialise::new(SENSOR_PRESSURE, false, 0, SECOND);
+        let present = Biases { differential_pressure_pa: 1.0, ..Biases::default() };
+        let outcome = (1..=50).find_map(|number| {
+            let windy = RawAnalog { differential_pressure_pa: 38.0, ..biased(number) };
+            initialise.step(number * CYCLE, Some(&windy), &present)
+        });
+        let Some(Outcome::Found(biases)) = outcome else { panic!("{outcome:?}") };
+        assert_eq!(biases.differential_pressure_pa, 1.0);
+        assert!((biases.reference_altitude_m - 100.0).abs() < 0.1);
     }
 
     #[test]

@@ -25,6 +25,7 @@ struct InertialUnit {
     initialising: Option<(Initialise, GroundMessage)>,
     initialise_ns: u64,
     gyro_bias: bool,
+    pitot_covered: bool,
     raw: SamplingDestination<RawAnalog>,
     outputs: Outputs,
     rate: SamplingDestination<Rate>,
@@ -50,6 +51,7 @@ impl Partition for InertialUnit {
             initialising: None,
             initialise_ns: context.duration_ns("initialise_time", INITIALISE_NS)?,
             gyro_bias: context.attribute("gyro_bias", true)?,
+            pitot_covered: context.attribute("pitot_covered", false)?,
             raw: context.sampling_destination("raw")?,
             outputs: Outputs {
                 acceleration: context.sampling_source("acceleration")?,
@@ -96,7 +98,8 @@ impl InertialUnit {
             return self.answer(message, REFUSED, now_ns);
         }
         if !self.initialising.is_some_and(|(under_way, _)| under_way.covers(sensors)) {
-            self.initialising = Some((Initialise::new(sensors, now_ns, self.initialise_ns), *message));
+            let under_way = Initialise::new(sensors, self.pitot_covered, now_ns, self.initialise_ns);
+            self.initialising = Some((under_way, *message));
         }
     }
 

@@ -174,8 +174,7 @@ impl Servo {
         }
     }
 
-    /// Both aileron servos get the same pulse: they are mounted as mirror images, so that one goes up as the other
-    /// goes down.
+    /// Both aileron servos get the same pulse, positive rolls right: they are mounted as mirror images.
     fn timers_of(&self, command: &ActuatorCommand) -> TimersUs {
         let timers = self.map.to_timer(&Deflections {
             throttle: command.throttle,

@@ -208,5 +208,5 @@ fn short(path: &Path) -> String {
 
 /// Nanoseconds of module time in seconds.
 pub(crate) fn seconds(ns: u64) -> f64 {
-    ns as f64 * 1e-9
+    ns as f64 / 1e9
 }

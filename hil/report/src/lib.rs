@@ -8,8 +8,10 @@
 
 pub mod believed;
 mod error;
+pub mod figures;
 pub mod flight;
 pub mod health;
+pub mod html;
 pub mod log;
 pub mod mission;
 pub mod planned;
@@ -18,9 +20,24 @@ pub mod run;
 pub mod score;
 pub mod summary;
 pub mod text;
+pub mod timeline;
 pub mod timing;
 pub mod windows;
 
 pub use error::ReportError;
 pub use flight::{Flight, Inputs};
 pub use summary::{Analysis, Summary};
+
+use std::path::Path;
+
+/// Reads a flight's folder and writes `summary.json` and `report.html` there. A flight that failed, or whose files are
+/// short or missing, gets a report that says so; only a folder that is not there or cannot be written is an error.
+pub fn write(dir: impl AsRef<Path>, inputs: &Inputs) -> Result<Summary, ReportError> {
+    let dir = dir.as_ref();
+    let flight = Flight::load(dir, inputs)?;
+    let analysis = Analysis::of(&flight);
+    let summary = analysis.summary(&flight);
+    summary::write(dir, &summary)?;
+    error::write(&dir.join(html::FILE), &html::page(&flight, &analysis, &summary))?;
+    Ok(summary)
+}

@@ -1,6 +1,7 @@
 //! Which way-points were reached, when, and whether the aircraft really was there.
 
 use crate::believed::Believed;
+use crate::planned::Planned;
 use bateleur_flight::guidance::Waypoint;
 use bateleur_messages::ActuatorCommand;
 use bateleur_simulator::truth::TruthRecord;
@@ -9,11 +10,11 @@ use std::f64::consts::PI;
 /// Around the instant at which the aircraft says that it reached a way-point, the truth is searched for the
 /// closest approach this long before and after, ns: the fillet's nearest point lies within.
 const SEARCH_NS: u64 = 2_000_000_000;
-/// A passage is fair if it comes as near as the fillet of [`FAIR_RADIUS_M`] does, plus this, m. Wider than any
-/// tracking error that still counts as flying the path.
-const FAIR_MARGIN_M: f64 = 15.0;
-/// The widest fillet that guidance makes by itself, m: 22 m/s and 12 m/s of wind.
-const FAIR_RADIUS_M: f64 = 140.0;
+/// A passage is fair if it comes as near as the planned fillet does, plus this, m: wider than any tracking error that
+/// still counts as flying the path.
+const FAIR_MARGIN_M: f64 = 25.0;
+/// No fillet counts as wider than this, m: 22 m/s and 15 m/s of wind.
+const WIDEST_FILLET_M: f64 = 180.0;
 
 /// A way-point reached.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,20 +36,26 @@ impl Passage {
     }
 }
 
-/// The way-points that the Controller counted, each checked against the truth.
-pub fn passages(
-    commands: &[(u64, ActuatorCommand)],
+/// The way-points that the Controller counted, not yet checked.
+pub fn passages(commands: &[(u64, ActuatorCommand)], waypoints: usize) -> Vec<Passage> {
+    let counted = counted(commands, waypoints).into_iter();
+    counted.map(|(time_ns, index)| Passage { index, time_ns, distance_m: None, verified: false }).collect()
+}
+
+/// Checks each passage against the truth.
+pub fn verify(
+    passages: &mut [Passage],
     waypoints: &[Waypoint],
+    planned: &Planned,
     truth: &[TruthRecord],
     believed: &Believed,
-) -> Vec<Passage> {
-    let counted = counted(commands, waypoints.len());
-    let check = |(time_ns, index): (u64, usize)| {
-        let distance_m = closest(truth, believed, &waypoints[index], time_ns);
-        let verified = distance_m.is_some_and(|distance| distance <= fair_distance_m(waypoints, index));
-        Passage { index, time_ns, distance_m, verified }
-    };
-    counted.into_iter().map(check).collect()
+) {
+    for passage in passages {
+        let Some(waypoint) = waypoints.get(passage.index) else { continue };
+        let fair_m = fair_distance_m(waypoints, passage.index, planned.radius_m(passage.time_ns));
+        passage.distance_m = closest(truth, believed, waypoint, passage.time_ns);
+        passage.verified = passage.distance_m.is_some_and(|distance| distance <= fair_m);
+    }
 }
 
 /// Time and index of every way-point counted. The count may jump by several where messages are missing, and fall
@@ -72,14 +79,14 @@ fn closest(truth: &[TruthRecord], believed: &Believed, waypoint: &Waypoint, time
 }
 
 /// How near the path comes to a way-point at most: a fillet cuts the corner by R (1/cos(turn/2) − 1).
-fn fair_distance_m(waypoints: &[Waypoint], index: usize) -> f64 {
+fn fair_distance_m(waypoints: &[Waypoint], index: usize, radius_m: f64) -> f64 {
     let count = waypoints.len();
     let at = |i: usize| waypoints[i % count].horizontal();
     let (inbound, outbound) = (at(index) - at(index + count - 1), at(index + 1) - at(index));
     let turn = inbound.angle(&outbound);
     let cut = if turn < 0.9 * PI { 1.0 / (0.5 * turn).cos() - 1.0 } else { 0.0 };
     let room = 0.5 * inbound.norm().min(outbound.norm());
-    (FAIR_RADIUS_M * cut).min(room) + FAIR_MARGIN_M
+    (radius_m.min(WIDEST_FILLET_M) * cut).min(room) + FAIR_MARGIN_M
 }
 
 /// Way-points reached in the right order without one missing, from the first: as many as a lap count may rest on.
@@ -124,12 +131,16 @@ mod tests {
             (0..100).map(record).collect::<Vec<_>>()
         };
         let waypoints = seed_waypoints();
-        let far = passages(&commands, &waypoints, &truth(300.0), &Believed::default());
+        let planned = Planned::fixed(&waypoints, 70.0);
+        let checked = |truth: &[TruthRecord]| {
+            let mut found = passages(&commands, 4);
+            verify(&mut found, &waypoints, &planned, truth, &Believed::default());
+            found
+        };
+        let (near, far, blind) = (checked(&truth(480.0)), checked(&truth(300.0)), checked(&[]));
         assert_eq!((far.len(), far[0].verified, far[0].distance_m), (1, false, Some(200.0)));
-        let near = passages(&commands, &waypoints, &truth(480.0), &Believed::default());
         assert!(near[0].verified);
         assert_eq!((in_order(&near, 4), in_order(&far, 4)), (1, 0));
-        let blind = passages(&commands, &waypoints, &[], &Believed::default());
         assert_eq!((blind[0].verified, blind[0].distance_m), (false, None));
     }
 }

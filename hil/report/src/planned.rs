@@ -1,20 +1,21 @@
 //! The path that was to be flown.
 //!
-//! The geometry is guidance's own. The radius of each fillet is what guidance chose when it began the leg before it: fixed
-//! where it is set, else from the wind that the Estimator saw at that instant. So the score takes from the aircraft which path
-//! it meant to fly, and nothing about where it was.
+//! The geometry is guidance's own. The radius of each fillet is fixed where it was set; otherwise guidance chose it from
+//! the wind that the Estimator saw, and the same code chooses it here again from the logged estimates. So the score takes
+//! from the aircraft which path it meant to fly, and nothing about where it was.
 
 use crate::flight::{Flight, Inputs};
 use crate::mission::Passage;
-use bateleur_flight::GRAVITY_MPS2;
 use bateleur_flight::guidance::path::{Arc, Circuit, Piece};
-use bateleur_flight::guidance::{Corner, GuidanceConfig, Waypoint};
-use bateleur_messages::State;
+use bateleur_flight::guidance::{Corner, Guidance, GuidanceSnapshot, Motion, Waypoint};
+use bateleur_messages::state::STATUS_COARSE;
+use bateleur_messages::{ActuatorCommand, State};
 use nalgebra::Vector2;
 
-/// Where a corner has no passage yet, its radius takes over this long after its leg began, ns.
-const TAKE_OVER_NS: u64 = 3_000_000_000;
-/// Pieces that an arc is drawn with, one for each of these angles, rad.
+/// Frames that guidance may count another way-point here than it did in flight before it is set to what it did in
+/// flight: a passage falls into neighbouring frames at most, a restart or a new mission lasts.
+const PATIENCE_FRAMES: u32 = 10;
+/// Steps of an arc that is drawn, rad.
 const DRAWN_STEP_RAD: f64 = 0.05;
 
 /// The circuit as planned, which changes its radius from corner to corner.
@@ -24,6 +25,7 @@ pub struct Planned {
     stages: Vec<Stage>,
 }
 
+/// The circuit from halfway down the leg before a corner to halfway down the leg after it.
 #[derive(Debug, Clone)]
 struct Stage {
     from_ns: u64,
@@ -34,11 +36,11 @@ struct Stage {
 impl Planned {
     /// The path of a flight.
     pub fn of(flight: &Flight, passages: &[Passage]) -> Self {
-        let config = &flight.inputs.guidance;
-        let fixed = if config.corner == Corner::FlyThrough { Some(0.0) } else { config.radius_m };
+        let Inputs { waypoints, guidance, .. } = &flight.inputs;
+        let fixed = if guidance.corner == Corner::FlyThrough { Some(0.0) } else { guidance.radius_m };
         match fixed {
-            Some(radius_m) => Self::fixed(&flight.inputs.waypoints, radius_m),
-            None => Self::from_wind(flight, passages),
+            Some(radius_m) => Self::fixed(waypoints, radius_m),
+            None => Self::chosen(waypoints, passages, &radii(flight), guidance.least_radius_m),
         }
     }
 
@@ -49,40 +51,23 @@ impl Planned {
         planned
     }
 
-    fn from_wind(flight: &Flight, passages: &[Passage]) -> Self {
-        let Inputs { waypoints, guidance, .. } = &flight.inputs;
-        let mut planned = Self { waypoints: waypoints.clone(), stages: Vec::new() };
-        let engaged = flight.commands.iter().find(|(_, command)| command.engaged != 0);
-        let mut begun_ns = engaged.map_or(0, |(time, _)| *time);
-        for corner in 0..=passages.len() {
-            let index =
-                passages.get(corner).map_or_else(|| after_last(passages, waypoints.len()), |at| at.index);
-            let radius_m = radius_m(guidance, waypoints.get(index), state_at(&flight.states, begun_ns));
-            planned.push(take_over(begun_ns, passages.get(corner)), radius_m);
-            if let Some(passage) = passages.get(corner) {
-                begun_ns = planned.corner_left(&flight.states, passage);
-            }
+    /// The path with a radius for each passage, from what guidance had in mind over time.
+    fn chosen(waypoints: &[Waypoint], passages: &[Passage], radii: &[(u64, f64)], least_m: f64) -> Self {
+        let mut planned = Self { waypoints: waypoints.to_vec(), stages: Vec::new() };
+        let mut last_ns = 0;
+        for passage in passages {
+            let from_ns = if last_ns == 0 { 0 } else { u64::midpoint(last_ns, passage.time_ns.max(last_ns)) };
+            planned.push(from_ns, radius_at(radii, passage.time_ns).unwrap_or(least_m));
+            last_ns = passage.time_ns;
+        }
+        if passages.is_empty() {
+            planned.push(0, radius_at(radii, u64::MAX).unwrap_or(least_m));
         }
         planned
     }
 
     fn push(&mut self, from_ns: u64, radius_m: f64) {
-        // What lies before the first stage belongs to it.
-        let from_ns = if self.stages.is_empty() { 0 } else { from_ns };
         self.stages.push(Stage { from_ns, radius_m, circuit: Circuit::new(&self.waypoints, radius_m) });
-    }
-
-    /// When the fillet at a way-point came to its end, ns, by the Estimator's position.
-    fn corner_left(&self, states: &[(u64, State)], passage: &Passage) -> u64 {
-        let Some(arc) = self.stages.last().and_then(|stage| stage.circuit.arc(passage.index)) else {
-            return passage.time_ns;
-        };
-        let from = states.partition_point(|(time, _)| *time < passage.time_ns);
-        let over = |state: &State| {
-            let [north, east, _] = state.position_ned_m;
-            arc.offset(&Vector2::new(north, east)).left_m <= 0.0
-        };
-        states[from..].iter().find(|(_, state)| over(state)).map_or(passage.time_ns, |(time, _)| *time)
     }
 
     fn stage(&self, time_ns: u64) -> Option<&Stage> {
@@ -97,6 +82,11 @@ impl Planned {
         Some((right_m, matches!(piece, Piece::Leg(_))))
     }
 
+    /// The radius in force at a module time, ns.
+    pub fn radius_m(&self, time_ns: u64) -> f64 {
+        self.stage(time_ns).map_or(0.0, |stage| stage.radius_m)
+    }
+
     /// The radius of each corner in the order flown, m.
     pub fn radii_m(&self) -> Vec<f64> {
         self.stages.iter().map(|stage| stage.radius_m).collect()
@@ -106,10 +96,10 @@ impl Planned {
     pub fn outline(&self, time_ns: u64) -> Vec<Vector2<f64>> {
         let Some(stage) = self.stage(time_ns) else { return Vec::new() };
         let mut points = Vec::new();
-        for index in 0..self.waypoints.len() {
+        for (index, waypoint) in self.waypoints.iter().enumerate() {
             match stage.circuit.arc(index) {
                 Some(arc) => points.extend(drawn(arc)),
-                None => points.push(self.waypoints[index].horizontal()),
+                None => points.push(waypoint.horizontal()),
             }
         }
         points.extend(points.first().copied());
@@ -117,27 +107,48 @@ impl Planned {
     }
 }
 
-fn take_over(begun_ns: u64, passage: Option<&Passage>) -> u64 {
-    passage.map_or(begun_ns + TAKE_OVER_NS, |passage| begun_ns.midpoint(passage.time_ns.max(begun_ns)))
+/// The radius that guidance had in mind at each estimate, m: the same laws fed with the same estimates again.
+fn radii(flight: &Flight) -> Vec<(u64, f64)> {
+    let Inputs { waypoints, guidance, .. } = &flight.inputs;
+    let Ok(mut guidance) = Guidance::new(*guidance, waypoints) else { return Vec::new() };
+    let mut radii = Vec::new();
+    let mut commands = flight.commands.iter().peekable();
+    let mut logged = ActuatorCommand::default();
+    let mut apart = 0;
+    for (time_ns, state) in flight.states.iter().filter(|(_, state)| state.status >= STATUS_COARSE) {
+        while let Some((_, command)) = commands.next_if(|(time, _)| time <= time_ns) {
+            logged = *command;
+        }
+        if logged.engaged == 0 {
+            guidance.disengage();
+            continue;
+        }
+        let count = guidance.snapshot().reached;
+        apart = if count == logged.waypoints_reached { 0 } else { apart + 1 };
+        if apart > PATIENCE_FRAMES {
+            guidance
+                .resume(&GuidanceSnapshot { next: logged.next_waypoint, reached: logged.waypoints_reached });
+        }
+        let radius_m = guidance.step(&motion(state)).radius_m;
+        if radius_m > 0.0 {
+            radii.push((*time_ns, radius_m));
+        }
+    }
+    radii
 }
 
-fn after_last(passages: &[Passage], count: usize) -> usize {
-    passages.last().map_or(0, |passage| (passage.index + 1) % count.max(1))
+fn motion(state: &State) -> Motion {
+    let horizontal = |ned: &[f64; 3]| Vector2::new(ned[0], ned[1]);
+    Motion {
+        position: horizontal(&state.position_ned_m),
+        velocity: horizontal(&state.velocity_ned_mps),
+        wind: Vector2::from(state.wind_ne_mps),
+    }
 }
 
-fn state_at(states: &[(u64, State)], time_ns: u64) -> Option<&State> {
-    let at = states.partition_point(|(time, _)| *time < time_ns).min(states.len().saturating_sub(1));
-    states.get(at).map(|(_, state)| state)
-}
-
-/// Guidance's rule: the design bank suffices with the whole wind from behind, (V + W)²/(g tan φ), but not below its
-/// least radius.
-fn radius_m(config: &GuidanceConfig, target: Option<&Waypoint>, state: Option<&State>) -> f64 {
-    let wind = state.map_or(0.0, |state| state.wind_ne_mps[0].hypot(state.wind_ne_mps[1]));
-    let fastest =
-        target.map_or(0.0, |target| target.airspeed_mps) + if wind.is_finite() { wind } else { 0.0 };
-    let needed = fastest * fastest / (GRAVITY_MPS2 * config.turn_bank_rad.tan());
-    needed.max(config.least_radius_m)
+fn radius_at(radii: &[(u64, f64)], time_ns: u64) -> Option<f64> {
+    let after = radii.partition_point(|(time, _)| *time <= time_ns);
+    radii.get(after.saturating_sub(1)).map(|(_, radius_m)| *radius_m)
 }
 
 fn drawn(arc: &Arc) -> Vec<Vector2<f64>> {
@@ -153,38 +164,44 @@ fn drawn(arc: &Arc) -> Vec<Vector2<f64>> {
 mod tests {
     use super::*;
     use bateleur_flight::guidance::seed_waypoints;
-    use bateleur_messages::ActuatorCommand;
 
-    #[test]
-    fn wind_widens_the_corners_as_guidance_does() {
-        let config = GuidanceConfig::default();
-        let target = seed_waypoints()[0];
-        let windy = State { wind_ne_mps: [0.0, 8.0], ..Default::default() };
-        assert_eq!(radius_m(&config, Some(&target), None), 70.0);
-        assert!((radius_m(&config, Some(&target), Some(&windy)) - 109.4).abs() < 0.1);
+    /// An estimate on the leg to WP0, and the command of the same frame.
+    fn frame(time_ns: u64, wind: f64) -> ((u64, State), (u64, ActuatorCommand)) {
+        let state = State {
+            position_ned_m: [20.0, 0.0, -160.0],
+            velocity_ned_mps: [22.0, 0.0, 0.0],
+            wind_ne_mps: [wind, 0.0],
+            status: 3,
+            ..Default::default()
+        };
+        ((time_ns, state), (time_ns, ActuatorCommand { engaged: 1, ..Default::default() }))
     }
 
     #[test]
-    fn each_corner_has_the_radius_of_its_own_wind() {
-        let wind = |time: u64, wind: f64| {
-            let position_ned_m = [500.0, 200.0, -160.0];
-            (time, State { wind_ne_mps: [wind, 0.0], position_ned_m, ..Default::default() })
+    fn wind_widens_the_corner_as_it_did_in_flight() {
+        let flown = |wind: f64| {
+            let (states, commands) = (0..5).map(|i| frame(i * 20_000_000, wind)).unzip();
+            let flight = Flight { states, commands, ..Default::default() };
+            Planned::of(&flight, &[]).radii_m()
         };
-        let engaged = ActuatorCommand { engaged: 1, ..Default::default() };
-        let flight = Flight {
-            states: vec![wind(0, 0.0), wind(1_000, 8.0), wind(9_000, 8.0)],
-            commands: vec![(0, engaged)],
-            ..Default::default()
-        };
-        let first = Passage { index: 0, time_ns: 1_000, distance_m: None, verified: true };
-        let planned = Planned::of(&flight, &[first]);
-        let radii = planned.radii_m();
-        assert!(radii.len() == 2 && radii[0] == 70.0 && (radii[1] - 109.4).abs() < 0.1);
-        // The corner's middle, before and after the radius changes.
+        let least = Inputs::default().guidance.least_radius_m;
+        assert_eq!(flown(0.0), [least]);
+        assert!(flown(8.0)[0] > least + 20.0);
+    }
+
+    #[test]
+    fn each_corner_is_scored_with_its_own_radius() {
+        let passage =
+            |index: usize, time_ns: u64| Passage { index, time_ns, distance_m: None, verified: true };
+        let radii = [(90, 70.0), (190, 100.0)];
+        let planned = Planned::chosen(&seed_waypoints(), &[passage(0, 100), passage(1, 200)], &radii, 50.0);
+        assert_eq!(planned.radii_m(), [70.0, 100.0]);
+        let cut = 2f64.sqrt() - 1.0;
         let corner = Vector2::new(500.0, 0.0);
-        let (before, _) = planned.cross_track(500, &corner).unwrap();
-        let (after, _) = planned.cross_track(1_000 + TAKE_OVER_NS, &corner).unwrap();
-        assert!((before + 29.0).abs() < 0.1 && (after + 45.3).abs() < 0.1, "{before} {after}");
+        for (time_ns, radius_m) in [(0, 70.0), (149, 70.0), (150, 100.0), (900, 100.0)] {
+            let (right_m, straight) = planned.cross_track(time_ns, &corner).unwrap();
+            assert!((right_m + radius_m * cut).abs() < 1e-9 && !straight);
+        }
     }
 
     #[test]

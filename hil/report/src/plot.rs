@@ -14,7 +14,7 @@ const TOP: f64 = 44.0;
 /// Space below it for the numbers and the axis' name, px.
 const BOTTOM: f64 = 36.0;
 /// Width of a letter of the legend, px: an estimate that suits common sans-serif faces at 11 px.
-const LETTER: f64 = 6.1;
+const LETTER: f64 = 6.6;
 /// Part of the range left empty above and below the data.
 const MARGIN: f64 = 0.06;
 /// Labels of marks nearer than this to the last one are left out, px.
@@ -71,7 +71,7 @@ pub struct Chart {
     pub title: String,
     /// Name and unit of the horizontal axis.
     pub x_label: &'static str,
-    /// Name and unit of the vertical axis.
+    /// Name and unit of the vertical axis; stands after the title.
     pub y_label: &'static str,
     /// The data.
     pub series: Vec<Series>,
@@ -123,7 +123,11 @@ impl Chart {
         let mut out = String::new();
         let title = escape(&self.title);
         let _ = write!(out, r#"<svg viewBox="0 0 {width} {height}" role="img" aria-label="{title}">"#);
-        let _ = write!(out, r#"<text class="title" x="{LEFT}" y="14">{title}</text>"#);
+        let unit = escape(self.y_label);
+        let _ = write!(
+            out,
+            r#"<text class="title" x="{LEFT}" y="14">{title} <tspan class="unit">{unit}</tspan></text>"#
+        );
         match self.axes(width, height) {
             Some(axes) => self.draw(&mut out, &axes),
             None => {
@@ -187,9 +191,8 @@ impl Chart {
         }
         let (wide, high) = (right - left, bottom - top);
         let _ = write!(out, r#"<rect class="frame" x="{left}" y="{top}" width="{wide}" height="{high}" />"#);
-        let (x, y) = (escape(self.x_label), escape(self.y_label));
-        let _ = write!(out, r#"<text class="axis end" x="{right}" y="{}">{x}</text>"#, bottom + 29.0);
-        let _ = write!(out, r#"<text class="axis" x="{left}" y="{}">{y}</text>"#, bottom + 29.0);
+        let label = escape(self.x_label);
+        let _ = write!(out, r#"<text class="axis end" x="{right}" y="{}">{label}</text>"#, bottom + 29.0);
     }
 
     fn draw_legend(&self, out: &mut String) {

@@ -118,7 +118,8 @@ impl Stretch {
         })
     }
 
-    fn of_truth<'a>(&self, truth: &'a [TruthRecord]) -> &'a [TruthRecord] {
+    /// The truth within.
+    pub(crate) fn of_truth<'a>(&self, truth: &'a [TruthRecord]) -> &'a [TruthRecord] {
         let from = truth.partition_point(|record| record.time_ns < self.from_ns);
         let to = truth.partition_point(|record| record.time_ns <= self.to_ns);
         truth.get(from..to).unwrap_or_default()
@@ -165,14 +166,14 @@ fn path_scores(truth: &[TruthRecord], planned: &Planned, believed: &Believed) ->
 }
 
 /// What is to be held at each time.
-struct Targets<'a> {
-    passages: &'a [Passage],
-    waypoints: &'a [Waypoint],
+pub(crate) struct Targets<'a> {
+    pub(crate) passages: &'a [Passage],
+    pub(crate) waypoints: &'a [Waypoint],
 }
 
 impl Targets<'_> {
     /// The way-point flown to.
-    fn at(&self, time_ns: u64) -> Option<&Waypoint> {
+    pub(crate) fn at(&self, time_ns: u64) -> Option<&Waypoint> {
         let passed = self.passages.partition_point(|passage| passage.time_ns <= time_ns);
         let last = passed.checked_sub(1).and_then(|last| self.passages.get(last));
         let next = last.map_or(0, |passage| passage.index + 1);

@@ -40,7 +40,7 @@ impl Fault {
             partition: entry.partition.clone().unwrap_or_else(|| "module".to_owned()),
             error: entry.error.clone(),
             action: entry.action.clone(),
-            recovery_ms: recovery.map(|ns| ns as f64 * 1e-6),
+            recovery_ms: recovery.map(|ns| ns as f64 / 1e6),
         }
     }
 }
@@ -170,9 +170,10 @@ impl Analysis {
     /// Looks at a flight.
     pub fn of(flight: &Flight) -> Self {
         let believed = Believed::of(&flight.truth, flight.inputs.pressure_aiding);
-        let passages =
-            mission::passages(&flight.commands, &flight.inputs.waypoints, &flight.truth, &believed);
+        let waypoints = &flight.inputs.waypoints;
+        let mut passages = mission::passages(&flight.commands, waypoints.len());
         let planned = Planned::of(flight, &passages);
+        mission::verify(&mut passages, waypoints, &planned, &flight.truth, &believed);
         Self { passages, planned, believed }
     }
 
@@ -228,7 +229,7 @@ impl Analysis {
     fn verdict(&self, flight: &Flight) -> Verdict {
         let count = flight.inputs.waypoints.len();
         let confirmed = mission::in_order(&self.passages, count);
-        let laps = if count == 0 { 0 } else { (confirmed / count) as u32 };
+        let laps = confirmed.checked_div(count).unwrap_or(0) as u32;
         let failure = reported_failure(flight.run.as_ref())
             .or_else(|| crash(&flight.truth))
             .or_else(|| self.lap_failure(flight, confirmed, laps));

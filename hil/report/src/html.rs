@@ -1,0 +1,206 @@
+//! The report as one HTML page that needs nothing else: no script, no font, no picture from elsewhere.
+
+use crate::figures;
+use crate::flight::Flight;
+use crate::plot::escape;
+use crate::summary::{Analysis, Fault, Summary};
+use crate::text::{self, Table, number};
+use crate::timeline::Timeline;
+use std::fmt::Write as _;
+
+/// Name of the file in a flight's folder.
+pub const FILE: &str = "report.html";
+/// Faults listed; the rest is counted.
+const MOST_FAULTS: usize = 40;
+const STYLE: &str = include_str!("page.css");
+
+/// The page of a flight.
+pub fn page(flight: &Flight, analysis: &Analysis, summary: &Summary) -> String {
+    let mut out = String::with_capacity(1 << 20);
+    let name = escape(&summary.flight);
+    let _ = write!(
+        out,
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\" />\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\" />\
+         <title>Flight {name}</title><style>{STYLE}</style></head><body>"
+    );
+    head(&mut out, summary);
+    cards(&mut out, summary);
+    figures_and_tables(&mut out, flight, analysis, summary);
+    windows(&mut out, flight, summary);
+    guarantees(&mut out, summary);
+    faults(&mut out, summary);
+    foot(&mut out, summary);
+    out.push_str("</body></html>\n");
+    out
+}
+
+fn head(out: &mut String, summary: &Summary) {
+    let (class, word) = if summary.completed { ("good", "completed") } else { ("bad", "not completed") };
+    let name = escape(&summary.flight);
+    let _ =
+        write!(out, r#"<header><h1>Flight {name}</h1><span class="badge {class}">{word}</span></header>"#);
+    if let Some(why) = &summary.failure {
+        let _ = write!(out, r#"<p class="failure">{}</p>"#, escape(why));
+    }
+    let _ = write!(out, r#"<p class="sub">{}</p>"#, escape(&circumstances(summary)));
+    let _ = write!(out, r#"<p class="sub">way-points: {}</p>"#, escape(&text::waypoints(summary)));
+}
+
+/// One line: aircraft, air, clock, seed, schedule.
+fn circumstances(summary: &Summary) -> String {
+    let air = &summary.conditions;
+    let mut parts = Vec::new();
+    if !air.airframe.is_empty() {
+        parts.push(air.airframe.clone());
+        parts.push(format!("wind {:.1} m/s, turbulence {}", air.wind_asked_mps, air.turbulence));
+    }
+    parts.push(format!("{:.1} s of module time", summary.module_time_s));
+    if let (Some(clock), Some(wall)) = (summary.clock, summary.wall_time_s) {
+        parts.push(format!("{} clock, {wall:.1} s taken", format!("{clock:?}").to_lowercase()));
+    }
+    parts.extend(summary.real_time_factor.map(|factor| format!("{factor:.1} × real time")));
+    parts.extend(summary.seed.map(|seed| format!("seed {seed}")));
+    parts.extend(summary.schedule.as_ref().filter(|name| !name.is_empty()).cloned());
+    parts.join(" · ")
+}
+
+fn cards(out: &mut String, summary: &Summary) {
+    let scores = &summary.scores;
+    let chain = summary.chain_execution_us.map(|times| times.p50 / 1000.0);
+    let truth = |value, unit| format!("{} by the unshifted truth", number(value, unit));
+    let greatest = summary.chain_execution_us.map(|times| times.max / 1000.0);
+    let late = format!("{} late, {} overruns", summary.late_windows, summary.window_overruns);
+    let cards = [
+        ("cross-track RMS", number(scores.cross_track_rms_m, "m"), truth(scores.cross_track_true_rms_m, "m")),
+        (
+            "on straight legs",
+            number(scores.straight_cross_track_rms_m, "m"),
+            truth(scores.straight_cross_track_true_rms_m, "m"),
+        ),
+        ("altitude RMS", number(scores.altitude_rms_m, "m"), truth(scores.altitude_true_rms_m, "m")),
+        ("airspeed RMS", number(scores.airspeed_rms_mps, "m/s"), "gusts included".to_owned()),
+        ("flight chain, median", number(chain, "ms"), format!("{} at most", number(greatest, "ms"))),
+        ("windows granted", summary.windows.to_string(), late),
+    ];
+    out.push_str(r#"<section class="cards">"#);
+    for (label, value, detail) in cards {
+        let (value, detail) = (escape(&value), escape(&detail));
+        let _ = write!(out, "<div><small>{label}</small><b>{value}</b><small>{detail}</small></div>");
+    }
+    out.push_str("</section>");
+}
+
+fn figures_and_tables(out: &mut String, flight: &Flight, analysis: &Analysis, summary: &Summary) {
+    out.push_str(r#"<section class="overview"><div class="left">"#);
+    let mut charts = figures::over_time(flight, analysis);
+    let first = charts.drain(..charts.len().min(1));
+    let _ = write!(out, "<figure>{}</figure>", figures::track(flight, analysis).svg(560.0, 520.0));
+    for chart in first {
+        let _ = write!(out, "<figure>{}</figure>", chart.svg(560.0, 210.0));
+    }
+    out.push_str(r#"</div><div class="tables">"#);
+    text::tables(summary).iter().for_each(|each| table(out, each));
+    out.push_str(r#"</div></section><h2>Over time</h2><section class="charts">"#);
+    for chart in charts {
+        let _ = write!(out, "<figure>{}</figure>", chart.svg(480.0, 210.0));
+    }
+    out.push_str("</section>");
+}
+
+fn table(out: &mut String, table: &Table) {
+    let _ = write!(out, "<table><thead><tr><th>{}</th>", escape(table.heading));
+    let width = table.rows.iter().map(|(_, row)| row.len()).max().unwrap_or(0);
+    for column in 0..width {
+        let _ = write!(
+            out,
+            "<th>{}</th>",
+            table.columns.get(column).map_or_else(String::new, |name| escape(name))
+        );
+    }
+    out.push_str("</tr></thead><tbody>");
+    for (label, row) in &table.rows {
+        let class = if label.starts_with(' ') { r#" class="sub""# } else { "" };
+        let _ = write!(out, "<tr><td{class}>{}</td>", escape(label.trim()));
+        row.iter().for_each(|cell| {
+            let _ = write!(out, "<td>{}</td>", escape(cell));
+        });
+        out.push_str("</tr>");
+    }
+    out.push_str("</tbody></table>");
+}
+
+fn windows(out: &mut String, flight: &Flight, summary: &Summary) {
+    let clock = summary.clock.unwrap_or_default();
+    let pictures = [Timeline::major(&flight.frame, clock), Timeline::minor(&flight.frame, clock)];
+    if pictures.iter().all(Option::is_none) {
+        return;
+    }
+    out.push_str(r#"<h2>Windows</h2><section class="timelines">"#);
+    for picture in pictures.iter().flatten() {
+        let _ = write!(out, "<figure>{}</figure>", picture.svg(980.0));
+    }
+    out.push_str(r#"<p class="sub">Outlines are planned windows, what is filled was used. "#);
+    out.push_str("Red was not closed in time, amber was granted late, dashed was skipped.</p></section>");
+}
+
+fn guarantees(out: &mut String, summary: &Summary) {
+    if summary.guarantees.is_empty() {
+        return;
+    }
+    out.push_str(r#"<h2>Guarantees</h2><table class="wide"><tbody>"#);
+    for guarantee in &summary.guarantees {
+        let (class, word) = if guarantee.held { ("good", "held") } else { ("bad", "missed") };
+        let (promise, detail) = (escape(&guarantee.promise), escape(&guarantee.detail));
+        let _ = write!(out, r#"<tr><td><span class="badge {class}">{word}</span></td>"#);
+        let _ = write!(out, "<td>{promise}</td><td>{detail}</td></tr>");
+    }
+    out.push_str("</tbody></table>");
+}
+
+fn faults(out: &mut String, summary: &Summary) {
+    if !summary.faults.is_empty() {
+        out.push_str(r#"<h2>Faults</h2><table class="wide"><thead><tr><th>time, s</th><th>partition</th>"#);
+        out.push_str("<th>error</th><th>action</th><th>back after, ms</th></tr></thead><tbody>");
+        summary.faults.iter().take(MOST_FAULTS).for_each(|each| fault(out, each));
+        out.push_str("</tbody></table>");
+    }
+    if summary.faults.len() > MOST_FAULTS {
+        let _ = write!(out, r#"<p class="sub">and {} more</p>"#, summary.faults.len() - MOST_FAULTS);
+    }
+    if !summary.ignored_errors.is_empty() {
+        let counts: Vec<_> =
+            summary.ignored_errors.iter().map(|(error, count)| format!("{error}: {count}")).collect();
+        let _ = write!(out, r#"<p class="sub">written down only: {}</p>"#, escape(&counts.join(", ")));
+    }
+}
+
+fn fault(out: &mut String, fault: &Fault) {
+    let recovery = fault.recovery_ms.map_or_else(|| "–".to_owned(), |ms| format!("{ms:.1}"));
+    let texts = [&format!("{:.2}", fault.time_s), &fault.partition, &fault.error, &fault.action, &recovery];
+    out.push_str("<tr>");
+    texts.iter().for_each(|cell| {
+        let _ = write!(out, "<td>{}</td>", escape(cell));
+    });
+    out.push_str("</tr>");
+}
+
+fn foot(out: &mut String, summary: &Summary) {
+    if !summary.notes.is_empty() {
+        out.push_str("<h2>Notes</h2><ul>");
+        summary.notes.iter().for_each(|note| {
+            let _ = write!(out, "<li>{}</li>", escape(note));
+        });
+        out.push_str("</ul>");
+    }
+    out.push_str(
+        r#"<footer><p>Shifted truth: the true track moved by the satellite receiver's slow error, the true height
+by the barometer's bias since it was zeroed; neither can be seen by a filter. Cross-track counts from the first
+passage of WP0 to the return to it, altitude and airspeed from the first instant in that stretch within 3 m of the
+way-point's altitude.</p>"#,
+    );
+    if let Some(digest) = &summary.digest {
+        let _ = write!(out, "<p>digest of all actuator words: <code>{}</code></p>", escape(digest));
+    }
+    out.push_str("</footer>");
+}

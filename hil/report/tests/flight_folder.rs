@@ -1,0 +1,194 @@
+//! Whole flight folders: known ones, damaged ones, empty ones.
+#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests count as no tests for the lints
+
+mod synthetic;
+
+use bateleur_report::log::{self, Ending};
+use bateleur_report::run::Clock;
+use bateleur_report::{Inputs, ReportError, summary, text, write};
+use std::path::Path;
+
+fn page(dir: &Path) -> String {
+    std::fs::read_to_string(dir.join("report.html")).unwrap()
+}
+
+/// Every element that is opened is closed, in order; nothing that is no number got in; nothing is fetched from elsewhere.
+fn check_page(page: &str) {
+    let body = page.strip_prefix("<!DOCTYPE html>\n").unwrap();
+    let mut open: Vec<&str> = Vec::new();
+    for piece in body.split('<').skip(1) {
+        let (tag, _) = piece.split_once('>').unwrap_or_else(|| panic!("unfinished tag: {piece:.40}"));
+        let name = tag.split([' ', '/']).find(|name| !name.is_empty()).unwrap();
+        if tag.starts_with('/') {
+            assert_eq!(open.pop(), Some(name), "in {piece:.60}");
+        } else if !tag.ends_with('/') {
+            open.push(name);
+        }
+    }
+    assert_eq!(open, Vec::<&str>::new());
+    for bad in ["NaN", "inf\"", " inf", "http:", "https:", "<script", "<link", "<img"] {
+        assert!(!page.contains(bad), "{bad} is in the page");
+    }
+}
+
+#[test]
+fn known_flight_scores_what_it_was_made_with() {
+    let dir = Path::new(env!("CARGO_TARGET_TMPDIR")).join("known-flight");
+    std::fs::create_dir_all(&dir).unwrap();
+    synthetic::write(&dir, synthetic::whole_s());
+    let summary = write(&dir, &Inputs::default()).unwrap();
+    assert!(summary.completed && summary.notes.is_empty(), "{:?} {:?}", summary.failure, summary.notes);
+    assert_eq!(summary.waypoints.join(" "), "WP0 WP1 WP2 WP3 WP0 WP1 WP2 WP3 WP0");
+    assert_eq!((summary.laps, summary.restarts, summary.unverified_waypoints.len()), (2, 1, 0));
+    let near = |found: Option<f64>, wanted: f64| {
+        assert!((found.unwrap() - wanted).abs() < 0.02, "{found:?} instead of {wanted}");
+    };
+    let scores = &summary.scores;
+    near(scores.cross_track_rms_m, synthetic::BESIDE_M);
+    near(scores.straight_cross_track_rms_m, synthetic::BESIDE_M);
+    near(scores.altitude_rms_m, synthetic::ABOVE_M);
+    near(scores.altitude_true_rms_m, synthetic::GROWN_BIAS_M - synthetic::ABOVE_M);
+    near(scores.airspeed_rms_mps, 0.2 / 2f64.sqrt());
+    assert!(scores.cross_track_true_rms_m.unwrap() > 2.5);
+    near(summary.estimator.position_rms_m, 0.0);
+    assert!(summary.estimator.position_true_rms_m.unwrap() > 5.0);
+    let chain = summary.chain_execution_us.unwrap();
+    assert!((chain.p50 - 4450.0).abs() < 10.0, "{chain:?}");
+    assert!(summary.window_start_lateness_us.unwrap().max < 20.0);
+    assert_eq!((summary.clock, summary.skipped_windows), (Some(Clock::Wall), 3));
+    assert!((summary.faults[0].recovery_ms.unwrap() - 64.4).abs() < 1e-6);
+    let text = std::fs::read_to_string(dir.join("summary.json")).unwrap();
+    let read: summary::Summary = serde_json::from_str(&text).unwrap();
+    // The last digit of a number may differ once it was read.
+    assert_eq!(
+        (read.digest, read.waypoints, read.guarantees),
+        (summary.digest.clone(), summary.waypoints.clone(), summary.guarantees.clone())
+    );
+    check_page(&page(&dir));
+    assert!(text::table(&summary).lines().all(|line| line.chars().count() <= text::WIDTH));
+}
+
+#[test]
+fn flight_that_ended_after_three_seconds_is_reported_as_such() {
+    let dir = tempfile::tempdir().unwrap();
+    synthetic::write(dir.path(), 3.0);
+    let run = r#"{"clock":"virtual","mission":{"completed":false,"failure":"the simulator went away"}}"#;
+    std::fs::write(dir.path().join("run.json"), run).unwrap();
+    let summary = write(dir.path(), &Inputs::default()).unwrap();
+    assert!(!summary.completed);
+    assert_eq!(summary.failure.as_deref(), Some("the simulator went away"));
+    assert_eq!((summary.scores.cross_track_rms_m, summary.window_start_lateness_us), (None, None));
+    assert!(summary.chain_execution_us.is_some() && summary.digest.is_some());
+    check_page(&page(dir.path()));
+}
+
+#[test]
+fn success_is_not_taken_from_the_aircrafts_word() {
+    let dir = tempfile::tempdir().unwrap();
+    synthetic::write(dir.path(), synthetic::whole_s());
+    synthetic::write_truth(dir.path(), synthetic::whole_s(), |record| record.position_ned_m[0] -= 200.0);
+    let summary = write(dir.path(), &Inputs::default()).unwrap();
+    assert!(!summary.completed && summary.laps == 0);
+    assert!(summary.failure.unwrap().contains("confirms 0 of 8"));
+    assert!(text::table(&summary::make(dir.path(), &Inputs::default()).unwrap()).contains("WP0?"));
+}
+
+#[test]
+fn empty_folder_gives_a_report_and_no_folder_an_error() {
+    let dir = tempfile::tempdir().unwrap();
+    let summary = write(dir.path(), &Inputs::default()).unwrap();
+    assert!(!summary.completed && summary.notes.len() == 5, "{:?}", summary.notes);
+    check_page(&page(dir.path()));
+    let missing = write(dir.path().join("nowhere"), &Inputs::default());
+    assert!(matches!(missing, Err(ReportError::NoFlight(_))));
+}
+
+#[test]
+fn damaged_files_give_what_they_still_hold() {
+    let dir = tempfile::tempdir().unwrap();
+    synthetic::write(dir.path(), 60.0);
+    for file in ["truth.bin", "ports.mcap", "windows.csv", "health.jsonl", "run.json"] {
+        let path = dir.path().join(file);
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &bytes[..bytes.len() * 2 / 3 - 5]).unwrap();
+    }
+    let summary = write(dir.path(), &Inputs::default()).unwrap();
+    assert_eq!(summary.waypoints, ["WP0"]);
+    assert!(summary.scores.cross_track_rms_m.is_some() && summary.windows > 15_000);
+    assert!(
+        summary.notes.iter().any(|note| note.contains("ports.mcap was cut short")),
+        "{:?}",
+        summary.notes
+    );
+    check_page(&page(dir.path()));
+    for file in ["truth.bin", "ports.mcap", "windows.csv", "health.jsonl", "run.json"] {
+        std::fs::write(dir.path().join(file), [0xff, 0, 0x80, b'\n', 7].repeat(99)).unwrap();
+    }
+    let summary = write(dir.path(), &Inputs::default()).unwrap();
+    assert!(!summary.completed && summary.notes.len() >= 4, "{:?}", summary.notes);
+    check_page(&page(dir.path()));
+}
+
+#[test]
+fn log_cut_at_any_byte_is_readable_up_to_there() {
+    let dir = tempfile::tempdir().unwrap();
+    synthetic::write_ports(dir.path(), 2.0);
+    let path = dir.path().join("ports.mcap");
+    let bytes = std::fs::read(&path).unwrap();
+    let whole = count(&path);
+    assert_eq!(whole, (101 + 101 + 11, Ending::Complete));
+    let mut last = 0;
+    for length in (0..bytes.len()).step_by(997) {
+        std::fs::write(&path, &bytes[..length]).unwrap();
+        let (messages, ending) = count(&path);
+        assert!(matches!(ending, Ending::Cut(_)) && messages >= last && messages <= whole.0);
+        last = messages;
+    }
+    assert_eq!(last, whole.0);
+}
+
+fn count(path: &Path) -> (usize, Ending) {
+    let mut messages = 0;
+    let ending = log::for_each(path, |_| messages += 1).unwrap();
+    (messages, ending)
+}
+
+#[test]
+fn log_of_a_killed_recorder_holds_all_but_the_last_half_second() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("ports.mcap");
+    let mut writer = log::PortLog::create(&path).unwrap();
+    let rate = bateleur_messages::find("Rate").unwrap();
+    let channel = writer.add_channel(&log::topic("rate_generator", "rate"), rate).unwrap();
+    for cycle in 0..200_u64 {
+        writer.write(channel, cycle, cycle * 20_000_000, &[1; 56]).unwrap();
+    }
+    // Never finished, never dropped.
+    std::mem::forget(writer);
+    let recording = log::read(&path, |_| true).unwrap();
+    assert!(matches!(recording.ending, Ending::Cut(_)));
+    let track = recording.track("/rate_generator/rate", "Rate").unwrap();
+    assert!(track.samples.len() >= 200 - 26 && track.samples[3] == (60_000_000, vec![1; 56]));
+}
+
+#[test]
+fn writer_refuses_what_readers_could_not_read() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut writer = log::PortLog::create(dir.path().join("a.mcap")).unwrap();
+    for message in bateleur_messages::CATALOGUE {
+        let channel = writer.add_channel(&log::topic("p", message.name), message).unwrap();
+        writer.write(channel, 0, 0, &vec![0; message.size]).unwrap();
+        let error = writer.write(channel, 0, 0, &[0; 3]).unwrap_err();
+        assert!(error.to_string().contains("has 3 bytes where"), "{error}");
+    }
+    let crooked = bateleur_messages::Field {
+        name: "late",
+        kind: bateleur_messages::FieldKind::F64,
+        count: 1,
+        offset: 4,
+    };
+    let fields = Box::leak(Box::new([crooked]));
+    let message = bateleur_messages::MessageType { name: "Crooked", size: 12, fields };
+    assert!(matches!(writer.add_channel("/a/b", &message), Err(log::LogError::Unaligned { .. })));
+    assert!(log::PortLog::create(dir.path().join("no/such/folder.mcap")).is_err());
+}

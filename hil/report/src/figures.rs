@@ -57,6 +57,7 @@ pub fn over_time(flight: &Flight, analysis: &Analysis) -> Vec<Chart> {
         cross_track(flight, analysis),
         next_waypoint(flight),
         bank(flight),
+        wind(flight),
         throttle(flight),
         surface(flight, "Elevator", |at| at.surfaces_rad[1], |command| command.elevator_rad),
         surface(flight, "Rudder", |at| at.surfaces_rad[2], |command| command.rudder_rad),
@@ -191,6 +192,15 @@ fn bank(flight: &Flight) -> Chart {
             series("truth", TRUTH, Style::Line, truth(flight, |at| at.euler_rad[0].to_degrees())),
         ],
     )
+}
+
+fn wind(flight: &Flight) -> Chart {
+    let speed = |north: f64, east: f64| north.hypot(east);
+    let met = truth(flight, |at| speed(at.wind_ned_mps[0], at.wind_ned_mps[1]));
+    let seen = estimated(flight, |state| speed(state.wind_ne_mps[0], state.wind_ne_mps[1]));
+    let both =
+        vec![series("truth", TRUTH, Style::Line, met), series("estimate", ESTIMATE, Style::Line, seen)];
+    Chart { least_range: 2.0, ..chart("Horizontal wind, gusts included", "m/s", both) }
 }
 
 fn throttle(flight: &Flight) -> Chart {

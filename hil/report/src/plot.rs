@@ -146,10 +146,10 @@ impl Chart {
     fn draw(&self, out: &mut String, axes: &Axes) {
         self.draw_grid(out, axes);
         self.draw_legend(out);
-        self.draw_marks(out, axes);
         for series in &self.series {
             draw_series(out, axes, series, self.equal);
         }
+        self.draw_marks(out, axes);
         for place in &self.places {
             let (x, y) = (axes.x.px(place.at.0), axes.y.px(place.at.1));
             let label = escape(&place.label);

@@ -27,7 +27,8 @@ pub fn table(summary: &Summary) -> String {
     wrap(&mut lines, "way-points", &waypoints(summary));
     for table in tables(summary) {
         lines.push(String::new());
-        lines.push(format!("{:<LABEL$}{}", table.heading, cells(table.columns.iter().copied())));
+        let heading = format!("{:<LABEL$}{}", table.heading, cells(table.columns.iter().copied()));
+        lines.push(heading.trim_end().to_owned());
         lines.extend(table.rows.iter().map(|(label, row)| line(label, row)));
     }
     list(&mut lines, "faults", summary.faults.iter().take(MOST_FAULTS).map(fault));
@@ -121,7 +122,7 @@ pub(crate) fn waypoints(summary: &Summary) -> String {
 
 fn guarantees(summary: &Summary) -> Vec<String> {
     let sentence = |promise: &crate::run::Guarantee| {
-        let mark = if promise.held { "held  " } else { "MISSED" };
+        let mark = if promise.held { "held:" } else { "MISSED:" };
         let detail = if promise.detail.is_empty() { String::new() } else { format!(" ({})", promise.detail) };
         format!("{mark} {}{detail}", promise.promise)
     };

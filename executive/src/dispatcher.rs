@@ -217,9 +217,11 @@ mod tests {
         [partition.a]
         program = "a"
         module = "m"
+        memory = "1MiB"
         [partition.b]
         program = "b"
         module = "m"
+        memory = "1MiB"
         [schedule.s]
         major_frame = "40ms"
         minor_frame = "20ms"

@@ -16,7 +16,7 @@ use rtrb::{Consumer, RingBuffer};
 use crate::dispatcher::Dispatcher;
 use crate::event::{Event, Events};
 use crate::fast::{Records, VirtualGate, VirtualPace};
-use crate::guarantee::{Guarantee, Guarantees};
+use crate::guarantee::Guarantee;
 use crate::health::log::{HealthLog, WindowLog, WindowRecord};
 use crate::helper::custodian::{Order, OrderedChannel};
 use crate::helper::guard::FAREWELL;
@@ -59,8 +59,8 @@ pub struct Options {
     pub until_ns: Option<u64>,
     /// Refuse to start where a promise does not hold.
     pub strict: bool,
-    /// Program and arguments of a recorder; the order with the channels is appended.
-    pub recorder: Option<Vec<String>>,
+    /// A file for every message of every port.
+    pub record: Option<PathBuf>,
     /// Who lives at the other end of a line under the virtual clock.
     pub companion: Option<Companion>,
     /// Who watches.
@@ -191,14 +191,28 @@ fn find_programs(view: &ModuleView<'_>, folder: &Path) -> Result<Vec<PathBuf>, R
     if missing.is_empty() { Ok(programs) } else { Err(RunError::Programs(missing.join("\n"))) }
 }
 
+/// What a helper process finds at its first descriptors.
+#[derive(Default)]
+struct Lines<'a> {
+    input: Option<&'a OwnedFd>,
+    output: Option<&'a OwnedFd>,
+    file: Option<&'a File>,
+}
+
+/// Waits for a helper that was asked to end, and reaps it.
+fn await_end(helper: &Spawned) {
+    crate::partition::await_any_end(&[helper.pidfd.as_fd()], 1_000_000_000);
+    let _ = crate::partition::ended(helper); // one that still runs dies with the executive
+}
+
 /// What a run has outside its output folder, and the processes that serve it.
 struct Base {
     instance: Instance,
     group: Option<crate::system::cgroup::Group>,
     own_program: PathBuf,
     log: File,
-    /// Its end tells the guard that the executive is gone.
-    guard_line: RefCell<Option<File>>,
+    /// The guard, and the pipe whose end tells it that the executive is gone.
+    guard: RefCell<Option<(Spawned, File)>>,
     user: Option<u32>,
 }
 
@@ -212,7 +226,7 @@ impl Base {
         instance.make_ports_directory(facts.user).map_err(machine("cannot make the ports' directory"))?;
         let log = File::create(logs.join("helpers.log")).map_err(machine("cannot write the helpers' log"))?;
         let own_program = std::env::current_exe().map_err(machine("cannot find the executive's own program"))?;
-        let base = Self { instance, group, own_program, log, guard_line: RefCell::new(None), user: facts.user };
+        let base = Self { instance, group, own_program, log, guard: RefCell::new(None), user: facts.user };
         base.start_guard()?;
         Ok(base)
     }
@@ -221,8 +235,9 @@ impl Base {
         let (reader, writer) = std::io::pipe().map_err(machine("cannot make a pipe"))?;
         let (reader, writer) = (OwnedFd::from(reader), File::from(OwnedFd::from(writer)));
         let text = serde_json::to_string(&self.instance).unwrap_or_default();
-        self.helper(&["guard".into(), text], Some(&reader), None, false).map_err(machine("cannot start the guard"))?;
-        *self.guard_line.borrow_mut() = Some(writer);
+        let lines = Lines { input: Some(&reader), ..Lines::default() };
+        let guard = self.helper(&["guard".into(), text], lines, false).map_err(machine("cannot start the guard"))?;
+        *self.guard.borrow_mut() = Some((guard, writer));
         Ok(())
     }
 
@@ -230,17 +245,17 @@ impl Base {
     fn helper(
         &self,
         arguments: &[String],
-        input: Option<&OwnedFd>,
-        output: Option<&OwnedFd>,
+        lines: Lines<'_>,
         as_partitions: bool,
     ) -> std::io::Result<Spawned> {
+        let file: Vec<_> = lines.file.iter().map(|file| file.as_fd()).collect();
         spawn(&Request {
             program: &self.own_program,
             arguments,
             environment: &[],
-            descriptors: &[],
-            input: input.map(AsFd::as_fd),
-            output: output.map(AsFd::as_fd),
+            descriptors: &file,
+            input: lines.input.map(AsFd::as_fd),
+            output: lines.output.map(AsFd::as_fd),
             errors: self.log.as_fd(),
             group: None,
             namespaces: Namespaces::default(),
@@ -273,8 +288,9 @@ impl Base {
         let (reader, writer) = std::io::pipe().map_err(failed())?;
         let (answer, answers) = std::io::pipe().map_err(failed())?;
         let (reader, answers) = (OwnedFd::from(reader), OwnedFd::from(answers));
+        let lines = Lines { input: Some(&reader), output: Some(&answers), file: None };
         let custodian =
-            self.helper(&["custodian".into(), order.into()], Some(&reader), Some(&answers), true).map_err(failed())?;
+            self.helper(&["custodian".into(), order.into()], lines, true).map_err(failed())?;
         drop(answers);
         let answer = File::from(OwnedFd::from(answer));
         crate::partition::await_any_end(&[answer.as_fd()], CUSTODIAN_PATIENCE_NS);
@@ -288,18 +304,30 @@ impl Base {
         }
     }
 
+    /// Starts the recorder. It runs as the partitions' user and is handed the file, whose folder it may not enter.
+    fn start_recorder(&self, path: &Path, order: String) -> Result<Recorder, RunError> {
+        let log = File::create(path).map_err(machine(format!("cannot write {}", path.display())))?;
+        std::os::unix::fs::fchown(&log, self.user, self.user).map_err(machine("cannot hand over the port log"))?;
+        let arguments = ["recorder".into(), order];
+        let start = |input: &OwnedFd, output: &OwnedFd| {
+            let lines = Lines { input: Some(input), output: Some(output), file: Some(&log) };
+            self.helper(&arguments, lines, true)
+        };
+        Recorder::start(start).map_err(machine("cannot start the recorder (see partitions/helpers.log)"))
+    }
+
     fn janitor_starter(&self) -> Result<StartJanitor, RunError> {
         let copy = Self {
             instance: self.instance.clone(),
             group: None,
             own_program: self.own_program.clone(),
             log: self.log.try_clone().map_err(machine("cannot copy a descriptor"))?,
-            guard_line: RefCell::new(None),
+            guard: RefCell::new(None),
             user: self.user,
         };
         Ok(Box::new(move |pid| {
             let domain = copy.instance.domain();
-            copy.helper(&["janitor".into(), domain.root, domain.prefix, pid.to_string()], None, None, true)
+            copy.helper(&["janitor".into(), domain.root, domain.prefix, pid.to_string()], Lines::default(), true)
         }))
     }
 
@@ -313,18 +341,11 @@ impl Base {
     ) -> Result<Outcome, RunError> {
         let order = serde_json::to_string(&self.order(view)).unwrap_or_default();
         let (custodian, custodian_line) = self.start_custodian(&order)?;
-        let recorder = match options.recorder.take() {
-            Some(mut arguments) => {
-                arguments.push(order);
-                Some(Recorder::start(|input, output| self.helper(&arguments, Some(input), Some(output), true))
-                    .map_err(machine("cannot start the recorder"))?)
-            }
-            None => None,
-        };
+        let recorder = options.record.take().map(|path| self.start_recorder(&path, order)).transpose()?;
         let cages = self.cages(plan, view, &options, facts, programs)?;
         let ended = conduct(plan, view, options, facts, cages, recorder, self.janitor_starter()?);
         drop(custodian_line);
-        crate::partition::await_any_end(&[custodian.pidfd.as_fd()], 1_000_000_000);
+        await_end(&custodian);
         ended
     }
 
@@ -367,8 +388,10 @@ impl Base {
     fn leave(mut self) {
         drop(self.group.take());
         self.instance.clean_up();
-        if let Some(mut line) = self.guard_line.borrow_mut().take() {
+        if let Some((guard, mut line)) = self.guard.borrow_mut().take() {
             let _ = line.write_all(&[FAREWELL]); // without it the guard cleans up once more: harmless
+            drop(line);
+            await_end(&guard);
         }
     }
 }

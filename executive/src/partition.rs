@@ -160,11 +160,11 @@ impl Cage {
 
     /// Ends whatever runs in the cage.
     pub fn kill(&self, process: Option<&Spawned>) {
-        if self.group.as_ref().is_some_and(|group| group.kill().is_ok()) {
-            return;
-        }
         if let Some(process) = process {
             let _ = rustix::process::pidfd_send_signal(&process.pidfd, rustix::process::Signal::KILL); // ended already
+        }
+        if let Some(group) = &self.group {
+            group.end_processes();
         }
     }
 

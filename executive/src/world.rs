@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use crate::fast::World;
 use crate::monitor::Monitor;
-use crate::partition::await_any_end;
+use crate::partition::{await_any_end, ended};
 use crate::plan::Plan;
 use crate::slot::Slot;
 use crate::system::spawn::Spawned;
@@ -84,7 +84,10 @@ impl Recorder {
         let (orders, answers) = (File::from(OwnedFd::from(orders)), File::from(OwnedFd::from(answers)));
         let mut recorder = Self { process, orders: Some(orders), answers, pending: true };
         recorder.await_answer();
-        Ok(recorder)
+        match recorder.orders {
+            Some(_) => Ok(recorder),
+            None => Err(io::Error::other("it ended at once")),
+        }
     }
 
     /// Has it read what has been written since the last time, after it has finished that.
@@ -110,6 +113,7 @@ impl Recorder {
         self.await_answer();
         drop(self.orders.take());
         await_any_end(&[self.process.pidfd.as_fd()], 5_000_000_000);
+        let _ = ended(&self.process); // one that still runs dies with the executive
     }
 }
 

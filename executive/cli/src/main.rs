@@ -1,3 +1,53 @@
-//! The command line of the executive.
+//! The command line of Bateleur: one module a verb, whose head is its manual page.
+//!
+//! Exit codes: 0 fine, 1 it ran and something was wrong, 2 it could not run.
 
-fn main() {}
+mod plan_file;
+mod recorder;
+mod verb;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// A time- and space-partitioned executive for Linux, and the flight control unit that flies on it.
+#[derive(Debug, Parser)]
+#[command(name = "bateleur", version, about, arg_required_else_help = true)]
+struct Arguments {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    Check(verb::check::Arguments),
+    Fly(verb::fly::Arguments),
+    Ground(verb::ground::Arguments),
+    Run(verb::run::Arguments),
+    #[command(flatten)]
+    Helper(verb::helper::Helper),
+}
+
+fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            let _ = error.print(); // nobody reads
+            return if error.use_stderr() { verb::CANNOT_RUN.into() } else { ExitCode::SUCCESS };
+        }
+    };
+    let result = match arguments.verb {
+        Verb::Check(arguments) => verb::check::run(&arguments),
+        Verb::Fly(arguments) => verb::fly::run(&arguments),
+        Verb::Ground(arguments) => verb::ground::run(&arguments),
+        Verb::Run(arguments) => verb::run::run(&arguments),
+        Verb::Helper(helper) => verb::helper::run(&helper),
+    };
+    match result {
+        Ok(code) => code.into(),
+        Err(error) => {
+            eprintln!("bateleur: {error:#}");
+            verb::CANNOT_RUN.into()
+        }
+    }
+}

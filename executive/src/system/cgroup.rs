@@ -66,11 +66,31 @@ impl Group {
         }
     }
 
-    /// Ends everything in the group with SIGKILL, frozen or not.
-    pub fn kill(&self) -> io::Result<()> {
-        kill(&self.path)
+    /// Ends every process in the group with SIGKILL, frozen or not; the group can be used again.
+    ///
+    /// Not by `cgroup.kill`: kernels since 6.11 then also kill whatever is later started into the group from outside
+    /// it (the kill count of the starter's group is compared with that of the new process' group).
+    pub fn end_processes(&self) {
+        for _ in 0..ROUNDS {
+            let processes = self.processes();
+            if processes.is_empty() {
+                return;
+            }
+            for pid in processes.into_iter().filter_map(rustix::process::Pid::from_raw) {
+                let _ = rustix::process::kill_process(pid, rustix::process::Signal::KILL); // ended already
+            }
+            std::thread::sleep(Duration::from_micros(200));
+        }
+    }
+
+    fn processes(&self) -> Vec<i32> {
+        let list = fs::read_to_string(self.path.join("cgroup.procs")).unwrap_or_default();
+        list.lines().filter_map(|line| line.parse().ok()).collect()
     }
 }
+
+/// How often the list of a group's processes is read before it is given up: a fork bomb may be faster than a few.
+const ROUNDS: usize = 1000;
 
 impl Drop for Group {
     fn drop(&mut self) {

@@ -142,9 +142,10 @@ struct Prepared {
 /// # Errors
 /// What the kernel refused, and at which step.
 pub fn spawn(request: &Request<'_>) -> io::Result<Spawned> {
-    let (reader, writer) = pipe_with(PipeFlags::CLOEXEC)?;
+    let (reader, low_writer) = pipe_with(PipeFlags::CLOEXEC)?;
     // High enough not to be overwritten while the child arranges its first descriptors.
-    let writer = rustix::io::fcntl_dupfd_cloexec(&writer, 100)?;
+    let writer = rustix::io::fcntl_dupfd_cloexec(&low_writer, 100)?;
+    drop(low_writer);
     let prepared = prepare(request, writer.as_raw_fd())?;
     let mut pidfd: i32 = -1;
     // SAFETY: `clone_args` is plain data, all zero is "nothing asked for".

@@ -1,0 +1,54 @@
+//! Hidden verbs: the processes that serve an executive. They are started by it, never by a person.
+
+use anyhow::Result;
+use bateleur_executive::helper::{custodian, guard, janitor};
+use bateleur_ports::Domain;
+use clap::Subcommand;
+
+use super::{Code, FINE};
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Helper {
+    /// Creates and holds the module's channels.
+    #[command(hide = true)]
+    Custodian {
+        /// What to create, as JSON.
+        order: String,
+    },
+    /// Cleans up after a dead partition.
+    #[command(hide = true)]
+    Janitor {
+        /// Root of the module's shared memory.
+        root: String,
+        /// Prefix of the module's shared memory.
+        prefix: String,
+        /// The dead process.
+        pid: u32,
+    },
+    /// Cleans up after a dead executive.
+    #[command(hide = true)]
+    Guard {
+        /// The run, as JSON.
+        instance: String,
+    },
+    /// Does nothing: shows that a process can be started so.
+    #[command(hide = true)]
+    Probe,
+    /// Writes every message of a module into the log behind descriptor 3.
+    #[command(hide = true)]
+    Recorder {
+        /// The channels, as JSON.
+        order: String,
+    },
+}
+
+pub(crate) fn run(helper: &Helper) -> Result<Code> {
+    match helper {
+        Helper::Custodian { order } => custodian::run(order)?,
+        Helper::Janitor { root, prefix, pid } => janitor::run(&Domain { root: root.clone(), prefix: prefix.clone() }, *pid)?,
+        Helper::Guard { instance } => guard::run(instance)?,
+        Helper::Probe => {}
+        Helper::Recorder { order } => crate::recorder::run(order)?,
+    }
+    Ok(FINE)
+}

@@ -1,0 +1,35 @@
+//! The verbs.
+
+pub(crate) mod check;
+pub(crate) mod fly;
+pub(crate) mod ground;
+pub(crate) mod helper;
+pub(crate) mod run;
+
+use std::process::ExitCode;
+
+/// How a verb ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Code(u8);
+
+/// Fine.
+pub(crate) const FINE: Code = Code(0);
+/// It ran, and something was wrong.
+pub(crate) const WRONG: Code = Code(1);
+/// It could not run.
+pub(crate) const CANNOT_RUN: Code = Code(2);
+
+impl From<Code> for ExitCode {
+    fn from(code: Code) -> Self {
+        Self::from(code.0)
+    }
+}
+
+/// What a listing prints.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Format {
+    /// For a person.
+    Text,
+    /// For a program.
+    Json,
+}

@@ -1,0 +1,211 @@
+//! `bateleur run`: runs one module of a schedule file until Ctrl-C, SIGTERM, a partition's stop, or `--until`.
+//!
+//! Says at its start what this machine can not promise; writes `windows.csv`, `health.jsonl` and the partitions'
+//! standard error into `--output`. Leaves nothing behind, however it ends. Exit codes: 0 it ran and was stopped,
+//! 1 a partition's stop ended it, 2 it could not run.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Write;
+use std::os::fd::{FromRawFd, OwnedFd, RawFd};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::{Context, Result, anyhow};
+use bateleur_contract::Clock;
+use bateleur_executive::event::{Event, Events};
+use bateleur_executive::module::{Options, run as run_module};
+use bateleur_executive::world::Companion;
+
+use super::{CANNOT_RUN, Code, FINE, WRONG};
+use crate::plan_file;
+
+/// Run a module of a schedule file.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// The schedule file.
+    #[arg(long, short, default_value = "schedule.toml")]
+    pub(crate) schedule: PathBuf,
+    /// The module to run; may be left out where the file has one.
+    #[arg(long, short)]
+    pub(crate) module: Option<String>,
+    /// Folder for logs.
+    #[arg(long, short, default_value = "target/runs/latest")]
+    pub(crate) output: PathBuf,
+    /// Run on the virtual clock: as fast as the machine can.
+    #[arg(long)]
+    pub(crate) fast: bool,
+    /// End at this module time, seconds.
+    #[arg(long, value_name = "SECONDS")]
+    pub(crate) until: Option<f64>,
+    /// Replace an attribute of the plan.
+    #[arg(long, value_name = "PARTITION.ATTRIBUTE=VALUE", value_parser = parse_setting)]
+    pub(crate) set: Vec<Setting>,
+    /// Kill a partition at a module time (may be repeated).
+    #[arg(long, value_name = "PARTITION@SECONDS", value_parser = parse_kill)]
+    pub(crate) kill: Vec<Kill>,
+    /// Refuse to start where this machine lacks something.
+    #[arg(long, value_name = "HOW", value_parser = ["strict"])]
+    pub(crate) require: Option<String>,
+    /// Write every message of every port into ports.mcap.
+    #[arg(long)]
+    pub(crate) record: bool,
+    /// Stop when standard input closes.
+    #[arg(long)]
+    until_stdin_closes: bool,
+    /// Descriptor for events, one JSON object a line.
+    #[arg(long, hide = true)]
+    events_fd: Option<RawFd>,
+    /// Descriptor of the socket to whoever holds the other end of a partition's line under the virtual clock.
+    #[arg(long, hide = true)]
+    companion_fd: Option<RawFd>,
+}
+
+/// One `--set`.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Setting {
+    partition: String,
+    attribute: String,
+    value: serde_json::Value,
+}
+
+/// One `--kill`.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Kill {
+    pub(crate) partition: String,
+    pub(crate) at_s: f64,
+}
+
+fn parse_setting(text: &str) -> Result<Setting, String> {
+    let wrong = || format!("\"{text}\" is not PARTITION.ATTRIBUTE=VALUE, such as controller.laps=3");
+    let (name, value) = text.split_once('=').ok_or_else(wrong)?;
+    let (partition, attribute) = name.split_once('.').ok_or_else(wrong)?;
+    let value = serde_json::from_str(value).unwrap_or_else(|_| value.into());
+    Ok(Setting { partition: partition.into(), attribute: attribute.into(), value })
+}
+
+pub(crate) fn parse_kill(text: &str) -> Result<Kill, String> {
+    let wrong = || format!("\"{text}\" is not PARTITION@SECONDS, such as estimator@100");
+    let (partition, at) = text.split_once('@').ok_or_else(wrong)?;
+    let at_s: f64 = at.parse().map_err(|_| wrong())?;
+    if at_s.is_finite() && at_s >= 0.0 { Ok(Kill { partition: partition.into(), at_s }) } else { Err(wrong()) }
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
+    let Some(plan) = plan_file::read_or_say(&arguments.schedule)? else { return Ok(CANNOT_RUN) };
+    let module = match (&arguments.module, plan.modules.as_slice()) {
+        (Some(name), _) => name.clone(),
+        (None, [only]) => only.name.clone(),
+        (None, several) => {
+            let names: Vec<_> = several.iter().map(|module| module.name.as_str()).collect();
+            return Err(anyhow!("the plan has several modules: choose one with --module ({})", names.join(", ")));
+        }
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
+        signal_hook::flag::register(signal, stop.clone()).context("cannot watch for signals")?;
+    }
+    if arguments.until_stdin_closes {
+        stop_with_standard_input(stop.clone());
+    }
+    std::fs::create_dir_all(&arguments.output)
+        .with_context(|| format!("cannot make the folder {}", arguments.output.display()))?;
+    match run_module(plan, options(arguments, module, stop)?) {
+        Ok(outcome) if outcome.reason.starts_with("partition") => Ok(WRONG),
+        Ok(_) => Ok(FINE),
+        Err(error) => Err(error.into()),
+    }
+}
+
+fn options(arguments: &Arguments, module: String, stop: Arc<AtomicBool>) -> Result<Options> {
+    let mut overrides: BTreeMap<String, BTreeMap<String, serde_json::Value>> = BTreeMap::new();
+    for setting in &arguments.set {
+        overrides.entry(setting.partition.clone()).or_default().insert(setting.attribute.clone(), setting.value.clone());
+    }
+    let nanoseconds = |seconds: f64| (seconds * 1e9) as u64;
+    let kills = arguments.kill.iter().map(|kill| (kill.partition.clone(), nanoseconds(kill.at_s)));
+    Ok(Options {
+        module,
+        clock: if arguments.fast { Clock::Virtual } else { Clock::Wall },
+        output: arguments.output.clone(),
+        plan_folder: arguments.schedule.parent().map(Path::to_owned).unwrap_or_default(),
+        overrides,
+        kills: kills.collect(),
+        until_ns: arguments.until.map(nanoseconds),
+        strict: arguments.require.is_some(),
+        record: arguments.record.then(|| arguments.output.join("ports.mcap")),
+        companion: arguments.companion_fd.map(companion).transpose()?,
+        events: Events::new(Some(events(arguments.events_fd))),
+        stop,
+    })
+}
+
+#[allow(unsafe_code)]
+fn inherited(descriptor: RawFd) -> OwnedFd {
+    // SAFETY: the caller of this program passed the descriptor for this purpose; each is taken once.
+    unsafe { OwnedFd::from_raw_fd(descriptor) }
+}
+
+fn companion(descriptor: RawFd) -> Result<Companion> {
+    Companion::new(UnixStream::from(inherited(descriptor))).context("the companion's socket can not be used")
+}
+
+/// Events for a program, or for a person.
+fn events(descriptor: Option<RawFd>) -> Box<dyn Write + Send> {
+    match descriptor {
+        Some(descriptor) => Box::new(File::from(inherited(descriptor))),
+        None => Box::new(Person),
+    }
+}
+
+fn stop_with_standard_input(stop: Arc<AtomicBool>) {
+    std::thread::spawn(move || {
+        let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink()); // closed either way
+        stop.store(true, Ordering::Release);
+    });
+}
+
+/// Turns events into lines for a terminal.
+struct Person;
+
+impl Write for Person {
+    fn write(&mut self, line: &[u8]) -> std::io::Result<usize> {
+        if let Ok(event) = serde_json::from_slice::<Event>(line) {
+            say(&event);
+        }
+        Ok(line.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+/// One event as a line for a person.
+pub(crate) fn say(event: &Event) {
+    match event {
+        Event::Guarantees { list } => {
+            for lack in list.iter().filter(|guarantee| !guarantee.held) {
+                eprintln!("not on this machine: {} ({})", lack.promise, lack.detail);
+            }
+        }
+        Event::Ready { partitions } => eprintln!("{partitions} partitions are ready"),
+        Event::Fault { time_s, partition, error, action, detail } => {
+            eprintln!("{time_s:9.3} s  {partition}: {error} ({detail}) -> {action}");
+        }
+        Event::Recovered { time_s, partition, after_ms } => {
+            eprintln!("{time_s:9.3} s  {partition}: back after {after_ms:.1} ms");
+        }
+        Event::Message { time_s, partition, text } => eprintln!("{time_s:9.3} s  {partition}: {text}"),
+        Event::Stopped { reason, module_time_s, windows, late_windows, window_overruns, lost_records } => {
+            eprintln!(
+                "stopped after {module_time_s:.2} s: {reason}; {windows} windows, {late_windows} late, {window_overruns} overrun"
+            );
+            if *lost_records > 0 {
+                eprintln!("{lost_records} window records were lost: the log could not keep up");
+            }
+        }
+    }
+}

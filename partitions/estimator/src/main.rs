@@ -1,3 +1,129 @@
 //! The function that estimates position, velocity and attitude.
 
-fn main() {}
+use std::process::ExitCode;
+
+use bateleur_apex::{
+    Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
+    StartError, Window,
+};
+use bateleur_estimator::{Function, Inputs, Kept, seconds, telemetry};
+use bateleur_flight::estimator::EstimatorConfig;
+use bateleur_flight::magnetic::Site;
+use bateleur_messages::ground::Order;
+use bateleur_messages::telemetry::{
+    ACCEPTED, Acknowledge, FROM_ESTIMATOR, NOT_UNDERSTOOD, REFUSED, Telemetry,
+};
+use bateleur_messages::{
+    Acceleration, FunctionStatus, GpsPosition, GpsVelocity, GroundMessage, Magnetization, Pressure, Rate,
+    Rates, State, TelemetryMessage, Watch,
+};
+
+/// Ground messages taken in one window at most; as many as the queue usually holds.
+const ORDERS_PER_WINDOW: usize = 8;
+
+struct EstimatorPartition {
+    function: Function,
+    retained: Retained<Kept>,
+    starts: u64,
+    inputs: InputPorts,
+    state: SamplingSource<State>,
+    status: SamplingSource<FunctionStatus>,
+    rate: SamplingDestination<Rate>,
+    ground: QueuingDestination<GroundMessage>,
+    telemetry: QueuingSource<TelemetryMessage>,
+    timeout: Watch,
+}
+
+struct InputPorts {
+    acceleration: SamplingDestination<Acceleration>,
+    orientation: SamplingDestination<Rates>,
+    magnetization: SamplingDestination<Magnetization>,
+    pressure: SamplingDestination<Pressure>,
+    gps_position: SamplingDestination<GpsPosition>,
+    gps_velocity: SamplingDestination<GpsVelocity>,
+}
+
+impl Partition for EstimatorPartition {
+    fn start(context: &mut Context) -> Result<Self, StartError> {
+        let config = EstimatorConfig::at_site(&site(context)?)
+            .map_err(|error| StartError::Other(format!("attributes origin_…, year, day_of_year: {error}")))?;
+        let pressure_aiding = context.attribute("pressure_aiding", true)?;
+        let mut retained: Retained<Kept> = context.retained()?;
+        let now_s = seconds(context.time().now_ns());
+        Ok(Self {
+            function: Function::new(config, pressure_aiding, retained.load().as_ref(), now_s),
+            retained,
+            starts: u64::from(context.generation()) + 1,
+            inputs: InputPorts {
+                acceleration: context.sampling_destination("acceleration")?,
+                orientation: context.sampling_destination("orientation")?,
+                magnetization: context.sampling_destination("magnetization")?,
+                pressure: context.sampling_destination("pressure")?,
+                gps_position: context.sampling_destination("gps_position")?,
+                gps_velocity: context.sampling_destination("gps_velocity")?,
+            },
+            state: context.sampling_source("state")?,
+            status: context.sampling_source("status")?,
+            rate: context.sampling_destination("rate")?,
+            ground: context.queuing_destination("ground")?,
+            telemetry: context.queuing_source("telemetry")?,
+            timeout: Watch::default(),
+        })
+    }
+
+    fn window(&mut self, window: &Window) {
+        self.take_orders(window.start_ns());
+        self.function.step(&self.inputs.read());
+        let state = self.function.state();
+        self.state.write(&state);
+        self.status.write(&self.function.status(&state, self.starts));
+        if self.rate.read_valid().is_some_and(|rate| self.timeout.changed(rate.timeout_3)) {
+            self.telemetry.send(&TelemetryMessage::of(&Telemetry::State(telemetry(&state))));
+        }
+        self.retained.store(&self.function.kept());
+    }
+}
+
+impl EstimatorPartition {
+    fn take_orders(&mut self, now_ns: u64) {
+        for _ in 0..ORDERS_PER_WINDOW {
+            let Some(message) = self.ground.receive() else { return };
+            let result = match Order::parse(message.letter, message.bytes()) {
+                Ok(Order::Estimator(order)) if self.function.order(order, seconds(now_ns)) => ACCEPTED,
+                Ok(Order::Estimator(_)) => REFUSED,
+                _ => NOT_UNDERSTOOD,
+            };
+            let answer = Acknowledge::of(&message, FROM_ESTIMATOR, result, now_ns);
+            self.telemetry.send(&TelemetryMessage::of(&Telemetry::Acknowledge(answer)));
+        }
+    }
+}
+
+impl InputPorts {
+    fn read(&mut self) -> Inputs<'_> {
+        Inputs {
+            acceleration: self.acceleration.read_valid(),
+            orientation: self.orientation.read_valid(),
+            magnetization: self.magnetization.read_valid(),
+            pressure: self.pressure.read_valid(),
+            gps_position: self.gps_position.read_valid(),
+            gps_velocity: self.gps_velocity.read_valid(),
+        }
+    }
+}
+
+/// Where and when the flight takes place, for the earth's magnetic field.
+fn site(context: &mut Context) -> Result<Site, StartError> {
+    let usual = Site::default();
+    Ok(Site {
+        latitude_deg: context.attribute("origin_latitude_deg", usual.latitude_deg)?,
+        longitude_deg: context.attribute("origin_longitude_deg", usual.longitude_deg)?,
+        height_m: context.attribute("origin_altitude_m", usual.height_m)?,
+        year: context.attribute("year", usual.year)?,
+        day_of_year: context.attribute("day_of_year", usual.day_of_year)?,
+    })
+}
+
+fn main() -> ExitCode {
+    bateleur_apex::run::<EstimatorPartition>()
+}

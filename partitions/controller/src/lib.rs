@@ -1,1 +1,329 @@
 //! The function that flies: specific-acceleration loops, roll-rate loop and guidance.
+//!
+//! Responsible for: what the ground has asked for (autopilot, navigation, single loops, way-points) and for flying it
+//! with the laws of `bateleur-flight`. It must never claim the actuators (`engaged`) without having been told to, and
+//! never forget over a warm restart what it was told.
+//!
+//! The safety pilot's sticks do not reach this function, so it flies the whole aircraft or nothing: what neither
+//! navigation nor a loop asks for is held as it is flown by default, wings level, at the altitude of the moment and at
+//! cruise airspeed.
+
+mod convert;
+mod kept;
+mod orders;
+mod waypoints;
+
+pub use convert::{Sensors, navigation_state};
+pub use kept::Kept;
+pub use orders::{Answer, Orders};
+pub use waypoints::{List, Waypoints};
+
+use bateleur_flight::airframe::Airframe;
+use bateleur_flight::control::fallback::Basis;
+use bateleur_flight::control::outer::normal_for;
+use bateleur_flight::control::{
+    Channels, Controller, ControllerConfig, ControllerInputs, ControllerOutput, LoopCommands,
+};
+use bateleur_flight::estimator::NavigationState;
+use bateleur_flight::guidance::{
+    Guidance, GuidanceConfig, GuidanceError, GuidanceOutput, GuidanceSnapshot, Waypoint, seed_waypoints,
+};
+use bateleur_flight::servo;
+use bateleur_messages::ground::{LoopId, Order};
+use bateleur_messages::telemetry::{
+    Loops, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED, NAVIGATION_ON, Navigation,
+};
+use bateleur_messages::{ActuatorCommand, FunctionStatus};
+
+/// What the plan sets.
+#[derive(Debug, Clone, Copy)]
+pub struct Settings {
+    /// The aircraft.
+    pub airframe: Airframe,
+    /// Path and laps.
+    pub guidance: GuidanceConfig,
+    /// Gains, and the airspeed flown where nobody asks for another.
+    pub control: ControllerConfig,
+}
+
+/// The function.
+#[derive(Debug)]
+pub struct Function {
+    settings: Settings,
+    controller: Box<Controller>,
+    orders: Orders,
+    waypoints: Waypoints,
+    /// Altitude held where nobody asks for another, m above the runway.
+    hold_altitude_m: Option<f64>,
+    last_ns: Option<u64>,
+    command: ActuatorCommand,
+    basis: Basis,
+    channels: Channels,
+    accepted: u64,
+    missing: u64,
+}
+
+impl Function {
+    /// A function with everything off and the plan's way-points, or as `kept` stood.
+    pub fn new(settings: Settings, planned: &[Waypoint], kept: Option<&Kept>) -> Result<Self, GuidanceError> {
+        let mut waypoints = Waypoints::default();
+        if !planned.is_empty() {
+            waypoints.set(planned)?;
+        }
+        let kept = kept.filter(|kept| kept.is_sane());
+        if let Some(kept) = kept {
+            waypoints = kept.waypoints();
+        }
+        let guidance = guidance(&settings.guidance, &waypoints)?;
+        let mut function = Self {
+            settings,
+            controller: Box::new(Controller::new(settings.airframe, settings.control, guidance)),
+            orders: kept.map(Kept::orders).unwrap_or_default(),
+            waypoints,
+            hold_altitude_m: kept.and_then(Kept::hold_altitude_m),
+            last_ns: None,
+            command: ActuatorCommand::default(),
+            basis: Basis::WingsLevel,
+            channels: Channels::default(),
+            accepted: 0,
+            missing: 0,
+        };
+        if let Some(kept) = kept {
+            function.controller.guidance_mut().resume(&kept.progress());
+            function.controller.assume_actuators(&kept.actuators());
+        }
+        Ok(function)
+    }
+
+    /// Takes an order. `ready`: there is a state to fly on.
+    pub fn order(&mut self, order: &Order, ready: bool) -> Answer {
+        let answer = match order {
+            Order::Waypoint(point) => return self.take_waypoint(point),
+            Order::Navigation { on: true } if self.waypoints.flown().is_empty() => Answer::Refused,
+            Order::Autopilot { on: true } if !ready && !self.orders.autopilot => Answer::Refused,
+            order => {
+                let begins = matches!(order, Order::Navigation { on: true }) && !self.orders.navigation;
+                let answer = self.orders.take(order);
+                if begins {
+                    self.controller.guidance_mut().restart();
+                }
+                answer
+            }
+        };
+        if !self.orders.autopilot || self.orders.navigation {
+            self.hold_altitude_m = None; // taken anew when it is needed
+        }
+        answer
+    }
+
+    /// Flies one cycle of `cycle_ns` at `now_ns`.
+    pub fn step(
+        &mut self,
+        now_ns: u64,
+        cycle_ns: u64,
+        state: Option<&NavigationState>,
+        sensors: &Sensors,
+    ) -> ActuatorCommand {
+        *(if state.is_some() { &mut self.accepted } else { &mut self.missing }) += 1;
+        let elapsed_ns = self.last_ns.map_or(cycle_ns, |last_ns| now_ns.saturating_sub(last_ns));
+        self.last_ns = Some(now_ns);
+        let commands = self.commands(state);
+        let inputs = ControllerInputs {
+            navigation: state,
+            rates: sensors.rates_radps,
+            specific_force: sensors.specific_force_mps2,
+            airspeed_mps: sensors.airspeed_mps,
+            density_kgpm3: sensors.density_kgpm3,
+            pilot: self.trimmed(),
+            dt_s: elapsed_ns as f64 * 1e-9,
+        };
+        let output = self.controller.step(&inputs, &commands);
+        (self.basis, self.channels) = (output.basis, output.channels);
+        self.command = self.message(&commands, &output);
+        self.command
+    }
+
+    /// What the OnBoardComputer is told; `starts` is how often the function was started.
+    pub fn status(&self, starts: u64) -> FunctionStatus {
+        FunctionStatus {
+            enabled: u32::from(self.orders.autopilot),
+            ready: u32::from(self.basis == Basis::Estimator),
+            accepted: self.accepted,
+            refused: self.missing,
+            starts,
+        }
+    }
+
+    /// What to keep over a warm restart.
+    pub fn kept(&self) -> Kept {
+        let actuators = actuators(&self.command);
+        let progress = self.controller.guidance().snapshot();
+        Kept::new(&self.orders, &self.waypoints, &progress, self.hold_altitude_m, &actuators)
+    }
+
+    /// What the ground is told of navigation.
+    pub fn navigation(&self, time_ns: u64) -> Navigation {
+        let flag = |on: bool, bit: u32| if on { bit } else { 0 };
+        Navigation {
+            time_ns,
+            next_waypoint: self.command.next_waypoint,
+            waypoints_reached: self.command.waypoints_reached,
+            waypoint_count: self.waypoints.flown().len() as u32,
+            flags: flag(self.orders.autopilot, NAVIGATION_AUTOPILOT)
+                | flag(self.orders.navigation, NAVIGATION_ON)
+                | flag(self.command.finished == 1, NAVIGATION_FINISHED),
+            cross_track_m: self.command.cross_track_m,
+            altitude_reference_m: self.command.altitude_reference_m,
+            airspeed_reference_mps: self.command.airspeed_reference_mps,
+            bank_reference_rad: self.command.bank_reference_rad,
+        }
+    }
+
+    /// What the ground is told of the loops.
+    pub fn loops(&self, time_ns: u64) -> Loops {
+        let c = &self.command;
+        Loops {
+            time_ns,
+            command: [c.throttle, c.aileron_rad, c.elevator_rad, c.rudder_rad],
+            horizontal_acceleration_mps2: c.horizontal_acceleration_mps2,
+            bank_reference_rad: c.bank_reference_rad,
+            engaged: if c.engaged == 1 { self.closed_loops() } else { 0 },
+        }
+    }
+
+    /// What the inner loops were asked for is flown from trimmed flight, where the pilot has it when he hands over.
+    fn trimmed(&self) -> servo::ActuatorCommand {
+        let trim = self.controller.trim();
+        servo::ActuatorCommand {
+            throttle: trim.throttle,
+            elevator_rad: trim.elevator_rad,
+            ..servo::ActuatorCommand::default()
+        }
+    }
+
+    fn take_waypoint(&mut self, point: &bateleur_messages::ground::Waypoint) -> Answer {
+        let before = self.waypoints.flown().len();
+        let changed = match self.waypoints.take(point) {
+            Ok(changed) => changed,
+            Err(answer) => return answer,
+        };
+        if changed {
+            let progress = self.controller.guidance().snapshot();
+            // Every point was checked when it was taken; a list that fits is a mission.
+            let Ok(mut next) = guidance(&self.settings.guidance, &self.waypoints) else {
+                return Answer::Refused;
+            };
+            if self.waypoints.flown().len() == before {
+                next.resume(&progress); // one point was moved: the mission goes on
+            }
+            *self.controller.guidance_mut() = next;
+        }
+        Answer::Accepted
+    }
+
+    /// What the laws are asked for, with a default for everything that nobody asks for.
+    fn commands(&mut self, state: Option<&NavigationState>) -> LoopCommands {
+        let target = |id: LoopId| self.orders.target(id);
+        let free = !self.orders.navigation;
+        if free && self.orders.autopilot && self.hold_altitude_m.is_none() {
+            self.hold_altitude_m = state.map(NavigationState::altitude_m);
+        }
+        let (bank, track, roll_rate) =
+            (target(LoopId::RollAngle), target(LoopId::Heading), target(LoopId::RollRate));
+        let level = (free && track.is_none() && roll_rate.is_none()).then_some(0.0);
+        let hold = self.hold_altitude_m.filter(|_| free);
+        let cruise = free.then_some(self.settings.control.cruise_mps);
+        LoopCommands {
+            autopilot: self.orders.autopilot,
+            navigation: self.orders.navigation,
+            altitude_m: target(LoopId::Altitude).or(hold),
+            airspeed_mps: target(LoopId::Airspeed).or(cruise),
+            track_rad: track,
+            bank_rad: bank.or(level),
+            roll_rate_radps: roll_rate,
+            pitch_rate_radps: target(LoopId::PitchRate),
+            normal_mps2: target(LoopId::Normal).or_else(|| self.climb(state)),
+            lateral_mps2: target(LoopId::Lateral),
+            axial_mps2: target(LoopId::Axial),
+        }
+    }
+
+    /// The normal specific acceleration (m/s²) that brings about the climb rate asked for.
+    fn climb(&self, state: Option<&NavigationState>) -> Option<f64> {
+        let (wanted_mps, state) = (self.orders.target(LoopId::ClimbRate)?, state?);
+        let climb_mps = -state.velocity.z;
+        let air = state.air_velocity();
+        let climb_rad = (-air.z / air.norm().max(1.0)).clamp(-1.0, 1.0).asin();
+        let up = self.settings.control.outer.climb_rate(wanted_mps, climb_mps);
+        Some(normal_for(up, state.euler.x, climb_rad))
+    }
+
+    fn message(&self, commands: &LoopCommands, output: &ControllerOutput) -> ActuatorCommand {
+        let c = &output.command;
+        let finite = [c.throttle, c.aileron_rad, c.elevator_rad, c.rudder_rad].iter().all(|x| x.is_finite());
+        let progress = self.controller.guidance().snapshot();
+        let guidance = output.guidance.as_ref();
+        let of = |value: fn(&GuidanceOutput) -> f64| guidance.map(value);
+        ActuatorCommand {
+            throttle: c.throttle,
+            aileron_rad: c.aileron_rad,
+            elevator_rad: c.elevator_rad,
+            rudder_rad: c.rudder_rad,
+            bank_reference_rad: output.references.bank_rad,
+            horizontal_acceleration_mps2: of(|g| g.horizontal_mps2).unwrap_or(0.0),
+            cross_track_m: of(|g| g.cross_track_m).unwrap_or(0.0),
+            altitude_reference_m: commands.altitude_m.or(of(|g| g.altitude_m)).unwrap_or(0.0),
+            airspeed_reference_mps: commands.airspeed_mps.or(of(|g| g.airspeed_mps)).unwrap_or(0.0),
+            engaged: u32::from(commands.autopilot && finite),
+            next_waypoint: progress.next,
+            waypoints_reached: progress.reached,
+            finished: u32::from(self.is_finished(&progress)),
+        }
+    }
+
+    fn is_finished(&self, progress: &GuidanceSnapshot) -> bool {
+        let wanted = self.settings.guidance.laps.saturating_mul(self.waypoints.flown().len() as u32);
+        wanted > 0 && progress.reached >= wanted
+    }
+
+    /// The loops that are closed now, one bit each.
+    fn closed_loops(&self) -> u64 {
+        let asked = |id: LoopId| self.orders.target(id).is_some();
+        let (rate, angle) = (asked(LoopId::RollRate), asked(LoopId::Heading));
+        let free = !self.orders.navigation;
+        let inner_pitch = asked(LoopId::PitchRate) || asked(LoopId::Normal) || asked(LoopId::ClimbRate);
+        let closed = |id: LoopId| match id {
+            LoopId::RollRate => self.channels.roll,
+            LoopId::Normal => self.channels.pitch,
+            LoopId::Lateral => self.channels.yaw,
+            LoopId::Axial => self.channels.thrust,
+            LoopId::RollAngle => self.channels.roll && !rate,
+            LoopId::Heading => angle && !rate && !asked(LoopId::RollAngle),
+            LoopId::Altitude => !inner_pitch && (asked(id) || !free || self.hold_altitude_m.is_some()),
+            LoopId::Airspeed => self.channels.thrust && !asked(LoopId::Axial),
+            LoopId::PitchRate => asked(id),
+            LoopId::ClimbRate => asked(id) && !asked(LoopId::PitchRate) && !asked(LoopId::Normal),
+        };
+        LoopId::ALL.into_iter().filter(|id| closed(*id)).map(|id| 1 << (id as u64)).sum()
+    }
+}
+
+/// Guidance over the way-points; before there are any, over the seed's, which nobody can switch on.
+fn guidance(config: &GuidanceConfig, waypoints: &Waypoints) -> Result<Guidance, GuidanceError> {
+    match waypoints.flown() {
+        [] => Guidance::new(*config, &seed_waypoints()),
+        points => Guidance::new(*config, points),
+    }
+}
+
+fn actuators(command: &ActuatorCommand) -> servo::ActuatorCommand {
+    servo::ActuatorCommand {
+        throttle: command.throttle,
+        aileron_rad: command.aileron_rad,
+        elevator_rad: command.elevator_rad,
+        rudder_rad: command.rudder_rad,
+    }
+}
+
+#[cfg(test)]
+mod tests;

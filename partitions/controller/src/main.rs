@@ -1,3 +1,188 @@
 //! The function that flies: specific-acceleration loops, roll-rate loop and guidance.
 
-fn main() {}
+use std::process::ExitCode;
+
+use bateleur_apex::{
+    Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
+    StartError, Window,
+};
+use bateleur_controller::{Answer, Function, Kept, Sensors, Settings, navigation_state};
+use bateleur_flight::airframe::Airframe;
+use bateleur_flight::control::ControllerConfig;
+use bateleur_flight::estimator::NavigationState;
+use bateleur_flight::guidance::{Corner, GuidanceConfig, Waypoint};
+use bateleur_messages::ground::Order;
+use bateleur_messages::telemetry::{
+    ACCEPTED, Acknowledge, FROM_CONTROLLER, NOT_UNDERSTOOD, REFUSED, Telemetry,
+};
+use bateleur_messages::{
+    Acceleration, ActuatorCommand, FunctionStatus, GroundMessage, Pressure, Rate, Rates, State,
+    TelemetryMessage, Watch,
+};
+
+/// Ground messages taken in one window at most; a list of way-points takes a few windows.
+const ORDERS_PER_WINDOW: usize = 8;
+/// The airframe that is built in.
+const AEROSONDE: &str = include_str!("../../../hil/plant/airframes/aerosonde.toml");
+
+struct ControllerPartition {
+    function: Function,
+    retained: Retained<Kept>,
+    starts: u64,
+    inputs: InputPorts,
+    command: SamplingSource<ActuatorCommand>,
+    status: SamplingSource<FunctionStatus>,
+    rate: SamplingDestination<Rate>,
+    ground: QueuingDestination<GroundMessage>,
+    telemetry: QueuingSource<TelemetryMessage>,
+    timeout_1: Watch,
+    timeout_3: Watch,
+}
+
+struct InputPorts {
+    state: SamplingDestination<State>,
+    acceleration: SamplingDestination<Acceleration>,
+    orientation: SamplingDestination<Rates>,
+    pressure: SamplingDestination<Pressure>,
+}
+
+impl Partition for ControllerPartition {
+    fn start(context: &mut Context) -> Result<Self, StartError> {
+        let settings = Settings {
+            airframe: airframe(context)?,
+            guidance: guidance(context)?,
+            control: control(context)?,
+        };
+        let planned = waypoints(context)?;
+        let mut retained: Retained<Kept> = context.retained()?;
+        let function = Function::new(settings, &planned, retained.load().as_ref())
+            .map_err(|error| StartError::Other(format!("attribute waypoints: {error}")))?;
+        Ok(Self {
+            function,
+            retained,
+            starts: u64::from(context.generation()) + 1,
+            inputs: InputPorts {
+                state: context.sampling_destination("state")?,
+                acceleration: context.sampling_destination("acceleration")?,
+                orientation: context.sampling_destination("orientation")?,
+                pressure: context.sampling_destination("pressure")?,
+            },
+            command: context.sampling_source("command")?,
+            status: context.sampling_source("status")?,
+            rate: context.sampling_destination("rate")?,
+            ground: context.queuing_destination("ground")?,
+            telemetry: context.queuing_source("telemetry")?,
+            timeout_1: Watch::default(),
+            timeout_3: Watch::default(),
+        })
+    }
+
+    fn window(&mut self, window: &Window) {
+        let now_ns = window.start_ns();
+        let (state, sensors) = self.inputs.read();
+        self.take_orders(now_ns, state.is_some());
+        let command = self.function.step(now_ns, window.minor_frame_ns(), state.as_ref(), &sensors);
+        self.command.write(&command);
+        self.status.write(&self.function.status(self.starts));
+        self.retained.store(&self.function.kept());
+        self.send_telemetry(now_ns);
+    }
+}
+
+impl ControllerPartition {
+    fn take_orders(&mut self, now_ns: u64, ready: bool) {
+        for _ in 0..ORDERS_PER_WINDOW {
+            let Some(message) = self.ground.receive() else { return };
+            let order = Order::parse(message.letter, message.bytes());
+            let answer = order.map_or(Answer::NotUnderstood, |order| self.function.order(&order, ready));
+            let result = match answer {
+                Answer::Accepted => ACCEPTED,
+                Answer::Refused => REFUSED,
+                Answer::NotUnderstood => NOT_UNDERSTOOD,
+            };
+            let answer = Acknowledge::of(&message, FROM_CONTROLLER, result, now_ns);
+            self.telemetry.send(&TelemetryMessage::of(&Telemetry::Acknowledge(answer)));
+        }
+    }
+
+    fn send_telemetry(&mut self, now_ns: u64) {
+        let Some(rate) = self.rate.read_valid() else { return };
+        let navigation_due = self.timeout_1.changed(rate.timeout_1);
+        let loops_due = self.timeout_3.changed(rate.timeout_3);
+        if navigation_due {
+            let navigation = Telemetry::Navigation(self.function.navigation(now_ns));
+            self.telemetry.send(&TelemetryMessage::of(&navigation));
+        }
+        if loops_due {
+            let loops = Telemetry::Loops(self.function.loops(now_ns));
+            self.telemetry.send(&TelemetryMessage::of(&loops));
+        }
+    }
+}
+
+impl InputPorts {
+    fn read(&mut self) -> (Option<NavigationState>, Sensors) {
+        let state = self.state.read_valid().and_then(navigation_state);
+        let acceleration = self.acceleration.read_valid();
+        (state, Sensors::of(acceleration, self.orientation.read_valid(), self.pressure.read_valid()))
+    }
+}
+
+/// The built-in airframe, or the file that the attribute names.
+fn airframe(context: &mut Context) -> Result<Airframe, StartError> {
+    let name: String = context.attribute("airframe", "aerosonde".into())?;
+    let text = match name.as_str() {
+        "aerosonde" => AEROSONDE.into(),
+        path => std::fs::read_to_string(path).map_err(|error| {
+            StartError::Other(format!(
+                "attribute airframe = \"{path}\": {error}; name a readable TOML file, or \"aerosonde\""
+            ))
+        })?,
+    };
+    Airframe::from_toml(&text)
+        .map_err(|error| StartError::Other(format!("attribute airframe = \"{name}\": {error}")))
+}
+
+fn guidance(context: &mut Context) -> Result<GuidanceConfig, StartError> {
+    let path: String = context.attribute("path", "fillet".into())?;
+    let corner = match path.as_str() {
+        "fillet" => Corner::Fillet,
+        "fly_through" => Corner::FlyThrough,
+        other => {
+            return Err(StartError::Other(format!(
+                "attribute path = \"{other}\": give \"fillet\" or \"fly_through\""
+            )));
+        }
+    };
+    let radius_m: Option<f64> = context.attribute("radius_m", None)?;
+    if radius_m.is_some_and(|radius_m| !(10.0..=10_000.0).contains(&radius_m)) {
+        return Err(StartError::Other("attribute radius_m: give 10 to 10000 m, or leave it out".into()));
+    }
+    Ok(GuidanceConfig { corner, radius_m, laps: context.attribute("laps", 2)?, ..GuidanceConfig::default() })
+}
+
+fn control(context: &mut Context) -> Result<ControllerConfig, StartError> {
+    let usual = ControllerConfig::default();
+    let cruise_mps: f64 = context.attribute("cruise_mps", usual.cruise_mps)?;
+    if !(10.0..=60.0).contains(&cruise_mps) {
+        return Err(StartError::Other(format!("attribute cruise_mps = {cruise_mps}: give 10 to 60 m/s")));
+    }
+    Ok(ControllerConfig { cruise_mps, ..usual })
+}
+
+/// Way-points of the plan: `[north m, east m, altitude m, heading °, airspeed m/s]` each.
+fn waypoints(context: &mut Context) -> Result<Vec<Waypoint>, StartError> {
+    let planned: Vec<[f64; 5]> = context.attribute("waypoints", Vec::new())?;
+    let point = |[north_m, east_m, altitude_m, heading_deg, airspeed_mps]: [f64; 5]| Waypoint {
+        north_m,
+        east_m,
+        altitude_m,
+        airspeed_mps,
+        heading_rad: heading_deg.to_radians(),
+    };
+    Ok(planned.into_iter().map(point).collect())
+}
+
+fn main() -> ExitCode {
+    bateleur_apex::run::<ControllerPartition>()
+}

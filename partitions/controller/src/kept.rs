@@ -1,0 +1,132 @@
+//! What outlives a warm restart: all that the ground has said, the place in the mission, and where the actuators are.
+
+use bateleur_flight::guidance::{GuidanceSnapshot, MAX_WAYPOINTS, Waypoint};
+use bateleur_flight::servo::ActuatorCommand;
+use bateleur_messages::ground::{LoopId, Order};
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
+
+use crate::orders::{Answer, Orders};
+use crate::waypoints::{List, Waypoints};
+
+/// [`Kept::switches`]: the autopilot flies.
+const AUTOPILOT: u32 = 1;
+/// [`Kept::switches`]: navigation is on.
+const NAVIGATION: u32 = 2;
+/// [`Kept::switches`]: an altitude is held.
+const HOLD: u32 = 4;
+
+type Points = [[f64; 5]; MAX_WAYPOINTS];
+
+/// Plain numbers in a fixed size.
+#[derive(Debug, Clone, Copy, PartialEq, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub struct Kept {
+    switches: u32,
+    /// One bit a loop.
+    loops: u32,
+    targets: [f64; LoopId::ALL.len()],
+    hold_altitude_m: f64,
+    /// Throttle, aileron, elevator, rudder.
+    actuators: [f64; 4],
+    next: u32,
+    reached: u32,
+    staged_count: u32,
+    staged_there: u32,
+    flown_count: u32,
+    flown_there: u32,
+    staged: Points,
+    flown: Points,
+}
+
+impl Kept {
+    /// What to keep.
+    pub fn new(
+        orders: &Orders,
+        waypoints: &Waypoints,
+        progress: &GuidanceSnapshot,
+        hold_altitude_m: Option<f64>,
+        actuators: &ActuatorCommand,
+    ) -> Self {
+        let on = |on: bool, bit: u32| if on { bit } else { 0 };
+        let is_on = |id: &LoopId| orders.target(*id).is_some();
+        let a = actuators;
+        Self {
+            switches: on(orders.autopilot, AUTOPILOT)
+                | on(orders.navigation, NAVIGATION)
+                | on(hold_altitude_m.is_some(), HOLD),
+            loops: LoopId::ALL.into_iter().filter(is_on).map(|id| 1 << (id as u32)).sum(),
+            targets: LoopId::ALL.map(|id| orders.target(id).unwrap_or(0.0)),
+            hold_altitude_m: hold_altitude_m.unwrap_or(0.0),
+            actuators: [a.throttle, a.aileron_rad, a.elevator_rad, a.rudder_rad],
+            next: progress.next,
+            reached: progress.reached,
+            staged_count: waypoints.staged.count as u32,
+            staged_there: waypoints.staged.there,
+            flown_count: waypoints.flown.count as u32,
+            flown_there: waypoints.flown.there,
+            staged: waypoints.staged.points.map(to_numbers),
+            flown: waypoints.flown.points.map(to_numbers),
+        }
+    }
+
+    /// Whether it can be gone on from. Memory that something else has written into is better forgotten whole.
+    pub fn is_sane(&self) -> bool {
+        let counts = self.staged_count.max(self.flown_count) as usize <= MAX_WAYPOINTS;
+        let finite = self.targets.iter().chain(&self.actuators).all(|number| number.is_finite());
+        let points = self.staged.iter().chain(&self.flown).flatten().all(|number| number.is_finite());
+        let whole = self.flown_count == self.flown_there.count_ones();
+        counts && finite && points && whole && self.hold_altitude_m.is_finite()
+    }
+
+    /// Switches and targets.
+    pub fn orders(&self) -> Orders {
+        let is_on = |id: &LoopId| self.loops & (1 << (*id as u32)) != 0;
+        let mut orders = Orders {
+            autopilot: self.switches & AUTOPILOT != 0,
+            navigation: self.switches & NAVIGATION != 0,
+            ..Orders::default()
+        };
+        for id in LoopId::ALL.into_iter().filter(is_on) {
+            let target = self.targets[id as usize];
+            let _: Answer = orders.take(&Order::Loop { id, on: true, target }); // checks the target
+        }
+        orders
+    }
+
+    /// The way-points.
+    pub fn waypoints(&self) -> Waypoints {
+        let list = |count: u32, there, points: &Points| List {
+            count: count as usize,
+            there,
+            points: points.map(from_numbers),
+        };
+        Waypoints {
+            staged: list(self.staged_count, self.staged_there, &self.staged),
+            flown: list(self.flown_count, self.flown_there, &self.flown),
+        }
+    }
+
+    /// The place in the mission.
+    pub fn progress(&self) -> GuidanceSnapshot {
+        GuidanceSnapshot { next: self.next, reached: self.reached }
+    }
+
+    /// The altitude that was held.
+    pub fn hold_altitude_m(&self) -> Option<f64> {
+        (self.switches & HOLD != 0).then_some(self.hold_altitude_m)
+    }
+
+    /// Where the actuators are.
+    pub fn actuators(&self) -> ActuatorCommand {
+        let [throttle, aileron_rad, elevator_rad, rudder_rad] = self.actuators;
+        ActuatorCommand { throttle, aileron_rad, elevator_rad, rudder_rad }
+    }
+}
+
+fn to_numbers(p: Waypoint) -> [f64; 5] {
+    [p.north_m, p.east_m, p.altitude_m, p.airspeed_mps, p.heading_rad]
+}
+
+fn from_numbers([north_m, east_m, altitude_m, airspeed_mps, heading_rad]: [f64; 5]) -> Waypoint {
+    Waypoint { north_m, east_m, altitude_m, airspeed_mps, heading_rad }
+}

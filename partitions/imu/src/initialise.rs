@@ -87,10 +87,8 @@ impl Initialise {
     /// sensor is not asked for.
     pub fn step(&mut self, now_ns: u64, raw: Option<&RawAnalog>, present: &Biases) -> Option<Outcome> {
         let age_ns = now_ns.saturating_sub(self.began_ns);
-        if let Some(raw) = raw {
-            if !self.add(raw) {
-                return Some(Outcome::Refused);
-            }
+        if raw.is_some_and(|raw| !self.add(raw)) {
+            return Some(Outcome::Refused);
         }
         if age_ns < self.length_ns {
             return None;

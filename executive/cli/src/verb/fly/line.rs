@@ -1,0 +1,63 @@
+//! The serial line between the ground station and the aircraft: a pseudo-terminal.
+
+use std::fs::File;
+use std::os::fd::{AsFd, OwnedFd};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use bateleur_executive::machine::PARTITION_USER;
+use bateleur_ground::Link;
+use rustix::fs::{Mode, OFlags};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+
+/// How long bytes that were written may take to arrive, real time: the kernel hands them on from a work queue.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Both ends of the line.
+pub(super) struct Line {
+    /// What the aircraft's end is called.
+    pub(super) device: String,
+    /// The ground's end.
+    pub(super) link: Link,
+    ground: OwnedFd,
+    /// Kept open, so that the line stays when the aircraft's process restarts.
+    _aircraft: OwnedFd,
+}
+
+impl Line {
+    pub(super) fn open() -> Result<Self> {
+        Self::make().context("cannot make a pseudo-terminal for the ground station's line")
+    }
+
+    fn make() -> Result<Self> {
+        let ground = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
+        grantpt(&ground)?;
+        unlockpt(&ground)?;
+        let device = ptsname(&ground, Vec::new())?.into_string()?;
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
+        let aircraft = rustix::fs::open(device.as_str(), flags, Mode::empty())?;
+        let mut settings = tcgetattr(&aircraft)?;
+        settings.make_raw();
+        tcsetattr(&aircraft, OptionalActions::Now, &settings)?;
+        if rustix::process::geteuid().is_root() {
+            std::os::unix::fs::chown(&device, Some(PARTITION_USER), None)?;
+        }
+        let link = Link::new(File::from(ground.try_clone()?))?;
+        Ok(Self { device, link, ground, _aircraft: aircraft })
+    }
+
+    /// Waits until all of the `sent` bytes that the aircraft has written so far can be read: in virtual time it must
+    /// not matter how fast the kernel carries them.
+    pub(super) fn await_bytes(&self, sent: u64) {
+        let begun = Instant::now();
+        while self.arrived() < sent && begun.elapsed() < PATIENCE {
+            std::thread::yield_now();
+        }
+    }
+
+    fn arrived(&self) -> u64 {
+        let waiting = rustix::io::ioctl_fionread(self.ground.as_fd()).unwrap_or(0);
+        self.link.bytes_received() + waiting
+    }
+}

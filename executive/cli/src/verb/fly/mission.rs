@@ -1,0 +1,196 @@
+//! The ground station's side of a flight, on either clock.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use bateleur_executive::event::Event;
+use bateleur_ground::{Mission, MissionPlan, Outcome, Progress, Severity, UdpPilot};
+
+use super::Arguments;
+use super::executive::Executive;
+use super::line::Line;
+use super::simulator::Simulator;
+use crate::verb::run::say;
+
+/// Wall clock: between two steps of the ground station.
+const STEP: Duration = Duration::from_millis(50);
+/// Module time between two lines of progress on the wall clock, ns.
+const REPORT_NS: u64 = 5_000_000_000;
+/// The same on the virtual clock.
+const FAST_REPORT_NS: u64 = 25_000_000_000;
+/// Module time for which the flight goes on after the simulator has died, so that the aircraft's own monitoring tells.
+const AFTER_SIMULATOR_NS: u64 = 2_000_000_000;
+
+/// How a flight went.
+pub(super) struct Flown {
+    /// Why the mission was not completed.
+    pub(super) failure: Option<String>,
+    /// Way-points that the aircraft said it reached.
+    pub(super) waypoints_reached: u32,
+    /// Module time, s.
+    pub(super) module_time_s: f64,
+    /// Everything that the executive told.
+    pub(super) events: Vec<Event>,
+}
+
+/// Flies; none: the executive could not start, and has said why.
+pub(super) fn fly(
+    arguments: &Arguments,
+    plan: MissionPlan,
+    simulator: Simulator,
+    line: Line,
+    executive: Executive,
+    stop: Arc<AtomicBool>,
+) -> Result<Option<Flown>> {
+    let pilot = UdpPilot::new(simulator.address).context("cannot reach the simulated safety pilot")?;
+    let mut flight = Flight {
+        mission: Mission::new(plan),
+        simulator,
+        line,
+        executive,
+        pilot,
+        stop,
+        events: Vec::new(),
+        ready: None,
+        report_ns: if arguments.fast { FAST_REPORT_NS } else { REPORT_NS },
+        reported_ns: 0,
+        latest: None,
+        failure: None,
+        simulator_lost_ns: None,
+    };
+    if arguments.fast { flight.fast() } else { flight.wall() }
+    Ok(flight.finish())
+}
+
+struct Flight {
+    mission: Mission,
+    simulator: Simulator,
+    line: Line,
+    executive: Executive,
+    pilot: UdpPilot,
+    stop: Arc<AtomicBool>,
+    events: Vec<Event>,
+    ready: Option<Instant>,
+    report_ns: u64,
+    reported_ns: u64,
+    latest: Option<Progress>,
+    failure: Option<String>,
+    simulator_lost_ns: Option<u64>,
+}
+
+impl Flight {
+    /// The executive asks at every step of module time, and waits for the answer.
+    fn fast(&mut self) {
+        loop {
+            self.take_events();
+            match self.executive.question() {
+                Ok(Some(question)) => {
+                    self.line.await_bytes(question.sent);
+                    let over = self.step(question.module_ns);
+                    if self.executive.answer(self.line.link.bytes_sent(), over).is_err() {
+                        return;
+                    }
+                }
+                Ok(None) if self.executive.ended().is_none() => {}
+                _ => return,
+            }
+        }
+    }
+
+    fn wall(&mut self) {
+        while self.executive.ended().is_none() {
+            self.take_events();
+            let over = match self.ready {
+                Some(ready) => self.step(ready.elapsed().as_nanos() as u64),
+                None => self.stop.load(Ordering::Acquire),
+            };
+            if over {
+                return;
+            }
+            std::thread::sleep(STEP);
+        }
+    }
+
+    /// One step of the ground station; true: the flight is over.
+    fn step(&mut self, module_ns: u64) -> bool {
+        let progress = self.mission.step(module_ns, &mut self.line.link, &mut self.pilot);
+        for event in &progress.events {
+            let mark = if event.severity == Severity::Info { "" } else { "! " };
+            eprintln!("{:9.3} s  {mark}{}", event.time_ns as f64 / 1e9, event.text);
+        }
+        if module_ns >= self.reported_ns + self.report_ns {
+            self.reported_ns = module_ns;
+            eprintln!("{}", describe(&progress));
+        }
+        let over = progress.is_over();
+        self.latest = Some(progress);
+        over || self.is_cut_short(module_ns)
+    }
+
+    fn is_cut_short(&mut self, module_ns: u64) -> bool {
+        if self.stop.load(Ordering::Acquire) {
+            self.failure = Some("it was interrupted".into());
+            return true;
+        }
+        if let Some(reason) = self.simulator.ended() {
+            let lost_ns = *self.simulator_lost_ns.get_or_insert_with(|| {
+                eprintln!("{:9.3} s  ! {reason}", module_ns as f64 / 1e9);
+                module_ns
+            });
+            self.failure = Some(reason);
+            return module_ns >= lost_ns + AFTER_SIMULATOR_NS;
+        }
+        false
+    }
+
+    fn take_events(&mut self) {
+        for event in self.executive.take_events() {
+            say(&event);
+            if matches!(event, Event::Ready { .. }) {
+                self.ready = Some(Instant::now());
+            }
+            self.events.push(event);
+        }
+    }
+
+    fn finish(mut self) -> Option<Flown> {
+        self.take_events();
+        let rest = self.executive.finish();
+        rest.iter().for_each(say);
+        self.events.extend(rest);
+        self.simulator.finish();
+        self.events.iter().find(|event| matches!(event, Event::Ready { .. }))?;
+        let module_time_s = self.events.iter().rev().find_map(|event| match event {
+            Event::Stopped { module_time_s, .. } => Some(*module_time_s),
+            _ => None,
+        });
+        let latest_ns = self.latest.as_ref().map_or(0, |progress| progress.time_ns);
+        let failure = match self.latest.as_ref().map(|progress| &progress.outcome) {
+            Some(Outcome::Finished) => None,
+            Some(Outcome::Failed(why)) => Some(self.failure.unwrap_or_else(|| why.clone())),
+            _ => Some(self.failure.unwrap_or_else(|| "the executive ended before the mission did".into())),
+        };
+        Some(Flown {
+            failure,
+            waypoints_reached: self.latest.map_or(0, |progress| progress.waypoints_reached),
+            module_time_s: module_time_s.unwrap_or(latest_ns as f64 / 1e9),
+            events: self.events,
+        })
+    }
+}
+
+fn describe(progress: &Progress) -> String {
+    let number = |value: Option<f64>, unit: &str| value.map_or_else(|| format!("   - {unit}"), |value| format!("{value:6.1} {unit}"));
+    let next = progress.next_waypoint.map_or_else(|| " - ".into(), |next| format!("WP{next}"));
+    format!(
+        "{:9.3} s  {:<12} to {next}  {}  {}  {}/{} way-points",
+        progress.time_ns as f64 / 1e9,
+        progress.phase.name(),
+        number(progress.altitude_m, "m"),
+        number(progress.airspeed_mps, "m/s"),
+        progress.waypoints_reached,
+        progress.waypoints_to_reach
+    )
+}

@@ -1,0 +1,220 @@
+//! `bateleur fly`: a whole flight, hardware-in-the-loop: starts the simulator, the module and the ground station, flies
+//! the mission, and writes what happened into `target/flights/<run>/`: `summary.json`, `report.html`, the log of every
+//! port (`ports.mcap`) and every window (`windows.csv`), the truth, the health log.
+//!
+//! Progress goes to standard error; the summary goes to standard output, as a table or as JSON. Exit codes: 0 the mission
+//! was completed, 1 it was not, 2 it could not begin.
+
+mod executive;
+mod line;
+mod mission;
+mod simulator;
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
+
+use anyhow::{Context, Result, bail};
+use bateleur_executive::event::Event;
+use bateleur_executive::plan::{Attribute, Plan};
+use bateleur_ground::MissionPlan;
+use bateleur_report::run::{Clock, FILE, Guarantee, Mission as MissionResult, Run};
+use bateleur_report::{Inputs, Summary};
+
+use super::run::{Kill, parse_kill};
+use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
+use crate::plan_file;
+use mission::Flown;
+
+/// Fly the mission hardware-in-the-loop.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct Arguments {
+    /// The schedule file.
+    #[arg(long, short, default_value = "schedule.toml")]
+    pub(crate) schedule: PathBuf,
+    /// The module that flies; may be left out where the file has one.
+    #[arg(long, short)]
+    pub(crate) module: Option<String>,
+    /// Fly on the virtual clock: as fast as the machine can, the same flight for the same seed.
+    #[arg(long)]
+    pub(crate) fast: bool,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Mean wind, m/s.
+    #[arg(long, value_name = "M/S", default_value_t = 0.0)]
+    pub(crate) wind: f64,
+    /// Where the wind comes from, degrees clockwise from north.
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub(crate) wind_from: f64,
+    /// Gusts.
+    #[arg(long, value_name = "LEVEL", default_value = "calm", value_parser = ["calm", "light", "moderate", "severe"])]
+    pub(crate) turbulence: String,
+    /// aerosonde, rascal110, or the file of an airframe.
+    #[arg(long, value_name = "NAME|FILE", default_value = "aerosonde")]
+    pub(crate) airframe: String,
+    /// Kill a partition's process at a module time (may be repeated).
+    #[arg(long, value_name = "PARTITION@SECONDS", value_parser = parse_kill)]
+    pub(crate) kill: Vec<Kill>,
+    /// Replace an attribute of the plan (may be repeated).
+    #[arg(long, value_name = "PARTITION.ATTRIBUTE=VALUE")]
+    pub(crate) set: Vec<String>,
+    /// Way-points, laps and limits, instead of the thesis's two laps.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) mission: Option<PathBuf>,
+    /// Address of the simulator; port 0 takes a free one.
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
+    pub(crate) simulator: SocketAddr,
+    /// Let the simulator follow its own clock instead of the module's.
+    #[arg(long)]
+    pub(crate) free_running: bool,
+    /// Folder of this flight; the default is one of its own below target/flights.
+    #[arg(long, short)]
+    pub(crate) output: Option<PathBuf>,
+    /// Refuse to fly where this machine lacks something.
+    #[arg(long, value_name = "HOW", value_parser = ["strict"])]
+    pub(crate) require: Option<String>,
+    /// What to print at the end.
+    #[arg(long, value_enum, default_value = "text")]
+    pub(crate) format: Format,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
+    let Some(plan) = plan_file::read_or_say(&arguments.schedule)? else { return Ok(CANNOT_RUN) };
+    let mission = read_mission(arguments, &plan)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
+        signal_hook::flag::register(signal, stop.clone()).context("cannot watch for signals")?;
+    }
+    let folder = make_folder(arguments)?;
+    let begun = Instant::now();
+    let Some(flown) = fly(arguments, &plan, &mission, &folder, stop)? else { return Ok(CANNOT_RUN) };
+    let record = record(arguments, &flown, begun.elapsed().as_secs_f64());
+    std::fs::write(folder.join(FILE), serde_json::to_vec_pretty(&record)?).context("cannot write run.json")?;
+    let summary = bateleur_report::write(&folder, &inputs(&plan, &mission))?;
+    print_summary(arguments, &summary, &folder)?;
+    Ok(if summary.completed { FINE } else { WRONG })
+}
+
+fn fly(
+    arguments: &Arguments,
+    plan: &Plan,
+    mission: &MissionPlan,
+    folder: &Path,
+    stop: Arc<AtomicBool>,
+) -> Result<Option<Flown>> {
+    let simulator = simulator::Simulator::start(arguments, plan, folder)?;
+    let line = line::Line::open()?;
+    let executive = executive::Executive::start(arguments, plan, folder, &simulator, &line)?;
+    mission::fly(arguments, mission.clone(), simulator, line, executive, stop)
+}
+
+/// The partition that runs program `name`, so that a plan may call its partitions as it likes.
+fn partition_running(plan: &Plan, name: &str) -> Result<String> {
+    let runs = |program: &str| program.rsplit('/').next() == Some(name);
+    match plan.partitions.iter().find(|partition| runs(&partition.program)) {
+        Some(partition) => Ok(partition.name.clone()),
+        None => bail!("no partition of the plan runs the program {name}, which a flight needs"),
+    }
+}
+
+fn read_mission(arguments: &Arguments, plan: &Plan) -> Result<MissionPlan> {
+    if let Some(path) = &arguments.mission {
+        return Ok(MissionPlan::from_file(path)?);
+    }
+    let laps = attribute(plan, "controller", "laps").and_then(|laps| match laps {
+        Attribute::Integer(laps @ 1..=1000) => Some(*laps as u32),
+        _ => None,
+    });
+    let thesis = MissionPlan::thesis();
+    Ok(MissionPlan { laps: laps.unwrap_or(thesis.laps), ..thesis })
+}
+
+fn attribute<'a>(plan: &'a Plan, program: &str, name: &str) -> Option<&'a Attribute> {
+    let partition = partition_running(plan, program).ok()?;
+    plan[plan.partition(&partition)?].attributes.get(name)
+}
+
+fn make_folder(arguments: &Arguments) -> Result<PathBuf> {
+    let folder = arguments.output.clone().unwrap_or_else(|| {
+        let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+        let name = format!("{}-{}-seed{}", date(seconds), std::process::id(), arguments.seed);
+        Path::new("target/flights").join(name)
+    });
+    std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    Ok(folder)
+}
+
+/// Seconds since 1970 as "20261121-093000", UTC (the usual civil-calendar arithmetic on 400-year eras).
+fn date(seconds: u64) -> String {
+    let (days, rest) = (seconds / 86_400, seconds % 86_400);
+    let shifted = days + 719_468;
+    let (era, day_of_era) = (shifted / 146_097, shifted % 146_097);
+    let year_of_era = (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted_month = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
+    let month = if shifted_month < 10 { shifted_month + 3 } else { shifted_month - 9 };
+    let year = era * 400 + year_of_era + u64::from(month <= 2);
+    format!("{year:04}{month:02}{day:02}-{:02}{:02}{:02}", rest / 3_600, rest % 3_600 / 60, rest % 60)
+}
+
+fn record(arguments: &Arguments, flown: &Flown, wall_time_s: f64) -> Run {
+    Run {
+        clock: if arguments.fast { Clock::Virtual } else { Clock::Wall },
+        seed: arguments.seed,
+        wall_time_s,
+        module_time_s: flown.module_time_s,
+        schedule: arguments.schedule.display().to_string(),
+        mission: MissionResult {
+            completed: flown.failure.is_none(),
+            failure: flown.failure.clone(),
+            waypoints_reached: Some(flown.waypoints_reached),
+        },
+        guarantees: guarantees(&flown.events),
+        arguments: std::env::args().skip(1).collect(),
+    }
+}
+
+fn guarantees(events: &[Event]) -> Vec<Guarantee> {
+    let list = events.iter().find_map(|event| match event {
+        Event::Guarantees { list } => Some(list),
+        _ => None,
+    });
+    let all = list.into_iter().flatten();
+    all.map(|one| Guarantee { promise: one.promise.clone(), held: one.held, detail: one.detail.clone() }).collect()
+}
+
+fn inputs(plan: &Plan, mission: &MissionPlan) -> Inputs {
+    let mut inputs = Inputs { laps: mission.laps, ..Inputs::default() };
+    if let Some(Attribute::Boolean(aiding)) = attribute(plan, "estimator", "pressure_aiding") {
+        inputs.pressure_aiding = *aiding;
+    }
+    inputs
+}
+
+fn print_summary(arguments: &Arguments, summary: &Summary, folder: &Path) -> Result<()> {
+    match arguments.format {
+        Format::Json => println!("{}", serde_json::to_string_pretty(summary)?),
+        Format::Text => {
+            print!("{}", bateleur_report::text::table(summary));
+            println!("report: {}", folder.join("report.html").display());
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::date;
+
+    #[test]
+    fn dates_are_those_of_the_calendar() {
+        assert_eq!(date(0), "19700101-000000");
+        assert_eq!(date(951_782_399), "20000228-235959");
+        assert_eq!(date(951_782_400), "20000229-000000");
+        assert_eq!(date(1_795_224_600), "20261121-013000");
+    }
+}

@@ -1,0 +1,96 @@
+//! The simulator's process.
+
+use std::io::{BufRead, BufReader};
+use std::net::SocketAddr;
+use std::path::Path;
+use std::process::{Child, ChildStdin, Command, Stdio};
+
+use anyhow::{Context, Result, bail};
+use bateleur_executive::plan::Plan;
+use bateleur_executive::system::sched;
+
+use super::Arguments;
+
+/// SCHED_FIFO priority of the simulator on the wall clock: it stands for an aircraft, which is never late.
+const PRIORITY: u8 = 30;
+
+/// A running simulator; ended when dropped.
+pub(super) struct Simulator {
+    /// Where it listens.
+    pub(super) address: SocketAddr,
+    process: Child,
+    /// The simulator ends when this closes.
+    line: Option<ChildStdin>,
+}
+
+impl Simulator {
+    pub(super) fn start(arguments: &Arguments, plan: &Plan, folder: &Path) -> Result<Self> {
+        let program = super::executive::beside_self("simulator")?;
+        let mut command = Command::new(&program);
+        command.args(["--listen", &arguments.simulator.to_string(), "--airframe", &arguments.airframe]);
+        command.args(["--seed", &arguments.seed.to_string(), "--turbulence", &arguments.turbulence]);
+        command.args(["--wind", &arguments.wind.to_string(), "--wind-from", &arguments.wind_from.to_string()]);
+        command.arg("--truth").arg(folder.join("truth.bin")).args(["--ready", "--until-stdin-closes"]);
+        if arguments.free_running {
+            command.arg("--free-running");
+        }
+        let mut process = command
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .with_context(|| format!("cannot start {}", program.display()))?;
+        let line = process.stdin.take();
+        let address = match process.stdout.take() {
+            Some(output) => read_address(output),
+            None => bail!("the simulator has no standard output"),
+        };
+        let Some(address) = address else {
+            let status = process.wait()?;
+            bail!("the simulator did not start ({status}); its message stands above");
+        };
+        place(process.id() as i32, arguments, plan);
+        Ok(Self { address, process, line })
+    }
+
+    /// How it ended, if it has.
+    pub(super) fn ended(&mut self) -> Option<String> {
+        let status = self.process.try_wait().ok()??;
+        Some(format!("the simulator ended in flight ({status})"))
+    }
+
+    /// Ends it and waits until its log is whole.
+    pub(super) fn finish(&mut self) {
+        drop(self.line.take());
+        let _ = self.process.wait(); // it has ended already
+    }
+}
+
+impl Drop for Simulator {
+    fn drop(&mut self) {
+        self.finish();
+    }
+}
+
+fn read_address(output: impl std::io::Read) -> Option<SocketAddr> {
+    let mut line = String::new();
+    BufReader::new(output).read_line(&mut line).ok()?;
+    let ready: serde_json::Value = serde_json::from_str(&line).ok()?;
+    ready.get("listening")?.as_str()?.parse().ok()
+}
+
+/// Virtual clock: on the partitions' core, where an exchange is a switch and not an interrupt. Wall clock: off it, ahead
+/// of everything ordinary.
+fn place(pid: i32, arguments: &Arguments, plan: &Plan) {
+    let partitioned: Vec<u32> = plan.modules.iter().flat_map(|module| module.cores.clone()).collect();
+    let allowed = sched::allowed_cores();
+    let wanted = |core: &u32| partitioned.contains(core) == arguments.fast;
+    let cores: Vec<u32> = allowed.iter().copied().filter(wanted).collect();
+    for tid in sched::threads(pid) {
+        if !cores.is_empty() {
+            let _ = sched::bind(tid, &cores); // a comfort, as below
+        }
+        if !arguments.fast {
+            let _ = sched::fifo(tid, PRIORITY);
+        }
+    }
+}

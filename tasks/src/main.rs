@@ -1,3 +1,33 @@
-//! What the cargo aliases run: fly and verify.
+//! What the cargo aliases run: `cargo fly` and `cargo verify`.
+//!
+//! Responsible for: building before flying, and everything that must pass before a change lands. It must never depend on
+//! another crate, so that the first thing a fresh clone builds is built in a second.
 
-fn main() {}
+mod fly;
+mod links;
+mod step;
+mod tally;
+mod verify;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+/// The command line could not be followed, or what it asks for could not begin.
+const CANNOT_RUN: u8 = 2;
+
+fn main() -> ExitCode {
+    let mut arguments = std::env::args_os().skip(1);
+    match arguments.next().as_deref().and_then(|verb| verb.to_str()) {
+        Some("fly") => fly::run(arguments.collect()),
+        Some("verify") => verify::run(&arguments.collect::<Vec<OsString>>()),
+        _ => {
+            eprintln!("usage: cargo fly [what `bateleur fly` takes] | cargo verify");
+            ExitCode::from(CANNOT_RUN)
+        }
+    }
+}
+
+/// The cargo that started this program, or the one that the shell would find.
+fn cargo() -> OsString {
+    std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
+}

@@ -1,0 +1,118 @@
+//! `cargo verify`: everything that must pass before a change lands, cheapest first; stops at the first failure.
+//!
+//! One profile throughout, so that everything is built once: the tests of the whole system run the release programs.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use crate::step::{Step, succeeds};
+use crate::tally::Tally;
+use crate::{CANNOT_RUN, cargo, fly, links};
+
+/// Some test, lint or page is not as it must be.
+const FAILED: u8 = 1;
+/// How long asking a tool for its version may take.
+const ASKING: Duration = Duration::from_secs(30);
+/// How long fetching the database of known vulnerabilities may take; without a network it is never there.
+const FETCHING: Duration = Duration::from_secs(90);
+
+pub(crate) fn run(arguments: &[OsString]) -> ExitCode {
+    if !arguments.is_empty() {
+        eprintln!("usage: cargo verify (it takes no arguments)");
+        return ExitCode::from(CANNOT_RUN);
+    }
+    let root = root();
+    if let Err(error) = std::env::set_current_dir(&root) {
+        eprintln!("verify: cannot enter {}: {error}", root.display());
+        return ExitCode::from(CANNOT_RUN);
+    }
+    let begun = Instant::now();
+    let mut tally = Tally::default();
+    let result = everything(&root, &mut tally);
+    match &result {
+        Ok(()) => println!("verify: everything passed in {:.0} s", begun.elapsed().as_secs_f64()),
+        Err(reason) => println!("verify: {reason}"),
+    }
+    println!("{tally}");
+    if result.is_ok() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) }
+}
+
+/// Where the workspace lies: above this package.
+fn root() -> PathBuf {
+    let package = std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_else(|| env!("CARGO_MANIFEST_DIR").into());
+    Path::new(&package).parent().map_or_else(|| ".".into(), Path::to_owned)
+}
+
+fn everything(root: &Path, tally: &mut Tally) -> Result<(), String> {
+    Step::cargo("format", &["fmt", "--all", "--check"]).run(tally)?;
+    pages(root)?;
+    book(root, tally)?;
+    dependencies(tally)?;
+    Step::cargo("lints", &["clippy", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"])
+        .run(tally)?;
+    Step::cargo("programs", &["build", "--release", "--workspace", "--bins"]).run(tally)?;
+    schedule(tally)?;
+    tests(tally)?;
+    Step::cargo("examples in comments", &["test", "--release", "--workspace", "--doc"]).run(tally)?;
+    let documentation = Step::cargo("reference", &["doc", "--release", "--workspace", "--no-deps", "--lib"]);
+    documentation.with("RUSTDOCFLAGS", "-D warnings").run(tally)
+}
+
+fn pages(root: &Path) -> Result<(), String> {
+    let faults = links::check(root);
+    if faults.is_empty() {
+        println!("== links of the pages: fine");
+        return Ok(());
+    }
+    faults.iter().for_each(|fault| println!("{fault}"));
+    Err(format!("{} links or pages are wrong (see above)", faults.len()))
+}
+
+fn book(root: &Path, tally: &mut Tally) -> Result<(), String> {
+    if !succeeds("mdbook", &["--version"], ASKING) {
+        println!("== book: left out, mdbook is not installed (cargo install mdbook)");
+        return Ok(());
+    }
+    let place = fly::beside_self("book").map_err(|error| error.to_string())?;
+    let place = place.to_string_lossy();
+    let book = root.join("docs");
+    Step::new("book", "mdbook", &["build", "--dest-dir", &place, &book.to_string_lossy()]).run(tally)
+}
+
+/// Licences, sources and known vulnerabilities of other people's crates.
+fn dependencies(tally: &mut Tally) -> Result<(), String> {
+    if !succeeds(cargo(), &["deny", "--version"], ASKING) {
+        if std::env::var_os("CI").is_some_and(|value| value == "true") {
+            return Err(
+                "cargo-deny is not installed, and CI needs it: cargo install cargo-deny --locked".into()
+            );
+        }
+        println!(
+            "== dependencies: NOT CHECKED, cargo-deny is not installed (cargo install cargo-deny --locked)"
+        );
+        return Ok(());
+    }
+    Step::cargo("dependencies", &["deny", "--log-level", "error", "check", "bans", "licenses", "sources"])
+        .run(tally)?;
+    if succeeds(cargo(), &["deny", "fetch", "db"], FETCHING) {
+        let offline = ["deny", "--offline", "--log-level", "error", "check", "advisories"];
+        return Step::cargo("vulnerabilities", &offline).run(tally);
+    }
+    println!("== vulnerabilities: NOT CHECKED, their database can not be reached from here");
+    Ok(())
+}
+
+/// The schedule that is delivered has not even a warning.
+fn schedule(tally: &mut Tally) -> Result<(), String> {
+    let program = fly::beside_self("bateleur").map_err(|error| error.to_string())?;
+    Step::new("schedule", program, &["check", "--deny-warnings"]).run(tally)
+}
+
+fn tests(tally: &mut Tally) -> Result<(), String> {
+    if succeeds(cargo(), &["nextest", "--version"], ASKING) {
+        return Step::cargo("tests", &["nextest", "run", "--release", "--workspace"]).run(tally);
+    }
+    Step::cargo("tests", &["test", "--release", "--workspace", "--lib", "--bins", "--tests"]).run(tally)
+}

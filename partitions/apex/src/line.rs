@@ -48,7 +48,13 @@ impl<D: Read + Write + AsFd> Line<D> {
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) if is_empty(&error) => {
-                    if self.received >= expected || !window.wait_readable(&self.device, window.end_ns()) {
+                    if self.received >= expected {
+                        return Ok(());
+                    }
+                    if !window.wait_readable(&self.device, window.end_ns()) {
+                        // Lost on a device that was closed meanwhile, or read by the incarnation before this one:
+                        // waited for once, not in every window.
+                        self.received = expected;
                         return Ok(());
                     }
                 }

@@ -22,8 +22,9 @@ use bateleur_messages::{
 
 /// Ground messages taken in one window at most; a list of way-points takes a few windows.
 const ORDERS_PER_WINDOW: usize = 8;
-/// The airframe that is built in.
+/// The airframes that are built in.
 const AEROSONDE: &str = include_str!("../../../hil/plant/airframes/aerosonde.toml");
+const RASCAL110: &str = include_str!("../../../hil/plant/airframes/rascal110.toml");
 
 struct ControllerPartition {
     function: Function,
@@ -128,14 +129,15 @@ impl InputPorts {
     }
 }
 
-/// The built-in airframe, or the file that the attribute names.
+/// A built-in airframe, or the file that the attribute names.
 fn airframe(context: &mut Context) -> Result<Airframe, StartError> {
     let name: String = context.attribute("airframe", "aerosonde".into())?;
     let text = match name.as_str() {
         "aerosonde" => AEROSONDE.into(),
+        "rascal110" => RASCAL110.into(),
         path => std::fs::read_to_string(path).map_err(|error| {
             StartError::Other(format!(
-                "attribute airframe = \"{path}\": {error}; name a readable TOML file, or \"aerosonde\""
+                "attribute airframe = \"{path}\": {error}; name a readable TOML file, \"aerosonde\" or \"rascal110\""
             ))
         })?,
     };

@@ -18,8 +18,9 @@ use bateleur_servo::{Kept, Servo};
 const ORDERS_PER_WINDOW: usize = 8;
 /// How long the last output may stand without a command, ns: ten cycles, twice what a warm restart takes.
 const HOLD_NS: u64 = 200_000_000;
-/// The airframe that is built in.
+/// The airframes that are built in.
 const AEROSONDE: &str = include_str!("../../../hil/plant/airframes/aerosonde.toml");
+const RASCAL110: &str = include_str!("../../../hil/plant/airframes/rascal110.toml");
 
 struct Actuators {
     servo: Servo,
@@ -81,14 +82,15 @@ impl Actuators {
     }
 }
 
-/// The built-in airframe, or the file that the attribute names.
+/// A built-in airframe, or the file that the attribute names.
 fn airframe(context: &mut Context) -> Result<Airframe, StartError> {
     let name: String = context.attribute("airframe", "aerosonde".into())?;
     let text = match name.as_str() {
         "aerosonde" => AEROSONDE.into(),
+        "rascal110" => RASCAL110.into(),
         path => std::fs::read_to_string(path).map_err(|error| {
             StartError::Other(format!(
-                "attribute airframe = \"{path}\": {error}; name a readable TOML file, or \"aerosonde\""
+                "attribute airframe = \"{path}\": {error}; name a readable TOML file, \"aerosonde\" or \"rascal110\""
             ))
         })?,
     };

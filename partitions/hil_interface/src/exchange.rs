@@ -139,7 +139,7 @@ mod tests {
                 came |= does != Does::Nothing;
             }
             self.now_ns.set(if came { self.now_ns.get() + 100_000 } else { until_ns });
-            came || self.does.borrow().iter().any(|does| *does == Does::Flood)
+            came || self.does.borrow().contains(&Does::Flood)
         }
     }
 

@@ -113,7 +113,8 @@ impl Gate for VirtualGate<'_> {
             // Module time stands still in a window; what the processor took is laid after its start.
             record.granted_ns = Some(occurrence.start_ns);
             record.opened_ns = usage.opened_ns.map(|_| occurrence.start_ns);
-            let took_ns = usage.closed_ns.zip(usage.opened_ns).map(|(closed, opened)| closed.saturating_sub(opened));
+            let took_ns =
+                usage.closed_ns.zip(usage.opened_ns).map(|(closed, opened)| closed.saturating_sub(opened));
             record.closed_ns = took_ns.map(|took| occurrence.start_ns + took);
         }
         self.granted = false;

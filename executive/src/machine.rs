@@ -79,7 +79,8 @@ impl Machine {
 fn map_cores(planned: &[u32], allowed: &[u32], guarantees: &mut Guarantees) -> Vec<(u32, u32)> {
     const PROMISE: &str = "each partitioned core is a processor of its own";
     let last = allowed.last().copied().unwrap_or(0);
-    let map: Vec<_> = planned.iter().map(|&core| (core, if allowed.contains(&core) { core } else { last })).collect();
+    let map: Vec<_> =
+        planned.iter().map(|&core| (core, if allowed.contains(&core) { core } else { last })).collect();
     match map.iter().find(|(planned, real)| planned != real) {
         None => guarantees.held(PROMISE, format!("{planned:?}")),
         Some((core, real)) => guarantees.missing(
@@ -92,8 +93,10 @@ fn map_cores(planned: &[u32], allowed: &[u32], guarantees: &mut Guarantees) -> V
 
 /// Everything but dispatchers and partitions stays off the partitioned cores, if there are others.
 fn keep_housekeeping_free(cores: &[(u32, u32)]) {
-    let free: Vec<u32> =
-        sched::allowed_cores().into_iter().filter(|core| cores.iter().all(|(_, real)| real != core)).collect();
+    let free: Vec<u32> = sched::allowed_cores()
+        .into_iter()
+        .filter(|core| cores.iter().all(|(_, real)| real != core))
+        .collect();
     if !free.is_empty() {
         let _ = sched::bind(0, &free); // a machine that forbids it has said so above
     }
@@ -108,7 +111,9 @@ fn real_time(clock: Clock, guarantees: &mut Guarantees) -> bool {
     let tried = sched::fifo(0, 1);
     let _ = sched::ordinary(0); // was not changed then
     let mend = "no SCHED_FIFO, windows may be milliseconds late; run as root, or give CAP_SYS_NICE or an rtprio limit";
-    guarantees.examine(PROMISE, tried, "SCHED_FIFO 98 on the partitioned core, absolute instants", mend).is_some()
+    guarantees
+        .examine(PROMISE, tried, "SCHED_FIFO 98 on the partitioned core, absolute instants", mend)
+        .is_some()
 }
 
 fn groups(guarantees: &mut Guarantees) -> bool {
@@ -126,8 +131,14 @@ fn groups(guarantees: &mut Guarantees) -> bool {
 fn namespaces(user: Option<u32>, guarantees: &mut Guarantees) -> Namespaces {
     let all = [
         ("a partition sees the file system read-only", Namespaces { mount: true, ..Namespaces::default() }),
-        ("a partition has no network unless the plan grants it", Namespaces { network: true, ..Namespaces::default() }),
-        ("a partition has System V objects and queues of its own", Namespaces { ipc: true, ..Namespaces::default() }),
+        (
+            "a partition has no network unless the plan grants it",
+            Namespaces { network: true, ..Namespaces::default() },
+        ),
+        (
+            "a partition has System V objects and queues of its own",
+            Namespaces { ipc: true, ..Namespaces::default() },
+        ),
         ("a partition has a host name of its own", Namespaces { uts: true, ..Namespaces::default() }),
         ("a partition can signal nobody else", Namespaces { pid: true, ..Namespaces::default() }),
     ];

@@ -136,8 +136,11 @@ pub fn run(plan: Plan, mut options: Options) -> Result<Outcome, RunError> {
     let programs = find_programs(&view, &options.plan_folder)?;
     clean_leftovers();
     let machine_facts = Machine::examine(&view, options.clock);
-    let lacking: Vec<String> =
-        machine_facts.guarantees.lacking().map(|lack| format!("  {}: {}", lack.promise, lack.detail)).collect();
+    let lacking: Vec<String> = machine_facts
+        .guarantees
+        .lacking()
+        .map(|lack| format!("  {}: {}", lack.promise, lack.detail))
+        .collect();
     if options.strict && !lacking.is_empty() {
         return Err(RunError::Strict(lacking.join("\n")));
     }
@@ -172,7 +175,8 @@ fn check_names(view: &ModuleView<'_>, options: &Options) -> Result<(), RunError>
 
 /// Every partition's program, or all those that are missing.
 fn find_programs(view: &ModuleView<'_>, folder: &Path) -> Result<Vec<PathBuf>, RunError> {
-    let beside = std::env::current_exe().ok().and_then(|path| path.parent().map(Path::to_owned)).unwrap_or_default();
+    let beside =
+        std::env::current_exe().ok().and_then(|path| path.parent().map(Path::to_owned)).unwrap_or_default();
     let mut missing = Vec::new();
     let programs = view.partitions().map(|id| {
         let partition = &view.plan()[id];
@@ -218,14 +222,16 @@ struct Base {
 
 impl Base {
     fn make(module: &str, facts: &Machine, logs: &Path) -> Result<Self, RunError> {
-        let mut instance = Instance::create(module).map_err(machine("cannot make the module's directory in /dev/shm"))?;
+        let mut instance =
+            Instance::create(module).map_err(machine("cannot make the module's directory in /dev/shm"))?;
         let group = facts.make_group(&instance.name);
         if let Some(group) = &group {
             instance.set_group(group.path()).map_err(machine("cannot note the control group"))?;
         }
         instance.make_ports_directory(facts.user).map_err(machine("cannot make the ports' directory"))?;
         let log = File::create(logs.join("helpers.log")).map_err(machine("cannot write the helpers' log"))?;
-        let own_program = std::env::current_exe().map_err(machine("cannot find the executive's own program"))?;
+        let own_program =
+            std::env::current_exe().map_err(machine("cannot find the executive's own program"))?;
         let base = Self { instance, group, own_program, log, guard: RefCell::new(None), user: facts.user };
         base.start_guard()?;
         Ok(base)
@@ -236,7 +242,8 @@ impl Base {
         let (reader, writer) = (OwnedFd::from(reader), File::from(OwnedFd::from(writer)));
         let text = serde_json::to_string(&self.instance).unwrap_or_default();
         let lines = Lines { input: Some(&reader), ..Lines::default() };
-        let guard = self.helper(&["guard".into(), text], lines, false).map_err(machine("cannot start the guard"))?;
+        let guard =
+            self.helper(&["guard".into(), text], lines, false).map_err(machine("cannot start the guard"))?;
         *self.guard.borrow_mut() = Some((guard, writer));
         Ok(())
     }
@@ -289,8 +296,7 @@ impl Base {
         let (answer, answers) = std::io::pipe().map_err(failed())?;
         let (reader, answers) = (OwnedFd::from(reader), OwnedFd::from(answers));
         let lines = Lines { input: Some(&reader), output: Some(&answers), file: None };
-        let custodian =
-            self.helper(&["custodian".into(), order.into()], lines, true).map_err(failed())?;
+        let custodian = self.helper(&["custodian".into(), order.into()], lines, true).map_err(failed())?;
         drop(answers);
         let answer = File::from(OwnedFd::from(answer));
         crate::partition::await_any_end(&[answer.as_fd()], CUSTODIAN_PATIENCE_NS);
@@ -307,7 +313,8 @@ impl Base {
     /// Starts the recorder. It runs as the partitions' user and is handed the file, whose folder it may not enter.
     fn start_recorder(&self, path: &Path, order: String) -> Result<Recorder, RunError> {
         let log = File::create(path).map_err(machine(format!("cannot write {}", path.display())))?;
-        std::os::unix::fs::fchown(&log, self.user, self.user).map_err(machine("cannot hand over the port log"))?;
+        std::os::unix::fs::fchown(&log, self.user, self.user)
+            .map_err(machine("cannot hand over the port log"))?;
         let arguments = ["recorder".into(), order];
         let start = |input: &OwnedFd, output: &OwnedFd| {
             let lines = Lines { input: Some(input), output: Some(output), file: Some(&log) };
@@ -327,7 +334,11 @@ impl Base {
         };
         Ok(Box::new(move |pid| {
             let domain = copy.instance.domain();
-            copy.helper(&["janitor".into(), domain.root, domain.prefix, pid.to_string()], Lines::default(), true)
+            copy.helper(
+                &["janitor".into(), domain.root, domain.prefix, pid.to_string()],
+                Lines::default(),
+                true,
+            )
         }))
     }
 
@@ -372,7 +383,9 @@ impl Base {
         let built = view.partitions().zip(programs).map(|(id, program)| {
             let name = &plan[id].name;
             let group = match &self.group {
-                Some(group) => Some(group.child(name).map_err(machine(format!("no control group for {name}")))?),
+                Some(group) => {
+                    Some(group.child(name).map_err(machine(format!("no control group for {name}")))?)
+                }
                 None => None,
             };
             let overrides = options.overrides.get(name).unwrap_or(&none);
@@ -415,8 +428,10 @@ fn conduct(
         cages,
         start_janitor,
         take_record: take_record(records.clone(), rings.clone()),
-        window_log: WindowLog::create(&options.output.join("windows.csv")).map_err(machine("cannot write windows.csv"))?,
-        health_log: HealthLog::create(&options.output.join("health.jsonl")).map_err(machine("cannot write health.jsonl"))?,
+        window_log: WindowLog::create(&options.output.join("windows.csv"))
+            .map_err(machine("cannot write windows.csv"))?,
+        health_log: HealthLog::create(&options.output.join("health.jsonl"))
+            .map_err(machine("cannot write health.jsonl"))?,
         events: options.events,
     })
     .map_err(RunError::Start)?;
@@ -429,8 +444,14 @@ fn conduct(
     monitor.events().tell(&Event::Ready { partitions: slots.iter().flatten().count() });
     let kills = Killing::of(plan, &options.kills);
     let line_slot = line_partition(view).and_then(|place| slots[place].clone());
-    let mut surroundings =
-        Surroundings::new(kills, options.until_ns, options.stop.clone(), recorder.take(), options.companion, line_slot);
+    let mut surroundings = Surroundings::new(
+        kills,
+        options.until_ns,
+        options.stop.clone(),
+        recorder.take(),
+        options.companion,
+        line_slot,
+    );
     let module_ns = match options.clock {
         Clock::Virtual => run_virtual(&timeline, &mut monitor, &mut surroundings, records, facts),
         Clock::Wall => run_wall(&timeline, &mut monitor, &mut surroundings, &rings, &lost, facts)?,
@@ -526,7 +547,9 @@ fn run_wall(
         monitor.step(module_ns);
         if module_ns >= next_minor_ns {
             next_minor_ns = (module_ns / minor_frame_ns + 1) * minor_frame_ns;
-            if !crate::fast::World::minor_frame(surroundings, module_ns, monitor) || monitor.stop_asked().is_some() {
+            if !crate::fast::World::minor_frame(surroundings, module_ns, monitor)
+                || monitor.stop_asked().is_some()
+            {
                 break;
             }
         }
@@ -539,14 +562,26 @@ fn run_wall(
 }
 
 /// A dispatcher thread's life.
-fn dispatch(mut dispatcher: Dispatcher, mut gate: WallGate, origin_ns: u64, core: u32, real_time: bool, stop: &AtomicBool) {
+fn dispatch(
+    mut dispatcher: Dispatcher,
+    mut gate: WallGate,
+    origin_ns: u64,
+    core: u32,
+    real_time: bool,
+    stop: &AtomicBool,
+) {
     use thread_priority::{
-        RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
+        RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, set_thread_priority_and_policy,
+        thread_native_id,
     };
     let _ = sched::bind(0, &[core]); // said at the start where it can not be
     if real_time && let Ok(priority) = DISPATCHER_PRIORITY.try_into() {
         let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
-        let _ = set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Crossplatform(priority), policy); // as above
+        let _ = set_thread_priority_and_policy(
+            thread_native_id(),
+            ThreadPriority::Crossplatform(priority),
+            policy,
+        ); // as above
     }
     dispatcher.run(&mut WallPace::new(origin_ns), &mut gate, &|| stop.load(Ordering::Acquire));
 }

@@ -117,7 +117,8 @@ impl Monitor {
     /// # Errors
     /// A program that could not be started, with its partition.
     pub fn start(equipment: Equipment) -> Result<Self, String> {
-        let Equipment { plan, clock, cages, start_janitor, take_record, window_log, health_log, events } = equipment;
+        let Equipment { plan, clock, cages, start_janitor, take_record, window_log, health_log, events } =
+            equipment;
         let mut places = vec![None; plan.partitions.len()];
         let mut watched = Vec::new();
         for cage in cages {
@@ -289,7 +290,12 @@ impl Monitor {
         if !told {
             watched.overrun_told_ns = Some(module_ns);
             let minor = record.occurrence.minor_frames;
-            self.fault(place, PartitionError::WindowOverrun, format!("not done at the end of its window in frame {minor}"), module_ns);
+            self.fault(
+                place,
+                PartitionError::WindowOverrun,
+                format!("not done at the end of its window in frame {minor}"),
+                module_ns,
+            );
         }
     }
 
@@ -302,7 +308,11 @@ impl Monitor {
         fault.recovered_ns = Some(start_ns);
         let after_ms = (start_ns - fault.time_ns) as f64 / 1e6;
         let _ = self.health_log.write(&fault); // a full disk must not stop the aircraft
-        self.events.tell(&Event::Recovered { time_s: seconds(start_ns), partition: fault.partition, after_ms });
+        self.events.tell(&Event::Recovered {
+            time_s: seconds(start_ns),
+            partition: fault.partition,
+            after_ms,
+        });
     }
 
     fn take_reports(&mut self, place: usize, module_ns: u64) {
@@ -317,7 +327,9 @@ impl Monitor {
                     let partition = self.watched[place].cage.name.clone();
                     self.events.tell(&Event::Message { time_s: seconds(module_ns), partition, text });
                 }
-                ReportKind::ApplicationError => self.fault(place, PartitionError::ApplicationError, text, module_ns),
+                ReportKind::ApplicationError => {
+                    self.fault(place, PartitionError::ApplicationError, text, module_ns)
+                }
                 ReportKind::PortError => self.fault(place, PartitionError::PortError, text, module_ns),
             }
         }
@@ -359,7 +371,8 @@ impl Monitor {
         let watched = &mut self.watched[place];
         let alive = matches!(watched.life, Life::Running(_) | Life::Starting(..));
         watched.restarts.retain(|at| module_ns.saturating_sub(*at) < restart.within_ns);
-        let decision = decide(error, &self.plan[partition].health, restart, alive, watched.restarts.len() as u32);
+        let decision =
+            decide(error, &self.plan[partition].health, restart, alive, watched.restarts.len() as u32);
         let fault = Fault {
             time_ns: module_ns,
             partition: watched.cage.name.clone(),
@@ -391,7 +404,8 @@ impl Monitor {
                 watched.rest(if decision == Decision::Idle { Readiness::Idle } else { Readiness::Absent });
                 let _ = self.health_log.write(&fault); // as above
                 if decision == Decision::Stop {
-                    self.stop_asked = Some(format!("partition {} is stopped ({})", fault.partition, fault.error));
+                    self.stop_asked =
+                        Some(format!("partition {} is stopped ({})", fault.partition, fault.error));
                 }
             }
             Decision::Restart { warm } => {
@@ -484,13 +498,17 @@ impl Watched {
         if is_readable(process.pidfd.as_fd()) {
             let (pid, status) = (process.pid, ended(process));
             self.died(pid);
-            let found = status.and_then(error_of).map_or_else(|| "ended by itself".into(), |(_, detail)| detail);
+            let found =
+                status.and_then(error_of).map_or_else(|| "ended by itself".into(), |(_, detail)| detail);
             let words = self.cage.last_words().unwrap_or_else(|| "it said nothing".into());
             return Err(format!("partition {name} {found}: {words}"));
         }
         let limit_ns = plan[self.cage.id].startup_timeout_ns;
         if now_ns() - since_ns > limit_ns {
-            return Err(format!("partition {name} was not ready after {} ms (startup_timeout)", limit_ns / 1_000_000));
+            return Err(format!(
+                "partition {name} was not ready after {} ms (startup_timeout)",
+                limit_ns / 1_000_000
+            ));
         }
         Ok(())
     }

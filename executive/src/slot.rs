@@ -53,6 +53,7 @@ impl Slot {
     /// A slot without a process.
     #[must_use]
     pub fn new(page: Mapped<ControlPage>, freezer: Option<Freezer>, threads: u32, priority: u8) -> Self {
+        page.initialise();
         Self {
             page,
             freezer,
@@ -76,7 +77,6 @@ impl Slot {
         self.page.done.store(0, Relaxed);
         self.page.stop.store(0, Relaxed);
         self.page.mode.store(0, Relaxed);
-        self.page.initialise();
         self.stopped.store(false, Relaxed);
         self.thaw(); // the group of a predecessor that was frozen when it was killed
     }

@@ -141,7 +141,17 @@ impl Surroundings {
         companion: Option<Companion>,
         line: Option<Arc<Slot>>,
     ) -> Self {
-        Self { kills, until_ns, stop, recorder, companion, line, next_exchange_ns: 0, module_ns: 0, reason: None }
+        Self {
+            kills,
+            until_ns,
+            stop,
+            recorder,
+            companion,
+            line,
+            next_exchange_ns: 0,
+            module_ns: 0,
+            reason: None,
+        }
     }
 
     /// Module time of the last minor frame, ns.

@@ -53,8 +53,10 @@ fn remove_remains(domain: &Domain, pid: u32) {
         (domain.root.clone(), &domain.prefix),
         (SHARED_MEMORY.into(), &domain.prefix),
     ];
-    for entry in
-        places.iter().flat_map(|(place, prefix)| entries(Path::new(place), prefix)).filter(|entry| is_owned(entry, pid))
+    for entry in places
+        .iter()
+        .flat_map(|(place, prefix)| entries(Path::new(place), prefix))
+        .filter(|entry| is_owned(entry, pid))
     {
         let path = entry.path();
         let _ = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) }; // as above

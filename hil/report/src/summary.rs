@@ -9,6 +9,7 @@ use crate::planned::Planned;
 use crate::run::{Clock, Guarantee, Run};
 use crate::score::{self, EstimatorScores, Scores};
 use crate::timing::Percentiles;
+use bateleur_flight::guidance::waypoints_to_reach;
 use bateleur_simulator::truth::TruthRecord;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -229,7 +230,8 @@ impl Analysis {
     fn verdict(&self, flight: &Flight) -> Verdict {
         let count = flight.inputs.waypoints.len();
         let confirmed = mission::in_order(&self.passages, count);
-        let laps = confirmed.checked_div(count).unwrap_or(0) as u32;
+        // A lap ends with the return to the first way-point.
+        let laps = confirmed.saturating_sub(1).checked_div(count).unwrap_or(0) as u32;
         let failure = reported_failure(flight.run.as_ref())
             .or_else(|| crash(&flight.truth))
             .or_else(|| self.lap_failure(flight, confirmed, laps));
@@ -242,7 +244,7 @@ impl Analysis {
             return None;
         }
         let counted = self.passages.len();
-        let wanted = asked as usize * flight.inputs.waypoints.len();
+        let wanted = waypoints_to_reach(asked, flight.inputs.waypoints.len()).unwrap_or(0);
         Some(format!(
             "the truth confirms {confirmed} of {wanted} way-points in order (the aircraft counted {counted}); \
              {laps} of {asked} laps were flown"

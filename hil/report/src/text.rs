@@ -229,7 +229,7 @@ mod tests {
     fn empty_flight_still_says_what_happened() {
         let flight = Flight { notes: vec!["windows.csv cannot be read".into()], ..Default::default() };
         let text = table(&Analysis::of(&flight).summary(&flight));
-        assert!(text.contains("NOT completed: the truth confirms 0 of 8 way-points"), "{text}");
+        assert!(text.contains("NOT completed: the truth confirms 0 of 9 way-points"), "{text}");
         assert!(text.contains("none reached") && text.contains("windows.csv cannot be read"));
     }
 

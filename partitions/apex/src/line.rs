@@ -17,12 +17,11 @@ use crate::window::Window;
 pub struct Line<D> {
     device: D,
     time: Time,
-    received: u64,
 }
 
 impl<D: Read + Write + AsFd> Line<D> {
     pub(crate) fn new(device: D, time: Time) -> Self {
-        Self { device, time, received: 0 }
+        Self { device, time }
     }
 
     /// Goes on over another device, because the one before is gone. What was received stays counted.
@@ -32,7 +31,9 @@ impl<D: Read + Write + AsFd> Line<D> {
 
     /// Appends what has arrived to `out`, at most `limit` bytes. An error means that the device is gone.
     pub fn receive(&mut self, window: &Window, out: &mut Vec<u8>, limit: usize) -> io::Result<()> {
-        let expected = match self.time.page().device_expected.load(Relaxed) {
+        let time = self.time.clone();
+        let received = &time.page().device_received;
+        let expected = match time.page().device_expected.load(Relaxed) {
             NOT_COUNTED => 0,
             expected => expected,
         };
@@ -44,17 +45,16 @@ impl<D: Read + Write + AsFd> Line<D> {
                 Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
                 Ok(count) => {
                     out.extend_from_slice(&buffer[..count]);
-                    self.received += count as u64;
+                    received.fetch_add(count as u64, Relaxed);
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) if is_empty(&error) => {
-                    if self.received >= expected {
+                    if received.load(Relaxed) >= expected {
                         return Ok(());
                     }
                     if !window.wait_readable(&self.device, window.end_ns()) {
-                        // Lost on a device that was closed meanwhile, or read by the incarnation before this one:
-                        // waited for once, not in every window.
-                        self.received = expected;
+                        // Lost on a device that was closed meanwhile: waited for once, not in every window.
+                        received.store(expected, Relaxed);
                         return Ok(());
                     }
                 }

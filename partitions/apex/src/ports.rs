@@ -75,10 +75,10 @@ impl<T: Message> SamplingSource<T> {
     pub fn write(&mut self, value: &T) {
         self.sequence += 1;
         let stamp = Stamp { source_ns: self.time.now_ns(), sequence: self.sequence };
-        if let Some(writer) = &self.writer {
-            if let Err(reason) = put(writer, value.as_bytes(), stamp) {
-                refused(&self.time, &format!("cannot write {}: {reason}", T::NAME));
-            }
+        if let Some(writer) = &self.writer
+            && let Err(reason) = put(writer, value.as_bytes(), stamp)
+        {
+            refused(&self.time, &format!("cannot write {}: {reason}", T::NAME));
         }
     }
 }

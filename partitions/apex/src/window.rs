@@ -2,16 +2,11 @@
 
 use std::os::fd::AsFd;
 use std::sync::atomic::Ordering::Relaxed;
-use std::time::Duration;
 
 use bateleur_contract::{Clock, ReportKind};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::time::{Time, monotonic_ns};
-
-/// How long a device may keep a partition waiting under the virtual clock, in real time. Module time stands still
-/// meanwhile; a peer that takes longer is gone, and the caller sees the time-out that it would have seen in flight.
-const PATIENCE: Duration = Duration::from_secs(2);
 
 /// A stretch of time that belongs to this partition.
 #[derive(Debug)]
@@ -62,7 +57,7 @@ impl Window {
     pub fn wait_readable(&self, device: &impl AsFd, until_ns: u64) -> bool {
         let until_ns = until_ns.min(self.end_ns);
         match self.time.clock() {
-            Clock::Virtual => wait(device, monotonic_ns() + PATIENCE.as_nanos() as u64),
+            Clock::Virtual => self.time.be_patient(|patience_ns| wait(device, monotonic_ns() + patience_ns)),
             Clock::Wall => wait(device, self.time.page().origin_ns.load(Relaxed) + until_ns),
         }
     }

@@ -111,9 +111,11 @@ pub struct ControlPage {
     pub closed_ns: AtomicU64,
     /// Bytes written to the partition's device so far.
     pub device_sent: AtomicU64,
+    /// Bytes read from the partition's device so far, by all its incarnations.
+    pub device_received: AtomicU64,
     /// Messages that the partition's ports refused so far.
     pub port_refusals: AtomicU64,
-    reserved_3: [AtomicU64; 3],
+    reserved_3: [AtomicU64; 2],
     /// Reports so far; report `n` stands in `reports[n % REPORTS]`.
     pub report_count: AtomicU32,
     reserved_4: AtomicU32,
@@ -126,7 +128,7 @@ unsafe impl SharedMemory for ControlPage {}
 const _: () = assert!(size_of::<ControlPage>() == 4096);
 
 impl ControlPage {
-    /// Makes the page a valid one (the executive, once for each incarnation).
+    /// Makes the page a valid one (the executive, once).
     pub fn initialise(&self) {
         self.version.store(VERSION, Ordering::Relaxed);
         self.device_expected.store(NOT_COUNTED, Ordering::Relaxed);

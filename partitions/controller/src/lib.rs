@@ -27,6 +27,7 @@ use bateleur_flight::control::{
 use bateleur_flight::estimator::NavigationState;
 use bateleur_flight::guidance::{
     Guidance, GuidanceConfig, GuidanceError, GuidanceOutput, GuidanceSnapshot, Waypoint, seed_waypoints,
+    waypoints_to_reach,
 };
 use bateleur_flight::servo;
 use bateleur_messages::ground::{LoopId, Order};
@@ -282,8 +283,8 @@ impl Function {
     }
 
     fn is_finished(&self, progress: &GuidanceSnapshot) -> bool {
-        let wanted = self.settings.guidance.laps.saturating_mul(self.waypoints.flown().len() as u32);
-        wanted > 0 && progress.reached >= wanted
+        let wanted = waypoints_to_reach(self.settings.guidance.laps, self.waypoints.flown().len());
+        wanted.is_some_and(|wanted| progress.reached >= wanted)
     }
 
     /// The loops that are closed now, one bit each.

@@ -205,11 +205,11 @@ fn moving_one_way_point_does_not_begin_the_mission_anew() {
 }
 
 #[test]
-fn two_laps_of_four_way_points_are_finished_after_eight() {
+fn two_laps_of_four_way_points_are_finished_with_the_return_to_the_first() {
     let mut function = on_mission();
-    function.controller.guidance_mut().resume(&GuidanceSnapshot { next: 3, reached: 7 });
-    assert_eq!(fly(&mut function, 1..3, Some(&flying(0.0, 160.0))).finished, 0);
     function.controller.guidance_mut().resume(&GuidanceSnapshot { next: 0, reached: 8 });
+    assert_eq!(fly(&mut function, 1..3, Some(&flying(0.0, 160.0))).finished, 0);
+    function.controller.guidance_mut().resume(&GuidanceSnapshot { next: 1, reached: 9 });
     assert_eq!(fly(&mut function, 3..5, Some(&flying(0.0, 160.0))).finished, 1);
     assert_eq!(function.navigation(0).flags & NAVIGATION_FINISHED, NAVIGATION_FINISHED);
     // Switched on again, the mission begins at its first way-point.

@@ -45,7 +45,9 @@ pub(crate) enum Helper {
 pub(crate) fn run(helper: &Helper) -> Result<Code> {
     match helper {
         Helper::Custodian { order } => custodian::run(order)?,
-        Helper::Janitor { root, prefix, pid } => janitor::run(&Domain { root: root.clone(), prefix: prefix.clone() }, *pid)?,
+        Helper::Janitor { root, prefix, pid } => {
+            janitor::run(&Domain { root: root.clone(), prefix: prefix.clone() }, *pid)?
+        }
         Helper::Guard { instance } => guard::run(instance)?,
         Helper::Probe => {}
         Helper::Recorder { order } => crate::recorder::run(order)?,

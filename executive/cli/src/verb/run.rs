@@ -90,7 +90,11 @@ pub(crate) fn parse_kill(text: &str) -> Result<Kill, String> {
     let wrong = || format!("\"{text}\" is not PARTITION@SECONDS, such as estimator@100");
     let (partition, at) = text.split_once('@').ok_or_else(wrong)?;
     let at_s: f64 = at.parse().map_err(|_| wrong())?;
-    if at_s.is_finite() && at_s >= 0.0 { Ok(Kill { partition: partition.into(), at_s }) } else { Err(wrong()) }
+    if at_s.is_finite() && at_s >= 0.0 {
+        Ok(Kill { partition: partition.into(), at_s })
+    } else {
+        Err(wrong())
+    }
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
@@ -100,7 +104,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         (None, [only]) => only.name.clone(),
         (None, several) => {
             let names: Vec<_> = several.iter().map(|module| module.name.as_str()).collect();
-            return Err(anyhow!("the plan has several modules: choose one with --module ({})", names.join(", ")));
+            return Err(anyhow!(
+                "the plan has several modules: choose one with --module ({})",
+                names.join(", ")
+            ));
         }
     };
     let stop = Arc::new(AtomicBool::new(false));
@@ -122,7 +129,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
 fn options(arguments: &Arguments, module: String, stop: Arc<AtomicBool>) -> Result<Options> {
     let mut overrides: BTreeMap<String, BTreeMap<String, serde_json::Value>> = BTreeMap::new();
     for setting in &arguments.set {
-        overrides.entry(setting.partition.clone()).or_default().insert(setting.attribute.clone(), setting.value.clone());
+        overrides
+            .entry(setting.partition.clone())
+            .or_default()
+            .insert(setting.attribute.clone(), setting.value.clone());
     }
     let nanoseconds = |seconds: f64| (seconds * 1e9) as u64;
     let kills = arguments.kill.iter().map(|kill| (kill.partition.clone(), nanoseconds(kill.at_s)));

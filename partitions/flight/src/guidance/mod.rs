@@ -98,7 +98,7 @@ pub struct GuidanceConfig {
     /// Bank for which the automatic radius is made, with the whole wind behind, rad; what is left up to the bank
     /// limit is for corrections.
     pub turn_bank_rad: f64,
-    /// Laps after which `finished` is set; it goes on cycling. Zero: never.
+    /// Laps after which `finished` is set, see [`waypoints_to_reach`]; it goes on cycling. Zero: never.
     pub laps: u32,
     /// How long before an arc begins or ends its acceleration is commanded, s: the lag of bank behind its reference.
     pub lead_s: f64,
@@ -206,6 +206,12 @@ pub struct GuidanceSnapshot {
     pub next: u32,
     /// Way-points reached.
     pub reached: u32,
+}
+
+/// Way-points to reach until `laps` laps of `count` way-points are flown: every lap ends with the return to the first
+/// one. None: for ever.
+pub fn waypoints_to_reach(laps: u32, count: usize) -> Option<u32> {
+    (laps > 0).then(|| laps.saturating_mul(count as u32).saturating_add(1))
 }
 
 impl Guidance {
@@ -370,7 +376,8 @@ impl Guidance {
             track_rad: offset.track_rad,
             on_arc,
             radius_m,
-            finished: self.config.laps > 0 && self.reached >= self.config.laps * self.count as u32,
+            finished: waypoints_to_reach(self.config.laps, self.count)
+                .is_some_and(|wanted| self.reached >= wanted),
         }
     }
 

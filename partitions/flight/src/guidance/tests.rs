@@ -52,7 +52,7 @@ fn way_points_are_reached_in_order_for_two_laps() {
     let mut guidance = circuit(GuidanceConfig { laps: 2, lead_s: 0.0, ..GuidanceConfig::default() });
     let mut flight = Flight::new(0.0, 0.0, 0.0, Vector2::new(0.0, 5.0));
     let order: Vec<usize> = fly(&mut guidance, &mut flight, 200.0).iter().map(|x| x.0).collect();
-    assert_eq!(order[..8], [0, 1, 2, 3, 0, 1, 2, 3]);
+    assert_eq!(order[..9], [0, 1, 2, 3, 0, 1, 2, 3, 0]);
     assert!(guidance.step(&flight.motion).finished);
 }
 

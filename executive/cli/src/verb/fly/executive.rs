@@ -56,7 +56,12 @@ impl Executive {
         command.arg("run").arg("--schedule").arg(&arguments.schedule).arg("--output").arg(folder);
         command.args(["--record", "--until-stdin-closes", "--events-fd", &event_end.as_raw_fd().to_string()]);
         set(&mut command, &partition_running(plan, "command")?, "device", &line.device);
-        set(&mut command, &partition_running(plan, "hil_interface")?, "simulator", &simulator.address.to_string());
+        set(
+            &mut command,
+            &partition_running(plan, "hil_interface")?,
+            "simulator",
+            &simulator.address.to_string(),
+        );
         add_choices(&mut command, arguments);
         let companion = if arguments.fast { Some(add_companion(&mut command)?) } else { None };
         let mut process = command
@@ -90,7 +95,11 @@ impl Executive {
                 let number = |bytes: &[u8]| bytes.try_into().map_or(0, u64::from_le_bytes);
                 Ok(Some(Question { module_ns: number(time), sent: number(sent) }))
             }
-            Err(error) if matches!(error.kind(), std::io::ErrorKind::WouldBlock | std::io::ErrorKind::TimedOut) => Ok(None),
+            Err(error)
+                if matches!(error.kind(), std::io::ErrorKind::WouldBlock | std::io::ErrorKind::TimedOut) =>
+            {
+                Ok(None)
+            }
             Err(error) => Err(error),
         }
     }

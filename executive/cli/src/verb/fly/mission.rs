@@ -60,7 +60,11 @@ pub(super) fn fly(
         failure: None,
         simulator_lost_ns: None,
     };
-    if arguments.fast { flight.fast() } else { flight.wall() }
+    if arguments.fast {
+        flight.fast()
+    } else {
+        flight.wall()
+    }
     Ok(flight.finish())
 }
 
@@ -182,7 +186,9 @@ impl Flight {
 }
 
 fn describe(progress: &Progress) -> String {
-    let number = |value: Option<f64>, unit: &str| value.map_or_else(|| format!("   - {unit}"), |value| format!("{value:6.1} {unit}"));
+    let number = |value: Option<f64>, unit: &str| {
+        value.map_or_else(|| format!("   - {unit}"), |value| format!("{value:6.1} {unit}"))
+    };
     let next = progress.next_waypoint.map_or_else(|| " - ".into(), |next| format!("WP{next}"));
     format!(
         "{:9.3} s  {:<12} to {next}  {}  {}  {}/{} way-points",

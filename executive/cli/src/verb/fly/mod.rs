@@ -92,7 +92,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let begun = Instant::now();
     let Some(flown) = fly(arguments, &plan, &mission, &folder, stop)? else { return Ok(CANNOT_RUN) };
     let record = record(arguments, &flown, begun.elapsed().as_secs_f64());
-    std::fs::write(folder.join(FILE), serde_json::to_vec_pretty(&record)?).context("cannot write run.json")?;
+    std::fs::write(folder.join(FILE), serde_json::to_vec_pretty(&record)?)
+        .context("cannot write run.json")?;
     let summary = bateleur_report::write(&folder, &inputs(&plan, &mission))?;
     print_summary(arguments, &summary, &folder)?;
     Ok(if summary.completed { FINE } else { WRONG })
@@ -143,7 +144,8 @@ fn make_folder(arguments: &Arguments) -> Result<PathBuf> {
         let name = format!("{}-{}-seed{}", date(seconds), std::process::id(), arguments.seed);
         Path::new("target/flights").join(name)
     });
-    std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    std::fs::create_dir_all(&folder)
+        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
     Ok(folder)
 }
 
@@ -184,7 +186,8 @@ fn guarantees(events: &[Event]) -> Vec<Guarantee> {
         _ => None,
     });
     let all = list.into_iter().flatten();
-    all.map(|one| Guarantee { promise: one.promise.clone(), held: one.held, detail: one.detail.clone() }).collect()
+    all.map(|one| Guarantee { promise: one.promise.clone(), held: one.held, detail: one.detail.clone() })
+        .collect()
 }
 
 fn inputs(plan: &Plan, mission: &MissionPlan) -> Inputs {

@@ -29,7 +29,12 @@ impl Simulator {
         let mut command = Command::new(&program);
         command.args(["--listen", &arguments.simulator.to_string(), "--airframe", &arguments.airframe]);
         command.args(["--seed", &arguments.seed.to_string(), "--turbulence", &arguments.turbulence]);
-        command.args(["--wind", &arguments.wind.to_string(), "--wind-from", &arguments.wind_from.to_string()]);
+        command.args([
+            "--wind",
+            &arguments.wind.to_string(),
+            "--wind-from",
+            &arguments.wind_from.to_string(),
+        ]);
         command.arg("--truth").arg(folder.join("truth.bin")).args(["--ready", "--until-stdin-closes"]);
         if arguments.free_running {
             command.arg("--free-running");

@@ -13,7 +13,7 @@ use bateleur_executive::event::Event;
 use bateleur_executive::plan::Plan;
 use rustix::io::{FdFlags, fcntl_setfd};
 
-use super::line::Line;
+use crate::line::Line;
 use super::simulator::Simulator;
 use super::{Arguments, partition_running};
 
@@ -62,6 +62,7 @@ impl Executive {
             "simulator",
             &simulator.address.to_string(),
         );
+        set_airframe(&mut command, arguments, plan)?;
         add_choices(&mut command, arguments);
         let companion = if arguments.fast { Some(add_companion(&mut command)?) } else { None };
         let mut process = command
@@ -144,6 +145,17 @@ pub(super) fn beside_self(name: &str) -> Result<PathBuf> {
 
 fn set(command: &mut Command, partition: &str, attribute: &str, value: &str) {
     command.arg("--set").arg(format!("{partition}.{attribute}={value}"));
+}
+
+/// The laws and the servos must know the aircraft that the simulator flies.
+fn set_airframe(command: &mut Command, arguments: &Arguments, plan: &Plan) -> Result<()> {
+    let Some(airframe) = &arguments.airframe else { return Ok(()) };
+    // Partitions start in another folder and read with another user's eyes: a path must be whole.
+    let path = Path::new(airframe).canonicalize().map_or_else(|_| airframe.clone(), |path| path.display().to_string());
+    for program in ["controller", "servo"] {
+        set(command, &partition_running(plan, program)?, "airframe", &path);
+    }
+    Ok(())
 }
 
 fn add_choices(command: &mut Command, arguments: &Arguments) {

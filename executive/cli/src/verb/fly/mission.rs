@@ -10,7 +10,7 @@ use bateleur_ground::{Mission, MissionPlan, Outcome, Progress, Severity, UdpPilo
 
 use super::Arguments;
 use super::executive::Executive;
-use super::line::Line;
+use crate::line::Line;
 use super::simulator::Simulator;
 use crate::verb::run::say;
 

@@ -6,7 +6,6 @@
 //! was completed, 1 it was not, 2 it could not begin.
 
 mod executive;
-mod line;
 mod mission;
 mod simulator;
 
@@ -25,6 +24,7 @@ use bateleur_report::{Inputs, Summary};
 
 use super::run::{Kill, parse_kill};
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
+use crate::line::Line;
 use crate::plan_file;
 use mission::Flown;
 
@@ -52,9 +52,9 @@ pub(crate) struct Arguments {
     /// Gusts.
     #[arg(long, value_name = "LEVEL", default_value = "calm", value_parser = ["calm", "light", "moderate", "severe"])]
     pub(crate) turbulence: String,
-    /// aerosonde, rascal110, or the file of an airframe.
-    #[arg(long, value_name = "NAME|FILE", default_value = "aerosonde")]
-    pub(crate) airframe: String,
+    /// The aircraft, for the simulator and for the laws: aerosonde, rascal110, or the file of an airframe.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub(crate) airframe: Option<String>,
     /// Kill a partition's process at a module time (may be repeated).
     #[arg(long, value_name = "PARTITION@SECONDS", value_parser = parse_kill)]
     pub(crate) kill: Vec<Kill>,
@@ -107,7 +107,7 @@ fn fly(
     stop: Arc<AtomicBool>,
 ) -> Result<Option<Flown>> {
     let simulator = simulator::Simulator::start(arguments, plan, folder)?;
-    let line = line::Line::open()?;
+    let line = Line::open()?;
     let executive = executive::Executive::start(arguments, plan, folder, &simulator, &line)?;
     mission::fly(arguments, mission.clone(), simulator, line, executive, stop)
 }

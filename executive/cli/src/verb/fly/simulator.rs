@@ -27,7 +27,10 @@ impl Simulator {
     pub(super) fn start(arguments: &Arguments, plan: &Plan, folder: &Path) -> Result<Self> {
         let program = super::executive::beside_self("simulator")?;
         let mut command = Command::new(&program);
-        command.args(["--listen", &arguments.simulator.to_string(), "--airframe", &arguments.airframe]);
+        command.args(["--listen", &arguments.simulator.to_string()]);
+        if let Some(airframe) = &arguments.airframe {
+            command.args(["--airframe", airframe]);
+        }
         command.args(["--seed", &arguments.seed.to_string(), "--turbulence", &arguments.turbulence]);
         command.args([
             "--wind",

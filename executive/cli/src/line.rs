@@ -15,18 +15,18 @@ use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Both ends of the line.
-pub(super) struct Line {
+pub(crate) struct Line {
     /// What the aircraft's end is called.
-    pub(super) device: String,
+    pub(crate) device: String,
     /// The ground's end.
-    pub(super) link: Link,
+    pub(crate) link: Link,
     ground: OwnedFd,
     /// Kept open, so that the line stays when the aircraft's process restarts.
-    _aircraft: OwnedFd,
+    aircraft: OwnedFd,
 }
 
 impl Line {
-    pub(super) fn open() -> Result<Self> {
+    pub(crate) fn open() -> Result<Self> {
         Self::make().context("cannot make a pseudo-terminal for the ground station's line")
     }
 
@@ -44,12 +44,17 @@ impl Line {
             std::os::unix::fs::chown(&device, Some(PARTITION_USER), None)?;
         }
         let link = Link::new(File::from(ground.try_clone()?))?;
-        Ok(Self { device, link, ground, _aircraft: aircraft })
+        Ok(Self { device, link, ground, aircraft })
+    }
+
+    /// The ground's end, and the aircraft's to be kept open.
+    pub(crate) fn into_link(self) -> (Link, OwnedFd) {
+        (self.link, self.aircraft)
     }
 
     /// Waits until all of the `sent` bytes that the aircraft has written so far can be read: in virtual time it must
     /// not matter how fast the kernel carries them.
-    pub(super) fn await_bytes(&self, sent: u64) {
+    pub(crate) fn await_bytes(&self, sent: u64) {
         let begun = Instant::now();
         while self.arrived() < sent && begun.elapsed() < PATIENCE {
             std::thread::yield_now();

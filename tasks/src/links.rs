@@ -1,4 +1,5 @@
-//! Finds links in the project's own pages that lead to no file, and pages of the book that nobody can reach.
+//! Finds what has rotted in the project's own pages: links that lead to no file, pages of the book that nobody can reach,
+//! tests that are no longer called so, windows that the schedule has otherwise.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,11 +15,17 @@ pub(crate) fn check(root: &Path) -> Vec<String> {
         faults.extend(dead.map(|target| format!("{shown}: there is no {target}")));
     }
     faults.extend(unreachable(&root.join("docs/src")));
+    faults.extend(outdated(root));
     faults
 }
 
 /// Every Markdown file, in order.
 fn pages(folder: &Path) -> Vec<PathBuf> {
+    files(folder, ".md")
+}
+
+/// Every file whose name ends so, in order; not what was built or fetched.
+fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let mut entries: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
     entries.sort();
@@ -29,8 +36,8 @@ fn pages(folder: &Path) -> Vec<PathBuf> {
             continue;
         }
         if path.is_dir() {
-            found.extend(pages(&path));
-        } else if name.ends_with(".md") {
+            found.extend(files(&path, ending));
+        } else if name.ends_with(ending) {
             found.push(path);
         }
     }
@@ -58,6 +65,45 @@ fn unreachable(book: &Path) -> Vec<String> {
     lost.map(|page| format!("{}: docs/src/SUMMARY.md does not name it", page.display())).collect()
 }
 
+/// What the partitions' pages say of tests and windows, and what is no longer so.
+fn outdated(root: &Path) -> Vec<String> {
+    let sources = files(root, ".rs").into_iter().filter_map(|path| fs::read_to_string(path).ok());
+    let sources: String = sources.collect();
+    let schedule = fs::read_to_string(root.join("schedule.toml")).unwrap_or_default();
+    let mut faults = Vec::new();
+    for page in pages(&root.join("docs/src/partitions")) {
+        let text = fs::read_to_string(&page).unwrap_or_default();
+        let name = page.file_stem().and_then(|stem| stem.to_str()).unwrap_or_default();
+        let lost = named_tests(&text).filter(|test| !sources.contains(&format!("fn {test}(")));
+        faults.extend(lost.map(|test| format!("{name}.md: no test is called {test}")));
+        let wrong = windows(&text).filter(|window| !has_window(&schedule, name, *window));
+        faults.extend(wrong.map(|(offset, duration)| {
+            format!("{name}.md: schedule.toml has no window of {name} from {offset} for {duration}")
+        }));
+    }
+    faults
+}
+
+/// The tests in a page's table of requirements: the last cell of each row.
+fn named_tests(page: &str) -> impl Iterator<Item = &str> {
+    let table = page.split_once("| requirement | test |").map_or("", |(_, table)| table);
+    table.lines().filter_map(|row| row.strip_suffix("` |")?.rsplit_once('`').map(|(_, test)| test))
+}
+
+/// The windows that a page names, as offset and duration: `| window | 3.8ms to +500us of …`.
+fn windows(page: &str) -> impl Iterator<Item = (&str, &str)> {
+    let rows = page.lines().filter_map(|row| row.strip_prefix("| window | "));
+    rows.filter_map(|row| row.split_once(" of ")?.0.split_once(" to +"))
+}
+
+fn has_window(schedule: &str, partition: &str, (offset, duration): (&str, &str)) -> bool {
+    let says = |line: &str, key: &str, value: &str| line.contains(&format!("{key} = \"{value}\""));
+    let mut lines = schedule.lines();
+    lines.any(|line| {
+        says(line, "partition", partition) && says(line, "offset", offset) && says(line, "duration", duration)
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -81,5 +127,16 @@ mod tests {
         assert_eq!(faults.len(), 2, "{faults:?}");
         assert_eq!(faults[0], "docs/src/one.md: there is no nowhere.md");
         assert!(faults[1].ends_with("two.md: docs/src/SUMMARY.md does not name it"));
+    }
+
+    #[test]
+    fn tests_and_windows_of_a_page_are_found() {
+        let page = "| window | 3.8ms to +500us of every minor frame |\n| requirement | test |\n|---|---|\n\
+                    | It `flies` | `it_flies` |\n";
+        assert_eq!(named_tests(page).collect::<Vec<_>>(), ["it_flies"]);
+        assert_eq!(windows(page).collect::<Vec<_>>(), [("3.8ms", "500us")]);
+        let schedule = "    { partition = \"imu\", offset = \"3.8ms\", duration = \"500us\" },";
+        assert!(has_window(schedule, "imu", ("3.8ms", "500us")));
+        assert!(!has_window(schedule, "gps", ("3.8ms", "500us")));
     }
 }

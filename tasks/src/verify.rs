@@ -63,11 +63,11 @@ fn everything(root: &Path, tally: &mut Tally) -> Result<(), String> {
 fn pages(root: &Path) -> Result<(), String> {
     let faults = links::check(root);
     if faults.is_empty() {
-        println!("== links of the pages: fine");
+        println!("== pages: fine");
         return Ok(());
     }
     faults.iter().for_each(|fault| println!("{fault}"));
-    Err(format!("{} links or pages are wrong (see above)", faults.len()))
+    Err(format!("{} places in the pages are wrong (see above)", faults.len()))
 }
 
 fn book(root: &Path, tally: &mut Tally) -> Result<(), String> {

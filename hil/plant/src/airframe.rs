@@ -268,12 +268,12 @@ impl Airframe {
 
     /// The Aerosonde, the aircraft flown when nothing else is asked for.
     pub fn aerosonde() -> Self {
-        Self::embedded(include_str!("../airframes/aerosonde.toml"))
+        Self::embedded(include_str!("../../../airframes/aerosonde.toml"))
     }
 
     /// The Rascal 110.
     pub fn rascal110() -> Self {
-        Self::embedded(include_str!("../airframes/rascal110.toml"))
+        Self::embedded(include_str!("../../../airframes/rascal110.toml"))
     }
 
     #[expect(clippy::expect_used, reason = "the text is part of the program and read by a test")]
@@ -412,14 +412,14 @@ mod tests {
 
     #[test]
     fn unknown_key_is_refused_with_its_name() {
-        let text = include_str!("../airframes/aerosonde.toml").replace("drag_0 =", "drag_nought =");
+        let text = include_str!("../../../airframes/aerosonde.toml").replace("drag_0 =", "drag_nought =");
         let message = Airframe::from_toml(&text).unwrap_err().to_string();
         assert!(message.contains("drag_nought"), "{message}");
     }
 
     #[test]
     fn elevator_of_the_wrong_sign_is_refused_with_key_and_value() {
-        let text = include_str!("../airframes/aerosonde.toml")
+        let text = include_str!("../../../airframes/aerosonde.toml")
             .replace("pitch_elevator = -0.99", "pitch_elevator = 0.99");
         let message = Airframe::from_toml(&text).unwrap_err().to_string();
         assert!(message.contains("aerodynamics.pitch_elevator is 0.99"), "{message}");
@@ -427,14 +427,14 @@ mod tests {
 
     #[test]
     fn third_wheel_on_the_wrong_side_is_refused() {
-        let text = include_str!("../airframes/rascal110.toml").replace("[-0.826,", "[0.826,");
+        let text = include_str!("../../../airframes/rascal110.toml").replace("[-0.826,", "[0.826,");
         let message = Airframe::from_toml(&text).unwrap_err().to_string();
         assert!(message.contains("gear.third_wheel_m[0]"), "{message}");
     }
 
     #[test]
     fn unknown_engine_kind_is_refused_with_the_known_ones() {
-        let text = include_str!("../airframes/aerosonde.toml").replace("\"electric\"", "\"steam\"");
+        let text = include_str!("../../../airframes/aerosonde.toml").replace("\"electric\"", "\"steam\"");
         let message = Airframe::from_toml(&text).unwrap_err().to_string();
         assert!(message.contains("steam") && message.contains("piston"), "{message}");
     }

@@ -22,10 +22,6 @@ use bateleur_messages::{
 
 /// Ground messages taken in one window at most; a list of way-points takes a few windows.
 const ORDERS_PER_WINDOW: usize = 8;
-/// The airframes that are built in.
-const AEROSONDE: &str = include_str!("../../../hil/plant/airframes/aerosonde.toml");
-const RASCAL110: &str = include_str!("../../../hil/plant/airframes/rascal110.toml");
-
 struct ControllerPartition {
     function: Function,
     retained: Retained<Kept>,
@@ -129,20 +125,10 @@ impl InputPorts {
     }
 }
 
-/// A built-in airframe, or the file that the attribute names.
+/// See [`Airframe::from_attribute`].
 fn airframe(context: &mut Context) -> Result<Airframe, StartError> {
-    let name: String = context.attribute("airframe", "aerosonde".into())?;
-    let text = match name.as_str() {
-        "aerosonde" => AEROSONDE.into(),
-        "rascal110" => RASCAL110.into(),
-        path => std::fs::read_to_string(path).map_err(|error| {
-            StartError::Other(format!(
-                "attribute airframe = \"{path}\": {error}; name a readable TOML file, \"aerosonde\" or \"rascal110\""
-            ))
-        })?,
-    };
-    Airframe::from_toml(&text)
-        .map_err(|error| StartError::Other(format!("attribute airframe = \"{name}\": {error}")))
+    let value: String = context.attribute("airframe", "aerosonde".into())?;
+    Airframe::from_attribute(&value, |path| std::fs::read_to_string(path)).map_err(StartError::Other)
 }
 
 fn guidance(context: &mut Context) -> Result<GuidanceConfig, StartError> {

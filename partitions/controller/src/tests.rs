@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 const CYCLE: u64 = 20_000_000;
 
 fn settings() -> Settings {
-    let airframe = include_str!("../../../hil/plant/airframes/aerosonde.toml");
+    let airframe = include_str!("../../../airframes/aerosonde.toml");
     Settings {
         airframe: Airframe::from_toml(airframe).unwrap(),
         guidance: GuidanceConfig { laps: 2, ..GuidanceConfig::default() },

@@ -196,7 +196,32 @@ pub struct Trim {
 /// Airspeed at which a file is checked, m/s: the mission's.
 const CHECK_AIRSPEED_MPS: f64 = 22.0;
 
+/// The airframes that are built in, by name.
+const BUILT_IN: [(&str, &str); 2] = [
+    ("aerosonde", include_str!("../../../airframes/aerosonde.toml")),
+    ("rascal110", include_str!("../../../airframes/rascal110.toml")),
+];
+
 impl Airframe {
+    /// The airframe that a plan's attribute means: the name of a built-in one, the text of an airframe file (it has
+    /// several lines), or the path of one, which `read` then reads: this crate opens no files.
+    ///
+    /// # Errors
+    /// One sentence with the attribute and the mend.
+    pub fn from_attribute(value: &str, read: impl FnOnce(&str) -> std::io::Result<String>) -> Result<Self, String> {
+        let known = BUILT_IN.iter().find(|(name, _)| *name == value);
+        let text = match known {
+            Some((_, text)) => (*text).to_owned(),
+            None if value.contains('\n') => value.to_owned(),
+            None => read(value).map_err(|error| {
+                let names = BUILT_IN.map(|(name, _)| format!("\"{name}\"")).join(", ");
+                format!("attribute airframe = \"{value}\": {error}; name a readable TOML file, or one of {names}")
+            })?,
+        };
+        let title = value.lines().next().unwrap_or_default();
+        Self::from_toml(&text).map_err(|error| format!("attribute airframe = \"{title}\": {error}"))
+    }
+
     /// Reads and checks an airframe file.
     pub fn from_toml(text: &str) -> Result<Self, AirframeError> {
         let airframe: Self = toml::from_str(text)?;
@@ -357,7 +382,7 @@ fn demand(key: &'static str, value: f64, holds: bool, demand: &'static str) -> R
 pub(crate) mod tests {
     use super::*;
 
-    const TEXT: &str = include_str!("../../../hil/plant/airframes/aerosonde.toml");
+    const TEXT: &str = include_str!("../../../airframes/aerosonde.toml");
 
     pub(crate) fn aerosonde() -> Airframe {
         Airframe::from_toml(TEXT).unwrap()
@@ -373,7 +398,7 @@ pub(crate) mod tests {
 
     #[test]
     fn rascal_is_read_too() {
-        let text = include_str!("../../../hil/plant/airframes/rascal110.toml");
+        let text = include_str!("../../../airframes/rascal110.toml");
         let trim = Airframe::from_toml(text).unwrap().trim(22.0, 1.225);
         assert!(trim.throttle > 0.05 && trim.throttle < 0.95, "{trim:?}");
     }
@@ -389,6 +414,16 @@ pub(crate) mod tests {
         let error =
             Airframe::from_toml(&TEXT.replace("pitch_alpha = -2.74", "pitch_alpha = 2.74")).unwrap_err();
         assert!(error.to_string().contains("aerodynamics.pitch_alpha"), "{error}");
+    }
+
+    #[test]
+    fn an_airframe_comes_by_name_by_text_or_by_path() {
+        let never = |_: &str| -> std::io::Result<String> { unreachable!("no file is needed") };
+        let named = Airframe::from_attribute("rascal110", never).unwrap();
+        assert_eq!(Airframe::from_attribute(BUILT_IN[1].1, never).unwrap(), named);
+        assert_eq!(Airframe::from_attribute("mine.toml", |_| Ok(BUILT_IN[1].1.into())).unwrap(), named);
+        let absent = Airframe::from_attribute("mine.toml", |_| Err(std::io::ErrorKind::NotFound.into())).unwrap_err();
+        assert!(absent.contains("mine.toml") && absent.contains("\"aerosonde\""), "{absent}");
     }
 
     #[test]

@@ -18,10 +18,6 @@ use bateleur_servo::{Kept, Servo};
 const ORDERS_PER_WINDOW: usize = 8;
 /// How long the last output may stand without a command, ns: ten cycles, twice what a warm restart takes.
 const HOLD_NS: u64 = 200_000_000;
-/// The airframes that are built in.
-const AEROSONDE: &str = include_str!("../../../hil/plant/airframes/aerosonde.toml");
-const RASCAL110: &str = include_str!("../../../hil/plant/airframes/rascal110.toml");
-
 struct Actuators {
     servo: Servo,
     retained: Retained<Kept>,
@@ -82,20 +78,10 @@ impl Actuators {
     }
 }
 
-/// A built-in airframe, or the file that the attribute names.
+/// See [`Airframe::from_attribute`].
 fn airframe(context: &mut Context) -> Result<Airframe, StartError> {
-    let name: String = context.attribute("airframe", "aerosonde".into())?;
-    let text = match name.as_str() {
-        "aerosonde" => AEROSONDE.into(),
-        "rascal110" => RASCAL110.into(),
-        path => std::fs::read_to_string(path).map_err(|error| {
-            StartError::Other(format!(
-                "attribute airframe = \"{path}\": {error}; name a readable TOML file, \"aerosonde\" or \"rascal110\""
-            ))
-        })?,
-    };
-    Airframe::from_toml(&text)
-        .map_err(|error| StartError::Other(format!("attribute airframe = \"{name}\": {error}")))
+    let value: String = context.attribute("airframe", "aerosonde".into())?;
+    Airframe::from_attribute(&value, |path| std::fs::read_to_string(path)).map_err(StartError::Other)
 }
 
 fn main() -> ExitCode {

@@ -16,8 +16,8 @@ pub use bateleur_plant::FlightStart;
 use bateleur_plant::{Conditions, Controls, SensorSet, Simulation, Truth, Turbulence};
 use nalgebra::Vector2;
 
-pub const AEROSONDE: &str = include_str!("../../../../hil/plant/airframes/aerosonde.toml");
-pub const RASCAL: &str = include_str!("../../../../hil/plant/airframes/rascal110.toml");
+pub const AEROSONDE: &str = include_str!("../../../../airframes/aerosonde.toml");
+pub const RASCAL: &str = include_str!("../../../../airframes/rascal110.toml");
 
 /// Everything that distinguishes one test flight from another.
 pub struct Options {

@@ -150,10 +150,10 @@ fn set(command: &mut Command, partition: &str, attribute: &str, value: &str) {
 /// The laws and the servos must know the aircraft that the simulator flies.
 fn set_airframe(command: &mut Command, arguments: &Arguments, plan: &Plan) -> Result<()> {
     let Some(airframe) = &arguments.airframe else { return Ok(()) };
-    // Partitions start in another folder and read with another user's eyes: a path must be whole.
-    let path = Path::new(airframe).canonicalize().map_or_else(|_| airframe.clone(), |path| path.display().to_string());
+    // Partitions run as a user who may not be let into the file's folder: they get its text.
+    let value = std::fs::read_to_string(airframe).unwrap_or_else(|_| airframe.clone());
     for program in ["controller", "servo"] {
-        set(command, &partition_running(plan, program)?, "airframe", &path);
+        set(command, &partition_running(plan, program)?, "airframe", &value);
     }
     Ok(())
 }

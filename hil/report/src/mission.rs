@@ -6,6 +6,7 @@ use bateleur_flight::guidance::Waypoint;
 use bateleur_messages::ActuatorCommand;
 use bateleur_simulator::truth::TruthRecord;
 use std::f64::consts::PI;
+use std::ops::Range;
 
 /// Around the instant at which the aircraft says that it reached a way-point, the truth is searched for the
 /// closest approach this long before and after, ns: the fillet's nearest point lies within.
@@ -89,11 +90,17 @@ fn fair_distance_m(waypoints: &[Waypoint], index: usize, radius_m: f64) -> f64 {
     (radius_m.min(WIDEST_FILLET_M) * cut).min(room) + FAIR_MARGIN_M
 }
 
-/// Way-points reached in the right order without one missing, from the first: as many as a lap count may rest on.
-pub fn in_order(passages: &[Passage], count: usize) -> usize {
-    let right =
-        |(place, passage): (usize, &Passage)| passage.verified && passage.index == place % count.max(1);
-    passages.iter().enumerate().take_while(|pair| right(*pair)).count()
+/// The longest stretch of way-points in the right order from the first one on, without one missing; among equals the
+/// earliest. `fair` says which passages count at all. A Controller that lost its memory in flight begins its laps anew:
+/// what it flew before then does not count towards them, and does not spoil them.
+pub fn in_order(passages: &[Passage], count: usize, fair: impl Fn(&Passage) -> bool) -> Range<usize> {
+    let run = |start: usize| {
+        let right =
+            |(place, passage): &(usize, &Passage)| fair(passage) && passage.index == place % count.max(1);
+        start..start + passages[start..].iter().enumerate().take_while(right).count()
+    };
+    let starts = (0..passages.len()).rev().filter(|start| passages[*start].index == 0);
+    starts.map(run).max_by_key(ExactSizeIterator::len).unwrap_or(0..0)
 }
 
 #[cfg(test)]
@@ -140,7 +147,15 @@ mod tests {
         let (near, far, blind) = (checked(&truth(480.0)), checked(&truth(300.0)), checked(&[]));
         assert_eq!((far.len(), far[0].verified, far[0].distance_m), (1, false, Some(200.0)));
         assert!(near[0].verified);
-        assert_eq!((in_order(&near, 4), in_order(&far, 4)), (1, 0));
+        let verified = |passages: &[Passage]| in_order(passages, 4, |passage| passage.verified).len();
+        assert_eq!((verified(&near), verified(&far)), (1, 0));
         assert_eq!((blind[0].verified, blind[0].distance_m), (false, None));
+    }
+
+    #[test]
+    fn laps_begun_anew_count_from_their_own_first_way_point() {
+        let passage = |index| Passage { index, time_ns: 0, distance_m: None, verified: true };
+        let passages: Vec<_> = [0, 1, 2, 0, 1, 2, 3, 0, 1].map(passage).into();
+        assert_eq!(in_order(&passages, 4, |_| true), 3..9);
     }
 }

@@ -7,7 +7,7 @@
 
 use crate::believed::Believed;
 use crate::flight::{Flight, Inputs, seconds};
-use crate::mission::Passage;
+use crate::mission::{self, Passage};
 use crate::planned::Planned;
 use bateleur_flight::attitude::wrap_angle;
 use bateleur_flight::guidance::Waypoint;
@@ -110,7 +110,8 @@ pub struct Stretch {
 impl Stretch {
     /// The stretch of a flight; `None` if WP0 was never passed.
     pub fn of(passages: &[Passage], waypoints: usize, laps: u32) -> Option<Self> {
-        let first = passages.iter().position(|passage| passage.index == 0)?;
+        let run = mission::in_order(passages, waypoints, |_| true);
+        let first = passages.get(run.start).map(|_| run.start)?;
         let last = passages.get(first + waypoints * laps as usize);
         Some(Self {
             from_ns: passages[first].time_ns,

@@ -229,7 +229,7 @@ impl Analysis {
 
     fn verdict(&self, flight: &Flight) -> Verdict {
         let count = flight.inputs.waypoints.len();
-        let confirmed = mission::in_order(&self.passages, count);
+        let confirmed = mission::in_order(&self.passages, count, |passage| passage.verified).len();
         // A lap ends with the return to the first way-point.
         let laps = confirmed.saturating_sub(1).checked_div(count).unwrap_or(0) as u32;
         let failure = reported_failure(flight.run.as_ref())

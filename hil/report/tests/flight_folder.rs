@@ -89,7 +89,7 @@ fn success_is_not_taken_from_the_aircrafts_word() {
     synthetic::write_truth(dir.path(), synthetic::whole_s(), |record| record.position_ned_m[0] -= 200.0);
     let summary = write(dir.path(), &Inputs::default()).unwrap();
     assert!(!summary.completed && summary.laps == 0);
-    assert!(summary.failure.unwrap().contains("confirms 0 of 8"));
+    assert!(summary.failure.unwrap().contains("confirms 0 of 9"));
     assert!(text::table(&summary::make(dir.path(), &Inputs::default()).unwrap()).contains("WP0?"));
 }
 

@@ -51,7 +51,8 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let (mut link, _line) = open(arguments)?;
-    let mut pilot = Sticks(arguments.simulator.map(UdpPilot::new).transpose().context("cannot reach the simulator")?);
+    let mut pilot =
+        Sticks(arguments.simulator.map(UdpPilot::new).transpose().context("cannot reach the simulator")?);
     if arguments.script {
         let plan = match &arguments.mission {
             Some(path) => MissionPlan::from_file(path)?,
@@ -80,7 +81,9 @@ impl Pilot for Sticks {
     fn order(&mut self, order: PilotOrder) {
         match &mut self.0 {
             Some(pilot) => pilot.order(order),
-            None => println!("nobody to call: give the simulator's address with --simulator, or tell the pilot yourself"),
+            None => println!(
+                "nobody to call: give the simulator's address with --simulator, or tell the pilot yourself"
+            ),
         }
     }
 
@@ -131,7 +134,10 @@ fn script(mut mission: Mission, link: &mut Link, pilot: &mut Sticks) -> Result<C
     let begun = Instant::now();
     loop {
         let progress = mission.step(begun.elapsed().as_nanos() as u64, link, pilot);
-        progress.events.iter().for_each(|event| println!("{:9.3} s  {}", event.time_ns as f64 / 1e9, event.text));
+        progress
+            .events
+            .iter()
+            .for_each(|event| println!("{:9.3} s  {}", event.time_ns as f64 / 1e9, event.text));
         match progress.outcome {
             Outcome::Running => std::thread::sleep(STEP),
             Outcome::Finished => return Ok(FINE),

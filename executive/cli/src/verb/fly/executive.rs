@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::fd::{AsRawFd, OwnedFd};
 use std::os::unix::net::UnixStream;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
@@ -13,9 +13,9 @@ use bateleur_executive::event::Event;
 use bateleur_executive::plan::Plan;
 use rustix::io::{FdFlags, fcntl_setfd};
 
-use crate::line::Line;
 use super::simulator::Simulator;
-use super::{Arguments, partition_running};
+use super::{Arguments, beside_self, partition_running};
+use crate::line::Line;
 
 /// How long the executive may take to end when it is asked to.
 const END_PATIENCE: Duration = Duration::from_secs(10);
@@ -135,12 +135,6 @@ impl Drop for Executive {
     fn drop(&mut self) {
         self.finish();
     }
-}
-
-/// A program in the folder of this one.
-pub(super) fn beside_self(name: &str) -> Result<PathBuf> {
-    let own = std::env::current_exe().context("cannot find this program")?;
-    Ok(own.parent().map(|folder| folder.join(name)).unwrap_or_else(|| name.into()))
 }
 
 fn set(command: &mut Command, partition: &str, attribute: &str, value: &str) {

@@ -10,8 +10,8 @@ use bateleur_ground::{Mission, MissionPlan, Outcome, Progress, Severity, UdpPilo
 
 use super::Arguments;
 use super::executive::Executive;
-use crate::line::Line;
 use super::simulator::Simulator;
+use crate::line::Line;
 use crate::verb::run::say;
 
 /// Wall clock: between two steps of the ground station.

@@ -112,6 +112,12 @@ fn fly(
     mission::fly(arguments, mission.clone(), simulator, line, executive, stop)
 }
 
+/// A program in the folder of this one.
+fn beside_self(name: &str) -> Result<PathBuf> {
+    let own = std::env::current_exe().context("cannot find this program")?;
+    Ok(own.parent().map(|folder| folder.join(name)).unwrap_or_else(|| name.into()))
+}
+
 /// The partition that runs program `name`, so that a plan may call its partitions as it likes.
 fn partition_running(plan: &Plan, name: &str) -> Result<String> {
     let runs = |program: &str| program.rsplit('/').next() == Some(name);

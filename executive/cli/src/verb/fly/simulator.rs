@@ -25,7 +25,7 @@ pub(super) struct Simulator {
 
 impl Simulator {
     pub(super) fn start(arguments: &Arguments, plan: &Plan, folder: &Path) -> Result<Self> {
-        let program = super::executive::beside_self("simulator")?;
+        let program = super::beside_self("simulator")?;
         let mut command = Command::new(&program);
         command.args(["--listen", &arguments.simulator.to_string()]);
         if let Some(airframe) = &arguments.airframe {

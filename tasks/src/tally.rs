@@ -12,8 +12,8 @@ impl Tally {
     /// Adds what a line says, if it is a runner's last word.
     pub(crate) fn add_line(&mut self, line: &str) {
         let line = without_colors(line);
-        let line = line.trim();
-        let counts = match (line.strip_prefix("test result: "), line.strip_prefix("Summary [")) {
+        // nextest repeats what a failed test said, indented: its inner result must not count once more.
+        let counts = match (line.strip_prefix("test result: "), line.trim().strip_prefix("Summary [")) {
             // cargo test: "test result: ok. 12 passed; 0 failed; 3 ignored; …"
             (Some(rest), _) => rest.split_once(". ").map(|(_, counts)| counts),
             // nextest: "Summary [ 1.2s] 9 tests run: 7 passed (1 slow), 2 failed, 1 skipped"
@@ -96,6 +96,7 @@ mod tests {
         let colored = "\u{1b}[32;1m     Summary\u{1b}[0m [   0.5s] \u{1b}[1m2\u{1b}[0m tests run: \u{1b}[1m2\u{1b}[0m passed, 0 skipped";
         assert_eq!(of(&[colored]), (2, 0, 0));
         assert_eq!(of(&["running 5 tests", "3 passed, nobody said so"]), (0, 0, 0));
+        assert_eq!(of(&["    test result: FAILED. 0 passed; 1 failed; 0 ignored"]), (0, 0, 0));
     }
 
     #[test]

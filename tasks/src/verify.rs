@@ -110,9 +110,15 @@ fn schedule(tally: &mut Tally) -> Result<(), String> {
     Step::new("schedule", program, &["check", "--deny-warnings"]).run(tally)
 }
 
+/// All of them, also after the first that fails: the count at the end shall be the whole truth.
 fn tests(tally: &mut Tally) -> Result<(), String> {
     if succeeds(cargo(), &["nextest", "--version"], ASKING) {
-        return Step::cargo("tests", &["nextest", "run", "--release", "--workspace"]).run(tally);
+        return Step::cargo("tests", &["nextest", "run", "--release", "--workspace", "--no-fail-fast"])
+            .run(tally);
     }
-    Step::cargo("tests", &["test", "--release", "--workspace", "--lib", "--bins", "--tests"]).run(tally)
+    Step::cargo(
+        "tests",
+        &["test", "--release", "--workspace", "--lib", "--bins", "--tests", "--no-fail-fast"],
+    )
+    .run(tally)
 }

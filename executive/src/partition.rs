@@ -86,6 +86,7 @@ impl Cage {
         let memory_limited =
             group.as_ref().is_some_and(|group| group.limit("memory.max", partition.memory_bytes).is_ok());
         let real_time = housing.real_time && housing.clock == Clock::Wall;
+        let priority = real_time.then_some(partition.priority);
         let retained = match partition.retained_bytes {
             0 => None,
             bytes => Some(shared_memory(&partition.name, bytes)?),
@@ -93,10 +94,10 @@ impl Cage {
         Ok(Self {
             id,
             name: partition.name.clone(),
-            slot: Arc::new(Slot::new(mapped, freezer, partition.threads, partition.priority)),
+            slot: Arc::new(Slot::new(mapped, freezer, partition.threads, priority)),
             program,
             cores: window_cores(plan, id),
-            priority: real_time.then_some(partition.priority),
+            priority,
             page,
             retained,
             retained_bytes: partition.retained_bytes,

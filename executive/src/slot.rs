@@ -43,7 +43,8 @@ pub struct Slot {
     granted_ns: AtomicU64,
     readiness: AtomicU32,
     tid: AtomicI32,
-    priority: u8,
+    /// Real-time priority of its windows; none: it runs as ordinary work.
+    priority: Option<u8>,
     frozen: AtomicBool,
     stopped: AtomicBool,
     not_before_ns: AtomicU64,
@@ -52,7 +53,7 @@ pub struct Slot {
 impl Slot {
     /// A slot without a process.
     #[must_use]
-    pub fn new(page: Mapped<ControlPage>, freezer: Option<Freezer>, threads: u32, priority: u8) -> Self {
+    pub fn new(page: Mapped<ControlPage>, freezer: Option<Freezer>, threads: u32, priority: Option<u8>) -> Self {
         page.initialise();
         Self {
             page,
@@ -117,7 +118,11 @@ impl Slot {
             if let Some(freezer) = &self.freezer {
                 let _ = freezer.thaw(); // the partition is found silent, which is an error of its own
             }
-            let _ = sched::fifo(self.tid.load(Relaxed), self.priority); // refused without privileges: ordinary from the start
+            let tid = self.tid.load(Relaxed);
+            // Without a process there is nobody to promote: number 0 would be the caller itself.
+            if let Some(priority) = self.priority.filter(|_| tid != 0) {
+                let _ = sched::fifo(tid, priority); // it has ended: found by its descriptor
+            }
         }
         if self.stopped.swap(false, Relaxed) {
             signal(self.tid.load(Relaxed), rustix::process::Signal::CONT);

@@ -34,9 +34,17 @@ pub enum PlanError {
         /// What the system said.
         error: std::io::Error,
     },
+    /// What is wrong with the text of a file.
+    #[error("{}: {wrong}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        wrong: Box<PlanError>,
+    },
     /// The text is no mission. The message names line and column.
     #[error("the mission cannot be understood: {0}")]
-    Syntax(#[from] toml::de::Error),
+    Syntax(toml::de::Error),
     /// The list of way-points is empty or too long.
     #[error("the mission has {0} way-points; it must have 1 to {MOST_WAYPOINTS}")]
     Waypoints(usize),
@@ -126,7 +134,9 @@ impl MissionPlan {
     /// When it cannot be read or is no mission.
     pub fn from_file(path: &Path) -> Result<Self, PlanError> {
         let unreadable = |error| PlanError::Unreadable { path: path.to_owned(), error };
-        Self::from_toml(&std::fs::read_to_string(path).map_err(unreadable)?)
+        let text = std::fs::read_to_string(path).map_err(unreadable)?;
+        Self::from_toml(&text)
+            .map_err(|wrong| PlanError::File { path: path.to_owned(), wrong: Box::new(wrong) })
     }
 
     /// Reads and checks a mission from a TOML text.
@@ -134,7 +144,7 @@ impl MissionPlan {
     /// # Errors
     /// When it is no mission.
     pub fn from_toml(text: &str) -> Result<Self, PlanError> {
-        let raw: RawPlan = toml::from_str(text)?;
+        let raw: RawPlan = toml::from_str(text).map_err(PlanError::Syntax)?;
         let count = raw.waypoint.len();
         if !(1..=MOST_WAYPOINTS).contains(&count) {
             return Err(PlanError::Waypoints(count));

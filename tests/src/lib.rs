@@ -1,1 +1,53 @@
-//! Whole-system tests.
+//! Helpers of the whole-system tests: start the programs, look at what they leave, and never wait for ever.
+//!
+//! A test is a user: it sees exit codes, text and files, and the processes and sockets that the machine shows to
+//! everyone. It only ever signals processes that it started.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // as in any test
+
+mod children;
+mod line;
+mod output;
+mod programs;
+mod schedule;
+mod turn;
+
+pub use children::{Process, Traces, children_of, executive_of, process_named};
+pub use line::Ground;
+pub use output::{Fault, Window, quantile};
+pub use programs::{Ended, Started, bateleur, repository};
+pub use schedule::{Sketch, edited, flight_schedule, line_of};
+pub use turn::{Turn, alone, among_others};
+
+use std::time::{Duration, Instant};
+
+/// The nine partitions of the flight, in the order of their windows.
+pub const NINE: [&str; 9] = [
+    "rate_generator",
+    "hil_interface",
+    "gps",
+    "imu",
+    "estimator",
+    "controller",
+    "servo",
+    "onboard_computer",
+    "command",
+];
+
+/// The way-points of two laps.
+pub const TWO_LAPS: [&str; 9] = ["WP0", "WP1", "WP2", "WP3", "WP0", "WP1", "WP2", "WP3", "WP0"];
+
+/// Longer than anything takes that works, on a machine that is busy with other things.
+pub const PATIENCE: Duration = Duration::from_secs(120);
+
+/// Looks every few milliseconds until `found` finds something; nothing: it did not within `limit`.
+pub fn await_some<T>(limit: Duration, mut found: impl FnMut() -> Option<T>) -> Option<T> {
+    let begun = Instant::now();
+    loop {
+        match found() {
+            Some(thing) => return Some(thing),
+            None if begun.elapsed() > limit => return None,
+            None => std::thread::sleep(Duration::from_millis(5)),
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! Starting programs, with their output in files and an end to every wait.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::await_some;
+use crate::output::{Fault, Window, faults, windows};
+
+/// The project's root.
+pub fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().unwrap()
+}
+
+/// A program of this workspace, built for release.
+pub(crate) fn program(name: &str) -> PathBuf {
+    let own = std::env::current_exe().unwrap();
+    let beside = own.ancestors().nth(2).map(Path::to_owned); // target/release/deps/<test>
+    let named = std::env::var_os("CARGO_TARGET_DIR").map(|target| Path::new(&target).join("release"));
+    let usual = repository().join("target/release");
+    let folders: Vec<PathBuf> = beside.into_iter().chain(named).chain([usual]).collect();
+    match folders
+        .iter()
+        .filter(|folder| folder.ends_with("release"))
+        .map(|folder| folder.join(name))
+        .find(|path| path.is_file())
+    {
+        Some(path) => path,
+        None => panic!(
+            "there is no program {name} in {folders:?}: build it with `cargo build --release --workspace --bins`"
+        ),
+    }
+}
+
+/// A verb of `bateleur`, such as `["fly", "--fast"]`; nothing is added but `--output`, where the verb has one.
+pub fn bateleur<S: AsRef<str>>(arguments: &[S]) -> Started {
+    let scratch = tempfile::Builder::new().prefix("bateleur-test-").tempdir().unwrap();
+    let text = |name: &str| File::create(scratch.path().join(name)).unwrap();
+    let mut command = Command::new(program("bateleur"));
+    command.args(arguments.iter().map(AsRef::as_ref)).current_dir(scratch.path());
+    if matches!(arguments[0].as_ref(), "fly" | "run") {
+        command.arg("--output").arg(scratch.path().join("out"));
+    }
+    command.stdin(Stdio::null()).stdout(text("stdout")).stderr(text("stderr"));
+    let child = command.spawn().unwrap();
+    Started { child, scratch: Some(scratch) }
+}
+
+/// A program that runs; killed when dropped.
+#[derive(Debug)]
+pub struct Started {
+    child: Child,
+    scratch: Option<TempDir>,
+}
+
+impl Started {
+    /// Its number.
+    pub fn pid(&self) -> i32 {
+        self.child.id() as i32
+    }
+
+    /// Its output folder.
+    pub fn folder(&self) -> PathBuf {
+        self.scratch.as_ref().unwrap().path().join("out")
+    }
+
+    /// What it said on standard error so far.
+    pub fn said(&self) -> String {
+        read(&self.scratch.as_ref().unwrap().path().join("stderr"))
+    }
+
+    /// Waits until it has said `text`.
+    #[track_caller]
+    pub fn await_words(&mut self, text: &str) {
+        let heard = await_some(crate::PATIENCE, || {
+            let ended = self.child.try_wait().unwrap().is_some();
+            (ended || self.said().contains(text)).then_some(())
+        });
+        assert!(heard.is_some() && self.said().contains(text), "it never said {text:?}:\n{}", self.said());
+    }
+
+    /// Sends it a signal.
+    pub fn signal(&self, signal: Signal) {
+        kill_process(Pid::from_raw(self.pid()).unwrap(), signal).unwrap();
+    }
+
+    /// Waits until it ends by itself.
+    #[track_caller]
+    pub fn end(self) -> Ended {
+        self.end_within(crate::PATIENCE)
+    }
+
+    /// As [`Started::end`], for one that may take long.
+    #[track_caller]
+    pub fn end_within(mut self, limit: Duration) -> Ended {
+        let status = await_some(limit, || self.child.try_wait().unwrap());
+        let Some(status) = status else {
+            panic!("it hangs: still running after {limit:?}; it said:\n{}", self.said())
+        };
+        let scratch = self.scratch.take().unwrap();
+        let text = |name: &str| read(&scratch.path().join(name));
+        Ended { code: status.code(), stdout: text("stdout"), stderr: text("stderr"), scratch }
+    }
+}
+
+impl Drop for Started {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// What a program left.
+#[derive(Debug)]
+pub struct Ended {
+    /// Its exit code; none: a signal ended it.
+    pub code: Option<i32>,
+    /// Standard output.
+    pub stdout: String,
+    /// Standard error.
+    pub stderr: String,
+    scratch: TempDir,
+}
+
+impl Ended {
+    /// Its output folder.
+    pub fn folder(&self) -> PathBuf {
+        self.scratch.path().join("out")
+    }
+
+    /// Fails with all that it said unless it ended with `code`.
+    #[track_caller]
+    pub fn expect_code(self, code: i32) -> Self {
+        assert_eq!(self.code, Some(code), "exit code; it said:\n{}\n{}", self.stderr, self.stdout);
+        self
+    }
+
+    /// Fails unless every one of `words` is in what it said on standard error.
+    #[track_caller]
+    pub fn expect_words(self, words: &[&str]) -> Self {
+        for word in words {
+            assert!(self.stderr.contains(word), "{word:?} is missing in:\n{}", self.stderr);
+        }
+        self
+    }
+
+    /// The one JSON document on standard output.
+    #[track_caller]
+    pub fn summary(&self) -> Value {
+        match serde_json::from_str(&self.stdout) {
+            Ok(document) => document,
+            Err(error) => panic!("{error}:\n{}\n{}", self.stdout, self.stderr),
+        }
+    }
+
+    /// The health log.
+    #[track_caller]
+    pub fn faults(&self) -> Vec<Fault> {
+        faults(&self.folder())
+    }
+
+    /// The window log.
+    #[track_caller]
+    pub fn windows(&self) -> Vec<Window> {
+        windows(&self.folder())
+    }
+
+    /// Whether it wrote nothing into its output folder.
+    pub fn left_no_output(&self) -> bool {
+        std::fs::read_dir(self.folder()).map_or(true, |mut entries| entries.next().is_none())
+    }
+}
+
+fn read(path: &Path) -> String {
+    String::from_utf8_lossy(&std::fs::read(path).unwrap_or_default()).into_owned()
+}

@@ -1,0 +1,94 @@
+//! Schedule files: the flight's, copies of it with something changed, and small ones for the test partitions.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use crate::programs::{program, repository};
+
+/// The flight's schedule file.
+pub fn flight_schedule() -> PathBuf {
+    repository().join("schedule.toml")
+}
+
+/// The text of the flight's schedule with each first text replaced by its second, everywhere.
+#[track_caller]
+pub fn edited(changes: &[(&str, &str)]) -> String {
+    let mut text = std::fs::read_to_string(flight_schedule()).unwrap();
+    for (old, new) in changes {
+        assert!(text.contains(old), "schedule.toml no longer has {old:?}: correct this test");
+        text = text.replace(old, new);
+    }
+    text
+}
+
+/// The number of the first line of `text` that has `part`.
+#[track_caller]
+pub fn line_of(text: &str, part: &str) -> usize {
+    1 + text.lines().position(|line| line.contains(part)).expect("the part stands in the text")
+}
+
+/// A small schedule: partitions on one core, their windows one after the other in a minor frame of 20 ms.
+#[derive(Debug, Clone)]
+pub struct Sketch {
+    head: String,
+    partitions: String,
+    windows: String,
+    next_us: u32,
+}
+
+impl Default for Sketch {
+    fn default() -> Self {
+        Self { head: String::new(), partitions: String::new(), windows: String::new(), next_us: 200 }
+    }
+}
+
+impl Sketch {
+    /// Without partitions.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds tables or keys before the partitions, such as a `[[channel]]`.
+    #[must_use]
+    pub fn table(mut self, text: &str) -> Self {
+        self.head.push_str(text);
+        self.head.push('\n');
+        self
+    }
+
+    /// Adds a partition that runs one of the test programs in a window of `window_us`. `keys`: further lines.
+    #[must_use]
+    pub fn partition(mut self, name: &str, runs: &str, window_us: u32, keys: &str) -> Self {
+        let path = program(runs);
+        writeln!(
+            self.partitions,
+            "[partition.{name}]\nprogram = \"{}\"\nmodule = \"test\"\nmemory = \"32MiB\"\n{keys}\n",
+            path.display()
+        )
+        .unwrap();
+        writeln!(
+            self.windows,
+            "    {{ partition = \"{name}\", offset = \"{}us\", duration = \"{window_us}us\" }},",
+            self.next_us
+        )
+        .unwrap();
+        self.next_us += window_us + 500;
+        self
+    }
+
+    /// The file's text.
+    pub fn text(&self) -> String {
+        format!(
+            "[module.test]\ncores = [1]\n\n[schedule.only]\nmajor_frame = \"20ms\"\nminor_frame = \"20ms\"\ninitial = true\n\
+             window = [\n{}]\n\n{}\n{}",
+            self.windows, self.head, self.partitions
+        )
+    }
+
+    /// Writes it into a folder.
+    pub fn write(&self, folder: &Path) -> String {
+        let path = folder.join("test.toml");
+        std::fs::write(&path, self.text()).unwrap();
+        path.to_str().unwrap().to_owned()
+    }
+}

@@ -1,0 +1,27 @@
+//! Who may run at the same time: tests in virtual time together, tests on the wall clock alone.
+
+use std::fs::File;
+
+use rustix::fs::{FlockOperation, flock};
+
+/// Held as long as a test runs.
+#[derive(Debug)]
+pub struct Turn(#[allow(dead_code)] File);
+
+/// Waits until no test on the wall clock runs.
+pub fn among_others() -> Turn {
+    take(FlockOperation::LockShared)
+}
+
+/// Waits until no other test runs, and keeps others waiting.
+pub fn alone() -> Turn {
+    take(FlockOperation::LockExclusive)
+}
+
+fn take(how: FlockOperation) -> Turn {
+    let path = std::env::temp_dir().join("bateleur-tests.turn");
+    let file =
+        File::options().create(true).append(true).open(&path).expect("a lock file in the temporary folder");
+    flock(&file, how).expect("the temporary folder allows locks");
+    Turn(file)
+}

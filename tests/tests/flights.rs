@@ -1,0 +1,115 @@
+//! Flights in virtual time: every seed, with and without wind; and that the same seed is the same flight.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use bateleur_tests::{Ended, TWO_LAPS, among_others, bateleur, flight_schedule};
+use serde_json::Value;
+
+/// Bounds of a flight's scores, root mean square against what the aircraft was asked to fly.
+struct Bounds {
+    altitude_m: f64,
+    airspeed_mps: f64,
+    straight_cross_track_m: f64,
+}
+
+const CALM: Bounds = Bounds { altitude_m: 1.5, airspeed_mps: 0.5, straight_cross_track_m: 2.0 };
+const LIGHT_TURBULENCE: Bounds = Bounds { altitude_m: 1.5, airspeed_mps: 1.0, straight_cross_track_m: 2.0 };
+
+fn fly(choices: &[&str]) -> Ended {
+    let schedule = flight_schedule();
+    let mut arguments = vec!["fly", "--fast", "--format", "json", "--schedule", schedule.to_str().unwrap()];
+    arguments.extend(choices);
+    bateleur(&arguments).end()
+}
+
+fn assert_flown(summary: &Value, bounds: &Bounds, which: &str) {
+    assert_eq!(summary["completed"], true, "{which}: {}", summary["failure"]);
+    assert_eq!(summary["waypoints"], Value::from(TWO_LAPS.to_vec()), "{which}");
+    assert_eq!(summary["laps"], 2, "{which}");
+    assert_eq!(summary["conditions"]["crashed"], false, "{which}");
+    let scores = [
+        ("altitude_rms_m", bounds.altitude_m),
+        ("airspeed_rms_mps", bounds.airspeed_mps),
+        ("straight_cross_track_rms_m", bounds.straight_cross_track_m),
+    ];
+    for (name, bound) in scores {
+        let score = summary[name].as_f64().unwrap_or(f64::INFINITY);
+        assert!(score <= bound, "{which}: {name} = {score}, which is more than {bound}");
+    }
+}
+
+fn assert_seeds_fly(
+    seeds: std::ops::RangeInclusive<u64>,
+    choices: impl Fn(u64) -> Vec<String>,
+    bounds: &Bounds,
+) {
+    let _turn = among_others();
+    for seed in seeds {
+        let choices = choices(seed);
+        let seed = seed.to_string();
+        let mut arguments = vec!["--seed", &seed];
+        arguments.extend(choices.iter().map(String::as_str));
+        let ended = fly(&arguments).expect_code(0);
+        let summary = ended.summary();
+        eprintln!(
+            "seed {seed}: altitude {} m, airspeed {} m/s, straight track {} m",
+            summary["altitude_rms_m"], summary["airspeed_rms_mps"], summary["straight_cross_track_rms_m"]
+        );
+        assert_flown(&summary, bounds, &format!("seed {seed} {choices:?}"));
+    }
+}
+
+fn no_choices(_: u64) -> Vec<String> {
+    Vec::new()
+}
+
+fn gusts(seed: u64) -> Vec<String> {
+    let from = (seed * 36 % 360).to_string();
+    ["--turbulence", "light", "--wind", "5", "--wind-from", &from].map(str::to_owned).to_vec()
+}
+
+#[test]
+fn calm_air_seeds_1_to_5_fly_two_laps_in_order() {
+    assert_seeds_fly(1..=5, no_choices, &CALM);
+}
+
+#[test]
+fn calm_air_seeds_6_to_10_fly_two_laps_in_order() {
+    assert_seeds_fly(6..=10, no_choices, &CALM);
+}
+
+#[test]
+fn gusts_and_wind_seeds_1_to_5_fly_two_laps_in_order() {
+    assert_seeds_fly(1..=5, gusts, &LIGHT_TURBULENCE);
+}
+
+#[test]
+fn gusts_and_wind_seeds_6_to_10_fly_two_laps_in_order() {
+    assert_seeds_fly(6..=10, gusts, &LIGHT_TURBULENCE);
+}
+
+fn digest(seed: &str) -> String {
+    let gusty = ["--seed", seed, "--turbulence", "light", "--wind", "5", "--wind-from", "200"];
+    let summary = fly(&gusty).expect_code(0).summary();
+    summary["digest"].as_str().expect("a digest").to_owned()
+}
+
+#[test]
+fn same_seed_is_the_same_flight_on_a_free_and_on_a_busy_machine_and_another_seed_is_another() {
+    let _turn = among_others();
+    let free = digest("7");
+    assert!(free.len() >= 16, "{free}");
+    assert_eq!(digest("7"), free, "the same seed again");
+    let over = Arc::new(AtomicBool::new(false));
+    let cores = std::thread::available_parallelism().map_or(2, usize::from);
+    let spin = |over: Arc<AtomicBool>| move || while !over.load(Ordering::Relaxed) {};
+    let busy: Vec<_> = (0..cores).map(|_| std::thread::spawn(spin(over.clone()))).collect();
+    let loaded = digest("7");
+    over.store(true, Ordering::Relaxed);
+    busy.into_iter().for_each(|thread| thread.join().unwrap());
+    assert_eq!(loaded, free, "the same seed while every processor is busy");
+    assert_ne!(digest("8"), free, "another seed");
+}

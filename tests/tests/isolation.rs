@@ -1,0 +1,256 @@
+//! Partitions that misbehave: what they do stays in their own windows.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::time::{Duration, Instant};
+
+use bateleur_tests::{
+    Ended, Process, Sketch, Window, alone, among_others, bateleur, children_of, process_named, quantile,
+};
+
+fn run(sketch: &Sketch, clock: &[&str], seconds: u32) -> Ended {
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = sketch.write(folder.path());
+    let until = seconds.to_string();
+    let mut arguments = vec!["run", "--schedule", &schedule, "--until", &until];
+    arguments.extend(clock);
+    bateleur(&arguments).end()
+}
+
+fn of<'a>(windows: &'a [Window], partition: &'a str) -> impl Iterator<Item = &'a Window> {
+    windows.iter().filter(move |window| window.partition == partition)
+}
+
+/// Two that behave around one that may not.
+fn between_counters(middle: &str, keys: &str) -> Sketch {
+    Sketch::new()
+        .table("[[channel]]\nsource = \"before.count\"\ndestinations = [\"after.heard\"]")
+        .partition(
+            "before",
+            "counter",
+            1000,
+            "[partition.before.port]\ncount = { direction = \"source\", kind = \"sampling\", message = \"FunctionStatus\" }",
+        )
+        .partition("middle", middle, 3000, keys)
+        .partition(
+            "after",
+            "counter",
+            1000,
+            "[partition.after.port]\nheard = { direction = \"destination\", kind = \"sampling\", message = \"FunctionStatus\", refresh = \"60ms\" }",
+        )
+}
+
+/// That the two that behave had every window, closed each, and that their windows began about as they do without harm.
+fn assert_undisturbed(harmed: &Ended, quiet: &Ended) {
+    let (harmed, quiet) = (harmed.windows(), quiet.windows());
+    for name in ["before", "after"] {
+        let ungranted = of(&harmed, name).filter(|window| window.granted_ns.is_none()).count();
+        let all = of(&harmed, name).count();
+        assert!(ungranted * 100 <= all, "{ungranted} of {all} windows of {name} were not granted");
+        let overruns = of(&harmed, name).filter(|window| window.is_overrun()).count();
+        let quiet_overruns = of(&quiet, name).filter(|window| window.is_overrun()).count();
+        assert!(overruns <= quiet_overruns + all / 50, "{overruns} of {all} windows of {name} overran");
+        for part in [0.5, 0.9] {
+            let lateness =
+                |windows: &[Window]| quantile(of(windows, name).filter_map(Window::lateness_ns), part);
+            let (with, without) = (lateness(&harmed), lateness(&quiet));
+            eprintln!("{name}: {part} quantile of lateness {with} ns, {without} ns without");
+            assert!(
+                with <= 3 * without + 100_000,
+                "windows of {name} begin late: {with} ns against {without} ns without, quantile {part}"
+            );
+        }
+    }
+}
+
+#[test]
+fn spinner_on_the_wall_clock_takes_no_window_from_others_is_restarted_and_ends_idle() {
+    let _turn = alone();
+    let quiet = run(&between_counters("counter", ""), &[], 5).expect_code(0);
+    let keys = "restart = { start = \"cold\", budget = 3, within = \"60s\", then = \"idle\" }";
+    let harmed = run(&between_counters("spinner", keys), &[], 5).expect_code(0);
+    assert_undisturbed(&harmed, &quiet);
+    let faults = harmed.faults();
+    assert!(faults.iter().all(|fault| fault.partition == "middle"), "{faults:#?}");
+    let silences: Vec<_> = faults.iter().filter(|fault| fault.error == "silence").collect();
+    let actions: Vec<_> = silences.iter().map(|fault| fault.action.as_str()).collect();
+    assert_eq!(actions, ["cold_restart", "cold_restart", "cold_restart", "idle"], "{faults:#?}");
+    assert!(faults.iter().any(|fault| fault.error == "window_overrun"), "{faults:#?}");
+    let windows = harmed.windows();
+    let overruns = of(&windows, "middle").filter(|window| window.is_overrun()).count();
+    assert!((90..=110).contains(&overruns), "25 for each of 4 incarnations: {overruns}");
+    assert!(of(&windows, "middle").last().unwrap().granted_ns.is_none(), "idle at the end");
+}
+
+#[test]
+fn sleeper_on_the_wall_clock_takes_no_window_from_others_and_is_restarted() {
+    let _turn = alone();
+    let quiet = run(&between_counters("counter", ""), &[], 2).expect_code(0);
+    let harmed = run(&between_counters("sleeper", ""), &[], 2).expect_code(0);
+    assert_undisturbed(&harmed, &quiet);
+    assert!(harmed.faults().iter().any(|fault| fault.error == "silence" && fault.partition == "middle"));
+}
+
+/// Whether this machine lets the executive hold every process of a partition.
+fn can_hold_children(said: &str) -> bool {
+    let lacks = said.contains("not on this machine: a window's end holds every process of a partition");
+    if lacks {
+        eprintln!("skipped: no control group of version 2 can be made here, so children escape");
+    }
+    !lacks
+}
+
+/// Processor time that the children of a forker used, over the time that passed.
+fn share_of_children(keys: &str) -> Option<(f64, Ended)> {
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = between_counters("forker", keys).write(folder.path());
+    let mut module = bateleur(&["run", "--schedule", &schedule, "--until", "5"]);
+    module.await_words("partitions are ready");
+    if !can_hold_children(&module.said()) {
+        return None;
+    }
+    let forker = process_named(module.pid(), "middle");
+    let children = bateleur_tests::await_some(Duration::from_secs(3), || {
+        Some(children_of(forker.pid)).filter(|children| children.len() >= 4)
+    });
+    let children = children.expect("two children and a child of each");
+    let begun = Instant::now();
+    std::thread::sleep(Duration::from_secs(2));
+    let now: Vec<Process> = children.iter().filter_map(Process::again).collect();
+    let elapsed_s = begun.elapsed().as_secs_f64();
+    assert_eq!(now.len(), children.len(), "they still run: {children:?}");
+    let used: u64 =
+        children.iter().zip(&now).map(|(before, after)| after.used_ticks - before.used_ticks).sum();
+    let ended = module.end();
+    for child in &children {
+        assert!(!child.is_alive(), "a child of a partition outlives the module: {child:?}");
+    }
+    Some((used as f64 * 0.01 / elapsed_s, ended))
+}
+
+#[test]
+fn children_of_a_partition_that_overruns_are_held_between_its_windows() {
+    let _turn = alone();
+    // So many restarts would hide it: silence is put far away.
+    let Some((share, ended)) =
+        share_of_children("attributes = { closes = false }\nhealth = { silence = \"ignore\" }")
+    else {
+        return;
+    };
+    // Its window is 3 ms of 20: 15 % of one processor.
+    assert!(share < 0.3, "children use {share} of a processor");
+    let quiet = run(&between_counters("counter", ""), &[], 2).expect_code(0);
+    assert_undisturbed(&ended, &quiet);
+}
+
+#[test]
+fn children_of_a_partition_that_closes_its_windows_are_held_between_them() {
+    let _turn = alone();
+    let Some((share, ended)) = share_of_children("attributes = { closes = true }") else { return };
+    assert!(share < 0.3, "children use {share} of a processor");
+    let quiet = run(&between_counters("counter", ""), &[], 2).expect_code(0);
+    assert_undisturbed(&ended, &quiet);
+}
+
+#[test]
+fn children_that_left_their_session_die_with_their_partition() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = between_counters("forker", "attributes = { closes = true }").write(folder.path());
+    let mut module = bateleur(&["run", "--schedule", &schedule, "--until", "60"]);
+    module.await_words("partitions are ready");
+    if !can_hold_children(&module.said()) {
+        return;
+    }
+    let forker = process_named(module.pid(), "middle");
+    let children = bateleur_tests::await_some(Duration::from_secs(5), || {
+        Some(children_of(forker.pid)).filter(|children| children.len() >= 4)
+    });
+    let children = children.expect("two children and a child of each");
+    forker.signal(rustix::process::Signal::KILL);
+    let gone = bateleur_tests::await_some(Duration::from_secs(5), || {
+        children.iter().all(|child| !child.is_alive()).then_some(())
+    });
+    assert!(gone.is_some(), "children of a dead incarnation still run: {children:?}");
+    module.signal(rustix::process::Signal::TERM);
+    module.end().expect_code(0);
+}
+
+fn assert_crash_is_called(how: &str, error: &str, detail: &str) {
+    let _turn = among_others();
+    let keys = format!("attributes = {{ how = \"{how}\", after = 10 }}");
+    let ended = run(&between_counters("crasher", &keys), &["--fast"], 1).expect_code(0);
+    let faults = ended.faults();
+    let first = faults.first().expect("a fault");
+    assert_eq!((first.partition.as_str(), first.error.as_str()), ("middle", error), "{first:?}");
+    assert!(first.detail.contains(detail), "{detail:?} is missing in {first:?}");
+    assert!(first.recovered_ns.is_some(), "{first:?}");
+    assert!(faults.iter().all(|fault| fault.partition == "middle"), "{faults:?}");
+    let windows = ended.windows();
+    assert!(of(&windows, "before").chain(of(&windows, "after")).all(|window| window.closed_ns.is_some()));
+}
+
+#[test]
+fn write_to_nowhere_is_a_memory_violation() {
+    assert_crash_is_called("segv", "memory_violation", "SIGSEGV");
+}
+
+#[test]
+fn division_by_zero_is_a_numeric_error() {
+    assert_crash_is_called("fpe", "numeric_error", "SIGFPE");
+}
+
+#[test]
+fn panic_is_an_exit_with_its_words() {
+    assert_crash_is_called("panic", "exit", "panicked");
+}
+
+#[test]
+fn exit_is_an_exit_with_its_code() {
+    assert_crash_is_called("exit", "exit", "code 3");
+}
+
+#[test]
+fn spinner_in_virtual_time_ends_idle_and_the_run_ends() {
+    let _turn = among_others();
+    let keys = "restart = { start = \"cold\", budget = 1, within = \"60s\", then = \"idle\" }";
+    let ended = run(&between_counters("spinner", keys), &["--fast"], 3).expect_code(0);
+    let silences = ended.faults().into_iter().filter(|fault| fault.error == "silence");
+    assert_eq!(silences.map(|fault| fault.action).collect::<Vec<_>>(), ["cold_restart", "idle"]);
+    let windows = ended.windows();
+    assert!(of(&windows, "before").chain(of(&windows, "after")).all(|window| window.closed_ns.is_some()));
+}
+
+#[test]
+fn sleeper_in_virtual_time_does_not_hang_the_run() {
+    let _turn = among_others();
+    let ended =
+        run(&between_counters("sleeper", "attributes = { after = 5 }"), &["--fast"], 2).expect_code(0);
+    assert!(ended.faults().iter().any(|fault| fault.error == "silence"));
+    let windows = ended.windows();
+    assert!(of(&windows, "after").all(|window| window.closed_ns.is_some()));
+}
+
+#[test]
+fn partition_that_takes_too_long_to_start_is_an_error_with_its_name() {
+    let _turn = among_others();
+    let keys = "startup_timeout = \"300ms\"\nattributes = { takes_ms = 5000 }";
+    let ended = run(&between_counters("late_starter", keys), &["--fast"], 1).expect_code(2);
+    let ended = ended.expect_words(&["middle", "300 ms", "startup_timeout"]);
+    assert!(ended.stderr.lines().all(|line| !line.contains("panicked")), "{}", ended.stderr);
+}
+
+#[test]
+fn successor_that_takes_too_long_to_start_is_started_again_until_its_budget_ends() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let keys = "startup_timeout = \"300ms\"\nattributes = { again_ms = 5000 }\n\
+                restart = { start = \"cold\", budget = 2, within = \"60s\", then = \"idle\" }";
+    let schedule = between_counters("late_starter", keys).write(folder.path());
+    let run = ["run", "--fast", "--schedule", &schedule, "--until", "2", "--kill", "middle@1"];
+    let ended = bateleur(&run).end().expect_code(0);
+    let told: Vec<_> = ended.faults().into_iter().map(|fault| (fault.error, fault.action)).collect();
+    let expected =
+        [("killed", "cold_restart"), ("startup_timeout", "cold_restart"), ("startup_timeout", "idle")];
+    assert_eq!(told, expected.map(|(error, action)| (error.to_owned(), action.to_owned())));
+}

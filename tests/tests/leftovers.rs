@@ -1,0 +1,121 @@
+//! However a run ends, nothing of it is left: no process, no shared memory, no control group, no socket.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use bateleur_tests::{
+    Started, Traces, alone, among_others, bateleur, executive_of, flight_schedule, process_named,
+};
+use rustix::process::Signal;
+
+/// A module on the wall clock, with all that it has on the machine.
+fn run() -> (Started, Traces) {
+    let schedule = flight_schedule();
+    let device = "command.device=/dev/nowhere";
+    let mut module =
+        bateleur(&["run", "--schedule", schedule.to_str().unwrap(), "--set", device, "--until", "100"]);
+    module.await_words("partitions are ready");
+    let traces = Traces::of(module.pid(), module.pid());
+    assert!(traces.has_sockets(), "hil_interface has one");
+    (module, traces)
+}
+
+/// A flight under way.
+fn fly() -> (Started, Traces) {
+    let schedule = flight_schedule();
+    let mut flight =
+        bateleur(&["fly", "--fast", "--format", "json", "--schedule", schedule.to_str().unwrap()]);
+    flight.await_words("partitions are ready");
+    let traces = Traces::of(flight.pid(), executive_of(flight.pid()).pid);
+    assert!(traces.has_sockets(), "the simulator and hil_interface have one each");
+    (flight, traces)
+}
+
+#[test]
+fn flight_that_ends_leaves_nothing() {
+    let _turn = among_others();
+    let (flight, traces) = fly();
+    flight.end().expect_code(0);
+    assert_eq!(traces.left(), Vec::<String>::new(), "at once");
+}
+
+#[test]
+fn flight_that_is_interrupted_leaves_nothing_and_says_so() {
+    let _turn = among_others();
+    let (flight, traces) = fly();
+    flight.signal(Signal::INT);
+    let ended = flight.end().expect_code(1);
+    assert_eq!(ended.summary()["completed"], false);
+    assert_eq!(ended.summary()["failure"], "it was interrupted");
+    traces.expect_gone();
+}
+
+#[test]
+fn flight_that_is_killed_leaves_nothing() {
+    let _turn = among_others();
+    let (flight, traces) = fly();
+    flight.signal(Signal::KILL);
+    drop(flight);
+    traces.expect_gone();
+}
+
+#[test]
+fn flight_whose_executive_is_killed_ends_and_leaves_nothing() {
+    let _turn = among_others();
+    let (flight, traces) = fly();
+    executive_of(flight.pid()).signal(Signal::KILL);
+    let ended = flight.end().expect_code(1);
+    assert_eq!(ended.summary()["completed"], false);
+    traces.expect_gone();
+}
+
+#[test]
+fn module_that_is_asked_to_end_leaves_nothing() {
+    let _turn = alone();
+    for signal in [Signal::TERM, Signal::INT] {
+        let (module, traces) = run();
+        module.signal(signal);
+        module.end().expect_code(0);
+        assert_eq!(traces.left(), Vec::<String>::new(), "at once");
+    }
+}
+
+#[test]
+fn module_that_is_killed_leaves_nothing() {
+    let _turn = alone();
+    let (module, traces) = run();
+    module.signal(Signal::KILL);
+    drop(module);
+    traces.expect_gone();
+}
+
+#[test]
+fn module_that_is_killed_with_its_guard_is_cleaned_up_by_the_next_start() {
+    let _turn = alone();
+    let (module, traces) = run();
+    let guard = process_named(module.pid(), "guard");
+    guard.signal(Signal::KILL);
+    module.signal(Signal::KILL);
+    drop(module);
+    // What holds memory and groups is gone with the executive, but nobody removes the names.
+    assert!(!traces.shared_memory().is_empty(), "without the guard something is left");
+    let schedule = flight_schedule();
+    let device = "command.device=/dev/nowhere";
+    let next = ["run", "--fast", "--schedule", schedule.to_str().unwrap(), "--set", device, "--until", "0.2"];
+    bateleur(&next).end().expect_code(0);
+    traces.expect_gone();
+}
+
+#[test]
+fn next_start_leaves_a_living_module_alone() {
+    let _turn = alone();
+    let (module, traces) = run();
+    let schedule = flight_schedule();
+    let device = "command.device=/dev/nowhere";
+    let next = ["run", "--fast", "--schedule", schedule.to_str().unwrap(), "--set", device, "--until", "0.2"];
+    bateleur(&next).end().expect_code(0);
+    assert!(traces.processes().iter().all(bateleur_tests::Process::is_alive), "{:#?}", traces.processes());
+    assert!(!traces.shared_memory().is_empty());
+    module.signal(Signal::TERM);
+    module.end().expect_code(0);
+    traces.expect_gone();
+}

@@ -1,0 +1,230 @@
+//! Partitions that are killed in flight: they come back, and the flight goes on.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use bateleur_tests::{
+    Ended, NINE, Sketch, TWO_LAPS, among_others, bateleur, edited, executive_of, flight_schedule,
+};
+use serde_json::Value;
+
+fn fly_schedule(schedule: &str, kills: &[String]) -> Ended {
+    let mut arguments = vec!["fly", "--fast", "--format", "json", "--schedule", schedule];
+    kills.iter().for_each(|kill| arguments.extend(["--kill", kill]));
+    bateleur(&arguments).end()
+}
+
+fn fly(kills: &[String]) -> Ended {
+    fly_schedule(flight_schedule().to_str().unwrap(), kills)
+}
+
+fn assert_completed(ended: &Ended) {
+    let summary = ended.summary();
+    assert_eq!(summary["completed"], true, "{}\n{}", summary["failure"], ended.stderr);
+    assert_eq!(summary["waypoints"], Value::from(TWO_LAPS.to_vec()));
+}
+
+/// That `summary` tells of one fault, the kill of `partition` at `time_s`, and of its recovery.
+fn assert_tells_of(summary: &Value, partition: &str, time_s: f64) {
+    let faults = summary["faults"].as_array().unwrap();
+    let told = faults.iter().find(|fault| fault["partition"] == partition).expect(partition);
+    assert_eq!(told["error"], "killed", "{told}");
+    assert!((told["time_s"].as_f64().unwrap() - time_s).abs() < 0.1, "{told}");
+    let recovery_ms = told["recovery_ms"].as_f64().expect("a recovery");
+    assert!((0.0..1000.0).contains(&recovery_ms), "{told}");
+}
+
+fn assert_comes_back(partition: &str) {
+    let _turn = among_others();
+    let ended = fly(&[format!("{partition}@100")]);
+    assert_completed(&ended);
+    let summary = ended.summary();
+    assert_tells_of(&summary, partition, 100.0);
+    assert_eq!(summary["restarts"], 1);
+    assert_eq!(summary["faults"].as_array().unwrap().len(), 1, "{}", summary["faults"]);
+    let ended = ended.expect_code(0);
+    let logged: Vec<_> = ended.faults().into_iter().filter(|fault| fault.error == "killed").collect();
+    assert_eq!(logged.len(), 1, "{logged:?}");
+    assert_eq!((logged[0].partition.as_str(), logged[0].recovered_ns.is_some()), (partition, true));
+}
+
+#[test]
+fn killed_rate_generator_comes_back_and_the_flight_completes() {
+    assert_comes_back("rate_generator");
+}
+
+#[test]
+fn killed_hil_interface_comes_back_and_the_flight_completes() {
+    assert_comes_back("hil_interface");
+}
+
+#[test]
+fn killed_gps_comes_back_and_the_flight_completes() {
+    assert_comes_back("gps");
+}
+
+#[test]
+fn killed_imu_comes_back_and_the_flight_completes() {
+    assert_comes_back("imu");
+}
+
+#[test]
+fn killed_estimator_comes_back_and_the_flight_completes() {
+    assert_comes_back("estimator");
+}
+
+#[test]
+fn killed_controller_comes_back_and_the_flight_completes() {
+    assert_comes_back("controller");
+}
+
+#[test]
+fn killed_servo_comes_back_and_the_flight_completes() {
+    assert_comes_back("servo");
+}
+
+#[test]
+fn killed_onboard_computer_comes_back_and_the_flight_completes() {
+    assert_comes_back("onboard_computer");
+}
+
+#[test]
+fn killed_command_comes_back_and_the_flight_completes() {
+    assert_comes_back("command");
+}
+
+fn each_in_turn() -> Vec<String> {
+    NINE.iter().zip(0..).map(|(partition, place)| format!("{partition}@{}", 60 + 10 * place)).collect()
+}
+
+#[test]
+fn all_nine_killed_one_after_the_other_come_back_and_the_flight_completes() {
+    let _turn = among_others();
+    let ended = fly(&each_in_turn()).expect_code(0);
+    assert_completed(&ended);
+    let summary = ended.summary();
+    assert_eq!(summary["restarts"], 9);
+    for (partition, place) in NINE.iter().zip(0..) {
+        assert_tells_of(&summary, partition, f64::from(60 + 10 * place));
+    }
+}
+
+#[test]
+fn all_nine_killed_and_restarted_cold_are_armed_again_by_the_ground_and_the_flight_completes() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = folder.path().join("cold.toml");
+    std::fs::write(&schedule, edited(&[("start = \"warm\"", "start = \"cold\"")])).unwrap();
+    let ended = fly_schedule(schedule.to_str().unwrap(), &each_in_turn()).expect_code(0);
+    assert_completed(&ended);
+    let summary = ended.summary();
+    assert_eq!(summary["restarts"], 9);
+    let faults = summary["faults"].as_array().unwrap();
+    assert!(faults.iter().all(|fault| fault["action"] == "cold_restart"), "{faults:?}");
+}
+
+#[test]
+fn estimator_killed_beyond_its_budget_is_idle_and_the_flight_fails_and_says_so() {
+    let _turn = among_others();
+    let kills: Vec<String> = (100..106).map(|second| format!("estimator@{second}")).collect();
+    let ended = fly(&kills).expect_code(1);
+    let summary = ended.summary();
+    assert_eq!(summary["completed"], false);
+    assert!(summary["failure"].as_str().is_some_and(|why| !why.is_empty()), "{}", summary["failure"]);
+    assert_eq!(summary["restarts"], 5);
+    let faults = ended.faults();
+    assert_eq!(
+        faults.last().map(|fault| (fault.partition.as_str(), fault.action.as_str())),
+        Some(("estimator", "idle"))
+    );
+    let after_ns = 106_000_000_000;
+    let windows = ended.windows();
+    let granted = |name: &str| {
+        windows
+            .iter()
+            .filter(|window| {
+                window.partition == name && window.planned_start_ns > after_ns && window.granted_ns.is_some()
+            })
+            .count()
+    };
+    assert_eq!(granted("estimator"), 0, "an idle partition gets no windows");
+    assert!(granted("controller") > 50, "the others go on");
+    let report = std::fs::read_to_string(ended.folder().join("report.html")).unwrap();
+    assert!(report.contains("idle") && report.contains("estimator"), "the report tells of it");
+}
+
+#[test]
+fn onboard_computer_beyond_its_budget_is_idle_and_the_flight_completes_without_it() {
+    let _turn = among_others();
+    let kills: Vec<String> = (100..106).map(|second| format!("onboard_computer@{second}")).collect();
+    let ended = fly(&kills);
+    let summary = ended.summary();
+    assert_eq!(summary["completed"], true, "nothing that flies depends on it: {}", summary["failure"]);
+    assert_eq!(ended.faults().last().map(|fault| fault.action.clone()), Some("idle".into()));
+}
+
+#[test]
+fn partition_beyond_its_budget_that_shall_stop_the_module_stops_it_with_code_1() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let keys = "restart = { start = \"cold\", budget = 1, within = \"10s\", then = \"stop\" }";
+    let schedule = Sketch::new()
+        .partition("other", "counter", 500, "")
+        .partition("victim", "counter", 500, keys)
+        .write(folder.path());
+    let run = [
+        "run",
+        "--fast",
+        "--schedule",
+        &schedule,
+        "--until",
+        "20",
+        "--kill",
+        "victim@1",
+        "--kill",
+        "victim@2",
+    ];
+    let ended = bateleur(&run).end().expect_code(1).expect_words(&["victim"]);
+    assert_eq!(ended.faults().last().map(|fault| fault.action.clone()), Some("stop".into()));
+    let last_ns = ended.windows().last().unwrap().planned_start_ns;
+    assert!(last_ns < 3_000_000_000, "the module went on to {last_ns} ns");
+}
+
+fn words_of_warm(start: &str) -> String {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let keys = format!(
+        "retained = \"4KiB\"\nrestart = {{ start = \"{start}\", budget = 5, within = \"10s\", then = \"idle\" }}"
+    );
+    let schedule = Sketch::new().partition("kept", "warm", 500, &keys).write(folder.path());
+    let run = ["run", "--fast", "--schedule", &schedule, "--until", "3", "--kill", "kept@2"];
+    bateleur(&run).end().expect_code(0).stderr
+}
+
+#[test]
+fn retained_memory_is_there_after_a_warm_restart() {
+    let said = words_of_warm("warm");
+    assert!(said.contains("NormalStart found None"), "{said}");
+    assert!(said.contains("HmPartitionWarmRestart found Some(100)"), "100 windows in 2 s:\n{said}");
+}
+
+#[test]
+fn retained_memory_is_empty_after_a_cold_restart() {
+    let said = words_of_warm("cold");
+    assert!(said.contains("HmPartitionColdRestart found None"), "{said}");
+}
+
+#[test]
+fn partition_killed_by_a_stranger_comes_back_too() {
+    let _turn = among_others();
+    let schedule = flight_schedule();
+    let mut flight =
+        bateleur(&["fly", "--fast", "--format", "json", "--schedule", schedule.to_str().unwrap()]);
+    flight.await_words("1 of 9 way-points");
+    let victim = bateleur_tests::process_named(executive_of(flight.pid()).pid, "controller");
+    victim.signal(rustix::process::Signal::KILL);
+    let ended = flight.end().expect_code(0);
+    assert_completed(&ended);
+    let summary = ended.summary();
+    assert_eq!(summary["restarts"], 1);
+    assert_eq!(summary["faults"][0]["partition"], "controller");
+}

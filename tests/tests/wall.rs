@@ -1,0 +1,60 @@
+//! The wall clock: real windows on a real processor. The one long flight of the suite is here.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::time::Duration;
+
+use bateleur_tests::{NINE, TWO_LAPS, Window, alone, bateleur, flight_schedule, quantile};
+use serde_json::Value;
+
+#[test]
+fn module_without_its_simulator_has_all_its_windows() {
+    let _turn = alone();
+    let schedule = flight_schedule();
+    let device = "command.device=/dev/nowhere";
+    let ended =
+        bateleur(&["run", "--schedule", schedule.to_str().unwrap(), "--set", device, "--until", "10"]);
+    let ended = ended.end().expect_code(0).expect_words(&["9 partitions are ready"]);
+    let windows = ended.windows();
+    for partition in NINE {
+        let of: Vec<&Window> = windows.iter().filter(|window| window.partition == partition).collect();
+        let granted = of.iter().filter(|window| window.granted_ns.is_some()).count();
+        assert!((495..=510).contains(&of.len()), "{partition} had {} windows in 10 s", of.len());
+        assert!(granted * 100 >= of.len() * 95, "{partition}: {granted} of {} were granted", of.len());
+        let closed = of.iter().filter(|window| window.closed_ns.is_some()).count();
+        assert!(closed * 100 >= granted * 95, "{partition}: {closed} of {granted} were closed");
+        assert!(
+            of.iter().all(|window| window.granted_ns.is_none_or(|at| at >= window.planned_start_ns)),
+            "{partition} was early"
+        );
+        let late = quantile(of.iter().filter_map(|window| window.lateness_ns()), 0.5);
+        assert!(late < 5_000_000, "half of the windows of {partition} begin more than {late} ns late");
+    }
+    // In the order of the schedule, one after the other.
+    assert!(windows.windows(2).all(|pair| pair[0].planned_end_ns <= pair[1].planned_start_ns));
+}
+
+#[test]
+fn flight_on_the_wall_clock_with_two_kills_completes() {
+    let _turn = alone();
+    let schedule = flight_schedule();
+    let flight = ["fly", "--format", "json", "--schedule", schedule.to_str().unwrap()];
+    let kills = ["--kill", "estimator@60", "--kill", "controller@70"];
+    let flight = bateleur(&[&flight[..], &kills[..]].concat());
+    let ended = flight.end_within(Duration::from_secs(300));
+    let summary = ended.summary();
+    eprintln!("{summary:#}");
+    assert_eq!(summary["completed"], true, "{}\n{}", summary["failure"], ended.stderr);
+    let ended = ended.expect_code(0);
+    assert_eq!(summary["waypoints"], Value::from(TWO_LAPS.to_vec()));
+    assert_eq!(summary["clock"], "wall");
+    let killed: Vec<_> = ended.faults().into_iter().filter(|fault| fault.error == "killed").collect();
+    assert_eq!(
+        killed.iter().map(|fault| fault.partition.as_str()).collect::<Vec<_>>(),
+        ["estimator", "controller"]
+    );
+    assert!(killed.iter().all(|fault| fault.recovered_ns.is_some()), "{killed:#?}");
+    let chain_us = summary["chain_execution_us"]["p99"].as_f64().unwrap();
+    assert!(chain_us < 13_000.0, "the chain from gyro to elevator takes {chain_us} us");
+    assert!(summary["window_start_lateness_us"]["p50"].is_number());
+}

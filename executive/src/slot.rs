@@ -1,7 +1,7 @@
 //! A partition as the dispatcher sees it: a control page, a freezing file and a state. Made before frame 0, never moved;
 //! the process behind it comes and goes.
 
-use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
+use std::sync::atomic::Ordering::{Acquire, Relaxed, Release, SeqCst};
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, AtomicU64};
 
 use bateleur_contract::{ControlPage, Mapped};
@@ -9,6 +9,7 @@ use rustix::thread::futex;
 
 use crate::system::cgroup::Freezer;
 use crate::system::sched;
+use crate::system::time::now_ns;
 
 /// Whether a partition takes windows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,7 +54,12 @@ pub struct Slot {
 impl Slot {
     /// A slot without a process.
     #[must_use]
-    pub fn new(page: Mapped<ControlPage>, freezer: Option<Freezer>, threads: u32, priority: Option<u8>) -> Self {
+    pub fn new(
+        page: Mapped<ControlPage>,
+        freezer: Option<Freezer>,
+        threads: u32,
+        priority: Option<u8>,
+    ) -> Self {
         page.initialise();
         Self {
             page,
@@ -72,14 +78,17 @@ impl Slot {
 
     /// Empties the page for a process that is about to start: it has seen no grant yet.
     pub fn take_in(&self) {
-        self.tid.store(0, Release);
+        self.tid.store(0, SeqCst);
         self.granted.store(0, Relaxed);
         self.page.grant.store(0, Relaxed);
         self.page.done.store(0, Relaxed);
         self.page.stop.store(0, Relaxed);
         self.page.mode.store(0, Relaxed);
         self.stopped.store(false, Relaxed);
-        self.thaw(); // the group of a predecessor that was frozen when it was killed
+        // The group of a predecessor that was frozen when it was killed; whatever the flag says, because a dispatcher may
+        // be freezing it right now (it looks again afterwards, see `fence`).
+        self.frozen.store(true, Relaxed);
+        self.thaw();
     }
 
     /// The process behind the page, once it may take windows.
@@ -152,7 +161,8 @@ impl Slot {
     pub fn usage(&self) -> Use {
         let granted_ns = self.granted_ns.load(Relaxed);
         let done = self.is_done();
-        let inside = |stamp: u64| (stamp >= granted_ns).then_some(stamp);
+        let now = now_ns();
+        let inside = |stamp: u64| (granted_ns..=now).contains(&stamp).then_some(stamp);
         Use {
             opened_ns: inside(self.page.opened_ns.load(Relaxed)),
             closed_ns: if done { inside(self.page.closed_ns.load(Relaxed)) } else { None },
@@ -175,6 +185,11 @@ impl Slot {
         if !held {
             self.stopped.store(true, Relaxed);
             signal(tid, rustix::process::Signal::STOP);
+        }
+        // The process was replaced meanwhile: its successor must not be born frozen, for nobody would thaw it.
+        if self.tid.load(SeqCst) != tid {
+            self.frozen.store(true, Relaxed);
+            self.thaw();
         }
     }
 
@@ -200,5 +215,70 @@ impl Slot {
 fn signal(pid: i32, signal: rustix::process::Signal) {
     if let Some(pid) = rustix::process::Pid::from_raw(pid) {
         let _ = rustix::process::kill_process(pid, signal); // it has ended already
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn slot() -> Slot {
+        let file = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
+        rustix::fs::ftruncate(&file, 4096).unwrap();
+        Slot::new(Mapped::new(file).unwrap(), None, 1, None)
+    }
+
+    fn close(slot: &Slot, opened_ns: u64, closed_ns: u64) {
+        slot.page.opened_ns.store(opened_ns, Relaxed);
+        slot.page.closed_ns.store(closed_ns, Relaxed);
+        slot.page.done.store(slot.page.grant.load(Acquire), Release);
+    }
+
+    #[test]
+    fn a_window_is_done_when_this_very_grant_was_used_up() {
+        let slot = slot();
+        slot.grant(0, 1, 0, now_ns());
+        assert!(!slot.is_done());
+        close(&slot, now_ns(), now_ns());
+        assert!(slot.is_done() && slot.usage().closed_ns.is_some());
+        slot.grant(1, 2, 0, now_ns());
+        assert!(!slot.is_done());
+    }
+
+    #[test]
+    fn a_partition_that_writes_over_its_grant_does_not_close_its_window() {
+        let slot = slot();
+        slot.grant(0, 1, 0, now_ns());
+        slot.page.grant.store(77, Release);
+        slot.page.done.store(77, Release);
+        assert!(!slot.is_done());
+    }
+
+    #[test]
+    fn stamps_before_the_grant_or_in_the_future_are_not_believed() {
+        let slot = slot();
+        let granted_ns = now_ns();
+        slot.grant(0, 1, 0, granted_ns);
+        close(&slot, granted_ns - 1, now_ns() + 1_000_000_000_000);
+        assert_eq!(slot.usage(), Use { opened_ns: None, closed_ns: None });
+    }
+
+    #[test]
+    fn a_successor_is_not_taken_for_one_that_owes_a_window() {
+        let slot = slot();
+        slot.grant(0, 1, 0, now_ns());
+        slot.take_in();
+        assert!(slot.is_done());
+        slot.fence(true); // no process: nobody is stopped, not even the caller
+    }
+
+    #[test]
+    fn a_count_of_grants_that_wraps_around_goes_on() {
+        let slot = slot();
+        slot.granted.store(u32::MAX, Relaxed);
+        slot.grant(0, 1, 0, now_ns());
+        assert_eq!(slot.page.grant.load(Acquire), 0);
+        close(&slot, now_ns(), now_ns());
+        assert!(slot.is_done());
     }
 }

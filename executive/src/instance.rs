@@ -6,6 +6,7 @@
 
 use std::fs;
 use std::io;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -40,7 +41,8 @@ impl Instance {
         let pid = std::process::id() as i32;
         let name = format!("{NAME}.{module}.{pid}");
         let instance = Self { name, pid, started_ticks: started_ticks(pid).unwrap_or(0), group: None };
-        fs::create_dir(instance.directory())?;
+        // Whatever the user's umask says: a record that others could write is not believed.
+        fs::DirBuilder::new().mode(0o755).create(instance.directory())?;
         instance.record()?;
         Ok(instance)
     }
@@ -98,14 +100,28 @@ impl Instance {
 pub fn clean_leftovers() -> Vec<String> {
     let entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
     let ours = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(&format!("{NAME}.")));
-    let records = ours.filter_map(|entry| {
-        let text = fs::read(entry.path().join(RECORD)).ok()?;
-        serde_json::from_slice::<Instance>(&text).ok()
-    });
+    let records = ours.filter_map(|entry| trusted_record(&entry.path()));
     let dead: Vec<_> = records.filter(|instance| !instance.is_alive()).collect();
     dead.iter().for_each(Instance::clean_up);
     dead.into_iter().map(|instance| instance.name).collect()
 }
+
+/// The record in a run's directory, if this user made it. Anybody, a partition too, may make a directory in `/dev/shm`
+/// that looks like a run: believing it would remove whatever folder and end whatever control group it names.
+fn trusted_record(directory: &Path) -> Option<Instance> {
+    let own = rustix::process::geteuid().as_raw();
+    let about = fs::symlink_metadata(directory).ok()?;
+    if !about.is_dir() || about.uid() != own || about.mode() & WRITABLE_BY_OTHERS != 0 {
+        return None;
+    }
+    let instance: Instance = serde_json::from_slice(&fs::read(directory.join(RECORD)).ok()?).ok()?;
+    let name = directory.file_name()?;
+    let group_fits = instance.group.as_ref().is_none_or(|group| group.file_name() == Some(name));
+    (name == instance.name.as_str() && group_fits).then_some(instance)
+}
+
+/// Mode bits that let somebody else put files into a directory.
+const WRITABLE_BY_OTHERS: u32 = 0o022;
 
 /// Field 22 of /proc/PID/stat; the name before it may hold anything, so fields are counted from its closing bracket.
 fn started_ticks(pid: i32) -> Option<u64> {
@@ -142,5 +158,19 @@ mod tests {
         assert!(living.directory().exists());
         living.clean_up();
         assert!(!living.directory().exists());
+    }
+
+    #[test]
+    fn a_planted_record_that_names_another_folder_is_not_believed() {
+        let victim = tempfile::tempdir_in(SHARED_MEMORY).unwrap();
+        let planted = Path::new(SHARED_MEMORY).join(format!("bateleur.planted.{}", std::process::id()));
+        let name = victim.path().file_name().unwrap().to_string_lossy().into_owned();
+        let instance = Instance { name, pid: i32::MAX, started_ticks: 1, group: None };
+        fs::create_dir(&planted).unwrap();
+        fs::write(planted.join(RECORD), serde_json::to_vec(&instance).unwrap()).unwrap();
+        assert_eq!(trusted_record(&planted), None);
+        clean_leftovers();
+        assert!(victim.path().exists());
+        fs::remove_dir_all(&planted).unwrap();
     }
 }

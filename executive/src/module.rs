@@ -222,8 +222,16 @@ struct Base {
 
 impl Base {
     fn make(module: &str, facts: &Machine, logs: &Path) -> Result<Self, RunError> {
-        let mut instance =
+        let instance =
             Instance::create(module).map_err(machine("cannot make the module's directory in /dev/shm"))?;
+        let made = Self::furnish(instance.clone(), facts, logs);
+        if made.is_err() {
+            instance.clean_up();
+        }
+        made
+    }
+
+    fn furnish(mut instance: Instance, facts: &Machine, logs: &Path) -> Result<Self, RunError> {
         let group = facts.make_group(&instance.name);
         if let Some(group) = &group {
             instance.set_group(group.path()).map_err(machine("cannot note the control group"))?;
@@ -440,7 +448,7 @@ fn conduct(
         return Err(RunError::Start(reason));
     }
     let slots = monitor.slots();
-    connect(&slots, timeline.minor_frame_ns);
+    connect(&slots, timeline.minor_frame_ns, options.clock);
     monitor.events().tell(&Event::Ready { partitions: slots.iter().flatten().count() });
     let kills = Killing::of(plan, &options.kills);
     let line_slot = line_partition(view).and_then(|place| slots[place].clone());
@@ -488,9 +496,9 @@ fn line_partition(view: &ModuleView<'_>) -> Option<usize> {
 }
 
 /// A first grant without a window: every port connects to its peers now, not in its first window.
-fn connect(slots: &[Option<Arc<Slot>>], minor_frame_ns: u64) {
+fn connect(slots: &[Option<Arc<Slot>>], minor_frame_ns: u64, clock: Clock) {
     for slot in slots.iter().flatten() {
-        slot.page.clock.store(0, Ordering::Relaxed);
+        slot.page.clock.store(u32::from(clock == Clock::Virtual), Ordering::Relaxed);
         slot.page.minor_frame_ns.store(minor_frame_ns, Ordering::Relaxed);
         slot.grant(0, 0, 0, now_ns());
         let begun_ns = now_ns();

@@ -143,8 +143,7 @@ struct Prepared {
 /// What the kernel refused, and at which step.
 pub fn spawn(request: &Request<'_>) -> io::Result<Spawned> {
     let (reader, low_writer) = pipe_with(PipeFlags::CLOEXEC)?;
-    // High enough not to be overwritten while the child arranges its first descriptors.
-    let writer = rustix::io::fcntl_dupfd_cloexec(&low_writer, 100)?;
+    let writer = rustix::io::fcntl_dupfd_cloexec(&low_writer, OUT_OF_THE_WAY)?;
     drop(low_writer);
     let prepared = prepare(request, writer.as_raw_fd())?;
     let mut pidfd: i32 = -1;
@@ -172,8 +171,19 @@ pub fn spawn(request: &Request<'_>) -> io::Result<Spawned> {
     }
 }
 
+/// How long a child may take to its program. One that is held before (a frozen group, a file system that does not answer)
+/// must not hold the executive.
+const START_PATIENCE_NS: u64 = 2_000_000_000;
+
 fn confirm(reader: OwnedFd, pidfd: OwnedFd, pid: i32) -> io::Result<Spawned> {
     let mut trouble = [0; 5];
+    crate::partition::await_any_end(&[reader.as_fd()], START_PATIENCE_NS);
+    if !crate::partition::is_readable(reader.as_fd()) {
+        let _ = rustix::process::pidfd_send_signal(&pidfd, rustix::process::Signal::KILL); // ended already
+        crate::partition::await_any_end(&[pidfd.as_fd()], START_PATIENCE_NS);
+        let _ = crate::partition::ended(&Spawned { pid, pidfd });
+        return Err(io::Error::new(io::ErrorKind::TimedOut, "it did not come as far as its program"));
+    }
     match File::from(reader).read(&mut trouble)? {
         5 => {
             let _ = rustix::process::waitid(
@@ -188,12 +198,16 @@ fn confirm(reader: OwnedFd, pidfd: OwnedFd, pid: i32) -> io::Result<Spawned> {
     }
 }
 
+/// Lowest number of the descriptors that must not be overwritten while the child arranges its first ones.
+const OUT_OF_THE_WAY: i32 = 100;
+
 fn prepare(request: &Request<'_>, trouble: i32) -> io::Result<Prepared> {
-    let program = rustix::fs::open(
+    let low_program = rustix::fs::open(
         request.program,
         rustix::fs::OFlags::PATH | rustix::fs::OFlags::CLOEXEC,
         rustix::fs::Mode::empty(),
     )?;
+    let program = rustix::io::fcntl_dupfd_cloexec(low_program, OUT_OF_THE_WAY)?;
     let name = request.program.file_name().unwrap_or(OsStr::new("partition")).as_bytes();
     let mut strings = vec![CString::new(name)?];
     for text in request.arguments.iter().chain(request.environment) {
@@ -275,18 +289,23 @@ fn become_program(prepared: &Prepared) -> Step {
 
 /// Puts every descriptor where the contract wants it, out of the way first so that none overwrites another.
 unsafe fn arrange_descriptors(prepared: &Prepared) -> bool {
-    const ASIDE: i32 = 200;
+    let standard = [prepared.input.as_raw_fd(), prepared.output, prepared.errors];
+    let kept = [prepared.program.as_raw_fd(), prepared.trouble];
+    // Above all that is still needed: an executive of many partitions has hundreds of descriptors open.
+    let mut aside = OUT_OF_THE_WAY;
+    for number in standard.iter().chain(&prepared.descriptors).chain(&kept) {
+        aside = aside.max(*number + 1);
+    }
     // SAFETY: descriptor numbers only; the caller owns the process.
     unsafe {
-        let standard = [prepared.input.as_raw_fd(), prepared.output, prepared.errors];
         for (place, from) in standard.iter().chain(&prepared.descriptors).enumerate() {
-            if libc::dup3(*from, ASIDE + place as i32, libc::O_CLOEXEC) < 0 {
+            if libc::dup3(*from, aside + place as i32, libc::O_CLOEXEC) < 0 {
                 return false;
             }
         }
         let count = standard.len() + prepared.descriptors.len();
         for place in 0..count as i32 {
-            if libc::dup2(ASIDE + place, place) < 0 {
+            if libc::dup2(aside + place, place) < 0 {
                 return false;
             }
         }

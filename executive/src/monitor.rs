@@ -19,7 +19,7 @@ use bateleur_contract::{Clock, Mode, ReportKind, StartCondition, exit};
 use crate::event::{Event, Events};
 use crate::health::decision::{Decision, decide, error_of};
 use crate::health::log::{Fault, HealthLog, WindowLog, WindowRecord};
-use crate::partition::{Cage, await_any_end, ended};
+use crate::partition::{Cage, await_any_end, ended, is_readable};
 use crate::plan::{Closed, PartitionError, Plan};
 use crate::slot::{Readiness, Slot};
 use crate::system::spawn::Spawned;
@@ -276,8 +276,9 @@ impl Monitor {
             watched.unclosed = 0;
             return;
         }
-        // A window that the dispatcher itself cut short says nothing about the partition.
-        if record.is_late() || !matches!(watched.life, Life::Running(_)) {
+        // A window that the dispatcher itself cut short says nothing about the partition; and one that died in its
+        // window did not overrun it: its end is found next.
+        if record.is_late() || !watched.runs() {
             return;
         }
         watched.unclosed += 1;
@@ -322,6 +323,10 @@ impl Monitor {
         }
         let reports = watched.cage.slot.page.reports_since(&mut watched.reports_seen);
         for (kind, text) in reports {
+            // One burst of errors is one fault where it ends the process: the rest must not use up its budget.
+            if !self.watched[place].is_alive() && kind != ReportKind::Message {
+                continue;
+            }
             match kind {
                 ReportKind::Message => {
                     let partition = self.watched[place].cage.name.clone();
@@ -369,7 +374,8 @@ impl Monitor {
         let partition = self.watched[place].cage.id;
         let restart = &self.plan[partition].restart;
         let watched = &mut self.watched[place];
-        let alive = matches!(watched.life, Life::Running(_) | Life::Starting(..));
+        // A process that does not become ready can be ignored as little as one that is gone: nothing would end the wait.
+        let alive = watched.is_alive() && error != PartitionError::StartupTimeout;
         watched.restarts.retain(|at| module_ns.saturating_sub(*at) < restart.within_ns);
         let decision =
             decide(error, &self.plan[partition].health, restart, alive, watched.restarts.len() as u32);
@@ -513,6 +519,15 @@ impl Watched {
         Ok(())
     }
 
+    fn is_alive(&self) -> bool {
+        matches!(self.life, Life::Running(_) | Life::Starting(..))
+    }
+
+    /// It takes windows and has not ended, as far as the kernel knows.
+    fn runs(&self) -> bool {
+        matches!(&self.life, Life::Running(process) if !is_readable(process.pidfd.as_fd()))
+    }
+
     /// Its process is reaped: children that it left go too, its windows pass.
     fn died(&mut self, pid: i32) {
         self.cage.slot.set_readiness(Readiness::Absent);
@@ -555,12 +570,6 @@ fn end_helper(process: &Spawned) {
     let _ = rustix::process::pidfd_send_signal(&process.pidfd, rustix::process::Signal::KILL); // ended already
     await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
     let _ = ended(process);
-}
-
-fn is_readable(process: BorrowedFd<'_>) -> bool {
-    use rustix::event::{PollFd, PollFlags, Timespec, poll};
-    let now = Timespec { tv_sec: 0, tv_nsec: 0 };
-    poll(&mut [PollFd::from_borrowed_fd(process, PollFlags::IN)], Some(&now)).is_ok_and(|ready| ready > 0)
 }
 
 fn seconds(ns: u64) -> f64 {

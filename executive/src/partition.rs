@@ -16,7 +16,9 @@ use bateleur_contract::{
     StartCondition, page,
 };
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fs::{MemfdFlags, ftruncate, memfd_create};
+use rustix::fs::{
+    FallocateFlags, MemfdFlags, SealFlags, fallocate, fcntl_add_seals, ftruncate, memfd_create,
+};
 use rustix::process::{WaitId, WaitIdOptions, waitid};
 
 use crate::plan::{Attribute, Partition, PartitionId, Plan, Port, Role};
@@ -24,6 +26,7 @@ use crate::slot::Slot;
 use crate::system::cgroup::Group;
 use crate::system::sched;
 use crate::system::spawn::{Namespaces, Request, Spawned, User, spawn};
+use crate::system::time::now_ns;
 
 /// What the module gives each of its partitions.
 #[derive(Debug, Clone)]
@@ -123,8 +126,9 @@ impl Cage {
         if condition != StartCondition::HmPartitionWarmRestart
             && let Some(retained) = &self.retained
         {
-            ftruncate(retained, 0)?;
-            ftruncate(retained, self.retained_bytes)?;
+            // A hole reads as zeros; the seals allow no other way.
+            let hole = FallocateFlags::PUNCH_HOLE | FallocateFlags::KEEP_SIZE;
+            fallocate(retained, hole, 0, self.retained_bytes)?;
         }
         let description = Description { generation, start_condition: condition, ..self.description.clone() };
         let description = sealed_text(&self.name, &serde_json::to_vec(&description)?)?;
@@ -176,7 +180,7 @@ impl Cage {
         let length = file.metadata().ok()?.len();
         file.seek(SeekFrom::Start(length.saturating_sub(LAST_WORDS))).ok()?;
         let mut tail = Vec::new();
-        file.read_to_end(&mut tail).ok()?;
+        file.take(LAST_WORDS).read_to_end(&mut tail).ok()?; // what a child still adds is not waited for
         let tail = String::from_utf8_lossy(&tail);
         let line =
             tail.lines().rev().map(str::trim).find(|line| !line.is_empty() && !line.starts_with("note: "))?;
@@ -202,16 +206,30 @@ pub fn ended(process: &Spawned) -> Option<ExitStatus> {
 /// Waits until one of `processes` ends, at most `nanoseconds`.
 pub fn await_any_end(processes: &[BorrowedFd<'_>], nanoseconds: u64) {
     let mut fds: Vec<_> = processes.iter().map(|process| PollFd::new(process, PollFlags::IN)).collect();
-    let limit = Timespec {
-        tv_sec: (nanoseconds / 1_000_000_000) as i64,
-        tv_nsec: (nanoseconds % 1_000_000_000) as i64,
-    };
-    let _ = poll(&mut fds, Some(&limit)); // any end of the wait: the caller looks
+    let end_ns = now_ns().saturating_add(nanoseconds);
+    loop {
+        let left_ns = end_ns.saturating_sub(now_ns());
+        let left =
+            Timespec { tv_sec: (left_ns / 1_000_000_000) as i64, tv_nsec: (left_ns % 1_000_000_000) as i64 };
+        // A signal to the executive is no reason to leave a dying process unreaped.
+        if poll(&mut fds, Some(&left)) != Err(rustix::io::Errno::INTR) {
+            return; // something ended, or the time is over: the caller looks
+        }
+    }
 }
 
+/// Whether a process has ended, or a pipe has something to say or was closed.
+pub(crate) fn is_readable(descriptor: BorrowedFd<'_>) -> bool {
+    let now = Timespec { tv_sec: 0, tv_nsec: 0 };
+    poll(&mut [PollFd::from_borrowed_fd(descriptor, PollFlags::IN)], Some(&now)).is_ok_and(|ready| ready > 0)
+}
+
+/// Memory that a partition may write and not resize: the executive's next look at a page that its partition has cut
+/// off would be a bus error.
 fn shared_memory(name: &str, bytes: u64) -> io::Result<OwnedFd> {
-    let file = memfd_create(name, MemfdFlags::CLOEXEC)?;
+    let file = memfd_create(name, MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING)?;
     ftruncate(&file, bytes)?;
+    fcntl_add_seals(&file, SealFlags::SHRINK | SealFlags::GROW | SealFlags::SEAL)?;
     Ok(file)
 }
 
@@ -219,7 +237,7 @@ fn sealed_text(name: &str, text: &[u8]) -> io::Result<OwnedFd> {
     let file = memfd_create(name, MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING)?;
     let mut file = File::from(file);
     file.write_all(text)?;
-    rustix::fs::fcntl_add_seals(&file, rustix::fs::SealFlags::WRITE | rustix::fs::SealFlags::SHRINK)?;
+    fcntl_add_seals(&file, SealFlags::WRITE | SealFlags::SHRINK)?;
     Ok(file.into())
 }
 
@@ -314,4 +332,28 @@ pub fn queue_depth(plan: &Plan, channel: &crate::plan::Channel) -> Option<u32> {
         Role::QueuingDestination { depth } => Some(depth),
         _ => None,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_partition_can_not_cut_off_the_page_that_the_executive_reads() {
+        let page = shared_memory("page", 4096).unwrap();
+        assert_eq!(ftruncate(&page, 0), Err(rustix::io::Errno::PERM));
+        assert_eq!(fcntl_add_seals(&page, SealFlags::WRITE), Err(rustix::io::Errno::PERM));
+    }
+
+    #[test]
+    fn a_cold_start_finds_retained_memory_of_zeros_in_its_old_size() {
+        let retained = File::from(shared_memory("retained", 8192).unwrap());
+        (&retained).write_all(&[7; 8192]).unwrap();
+        let hole = FallocateFlags::PUNCH_HOLE | FallocateFlags::KEEP_SIZE;
+        fallocate(&retained, hole, 0, 8192).unwrap();
+        let mut found = Vec::new();
+        (&retained).rewind().unwrap();
+        (&retained).read_to_end(&mut found).unwrap();
+        assert_eq!(found, [0; 8192]);
+    }
 }

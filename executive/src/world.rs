@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use crate::fast::World;
 use crate::monitor::Monitor;
-use crate::partition::{await_any_end, ended};
+use crate::partition::{await_any_end, ended, is_readable};
 use crate::plan::Plan;
 use crate::slot::Slot;
 use crate::system::spawn::Spawned;
@@ -20,6 +20,11 @@ use crate::system::spawn::Spawned;
 pub const EXCHANGE_NS: u64 = 100_000_000;
 /// How long a companion may take for a step, real time.
 const COMPANION_PATIENCE: Duration = Duration::from_secs(20);
+
+/// How long the recorder may take to attach itself, real time.
+const ATTACH_PATIENCE_NS: u64 = 20_000_000_000;
+/// How long it may take to answer in flight, real time. A disk that stalls for longer costs the log.
+const RECORDER_PATIENCE_NS: u64 = 5_000_000_000;
 
 /// Partitions to kill, in the order of time.
 #[derive(Debug, Default)]
@@ -83,7 +88,7 @@ impl Recorder {
         drop(answer_end);
         let (orders, answers) = (File::from(OwnedFd::from(orders)), File::from(OwnedFd::from(answers)));
         let mut recorder = Self { process, orders: Some(orders), answers, pending: true };
-        recorder.await_answer();
+        recorder.await_answer(ATTACH_PATIENCE_NS);
         match recorder.orders {
             Some(_) => Ok(recorder),
             None => Err(io::Error::other("it ended at once")),
@@ -92,25 +97,31 @@ impl Recorder {
 
     /// Has it read what has been written since the last time, after it has finished that.
     fn read_channels(&mut self) {
-        self.await_answer();
+        self.await_answer(RECORDER_PATIENCE_NS);
         if let Some(orders) = &mut self.orders {
             self.pending = orders.write_all(b"r").is_ok();
         }
     }
 
-    fn await_answer(&mut self) {
-        if std::mem::take(&mut self.pending) {
-            let mut answer = [0; 1];
-            let heard = self.answers.read(&mut answer).is_ok_and(|count| count == 1);
-            if !heard {
-                self.orders = None; // it has ended: the flight goes on without a log
-            }
+    /// Takes the answer that it owes. One that owes it for too long is ended: it maps what partitions may have damaged,
+    /// and a hanging log must not keep the module from living on.
+    fn await_answer(&mut self, patience_ns: u64) {
+        if !std::mem::take(&mut self.pending) {
+            return;
+        }
+        let mut answer = [0; 1];
+        await_any_end(&[self.answers.as_fd()], patience_ns);
+        let heard =
+            is_readable(self.answers.as_fd()) && self.answers.read(&mut answer).is_ok_and(|count| count == 1);
+        if !heard {
+            self.orders = None; // it has ended, or does now: the flight goes on without a log
+            let _ = rustix::process::pidfd_send_signal(&self.process.pidfd, rustix::process::Signal::KILL);
         }
     }
 
     fn finish(&mut self) {
         self.read_channels();
-        self.await_answer();
+        self.await_answer(RECORDER_PATIENCE_NS);
         drop(self.orders.take());
         await_any_end(&[self.process.pidfd.as_fd()], 5_000_000_000);
         let _ = ended(&self.process); // one that still runs dies with the executive

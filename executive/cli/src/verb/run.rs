@@ -193,29 +193,46 @@ impl Write for Person {
     }
 }
 
-/// One event as a line for a person.
+/// One event as a line for a person. A terminal or a pipe that is gone must not end the flight.
 pub(crate) fn say(event: &Event) {
+    let text = text_of(event);
+    if !text.is_empty() {
+        let _ = writeln!(std::io::stderr(), "{text}"); // nobody reads
+    }
+}
+
+fn text_of(event: &Event) -> String {
     match event {
         Event::Guarantees { list } => {
-            for lack in list.iter().filter(|guarantee| !guarantee.held) {
-                eprintln!("not on this machine: {} ({})", lack.promise, lack.detail);
-            }
+            let lacking = list.iter().filter(|guarantee| !guarantee.held);
+            let lines: Vec<_> = lacking
+                .map(|lack| format!("not on this machine: {} ({})", lack.promise, lack.detail))
+                .collect();
+            lines.join("\n")
         }
-        Event::Ready { partitions } => eprintln!("{partitions} partitions are ready"),
+        Event::Ready { partitions } => format!("{partitions} partitions are ready"),
         Event::Fault { time_s, partition, error, action, detail } => {
-            eprintln!("{time_s:9.3} s  {partition}: {error} ({detail}) -> {action}");
+            format!("{time_s:9.3} s  {partition}: {error} ({}) -> {action}", printable(detail))
         }
         Event::Recovered { time_s, partition, after_ms } => {
-            eprintln!("{time_s:9.3} s  {partition}: back after {after_ms:.1} ms");
+            format!("{time_s:9.3} s  {partition}: back after {after_ms:.1} ms")
         }
-        Event::Message { time_s, partition, text } => eprintln!("{time_s:9.3} s  {partition}: {text}"),
+        Event::Message { time_s, partition, text } => {
+            format!("{time_s:9.3} s  {partition}: {}", printable(text))
+        }
         Event::Stopped { reason, module_time_s, windows, late_windows, window_overruns, lost_records } => {
-            eprintln!(
-                "stopped after {module_time_s:.2} s: {reason}; {windows} windows, {late_windows} late, {window_overruns} overrun"
-            );
-            if *lost_records > 0 {
-                eprintln!("{lost_records} window records were lost: the log could not keep up");
-            }
+            let lost = match lost_records {
+                0 => String::new(),
+                lost => format!("\n{lost} window records were lost: the log could not keep up"),
+            };
+            format!(
+                "stopped after {module_time_s:.2} s: {reason}; {windows} windows, {late_windows} late, {window_overruns} overrun{lost}"
+            )
         }
     }
+}
+
+/// A partition's words without the control characters that a terminal would obey.
+fn printable(text: &str) -> String {
+    text.chars().map(|letter| if letter.is_control() { '\u{fffd}' } else { letter }).collect()
 }

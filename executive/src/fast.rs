@@ -91,6 +91,9 @@ impl Gate for VirtualGate<'_> {
         let partition = occurrence.window.partition.index();
         self.granted = false;
         let Some(slot) = self.slots[partition].clone() else { return };
+        if slot.readiness() == Readiness::Absent {
+            self.hanging[partition] = false; // its successor has shown nothing yet
+        }
         if slot.readiness() == Readiness::Absent && occurrence.start_ns >= slot.not_before_ns() {
             self.monitor.await_successor(partition, occurrence.start_ns);
         }

@@ -181,7 +181,7 @@ fn try_namespaces(namespaces: Namespaces, user: Option<u32>) -> std::io::Result<
 fn memory(guarantees: &mut Guarantees) {
     const PROMISE: &str = "a partition uses no more memory than it was granted";
     let has_controller = own_group()
-        .and_then(|path| std::fs::read_to_string(path.join("cgroup.controllers")))
+        .and_then(|path| std::fs::read_to_string(path.join("cgroup.subtree_control")))
         .is_ok_and(|controllers| controllers.split_whitespace().any(|name| name == "memory"));
     match has_controller {
         true => guarantees.held(PROMISE, "memory.max of its control group"),

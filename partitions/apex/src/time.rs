@@ -30,7 +30,11 @@ impl Time {
     pub fn now_ns(&self) -> u64 {
         match self.clock {
             Clock::Virtual => self.page.now_ns.load(Relaxed),
-            Clock::Wall => monotonic_ns().saturating_sub(self.page.origin_ns.load(Relaxed)),
+            // Before frame 0 there is no origin: time stands at 0, instead of being the machine's and then jumping back.
+            Clock::Wall => match self.page.origin_ns.load(Relaxed) {
+                0 => 0,
+                origin_ns => monotonic_ns().saturating_sub(origin_ns),
+            },
         }
     }
 

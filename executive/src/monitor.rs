@@ -408,7 +408,10 @@ impl Monitor {
             Decision::Idle | Decision::Stop => {
                 watched.put_an_end();
                 watched.rest(if decision == Decision::Idle { Readiness::Idle } else { Readiness::Absent });
-                let _ = self.health_log.write(&fault); // as above
+                // The fault before waits for a successor that will not come.
+                for fault in watched.fault.take().iter().chain([&fault]) {
+                    let _ = self.health_log.write(fault); // as above
+                }
                 if decision == Decision::Stop {
                     self.stop_asked =
                         Some(format!("partition {} is stopped ({})", fault.partition, fault.error));

@@ -45,7 +45,12 @@ fn windows_that_overlap_are_refused() {
 #[test]
 fn window_beyond_its_minor_frame_is_refused() {
     let moved = "{ partition = \"command\",          offset = \"19ms\"";
-    assert_refused("{ partition = \"command\",          offset = \"13ms\"", moved, moved, "T02");
+    assert_refused(
+        "{ partition = \"command\",          offset = \"13ms\"",
+        moved,
+        moved,
+        "T04-window-outside-frame",
+    );
 }
 
 #[test]
@@ -56,7 +61,7 @@ fn window_of_an_unknown_partition_is_refused() {
 
 #[test]
 fn minor_frame_that_does_not_divide_the_major_frame_is_refused() {
-    assert_refused("minor_frame = \"20ms\"", "minor_frame = \"30ms\"", "_frame = ", "T01");
+    assert_refused("minor_frame = \"20ms\"", "minor_frame = \"30ms\"", "_frame = ", "T06-major-not-multiple");
 }
 
 #[test]

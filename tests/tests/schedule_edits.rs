@@ -52,6 +52,7 @@ fn twice_the_minor_frame_halves_the_windows_of_a_second_and_the_flight_completes
         ("major_frame = \"100ms\"", "major_frame = \"200ms\""),
         ("minor_frame = \"20ms\"", "minor_frame = \"40ms\""),
         ("sync_period = \"20ms\"", "sync_period = \"40ms\""),
+        ("timeout_3 = \"500ms\"", "timeout_3 = \"480ms\""),
         ("\"40ms\" }", "\"80ms\" }"),
         ("max_age = \"25ms\"", "max_age = \"45ms\""),
     ]);

@@ -23,7 +23,7 @@ pub enum StartError {
     /// Someone else listens there.
     #[error(
         "{address} is taken, probably by another simulator: end that one (`ss -lunp` shows who it is), or choose \
-         another port with --listen; port 0 takes a free one"
+         another port with --listen (of `bateleur fly`: --simulator); port 0 takes a free one"
     )]
     Busy {
         /// The address.

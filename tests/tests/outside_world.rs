@@ -46,7 +46,7 @@ fn port_of_the_simulator_that_is_taken_is_named_and_nothing_is_left() {
     let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
     let ended = fly(&["--fast", "--simulator", &address]).end().expect_code(2);
-    let ended = ended.expect_words(&[&address, "in use"]);
+    let ended = ended.expect_words(&[&address, "is taken", "--simulator"]);
     assert!(!ended.stderr.contains("partitions are ready"));
 }
 

@@ -11,7 +11,7 @@ use rustix::time::{ClockId, clock_gettime};
 /// meanwhile; a peer that takes longer is gone, and the caller sees the time-out that it would have seen in flight.
 const PATIENCE_NS: u64 = 2_000_000_000;
 /// The same once a peer was found to be gone: the flight must not stand still at every window.
-const LATER_PATIENCE_NS: u64 = 2_000_000;
+const LATER_PATIENCE_NS: u64 = 500_000;
 
 /// The module's clock, as the executive gives it. Cheap to clone.
 #[derive(Debug, Clone)]

@@ -123,7 +123,7 @@ fn garbage_thrown_at_both_udp_sockets_does_not_disturb_the_flight() {
         let length = (seed >> 33) as usize % 600;
         let mut garbage: Vec<u8> =
             (0..length).map(|place| (seed >> (place % 56)) as u8 ^ place as u8).collect();
-        if seed % 3 == 0 {
+        if seed.is_multiple_of(3) {
             garbage.splice(0..0, *b"$II"); // looks like the beginning of a packet
         }
         for port in &ports {

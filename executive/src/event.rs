@@ -1,6 +1,8 @@
 //! What a run tells whoever watches it: lines of JSON.
 
 use std::io::Write;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
@@ -68,23 +70,80 @@ pub enum Event {
     },
 }
 
-/// Where events go. A reader that is gone costs nothing.
-pub struct Events(Option<Box<dyn Write + Send>>);
+/// Lines that wait for a reader; more are dropped and counted.
+const WAITING: usize = 4096;
+/// How long the last lines may take to be read when a run ends.
+const LAST_LINES: Duration = Duration::from_secs(1);
+
+/// Where events go. A reader that is gone or does not read costs nothing: a thread of its own writes the lines.
+pub struct Events {
+    lines: Option<SyncSender<Vec<u8>>>,
+    written: Option<Receiver<()>>,
+    dropped: u64,
+}
 
 impl Events {
     /// To `sink`, or nowhere.
     #[must_use]
     pub fn new(sink: Option<Box<dyn Write + Send>>) -> Self {
-        Self(sink)
+        let Some(sink) = sink else { return Self { lines: None, written: None, dropped: 0 } };
+        let (lines, waiting) = sync_channel(WAITING);
+        let (done, written) = sync_channel(1);
+        std::thread::spawn(move || {
+            write_lines(&waiting, sink);
+            let _ = done.send(()); // nobody waits any more
+        });
+        Self { lines: Some(lines), written: Some(written), dropped: 0 }
     }
 
     /// Tells one.
     pub fn tell(&mut self, event: &Event) {
-        let Some(sink) = &mut self.0 else { return };
-        let Ok(mut line) = serde_json::to_vec(event) else { return };
+        let (Some(lines), Ok(mut line)) = (&self.lines, serde_json::to_vec(event)) else { return };
         line.push(b'\n');
-        if sink.write_all(&line).and_then(|()| sink.flush()).is_err() {
-            self.0 = None;
+        self.dropped += u64::from(lines.try_send(line).is_err());
+    }
+
+    /// Waits a little until what was told has been written; gives the number of events that were dropped.
+    pub fn finish(&mut self) -> u64 {
+        drop(self.lines.take());
+        if let Some(written) = self.written.take() {
+            let _ = written.recv_timeout(LAST_LINES); // a reader that does not read must not keep the run from ending
         }
+        self.dropped
+    }
+}
+
+fn write_lines(waiting: &Receiver<Vec<u8>>, mut sink: Box<dyn Write + Send>) {
+    for line in waiting {
+        if sink.write_all(&line).and_then(|()| sink.flush()).is_err() {
+            return;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A reader that has stopped reading.
+    struct Stuck;
+
+    impl Write for Stuck {
+        fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {
+            std::thread::park();
+            Ok(0)
+        }
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_reader_that_does_not_read_costs_lines_and_not_the_run() {
+        let mut events = Events::new(Some(Box::new(Stuck)));
+        for partitions in 0..2 * WAITING {
+            events.tell(&Event::Ready { partitions });
+        }
+        assert!(events.finish() >= WAITING as u64 - 1);
     }
 }

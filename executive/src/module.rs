@@ -203,6 +203,19 @@ struct Lines<'a> {
     file: Option<&'a File>,
 }
 
+/// The custodian, and the line whose end tells it to leave.
+struct Custodian {
+    process: Spawned,
+    line: Option<File>,
+}
+
+impl Custodian {
+    fn leave(&mut self) {
+        drop(self.line.take());
+        await_end(&self.process);
+    }
+}
+
 /// Waits for a helper that was asked to end, and reaps it.
 fn await_end(helper: &Spawned) {
     crate::partition::await_any_end(&[helper.pidfd.as_fd()], 1_000_000_000);
@@ -298,7 +311,7 @@ impl Base {
     }
 
     /// Starts the custodian and waits until every channel is there.
-    fn start_custodian(&self, order: &str) -> Result<(Spawned, File), RunError> {
+    fn start_custodian(&self, order: &str) -> Result<Custodian, RunError> {
         let failed = || machine("cannot start the custodian");
         let (reader, writer) = std::io::pipe().map_err(failed())?;
         let (answer, answers) = std::io::pipe().map_err(failed())?;
@@ -310,7 +323,9 @@ impl Base {
         crate::partition::await_any_end(&[answer.as_fd()], CUSTODIAN_PATIENCE_NS);
         let mut said = [0; 6];
         match (&answer).read(&mut said) {
-            Ok(count) if said[..count] == *b"ready\n" => Ok((custodian, File::from(OwnedFd::from(writer)))),
+            Ok(count) if said[..count] == *b"ready\n" => {
+                Ok(Custodian { process: custodian, line: Some(File::from(OwnedFd::from(writer))) })
+            }
             _ => Err(RunError::Machine {
                 what: "the custodian could not create the module's channels".into(),
                 why: "its reason stands in partitions/helpers.log".into(),
@@ -331,7 +346,13 @@ impl Base {
         Recorder::start(start).map_err(machine("cannot start the recorder (see partitions/helpers.log)"))
     }
 
-    fn janitor_starter(&self) -> Result<StartJanitor, RunError> {
+    /// How a janitor is started. Without its custodian a restarted partition would not find its channels: so whoever
+    /// needs a janitor first sees that the custodian is there.
+    fn janitor_starter(
+        &self,
+        order: String,
+        custodian: Rc<RefCell<Custodian>>,
+    ) -> Result<StartJanitor, RunError> {
         let copy = Self {
             instance: self.instance.clone(),
             group: None,
@@ -341,13 +362,17 @@ impl Base {
             user: self.user,
         };
         Ok(Box::new(move |pid| {
-            let domain = copy.instance.domain();
-            copy.helper(
-                &["janitor".into(), domain.root, domain.prefix, pid.to_string()],
-                Lines::default(),
-                true,
-            )
+            if crate::partition::ended(&custodian.borrow().process).is_some() {
+                // Before any clean-up, which would take away the channels that only the dead one held.
+                *custodian.borrow_mut() = copy.start_custodian(&order).map_err(std::io::Error::other)?;
+            }
+            copy.start_janitor(pid)
         }))
+    }
+
+    fn start_janitor(&self, pid: i32) -> std::io::Result<Spawned> {
+        let domain = self.instance.domain();
+        self.helper(&["janitor".into(), domain.root, domain.prefix, pid.to_string()], Lines::default(), true)
     }
 
     fn run(
@@ -359,12 +384,20 @@ impl Base {
         programs: Vec<PathBuf>,
     ) -> Result<Outcome, RunError> {
         let order = serde_json::to_string(&self.order(view)).unwrap_or_default();
-        let (custodian, custodian_line) = self.start_custodian(&order)?;
-        let recorder = options.record.take().map(|path| self.start_recorder(&path, order)).transpose()?;
+        let custodian = Rc::new(RefCell::new(self.start_custodian(&order)?));
+        let recorder =
+            options.record.take().map(|path| self.start_recorder(&path, order.clone())).transpose()?;
         let cages = self.cages(plan, view, &options, facts, programs)?;
-        let ended = conduct(plan, view, options, facts, cages, recorder, self.janitor_starter()?);
-        drop(custodian_line);
-        await_end(&custodian);
+        let ended = conduct(
+            plan,
+            view,
+            options,
+            facts,
+            cages,
+            recorder,
+            self.janitor_starter(order, custodian.clone())?,
+        );
+        custodian.borrow_mut().leave();
         ended
     }
 
@@ -476,6 +509,7 @@ fn conduct(
         window_overruns: totals.overruns,
         lost_records: lost.load(Ordering::Relaxed),
     });
+    monitor.events().finish();
     Ok(Outcome { reason, module_ns, guarantees: facts.guarantees.list().to_vec() })
 }
 

@@ -20,7 +20,7 @@ use crate::event::{Event, Events};
 use crate::health::decision::{Decision, decide, error_of};
 use crate::health::log::{Fault, HealthLog, WindowLog, WindowRecord};
 use crate::partition::{Cage, await_any_end, ended, is_readable};
-use crate::plan::{Closed, PartitionError, Plan};
+use crate::plan::{Closed, ModuleAction, ModuleError, PartitionError, Plan};
 use crate::slot::{Readiness, Slot};
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
@@ -60,7 +60,12 @@ struct Watched {
     /// Granted windows in a row that were not closed.
     unclosed: u32,
     overrun_told_ns: Option<u64>,
+    /// Second of module time, and messages passed on in it.
+    spoken: (u64, u32),
 }
+
+/// Messages of one partition that are passed on in a second of module time.
+const MESSAGES_A_SECOND: u32 = 20;
 
 /// Totals over a run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -276,9 +281,9 @@ impl Monitor {
             watched.unclosed = 0;
             return;
         }
-        // A window that the dispatcher itself cut short says nothing about the partition; and one that died in its
-        // window did not overrun it: its end is found next.
-        if record.is_late() || !watched.runs() {
+        // A window that the dispatcher itself cut to less than half says nothing about the partition; and one that died
+        // in its window did not overrun it: its end is found next.
+        if record.occurrence.late_ns * 2 > record.occurrence.window.duration_ns() || !watched.runs() {
             return;
         }
         watched.unclosed += 1;
@@ -329,6 +334,9 @@ impl Monitor {
             }
             match kind {
                 ReportKind::Message => {
+                    if !self.watched[place].may_speak(module_ns) {
+                        continue;
+                    }
                     let partition = self.watched[place].cage.name.clone();
                     self.events.tell(&Event::Message { time_s: seconds(module_ns), partition, text });
                 }
@@ -353,6 +361,8 @@ impl Monitor {
         if !is_readable(process.pidfd.as_fd()) {
             return;
         }
+        // Before its number may be given to another process.
+        watched.cage.slot.set_process(0);
         let (pid, status) = (process.pid, ended(process));
         watched.died(pid);
         let found = status.and_then(error_of);
@@ -412,7 +422,8 @@ impl Monitor {
                 for fault in watched.fault.take().iter().chain([&fault]) {
                     let _ = self.health_log.write(fault); // as above
                 }
-                if decision == Decision::Stop {
+                let module_action = self.plan.health.module.action(ModuleError::PartitionStopped);
+                if decision == Decision::Stop && module_action != ModuleAction::Ignore {
                     self.stop_asked =
                         Some(format!("partition {} is stopped ({})", fault.partition, fault.error));
                 }
@@ -488,7 +499,18 @@ impl Watched {
             reports_seen: 0,
             unclosed: 0,
             overrun_told_ns: None,
+            spoken: (0, 0),
         }
+    }
+
+    /// Whether a message is passed on: a babbling partition must not drown the others.
+    fn may_speak(&mut self, module_ns: u64) -> bool {
+        let second = module_ns / 1_000_000_000;
+        if self.spoken.0 != second {
+            self.spoken = (second, 0);
+        }
+        self.spoken.1 += 1;
+        self.spoken.1 <= MESSAGES_A_SECOND
     }
 
     /// Takes notice of a partition that has become ready; an error where it never will.

@@ -94,10 +94,11 @@ impl Cage {
             0 => None,
             bytes => Some(shared_memory(&partition.name, bytes)?),
         };
+        let always_freeze = partition.threads > 1 || (priority.is_none() && housing.clock == Clock::Wall);
         Ok(Self {
             id,
             name: partition.name.clone(),
-            slot: Arc::new(Slot::new(mapped, freezer, partition.threads, priority)),
+            slot: Arc::new(Slot::new(mapped, freezer, always_freeze, priority)),
             program,
             cores: window_cores(plan, id),
             priority,

@@ -38,7 +38,8 @@ pub struct Slot {
     /// Shared with the partition; nothing read from its lower half is trusted.
     pub page: Mapped<ControlPage>,
     freezer: Option<Freezer>,
-    /// Several threads are held still between windows even when the window was closed in time.
+    /// The partition is held between windows even when it closed its window in time: it has several threads, or no
+    /// real-time priority keeps what it left running out of the others' windows.
     always_freeze: bool,
     granted: AtomicU32,
     granted_ns: AtomicU64,
@@ -57,14 +58,14 @@ impl Slot {
     pub fn new(
         page: Mapped<ControlPage>,
         freezer: Option<Freezer>,
-        threads: u32,
+        always_freeze: bool,
         priority: Option<u8>,
     ) -> Self {
         page.initialise();
         Self {
             page,
             freezer,
-            always_freeze: threads > 1,
+            always_freeze,
             granted: AtomicU32::new(0),
             granted_ns: AtomicU64::new(0),
             readiness: AtomicU32::new(Readiness::Absent as u32),
@@ -225,7 +226,7 @@ mod tests {
     fn slot() -> Slot {
         let file = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
         rustix::fs::ftruncate(&file, 4096).unwrap();
-        Slot::new(Mapped::new(file).unwrap(), None, 1, None)
+        Slot::new(Mapped::new(file).unwrap(), None, false, None)
     }
 
     fn close(slot: &Slot, opened_ns: u64, closed_ns: u64) {

@@ -110,7 +110,7 @@ fn the_timeline_of_the_flight_schedule_recurs_in_every_minor_frame() {
     let line = Timeline::of(&plan, plan.module("fcu").unwrap().id(), plan.initial_schedule());
     let [core] = line.cores.as_slice() else { panic!("{line:?}") };
     assert_eq!(core.windows.len(), 9 * 5);
-    assert_eq!(core.used_ns(), 5 * 9_900_000);
+    assert_eq!(core.used_ns(), 5 * 10_100_000);
     assert!(core.windows.windows(2).all(|pair| pair[0].end_ns <= pair[1].start_ns));
     let imu = plan.partition("imu").unwrap();
     let imu: Vec<(u64, u32, u32)> = core

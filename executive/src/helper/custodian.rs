@@ -5,7 +5,7 @@
 
 use std::io::{self, Read, Write};
 
-use bateleur_ports::{ChannelError, ChannelType, Domain};
+use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Membership};
 use serde::{Deserialize, Serialize};
 
 /// What the custodian is told, as its one argument.
@@ -80,15 +80,20 @@ pub fn run(order: &str) -> Result<(), CustodianError> {
     let mut held = Vec::new();
     for channel in &order.channels {
         let channel = channel.channel_type();
-        held.push(channel.create(&node)?);
+        held.push(open_or_create(&channel, &node)?);
         if channel.depth.is_some() {
-            held.push(channel.observed().create(&node)?);
+            held.push(open_or_create(&channel.observed(), &node)?);
         }
     }
     io::stdout().write_all(b"ready\n")?;
     io::stdout().flush()?;
     io::stdin().read_to_end(&mut Vec::new())?;
     Ok(())
+}
+
+/// A custodian that follows a dead one finds the channels that partitions still hold.
+fn open_or_create(channel: &ChannelType, node: &Membership) -> Result<Channel, ChannelError> {
+    channel.open(node).or_else(|_| channel.create(node))
 }
 
 pub(super) fn name_process(name: &std::ffi::CStr) {

@@ -208,14 +208,19 @@ impl Airframe {
     ///
     /// # Errors
     /// One sentence with the attribute and the mend.
-    pub fn from_attribute(value: &str, read: impl FnOnce(&str) -> std::io::Result<String>) -> Result<Self, String> {
+    pub fn from_attribute(
+        value: &str,
+        read: impl FnOnce(&str) -> std::io::Result<String>,
+    ) -> Result<Self, String> {
         let known = BUILT_IN.iter().find(|(name, _)| *name == value);
         let text = match known {
             Some((_, text)) => (*text).to_owned(),
             None if value.contains('\n') => value.to_owned(),
             None => read(value).map_err(|error| {
                 let names = BUILT_IN.map(|(name, _)| format!("\"{name}\"")).join(", ");
-                format!("attribute airframe = \"{value}\": {error}; name a readable TOML file, or one of {names}")
+                format!(
+                    "attribute airframe = \"{value}\": {error}; name a readable TOML file, or one of {names}"
+                )
             })?,
         };
         let title = value.lines().next().unwrap_or_default();
@@ -422,7 +427,8 @@ pub(crate) mod tests {
         let named = Airframe::from_attribute("rascal110", never).unwrap();
         assert_eq!(Airframe::from_attribute(BUILT_IN[1].1, never).unwrap(), named);
         assert_eq!(Airframe::from_attribute("mine.toml", |_| Ok(BUILT_IN[1].1.into())).unwrap(), named);
-        let absent = Airframe::from_attribute("mine.toml", |_| Err(std::io::ErrorKind::NotFound.into())).unwrap_err();
+        let absent =
+            Airframe::from_attribute("mine.toml", |_| Err(std::io::ErrorKind::NotFound.into())).unwrap_err();
         assert!(absent.contains("mine.toml") && absent.contains("\"aerosonde\""), "{absent}");
     }
 

@@ -31,7 +31,7 @@ pub(super) struct Flown {
     pub(super) waypoints_reached: u32,
     /// Module time, s.
     pub(super) module_time_s: f64,
-    /// Everything that the executive told.
+    /// What the executive told of the run as a whole.
     pub(super) events: Vec<Event>,
 }
 
@@ -155,7 +155,10 @@ impl Flight {
             if matches!(event, Event::Ready { .. }) {
                 self.ready = Some(Instant::now());
             }
-            self.events.push(event);
+            // What happened in flight stands in the logs; here the frame of the run is kept.
+            if matches!(event, Event::Guarantees { .. } | Event::Ready { .. } | Event::Stopped { .. }) {
+                self.events.push(event);
+            }
         }
     }
 

@@ -4,6 +4,7 @@ use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use bateleur_executive::plan::Plan;
@@ -13,6 +14,9 @@ use super::Arguments;
 
 /// SCHED_FIFO priority of the simulator on the wall clock: it stands for an aircraft, which is never late.
 const PRIORITY: u8 = 30;
+
+/// How long the simulator may take to end when it is asked to.
+const END_PATIENCE: Duration = Duration::from_secs(5);
 
 /// A running simulator; ended when dropped.
 pub(super) struct Simulator {
@@ -69,7 +73,12 @@ impl Simulator {
     /// Ends it and waits until its log is whole.
     pub(super) fn finish(&mut self) {
         drop(self.line.take());
-        let _ = self.process.wait(); // it has ended already
+        let begun = Instant::now();
+        while self.ended().is_none() && begun.elapsed() < END_PATIENCE {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        let _ = self.process.kill(); // it has ended already, or it is stopped and never will
+        let _ = self.process.wait(); // as above
     }
 }
 

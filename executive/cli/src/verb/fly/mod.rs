@@ -67,8 +67,8 @@ pub(crate) struct Arguments {
     /// Address of the simulator; port 0 takes a free one.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     pub(crate) simulator: SocketAddr,
-    /// Let the simulator follow its own clock instead of the module's.
-    #[arg(long)]
+    /// Let the simulator follow its own clock instead of the module's; on the wall clock only.
+    #[arg(long, conflicts_with = "fast")]
     pub(crate) free_running: bool,
     /// Folder of this flight; the default is one of its own below target/flights.
     #[arg(long, short)]

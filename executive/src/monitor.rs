@@ -94,7 +94,12 @@ pub struct Monitor {
     events: Events,
     totals: Totals,
     stop_asked: Option<String>,
+    next_count_ns: u64,
 }
+
+/// Between two counts of the partitions' threads, ns. Until it is found out, a child runs as ordinary work: it can take
+/// idle time, and nobody's window.
+const COUNT_NS: u64 = 100_000_000;
 
 /// What a monitor works with.
 pub struct Equipment {
@@ -147,6 +152,7 @@ impl Monitor {
             events,
             totals: Totals::default(),
             stop_asked: None,
+            next_count_ns: 0,
         })
     }
 
@@ -183,6 +189,22 @@ impl Monitor {
             self.look_at_process(place, module_ns);
         }
         self.look_at_janitor();
+        if self.clock == Clock::Wall && module_ns >= self.next_count_ns {
+            self.next_count_ns = module_ns + COUNT_NS;
+            self.count_threads(module_ns);
+        }
+    }
+
+    /// A partition that declared one thread is not frozen when it closes its window: the thread sleeps. One that has
+    /// more after all is found here.
+    fn count_threads(&mut self, module_ns: u64) {
+        let found = self.watched.iter().filter(|watched| watched.runs() && watched.cage.finds_company());
+        for name in found.map(|watched| watched.cage.name.clone()).collect::<Vec<_>>() {
+            let text =
+                "it has more threads or processes than it declared: held between its windows from now on"
+                    .into();
+            self.events.tell(&Event::Message { time_s: seconds(module_ns), partition: name, text });
+        }
     }
 
     /// The partition at `place` of the plan dies now (fault injection).

@@ -164,6 +164,13 @@ impl Cage {
         self.slot.set_process(process.pid);
     }
 
+    /// Looks for threads and children beyond the one thread that closes windows: whatever they do, from now on they are
+    /// held between windows. True: they were found now.
+    #[must_use]
+    pub fn finds_company(&self) -> bool {
+        self.group.as_ref().is_some_and(|group| group.thread_count() > 1) && self.slot.always_freeze()
+    }
+
     /// Ends whatever runs in the cage.
     pub fn kill(&self, process: Option<&Spawned>) {
         if let Some(process) = process {

@@ -40,7 +40,7 @@ pub struct Slot {
     freezer: Option<Freezer>,
     /// The partition is held between windows even when it closed its window in time: it has several threads, or no
     /// real-time priority keeps what it left running out of the others' windows.
-    always_freeze: bool,
+    always_freeze: AtomicBool,
     granted: AtomicU32,
     granted_ns: AtomicU64,
     readiness: AtomicU32,
@@ -65,7 +65,7 @@ impl Slot {
         Self {
             page,
             freezer,
-            always_freeze,
+            always_freeze: AtomicBool::new(always_freeze),
             granted: AtomicU32::new(0),
             granted_ns: AtomicU64::new(0),
             readiness: AtomicU32::new(Readiness::Absent as u32),
@@ -95,6 +95,11 @@ impl Slot {
     /// The process behind the page, once it may take windows.
     pub fn set_process(&self, pid: i32) {
         self.tid.store(pid, Release);
+    }
+
+    /// From now on the partition is held between its windows; false: it was already.
+    pub fn always_freeze(&self) -> bool {
+        !self.always_freeze.swap(true, Relaxed)
     }
 
     /// Whether the partition takes windows.
@@ -172,7 +177,7 @@ impl Slot {
 
     /// Ends the window: holds what may still run. `overrun`: the partition was not done.
     pub fn fence(&self, overrun: bool) {
-        if !overrun && !self.always_freeze {
+        if !overrun && !self.always_freeze.load(Relaxed) {
             return;
         }
         let tid = self.tid.load(Relaxed);

@@ -83,6 +83,12 @@ impl Group {
         }
     }
 
+    /// Threads of all processes in the group, as they are now.
+    #[must_use]
+    pub fn thread_count(&self) -> usize {
+        fs::read_to_string(self.path.join("cgroup.threads")).map_or(0, |list| list.lines().count())
+    }
+
     fn processes(&self) -> Vec<i32> {
         let list = fs::read_to_string(self.path.join("cgroup.procs")).unwrap_or_default();
         list.lines().filter_map(|line| line.parse().ok()).collect()

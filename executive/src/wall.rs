@@ -99,10 +99,11 @@ impl Gate for WallGate {
 
     fn close(&mut self, occurrence: &Occurrence) {
         let granted_ns = self.granted_ns.take();
-        let slot = granted_ns.and_then(|_| self.slots[occurrence.window.partition.index()].as_deref());
-        let usage = slot.map(Slot::usage);
-        if let (Some(slot), Some(usage)) = (slot, usage) {
-            slot.fence(usage.closed_ns.is_none());
+        let slot = self.slots[occurrence.window.partition.index()].as_deref();
+        let usage = granted_ns.and(slot).map(Slot::usage);
+        if let Some(slot) = slot {
+            // Also where it was not granted: it may have been thawed ahead of its window.
+            slot.fence(usage.is_some_and(|usage| usage.closed_ns.is_none()));
         }
         let module = |stamp: Option<u64>| stamp.map(|stamp| stamp.saturating_sub(self.origin_ns));
         let record = WindowRecord {

@@ -34,6 +34,8 @@ pub struct Window {
     pub granted_ns: Option<u64>,
     /// When the partition closed it.
     pub closed_ns: Option<u64>,
+    /// The dispatcher itself came late.
+    pub late: bool,
 }
 
 impl Window {
@@ -85,6 +87,7 @@ fn window(line: &str) -> Window {
         planned_end_ns: fields[5].parse().unwrap(),
         granted_ns: fields[6].parse().ok(),
         closed_ns: fields[8].parse().ok(),
+        late: fields[9].contains('L'),
     }
 }
 

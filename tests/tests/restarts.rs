@@ -175,6 +175,8 @@ fn partition_beyond_its_budget_that_shall_stop_the_module_stops_it_with_code_1()
         .partition("other", "counter", 500, "")
         .partition("victim", "counter", 500, keys)
         .write(folder.path());
+    let text = std::fs::read_to_string(&schedule).unwrap();
+    std::fs::write(&schedule, text + "\n[health.module]\npartition_stopped = \"shutdown\"\n").unwrap();
     let run = [
         "run",
         "--fast",

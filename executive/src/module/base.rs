@@ -1,0 +1,279 @@
+//! What a run has outside its output folder, and the helper processes that serve it.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{Read, Write};
+use std::os::fd::{AsFd, OwnedFd};
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::sync::Arc;
+
+use super::{Options, Outcome, RunError, machine};
+use crate::helper::custodian::{Order, OrderedChannel};
+use crate::helper::guard::FAREWELL;
+use crate::instance::Instance;
+use crate::machine::Machine;
+use crate::monitor::StartJanitor;
+use crate::partition::{Cage, Housing, message_name, queue_depth};
+use crate::plan::{ModuleView, Plan};
+use crate::system::spawn::{Namespaces, Request, Spawned, User, spawn};
+use crate::world::Recorder;
+
+/// How long the custodian may take to create every channel.
+const CUSTODIAN_PATIENCE_NS: u64 = 10_000_000_000;
+
+/// What a helper process finds at its first descriptors.
+#[derive(Default)]
+struct Lines<'a> {
+    input: Option<&'a OwnedFd>,
+    output: Option<&'a OwnedFd>,
+    file: Option<&'a File>,
+}
+
+/// The custodian, and the line whose end tells it to leave.
+pub(super) struct Custodian {
+    process: Spawned,
+    line: Option<File>,
+}
+
+impl Custodian {
+    pub(super) fn leave(&mut self) {
+        drop(self.line.take());
+        await_end(&self.process);
+    }
+}
+
+/// Waits for a helper that was asked to end, and reaps it.
+fn await_end(helper: &Spawned) {
+    crate::partition::await_any_end(&[helper.pidfd.as_fd()], 1_000_000_000);
+    let _ = crate::partition::ended(helper); // one that still runs dies with the executive
+}
+
+/// What a run has outside its output folder, and the processes that serve it.
+pub(super) struct Base {
+    instance: Instance,
+    group: Option<crate::system::cgroup::Group>,
+    own_program: PathBuf,
+    log: File,
+    /// The guard, and the pipe whose end tells it that the executive is gone.
+    guard: RefCell<Option<(Spawned, File)>>,
+    user: Option<u32>,
+}
+
+impl Base {
+    pub(super) fn make(module: &str, facts: &Machine, logs: &Path) -> Result<Self, RunError> {
+        let instance =
+            Instance::create(module).map_err(machine("cannot make the module's directory in /dev/shm"))?;
+        let made = Self::furnish(instance.clone(), facts, logs);
+        if made.is_err() {
+            instance.clean_up();
+        }
+        made
+    }
+
+    fn furnish(mut instance: Instance, facts: &Machine, logs: &Path) -> Result<Self, RunError> {
+        let group = facts.make_group(&instance.name);
+        if let Some(group) = &group {
+            instance.set_group(group.path()).map_err(machine("cannot note the control group"))?;
+        }
+        instance.make_ports_directory(facts.user).map_err(machine("cannot make the ports' directory"))?;
+        let log = File::create(logs.join("helpers.log")).map_err(machine("cannot write the helpers' log"))?;
+        let own_program =
+            std::env::current_exe().map_err(machine("cannot find the executive's own program"))?;
+        let base = Self { instance, group, own_program, log, guard: RefCell::new(None), user: facts.user };
+        base.start_guard()?;
+        Ok(base)
+    }
+
+    fn start_guard(&self) -> Result<(), RunError> {
+        let (reader, writer) = std::io::pipe().map_err(machine("cannot make a pipe"))?;
+        let (reader, writer) = (OwnedFd::from(reader), File::from(OwnedFd::from(writer)));
+        let text = serde_json::to_string(&self.instance).unwrap_or_default();
+        let lines = Lines { input: Some(&reader), ..Lines::default() };
+        let guard =
+            self.helper(&["guard".into(), text], lines, false).map_err(machine("cannot start the guard"))?;
+        *self.guard.borrow_mut() = Some((guard, writer));
+        Ok(())
+    }
+
+    /// Starts this very program with a hidden verb.
+    fn helper(
+        &self,
+        arguments: &[String],
+        lines: Lines<'_>,
+        as_partitions: bool,
+    ) -> std::io::Result<Spawned> {
+        let file: Vec<_> = lines.file.iter().map(|file| file.as_fd()).collect();
+        spawn(&Request {
+            program: &self.own_program,
+            arguments,
+            environment: &[],
+            descriptors: &file,
+            input: lines.input.map(AsFd::as_fd),
+            output: lines.output.map(AsFd::as_fd),
+            errors: self.log.as_fd(),
+            group: None,
+            namespaces: Namespaces::default(),
+            user: self.user.filter(|_| as_partitions).map(|id| User { id, groups: Vec::new() }),
+            data_limit: 0,
+            dies_with_starter: as_partitions,
+        })
+    }
+
+    fn order(&self, view: &ModuleView<'_>) -> Order {
+        let plan = view.plan();
+        let channels = view.channels().map(|id| {
+            let channel = &plan[id];
+            OrderedChannel {
+                name: plan.port_path(channel.source),
+                source: plan.port_path(channel.source),
+                message: message_name(&plan[channel.source]),
+                size: plan[channel.source].payload.max_size_bytes(),
+                depth: queue_depth(plan, channel).map(|depth| depth as usize),
+                destinations: channel.destinations.len(),
+            }
+        });
+        let domain = self.instance.domain();
+        Order { root: domain.root, prefix: domain.prefix, channels: channels.collect() }
+    }
+
+    /// Starts the custodian and waits until every channel is there.
+    fn start_custodian(&self, order: &str) -> Result<Custodian, RunError> {
+        let failed = || machine("cannot start the custodian");
+        let (reader, writer) = std::io::pipe().map_err(failed())?;
+        let (answer, answers) = std::io::pipe().map_err(failed())?;
+        let (reader, answers) = (OwnedFd::from(reader), OwnedFd::from(answers));
+        let lines = Lines { input: Some(&reader), output: Some(&answers), file: None };
+        let custodian = self.helper(&["custodian".into(), order.into()], lines, true).map_err(failed())?;
+        drop(answers);
+        let answer = File::from(OwnedFd::from(answer));
+        crate::partition::await_any_end(&[answer.as_fd()], CUSTODIAN_PATIENCE_NS);
+        let mut said = [0; 6];
+        match (&answer).read(&mut said) {
+            Ok(count) if said[..count] == *b"ready\n" => {
+                Ok(Custodian { process: custodian, line: Some(File::from(OwnedFd::from(writer))) })
+            }
+            _ => Err(RunError::Machine {
+                what: "the custodian could not create the module's channels".into(),
+                why: "its reason stands in partitions/helpers.log".into(),
+            }),
+        }
+    }
+
+    /// Starts the recorder. It runs as the partitions' user and is handed the file, whose folder it may not enter.
+    fn start_recorder(&self, path: &Path, order: String) -> Result<Recorder, RunError> {
+        let log = File::create(path).map_err(machine(format!("cannot write {}", path.display())))?;
+        std::os::unix::fs::fchown(&log, self.user, self.user)
+            .map_err(machine("cannot hand over the port log"))?;
+        let arguments = ["recorder".into(), order];
+        let start = |input: &OwnedFd, output: &OwnedFd| {
+            let lines = Lines { input: Some(input), output: Some(output), file: Some(&log) };
+            self.helper(&arguments, lines, true)
+        };
+        Recorder::start(start).map_err(machine("cannot start the recorder (see partitions/helpers.log)"))
+    }
+
+    /// How a janitor is started. Without its custodian a restarted partition would not find its channels: so whoever
+    /// needs a janitor first sees that the custodian is there.
+    fn janitor_starter(
+        &self,
+        order: String,
+        custodian: Rc<RefCell<Custodian>>,
+    ) -> Result<StartJanitor, RunError> {
+        let copy = Self {
+            instance: self.instance.clone(),
+            group: None,
+            own_program: self.own_program.clone(),
+            log: self.log.try_clone().map_err(machine("cannot copy a descriptor"))?,
+            guard: RefCell::new(None),
+            user: self.user,
+        };
+        Ok(Box::new(move |pid| {
+            if crate::partition::ended(&custodian.borrow().process).is_some() {
+                // Before any clean-up, which would take away the channels that only the dead one held.
+                *custodian.borrow_mut() = copy.start_custodian(&order).map_err(std::io::Error::other)?;
+            }
+            copy.start_janitor(pid)
+        }))
+    }
+
+    fn start_janitor(&self, pid: i32) -> std::io::Result<Spawned> {
+        let domain = self.instance.domain();
+        self.helper(&["janitor".into(), domain.root, domain.prefix, pid.to_string()], Lines::default(), true)
+    }
+
+    pub(super) fn run(
+        &self,
+        plan: &Arc<Plan>,
+        view: &ModuleView<'_>,
+        mut options: Options,
+        facts: &Machine,
+        programs: Vec<PathBuf>,
+    ) -> Result<Outcome, RunError> {
+        let order = serde_json::to_string(&self.order(view)).unwrap_or_default();
+        let custodian = Rc::new(RefCell::new(self.start_custodian(&order)?));
+        let recorder =
+            options.record.take().map(|path| self.start_recorder(&path, order.clone())).transpose()?;
+        let cages = self.cages(plan, view, &options, facts, programs)?;
+        let ended = super::conduct::conduct(
+            plan,
+            view,
+            options,
+            facts,
+            cages,
+            recorder,
+            self.janitor_starter(order, custodian.clone())?,
+        );
+        custodian.borrow_mut().leave();
+        ended
+    }
+
+    fn cages(
+        &self,
+        plan: &Plan,
+        view: &ModuleView<'_>,
+        options: &Options,
+        facts: &Machine,
+        programs: Vec<PathBuf>,
+    ) -> Result<Vec<Cage>, RunError> {
+        let domain = self.instance.domain();
+        let housing = Housing {
+            module: options.module.clone(),
+            clock: options.clock,
+            ports_root: domain.root,
+            ports_prefix: domain.prefix,
+            namespaces: facts.namespaces,
+            user: facts.user,
+            real_time: facts.real_time,
+            logs: options.output.join("partitions"),
+        };
+        let none = BTreeMap::new();
+        let built = view.partitions().zip(programs).map(|(id, program)| {
+            let name = &plan[id].name;
+            let group = match &self.group {
+                Some(group) => {
+                    Some(group.child(name).map_err(machine(format!("no control group for {name}")))?)
+                }
+                None => None,
+            };
+            let overrides = options.overrides.get(name).unwrap_or(&none);
+            let mut cage = Cage::build(plan, id, program, group, &housing, overrides)
+                .map_err(machine(format!("cannot prepare partition {name}")))?;
+            cage.translate_cores(|core| facts.real_core(core));
+            Ok(cage)
+        });
+        built.collect()
+    }
+
+    /// Removes everything and lets the guard go.
+    pub(super) fn leave(mut self) {
+        drop(self.group.take());
+        self.instance.clean_up();
+        if let Some((guard, mut line)) = self.guard.borrow_mut().take() {
+            let _ = line.write_all(&[FAREWELL]); // without it the guard cleans up once more: harmless
+            drop(line);
+            await_end(&guard);
+        }
+    }
+}

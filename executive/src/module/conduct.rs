@@ -1,0 +1,213 @@
+//! Starts the partitions, runs their windows, ends them.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use bateleur_contract::Clock;
+use rtrb::{Consumer, RingBuffer};
+
+use super::{Options, Outcome, RunError, machine};
+use crate::dispatcher::Dispatcher;
+use crate::event::Event;
+use crate::fast::{Records, VirtualGate, VirtualPace};
+use crate::health::log::{HealthLog, WindowLog, WindowRecord};
+use crate::machine::Machine;
+use crate::monitor::{Equipment, Monitor, StartJanitor};
+use crate::partition::Cage;
+use crate::plan::{ModuleView, Plan, Timeline};
+use crate::slot::Slot;
+use crate::system::sched;
+use crate::system::time::now_ns;
+use crate::wall::{WallGate, WallPace};
+use crate::world::{Killing, Recorder, Surroundings};
+
+/// Real time from "ready" to module time 0: long enough for every dispatcher thread to be in its sleep.
+const LEAD_NS: u64 = 20_000_000;
+/// Window records that wait for the monitor: two seconds of a busy core.
+const RECORDS: usize = 4096;
+/// How often the monitor looks on the wall clock, ns. A death wakes it at once.
+const MONITOR_PERIOD_NS: u64 = 5_000_000;
+
+/// Starts the partitions, runs their windows, ends them.
+pub(super) fn conduct(
+    plan: &Arc<Plan>,
+    view: &ModuleView<'_>,
+    options: Options,
+    facts: &Machine,
+    cages: Vec<Cage>,
+    mut recorder: Option<Recorder>,
+    start_janitor: StartJanitor,
+) -> Result<Outcome, RunError> {
+    let timeline = Timeline::of(plan, view.id(), plan.initial_schedule());
+    let (records, lost) = (Records::default(), Arc::new(AtomicU64::new(0)));
+    let rings: Rc<RefCell<Vec<Consumer<WindowRecord>>>> = Rc::default();
+    let mut monitor = Monitor::start(Equipment {
+        plan: plan.clone(),
+        clock: options.clock,
+        cages,
+        start_janitor,
+        take_record: take_record(records.clone(), rings.clone()),
+        window_log: WindowLog::create(&options.output.join("windows.csv"))
+            .map_err(machine("cannot write windows.csv"))?,
+        health_log: HealthLog::create(&options.output.join("health.jsonl"))
+            .map_err(machine("cannot write health.jsonl"))?,
+        events: options.events,
+    })
+    .map_err(RunError::Start)?;
+    if let Err(reason) = monitor.await_all_ready() {
+        monitor.finish(0);
+        return Err(RunError::Start(reason));
+    }
+    let slots = monitor.slots();
+    connect(&slots, timeline.minor_frame_ns, options.clock);
+    monitor.events().tell(&Event::Ready { partitions: slots.iter().flatten().count() });
+    let kills = Killing::of(plan, &options.kills);
+    let line_slot = line_partition(view).and_then(|place| slots[place].clone());
+    let mut surroundings = Surroundings::new(
+        kills,
+        options.until_ns,
+        options.stop.clone(),
+        recorder.take(),
+        options.companion,
+        line_slot,
+    );
+    let module_ns = match options.clock {
+        Clock::Virtual => run_virtual(&timeline, &mut monitor, &mut surroundings, records, facts),
+        Clock::Wall => run_wall(&timeline, &mut monitor, &mut surroundings, &rings, &lost, facts)?,
+    };
+    let reason = surroundings.reason(monitor.stop_asked());
+    monitor.finish(module_ns);
+    surroundings.finish();
+    let totals = monitor.totals();
+    monitor.events().tell(&Event::Stopped {
+        reason: reason.clone(),
+        module_time_s: module_ns as f64 / 1e9,
+        windows: totals.windows,
+        late_windows: totals.late,
+        window_overruns: totals.overruns,
+        lost_records: lost.load(Ordering::Relaxed),
+    });
+    monitor.events().finish();
+    Ok(Outcome { reason, module_ns, guarantees: facts.guarantees.list().to_vec() })
+}
+
+/// Where the monitor finds window records: in the virtual gate's queue, or in the rings of the dispatcher threads.
+fn take_record(
+    records: Records,
+    rings: Rc<RefCell<Vec<Consumer<WindowRecord>>>>,
+) -> Box<dyn FnMut() -> Option<WindowRecord>> {
+    Box::new(move || {
+        let queued: Option<WindowRecord> = VecDeque::pop_front(&mut records.borrow_mut());
+        queued.or_else(|| rings.borrow_mut().iter_mut().find_map(|ring| ring.pop().ok()))
+    })
+}
+
+/// The partition whose device the companion holds the other end of: the first that may open one.
+fn line_partition(view: &ModuleView<'_>) -> Option<usize> {
+    view.partitions().find(|id| !view.plan()[*id].devices.is_empty()).map(crate::plan::PartitionId::index)
+}
+
+/// A first grant without a window: every port connects to its peers now, not in its first window.
+fn connect(slots: &[Option<Arc<Slot>>], minor_frame_ns: u64, clock: Clock) {
+    for slot in slots.iter().flatten() {
+        slot.page.clock.store(u32::from(clock == Clock::Virtual), Ordering::Relaxed);
+        slot.page.minor_frame_ns.store(minor_frame_ns, Ordering::Relaxed);
+        slot.grant(0, 0, 0, now_ns());
+        let begun_ns = now_ns();
+        while !slot.is_done() && now_ns() - begun_ns < 100_000_000 {
+            slot.await_change(1_000_000);
+        }
+    }
+}
+
+fn run_virtual(
+    timeline: &Timeline,
+    monitor: &mut Monitor,
+    surroundings: &mut Surroundings,
+    records: Records,
+    facts: &Machine,
+) -> u64 {
+    // On the partitions' own core a grant is a switch, not an interrupt to another processor.
+    let _ = sched::bind(0, &facts.partitioned_cores()); // slower otherwise, nothing else
+    let mut gate = VirtualGate::new(monitor, surroundings, records);
+    Dispatcher::new(timeline, |_| true).run(&mut VirtualPace, &mut gate, &|| false);
+    surroundings.module_ns()
+}
+
+fn run_wall(
+    timeline: &Timeline,
+    monitor: &mut Monitor,
+    surroundings: &mut Surroundings,
+    rings: &Rc<RefCell<Vec<Consumer<WindowRecord>>>>,
+    lost: &Arc<AtomicU64>,
+    facts: &Machine,
+) -> Result<u64, RunError> {
+    let origin_ns = now_ns() + LEAD_NS;
+    let slots = monitor.slots();
+    slots.iter().flatten().for_each(|slot| slot.page.origin_ns.store(origin_ns, Ordering::Release));
+    let stop = Arc::new(AtomicBool::new(false));
+    let mut threads = Vec::new();
+    for line in &timeline.cores {
+        let (producer, consumer) = RingBuffer::new(RECORDS);
+        rings.borrow_mut().push(consumer);
+        let gate = WallGate::new(slots.clone(), origin_ns, producer, lost.clone());
+        let dispatcher = Dispatcher::new(timeline, |core| core == line.core);
+        let (core, real_time, stop) = (facts.real_core(line.core), facts.real_time, stop.clone());
+        let thread = std::thread::Builder::new()
+            .name(format!("dispatch {}", line.core))
+            .spawn(move || dispatch(dispatcher, gate, origin_ns, core, real_time, &stop))
+            .map_err(machine("cannot start a dispatcher thread"))?;
+        threads.push(thread);
+    }
+    let minor_frame_ns = timeline.minor_frame_ns;
+    let mut next_minor_ns = 0;
+    loop {
+        monitor.pause(MONITOR_PERIOD_NS);
+        let module_ns = now_ns().saturating_sub(origin_ns);
+        monitor.step(module_ns);
+        if module_ns >= next_minor_ns {
+            next_minor_ns = (module_ns / minor_frame_ns + 1) * minor_frame_ns;
+            if !crate::fast::World::minor_frame(surroundings, module_ns, monitor)
+                || monitor.stop_asked().is_some()
+            {
+                break;
+            }
+        }
+    }
+    stop.store(true, Ordering::Release);
+    for thread in threads {
+        let _ = thread.join(); // a panic there was printed; the module ends either way
+    }
+    Ok(now_ns().saturating_sub(origin_ns))
+}
+
+/// A dispatcher thread's life.
+fn dispatch(
+    mut dispatcher: Dispatcher,
+    mut gate: WallGate,
+    origin_ns: u64,
+    core: u32,
+    real_time: bool,
+    stop: &AtomicBool,
+) {
+    use thread_priority::{
+        RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, set_thread_priority_and_policy,
+        thread_native_id,
+    };
+    let _ = sched::bind(0, &[core]); // said at the start where it can not be
+    if real_time && let Ok(priority) = DISPATCHER_PRIORITY.try_into() {
+        let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+        let _ = set_thread_priority_and_policy(
+            thread_native_id(),
+            ThreadPriority::Crossplatform(priority),
+            policy,
+        ); // as above
+    }
+    dispatcher.run(&mut WallPace::new(origin_ns), &mut gate, &|| stop.load(Ordering::Acquire));
+}
+
+/// Above every partition (50 at most) and every interrupt thread (50); below the kernel's own watchdogs (99).
+const DISPATCHER_PRIORITY: u8 = 98;

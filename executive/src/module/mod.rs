@@ -1,0 +1,174 @@
+//! One run of a module: from the checked plan to the last process ended.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use bateleur_contract::Clock;
+
+use crate::event::{Event, Events};
+use crate::guarantee::Guarantee;
+use crate::instance::clean_leftovers;
+use crate::machine::Machine;
+use crate::plan::{ModuleView, Plan};
+use crate::world::Companion;
+use base::Base;
+
+mod base;
+mod conduct;
+
+/// What a run is asked to do.
+pub struct Options {
+    /// The module's name.
+    pub module: String,
+    /// The clock.
+    pub clock: Clock,
+    /// Folder for logs; made where it is missing.
+    pub output: PathBuf,
+    /// Folder of the schedule file: programs with a path start there.
+    pub plan_folder: PathBuf,
+    /// Attributes that replace the plan's, by partition.
+    pub overrides: BTreeMap<String, BTreeMap<String, serde_json::Value>>,
+    /// Partitions to kill, with the module time, ns.
+    pub kills: Vec<(String, u64)>,
+    /// End at this module time, ns.
+    pub until_ns: Option<u64>,
+    /// Refuse to start where a promise does not hold.
+    pub strict: bool,
+    /// A file for every message of every port.
+    pub record: Option<PathBuf>,
+    /// Who lives at the other end of a line under the virtual clock.
+    pub companion: Option<Companion>,
+    /// Who watches.
+    pub events: Events,
+    /// Set by a signal: end at the end of the major frame.
+    pub stop: Arc<AtomicBool>,
+}
+
+/// Why a module did not run.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The plan has no such module.
+    #[error("the plan has no module \"{name}\"; it has {known}")]
+    NoModule {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// A partition that is not in the plan.
+    #[error("the plan has no partition \"{name}\" in module {module}; it has {known}")]
+    NoPartition {
+        /// What was asked for.
+        name: String,
+        /// The module.
+        module: String,
+        /// What there is.
+        known: String,
+    },
+    /// Programs that are not there.
+    #[error("{0}")]
+    Programs(String),
+    /// `--require strict` and a promise that does not hold.
+    #[error("refused to start, because strict was required and this machine lacks:\n{0}")]
+    Strict(String),
+    /// Something of the machine.
+    #[error("{what}: {why}")]
+    Machine {
+        /// What was tried.
+        what: String,
+        /// What the machine said.
+        why: String,
+    },
+    /// A partition did not start.
+    #[error("{0}")]
+    Start(String),
+}
+
+fn machine(what: impl Into<String>) -> impl FnOnce(std::io::Error) -> RunError {
+    let what = what.into();
+    move |error| RunError::Machine { what, why: error.to_string() }
+}
+
+/// How a run ended.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// Why.
+    pub reason: String,
+    /// Module time, ns.
+    pub module_ns: u64,
+    /// What the machine gave.
+    pub guarantees: Vec<Guarantee>,
+}
+
+/// Runs a module until it is told to stop.
+///
+/// # Errors
+/// What kept it from starting. Nothing is left behind then.
+pub fn run(plan: Plan, mut options: Options) -> Result<Outcome, RunError> {
+    let plan = Arc::new(plan);
+    let view = module_of(&plan, &options.module)?;
+    check_names(&view, &options)?;
+    let programs = find_programs(&view, &options.plan_folder)?;
+    clean_leftovers();
+    let machine_facts = Machine::examine(&view, options.clock);
+    let lacking: Vec<String> = machine_facts
+        .guarantees
+        .lacking()
+        .map(|lack| format!("  {}: {}", lack.promise, lack.detail))
+        .collect();
+    if options.strict && !lacking.is_empty() {
+        return Err(RunError::Strict(lacking.join("\n")));
+    }
+    options.events.tell(&Event::Guarantees { list: machine_facts.guarantees.list().to_vec() });
+    let logs = options.output.join("partitions");
+    fs::create_dir_all(&logs).map_err(machine(format!("cannot make {}", logs.display())))?;
+    let base = Base::make(&options.module, &machine_facts, &logs)?;
+    let result = base.run(&plan, &view, options, &machine_facts, programs);
+    base.leave();
+    result
+}
+
+fn module_of<'a>(plan: &'a Plan, name: &str) -> Result<ModuleView<'a>, RunError> {
+    plan.module(name).ok_or_else(|| RunError::NoModule {
+        name: name.into(),
+        known: plan.modules.iter().map(|module| module.name.as_str()).collect::<Vec<_>>().join(", "),
+    })
+}
+
+fn check_names(view: &ModuleView<'_>, options: &Options) -> Result<(), RunError> {
+    let names: Vec<&str> = view.partitions().map(|id| view.plan()[id].name.as_str()).collect();
+    let asked = options.kills.iter().map(|(name, _)| name).chain(options.overrides.keys());
+    match asked.into_iter().find(|name| !names.contains(&name.as_str())) {
+        None => Ok(()),
+        Some(name) => Err(RunError::NoPartition {
+            name: name.clone(),
+            module: options.module.clone(),
+            known: names.join(", "),
+        }),
+    }
+}
+
+/// Every partition's program, or all those that are missing.
+fn find_programs(view: &ModuleView<'_>, folder: &Path) -> Result<Vec<PathBuf>, RunError> {
+    let beside =
+        std::env::current_exe().ok().and_then(|path| path.parent().map(Path::to_owned)).unwrap_or_default();
+    let mut missing = Vec::new();
+    let programs = view.partitions().map(|id| {
+        let partition = &view.plan()[id];
+        let path = if partition.program.contains('/') { folder.join(&partition.program) } else { beside.join(&partition.program) };
+        if !path.is_file() {
+            missing.push(format!(
+                "partition {}: there is no program {} (program = \"{}\"): build it, or correct its line in the plan",
+                partition.name,
+                path.display(),
+                partition.program
+            ));
+        }
+        path
+    });
+    let programs = programs.collect();
+    if missing.is_empty() { Ok(programs) } else { Err(RunError::Programs(missing.join("\n"))) }
+}

@@ -1,0 +1,150 @@
+//! One partition as the monitor sees it: its cage, the life in it, and what is remembered of lives before.
+
+use std::os::fd::AsFd;
+use std::sync::atomic::Ordering::Acquire;
+
+use bateleur_contract::{Mode, StartCondition};
+
+use crate::health::decision::error_of;
+use crate::health::log::Fault;
+use crate::partition::{Cage, await_any_end, ended, is_readable};
+use crate::plan::Plan;
+use crate::slot::Readiness;
+use crate::system::spawn::Spawned;
+use crate::system::time::now_ns;
+
+#[derive(Debug)]
+pub(super) enum Life {
+    /// Initialises, since this instant of CLOCK_MONOTONIC.
+    Starting(Spawned, u64),
+    /// Takes windows.
+    Running(Spawned),
+    /// Its remains wait for the janitor.
+    Dead(i32),
+    /// No process, and none to come.
+    Gone,
+}
+
+#[derive(Debug)]
+pub(super) struct Watched {
+    pub(super) cage: Cage,
+    pub(super) life: Life,
+    pub(super) generation: u32,
+    pub(super) next_start: StartCondition,
+    /// Module time of the restarts so far.
+    pub(super) restarts: Vec<u64>,
+    pub(super) fault: Option<Fault>,
+    pub(super) reports_seen: u32,
+    /// Granted windows in a row that were not closed.
+    pub(super) unclosed: u32,
+    pub(super) overrun_told_ns: Option<u64>,
+    /// Second of module time, and messages passed on in it.
+    pub(super) spoken: (u64, u32),
+}
+
+/// Messages of one partition that are passed on in a second of module time.
+const MESSAGES_A_SECOND: u32 = 20;
+
+impl Watched {
+    pub(super) fn new(cage: Cage, process: Spawned) -> Self {
+        Self {
+            cage,
+            life: Life::Starting(process, now_ns()),
+            generation: 0,
+            next_start: StartCondition::NormalStart,
+            restarts: Vec::new(),
+            fault: None,
+            reports_seen: 0,
+            unclosed: 0,
+            overrun_told_ns: None,
+            spoken: (0, 0),
+        }
+    }
+
+    /// Whether a message is passed on: a babbling partition must not drown the others.
+    pub(super) fn may_speak(&mut self, module_ns: u64) -> bool {
+        let second = module_ns / 1_000_000_000;
+        if self.spoken.0 != second {
+            self.spoken = (second, 0);
+        }
+        self.spoken.1 += 1;
+        self.spoken.1 <= MESSAGES_A_SECOND
+    }
+
+    /// Takes notice of a partition that has become ready; an error where it never will.
+    pub(super) fn look_at_start(&mut self, plan: &Plan) -> Result<(), String> {
+        let Life::Starting(process, since_ns) = &self.life else { return Ok(()) };
+        if Mode::from_number(self.cage.slot.page.mode.load(Acquire)) == Some(Mode::Normal) {
+            self.cage.admit(process);
+            self.unclosed = 0;
+            if let Life::Starting(process, _) = std::mem::replace(&mut self.life, Life::Gone) {
+                self.life = Life::Running(process);
+            }
+            self.cage.slot.set_readiness(Readiness::Ready);
+            return Ok(());
+        }
+        let name = self.cage.name.clone();
+        if is_readable(process.pidfd.as_fd()) {
+            let (pid, status) = (process.pid, ended(process));
+            self.died(pid);
+            let found =
+                status.and_then(error_of).map_or_else(|| "ended by itself".into(), |(_, detail)| detail);
+            let words = self.cage.last_words().unwrap_or_else(|| "it said nothing".into());
+            return Err(format!("partition {name} {found}: {words}"));
+        }
+        let limit_ns = plan[self.cage.id].startup_timeout_ns;
+        if now_ns() - since_ns > limit_ns {
+            return Err(format!(
+                "partition {name} was not ready after {} ms (startup_timeout)",
+                limit_ns / 1_000_000
+            ));
+        }
+        Ok(())
+    }
+
+    pub(super) fn is_alive(&self) -> bool {
+        matches!(self.life, Life::Running(_) | Life::Starting(..))
+    }
+
+    /// It takes windows and has not ended, as far as the kernel knows.
+    pub(super) fn runs(&self) -> bool {
+        matches!(&self.life, Life::Running(process) if !is_readable(process.pidfd.as_fd()))
+    }
+
+    /// Its process is reaped: children that it left go too, its windows pass.
+    pub(super) fn died(&mut self, pid: i32) {
+        self.cage.slot.set_readiness(Readiness::Absent);
+        self.cage.kill(None);
+        self.life = Life::Dead(pid);
+    }
+
+    /// Makes sure that no process is left.
+    pub(super) fn put_an_end(&mut self) {
+        self.cage.slot.set_readiness(Readiness::Absent);
+        if let Life::Starting(process, _) | Life::Running(process) = &self.life {
+            self.cage.kill(Some(process));
+            await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
+            let pid = process.pid;
+            let _ = ended(process); // reaps it
+            self.life = Life::Dead(pid);
+        }
+    }
+
+    pub(super) fn rest(&mut self, readiness: Readiness) {
+        self.life = Life::Gone;
+        self.cage.slot.set_readiness(readiness);
+    }
+
+    pub(super) fn is_gone(&mut self) -> bool {
+        match &self.life {
+            Life::Starting(process, _) | Life::Running(process) => {
+                let gone = ended(process).is_some();
+                if gone {
+                    self.life = Life::Gone;
+                }
+                gone
+            }
+            Life::Dead(_) | Life::Gone => true,
+        }
+    }
+}

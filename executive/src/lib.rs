@@ -5,6 +5,7 @@
 //! next window starts at its instant.
 
 pub mod dispatcher;
+pub mod doctor;
 pub mod event;
 pub mod fast;
 pub mod guarantee;

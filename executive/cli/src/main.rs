@@ -22,6 +22,7 @@ struct Arguments {
 #[derive(Debug, Subcommand)]
 enum Verb {
     Check(verb::check::Arguments),
+    Doctor(verb::doctor::Arguments),
     Fly(verb::fly::Arguments),
     Ground(verb::ground::Arguments),
     Run(verb::run::Arguments),
@@ -39,6 +40,7 @@ fn main() -> ExitCode {
     };
     let result = match arguments.verb {
         Verb::Check(arguments) => verb::check::run(&arguments),
+        Verb::Doctor(arguments) => verb::doctor::run(&arguments),
         Verb::Fly(arguments) => verb::fly::run(&arguments),
         Verb::Ground(arguments) => verb::ground::run(&arguments),
         Verb::Run(arguments) => verb::run::run(&arguments),

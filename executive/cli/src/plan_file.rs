@@ -4,7 +4,7 @@ use std::io::IsTerminal;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use bateleur_executive::plan::{MessageCatalogue, Plan, Report, check_with_warnings};
+use bateleur_executive::plan::{MessageCatalogue, Plan, Report, check, check_with_warnings};
 
 /// The message types that this program was built with.
 struct Catalogue;
@@ -24,6 +24,11 @@ pub(crate) fn read(path: &Path) -> Result<Result<(Plan, Report), Report>> {
     let text = std::fs::read_to_string(path)
         .with_context(|| format!("cannot read {} (name another file with --schedule)", path.display()))?;
     Ok(check_with_warnings(&path.display().to_string(), &text, &Catalogue))
+}
+
+/// The plan in `text`, which a program wrote; or all that is wrong with it.
+pub(crate) fn read_text(name: &str, text: &str) -> std::result::Result<Plan, Report> {
+    check(name, text, &Catalogue)
 }
 
 /// As [`read`], with errors printed for a person; none: it can not be used.

@@ -1,6 +1,7 @@
 //! The verbs.
 
 pub(crate) mod check;
+pub(crate) mod doctor;
 pub(crate) mod fly;
 pub(crate) mod ground;
 pub(crate) mod helper;

@@ -1,27 +1,38 @@
 //! The dispatcher: grants windows at their instants, on the wall clock or on the virtual one, by the same logic.
 //!
-//! Responsible for: walking the switch instants of the major frame, for ever, from the origin. It must never wait for
-//! a partition on the wall clock, allocate, log, or shift a window because an earlier one was late.
+//! Responsible for: walking the switch instants of the major frame, for ever, from the origin, and changing to another
+//! schedule at the start of a major frame. It must never wait for a partition on the wall clock, allocate, log, or shift
+//! a window because an earlier one was late.
 //!
 //! How time passes is a [`Pace`], how a window is opened and closed is a [`Gate`]; both are traits, so that the logic
 //! is tested without processes and without time.
 
+use std::sync::Arc;
+
+use crate::agenda::Agenda;
 use crate::plan::{Timeline, TimelineWindow};
 
-/// A window start that comes later than this is counted as late, ns. A fiftieth of the shortest sensible window period
+/// A switch that comes later than this is counted as late, ns. A fiftieth of the shortest sensible window period
 /// (10 ms): later than that, a control loop notices. Too small a value would count the noise of the machine.
 pub const LATE_NS: u64 = 200_000;
 
 /// How time passes.
 pub trait Pace {
-    /// Returns at `instant_ns` of module time, or as soon after as it can; gives how late, ns. `slack` says whether the
-    /// processor is free (the window before was closed early); `prepare` may be called ahead of the instant then.
-    fn reach(&mut self, instant_ns: u64, slack: &mut dyn FnMut() -> bool, prepare: &mut dyn FnMut()) -> u64;
+    /// Returns at `instant_ns` of module time, or as soon after as it can; gives how late, ns.
+    fn reach(&mut self, instant_ns: u64, meanwhile: &mut dyn Meanwhile) -> u64;
+}
+
+/// What can be done with the time until the next switch.
+pub trait Meanwhile {
+    /// Whether the processor is free: the window before was closed early.
+    fn has_slack(&mut self) -> bool;
+    /// Gets ready for the window that opens at the switch, if one does.
+    fn prepare(&mut self);
 }
 
 /// How windows open and close.
 pub trait Gate {
-    /// A minor frame begins; false: the module stops here. Called on the first core only.
+    /// A minor frame begins; false: the module stops here.
     fn minor_frame(&mut self, instant_ns: u64) -> bool;
     /// Gets ready to open `window`, ahead of its instant.
     fn prepare(&mut self, window: &TimelineWindow);
@@ -30,7 +41,7 @@ pub trait Gate {
     /// Opens a window.
     fn open(&mut self, occurrence: &Occurrence);
     /// Closes it.
-    fn close(&mut self, occurrence: &Occurrence);
+    fn close(&mut self, occurrence: &Occurrence, ending: Ending);
 }
 
 /// One window of one major frame.
@@ -40,16 +51,42 @@ pub struct Occurrence {
     pub window: TimelineWindow,
     /// The core.
     pub core: u32,
+    /// The rule of the schedule that the window belongs to.
+    pub reign: Reign,
     /// Major frames before this one.
     pub major_frame: u64,
     /// Minor frames since module time 0.
     pub minor_frames: u64,
+    /// The length of a minor frame, ns.
+    pub minor_frame_ns: u64,
     /// Its planned start, module time, ns.
     pub start_ns: u64,
     /// Its planned end, module time, ns.
     pub end_ns: u64,
     /// How late the dispatcher itself was at the start, ns.
     pub late_ns: u64,
+}
+
+/// The time of one schedule, from one change to the next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reign {
+    /// Changes before it.
+    pub number: u32,
+    /// The place of its schedule in the plan.
+    pub schedule: usize,
+    /// The place of the schedule before; none: the module has not changed yet.
+    pub after: Option<usize>,
+    /// Its start, module time, ns.
+    pub since_ns: u64,
+}
+
+/// How the dispatcher came to a window's end.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Ending {
+    /// How late it was, ns.
+    pub late_ns: u64,
+    /// The next window begins at the same instant: one switch, which that window's start counts.
+    pub shared: bool,
 }
 
 /// What happens at one instant of the major frame on one core.
@@ -63,71 +100,136 @@ struct Switch {
     minor_frame: bool,
 }
 
-/// The switch instants of some cores over the major frame.
+/// The switch instants of one schedule over its major frame.
 #[derive(Debug, Clone)]
-pub struct Dispatcher {
+struct Table {
     switches: Vec<Switch>,
-    cores: Vec<u32>,
-    open: Vec<Option<Occurrence>>,
     major_frame_ns: u64,
     minor_frame_ns: u64,
 }
 
+/// The major frame that runs.
+#[derive(Debug, Clone, Copy)]
+struct Frame {
+    number: u64,
+    start_ns: u64,
+    /// Minor frames before it.
+    minor_frames: u64,
+    reign: Reign,
+}
+
+/// The switch instants of some cores, for every schedule of the plan.
+#[derive(Debug)]
+pub struct Dispatcher {
+    tables: Vec<Table>,
+    agenda: Arc<Agenda>,
+    cores: Vec<u32>,
+    open: Vec<Option<Occurrence>>,
+}
+
 impl Dispatcher {
-    /// A dispatcher for the cores of `timeline` that `wanted` picks. The one that has the first core announces minor
-    /// frames.
+    /// A dispatcher for the cores that `wanted` picks. `timelines`: one for each schedule of the plan, of one module.
+    /// `minor_frames`: whether the gate is told about each minor frame.
     #[must_use]
-    pub fn new(timeline: &Timeline, wanted: impl Fn(u32) -> bool) -> Self {
-        let cores: Vec<u32> =
-            timeline.cores.iter().map(|line| line.core).filter(|core| wanted(*core)).collect();
-        let mut switches = Vec::new();
-        for (lane, core) in cores.iter().enumerate() {
-            let line = timeline.cores.iter().find(|line| line.core == *core);
-            switches.extend(line.into_iter().flat_map(|line| lane_switches(lane, &line.windows)));
-        }
-        if cores.first() == timeline.cores.first().map(|line| &line.core) {
-            mark_minor_frames(&mut switches, timeline);
-        }
-        // At one instant: the frame is announced, then ends come before starts, then the order of the cores.
-        switches
-            .sort_by_key(|switch| (switch.at_ns, !switch.minor_frame, switch.opens.is_some(), switch.lane));
-        Self {
-            switches,
-            open: vec![None; cores.len()],
-            cores,
-            major_frame_ns: timeline.major_frame_ns,
-            minor_frame_ns: timeline.minor_frame_ns,
-        }
+    pub fn new(
+        timelines: &[Timeline],
+        agenda: Arc<Agenda>,
+        minor_frames: bool,
+        wanted: impl Fn(u32) -> bool,
+    ) -> Self {
+        let lines = timelines.first().into_iter().flat_map(|timeline| &timeline.cores);
+        let cores: Vec<u32> = lines.map(|line| line.core).filter(|core| wanted(*core)).collect();
+        let tables = timelines.iter().map(|timeline| Table::of(timeline, &cores, minor_frames)).collect();
+        Self { tables, agenda, open: vec![None; cores.len()], cores }
     }
 
     /// Runs major frames until the gate says that the module stops, or `stop` says so at a major frame's end.
     pub fn run(&mut self, pace: &mut dyn Pace, gate: &mut dyn Gate, stop: &dyn Fn() -> bool) {
-        for major_frame in 0.. {
-            if stop() || !self.major_frame(major_frame, pace, gate) {
+        let schedule = self.agenda.current();
+        let reign = Reign { number: 0, schedule, after: None, since_ns: 0 };
+        let mut next = Some(Frame { number: 0, start_ns: 0, minor_frames: 0, reign });
+        while let Some(before) = next.take() {
+            let late_ns = self.reach_frame(&before, pace, gate);
+            if stop() {
                 break;
+            }
+            // Only now, at its very start, is it decided what the frame runs.
+            let Some(frame) = self.decided(before) else { break };
+            self.close_all(&frame, late_ns, gate);
+            if self.major_frame(&frame, late_ns, pace, gate) {
+                next = Some(self.following(&frame));
             }
         }
         for open in self.open.iter_mut().filter_map(Option::take) {
-            gate.close(&open);
+            gate.close(&open, Ending::default());
         }
     }
 
-    fn major_frame(&mut self, major_frame: u64, pace: &mut dyn Pace, gate: &mut dyn Gate) -> bool {
-        let origin_ns = major_frame * self.major_frame_ns;
-        for index in 0..self.switches.len() {
-            let switch = self.switches[index];
-            let instant_ns = origin_ns + switch.at_ns;
-            let late_ns = self.reach(instant_ns, &switch, pace, gate);
+    /// The start of a major frame.
+    fn reach_frame(&self, frame: &Frame, pace: &mut dyn Pace, gate: &mut dyn Gate) -> u64 {
+        // With one schedule it is known before what comes first; with several, nobody is thawed whose window may not come.
+        let first = match self.tables.as_slice() {
+            [only] => only.first().find_map(|switch| switch.opens),
+            _ => None,
+        };
+        self.reach(frame.start_ns, None, first, pace, gate)
+    }
+
+    /// Ends the windows that last until the end of the frame before.
+    fn close_all(&mut self, frame: &Frame, late_ns: u64, gate: &mut dyn Gate) {
+        let table = &self.tables[frame.reign.schedule];
+        for (lane, open) in self.open.iter_mut().enumerate() {
+            let Some(open) = open.take() else { continue };
+            let shared = table.first().any(|switch| switch.lane == lane && switch.opens.is_some());
+            gate.close(&open, Ending { late_ns, shared });
+        }
+    }
+
+    /// The frame with the schedule that all cores agree on. None: this core was away for too long to know it.
+    fn decided(&self, frame: Frame) -> Option<Frame> {
+        let before = frame.reign;
+        let schedule = self.agenda.decide(frame.number, frame.start_ns, before.schedule)?;
+        if schedule == before.schedule {
+            return Some(frame);
+        }
+        let reign = Reign {
+            number: before.number + 1,
+            schedule,
+            after: Some(before.schedule),
+            since_ns: frame.start_ns,
+        };
+        Some(Frame { reign, ..frame })
+    }
+
+    fn following(&self, frame: &Frame) -> Frame {
+        let table = &self.tables[frame.reign.schedule];
+        Frame {
+            number: frame.number + 1,
+            start_ns: frame.start_ns + table.major_frame_ns,
+            minor_frames: frame.minor_frames + table.major_frame_ns / table.minor_frame_ns,
+            reign: frame.reign,
+        }
+    }
+
+    fn major_frame(&mut self, frame: &Frame, late_ns: u64, pace: &mut dyn Pace, gate: &mut dyn Gate) -> bool {
+        let (mut reached_ns, mut late_ns) = (frame.start_ns, late_ns);
+        for index in 0..self.tables[frame.reign.schedule].switches.len() {
+            let switch = self.tables[frame.reign.schedule].switches[index];
+            let instant_ns = frame.start_ns + switch.at_ns;
+            if instant_ns != reached_ns {
+                late_ns = self.reach(instant_ns, Some(switch.lane), switch.opens, pace, gate);
+                reached_ns = instant_ns;
+            }
             if switch.minor_frame && !gate.minor_frame(instant_ns) {
                 return false;
             }
             if switch.closes
                 && let Some(open) = self.open[switch.lane].take()
             {
-                gate.close(&open);
+                gate.close(&open, Ending { late_ns, shared: switch.opens.is_some() });
             }
             if let Some(window) = switch.opens {
-                let occurrence = self.occurrence(window, switch.lane, major_frame, late_ns);
+                let occurrence = self.occurrence(frame, window, switch.lane, late_ns);
                 gate.open(&occurrence);
                 self.open[switch.lane] = Some(occurrence);
             }
@@ -135,54 +237,93 @@ impl Dispatcher {
         true
     }
 
-    fn reach(&self, instant_ns: u64, switch: &Switch, pace: &mut dyn Pace, gate: &mut dyn Gate) -> u64 {
-        let open = self.open[switch.lane].map(|open| open.window);
-        // Both closures use the gate, one after the other.
-        let gate = std::cell::RefCell::new(gate);
-        pace.reach(
-            instant_ns,
-            &mut || open.is_none_or(|window| gate.borrow_mut().is_done(&window)),
-            &mut || switch.opens.iter().for_each(|window| gate.borrow_mut().prepare(window)),
-        )
+    /// Reaches an instant, for one lane or for all of them.
+    fn reach(
+        &self,
+        instant_ns: u64,
+        lane: Option<usize>,
+        opens: Option<TimelineWindow>,
+        pace: &mut dyn Pace,
+        gate: &mut dyn Gate,
+    ) -> u64 {
+        let open = match lane {
+            Some(lane) => &self.open[lane..=lane],
+            None => &self.open[..],
+        };
+        pace.reach(instant_ns, &mut Between { gate, open, opens })
     }
 
-    fn occurrence(&self, window: TimelineWindow, lane: usize, major_frame: u64, late_ns: u64) -> Occurrence {
-        let origin_ns = major_frame * self.major_frame_ns;
+    fn occurrence(&self, frame: &Frame, window: TimelineWindow, lane: usize, late_ns: u64) -> Occurrence {
+        let minor_frame_ns = self.tables[frame.reign.schedule].minor_frame_ns;
         Occurrence {
             window,
             core: self.cores[lane],
-            major_frame,
-            minor_frames: (origin_ns + window.start_ns) / self.minor_frame_ns,
-            start_ns: origin_ns + window.start_ns,
-            end_ns: origin_ns + window.end_ns,
+            reign: frame.reign,
+            major_frame: frame.number,
+            minor_frames: frame.minor_frames + window.start_ns / minor_frame_ns,
+            minor_frame_ns,
+            start_ns: frame.start_ns + window.start_ns,
+            end_ns: frame.start_ns + window.end_ns,
             late_ns,
         }
     }
 }
 
-/// A switch at each start and each end; one where a window touches the next.
-fn lane_switches(lane: usize, windows: &[TimelineWindow]) -> Vec<Switch> {
-    let mut switches = Vec::with_capacity(2 * windows.len());
-    for (index, window) in windows.iter().enumerate() {
-        let touches = index > 0 && windows[index - 1].end_ns == window.start_ns;
-        switches.push(Switch {
-            at_ns: window.start_ns,
-            lane,
-            closes: touches,
-            opens: Some(*window),
-            minor_frame: false,
-        });
-        if windows.get(index + 1).is_none_or(|next| next.start_ns != window.end_ns) {
-            switches.push(Switch {
-                at_ns: window.end_ns,
-                lane,
-                closes: true,
-                opens: None,
-                minor_frame: false,
-            });
+/// The time between two switches.
+struct Between<'a> {
+    gate: &'a mut dyn Gate,
+    open: &'a [Option<Occurrence>],
+    opens: Option<TimelineWindow>,
+}
+
+impl Meanwhile for Between<'_> {
+    fn has_slack(&mut self) -> bool {
+        self.open.iter().flatten().all(|open| self.gate.is_done(&open.window))
+    }
+
+    fn prepare(&mut self) {
+        if let Some(window) = &self.opens {
+            self.gate.prepare(window);
         }
     }
-    switches
+}
+
+impl Table {
+    fn of(timeline: &Timeline, cores: &[u32], minor_frames: bool) -> Self {
+        let mut switches = Vec::new();
+        for (lane, core) in cores.iter().enumerate() {
+            let line = timeline.cores.iter().find(|line| line.core == *core);
+            let windows = line.map_or(&[][..], |line| &line.windows);
+            lane_switches(lane, windows, timeline.major_frame_ns, &mut switches);
+        }
+        if minor_frames {
+            mark_minor_frames(&mut switches, timeline);
+        }
+        // At one instant: the frame is announced, then ends come before starts, then the order of the cores.
+        switches
+            .sort_by_key(|switch| (switch.at_ns, !switch.minor_frame, switch.opens.is_some(), switch.lane));
+        Self { switches, major_frame_ns: timeline.major_frame_ns, minor_frame_ns: timeline.minor_frame_ns }
+    }
+
+    /// What happens at the very start of the major frame.
+    fn first(&self) -> impl Iterator<Item = &Switch> {
+        self.switches.iter().take_while(|switch| switch.at_ns == 0)
+    }
+}
+
+/// A switch at each start and each end; one where a window touches the next, none at the end of the major frame, where
+/// every window is closed.
+fn lane_switches(lane: usize, windows: &[TimelineWindow], major_frame_ns: u64, switches: &mut Vec<Switch>) {
+    for (index, window) in windows.iter().enumerate() {
+        let closes = index > 0 && windows[index - 1].end_ns == window.start_ns;
+        let opens = Some(*window);
+        switches.push(Switch { at_ns: window.start_ns, lane, closes, opens, minor_frame: false });
+        let next_ns = windows.get(index + 1).map_or(major_frame_ns, |next| next.start_ns);
+        if next_ns != window.end_ns {
+            let (closes, opens) = (true, None);
+            switches.push(Switch { at_ns: window.end_ns, lane, closes, opens, minor_frame: false });
+        }
+    }
 }
 
 fn mark_minor_frames(switches: &mut Vec<Switch>, timeline: &Timeline) {
@@ -199,7 +340,7 @@ fn mark_minor_frames(switches: &mut Vec<Switch>, timeline: &Timeline) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{MessageCatalogue, check};
+    use crate::plan::{MessageCatalogue, Plan, check};
 
     struct NoMessages;
     impl MessageCatalogue for NoMessages {
@@ -239,8 +380,13 @@ mod tests {
 
     fn dispatcher() -> Dispatcher {
         let plan = check("two.toml", TWO, &NoMessages).unwrap();
-        let timeline = Timeline::of(&plan, plan.module("m").unwrap().id(), plan.initial_schedule());
-        Dispatcher::new(&timeline, |_| true)
+        dispatcher_of(&plan)
+    }
+
+    fn dispatcher_of(plan: &Plan) -> Dispatcher {
+        let timelines = Timeline::all(plan, plan.module("m").unwrap().id());
+        let agenda = Arc::new(Agenda::new(plan.initial_schedule().index()));
+        Dispatcher::new(&timelines, agenda, true, |_| true)
     }
 
     /// Time jumps; at one instant it is late.
@@ -250,8 +396,8 @@ mod tests {
     }
 
     impl Pace for Jump {
-        fn reach(&mut self, instant_ns: u64, _: &mut dyn FnMut() -> bool, prepare: &mut dyn FnMut()) -> u64 {
-            prepare();
+        fn reach(&mut self, instant_ns: u64, meanwhile: &mut dyn Meanwhile) -> u64 {
+            meanwhile.prepare();
             self.reached.push(instant_ns);
             if instant_ns == self.late_at_ns { 3_000_000 } else { 0 }
         }
@@ -281,7 +427,7 @@ mod tests {
                 occurrence.start_ns / 1_000_000
             ));
         }
-        fn close(&mut self, occurrence: &Occurrence) {
+        fn close(&mut self, occurrence: &Occurrence, _: Ending) {
             self.lines.push(format!("close {}", occurrence.window.partition.index()));
         }
     }
@@ -315,5 +461,152 @@ mod tests {
         });
         assert_eq!(notes.frames, 2);
         assert_eq!(notes.lines.last().unwrap(), "close 1");
+    }
+
+    const SCHEDULES: &str = r#"
+        [module.m]
+        cores = [0, 1]
+        [partition.a]
+        program = "a"
+        module = "m"
+        memory = "1MiB"
+        [partition.b]
+        program = "b"
+        module = "m"
+        memory = "1MiB"
+        [schedule.long]
+        major_frame = "40ms"
+        minor_frame = "20ms"
+        initial = true
+        window = [
+            { partition = "a", offset = "0ms", duration = "2ms" },
+            { partition = "b", offset = "10ms", duration = "10ms", minor = [1] },
+        ]
+        [schedule.short]
+        major_frame = "10ms"
+        minor_frame = "10ms"
+        window = [
+            { partition = "b", offset = "0ms", duration = "2ms" },
+            { partition = "a", offset = "3ms", duration = "2ms", core = 1 },
+        ]
+    "#;
+
+    /// Asks for schedules in its minor frames, and stops after a few.
+    struct Asks {
+        notes: Notes,
+        agenda: Arc<Agenda>,
+        /// Minor frame and schedule.
+        asks: Vec<(u64, usize)>,
+        reigns: Vec<(u64, Reign)>,
+    }
+
+    impl Gate for Asks {
+        fn minor_frame(&mut self, instant_ns: u64) -> bool {
+            let frame = self.notes.frames;
+            for (_, schedule) in self.asks.iter().filter(|(at, _)| *at == frame) {
+                self.agenda.request(*schedule);
+            }
+            self.notes.minor_frame(instant_ns);
+            self.notes.frames <= 9
+        }
+        fn prepare(&mut self, _: &TimelineWindow) {}
+        fn is_done(&mut self, _: &TimelineWindow) -> bool {
+            true
+        }
+        fn open(&mut self, occurrence: &Occurrence) {
+            self.reigns.push((occurrence.minor_frames, occurrence.reign));
+            self.notes.open(occurrence);
+        }
+        fn close(&mut self, occurrence: &Occurrence, ending: Ending) {
+            self.notes.close(occurrence, ending);
+        }
+    }
+
+    fn run_asking(asks: &[(u64, usize)]) -> Asks {
+        let plan = check("schedules.toml", SCHEDULES, &NoMessages).unwrap();
+        let timelines = Timeline::all(&plan, plan.module("m").unwrap().id());
+        let agenda = Arc::new(Agenda::new(0));
+        let mut dispatcher = Dispatcher::new(&timelines, agenda.clone(), true, |_| true);
+        let mut gate = Asks { notes: Notes::default(), agenda, asks: asks.to_vec(), reigns: Vec::new() };
+        let mut pace = Jump { late_at_ns: u64::MAX, reached: Vec::new() };
+        dispatcher.run(&mut pace, &mut gate, &|| false);
+        assert!(pace.reached.is_sorted());
+        gate
+    }
+
+    #[test]
+    fn a_change_of_schedule_takes_effect_at_the_end_of_the_major_frame_and_counts_on() {
+        // Asked for in minor frame 0, and back in the fourth minor frame of the other one.
+        let gate = run_asking(&[(0, 1), (5, 0)]);
+        let lines: Vec<&str> = gate.notes.lines.iter().map(String::as_str).collect();
+        let expected = [
+            "frame 0",
+            "open 0 0",
+            "close 0",
+            "frame 20",
+            "open 0 20",
+            "close 0",
+            "open 1 30",
+            "close 1",
+            "frame 40",
+            "open 1 40",
+            "close 1",
+            "open 0 43",
+            "close 0",
+            "frame 50",
+            "open 1 50",
+            "close 1",
+            "open 0 53",
+            "close 0",
+            "frame 60",
+            "open 1 60",
+            "close 1",
+            "open 0 63",
+            "close 0",
+            "frame 70",
+            "open 1 70",
+            "close 1",
+            "open 0 73",
+            "close 0",
+            "frame 80",
+            "open 0 80",
+            "close 0",
+            "frame 100",
+            "open 0 100",
+            "close 0",
+            "open 1 110",
+            "close 1",
+            "frame 120",
+            "open 0 120",
+            "close 0",
+            "frame 140",
+        ];
+        assert_eq!(lines, expected);
+        let frames: Vec<u64> = gate.reigns.iter().map(|(frames, _)| *frames).collect();
+        assert_eq!(frames, [0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5, 6, 7, 7, 8]);
+        let last = gate.reigns.last().unwrap().1;
+        assert_eq!(last, Reign { number: 2, schedule: 0, after: Some(1), since_ns: 80_000_000 });
+    }
+
+    #[test]
+    fn a_core_without_windows_waits_for_every_major_frame() {
+        let plan = check("schedules.toml", SCHEDULES, &NoMessages).unwrap();
+        let timelines = Timeline::all(&plan, plan.module("m").unwrap().id());
+        let agenda = Arc::new(Agenda::new(0));
+        let mut dispatcher = Dispatcher::new(&timelines, agenda, false, |core| core == 1);
+        let mut pace = Jump { late_at_ns: u64::MAX, reached: Vec::new() };
+        let asked = std::cell::Cell::new(0);
+        dispatcher.run(&mut pace, &mut Notes::default(), &|| {
+            asked.set(asked.get() + 1);
+            asked.get() > 3
+        });
+        assert_eq!(pace.reached, [0, 40_000_000, 80_000_000, 120_000_000]);
+    }
+
+    #[test]
+    fn a_window_that_lasts_until_the_end_of_the_major_frame_ends_with_it_and_before_the_next() {
+        let gate = run_asking(&[]);
+        let at = gate.notes.lines.iter().position(|line| line == "open 1 30").unwrap();
+        assert_eq!(gate.notes.lines[at + 1..at + 3], ["close 1", "frame 40"]);
     }
 }

@@ -53,6 +53,24 @@ pub enum Event {
         /// Its words.
         text: String,
     },
+    /// Another schedule was asked for.
+    ScheduleRequested {
+        /// Module time, s.
+        time_s: f64,
+        /// The schedule.
+        schedule: String,
+        /// The partition that asked, or `operator`.
+        by: String,
+    },
+    /// The module has changed to another schedule.
+    ScheduleChanged {
+        /// Module time of the major frame that began with it, s.
+        time_s: f64,
+        /// The schedule.
+        schedule: String,
+        /// The one before.
+        before: String,
+    },
     /// The run is over.
     Stopped {
         /// Why.
@@ -63,6 +81,12 @@ pub enum Event {
         windows: u64,
         /// Windows that the dispatcher started late.
         late_windows: u64,
+        /// Switches, starts and ends of windows, that the dispatcher reached late.
+        #[serde(default)]
+        late_switches: u64,
+        /// Windows that were lost because the dispatcher came later than they last.
+        #[serde(default)]
+        lost_windows: u64,
         /// Windows that were not closed in time.
         window_overruns: u64,
         /// Windows whose record was lost because the log could not keep up.

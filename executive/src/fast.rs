@@ -6,11 +6,11 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use std::sync::Arc;
 
-use crate::dispatcher::{Gate, Occurrence, Pace};
-use crate::health::log::WindowRecord;
+use crate::dispatcher::{Ending, Gate, Meanwhile, Occurrence, Pace};
+use crate::health::log::{Missed, WindowRecord};
 use crate::monitor::Monitor;
 use crate::plan::TimelineWindow;
-use crate::slot::{Readiness, Slot};
+use crate::slot::{Grant, Readiness, Slot};
 use crate::system::time::now_ns;
 
 /// Real time after which a window that is not closed counts as overrun. Longer than a partition may wait for its device
@@ -29,7 +29,7 @@ pub type Records = Rc<RefCell<VecDeque<WindowRecord>>>;
 pub struct VirtualPace;
 
 impl Pace for VirtualPace {
-    fn reach(&mut self, _: u64, _: &mut dyn FnMut() -> bool, _: &mut dyn FnMut()) -> u64 {
+    fn reach(&mut self, _: u64, _: &mut dyn Meanwhile) -> u64 {
         0
     }
 }
@@ -98,16 +98,22 @@ impl Gate for VirtualGate<'_> {
             self.monitor.await_successor(partition, occurrence.start_ns);
         }
         if slot.readiness() == Readiness::Ready && occurrence.start_ns >= slot.not_before_ns() {
-            slot.grant(occurrence.start_ns, occurrence.end_ns, occurrence.minor_frames, now_ns());
+            slot.grant(&Grant::of(occurrence), now_ns());
             self.granted = true;
             self.settle(partition, &slot);
         }
     }
 
-    fn close(&mut self, occurrence: &Occurrence) {
+    fn close(&mut self, occurrence: &Occurrence, ending: Ending) {
         let partition = occurrence.window.partition.index();
-        let mut record =
-            WindowRecord { occurrence: *occurrence, granted_ns: None, opened_ns: None, closed_ns: None };
+        let mut record = WindowRecord {
+            occurrence: *occurrence,
+            ending,
+            missed: (!self.granted).then_some(Missed::NoPartition),
+            granted_ns: None,
+            opened_ns: None,
+            closed_ns: None,
+        };
         if self.granted
             && let Some(slot) = &self.slots[partition]
         {

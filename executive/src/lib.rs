@@ -4,6 +4,7 @@
 //! health and starting them again. It must never block on a partition: whatever a partition does or fails to do, the
 //! next window starts at its instant.
 
+pub mod agenda;
 pub mod dispatcher;
 pub mod doctor;
 pub mod event;

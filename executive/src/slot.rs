@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, AtomicU64};
 use bateleur_contract::{ControlPage, Mapped};
 use rustix::thread::futex;
 
+use crate::dispatcher::Occurrence;
 use crate::system::cgroup::Freezer;
 use crate::system::sched;
 use crate::system::time::now_ns;
@@ -30,6 +31,32 @@ pub struct Use {
     pub opened_ns: Option<u64>,
     /// When it closed it; none: it had not when the window ended.
     pub closed_ns: Option<u64>,
+}
+
+/// What a partition is told with a window.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Grant {
+    /// Its start, module time, ns.
+    pub start_ns: u64,
+    /// Its end, module time, ns; 0: no window, but the last call before frame 0.
+    pub end_ns: u64,
+    /// Minor frames since module time 0.
+    pub minor_frames: u64,
+    /// The length of a minor frame, ns.
+    pub minor_frame_ns: u64,
+}
+
+impl Grant {
+    /// The grant of a window.
+    #[must_use]
+    pub fn of(occurrence: &Occurrence) -> Self {
+        Self {
+            start_ns: occurrence.start_ns,
+            end_ns: occurrence.end_ns,
+            minor_frames: occurrence.minor_frames,
+            minor_frame_ns: occurrence.minor_frame_ns,
+        }
+    }
 }
 
 /// See the module's head.
@@ -144,13 +171,14 @@ impl Slot {
         }
     }
 
-    /// Grants a window from `start_ns` to `end_ns` of module time.
-    pub fn grant(&self, start_ns: u64, end_ns: u64, minor_frames: u64, now_ns: u64) {
+    /// Grants a window.
+    pub fn grant(&self, grant: &Grant, now_ns: u64) {
         self.thaw();
-        self.page.now_ns.store(start_ns, Relaxed);
-        self.page.window_start_ns.store(start_ns, Relaxed);
-        self.page.window_end_ns.store(end_ns, Relaxed);
-        self.page.minor_frames.store(minor_frames, Relaxed);
+        self.page.now_ns.store(grant.start_ns, Relaxed);
+        self.page.window_start_ns.store(grant.start_ns, Relaxed);
+        self.page.window_end_ns.store(grant.end_ns, Relaxed);
+        self.page.minor_frames.store(grant.minor_frames, Relaxed);
+        self.page.minor_frame_ns.store(grant.minor_frame_ns, Relaxed);
         self.granted_ns.store(now_ns, Relaxed);
         let number = self.granted.load(Relaxed).wrapping_add(1);
         self.granted.store(number, Relaxed);
@@ -234,6 +262,8 @@ mod tests {
         Slot::new(Mapped::new(file).unwrap(), None, false, None)
     }
 
+    const WINDOW: Grant = Grant { start_ns: 0, end_ns: 1, minor_frames: 0, minor_frame_ns: 1 };
+
     fn close(slot: &Slot, opened_ns: u64, closed_ns: u64) {
         slot.page.opened_ns.store(opened_ns, Relaxed);
         slot.page.closed_ns.store(closed_ns, Relaxed);
@@ -243,18 +273,18 @@ mod tests {
     #[test]
     fn a_window_is_done_when_this_very_grant_was_used_up() {
         let slot = slot();
-        slot.grant(0, 1, 0, now_ns());
+        slot.grant(&WINDOW, now_ns());
         assert!(!slot.is_done());
         close(&slot, now_ns(), now_ns());
         assert!(slot.is_done() && slot.usage().closed_ns.is_some());
-        slot.grant(1, 2, 0, now_ns());
+        slot.grant(&WINDOW, now_ns());
         assert!(!slot.is_done());
     }
 
     #[test]
     fn a_partition_that_writes_over_its_grant_does_not_close_its_window() {
         let slot = slot();
-        slot.grant(0, 1, 0, now_ns());
+        slot.grant(&WINDOW, now_ns());
         slot.page.grant.store(77, Release);
         slot.page.done.store(77, Release);
         assert!(!slot.is_done());
@@ -264,7 +294,7 @@ mod tests {
     fn stamps_before_the_grant_or_in_the_future_are_not_believed() {
         let slot = slot();
         let granted_ns = now_ns();
-        slot.grant(0, 1, 0, granted_ns);
+        slot.grant(&WINDOW, granted_ns);
         close(&slot, granted_ns - 1, now_ns() + 1_000_000_000_000);
         assert_eq!(slot.usage(), Use { opened_ns: None, closed_ns: None });
     }
@@ -272,7 +302,7 @@ mod tests {
     #[test]
     fn a_successor_is_not_taken_for_one_that_owes_a_window() {
         let slot = slot();
-        slot.grant(0, 1, 0, now_ns());
+        slot.grant(&WINDOW, now_ns());
         slot.take_in();
         assert!(slot.is_done());
         slot.fence(true); // no process: nobody is stopped, not even the caller
@@ -282,7 +312,7 @@ mod tests {
     fn a_count_of_grants_that_wraps_around_goes_on() {
         let slot = slot();
         slot.granted.store(u32::MAX, Relaxed);
-        slot.grant(0, 1, 0, now_ns());
+        slot.grant(&WINDOW, now_ns());
         assert_eq!(slot.page.grant.load(Acquire), 0);
         close(&slot, now_ns(), now_ns());
         assert!(slot.is_done());

@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use rtrb::Producer;
 
-use crate::dispatcher::{Gate, Occurrence, Pace};
-use crate::health::log::WindowRecord;
+use crate::dispatcher::{Ending, Gate, Meanwhile, Occurrence, Pace};
+use crate::health::log::{Missed, WindowRecord};
 use crate::plan::TimelineWindow;
-use crate::slot::{Readiness, Slot};
+use crate::slot::{Grant, Readiness, Slot};
 use crate::system::time::{now_ns, sleep_until_ns, spin_until_ns};
 
 /// How early the dispatcher wakes when the processor is free, ns. Longer than nearly every wake-up is late (p99.9 of a
@@ -29,11 +29,11 @@ impl WallPace {
 }
 
 impl Pace for WallPace {
-    fn reach(&mut self, instant_ns: u64, slack: &mut dyn FnMut() -> bool, prepare: &mut dyn FnMut()) -> u64 {
+    fn reach(&mut self, instant_ns: u64, meanwhile: &mut dyn Meanwhile) -> u64 {
         let target_ns = self.origin_ns + instant_ns;
         sleep_until_ns(target_ns - EARLY_NS);
-        if slack() {
-            prepare();
+        if meanwhile.has_slack() {
+            meanwhile.prepare();
             spin_until_ns(target_ns);
         } else {
             sleep_until_ns(target_ns);
@@ -47,8 +47,8 @@ pub struct WallGate {
     slots: Vec<Option<Arc<Slot>>>,
     origin_ns: u64,
     records: Producer<WindowRecord>,
-    /// Module time at which the open window was granted.
-    granted_ns: Option<u64>,
+    /// Module time at which the open window was granted, or why it was not.
+    granted: Result<u64, Missed>,
     lost: Arc<std::sync::atomic::AtomicU64>,
 }
 
@@ -61,7 +61,18 @@ impl WallGate {
         records: Producer<WindowRecord>,
         lost: Arc<std::sync::atomic::AtomicU64>,
     ) -> Self {
-        Self { slots, origin_ns, records, granted_ns: None, lost }
+        Self { slots, origin_ns, records, granted: Err(Missed::NoPartition), lost }
+    }
+
+    fn try_open(&self, occurrence: &Occurrence) -> Result<u64, Missed> {
+        let slot = self.slot(&occurrence.window).ok_or(Missed::NoPartition)?;
+        // The dispatcher was held up for longer than the window lasts: the window is lost and says so.
+        if occurrence.late_ns >= occurrence.window.duration_ns() {
+            return Err(Missed::TooLate);
+        }
+        let now = now_ns();
+        slot.grant(&Grant::of(occurrence), now);
+        Ok(now.saturating_sub(self.origin_ns))
     }
 
     fn slot(&self, window: &TimelineWindow) -> Option<&Slot> {
@@ -85,20 +96,12 @@ impl Gate for WallGate {
     }
 
     fn open(&mut self, occurrence: &Occurrence) {
-        self.granted_ns = None;
-        // The dispatcher was held up for longer than the window lasts: the window is lost and says so.
-        if occurrence.late_ns >= occurrence.window.duration_ns() {
-            return;
-        }
-        let now = now_ns();
-        if let Some(slot) = self.slot(&occurrence.window) {
-            slot.grant(occurrence.start_ns, occurrence.end_ns, occurrence.minor_frames, now);
-            self.granted_ns = Some(now.saturating_sub(self.origin_ns));
-        }
+        self.granted = self.try_open(occurrence);
     }
 
-    fn close(&mut self, occurrence: &Occurrence) {
-        let granted_ns = self.granted_ns.take();
+    fn close(&mut self, occurrence: &Occurrence, ending: Ending) {
+        let granted = std::mem::replace(&mut self.granted, Err(Missed::NoPartition));
+        let granted_ns = granted.ok();
         let slot = self.slots[occurrence.window.partition.index()].as_deref();
         let usage = granted_ns.and(slot).map(Slot::usage);
         if let Some(slot) = slot {
@@ -108,6 +111,8 @@ impl Gate for WallGate {
         let module = |stamp: Option<u64>| stamp.map(|stamp| stamp.saturating_sub(self.origin_ns));
         let record = WindowRecord {
             occurrence: *occurrence,
+            ending,
+            missed: granted.err(),
             granted_ns,
             opened_ns: module(usage.and_then(|usage| usage.opened_ns)),
             closed_ns: module(usage.and_then(|usage| usage.closed_ns)),

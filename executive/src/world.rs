@@ -45,6 +45,24 @@ impl Killing {
     }
 }
 
+/// Schedules to ask for, in the order of time.
+#[derive(Debug, Default)]
+pub struct Changing(Vec<(String, u64)>);
+
+impl Changing {
+    /// By name and module time, ns. Names that are not in the plan were refused before.
+    #[must_use]
+    pub fn of(changes: &[(String, u64)]) -> Self {
+        let mut list = changes.to_vec();
+        list.sort_by_key(|(_, at)| std::cmp::Reverse(*at));
+        Self(list)
+    }
+
+    fn due(&mut self, module_ns: u64) -> Option<String> {
+        self.0.pop_if(|(_, at)| *at <= module_ns).map(|(name, _)| name)
+    }
+}
+
 /// The other end of the virtual clock's handshake: told the time and the bytes that were sent to it, answers with the
 /// bytes that it has sent and whether the run shall end.
 #[derive(Debug)]
@@ -131,6 +149,7 @@ impl Recorder {
 /// See the module's head.
 pub struct Surroundings {
     kills: Killing,
+    changes: Changing,
     until_ns: Option<u64>,
     stop: Arc<AtomicBool>,
     recorder: Option<Recorder>,
@@ -146,6 +165,7 @@ impl Surroundings {
     #[must_use]
     pub fn new(
         kills: Killing,
+        changes: Changing,
         until_ns: Option<u64>,
         stop: Arc<AtomicBool>,
         recorder: Option<Recorder>,
@@ -154,6 +174,7 @@ impl Surroundings {
     ) -> Self {
         Self {
             kills,
+            changes,
             until_ns,
             stop,
             recorder,
@@ -210,6 +231,9 @@ impl World for Surroundings {
         self.module_ns = module_ns;
         while let Some(partition) = self.kills.due(module_ns) {
             monitor.kill(partition, module_ns);
+        }
+        while let Some(schedule) = self.changes.due(module_ns) {
+            let _ = monitor.request_schedule(&schedule, module_ns); // the names were looked up before frame 0
         }
         if module_ns >= self.next_exchange_ns {
             self.next_exchange_ns = module_ns + EXCHANGE_NS;

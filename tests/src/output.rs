@@ -36,6 +36,12 @@ pub struct Window {
     pub closed_ns: Option<u64>,
     /// The dispatcher itself came late.
     pub late: bool,
+    /// Its flags, letters of docs/src/time.md.
+    pub flags: String,
+    /// What was left of it when it was closed, ns.
+    pub slack_ns: Option<u64>,
+    /// The schedule that it belongs to.
+    pub schedule: String,
 }
 
 impl Window {
@@ -73,14 +79,14 @@ pub(crate) fn windows(folder: &Path) -> Vec<Window> {
     let heading = lines.next().expect("a heading");
     assert_eq!(
         heading,
-        "frame,minor,core,partition,planned_start_ns,planned_end_ns,granted_ns,opened_ns,closed_ns,flags"
+        "frame,minor,core,partition,planned_start_ns,planned_end_ns,granted_ns,opened_ns,closed_ns,flags,slack_ns,schedule"
     );
     lines.map(window).collect()
 }
 
 fn window(line: &str) -> Window {
     let fields: Vec<&str> = line.split(',').collect();
-    assert_eq!(fields.len(), 10, "{line}");
+    assert_eq!(fields.len(), 12, "{line}");
     Window {
         partition: fields[3].to_owned(),
         planned_start_ns: fields[4].parse().unwrap(),
@@ -88,6 +94,9 @@ fn window(line: &str) -> Window {
         granted_ns: fields[6].parse().ok(),
         closed_ns: fields[8].parse().ok(),
         late: fields[9].contains('L'),
+        flags: fields[9].to_owned(),
+        slack_ns: fields[10].parse().ok(),
+        schedule: fields[11].to_owned(),
     }
 }
 

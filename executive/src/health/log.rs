@@ -6,7 +6,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::dispatcher::{LATE_NS, Occurrence};
+use crate::dispatcher::{Ending, LATE_NS, Occurrence};
 
 /// One fault, from its detection to the successor's first window.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -50,6 +50,10 @@ impl HealthLog {
 pub struct WindowRecord {
     /// The window.
     pub occurrence: Occurrence,
+    /// How the dispatcher came to its end.
+    pub ending: Ending,
+    /// Why it was not granted; none: it was.
+    pub missed: Option<Missed>,
     /// When it was granted, module time, ns; none: it was not.
     pub granted_ns: Option<u64>,
     /// When the partition took it.
@@ -58,11 +62,37 @@ pub struct WindowRecord {
     pub closed_ns: Option<u64>,
 }
 
+/// Why a window was not granted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Missed {
+    /// No partition was there to run.
+    NoPartition,
+    /// The dispatcher was held up for longer than the window lasts.
+    TooLate,
+}
+
+impl Missed {
+    /// The letter that stands in the window log.
+    #[must_use]
+    pub fn letter(self) -> char {
+        match self {
+            Self::NoPartition => 'S',
+            Self::TooLate => 'M',
+        }
+    }
+}
+
 impl WindowRecord {
-    /// The dispatcher itself came late.
+    /// The dispatcher itself came late to its start.
     #[must_use]
     pub fn is_late(&self) -> bool {
         self.occurrence.late_ns > LATE_NS
+    }
+
+    /// Switches that the dispatcher came late to, for this window: its start, and its end where that is a switch of its own.
+    #[must_use]
+    pub fn late_switches(&self) -> u64 {
+        u64::from(self.is_late()) + u64::from(!self.ending.shared && self.ending.late_ns > LATE_NS)
     }
 
     /// Granted, but not closed when it ended.
@@ -71,9 +101,16 @@ impl WindowRecord {
         self.granted_ns.is_some() && self.closed_ns.is_none()
     }
 
+    /// What the partition left of its window, ns; none: it was not granted, or not closed.
+    #[must_use]
+    pub fn slack_ns(&self) -> Option<u64> {
+        Some(self.occurrence.end_ns.saturating_sub(self.closed_ns?))
+    }
+
     fn flags(&self) -> String {
-        let flags = [('L', self.is_late()), ('O', self.is_overrun()), ('S', self.granted_ns.is_none())];
-        flags.iter().filter(|(_, set)| *set).map(|(letter, _)| letter).collect()
+        let flags = [(self.is_late(), 'L'), (self.is_overrun(), 'O')];
+        let flags = flags.into_iter().filter_map(|(set, letter)| set.then_some(letter));
+        flags.chain(self.missed.map(Missed::letter)).collect()
     }
 }
 
@@ -87,18 +124,18 @@ impl WindowLog {
         let mut file = BufWriter::with_capacity(1 << 16, File::create(path)?);
         writeln!(
             file,
-            "frame,minor,core,partition,planned_start_ns,planned_end_ns,granted_ns,opened_ns,closed_ns,flags"
+            "frame,minor,core,partition,planned_start_ns,planned_end_ns,granted_ns,opened_ns,closed_ns,flags,slack_ns,schedule"
         )?;
         Ok(Self(file))
     }
 
-    /// Appends a record of the partition called `name`.
-    pub fn write(&mut self, record: &WindowRecord, name: &str) -> io::Result<()> {
+    /// Appends a record of the partition called `name`, in the schedule of that name.
+    pub fn write(&mut self, record: &WindowRecord, name: &str, schedule: &str) -> io::Result<()> {
         let at = &record.occurrence;
         let number = |value: Option<u64>| value.map_or_else(String::new, |value| value.to_string());
         writeln!(
             self.0,
-            "{},{},{},{name},{},{},{},{},{},{}",
+            "{},{},{},{name},{},{},{},{},{},{},{},{schedule}",
             at.major_frame,
             at.window.minor,
             at.core,
@@ -107,7 +144,8 @@ impl WindowLog {
             number(record.granted_ns),
             number(record.opened_ns),
             number(record.closed_ns),
-            record.flags()
+            record.flags(),
+            number(record.slack_ns())
         )
     }
 

@@ -5,11 +5,13 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::JoinHandle;
 
 use bateleur_contract::Clock;
 use rtrb::{Consumer, RingBuffer};
 
 use super::{Options, Outcome, RunError, machine};
+use crate::agenda::Agenda;
 use crate::dispatcher::Dispatcher;
 use crate::event::Event;
 use crate::fast::{Records, VirtualGate, VirtualPace};
@@ -18,14 +20,17 @@ use crate::machine::Machine;
 use crate::monitor::{Equipment, Monitor, StartJanitor};
 use crate::partition::Cage;
 use crate::plan::{ModuleView, Plan, Timeline};
-use crate::slot::Slot;
+use crate::slot::{Grant, Slot};
 use crate::system::sched;
 use crate::system::time::now_ns;
 use crate::wall::{WallGate, WallPace};
-use crate::world::{Killing, Recorder, Surroundings};
+use crate::world::{Changing, Killing, Recorder, Surroundings};
 
 /// Real time from "ready" to module time 0: long enough for every dispatcher thread to be in its sleep.
 const LEAD_NS: u64 = 20_000_000;
+/// Why a module ends whose dispatcher has ended by itself.
+const LOST_CORE: &str =
+    "a dispatcher was held up for longer than the schedules of the major frames are remembered";
 /// Window records that wait for the monitor: two seconds of a busy core.
 const RECORDS: usize = 4096;
 /// How often the monitor looks on the wall clock, ns. A death wakes it at once.
@@ -41,11 +46,14 @@ pub(super) fn conduct(
     mut recorder: Option<Recorder>,
     start_janitor: StartJanitor,
 ) -> Result<Outcome, RunError> {
-    let timeline = Timeline::of(plan, view.id(), plan.initial_schedule());
+    let timelines = Timeline::all(plan, view.id());
+    let initial = plan.initial_schedule();
+    let agenda = Arc::new(Agenda::new(initial.index()));
     let (records, lost) = (Records::default(), Arc::new(AtomicU64::new(0)));
     let rings: Rc<RefCell<Vec<Consumer<WindowRecord>>>> = Rc::default();
     let mut monitor = Monitor::start(Equipment {
         plan: plan.clone(),
+        agenda: agenda.clone(),
         clock: options.clock,
         cages,
         start_janitor,
@@ -62,12 +70,14 @@ pub(super) fn conduct(
         return Err(RunError::Start(reason));
     }
     let slots = monitor.slots();
-    connect(&slots, timeline.minor_frame_ns, options.clock);
+    connect(&slots, plan[initial].minor_frame_ns, options.clock);
     monitor.events().tell(&Event::Ready { partitions: slots.iter().flatten().count() });
     let kills = Killing::of(plan, &options.kills);
+    let changes = Changing::of(&options.schedule_changes);
     let line_slot = line_partition(view).and_then(|place| slots[place].clone());
     let mut surroundings = Surroundings::new(
         kills,
+        changes,
         options.until_ns,
         options.stop.clone(),
         recorder.take(),
@@ -75,8 +85,8 @@ pub(super) fn conduct(
         line_slot,
     );
     let module_ns = match options.clock {
-        Clock::Virtual => run_virtual(&timeline, &mut monitor, &mut surroundings, records, facts),
-        Clock::Wall => run_wall(&timeline, &mut monitor, &mut surroundings, &rings, &lost, facts)?,
+        Clock::Virtual => run_virtual(&timelines, agenda, &mut monitor, &mut surroundings, records, facts),
+        Clock::Wall => run_wall(&timelines, &agenda, &mut monitor, &mut surroundings, &rings, &lost, facts)?,
     };
     let reason = surroundings.reason(monitor.stop_asked());
     monitor.finish(module_ns);
@@ -87,6 +97,8 @@ pub(super) fn conduct(
         module_time_s: module_ns as f64 / 1e9,
         windows: totals.windows,
         late_windows: totals.late,
+        late_switches: totals.late_switches,
+        lost_windows: totals.lost,
         window_overruns: totals.overruns,
         lost_records: lost.load(Ordering::Relaxed),
     });
@@ -114,8 +126,7 @@ fn line_partition(view: &ModuleView<'_>) -> Option<usize> {
 fn connect(slots: &[Option<Arc<Slot>>], minor_frame_ns: u64, clock: Clock) {
     for slot in slots.iter().flatten() {
         slot.page.clock.store(u32::from(clock == Clock::Virtual), Ordering::Relaxed);
-        slot.page.minor_frame_ns.store(minor_frame_ns, Ordering::Relaxed);
-        slot.grant(0, 0, 0, now_ns());
+        slot.grant(&Grant { minor_frame_ns, ..Grant::default() }, now_ns());
         let begun_ns = now_ns();
         while !slot.is_done() && now_ns() - begun_ns < 100_000_000 {
             slot.await_change(1_000_000);
@@ -124,7 +135,8 @@ fn connect(slots: &[Option<Arc<Slot>>], minor_frame_ns: u64, clock: Clock) {
 }
 
 fn run_virtual(
-    timeline: &Timeline,
+    timelines: &[Timeline],
+    agenda: Arc<Agenda>,
     monitor: &mut Monitor,
     surroundings: &mut Surroundings,
     records: Records,
@@ -133,12 +145,13 @@ fn run_virtual(
     // On the partitions' own core a grant is a switch, not an interrupt to another processor.
     let _ = sched::bind(0, &facts.partitioned_cores()); // slower otherwise, nothing else
     let mut gate = VirtualGate::new(monitor, surroundings, records);
-    Dispatcher::new(timeline, |_| true).run(&mut VirtualPace, &mut gate, &|| false);
+    Dispatcher::new(timelines, agenda, true, |_| true).run(&mut VirtualPace, &mut gate, &|| false);
     surroundings.module_ns()
 }
 
 fn run_wall(
-    timeline: &Timeline,
+    timelines: &[Timeline],
+    agenda: &Arc<Agenda>,
     monitor: &mut Monitor,
     surroundings: &mut Surroundings,
     rings: &Rc<RefCell<Vec<Consumer<WindowRecord>>>>,
@@ -150,11 +163,11 @@ fn run_wall(
     slots.iter().flatten().for_each(|slot| slot.page.origin_ns.store(origin_ns, Ordering::Release));
     let stop = Arc::new(AtomicBool::new(false));
     let mut threads = Vec::new();
-    for line in &timeline.cores {
+    for line in timelines.first().into_iter().flat_map(|timeline| &timeline.cores) {
         let (producer, consumer) = RingBuffer::new(RECORDS);
         rings.borrow_mut().push(consumer);
         let gate = WallGate::new(slots.clone(), origin_ns, producer, lost.clone());
-        let dispatcher = Dispatcher::new(timeline, |core| core == line.core);
+        let dispatcher = Dispatcher::new(timelines, agenda.clone(), false, |core| core == line.core);
         let (core, real_time, stop) = (facts.real_core(line.core), facts.real_time, stop.clone());
         let thread = std::thread::Builder::new()
             .name(format!("dispatch {}", line.core))
@@ -162,14 +175,17 @@ fn run_wall(
             .map_err(machine("cannot start a dispatcher thread"))?;
         threads.push(thread);
     }
-    let minor_frame_ns = timeline.minor_frame_ns;
     let mut next_minor_ns = 0;
     loop {
         monitor.pause(MONITOR_PERIOD_NS);
         let module_ns = now_ns().saturating_sub(origin_ns);
         monitor.step(module_ns);
+        if threads.iter().any(JoinHandle::is_finished) {
+            monitor.ask_to_stop(LOST_CORE);
+            break;
+        }
         if module_ns >= next_minor_ns {
-            next_minor_ns = (module_ns / minor_frame_ns + 1) * minor_frame_ns;
+            next_minor_ns = following_minor_frame(timelines, agenda, module_ns);
             if !crate::fast::World::minor_frame(surroundings, module_ns, monitor)
                 || monitor.stop_asked().is_some()
             {
@@ -182,6 +198,13 @@ fn run_wall(
         let _ = thread.join(); // a panic there was printed; the module ends either way
     }
     Ok(now_ns().saturating_sub(origin_ns))
+}
+
+/// The next minor frame of the schedule that runs: when the world is asked again.
+fn following_minor_frame(timelines: &[Timeline], agenda: &Agenda, module_ns: u64) -> u64 {
+    let minor_frame_ns = timelines[agenda.current()].minor_frame_ns;
+    let since_ns = agenda.changed_ns();
+    since_ns + (module_ns.saturating_sub(since_ns) / minor_frame_ns + 1) * minor_frame_ns
 }
 
 /// A dispatcher thread's life.

@@ -33,6 +33,8 @@ pub struct Options {
     pub overrides: BTreeMap<String, BTreeMap<String, serde_json::Value>>,
     /// Partitions to kill, with the module time, ns.
     pub kills: Vec<(String, u64)>,
+    /// Schedules to change to, with the module time at which they are asked for, ns.
+    pub schedule_changes: Vec<(String, u64)>,
     /// End at this module time, ns.
     pub until_ns: Option<u64>,
     /// Refuse to start where a promise does not hold.
@@ -65,6 +67,14 @@ pub enum RunError {
         name: String,
         /// The module.
         module: String,
+        /// What there is.
+        known: String,
+    },
+    /// A schedule that is not in the plan.
+    #[error("the plan has no schedule \"{name}\"; it has {known}")]
+    NoSchedule {
+        /// What was asked for.
+        name: String,
         /// What there is.
         known: String,
     },
@@ -111,6 +121,7 @@ pub fn run(plan: Plan, mut options: Options) -> Result<Outcome, RunError> {
     let plan = Arc::new(plan);
     let view = module_of(&plan, &options.module)?;
     check_names(&view, &options)?;
+    check_schedules(&plan, &options)?;
     let programs = find_programs(&view, &options.plan_folder)?;
     clean_leftovers();
     let machine_facts = Machine::examine(&view, options.clock);
@@ -147,6 +158,21 @@ fn check_names(view: &ModuleView<'_>, options: &Options) -> Result<(), RunError>
             name: name.clone(),
             module: options.module.clone(),
             known: names.join(", "),
+        }),
+    }
+}
+
+fn check_schedules(plan: &Plan, options: &Options) -> Result<(), RunError> {
+    match options.schedule_changes.iter().find(|(name, _)| plan.schedule(name).is_none()) {
+        None => Ok(()),
+        Some((name, _)) => Err(RunError::NoSchedule {
+            name: name.clone(),
+            known: plan
+                .schedules
+                .iter()
+                .map(|schedule| schedule.name.as_str())
+                .collect::<Vec<_>>()
+                .join(", "),
         }),
     }
 }

@@ -16,9 +16,10 @@ use std::sync::atomic::Ordering::Acquire;
 
 use bateleur_contract::{Clock, ReportKind, StartCondition, exit};
 
+use crate::agenda::{Agenda, Requested};
 use crate::event::{Event, Events};
 use crate::health::decision::{Decision, decide, error_of};
-use crate::health::log::{Fault, HealthLog, WindowLog, WindowRecord};
+use crate::health::log::{Fault, HealthLog, Missed, WindowLog, WindowRecord};
 use crate::partition::{Cage, await_any_end, ended, is_readable};
 use crate::plan::{Closed, ModuleAction, ModuleError, PartitionError, Plan};
 use crate::slot::{Readiness, Slot};
@@ -45,13 +46,30 @@ pub struct Totals {
     pub windows: u64,
     /// Windows whose start the dispatcher reached late.
     pub late: u64,
+    /// Switches, starts and ends, that the dispatcher reached late.
+    pub late_switches: u64,
+    /// Windows that were lost because it came later than they last.
+    pub lost: u64,
     /// Windows granted and not closed in time.
     pub overruns: u64,
+}
+
+/// A schedule that the plan does not have.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("the plan has no schedule \"{name}\"; it has {known}")]
+pub struct UnknownSchedule {
+    /// What was asked for.
+    pub name: String,
+    /// What there is.
+    pub known: String,
 }
 
 /// See the module's head.
 pub struct Monitor {
     plan: Arc<Plan>,
+    agenda: Arc<Agenda>,
+    /// The schedule that was told last.
+    told_schedule: usize,
     clock: Clock,
     watched: Vec<Watched>,
     /// From a partition's place in the plan to its place here.
@@ -76,6 +94,8 @@ const COUNT_NS: u64 = 100_000_000;
 pub struct Equipment {
     /// The plan.
     pub plan: Arc<Plan>,
+    /// Which schedule runs.
+    pub agenda: Arc<Agenda>,
     /// The clock.
     pub clock: Clock,
     /// The partitions of the module.
@@ -98,8 +118,17 @@ impl Monitor {
     /// # Errors
     /// A program that could not be started, with its partition.
     pub fn start(equipment: Equipment) -> Result<Self, String> {
-        let Equipment { plan, clock, cages, start_janitor, take_record, window_log, health_log, events } =
-            equipment;
+        let Equipment {
+            plan,
+            agenda,
+            clock,
+            cages,
+            start_janitor,
+            take_record,
+            window_log,
+            health_log,
+            events,
+        } = equipment;
         let mut places = vec![None; plan.partitions.len()];
         let mut watched = Vec::new();
         for cage in cages {
@@ -110,7 +139,9 @@ impl Monitor {
             watched.push(Watched::new(cage, process));
         }
         Ok(Self {
+            told_schedule: agenda.current(),
             plan,
+            agenda,
             clock,
             watched,
             places,
@@ -155,6 +186,7 @@ impl Monitor {
     /// Looks at everything once. `module_ns`: the time of what is found.
     pub fn step(&mut self, module_ns: u64) {
         self.take_records(module_ns);
+        self.tell_schedule();
         for place in 0..self.watched.len() {
             self.take_reports(place, module_ns);
             self.look_at_process(place, module_ns);
@@ -186,6 +218,45 @@ impl Monitor {
             await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
             self.look_at_process(place, module_ns);
         }
+    }
+
+    /// Asks for the schedule of that name, from the next major frame on. The last request wins.
+    ///
+    /// # Errors
+    /// The plan has no such schedule.
+    pub fn request_schedule(&mut self, name: &str, module_ns: u64) -> Result<Requested, UnknownSchedule> {
+        let Some(schedule) = self.plan.schedule(name) else {
+            let known = self.plan.schedules.iter().map(|schedule| schedule.name.as_str());
+            return Err(UnknownSchedule { name: name.into(), known: known.collect::<Vec<_>>().join(", ") });
+        };
+        let requested = self.agenda.request(schedule.index());
+        if requested == Requested::Pending {
+            self.events.tell(&Event::ScheduleRequested {
+                time_s: seconds(module_ns),
+                schedule: name.into(),
+                by: "operator".into(),
+            });
+        }
+        Ok(requested)
+    }
+
+    /// Tells about a change of schedule that has taken effect.
+    fn tell_schedule(&mut self) {
+        let current = self.agenda.current();
+        if current == self.told_schedule {
+            return;
+        }
+        let before = std::mem::replace(&mut self.told_schedule, current);
+        self.events.tell(&Event::ScheduleChanged {
+            time_s: seconds(self.agenda.changed_ns()),
+            schedule: self.plan.schedules[current].name.clone(),
+            before: self.plan.schedules[before].name.clone(),
+        });
+    }
+
+    /// The module shall stop.
+    pub fn ask_to_stop(&mut self, reason: &str) {
+        self.stop_asked.get_or_insert_with(|| reason.into());
     }
 
     /// Waits until the partition runs again or is given up (the virtual clock, at its first window after a restart).
@@ -256,9 +327,12 @@ impl Monitor {
         while let Some(record) = (self.take_record)() {
             let Some(place) = self.places[record.occurrence.window.partition.index()] else { continue };
             let name = &self.watched[place].cage.name;
-            let _ = self.window_log.write(&record, name); // a full disk must not stop the aircraft
+            let schedule = &self.plan.schedules[record.occurrence.reign.schedule].name;
+            let _ = self.window_log.write(&record, name, schedule); // a full disk must not stop the aircraft
             self.totals.windows += u64::from(record.granted_ns.is_some());
             self.totals.late += u64::from(record.is_late());
+            self.totals.late_switches += record.late_switches();
+            self.totals.lost += u64::from(record.missed == Some(Missed::TooLate));
             self.totals.overruns += u64::from(record.is_overrun());
             self.judge_window(place, &record, module_ns);
         }

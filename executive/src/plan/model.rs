@@ -405,6 +405,11 @@ impl Plan {
         format!("{}.{}", self[self[id].partition].name, self[id].name)
     }
 
+    /// Every schedule's place in the plan.
+    pub fn schedule_ids(&self) -> impl Iterator<Item = ScheduleId> + use<> {
+        (0..self.schedules.len()).map(ScheduleId)
+    }
+
     /// Every partition with its place in the plan.
     pub fn partition_ids(&self) -> impl Iterator<Item = PartitionId> + use<> {
         (0..self.partitions.len()).map(PartitionId)

@@ -65,6 +65,12 @@ impl Timeline {
         }
     }
 
+    /// Those of all schedules, in the order of the plan.
+    #[must_use]
+    pub fn all(plan: &Plan, module: ModuleId) -> Vec<Self> {
+        plan.schedule_ids().map(|schedule| Self::of(plan, module, schedule)).collect()
+    }
+
     /// The time since the origin of frame 0 at which `from_frame_start_ns` of the given major frame is reached.
     #[must_use]
     pub fn instant_ns(&self, major_frame: u64, from_frame_start_ns: u64) -> u64 {

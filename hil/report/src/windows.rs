@@ -1,6 +1,7 @@
 //! `windows.csv`: when each window was planned, granted, opened and closed.
 //!
-//! One line a window: `frame,minor,core,partition,planned_start_ns,planned_end_ns,granted_ns,opened_ns,closed_ns,flags`.
+//! One line a window: `frame,minor,core,partition,planned_start_ns,planned_end_ns,granted_ns,opened_ns,closed_ns,flags`,
+//! and further cells that are not read here.
 //! Times are ns from the module's origin; one that never came is empty. Under the virtual clock `opened_ns` and
 //! `closed_ns` are stamps of the machine's monotonic clock, so only their differences mean anything.
 
@@ -13,6 +14,9 @@ pub const FILE: &str = "windows.csv";
 /// The first line of the file.
 pub const HEADER: &str =
     "frame,minor,core,partition,planned_start_ns,planned_end_ns,granted_ns,opened_ns,closed_ns,flags";
+
+/// Flags of a window that was not granted.
+const NOT_GRANTED: [char; 4] = ['S', 'M', 'H', 'C'];
 
 /// One window.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -39,7 +43,7 @@ pub struct Window {
     pub late: bool,
     /// The partition had not closed it at its end (`O`).
     pub overrun: bool,
-    /// The partition was not there to run (`S`).
+    /// It was not granted: the partition was not there to run (`S`), or one of the other reasons of "Time" in the book.
     pub skipped: bool,
 }
 
@@ -63,7 +67,8 @@ impl Window {
             skipped: false,
         };
         let flags = cell()?;
-        let [late, overrun, skipped] = ['L', 'O', 'S'].map(|flag| flags.contains(flag));
+        let [late, overrun] = ['L', 'O'].map(|flag| flags.contains(flag));
+        let skipped = flags.contains(NOT_GRANTED);
         Some(Self { late, overrun, skipped, ..window })
     }
 

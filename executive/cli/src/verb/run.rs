@@ -46,6 +46,9 @@ pub(crate) struct Arguments {
     /// Kill a partition at a module time (may be repeated).
     #[arg(long, value_name = "PARTITION@SECONDS", value_parser = parse_kill)]
     pub(crate) kill: Vec<Kill>,
+    /// Ask for another schedule at a module time; it takes effect with the next major frame (may be repeated).
+    #[arg(long, value_name = "NAME@SECONDS", value_parser = parse_schedule_change)]
+    pub(crate) schedule_at: Vec<ScheduleChange>,
     /// Refuse to start where this machine lacks something.
     #[arg(long, value_name = "HOW", value_parser = ["strict"])]
     pub(crate) require: Option<String>,
@@ -78,6 +81,13 @@ pub(crate) struct Kill {
     pub(crate) at_s: f64,
 }
 
+/// One `--schedule-at`.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct ScheduleChange {
+    pub(crate) schedule: String,
+    pub(crate) at_s: f64,
+}
+
 fn parse_setting(text: &str) -> Result<Setting, String> {
     let wrong = || format!("\"{text}\" is not PARTITION.ATTRIBUTE=VALUE, such as controller.laps=3");
     let (name, value) = text.split_once('=').ok_or_else(wrong)?;
@@ -87,14 +97,22 @@ fn parse_setting(text: &str) -> Result<Setting, String> {
 }
 
 pub(crate) fn parse_kill(text: &str) -> Result<Kill, String> {
-    let wrong = || format!("\"{text}\" is not PARTITION@SECONDS, such as estimator@100");
-    let (partition, at) = text.split_once('@').ok_or_else(wrong)?;
-    let at_s: f64 = at.parse().map_err(|_| wrong())?;
-    if at_s.is_finite() && at_s >= 0.0 {
-        Ok(Kill { partition: partition.into(), at_s })
-    } else {
-        Err(wrong())
-    }
+    let (partition, at_s) =
+        name_at(text).ok_or_else(|| format!("\"{text}\" is not PARTITION@SECONDS, such as estimator@100"))?;
+    Ok(Kill { partition, at_s })
+}
+
+pub(crate) fn parse_schedule_change(text: &str) -> Result<ScheduleChange, String> {
+    let (schedule, at_s) =
+        name_at(text).ok_or_else(|| format!("\"{text}\" is not NAME@SECONDS, such as ground@100"))?;
+    Ok(ScheduleChange { schedule, at_s })
+}
+
+/// What happens to whom at a module time, s.
+fn name_at(text: &str) -> Option<(String, f64)> {
+    let (name, at) = text.split_once('@')?;
+    let at_s: f64 = at.parse().ok()?;
+    (at_s.is_finite() && at_s >= 0.0).then(|| (name.to_owned(), at_s))
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
@@ -136,6 +154,8 @@ fn options(arguments: &Arguments, module: String, stop: Arc<AtomicBool>) -> Resu
     }
     let nanoseconds = |seconds: f64| (seconds * 1e9) as u64;
     let kills = arguments.kill.iter().map(|kill| (kill.partition.clone(), nanoseconds(kill.at_s)));
+    let changes =
+        arguments.schedule_at.iter().map(|change| (change.schedule.clone(), nanoseconds(change.at_s)));
     Ok(Options {
         module,
         clock: if arguments.fast { Clock::Virtual } else { Clock::Wall },
@@ -143,6 +163,7 @@ fn options(arguments: &Arguments, module: String, stop: Arc<AtomicBool>) -> Resu
         plan_folder: arguments.schedule.parent().map(Path::to_owned).unwrap_or_default(),
         overrides,
         kills: kills.collect(),
+        schedule_changes: changes.collect(),
         until_ns: arguments.until.map(nanoseconds),
         strict: arguments.require.is_some(),
         record: arguments.record.then(|| arguments.output.join("ports.mcap")),
@@ -220,11 +241,29 @@ fn text_of(event: &Event) -> String {
         Event::Message { time_s, partition, text } => {
             format!("{time_s:9.3} s  {partition}: {}", printable(text))
         }
-        Event::Stopped { reason, module_time_s, windows, late_windows, window_overruns, lost_records } => {
-            let lost = match lost_records {
-                0 => String::new(),
-                lost => format!("\n{lost} window records were lost: the log could not keep up"),
-            };
+        Event::ScheduleRequested { time_s, schedule, by } => {
+            format!("{time_s:9.3} s  {by}: asks for schedule {schedule}")
+        }
+        Event::ScheduleChanged { time_s, schedule, before } => {
+            format!("{time_s:9.3} s  schedule {schedule} after {before}")
+        }
+        Event::Stopped {
+            reason,
+            module_time_s,
+            windows,
+            late_windows,
+            window_overruns,
+            lost_records,
+            lost_windows,
+            ..
+        } => {
+            let mut lost = String::new();
+            if *lost_windows > 0 {
+                lost = format!(", {lost_windows} lost because the dispatcher came too late");
+            }
+            if *lost_records > 0 {
+                lost += &format!("\n{lost_records} window records were lost: the log could not keep up");
+            }
             format!(
                 "stopped after {module_time_s:.2} s: {reason}; {windows} windows, {late_windows} late, {window_overruns} overrun{lost}"
             )

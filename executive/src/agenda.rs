@@ -1,0 +1,205 @@
+//! Which schedule each major frame runs, agreed between the dispatchers of all cores without a lock.
+//!
+//! Whoever asks leaves one word. The first dispatcher that reaches the start of a major frame decides from it what that
+//! frame runs and writes the decision down; every other one, however late it comes, finds it there. So all cores change
+//! together and at the same instant, whatever happens between them. It must never wait for anybody.
+
+use std::sync::atomic::AtomicU64;
+use std::sync::atomic::Ordering::{AcqRel, Acquire, Relaxed};
+
+/// Major frames whose decision is kept: a dispatcher that was held up for longer than all of them can not know what the
+/// others went through. At the shortest sensible major frame (1 ms) that is four seconds.
+const HISTORY: usize = 4096;
+/// A cell that holds no decision yet.
+const EMPTY: u64 = u64::MAX;
+/// Bits of a word that name the schedule; the others count.
+const SCHEDULE_BITS: u32 = 16;
+
+/// See the module's head.
+#[derive(Debug)]
+pub struct Agenda {
+    /// The decision about each of the last major frames: its number and its schedule.
+    decisions: Box<[AtomicU64]>,
+    /// What is asked for: the number of the request and the schedule; 0: nothing.
+    request: AtomicU64,
+    requests: AtomicU64,
+    /// The newest decision.
+    newest: AtomicU64,
+    /// When the newest change took effect, module time, ns; 0: there was none.
+    changed_ns: AtomicU64,
+}
+
+/// What became of a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Requested {
+    /// It takes effect at the start of the next major frame.
+    Pending,
+    /// The schedule runs already, and no other is asked for.
+    Already,
+}
+
+impl Agenda {
+    /// The module starts with the schedule at place `initial` of the plan.
+    #[must_use]
+    pub fn new(initial: usize) -> Self {
+        let decisions: Box<[AtomicU64]> = (0..HISTORY).map(|_| AtomicU64::new(EMPTY)).collect();
+        let first = word(0, initial);
+        decisions[0].store(first, Relaxed);
+        Self {
+            decisions,
+            request: AtomicU64::new(0),
+            requests: AtomicU64::new(0),
+            newest: AtomicU64::new(first),
+            changed_ns: AtomicU64::new(0),
+        }
+    }
+
+    /// Asks for a schedule from the next major frame on. The last request wins, also over one that is pending.
+    pub fn request(&self, schedule: usize) -> Requested {
+        if self.pending().is_none() && self.current() == schedule {
+            return Requested::Already;
+        }
+        // Numbered, so that a request is never taken for an older one of the same schedule.
+        let number = self.requests.fetch_add(1, Relaxed) + 1;
+        self.request.store(word(number, schedule), std::sync::atomic::Ordering::Release);
+        Requested::Pending
+    }
+
+    /// The schedule of the newest major frame that any core has begun.
+    #[must_use]
+    pub fn current(&self) -> usize {
+        schedule_of(self.newest.load(Acquire))
+    }
+
+    /// The schedule of the next major frame, as far as is known now.
+    #[must_use]
+    pub fn next(&self) -> usize {
+        self.pending().unwrap_or_else(|| self.current())
+    }
+
+    /// When the newest change took effect, module time, ns; 0: there was none.
+    #[must_use]
+    pub fn changed_ns(&self) -> u64 {
+        self.changed_ns.load(Acquire)
+    }
+
+    fn pending(&self) -> Option<usize> {
+        match self.request.load(Acquire) {
+            0 => None,
+            request => Some(schedule_of(request)),
+        }
+    }
+
+    /// The schedule of major frame `frame`, which starts at `start_ns` after one that ran `current`. None: the caller
+    /// was held up for so long that nobody remembers.
+    pub fn decide(&self, frame: u64, start_ns: u64, current: usize) -> Option<usize> {
+        let cell = &self.decisions[(frame % HISTORY as u64) as usize];
+        loop {
+            let seen = cell.load(Acquire);
+            if seen != EMPTY && count_of(seen) == frame {
+                return Some(schedule_of(seen));
+            }
+            if seen != EMPTY && count_of(seen) > frame {
+                return None;
+            }
+            let request = self.request.load(Acquire);
+            let choice = if request == 0 { current } else { schedule_of(request) };
+            if cell.compare_exchange(seen, word(frame, choice), AcqRel, Acquire).is_err() {
+                continue; // another core was first: its decision counts
+            }
+            if choice != current {
+                self.changed_ns.fetch_max(start_ns, AcqRel);
+            }
+            self.newest.fetch_max(word(frame, choice), AcqRel);
+            if request != 0 {
+                // Fails where somebody has asked for another one meanwhile: that is the next frame's.
+                let _ = self.request.compare_exchange(request, 0, AcqRel, Relaxed);
+            }
+            return Some(choice);
+        }
+    }
+}
+
+fn word(count: u64, schedule: usize) -> u64 {
+    count << SCHEDULE_BITS | schedule as u64
+}
+
+fn count_of(word: u64) -> u64 {
+    word >> SCHEDULE_BITS
+}
+
+fn schedule_of(word: u64) -> usize {
+    (word & ((1 << SCHEDULE_BITS) - 1)) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_request_takes_effect_at_the_next_frame_and_once() {
+        let agenda = Agenda::new(0);
+        assert_eq!(agenda.decide(1, 10, 0), Some(0));
+        assert_eq!(agenda.request(2), Requested::Pending);
+        assert_eq!((agenda.current(), agenda.next(), agenda.changed_ns()), (0, 2, 0));
+        assert_eq!(agenda.decide(2, 20, 0), Some(2));
+        assert_eq!((agenda.current(), agenda.next(), agenda.changed_ns()), (2, 2, 20));
+        assert_eq!(agenda.decide(3, 30, 2), Some(2));
+        assert_eq!(agenda.changed_ns(), 20);
+    }
+
+    #[test]
+    fn the_last_request_wins_and_the_current_schedule_calls_a_pending_one_off() {
+        let agenda = Agenda::new(0);
+        agenda.request(1);
+        agenda.request(2);
+        assert_eq!(agenda.decide(1, 10, 0), Some(2));
+        agenda.request(1);
+        assert_eq!(agenda.request(2), Requested::Pending);
+        assert_eq!(agenda.decide(2, 20, 2), Some(2));
+        assert_eq!((agenda.changed_ns(), agenda.request(2)), (10, Requested::Already));
+    }
+
+    #[test]
+    fn a_core_that_comes_late_finds_what_the_first_one_decided() {
+        let agenda = Agenda::new(0);
+        assert_eq!(agenda.decide(1, 10, 0), Some(0));
+        agenda.request(1);
+        // The other core is late for frame 1: the request came after that was decided.
+        assert_eq!(agenda.decide(2, 20, 0), Some(1));
+        assert_eq!(agenda.decide(1, 10, 0), Some(0));
+        assert_eq!(agenda.decide(2, 20, 0), Some(1));
+    }
+
+    #[test]
+    fn a_core_that_was_away_for_longer_than_anybody_remembers_is_told_so() {
+        let agenda = Agenda::new(0);
+        for frame in 1..=HISTORY as u64 + 1 {
+            assert_eq!(agenda.decide(frame, frame, 0), Some(0));
+        }
+        assert_eq!(agenda.decide(1, 1, 0), None);
+        assert_eq!(agenda.decide(2, 2, 0), Some(0));
+    }
+
+    #[test]
+    fn cores_that_decide_at_once_agree_on_every_frame() {
+        let agenda = std::sync::Arc::new(Agenda::new(0));
+        let walk = |agenda: std::sync::Arc<Agenda>| {
+            move || {
+                let mut current = 0;
+                let frames = 1..3000;
+                frames
+                    .map(|frame| {
+                        current = agenda.decide(frame, frame, current).unwrap();
+                        agenda.request((frame % 5) as usize);
+                        current
+                    })
+                    .collect::<Vec<usize>>()
+            }
+        };
+        let threads: Vec<_> = (0..3).map(|_| std::thread::spawn(walk(agenda.clone()))).collect();
+        let seen: Vec<_> = threads.into_iter().map(|thread| thread.join().unwrap()).collect();
+        assert!(seen.windows(2).all(|pair| pair[0] == pair[1]));
+        assert!(seen[0].iter().any(|schedule| *schedule != 0));
+    }
+}

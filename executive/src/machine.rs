@@ -9,7 +9,8 @@ use bateleur_contract::Clock;
 use crate::guarantee::Guarantees;
 use crate::partition::ended;
 use crate::plan::ModuleView;
-use crate::system::cgroup::{Group, own_group};
+use crate::system::cgroup::Group;
+use crate::system::delegation;
 use crate::system::sched;
 use crate::system::spawn::{Namespaces, Request, User, spawn};
 
@@ -58,7 +59,7 @@ impl Machine {
     #[must_use]
     pub fn make_group(&self, name: &str) -> Option<Group> {
         let group = self.groups.then(|| Group::beside_self(name).ok()).flatten()?;
-        group.enable_controllers(&["memory", "pids"]);
+        group.enable_controllers(&delegation::CONTROLLERS);
         Some(group)
     }
 
@@ -122,7 +123,7 @@ fn groups(guarantees: &mut Guarantees) -> bool {
         let group = Group::beside_self(&format!("bateleur.probe.{}", std::process::id()))?;
         group.freezer()?.freeze()
     };
-    let place = own_group().map(|path| path.display().to_string()).unwrap_or_default();
+    let place = delegation::base().map(|path| path.display().to_string()).unwrap_or_default();
     let how = format!("control groups below {place}");
     let mend = "a child that leaves its session escapes SIGSTOP; delegate a cgroup v2 subtree (systemd: Delegate=yes)";
     guarantees.examine(PROMISE, probe(), &how, mend).is_some()
@@ -178,17 +179,18 @@ fn try_namespaces(namespaces: Namespaces, user: Option<u32>) -> std::io::Result<
     Ok(())
 }
 
+/// What is left where no controller counts a partition's memory.
+const PROCESS_ONLY: &str = "each process is limited (RLIMIT_DATA), their sum is not";
+
 fn memory(guarantees: &mut Guarantees) {
     const PROMISE: &str = "a partition uses no more memory than it was granted";
-    let has_controller = own_group()
-        .and_then(|path| std::fs::read_to_string(path.join("cgroup.subtree_control")))
-        .is_ok_and(|controllers| controllers.split_whitespace().any(|name| name == "memory"));
-    match has_controller {
-        true => guarantees.held(PROMISE, "memory.max of its control group"),
-        false => guarantees.missing(
-            PROMISE,
-            "no memory controller in cgroup v2: each process is limited (RLIMIT_DATA), their sum is not",
-        ),
+    let settled = delegation::settle();
+    match (delegation::handed_on().contains(&"memory"), settled) {
+        (true, _) => guarantees.held(PROMISE, "memory.max of its control group"),
+        (false, Err(error)) => guarantees.missing(PROMISE, format!("{error}; {PROCESS_ONLY}")),
+        (false, Ok(())) => {
+            guarantees.missing(PROMISE, format!("no memory controller in cgroup v2: {PROCESS_ONLY}"));
+        }
     }
     let locked = rustix::mm::mlockall(rustix::mm::MlockAllFlags::CURRENT);
     let mend = "a page fault may delay a window; raise the limit of locked memory (ulimit -l)";

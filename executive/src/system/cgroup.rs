@@ -21,9 +21,9 @@ pub struct Group {
 pub struct Freezer(File);
 
 impl Group {
-    /// Makes the group `name` below the group of this process.
+    /// Makes the group `name` below the one that was delegated to this process.
     pub fn beside_self(name: &str) -> io::Result<Self> {
-        Self::make(own_group()?.join(name))
+        Self::make(super::delegation::base()?.join(name))
     }
 
     /// Makes a group inside this one.

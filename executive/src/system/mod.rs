@@ -1,6 +1,7 @@
 //! What the executive asks of the kernel. Every unsafe block of this crate lies below this folder.
 
 pub mod cgroup;
+pub mod delegation;
 pub mod sched;
 pub mod spawn;
 pub mod time;

@@ -55,6 +55,7 @@ fn everything(root: &Path, tally: &mut Tally) -> Result<(), String> {
     Step::cargo("programs", &["build", "--release", "--workspace", "--bins"]).run(tally)?;
     schedule(tally)?;
     tests(tally)?;
+    guest(root, tally)?;
     Step::cargo("examples in comments", &["test", "--release", "--workspace", "--doc"]).run(tally)?;
     let documentation = Step::cargo("reference", &["doc", "--release", "--workspace", "--no-deps", "--lib"]);
     documentation.with("RUSTDOCFLAGS", "-D warnings").run(tally)
@@ -102,6 +103,24 @@ fn dependencies(tally: &mut Tally) -> Result<(), String> {
     }
     println!("== vulnerabilities: NOT CHECKED, their database can not be reached from here");
     Ok(())
+}
+
+/// What only another kernel can show, in a virtual machine: see tests/guest.
+fn guest(root: &Path, tally: &mut Tally) -> Result<(), String> {
+    let has_kernel = std::fs::read_dir(root.join("target/guest/boot")).is_ok_and(|files| files.count() > 0);
+    let prepared = has_kernel && succeeds("qemu-system-x86_64", &["--version"], ASKING);
+    match (prepared, std::env::var_os("CI").is_some_and(|value| value == "true")) {
+        (true, _) => Step::cargo(
+            "tests in a guest",
+            &["test", "--release", "--package", "bateleur-tests", "--test", "guest", "--", "--ignored"],
+        )
+        .run(tally),
+        (false, true) => Err("no guest is prepared, and CI needs it: tests/guest/prepare".into()),
+        (false, false) => {
+            println!("== tests in a guest: NOT CHECKED, none is prepared (on Debian: tests/guest/prepare)");
+            Ok(())
+        }
+    }
 }
 
 /// The schedule that is delivered has not even a warning.

@@ -6,6 +6,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // as in any test
 
 mod children;
+mod guest;
 mod line;
 mod output;
 mod programs;
@@ -13,6 +14,7 @@ mod schedule;
 mod turn;
 
 pub use children::{Process, Traces, children_of, executive_of, process_named};
+pub use guest::Guest;
 pub use line::Ground;
 pub use output::{Fault, Window, quantile};
 pub use programs::{Ended, Started, bateleur, repository};

@@ -18,6 +18,7 @@ pub mod module;
 pub mod monitor;
 pub mod partition;
 pub mod plan;
+pub mod planned;
 pub mod slot;
 pub mod system;
 pub mod wall;

@@ -22,6 +22,8 @@ pub enum Readiness {
     Ready = 1,
     /// Keeps its windows and does nothing in them.
     Idle = 2,
+    /// Is held by an operator: its windows pass, and nothing of it runs.
+    Held = 3,
 }
 
 /// What the partition made of its window.
@@ -76,6 +78,8 @@ pub struct Slot {
     priority: Option<u8>,
     frozen: AtomicBool,
     stopped: AtomicBool,
+    /// An operator holds the partition: whatever a dispatcher had begun, its next fence stops it.
+    held: AtomicBool,
     not_before_ns: AtomicU64,
 }
 
@@ -100,6 +104,7 @@ impl Slot {
             priority,
             frozen: AtomicBool::new(false),
             stopped: AtomicBool::new(false),
+            held: AtomicBool::new(false),
             not_before_ns: AtomicU64::new(0),
         }
     }
@@ -113,6 +118,7 @@ impl Slot {
         self.page.stop.store(0, Relaxed);
         self.page.mode.store(0, Relaxed);
         self.stopped.store(false, Relaxed);
+        self.held.store(false, Relaxed);
         // The group of a predecessor that was frozen when it was killed; whatever the flag says, because a dispatcher may
         // be freezing it right now (it looks again afterwards, see `fence`).
         self.frozen.store(true, Relaxed);
@@ -134,6 +140,7 @@ impl Slot {
         match self.readiness.load(Acquire) {
             1 => Readiness::Ready,
             2 => Readiness::Idle,
+            3 => Readiness::Held,
             _ => Readiness::Absent,
         }
     }
@@ -141,6 +148,22 @@ impl Slot {
     /// Says whether the partition takes windows.
     pub fn set_readiness(&self, readiness: Readiness) {
         self.readiness.store(readiness as u32, Release);
+    }
+
+    /// Holds the partition until [`Slot::release`]: no window is granted, nothing of it runs.
+    pub fn hold(&self) {
+        // In this order: a dispatcher that is just opening a window fences it at its end whatever became of it, and then
+        // sees that the partition is held.
+        self.set_readiness(Readiness::Held);
+        self.held.store(true, SeqCst);
+        self.stop_running();
+    }
+
+    /// Ends [`Slot::hold`]; it takes its next window.
+    pub fn release(&self) {
+        self.held.store(false, SeqCst);
+        self.thaw();
+        self.set_readiness(Readiness::Ready);
     }
 
     /// Windows that start before this instant of module time pass unused (the virtual clock's restart).
@@ -156,6 +179,9 @@ impl Slot {
     /// Lets the partition's threads run again, where they were held. On a shared core nothing of it runs before the
     /// dispatcher sleeps, so this may happen ahead of the window.
     pub fn thaw(&self) {
+        if self.held.load(SeqCst) {
+            return;
+        }
         if self.frozen.swap(false, Relaxed) {
             if let Some(freezer) = &self.freezer {
                 let _ = freezer.thaw(); // the partition is found silent, which is an error of its own
@@ -205,9 +231,12 @@ impl Slot {
 
     /// Ends the window: holds what may still run. `overrun`: the partition was not done.
     pub fn fence(&self, overrun: bool) {
-        if !overrun && !self.always_freeze.load(Relaxed) {
-            return;
+        if overrun || self.always_freeze.load(Relaxed) || self.held.load(SeqCst) {
+            self.stop_running();
         }
+    }
+
+    fn stop_running(&self) {
         let tid = self.tid.load(Relaxed);
         if tid == 0 {
             return;
@@ -239,6 +268,7 @@ impl Slot {
 
     /// Asks the partition to end instead of taking another window.
     pub fn ask_to_stop(&self) {
+        self.held.store(false, SeqCst);
         self.thaw();
         self.page.stop.store(1, Release);
         self.page.grant.store(self.granted.load(Relaxed).wrapping_add(1), Release);
@@ -306,6 +336,28 @@ mod tests {
         slot.take_in();
         assert!(slot.is_done());
         slot.fence(true); // no process: nobody is stopped, not even the caller
+    }
+
+    #[test]
+    fn a_held_partition_is_not_thawed_by_a_dispatcher_that_had_begun_to_open_its_window() {
+        let slot = slot();
+        slot.set_readiness(Readiness::Ready);
+        slot.frozen.store(true, Relaxed);
+        slot.hold();
+        slot.thaw();
+        assert_eq!((slot.readiness(), slot.frozen.load(Relaxed)), (Readiness::Held, true));
+        slot.release();
+        assert_eq!((slot.readiness(), slot.frozen.load(Relaxed)), (Readiness::Ready, false));
+    }
+
+    #[test]
+    fn a_successor_is_not_held_while_it_initialises() {
+        let slot = slot();
+        slot.hold();
+        slot.take_in();
+        slot.frozen.store(true, Relaxed);
+        slot.thaw();
+        assert!(!slot.frozen.load(Relaxed));
     }
 
     #[test]

@@ -12,7 +12,7 @@ use std::time::Duration;
 use crate::fast::World;
 use crate::monitor::Monitor;
 use crate::partition::{await_any_end, ended, is_readable};
-use crate::plan::Plan;
+use crate::planned::PlannedActs;
 use crate::slot::Slot;
 use crate::system::spawn::Spawned;
 
@@ -25,25 +25,6 @@ const COMPANION_PATIENCE: Duration = Duration::from_secs(20);
 const ATTACH_PATIENCE_NS: u64 = 20_000_000_000;
 /// How long it may take to answer in flight, real time. A disk that stalls for longer costs the log.
 const RECORDER_PATIENCE_NS: u64 = 5_000_000_000;
-
-/// Partitions to kill, in the order of time.
-#[derive(Debug, Default)]
-pub struct Killing(Vec<(usize, u64)>);
-
-impl Killing {
-    /// By name and module time, ns. Names that are not in the plan were refused before.
-    #[must_use]
-    pub fn of(plan: &Plan, kills: &[(String, u64)]) -> Self {
-        let mut list: Vec<_> =
-            kills.iter().filter_map(|(name, at)| Some((plan.partition(name)?.index(), *at))).collect();
-        list.sort_by_key(|(_, at)| std::cmp::Reverse(*at));
-        Self(list)
-    }
-
-    fn due(&mut self, module_ns: u64) -> Option<usize> {
-        self.0.pop_if(|(_, at)| *at <= module_ns).map(|(partition, _)| partition)
-    }
-}
 
 /// Schedules to ask for, in the order of time.
 #[derive(Debug, Default)]
@@ -148,7 +129,7 @@ impl Recorder {
 
 /// See the module's head.
 pub struct Surroundings {
-    kills: Killing,
+    acts: PlannedActs,
     changes: Changing,
     until_ns: Option<u64>,
     stop: Arc<AtomicBool>,
@@ -164,7 +145,7 @@ impl Surroundings {
     /// Everything that may be there. `line`: the partition whose device the companion holds the other end of.
     #[must_use]
     pub fn new(
-        kills: Killing,
+        acts: PlannedActs,
         changes: Changing,
         until_ns: Option<u64>,
         stop: Arc<AtomicBool>,
@@ -173,7 +154,7 @@ impl Surroundings {
         line: Option<Arc<Slot>>,
     ) -> Self {
         Self {
-            kills,
+            acts,
             changes,
             until_ns,
             stop,
@@ -229,9 +210,7 @@ impl Surroundings {
 impl World for Surroundings {
     fn minor_frame(&mut self, module_ns: u64, monitor: &mut Monitor) -> bool {
         self.module_ns = module_ns;
-        while let Some(partition) = self.kills.due(module_ns) {
-            monitor.kill(partition, module_ns);
-        }
+        self.acts.perform(module_ns, monitor);
         while let Some(schedule) = self.changes.due(module_ns) {
             let _ = monitor.request_schedule(&schedule, module_ns); // the names were looked up before frame 0
         }

@@ -20,11 +20,12 @@ use crate::machine::Machine;
 use crate::monitor::{Equipment, Monitor, StartJanitor};
 use crate::partition::Cage;
 use crate::plan::{ModuleView, Plan, Timeline};
+use crate::planned::PlannedActs;
 use crate::slot::{Grant, Slot};
 use crate::system::sched;
 use crate::system::time::now_ns;
 use crate::wall::{WallGate, WallPace};
-use crate::world::{Changing, Killing, Recorder, Surroundings};
+use crate::world::{Changing, Recorder, Surroundings};
 
 /// Real time from "ready" to module time 0: long enough for every dispatcher thread to be in its sleep.
 const LEAD_NS: u64 = 20_000_000;
@@ -51,7 +52,7 @@ pub(super) fn conduct(
     let agenda = Arc::new(Agenda::new(initial.index()));
     let (records, lost) = (Records::default(), Arc::new(AtomicU64::new(0)));
     let rings: Rc<RefCell<Vec<Consumer<WindowRecord>>>> = Rc::default();
-    let mut monitor = Monitor::start(Equipment {
+    let mut monitor = Monitor::launch(Equipment {
         plan: plan.clone(),
         agenda: agenda.clone(),
         clock: options.clock,
@@ -72,11 +73,11 @@ pub(super) fn conduct(
     let slots = monitor.slots();
     connect(&slots, plan[initial].minor_frame_ns, options.clock);
     monitor.events().tell(&Event::Ready { partitions: slots.iter().flatten().count() });
-    let kills = Killing::of(plan, &options.kills);
+    let acts = PlannedActs::of(plan, &options.acts);
     let changes = Changing::of(&options.schedule_changes);
     let line_slot = line_partition(view).and_then(|place| slots[place].clone());
     let mut surroundings = Surroundings::new(
-        kills,
+        acts,
         changes,
         options.until_ns,
         options.stop.clone(),

@@ -13,6 +13,7 @@ use crate::guarantee::Guarantee;
 use crate::instance::clean_leftovers;
 use crate::machine::Machine;
 use crate::plan::{ModuleView, Plan};
+use crate::planned::PlannedAct;
 use crate::world::Companion;
 use base::Base;
 
@@ -31,8 +32,8 @@ pub struct Options {
     pub plan_folder: PathBuf,
     /// Attributes that replace the plan's, by partition.
     pub overrides: BTreeMap<String, BTreeMap<String, serde_json::Value>>,
-    /// Partitions to kill, with the module time, ns.
-    pub kills: Vec<(String, u64)>,
+    /// What is to happen to partitions, and when.
+    pub acts: Vec<PlannedAct>,
     /// Schedules to change to, with the module time at which they are asked for, ns.
     pub schedule_changes: Vec<(String, u64)>,
     /// End at this module time, ns.
@@ -151,7 +152,7 @@ fn module_of<'a>(plan: &'a Plan, name: &str) -> Result<ModuleView<'a>, RunError>
 
 fn check_names(view: &ModuleView<'_>, options: &Options) -> Result<(), RunError> {
     let names: Vec<&str> = view.partitions().map(|id| view.plan()[id].name.as_str()).collect();
-    let asked = options.kills.iter().map(|(name, _)| name).chain(options.overrides.keys());
+    let asked = options.acts.iter().map(|one| &one.partition).chain(options.overrides.keys());
     match asked.into_iter().find(|name| !names.contains(&name.as_str())) {
         None => Ok(()),
         Some(name) => Err(RunError::NoPartition {

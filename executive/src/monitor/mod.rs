@@ -5,10 +5,11 @@
 //!
 //! ```text
 //! Starting ──ready──▶ Running ──death──▶ Dead ──janitor──▶ Starting …
-//!     └────time-out, death──────────────▲   └──budget──▶ Gone
+//!     └────time-out, death──────────────▲   └──janitor──▶ Gone (idle, stopped, no budget left)
 //! ```
+//!
+//! What an operator asks for is in [`acts`], what becomes of the dead in [`burial`].
 
-use std::collections::VecDeque;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
@@ -22,15 +23,16 @@ use crate::health::decision::{Decision, decide, error_of};
 use crate::health::log::{Fault, HealthLog, Missed, WindowLog, WindowRecord};
 use crate::partition::{Cage, await_any_end, ended, is_readable};
 use crate::plan::{Closed, ModuleAction, ModuleError, PartitionError, Plan};
-use crate::slot::{Readiness, Slot};
+use crate::slot::Slot;
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
-use watched::{Life, Watched};
+use burial::Burials;
+use watched::{Life, Then, Watched};
 
+mod acts;
+mod burial;
 mod watched;
 
-/// A janitor that takes longer is ended: the library's clean-up can hang.
-const JANITOR_PATIENCE_NS: u64 = 1_000_000_000;
 /// Between two health entries about the overruns of one partition, module time: each is counted, not each is told.
 const OVERRUN_SILENCE_NS: u64 = 1_000_000_000;
 
@@ -74,9 +76,7 @@ pub struct Monitor {
     watched: Vec<Watched>,
     /// From a partition's place in the plan to its place here.
     places: Vec<Option<usize>>,
-    start_janitor: StartJanitor,
-    janitor: Option<(usize, Spawned, u64)>,
-    waiting: VecDeque<usize>,
+    burials: Burials,
     take_record: TakeRecord,
     window_log: WindowLog,
     health_log: HealthLog,
@@ -117,7 +117,7 @@ impl Monitor {
     ///
     /// # Errors
     /// A program that could not be started, with its partition.
-    pub fn start(equipment: Equipment) -> Result<Self, String> {
+    pub fn launch(equipment: Equipment) -> Result<Self, String> {
         let Equipment {
             plan,
             agenda,
@@ -145,9 +145,7 @@ impl Monitor {
             clock,
             watched,
             places,
-            start_janitor,
-            janitor: None,
-            waiting: VecDeque::new(),
+            burials: Burials::new(start_janitor),
             take_record,
             window_log,
             health_log,
@@ -176,9 +174,9 @@ impl Monitor {
     pub fn pause(&self, nanoseconds: u64) {
         let processes = self.watched.iter().filter_map(|watched| match &watched.life {
             Life::Starting(process, _) | Life::Running(process) => Some(process.pidfd.as_fd()),
-            Life::Dead(_) | Life::Gone => None,
+            Life::Dead(..) | Life::Gone => None,
         });
-        let janitor = self.janitor.as_ref().map(|(_, process, _)| process.pidfd.as_fd());
+        let janitor = self.burials.janitor();
         let all: Vec<BorrowedFd<'_>> = processes.chain(janitor).collect();
         await_any_end(&all, nanoseconds);
     }
@@ -207,16 +205,6 @@ impl Monitor {
                 "it has more threads or processes than it declared: held between its windows from now on"
                     .into();
             self.events.tell(&Event::Message { time_s: seconds(module_ns), partition: name, text });
-        }
-    }
-
-    /// The partition at `place` of the plan dies now (fault injection).
-    pub fn kill(&mut self, partition: usize, module_ns: u64) {
-        let Some(place) = self.places[partition] else { return };
-        if let Life::Running(process) | Life::Starting(process, _) = &self.watched[place].life {
-            let _ = rustix::process::pidfd_send_signal(&process.pidfd, rustix::process::Signal::KILL); // ended already
-            await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
-            self.look_at_process(place, module_ns);
         }
     }
 
@@ -262,10 +250,10 @@ impl Monitor {
     /// Waits until the partition runs again or is given up (the virtual clock, at its first window after a restart).
     pub fn await_successor(&mut self, partition: usize, module_ns: u64) {
         let Some(place) = self.places[partition] else { return };
-        while matches!(self.watched[place].life, Life::Starting(..) | Life::Dead(_)) {
+        while self.watched[place].is_coming() {
             self.look_at_process(place, module_ns);
             self.look_at_janitor();
-            if !matches!(self.watched[place].life, Life::Running(_) | Life::Gone) {
+            if self.watched[place].is_coming() {
                 self.pause(200_000);
             }
         }
@@ -317,9 +305,7 @@ impl Monitor {
                 let _ = self.health_log.write(&fault); // a full disk must not keep the module from ending
             }
         }
-        if let Some((_, janitor, _)) = self.janitor.take() {
-            end_helper(&janitor);
-        }
+        self.burials.give_up();
         let _ = self.window_log.flush(); // as above
     }
 
@@ -350,7 +336,10 @@ impl Monitor {
         }
         // A window that the dispatcher itself cut to less than half says nothing about the partition; and one that died
         // in its window did not overrun it: its end is found next.
-        if record.occurrence.late_ns * 2 > record.occurrence.window.duration_ns() || !watched.runs() {
+        if record.occurrence.late_ns * 2 > record.occurrence.window.duration_ns()
+            || watched.held
+            || !watched.runs()
+        {
             return;
         }
         watched.unclosed += 1;
@@ -435,8 +424,7 @@ impl Monitor {
         let found = status.and_then(error_of);
         let idle = status.and_then(|status| status.code()) == Some(exit::IDLE);
         if idle {
-            watched.rest(Readiness::Idle);
-            return;
+            return self.lay_to_rest(place, module_ns);
         }
         let (error, mut detail) = found.unwrap_or((PartitionError::Exit, "ended by itself".into()));
         if error != PartitionError::Killed
@@ -476,19 +464,13 @@ impl Monitor {
     }
 
     fn act(&mut self, place: usize, decision: Decision, fault: Fault, module_ns: u64) {
-        let startup_ns = self.plan[self.watched[place].cage.id].restart.startup_ns;
-        let watched = &mut self.watched[place];
         match decision {
             Decision::Ignore => {
                 let _ = self.health_log.write(&fault); // a full disk must not stop the aircraft
             }
             Decision::Idle | Decision::Stop => {
-                watched.put_an_end();
-                watched.rest(if decision == Decision::Idle { Readiness::Idle } else { Readiness::Absent });
-                // The fault before waits for a successor that will not come.
-                for fault in watched.fault.take().iter().chain([&fault]) {
-                    let _ = self.health_log.write(fault); // as above
-                }
+                self.lay_to_rest(place, module_ns);
+                let _ = self.health_log.write(&fault); // as above
                 let module_action = self.plan.health.module.action(ModuleError::PartitionStopped);
                 if decision == Decision::Stop && module_action != ModuleAction::Ignore {
                     self.stop_asked =
@@ -496,6 +478,7 @@ impl Monitor {
                 }
             }
             Decision::Restart { warm } => {
+                let watched = &mut self.watched[place];
                 watched.put_an_end();
                 watched.next_start = match warm {
                     true => StartCondition::HmPartitionWarmRestart,
@@ -506,31 +489,18 @@ impl Monitor {
                 if let Some(before) = watched.fault.replace(fault) {
                     let _ = self.health_log.write(&before); // as above
                 }
-                if self.clock == Clock::Virtual {
-                    watched.cage.slot.set_not_before_ns(module_ns + startup_ns);
-                }
-                self.waiting.push_back(place);
+                self.bury(place, Then::Successor, module_ns);
             }
         }
     }
 
     fn look_at_janitor(&mut self) {
-        if let Some((place, janitor, since_ns)) = self.janitor.take() {
-            if ended(&janitor).is_none() {
-                if now_ns() - since_ns < JANITOR_PATIENCE_NS {
-                    self.janitor = Some((place, janitor, since_ns));
-                    return;
-                }
-                end_helper(&janitor);
+        while let Some(place) = self.burials.next_buried(&self.watched) {
+            match self.watched[place].life {
+                Life::Dead(_, Then::Successor) => self.start_successor(place),
+                Life::Dead(_, Then::Rest) => self.watched[place].life = Life::Gone,
+                _ => {}
             }
-            self.start_successor(place);
-        }
-        let Some(place) = self.waiting.pop_front() else { return };
-        let Life::Dead(pid) = self.watched[place].life else { return };
-        match (self.start_janitor)(pid) {
-            Ok(janitor) => self.janitor = Some((place, janitor, now_ns())),
-            // Without a janitor the successor may still find its ports free: trying costs nothing.
-            Err(_) => self.start_successor(place),
         }
     }
 
@@ -543,7 +513,8 @@ impl Monitor {
                 watched.life = Life::Starting(process, now_ns());
             }
             Err(error) => {
-                watched.rest(Readiness::Absent);
+                watched.life = Life::Gone;
+                watched.rest();
                 let text = format!("cannot start again: {error}");
                 self.events.tell(&Event::Message { time_s: 0.0, partition: watched.cage.name.clone(), text });
             }

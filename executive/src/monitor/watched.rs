@@ -19,10 +19,19 @@ pub(super) enum Life {
     Starting(Spawned, u64),
     /// Takes windows.
     Running(Spawned),
-    /// Its remains wait for the janitor.
-    Dead(i32),
-    /// No process, and none to come.
+    /// Its remains wait for the janitor, or are with it.
+    Dead(i32, Then),
+    /// No process, and none to come by itself.
     Gone,
+}
+
+/// What comes after a burial.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Then {
+    /// A successor.
+    Successor,
+    /// Nothing: its windows pass.
+    Rest,
 }
 
 #[derive(Debug)]
@@ -40,6 +49,8 @@ pub(super) struct Watched {
     pub(super) overrun_told_ns: Option<u64>,
     /// Second of module time, and messages passed on in it.
     pub(super) spoken: (u64, u32),
+    /// Held by an operator: also a successor that becomes ready meanwhile.
+    pub(super) held: bool,
 }
 
 /// Messages of one partition that are passed on in a second of module time.
@@ -58,6 +69,7 @@ impl Watched {
             unclosed: 0,
             overrun_told_ns: None,
             spoken: (0, 0),
+            held: false,
         }
     }
 
@@ -80,7 +92,10 @@ impl Watched {
             if let Life::Starting(process, _) = std::mem::replace(&mut self.life, Life::Gone) {
                 self.life = Life::Running(process);
             }
-            self.cage.slot.set_readiness(Readiness::Ready);
+            match self.held {
+                true => self.cage.slot.hold(),
+                false => self.cage.slot.set_readiness(Readiness::Ready),
+            }
             return Ok(());
         }
         let name = self.cage.name.clone();
@@ -106,6 +121,11 @@ impl Watched {
         matches!(self.life, Life::Running(_) | Life::Starting(..))
     }
 
+    /// A successor is on its way, or waits for its predecessor's burial.
+    pub(super) fn is_coming(&self) -> bool {
+        matches!(self.life, Life::Starting(..) | Life::Dead(_, Then::Successor))
+    }
+
     /// It takes windows and has not ended, as far as the kernel knows.
     pub(super) fn runs(&self) -> bool {
         matches!(&self.life, Life::Running(process) if !is_readable(process.pidfd.as_fd()))
@@ -115,7 +135,7 @@ impl Watched {
     pub(super) fn died(&mut self, pid: i32) {
         self.cage.slot.set_readiness(Readiness::Absent);
         self.cage.kill(None);
-        self.life = Life::Dead(pid);
+        self.life = Life::Dead(pid, Then::Rest);
     }
 
     /// Makes sure that no process is left.
@@ -126,13 +146,17 @@ impl Watched {
             await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
             let pid = process.pid;
             let _ = ended(process); // reaps it
-            self.life = Life::Dead(pid);
+            self.life = Life::Dead(pid, Then::Rest);
         }
     }
 
-    pub(super) fn rest(&mut self, readiness: Readiness) {
-        self.life = Life::Gone;
-        self.cage.slot.set_readiness(readiness);
+    /// Its windows pass from now on, until it is started by an operator.
+    pub(super) fn rest(&mut self) {
+        match &mut self.life {
+            Life::Dead(_, then) => *then = Then::Rest,
+            life => *life = Life::Gone,
+        }
+        self.cage.slot.set_readiness(Readiness::Idle);
     }
 
     pub(super) fn is_gone(&mut self) -> bool {
@@ -144,7 +168,7 @@ impl Watched {
                 }
                 gone
             }
-            Life::Dead(_) | Life::Gone => true,
+            Life::Dead(..) | Life::Gone => true,
         }
     }
 }

@@ -2,6 +2,7 @@
 
 pub(crate) mod check;
 pub(crate) mod doctor;
+pub(crate) mod faults;
 pub(crate) mod fly;
 pub(crate) mod ground;
 pub(crate) mod helper;

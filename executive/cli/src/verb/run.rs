@@ -19,6 +19,7 @@ use bateleur_executive::event::{Event, Events};
 use bateleur_executive::module::{Options, run as run_module};
 use bateleur_executive::world::Companion;
 
+use super::faults::Faults;
 use super::{CANNOT_RUN, Code, FINE, WRONG};
 use crate::plan_file;
 
@@ -43,12 +44,11 @@ pub(crate) struct Arguments {
     /// Replace an attribute of the plan.
     #[arg(long, value_name = "PARTITION.ATTRIBUTE=VALUE", value_parser = parse_setting)]
     pub(crate) set: Vec<Setting>,
-    /// Kill a partition at a module time (may be repeated).
-    #[arg(long, value_name = "PARTITION@SECONDS", value_parser = parse_kill)]
-    pub(crate) kill: Vec<Kill>,
     /// Ask for another schedule at a module time; it takes effect with the next major frame (may be repeated).
     #[arg(long, value_name = "NAME@SECONDS", value_parser = parse_schedule_change)]
     pub(crate) schedule_at: Vec<ScheduleChange>,
+    #[command(flatten)]
+    pub(crate) faults: Faults,
     /// Refuse to start where this machine lacks something.
     #[arg(long, value_name = "HOW", value_parser = ["strict"])]
     pub(crate) require: Option<String>,
@@ -74,13 +74,6 @@ pub(crate) struct Setting {
     value: serde_json::Value,
 }
 
-/// One `--kill`.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Kill {
-    pub(crate) partition: String,
-    pub(crate) at_s: f64,
-}
-
 /// One `--schedule-at`.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ScheduleChange {
@@ -94,12 +87,6 @@ fn parse_setting(text: &str) -> Result<Setting, String> {
     let (partition, attribute) = name.split_once('.').ok_or_else(wrong)?;
     let value = serde_json::from_str(value).unwrap_or_else(|_| value.into());
     Ok(Setting { partition: partition.into(), attribute: attribute.into(), value })
-}
-
-pub(crate) fn parse_kill(text: &str) -> Result<Kill, String> {
-    let (partition, at_s) =
-        name_at(text).ok_or_else(|| format!("\"{text}\" is not PARTITION@SECONDS, such as estimator@100"))?;
-    Ok(Kill { partition, at_s })
 }
 
 pub(crate) fn parse_schedule_change(text: &str) -> Result<ScheduleChange, String> {
@@ -153,7 +140,6 @@ fn options(arguments: &Arguments, module: String, stop: Arc<AtomicBool>) -> Resu
             .insert(setting.attribute.clone(), setting.value.clone());
     }
     let nanoseconds = |seconds: f64| (seconds * 1e9) as u64;
-    let kills = arguments.kill.iter().map(|kill| (kill.partition.clone(), nanoseconds(kill.at_s)));
     let changes =
         arguments.schedule_at.iter().map(|change| (change.schedule.clone(), nanoseconds(change.at_s)));
     Ok(Options {
@@ -162,7 +148,7 @@ fn options(arguments: &Arguments, module: String, stop: Arc<AtomicBool>) -> Resu
         output: arguments.output.clone(),
         plan_folder: arguments.schedule.parent().map(Path::to_owned).unwrap_or_default(),
         overrides,
-        kills: kills.collect(),
+        acts: arguments.faults.planned(),
         schedule_changes: changes.collect(),
         until_ns: arguments.until.map(nanoseconds),
         strict: arguments.require.is_some(),

@@ -165,9 +165,7 @@ fn add_choices(command: &mut Command, arguments: &Arguments) {
     for setting in &arguments.set {
         command.args(["--set", setting]);
     }
-    for kill in &arguments.kill {
-        command.arg("--kill").arg(format!("{}@{}", kill.partition, kill.at_s));
-    }
+    command.args(arguments.faults.arguments());
 }
 
 /// Gives our end of the handshake, and the other one to keep until the process is started.

@@ -22,7 +22,7 @@ use bateleur_ground::MissionPlan;
 use bateleur_report::run::{Clock, FILE, Guarantee, Mission as MissionResult, Run};
 use bateleur_report::{Inputs, Summary};
 
-use super::run::{Kill, parse_kill};
+use super::faults::Faults;
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
 use crate::line::Line;
 use crate::plan_file;
@@ -55,9 +55,8 @@ pub(crate) struct Arguments {
     /// The aircraft, for the simulator and for the laws: aerosonde, rascal110, or the file of an airframe.
     #[arg(long, value_name = "NAME|FILE")]
     pub(crate) airframe: Option<String>,
-    /// Kill a partition's process at a module time (may be repeated).
-    #[arg(long, value_name = "PARTITION@SECONDS", value_parser = parse_kill)]
-    pub(crate) kill: Vec<Kill>,
+    #[command(flatten)]
+    pub(crate) faults: Faults,
     /// Replace an attribute of the plan (may be repeated).
     #[arg(long, value_name = "PARTITION.ATTRIBUTE=VALUE")]
     pub(crate) set: Vec<String>,

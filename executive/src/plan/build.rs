@@ -3,15 +3,15 @@
 //! Everything here is an `Option` because the raw types are; nothing is missing once the rules have passed.
 
 use super::MessageCatalogue;
-use super::closed::{Direction, Exhausted, Kind, PartitionAction, PartitionError, StartMode};
+use super::closed::{ChangeAction, Direction, Exhausted, Kind, PartitionAction, PartitionError, StartMode};
 use super::model::{
     Chain, Channel, ChannelId, Health, Module, ModuleHealth, ModuleId, Partition, PartitionHealth,
-    PartitionId, Payload, Plan, Port, PortId, Restart, Role, Schedule, Window, default_module_action,
-    default_partition_action,
+    PartitionId, Payload, Plan, Port, PortId, Restart, Role, Schedule, ScheduleId, Window,
+    default_module_action, default_partition_action,
 };
 use super::names::Names;
 use super::raw::{Answer, Numbers, RawFile, RawPartition, RawPort, RawSchedule, RawWindow};
-use super::reader::{Bytes, Nanoseconds, Word};
+use super::reader::{At, Bytes, Nanoseconds, Permission, Word};
 use super::rules::chains;
 
 /// What holds where the file says nothing.
@@ -96,9 +96,25 @@ impl Builder<'_> {
             devices: devices.into_iter().map(|device| device.value).collect(),
             retained_bytes: raw.retained.or(Bytes(0))?.0,
             attributes: raw.attributes.or(Default::default())?,
+            may_set_schedule: self.may_set_schedule(raw)?,
             health: PartitionHealth::fill(|error| effective_action(self.file, raw, error)),
             ports: ports.map(|(port, _)| PortId(port)).collect(),
         })
+    }
+
+    fn may_set_schedule(&self, raw: &RawPartition) -> Option<Vec<ScheduleId>> {
+        let schedules = 0..self.file.schedules.len();
+        let listed = match raw.may_set_schedule.or(Permission::Always(false))? {
+            Permission::Always(may) => return Some(schedules.filter(|_| may).map(ScheduleId).collect()),
+            Permission::In(listed) => listed,
+        };
+        let mut listed: Vec<_> = listed
+            .iter()
+            .map(|name| self.names.schedule(self.file, &name.value).map(ScheduleId))
+            .collect::<Option<_>>()?;
+        listed.sort_unstable();
+        listed.dedup();
+        Some(listed)
     }
 
     fn port(&self, place: usize) -> Option<Port> {
@@ -149,7 +165,23 @@ impl Builder<'_> {
             minor_frame_ns: minor,
             initial: raw.initial.or(self.file.schedules.len() == 1)?,
             windows: raw.windows.iter().map(|window| self.window(window, frames)).collect::<Option<_>>()?,
+            change_actions: raw
+                .change_actions
+                .iter()
+                .map(|(name, action)| {
+                    Some((PartitionId(self.names.partition(&name.value)?), self.as_warm(name, action.value)))
+                })
+                .collect::<Option<_>>()?,
         })
+    }
+
+    /// A restart is as warm as the partition can be.
+    fn as_warm(&self, name: &At<String>, action: ChangeAction) -> ChangeAction {
+        let partition = self.names.partition(&name.value).map(|place| &self.file.partitions[place]);
+        match action {
+            ChangeAction::WarmRestart if partition.is_none_or(starts_cold) => ChangeAction::ColdRestart,
+            action => action,
+        }
     }
 
     fn window(&self, raw: &RawWindow, frames: u32) -> Option<Window> {
@@ -201,12 +233,17 @@ fn answer<E: Copy + PartialEq, A: Copy>(table: &[Answer<E, A>], error: E) -> Opt
     table.iter().find(|answer| answer.error == error).map(|answer| answer.action.value)
 }
 
+/// Whether a partition can not use what an incarnation before it left.
+pub(super) fn starts_cold(raw: &RawPartition) -> bool {
+    raw.restart.start.get().map_or(defaults::START, |word| word.0) == StartMode::Cold
+}
+
 /// What is done about an error: the partition's own answer, else the file's, else the executive's.
 pub(super) fn effective_action(file: &RawFile, raw: &RawPartition, error: PartitionError) -> PartitionAction {
     if let Some(own) = answer(&raw.health, error) {
         return own;
     }
-    let cold = raw.restart.start.get().map_or(defaults::START, |word| word.0) == StartMode::Cold;
+    let cold = starts_cold(raw);
     match answer(&file.health.partition, error).unwrap_or_else(|| default_partition_action(error)) {
         // A default is as warm as the partition can be.
         PartitionAction::WarmRestart if cold => PartitionAction::ColdRestart,

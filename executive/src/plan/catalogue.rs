@@ -55,6 +55,8 @@ rules! {
         "The size of a port's memory follows from its message type."
     UNKNOWN_MODULE: Error "N06-unknown-module"
         "A partition without a computer never runs."
+    UNKNOWN_SCHEDULE: Error "N07-unknown-schedule"
+        "A permission for a schedule that does not exist permits nothing."
 
     NO_CORE: Error "M01-no-core"
         "Without a core there is no time to give away."
@@ -110,6 +112,14 @@ rules! {
         "A partition that is released at uneven intervals has no period for its laws to rely on."
     MAJOR_FRAMES_DIFFER: Warning "T18-major-frames-differ"
         "A change of schedule takes up to the major frame that is left, so the longest decides how long it takes."
+    MINOR_FRAMES_DIFFER: Warning "T19-minor-frames-differ"
+        "The period of every partition changes with the schedule, and with it what laws, refresh periods and queues were laid out for."
+    CHANGE_ACTION_UNUSED: Warning "T20-change-action-unused"
+        "The action is taken at the partition's first window in that schedule, which never comes."
+    NEWLY_SCHEDULED_IGNORED: Warning "T21-newly-scheduled-ignored"
+        "The partition stood still in another schedule and goes on with what it knew then."
+    PERMISSION_UNUSED: Warning "T22-permission-unused"
+        "The partition can never ask for another schedule: there is none, or it does not run where it may ask."
 
     PORT_UNCONNECTED: Warning "P01-port-unconnected"
         "What is written to it is read by nobody, or nothing ever arrives at it."

@@ -132,6 +132,20 @@ closed! {
 }
 
 closed! {
+    /// What becomes of a partition when the module changes to another schedule.
+    ChangeAction, "change action" {
+        /// It goes on where it was.
+        Ignore = "ignore",
+        /// It keeps its windows and does nothing in them.
+        Idle = "idle",
+        /// It starts again from nothing.
+        ColdRestart = "cold_restart",
+        /// It starts again and finds its retained memory.
+        WarmRestart = "warm_restart",
+    }
+}
+
+closed! {
     /// What can go wrong in a module.
     ModuleError, "module error" {
         /// A window was switched too late.

@@ -21,7 +21,8 @@ pub mod units;
 
 pub use catalogue::{RULES, Rule};
 pub use closed::{
-    Closed, Direction, Exhausted, Kind, ModuleAction, ModuleError, PartitionAction, PartitionError, StartMode,
+    ChangeAction, Closed, Direction, Exhausted, Kind, ModuleAction, ModuleError, PartitionAction,
+    PartitionError, StartMode,
 };
 pub use model::{
     Attribute, Chain, Channel, ChannelId, Health, Module, ModuleHealth, ModuleId, ModuleView, Partition,

@@ -9,7 +9,8 @@ use std::ops::Index;
 use serde::Serialize;
 
 use super::closed::{
-    Closed, Direction, Exhausted, Kind, ModuleAction, ModuleError, PartitionAction, PartitionError, StartMode,
+    ChangeAction, Closed, Direction, Exhausted, Kind, ModuleAction, ModuleError, PartitionAction,
+    PartitionError, StartMode,
 };
 
 macro_rules! index {
@@ -115,6 +116,8 @@ pub struct Partition {
     pub retained_bytes: u64,
     /// What it is told at its start, as the file says it.
     pub attributes: BTreeMap<String, Attribute>,
+    /// The schedules in which it may ask for another one.
+    pub may_set_schedule: Vec<ScheduleId>,
     /// What is done about each of its errors.
     pub health: PartitionHealth,
     /// Its ports, in the order of the file.
@@ -271,9 +274,17 @@ pub struct Schedule {
     pub initial: bool,
     /// The windows of all modules, in the order of the file.
     pub windows: Vec<Window>,
+    /// What becomes of a partition when the module changes to this schedule, where the file says it.
+    pub change_actions: BTreeMap<PartitionId, ChangeAction>,
 }
 
 impl Schedule {
+    /// Whether a partition has a window in it.
+    #[must_use]
+    pub fn runs(&self, partition: PartitionId) -> bool {
+        self.windows.iter().any(|window| window.partition == partition)
+    }
+
     /// How many minor frames a major frame has.
     #[must_use]
     pub fn minor_frames(&self) -> u32 {
@@ -397,6 +408,22 @@ impl Plan {
     #[must_use]
     pub fn initial_schedule(&self) -> ScheduleId {
         ScheduleId(self.schedules.iter().position(|schedule| schedule.initial).unwrap_or(0))
+    }
+
+    /// What becomes of a partition when the module changes from one schedule to another. A partition that did not run
+    /// before starts from nothing, unless the file says otherwise.
+    #[must_use]
+    pub fn change_action(
+        &self,
+        before: ScheduleId,
+        after: ScheduleId,
+        partition: PartitionId,
+    ) -> ChangeAction {
+        match self[after].change_actions.get(&partition) {
+            Some(action) => *action,
+            None if !self[before].runs(partition) => ChangeAction::ColdRestart,
+            None => ChangeAction::Ignore,
+        }
     }
 
     /// A port as the file writes it: `partition.port`.

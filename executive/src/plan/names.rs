@@ -39,6 +39,10 @@ impl Names {
         self.modules.get(name).copied()
     }
 
+    pub(super) fn schedule(&self, file: &RawFile, name: &str) -> Option<usize> {
+        file.schedules.iter().position(|schedule| schedule.name.value == name)
+    }
+
     pub(super) fn partition(&self, name: &str) -> Option<usize> {
         self.partitions.get(name).copied()
     }

@@ -6,11 +6,12 @@ use toml::de::{DeTable, DeValue};
 
 use super::catalogue;
 use super::closed::{
-    Closed, Direction, Exhausted, Kind, ModuleAction, ModuleError, PartitionAction, PartitionError, StartMode,
+    ChangeAction, Closed, Direction, Exhausted, Kind, ModuleAction, ModuleError, PartitionAction,
+    PartitionError, StartMode,
 };
 use super::findings::{Finding, Findings, Span, did_you_mean, listed};
 use super::reader::{
-    At, Attributes, Bytes, Entry, Field, FromToml, Nanoseconds, TableReader, Word, table_of,
+    At, Attributes, Bytes, Entry, Field, FromToml, Nanoseconds, Permission, TableReader, Word, table_of,
 };
 
 /// The whole file.
@@ -47,6 +48,7 @@ pub(super) struct RawPartition {
     pub(super) devices: Names,
     pub(super) retained: Field<Bytes>,
     pub(super) attributes: Field<Attributes>,
+    pub(super) may_set_schedule: Field<Permission>,
     pub(super) health: Vec<Answer<PartitionError, PartitionAction>>,
 }
 
@@ -88,6 +90,8 @@ pub(super) struct RawSchedule {
     pub(super) minor_frame: Field<Nanoseconds>,
     pub(super) initial: Field<bool>,
     pub(super) windows: Vec<RawWindow>,
+    /// What becomes of partitions when the module changes to it, by name.
+    pub(super) change_actions: Vec<(At<String>, At<ChangeAction>)>,
 }
 
 pub(super) struct RawWindow {
@@ -184,6 +188,7 @@ impl RawPartition {
             devices: table.optional("devices"),
             retained: table.optional("retained"),
             attributes: table.optional("attributes"),
+            may_set_schedule: table.optional("may_set_schedule"),
             health: answers(&table.entries("health"), &PARTITION_LEVEL, findings),
             name: entry.0,
         };
@@ -263,8 +268,14 @@ impl RawSchedule {
         let initial = table.optional("initial");
         let windows = table.tables("window").into_iter();
         let windows = windows.map(|window| RawWindow::read(window, findings)).collect();
+        let actions = table.entries("change_action").into_iter();
+        let change_actions = actions.filter_map(|(name, value)| {
+            let action = Word::<ChangeAction>::from_toml(value, findings)?.0;
+            Some((name, At { value: action, span: value.span() }))
+        });
+        let change_actions = change_actions.collect();
         table.finish();
-        Some(Self { name: entry.0, major_frame, minor_frame, initial, windows })
+        Some(Self { name: entry.0, major_frame, minor_frame, initial, windows, change_actions })
     }
 }
 

@@ -305,6 +305,25 @@ impl<T: Closed> FromToml for Word<T> {
     }
 }
 
+/// Where a partition may do something: everywhere, nowhere, or in the schedules of a list.
+#[derive(Clone, Debug)]
+pub(super) enum Permission {
+    /// In every schedule, or in none.
+    Always(bool),
+    /// In these.
+    In(Vec<At<String>>),
+}
+
+impl FromToml for Permission {
+    fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
+        match value.get_ref() {
+            DeValue::Boolean(said) => Some(Self::Always(*said)),
+            DeValue::Array(_) => Vec::<At<String>>::from_toml(value, findings).map(Self::In),
+            _ => wrong_type("true, false or a list of schedules", value, findings),
+        }
+    }
+}
+
 /// The free table that a partition is told at its start.
 pub(super) type Attributes = BTreeMap<String, Attribute>;
 

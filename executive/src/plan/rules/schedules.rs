@@ -1,10 +1,12 @@
 //! Rules about schedules as a whole: their frames, which one is initial, and who is in them.
 
 use super::Context;
+use crate::plan::build::starts_cold;
 use crate::plan::catalogue;
-use crate::plan::findings::Finding;
+use crate::plan::closed::ChangeAction;
+use crate::plan::findings::{Finding, did_you_mean};
 use crate::plan::raw::RawSchedule;
-use crate::plan::reader::{Field, Nanoseconds};
+use crate::plan::reader::{At, Field, Nanoseconds, Permission};
 use crate::plan::units::ShowTime;
 
 /// At 50 minor frames a second, three minutes: far beyond any cycle that a person can read. The timeline has an entry
@@ -17,7 +19,12 @@ pub(super) fn check(cx: &Context<'_>) {
     }
     initial(cx);
     major_frames(cx);
+    minor_frames_differ(cx);
     partitions(cx);
+    for schedule in &cx.file.schedules {
+        change_actions(cx, schedule);
+    }
+    permissions(cx);
 }
 
 /// The minor frame and how many of it make the major frame; nothing where another rule objects.
@@ -107,6 +114,106 @@ fn major_frames(cx: &Context<'_>) {
         let mend = "make them equal, or accept that a change takes up to the longer of the two";
         let finding = Finding::new(&catalogue::MAJOR_FRAMES_DIFFER, &other.span, message, mend);
         cx.add(finding.also(&one.span, "the other one"));
+    }
+}
+
+fn minor_frames_differ(cx: &Context<'_>) {
+    let mut frames =
+        cx.file.schedules.iter().filter_map(|schedule| Some((schedule, schedule.minor_frame.said()?)));
+    let Some((first, one)) = frames.next() else { return };
+    for (schedule, other) in frames.filter(|(_, other)| other.value != one.value) {
+        let message = format!(
+            "the minor frames of `{}` and `{}` differ: {} and {}",
+            first.name.value,
+            schedule.name.value,
+            ShowTime(one.value.0),
+            ShowTime(other.value.0)
+        );
+        let mend =
+            "make them equal, or see that every partition, refresh period and queue stands both periods";
+        let finding = Finding::new(&catalogue::MINOR_FRAMES_DIFFER, &other.span, message, mend);
+        cx.add(finding.also(&one.span, "the other one"));
+    }
+}
+
+fn runs_in(cx: &Context<'_>, schedule: &RawSchedule, partition: usize) -> bool {
+    schedule.windows.iter().any(|window| cx.names.owner(window) == Some(partition))
+}
+
+fn change_actions(cx: &Context<'_>, schedule: &RawSchedule) {
+    for (name, action) in &schedule.change_actions {
+        let Some(partition) = cx.names.partition(&name.value) else {
+            let known = cx.file.partitions.iter().map(|partition| partition.name.value.as_str());
+            let message = format!("there is no partition `{}`", name.value);
+            cx.note(&catalogue::UNKNOWN_PARTITION, &name.span, message, did_you_mean(&name.value, known));
+            continue;
+        };
+        let name_there = &cx.file.partitions[partition].name;
+        if !runs_in(cx, schedule, partition) {
+            let message =
+                format!("`{}` has a change action in `{}`, but no window", name.value, schedule.name.value);
+            let mend = "remove the action, or give the partition a window there";
+            let finding = Finding::new(&catalogue::CHANGE_ACTION_UNUSED, &name.span, message, mend);
+            cx.add(finding.also(&name_there.span, "the partition"));
+            continue;
+        }
+        let without = cx.file.schedules.iter().find(|other| !runs_in(cx, other, partition));
+        if let (ChangeAction::Ignore, Some(other)) = (action.value, without) {
+            let (name, here, other_name) = (&name.value, &schedule.name.value, &other.name.value);
+            let message =
+                format!("`{name}` goes on as if nothing had been when `{here}` follows `{other_name}`");
+            let mend = "leave the action out: a newly scheduled partition starts cold";
+            let finding = Finding::new(&catalogue::NEWLY_SCHEDULED_IGNORED, &action.span, message, mend);
+            cx.add(finding.also(&other.name.span, "the schedule in which it stands still"));
+        }
+        if action.value == ChangeAction::WarmRestart && starts_cold(&cx.file.partitions[partition]) {
+            let message = format!("a warm restart is asked for, but `{}` starts cold", name.value);
+            let mend =
+                "write `cold_restart`, or let the partition start warm: `restart = { start = \"warm\" }`";
+            let finding = Finding::new(&catalogue::WARM_WHERE_COLD, &action.span, message, mend);
+            cx.add(finding.also(&name_there.span, "the partition"));
+        }
+    }
+}
+
+fn permissions(cx: &Context<'_>) {
+    for (place, partition) in cx.file.partitions.iter().enumerate() {
+        let Some(said) = partition.may_set_schedule.said() else { continue };
+        let name = &partition.name.value;
+        let listed: &[At<String>] = match &said.value {
+            Permission::Always(false) => continue,
+            Permission::Always(true) => &[],
+            Permission::In(listed) => listed,
+        };
+        let alone = cx.file.schedules.len() == 1;
+        if alone {
+            let message = format!("`{name}` may ask for another schedule, and there is no other");
+            let mend = "remove `may_set_schedule`, or add a schedule";
+            cx.note(&catalogue::PERMISSION_UNUSED, &said.span, message, mend);
+        }
+        for schedule in listed {
+            permission(cx, place, schedule, alone);
+        }
+    }
+}
+
+fn permission(cx: &Context<'_>, partition: usize, schedule: &At<String>, alone: bool) {
+    let name = cx.partition_name(partition);
+    match cx.names.schedule(cx.file, &schedule.value) {
+        None => {
+            let known = cx.file.schedules.iter().map(|schedule| schedule.name.value.as_str());
+            let message = format!("there is no schedule `{}`", schedule.value);
+            let mend = did_you_mean(&schedule.value, known);
+            cx.note(&catalogue::UNKNOWN_SCHEDULE, &schedule.span, message, mend);
+        }
+        Some(place) if !alone && !runs_in(cx, &cx.file.schedules[place], partition) => {
+            let message =
+                format!("`{name}` may ask in schedule `{}`, where it has no window", schedule.value);
+            let mend = "remove the schedule from the list, or give the partition a window there";
+            let finding = Finding::new(&catalogue::PERMISSION_UNUSED, &schedule.span, message, mend);
+            cx.add(finding.also(&cx.file.schedules[place].name.span, "the schedule"));
+        }
+        Some(_) => {}
     }
 }
 

@@ -15,7 +15,7 @@ use bateleur_ports::Domain;
 
 use crate::system::cgroup;
 
-/// Where shared memory lies: files are told apart by their prefix there, so it can not be a folder of our own.
+/// Where shared memory lies: a tmpfs on every Linux.
 const SHARED_MEMORY: &str = "/dev/shm";
 /// First part of every run's name.
 const NAME: &str = "bateleur";
@@ -63,14 +63,21 @@ impl Instance {
     #[must_use]
     pub fn domain(&self) -> Domain {
         let root = self.directory().join("ports").to_string_lossy().into_owned();
-        Domain { root, prefix: format!("{}_", self.name) }
+        Domain { root }
     }
 
-    /// Makes the ports' directory, owned by the partitions' user.
-    pub fn make_ports_directory(&self, owner: Option<u32>) -> io::Result<()> {
-        let directory = self.directory().join("ports");
-        fs::create_dir(&directory)?;
-        std::os::unix::fs::chown(&directory, owner, owner)
+    /// Makes a directory for each channel, owned by the partitions' user. What holds them is the executive's, so that no
+    /// partition can put another in its place.
+    pub fn make_channel_directories(&self, channels: &[String], owner: Option<u32>) -> io::Result<()> {
+        let domain = self.domain();
+        let make = |path: &Path, mode| fs::DirBuilder::new().mode(mode).create(path);
+        make(Path::new(&domain.root), 0o755)?;
+        for channel in channels {
+            let directory = domain.directory(channel);
+            make(&directory, 0o700)?;
+            std::os::unix::fs::chown(&directory, owner, owner)?;
+        }
+        Ok(())
     }
 
     fn record(&self) -> io::Result<()> {
@@ -82,13 +89,7 @@ impl Instance {
         if let Some(group) = &self.group {
             cgroup::remove(group);
         }
-        let prefix = self.domain().prefix;
-        for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
-            if entry.file_name().to_string_lossy().starts_with(&prefix) {
-                let _ = fs::remove_file(entry.path()); // gone already, or not ours: the next start tries again
-            }
-        }
-        let _ = fs::remove_dir_all(self.directory()); // as above
+        let _ = fs::remove_dir_all(self.directory()); // gone already, or not ours: the next start tries again
     }
 
     fn is_alive(&self) -> bool {
@@ -150,7 +151,8 @@ mod tests {
         };
         fs::create_dir(dead.directory()).unwrap();
         dead.record().unwrap();
-        let segment = Path::new(SHARED_MEMORY).join(format!("{}segment", dead.domain().prefix));
+        dead.make_channel_directories(&["imu.rates".into()], None).unwrap();
+        let segment = dead.domain().directory("imu.rates").join("segment");
         fs::write(&segment, "left").unwrap();
         let cleaned = clean_leftovers();
         assert!(cleaned.contains(&dead.name));

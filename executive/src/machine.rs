@@ -131,7 +131,10 @@ fn groups(guarantees: &mut Guarantees) -> bool {
 
 fn namespaces(user: Option<u32>, guarantees: &mut Guarantees) -> Namespaces {
     let all = [
-        ("a partition sees the file system read-only", Namespaces { mount: true, ..Namespaces::default() }),
+        (
+            "a partition sees the file system read-only, and of all channels its own",
+            Namespaces { mount: true, ..Namespaces::default() },
+        ),
         (
             "a partition has no network unless the plan grants it",
             Namespaces { network: true, ..Namespaces::default() },
@@ -169,6 +172,7 @@ fn try_namespaces(namespaces: Namespaces, user: Option<u32>) -> std::io::Result<
         errors: nothing.as_fd(),
         group: None,
         namespaces,
+        channels: &[],
         user: user.map(|id| User { id, groups: Vec::new() }),
         data_limit: 0,
         dies_with_starter: true,

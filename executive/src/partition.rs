@@ -37,8 +37,6 @@ pub struct Housing {
     pub clock: Clock,
     /// Root of the ports' shared memory.
     pub ports_root: String,
-    /// Prefix of the ports' shared memory.
-    pub ports_prefix: String,
     /// Namespaces that this machine allows.
     pub namespaces: Namespaces,
     /// Whom partitions run as; none: as the executive.
@@ -68,6 +66,8 @@ pub struct Cage {
     namespaces: Namespaces,
     user: Option<User>,
     data_limit: u64,
+    /// The directories of its channels.
+    channels: Vec<PathBuf>,
     log: PathBuf,
     description: Description,
 }
@@ -112,6 +112,10 @@ impl Cage {
             },
             user: housing.user.map(|id| User { id, groups: device_groups(partition, overrides) }),
             data_limit: if memory_limited { 0 } else { partition.memory_bytes },
+            channels: attached_channels(plan, id)
+                .iter()
+                .map(|channel| Path::new(&housing.ports_root).join(channel))
+                .collect(),
             log: housing.logs.join(format!("{}.log", partition.name)),
             description: describe(plan, partition, housing, overrides),
         })
@@ -147,6 +151,7 @@ impl Cage {
             errors: errors.as_fd(),
             group: self.group.as_ref().map(Group::as_fd),
             namespaces: self.namespaces,
+            channels: &self.channels,
             user: self.user.clone(),
             data_limit: self.data_limit,
             dies_with_starter: true,
@@ -288,7 +293,6 @@ fn describe(
         attributes,
         retained_bytes: partition.retained_bytes,
         ports_root: housing.ports_root.clone(),
-        ports_prefix: housing.ports_prefix.clone(),
     }
 }
 
@@ -322,6 +326,16 @@ fn describe_port(plan: &Plan, port: &Port) -> PortDescription {
         refresh_ns,
         depth: channel.map_or(0, |channel| queue_depth(plan, channel).unwrap_or(0)),
     }
+}
+
+/// The directories of the channels that a partition is attached to, each once.
+#[must_use]
+pub fn attached_channels(plan: &Plan, id: PartitionId) -> Vec<String> {
+    let channels = plan[id].ports.iter().filter_map(|port| plan[*port].channel);
+    let mut homes: Vec<String> = channels.map(|channel| plan.port_path(plan[channel].source)).collect();
+    homes.sort_unstable();
+    homes.dedup();
+    homes
 }
 
 /// The message type's name; "bytes" where the plan gives a size alone.

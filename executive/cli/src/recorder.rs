@@ -14,6 +14,7 @@ struct Observed {
     reader: Reader,
     log: ChannelId,
     _channel: Channel,
+    _node: Membership,
 }
 
 /// The log was opened by the executive, whose output folder the recorder's user may not enter.
@@ -22,9 +23,8 @@ const LOG: &str = "/proc/self/fd/3";
 pub(crate) fn run(order: &str) -> Result<()> {
     let _ = rustix::thread::set_name(c"recorder"); // a name is a comfort
     let order: Order = serde_json::from_str(order).context("the recorder's order is damaged")?;
-    let node = order.domain().join("recorder")?;
     let mut log = PortLog::create(LOG)?;
-    let observed = attach(&order, &node, &mut log)?;
+    let observed = attach(&order, &mut log)?;
     answer()?;
     let mut word = [0; 1];
     while std::io::stdin().read(&mut word)? == 1 {
@@ -41,18 +41,19 @@ fn answer() -> std::io::Result<()> {
     output.flush()
 }
 
-fn attach(order: &Order, node: &Membership, log: &mut PortLog) -> Result<Vec<Observed>> {
-    let mut observed = Vec::new();
+fn attach(order: &Order, log: &mut PortLog) -> Result<Vec<Observed>> {
+    let (domain, mut observed) = (order.domain(), Vec::new());
     for ordered in &order.channels {
         let kind = ordered.channel_type();
         let kind = if kind.depth.is_some() { kind.observed() } else { kind };
-        let channel = kind.open(node)?;
+        let node = domain.join(kind.home(), "recorder")?;
+        let channel = kind.open(&node)?;
         let reader = kind.observer(&channel)?;
         // Bytes without a message type have no fields to name: they are left out.
         let Some(message) = bateleur_messages::find(&ordered.message) else { continue };
         let (partition, port) = ordered.source.split_once('.').unwrap_or((&ordered.source, "port"));
         let id = log.add_channel(&topic(partition, port), message)?;
-        observed.push(Observed { reader, log: id, _channel: channel });
+        observed.push(Observed { reader, log: id, _channel: channel, _node: node });
     }
     Ok(observed)
 }

@@ -3,6 +3,7 @@
 //! It runs as the partitions' user (shared memory is shared within one user), and the executive itself maps none of
 //! the partitions' data: a damaged segment can bring down whoever maps it.
 
+use std::collections::BTreeMap;
 use std::io::{self, Read, Write};
 
 use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Membership};
@@ -13,8 +14,6 @@ use serde::{Deserialize, Serialize};
 pub struct Order {
     /// Root of the module's shared memory.
     pub root: String,
-    /// Prefix of the module's shared memory.
-    pub prefix: String,
     /// The channels.
     pub channels: Vec<OrderedChannel>,
 }
@@ -34,6 +33,12 @@ pub struct OrderedChannel {
     pub depth: Option<usize>,
     /// Destination ports.
     pub destinations: usize,
+    /// Sources beside it, see [`ChannelType`].
+    #[serde(default)]
+    pub spare_writers: usize,
+    /// Destination ports beside them, see [`ChannelType`].
+    #[serde(default)]
+    pub spare_readers: usize,
 }
 
 impl OrderedChannel {
@@ -46,6 +51,8 @@ impl OrderedChannel {
             size: self.size,
             depth: self.depth,
             destinations: self.destinations,
+            spare_writers: self.spare_writers,
+            spare_readers: self.spare_readers,
         }
     }
 }
@@ -54,7 +61,7 @@ impl Order {
     /// Where the module's shared memory lies.
     #[must_use]
     pub fn domain(&self) -> Domain {
-        Domain { root: self.root.clone(), prefix: self.prefix.clone() }
+        Domain { root: self.root.clone() }
     }
 }
 
@@ -76,14 +83,15 @@ pub enum CustodianError {
 pub fn run(order: &str) -> Result<(), CustodianError> {
     name_process(c"custodian");
     let order: Order = serde_json::from_str(order)?;
-    let node = order.domain().join("custodian")?;
-    let mut held = Vec::new();
+    let (domain, mut nodes, mut held) = (order.domain(), BTreeMap::new(), Vec::new());
     for channel in &order.channels {
         let channel = channel.channel_type();
+        let node = domain.join(channel.home(), "custodian")?;
         held.push(open_or_create(&channel, &node)?);
         if channel.depth.is_some() {
             held.push(open_or_create(&channel.observed(), &node)?);
         }
+        nodes.insert(channel.name, node);
     }
     io::stdout().write_all(b"ready\n")?;
     io::stdout().flush()?;

@@ -1,4 +1,4 @@
-//! Removes everything that a dead process left in the module's shared memory, at whatever instant it was killed.
+//! Removes everything that a dead process left in the channels that it was attached to, at whatever instant it was killed.
 //!
 //! The library's own clean-up does most of it, but a process killed between two of its file operations leaves things
 //! that the clean-up waits for without end, or does not see: those are dealt with before and after. The owner of a
@@ -10,29 +10,43 @@ use std::fs::{self, DirEntry};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::Path;
 
-use bateleur_ports::{ChannelError, Domain};
+use bateleur_ports::{ChannelError, Domain, PREFIX};
 
-/// Where POSIX shared memory objects lie.
-const SHARED_MEMORY: &str = "/dev/shm";
 /// Ids in file names have more digits than any 64-bit number.
 const ID_DIGITS: usize = 20;
 /// The mode of an object that is created but not yet sized.
 const HALF_MADE_MODE: u32 = 0o200;
 
-/// Buries process `pid`, which must have been reaped, before its successor is started.
-pub fn run(domain: &Domain, pid: u32) -> Result<(), ChannelError> {
+/// Buries process `pid`, which must have been reaped, before its successor is started. `channels`: the directories of
+/// those that it was attached to.
+///
+/// # Errors
+/// The last channel that could not be joined; the others are cleared all the same.
+pub fn run(domain: &Domain, pid: u32, channels: &[String]) -> Result<(), ChannelError> {
     super::custodian::name_process(c"janitor");
-    remove_half_made(domain, pid);
-    unseal_hidden_tags(domain, pid);
-    let node = domain.join("janitor")?;
-    let _ = node.try_cleanup_dead_nodes(); // what it could not clean is removed by name below
-    remove_remains(domain, pid);
-    Ok(())
+    let mut result = Ok(());
+    for channel in channels {
+        if let Err(error) = clear(domain, channel, pid) {
+            result = Err(error);
+        }
+    }
+    result
 }
 
-/// An object without a size would make the library wait for its size for ever.
-fn remove_half_made(domain: &Domain, pid: u32) {
-    for entry in entries(Path::new(SHARED_MEMORY), &domain.prefix).filter(|entry| is_owned(entry, pid)) {
+fn clear(domain: &Domain, channel: &str, pid: u32) -> Result<(), ChannelError> {
+    let directory = domain.directory(channel);
+    remove_half_made(&directory, pid);
+    unseal_hidden_tags(&directory, pid);
+    let joined = domain.join(channel, "janitor").map(|node| {
+        let _ = node.try_cleanup_dead_nodes(); // what it could not clean is removed by name below
+    });
+    remove_remains(&directory, pid);
+    joined
+}
+
+/// An object without a size would make whoever opens it wait for its size.
+fn remove_half_made(directory: &Path, pid: u32) {
+    for entry in entries(directory, PREFIX).filter(|entry| is_owned(entry, pid)) {
         if entry.metadata().is_ok_and(|about| about.size() == 0 || about.mode() & 0o777 == HALF_MADE_MODE) {
             let _ = fs::remove_file(entry.path()); // a live peer removed it meanwhile
         }
@@ -40,24 +54,16 @@ fn remove_half_made(domain: &Domain, pid: u32) {
 }
 
 /// A tag that was not yet made readable is not listed, and the clean-up would then give up half way.
-fn unseal_hidden_tags(domain: &Domain, pid: u32) {
-    let nodes = entries(&Path::new(&domain.root).join("nodes"), "").filter(|entry| is_owned(entry, pid));
-    for tag in nodes.flat_map(|node| entries(&node.path(), &domain.prefix)) {
+fn unseal_hidden_tags(directory: &Path, pid: u32) {
+    let nodes = entries(&directory.join("nodes"), "").filter(|entry| is_owned(entry, pid));
+    for tag in nodes.flat_map(|node| entries(&node.path(), PREFIX)) {
         let _ = fs::set_permissions(tag.path(), fs::Permissions::from_mode(0o400)); // as above
     }
 }
 
-fn remove_remains(domain: &Domain, pid: u32) {
-    let places = [
-        (format!("{}/nodes", domain.root), ""),
-        (domain.root.clone(), &domain.prefix),
-        (SHARED_MEMORY.into(), &domain.prefix),
-    ];
-    for entry in places
-        .iter()
-        .flat_map(|(place, prefix)| entries(Path::new(place), prefix))
-        .filter(|entry| is_owned(entry, pid))
-    {
+fn remove_remains(directory: &Path, pid: u32) {
+    let all = entries(&directory.join("nodes"), "").chain(entries(directory, PREFIX));
+    for entry in all.filter(|entry| is_owned(entry, pid)) {
         let path = entry.path();
         let _ = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) }; // as above
     }
@@ -87,9 +93,9 @@ mod tests {
     fn the_owners_are_read_from_a_file_name() {
         let id: u128 = (1_234 << 64) | 77;
         assert_eq!(
-            owners(&format!("bateleur.fcu.9_{id}_{}.connection", id + (1 << 64))).collect::<Vec<_>>(),
+            owners(&format!("bateleur_{id}_{}.connection", id + (1 << 64))).collect::<Vec<_>>(),
             [1_234, 1_235]
         );
-        assert_eq!(owners("bateleur.fcu.9_global_mgmt").count(), 0);
+        assert_eq!(owners("bateleur_global_mgmt").count(), 0);
     }
 }

@@ -15,7 +15,7 @@ use crate::helper::guard::FAREWELL;
 use crate::instance::Instance;
 use crate::machine::Machine;
 use crate::monitor::StartJanitor;
-use crate::partition::{Cage, Housing, message_name, queue_depth};
+use crate::partition::{Cage, Housing, attached_channels, message_name, queue_depth};
 use crate::plan::{ModuleView, Plan};
 use crate::system::spawn::{Namespaces, Request, Spawned, User, spawn};
 use crate::world::Recorder;
@@ -77,7 +77,6 @@ impl Base {
         if let Some(group) = &group {
             instance.set_group(group.path()).map_err(machine("cannot note the control group"))?;
         }
-        instance.make_ports_directory(facts.user).map_err(machine("cannot make the ports' directory"))?;
         let log = File::create(logs.join("helpers.log")).map_err(machine("cannot write the helpers' log"))?;
         let own_program =
             std::env::current_exe().map_err(machine("cannot find the executive's own program"))?;
@@ -115,6 +114,7 @@ impl Base {
             errors: self.log.as_fd(),
             group: None,
             namespaces: Namespaces::default(),
+            channels: &[],
             user: self.user.filter(|_| as_partitions).map(|id| User { id, groups: Vec::new() }),
             data_limit: 0,
             dies_with_starter: as_partitions,
@@ -132,10 +132,12 @@ impl Base {
                 size: plan[channel.source].payload.max_size_bytes(),
                 depth: queue_depth(plan, channel).map(|depth| depth as usize),
                 destinations: channel.destinations.len(),
+                spare_writers: 0,
+                spare_readers: 0,
             }
         });
         let domain = self.instance.domain();
-        Order { root: domain.root, prefix: domain.prefix, channels: channels.collect() }
+        Order { root: domain.root, channels: channels.collect() }
     }
 
     /// Starts the custodian and waits until every channel is there.
@@ -178,6 +180,7 @@ impl Base {
     /// needs a janitor first sees that the custodian is there.
     fn janitor_starter(
         &self,
+        plan: Arc<Plan>,
         order: String,
         custodian: Rc<RefCell<Custodian>>,
     ) -> Result<StartJanitor, RunError> {
@@ -189,18 +192,21 @@ impl Base {
             guard: RefCell::new(None),
             user: self.user,
         };
-        Ok(Box::new(move |pid| {
+        Ok(Box::new(move |partition, pid| {
             if crate::partition::ended(&custodian.borrow().process).is_some() {
                 // Before any clean-up, which would take away the channels that only the dead one held.
                 *custodian.borrow_mut() = copy.start_custodian(&order).map_err(std::io::Error::other)?;
             }
-            copy.start_janitor(pid)
+            copy.start_janitor(pid, attached_channels(&plan, partition))
         }))
     }
 
-    fn start_janitor(&self, pid: i32) -> std::io::Result<Spawned> {
+    fn start_janitor(&self, pid: i32, channels: Vec<String>) -> std::io::Result<Spawned> {
         let domain = self.instance.domain();
-        self.helper(&["janitor".into(), domain.root, domain.prefix, pid.to_string()], Lines::default(), true)
+        let mut arguments = vec!["janitor".into(), domain.root.clone(), pid.to_string()];
+        // A channel that another module serves has nothing here.
+        arguments.extend(channels.into_iter().filter(|channel| domain.directory(channel).exists()));
+        self.helper(&arguments, Lines::default(), true)
     }
 
     pub(super) fn run(
@@ -211,7 +217,12 @@ impl Base {
         facts: &Machine,
         programs: Vec<PathBuf>,
     ) -> Result<Outcome, RunError> {
-        let order = serde_json::to_string(&self.order(view)).unwrap_or_default();
+        let order = self.order(view);
+        let homes: Vec<String> = order.channels.iter().map(|channel| channel.name.clone()).collect();
+        self.instance
+            .make_channel_directories(&homes, self.user)
+            .map_err(machine("cannot make the channels' directories in /dev/shm"))?;
+        let order = serde_json::to_string(&order).unwrap_or_default();
         let custodian = Rc::new(RefCell::new(self.start_custodian(&order)?));
         let recorder =
             options.record.take().map(|path| self.start_recorder(&path, order.clone())).transpose()?;
@@ -223,7 +234,7 @@ impl Base {
             facts,
             cages,
             recorder,
-            self.janitor_starter(order, custodian.clone())?,
+            self.janitor_starter(plan.clone(), order, custodian.clone())?,
         );
         custodian.borrow_mut().leave();
         ended
@@ -242,7 +253,6 @@ impl Base {
             module: options.module.clone(),
             clock: options.clock,
             ports_root: domain.root,
-            ports_prefix: domain.prefix,
             namespaces: facts.namespaces,
             user: facts.user,
             real_time: facts.real_time,

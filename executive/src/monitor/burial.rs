@@ -50,7 +50,7 @@ impl Burials {
         }
         let place = self.waiting.pop_front()?;
         let Life::Dead(pid, _) = watched[place].life else { return Some(place) };
-        match (self.start_janitor)(pid) {
+        match (self.start_janitor)(watched[place].cage.id, pid) {
             Ok(janitor) => {
                 self.janitor = Some((place, janitor, now_ns()));
                 None

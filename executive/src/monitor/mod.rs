@@ -22,7 +22,7 @@ use crate::event::{Event, Events};
 use crate::health::decision::{Decision, decide, error_of};
 use crate::health::log::{Fault, HealthLog, Missed, WindowLog, WindowRecord};
 use crate::partition::{Cage, await_any_end, ended, is_readable};
-use crate::plan::{Closed, ModuleAction, ModuleError, PartitionError, Plan};
+use crate::plan::{Closed, ModuleAction, ModuleError, PartitionError, PartitionId, Plan};
 use crate::slot::Slot;
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
@@ -36,8 +36,8 @@ mod watched;
 /// Between two health entries about the overruns of one partition, module time: each is counted, not each is told.
 const OVERRUN_SILENCE_NS: u64 = 1_000_000_000;
 
-/// Starts a janitor for a dead process.
-pub type StartJanitor = Box<dyn Fn(i32) -> io::Result<Spawned>>;
+/// Starts a janitor for a dead process of a partition.
+pub type StartJanitor = Box<dyn Fn(PartitionId, i32) -> io::Result<Spawned>>;
 /// Takes the next window records that dispatchers have left.
 pub type TakeRecord = Box<dyn FnMut() -> Option<WindowRecord>>;
 

@@ -5,3 +5,4 @@ pub mod delegation;
 pub mod sched;
 pub mod spawn;
 pub mod time;
+mod view;

@@ -10,9 +10,11 @@ use std::io::{self, Read};
 use std::mem::zeroed;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
 use std::os::unix::ffi::OsStrExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rustix::pipe::{PipeFlags, pipe_with};
+
+use super::view::View;
 
 /// `clone3` only; the C library's binding is too narrow for it.
 const CLONE_INTO_CGROUP: u64 = 0x2_0000_0000;
@@ -20,7 +22,7 @@ const CLONE_INTO_CGROUP: u64 = 0x2_0000_0000;
 /// What is shut off from a process. Each flag needs privileges that a machine may not give.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Namespaces {
-    /// A mount namespace whose tree is read-only but for `/dev/shm`.
+    /// A mount namespace whose tree is read-only but for the channels, and whose `/dev/shm` holds nothing else.
     pub mount: bool,
     /// A network namespace without any interface.
     pub network: bool,
@@ -75,6 +77,8 @@ pub struct Request<'a> {
     pub group: Option<BorrowedFd<'a>>,
     /// What is shut off from it.
     pub namespaces: Namespaces,
+    /// Directories below `/dev/shm` that it sees and may write, in a mount namespace of its own.
+    pub channels: &'a [PathBuf],
     /// Whom it becomes; none: whoever the executive is.
     pub user: Option<User>,
     /// Limit of its data, bytes; 0: none.
@@ -110,7 +114,7 @@ impl Step {
         const TEXTS: [&str; 7] = [
             "arranging its descriptors",
             "opening its session",
-            "making its file view read-only",
+            "making its view of the file system",
             "setting its limits",
             "changing its user",
             "giving up privileges",
@@ -131,7 +135,7 @@ struct Prepared {
     output: i32,
     errors: i32,
     user: Option<User>,
-    read_only: bool,
+    view: Option<View>,
     data_limit: u64,
     dies_with_starter: bool,
     trouble: i32,
@@ -230,7 +234,7 @@ fn prepare(request: &Request<'_>, trouble: i32) -> io::Result<Prepared> {
         output: request.output.map_or(request.errors.as_raw_fd(), |output| output.as_raw_fd()),
         errors: request.errors.as_raw_fd(),
         user: request.user.clone(),
-        read_only: request.namespaces.mount,
+        view: request.namespaces.mount.then(|| View::new(request.channels)).transpose()?,
         data_limit: request.data_limit,
         dies_with_starter: request.dies_with_starter,
         trouble,
@@ -263,7 +267,9 @@ fn become_program(prepared: &Prepared) -> Step {
         if libc::setsid() < 0 {
             return Step::Session;
         }
-        if prepared.read_only && !make_read_only() {
+        // Whatever the executive's is: what is made for the partition must be readable by it.
+        libc::umask(0o022);
+        if prepared.view.as_ref().is_some_and(|view| !view.enter()) {
             return Step::Mounts;
         }
         if !set_limits(prepared) {
@@ -310,39 +316,6 @@ unsafe fn arrange_descriptors(prepared: &Prepared) -> bool {
             }
         }
         libc::syscall(libc::SYS_close_range, count as u32, u32::MAX, libc::CLOSE_RANGE_CLOEXEC) == 0
-    }
-}
-
-/// The whole tree read-only but for `/dev/shm`, where the ports lie.
-unsafe fn make_read_only() -> bool {
-    // SAFETY: constant strings and a local structure, in a mount namespace of the child's own.
-    unsafe {
-        if libc::mount(
-            c"none".as_ptr(),
-            c"/".as_ptr(),
-            std::ptr::null(),
-            libc::MS_REC | libc::MS_PRIVATE,
-            std::ptr::null(),
-        ) != 0
-        {
-            return false;
-        }
-        let mut read_only: libc::mount_attr = zeroed();
-        read_only.attr_set = libc::MOUNT_ATTR_RDONLY | libc::MOUNT_ATTR_NOSUID;
-        let mut writable: libc::mount_attr = zeroed();
-        writable.attr_clr = libc::MOUNT_ATTR_RDONLY;
-        let set = |path: *const libc::c_char, flags: i32, attributes: &libc::mount_attr| {
-            let at: *const libc::mount_attr = attributes;
-            libc::syscall(
-                libc::SYS_mount_setattr,
-                libc::AT_FDCWD,
-                path,
-                flags,
-                at,
-                size_of::<libc::mount_attr>(),
-            ) == 0
-        };
-        set(c"/".as_ptr(), libc::AT_RECURSIVE, &read_only) && set(c"/dev/shm".as_ptr(), 0, &writable)
     }
 }
 

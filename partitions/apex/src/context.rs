@@ -1,6 +1,6 @@
 //! What a partition uses while it starts: its ports, attributes, retained memory and devices.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{Read, Write};
 use std::os::fd::AsFd;
@@ -57,7 +57,9 @@ pub enum StartError {
 pub struct Context {
     description: Description,
     attributes: Attributes,
-    node: Membership,
+    domain: Domain,
+    /// By the channel's directory.
+    nodes: BTreeMap<String, Membership>,
     time: Time,
     used: BTreeSet<String>,
     // Channels stay open as long as the partition runs.
@@ -72,14 +74,13 @@ impl Context {
         time: Time,
         retained: Option<File>,
     ) -> Result<Self, StartError> {
-        let domain =
-            Domain { root: description.ports_root.clone(), prefix: description.ports_prefix.clone() };
-        let node = domain.join(&description.partition)?;
+        let domain = Domain { root: description.ports_root.clone() };
         let attributes = Attributes::new(std::mem::take(&mut description.attributes));
         Ok(Self {
             description,
             attributes,
-            node,
+            domain,
+            nodes: BTreeMap::new(),
             time,
             used: BTreeSet::new(),
             channels: Vec::new(),
@@ -178,7 +179,9 @@ impl Context {
         self.attributes.all_known()?;
         match self.description.ports.iter().find(|port| !self.used.contains(&port.name)) {
             Some(port) => Err(StartError::UnusedPort(port.name.clone())),
-            None => Ok(Started { connections: self.connections, _channels: self.channels, _node: self.node }),
+            None => {
+                Ok(Started { connections: self.connections, _channels: self.channels, _nodes: self.nodes })
+            }
         }
     }
 
@@ -211,8 +214,18 @@ impl Context {
         if port.channel.is_empty() { Ok(None) } else { self.open_writer(&channel_type(port)).map(Some) }
     }
 
+    /// Opens a channel, joining its shared memory first where this is the partition's first port in it.
+    fn open(&mut self, kind: &ChannelType) -> Result<Channel, StartError> {
+        let home = kind.home();
+        if !self.nodes.contains_key(home) {
+            let node = self.domain.join(home, &self.description.partition)?;
+            self.nodes.insert(home.into(), node);
+        }
+        Ok(kind.open(&self.nodes[home])?)
+    }
+
     fn open_writer(&mut self, kind: &ChannelType) -> Result<Rc<Writer>, StartError> {
-        let channel = kind.open(&self.node)?;
+        let channel = self.open(kind)?;
         let writer = Rc::new(kind.writer(&channel)?);
         self.channels.push(channel);
         self.connections.push(writer.clone());
@@ -224,7 +237,7 @@ impl Context {
             return Ok(None);
         }
         let kind = channel_type(port);
-        let channel = kind.open(&self.node)?;
+        let channel = self.open(&kind)?;
         let reader = Rc::new(kind.reader(&channel)?);
         self.channels.push(channel);
         self.connections.push(reader.clone());
@@ -236,7 +249,7 @@ impl Context {
 pub(crate) struct Started {
     pub(crate) connections: Vec<Rc<dyn Connect>>,
     _channels: Vec<Channel>,
-    _node: Membership,
+    _nodes: BTreeMap<String, Membership>,
 }
 
 fn channel_type(port: &PortDescription) -> ChannelType {
@@ -246,5 +259,7 @@ fn channel_type(port: &PortDescription) -> ChannelType {
         size: port.size as usize,
         depth: (port.kind == PortKind::Queuing).then_some(port.depth.max(1) as usize),
         destinations: 1,
+        spare_writers: 0,
+        spare_readers: 0,
     }
 }

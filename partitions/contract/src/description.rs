@@ -23,10 +23,8 @@ pub struct Description {
     pub attributes: BTreeMap<String, serde_json::Value>,
     /// Bytes of retained memory behind [`crate::RETAINED_FD`]; 0: none.
     pub retained_bytes: u64,
-    /// Directory of the shared-memory services.
+    /// Directory of the module's channels: each has a directory of its own in it.
     pub ports_root: String,
-    /// Prefix of everything they make.
-    pub ports_prefix: String,
 }
 
 /// Why a partition was started (ARINC 653 START_CONDITION).

@@ -16,7 +16,7 @@ use crate::mapping::SharedMemory;
 /// First word of every control page.
 pub const MAGIC: u32 = 0x4254_4c52; // "BTLR"
 /// Raised whenever the page or the description changes its meaning.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// Bytes of a report's text, as in REPORT_APPLICATION_MESSAGE.
 pub const REPORT_TEXT: usize = 128;

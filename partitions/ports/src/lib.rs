@@ -8,7 +8,11 @@
 //! Every channel carries bytes, aligned for any message type; the message type's name and size are attributes of the
 //! service, verified by whoever opens it. So the custodian needs no message type to create a channel, and a partition
 //! still can not open one with the wrong type.
+//!
+//! Every channel lies in a directory of its own, with everything that belongs to it: who can not reach the directory
+//! can not reach the channel.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use iceoryx2::node::NodeCreationFailure;
@@ -20,9 +24,11 @@ use iceoryx2::sample::Sample;
 use iceoryx2::service::attribute::{AttributeKey, AttributeSpecifier, AttributeValue, AttributeVerifier};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
+mod rooted;
+
 /// The kind of service below every channel.
-pub type Shared = ipc::Service;
-/// A process' membership in a module's shared memory.
+pub type Shared = rooted::Rooted;
+/// A process' membership in the shared memory of one channel.
 pub type Membership = Node<Shared>;
 /// A created or opened channel; holding it keeps the channel alive.
 pub type Channel = PortFactory<Shared, [u8], Stamp>;
@@ -35,6 +41,8 @@ pub type Received = Sample<Shared, [u8], Stamp>;
 
 /// Alignment of every message, bytes: enough for any plain message type.
 pub const ALIGNMENT: usize = 16;
+/// Prefix of every file in a channel's directory.
+pub const PREFIX: &str = "bateleur_";
 /// Observers that a channel admits beside its ports.
 const OBSERVERS: usize = 4;
 /// Messages that wait for an observer before the oldest is lost.
@@ -67,14 +75,23 @@ pub struct ChannelType {
     pub depth: Option<usize>,
     /// Destination ports.
     pub destinations: usize,
+    /// Sources beside the one of the plan: of a process that stands by, or of one that is dead and not yet cleared away.
+    pub spare_writers: usize,
+    /// Destinations beside those of the plan, as above.
+    pub spare_readers: usize,
 }
 
 /// Why a channel could not be made, joined or opened.
 #[derive(Debug, thiserror::Error)]
 pub enum ChannelError {
-    /// The process can not join the module's shared memory.
-    #[error("cannot join the shared memory of the module: {0:?}")]
-    Join(NodeCreationFailure),
+    /// The process can not join the channel's shared memory.
+    #[error("cannot join the shared memory of channel {channel}: {reason:?}")]
+    Join {
+        /// The channel.
+        channel: String,
+        /// What the library said.
+        reason: NodeCreationFailure,
+    },
     /// A name that the library refuses.
     #[error("\"{0}\" can not be the name of a shared-memory service")]
     Name(String),
@@ -109,32 +126,37 @@ pub enum ChannelError {
 /// Where a module's shared memory lies: nothing of two modules, or of two runs, can meet.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Domain {
-    /// Directory on a tmpfs.
+    /// Directory on a tmpfs. Each channel has a directory in it.
     pub root: String,
-    /// Prefix of every file and shared-memory object.
-    pub prefix: String,
 }
 
 impl Domain {
-    /// Joins as `name`. Nobody cleans up by himself: after a death only the custodian does.
-    pub fn join(&self, name: &str) -> Result<Membership, ChannelError> {
+    /// The directory of a channel, given one of its services (see [`ChannelType::home`]).
+    #[must_use]
+    pub fn directory(&self, home: &str) -> PathBuf {
+        std::path::Path::new(&self.root).join(home)
+    }
+
+    /// Joins the channel whose directory is `home`, as `name`. Nobody cleans up by himself: after a death only the
+    /// janitor does.
+    pub fn join(&self, home: &str, name: &str) -> Result<Membership, ChannelError> {
         set_log_level(LogLevel::Fatal);
         let node_name = name.try_into().map_err(|_| ChannelError::Name(name.into()))?;
         NodeBuilder::new()
             .name(&node_name)
-            .config(&self.config()?)
+            .config(&self.config(home)?)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Shared>()
-            .map_err(ChannelError::Join)
+            .map_err(|reason| ChannelError::Join { channel: home.into(), reason })
     }
 
-    fn config(&self) -> Result<Config, ChannelError> {
+    fn config(&self, home: &str) -> Result<Config, ChannelError> {
+        let directory = self.directory(home).to_string_lossy().into_owned();
         let mut config = Config::default();
-        let root = Path::new(self.root.as_bytes()).map_err(|_| ChannelError::Name(self.root.clone()))?;
-        let prefix =
-            FileName::new(self.prefix.as_bytes()).map_err(|_| ChannelError::Name(self.prefix.clone()))?;
+        let root = Path::new(directory.as_bytes()).map_err(|_| ChannelError::Name(directory.clone()))?;
         config.global.set_root_path(&root);
-        config.global.prefix = prefix;
+        config.global.prefix =
+            FileName::new(PREFIX.as_bytes()).map_err(|_| ChannelError::Name(PREFIX.into()))?;
         config.global.creation_timeout = CREATION_TIMEOUT;
         config.global.node.cleanup_dead_nodes_on_creation = false;
         config.global.node.cleanup_dead_nodes_on_destruction = false;
@@ -152,7 +174,8 @@ impl ChannelType {
         let attributes = AttributeSpecifier::new()
             .define(&attribute_key()?, &self.attribute()?)
             .map_err(|error| failed(format!("{error:?}")))?;
-        let readers = self.destinations + OBSERVERS;
+        let readers = self.destinations + self.spare_readers + OBSERVERS;
+        let writers = 1 + self.spare_writers;
         let builder = match self.depth {
             None => builder
                 .enable_safe_overflow(true)
@@ -166,9 +189,9 @@ impl ChannelType {
                 .subscriber_max_borrowed_samples(1),
         };
         builder
-            .max_publishers(1)
+            .max_publishers(writers)
             .max_subscribers(readers)
-            .max_nodes(readers + 3)
+            .max_nodes(readers + writers + 2) // the custodian and a janitor
             .create_with_attributes(&attributes)
             .map_err(|error| failed(format!("{error:?}")))
     }
@@ -243,9 +266,24 @@ impl ChannelType {
     /// The sampling channel on which observers see what a queue carries: a queue itself has one destination, and an
     /// observer that reads too slowly must not make it full.
     pub fn observed(&self) -> Self {
-        Self { name: format!("{}.observed", self.name), depth: None, destinations: 0, ..self.clone() }
+        Self {
+            name: format!("{}{OBSERVED}", self.name),
+            depth: None,
+            destinations: 0,
+            spare_readers: 0,
+            ..self.clone()
+        }
+    }
+
+    /// The channel whose directory holds this service: a queue's twin for observers lies beside it.
+    #[must_use]
+    pub fn home(&self) -> &str {
+        self.name.strip_suffix(OBSERVED).unwrap_or(&self.name)
     }
 }
+
+/// What the name of a queue's twin ends with. A port's name holds no dot.
+const OBSERVED: &str = ".observed";
 
 fn attribute_key() -> Result<AttributeKey, ChannelError> {
     "message".try_into().map_err(|_| ChannelError::Name("message".into()))
@@ -255,17 +293,8 @@ fn attribute_key() -> Result<AttributeKey, ChannelError> {
 mod tests {
     use super::*;
 
-    fn domain(directory: &tempfile::TempDir, prefix: &str) -> Domain {
-        Domain { root: directory.path().to_string_lossy().into_owned(), prefix: prefix.into() }
-    }
-
-    /// One small file of a prefix stays for ever otherwise.
-    fn forget(prefix: &str) {
-        for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
-            if entry.file_name().to_string_lossy().starts_with(prefix) {
-                std::fs::remove_file(entry.path()).unwrap();
-            }
-        }
+    fn domain(directory: &tempfile::TempDir) -> Domain {
+        Domain { root: directory.path().to_string_lossy().into_owned() }
     }
 
     fn sampling(message: &str) -> ChannelType {
@@ -275,25 +304,26 @@ mod tests {
             size: 24,
             depth: None,
             destinations: 1,
+            spare_writers: 0,
+            spare_readers: 0,
         }
     }
 
     #[test]
     fn a_channel_of_another_message_type_is_refused() {
         let directory = tempfile::tempdir().unwrap();
-        let node = domain(&directory, "ports_a_").join("test").unwrap();
+        let node = domain(&directory).join("imu.rates", "test").unwrap();
         let held = sampling("Rates").create(&node).unwrap();
         assert!(sampling("Rates").open(&node).is_ok());
         let error = sampling("Pressure").open(&node).unwrap_err();
         assert!(error.to_string().contains("for message Pressure"), "{error}");
         drop((held, node));
-        forget("ports_a_");
     }
 
     #[test]
     fn payloads_are_aligned_for_any_message() {
         let directory = tempfile::tempdir().unwrap();
-        let node = domain(&directory, "ports_b_").join("test").unwrap();
+        let node = domain(&directory).join("imu.rates", "test").unwrap();
         let kind = sampling("Rates");
         let channel = kind.create(&node).unwrap();
         let (writer, reader) = (kind.writer(&channel).unwrap(), kind.reader(&channel).unwrap());
@@ -302,7 +332,52 @@ mod tests {
             let sample = reader.receive().unwrap().unwrap();
             assert_eq!(sample.payload().as_ptr() as usize % ALIGNMENT, 0);
         }
-        drop((writer, reader, channel, node));
-        forget("ports_b_");
+    }
+
+    /// Names in a directory of the machine's shared memory that carry this crate's prefix.
+    fn machine_wide() -> Vec<std::ffi::OsString> {
+        let entries = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
+        let names = entries.map(|entry| entry.file_name());
+        names.filter(|name| name.to_string_lossy().starts_with(PREFIX)).collect()
+    }
+
+    #[test]
+    fn everything_of_a_channel_lies_in_its_directory() {
+        let directory = tempfile::tempdir().unwrap();
+        let domain = domain(&directory);
+        let node = domain.join("imu.rates", "test").unwrap();
+        let kind = ChannelType { depth: Some(4), ..sampling("Rates") };
+        let (queue, twin) = (kind.create(&node).unwrap(), kind.observed().create(&node).unwrap());
+        let (writer, reader) = (kind.writer(&queue).unwrap(), kind.reader(&queue).unwrap());
+        writer.loan_slice_uninit(24).unwrap().write_from_slice(&[7; 24]).send().unwrap();
+        assert!(reader.receive().unwrap().is_some());
+        assert_eq!(machine_wide(), Vec::<std::ffi::OsString>::new());
+        assert_eq!(kind.observed().home(), kind.home());
+        let beside: Vec<_> = std::fs::read_dir(directory.path()).unwrap().flatten().collect();
+        assert_eq!(beside.len(), 1, "{beside:?}");
+        drop((twin, writer, reader));
+    }
+
+    #[test]
+    fn a_channel_admits_a_second_writer_only_where_it_was_made_for_one() {
+        let directory = tempfile::tempdir().unwrap();
+        let node = domain(&directory).join("imu.rates", "test").unwrap();
+        for (spare_writers, expected) in [(0, 1), (2, 3)] {
+            let name = format!("imu.rates{spare_writers}");
+            let kind = ChannelType { name, spare_writers, ..sampling("Rates") };
+            let channel = kind.create(&node).unwrap();
+            let writers: Vec<_> = (0..4).filter_map(|_| kind.writer(&channel).ok()).collect();
+            assert_eq!(writers.len(), expected);
+        }
+    }
+
+    #[test]
+    fn a_channel_admits_spare_readers_beside_its_observers() {
+        let directory = tempfile::tempdir().unwrap();
+        let node = domain(&directory).join("imu.rates", "test").unwrap();
+        let kind = ChannelType { spare_readers: 2, ..sampling("Rates") };
+        let channel = kind.create(&node).unwrap();
+        let readers: Vec<_> = (0..20).filter_map(|_| kind.reader(&channel).ok()).collect();
+        assert_eq!(readers.len(), 1 + 2 + OBSERVERS);
     }
 }

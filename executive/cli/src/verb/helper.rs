@@ -20,10 +20,10 @@ pub(crate) enum Helper {
     Janitor {
         /// Root of the module's shared memory.
         root: String,
-        /// Prefix of the module's shared memory.
-        prefix: String,
         /// The dead process.
         pid: u32,
+        /// The channels that it was attached to.
+        channels: Vec<String>,
     },
     /// Cleans up after a dead executive.
     #[command(hide = true)]
@@ -45,8 +45,8 @@ pub(crate) enum Helper {
 pub(crate) fn run(helper: &Helper) -> Result<Code> {
     match helper {
         Helper::Custodian { order } => custodian::run(order)?,
-        Helper::Janitor { root, prefix, pid } => {
-            janitor::run(&Domain { root: root.clone(), prefix: prefix.clone() }, *pid)?
+        Helper::Janitor { root, pid, channels } => {
+            janitor::run(&Domain { root: root.clone() }, *pid, channels)?
         }
         Helper::Guard { instance } => guard::run(instance)?,
         Helper::Probe => {}

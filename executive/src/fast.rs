@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use std::sync::Arc;
 
+use crate::change::Changes;
 use crate::dispatcher::{Ending, Gate, Meanwhile, Occurrence, Pace};
 use crate::health::log::{Missed, WindowRecord};
 use crate::monitor::Monitor;
@@ -47,14 +48,21 @@ pub struct VirtualGate<'a> {
     slots: Vec<Option<Arc<Slot>>>,
     hanging: Vec<bool>,
     records: Records,
-    granted: bool,
+    granted: Result<(), Missed>,
+    changes: Arc<Changes>,
 }
 
 impl<'a> VirtualGate<'a> {
     /// A gate that hands everything else to `monitor` and `world`.
-    pub fn new(monitor: &'a mut Monitor, world: &'a mut dyn World, records: Records) -> Self {
+    pub fn new(
+        monitor: &'a mut Monitor,
+        world: &'a mut dyn World,
+        records: Records,
+        changes: Arc<Changes>,
+    ) -> Self {
         let slots = monitor.slots();
-        Self { hanging: vec![false; slots.len()], slots, monitor, world, records, granted: false }
+        let granted = Err(Missed::NoPartition);
+        Self { hanging: vec![false; slots.len()], slots, monitor, world, records, granted, changes }
     }
 
     /// Waits until the window is closed, its partition has ended, or patience has.
@@ -89,8 +97,12 @@ impl Gate for VirtualGate<'_> {
 
     fn open(&mut self, occurrence: &Occurrence) {
         let partition = occurrence.window.partition.index();
-        self.granted = false;
+        self.granted = Err(Missed::NoPartition);
         let Some(slot) = self.slots[partition].clone() else { return };
+        if let Some(action) = self.changes.action_due(occurrence, &slot) {
+            self.granted = Err(Missed::Changed(action));
+            return;
+        }
         if slot.readiness() == Readiness::Absent {
             self.hanging[partition] = false; // its successor has shown nothing yet
         }
@@ -98,8 +110,8 @@ impl Gate for VirtualGate<'_> {
             self.monitor.await_successor(partition, occurrence.start_ns);
         }
         if slot.readiness() == Readiness::Ready && occurrence.start_ns >= slot.not_before_ns() {
-            slot.grant(&Grant::of(occurrence), now_ns());
-            self.granted = true;
+            slot.grant(&Grant::of(occurrence, self.changes.next()), now_ns());
+            self.granted = Ok(());
             self.settle(partition, &slot);
         }
     }
@@ -109,14 +121,16 @@ impl Gate for VirtualGate<'_> {
         let mut record = WindowRecord {
             occurrence: *occurrence,
             ending,
-            missed: (!self.granted).then_some(Missed::NoPartition),
+            missed: self.granted.err(),
+            requested: None,
             granted_ns: None,
             opened_ns: None,
             closed_ns: None,
         };
-        if self.granted
+        if self.granted.is_ok()
             && let Some(slot) = &self.slots[partition]
         {
+            record.requested = self.changes.take_request(occurrence, slot);
             let usage = slot.usage();
             slot.fence(usage.closed_ns.is_none());
             // Module time stands still in a window; what the processor took is laid after its start.
@@ -126,9 +140,11 @@ impl Gate for VirtualGate<'_> {
                 usage.closed_ns.zip(usage.opened_ns).map(|(closed, opened)| closed.saturating_sub(opened));
             record.closed_ns = took_ns.map(|took| occurrence.start_ns + took);
         }
-        self.granted = false;
+        self.granted = Err(Missed::NoPartition);
         self.records.borrow_mut().push_back(record);
-        if record.is_overrun() && self.monitor.has_ended(partition) {
+        // What is done about it begins at this instant of module time.
+        let changed = matches!(record.missed, Some(Missed::Changed(_)));
+        if changed || record.is_overrun() && self.monitor.has_ended(partition) {
             self.monitor.step(occurrence.start_ns);
         }
     }

@@ -5,6 +5,7 @@
 //! next window starts at its instant.
 
 pub mod agenda;
+pub mod change;
 pub mod dispatcher;
 pub mod doctor;
 pub mod event;

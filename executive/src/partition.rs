@@ -84,7 +84,7 @@ impl Cage {
     ) -> io::Result<Self> {
         let partition = &plan[id];
         let page = shared_memory(&partition.name, size_of::<ControlPage>() as u64)?;
-        let mapped = Mapped::new(&page).map_err(io::Error::other)?;
+        let mapped = Mapped::<ControlPage>::new(&page).map_err(io::Error::other)?;
         let freezer = group.as_ref().map(Group::freezer).transpose()?;
         let memory_limited =
             group.as_ref().is_some_and(|group| group.limit("memory.max", partition.memory_bytes).is_ok());
@@ -94,6 +94,9 @@ impl Cage {
             0 => None,
             bytes => Some(shared_memory(&partition.name, bytes)?),
         };
+        let initial = plan.initial_schedule().index() as u32;
+        mapped.schedule.store(initial, std::sync::atomic::Ordering::Relaxed);
+        mapped.next_schedule.store(initial, std::sync::atomic::Ordering::Relaxed);
         let always_freeze = partition.threads > 1 || (priority.is_none() && housing.clock == Clock::Wall);
         Ok(Self {
             id,
@@ -140,7 +143,7 @@ impl Cage {
         let errors = OpenOptions::new().create(true).append(true).open(&self.log)?;
         let mut descriptors: Vec<BorrowedFd<'_>> = vec![self.page.as_fd(), description.as_fd()];
         descriptors.extend(self.retained.as_ref().map(AsFd::as_fd));
-        self.slot.take_in();
+        self.slot.take_in(condition != StartCondition::HmPartitionWarmRestart);
         spawn(&Request {
             program: &self.program,
             arguments: &[],
@@ -291,6 +294,8 @@ fn describe(
         clock: housing.clock,
         ports: partition.ports.iter().map(|id| describe_port(plan, &plan[*id])).collect(),
         attributes,
+        schedules: plan.schedules.iter().map(|schedule| schedule.name.clone()).collect(),
+        may_set_schedule: partition.may_set_schedule.iter().map(|id| id.index() as u32).collect(),
         retained_bytes: partition.retained_bytes,
         ports_root: housing.ports_root.clone(),
     }

@@ -46,17 +46,26 @@ pub struct Grant {
     pub minor_frames: u64,
     /// The length of a minor frame, ns.
     pub minor_frame_ns: u64,
+    /// The number of its schedule.
+    pub schedule: usize,
+    /// When that took effect, module time, ns.
+    pub since_ns: u64,
+    /// The number of the schedule of the next major frame, as far as is known.
+    pub next_schedule: usize,
 }
 
 impl Grant {
-    /// The grant of a window.
+    /// The grant of a window. `next_schedule`: the schedule of the next major frame, as far as is known.
     #[must_use]
-    pub fn of(occurrence: &Occurrence) -> Self {
+    pub fn of(occurrence: &Occurrence, next_schedule: usize) -> Self {
         Self {
             start_ns: occurrence.start_ns,
             end_ns: occurrence.end_ns,
             minor_frames: occurrence.minor_frames,
             minor_frame_ns: occurrence.minor_frame_ns,
+            schedule: occurrence.reign.schedule,
+            since_ns: occurrence.reign.since_ns,
+            next_schedule,
         }
     }
 }
@@ -81,6 +90,12 @@ pub struct Slot {
     /// An operator holds the partition: whatever a dispatcher had begun, its next fence stops it.
     held: AtomicBool,
     not_before_ns: AtomicU64,
+    /// The process has started from nothing and had no window yet.
+    fresh: AtomicBool,
+    /// The reign of the partition's last window.
+    reign: AtomicU32,
+    /// Requests for a schedule that were taken from the page.
+    schedule_requests: AtomicU32,
 }
 
 impl Slot {
@@ -106,11 +121,18 @@ impl Slot {
             stopped: AtomicBool::new(false),
             held: AtomicBool::new(false),
             not_before_ns: AtomicU64::new(0),
+            fresh: AtomicBool::new(false),
+            reign: AtomicU32::new(0),
+            schedule_requests: AtomicU32::new(0),
         }
     }
 
     /// Empties the page for a process that is about to start: it has seen no grant yet.
-    pub fn take_in(&self) {
+    /// `cold`: it finds nothing of its predecessor.
+    pub fn take_in(&self, cold: bool) {
+        self.fresh.store(cold, Relaxed);
+        self.page.forget_schedule_request();
+        self.schedule_requests.store(0, Relaxed);
         self.tid.store(0, SeqCst);
         self.granted.store(0, Relaxed);
         self.page.grant.store(0, Relaxed);
@@ -166,6 +188,36 @@ impl Slot {
         self.set_readiness(Readiness::Ready);
     }
 
+    /// Whether this is the partition's first window in the reign of that number.
+    pub fn enters_reign(&self, number: u32) -> bool {
+        self.reign.load(Relaxed) != number && self.reign.swap(number, Relaxed) != number
+    }
+
+    /// Whether the process has started from nothing and had no window yet.
+    pub fn is_fresh(&self) -> bool {
+        self.fresh.load(Relaxed)
+    }
+
+    /// Keeps the partition's windows back until the monitor has done what a change of schedule means for it; false: it
+    /// is not there to have anything done. `revive`: also one that is idle.
+    pub fn withhold(&self, revive: bool) -> bool {
+        let from = |readiness: Readiness| {
+            let (from, to) = (readiness as u32, Readiness::Absent as u32);
+            self.readiness.compare_exchange(from, to, SeqCst, Relaxed).is_ok()
+        };
+        from(Readiness::Ready) || (revive && from(Readiness::Idle))
+    }
+
+    /// The schedule that the partition has asked for since the last look, whether it may or not.
+    pub fn take_schedule_request(&self) -> Option<u32> {
+        let (number, schedule) = self.page.schedule_requested();
+        let seen = self.schedule_requests.load(Relaxed);
+        (number != seen).then(|| {
+            self.schedule_requests.store(number, Relaxed);
+            schedule
+        })
+    }
+
     /// Windows that start before this instant of module time pass unused (the virtual clock's restart).
     pub fn set_not_before_ns(&self, instant_ns: u64) {
         self.not_before_ns.store(instant_ns, Relaxed);
@@ -205,6 +257,12 @@ impl Slot {
         self.page.window_end_ns.store(grant.end_ns, Relaxed);
         self.page.minor_frames.store(grant.minor_frames, Relaxed);
         self.page.minor_frame_ns.store(grant.minor_frame_ns, Relaxed);
+        self.page.schedule.store(grant.schedule as u32, Relaxed);
+        self.page.next_schedule.store(grant.next_schedule as u32, Relaxed);
+        self.page.schedule_since_ns.store(grant.since_ns, Relaxed);
+        if grant.end_ns != 0 && self.fresh.load(Relaxed) {
+            self.fresh.store(false, Relaxed);
+        }
         self.granted_ns.store(now_ns, Relaxed);
         let number = self.granted.load(Relaxed).wrapping_add(1);
         self.granted.store(number, Relaxed);
@@ -292,7 +350,15 @@ mod tests {
         Slot::new(Mapped::new(file).unwrap(), None, false, None)
     }
 
-    const WINDOW: Grant = Grant { start_ns: 0, end_ns: 1, minor_frames: 0, minor_frame_ns: 1 };
+    const WINDOW: Grant = Grant {
+        start_ns: 0,
+        end_ns: 1,
+        minor_frames: 0,
+        minor_frame_ns: 1,
+        schedule: 0,
+        since_ns: 0,
+        next_schedule: 0,
+    };
 
     fn close(slot: &Slot, opened_ns: u64, closed_ns: u64) {
         slot.page.opened_ns.store(opened_ns, Relaxed);
@@ -333,7 +399,7 @@ mod tests {
     fn a_successor_is_not_taken_for_one_that_owes_a_window() {
         let slot = slot();
         slot.grant(&WINDOW, now_ns());
-        slot.take_in();
+        slot.take_in(true);
         assert!(slot.is_done());
         slot.fence(true); // no process: nobody is stopped, not even the caller
     }
@@ -354,7 +420,7 @@ mod tests {
     fn a_successor_is_not_held_while_it_initialises() {
         let slot = slot();
         slot.hold();
-        slot.take_in();
+        slot.take_in(true);
         slot.frozen.store(true, Relaxed);
         slot.thaw();
         assert!(!slot.frozen.load(Relaxed));

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use rtrb::Producer;
 
+use crate::change::Changes;
 use crate::dispatcher::{Ending, Gate, Meanwhile, Occurrence, Pace};
 use crate::health::log::{Missed, WindowRecord};
 use crate::plan::TimelineWindow;
@@ -50,6 +51,7 @@ pub struct WallGate {
     /// Module time at which the open window was granted, or why it was not.
     granted: Result<u64, Missed>,
     lost: Arc<std::sync::atomic::AtomicU64>,
+    changes: Arc<Changes>,
 }
 
 impl WallGate {
@@ -60,18 +62,25 @@ impl WallGate {
         origin_ns: u64,
         records: Producer<WindowRecord>,
         lost: Arc<std::sync::atomic::AtomicU64>,
+        changes: Arc<Changes>,
     ) -> Self {
-        Self { slots, origin_ns, records, granted: Err(Missed::NoPartition), lost }
+        Self { slots, origin_ns, records, granted: Err(Missed::NoPartition), lost, changes }
     }
 
     fn try_open(&self, occurrence: &Occurrence) -> Result<u64, Missed> {
-        let slot = self.slot(&occurrence.window).ok_or(Missed::NoPartition)?;
+        let slot = self.slots[occurrence.window.partition.index()].as_deref().ok_or(Missed::NoPartition)?;
+        if let Some(action) = self.changes.action_due(occurrence, slot) {
+            return Err(Missed::Changed(action));
+        }
+        if slot.readiness() != Readiness::Ready {
+            return Err(Missed::NoPartition);
+        }
         // The dispatcher was held up for longer than the window lasts: the window is lost and says so.
         if occurrence.late_ns >= occurrence.window.duration_ns() {
             return Err(Missed::TooLate);
         }
         let now = now_ns();
-        slot.grant(&Grant::of(occurrence), now);
+        slot.grant(&Grant::of(occurrence, self.changes.next()), now);
         Ok(now.saturating_sub(self.origin_ns))
     }
 
@@ -108,11 +117,13 @@ impl Gate for WallGate {
             // Also where it was not granted: it may have been thawed ahead of its window.
             slot.fence(usage.is_some_and(|usage| usage.closed_ns.is_none()));
         }
+        let requested = granted_ns.and(slot).and_then(|slot| self.changes.take_request(occurrence, slot));
         let module = |stamp: Option<u64>| stamp.map(|stamp| stamp.saturating_sub(self.origin_ns));
         let record = WindowRecord {
             occurrence: *occurrence,
             ending,
             missed: granted.err(),
+            requested,
             granted_ns,
             opened_ns: module(usage.and_then(|usage| usage.opened_ns)),
             closed_ns: module(usage.and_then(|usage| usage.closed_ns)),

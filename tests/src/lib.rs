@@ -17,7 +17,7 @@ pub use children::{Process, Traces, children_of, executive_of, process_named};
 pub use guest::Guest;
 pub use line::Ground;
 pub use output::{Fault, Window, quantile};
-pub use programs::{Ended, Started, bateleur, repository};
+pub use programs::{Ended, Started, bateleur, program, repository};
 pub use schedule::{Sketch, edited, flight_schedule, line_of};
 pub use turn::{Turn, alone, among_others};
 

@@ -18,7 +18,7 @@ pub fn repository() -> PathBuf {
 }
 
 /// A program of this workspace, built for release.
-pub(crate) fn program(name: &str) -> PathBuf {
+pub fn program(name: &str) -> PathBuf {
     let own = std::env::current_exe().unwrap();
     let beside = own.ancestors().nth(2).map(Path::to_owned); // target/release/deps/<test>
     let named = std::env::var_os("CARGO_TARGET_DIR").map(|target| Path::new(&target).join("release"));

@@ -7,6 +7,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use crate::dispatcher::{Ending, LATE_NS, Occurrence};
+use crate::plan::ChangeAction;
 
 /// One fault, from its detection to the successor's first window.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -54,6 +55,8 @@ pub struct WindowRecord {
     pub ending: Ending,
     /// Why it was not granted; none: it was.
     pub missed: Option<Missed>,
+    /// The schedule that its partition has asked for.
+    pub requested: Option<usize>,
     /// When it was granted, module time, ns; none: it was not.
     pub granted_ns: Option<u64>,
     /// When the partition took it.
@@ -69,6 +72,8 @@ pub enum Missed {
     NoPartition,
     /// The dispatcher was held up for longer than the window lasts.
     TooLate,
+    /// It was kept back for what a change of schedule means for its partition.
+    Changed(ChangeAction),
 }
 
 impl Missed {
@@ -78,6 +83,7 @@ impl Missed {
         match self {
             Self::NoPartition => 'S',
             Self::TooLate => 'M',
+            Self::Changed(_) => 'C',
         }
     }
 }

@@ -12,6 +12,7 @@ use rtrb::{Consumer, RingBuffer};
 
 use super::{Options, Outcome, RunError, machine};
 use crate::agenda::Agenda;
+use crate::change::Changes;
 use crate::dispatcher::Dispatcher;
 use crate::event::Event;
 use crate::fast::{Records, VirtualGate, VirtualPace};
@@ -50,6 +51,7 @@ pub(super) fn conduct(
     let timelines = Timeline::all(plan, view.id());
     let initial = plan.initial_schedule();
     let agenda = Arc::new(Agenda::new(initial.index()));
+    let changes = Arc::new(Changes::of(plan, agenda.clone()));
     let (records, lost) = (Records::default(), Arc::new(AtomicU64::new(0)));
     let rings: Rc<RefCell<Vec<Consumer<WindowRecord>>>> = Rc::default();
     let mut monitor = Monitor::launch(Equipment {
@@ -71,14 +73,14 @@ pub(super) fn conduct(
         return Err(RunError::Start(reason));
     }
     let slots = monitor.slots();
-    connect(&slots, plan[initial].minor_frame_ns, options.clock);
+    connect(&slots, plan, options.clock);
     monitor.events().tell(&Event::Ready { partitions: slots.iter().flatten().count() });
     let acts = PlannedActs::of(plan, &options.acts);
-    let changes = Changing::of(&options.schedule_changes);
+    let planned_changes = Changing::of(&options.schedule_changes);
     let line_slot = line_partition(view).and_then(|place| slots[place].clone());
     let mut surroundings = Surroundings::new(
         acts,
-        changes,
+        planned_changes,
         options.until_ns,
         options.stop.clone(),
         recorder.take(),
@@ -86,8 +88,12 @@ pub(super) fn conduct(
         line_slot,
     );
     let module_ns = match options.clock {
-        Clock::Virtual => run_virtual(&timelines, agenda, &mut monitor, &mut surroundings, records, facts),
-        Clock::Wall => run_wall(&timelines, &agenda, &mut monitor, &mut surroundings, &rings, &lost, facts)?,
+        Clock::Virtual => {
+            run_virtual(&timelines, agenda, changes, &mut monitor, &mut surroundings, records, facts)
+        }
+        Clock::Wall => {
+            run_wall(&timelines, &agenda, &changes, &mut monitor, &mut surroundings, &rings, &lost, facts)?
+        }
     };
     let reason = surroundings.reason(monitor.stop_asked());
     monitor.finish(module_ns);
@@ -124,10 +130,15 @@ fn line_partition(view: &ModuleView<'_>) -> Option<usize> {
 }
 
 /// A first grant without a window: every port connects to its peers now, not in its first window.
-fn connect(slots: &[Option<Arc<Slot>>], minor_frame_ns: u64, clock: Clock) {
+fn connect(slots: &[Option<Arc<Slot>>], plan: &Plan, clock: Clock) {
+    let initial = plan.initial_schedule();
+    let (minor_frame_ns, schedule) = (plan[initial].minor_frame_ns, initial.index());
     for slot in slots.iter().flatten() {
         slot.page.clock.store(u32::from(clock == Clock::Virtual), Ordering::Relaxed);
-        slot.grant(&Grant { minor_frame_ns, ..Grant::default() }, now_ns());
+        slot.grant(
+            &Grant { minor_frame_ns, schedule, next_schedule: schedule, ..Grant::default() },
+            now_ns(),
+        );
         let begun_ns = now_ns();
         while !slot.is_done() && now_ns() - begun_ns < 100_000_000 {
             slot.await_change(1_000_000);
@@ -138,6 +149,7 @@ fn connect(slots: &[Option<Arc<Slot>>], minor_frame_ns: u64, clock: Clock) {
 fn run_virtual(
     timelines: &[Timeline],
     agenda: Arc<Agenda>,
+    changes: Arc<Changes>,
     monitor: &mut Monitor,
     surroundings: &mut Surroundings,
     records: Records,
@@ -145,7 +157,7 @@ fn run_virtual(
 ) -> u64 {
     // On the partitions' own core a grant is a switch, not an interrupt to another processor.
     let _ = sched::bind(0, &facts.partitioned_cores()); // slower otherwise, nothing else
-    let mut gate = VirtualGate::new(monitor, surroundings, records);
+    let mut gate = VirtualGate::new(monitor, surroundings, records, changes);
     Dispatcher::new(timelines, agenda, true, |_| true).run(&mut VirtualPace, &mut gate, &|| false);
     surroundings.module_ns()
 }
@@ -153,6 +165,7 @@ fn run_virtual(
 fn run_wall(
     timelines: &[Timeline],
     agenda: &Arc<Agenda>,
+    changes: &Arc<Changes>,
     monitor: &mut Monitor,
     surroundings: &mut Surroundings,
     rings: &Rc<RefCell<Vec<Consumer<WindowRecord>>>>,
@@ -167,7 +180,7 @@ fn run_wall(
     for line in timelines.first().into_iter().flat_map(|timeline| &timeline.cores) {
         let (producer, consumer) = RingBuffer::new(RECORDS);
         rings.borrow_mut().push(consumer);
-        let gate = WallGate::new(slots.clone(), origin_ns, producer, lost.clone());
+        let gate = WallGate::new(slots.clone(), origin_ns, producer, lost.clone(), changes.clone());
         let dispatcher = Dispatcher::new(timelines, agenda.clone(), false, |core| core == line.core);
         let (core, real_time, stop) = (facts.real_core(line.core), facts.real_time, stop.clone());
         let thread = std::thread::Builder::new()

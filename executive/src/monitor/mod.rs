@@ -31,6 +31,7 @@ use watched::{Life, Then, Watched};
 
 mod acts;
 mod burial;
+mod change;
 mod watched;
 
 /// Between two health entries about the overruns of one partition, module time: each is counted, not each is told.
@@ -320,6 +321,13 @@ impl Monitor {
             self.totals.late_switches += record.late_switches();
             self.totals.lost += u64::from(record.missed == Some(Missed::TooLate));
             self.totals.overruns += u64::from(record.is_overrun());
+            let at = record.occurrence;
+            if let Some(schedule) = record.requested {
+                self.note_request(place, schedule, at.end_ns);
+            }
+            if let Some(Missed::Changed(action)) = record.missed {
+                self.change(place, action, at.reign.schedule, at.start_ns);
+            }
             self.judge_window(place, &record, module_ns);
         }
     }

@@ -16,6 +16,7 @@ use crate::attributes::{AttributeError, Attributes};
 use crate::line::Line;
 use crate::ports::{Connect, QueuingDestination, QueuingSource, SamplingDestination, SamplingSource};
 use crate::retained::Retained;
+use crate::schedule::ModuleSchedules;
 use crate::time::Time;
 
 /// Why a partition can not start.
@@ -167,6 +168,12 @@ impl Context {
         &mut self,
     ) -> Result<Retained<T>, StartError> {
         Retained::new(self.retained.take(), self.description.retained_bytes)
+    }
+
+    /// The module's schedules: which one runs, and asking for another.
+    pub fn module_schedules(&self) -> ModuleSchedules {
+        let Description { schedules, may_set_schedule, .. } = &self.description;
+        ModuleSchedules::new(self.time.clone(), schedules.clone(), may_set_schedule.clone())
     }
 
     /// A counted byte stream over an opened device.

@@ -39,7 +39,9 @@ mod context;
 mod line;
 mod ports;
 mod retained;
+mod return_code;
 mod run;
+mod schedule;
 mod time;
 mod window;
 
@@ -49,6 +51,8 @@ pub use context::{Context, StartError};
 pub use line::Line;
 pub use ports::{QueuingDestination, QueuingSource, Reading, SamplingDestination, SamplingSource, Sent};
 pub use retained::Retained;
+pub use return_code::ReturnCode;
 pub use run::{Partition, run};
+pub use schedule::{ModuleSchedules, ScheduleId, ScheduleStatus};
 pub use time::Time;
 pub use window::Window;

@@ -21,6 +21,10 @@ pub struct Description {
     pub ports: Vec<PortDescription>,
     /// Its attributes, as the plan has them.
     pub attributes: BTreeMap<String, serde_json::Value>,
+    /// The module's schedules, in the order of the plan: a schedule's number is its place.
+    pub schedules: Vec<String>,
+    /// The numbers of the schedules in which the partition may ask for another one.
+    pub may_set_schedule: Vec<u32>,
     /// Bytes of retained memory behind [`crate::RETAINED_FD`]; 0: none.
     pub retained_bytes: u64,
     /// Directory of the module's channels: each has a directory of its own in it.

@@ -16,7 +16,7 @@ use crate::mapping::SharedMemory;
 /// First word of every control page.
 pub const MAGIC: u32 = 0x4254_4c52; // "BTLR"
 /// Raised whenever the page or the description changes its meaning.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 /// Bytes of a report's text, as in REPORT_APPLICATION_MESSAGE.
 pub const REPORT_TEXT: usize = 128;
@@ -99,7 +99,13 @@ pub struct ControlPage {
     /// Bytes that the world has sent to the partition's device so far, or [`NOT_COUNTED`]. Under the virtual clock the
     /// partition's library waits for them, so that a slow line discipline can not change a flight.
     pub device_expected: AtomicU64,
-    reserved_2: [AtomicU64; 6],
+    /// Place in the plan of the schedule that the window belongs to.
+    pub schedule: AtomicU32,
+    /// That of the next major frame, as it was known when the window was granted.
+    pub next_schedule: AtomicU32,
+    /// When the schedule took effect, module time, ns; 0: the module has not changed yet.
+    pub schedule_since_ns: AtomicU64,
+    reserved_2: [AtomicU64; 4],
     // Written by the partition, on cache lines of its own.
     /// The last grant that the partition has used up; the virtual clock's executive sleeps on it.
     pub done: AtomicU32,
@@ -115,7 +121,9 @@ pub struct ControlPage {
     pub device_received: AtomicU64,
     /// Messages that the partition's ports refused so far.
     pub port_refusals: AtomicU64,
-    reserved_3: [AtomicU64; 2],
+    /// The schedule that the partition asks for, and how often it has asked: see [`ControlPage::request_schedule`].
+    schedule_request: AtomicU64,
+    reserved_3: [AtomicU64; 1],
     /// Reports so far; report `n` stands in `reports[n % REPORTS]`.
     pub report_count: AtomicU32,
     reserved_4: AtomicU32,
@@ -138,6 +146,24 @@ impl ControlPage {
     /// Whether the page is one of this contract.
     pub fn is_valid(&self) -> bool {
         self.magic.load(Ordering::Acquire) == MAGIC && self.version.load(Ordering::Relaxed) == VERSION
+    }
+
+    /// Asks for the schedule at place `schedule` of the plan (the partition). The executive looks at the window's end.
+    pub fn request_schedule(&self, schedule: u32) {
+        let count = self.schedule_request.load(Ordering::Relaxed) >> 32;
+        let count = (count + 1) & u64::from(u32::MAX);
+        self.schedule_request.store(count << 32 | u64::from(schedule), Ordering::Release);
+    }
+
+    /// The last request for a schedule (the executive): its number, 0 where there was none, and the place in the plan.
+    pub fn schedule_requested(&self) -> (u32, u32) {
+        let request = self.schedule_request.load(Ordering::Acquire);
+        ((request >> 32) as u32, request as u32)
+    }
+
+    /// Forgets requests of an incarnation before (the executive).
+    pub fn forget_schedule_request(&self) {
+        self.schedule_request.store(0, Ordering::Relaxed);
     }
 
     /// Adds a report (the partition). Text beyond [`REPORT_TEXT`] bytes is cut.

@@ -1,0 +1,164 @@
+//! Module schedules: SET_MODULE_SCHEDULE, GET_MODULE_SCHEDULE_STATUS, GET_MODULE_SCHEDULE_ID (ARINC 653 part 2).
+
+use std::cell::Cell;
+use std::rc::Rc;
+use std::sync::atomic::Ordering::{Acquire, Relaxed};
+
+use crate::return_code::ReturnCode;
+use crate::time::Time;
+
+/// A schedule of the plan, by its place in it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ScheduleId(pub u32);
+
+/// What GET_MODULE_SCHEDULE_STATUS gives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ScheduleStatus {
+    /// TIME_OF_LAST_SCHEDULE_SWITCH, module time, ns; 0: the module has not changed yet.
+    pub time_of_last_switch_ns: u64,
+    /// CURRENT_SCHEDULE.
+    pub current: ScheduleId,
+    /// NEXT_SCHEDULE: that of the next major frame; the current one where none is pending.
+    pub next: ScheduleId,
+}
+
+/// The module's schedules, as this partition may see and set them. Cheap to clone.
+#[derive(Debug, Clone)]
+pub struct ModuleSchedules {
+    time: Time,
+    names: Rc<[String]>,
+    permitted_in: Rc<[u32]>,
+    /// What was asked for in a window, and the number of that window's grant: the executive takes it at the window's end.
+    asked: Rc<Cell<Option<(u32, u32)>>>,
+}
+
+impl ModuleSchedules {
+    pub(crate) fn new(time: Time, names: Vec<String>, permitted_in: Vec<u32>) -> Self {
+        Self { time, names: names.into(), permitted_in: permitted_in.into(), asked: Rc::default() }
+    }
+
+    /// GET_MODULE_SCHEDULE_ID.
+    ///
+    /// # Errors
+    /// INVALID_CONFIG: the plan has no such schedule.
+    pub fn get_module_schedule_id(&self, name: &str) -> Result<ScheduleId, ReturnCode> {
+        let place = self.names.iter().position(|known| known == name);
+        place.map(|place| ScheduleId(place as u32)).ok_or(ReturnCode::InvalidConfig)
+    }
+
+    /// GET_MODULE_SCHEDULE_STATUS, as it was when the window was granted, and with what this partition has asked for since.
+    #[must_use]
+    pub fn get_module_schedule_status(&self) -> ScheduleStatus {
+        let page = self.time.page();
+        let window = page.grant.load(Acquire);
+        let next = match self.asked.get() {
+            Some((in_window, schedule)) if in_window == window => schedule,
+            _ => page.next_schedule.load(Relaxed),
+        };
+        ScheduleStatus {
+            time_of_last_switch_ns: page.schedule_since_ns.load(Relaxed),
+            current: ScheduleId(page.schedule.load(Relaxed)),
+            next: ScheduleId(next),
+        }
+    }
+
+    /// SET_MODULE_SCHEDULE: the module changes to `schedule` at the start of the next major frame. The last request
+    /// before that wins, whoever makes it; asking for the current schedule calls a pending one off.
+    ///
+    /// # Errors
+    /// INVALID_CONFIG: this partition may not ask, in this schedule. INVALID_PARAM: there is no such schedule.
+    /// NO_ACTION: it runs already, and no other is pending.
+    pub fn set_module_schedule(&self, schedule: ScheduleId) -> Result<(), ReturnCode> {
+        let status = self.get_module_schedule_status();
+        if !self.permitted_in.contains(&status.current.0) {
+            return Err(ReturnCode::InvalidConfig);
+        }
+        if schedule.0 as usize >= self.names.len() {
+            return Err(ReturnCode::InvalidParam);
+        }
+        if schedule == status.current && status.next == status.current {
+            return Err(ReturnCode::NoAction);
+        }
+        let page = self.time.page();
+        page.request_schedule(schedule.0);
+        self.asked.set(Some((page.grant.load(Acquire), schedule.0)));
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bateleur_contract::{Clock, ControlPage, Mapped};
+
+    fn schedules(permitted_in: &[u32]) -> ModuleSchedules {
+        let file = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
+        rustix::fs::ftruncate(&file, size_of::<ControlPage>() as u64).unwrap();
+        let page = Mapped::<ControlPage>::new(file).unwrap();
+        page.initialise();
+        let names = ["flight", "ground", "test"].map(str::to_owned).to_vec();
+        ModuleSchedules::new(Time::new(Rc::new(page), Clock::Virtual), names, permitted_in.to_vec())
+    }
+
+    /// A window in `schedule`, granted while `next` was to come.
+    fn grant(schedules: &ModuleSchedules, schedule: u32, next: u32, since_ns: u64) {
+        let page = schedules.time.page();
+        page.schedule.store(schedule, Relaxed);
+        page.next_schedule.store(next, Relaxed);
+        page.schedule_since_ns.store(since_ns, Relaxed);
+        page.grant.fetch_add(1, Relaxed);
+    }
+
+    #[test]
+    fn get_module_schedule_id_of_an_unknown_name_is_invalid_config() {
+        let schedules = schedules(&[]);
+        assert_eq!(schedules.get_module_schedule_id("test"), Ok(ScheduleId(2)));
+        assert_eq!(schedules.get_module_schedule_id("Test"), Err(ReturnCode::InvalidConfig));
+    }
+
+    #[test]
+    fn set_module_schedule_without_permission_is_invalid_config() {
+        let schedules = schedules(&[1]);
+        assert_eq!(schedules.set_module_schedule(ScheduleId(1)), Err(ReturnCode::InvalidConfig));
+        grant(&schedules, 1, 1, 7);
+        assert_eq!(schedules.set_module_schedule(ScheduleId(0)), Ok(()));
+        assert_eq!(schedules.time.page().schedule_requested(), (1, 0));
+    }
+
+    #[test]
+    fn set_module_schedule_to_an_unknown_schedule_is_invalid_param() {
+        let schedules = schedules(&[0]);
+        assert_eq!(schedules.set_module_schedule(ScheduleId(3)), Err(ReturnCode::InvalidParam));
+        assert_eq!(schedules.time.page().schedule_requested().0, 0);
+    }
+
+    #[test]
+    fn set_module_schedule_to_the_current_one_is_no_action_unless_another_is_pending() {
+        let schedules = schedules(&[0]);
+        assert_eq!(schedules.set_module_schedule(ScheduleId(0)), Err(ReturnCode::NoAction));
+        assert_eq!(schedules.set_module_schedule(ScheduleId(2)), Ok(()));
+        assert_eq!(schedules.set_module_schedule(ScheduleId(0)), Ok(()));
+        assert_eq!(schedules.set_module_schedule(ScheduleId(0)), Err(ReturnCode::NoAction));
+        // Somebody else's request, which was pending when the window was granted.
+        grant(&schedules, 0, 1, 0);
+        assert_eq!(schedules.set_module_schedule(ScheduleId(0)), Ok(()));
+    }
+
+    #[test]
+    fn get_module_schedule_status_gives_the_last_switch_the_current_and_the_next_schedule() {
+        let schedules = schedules(&[0, 1, 2]);
+        let status = |time_of_last_switch_ns, current, next| ScheduleStatus {
+            time_of_last_switch_ns,
+            current: ScheduleId(current),
+            next: ScheduleId(next),
+        };
+        assert_eq!(schedules.get_module_schedule_status(), status(0, 0, 0));
+        schedules.set_module_schedule(ScheduleId(1)).unwrap();
+        schedules.set_module_schedule(ScheduleId(2)).unwrap();
+        assert_eq!(schedules.get_module_schedule_status(), status(0, 0, 2));
+        grant(&schedules, 0, 2, 0);
+        assert_eq!(schedules.get_module_schedule_status(), status(0, 0, 2));
+        grant(&schedules, 2, 2, 40);
+        assert_eq!(schedules.get_module_schedule_status(), status(40, 2, 2));
+    }
+}

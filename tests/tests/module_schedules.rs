@@ -1,0 +1,188 @@
+//! Several schedules: the module changes at the end of a major frame, and partitions find what the plan says.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use bateleur_tests::{Ended, Window, alone, among_others, bateleur, program};
+
+const MS: u64 = 1_000_000;
+
+/// Three partitions in `one` (100 ms); in `two` (60 ms) `third` does not run and `second` has other windows.
+fn schedules(second: &str, third: &str, actions_of_one: &str, actions_of_two: &str) -> String {
+    let partition = |name: &str, keys: &str| {
+        let (runs, keys) = keys.split_once('|').unwrap();
+        let path = program(runs);
+        format!(
+            "[partition.{name}]\nprogram = \"{}\"\nmodule = \"test\"\nmemory = \"32MiB\"\n{keys}\n",
+            path.display()
+        )
+    };
+    format!(
+        "[module.test]\ncores = [1]\n{}{}{}
+[schedule.one]
+major_frame = \"100ms\"
+minor_frame = \"20ms\"
+initial = true
+window = [
+    {{ partition = \"first\", offset = \"1ms\", duration = \"1ms\" }},
+    {{ partition = \"second\", offset = \"4ms\", duration = \"1ms\" }},
+    {{ partition = \"third\", offset = \"7ms\", duration = \"1ms\" }},
+]
+change_action = {{ {actions_of_one} }}
+[schedule.two]
+major_frame = \"60ms\"
+minor_frame = \"20ms\"
+window = [
+    {{ partition = \"first\", offset = \"1ms\", duration = \"1ms\" }},
+    {{ partition = \"second\", offset = \"10ms\", duration = \"1ms\", minor = [0] }},
+]
+change_action = {{ {actions_of_two} }}
+",
+        partition("first", "counter|"),
+        partition("second", second),
+        partition("third", third),
+    )
+}
+
+fn run(text: &str, arguments: &[&str]) -> Ended {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("schedules.toml");
+    std::fs::write(&path, text).unwrap();
+    let run = ["run", "--schedule", path.to_str().unwrap()];
+    bateleur(&[&run[..], arguments].concat()).end().expect_code(0)
+}
+
+fn of<'a>(windows: &'a [Window], partition: &'a str) -> impl Iterator<Item = &'a Window> {
+    windows.iter().filter(move |window| window.partition == partition)
+}
+
+/// The windows of the schedule `two` begin at the end of a major frame of `one`, and so back; each lies where its
+/// schedule has it, none is missing.
+fn assert_changed(ended: &Ended, from_ms: u64, to_ms: u64) {
+    let windows = ended.windows();
+    let (from, to) = (from_ms * MS, to_ms * MS);
+    for window in &windows {
+        let start = window.planned_start_ns;
+        let expected = if (from..to).contains(&start) { "two" } else { "one" };
+        assert_eq!(window.schedule, expected, "{window:?}");
+    }
+    let starts = |name: &str| of(&windows, name).map(|window| window.planned_start_ns).collect::<Vec<_>>();
+    let end = starts("first").last().unwrap() + 1;
+    let ones = |offset: u64| {
+        let instants = (0..).map(move |minor| minor * 20 * MS + offset).take_while(move |at| *at < end);
+        instants.filter(move |at| *at < from || (*at >= to)).collect::<Vec<_>>()
+    };
+    let twos = (from..to).step_by(60 * MS as usize).map(|major| major + 10 * MS);
+    let mut second: Vec<u64> = ones(4 * MS).into_iter().chain(twos).collect();
+    second.sort_unstable();
+    let found: Vec<u64> = starts("second").into_iter().filter(|at| *at < end).collect();
+    assert_eq!(found, second);
+    assert!(starts("third").iter().all(|at| *at < from || *at >= to));
+}
+
+#[test]
+fn module_changes_its_schedule_at_the_end_of_the_major_frame_on_the_virtual_clock() {
+    let _turn = among_others();
+    let text = schedules("counter|", "counter|", "", "");
+    let asks = ["--schedule-at", "two@0.21", "--schedule-at", "one@0.45", "--until", "1"];
+    let ended = run(&text, &[&["--fast"][..], &asks].concat());
+    // 0.3 s is the end of the third major frame of 100 ms; three of 60 ms later it is 0.48 s.
+    assert_changed(&ended, 300, 480);
+    let ended = ended.expect_words(&["0.300 s  schedule two after one", "0.480 s  schedule one after two"]);
+    assert!(ended.faults().is_empty(), "{:?}", ended.faults());
+}
+
+#[test]
+fn module_changes_its_schedule_at_the_end_of_the_major_frame_on_the_wall_clock() {
+    let _turn = alone();
+    let text = schedules("counter|", "counter|", "", "");
+    let ended = run(&text, &["--schedule-at", "two@0.21", "--until", "1"]);
+    let windows = ended.windows();
+    // A machine that holds the monitor up asks a major frame later.
+    let change = windows.iter().find(|window| window.schedule == "two").unwrap().planned_start_ns - MS;
+    assert!(change % (100 * MS) == 0 && change >= 300 * MS, "{change}");
+    assert!(of(&windows, "third").all(|window| window.planned_start_ns < change));
+    let after: Vec<&Window> = windows.iter().filter(|window| window.planned_start_ns > change).collect();
+    assert!(after.iter().all(|window| window.schedule == "two"), "it stays");
+    let first = after.iter().filter(|window| window.partition == "first");
+    assert!(first.clone().count() > 5);
+    for (number, window) in first.enumerate() {
+        assert_eq!(window.planned_start_ns, change + MS + number as u64 * 20 * MS, "no window is left out");
+    }
+}
+
+#[test]
+fn partition_that_was_not_scheduled_starts_cold_when_it_is_scheduled_again() {
+    let _turn = among_others();
+    let text = schedules("counter|", "warm|retained = \"4KiB\"\nrestart = { start = \"warm\" }", "", "");
+    let asks = ["--fast", "--schedule-at", "two@0.21", "--schedule-at", "one@0.45", "--until", "1"];
+    let ended = run(&text, &asks)
+        .expect_words(&["third: cold_restart with schedule one", "third: HmPartitionColdRestart found None"]);
+    let windows = ended.windows();
+    let kept_back: Vec<u64> = of(&windows, "third")
+        .filter(|window| window.flags.contains('C'))
+        .map(|window| window.planned_start_ns)
+        .collect();
+    assert_eq!(kept_back, [487 * MS], "its first window in the new schedule");
+    // A restart takes 20 ms on the virtual clock: the next window is the successor's.
+    let next = of(&windows, "third").find(|window| window.planned_start_ns == 507 * MS).unwrap();
+    assert!(next.granted_ns.is_some(), "{next:?}");
+    assert!(of(&windows, "first").all(|window| window.closed_ns.is_some()), "nobody else loses a window");
+    assert!(of(&windows, "second").all(|window| window.closed_ns.is_some()), "nobody else loses a window");
+}
+
+#[test]
+fn change_actions_make_a_partition_idle_and_bring_it_back_warm() {
+    let _turn = among_others();
+    let warm = "warm|retained = \"4KiB\"\nrestart = { start = \"warm\" }";
+    let text = schedules(warm, "counter|", "second = \"warm_restart\"", "second = \"idle\"");
+    let asks = ["--fast", "--schedule-at", "two@0.21", "--schedule-at", "one@0.45", "--until", "1"];
+    let ended = run(&text, &asks).expect_words(&[
+        "second: idle with schedule two",
+        "second: warm_restart with schedule one",
+        "second: HmPartitionWarmRestart found Some(15)",
+    ]);
+    let windows = ended.windows();
+    assert!(
+        of(&windows, "second")
+            .filter(|window| window.schedule == "two")
+            .all(|window| window.granted_ns.is_none())
+    );
+    let last = of(&windows, "second").last().unwrap();
+    assert!(last.granted_ns.is_some(), "it runs at the end: {last:?}");
+    assert!(ended.faults().is_empty(), "a change of schedule is no fault: {:?}", ended.faults());
+}
+
+#[test]
+fn partition_with_permission_changes_the_schedule_and_sees_it_change() {
+    let _turn = among_others();
+    let switcher = "switcher|may_set_schedule = [\"one\"]\nattributes = { at = 3, wants = \"two\" }";
+    let ended = run(&schedules(switcher, "counter|", "", ""), &["--fast", "--until", "0.4"]);
+    // Its fourth window is at 64 ms.
+    ended.expect_words(&[
+        "second: 0 then 0 since 0",
+        "second: two: Ok(())",
+        "second: asks for schedule two",
+        "second: 0 then 1 since 0",
+        "0.100 s  schedule two after one",
+        "second: 1 then 1 since 100",
+    ]);
+}
+
+#[test]
+fn partition_without_permission_is_refused_and_the_schedule_stays() {
+    let _turn = among_others();
+    let switcher = "switcher|may_set_schedule = [\"two\"]\nattributes = { at = 3, wants = \"two\" }";
+    let ended = run(&schedules(switcher, "counter|", "", ""), &["--fast", "--until", "0.4"]);
+    let ended = ended.expect_words(&["second: two: Err(InvalidConfig)"]);
+    assert!(ended.windows().iter().all(|window| window.schedule == "one"));
+}
+
+#[test]
+fn unknown_schedule_is_refused_before_anything_starts() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("schedules.toml");
+    std::fs::write(&path, schedules("counter|", "counter|", "", "")).unwrap();
+    let run = ["run", "--fast", "--schedule", path.to_str().unwrap(), "--schedule-at", "tow@1"];
+    bateleur(&run).end().expect_code(2).expect_words(&["no schedule \"tow\"", "one, two"]);
+}

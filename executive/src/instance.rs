@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use bateleur_ports::Domain;
 
+use crate::machine::PARTITION_USER;
 use crate::system::cgroup;
 
 /// Where shared memory lies: a tmpfs on every Linux.
@@ -51,6 +52,13 @@ impl Instance {
     pub fn set_group(&mut self, group: &Path) -> io::Result<()> {
         self.group = Some(group.to_owned());
         self.record()
+    }
+
+    /// The module's name in its plan.
+    #[must_use]
+    pub fn module(&self) -> &str {
+        let module = self.name.strip_prefix(NAME).and_then(|rest| rest.strip_prefix('.'));
+        module.and_then(|rest| rest.rsplit_once('.')).map_or("", |(module, _)| module)
     }
 
     /// The run's directory.
@@ -99,20 +107,33 @@ impl Instance {
 
 /// Removes what killed runs have left; gives their names.
 pub fn clean_leftovers() -> Vec<String> {
-    let entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
-    let ours = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(&format!("{NAME}.")));
-    let records = ours.filter_map(|entry| trusted_record(&entry.path()));
-    let dead: Vec<_> = records.filter(|instance| !instance.is_alive()).collect();
+    let dead: Vec<_> = records(is_own).filter(|instance| !instance.is_alive()).collect();
     dead.iter().for_each(Instance::clean_up);
     dead.into_iter().map(|instance| instance.name).collect()
 }
 
-/// The record in a run's directory, if this user made it. Anybody, a partition too, may make a directory in `/dev/shm`
+/// The runs of this user that live; for root, those of every user but the partitions'.
+#[must_use]
+pub fn living() -> Vec<Instance> {
+    let may_see = |user| is_own(user) || (is_own(0) && user != PARTITION_USER);
+    records(may_see).filter(Instance::is_alive).collect()
+}
+
+fn records(trusted: impl Fn(u32) -> bool) -> impl Iterator<Item = Instance> {
+    let entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
+    let ours = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(&format!("{NAME}.")));
+    ours.filter_map(move |entry| trusted_record(&entry.path(), &trusted))
+}
+
+fn is_own(user: u32) -> bool {
+    user == rustix::process::geteuid().as_raw()
+}
+
+/// The record in a run's directory, if a trusted user made it. Anybody, a partition too, may make a directory in `/dev/shm`
 /// that looks like a run: believing it would remove whatever folder and end whatever control group it names.
-fn trusted_record(directory: &Path) -> Option<Instance> {
-    let own = rustix::process::geteuid().as_raw();
+fn trusted_record(directory: &Path, trusted: impl Fn(u32) -> bool) -> Option<Instance> {
     let about = fs::symlink_metadata(directory).ok()?;
-    if !about.is_dir() || about.uid() != own || about.mode() & WRITABLE_BY_OTHERS != 0 {
+    if !about.is_dir() || !trusted(about.uid()) || about.mode() & WRITABLE_BY_OTHERS != 0 {
         return None;
     }
     let instance: Instance = serde_json::from_slice(&fs::read(directory.join(RECORD)).ok()?).ok()?;
@@ -158,6 +179,8 @@ mod tests {
         assert!(cleaned.contains(&dead.name));
         assert!(!segment.exists() && !dead.directory().exists());
         assert!(living.directory().exists());
+        assert_eq!(living.module(), "instance_test");
+        assert!(super::living().contains(&living));
         living.clean_up();
         assert!(!living.directory().exists());
     }
@@ -170,7 +193,7 @@ mod tests {
         let instance = Instance { name, pid: i32::MAX, started_ticks: 1, group: None };
         fs::create_dir(&planted).unwrap();
         fs::write(planted.join(RECORD), serde_json::to_vec(&instance).unwrap()).unwrap();
-        assert_eq!(trusted_record(&planted), None);
+        assert_eq!(trusted_record(&planted, is_own), None);
         clean_leftovers();
         assert!(victim.path().exists());
         fs::remove_dir_all(&planted).unwrap();

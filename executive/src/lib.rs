@@ -6,6 +6,7 @@
 
 pub mod agenda;
 pub mod change;
+pub mod control;
 pub mod dispatcher;
 pub mod doctor;
 pub mod event;

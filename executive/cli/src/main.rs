@@ -9,6 +9,7 @@ mod verb;
 
 use std::process::ExitCode;
 
+use bateleur_executive::control::Request;
 use clap::{Parser, Subcommand};
 
 /// A time- and space-partitioned executive for Linux, and the flight control unit that flies on it.
@@ -25,7 +26,13 @@ enum Verb {
     Doctor(verb::doctor::Arguments),
     Fly(verb::fly::Arguments),
     Ground(verb::ground::Arguments),
+    /// Kill a partition of a running module; its health table says what follows.
+    Kill(verb::order::Arguments),
+    Ps(verb::ps::Arguments),
     Run(verb::run::Arguments),
+    /// Change a running module to another schedule, with its next major frame.
+    Schedule(verb::order::Schedule),
+    Top(verb::top::Arguments),
     #[command(flatten)]
     Helper(verb::helper::Helper),
 }
@@ -43,6 +50,10 @@ fn main() -> ExitCode {
         Verb::Doctor(arguments) => verb::doctor::run(&arguments),
         Verb::Fly(arguments) => verb::fly::run(&arguments),
         Verb::Ground(arguments) => verb::ground::run(&arguments),
+        Verb::Kill(arguments) => verb::order::run(&arguments, |partition| Request::Kill { partition }),
+        Verb::Ps(arguments) => verb::ps::run(&arguments),
+        Verb::Schedule(arguments) => verb::order::schedule(&arguments),
+        Verb::Top(arguments) => verb::top::run(&arguments),
         Verb::Run(arguments) => verb::run::run(&arguments),
         Verb::Helper(helper) => verb::helper::run(&helper),
     };

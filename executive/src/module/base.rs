@@ -9,7 +9,10 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
 
+use super::conduct::Staff;
 use super::{Options, Outcome, RunError, machine};
+use crate::control::{Inbox, Server};
+use crate::event::Event;
 use crate::helper::custodian::{Order, OrderedChannel};
 use crate::helper::guard::FAREWELL;
 use crate::instance::Instance;
@@ -227,17 +230,26 @@ impl Base {
         let recorder =
             options.record.take().map(|path| self.start_recorder(&path, order.clone())).transpose()?;
         let cages = self.cages(plan, view, &options, facts, programs)?;
-        let ended = super::conduct::conduct(
-            plan,
-            view,
-            options,
-            facts,
-            cages,
-            recorder,
-            self.janitor_starter(plan.clone(), order, custodian.clone())?,
-        );
+        let (control, inbox) = self.open_control(&mut options);
+        let start_janitor = self.janitor_starter(plan.clone(), order, custodian.clone())?;
+        let staff = Staff { recorder, start_janitor, inbox };
+        let ended = super::conduct::conduct(plan, view, options, facts, cages, staff);
+        drop(control);
         custodian.borrow_mut().leave();
         ended
+    }
+
+    /// A module flies without its control socket too, and says so.
+    fn open_control(&self, options: &mut Options) -> (Option<Server>, Option<Inbox>) {
+        match Server::open(&self.instance.directory()) {
+            Ok((server, inbox)) => (Some(server), Some(inbox)),
+            Err(error) => {
+                let text = format!("no control socket, so `bateleur ps` and orders do not reach it: {error}");
+                let partition = options.module.clone();
+                options.events.tell(&Event::Message { time_s: 0.0, partition, text });
+                (None, None)
+            }
+        }
     }
 
     fn cages(

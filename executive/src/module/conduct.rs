@@ -13,11 +13,13 @@ use rtrb::{Consumer, RingBuffer};
 use super::{Options, Outcome, RunError, machine};
 use crate::agenda::Agenda;
 use crate::change::Changes;
+use crate::control::{Inbox, Status};
 use crate::dispatcher::Dispatcher;
 use crate::event::Event;
 use crate::fast::{Records, VirtualGate, VirtualPace};
 use crate::health::log::{HealthLog, WindowLog, WindowRecord};
 use crate::machine::Machine;
+use crate::monitor::operator::Operator;
 use crate::monitor::{Equipment, Monitor, StartJanitor};
 use crate::partition::Cage;
 use crate::plan::{ModuleView, Plan, Timeline};
@@ -38,6 +40,16 @@ const RECORDS: usize = 4096;
 /// How often the monitor looks on the wall clock, ns. A death wakes it at once.
 const MONITOR_PERIOD_NS: u64 = 5_000_000;
 
+/// What serves a run beside its partitions.
+pub(super) struct Staff {
+    /// Writes every message down, where that was asked for.
+    pub(super) recorder: Option<Recorder>,
+    /// Cleans up after the dead.
+    pub(super) start_janitor: StartJanitor,
+    /// Where orders come from; none: there is no control socket.
+    pub(super) inbox: Option<Inbox>,
+}
+
 /// Starts the partitions, runs their windows, ends them.
 pub(super) fn conduct(
     plan: &Arc<Plan>,
@@ -45,8 +57,7 @@ pub(super) fn conduct(
     options: Options,
     facts: &Machine,
     cages: Vec<Cage>,
-    mut recorder: Option<Recorder>,
-    start_janitor: StartJanitor,
+    staff: Staff,
 ) -> Result<Outcome, RunError> {
     let timelines = Timeline::all(plan, view.id());
     let initial = plan.initial_schedule();
@@ -59,13 +70,14 @@ pub(super) fn conduct(
         agenda: agenda.clone(),
         clock: options.clock,
         cages,
-        start_janitor,
+        start_janitor: staff.start_janitor,
         take_record: take_record(records.clone(), rings.clone()),
         window_log: WindowLog::create(&options.output.join("windows.csv"))
             .map_err(machine("cannot write windows.csv"))?,
         health_log: HealthLog::create(&options.output.join("health.jsonl"))
             .map_err(machine("cannot write health.jsonl"))?,
         events: options.events,
+        operator: Operator::new(staff.inbox, about(&options.module, options.clock)),
     })
     .map_err(RunError::Start)?;
     if let Err(reason) = monitor.await_all_ready() {
@@ -83,7 +95,7 @@ pub(super) fn conduct(
         planned_changes,
         options.until_ns,
         options.stop.clone(),
-        recorder.take(),
+        staff.recorder,
         options.companion,
         line_slot,
     );
@@ -111,6 +123,20 @@ pub(super) fn conduct(
     });
     monitor.events().finish();
     Ok(Outcome { reason, module_ns, guarantees: facts.guarantees.list().to_vec() })
+}
+
+/// What does not change while it runs.
+fn about(module: &str, clock: Clock) -> Status {
+    let clock = match clock {
+        Clock::Wall => "wall",
+        Clock::Virtual => "virtual",
+    };
+    Status {
+        module: module.to_owned(),
+        pid: std::process::id() as i32,
+        clock: clock.into(),
+        ..Status::default()
+    }
 }
 
 /// Where the monitor finds window records: in the virtual gate's queue, or in the rings of the dispatcher threads.

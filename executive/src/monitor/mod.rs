@@ -27,11 +27,14 @@ use crate::slot::Slot;
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
 use burial::Burials;
+use operator::Operator;
 use watched::{Life, Then, Watched};
 
 mod acts;
 mod burial;
 mod change;
+mod figures;
+pub mod operator;
 mod watched;
 
 /// Between two health entries about the overruns of one partition, module time: each is counted, not each is told.
@@ -85,6 +88,7 @@ pub struct Monitor {
     totals: Totals,
     stop_asked: Option<String>,
     next_count_ns: u64,
+    operator: Operator,
 }
 
 /// Between two counts of the partitions' threads, ns. Until it is found out, a child runs as ordinary work: it can take
@@ -111,6 +115,8 @@ pub struct Equipment {
     pub health_log: HealthLog,
     /// Who watches.
     pub events: Events,
+    /// Who gives orders.
+    pub operator: Operator,
 }
 
 impl Monitor {
@@ -129,6 +135,7 @@ impl Monitor {
             window_log,
             health_log,
             events,
+            operator,
         } = equipment;
         let mut places = vec![None; plan.partitions.len()];
         let mut watched = Vec::new();
@@ -154,6 +161,7 @@ impl Monitor {
             totals: Totals::default(),
             stop_asked: None,
             next_count_ns: 0,
+            operator,
         })
     }
 
@@ -191,6 +199,7 @@ impl Monitor {
             self.look_at_process(place, module_ns);
         }
         self.look_at_janitor();
+        self.obey(module_ns);
         if self.clock == Clock::Wall && module_ns >= self.next_count_ns {
             self.next_count_ns = module_ns + COUNT_NS;
             self.count_threads(module_ns);
@@ -316,6 +325,7 @@ impl Monitor {
             let name = &self.watched[place].cage.name;
             let schedule = &self.plan.schedules[record.occurrence.reign.schedule].name;
             let _ = self.window_log.write(&record, name, schedule); // a full disk must not stop the aircraft
+            self.watched[place].figures.add(&record);
             self.totals.windows += u64::from(record.granted_ns.is_some());
             self.totals.late += u64::from(record.is_late());
             self.totals.late_switches += record.late_switches();
@@ -461,6 +471,7 @@ impl Monitor {
             detail,
             recovered_ns: None,
         };
+        watched.figures.fault(&fault);
         self.events.tell(&Event::Fault {
             time_s: seconds(module_ns),
             partition: fault.partition.clone(),
@@ -515,6 +526,7 @@ impl Monitor {
     fn start_successor(&mut self, place: usize) {
         let watched = &mut self.watched[place];
         watched.generation += 1;
+        watched.figures.restarts += 1;
         match watched.cage.launch(watched.generation, watched.next_start) {
             Ok(process) => {
                 watched.reports_seen = watched.cage.slot.page.report_count.load(Acquire);

@@ -5,6 +5,7 @@ use std::sync::atomic::Ordering::Acquire;
 
 use bateleur_contract::{Mode, StartCondition};
 
+use super::figures::Figures;
 use crate::health::decision::error_of;
 use crate::health::log::Fault;
 use crate::partition::{Cage, await_any_end, ended, is_readable};
@@ -51,6 +52,7 @@ pub(super) struct Watched {
     pub(super) spoken: (u64, u32),
     /// Held by an operator: also a successor that becomes ready meanwhile.
     pub(super) held: bool,
+    pub(super) figures: Figures,
 }
 
 /// Messages of one partition that are passed on in a second of module time.
@@ -70,6 +72,7 @@ impl Watched {
             overrun_told_ns: None,
             spoken: (0, 0),
             held: false,
+            figures: Figures::new(),
         }
     }
 

@@ -31,6 +31,7 @@ pub use model::{
 pub use report::{Place, Related, Report, Severity, Violation};
 pub use timeline::{CoreTimeline, Timeline, TimelineWindow};
 
+pub(crate) use findings::did_you_mean;
 use findings::{Finding, Findings};
 use names::Names;
 use raw::RawFile;

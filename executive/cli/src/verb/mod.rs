@@ -6,7 +6,11 @@ pub(crate) mod faults;
 pub(crate) mod fly;
 pub(crate) mod ground;
 pub(crate) mod helper;
+pub(crate) mod order;
+pub(crate) mod ps;
 pub(crate) mod run;
+pub(crate) mod target;
+pub(crate) mod top;
 
 use std::process::ExitCode;
 

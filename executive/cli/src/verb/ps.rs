@@ -1,0 +1,170 @@
+//! `bateleur ps`: the modules that run on this machine, and how each of their partitions is: mode, process, generation,
+//! windows, how much of them it uses, how late they begin, the last fault.
+//!
+//! Shows the modules of this user; as root, of every user. Exit codes: 0 fine, also where none runs; 2 the module that was
+//! asked for does not run, or does not answer.
+
+use std::fmt::Write;
+
+use anyhow::Result;
+use bateleur_executive::control::status::{Lateness, Spread};
+use bateleur_executive::control::{Client, PartitionStatus, Status, running};
+
+use super::target::{Target, printable, status};
+use super::{Code, FINE, Format};
+
+/// Show the running modules and their partitions.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    target: Target,
+    /// What to print.
+    #[arg(long, value_enum, default_value = "text")]
+    format: Format,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
+    let all = match arguments.target.module {
+        Some(_) => vec![arguments.target.choose()?],
+        None => running(),
+    };
+    let mut statuses = Vec::new();
+    for one in &all {
+        match Client::connect(one).map_err(anyhow::Error::from).and_then(|mut client| status(&mut client)) {
+            Ok(status) => statuses.push(status),
+            // One that ends just now must not hide the others.
+            Err(error) if arguments.target.module.is_none() => eprintln!("bateleur: {error:#}"),
+            Err(error) => return Err(error),
+        }
+    }
+    match arguments.format {
+        Format::Json => println!("{:#}", serde_json::json!({ "modules": statuses })),
+        Format::Text if statuses.is_empty() => {
+            eprintln!("no module runs on this machine: start one with `bateleur run` or `bateleur fly`");
+        }
+        Format::Text => {
+            let tables: Vec<_> = statuses.iter().map(table).collect();
+            print!("{}", tables.join("\n"));
+        }
+    }
+    Ok(FINE)
+}
+
+/// The heading of a module and a line for each partition.
+pub(crate) fn table(status: &Status) -> String {
+    let mut text = heading(status);
+    let _ = writeln!(
+        text,
+        "{:<18}{:<11}{:>8}{:>4}{:>9}{:>8}{:>8}  {:>20}{:>8}  {:>18}  LAST FAULT",
+        "PARTITION",
+        "MODE",
+        "PID",
+        "GEN",
+        "WINDOWS",
+        "MISSED",
+        "OVERRUN",
+        "USE min/mean/max us",
+        "SLACK",
+        "LATE p50/p99/max us",
+    );
+    for partition in &status.partitions {
+        let _ = writeln!(text, "{}", line(partition)); // writing to a string can not fail
+    }
+    text
+}
+
+fn heading(status: &Status) -> String {
+    let next =
+        status.next_schedule.as_ref().map(|name| format!(", then {}", printable(name))).unwrap_or_default();
+    format!(
+        "module {} (PID {}), {} clock, {:.1} s, schedule {} ({} ms in {} ms){next}, {} windows, {} late, {} lost, {} overrun\n",
+        printable(&status.module),
+        status.pid,
+        printable(&status.clock),
+        status.module_ns as f64 / 1e9,
+        printable(&status.schedule),
+        status.minor_frame_ns / 1_000_000,
+        status.major_frame_ns / 1_000_000,
+        status.windows,
+        status.late_windows,
+        status.lost_windows,
+        status.window_overruns
+    )
+}
+
+fn line(partition: &PartitionStatus) -> String {
+    let dash = || "-".to_owned();
+    let spread = |spread: Spread| format!("{}/{}/{}", us(spread.min), us(spread.mean), us(spread.max));
+    let late = |late: Lateness| format!("{}/{}/{}", us(late.p50), us(late.p99), us(late.max));
+    let fault = partition.last_fault.as_ref().map_or_else(dash, |fault| {
+        let time_s = fault.time_ns as f64 / 1e9;
+        format!("{} at {time_s:.3} s -> {}", printable(&fault.error), printable(&fault.action))
+    });
+    format!(
+        "{:<18}{:<11}{:>8}{:>4}{:>9}{:>8}{:>8}  {:>20}{:>8}  {:>19}  {fault}",
+        printable(&partition.name),
+        printable(&partition.mode),
+        partition.pid.map_or_else(dash, |pid| pid.to_string()),
+        partition.generation,
+        partition.windows,
+        partition.windows_missed,
+        partition.overruns,
+        partition.use_ns.map_or_else(dash, spread),
+        partition.slack_ns.map_or_else(dash, |slack| us(slack.mean).to_string()),
+        partition.lateness_ns.map_or_else(dash, late),
+    )
+}
+
+fn us(nanoseconds: u64) -> u64 {
+    nanoseconds.saturating_add(500) / 1000
+}
+
+#[cfg(test)]
+mod tests {
+    use bateleur_executive::control::LastFault;
+
+    use super::*;
+
+    #[test]
+    fn table_has_a_line_for_each_partition_and_obeys_no_control_character() {
+        let fault = LastFault {
+            time_ns: 1_500_000_000,
+            error: "kil\u{1b}led".into(),
+            action: "warm_restart".into(),
+            detail: String::new(),
+        };
+        let imu = PartitionStatus {
+            name: "imu".into(),
+            pid: Some(42),
+            mode: "normal".into(),
+            generation: 1,
+            windows: 100,
+            use_ns: Some(Spread { min: 1_000, mean: 2_400, max: 99_600 }),
+            slack_ns: Some(Spread { min: 1, mean: 400_000, max: 2 }),
+            lateness_ns: Some(Lateness { p50: 0, p99: 12_000, max: 1_000_000 }),
+            last_fault: Some(fault),
+            ..PartitionStatus::default()
+        };
+        let gps = PartitionStatus { name: "gps".into(), mode: "idle".into(), ..PartitionStatus::default() };
+        let status = Status {
+            module: "fcu".into(),
+            pid: 7,
+            clock: "wall".into(),
+            module_ns: 2_000_000_000,
+            schedule: "flight".into(),
+            minor_frame_ns: 20_000_000,
+            major_frame_ns: 100_000_000,
+            windows: 100,
+            partitions: vec![imu, gps],
+            ..Status::default()
+        };
+        assert_eq!(
+            table(&status),
+            "module fcu (PID 7), wall clock, 2.0 s, schedule flight (20 ms in 100 ms), 100 windows, 0 late, 0 lost, 0 overrun\n\
+             PARTITION         MODE            PID GEN  WINDOWS  MISSED OVERRUN   USE min/mean/max us   SLACK  LATE p50/p99/max us  LAST FAULT\n\
+             imu               normal           42   1      100       0       0               1/2/100     400            0/12/1000  killed at 1.500 s -> warm_restart\n"
+                .replace("killed", "kil\u{fffd}led")
+                + "gps               idle              -   0        0       0       0                     -       -                    -  -\n"
+        );
+    }
+}

@@ -1,0 +1,45 @@
+//! Which of the running modules a verb means.
+
+use anyhow::Result;
+use bateleur_executive::control::{Answer, AskError, Client, Request, Running, Status, choose, running};
+
+/// Chooses a running module.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct Target {
+    /// The module, by its name or by its executive's process number; may be left out where one runs.
+    #[arg(long, short, value_name = "NAME|PID")]
+    pub(crate) module: Option<String>,
+}
+
+impl Target {
+    /// The module.
+    pub(crate) fn choose(&self) -> Result<Running> {
+        Ok(choose(&running(), self.module.as_deref())?.clone())
+    }
+
+    /// A conversation with it.
+    pub(crate) fn connect(&self) -> Result<Client> {
+        Ok(Client::connect(&self.choose()?)?)
+    }
+
+    /// Gives it an order, and says what it answers.
+    pub(crate) fn order(&self, request: &Request) -> Result<()> {
+        if let Answer::Done { text } = self.connect()?.ask(request)? {
+            println!("{}", printable(&text));
+        }
+        Ok(())
+    }
+}
+
+/// The figures of a module.
+pub(crate) fn status(client: &mut Client) -> Result<Status> {
+    match client.ask(&Request::Status)? {
+        Answer::Status(status) => Ok(*status),
+        other => Err(AskError::Strange(format!("{other:?}")).into()),
+    }
+}
+
+/// Words of another process without the control characters that a terminal would obey.
+pub(crate) fn printable(text: &str) -> String {
+    text.chars().map(|letter| if letter.is_control() { '\u{fffd}' } else { letter }).collect()
+}

@@ -1,0 +1,110 @@
+//! Which modules run on this machine, and which of them is meant.
+
+use std::path::PathBuf;
+
+use super::SOCKET;
+use crate::instance::{self, Instance};
+
+/// A module that runs.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Running {
+    /// Its name in its plan.
+    pub module: String,
+    /// The executive's process.
+    pub pid: i32,
+    /// Its control socket.
+    pub socket: PathBuf,
+}
+
+/// Why no module could be chosen.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ChooseError {
+    /// None runs.
+    #[error(
+        "no module runs on this machine that this user may control: start one with `bateleur run` or `bateleur fly`"
+    )]
+    None,
+    /// None that is called so.
+    #[error("no module \"{asked}\" runs on this machine; running: {known}")]
+    NoSuch {
+        /// What was asked for.
+        asked: String,
+        /// Those that run.
+        known: String,
+    },
+    /// Several.
+    #[error("several modules run on this machine: choose one with --module NAME or --module PID ({known})")]
+    Several {
+        /// Those that run.
+        known: String,
+    },
+}
+
+/// The modules that this user may control, in the order of their processes' numbers.
+#[must_use]
+pub fn running() -> Vec<Running> {
+    let mut list: Vec<_> = instance::living().iter().map(of_instance).collect();
+    list.sort_by_key(|running| running.pid);
+    list
+}
+
+fn of_instance(instance: &Instance) -> Running {
+    Running {
+        module: instance.module().to_owned(),
+        pid: instance.pid,
+        socket: instance.directory().join(SOCKET),
+    }
+}
+
+/// The one of `list` that `asked` names, by its module or by its process; without a name, the only one.
+///
+/// # Errors
+/// None or several fit.
+pub fn choose<'a>(list: &'a [Running], asked: Option<&str>) -> Result<&'a Running, ChooseError> {
+    let fits = |running: &&Running| {
+        asked.is_none_or(|asked| running.module == asked || asked.parse() == Ok(running.pid))
+    };
+    let fitting: Vec<_> = list.iter().filter(fits).collect();
+    match (fitting.as_slice(), asked) {
+        ([only], _) => Ok(only),
+        ([], _) if list.is_empty() => Err(ChooseError::None),
+        ([], asked) => {
+            Err(ChooseError::NoSuch { asked: asked.unwrap_or_default().into(), known: names(list.iter()) })
+        }
+        (several, _) => Err(ChooseError::Several { known: names(several.iter().copied()) }),
+    }
+}
+
+fn names<'a>(list: impl Iterator<Item = &'a Running>) -> String {
+    let names: Vec<_> = list.map(|running| format!("{} with PID {}", running.module, running.pid)).collect();
+    names.join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(module: &str, pid: i32) -> Running {
+        Running { module: module.into(), pid, socket: PathBuf::new() }
+    }
+
+    #[test]
+    fn the_only_module_needs_no_name() {
+        assert_eq!(choose(&[of("fcu", 7)], None).unwrap().pid, 7);
+        assert_eq!(choose(&[], None), Err(ChooseError::None));
+    }
+
+    #[test]
+    fn two_runs_of_one_module_are_told_apart_by_their_process() {
+        let list = [of("fcu", 7), of("fcu", 8)];
+        assert!(matches!(choose(&list, None), Err(ChooseError::Several { .. })));
+        assert!(matches!(choose(&list, Some("fcu")), Err(ChooseError::Several { .. })));
+        assert_eq!(choose(&list, Some("8")).unwrap().pid, 8);
+    }
+
+    #[test]
+    fn a_module_that_does_not_run_is_refused_with_those_that_do() {
+        let error = choose(&[of("fcu", 7)], Some("relay")).unwrap_err().to_string();
+        assert!(error.contains("relay") && error.contains("fcu with PID 7"), "{error}");
+    }
+}

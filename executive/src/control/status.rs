@@ -1,0 +1,100 @@
+//! What a module says about itself: the figures behind `bateleur ps` and `bateleur top`.
+
+use serde::{Deserialize, Serialize};
+
+/// A module at one moment.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Status {
+    /// Its name in the plan.
+    pub module: String,
+    /// The executive's process.
+    pub pid: i32,
+    /// "wall" or "virtual".
+    pub clock: String,
+    /// Module time, ns.
+    pub module_ns: u64,
+    /// The schedule that runs.
+    pub schedule: String,
+    /// The schedule that was asked for and comes with the next major frame.
+    pub next_schedule: Option<String>,
+    /// Length of its minor frame, ns.
+    pub minor_frame_ns: u64,
+    /// Length of its major frame, ns.
+    pub major_frame_ns: u64,
+    /// Windows granted.
+    pub windows: u64,
+    /// Windows whose start the dispatcher reached late.
+    pub late_windows: u64,
+    /// Windows that were not closed in time.
+    pub window_overruns: u64,
+    /// Windows lost because the dispatcher came too late for them.
+    pub lost_windows: u64,
+    /// Its partitions, in the order of the plan.
+    pub partitions: Vec<PartitionStatus>,
+}
+
+/// A partition at that moment. Times of windows are over the whole run, all incarnations.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct PartitionStatus {
+    /// Its name in the plan.
+    pub name: String,
+    /// Its process; null: none.
+    pub pid: Option<i32>,
+    /// What it does: `normal`, `starting`, `restarting`, `idle`, `frozen`.
+    pub mode: String,
+    /// Incarnations before this one.
+    pub generation: u32,
+    /// Restarts so far.
+    pub restarts: u64,
+    /// The last error of its health.
+    pub last_fault: Option<LastFault>,
+    /// Windows granted.
+    pub windows: u64,
+    /// Windows that passed ungranted: it had no process then, or the dispatcher came too late.
+    pub windows_missed: u64,
+    /// Windows granted and not closed in time.
+    pub overruns: u64,
+    /// Length of its latest window, ns.
+    pub window_ns: u64,
+    /// From a window's grant to its closing, ns; null: none was closed.
+    pub use_ns: Option<Spread>,
+    /// What was left of a window when it was closed, ns.
+    pub slack_ns: Option<Spread>,
+    /// From the planned start of a window to its grant, ns.
+    pub lateness_ns: Option<Lateness>,
+}
+
+/// Least, mean and most.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Spread {
+    /// Least.
+    pub min: u64,
+    /// Mean.
+    pub mean: u64,
+    /// Most.
+    pub max: u64,
+}
+
+/// How late windows began.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Lateness {
+    /// Half of the windows were not later.
+    pub p50: u64,
+    /// 99 of 100 were not later.
+    pub p99: u64,
+    /// The latest.
+    pub max: u64,
+}
+
+/// An error that the health monitor saw.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LastFault {
+    /// Module time, ns.
+    pub time_ns: u64,
+    /// The error, as the health tables name it.
+    pub error: String,
+    /// What was done.
+    pub action: String,
+    /// What is known beside it.
+    pub detail: String,
+}

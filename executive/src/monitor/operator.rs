@@ -1,0 +1,126 @@
+//! Orders from the control socket, taken in the monitor's step on either clock: a few in each, so that no flood of them
+//! makes a step long.
+
+use super::watched::Life;
+use super::{Monitor, seconds};
+use crate::agenda::Requested;
+use crate::control::{Answer, Inbox, Request, Status};
+use crate::event::Event;
+use crate::health::log::Fault;
+use crate::plan::did_you_mean;
+
+/// Orders that are carried out in one step.
+const ORDERS_A_STEP: usize = 4;
+
+/// What operators work with.
+#[derive(Debug, Default)]
+pub struct Operator {
+    inbox: Option<Inbox>,
+    /// What does not change in a status.
+    about: Status,
+}
+
+impl Operator {
+    /// `inbox`: where orders come from; none: there is no socket. `about`: the module's name, its process, its clock.
+    #[must_use]
+    pub fn new(inbox: Option<Inbox>, about: Status) -> Self {
+        Self { inbox, about }
+    }
+}
+
+impl Monitor {
+    /// Carries out what operators have ordered.
+    pub(super) fn obey(&mut self, module_ns: u64) {
+        for _ in 0..ORDERS_A_STEP {
+            let Some(ordered) = self.operator.inbox.as_ref().and_then(Inbox::take) else { return };
+            let answer = self.carry_out(&ordered.request, module_ns).unwrap_or_else(Answer::refused);
+            if let Some(inbox) = &self.operator.inbox {
+                inbox.answer(&ordered, answer);
+            }
+        }
+    }
+
+    fn carry_out(&mut self, request: &Request, module_ns: u64) -> Result<Answer, String> {
+        match request {
+            Request::Status => Ok(Answer::Status(Box::new(self.status(module_ns)))),
+            Request::Kill { partition } => {
+                let place = self.place_of(partition)?;
+                self.note(place, "kill", module_ns);
+                match self.kill(self.watched[place].cage.id.index(), module_ns) {
+                    true => Ok(Answer::Done { text: format!("{partition} is killed") }),
+                    false => Err(format!("{partition} has no process that could be killed")),
+                }
+            }
+            Request::Schedule { name } => self.change_schedule(name, module_ns),
+        }
+    }
+
+    fn change_schedule(&mut self, name: &str, module_ns: u64) -> Result<Answer, String> {
+        let schedules = || self.plan.schedules.iter().map(|schedule| schedule.name.as_str());
+        let unknown = format!("the plan has no schedule \"{name}\": {}", did_you_mean(name, schedules()));
+        let text = match self.request_schedule(name, module_ns).map_err(|_| unknown)? {
+            Requested::Pending => format!("schedule {name} takes effect with the next major frame"),
+            Requested::Already => format!("schedule {name} runs already"),
+        };
+        Ok(Answer::Done { text })
+    }
+
+    /// The place of the partition called `name`.
+    fn place_of(&self, name: &str) -> Result<usize, String> {
+        let mut names = self.watched.iter().map(|watched| watched.cage.name.as_str());
+        names.clone().position(|known| known == name).ok_or_else(|| {
+            format!("the module has no partition \"{name}\": {}", did_you_mean(name, &mut names))
+        })
+    }
+
+    /// An order is an entry in the health log and an event: whoever reads them later must not take it for a fault.
+    fn note(&mut self, place: usize, order: &str, module_ns: u64) {
+        let watched = &self.watched[place];
+        let (partition, generation) = (watched.cage.name.clone(), watched.generation);
+        let fault = Fault {
+            time_ns: module_ns,
+            partition: partition.clone(),
+            generation,
+            error: "order".into(),
+            action: "ignore".into(),
+            detail: format!("{order}, by the operator"),
+            recovered_ns: None,
+        };
+        let _ = self.health_log.write(&fault); // a full disk must not stop the aircraft
+        let text = format!("{order}, by the operator");
+        self.events.tell(&Event::Message { time_s: seconds(module_ns), partition, text });
+    }
+
+    fn status(&self, module_ns: u64) -> Status {
+        let partitions = self.watched.iter().map(|watched| {
+            let (mode, pid) = match &watched.life {
+                Life::Starting(process, _) => ("starting", Some(process.pid)),
+                Life::Running(process) => ("normal", Some(process.pid)),
+                Life::Dead(_) => ("restarting", None),
+                Life::Gone => ("idle", None),
+            };
+            crate::control::PartitionStatus {
+                name: watched.cage.name.clone(),
+                pid,
+                mode: mode.into(),
+                generation: watched.generation,
+                ..watched.figures.status()
+            }
+        });
+        let (current, next) = (self.agenda.current(), self.agenda.next());
+        let schedule = &self.plan.schedules[current];
+        Status {
+            module_ns,
+            schedule: schedule.name.clone(),
+            next_schedule: (next != current).then(|| self.plan.schedules[next].name.clone()),
+            minor_frame_ns: schedule.minor_frame_ns,
+            major_frame_ns: schedule.major_frame_ns,
+            lost_windows: self.totals.lost,
+            windows: self.totals.windows,
+            late_windows: self.totals.late,
+            window_overruns: self.totals.overruns,
+            partitions: partitions.collect(),
+            ..self.operator.about.clone()
+        }
+    }
+}

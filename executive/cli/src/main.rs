@@ -28,6 +28,14 @@ enum Verb {
     Ground(verb::ground::Arguments),
     /// Kill a partition of a running module; its health table says what follows.
     Kill(verb::order::Arguments),
+    /// End a partition of a running module until it is started; its windows pass.
+    Stop(verb::order::Arguments),
+    /// Start a partition that is idle or stopped, from nothing and with a new budget of restarts.
+    Start(verb::order::Arguments),
+    /// Hold a partition: it gets no windows until it is thawed.
+    Freeze(verb::order::Arguments),
+    /// Let a held partition go on where it was.
+    Thaw(verb::order::Arguments),
     Ps(verb::ps::Arguments),
     Run(verb::run::Arguments),
     /// Change a running module to another schedule, with its next major frame.
@@ -51,6 +59,10 @@ fn main() -> ExitCode {
         Verb::Fly(arguments) => verb::fly::run(&arguments),
         Verb::Ground(arguments) => verb::ground::run(&arguments),
         Verb::Kill(arguments) => verb::order::run(&arguments, |partition| Request::Kill { partition }),
+        Verb::Stop(arguments) => verb::order::run(&arguments, |partition| Request::Stop { partition }),
+        Verb::Start(arguments) => verb::order::run(&arguments, |partition| Request::Start { partition }),
+        Verb::Freeze(arguments) => verb::order::run(&arguments, |partition| Request::Freeze { partition }),
+        Verb::Thaw(arguments) => verb::order::run(&arguments, |partition| Request::Thaw { partition }),
         Verb::Ps(arguments) => verb::ps::run(&arguments),
         Verb::Schedule(arguments) => verb::order::schedule(&arguments),
         Verb::Top(arguments) => verb::top::run(&arguments),

@@ -19,6 +19,26 @@ pub enum Request {
         /// The partition.
         partition: String,
     },
+    /// Ends a partition until it is started.
+    Stop {
+        /// The partition.
+        partition: String,
+    },
+    /// Starts a partition that is idle or stopped.
+    Start {
+        /// The partition.
+        partition: String,
+    },
+    /// Holds a partition: it gets no windows until it is thawed.
+    Freeze {
+        /// The partition.
+        partition: String,
+    },
+    /// Lets a held partition go on.
+    Thaw {
+        /// The partition.
+        partition: String,
+    },
     /// Changes to another schedule with the next major frame.
     Schedule {
         /// The schedule.

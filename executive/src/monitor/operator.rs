@@ -1,13 +1,13 @@
 //! Orders from the control socket, taken in the monitor's step on either clock: a few in each, so that no flood of them
 //! makes a step long.
 
-use super::watched::Life;
-use super::{Monitor, seconds};
+use super::Monitor;
+use super::watched::{Life, Then};
 use crate::agenda::Requested;
 use crate::control::{Answer, Inbox, Request, Status};
-use crate::event::Event;
 use crate::health::log::Fault;
 use crate::plan::did_you_mean;
+use crate::planned::Act;
 
 /// Orders that are carried out in one step.
 const ORDERS_A_STEP: usize = 4;
@@ -43,16 +43,32 @@ impl Monitor {
     fn carry_out(&mut self, request: &Request, module_ns: u64) -> Result<Answer, String> {
         match request {
             Request::Status => Ok(Answer::Status(Box::new(self.status(module_ns)))),
-            Request::Kill { partition } => {
-                let place = self.place_of(partition)?;
-                self.note(place, "kill", module_ns);
-                match self.kill(self.watched[place].cage.id.index(), module_ns) {
-                    true => Ok(Answer::Done { text: format!("{partition} is killed") }),
-                    false => Err(format!("{partition} has no process that could be killed")),
-                }
-            }
+            Request::Kill { partition } => self.act_on(partition, Act::Kill, module_ns),
+            Request::Stop { partition } => self.act_on(partition, Act::Stop, module_ns),
+            Request::Start { partition } => self.act_on(partition, Act::Start, module_ns),
+            Request::Freeze { partition } => self.act_on(partition, Act::Freeze, module_ns),
+            Request::Thaw { partition } => self.act_on(partition, Act::Thaw, module_ns),
             Request::Schedule { name } => self.change_schedule(name, module_ns),
         }
+    }
+
+    fn act_on(&mut self, name: &str, act: Act, module_ns: u64) -> Result<Answer, String> {
+        let place = self.place_of(name)?;
+        let partition = self.watched[place].cage.id.index();
+        let (done, text, otherwise) = match act {
+            Act::Kill => {
+                (self.kill(partition, module_ns), "is killed", "has no process that could be killed")
+            }
+            Act::Stop => (self.stop(partition, module_ns), "is stopped", "is not running"),
+            Act::Start => (self.start(partition, module_ns), "is being started", "runs, or is about to"),
+            Act::Freeze => (self.freeze(partition, module_ns), "is frozen", "is frozen already"),
+            Act::Thaw => (self.thaw(partition, module_ns), "goes on", "is not frozen"),
+        };
+        if !done {
+            return Err(format!("{name} {otherwise}"));
+        }
+        self.note(place, act.name(), module_ns);
+        Ok(Answer::Done { text: format!("{name} {text}") })
     }
 
     fn change_schedule(&mut self, name: &str, module_ns: u64) -> Result<Answer, String> {
@@ -73,31 +89,29 @@ impl Monitor {
         })
     }
 
-    /// An order is an entry in the health log and an event: whoever reads them later must not take it for a fault.
+    /// An order is an entry in the health log: whoever reads what followed from it must not take it for a fault.
     fn note(&mut self, place: usize, order: &str, module_ns: u64) {
         let watched = &self.watched[place];
-        let (partition, generation) = (watched.cage.name.clone(), watched.generation);
-        let fault = Fault {
+        let entry = Fault {
             time_ns: module_ns,
-            partition: partition.clone(),
-            generation,
+            partition: watched.cage.name.clone(),
+            generation: watched.generation,
             error: "order".into(),
             action: "ignore".into(),
             detail: format!("{order}, by the operator"),
             recovered_ns: None,
         };
-        let _ = self.health_log.write(&fault); // a full disk must not stop the aircraft
-        let text = format!("{order}, by the operator");
-        self.events.tell(&Event::Message { time_s: seconds(module_ns), partition, text });
+        let _ = self.health_log.write(&entry); // a full disk must not stop the aircraft
     }
 
     fn status(&self, module_ns: u64) -> Status {
         let partitions = self.watched.iter().map(|watched| {
             let (mode, pid) = match &watched.life {
                 Life::Starting(process, _) => ("starting", Some(process.pid)),
+                Life::Running(process) if watched.held => ("frozen", Some(process.pid)),
                 Life::Running(process) => ("normal", Some(process.pid)),
-                Life::Dead(_) => ("restarting", None),
-                Life::Gone => ("idle", None),
+                Life::Dead(_, Then::Successor) => ("restarting", None),
+                Life::Dead(_, Then::Rest) | Life::Gone => ("idle", None),
             };
             crate::control::PartitionStatus {
                 name: watched.cage.name.clone(),

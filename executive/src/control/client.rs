@@ -17,14 +17,14 @@ const AGAIN: Duration = Duration::from_millis(100);
 #[derive(Debug, thiserror::Error)]
 pub enum AskError {
     /// The socket can not be used.
-    #[error("cannot reach the module {module} (PID {pid}) by its control socket: {source}")]
+    #[error("cannot reach the module {module} (PID {pid}) by its control socket: {why}")]
     Unreachable {
         /// The module.
         module: String,
         /// Its process.
         pid: i32,
         /// What the system said.
-        source: io::Error,
+        why: io::Error,
     },
     /// It ended the conversation.
     #[error("the module {0} ended the conversation: it is ending, or another user's")]
@@ -106,6 +106,6 @@ impl Client {
     }
 }
 
-fn unreachable(running: &Running, source: io::Error) -> AskError {
-    AskError::Unreachable { module: running.module.clone(), pid: running.pid, source }
+fn unreachable(running: &Running, why: io::Error) -> AskError {
+    AskError::Unreachable { module: running.module.clone(), pid: running.pid, why }
 }

@@ -43,7 +43,9 @@ pub enum ChooseError {
 /// The modules that this user may control, in the order of their processes' numbers.
 #[must_use]
 pub fn running() -> Vec<Running> {
-    let mut list: Vec<_> = instance::living().iter().map(of_instance).collect();
+    // One that is still starting has no socket yet.
+    let all = instance::living();
+    let mut list: Vec<_> = all.iter().map(of_instance).filter(|running| running.socket.exists()).collect();
     list.sort_by_key(|running| running.pid);
     list
 }

@@ -1,0 +1,196 @@
+//! Control of a running module: figures, orders, and clients that mean harm.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::io::{Read, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::net::UnixStream;
+use std::os::unix::process::CommandExt;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use bateleur_tests::{Sketch, Started, alone, await_some, bateleur};
+use serde_json::Value;
+
+/// Two partitions that behave, in a module on the wall clock. The folder must live as long.
+fn module(seconds: u32) -> (Started, tempfile::TempDir) {
+    let folder = tempfile::tempdir().unwrap();
+    let keys = "restart = { start = \"cold\", budget = 50, within = \"10s\", then = \"idle\" }";
+    let schedule =
+        Sketch::new().partition("one", "counter", 1000, keys).partition("two", "counter", 1000, keys);
+    let schedule = schedule.write(folder.path());
+    let mut module = bateleur(&["run", "--schedule", &schedule, "--until", &seconds.to_string()]);
+    module.await_words("2 partitions are ready");
+    (module, folder)
+}
+
+fn ask(module: &Started, verb: &[&str]) -> bateleur_tests::Ended {
+    let pid = module.pid().to_string();
+    bateleur(&[verb, &["--module", &pid]].concat()).end()
+}
+
+fn status(module: &Started) -> Value {
+    ask(module, &["ps", "--format", "json"]).expect_code(0).summary()["modules"][0].clone()
+}
+
+#[track_caller]
+fn await_status(module: &Started, what: impl Fn(&Value) -> bool) -> Value {
+    let mut last = Value::Null;
+    let found = await_some(Duration::from_secs(20), || {
+        last = status(module);
+        what(&last).then(|| last.clone())
+    });
+    found.unwrap_or_else(|| panic!("it never came to that: {last:#}"))
+}
+
+#[test]
+fn partition_is_killed_stopped_started_frozen_and_thawed_by_orders_that_stand_in_the_log() {
+    let _turn = alone();
+    let (module, _folder) = module(100);
+    let at_first = await_status(&module, |status| status["windows"].as_u64() > Some(20));
+    assert_eq!(at_first["module"], "test");
+    assert_eq!(at_first["partitions"][0]["name"], "one");
+    assert!(at_first["partitions"][0]["use_ns"]["mean"].as_u64().unwrap() > 0, "{at_first:#}");
+    let words = |verb, words: &str| {
+        let ended = ask(&module, &[verb, "two"]);
+        assert!(ended.stdout.contains(words) || ended.stderr.contains(words), "{verb}: {ended:?}");
+    };
+    words("kill", "two is killed");
+    let of_two = |status: &Value, key: &str| status["partitions"][1][key].clone();
+    let back = await_status(&module, |status| of_two(status, "mode") == "normal");
+    assert_eq!((of_two(&back, "generation"), of_two(&back, "restarts")), (1.into(), 1.into()));
+    assert_eq!(of_two(&back, "last_fault")["error"], "killed");
+    words("freeze", "two is frozen");
+    let frozen = await_status(&module, |status| of_two(status, "mode") == "frozen");
+    std::thread::sleep(Duration::from_millis(200));
+    let later = status(&module);
+    assert!(of_two(&later, "windows").as_u64() <= of_two(&frozen, "windows").as_u64().map(|n| n + 1));
+    assert!(later["partitions"][0]["windows"].as_u64() > frozen["partitions"][0]["windows"].as_u64());
+    words("thaw", "two goes on");
+    await_status(&module, |status| of_two(status, "windows").as_u64() > of_two(&later, "windows").as_u64());
+    words("stop", "two is stopped");
+    await_status(&module, |status| of_two(status, "mode") == "idle");
+    words("stop", "two is not running");
+    words("start", "two is being started");
+    await_status(&module, |status| of_two(status, "mode") == "normal");
+    let wrong = ask(&module, &["kill", "tow"]).expect_code(2);
+    assert!(wrong.stderr.contains("did you mean `two`?"), "{}", wrong.stderr);
+    let table = ask(&module, &["top", "--once"]).expect_code(0);
+    assert!(table.stdout.contains("module test") && table.stdout.contains("two"), "{}", table.stdout);
+    module.signal(rustix::process::Signal::TERM);
+    let ended =
+        module.end().expect_code(0).expect_words(&["stopped by the operator", "frozen by the operator"]);
+    let orders: Vec<_> = ended.faults().into_iter().filter(|entry| entry.error == "order").collect();
+    let orders: Vec<_> =
+        orders.iter().map(|entry| entry.detail.split(',').next().unwrap().to_owned()).collect();
+    assert_eq!(orders, ["kill", "freeze", "thaw", "stop", "start"]);
+}
+
+#[test]
+fn module_that_does_not_run_is_refused_and_said() {
+    let ended = bateleur(&["kill", "imu", "--module", "no_such_module"]).end().expect_code(2);
+    assert!(ended.stderr.contains("module"), "{}", ended.stderr);
+}
+
+/// Its control socket.
+fn socket(module: &Started) -> PathBuf {
+    PathBuf::from(format!("/dev/shm/bateleur.test.{}/control", module.pid()))
+}
+
+/// Does its worst until it is told to stop: connections by the hundred that say nothing, garbage, endless lines, floods
+/// of requests whose answers nobody reads, and conversations broken off.
+fn harm(socket: &std::path::Path, stop: &AtomicBool) {
+    let connect = || UnixStream::connect(socket).ok().filter(|stream| stream.set_nonblocking(true).is_ok());
+    let mut held: Vec<UnixStream> = Vec::new();
+    let mut round = 0_u32;
+    while !stop.load(Ordering::Acquire) {
+        round += 1;
+        for _ in 0..10 {
+            let Some(mut stream) = connect() else { continue };
+            let _ = match round % 5 {
+                0 => Ok(()), // says nothing
+                1 => stream.write_all(&[0xff; 4000]),
+                2 => stream.write_all("{\"ask\":\"status\"}\n".repeat(200).as_bytes()),
+                3 => stream.write_all(b"{\"ask\":\"kill\",\"partition\":\"nobody\"}\n{\"ask\":"),
+                _ => stream.write_all(&[b'['; 9000]),
+            };
+            let _ = stream.read(&mut [0; 16]);
+            held.push(stream);
+        }
+        if held.len() > 1000 {
+            held.clear();
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Memory of the executive's own, kB.
+fn resident_kb(pid: i32) -> u64 {
+    let text = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+    let line = text.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
+    line.split_ascii_whitespace().nth(1).unwrap().parse().unwrap()
+}
+
+fn descriptors(pid: i32) -> usize {
+    std::fs::read_dir(format!("/proc/{pid}/fd")).unwrap().count()
+}
+
+#[test]
+fn hostile_clients_take_no_window_bounded_memory_and_no_answers_from_others() {
+    let _turn = alone();
+    let (module, _folder) = module(12);
+    let quiet = await_status(&module, |status| status["windows"].as_u64() > Some(50));
+    let (memory, files) = (resident_kb(module.pid()), descriptors(module.pid()));
+    let stop = Arc::new(AtomicBool::new(false));
+    let attackers: Vec<_> = (0..2)
+        .map(|_| {
+            let (path, stop) = (socket(&module), stop.clone());
+            std::thread::spawn(move || harm(&path, &stop))
+        })
+        .collect();
+    std::thread::sleep(Duration::from_secs(3));
+    // The attackers are one process; this one asks as another.
+    let harmed = status(&module);
+    assert!(harmed["windows"].as_u64() > quiet["windows"].as_u64().map(|before| before + 100), "{harmed:#}");
+    let more = resident_kb(module.pid()).saturating_sub(memory);
+    assert!(more < 4096, "the executive has taken {more} kB more");
+    let more = descriptors(module.pid()).saturating_sub(files);
+    assert!(more <= 16, "{more} descriptors more");
+    stop.store(true, Ordering::Release);
+    attackers.into_iter().for_each(|attacker| attacker.join().unwrap());
+    let ended = module.end().expect_code(0);
+    // Where the machine held the dispatcher itself up, nobody in the module is to blame.
+    let windows = ended.windows();
+    let on_time = windows.iter().filter(|window| !window.late);
+    assert_eq!(on_time.filter(|window| window.granted_ns.is_none()).count(), 0);
+    assert!(ended.faults().iter().all(|fault| fault.error != "killed"), "{:#?}", ended.faults());
+}
+
+/// Where the test below runs itself again as another user, the socket that he tries.
+const TRIED: &str = "BATELEUR_TEST_SOCKET";
+
+#[test]
+fn another_user_is_not_heard_even_where_the_mode_lets_him_in() {
+    if let Some(path) = std::env::var_os(TRIED) {
+        let mut stream = UnixStream::connect(path).unwrap();
+        let _ = stream.write_all(b"{\"ask\":\"status\"}\n"); // it may be closed already
+        assert_eq!(stream.read(&mut [0; 16]).unwrap_or(0), 0, "he was answered");
+        return;
+    }
+    if !rustix::process::geteuid().is_root() {
+        return; // there is nobody else to become
+    }
+    let _turn = alone();
+    let (module, _folder) = module(100);
+    std::fs::set_permissions(socket(&module), std::fs::Permissions::from_mode(0o666)).unwrap();
+    let own = std::env::current_exe().unwrap();
+    let mut other = std::process::Command::new(own);
+    other.args(["--exact", "another_user_is_not_heard_even_where_the_mode_lets_him_in"]);
+    let ended = other.env(TRIED, socket(&module)).uid(61_653).gid(61_653).output().unwrap();
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stdout));
+    assert!(String::from_utf8_lossy(&ended.stdout).contains("1 passed"));
+    module.signal(rustix::process::Signal::TERM);
+    module.end().expect_code(0);
+}

@@ -136,7 +136,15 @@ mod tests {
             late_ns: 0,
         };
         let ending = Ending { late_ns: 0, shared: false };
-        WindowRecord { occurrence, ending, missed: None, granted_ns, opened_ns: granted_ns, closed_ns }
+        WindowRecord {
+            occurrence,
+            ending,
+            missed: None,
+            granted_ns,
+            opened_ns: granted_ns,
+            closed_ns,
+            requested: None,
+        }
     }
 
     fn some_window() -> TimelineWindow {

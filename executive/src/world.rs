@@ -167,6 +167,12 @@ impl Surroundings {
         }
     }
 
+    /// When the run is to end, module time, ns.
+    #[must_use]
+    pub fn until_ns(&self) -> Option<u64> {
+        self.until_ns
+    }
+
     /// Module time of the last minor frame, ns.
     #[must_use]
     pub fn module_ns(&self) -> u64 {

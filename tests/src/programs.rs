@@ -1,11 +1,12 @@
 //! Starting programs, with their output in files and an end to every wait.
 
 use std::fs::File;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Pid, Signal, kill_process, kill_process_group};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -37,15 +38,18 @@ pub fn program(name: &str) -> PathBuf {
     }
 }
 
-/// A verb of `bateleur`, such as `["fly", "--fast"]`; nothing is added but `--output`, where the verb has one.
+/// A verb of `bateleur`, such as `["fly", "--fast"]`; nothing is added but `--output`, where the verb has
+/// one and is not told.
 pub fn bateleur<S: AsRef<str>>(arguments: &[S]) -> Started {
     let scratch = tempfile::Builder::new().prefix("bateleur-test-").tempdir().unwrap();
     let text = |name: &str| File::create(scratch.path().join(name)).unwrap();
     let mut command = Command::new(program("bateleur"));
     command.args(arguments.iter().map(AsRef::as_ref)).current_dir(scratch.path());
-    if matches!(arguments[0].as_ref(), "fly" | "run") {
+    let told = arguments.iter().any(|argument| argument.as_ref() == "--output");
+    if matches!(arguments[0].as_ref(), "fly" | "run") && !told {
         command.arg("--output").arg(scratch.path().join("out"));
     }
+    command.process_group(0); // a terminal's Ctrl-C can be played
     command.stdin(Stdio::null()).stdout(text("stdout")).stderr(text("stderr"));
     let child = command.spawn().unwrap();
     Started { child, scratch: Some(scratch) }
@@ -87,6 +91,11 @@ impl Started {
     /// Sends it a signal.
     pub fn signal(&self, signal: Signal) {
         kill_process(Pid::from_raw(self.pid()).unwrap(), signal).unwrap();
+    }
+
+    /// Sends a signal to it and to all that it started and left in its group, as a terminal does.
+    pub fn signal_group(&self, signal: Signal) {
+        kill_process_group(Pid::from_raw(self.pid()).unwrap(), signal).unwrap();
     }
 
     /// Waits until it ends by itself.

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use bateleur_tests::{Ended, bateleur, edited, flight_schedule, line_of};
+use bateleur_tests::{Ended, Sketch, bateleur, edited, flight_schedule, line_of};
 
 fn schedule() -> String {
     flight_schedule().to_str().unwrap().to_owned()
@@ -182,7 +182,10 @@ fn unknown_attribute_is_refused_with_the_nearest_name() {
 
 #[test]
 fn attribute_of_another_type_is_refused_with_its_value() {
-    fly(&["--set", "controller.laps=many"]).expect_code(2).expect_words(&["controller", "laps", "many"]);
+    fly(&["--set", "controller.laps=many"]).expect_code(2).expect_words(&[
+        "controller",
+        "attribute laps: expected a whole number from 0 on, found the text \"many\"",
+    ]);
 }
 
 #[test]
@@ -218,4 +221,47 @@ fn airframe_that_is_not_there_is_named() {
 #[test]
 fn wrong_word_on_the_command_line_is_refused() {
     fly(&["--turbulence", "stormy"]).expect_code(2).expect_words(&["stormy", "calm"]);
+}
+
+#[test]
+fn wind_from_beyond_the_compass_is_refused_with_an_example() {
+    fly(&["--wind-from", "999"]).expect_code(2).expect_words(&["999", "degrees", "270"]);
+    fly(&["--wind", "-5"]).expect_code(2).expect_words(&["between 0 and 50", "--wind-from"]);
+}
+
+/// A counter in a schedule of its own, for half a second of virtual time.
+fn count(folder: &std::path::Path, choices: &[&str]) -> Ended {
+    let schedule = Sketch::new().partition("counter", "counter", 1000, "").write(folder);
+    let mut arguments = vec!["run", "--fast", "--until", "0.5", "--schedule", &schedule];
+    arguments.extend(choices);
+    bateleur(&arguments).end()
+}
+
+#[test]
+fn kill_after_the_end_is_said_not_to_have_been_reached() {
+    let folder = tempfile::tempdir().unwrap();
+    let ended = count(folder.path(), &["--kill", "counter@0.2", "--kill", "counter@9999"]).expect_code(0);
+    assert!(!ended.stderr.contains("counter@0.2"), "{}", ended.stderr);
+    ended.expect_words(&["--kill counter@9999 was not reached", "0.50 s"]);
+}
+
+#[test]
+fn run_ends_exactly_at_its_time_and_not_a_frame_later() {
+    let folder = tempfile::tempdir().unwrap();
+    let ended = count(folder.path(), &[]).expect_code(0).expect_words(&["stopped after 0.50 s"]);
+    assert_eq!(ended.windows().len(), 25, "a window in each of 25 frames of 20 ms");
+}
+
+#[test]
+fn folder_of_an_earlier_run_is_not_written_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let earlier = folder.path().join("earlier");
+    std::fs::create_dir(&earlier).unwrap();
+    std::fs::write(earlier.join("summary.json"), "{}").unwrap();
+    let name = earlier.to_str().unwrap();
+    for verb in ["fly", "run"] {
+        let ended = bateleur(&[verb, "--fast", "--schedule", &schedule(), "--output", name]);
+        ended.end().expect_code(2).expect_words(&[name, "summary.json", "--output"]);
+    }
+    assert_eq!(std::fs::read_dir(&earlier).unwrap().count(), 1, "nothing was added");
 }

@@ -50,6 +50,24 @@ fn flight_that_is_interrupted_leaves_nothing_and_says_so() {
 }
 
 #[test]
+fn flight_whose_terminal_is_interrupted_says_so_once_on_either_clock() {
+    let _turn = alone();
+    let schedule = flight_schedule();
+    for clock in [&["--fast"][..], &[]] {
+        let mut arguments = vec!["fly", "--format", "json", "--schedule", schedule.to_str().unwrap()];
+        arguments.extend(clock);
+        let mut flight = bateleur(&arguments);
+        flight.await_words("waiting for the estimator");
+        flight.signal_group(Signal::INT);
+        let ended = flight.end().expect_code(1);
+        assert_eq!(ended.summary()["failure"], "it was interrupted", "{clock:?}\n{}", ended.stderr);
+        let told = ended.stderr.matches("stopped after").count();
+        assert_eq!(told, 1, "{clock:?}: {}", ended.stderr);
+        assert!(!ended.stderr.contains("simulator ended"), "{clock:?}: {}", ended.stderr);
+    }
+}
+
+#[test]
 fn flight_that_is_killed_leaves_nothing() {
     let _turn = among_others();
     let (flight, traces) = fly();

@@ -3,6 +3,7 @@
 //! Exit codes: 0 fine, 1 it ran and something was wrong, 2 it could not run.
 
 mod line;
+mod output;
 mod plan_file;
 mod recorder;
 mod verb;

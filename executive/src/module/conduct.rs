@@ -220,7 +220,9 @@ fn run_wall(
         monitor.pause(MONITOR_PERIOD_NS);
         let module_ns = now_ns().saturating_sub(origin_ns);
         monitor.step(module_ns);
-        if threads.iter().any(JoinHandle::is_finished) {
+        if surroundings.until_ns().is_some_and(|until_ns| module_ns >= last_frame(timelines, agenda, until_ns)) {
+            stop.store(true, Ordering::Release); // told after the frame's end, they would begin another
+        } else if threads.iter().any(JoinHandle::is_finished) {
             monitor.ask_to_stop(LOST_CORE);
             break;
         }
@@ -245,6 +247,13 @@ fn following_minor_frame(timelines: &[Timeline], agenda: &Agenda, module_ns: u64
     let minor_frame_ns = timelines[agenda.current()].minor_frame_ns;
     let since_ns = agenda.changed_ns();
     since_ns + (module_ns.saturating_sub(since_ns) / minor_frame_ns + 1) * minor_frame_ns
+}
+
+/// Where the major frame begins in which the time `until_ns` lies, or at whose end.
+fn last_frame(timelines: &[Timeline], agenda: &Agenda, until_ns: u64) -> u64 {
+    let major_frame_ns = timelines[agenda.current()].major_frame_ns;
+    let since_ns = agenda.changed_ns();
+    since_ns + until_ns.saturating_sub(since_ns + 1) / major_frame_ns * major_frame_ns
 }
 
 /// A dispatcher thread's life.

@@ -58,6 +58,8 @@ pub struct Run {
     pub mission: Mission,
     /// What was promised and held.
     pub guarantees: Vec<Guarantee>,
+    /// What whoever reads the report should know besides.
+    pub notes: Vec<String>,
     /// What the run was started with.
     pub arguments: serde_json::Value,
 }

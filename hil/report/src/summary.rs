@@ -218,7 +218,7 @@ impl Analysis {
             restarts: flight.health.iter().filter(|entry| entry.restarted()).count() as u64,
             guarantees: run.map(|run| run.guarantees.clone()).unwrap_or_default(),
             digest: digest(&flight.truth),
-            notes: flight.notes.clone(),
+            notes: run.map(|run| &run.notes).into_iter().flatten().chain(&flight.notes).cloned().collect(),
         }
     }
 

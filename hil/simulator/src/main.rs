@@ -26,10 +26,10 @@ struct Arguments {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Mean wind.
-    #[arg(long, value_name = "M/S", default_value_t = 0.0, value_parser = wind)]
+    #[arg(long, value_name = "M/S", default_value_t = 0.0, value_parser = wind, allow_negative_numbers = true)]
     wind: f64,
     /// Direction that the wind comes from, clockwise from north.
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = number, allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = direction, allow_negative_numbers = true)]
     wind_from: f64,
     /// Gusts (Dryden, MIL-F-8785C).
     #[arg(long, value_enum, default_value_t = Turbulence::Calm)]
@@ -78,6 +78,13 @@ fn wind(text: &str) -> Result<f64, String> {
     match number(text)? {
         speed if (0.0..=50.0).contains(&speed) => Ok(speed),
         _ => Err("it must lie between 0 and 50 m/s; --wind-from says where it comes from".to_owned()),
+    }
+}
+
+fn direction(text: &str) -> Result<f64, String> {
+    match number(text)? {
+        degrees if (-360.0..=360.0).contains(&degrees) => Ok(degrees),
+        _ => Err("it must lie between -360 and 360 degrees, clockwise from north".to_owned()),
     }
 }
 

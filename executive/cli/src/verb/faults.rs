@@ -42,6 +42,17 @@ impl Faults {
         all.flat_map(|(_, what, list)| list.iter().map(move |when| act(what, when))).collect()
     }
 
+    /// A line for each whose time did not come.
+    pub(crate) fn not_reached(&self, module_time_s: f64) -> Vec<String> {
+        let lists = self.lists().into_iter();
+        let all = lists.flat_map(|(name, _, list)| list.iter().map(move |when| (name, when)));
+        let missed = all.filter(|(_, when)| when.at_s > module_time_s);
+        let line = |(name, When { partition, at_s }): (&str, &When)| {
+            format!("{name} {partition}@{at_s} was not reached: it ended at {module_time_s:.2} s")
+        };
+        missed.map(line).collect()
+    }
+
     /// The options again, for another program.
     pub(crate) fn arguments(&self) -> Vec<String> {
         let all = self.lists().into_iter();

@@ -44,7 +44,7 @@ pub(crate) struct Arguments {
     /// Fly the scripted mission instead of listening to the keyboard.
     #[arg(long)]
     script: bool,
-    /// Way-points, laps and limits of the script, instead of the thesis's two laps.
+    /// Way-points, laps and limits of the script, instead of the usual two laps of four way-points.
     #[arg(long, value_name = "FILE", requires = "script")]
     mission: Option<PathBuf>,
 }

@@ -1,5 +1,6 @@
 //! The verbs.
 
+pub(crate) mod air;
 pub(crate) mod check;
 pub(crate) mod doctor;
 pub(crate) mod faults;

@@ -23,6 +23,9 @@ use super::faults::Faults;
 use super::{CANNOT_RUN, Code, FINE, WRONG};
 use crate::plan_file;
 
+/// Where a run writes that was not told otherwise.
+const LATEST: &str = "target/runs/latest";
+
 /// Run a module of a schedule file.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
@@ -32,9 +35,9 @@ pub(crate) struct Arguments {
     /// The module to run; may be left out where the file has one.
     #[arg(long, short)]
     pub(crate) module: Option<String>,
-    /// Folder for logs.
-    #[arg(long, short, default_value = "target/runs/latest")]
-    pub(crate) output: PathBuf,
+    /// Folder for logs; the default is target/runs/latest, which every run writes over.
+    #[arg(long, short)]
+    pub(crate) output: Option<PathBuf>,
     /// Run on the virtual clock: as fast as the machine can.
     #[arg(long)]
     pub(crate) fast: bool,
@@ -122,16 +125,30 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     if arguments.until_stdin_closes {
         stop_with_standard_input(stop.clone());
     }
-    std::fs::create_dir_all(&arguments.output)
-        .with_context(|| format!("cannot make the folder {}", arguments.output.display()))?;
-    match run_module(plan, options(arguments, module, stop)?) {
-        Ok(outcome) if outcome.reason.starts_with("partition") => Ok(WRONG),
-        Ok(_) => Ok(FINE),
-        Err(error) => Err(error.into()),
+    let folder = folder(arguments)?;
+    let outcome = run_module(plan, options(arguments, module, &folder, stop)?)?;
+    if arguments.events_fd.is_none() {
+        let missed = arguments.faults.not_reached(outcome.module_ns as f64 / 1e9);
+        missed.iter().for_each(|line| eprintln!("{line}"));
     }
+    Ok(if outcome.reason.starts_with("partition") { WRONG } else { FINE })
 }
 
-fn options(arguments: &Arguments, module: String, stop: Arc<AtomicBool>) -> Result<Options> {
+/// The folder for logs, made where it is missing.
+fn folder(arguments: &Arguments) -> Result<PathBuf> {
+    let folder = match &arguments.output {
+        Some(folder) => {
+            crate::output::refuse_used(folder)?;
+            folder.clone()
+        }
+        None => PathBuf::from(LATEST),
+    };
+    std::fs::create_dir_all(&folder)
+        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    Ok(folder)
+}
+
+fn options(arguments: &Arguments, module: String, folder: &Path, stop: Arc<AtomicBool>) -> Result<Options> {
     let mut overrides: BTreeMap<String, BTreeMap<String, serde_json::Value>> = BTreeMap::new();
     for setting in &arguments.set {
         overrides
@@ -145,14 +162,14 @@ fn options(arguments: &Arguments, module: String, stop: Arc<AtomicBool>) -> Resu
     Ok(Options {
         module,
         clock: if arguments.fast { Clock::Virtual } else { Clock::Wall },
-        output: arguments.output.clone(),
+        output: folder.to_owned(),
         plan_folder: arguments.schedule.parent().map(Path::to_owned).unwrap_or_default(),
         overrides,
         acts: arguments.faults.planned(),
         schedule_changes: changes.collect(),
         until_ns: arguments.until.map(nanoseconds),
         strict: arguments.require.is_some(),
-        record: arguments.record.then(|| arguments.output.join("ports.mcap")),
+        record: arguments.record.then(|| folder.join("ports.mcap")),
         companion: arguments.companion_fd.map(companion).transpose()?,
         events: Events::new(Some(events(arguments.events_fd))),
         stop,

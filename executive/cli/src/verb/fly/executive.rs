@@ -3,6 +3,7 @@
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::fd::{AsRawFd, OwnedFd};
 use std::os::unix::net::UnixStream;
+use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, channel};
@@ -68,6 +69,7 @@ impl Executive {
         let mut process = command
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
+            .process_group(0) // Ctrl-C is for the flight, which ends its processes in their order
             .spawn()
             .with_context(|| format!("cannot start {}", program.display()))?;
         drop(event_end);

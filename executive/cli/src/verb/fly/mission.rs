@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use bateleur_executive::event::Event;
 use bateleur_ground::{Mission, MissionPlan, Outcome, Progress, Severity, UdpPilot};
+use bateleur_messages::telemetry::Primary;
 
 use super::Arguments;
 use super::executive::Executive;
@@ -22,6 +23,10 @@ const REPORT_NS: u64 = 5_000_000_000;
 const FAST_REPORT_NS: u64 = 25_000_000_000;
 /// Module time for which the flight goes on after the simulator has died, so that the aircraft's own monitoring tells.
 const AFTER_SIMULATOR_NS: u64 = 2_000_000_000;
+
+/// How long the aircraft may miss its simulator before the flight is given up, real time: long enough for one that
+/// somebody looks into with a debugger by mistake, short enough for whoever waits at the terminal.
+const SIMULATOR_PATIENCE: Duration = Duration::from_secs(4);
 
 /// How a flight went.
 pub(super) struct Flown {
@@ -59,6 +64,7 @@ pub(super) fn fly(
         latest: None,
         failure: None,
         simulator_lost_ns: None,
+        simulator_silent: None,
     };
     if arguments.fast {
         flight.fast()
@@ -82,6 +88,8 @@ struct Flight {
     latest: Option<Progress>,
     failure: Option<String>,
     simulator_lost_ns: Option<u64>,
+    /// Since when the aircraft says that the simulator does not answer, real time.
+    simulator_silent: Option<Instant>,
 }
 
 impl Flight {
@@ -135,7 +143,6 @@ impl Flight {
 
     fn is_cut_short(&mut self, module_ns: u64) -> bool {
         if self.stop.load(Ordering::Acquire) {
-            self.failure = Some("it was interrupted".into());
             return true;
         }
         if let Some(reason) = self.simulator.ended() {
@@ -146,7 +153,26 @@ impl Flight {
             self.failure = Some(reason);
             return module_ns >= lost_ns + AFTER_SIMULATOR_NS;
         }
+        if self.simulator_silence() >= SIMULATOR_PATIENCE {
+            let seconds = SIMULATOR_PATIENCE.as_secs();
+            let why = if self.simulator.is_stopped() { ": its process is stopped (SIGSTOP)" } else { "" };
+            let reason = format!("the simulator has not answered for {seconds} s{why}");
+            eprintln!("{:9.3} s  ! {reason}", module_ns as f64 / 1e9);
+            self.failure = Some(reason);
+            return true;
+        }
         false
+    }
+
+    /// How long the aircraft's telemetry says that HIL mode is on and the simulator does not answer.
+    fn simulator_silence(&mut self) -> Duration {
+        let misses = |primary: Primary| primary.hil != 0 && primary.hil_ready == 0;
+        if self.mission.board().primary.is_some_and(|latest| misses(latest.message)) {
+            self.simulator_silent.get_or_insert_with(Instant::now).elapsed()
+        } else {
+            self.simulator_silent = None;
+            Duration::ZERO
+        }
     }
 
     fn take_events(&mut self) {
@@ -176,6 +202,7 @@ impl Flight {
         let latest_ns = self.latest.as_ref().map_or(0, |progress| progress.time_ns);
         let failure = match self.latest.as_ref().map(|progress| &progress.outcome) {
             Some(Outcome::Finished) => None,
+            _ if self.stop.load(Ordering::Acquire) => Some("it was interrupted".into()),
             Some(Outcome::Failed(why)) => Some(self.failure.unwrap_or_else(|| why.clone())),
             _ => Some(self.failure.unwrap_or_else(|| "the executive ended before the mission did".into())),
         };

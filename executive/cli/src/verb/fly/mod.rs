@@ -12,7 +12,7 @@ mod simulator;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, Result, bail};
@@ -22,9 +22,11 @@ use bateleur_ground::MissionPlan;
 use bateleur_report::run::{Clock, FILE, Guarantee, Mission as MissionResult, Run};
 use bateleur_report::{Inputs, Summary};
 
+use super::air::{direction, wind};
 use super::faults::Faults;
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
 use crate::line::Line;
+use crate::output;
 use crate::plan_file;
 use mission::Flown;
 
@@ -44,10 +46,10 @@ pub(crate) struct Arguments {
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,
     /// Mean wind, m/s.
-    #[arg(long, value_name = "M/S", default_value_t = 0.0)]
+    #[arg(long, value_name = "M/S", default_value_t = 0.0, value_parser = wind, allow_negative_numbers = true)]
     pub(crate) wind: f64,
     /// Where the wind comes from, degrees clockwise from north.
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = direction, allow_negative_numbers = true)]
     pub(crate) wind_from: f64,
     /// Gusts.
     #[arg(long, value_name = "LEVEL", default_value = "calm", value_parser = ["calm", "light", "moderate", "severe"])]
@@ -60,7 +62,7 @@ pub(crate) struct Arguments {
     /// Replace an attribute of the plan (may be repeated).
     #[arg(long, value_name = "PARTITION.ATTRIBUTE=VALUE")]
     pub(crate) set: Vec<String>,
-    /// Way-points, laps and limits, instead of the thesis's two laps.
+    /// Way-points, laps and limits, instead of the usual two laps of four way-points.
     #[arg(long, value_name = "FILE")]
     pub(crate) mission: Option<PathBuf>,
     /// Address of the simulator; port 0 takes a free one.
@@ -83,13 +85,21 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let Some(plan) = plan_file::read_or_say(&arguments.schedule)? else { return Ok(CANNOT_RUN) };
     let mission = read_mission(arguments, &plan)?;
+    if let Some(folder) = &arguments.output {
+        output::refuse_used(folder)?;
+    }
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
         signal_hook::flag::register(signal, stop.clone()).context("cannot watch for signals")?;
     }
     let folder = make_folder(arguments)?;
     let begun = Instant::now();
-    let Some(flown) = fly(arguments, &plan, &mission, &folder, stop)? else { return Ok(CANNOT_RUN) };
+    let Some(flown) = fly(arguments, &plan, &mission, &folder, stop.clone())? else {
+        if stop.load(Ordering::Acquire) {
+            bail!("interrupted before the partitions were ready");
+        }
+        return Ok(CANNOT_RUN);
+    };
     let record = record(arguments, &flown, begun.elapsed().as_secs_f64());
     std::fs::write(folder.join(FILE), serde_json::to_vec_pretty(&record)?)
         .context("cannot write run.json")?;
@@ -181,6 +191,7 @@ fn record(arguments: &Arguments, flown: &Flown, wall_time_s: f64) -> Run {
             waypoints_reached: Some(flown.waypoints_reached),
         },
         guarantees: guarantees(&flown.events),
+        notes: arguments.faults.not_reached(flown.module_time_s),
         arguments: std::env::args().skip(1).collect(),
     }
 }

@@ -2,6 +2,7 @@
 
 use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
+use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -49,6 +50,7 @@ impl Simulator {
         let mut process = command
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
+            .process_group(0) // as the executive
             .spawn()
             .with_context(|| format!("cannot start {}", program.display()))?;
         let line = process.stdin.take();
@@ -68,6 +70,13 @@ impl Simulator {
     pub(super) fn ended(&mut self) -> Option<String> {
         let status = self.process.try_wait().ok()??;
         Some(format!("the simulator ended in flight ({status})"))
+    }
+
+    /// Whether it was stopped (SIGSTOP) and not continued.
+    pub(super) fn is_stopped(&self) -> bool {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.process.id())).unwrap_or_default();
+        // The state follows the name in brackets, which may hold anything.
+        stat.rsplit(')').next().is_some_and(|rest| rest.trim_start().starts_with(['T', 't']))
     }
 
     /// Ends it and waits until its log is whole.

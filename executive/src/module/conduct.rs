@@ -220,7 +220,10 @@ fn run_wall(
         monitor.pause(MONITOR_PERIOD_NS);
         let module_ns = now_ns().saturating_sub(origin_ns);
         monitor.step(module_ns);
-        if surroundings.until_ns().is_some_and(|until_ns| module_ns >= last_frame(timelines, agenda, until_ns)) {
+        if surroundings
+            .until_ns()
+            .is_some_and(|until_ns| module_ns >= last_frame(timelines, agenda, until_ns))
+        {
             stop.store(true, Ordering::Release); // told after the frame's end, they would begin another
         } else if threads.iter().any(JoinHandle::is_finished) {
             monitor.ask_to_stop(LOST_CORE);

@@ -8,7 +8,7 @@ use bateleur_messages::ground::{
 use bateleur_messages::hil::{PILOT_STAND_BY, PILOT_TAKE_OFF};
 use bateleur_messages::telemetry::{
     ACCEPTED, Acknowledge, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED, NAVIGATION_ON, NOT_UNDERSTOOD,
-    Navigation, Primary, StateTelemetry, Telemetry,
+    Navigation, Primary, Refusal, StateTelemetry, Telemetry,
 };
 use std::fmt::Write;
 use thiserror::Error;
@@ -54,8 +54,21 @@ pub enum Request {
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum ConsoleError {
     /// The first word is no command.
-    #[error("\"{0}\" is no command; \"help\" lists them")]
-    UnknownCommand(String),
+    #[error("\"{word}\" is no command{hint}; \"help\" lists them")]
+    UnknownCommand {
+        /// The word.
+        word: String,
+        /// ", did you mean …?", or nothing.
+        hint: String,
+    },
+    /// A name of a loop that there is not.
+    #[error("\"{word}\" is no loop{hint}; there are {}", loop_names())]
+    UnknownLoop {
+        /// The word.
+        word: String,
+        /// As above.
+        hint: String,
+    },
     /// The words after it do not fit.
     #[error("\"{command}\" wants {wanted}, as in: {example}")]
     Usage {
@@ -127,7 +140,10 @@ impl Console {
             "status" => Ok(Request::Status),
             "help" | "?" => Ok(Request::Help),
             "quit" | "exit" => Ok(Request::Quit),
-            other => Err(ConsoleError::UnknownCommand(other.to_owned())),
+            other => Err(ConsoleError::UnknownCommand {
+                word: other.to_owned(),
+                hint: did_you_mean(other, &COMMANDS),
+            }),
         }
     }
 
@@ -185,6 +201,35 @@ impl Console {
     }
 }
 
+/// The first words that a line may have, for [`did_you_mean`].
+const COMMANDS: [&str; 11] = [
+    "hil",
+    "sensors",
+    "estimator",
+    "waypoint",
+    "navigation",
+    "autopilot",
+    "loop",
+    "pilot",
+    "status",
+    "help",
+    "quit",
+];
+/// Words less alike than this (Jaro and Winkler, 0 to 1) have nothing to do with each other.
+const ALIKE: f64 = 0.75;
+
+fn did_you_mean(word: &str, known: &[&str]) -> String {
+    let near = known.iter().map(|name| (strsim::jaro_winkler(name, word), name));
+    match near.max_by(|a, b| a.0.total_cmp(&b.0)) {
+        Some((likeness, name)) if likeness > ALIKE => format!(", did you mean \"{name}\"?"),
+        _ => String::new(),
+    }
+}
+
+fn loop_names() -> String {
+    LoopId::ALL.map(LoopId::name).join(", ")
+}
+
 fn one(order: Order) -> Request {
     Request::Orders(vec![order])
 }
@@ -205,7 +250,10 @@ fn single_loop(words: &[&str]) -> Result<Order, ConsoleError> {
         example: "loop roll_angle 0.3",
     };
     let [name, target] = words else { return Err(usage) };
-    let Some(id) = LoopId::ALL.into_iter().find(|id| id.name() == *name) else { return Err(usage) };
+    let Some(id) = LoopId::ALL.into_iter().find(|id| id.name() == *name) else {
+        let hint = did_you_mean(name, &LoopId::ALL.map(LoopId::name));
+        return Err(ConsoleError::UnknownLoop { word: (*name).to_owned(), hint });
+    };
     match *target {
         "off" => Ok(Order::Loop { id, on: false, target: 0.0 }),
         target => Ok(Order::Loop { id, on: true, target: number("target", target)? }),
@@ -388,7 +436,28 @@ fn describe_answer(a: &Acknowledge) -> String {
         NOT_UNDERSTOOD => "does not understand",
         _ => "refuses",
     };
-    format!("answer      {} {result} {} {}", function_name(a.from), a.letter as char, a.first)
+    let why = Refusal::of(a).map_or_else(String::new, |refusal| format!(": {}", refusal.text()));
+    format!("answer      {} {result} {}{why}", function_name(a.from), order_name(a))
+}
+
+/// What was ordered, in the words of [`HELP`] as far as an answer tells them.
+fn order_name(a: &Acknowledge) -> String {
+    let on = if a.first != 0 { "on" } else { "off" };
+    match a.letter {
+        b'H' => format!("hil {on}"),
+        b'A' => format!("autopilot {on}"),
+        b'N' => format!("navigation {on}"),
+        b'W' => format!("waypoint {}", a.first),
+        b'L' => {
+            let id = LoopId::ALL.into_iter().find(|id| *id as u8 == a.first);
+            format!("loop {}", id.map_or("?", LoopId::name))
+        }
+        b'I' => "sensors".into(),
+        b'E' => {
+            format!("estimator {}", ["disable", "enable", "init"].get(usize::from(a.first)).unwrap_or(&"?"))
+        }
+        letter => format!("{} {}", letter as char, a.first),
+    }
 }
 
 fn engaged(bits: u64) -> String {
@@ -453,13 +522,17 @@ mod tests {
     #[test]
     fn mistakes_say_what_would_work() {
         let cases = [
-            ("hill on", "\"hill\" is no command; \"help\" lists them"),
+            ("hill on", "\"hill\" is no command, did you mean \"hil\"?; \"help\" lists them"),
+            ("xyz", "\"xyz\" is no command; \"help\" lists them"),
+            ("autopilto on", "did you mean \"autopilot\"?"),
+            ("loop roll_angel 1", "\"roll_angel\" is no loop, did you mean \"roll_angle\"?"),
             ("hil", "as in: hil on"),
             ("waypoint 1 2 3 4 5", "the next is 0"),
             ("waypoint 0 1,5 0 160 22", "write a point"),
             ("waypoint 0 1 0 160 0", "greater than zero"),
             ("waypoint 0 1 0 nan 22", "altitude \"nan\" is not a number"),
             ("loop roll 1", "roll_angle"),
+            ("loop roll_angle", "as in: loop roll_angle 0.3"),
         ];
         for (line, expected) in cases {
             let message = Console::new().line(line).unwrap_err().to_string();
@@ -468,10 +541,27 @@ mod tests {
     }
 
     #[test]
+    fn refusal_is_shown_with_its_reason() {
+        let refused = |letter, first, refusal| {
+            let message = bateleur_messages::GroundMessage { letter, length: 1, ..Default::default() };
+            let answer =
+                Acknowledge::refused(&message, bateleur_messages::telemetry::FROM_CONTROLLER, refusal, 0);
+            describe(&Telemetry::Acknowledge(Acknowledge { first, ..answer }))
+        };
+        assert_eq!(
+            refused(b'A', 1, Refusal::NoState),
+            "answer      Controller refuses autopilot on: there is no usable state from the Estimator: initialise it, \
+             and wait until it runs"
+        );
+        assert_eq!(
+            refused(b'N', 1, Refusal::NoWaypoints),
+            "answer      Controller refuses navigation on: it has no way-points: load them first"
+        );
+    }
+
+    #[test]
     fn help_names_every_command_and_loop() {
-        for word in
-            ["hil", "sensors", "estimator", "waypoint", "navigation", "autopilot", "loop", "pilot", "status"]
-        {
+        for word in COMMANDS {
             assert!(HELP.contains(word), "{word}");
         }
         assert!(LoopId::ALL.iter().all(|id| HELP.contains(id.name())));

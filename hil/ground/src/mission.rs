@@ -14,12 +14,14 @@ use bateleur_messages::ground::{EstimatorOrder, Order, SENSOR_GYROSCOPE, SENSOR_
 use bateleur_messages::hil::{PILOT_TAKE_OFF, PilotOrder};
 use bateleur_messages::state::{STATUS_COARSE, STATUS_DISABLED, STATUS_RUNNING};
 use bateleur_messages::telemetry::{
-    Acknowledge, NAVIGATION_FINISHED, NOT_UNDERSTOOD, Navigation, StateTelemetry, Telemetry,
+    Acknowledge, NAVIGATION_FINISHED, NOT_UNDERSTOOD, Navigation, Refusal, StateTelemetry, Telemetry,
 };
 
 const SECOND_NS: u64 = 1_000_000_000;
 /// Silence after which the line is called silent, ns: the aircraft speaks every half second.
 const SILENCE_NS: u64 = 5 * SECOND_NS;
+/// An estimate or a measurement older than this, ns, is not shown as if it were of now: both come every half second.
+const STALE_NS: u64 = 3 * SECOND_NS;
 /// Silence after which the mission is given up, ns. Command may be restarted several times within it.
 const LOST_NS: u64 = 30 * SECOND_NS;
 /// A coarse state is taken for good enough after this time, ns: some biases show only in flight.
@@ -48,6 +50,7 @@ pub struct Mission {
     reached: u32,
     rearmed: u32,
     silent: bool,
+    estimator_silent: bool,
     incoming: Vec<Telemetry>,
     events: Vec<Event>,
     outcome: Outcome,
@@ -70,6 +73,7 @@ impl Mission {
             reached: 0,
             rearmed: 0,
             silent: false,
+            estimator_silent: false,
             incoming: Vec::new(),
             events: Vec::new(),
             outcome: Outcome::Running,
@@ -152,7 +156,7 @@ impl Mission {
         let reached = navigation.waypoints_reached;
         if reached > self.reached && self.phase >= Phase::Watch {
             let total = self.plan.waypoints_to_reach();
-            let height = self.board.altitude_m().map_or(String::new(), |height| format!(" at {height:.1} m"));
+            let height = self.fresh_altitude_m().map_or(String::new(), |height| format!(" at {height:.1} m"));
             self.say(Severity::Info, format!("{reached} of {total} way-points reached{height}"));
         }
         self.reached = reached;
@@ -318,7 +322,35 @@ impl Mission {
             self.fail(self.why_not_in_time(limit_s.unwrap_or(0)));
         }
         self.check_silence();
+        self.check_estimate();
         self.check_height();
+    }
+
+    /// How long ago the Estimator spoke last, ns, where that is longer than it should be.
+    fn estimator_silent_ns(&self) -> Option<u64> {
+        let age_ns = self.now_ns.saturating_sub(self.board.state?.received_ns);
+        (age_ns > STALE_NS).then_some(age_ns)
+    }
+
+    fn fresh_altitude_m(&self) -> Option<f64> {
+        self.board.altitude_m().filter(|_| self.estimator_silent_ns().is_none())
+    }
+
+    fn fresh_airspeed_mps(&self) -> Option<f64> {
+        let imu = self.board.imu.filter(|imu| self.now_ns.saturating_sub(imu.received_ns) <= STALE_NS);
+        imu.map(|imu| imu.message.airspeed_mps)
+    }
+
+    /// Says once that there is no estimate any more, and once that there is. A line that is silent altogether is told
+    /// elsewhere.
+    fn check_estimate(&mut self) {
+        let silent = self.estimator_silent_ns().is_some() && !self.silent;
+        if silent && !self.estimator_silent {
+            self.say(Severity::Warning, "the Estimator has been silent for 3 s".to_owned());
+        } else if self.estimator_silent && !silent && !self.silent {
+            self.say(Severity::Info, "the Estimator is back".to_owned());
+        }
+        self.estimator_silent = silent || (self.estimator_silent && self.silent);
     }
 
     fn why_not_in_time(&self, limit_s: u64) -> String {
@@ -329,7 +361,8 @@ impl Mission {
                 "nothing was heard from the aircraft; is it the right line, and does Command run?".to_owned()
             }
             (_, Some(refusal)) if refusal.time_ns + 2 * SECOND_NS > self.board.module_ns => {
-                format!("{} refuses the order", function_name(refusal.from))
+                let why = Refusal::of(&refusal).map_or("it does not say why", Refusal::text);
+                format!("{} refuses the order: {why}", function_name(refusal.from))
             }
             _ => waiting_for(phase).to_owned(),
         };
@@ -368,8 +401,9 @@ impl Mission {
             phase: self.phase,
             time_ns: self.now_ns,
             next_waypoint: self.board.navigation.map(|navigation| navigation.message.next_waypoint),
-            altitude_m: self.board.altitude_m(),
-            airspeed_mps: self.board.airspeed_mps(),
+            altitude_m: self.fresh_altitude_m(),
+            airspeed_mps: self.fresh_airspeed_mps(),
+            estimator_silent_ns: self.estimator_silent_ns(),
             waypoints_reached: self.reached,
             waypoints_to_reach: self.plan.waypoints_to_reach(),
             rearmed: self.rearmed,

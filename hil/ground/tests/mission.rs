@@ -58,6 +58,8 @@ struct Aircraft {
     deaf_every: Option<u32>,
     refuse_navigation: bool,
     silent_from: Option<u64>,
+    /// Steps in which the Estimator says nothing.
+    estimator_silent: std::ops::Range<u64>,
 }
 
 impl Aircraft {
@@ -75,6 +77,7 @@ impl Aircraft {
             deaf_every: None,
             refuse_navigation: false,
             silent_from: None,
+            estimator_silent: 0..0,
         };
         (aircraft, Link::new(ours).unwrap())
     }
@@ -156,7 +159,7 @@ impl Aircraft {
                 first,
                 from,
                 result,
-                reserved: 0,
+                reason: if result == REFUSED { Refusal::NoWaypoints as u32 } else { 0 },
             }));
         }
     }
@@ -181,7 +184,9 @@ impl Aircraft {
         let (half, one, two) = (due(5), due(10), due(20));
         if half {
             self.tell(&Telemetry::Imu(self.imu()));
-            self.tell(&Telemetry::State(self.state()));
+            if !self.estimator_silent.contains(&self.step) {
+                self.tell(&Telemetry::State(self.state()));
+            }
         }
         if one {
             let autopilot = u16::from(self.functions.servo);
@@ -365,9 +370,28 @@ fn silent_line_fails_with_the_likely_reason() {
 }
 
 #[test]
-fn refusal_is_named_when_time_is_over() {
+fn silent_estimator_is_told_once_and_its_last_height_is_not_shown_as_if_it_were_of_now() {
+    let (mut aircraft, mut link) = Aircraft::new();
+    let mut mission = Mission::new(MissionPlan::thesis());
+    let mut pilot = FakePilot::default();
+    let (mut texts, mut shown) = (Vec::new(), Vec::new());
+    for step in 0..700 {
+        aircraft.estimator_silent = 300..400; // 30 s to 40 s
+        aircraft.live(pilot.confirmed());
+        let progress = mission.step(step * STEP_NS, &mut link, &mut pilot);
+        texts.extend(progress.events.iter().map(|event| event.text.clone()));
+        shown.push((progress.altitude_m.is_some(), progress.estimator_silent_ns.is_some()));
+    }
+    assert_eq!((shown[320], shown[380], shown[450]), ((true, false), (false, true), (true, false)));
+    let told = |text: &str| texts.iter().filter(|told| told.contains(text)).count();
+    assert_eq!((told("Estimator has been silent"), told("Estimator is back")), (1, 1), "{texts:?}");
+}
+
+#[test]
+fn refusal_is_named_when_time_is_over_with_its_reason() {
     let flight = fly(|aircraft, _| aircraft.refuse_navigation = true);
-    assert!(failure(&flight).contains("Controller refuses"), "{}", failure(&flight));
+    let why = failure(&flight);
+    assert!(why.contains("Controller refuses the order: it has no way-points"), "{why}");
 }
 
 #[test]

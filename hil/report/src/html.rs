@@ -128,6 +128,9 @@ fn table(out: &mut String, table: &Table) {
         out.push_str("</tr>");
     }
     out.push_str("</tbody></table>");
+    if let Some(note) = table.note {
+        let _ = write!(out, r#"<p class="sub">{}</p>"#, escape(note));
+    }
 }
 
 fn windows(out: &mut String, flight: &Flight, summary: &Summary) {
@@ -141,21 +144,27 @@ fn windows(out: &mut String, flight: &Flight, summary: &Summary) {
         let _ = write!(out, "<figure>{}</figure>", picture.svg(980.0));
     }
     out.push_str(r#"<p class="sub">Outlines are planned windows, what is filled was used. "#);
-    out.push_str("Red was not closed in time, amber was granted late, dashed was skipped.</p></section>");
+    out.push_str(
+        "Red was not closed in time (O in windows.csv), amber was granted late (L), \
+         dashed passed without its partition (S).</p></section>",
+    );
 }
 
+/// The means, and beside them what came of them.
 fn guarantees(out: &mut String, summary: &Summary) {
     if summary.guarantees.is_empty() {
         return;
     }
-    out.push_str(r#"<h2>Guarantees</h2><table class="wide"><tbody>"#);
+    out.push_str(r#"<h2>Means of this machine</h2><table class="wide"><tbody>"#);
     for guarantee in &summary.guarantees {
-        let (class, word) = if guarantee.held { ("good", "held") } else { ("bad", "missed") };
+        let (class, word) = if guarantee.held { ("good", "there") } else { ("bad", "missing") };
         let (promise, detail) = (escape(&guarantee.promise), escape(&guarantee.detail));
         let _ = write!(out, r#"<tr><td><span class="badge {class}">{word}</span></td>"#);
         let _ = write!(out, "<td>{promise}</td><td>{detail}</td></tr>");
     }
     out.push_str("</tbody></table>");
+    let measured = text::measured(summary).join("; ");
+    let _ = write!(out, r#"<p class="sub">measured in this run: {}</p>"#, escape(&measured));
 }
 
 fn faults(out: &mut String, summary: &Summary) {

@@ -28,12 +28,12 @@ pub struct Mission {
     pub waypoints_reached: Option<u32>,
 }
 
-/// A promise that the platform was to keep.
+/// A promise, and whether the machine has the means for it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Guarantee {
     /// What was promised.
     pub promise: String,
-    /// Whether this machine gave it.
+    /// Whether the means are there. Whether the promise was kept in this run say the windows' figures.
     pub held: bool,
     /// How, or why not.
     #[serde(default)]
@@ -56,8 +56,10 @@ pub struct Run {
     pub schedule: String,
     /// How the mission went.
     pub mission: Mission,
-    /// What was promised and held.
+    /// The means by which this machine lets promises be kept; see [`Guarantee::held`].
     pub guarantees: Vec<Guarantee>,
+    /// Windows that the log lost, because it could not keep up.
+    pub lost_records: u64,
     /// What whoever reads the report should know besides.
     pub notes: Vec<String>,
     /// What the run was started with.

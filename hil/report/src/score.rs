@@ -96,6 +96,9 @@ pub struct EstimatorScores {
     pub position_rms_m: Option<f64>,
     /// Position against the truth, m.
     pub position_true_rms_m: Option<f64>,
+    /// Share of the scored stretch in which there was an estimate at all, 0 to 1. The figures above know no other time.
+    #[serde(default)]
+    pub covered: Option<f64>,
 }
 
 /// The part of a flight that is scored, ns.
@@ -218,7 +221,8 @@ pub fn estimator_scores(flight: &Flight, passages: &[Passage], believed: &Believ
             errors.add(state, record, believed);
         }
     }
-    errors.scores()
+    let share = errors.position.count as f64 / truth.len() as f64;
+    EstimatorScores { covered: (!truth.is_empty()).then_some(share), ..errors.scores() }
 }
 
 #[derive(Default)]
@@ -257,6 +261,7 @@ impl EstimateErrors {
             velocity_rms_mps: self.velocity.value(),
             position_rms_m: self.position.value(),
             position_true_rms_m: self.position_true.value(),
+            covered: None,
         }
     }
 }

@@ -133,7 +133,10 @@ pub struct Summary {
     pub ignored_errors: BTreeMap<String, u64>,
     /// Partitions started anew.
     pub restarts: u64,
-    /// What was promised, and whether it held.
+    /// Windows that the log lost, because it could not keep up.
+    #[serde(default)]
+    pub lost_records: u64,
+    /// The means that the machine gave, or did not, for each promise.
     pub guarantees: Vec<Guarantee>,
     /// BLAKE3 over every actuator word that the simulator received, in order: equal for equal flights.
     pub digest: Option<String>,
@@ -216,6 +219,7 @@ impl Analysis {
             faults: flight.health.iter().filter(|entry| entry.acted_on()).map(Fault::of).collect(),
             ignored_errors: ignored(&flight.health),
             restarts: flight.health.iter().filter(|entry| entry.restarted()).count() as u64,
+            lost_records: run.map_or(0, |run| run.lost_records),
             guarantees: run.map(|run| run.guarantees.clone()).unwrap_or_default(),
             digest: digest(&flight.truth),
             notes: run.map(|run| &run.notes).into_iter().flatten().chain(&flight.notes).cloned().collect(),

@@ -10,6 +10,8 @@ pub const WIDTH: usize = 100;
 const LABEL: usize = 26;
 /// Columns of one value in a table.
 const CELL: usize = 14;
+/// A share of the time from which on it counts as all of it.
+const WHOLE: f64 = 0.995;
 /// Faults listed; the rest is counted.
 const MOST_FAULTS: usize = 12;
 
@@ -18,6 +20,8 @@ pub(crate) struct Table {
     pub(crate) heading: &'static str,
     pub(crate) columns: Vec<&'static str>,
     pub(crate) rows: Vec<(String, Vec<String>)>,
+    /// What a reader may stumble over.
+    pub(crate) note: Option<&'static str>,
 }
 
 /// The whole summary.
@@ -30,12 +34,14 @@ pub fn table(summary: &Summary) -> String {
         let heading = format!("{:<LABEL$}{}", table.heading, cells(table.columns.iter().copied()));
         lines.push(heading.trim_end().to_owned());
         lines.extend(table.rows.iter().map(|(label, row)| line(label, row)));
+        table.note.iter().for_each(|note| wrap(&mut lines, "", note));
     }
     list(&mut lines, "faults", summary.faults.iter().take(MOST_FAULTS).map(fault));
     if summary.faults.len() > MOST_FAULTS {
         wrap(&mut lines, "", &format!("and {} more", summary.faults.len() - MOST_FAULTS));
     }
-    list(&mut lines, "guarantees", guarantees(summary).into_iter());
+    list(&mut lines, "means of this machine", means(summary).into_iter());
+    list(&mut lines, "measured in this run", measured(summary).into_iter());
     list(&mut lines, "notes", summary.notes.iter().cloned());
     lines.push(String::new());
     wrap(&mut lines, "digest", summary.digest.as_deref().unwrap_or(NONE));
@@ -120,13 +126,39 @@ pub(crate) fn waypoints(summary: &Summary) -> String {
     if names.is_empty() { "none reached".to_owned() } else { names.join(" ") }
 }
 
-fn guarantees(summary: &Summary) -> Vec<String> {
+/// A line for each promise: whether this machine has the means for it. What came of them is [`measured`].
+fn means(summary: &Summary) -> Vec<String> {
     let sentence = |promise: &crate::run::Guarantee| {
-        let mark = if promise.held { "held:" } else { "MISSED:" };
+        let mark = if promise.held { "there:" } else { "MISSING:" };
         let detail = if promise.detail.is_empty() { String::new() } else { format!(" ({})", promise.detail) };
         format!("{mark} {}{detail}", promise.promise)
     };
     summary.guarantees.iter().map(sentence).collect()
+}
+
+/// What became of the windows: beside the means, because they alone promise nothing.
+pub(crate) fn measured(summary: &Summary) -> Vec<String> {
+    let windows = summary.windows + summary.skipped_windows;
+    if windows == 0 {
+        return Vec::new();
+    }
+    let of = |count: u64, what: &str| match count {
+        0 => format!("{what}: none of {windows} windows"),
+        count => format!("{what}: {count} of {windows} windows"),
+    };
+    let mut lines = Vec::new();
+    if summary.clock != Some(Clock::Virtual) {
+        lines.push(of(summary.late_windows, "begun more than 200 µs late (L)"));
+    }
+    lines.push(of(summary.window_overruns, "not closed at the end (O)"));
+    lines.push(of(summary.skipped_windows, "passed without their partition (S)"));
+    if summary.lost_records > 0 {
+        lines.push(format!(
+            "{} further windows are not in the log, which could not keep up",
+            summary.lost_records
+        ));
+    }
+    lines
 }
 
 fn fault(fault: &Fault) -> String {
@@ -164,7 +196,8 @@ fn tracking(summary: &Summary) -> Table {
         row("altitude", scores.altitude_rms_m, scores.altitude_true_rms_m, "m"),
         row("airspeed", scores.airspeed_rms_mps, scores.airspeed_true_rms_mps, "m/s"),
     ];
-    Table { heading: "tracking, RMS", columns: vec!["shifted truth", "truth"], rows }
+    let note = "shifted truth: the truth moved by the slow errors of receiver and barometer, which no filter can see";
+    Table { heading: "tracking, RMS", columns: vec!["shifted truth", "truth"], rows, note: Some(note) }
 }
 
 fn estimate(summary: &Summary) -> Table {
@@ -177,8 +210,12 @@ fn estimate(summary: &Summary) -> Table {
         row("velocity", scores.velocity_rms_mps, "m/s"),
         row("position, shifted truth", scores.position_rms_m, "m"),
         row("position, truth", scores.position_true_rms_m, "m"),
+        row("share of the time covered", scores.covered.map(|share| 100.0 * share), "%"),
     ];
-    Table { heading: "estimate, RMS", columns: Vec::new(), rows }
+    let gaps = scores.covered.is_some_and(|share| share < WHOLE);
+    let note =
+        gaps.then_some("scored only where there was an estimate: see the share of the time that this covers");
+    Table { heading: "estimate, RMS", columns: Vec::new(), rows, note }
 }
 
 fn air(summary: &Summary) -> Table {
@@ -192,7 +229,7 @@ fn air(summary: &Summary) -> Table {
         row("slowest airspeed", number(air.airspeed_min_mps, "m/s")),
         row("greatest cross-track", number(summary.scores.cross_track_max_m, "m")),
     ];
-    Table { heading: "aircraft and air", columns: Vec::new(), rows }
+    Table { heading: "aircraft and air", columns: Vec::new(), rows, note: None }
 }
 
 fn windows(summary: &Summary) -> Table {
@@ -204,7 +241,7 @@ fn windows(summary: &Summary) -> Table {
         row("skipped", summary.skipped_windows),
         row("restarts", summary.restarts),
     ];
-    Table { heading: "windows", columns: Vec::new(), rows }
+    Table { heading: "windows", columns: Vec::new(), rows, note: None }
 }
 
 fn times(summary: &Summary) -> Table {
@@ -216,7 +253,12 @@ fn times(summary: &Summary) -> Table {
     rows.extend(summary.window_start_lateness_us.iter().map(|times| row("window start, late by", times)));
     rows.extend(summary.chain_execution_us.iter().map(|times| row("whole chain", times)));
     rows.extend(summary.partition_execution_us.iter().map(|(name, times)| row(&format!("  {name}"), times)));
-    Table { heading: "times, µs", columns: vec!["median", "99 %", "99.9 %", "greatest"], rows }
+    let note = (summary.clock == Some(Clock::Virtual)).then_some(
+        "virtual clock: the processor's time, of which module time knows nothing. A partition that waits for its device \
+         (hil_interface: for the simulator) may take longer than its window; the whole chain is the schedule's distance \
+         plus what its last partition took",
+    );
+    Table { heading: "times, µs", columns: vec!["median", "99 %", "99.9 %", "greatest"], rows, note }
 }
 
 #[cfg(test)]
@@ -234,6 +276,42 @@ mod tests {
     }
 
     #[test]
+    fn means_stand_beside_what_was_measured_and_neither_says_that_a_promise_was_kept() {
+        let means =
+            Guarantee { promise: "a window starts at its instant".into(), held: true, detail: String::new() };
+        let run = Run { guarantees: vec![means], lost_records: 3, ..Default::default() };
+        let flight = Flight { run: Some(run), ..Default::default() };
+        let mut summary = Analysis::of(&flight).summary(&flight);
+        (summary.windows, summary.late_windows, summary.skipped_windows) = (95, 2, 5);
+        let text = table(&summary);
+        assert!(text.contains("means of this machine     there: a window starts at its instant"), "{text}");
+        for line in [
+            "begun more than 200 µs late (L): 2 of 100 windows",
+            "not closed at the end (O): none of 100 windows",
+            "passed without their partition (S): 5 of 100 windows",
+            "3 further windows are not in the log",
+        ] {
+            assert!(text.contains(line), "{line}\n{text}");
+        }
+        assert!(!text.contains("held"), "{text}");
+        summary.clock = Some(Clock::Virtual);
+        assert!(!table(&summary).contains("µs late"), "on the virtual clock no window has a real instant");
+    }
+
+    #[test]
+    fn estimate_says_which_share_of_the_time_it_covers() {
+        let flight = Flight::default();
+        let mut summary = Analysis::of(&flight).summary(&flight);
+        summary.estimator.roll_rms_deg = Some(0.25);
+        summary.estimator.covered = Some(0.314);
+        let text = table(&summary);
+        assert!(text.contains("share of the time covered") && text.contains("31.40 %"), "{text}");
+        assert!(text.contains("scored only where there was an estimate"), "{text}");
+        summary.estimator = Default::default();
+        assert!(!table(&summary).contains("scored only"), "dashes need no explanation");
+    }
+
+    #[test]
     fn no_line_is_wider_than_the_terminal() {
         let long = Guarantee { promise: "p".repeat(250), held: false, detail: "word ".repeat(60) };
         let run = Run { guarantees: vec![long], ..Default::default() };
@@ -243,6 +321,6 @@ mod tests {
         summary.unverified_waypoints = vec![1];
         let text = table(&summary);
         assert!(text.lines().all(|line| line.chars().count() <= WIDTH), "{text}");
-        assert!(text.contains("WP0 WP0? WP0") && text.contains("MISSED"));
+        assert!(text.contains("WP0 WP0? WP0") && text.contains("MISSING"));
     }
 }

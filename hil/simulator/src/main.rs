@@ -3,7 +3,7 @@
 //! Exit codes: 0 it ran and was told to end, 1 it broke while running, 2 it could not start.
 
 use anyhow::Context;
-use bateleur_simulator::{Options, Server, airframe};
+use bateleur_simulator::{Counters, Options, Server, airframe};
 use clap::{Parser, ValueEnum};
 use std::io::{Read, Write};
 use std::net::SocketAddr;
@@ -40,7 +40,7 @@ struct Arguments {
     /// Log what was really the case into this file.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
-    /// Print one line of JSON with the address once packets are answered.
+    /// Print one line of JSON with the address once packets are answered, for a program, instead of a line for a person.
     #[arg(long)]
     ready: bool,
     /// End when the standard input closes, so that no simulator outlives who started it.
@@ -112,6 +112,8 @@ fn start(arguments: &Arguments) -> anyhow::Result<(Server, Arc<AtomicBool>)> {
     }
     if arguments.ready {
         announce(server.address()).context("cannot write to the standard output")?;
+    } else {
+        eprintln!("simulator: listens on {}, Ctrl-C ends it", server.address());
     }
     Ok((server, stop))
 }
@@ -149,7 +151,10 @@ fn stop_with_stdin(stop: Arc<AtomicBool>) {
 fn serve(mut server: Server, stop: &AtomicBool) -> ExitCode {
     match server.run(stop) {
         Ok(counters) => {
-            eprintln!("simulator: {counters}");
+            // A module that refused to start has told why; zeros would only push that off the screen.
+            if counters != Counters::default() {
+                eprintln!("simulator: {counters}");
+            }
             ExitCode::SUCCESS
         }
         Err(error) => fail(&error.into(), 1),

@@ -7,7 +7,7 @@ use bateleur_apex::{
     Sent, StartError, Window,
 };
 use bateleur_command::{Change, Delivery, Device, Downlink, Presence, Uplink};
-use bateleur_messages::telemetry::{Acknowledge, FROM_COMMAND, NOT_UNDERSTOOD, REFUSED, Telemetry};
+use bateleur_messages::telemetry::{Acknowledge, FROM_COMMAND, NOT_UNDERSTOOD, Refusal, Telemetry};
 use bateleur_messages::{GroundMessage, Rate, TelemetryMessage, Watch};
 
 /// Bytes read in one window, most: four times what a line of 57600 baud carries in 20 ms.
@@ -106,27 +106,27 @@ impl Command {
             match delivery {
                 Delivery::To(message, functions) => {
                     for function in functions {
-                        if let Some(result) = self.order(function, &message) {
-                            self.answer(&message, result, now_ns);
+                        if let Some(answer) = self.order(function, &message, now_ns) {
+                            self.answer(answer);
                         }
                     }
                 }
-                Delivery::NotUnderstood(message) => self.answer(&message, NOT_UNDERSTOOD, now_ns),
+                Delivery::NotUnderstood(message) => self.answer(not_understood(&message, now_ns)),
             }
         }
     }
 
     /// Passes an order on; gives what to answer in the function's place where that is not possible.
-    fn order(&mut self, function: &str, message: &GroundMessage) -> Option<u8> {
+    fn order(&mut self, function: &str, message: &GroundMessage, now_ns: u64) -> Option<Acknowledge> {
         match self.orders.iter_mut().find(|(name, _)| name == function) {
-            None => Some(NOT_UNDERSTOOD), // the plan has no such function
-            Some((_, port)) => (port.send(message) != Sent::Queued).then_some(REFUSED),
+            None => Some(not_understood(message, now_ns)), // the plan has no such function
+            Some((_, port)) => (port.send(message) != Sent::Queued)
+                .then(|| Acknowledge::refused(message, FROM_COMMAND, Refusal::NotTaken, now_ns)),
         }
     }
 
-    fn answer(&mut self, message: &GroundMessage, result: u8, now_ns: u64) {
-        let answer = Telemetry::Acknowledge(Acknowledge::of(message, FROM_COMMAND, result, now_ns));
-        self.downlink.push(TelemetryMessage::of(&answer));
+    fn answer(&mut self, answer: Acknowledge) {
+        self.downlink.push(TelemetryMessage::of(&Telemetry::Acknowledge(answer)));
     }
 
     fn collect(&mut self) {
@@ -157,6 +157,10 @@ impl Command {
             window.report(&format!("ground link: {dropped} telemetry messages dropped so far"));
         }
     }
+}
+
+fn not_understood(message: &GroundMessage, now_ns: u64) -> Acknowledge {
+    Acknowledge::of(message, FROM_COMMAND, NOT_UNDERSTOOD, now_ns)
 }
 
 fn order_ports(context: &mut Context) -> Result<Vec<(String, QueuingSource<GroundMessage>)>, StartError> {

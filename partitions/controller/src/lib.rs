@@ -32,7 +32,7 @@ use bateleur_flight::guidance::{
 use bateleur_flight::servo;
 use bateleur_messages::ground::{LoopId, Order};
 use bateleur_messages::telemetry::{
-    Loops, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED, NAVIGATION_ON, Navigation,
+    Loops, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED, NAVIGATION_ON, Navigation, Refusal,
 };
 use bateleur_messages::{ActuatorCommand, FunctionStatus};
 
@@ -100,8 +100,12 @@ impl Function {
     pub fn order(&mut self, order: &Order, ready: bool) -> Answer {
         let answer = match order {
             Order::Waypoint(point) => return self.take_waypoint(point),
-            Order::Navigation { on: true } if self.waypoints.flown().is_empty() => Answer::Refused,
-            Order::Autopilot { on: true } if !ready && !self.orders.autopilot => Answer::Refused,
+            Order::Navigation { on: true } if self.waypoints.flown().is_empty() => {
+                Answer::Refused(Refusal::NoWaypoints)
+            }
+            Order::Autopilot { on: true } if !ready && !self.orders.autopilot => {
+                Answer::Refused(Refusal::NoState)
+            }
             order => {
                 let begins = matches!(order, Order::Navigation { on: true }) && !self.orders.navigation;
                 let answer = self.orders.take(order);
@@ -212,7 +216,7 @@ impl Function {
             let progress = self.controller.guidance().snapshot();
             // Every point was checked when it was taken; a list that fits is a mission.
             let Ok(mut next) = guidance(&self.settings.guidance, &self.waypoints) else {
-                return Answer::Refused;
+                return Answer::Refused(Refusal::NoWaypoints);
             };
             if self.waypoints.flown().len() == before {
                 next.resume(&progress); // one point was moved: the mission goes on

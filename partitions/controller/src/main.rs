@@ -12,9 +12,7 @@ use bateleur_flight::control::ControllerConfig;
 use bateleur_flight::estimator::NavigationState;
 use bateleur_flight::guidance::{Corner, GuidanceConfig, Waypoint};
 use bateleur_messages::ground::Order;
-use bateleur_messages::telemetry::{
-    ACCEPTED, Acknowledge, FROM_CONTROLLER, NOT_UNDERSTOOD, REFUSED, Telemetry,
-};
+use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_CONTROLLER, NOT_UNDERSTOOD, Telemetry};
 use bateleur_messages::{
     Acceleration, ActuatorCommand, FunctionStatus, GroundMessage, Pressure, Rate, Rates, State,
     TelemetryMessage, Watch,
@@ -92,12 +90,11 @@ impl ControllerPartition {
             let Some(message) = self.ground.receive() else { return };
             let order = Order::parse(message.letter, message.bytes());
             let answer = order.map_or(Answer::NotUnderstood, |order| self.function.order(&order, ready));
-            let result = match answer {
-                Answer::Accepted => ACCEPTED,
-                Answer::Refused => REFUSED,
-                Answer::NotUnderstood => NOT_UNDERSTOOD,
+            let answer = match answer {
+                Answer::Accepted => Acknowledge::of(&message, FROM_CONTROLLER, ACCEPTED, now_ns),
+                Answer::Refused(why) => Acknowledge::refused(&message, FROM_CONTROLLER, why, now_ns),
+                Answer::NotUnderstood => Acknowledge::of(&message, FROM_CONTROLLER, NOT_UNDERSTOOD, now_ns),
             };
-            let answer = Acknowledge::of(&message, FROM_CONTROLLER, result, now_ns);
             self.telemetry.send(&TelemetryMessage::of(&Telemetry::Acknowledge(answer)));
         }
     }

@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 
 use bateleur_messages::ground::{LoopId, Order};
+use bateleur_messages::telemetry::Refusal;
 
 /// The answer to an order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -11,7 +12,7 @@ pub enum Answer {
     /// Done.
     Accepted,
     /// Understood, but not possible now.
-    Refused,
+    Refused(Refusal),
     /// Not an order for this function, or a value that no aircraft can fly.
     NotUnderstood,
 }

@@ -84,7 +84,7 @@ fn nothing_is_claimed_before_the_autopilot_is_on() {
 #[test]
 fn navigation_without_way_points_is_refused() {
     let mut function = function();
-    assert_eq!(function.order(&Order::Navigation { on: true }, true), Answer::Refused);
+    assert_eq!(function.order(&Order::Navigation { on: true }, true), Answer::Refused(Refusal::NoWaypoints));
     load_waypoints(&mut function);
     assert_eq!(function.order(&Order::Navigation { on: true }, true), Answer::Accepted);
 }
@@ -92,7 +92,7 @@ fn navigation_without_way_points_is_refused() {
 #[test]
 fn the_autopilot_is_refused_without_a_state() {
     let mut function = function();
-    assert_eq!(function.order(&Order::Autopilot { on: true }, false), Answer::Refused);
+    assert_eq!(function.order(&Order::Autopilot { on: true }, false), Answer::Refused(Refusal::NoState));
     assert_eq!(function.order(&Order::Autopilot { on: true }, true), Answer::Accepted);
     // Said again while the Estimator is away for a moment: it is on already.
     assert_eq!(function.order(&Order::Autopilot { on: true }, false), Answer::Accepted);

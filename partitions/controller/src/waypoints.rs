@@ -5,6 +5,7 @@
 
 use bateleur_flight::guidance::{Guidance, GuidanceConfig, GuidanceError, MAX_WAYPOINTS, Waypoint};
 use bateleur_messages::ground;
+use bateleur_messages::telemetry::Refusal;
 
 use crate::orders::Answer;
 
@@ -62,7 +63,7 @@ impl Waypoints {
     pub fn take(&mut self, message: &ground::Waypoint) -> Result<bool, Answer> {
         let (index, count) = (usize::from(message.index), usize::from(message.count));
         if count > MAX_WAYPOINTS || index >= count {
-            return Err(Answer::Refused);
+            return Err(Answer::Refused(Refusal::TooManyWaypoints));
         }
         let point = Waypoint {
             north_m: message.north_m,
@@ -143,7 +144,7 @@ mod tests {
     #[test]
     fn too_many_points_and_impossible_airspeeds_are_told_apart() {
         let mut waypoints = Waypoints::default();
-        assert_eq!(waypoints.take(&point(0, 33, 0.0)), Err(Answer::Refused));
+        assert_eq!(waypoints.take(&point(0, 33, 0.0)), Err(Answer::Refused(Refusal::TooManyWaypoints)));
         let slow = ground::Waypoint { airspeed_mps: 1.0, ..point(0, 1, 0.0) };
         assert_eq!(waypoints.take(&slow), Err(Answer::NotUnderstood));
         let count = MAX_WAYPOINTS as u8;

@@ -11,7 +11,7 @@ use bateleur_flight::estimator::EstimatorConfig;
 use bateleur_flight::magnetic::Site;
 use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{
-    ACCEPTED, Acknowledge, FROM_ESTIMATOR, NOT_UNDERSTOOD, REFUSED, Telemetry,
+    ACCEPTED, Acknowledge, FROM_ESTIMATOR, NOT_UNDERSTOOD, Refusal, Telemetry,
 };
 use bateleur_messages::{
     Acceleration, FunctionStatus, GpsPosition, GpsVelocity, GroundMessage, Magnetization, Pressure, Rate,
@@ -88,12 +88,14 @@ impl EstimatorPartition {
     fn take_orders(&mut self, now_ns: u64) {
         for _ in 0..ORDERS_PER_WINDOW {
             let Some(message) = self.ground.receive() else { return };
-            let result = match Order::parse(message.letter, message.bytes()) {
-                Ok(Order::Estimator(order)) if self.function.order(order, seconds(now_ns)) => ACCEPTED,
-                Ok(Order::Estimator(_)) => REFUSED,
-                _ => NOT_UNDERSTOOD,
+            let of = |result| Acknowledge::of(&message, FROM_ESTIMATOR, result, now_ns);
+            let answer = match Order::parse(message.letter, message.bytes()) {
+                Ok(Order::Estimator(order)) if self.function.order(order, seconds(now_ns)) => of(ACCEPTED),
+                Ok(Order::Estimator(_)) => {
+                    Acknowledge::refused(&message, FROM_ESTIMATOR, Refusal::InFlight, now_ns)
+                }
+                _ => of(NOT_UNDERSTOOD),
             };
-            let answer = Acknowledge::of(&message, FROM_ESTIMATOR, result, now_ns);
             self.telemetry.send(&TelemetryMessage::of(&Telemetry::Acknowledge(answer)));
         }
     }

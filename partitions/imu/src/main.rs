@@ -8,7 +8,7 @@ use bateleur_apex::{
 };
 use bateleur_imu::{Biases, Imu, Initialise, Measurements, Outcome};
 use bateleur_messages::ground::{Order, SENSOR_GYROSCOPE};
-use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_IMU, NOT_UNDERSTOOD, REFUSED, Telemetry};
+use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_IMU, NOT_UNDERSTOOD, Refusal, Telemetry};
 use bateleur_messages::{
     Acceleration, GroundMessage, Magnetization, Pressure, Rate, Rates, RawAnalog, TelemetryMessage, Watch,
 };
@@ -95,7 +95,7 @@ impl InertialUnit {
     /// The answer to an order comes when it is carried out; a repetition meanwhile changes nothing.
     fn begin(&mut self, message: &GroundMessage, sensors: u8, now_ns: u64) {
         if sensors & SENSOR_GYROSCOPE != 0 && !self.gyro_bias {
-            return self.answer(message, REFUSED, now_ns);
+            return self.refuse(message, Refusal::SwitchedOff, now_ns);
         }
         if !self.initialising.is_some_and(|(under_way, _)| under_way.covers(sensors)) {
             let under_way = Initialise::new(sensors, self.pitot_covered, now_ns, self.initialise_ns);
@@ -108,15 +108,19 @@ impl InertialUnit {
         let message = *message;
         let Some(outcome) = under_way.step(now_ns, raw, self.imu.biases()) else { return };
         self.initialising = None;
-        let result = match outcome {
+        match outcome {
             Outcome::Found(biases) => {
                 self.imu.set_biases(biases);
                 self.retained.store(&biases);
-                ACCEPTED
+                self.answer(&message, ACCEPTED, now_ns);
             }
-            Outcome::Refused => REFUSED,
-        };
-        self.answer(&message, result, now_ns);
+            Outcome::Refused => self.refuse(&message, Refusal::NotStanding, now_ns),
+        }
+    }
+
+    fn refuse(&mut self, message: &GroundMessage, why: Refusal, now_ns: u64) {
+        let answer = Telemetry::Acknowledge(Acknowledge::refused(message, FROM_IMU, why, now_ns));
+        self.telemetry.send(&TelemetryMessage::of(&answer));
     }
 
     fn answer(&mut self, message: &GroundMessage, result: u8, now_ns: u64) {

@@ -205,16 +205,76 @@ message! {
         pub from: u8,
         /// 0 taken, 1 not understood, 2 refused now.
         pub result: u8,
-        /// Unused, zero.
-        pub reserved: u32,
+        /// Why it was refused: a [`Refusal`]; 0 where it was not, or where nothing is known.
+        pub reason: u32,
+    }
+}
+
+/// Why an order is not possible now, for the person who gave it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Refusal {
+    /// The Controller gets no state that could be flown on.
+    NoState = 1,
+    /// The Controller has no way-points to navigate along.
+    NoWaypoints = 2,
+    /// The Controller's list of way-points is too short for this one.
+    TooManyWaypoints = 3,
+    /// The IMU takes its biases at standstill only, and needs its sensors for that.
+    NotStanding = 4,
+    /// The plan has switched this off (the IMU's attribute `gyro_bias`).
+    SwitchedOff = 5,
+    /// The Estimator does not begin without inertial attitude in flight.
+    InFlight = 6,
+    /// The function takes no orders out of its port: it does not run, or cannot keep up.
+    NotTaken = 7,
+}
+
+impl Refusal {
+    /// All of them.
+    pub const ALL: [Self; 7] = [
+        Self::NoState,
+        Self::NoWaypoints,
+        Self::TooManyWaypoints,
+        Self::NotStanding,
+        Self::SwitchedOff,
+        Self::InFlight,
+        Self::NotTaken,
+    ];
+
+    /// The reason of an answer.
+    pub fn of(answer: &Acknowledge) -> Option<Self> {
+        Self::ALL.into_iter().find(|refusal| *refusal as u32 == answer.reason)
+    }
+
+    /// For a person.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::NoState => {
+                "there is no usable state from the Estimator: initialise it, and wait until it runs"
+            }
+            Self::NoWaypoints => "it has no way-points: load them first",
+            Self::TooManyWaypoints => "its list of way-points is too short for that",
+            Self::NotStanding => "the aircraft does not stand still, or no sensor values come",
+            Self::SwitchedOff => "the plan has switched it off (attribute gyro_bias)",
+            Self::InFlight => {
+                "it does not begin without inertial attitude in flight: use full initialisation"
+            }
+            Self::NotTaken => "the function does not take orders: does it run?",
+        }
     }
 }
 
 impl Acknowledge {
+    /// The answer of function `from` to `message` at module time `time_ns`: refused now, and why.
+    pub fn refused(message: &GroundMessage, from: u8, refusal: Refusal, time_ns: u64) -> Self {
+        Self { reason: refusal as u32, ..Self::of(message, from, REFUSED, time_ns) }
+    }
+
     /// The answer of function `from` (a `FROM_…` constant) to `message` at module time `time_ns`.
     pub fn of(message: &GroundMessage, from: u8, result: u8, time_ns: u64) -> Self {
         let first = message.bytes().first().copied().unwrap_or_default();
-        Self { time_ns, letter: message.letter, first, from, result, reserved: 0 }
+        Self { time_ns, letter: message.letter, first, from, result, reason: 0 }
     }
 }
 
@@ -305,6 +365,19 @@ const _: () = {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_refusal_keeps_its_reason_over_the_line() {
+        for refusal in Refusal::ALL {
+            let message = GroundMessage { letter: b'A', ..GroundMessage::default() };
+            let answer = Acknowledge::refused(&message, FROM_CONTROLLER, refusal, 5);
+            let sent = TelemetryMessage::of(&Telemetry::Acknowledge(answer));
+            let frame = Frame { letter: sent.letter, data: sent.bytes().to_vec() };
+            assert_eq!(Telemetry::of(&frame), Ok(Telemetry::Acknowledge(answer)));
+            assert_eq!((Refusal::of(&answer), answer.result), (Some(refusal), REFUSED));
+        }
+        assert_eq!(Refusal::of(&Acknowledge { reason: 4_000, ..Default::default() }), None);
+    }
 
     #[test]
     fn telemetry_survives_the_port_and_the_line() {

@@ -217,6 +217,10 @@ impl Write for Person {
     }
 }
 
+/// What helps whoever runs the module by hand without a line to the ground.
+const GROUND_HINT: &str =
+    "\n             (a line without a radio: docs/src/three-terminals.md, or `cargo fly`, which makes one)";
+
 /// One event as a line for a person. A terminal or a pipe that is gone must not end the flight.
 pub(crate) fn say(event: &Event) {
     let text = text_of(event);
@@ -236,7 +240,8 @@ fn text_of(event: &Event) -> String {
         }
         Event::Ready { partitions } => format!("{partitions} partitions are ready"),
         Event::Fault { time_s, partition, error, action, detail } => {
-            format!("{time_s:9.3} s  {partition}: {error} ({}) -> {action}", printable(detail))
+            let line = format!("{time_s:9.3} s  {partition}: {error} ({}) -> {action}", printable(detail));
+            if detail.starts_with("ground link") { line + GROUND_HINT } else { line }
         }
         Event::Recovered { time_s, partition, after_ms } => {
             format!("{time_s:9.3} s  {partition}: back after {after_ms:.1} ms")

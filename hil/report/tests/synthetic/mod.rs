@@ -254,6 +254,7 @@ fn write_run(dir: &Path, seconds: f64) {
             guarantee("windows end on time", true, "SCHED_FIFO 98 on core 1, cgroup freezer"),
             guarantee("memory is locked", false, "RLIMIT_MEMLOCK is 64 KiB"),
         ],
+        lost_records: 0,
         notes: Vec::new(),
         arguments: serde_json::json!(["fly", "--seed", "7"]),
     };

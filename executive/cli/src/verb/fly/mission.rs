@@ -12,6 +12,7 @@ use bateleur_messages::telemetry::Primary;
 use super::Arguments;
 use super::executive::Executive;
 use super::simulator::Simulator;
+use super::standing::Standing;
 use crate::line::Line;
 use crate::verb::run::say;
 
@@ -62,6 +63,7 @@ pub(super) fn fly(
         report_ns: if arguments.fast { FAST_REPORT_NS } else { REPORT_NS },
         reported_ns: 0,
         latest: None,
+        standing: Standing::default(),
         failure: None,
         simulator_lost_ns: None,
         simulator_silent: None,
@@ -86,6 +88,7 @@ struct Flight {
     report_ns: u64,
     reported_ns: u64,
     latest: Option<Progress>,
+    standing: Standing,
     failure: Option<String>,
     simulator_lost_ns: Option<u64>,
     /// Since when the aircraft says that the simulator does not answer, real time.
@@ -178,6 +181,7 @@ impl Flight {
     fn take_events(&mut self) {
         for event in self.executive.take_events() {
             say(&event);
+            self.standing.take(&event);
             if matches!(event, Event::Ready { .. }) {
                 self.ready = Some(Instant::now());
             }
@@ -200,12 +204,22 @@ impl Flight {
             _ => None,
         });
         let latest_ns = self.latest.as_ref().map_or(0, |progress| progress.time_ns);
+        let ended = self.events.iter().rev().find_map(|event| match event {
+            Event::Stopped { reason, .. } => Some(format!(": {reason}")),
+            _ => None,
+        });
         let failure = match self.latest.as_ref().map(|progress| &progress.outcome) {
             Some(Outcome::Finished) => None,
             _ if self.stop.load(Ordering::Acquire) => Some("it was interrupted".into()),
             Some(Outcome::Failed(why)) => Some(self.failure.unwrap_or_else(|| why.clone())),
-            _ => Some(self.failure.unwrap_or_else(|| "the executive ended before the mission did".into())),
+            _ => Some(self.failure.unwrap_or_else(|| {
+                format!("the executive ended before the mission did{}", ended.unwrap_or_default())
+            })),
         };
+        let failure = failure.map(|failure| match self.stop.load(Ordering::Acquire) {
+            true => failure,
+            false => self.standing.explain(failure),
+        });
         Some(Flown {
             failure,
             waypoints_reached: self.latest.map_or(0, |progress| progress.waypoints_reached),
@@ -220,8 +234,11 @@ fn describe(progress: &Progress) -> String {
         value.map_or_else(|| format!("   - {unit}"), |value| format!("{value:6.1} {unit}"))
     };
     let next = progress.next_waypoint.map_or_else(|| " - ".into(), |next| format!("WP{next}"));
+    let silent = progress
+        .estimator_silent_ns
+        .map_or_else(String::new, |silent_ns| format!("  ! no estimate for {:.0} s", silent_ns as f64 / 1e9));
     format!(
-        "{:9.3} s  {:<12} to {next}  {}  {}  {}/{} way-points",
+        "{:9.3} s  {:<12} to {next}  {}  {}  {}/{} way-points{silent}",
         progress.time_ns as f64 / 1e9,
         progress.phase.name(),
         number(progress.altitude_m, "m"),

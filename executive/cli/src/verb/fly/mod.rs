@@ -8,6 +8,7 @@
 mod executive;
 mod mission;
 mod simulator;
+mod standing;
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -191,6 +192,7 @@ fn record(arguments: &Arguments, flown: &Flown, wall_time_s: f64) -> Run {
             waypoints_reached: Some(flown.waypoints_reached),
         },
         guarantees: guarantees(&flown.events),
+        lost_records: lost_records(&flown.events),
         notes: arguments.faults.not_reached(flown.module_time_s),
         arguments: std::env::args().skip(1).collect(),
     }
@@ -204,6 +206,14 @@ fn guarantees(events: &[Event]) -> Vec<Guarantee> {
     let all = list.into_iter().flatten();
     all.map(|one| Guarantee { promise: one.promise.clone(), held: one.held, detail: one.detail.clone() })
         .collect()
+}
+
+fn lost_records(events: &[Event]) -> u64 {
+    let lost = events.iter().find_map(|event| match event {
+        Event::Stopped { lost_records, .. } => Some(*lost_records),
+        _ => None,
+    });
+    lost.unwrap_or(0)
 }
 
 fn inputs(plan: &Plan, mission: &MissionPlan) -> Inputs {

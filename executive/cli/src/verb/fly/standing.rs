@@ -1,0 +1,81 @@
+//! Which partitions are down, for the sentence that says why a flight failed.
+
+use std::collections::BTreeMap;
+
+use bateleur_executive::event::Event;
+
+/// What the executive's events say of each partition.
+#[derive(Debug, Default)]
+pub(super) struct Standing {
+    /// Partitions that were started anew at least once.
+    restarted: Vec<String>,
+    /// Those that are down now, and why.
+    down: BTreeMap<String, String>,
+}
+
+impl Standing {
+    /// Follows an event.
+    pub(super) fn take(&mut self, event: &Event) {
+        match event {
+            Event::Fault { partition, error, action, .. } if action.ends_with("restart") => {
+                self.restarted.push(partition.clone());
+                self.down.insert(partition.clone(), format!("{partition} had not come back from {error}"));
+            }
+            Event::Fault { partition, error, action, .. } if action != "ignore" => {
+                let why = match self.restarted.contains(partition) {
+                    true => "no restarts left".into(),
+                    false => format!("{error}, by its health table"),
+                };
+                let state = if action == "idle" { "is idle" } else { "was stopped" };
+                self.down.insert(partition.clone(), format!("{partition} {state}: {why}"));
+            }
+            Event::Recovered { partition, .. } => drop(self.down.remove(partition)),
+            _ => {}
+        }
+    }
+
+    /// `failure`, and the partitions that were down then.
+    pub(super) fn explain(&self, failure: String) -> String {
+        let down: Vec<&str> = self.down.values().map(String::as_str).collect();
+        if down.is_empty() { failure } else { format!("{failure} ({})", down.join("; ")) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fault(partition: &str, action: &str) -> Event {
+        Event::Fault {
+            time_s: 1.0,
+            partition: partition.into(),
+            error: "killed".into(),
+            action: action.into(),
+            detail: String::new(),
+        }
+    }
+
+    fn explained(events: &[Event]) -> String {
+        let mut standing = Standing::default();
+        events.iter().for_each(|event| standing.take(event));
+        standing.explain("it failed".into())
+    }
+
+    #[test]
+    fn idle_partition_is_named_with_the_end_of_its_restarts() {
+        let back = Event::Recovered { time_s: 2.0, partition: "estimator".into(), after_ms: 20.0 };
+        let events = [fault("estimator", "warm_restart"), back, fault("estimator", "idle")];
+        assert_eq!(explained(&events), "it failed (estimator is idle: no restarts left)");
+        assert_eq!(explained(&events[..2]), "it failed");
+        assert_eq!(explained(&events[..1]), "it failed (estimator had not come back from killed)");
+    }
+
+    #[test]
+    fn partition_that_its_table_rests_at_once_is_named_with_the_table() {
+        assert_eq!(
+            explained(&[fault("imu", "idle")]),
+            "it failed (imu is idle: killed, by its health table)"
+        );
+        assert_eq!(explained(&[fault("imu", "ignore")]), "it failed");
+    }
+}

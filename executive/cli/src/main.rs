@@ -25,6 +25,7 @@ struct Arguments {
 enum Verb {
     Check(verb::check::Arguments),
     Doctor(verb::doctor::Arguments),
+    Export(verb::export::Arguments),
     Fly(verb::fly::Arguments),
     Ground(verb::ground::Arguments),
     /// Kill a partition of a running module; its health table says what follows.
@@ -57,6 +58,7 @@ fn main() -> ExitCode {
     let result = match arguments.verb {
         Verb::Check(arguments) => verb::check::run(&arguments),
         Verb::Doctor(arguments) => verb::doctor::run(&arguments),
+        Verb::Export(arguments) => verb::export::run(&arguments),
         Verb::Fly(arguments) => verb::fly::run(&arguments),
         Verb::Ground(arguments) => verb::ground::run(&arguments),
         Verb::Kill(arguments) => verb::order::run(&arguments, |partition| Request::Kill { partition }),

@@ -146,7 +146,7 @@ fn windows(out: &mut String, flight: &Flight, summary: &Summary) {
     out.push_str(r#"<p class="sub">Outlines are planned windows, what is filled was used. "#);
     out.push_str(
         "Red was not closed in time (O in windows.csv), amber was granted late (L), \
-         dashed passed without its partition (S).</p></section>",
+         dashed was not granted (S: no partition was there, M: the dispatcher came too late).</p></section>",
     );
 }
 

@@ -8,6 +8,7 @@
 
 pub mod believed;
 mod error;
+pub mod export;
 pub mod figures;
 pub mod flight;
 pub mod health;

@@ -151,7 +151,7 @@ pub(crate) fn measured(summary: &Summary) -> Vec<String> {
         lines.push(of(summary.late_windows, "begun more than 200 µs late (L)"));
     }
     lines.push(of(summary.window_overruns, "not closed at the end (O)"));
-    lines.push(of(summary.skipped_windows, "passed without their partition (S)"));
+    lines.push(of(summary.skipped_windows, "not granted (S, M)"));
     if summary.lost_records > 0 {
         lines.push(format!(
             "{} further windows are not in the log, which could not keep up",
@@ -288,7 +288,7 @@ mod tests {
         for line in [
             "begun more than 200 µs late (L): 2 of 100 windows",
             "not closed at the end (O): none of 100 windows",
-            "passed without their partition (S): 5 of 100 windows",
+            "not granted (S, M): 5 of 100 windows",
             "3 further windows are not in the log",
         ] {
             assert!(text.contains(line), "{line}\n{text}");

@@ -1,7 +1,7 @@
 //! `windows.csv`: when each window was planned, granted, opened and closed.
 //!
 //! One line a window: `frame,minor,core,partition,planned_start_ns,planned_end_ns,granted_ns,opened_ns,closed_ns,flags`,
-//! and further cells that are not read here.
+//! then `slack_ns` and `schedule`, and further cells that are not read here.
 //! Times are ns from the module's origin; one that never came is empty. Under the virtual clock `opened_ns` and
 //! `closed_ns` are stamps of the machine's monotonic clock, so only their differences mean anything.
 
@@ -45,6 +45,10 @@ pub struct Window {
     pub overrun: bool,
     /// It was not granted: the partition was not there to run (`S`), or one of the other reasons of "Time" in the book.
     pub skipped: bool,
+    /// The letters as they stand in the log.
+    pub flags: String,
+    /// The schedule that the window belongs to; empty in a log that does not say.
+    pub schedule: String,
 }
 
 impl Window {
@@ -65,11 +69,14 @@ impl Window {
             late: false,
             overrun: false,
             skipped: false,
+            flags: String::new(),
+            schedule: String::new(),
         };
         let flags = cell()?;
         let [late, overrun] = ['L', 'O'].map(|flag| flags.contains(flag));
         let skipped = flags.contains(NOT_GRANTED);
-        Some(Self { late, overrun, skipped, ..window })
+        let schedule = cells.nth(1).map_or_else(String::new, |name| name.trim().to_owned()); // after the slack
+        Some(Self { late, overrun, skipped, flags: flags.to_owned(), schedule, ..window })
     }
 
     /// How long the partition worked, ns.
@@ -122,5 +129,12 @@ mod tests {
         assert_eq!(Window::parse("7,2,1,imu,1000,2000,10"), None);
         assert_eq!(Window::parse("7,2,1,imu,1000,2000,1010,1015,x,"), None);
         assert!(Window::parse("7,2,1,imu,1000,2000,,,,S").unwrap().skipped);
+    }
+
+    #[test]
+    fn schedule_is_read_where_the_log_has_one() {
+        let schedule = |line: &str| Window::parse(line).unwrap().schedule;
+        assert_eq!(schedule("7,2,1,imu,1000,2000,1010,1015,1020,,980,landing"), "landing");
+        assert_eq!(schedule("7,2,1,imu,1000,2000,1010,1015,1020,"), "");
     }
 }

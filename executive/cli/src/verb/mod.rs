@@ -3,6 +3,7 @@
 pub(crate) mod air;
 pub(crate) mod check;
 pub(crate) mod doctor;
+pub(crate) mod export;
 pub(crate) mod faults;
 pub(crate) mod fly;
 pub(crate) mod ground;

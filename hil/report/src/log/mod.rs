@@ -4,9 +4,11 @@
 //! CDR (four bytes of header, then the message as it lies in the port) and schemas are ROS 2 message definitions, so that
 //! other people's viewers show the values by name.
 
+mod layout;
 mod read;
 mod write;
 
+pub use layout::Layout;
 pub use read::{Ending, Entry, Recording, Track, for_each, read};
 pub use write::{ChannelId, PortLog, topic};
 

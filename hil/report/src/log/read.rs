@@ -1,6 +1,6 @@
 //! Reading a log, whole or cut short.
 
-use super::{CDR_HEADER, LogError, SCHEMA_PREFIX};
+use super::{CDR_HEADER, Layout, LogError, SCHEMA_PREFIX};
 use mcap::McapError;
 use mcap::records::Record;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -28,6 +28,8 @@ pub struct Entry<'a> {
     pub time_ns: u64,
     /// The message as it lay in the port.
     pub bytes: &'a [u8],
+    /// How it lies there, by the log's own word; none where the log says nothing that is understood.
+    pub layout: Option<&'a Layout>,
 }
 
 /// How a log ended.
@@ -136,27 +138,31 @@ pub fn for_each(path: impl AsRef<Path>, mut each: impl FnMut(Entry<'_>)) -> Resu
 #[derive(Default)]
 struct Names {
     seen_any: bool,
-    schemas: HashMap<u16, String>,
-    channels: HashMap<u16, (String, String)>,
+    schemas: HashMap<u16, (String, Option<Layout>)>,
+    /// Topic and schema.
+    channels: HashMap<u16, (String, u16)>,
 }
 
 impl Names {
     fn take(&mut self, record: &Record<'_>, each: &mut impl FnMut(Entry<'_>)) {
         self.seen_any = true;
         match record {
-            Record::Schema { header, .. } => {
+            Record::Schema { header, data } => {
                 let name = header.name.strip_prefix(SCHEMA_PREFIX).unwrap_or(&header.name);
-                self.schemas.insert(header.id, name.to_owned());
+                let layout = std::str::from_utf8(data).ok().and_then(Layout::parse);
+                self.schemas.insert(header.id, (name.to_owned(), layout));
             }
             Record::Channel(channel) => {
-                let message = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
-                self.channels.insert(channel.id, (channel.topic.clone(), message));
+                self.channels.insert(channel.id, (channel.topic.clone(), channel.schema_id));
             }
             Record::Message { header, data } => {
-                let Some((topic, message)) = self.channels.get(&header.channel_id) else { return };
+                let Some((topic, schema)) = self.channels.get(&header.channel_id) else { return };
+                let schema = self.schemas.get(schema);
+                let message = schema.map_or("", |(name, _)| name);
+                let layout = schema.and_then(|(_, layout)| layout.as_ref());
                 let Some(bytes) = data.strip_prefix(&CDR_HEADER[..]) else { return };
                 let (sequence, time_ns) = (header.sequence, header.log_time);
-                each(Entry { topic, message, sequence, time_ns, bytes });
+                each(Entry { topic, message, sequence, time_ns, bytes, layout });
             }
             _ => {}
         }

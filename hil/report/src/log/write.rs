@@ -134,7 +134,7 @@ impl PortLog {
 }
 
 /// The message definition in ROS 2's language.
-fn definition(fields: &[Field]) -> String {
+pub(super) fn definition(fields: &[Field]) -> String {
     let mut text = String::new();
     for field in fields {
         let kind = field.kind.ros2_name();

@@ -1,0 +1,55 @@
+//! `bateleur export FOLDER`: what a run or a flight left, for other people's tools.
+//!
+//! `--chrome` writes a trace that Perfetto (ui.perfetto.dev) and chrome://tracing open, `--mcap` a log of all ports with an
+//! index and the faults, `--csv` a table for each port. All may be asked for at once. Exit codes: 0 all was exported, 1 some
+//! of the folder was missing or damaged (what could be read was exported), 2 nothing could be exported.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use bateleur_report::export::{Encoding, Exported, chrome, mcap, tables};
+
+use super::{Code, FINE, WRONG};
+
+/// Turn a run's folder into what other tools open.
+#[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("what").required(true).multiple(true).args(["chrome", "mcap", "csv"]))]
+pub(crate) struct Arguments {
+    /// The folder of a run or a flight.
+    folder: PathBuf,
+    /// Trace of windows, faults and messages, for Perfetto and chrome://tracing.
+    #[arg(long, value_name = "FILE")]
+    chrome: Option<PathBuf>,
+    /// Log of all ports and faults, indexed, for Foxglove and other MCAP viewers.
+    #[arg(long, value_name = "FILE")]
+    mcap: Option<PathBuf>,
+    /// Write the messages of --mcap as JSON, for tools that do not know ROS 2's encoding.
+    #[arg(long, requires = "mcap")]
+    json: bool,
+    /// One file of comma-separated values a port, into this folder.
+    #[arg(long, value_name = "FOLDER")]
+    csv: Option<PathBuf>,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
+    let folder = &arguments.folder;
+    let mut notes: Vec<String> = Vec::new();
+    let mut told = |path: &PathBuf, exported: Exported| {
+        println!("{}: {} records", path.display(), exported.records);
+        notes.extend(exported.notes);
+    };
+    if let Some(path) = &arguments.chrome {
+        told(path, chrome(folder, path)?);
+    }
+    if let Some(path) = &arguments.mcap {
+        let encoding = if arguments.json { Encoding::Json } else { Encoding::Cdr };
+        told(path, mcap(folder, path, encoding)?);
+    }
+    if let Some(path) = &arguments.csv {
+        told(path, tables(folder, path)?);
+    }
+    notes.sort();
+    notes.dedup();
+    notes.iter().for_each(|note| eprintln!("{note}"));
+    Ok(if notes.is_empty() { FINE } else { WRONG })
+}

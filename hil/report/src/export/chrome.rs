@@ -1,0 +1,219 @@
+//! The trace event format that Perfetto (ui.perfetto.dev) and chrome://tracing open.
+//!
+//! Two processes: *cores*, with one track a core that shows whose window is when, and *partitions*, with one track a partition
+//! that shows what it used of its windows and the slack, its faults and the messages that it wrote. A change of schedule is
+//! an instant across all of them. Times are module time, from microsecond 0.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+
+use serde::Serialize;
+use serde_json::json;
+
+use super::{ExportError, Exported, Sink, check_folder};
+use crate::flight::PORTS_FILE;
+use crate::health::{self, HealthEntry};
+use crate::log;
+use crate::windows::{self, Window};
+
+/// The process of the cores' tracks.
+const CORES: u32 = 1;
+/// The process of the partitions' tracks.
+const PARTITIONS: u32 = 2;
+
+/// One event; see "Trace Event Format".
+#[derive(Serialize)]
+struct Event<'a> {
+    name: &'a str,
+    /// X a span, i an instant, M a name of a track.
+    ph: char,
+    pid: u32,
+    tid: u32,
+    /// µs, with decimals.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ts: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    dur: Option<f64>,
+    /// How far an instant reaches: t its track, g all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    s: Option<char>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    args: Option<serde_json::Value>,
+}
+
+/// Writes the trace of a run's `folder` to `path`.
+pub fn chrome(folder: &Path, path: &Path) -> Result<Exported, ExportError> {
+    check_folder(folder)?;
+    let mut trace = Trace::begin(path)?;
+    let mut exported = Exported::default();
+    add_windows(folder, &mut trace, &mut exported);
+    add_health(folder, &mut trace, &mut exported);
+    add_messages(folder, &mut trace, &mut exported);
+    trace.end()?;
+    exported.or_nothing()
+}
+
+struct Trace {
+    sink: Sink,
+    first: bool,
+    cores: BTreeSet<u32>,
+    partitions: BTreeMap<String, u32>,
+    schedule: String,
+}
+
+impl Trace {
+    fn begin(path: &Path) -> Result<Self, ExportError> {
+        let mut sink = Sink::create(path)?;
+        sink.write(b"{\"displayTimeUnit\":\"ns\",\"traceEvents\":[\n");
+        let mut trace = Self {
+            sink,
+            first: true,
+            cores: BTreeSet::new(),
+            partitions: BTreeMap::new(),
+            schedule: String::new(),
+        };
+        trace.name("process_name", CORES, 0, "cores");
+        trace.name("process_name", PARTITIONS, 0, "partitions");
+        Ok(trace)
+    }
+
+    fn end(mut self) -> Result<(), ExportError> {
+        self.sink.write(b"\n]}\n");
+        self.sink.finish()
+    }
+
+    fn event(&mut self, event: &Event<'_>) {
+        self.sink.write(if std::mem::take(&mut self.first) { b"" } else { b",\n" });
+        match serde_json::to_vec(event) {
+            Ok(bytes) => self.sink.write(&bytes),
+            Err(error) => self.sink.error = Some(error.into()),
+        }
+    }
+
+    fn name(&mut self, what: &str, pid: u32, tid: u32, name: &str) {
+        let args = Some(json!({ "name": name }));
+        self.event(&Event { name: what, ph: 'M', pid, tid, ts: None, dur: None, s: None, args });
+    }
+
+    fn span(&mut self, name: &str, pid: u32, tid: u32, from_ns: u64, to_ns: u64, args: serde_json::Value) {
+        let (ts, dur) = (Some(us(from_ns)), Some(us(to_ns.saturating_sub(from_ns))));
+        self.event(&Event { name, ph: 'X', pid, tid, ts, dur, s: None, args: Some(args) });
+    }
+
+    fn instant(&mut self, name: &str, tid: u32, at_ns: u64, reach: char, args: Option<serde_json::Value>) {
+        let ts = Some(us(at_ns));
+        self.event(&Event { name, ph: 'i', pid: PARTITIONS, tid, ts, dur: None, s: Some(reach), args });
+    }
+
+    /// The track of a partition, named where it is new.
+    fn partition(&mut self, name: &str) -> u32 {
+        if let Some(tid) = self.partitions.get(name) {
+            return *tid;
+        }
+        let tid = self.partitions.len() as u32 + 1;
+        self.partitions.insert(name.to_owned(), tid);
+        self.name("thread_name", PARTITIONS, tid, name);
+        tid
+    }
+
+    fn window(&mut self, window: &Window) {
+        if window.schedule != self.schedule {
+            self.instant(&format!("schedule {}", window.schedule), 0, window.planned_start_ns, 'g', None);
+            self.schedule.clone_from(&window.schedule);
+        }
+        if self.cores.insert(window.core) {
+            self.name("thread_name", CORES, window.core, &format!("core {}", window.core));
+        }
+        let args = json!({ "frame": window.frame, "minor": window.minor, "flags": window.flags });
+        let planned = (window.planned_start_ns, window.planned_end_ns);
+        let tid = self.partition(&window.partition);
+        if window.skipped {
+            let name = format!("{} (not granted)", window.partition);
+            return self.span(&name, CORES, window.core, planned.0, planned.1, args);
+        }
+        let granted_ns = window.granted_ns.unwrap_or(planned.0).max(planned.0);
+        self.span(&window.partition, CORES, window.core, granted_ns, planned.1, args.clone());
+        let opened_ns = window.opened_ns.unwrap_or(granted_ns);
+        match window.closed_ns {
+            None => self.span("overrun", PARTITIONS, tid, opened_ns, planned.1, args),
+            Some(closed_ns) => {
+                self.span("use", PARTITIONS, tid, opened_ns, closed_ns, args);
+                if closed_ns < planned.1 {
+                    self.span("slack", PARTITIONS, tid, closed_ns, planned.1, json!({}));
+                }
+            }
+        }
+    }
+
+    fn fault(&mut self, entry: &HealthEntry) {
+        let tid = self.partition(entry.partition.as_deref().unwrap_or("module"));
+        let args = json!({ "action": entry.action, "detail": entry.detail, "generation": entry.generation });
+        self.instant(&format!("{} → {}", entry.error, entry.action), tid, entry.time_ns, 't', Some(args));
+        if let Some(recovered_ns) = entry.recovered_ns {
+            self.instant("back", tid, recovered_ns, 't', None);
+        }
+    }
+
+    fn message(&mut self, entry: &log::Entry<'_>) {
+        let (partition, port) = super::tables::port_of(entry.topic);
+        let tid = self.partition(partition);
+        let args = json!({ "message": entry.message, "sequence": entry.sequence });
+        self.instant(port, tid, entry.time_ns, 't', Some(args));
+    }
+}
+
+/// Nanoseconds in microseconds; exact for a hundred days.
+fn us(ns: u64) -> f64 {
+    ns as f64 / 1e3
+}
+
+fn add_windows(folder: &Path, trace: &mut Trace, exported: &mut Exported) {
+    let read = windows::for_each(&folder.join(windows::FILE), |window| {
+        exported.records += 1;
+        trace.window(&window);
+    });
+    match read {
+        Ok(broken) => exported.note_broken(windows::FILE, broken),
+        Err(error) => exported.note(windows::FILE, error),
+    }
+}
+
+fn add_health(folder: &Path, trace: &mut Trace, exported: &mut Exported) {
+    match each_fault(folder, |entry| trace.fault(&entry)) {
+        Ok((faults, broken)) => {
+            exported.records += faults;
+            exported.note_broken(health::FILE, broken);
+        }
+        Err(error) => exported.note(health::FILE, error),
+    }
+}
+
+fn add_messages(folder: &Path, trace: &mut Trace, exported: &mut Exported) {
+    let path = folder.join(PORTS_FILE);
+    if !path.exists() {
+        return exported.note(PORTS_FILE, "is not there: the run was not recorded (`bateleur run --record`)");
+    }
+    let read = log::for_each(&path, |entry| {
+        exported.records += 1;
+        trace.message(&entry);
+    });
+    match read {
+        Ok(ending) => exported.note_ending(&ending),
+        Err(error) => exported.note(PORTS_FILE, error),
+    }
+}
+
+/// Gives each fault of the health log to `each`; returns how many there were and how many lines are damaged.
+pub(super) fn each_fault(folder: &Path, mut each: impl FnMut(HealthEntry)) -> std::io::Result<(u64, usize)> {
+    let mut reader = BufReader::new(std::fs::File::open(folder.join(health::FILE))?);
+    let (mut line, mut faults, mut broken) = (Vec::new(), 0, 0);
+    while reader.read_until(b'\n', &mut line)? > 0 {
+        let (entries, wrong) = health::parse(&String::from_utf8_lossy(&line));
+        faults += entries.len() as u64;
+        broken += wrong;
+        entries.into_iter().for_each(&mut each);
+        line.clear();
+    }
+    Ok((faults, broken))
+}

@@ -1,6 +1,6 @@
 //! One bad file for each rule, with the text that the checker answers.
 //!
-//! The first line of a file names the rules that it breaks, and it must break those and no other. With
+//! The first line of a file names the rules that it breaks, and it must break those and no other; notes may come on top. With
 //! `BLESS=1` in the environment the texts are written instead of compared.
 
 // A test may be blunt: a panic is how it fails.
@@ -12,8 +12,8 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use bateleur_executive::plan::{RULES, Report, check_with_warnings};
-use plan_support::{Table, repository};
+use bateleur_executive::plan::{RULES, Report, Rule, Severity, example_of};
+use plan_support::{Table, answer_to, repository};
 
 fn bad_files() -> Vec<PathBuf> {
     let entries = fs::read_dir(repository().join("tests/schedule")).unwrap();
@@ -27,9 +27,8 @@ fn bad_files() -> Vec<PathBuf> {
 fn report_on(path: &Path) -> (String, Report) {
     let text = fs::read_to_string(path).unwrap();
     let name = format!("tests/schedule/{}", path.file_name().unwrap().display());
-    let report = match check_with_warnings(&name, &text, &Table) {
-        Ok((_, warnings)) => warnings,
-        Err(report) => report,
+    let report = match answer_to(&name, &text) {
+        Ok((_, report)) | Err(report) => report,
     };
     (text, report)
 }
@@ -40,6 +39,16 @@ fn announced(text: &str) -> BTreeSet<&str> {
     rules.split(", ").collect()
 }
 
+fn rule(id: &str) -> &'static Rule {
+    RULES.iter().find(|rule| rule.id == id).unwrap_or_else(|| panic!("there is no rule {id}"))
+}
+
+/// The report as the file beside it has it: with notes only where they are what the file is about.
+fn rendered(text: &str, report: &Report) -> String {
+    let about_notes = announced(text).iter().any(|id| rule(id).severity == Severity::Note);
+    if about_notes { report.render_all(false) } else { report.render(false) }
+}
+
 fn broken(report: &Report) -> BTreeSet<&str> {
     report.violations().iter().map(|violation| violation.rule).collect()
 }
@@ -48,7 +57,10 @@ fn broken(report: &Report) -> BTreeSet<&str> {
 fn every_bad_file_breaks_the_rules_that_it_announces_and_no_other() {
     for path in bad_files() {
         let (text, report) = report_on(&path);
-        assert_eq!(broken(&report), announced(&text), "{}:\n{report}", path.display());
+        let expected = announced(&text);
+        let noted = |id: &&str| !expected.contains(id) && rule(id).severity == Severity::Note;
+        let found: BTreeSet<&str> = broken(&report).into_iter().filter(|id| !noted(id)).collect();
+        assert_eq!(found, expected, "{}:\n{report}", path.display());
     }
 }
 
@@ -66,7 +78,8 @@ fn every_bad_file_is_answered_with_the_text_beside_it() {
     let bless = std::env::var_os("BLESS").is_some();
     let mut differ = Vec::new();
     for path in bad_files() {
-        let text = report_on(&path).1.render(false);
+        let (text, report) = report_on(&path);
+        let text = rendered(&text, &report);
         let expected = path.with_extension("stderr");
         if bless {
             fs::write(&expected, &text).unwrap();
@@ -97,6 +110,56 @@ fn every_violation_says_where_it_is_and_how_to_mend_it() {
             assert_eq!(before.last().unwrap().chars().count() + 1, place.column, "{violation:?}");
             assert!(!violation.message.is_empty() && !violation.mend.is_empty(), "{violation:?}");
         }
+    }
+}
+
+#[test]
+fn the_example_of_a_rule_breaks_it_and_is_a_bad_file() {
+    for rule in RULES {
+        let path = repository().join("tests/schedule").join(rule.example_name);
+        assert_eq!(fs::read_to_string(path).unwrap(), rule.example, "{}", rule.id);
+        let report =
+            example_of(rule, &Table).unwrap_or_else(|| panic!("{} is not broken by its example", rule.id));
+        assert_eq!(broken(&report), BTreeSet::from([rule.id]));
+        assert!(report.render_first(false).contains("help:"), "{}", rule.id);
+    }
+}
+
+/// What every reader of the format relies on, for one document.
+fn assert_sarif(document: &serde_json::Value, report: &Report) {
+    assert_eq!(document["version"], "2.1.0");
+    assert!(document["$schema"].as_str().unwrap().ends_with("sarif-schema-2.1.0.json"));
+    let [run] = document["runs"].as_array().unwrap().as_slice() else { panic!("one run") };
+    let rules = run["tool"]["driver"]["rules"].as_array().unwrap();
+    assert!(run["tool"]["driver"]["name"].is_string() && rules.len() == RULES.len());
+    assert_eq!(run["columnKind"], "unicodeCodePoints");
+    let results = run["results"].as_array().unwrap();
+    assert_eq!(results.len(), report.violations().len());
+    for result in results {
+        let index = usize::try_from(result["ruleIndex"].as_u64().unwrap()).unwrap();
+        assert_eq!(result["ruleId"], rules[index]["id"]);
+        assert!(["error", "warning", "note"].contains(&result["level"].as_str().unwrap()));
+        assert!(!result["message"]["text"].as_str().unwrap().is_empty());
+        let related = result["relatedLocations"].as_array().unwrap();
+        for location in result["locations"].as_array().unwrap().iter().chain(related) {
+            let place = &location["physicalLocation"];
+            assert!(place["artifactLocation"]["uri"].as_str().unwrap().ends_with(".toml"));
+            let number = |key: &str| place["region"][key].as_u64().unwrap();
+            assert!(number("startLine") >= 1 && number("startColumn") >= 1);
+            assert!(
+                (number("endLine"), number("endColumn")) >= (number("startLine"), number("startColumn")),
+                "{place}"
+            );
+        }
+        assert!(related.iter().all(|location| location["message"]["text"].is_string()));
+    }
+}
+
+#[test]
+fn every_report_is_a_sarif_document() {
+    for path in bad_files() {
+        let (_, report) = report_on(&path);
+        assert_sarif(&report.to_sarif(), &report);
     }
 }
 
@@ -152,7 +215,7 @@ fn a_damaged_file_is_answered_and_never_panics() {
 }
 
 fn answer(text: &str) {
-    match check_with_warnings("damaged.toml", text, &Table) {
+    match answer_to("damaged.toml", text) {
         Ok((_, report)) => assert_eq!(report.errors(), 0),
         Err(report) => assert!(report.errors() > 0 && report.render(true).len() > 20),
     }

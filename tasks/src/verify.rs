@@ -126,7 +126,7 @@ fn guest(root: &Path, tally: &mut Tally) -> Result<(), String> {
 /// The schedule that is delivered has not even a warning.
 fn schedule(tally: &mut Tally) -> Result<(), String> {
     let program = fly::beside_self("bateleur").map_err(|error| error.to_string())?;
-    Step::new("schedule", program, &["check", "--deny-warnings"]).run(tally)
+    Step::new("schedule", program, &["check", "--deny", "warnings"]).run(tally)
 }
 
 /// All of them, also after the first that fails: the count at the end shall be the whole truth.

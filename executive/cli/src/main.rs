@@ -7,6 +7,7 @@ mod output;
 mod plan_file;
 mod recorder;
 mod verb;
+mod words;
 
 use std::process::ExitCode;
 

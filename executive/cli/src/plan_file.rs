@@ -1,13 +1,14 @@
 //! Reading a schedule file from the disk with the message types of this build.
 
 use std::io::IsTerminal;
-use std::path::Path;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use bateleur_executive::plan::{MessageCatalogue, Plan, Report, check, check_with_warnings};
+use bateleur_executive::plan::{MessageCatalogue, Plan, Programs, Report, Surroundings, check, check_among};
 
 /// The message types that this program was built with.
-struct Catalogue;
+pub(crate) struct Catalogue;
 
 impl MessageCatalogue for Catalogue {
     fn size_of(&self, name: &str) -> Option<usize> {
@@ -19,11 +20,36 @@ impl MessageCatalogue for Catalogue {
     }
 }
 
-/// The plan in `path` with its warnings, or all that is wrong with it.
-pub(crate) fn read(path: &Path) -> Result<Result<(Plan, Report), Report>> {
+/// Programs as they are found on this machine: names in a folder, paths from the schedule file.
+struct Folder<'a> {
+    programs: &'a Path,
+    schedule: PathBuf,
+}
+
+impl Programs for Folder<'_> {
+    fn fault(&self, program: &str) -> Option<String> {
+        let base = if program.contains('/') { self.schedule.as_path() } else { self.programs };
+        let path = base.join(program);
+        match std::fs::metadata(&path) {
+            Err(error) => Some(format!("{}: {error}", path.display())),
+            Ok(found) if !found.is_file() => Some(format!("{} is no file", path.display())),
+            Ok(found) if found.permissions().mode() & 0o111 == 0 => {
+                Some(format!("{} is not executable", path.display()))
+            }
+            Ok(_) => None,
+        }
+    }
+}
+
+/// The plan in `path` with its warnings, or all that is wrong with it; programs are looked for where a folder is given.
+pub(crate) fn read_among(path: &Path, programs: Option<&Path>) -> Result<Result<(Plan, Report), Report>> {
     let text = std::fs::read_to_string(path)
         .with_context(|| format!("cannot read {} (name another file with --schedule)", path.display()))?;
-    Ok(check_with_warnings(&path.display().to_string(), &text, &Catalogue))
+    let schedule = path.parent().map(Path::to_owned).unwrap_or_default();
+    let folder = programs.map(|programs| Folder { programs, schedule });
+    let programs = folder.as_ref().map(|folder| folder as &dyn Programs);
+    let surroundings = Surroundings { messages: &Catalogue, programs };
+    Ok(check_among(&path.display().to_string(), &text, &surroundings))
 }
 
 /// The plan in `text`, which a program wrote; or all that is wrong with it.
@@ -31,13 +57,28 @@ pub(crate) fn read_text(name: &str, text: &str) -> std::result::Result<Plan, Rep
     check(name, text, &Catalogue)
 }
 
-/// As [`read`], with errors printed for a person; none: it can not be used.
+/// The plan in `path`, with errors printed for a person; none: it can not be used.
+pub(crate) fn read_quietly(path: &Path) -> Result<Option<Plan>> {
+    Ok(read_or_print(path)?.map(|(plan, _)| plan))
+}
+
+/// As [`read_quietly`]; of warnings it says how many there are.
 pub(crate) fn read_or_say(path: &Path) -> Result<Option<Plan>> {
-    let color = std::io::stderr().is_terminal();
-    match read(path)? {
-        Ok((plan, _)) => Ok(Some(plan)),
+    let Some((plan, report)) = read_or_print(path)? else { return Ok(None) };
+    let warnings = match report.warnings() {
+        0 => return Ok(Some(plan)),
+        1 => "1 warning".to_owned(),
+        several => format!("{several} warnings"),
+    };
+    eprintln!("{warnings}: see `bateleur check {}`", path.display());
+    Ok(Some(plan))
+}
+
+fn read_or_print(path: &Path) -> Result<Option<(Plan, Report)>> {
+    match read_among(path, None)? {
+        Ok(read) => Ok(Some(read)),
         Err(report) => {
-            eprint!("{}", report.render(color));
+            eprint!("{}", report.render(std::io::stderr().is_terminal()));
             Ok(None)
         }
     }

@@ -9,13 +9,16 @@
 mod build;
 mod catalogue;
 pub mod closed;
+pub mod facts;
 mod findings;
+mod latency;
 pub mod model;
 mod names;
 mod raw;
 mod reader;
 pub mod report;
 mod rules;
+mod sarif;
 pub mod timeline;
 pub mod units;
 
@@ -24,6 +27,8 @@ pub use closed::{
     ChangeAction, Closed, Direction, Exhausted, Kind, ModuleAction, ModuleError, PartitionAction,
     PartitionError, StartMode,
 };
+pub use facts::Facts;
+pub use latency::Visit;
 pub use model::{
     Attribute, Chain, Channel, ChannelId, Health, Module, ModuleHealth, ModuleId, ModuleView, Partition,
     PartitionHealth, PartitionId, Payload, Plan, Port, PortId, Restart, Role, Schedule, ScheduleId, Window,
@@ -44,6 +49,21 @@ pub trait MessageCatalogue {
     fn names(&self) -> Vec<&str>;
 }
 
+/// The programs that partitions may name.
+pub trait Programs {
+    /// Why a program, as the file writes it, can not be started; nothing if it can.
+    fn fault(&self, program: &str) -> Option<String>;
+}
+
+/// What a file refers to and does not hold itself.
+#[derive(Clone, Copy)]
+pub struct Surroundings<'a> {
+    /// The message types.
+    pub messages: &'a dyn MessageCatalogue,
+    /// The programs; none: they are not looked for.
+    pub programs: Option<&'a dyn Programs>,
+}
+
 /// Reads and checks a schedule file; `source_name` is what the report calls it.
 ///
 /// # Errors
@@ -61,8 +81,20 @@ pub fn check_with_warnings(
     text: &str,
     messages: &dyn MessageCatalogue,
 ) -> Result<(Plan, Report), Report> {
+    check_among(source_name, text, &Surroundings { messages, programs: None })
+}
+
+/// As [`check_with_warnings`], with everything that the file may refer to.
+///
+/// # Errors
+/// Everything that is wrong with the file, if anything forbids a plan.
+pub fn check_among(
+    source_name: &str,
+    text: &str,
+    surroundings: &Surroundings<'_>,
+) -> Result<(Plan, Report), Report> {
     let findings = Findings::new(text);
-    let plan = read(text, messages, &findings);
+    let plan = read(text, surroundings, &findings);
     let report = Report::new(source_name, text, findings.into_violations());
     match plan {
         Some(plan) => Ok((plan, report)),
@@ -70,11 +102,34 @@ pub fn check_with_warnings(
     }
 }
 
-fn read(text: &str, catalogue: &dyn MessageCatalogue, findings: &Findings<'_>) -> Option<Plan> {
+/// A violation of `rule` as the checker reports it, from a file that was written to break it.
+///
+/// None only for an id that is none of [`RULES`].
+#[must_use]
+pub fn example_of(rule: &Rule, messages: &dyn MessageCatalogue) -> Option<Report> {
+    let surroundings = Surroundings { messages, programs: Some(&NoPrograms) };
+    let report = match check_among(rule.example_name, rule.example, &surroundings) {
+        Ok((_, report)) | Err(report) => report,
+    };
+    report.first_of(rule.id)
+}
+
+/// Where nothing was built yet.
+struct NoPrograms;
+
+impl Programs for NoPrograms {
+    fn fault(&self, _: &str) -> Option<String> {
+        Some("there is no such file".to_owned())
+    }
+}
+
+fn read(text: &str, surroundings: &Surroundings<'_>, findings: &Findings<'_>) -> Option<Plan> {
     let document = raw::parse(text, findings)?;
     let file = RawFile::read(document.get_ref(), findings);
     let names = Names::of(&file);
-    rules::check(&rules::Context { file: &file, names: &names, catalogue, findings });
+    let catalogue = surroundings.messages;
+    let programs = surroundings.programs;
+    rules::check(&rules::Context { file: &file, names: &names, catalogue, programs, findings });
     if findings.has_errors() {
         return None;
     }

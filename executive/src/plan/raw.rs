@@ -105,6 +105,8 @@ pub(super) struct RawWindow {
 #[derive(Default)]
 pub(super) struct RawHealth {
     pub(super) partition: Vec<Answer<PartitionError, PartitionAction>>,
+    /// Where the table for all partitions begins, if there is one.
+    pub(super) partition_span: Option<Span>,
     pub(super) module: Vec<Answer<ModuleError, ModuleAction>>,
     pub(super) silence_windows: Option<At<u32>>,
 }
@@ -298,6 +300,7 @@ impl RawHealth {
     fn read((table, span): (&DeTable<'_>, Span), findings: &Findings<'_>) -> Self {
         let mut table = TableReader::new(table, span, "`health`", findings);
         let health = Self {
+            partition_span: table.table("partition").map(|(_, span)| span),
             partition: answers(&table.entries("partition"), &PARTITION_LEVEL, findings),
             module: answers(&table.entries("module"), &MODULE_LEVEL, findings),
             silence_windows: match table.optional("silence_windows") {

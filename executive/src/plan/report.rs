@@ -14,6 +14,8 @@ pub enum Severity {
     Error,
     /// There is a plan, and it is probably not the one that was meant.
     Warning,
+    /// There is a plan, and this is worth knowing about it.
+    Note,
 }
 
 /// A stretch of the source.
@@ -88,20 +90,73 @@ impl Report {
         self.count(Severity::Warning)
     }
 
-    /// The report for people: each violation with its lines of the source, then the totals. Empty without violations.
+    /// How many violations are only worth knowing.
+    #[must_use]
+    pub fn notes(&self) -> usize {
+        self.count(Severity::Note)
+    }
+
+    /// The report for people: each error and warning with its lines of the source, then the totals. Empty where there is
+    /// neither.
     #[must_use]
     pub fn render(&self, color: bool) -> String {
+        self.render_down_to(Severity::Warning, color)
+    }
+
+    /// As [`Report::render`], notes included.
+    #[must_use]
+    pub fn render_all(&self, color: bool) -> String {
+        self.render_down_to(Severity::Note, color)
+    }
+
+    fn render_down_to(&self, least: Severity, color: bool) -> String {
         let renderer = if color { Renderer::styled() } else { Renderer::plain() };
         let mut out = String::new();
-        for violation in &self.violations {
+        for violation in self.violations.iter().filter(|violation| violation.severity <= least) {
             out.push_str(&self.render_one(violation, &renderer));
             out.push_str("\n\n");
         }
-        if !self.violations.is_empty() {
-            let (errors, warnings) = (counted(self.errors(), "error"), counted(self.warnings(), "warning"));
-            out.push_str(&format!("{}: {errors}, {warnings}\n", self.source_name));
+        if !out.is_empty() {
+            let notes = if least == Severity::Note && self.notes() > 0 {
+                format!(", {}", counted(self.notes(), "note"))
+            } else {
+                String::new()
+            };
+            out.push_str(&format!("{}: {}{notes}\n", self.source_name, self.totals()));
         }
         out
+    }
+
+    /// Errors and warnings, counted.
+    #[must_use]
+    pub fn totals(&self) -> String {
+        format!("{}, {}", counted(self.errors(), "error"), counted(self.warnings(), "warning"))
+    }
+
+    /// What the source is called.
+    #[must_use]
+    pub fn source_name(&self) -> &str {
+        &self.source_name
+    }
+
+    /// The first violation of one rule, alone.
+    pub(in crate::plan) fn first_of(mut self, rule: &str) -> Option<Self> {
+        self.violations.retain(|violation| violation.rule == rule);
+        self.violations.truncate(1);
+        (!self.violations.is_empty()).then_some(self)
+    }
+
+    /// One violation alone, with its lines of the source and without totals.
+    #[must_use]
+    pub fn render_first(&self, color: bool) -> String {
+        let renderer = if color { Renderer::styled() } else { Renderer::plain() };
+        self.violations.first().map_or_else(String::new, |violation| self.render_one(violation, &renderer))
+    }
+
+    /// The report as SARIF 2.1.0, for tools that show findings beside the source.
+    #[must_use]
+    pub fn to_sarif(&self) -> Value {
+        super::sarif::document(self)
     }
 
     /// The report for programs.
@@ -111,8 +166,15 @@ impl Report {
             "source": self.source_name,
             "errors": self.errors(),
             "warnings": self.warnings(),
+            "notes": self.notes(),
             "violations": self.violations,
         })
+    }
+
+    /// The line and column, both from one, behind the last character of a place.
+    pub(in crate::plan) fn end_of(&self, place: &Place) -> (usize, usize) {
+        let end = Place::in_text(&self.text, &(place.span.end..place.span.end));
+        (end.line, end.column)
     }
 
     fn count(&self, severity: Severity) -> usize {
@@ -123,6 +185,7 @@ impl Report {
         let level = match violation.severity {
             Severity::Error => Level::ERROR,
             Severity::Warning => Level::WARNING,
+            Severity::Note => Level::NOTE,
         };
         let primary = AnnotationKind::Primary.span(violation.place.span.clone());
         let others = violation.related.iter().map(|related| {

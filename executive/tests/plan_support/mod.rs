@@ -1,8 +1,11 @@
 //! What the tests of the plan share.
 
+// Each test file uses a part of it.
+#![allow(dead_code)]
+
 use std::path::PathBuf;
 
-use bateleur_executive::plan::MessageCatalogue;
+use bateleur_executive::plan::{MessageCatalogue, Plan, Programs, Report, Surroundings, check_among};
 
 /// The message types that the schedules of the tests name, each with a size.
 pub(crate) struct Table;
@@ -34,6 +37,20 @@ impl MessageCatalogue for Table {
     fn names(&self) -> Vec<&str> {
         NAMES.to_vec()
     }
+}
+
+/// Every program is there but those in the folder `nowhere`.
+pub(crate) struct Built;
+
+impl Programs for Built {
+    fn fault(&self, program: &str) -> Option<String> {
+        program.starts_with("nowhere/").then(|| "there is no such file".to_owned())
+    }
+}
+
+/// The answer of the checker to a text, with programs looked for.
+pub(crate) fn answer_to(name: &str, text: &str) -> Result<(Plan, Report), Report> {
+    check_among(name, text, &Surroundings { messages: &Table, programs: Some(&Built) })
 }
 
 /// The top of the repository.

@@ -11,6 +11,7 @@ pub(crate) mod helper;
 pub(crate) mod order;
 pub(crate) mod ps;
 pub(crate) mod run;
+pub(crate) mod show;
 pub(crate) mod target;
 pub(crate) mod top;
 

@@ -106,7 +106,9 @@ fn name_at(text: &str) -> Option<(String, f64)> {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
-    let Some(plan) = plan_file::read_or_say(&arguments.schedule)? else { return Ok(CANNOT_RUN) };
+    // Whoever started it with a channel for events has read the file too, and said so.
+    let read = if arguments.events_fd.is_some() { plan_file::read_quietly } else { plan_file::read_or_say };
+    let Some(plan) = read(&arguments.schedule)? else { return Ok(CANNOT_RUN) };
     let module = match (&arguments.module, plan.modules.as_slice()) {
         (Some(name), _) => name.clone(),
         (None, [only]) => only.name.clone(),

@@ -1,11 +1,14 @@
-//! Rules about chains: every step of a path leads somewhere.
+//! Rules about chains: every step of a path leads somewhere, and what arrives at its end is not too old.
 
 use super::Context;
+use super::laid::Laid;
 use crate::plan::catalogue;
 use crate::plan::closed::Direction;
 use crate::plan::findings::Finding;
+use crate::plan::latency::{self, Visit, Windows};
 use crate::plan::names::{Names, port_path};
 use crate::plan::raw::{RawChain, RawFile};
+use crate::plan::units::ShowTime;
 
 /// Why a path is not one.
 pub(in crate::plan) enum Gap {
@@ -15,14 +18,86 @@ pub(in crate::plan) enum Gap {
     After(usize),
 }
 
-pub(super) fn check(cx: &Context<'_>) {
+pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
     for chain in &cx.file.chains {
         length(cx, chain);
         age(cx, chain);
-        if let Err(Gap::After(place)) = full_path(cx.file, cx.names, chain) {
-            disconnected(cx, chain, place);
+        match full_path(cx.file, cx.names, chain) {
+            Err(Gap::After(place)) => disconnected(cx, chain, place),
+            Err(Gap::Unknown) => {}
+            Ok(path) => {
+                if !port_twice(cx, chain, &path) && !crosses_modules(cx, chain, &path) {
+                    too_old(cx, laid, chain, &path);
+                }
+            }
         }
     }
+}
+
+/// Notes a path that comes back to a port, and says whether it does.
+fn port_twice(cx: &Context<'_>, chain: &RawChain, path: &[usize]) -> bool {
+    let (Some(said), mut seen) = (chain.path.said(), std::collections::BTreeSet::new()) else { return false };
+    let Some(&port) = path.iter().find(|&&port| !seen.insert(port)) else { return false };
+    let message = format!("the path comes to `{}` twice", cx.port_path(port));
+    let mend = "end it before it comes back, or make a chain of its own of the rest";
+    cx.note(&catalogue::CHAIN_PORT_TWICE, &said.span, message, mend);
+    true
+}
+
+/// Notes a path over two computers, and says whether it is one.
+fn crosses_modules(cx: &Context<'_>, chain: &RawChain, path: &[usize]) -> bool {
+    let Some(said) = chain.path.said() else { return false };
+    let module = |port: &usize| cx.names.module_of(cx.file, cx.file.ports[*port].partition);
+    let Some(first) = path.first().and_then(module) else { return false };
+    let Some(other) = path.iter().filter_map(module).find(|&other| other != first) else { return false };
+    let (one, other) = (&cx.file.modules[first].name.value, &cx.file.modules[other].name.value);
+    let message = format!("the path leads from module `{one}` to `{other}`: its age is not computed");
+    let mend = "bound each module's part by a chain of its own";
+    cx.note(&catalogue::CHAIN_CROSSES_MODULES, &said.span, message, mend);
+    true
+}
+
+fn too_old(cx: &Context<'_>, laid: &[Laid], chain: &RawChain, path: &[usize]) {
+    let Some(allowed) = chain.max_age.said().filter(|age| age.value.0 > 0) else { return };
+    let is_source =
+        |port: usize| cx.file.ports[port].direction.get().map(|word| word.0) == Some(Direction::Source);
+    let stations =
+        latency::stations(path.iter().map(|&port| (cx.file.ports[port].partition, is_source(port))));
+    for (schedule, laid) in cx.file.schedules.iter().zip(laid) {
+        let windows: Vec<Windows> = stations.iter().map(|&station| laid.windows(station)).collect();
+        let Some(way) = latency::worst(&windows, laid.major) else { continue };
+        let age = latency::age_ns(&way);
+        if age <= allowed.value.0 {
+            continue;
+        }
+        let name = chain.name.get().unwrap_or_default();
+        let (schedule, allowed_time) = (&schedule.name.value, ShowTime(allowed.value.0));
+        let message = format!(
+            "`{name}` is up to {} old at its end in schedule `{schedule}`, and {allowed_time} is allowed",
+            ShowTime(age)
+        );
+        let mend = longest_wait(cx, &stations, &way);
+        let finding = Finding::new(&catalogue::CHAIN_TOO_OLD, &allowed.span, message, mend);
+        cx.add(match chain.path.said() {
+            Some(said) => finding.also(&said.span, "the path"),
+            None => finding,
+        });
+    }
+}
+
+/// How to mend an age: where on the way most of it comes about.
+fn longest_wait(cx: &Context<'_>, stations: &[usize], way: &[Visit]) -> String {
+    let steps = way.windows(2).enumerate();
+    let waits = steps.map(|(place, pair)| (pair[1].start_ns.abs_diff(pair[0].end_ns), place));
+    let Some((wait, place)) = waits.max_by_key(|&(wait, place)| (wait, std::cmp::Reverse(place))) else {
+        return "shorten the window, or allow more".to_owned();
+    };
+    let (from, to) = (cx.partition_name(stations[place]), cx.partition_name(stations[place + 1]));
+    format!(
+        "it waits longest, {}, from the end of a window of `{from}` to the next one of `{to}` that opens after: move them \
+         closer, let them recur more often, or allow more",
+        ShowTime(wait)
+    )
 }
 
 fn length(cx: &Context<'_>, chain: &RawChain) {

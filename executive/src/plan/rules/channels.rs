@@ -1,6 +1,7 @@
-//! Rules about channels: that both ends fit each other, in kind, message and time.
+//! Rules about channels: that both ends fit each other, in kind, message and time, and where they lead all together.
 
-use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::collections::{BTreeSet, HashMap};
 
 use super::Context;
 use super::laid::Laid;
@@ -8,6 +9,7 @@ use super::windows::gaps;
 use crate::plan::catalogue::{self, Rule};
 use crate::plan::closed::{Direction, Kind};
 use crate::plan::findings::{Finding, Span};
+use crate::plan::latency;
 use crate::plan::raw::{RawChannel, RawPort};
 use crate::plan::reader::At;
 use crate::plan::units::ShowTime;
@@ -46,8 +48,123 @@ pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
             payload(cx, source, destination);
             time(cx, laid, source, destination);
         }
+        if let Some(source) = &source {
+            unread(cx, laid, source, &destinations);
+        }
     }
     once(cx);
+    loops(cx);
+}
+
+/// Notes a sampling source whose values are written more often than anybody looks.
+fn unread(cx: &Context<'_>, laid: &[Laid], source: &End<'_>, destinations: &[End<'_>]) {
+    if source.port.kind.get().map(|kind| kind.0) != Some(Kind::Sampling) || destinations.is_empty() {
+        return;
+    }
+    for (schedule, laid) in cx.file.schedules.iter().zip(laid) {
+        let writes = laid.windows(source.port.partition);
+        let readers = destinations.iter().map(|end| laid.windows(end.port.partition));
+        let read: BTreeSet<u64> =
+            readers.flat_map(|reads| read_writes(&writes, &reads, laid.major)).collect();
+        if writes.is_empty() || read.is_empty() || read.len() >= writes.len() {
+            continue;
+        }
+        let (name, schedule) = (source.name(), &schedule.name.value);
+        let message = format!(
+            "{} of {} values of `{name}` in schedule `{schedule}` are read",
+            read.len(),
+            writes.len()
+        );
+        let mend = "nothing, if that is meant; else let a reader run as often as the writer";
+        cx.note(&catalogue::UNREAD_WRITES, &source.said.span, message, mend);
+        break;
+    }
+}
+
+/// The starts of the writing windows, in the major frame, whose last value some reading window sees.
+fn read_writes(writes: &[(u64, u64)], reads: &[(u64, u64)], major: u64) -> Vec<u64> {
+    let ways = latency::ways(&[writes.to_vec(), reads.to_vec()], major);
+    let cycle = i64::try_from(major).unwrap_or(i64::MAX);
+    let start =
+        |way: &Vec<latency::Visit>| way.first().map(|visit| visit.start_ns.rem_euclid(cycle).unsigned_abs());
+    ways.iter().filter_map(start).collect()
+}
+
+/// Notes the groups of partitions in which sampling channels lead around.
+fn loops(cx: &Context<'_>) {
+    let edges = sampling_edges(cx);
+    let mut told: BTreeSet<usize> = BTreeSet::new();
+    for &(from, _, _) in &edges {
+        if told.contains(&from) {
+            continue;
+        }
+        let Some(way) = way_back(&edges, from) else { continue };
+        let first_step = |edge: &&(usize, usize, _)| way.starts_with(&[edge.0, edge.1]);
+        let Some((_, _, said)) = edges.iter().find(first_step) else { continue };
+        told.extend(reachable_both_ways(&edges, from));
+        let names: Vec<&str> = way.iter().map(|&partition| cx.partition_name(partition)).collect();
+        let message = format!("sampling channels lead around: {}", names.join(" → "));
+        let mend = "nothing, if a feedback is meant: whoever comes first in the minor frame reads the value of the one before";
+        cx.note(&catalogue::LOOP, said, message, mend);
+    }
+}
+
+/// Partition to partition, with where the channel names its source.
+fn sampling_edges<'a>(cx: &'a Context<'_>) -> Vec<(usize, usize, &'a Span)> {
+    let mut edges = Vec::new();
+    for channel in &cx.file.channels {
+        let Some(source) = channel.source.said().and_then(|said| End::of(cx, said)) else { continue };
+        if source.port.kind.get().map(|kind| kind.0) != Some(Kind::Sampling) {
+            continue;
+        }
+        let others = destinations(cx, channel).into_iter().map(|end| end.port.partition);
+        let others = others.filter(|&other| other != source.port.partition);
+        edges.extend(others.map(|other| (source.port.partition, other, &source.said.span)));
+    }
+    edges
+}
+
+/// The shortest way from a partition back to itself, both ends included.
+fn way_back(edges: &[(usize, usize, &Span)], from: usize) -> Option<Vec<usize>> {
+    let mut before: HashMap<usize, usize> = HashMap::new();
+    let mut queue = std::collections::VecDeque::from([from]);
+    while let Some(at) = queue.pop_front() {
+        for &(_, next, _) in edges.iter().filter(|edge| edge.0 == at) {
+            if next == from {
+                let mut way = vec![from, at];
+                while let Some(&earlier) =
+                    way.last().filter(|&&last| last != from).and_then(|last| before.get(last))
+                {
+                    way.push(earlier);
+                }
+                way.reverse();
+                return Some(way);
+            }
+            if let Entry::Vacant(place) = before.entry(next) {
+                place.insert(at);
+                queue.push_back(next);
+            }
+        }
+    }
+    None
+}
+
+/// The partitions that `from` reaches and that reach it.
+fn reachable_both_ways(edges: &[(usize, usize, &Span)], from: usize) -> BTreeSet<usize> {
+    let reach = |forward: bool| {
+        let mut seen = BTreeSet::from([from]);
+        let mut stack = vec![from];
+        while let Some(at) = stack.pop() {
+            for edge in edges {
+                let (here, there) = if forward { (edge.0, edge.1) } else { (edge.1, edge.0) };
+                if here == at && seen.insert(there) {
+                    stack.push(there);
+                }
+            }
+        }
+        seen
+    };
+    reach(true).intersection(&reach(false)).copied().collect()
 }
 
 fn destinations<'a>(cx: &Context<'a>, channel: &'a RawChannel) -> Vec<End<'a>> {
@@ -164,19 +281,36 @@ fn stale(cx: &Context<'_>, laid: &Laid, writes: &[u64], source: &End<'_>, destin
     let Some(refresh) = destination.port.refresh.said().filter(|refresh| refresh.value.0 > 0) else {
         return false;
     };
-    let period = gaps(writes, laid.major).max().unwrap_or_default();
-    if destination.port.kind.get().map(|kind| kind.0) != Some(Kind::Sampling) || refresh.value.0 >= period {
+    if destination.port.kind.get().map(|kind| kind.0) != Some(Kind::Sampling) {
         return false;
     }
     let (name, limit) = (destination.name(), ShowTime(refresh.value.0));
-    let message = format!(
-        "`{name}` is valid for {limit}, but its source is written every {} at best",
-        ShowTime(period)
-    );
-    let mend = format!("make the refresh period longer than {}", ShowTime(period));
+    let period = gaps(writes, laid.major).max().unwrap_or_default();
+    let age = age_when_read(laid, source, destination);
+    let (message, needed) = if refresh.value.0 < period {
+        let period = ShowTime(period);
+        (format!("`{name}` is valid for {limit}, but its source is written every {period} at best"), period)
+    } else if refresh.value.0 < age {
+        let age = ShowTime(age);
+        (format!("`{name}` is valid for {limit}, but is up to {age} old when its window opens"), age)
+    } else {
+        return false;
+    };
+    let mend = format!("make the refresh period longer than {needed}");
     let finding = Finding::new(&catalogue::REFRESH_TOO_SHORT, &refresh.span, message, mend);
     cx.add(finding.also(&source.said.span, "the source"));
     true
+}
+
+/// The greatest age of a value as a reading window opens, counted from the opening of the window that wrote it.
+fn age_when_read(laid: &Laid, source: &End<'_>, destination: &End<'_>) -> u64 {
+    let stations = [laid.windows(source.port.partition), laid.windows(destination.port.partition)];
+    let ways = latency::ways(&stations, laid.major);
+    let age = |way: &Vec<latency::Visit>| match way.as_slice() {
+        [write, read] => read.start_ns.abs_diff(write.start_ns),
+        _ => 0,
+    };
+    ways.iter().map(age).max().unwrap_or_default()
 }
 
 fn overflowing(

@@ -4,13 +4,15 @@ use super::Context;
 use crate::plan::build::effective_action;
 use crate::plan::catalogue;
 use crate::plan::closed::{Closed, PartitionAction, PartitionError, StartMode};
-use crate::plan::findings::Finding;
+use crate::plan::findings::{Finding, Span, listed};
 use crate::plan::raw::{Answer, RawPartition};
 use crate::plan::reader::{Bytes, Word};
 
 pub(super) fn check(cx: &Context<'_>) {
     let health = &cx.file.health;
     ignored(cx, &health.partition);
+    incomplete(cx, health.partition_span.as_ref(), &health.partition);
+    overrun(cx);
     if let Some(windows) = &health.silence_windows {
         cx.at_in_range("silence_windows", windows, 1, u32::MAX);
     }
@@ -19,6 +21,38 @@ pub(super) fn check(cx: &Context<'_>) {
         warm(cx, partition);
         warm_answers(cx, partition);
         budget(cx, partition);
+    }
+}
+
+/// More names of errors than this nobody reads in a sentence.
+const MOST_LISTED: usize = 5;
+
+/// Notes the errors that a table for all partitions leaves to the defaults.
+fn incomplete(cx: &Context<'_>, span: Option<&Span>, table: &[Answer<PartitionError, PartitionAction>]) {
+    let Some(span) = span else { return };
+    let named = |error: &&PartitionError| table.iter().any(|answer| answer.error == **error);
+    let missing: Vec<&str> =
+        PartitionError::ALL.iter().filter(|error| !named(error)).map(|error| error.name()).collect();
+    if !missing.is_empty() {
+        let (some, more) = missing.split_at(missing.len().min(MOST_LISTED));
+        let some = listed(some.iter().copied());
+        let more = if more.is_empty() { String::new() } else { format!(" and {} more", more.len()) };
+        let message = format!("`[health.partition]` says nothing about {some}{more}");
+        let mend = "name them too; until then the defaults hold";
+        cx.note(&catalogue::INCOMPLETE_TABLE, span, message, mend);
+    }
+}
+
+/// A file that decides about errors decides about overruns.
+fn overrun(cx: &Context<'_>) {
+    let Some(span) = &cx.file.health.partition_span else { return };
+    let decides = |table: &[Answer<PartitionError, PartitionAction>]| {
+        table.iter().any(|answer| answer.error == PartitionError::WindowOverrun)
+    };
+    let each_decides = cx.file.partitions.iter().all(|partition| decides(&partition.health));
+    if !decides(&cx.file.health.partition) && !each_decides {
+        let mend = "add `window_overrun = \"ignore\"` if counting it is enough, or a restart";
+        cx.note(&catalogue::OVERRUN_NOT_MAPPED, span, "nothing says what becomes of an overrun", mend);
     }
 }
 

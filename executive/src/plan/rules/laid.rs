@@ -35,6 +35,12 @@ impl Laid {
         Self { major: minor * frames, slots }
     }
 
+    /// The windows of a partition in the major frame.
+    pub(super) fn windows(&self, partition: usize) -> Vec<(u64, u64)> {
+        let mine = self.slots.iter().filter(|slot| slot.partition == partition);
+        mine.map(|slot| (slot.start, slot.end)).collect()
+    }
+
     /// When the windows of a partition start in the major frame, rising.
     pub(super) fn starts(&self, partition: usize) -> Vec<u64> {
         let mine = self.slots.iter().filter(|slot| slot.partition == partition);

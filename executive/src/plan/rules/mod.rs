@@ -12,12 +12,12 @@ mod ports;
 mod schedules;
 mod windows;
 
-use super::MessageCatalogue;
 use super::catalogue::{self, Rule};
 use super::findings::{Finding, Findings, Span};
 use super::names::Names;
 use super::raw::RawFile;
 use super::reader::{At, Field};
+use super::{MessageCatalogue, Programs};
 use laid::Laid;
 
 /// What every rule sees.
@@ -25,6 +25,7 @@ pub(super) struct Context<'a> {
     pub(super) file: &'a RawFile,
     pub(super) names: &'a Names,
     pub(super) catalogue: &'a dyn MessageCatalogue,
+    pub(super) programs: Option<&'a dyn Programs>,
     pub(super) findings: &'a Findings<'a>,
 }
 
@@ -70,12 +71,12 @@ impl Context<'_> {
 pub(super) fn check(cx: &Context<'_>) {
     let laid: Vec<Laid> = cx.file.schedules.iter().map(|schedule| Laid::of(cx, schedule)).collect();
     names::check(cx);
-    modules::check(cx);
+    modules::check(cx, &laid);
     partitions::check(cx);
     schedules::check(cx);
     windows::check(cx, &laid);
     ports::check(cx);
     channels::check(cx, &laid);
-    chains::check(cx);
+    chains::check(cx, &laid);
     health::check(cx);
 }

@@ -3,16 +3,40 @@
 use std::collections::HashMap;
 
 use super::Context;
+use super::laid::Laid;
 use crate::plan::catalogue;
 use crate::plan::findings::{Finding, Span};
 use crate::plan::raw::RawModule;
 
-pub(super) fn check(cx: &Context<'_>) {
-    for module in &cx.file.modules {
+pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
+    for (place, module) in cx.file.modules.iter().enumerate() {
         cores(cx, module);
         repeated(cx, module);
+        unused(cx, laid, place);
     }
     empty(cx);
+}
+
+/// Notes cores without any window, in a module that has windows.
+fn unused(cx: &Context<'_>, laid: &[Laid], place: usize) {
+    let module = &cx.file.modules[place];
+    let sound = cx.file.schedules.iter().zip(laid).all(|(schedule, laid)| {
+        // A window that was left out for a fault may be the one that seems to be missing.
+        let places: std::collections::BTreeSet<usize> = laid.slots.iter().map(|slot| slot.window).collect();
+        places.len() == schedule.windows.len()
+    });
+    let slots = || laid.iter().flat_map(|laid| &laid.slots).filter(|slot| slot.module == place);
+    if !sound || slots().next().is_none() {
+        return;
+    }
+    for core in module.cores.said().into_iter().flat_map(|list| &list.value) {
+        if !slots().any(|slot| slot.core == core.value) {
+            let message =
+                format!("no window of any schedule is on core {} of `{}`", core.value, module.name.value);
+            let mend = "move some windows to it with `core`, or take it from the list";
+            cx.note(&catalogue::UNUSED_CORE, &core.span, message, mend);
+        }
+    }
 }
 
 /// The last core that a fixed set of Linux names; no machine that flies has more.

@@ -20,10 +20,20 @@ pub(super) fn check(cx: &Context<'_>) {
         cx.in_range("threads", &partition.threads, 1, MOST_THREADS);
         cx.in_range("priority", &partition.priority, 1, HIGHEST_PRIORITY);
         devices(cx, partition);
+        program(cx, partition);
         not_zero(cx, "startup_timeout", &partition.startup_timeout);
         not_zero(cx, "within", &partition.restart.within);
     }
     shared_devices(cx);
+}
+
+fn program(cx: &Context<'_>, partition: &RawPartition) {
+    let (Some(programs), Some(program)) = (cx.programs, partition.program.said()) else { return };
+    if let Some(fault) = programs.fault(&program.value) {
+        let message = format!("`{}` of partition `{}`: {fault}", program.value, partition.name.value);
+        let mend = "build it, or correct its name or path";
+        cx.note(&catalogue::PROGRAM_MISSING, &program.span, message, mend);
+    }
 }
 
 fn memory(cx: &Context<'_>, partition: &RawPartition) {

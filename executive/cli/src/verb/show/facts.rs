@@ -1,0 +1,81 @@
+//! What follows from a plan, as text: how full each core is, and how old each chain becomes.
+
+use std::fmt::Write;
+
+use bateleur_executive::plan::Plan;
+use bateleur_executive::plan::facts::{ChainAge, CoreUse, Facts, share};
+use bateleur_executive::plan::units::ShowTime;
+
+/// Every schedule's cores and chains.
+pub(crate) fn text(plan: &Plan, facts: &Facts) -> String {
+    let mut out = String::new();
+    for schedule in &facts.schedules {
+        let _ = writeln!(out, "\nschedule `{}`", schedule.schedule);
+        for core in &schedule.cores {
+            core_use(&mut out, core);
+        }
+        for chain in &schedule.chains {
+            chain_age(&mut out, chain);
+        }
+        for chain in
+            plan.chains.iter().filter(|chain| !schedule.chains.iter().any(|age| age.chain == chain.name))
+        {
+            let _ = writeln!(
+                out,
+                "  chain `{}`: not computed, a partition of it has no window here or is on another module",
+                chain.name
+            );
+        }
+    }
+    out
+}
+
+/// Hundredths of a percent as a percentage.
+pub(crate) fn percent(per_ten_thousand: u64) -> String {
+    format!("{}.{:02} %", per_ten_thousand / 100, per_ten_thousand % 100)
+}
+
+pub(crate) fn core_use(out: &mut String, core: &CoreUse) {
+    let _ = writeln!(
+        out,
+        "  core {} of `{}`: {} used, largest hole {} at {}",
+        core.core,
+        core.module,
+        percent(core.per_ten_thousand()),
+        ShowTime(core.largest_hole_ns),
+        ShowTime(core.largest_hole_at_ns)
+    );
+    let width = core.partitions.iter().map(|one| one.partition.len()).max().unwrap_or(0);
+    for one in &core.partitions {
+        let windows = if one.windows == 1 { "window" } else { "windows" };
+        let _ = writeln!(
+            out,
+            "    {:<width$}  {:>8}  {} in {} {windows}",
+            one.partition,
+            percent(share(one.used_ns, core.major_frame_ns)),
+            ShowTime(one.used_ns),
+            one.windows
+        );
+    }
+}
+
+fn chain_age(out: &mut String, chain: &ChainAge) {
+    let _ = writeln!(
+        out,
+        "  chain `{}`: at most {} old at its end, {} allowed",
+        chain.chain,
+        ShowTime(chain.age_ns),
+        ShowTime(chain.max_age_ns)
+    );
+    let width = chain.way.iter().map(|step| step.partition.len()).max().unwrap_or(0);
+    for step in &chain.way {
+        let (start, end) = (signed(step.visit.start_ns), signed(step.visit.end_ns));
+        let _ = writeln!(out, "    {:<width$}  {start} to {end}", step.partition);
+    }
+}
+
+/// A time before or after the start of the major frame.
+fn signed(ns: i64) -> String {
+    let sign = if ns < 0 { "-" } else { "" };
+    format!("{sign}{}", ShowTime(ns.unsigned_abs()))
+}

@@ -1,0 +1,3 @@
+//! What follows from a plan, shown.
+
+pub(crate) mod facts;

@@ -24,6 +24,7 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
+    Bench(verb::bench::Arguments),
     Check(verb::check::Arguments),
     Doctor(verb::doctor::Arguments),
     Export(verb::export::Arguments),
@@ -57,6 +58,7 @@ fn main() -> ExitCode {
         }
     };
     let result = match arguments.verb {
+        Verb::Bench(arguments) => verb::bench::run(&arguments),
         Verb::Check(arguments) => verb::check::run(&arguments),
         Verb::Doctor(arguments) => verb::doctor::run(&arguments),
         Verb::Export(arguments) => verb::export::run(&arguments),

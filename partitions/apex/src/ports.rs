@@ -67,7 +67,8 @@ pub struct SamplingSource<T> {
 }
 
 impl<T: Message> SamplingSource<T> {
-    pub(crate) fn new(writer: Option<Rc<Writer>>, time: Time) -> Self {
+    /// A port on a writing end that the caller opened: for measuring. A partition asks its [`crate::Context`].
+    pub fn new(writer: Option<Rc<Writer>>, time: Time) -> Self {
         Self { writer, time, sequence: 0, message: PhantomData }
     }
 
@@ -77,6 +78,18 @@ impl<T: Message> SamplingSource<T> {
         let stamp = Stamp { source_ns: self.time.now_ns(), sequence: self.sequence };
         if let Some(writer) = &self.writer
             && let Err(reason) = put(writer, value.as_bytes(), stamp)
+        {
+            refused(&self.time, &format!("cannot write {}: {reason}", T::NAME));
+        }
+    }
+
+    /// Replaces the channel's value by what `fill` makes of a message in shared memory: nothing is copied, so that the
+    /// size of `T` does not matter. The message holds what an earlier one left there: `fill` sets every field.
+    pub fn write_in_place(&mut self, fill: impl FnOnce(&mut T)) {
+        self.sequence += 1;
+        let stamp = Stamp { source_ns: self.time.now_ns(), sequence: self.sequence };
+        if let Some(writer) = &self.writer
+            && let Err(reason) = put_in_place(writer, fill, stamp)
         {
             refused(&self.time, &format!("cannot write {}: {reason}", T::NAME));
         }
@@ -98,17 +111,19 @@ pub struct SamplingDestination<T> {
 const WAITING_AT_MOST: usize = 3;
 
 impl<T: Message> SamplingDestination<T> {
-    pub(crate) fn new(reader: Option<Rc<Reader>>, refresh_ns: u64, time: Time) -> Self {
+    /// A port on a reading end that the caller opened: for measuring. A partition asks its [`crate::Context`].
+    pub fn new(reader: Option<Rc<Reader>>, refresh_ns: u64, time: Time) -> Self {
         Self { reader, latest: None, updated: false, refresh_ns, time, message: PhantomData }
     }
 
     /// The latest value, as often as it is asked for; nothing before the first.
     pub fn read(&mut self) -> Option<Reading<'_, T>> {
-        self.take_latest();
+        let now_ns = self.time.now_ns();
+        self.take_latest(now_ns);
         let latest = self.latest.as_ref()?;
         let stamp = *latest.user_header();
         let value = T::ref_from_bytes(latest.payload()).ok()?;
-        let age_ns = self.time.now_ns().saturating_sub(stamp.source_ns);
+        let age_ns = now_ns.saturating_sub(stamp.source_ns);
         let updated = std::mem::take(&mut self.updated);
         Some(Reading { value, age_ns, valid: age_ns <= self.refresh_ns, updated, sequence: stamp.sequence })
     }
@@ -123,13 +138,17 @@ impl<T: Message> SamplingDestination<T> {
         self.read().filter(|reading| reading.valid && reading.updated).map(|reading| reading.value)
     }
 
-    fn take_latest(&mut self) {
+    fn take_latest(&mut self, now_ns: u64) {
         let Some(reader) = &self.reader else { return };
         for _ in 0..WAITING_AT_MOST {
             match reader.receive() {
                 Ok(Some(received)) if received.payload().len() == size_of::<T>() => {
+                    let is_last = self.leaves_nothing_newer(&received, now_ns);
                     self.latest = Some(received);
                     self.updated = true;
+                    if is_last {
+                        return;
+                    }
                 }
                 Ok(Some(received)) => {
                     let found = received.payload().len();
@@ -142,6 +161,16 @@ impl<T: Message> SamplingDestination<T> {
                 Err(error) => return refused(&self.time, &format!("cannot read {}: {error:?}", T::NAME)),
             }
         }
+    }
+
+    /// One message of each source waits at most. So another can only be behind this one where the source has a
+    /// successor since the last read; as long as this one is valid, that one is met at the next read. Looking for it
+    /// every time would cost half of a read.
+    fn leaves_nothing_newer(&self, received: &Received, now_ns: u64) -> bool {
+        let same_source =
+            |latest: &Received| latest.header().publisher_id() == received.header().publisher_id();
+        self.latest.as_ref().is_some_and(same_source)
+            && now_ns.saturating_sub(received.user_header().source_ns) <= self.refresh_ns
     }
 }
 
@@ -223,17 +252,144 @@ impl std::fmt::Display for Refusal {
 }
 
 fn put(writer: &Writer, bytes: &[u8], stamp: Stamp) -> Result<usize, Refusal> {
-    use iceoryx2::port::SendError;
     let mut sample =
         writer.loan_slice_uninit(bytes.len()).map_err(|error| Refusal::Other(format!("{error:?}")))?;
     *sample.user_header_mut() = stamp;
-    sample.write_from_slice(bytes).send().map_err(|error| match error {
-        SendError::UnableToDeliver => Refusal::Full,
+    sample.write_from_slice(bytes).send().map_err(refusal)
+}
+
+#[allow(unsafe_code)] // memory that the compiler takes for unwritten
+fn put_in_place<T: Message>(
+    writer: &Writer,
+    fill: impl FnOnce(&mut T),
+    stamp: Stamp,
+) -> Result<usize, Refusal> {
+    let mut sample =
+        writer.loan_slice_uninit(size_of::<T>()).map_err(|error| Refusal::Other(format!("{error:?}")))?;
+    *sample.user_header_mut() = stamp;
+    // SAFETY: the bytes lie in a shared mapping that the kernel handed out as zeros and that only messages were written
+    // to; every one of them has a value, and any value is one of a message (`FromBytes`).
+    let mut sample = unsafe { sample.assume_init() };
+    match T::mut_from_bytes(sample.payload_mut()) {
+        Ok(message) => fill(message),
+        Err(_) => return Err(Refusal::Other("a loan that is not aligned for the message".into())),
+    }
+    sample.send().map_err(refusal)
+}
+
+fn refusal(error: iceoryx2::port::SendError) -> Refusal {
+    match error {
+        iceoryx2::port::SendError::UnableToDeliver => Refusal::Full,
         other => Refusal::Other(format!("{other:?}")),
-    })
+    }
 }
 
 fn refused(time: &Time, what: &str) {
     time.page().port_refusals.fetch_add(1, Relaxed);
     time.page().report(ReportKind::PortError, what);
+}
+
+#[cfg(test)]
+mod tests {
+    use bateleur_contract::{Clock, ControlPage, Mapped};
+    use bateleur_messages::Rate;
+    use bateleur_ports::{Channel, ChannelType, Domain, Membership};
+
+    use super::*;
+
+    /// A channel in a domain of its own, under a clock that stands still until it is set.
+    struct Bed {
+        time: Time,
+        kind: ChannelType,
+        channel: Channel,
+        _node: Membership,
+        _folder: tempfile::TempDir,
+    }
+
+    impl Bed {
+        fn new(name: &str) -> Self {
+            let page = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
+            rustix::fs::ftruncate(&page, 4096).unwrap();
+            let page = Rc::new(Mapped::<ControlPage>::new(page).unwrap());
+            let folder = tempfile::tempdir().unwrap();
+            let domain = Domain { root: folder.path().display().to_string() };
+            let node = domain.join(name, "test").unwrap();
+            let kind = ChannelType {
+                name: name.into(),
+                message: "Rate".into(),
+                size: size_of::<Rate>(),
+                depth: None,
+                destinations: 1,
+                spare_writers: 0,
+                spare_readers: 0,
+            };
+            let channel = kind.create(&node).unwrap();
+            let time = Time::new(page, Clock::Virtual);
+            Self { time, kind, channel, _node: node, _folder: folder }
+        }
+
+        fn source(&self) -> SamplingSource<Rate> {
+            let writer = self.kind.writer(&self.channel).unwrap();
+            SamplingSource::new(Some(Rc::new(writer)), self.time.clone())
+        }
+
+        fn destination(&self, refresh_ns: u64) -> SamplingDestination<Rate> {
+            let reader = self.kind.reader(&self.channel).unwrap();
+            SamplingDestination::new(Some(Rc::new(reader)), refresh_ns, self.time.clone())
+        }
+
+        fn pass(&self, nanoseconds: u64) {
+            self.time.page().now_ns.fetch_add(nanoseconds, Relaxed);
+        }
+    }
+
+    fn rate(synchronize: u64) -> Rate {
+        Rate { synchronize, ..Rate::default() }
+    }
+
+    #[test]
+    fn a_value_that_was_filled_in_place_is_read_again_and_again_with_its_age() {
+        let bed = Bed::new("place");
+        let (mut source, mut destination) = (bed.source(), bed.destination(10));
+        assert!(destination.read().is_none());
+        source.write_in_place(|value| *value = rate(7));
+        source.write_in_place(|value| *value = rate(8));
+        let first = destination.read().unwrap();
+        assert_eq!((first.value.synchronize, first.updated, first.valid, first.sequence), (8, true, true, 2));
+        bed.pass(11);
+        let again = destination.read().unwrap();
+        assert_eq!(
+            (again.value.synchronize, again.updated, again.valid, again.age_ns),
+            (8, false, false, 11)
+        );
+    }
+
+    #[test]
+    fn what_a_dead_source_left_hides_its_successors_value_for_one_read_while_it_is_valid() {
+        let bed = Bed::new("valid");
+        let (mut dead, mut destination) = (bed.source(), bed.destination(10));
+        dead.write(&rate(1));
+        assert_eq!(destination.read().map(|reading| reading.value.synchronize), Some(1));
+        dead.write(&rate(2));
+        drop(dead);
+        let mut successor = bed.source();
+        successor.write(&rate(3));
+        let seen: Vec<_> =
+            (0..2).map(|_| destination.read().map(|reading| reading.value.synchronize)).collect();
+        assert_eq!(seen, [Some(2), Some(3)]);
+    }
+
+    #[test]
+    fn what_a_dead_source_left_hides_nothing_once_it_is_no_longer_valid() {
+        let bed = Bed::new("stale");
+        let (mut dead, mut destination) = (bed.source(), bed.destination(10));
+        dead.write(&rate(1));
+        assert_eq!(destination.read().map(|reading| reading.value.synchronize), Some(1));
+        dead.write(&rate(2));
+        drop(dead);
+        bed.pass(11);
+        let mut successor = bed.source();
+        successor.write(&rate(3));
+        assert_eq!(destination.read().map(|reading| reading.value.synchronize), Some(3));
+    }
 }

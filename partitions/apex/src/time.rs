@@ -22,7 +22,8 @@ pub struct Time {
 }
 
 impl Time {
-    pub(crate) fn new(page: Rc<Mapped<ControlPage>>, clock: Clock) -> Self {
+    /// The clock of a control page: for measuring. A partition asks its [`crate::Context`].
+    pub fn new(page: Rc<Mapped<ControlPage>>, clock: Clock) -> Self {
         Self { page, clock, patience_ns: Rc::new(Cell::new(PATIENCE_NS)) }
     }
 

@@ -45,6 +45,7 @@ enum Verb {
     /// Change a running module to another schedule, with its next major frame.
     Schedule(verb::order::Schedule),
     Top(verb::top::Arguments),
+    Show(verb::show::Arguments),
     #[command(flatten)]
     Helper(verb::helper::Helper),
 }
@@ -73,6 +74,7 @@ fn main() -> ExitCode {
         Verb::Schedule(arguments) => verb::order::schedule(&arguments),
         Verb::Top(arguments) => verb::top::run(&arguments),
         Verb::Run(arguments) => verb::run::run(&arguments),
+        Verb::Show(arguments) => verb::show::run(&arguments),
         Verb::Helper(helper) => verb::helper::run(&helper),
     };
     match result {

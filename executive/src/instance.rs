@@ -34,6 +34,9 @@ pub struct Instance {
     pub started_ticks: u64,
     /// The run's control group, where it has one.
     pub group: Option<PathBuf>,
+    /// Its groups of version 1.
+    #[serde(default)]
+    pub accounts: Vec<PathBuf>,
 }
 
 impl Instance {
@@ -41,16 +44,23 @@ impl Instance {
     pub fn create(module: &str) -> io::Result<Self> {
         let pid = std::process::id() as i32;
         let name = format!("{NAME}.{module}.{pid}");
-        let instance = Self { name, pid, started_ticks: started_ticks(pid).unwrap_or(0), group: None };
+        let instance = Self {
+            name,
+            pid,
+            started_ticks: started_ticks(pid).unwrap_or(0),
+            group: None,
+            accounts: Vec::new(),
+        };
         // Whatever the user's umask says: a record that others could write is not believed.
         fs::DirBuilder::new().mode(0o755).create(instance.directory())?;
         instance.record()?;
         Ok(instance)
     }
 
-    /// Notes the control group, for those who clean up.
-    pub fn set_group(&mut self, group: &Path) -> io::Result<()> {
-        self.group = Some(group.to_owned());
+    /// Notes the control groups, for those who clean up.
+    pub fn set_groups(&mut self, group: Option<&Path>, accounts: Vec<PathBuf>) -> io::Result<()> {
+        self.group = group.map(Path::to_owned);
+        self.accounts = accounts;
         self.record()
     }
 
@@ -94,9 +104,7 @@ impl Instance {
 
     /// Ends what is left of the run and removes what it made.
     pub fn clean_up(&self) {
-        if let Some(group) = &self.group {
-            cgroup::remove(group);
-        }
+        self.group.iter().chain(&self.accounts).for_each(|group| cgroup::remove(group));
         let _ = fs::remove_dir_all(self.directory()); // gone already, or not ours: the next start tries again
     }
 
@@ -138,8 +146,9 @@ fn trusted_record(directory: &Path, trusted: impl Fn(u32) -> bool) -> Option<Ins
     }
     let instance: Instance = serde_json::from_slice(&fs::read(directory.join(RECORD)).ok()?).ok()?;
     let name = directory.file_name()?;
-    let group_fits = instance.group.as_ref().is_none_or(|group| group.file_name() == Some(name));
-    (name == instance.name.as_str() && group_fits).then_some(instance)
+    let groups_fit =
+        instance.group.iter().chain(&instance.accounts).all(|group| group.file_name() == Some(name));
+    (name == instance.name.as_str() && groups_fit).then_some(instance)
 }
 
 /// Mode bits that let somebody else put files into a directory.
@@ -169,6 +178,7 @@ mod tests {
             pid: i32::MAX,
             started_ticks: 1,
             group: None,
+            accounts: Vec::new(),
         };
         fs::create_dir(dead.directory()).unwrap();
         dead.record().unwrap();
@@ -190,7 +200,7 @@ mod tests {
         let victim = tempfile::tempdir_in(SHARED_MEMORY).unwrap();
         let planted = Path::new(SHARED_MEMORY).join(format!("bateleur.planted.{}", std::process::id()));
         let name = victim.path().file_name().unwrap().to_string_lossy().into_owned();
-        let instance = Instance { name, pid: i32::MAX, started_ticks: 1, group: None };
+        let instance = Instance { name, pid: i32::MAX, started_ticks: 1, group: None, accounts: Vec::new() };
         fs::create_dir(&planted).unwrap();
         fs::write(planted.join(RECORD), serde_json::to_vec(&instance).unwrap()).unwrap();
         assert_eq!(trusted_record(&planted, is_own), None);

@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::os::fd::AsFd;
+use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 
 use bateleur_contract::Clock;
@@ -9,10 +10,13 @@ use bateleur_contract::Clock;
 use crate::guarantee::Guarantees;
 use crate::partition::ended;
 use crate::plan::ModuleView;
+use crate::system::account::Accounts;
 use crate::system::cgroup::Group;
 use crate::system::delegation;
+use crate::system::filter::{Filters, Grants};
+use crate::system::rules::{self, Granted};
 use crate::system::sched;
-use crate::system::spawn::{Namespaces, Request, User, spawn};
+use crate::system::spawn::{Namespaces, Request, User, Walls, spawn};
 
 /// The user that partitions run as when the executive is root: outside the ranges that Linux distributions give to
 /// people, services and containers.
@@ -27,6 +31,10 @@ pub struct Machine {
     pub namespaces: Namespaces,
     /// Whom partitions run as; none: as the executive.
     pub user: Option<u32>,
+    /// System calls can be filtered.
+    pub filtered: bool,
+    /// The kernel has rules about files.
+    pub ruled: bool,
     /// Every promise, kept or not.
     pub guarantees: Guarantees,
     groups: bool,
@@ -49,10 +57,12 @@ impl Machine {
                 "partitions run as the same user as the executive; start it as root, or from its systemd unit",
             ),
         }
-        let namespaces = namespaces(user, &mut guarantees);
-        memory(&mut guarantees);
+        let (filtered, ruled) = (filters(user, &mut guarantees), rules(user, &mut guarantees));
+        let namespaces = namespaces(user, filtered, &mut guarantees);
+        channels(namespaces.mount, ruled, &mut guarantees);
+        memory(filtered, &mut guarantees);
         keep_housekeeping_free(&cores);
-        Self { real_time, namespaces, user, guarantees, groups, cores }
+        Self { real_time, namespaces, user, filtered, ruled, guarantees, groups, cores }
     }
 
     /// The module's control group, where there can be one.
@@ -129,38 +139,64 @@ fn groups(guarantees: &mut Guarantees) -> bool {
     guarantees.examine(PROMISE, probe(), &how, mend).is_some()
 }
 
-fn namespaces(user: Option<u32>, guarantees: &mut Guarantees) -> Namespaces {
+/// A promise that a namespace keeps, and what else may keep it.
+struct Shut {
+    promise: &'static str,
+    by: Namespaces,
+    else_by: Option<&'static str>,
+}
+
+fn namespaces(user: Option<u32>, filtered: bool, guarantees: &mut Guarantees) -> Namespaces {
+    let none = Namespaces::default();
+    let by_filters = |how| filtered.then_some(how);
     let all = [
-        (
-            "a partition sees the file system read-only, and of all channels its own",
-            Namespaces { mount: true, ..Namespaces::default() },
-        ),
-        (
-            "a partition has no network unless the plan grants it",
-            Namespaces { network: true, ..Namespaces::default() },
-        ),
-        (
-            "a partition has System V objects and queues of its own",
-            Namespaces { ipc: true, ..Namespaces::default() },
-        ),
-        ("a partition has a host name of its own", Namespaces { uts: true, ..Namespaces::default() }),
-        ("a partition can signal nobody else", Namespaces { pid: true, ..Namespaces::default() }),
+        Shut {
+            promise: "a partition sees the file system read-only",
+            by: Namespaces { mount: true, ..none },
+            else_by: None,
+        },
+        Shut {
+            promise: "a partition has no network unless the plan grants it",
+            by: Namespaces { network: true, ..none },
+            else_by: by_filters("filters of system calls (seccomp)"),
+        },
+        Shut {
+            promise: "a partition has System V objects and queues of its own",
+            by: Namespaces { ipc: true, ..none },
+            else_by: by_filters("filters of system calls (seccomp): it has none at all"),
+        },
+        Shut {
+            promise: "a partition has a host name of its own",
+            by: Namespaces { uts: true, ..none },
+            else_by: by_filters("filters of system calls (seccomp): it can not change the machine's"),
+        },
+        Shut {
+            promise: "a partition can signal nobody else",
+            by: Namespaces { pid: true, ..none },
+            else_by: rules::hold_signals().then_some("rules about signals (Landlock)"),
+        },
     ];
     let mut found = Namespaces::default();
-    for (promise, one) in all {
-        let mend = "needs root (CAP_SYS_ADMIN)";
-        if guarantees.examine(promise, try_namespaces(one, user), "a namespace of its own", mend).is_some() {
-            found.mount |= one.mount;
-            found.network |= one.network;
-            found.ipc |= one.ipc;
-            found.uts |= one.uts;
-            found.pid |= one.pid;
+    for Shut { promise, by, else_by } in all {
+        let tried = try_walls(Walls { namespaces: by, ..Walls::default() }, user);
+        if tried.is_ok() {
+            found.mount |= by.mount;
+            found.network |= by.network;
+            found.ipc |= by.ipc;
+            found.uts |= by.uts;
+            found.pid |= by.pid;
+        }
+        match (tried, else_by) {
+            (Err(_), Some(how)) => guarantees.held(promise, how),
+            (tried, _) => {
+                guarantees.examine(promise, tried, "a namespace of its own", "needs root (CAP_SYS_ADMIN)");
+            }
         }
     }
     found
 }
 
-fn try_namespaces(namespaces: Namespaces, user: Option<u32>) -> std::io::Result<()> {
+fn try_walls(walls: Walls<'_>, user: Option<u32>) -> std::io::Result<()> {
     let nothing = File::open("/dev/null")?;
     let request = Request {
         program: Path::new("/proc/self/exe"),
@@ -171,29 +207,79 @@ fn try_namespaces(namespaces: Namespaces, user: Option<u32>) -> std::io::Result<
         output: None,
         errors: nothing.as_fd(),
         group: None,
-        namespaces,
-        channels: &[],
+        walls,
         user: user.map(|id| User { id, groups: Vec::new() }),
-        data_limit: 0,
         dies_with_starter: true,
     };
     let process = spawn(&request)?;
     crate::partition::await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
-    let _ = ended(&process); // a probe that hangs dies with the executive
-    Ok(())
+    match ended(&process).map(|status| status.signal()) {
+        Some(Some(signal)) => Err(std::io::Error::other(format!("a probe ended by signal {signal}"))),
+        // One that hangs dies with the executive.
+        Some(None) | None => Ok(()),
+    }
 }
 
+fn filters(user: Option<u32>, guarantees: &mut Guarantees) -> bool {
+    const PROMISE: &str = "a partition that asks the kernel for what no partition needs is ended";
+    let tried = Filters::new(Grants::default())
+        .and_then(|filters| try_walls(Walls { filters: Some(&filters), ..Walls::default() }, user));
+    let mend = "needs a kernel with seccomp filters (CONFIG_SECCOMP_FILTER), on x86-64 or aarch64";
+    guarantees.examine(PROMISE, tried, "filters of system calls (seccomp)", mend).is_some()
+}
+
+fn rules(user: Option<u32>, guarantees: &mut Guarantees) -> bool {
+    const PROMISE: &str = "a partition opens no file but those that it was granted";
+    let program = std::env::current_exe().unwrap_or_default();
+    let granted = Granted { program: &program, channels: &[], devices: &[], files: &[], network: false };
+    let tried = rules::make(granted).and_then(|rules| {
+        let absent = || std::io::Error::other("this kernel has no Landlock, or it is switched off");
+        let rules = rules.ok_or_else(absent)?;
+        try_walls(Walls { rules: Some(rules.as_fd()), ..Walls::default() }, user)
+    });
+    let mend = "Linux 5.13 or newer, with landlock among the security modules (kernel parameter lsm=)";
+    guarantees.examine(PROMISE, tried, "rules about files (Landlock)", mend).is_some()
+}
+
+fn channels(hidden: bool, ruled: bool, guarantees: &mut Guarantees) {
+    const PROMISE: &str = "a partition opens no channel but its own";
+    match (hidden, ruled) {
+        (true, _) => guarantees.held(PROMISE, "its /dev/shm holds its own channels and nothing else"),
+        (false, true) => guarantees.held(PROMISE, "rules about files (Landlock)"),
+        (false, false) => guarantees.missing(
+            PROMISE,
+            "every partition sees all channels; needs root (CAP_SYS_ADMIN), or a kernel with Landlock",
+        ),
+    }
+}
+
+/// A limit that can be set, bytes.
+const PROBE_BYTES: u64 = 1 << 20;
+const TASKS: &str = "a partition has no more threads and processes than it declared";
+/// What is left where no controller counts threads.
+const ONE_ONLY: &str = "; one that declared a single thread has no more (seccomp)";
 /// What is left where no controller counts a partition's memory.
 const PROCESS_ONLY: &str = "each process is limited (RLIMIT_DATA), their sum is not";
 
-fn memory(guarantees: &mut Guarantees) {
+fn memory(filtered: bool, guarantees: &mut Guarantees) {
     const PROMISE: &str = "a partition uses no more memory than it was granted";
     let settled = delegation::settle();
-    match (delegation::handed_on().contains(&"memory"), settled) {
+    let second = delegation::handed_on();
+    let first = Accounts::beside_self(&format!("bateleur.probe.{}", std::process::id()));
+    let without = |controller: &str| match &settled {
+        Err(error) => error.to_string(),
+        Ok(()) => format!("no {controller} controller in cgroup v2, none that may be used in v1"),
+    };
+    match (second.contains(&"memory"), first.limit_memory(PROBE_BYTES)) {
         (true, _) => guarantees.held(PROMISE, "memory.max of its control group"),
-        (false, Err(error)) => guarantees.missing(PROMISE, format!("{error}; {PROCESS_ONLY}")),
-        (false, Ok(())) => {
-            guarantees.missing(PROMISE, format!("no memory controller in cgroup v2: {PROCESS_ONLY}"));
+        (false, Ok(())) => guarantees.held(PROMISE, "memory.limit_in_bytes of a control group of version 1"),
+        (false, Err(_)) => guarantees.missing(PROMISE, format!("{}; {PROCESS_ONLY}", without("memory"))),
+    }
+    match (second.contains(&"pids"), first.limit_tasks(1)) {
+        (true, _) => guarantees.held(TASKS, "pids.max of its control group"),
+        (false, Ok(())) => guarantees.held(TASKS, "pids.max of a control group of version 1"),
+        (false, Err(_)) => {
+            guarantees.missing(TASKS, format!("{}{}", without("pids"), if filtered { ONE_ONLY } else { "" }))
         }
     }
     let locked = rustix::mm::mlockall(rustix::mm::MlockAllFlags::CURRENT);

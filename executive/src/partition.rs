@@ -23,9 +23,12 @@ use rustix::process::{WaitId, WaitIdOptions, waitid};
 
 use crate::plan::{Attribute, Partition, PartitionId, Plan, Port, Role};
 use crate::slot::Slot;
+use crate::system::account::Accounts;
 use crate::system::cgroup::Group;
+use crate::system::filter::{Filters, Grants};
+use crate::system::rules::{self, Granted};
 use crate::system::sched;
-use crate::system::spawn::{Namespaces, Request, Spawned, User, spawn};
+use crate::system::spawn::{Namespaces, Request, Spawned, User, Walls, spawn};
 use crate::system::time::now_ns;
 
 /// What the module gives each of its partitions.
@@ -41,6 +44,10 @@ pub struct Housing {
     pub namespaces: Namespaces,
     /// Whom partitions run as; none: as the executive.
     pub user: Option<u32>,
+    /// Whether system calls can be filtered.
+    pub filtered: bool,
+    /// Whether the kernel has rules about files.
+    pub ruled: bool,
     /// Whether real-time priority is to be had.
     pub real_time: bool,
     /// Where partitions' standard error goes.
@@ -63,9 +70,18 @@ pub struct Cage {
     retained: Option<OwnedFd>,
     retained_bytes: u64,
     group: Option<Group>,
+    accounts: Accounts,
+    filters: Option<Filters>,
+    /// Whether the kernel restricts what it opens.
+    ruled: bool,
+    network: bool,
+    devices: Vec<PathBuf>,
+    /// Files that its attributes name: it may read them.
+    files: Vec<PathBuf>,
     namespaces: Namespaces,
     user: Option<User>,
     data_limit: u64,
+    memory_bytes: u64,
     /// The directories of its channels.
     channels: Vec<PathBuf>,
     log: PathBuf,
@@ -78,7 +94,7 @@ impl Cage {
         plan: &Plan,
         id: PartitionId,
         program: PathBuf,
-        group: Option<Group>,
+        (group, accounts): (Option<Group>, Accounts),
         housing: &Housing,
         overrides: &BTreeMap<String, serde_json::Value>,
     ) -> io::Result<Self> {
@@ -86,8 +102,13 @@ impl Cage {
         let page = shared_memory(&partition.name, size_of::<ControlPage>() as u64)?;
         let mapped = Mapped::<ControlPage>::new(&page).map_err(io::Error::other)?;
         let freezer = group.as_ref().map(Group::freezer).transpose()?;
-        let memory_limited =
-            group.as_ref().is_some_and(|group| group.limit("memory.max", partition.memory_bytes).is_ok());
+        let memory_limited = accounts.limit_memory(partition.memory_bytes).is_ok()
+            || group.as_ref().is_some_and(|group| group.limit_memory(partition.memory_bytes).is_ok());
+        if let Err(_absent) = accounts.limit_tasks(partition.threads)
+            && let Some(group) = &group
+        {
+            let _ = group.limit("pids.max", partition.threads.into()); // as the list of guarantees says
+        }
         let real_time = housing.real_time && housing.clock == Clock::Wall;
         let priority = real_time.then_some(partition.priority);
         let retained = match partition.retained_bytes {
@@ -109,12 +130,19 @@ impl Cage {
             retained,
             retained_bytes: partition.retained_bytes,
             group,
+            accounts,
+            filters: housing.filtered.then(|| Filters::new(grants(partition, housing))).transpose()?,
+            ruled: housing.ruled,
+            network: partition.network,
+            devices: devices(partition, overrides).map(PathBuf::from).collect(),
+            files: named_files(partition, overrides),
             namespaces: Namespaces {
                 network: housing.namespaces.network && !partition.network,
                 ..housing.namespaces
             },
             user: housing.user.map(|id| User { id, groups: device_groups(partition, overrides) }),
             data_limit: if memory_limited { 0 } else { partition.memory_bytes },
+            memory_bytes: partition.memory_bytes,
             channels: attached_channels(plan, id)
                 .iter()
                 .map(|channel| Path::new(&housing.ports_root).join(channel))
@@ -143,6 +171,14 @@ impl Cage {
         let errors = OpenOptions::new().create(true).append(true).open(&self.log)?;
         let mut descriptors: Vec<BorrowedFd<'_>> = vec![self.page.as_fd(), description.as_fd()];
         descriptors.extend(self.retained.as_ref().map(AsFd::as_fd));
+        let granted = Granted {
+            program: &self.program,
+            channels: &self.channels,
+            devices: &self.devices,
+            files: &self.files,
+            network: self.network,
+        };
+        let rules = if self.ruled { rules::make(granted)? } else { None };
         self.slot.take_in(condition != StartCondition::HmPartitionWarmRestart);
         spawn(&Request {
             program: &self.program,
@@ -153,10 +189,16 @@ impl Cage {
             output: None,
             errors: errors.as_fd(),
             group: self.group.as_ref().map(Group::as_fd),
-            namespaces: self.namespaces,
-            channels: &self.channels,
+            walls: Walls {
+                namespaces: self.namespaces,
+                channels: &self.channels,
+                filters: self.filters.as_ref(),
+                rules: rules.as_ref().map(AsFd::as_fd),
+                entrances: &self.accounts.entrances()?,
+                data_limit: self.data_limit,
+                file_limit: FILE_LIMIT.max(self.memory_bytes),
+            },
             user: self.user.clone(),
-            data_limit: self.data_limit,
             dies_with_starter: true,
         })
     }
@@ -189,6 +231,17 @@ impl Cage {
         }
     }
 
+    /// Processes in the cage that the kernel ended so far because the partition had no memory left.
+    #[must_use]
+    pub fn out_of_memory_kills(&self) -> u64 {
+        self.accounts.out_of_memory_kills() + self.group.as_ref().map_or(0, Group::out_of_memory_kills)
+    }
+
+    /// Begins the partition's log anew where it has become too long; the end of the one before is kept beside it.
+    pub fn bound_log(&self) {
+        let _ = bound(&self.log); // a full disk or a folder that is gone must not stop the aircraft
+    }
+
     /// The last line that the partition wrote to its standard error.
     #[must_use]
     pub fn last_words(&self) -> Option<String> {
@@ -206,6 +259,24 @@ impl Cage {
 
 /// Bytes of a log that may hold its last line.
 const LAST_WORDS: u64 = 2000;
+/// A partition's log that has grown to this many bytes begins anew, so that one that babbles does not fill the disk.
+const LOG_LIMIT: u64 = 1 << 20;
+/// What is kept of the log before it, bytes.
+const LOG_KEPT: u64 = 256 << 10;
+/// What no file that a partition writes exceeds, bytes, unless it was granted more memory than that: channels are files. A
+/// log that grows faster than the executive looks ends its partition here.
+const FILE_LIMIT: u64 = 64 << 20;
+
+fn bound(log: &Path) -> io::Result<()> {
+    let mut file = OpenOptions::new().read(true).write(true).open(log)?;
+    let length = file.metadata()?.len();
+    if length > LOG_LIMIT {
+        file.seek(SeekFrom::Start(length - LOG_KEPT))?;
+        io::copy(&mut (&file).take(LOG_KEPT), &mut File::create(log.with_extension("log.old"))?)?;
+        file.set_len(0)?; // the partition appends: it goes on at the beginning
+    }
+    Ok(())
+}
 
 /// How a process ended, if it has; reaps it.
 pub fn ended(process: &Spawned) -> Option<ExitStatus> {
@@ -267,12 +338,34 @@ fn window_cores(plan: &Plan, id: PartitionId) -> Vec<u32> {
     cores
 }
 
+/// What the filters of a partition let through beside the ordinary.
+fn grants(partition: &Partition, housing: &Housing) -> Grants {
+    Grants { network: partition.network, threads: partition.threads > 1, objects: housing.namespaces.ipc }
+}
+
+/// The devices that a partition may open.
+fn devices<'a>(
+    partition: &'a Partition,
+    overrides: &'a BTreeMap<String, serde_json::Value>,
+) -> impl Iterator<Item = &'a str> {
+    let attribute = overrides.get("device").and_then(serde_json::Value::as_str);
+    partition.devices.iter().map(String::as_str).chain(attribute)
+}
+
+/// The files that a partition's attributes name: whoever says where a file is means it to be read.
+fn named_files(partition: &Partition, overrides: &BTreeMap<String, serde_json::Value>) -> Vec<PathBuf> {
+    let planned = partition.attributes.values().filter_map(|value| match value {
+        Attribute::String(text) => Some(text.as_str()),
+        _ => None,
+    });
+    let texts = planned.chain(overrides.values().filter_map(serde_json::Value::as_str));
+    texts.map(PathBuf::from).filter(|path| path.is_file()).collect()
+}
+
 /// The groups that own the devices which a partition may open.
 fn device_groups(partition: &Partition, overrides: &BTreeMap<String, serde_json::Value>) -> Vec<u32> {
-    let attribute = overrides.get("device").and_then(|value| value.as_str().map(str::to_owned));
-    let paths = partition.devices.iter().cloned().chain(attribute);
-    paths
-        .filter_map(|path| Path::new(&path).metadata().ok().map(|about| about.gid()))
+    devices(partition, overrides)
+        .filter_map(|path| Path::new(path).metadata().ok().map(|about| about.gid()))
         .filter(|gid| *gid != 0)
         .collect()
 }
@@ -370,6 +463,22 @@ mod tests {
         let page = shared_memory("page", 4096).unwrap();
         assert_eq!(ftruncate(&page, 0), Err(rustix::io::Errno::PERM));
         assert_eq!(fcntl_add_seals(&page, SealFlags::WRITE), Err(rustix::io::Errno::PERM));
+    }
+
+    #[test]
+    fn a_log_that_is_too_long_begins_anew_and_its_end_is_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let log = folder.path().join("babbler.log");
+        let mut babbler = OpenOptions::new().create(true).append(true).open(&log).unwrap();
+        babbler.write_all(&vec![b'.'; LOG_LIMIT as usize]).unwrap();
+        bound(&log).unwrap();
+        assert_eq!(log.metadata().unwrap().len(), LOG_LIMIT, "not yet");
+        babbler.write_all(b"last").unwrap();
+        bound(&log).unwrap();
+        let kept = std::fs::read(folder.path().join("babbler.log.old")).unwrap();
+        assert!(kept.len() == LOG_KEPT as usize && kept.ends_with(b"last"));
+        babbler.write_all(b"anew").unwrap();
+        assert_eq!(std::fs::read(&log).unwrap(), b"anew");
     }
 
     #[test]

@@ -136,15 +136,22 @@ impl Traces {
     }
 
     fn control_groups(&self) -> Vec<PathBuf> {
+        let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
         let mounts = fs::read_to_string("/proc/self/mounts").unwrap_or_default();
-        let mount = mounts.lines().find(|line| line.split(' ').nth(2) == Some("cgroup2"));
-        let root = mount.and_then(|line| line.split(' ').nth(1));
-        let own = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
-        let own = own.lines().find_map(|line| line.strip_prefix("0::/")).map(str::to_owned);
-        match (root, own) {
-            (Some(root), Some(own)) => entries_of_run(&Path::new(root).join(own), self.executive),
-            _ => Vec::new(),
-        }
+        let second = |fields: &[&str]| fields[2] == "cgroup2";
+        let first = |fields: &[&str], controllers: &str| {
+            fields[2] == "cgroup" && fields[3].split(',').any(|option| option == controllers)
+        };
+        let place = |line: &str| {
+            let (controllers, own) = line.split_once(':')?.1.split_once(':')?;
+            let mounts = mounts.lines().map(|line| line.split(' ').collect::<Vec<_>>());
+            let mut fitting = mounts.filter(|fields| match controllers {
+                "" => second(fields),
+                name => first(fields, name),
+            });
+            Some(Path::new(fitting.next()?[1]).join(own.trim_start_matches('/')))
+        };
+        groups.lines().filter_map(place).flat_map(|place| entries_of_run(&place, self.executive)).collect()
     }
 
     /// What is there now of all this, in words.

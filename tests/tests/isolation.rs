@@ -130,9 +130,10 @@ fn share_of_children(keys: &str, least: usize) -> Option<(f64, Ended)> {
 fn children_of_a_partition_that_overruns_are_held_between_its_windows() {
     let _turn = alone();
     // So many restarts would hide it: silence is put far away.
-    let Some((share, ended)) =
-        share_of_children("attributes = { closes = false }\nhealth = { silence = \"ignore\" }", 2)
-    else {
+    let Some((share, ended)) = share_of_children(
+        "threads = 8\nattributes = { closes = false }\nhealth = { silence = \"ignore\" }",
+        2,
+    ) else {
         return;
     };
     // Its window is 3 ms of 20: 15 % of one processor.
@@ -144,7 +145,9 @@ fn children_of_a_partition_that_overruns_are_held_between_its_windows() {
 #[test]
 fn children_of_a_partition_that_closes_its_windows_are_held_between_them() {
     let _turn = alone();
-    let Some((share, ended)) = share_of_children("attributes = { closes = true }", 4) else { return };
+    let Some((share, ended)) = share_of_children("threads = 8\nattributes = { closes = true }", 4) else {
+        return;
+    };
     assert!(share < 0.3, "children use {share} of a processor");
     let quiet = run(&between_counters("counter", ""), &[], 2).expect_code(0);
     assert_undisturbed(&ended, &quiet);
@@ -154,7 +157,8 @@ fn children_of_a_partition_that_closes_its_windows_are_held_between_them() {
 fn children_that_left_their_session_die_with_their_partition() {
     let _turn = among_others();
     let folder = tempfile::tempdir().unwrap();
-    let schedule = between_counters("forker", "attributes = { closes = true }").write(folder.path());
+    let schedule =
+        between_counters("forker", "threads = 8\nattributes = { closes = true }").write(folder.path());
     let mut module = bateleur(&["run", "--schedule", &schedule, "--until", "60"]);
     module.await_words("partitions are ready");
     if !can_hold_children(&module.said()) {

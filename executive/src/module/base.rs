@@ -20,7 +20,8 @@ use crate::machine::Machine;
 use crate::monitor::StartJanitor;
 use crate::partition::{Cage, Housing, attached_channels, message_name, queue_depth};
 use crate::plan::{ModuleView, Plan};
-use crate::system::spawn::{Namespaces, Request, Spawned, User, spawn};
+use crate::system::account::Accounts;
+use crate::system::spawn::{Request, Spawned, User, Walls, spawn};
 use crate::world::Recorder;
 
 /// How long the custodian may take to create every channel.
@@ -57,6 +58,7 @@ fn await_end(helper: &Spawned) {
 pub(super) struct Base {
     instance: Instance,
     group: Option<crate::system::cgroup::Group>,
+    accounts: Accounts,
     own_program: PathBuf,
     log: File,
     /// The guard, and the pipe whose end tells it that the executive is gone.
@@ -77,13 +79,15 @@ impl Base {
 
     fn furnish(mut instance: Instance, facts: &Machine, logs: &Path) -> Result<Self, RunError> {
         let group = facts.make_group(&instance.name);
-        if let Some(group) = &group {
-            instance.set_group(group.path()).map_err(machine("cannot note the control group"))?;
-        }
+        let accounts = Accounts::beside_self(&instance.name);
+        instance
+            .set_groups(group.as_ref().map(crate::system::cgroup::Group::path), accounts.paths())
+            .map_err(machine("cannot note the control groups"))?;
         let log = File::create(logs.join("helpers.log")).map_err(machine("cannot write the helpers' log"))?;
         let own_program =
             std::env::current_exe().map_err(machine("cannot find the executive's own program"))?;
-        let base = Self { instance, group, own_program, log, guard: RefCell::new(None), user: facts.user };
+        let base =
+            Self { instance, group, accounts, own_program, log, guard: RefCell::new(None), user: facts.user };
         base.start_guard()?;
         Ok(base)
     }
@@ -116,10 +120,8 @@ impl Base {
             output: lines.output.map(AsFd::as_fd),
             errors: self.log.as_fd(),
             group: None,
-            namespaces: Namespaces::default(),
-            channels: &[],
+            walls: Walls::default(),
             user: self.user.filter(|_| as_partitions).map(|id| User { id, groups: Vec::new() }),
-            data_limit: 0,
             dies_with_starter: as_partitions,
         })
     }
@@ -190,6 +192,7 @@ impl Base {
         let copy = Self {
             instance: self.instance.clone(),
             group: None,
+            accounts: Accounts::default(),
             own_program: self.own_program.clone(),
             log: self.log.try_clone().map_err(machine("cannot copy a descriptor"))?,
             guard: RefCell::new(None),
@@ -267,6 +270,8 @@ impl Base {
             ports_root: domain.root,
             namespaces: facts.namespaces,
             user: facts.user,
+            filtered: facts.filtered,
+            ruled: facts.ruled,
             real_time: facts.real_time,
             logs: options.output.join("partitions"),
         };
@@ -280,7 +285,9 @@ impl Base {
                 None => None,
             };
             let overrides = options.overrides.get(name).unwrap_or(&none);
-            let mut cage = Cage::build(plan, id, program, group, &housing, overrides)
+            let accounts =
+                self.accounts.child(name).map_err(machine(format!("no control groups for {name}")))?;
+            let mut cage = Cage::build(plan, id, program, (group, accounts), &housing, overrides)
                 .map_err(machine(format!("cannot prepare partition {name}")))?;
             cage.translate_cores(|core| facts.real_core(core));
             Ok(cage)
@@ -291,6 +298,7 @@ impl Base {
     /// Removes everything and lets the guard go.
     pub(super) fn leave(mut self) {
         drop(self.group.take());
+        drop(std::mem::take(&mut self.accounts));
         self.instance.clean_up();
         if let Some((guard, mut line)) = self.guard.borrow_mut().take() {
             let _ = line.write_all(&[FAREWELL]); // without it the guard cleans up once more: harmless

@@ -200,9 +200,12 @@ impl Monitor {
         }
         self.look_at_janitor();
         self.obey(module_ns);
-        if self.clock == Clock::Wall && module_ns >= self.next_count_ns {
+        if module_ns >= self.next_count_ns {
             self.next_count_ns = module_ns + COUNT_NS;
-            self.count_threads(module_ns);
+            self.watched.iter().for_each(|watched| watched.cage.bound_log());
+            if self.clock == Clock::Wall {
+                self.count_threads(module_ns);
+            }
         }
     }
 

@@ -59,6 +59,20 @@ impl Group {
         fs::write(self.path.join(file), value.to_string())
     }
 
+    /// Limits the memory of all processes in it, bytes. What exceeds it ends the partition as a whole, where the kernel knows how.
+    pub fn limit_memory(&self, bytes: u64) -> io::Result<()> {
+        self.limit("memory.max", bytes)?;
+        let _ = self.limit("memory.swap.max", 0); // absent where swap is not counted
+        let _ = self.limit("memory.oom.group", 1); // since Linux 4.19
+        Ok(())
+    }
+
+    /// Processes that the kernel ended because the group had no memory left.
+    #[must_use]
+    pub fn out_of_memory_kills(&self) -> u64 {
+        count(&self.path.join("memory.events"), "oom_kill")
+    }
+
     /// Enables controllers for the groups inside, as far as they exist.
     pub fn enable_controllers(&self, controllers: &[&str]) {
         for controller in controllers {
@@ -71,27 +85,13 @@ impl Group {
     /// Not by `cgroup.kill`: kernels since 6.11 then also kill whatever is later started into the group from outside
     /// it (the kill count of the starter's group is compared with that of the new process' group).
     pub fn end_processes(&self) {
-        for _ in 0..ROUNDS {
-            let processes = self.processes();
-            if processes.is_empty() {
-                return;
-            }
-            for pid in processes.into_iter().filter_map(rustix::process::Pid::from_raw) {
-                let _ = rustix::process::kill_process(pid, rustix::process::Signal::KILL); // ended already
-            }
-            std::thread::sleep(Duration::from_micros(200));
-        }
+        end_processes(&self.path);
     }
 
     /// Threads of all processes in the group, as they are now.
     #[must_use]
     pub fn thread_count(&self) -> usize {
         fs::read_to_string(self.path.join("cgroup.threads")).map_or(0, |list| list.lines().count())
-    }
-
-    fn processes(&self) -> Vec<i32> {
-        let list = fs::read_to_string(self.path.join("cgroup.procs")).unwrap_or_default();
-        list.lines().filter_map(|line| line.parse().ok()).collect()
     }
 }
 
@@ -120,6 +120,31 @@ fn kill(path: &Path) -> io::Result<()> {
     fs::write(path.join("cgroup.kill"), "1")
 }
 
+fn end_processes(group: &Path) {
+    for _ in 0..ROUNDS {
+        let processes = processes(group);
+        if processes.is_empty() {
+            return;
+        }
+        for pid in processes.into_iter().filter_map(rustix::process::Pid::from_raw) {
+            let _ = rustix::process::kill_process(pid, rustix::process::Signal::KILL); // ended already
+        }
+        std::thread::sleep(Duration::from_micros(200));
+    }
+}
+
+fn processes(group: &Path) -> Vec<i32> {
+    let list = fs::read_to_string(group.join("cgroup.procs")).unwrap_or_default();
+    list.lines().filter_map(|line| line.parse().ok()).collect()
+}
+
+/// The number behind `key` in a file of lines `key number`; 0 where either is absent.
+pub(super) fn count(file: &Path, key: &str) -> u64 {
+    let text = fs::read_to_string(file).unwrap_or_default();
+    let mut lines = text.lines().filter_map(|line| line.split_once(' '));
+    lines.find(|(name, _)| *name == key).and_then(|(_, number)| number.trim().parse().ok()).unwrap_or(0)
+}
+
 /// How long the processes of a killed group may take to be gone; a process inside the kernel takes a little.
 const GONE_WITHIN: Duration = Duration::from_secs(2);
 
@@ -128,7 +153,9 @@ pub fn remove(path: &Path) {
     if !path.exists() {
         return;
     }
-    let _ = kill(path); // an old kernel has no cgroup.kill; then rmdir below fails and the group stays
+    if kill(path).is_err() {
+        end_processes(path); // version 1, and kernels before 5.14
+    }
     for inner in fs::read_dir(path).into_iter().flatten().flatten() {
         if inner.file_type().is_ok_and(|kind| kind.is_dir()) {
             remove(&inner.path());
@@ -160,6 +187,15 @@ fn mount_point(mounts: &str) -> Option<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn kills_are_counted_by_their_key() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        fs::write(&file, "oom 7\noom_kill 3\noom_group_kill 1\n").unwrap();
+        assert_eq!(count(file.path(), "oom_kill"), 3);
+        assert_eq!(count(file.path(), "absent"), 0);
+        assert_eq!(count(Path::new("/nowhere"), "oom_kill"), 0);
+    }
 
     #[test]
     fn the_second_version_is_found_beside_the_first() {

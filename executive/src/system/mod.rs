@@ -1,7 +1,10 @@
 //! What the executive asks of the kernel. Every unsafe block of this crate lies below this folder.
 
+pub mod account;
 pub mod cgroup;
 pub mod delegation;
+pub mod filter;
+pub mod rules;
 pub mod sched;
 pub mod spawn;
 pub mod time;

@@ -14,6 +14,8 @@ use std::path::{Path, PathBuf};
 
 use rustix::pipe::{PipeFlags, pipe_with};
 
+use super::filter::Filters;
+use super::rules;
 use super::view::View;
 
 /// `clone3` only; the C library's binding is too narrow for it.
@@ -56,6 +58,25 @@ pub struct User {
     pub groups: Vec<u32>,
 }
 
+/// What is shut off from a process, and what it may use. By default nothing is.
+#[derive(Debug, Default)]
+pub struct Walls<'a> {
+    /// What is shut off from it.
+    pub namespaces: Namespaces,
+    /// Directories below `/dev/shm` that it sees and may write, in a mount namespace of its own.
+    pub channels: &'a [PathBuf],
+    /// Which system calls it may make; none: all.
+    pub filters: Option<&'a Filters>,
+    /// Which files it may open (see [`super::rules`]); none: what its user may.
+    pub rules: Option<BorrowedFd<'a>>,
+    /// Files through which it joins further groups.
+    pub entrances: &'a [File],
+    /// Limit of its data, bytes; 0: none.
+    pub data_limit: u64,
+    /// Limit of each file that it writes, bytes; 0: none.
+    pub file_limit: u64,
+}
+
 /// A process to start.
 #[derive(Debug)]
 pub struct Request<'a> {
@@ -75,14 +96,10 @@ pub struct Request<'a> {
     pub errors: BorrowedFd<'a>,
     /// The control group that it starts in.
     pub group: Option<BorrowedFd<'a>>,
-    /// What is shut off from it.
-    pub namespaces: Namespaces,
-    /// Directories below `/dev/shm` that it sees and may write, in a mount namespace of its own.
-    pub channels: &'a [PathBuf],
+    /// What is shut off from it, and what it may use.
+    pub walls: Walls<'a>,
     /// Whom it becomes; none: whoever the executive is.
     pub user: Option<User>,
-    /// Limit of its data, bytes; 0: none.
-    pub data_limit: u64,
     /// Whether it is killed when the thread that starts it ends.
     pub dies_with_starter: bool,
 }
@@ -101,23 +118,29 @@ pub struct Spawned {
 #[repr(u8)]
 enum Step {
     Descriptors = 1,
+    Groups,
     Session,
     Mounts,
     Limits,
     User,
     Privileges,
+    Rules,
+    Filters,
     Execute,
 }
 
 impl Step {
     fn text(number: u8) -> &'static str {
-        const TEXTS: [&str; 7] = [
+        const TEXTS: [&str; 10] = [
             "arranging its descriptors",
+            "joining its control groups",
             "opening its session",
             "making its view of the file system",
             "setting its limits",
             "changing its user",
             "giving up privileges",
+            "restricting it to its files",
+            "restricting it to its system calls",
             "executing it",
         ];
         TEXTS.get(usize::from(number).wrapping_sub(1)).copied().unwrap_or("starting it")
@@ -125,8 +148,10 @@ impl Step {
 }
 
 /// Everything the child needs, made before there is a child.
-struct Prepared {
+struct Prepared<'a> {
     program: OwnedFd,
+    filters: Option<&'a Filters>,
+    rules: Option<OwnedFd>,
     _strings: Vec<CString>,
     arguments: Vec<*const libc::c_char>,
     environment: Vec<*const libc::c_char>,
@@ -136,7 +161,9 @@ struct Prepared {
     errors: i32,
     user: Option<User>,
     view: Option<View>,
+    entrances: Vec<i32>,
     data_limit: u64,
+    file_limit: u64,
     dies_with_starter: bool,
     trouble: i32,
 }
@@ -153,7 +180,7 @@ pub fn spawn(request: &Request<'_>) -> io::Result<Spawned> {
     let mut pidfd: i32 = -1;
     // SAFETY: `clone_args` is plain data, all zero is "nothing asked for".
     let mut arguments: libc::clone_args = unsafe { zeroed() };
-    arguments.flags = libc::CLONE_PIDFD as u64 | request.namespaces.flags();
+    arguments.flags = libc::CLONE_PIDFD as u64 | request.walls.namespaces.flags();
     arguments.pidfd = (&raw mut pidfd) as u64;
     arguments.exit_signal = libc::SIGCHLD as u64;
     if let Some(group) = request.group {
@@ -205,7 +232,7 @@ fn confirm(reader: OwnedFd, pidfd: OwnedFd, pid: i32) -> io::Result<Spawned> {
 /// Lowest number of the descriptors that must not be overwritten while the child arranges its first ones.
 const OUT_OF_THE_WAY: i32 = 100;
 
-fn prepare(request: &Request<'_>, trouble: i32) -> io::Result<Prepared> {
+fn prepare<'a>(request: &Request<'a>, trouble: i32) -> io::Result<Prepared<'a>> {
     let low_program = rustix::fs::open(
         request.program,
         rustix::fs::OFlags::PATH | rustix::fs::OFlags::CLOEXEC,
@@ -224,8 +251,13 @@ fn prepare(request: &Request<'_>, trouble: i32) -> io::Result<Prepared> {
         Some(input) => input.try_clone_to_owned()?,
         None => File::open("/dev/null")?.into(),
     };
+    let walls = &request.walls;
+    let rules =
+        walls.rules.map(|rules| rustix::io::fcntl_dupfd_cloexec(rules, OUT_OF_THE_WAY)).transpose()?;
     Ok(Prepared {
         program,
+        filters: walls.filters,
+        rules,
         arguments: pointers(arguments),
         environment: pointers(environment),
         _strings: strings,
@@ -234,15 +266,17 @@ fn prepare(request: &Request<'_>, trouble: i32) -> io::Result<Prepared> {
         output: request.output.map_or(request.errors.as_raw_fd(), |output| output.as_raw_fd()),
         errors: request.errors.as_raw_fd(),
         user: request.user.clone(),
-        view: request.namespaces.mount.then(|| View::new(request.channels)).transpose()?,
-        data_limit: request.data_limit,
+        view: walls.namespaces.mount.then(|| View::new(walls.channels)).transpose()?,
+        entrances: walls.entrances.iter().map(AsRawFd::as_raw_fd).collect(),
+        data_limit: walls.data_limit,
+        file_limit: walls.file_limit,
         dies_with_starter: request.dies_with_starter,
         trouble,
     })
 }
 
 /// The child: from here to its program. Reports the step and the error through the pipe when something fails.
-fn child(prepared: &Prepared) -> ! {
+fn child(prepared: &Prepared<'_>) -> ! {
     let step = become_program(prepared);
     let mut report = [step as u8, 0, 0, 0, 0];
     report[1..].copy_from_slice(&errno().to_le_bytes());
@@ -258,9 +292,13 @@ fn errno() -> i32 {
     unsafe { *libc::__errno_location() }
 }
 
-fn become_program(prepared: &Prepared) -> Step {
+fn become_program(prepared: &Prepared<'_>) -> Step {
     // SAFETY: each function below makes system calls only, on data of `prepared`, which outlives them.
     unsafe {
+        // Before the descriptors, which are put in the place of others.
+        if !prepared.entrances.iter().all(|entrance| libc::write(*entrance, c"0".as_ptr().cast(), 1) == 1) {
+            return Step::Groups;
+        }
         if !arrange_descriptors(prepared) {
             return Step::Descriptors;
         }
@@ -281,6 +319,13 @@ fn become_program(prepared: &Prepared) -> Step {
         if !give_up_privileges(prepared) {
             return Step::Privileges;
         }
+        if prepared.rules.as_ref().is_some_and(|rules| !rules::apply(rules.as_raw_fd())) {
+            return Step::Rules;
+        }
+        // Last of all: what follows is on the list of what is allowed.
+        if prepared.filters.is_some_and(|filters| !filters.apply()) {
+            return Step::Filters;
+        }
         libc::syscall(
             libc::SYS_execveat,
             prepared.program.as_raw_fd(),
@@ -294,9 +339,10 @@ fn become_program(prepared: &Prepared) -> Step {
 }
 
 /// Puts every descriptor where the contract wants it, out of the way first so that none overwrites another.
-unsafe fn arrange_descriptors(prepared: &Prepared) -> bool {
+unsafe fn arrange_descriptors(prepared: &Prepared<'_>) -> bool {
     let standard = [prepared.input.as_raw_fd(), prepared.output, prepared.errors];
-    let kept = [prepared.program.as_raw_fd(), prepared.trouble];
+    let rules = prepared.rules.as_ref().map_or(-1, AsRawFd::as_raw_fd);
+    let kept = [prepared.program.as_raw_fd(), prepared.trouble, rules];
     // Above all that is still needed: an executive of many partitions has hundreds of descriptors open.
     let mut aside = OUT_OF_THE_WAY;
     for number in standard.iter().chain(&prepared.descriptors).chain(&kept) {
@@ -322,23 +368,24 @@ unsafe fn arrange_descriptors(prepared: &Prepared) -> bool {
 /// Descriptors that a partition may have open: about ten for each port.
 const DESCRIPTORS: u64 = 4096;
 
-unsafe fn set_limits(prepared: &Prepared) -> bool {
+unsafe fn set_limits(prepared: &Prepared<'_>) -> bool {
     let limit = |what, value: u64| {
         let limit = libc::rlimit { rlim_cur: value, rlim_max: value };
         // SAFETY: a local structure, not kept.
         unsafe { libc::setrlimit(what, &raw const limit) == 0 }
     };
     let data = prepared.data_limit == 0 || limit(libc::RLIMIT_DATA, prepared.data_limit);
+    let files = prepared.file_limit == 0 || limit(libc::RLIMIT_FSIZE, prepared.file_limit);
     // Without privileges the hard limits may be lower already: lowering what can be lowered is all there is.
     limit(libc::RLIMIT_NOFILE, DESCRIPTORS);
     if prepared.user.is_some() {
         limit(libc::RLIMIT_MEMLOCK, libc::RLIM_INFINITY);
         limit(libc::RLIMIT_RTPRIO, 0);
     }
-    data && limit(libc::RLIMIT_CORE, 0)
+    data && files && limit(libc::RLIMIT_CORE, 0)
 }
 
-unsafe fn change_user(prepared: &Prepared) -> bool {
+unsafe fn change_user(prepared: &Prepared<'_>) -> bool {
     let Some(user) = &prepared.user else { return true };
     // SAFETY: plain system calls; the raw ones, because the library's would signal threads that the child has not.
     unsafe {
@@ -348,7 +395,7 @@ unsafe fn change_user(prepared: &Prepared) -> bool {
     }
 }
 
-unsafe fn give_up_privileges(prepared: &Prepared) -> bool {
+unsafe fn give_up_privileges(prepared: &Prepared<'_>) -> bool {
     // SAFETY: plain system calls on numbers and a local set.
     unsafe {
         // After the change of user, which would clear it.

@@ -1,4 +1,5 @@
-//! What of the file system a partition sees: everything read-only, its channels writable, nobody else's at all.
+//! What of the file system a partition sees: everything read-only, its channels writable, nobody else's at all; of the
+//! processes only itself.
 //!
 //! Prepared before there is a process; [`View::enter`] runs between `clone3` and the program, in a mount namespace of
 //! its own, and makes system calls only.
@@ -49,7 +50,7 @@ impl View {
     /// For a child between `clone3` and its program, in a mount namespace of its own.
     pub(super) unsafe fn enter(&self) -> bool {
         // SAFETY: system calls on constant strings and on those of `self`.
-        unsafe { make_private() && self.hide_shared_memory() && self.make_read_only() }
+        unsafe { make_private() && hide_processes() && self.hide_shared_memory() && self.make_read_only() }
     }
 
     /// Covers `/dev/shm` by an empty one with the channels in it. The old one is still reached from the working directory.
@@ -78,6 +79,39 @@ impl View {
             set_attributes(c"/", libc::AT_RECURSIVE, &read_only)
                 && self.channels.iter().all(|(place, _)| set_attributes(place, 0, &writable))
         }
+    }
+}
+
+/// What the C library reads in `/proc` beside the process' own folder.
+const TELLING: [(&std::ffi::CStr, &std::ffi::CStr); 5] = [
+    (c"meminfo", c"/proc/meminfo"),
+    (c"cpuinfo", c"/proc/cpuinfo"),
+    (c"stat", c"/proc/stat"),
+    (c"uptime", c"/proc/uptime"),
+    (c"version", c"/proc/version"),
+];
+
+/// Covers `/proc` by one with the process' own folder alone. It stays the machine's, not one of the inner process numbers:
+/// shared memory names its owner by the number that the machine knows.
+unsafe fn hide_processes() -> bool {
+    // SAFETY: constant strings; the old place is still reached from the working directory.
+    unsafe {
+        let here = libc::open(c".".as_ptr(), libc::O_PATH | libc::O_DIRECTORY | libc::O_CLOEXEC);
+        let fill = |(old, place): &(&std::ffi::CStr, &std::ffi::CStr)| {
+            let file = libc::open(place.as_ptr(), libc::O_CREAT | libc::O_CLOEXEC, 0o444);
+            file >= 0 && libc::close(file) == 0 && mount(old, place, c"", libc::MS_BIND, c"")
+        };
+        let folder = |old, place: &std::ffi::CStr| {
+            libc::mkdir(place.as_ptr(), 0o755) == 0 && mount(old, place, c"", libc::MS_BIND, c"")
+        };
+        here >= 0
+            && libc::chdir(c"/proc".as_ptr()) == 0
+            && mount(c"tmpfs", c"/proc", c"tmpfs", HARMLESS, c"size=4k,mode=0755")
+            && folder(c"self", c"/proc/self")
+            && folder(c"sys", c"/proc/sys")
+            && TELLING.iter().all(fill)
+            && libc::fchdir(here) == 0
+            && libc::close(here) == 0
     }
 }
 

@@ -1,6 +1,7 @@
 //! What a partition's walls are made of: groups, limits, memory, filters.
 
 use super::{Finding, Root, Subject, Tried};
+use crate::system::delegation;
 
 pub(super) fn findings(root: &Root, subject: &Subject, tried: &Tried) -> Vec<Finding> {
     vec![
@@ -24,6 +25,8 @@ fn own_group(root: &Root) -> Option<(String, String)> {
         .find_map(|fields| fields.get(1).map(|mount| (*mount).to_owned()))?;
     let groups = root.text("proc/self/cgroup")?;
     let own = groups.lines().find_map(|line| line.strip_prefix("0::/"))?;
+    // The executive steps aside into a leaf; its partitions' groups stay beside it.
+    let own = own.strip_suffix(delegation::LEAF).unwrap_or(own).trim_end_matches('/');
     let group = format!("{mount}/{own}").trim_end_matches('/').to_owned();
     Some((mount, group))
 }
@@ -43,9 +46,6 @@ fn groups(root: &Root) -> Finding {
     }
 }
 
-/// Controllers that limit what a partition uses.
-const CONTROLLERS: [&str; 2] = ["memory", "pids"];
-
 fn controllers(root: &Root) -> Finding {
     const TOPIC: &str = "group controllers";
     const COSTS: &str =
@@ -63,9 +63,9 @@ fn controllers(root: &Root) -> Finding {
         list.split_whitespace().any(|controller| controller == name)
     };
     let missing: Vec<&str> =
-        CONTROLLERS.into_iter().filter(|name| !has("cgroup.subtree_control", name)).collect();
+        delegation::CONTROLLERS.into_iter().filter(|name| !has("cgroup.subtree_control", name)).collect();
     if missing.is_empty() {
-        return Finding::well(TOPIC, format!("{} for the groups inside", CONTROLLERS.join(", ")));
+        return Finding::well(TOPIC, format!("{} for the groups inside", delegation::CONTROLLERS.join(", ")));
     }
     let mounts = root.text("proc/self/mounts").unwrap_or_default();
     let by_first = missing.iter().filter(|name| {
@@ -86,7 +86,7 @@ fn controllers(root: &Root) -> Finding {
     let enable: Vec<String> = there.iter().map(|name| format!("+{name}")).collect();
     let mend = match absent.is_empty() {
         true => format!(
-            "echo '{}' > {group}/cgroup.subtree_control (no process may be in that group itself)",
+            "echo '{}' > {group}/cgroup.subtree_control (no other process may be in that group itself)",
             enable.join(" ")
         ),
         false => {

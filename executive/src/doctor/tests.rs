@@ -89,6 +89,12 @@ fn a_machine_that_is_kept_for_flying_lacks_nothing() {
 }
 
 #[test]
+fn an_executive_that_stepped_aside_is_judged_by_the_group_of_its_partitions() {
+    let findings = examined(&[("proc/self/cgroup", Some("0::/bateleur.service/bateleur.executive"))]);
+    assert!(findings.iter().all(|finding| finding.state != State::Lacks), "{findings:#?}");
+}
+
+#[test]
 fn every_lack_says_what_it_costs_and_how_to_mend_it() {
     let empty = tempfile::tempdir().unwrap();
     let findings =

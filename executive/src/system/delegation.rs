@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use super::cgroup::own_group;
 
 /// The leaf into which the executive steps aside.
-const LEAF: &str = "bateleur.executive";
+pub(crate) const LEAF: &str = "bateleur.executive";
 /// What is handed on to the module's groups, where the machine has it.
 pub const CONTROLLERS: [&str; 2] = ["memory", "pids"];
 

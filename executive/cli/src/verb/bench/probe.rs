@@ -44,6 +44,35 @@ pub(super) fn cyclic(core: u32, period_us: u64, length: Duration) -> Result<Vec<
     })
 }
 
+/// Processor time of one `clock_nanosleep` while a thread of a partition's priority spins on the same processor, us: what
+/// any dispatcher pays to be woken by the clock.
+pub(super) fn timer_wake_us(core: u32, rounds: u32) -> Result<f64> {
+    on_core(core, DISPATCHER, move || {
+        let over = AtomicU32::new(0);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let ready = sched::bind(0, &[core]).and_then(|()| sched::fifo(0, PARTITION));
+                while ready.is_ok() && over.load(Ordering::Relaxed) == 0 {
+                    std::hint::spin_loop();
+                }
+            });
+            let (origin_ns, begun_us) = (now_ns(), own_time_us());
+            for round in 1..=u64::from(rounds) {
+                sleep_until_ns(origin_ns + round * 1_000_000);
+            }
+            let used_us = own_time_us() - begun_us;
+            over.store(1, Ordering::Relaxed);
+            used_us / f64::from(rounds)
+        })
+    })
+}
+
+/// Processor time of the calling thread, us.
+fn own_time_us() -> f64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    time.tv_sec as f64 * 1e6 + time.tv_nsec as f64 / 1e3
+}
+
 /// A futex wake of a thread on the same processor and the switch to it, us: half of a round of two threads.
 pub(super) fn futex_switch(core: u32, rounds: u32) -> Result<f64> {
     on_core(core, DISPATCHER, move || {

@@ -146,7 +146,8 @@ const SWITCH_FRAME_US: u64 = 10_000;
 
 /// The executive's processor time for each switch of windows.
 pub(super) fn switches(settings: &Settings) -> Result<Vec<Row>> {
-    let (mut whole, mut dispatcher, mut futex) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut whole, mut dispatcher) = (Vec::new(), Vec::new());
+    let (mut futex, mut timer) = (Vec::new(), Vec::new());
     for _ in 0..settings.runs {
         let partitions: Vec<Sketched> = (0..SWITCHES)
             .map(|number| {
@@ -158,7 +159,9 @@ pub(super) fn switches(settings: &Settings) -> Result<Vec<Row>> {
             used_by_switches(&text, settings.seconds, SWITCHES as f64 / (SWITCH_FRAME_US as f64 / 1e6))?;
         whole.push(used.whole_us);
         dispatcher.extend(used.dispatcher_us);
-        futex.push(probe::futex_switch(settings.core, if settings.quick { 2_000 } else { 20_000 })?);
+        let (short, long) = if settings.quick { (100, 2_000) } else { (2_000, 20_000) };
+        futex.push(probe::futex_switch(settings.core, long)?);
+        timer.push(probe::timer_wake_us(settings.core, short)?);
     }
     let reference = median(&futex);
     let about = "a futex wake and the switch to the woken thread on the same core, measured alone";
@@ -172,6 +175,9 @@ pub(super) fn switches(settings: &Settings) -> Result<Vec<Row>> {
         Reach::Times(3.0),
         about,
     ));
+    let value = median(&timer).context("no run")?;
+    let alone = "one clock_nanosleep while a partition's thread spins: the least that being woken by the clock costs here";
+    rows.push(Row::measured("a timer wake-up alone", "us", value, reference, Reach::Stated, alone));
     rows.push(match median(&dispatcher) {
         Some(value) => Row::measured(
             "dispatcher's processor time per switch",

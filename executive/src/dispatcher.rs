@@ -28,6 +28,10 @@ pub trait Meanwhile {
     fn has_slack(&mut self) -> bool;
     /// Gets ready for the window that opens at the switch, if one does.
     fn prepare(&mut self);
+    /// When something is to be looked at once, module time, ns; none: there is nothing.
+    fn look_at_ns(&self) -> Option<u64>;
+    /// Looks at it.
+    fn look(&mut self);
 }
 
 /// How windows open and close.
@@ -42,6 +46,12 @@ pub trait Gate {
     fn open(&mut self, occurrence: &Occurrence);
     /// Closes it.
     fn close(&mut self, occurrence: &Occurrence, ending: Ending);
+    /// See [`Meanwhile::look_at_ns`].
+    fn look_at_ns(&self) -> Option<u64> {
+        None
+    }
+    /// See [`Meanwhile::look`].
+    fn look(&mut self) {}
 }
 
 /// One window of one major frame.
@@ -285,6 +295,14 @@ impl Meanwhile for Between<'_> {
         if let Some(window) = &self.opens {
             self.gate.prepare(window);
         }
+    }
+
+    fn look_at_ns(&self) -> Option<u64> {
+        self.gate.look_at_ns()
+    }
+
+    fn look(&mut self) {
+        self.gate.look();
     }
 }
 

@@ -11,6 +11,7 @@ pub mod dispatcher;
 pub mod doctor;
 pub mod event;
 pub mod fast;
+pub mod fence;
 pub mod guarantee;
 pub mod health;
 pub mod helper;

@@ -21,6 +21,7 @@ use rustix::fs::{
 };
 use rustix::process::{WaitId, WaitIdOptions, waitid};
 
+use crate::fence::{Fence, Processes};
 use crate::plan::{Attribute, Partition, PartitionId, Plan, Port, Role};
 use crate::slot::Slot;
 use crate::system::account::Accounts;
@@ -65,7 +66,6 @@ pub struct Cage {
     pub slot: Arc<Slot>,
     program: PathBuf,
     cores: Vec<u32>,
-    priority: Option<u8>,
     page: OwnedFd,
     retained: Option<OwnedFd>,
     retained_bytes: u64,
@@ -115,6 +115,7 @@ impl Cage {
             0 => None,
             bytes => Some(shared_memory(&partition.name, bytes)?),
         };
+        let fence = Fence::new(Box::new(Processes(freezer)), priority);
         let initial = plan.initial_schedule().index() as u32;
         mapped.schedule.store(initial, std::sync::atomic::Ordering::Relaxed);
         mapped.next_schedule.store(initial, std::sync::atomic::Ordering::Relaxed);
@@ -122,10 +123,9 @@ impl Cage {
         Ok(Self {
             id,
             name: partition.name.clone(),
-            slot: Arc::new(Slot::new(mapped, freezer, always_freeze, priority)),
+            slot: Arc::new(Slot::new(mapped, fence, always_freeze)),
             program,
             cores: window_cores(plan, id),
-            priority,
             page,
             retained,
             retained_bytes: partition.retained_bytes,
@@ -203,22 +203,33 @@ impl Cage {
         })
     }
 
-    /// Moves a process that has initialised onto its core, at its priority.
+    /// Moves a process that has initialised onto its cores. Its priority comes with its first window.
     pub fn admit(&self, process: &Spawned) {
-        for tid in sched::threads(process.pid) {
-            let _ = sched::bind(tid, &self.cores); // it ended meanwhile: found by its descriptor
-            if let Some(priority) = self.priority {
-                let _ = sched::fifo(tid, priority); // as above; without the right, it was said at the start
-            }
+        let (main, others) = self.threads(process);
+        for tid in main.iter().chain(&others) {
+            let _ = sched::bind(*tid, &self.cores); // it ended meanwhile: found by its descriptor
         }
-        self.slot.set_process(process.pid);
+        self.slot.admit(process.pid, &main, &others);
     }
 
-    /// Looks for threads and children beyond the one thread that closes windows: whatever they do, from now on they are
-    /// held between windows. True: they were found now.
+    /// Takes notice of threads and children that came or went. True: there are some beyond the one thread that closes
+    /// windows, for the first time. Whatever they do, from now on they are held between windows.
     #[must_use]
-    pub fn finds_company(&self) -> bool {
-        self.group.as_ref().is_some_and(|group| group.thread_count() > 1) && self.slot.always_freeze()
+    pub fn finds_company(&self, process: &Spawned) -> bool {
+        let (main, others) = self.threads(process);
+        self.slot.set_threads(&main, &others);
+        main.len() + others.len() > 1 && self.slot.always_freeze()
+    }
+
+    /// The threads of the first process, and all others.
+    fn threads(&self, process: &Spawned) -> (Vec<i32>, Vec<i32>) {
+        let all = self.group.as_ref().map_or_else(Vec::new, Group::threads);
+        if all == [process.pid] {
+            return (all, Vec::new());
+        }
+        let main = sched::threads(process.pid);
+        let others = all.into_iter().filter(|tid| !main.contains(tid)).collect();
+        (main, others)
     }
 
     /// Ends whatever runs in the cage.

@@ -8,8 +8,7 @@ use bateleur_contract::{ControlPage, Mapped};
 use rustix::thread::futex;
 
 use crate::dispatcher::Occurrence;
-use crate::system::cgroup::Freezer;
-use crate::system::sched;
+use crate::fence::{Escapes, Fence};
 use crate::system::time::now_ns;
 
 /// Whether a partition takes windows.
@@ -75,7 +74,9 @@ impl Grant {
 pub struct Slot {
     /// Shared with the partition; nothing read from its lower half is trusted.
     pub page: Mapped<ControlPage>,
-    freezer: Option<Freezer>,
+    fence: Fence,
+    /// The core that has a window of the partition open, plus one; 0: none has.
+    owner: AtomicU32,
     /// The partition is held between windows even when it closed its window in time: it has several threads, or no
     /// real-time priority keeps what it left running out of the others' windows.
     always_freeze: AtomicBool,
@@ -83,10 +84,6 @@ pub struct Slot {
     granted_ns: AtomicU64,
     readiness: AtomicU32,
     tid: AtomicI32,
-    /// Real-time priority of its windows; none: it runs as ordinary work.
-    priority: Option<u8>,
-    frozen: AtomicBool,
-    stopped: AtomicBool,
     /// An operator holds the partition: whatever a dispatcher had begun, its next fence stops it.
     held: AtomicBool,
     not_before_ns: AtomicU64,
@@ -101,24 +98,17 @@ pub struct Slot {
 impl Slot {
     /// A slot without a process.
     #[must_use]
-    pub fn new(
-        page: Mapped<ControlPage>,
-        freezer: Option<Freezer>,
-        always_freeze: bool,
-        priority: Option<u8>,
-    ) -> Self {
+    pub fn new(page: Mapped<ControlPage>, fence: Fence, always_freeze: bool) -> Self {
         page.initialise();
         Self {
             page,
-            freezer,
+            fence,
+            owner: AtomicU32::new(0),
             always_freeze: AtomicBool::new(always_freeze),
             granted: AtomicU32::new(0),
             granted_ns: AtomicU64::new(0),
             readiness: AtomicU32::new(Readiness::Absent as u32),
             tid: AtomicI32::new(0),
-            priority,
-            frozen: AtomicBool::new(false),
-            stopped: AtomicBool::new(false),
             held: AtomicBool::new(false),
             not_before_ns: AtomicU64::new(0),
             fresh: AtomicBool::new(false),
@@ -139,17 +129,58 @@ impl Slot {
         self.page.done.store(0, Relaxed);
         self.page.stop.store(0, Relaxed);
         self.page.mode.store(0, Relaxed);
-        self.stopped.store(false, Relaxed);
         self.held.store(false, Relaxed);
-        // The group of a predecessor that was frozen when it was killed; whatever the flag says, because a dispatcher may
-        // be freezing it right now (it looks again afterwards, see `fence`).
-        self.frozen.store(true, Relaxed);
-        self.thaw();
+        self.fence.reset();
     }
 
-    /// The process behind the page, once it may take windows.
-    pub fn set_process(&self, pid: i32) {
+    /// The process behind the page, once it may take windows. Until the first of them nothing of it is real-time, and
+    /// what is always held between windows is held.
+    pub fn admit(&self, pid: i32, main: &[i32], others: &[i32]) {
+        self.fence.set_threads(main, others);
+        self.fence.admit();
         self.tid.store(pid, Release);
+        if self.always_freeze.load(Relaxed) {
+            self.stop_running();
+        }
+    }
+
+    /// The process is gone; its number may be given to another one.
+    pub fn lose_process(&self) {
+        self.tid.store(0, Release);
+        self.fence.forget();
+    }
+
+    /// The partition's threads as they are now: those of its first process, and all others.
+    pub fn set_threads(&self, main: &[i32], others: &[i32]) {
+        if self.tid.load(Acquire) != 0 {
+            self.fence.set_threads(main, others);
+        }
+    }
+
+    /// What the fence did not hold since the last question, and its work that need not be done in a window's switch.
+    pub fn look_after_fence(&self) -> Escapes {
+        self.fence.relieve();
+        self.fence.take_escapes()
+    }
+
+    /// Whether the window of `core` may be opened: no other core has one of this partition open, and none can open one
+    /// until [`Slot::disown`].
+    pub fn try_own(&self, core: u32) -> bool {
+        let own = core + 1;
+        match self.owner.compare_exchange(0, own, SeqCst, SeqCst) {
+            Ok(_) => true,
+            Err(other) => other == own,
+        }
+    }
+
+    /// The window of `core` is closed and fenced; nothing where another core owns the partition.
+    pub fn disown(&self, core: u32) {
+        let _ = self.owner.compare_exchange(core + 1, 0, SeqCst, SeqCst);
+    }
+
+    /// Moves the partition's threads to a processor, if they are on another one.
+    pub fn place(&self, core: u32) {
+        self.fence.place(core);
     }
 
     /// From now on the partition is held between its windows; false: it was already.
@@ -234,19 +265,7 @@ impl Slot {
         if self.held.load(SeqCst) {
             return;
         }
-        if self.frozen.swap(false, Relaxed) {
-            if let Some(freezer) = &self.freezer {
-                let _ = freezer.thaw(); // the partition is found silent, which is an error of its own
-            }
-            let tid = self.tid.load(Relaxed);
-            // Without a process there is nobody to promote: number 0 would be the caller itself.
-            if let Some(priority) = self.priority.filter(|_| tid != 0) {
-                let _ = sched::fifo(tid, priority); // it has ended: found by its descriptor
-            }
-        }
-        if self.stopped.swap(false, Relaxed) {
-            signal(self.tid.load(Relaxed), rustix::process::Signal::CONT);
-        }
+        self.fence.let_go(self.tid.load(Relaxed));
     }
 
     /// Grants a window.
@@ -287,31 +306,30 @@ impl Slot {
         }
     }
 
-    /// Ends the window: holds what may still run. `overrun`: the partition was not done.
-    pub fn fence(&self, overrun: bool) {
-        if overrun || self.always_freeze.load(Relaxed) || self.held.load(SeqCst) {
-            self.stop_running();
-        }
+    /// Ends the window: holds what may still run. `overrun`: the partition was not done. True: a look whether it took is
+    /// due, see [`Slot::look`].
+    pub fn fence(&self, overrun: bool) -> bool {
+        let hold = overrun || self.always_freeze.load(Relaxed) || self.held.load(SeqCst);
+        hold && self.stop_running()
     }
 
-    fn stop_running(&self) {
+    /// Looks once whether the last fence took.
+    pub fn look(&self) {
+        self.fence.look();
+    }
+
+    fn stop_running(&self) -> bool {
         let tid = self.tid.load(Relaxed);
         if tid == 0 {
-            return;
+            return false;
         }
-        // Demoted first: a thread deep inside the kernel is not frozen at once, but then at least gives way.
-        let _ = sched::ordinary(tid);
-        self.frozen.store(true, Relaxed);
-        let held = self.freezer.as_ref().is_some_and(|freezer| freezer.freeze().is_ok());
-        if !held {
-            self.stopped.store(true, Relaxed);
-            signal(tid, rustix::process::Signal::STOP);
-        }
+        let look = self.fence.hold(tid);
         // The process was replaced meanwhile: its successor must not be born frozen, for nobody would thaw it.
         if self.tid.load(SeqCst) != tid {
-            self.frozen.store(true, Relaxed);
-            self.thaw();
+            self.fence.let_go(self.tid.load(SeqCst));
+            return false;
         }
+        look
     }
 
     /// Sleeps until the partition's `done` differs from what it was, at most `nanoseconds`.
@@ -334,20 +352,41 @@ impl Slot {
     }
 }
 
-fn signal(pid: i32, signal: rustix::process::Signal) {
-    if let Some(pid) = rustix::process::Pid::from_raw(pid) {
-        let _ = rustix::process::kill_process(pid, signal); // it has ended already
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fence::Grip;
+
+    /// Processes that do what they are told, at once.
+    #[derive(Debug)]
+    struct Obedient;
+
+    impl Grip for Obedient {
+        fn freeze(&self) -> std::io::Result<()> {
+            Ok(())
+        }
+        fn thaw(&self) {}
+        fn is_frozen(&self) -> bool {
+            true
+        }
+        fn stop(&self, _: i32) {}
+        fn go_on(&self, _: i32) {}
+        fn each_thread(&self, _: &mut dyn FnMut(i32)) {}
+        fn promote(&self, _: i32, _: u8) {}
+        fn demote(&self, _: i32) -> bool {
+            false
+        }
+        fn place(&self, _: i32, _: u32) {}
+        fn now_ns(&self) -> u64 {
+            0
+        }
+    }
 
     fn slot() -> Slot {
         let file = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
         rustix::fs::ftruncate(&file, 4096).unwrap();
-        Slot::new(Mapped::new(file).unwrap(), None, false, None)
+        let fence = Fence::new(Box::new(Obedient), None);
+        Slot::new(Mapped::new(file).unwrap(), fence, false)
     }
 
     const WINDOW: Grant = Grant {
@@ -407,23 +446,145 @@ mod tests {
     #[test]
     fn a_held_partition_is_not_thawed_by_a_dispatcher_that_had_begun_to_open_its_window() {
         let slot = slot();
+        slot.admit(1, &[1], &[]);
         slot.set_readiness(Readiness::Ready);
-        slot.frozen.store(true, Relaxed);
         slot.hold();
         slot.thaw();
-        assert_eq!((slot.readiness(), slot.frozen.load(Relaxed)), (Readiness::Held, true));
+        assert_eq!((slot.readiness(), slot.fence.holds()), (Readiness::Held, true));
         slot.release();
-        assert_eq!((slot.readiness(), slot.frozen.load(Relaxed)), (Readiness::Ready, false));
+        assert_eq!((slot.readiness(), slot.fence.holds()), (Readiness::Ready, false));
     }
 
     #[test]
     fn a_successor_is_not_held_while_it_initialises() {
         let slot = slot();
+        slot.admit(1, &[1], &[]);
         slot.hold();
         slot.take_in(true);
-        slot.frozen.store(true, Relaxed);
-        slot.thaw();
-        assert!(!slot.frozen.load(Relaxed));
+        assert!(!slot.fence.holds());
+    }
+
+    #[test]
+    fn what_is_always_held_is_held_from_its_admission_until_its_first_window() {
+        let slot = slot();
+        slot.always_freeze();
+        slot.admit(1, &[1, 2], &[]);
+        assert!(slot.fence.holds());
+        slot.grant(&WINDOW, now_ns());
+        assert!(!slot.fence.holds());
+        close(&slot, now_ns(), now_ns());
+        assert!(slot.fence(false) && slot.fence.holds());
+    }
+
+    /// What a dispatcher does for one window.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    enum Move {
+        Prepare,
+        Open,
+        Close,
+    }
+
+    /// A dispatcher's half of the handover, as the gate on the wall clock has it.
+    struct Core {
+        number: u32,
+        owns: bool,
+        granted: bool,
+    }
+
+    impl Core {
+        fn perform(&mut self, what: Move, slot: &Slot) {
+            match what {
+                Move::Prepare => {
+                    self.owns = slot.try_own(self.number);
+                    if self.owns {
+                        slot.thaw();
+                    }
+                }
+                Move::Open => {
+                    self.owns = slot.try_own(self.number);
+                    if self.owns {
+                        slot.grant(&WINDOW, now_ns());
+                        self.granted = true;
+                    }
+                }
+                Move::Close => {
+                    if self.owns {
+                        slot.fence(!slot.is_done());
+                        slot.disown(self.number);
+                    }
+                    (self.owns, self.granted) = (false, false);
+                }
+            }
+        }
+    }
+
+    /// Every order in which two sequences can be done, each in its own order.
+    fn interleavings(left: &[Move], right: &[Move]) -> Vec<Vec<(usize, Move)>> {
+        let mut all = Vec::new();
+        for (core, (first, others)) in [(0, (left, right)), (1, (right, left))] {
+            let Some((head, tail)) = first.split_first() else { continue };
+            let rest = if core == 0 { interleavings(tail, others) } else { interleavings(others, tail) };
+            all.extend(rest.into_iter().map(|rest| {
+                let mut order = vec![(core, *head)];
+                order.extend(rest);
+                order
+            }));
+        }
+        if all.is_empty() { vec![Vec::new()] } else { all }
+    }
+
+    #[test]
+    fn however_late_two_cores_come_only_one_has_the_partition_and_no_close_touches_the_others_window() {
+        let two = [Move::Prepare, Move::Open, Move::Close, Move::Open, Move::Close];
+        let orders = interleavings(&two, &two);
+        assert_eq!(orders.len(), 252);
+        let mut lost = 0;
+        for order in orders {
+            let slot = slot();
+            slot.admit(1, &[1, 2], &[]);
+            slot.always_freeze();
+            slot.set_readiness(Readiness::Ready);
+            let mut cores = [0, 1].map(|number| Core { number, owns: false, granted: false });
+            for (core, what) in &order {
+                cores[*core].perform(*what, &slot);
+                assert!(cores.iter().filter(|core| core.granted).count() <= 1, "{order:?}");
+                let open = cores.iter().any(|core| core.granted);
+                assert!(
+                    !open || !slot.fence.holds(),
+                    "the other core's close held an open window: {order:?}"
+                );
+                lost += usize::from(*what == Move::Open && !cores[*core].granted);
+                let idle = cores.iter().all(|core| !core.owns);
+                let used = slot.granted.load(Relaxed) > 0;
+                assert!(!(idle && used) || slot.fence.holds(), "left running between windows: {order:?}");
+            }
+            assert!(slot.try_own(7), "nobody owns it for ever: {order:?}");
+        }
+        assert!(lost > 0, "there are orders in which the other core still has it");
+    }
+
+    #[test]
+    fn two_threads_never_own_a_partition_at_once() {
+        let slot = std::sync::Arc::new(slot());
+        let inside = std::sync::Arc::new(AtomicU32::new(0));
+        let threads = [0, 1].map(|core| {
+            let (slot, inside) = (slot.clone(), inside.clone());
+            std::thread::spawn(move || {
+                let mut owned = 0;
+                for _ in 0..20_000 {
+                    if slot.try_own(core) {
+                        assert_eq!(inside.fetch_add(1, SeqCst), 0);
+                        owned += 1;
+                        inside.fetch_sub(1, SeqCst);
+                        slot.disown(core);
+                    }
+                    slot.disown(1 - core + 2); // of a core that does not own it: nothing
+                }
+                owned
+            })
+        });
+        let owned = threads.map(|thread| thread.join().unwrap());
+        assert!(owned.iter().all(|times| *times > 0), "{owned:?}");
     }
 
     #[test]

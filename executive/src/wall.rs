@@ -6,6 +6,7 @@ use rtrb::Producer;
 
 use crate::change::Changes;
 use crate::dispatcher::{Ending, Gate, Meanwhile, Occurrence, Pace};
+use crate::fence::LOOK_NS;
 use crate::health::log::{Missed, WindowRecord};
 use crate::plan::TimelineWindow;
 use crate::slot::{Grant, Readiness, Slot};
@@ -32,6 +33,16 @@ impl WallPace {
 impl Pace for WallPace {
     fn reach(&mut self, instant_ns: u64, meanwhile: &mut dyn Meanwhile) -> u64 {
         let target_ns = self.origin_ns + instant_ns;
+        if let Some(look_ns) = meanwhile.look_at_ns() {
+            let look_ns = self.origin_ns + look_ns;
+            // Where the next switch comes first, after that.
+            if look_ns + EARLY_NS < target_ns {
+                sleep_until_ns(look_ns);
+                meanwhile.look();
+            } else if look_ns <= now_ns() {
+                meanwhile.look();
+            }
+        }
         sleep_until_ns(target_ns - EARLY_NS);
         if meanwhile.has_slack() {
             meanwhile.prepare();
@@ -52,6 +63,15 @@ pub struct WallGate {
     granted: Result<u64, Missed>,
     lost: Arc<std::sync::atomic::AtomicU64>,
     changes: Arc<Changes>,
+    /// The plan's core whose dispatcher this is, and the processor that stands for it.
+    core: u32,
+    processor: u32,
+    /// The partition that is this core's: no other core may open or close a window of it.
+    owns: Option<usize>,
+    /// That of the next window, where this core has got ready for it while another one was still open.
+    prepared: Option<usize>,
+    /// The partition whose fence is to be looked at, and when, module time, ns.
+    look: Option<(usize, u64)>,
 }
 
 impl WallGate {
@@ -63,12 +83,27 @@ impl WallGate {
         records: Producer<WindowRecord>,
         lost: Arc<std::sync::atomic::AtomicU64>,
         changes: Arc<Changes>,
+        (core, processor): (u32, u32),
     ) -> Self {
-        Self { slots, origin_ns, records, granted: Err(Missed::NoPartition), lost, changes }
+        let granted = Err(Missed::NoPartition);
+        Self {
+            slots,
+            origin_ns,
+            records,
+            granted,
+            lost,
+            changes,
+            core,
+            processor,
+            owns: None,
+            prepared: None,
+            look: None,
+        }
     }
 
-    fn try_open(&self, occurrence: &Occurrence) -> Result<u64, Missed> {
-        let slot = self.slots[occurrence.window.partition.index()].as_deref().ok_or(Missed::NoPartition)?;
+    fn try_open(&mut self, occurrence: &Occurrence) -> Result<u64, Missed> {
+        let partition = occurrence.window.partition.index();
+        let slot = self.slots[partition].as_deref().ok_or(Missed::NoPartition)?;
         if let Some(action) = self.changes.action_due(occurrence, slot) {
             return Err(Missed::Changed(action));
         }
@@ -76,9 +111,15 @@ impl WallGate {
             return Err(Missed::NoPartition);
         }
         // The dispatcher was held up for longer than the window lasts: the window is lost and says so.
-        if occurrence.late_ns >= occurrence.window.duration_ns() {
+        let length_ns = occurrence.window.duration_ns();
+        if occurrence.late_ns >= length_ns {
             return Err(Missed::TooLate);
         }
+        if !await_own(slot, self.core, length_ns / 4) {
+            return Err(Missed::OtherCore);
+        }
+        self.owns = Some(partition);
+        slot.place(self.processor);
         let now = now_ns();
         slot.grant(&Grant::of(occurrence, self.changes.next()), now);
         Ok(now.saturating_sub(self.origin_ns))
@@ -95,29 +136,48 @@ impl Gate for WallGate {
     }
 
     fn prepare(&mut self, window: &TimelineWindow) {
-        if let Some(slot) = self.slot(window) {
+        let partition = window.partition.index();
+        if let Some(slot) = self.slots[partition].as_deref()
+            && slot.readiness() == Readiness::Ready
+            && slot.try_own(self.core)
+        {
+            self.prepared = Some(partition);
+            slot.place(self.processor);
             slot.thaw();
         }
     }
 
     fn is_done(&mut self, window: &TimelineWindow) -> bool {
-        self.slot(window).is_none_or(Slot::is_done)
+        self.granted.is_err() || self.slot(window).is_none_or(Slot::is_done)
     }
 
     fn open(&mut self, occurrence: &Occurrence) {
+        self.owns = self.prepared.take();
         self.granted = self.try_open(occurrence);
     }
 
     fn close(&mut self, occurrence: &Occurrence, ending: Ending) {
         let granted = std::mem::replace(&mut self.granted, Err(Missed::NoPartition));
         let granted_ns = granted.ok();
-        let slot = self.slots[occurrence.window.partition.index()].as_deref();
+        let partition = occurrence.window.partition.index();
+        let slot = self.slots[partition].as_deref();
         let usage = granted_ns.and(slot).map(Slot::usage);
-        if let Some(slot) = slot {
-            // Also where it was not granted: it may have been thawed ahead of its window.
-            slot.fence(usage.is_some_and(|usage| usage.closed_ns.is_none()));
-        }
         let requested = granted_ns.and(slot).and_then(|slot| self.changes.take_request(occurrence, slot));
+        let mut look_again = None;
+        if let Some(slot) = slot
+            && self.owns.take() == Some(partition)
+        {
+            // Also where it was not granted: it may have been thawed ahead of its window.
+            let overrun = usage.map_or_else(|| !slot.is_done(), |usage| usage.closed_ns.is_none());
+            if slot.fence(overrun) {
+                look_again = Some((partition, now_ns().saturating_sub(self.origin_ns) + LOOK_NS));
+            }
+            slot.disown(self.core);
+        }
+        if look_again.is_some() {
+            self.look(); // at the partition before, if that has not been done
+            self.look = look_again;
+        }
         let module = |stamp: Option<u64>| stamp.map(|stamp| stamp.saturating_sub(self.origin_ns));
         let record = WindowRecord {
             occurrence: *occurrence,
@@ -132,4 +192,41 @@ impl Gate for WallGate {
             self.lost.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         }
     }
+
+    fn look_at_ns(&self) -> Option<u64> {
+        self.look.map(|(_, at_ns)| at_ns)
+    }
+
+    fn look(&mut self) {
+        let Some((partition, _)) = self.look.take() else { return };
+        // Where another core has opened a window of it meanwhile, nothing of it is to be held.
+        if let Some(slot) = self.slots[partition].as_deref()
+            && slot.try_own(self.core)
+        {
+            slot.look();
+            if self.owns != Some(partition) && self.prepared != Some(partition) {
+                slot.disown(self.core);
+            }
+        }
+    }
+}
+
+/// How long a window's start waits for the dispatcher of another core, whose window of the same partition has ended by the
+/// schedule, to close it, ns. Two dispatchers that wake at one instant are further apart only on a machine that holds
+/// one of them up.
+const HANDOVER_NS: u64 = 50_000;
+
+/// Waits for another dispatcher, never for a partition.
+fn await_own(slot: &Slot, core: u32, most_ns: u64) -> bool {
+    if slot.try_own(core) {
+        return true;
+    }
+    let limit_ns = now_ns() + HANDOVER_NS.min(most_ns);
+    while now_ns() < limit_ns {
+        if slot.try_own(core) {
+            return true;
+        }
+        std::hint::spin_loop();
+    }
+    false
 }

@@ -24,6 +24,8 @@ pub struct Fault {
 /// A line of `windows.csv`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Window {
+    /// The core.
+    pub core: u32,
     /// The partition.
     pub partition: String,
     /// When the schedule starts it, ns.
@@ -88,6 +90,7 @@ fn window(line: &str) -> Window {
     let fields: Vec<&str> = line.split(',').collect();
     assert_eq!(fields.len(), 12, "{line}");
     Window {
+        core: fields[2].parse().unwrap(),
         partition: fields[3].to_owned(),
         planned_start_ns: fields[4].parse().unwrap(),
         planned_end_ns: fields[5].parse().unwrap(),

@@ -62,7 +62,7 @@ impl Sketch {
         let path = program(runs);
         writeln!(
             self.partitions,
-            "[partition.{name}]\nprogram = \"{}\"\nmodule = \"test\"\nmemory = \"32MiB\"\n{keys}\n",
+            "[partition.{name}]\nprogram = \"{}\"\nmodule = \"test\"\nmemory = \"96MiB\"\n{keys}\n",
             path.display()
         )
         .unwrap();

@@ -153,6 +153,44 @@ fn children_of_a_partition_that_closes_its_windows_are_held_between_them() {
     assert_undisturbed(&ended, &quiet);
 }
 
+/// How many windows of the two that behave were lost while the dispatcher was on time, and how many of them in all.
+fn lost_windows(ended: &Ended) -> (usize, usize) {
+    let windows = ended.windows();
+    let on_time = windows.iter().filter(|window| window.partition != "middle" && !window.late);
+    let lost = on_time.clone().filter(|window| window.closed_ns.is_none()).count();
+    (lost, on_time.count())
+}
+
+fn assert_crowd_takes_no_window(keys: &str) {
+    let _turn = alone();
+    let quiet = run(&between_counters("counter", ""), &[], 2).expect_code(0);
+    let keys = format!("threads = 4\n{keys}");
+    let harmed = run(&between_counters("crowd", &keys), &[], 4).expect_code(0);
+    if !can_hold_children(&harmed.stderr) {
+        return;
+    }
+    let ((quiet_lost, quiet_all), (lost, all)) = (lost_windows(&quiet), lost_windows(&harmed));
+    assert!(all > 200, "{all}");
+    // A machine that others use takes a window now and then, with the crowd or without.
+    let allowed = quiet_lost * all / quiet_all + all / 20;
+    assert!(
+        lost <= allowed,
+        "{lost} of {all} windows were lost, {quiet_lost} of {quiet_all} without the crowd"
+    );
+    let windows = harmed.windows();
+    assert!(of(&windows, "middle").filter(|window| window.granted_ns.is_some()).count() > 100);
+}
+
+#[test]
+fn crowd_that_closes_its_windows_takes_none_from_others() {
+    assert_crowd_takes_no_window("attributes = { closes = true }");
+}
+
+#[test]
+fn crowd_that_spins_on_takes_no_window_from_others() {
+    assert_crowd_takes_no_window("attributes = { closes = false }\nhealth = { silence = \"ignore\" }");
+}
+
 #[test]
 fn children_that_left_their_session_die_with_their_partition() {
     let _turn = among_others();

@@ -99,7 +99,7 @@ fn module_changes_its_schedule_at_the_end_of_the_major_frame_on_the_wall_clock()
     let windows = ended.windows();
     // A machine that holds the monitor up asks a major frame later.
     let change = windows.iter().find(|window| window.schedule == "two").unwrap().planned_start_ns - MS;
-    assert!(change % (100 * MS) == 0 && change >= 300 * MS, "{change}");
+    assert!(change.is_multiple_of(100 * MS) && change >= 300 * MS, "{change}");
     assert!(of(&windows, "third").all(|window| window.planned_start_ns < change));
     let after: Vec<&Window> = windows.iter().filter(|window| window.planned_start_ns > change).collect();
     assert!(after.iter().all(|window| window.schedule == "two"), "it stays");

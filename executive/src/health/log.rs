@@ -72,6 +72,8 @@ pub enum Missed {
     NoPartition,
     /// The dispatcher was held up for longer than the window lasts.
     TooLate,
+    /// Another core still had a window of the partition open.
+    OtherCore,
     /// It was kept back for what a change of schedule means for its partition.
     Changed(ChangeAction),
 }
@@ -83,6 +85,7 @@ impl Missed {
         match self {
             Self::NoPartition => 'S',
             Self::TooLate => 'M',
+            Self::OtherCore => 'H',
             Self::Changed(_) => 'C',
         }
     }

@@ -59,15 +59,18 @@ pub(super) fn conduct(
     cages: Vec<Cage>,
     staff: Staff,
 ) -> Result<Outcome, RunError> {
-    let timelines = Timeline::all(plan, view.id());
     let initial = plan.initial_schedule();
     let agenda = Arc::new(Agenda::new(initial.index()));
-    let changes = Arc::new(Changes::of(plan, agenda.clone()));
+    let tables = Tables {
+        timelines: Timeline::all(plan, view.id()),
+        changes: Arc::new(Changes::of(plan, agenda.clone())),
+        agenda: agenda.clone(),
+    };
     let (records, lost) = (Records::default(), Arc::new(AtomicU64::new(0)));
     let rings: Rc<RefCell<Vec<Consumer<WindowRecord>>>> = Rc::default();
     let mut monitor = Monitor::launch(Equipment {
         plan: plan.clone(),
-        agenda: agenda.clone(),
+        agenda,
         clock: options.clock,
         cages,
         start_janitor: staff.start_janitor,
@@ -100,12 +103,8 @@ pub(super) fn conduct(
         line_slot,
     );
     let module_ns = match options.clock {
-        Clock::Virtual => {
-            run_virtual(&timelines, agenda, changes, &mut monitor, &mut surroundings, records, facts)
-        }
-        Clock::Wall => {
-            run_wall(&timelines, &agenda, &changes, &mut monitor, &mut surroundings, &rings, &lost, facts)?
-        }
+        Clock::Virtual => run_virtual(&tables, &mut monitor, &mut surroundings, records, facts),
+        Clock::Wall => run_wall(&tables, &mut monitor, &mut surroundings, &rings, &lost, facts)?,
     };
     let reason = surroundings.reason(monitor.stop_asked());
     monitor.finish(module_ns);
@@ -169,13 +168,13 @@ fn connect(slots: &[Option<Arc<Slot>>], plan: &Plan, clock: Clock) {
         while !slot.is_done() && now_ns() - begun_ns < 100_000_000 {
             slot.await_change(1_000_000);
         }
+        // It had no window yet, and must not take anybody's.
+        slot.fence(!slot.is_done());
     }
 }
 
 fn run_virtual(
-    timelines: &[Timeline],
-    agenda: Arc<Agenda>,
-    changes: Arc<Changes>,
+    tables: &Tables,
     monitor: &mut Monitor,
     surroundings: &mut Surroundings,
     records: Records,
@@ -183,15 +182,17 @@ fn run_virtual(
 ) -> u64 {
     // On the partitions' own core a grant is a switch, not an interrupt to another processor.
     let _ = sched::bind(0, &facts.partitioned_cores()); // slower otherwise, nothing else
-    let mut gate = VirtualGate::new(monitor, surroundings, records, changes);
-    Dispatcher::new(timelines, agenda, true, |_| true).run(&mut VirtualPace, &mut gate, &|| false);
+    let mut gate = VirtualGate::new(monitor, surroundings, records, tables.changes.clone());
+    Dispatcher::new(&tables.timelines, tables.agenda.clone(), true, |_| true).run(
+        &mut VirtualPace,
+        &mut gate,
+        &|| false,
+    );
     surroundings.module_ns()
 }
 
 fn run_wall(
-    timelines: &[Timeline],
-    agenda: &Arc<Agenda>,
-    changes: &Arc<Changes>,
+    tables: &Tables,
     monitor: &mut Monitor,
     surroundings: &mut Surroundings,
     rings: &Rc<RefCell<Vec<Consumer<WindowRecord>>>>,
@@ -203,12 +204,20 @@ fn run_wall(
     slots.iter().flatten().for_each(|slot| slot.page.origin_ns.store(origin_ns, Ordering::Release));
     let stop = Arc::new(AtomicBool::new(false));
     let mut threads = Vec::new();
-    for line in timelines.first().into_iter().flat_map(|timeline| &timeline.cores) {
+    for line in tables.timelines.first().into_iter().flat_map(|timeline| &timeline.cores) {
         let (producer, consumer) = RingBuffer::new(RECORDS);
-        rings.borrow_mut().push(consumer);
-        let gate = WallGate::new(slots.clone(), origin_ns, producer, lost.clone(), changes.clone());
-        let dispatcher = Dispatcher::new(timelines, agenda.clone(), false, |core| core == line.core);
         let (core, real_time, stop) = (facts.real_core(line.core), facts.real_time, stop.clone());
+        rings.borrow_mut().push(consumer);
+        let gate = WallGate::new(
+            slots.clone(),
+            origin_ns,
+            producer,
+            lost.clone(),
+            tables.changes.clone(),
+            (line.core, core),
+        );
+        let dispatcher =
+            Dispatcher::new(&tables.timelines, tables.agenda.clone(), false, |core| core == line.core);
         let thread = std::thread::Builder::new()
             .name(format!("dispatch {}", line.core))
             .spawn(move || dispatch(dispatcher, gate, origin_ns, core, real_time, &stop))
@@ -220,17 +229,14 @@ fn run_wall(
         monitor.pause(MONITOR_PERIOD_NS);
         let module_ns = now_ns().saturating_sub(origin_ns);
         monitor.step(module_ns);
-        if surroundings
-            .until_ns()
-            .is_some_and(|until_ns| module_ns >= last_frame(timelines, agenda, until_ns))
-        {
+        if surroundings.until_ns().is_some_and(|until_ns| module_ns >= tables.last_frame(until_ns)) {
             stop.store(true, Ordering::Release); // told after the frame's end, they would begin another
         } else if threads.iter().any(JoinHandle::is_finished) {
             monitor.ask_to_stop(LOST_CORE);
             break;
         }
         if module_ns >= next_minor_ns {
-            next_minor_ns = following_minor_frame(timelines, agenda, module_ns);
+            next_minor_ns = tables.following_minor_frame(module_ns);
             if !crate::fast::World::minor_frame(surroundings, module_ns, monitor)
                 || monitor.stop_asked().is_some()
             {
@@ -245,18 +251,27 @@ fn run_wall(
     Ok(now_ns().saturating_sub(origin_ns))
 }
 
-/// The next minor frame of the schedule that runs: when the world is asked again.
-fn following_minor_frame(timelines: &[Timeline], agenda: &Agenda, module_ns: u64) -> u64 {
-    let minor_frame_ns = timelines[agenda.current()].minor_frame_ns;
-    let since_ns = agenda.changed_ns();
-    since_ns + (module_ns.saturating_sub(since_ns) / minor_frame_ns + 1) * minor_frame_ns
+/// All that is known about time before frame 0.
+struct Tables {
+    timelines: Vec<Timeline>,
+    agenda: Arc<Agenda>,
+    changes: Arc<Changes>,
 }
 
-/// Where the major frame begins in which the time `until_ns` lies, or at whose end.
-fn last_frame(timelines: &[Timeline], agenda: &Agenda, until_ns: u64) -> u64 {
-    let major_frame_ns = timelines[agenda.current()].major_frame_ns;
-    let since_ns = agenda.changed_ns();
-    since_ns + until_ns.saturating_sub(since_ns + 1) / major_frame_ns * major_frame_ns
+impl Tables {
+    /// The next minor frame of the schedule that runs: when the world is asked again.
+    fn following_minor_frame(&self, module_ns: u64) -> u64 {
+        let minor_frame_ns = self.timelines[self.agenda.current()].minor_frame_ns;
+        let since_ns = self.agenda.changed_ns();
+        since_ns + (module_ns.saturating_sub(since_ns) / minor_frame_ns + 1) * minor_frame_ns
+    }
+
+    /// Where the major frame begins in which the time `until_ns` lies, or at whose end.
+    fn last_frame(&self, until_ns: u64) -> u64 {
+        let major_frame_ns = self.timelines[self.agenda.current()].major_frame_ns;
+        let since_ns = self.agenda.changed_ns();
+        since_ns + until_ns.saturating_sub(since_ns + 1) / major_frame_ns * major_frame_ns
+    }
 }
 
 /// A dispatcher thread's life.

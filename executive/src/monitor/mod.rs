@@ -19,6 +19,7 @@ use bateleur_contract::{Clock, ReportKind, StartCondition, exit};
 
 use crate::agenda::{Agenda, Requested};
 use crate::event::{Event, Events};
+use crate::fence::Escapes;
 use crate::health::decision::{Decision, decide, error_of};
 use crate::health::log::{Fault, HealthLog, Missed, WindowLog, WindowRecord};
 use crate::partition::{Cage, await_any_end, ended, is_readable};
@@ -205,14 +206,32 @@ impl Monitor {
             self.watched.iter().for_each(|watched| watched.cage.bound_log());
             if self.clock == Clock::Wall {
                 self.count_threads(module_ns);
+                for place in 0..self.watched.len() {
+                    self.judge_fence(place, module_ns);
+                }
             }
         }
+    }
+
+    /// What a window's end did not hold is an overrun, whether the partition had closed its window or not.
+    fn judge_fence(&mut self, place: usize, module_ns: u64) {
+        let Escapes { ran_on, stuck } = self.watched[place].cage.slot.look_after_fence();
+        if ran_on + stuck == 0 || !self.watched[place].runs() {
+            return;
+        }
+        let detail = match ran_on {
+            0 => format!(
+                "not stopped between two windows, {stuck} times: something of it is deep in the kernel"
+            ),
+            _ => format!("ran on after its window's end, {ran_on} times, until it lost its priority"),
+        };
+        self.report_overrun(place, detail, module_ns);
     }
 
     /// A partition that declared one thread is not frozen when it closes its window: the thread sleeps. One that has
     /// more after all is found here.
     fn count_threads(&mut self, module_ns: u64) {
-        let found = self.watched.iter().filter(|watched| watched.runs() && watched.cage.finds_company());
+        let found = self.watched.iter().filter(|watched| watched.finds_company());
         for name in found.map(|watched| watched.cage.name.clone()).collect::<Vec<_>>() {
             let text =
                 "it has more threads or processes than it declared: held between its windows from now on"
@@ -369,16 +388,17 @@ impl Monitor {
             let detail = format!("no window closed in {}", self.plan.health.silence_windows);
             return self.fault(place, PartitionError::Silence, detail, module_ns);
         }
+        let minor = record.occurrence.minor_frames;
+        self.report_overrun(place, format!("not done at the end of its window in frame {minor}"), module_ns);
+    }
+
+    /// A health error, but not more than one a second.
+    fn report_overrun(&mut self, place: usize, detail: String, module_ns: u64) {
+        let watched = &mut self.watched[place];
         let told = watched.overrun_told_ns.is_some_and(|told| module_ns < told + OVERRUN_SILENCE_NS);
         if !told {
             watched.overrun_told_ns = Some(module_ns);
-            let minor = record.occurrence.minor_frames;
-            self.fault(
-                place,
-                PartitionError::WindowOverrun,
-                format!("not done at the end of its window in frame {minor}"),
-                module_ns,
-            );
+            self.fault(place, PartitionError::WindowOverrun, detail, module_ns);
         }
     }
 
@@ -439,7 +459,7 @@ impl Monitor {
             return;
         }
         // Before its number may be given to another process.
-        watched.cage.slot.set_process(0);
+        watched.cage.slot.lose_process();
         let (pid, status) = (process.pid, ended(process));
         watched.died(pid);
         let found = status.and_then(error_of);

@@ -129,6 +129,14 @@ impl Watched {
         matches!(self.life, Life::Starting(..) | Life::Dead(_, Then::Successor))
     }
 
+    /// It has threads or children that nobody knew of.
+    pub(super) fn finds_company(&self) -> bool {
+        match &self.life {
+            Life::Running(process) if self.runs() => self.cage.finds_company(process),
+            _ => false,
+        }
+    }
+
     /// It takes windows and has not ended, as far as the kernel knows.
     pub(super) fn runs(&self) -> bool {
         matches!(&self.life, Life::Running(process) if !is_readable(process.pidfd.as_fd()))

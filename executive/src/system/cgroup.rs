@@ -6,6 +6,7 @@
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -16,9 +17,14 @@ pub struct Group {
     directory: File,
 }
 
-/// The freezing file of a group, kept open: two bytes written are all that a window switch costs.
+/// The files of a group that the time-critical path needs, kept open.
 #[derive(Debug)]
-pub struct Freezer(File);
+pub struct Freezer {
+    freeze: File,
+    events: File,
+    processes: File,
+    threads: File,
+}
 
 impl Group {
     /// Makes the group `name` below the one that was delegated to this process.
@@ -49,9 +55,15 @@ impl Group {
         self.directory.as_fd()
     }
 
-    /// Opens the freezing file.
+    /// Opens the files for freezing it.
     pub fn freezer(&self) -> io::Result<Freezer> {
-        OpenOptions::new().write(true).open(self.path.join("cgroup.freeze")).map(Freezer)
+        let read = |name: &str| File::open(self.path.join(name));
+        Ok(Freezer {
+            freeze: OpenOptions::new().write(true).open(self.path.join("cgroup.freeze"))?,
+            events: read("cgroup.events")?,
+            processes: read("cgroup.procs")?,
+            threads: read("cgroup.threads")?,
+        })
     }
 
     /// Sets a limit such as `memory.max`; an error where the controller is not there.
@@ -90,8 +102,9 @@ impl Group {
 
     /// Threads of all processes in the group, as they are now.
     #[must_use]
-    pub fn thread_count(&self) -> usize {
-        fs::read_to_string(self.path.join("cgroup.threads")).map_or(0, |list| list.lines().count())
+    pub fn threads(&self) -> Vec<i32> {
+        let list = fs::read_to_string(self.path.join("cgroup.threads")).unwrap_or_default();
+        list.lines().filter_map(|line| line.parse().ok()).collect()
     }
 }
 
@@ -107,13 +120,52 @@ impl Drop for Group {
 impl Freezer {
     /// Stops every thread of the group.
     pub fn freeze(&self) -> io::Result<()> {
-        (&self.0).write_all(b"1")
+        (&self.freeze).write_all(b"1")
     }
 
     /// Lets them go on.
     pub fn thaw(&self) -> io::Result<()> {
-        (&self.0).write_all(b"0")
+        (&self.freeze).write_all(b"0")
     }
+
+    /// Whether every thread of the group has stopped.
+    #[must_use]
+    pub fn is_frozen(&self) -> bool {
+        let mut text = [0; 128];
+        let length = self.events.read_at(&mut text, 0).unwrap_or(0);
+        text[..length].windows(b"frozen 1".len()).any(|part| part == b"frozen 1")
+    }
+
+    /// Gives `each` every process of the group, without allocating.
+    pub fn each_process(&self, each: &mut dyn FnMut(i32)) {
+        each_number(&self.processes, each);
+    }
+
+    /// Gives `each` every thread of the group, without allocating.
+    pub fn each_thread(&self, each: &mut dyn FnMut(i32)) {
+        each_number(&self.threads, each);
+    }
+}
+
+/// Gives `each` the numbers in a file, one a line.
+fn each_number(file: &File, each: &mut dyn FnMut(i32)) {
+    let (mut text, mut at, mut number) = ([0_u8; 2048], 0, None);
+    loop {
+        let length = file.read_at(&mut text, at).unwrap_or(0);
+        for byte in &text[..length] {
+            match byte {
+                b'0'..=b'9' => {
+                    number = Some(number.unwrap_or(0_i32).wrapping_mul(10) + i32::from(byte - b'0'));
+                }
+                _ => number.take().into_iter().for_each(&mut *each),
+            }
+        }
+        if length < text.len() {
+            break;
+        }
+        at += length as u64;
+    }
+    number.into_iter().for_each(each);
 }
 
 fn kill(path: &Path) -> io::Result<()> {
@@ -195,6 +247,17 @@ mod tests {
         assert_eq!(count(file.path(), "oom_kill"), 3);
         assert_eq!(count(file.path(), "absent"), 0);
         assert_eq!(count(Path::new("/nowhere"), "oom_kill"), 0);
+    }
+
+    #[test]
+    fn numbers_of_a_long_list_are_read_whole_across_the_ends_of_the_buffer() {
+        let mut file = tempfile::tempfile().unwrap();
+        let numbers: Vec<i32> = (0..3000).map(|number| number * 7).collect();
+        let text: Vec<String> = numbers.iter().map(i32::to_string).collect();
+        file.write_all(text.join("\n").as_bytes()).unwrap();
+        let mut read = Vec::new();
+        each_number(&file, &mut |number| read.push(number));
+        assert_eq!(read, numbers);
     }
 
     #[test]

@@ -17,6 +17,14 @@ pub fn ordinary(tid: i32) -> io::Result<()> {
     set(tid, libc::SCHED_OTHER, 0)
 }
 
+/// Whether a thread has real-time priority.
+#[must_use]
+pub fn is_real_time(tid: i32) -> bool {
+    // SAFETY: plain system call on a number.
+    let policy = unsafe { libc::sched_getscheduler(tid) };
+    matches!(policy & !libc::SCHED_RESET_ON_FORK, libc::SCHED_FIFO | libc::SCHED_RR)
+}
+
 fn set(tid: i32, policy: i32, priority: i32) -> io::Result<()> {
     let parameters = libc::sched_param { sched_priority: priority };
     // SAFETY: plain system call; the structure is alive for its length and is not kept.

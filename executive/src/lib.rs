@@ -15,6 +15,7 @@ pub mod fence;
 pub mod guarantee;
 pub mod health;
 pub mod helper;
+pub mod inject;
 pub mod instance;
 pub mod machine;
 pub mod module;

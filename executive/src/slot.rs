@@ -4,6 +4,7 @@
 use std::sync::atomic::Ordering::{Acquire, Relaxed, Release, SeqCst};
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, AtomicU64};
 
+use bateleur_contract::page::NOT_COUNTED;
 use bateleur_contract::{ControlPage, Mapped};
 use rustix::thread::futex;
 
@@ -93,6 +94,11 @@ pub struct Slot {
     reign: AtomicU32,
     /// Requests for a schedule that were taken from the page.
     schedule_requests: AtomicU32,
+    /// What stands in the executive's half of the page for a whole run: a partition that wrote over it must not do so
+    /// for its successors.
+    clock: AtomicU32,
+    origin_ns: AtomicU64,
+    device_expected: AtomicU64,
 }
 
 impl Slot {
@@ -114,12 +120,19 @@ impl Slot {
             fresh: AtomicBool::new(false),
             reign: AtomicU32::new(0),
             schedule_requests: AtomicU32::new(0),
+            clock: AtomicU32::new(0),
+            origin_ns: AtomicU64::new(0),
+            device_expected: AtomicU64::new(NOT_COUNTED),
         }
     }
 
     /// Empties the page for a process that is about to start: it has seen no grant yet.
     /// `cold`: it finds nothing of its predecessor.
     pub fn take_in(&self, cold: bool) {
+        self.page.initialise();
+        self.page.clock.store(self.clock.load(Relaxed), Relaxed);
+        self.page.origin_ns.store(self.origin_ns.load(Relaxed), Relaxed);
+        self.page.device_expected.store(self.device_expected.load(Relaxed), Relaxed);
         self.fresh.store(cold, Relaxed);
         self.page.forget_schedule_request();
         self.schedule_requests.store(0, Relaxed);
@@ -131,6 +144,24 @@ impl Slot {
         self.page.mode.store(0, Relaxed);
         self.held.store(false, Relaxed);
         self.fence.reset();
+    }
+
+    /// Says which clock module time follows: 0 the wall clock, 1 the virtual one.
+    pub fn set_clock(&self, clock: u32) {
+        self.clock.store(clock, Relaxed);
+        self.page.clock.store(clock, Relaxed);
+    }
+
+    /// Says when module time 0 is, CLOCK_MONOTONIC ns.
+    pub fn set_origin_ns(&self, origin_ns: u64) {
+        self.origin_ns.store(origin_ns, Relaxed);
+        self.page.origin_ns.store(origin_ns, Release);
+    }
+
+    /// Says how many bytes the world has sent to the partition's device so far.
+    pub fn expect_of_device(&self, bytes: u64) {
+        self.device_expected.store(bytes, Relaxed);
+        self.page.device_expected.store(bytes, Relaxed);
     }
 
     /// The process behind the page, once it may take windows. Until the first of them nothing of it is real-time, and
@@ -432,6 +463,25 @@ mod tests {
         slot.grant(&WINDOW, granted_ns);
         close(&slot, granted_ns - 1, now_ns() + 1_000_000_000_000);
         assert_eq!(slot.usage(), Use { opened_ns: None, closed_ns: None });
+    }
+
+    #[test]
+    fn a_page_that_was_written_over_is_whole_again_for_the_successor() {
+        let file = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
+        rustix::fs::ftruncate(&file, 4096).unwrap();
+        let slot = Slot::new(Mapped::new(&file).unwrap(), Fence::new(Box::new(Obedient), None), false);
+        slot.set_clock(1);
+        slot.set_origin_ns(1234);
+        slot.expect_of_device(77);
+        // As a partition may do.
+        std::os::unix::fs::FileExt::write_all_at(&std::fs::File::from(file), &[0xff; 4096], 0).unwrap();
+        assert!(!slot.page.is_valid());
+        slot.take_in(true);
+        assert!(slot.page.is_valid());
+        assert_eq!(slot.page.origin_ns.load(Relaxed), 1234);
+        assert_eq!(slot.page.clock.load(Relaxed), 1);
+        assert_eq!(slot.page.device_expected.load(Relaxed), 77);
+        assert_eq!((slot.page.stop.load(Relaxed), slot.page.grant.load(Relaxed)), (0, 0));
     }
 
     #[test]

@@ -8,6 +8,7 @@ use crate::change::Changes;
 use crate::dispatcher::{Ending, Gate, Meanwhile, Occurrence, Pace};
 use crate::fence::LOOK_NS;
 use crate::health::log::{Missed, WindowRecord};
+use crate::inject::Stall;
 use crate::plan::TimelineWindow;
 use crate::slot::{Grant, Readiness, Slot};
 use crate::system::time::{now_ns, sleep_until_ns, spin_until_ns};
@@ -72,6 +73,7 @@ pub struct WallGate {
     prepared: Option<usize>,
     /// The partition whose fence is to be looked at, and when, module time, ns.
     look: Option<(usize, u64)>,
+    stall: Arc<Stall>,
 }
 
 impl WallGate {
@@ -84,6 +86,7 @@ impl WallGate {
         lost: Arc<std::sync::atomic::AtomicU64>,
         changes: Arc<Changes>,
         (core, processor): (u32, u32),
+        stall: Arc<Stall>,
     ) -> Self {
         let granted = Err(Missed::NoPartition);
         Self {
@@ -98,6 +101,7 @@ impl WallGate {
             owns: None,
             prepared: None,
             look: None,
+            stall,
         }
     }
 
@@ -152,6 +156,7 @@ impl Gate for WallGate {
     }
 
     fn open(&mut self, occurrence: &Occurrence) {
+        self.stall.suffer();
         self.owns = self.prepared.take();
         self.granted = self.try_open(occurrence);
     }

@@ -202,7 +202,7 @@ impl Surroundings {
         match companion.exchange(module_ns, sent) {
             Ok((bytes, stop)) => {
                 if let Some(slot) = &self.line {
-                    slot.page.device_expected.store(bytes, Ordering::Relaxed);
+                    slot.expect_of_device(bytes);
                 }
                 if stop {
                     self.reason = Some("the mission is over".into());

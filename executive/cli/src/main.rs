@@ -40,6 +40,7 @@ enum Verb {
     Freeze(verb::order::Arguments),
     /// Let a held partition go on where it was.
     Thaw(verb::order::Arguments),
+    Inject(verb::inject::Arguments),
     Ps(verb::ps::Arguments),
     Run(verb::run::Arguments),
     /// Change a running module to another schedule, with its next major frame.
@@ -70,6 +71,7 @@ fn main() -> ExitCode {
         Verb::Start(arguments) => verb::order::run(&arguments, |partition| Request::Start { partition }),
         Verb::Freeze(arguments) => verb::order::run(&arguments, |partition| Request::Freeze { partition }),
         Verb::Thaw(arguments) => verb::order::run(&arguments, |partition| Request::Thaw { partition }),
+        Verb::Inject(arguments) => verb::inject::run(&arguments),
         Verb::Ps(arguments) => verb::ps::run(&arguments),
         Verb::Schedule(arguments) => verb::order::schedule(&arguments),
         Verb::Top(arguments) => verb::top::run(&arguments),

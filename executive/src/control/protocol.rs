@@ -39,6 +39,13 @@ pub enum Request {
         /// The partition.
         partition: String,
     },
+    /// Provokes a fault, see [`crate::inject`].
+    Inject {
+        /// A partition, a port or the dispatcher.
+        target: String,
+        /// The fault.
+        fault: String,
+    },
     /// Changes to another schedule with the next major frame.
     Schedule {
         /// The schedule.

@@ -18,6 +18,7 @@ use crate::dispatcher::Dispatcher;
 use crate::event::Event;
 use crate::fast::{Records, VirtualGate, VirtualPace};
 use crate::health::log::{HealthLog, WindowLog, WindowRecord};
+use crate::inject::Stall;
 use crate::machine::Machine;
 use crate::monitor::operator::Operator;
 use crate::monitor::{Equipment, Monitor, StartJanitor};
@@ -68,6 +69,7 @@ pub(super) fn conduct(
     };
     let (records, lost) = (Records::default(), Arc::new(AtomicU64::new(0)));
     let rings: Rc<RefCell<Vec<Consumer<WindowRecord>>>> = Rc::default();
+    let stall = Arc::new(Stall::default());
     let mut monitor = Monitor::launch(Equipment {
         plan: plan.clone(),
         agenda,
@@ -80,7 +82,7 @@ pub(super) fn conduct(
         health_log: HealthLog::create(&options.output.join("health.jsonl"))
             .map_err(machine("cannot write health.jsonl"))?,
         events: options.events,
-        operator: Operator::new(staff.inbox, about(&options.module, options.clock)),
+        operator: Operator::new(staff.inbox, about(&options.module, options.clock), stall.clone()),
     })
     .map_err(RunError::Start)?;
     if let Err(reason) = monitor.await_all_ready() {
@@ -102,9 +104,10 @@ pub(super) fn conduct(
         options.companion,
         line_slot,
     );
+    let lanes = Lanes { rings: rings.clone(), lost: lost.clone(), stall };
     let module_ns = match options.clock {
         Clock::Virtual => run_virtual(&tables, &mut monitor, &mut surroundings, records, facts),
-        Clock::Wall => run_wall(&tables, &mut monitor, &mut surroundings, &rings, &lost, facts)?,
+        Clock::Wall => run_wall(&tables, &mut monitor, &mut surroundings, &lanes, facts)?,
     };
     let reason = surroundings.reason(monitor.stop_asked());
     monitor.finish(module_ns);
@@ -159,7 +162,7 @@ fn connect(slots: &[Option<Arc<Slot>>], plan: &Plan, clock: Clock) {
     let initial = plan.initial_schedule();
     let (minor_frame_ns, schedule) = (plan[initial].minor_frame_ns, initial.index());
     for slot in slots.iter().flatten() {
-        slot.page.clock.store(u32::from(clock == Clock::Virtual), Ordering::Relaxed);
+        slot.set_clock(u32::from(clock == Clock::Virtual));
         slot.grant(
             &Grant { minor_frame_ns, schedule, next_schedule: schedule, ..Grant::default() },
             now_ns(),
@@ -191,30 +194,37 @@ fn run_virtual(
     surroundings.module_ns()
 }
 
+/// What dispatcher threads share with the monitor.
+struct Lanes {
+    rings: Rc<RefCell<Vec<Consumer<WindowRecord>>>>,
+    lost: Arc<AtomicU64>,
+    stall: Arc<Stall>,
+}
+
 fn run_wall(
     tables: &Tables,
     monitor: &mut Monitor,
     surroundings: &mut Surroundings,
-    rings: &Rc<RefCell<Vec<Consumer<WindowRecord>>>>,
-    lost: &Arc<AtomicU64>,
+    lanes: &Lanes,
     facts: &Machine,
 ) -> Result<u64, RunError> {
     let origin_ns = now_ns() + LEAD_NS;
     let slots = monitor.slots();
-    slots.iter().flatten().for_each(|slot| slot.page.origin_ns.store(origin_ns, Ordering::Release));
+    slots.iter().flatten().for_each(|slot| slot.set_origin_ns(origin_ns));
     let stop = Arc::new(AtomicBool::new(false));
     let mut threads = Vec::new();
     for line in tables.timelines.first().into_iter().flat_map(|timeline| &timeline.cores) {
         let (producer, consumer) = RingBuffer::new(RECORDS);
         let (core, real_time, stop) = (facts.real_core(line.core), facts.real_time, stop.clone());
-        rings.borrow_mut().push(consumer);
+        lanes.rings.borrow_mut().push(consumer);
         let gate = WallGate::new(
             slots.clone(),
             origin_ns,
             producer,
-            lost.clone(),
+            lanes.lost.clone(),
             tables.changes.clone(),
             (line.core, core),
+            lanes.stall.clone(),
         );
         let dispatcher =
             Dispatcher::new(&tables.timelines, tables.agenda.clone(), false, |core| core == line.core);

@@ -13,7 +13,7 @@ use crate::guarantee::Guarantee;
 use crate::instance::clean_leftovers;
 use crate::machine::Machine;
 use crate::plan::{ModuleView, Plan};
-use crate::planned::PlannedAct;
+use crate::planned::{Act, PlannedAct};
 use crate::world::Companion;
 use base::Base;
 
@@ -71,6 +71,9 @@ pub enum RunError {
         /// What there is.
         known: String,
     },
+    /// A fault that hits nothing.
+    #[error("{0}")]
+    Aim(String),
     /// A schedule that is not in the plan.
     #[error("the plan has no schedule \"{name}\"; it has {known}")]
     NoSchedule {
@@ -152,7 +155,12 @@ fn module_of<'a>(plan: &'a Plan, name: &str) -> Result<ModuleView<'a>, RunError>
 
 fn check_names(view: &ModuleView<'_>, options: &Options) -> Result<(), RunError> {
     let names: Vec<&str> = view.partitions().map(|id| view.plan()[id].name.as_str()).collect();
-    let asked = options.acts.iter().map(|one| &one.partition).chain(options.overrides.keys());
+    let (faults, acts): (Vec<_>, Vec<_>) =
+        options.acts.iter().partition(|one| matches!(one.act, Act::Inject(_)));
+    if let Some(why) = faults.into_iter().find_map(|one| one.aim(view.plan()).err()) {
+        return Err(RunError::Aim(why));
+    }
+    let asked = acts.into_iter().map(|one| &one.partition).chain(options.overrides.keys());
     match asked.into_iter().find(|name| !names.contains(&name.as_str())) {
         None => Ok(()),
         Some(name) => Err(RunError::NoPartition {

@@ -36,6 +36,7 @@ mod burial;
 mod change;
 mod figures;
 pub mod operator;
+mod provoke;
 mod watched;
 
 /// Between two health entries about the overruns of one partition, module time: each is counted, not each is told.

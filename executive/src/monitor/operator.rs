@@ -1,11 +1,14 @@
 //! Orders from the control socket, taken in the monitor's step on either clock: a few in each, so that no flood of them
 //! makes a step long.
 
+use std::sync::Arc;
+
 use super::Monitor;
 use super::watched::{Life, Then};
 use crate::agenda::Requested;
 use crate::control::{Answer, Inbox, Request, Status};
-use crate::health::log::Fault;
+use crate::health::log::Fault as Entry;
+use crate::inject::{Fault, Stall};
 use crate::plan::did_you_mean;
 use crate::planned::Act;
 
@@ -18,13 +21,14 @@ pub struct Operator {
     inbox: Option<Inbox>,
     /// What does not change in a status.
     about: Status,
+    pub(super) stall: Arc<Stall>,
 }
 
 impl Operator {
-    /// `inbox`: where orders come from; none: there is no socket. `about`: the module's name, its process, its clock.
+    /// `stall`: shared with the dispatchers. `inbox`: where orders come from; none: there is no socket. `about`: the module's name, its process, its clock.
     #[must_use]
-    pub fn new(inbox: Option<Inbox>, about: Status) -> Self {
-        Self { inbox, about }
+    pub fn new(inbox: Option<Inbox>, about: Status, stall: Arc<Stall>) -> Self {
+        Self { inbox, about, stall }
     }
 }
 
@@ -48,6 +52,7 @@ impl Monitor {
             Request::Start { partition } => self.act_on(partition, Act::Start, module_ns),
             Request::Freeze { partition } => self.act_on(partition, Act::Freeze, module_ns),
             Request::Thaw { partition } => self.act_on(partition, Act::Thaw, module_ns),
+            Request::Inject { target, fault } => self.inject(target, fault, module_ns),
             Request::Schedule { name } => self.change_schedule(name, module_ns),
         }
     }
@@ -62,6 +67,7 @@ impl Monitor {
             Act::Stop => (self.stop(partition, module_ns), "is stopped", "is not running"),
             Act::Start => (self.start(partition, module_ns), "is being started", "runs, or is about to"),
             Act::Freeze => (self.freeze(partition, module_ns), "is frozen", "is frozen already"),
+            Act::Inject(_) => return Err("faults are ordered by `inject`".into()),
             Act::Thaw => (self.thaw(partition, module_ns), "goes on", "is not frozen"),
         };
         if !done {
@@ -69,6 +75,16 @@ impl Monitor {
         }
         self.note(place, act.name(), module_ns);
         Ok(Answer::Done { text: format!("{name} {text}") })
+    }
+
+    fn inject(&mut self, target: &str, fault: &str, module_ns: u64) -> Result<Answer, String> {
+        let fault: Fault = fault.parse()?;
+        let aim = fault.aim(&self.plan, target)?;
+        self.provoke(fault, &aim, module_ns)?;
+        if let Some(place) = aim.partition.and_then(|partition| self.places[partition]) {
+            self.note(place, &format!("fault {fault} aimed at {target}"), module_ns);
+        }
+        Ok(Answer::Done { text: format!("{fault} is provoked in {target}") })
     }
 
     fn change_schedule(&mut self, name: &str, module_ns: u64) -> Result<Answer, String> {
@@ -92,7 +108,7 @@ impl Monitor {
     /// An order is an entry in the health log: whoever reads what followed from it must not take it for a fault.
     fn note(&mut self, place: usize, order: &str, module_ns: u64) {
         let watched = &self.watched[place];
-        let entry = Fault {
+        let entry = Entry {
             time_ns: module_ns,
             partition: watched.cage.name.clone(),
             generation: watched.generation,

@@ -13,8 +13,9 @@ use serde::de::DeserializeOwned;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
 use crate::attributes::{AttributeError, Attributes};
+use crate::faults::Faults;
 use crate::line::Line;
-use crate::ports::{Connect, QueuingDestination, QueuingSource, SamplingDestination, SamplingSource};
+use crate::ports::{Connect, Outlet, QueuingDestination, QueuingSource, SamplingDestination, SamplingSource};
 use crate::retained::Retained;
 use crate::schedule::ModuleSchedules;
 use crate::time::Time;
@@ -66,6 +67,7 @@ pub struct Context {
     // Channels stay open as long as the partition runs.
     channels: Vec<Channel>,
     connections: Vec<Rc<dyn Connect>>,
+    outlets: Vec<(String, Rc<Outlet>)>,
     retained: Option<File>,
 }
 
@@ -86,6 +88,7 @@ impl Context {
             used: BTreeSet::new(),
             channels: Vec::new(),
             connections: Vec::new(),
+            outlets: Vec::new(),
             retained,
         })
     }
@@ -123,7 +126,8 @@ impl Context {
     /// CREATE_SAMPLING_PORT, source.
     pub fn sampling_source<T: Message>(&mut self, name: &str) -> Result<SamplingSource<T>, StartError> {
         let port = self.port::<T>(name, PortKind::Sampling, Direction::Source)?;
-        Ok(SamplingSource::new(self.writer(&port)?, self.time.clone()))
+        let outlet = self.writer(&port)?.map(|writer| self.outlet(name, writer, None));
+        Ok(SamplingSource::through(outlet, self.time.clone()))
     }
 
     /// CREATE_SAMPLING_PORT, destination.
@@ -143,7 +147,8 @@ impl Context {
             Some(_) => Some(self.open_writer(&channel_type(&port).observed())?),
             None => None,
         };
-        Ok(QueuingSource::new(writer, observed, self.time.clone()))
+        let outlet = writer.map(|writer| self.outlet(name, writer, observed));
+        Ok(QueuingSource::new(outlet, self.time.clone()))
     }
 
     /// CREATE_QUEUING_PORT, destination.
@@ -186,10 +191,27 @@ impl Context {
         self.attributes.all_known()?;
         match self.description.ports.iter().find(|port| !self.used.contains(&port.name)) {
             Some(port) => Err(StartError::UnusedPort(port.name.clone())),
-            None => {
-                Ok(Started { connections: self.connections, _channels: self.channels, _nodes: self.nodes })
-            }
+            None => Ok(Started {
+                faults: self.faults(),
+                outlets: self.outlets.into_iter().map(|(_, outlet)| outlet).collect(),
+                connections: self.connections,
+                _channels: self.channels,
+                _nodes: self.nodes,
+            }),
         }
+    }
+
+    fn outlet(&mut self, name: &str, writer: Rc<Writer>, observed: Option<Rc<Writer>>) -> Rc<Outlet> {
+        let outlet = Rc::new(Outlet::new(writer, observed));
+        self.outlets.push((name.to_owned(), outlet.clone()));
+        outlet
+    }
+
+    /// Faults of ports are ordered by a port's place in the description.
+    fn faults(&self) -> Faults {
+        let outlet_of = |name: &str| self.outlets.iter().find(|(port, _)| port == name);
+        let ports = self.description.ports.iter().map(|port| Some(outlet_of(&port.name)?.1.fault.clone()));
+        Faults::new(self.time.page(), ports.collect())
     }
 
     fn port<T: Message>(
@@ -255,6 +277,8 @@ impl Context {
 /// What must live as long as the partition runs.
 pub(crate) struct Started {
     pub(crate) connections: Vec<Rc<dyn Connect>>,
+    pub(crate) outlets: Vec<Rc<Outlet>>,
+    pub(crate) faults: Faults,
     _channels: Vec<Channel>,
     _nodes: BTreeMap<String, Membership>,
 }

@@ -36,6 +36,7 @@
 
 mod attributes;
 mod context;
+mod faults;
 mod line;
 mod ports;
 mod retained;

@@ -13,6 +13,7 @@ use bateleur_messages::Message;
 use bateleur_ports::{Reader, Received, Stamp, Writer};
 use iceoryx2::port::update_connections::UpdateConnections;
 
+use crate::faults::{Fate, PortFault};
 use crate::time::Time;
 
 /// Part of a port that must be connected before the first window: doing it there would cost 0.1–0.4 ms.
@@ -58,9 +59,58 @@ pub enum Sent {
     NoReceiver,
 }
 
+/// Where the messages of a source port leave the partition, and where an ordered fault meets them.
+pub(crate) struct Outlet {
+    writer: Rc<Writer>,
+    /// A queue's channel for observers.
+    observed: Option<Rc<Writer>>,
+    pub(crate) fault: Rc<PortFault>,
+}
+
+impl Outlet {
+    pub(crate) fn new(writer: Rc<Writer>, observed: Option<Rc<Writer>>) -> Self {
+        Self { writer, observed, fault: Rc::default() }
+    }
+
+    /// Gives the number of receivers; a message that an ordered fault withholds has been received, as far as its sender can
+    /// tell.
+    fn put(&self, bytes: &[u8], stamp: Stamp, now_ns: u64) -> Result<usize, Refusal> {
+        match self.fault.meet(bytes, stamp, now_ns) {
+            Fate::Pass => self.send(bytes, stamp),
+            Fate::Replace(bytes) => self.send(&bytes, stamp),
+            Fate::Withhold => Ok(1),
+        }
+    }
+
+    /// As [`Outlet::put`], without a copy where no fault waits for the message.
+    fn put_in_place<T: Message>(&self, fill: impl FnOnce(&mut T), stamp: Stamp) -> Result<usize, Refusal> {
+        if self.fault.is_idle() {
+            return put_in_place(&self.writer, fill, stamp);
+        }
+        let mut value = T::new_zeroed();
+        fill(&mut value);
+        self.put(value.as_bytes(), stamp, stamp.source_ns)
+    }
+
+    /// Sends what was kept back and is due now.
+    pub(crate) fn catch_up(&self, now_ns: u64) {
+        while let Some(kept) = self.fault.next_due(now_ns) {
+            let _ = self.send(&kept.bytes, kept.stamp); // lost, as a late message may be
+        }
+    }
+
+    fn send(&self, bytes: &[u8], stamp: Stamp) -> Result<usize, Refusal> {
+        let receivers = put(&self.writer, bytes, stamp)?;
+        if let Some(observed) = self.observed.as_ref().filter(|_| receivers > 0) {
+            let _ = put(observed, bytes, stamp); // an observer's loss is no fault
+        }
+        Ok(receivers)
+    }
+}
+
 /// The writing end of a sampling channel. A port without a channel swallows what is written.
 pub struct SamplingSource<T> {
-    writer: Option<Rc<Writer>>,
+    outlet: Option<Rc<Outlet>>,
     time: Time,
     sequence: u64,
     message: PhantomData<T>,
@@ -69,15 +119,19 @@ pub struct SamplingSource<T> {
 impl<T: Message> SamplingSource<T> {
     /// A port on a writing end that the caller opened: for measuring. A partition asks its [`crate::Context`].
     pub fn new(writer: Option<Rc<Writer>>, time: Time) -> Self {
-        Self { writer, time, sequence: 0, message: PhantomData }
+        Self::through(writer.map(|writer| Rc::new(Outlet::new(writer, None))), time)
+    }
+
+    pub(crate) fn through(outlet: Option<Rc<Outlet>>, time: Time) -> Self {
+        Self { outlet, time, sequence: 0, message: PhantomData }
     }
 
     /// Replaces the channel's value.
     pub fn write(&mut self, value: &T) {
         self.sequence += 1;
         let stamp = Stamp { source_ns: self.time.now_ns(), sequence: self.sequence };
-        if let Some(writer) = &self.writer
-            && let Err(reason) = put(writer, value.as_bytes(), stamp)
+        if let Some(outlet) = &self.outlet
+            && let Err(reason) = outlet.put(value.as_bytes(), stamp, stamp.source_ns)
         {
             refused(&self.time, &format!("cannot write {}: {reason}", T::NAME));
         }
@@ -88,8 +142,8 @@ impl<T: Message> SamplingSource<T> {
     pub fn write_in_place(&mut self, fill: impl FnOnce(&mut T)) {
         self.sequence += 1;
         let stamp = Stamp { source_ns: self.time.now_ns(), sequence: self.sequence };
-        if let Some(writer) = &self.writer
-            && let Err(reason) = put_in_place(writer, fill, stamp)
+        if let Some(outlet) = &self.outlet
+            && let Err(reason) = outlet.put_in_place(fill, stamp)
         {
             refused(&self.time, &format!("cannot write {}: {reason}", T::NAME));
         }
@@ -176,23 +230,22 @@ impl<T: Message> SamplingDestination<T> {
 
 /// The writing end of a queuing channel. A port without a channel reports that nobody receives.
 pub struct QueuingSource<T> {
-    writer: Option<Rc<Writer>>,
-    observed: Option<Rc<Writer>>,
+    outlet: Option<Rc<Outlet>>,
     time: Time,
     sequence: u64,
     message: PhantomData<T>,
 }
 
 impl<T: Message> QueuingSource<T> {
-    pub(crate) fn new(writer: Option<Rc<Writer>>, observed: Option<Rc<Writer>>, time: Time) -> Self {
-        Self { writer, observed, time, sequence: 0, message: PhantomData }
+    pub(crate) fn new(outlet: Option<Rc<Outlet>>, time: Time) -> Self {
+        Self { outlet, time, sequence: 0, message: PhantomData }
     }
 
     /// Appends a message.
     pub fn send(&mut self, message: &T) -> Sent {
         let stamp = Stamp { source_ns: self.time.now_ns(), sequence: self.sequence + 1 };
-        let Some(writer) = &self.writer else { return Sent::NoReceiver };
-        let sent = match put(writer, message.as_bytes(), stamp) {
+        let Some(outlet) = &self.outlet else { return Sent::NoReceiver };
+        let sent = match outlet.put(message.as_bytes(), stamp, stamp.source_ns) {
             Ok(0) => Sent::NoReceiver,
             Ok(_) => Sent::Queued,
             Err(Refusal::Full) => Sent::Full,
@@ -203,9 +256,6 @@ impl<T: Message> QueuingSource<T> {
         };
         if sent == Sent::Queued {
             self.sequence += 1;
-            if let Some(observed) = &self.observed {
-                let _ = put(observed, message.as_bytes(), stamp); // an observer's loss is no fault
-            }
         } else {
             self.time.page().port_refusals.fetch_add(1, Relaxed);
         }

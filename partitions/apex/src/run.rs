@@ -58,15 +58,15 @@ fn live<P: Partition>() -> Result<(), End> {
     let retained = (description.retained_bytes > 0).then(|| unsafe { File::from_raw_fd(RETAINED_FD) });
     let mut context = Context::new(description, time.clone(), retained).map_err(refuse)?;
     let mut partition = P::start(&mut context).map_err(refuse)?;
-    let started = context.finish().map_err(refuse)?;
+    let mut started = context.finish().map_err(refuse)?;
     lock_memory();
     time.page().mode.store(Mode::Normal as u32, Release);
-    windows(&mut partition, &time, &started);
+    windows(&mut partition, &time, &mut started);
     Ok(())
 }
 
 /// Takes windows until it is asked to stop.
-fn windows<P: Partition>(partition: &mut P, time: &Time, started: &Started) {
+fn windows<P: Partition>(partition: &mut P, time: &Time, started: &mut Started) {
     let page = time.page();
     let mut last = 0;
     loop {
@@ -80,6 +80,8 @@ fn windows<P: Partition>(partition: &mut P, time: &Time, started: &Started) {
             // The executive's last call before frame 0: every peer is there now.
             started.connections.iter().for_each(|port| port.connect());
         } else {
+            started.faults.carry_out(page);
+            started.outlets.iter().for_each(|outlet| outlet.catch_up(window.start_ns()));
             partition.window(&window);
         }
         page.closed_ns.store(monotonic_ns(), Relaxed);

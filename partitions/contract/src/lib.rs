@@ -6,11 +6,13 @@
 //! what a fault means is the executive's business, what a window computes is the partition's.
 
 pub mod description;
+pub mod fault;
 pub mod page;
 
 mod mapping;
 
 pub use description::{Clock, Description, Direction, PortDescription, PortKind, StartCondition};
+pub use fault::{FaultKind, FaultOrder};
 pub use mapping::{Mapped, MappingError};
 pub use page::{ControlPage, Mode, ReportKind};
 

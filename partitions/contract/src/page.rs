@@ -11,12 +11,13 @@
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
+use crate::fault::{FaultKind, FaultOrder};
 use crate::mapping::SharedMemory;
 
 /// First word of every control page.
 pub const MAGIC: u32 = 0x4254_4c52; // "BTLR"
 /// Raised whenever the page or the description changes its meaning.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 
 /// Bytes of a report's text, as in REPORT_APPLICATION_MESSAGE.
 pub const REPORT_TEXT: usize = 128;
@@ -105,7 +106,17 @@ pub struct ControlPage {
     pub next_schedule: AtomicU32,
     /// When the schedule took effect, module time, ns; 0: the module has not changed yet.
     pub schedule_since_ns: AtomicU64,
-    reserved_2: [AtomicU64; 4],
+    /// Faults ordered so far; the partition's library carries out the latest at its next window's start.
+    fault_orders: AtomicU32,
+    /// A [`FaultKind`].
+    fault_kind: AtomicU32,
+    /// [`FaultOrder::port`].
+    fault_port: AtomicU32,
+    /// [`FaultOrder::messages`].
+    fault_messages: AtomicU32,
+    /// [`FaultOrder::argument`].
+    fault_argument: AtomicU64,
+    reserved_2: [AtomicU64; 1],
     // Written by the partition, on cache lines of its own.
     /// The last grant that the partition has used up; the virtual clock's executive sleeps on it.
     pub done: AtomicU32,
@@ -164,6 +175,29 @@ impl ControlPage {
     /// Forgets requests of an incarnation before (the executive).
     pub fn forget_schedule_request(&self) {
         self.schedule_request.store(0, Ordering::Relaxed);
+    }
+
+    /// Orders a fault (the executive); one that was not carried out yet is replaced.
+    pub fn order_fault(&self, order: &FaultOrder) {
+        self.fault_kind.store(order.kind as u32, Ordering::Relaxed);
+        self.fault_port.store(order.port, Ordering::Relaxed);
+        self.fault_messages.store(order.messages, Ordering::Relaxed);
+        self.fault_argument.store(order.argument, Ordering::Relaxed);
+        self.fault_orders.fetch_add(1, Ordering::Release);
+    }
+
+    /// The fault that was ordered since number `seen` (the partition), which is moved on.
+    pub fn fault_since(&self, seen: &mut u32) -> Option<FaultOrder> {
+        let orders = self.fault_orders.load(Ordering::Acquire);
+        if std::mem::replace(seen, orders) == orders {
+            return None;
+        }
+        Some(FaultOrder {
+            kind: FaultKind::from_number(self.fault_kind.load(Ordering::Relaxed))?,
+            port: self.fault_port.load(Ordering::Relaxed),
+            messages: self.fault_messages.load(Ordering::Relaxed),
+            argument: self.fault_argument.load(Ordering::Relaxed),
+        })
     }
 
     /// Adds a report (the partition). Text beyond [`REPORT_TEXT`] bytes is cut.
@@ -244,6 +278,17 @@ mod tests {
         assert_eq!(reports[0], (ReportKind::Message, "one".into()));
         assert_eq!(reports[1].1, "ä".repeat(64));
         assert!(page.reports_since(&mut seen).is_empty());
+    }
+
+    #[test]
+    fn an_ordered_fault_is_found_once_and_a_newer_one_replaces_it() {
+        let (page, mut seen) = (page(), 0);
+        assert_eq!(page.fault_since(&mut seen), None);
+        let order = |kind, argument| FaultOrder { kind, port: 3, messages: 7, argument };
+        page.order_fault(&order(FaultKind::Spin, 1));
+        page.order_fault(&order(FaultKind::Drop, u64::MAX));
+        assert_eq!(page.fault_since(&mut seen), Some(order(FaultKind::Drop, u64::MAX)));
+        assert_eq!(page.fault_since(&mut seen), None);
     }
 
     #[test]

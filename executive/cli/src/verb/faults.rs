@@ -1,5 +1,6 @@
 //! The options of `run` and `fly` that plan what happens to partitions.
 
+use bateleur_executive::inject::Fault;
 use bateleur_executive::planned::{Act, PlannedAct};
 
 /// What happens to partitions, and when.
@@ -21,6 +22,17 @@ pub(crate) struct Faults {
     /// Let a partition go on that is held (may be repeated).
     #[arg(long, value_name = "PARTITION@SECONDS", value_parser = parse_when)]
     thaw: Vec<When>,
+    /// Provoke a fault at a module time (may be repeated); see `bateleur inject --help`.
+    #[arg(long, value_name = "TARGET:FAULT@SECONDS", value_parser = parse_injection)]
+    inject: Vec<Injection>,
+}
+
+/// A fault, whom it hits, and a module time.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Injection {
+    target: String,
+    fault: Fault,
+    at_s: f64,
 }
 
 /// A partition and a module time.
@@ -39,7 +51,13 @@ impl Faults {
             at_ns: (when.at_s * 1e9) as u64,
         };
         let all = self.lists().into_iter();
-        all.flat_map(|(_, what, list)| list.iter().map(move |when| act(what, when))).collect()
+        let acts = all.flat_map(|(_, what, list)| list.iter().map(move |when| act(what, when)));
+        let injections = self.inject.iter().map(|one| PlannedAct {
+            act: Act::Inject(one.fault),
+            partition: one.target.clone(),
+            at_ns: (one.at_s * 1e9) as u64,
+        });
+        acts.chain(injections).collect()
     }
 
     /// A line for each whose time did not come.
@@ -56,10 +74,14 @@ impl Faults {
     /// The options again, for another program.
     pub(crate) fn arguments(&self) -> Vec<String> {
         let all = self.lists().into_iter();
-        all.flat_map(|(name, _, list)| {
+        let acts = all.flat_map(|(name, _, list)| {
             list.iter().flat_map(move |when| [name.to_owned(), format!("{}@{}", when.partition, when.at_s)])
-        })
-        .collect()
+        });
+        let injections = self
+            .inject
+            .iter()
+            .flat_map(|one| ["--inject".to_owned(), format!("{}:{}@{}", one.target, one.fault, one.at_s)]);
+        acts.chain(injections).collect()
     }
 
     fn lists(&self) -> [(&'static str, Act, &[When]); 5] {
@@ -81,5 +103,30 @@ fn parse_when(text: &str) -> Result<When, String> {
         Ok(When { partition: partition.into(), at_s })
     } else {
         Err(wrong())
+    }
+}
+
+fn parse_injection(text: &str) -> Result<Injection, String> {
+    let wrong = || format!("\"{text}\" is not TARGET:FAULT@SECONDS, such as imu:panic@100");
+    let (target, rest) = text.split_once(':').ok_or_else(wrong)?;
+    let (fault, at) = rest.rsplit_once('@').ok_or_else(wrong)?;
+    let at_s = at.parse().ok().filter(|at: &f64| at.is_finite() && *at >= 0.0).ok_or_else(wrong)?;
+    Ok(Injection { target: target.into(), fault: fault.parse()?, at_s })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn injection_is_read_and_handed_on_as_it_was() {
+        let one = parse_injection("imu.orientation:delay=10/50ms@12.5").unwrap();
+        assert_eq!((one.target.as_str(), one.at_s), ("imu.orientation", 12.5));
+        let faults = Faults { inject: vec![one.clone()], ..Faults::default() };
+        let again = faults.arguments();
+        assert_eq!(again[0], "--inject");
+        assert_eq!(parse_injection(&again[1]), Ok(one));
+        assert!(parse_injection("imu:pnic@1").unwrap_err().contains("did you mean `panic`?"));
+        assert!(parse_injection("imu@1").unwrap_err().contains("TARGET:FAULT@SECONDS"));
     }
 }

@@ -9,6 +9,7 @@ pub(crate) mod faults;
 pub(crate) mod fly;
 pub(crate) mod ground;
 pub(crate) mod helper;
+pub(crate) mod inject;
 pub(crate) mod order;
 pub(crate) mod ps;
 pub(crate) mod run;

@@ -42,6 +42,7 @@ enum Verb {
     Thaw(verb::order::Arguments),
     Inject(verb::inject::Arguments),
     Ps(verb::ps::Arguments),
+    Plan(verb::plan::Arguments),
     Run(verb::run::Arguments),
     /// Change a running module to another schedule, with its next major frame.
     Schedule(verb::order::Schedule),
@@ -75,6 +76,7 @@ fn main() -> ExitCode {
         Verb::Ps(arguments) => verb::ps::run(&arguments),
         Verb::Schedule(arguments) => verb::order::schedule(&arguments),
         Verb::Top(arguments) => verb::top::run(&arguments),
+        Verb::Plan(arguments) => verb::plan::run(&arguments),
         Verb::Run(arguments) => verb::run::run(&arguments),
         Verb::Show(arguments) => verb::show::run(&arguments),
         Verb::Helper(helper) => verb::helper::run(&helper),

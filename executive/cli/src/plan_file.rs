@@ -57,6 +57,12 @@ pub(crate) fn read_text(name: &str, text: &str) -> std::result::Result<Plan, Rep
     check(name, text, &Catalogue)
 }
 
+/// What there is to say of a `text` that can be used; or all that is wrong with it.
+pub(crate) fn read_report(name: &str, text: &str) -> std::result::Result<Report, Report> {
+    let surroundings = Surroundings { messages: &Catalogue, programs: None };
+    check_among(name, text, &surroundings).map(|(_, report)| report)
+}
+
 /// The plan in `path`, with errors printed for a person; none: it can not be used.
 pub(crate) fn read_quietly(path: &Path) -> Result<Option<Plan>> {
     Ok(read_or_print(path)?.map(|(plan, _)| plan))

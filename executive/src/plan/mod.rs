@@ -14,6 +14,7 @@ mod findings;
 mod latency;
 pub mod model;
 mod names;
+pub mod planner;
 mod raw;
 mod reader;
 pub mod report;

@@ -11,6 +11,7 @@ pub(crate) mod ground;
 pub(crate) mod helper;
 pub(crate) mod inject;
 pub(crate) mod order;
+pub(crate) mod plan;
 pub(crate) mod ps;
 pub(crate) mod run;
 pub(crate) mod show;

@@ -19,6 +19,7 @@ use super::raw::RawFile;
 use super::reader::{At, Field};
 use super::{MessageCatalogue, Programs};
 use laid::Laid;
+pub(super) use schedules::MOST_MINOR_FRAMES;
 
 /// What every rule sees.
 pub(super) struct Context<'a> {

@@ -11,7 +11,7 @@ use crate::plan::units::ShowTime;
 
 /// At 50 minor frames a second, three minutes: far beyond any cycle that a person can read. The timeline has an entry
 /// for every window in each of them, in memory that the dispatcher keeps locked.
-const MOST_MINOR_FRAMES: u64 = 10_000;
+pub(in crate::plan) const MOST_MINOR_FRAMES: u64 = 10_000;
 
 pub(super) fn check(cx: &Context<'_>) {
     for schedule in &cx.file.schedules {

@@ -1,0 +1,132 @@
+//! What the planner takes from a schedule file that may not have a schedule yet: modules with their cores, partitions,
+//! chains. It is read leniently here; the whole file is checked when the schedule is in it.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use bateleur_executive::plan::planner::Bound;
+use bateleur_executive::plan::units::duration_ns;
+use toml::{Table, Value};
+
+/// The file.
+pub(super) struct Module {
+    document: Table,
+    pub(super) modules: Vec<Computer>,
+    pub(super) partitions: Vec<Partition>,
+}
+
+/// One computer.
+pub(super) struct Computer {
+    pub(super) name: String,
+    cores: Vec<u32>,
+}
+
+/// One partition.
+pub(super) struct Partition {
+    pub(super) name: String,
+    /// The place of its module.
+    pub(super) module: usize,
+}
+
+fn tables<'a>(document: &'a Table, key: &str) -> impl Iterator<Item = (&'a String, &'a Table)> + use<'a> {
+    let named = document.get(key).and_then(Value::as_table);
+    named.into_iter().flatten().filter_map(|(name, value)| Some((name, value.as_table()?)))
+}
+
+fn texts(value: Option<&Value>) -> Vec<&str> {
+    value.and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str).collect()
+}
+
+impl Module {
+    pub(super) fn read(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path)
+            .with_context(|| format!("cannot read {} (name another file with --schedule)", path.display()))?;
+        let document: Table = toml::from_str(&text)
+            .map_err(|error| anyhow::anyhow!("{}: {}", path.display(), error.to_string().trim_end()))?;
+        let computer = |(name, table): (&String, &Table)| {
+            let cores = table.get("cores").and_then(Value::as_array).into_iter().flatten();
+            let cores =
+                cores.filter_map(Value::as_integer).filter_map(|core| u32::try_from(core).ok()).collect();
+            Computer { name: name.clone(), cores }
+        };
+        let modules: Vec<Computer> = tables(&document, "module").map(computer).collect();
+        let mut partitions = Vec::new();
+        for (name, table) in tables(&document, "partition") {
+            let module = table.get("module").and_then(Value::as_str).unwrap_or_default();
+            let place = modules.iter().position(|known| known.name == module && !known.cores.is_empty());
+            let Some(module) = place else {
+                bail!("{}: partition `{name}` has no module with cores: see `bateleur check`", path.display())
+            };
+            partitions.push(Partition { name: name.clone(), module });
+        }
+        Ok(Self { document, modules, partitions })
+    }
+
+    pub(super) fn partition(&self, name: &str) -> Option<usize> {
+        self.partitions.iter().position(|partition| partition.name == name)
+    }
+
+    /// The cores that a partition may have.
+    pub(super) fn cores(&self, partition: &Partition) -> Vec<(usize, u32)> {
+        self.modules[partition.module].cores.iter().map(|&core| (partition.module, core)).collect()
+    }
+
+    /// The chains within one module, by the partitions on their way.
+    pub(super) fn chains(&self) -> Result<Vec<Bound>> {
+        let chains = self.document.get("chain").and_then(Value::as_array).into_iter().flatten();
+        let mut bounds = Vec::new();
+        for chain in chains.filter_map(Value::as_table) {
+            let name = chain.get("name").and_then(Value::as_str).unwrap_or("?");
+            let age = chain.get("max_age").and_then(Value::as_str).unwrap_or_default();
+            let max_age_ns = duration_ns(age).with_context(|| format!("the age of chain `{name}`"))?;
+            let mut stations = Vec::new();
+            for port in texts(chain.get("path")) {
+                let owner = port.split('.').next().unwrap_or_default();
+                let Some(owner) = self.partition(owner) else {
+                    bail!("chain `{name}` names `{port}`, and there is no partition `{owner}`");
+                };
+                if stations.last() != Some(&owner) {
+                    stations.push(owner);
+                }
+            }
+            let module = |&station: &usize| self.partitions[station].module;
+            if stations.iter().all(|station| Some(module(station)) == stations.first().map(module)) {
+                bounds.push(Bound { name: name.to_owned(), stations, max_age_ns });
+            }
+        }
+        Ok(bounds)
+    }
+
+    /// The schedule that is replaced: the initial one, or the only one; a new one where there is none.
+    pub(super) fn schedule_name(&self) -> String {
+        let schedules: Vec<(&String, &Table)> = tables(&self.document, "schedule").collect();
+        let initial = schedules.iter().find(|(_, table)| says_initial(table));
+        let name = initial.or(schedules.first()).map(|(name, _)| (*name).clone());
+        name.unwrap_or_else(|| "planned".to_owned())
+    }
+
+    /// Whether the planned schedule is the one that the module starts with.
+    pub(super) fn is_initial(&self, name: &str) -> bool {
+        let mut others = tables(&self.document, "schedule").filter(|(other, _)| *other != name);
+        !others.any(|(_, table)| says_initial(table))
+    }
+
+    /// The file with the schedule in it.
+    pub(super) fn with_schedule(&self, name: &str, text: &str) -> Result<String> {
+        let mut document = self.document.clone();
+        let planned: Table = toml::from_str(text)?;
+        let schedules = document.entry("schedule").or_insert_with(|| Value::Table(Table::new()));
+        let planned = planned.get("schedule").and_then(|table| table.get(name)).cloned();
+        if let (Some(schedules), Some(planned)) = (schedules.as_table_mut(), planned) {
+            // What else the old one says, such as what becomes of partitions at a change, stays.
+            let mut merged = schedules.get(name).and_then(Value::as_table).cloned().unwrap_or_default();
+            merged.extend(planned.as_table().cloned().unwrap_or_default());
+            schedules.insert(name.to_owned(), Value::Table(merged));
+        }
+        Ok(toml::to_string(&document)?)
+    }
+}
+
+fn says_initial(schedule: &Table) -> bool {
+    schedule.get("initial").and_then(Value::as_bool).unwrap_or(false)
+}

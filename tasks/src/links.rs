@@ -25,7 +25,7 @@ fn pages(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// Every file whose name ends so, in order; not what was built or fetched.
-fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
+pub(crate) fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let mut entries: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
     entries.sort();

@@ -1,8 +1,11 @@
-//! What the cargo aliases run: `cargo fly` and `cargo verify`.
+//! What the cargo aliases run: `cargo fly` and `cargo verify`; and one step of the latter alone, `commands`, for whoever
+//! writes pages.
 //!
 //! Responsible for: building before flying, and everything that must pass before a change lands. It must never depend on
 //! another crate, so that the first thing a fresh clone builds is built in a second.
 
+mod blocks;
+mod commands;
 mod fly;
 mod links;
 mod step;
@@ -19,9 +22,12 @@ fn main() -> ExitCode {
     let mut arguments = std::env::args_os().skip(1);
     match arguments.next().as_deref().and_then(|verb| verb.to_str()) {
         Some("fly") => fly::run(arguments.collect()),
+        Some("commands") => verify::only_commands(),
         Some("verify") => verify::run(&arguments.collect::<Vec<OsString>>()),
         _ => {
-            eprintln!("usage: cargo fly [what `bateleur fly` takes] | cargo verify");
+            eprintln!(
+                "usage: cargo fly [what `bateleur fly` takes] | cargo verify | cargo run -p tasks -- commands"
+            );
             ExitCode::from(CANNOT_RUN)
         }
     }

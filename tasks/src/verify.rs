@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use crate::step::{Step, succeeds};
 use crate::tally::Tally;
-use crate::{CANNOT_RUN, cargo, fly, links};
+use crate::{CANNOT_RUN, cargo, commands, fly, links};
 
 /// Some test, lint or page is not as it must be.
 const FAILED: u8 = 1;
@@ -39,6 +39,17 @@ pub(crate) fn run(arguments: &[OsString]) -> ExitCode {
     if result.is_ok() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) }
 }
 
+/// The commands of the pages alone, with the programs as they were built last.
+pub(crate) fn only_commands() -> ExitCode {
+    match shown_commands(&root()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(reason) => {
+            println!("verify: {reason}");
+            ExitCode::from(FAILED)
+        }
+    }
+}
+
 /// Where the workspace lies: above this package.
 fn root() -> PathBuf {
     let package = std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_else(|| env!("CARGO_MANIFEST_DIR").into());
@@ -54,6 +65,7 @@ fn everything(root: &Path, tally: &mut Tally) -> Result<(), String> {
         .run(tally)?;
     Step::cargo("programs", &["build", "--release", "--workspace", "--bins"]).run(tally)?;
     schedule(tally)?;
+    shown_commands(root)?;
     tests(tally)?;
     guest(root, tally)?;
     Step::cargo("examples in comments", &["test", "--release", "--workspace", "--doc"]).run(tally)?;
@@ -127,6 +139,29 @@ fn guest(root: &Path, tally: &mut Tally) -> Result<(), String> {
 fn schedule(tally: &mut Tally) -> Result<(), String> {
     let program = fly::beside_self("bateleur").map_err(|error| error.to_string())?;
     Step::new("schedule", program, &["check", "--deny", "warnings"]).run(tally)
+}
+
+/// What README and the book tell people to type does what they say.
+fn shown_commands(root: &Path) -> Result<(), String> {
+    let begun = Instant::now();
+    let programs = fly::beside_self("").map_err(|error| error.to_string())?;
+    match commands::check(root, &programs) {
+        Ok((run, left)) => {
+            let seconds = begun.elapsed().as_secs_f64();
+            println!(
+                "== commands of the pages: {run} blocks fine, {left} are marked as not to be run, {seconds:.1} s"
+            );
+            Ok(())
+        }
+        Err(faults) => {
+            faults.iter().for_each(|fault| println!("{fault}"));
+            Err(format!(
+                "{} blocks of commands in the pages are wrong (see above); to repeat it: \
+                 cargo run --release -p tasks -- commands",
+                faults.len()
+            ))
+        }
+    }
 }
 
 /// All of them, also after the first that fails: the count at the end shall be the whole truth.

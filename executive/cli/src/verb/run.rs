@@ -243,7 +243,8 @@ fn text_of(event: &Event) -> String {
         Event::Ready { partitions } => format!("{partitions} partitions are ready"),
         Event::Fault { time_s, partition, error, action, detail } => {
             let line = format!("{time_s:9.3} s  {partition}: {error} ({}) -> {action}", printable(detail));
-            if detail.starts_with("ground link") { line + GROUND_HINT } else { line }
+            let lacks_line = detail.starts_with("ground link") && !detail.contains("is gone");
+            if lacks_line { line + GROUND_HINT } else { line }
         }
         Event::Recovered { time_s, partition, after_ms } => {
             format!("{time_s:9.3} s  {partition}: back after {after_ms:.1} ms")

@@ -358,17 +358,8 @@ fn mark_minor_frames(switches: &mut Vec<Switch>, timeline: &Timeline) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{MessageCatalogue, Plan, check};
-
-    struct NoMessages;
-    impl MessageCatalogue for NoMessages {
-        fn size_of(&self, _: &str) -> Option<usize> {
-            None
-        }
-        fn names(&self) -> Vec<&str> {
-            Vec::new()
-        }
-    }
+    use crate::plan::Plan;
+    use crate::test_support::plan_of;
 
     const TWO: &str = r#"
         [module.m]
@@ -397,7 +388,7 @@ mod tests {
     "#;
 
     fn dispatcher() -> Dispatcher {
-        let plan = check("two.toml", TWO, &NoMessages).unwrap();
+        let plan = plan_of(TWO);
         dispatcher_of(&plan)
     }
 
@@ -541,7 +532,7 @@ mod tests {
     }
 
     fn run_asking(asks: &[(u64, usize)]) -> Asks {
-        let plan = check("schedules.toml", SCHEDULES, &NoMessages).unwrap();
+        let plan = plan_of(SCHEDULES);
         let timelines = Timeline::all(&plan, plan.module("m").unwrap().id());
         let agenda = Arc::new(Agenda::new(0));
         let mut dispatcher = Dispatcher::new(&timelines, agenda.clone(), true, |_| true);
@@ -608,7 +599,7 @@ mod tests {
 
     #[test]
     fn a_core_without_windows_waits_for_every_major_frame() {
-        let plan = check("schedules.toml", SCHEDULES, &NoMessages).unwrap();
+        let plan = plan_of(SCHEDULES);
         let timelines = Timeline::all(&plan, plan.module("m").unwrap().id());
         let agenda = Arc::new(Agenda::new(0));
         let mut dispatcher = Dispatcher::new(&timelines, agenda, false, |core| core == 1);

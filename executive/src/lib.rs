@@ -25,5 +25,7 @@ pub mod plan;
 pub mod planned;
 pub mod slot;
 pub mod system;
+#[cfg(test)]
+mod test_support;
 pub mod wall;
 pub mod world;

@@ -66,7 +66,7 @@ fn spinner_on_the_wall_clock_takes_no_window_from_others_is_restarted_and_ends_i
     let _turn = alone();
     let quiet = run(&between_counters("counter", ""), &[], 5).expect_code(0);
     let keys = "restart = { start = \"cold\", budget = 3, within = \"60s\", then = \"idle\" }";
-    let harmed = run(&between_counters("spinner", keys), &[], 5).expect_code(0);
+    let harmed = run(&between_counters("hanger", keys), &[], 5).expect_code(0);
     assert_undisturbed(&harmed, &quiet);
     let faults = harmed.faults();
     assert!(faults.iter().all(|fault| fault.partition == "middle"), "{faults:#?}");
@@ -84,7 +84,7 @@ fn spinner_on_the_wall_clock_takes_no_window_from_others_is_restarted_and_ends_i
 fn sleeper_on_the_wall_clock_takes_no_window_from_others_and_is_restarted() {
     let _turn = alone();
     let quiet = run(&between_counters("counter", ""), &[], 2).expect_code(0);
-    let harmed = run(&between_counters("sleeper", ""), &[], 2).expect_code(0);
+    let harmed = run(&between_counters("hanger", "attributes = { how = \"sleep\" }"), &[], 2).expect_code(0);
     assert_undisturbed(&harmed, &quiet);
     assert!(harmed.faults().iter().any(|fault| fault.error == "silence" && fault.partition == "middle"));
 }
@@ -254,7 +254,7 @@ fn exit_is_an_exit_with_its_code() {
 fn spinner_in_virtual_time_ends_idle_and_the_run_ends() {
     let _turn = among_others();
     let keys = "restart = { start = \"cold\", budget = 1, within = \"60s\", then = \"idle\" }";
-    let ended = run(&between_counters("spinner", keys), &["--fast"], 3).expect_code(0);
+    let ended = run(&between_counters("hanger", keys), &["--fast"], 3).expect_code(0);
     let silences = ended.faults().into_iter().filter(|fault| fault.error == "silence");
     assert_eq!(silences.map(|fault| fault.action).collect::<Vec<_>>(), ["cold_restart", "idle"]);
     let windows = ended.windows();
@@ -265,7 +265,7 @@ fn spinner_in_virtual_time_ends_idle_and_the_run_ends() {
 fn sleeper_in_virtual_time_does_not_hang_the_run() {
     let _turn = among_others();
     let ended =
-        run(&between_counters("sleeper", "attributes = { after = 5 }\nrestart = { start = \"cold\", budget = 1, within = \"60s\", then = \"idle\" }"), &["--fast"], 2).expect_code(0);
+        run(&between_counters("hanger", "attributes = { how = \"sleep\", after = 5 }\nrestart = { start = \"cold\", budget = 1, within = \"60s\", then = \"idle\" }"), &["--fast"], 2).expect_code(0);
     assert!(ended.faults().iter().any(|fault| fault.error == "silence"));
     let windows = ended.windows();
     assert!(of(&windows, "after").all(|window| window.closed_ns.is_some()));

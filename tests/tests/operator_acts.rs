@@ -85,7 +85,7 @@ fn successor_of_a_partition_that_is_killed_while_it_is_frozen_is_held_until_it_i
 fn frozen_spinner_uses_no_processor_on_the_wall_clock_and_goes_on_when_it_is_thawed() {
     let _turn = alone();
     let folder = tempfile::tempdir().unwrap();
-    let schedule = Sketch::new().partition("mill", "spinner", 5_000, "").write(folder.path());
+    let schedule = Sketch::new().partition("mill", "hanger", 5_000, "").write(folder.path());
     let acts = ["--freeze", "mill@1", "--thaw", "mill@4", "--until", "8"];
     let mut module = bateleur(&[&["run", "--schedule", &schedule], &acts[..]].concat());
     module.await_words("frozen by the operator");

@@ -70,7 +70,7 @@ fn partition_has_its_windows_on_both_cores_on_the_wall_clock() {
 #[test]
 fn spinner_is_moved_from_core_to_core_and_takes_no_window_from_others() {
     let _turn = alone();
-    let ended = run("spinner", &["--until", "2"]);
+    let ended = run("hanger", &["--until", "2"]);
     assert_handed_over(&ended);
     let windows = ended.windows();
     let overruns = of(&windows, "roams", 1).filter(|window| window.is_overrun()).count();

@@ -104,17 +104,8 @@ fn error_of_code(code: i32) -> Option<(PartitionError, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{Closed, MessageCatalogue, check};
-
-    struct NoMessages;
-    impl MessageCatalogue for NoMessages {
-        fn size_of(&self, _: &str) -> Option<usize> {
-            None
-        }
-        fn names(&self) -> Vec<&str> {
-            Vec::new()
-        }
-    }
+    use crate::plan::Closed;
+    use crate::test_support::plan_of;
 
     fn partition(keys: &str) -> crate::plan::Partition {
         let text = format!(
@@ -122,9 +113,7 @@ mod tests {
              [schedule.s]\nmajor_frame = \"20ms\"\nminor_frame = \"20ms\"\ninitial = true\n\
              [[schedule.s.window]]\npartition = \"a\"\noffset = \"0ms\"\nduration = \"2ms\"\n"
         );
-        let plan =
-            check("a.toml", &text, &NoMessages).unwrap_or_else(|report| panic!("{}", report.render(false)));
-        plan.partitions[0].clone()
+        plan_of(&text).partitions[0].clone()
     }
 
     fn decided(keys: &str, error: PartitionError, alive: bool, recent: u32) -> Decision {

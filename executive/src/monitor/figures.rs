@@ -148,21 +148,11 @@ mod tests {
     }
 
     fn some_window() -> TimelineWindow {
-        use crate::plan::{MessageCatalogue, Timeline, check};
-        struct NoMessages;
-        impl MessageCatalogue for NoMessages {
-            fn size_of(&self, _: &str) -> Option<usize> {
-                None
-            }
-            fn names(&self) -> Vec<&str> {
-                Vec::new()
-            }
-        }
+        use crate::plan::Timeline;
         let text = "[module.m]\ncores = [0]\n[partition.a]\nprogram = \"a\"\nmodule = \"m\"\nmemory = \"1MiB\"\n\
              [schedule.s]\nmajor_frame = \"20ms\"\nminor_frame = \"20ms\"\ninitial = true\n\
              [[schedule.s.window]]\npartition = \"a\"\noffset = \"0ms\"\nduration = \"2ms\"\n";
-        let plan =
-            check("a.toml", text, &NoMessages).unwrap_or_else(|report| panic!("{}", report.render(false)));
+        let plan = crate::test_support::plan_of(text);
         let view = plan.module("m").unwrap();
         let _: PartitionId = view.partitions().next().unwrap();
         Timeline::of(&plan, view.id(), plan.initial_schedule()).cores[0].windows[0]

@@ -89,3 +89,20 @@ fn main() -> ExitCode {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::Arguments;
+
+    #[test]
+    fn every_verb_stands_in_the_page_of_the_command_line() {
+        let page = include_str!("../../../docs/src/command-line.md");
+        let (_, table) = page.split_once("| verb | for |").unwrap();
+        let table = table.split("\n\n").next().unwrap();
+        for verb in Arguments::command().get_subcommands().filter(|verb| !verb.is_hide_set()) {
+            assert!(table.contains(&format!("`{}`", verb.get_name())), "{} is not in it", verb.get_name());
+        }
+    }
+}

@@ -77,7 +77,7 @@ fn controllers(root: &Root) -> Finding {
         return Finding::lacks(
             TOPIC,
             format!("{} held by cgroup version 1, beside version 2", missing.join(", ")),
-            COSTS,
+            "they are used from there where this process may (as root); without, RLIMIT_DATA limits each process of a partition, not their sum",
             "kernel parameter cgroup_no_v1=all; with systemd: systemd.unified_cgroup_hierarchy=1",
         );
     }

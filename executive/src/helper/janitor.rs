@@ -21,7 +21,7 @@ const HALF_MADE_MODE: u32 = 0o200;
 /// those that it was attached to.
 ///
 /// # Errors
-/// The last channel that could not be joined; the others are cleared all the same.
+/// The last channel that could not be looked through; the others are cleared all the same.
 pub fn run(domain: &Domain, pid: u32, channels: &[String]) -> Result<(), ChannelError> {
     super::custodian::name_process(c"janitor");
     let mut result = Ok(());
@@ -37,11 +37,9 @@ fn clear(domain: &Domain, channel: &str, pid: u32) -> Result<(), ChannelError> {
     let directory = domain.directory(channel);
     remove_half_made(&directory, pid);
     unseal_hidden_tags(&directory, pid);
-    let joined = domain.join(channel, "janitor").map(|node| {
-        let _ = node.try_cleanup_dead_nodes(); // what it could not clean is removed by name below
-    });
+    let cleared = domain.clear_dead(channel).map(|_left| ()); // what is left is removed by name below
     remove_remains(&directory, pid);
-    joined
+    cleared
 }
 
 /// An object without a size would make whoever opens it wait for its size.

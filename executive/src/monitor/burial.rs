@@ -12,8 +12,9 @@ use crate::partition::ended;
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
 
-/// A janitor that takes longer is ended: the library's clean-up can hang.
-const JANITOR_PATIENCE_NS: u64 = 1_000_000_000;
+/// A janitor that takes longer is ended: the library's clean-up can hang. One that works takes some milliseconds, and on a
+/// machine with ten times the work that it can do a second; ended then, it leaves the successor without its ports.
+const JANITOR_PATIENCE_NS: u64 = 3_000_000_000;
 
 /// See the module's head.
 pub(super) struct Burials {

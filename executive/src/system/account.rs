@@ -113,7 +113,31 @@ fn group_of<'a>(groups: &'a str, controller: &str) -> Option<&'a str> {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Write;
+    use std::process::{Command, Stdio};
+
     use super::*;
+
+    /// Waits for a line, then holds far more memory than the group has.
+    const HOG: &str = "read go; head -c 300000000 /dev/zero | tail > /dev/null";
+
+    #[test]
+    fn a_process_that_is_ended_for_its_memory_is_counted() {
+        let accounts = Accounts::beside_self(&format!("bateleur.account_test.{}", std::process::id()));
+        if accounts.limit_memory(16 << 20).is_err() {
+            return eprintln!("skipped: no memory controller of version 1 that may be used here");
+        }
+        assert_eq!(accounts.out_of_memory_kills(), 0);
+        let mut hog = Command::new("sh").args(["-c", HOG]).stdin(Stdio::piped()).spawn().unwrap();
+        let group = accounts.memory.as_ref().unwrap();
+        fs::write(group.join("cgroup.procs"), hog.id().to_string()).unwrap();
+        hog.stdin.take().unwrap().write_all(b"go\n").unwrap();
+        hog.wait().unwrap();
+        assert_eq!(accounts.out_of_memory_kills(), 1);
+        let paths = accounts.paths();
+        drop(accounts);
+        assert!(paths.iter().all(|path| !path.exists()), "removed when dropped");
+    }
 
     #[test]
     fn the_hierarchy_of_a_controller_is_found_among_others() {

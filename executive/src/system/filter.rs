@@ -382,6 +382,7 @@ const ALLOWED: &[libc::c_long] = &[
     libc::SYS_truncate,
     libc::SYS_mkdirat,
     libc::SYS_unlinkat,
+    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
     libc::SYS_renameat,
     libc::SYS_renameat2,
     libc::SYS_linkat,

@@ -92,6 +92,14 @@ pub enum ChannelError {
         /// What the library said.
         reason: NodeCreationFailure,
     },
+    /// The processes that are attached to the channel can not be listed.
+    #[error("cannot list who is attached to channel {channel}: {reason}")]
+    List {
+        /// The channel.
+        channel: String,
+        /// What the library said.
+        reason: String,
+    },
     /// A name that the library refuses.
     #[error("\"{0}\" can not be the name of a shared-memory service")]
     Name(String),
@@ -148,6 +156,24 @@ impl Domain {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Shared>()
             .map_err(|reason| ChannelError::Join { channel: home.into(), reason })
+    }
+
+    /// Removes what dead processes left in the channel whose directory is `home`. Joins nothing for it, which would cost as
+    /// much as the clearing. Gives the number of those whose remains could not be removed.
+    pub fn clear_dead(&self, home: &str) -> Result<usize, ChannelError> {
+        set_log_level(LogLevel::Fatal);
+        let mut left = 0;
+        let clear = |found: NodeState<Shared>| {
+            if let NodeState::Dead(dead) = found
+                && dead.try_remove_stale_resources().is_err()
+            {
+                left += 1;
+            }
+            CallbackProgression::Continue
+        };
+        Membership::list(&self.config(home)?, clear)
+            .map_err(|reason| ChannelError::List { channel: home.into(), reason: format!("{reason:?}") })?;
+        Ok(left)
     }
 
     fn config(&self, home: &str) -> Result<Config, ChannelError> {

@@ -1,5 +1,5 @@
-//! A partition whose first window leaves `children` behind that spin, each in a session of its own and with a child that
-//! does the same. With `closes` it closes its windows all the same, else it spins too.
+//! A partition whose first window leaves `children` behind that spin, each in a session of its own (where that is not
+//! refused) and with a child that does the same. With `closes` it closes its windows all the same, else it spins too.
 #![allow(unsafe_code)] // forks
 
 use std::process::ExitCode;

@@ -74,11 +74,10 @@ fn controllers(root: &Root) -> Finding {
         })
     });
     if by_first.count() > 0 {
-        return Finding::lacks(
+        return Finding::note(
             TOPIC,
             format!("{} held by cgroup version 1, beside version 2", missing.join(", ")),
-            "they are used from there where this process may (as root); without, RLIMIT_DATA limits each process of a partition, not their sum",
-            "kernel parameter cgroup_no_v1=all; with systemd: systemd.unified_cgroup_hierarchy=1",
+            "nothing where the executive may make groups there, which the promises below say; else kernel parameter cgroup_no_v1=all, with systemd: systemd.unified_cgroup_hierarchy=1",
         );
     }
     let (there, absent): (Vec<&str>, Vec<&str>) =

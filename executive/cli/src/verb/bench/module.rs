@@ -86,12 +86,13 @@ pub(super) fn start(schedule: &str, until_s: f64) -> Result<Running> {
     let own = std::env::current_exe().context("cannot find this program")?;
     let errors = fs::File::create(folder.path().join("errors.txt")).context("cannot write")?;
     let process = Command::new(own)
-        .args(["run", "--until", &until_s.to_string()])
+        // Ends with this program, however that ends.
+        .args(["run", "--until-stdin-closes", "--until", &until_s.to_string()])
         .arg("--schedule")
         .arg(&file)
         .arg("--output")
         .arg(folder.path())
-        .stdin(Stdio::null())
+        .stdin(Stdio::piped())
         .stdout(Stdio::null())
         .stderr(errors)
         .spawn()

@@ -194,3 +194,161 @@ fn another_user_is_not_heard_even_where_the_mode_lets_him_in() {
     module.signal(rustix::process::Signal::TERM);
     module.end().expect_code(0);
 }
+
+/// A partition that writes a count in each window, and one that reads it.
+fn counting_module() -> (Started, tempfile::TempDir) {
+    let folder = tempfile::tempdir().unwrap();
+    let source = "[partition.from.port]\ncount = { direction = \"source\", kind = \"sampling\", message = \"FunctionStatus\" }";
+    let destination = "[partition.to.port]\nheard = { direction = \"destination\", kind = \"sampling\", message = \"FunctionStatus\", refresh = \"60ms\" }";
+    let schedule = Sketch::new()
+        .table("[[channel]]\nsource = \"from.count\"\ndestinations = [\"to.heard\"]")
+        .partition("from", "counter", 1000, source)
+        .partition("to", "counter", 1000, destination)
+        .write(folder.path());
+    let mut module = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
+    module.await_words("2 partitions are ready");
+    (module, folder)
+}
+
+fn observers(module: &Started) -> Vec<bateleur_tests::Process> {
+    let mut all = bateleur_tests::children_of(module.pid());
+    all.retain(|process| process.name == "observer");
+    all
+}
+
+#[test]
+fn messages_are_named_counted_and_recorded_and_a_killed_client_leaves_nothing() {
+    let _turn = alone();
+    let (module, folder) = counting_module();
+    let traces = bateleur_tests::Traces::of(module.pid(), module.pid());
+    let list = ask(&module, &["ports", "list", "--format", "json"]).expect_code(0).summary();
+    assert_eq!(list[0]["source"], "from.count");
+    assert_eq!(list[0]["destinations"], serde_json::json!(["to.heard"]));
+    assert!(list[0]["rate_hz"].as_f64().unwrap() > 1.0, "{list:#}");
+    // Either end names the channel.
+    let echo =
+        ask(&module, &["ports", "echo", "to.heard", "--count", "3", "--format", "json"]).expect_code(0);
+    let values: Vec<Value> = echo.stdout.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(values.len(), 3);
+    assert!(
+        values[0]["values"]["accepted"].as_u64() < values[2]["values"]["accepted"].as_u64(),
+        "{values:#?}"
+    );
+    let wrong = ask(&module, &["ports", "echo", "from.cuont"]).expect_code(2);
+    assert!(wrong.stderr.contains("did you mean `from.count`?"), "{}", wrong.stderr);
+    let file = folder.path().join("recorded.mcap");
+    ask(&module, &["record", "--for", "1", "--output", file.to_str().unwrap()]).expect_code(0);
+    let mut recorded = 0;
+    bateleur_report::log::for_each(&file, |entry| recorded += u32::from(entry.topic == "/from/count"))
+        .unwrap();
+    assert!(recorded > 1, "{recorded} messages recorded");
+    // The files in the channel's directory are those of before again, once the observers are buried.
+    let gone = await_some(Duration::from_secs(10), || observers(&module).is_empty().then_some(()));
+    assert!(gone.is_some(), "{:?}", observers(&module));
+    std::thread::sleep(Duration::from_millis(500));
+    let directory = format!("/dev/shm/bateleur.test.{}", module.pid());
+    let before = files_below(directory.as_ref());
+    for _ in 0..6 {
+        let pid = module.pid().to_string();
+        let client = bateleur(&["ports", "echo", "from.count", "--module", &pid]);
+        let works = await_some(Duration::from_secs(10), || (!observers(&module).is_empty()).then_some(()));
+        assert!(works.is_some(), "no observer: {}", client.said());
+        client.signal(rustix::process::Signal::KILL);
+        drop(client);
+        let gone = await_some(Duration::from_secs(10), || observers(&module).is_empty().then_some(()));
+        assert!(gone.is_some(), "{:?}", observers(&module));
+    }
+    let buried =
+        await_some(Duration::from_secs(10), || (files_below(directory.as_ref()) <= before).then_some(()));
+    assert!(buried.is_some(), "{} files where {before} were", files_below(directory.as_ref()));
+    module.signal(rustix::process::Signal::TERM);
+    module.end().expect_code(0);
+    traces.expect_gone();
+}
+
+#[test]
+fn third_observer_is_refused_and_a_module_ends_with_clients_at_its_ports() {
+    let _turn = alone();
+    let (module, _folder) = counting_module();
+    let pid = module.pid().to_string();
+    let watch = || bateleur(&["ports", "echo", "from.count", "--module", &pid]);
+    let clients = [watch(), watch()];
+    let both = await_some(Duration::from_secs(10), || (observers(&module).len() == 2).then_some(()));
+    assert!(both.is_some(), "{:?}", observers(&module));
+    let third = ask(&module, &["ports", "hz", "from.count"]).expect_code(2);
+    assert!(third.stderr.contains("2 observers are at work"), "{}", third.stderr);
+    module.signal(rustix::process::Signal::TERM);
+    module.end().expect_code(0);
+    for client in clients {
+        client.end().expect_code(2).expect_words(&["has ended"]);
+    }
+}
+
+fn files_below(folder: &std::path::Path) -> usize {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries
+        .map(|entry| match entry.file_type() {
+            Ok(kind) if kind.is_dir() => 1 + files_below(&entry.path()),
+            _ => 1,
+        })
+        .sum()
+}
+
+/// Faults that are planned happen the same way in every run on the virtual clock.
+#[test]
+fn planned_faults_end_as_the_table_says_and_the_same_in_every_run() {
+    let _turn = bateleur_tests::among_others();
+    let run = || {
+        let folder = tempfile::tempdir().unwrap();
+        let keys = "restart = { start = \"cold\", budget = 50, within = \"10s\", then = \"idle\" }";
+        let source = format!(
+            "{keys}\n[partition.one.port]\ncount = {{ direction = \"source\", kind = \"sampling\", message = \"FunctionStatus\" }}"
+        );
+        let destination = "[partition.two.port]\nheard = { direction = \"destination\", kind = \"sampling\", message = \"FunctionStatus\", refresh = \"60ms\" }";
+        let schedule = Sketch::new()
+            .table("[[channel]]\nsource = \"one.count\"\ndestinations = [\"two.heard\"]")
+            .partition("one", "counter", 1000, &source)
+            .partition("two", "counter", 1000, destination)
+            .write(folder.path());
+        let mut arguments = vec!["run", "--fast", "--record", "--until", "10", "--schedule", &schedule];
+        let faults = [
+            "one:panic@1",
+            "one:exit@2",
+            "one:null-write@3",
+            "one:illegal-instruction@4",
+            "one:divide-by-zero@5",
+            "one:bus-error@6",
+            "one:sigkill@7",
+            "one.count:drop=5@8",
+            "one.count:delay=2/50ms@8.5",
+            "one.count:corrupt=3@9",
+        ];
+        faults.iter().for_each(|fault| arguments.extend(["--inject", fault]));
+        let ended = bateleur(&arguments).end().expect_code(0);
+        let mut log = Vec::new();
+        bateleur_report::log::for_each(ended.folder().join("ports.mcap"), |entry| {
+            log.push((entry.time_ns, entry.sequence, entry.bytes.to_vec()));
+        })
+        .unwrap();
+        (ended.faults(), log)
+    };
+    let ((faults, log), (again, log_again)) = (run(), run());
+    let errors: Vec<_> = faults
+        .iter()
+        .filter(|fault| fault.partition == "one" && fault.action != "ignore")
+        .map(|fault| fault.error.as_str())
+        .collect();
+    let numeric = if cfg!(target_arch = "x86_64") { "numeric_error" } else { "exit" };
+    assert_eq!(
+        errors,
+        ["exit", "exit", "memory_violation", "illegal_request", numeric, "memory_violation", "killed"],
+        "{faults:#?}"
+    );
+    let gap = log.windows(2).find(|pair| pair[1].1 > pair[0].1 + 1).expect("five messages are missing");
+    assert_eq!(gap[1].1 - gap[0].1, 6);
+    assert_eq!(log, log_again);
+    let outcome = |list: &[bateleur_tests::Fault]| {
+        list.iter().map(|fault| (fault.time_ns, fault.error.clone(), fault.recovered_ns)).collect::<Vec<_>>()
+    };
+    assert_eq!(outcome(&faults), outcome(&again));
+}

@@ -3,6 +3,7 @@
 //! Exit codes: 0 fine, 1 it ran and something was wrong, 2 it could not run.
 
 mod line;
+mod observer;
 mod output;
 mod plan_file;
 mod recorder;
@@ -41,8 +42,10 @@ enum Verb {
     /// Let a held partition go on where it was.
     Thaw(verb::order::Arguments),
     Inject(verb::inject::Arguments),
+    Ports(verb::ports::Arguments),
     Ps(verb::ps::Arguments),
     Plan(verb::plan::Arguments),
+    Record(verb::record::Arguments),
     Run(verb::run::Arguments),
     /// Change a running module to another schedule, with its next major frame.
     Schedule(verb::order::Schedule),
@@ -73,6 +76,8 @@ fn main() -> ExitCode {
         Verb::Freeze(arguments) => verb::order::run(&arguments, |partition| Request::Freeze { partition }),
         Verb::Thaw(arguments) => verb::order::run(&arguments, |partition| Request::Thaw { partition }),
         Verb::Inject(arguments) => verb::inject::run(&arguments),
+        Verb::Ports(arguments) => verb::ports::run(&arguments),
+        Verb::Record(arguments) => verb::record::run(&arguments),
         Verb::Ps(arguments) => verb::ps::run(&arguments),
         Verb::Schedule(arguments) => verb::order::schedule(&arguments),
         Verb::Top(arguments) => verb::top::run(&arguments),

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::status::Status;
+use super::status::{ChannelStatus, Status};
 
 /// Bytes of a request with its line end: the longest sensible one names a file for a recording (a path has 4096 bytes at
 /// most). A client that sends more without a line end is cut off; a larger value would only let it hold more memory.
@@ -39,6 +39,14 @@ pub enum Request {
         /// The partition.
         partition: String,
     },
+    /// The channels.
+    Ports,
+    /// From now on the connection carries every message of some channels, as an [`super::Observation`] a line; nothing more
+    /// can be asked on it.
+    Watch {
+        /// Ports of the channels, `partition.port`; none: all channels.
+        ports: Vec<String>,
+    },
     /// Provokes a fault, see [`crate::inject`].
     Inject {
         /// A partition, a port or the dispatcher.
@@ -69,8 +77,15 @@ pub enum Answer {
     },
     /// The server has too many clients: nothing was asked yet, and it may be tried again.
     Busy,
+    /// An observer has the connection.
+    Watching,
     /// The figures.
     Status(Box<Status>),
+    /// The channels.
+    Ports {
+        /// In the order of the plan.
+        channels: Vec<ChannelStatus>,
+    },
 }
 
 impl Answer {

@@ -44,6 +44,8 @@ const KEPT_PLACE: Duration = Duration::from_millis(250);
 pub struct Ordered {
     /// What is asked.
     pub request: Request,
+    /// For a request whose client is handed over: its connection.
+    pub connection: Option<OwnedFd>,
     client: u64,
 }
 
@@ -224,17 +226,22 @@ impl Table {
 
     fn round(&mut self) {
         let found = self.look();
+        let mut found: Vec<(u64, PollFlags)> =
+            self.clients.iter().map(|client| client.number).zip(found).collect();
         while rustix::io::read(&self.wake, &mut [0; 64][..]).is_ok_and(|count| count > 0) {}
         while let Ok((number, answer)) = self.ready.try_recv() {
-            if let Some(client) = self.clients.iter_mut().find(|client| client.number == number) {
+            if answer == Answer::Watching {
+                // The observer has it now, and says so itself.
+                self.clients.retain(|client| client.number != number);
+            } else if let Some(client) = self.clients.iter_mut().find(|client| client.number == number) {
                 client.tell(&answer);
             }
         }
         let broken = PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL;
-        // In the order in which they were looked at.
-        let mut found = found.into_iter();
+        found.retain(|(_, seen)| !seen.is_empty());
         self.clients.retain_mut(|client| {
-            let seen = found.next().unwrap_or(PollFlags::empty());
+            let seen = found.iter().find(|(number, _)| *number == client.number);
+            let seen = seen.map_or(PollFlags::empty(), |(_, seen)| *seen);
             let gone = seen.intersects(broken) && !seen.contains(PollFlags::IN);
             !gone && attend(client, &self.orders) && !client.is_overdue()
         });
@@ -301,10 +308,16 @@ fn attend(client: &mut Client, orders: &SyncSender<Ordered>) -> bool {
         match client.lines.next_request() {
             None => return true,
             Some(Err(why)) => client.tell(&Answer::refused(why)),
-            Some(Ok(request)) => match orders.try_send(Ordered { request, client: client.number }) {
-                Ok(()) => client.enter(Phase::Asked),
-                Err(_) => client.tell(&Answer::Busy),
-            },
+            Some(Ok(request)) => {
+                let connection = match &request {
+                    Request::Watch { .. } => client.stream.try_clone().ok().map(OwnedFd::from),
+                    _ => None,
+                };
+                match orders.try_send(Ordered { request, connection, client: client.number }) {
+                    Ok(()) => client.enter(Phase::Asked),
+                    Err(_) => client.tell(&Answer::Busy),
+                }
+            }
         }
     }
     client.phase != Phase::Answered || client.write()

@@ -64,6 +64,34 @@ pub struct PartitionStatus {
     pub lateness_ns: Option<Lateness>,
 }
 
+/// A channel.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ChannelStatus {
+    /// The source port, `partition.port`.
+    pub source: String,
+    /// The destination ports.
+    pub destinations: Vec<String>,
+    /// Length of its queue; null: sampling.
+    pub queue_depth: Option<u32>,
+    /// The message type's name.
+    pub message: String,
+    /// Bytes of a message, at most.
+    pub size: usize,
+}
+
+/// A message that an observer has read: one line each.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Observation {
+    /// The source port, `partition.port`.
+    pub source: String,
+    /// The source's count of its messages.
+    pub sequence: u64,
+    /// Module time at which the source wrote it, ns.
+    pub source_ns: u64,
+    /// Its bytes, two hexadecimal digits each.
+    pub bytes: String,
+}
+
 /// Least, mean and most.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Spread {

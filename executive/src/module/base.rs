@@ -17,7 +17,8 @@ use crate::helper::custodian::{Order, OrderedChannel};
 use crate::helper::guard::FAREWELL;
 use crate::instance::Instance;
 use crate::machine::Machine;
-use crate::monitor::StartJanitor;
+use crate::monitor::observers::StartObserver;
+use crate::monitor::{StartForStranger, StartJanitor};
 use crate::partition::{Cage, Housing, attached_channels, message_name, queue_depth};
 use crate::plan::{ModuleView, Plan};
 use crate::system::account::Accounts;
@@ -189,7 +190,19 @@ impl Base {
         order: String,
         custodian: Rc<RefCell<Custodian>>,
     ) -> Result<StartJanitor, RunError> {
-        let copy = Self {
+        let copy = self.copy()?;
+        Ok(Box::new(move |partition, pid| {
+            if crate::partition::ended(&custodian.borrow().process).is_some() {
+                // Before any clean-up, which would take away the channels that only the dead one held.
+                *custodian.borrow_mut() = copy.start_custodian(&order).map_err(std::io::Error::other)?;
+            }
+            copy.start_janitor(pid, attached_channels(&plan, partition))
+        }))
+    }
+
+    /// Enough of it to start helpers.
+    fn copy(&self) -> Result<Self, RunError> {
+        Ok(Self {
             instance: self.instance.clone(),
             group: None,
             accounts: Accounts::default(),
@@ -197,13 +210,18 @@ impl Base {
             log: self.log.try_clone().map_err(machine("cannot copy a descriptor"))?,
             guard: RefCell::new(None),
             user: self.user,
-        };
-        Ok(Box::new(move |partition, pid| {
-            if crate::partition::ended(&custodian.borrow().process).is_some() {
-                // Before any clean-up, which would take away the channels that only the dead one held.
-                *custodian.borrow_mut() = copy.start_custodian(&order).map_err(std::io::Error::other)?;
-            }
-            copy.start_janitor(pid, attached_channels(&plan, partition))
+        })
+    }
+
+    /// How observers are started: each is told of its own channels only.
+    fn observer_starter(&self, order: Order) -> Result<StartObserver, RunError> {
+        let copy = self.copy()?;
+        Ok(Box::new(move |channels, connection| {
+            let wanted = |channel: &&OrderedChannel| channels.contains(&channel.source);
+            let channels = order.channels.iter().filter(wanted).cloned().collect();
+            let order = serde_json::to_string(&Order { channels, ..order.clone() })?;
+            let lines = Lines { output: Some(connection), ..Lines::default() };
+            copy.helper(&["observer".into(), order], lines, true)
         }))
     }
 
@@ -228,6 +246,10 @@ impl Base {
         self.instance
             .make_channel_directories(&homes, self.user)
             .map_err(machine("cannot make the channels' directories in /dev/shm"))?;
+        let start_observer = self.observer_starter(order.clone())?;
+        let burier = self.copy()?;
+        let start_for_stranger: StartForStranger =
+            Box::new(move |pid, channels| burier.start_janitor(pid, channels.to_vec()));
         let order = serde_json::to_string(&order).unwrap_or_default();
         let custodian = Rc::new(RefCell::new(self.start_custodian(&order)?));
         let recorder =
@@ -235,7 +257,7 @@ impl Base {
         let cages = self.cages(plan, view, &options, facts, programs)?;
         let (control, inbox) = self.open_control(&mut options);
         let start_janitor = self.janitor_starter(plan.clone(), order, custodian.clone())?;
-        let staff = Staff { recorder, start_janitor, inbox };
+        let staff = Staff { recorder, start_janitor, start_for_stranger, start_observer, inbox };
         let ended = super::conduct::conduct(plan, view, options, facts, cages, staff);
         drop(control);
         custodian.borrow_mut().leave();

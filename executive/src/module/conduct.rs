@@ -20,6 +20,8 @@ use crate::fast::{Records, VirtualGate, VirtualPace};
 use crate::health::log::{HealthLog, WindowLog, WindowRecord};
 use crate::inject::Stall;
 use crate::machine::Machine;
+use crate::monitor::StartForStranger;
+use crate::monitor::observers::StartObserver;
 use crate::monitor::operator::Operator;
 use crate::monitor::{Equipment, Monitor, StartJanitor};
 use crate::partition::Cage;
@@ -47,6 +49,10 @@ pub(super) struct Staff {
     pub(super) recorder: Option<Recorder>,
     /// Cleans up after the dead.
     pub(super) start_janitor: StartJanitor,
+    /// Cleans up after dead observers.
+    pub(super) start_for_stranger: StartForStranger,
+    /// Reads channels for operators.
+    pub(super) start_observer: StartObserver,
     /// Where orders come from; none: there is no control socket.
     pub(super) inbox: Option<Inbox>,
 }
@@ -76,13 +82,19 @@ pub(super) fn conduct(
         clock: options.clock,
         cages,
         start_janitor: staff.start_janitor,
+        start_for_stranger: staff.start_for_stranger,
         take_record: take_record(records.clone(), rings.clone()),
         window_log: WindowLog::create(&options.output.join("windows.csv"))
             .map_err(machine("cannot write windows.csv"))?,
         health_log: HealthLog::create(&options.output.join("health.jsonl"))
             .map_err(machine("cannot write health.jsonl"))?,
         events: options.events,
-        operator: Operator::new(staff.inbox, about(&options.module, options.clock), stall.clone()),
+        operator: Operator::new(
+            staff.inbox,
+            about(&options.module, options.clock),
+            stall.clone(),
+            Some(staff.start_observer),
+        ),
     })
     .map_err(RunError::Start)?;
     if let Err(reason) = monitor.await_all_ready() {

@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use std::os::fd::{AsFd, BorrowedFd};
 
 use super::watched::{Life, Watched};
-use super::{StartJanitor, end_helper};
+use super::{StartForStranger, StartJanitor, end_helper};
 use crate::partition::ended;
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
@@ -19,41 +19,66 @@ const JANITOR_PATIENCE_NS: u64 = 3_000_000_000;
 /// See the module's head.
 pub(super) struct Burials {
     start_janitor: StartJanitor,
+    start_for_stranger: StartForStranger,
     /// At work: for whom, and since when.
-    janitor: Option<(usize, Spawned, u64)>,
-    waiting: VecDeque<usize>,
+    janitor: Option<(Dead, Spawned, u64)>,
+    waiting: VecDeque<Dead>,
+}
+
+/// Who is buried.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Dead {
+    /// The process that a partition had.
+    Of(usize),
+    /// Another one that was attached to channels.
+    Stranger(i32, Vec<String>),
 }
 
 impl Burials {
-    pub(super) fn new(start_janitor: StartJanitor) -> Self {
-        Self { start_janitor, janitor: None, waiting: VecDeque::new() }
+    pub(super) fn new(start_janitor: StartJanitor, start_for_stranger: StartForStranger) -> Self {
+        Self { start_janitor, start_for_stranger, janitor: None, waiting: VecDeque::new() }
     }
 
     /// The process that `place` had waits for its burial.
     pub(super) fn add(&mut self, place: usize) {
-        let under_way = self.janitor.as_ref().is_some_and(|(busy, ..)| *busy == place);
-        if !under_way && !self.waiting.contains(&place) {
-            self.waiting.push_back(place);
+        let under_way = self.janitor.as_ref().is_some_and(|(busy, ..)| *busy == Dead::Of(place));
+        if !under_way && !self.waiting.contains(&Dead::Of(place)) {
+            self.waiting.push_back(Dead::Of(place));
         }
+    }
+
+    /// A process that is no partition was attached to `channels` when it ended.
+    pub(super) fn add_stranger(&mut self, pid: i32, channels: Vec<String>) {
+        self.waiting.push_back(Dead::Stranger(pid, channels));
     }
 
     /// The next partition whose dead process has been buried; none: a janitor is at work, or nobody waits.
     pub(super) fn next_buried(&mut self, watched: &[Watched]) -> Option<usize> {
-        if let Some((place, janitor, since_ns)) = self.janitor.take() {
+        if let Some((dead, janitor, since_ns)) = self.janitor.take() {
             if ended(&janitor).is_none() {
                 if now_ns() - since_ns < JANITOR_PATIENCE_NS {
-                    self.janitor = Some((place, janitor, since_ns));
+                    self.janitor = Some((dead, janitor, since_ns));
                     return None;
                 }
                 end_helper(&janitor);
             }
-            return Some(place);
+            if let Dead::Of(place) = dead {
+                return Some(place);
+            }
         }
-        let place = self.waiting.pop_front()?;
+        let place = match self.waiting.pop_front()? {
+            Dead::Of(place) => place,
+            Dead::Stranger(pid, channels) => {
+                if let Ok(janitor) = (self.start_for_stranger)(pid, &channels) {
+                    self.janitor = Some((Dead::Stranger(pid, channels), janitor, now_ns()));
+                }
+                return None; // what is left of it costs an observer's place in its channels, and nothing else
+            }
+        };
         let Life::Dead(pid, _) = watched[place].life else { return Some(place) };
         match (self.start_janitor)(watched[place].cage.id, pid) {
             Ok(janitor) => {
-                self.janitor = Some((place, janitor, now_ns()));
+                self.janitor = Some((Dead::Of(place), janitor, now_ns()));
                 None
             }
             // Without a janitor a successor may still find its ports free: trying costs nothing.

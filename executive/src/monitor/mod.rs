@@ -35,6 +35,7 @@ mod acts;
 mod burial;
 mod change;
 mod figures;
+pub mod observers;
 pub mod operator;
 mod provoke;
 mod watched;
@@ -44,6 +45,8 @@ const OVERRUN_SILENCE_NS: u64 = 1_000_000_000;
 
 /// Starts a janitor for a dead process of a partition.
 pub type StartJanitor = Box<dyn Fn(PartitionId, i32) -> io::Result<Spawned>>;
+/// Starts a janitor for a dead process that is no partition and was attached to channels.
+pub type StartForStranger = Box<dyn Fn(i32, &[String]) -> io::Result<Spawned>>;
 /// Takes the next window records that dispatchers have left.
 pub type TakeRecord = Box<dyn FnMut() -> Option<WindowRecord>>;
 
@@ -109,6 +112,8 @@ pub struct Equipment {
     pub cages: Vec<Cage>,
     /// How a janitor is started.
     pub start_janitor: StartJanitor,
+    /// How one is started for a process that is no partition.
+    pub start_for_stranger: StartForStranger,
     /// Where dispatchers leave records.
     pub take_record: TakeRecord,
     /// The window log.
@@ -133,6 +138,7 @@ impl Monitor {
             clock,
             cages,
             start_janitor,
+            start_for_stranger,
             take_record,
             window_log,
             health_log,
@@ -155,7 +161,7 @@ impl Monitor {
             clock,
             watched,
             places,
-            burials: Burials::new(start_janitor),
+            burials: Burials::new(start_janitor, start_for_stranger),
             take_record,
             window_log,
             health_log,
@@ -188,7 +194,8 @@ impl Monitor {
             Life::Dead(..) | Life::Gone => None,
         });
         let janitor = self.burials.janitor();
-        let all: Vec<BorrowedFd<'_>> = processes.chain(janitor).collect();
+        let observers = self.operator.observers.processes();
+        let all: Vec<BorrowedFd<'_>> = processes.chain(janitor).chain(observers).collect();
         await_any_end(&all, nanoseconds);
     }
 

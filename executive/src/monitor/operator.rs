@@ -4,9 +4,10 @@
 use std::sync::Arc;
 
 use super::Monitor;
+use super::observers::{Observers, StartObserver};
 use super::watched::{Life, Then};
 use crate::agenda::Requested;
-use crate::control::{Answer, Inbox, Request, Status};
+use crate::control::{Answer, Inbox, Ordered, Request, Status};
 use crate::health::log::Fault as Entry;
 use crate::inject::{Fault, Stall};
 use crate::plan::did_you_mean;
@@ -16,36 +17,49 @@ use crate::planned::Act;
 const ORDERS_A_STEP: usize = 4;
 
 /// What operators work with.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub struct Operator {
     inbox: Option<Inbox>,
     /// What does not change in a status.
-    about: Status,
+    pub(super) about: Status,
     pub(super) stall: Arc<Stall>,
+    pub(super) observers: Observers,
 }
 
 impl Operator {
     /// `stall`: shared with the dispatchers. `inbox`: where orders come from; none: there is no socket. `about`: the module's name, its process, its clock.
     #[must_use]
-    pub fn new(inbox: Option<Inbox>, about: Status, stall: Arc<Stall>) -> Self {
-        Self { inbox, about, stall }
+    pub fn new(
+        inbox: Option<Inbox>,
+        about: Status,
+        stall: Arc<Stall>,
+        start_observer: Option<StartObserver>,
+    ) -> Self {
+        Self { inbox, about, stall, observers: Observers::new(start_observer) }
     }
 }
 
 impl Monitor {
     /// Carries out what operators have ordered.
     pub(super) fn obey(&mut self, module_ns: u64) {
+        self.look_at_observers();
         for _ in 0..ORDERS_A_STEP {
             let Some(ordered) = self.operator.inbox.as_ref().and_then(Inbox::take) else { return };
-            let answer = self.carry_out(&ordered.request, module_ns).unwrap_or_else(Answer::refused);
+            let answer = self.carry_out(&ordered, module_ns).unwrap_or_else(Answer::refused);
             if let Some(inbox) = &self.operator.inbox {
                 inbox.answer(&ordered, answer);
             }
         }
     }
 
-    fn carry_out(&mut self, request: &Request, module_ns: u64) -> Result<Answer, String> {
-        match request {
+    fn carry_out(&mut self, ordered: &Ordered, module_ns: u64) -> Result<Answer, String> {
+        match &ordered.request {
+            Request::Ports => Ok(Answer::Ports { channels: self.channel_list() }),
+            Request::Watch { ports } => {
+                let (answer, observer) = self.watch(ordered, ports)?;
+                self.take_on(observer);
+                Ok(answer)
+            }
             Request::Status => Ok(Answer::Status(Box::new(self.status(module_ns)))),
             Request::Kill { partition } => self.act_on(partition, Act::Kill, module_ns),
             Request::Stop { partition } => self.act_on(partition, Act::Stop, module_ns),

@@ -75,7 +75,7 @@ impl<'a> Findings<'a> {
 }
 
 /// The candidate that a mistyped word most likely meant.
-pub(super) fn nearest<'c>(word: &str, candidates: impl IntoIterator<Item = &'c str>) -> Option<&'c str> {
+pub(crate) fn nearest<'c>(word: &str, candidates: impl IntoIterator<Item = &'c str>) -> Option<&'c str> {
     /// Share of letters that agree, from where on a guess helps more than it misleads.
     const LIKENESS: f64 = 0.6;
     let word = word.to_lowercase();

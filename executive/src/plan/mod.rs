@@ -37,8 +37,8 @@ pub use model::{
 pub use report::{Place, Related, Report, Severity, Violation};
 pub use timeline::{CoreTimeline, Timeline, TimelineWindow};
 
-pub(crate) use findings::did_you_mean;
 use findings::{Finding, Findings};
+pub(crate) use findings::{did_you_mean, nearest};
 use names::Names;
 use raw::RawFile;
 

@@ -34,6 +34,12 @@ pub(crate) enum Helper {
     /// Does nothing: shows that a process can be started so.
     #[command(hide = true)]
     Probe,
+    /// Sends what some channels carry to a client.
+    #[command(hide = true)]
+    Observer {
+        /// The channels, as JSON.
+        order: String,
+    },
     /// Writes every message of a module into the log behind descriptor 3.
     #[command(hide = true)]
     Recorder {
@@ -50,6 +56,7 @@ pub(crate) fn run(helper: &Helper) -> Result<Code> {
         }
         Helper::Guard { instance } => guard::run(instance)?,
         Helper::Probe => {}
+        Helper::Observer { order } => crate::observer::run(order)?,
         Helper::Recorder { order } => crate::recorder::run(order)?,
     }
     Ok(FINE)

@@ -1,0 +1,93 @@
+//! The observer: attaches to some channels of a running module and sends what they carry to a client, one
+//! [`Observation`] a line on standard output, which is the client's connection. It can not slow a writer down.
+//!
+//! It ends when the client goes, or takes its lines too slowly for too long; the executive then clears what it leaves.
+
+use std::fmt::Write as _;
+use std::io::Write;
+use std::os::fd::AsFd;
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use bateleur_executive::control::{Answer, Observation};
+use bateleur_executive::helper::custodian::Order;
+use bateleur_ports::{Channel, Membership, Reader};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::net::sockopt::{Timeout, set_socket_timeout};
+
+/// Between two looks at the channels: a channel of 50 Hz fills its 128 places in 2.5 s.
+const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 5_000_000 };
+/// How long a client may leave its lines unread. It costs nobody a message but itself; longer, and it keeps one of the few
+/// places for observers.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+struct Observed {
+    source: String,
+    reader: Reader,
+    _channel: Channel,
+    _node: Membership,
+}
+
+pub(crate) fn run(order: &str) -> Result<()> {
+    let _ = rustix::thread::set_name(c"observer"); // a name is a comfort
+    let order: Order = serde_json::from_str(order).context("the observer's order is damaged")?;
+    let observed = attach(&order)?;
+    let mut output = std::io::stdout();
+    // The server's end of the connection never waited; this one does, for so long.
+    rustix::io::ioctl_fionbio(output.as_fd(), false)?;
+    set_socket_timeout(output.as_fd(), Timeout::Send, Some(PATIENCE))?;
+    output.write_all(&Answer::Watching.line())?;
+    let mut lines = Vec::new();
+    while !has_gone(&output) {
+        for one in &observed {
+            read(one, &mut lines)?;
+        }
+        output.write_all(&lines)?;
+        output.flush()?;
+        lines.clear();
+    }
+    Ok(())
+}
+
+fn attach(order: &Order) -> Result<Vec<Observed>> {
+    let domain = order.domain();
+    let attached = order.channels.iter().map(|ordered| {
+        let kind = ordered.channel_type();
+        let kind = if kind.depth.is_some() { kind.observed() } else { kind };
+        let node = domain.join(kind.home(), "observer")?;
+        let channel = kind.open(&node)?;
+        let reader = kind.observer(&channel)?;
+        Ok(Observed { source: ordered.source.clone(), reader, _channel: channel, _node: node })
+    });
+    attached.collect()
+}
+
+fn read(one: &Observed, lines: &mut Vec<u8>) -> Result<()> {
+    // A reader that fails once has met a dying writer; what the writer sent before is still there next time.
+    while let Ok(Some(sample)) = one.reader.receive() {
+        let stamp = sample.user_header();
+        let observation = Observation {
+            source: one.source.clone(),
+            sequence: stamp.sequence,
+            source_ns: stamp.source_ns,
+            bytes: hexadecimal(sample.payload()),
+        };
+        serde_json::to_writer(&mut *lines, &observation)?;
+        lines.push(b'\n');
+    }
+    Ok(())
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}"); // writing to a string can not fail
+        text
+    })
+}
+
+/// Waits for the next look; true: the client has closed its connection.
+fn has_gone(output: &std::io::Stdout) -> bool {
+    let mut fds = [PollFd::new(output, PollFlags::RDHUP)];
+    let ready = poll(&mut fds, Some(&LOOK)).is_ok_and(|ready| ready > 0);
+    ready && fds[0].revents().intersects(PollFlags::HUP | PollFlags::RDHUP | PollFlags::ERR)
+}

@@ -10,6 +10,7 @@ use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::ExitStatus;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use bateleur_contract::{
     Clock, ControlPage, Description, Direction, ENVIRONMENT, Mapped, PortDescription, PortKind,
@@ -85,6 +86,8 @@ pub struct Cage {
     /// The directories of its channels.
     channels: Vec<PathBuf>,
     log: PathBuf,
+    /// Length of the log when the present process was started.
+    log_start: AtomicU64,
     description: Description,
 }
 
@@ -148,6 +151,7 @@ impl Cage {
                 .map(|channel| Path::new(&housing.ports_root).join(channel))
                 .collect(),
             log: housing.logs.join(format!("{}.log", partition.name)),
+            log_start: AtomicU64::new(0),
             description: describe(plan, partition, housing, overrides),
         })
     }
@@ -169,6 +173,7 @@ impl Cage {
         let description = Description { generation, start_condition: condition, ..self.description.clone() };
         let description = sealed_text(&self.name, &serde_json::to_vec(&description)?)?;
         let errors = OpenOptions::new().create(true).append(true).open(&self.log)?;
+        self.log_start.store(errors.metadata()?.len(), Relaxed);
         let mut descriptors: Vec<BorrowedFd<'_>> = vec![self.page.as_fd(), description.as_fd()];
         descriptors.extend(self.retained.as_ref().map(AsFd::as_fd));
         let granted = Granted {
@@ -253,12 +258,14 @@ impl Cage {
         let _ = bound(&self.log); // a full disk or a folder that is gone must not stop the aircraft
     }
 
-    /// The last line that the partition wrote to its standard error.
+    /// The last line that the partition's present or last process wrote to its standard error.
     #[must_use]
     pub fn last_words(&self) -> Option<String> {
         let mut file = File::open(&self.log).ok()?;
         let length = file.metadata().ok()?.len();
-        file.seek(SeekFrom::Start(length.saturating_sub(LAST_WORDS))).ok()?;
+        // A log that was begun anew meanwhile is the present process' own from its beginning.
+        let own_start = Some(self.log_start.load(Relaxed)).filter(|start| *start <= length).unwrap_or(0);
+        file.seek(SeekFrom::Start(own_start.max(length.saturating_sub(LAST_WORDS)))).ok()?;
         let mut tail = Vec::new();
         file.take(LAST_WORDS).read_to_end(&mut tail).ok()?; // what a child still adds is not waited for
         let tail = String::from_utf8_lossy(&tail);

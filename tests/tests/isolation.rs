@@ -246,6 +246,64 @@ fn panic_is_an_exit_with_its_words() {
 }
 
 #[test]
+fn abort_is_an_exit_and_no_memory_violation() {
+    assert_crash_is_called("abort", "exit", "aborted");
+}
+
+#[test]
+fn endless_recursion_is_a_stack_overflow() {
+    assert_crash_is_called("stack", "stack_overflow", "stack");
+}
+
+#[test]
+fn request_for_more_memory_than_there_is_meets_the_memory_limit() {
+    assert_crash_is_called("memory", "memory_limit", "memory allocation of");
+}
+
+#[test]
+fn division_that_rust_catches_is_a_numeric_error_too() {
+    assert_crash_is_called("divide", "numeric_error", "divide by zero");
+}
+
+#[test]
+fn damaged_memory_is_a_hardware_fault() {
+    assert_crash_is_called("damage", "hardware_fault", "damaged memory");
+}
+
+#[test]
+fn forbidden_system_call_is_an_illegal_request() {
+    assert_crash_is_called("call", "illegal_request", "SIGSYS");
+}
+
+#[test]
+fn window_that_is_never_closed_misses_its_deadline_in_virtual_time_too() {
+    let _turn = among_others();
+    let keys =
+        "deadline = \"400us\"\nattributes = { after = 5 }\nhealth = { deadline_missed = \"cold_restart\" }";
+    let ended = run(&between_counters("sleeper", keys), &["--fast"], 1).expect_code(0);
+    let faults = ended.faults();
+    let first = faults.iter().find(|fault| fault.error == "deadline_missed").expect("a missed deadline");
+    assert_eq!((first.partition.as_str(), first.action.as_str()), ("middle", "cold_restart"));
+    assert!(first.recovered_ns.is_some(), "{first:?}");
+}
+
+#[test]
+fn window_that_is_closed_after_its_deadline_is_told_once_a_second_and_is_no_overrun() {
+    let _turn = alone();
+    let sketch = Sketch::new()
+        .partition("slow", "counter", 6_000, "deadline = \"500us\"\nattributes = { busy_us = 1500 }")
+        .partition("quick", "counter", 6_000, "deadline = \"6ms\"");
+    let ended = run(&sketch, &[], 3).expect_code(0);
+    let missed: Vec<_> =
+        ended.faults().into_iter().filter(|fault| fault.error == "deadline_missed").collect();
+    assert!((2..=4).contains(&missed.iter().filter(|fault| fault.partition == "slow").count()), "{missed:?}");
+    assert!(
+        missed.iter().all(|fault| fault.action == "ignore" && fault.detail.contains("us after")),
+        "{missed:?}"
+    );
+}
+
+#[test]
 fn exit_is_an_exit_with_its_code() {
     assert_crash_is_called("exit", "exit", "code 3");
 }

@@ -63,17 +63,18 @@ pub fn decide(
     }
 }
 
-/// The error that the end of a process means, and its description. None: it ended as it was asked to.
+/// The error that the end of a process means, and its description. None: it ended as it was asked to. `words`: the last
+/// line that it wrote, by which ends of one kind are told apart.
 #[must_use]
-pub fn error_of(status: ExitStatus) -> Option<(PartitionError, String)> {
-    let Some(signal) = status.signal() else { return error_of_code(status.code().unwrap_or(-1)) };
+pub fn error_of(status: ExitStatus, words: Option<&str>) -> Option<(PartitionError, String)> {
+    let Some(signal) = status.signal() else { return error_of_code(status.code().unwrap_or(-1), words) };
     let (error, name) = match signal {
         SIGSEGV => (PartitionError::MemoryViolation, "SIGSEGV"),
         SIGBUS => (PartitionError::MemoryViolation, "SIGBUS"),
         SIGFPE => (PartitionError::NumericError, "SIGFPE"),
         SIGILL => (PartitionError::IllegalRequest, "SIGILL"),
         SIGSYS => (PartitionError::IllegalRequest, "SIGSYS"),
-        SIGABRT => (PartitionError::Exit, "SIGABRT"),
+        SIGABRT => return Some(error_of_abort(words)),
         SIGKILL => (PartitionError::Killed, "SIGKILL"),
         _ => return Some((PartitionError::Killed, format!("ended by signal {signal}"))),
     };
@@ -90,15 +91,45 @@ const SIGSYS: i32 = 31;
 /// What a Rust program that panicked ends with.
 const PANICKED: i32 = 101;
 
-fn error_of_code(code: i32) -> Option<(PartitionError, String)> {
+fn error_of_code(code: i32, words: Option<&str>) -> Option<(PartitionError, String)> {
     let text = match code {
         exit::STOPPED => return None,
+        exit::ABORTED => return Some(error_of_abort(words)),
+        exit::HARDWARE_FAULT => {
+            let text = "the machine reported damaged memory (SIGBUS)";
+            return Some((PartitionError::HardwareFault, text.into()));
+        }
+        exit::STACK_OVERFLOW => {
+            return Some((PartitionError::StackOverflow, "used more stack than it has".into()));
+        }
         exit::START_REFUSED => "refused to start".into(),
         exit::NO_CONTRACT => "was built for another contract".into(),
+        PANICKED if words.is_some_and(is_arithmetic) => {
+            return Some((PartitionError::NumericError, "panicked".into()));
+        }
         PANICKED => "panicked".into(),
         code => format!("ended by itself with code {code}"),
     };
     Some((PartitionError::Exit, text))
+}
+
+/// Rust's own words for what a processor would trap, or should have.
+fn is_arithmetic(words: &str) -> bool {
+    words.starts_with("attempt to ")
+        && ["overflow", "by zero", "divisor of zero"].iter().any(|end| words.contains(end))
+}
+
+/// What an abort means, by the words that Rust's runtime ends with.
+fn error_of_abort(words: Option<&str>) -> (PartitionError, String) {
+    let words = words.unwrap_or_default();
+    let error = if words.starts_with("memory allocation of ") {
+        PartitionError::MemoryLimit
+    } else if words.contains("stack overflow") || words.contains("overflowed its stack") {
+        PartitionError::StackOverflow
+    } else {
+        PartitionError::Exit
+    };
+    (error, "aborted".into())
 }
 
 #[cfg(test)]
@@ -158,11 +189,27 @@ mod tests {
 
     #[test]
     fn signals_and_exit_codes_are_named_after_what_went_wrong() {
-        let of = |raw| error_of(ExitStatus::from_raw(raw));
+        let of = |raw| error_of(ExitStatus::from_raw(raw), None);
         assert_eq!(of(SIGSEGV).unwrap().0, PartitionError::MemoryViolation);
         assert_eq!(of(SIGFPE).unwrap().0, PartitionError::NumericError);
         assert_eq!(of(SIGKILL).unwrap(), (PartitionError::Killed, "ended by SIGKILL".into()));
         assert_eq!(of(PANICKED << 8).unwrap(), (PartitionError::Exit, "panicked".into()));
         assert_eq!(of(0), None);
+    }
+
+    #[test]
+    fn ends_of_one_kind_are_told_apart_by_the_last_words() {
+        let of = |code: i32, words| error_of(ExitStatus::from_raw(code << 8), Some(words)).unwrap().0;
+        let aborted = |words| of(exit::ABORTED, words);
+        assert_eq!(aborted("memory allocation of 99 bytes failed"), PartitionError::MemoryLimit);
+        assert_eq!(aborted("fatal runtime error: stack overflow, aborting"), PartitionError::StackOverflow);
+        assert_eq!(aborted("thread caused non-unwinding panic. aborting."), PartitionError::Exit);
+        assert_eq!(of(PANICKED, "attempt to divide by zero"), PartitionError::NumericError);
+        assert_eq!(of(PANICKED, "attempt to add with overflow"), PartitionError::NumericError);
+        assert_eq!(of(PANICKED, "called `Option::unwrap()` on a `None` value"), PartitionError::Exit);
+        assert_eq!(of(exit::HARDWARE_FAULT, ""), PartitionError::HardwareFault);
+        assert_eq!(of(exit::STACK_OVERFLOW, ""), PartitionError::StackOverflow);
+        let by_signal = error_of(ExitStatus::from_raw(SIGABRT), Some("memory allocation of 8 bytes failed"));
+        assert_eq!(by_signal.unwrap().0, PartitionError::MemoryLimit);
     }
 }

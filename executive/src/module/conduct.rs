@@ -104,7 +104,12 @@ pub(super) fn conduct(
     let slots = monitor.slots();
     connect(&slots, plan, options.clock);
     monitor.events().tell(&Event::Ready { partitions: slots.iter().flatten().count() });
-    let acts = PlannedActs::of(plan, &options.acts);
+    let acts = PlannedActs::of(
+        plan,
+        &options.acts,
+        options.killings,
+        view.partitions().map(crate::plan::PartitionId::index).collect(),
+    );
     let planned_changes = Changing::of(&options.schedule_changes);
     let line_slot = line_partition(view).and_then(|place| slots[place].clone());
     let mut surroundings = Surroundings::new(

@@ -13,7 +13,7 @@ use crate::guarantee::Guarantee;
 use crate::instance::clean_leftovers;
 use crate::machine::Machine;
 use crate::plan::{ModuleView, Plan};
-use crate::planned::{Act, PlannedAct};
+use crate::planned::{Act, Killings, PlannedAct};
 use crate::world::Companion;
 use base::Base;
 
@@ -34,6 +34,8 @@ pub struct Options {
     pub overrides: BTreeMap<String, BTreeMap<String, serde_json::Value>>,
     /// What is to happen to partitions, and when.
     pub acts: Vec<PlannedAct>,
+    /// Partitions that chance kills.
+    pub killings: Option<Killings>,
     /// Schedules to change to, with the module time at which they are asked for, ns.
     pub schedule_changes: Vec<(String, u64)>,
     /// End at this module time, ns.

@@ -377,6 +377,7 @@ impl Monitor {
             return;
         }
         self.note_recovery(place, record.occurrence.start_ns);
+        self.judge_deadline(place, record, module_ns);
         let watched = &mut self.watched[place];
         if !record.is_overrun() {
             watched.unclosed = 0;
@@ -408,6 +409,31 @@ impl Monitor {
             watched.overrun_told_ns = Some(module_ns);
             self.fault(place, PartitionError::WindowOverrun, detail, module_ns);
         }
+    }
+
+    /// A partition has closed its window within its time capacity, or it has missed its deadline. On the virtual clock
+    /// computing takes no module time: there a deadline is missed only by a window that is not closed at all.
+    fn judge_deadline(&mut self, place: usize, record: &WindowRecord, module_ns: u64) {
+        let watched = &mut self.watched[place];
+        let Some(capacity_ns) = self.plan[watched.cage.id].deadline_ns else { return };
+        let occurrence = &record.occurrence;
+        let deadline_ns = occurrence.start_ns + capacity_ns;
+        let in_time = match (record.closed_ns, self.clock) {
+            (Some(closed_ns), Clock::Wall) => closed_ns <= deadline_ns,
+            (closed_ns, _) => closed_ns.is_some(),
+        };
+        // The dispatcher's own delay is not the partition's.
+        let told = watched.deadline_told_ns.is_some_and(|told| module_ns < told + OVERRUN_SILENCE_NS);
+        if in_time || told || occurrence.late_ns >= capacity_ns || watched.held || !watched.runs() {
+            return;
+        }
+        watched.deadline_told_ns = Some(module_ns);
+        let what = match record.closed_ns {
+            Some(closed_ns) => format!("{} us after its deadline", (closed_ns - deadline_ns) / 1_000),
+            None => "not at all".into(),
+        };
+        let detail = format!("the window of frame {} was closed {what}", occurrence.minor_frames);
+        self.fault(place, PartitionError::DeadlineMissed, detail, module_ns);
     }
 
     fn note_recovery(&mut self, place: usize, start_ns: u64) {
@@ -470,14 +496,19 @@ impl Monitor {
         watched.cage.slot.lose_process();
         let (pid, status) = (process.pid, ended(process));
         watched.died(pid);
-        let found = status.and_then(error_of);
+        let words = watched.cage.last_words();
+        let found = status.and_then(|status| error_of(status, words.as_deref()));
         let idle = status.and_then(|status| status.code()) == Some(exit::IDLE);
         if idle {
             return self.lay_to_rest(place, module_ns);
         }
         let (error, mut detail) = found.unwrap_or((PartitionError::Exit, "ended by itself".into()));
+        if error == PartitionError::Killed && watched.has_starved() {
+            detail = "ended by the kernel: the partition had no memory left".into();
+            return self.fault(place, PartitionError::MemoryLimit, detail, module_ns);
+        }
         if error != PartitionError::Killed
-            && let Some(words) = watched.cage.last_words()
+            && let Some(words) = words
         {
             detail = format!("{detail}: {words}");
         }

@@ -48,6 +48,9 @@ pub(super) struct Watched {
     /// Granted windows in a row that were not closed.
     pub(super) unclosed: u32,
     pub(super) overrun_told_ns: Option<u64>,
+    pub(super) deadline_told_ns: Option<u64>,
+    /// Processes that the kernel had ended for want of memory, at the last look.
+    pub(super) starved: u64,
     /// Second of module time, and messages passed on in it.
     pub(super) spoken: (u64, u32),
     /// Held by an operator: also a successor that becomes ready meanwhile.
@@ -70,6 +73,8 @@ impl Watched {
             reports_seen: 0,
             unclosed: 0,
             overrun_told_ns: None,
+            deadline_told_ns: None,
+            starved: 0,
             spoken: (0, 0),
             held: false,
             figures: Figures::new(),
@@ -105,9 +110,11 @@ impl Watched {
         if is_readable(process.pidfd.as_fd()) {
             let (pid, status) = (process.pid, ended(process));
             self.died(pid);
-            let found =
-                status.and_then(error_of).map_or_else(|| "ended by itself".into(), |(_, detail)| detail);
-            let words = self.cage.last_words().unwrap_or_else(|| "it said nothing".into());
+            let words = self.cage.last_words();
+            let found = status
+                .and_then(|status| error_of(status, words.as_deref()))
+                .map_or_else(|| "ended by itself".into(), |(_, detail)| detail);
+            let words = words.unwrap_or_else(|| "it said nothing".into());
             return Err(format!("partition {name} {found}: {words}"));
         }
         let limit_ns = plan[self.cage.id].startup_timeout_ns;
@@ -135,6 +142,12 @@ impl Watched {
             Life::Running(process) if self.runs() => self.cage.finds_company(process),
             _ => false,
         }
+    }
+
+    /// Whether the kernel has ended a process of the partition for want of memory since the last look.
+    pub(super) fn has_starved(&mut self) -> bool {
+        let so_far = self.cage.out_of_memory_kills();
+        std::mem::replace(&mut self.starved, so_far) < so_far
     }
 
     /// It takes windows and has not ended, as far as the kernel knows.

@@ -91,6 +91,7 @@ impl Builder<'_> {
             threads: raw.threads.or(defaults::THREADS)?,
             restart: restart(raw)?,
             startup_timeout_ns: raw.startup_timeout.or(Nanoseconds(defaults::STARTUP_TIMEOUT_NS))?.0,
+            deadline_ns: raw.deadline.said().map(|deadline| deadline.value.0),
             priority: u8::try_from(raw.priority.or(defaults::PRIORITY)?).ok()?,
             network: raw.network.or(false)?,
             devices: devices.into_iter().map(|device| device.value).collect(),

@@ -213,4 +213,6 @@ rules! {
         "Whoever reads the table should see what happens, not what would be assumed."
     OVERRUN_NOT_MAPPED: Warning "H08-overrun-not-mapped" "health_overrun_not_mapped"
         "An overrun is the error that a schedule makes by itself: what it means has to be decided, even if it is ignored."
+    DEADLINE_TOO_LONG: Error "H09-deadline-too-long" "health_deadline_too_long"
+        "A window ends by itself: a deadline after its end could never be the first to be missed."
 }

@@ -104,7 +104,7 @@ closed! {
         WindowOverrun = "window_overrun",
         /// It closed none of a number of windows in a row.
         Silence = "silence",
-        /// A process in it missed its deadline.
+        /// It closed its window after its deadline.
         DeadlineMissed = "deadline_missed",
         /// It raised an error itself.
         ApplicationError = "application_error",

@@ -106,6 +106,8 @@ pub struct Partition {
     pub restart: Restart,
     /// How long it may take, in real time, until it is ready.
     pub startup_timeout_ns: u64,
+    /// Its time capacity: how long after the start of a window it must have closed it; none: until the window ends.
+    pub deadline_ns: Option<u64>,
     /// Its SCHED_FIFO priority inside a window, 1 to 50.
     pub priority: u8,
     /// Whether it may use the network.

@@ -43,6 +43,7 @@ mod retained;
 mod return_code;
 mod run;
 mod schedule;
+mod signals;
 mod time;
 mod window;
 

@@ -46,6 +46,7 @@ struct End {
 
 fn live<P: Partition>() -> Result<(), End> {
     let (page, description) = take_over().map_err(|reason| End { code: exit::NO_CONTRACT, reason })?;
+    crate::signals::install();
     name_process(&description.partition);
     let starting = match description.start_condition {
         StartCondition::HmPartitionWarmRestart => Mode::WarmStart,

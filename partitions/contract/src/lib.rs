@@ -36,4 +36,10 @@ pub mod exit {
     pub const NO_CONTRACT: i32 = 65;
     /// It asked to be idle for good (SET_PARTITION_MODE IDLE).
     pub const IDLE: i32 = 66;
+    /// It aborted: an allocation failed, or it called `abort`. Its last words tell which.
+    pub const ABORTED: i32 = 67;
+    /// The machine reported that memory of the process is damaged.
+    pub const HARDWARE_FAULT: i32 = 68;
+    /// One of its threads used more stack than it has.
+    pub const STACK_OVERFLOW: i32 = 69;
 }

@@ -1,7 +1,8 @@
-//! What outlives a warm restart: all that the ground has said, the place in the mission, and where the actuators are.
+//! What outlives a warm restart: all that the ground has said, the place in the mission and on the path, and the memory of
+//! the laws.
 
+use bateleur_flight::control::{ControllerSnapshot, memory};
 use bateleur_flight::guidance::{GuidanceSnapshot, MAX_WAYPOINTS, Waypoint};
-use bateleur_flight::servo::ActuatorCommand;
 use bateleur_messages::ground::{LoopId, Order};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
@@ -26,8 +27,10 @@ pub struct Kept {
     loops: u32,
     targets: [f64; LoopId::ALL.len()],
     hold_altitude_m: f64,
-    /// Throttle, aileron, elevator, rudder.
-    actuators: [f64; 4],
+    /// Module time of the last step, ns.
+    last_ns: u64,
+    /// The laws: integrators, references, actuators, the piece of path.
+    laws: [f64; memory::NUMBERS],
     next: u32,
     reached: u32,
     staged_count: u32,
@@ -43,13 +46,13 @@ impl Kept {
     pub fn new(
         orders: &Orders,
         waypoints: &Waypoints,
-        progress: &GuidanceSnapshot,
+        laws: &ControllerSnapshot,
         hold_altitude_m: Option<f64>,
-        actuators: &ActuatorCommand,
+        last_ns: Option<u64>,
     ) -> Self {
         let on = |on: bool, bit: u32| if on { bit } else { 0 };
         let is_on = |id: &LoopId| orders.target(*id).is_some();
-        let a = actuators;
+        let progress = &laws.guidance;
         Self {
             switches: on(orders.autopilot, AUTOPILOT)
                 | on(orders.navigation, NAVIGATION)
@@ -57,7 +60,8 @@ impl Kept {
             loops: LoopId::ALL.into_iter().filter(is_on).map(|id| 1 << (id as u32)).sum(),
             targets: LoopId::ALL.map(|id| orders.target(id).unwrap_or(0.0)),
             hold_altitude_m: hold_altitude_m.unwrap_or(0.0),
-            actuators: [a.throttle, a.aileron_rad, a.elevator_rad, a.rudder_rad],
+            last_ns: last_ns.unwrap_or(0),
+            laws: laws.to_numbers(),
             next: progress.next,
             reached: progress.reached,
             staged_count: waypoints.staged.count as u32,
@@ -72,7 +76,7 @@ impl Kept {
     /// Whether it can be gone on from. Memory that something else has written into is better forgotten whole.
     pub fn is_sane(&self) -> bool {
         let counts = self.staged_count.max(self.flown_count) as usize <= MAX_WAYPOINTS;
-        let finite = self.targets.iter().chain(&self.actuators).all(|number| number.is_finite());
+        let finite = self.targets.iter().chain(&self.laws).all(|number| number.is_finite());
         let points = self.staged.iter().chain(&self.flown).flatten().all(|number| number.is_finite());
         let whole = self.flown_count == self.flown_there.count_ones();
         counts && finite && points && whole && self.hold_altitude_m.is_finite()
@@ -116,10 +120,14 @@ impl Kept {
         (self.switches & HOLD != 0).then_some(self.hold_altitude_m)
     }
 
-    /// Where the actuators are.
-    pub fn actuators(&self) -> ActuatorCommand {
-        let [throttle, aileron_rad, elevator_rad, rudder_rad] = self.actuators;
-        ActuatorCommand { throttle, aileron_rad, elevator_rad, rudder_rad }
+    /// Where the laws stood.
+    pub fn laws(&self) -> ControllerSnapshot {
+        ControllerSnapshot::from_numbers(&self.laws, self.progress())
+    }
+
+    /// Module time of the last step, ns.
+    pub fn last_ns(&self) -> Option<u64> {
+        (self.last_ns > 0).then_some(self.last_ns)
     }
 }
 

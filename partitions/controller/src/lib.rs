@@ -82,7 +82,7 @@ impl Function {
             orders: kept.map(Kept::orders).unwrap_or_default(),
             waypoints,
             hold_altitude_m: kept.and_then(Kept::hold_altitude_m),
-            last_ns: None,
+            last_ns: kept.and_then(Kept::last_ns),
             command: ActuatorCommand::default(),
             basis: Basis::WingsLevel,
             channels: Channels::default(),
@@ -90,8 +90,10 @@ impl Function {
             missing: 0,
         };
         if let Some(kept) = kept {
-            function.controller.guidance_mut().resume(&kept.progress());
-            function.controller.assume_actuators(&kept.actuators());
+            let laws = kept.laws();
+            function.controller.guidance_mut().resume(&laws.guidance);
+            function.controller.assume_actuators(&laws.command);
+            function.controller.resume(&laws); // not engaged yet: then there is no more to go on from
         }
         Ok(function)
     }
@@ -161,9 +163,8 @@ impl Function {
 
     /// What to keep over a warm restart.
     pub fn kept(&self) -> Kept {
-        let actuators = actuators(&self.command);
-        let progress = self.controller.guidance().snapshot();
-        Kept::new(&self.orders, &self.waypoints, &progress, self.hold_altitude_m, &actuators)
+        let laws = self.controller.snapshot();
+        Kept::new(&self.orders, &self.waypoints, &laws, self.hold_altitude_m, self.last_ns)
     }
 
     /// What the ground is told of navigation.
@@ -318,15 +319,6 @@ fn guidance(config: &GuidanceConfig, waypoints: &Waypoints) -> Result<Guidance, 
     match waypoints.flown() {
         [] => Guidance::new(*config, &seed_waypoints()),
         points => Guidance::new(*config, points),
-    }
-}
-
-fn actuators(command: &ActuatorCommand) -> servo::ActuatorCommand {
-    servo::ActuatorCommand {
-        throttle: command.throttle,
-        aileron_rad: command.aileron_rad,
-        elevator_rad: command.elevator_rad,
-        rudder_rad: command.rudder_rad,
     }
 }
 

@@ -1,4 +1,5 @@
-//! A partition that dies in window number `after`, as `how` says: segv, fpe, panic, exit.
+//! A partition that dies in window number `after`, as `how` says: segv, fpe, panic, exit, abort, stack, memory,
+//! divide, damage (of the machine's memory), call (a system call that no partition may make).
 #![allow(unsafe_code)] // to die of it
 
 use std::process::ExitCode;
@@ -25,6 +26,12 @@ impl Partition for Crasher {
         match self.how.as_str() {
             "segv" => write_to_nowhere(),
             "fpe" => divide_by_zero(),
+            "abort" => std::process::abort(),
+            "stack" => println!("{}", dig(1)),
+            "memory" => println!("{:?}", std::hint::black_box(vec![1_u8; 1 << 40]).last()),
+            "divide" => println!("{}", 1 / std::hint::black_box(0_i32)),
+            "damage" => report_damage(),
+            "call" => make_forbidden_call(),
             "panic" => panic!("the crasher was asked to panic"),
             _ => std::process::exit(3),
         }
@@ -50,6 +57,30 @@ fn divide_by_zero() {
 fn divide_by_zero() {
     // SAFETY: sends a signal to the process itself.
     unsafe { libc::raise(libc::SIGFPE) };
+}
+
+/// Deeper with every call, until there is no stack left.
+fn dig(depth: u64) -> u64 {
+    let hole = std::hint::black_box([depth; 512]);
+    if depth == 0 { hole[0] } else { dig(std::hint::black_box(depth + 1)) + hole[511] }
+}
+
+/// What the kernel sends when a page of the process can not be read any more.
+fn report_damage() {
+    const BUS_MCEERR_AR: i32 = 4;
+    // SAFETY: plain data; a process may say about itself what it likes.
+    unsafe {
+        let mut about: libc::siginfo_t = std::mem::zeroed();
+        about.si_signo = libc::SIGBUS;
+        about.si_code = BUS_MCEERR_AR;
+        libc::syscall(libc::SYS_rt_sigqueueinfo, libc::getpid(), libc::SIGBUS, &raw const about);
+    }
+}
+
+/// Asks for its personality, which changes nothing, by a call that no partition may make.
+fn make_forbidden_call() {
+    // SAFETY: the argument asks and sets nothing; where the executive's filter is in place, the process ends here.
+    unsafe { libc::syscall(libc::SYS_personality, 0xffff_ffff_u64) };
 }
 
 fn main() -> ExitCode {

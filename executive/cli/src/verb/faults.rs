@@ -1,7 +1,7 @@
 //! The options of `run` and `fly` that plan what happens to partitions.
 
 use bateleur_executive::inject::Fault;
-use bateleur_executive::planned::{Act, PlannedAct};
+use bateleur_executive::planned::{Act, Killings, PlannedAct};
 
 /// What happens to partitions, and when.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -25,6 +25,12 @@ pub(crate) struct Faults {
     /// Provoke a fault at a module time (may be repeated); see `bateleur inject --help`.
     #[arg(long, value_name = "TARGET:FAULT@SECONDS", value_parser = parse_injection)]
     inject: Vec<Injection>,
+    /// Kill a partition, chosen at random, in every such period of module time.
+    #[arg(long, value_name = "SECONDS", value_parser = parse_period)]
+    kill_every: Option<f64>,
+    /// Seed of the choice.
+    #[arg(long, value_name = "NUMBER", default_value_t = 1, requires = "kill_every")]
+    kill_seed: u64,
 }
 
 /// A fault, whom it hits, and a module time.
@@ -81,7 +87,17 @@ impl Faults {
             .inject
             .iter()
             .flat_map(|one| ["--inject".to_owned(), format!("{}:{}@{}", one.target, one.fault, one.at_s)]);
-        acts.chain(injections).collect()
+        let chance = self.kill_every.into_iter().flat_map(|period_s| {
+            let seed = self.kill_seed.to_string();
+            ["--kill-every".to_owned(), period_s.to_string(), "--kill-seed".to_owned(), seed]
+        });
+        acts.chain(injections).chain(chance).collect()
+    }
+
+    /// Kills by chance, if they are asked for.
+    pub(crate) fn killings(&self) -> Option<Killings> {
+        let every_ns = (self.kill_every? * 1e9) as u64;
+        Some(Killings { every_ns, seed: self.kill_seed })
     }
 
     fn lists(&self) -> [(&'static str, Act, &[When]); 5] {
@@ -93,6 +109,13 @@ impl Faults {
             ("--thaw", Act::Thaw, &self.thaw),
         ]
     }
+}
+
+fn parse_period(text: &str) -> Result<f64, String> {
+    let number = text.strip_suffix('s').unwrap_or(text).parse::<f64>();
+    number.ok().filter(|period_s| (0.1..1e6).contains(period_s)).ok_or_else(|| {
+        format!("\"{text}\" is no period: give seconds of module time, 0.1 at least, such as 5s")
+    })
 }
 
 fn parse_when(text: &str) -> Result<When, String> {

@@ -168,6 +168,7 @@ fn options(arguments: &Arguments, module: String, folder: &Path, stop: Arc<Atomi
         plan_folder: arguments.schedule.parent().map(Path::to_owned).unwrap_or_default(),
         overrides,
         acts: arguments.faults.planned(),
+        killings: arguments.faults.killings(),
         schedule_changes: changes.collect(),
         until_ns: arguments.until.map(nanoseconds),
         strict: arguments.require.is_some(),

@@ -7,6 +7,7 @@ use crate::plan::closed::{Closed, PartitionAction, PartitionError, StartMode};
 use crate::plan::findings::{Finding, Span, listed};
 use crate::plan::raw::{Answer, RawPartition};
 use crate::plan::reader::{Bytes, Word};
+use crate::plan::units::ShowTime;
 
 pub(super) fn check(cx: &Context<'_>) {
     let health = &cx.file.health;
@@ -21,6 +22,7 @@ pub(super) fn check(cx: &Context<'_>) {
         warm(cx, partition);
         warm_answers(cx, partition);
         budget(cx, partition);
+        deadline(cx, partition);
     }
 }
 
@@ -96,6 +98,24 @@ fn warm_answers(cx: &Context<'_>, partition: &RawPartition) {
             Some(said) => finding.also(&said.span, "it starts cold"),
             None => finding,
         });
+    }
+}
+
+fn deadline(cx: &Context<'_>, partition: &RawPartition) {
+    let Some(deadline) = partition.deadline.said() else { return };
+    let name = &partition.name.value;
+    let windows = cx.file.schedules.iter().flat_map(|schedule| &schedule.windows);
+    let of = windows.filter(|window| window.partition.said().is_some_and(|owner| owner.value == *name));
+    let durations = of.filter_map(|window| window.duration.said());
+    let Some(longest) = durations.max_by_key(|duration| duration.value.0) else { return };
+    if deadline.value.0 > longest.value.0 {
+        let (late, length) = (ShowTime(deadline.value.0), ShowTime(longest.value.0));
+        let message = format!(
+            "the deadline of `{name}` is {late} after a window's start, but none is longer than {length}"
+        );
+        let mend = "shorten the deadline, or lengthen the window";
+        let finding = Finding::new(&catalogue::DEADLINE_TOO_LONG, &deadline.span, message, mend);
+        cx.add(finding.also(&longest.span, "its longest window"));
     }
 }
 

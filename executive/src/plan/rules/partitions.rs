@@ -22,6 +22,7 @@ pub(super) fn check(cx: &Context<'_>) {
         devices(cx, partition);
         program(cx, partition);
         not_zero(cx, "startup_timeout", &partition.startup_timeout);
+        not_zero(cx, "deadline", &partition.deadline);
         not_zero(cx, "within", &partition.restart.within);
     }
     shared_devices(cx);

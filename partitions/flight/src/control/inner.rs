@@ -229,6 +229,17 @@ impl InnerLoops {
         self.roll.value = value.clamp(-limit, limit);
     }
 
+    /// The memories of the normal, lateral, axial and roll loop.
+    pub fn to_numbers(&self) -> [f64; 4] {
+        [self.normal, self.lateral, self.axial, self.roll].map(|integrator| integrator.value)
+    }
+
+    /// Loops with these memories.
+    pub fn from_numbers(numbers: [f64; 4]) -> Self {
+        let [normal, lateral, axial, roll] = numbers.map(|value| Integrator { value });
+        Self { normal, lateral, axial, roll }
+    }
+
     /// Whether all memories are finite, after a restart from retained memory.
     pub fn sane(&self) -> bool {
         [self.normal, self.lateral, self.axial, self.roll].iter().all(|i| i.value.is_finite())

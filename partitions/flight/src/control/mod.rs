@@ -11,13 +11,14 @@
 
 pub mod fallback;
 pub mod inner;
+pub mod memory;
 pub mod outer;
 
 use crate::GRAVITY_MPS2;
 use crate::airframe::{Airframe, Trim};
 use crate::attitude::low_pass;
 use crate::estimator::NavigationState;
-use crate::guidance::{Guidance, GuidanceOutput, GuidanceSnapshot, Motion, course_acceleration};
+use crate::guidance::{Guidance, GuidanceOutput, GuidanceSnapshot, Motion, PathNumbers, course_acceleration};
 use crate::servo::ActuatorCommand;
 use fallback::{Basis, Fallback};
 use inner::{InnerLoops, InnerTuning, Signals};
@@ -197,6 +198,12 @@ pub struct ControllerSnapshot {
     pub command: ActuatorCommand,
     /// Smoothed airspeed, m/s; zero marks an empty snapshot.
     pub airspeed_mps: f64,
+    /// Airspeed asked for because the elevator is near its stop, m/s.
+    pub authority_mps: f64,
+    /// Which channels the autopilot had.
+    pub channels: Channels,
+    /// The piece of path that was flown.
+    pub path: PathNumbers,
     /// Mission progress.
     pub guidance: GuidanceSnapshot,
 }
@@ -259,6 +266,9 @@ impl Controller {
             references: self.references,
             command: self.last,
             airspeed_mps: self.airspeed_mps,
+            authority_mps: self.authority_mps,
+            channels: self.channels,
+            path: self.guidance.path(),
             guidance: self.guidance.snapshot(),
         }
     }
@@ -269,7 +279,8 @@ impl Controller {
         let r = &snapshot.references;
         let numbers =
             [c.throttle, c.aileron_rad, c.elevator_rad, c.rudder_rad, r.roll_rate_radps, r.normal_mps2];
-        let sane = numbers.iter().all(|x| x.is_finite()) && r.axial_mps2.is_finite() && snapshot.loops.sane();
+        let others = [r.axial_mps2, r.bank_rad, snapshot.authority_mps];
+        let sane = numbers.iter().chain(&others).all(|x| x.is_finite()) && snapshot.loops.sane();
         if !sane || !snapshot.airspeed_mps.is_finite() || snapshot.airspeed_mps <= 0.0 {
             return false;
         }
@@ -277,8 +288,10 @@ impl Controller {
         self.references = snapshot.references;
         self.last = snapshot.command;
         self.airspeed_mps = snapshot.airspeed_mps;
-        self.channels = Channels { roll: true, pitch: true, yaw: true, thrust: true };
+        self.authority_mps = snapshot.authority_mps.clamp(0.0, AUTHORITY_LIMIT_MPS);
+        self.channels = snapshot.channels;
         self.guidance.resume(&snapshot.guidance);
+        self.guidance.resume_path(&snapshot.path);
         true
     }
 

@@ -142,6 +142,50 @@ fn snapshot_resumes_with_the_same_command() {
 }
 
 #[test]
+fn numbers_bring_back_the_same_controller_on_every_piece_of_path() {
+    let mut first = controller();
+    let mut state = level_state();
+    let mut kinds = std::collections::BTreeSet::new();
+    for frame in 0..3_000 {
+        // Round the square, 22 m/s, without a thought for the laws: every piece of path comes by.
+        let along = f64::from(frame) * 0.44;
+        let corner = |from: f64| (along - from).clamp(0.0, 500.0);
+        state.position.x = corner(0.0) - corner(1000.0);
+        state.position.y = corner(500.0) - corner(1500.0);
+        let flown = |from: f64| (from..from + 500.0).contains(&along);
+        let speed = |there: bool, back: bool| {
+            if there {
+                22.0
+            } else if back {
+                -22.0
+            } else {
+                0.0
+            }
+        };
+        state.velocity.x = speed(flown(0.0), flown(1000.0));
+        state.velocity.y = speed(flown(500.0), flown(1500.0));
+        first.step(&inputs(Some(&state)), &LoopCommands::MISSION);
+        let snapshot = first.snapshot();
+        kinds.insert(snapshot.path[0] as u32);
+        let back = ControllerSnapshot::from_numbers(&snapshot.to_numbers(), snapshot.guidance);
+        assert_eq!(back, snapshot);
+        let mut second = controller();
+        assert!(second.resume(&back));
+        assert_eq!(second.snapshot(), snapshot, "frame {frame}");
+    }
+    assert!(kinds.len() >= 3, "{kinds:?}");
+}
+
+#[test]
+fn numbers_that_are_no_path_are_passed_over() {
+    let mut guidance = *controller().guidance();
+    for path in [[f64::NAN; 12], [9.0; 12], [4.0; 12], [-1.0; 12]] {
+        guidance.resume_path(&path);
+        assert_eq!(guidance.path(), [0.0; 12]);
+    }
+}
+
+#[test]
 fn nonsense_inputs_give_finite_commands() {
     let mut controller = controller();
     let mut bad = inputs(None);

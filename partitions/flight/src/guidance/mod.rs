@@ -208,6 +208,20 @@ pub struct GuidanceSnapshot {
     pub reached: u32,
 }
 
+/// Length of [`PathNumbers`].
+pub const PATH_NUMBERS: usize = 12;
+
+/// The piece of path that is flown, as plain numbers: which kind, a leg (4), an arc (7). All zero:
+/// none.
+pub type PathNumbers = [f64; PATH_NUMBERS];
+
+/// [`PathNumbers`]: kinds of pieces, whole numbers.
+const ENTRY: f64 = 1.0;
+const LEG: f64 = 2.0;
+const LEG_WITH_ARC: f64 = 3.0;
+const ARC: f64 = 4.0;
+const PASSED_ARC: f64 = 5.0;
+
 /// Way-points to reach until `laps` laps of `count` way-points are flown: every lap ends with the return to the first
 /// one. None: for ever.
 pub fn waypoints_to_reach(laps: u32, count: usize) -> Option<u32> {
@@ -256,6 +270,49 @@ impl Guidance {
         self.next = snapshot.next as usize % self.count;
         self.reached = snapshot.reached;
         self.stage = Stage::Idle;
+    }
+
+    /// The piece of path that is flown.
+    pub fn path(&self) -> PathNumbers {
+        let numbers = |kind: f64, leg: Option<&Leg>, arc: Option<&Arc>| {
+            let leg = leg.map_or([0.0; 4], |leg| [leg.from.x, leg.from.y, leg.to.x, leg.to.y]);
+            let arc = arc.map_or([0.0; 7], |arc| {
+                let (x, y) = (arc.centre.x, arc.centre.y);
+                [x, y, arc.radius_m, arc.side, arc.start_rad, arc.sweep_rad, arc.tangent_m]
+            });
+            let mut path = [0.0; PATH_NUMBERS];
+            path[0] = kind;
+            path[1..5].copy_from_slice(&leg);
+            path[5..12].copy_from_slice(&arc);
+            path
+        };
+        match &self.stage {
+            Stage::Idle => [0.0; PATH_NUMBERS],
+            Stage::Entry(leg) => numbers(ENTRY, Some(leg), None),
+            Stage::Leg(leg, None) => numbers(LEG, Some(leg), None),
+            Stage::Leg(leg, Some(arc)) => numbers(LEG_WITH_ARC, Some(leg), Some(arc)),
+            Stage::Arc(arc, passed) => numbers(if *passed { PASSED_ARC } else { ARC }, None, Some(arc)),
+        }
+    }
+
+    /// Goes on with the piece of path of before, after [`Guidance::resume`]; numbers that are no piece are passed over, and
+    /// the next step joins anew.
+    pub fn resume_path(&mut self, path: &PathNumbers) {
+        if !path.iter().all(|number| number.is_finite()) {
+            return;
+        }
+        let [kind, from_x, from_y, to_x, to_y, x, y, radius_m, side, start_rad, sweep_rad, tangent_m] = *path;
+        let leg = Leg { from: Vector2::new(from_x, from_y), to: Vector2::new(to_x, to_y) };
+        let arc = Arc { centre: Vector2::new(x, y), radius_m, side, start_rad, sweep_rad, tangent_m };
+        let turns = side.abs() == 1.0 && radius_m > 1.0;
+        self.stage = match kind {
+            ENTRY => Stage::Entry(leg),
+            LEG => Stage::Leg(leg, None),
+            LEG_WITH_ARC if turns => Stage::Leg(leg, Some(arc)),
+            ARC if turns => Stage::Arc(arc, false),
+            PASSED_ARC if turns => Stage::Arc(arc, true),
+            _ => return,
+        };
     }
 
     fn waypoint(&self, index: usize) -> &Waypoint {

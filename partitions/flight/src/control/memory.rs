@@ -1,0 +1,75 @@
+//! The controller's memory as plain numbers, for memory that outlives a process.
+//!
+//! Any number may come back: what goes on from it checks it first (see [`Controller::resume`](super::Controller::resume)).
+
+use super::inner::InnerLoops;
+use super::{Channels, ControllerSnapshot, References};
+use crate::guidance::{GuidanceSnapshot, PATH_NUMBERS};
+use crate::servo::ActuatorCommand;
+
+/// Four integrators, four references, four actuators, airspeed and its reserve, four channels, the path.
+pub const NUMBERS: usize = 18 + PATH_NUMBERS;
+
+impl ControllerSnapshot {
+    /// All but the place in the mission.
+    pub fn to_numbers(&self) -> [f64; NUMBERS] {
+        let (r, c, on) = (&self.references, &self.command, |on: bool| if on { 1.0 } else { 0.0 });
+        let [normal, lateral, axial, roll] = self.loops.to_numbers();
+        let mut numbers = [0.0; NUMBERS];
+        let (loops, path) = numbers.split_at_mut(NUMBERS - PATH_NUMBERS);
+        loops.copy_from_slice(&[
+            normal,
+            lateral,
+            axial,
+            roll,
+            r.roll_rate_radps,
+            r.normal_mps2,
+            r.axial_mps2,
+            r.bank_rad,
+            c.throttle,
+            c.aileron_rad,
+            c.elevator_rad,
+            c.rudder_rad,
+            self.airspeed_mps,
+            self.authority_mps,
+            on(self.channels.roll),
+            on(self.channels.pitch),
+            on(self.channels.yaw),
+            on(self.channels.thrust),
+        ]);
+        path.copy_from_slice(&self.path);
+        numbers
+    }
+
+    /// The snapshot again, with the place in the mission.
+    pub fn from_numbers(numbers: &[f64; NUMBERS], guidance: GuidanceSnapshot) -> Self {
+        let n = numbers;
+        let mut path = [0.0; PATH_NUMBERS];
+        path.copy_from_slice(&n[NUMBERS - PATH_NUMBERS..]);
+        Self {
+            loops: InnerLoops::from_numbers([n[0], n[1], n[2], n[3]]),
+            references: References {
+                roll_rate_radps: n[4],
+                normal_mps2: n[5],
+                axial_mps2: n[6],
+                bank_rad: n[7],
+            },
+            command: ActuatorCommand {
+                throttle: n[8],
+                aileron_rad: n[9],
+                elevator_rad: n[10],
+                rudder_rad: n[11],
+            },
+            airspeed_mps: n[12],
+            authority_mps: n[13],
+            channels: Channels {
+                roll: n[14] > 0.5,
+                pitch: n[15] > 0.5,
+                yaw: n[16] > 0.5,
+                thrust: n[17] > 0.5,
+            },
+            path,
+            guidance,
+        }
+    }
+}

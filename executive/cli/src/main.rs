@@ -13,7 +13,7 @@ mod words;
 use std::process::ExitCode;
 
 use bateleur_executive::control::Request;
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 /// A time- and space-partitioned executive for Linux, and the flight control unit that flies on it.
 #[derive(Debug, Parser)]
@@ -27,6 +27,7 @@ struct Arguments {
 enum Verb {
     Bench(verb::bench::Arguments),
     Check(verb::check::Arguments),
+    Completions(verb::completions::Arguments),
     Doctor(verb::doctor::Arguments),
     Export(verb::export::Arguments),
     Fly(verb::fly::Arguments),
@@ -44,6 +45,7 @@ enum Verb {
     Inject(verb::inject::Arguments),
     Ports(verb::ports::Arguments),
     Ps(verb::ps::Arguments),
+    Man(verb::man::Arguments),
     Plan(verb::plan::Arguments),
     Record(verb::record::Arguments),
     Run(verb::run::Arguments),
@@ -66,6 +68,7 @@ fn main() -> ExitCode {
     let result = match arguments.verb {
         Verb::Bench(arguments) => verb::bench::run(&arguments),
         Verb::Check(arguments) => verb::check::run(&arguments),
+        Verb::Completions(arguments) => verb::completions::run(&arguments, Arguments::command()),
         Verb::Doctor(arguments) => verb::doctor::run(&arguments),
         Verb::Export(arguments) => verb::export::run(&arguments),
         Verb::Fly(arguments) => verb::fly::run(&arguments),
@@ -81,6 +84,7 @@ fn main() -> ExitCode {
         Verb::Ps(arguments) => verb::ps::run(&arguments),
         Verb::Schedule(arguments) => verb::order::schedule(&arguments),
         Verb::Top(arguments) => verb::top::run(&arguments),
+        Verb::Man(arguments) => verb::man::run(&arguments, Arguments::command()),
         Verb::Plan(arguments) => verb::plan::run(&arguments),
         Verb::Run(arguments) => verb::run::run(&arguments),
         Verb::Show(arguments) => verb::show::run(&arguments),

@@ -3,6 +3,7 @@
 pub(crate) mod air;
 pub(crate) mod bench;
 pub(crate) mod check;
+pub(crate) mod completions;
 pub(crate) mod doctor;
 pub(crate) mod export;
 pub(crate) mod faults;
@@ -10,6 +11,7 @@ pub(crate) mod fly;
 pub(crate) mod ground;
 pub(crate) mod helper;
 pub(crate) mod inject;
+pub(crate) mod man;
 pub(crate) mod order;
 pub(crate) mod plan;
 pub(crate) mod ports;

@@ -1,0 +1,48 @@
+//! What the program says of itself.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod support;
+
+use support::{assert_golden, bateleur};
+
+#[test]
+fn the_help_of_the_offline_verbs_is_as_it_was() {
+    for verb in ["check", "completions", "man", "plan", "show"] {
+        let ended = bateleur(&[verb, "--help"]);
+        assert_eq!((ended.code, ended.stderr.as_str()), (0, ""));
+        assert_eq!(ended.stdout.matches("Exit codes").count(), 1, "{}", ended.stdout);
+        assert_golden(&format!("help_{verb}.txt"), &ended.stdout);
+    }
+}
+
+#[test]
+fn every_shell_gets_the_verbs() {
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let ended = bateleur(&["completions", shell]);
+        assert_eq!(ended.code, 0, "{}", ended.stderr);
+        for word in ["check", "deny", "show", "fly"] {
+            assert!(ended.stdout.contains(word), "{shell}: {word}");
+        }
+    }
+    assert_eq!(bateleur(&["completions", "tcsh"]).code, 2);
+}
+
+#[test]
+fn every_verb_has_a_manual_page() {
+    let folder = tempfile::tempdir().unwrap();
+    let ended = bateleur(&["man", folder.path().join("man1").to_str().unwrap()]);
+    assert_eq!((ended.code, ended.stdout.as_str()), (0, ""), "{}", ended.stderr);
+    let mut pages: Vec<String> = std::fs::read_dir(folder.path().join("man1"))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    pages.sort();
+    for verb in ["check", "fly", "ground", "plan", "run", "show"] {
+        assert!(pages.contains(&format!("bateleur-{verb}.1")), "{pages:?}");
+    }
+    assert!(bateleur(&["man"]).stdout.contains(".TH bateleur 1"));
+    let occupied = folder.path().join("file");
+    std::fs::write(&occupied, "").unwrap();
+    assert_eq!(bateleur(&["man", occupied.to_str().unwrap()]).code, 2);
+}

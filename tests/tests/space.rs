@@ -233,7 +233,7 @@ fn partition_that_exceeds_its_memory_is_ended() {
     if !holds(&ended, MEMORY) {
         return;
     }
-    assert!(!ended.stderr.contains("came of it"), "it got twice what it was granted:\n{}", ended.stderr);
+    assert!(!ended.stderr.contains("came of it"), "it got more than it was granted:\n{}", ended.stderr);
     let faults = ended.faults();
     let first = faults.first().expect("a fault");
     assert!(["memory_limit", "killed"].contains(&first.error.as_str()), "{first:?}");

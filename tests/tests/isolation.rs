@@ -281,7 +281,7 @@ fn window_that_is_never_closed_misses_its_deadline_in_virtual_time_too() {
     let _turn = among_others();
     let keys =
         "deadline = \"400us\"\nattributes = { after = 5 }\nhealth = { deadline_missed = \"cold_restart\" }";
-    let ended = run(&between_counters("sleeper", keys), &["--fast"], 1).expect_code(0);
+    let ended = run(&between_counters("hanger", keys), &["--fast"], 1).expect_code(0);
     let faults = ended.faults();
     let first = faults.iter().find(|fault| fault.error == "deadline_missed").expect("a missed deadline");
     assert_eq!((first.partition.as_str(), first.action.as_str()), ("middle", "cold_restart"));

@@ -52,6 +52,7 @@ enum Verb {
     /// Change a running module to another schedule, with its next major frame.
     Schedule(verb::order::Schedule),
     Top(verb::top::Arguments),
+    Schema(verb::schema::Arguments),
     Show(verb::show::Arguments),
     #[command(flatten)]
     Helper(verb::helper::Helper),
@@ -87,6 +88,7 @@ fn main() -> ExitCode {
         Verb::Man(arguments) => verb::man::run(&arguments, Arguments::command()),
         Verb::Plan(arguments) => verb::plan::run(&arguments),
         Verb::Run(arguments) => verb::run::run(&arguments),
+        Verb::Schema(_) => verb::schema::run(),
         Verb::Show(arguments) => verb::show::run(&arguments),
         Verb::Helper(helper) => verb::helper::run(&helper),
     };

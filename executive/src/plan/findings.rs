@@ -4,6 +4,7 @@ use std::cell::RefCell;
 use std::ops::Range;
 
 use super::catalogue::Rule;
+use super::reader::Key;
 use super::report::{Place, Related, Severity, Violation};
 
 /// A stretch of the source, in bytes.
@@ -43,11 +44,30 @@ impl Finding {
 pub(super) struct Findings<'a> {
     text: &'a str,
     list: RefCell<Vec<Violation>>,
+    /// What each table was asked for, where somebody wants to know.
+    keys: Option<RefCell<Vec<(String, Vec<Key>)>>>,
 }
 
 impl<'a> Findings<'a> {
     pub(super) fn new(text: &'a str) -> Self {
-        Self { text, list: RefCell::default() }
+        Self { text, list: RefCell::default(), keys: None }
+    }
+
+    /// The same, which also keeps what each table is asked for.
+    pub(super) fn with_keys(text: &'a str) -> Self {
+        Self { keys: Some(RefCell::default()), ..Self::new(text) }
+    }
+
+    /// A table has been read: all that it was asked for.
+    pub(super) fn asked(&self, table: String, keys: Vec<Key>) {
+        if let Some(kept) = &self.keys {
+            kept.borrow_mut().push((table, keys));
+        }
+    }
+
+    /// What each table was asked for.
+    pub(super) fn into_keys(self) -> Vec<(String, Vec<Key>)> {
+        self.keys.map(RefCell::into_inner).unwrap_or_default()
     }
 
     /// Notes a violation.

@@ -20,6 +20,7 @@ mod reader;
 pub mod report;
 mod rules;
 mod sarif;
+mod schema;
 pub mod timeline;
 pub mod units;
 
@@ -35,6 +36,7 @@ pub use model::{
     PartitionHealth, PartitionId, Payload, Plan, Port, PortId, Restart, Role, Schedule, ScheduleId, Window,
 };
 pub use report::{Place, Related, Report, Severity, Violation};
+pub use schema::schema;
 pub use timeline::{CoreTimeline, Timeline, TimelineWindow};
 
 use findings::{Finding, Findings};

@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use serde_json::{Value, json};
 use toml::Spanned;
 use toml::de::{DeArray, DeInteger, DeTable, DeValue};
 
@@ -65,6 +66,28 @@ impl<T: Clone> Field<T> {
 /// A value that can be read from TOML. A fault is reported by the reading itself.
 pub(super) trait FromToml: Sized {
     fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self>;
+
+    /// The same as a JSON schema: it may let through what the reader refuses, and never the other way round.
+    fn schema() -> Value;
+}
+
+/// A key that a table was asked for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Key {
+    pub(super) name: &'static str,
+    pub(super) required: bool,
+    pub(super) under: Under,
+}
+
+/// What belongs under a key.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Under {
+    /// A value with this JSON schema.
+    Value(fn() -> Value),
+    /// A table, or entries with names of their own.
+    Table,
+    /// A list of tables.
+    Tables,
 }
 
 /// One table on its way to a raw type.
@@ -74,7 +97,7 @@ pub(super) struct TableReader<'r, 'i> {
     span: Span,
     /// What the table is, for messages.
     what: String,
-    known: Vec<&'static str>,
+    known: Vec<Key>,
     findings: &'r Findings<'r>,
 }
 
@@ -90,7 +113,7 @@ impl<'r, 'i> TableReader<'r, 'i> {
 
     /// A key that need not be there.
     pub(super) fn optional<T: FromToml>(&mut self, key: &'static str) -> Field<T> {
-        let Some((_, value)) = self.entry(key) else { return Field::Absent };
+        let Some((_, value)) = self.entry(key, Under::Value(T::schema)) else { return Field::Absent };
         match T::from_toml(value, self.findings) {
             Some(read) => Field::Said(At { value: read, span: value.span() }),
             None => Field::Broken,
@@ -99,7 +122,11 @@ impl<'r, 'i> TableReader<'r, 'i> {
 
     /// A key that must be there, with an example of it.
     pub(super) fn required<T: FromToml>(&mut self, key: &'static str, example: &str) -> Field<T> {
-        match self.optional(key) {
+        let field = self.optional(key);
+        if let Some(known) = self.known.last_mut() {
+            known.required = true;
+        }
+        match field {
             Field::Absent => {
                 let message = format!("{} has no `{key}`", self.what);
                 let mend = format!("add `{key} = {example}`");
@@ -112,36 +139,37 @@ impl<'r, 'i> TableReader<'r, 'i> {
 
     /// The entries of a table under `key`, in the order of the file; none if it is not there or no table.
     pub(super) fn entries(&mut self, key: &'static str) -> Vec<Entry<'r, 'i>> {
-        let Some((_, value)) = self.entry(key) else { return Vec::new() };
+        let Some((_, value)) = self.entry(key, Under::Table) else { return Vec::new() };
         table_of(value, self.findings).map(in_order).unwrap_or_default()
     }
 
     /// The tables of a list under `key`; none if it is not there or no list.
     pub(super) fn tables(&mut self, key: &'static str) -> Vec<(&'r DeTable<'i>, Span)> {
-        let Some((_, value)) = self.entry(key) else { return Vec::new() };
+        let Some((_, value)) = self.entry(key, Under::Tables) else { return Vec::new() };
         let Some(array) = array_of(value, self.findings) else { return Vec::new() };
         array.iter().filter_map(|item| Some((table_of(item, self.findings)?, item.span()))).collect()
     }
 
     /// The table under `key` with the place of the key, if it is there.
     pub(super) fn table(&mut self, key: &'static str) -> Option<(&'r DeTable<'i>, Span)> {
-        let (span, value) = self.entry(key)?;
+        let (span, value) = self.entry(key, Under::Table)?;
         Some((table_of(value, self.findings)?, span))
     }
 
     /// Reports every key that was never asked for.
     pub(super) fn finish(self) {
         for (key, _) in in_order(self.table) {
-            if !self.known.contains(&key.value.as_str()) {
+            if !self.known.iter().any(|known| known.name == key.value) {
                 let message = format!("{} has no key `{}`", self.what, key.value);
-                let mend = did_you_mean(&key.value, self.known.iter().copied());
+                let mend = did_you_mean(&key.value, self.known.iter().map(|known| known.name));
                 self.findings.add(Finding::new(&catalogue::UNKNOWN_KEY, &key.span, message, mend));
             }
         }
+        self.findings.asked(self.what, self.known);
     }
 
-    fn entry(&mut self, key: &'static str) -> Option<(Span, &'r Spanned<DeValue<'i>>)> {
-        self.known.push(key);
+    fn entry(&mut self, key: &'static str, under: Under) -> Option<(Span, &'r Spanned<DeValue<'i>>)> {
+        self.known.push(Key { name: key, required: false, under });
         self.table.get_key_value(key).map(|(key, value)| (key.span(), value))
     }
 }
@@ -204,6 +232,10 @@ impl FromToml for String {
             _ => wrong_type("a string", value, findings),
         }
     }
+
+    fn schema() -> Value {
+        json!({ "type": "string" })
+    }
 }
 
 impl FromToml for bool {
@@ -212,6 +244,10 @@ impl FromToml for bool {
             DeValue::Boolean(said) => Some(*said),
             _ => wrong_type("true or false", value, findings),
         }
+    }
+
+    fn schema() -> Value {
+        json!({ "type": "boolean" })
     }
 }
 
@@ -232,6 +268,10 @@ impl FromToml for u32 {
         }
         read
     }
+
+    fn schema() -> Value {
+        json!({ "type": "integer", "minimum": 0, "maximum": Self::MAX })
+    }
 }
 
 impl<T: FromToml> FromToml for Vec<At<T>> {
@@ -244,6 +284,10 @@ impl<T: FromToml> FromToml for Vec<At<T>> {
         let items: Vec<Option<At<T>>> = array_of(value, findings)?.iter().map(read).collect();
         items.into_iter().collect()
     }
+
+    fn schema() -> Value {
+        json!({ "type": "array", "items": T::schema() })
+    }
 }
 
 /// A time in nanoseconds.
@@ -255,6 +299,10 @@ impl FromToml for Nanoseconds {
         let mend = format!("write a number and {}, such as \"20ms\"", units::TIME_UNITS);
         quantity(value, units::duration_ns, (&catalogue::BAD_DURATION, "time", mend), findings).map(Self)
     }
+
+    fn schema() -> Value {
+        json!({ "type": "string", "pattern": units::duration_pattern() })
+    }
 }
 
 /// A size in bytes.
@@ -265,6 +313,10 @@ impl FromToml for Bytes {
     fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
         let mend = format!("write a number and {}, such as \"64KiB\"", units::SIZE_UNITS);
         quantity(value, units::size_bytes, (&catalogue::BAD_SIZE, "size", mend), findings).map(Self)
+    }
+
+    fn schema() -> Value {
+        json!({ "type": "string", "pattern": units::size_pattern() })
     }
 }
 
@@ -287,6 +339,12 @@ fn quantity(
     None
 }
 
+/// The members of a closed set as a JSON schema.
+pub(super) fn one_of_the_words<T: Closed>() -> Value {
+    let names: Vec<&str> = T::ALL.iter().map(|member| member.name()).collect();
+    json!({ "enum": names })
+}
+
 /// A member of a closed set.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Word<T>(pub(super) T);
@@ -302,6 +360,10 @@ impl<T: Closed> FromToml for Word<T> {
             findings.add(Finding::new(&catalogue::UNKNOWN_WORD, &value.span(), message, mend));
         }
         read.map(Self)
+    }
+
+    fn schema() -> Value {
+        one_of_the_words::<T>()
     }
 }
 
@@ -322,6 +384,10 @@ impl FromToml for Permission {
             _ => wrong_type("true, false or a list of schedules", value, findings),
         }
     }
+
+    fn schema() -> Value {
+        json!({ "anyOf": [bool::schema(), Vec::<At<String>>::schema()] })
+    }
 }
 
 /// The free table that a partition is told at its start.
@@ -333,6 +399,10 @@ impl FromToml for Attributes {
         let read: Vec<_> =
             entries.map(|(key, value)| Some((key.value, Attribute::from_toml(value, findings)?))).collect();
         read.into_iter().collect()
+    }
+
+    fn schema() -> Value {
+        json!({ "type": "object", "additionalProperties": Attribute::schema() })
     }
 }
 
@@ -353,6 +423,10 @@ impl FromToml for Attribute {
                 wrong_type("a string, a number, true or false, or a list of these", value, findings)
             }
         }
+    }
+
+    fn schema() -> Value {
+        json!({ "$ref": "#/$defs/attribute" })
     }
 }
 

@@ -62,6 +62,21 @@ pub fn size_bytes(text: &str) -> Result<u64, QuantityError> {
     quantity(text, &SIZE)
 }
 
+/// A regular expression that every time in a file meets.
+pub(super) fn duration_pattern() -> String {
+    pattern(&TIME)
+}
+
+/// A regular expression that every size in a file meets.
+pub(super) fn size_pattern() -> String {
+    pattern(&SIZE)
+}
+
+fn pattern(units: &Units) -> String {
+    let names: Vec<&str> = units.units.iter().map(|(name, _)| *name).collect();
+    format!("^[0-9._]+\\s*({})$", names.join("|"))
+}
+
 fn quantity(text: &str, units: &Units) -> Result<u64, QuantityError> {
     if text.is_empty() {
         return Err(QuantityError::Empty);

@@ -1,4 +1,6 @@
-//! Values of the air, as a command line gives them: the same limits as the simulator's.
+//! Numbers of a flight, as a command line gives them: those of the air have the same limits as the simulator's.
+//!
+//! Their arguments must allow negative numbers, or `-3` is taken for an option and never comes here.
 
 /// Speed of the mean wind, m/s.
 pub(crate) fn wind(text: &str) -> Result<f64, String> {
@@ -16,6 +18,19 @@ pub(crate) fn direction(text: &str) -> Result<f64, String> {
             Err("it must lie between -360 and 360 degrees, clockwise from north: 270 is a wind from the west"
                 .into())
         }
+    }
+}
+
+/// Seed of everything random.
+pub(crate) fn seed(text: &str) -> Result<u64, String> {
+    text.parse().map_err(|_| "it must be a whole number from 0 to 18446744073709551615".into())
+}
+
+/// A module time, s.
+pub(crate) fn module_time(text: &str) -> Result<f64, String> {
+    match number(text)? {
+        seconds if seconds.is_finite() && seconds >= 0.0 => Ok(seconds),
+        _ => Err("it must be a module time in seconds, 0 or above".into()),
     }
 }
 
@@ -41,6 +56,18 @@ mod tests {
         assert_eq!(wind("12.5"), Ok(12.5));
         for wrong in ["-1", "51", "inf", "NaN", "strong"] {
             assert!(wind(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn seeds_and_times_below_zero_are_refused() {
+        assert_eq!((seed("0"), seed("18446744073709551615")), (Ok(0), Ok(u64::MAX)));
+        assert_eq!((module_time("0"), module_time("2.5")), (Ok(0.0), Ok(2.5)));
+        for wrong in ["-1", "1.5", "18446744073709551616", "dice"] {
+            assert!(seed(wrong).is_err(), "{wrong}");
+        }
+        for wrong in ["-1", "inf", "nan", "soon"] {
+            assert!(module_time(wrong).is_err(), "{wrong}");
         }
     }
 }

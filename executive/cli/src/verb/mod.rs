@@ -18,6 +18,7 @@ pub(crate) mod ports;
 pub(crate) mod ps;
 pub(crate) mod record;
 pub(crate) mod run;
+pub(crate) mod schema;
 pub(crate) mod show;
 pub(crate) mod target;
 pub(crate) mod top;

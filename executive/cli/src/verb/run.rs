@@ -19,6 +19,7 @@ use bateleur_executive::event::{Event, Events};
 use bateleur_executive::module::{Options, run as run_module};
 use bateleur_executive::world::Companion;
 
+use super::air::module_time;
 use super::faults::Faults;
 use super::{CANNOT_RUN, Code, FINE, WRONG};
 use crate::plan_file;
@@ -42,7 +43,7 @@ pub(crate) struct Arguments {
     #[arg(long)]
     pub(crate) fast: bool,
     /// End at this module time, seconds.
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", value_parser = module_time, allow_negative_numbers = true)]
     pub(crate) until: Option<f64>,
     /// Replace an attribute of the plan.
     #[arg(long, value_name = "PARTITION.ATTRIBUTE=VALUE", value_parser = parse_setting)]

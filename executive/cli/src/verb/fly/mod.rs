@@ -23,7 +23,7 @@ use bateleur_ground::MissionPlan;
 use bateleur_report::run::{Clock, FILE, Guarantee, Mission as MissionResult, Run};
 use bateleur_report::{Inputs, Summary};
 
-use super::air::{direction, wind};
+use super::air::{direction, seed, wind};
 use super::faults::Faults;
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
 use crate::line::Line;
@@ -44,7 +44,7 @@ pub(crate) struct Arguments {
     #[arg(long)]
     pub(crate) fast: bool,
     /// Seed of everything random.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_negative_numbers = true)]
     pub(crate) seed: u64,
     /// Mean wind, m/s.
     #[arg(long, value_name = "M/S", default_value_t = 0.0, value_parser = wind, allow_negative_numbers = true)]

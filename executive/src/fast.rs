@@ -11,6 +11,7 @@ use crate::dispatcher::{Ending, Gate, Meanwhile, Occurrence, Pace};
 use crate::health::log::{Missed, WindowRecord};
 use crate::monitor::Monitor;
 use crate::plan::TimelineWindow;
+use crate::seats::Seats;
 use crate::slot::{Grant, Readiness, Slot};
 use crate::system::time::now_ns;
 
@@ -45,7 +46,9 @@ pub trait World {
 pub struct VirtualGate<'a> {
     monitor: &'a mut Monitor,
     world: &'a mut dyn World,
-    slots: Vec<Option<Arc<Slot>>>,
+    seats: Vec<Option<Arc<Seats>>>,
+    /// By partition, the slot on which its last window was opened.
+    opened: Vec<usize>,
     hanging: Vec<bool>,
     records: Records,
     granted: Result<(), Missed>,
@@ -60,9 +63,18 @@ impl<'a> VirtualGate<'a> {
         records: Records,
         changes: Arc<Changes>,
     ) -> Self {
-        let slots = monitor.slots();
+        let seats = monitor.seats();
         let granted = Err(Missed::NoPartition);
-        Self { hanging: vec![false; slots.len()], slots, monitor, world, records, granted, changes }
+        Self {
+            hanging: vec![false; seats.len()],
+            opened: vec![0; seats.len()],
+            seats,
+            monitor,
+            world,
+            records,
+            granted,
+            changes,
+        }
     }
 
     /// Waits until the window is closed, its partition has ended, or patience has.
@@ -98,8 +110,12 @@ impl Gate for VirtualGate<'_> {
     fn open(&mut self, occurrence: &Occurrence) {
         let partition = occurrence.window.partition.index();
         self.granted = Err(Missed::NoPartition);
-        let Some(slot) = self.slots[partition].clone() else { return };
-        if let Some(action) = self.changes.action_due(occurrence, &slot) {
+        let Some(seats) = self.seats[partition].clone() else { return };
+        if std::mem::replace(&mut self.opened[partition], seats.office()) != seats.office() {
+            self.hanging[partition] = false; // somebody else has taken over
+        }
+        let slot = seats.in_office();
+        if let Some(action) = self.changes.action_due(occurrence, slot) {
             self.granted = Err(Missed::Changed(action));
             return;
         }
@@ -112,7 +128,7 @@ impl Gate for VirtualGate<'_> {
         if slot.readiness() == Readiness::Ready && occurrence.start_ns >= slot.not_before_ns() {
             slot.grant(&Grant::of(occurrence, self.changes.next()), now_ns());
             self.granted = Ok(());
-            self.settle(partition, &slot);
+            self.settle(partition, slot);
         }
     }
 
@@ -120,6 +136,7 @@ impl Gate for VirtualGate<'_> {
         let partition = occurrence.window.partition.index();
         let mut record = WindowRecord {
             occurrence: *occurrence,
+            seat: self.opened[partition],
             ending,
             missed: self.granted.err(),
             requested: None,
@@ -128,8 +145,9 @@ impl Gate for VirtualGate<'_> {
             closed_ns: None,
         };
         if self.granted.is_ok()
-            && let Some(slot) = &self.slots[partition]
+            && let Some(seats) = &self.seats[partition]
         {
+            let slot = seats.slot(self.opened[partition]);
             record.requested = self.changes.take_request(occurrence, slot);
             let usage = slot.usage();
             slot.fence(usage.closed_ns.is_none());

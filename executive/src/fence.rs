@@ -292,6 +292,16 @@ impl Fence {
         }
     }
 
+    /// Lets everything run again as ordinary work: it has no window.
+    pub fn let_run(&self, main: i32) {
+        if self.frozen.swap(false, SeqCst) {
+            self.grip.thaw();
+        }
+        if self.stopped.swap(false, SeqCst) {
+            self.grip.go_on(main);
+        }
+    }
+
     /// Thaws, off the time-critical path, what signals hold by now: a window's start must not meet the slow lock again.
     pub fn relieve(&self) {
         if self.stopped.load(SeqCst) && self.frozen.swap(false, SeqCst) {

@@ -23,6 +23,7 @@ pub mod monitor;
 pub mod partition;
 pub mod plan;
 pub mod planned;
+pub mod seats;
 pub mod slot;
 pub mod system;
 #[cfg(test)]

@@ -89,10 +89,13 @@ pub struct Cage {
     /// Length of the log when the present process was started.
     log_start: AtomicU64,
     description: Description,
+    /// That of a process that stands by.
+    pub standby: Option<Box<Cage>>,
 }
 
 impl Cage {
-    /// Builds the cage of partition `id`. `overrides` replace attributes of the plan.
+    /// Builds the cage of partition `id`. `overrides` replace attributes of the plan. `beside`: the partition has this one
+    /// already, whose retained memory both share.
     pub fn build(
         plan: &Plan,
         id: PartitionId,
@@ -100,6 +103,7 @@ impl Cage {
         (group, accounts): (Option<Group>, Accounts),
         housing: &Housing,
         overrides: &BTreeMap<String, serde_json::Value>,
+        beside: Option<&Self>,
     ) -> io::Result<Self> {
         let partition = &plan[id];
         let page = shared_memory(&partition.name, size_of::<ControlPage>() as u64)?;
@@ -114,9 +118,10 @@ impl Cage {
         }
         let real_time = housing.real_time && housing.clock == Clock::Wall;
         let priority = real_time.then_some(partition.priority);
-        let retained = match partition.retained_bytes {
-            0 => None,
-            bytes => Some(shared_memory(&partition.name, bytes)?),
+        let retained = match (partition.retained_bytes, beside.and_then(|first| first.retained.as_ref())) {
+            (0, _) => None,
+            (_, Some(shared)) => Some(shared.try_clone()?),
+            (bytes, None) => Some(shared_memory(&partition.name, bytes)?),
         };
         let fence = Fence::new(Box::new(Processes(freezer)), priority);
         let initial = plan.initial_schedule().index() as u32;
@@ -126,7 +131,10 @@ impl Cage {
         Ok(Self {
             id,
             name: partition.name.clone(),
-            slot: Arc::new(Slot::new(mapped, fence, always_freeze)),
+            slot: Arc::new(match beside {
+                Some(first) => Slot::new(mapped, fence, always_freeze).beside(&first.slot),
+                None => Slot::new(mapped, fence, always_freeze),
+            }),
             program,
             cores: window_cores(plan, id),
             page,
@@ -153,6 +161,7 @@ impl Cage {
             log: housing.logs.join(format!("{}.log", partition.name)),
             log_start: AtomicU64::new(0),
             description: describe(plan, partition, housing, overrides),
+            standby: None,
         })
     }
 
@@ -163,14 +172,28 @@ impl Cage {
 
     /// Starts incarnation number `generation`.
     pub fn launch(&self, generation: u32, condition: StartCondition) -> io::Result<Spawned> {
-        if condition != StartCondition::HmPartitionWarmRestart
-            && let Some(retained) = &self.retained
-        {
-            // A hole reads as zeros; the seals allow no other way.
-            let hole = FallocateFlags::PUNCH_HOLE | FallocateFlags::KEEP_SIZE;
-            fallocate(retained, hole, 0, self.retained_bytes)?;
+        if condition != StartCondition::HmPartitionWarmRestart {
+            self.forget()?;
         }
-        let description = Description { generation, start_condition: condition, ..self.description.clone() };
+        self.start(generation, condition, false)
+    }
+
+    /// Starts a process that shall become incarnation number `generation`, and stands by until then.
+    pub fn launch_standby(&self, generation: u32) -> io::Result<Spawned> {
+        self.start(generation, StartCondition::HmPartitionWarmRestart, true)
+    }
+
+    /// Retained memory is zero.
+    pub fn forget(&self) -> io::Result<()> {
+        let Some(retained) = &self.retained else { return Ok(()) };
+        // A hole reads as zeros; the seals allow no other way.
+        let hole = FallocateFlags::PUNCH_HOLE | FallocateFlags::KEEP_SIZE;
+        Ok(fallocate(retained, hole, 0, self.retained_bytes)?)
+    }
+
+    fn start(&self, generation: u32, condition: StartCondition, standby: bool) -> io::Result<Spawned> {
+        let description =
+            Description { generation, start_condition: condition, standby, ..self.description.clone() };
         let description = sealed_text(&self.name, &serde_json::to_vec(&description)?)?;
         let errors = OpenOptions::new().create(true).append(true).open(&self.log)?;
         self.log_start.store(errors.metadata()?.len(), Relaxed);
@@ -217,6 +240,12 @@ impl Cage {
         self.slot.admit(process.pid, &main, &others);
     }
 
+    /// A process that has initialised stands by, on whatever core it is.
+    pub fn stand_by(&self, process: &Spawned) {
+        let (main, others) = self.threads(process);
+        self.slot.stand_by(process.pid, &main, &others);
+    }
+
     /// Takes notice of threads and children that came or went. True: there are some beyond the one thread that closes
     /// windows, for the first time. Whatever they do, from now on they are held between windows.
     #[must_use]
@@ -256,6 +285,13 @@ impl Cage {
     /// Begins the partition's log anew where it has become too long; the end of the one before is kept beside it.
     pub fn bound_log(&self) {
         let _ = bound(&self.log); // a full disk or a folder that is gone must not stop the aircraft
+    }
+
+    /// What stands in the log so far is not of the cage's process: another one of the partition has written it.
+    pub fn begin_log(&self) {
+        if let Ok(about) = self.log.metadata() {
+            self.log_start.store(about.len(), Relaxed);
+        }
     }
 
     /// The last line that the partition's present or last process wrote to its standard error.
@@ -401,6 +437,7 @@ fn describe(
         module: housing.module.clone(),
         partition: partition.name.clone(),
         generation: 0,
+        standby: false,
         start_condition: StartCondition::NormalStart,
         clock: housing.clock,
         ports: partition.ports.iter().map(|id| describe_port(plan, &plan[*id])).collect(),

@@ -5,11 +5,16 @@ use crate::inject::{Aim, Fault};
 use crate::monitor::Monitor;
 use crate::plan::Plan;
 
+/// After a partition's name: the process that stands by for it. No name of a partition has a dot.
+pub const STANDBY: &str = ".standby";
+
 /// What can be done to a partition.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Act {
     /// Its process dies.
     Kill,
+    /// The process that stands by for it dies.
+    KillStandby,
     /// It is ended until it is started.
     Stop,
     /// It is started from nothing.
@@ -28,6 +33,7 @@ impl Act {
     pub fn name(self) -> &'static str {
         match self {
             Self::Kill => "kill",
+            Self::KillStandby => "kill standby",
             Self::Stop => "stop",
             Self::Start => "start",
             Self::Freeze => "freeze",
@@ -112,6 +118,7 @@ impl PlannedActs {
             match act {
                 Act::Inject(_) => continue,
                 Act::Kill => monitor.kill(partition, module_ns),
+                Act::KillStandby => monitor.kill_standby(partition, module_ns),
                 Act::Stop => monitor.stop(partition, module_ns),
                 Act::Start => monitor.start(partition, module_ns),
                 Act::Freeze => monitor.freeze(partition, module_ns),

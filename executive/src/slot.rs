@@ -1,11 +1,12 @@
 //! A partition as the dispatcher sees it: a control page, a freezing file and a state. Made before frame 0, never moved;
 //! the process behind it comes and goes.
 
+use std::sync::Arc;
 use std::sync::atomic::Ordering::{Acquire, Relaxed, Release, SeqCst};
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, AtomicU64};
 
 use bateleur_contract::page::NOT_COUNTED;
-use bateleur_contract::{ControlPage, Mapped};
+use bateleur_contract::{ControlPage, Mapped, Takeover};
 use rustix::thread::futex;
 
 use crate::dispatcher::Occurrence;
@@ -90,8 +91,8 @@ pub struct Slot {
     not_before_ns: AtomicU64,
     /// The process has started from nothing and had no window yet.
     fresh: AtomicBool,
-    /// The reign of the partition's last window.
-    reign: AtomicU32,
+    /// The reign of the partition's last window, whichever of its slots that was on.
+    reign: Arc<AtomicU32>,
     /// Requests for a schedule that were taken from the page.
     schedule_requests: AtomicU32,
     /// What stands in the executive's half of the page for a whole run: a partition that wrote over it must not do so
@@ -118,12 +119,18 @@ impl Slot {
             held: AtomicBool::new(false),
             not_before_ns: AtomicU64::new(0),
             fresh: AtomicBool::new(false),
-            reign: AtomicU32::new(0),
+            reign: Arc::default(),
             schedule_requests: AtomicU32::new(0),
             clock: AtomicU32::new(0),
             origin_ns: AtomicU64::new(0),
             device_expected: AtomicU64::new(NOT_COUNTED),
         }
+    }
+
+    /// The slot of another process of the same partition as `first`.
+    #[must_use]
+    pub fn beside(self, first: &Self) -> Self {
+        Self { reign: first.reign.clone(), ..self }
     }
 
     /// Empties the page for a process that is about to start: it has seen no grant yet.
@@ -141,6 +148,7 @@ impl Slot {
         self.page.grant.store(0, Relaxed);
         self.page.done.store(0, Relaxed);
         self.page.stop.store(0, Relaxed);
+        self.page.take_over.store(0, Relaxed);
         self.page.mode.store(0, Relaxed);
         self.held.store(false, Relaxed);
         self.fence.reset();
@@ -173,6 +181,29 @@ impl Slot {
         if self.always_freeze.load(Relaxed) {
             self.stop_running();
         }
+    }
+
+    /// A process that has initialised stands by: nothing of it runs until [`Slot::call`].
+    pub fn stand_by(&self, pid: i32, main: &[i32], others: &[i32]) {
+        self.fence.set_threads(main, others);
+        self.tid.store(pid, Release);
+        self.stop_running();
+    }
+
+    /// Calls the process that stands by, as ordinary work and without a window: it takes over from that of `before`, whose
+    /// counts it carries on. Done when [`Slot::is_done`] says so.
+    pub fn call(&self, order: Takeover, before: &Self, grant: &Grant, now_ns: u64) {
+        let (own, old) = (&self.page, &before.page);
+        let counts = [
+            (&own.device_sent, &old.device_sent),
+            (&own.device_received, &old.device_received),
+            (&own.port_refusals, &old.port_refusals),
+        ];
+        counts.iter().for_each(|(own, old)| own.store(old.load(Relaxed), Relaxed));
+        self.fresh.store(order == Takeover::Cold, Relaxed);
+        own.take_over.store(order as u32, Relaxed);
+        self.fence.let_run(self.tid.load(Relaxed));
+        self.hand_out(grant, now_ns);
     }
 
     /// The process is gone; its number may be given to another one.
@@ -302,6 +333,10 @@ impl Slot {
     /// Grants a window.
     pub fn grant(&self, grant: &Grant, now_ns: u64) {
         self.thaw();
+        self.hand_out(grant, now_ns);
+    }
+
+    fn hand_out(&self, grant: &Grant, now_ns: u64) {
         self.page.now_ns.store(grant.start_ns, Relaxed);
         self.page.window_start_ns.store(grant.start_ns, Relaxed);
         self.page.window_end_ns.store(grant.end_ns, Relaxed);

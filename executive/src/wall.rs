@@ -10,6 +10,7 @@ use crate::fence::LOOK_NS;
 use crate::health::log::{Missed, WindowRecord};
 use crate::inject::Stall;
 use crate::plan::TimelineWindow;
+use crate::seats::Seats;
 use crate::slot::{Grant, Readiness, Slot};
 use crate::system::time::{now_ns, sleep_until_ns, spin_until_ns};
 
@@ -55,9 +56,12 @@ impl Pace for WallPace {
     }
 }
 
+/// One of a partition's slots: the partition's place in the plan, and the number among its [`Seats`].
+type Seat = (usize, usize);
+
 /// Opens and closes windows of real processes. Nothing here blocks, allocates or writes to a file but the freezer's.
 pub struct WallGate {
-    slots: Vec<Option<Arc<Slot>>>,
+    seats: Vec<Option<Arc<Seats>>>,
     origin_ns: u64,
     records: Producer<WindowRecord>,
     /// Module time at which the open window was granted, or why it was not.
@@ -67,20 +71,22 @@ pub struct WallGate {
     /// The plan's core whose dispatcher this is, and the processor that stands for it.
     core: u32,
     processor: u32,
-    /// The partition that is this core's: no other core may open or close a window of it.
-    owns: Option<usize>,
+    /// The slot that is this core's: no other core may open or close a window of it.
+    owns: Option<Seat>,
     /// That of the next window, where this core has got ready for it while another one was still open.
-    prepared: Option<usize>,
-    /// The partition whose fence is to be looked at, and when, module time, ns.
-    look: Option<(usize, u64)>,
+    prepared: Option<Seat>,
+    /// The slot on which the open window was opened, whoever is in office by now.
+    opened: usize,
+    /// The slot whose fence is to be looked at, and when, module time, ns.
+    look: Option<(Seat, u64)>,
     stall: Arc<Stall>,
 }
 
 impl WallGate {
-    /// A gate to `slots` (by place in the plan) that leaves its records in a ring and counts those that find no room.
+    /// A gate to `seats` (by place in the plan) that leaves its records in a ring and counts those that find no room.
     #[must_use]
     pub fn new(
-        slots: Vec<Option<Arc<Slot>>>,
+        seats: Vec<Option<Arc<Seats>>>,
         origin_ns: u64,
         records: Producer<WindowRecord>,
         lost: Arc<std::sync::atomic::AtomicU64>,
@@ -90,7 +96,7 @@ impl WallGate {
     ) -> Self {
         let granted = Err(Missed::NoPartition);
         Self {
-            slots,
+            seats,
             origin_ns,
             records,
             granted,
@@ -100,6 +106,7 @@ impl WallGate {
             processor,
             owns: None,
             prepared: None,
+            opened: 0,
             look: None,
             stall,
         }
@@ -107,7 +114,16 @@ impl WallGate {
 
     fn try_open(&mut self, occurrence: &Occurrence) -> Result<u64, Missed> {
         let partition = occurrence.window.partition.index();
-        let slot = self.slots[partition].as_deref().ok_or(Missed::NoPartition)?;
+        let seats = self.seats[partition].as_deref().ok_or(Missed::NoPartition)?;
+        self.opened = seats.office();
+        let seat = (partition, self.opened);
+        let slot = seats.slot(self.opened);
+        // Somebody else has taken over since this core got ready.
+        if let Some(before) = self.owns.take_if(|owned| owned.0 == partition && *owned != seat) {
+            let before = seats.slot(before.1);
+            before.fence(true);
+            before.disown(self.core);
+        }
         if let Some(action) = self.changes.action_due(occurrence, slot) {
             return Err(Missed::Changed(action));
         }
@@ -122,15 +138,15 @@ impl WallGate {
         if !await_own(slot, self.core, length_ns / 4) {
             return Err(Missed::OtherCore);
         }
-        self.owns = Some(partition);
+        self.owns = Some(seat);
         slot.place(self.processor);
         let now = now_ns();
         slot.grant(&Grant::of(occurrence, self.changes.next()), now);
         Ok(now.saturating_sub(self.origin_ns))
     }
 
-    fn slot(&self, window: &TimelineWindow) -> Option<&Slot> {
-        self.slots[window.partition.index()].as_deref().filter(|slot| slot.readiness() == Readiness::Ready)
+    fn slot(&self, (partition, seat): Seat) -> Option<&Slot> {
+        self.seats[partition].as_deref().map(|seats| seats.slot(seat))
     }
 }
 
@@ -141,18 +157,20 @@ impl Gate for WallGate {
 
     fn prepare(&mut self, window: &TimelineWindow) {
         let partition = window.partition.index();
-        if let Some(slot) = self.slots[partition].as_deref()
-            && slot.readiness() == Readiness::Ready
-            && slot.try_own(self.core)
-        {
-            self.prepared = Some(partition);
+        let Some(seats) = self.seats[partition].as_deref() else { return };
+        let seat = seats.office();
+        let slot = seats.slot(seat);
+        if slot.readiness() == Readiness::Ready && slot.try_own(self.core) {
+            self.prepared = Some((partition, seat));
             slot.place(self.processor);
             slot.thaw();
         }
     }
 
     fn is_done(&mut self, window: &TimelineWindow) -> bool {
-        self.granted.is_err() || self.slot(window).is_none_or(Slot::is_done)
+        let open = (window.partition.index(), self.opened);
+        let slot = self.slot(open).filter(|slot| slot.readiness() == Readiness::Ready);
+        self.granted.is_err() || slot.is_none_or(Slot::is_done)
     }
 
     fn open(&mut self, occurrence: &Occurrence) {
@@ -165,20 +183,22 @@ impl Gate for WallGate {
         let granted = std::mem::replace(&mut self.granted, Err(Missed::NoPartition));
         let granted_ns = granted.ok();
         let partition = occurrence.window.partition.index();
-        let slot = self.slots[partition].as_deref();
+        let seat = (partition, self.opened);
+        let slot = self.slot(seat);
         let usage = granted_ns.and(slot).map(Slot::usage);
         let requested = granted_ns.and(slot).and_then(|slot| self.changes.take_request(occurrence, slot));
         let mut look_again = None;
         if let Some(slot) = slot
-            && self.owns.take() == Some(partition)
+            && self.owns == Some(seat)
         {
             // Also where it was not granted: it may have been thawed ahead of its window.
             let overrun = usage.map_or_else(|| !slot.is_done(), |usage| usage.closed_ns.is_none());
             if slot.fence(overrun) {
-                look_again = Some((partition, now_ns().saturating_sub(self.origin_ns) + LOOK_NS));
+                look_again = Some((seat, now_ns().saturating_sub(self.origin_ns) + LOOK_NS));
             }
             slot.disown(self.core);
         }
+        self.owns = None;
         if look_again.is_some() {
             self.look(); // at the partition before, if that has not been done
             self.look = look_again;
@@ -186,6 +206,7 @@ impl Gate for WallGate {
         let module = |stamp: Option<u64>| stamp.map(|stamp| stamp.saturating_sub(self.origin_ns));
         let record = WindowRecord {
             occurrence: *occurrence,
+            seat: self.opened,
             ending,
             missed: granted.err(),
             requested,
@@ -203,13 +224,13 @@ impl Gate for WallGate {
     }
 
     fn look(&mut self) {
-        let Some((partition, _)) = self.look.take() else { return };
+        let Some((seat, _)) = self.look.take() else { return };
         // Where another core has opened a window of it meanwhile, nothing of it is to be held.
-        if let Some(slot) = self.slots[partition].as_deref()
+        if let Some(slot) = self.slot(seat)
             && slot.try_own(self.core)
         {
             slot.look();
-            if self.owns != Some(partition) && self.prepared != Some(partition) {
+            if self.owns != Some(seat) && self.prepared != Some(seat) {
                 slot.disown(self.core);
             }
         }

@@ -13,7 +13,7 @@ use crate::fast::World;
 use crate::monitor::Monitor;
 use crate::partition::{await_any_end, ended, is_readable};
 use crate::planned::PlannedActs;
-use crate::slot::Slot;
+use crate::seats::Seats;
 use crate::system::spawn::Spawned;
 
 /// Module time between two exchanges with the companion and the recorder, ns: the step of a ground station.
@@ -135,7 +135,7 @@ pub struct Surroundings {
     stop: Arc<AtomicBool>,
     recorder: Option<Recorder>,
     companion: Option<Companion>,
-    line: Option<Arc<Slot>>,
+    line: Option<Arc<Seats>>,
     next_exchange_ns: u64,
     module_ns: u64,
     reason: Option<String>,
@@ -151,7 +151,7 @@ impl Surroundings {
         stop: Arc<AtomicBool>,
         recorder: Option<Recorder>,
         companion: Option<Companion>,
-        line: Option<Arc<Slot>>,
+        line: Option<Arc<Seats>>,
     ) -> Self {
         Self {
             acts,
@@ -198,11 +198,12 @@ impl Surroundings {
             recorder.read_channels();
         }
         let Some(companion) = &mut self.companion else { return };
-        let sent = self.line.as_ref().map_or(0, |slot| slot.page.device_sent.load(Ordering::Relaxed));
+        let sent =
+            self.line.as_ref().map_or(0, |seats| seats.in_office().page.device_sent.load(Ordering::Relaxed));
         match companion.exchange(module_ns, sent) {
             Ok((bytes, stop)) => {
-                if let Some(slot) = &self.line {
-                    slot.expect_of_device(bytes);
+                if let Some(seats) = &self.line {
+                    seats.all().for_each(|slot| slot.expect_of_device(bytes));
                 }
                 if stop {
                     self.reason = Some("the mission is over".into());

@@ -42,6 +42,9 @@ pub struct PartitionStatus {
     pub pid: Option<i32>,
     /// What it does: `normal`, `starting`, `restarting`, `idle`, `frozen`.
     pub mode: String,
+    /// What stands by for it: `ready`, `starting`, `absent`; null: its plan wants nothing.
+    #[serde(default)]
+    pub standby: Option<String>,
     /// Incarnations before this one.
     pub generation: u32,
     /// Restarts so far.

@@ -51,6 +51,8 @@ impl HealthLog {
 pub struct WindowRecord {
     /// The window.
     pub occurrence: Occurrence,
+    /// Which of the partition's slots had it, see [`crate::seats::Seats`].
+    pub seat: usize,
     /// How the dispatcher came to its end.
     pub ending: Ending,
     /// Why it was not granted; none: it was.

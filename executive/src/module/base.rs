@@ -20,8 +20,10 @@ use crate::machine::Machine;
 use crate::monitor::observers::StartObserver;
 use crate::monitor::{StartForStranger, StartJanitor};
 use crate::partition::{Cage, Housing, attached_channels, message_name, queue_depth};
-use crate::plan::{ModuleView, Plan};
+use crate::plan::{ModuleView, PartitionId, Plan, PortId};
+use crate::planned::STANDBY;
 use crate::system::account::Accounts;
+use crate::system::cgroup::Group;
 use crate::system::spawn::{Request, Spawned, User, Walls, spawn};
 use crate::world::Recorder;
 
@@ -49,6 +51,13 @@ impl Custodian {
     }
 }
 
+/// Ends of a channel beside the one of the plan: a partition with a standby has that, and for a while a dead process that
+/// is not yet buried.
+fn spare(plan: &Plan, port: PortId) -> usize {
+    let owner: PartitionId = plan[port].partition;
+    if plan[owner].standby.is_some() { 2 } else { 0 }
+}
+
 /// Waits for a helper that was asked to end, and reaps it.
 fn await_end(helper: &Spawned) {
     crate::partition::await_any_end(&[helper.pidfd.as_fd()], 1_000_000_000);
@@ -58,7 +67,7 @@ fn await_end(helper: &Spawned) {
 /// What a run has outside its output folder, and the processes that serve it.
 pub(super) struct Base {
     instance: Instance,
-    group: Option<crate::system::cgroup::Group>,
+    group: Option<Group>,
     accounts: Accounts,
     own_program: PathBuf,
     log: File,
@@ -138,8 +147,8 @@ impl Base {
                 size: plan[channel.source].payload.max_size_bytes(),
                 depth: queue_depth(plan, channel).map(|depth| depth as usize),
                 destinations: channel.destinations.len(),
-                spare_writers: 0,
-                spare_readers: 0,
+                spare_writers: spare(plan, channel.source),
+                spare_readers: channel.destinations.iter().map(|port| spare(plan, *port)).sum(),
             }
         });
         let domain = self.instance.domain();
@@ -300,21 +309,30 @@ impl Base {
         let none = BTreeMap::new();
         let built = view.partitions().zip(programs).map(|(id, program)| {
             let name = &plan[id].name;
-            let group = match &self.group {
-                Some(group) => {
-                    Some(group.child(name).map_err(machine(format!("no control group for {name}")))?)
-                }
-                None => None,
-            };
             let overrides = options.overrides.get(name).unwrap_or(&none);
-            let accounts =
-                self.accounts.child(name).map_err(machine(format!("no control groups for {name}")))?;
-            let mut cage = Cage::build(plan, id, program, (group, accounts), &housing, overrides)
-                .map_err(machine(format!("cannot prepare partition {name}")))?;
-            cage.translate_cores(|core| facts.real_core(core));
+            let build = |groups: &str, beside: Option<&Cage>| {
+                let mut cage =
+                    Cage::build(plan, id, program.clone(), self.groups(groups)?, &housing, overrides, beside)
+                        .map_err(machine(format!("cannot prepare partition {name}")))?;
+                cage.translate_cores(|core| facts.real_core(core));
+                Ok(cage)
+            };
+            let mut cage = build(name, None)?;
+            if plan[id].standby.is_some() {
+                // No name of a partition has a dot.
+                cage.standby = Some(Box::new(build(&format!("{name}{STANDBY}"), Some(&cage))?));
+            }
             Ok(cage)
         });
         built.collect()
+    }
+
+    /// Control groups inside the module's.
+    fn groups(&self, name: &str) -> Result<(Option<Group>, Accounts), RunError> {
+        let group = self.group.as_ref().map(|group| group.child(name)).transpose();
+        let group = group.map_err(machine(format!("no control group for {name}")))?;
+        let accounts = self.accounts.child(name).map_err(machine(format!("no control groups for {name}")))?;
+        Ok((group, accounts))
     }
 
     /// Removes everything and lets the guard go.

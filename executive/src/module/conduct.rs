@@ -27,7 +27,8 @@ use crate::monitor::{Equipment, Monitor, StartJanitor};
 use crate::partition::Cage;
 use crate::plan::{ModuleView, Plan, Timeline};
 use crate::planned::PlannedActs;
-use crate::slot::{Grant, Slot};
+use crate::seats::Seats;
+use crate::slot::Grant;
 use crate::system::sched;
 use crate::system::time::now_ns;
 use crate::wall::{WallGate, WallPace};
@@ -101,9 +102,9 @@ pub(super) fn conduct(
         monitor.finish(0);
         return Err(RunError::Start(reason));
     }
-    let slots = monitor.slots();
-    connect(&slots, plan, options.clock);
-    monitor.events().tell(&Event::Ready { partitions: slots.iter().flatten().count() });
+    let seats = monitor.seats();
+    connect(&seats, plan, options.clock);
+    monitor.events().tell(&Event::Ready { partitions: seats.iter().flatten().count() });
     let acts = PlannedActs::of(
         plan,
         &options.acts,
@@ -111,7 +112,7 @@ pub(super) fn conduct(
         view.partitions().map(crate::plan::PartitionId::index).collect(),
     );
     let planned_changes = Changing::of(&options.schedule_changes);
-    let line_slot = line_partition(view).and_then(|place| slots[place].clone());
+    let line_slot = line_partition(view).and_then(|place| seats[place].clone());
     let mut surroundings = Surroundings::new(
         acts,
         planned_changes,
@@ -175,11 +176,12 @@ fn line_partition(view: &ModuleView<'_>) -> Option<usize> {
 }
 
 /// A first grant without a window: every port connects to its peers now, not in its first window.
-fn connect(slots: &[Option<Arc<Slot>>], plan: &Plan, clock: Clock) {
+fn connect(seats: &[Option<Arc<Seats>>], plan: &Plan, clock: Clock) {
     let initial = plan.initial_schedule();
     let (minor_frame_ns, schedule) = (plan[initial].minor_frame_ns, initial.index());
-    for slot in slots.iter().flatten() {
-        slot.set_clock(u32::from(clock == Clock::Virtual));
+    for seats in seats.iter().flatten() {
+        seats.all().for_each(|slot| slot.set_clock(u32::from(clock == Clock::Virtual)));
+        let slot = seats.in_office();
         slot.grant(
             &Grant { minor_frame_ns, schedule, next_schedule: schedule, ..Grant::default() },
             now_ns(),
@@ -226,8 +228,8 @@ fn run_wall(
     facts: &Machine,
 ) -> Result<u64, RunError> {
     let origin_ns = now_ns() + LEAD_NS;
-    let slots = monitor.slots();
-    slots.iter().flatten().for_each(|slot| slot.set_origin_ns(origin_ns));
+    let seats = monitor.seats();
+    seats.iter().flatten().flat_map(|seats| seats.all()).for_each(|slot| slot.set_origin_ns(origin_ns));
     let stop = Arc::new(AtomicBool::new(false));
     let mut threads = Vec::new();
     for line in tables.timelines.first().into_iter().flat_map(|timeline| &timeline.cores) {
@@ -235,7 +237,7 @@ fn run_wall(
         let (core, real_time, stop) = (facts.real_core(line.core), facts.real_time, stop.clone());
         lanes.rings.borrow_mut().push(consumer);
         let gate = WallGate::new(
-            slots.clone(),
+            seats.clone(),
             origin_ns,
             producer,
             lanes.lost.clone(),

@@ -7,6 +7,7 @@ use std::os::fd::AsFd;
 
 use bateleur_contract::{Clock, StartCondition};
 
+use super::burial::Seat;
 use super::watched::{Life, Then};
 use super::{Monitor, seconds};
 use crate::event::Event;
@@ -94,6 +95,7 @@ impl Monitor {
 
     /// Has the dead process of `place` buried, and `then` what comes after it.
     pub(super) fn bury(&mut self, place: usize, then: Then, module_ns: u64) {
+        self.end_standby(place);
         let startup_ns = self.plan[self.watched[place].cage.id].restart.startup_ns;
         let watched = &mut self.watched[place];
         let dead = match &mut watched.life {
@@ -116,7 +118,7 @@ impl Monitor {
             }
         }
         if dead {
-            self.burials.add(place);
+            self.burials.add(place, Seat::Office);
             // On the virtual clock everything that peers can notice happens at an instant of module time.
             while self.clock == Clock::Virtual
                 && matches!(self.watched[place].life, Life::Dead(_, Then::Rest))

@@ -6,6 +6,7 @@
 use std::collections::VecDeque;
 use std::os::fd::{AsFd, BorrowedFd};
 
+use super::standby::Waiting;
 use super::watched::{Life, Watched};
 use super::{StartForStranger, StartJanitor, end_helper};
 use crate::partition::ended;
@@ -15,6 +16,18 @@ use crate::system::time::now_ns;
 /// A janitor that takes longer is ended: the library's clean-up can hang. One that works takes some milliseconds, and on a
 /// machine with ten times the work that it can do a second; ended then, it leaves the successor without its ports.
 const JANITOR_PATIENCE_NS: u64 = 3_000_000_000;
+
+/// Whose process is dead: a partition's place, and which of its two processes it was.
+type Grave = (usize, Seat);
+
+/// Which of a partition's processes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Seat {
+    /// The one that has the windows.
+    Office,
+    /// What lies behind it: one that stood by, or that was followed by one that did.
+    Behind,
+}
 
 /// See the module's head.
 pub(super) struct Burials {
@@ -28,8 +41,8 @@ pub(super) struct Burials {
 /// Who is buried.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Dead {
-    /// The process that a partition had.
-    Of(usize),
+    /// A process that a partition had.
+    Of(Grave),
     /// Another one that was attached to channels.
     Stranger(i32, Vec<String>),
 }
@@ -39,11 +52,12 @@ impl Burials {
         Self { start_janitor, start_for_stranger, janitor: None, waiting: VecDeque::new() }
     }
 
-    /// The process that `place` had waits for its burial.
-    pub(super) fn add(&mut self, place: usize) {
-        let under_way = self.janitor.as_ref().is_some_and(|(busy, ..)| *busy == Dead::Of(place));
-        if !under_way && !self.waiting.contains(&Dead::Of(place)) {
-            self.waiting.push_back(Dead::Of(place));
+    /// The process that `place` had there waits for its burial.
+    pub(super) fn add(&mut self, place: usize, seat: Seat) {
+        let dead = Dead::Of((place, seat));
+        let under_way = self.janitor.as_ref().is_some_and(|(busy, ..)| *busy == dead);
+        if !under_way && !self.waiting.contains(&dead) {
+            self.waiting.push_back(dead);
         }
     }
 
@@ -53,7 +67,7 @@ impl Burials {
     }
 
     /// The next partition whose dead process has been buried; none: a janitor is at work, or nobody waits.
-    pub(super) fn next_buried(&mut self, watched: &[Watched]) -> Option<usize> {
+    pub(super) fn next_buried(&mut self, watched: &[Watched]) -> Option<Grave> {
         if let Some((dead, janitor, since_ns)) = self.janitor.take() {
             if ended(&janitor).is_none() {
                 if now_ns() - since_ns < JANITOR_PATIENCE_NS {
@@ -62,12 +76,12 @@ impl Burials {
                 }
                 end_helper(&janitor);
             }
-            if let Dead::Of(place) = dead {
-                return Some(place);
+            if let Dead::Of(grave) = dead {
+                return Some(grave);
             }
         }
-        let place = match self.waiting.pop_front()? {
-            Dead::Of(place) => place,
+        let grave = match self.waiting.pop_front()? {
+            Dead::Of(grave) => grave,
             Dead::Stranger(pid, channels) => {
                 if let Ok(janitor) = (self.start_for_stranger)(pid, &channels) {
                     self.janitor = Some((Dead::Stranger(pid, channels), janitor, now_ns()));
@@ -75,14 +89,15 @@ impl Burials {
                 return None; // what is left of it costs an observer's place in its channels, and nothing else
             }
         };
-        let Life::Dead(pid, _) = watched[place].life else { return Some(place) };
+        let (place, seat) = grave;
+        let Some(pid) = dead_process(&watched[place], seat) else { return Some(grave) };
         match (self.start_janitor)(watched[place].cage.id, pid) {
             Ok(janitor) => {
-                self.janitor = Some((Dead::Of(place), janitor, now_ns()));
+                self.janitor = Some((Dead::Of(grave), janitor, now_ns()));
                 None
             }
             // Without a janitor a successor may still find its ports free: trying costs nothing.
-            Err(_) => Some(place),
+            Err(_) => Some(grave),
         }
     }
 
@@ -96,5 +111,12 @@ impl Burials {
         if let Some((_, janitor, _)) = self.janitor.take() {
             end_helper(&janitor);
         }
+    }
+}
+
+fn dead_process(watched: &Watched, seat: Seat) -> Option<i32> {
+    match (seat, &watched.life, watched.standby.as_ref().map(|standby| &standby.life)) {
+        (Seat::Office, Life::Dead(pid, _), _) | (Seat::Behind, _, Some(Waiting::Dead(pid))) => Some(*pid),
+        _ => None,
     }
 }

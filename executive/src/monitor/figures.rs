@@ -137,6 +137,7 @@ mod tests {
         };
         let ending = Ending { late_ns: 0, shared: false };
         WindowRecord {
+            seat: 0,
             occurrence,
             ending,
             missed: None,

@@ -24,11 +24,12 @@ use crate::health::decision::{Decision, decide, error_of};
 use crate::health::log::{Fault, HealthLog, Missed, WindowLog, WindowRecord};
 use crate::partition::{Cage, await_any_end, ended, is_readable};
 use crate::plan::{Closed, ModuleAction, ModuleError, PartitionError, PartitionId, Plan};
-use crate::slot::Slot;
+use crate::seats::Seats;
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
-use burial::Burials;
+use burial::{Burials, Seat};
 use operator::Operator;
+use standby::TAKEOVER;
 use watched::{Life, Then, Watched};
 
 mod acts;
@@ -38,6 +39,7 @@ mod figures;
 pub mod observers;
 pub mod operator;
 mod provoke;
+mod standby;
 mod watched;
 
 /// Between two health entries about the overruns of one partition, module time: each is counted, not each is told.
@@ -154,7 +156,7 @@ impl Monitor {
                 .map_err(|error| format!("partition {}: {error}", cage.name))?;
             watched.push(Watched::new(cage, process));
         }
-        Ok(Self {
+        let mut monitor = Self {
             told_schedule: agenda.current(),
             plan,
             agenda,
@@ -170,7 +172,9 @@ impl Monitor {
             stop_asked: None,
             next_count_ns: 0,
             operator,
-        })
+        };
+        monitor.launch_standbys()?;
+        Ok(monitor)
     }
 
     /// Waits until every partition has initialised, before frame 0.
@@ -178,7 +182,9 @@ impl Monitor {
     /// # Errors
     /// The first partition that did not make it, with its last words.
     pub fn await_all_ready(&mut self) -> Result<(), String> {
-        while self.watched.iter().any(|watched| matches!(watched.life, Life::Starting(..))) {
+        while !self.are_standbys_ready()?
+            || self.watched.iter().any(|watched| matches!(watched.life, Life::Starting(..)))
+        {
             for watched in &mut self.watched {
                 watched.look_at_start(&self.plan)?;
             }
@@ -193,9 +199,11 @@ impl Monitor {
             Life::Starting(process, _) | Life::Running(process) => Some(process.pidfd.as_fd()),
             Life::Dead(..) | Life::Gone => None,
         });
+        let standbys = self.watched.iter().filter_map(|watched| watched.standby.as_ref()?.process());
+        let standbys = standbys.map(|process| process.pidfd.as_fd());
         let janitor = self.burials.janitor();
         let observers = self.operator.observers.processes();
-        let all: Vec<BorrowedFd<'_>> = processes.chain(janitor).chain(observers).collect();
+        let all: Vec<BorrowedFd<'_>> = processes.chain(standbys).chain(janitor).chain(observers).collect();
         await_any_end(&all, nanoseconds);
     }
 
@@ -206,6 +214,7 @@ impl Monitor {
         for place in 0..self.watched.len() {
             self.take_reports(place, module_ns);
             self.look_at_process(place, module_ns);
+            self.tend_standby(place, module_ns);
         }
         self.look_at_janitor();
         self.obey(module_ns);
@@ -314,10 +323,10 @@ impl Monitor {
         self.stop_asked.as_deref()
     }
 
-    /// The partition's slot, for the dispatcher.
+    /// The partitions' slots, for the dispatcher.
     #[must_use]
-    pub fn slots(&self) -> Vec<Option<Arc<Slot>>> {
-        self.places.iter().map(|place| place.map(|place| self.watched[place].cage.slot.clone())).collect()
+    pub fn seats(&self) -> Vec<Option<Arc<Seats>>> {
+        self.places.iter().map(|place| place.map(|place| self.watched[place].seats.clone())).collect()
     }
 
     /// Totals so far.
@@ -334,6 +343,9 @@ impl Monitor {
     /// Ends every partition: politely, then not.
     pub fn finish(&mut self, module_ns: u64) {
         self.take_records(module_ns);
+        self.watched.iter_mut().filter_map(|watched| watched.standby.as_mut()).for_each(|standby| {
+            let _ = standby.put_an_end(); // it has nothing to finish
+        });
         self.watched.iter().for_each(|watched| watched.cage.slot.ask_to_stop());
         let give_up_ns = now_ns() + STOP_PATIENCE_NS;
         while now_ns() < give_up_ns && self.watched.iter_mut().any(|watched| !watched.is_gone()) {
@@ -376,6 +388,11 @@ impl Monitor {
         if record.granted_ns.is_none() {
             return;
         }
+        // A window of the process that was in office before says nothing about the one that has taken over meanwhile.
+        if record.seat != self.watched[place].seats.office() {
+            return;
+        }
+        self.watched[place].had_window = true;
         self.note_recovery(place, record.occurrence.start_ns);
         self.judge_deadline(place, record, module_ns);
         let watched = &mut self.watched[place];
@@ -524,12 +541,14 @@ impl Monitor {
         watched.restarts.retain(|at| module_ns.saturating_sub(*at) < restart.within_ns);
         let decision =
             decide(error, &self.plan[partition].health, restart, alive, watched.restarts.len() as u32);
+        let takes_over = matches!(decision, Decision::Restart { .. }) && self.can_take_over(place, module_ns);
+        let watched = &mut self.watched[place];
         let fault = Fault {
             time_ns: module_ns,
             partition: watched.cage.name.clone(),
             generation: watched.generation,
             error: error.name().into(),
-            action: decision.name().into(),
+            action: if takes_over { TAKEOVER } else { decision.name() }.into(),
             detail,
             recovered_ns: None,
         };
@@ -570,13 +589,25 @@ impl Monitor {
                 if let Some(before) = watched.fault.replace(fault) {
                     let _ = self.health_log.write(&before); // as above
                 }
+                if self.take_over(place, warm, module_ns) {
+                    return;
+                }
+                if let Some(fault) = &mut self.watched[place].fault {
+                    fault.action = decision.name().into();
+                }
                 self.bury(place, Then::Successor, module_ns);
             }
         }
     }
 
     fn look_at_janitor(&mut self) {
-        while let Some(place) = self.burials.next_buried(&self.watched) {
+        while let Some((place, seat)) = self.burials.next_buried(&self.watched) {
+            if seat == Seat::Behind {
+                if let Some(standby) = &mut self.watched[place].standby {
+                    standby.buried();
+                }
+                continue;
+            }
             match self.watched[place].life {
                 Life::Dead(_, Then::Successor) => self.start_successor(place),
                 Life::Dead(_, Then::Rest) => self.watched[place].life = Life::Gone,
@@ -588,6 +619,7 @@ impl Monitor {
     fn start_successor(&mut self, place: usize) {
         let watched = &mut self.watched[place];
         watched.generation += 1;
+        watched.had_window = false;
         watched.figures.restarts += 1;
         match watched.cage.launch(watched.generation, watched.next_start) {
             Ok(process) => {

@@ -11,7 +11,7 @@ use crate::control::{Answer, Inbox, Ordered, Request, Status};
 use crate::health::log::Fault as Entry;
 use crate::inject::{Fault, Stall};
 use crate::plan::did_you_mean;
-use crate::planned::Act;
+use crate::planned::{Act, STANDBY};
 
 /// Orders that are carried out in one step.
 const ORDERS_A_STEP: usize = 4;
@@ -61,7 +61,10 @@ impl Monitor {
                 Ok(answer)
             }
             Request::Status => Ok(Answer::Status(Box::new(self.status(module_ns)))),
-            Request::Kill { partition } => self.act_on(partition, Act::Kill, module_ns),
+            Request::Kill { partition } => match partition.strip_suffix(STANDBY) {
+                Some(partition) => self.act_on(partition, Act::KillStandby, module_ns),
+                None => self.act_on(partition, Act::Kill, module_ns),
+            },
             Request::Stop { partition } => self.act_on(partition, Act::Stop, module_ns),
             Request::Start { partition } => self.act_on(partition, Act::Start, module_ns),
             Request::Freeze { partition } => self.act_on(partition, Act::Freeze, module_ns),
@@ -81,6 +84,9 @@ impl Monitor {
             Act::Stop => (self.stop(partition, module_ns), "is stopped", "is not running"),
             Act::Start => (self.start(partition, module_ns), "is being started", "runs, or is about to"),
             Act::Freeze => (self.freeze(partition, module_ns), "is frozen", "is frozen already"),
+            Act::KillStandby => {
+                (self.kill_standby(partition, module_ns), "has lost its standby", "has no standby now")
+            }
             Act::Inject(_) => return Err("faults are ordered by `inject`".into()),
             Act::Thaw => (self.thaw(partition, module_ns), "goes on", "is not frozen"),
         };
@@ -148,6 +154,7 @@ impl Monitor {
                 pid,
                 mode: mode.into(),
                 generation: watched.generation,
+                standby: watched.standby.as_ref().map(|standby| standby.state().into()),
                 ..watched.figures.status()
             }
         });

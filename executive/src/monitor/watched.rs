@@ -1,15 +1,18 @@
 //! One partition as the monitor sees it: its cage, the life in it, and what is remembered of lives before.
 
 use std::os::fd::AsFd;
+use std::sync::Arc;
 use std::sync::atomic::Ordering::Acquire;
 
 use bateleur_contract::{Mode, StartCondition};
 
 use super::figures::Figures;
+use super::standby::Standby;
 use crate::health::decision::error_of;
 use crate::health::log::Fault;
 use crate::partition::{Cage, await_any_end, ended, is_readable};
 use crate::plan::Plan;
+use crate::seats::Seats;
 use crate::slot::Readiness;
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
@@ -37,9 +40,16 @@ pub(super) enum Then {
 
 #[derive(Debug)]
 pub(super) struct Watched {
+    /// That of the process which has the windows.
     pub(super) cage: Cage,
+    /// Shared with the dispatchers: the cage's slot is in office.
+    pub(super) seats: Arc<Seats>,
+    /// What stands by.
+    pub(super) standby: Option<Standby>,
     pub(super) life: Life,
     pub(super) generation: u32,
+    /// This process has had a window.
+    pub(super) had_window: bool,
     pub(super) next_start: StartCondition,
     /// Module time of the restarts so far.
     pub(super) restarts: Vec<u64>,
@@ -62,11 +72,16 @@ pub(super) struct Watched {
 const MESSAGES_A_SECOND: u32 = 20;
 
 impl Watched {
-    pub(super) fn new(cage: Cage, process: Spawned) -> Self {
+    pub(super) fn new(mut cage: Cage, process: Spawned) -> Self {
+        let standby = cage.standby.take().map(|cage| Standby::new(*cage));
+        let behind = standby.as_ref().map(|standby| standby.cage.slot.clone());
         Self {
+            seats: Arc::new(Seats::new(cage.slot.clone(), behind)),
+            standby,
             cage,
             life: Life::Starting(process, now_ns()),
             generation: 0,
+            had_window: false,
             next_start: StartCondition::NormalStart,
             restarts: Vec::new(),
             fault: None,

@@ -90,6 +90,7 @@ impl Builder<'_> {
             memory_bytes: raw.memory.get()?.0,
             threads: raw.threads.or(defaults::THREADS)?,
             restart: restart(raw)?,
+            standby: raw.standby.get().map(|word| word.0),
             startup_timeout_ns: raw.startup_timeout.or(Nanoseconds(defaults::STARTUP_TIMEOUT_NS))?.0,
             deadline_ns: raw.deadline.said().map(|deadline| deadline.value.0),
             priority: u8::try_from(raw.priority.or(defaults::PRIORITY)?).ok()?,

@@ -72,6 +72,14 @@ closed! {
 }
 
 closed! {
+    /// What waits behind a partition.
+    Standby, "standby" {
+        /// A second process that has initialised and sleeps.
+        Hot = "hot",
+    }
+}
+
+closed! {
     /// What becomes of a partition that has used up its restarts.
     Exhausted, "then" {
         /// It keeps its windows and does nothing in them.

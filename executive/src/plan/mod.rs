@@ -27,7 +27,7 @@ pub mod units;
 pub use catalogue::{RULES, Rule};
 pub use closed::{
     ChangeAction, Closed, Direction, Exhausted, Kind, ModuleAction, ModuleError, PartitionAction,
-    PartitionError, StartMode,
+    PartitionError, Standby, StartMode,
 };
 pub use facts::Facts;
 pub use latency::Visit;

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::closed::{
     ChangeAction, Closed, Direction, Exhausted, Kind, ModuleAction, ModuleError, PartitionAction,
-    PartitionError, StartMode,
+    PartitionError, Standby, StartMode,
 };
 
 macro_rules! index {
@@ -104,6 +104,8 @@ pub struct Partition {
     pub threads: u32,
     /// When and how often it may start again.
     pub restart: Restart,
+    /// What waits behind it; none: nothing does.
+    pub standby: Option<Standby>,
     /// How long it may take, in real time, until it is ready.
     pub startup_timeout_ns: u64,
     /// Its time capacity: how long after the start of a window it must have closed it; none: until the window ends.

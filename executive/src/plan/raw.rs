@@ -7,7 +7,7 @@ use toml::de::{DeTable, DeValue};
 use super::catalogue;
 use super::closed::{
     ChangeAction, Closed, Direction, Exhausted, Kind, ModuleAction, ModuleError, PartitionAction,
-    PartitionError, StartMode,
+    PartitionError, Standby, StartMode,
 };
 use super::findings::{Finding, Findings, Span, did_you_mean, listed};
 use super::reader::{
@@ -42,6 +42,7 @@ pub(super) struct RawPartition {
     pub(super) memory: Field<Bytes>,
     pub(super) threads: Field<u32>,
     pub(super) restart: RawRestart,
+    pub(super) standby: Field<Word<Standby>>,
     pub(super) startup_timeout: Field<Nanoseconds>,
     pub(super) deadline: Field<Nanoseconds>,
     pub(super) priority: Field<u32>,
@@ -185,6 +186,7 @@ impl RawPartition {
             memory: table.required("memory", "\"32MiB\""),
             threads: table.optional("threads"),
             restart: RawRestart::read(table.table("restart"), findings),
+            standby: table.optional("standby"),
             startup_timeout: table.optional("startup_timeout"),
             deadline: table.optional("deadline"),
             priority: table.optional("priority"),

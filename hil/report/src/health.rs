@@ -36,7 +36,7 @@ impl HealthEntry {
 
     /// Whether a new process took over.
     pub fn restarted(&self) -> bool {
-        self.action.ends_with("restart")
+        self.action.ends_with("restart") || self.action == "takeover"
     }
 }
 

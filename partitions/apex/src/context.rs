@@ -15,7 +15,9 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 use crate::attributes::{AttributeError, Attributes};
 use crate::faults::Faults;
 use crate::line::Line;
-use crate::ports::{Connect, Outlet, QueuingDestination, QueuingSource, SamplingDestination, SamplingSource};
+use crate::ports::{
+    Connect, Inlet, Outlet, QueuingDestination, QueuingSource, SamplingDestination, SamplingSource,
+};
 use crate::retained::Retained;
 use crate::schedule::ModuleSchedules;
 use crate::time::Time;
@@ -68,6 +70,7 @@ pub struct Context {
     channels: Vec<Channel>,
     connections: Vec<Rc<dyn Connect>>,
     outlets: Vec<(String, Rc<Outlet>)>,
+    inlets: Vec<Rc<Inlet>>,
     retained: Option<File>,
 }
 
@@ -89,6 +92,7 @@ impl Context {
             channels: Vec::new(),
             connections: Vec::new(),
             outlets: Vec::new(),
+            inlets: Vec::new(),
             retained,
         })
     }
@@ -101,6 +105,11 @@ impl Context {
     /// Why the partition was started.
     pub fn start_condition(&self) -> StartCondition {
         self.description.start_condition
+    }
+
+    /// The partition stands by: another process of it has the windows, until [`crate::Partition::take_over`].
+    pub fn stands_by(&self) -> bool {
+        self.description.standby
     }
 
     /// Incarnations before this one.
@@ -157,7 +166,7 @@ impl Context {
         name: &str,
     ) -> Result<QueuingDestination<T>, StartError> {
         let port = self.port::<T>(name, PortKind::Queuing, Direction::Destination)?;
-        Ok(QueuingDestination::new(self.reader(&port)?, self.time.clone()))
+        Ok(QueuingDestination::new(self.inlet(&port)?, self.time.clone()))
     }
 
     /// Names of the ports that the plan declares with this direction and kind, in order; for a partition whose
@@ -195,6 +204,7 @@ impl Context {
                 faults: self.faults(),
                 outlets: self.outlets.into_iter().map(|(_, outlet)| outlet).collect(),
                 connections: self.connections,
+                inlets: self.inlets,
                 _channels: self.channels,
                 _nodes: self.nodes,
             }),
@@ -261,6 +271,21 @@ impl Context {
         Ok(writer)
     }
 
+    fn inlet(&mut self, port: &PortDescription) -> Result<Option<Rc<Inlet>>, StartError> {
+        if port.channel.is_empty() {
+            return Ok(None);
+        }
+        let kind = channel_type(port);
+        let channel = self.open(&kind)?;
+        let inlet = Rc::new(Inlet::new(kind, channel));
+        if !self.description.standby {
+            inlet.attach()?;
+        }
+        self.inlets.push(inlet.clone());
+        self.connections.push(inlet.clone());
+        Ok(Some(inlet))
+    }
+
     fn reader(&mut self, port: &PortDescription) -> Result<Option<Rc<Reader>>, StartError> {
         if port.channel.is_empty() {
             return Ok(None);
@@ -278,9 +303,22 @@ impl Context {
 pub(crate) struct Started {
     pub(crate) connections: Vec<Rc<dyn Connect>>,
     pub(crate) outlets: Vec<Rc<Outlet>>,
+    pub(crate) inlets: Vec<Rc<Inlet>>,
     pub(crate) faults: Faults,
     _channels: Vec<Channel>,
     _nodes: BTreeMap<String, Membership>,
+}
+
+impl Started {
+    /// Meets every peer that is there.
+    pub(crate) fn connect(&self) {
+        self.connections.iter().for_each(|port| port.connect());
+    }
+
+    /// Receives what queues carry from now on, where it stood by until now.
+    pub(crate) fn attach(&self) -> Result<(), StartError> {
+        self.inlets.iter().try_for_each(|inlet| Ok(inlet.attach()?))
+    }
 }
 
 fn channel_type(port: &PortDescription) -> ChannelType {

@@ -44,6 +44,7 @@ mod return_code;
 mod run;
 mod schedule;
 mod signals;
+mod takeover;
 mod time;
 mod window;
 
@@ -56,5 +57,6 @@ pub use retained::Retained;
 pub use return_code::ReturnCode;
 pub use run::{Partition, run};
 pub use schedule::{ModuleSchedules, ScheduleId, ScheduleStatus};
+pub use takeover::Takeover;
 pub use time::Time;
 pub use window::Window;

@@ -4,13 +4,14 @@
 //! writer. A queuing port gives each message once, in order. Neither end ever blocks: a dead or frozen peer costs
 //! nothing. A value is readable as soon as it is written.
 
+use std::cell::OnceCell;
 use std::marker::PhantomData;
 use std::rc::Rc;
 use std::sync::atomic::Ordering::Relaxed;
 
 use bateleur_contract::ReportKind;
 use bateleur_messages::Message;
-use bateleur_ports::{Reader, Received, Stamp, Writer};
+use bateleur_ports::{Channel, ChannelError, ChannelType, Reader, Received, Stamp, Writer};
 use iceoryx2::port::update_connections::UpdateConnections;
 
 use crate::faults::{Fate, PortFault};
@@ -30,6 +31,34 @@ impl Connect for Writer {
 impl Connect for Reader {
     fn connect(&self) {
         let _ = self.has_samples(); // as above
+    }
+}
+
+/// Where a queue comes in. One that stands by attaches itself when it takes over: nobody would take what waits for it, and
+/// once it were full its source could send nothing any more.
+pub(crate) struct Inlet {
+    reader: OnceCell<Reader>,
+    kind: ChannelType,
+    channel: Channel,
+}
+
+impl Inlet {
+    pub(crate) fn new(kind: ChannelType, channel: Channel) -> Self {
+        Self { reader: OnceCell::new(), kind, channel }
+    }
+
+    /// Receives from now on.
+    pub(crate) fn attach(&self) -> Result<(), ChannelError> {
+        if self.reader.get().is_none() {
+            let _ = self.reader.set(self.kind.reader(&self.channel)?); // it was not set: one thread
+        }
+        Ok(())
+    }
+}
+
+impl Connect for Inlet {
+    fn connect(&self) {
+        self.reader.get().iter().for_each(|reader| reader.connect());
     }
 }
 
@@ -265,19 +294,19 @@ impl<T: Message> QueuingSource<T> {
 
 /// The reading end of a queuing channel.
 pub struct QueuingDestination<T> {
-    reader: Option<Rc<Reader>>,
+    inlet: Option<Rc<Inlet>>,
     time: Time,
     message: PhantomData<T>,
 }
 
 impl<T: Message> QueuingDestination<T> {
-    pub(crate) fn new(reader: Option<Rc<Reader>>, time: Time) -> Self {
-        Self { reader, time, message: PhantomData }
+    pub(crate) fn new(inlet: Option<Rc<Inlet>>, time: Time) -> Self {
+        Self { inlet, time, message: PhantomData }
     }
 
     /// Takes the oldest message.
     pub fn receive(&mut self) -> Option<T> {
-        match self.reader.as_ref()?.receive() {
+        match self.inlet.as_ref()?.reader.get()?.receive() {
             Ok(received) => T::read_from_bytes(received?.payload()).ok(),
             Err(error) => {
                 refused(&self.time, &format!("cannot receive {}: {error:?}", T::NAME));

@@ -10,11 +10,12 @@ use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
 
 use bateleur_contract::{
     CONTROL_FD, ControlPage, DESCRIPTION_FD, Description, ENVIRONMENT, Mapped, Mode, RETAINED_FD,
-    StartCondition, exit, page,
+    StartCondition, Takeover as Order, exit, page,
 };
 use rustix::thread::futex;
 
 use crate::context::{Context, StartError, Started};
+use crate::takeover::Takeover;
 use crate::time::{Time, monotonic_ns};
 use crate::window::Window;
 
@@ -23,6 +24,13 @@ pub trait Partition: Sized {
     /// Creates ports, reads attributes, takes up retained memory. Runs before the first window, without a time limit
     /// but the plan's `startup_timeout`.
     fn start(context: &mut Context) -> Result<Self, StartError>;
+
+    /// One that stood by takes over: its predecessor has ended, its first window comes next. Here it takes up retained
+    /// memory as it is now, as `start` did long ago. Not part of a window, and to be done within milliseconds. Called
+    /// once, and only where the plan has a `standby`.
+    fn take_over(&mut self, takeover: &Takeover) {
+        let _ = takeover;
+    }
 
     /// Computes one window. Returning closes it; the rest of the window is slack.
     fn window(&mut self, window: &Window);
@@ -47,7 +55,8 @@ struct End {
 fn live<P: Partition>() -> Result<(), End> {
     let (page, description) = take_over().map_err(|reason| End { code: exit::NO_CONTRACT, reason })?;
     crate::signals::install();
-    name_process(&description.partition);
+    let (name, stands_by) = (description.partition.clone(), description.standby);
+    name_process(&if stands_by { format!("{STANDBY_MARK}{name}") } else { name.clone() });
     let starting = match description.start_condition {
         StartCondition::HmPartitionWarmRestart => Mode::WarmStart,
         _ => Mode::ColdStart,
@@ -58,38 +67,71 @@ fn live<P: Partition>() -> Result<(), End> {
     // SAFETY: the executive left this descriptor open when it says so, and nobody else in the process knows it.
     let retained = (description.retained_bytes > 0).then(|| unsafe { File::from_raw_fd(RETAINED_FD) });
     let mut context = Context::new(description, time.clone(), retained).map_err(refuse)?;
-    let mut partition = P::start(&mut context).map_err(refuse)?;
-    let mut started = context.finish().map_err(refuse)?;
+    let partition = P::start(&mut context).map_err(refuse)?;
+    let started = context.finish().map_err(refuse)?;
+    if stands_by {
+        started.connect();
+    }
     lock_memory();
     time.page().mode.store(Mode::Normal as u32, Release);
-    windows(&mut partition, &time, &mut started);
-    Ok(())
+    let mut life = Life { partition, time, started, stands_by: stands_by.then_some(name) };
+    life.windows().map_err(refuse)
 }
 
-/// Takes windows until it is asked to stop.
-fn windows<P: Partition>(partition: &mut P, time: &Time, started: &mut Started) {
-    let page = time.page();
-    let mut last = 0;
-    loop {
-        last = next_grant(page, last);
-        if page.stop.load(Acquire) != 0 {
-            return;
+/// A partition that has initialised.
+struct Life<P> {
+    partition: P,
+    time: Time,
+    started: Started,
+    /// Its name, as long as it stands by.
+    stands_by: Option<String>,
+}
+
+impl<P: Partition> Life<P> {
+    /// Takes windows until it is asked to stop.
+    fn windows(&mut self) -> Result<(), StartError> {
+        let time = self.time.clone();
+        let page = time.page();
+        let mut last = 0;
+        loop {
+            last = next_grant(page, last);
+            if page.stop.load(Acquire) != 0 {
+                return Ok(());
+            }
+            page.opened_ns.store(monotonic_ns(), Relaxed);
+            let window = Window::granted(&time);
+            if window.end_ns() == 0 {
+                self.called()?;
+            } else {
+                self.started.faults.carry_out(page);
+                self.started.outlets.iter().for_each(|outlet| outlet.catch_up(window.start_ns()));
+                self.partition.window(&window);
+            }
+            page.closed_ns.store(monotonic_ns(), Relaxed);
+            page.done.store(last, Release);
+            let _ = futex::wake(&page.done, futex::Flags::empty(), 1); // nobody asleep is fine
         }
-        page.opened_ns.store(monotonic_ns(), Relaxed);
-        let window = Window::granted(time);
-        if window.end_ns() == 0 {
-            // The executive's last call before frame 0: every peer is there now.
-            started.connections.iter().for_each(|port| port.connect());
-        } else {
-            started.faults.carry_out(page);
-            started.outlets.iter().for_each(|outlet| outlet.catch_up(window.start_ns()));
-            partition.window(&window);
-        }
-        page.closed_ns.store(monotonic_ns(), Relaxed);
-        page.done.store(last, Release);
-        let _ = futex::wake(&page.done, futex::Flags::empty(), 1); // nobody asleep is fine
+    }
+
+    /// The executive's last call before frame 0, when every peer is there, or before the first window of one that takes
+    /// over.
+    fn called(&mut self) -> Result<(), StartError> {
+        let order = Order::from_number(self.time.page().take_over.load(Relaxed));
+        let Some((name, order)) = self.stands_by.take_if(|_| order.is_some()).zip(order) else {
+            self.started.connect();
+            return Ok(());
+        };
+        name_process(&name);
+        self.started.attach()?;
+        self.started.connect();
+        self.partition.take_over(&Takeover::new(order, self.time.now_ns()));
+        lock_memory(); // also what came with the queues
+        Ok(())
     }
 }
+
+/// Before the name of a process that stands by, for `ps` and whoever reads it.
+const STANDBY_MARK: char = '+';
 
 fn next_grant(page: &ControlPage, last: u32) -> u32 {
     loop {

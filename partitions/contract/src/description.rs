@@ -15,6 +15,8 @@ pub struct Description {
     pub generation: u32,
     /// Why it was started.
     pub start_condition: StartCondition,
+    /// It stands by: it initialises, sleeps, and has its first window when it has taken over. Queues are attached then.
+    pub standby: bool,
     /// Which clock module time follows. For the library only: a partition's own code can not tell.
     pub clock: Clock,
     /// Its ports.

@@ -14,7 +14,7 @@ mod mapping;
 pub use description::{Clock, Description, Direction, PortDescription, PortKind, StartCondition};
 pub use fault::{FaultKind, FaultOrder};
 pub use mapping::{Mapped, MappingError};
-pub use page::{ControlPage, Mode, ReportKind};
+pub use page::{ControlPage, Mode, ReportKind, Takeover};
 
 /// Descriptor of the control page in a partition process.
 pub const CONTROL_FD: i32 = 3;

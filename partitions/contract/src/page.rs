@@ -17,7 +17,7 @@ use crate::mapping::SharedMemory;
 /// First word of every control page.
 pub const MAGIC: u32 = 0x4254_4c52; // "BTLR"
 /// Raised whenever the page or the description changes its meaning.
-pub const VERSION: u32 = 4;
+pub const VERSION: u32 = 5;
 
 /// Bytes of a report's text, as in REPORT_APPLICATION_MESSAGE.
 pub const REPORT_TEXT: usize = 128;
@@ -47,6 +47,23 @@ impl Mode {
         [Self::Idle, Self::ColdStart, Self::WarmStart, Self::Normal]
             .into_iter()
             .find(|mode| *mode as u32 == number)
+    }
+}
+
+/// What a process that stood by finds when it takes over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Takeover {
+    /// The retained memory, as its predecessor left it.
+    Warm = 1,
+    /// Zeros.
+    Cold = 2,
+}
+
+impl Takeover {
+    /// The order with this number.
+    pub fn from_number(number: u32) -> Option<Self> {
+        [Self::Warm, Self::Cold].into_iter().find(|order| *order as u32 == number)
     }
 }
 
@@ -84,7 +101,8 @@ pub struct ControlPage {
     pub stop: AtomicU32,
     /// 0 wall clock, 1 virtual clock.
     pub clock: AtomicU32,
-    reserved_1: AtomicU32,
+    /// Orders a process that stands by to take over: 0 not yet, else a [`Takeover`]. It does so with the next grant.
+    pub take_over: AtomicU32,
     /// Wall clock: the CLOCK_MONOTONIC instant of module time 0, ns.
     pub origin_ns: AtomicU64,
     /// Virtual clock: module time, ns.

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use bateleur_apex::{
     Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
-    StartError, Window,
+    StartError, Takeover, Window,
 };
 use bateleur_controller::{Answer, Function, Kept, Sensors, Settings, navigation_state};
 use bateleur_flight::airframe::Airframe;
@@ -22,6 +22,8 @@ use bateleur_messages::{
 const ORDERS_PER_WINDOW: usize = 8;
 struct ControllerPartition {
     function: Function,
+    settings: Settings,
+    planned: Vec<Waypoint>,
     retained: Retained<Kept>,
     starts: u64,
     inputs: InputPorts,
@@ -50,10 +52,10 @@ impl Partition for ControllerPartition {
         };
         let planned = waypoints(context)?;
         let mut retained: Retained<Kept> = context.retained()?;
-        let function = Function::new(settings, &planned, retained.load().as_ref())
-            .map_err(|error| StartError::Other(format!("attribute waypoints: {error}")))?;
         Ok(Self {
-            function,
+            function: function(settings, &planned, &mut retained)?,
+            settings,
+            planned,
             retained,
             starts: u64::from(context.generation()) + 1,
             inputs: InputPorts {
@@ -72,6 +74,13 @@ impl Partition for ControllerPartition {
         })
     }
 
+    fn take_over(&mut self, _takeover: &Takeover) {
+        // What the plan says was accepted at the start, and what was kept is judged before it is used.
+        if let Ok(function) = function(self.settings, &self.planned, &mut self.retained) {
+            self.function = function;
+        }
+    }
+
     fn window(&mut self, window: &Window) {
         let now_ns = window.start_ns();
         let (state, sensors) = self.inputs.read();
@@ -82,6 +91,16 @@ impl Partition for ControllerPartition {
         self.retained.store(&self.function.kept());
         self.send_telemetry(now_ns);
     }
+}
+
+/// The function as retained memory has it now.
+fn function(
+    settings: Settings,
+    planned: &[Waypoint],
+    retained: &mut Retained<Kept>,
+) -> Result<Function, StartError> {
+    Function::new(settings, planned, retained.load().as_ref())
+        .map_err(|error| StartError::Other(format!("attribute waypoints: {error}")))
 }
 
 impl ControllerPartition {

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use bateleur_apex::{
     Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
-    StartError, Window,
+    StartError, Takeover, Window,
 };
 use bateleur_estimator::{Function, Inputs, Kept, seconds, telemetry};
 use bateleur_flight::estimator::EstimatorConfig;
@@ -23,6 +23,8 @@ const ORDERS_PER_WINDOW: usize = 8;
 
 struct EstimatorPartition {
     function: Function,
+    config: EstimatorConfig,
+    pressure_aiding: bool,
     retained: Retained<Kept>,
     starts: u64,
     inputs: InputPorts,
@@ -49,9 +51,11 @@ impl Partition for EstimatorPartition {
             .map_err(|error| StartError::Other(format!("attributes origin_…, year, day_of_year: {error}")))?;
         let pressure_aiding = context.attribute("pressure_aiding", true)?;
         let mut retained: Retained<Kept> = context.retained()?;
-        let now_s = seconds(context.time().now_ns());
+        let now_ns = context.time().now_ns();
         Ok(Self {
-            function: Function::new(config, pressure_aiding, retained.load().as_ref(), now_s),
+            function: function(config, pressure_aiding, &mut retained, now_ns),
+            config,
+            pressure_aiding,
             retained,
             starts: u64::from(context.generation()) + 1,
             inputs: InputPorts {
@@ -71,6 +75,10 @@ impl Partition for EstimatorPartition {
         })
     }
 
+    fn take_over(&mut self, takeover: &Takeover) {
+        self.function = function(self.config, self.pressure_aiding, &mut self.retained, takeover.now_ns());
+    }
+
     fn window(&mut self, window: &Window) {
         self.take_orders(window.start_ns());
         self.function.step(&self.inputs.read());
@@ -82,6 +90,16 @@ impl Partition for EstimatorPartition {
         }
         self.retained.store(&self.function.kept());
     }
+}
+
+/// The function as retained memory has it now.
+fn function(
+    config: EstimatorConfig,
+    pressure_aiding: bool,
+    retained: &mut Retained<Kept>,
+    now_ns: u64,
+) -> Function {
+    Function::new(config, pressure_aiding, retained.load().as_ref(), seconds(now_ns))
 }
 
 impl EstimatorPartition {

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use bateleur_apex::{
     Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
-    StartError, Window,
+    StartError, Takeover, Window,
 };
 use bateleur_hil_interface::{
     AT_REST, Event, Inbox, Kept, Link, Moment, Sensors, Supervision, Waiting, exchange,
@@ -61,6 +61,10 @@ impl Partition for HilInterface {
             ground: context.queuing_destination("ground")?,
             telemetry: context.queuing_source("telemetry")?,
         })
+    }
+
+    fn take_over(&mut self, _takeover: &Takeover) {
+        self.kept = self.retained.load().unwrap_or_default();
     }
 
     fn window(&mut self, window: &Window) {

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use bateleur_apex::{
     Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
-    StartError, Window,
+    StartError, Takeover, Window,
 };
 use bateleur_imu::{Biases, Imu, Initialise, Measurements, Outcome};
 use bateleur_messages::ground::{Order, SENSOR_GYROSCOPE};
@@ -44,9 +44,8 @@ struct Outputs {
 impl Partition for InertialUnit {
     fn start(context: &mut Context) -> Result<Self, StartError> {
         let mut retained: Retained<Biases> = context.retained()?;
-        let biases = retained.load().unwrap_or_default().sane();
         Ok(Self {
-            imu: Imu::new(biases),
+            imu: imu(&mut retained),
             retained,
             initialising: None,
             initialise_ns: context.duration_ns("initialise_time", INITIALISE_NS)?,
@@ -66,6 +65,10 @@ impl Partition for InertialUnit {
         })
     }
 
+    fn take_over(&mut self, _takeover: &Takeover) {
+        self.imu = imu(&mut self.retained);
+    }
+
     fn window(&mut self, window: &Window) {
         let now_ns = window.start_ns();
         self.take_orders(now_ns);
@@ -79,6 +82,11 @@ impl Partition for InertialUnit {
             self.telemetry.send(&TelemetryMessage::of(&Telemetry::Imu(self.imu.telemetry())));
         }
     }
+}
+
+/// The unit with the biases that retained memory has now.
+fn imu(retained: &mut Retained<Biases>) -> Imu {
+    Imu::new(retained.load().unwrap_or_default().sane())
 }
 
 impl InertialUnit {

@@ -4,9 +4,10 @@ use std::process::ExitCode;
 
 use bateleur_apex::{
     Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
-    StartError, Window,
+    StartError, Takeover, Window,
 };
 use bateleur_flight::airframe::Airframe;
+use bateleur_flight::servo::ServoMap;
 use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_SERVO, NOT_UNDERSTOOD, Telemetry};
 use bateleur_messages::{
@@ -20,6 +21,8 @@ const ORDERS_PER_WINDOW: usize = 8;
 const HOLD_NS: u64 = 200_000_000;
 struct Actuators {
     servo: Servo,
+    map: ServoMap,
+    hold_ns: u64,
     retained: Retained<Kept>,
     starts: u64,
     command: SamplingDestination<ActuatorCommand>,
@@ -39,6 +42,8 @@ impl Partition for Actuators {
         let mut retained = context.retained()?;
         Ok(Self {
             servo: Servo::new(map, hold_ns, retained.load()),
+            map,
+            hold_ns,
             retained,
             starts: u64::from(context.generation()) + 1,
             command: context.sampling_destination("command")?,
@@ -50,6 +55,10 @@ impl Partition for Actuators {
             telemetry: context.queuing_source("telemetry")?,
             timeout: Watch::default(),
         })
+    }
+
+    fn take_over(&mut self, _takeover: &Takeover) {
+        self.servo = Servo::new(self.map, self.hold_ns, self.retained.load());
     }
 
     fn window(&mut self, window: &Window) {

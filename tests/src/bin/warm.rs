@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use bateleur_apex::{Context, Partition, Retained, StartError, Window};
+use bateleur_apex::{Context, Partition, Retained, StartError, Takeover, Window};
 
 struct Warm {
     found: Option<String>,
@@ -16,6 +16,12 @@ impl Partition for Warm {
         let count = retained.load();
         let found = format!("{:?} found {count:?}", context.start_condition());
         Ok(Self { found: Some(found), retained, count: count.unwrap_or(0) })
+    }
+
+    fn take_over(&mut self, takeover: &Takeover) {
+        let count = self.retained.load();
+        self.found = Some(format!("{:?} took over {count:?}", takeover.start_condition()));
+        self.count = count.unwrap_or(0);
     }
 
     fn window(&mut self, window: &Window) {

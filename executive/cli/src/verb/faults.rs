@@ -1,13 +1,13 @@
 //! The options of `run` and `fly` that plan what happens to partitions.
 
 use bateleur_executive::inject::Fault;
-use bateleur_executive::planned::{Act, Killings, PlannedAct};
+use bateleur_executive::planned::{Act, Killings, PlannedAct, STANDBY};
 
 /// What happens to partitions, and when.
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "What happens to partitions")]
 pub(crate) struct Faults {
-    /// Kill a partition's process at a module time (may be repeated).
+    /// Kill a partition's process, or the one that stands by (PARTITION.standby), at a module time (may be repeated).
     #[arg(long, value_name = "PARTITION@SECONDS", value_parser = parse_when)]
     kill: Vec<When>,
     /// End a partition until it is started (may be repeated).
@@ -51,10 +51,13 @@ pub(crate) struct When {
 impl Faults {
     /// All of them, as the executive takes them.
     pub(crate) fn planned(&self) -> Vec<PlannedAct> {
-        let act = |act: Act, when: &When| PlannedAct {
-            act,
-            partition: when.partition.clone(),
-            at_ns: (when.at_s * 1e9) as u64,
+        let act = |act: Act, when: &When| {
+            let behind = when.partition.strip_suffix(STANDBY).filter(|_| act == Act::Kill);
+            PlannedAct {
+                act: if behind.is_some() { Act::KillStandby } else { act },
+                partition: behind.unwrap_or(&when.partition).to_owned(),
+                at_ns: (when.at_s * 1e9) as u64,
+            }
         };
         let all = self.lists().into_iter();
         let acts = all.flat_map(|(_, what, list)| list.iter().map(move |when| act(what, when)));

@@ -103,7 +103,7 @@ fn line(partition: &PartitionStatus) -> String {
     format!(
         "{:<18}{:<11}{:>8}{:>4}{:>9}{:>8}{:>8}  {:>20}{:>8}  {:>19}  {fault}",
         printable(&partition.name),
-        printable(&partition.mode),
+        mode(partition),
         partition.pid.map_or_else(dash, |pid| pid.to_string()),
         partition.generation,
         partition.windows,
@@ -113,6 +113,12 @@ fn line(partition: &PartitionStatus) -> String {
         partition.slack_ns.map_or_else(dash, |slack| us(slack.mean).to_string()),
         partition.lateness_ns.map_or_else(dash, late),
     )
+}
+
+/// `normal+1`: another process stands by, ready.
+fn mode(partition: &PartitionStatus) -> String {
+    let ready = partition.standby.as_deref() == Some("ready");
+    format!("{}{}", printable(&partition.mode), if ready { "+1" } else { "" })
 }
 
 fn us(nanoseconds: u64) -> u64 {

@@ -26,6 +26,8 @@ pub trait Pace {
 pub trait Meanwhile {
     /// Whether the processor is free: the window before was closed early.
     fn has_slack(&mut self) -> bool;
+    /// Sleeps until the open window is closed, or until this instant of CLOCK_MONOTONIC, ns; may return before either.
+    fn await_close(&mut self, until_ns: u64);
     /// Gets ready for the window that opens at the switch, if one does.
     fn prepare(&mut self);
     /// When something is to be looked at once, module time, ns; none: there is nothing.
@@ -42,6 +44,9 @@ pub trait Gate {
     fn prepare(&mut self, window: &TimelineWindow);
     /// Whether the partition of an open window is done with it.
     fn is_done(&mut self, window: &TimelineWindow) -> bool;
+    /// Sleeps until the partition closes an open window, or until this instant of CLOCK_MONOTONIC, ns; may return before
+    /// either, and does where windows take no time.
+    fn await_close(&mut self, _window: &TimelineWindow, _until_ns: u64) {}
     /// Opens a window.
     fn open(&mut self, occurrence: &Occurrence);
     /// Closes it.
@@ -289,6 +294,13 @@ struct Between<'a> {
 impl Meanwhile for Between<'_> {
     fn has_slack(&mut self) -> bool {
         self.open.iter().flatten().all(|open| self.gate.is_done(&open.window))
+    }
+
+    fn await_close(&mut self, until_ns: u64) {
+        // On the wall clock a dispatcher has one core: one window.
+        if let Some(open) = self.open.iter().flatten().next() {
+            self.gate.await_close(&open.window, until_ns);
+        }
     }
 
     fn prepare(&mut self) {

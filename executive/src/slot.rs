@@ -71,6 +71,9 @@ impl Grant {
     }
 }
 
+/// Woken by every wake.
+const ANYBODY: std::num::NonZeroU32 = std::num::NonZeroU32::MAX;
+
 /// See the module's head.
 #[derive(Debug)]
 pub struct Slot {
@@ -406,6 +409,21 @@ impl Slot {
         }
         let limit = rustix::time::Timespec { tv_sec: 0, tv_nsec: nanoseconds.min(999_999_999) as i64 };
         let _ = futex::wait(&self.page.done, futex::Flags::empty(), seen, Some(&limit)); // any end: the caller looks
+    }
+
+    /// Sleeps until the partition closes its window, or until `until_ns` of CLOCK_MONOTONIC. May return before either: the
+    /// word belongs to the partition.
+    pub fn await_close(&self, until_ns: u64) {
+        let seen = self.page.done.load(Acquire);
+        if seen == self.granted.load(Relaxed) {
+            return;
+        }
+        let until = rustix::time::Timespec {
+            tv_sec: (until_ns / 1_000_000_000) as i64,
+            tv_nsec: (until_ns % 1_000_000_000) as i64,
+        };
+        // The only futex call whose limit is an instant.
+        let _ = futex::wait_bitset(&self.page.done, futex::Flags::empty(), seen, Some(&until), ANYBODY);
     }
 
     /// Asks the partition to end instead of taking another window.

@@ -120,11 +120,15 @@ fn cells(row: &Row) -> [String; 6] {
 fn short(value: f64) -> String {
     match value.abs() {
         at_least_100 if at_least_100 >= 100.0 => format!("{value:.0}"),
-        at_least_10 if at_least_10 >= 10.0 => format!("{value:.1}"),
-        _ => {
-            let text = format!("{value:.2}");
-            text.strip_suffix(".00").map_or(text.clone(), str::to_owned)
-        }
+        at_least_10 if at_least_10 >= 10.0 => without_zeros(format!("{value:.1}")),
+        _ => without_zeros(format!("{value:.2}")),
+    }
+}
+
+fn without_zeros(text: String) -> String {
+    match text.split_once('.') {
+        Some((whole, fraction)) if fraction.bytes().all(|digit| digit == b'0') => whole.to_owned(),
+        _ => text,
     }
 }
 
@@ -153,9 +157,9 @@ mod tests {
             Row::impossible("fence", "needs SCHED_FIFO"),
         ];
         let expected = "\
-figure                 value  reference  ratio  reach         met
-window start, p50    18.6 us       9 us   2.07  <= 2.5 times  yes
-memory               123 MiB          -      -  <= 32 MiB     NO
+figure               value  reference  ratio  reach         met
+window start, p50  18.6 us       9 us   2.07  <= 2.5 times  yes
+memory             123 MiB          -      -  <= 32 MiB     NO
 not here: fence: needs SCHED_FIFO
 ";
         assert_eq!(table(&rows), expected);

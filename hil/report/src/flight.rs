@@ -1,5 +1,6 @@
 //! A flight's folder, read: everything that is there, and a note for everything that is not.
 
+use crate::chains::{ChainAge, ChainBound, Follower};
 use crate::error::ReportError;
 use crate::health::{self, HealthEntry};
 use crate::log;
@@ -30,6 +31,8 @@ pub struct Inputs {
     pub guidance: GuidanceConfig,
     /// Whether the barometer carried the estimated height (it does unless the Estimator's attribute says otherwise).
     pub pressure_aiding: bool,
+    /// The chains whose ages are to be measured.
+    pub chains: Vec<ChainBound>,
 }
 
 impl Default for Inputs {
@@ -40,6 +43,7 @@ impl Default for Inputs {
             laps: 2,
             guidance: GuidanceConfig::default(),
             pressure_aiding: true,
+            chains: Vec::new(),
         }
     }
 }
@@ -80,6 +84,8 @@ pub struct Flight {
     pub messages: BTreeMap<String, u64>,
     /// How well the windows kept their times.
     pub timing: Timing,
+    /// How old values were at the end of each chain.
+    pub chains: Vec<ChainAge>,
     /// The windows of one major frame from the middle of the flight.
     pub frame: Vec<Window>,
     /// What was missing or damaged.
@@ -168,10 +174,17 @@ impl Flight {
 
     fn load_windows(&mut self, path: &Path) {
         let mut timing = Timing::default();
-        match windows::for_each(path, |window| timing.add(&window)) {
+        let mut chains: Vec<Follower> = self.inputs.chains.iter().map(Follower::new).collect();
+        let clock = self.run.as_ref().map(|run| run.clock).unwrap_or_default();
+        let add = |window: Window| {
+            timing.add(&window);
+            chains.iter_mut().for_each(|chain| chain.add(&window, clock));
+        };
+        match windows::for_each(path, add) {
             Ok(broken) => self.note_broken_lines(path, broken),
             Err(error) => self.notes.push(format!("{} cannot be read: {error}", short(path))),
         }
+        self.chains = chains.iter().map(Follower::age).collect();
         let middle = timing.last_frame / 2;
         let mut frame = Vec::new();
         // Read a second time rather than kept the first: a long flight has millions. What cannot be read was noted above.

@@ -7,6 +7,7 @@
 #![forbid(unsafe_code)]
 
 pub mod believed;
+pub mod chains;
 mod error;
 pub mod export;
 pub mod figures;

@@ -1,6 +1,7 @@
 //! The flight in numbers: what `summary.json` holds.
 
 use crate::believed::Believed;
+use crate::chains::ChainAge;
 use crate::error::{self, ReportError};
 use crate::flight::{Flight, Inputs, seconds};
 use crate::health::HealthEntry;
@@ -123,6 +124,9 @@ pub struct Summary {
     pub window_start_lateness_us: Option<Percentiles>,
     /// First of the flight chain opened → servo closed, µs, once a minor frame.
     pub chain_execution_us: Option<Percentiles>,
+    /// How old values were at the end of each chain of the schedule file.
+    #[serde(default)]
+    pub chain_ages: Vec<ChainAge>,
     /// Opened → closed by partition, µs.
     pub partition_execution_us: BTreeMap<String, Percentiles>,
     /// Messages on each topic.
@@ -214,6 +218,7 @@ impl Analysis {
             window_overruns: timing.overruns,
             window_start_lateness_us: run.and_then(|run| timing.lateness_us(run.clock)),
             chain_execution_us: timing.chain.percentiles(),
+            chain_ages: flight.chains.clone(),
             partition_execution_us: used.collect(),
             messages: flight.messages.clone(),
             faults: flight.health.iter().filter(|entry| entry.acted_on()).map(Fault::of).collect(),

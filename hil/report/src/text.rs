@@ -1,5 +1,6 @@
 //! The summary for a terminal: plain text, at most [`WIDTH`] columns.
 
+use crate::chains::ChainAge;
 use crate::run::Clock;
 use crate::summary::{Fault, Summary};
 use crate::timing::Percentiles;
@@ -168,8 +169,14 @@ fn fault(fault: &Fault) -> String {
 
 /// The tables of numbers, for terminal and page alike.
 pub(crate) fn tables(summary: &Summary) -> Vec<Table> {
-    let mut tables =
-        vec![tracking(summary), estimate(summary), air(summary), windows(summary), times(summary)];
+    let mut tables = vec![
+        tracking(summary),
+        estimate(summary),
+        air(summary),
+        windows(summary),
+        chains(summary),
+        times(summary),
+    ];
     tables.retain(|table| !table.rows.is_empty());
     tables
 }
@@ -242,6 +249,27 @@ fn windows(summary: &Summary) -> Table {
         row("restarts", summary.restarts),
     ];
     Table { heading: "windows", columns: Vec::new(), rows, note: None }
+}
+
+fn chains(summary: &Summary) -> Table {
+    let ms = |us: f64| format!("{:.2}", us / 1000.0);
+    let row = |chain: &ChainAge| {
+        let measured = |of: fn(&Percentiles) -> f64| {
+            chain.measured_us.as_ref().map_or_else(|| NONE.to_owned(), |times| ms(of(times)))
+        };
+        let (p50, p99, max) =
+            (measured(|times| times.p50), measured(|times| times.p99), measured(|times| times.max));
+        let name: String = chain.chain.chars().take(LABEL - 2).collect();
+        (name, vec![ms(chain.computed_us), p50, p99, max, ms(chain.allowed_us)])
+    };
+    let rows = summary.chain_ages.iter().map(row).collect();
+    let older = summary.chain_ages.iter().any(|chain| chain.too_old > 0);
+    let note = older.then_some(
+        "values older than allowed came about where windows were not granted or not closed: the computed age takes every \
+         window for granted",
+    );
+    let columns = vec!["computed", "median", "99 %", "greatest", "allowed"];
+    Table { heading: "chain ages, ms", columns, rows, note }
 }
 
 fn times(summary: &Summary) -> Table {

@@ -3,6 +3,7 @@
 
 mod synthetic;
 
+use bateleur_report::chains::ChainBound;
 use bateleur_report::log::{self, Ending};
 use bateleur_report::run::Clock;
 use bateleur_report::{Inputs, ReportError, summary, text, write};
@@ -36,7 +37,13 @@ fn known_flight_scores_what_it_was_made_with() {
     let dir = Path::new(env!("CARGO_TARGET_TMPDIR")).join("known-flight");
     std::fs::create_dir_all(&dir).unwrap();
     synthetic::write(&dir, synthetic::whole_s());
-    let summary = write(&dir, &Inputs::default()).unwrap();
+    let chain = ChainBound {
+        name: "gyro to elevator".into(),
+        partitions: ["imu", "estimator", "controller", "servo"].map(String::from).to_vec(),
+        computed_ns: 4_200_000,
+        allowed_ns: 25_000_000,
+    };
+    let summary = write(&dir, &Inputs { chains: vec![chain], ..Inputs::default() }).unwrap();
     assert!(summary.completed && summary.notes.is_empty(), "{:?} {:?}", summary.failure, summary.notes);
     assert_eq!(summary.waypoints.join(" "), "WP0 WP1 WP2 WP3 WP0 WP1 WP2 WP3 WP0");
     assert_eq!((summary.laps, summary.restarts, summary.unverified_waypoints.len()), (2, 1, 0));
@@ -54,6 +61,12 @@ fn known_flight_scores_what_it_was_made_with() {
     assert!(summary.estimator.position_true_rms_m.unwrap() > 5.0);
     let chain = summary.chain_execution_us.unwrap();
     assert!((chain.p50 - 4450.0).abs() < 10.0, "{chain:?}");
+    // From imu's opening to servo's close; the Estimator's three dead windows made it three periods older.
+    let age = &summary.chain_ages[0];
+    let measured = age.measured_us.unwrap();
+    assert!((measured.p50 - 3850.0).abs() < 10.0 && (measured.max - 63_850.0).abs() < 20.0, "{age:?}");
+    assert_eq!(age.too_old, 2);
+    assert!(page(&dir).contains("gyro to elevator"));
     assert!(summary.window_start_lateness_us.unwrap().max < 20.0);
     assert_eq!((summary.clock, summary.skipped_windows), (Some(Clock::Wall), 3));
     assert!((summary.faults[0].recovery_ms.unwrap() - 64.4).abs() < 1e-6);

@@ -18,8 +18,9 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, Result, bail};
 use bateleur_executive::event::Event;
-use bateleur_executive::plan::{Attribute, Plan};
+use bateleur_executive::plan::{Attribute, Facts, Plan};
 use bateleur_ground::MissionPlan;
+use bateleur_report::chains::ChainBound;
 use bateleur_report::run::{Clock, FILE, Guarantee, Mission as MissionResult, Run};
 use bateleur_report::{Inputs, Summary};
 
@@ -217,11 +218,28 @@ fn lost_records(events: &[Event]) -> u64 {
 }
 
 fn inputs(plan: &Plan, mission: &MissionPlan) -> Inputs {
-    let mut inputs = Inputs { laps: mission.laps, ..Inputs::default() };
+    let mut inputs = Inputs { laps: mission.laps, chains: chains(plan), ..Inputs::default() };
     if let Some(Attribute::Boolean(aiding)) = attribute(plan, "estimator", "pressure_aiding") {
         inputs.pressure_aiding = *aiding;
     }
     inputs
+}
+
+/// The chains of the plan, each with its worst age in any schedule.
+fn chains(plan: &Plan) -> Vec<ChainBound> {
+    let mut bounds: Vec<ChainBound> = Vec::new();
+    for age in Facts::of(plan).schedules.into_iter().flat_map(|schedule| schedule.chains) {
+        match bounds.iter_mut().find(|bound| bound.name == age.chain) {
+            Some(bound) => bound.computed_ns = bound.computed_ns.max(age.age_ns),
+            None => bounds.push(ChainBound {
+                name: age.chain,
+                partitions: age.way.into_iter().map(|step| step.partition).collect(),
+                computed_ns: age.age_ns,
+                allowed_ns: age.max_age_ns,
+            }),
+        }
+    }
+    bounds
 }
 
 fn print_summary(arguments: &Arguments, summary: &Summary, folder: &Path) -> Result<()> {

@@ -40,12 +40,15 @@ impl Finding {
     }
 }
 
+/// A table and the keys that it was asked for.
+type TableKeys = (String, Vec<Key>);
+
 /// Everything found so far in one source.
 pub(super) struct Findings<'a> {
     text: &'a str,
     list: RefCell<Vec<Violation>>,
     /// What each table was asked for, where somebody wants to know.
-    keys: Option<RefCell<Vec<(String, Vec<Key>)>>>,
+    keys: Option<RefCell<Vec<TableKeys>>>,
 }
 
 impl<'a> Findings<'a> {
@@ -66,7 +69,7 @@ impl<'a> Findings<'a> {
     }
 
     /// What each table was asked for.
-    pub(super) fn into_keys(self) -> Vec<(String, Vec<Key>)> {
+    pub(super) fn into_keys(self) -> Vec<TableKeys> {
         self.keys.map(RefCell::into_inner).unwrap_or_default()
     }
 

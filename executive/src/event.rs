@@ -71,6 +71,15 @@ pub enum Event {
         /// The one before.
         before: String,
     },
+    /// A log can not be written. Told once for each log; what is lost from then on is counted.
+    LogLost {
+        /// Module time, s.
+        time_s: f64,
+        /// The file.
+        log: String,
+        /// Why.
+        reason: String,
+    },
     /// The run is over.
     Stopped {
         /// Why.
@@ -91,6 +100,9 @@ pub enum Event {
         window_overruns: u64,
         /// Windows whose record was lost because the log could not keep up.
         lost_records: u64,
+        /// Records of logs that could not be written.
+        #[serde(default)]
+        unwritten_records: u64,
     },
 }
 

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use crate::event::Event;
 use crate::fast::World;
 use crate::monitor::Monitor;
 use crate::partition::{await_any_end, ended, is_readable};
@@ -75,7 +76,13 @@ pub struct Recorder {
     orders: Option<File>,
     answers: File,
     pending: bool,
+    /// Why it has ended, to be told once.
+    lost: Option<&'static str>,
 }
+
+/// Where a recorder that has ended leaves its reason.
+const RECORDER_ENDED: &str =
+    "the recorder has ended or does not answer; its reason stands in partitions/helpers.log";
 
 impl Recorder {
     /// Starts it with a line for orders and a line for answers, and waits until it has attached itself.
@@ -86,7 +93,7 @@ impl Recorder {
         let process = start(&order_end, &answer_end)?;
         drop(answer_end);
         let (orders, answers) = (File::from(OwnedFd::from(orders)), File::from(OwnedFd::from(answers)));
-        let mut recorder = Self { process, orders: Some(orders), answers, pending: true };
+        let mut recorder = Self { process, orders: Some(orders), answers, pending: true, lost: None };
         recorder.await_answer(ATTACH_PATIENCE_NS);
         match recorder.orders {
             Some(_) => Ok(recorder),
@@ -112,18 +119,24 @@ impl Recorder {
         await_any_end(&[self.answers.as_fd()], patience_ns);
         let heard =
             is_readable(self.answers.as_fd()) && self.answers.read(&mut answer).is_ok_and(|count| count == 1);
+        if !heard && self.orders.is_some() {
+            self.lost = Some(RECORDER_ENDED);
+        }
         if !heard {
             self.orders = None; // it has ended, or does now: the flight goes on without a log
             let _ = rustix::process::pidfd_send_signal(&self.process.pidfd, rustix::process::Signal::KILL);
         }
     }
 
-    fn finish(&mut self) {
+    /// Why the log is not whole, where that was not told before.
+    fn finish(&mut self) -> Option<&'static str> {
         self.read_channels();
         self.await_answer(RECORDER_PATIENCE_NS);
-        drop(self.orders.take());
+        let recorded = self.orders.take().is_some();
         await_any_end(&[self.process.pidfd.as_fd()], 5_000_000_000);
-        let _ = ended(&self.process); // one that still runs dies with the executive
+        // One that still runs dies with the executive.
+        let whole = ended(&self.process).is_some_and(|status| status.success());
+        self.lost.take().or_else(|| (recorded && !whole).then_some(RECORDER_ENDED))
     }
 }
 
@@ -186,16 +199,18 @@ impl Surroundings {
         own.or(of_monitor).unwrap_or("the end of its time").to_owned()
     }
 
-    /// Ends what was started.
-    pub fn finish(&mut self) {
-        if let Some(recorder) = &mut self.recorder {
-            recorder.finish();
-        }
+    /// Ends what was started; gives the reason why the recorder's log is not whole, where it was not told before.
+    pub fn finish(&mut self) -> Option<String> {
+        self.recorder.as_mut()?.finish().map(str::to_owned)
     }
 
-    fn exchange(&mut self, module_ns: u64) {
+    fn exchange(&mut self, module_ns: u64, monitor: &mut Monitor) {
         if let Some(recorder) = &mut self.recorder {
             recorder.read_channels();
+            if let Some(reason) = recorder.lost.take() {
+                let (time_s, log) = (module_ns as f64 / 1e9, "ports.mcap".into());
+                monitor.events().tell(&Event::LogLost { time_s, log, reason: reason.into() });
+            }
         }
         let Some(companion) = &mut self.companion else { return };
         let sent =
@@ -223,7 +238,7 @@ impl World for Surroundings {
         }
         if module_ns >= self.next_exchange_ns {
             self.next_exchange_ns = module_ns + EXCHANGE_NS;
-            self.exchange(module_ns);
+            self.exchange(module_ns, monitor);
         }
         if self.stop.load(Ordering::Acquire) {
             self.reason.get_or_insert_with(|| "it was asked to stop".into());

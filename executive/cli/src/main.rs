@@ -32,6 +32,7 @@ enum Verb {
     Export(verb::export::Arguments),
     Fly(verb::fly::Arguments),
     Ground(verb::ground::Arguments),
+    Health(verb::health::Arguments),
     /// Kill a partition of a running module; its health table says what follows.
     Kill(verb::order::Arguments),
     /// End a partition of a running module until it is started; its windows pass.
@@ -74,6 +75,7 @@ fn main() -> ExitCode {
         Verb::Export(arguments) => verb::export::run(&arguments),
         Verb::Fly(arguments) => verb::fly::run(&arguments),
         Verb::Ground(arguments) => verb::ground::run(&arguments),
+        Verb::Health(arguments) => verb::health::run(&arguments),
         Verb::Kill(arguments) => verb::order::run(&arguments, |partition| Request::Kill { partition }),
         Verb::Stop(arguments) => verb::order::run(&arguments, |partition| Request::Stop { partition }),
         Verb::Start(arguments) => verb::order::run(&arguments, |partition| Request::Start { partition }),

@@ -1,13 +1,19 @@
-//! The health log (`health.jsonl`, one object a line) and the window log (`windows.csv`).
+//! The health log (`health.jsonl`, one object a line, and the persistent `health.ring`) and the window log (`windows.csv`).
+//!
+//! Responsible for: lines that are whole. A disk that is full or gone costs lines, which are counted, and never the module.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
+use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 use serde::Serialize;
 
+use super::record::{Entry, Level};
+use super::ring::{self, RingLog};
+use super::trouble::Trouble;
 use crate::dispatcher::{Ending, LATE_NS, Occurrence};
-use crate::plan::ChangeAction;
+use crate::plan::{self, ChangeAction};
 
 /// One fault, from its detection to the successor's first window.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -28,23 +34,147 @@ pub struct Fault {
     pub recovered_ns: Option<u64>,
 }
 
-/// Appends faults; every line is on its way to the disk before the next thing happens.
+/// A log that lost records, and why.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Lost {
+    /// The file.
+    pub log: &'static str,
+    /// Why.
+    pub why: String,
+}
+
+/// Notes faults: at once in the ring, and as a line when it is known what became of them.
 #[derive(Debug)]
-pub struct HealthLog(File);
+pub struct HealthLog {
+    file: File,
+    /// Bytes of whole lines.
+    length: u64,
+    trouble: Trouble,
+    ring: Option<RingLog>,
+    ring_trouble: Trouble,
+    /// The minor frame of the last window that is known.
+    frame: u64,
+}
 
 impl HealthLog {
-    /// A new log.
-    pub fn create(path: &Path) -> io::Result<Self> {
-        File::create(path).map(Self)
+    /// A new log in a run's folder; the ring there is gone on with.
+    ///
+    /// # Errors
+    /// `health.jsonl` can not be made. A ring that can not be opened is told as trouble.
+    pub fn create(folder: &Path, ring: plan::HealthLog) -> io::Result<Self> {
+        let file = File::create(folder.join(HEALTH_FILE))?;
+        let (ring, ring_trouble) = match RingLog::open(&folder.join(ring::FILE), ring.bytes, ring.policy) {
+            Ok(ring) => (Some(ring), Trouble::default()),
+            Err(error) => {
+                let mut trouble = Trouble::default();
+                trouble.lose(1, &error.to_string());
+                (None, trouble)
+            }
+        };
+        Ok(Self { file, length: 0, trouble: Trouble::default(), ring, ring_trouble, frame: 0 })
     }
 
-    /// Appends a fault.
-    pub fn write(&mut self, fault: &Fault) -> io::Result<()> {
+    /// The minor frame that the next entries belong to.
+    pub fn set_frame(&mut self, frame: u64) {
+        self.frame = self.frame.max(frame);
+    }
+
+    /// Notes in the ring what has been decided about a fault.
+    pub fn note(&mut self, fault: &Fault) {
+        self.add(Entry {
+            sequence: 0,
+            time_ns: fault.time_ns,
+            frame: self.frame,
+            generation: fault.generation,
+            level: Level::Partition,
+            partition: fault.partition.clone(),
+            error: fault.error.clone(),
+            action: fault.action.clone(),
+            detail: fault.detail.clone(),
+        });
+    }
+
+    /// Notes in the ring that a fault's successor had its first window.
+    pub fn note_recovery(&mut self, fault: &Fault, generation: u32, time_ns: u64) {
+        let after_ms = time_ns.saturating_sub(fault.time_ns) as f64 / 1e6;
+        self.add(Entry {
+            sequence: 0,
+            time_ns,
+            frame: self.frame,
+            generation,
+            level: Level::Partition,
+            partition: fault.partition.clone(),
+            error: "recovered".into(),
+            action: String::new(),
+            detail: format!("after {after_ms:.1} ms"),
+        });
+    }
+
+    /// Notes in the ring what became of the module.
+    pub fn note_module(&mut self, what: &str, detail: String, time_ns: u64) {
+        self.add(Entry {
+            sequence: 0,
+            time_ns,
+            frame: self.frame,
+            generation: 0,
+            level: Level::Module,
+            partition: String::new(),
+            error: what.into(),
+            action: String::new(),
+            detail,
+        });
+    }
+
+    fn add(&mut self, entry: Entry) {
+        match &mut self.ring {
+            Some(ring) => ring.note(entry),
+            None => self.ring_trouble.lose(1, "it could not be opened"),
+        }
+    }
+
+    /// Appends a fault as a line.
+    pub fn write(&mut self, fault: &Fault) {
+        let written = self.append(fault);
+        self.trouble.note(written);
+    }
+
+    fn append(&mut self, fault: &Fault) -> io::Result<()> {
         let mut line = serde_json::to_vec(fault)?;
         line.push(b'\n');
-        self.0.write_all(&line)
+        // What a full disk cut off of a line is written over by the next one.
+        self.file.write_all_at(&line, self.length)?;
+        self.length += line.len() as u64;
+        Ok(())
+    }
+
+    /// Logs that have lost records for the first time.
+    pub fn take_trouble(&mut self) -> impl Iterator<Item = Lost> + use<> {
+        let lines = self.trouble.take();
+        let ring = self.ring.as_ref().and_then(|ring| ring.trouble().take());
+        let ring = ring.or_else(|| self.ring_trouble.take());
+        let lines = lines.map(|why| Lost { log: HEALTH_FILE, why });
+        lines.into_iter().chain(ring.map(|why| Lost { log: ring::FILE, why }))
+    }
+
+    /// Records lost so far.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        let ring = self.ring.as_ref().map_or(0, |ring| ring.trouble().lost());
+        self.trouble.lost() + ring + self.ring_trouble.lost()
+    }
+
+    /// Waits a little until everything is on the disk.
+    pub fn finish(&mut self) {
+        if let Some(ring) = &mut self.ring {
+            ring.finish();
+        }
     }
 }
+
+/// Name of the health log's lines in a run's folder.
+const HEALTH_FILE: &str = "health.jsonl";
+/// Name of the window log in a run's folder.
+const WINDOW_FILE: &str = "windows.csv";
 
 /// What became of one window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -127,26 +257,29 @@ impl WindowRecord {
 
 /// Writes window records as lines of comma-separated values.
 #[derive(Debug)]
-pub struct WindowLog(BufWriter<File>);
+pub struct WindowLog {
+    file: BufWriter<File>,
+    trouble: Trouble,
+}
 
 impl WindowLog {
-    /// A new log with its heading.
-    pub fn create(path: &Path) -> io::Result<Self> {
-        let mut file = BufWriter::with_capacity(1 << 16, File::create(path)?);
+    /// A new log with its heading in a run's folder.
+    pub fn create(folder: &Path) -> io::Result<Self> {
+        let mut file = BufWriter::with_capacity(1 << 16, File::create(folder.join(WINDOW_FILE))?);
         writeln!(
             file,
             "frame,minor,core,partition,planned_start_ns,planned_end_ns,granted_ns,opened_ns,closed_ns,flags,slack_ns,schedule"
         )?;
-        Ok(Self(file))
+        Ok(Self { file, trouble: Trouble::default() })
     }
 
     /// Appends a record of the partition called `name`, in the schedule of that name.
-    pub fn write(&mut self, record: &WindowRecord, name: &str, schedule: &str) -> io::Result<()> {
+    pub fn write(&mut self, record: &WindowRecord, name: &str, schedule: &str) {
         let at = &record.occurrence;
         let number = |value: Option<u64>| value.map_or_else(String::new, |value| value.to_string());
-        writeln!(
-            self.0,
-            "{},{},{},{name},{},{},{},{},{},{},{},{schedule}",
+        // In one piece: a full disk takes a whole line or nothing of it.
+        let line = format!(
+            "{},{},{},{name},{},{},{},{},{},{},{},{schedule}\n",
             at.major_frame,
             at.window.minor,
             at.core,
@@ -157,11 +290,84 @@ impl WindowLog {
             number(record.closed_ns),
             record.flags(),
             number(record.slack_ns())
-        )
+        );
+        self.append(&line);
+    }
+
+    fn append(&mut self, line: &str) {
+        let written = self.file.write_all(line.as_bytes());
+        self.trouble.note(written);
     }
 
     /// Hands everything to the kernel.
-    pub fn flush(&mut self) -> io::Result<()> {
-        self.0.flush()
+    pub fn flush(&mut self) {
+        let lines = self.file.buffer().iter().filter(|byte| **byte == b'\n').count() as u64;
+        if let Err(error) = self.file.flush() {
+            self.trouble.lose(lines, &error.to_string());
+        }
+    }
+
+    /// That it has lost records for the first time.
+    pub fn take_trouble(&mut self) -> Option<Lost> {
+        self.trouble.take().map(|why| Lost { log: WINDOW_FILE, why })
+    }
+
+    /// Records lost so far.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.trouble.lost()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::symlink;
+
+    use super::*;
+    use crate::plan::LogPolicy;
+
+    const RING: plan::HealthLog = plan::HealthLog { bytes: 4096, policy: LogPolicy::Overwrite };
+
+    fn fault(time_ns: u64) -> Fault {
+        Fault {
+            time_ns,
+            partition: "imu".into(),
+            generation: 0,
+            error: "killed".into(),
+            action: "warm_restart".into(),
+            detail: String::new(),
+            recovered_ns: None,
+        }
+    }
+
+    #[test]
+    fn health_log_on_a_full_disk_is_said_once_and_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        symlink("/dev/full", folder.path().join(HEALTH_FILE)).unwrap();
+        symlink("/dev/full", folder.path().join(ring::FILE)).unwrap();
+        let mut log = HealthLog::create(folder.path(), RING).unwrap();
+        (0..3).for_each(|time_ns| {
+            log.note(&fault(time_ns));
+            log.write(&fault(time_ns));
+        });
+        log.finish();
+        let said: Vec<_> = log.take_trouble().collect();
+        assert_eq!(said.iter().map(|lost| lost.log).collect::<Vec<_>>(), [HEALTH_FILE, ring::FILE]);
+        assert!(said[0].why.contains("No space left"), "{said:?}");
+        log.write(&fault(9));
+        assert_eq!(log.take_trouble().count(), 0);
+        assert_eq!(log.lost(), 4 + 4, "four lines; the opening and three records");
+    }
+
+    #[test]
+    fn window_log_on_a_full_disk_is_said_once_and_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        symlink("/dev/full", folder.path().join(WINDOW_FILE)).unwrap();
+        let mut log = WindowLog::create(folder.path()).unwrap();
+        (0..5000).for_each(|_| log.append("0,0,1,imu,3800000,4300000,3800000,3800000,3900000,,1,flight\n"));
+        assert!(log.take_trouble().is_some_and(|lost| lost.why.contains("No space left")));
+        log.flush();
+        assert_eq!(log.take_trouble(), None);
+        assert_eq!(log.lost(), 5000 + 1, "every window and the heading");
     }
 }

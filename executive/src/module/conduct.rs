@@ -85,9 +85,8 @@ pub(super) fn conduct(
         start_janitor: staff.start_janitor,
         start_for_stranger: staff.start_for_stranger,
         take_record: take_record(records.clone(), rings.clone()),
-        window_log: WindowLog::create(&options.output.join("windows.csv"))
-            .map_err(machine("cannot write windows.csv"))?,
-        health_log: HealthLog::create(&options.output.join("health.jsonl"))
+        window_log: WindowLog::create(&options.output).map_err(machine("cannot write windows.csv"))?,
+        health_log: HealthLog::create(&options.output, plan.health.log)
             .map_err(machine("cannot write health.jsonl"))?,
         events: options.events,
         operator: Operator::new(
@@ -98,6 +97,7 @@ pub(super) fn conduct(
         ),
     })
     .map_err(RunError::Start)?;
+    monitor.health_log().note_module("module_start", module_start(&options.module, options.clock), 0);
     if let Err(reason) = monitor.await_all_ready() {
         monitor.finish(0);
         return Err(RunError::Start(reason));
@@ -129,8 +129,11 @@ pub(super) fn conduct(
     };
     let reason = surroundings.reason(monitor.stop_asked());
     monitor.finish(module_ns);
-    surroundings.finish();
-    let totals = monitor.totals();
+    if let Some(reason) = surroundings.finish() {
+        let time_s = module_ns as f64 / 1e9;
+        monitor.events().tell(&Event::LogLost { time_s, log: "ports.mcap".into(), reason });
+    }
+    let (totals, unwritten_records) = (monitor.totals(), monitor.unwritten());
     monitor.events().tell(&Event::Stopped {
         reason: reason.clone(),
         module_time_s: module_ns as f64 / 1e9,
@@ -140,9 +143,20 @@ pub(super) fn conduct(
         lost_windows: totals.lost,
         window_overruns: totals.overruns,
         lost_records: lost.load(Ordering::Relaxed),
+        unwritten_records,
     });
     monitor.events().finish();
     Ok(Outcome { reason, module_ns, guarantees: facts.guarantees.list().to_vec() })
+}
+
+/// What the persistent log says of a run's begin. Module time begins anew with every run: the date tells them apart.
+fn module_start(module: &str, clock: Clock) -> String {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+    let clock = match clock {
+        Clock::Wall => "wall",
+        Clock::Virtual => "virtual",
+    };
+    format!("module {module}, {clock} clock, Unix time {} s", since.as_secs())
 }
 
 /// What does not change while it runs.

@@ -88,7 +88,7 @@ impl Monitor {
         self.watched[place].put_an_end();
         // The fault before waits for a successor that will not come.
         if let Some(fault) = self.watched[place].fault.take() {
-            let _ = self.health_log.write(&fault); // a full disk must not stop the aircraft
+            self.health_log.write(&fault);
         }
         self.bury(place, Then::Rest, module_ns);
     }

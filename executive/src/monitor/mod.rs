@@ -221,6 +221,7 @@ impl Monitor {
         if module_ns >= self.next_count_ns {
             self.next_count_ns = module_ns + COUNT_NS;
             self.watched.iter().for_each(|watched| watched.cage.bound_log());
+            self.tell_lost(module_ns);
             if self.clock == Clock::Wall {
                 self.count_threads(module_ns);
                 for place in 0..self.watched.len() {
@@ -228,6 +229,25 @@ impl Monitor {
                 }
             }
         }
+    }
+
+    /// Tells of logs that can not be written, each once. A full disk must not stop the aircraft.
+    fn tell_lost(&mut self, module_ns: u64) {
+        for lost in self.health_log.take_trouble().chain(self.window_log.take_trouble()) {
+            let time_s = seconds(module_ns);
+            self.events.tell(&Event::LogLost { time_s, log: lost.log.into(), reason: lost.why });
+        }
+    }
+
+    /// The persistent health log and the others.
+    pub fn health_log(&mut self) -> &mut HealthLog {
+        &mut self.health_log
+    }
+
+    /// Records that logs lost because they could not be written.
+    #[must_use]
+    pub fn unwritten(&self) -> u64 {
+        self.health_log.lost() + self.window_log.lost()
     }
 
     /// What a window's end did not hold is an overrun, whether the partition had closed its window or not.
@@ -354,11 +374,16 @@ impl Monitor {
         for watched in &mut self.watched {
             watched.put_an_end();
             if let Some(fault) = watched.fault.take() {
-                let _ = self.health_log.write(&fault); // a full disk must not keep the module from ending
+                self.health_log.write(&fault);
             }
         }
         self.burials.give_up();
-        let _ = self.window_log.flush(); // as above
+        self.window_log.flush();
+        if let Some(reason) = &self.stop_asked {
+            self.health_log.note_module("module_stop", reason.clone(), module_ns);
+        }
+        self.health_log.finish();
+        self.tell_lost(module_ns);
     }
 
     fn take_records(&mut self, module_ns: u64) {
@@ -366,7 +391,8 @@ impl Monitor {
             let Some(place) = self.places[record.occurrence.window.partition.index()] else { continue };
             let name = &self.watched[place].cage.name;
             let schedule = &self.plan.schedules[record.occurrence.reign.schedule].name;
-            let _ = self.window_log.write(&record, name, schedule); // a full disk must not stop the aircraft
+            self.window_log.write(&record, name, schedule);
+            self.health_log.set_frame(record.occurrence.minor_frames);
             self.watched[place].figures.add(&record);
             self.totals.windows += u64::from(record.granted_ns.is_some());
             self.totals.late += u64::from(record.is_late());
@@ -461,7 +487,8 @@ impl Monitor {
         let Some(mut fault) = watched.fault.take_if(|fault| start_ns >= fault.time_ns) else { return };
         fault.recovered_ns = Some(start_ns);
         let after_ms = (start_ns - fault.time_ns) as f64 / 1e6;
-        let _ = self.health_log.write(&fault); // a full disk must not stop the aircraft
+        self.health_log.write(&fault);
+        self.health_log.note_recovery(&fault, watched.generation, start_ns);
         self.events.tell(&Event::Recovered {
             time_s: seconds(start_ns),
             partition: fault.partition,
@@ -553,6 +580,7 @@ impl Monitor {
             recovered_ns: None,
         };
         watched.figures.fault(&fault);
+        self.health_log.note(&fault);
         self.events.tell(&Event::Fault {
             time_s: seconds(module_ns),
             partition: fault.partition.clone(),
@@ -566,11 +594,11 @@ impl Monitor {
     fn act(&mut self, place: usize, decision: Decision, fault: Fault, module_ns: u64) {
         match decision {
             Decision::Ignore => {
-                let _ = self.health_log.write(&fault); // a full disk must not stop the aircraft
+                self.health_log.write(&fault);
             }
             Decision::Idle | Decision::Stop => {
                 self.lay_to_rest(place, module_ns);
-                let _ = self.health_log.write(&fault); // as above
+                self.health_log.write(&fault);
                 let module_action = self.plan.health.module.action(ModuleError::PartitionStopped);
                 if decision == Decision::Stop && module_action != ModuleAction::Ignore {
                     self.stop_asked =
@@ -587,7 +615,7 @@ impl Monitor {
                 watched.restarts.push(module_ns);
                 // A second fault before the first window: the first is what the user waits to see the end of.
                 if let Some(before) = watched.fault.replace(fault) {
-                    let _ = self.health_log.write(&before); // as above
+                    self.health_log.write(&before);
                 }
                 if self.take_over(place, warm, module_ns) {
                     return;

@@ -137,7 +137,8 @@ impl Monitor {
             detail: format!("{order}, by the operator"),
             recovered_ns: None,
         };
-        let _ = self.health_log.write(&entry); // a full disk must not stop the aircraft
+        self.health_log.note(&entry);
+        self.health_log.write(&entry);
     }
 
     fn status(&self, module_ns: u64) -> Status {

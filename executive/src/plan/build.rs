@@ -5,7 +5,7 @@
 use super::MessageCatalogue;
 use super::closed::{ChangeAction, Direction, Exhausted, Kind, PartitionAction, PartitionError, StartMode};
 use super::model::{
-    Chain, Channel, ChannelId, Health, Module, ModuleHealth, ModuleId, Partition, PartitionHealth,
+    Chain, Channel, ChannelId, Health, HealthLog, Module, ModuleHealth, ModuleId, Partition, PartitionHealth,
     PartitionId, Payload, Plan, Port, PortId, Restart, Role, Schedule, ScheduleId, Window,
     default_module_action, default_partition_action,
 };
@@ -16,6 +16,7 @@ use super::rules::chains;
 
 /// What holds where the file says nothing.
 pub(super) mod defaults {
+    use super::super::closed::LogPolicy;
     use super::{Exhausted, StartMode};
 
     /// One thread: a partition has one window loop.
@@ -36,6 +37,10 @@ pub(super) mod defaults {
     pub(crate) const STARTUP_NS: u64 = 20_000_000;
     /// Half a second at 50 windows a second: long enough not to be a hiccup, short enough to fly through.
     pub(crate) const SILENCE_WINDOWS: u32 = 25;
+    /// A thousand records: what a bad day leaves.
+    pub(crate) const HEALTH_LOG_BYTES: u64 = 256 << 10;
+    /// What happened last explains an end.
+    pub(crate) const HEALTH_LOG_POLICY: LogPolicy = LogPolicy::Overwrite;
 }
 
 /// Builds the plan; nothing if a rule has let through what it must not.
@@ -205,6 +210,10 @@ impl Builder<'_> {
                 answer(&raw.module, error).unwrap_or_else(|| default_module_action(error))
             }),
             silence_windows: raw.silence_windows.as_ref().map_or(defaults::SILENCE_WINDOWS, |at| at.value),
+            log: HealthLog {
+                bytes: raw.log_size.as_ref().map_or(defaults::HEALTH_LOG_BYTES, |at| at.value.0),
+                policy: raw.log_policy.as_ref().map_or(defaults::HEALTH_LOG_POLICY, |at| at.value.0),
+            },
         }
     }
 }

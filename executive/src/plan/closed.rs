@@ -154,6 +154,16 @@ closed! {
 }
 
 closed! {
+    /// What becomes of the persistent health log when it is full.
+    LogPolicy, "policy" {
+        /// The oldest record makes room.
+        Overwrite = "overwrite",
+        /// The first records stay, new ones are dropped.
+        Keep = "keep",
+    }
+}
+
+closed! {
     /// What can go wrong in a module.
     ModuleError, "module error" {
         /// A window was switched too late.

@@ -9,7 +9,7 @@ use std::ops::Index;
 use serde::Serialize;
 
 use super::closed::{
-    ChangeAction, Closed, Direction, Exhausted, Kind, ModuleAction, ModuleError, PartitionAction,
+    ChangeAction, Closed, Direction, Exhausted, Kind, LogPolicy, ModuleAction, ModuleError, PartitionAction,
     PartitionError, Standby, StartMode,
 };
 
@@ -355,6 +355,17 @@ pub struct Health {
     pub module: ModuleHealth,
     /// How many windows in a row a partition may leave open before that is silence; not zero.
     pub silence_windows: u32,
+    /// The persistent log.
+    pub log: HealthLog,
+}
+
+/// How much the persistent health log holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct HealthLog {
+    /// Bytes of its file, at most.
+    pub bytes: u64,
+    /// What becomes of it when it is full.
+    pub policy: LogPolicy,
 }
 
 /// What is done about a partition's error where the file does not say.

@@ -6,7 +6,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::catalogue;
 use super::closed::{
-    ChangeAction, Closed, Direction, Exhausted, Kind, ModuleAction, ModuleError, PartitionAction,
+    ChangeAction, Closed, Direction, Exhausted, Kind, LogPolicy, ModuleAction, ModuleError, PartitionAction,
     PartitionError, Standby, StartMode,
 };
 use super::findings::{Finding, Findings, Span, did_you_mean, listed};
@@ -111,6 +111,8 @@ pub(super) struct RawHealth {
     pub(super) partition_span: Option<Span>,
     pub(super) module: Vec<Answer<ModuleError, ModuleAction>>,
     pub(super) silence_windows: Option<At<u32>>,
+    pub(super) log_size: Option<At<Bytes>>,
+    pub(super) log_policy: Option<At<Word<LogPolicy>>>,
 }
 
 /// What is to be done about one error.
@@ -303,7 +305,7 @@ impl RawWindow {
 impl RawHealth {
     fn read((table, span): (&DeTable<'_>, Span), findings: &Findings<'_>) -> Self {
         let mut table = TableReader::new(table, span, "`health`", findings);
-        let health = Self {
+        let mut health = Self {
             partition_span: table.table("partition").map(|(_, span)| span),
             partition: answers(&table.entries("partition"), &PARTITION_LEVEL, findings),
             module: answers(&table.entries("module"), &MODULE_LEVEL, findings),
@@ -311,7 +313,14 @@ impl RawHealth {
                 Field::Said(at) => Some(at),
                 Field::Absent | Field::Broken => None,
             },
+            ..Self::default()
         };
+        if let Some((log, span)) = table.table("log") {
+            let mut log = TableReader::new(log, span, "the health log", findings);
+            health.log_size = log.optional("size").said().cloned();
+            health.log_policy = log.optional("policy").said().cloned();
+            log.finish();
+        }
         table.finish();
         health
     }

@@ -9,6 +9,7 @@ pub(crate) mod export;
 pub(crate) mod faults;
 pub(crate) mod fly;
 pub(crate) mod ground;
+pub(crate) mod health;
 pub(crate) mod helper;
 pub(crate) mod inject;
 pub(crate) mod man;

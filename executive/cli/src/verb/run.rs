@@ -260,6 +260,9 @@ fn text_of(event: &Event) -> String {
         Event::ScheduleChanged { time_s, schedule, before } => {
             format!("{time_s:9.3} s  schedule {schedule} after {before}")
         }
+        Event::LogLost { time_s, log, reason } => {
+            format!("{time_s:9.3} s  {log} can not be written any more: {}", printable(reason))
+        }
         Event::Stopped {
             reason,
             module_time_s,
@@ -268,6 +271,7 @@ fn text_of(event: &Event) -> String {
             window_overruns,
             lost_records,
             lost_windows,
+            unwritten_records,
             ..
         } => {
             let mut lost = String::new();
@@ -276,6 +280,10 @@ fn text_of(event: &Event) -> String {
             }
             if *lost_records > 0 {
                 lost += &format!("\n{lost_records} window records were lost: the log could not keep up");
+            }
+            if *unwritten_records > 0 {
+                lost +=
+                    &format!("\n{unwritten_records} records are missing in logs that could not be written");
             }
             format!(
                 "stopped after {module_time_s:.2} s: {reason}; {windows} windows, {late_windows} late, {window_overruns} overrun{lost}"

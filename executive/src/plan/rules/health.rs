@@ -17,12 +17,25 @@ pub(super) fn check(cx: &Context<'_>) {
     if let Some(windows) = &health.silence_windows {
         cx.at_in_range("silence_windows", windows, 1, u32::MAX);
     }
+    log_size(cx);
     for partition in &cx.file.partitions {
         ignored(cx, &partition.health);
         warm(cx, partition);
         warm_answers(cx, partition);
         budget(cx, partition);
         deadline(cx, partition);
+    }
+}
+
+/// Bytes of a persistent log: from a few records to what is read in one piece.
+const LOG_SIZES: std::ops::RangeInclusive<u64> = (4 << 10)..=(64 << 20);
+
+fn log_size(cx: &Context<'_>) {
+    let Some(size) = &cx.file.health.log_size else { return };
+    if !LOG_SIZES.contains(&size.value.0) {
+        let message = format!("the health log has a `size` of {} bytes", size.value.0);
+        let mend = "write a size from 4KiB (15 records) to 64MiB (262143 records)";
+        cx.note(&catalogue::OUT_OF_RANGE, &size.span, message, mend);
     }
 }
 

@@ -1,0 +1,101 @@
+//! `bateleur health`: what the health monitor noted, from the persistent log `health.ring` of a run: time, frame,
+//! partition and incarnation, error, action, and what is known beside it.
+//!
+//! Takes the file or the folder of a run. Reads a log that was cut off, or that is being written, as far as its records are
+//! whole, and says how many are not. Exit codes: 0 it was read, 1 it was read and some records are damaged, 2 it could not be
+//! read.
+
+use std::fmt::Write;
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use bateleur_executive::health::record::{Contents, Entry};
+use bateleur_executive::health::ring::{FILE, read_file};
+use bateleur_executive::plan::LogPolicy;
+
+use super::{Code, FINE, Format, WRONG};
+
+/// Read the health log of a run.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// The log, or the folder of a run.
+    #[arg(value_name = "FOLDER|FILE", default_value = "target/runs/latest")]
+    path: PathBuf,
+    /// Only what is about this partition.
+    #[arg(long, short)]
+    partition: Option<String>,
+    /// Only the newest entries.
+    #[arg(long, short = 'n', value_name = "NUMBER")]
+    last: Option<usize>,
+    /// What to print.
+    #[arg(long, value_enum, default_value = "text")]
+    format: Format,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
+    let path = match arguments.path.is_dir() {
+        true => arguments.path.join(FILE),
+        false => arguments.path.clone(),
+    };
+    let mut log = read_file(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    let wanted = |entry: &Entry| arguments.partition.as_ref().is_none_or(|name| *name == entry.partition);
+    let full = log.is_full();
+    log.entries.retain(wanted);
+    let surplus = log.entries.len().saturating_sub(arguments.last.unwrap_or(usize::MAX));
+    log.entries.drain(..surplus);
+    let text = match arguments.format {
+        Format::Json => serde_json::to_string_pretty(&log)? + "\n",
+        Format::Text => table(&log, full),
+    };
+    let _ = std::io::stdout().write_all(text.as_bytes()); // nobody reads
+    Ok(if log.damaged == 0 { FINE } else { WRONG })
+}
+
+fn table(log: &Contents, full: bool) -> String {
+    let mut text = String::new();
+    for entry in &log.entries {
+        // Into a string: nothing can fail.
+        let _ = match entry.partition.is_empty() {
+            true => writeln!(text, "{}", heading(entry)),
+            false => writeln!(
+                text,
+                "{:>11.3} s  frame {:<7} {}[{}]: {}{}{}",
+                entry.time_ns as f64 / 1e9,
+                entry.frame,
+                entry.partition,
+                entry.generation,
+                entry.error,
+                in_brackets(&entry.detail),
+                if entry.action.is_empty() { String::new() } else { format!(" -> {}", entry.action) },
+            ),
+        };
+    }
+    if log.entries.is_empty() {
+        text.push_str("nothing was noted\n");
+    }
+    if log.policy == LogPolicy::Keep && full {
+        text.push_str("the log is full and keeps what it has: later entries were dropped\n");
+    }
+    if log.overwritten > 0 {
+        let _ = writeln!(text, "{} older records were written over", log.overwritten);
+    }
+    if log.damaged > 0 {
+        let _ = writeln!(text, "{} records are damaged or were cut off", log.damaged);
+    }
+    text
+}
+
+fn heading(entry: &Entry) -> String {
+    match entry.error.as_str() {
+        "module_start" => format!("--- a run began{}", in_brackets(&entry.detail)),
+        error => format!("{:>11.3} s  {error}{}", entry.time_ns as f64 / 1e9, in_brackets(&entry.detail)),
+    }
+}
+
+fn in_brackets(detail: &str) -> String {
+    // Without the control characters that a terminal would obey.
+    let words: String =
+        detail.chars().map(|letter| if letter.is_control() { '\u{fffd}' } else { letter }).collect();
+    if words.is_empty() { words } else { format!(" ({words})") }
+}

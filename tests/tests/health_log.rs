@@ -1,0 +1,82 @@
+//! The logs of a run when things end badly: the persistent one outlives a killed executive, and a full disk stops nobody.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::process::Command;
+
+use bateleur_tests::{PATIENCE, Sketch, among_others, await_some, bateleur};
+use rustix::process::Signal;
+
+fn two_partitions(folder: &std::path::Path) -> String {
+    let sketch = Sketch::new().partition("first", "counter", 2000, "");
+    sketch.partition("second", "counter", 2000, "").write(folder)
+}
+
+#[test]
+fn executive_killed_after_a_fault_leaves_it_in_the_persistent_log() {
+    let _turn = among_others();
+    let scratch = tempfile::tempdir().unwrap();
+    let schedule = two_partitions(scratch.path());
+    let mut run = bateleur(&["run", "--schedule", &schedule, "--kill", "first@0.5"]);
+    run.await_words("first: killed");
+    let folder = run.folder();
+    let read = |more: &[&str]| bateleur(&[&["health", folder.to_str().unwrap()], more].concat()).end();
+    // The disk is asked by a thread of its own: soon, not at once.
+    let noted = await_some(PATIENCE, || read(&[]).stdout.contains("killed").then_some(()));
+    assert!(noted.is_some(), "read while it is written: {}", read(&[]).stdout);
+    run.signal(Signal::KILL);
+    let told = read(&["--partition", "first", "--format", "json"]).expect_code(0).summary();
+    let fault = &told["entries"][0];
+    assert_eq!((&fault["error"], &fault["action"]), (&"killed".into(), &"cold_restart".into()), "{told}");
+    assert_eq!(fault["generation"], 0);
+    let all = read(&[]).expect_code(0).stdout;
+    assert!(all.contains("a run began") && all.contains("first[0]: killed (ended by SIGKILL)"), "{all}");
+    // Cut off in the middle of its second record.
+    let path = folder.join("health.ring");
+    std::fs::OpenOptions::new().write(true).open(&path).unwrap().set_len(64 + 256 + 100).unwrap();
+    let cut = read(&[]).expect_code(1).stdout;
+    assert!(cut.contains("a run began") && cut.contains("1 records are damaged"), "{cut}");
+    std::fs::write(&path, "something else, and long enough that it could have a header of sixty-four bytes")
+        .unwrap();
+    read(&[]).expect_code(2).expect_words(&["health.ring", "this is no health log"]);
+    std::fs::remove_file(&path).unwrap();
+    read(&[]).expect_code(2).expect_words(&["health.ring"]);
+}
+
+/// A small file system of its own, which is gone when this is dropped.
+struct Disk(std::path::PathBuf);
+
+impl Drop for Disk {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg("-l").arg(&self.0).status(); // the test has failed or not before
+    }
+}
+
+#[test]
+fn full_disk_is_said_once_for_each_log_and_the_module_goes_on() {
+    if !rustix::process::geteuid().is_root() {
+        eprintln!("not tried: only root can mount a small disk");
+        return;
+    }
+    let _turn = among_others();
+    let scratch = tempfile::tempdir().unwrap();
+    let schedule = two_partitions(scratch.path());
+    let small = scratch.path().join("small");
+    std::fs::create_dir(&small).unwrap();
+    let mount = Command::new("mount").args(["-t", "tmpfs", "-o", "size=64k", "none"]).arg(&small).status();
+    assert!(mount.unwrap().success(), "root can mount");
+    let disk = Disk(small.clone());
+    let output = small.join("out");
+    let mut arguments = vec!["run", "--fast", "--until", "60", "--schedule", &schedule];
+    arguments.extend(["--output", output.to_str().unwrap(), "--kill", "first@50"]);
+    let ended = bateleur(&arguments).end().expect_code(0);
+    drop(disk);
+    let said = &ended.stderr;
+    for log in ["windows.csv", "health.jsonl"] {
+        let words = format!("{log} can not be written any more: No space left on device");
+        assert_eq!(said.matches(&words).count(), 1, "{log}:\n{said}");
+    }
+    // One window passes while the killed partition starts anew.
+    assert!(said.contains("stopped after 60.00 s") && said.contains("5999 windows"), "{said}");
+    assert!(said.contains("records are missing in logs that could not be written"), "{said}");
+}

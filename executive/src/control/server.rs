@@ -1,6 +1,6 @@
 //! The thread that talks to clients.
 //!
-//! It holds at most [`MOST_CLIENTS`] of them, one request of each, and one answer: whatever clients do, that is all the
+//! It holds at most a few of them, one request of each, and one answer: whatever clients do, that is all the
 //! memory they get. It works in rounds with a pause after each, so that a flood takes a small part of a housekeeping
 //! core and nothing else. It hands requests to the monitor through a queue and never waits for it.
 

@@ -8,7 +8,7 @@
 //!     └────time-out, death──────────────▲   └──janitor──▶ Gone (idle, stopped, no budget left)
 //! ```
 //!
-//! What an operator asks for is in [`acts`], what becomes of the dead in [`burial`].
+//! What an operator asks for is in `acts`, what becomes of the dead in `burial`.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};

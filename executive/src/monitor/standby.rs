@@ -255,7 +255,7 @@ impl Monitor {
             detail: format!("the standby {detail}"),
             recovered_ns: None,
         };
-        let _ = self.health_log.write(&entry); // a full disk must not stop the aircraft
+        self.health_log.write(&entry);
         self.tell_of_standby(place, format!("its standby {detail}, {next}"), module_ns);
         self.bury_standby(place);
     }

@@ -18,7 +18,7 @@ partition.x = { restart = {}, port.x = {}, health = {} }
 channel = [{}]
 chain = [{}]
 schedule.x = { window = [{}], change_action = {} }
-health = { partition = {}, module = {} }
+health = { partition = {}, module = {}, log = {} }
 ";
 
 /// What stands in a table that is no value.
@@ -44,6 +44,7 @@ const CHAIN: &str = "chain";
 const SCHEDULE: &str = "schedule `x`";
 const WINDOW: &str = "window";
 const HEALTH: &str = "`health`";
+const LOG: &str = "the health log";
 
 const INNER: &[(&str, &str, Inner)] = &[
     (FILE, "module", Inner::Named(MODULE)),
@@ -59,6 +60,7 @@ const INNER: &[(&str, &str, Inner)] = &[
     (SCHEDULE, "change_action", Inner::Words(change_actions)),
     (HEALTH, "partition", Inner::Words(answers::<PartitionError, PartitionAction>)),
     (HEALTH, "module", Inner::Words(answers::<ModuleError, ModuleAction>)),
+    (HEALTH, "log", Inner::Plain(LOG)),
 ];
 
 const DESCRIPTIONS: &[Described] = &[
@@ -119,6 +121,9 @@ const DESCRIPTIONS: &[Described] = &[
     (HEALTH, "silence_windows", "How many granted windows in a row a partition may leave open."),
     (HEALTH, "partition", "What is done about errors of a partition."),
     (HEALTH, "module", "What is done about errors of the module."),
+    (HEALTH, "log", "The health log that outlives the executive."),
+    (LOG, "size", "Its length on the disk, such as \"256KiB\"."),
+    (LOG, "policy", "What becomes of new entries when it is full."),
 ];
 
 /// The schema.

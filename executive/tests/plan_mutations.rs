@@ -1,4 +1,5 @@
-//! A schedule that is fine, broken in one place: the rule that guards that place answers, wherever the place is.
+//! A schedule that is fine, broken in one place: the rule that guards that place answers, wherever the place is. The
+//! JSON schema takes what is fine, and of what is broken all that is sound in its structure.
 
 // A test may be blunt: a panic is how it fails.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -7,7 +8,9 @@ mod plan_support;
 
 use std::fmt::Write;
 
+use bateleur_executive::plan::{Closed, PartitionError, schema};
 use plan_support::answer_to;
+use plan_support::schema_check::{STRUCTURAL, fault_in};
 use proptest::prelude::*;
 
 /// A valid file: partitions in a row of windows, each with a sampling channel and a chain to the next.
@@ -65,6 +68,8 @@ fn mutations(n: usize, length: u64) -> Vec<(&'static str, String, String)> {
         one("R01-memory-zero", tables("1MiB", "0B")),
         one("R04-retained-too-large", tables("memory", "retained = \"2MiB\"\nmemory")),
         one("R05-zero-time", tables("memory", "startup_timeout = \"0s\"\nmemory")),
+        one("R07-standby-memory", tables("memory", "standby = \"hot\"\nmemory")),
+        one("H10-standby-without-restart", tables("memory", &without_restart("standby = \"hot\"\nmemory"))),
         one("R06-program-missing", tables("program = \"", "program = \"nowhere/")),
         one("N01-bad-name", (format!("[partition.p{n}]"), format!("[partition.\"p {n}\"]"))),
         one("N03-unknown-partition", (window("offset"), "partition = \"nobody\", offset".to_owned())),
@@ -80,6 +85,13 @@ fn mutations(n: usize, length: u64) -> Vec<(&'static str, String, String)> {
         one("S05-bad-duration", (format!("duration = \"{length}us\""), format!("duration = \"{length}\""))),
         one("T06-major-not-multiple", ("\"80ms\"".to_owned(), "\"81ms\"".to_owned())),
     ]
+}
+
+/// What stands before `rest` in a partition that nothing restarts.
+fn without_restart(rest: &str) -> String {
+    let stops: Vec<String> =
+        PartitionError::ALL.iter().map(|error| format!("{} = \"stop\"", error.name())).collect();
+    format!("health = {{ {} }}\n{rest}", stops.join(", "))
 }
 
 /// The same for what lies between partition `n` and the next.
@@ -142,12 +154,19 @@ proptest! {
     ) {
         let text = valid(&lengths);
         prop_assert_eq!(rules(&text), Vec::<&str>::new(), "{}", text);
+        let schema = schema();
+        prop_assert_eq!(fault_in(&schema, &text), None, "{}", text);
         let n = place % lengths.len();
         let link = link_mutations(place % (lengths.len() - 1));
         for (rule, old, new) in mutations(n, lengths[n]).into_iter().chain(link) {
             prop_assert!(text.contains(&old), "{}: {}\n{}", rule, old, text);
             let broken = text.replacen(&old, &new, 1);
-            prop_assert!(rules(&broken).contains(&rule), "{} in {:?}\n{}", rule, rules(&broken), broken);
+            let found = rules(&broken);
+            prop_assert!(found.contains(&rule), "{} in {:?}\n{}", rule, found, broken);
+            // Names and ranges are not for a schema to see.
+            let structural = found.iter().any(|id| STRUCTURAL.iter().any(|rule| id.starts_with(rule)));
+            let fault = fault_in(&schema, &broken);
+            prop_assert_eq!(fault.is_some(), structural, "{}: {:?}\n{}", rule, fault, broken);
         }
     }
 }

@@ -1,7 +1,5 @@
 //! The JSON schema of the schedule file beside the reader: what the reader takes, the schema takes, and what is wrong in
 //! its structure, both refuse.
-//!
-//! The check here knows the words of JSON schema that the schema uses, and fails on any other.
 
 // A test may be blunt: a panic is how it fails.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -12,78 +10,7 @@ use std::fs;
 
 use bateleur_executive::plan::schema;
 use plan_support::repository;
-use serde_json::{Value, json};
-
-/// The first fault of `value`, with the way to it.
-fn fault(root: &Value, schema: &Value, value: &Value, at: &str) -> Option<String> {
-    let words = schema.as_object().unwrap();
-    words.iter().find_map(|(word, said)| match word.as_str() {
-        "$schema" | "$defs" | "title" | "description" => None,
-        "$ref" => {
-            let pointer = said.as_str().unwrap().strip_prefix('#').unwrap();
-            fault(root, root.pointer(pointer).expect("a reference leads somewhere"), value, at)
-        }
-        "type" => {
-            let types = said.as_array().cloned().unwrap_or_else(|| vec![said.clone()]);
-            let fits = types.iter().any(|one| is_of(value, one.as_str().unwrap()));
-            (!fits).then(|| format!("{at}: not of type {said}"))
-        }
-        "enum" => (!said.as_array().unwrap().contains(value)).then(|| format!("{at}: not one of {said}")),
-        "pattern" => {
-            let pattern = regex::Regex::new(said.as_str().unwrap()).unwrap();
-            let fits = value.as_str().is_none_or(|text| pattern.is_match(text));
-            (!fits).then(|| format!("{at}: not like {said}"))
-        }
-        "minimum" => (value.as_f64() < said.as_f64()).then(|| format!("{at}: below {said}")),
-        "maximum" => (value.as_f64() > said.as_f64()).then(|| format!("{at}: above {said}")),
-        "anyOf" => {
-            let fits = said.as_array().unwrap().iter().any(|one| fault(root, one, value, at).is_none());
-            (!fits).then(|| format!("{at}: none of {said}"))
-        }
-        "items" => {
-            let mut items = value.as_array().into_iter().flatten().enumerate();
-            items.find_map(|(n, item)| fault(root, said, item, &format!("{at}[{n}]")))
-        }
-        "required" => {
-            let table = value.as_object()?;
-            let missing =
-                said.as_array().unwrap().iter().find(|key| !table.contains_key(key.as_str().unwrap()))?;
-            Some(format!("{at}: no {missing}"))
-        }
-        "properties" => {
-            let mut inner = value.as_object()?.iter();
-            inner.find_map(|(key, inner)| fault(root, said.get(key)?, inner, &format!("{at}.{key}")))
-        }
-        "additionalProperties" => {
-            let known = |key: &str| words.get("properties").is_some_and(|known| known.get(key).is_some());
-            value.as_object()?.iter().filter(|(key, _)| !known(key)).find_map(|(key, inner)| {
-                let at = format!("{at}.{key}");
-                if said == &json!(false) {
-                    return Some(format!("{at}: no such key"));
-                }
-                fault(root, said, inner, &at)
-            })
-        }
-        other => panic!("the schema uses `{other}`, which this check does not know"),
-    })
-}
-
-fn is_of(value: &Value, name: &str) -> bool {
-    match name {
-        "string" => value.is_string(),
-        "boolean" => value.is_boolean(),
-        "integer" => value.is_i64() || value.is_u64(),
-        "number" => value.is_number(),
-        "array" => value.is_array(),
-        "object" => value.is_object(),
-        other => panic!("there is no type `{other}`"),
-    }
-}
-
-fn fault_in(schema: &Value, text: &str) -> Option<String> {
-    let document: toml::Table = toml::from_str(text).unwrap();
-    fault(schema, schema, &serde_json::to_value(document).unwrap(), "")
-}
+use plan_support::schema_check::{STRUCTURAL, fault_in};
 
 #[test]
 fn the_flight_schedule_meets_the_schema() {
@@ -93,8 +20,6 @@ fn the_flight_schedule_meets_the_schema() {
 
 #[test]
 fn what_the_schema_cannot_see_is_let_through_and_wrong_structure_is_not() {
-    // Rules about keys, types and words; those of a number's range only in part.
-    let structural = ["S02", "S03", "S04", "S05", "S06", "S08", "H01", "H02"];
     let schema = schema();
     let (mut refused, mut taken) = (0, 0);
     for entry in fs::read_dir(repository().join("tests/schedule")).unwrap() {
@@ -111,7 +36,7 @@ fn what_the_schema_cannot_see_is_let_through_and_wrong_structure_is_not() {
             continue; // the others are no TOML
         }
         let fault = fault_in(&schema, &text);
-        if breaks(&structural) {
+        if breaks(STRUCTURAL) {
             assert!(fault.is_some(), "{} breaks {rules:?}, and the schema takes it", path.display());
             refused += 1;
         } else if !breaks(&["S07"]) {

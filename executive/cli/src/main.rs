@@ -104,6 +104,10 @@ fn main() -> ExitCode {
 }
 
 #[cfg(test)]
+#[path = "../../tests/plan_support/schema_check.rs"]
+mod schema_check;
+
+#[cfg(test)]
 mod tests {
     use clap::CommandFactory;
 

@@ -90,6 +90,8 @@ rules! {
         "A limit of no time is over before anything can happen."
     PROGRAM_MISSING: Warning "R06-program-missing" "partition_program_missing"
         "A partition whose program cannot be started stops the whole module at its start."
+    STANDBY_MEMORY: Note "R07-standby-memory" "partition_standby_memory"
+        "Each of the two processes has the partition's memory for itself, and the machine has to have it twice."
 
     ZERO_DURATION: Error "T01-zero-duration" "window_zero_duration"
         "A window without length runs nothing."
@@ -215,4 +217,6 @@ rules! {
         "An overrun is the error that a schedule makes by itself: what it means has to be decided, even if it is ignored."
     DEADLINE_TOO_LONG: Error "H09-deadline-too-long" "health_deadline_too_long"
         "A window ends by itself: a deadline after its end could never be the first to be missed."
+    STANDBY_WITHOUT_RESTART: Warning "H10-standby-without-restart" "health_standby_without_restart"
+        "Only a restart becomes a takeover: the second process waits for what never happens."
 }

@@ -88,7 +88,7 @@ pub struct Step {
 pub struct ModuleMemory {
     /// The module.
     pub module: String,
-    /// The sum of `memory`, in bytes.
+    /// The sum of `memory`, in bytes; twice that of a partition with a standby.
     pub memory_bytes: u64,
 }
 
@@ -110,7 +110,7 @@ impl Facts {
 
 fn memory(plan: &Plan, module: ModuleId) -> ModuleMemory {
     let mine = plan.partitions.iter().filter(|partition| partition.module == module);
-    let memory_bytes = mine.fold(0_u64, |sum, partition| sum.saturating_add(partition.memory_bytes));
+    let memory_bytes = mine.fold(0_u64, |sum, partition| sum.saturating_add(partition.all_memory_bytes()));
     ModuleMemory { module: plan[module].name.clone(), memory_bytes }
 }
 

@@ -128,6 +128,14 @@ pub struct Partition {
     pub ports: Vec<PortId>,
 }
 
+impl Partition {
+    /// The most memory that all its processes may use: one that stands by has as much as the one in office.
+    #[must_use]
+    pub fn all_memory_bytes(&self) -> u64 {
+        self.memory_bytes.saturating_mul(if self.standby.is_some() { 2 } else { 1 })
+    }
+}
+
 /// When and how often a partition may start again.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Restart {

@@ -3,6 +3,8 @@
 // Each test file uses a part of it.
 #![allow(dead_code)]
 
+pub(crate) mod schema_check;
+
 use std::path::PathBuf;
 
 use bateleur_executive::plan::{MessageCatalogue, Plan, Programs, Report, Surroundings, check_among};

@@ -23,6 +23,7 @@ pub(super) fn check(cx: &Context<'_>) {
         warm(cx, partition);
         warm_answers(cx, partition);
         budget(cx, partition);
+        standby(cx, partition);
         deadline(cx, partition);
     }
 }
@@ -134,12 +135,26 @@ fn deadline(cx: &Context<'_>, partition: &RawPartition) {
 
 fn budget(cx: &Context<'_>, partition: &RawPartition) {
     let Some(budget) = partition.restart.budget.said().filter(|budget| budget.value == 0) else { return };
-    let restarts = |&error: &PartitionError| {
-        let action = effective_action(cx.file, partition, error);
-        matches!(action, PartitionAction::WarmRestart | PartitionAction::ColdRestart)
-    };
-    let Some(error) = PartitionError::ALL.iter().find(|error| restarts(error)) else { return };
+    let Some(error) = answered_by_restart(cx, partition) else { return };
     let message = format!("`{error}` restarts `{}`, but its budget is zero", partition.name.value);
     let mend = "allow some restarts, or choose `idle` or `stop` for its errors";
     cx.note(&catalogue::RESTART_WITHOUT_BUDGET, &budget.span, message, mend);
+}
+
+fn standby(cx: &Context<'_>, partition: &RawPartition) {
+    let Some(standby) = partition.standby.said() else { return };
+    if answered_by_restart(cx, partition).is_none() {
+        let message = format!("`{}` has a standby, and none of its errors restarts it", partition.name.value);
+        let mend = "answer an error by a restart, such as `killed = \"cold_restart\"`, or remove `standby`";
+        cx.note(&catalogue::STANDBY_WITHOUT_RESTART, &standby.span, message, mend);
+    }
+}
+
+/// An error after which a partition is started again, if there is one.
+fn answered_by_restart(cx: &Context<'_>, partition: &RawPartition) -> Option<PartitionError> {
+    let restarts = |error: &PartitionError| {
+        let action = effective_action(cx.file, partition, *error);
+        matches!(action, PartitionAction::WarmRestart | PartitionAction::ColdRestart)
+    };
+    PartitionError::ALL.iter().copied().find(restarts)
 }

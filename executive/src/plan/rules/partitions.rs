@@ -21,6 +21,7 @@ pub(super) fn check(cx: &Context<'_>) {
         cx.in_range("priority", &partition.priority, 1, HIGHEST_PRIORITY);
         devices(cx, partition);
         program(cx, partition);
+        standby_memory(cx, partition);
         not_zero(cx, "startup_timeout", &partition.startup_timeout);
         not_zero(cx, "deadline", &partition.deadline);
         not_zero(cx, "within", &partition.restart.within);
@@ -53,6 +54,16 @@ fn memory(cx: &Context<'_>, partition: &RawPartition) {
         let finding = Finding::new(&catalogue::RETAINED_TOO_LARGE, &retained.span, message, mend);
         cx.add(finding.also(&memory.span, "all its memory"));
     }
+}
+
+fn standby_memory(cx: &Context<'_>, partition: &RawPartition) {
+    let (Some(standby), Some(memory)) = (partition.standby.said(), partition.memory.said()) else { return };
+    let (once, twice) = (ShowSize(memory.value.0), ShowSize(memory.value.0.saturating_mul(2)));
+    let message =
+        format!("the two processes of `{}` may use {twice} together, {once} each", partition.name.value);
+    let mend = "nothing is to be mended as long as the machine has it";
+    let finding = Finding::new(&catalogue::STANDBY_MEMORY, &standby.span, message, mend);
+    cx.add(finding.also(&memory.span, "of each process"));
 }
 
 fn not_zero(cx: &Context<'_>, what: &str, time: &Field<Nanoseconds>) {

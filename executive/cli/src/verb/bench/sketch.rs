@@ -92,16 +92,19 @@ fn add_partition(text: &mut String, place: usize, partition: &Sketched, links: &
 mod tests {
     use super::*;
     use crate::plan_file;
+    use crate::schema_check::fault_in;
 
     #[test]
-    fn a_generated_schedule_breaks_no_rule() {
-        let ring: Vec<Sketched> = (0..3)
+    fn a_generated_schedule_breaks_no_rule_and_meets_the_schema() {
+        let mut ring: Vec<Sketched> = (0..3)
             .map(|number| Sketched::new(format!("p{number}"), "fill", &[(number * 300, 300)]))
             .collect();
+        ring[0].more = "standby = \"hot\"".into();
         let links: Vec<Link> = (0..3).map(|number| Link { from: number, to: (number + 1) % 3 }).collect();
         let text = schedule(1, 1000, &ring, &links);
         let plan = plan_file::read_text("generated", &text);
         let plan = plan.map_err(|report| report.render(false)).unwrap();
         assert_eq!((plan.partitions.len(), plan.channels.len()), (3, 3));
+        assert_eq!(fault_in(&bateleur_executive::plan::schema(), &text), None, "{text}");
     }
 }

@@ -30,7 +30,7 @@ enum Verb {
     Completions(verb::completions::Arguments),
     Doctor(verb::doctor::Arguments),
     Export(verb::export::Arguments),
-    Fly(verb::fly::Arguments),
+    Fly(Box<verb::fly::Arguments>),
     Ground(verb::ground::Arguments),
     Health(verb::health::Arguments),
     /// Kill a partition of a running module; its health table says what follows.

@@ -4,7 +4,7 @@
 //! per rad. The fields are public so that a Monte-Carlo run can vary them; [`Airframe::check`] tells whether the result
 //! still makes sense.
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Why an airframe text was refused.
@@ -28,7 +28,7 @@ pub enum AirframeError {
 }
 
 /// All that distinguishes one aircraft from another.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Airframe {
     /// Name for people.
@@ -50,7 +50,7 @@ pub struct Airframe {
 }
 
 /// Mass and moments of inertia about the centre of gravity; I_xy and I_yz are zero by symmetry.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mass {
     /// Mass, kg.
@@ -66,7 +66,7 @@ pub struct Mass {
 }
 
 /// Reference lengths of the aerodynamic coefficients.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Geometry {
     /// Wing area, m².
@@ -78,7 +78,7 @@ pub struct Geometry {
 }
 
 /// Coefficients named effect first, cause second: `roll_aileron` is what books call C_lδa. Per rad.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Aerodynamics {
     /// C_L0.
@@ -140,7 +140,7 @@ pub struct Aerodynamics {
 }
 
 /// Source of thrust. The throttle acts through a first-order lag; the shaft speed follows at once.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Propulsion {
     /// Direct-current motor: the throttle scales the voltage.
@@ -174,7 +174,7 @@ pub enum Propulsion {
 }
 
 /// Thrust and torque coefficients as parabolas in the advance ratio.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Propeller {
     /// Diameter, m.
@@ -194,7 +194,7 @@ pub struct Propeller {
 }
 
 /// Surface actuators, the same for all three axes.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Servo {
     /// Corner frequency of the first-order lag, rad/s.
@@ -212,7 +212,7 @@ pub struct Servo {
 }
 
 /// Ground contact: three wheels, and four points of the structure that should not touch.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gear {
     /// Right main wheel where it touches, body axes, m; the left one is its mirror image.

@@ -3,6 +3,7 @@
 use crate::aerodynamics::{self, AirData, Surfaces};
 use crate::airframe::Airframe;
 use crate::atmosphere::{self, GRAVITY_MPS2};
+use crate::fault::Actuation;
 use crate::gear::GroundContact;
 use crate::propulsion::{self, Thrust};
 use crate::rigid_body::{Loads, RigidBody, RigidState, StepMean};
@@ -133,8 +134,8 @@ impl Aircraft {
     }
 
     /// One step of [`STEP_S`].
-    pub(crate) fn step(&mut self, controls: &Controls, air: &AirMotion) -> StepMean {
-        self.actuators.step(controls);
+    pub(crate) fn step(&mut self, controls: &Controls, air: &AirMotion, wrong: &Actuation) -> StepMean {
+        self.actuators.step(controls, wrong);
         if self.crashed {
             return self.lying();
         }

@@ -21,6 +21,9 @@ pub(crate) enum Source {
     BarometerDrift = 11,
     GpsPosition = 12,
     GpsVelocity = 13,
+    GpsMissed = 14,
+    GpsOutage = 15,
+    LostFrames = 16,
 }
 
 /// One stream.
@@ -32,6 +35,21 @@ impl Noise {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(source as u64);
         Self(rng)
+    }
+
+    /// A stream that belongs to a name, so that a name more or less never shifts another.
+    pub(crate) fn named(seed: u64, name: &str) -> Self {
+        // FNV-1a; the highest bit keeps clear of the numbers above.
+        let mix = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
+        let hash = name.bytes().fold(0xcbf2_9ce4_8422_2325, mix);
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(hash | 1 << 63);
+        Self(rng)
+    }
+
+    /// Even between 0 and 1.
+    pub(crate) fn unit(&mut self) -> f64 {
+        0.5 * (self.within(1.0) + 1.0)
     }
 
     /// Normal, mean 0, deviation 1.
@@ -53,10 +71,8 @@ impl Noise {
         unit * limit.max(0.0)
     }
 
-    /// Three of them.
-    pub(crate) fn within3(&mut self, limit: f64) -> Vector3<f64> {
-        let x = self.within(limit);
-        let y = self.within(limit);
-        Vector3::new(x, y, self.within(limit))
+    /// Three of them, each with a limit of its own.
+    pub(crate) fn within3(&mut self, limits: [f64; 3]) -> Vector3<f64> {
+        Vector3::from(limits.map(|limit| self.within(limit)))
     }
 }

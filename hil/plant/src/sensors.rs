@@ -6,23 +6,28 @@
 
 use crate::STEP_S;
 use crate::atmosphere::{self, GRAVITY_MPS2};
+use crate::fault::Wrongs;
 use crate::geodesy::{Geodetic, LocalFrame};
 use crate::noise::{Noise, Source};
 use crate::rigid_body::{RigidState, StepMean};
 use nalgebra::{Matrix3, Vector3};
+use serde::Deserialize;
 
 /// Magnetic field at the runway at the beginning of 2026, NED, gauss: declination −26.90°, inclination −64.59°.
 pub const MAGNETIC_FIELD_NED_GAUSS: [f64; 3] = [0.095_84, -0.048_61, -0.226_24];
 /// Interval to which the noise of accelerometer and gyroscope refers, s. A mean over longer is quieter by the root.
 pub const NOISE_INTERVAL_S: f64 = 0.02;
 
-/// Size of every error. Zero switches one off.
-#[derive(Clone, Debug, PartialEq)]
+/// Size of every error. Zero switches one off. As a TOML text, what is not named stays at its default.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(default, deny_unknown_fields)]
 pub struct SensorErrors {
     /// Noise of a 20 ms mean, per axis, m/s². Default 0.0025 g.
     pub accelerometer_noise_mps2: f64,
-    /// Turn-on bias, even within ± this per axis, m/s². Default 50 mg (MPU-6000 x and y axes).
+    /// Turn-on bias forward and right, even within ± this, m/s². Default 50 mg (MPU-6000, x and y).
     pub accelerometer_bias_max_mps2: f64,
+    /// The same down, m/s². Default 80 mg (MPU-6000, z).
+    pub accelerometer_bias_down_max_mps2: f64,
     /// Scale error, even within ± this per axis. Default 0.2 % after calibration; the bare part has 3 %.
     pub accelerometer_scale_max: f64,
     /// Noise of a 20 ms mean, per axis, rad/s. Default 0.13°/s.
@@ -52,7 +57,8 @@ pub struct SensorErrors {
 }
 
 /// Errors of the satellite receiver.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(default, deny_unknown_fields)]
 pub struct GpsErrors {
     /// Fixes per second, 1 to 10; rounded to a whole number of plant steps. Default 5.
     pub rate_hz: f64,
@@ -68,6 +74,12 @@ pub struct GpsErrors {
     pub slow_starts_spread: bool,
     /// Noise of each component of the velocity, m/s. Default 0.05.
     pub velocity_noise_mps: f64,
+    /// Share of the fixes that are never delivered, each by itself. Default 0.5 %.
+    pub missed: f64,
+    /// Mean time between outages, s; zero: there are none. Default 1200.
+    pub outage_every_s: f64,
+    /// Mean length of an outage, s; each has between half and one and a half of it. Default 2.
+    pub outage_s: f64,
 }
 
 impl Default for SensorErrors {
@@ -77,6 +89,7 @@ impl Default for SensorErrors {
         Self {
             accelerometer_noise_mps2: 0.0025 * GRAVITY_MPS2,
             accelerometer_bias_max_mps2: 0.05 * GRAVITY_MPS2,
+            accelerometer_bias_down_max_mps2: 0.08 * GRAVITY_MPS2,
             accelerometer_scale_max: 0.002,
             gyroscope_noise_radps: 0.13 * degree,
             gyroscope_bias_max_radps: degree,
@@ -104,6 +117,9 @@ impl Default for GpsErrors {
             slow_step_vertical_m: 0.40,
             slow_starts_spread: true,
             velocity_noise_mps: 0.05,
+            missed: 0.005,
+            outage_every_s: 1200.0,
+            outage_s: 2.0,
         }
     }
 }
@@ -114,6 +130,7 @@ impl SensorErrors {
         Self {
             accelerometer_noise_mps2: 0.0,
             accelerometer_bias_max_mps2: 0.0,
+            accelerometer_bias_down_max_mps2: 0.0,
             accelerometer_scale_max: 0.0,
             gyroscope_noise_radps: 0.0,
             gyroscope_bias_max_radps: 0.0,
@@ -130,10 +147,20 @@ impl SensorErrors {
                 slow_step_horizontal_m: 0.0,
                 slow_step_vertical_m: 0.0,
                 velocity_noise_mps: 0.0,
+                missed: 0.0,
+                outage_every_s: 0.0,
                 ..GpsErrors::default()
             },
             ..Self::default()
         }
+    }
+
+    /// Reads errors from TOML text.
+    ///
+    /// # Errors
+    /// When it is no TOML, or a key is unknown or no number; the message names line and column.
+    pub fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
+        toml::from_str(text)
     }
 
     /// The bare parts as their data sheet (MPU-6000) allows them: 3 % scale, 2 % cross-axis, 20°/s.
@@ -210,7 +237,8 @@ struct Triad {
 }
 
 impl Triad {
-    fn draw(draws: &mut Noise, scale: f64, cross: f64, bias: f64, noise: f64) -> Self {
+    /// `bias` is the greatest one on each axis.
+    fn draw(draws: &mut Noise, scale: f64, cross: f64, bias: [f64; 3], noise: f64) -> Self {
         let mut matrix = Matrix3::identity();
         for row in 0..3 {
             for column in 0..3 {
@@ -220,8 +248,9 @@ impl Triad {
         Self { matrix, bias: draws.within3(bias), noise }
     }
 
-    fn measure(&self, truth: &Vector3<f64>, gaussian: Vector3<f64>) -> Vector3<f64> {
-        self.matrix * truth + self.bias + gaussian * self.noise
+    /// `shift` is added to the bias of each axis.
+    fn measure(&self, truth: &Vector3<f64>, gaussian: Vector3<f64>, shift: f64) -> Vector3<f64> {
+        self.matrix * truth + self.bias + gaussian * self.noise + Vector3::repeat(shift)
     }
 }
 
@@ -238,6 +267,7 @@ struct Gps {
     slow: [GaussMarkov; 3],
     position_source: Noise,
     velocity_source: Noise,
+    gaps: Gaps,
     waiting: [(u64, GpsFix); FIXES],
     measured: u64,
     delivered: u64,
@@ -265,6 +295,7 @@ impl Gps {
             slow: slow.map(|(process, _)| process),
             position_source,
             velocity_source: Noise::new(seed, Source::GpsVelocity),
+            gaps: Gaps::new(seed, e, interval),
             waiting: [(0, GpsFix::default()); FIXES],
             measured: 0,
             delivered: 0,
@@ -275,7 +306,7 @@ impl Gps {
         Vector3::new(self.slow[0].value, self.slow[1].value, self.slow[2].value)
     }
 
-    fn step(&mut self, step: u64, state: &RigidState, frame: &LocalFrame) {
+    fn step(&mut self, step: u64, state: &RigidState, frame: &LocalFrame, wrongs: &Wrongs) {
         if !step.is_multiple_of(self.every) {
             return;
         }
@@ -283,30 +314,63 @@ impl Gps {
         for (axis, process) in self.slow.iter_mut().enumerate() {
             process.step(drive[axis]);
         }
-        let position = state.position + self.slow_error();
+        let position = state.position + self.slow_error() + Vector3::new(wrongs.gps_shift_m, 0.0, 0.0);
         let fix = GpsFix {
             measured_at_s: step as f64 * STEP_S,
             geodetic: frame.to_geodetic(&position),
             position_ned_m: position,
             velocity_ned_mps: state.velocity + self.velocity_source.gaussian3() * self.velocity_noise,
         };
-        self.waiting[(self.measured % FIXES as u64) as usize] = (step + self.latency, fix);
+        // Drawn always, so that a fault does not shift what follows.
+        if self.gaps.swallow(fix.measured_at_s) || wrongs.gps_lost {
+            return;
+        }
+        let late = (wrongs.gps_late_s / STEP_S).round() as u64;
+        self.waiting[(self.measured % FIXES as u64) as usize] = (step + self.latency + late, fix);
         self.measured += 1;
     }
 
     /// The newest fix that has arrived and was not given yet; older ones it overtakes are dropped.
     fn take(&mut self, step: u64) -> Option<GpsFix> {
-        let mut newest = None;
-        self.delivered = self.delivered.max(self.measured.saturating_sub(FIXES as u64));
-        while self.delivered < self.measured {
-            let (due, fix) = self.waiting[(self.delivered % FIXES as u64) as usize];
-            if due > step {
-                break;
-            }
-            newest = Some(fix);
-            self.delivered += 1;
+        let first = self.delivered.max(self.measured.saturating_sub(FIXES as u64));
+        let place = |fix: u64| (fix % FIXES as u64) as usize;
+        let newest = (first..self.measured).rev().find(|fix| self.waiting[place(*fix)].0 <= step)?;
+        self.delivered = newest + 1;
+        Some(self.waiting[place(newest)].1)
+    }
+}
+
+/// Fixes that never come: single ones, and all of an outage.
+#[derive(Clone, Debug)]
+struct Gaps {
+    missed: f64,
+    /// Chance that an outage begins between two fixes.
+    begins: f64,
+    outage_s: f64,
+    until_s: f64,
+    single: Noise,
+    outages: Noise,
+}
+
+impl Gaps {
+    fn new(seed: u64, e: &GpsErrors, interval_s: f64) -> Self {
+        Self {
+            missed: e.missed,
+            begins: if e.outage_every_s > 0.0 { interval_s / e.outage_every_s } else { 0.0 },
+            outage_s: e.outage_s.max(0.0),
+            until_s: 0.0,
+            single: Noise::new(seed, Source::GpsMissed),
+            outages: Noise::new(seed, Source::GpsOutage),
         }
-        newest
+    }
+
+    /// Whether the fix of a time, s, is lost.
+    fn swallow(&mut self, time_s: f64) -> bool {
+        let (begins, length) = (self.outages.unit() < self.begins, 0.5 + self.outages.unit());
+        if begins && time_s >= self.until_s {
+            self.until_s = time_s + self.outage_s * length;
+        }
+        self.single.unit() < self.missed || time_s < self.until_s
     }
 }
 
@@ -317,6 +381,7 @@ pub(crate) struct Instant<'a> {
     pub(crate) specific_force: Vector3<f64>,
     pub(crate) airspeed_mps: f64,
     pub(crate) density: f64,
+    pub(crate) wrongs: Wrongs,
 }
 
 /// All sensors of one aircraft.
@@ -332,9 +397,27 @@ pub(crate) struct SensorSuite {
     gps: Gps,
     frame: LocalFrame,
     elevation_m: f64,
+    blocked: Blocked,
     sources: Sources,
     sum: StepMean,
     steps: u32,
+}
+
+/// Pressures that are shut in, Pa: behind the static ports, and in the pitot.
+#[derive(Clone, Copy, Debug, Default)]
+struct Blocked {
+    static_pa: Option<f64>,
+    total_pa: Option<f64>,
+}
+
+impl Blocked {
+    /// What the sensors feel of the true pressures.
+    fn felt(&mut self, static_pa: f64, total_pa: f64, wrongs: &Wrongs) -> (f64, f64) {
+        let hold = |shut: bool, held: Option<f64>, now: f64| shut.then(|| held.unwrap_or(now));
+        self.static_pa = hold(wrongs.static_blocked, self.static_pa, static_pa);
+        self.total_pa = hold(wrongs.pitot_blocked, self.total_pa, total_pa);
+        (self.static_pa.unwrap_or(static_pa), self.total_pa.unwrap_or(total_pa))
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -345,6 +428,7 @@ struct Sources {
     static_pressure: Noise,
     differential_pressure: Noise,
     barometer: Noise,
+    lost_frames: Noise,
 }
 
 impl Sources {
@@ -356,6 +440,7 @@ impl Sources {
             static_pressure: Noise::new(seed, Source::StaticPressure),
             differential_pressure: Noise::new(seed, Source::DifferentialPressure),
             barometer: Noise::new(seed, Source::BarometerDrift),
+            lost_frames: Noise::new(seed, Source::LostFrames),
         }
     }
 }
@@ -368,7 +453,9 @@ impl SensorSuite {
         let mut draws = Noise::new(seed, Source::Biases);
         let mut sources = Sources::new(seed);
         let cross = e.cross_axis_max;
-        let (force_bias, rate_bias) = (e.accelerometer_bias_max_mps2, e.gyroscope_bias_max_radps);
+        let along = e.accelerometer_bias_max_mps2;
+        let force_bias = [along, along, e.accelerometer_bias_down_max_mps2];
+        let rate_bias = [e.gyroscope_bias_max_radps; 3];
         let (force_noise, rate_noise) = (e.accelerometer_noise_mps2, e.gyroscope_noise_radps);
         let mut barometer = GaussMarkov::new(
             1.0 / e.barometer_bias_time_s.max(1e-3),
@@ -383,7 +470,7 @@ impl SensorSuite {
                 &mut draws,
                 0.0,
                 0.0,
-                e.magnetometer_bias_max_gauss,
+                [e.magnetometer_bias_max_gauss; 3],
                 e.magnetometer_noise_gauss,
             ),
             pitot_bias_pa: draws.within(e.differential_pressure_bias_max_pa),
@@ -393,6 +480,7 @@ impl SensorSuite {
             gps: Gps::new(seed, &e.gps),
             frame: LocalFrame::new(elevation_m),
             elevation_m,
+            blocked: Blocked::default(),
             sources,
             sum: StepMean::default(),
             steps: 0,
@@ -400,11 +488,11 @@ impl SensorSuite {
     }
 
     /// Follows the aircraft through one plant step.
-    pub(crate) fn follow(&mut self, step: u64, mean: &StepMean, state: &RigidState) {
+    pub(crate) fn follow(&mut self, step: u64, mean: &StepMean, state: &RigidState, wrongs: &Wrongs) {
         self.sum.specific_force += mean.specific_force;
         self.sum.rates += mean.rates;
         self.steps += 1;
-        self.gps.step(step, state, &self.frame);
+        self.gps.step(step, state, &self.frame, wrongs);
         if step.is_multiple_of(BAROMETER_STEPS) {
             self.barometer.step(self.sources.barometer.gaussian());
         }
@@ -431,21 +519,35 @@ impl SensorSuite {
         let (force, rates) = self.means(now);
         // Before time has passed the noise is that of one plant step, not infinite.
         let louder = (NOISE_INTERVAL_S / interval_s.max(STEP_S)).sqrt();
+        let wrongs = &now.wrongs;
         let field = now.state.attitude.inverse() * Vector3::from(MAGNETIC_FIELD_NED_GAUSS);
+        let (static_pressure_pa, differential_pressure_pa) = self.pressures(now);
         let s = &mut self.sources;
+        let force_noise = s.accelerometer.gaussian3() * louder;
+        let rate_noise = s.gyroscope.gaussian3() * louder;
+        let field_noise = s.magnetometer.gaussian3();
+        let lost = s.lost_frames.unit() < wrongs.frames_lost;
         let set = SensorSet {
             time_s: now.step as f64 * STEP_S,
             interval_s,
-            accelerometer_mps2: self.accelerometer.measure(&force, s.accelerometer.gaussian3() * louder),
-            gyroscope_radps: self.gyroscope.measure(&rates, s.gyroscope.gaussian3() * louder),
-            magnetometer_gauss: self.magnetometer.measure(&field, s.magnetometer.gaussian3()),
-            static_pressure_pa: self.static_pressure(now.state.position.z),
-            differential_pressure_pa: self.differential_pressure(now),
+            accelerometer_mps2: self.accelerometer.measure(
+                &force,
+                force_noise,
+                wrongs.accelerometer_shift_mps2,
+            ),
+            gyroscope_radps: self.gyroscope.measure(&rates, rate_noise, wrongs.gyroscope_shift_radps),
+            magnetometer_gauss: self.magnetometer.measure(
+                &field,
+                field_noise,
+                wrongs.magnetometer_shift_gauss + missing(wrongs.magnetometer_lost),
+            ),
+            static_pressure_pa,
+            differential_pressure_pa: differential_pressure_pa + missing(wrongs.pitot_lost),
             gps: self.gps.take(now.step),
         };
         self.sum = StepMean::default();
         self.steps = 0;
-        set
+        if lost { set.lost() } else { set }
     }
 
     fn means(&self, now: &Instant<'_>) -> (Vector3<f64>, Vector3<f64>) {
@@ -456,14 +558,39 @@ impl SensorSuite {
         (self.sum.specific_force / count, self.sum.rates / count)
     }
 
-    fn static_pressure(&mut self, down_m: f64) -> f64 {
-        let apparent = self.elevation_m - down_m + self.barometer.value;
-        let noise = self.static_noise_pa * self.sources.static_pressure.gaussian();
-        atmosphere::air(apparent).pressure_pa + noise
+    /// Static pressure and pitot minus static, as measured, Pa.
+    fn pressures(&mut self, now: &Instant<'_>) -> (f64, f64) {
+        let apparent = self.elevation_m - now.state.position.z + self.barometer.value;
+        let outside_pa = atmosphere::air(apparent).pressure_pa;
+        let ram_pa = 0.5 * now.density * now.airspeed_mps * now.airspeed_mps;
+        let static_noise = self.static_noise_pa * self.sources.static_pressure.gaussian();
+        let pitot_noise = self.pitot_noise_pa * self.sources.differential_pressure.gaussian();
+        let (static_pa, total_pa) = self.blocked.felt(outside_pa, outside_pa + ram_pa, &now.wrongs);
+        // Without a fault the difference is taken as it is: the sum of two large numbers would cost digits.
+        let shut = now.wrongs.static_blocked || now.wrongs.pitot_blocked;
+        let difference_pa = if shut { total_pa - static_pa } else { ram_pa };
+        (static_pa + static_noise, difference_pa + self.pitot_bias_pa + pitot_noise)
     }
+}
 
-    fn differential_pressure(&mut self, now: &Instant<'_>) -> f64 {
-        let noise = self.pitot_noise_pa * self.sources.differential_pressure.gaussian();
-        0.5 * now.density * now.airspeed_mps * now.airspeed_mps + self.pitot_bias_pa + noise
+/// What makes a value none at all.
+fn missing(is_missing: bool) -> f64 {
+    if is_missing { f64::NAN } else { 0.0 }
+}
+
+impl SensorSet {
+    /// What is left of a set that was lost on its way: its time.
+    fn lost(self) -> Self {
+        let nothing = Vector3::repeat(f64::NAN);
+        Self {
+            time_s: self.time_s,
+            interval_s: 0.0,
+            accelerometer_mps2: nothing,
+            gyroscope_radps: nothing,
+            magnetometer_gauss: nothing,
+            static_pressure_pa: f64::NAN,
+            differential_pressure_pa: f64::NAN,
+            gps: None,
+        }
     }
 }

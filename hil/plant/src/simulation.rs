@@ -3,6 +3,7 @@
 use crate::aerodynamics::Surfaces;
 use crate::airframe::{Airframe, AirframeError};
 use crate::dynamics::{Aircraft, Model};
+use crate::fault::{PlannedFault, Wrongs};
 use crate::geodesy::{Geodetic, LocalFrame};
 use crate::sensors::{Instant, SensorErrors, SensorSet, SensorSuite};
 use crate::trim::{self, TrimError};
@@ -56,6 +57,8 @@ pub struct Conditions {
     pub angular_gusts: bool,
     /// Errors of the sensors.
     pub sensors: SensorErrors,
+    /// What goes wrong, and when. Default nothing.
+    pub faults: Vec<PlannedFault>,
     /// Height of the runway above mean sea level, m. Default 0: the seed project names none.
     pub runway_elevation_m: f64,
     /// Heading of an aircraft parked on the runway, rad. Default 0, north.
@@ -71,6 +74,7 @@ impl Default for Conditions {
             turbulence: Turbulence::Calm,
             angular_gusts: true,
             sensors: SensorErrors::default(),
+            faults: Vec::new(),
             runway_elevation_m: 0.0,
             runway_heading_rad: 0.0,
         }
@@ -177,6 +181,7 @@ pub struct Simulation {
     wind: Wind,
     air: AirMotion,
     sensors: SensorSuite,
+    faults: Vec<PlannedFault>,
     frame: LocalFrame,
     step: u64,
 }
@@ -226,6 +231,7 @@ impl Simulation {
             air,
             wind,
             sensors: SensorSuite::new(conditions.seed, &conditions.sensors, elevation),
+            faults: conditions.faults.clone(),
             frame: LocalFrame::new(elevation),
             step: 0,
         }
@@ -235,11 +241,19 @@ impl Simulation {
     /// cut into calls does not change the flight.
     pub fn advance(&mut self, controls: Controls, dt_s: f64) {
         for _ in 0..(dt_s / STEP_S).round() as u64 {
+            let wrongs = self.wrongs();
             self.air = self.wind.step(&self.passage(), STEP_S);
-            let mean = self.aircraft.step(&controls, &self.air);
+            self.air.velocity_ned += wrongs.gust_ned_mps;
+            self.air.gust_ned += wrongs.gust_ned_mps;
+            let mean = self.aircraft.step(&controls, &self.air, &wrongs.actuation);
             self.step += 1;
-            self.sensors.follow(self.step, &mean, self.aircraft.state());
+            let wrongs = self.wrongs();
+            self.sensors.follow(self.step, &mean, self.aircraft.state(), &wrongs);
         }
+    }
+
+    fn wrongs(&self) -> Wrongs {
+        Wrongs::at(&self.faults, self.time_s())
     }
 
     fn passage(&self) -> Passage {
@@ -251,7 +265,8 @@ impl Simulation {
         }
     }
 
-    /// Samples the sensors. Inertial values are means since the last call; a fix is given once.
+    /// Samples the sensors. Inertial values are means since the last call; a fix is given once. What a faulty sensor does
+    /// not give is not a number; a set that is lost has an interval of zero.
     pub fn sensors(&mut self) -> SensorSet {
         let state = self.aircraft.state();
         let now = Instant {
@@ -260,6 +275,7 @@ impl Simulation {
             specific_force: self.aircraft.specific_force(&self.air),
             airspeed_mps: (state.velocity - self.air.velocity_ned).norm(),
             density: self.aircraft.model().density(&state.position),
+            wrongs: self.wrongs(),
         };
         self.sensors.sample(&now)
     }

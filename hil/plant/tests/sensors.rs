@@ -145,7 +145,7 @@ fn a_fix_comes_five_times_a_second_120_ms_late_and_once() {
 
 #[test]
 fn latency_longer_than_the_interval_loses_no_fix() {
-    let gps = GpsErrors { latency_s: 0.25, ..GpsErrors::default() };
+    let gps = GpsErrors { latency_s: 0.25, ..SensorErrors::none().gps };
     let (mut plant, controls) = flying(SensorErrors { gps, ..SensorErrors::none() });
     let count = (0..500).filter(|_| {
         plant.advance(controls, 0.02);
@@ -198,4 +198,27 @@ fn slow_error_grows_by_its_step_in_a_second() {
         })
         .collect();
     assert!((statistics(&grown).1 / 0.21 - 1.0).abs() < 0.12, "{}", statistics(&grown).1);
+}
+
+#[test]
+fn fixes_are_missed_and_outages_come_as_often_as_asked_for() {
+    let fixes = |gps: GpsErrors, seconds: usize| {
+        let mut plant = parked(21, SensorErrors { gps, ..SensorErrors::none() });
+        let mut times = Vec::new();
+        for _ in 0..seconds * 5 {
+            plant.advance(Controls::default(), 0.2);
+            times.extend(plant.sensors().gps.map(|fix| fix.measured_at_s));
+        }
+        times
+    };
+    let some = GpsErrors { missed: 0.1, ..SensorErrors::none().gps };
+    let share = 1.0 - fixes(some, 1000).len() as f64 / 5000.0;
+    assert!((share - 0.1).abs() < 0.015, "{share} of the fixes are missed");
+    let outages = GpsErrors { outage_every_s: 50.0, outage_s: 4.0, ..SensorErrors::none().gps };
+    let times = fixes(outages, 5000);
+    let gaps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).filter(|gap| *gap > 0.3).collect();
+    // One begins every 50 s of fixes, each lasts 2 to 6 s, and the next fix comes up to 0.2 s later.
+    let (mean, _) = statistics(&gaps);
+    assert!((75..115).contains(&gaps.len()), "{} outages", gaps.len());
+    assert!((mean - 4.1).abs() < 0.4 && gaps.iter().all(|gap| (2.0..6.3).contains(gap)), "{mean}");
 }

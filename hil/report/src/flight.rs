@@ -57,6 +57,10 @@ pub struct Conditions {
     pub wind_mps: f64,
     /// Level of turbulence asked for.
     pub turbulence: String,
+    /// Faults of sensors, actuators and air that were asked for.
+    pub faults: Vec<String>,
+    /// How sensors and aircraft differed from the usual ones.
+    pub variation: Vec<String>,
 }
 
 /// A flight in memory.
@@ -139,7 +143,10 @@ impl Flight {
         match truth::read_with_header(path) {
             Ok((header, records)) => {
                 let (wind_mps, turbulence) = (header.wind_speed_mps, header.turbulence);
-                self.conditions = Some(Conditions { airframe: header.airframe, wind_mps, turbulence });
+                let sensors = header.sensors.map(|choice| format!("sensors {choice}"));
+                let variation = sensors.into_iter().chain(header.plant).collect();
+                let (airframe, faults) = (header.airframe, header.faults);
+                self.conditions = Some(Conditions { airframe, wind_mps, turbulence, faults, variation });
                 self.truth = records;
             }
             Err(error) => self.notes.push(format!("no score against the truth: {error}")),

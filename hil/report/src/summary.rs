@@ -54,6 +54,12 @@ pub struct Conditions {
     pub airframe: String,
     /// Level of turbulence asked for.
     pub turbulence: String,
+    /// Faults of sensors, actuators and air that were asked for.
+    #[serde(default)]
+    pub faults: Vec<String>,
+    /// How sensors and aircraft differed from the usual ones.
+    #[serde(default)]
+    pub variation: Vec<String>,
     /// Mean wind asked for, m/s.
     pub wind_asked_mps: f64,
     /// Mean of the wind met, m/s: length of the mean horizontal vector.
@@ -302,6 +308,8 @@ fn conditions(flight: &Flight) -> Conditions {
     let mut found = Conditions {
         airframe: asked.map(|asked| asked.airframe.clone()).unwrap_or_default(),
         turbulence: asked.map(|asked| asked.turbulence.clone()).unwrap_or_default(),
+        faults: asked.map(|asked| asked.faults.clone()).unwrap_or_default(),
+        variation: asked.map(|asked| asked.variation.clone()).unwrap_or_default(),
         wind_asked_mps: asked.map_or(0.0, |asked| asked.wind_mps),
         crashed: flight.truth.iter().any(|record| record.crashed != 0),
         ..Conditions::default()

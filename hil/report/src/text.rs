@@ -228,10 +228,13 @@ fn estimate(summary: &Summary) -> Table {
 fn air(summary: &Summary) -> Table {
     let air = &summary.conditions;
     let row = |label: &str, value: String| (label.to_owned(), vec![value]);
+    let listed = |what: &[String]| if what.is_empty() { NONE.to_owned() } else { what.join("; ") };
     let rows = vec![
         row("wind met (asked)", format!("{} ({:.1})", number(air.wind_mean_mps, "m/s"), air.wind_asked_mps)),
         row("gusts met, RMS", number(air.gust_rms_mps, "m/s")),
         row("turbulence asked", if air.turbulence.is_empty() { NONE.into() } else { air.turbulence.clone() }),
+        row("faults asked", listed(&air.faults)),
+        row("sensors and aircraft varied", listed(&air.variation)),
         row("steepest bank", number(air.bank_max_deg, "°")),
         row("slowest airspeed", number(air.airspeed_min_mps, "m/s")),
         row("greatest cross-track", number(summary.scores.cross_track_max_m, "m")),

@@ -16,6 +16,8 @@ pub struct Counters {
     pub pauses: u64,
     /// Module time skipped with them, ns.
     pub skipped_ns: u64,
+    /// Questions that were not answered because of a planned pause.
+    pub withheld: u64,
     /// Times that the module's clock began anew.
     pub clock_restarts: u64,
     /// Orders to the safety pilot.
@@ -33,6 +35,9 @@ impl fmt::Display for Counters {
         write!(f, "{} answers, {} repeated, {} older packets", self.answers, self.repeated, self.older)?;
         write!(f, ", {} pauses ({:.1} s skipped)", self.pauses, self.skipped_ns as f64 * 1e-9)?;
         write!(f, ", {} clock restarts, {} datagrams of garbage", self.clock_restarts, self.garbage)?;
+        if self.withheld > 0 {
+            write!(f, ", {} not answered in planned pauses", self.withheld)?;
+        }
         write!(f, ", {} unsent, {} truth records lost", self.unsent, self.unlogged)
     }
 }

@@ -12,6 +12,7 @@
 mod counters;
 mod flight;
 mod options;
+mod outside;
 mod pilot;
 mod server;
 mod session;
@@ -22,6 +23,7 @@ pub mod truth;
 pub use counters::Counters;
 pub use flight::{Flight, STEP_NS, STEPS_PER_CYCLE, Sample};
 pub use options::{AirframeChoiceError, DEFAULT_PORT, Options, airframe};
+pub use outside::{Outside, OutsideError};
 pub use pilot::SafetyPilot;
 pub use server::{RunError, Server, StartError};
 pub use session::{Session, SessionError};

@@ -3,7 +3,7 @@
 //! Exit codes: 0 it ran and was told to end, 1 it broke while running, 2 it could not start.
 
 use anyhow::Context;
-use bateleur_simulator::{Counters, Options, Server, airframe};
+use bateleur_simulator::{Counters, Options, Outside, Server, airframe};
 use clap::{Parser, ValueEnum};
 use std::io::{Read, Write};
 use std::net::SocketAddr;
@@ -34,6 +34,8 @@ struct Arguments {
     /// Gusts (Dryden, MIL-F-8785C).
     #[arg(long, value_enum, default_value_t = Turbulence::Calm)]
     turbulence: Turbulence,
+    #[command(flatten)]
+    outside: Outside,
     /// Advance by the own clock, 20 ms at a time, instead of by the flight computer's.
     #[arg(long)]
     free_running: bool,
@@ -130,6 +132,7 @@ fn options(arguments: &Arguments) -> anyhow::Result<Options> {
     options.conditions.wind_speed_mps = arguments.wind;
     options.conditions.wind_from_rad = arguments.wind_from.to_radians();
     options.conditions.turbulence = arguments.turbulence.into();
+    arguments.outside.apply(&mut options)?;
     Ok(options)
 }
 

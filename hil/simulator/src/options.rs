@@ -1,5 +1,6 @@
 //! What a simulation is started with.
 
+use crate::outside::Outside;
 use bateleur_plant::{Airframe, AirframeError, Conditions};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
@@ -17,6 +18,8 @@ pub struct Options {
     pub airframe: Airframe,
     /// Seed, wind and sensor errors.
     pub conditions: Conditions,
+    /// What was asked for about sensors, faults and aircraft, for the log: it is in effect already.
+    pub outside: Outside,
     /// Advance by an own clock instead of by the flight computer's.
     pub free_running: bool,
     /// Where to log the truth.
@@ -29,6 +32,7 @@ impl Default for Options {
             listen: SocketAddr::from((Ipv4Addr::LOCALHOST, DEFAULT_PORT)),
             airframe: Airframe::aerosonde(),
             conditions: Conditions::default(),
+            outside: Outside::default(),
             free_running: false,
             truth: None,
         }

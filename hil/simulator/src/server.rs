@@ -135,6 +135,9 @@ impl Server {
     fn send_tick(&mut self) {
         let answer = self.session.tick();
         let Some(peer) = self.peer else { return };
+        if answer.is_empty() {
+            return;
+        }
         if self.socket.send_to(answer, peer).is_err() {
             self.session.count_unsent();
         }

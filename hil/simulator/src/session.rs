@@ -6,7 +6,7 @@ use crate::options::Options;
 use crate::truth::{Header, TruthError, TruthWriter};
 use bateleur_messages::frame::Decoder;
 use bateleur_messages::hil::{Actuators, Packet, PilotOrder};
-use bateleur_plant::AirframeError;
+use bateleur_plant::{AirframeError, Fault, PlannedFault};
 use thiserror::Error;
 
 /// Longest gap that one packet makes the plant catch up with, steps: 1 s. A longer one is a pause of the module (a
@@ -41,6 +41,12 @@ pub struct Session {
     newest_actuators_ns: u64,
     answer: Vec<u8>,
     older: OlderRun,
+    /// When the simulator stands still, by the time since the first packet.
+    pauses: Vec<PlannedFault>,
+    /// Module time of the first packet.
+    began_ns: Option<u64>,
+    /// Cycles that a free-running plant has had, the paused ones included.
+    ticks: u64,
     log: Option<TruthWriter>,
     counters: Counters,
 }
@@ -69,6 +75,9 @@ impl Session {
             newest_actuators_ns: 0,
             answer: Vec::with_capacity(1024),
             older: OlderRun::default(),
+            pauses: pauses(options),
+            began_ns: None,
+            ticks: 0,
             log,
             counters: Counters::default(),
         })
@@ -116,6 +125,11 @@ impl Session {
     }
 
     fn actuators(&mut self, actuators: &Actuators, reply: &mut Vec<u8>) {
+        let began_ns = *self.began_ns.get_or_insert(actuators.module_ns);
+        if !self.free_running && self.is_paused(actuators.module_ns.saturating_sub(began_ns)) {
+            self.counters.withheld += 1;
+            return;
+        }
         if self.free_running {
             self.follow_clock(actuators.module_ns);
             self.actuate_newest(actuators);
@@ -203,8 +217,18 @@ impl Session {
         }
     }
 
-    /// Free-running: flies on for one cycle of 20 ms and gives the sensor set to send.
+    fn is_paused(&self, since_ns: u64) -> bool {
+        let since_s = since_ns as f64 / 1e9;
+        self.pauses.iter().any(|pause| pause.is_active(since_s))
+    }
+
+    /// Free-running: flies on for one cycle of 20 ms and gives the sensor set to send; nothing in a planned pause.
     pub fn tick(&mut self) -> &[u8] {
+        self.ticks += 1;
+        if self.is_paused(self.ticks * STEPS_PER_CYCLE * STEP_NS) {
+            self.counters.withheld += 1;
+            return &[];
+        }
         self.flight.advance(STEPS_PER_CYCLE);
         let now_ns = self.origin_ns.unwrap_or(0) + self.flight.steps() * STEP_NS;
         self.compose(now_ns);
@@ -243,6 +267,11 @@ impl Session {
     }
 }
 
+fn pauses(options: &Options) -> Vec<PlannedFault> {
+    let faults = options.conditions.faults.iter();
+    faults.filter(|planned| planned.fault == Fault::Pause).copied().collect()
+}
+
 /// To the nearest step, so that a module whose instants jitter by less than half of one sees equal intervals.
 fn round_to_steps(time_ns: u64) -> u64 {
     (time_ns + STEP_NS / 2) / STEP_NS
@@ -273,6 +302,66 @@ mod tests {
         assert_eq!((session.counters().older, session.counters().clock_restarts), (1, 1));
         assert_eq!(session.flight.truth(0).timers_us[4], 1500);
         assert!(reply.is_empty());
+    }
+
+    fn answers(faults: &[&str], cycles: u64) -> (Vec<RawAnalog>, Vec<bool>, Session) {
+        let mut options = Options::default();
+        options.conditions.faults = faults.iter().map(|text| text.parse().unwrap()).collect();
+        let mut session = Session::new(&options).unwrap();
+        let (mut analog, mut answered) = (Vec::new(), Vec::new());
+        for cycle in 0..cycles {
+            let mut reply = Vec::new();
+            session.take(&packet(1_000_000_000 + cycle * 20_000_000, 1000), &mut reply);
+            answered.push(!reply.is_empty());
+            let mut decoder = Decoder::new();
+            let packets = decoder.extend(&reply).filter_map(|frame| Packet::of(&frame).ok());
+            analog.extend(packets.filter_map(|packet| match packet {
+                Packet::Analog(analog) => Some(analog),
+                _ => None,
+            }));
+        }
+        (analog, answered, session)
+    }
+
+    #[test]
+    fn planned_pause_withholds_answers_and_the_aircraft_catches_up() {
+        let (analog, answered, session) = answers(&["pause@0.2..0.4"], 30);
+        let silent: Vec<usize> = (0..30).filter(|cycle| !answered[*cycle]).collect();
+        assert_eq!(silent, (10..20).collect::<Vec<_>>());
+        assert_eq!(analog[10].interval_ns, 220_000_000);
+        assert_eq!((session.counters().withheld, session.counters().pauses), (10, 0));
+    }
+
+    #[test]
+    fn planned_pause_of_a_free_running_plant_sends_nothing() {
+        let mut options = Options { free_running: true, ..Options::default() };
+        options.conditions.faults = vec!["pause@0.2..0.4".parse().unwrap()];
+        let mut session = Session::new(&options).unwrap();
+        let silent = (0..30).filter(|_| session.tick().is_empty()).count();
+        assert_eq!(silent, 10);
+    }
+
+    #[test]
+    fn lost_sensor_sets_arrive_empty_and_keep_their_time() {
+        let (analog, answered, _) = answers(&["frames_lost=10%"], 1000);
+        assert!(answered.iter().all(|answered| *answered));
+        let lost = analog.iter().filter(|set| set.interval_ns == 0).skip(1); // the first has no interval anyway
+        let mut count = 0;
+        for set in lost {
+            assert!(set.rates_radps[0].is_nan() && set.static_pressure_pa.is_nan(), "{set:?}");
+            count += 1;
+        }
+        assert!((60..140).contains(&count), "{count} of 1000");
+        assert!(analog.windows(2).all(|pair| pair[0].measured_ns < pair[1].measured_ns));
+    }
+
+    #[test]
+    fn lost_magnetometer_and_pitot_give_no_numbers_for_their_time() {
+        let (analog, _, _) = answers(&["magnetometer_lost@0.2..0.4", "pitot_lost@0.3..0.4"], 30);
+        let without = |value: fn(&RawAnalog) -> f64| analog.iter().filter(|set| value(set).is_nan()).count();
+        assert_eq!(without(|set| set.field_gauss[1]), 10);
+        assert_eq!(without(|set| set.differential_pressure_pa), 5);
+        assert_eq!(without(|set| set.static_pressure_pa), 0);
     }
 
     /// The README tells these lengths to people who bring their own simulator.

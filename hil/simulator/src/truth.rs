@@ -154,6 +154,15 @@ pub struct Header {
     pub wind_from_rad: f64,
     /// Level of turbulence.
     pub turbulence: String,
+    /// Errors of the sensors, where they are not the usual ones.
+    #[serde(default)]
+    pub sensors: Option<String>,
+    /// Faults of sensors, actuators and air, as they were asked for.
+    #[serde(default)]
+    pub faults: Vec<String>,
+    /// How the aircraft differs from its file, as it was asked for.
+    #[serde(default)]
+    pub plant: Vec<String>,
 }
 
 /// One field of a record, as the header tells it.
@@ -183,8 +192,19 @@ impl Header {
             wind_speed_mps: conditions.wind_speed_mps,
             wind_from_rad: conditions.wind_from_rad,
             turbulence: format!("{:?}", conditions.turbulence).to_lowercase(),
+            sensors: options.outside.sensors.clone(),
+            faults: conditions.faults.iter().map(ToString::to_string).collect(),
+            plant: plant(options),
         }
     }
+}
+
+/// How the aircraft was changed, in the words of the options.
+fn plant(options: &crate::Options) -> Vec<String> {
+    let outside = &options.outside;
+    let changes = outside.plant.iter().map(ToString::to_string);
+    let seed = outside.vary_seed.unwrap_or(options.conditions.seed);
+    changes.chain(outside.vary.iter().map(|ranges| format!("{ranges}, seed {seed}"))).collect()
 }
 
 fn fields() -> Vec<HeaderField> {

@@ -23,6 +23,7 @@ use bateleur_ground::MissionPlan;
 use bateleur_report::chains::ChainBound;
 use bateleur_report::run::{Clock, FILE, Guarantee, Mission as MissionResult, Run};
 use bateleur_report::{Inputs, Summary};
+use bateleur_simulator::Outside;
 
 use super::air::{direction, seed, wind};
 use super::faults::Faults;
@@ -59,6 +60,8 @@ pub(crate) struct Arguments {
     /// The aircraft, for the simulator and for the laws: aerosonde, rascal110, or the file of an airframe.
     #[arg(long, value_name = "NAME|FILE")]
     pub(crate) airframe: Option<String>,
+    #[command(flatten)]
+    pub(crate) outside: Outside,
     #[command(flatten)]
     pub(crate) faults: Faults,
     /// Replace an attribute of the plan (may be repeated).
@@ -194,9 +197,16 @@ fn record(arguments: &Arguments, flown: &Flown, wall_time_s: f64) -> Run {
         },
         guarantees: guarantees(&flown.events),
         lost_records: lost_records(&flown.events),
-        notes: arguments.faults.not_reached(flown.module_time_s),
+        notes: not_reached(arguments, flown.module_time_s),
         arguments: std::env::args().skip(1).collect(),
     }
+}
+
+/// What was planned for later than the flight's end.
+fn not_reached(arguments: &Arguments, module_time_s: f64) -> Vec<String> {
+    let mut notes = arguments.faults.not_reached(module_time_s);
+    notes.extend(arguments.outside.not_reached(module_time_s));
+    notes
 }
 
 fn guarantees(events: &[Event]) -> Vec<Guarantee> {

@@ -43,6 +43,7 @@ impl Simulator {
             "--wind-from",
             &arguments.wind_from.to_string(),
         ]);
+        command.args(arguments.outside.arguments());
         command.arg("--truth").arg(folder.join("truth.bin")).args(["--ready", "--until-stdin-closes"]);
         if arguments.free_running {
             command.arg("--free-running");

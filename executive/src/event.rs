@@ -98,6 +98,9 @@ pub enum Event {
         lost_windows: u64,
         /// Windows that were not closed in time.
         window_overruns: u64,
+        /// Processor time for which dispatchers held their cores in slack, so as to be awake at the next start, s.
+        #[serde(default)]
+        spun_s: f64,
         /// Windows whose record was lost because the log could not keep up.
         lost_records: u64,
         /// Records of logs that could not be written.

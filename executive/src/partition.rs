@@ -322,10 +322,10 @@ const LOG_KEPT: u64 = 256 << 10;
 const FILE_LIMIT: u64 = 64 << 20;
 
 fn bound(log: &Path) -> io::Result<()> {
-    let mut file = OpenOptions::new().read(true).write(true).open(log)?;
-    let length = file.metadata()?.len();
-    if length > LOG_LIMIT {
-        file.seek(SeekFrom::Start(length - LOG_KEPT))?;
+    if std::fs::metadata(log)?.len() > LOG_LIMIT {
+        let mut file = OpenOptions::new().read(true).write(true).open(log)?;
+        let length = file.metadata()?.len();
+        file.seek(SeekFrom::Start(length.saturating_sub(LOG_KEPT)))?;
         io::copy(&mut (&file).take(LOG_KEPT), &mut File::create(log.with_extension("log.old"))?)?;
         file.set_len(0)?; // the partition appends: it goes on at the beginning
     }
@@ -344,8 +344,8 @@ pub fn ended(process: &Spawned) -> Option<ExitStatus> {
     Some(ExitStatus::from_raw(raw))
 }
 
-/// Waits until one of `processes` ends, at most `nanoseconds`.
-pub fn await_any_end(processes: &[BorrowedFd<'_>], nanoseconds: u64) {
+/// Waits until one of `processes` ends, at most `nanoseconds`; false: none has.
+pub fn await_any_end(processes: &[BorrowedFd<'_>], nanoseconds: u64) -> bool {
     let mut fds: Vec<_> = processes.iter().map(|process| PollFd::new(process, PollFlags::IN)).collect();
     let end_ns = now_ns().saturating_add(nanoseconds);
     loop {
@@ -353,8 +353,10 @@ pub fn await_any_end(processes: &[BorrowedFd<'_>], nanoseconds: u64) {
         let left =
             Timespec { tv_sec: (left_ns / 1_000_000_000) as i64, tv_nsec: (left_ns % 1_000_000_000) as i64 };
         // A signal to the executive is no reason to leave a dying process unreaped.
-        if poll(&mut fds, Some(&left)) != Err(rustix::io::Errno::INTR) {
-            return; // something ended, or the time is over: the caller looks
+        match poll(&mut fds, Some(&left)) {
+            Err(rustix::io::Errno::INTR) => {}
+            // A failed question is no reason to believe that all live: the caller looks.
+            answer => return answer.map_or(true, |ready| ready > 0),
         }
     }
 }

@@ -150,6 +150,7 @@ impl Slot {
         self.granted.store(0, Relaxed);
         self.page.grant.store(0, Relaxed);
         self.page.done.store(0, Relaxed);
+        self.page.awake();
         self.page.stop.store(0, Relaxed);
         self.page.take_over.store(0, Relaxed);
         self.page.mode.store(0, Relaxed);
@@ -403,27 +404,34 @@ impl Slot {
 
     /// Sleeps until the partition's `done` differs from what it was, at most `nanoseconds`.
     pub fn await_change(&self, nanoseconds: u64) {
-        let seen = self.page.done.load(Acquire);
-        if seen == self.granted.load(Relaxed) {
-            return;
-        }
         let limit = rustix::time::Timespec { tv_sec: 0, tv_nsec: nanoseconds.min(999_999_999) as i64 };
-        let _ = futex::wait(&self.page.done, futex::Flags::empty(), seen, Some(&limit)); // any end: the caller looks
+        self.sleep_on_done(|seen| {
+            let _ = futex::wait(&self.page.done, futex::Flags::empty(), seen, Some(&limit)); // any end: the caller looks
+        });
     }
 
     /// Sleeps until the partition closes its window, or until `until_ns` of CLOCK_MONOTONIC. May return before either: the
     /// word belongs to the partition.
     pub fn await_close(&self, until_ns: u64) {
-        let seen = self.page.done.load(Acquire);
-        if seen == self.granted.load(Relaxed) {
-            return;
-        }
         let until = rustix::time::Timespec {
             tv_sec: (until_ns / 1_000_000_000) as i64,
             tv_nsec: (until_ns % 1_000_000_000) as i64,
         };
-        // The only futex call whose limit is an instant.
-        let _ = futex::wait_bitset(&self.page.done, futex::Flags::empty(), seen, Some(&until), ANYBODY);
+        self.sleep_on_done(|seen| {
+            // The only futex call whose limit is an instant.
+            let _ = futex::wait_bitset(&self.page.done, futex::Flags::empty(), seen, Some(&until), ANYBODY);
+        });
+    }
+
+    fn sleep_on_done(&self, sleep: impl FnOnce(u32)) {
+        if self.is_done() {
+            return;
+        }
+        let seen = self.page.await_close();
+        if seen != self.granted.load(Relaxed) {
+            sleep(seen);
+        }
+        self.page.awake();
     }
 
     /// Asks the partition to end instead of taking another window.

@@ -1,6 +1,8 @@
 //! The wall clock: windows at their instants, one dispatcher thread on each partitioned core.
 
 use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
+use std::sync::atomic::Ordering::Relaxed;
 
 use rtrb::Producer;
 
@@ -26,13 +28,21 @@ const WAITS: u32 = 4;
 #[derive(Debug)]
 pub struct WallPace {
     origin_ns: u64,
+    spun_ns: Arc<AtomicU64>,
 }
 
 impl WallPace {
-    /// Module time 0 is at `origin_ns` of CLOCK_MONOTONIC.
+    /// Module time 0 is at `origin_ns` of CLOCK_MONOTONIC. `spun_ns` counts the time for which the processor was held in
+    /// slack, so as to be awake at the instant.
     #[must_use]
-    pub fn new(origin_ns: u64) -> Self {
-        Self { origin_ns }
+    pub fn new(origin_ns: u64, spun_ns: Arc<AtomicU64>) -> Self {
+        Self { origin_ns, spun_ns }
+    }
+
+    fn spin(&self, until_ns: u64) {
+        let begun_ns = now_ns();
+        spin_until_ns(until_ns);
+        self.spun_ns.fetch_add(until_ns.saturating_sub(begun_ns), Relaxed);
     }
 }
 
@@ -57,13 +67,20 @@ impl Pace for WallPace {
             meanwhile.await_close(target_ns);
         }
         if meanwhile.has_slack() {
-            sleep_until_ns(target_ns - EARLY_NS);
+            sleep_if_ahead(target_ns - EARLY_NS);
             meanwhile.prepare();
-            spin_until_ns(target_ns);
+            self.spin(target_ns);
         } else {
-            sleep_until_ns(target_ns);
+            sleep_if_ahead(target_ns);
         }
         now_ns().saturating_sub(target_ns)
+    }
+}
+
+/// Most often the instant has passed, and the kernel need not be asked.
+fn sleep_if_ahead(instant_ns: u64) {
+    if now_ns() < instant_ns {
+        sleep_until_ns(instant_ns);
     }
 }
 
@@ -77,7 +94,7 @@ pub struct WallGate {
     records: Producer<WindowRecord>,
     /// Module time at which the open window was granted, or why it was not.
     granted: Result<u64, Missed>,
-    lost: Arc<std::sync::atomic::AtomicU64>,
+    lost: Arc<AtomicU64>,
     changes: Arc<Changes>,
     /// The plan's core whose dispatcher this is, and the processor that stands for it.
     core: u32,
@@ -100,7 +117,7 @@ impl WallGate {
         seats: Vec<Option<Arc<Seats>>>,
         origin_ns: u64,
         records: Producer<WindowRecord>,
-        lost: Arc<std::sync::atomic::AtomicU64>,
+        lost: Arc<AtomicU64>,
         changes: Arc<Changes>,
         (core, processor): (u32, u32),
         stall: Arc<Stall>,
@@ -232,7 +249,7 @@ impl Gate for WallGate {
             closed_ns: module(usage.and_then(|usage| usage.closed_ns)),
         };
         if self.records.push(record).is_err() {
-            self.lost.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+            self.lost.fetch_add(1, Relaxed);
         }
     }
 

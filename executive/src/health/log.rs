@@ -2,6 +2,7 @@
 //!
 //! Responsible for: lines that are whole. A disk that is full or gone costs lines, which are counted, and never the module.
 
+use std::fmt::{self, Write as _};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::os::unix::fs::FileExt;
@@ -248,10 +249,32 @@ impl WindowRecord {
         Some(self.occurrence.end_ns.saturating_sub(self.closed_ns?))
     }
 
-    fn flags(&self) -> String {
-        let flags = [(self.is_late(), 'L'), (self.is_overrun(), 'O')];
+    fn flags(&self) -> Flags {
+        Flags { late: self.is_late(), overrun: self.is_overrun(), missed: self.missed }
+    }
+}
+
+/// What was wrong with a window, a letter each.
+struct Flags {
+    late: bool,
+    overrun: bool,
+    missed: Option<Missed>,
+}
+
+impl fmt::Display for Flags {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let flags = [(self.late, 'L'), (self.overrun, 'O')];
         let flags = flags.into_iter().filter_map(|(set, letter)| set.then_some(letter));
-        flags.chain(self.missed.map(Missed::letter)).collect()
+        flags.chain(self.missed.map(Missed::letter)).try_for_each(|letter| f.write_char(letter))
+    }
+}
+
+/// A number, or nothing.
+struct Number(Option<u64>);
+
+impl fmt::Display for Number {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.map_or(Ok(()), |value| value.fmt(f))
     }
 }
 
@@ -259,6 +282,8 @@ impl WindowRecord {
 #[derive(Debug)]
 pub struct WindowLog {
     file: BufWriter<File>,
+    /// The line that is being made.
+    line: Vec<u8>,
     trouble: Trouble,
 }
 
@@ -270,32 +295,33 @@ impl WindowLog {
             file,
             "frame,minor,core,partition,planned_start_ns,planned_end_ns,granted_ns,opened_ns,closed_ns,flags,slack_ns,schedule"
         )?;
-        Ok(Self { file, trouble: Trouble::default() })
+        Ok(Self { file, line: Vec::new(), trouble: Trouble::default() })
     }
 
     /// Appends a record of the partition called `name`, in the schedule of that name.
     pub fn write(&mut self, record: &WindowRecord, name: &str, schedule: &str) {
         let at = &record.occurrence;
-        let number = |value: Option<u64>| value.map_or_else(String::new, |value| value.to_string());
+        self.line.clear();
         // In one piece: a full disk takes a whole line or nothing of it.
-        let line = format!(
-            "{},{},{},{name},{},{},{},{},{},{},{},{schedule}\n",
+        let _ = writeln!(
+            self.line,
+            "{},{},{},{name},{},{},{},{},{},{},{},{schedule}",
             at.major_frame,
             at.window.minor,
             at.core,
             at.start_ns,
             at.end_ns,
-            number(record.granted_ns),
-            number(record.opened_ns),
-            number(record.closed_ns),
+            Number(record.granted_ns),
+            Number(record.opened_ns),
+            Number(record.closed_ns),
             record.flags(),
-            number(record.slack_ns())
-        );
-        self.append(&line);
+            Number(record.slack_ns())
+        ); // memory takes all of it
+        self.append();
     }
 
-    fn append(&mut self, line: &str) {
-        let written = self.file.write_all(line.as_bytes());
+    fn append(&mut self) {
+        let written = self.file.write_all(&self.line);
         self.trouble.note(written);
     }
 
@@ -364,7 +390,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         symlink("/dev/full", folder.path().join(WINDOW_FILE)).unwrap();
         let mut log = WindowLog::create(folder.path()).unwrap();
-        (0..5000).for_each(|_| log.append("0,0,1,imu,3800000,4300000,3800000,3800000,3900000,,1,flight\n"));
+        log.line = b"0,0,1,imu,3800000,4300000,3800000,3800000,3900000,,1,flight\n".to_vec();
+        (0..5000).for_each(|_| log.append());
         assert!(log.take_trouble().is_some_and(|lost| lost.why.contains("No space left")));
         log.flush();
         assert_eq!(log.take_trouble(), None);

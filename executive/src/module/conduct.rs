@@ -122,7 +122,8 @@ pub(super) fn conduct(
         options.companion,
         line_slot,
     );
-    let lanes = Lanes { rings: rings.clone(), lost: lost.clone(), stall };
+    let spun_ns = Arc::new(AtomicU64::new(0));
+    let lanes = Lanes { rings: rings.clone(), lost: lost.clone(), spun_ns: spun_ns.clone(), stall };
     let module_ns = match options.clock {
         Clock::Virtual => run_virtual(&tables, &mut monitor, &mut surroundings, records, facts),
         Clock::Wall => run_wall(&tables, &mut monitor, &mut surroundings, &lanes, facts)?,
@@ -142,6 +143,7 @@ pub(super) fn conduct(
         late_switches: totals.late_switches,
         lost_windows: totals.lost,
         window_overruns: totals.overruns,
+        spun_s: spun_ns.load(Ordering::Relaxed) as f64 / 1e9,
         lost_records: lost.load(Ordering::Relaxed),
         unwritten_records,
     });
@@ -231,6 +233,7 @@ fn run_virtual(
 struct Lanes {
     rings: Rc<RefCell<Vec<Consumer<WindowRecord>>>>,
     lost: Arc<AtomicU64>,
+    spun_ns: Arc<AtomicU64>,
     stall: Arc<Stall>,
 }
 
@@ -261,9 +264,10 @@ fn run_wall(
         );
         let dispatcher =
             Dispatcher::new(&tables.timelines, tables.agenda.clone(), false, |core| core == line.core);
+        let pace = WallPace::new(origin_ns, lanes.spun_ns.clone());
         let thread = std::thread::Builder::new()
             .name(format!("dispatch {}", line.core))
-            .spawn(move || dispatch(dispatcher, gate, origin_ns, core, real_time, &stop))
+            .spawn(move || dispatch(dispatcher, gate, pace, core, real_time, &stop))
             .map_err(machine("cannot start a dispatcher thread"))?;
         threads.push(thread);
     }
@@ -321,7 +325,7 @@ impl Tables {
 fn dispatch(
     mut dispatcher: Dispatcher,
     mut gate: WallGate,
-    origin_ns: u64,
+    mut pace: WallPace,
     core: u32,
     real_time: bool,
     stop: &AtomicBool,
@@ -339,7 +343,7 @@ fn dispatch(
             policy,
         ); // as above
     }
-    dispatcher.run(&mut WallPace::new(origin_ns), &mut gate, &|| stop.load(Ordering::Acquire));
+    dispatcher.run(&mut pace, &mut gate, &|| stop.load(Ordering::Acquire));
 }
 
 /// Above every partition (50 at most) and every interrupt thread (50); below the kernel's own watchdogs (99).

@@ -108,8 +108,9 @@ impl<P: Partition> Life<P> {
                 self.partition.window(&window);
             }
             page.closed_ns.store(monotonic_ns(), Relaxed);
-            page.done.store(last, Release);
-            let _ = futex::wake(&page.done, futex::Flags::empty(), 1); // nobody asleep is fine
+            if page.close(last) {
+                let _ = futex::wake(&page.done, futex::Flags::empty(), 1); // woken by the clock meanwhile: fine
+            }
         }
     }
 

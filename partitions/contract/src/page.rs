@@ -5,11 +5,11 @@
 //! `done`.
 //!
 //! A window: the executive stores the window's data, increments `grant` and wakes it. The partition, which sleeps
-//! on `grant`, computes, stores the grant's value in `done` and wakes it: the window is closed, the rest of it is
-//! slack. A `done` that differs from `grant` at the window's end is an overrun.
+//! on `grant`, computes, stores the grant's value in `done` and wakes who sleeps on it: the window is closed, the rest of
+//! it is slack. A `done` that differs from `grant` at the window's end is an overrun.
 #![allow(unsafe_code)] // one `unsafe impl`, a promise about this type
 
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};
 
 use crate::fault::{FaultKind, FaultOrder};
 use crate::mapping::SharedMemory;
@@ -17,7 +17,7 @@ use crate::mapping::SharedMemory;
 /// First word of every control page.
 pub const MAGIC: u32 = 0x4254_4c52; // "BTLR"
 /// Raised whenever the page or the description changes its meaning.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 6;
 
 /// Bytes of a report's text, as in REPORT_APPLICATION_MESSAGE.
 pub const REPORT_TEXT: usize = 128;
@@ -134,9 +134,12 @@ pub struct ControlPage {
     fault_messages: AtomicU32,
     /// [`FaultOrder::argument`].
     fault_argument: AtomicU64,
-    reserved_2: [AtomicU64; 1],
+    /// 1 while the executive sleeps on `done`: a partition that closes its window wakes it then, and spares itself the
+    /// call otherwise. See [`ControlPage::close`].
+    pub awaited: AtomicU32,
+    reserved_2: AtomicU32,
     // Written by the partition, on cache lines of its own.
-    /// The last grant that the partition has used up; the virtual clock's executive sleeps on it.
+    /// The last grant that the partition has used up; the executive sleeps on it.
     pub done: AtomicU32,
     /// A [`Mode`], set by the partition.
     pub mode: AtomicU32,
@@ -175,6 +178,27 @@ impl ControlPage {
     /// Whether the page is one of this contract.
     pub fn is_valid(&self) -> bool {
         self.magic.load(Ordering::Acquire) == MAGIC && self.version.load(Ordering::Relaxed) == VERSION
+    }
+
+    /// Closes the window of grant number `grant` (the partition); true: somebody sleeps until then, and is to be woken.
+    #[must_use]
+    pub fn close(&self, grant: u32) -> bool {
+        self.done.store(grant, Ordering::Release);
+        // Before the question, as the executive says that it sleeps before it looks once more: one of the two sees the other.
+        fence(Ordering::SeqCst);
+        self.awaited.load(Ordering::Relaxed) != 0
+    }
+
+    /// Says that the executive is about to sleep on `done`; gives its value after that. [`ControlPage::awake`] afterwards.
+    pub fn await_close(&self) -> u32 {
+        self.awaited.store(1, Ordering::Relaxed);
+        fence(Ordering::SeqCst);
+        self.done.load(Ordering::Acquire)
+    }
+
+    /// Says that the executive does not sleep any more.
+    pub fn awake(&self) {
+        self.awaited.store(0, Ordering::Relaxed);
     }
 
     /// Asks for the schedule at place `schedule` of the plan (the partition). The executive looks at the window's end.
@@ -284,6 +308,16 @@ mod tests {
             crate::Mapped::<ControlPage>::new(file),
             Err(crate::MappingError::TooShort { found: 0, .. })
         ));
+    }
+
+    #[test]
+    fn nobody_is_woken_who_does_not_sleep() {
+        let page = page();
+        assert!(!page.close(1));
+        assert_eq!(page.await_close(), 1);
+        assert!(page.close(2));
+        page.awake();
+        assert!(!page.close(3));
     }
 
     #[test]

@@ -24,9 +24,9 @@ use rustix::time::{ClockId, clock_gettime};
 const THREADS: usize = 4;
 /// All that spin: the threads and the forked child.
 const SPINNERS: usize = THREADS + 1;
-/// How long before the end a filled window is closed, ns: less than any dispatcher wakes ahead, so that it finds the
-/// window open; more than closing takes.
-const MARGIN_NS: u64 = 15_000;
+/// How long before the end a filled window is closed, ns: about what closing takes, so that there is no slack to speak of
+/// and yet no overrun.
+const MARGIN_NS: u64 = 5_000;
 /// How long a spinner holds the processor before it lets the next one have it, ns.
 const TURN_NS: u64 = 300_000;
 /// Turns between two short sleeps: threads that sleep wake by timers, also while they are being held.

@@ -6,9 +6,13 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
+use bateleur_executive::event::Event;
 
 /// Longer than any run takes to start and to end beside its own time.
 const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Where it tells what happens.
+const EVENTS: &str = "events.jsonl";
 
 /// A module that runs; killed when dropped before its end.
 pub(super) struct Running {
@@ -22,6 +26,8 @@ pub(super) struct Ended {
     folder: tempfile::TempDir,
     /// Lines of its window log.
     pub(super) windows: Vec<Line>,
+    /// For how long its dispatchers held their cores in slack, s.
+    pub(super) spun_s: f64,
 }
 
 /// A line of the window log; times are module time, ns.
@@ -84,7 +90,8 @@ pub(super) fn start(schedule: &str, until_s: f64) -> Result<Running> {
     let file = folder.path().join("schedule.toml");
     fs::write(&file, schedule).context("cannot write the generated schedule")?;
     let own = std::env::current_exe().context("cannot find this program")?;
-    let errors = fs::File::create(folder.path().join("errors.txt")).context("cannot write")?;
+    let create = |name: &str| fs::File::create(folder.path().join(name)).context("cannot write");
+    let (errors, events) = (create("errors.txt")?, create(EVENTS)?);
     let process = Command::new(own)
         // Ends with this program, however that ends.
         .args(["run", "--until-stdin-closes", "--until", &until_s.to_string()])
@@ -93,7 +100,8 @@ pub(super) fn start(schedule: &str, until_s: f64) -> Result<Running> {
         .arg("--output")
         .arg(folder.path())
         .stdin(Stdio::piped())
-        .stdout(Stdio::null())
+        .stdout(events)
+        .args(["--events-fd", "1"])
         .stderr(errors)
         .spawn()
         .context("cannot start `bateleur run`")?;
@@ -109,9 +117,8 @@ impl Running {
     /// Waits until windows are granted; false: it ended before.
     pub(super) fn await_windows(&mut self) -> bool {
         let begun = Instant::now();
-        let errors = self.folder.path().join("errors.txt");
         while begun.elapsed() < PATIENCE && self.process.try_wait().is_ok_and(|ended| ended.is_none()) {
-            if fs::read_to_string(&errors).is_ok_and(|text| text.contains("partitions are ready")) {
+            if events(self.folder.path()).any(|event| matches!(event, Event::Ready { .. })) {
                 return true;
             }
             std::thread::sleep(Duration::from_millis(5));
@@ -137,8 +144,12 @@ impl Running {
             bail!("a module of the bench ended with {status}: {}", said.trim());
         }
         let windows = read_windows(&self.folder.path().join("windows.csv"))?;
+        let spun_s = events(self.folder.path()).find_map(|event| match event {
+            Event::Stopped { spun_s, .. } => Some(spun_s),
+            _ => None,
+        });
         let folder = std::mem::replace(&mut self.folder, tempfile::tempdir()?);
-        Ok(Ended { folder, windows })
+        Ok(Ended { folder, windows, spun_s: spun_s.unwrap_or_default() })
     }
 }
 
@@ -161,6 +172,13 @@ impl Ended {
     pub(super) fn of<'a>(&'a self, name: &'a str) -> impl Iterator<Item = &'a Line> {
         self.windows.iter().filter(move |line| line.partition == name)
     }
+}
+
+/// What the module has told so far.
+fn events(folder: &Path) -> impl Iterator<Item = Event> {
+    let text = fs::read_to_string(folder.join(EVENTS)).unwrap_or_default();
+    let events: Vec<Event> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+    events.into_iter()
 }
 
 fn words_of(folder: &Path, name: &str) -> String {

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use bateleur_messages::TelemetryMessage;
 use bateleur_messages::frame;
+use zerocopy::{FromBytes, FromZeros, Immutable, IntoBytes, KnownLayout};
 
 /// Messages that may wait, most. All telemetry of two seconds is 26 messages; older than that is of no use to anybody.
 pub const BACKLOG: usize = 64;
@@ -28,6 +29,22 @@ pub struct Downlink {
     last_ns: u64,
 }
 
+/// Bytes that are due or of a frame that was begun, most: less than a burst and the longest frame.
+const BYTES: usize = 1024;
+
+/// A downlink as plain data. Every bit pattern is one.
+#[derive(Debug, Clone, Copy, PartialEq, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub struct KeptDownlink {
+    credit: u64,
+    last_ns: u64,
+    dropped: u64,
+    waiting_count: u32,
+    bytes_count: u32,
+    bytes: [u8; BYTES],
+    waiting: [TelemetryMessage; BACKLOG],
+}
+
 impl Downlink {
     /// Towards a line of `baud` symbols a second.
     pub fn new(baud: u32) -> Self {
@@ -39,6 +56,35 @@ impl Downlink {
             credit: 0,
             last_ns: 0,
         }
+    }
+
+    /// Goes on where the incarnation before stood.
+    pub fn resume(&mut self, kept: &KeptDownlink) {
+        let (waiting, bytes) = (kept.waiting_count as usize, kept.bytes_count as usize);
+        let (Some(waiting), Some(bytes)) = (kept.waiting.get(..waiting), kept.bytes.get(..bytes)) else {
+            return;
+        };
+        self.waiting.extend(waiting);
+        self.bytes.extend_from_slice(bytes);
+        self.dropped = kept.dropped;
+        // More than the line can take at once there never is.
+        self.credit = kept.credit.min(BURST_BYTES * BITS_A_BYTE * SECOND_NS);
+        self.last_ns = kept.last_ns;
+    }
+
+    /// What its successor goes on from.
+    pub fn kept(&self) -> KeptDownlink {
+        let mut kept = KeptDownlink {
+            credit: self.credit,
+            last_ns: self.last_ns,
+            dropped: self.dropped,
+            waiting_count: self.waiting.len() as u32,
+            bytes_count: self.bytes.len().min(BYTES) as u32, // room and one frame at most
+            ..KeptDownlink::new_zeroed()
+        };
+        kept.waiting.iter_mut().zip(&self.waiting).for_each(|(place, message)| *place = *message);
+        kept.bytes.iter_mut().zip(&self.bytes).for_each(|(place, byte)| *place = *byte);
+        kept
     }
 
     /// Takes a message. Where too many wait, the oldest is dropped.

@@ -6,10 +6,12 @@
 
 mod device;
 mod downlink;
+mod kept;
 mod presence;
 mod uplink;
 
 pub use device::{Device, DeviceError};
 pub use downlink::{BACKLOG, Downlink};
+pub use kept::Kept;
 pub use presence::{Change, Presence};
 pub use uplink::{Delivery, Uplink, receivers};

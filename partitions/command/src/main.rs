@@ -3,10 +3,10 @@
 use std::process::ExitCode;
 
 use bateleur_apex::{
-    Context, Direction, Line, Partition, PortKind, QueuingDestination, QueuingSource, SamplingDestination,
-    Sent, StartError, Window,
+    Context, Direction, Line, Partition, PortKind, QueuingDestination, QueuingSource, Retained,
+    SamplingDestination, Sent, StartError, Takeover, Window,
 };
-use bateleur_command::{Change, Delivery, Device, Downlink, Presence, Uplink};
+use bateleur_command::{Change, Delivery, Device, Downlink, Kept, Presence, Uplink};
 use bateleur_messages::telemetry::{Acknowledge, FROM_COMMAND, NOT_UNDERSTOOD, Refusal, Telemetry};
 use bateleur_messages::{GroundMessage, Rate, TelemetryMessage, Watch};
 
@@ -29,6 +29,7 @@ struct Command {
     telemetry: Vec<QueuingDestination<TelemetryMessage>>,
     rate: SamplingDestination<Rate>,
     timeout: Watch,
+    retained: Retained<Kept>,
 }
 
 impl Partition for Command {
@@ -41,7 +42,7 @@ impl Partition for Command {
         }
         let absent = Device::absent()
             .map_err(|error| StartError::Other(format!("cannot make a stand-in for the device: {error}")))?;
-        Ok(Self {
+        let mut command = Self {
             path: context.attribute("device", "/dev/ttyS0".into())?,
             baud,
             line: context.line(absent),
@@ -54,7 +55,16 @@ impl Partition for Command {
             telemetry: telemetry_ports(context)?,
             rate: context.sampling_destination("rate")?,
             timeout: Watch::default(),
-        })
+            retained: context.retained()?,
+        };
+        command.resume();
+        Ok(command)
+    }
+
+    fn take_over(&mut self, _takeover: &Takeover) {
+        self.uplink = Uplink::new();
+        self.downlink = Downlink::new(self.baud);
+        self.resume();
     }
 
     fn window(&mut self, window: &Window) {
@@ -64,7 +74,10 @@ impl Partition for Command {
         self.receive(window);
         self.deliver(window.start_ns());
         self.collect();
+        // Before and after the line has taken bytes: one that is killed in its window has little to repeat.
+        self.keep();
         self.send(window);
+        self.keep();
         if self.rate.read_valid().is_some_and(|rate| self.timeout.changed(rate.timeout_1)) {
             self.complain(window);
         }
@@ -72,6 +85,18 @@ impl Partition for Command {
 }
 
 impl Command {
+    /// Goes on with what was on its way when the incarnation before ended.
+    fn resume(&mut self) {
+        if let Some(kept) = self.retained.load() {
+            kept.resume(&mut self.uplink, &mut self.downlink, &mut self.presence);
+            self.dropped_told = self.downlink.dropped();
+        }
+    }
+
+    fn keep(&mut self) {
+        self.retained.store(&Kept::of(&self.uplink, &self.downlink, &self.presence));
+    }
+
     fn open(&mut self, window: &Window) {
         match Device::open(&self.path, self.baud) {
             Ok(device) => {

@@ -21,6 +21,17 @@ pub struct Presence {
 }
 
 impl Presence {
+    /// Goes on after an incarnation that had reported the device missing, or had not.
+    #[must_use]
+    pub fn after(reported: bool) -> Self {
+        Self { reported, ..Self::default() }
+    }
+
+    /// It was reported missing.
+    pub fn is_reported(&self) -> bool {
+        self.reported
+    }
+
     /// The device is open.
     pub fn is_open(&self) -> bool {
         self.open

@@ -1,7 +1,7 @@
 //! From the ground to the functions: frames out of bytes, and the way of each order.
 
 use bateleur_messages::GroundMessage;
-use bateleur_messages::frame::{Decoder, Frame, Refused};
+use bateleur_messages::frame::{Decoder, DecoderState, Frame, Refused};
 
 /// Frames handled in one window, most. The line can not carry more than ten in 20 ms.
 const FRAMES_AT_ONCE: usize = 16;
@@ -40,6 +40,17 @@ impl Uplink {
     /// Waits for its first frame.
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// Goes on where the incarnation before stood, perhaps in the middle of a frame.
+    pub fn resume(&mut self, state: &DecoderState) {
+        self.decoder = Decoder::resume(state);
+        self.told = self.decoder.refused();
+    }
+
+    /// What its successor goes on from.
+    pub fn state(&self) -> DecoderState {
+        self.decoder.state()
     }
 
     /// Takes bytes; gives what is to be done.

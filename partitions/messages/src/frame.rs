@@ -5,6 +5,8 @@
 //! other); where it comes out as `*` it is sent as `+`, so that it can not be read as the second half of a
 //! doubled star. The checksum does not protect the letters and holds 8 bits: on a lossy link do not trust it alone.
 
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
+
 /// Opens a frame.
 const OPEN: u8 = b'$';
 /// Closes the data; the checksum follows.
@@ -83,6 +85,30 @@ pub struct Decoder {
     refused: Refused,
 }
 
+/// A decoder in the middle of a stream as plain data, for whoever goes on in its place. Every bit pattern is one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub struct DecoderState {
+    /// As in [`Refused`], in its order.
+    refused: [u64; 5],
+    /// Place in [`EXPECTATIONS`].
+    expect: u8,
+    letter: u8,
+    /// Bytes of `data` in use.
+    length: u16,
+    reserved: u32,
+    data: [u8; MAX_DATA],
+}
+
+const EXPECTATIONS: [Expect; 6] = [
+    Expect::Open,
+    Expect::FirstLetter,
+    Expect::SecondLetter,
+    Expect::Data,
+    Expect::AfterDollar,
+    Expect::AfterStar,
+];
+
 impl Default for Decoder {
     fn default() -> Self {
         Self {
@@ -98,6 +124,33 @@ impl Decoder {
     /// A decoder that waits for its first `$`.
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// Where it stands.
+    pub fn state(&self) -> DecoderState {
+        let Refused { checksum, letters, cut_short, too_long, noise_bytes } = self.refused;
+        let mut data = [0; MAX_DATA];
+        data[..self.data.len()].copy_from_slice(&self.data);
+        DecoderState {
+            refused: [checksum, letters, cut_short, too_long, noise_bytes],
+            expect: EXPECTATIONS.iter().position(|one| *one == self.expect).unwrap_or(0) as u8,
+            letter: self.letter,
+            length: self.data.len() as u16,
+            reserved: 0,
+            data,
+        }
+    }
+
+    /// A decoder that goes on where another stood. One that can not be is where nothing has come yet.
+    pub fn resume(state: &DecoderState) -> Self {
+        let length = usize::from(state.length);
+        let Some(expect) = EXPECTATIONS.get(usize::from(state.expect)) else { return Self::new() };
+        let Some(data) = state.data.get(..length) else { return Self::new() };
+        let [checksum, letters, cut_short, too_long, noise_bytes] = state.refused;
+        let refused = Refused { checksum, letters, cut_short, too_long, noise_bytes };
+        let mut decoder = Self { expect: *expect, letter: state.letter, refused, ..Self::new() };
+        decoder.data.extend_from_slice(data);
+        decoder
     }
 
     /// What was refused so far.
@@ -249,6 +302,22 @@ mod tests {
         fn what_is_written_is_read(letter in b'A'..=b'Z', data in proptest::collection::vec(any::<u8>(), 0..MAX_DATA)) {
             let frames: Vec<_> = Decoder::new().extend(&encoded(letter, &data)).collect();
             prop_assert_eq!(frames, vec![Frame { letter, data }]);
+        }
+
+        #[test]
+        fn decoder_that_another_one_takes_over_from_at_any_byte_finds_the_same(
+            bytes in proptest::collection::vec(prop_oneof![Just(b'$'), Just(b'*'), Just(b'A'), any::<u8>()], 0..300),
+            at in 0_usize..300,
+        ) {
+            let bytes = [encoded(b'A', b"one"), bytes, encoded(b'B', &[7; 40])].concat();
+            let (before, after) = bytes.split_at(at.min(bytes.len()));
+            let mut first = Decoder::new();
+            let mut frames: Vec<_> = first.extend(before).collect();
+            let mut second = Decoder::resume(&first.state());
+            frames.extend(second.extend(after));
+            let mut only = Decoder::new();
+            prop_assert_eq!(frames, only.extend(&bytes).collect::<Vec<_>>());
+            prop_assert_eq!(second.refused(), only.refused());
         }
 
         #[test]

@@ -25,7 +25,7 @@ pub struct Agenda {
     requests: AtomicU64,
     /// The newest decision.
     newest: AtomicU64,
-    /// When the newest change took effect, module time, ns; 0: there was none.
+    /// When the newest change took effect, or the first frame began, module time, ns.
     changed_ns: AtomicU64,
 }
 
@@ -54,6 +54,11 @@ impl Agenda {
         }
     }
 
+    /// Frame 0 is at `begin_ns` of module time: later than 0 where the module was reset.
+    pub fn begin(&self, begin_ns: u64) {
+        self.changed_ns.store(begin_ns, std::sync::atomic::Ordering::Release);
+    }
+
     /// Asks for a schedule from the next major frame on. The last request wins, also over one that is pending.
     pub fn request(&self, schedule: usize) -> Requested {
         if self.pending().is_none() && self.current() == schedule {
@@ -77,7 +82,7 @@ impl Agenda {
         self.pending().unwrap_or_else(|| self.current())
     }
 
-    /// When the newest change took effect, module time, ns; 0: there was none.
+    /// When the newest change took effect, or the first frame began, module time, ns.
     #[must_use]
     pub fn changed_ns(&self) -> u64 {
         self.changed_ns.load(Acquire)

@@ -70,7 +70,7 @@ pub struct Occurrence {
     pub reign: Reign,
     /// Major frames before this one.
     pub major_frame: u64,
-    /// Minor frames since module time 0.
+    /// Minor frames since frame 0.
     pub minor_frames: u64,
     /// The length of a minor frame, ns.
     pub minor_frame_ns: u64,
@@ -140,6 +140,7 @@ pub struct Dispatcher {
     agenda: Arc<Agenda>,
     cores: Vec<u32>,
     open: Vec<Option<Occurrence>>,
+    begin_ns: u64,
 }
 
 impl Dispatcher {
@@ -155,14 +156,20 @@ impl Dispatcher {
         let lines = timelines.first().into_iter().flat_map(|timeline| &timeline.cores);
         let cores: Vec<u32> = lines.map(|line| line.core).filter(|core| wanted(*core)).collect();
         let tables = timelines.iter().map(|timeline| Table::of(timeline, &cores, minor_frames)).collect();
-        Self { tables, agenda, open: vec![None; cores.len()], cores }
+        Self { tables, agenda, open: vec![None; cores.len()], cores, begin_ns: 0 }
+    }
+
+    /// Frame 0 is at `begin_ns` of module time: that of a module that was reset.
+    #[must_use]
+    pub fn beginning_at(self, begin_ns: u64) -> Self {
+        Self { begin_ns, ..self }
     }
 
     /// Runs major frames until the gate says that the module stops, or `stop` says so at a major frame's end.
     pub fn run(&mut self, pace: &mut dyn Pace, gate: &mut dyn Gate, stop: &dyn Fn() -> bool) {
         let schedule = self.agenda.current();
-        let reign = Reign { number: 0, schedule, after: None, since_ns: 0 };
-        let mut next = Some(Frame { number: 0, start_ns: 0, minor_frames: 0, reign });
+        let reign = Reign { number: 0, schedule, after: None, since_ns: self.begin_ns };
+        let mut next = Some(Frame { number: 0, start_ns: self.begin_ns, minor_frames: 0, reign });
         while let Some(before) = next.take() {
             let late_ns = self.reach_frame(&before, pace, gate);
             if stop() {

@@ -35,6 +35,24 @@ pub enum Event {
         /// What is known beside it.
         detail: String,
     },
+    /// A health error of the module itself.
+    ModuleFault {
+        /// Module time, s.
+        time_s: f64,
+        /// The error.
+        error: String,
+        /// What is done about it.
+        action: String,
+        /// What is known beside it.
+        detail: String,
+    },
+    /// The module was reset, and its frame 0 begins again.
+    ModuleRestarted {
+        /// Module time of frame 0, s.
+        time_s: f64,
+        /// From the error to frame 0, ms.
+        after_ms: f64,
+    },
     /// The successor of a failed process had its first window.
     Recovered {
         /// Module time, s.
@@ -96,6 +114,12 @@ pub enum Event {
         /// Windows that were lost because the dispatcher came later than they last.
         #[serde(default)]
         lost_windows: u64,
+        /// Switches that it reached later than `late_after` of the plan: the error `late_dispatcher`.
+        #[serde(default)]
+        too_late_switches: u64,
+        /// Resets of the module.
+        #[serde(default)]
+        resets: u32,
         /// Windows that were not closed in time.
         window_overruns: u64,
         /// Processor time for which dispatchers held their cores in slack, so as to be awake at the next start, s.

@@ -176,6 +176,13 @@ impl Slot {
         self.page.device_expected.store(bytes, Relaxed);
     }
 
+    /// Goes on with what a partition's device has sent and received, and is to receive, in a module that was reset.
+    pub fn carry_on_line(&self, [sent, received, expected]: [u64; 3]) {
+        self.page.device_sent.store(sent, Relaxed);
+        self.page.device_received.store(received, Relaxed);
+        self.expect_of_device(expected);
+    }
+
     /// The process behind the page, once it may take windows. Until the first of them nothing of it is real-time, and
     /// what is always held between windows is held.
     pub fn admit(&self, pid: i32, main: &[i32], others: &[i32]) {
@@ -682,20 +689,21 @@ mod tests {
             let (slot, inside) = (slot.clone(), inside.clone());
             std::thread::spawn(move || {
                 let mut owned = 0;
-                for _ in 0..20_000 {
+                // So often, however long that takes: the other one may lose its processor while it owns the slot.
+                while owned < 10_000 {
                     if slot.try_own(core) {
                         assert_eq!(inside.fetch_add(1, SeqCst), 0);
                         owned += 1;
                         inside.fetch_sub(1, SeqCst);
                         slot.disown(core);
+                    } else {
+                        std::thread::yield_now();
                     }
                     slot.disown(1 - core + 2); // of a core that does not own it: nothing
                 }
-                owned
             })
         });
-        let owned = threads.map(|thread| thread.join().unwrap());
-        assert!(owned.iter().all(|times| *times > 0), "{owned:?}");
+        threads.into_iter().for_each(|thread| thread.join().unwrap());
     }
 
     #[test]

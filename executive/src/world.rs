@@ -13,6 +13,7 @@ use crate::event::Event;
 use crate::fast::World;
 use crate::monitor::Monitor;
 use crate::partition::{await_any_end, ended, is_readable};
+use crate::plan::ModuleError;
 use crate::planned::PlannedActs;
 use crate::seats::Seats;
 use crate::system::spawn::Spawned;
@@ -146,6 +147,7 @@ pub struct Surroundings {
     changes: Changing,
     until_ns: Option<u64>,
     stop: Arc<AtomicBool>,
+    power_fail: Arc<AtomicBool>,
     recorder: Option<Recorder>,
     companion: Option<Companion>,
     line: Option<Arc<Seats>>,
@@ -155,29 +157,45 @@ pub struct Surroundings {
 }
 
 impl Surroundings {
-    /// Everything that may be there. `line`: the partition whose device the companion holds the other end of.
+    /// Everything that may be there. `stop` and `power_fail` are set by signals.
     #[must_use]
     pub fn new(
         acts: PlannedActs,
         changes: Changing,
         until_ns: Option<u64>,
         stop: Arc<AtomicBool>,
-        recorder: Option<Recorder>,
+        power_fail: Arc<AtomicBool>,
         companion: Option<Companion>,
-        line: Option<Arc<Seats>>,
     ) -> Self {
         Self {
             acts,
             changes,
             until_ns,
             stop,
-            recorder,
+            power_fail,
+            recorder: None,
             companion,
-            line,
+            line: None,
             next_exchange_ns: 0,
             module_ns: 0,
             reason: None,
         }
+    }
+
+    /// The module starts, perhaps not for the first time. `line`: the partition whose device the companion holds the other
+    /// end of.
+    pub fn begin(&mut self, recorder: Option<Recorder>, line: Option<Arc<Seats>>) {
+        self.recorder = recorder;
+        self.line = line;
+    }
+
+    /// What the partition at the line has sent and received so far, and what it is to receive: its successors in a module
+    /// that was reset go on counting there. None: nobody counts yet.
+    #[must_use]
+    pub fn line_counts(&self) -> Option<[u64; 3]> {
+        let page = &self.line.as_ref()?.in_office().page;
+        let counts = [&page.device_sent, &page.device_received, &page.device_expected];
+        Some(counts.map(|count| count.load(Ordering::Relaxed)))
     }
 
     /// When the run is to end, module time, ns.
@@ -192,6 +210,12 @@ impl Surroundings {
         self.module_ns
     }
 
+    /// The run is over, whatever the module says.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.reason.is_some()
+    }
+
     /// Why the run ended.
     #[must_use]
     pub fn reason(&self, of_monitor: Option<&str>) -> String {
@@ -201,7 +225,7 @@ impl Surroundings {
 
     /// Ends what was started; gives the reason why the recorder's log is not whole, where it was not told before.
     pub fn finish(&mut self) -> Option<String> {
-        self.recorder.as_mut()?.finish().map(str::to_owned)
+        self.recorder.take()?.finish().map(str::to_owned)
     }
 
     fn exchange(&mut self, module_ns: u64, monitor: &mut Monitor) {
@@ -239,6 +263,10 @@ impl World for Surroundings {
         if module_ns >= self.next_exchange_ns {
             self.next_exchange_ns = module_ns + EXCHANGE_NS;
             self.exchange(module_ns, monitor);
+        }
+        if self.power_fail.swap(false, Ordering::AcqRel) {
+            let detail = "the supply announced that it is going (SIGPWR)";
+            monitor.module_fault(ModuleError::PowerFail, detail, true, module_ns);
         }
         if self.stop.load(Ordering::Acquire) {
             self.reason.get_or_insert_with(|| "it was asked to stop".into());

@@ -9,7 +9,7 @@ use serde_json::Value;
 pub struct Fault {
     /// Module time, ns.
     pub time_ns: u64,
-    /// The partition.
+    /// The partition; empty: the module itself.
     pub partition: String,
     /// The error's name.
     pub error: String,
@@ -24,6 +24,8 @@ pub struct Fault {
 /// A line of `windows.csv`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Window {
+    /// The major frame, from the start of the module.
+    pub frame: u64,
     /// The core.
     pub core: u32,
     /// The partition.
@@ -67,7 +69,7 @@ fn fault(line: &Value) -> Fault {
     let text = |key: &str| line[key].as_str().expect("a text").to_owned();
     Fault {
         time_ns: line["time_ns"].as_u64().expect("a time"),
-        partition: text("partition"),
+        partition: line["partition"].as_str().unwrap_or_default().to_owned(),
         error: text("error"),
         action: text("action"),
         detail: text("detail"),
@@ -90,6 +92,7 @@ fn window(line: &str) -> Window {
     let fields: Vec<&str> = line.split(',').collect();
     assert_eq!(fields.len(), 12, "{line}");
     Window {
+        frame: fields[0].parse().unwrap(),
         core: fields[2].parse().unwrap(),
         partition: fields[3].to_owned(),
         planned_start_ns: fields[4].parse().unwrap(),

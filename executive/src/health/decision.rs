@@ -5,7 +5,10 @@ use std::process::ExitStatus;
 
 use bateleur_contract::exit;
 
-use crate::plan::{Exhausted, PartitionAction, PartitionError, PartitionHealth, Restart, StartMode};
+use crate::plan::{
+    Exhausted, ModuleAction, ModuleError, ModuleHealth, PartitionAction, PartitionError, PartitionHealth,
+    Reset, Restart, StartMode,
+};
 
 /// What is done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,6 +63,24 @@ pub fn decide(
         }
         PartitionAction::WarmRestart => Decision::Restart { warm: restart.start == StartMode::Warm },
         PartitionAction::ColdRestart => Decision::Restart { warm: false },
+    }
+}
+
+/// What is done about an error of the module. `can_go_on`: it can do its work in spite of it. `recent`: resets within the
+/// budget's time.
+#[must_use]
+pub fn decide_module(
+    error: ModuleError,
+    table: &ModuleHealth,
+    reset: &Reset,
+    can_go_on: bool,
+    recent: u32,
+) -> ModuleAction {
+    match table.action(error) {
+        // What does not run can not go on.
+        ModuleAction::Ignore if !can_go_on => ModuleAction::Shutdown,
+        ModuleAction::Reset if recent >= reset.budget => ModuleAction::Shutdown,
+        action => action,
     }
 }
 
@@ -138,6 +159,10 @@ mod tests {
     use crate::plan::Closed;
     use crate::test_support::plan_of;
 
+    const PARTITION: &str = "[partition.a]\nprogram = \"a\"\nmodule = \"m\"\nmemory = \"1MiB\"\n\
+         [schedule.s]\nmajor_frame = \"20ms\"\nminor_frame = \"20ms\"\ninitial = true\n\
+         [[schedule.s.window]]\npartition = \"a\"\noffset = \"0ms\"\nduration = \"2ms\"\n";
+
     fn partition(keys: &str) -> crate::plan::Partition {
         let text = format!(
             "[module.m]\ncores = [0]\n[partition.a]\nprogram = \"a\"\nmodule = \"m\"\nmemory = \"1MiB\"\n{keys}\n\
@@ -183,6 +208,34 @@ mod tests {
         for error in PartitionError::ALL {
             for alive in [true, false] {
                 let _ = decided("", *error, alive, 0);
+            }
+        }
+    }
+
+    #[test]
+    fn every_error_of_a_module_has_the_action_of_its_table_unless_that_can_not_be() {
+        for error in ModuleError::ALL {
+            for action in ModuleAction::ALL {
+                let text = format!(
+                    "[module.m]\ncores = [0]\n[health]\nreset = {{ budget = 2 }}\n[health.module]\n{error} = \"{action}\"\n"
+                );
+                let health = plan_of(&(text + PARTITION)).health;
+                for can_go_on in [true, false] {
+                    for recent in 0..4 {
+                        let decided = decide_module(*error, &health.module, &health.reset, can_go_on, recent);
+                        let case = format!("{error} -> {action}, can_go_on {can_go_on}, {recent} resets");
+                        match decided {
+                            ModuleAction::Ignore => assert!(can_go_on && *action == decided, "{case}"),
+                            ModuleAction::Reset => assert!(recent < 2 && *action == decided, "{case}"),
+                            ModuleAction::Shutdown => assert!(
+                                *action == decided
+                                    || (*action == ModuleAction::Ignore && !can_go_on)
+                                    || (*action == ModuleAction::Reset && recent >= 2),
+                                "{case}"
+                            ),
+                        }
+                    }
+                }
             }
         }
     }

@@ -21,9 +21,11 @@ use crate::plan::{self, ChangeAction};
 pub struct Fault {
     /// Module time of the detection, ns.
     pub time_ns: u64,
-    /// The partition.
-    pub partition: String,
-    /// The incarnation that failed.
+    /// Where it was dealt with.
+    pub level: Level,
+    /// The partition; none: the module itself.
+    pub partition: Option<String>,
+    /// The incarnation that failed; of a module, the number of its resets before.
     pub generation: u32,
     /// The error, as the health tables name it.
     pub error: String,
@@ -75,6 +77,11 @@ impl HealthLog {
         Ok(Self { file, length: 0, trouble: Trouble::default(), ring, ring_trouble, frame: 0 })
     }
 
+    /// Frames are counted from 0 again.
+    pub fn begin_frames(&mut self) {
+        self.frame = 0;
+    }
+
     /// The minor frame that the next entries belong to.
     pub fn set_frame(&mut self, frame: u64) {
         self.frame = self.frame.max(frame);
@@ -87,8 +94,8 @@ impl HealthLog {
             time_ns: fault.time_ns,
             frame: self.frame,
             generation: fault.generation,
-            level: Level::Partition,
-            partition: fault.partition.clone(),
+            level: fault.level,
+            partition: fault.partition.clone().unwrap_or_default(),
             error: fault.error.clone(),
             action: fault.action.clone(),
             detail: fault.detail.clone(),
@@ -103,8 +110,8 @@ impl HealthLog {
             time_ns,
             frame: self.frame,
             generation,
-            level: Level::Partition,
-            partition: fault.partition.clone(),
+            level: fault.level,
+            partition: fault.partition.clone().unwrap_or_default(),
             error: "recovered".into(),
             action: String::new(),
             detail: format!("after {after_ms:.1} ms"),
@@ -237,6 +244,13 @@ impl WindowRecord {
         u64::from(self.is_late()) + u64::from(!self.ending.shared && self.ending.late_ns > LATE_NS)
     }
 
+    /// The latest of them, ns.
+    #[must_use]
+    pub fn latest_ns(&self) -> u64 {
+        let end_ns = if self.ending.shared { 0 } else { self.ending.late_ns };
+        self.occurrence.late_ns.max(end_ns)
+    }
+
     /// Granted, but not closed when it ended.
     #[must_use]
     pub fn is_overrun(&self) -> bool {
@@ -357,7 +371,8 @@ mod tests {
     fn fault(time_ns: u64) -> Fault {
         Fault {
             time_ns,
-            partition: "imu".into(),
+            level: Level::Partition,
+            partition: Some("imu".into()),
             generation: 0,
             error: "killed".into(),
             action: "warm_restart".into(),

@@ -10,7 +10,8 @@ use std::rc::Rc;
 use std::sync::Arc;
 
 use super::conduct::Staff;
-use super::{Options, Outcome, RunError, machine};
+use super::course::{Course, Ended};
+use super::{Options, RunError, machine};
 use crate::control::{Inbox, Server};
 use crate::event::Event;
 use crate::helper::custodian::{Order, OrderedChannel};
@@ -62,6 +63,14 @@ fn spare(plan: &Plan, port: PortId) -> usize {
 fn await_end(helper: &Spawned) {
     crate::partition::await_any_end(&[helper.pidfd.as_fd()], 1_000_000_000);
     let _ = crate::partition::ended(helper); // one that still runs dies with the executive
+}
+
+/// The file of port messages: one that is closed can not be gone on with, so each start has its own.
+fn port_log(path: &Path, resets: u32) -> PathBuf {
+    match resets {
+        0 => path.to_owned(),
+        resets => path.with_extension(format!("reset-{resets}.mcap")),
+    }
 }
 
 /// What a run has outside its output folder, and the processes that serve it.
@@ -246,10 +255,11 @@ impl Base {
         &self,
         plan: &Arc<Plan>,
         view: &ModuleView<'_>,
-        mut options: Options,
+        options: &Options,
         facts: &Machine,
         programs: Vec<PathBuf>,
-    ) -> Result<Outcome, RunError> {
+        course: &mut Course,
+    ) -> Result<Ended, RunError> {
         let order = self.order(view);
         let homes: Vec<String> = order.channels.iter().map(|channel| channel.name.clone()).collect();
         self.instance
@@ -261,26 +271,25 @@ impl Base {
             Box::new(move |pid, channels| burier.start_janitor(pid, channels.to_vec()));
         let order = serde_json::to_string(&order).unwrap_or_default();
         let custodian = Rc::new(RefCell::new(self.start_custodian(&order)?));
-        let recorder =
-            options.record.take().map(|path| self.start_recorder(&path, order.clone())).transpose()?;
-        let cages = self.cages(plan, view, &options, facts, programs)?;
-        let (control, inbox) = self.open_control(&mut options);
+        let port_log = options.record.as_deref().map(|path| port_log(path, course.resets()));
+        let recorder = port_log.map(|path| self.start_recorder(&path, order.clone())).transpose()?;
+        let cages = self.cages(plan, view, options, facts, programs)?;
+        let (control, inbox) = self.open_control(&options.module, course);
         let start_janitor = self.janitor_starter(plan.clone(), order, custodian.clone())?;
         let staff = Staff { recorder, start_janitor, start_for_stranger, start_observer, inbox };
-        let ended = super::conduct::conduct(plan, view, options, facts, cages, staff);
+        let ended = super::conduct::conduct(plan, view, options, facts, cages, staff, course);
         drop(control);
         custodian.borrow_mut().leave();
         ended
     }
 
     /// A module flies without its control socket too, and says so.
-    fn open_control(&self, options: &mut Options) -> (Option<Server>, Option<Inbox>) {
+    fn open_control(&self, module: &str, course: &mut Course) -> (Option<Server>, Option<Inbox>) {
         match Server::open(&self.instance.directory()) {
             Ok((server, inbox)) => (Some(server), Some(inbox)),
             Err(error) => {
                 let text = format!("no control socket, so `bateleur ps` and orders do not reach it: {error}");
-                let partition = options.module.clone();
-                options.events.tell(&Event::Message { time_s: 0.0, partition, text });
+                course.tell(&Event::Message { time_s: 0.0, partition: module.to_owned(), text });
                 (None, None)
             }
         }

@@ -7,17 +7,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 
-use bateleur_contract::Clock;
+use bateleur_contract::{Clock, StartCondition};
 use rtrb::{Consumer, RingBuffer};
 
-use super::{Options, Outcome, RunError, machine};
+use super::course::{Course, Ended};
+use super::{Options, RunError, machine};
 use crate::agenda::Agenda;
 use crate::change::Changes;
 use crate::control::{Inbox, Status};
 use crate::dispatcher::Dispatcher;
 use crate::event::Event;
 use crate::fast::{Records, VirtualGate, VirtualPace};
-use crate::health::log::{HealthLog, WindowLog, WindowRecord};
+use crate::health::log::WindowRecord;
 use crate::inject::Stall;
 use crate::machine::Machine;
 use crate::monitor::StartForStranger;
@@ -25,17 +26,14 @@ use crate::monitor::observers::StartObserver;
 use crate::monitor::operator::Operator;
 use crate::monitor::{Equipment, Monitor, StartJanitor};
 use crate::partition::Cage;
-use crate::plan::{ModuleView, Plan, Timeline};
-use crate::planned::PlannedActs;
+use crate::plan::{ModuleError, ModuleView, PartitionId, Plan, Timeline};
 use crate::seats::Seats;
 use crate::slot::Grant;
 use crate::system::sched;
 use crate::system::time::now_ns;
 use crate::wall::{WallGate, WallPace};
-use crate::world::{Changing, Recorder, Surroundings};
+use crate::world::{Recorder, Surroundings};
 
-/// Real time from "ready" to module time 0: long enough for every dispatcher thread to be in its sleep.
-const LEAD_NS: u64 = 20_000_000;
 /// Why a module ends whose dispatcher has ended by itself.
 const LOST_CORE: &str =
     "a dispatcher was held up for longer than the schedules of the major frames are remembered";
@@ -62,103 +60,121 @@ pub(super) struct Staff {
 pub(super) fn conduct(
     plan: &Arc<Plan>,
     view: &ModuleView<'_>,
-    options: Options,
+    options: &Options,
     facts: &Machine,
     cages: Vec<Cage>,
     staff: Staff,
-) -> Result<Outcome, RunError> {
-    let initial = plan.initial_schedule();
-    let agenda = Arc::new(Agenda::new(initial.index()));
-    let tables = Tables {
-        timelines: Timeline::all(plan, view.id()),
-        changes: Arc::new(Changes::of(plan, agenda.clone())),
-        agenda: agenda.clone(),
-    };
-    let (records, lost) = (Records::default(), Arc::new(AtomicU64::new(0)));
+    course: &mut Course,
+) -> Result<Ended, RunError> {
+    let Some(kept) = course.kept.take() else { return Err(RunError::Start("it runs already".into())) };
+    let resets = kept.resets();
+    let condition = if resets == 0 { StartCondition::NormalStart } else { StartCondition::HmModuleRestart };
+    let records = Records::default();
     let rings: Rc<RefCell<Vec<Consumer<WindowRecord>>>> = Rc::default();
     let stall = Arc::new(Stall::default());
-    let mut monitor = Monitor::launch(Equipment {
+    let agenda = Arc::new(Agenda::new(plan.initial_schedule().index()));
+    let mut monitor = Monitor::new(Equipment {
         plan: plan.clone(),
-        agenda,
+        agenda: agenda.clone(),
         clock: options.clock,
-        cages,
         start_janitor: staff.start_janitor,
         start_for_stranger: staff.start_for_stranger,
         take_record: take_record(records.clone(), rings.clone()),
-        window_log: WindowLog::create(&options.output).map_err(machine("cannot write windows.csv"))?,
-        health_log: HealthLog::create(&options.output, plan.health.log)
-            .map_err(machine("cannot write health.jsonl"))?,
-        events: options.events,
+        kept,
         operator: Operator::new(
             staff.inbox,
             about(&options.module, options.clock),
             stall.clone(),
             Some(staff.start_observer),
         ),
-    })
-    .map_err(RunError::Start)?;
-    monitor.health_log().note_module("module_start", module_start(&options.module, options.clock), 0);
-    if let Err(reason) = monitor.await_all_ready() {
-        monitor.finish(0);
-        return Err(RunError::Start(reason));
+    });
+    let lanes = Lanes { rings, lost: Arc::default(), spun_ns: Arc::default(), stall };
+    let begun_ns = course.reached_ns();
+    let start = module_start(&options.module, options.clock, resets);
+    monitor.health_log().note_module("module_start", start, begun_ns);
+    if let Some(counts) = course.surroundings.line_counts() {
+        line_cages(view, &cages).for_each(|cage| cage.slot.carry_on_line(counts));
     }
-    let seats = monitor.seats();
-    connect(&seats, plan, options.clock);
-    monitor.events().tell(&Event::Ready { partitions: seats.iter().flatten().count() });
-    let acts = PlannedActs::of(
-        plan,
-        &options.acts,
-        options.killings,
-        view.partitions().map(crate::plan::PartitionId::index).collect(),
-    );
-    let planned_changes = Changing::of(&options.schedule_changes);
-    let line_slot = line_partition(view).and_then(|place| seats[place].clone());
-    let mut surroundings = Surroundings::new(
-        acts,
-        planned_changes,
-        options.until_ns,
-        options.stop.clone(),
-        staff.recorder,
-        options.companion,
-        line_slot,
-    );
-    let spun_ns = Arc::new(AtomicU64::new(0));
-    let lanes = Lanes { rings: rings.clone(), lost: lost.clone(), spun_ns: spun_ns.clone(), stall };
-    let module_ns = match options.clock {
-        Clock::Virtual => run_virtual(&tables, &mut monitor, &mut surroundings, records, facts),
-        Clock::Wall => run_wall(&tables, &mut monitor, &mut surroundings, &lanes, facts)?,
+    let ran = match monitor.launch(cages, condition).and_then(|()| monitor.await_all_ready()) {
+        Ok(()) => {
+            let ready = Ready { plan, view, clock: options.clock, facts, agenda, records, lanes: &lanes };
+            ready.run(&mut monitor, staff.recorder, resets, course)
+        }
+        Err(reason) => Err(RunError::Start(reason)),
     };
-    let reason = surroundings.reason(monitor.stop_asked());
+    let module_ns = ran.as_ref().map_or(begun_ns, |module_ns| *module_ns);
     monitor.finish(module_ns);
-    if let Some(reason) = surroundings.finish() {
+    if let Some(reason) = course.surroundings.finish() {
         let time_s = module_ns as f64 / 1e9;
         monitor.events().tell(&Event::LogLost { time_s, log: "ports.mcap".into(), reason });
     }
-    let (totals, unwritten_records) = (monitor.totals(), monitor.unwritten());
-    monitor.events().tell(&Event::Stopped {
-        reason: reason.clone(),
-        module_time_s: module_ns as f64 / 1e9,
-        windows: totals.windows,
-        late_windows: totals.late,
-        late_switches: totals.late_switches,
-        lost_windows: totals.lost,
-        window_overruns: totals.overruns,
-        spun_s: spun_ns.load(Ordering::Relaxed) as f64 / 1e9,
-        lost_records: lost.load(Ordering::Relaxed),
-        unwritten_records,
-    });
-    monitor.events().finish();
-    Ok(Outcome { reason, module_ns, guarantees: facts.guarantees.list().to_vec() })
+    let stop = monitor.stop_asked().cloned();
+    course.kept = Some(monitor.hand_on());
+    ran.map(|module_ns| {
+        let over = course.surroundings.is_over();
+        Ended {
+            reason: course.surroundings.reason(stop.as_ref().map(|stop| stop.reason.as_str())),
+            module_ns,
+            reset: !over && stop.as_ref().is_some_and(|stop| stop.reset),
+            faulty: !over && stop.is_some(),
+            lost_records: lanes.lost.load(Ordering::Relaxed),
+            spun_ns: lanes.spun_ns.load(Ordering::Relaxed),
+        }
+    })
+}
+
+/// A module whose partitions have initialised.
+struct Ready<'a> {
+    plan: &'a Plan,
+    view: &'a ModuleView<'a>,
+    clock: Clock,
+    facts: &'a Machine,
+    agenda: Arc<Agenda>,
+    records: Records,
+    lanes: &'a Lanes,
+}
+
+impl Ready<'_> {
+    /// Runs its windows, from frame 0 until it stops; gives the module time of that, ns.
+    fn run(
+        self,
+        monitor: &mut Monitor,
+        recorder: Option<Recorder>,
+        resets: u32,
+        course: &mut Course,
+    ) -> Result<u64, RunError> {
+        let Self { plan, view, clock, facts, agenda, records, lanes } = self;
+        let seats = monitor.seats();
+        connect(&seats, plan, clock);
+        monitor.events().tell(&Event::Ready { partitions: seats.iter().flatten().count() });
+        let line = line_partition(view).and_then(|line| seats[line.index()].clone());
+        course.surroundings.begin(recorder, line);
+        let (begin_ns, origin_ns) = course.begin(resets);
+        agenda.begin(begin_ns);
+        let tables = Tables {
+            timelines: Timeline::all(plan, view.id()),
+            changes: Arc::new(Changes::of(plan, agenda.clone())),
+            agenda,
+            begin_ns,
+        };
+        monitor.begin(begin_ns);
+        let surroundings = &mut course.surroundings;
+        match clock {
+            Clock::Virtual => Ok(run_virtual(&tables, monitor, surroundings, records, facts)),
+            Clock::Wall => run_wall(&tables, monitor, surroundings, lanes, facts, origin_ns),
+        }
+    }
 }
 
 /// What the persistent log says of a run's begin. Module time begins anew with every run: the date tells them apart.
-fn module_start(module: &str, clock: Clock) -> String {
+fn module_start(module: &str, clock: Clock, resets: u32) -> String {
     let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
     let clock = match clock {
         Clock::Wall => "wall",
         Clock::Virtual => "virtual",
     };
-    format!("module {module}, {clock} clock, Unix time {} s", since.as_secs())
+    let reset = if resets == 0 { String::new() } else { format!(", after reset {resets}") };
+    format!("module {module}, {clock} clock, Unix time {} s{reset}", since.as_secs())
 }
 
 /// What does not change while it runs.
@@ -187,8 +203,15 @@ fn take_record(
 }
 
 /// The partition whose device the companion holds the other end of: the first that may open one.
-fn line_partition(view: &ModuleView<'_>) -> Option<usize> {
-    view.partitions().find(|id| !view.plan()[*id].devices.is_empty()).map(crate::plan::PartitionId::index)
+fn line_partition(view: &ModuleView<'_>) -> Option<PartitionId> {
+    view.partitions().find(|id| !view.plan()[*id].devices.is_empty())
+}
+
+/// Its cages: one more where a process stands by.
+fn line_cages<'a>(view: &ModuleView<'_>, cages: &'a [Cage]) -> impl Iterator<Item = &'a Cage> {
+    let line = line_partition(view);
+    let of_it = cages.iter().filter(move |cage| Some(cage.id) == line);
+    of_it.flat_map(|cage| std::iter::once(cage).chain(cage.standby.as_deref()))
 }
 
 /// A first grant without a window: every port connects to its peers now, not in its first window.
@@ -221,11 +244,8 @@ fn run_virtual(
     // On the partitions' own core a grant is a switch, not an interrupt to another processor.
     let _ = sched::bind(0, &facts.partitioned_cores()); // slower otherwise, nothing else
     let mut gate = VirtualGate::new(monitor, surroundings, records, tables.changes.clone());
-    Dispatcher::new(&tables.timelines, tables.agenda.clone(), true, |_| true).run(
-        &mut VirtualPace,
-        &mut gate,
-        &|| false,
-    );
+    let dispatcher = Dispatcher::new(&tables.timelines, tables.agenda.clone(), true, |_| true);
+    dispatcher.beginning_at(tables.begin_ns).run(&mut VirtualPace, &mut gate, &|| false);
     surroundings.module_ns()
 }
 
@@ -243,8 +263,8 @@ fn run_wall(
     surroundings: &mut Surroundings,
     lanes: &Lanes,
     facts: &Machine,
+    origin_ns: u64,
 ) -> Result<u64, RunError> {
-    let origin_ns = now_ns() + LEAD_NS;
     let seats = monitor.seats();
     seats.iter().flatten().flat_map(|seats| seats.all()).for_each(|slot| slot.set_origin_ns(origin_ns));
     let stop = Arc::new(AtomicBool::new(false));
@@ -263,7 +283,8 @@ fn run_wall(
             lanes.stall.clone(),
         );
         let dispatcher =
-            Dispatcher::new(&tables.timelines, tables.agenda.clone(), false, |core| core == line.core);
+            Dispatcher::new(&tables.timelines, tables.agenda.clone(), false, |core| core == line.core)
+                .beginning_at(tables.begin_ns);
         let pace = WallPace::new(origin_ns, lanes.spun_ns.clone());
         let thread = std::thread::Builder::new()
             .name(format!("dispatch {}", line.core))
@@ -271,7 +292,7 @@ fn run_wall(
             .map_err(machine("cannot start a dispatcher thread"))?;
         threads.push(thread);
     }
-    let mut next_minor_ns = 0;
+    let mut next_minor_ns = tables.begin_ns;
     loop {
         monitor.pause(MONITOR_PERIOD_NS);
         let module_ns = now_ns().saturating_sub(origin_ns);
@@ -279,7 +300,7 @@ fn run_wall(
         if surroundings.until_ns().is_some_and(|until_ns| module_ns >= tables.last_frame(until_ns)) {
             stop.store(true, Ordering::Release); // told after the frame's end, they would begin another
         } else if threads.iter().any(JoinHandle::is_finished) {
-            monitor.ask_to_stop(LOST_CORE);
+            monitor.module_fault(ModuleError::LateDispatcher, LOST_CORE, false, module_ns);
             break;
         }
         if module_ns >= next_minor_ns {
@@ -303,6 +324,8 @@ struct Tables {
     timelines: Vec<Timeline>,
     agenda: Arc<Agenda>,
     changes: Arc<Changes>,
+    /// Module time of frame 0.
+    begin_ns: u64,
 }
 
 impl Tables {

@@ -16,9 +16,11 @@ use crate::plan::{ModuleView, Plan};
 use crate::planned::{Act, Killings, PlannedAct};
 use crate::world::Companion;
 use base::Base;
+use course::{Course, Ended};
 
 mod base;
 mod conduct;
+mod course;
 
 /// What a run is asked to do.
 pub struct Options {
@@ -50,6 +52,8 @@ pub struct Options {
     pub events: Events,
     /// Set by a signal: end at the end of the major frame.
     pub stop: Arc<AtomicBool>,
+    /// Set by SIGPWR: the supply is going.
+    pub power_fail: Arc<AtomicBool>,
 }
 
 /// Why a module did not run.
@@ -115,6 +119,8 @@ pub struct Outcome {
     pub reason: String,
     /// Module time, ns.
     pub module_ns: u64,
+    /// An error of the module ended it.
+    pub faulty: bool,
     /// What the machine gave.
     pub guarantees: Vec<Guarantee>,
 }
@@ -128,22 +134,47 @@ pub fn run(plan: Plan, mut options: Options) -> Result<Outcome, RunError> {
     let view = module_of(&plan, &options.module)?;
     check_names(&view, &options)?;
     check_schedules(&plan, &options)?;
-    let programs = find_programs(&view, &options.plan_folder)?;
     clean_leftovers();
-    let machine_facts = Machine::examine(&view, options.clock);
-    let lacking: Vec<String> = machine_facts
-        .guarantees
-        .lacking()
-        .map(|lack| format!("  {}: {}", lack.promise, lack.detail))
-        .collect();
+    let facts = Machine::examine(&view, options.clock);
+    let lacking: Vec<String> =
+        facts.guarantees.lacking().map(|lack| format!("  {}: {}", lack.promise, lack.detail)).collect();
     if options.strict && !lacking.is_empty() {
         return Err(RunError::Strict(lacking.join("\n")));
     }
-    options.events.tell(&Event::Guarantees { list: machine_facts.guarantees.list().to_vec() });
+    options.events.tell(&Event::Guarantees { list: facts.guarantees.list().to_vec() });
     let logs = options.output.join("partitions");
     fs::create_dir_all(&logs).map_err(machine(format!("cannot make {}", logs.display())))?;
-    let base = Base::make(&options.module, &machine_facts, &logs)?;
-    let result = base.run(&plan, &view, options, &machine_facts, programs);
+    let mut course = Course::new(&plan, &view, &mut options)?;
+    loop {
+        match start(&plan, &view, &options, &facts, &mut course) {
+            Ok(ended) => {
+                course.note(&ended);
+                if !ended.reset {
+                    let guarantees = facts.guarantees.list().to_vec();
+                    return Ok(course.finish(ended, guarantees));
+                }
+            }
+            Err(error) => {
+                if !course.tries_again(&plan, &error) {
+                    course.give_up();
+                    return Err(error);
+                }
+            }
+        }
+    }
+}
+
+/// One start of the module, from nothing to nothing.
+fn start(
+    plan: &Arc<Plan>,
+    view: &ModuleView<'_>,
+    options: &Options,
+    facts: &Machine,
+    course: &mut Course,
+) -> Result<Ended, RunError> {
+    let programs = find_programs(view, &options.plan_folder)?;
+    let base = Base::make(&options.module, facts, &options.output.join("partitions"))?;
+    let result = base.run(plan, view, options, facts, programs, course);
     base.leave();
     result
 }

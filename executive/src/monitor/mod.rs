@@ -22,12 +22,15 @@ use crate::event::{Event, Events};
 use crate::fence::Escapes;
 use crate::health::decision::{Decision, decide, error_of};
 use crate::health::log::{Fault, HealthLog, Missed, WindowLog, WindowRecord};
+use crate::health::record::Level;
 use crate::partition::{Cage, await_any_end, ended, is_readable};
-use crate::plan::{Closed, ModuleAction, ModuleError, PartitionError, PartitionId, Plan};
+use crate::plan::{Closed, ModuleError, PartitionError, PartitionId, Plan};
 use crate::seats::Seats;
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
 use burial::{Burials, Seat};
+use module_level::ModuleLevel;
+pub use module_level::{Kept, Stop};
 use operator::Operator;
 use standby::TAKEOVER;
 use watched::{Life, Then, Watched};
@@ -36,6 +39,7 @@ mod acts;
 mod burial;
 mod change;
 mod figures;
+mod module_level;
 pub mod observers;
 pub mod operator;
 mod provoke;
@@ -65,6 +69,8 @@ pub struct Totals {
     pub lost: u64,
     /// Windows granted and not closed in time.
     pub overruns: u64,
+    /// Switches that came later than `late_after`.
+    pub too_late: u64,
 }
 
 /// A schedule that the plan does not have.
@@ -93,7 +99,10 @@ pub struct Monitor {
     health_log: HealthLog,
     events: Events,
     totals: Totals,
-    stop_asked: Option<String>,
+    module: ModuleLevel,
+    stop: Option<Stop>,
+    /// Of the last step.
+    module_ns: u64,
     next_count_ns: u64,
     /// When the partitions' logs are looked at next, CLOCK_MONOTONIC, ns.
     next_bound_ns: u64,
@@ -112,72 +121,60 @@ pub struct Equipment {
     pub agenda: Arc<Agenda>,
     /// The clock.
     pub clock: Clock,
-    /// The partitions of the module.
-    pub cages: Vec<Cage>,
     /// How a janitor is started.
     pub start_janitor: StartJanitor,
     /// How one is started for a process that is no partition.
     pub start_for_stranger: StartForStranger,
     /// Where dispatchers leave records.
     pub take_record: TakeRecord,
-    /// The window log.
-    pub window_log: WindowLog,
-    /// The health log.
-    pub health_log: HealthLog,
-    /// Who watches.
-    pub events: Events,
+    /// What is there already where the module was reset.
+    pub kept: Kept,
     /// Who gives orders.
     pub operator: Operator,
 }
 
 impl Monitor {
-    /// Starts every partition.
-    ///
-    /// # Errors
-    /// A program that could not be started, with its partition.
-    pub fn launch(equipment: Equipment) -> Result<Self, String> {
-        let Equipment {
-            plan,
-            agenda,
-            clock,
-            cages,
-            start_janitor,
-            start_for_stranger,
-            take_record,
-            window_log,
-            health_log,
-            events,
-            operator,
-        } = equipment;
-        let mut places = vec![None; plan.partitions.len()];
-        let mut watched = Vec::new();
-        for cage in cages {
-            places[cage.id.index()] = Some(watched.len());
-            let process = cage
-                .launch(0, StartCondition::NormalStart)
-                .map_err(|error| format!("partition {}: {error}", cage.name))?;
-            watched.push(Watched::new(cage, process));
-        }
-        let mut monitor = Self {
+    /// Watches nobody yet.
+    #[must_use]
+    pub fn new(equipment: Equipment) -> Self {
+        let Equipment { plan, agenda, clock, start_janitor, start_for_stranger, take_record, kept, operator } =
+            equipment;
+        let Kept { window_log, mut health_log, events, totals, module } = kept;
+        health_log.begin_frames();
+        Self {
             told_schedule: agenda.current(),
+            places: vec![None; plan.partitions.len()],
             plan,
             agenda,
             clock,
-            watched,
-            places,
+            watched: Vec::new(),
             burials: Burials::new(start_janitor, start_for_stranger),
             take_record,
             window_log,
             health_log,
             events,
-            totals: Totals::default(),
-            stop_asked: None,
+            totals,
+            module,
+            stop: None,
+            module_ns: 0,
             next_count_ns: 0,
             next_bound_ns: 0,
             operator,
-        };
-        monitor.launch_standbys()?;
-        Ok(monitor)
+        }
+    }
+
+    /// Starts every partition of the module.
+    ///
+    /// # Errors
+    /// A program that could not be started, with its partition.
+    pub fn launch(&mut self, cages: Vec<Cage>, condition: StartCondition) -> Result<(), String> {
+        for cage in cages {
+            let process =
+                cage.launch(0, condition).map_err(|error| format!("partition {}: {error}", cage.name))?;
+            self.places[cage.id.index()] = Some(self.watched.len());
+            self.watched.push(Watched::new(cage, process));
+        }
+        self.launch_standbys()
     }
 
     /// Waits until every partition has initialised, before frame 0.
@@ -212,6 +209,7 @@ impl Monitor {
 
     /// Looks at everything once. `module_ns`: the time of what is found.
     pub fn step(&mut self, module_ns: u64) {
+        self.module_ns = module_ns;
         self.take_records(module_ns);
         self.tell_schedule();
         let all_run = self.do_all_run();
@@ -266,12 +264,6 @@ impl Monitor {
     /// The persistent health log and the others.
     pub fn health_log(&mut self) -> &mut HealthLog {
         &mut self.health_log
-    }
-
-    /// Records that logs lost because they could not be written.
-    #[must_use]
-    pub fn unwritten(&self) -> u64 {
-        self.health_log.lost() + self.window_log.lost()
     }
 
     /// What a window's end did not hold is an overrun, whether the partition had closed its window or not.
@@ -335,11 +327,6 @@ impl Monitor {
         });
     }
 
-    /// The module shall stop.
-    pub fn ask_to_stop(&mut self, reason: &str) {
-        self.stop_asked.get_or_insert_with(|| reason.into());
-    }
-
     /// Waits until the partition runs again or is given up (the virtual clock, at its first window after a restart).
     pub fn await_successor(&mut self, partition: usize, module_ns: u64) {
         let Some(place) = self.places[partition] else { return };
@@ -363,20 +350,14 @@ impl Monitor {
 
     /// Why the module shall stop, if it shall.
     #[must_use]
-    pub fn stop_asked(&self) -> Option<&str> {
-        self.stop_asked.as_deref()
+    pub fn stop_asked(&self) -> Option<&Stop> {
+        self.stop.as_ref()
     }
 
     /// The partitions' slots, for the dispatcher.
     #[must_use]
     pub fn seats(&self) -> Vec<Option<Arc<Seats>>> {
         self.places.iter().map(|place| place.map(|place| self.watched[place].seats.clone())).collect()
-    }
-
-    /// Totals so far.
-    #[must_use]
-    pub fn totals(&self) -> Totals {
-        self.totals
     }
 
     /// Who watches.
@@ -403,10 +384,9 @@ impl Monitor {
         }
         self.burials.give_up();
         self.window_log.flush();
-        if let Some(reason) = &self.stop_asked {
-            self.health_log.note_module("module_stop", reason.clone(), module_ns);
+        if let Some(stop) = self.stop.as_ref().filter(|stop| !stop.reset) {
+            self.health_log.note_module("module_stop", stop.reason.clone(), module_ns);
         }
-        self.health_log.finish();
         self.tell_lost(module_ns);
     }
 
@@ -430,6 +410,7 @@ impl Monitor {
             if let Some(Missed::Changed(action)) = record.missed {
                 self.change(place, action, at.reign.schedule, at.start_ns);
             }
+            self.judge_lateness(&record, module_ns);
             self.judge_window(place, &record, module_ns);
         }
     }
@@ -513,11 +494,8 @@ impl Monitor {
         let after_ms = (start_ns - fault.time_ns) as f64 / 1e6;
         self.health_log.write(&fault);
         self.health_log.note_recovery(&fault, watched.generation, start_ns);
-        self.events.tell(&Event::Recovered {
-            time_s: seconds(start_ns),
-            partition: fault.partition,
-            after_ms,
-        });
+        let partition = watched.cage.name.clone();
+        self.events.tell(&Event::Recovered { time_s: seconds(start_ns), partition, after_ms });
     }
 
     fn take_reports(&mut self, place: usize, module_ns: u64) {
@@ -596,7 +574,8 @@ impl Monitor {
         let watched = &mut self.watched[place];
         let fault = Fault {
             time_ns: module_ns,
-            partition: watched.cage.name.clone(),
+            level: Level::Partition,
+            partition: Some(watched.cage.name.clone()),
             generation: watched.generation,
             error: error.name().into(),
             action: if takes_over { TAKEOVER } else { decision.name() }.into(),
@@ -607,7 +586,7 @@ impl Monitor {
         self.health_log.note(&fault);
         self.events.tell(&Event::Fault {
             time_s: seconds(module_ns),
-            partition: fault.partition.clone(),
+            partition: self.watched[place].cage.name.clone(),
             error: fault.error.clone(),
             action: fault.action.clone(),
             detail: fault.detail.clone(),
@@ -623,10 +602,9 @@ impl Monitor {
             Decision::Idle | Decision::Stop => {
                 self.lay_to_rest(place, module_ns);
                 self.health_log.write(&fault);
-                let module_action = self.plan.health.module.action(ModuleError::PartitionStopped);
-                if decision == Decision::Stop && module_action != ModuleAction::Ignore {
-                    self.stop_asked =
-                        Some(format!("partition {} is stopped ({})", fault.partition, fault.error));
+                if decision == Decision::Stop {
+                    let partition = self.watched[place].cage.name.clone();
+                    self.partition_stopped(&partition, &fault.error, module_ns);
                 }
             }
             Decision::Restart { warm } => {
@@ -681,8 +659,8 @@ impl Monitor {
             Err(error) => {
                 watched.life = Life::Gone;
                 watched.rest();
-                let text = format!("cannot start again: {error}");
-                self.events.tell(&Event::Message { time_s: 0.0, partition: watched.cage.name.clone(), text });
+                let text = format!("partition {} can not be started again: {error}", watched.cage.name);
+                self.module_fault(ModuleError::ConfigError, &text, true, self.module_ns);
             }
         }
     }

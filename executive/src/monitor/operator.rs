@@ -9,6 +9,7 @@ use super::watched::{Life, Then};
 use crate::agenda::Requested;
 use crate::control::{Answer, Inbox, Ordered, Request, Status};
 use crate::health::log::Fault as Entry;
+use crate::health::record::Level;
 use crate::inject::{Fault, Stall};
 use crate::plan::did_you_mean;
 use crate::planned::{Act, STANDBY};
@@ -130,7 +131,8 @@ impl Monitor {
         let watched = &self.watched[place];
         let entry = Entry {
             time_ns: module_ns,
-            partition: watched.cage.name.clone(),
+            level: Level::Partition,
+            partition: Some(watched.cage.name.clone()),
             generation: watched.generation,
             error: "order".into(),
             action: "ignore".into(),

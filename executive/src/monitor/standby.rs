@@ -21,6 +21,7 @@ use super::{Monitor, seconds};
 use crate::event::Event;
 use crate::health::decision::error_of;
 use crate::health::log::Fault;
+use crate::health::record::Level;
 use crate::partition::{Cage, await_any_end, ended, is_readable};
 use crate::plan::{Closed, PartitionError, Plan};
 use crate::slot::{Grant, Readiness};
@@ -248,7 +249,8 @@ impl Monitor {
         let action = if standby.given_up { "ignore" } else { NEW_STANDBY };
         let entry = Fault {
             time_ns: module_ns,
-            partition: watched.cage.name.clone(),
+            level: Level::Partition,
+            partition: Some(watched.cage.name.clone()),
             generation: watched.generation + 1,
             error: error.name().into(),
             action: action.into(),

@@ -6,7 +6,7 @@ use super::MessageCatalogue;
 use super::closed::{ChangeAction, Direction, Exhausted, Kind, PartitionAction, PartitionError, StartMode};
 use super::model::{
     Chain, Channel, ChannelId, Health, HealthLog, Module, ModuleHealth, ModuleId, Partition, PartitionHealth,
-    PartitionId, Payload, Plan, Port, PortId, Restart, Role, Schedule, ScheduleId, Window,
+    PartitionId, Payload, Plan, Port, PortId, Reset, Restart, Role, Schedule, ScheduleId, Window,
     default_module_action, default_partition_action,
 };
 use super::names::Names;
@@ -37,6 +37,14 @@ pub(super) mod defaults {
     pub(crate) const STARTUP_NS: u64 = 20_000_000;
     /// Half a second at 50 windows a second: long enough not to be a hiccup, short enough to fly through.
     pub(crate) const SILENCE_WINDOWS: u32 = 25;
+    /// Several windows of 0.5 to 2 ms are lost or cut short by then: no noise of a machine that carries its schedule.
+    pub(crate) const LATE_AFTER_NS: u64 = 5_000_000;
+    /// With [`RESET_WITHIN_NS`]: a fault that a reset mends does not come back so soon.
+    pub(crate) const RESET_BUDGET: u32 = 2;
+    /// See [`RESET_BUDGET`].
+    pub(crate) const RESET_WITHIN_NS: u64 = 60_000_000_000;
+    /// About what a module of ten partitions takes; in virtual time it must be the same on every machine.
+    pub(crate) const RESET_STARTUP_NS: u64 = 200_000_000;
     /// A thousand records: what a bad day leaves.
     pub(crate) const HEALTH_LOG_BYTES: u64 = 256 << 10;
     /// What happened last explains an end.
@@ -210,12 +218,22 @@ impl Builder<'_> {
                 answer(&raw.module, error).unwrap_or_else(|| default_module_action(error))
             }),
             silence_windows: raw.silence_windows.as_ref().map_or(defaults::SILENCE_WINDOWS, |at| at.value),
+            late_after_ns: nanoseconds(&raw.late_after, defaults::LATE_AFTER_NS),
+            reset: Reset {
+                budget: raw.reset_budget.as_ref().map_or(defaults::RESET_BUDGET, |at| at.value),
+                within_ns: nanoseconds(&raw.reset_within, defaults::RESET_WITHIN_NS),
+                startup_ns: nanoseconds(&raw.reset_startup, defaults::RESET_STARTUP_NS),
+            },
             log: HealthLog {
                 bytes: raw.log_size.as_ref().map_or(defaults::HEALTH_LOG_BYTES, |at| at.value.0),
                 policy: raw.log_policy.as_ref().map_or(defaults::HEALTH_LOG_POLICY, |at| at.value.0),
             },
         }
     }
+}
+
+fn nanoseconds(said: &Option<At<Nanoseconds>>, otherwise: u64) -> u64 {
+    said.as_ref().map_or(otherwise, |at| at.value.0)
 }
 
 fn restart(raw: &RawPartition) -> Option<Restart> {

@@ -33,7 +33,7 @@ pub use facts::Facts;
 pub use latency::Visit;
 pub use model::{
     Attribute, Chain, Channel, ChannelId, Health, HealthLog, Module, ModuleHealth, ModuleId, ModuleView,
-    Partition, PartitionHealth, PartitionId, Payload, Plan, Port, PortId, Restart, Role, Schedule,
+    Partition, PartitionHealth, PartitionId, Payload, Plan, Port, PortId, Reset, Restart, Role, Schedule,
     ScheduleId, Window,
 };
 pub use report::{Place, Related, Report, Severity, Violation};

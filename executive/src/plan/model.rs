@@ -363,8 +363,23 @@ pub struct Health {
     pub module: ModuleHealth,
     /// How many windows in a row a partition may leave open before that is silence; not zero.
     pub silence_windows: u32,
+    /// A switch that the dispatcher comes later to is the error `late_dispatcher`, ns; not zero.
+    pub late_after_ns: u64,
+    /// How often a module may be reset.
+    pub reset: Reset,
     /// The persistent log.
     pub log: HealthLog,
+}
+
+/// How often a module may start again by itself; the next error that asks for a reset shuts it down.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Reset {
+    /// How many resets are allowed …
+    pub budget: u32,
+    /// … within this time.
+    pub within_ns: u64,
+    /// How long a reset takes in virtual time.
+    pub startup_ns: u64,
 }
 
 /// How much the persistent health log holds.
@@ -394,8 +409,12 @@ pub fn default_partition_action(error: PartitionError) -> PartitionAction {
 #[must_use]
 pub fn default_module_action(error: ModuleError) -> ModuleAction {
     match error {
-        ModuleError::LateDispatcher | ModuleError::PartitionStopped => ModuleAction::Ignore,
-        ModuleError::ConfigError | ModuleError::PowerFail => ModuleAction::Shutdown,
+        // A configuration that can not even be started is the end anyway; one partition that can not be started again in
+        // flight is better than none.
+        ModuleError::LateDispatcher | ModuleError::PartitionStopped | ModuleError::ConfigError => {
+            ModuleAction::Ignore
+        }
+        ModuleError::PowerFail => ModuleAction::Shutdown,
     }
 }
 

@@ -111,6 +111,10 @@ pub(super) struct RawHealth {
     pub(super) partition_span: Option<Span>,
     pub(super) module: Vec<Answer<ModuleError, ModuleAction>>,
     pub(super) silence_windows: Option<At<u32>>,
+    pub(super) late_after: Option<At<Nanoseconds>>,
+    pub(super) reset_budget: Option<At<u32>>,
+    pub(super) reset_within: Option<At<Nanoseconds>>,
+    pub(super) reset_startup: Option<At<Nanoseconds>>,
     pub(super) log_size: Option<At<Bytes>>,
     pub(super) log_policy: Option<At<Word<LogPolicy>>>,
 }
@@ -313,8 +317,16 @@ impl RawHealth {
                 Field::Said(at) => Some(at),
                 Field::Absent | Field::Broken => None,
             },
+            late_after: table.optional("late_after").said().cloned(),
             ..Self::default()
         };
+        if let Some((reset, span)) = table.table("reset") {
+            let mut reset = TableReader::new(reset, span, "the reset of the module", findings);
+            health.reset_budget = reset.optional("budget").said().cloned();
+            health.reset_within = reset.optional("within").said().cloned();
+            health.reset_startup = reset.optional("startup").said().cloned();
+            reset.finish();
+        }
         if let Some((log, span)) = table.table("log") {
             let mut log = TableReader::new(log, span, "the health log", findings);
             health.log_size = log.optional("size").said().cloned();

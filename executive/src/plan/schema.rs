@@ -18,7 +18,7 @@ partition.x = { restart = {}, port.x = {}, health = {} }
 channel = [{}]
 chain = [{}]
 schedule.x = { window = [{}], change_action = {} }
-health = { partition = {}, module = {}, log = {} }
+health = { partition = {}, module = {}, reset = {}, log = {} }
 ";
 
 /// What stands in a table that is no value.
@@ -44,6 +44,7 @@ const CHAIN: &str = "chain";
 const SCHEDULE: &str = "schedule `x`";
 const WINDOW: &str = "window";
 const HEALTH: &str = "`health`";
+const RESET: &str = "the reset of the module";
 const LOG: &str = "the health log";
 
 const INNER: &[(&str, &str, Inner)] = &[
@@ -60,6 +61,7 @@ const INNER: &[(&str, &str, Inner)] = &[
     (SCHEDULE, "change_action", Inner::Words(change_actions)),
     (HEALTH, "partition", Inner::Words(answers::<PartitionError, PartitionAction>)),
     (HEALTH, "module", Inner::Words(answers::<ModuleError, ModuleAction>)),
+    (HEALTH, "reset", Inner::Plain(RESET)),
     (HEALTH, "log", Inner::Plain(LOG)),
 ];
 
@@ -121,7 +123,12 @@ const DESCRIPTIONS: &[Described] = &[
     (HEALTH, "silence_windows", "How many granted windows in a row a partition may leave open."),
     (HEALTH, "partition", "What is done about errors of a partition."),
     (HEALTH, "module", "What is done about errors of the module."),
+    (HEALTH, "late_after", "A switch that comes later than this is the error `late_dispatcher`."),
+    (HEALTH, "reset", "How, and how often, the module is reset."),
     (HEALTH, "log", "The health log that outlives the executive."),
+    (RESET, "budget", "How many resets the module has within the time `within`; after them it shuts down."),
+    (RESET, "within", "The time over which resets are counted."),
+    (RESET, "startup", "How long a reset takes on the virtual clock."),
     (LOG, "size", "Its length on the disk, such as \"256KiB\"."),
     (LOG, "policy", "What becomes of new entries when it is full."),
 ];

@@ -54,23 +54,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
 
 fn table(log: &Contents, full: bool) -> String {
     let mut text = String::new();
-    for entry in &log.entries {
-        // Into a string: nothing can fail.
-        let _ = match entry.partition.is_empty() {
-            true => writeln!(text, "{}", heading(entry)),
-            false => writeln!(
-                text,
-                "{:>11.3} s  frame {:<7} {}[{}]: {}{}{}",
-                entry.time_ns as f64 / 1e9,
-                entry.frame,
-                entry.partition,
-                entry.generation,
-                entry.error,
-                in_brackets(&entry.detail),
-                if entry.action.is_empty() { String::new() } else { format!(" -> {}", entry.action) },
-            ),
-        };
-    }
+    log.entries.iter().for_each(|entry| text.push_str(&line(entry)));
     if log.entries.is_empty() {
         text.push_str("nothing was noted\n");
     }
@@ -86,11 +70,18 @@ fn table(log: &Contents, full: bool) -> String {
     text
 }
 
-fn heading(entry: &Entry) -> String {
-    match entry.error.as_str() {
-        "module_start" => format!("--- a run began{}", in_brackets(&entry.detail)),
-        error => format!("{:>11.3} s  {error}{}", entry.time_ns as f64 / 1e9, in_brackets(&entry.detail)),
+fn line(entry: &Entry) -> String {
+    let Entry { error, action, detail, .. } = entry;
+    let what = format!("{error}{}", in_brackets(detail));
+    if error == "module_start" {
+        return format!("--- a run began{}\n", in_brackets(detail));
     }
+    let whom = match entry.partition.is_empty() {
+        true => "module".into(),
+        false => format!("{}[{}]", entry.partition, entry.generation),
+    };
+    let then = if action.is_empty() { String::new() } else { format!(" -> {action}") };
+    format!("{:>11.3} s  frame {:<7} {whom}: {what}{then}\n", entry.time_ns as f64 / 1e9, entry.frame)
 }
 
 fn in_brackets(detail: &str) -> String {

@@ -2,7 +2,7 @@
 //!
 //! Says at its start what this machine can not promise; writes `windows.csv`, `health.jsonl` and the partitions'
 //! standard error into `--output`. Leaves nothing behind, however it ends. Exit codes: 0 it ran and was stopped,
-//! 1 a partition's stop ended it, 2 it could not run.
+//! 1 an error of the module ended it, by the table `[health.module]`, 2 it could not run.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -24,6 +24,8 @@ use super::faults::Faults;
 use super::{CANNOT_RUN, Code, FINE, WRONG};
 use crate::plan_file;
 
+/// The supply is going: what a machine's guard sends to whoever shall save what it can. The same number on x86-64 and aarch64.
+const SIGPWR: i32 = 30;
 /// Where a run writes that was not told otherwise.
 const LATEST: &str = "target/runs/latest";
 
@@ -128,13 +130,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     if arguments.until_stdin_closes {
         stop_with_standard_input(stop.clone());
     }
+    let power_fail = Arc::new(AtomicBool::new(false));
+    signal_hook::flag::register(SIGPWR, power_fail.clone()).context("cannot watch for signals")?;
     let folder = folder(arguments)?;
-    let outcome = run_module(plan, options(arguments, module, &folder, stop)?)?;
+    let outcome = run_module(plan, options(arguments, module, &folder, stop, power_fail)?)?;
     if arguments.events_fd.is_none() {
         let missed = arguments.faults.not_reached(outcome.module_ns as f64 / 1e9);
         missed.iter().for_each(|line| eprintln!("{line}"));
     }
-    Ok(if outcome.reason.starts_with("partition") { WRONG } else { FINE })
+    Ok(if outcome.faulty { WRONG } else { FINE })
 }
 
 /// The folder for logs, made where it is missing.
@@ -151,7 +155,13 @@ fn folder(arguments: &Arguments) -> Result<PathBuf> {
     Ok(folder)
 }
 
-fn options(arguments: &Arguments, module: String, folder: &Path, stop: Arc<AtomicBool>) -> Result<Options> {
+fn options(
+    arguments: &Arguments,
+    module: String,
+    folder: &Path,
+    stop: Arc<AtomicBool>,
+    power_fail: Arc<AtomicBool>,
+) -> Result<Options> {
     let mut overrides: BTreeMap<String, BTreeMap<String, serde_json::Value>> = BTreeMap::new();
     for setting in &arguments.set {
         overrides
@@ -177,6 +187,7 @@ fn options(arguments: &Arguments, module: String, folder: &Path, stop: Arc<Atomi
         companion: arguments.companion_fd.map(companion).transpose()?,
         events: Events::new(Some(events(arguments.events_fd))),
         stop,
+        power_fail,
     })
 }
 
@@ -247,6 +258,12 @@ fn text_of(event: &Event) -> String {
             let line = format!("{time_s:9.3} s  {partition}: {error} ({}) -> {action}", printable(detail));
             let lacks_line = detail.starts_with("ground link") && !detail.contains("is gone");
             if lacks_line { line + GROUND_HINT } else { line }
+        }
+        Event::ModuleFault { time_s, error, action, detail } => {
+            format!("{time_s:9.3} s  module: {error} ({}) -> {action}", printable(detail))
+        }
+        Event::ModuleRestarted { time_s, after_ms } => {
+            format!("{time_s:9.3} s  module: frame 0 again after {after_ms:.1} ms")
         }
         Event::Recovered { time_s, partition, after_ms } => {
             format!("{time_s:9.3} s  {partition}: back after {after_ms:.1} ms")

@@ -3,10 +3,10 @@
 use super::Context;
 use crate::plan::build::effective_action;
 use crate::plan::catalogue;
-use crate::plan::closed::{Closed, PartitionAction, PartitionError, StartMode};
+use crate::plan::closed::{Closed, ModuleAction, PartitionAction, PartitionError, StartMode};
 use crate::plan::findings::{Finding, Span, listed};
-use crate::plan::raw::{Answer, RawPartition};
-use crate::plan::reader::{Bytes, Word};
+use crate::plan::raw::{Answer, RawHealth, RawPartition};
+use crate::plan::reader::{At, Bytes, Nanoseconds, Word};
 use crate::plan::units::ShowTime;
 
 pub(super) fn check(cx: &Context<'_>) {
@@ -17,6 +17,9 @@ pub(super) fn check(cx: &Context<'_>) {
     if let Some(windows) = &health.silence_windows {
         cx.at_in_range("silence_windows", windows, 1, u32::MAX);
     }
+    not_zero(cx, "late_after", &health.late_after);
+    not_zero(cx, "within", &health.reset_within);
+    reset_budget(cx, health);
     log_size(cx);
     for partition in &cx.file.partitions {
         ignored(cx, &partition.health);
@@ -26,6 +29,24 @@ pub(super) fn check(cx: &Context<'_>) {
         standby(cx, partition);
         deadline(cx, partition);
     }
+}
+
+fn not_zero(cx: &Context<'_>, what: &str, time: &Option<At<Nanoseconds>>) {
+    if let Some(time) = time.as_ref().filter(|time| time.value.0 == 0) {
+        let mend = "write a time above zero, or leave the key out for its default";
+        cx.note(&catalogue::ZERO_TIME, &time.span, format!("`{what}` is zero"), mend);
+    }
+}
+
+fn reset_budget(cx: &Context<'_>, health: &RawHealth) {
+    let Some(budget) = health.reset_budget.as_ref().filter(|budget| budget.value == 0) else { return };
+    let Some(answer) = health.module.iter().find(|answer| answer.action.value == ModuleAction::Reset) else {
+        return;
+    };
+    let message = format!("`{}` resets the module, but its budget is zero", answer.error);
+    let mend = "allow some resets, or choose `shutdown`";
+    let finding = Finding::new(&catalogue::RESTART_WITHOUT_BUDGET, &budget.span, message, mend);
+    cx.add(finding.also(&answer.action.span, "it is asked for here"));
 }
 
 /// Bytes of a persistent log: from a few records to what is read in one piece.

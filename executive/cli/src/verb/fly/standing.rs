@@ -29,6 +29,7 @@ impl Standing {
                 let state = if action == "idle" { "is idle" } else { "was stopped" };
                 self.down.insert(partition.clone(), format!("{partition} {state}: {why}"));
             }
+            Event::ModuleRestarted { .. } => self.down.clear(),
             Event::Recovered { partition, .. } => drop(self.down.remove(partition)),
             _ => {}
         }

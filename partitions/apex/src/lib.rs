@@ -37,6 +37,7 @@
 mod attributes;
 mod context;
 mod faults;
+mod harness;
 mod line;
 mod ports;
 mod retained;
@@ -51,6 +52,7 @@ mod window;
 pub use attributes::AttributeError;
 pub use bateleur_contract::{Direction, PortKind, StartCondition};
 pub use context::{Context, StartError};
+pub use harness::{Harness, Incarnation};
 pub use line::Line;
 pub use ports::{QueuingDestination, QueuingSource, Reading, SamplingDestination, SamplingSource, Sent};
 pub use retained::Retained;

@@ -13,6 +13,7 @@ pub(crate) mod health;
 pub(crate) mod helper;
 pub(crate) mod inject;
 pub(crate) mod man;
+pub(crate) mod new;
 pub(crate) mod order;
 pub(crate) mod plan;
 pub(crate) mod ports;

@@ -1,0 +1,259 @@
+//! `bateleur new`: writes the crate of a partition from what the schedule file says of it: ports, attributes, retained
+//! memory, a standby. It builds and runs as it is; what the partition computes is left to its author.
+//!
+//! It never writes over a file. In a checkout of this project the crate becomes a member of the workspace; anywhere else it
+//! is a workspace of its own that takes the library from a checkout. Where the file has no such partition yet, it says what
+//! to add, or adds it (`--add`).
+//!
+//! Exit codes: 0 written, 1 the schedule file has no such partition yet, 2 it can not be written.
+
+mod list;
+mod manifest;
+mod names;
+mod readme;
+mod skeleton;
+mod source;
+mod stanza;
+mod test_source;
+mod values;
+mod workspace;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use bateleur_executive::plan::{Partition, Plan};
+
+use super::{CANNOT_RUN, Code, FINE, WRONG};
+use crate::plan_file;
+use skeleton::Skeleton;
+use workspace::{Home, Workspace};
+
+/// Write the crate of a partition from what the schedule file says of it.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "For example: bateleur new height_watch --add, then its ports in schedule.toml, then: bateleur new height_watch\n\n\
+    Exit codes: 0 written; 1 the schedule file has no such partition yet, and what to add is printed; 2 it can not be written."
+)]
+pub(crate) struct Arguments {
+    /// The partition, as the schedule file calls it.
+    partition: String,
+    /// The schedule file.
+    #[arg(long, short, value_name = "FILE", default_value = "schedule.toml")]
+    schedule: PathBuf,
+    /// Where the crate goes; in a checkout of this project it becomes a member of the workspace [default:
+    /// partitions/PARTITION in the checkout that holds the schedule file, else PARTITION here].
+    #[arg(long, short, value_name = "FOLDER")]
+    dir: Option<PathBuf>,
+    /// The checkout that a crate outside of it takes the library from [default: the one that this program was built from].
+    #[arg(long, value_name = "FOLDER")]
+    library: Option<PathBuf>,
+    /// Add the partition, without ports, and a window to the schedule file, and write no crate.
+    #[arg(long, conflicts_with_all = ["dir", "library"])]
+    add: bool,
+    /// The length of that window.
+    #[arg(long, value_name = "TIME", default_value = "500us", value_parser = stanza::window_length)]
+    window: u64,
+    /// The module of a partition that is added; may be left out where the file has one.
+    #[arg(long, short, value_name = "NAME")]
+    module: Option<String>,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
+    let Some(plan) = read(&arguments.schedule)? else { return Ok(CANNOT_RUN) };
+    let name = &arguments.partition;
+    match (plan.partition(name), arguments.add) {
+        (Some(id), false) => write_crate(arguments, &plan, &plan[id]),
+        (Some(_), true) => bail!("{} has a partition `{name}` already", arguments.schedule.display()),
+        (None, add) => {
+            let wish =
+                stanza::Wish { name, module: arguments.module.as_deref(), window_ns: arguments.window };
+            let missing = stanza::Missing::of(&plan, &wish)?;
+            if add {
+                stanza::add(&arguments.schedule, &missing)
+            } else {
+                say_missing(arguments, &plan, &missing)
+            }
+        }
+    }
+}
+
+/// The plan; none where it breaks rules, which are printed. A message type that nobody knows may well be meant to come.
+fn read(path: &Path) -> Result<Option<Plan>> {
+    match plan_file::read_among(path, None)? {
+        Ok((plan, _)) => Ok(Some(plan)),
+        Err(report) => {
+            eprint!("{}", report.render(false));
+            if report.violations().iter().any(|violation| violation.rule.starts_with("N05")) {
+                eprintln!(
+                    "a message type of your own has to be in `partitions/messages`, and this program built with it, before \
+                     ports may name it: see docs/src/new-partition.md"
+                );
+            }
+            Ok(None)
+        }
+    }
+}
+
+fn say_missing(arguments: &Arguments, plan: &Plan, missing: &stanza::Missing) -> Result<Code> {
+    let (name, file) = (&arguments.partition, arguments.schedule.display());
+    let near = crate::words::nearest(name, plan.partitions.iter().map(|partition| partition.name.as_str()));
+    let hint = near.map_or_else(String::new, |near| format!(": did you mean `{near}`?"));
+    eprintln!("there is no partition `{name}` in {file}{hint}\n");
+    eprintln!("{}", missing.advice());
+    eprintln!("`bateleur new {name} --add` writes that into the file.");
+    Ok(WRONG)
+}
+
+/// One file of the crate: its path below the folder, its text.
+type Written = (&'static str, String);
+
+fn write_crate(arguments: &Arguments, plan: &Plan, partition: &Partition) -> Result<Code> {
+    let skeleton = Skeleton::of(plan, partition)?;
+    let schedule = arguments
+        .schedule
+        .canonicalize()
+        .with_context(|| format!("cannot find {}", arguments.schedule.display()))?;
+    let place = place(arguments, &schedule, &skeleton)?;
+    let files = files(&skeleton, &place.home)?;
+    refuse_to_overwrite(&place.folder, &files)?;
+    if let Home::Member(workspace) = &place.home {
+        workspace.refuse_a_second(&skeleton.program)?;
+    }
+    write(&place.folder, &files)?;
+    println!("{}: the crate of partition `{}`", place.shown, skeleton.partition);
+    for (name, _) in &files {
+        println!("  {name}");
+    }
+    skeleton.notes().iter().for_each(|note| println!("note: {note}"));
+    match &place.home {
+        Home::Member(workspace) => say_next_inside(workspace, &place, &skeleton)?,
+        Home::Alone(library) => say_next_outside(library, &place, partition, &skeleton, &schedule),
+    }
+    println!("run it:    {}", run_command(arguments, plan, partition));
+    println!("what to fill in: {}/src/main.rs", place.shown);
+    Ok(FINE)
+}
+
+fn run_command(arguments: &Arguments, plan: &Plan, partition: &Partition) -> String {
+    let mut command = "bateleur run".to_owned();
+    if arguments.schedule != Path::new("schedule.toml") {
+        command += &format!(" --schedule {}", arguments.schedule.display());
+    }
+    if plan.modules.len() > 1 {
+        command += &format!(" --module {}", plan[partition.module].name);
+    }
+    command + " --fast --until 1"
+}
+
+/// Where the crate goes.
+struct Place {
+    /// Absolute.
+    folder: PathBuf,
+    /// As the user would write it.
+    shown: String,
+    home: Home,
+}
+
+fn place(arguments: &Arguments, schedule: &Path, skeleton: &Skeleton) -> Result<Place> {
+    let here = std::env::current_dir().context("there is no current folder")?;
+    let given = match (&arguments.dir, Workspace::around(schedule)) {
+        (Some(dir), _) => dir.clone(),
+        (None, Some(workspace)) => workspace.root.join("partitions").join(&skeleton.partition),
+        (None, None) => PathBuf::from(&skeleton.partition),
+    };
+    let folder = workspace::absolute(&here, &given);
+    let home = match Workspace::around(&folder) {
+        Some(workspace) => Home::Member(workspace),
+        None => Home::Alone(Workspace::library(arguments.library.as_deref(), schedule)?),
+    };
+    let shown = folder.strip_prefix(&here).unwrap_or(&folder).display().to_string();
+    Ok(Place { folder, shown, home })
+}
+
+fn files(skeleton: &Skeleton, home: &Home) -> Result<Vec<Written>> {
+    let mut files = vec![
+        ("Cargo.toml", manifest::text(skeleton, home)),
+        ("README.md", readme::text(skeleton)),
+        ("src/main.rs", source::text(skeleton)),
+    ];
+    if let Home::Alone(library) = home {
+        files.push((".gitignore", "/target\n".to_owned()));
+        // As the library's own: the skeleton is formatted so, and its tests may be as blunt.
+        for name in ["rustfmt.toml", "clippy.toml", "Cargo.lock"] {
+            if let Ok(text) = std::fs::read_to_string(library.root.join(name)) {
+                files.push((name, text));
+            }
+        }
+    }
+    Ok(files)
+}
+
+fn refuse_to_overwrite(folder: &Path, files: &[Written]) -> Result<()> {
+    let there: Vec<&str> =
+        files.iter().map(|(name, _)| *name).filter(|name| folder.join(name).exists()).collect();
+    if there.is_empty() {
+        return Ok(());
+    }
+    bail!(
+        "{} has {} already, and nothing is written over: name another folder with --dir, or move {} away",
+        folder.display(),
+        there.join(", "),
+        if there.len() == 1 { "it" } else { "them" }
+    )
+}
+
+fn write(folder: &Path, files: &[Written]) -> Result<()> {
+    for (name, text) in files {
+        let path = folder.join(name);
+        let parent = path.parent().unwrap_or(folder);
+        std::fs::create_dir_all(parent)
+            .with_context(|| format!("cannot make the folder {}", parent.display()))?;
+        // Also where somebody was quicker: never over a file.
+        let mut file =
+            std::fs::File::create_new(&path).with_context(|| format!("cannot write {}", path.display()))?;
+        std::io::Write::write_all(&mut file, text.as_bytes())
+            .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
+}
+
+fn say_next_inside(workspace: &Workspace, place: &Place, skeleton: &Skeleton) -> Result<()> {
+    let member = place.folder.strip_prefix(&workspace.root).unwrap_or(&place.folder).display().to_string();
+    let manifest = workspace.root.join("Cargo.toml");
+    match workspace.with_member(&member)? {
+        workspace::Joined::Already => println!("{}: has it among its members", manifest.display()),
+        workspace::Joined::Text(text) => {
+            std::fs::write(&manifest, text)
+                .with_context(|| format!("cannot write {}", manifest.display()))?;
+            println!(
+                "{}: `\"{member}\",` is now among its members; nothing else was changed",
+                manifest.display()
+            );
+        }
+        workspace::Joined::ByHand => {
+            println!("{}: add `\"{member}\",` to `members` of `[workspace]` by hand", manifest.display());
+        }
+    }
+    println!("\nbuild it:  cargo build --release -p {}", skeleton.package);
+    println!("test it:   cargo test --release -p {}", skeleton.package);
+    Ok(())
+}
+
+fn say_next_outside(
+    library: &Workspace,
+    place: &Place,
+    partition: &Partition,
+    skeleton: &Skeleton,
+    schedule: &Path,
+) {
+    println!("it takes the library from {}", library.root.display());
+    let manifest = format!("{}/Cargo.toml", place.shown);
+    println!("\nbuild it:  cargo build --release --manifest-path {manifest}");
+    println!("test it:   cargo test --release --manifest-path {manifest}");
+    let built = place.folder.join("target/release").join(&skeleton.program);
+    let built =
+        built.strip_prefix(schedule.parent().unwrap_or(schedule)).unwrap_or(&built).display().to_string();
+    if partition.program != built {
+        println!("name it:   program = \"{built}\" in [partition.{}]", skeleton.partition);
+    }
+}

@@ -1,0 +1,254 @@
+//! What a crate is made from: the partition as the plan has it, with a name in Rust for everything.
+
+use anyhow::{Result, bail};
+use bateleur_executive::plan::{Partition, Payload, Plan, Port, Role};
+use bateleur_messages::{FieldKind, MessageType};
+
+use super::names::{CARGO_FOLDERS, Fields, type_name};
+use super::values::Reading;
+
+/// Names that the skeleton uses itself, or takes in from elsewhere.
+pub(super) const USED_TYPES: &[&str] = &[
+    "Context",
+    "Default",
+    "Err",
+    "ExitCode",
+    "Field",
+    "FieldKind",
+    "FromBytes",
+    "Harness",
+    "Immutable",
+    "IntoBytes",
+    "Kept",
+    "KnownLayout",
+    "Message",
+    "None",
+    "Ok",
+    "Option",
+    "Partition",
+    "QueuingDestination",
+    "QueuingSource",
+    "Result",
+    "Retained",
+    "SamplingDestination",
+    "SamplingSource",
+    "Some",
+    "StartError",
+    "String",
+    "Takeover",
+    "Vec",
+    "Window",
+];
+/// Fields of its own.
+const OWN_FIELDS: &[&str] = &["kept", "retained", "windows", "partition", "harness", "context", "window"];
+/// What the library keeps for the smallest value: two copies, each with a header, in blocks of 64 bytes.
+const SMALLEST_RETAINED: u64 = 160;
+
+/// See the module's head.
+pub(super) struct Skeleton {
+    pub(super) partition: String,
+    /// The file that is started.
+    pub(super) program: String,
+    pub(super) package: String,
+    /// Outside of a checkout.
+    pub(super) package_alone: String,
+    pub(super) type_name: String,
+    pub(super) ports: Vec<SkeletonPort>,
+    pub(super) attributes: Vec<SkeletonAttribute>,
+    /// None: nothing is kept.
+    pub(super) retained_bytes: Option<u64>,
+    pub(super) standby: bool,
+    /// What else the plan grants, as comments for the author.
+    pub(super) grants: Vec<String>,
+    shares: Vec<String>,
+}
+
+pub(super) struct SkeletonPort {
+    pub(super) name: String,
+    pub(super) field: String,
+    pub(super) role: Role,
+    pub(super) content: Content,
+}
+
+/// What a port carries.
+#[derive(Clone, Copy)]
+pub(super) enum Content {
+    Message(&'static MessageType),
+    /// Plain bytes, as long as the channel's source sends them.
+    Bytes(usize),
+}
+
+pub(super) struct SkeletonAttribute {
+    pub(super) name: String,
+    pub(super) field: String,
+    pub(super) reading: Reading,
+}
+
+impl Skeleton {
+    pub(super) fn of(plan: &Plan, partition: &Partition) -> Result<Self> {
+        let program = program(partition)?;
+        let mut fields = Fields::without(OWN_FIELDS);
+        let mut ports = Vec::new();
+        for id in &partition.ports {
+            let port = &plan[*id];
+            let (name, role, content) = (port.name.clone(), port.role, content(plan, port)?);
+            ports.push(SkeletonPort { field: fields.field(&name, "port"), name, role, content });
+        }
+        let mut attributes = Vec::new();
+        for (name, value) in &partition.attributes {
+            let reading = Reading::of(value);
+            let field = match reading {
+                Reading::Duration { .. } if !name.ends_with("_ns") => {
+                    fields.field(&format!("{name}_ns"), "attribute")
+                }
+                _ => fields.field(name, "attribute"),
+            };
+            attributes.push(SkeletonAttribute { name: name.clone(), field, reading });
+        }
+        let messages: Vec<&str> = ports.iter().map(|port| port.content.type_name_of_message()).collect();
+        let taken: Vec<&str> = USED_TYPES.iter().copied().chain(messages).collect();
+        let others = plan.partitions.iter().filter(|other| other.name != partition.name);
+        let shares =
+            others.filter(|other| other.program == partition.program).map(|other| other.name.clone());
+        Ok(Self {
+            partition: partition.name.clone(),
+            package: super::names::package(&partition.name, Some("bateleur")),
+            package_alone: super::names::package(&partition.name, None),
+            type_name: type_name(&partition.name, &taken),
+            program,
+            ports,
+            attributes,
+            retained_bytes: (partition.retained_bytes > 0).then_some(partition.retained_bytes),
+            standby: partition.standby.is_some(),
+            grants: grants(partition),
+            shares: shares.collect(),
+        })
+    }
+
+    /// What the author should know beside the files.
+    pub(super) fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        if let Some(bytes) = self.retained_bytes.filter(|bytes| *bytes < SMALLEST_RETAINED) {
+            notes.push(format!(
+                "`retained` is {bytes} bytes, and even the smallest value takes {SMALLEST_RETAINED}: give it 4KiB"
+            ));
+        }
+        for other in &self.shares {
+            notes.push(format!("partition `{other}` runs `{}` too, with this code", self.program));
+        }
+        notes
+    }
+
+    /// Derives for memory that is shared or kept.
+    pub(super) fn needs_zerocopy(&self) -> bool {
+        self.retained_bytes.is_some() || self.has_bytes()
+    }
+
+    /// Any type of `bateleur-messages`.
+    pub(super) fn needs_messages(&self) -> bool {
+        !self.ports.is_empty()
+    }
+
+    pub(super) fn has_bytes(&self) -> bool {
+        self.ports.iter().any(|port| matches!(port.content, Content::Bytes(_)))
+    }
+
+    /// The sizes of plain bytes that its ports carry, each once.
+    pub(super) fn byte_sizes(&self) -> Vec<usize> {
+        let mut sizes: Vec<usize> = self
+            .ports
+            .iter()
+            .filter_map(|port| match port.content {
+                Content::Bytes(size) => Some(size),
+                Content::Message(_) => None,
+            })
+            .collect();
+        sizes.sort_unstable();
+        sizes.dedup();
+        sizes
+    }
+}
+
+impl Content {
+    /// The type in Rust.
+    pub(super) fn type_name(self) -> String {
+        match self {
+            Self::Message(message) => message.name.to_owned(),
+            Self::Bytes(size) => format!("Bytes{size}"),
+        }
+    }
+
+    fn type_name_of_message(&self) -> &str {
+        match self {
+            Self::Message(message) => message.name,
+            Self::Bytes(_) => "Bytes",
+        }
+    }
+
+    /// A value that is fit to be sent, field by field.
+    pub(super) fn fields(self) -> Vec<String> {
+        let Self::Message(message) = self else { return Vec::new() };
+        let value = |field: &bateleur_messages::Field| {
+            let one = if field.kind == FieldKind::F64 { "0.0" } else { "0" };
+            match (field.name, field.count) {
+                ("valid_ns", 1) => "window.start_ns()".to_owned(),
+                // The attitude that turns nothing.
+                ("quaternion", 4) => "[1.0, 0.0, 0.0, 0.0]".to_owned(),
+                (_, 1) => one.to_owned(),
+                (_, count) => format!("[{one}; {count}]"),
+            }
+        };
+        message.fields.iter().map(|field| format!("{}: {}", field.name, value(field))).collect()
+    }
+}
+
+/// The program's file name, which has to be one for cargo.
+fn program(partition: &Partition) -> Result<String> {
+    let name = partition.program.rsplit('/').next().unwrap_or_default();
+    let plain = |letter: char| letter.is_ascii_alphanumeric() || letter == '_' || letter == '-';
+    if name.is_empty() || !name.chars().all(plain) || name.starts_with('-') {
+        bail!(
+            "cargo builds no program called `{name}`: write `program = \"{0}\"` in [partition.{0}]",
+            partition.name
+        );
+    }
+    if CARGO_FOLDERS.contains(&name) {
+        bail!(
+            "cargo keeps the name `{name}` for a folder of its own: choose another `program` in [partition.{}]",
+            partition.name
+        );
+    }
+    Ok(name.to_owned())
+}
+
+fn content(plan: &Plan, port: &Port) -> Result<Content> {
+    match &port.payload {
+        Payload::Message { name, .. } => match bateleur_messages::find(name) {
+            Some(message) => Ok(Content::Message(message)),
+            None => bail!("this program was built without the message type `{name}`"),
+        },
+        Payload::Bytes { max_size_bytes } => {
+            let source = port.channel.map(|channel| &plan[plan[channel].source]);
+            Ok(Content::Bytes(source.map_or(*max_size_bytes, |source| source.payload.max_size_bytes())))
+        }
+    }
+}
+
+fn grants(partition: &Partition) -> Vec<String> {
+    let mut grants = Vec::new();
+    if !partition.devices.is_empty() {
+        grants.push(
+            "Devices are opened in `start`; `context.line(device)` makes a serial line of one.".to_owned(),
+        );
+    }
+    if partition.network {
+        grants.push(
+            "Sockets are opened in `start`; wait with `window.wait_readable`, never in the socket."
+                .to_owned(),
+        );
+    }
+    if !partition.may_set_schedule.is_empty() {
+        grants.push("`context.module_schedules()` says which schedule runs and asks for another.".to_owned());
+    }
+    grants
+}

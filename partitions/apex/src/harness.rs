@@ -1,0 +1,378 @@
+//! A partition without an executive, for its own tests: the test holds the far ends of the ports, grants windows and reads
+//! what was reported.
+//!
+//! Ports are real channels, in a folder of their own; time is virtual and moves by a minor frame with each window. What
+//! only an executive does is not here: isolation, the end of a window, faults.
+//!
+//! ```
+//! use bateleur_apex::{Context, Harness, Partition, SamplingDestination, SamplingSource, StartError, Window};
+//! use bateleur_messages::{Pressure, RawAnalog};
+//!
+//! struct Altimeter {
+//!     raw: SamplingDestination<RawAnalog>,
+//!     pressure: SamplingSource<Pressure>,
+//! }
+//!
+//! impl Partition for Altimeter {
+//!     fn start(context: &mut Context) -> Result<Self, StartError> {
+//!         Ok(Self { raw: context.sampling_destination("raw")?, pressure: context.sampling_source("pressure")? })
+//!     }
+//!
+//!     fn window(&mut self, _window: &Window) {
+//!         if let Some(raw) = self.raw.read_valid() {
+//!             let pressure = Pressure { static_pressure_pa: raw.static_pressure_pa, ..Default::default() };
+//!             self.pressure.write(&pressure);
+//!         }
+//!     }
+//! }
+//!
+//! # fn main() -> Result<(), StartError> {
+//! let mut harness = Harness::new("altimeter")?;
+//! let mut raw = harness.sampling_destination::<RawAnalog>("raw", 40_000_000)?;
+//! let mut pressure = harness.sampling_source::<Pressure>("pressure")?;
+//! let mut altimeter = harness.start::<Altimeter>()?;
+//! raw.write(&RawAnalog { static_pressure_pa: 90_000.0, ..Default::default() });
+//! altimeter.window();
+//! assert_eq!(pressure.read().map(|reading| reading.value.static_pressure_pa), Some(90_000.0));
+//! # Ok(())
+//! # }
+//! ```
+
+use std::fs::File;
+use std::os::fd::OwnedFd;
+use std::path::PathBuf;
+use std::rc::Rc;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+use bateleur_contract::{
+    Clock, ControlPage, Description, Direction, Mapped, PortDescription, PortKind, StartCondition,
+    Takeover as Order,
+};
+use bateleur_messages::Message;
+use bateleur_ports::{Channel, ChannelType, Domain, Membership};
+use rustix::fs::{MemfdFlags, ftruncate, memfd_create};
+
+use crate::context::{Context, StartError, Started};
+use crate::ports::{Inlet, Outlet, QueuingDestination, QueuingSource, SamplingDestination, SamplingSource};
+use crate::run::Partition;
+use crate::takeover::Takeover;
+use crate::time::Time;
+use crate::window::Window;
+
+/// From the start of a window to that of the next, ns.
+const MINOR_FRAME_NS: u64 = 20_000_000;
+/// Length of a window, ns. Time stands still in it.
+const WINDOW_NS: u64 = 1_000_000;
+
+/// The surroundings of one partition in a test.
+pub struct Harness {
+    description: Description,
+    time: Time,
+    retained: Option<File>,
+    reports_seen: u32,
+    // Held so that the channels stay; before the folder in which they lie.
+    channels: Vec<(Channel, Option<Channel>, Membership)>,
+    _folder: Folder,
+}
+
+/// One incarnation of a partition in a test.
+pub struct Incarnation<P> {
+    /// The partition itself.
+    pub partition: P,
+    started: Started,
+    time: Time,
+}
+
+/// A folder for the channels, removed when dropped.
+struct Folder(PathBuf);
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0); // the system clears its temporary folder in time
+    }
+}
+
+impl Harness {
+    /// Surroundings without ports, attributes and retained memory.
+    ///
+    /// # Errors
+    /// The machine has no memory or no temporary folder to give.
+    pub fn new(partition: &str) -> Result<Self, StartError> {
+        static NUMBER: AtomicU32 = AtomicU32::new(0);
+        let number = NUMBER.fetch_add(1, Relaxed);
+        let folder = format!("bateleur-harness-{}-{number}", std::process::id());
+        let folder = Folder(std::env::temp_dir().join(folder));
+        std::fs::create_dir_all(&folder.0).map_err(|error| refused("folder", error))?;
+        let page = memory(size_of::<ControlPage>() as u64)?;
+        let page = Mapped::<ControlPage>::new(page).map_err(|error| refused("a control page", error))?;
+        page.initialise();
+        page.minor_frame_ns.store(MINOR_FRAME_NS, Relaxed);
+        let description = Description {
+            module: "harness".into(),
+            partition: partition.into(),
+            generation: 0,
+            start_condition: StartCondition::NormalStart,
+            standby: false,
+            clock: Clock::Virtual,
+            ports: Vec::new(),
+            attributes: std::collections::BTreeMap::new(),
+            schedules: vec!["harness".into()],
+            may_set_schedule: Vec::new(),
+            retained_bytes: 0,
+            ports_root: folder.0.to_string_lossy().into_owned(),
+        };
+        let time = Time::new(Rc::new(page), Clock::Virtual);
+        Ok(Self { description, time, retained: None, reports_seen: 0, channels: Vec::new(), _folder: folder })
+    }
+
+    /// Gives the partition an attribute.
+    pub fn attribute(&mut self, name: &str, value: impl Into<serde_json::Value>) {
+        self.description.attributes.insert(name.into(), value.into());
+    }
+
+    /// Gives the partition retained memory, which all its incarnations share.
+    ///
+    /// # Errors
+    /// The machine has no memory to give.
+    pub fn retained(&mut self, bytes: u64) -> Result<(), StartError> {
+        self.retained = Some(File::from(memory(bytes)?));
+        self.description.retained_bytes = bytes;
+        Ok(())
+    }
+
+    /// Gives the partition a sampling destination; the answer is the source that feeds it.
+    ///
+    /// # Errors
+    /// The channel can not be made.
+    pub fn sampling_destination<T: Message>(
+        &mut self,
+        name: &str,
+        refresh_ns: u64,
+    ) -> Result<SamplingSource<T>, StartError> {
+        let port = port::<T>(name, PortKind::Sampling, Direction::Destination);
+        let (kind, channel) = self.add(PortDescription { refresh_ns, ..port })?;
+        let writer = kind.writer(&channel)?;
+        Ok(SamplingSource::new(Some(Rc::new(writer)), self.time.clone()))
+    }
+
+    /// Gives the partition a sampling source; the answer is a destination that reads it, for which no value is too old.
+    ///
+    /// # Errors
+    /// As above.
+    pub fn sampling_source<T: Message>(&mut self, name: &str) -> Result<SamplingDestination<T>, StartError> {
+        let (kind, channel) = self.add(port::<T>(name, PortKind::Sampling, Direction::Source))?;
+        let reader = kind.reader(&channel)?;
+        Ok(SamplingDestination::new(Some(Rc::new(reader)), u64::MAX, self.time.clone()))
+    }
+
+    /// Gives the partition a queuing destination of `depth` messages; the answer is the source that fills it.
+    ///
+    /// # Errors
+    /// As above.
+    pub fn queuing_destination<T: Message>(
+        &mut self,
+        name: &str,
+        depth: u32,
+    ) -> Result<QueuingSource<T>, StartError> {
+        let port = port::<T>(name, PortKind::Queuing, Direction::Destination);
+        let (kind, channel) = self.add(PortDescription { depth, ..port })?;
+        let outlet = Outlet::new(Rc::new(kind.writer(&channel)?), None);
+        Ok(QueuingSource::new(Some(Rc::new(outlet)), self.time.clone()))
+    }
+
+    /// Gives the partition a queuing source for `depth` messages; the answer is the destination that takes them.
+    ///
+    /// # Errors
+    /// As above.
+    pub fn queuing_source<T: Message>(
+        &mut self,
+        name: &str,
+        depth: u32,
+    ) -> Result<QueuingDestination<T>, StartError> {
+        let port = port::<T>(name, PortKind::Queuing, Direction::Source);
+        let (kind, channel) = self.add(PortDescription { depth, ..port })?;
+        let inlet = Inlet::new(kind, channel);
+        inlet.attach()?;
+        Ok(QueuingDestination::new(Some(Rc::new(inlet)), self.time.clone()))
+    }
+
+    /// Starts the partition: the first time as the module starts it, then as a warm restart does. Drop the incarnation before.
+    ///
+    /// # Errors
+    /// What its `start` says, and what an executive would: a port or an attribute that it does not ask for.
+    pub fn start<P: Partition>(&mut self) -> Result<Incarnation<P>, StartError> {
+        let retained = match &self.retained {
+            Some(file) => Some(file.try_clone().map_err(|error| refused("retained memory", error))?),
+            None => None,
+        };
+        let mut context = Context::new(self.description.clone(), self.time.clone(), retained)?;
+        let partition = P::start(&mut context)?;
+        let started = context.finish()?;
+        started.connect();
+        self.description.generation += 1;
+        self.description.start_condition = StartCondition::HmPartitionWarmRestart;
+        Ok(Incarnation { partition, started, time: self.time.clone() })
+    }
+
+    /// What the partition has reported since this was asked last: messages to the operator, errors, refusals of ports.
+    pub fn reports(&mut self) -> Vec<String> {
+        let reports = self.time.page().reports_since(&mut self.reports_seen);
+        reports.into_iter().map(|(_, text)| text).collect()
+    }
+
+    /// Makes the channel of a port, and the twin of a queue that an executive makes for observers; opens it for the far end.
+    fn add(&mut self, port: PortDescription) -> Result<(ChannelType, Channel), StartError> {
+        let queuing = port.kind == PortKind::Queuing;
+        let kind = ChannelType {
+            name: port.channel.clone(),
+            message: port.message.clone(),
+            size: port.size as usize,
+            depth: queuing.then_some(port.depth.max(1) as usize),
+            destinations: 1,
+            spare_writers: 1,
+            spare_readers: 1,
+        };
+        let node = Domain { root: self.description.ports_root.clone() }.join(kind.home(), "harness")?;
+        let made = kind.create(&node)?;
+        let twin = if queuing { Some(kind.observed().create(&node)?) } else { None };
+        let far_end = kind.open(&node)?;
+        self.channels.push((made, twin, node));
+        self.description.ports.push(port);
+        Ok((kind, far_end))
+    }
+}
+
+impl<P: Partition> Incarnation<P> {
+    /// One window, a minor frame after the one before.
+    pub fn window(&mut self) {
+        let page = self.time.page();
+        let start_ns = (page.minor_frames.fetch_add(1, Relaxed) + 1) * MINOR_FRAME_NS;
+        page.now_ns.store(start_ns, Relaxed);
+        page.window_start_ns.store(start_ns, Relaxed);
+        page.window_end_ns.store(start_ns + WINDOW_NS, Relaxed);
+        let window = Window::granted(&self.time);
+        self.started.connect();
+        self.partition.window(&window);
+    }
+
+    /// It takes over from one whose retained memory was kept.
+    pub fn take_over(&mut self) {
+        self.partition.take_over(&Takeover::new(Order::Warm, self.time.now_ns()));
+    }
+}
+
+/// A port without its refresh period or depth.
+fn port<T: Message>(name: &str, kind: PortKind, direction: Direction) -> PortDescription {
+    PortDescription {
+        name: name.into(),
+        direction,
+        kind,
+        message: T::NAME.into(),
+        size: size_of::<T>() as u32, // at most what a port can carry, far below
+        channel: format!("harness.{name}"),
+        refresh_ns: 0,
+        depth: 0,
+    }
+}
+
+fn memory(bytes: u64) -> Result<OwnedFd, StartError> {
+    let wrong = |error| refused("memory", error);
+    let memory = memfd_create("harness", MemfdFlags::CLOEXEC).map_err(wrong)?;
+    ftruncate(&memory, bytes).map_err(wrong)?;
+    Ok(memory)
+}
+
+fn refused(what: &str, error: impl std::fmt::Display) -> StartError {
+    StartError::Other(format!("the harness has no {what}: {error}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use bateleur_messages::{GroundMessage, Rate};
+
+    use super::*;
+    use crate::{Retained, Sent};
+
+    /// Writes the sum of what it heard and kept, sends on what was sent to it.
+    struct Adder {
+        step: u64,
+        rate: SamplingDestination<Rate>,
+        sum: SamplingSource<Rate>,
+        orders: QueuingDestination<GroundMessage>,
+        answers: QueuingSource<GroundMessage>,
+        retained: Retained<u64>,
+        total: u64,
+    }
+
+    impl Partition for Adder {
+        fn start(context: &mut Context) -> Result<Self, StartError> {
+            let mut retained = context.retained()?;
+            Ok(Self {
+                step: context.attribute("step", 1)?,
+                rate: context.sampling_destination("rate")?,
+                sum: context.sampling_source("sum")?,
+                orders: context.queuing_destination("orders")?,
+                answers: context.queuing_source("answers")?,
+                total: retained.load().unwrap_or(0),
+                retained,
+            })
+        }
+
+        fn take_over(&mut self, takeover: &Takeover) {
+            assert_eq!(takeover.start_condition(), StartCondition::HmPartitionWarmRestart);
+            self.total = self.retained.load().unwrap_or(0);
+        }
+
+        fn window(&mut self, window: &Window) {
+            match self.rate.read_valid() {
+                Some(rate) => self.total += rate.synchronize * self.step,
+                None => window.report("no rate"),
+            }
+            self.sum.write(&Rate { synchronize: self.total, ..Rate::default() });
+            self.retained.store(&self.total);
+            if let Some(order) = self.orders.receive() {
+                self.answers.send(&order);
+            }
+        }
+    }
+
+    #[test]
+    fn a_partition_meets_its_ports_attributes_and_what_was_retained() {
+        let mut harness = Harness::new("adder").unwrap();
+        harness.attribute("step", 10_u64);
+        harness.retained(4096).unwrap();
+        let mut rate = harness.sampling_destination::<Rate>("rate", 2 * MINOR_FRAME_NS).unwrap();
+        let mut sum = harness.sampling_source::<Rate>("sum").unwrap();
+        let mut orders = harness.queuing_destination::<GroundMessage>("orders", 1).unwrap();
+        let mut answers = harness.queuing_source::<GroundMessage>("answers", 1).unwrap();
+        let mut adder = harness.start::<Adder>().unwrap();
+        adder.window();
+        assert_eq!(harness.reports(), ["no rate"]);
+        rate.write(&Rate { synchronize: 3, ..Rate::default() });
+        assert_eq!(orders.send(&GroundMessage { letter: 7, ..Default::default() }), Sent::Queued);
+        assert_eq!(orders.send(&GroundMessage::default()), Sent::Full);
+        (0..3).for_each(|_| adder.window());
+        // The value is valid for two frames after the one in which it was written.
+        assert_eq!(sum.read().map(|reading| reading.value.synchronize), Some(60));
+        assert_eq!(harness.reports(), ["no rate"]);
+        assert_eq!(answers.receive().map(|answer| answer.letter), Some(7));
+        assert_eq!(answers.receive().map(|answer| answer.letter), None);
+        drop(adder);
+        let mut adder = harness.start::<Adder>().unwrap();
+        assert_eq!(adder.partition.total, 60);
+        adder.partition.total = 0;
+        adder.take_over();
+        assert_eq!(adder.partition.total, 60);
+    }
+
+    #[test]
+    fn what_an_executive_would_refuse_is_refused() {
+        let mut harness = Harness::new("adder").unwrap();
+        let error = harness.start::<Adder>().err().map(|error| error.to_string());
+        assert_eq!(error.as_deref(), Some("the plan gives this partition no port \"rate\"; it has "));
+        let folder = harness._folder.0.clone();
+        assert!(folder.is_dir());
+        drop(harness);
+        assert!(!folder.exists());
+    }
+}

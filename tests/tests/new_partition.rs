@@ -1,0 +1,139 @@
+//! Crates that `bateleur new` writes are built, tested and run as they are: in a checkout and outside of any.
+//!
+//! They are built with a target folder of their own beside that of the programs: a copy of the checkout in the usual one would
+//! have everything built anew, there and back.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use bateleur_report::log::{Ending, read};
+use bateleur_tests::{among_others, bateleur, program, repository};
+
+const BOTH: [&str; 2] = ["talker", "match"];
+
+/// Where everything is built.
+fn target() -> PathBuf {
+    program("bateleur").ancestors().nth(2).unwrap().join("new-partition")
+}
+
+/// An empty folder; of the same name each time, so that what was built for it is of use again.
+fn empty(name: &str) -> PathBuf {
+    let folder = target().join(name);
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+/// What is not written is not touched, so that it is not built again.
+fn copy(from: &Path, to: &Path) {
+    if !from.is_dir() {
+        let text = fs::read(from).unwrap();
+        if fs::read(to).ok().as_ref() != Some(&text) {
+            fs::write(to, text).unwrap();
+        }
+        return;
+    }
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap();
+        let name = entry.file_name();
+        if name != "target" && !name.to_string_lossy().starts_with('.') {
+            copy(&entry.path(), &to.join(name));
+        }
+    }
+}
+
+#[track_caller]
+fn cargo(folder: &Path, arguments: &[&str]) {
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.args(arguments).current_dir(folder).env("CARGO_TARGET_DIR", target());
+    // What the cargo that runs this test says of its own package.
+    for (name, _) in
+        std::env::vars().filter(|(name, _)| name.starts_with("CARGO_PKG") || name == "CARGO_MANIFEST_DIR")
+    {
+        command.env_remove(name);
+    }
+    let output = command.output().unwrap();
+    let said = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    let (out, errors) = (said(&output.stdout), said(&output.stderr));
+    assert!(output.status.success(), "cargo {arguments:?} in {}:\n{out}{errors}", folder.display());
+}
+
+/// The schedule file of two partitions with everything, whose programs are those built here.
+fn schedule(folder: &Path) -> String {
+    let mut text = fs::read_to_string(repository().join("executive/cli/tests/new/everything.toml")).unwrap();
+    for name in BOTH {
+        let built = target().join("release").join(name);
+        text = text.replace(&format!("program = \"{name}\""), &format!("program = \"{}\"", built.display()));
+    }
+    let path = folder.join("schedule.toml");
+    fs::write(&path, text).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+/// Both run, hear each other, keep what is to be kept, and one is taken over from.
+fn assert_runs(schedule: &str) {
+    let _turn = among_others();
+    let run = ["run", "--fast", "--schedule", schedule, "--until", "2", "--record", "--kill", "talker@1"];
+    let ended = bateleur(&run).end().expect_code(0);
+    let windows = ended.windows();
+    for name in BOTH {
+        let closed = windows.iter().filter(|window| window.partition == name && window.closed_ns.is_some());
+        assert_eq!(closed.count(), 100, "{name}");
+    }
+    let faults: Vec<(String, String)> =
+        ended.faults().into_iter().map(|fault| (fault.partition, fault.action)).collect();
+    assert_eq!(faults, [("talker".to_owned(), "takeover".to_owned())]);
+    for words in
+        ["0 windows before this one, a_rather", "gain = 3.14", "50 windows before this one", "match: runs"]
+    {
+        assert!(ended.stderr.contains(words), "{words}:\n{}", ended.stderr);
+    }
+    let log = read(ended.folder().join("ports.mcap"), |_| false).unwrap();
+    assert_eq!(log.ending, Ending::Complete);
+    let count = |topic: &str| log.counts.get(topic).copied().unwrap_or(0);
+    assert_eq!((count("/talker/state"), count("/match/self")), (100, 100));
+    // In one of fifty windows of each incarnation. What plain bytes mean nobody knows: they are in no log.
+    assert_eq!(count("/talker/telemetry"), 2);
+}
+
+#[test]
+fn new_partitions_outside_of_a_checkout_pass_their_lints_and_tests_and_run() {
+    let folder = empty("alone");
+    let schedule = schedule(&folder);
+    let library = repository();
+    for name in BOTH {
+        let dir = folder.join(name);
+        let (dir, library) = (dir.to_str().unwrap(), library.to_str().unwrap());
+        let new = ["new", name, "--schedule", &schedule, "--dir", dir, "--library", library];
+        bateleur(&new).end().expect_code(0);
+        let own = Path::new(dir);
+        cargo(own, &["clippy", "--offline", "--release", "--all-targets", "--", "-D", "warnings"]);
+        cargo(own, &["test", "--offline", "--release"]);
+        cargo(own, &["build", "--offline", "--release"]);
+    }
+    assert_runs(&schedule);
+}
+
+#[test]
+fn new_partitions_in_a_checkout_are_members_of_it_and_run() {
+    let checkout = target().join("checkout");
+    for name in BOTH {
+        let _ = fs::remove_dir_all(checkout.join("partitions").join(name));
+    }
+    fs::create_dir_all(&checkout).unwrap();
+    for name in ["Cargo.toml", "Cargo.lock", "executive", "partitions", "hil", "tests", "tasks", "airframes"]
+    {
+        copy(&repository().join(name), &checkout.join(name));
+    }
+    let schedule = schedule(&checkout);
+    for name in BOTH {
+        bateleur(&["new", name, "--schedule", &schedule]).end().expect_code(0);
+        cargo(&checkout, &["test", "--offline", "--release", "-p", &format!("bateleur-{name}")]);
+        cargo(&checkout, &["build", "--offline", "--release", "-p", &format!("bateleur-{name}")]);
+    }
+    assert_runs(&schedule);
+}

@@ -172,7 +172,7 @@ impl Cage {
 
     /// Starts incarnation number `generation`.
     pub fn launch(&self, generation: u32, condition: StartCondition) -> io::Result<Spawned> {
-        if condition != StartCondition::HmPartitionWarmRestart {
+        if !condition.is_warm() {
             self.forget()?;
         }
         self.start(generation, condition, false)
@@ -207,7 +207,7 @@ impl Cage {
             network: self.network,
         };
         let rules = if self.ruled { rules::make(granted)? } else { None };
-        self.slot.take_in(condition != StartCondition::HmPartitionWarmRestart);
+        self.slot.take_in(!condition.is_warm());
         spawn(&Request {
             program: &self.program,
             arguments: &[],
@@ -446,6 +446,7 @@ fn describe(
         attributes,
         schedules: plan.schedules.iter().map(|schedule| schedule.name.clone()).collect(),
         may_set_schedule: partition.may_set_schedule.iter().map(|id| id.index() as u32).collect(),
+        error_handler: partition.error_handler,
         retained_bytes: partition.retained_bytes,
         ports_root: housing.ports_root.clone(),
     }

@@ -154,6 +154,7 @@ impl Slot {
         self.page.stop.store(0, Relaxed);
         self.page.take_over.store(0, Relaxed);
         self.page.mode.store(0, Relaxed);
+        self.page.handling.store(0, Relaxed);
         self.held.store(false, Relaxed);
         self.fence.reset();
     }

@@ -53,11 +53,19 @@ fn rules(text: &str) -> Vec<&'static str> {
     report.violations().iter().map(|violation| violation.rule).collect()
 }
 
+/// Levels at which no error handler has anything to do.
+const NONE_LEFT: &str = "port_error = \"partition\"\napplication_error = \"module\"\ndeadline_missed = \"partition\"\n\
+     window_overrun = { normal = \"partition\" }";
+
 /// Each rule with what breaks it at partition `n`, in a file whose window of `n` is `length` long.
 fn mutations(n: usize, length: u64) -> Vec<(&'static str, String, String)> {
     let window = |rest: &str| format!("partition = \"p{n}\", {rest}");
     let table = format!("[partition.p{n}]\nprogram = \"p{n}\"\nmodule = \"fcu\"\nmemory = \"1MiB\"");
     let tables = |old: &str, new: &str| (table.clone(), table.replace(old, new));
+    let levels = |levels: &str, keys: &str| {
+        let mutated = table.replace("memory", &format!("{keys}memory"));
+        (table.clone(), format!("[health.level]\n{levels}\n{mutated}"))
+    };
     let one = |rule, (old, new): (String, String)| (rule, old, new);
     vec![
         one("S02-unknown-key", tables("memory", "colour = 1\nmemory")),
@@ -71,6 +79,11 @@ fn mutations(n: usize, length: u64) -> Vec<(&'static str, String, String)> {
         one("R07-standby-memory", tables("memory", "standby = \"hot\"\nmemory")),
         one("H10-standby-without-restart", tables("memory", &without_restart("standby = \"hot\"\nmemory"))),
         one("R06-program-missing", tables("program = \"", "program = \"nowhere/")),
+        one("H11-illegal-level", levels("killed = \"process\"", "")),
+        one("H12-process-without-handler", levels("port_error = \"process\"", "")),
+        one("H13-handler-unused", levels(NONE_LEFT, "error_handler = true\n")),
+        one("H14-answer-unused", levels("exit = \"module\"", "health = { exit = \"stop\" }\n")),
+        one("H15-module-for-partition", levels("exit = \"module\"", "")),
         one("N01-bad-name", (format!("[partition.p{n}]"), format!("[partition.\"p {n}\"]"))),
         one("N03-unknown-partition", (window("offset"), "partition = \"nobody\", offset".to_owned())),
         one("T05-minor-out-of-range", (window("offset"), window("minor = [4], offset"))),

@@ -9,6 +9,8 @@ use serde_json::Value;
 pub struct Fault {
     /// Module time, ns.
     pub time_ns: u64,
+    /// Where it was dealt with.
+    pub level: String,
     /// The partition; empty: the module itself.
     pub partition: String,
     /// The error's name.
@@ -69,6 +71,7 @@ fn fault(line: &Value) -> Fault {
     let text = |key: &str| line[key].as_str().expect("a text").to_owned();
     Fault {
         time_ns: line["time_ns"].as_u64().expect("a time"),
+        level: text("level"),
         partition: line["partition"].as_str().unwrap_or_default().to_owned(),
         error: text("error"),
         action: text("action"),

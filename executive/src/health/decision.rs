@@ -6,13 +6,30 @@ use std::process::ExitStatus;
 use bateleur_contract::exit;
 
 use crate::plan::{
-    Exhausted, ModuleAction, ModuleError, ModuleHealth, PartitionAction, PartitionError, PartitionHealth,
-    Reset, Restart, StartMode,
+    ErrorLevel, Exhausted, Levels, ModuleAction, ModuleError, ModuleHealth, PartitionAction, PartitionError,
+    PartitionHealth, PartitionState, Reset, Restart, StartMode, leaves_the_process,
 };
+
+/// What a partition was at when its error occurred.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Situation {
+    /// Its state.
+    pub state: PartitionState,
+    /// Its process still runs.
+    pub alive: bool,
+    /// It has an error handler.
+    pub handler: bool,
+    /// Restarts within the budget's time.
+    pub recent: u32,
+}
 
 /// What is done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Decision {
+    /// Level of a process: the partition's own error handler is told.
+    Handler,
+    /// Level of the module: the module's table is asked.
+    Module,
     /// Log it and go on.
     Ignore,
     /// The partition keeps its windows and does nothing in them.
@@ -31,6 +48,8 @@ impl Decision {
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
+            Self::Handler => "error_handler",
+            Self::Module => "module",
             Self::Ignore => "ignore",
             Self::Idle => "idle",
             Self::Restart { warm: true } => "warm_restart",
@@ -40,29 +59,46 @@ impl Decision {
     }
 }
 
-/// Decides about `error`. `alive`: the partition's process still runs. `recent`: restarts within the budget's time.
+impl Situation {
+    /// Whether the partition's own handler can be told of `error`: where there is none, or it can not run, or the error is
+    /// its own, the partition's table answers.
+    fn has_handler_for(&self, error: PartitionError) -> bool {
+        self.handler && self.alive && self.state == PartitionState::Normal && leaves_the_process(error)
+    }
+}
+
+/// Decides about `error`.
 #[must_use]
 pub fn decide(
     error: PartitionError,
-    tables: &PartitionHealth,
+    levels: &Levels,
+    table: &PartitionHealth,
     restart: &Restart,
-    alive: bool,
-    recent: u32,
+    situation: &Situation,
 ) -> Decision {
-    match tables.action(error) {
+    match levels.level(error, situation.state) {
+        ErrorLevel::Module => return Decision::Module,
+        ErrorLevel::Process if situation.has_handler_for(error) => return Decision::Handler,
+        ErrorLevel::Process | ErrorLevel::Partition => {}
+    }
+    match table.action(error) {
         // A process that is gone can not be ignored: without a restart its windows are idle.
-        PartitionAction::Ignore if !alive => Decision::Idle,
+        PartitionAction::Ignore if !situation.alive => Decision::Idle,
         PartitionAction::Ignore => Decision::Ignore,
         PartitionAction::Idle => Decision::Idle,
         PartitionAction::Stop => Decision::Stop,
-        PartitionAction::WarmRestart | PartitionAction::ColdRestart if recent >= restart.budget => {
-            match restart.then {
-                Exhausted::Idle => Decision::Idle,
-                Exhausted::Stop => Decision::Stop,
-            }
-        }
-        PartitionAction::WarmRestart => Decision::Restart { warm: restart.start == StartMode::Warm },
-        PartitionAction::ColdRestart => Decision::Restart { warm: false },
+        PartitionAction::WarmRestart => decide_restart(restart, true, situation.recent),
+        PartitionAction::ColdRestart => decide_restart(restart, false, situation.recent),
+    }
+}
+
+/// Decides about a restart, also one that the partition itself asks for: as warm as it can be, within its budget.
+#[must_use]
+pub fn decide_restart(restart: &Restart, warm: bool, recent: u32) -> Decision {
+    match restart.then {
+        _ if recent < restart.budget => Decision::Restart { warm: warm && restart.start == StartMode::Warm },
+        Exhausted::Idle => Decision::Idle,
+        Exhausted::Stop => Decision::Stop,
     }
 }
 
@@ -174,7 +210,107 @@ mod tests {
 
     fn decided(keys: &str, error: PartitionError, alive: bool, recent: u32) -> Decision {
         let partition = partition(keys);
-        decide(error, &partition.health, &partition.restart, alive, recent)
+        let levels = plan_of(&format!("[module.m]\ncores = [0]\n{PARTITION}")).health.levels;
+        let situation = Situation { state: PartitionState::Normal, alive, handler: false, recent };
+        decide(error, &levels, &partition.health, &partition.restart, &situation)
+    }
+
+    /// What the manual says, in other words than the code.
+    fn expected(
+        error: PartitionError,
+        level: ErrorLevel,
+        action: PartitionAction,
+        starts_warm: bool,
+        situation: &Situation,
+    ) -> Decision {
+        let own = [
+            PartitionError::ApplicationError,
+            PartitionError::PortError,
+            PartitionError::DeadlineMissed,
+            PartitionError::WindowOverrun,
+        ];
+        let normal = situation.state == PartitionState::Normal;
+        if level == ErrorLevel::Module {
+            return Decision::Module;
+        }
+        if level == ErrorLevel::Process
+            && normal
+            && situation.alive
+            && situation.handler
+            && own.contains(&error)
+        {
+            return Decision::Handler;
+        }
+        let budget_left = situation.recent < 2;
+        match action {
+            PartitionAction::Ignore if situation.alive => Decision::Ignore,
+            PartitionAction::Ignore | PartitionAction::Idle => Decision::Idle,
+            PartitionAction::Stop => Decision::Stop,
+            _ if !budget_left => Decision::Stop,
+            PartitionAction::WarmRestart => Decision::Restart { warm: starts_warm },
+            PartitionAction::ColdRestart => Decision::Restart { warm: false },
+        }
+    }
+
+    #[test]
+    fn every_error_in_every_state_has_the_decision_of_its_level_and_table() {
+        let mut cases = 0;
+        for (error, action) in pairs(PartitionError::ALL, PartitionAction::ALL) {
+            for start in StartMode::ALL {
+                let keys = format!(
+                    "retained = \"4KiB\"\nhealth = {{ {error} = \"{action}\" }}\n\
+                     restart = {{ start = \"{start}\", budget = 2, within = \"9s\", then = \"stop\" }}"
+                );
+                let partition = partition(&keys);
+                for (level, state) in pairs(ErrorLevel::ALL, PartitionState::ALL) {
+                    let levels = Levels::fill(|_, _| level);
+                    for (alive, handler) in pairs(&[true, false], &[true, false]) {
+                        for recent in 0..4 {
+                            let situation = Situation { state, alive, handler, recent };
+                            let found =
+                                decide(error, &levels, &partition.health, &partition.restart, &situation);
+                            let warm = *start == StartMode::Warm;
+                            let wanted = expected(error, level, action, warm, &situation);
+                            assert_eq!(found, wanted, "{error} -> {action} at {level}, {situation:?}");
+                            cases += 1;
+                        }
+                    }
+                }
+            }
+        }
+        assert_eq!(cases, PartitionError::ALL.len() * 5 * 2 * 3 * 3 * 4 * 4);
+    }
+
+    fn pairs<A: Copy, B: Copy>(left: &[A], right: &[B]) -> Vec<(A, B)> {
+        left.iter().flat_map(|one| right.iter().map(|other| (*one, *other))).collect()
+    }
+
+    #[test]
+    fn what_a_process_survives_is_its_handlers_by_default_and_all_else_its_tables() {
+        let levels = plan_of(&format!("[module.m]\ncores = [0]\n{PARTITION}")).health.levels;
+        for (error, state) in pairs(PartitionError::ALL, PartitionState::ALL) {
+            let own = state == PartitionState::Normal && leaves_the_process(error);
+            let wanted = if own { ErrorLevel::Process } else { ErrorLevel::Partition };
+            assert_eq!(levels.level(error, state), wanted, "{error} in {state}");
+        }
+    }
+
+    #[test]
+    fn levels_are_those_of_the_file_for_the_state_or_for_the_error() {
+        let text = "[health.level]\nkilled = \"module\"\nport_error = { normal = \"module\" }\n\
+                    application_error = \"process\"\n[partition.b]\nprogram = \"b\"\nmodule = \"m\"\n\
+                    memory = \"1MiB\"\nerror_handler = true\n\
+                    [schedule.t]\nmajor_frame = \"20ms\"\nminor_frame = \"20ms\"\n\
+                    [[schedule.t.window]]\npartition = \"b\"\noffset = \"3ms\"\nduration = \"2ms\"\n";
+        let levels = plan_of(&format!("[module.m]\ncores = [0]\n{PARTITION}{text}")).health.levels;
+        let of = |error, state| levels.level(error, state);
+        for state in PartitionState::ALL {
+            assert_eq!(of(PartitionError::Killed, *state), ErrorLevel::Module);
+        }
+        assert_eq!(of(PartitionError::PortError, PartitionState::Normal), ErrorLevel::Module);
+        assert_eq!(of(PartitionError::PortError, PartitionState::Handler), ErrorLevel::Partition);
+        assert_eq!(of(PartitionError::ApplicationError, PartitionState::Normal), ErrorLevel::Process);
+        assert_eq!(of(PartitionError::ApplicationError, PartitionState::Handler), ErrorLevel::Partition);
     }
 
     #[test]
@@ -201,15 +337,6 @@ mod tests {
         let ignore = "health = { killed = \"ignore\" }";
         assert_eq!(decided(ignore, PartitionError::Killed, false, 0), Decision::Idle);
         assert_eq!(decided("", PartitionError::WindowOverrun, true, 0), Decision::Ignore);
-    }
-
-    #[test]
-    fn every_error_has_a_decision() {
-        for error in PartitionError::ALL {
-            for alive in [true, false] {
-                let _ = decided("", *error, alive, 0);
-            }
-        }
     }
 
     #[test]

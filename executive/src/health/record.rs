@@ -39,6 +39,8 @@ pub enum Level {
     Partition = 1,
     /// In the module.
     Module = 2,
+    /// In the partition's own error handler.
+    Process = 3,
 }
 
 /// One record.
@@ -220,6 +222,7 @@ fn decode(record: &[u8]) -> Option<Entry> {
         level: match number(record, 4) {
             1 => Level::Partition,
             2 => Level::Module,
+            3 => Level::Process,
             _ => return None,
         },
         sequence: long_number(record, 8),

@@ -15,16 +15,16 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Acquire;
 
-use bateleur_contract::{Clock, ReportKind, StartCondition, exit};
+use bateleur_contract::{Clock, ErrorCode, ReportKind, Reported, StartCondition, exit};
 
 use crate::agenda::{Agenda, Requested};
 use crate::event::{Event, Events};
 use crate::fence::Escapes;
-use crate::health::decision::{Decision, decide, error_of};
+use crate::health::decision::{Decision, Situation, decide, decide_restart, error_of};
 use crate::health::log::{Fault, HealthLog, Missed, WindowLog, WindowRecord};
 use crate::health::record::Level;
 use crate::partition::{Cage, await_any_end, ended, is_readable};
-use crate::plan::{Closed, ModuleError, PartitionError, PartitionId, Plan};
+use crate::plan::{Closed, ModuleError, PartitionError, PartitionId, PartitionState, Plan};
 use crate::seats::Seats;
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
@@ -504,7 +504,9 @@ impl Monitor {
             return;
         }
         let reports = watched.cage.slot.page.reports_since(&mut watched.reports_seen);
-        for (kind, text) in reports {
+        for Reported { kind, in_handler, text } in reports {
+            // The word about the state is of the report's time: by now the handler may have come back.
+            let state = in_handler.then_some(PartitionState::Handler);
             // One burst of errors is one fault where it ends the process: the rest must not use up its budget.
             if !self.watched[place].is_alive() && kind != ReportKind::Message {
                 continue;
@@ -518,9 +520,11 @@ impl Monitor {
                     self.events.tell(&Event::Message { time_s: seconds(module_ns), partition, text });
                 }
                 ReportKind::ApplicationError => {
-                    self.fault(place, PartitionError::ApplicationError, text, module_ns)
+                    self.fault_in(place, PartitionError::ApplicationError, state, text, module_ns);
                 }
-                ReportKind::PortError => self.fault(place, PartitionError::PortError, text, module_ns),
+                ReportKind::PortError => {
+                    self.fault_in(place, PartitionError::PortError, state, text, module_ns);
+                }
             }
         }
     }
@@ -544,9 +548,11 @@ impl Monitor {
         watched.died(pid);
         let words = watched.cage.last_words();
         let found = status.and_then(|status| error_of(status, words.as_deref()));
-        let idle = status.and_then(|status| status.code()) == Some(exit::IDLE);
-        if idle {
-            return self.lay_to_rest(place, module_ns);
+        match status.and_then(|status| status.code()) {
+            Some(exit::IDLE) => return self.lay_to_rest(place, module_ns),
+            Some(exit::WARM_START) => return self.restart_as_asked(place, true, module_ns),
+            Some(exit::COLD_START) => return self.restart_as_asked(place, false, module_ns),
+            _ => {}
         }
         let (error, mut detail) = found.unwrap_or((PartitionError::Exit, "ended by itself".into()));
         if error == PartitionError::Killed && watched.has_starved() {
@@ -562,22 +568,71 @@ impl Monitor {
     }
 
     fn fault(&mut self, place: usize, error: PartitionError, detail: String, module_ns: u64) {
-        let partition = self.watched[place].cage.id;
-        let restart = &self.plan[partition].restart;
+        self.fault_in(place, error, None, detail, module_ns);
+    }
+
+    /// `state`: what the partition was at; none: what it is at now.
+    fn fault_in(
+        &mut self,
+        place: usize,
+        error: PartitionError,
+        state: Option<PartitionState>,
+        detail: String,
+        module_ns: u64,
+    ) {
+        let recent = self.recent_restarts(place, module_ns);
+        let watched = &self.watched[place];
+        let partition = &self.plan[watched.cage.id];
+        let situation = Situation {
+            state: state.unwrap_or_else(|| watched.state()),
+            // A process that does not become ready can be ignored as little as one that is gone: nothing would end the
+            // wait.
+            alive: watched.is_alive() && error != PartitionError::StartupTimeout,
+            handler: partition.error_handler,
+            recent,
+        };
+        let levels = &self.plan.health.levels;
+        let decision = decide(error, levels, &partition.health, &partition.restart, &situation);
+        self.decided(place, error.name(), decision, detail, situation.alive, module_ns);
+    }
+
+    /// A partition has ended itself to be started again (SET_PARTITION_MODE), which its budget counts too.
+    fn restart_as_asked(&mut self, place: usize, warm: bool, module_ns: u64) {
+        let recent = self.recent_restarts(place, module_ns);
+        let decision = decide_restart(&self.plan[self.watched[place].cage.id].restart, warm, recent);
+        self.decided(place, OWN_REQUEST, decision, "its error handler asked for it".into(), false, module_ns);
+    }
+
+    fn recent_restarts(&mut self, place: usize, module_ns: u64) -> u32 {
         let watched = &mut self.watched[place];
-        // A process that does not become ready can be ignored as little as one that is gone: nothing would end the wait.
-        let alive = watched.is_alive() && error != PartitionError::StartupTimeout;
-        watched.restarts.retain(|at| module_ns.saturating_sub(*at) < restart.within_ns);
-        let decision =
-            decide(error, &self.plan[partition].health, restart, alive, watched.restarts.len() as u32);
+        let within_ns = self.plan[watched.cage.id].restart.within_ns;
+        watched.restarts.retain(|at| module_ns.saturating_sub(*at) < within_ns);
+        watched.restarts.len() as u32
+    }
+
+    /// Notes, tells and does what was decided.
+    fn decided(
+        &mut self,
+        place: usize,
+        error: &str,
+        decision: Decision,
+        detail: String,
+        alive: bool,
+        module_ns: u64,
+    ) {
         let takes_over = matches!(decision, Decision::Restart { .. }) && self.can_take_over(place, module_ns);
         let watched = &mut self.watched[place];
+        let level = match decision {
+            Decision::Handler => Level::Process,
+            Decision::Module => Level::Module,
+            _ => Level::Partition,
+        };
         let fault = Fault {
             time_ns: module_ns,
-            level: Level::Partition,
+            level,
             partition: Some(watched.cage.name.clone()),
             generation: watched.generation,
-            error: error.name().into(),
+            error: error.into(),
             action: if takes_over { TAKEOVER } else { decision.name() }.into(),
             detail,
             recovered_ns: None,
@@ -591,13 +646,29 @@ impl Monitor {
             action: fault.action.clone(),
             detail: fault.detail.clone(),
         });
-        self.act(place, decision, fault, module_ns);
+        self.act(place, decision, fault, alive, module_ns);
     }
 
-    fn act(&mut self, place: usize, decision: Decision, fault: Fault, module_ns: u64) {
+    fn act(&mut self, place: usize, decision: Decision, fault: Fault, alive: bool, module_ns: u64) {
         match decision {
             Decision::Ignore => {
                 self.health_log.write(&fault);
+            }
+            Decision::Handler => {
+                self.health_log.write(&fault);
+                if let Some(code) = PartitionError::from_name(&fault.error).and_then(handler_code) {
+                    self.watched[place].cage.slot.page.raise(code, &fault.detail);
+                }
+            }
+            Decision::Module => {
+                if !alive {
+                    // Whatever the module makes of it, nothing starts it again.
+                    self.lay_to_rest(place, module_ns);
+                }
+                self.health_log.write(&fault);
+                let name = &self.watched[place].cage.name;
+                let detail = format!("{} of partition {name} ({})", fault.error, fault.detail);
+                self.module_fault(ModuleError::PartitionError, &detail, true, module_ns);
             }
             Decision::Idle | Decision::Stop => {
                 self.lay_to_rest(place, module_ns);
@@ -610,9 +681,11 @@ impl Monitor {
             Decision::Restart { warm } => {
                 let watched = &mut self.watched[place];
                 watched.put_an_end();
-                watched.next_start = match warm {
-                    true => StartCondition::HmPartitionWarmRestart,
-                    false => StartCondition::HmPartitionColdRestart,
+                watched.next_start = match (warm, fault.error == OWN_REQUEST) {
+                    (true, false) => StartCondition::HmPartitionWarmRestart,
+                    (false, false) => StartCondition::HmPartitionColdRestart,
+                    (true, true) => StartCondition::PartitionWarmRestart,
+                    (false, true) => StartCondition::PartitionRestart,
                 };
                 watched.restarts.push(module_ns);
                 // A second fault before the first window: the first is what the user waits to see the end of.
@@ -663,6 +736,20 @@ impl Monitor {
                 self.module_fault(ModuleError::ConfigError, &text, true, self.module_ns);
             }
         }
+    }
+}
+
+/// What the log calls a restart that a partition asked for; no error of a table.
+const OWN_REQUEST: &str = "own_request";
+
+/// What a partition's handler is told that an error is; none: it is told of no such error.
+fn handler_code(error: PartitionError) -> Option<ErrorCode> {
+    match error {
+        PartitionError::DeadlineMissed => Some(ErrorCode::DeadlineMissed),
+        PartitionError::ApplicationError => Some(ErrorCode::ApplicationError),
+        PartitionError::PortError => Some(ErrorCode::PortError),
+        PartitionError::WindowOverrun => Some(ErrorCode::WindowOverrun),
+        _ => None,
     }
 }
 

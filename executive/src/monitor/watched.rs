@@ -11,7 +11,7 @@ use super::standby::Standby;
 use crate::health::decision::error_of;
 use crate::health::log::Fault;
 use crate::partition::{Cage, await_any_end, ended, is_readable};
-use crate::plan::Plan;
+use crate::plan::{PartitionState, Plan};
 use crate::seats::Seats;
 use crate::slot::Readiness;
 use crate::system::spawn::Spawned;
@@ -140,6 +140,16 @@ impl Watched {
             ));
         }
         Ok(())
+    }
+
+    /// What it is at, or was when it died, by its own word.
+    pub(super) fn state(&self) -> PartitionState {
+        let page = &self.cage.slot.page;
+        match Mode::from_number(page.mode.load(Acquire)) {
+            Some(Mode::Normal) if page.handling.load(Acquire) != 0 => PartitionState::Handler,
+            Some(Mode::Normal) => PartitionState::Normal,
+            _ => PartitionState::Start,
+        }
     }
 
     pub(super) fn is_alive(&self) -> bool {

@@ -3,11 +3,14 @@
 //! Everything here is an `Option` because the raw types are; nothing is missing once the rules have passed.
 
 use super::MessageCatalogue;
-use super::closed::{ChangeAction, Direction, Exhausted, Kind, PartitionAction, PartitionError, StartMode};
+use super::closed::{
+    ChangeAction, Direction, ErrorLevel, Exhausted, Kind, PartitionAction, PartitionError, PartitionState,
+    StartMode,
+};
 use super::model::{
-    Chain, Channel, ChannelId, Health, HealthLog, Module, ModuleHealth, ModuleId, Partition, PartitionHealth,
-    PartitionId, Payload, Plan, Port, PortId, Reset, Restart, Role, Schedule, ScheduleId, Window,
-    default_module_action, default_partition_action,
+    Chain, Channel, ChannelId, Health, HealthLog, Levels, Module, ModuleHealth, ModuleId, Partition,
+    PartitionHealth, PartitionId, Payload, Plan, Port, PortId, Reset, Restart, Role, Schedule, ScheduleId,
+    Window, default_level, default_module_action, default_partition_action,
 };
 use super::names::Names;
 use super::raw::{Answer, Numbers, RawFile, RawPartition, RawPort, RawSchedule, RawWindow};
@@ -113,6 +116,7 @@ impl Builder<'_> {
             attributes: raw.attributes.or(Default::default())?,
             may_set_schedule: self.may_set_schedule(raw)?,
             health: PartitionHealth::fill(|error| effective_action(self.file, raw, error)),
+            error_handler: raw.error_handler.or(false)?,
             ports: ports.map(|(port, _)| PortId(port)).collect(),
         })
     }
@@ -214,6 +218,7 @@ impl Builder<'_> {
     fn health(&self) -> Health {
         let raw = &self.file.health;
         Health {
+            levels: Levels::fill(|error, state| effective_level(self.file, error, state)),
             module: ModuleHealth::fill(|error| {
                 answer(&raw.module, error).unwrap_or_else(|| default_module_action(error))
             }),
@@ -260,6 +265,20 @@ fn role(raw: &RawPort) -> Option<Role> {
 
 fn answer<E: Copy + PartialEq, A: Copy>(table: &[Answer<E, A>], error: E) -> Option<A> {
     table.iter().find(|answer| answer.error == error).map(|answer| answer.action.value)
+}
+
+/// At which level an error is dealt with: as the file says for the state, else for the error, else as the executive does.
+pub(super) fn effective_level(file: &RawFile, error: PartitionError, state: PartitionState) -> ErrorLevel {
+    let of_error = || file.health.levels.iter().filter(move |said| said.error == error);
+    let said = of_error()
+        .find(|said| said.state == Some(state))
+        .or_else(|| of_error().find(|said| said.state.is_none()));
+    match said.map(|said| said.level.value) {
+        // A level for the error as a whole is meant for where it can be.
+        Some(ErrorLevel::Process) if state != PartitionState::Normal => ErrorLevel::Partition,
+        Some(level) => level,
+        None => default_level(error, state),
+    }
 }
 
 /// Whether a partition can not use what an incarnation before it left.

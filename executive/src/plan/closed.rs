@@ -140,6 +140,30 @@ closed! {
 }
 
 closed! {
+    /// Where an error is dealt with.
+    ErrorLevel, "level" {
+        /// In the partition's own error handler.
+        Process = "process",
+        /// By the partition's health table.
+        Partition = "partition",
+        /// By the module's.
+        Module = "module",
+    }
+}
+
+closed! {
+    /// What a partition was at when an error occurred.
+    PartitionState, "state" {
+        /// It initialised.
+        Start = "start",
+        /// It took windows.
+        Normal = "normal",
+        /// Its error handler ran.
+        Handler = "handler",
+    }
+}
+
+closed! {
     /// What becomes of a partition when the module changes to another schedule.
     ChangeAction, "change action" {
         /// It goes on where it was.
@@ -174,6 +198,8 @@ closed! {
         PowerFail = "power_fail",
         /// A partition was ended.
         PartitionStopped = "partition_stopped",
+        /// An error of a partition that is dealt with at this level.
+        PartitionError = "partition_error",
     }
 }
 

@@ -26,15 +26,15 @@ pub mod units;
 
 pub use catalogue::{RULES, Rule};
 pub use closed::{
-    ChangeAction, Closed, Direction, Exhausted, Kind, LogPolicy, ModuleAction, ModuleError, PartitionAction,
-    PartitionError, Standby, StartMode,
+    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleError,
+    PartitionAction, PartitionError, PartitionState, Standby, StartMode,
 };
 pub use facts::Facts;
 pub use latency::Visit;
 pub use model::{
-    Attribute, Chain, Channel, ChannelId, Health, HealthLog, Module, ModuleHealth, ModuleId, ModuleView,
-    Partition, PartitionHealth, PartitionId, Payload, Plan, Port, PortId, Reset, Restart, Role, Schedule,
-    ScheduleId, Window,
+    Attribute, Chain, Channel, ChannelId, Health, HealthLog, Levels, Module, ModuleHealth, ModuleId,
+    ModuleView, Partition, PartitionHealth, PartitionId, Payload, Plan, Port, PortId, Reset, Restart, Role,
+    Schedule, ScheduleId, Window, leaves_the_process,
 };
 pub use report::{Place, Related, Report, Severity, Violation};
 pub use schema::schema;

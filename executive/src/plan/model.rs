@@ -9,8 +9,8 @@ use std::ops::Index;
 use serde::Serialize;
 
 use super::closed::{
-    ChangeAction, Closed, Direction, Exhausted, Kind, LogPolicy, ModuleAction, ModuleError, PartitionAction,
-    PartitionError, Standby, StartMode,
+    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleError,
+    PartitionAction, PartitionError, PartitionState, Standby, StartMode,
 };
 
 macro_rules! index {
@@ -124,6 +124,8 @@ pub struct Partition {
     pub may_set_schedule: Vec<ScheduleId>,
     /// What is done about each of its errors.
     pub health: PartitionHealth,
+    /// It has an error handler of its own, for errors at the level of a process.
+    pub error_handler: bool,
     /// Its ports, in the order of the file.
     pub ports: Vec<PortId>,
 }
@@ -343,6 +345,48 @@ impl PartitionHealth {
     }
 }
 
+/// At which level each error of a partition is dealt with, in each state that the partition can be in.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(transparent)]
+pub struct Levels(BTreeMap<PartitionError, BTreeMap<PartitionState, ErrorLevel>>);
+
+impl Levels {
+    /// The table with a level for every error and state.
+    #[must_use]
+    pub(crate) fn fill(level: impl Fn(PartitionError, PartitionState) -> ErrorLevel) -> Self {
+        let states = |error| PartitionState::ALL.iter().map(|&state| (state, level(error, state))).collect();
+        Self(PartitionError::ALL.iter().map(|&error| (error, states(error))).collect())
+    }
+
+    /// The level of an error.
+    #[must_use]
+    pub fn level(&self, error: PartitionError, state: PartitionState) -> ErrorLevel {
+        let said = self.0.get(&error).and_then(|states| states.get(&state));
+        said.copied().unwrap_or_else(|| default_level(error, state))
+    }
+}
+
+/// The errors after which a partition's process can still deal with them itself.
+#[must_use]
+pub fn leaves_the_process(error: PartitionError) -> bool {
+    matches!(
+        error,
+        PartitionError::ApplicationError
+            | PartitionError::PortError
+            | PartitionError::DeadlineMissed
+            | PartitionError::WindowOverrun
+    )
+}
+
+/// The level of an error where the file does not say: what a handler can deal with is its own, if there is one.
+#[must_use]
+pub fn default_level(error: PartitionError, state: PartitionState) -> ErrorLevel {
+    match state {
+        PartitionState::Normal if leaves_the_process(error) => ErrorLevel::Process,
+        _ => ErrorLevel::Partition,
+    }
+}
+
 /// What is done about each error of a module.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(transparent)]
@@ -359,6 +403,8 @@ impl ModuleHealth {
 /// What holds for the health of every module.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Health {
+    /// At which level the errors of partitions are dealt with.
+    pub levels: Levels,
     /// What is done about the errors of a module.
     pub module: ModuleHealth,
     /// How many windows in a row a partition may leave open before that is silence; not zero.
@@ -414,7 +460,7 @@ pub fn default_module_action(error: ModuleError) -> ModuleAction {
         ModuleError::LateDispatcher | ModuleError::PartitionStopped | ModuleError::ConfigError => {
             ModuleAction::Ignore
         }
-        ModuleError::PowerFail => ModuleAction::Shutdown,
+        ModuleError::PowerFail | ModuleError::PartitionError => ModuleAction::Shutdown,
     }
 }
 

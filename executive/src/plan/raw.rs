@@ -6,8 +6,8 @@ use toml::de::{DeTable, DeValue};
 
 use super::catalogue;
 use super::closed::{
-    ChangeAction, Closed, Direction, Exhausted, Kind, LogPolicy, ModuleAction, ModuleError, PartitionAction,
-    PartitionError, Standby, StartMode,
+    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleError,
+    PartitionAction, PartitionError, PartitionState, Standby, StartMode,
 };
 use super::findings::{Finding, Findings, Span, did_you_mean, listed};
 use super::reader::{
@@ -52,6 +52,7 @@ pub(super) struct RawPartition {
     pub(super) attributes: Field<Attributes>,
     pub(super) may_set_schedule: Field<Permission>,
     pub(super) health: Vec<Answer<PartitionError, PartitionAction>>,
+    pub(super) error_handler: Field<bool>,
 }
 
 pub(super) struct RawRestart {
@@ -110,6 +111,7 @@ pub(super) struct RawHealth {
     /// Where the table for all partitions begins, if there is one.
     pub(super) partition_span: Option<Span>,
     pub(super) module: Vec<Answer<ModuleError, ModuleAction>>,
+    pub(super) levels: Vec<RawLevel>,
     pub(super) silence_windows: Option<At<u32>>,
     pub(super) late_after: Option<At<Nanoseconds>>,
     pub(super) reset_budget: Option<At<u32>>,
@@ -117,6 +119,15 @@ pub(super) struct RawHealth {
     pub(super) reset_startup: Option<At<Nanoseconds>>,
     pub(super) log_size: Option<At<Bytes>>,
     pub(super) log_policy: Option<At<Word<LogPolicy>>>,
+}
+
+/// At which level one error is dealt with.
+#[derive(Clone, Debug)]
+pub(super) struct RawLevel {
+    pub(super) error: PartitionError,
+    /// In this state; none: in every one.
+    pub(super) state: Option<PartitionState>,
+    pub(super) level: At<ErrorLevel>,
 }
 
 /// What is to be done about one error.
@@ -202,6 +213,7 @@ impl RawPartition {
             attributes: table.optional("attributes"),
             may_set_schedule: table.optional("may_set_schedule"),
             health: answers(&table.entries("health"), &PARTITION_LEVEL, findings),
+            error_handler: table.optional("error_handler"),
             name: entry.0,
         };
         let entries = table.entries("port").into_iter();
@@ -313,6 +325,7 @@ impl RawHealth {
             partition_span: table.table("partition").map(|(_, span)| span),
             partition: answers(&table.entries("partition"), &PARTITION_LEVEL, findings),
             module: answers(&table.entries("module"), &MODULE_LEVEL, findings),
+            levels: levels(&table.entries("level"), findings),
             silence_windows: match table.optional("silence_windows") {
                 Field::Said(at) => Some(at),
                 Field::Absent | Field::Broken => None,
@@ -359,6 +372,34 @@ const MODULE_LEVEL: Level = Level {
     is_other_error: |name| PartitionError::from_name(name).is_some(),
     is_other_action: |name| PartitionAction::from_name(name).is_some(),
 };
+
+fn levels(entries: &[Entry<'_, '_>], findings: &Findings<'_>) -> Vec<RawLevel> {
+    let mut levels = Vec::new();
+    for (key, value) in entries {
+        let error = error_named::<PartitionError>(key, &PARTITION_LEVEL, findings);
+        let mut found = Vec::new();
+        match value.get_ref() {
+            DeValue::Table(states) => {
+                let what = format!("the level of `{}`", key.value);
+                let mut table = TableReader::new(states, key.span.clone(), what, findings);
+                for state in PartitionState::ALL {
+                    found.push((Some(*state), table.optional::<Word<ErrorLevel>>(state.name())));
+                }
+                table.finish();
+            }
+            _ => {
+                let said = Word::from_toml(value, findings);
+                found.extend(said.map(|word| (None, Field::Said(At { value: word, span: value.span() }))));
+            }
+        }
+        let Some(error) = error else { continue };
+        levels.extend(found.into_iter().filter_map(|(state, field)| {
+            let said = field.said()?;
+            Some(RawLevel { error, state, level: At { value: said.value.0, span: said.span.clone() } })
+        }));
+    }
+    levels
+}
 
 fn answers<E: Closed, A: Closed>(
     entries: &[Entry<'_, '_>],

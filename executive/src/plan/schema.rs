@@ -6,7 +6,10 @@
 
 use serde_json::{Map, Value, json};
 
-use super::closed::{ChangeAction, Closed, ModuleAction, ModuleError, PartitionAction, PartitionError};
+use super::closed::{
+    ChangeAction, Closed, ErrorLevel, ModuleAction, ModuleError, PartitionAction, PartitionError,
+    PartitionState,
+};
 use super::findings::Findings;
 use super::raw::{self, RawFile};
 use super::reader::{Key, Under, one_of_the_words};
@@ -18,7 +21,7 @@ partition.x = { restart = {}, port.x = {}, health = {} }
 channel = [{}]
 chain = [{}]
 schedule.x = { window = [{}], change_action = {} }
-health = { partition = {}, module = {}, reset = {}, log = {} }
+health = { level = {}, partition = {}, module = {}, reset = {}, log = {} }
 ";
 
 /// What stands in a table that is no value.
@@ -59,6 +62,7 @@ const INNER: &[(&str, &str, Inner)] = &[
     (PARTITION, "health", Inner::Words(answers::<PartitionError, PartitionAction>)),
     (SCHEDULE, "window", Inner::Plain(WINDOW)),
     (SCHEDULE, "change_action", Inner::Words(change_actions)),
+    (HEALTH, "level", Inner::Words(levels)),
     (HEALTH, "partition", Inner::Words(answers::<PartitionError, PartitionAction>)),
     (HEALTH, "module", Inner::Words(answers::<ModuleError, ModuleAction>)),
     (HEALTH, "reset", Inner::Plain(RESET)),
@@ -93,6 +97,7 @@ const DESCRIPTIONS: &[Described] = &[
         "Whether it may ask for another schedule: true, false, or the schedules in which it may.",
     ),
     (PARTITION, "health", "Its own answers to errors, in place of those of `health.partition`."),
+    (PARTITION, "error_handler", "Whether it has an error handler of its own."),
     (PARTITION, "port", "Its ports, by name."),
     (RESTART, "start", "What it finds when it starts again by default."),
     (RESTART, "budget", "How many restarts it has within the time `within`."),
@@ -121,6 +126,11 @@ const DESCRIPTIONS: &[Described] = &[
     (WINDOW, "core", "On which core; the first of the module if not said."),
     (WINDOW, "minor", "In which minor frames, from 0; in every one if not said."),
     (HEALTH, "silence_windows", "How many granted windows in a row a partition may leave open."),
+    (
+        HEALTH,
+        "level",
+        "At which level errors of a partition are dealt with, in each of its states or in all.",
+    ),
     (HEALTH, "partition", "What is done about errors of a partition."),
     (HEALTH, "module", "What is done about errors of the module."),
     (HEALTH, "late_after", "A switch that comes later than this is the error `late_dispatcher`."),
@@ -206,6 +216,18 @@ fn inner(table: &str, key: &str) -> Value {
 /// Errors with what is done about each.
 fn answers<E: Closed, A: Closed>() -> Value {
     let errors = E::ALL.iter().map(|error| (error.name().to_owned(), one_of_the_words::<A>()));
+    let properties: Map<String, Value> = errors.collect();
+    json!({ "type": "object", "properties": properties, "additionalProperties": false })
+}
+
+/// Errors with the level of each, or one for each state.
+fn levels() -> Value {
+    let states =
+        PartitionState::ALL.iter().map(|state| (state.name().to_owned(), one_of_the_words::<ErrorLevel>()));
+    let states: Map<String, Value> = states.collect();
+    let by_state = json!({ "type": "object", "properties": states, "additionalProperties": false });
+    let level = json!({ "anyOf": [one_of_the_words::<ErrorLevel>(), by_state] });
+    let errors = PartitionError::ALL.iter().map(|error| (error.name().to_owned(), level.clone()));
     let properties: Map<String, Value> = errors.collect();
     json!({ "type": "object", "properties": properties, "additionalProperties": false })
 }

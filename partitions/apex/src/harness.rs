@@ -53,6 +53,7 @@ use bateleur_ports::{Channel, ChannelType, Domain, Membership};
 use rustix::fs::{MemfdFlags, ftruncate, memfd_create};
 
 use crate::context::{Context, StartError, Started};
+use crate::errors::{HealthError, Response};
 use crate::ports::{Inlet, Outlet, QueuingDestination, QueuingSource, SamplingDestination, SamplingSource};
 use crate::run::Partition;
 use crate::takeover::Takeover;
@@ -118,6 +119,7 @@ impl Harness {
             attributes: std::collections::BTreeMap::new(),
             schedules: vec!["harness".into()],
             may_set_schedule: Vec::new(),
+            error_handler: false,
             retained_bytes: 0,
             ports_root: folder.0.to_string_lossy().into_owned(),
         };
@@ -217,7 +219,7 @@ impl Harness {
     /// What the partition has reported since this was asked last: messages to the operator, errors, refusals of ports.
     pub fn reports(&mut self) -> Vec<String> {
         let reports = self.time.page().reports_since(&mut self.reports_seen);
-        reports.into_iter().map(|(_, text)| text).collect()
+        reports.into_iter().map(|report| report.text).collect()
     }
 
     /// Makes the channel of a port, and the twin of a queue that an executive makes for observers; opens it for the far end.
@@ -253,6 +255,12 @@ impl<P: Partition> Incarnation<P> {
         let window = Window::granted(&self.time);
         self.started.connect();
         self.partition.window(&window);
+    }
+
+    /// Hands an error to its error handler, in the window that it had last.
+    pub fn handle(&mut self, error: &HealthError) -> Response {
+        let window = Window::granted(&self.time);
+        self.partition.error_handler(error, &window)
     }
 
     /// It takes over from one whose retained memory was kept.

@@ -36,6 +36,7 @@
 
 mod attributes;
 mod context;
+mod errors;
 mod faults;
 mod harness;
 mod line;
@@ -50,8 +51,9 @@ mod time;
 mod window;
 
 pub use attributes::AttributeError;
-pub use bateleur_contract::{Direction, PortKind, StartCondition};
+pub use bateleur_contract::{Direction, ErrorCode, PortKind, StartCondition};
 pub use context::{Context, StartError};
+pub use errors::{HealthError, Response};
 pub use harness::{Harness, Incarnation};
 pub use line::Line;
 pub use ports::{QueuingDestination, QueuingSource, Reading, SamplingDestination, SamplingSource, Sent};

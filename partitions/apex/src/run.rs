@@ -10,11 +10,12 @@ use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
 
 use bateleur_contract::{
     CONTROL_FD, ControlPage, DESCRIPTION_FD, Description, ENVIRONMENT, Mapped, Mode, RETAINED_FD,
-    StartCondition, Takeover as Order, exit, page,
+    Takeover as Order, exit, page,
 };
 use rustix::thread::futex;
 
 use crate::context::{Context, StartError, Started};
+use crate::errors::{HealthError, Response};
 use crate::takeover::Takeover;
 use crate::time::{Time, monotonic_ns};
 use crate::window::Window;
@@ -30,6 +31,17 @@ pub trait Partition: Sized {
     /// once, and only where the plan has a `standby`.
     fn take_over(&mut self, takeover: &Takeover) {
         let _ = takeover;
+    }
+
+    /// The partition has an [`Partition::error_handler`] (CREATE_ERROR_HANDLER). The plan has to count on it too, with
+    /// `error_handler = true`.
+    const ERROR_HANDLER: bool = false;
+
+    /// An error that the plan leaves to the partition itself: called at the beginning of the next window, once for each,
+    /// oldest first. An error in here is none of the partition's own any more: its health table answers.
+    fn error_handler(&mut self, error: &HealthError, window: &Window) -> Response {
+        let _ = (error, window);
+        Response::GoOn
     }
 
     /// Computes one window. Returning closes it; the rest of the window is slack.
@@ -52,14 +64,29 @@ struct End {
     reason: String,
 }
 
+impl Response {
+    fn carry_out(self) -> Result<(), End> {
+        let (code, reason) = match self {
+            Self::GoOn => return Ok(()),
+            Self::WarmRestart => (exit::WARM_START, "its error handler restarts it warm"),
+            Self::ColdRestart => (exit::COLD_START, "its error handler restarts it cold"),
+            Self::Idle => (exit::IDLE, "its error handler makes it idle"),
+        };
+        Err(End { code, reason: reason.into() })
+    }
+}
+
 fn live<P: Partition>() -> Result<(), End> {
     let (page, description) = take_over().map_err(|reason| End { code: exit::NO_CONTRACT, reason })?;
     crate::signals::install();
     let (name, stands_by) = (description.partition.clone(), description.standby);
     name_process(&if stands_by { format!("{STANDBY_MARK}{name}") } else { name.clone() });
-    let starting = match description.start_condition {
-        StartCondition::HmPartitionWarmRestart => Mode::WarmStart,
-        _ => Mode::ColdStart,
+    if description.error_handler && !P::ERROR_HANDLER {
+        return Err(End { code: exit::START_REFUSED, reason: NO_HANDLER.into() });
+    }
+    let starting = match description.start_condition.is_warm() {
+        true => Mode::WarmStart,
+        false => Mode::ColdStart,
     };
     page.mode.store(starting as u32, Release);
     let time = Time::new(Rc::new(page), description.clock);
@@ -74,22 +101,29 @@ fn live<P: Partition>() -> Result<(), End> {
     }
     lock_memory();
     time.page().mode.store(Mode::Normal as u32, Release);
-    let mut life = Life { partition, time, started, stands_by: stands_by.then_some(name) };
-    life.windows().map_err(refuse)
+    let errors_seen = time.page().errors_so_far();
+    let mut life = Life { partition, time, started, errors_seen, stands_by: stands_by.then_some(name) };
+    life.windows()
 }
+
+/// Why a partition does not start whose plan expects more of it.
+const NO_HANDLER: &str = "the plan says `error_handler = true`, but this program has no error handler: take the key out of the plan, or \
+     write the handler";
 
 /// A partition that has initialised.
 struct Life<P> {
     partition: P,
     time: Time,
     started: Started,
+    /// Errors that the handler was told of.
+    errors_seen: u32,
     /// Its name, as long as it stands by.
     stands_by: Option<String>,
 }
 
 impl<P: Partition> Life<P> {
     /// Takes windows until it is asked to stop.
-    fn windows(&mut self) -> Result<(), StartError> {
+    fn windows(&mut self) -> Result<(), End> {
         let time = self.time.clone();
         let page = time.page();
         let mut last = 0;
@@ -101,10 +135,12 @@ impl<P: Partition> Life<P> {
             page.opened_ns.store(monotonic_ns(), Relaxed);
             let window = Window::granted(&time);
             if window.end_ns() == 0 {
-                self.called()?;
+                self.called()
+                    .map_err(|error| End { code: exit::START_REFUSED, reason: error.to_string() })?;
             } else {
                 self.started.faults.carry_out(page);
                 self.started.outlets.iter().for_each(|outlet| outlet.catch_up(window.start_ns()));
+                self.handle_errors(&window)?;
                 self.partition.window(&window);
             }
             page.closed_ns.store(monotonic_ns(), Relaxed);
@@ -112,6 +148,19 @@ impl<P: Partition> Life<P> {
                 let _ = futex::wake(&page.done, futex::Flags::empty(), 1); // woken by the clock meanwhile: fine
             }
         }
+    }
+
+    /// Hands the errors since the last window to the handler, and does what it decides.
+    fn handle_errors(&mut self, window: &Window) -> Result<(), End> {
+        let time = self.time.clone();
+        let page = time.page();
+        while let Some((code, message)) = page.next_error(&mut self.errors_seen) {
+            page.handling.store(1, Release);
+            let response = self.partition.error_handler(&HealthError { code, message }, window);
+            page.handling.store(0, Release);
+            response.carry_out()?;
+        }
+        Ok(())
     }
 
     /// The executive's last call before frame 0, when every peer is there, or before the first window of one that takes

@@ -27,6 +27,8 @@ pub struct Description {
     pub schedules: Vec<String>,
     /// The numbers of the schedules in which the partition may ask for another one.
     pub may_set_schedule: Vec<u32>,
+    /// The plan counts on an error handler of the partition's own.
+    pub error_handler: bool,
     /// Bytes of retained memory behind [`crate::RETAINED_FD`]; 0: none.
     pub retained_bytes: u64,
     /// Directory of the module's channels: each has a directory of its own in it.
@@ -39,14 +41,24 @@ pub struct Description {
 pub enum StartCondition {
     /// The module was started.
     NormalStart,
-    /// The partition asked for it.
+    /// The partition asked for it; retained memory is zero.
     PartitionRestart,
+    /// The partition asked for it; retained memory is as it was left.
+    PartitionWarmRestart,
     /// Health monitoring restarted the module.
     HmModuleRestart,
     /// Health monitoring restarted the partition; retained memory is as it was left.
     HmPartitionWarmRestart,
     /// Health monitoring restarted the partition; retained memory is zero.
     HmPartitionColdRestart,
+}
+
+impl StartCondition {
+    /// Retained memory is as it was left.
+    #[must_use]
+    pub fn is_warm(self) -> bool {
+        matches!(self, Self::PartitionWarmRestart | Self::HmPartitionWarmRestart)
+    }
 }
 
 /// The two clocks.

@@ -14,7 +14,7 @@ mod mapping;
 pub use description::{Clock, Description, Direction, PortDescription, PortKind, StartCondition};
 pub use fault::{FaultKind, FaultOrder};
 pub use mapping::{Mapped, MappingError};
-pub use page::{ControlPage, Mode, ReportKind, Takeover};
+pub use page::{ControlPage, ErrorCode, Mode, ReportKind, Reported, Takeover};
 
 /// Descriptor of the control page in a partition process.
 pub const CONTROL_FD: i32 = 3;
@@ -42,4 +42,8 @@ pub mod exit {
     pub const HARDWARE_FAULT: i32 = 68;
     /// One of its threads used more stack than it has.
     pub const STACK_OVERFLOW: i32 = 69;
+    /// It asked to be started again with its retained memory (SET_PARTITION_MODE WARM_START).
+    pub const WARM_START: i32 = 70;
+    /// It asked to be started again from nothing (SET_PARTITION_MODE COLD_START).
+    pub const COLD_START: i32 = 71;
 }

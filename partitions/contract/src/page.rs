@@ -17,10 +17,12 @@ use crate::mapping::SharedMemory;
 /// First word of every control page.
 pub const MAGIC: u32 = 0x4254_4c52; // "BTLR"
 /// Raised whenever the page or the description changes its meaning.
-pub const VERSION: u32 = 6;
+pub const VERSION: u32 = 7;
 
 /// Bytes of a report's text, as in REPORT_APPLICATION_MESSAGE.
 pub const REPORT_TEXT: usize = 128;
+/// Errors that wait for a partition's handler, most; older ones are overwritten.
+pub const ERRORS: usize = 8;
 /// Reports that fit between two looks of the executive; older ones are overwritten and counted as lost.
 pub const REPORTS: usize = 8;
 
@@ -79,7 +81,44 @@ pub enum ReportKind {
     PortError = 2,
 }
 
-/// One report of a partition.
+/// An error that a partition's own handler is told of. The first eight have the numbers of ARINC 653.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum ErrorCode {
+    /// A window was closed after its deadline.
+    DeadlineMissed = 0,
+    /// The partition raised one itself.
+    ApplicationError = 1,
+    /// A port could not be read or written.
+    PortError = 16,
+    /// A window ended before the partition was done.
+    WindowOverrun = 17,
+}
+
+impl ErrorCode {
+    /// The code with this number.
+    pub fn from_number(number: u32) -> Option<Self> {
+        [Self::DeadlineMissed, Self::ApplicationError, Self::PortError, Self::WindowOverrun]
+            .into_iter()
+            .find(|code| *code as u32 == number)
+    }
+}
+
+/// A report as the executive reads it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Reported {
+    /// What it is.
+    pub kind: ReportKind,
+    /// Made while the partition's error handler ran.
+    pub in_handler: bool,
+    /// Its text.
+    pub text: String,
+}
+
+/// In a report's kind: made while the error handler ran.
+const IN_HANDLER: u32 = 1 << 16;
+
+/// One report of a partition, or one error for it.
 #[derive(Debug, Default)]
 #[repr(C)]
 pub struct Report {
@@ -158,8 +197,14 @@ pub struct ControlPage {
     reserved_3: [AtomicU64; 1],
     /// Reports so far; report `n` stands in `reports[n % REPORTS]`.
     pub report_count: AtomicU32,
-    reserved_4: AtomicU32,
+    /// Not zero while the partition's error handler runs.
+    pub handling: AtomicU32,
     reports: [Report; REPORTS],
+    // Written by the executive.
+    /// Errors for the partition's handler so far; error `n` stands in `errors[n % ERRORS]`.
+    error_count: AtomicU32,
+    reserved_5: AtomicU32,
+    errors: [Report; ERRORS],
 }
 
 // SAFETY: every field is an atomic or an array of atomics, for which every bit pattern is a value.
@@ -245,41 +290,81 @@ impl ControlPage {
     /// Adds a report (the partition). Text beyond [`REPORT_TEXT`] bytes is cut.
     pub fn report(&self, kind: ReportKind, text: &str) {
         let number = self.report_count.load(Ordering::Relaxed);
-        let report = &self.reports[number as usize % REPORTS];
-        let length =
-            (0..=text.len().min(REPORT_TEXT)).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
-        let mut bytes = [0; REPORT_TEXT];
-        bytes[..length].copy_from_slice(&text.as_bytes()[..length]);
-        for (word, chunk) in report.text.iter().zip(bytes.as_chunks().0) {
-            word.store(u64::from_le_bytes(*chunk), Ordering::Relaxed);
-        }
-        report.kind.store(kind as u32, Ordering::Relaxed);
-        report.length.store(length as u32, Ordering::Relaxed);
+        let in_handler = if self.handling.load(Ordering::Relaxed) == 0 { 0 } else { IN_HANDLER };
+        self.reports[number as usize % REPORTS].write(kind as u32 | in_handler, text);
         self.report_count.store(number.wrapping_add(1), Ordering::Release);
     }
 
+    /// Tells the partition's handler of an error (the executive). Text beyond [`REPORT_TEXT`] bytes is cut.
+    pub fn raise(&self, code: ErrorCode, text: &str) {
+        let number = self.error_count.load(Ordering::Relaxed);
+        self.errors[number as usize % ERRORS].write(code as u32, text);
+        self.error_count.store(number.wrapping_add(1), Ordering::Release);
+    }
+
+    /// The next error since number `seen` (the partition), which is moved on. Only the newest [`ERRORS`] still stand.
+    pub fn next_error(&self, seen: &mut u32) -> Option<(ErrorCode, String)> {
+        let count = self.error_count.load(Ordering::Acquire);
+        while *seen != count {
+            let oldest = count.wrapping_sub(ERRORS as u32);
+            *seen = if count.wrapping_sub(*seen) > ERRORS as u32 { oldest } else { *seen };
+            let (code, text) = self.errors[*seen as usize % ERRORS].read();
+            *seen = seen.wrapping_add(1);
+            if let Some(code) = ErrorCode::from_number(code) {
+                return Some((code, text));
+            }
+        }
+        None
+    }
+
+    /// Errors for the handler so far (the partition, before its first window: those were its predecessor's).
+    pub fn errors_so_far(&self) -> u32 {
+        self.error_count.load(Ordering::Acquire)
+    }
+
     /// The reports since number `seen` (the executive), which is moved on. Only the newest [`REPORTS`] still stand.
-    pub fn reports_since(&self, seen: &mut u32) -> Vec<(ReportKind, String)> {
+    pub fn reports_since(&self, seen: &mut u32) -> Vec<Reported> {
         let count = self.report_count.load(Ordering::Acquire);
         let new = count.wrapping_sub(*seen).min(REPORTS as u32);
         *seen = count;
-        (0..new).map(|back| self.reports[count.wrapping_sub(new - back) as usize % REPORTS].read()).collect()
+        let report = |back| {
+            let (kind, text) = self.reports[count.wrapping_sub(new - back) as usize % REPORTS].read();
+            Reported { kind: ReportKind::from_word(kind), in_handler: kind & IN_HANDLER != 0, text }
+        };
+        (0..new).map(report).collect()
+    }
+}
+
+impl ReportKind {
+    fn from_word(word: u32) -> Self {
+        match word & !IN_HANDLER {
+            0 => Self::Message,
+            2 => Self::PortError,
+            _ => Self::ApplicationError,
+        }
     }
 }
 
 impl Report {
-    fn read(&self) -> (ReportKind, String) {
+    fn write(&self, kind: u32, text: &str) {
+        let length =
+            (0..=text.len().min(REPORT_TEXT)).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
+        let mut bytes = [0; REPORT_TEXT];
+        bytes[..length].copy_from_slice(&text.as_bytes()[..length]);
+        for (word, chunk) in self.text.iter().zip(bytes.as_chunks().0) {
+            word.store(u64::from_le_bytes(*chunk), Ordering::Relaxed);
+        }
+        self.kind.store(kind, Ordering::Relaxed);
+        self.length.store(length as u32, Ordering::Relaxed);
+    }
+
+    fn read(&self) -> (u32, String) {
         let mut bytes = [0; REPORT_TEXT];
         for (word, chunk) in self.text.iter().zip(bytes.as_chunks_mut::<8>().0) {
             *chunk = word.load(Ordering::Relaxed).to_le_bytes();
         }
         let length = (self.length.load(Ordering::Relaxed) as usize).min(REPORT_TEXT);
-        let kind = match self.kind.load(Ordering::Relaxed) {
-            0 => ReportKind::Message,
-            2 => ReportKind::PortError,
-            _ => ReportKind::ApplicationError,
-        };
-        (kind, String::from_utf8_lossy(&bytes[..length]).into_owned())
+        (self.kind.load(Ordering::Relaxed), String::from_utf8_lossy(&bytes[..length]).into_owned())
     }
 }
 
@@ -327,8 +412,9 @@ mod tests {
         page.report(ReportKind::Message, "one");
         page.report(ReportKind::ApplicationError, &"ä".repeat(100));
         let reports = page.reports_since(&mut seen);
-        assert_eq!(reports[0], (ReportKind::Message, "one".into()));
-        assert_eq!(reports[1].1, "ä".repeat(64));
+        let one = Reported { kind: ReportKind::Message, in_handler: false, text: "one".into() };
+        assert_eq!(reports[0], one);
+        assert_eq!(reports[1].text, "ä".repeat(64));
         assert!(page.reports_since(&mut seen).is_empty());
     }
 
@@ -348,7 +434,27 @@ mod tests {
         let page = page();
         (0..20).for_each(|number| page.report(ReportKind::Message, &number.to_string()));
         let reports = page.reports_since(&mut 0);
-        assert_eq!(reports.first().unwrap().1, "12");
-        assert_eq!(reports.last().unwrap().1, "19");
+        assert_eq!(reports.first().unwrap().text, "12");
+        assert_eq!(reports.last().unwrap().text, "19");
+    }
+
+    #[test]
+    fn a_report_of_an_error_handler_says_so() {
+        let page = page();
+        page.handling.store(1, Ordering::Relaxed);
+        page.report(ReportKind::PortError, "again");
+        let report = &page.reports_since(&mut 0)[0];
+        assert_eq!((report.kind, report.in_handler), (ReportKind::PortError, true));
+    }
+
+    #[test]
+    fn errors_for_the_handler_come_in_order_and_a_flood_keeps_the_newest() {
+        let (page, mut seen) = (page(), 0);
+        page.raise(ErrorCode::DeadlineMissed, "late");
+        assert_eq!(page.next_error(&mut seen), Some((ErrorCode::DeadlineMissed, "late".into())));
+        assert_eq!(page.next_error(&mut seen), None);
+        (0..20).for_each(|number| page.raise(ErrorCode::ApplicationError, &number.to_string()));
+        let texts: Vec<_> = std::iter::from_fn(|| Some(page.next_error(&mut seen)?.1)).collect();
+        assert_eq!((texts.len(), texts[0].as_str(), texts[7].as_str()), (8, "12", "19"));
     }
 }

@@ -1,11 +1,14 @@
 //! Rules about health tables: that what they ask for makes sense.
 
 use super::Context;
-use crate::plan::build::effective_action;
+use crate::plan::build::{effective_action, effective_level};
 use crate::plan::catalogue;
-use crate::plan::closed::{Closed, ModuleAction, PartitionAction, PartitionError, StartMode};
+use crate::plan::closed::{
+    Closed, ErrorLevel, ModuleAction, ModuleError, PartitionAction, PartitionError, PartitionState, StartMode,
+};
 use crate::plan::findings::{Finding, Span, listed};
-use crate::plan::raw::{Answer, RawHealth, RawPartition};
+use crate::plan::model::{default_module_action, leaves_the_process};
+use crate::plan::raw::{Answer, RawHealth, RawLevel, RawPartition};
 use crate::plan::reader::{At, Bytes, Nanoseconds, Word};
 use crate::plan::units::ShowTime;
 
@@ -21,6 +24,7 @@ pub(super) fn check(cx: &Context<'_>) {
     not_zero(cx, "within", &health.reset_within);
     reset_budget(cx, health);
     log_size(cx);
+    health.levels.iter().for_each(|level| level_of(cx, level));
     for partition in &cx.file.partitions {
         ignored(cx, &partition.health);
         warm(cx, partition);
@@ -28,6 +32,87 @@ pub(super) fn check(cx: &Context<'_>) {
         budget(cx, partition);
         standby(cx, partition);
         deadline(cx, partition);
+        handler(cx, partition);
+        unused_answers(cx, &partition.health);
+    }
+    unused_answers(cx, &health.partition);
+}
+
+fn level_of(cx: &Context<'_>, said: &RawLevel) {
+    let error = said.error;
+    match said.level.value {
+        ErrorLevel::Process => {
+            let state = said.state.filter(|state| *state != PartitionState::Normal);
+            if !leaves_the_process(error) || state.is_some() {
+                let message = match state {
+                    Some(state) if leaves_the_process(error) => {
+                        format!(
+                            "`{error}` can not be dealt with by the partition's process in the state `{state}`"
+                        )
+                    }
+                    _ => format!("after `{error}` there is no process that could deal with it"),
+                };
+                let mend = "choose `partition` or `module`";
+                return cx.note(&catalogue::ILLEGAL_LEVEL, &said.level.span, message, mend);
+            }
+            let has_handler = |partition: &RawPartition| partition.error_handler.or(false) != Some(false);
+            if !cx.file.partitions.iter().any(has_handler) {
+                let message = format!("`{error}` is left to error handlers, but no partition has one");
+                let mend =
+                    "add `error_handler = true` to a partition whose program has one, or choose `partition`";
+                cx.note(&catalogue::PROCESS_WITHOUT_HANDLER, &said.level.span, message, mend);
+            }
+        }
+        ErrorLevel::Partition => {}
+        ErrorLevel::Module => {
+            let table = &cx.file.health.module;
+            let said_action = table.iter().find(|answer| answer.error == ModuleError::PartitionError);
+            let action = said_action.map(|answer| answer.action.value);
+            let action = action.unwrap_or_else(|| default_module_action(ModuleError::PartitionError));
+            let what = match action {
+                ModuleAction::Ignore => return,
+                ModuleAction::Reset => "resets",
+                ModuleAction::Shutdown => "shuts down",
+            };
+            let message = format!("`{error}` of any partition {what} the module");
+            let mend = "nothing, if that is meant; else choose `partition`";
+            let finding = Finding::new(&catalogue::MODULE_FOR_PARTITION, &said.level.span, message, mend);
+            cx.add(match said_action {
+                Some(answer) => finding.also(&answer.action.span, "what is done at this level"),
+                None => finding,
+            });
+        }
+    }
+}
+
+fn handler(cx: &Context<'_>, partition: &RawPartition) {
+    let Some(said) = partition.error_handler.said().filter(|said| said.value) else { return };
+    let own = |error: &&PartitionError| {
+        leaves_the_process(**error)
+            && effective_level(cx.file, **error, PartitionState::Normal) == ErrorLevel::Process
+    };
+    if !PartitionError::ALL.iter().any(|error| own(&error)) {
+        let message = format!("no error is left to the error handler of `{}`", partition.name.value);
+        let mend = "leave an error at the level `process` in `[health.level]`, or take the key out";
+        cx.note(&catalogue::HANDLER_UNUSED, &said.span, message, mend);
+    }
+}
+
+/// Answers for errors that never reach a partition's table.
+fn unused_answers(cx: &Context<'_>, table: &[Answer<PartitionError, PartitionAction>]) {
+    for answer in table {
+        let level = |state: &PartitionState| effective_level(cx.file, answer.error, *state);
+        if !PartitionState::ALL.iter().all(|state| level(state) == ErrorLevel::Module) {
+            continue;
+        }
+        let message = format!("`{}` is dealt with by the module, whatever is said here", answer.error);
+        let mend = "take this line out, or `[health.level]`'s";
+        let finding = Finding::new(&catalogue::ANSWER_UNUSED, &answer.action.span, message, mend);
+        let raised = cx.file.health.levels.iter().find(|said| said.error == answer.error);
+        cx.add(match raised {
+            Some(said) => finding.also(&said.level.span, "raised to the module here"),
+            None => finding,
+        });
     }
 }
 

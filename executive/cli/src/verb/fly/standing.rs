@@ -21,7 +21,7 @@ impl Standing {
                 self.restarted.push(partition.clone());
                 self.down.insert(partition.clone(), format!("{partition} had not come back from {error}"));
             }
-            Event::Fault { partition, error, action, .. } if action != "ignore" => {
+            Event::Fault { partition, error, action, .. } if action == "idle" || action == "stop" => {
                 let why = match self.restarted.contains(partition) {
                     true => "no restarts left".into(),
                     false => format!("{error}, by its health table"),

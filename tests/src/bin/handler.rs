@@ -1,0 +1,64 @@
+//! A partition with an error handler: raises the errors that its attributes name, says what its handler is told, and does
+//! there what another attribute says.
+
+use std::process::ExitCode;
+
+use bateleur_apex::{Context, HealthError, Partition, Response, Retained, StartError, Window};
+
+struct Handler {
+    found: Option<String>,
+    windows: Retained<u64>,
+    count: u64,
+    /// An error is raised in this window, counted over all incarnations.
+    raise_at: u64,
+    response: String,
+}
+
+impl Partition for Handler {
+    fn start(context: &mut Context) -> Result<Self, StartError> {
+        let mut windows = context.retained::<u64>()?;
+        let count = windows.load();
+        Ok(Self {
+            found: Some(format!("{:?} found {count:?}", context.start_condition())),
+            windows,
+            count: count.unwrap_or(0),
+            raise_at: context.attribute("raise_at", 0)?,
+            response: context.attribute("response", "go_on".into())?,
+        })
+    }
+
+    const ERROR_HANDLER: bool = true;
+
+    fn error_handler(&mut self, error: &HealthError, window: &Window) -> Response {
+        window.report(&format!("the handler is told of {:?}: {}", error.code, error.message));
+        match self.response.as_str() {
+            "warm" => Response::WarmRestart,
+            "cold" => Response::ColdRestart,
+            "idle" => Response::Idle,
+            "raise" => {
+                window.raise("raised in the handler");
+                Response::GoOn
+            }
+            "die" => std::process::abort(),
+            "hang" => loop {
+                std::thread::sleep(std::time::Duration::from_secs(3600));
+            },
+            _ => Response::GoOn,
+        }
+    }
+
+    fn window(&mut self, window: &Window) {
+        if let Some(found) = self.found.take() {
+            window.report(&found);
+        }
+        self.count += 1;
+        self.windows.store(&self.count);
+        if self.count == self.raise_at {
+            window.raise("what it is");
+        }
+    }
+}
+
+fn main() -> ExitCode {
+    bateleur_apex::run::<Handler>()
+}

@@ -1,0 +1,129 @@
+//! Errors at the level of a process, which the partition's own handler deals with, and at that of the module.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use bateleur_tests::{Ended, Fault, Sketch, alone, among_others, bateleur};
+
+const RESTART: &str =
+    "retained = \"4KiB\"\nrestart = { start = \"warm\", budget = 2, within = \"10s\", then = \"idle\" }\n";
+
+/// Runs `own`, which raises an error in its 50th window and answers to it with `response`, beside another partition.
+fn run(response: &str, health: &str, more: &[&str]) -> Ended {
+    let scratch = tempfile::tempdir().unwrap();
+    let attributes =
+        format!("attributes = {{ raise_at = 50, response = \"{response}\" }}\nerror_handler = true\n");
+    let sketch = Sketch::new()
+        .table(health)
+        .partition("own", "handler", 1000, &format!("{RESTART}{attributes}"))
+        .partition("other", "counter", 1000, "");
+    let schedule = sketch.write(scratch.path());
+    bateleur(&[&["run", "--fast", "--until", "4", "--schedule", &schedule], more].concat()).end()
+}
+
+fn of_own(ended: &Ended) -> Vec<(String, String, String)> {
+    let faults = ended.faults().into_iter().filter(|fault| fault.partition == "own");
+    faults.map(|Fault { level, error, action, .. }| (level, error, action)).collect()
+}
+
+fn entry(level: &str, error: &str, action: &str) -> (String, String, String) {
+    (level.to_owned(), error.to_owned(), action.to_owned())
+}
+
+fn granted(ended: &Ended, partition: &str) -> usize {
+    let windows = ended.windows();
+    windows.iter().filter(|window| window.partition == partition && window.granted_ns.is_some()).count()
+}
+
+#[test]
+fn raised_error_is_handed_to_the_handler_in_the_next_window_and_the_partition_goes_on() {
+    let _turn = among_others();
+    let ended = run("go_on", "", &[]).expect_code(0);
+    assert_eq!(of_own(&ended), [entry("process", "application_error", "error_handler")]);
+    assert_eq!(granted(&ended, "own"), 200);
+    // Raised in window 49 of 20 ms; found at the next minor frame and handed over in the window that begins there.
+    ended.expect_words(&["1.020 s  own: the handler is told of ApplicationError: what it is"]);
+}
+
+#[test]
+fn handler_restarts_its_partition_warm_or_cold_within_its_budget_or_makes_it_idle() {
+    let _turn = among_others();
+    let warm = run("warm", "", &[])
+        .expect_code(0)
+        .expect_words(&["own: NormalStart found None", "own: PartitionWarmRestart found Some(50)"]);
+    let handed = entry("process", "application_error", "error_handler");
+    assert_eq!(of_own(&warm), [handed.clone(), entry("partition", "own_request", "warm_restart")]);
+    // One that starts from nothing raises its error again, and its budget is 2.
+    let cold = run("cold", "", &[]).expect_code(0).expect_words(&["own: PartitionRestart found None"]);
+    let asked = |action| entry("partition", "own_request", action);
+    let restarted = [handed.clone(), asked("cold_restart")];
+    let expected = [&restarted[..], &restarted, &[handed.clone(), asked("idle")]].concat();
+    assert_eq!(of_own(&cold), expected, "{}", cold.stderr);
+    let idle = run("idle", "", &[]).expect_code(0);
+    assert_eq!(of_own(&idle), [handed]);
+    // The window in which it decided so was its own still.
+    assert_eq!((granted(&idle, "own"), granted(&idle, "other")), (51, 200));
+}
+
+#[test]
+fn error_inside_the_handler_is_one_of_the_partition() {
+    let _turn = among_others();
+    let table = "[health.partition]\napplication_error = \"cold_restart\"\nexit = \"idle\"\nwindow_overrun = \"ignore\"\n";
+    let raised = run("raise", table, &[]).expect_code(0);
+    let first = entry("process", "application_error", "error_handler");
+    assert_eq!(
+        of_own(&raised)[..2],
+        [first.clone(), entry("partition", "application_error", "cold_restart")],
+        "{}",
+        raised.stderr
+    );
+    let died = run("die", table, &[]).expect_code(0);
+    assert_eq!(of_own(&died), [first, entry("partition", "exit", "idle")]);
+}
+
+#[test]
+fn handler_that_hangs_is_an_overrun_of_the_partition_and_not_handed_to_itself() {
+    let _turn = alone();
+    let table = "[health.partition]\nwindow_overrun = \"idle\"\n";
+    let ended = run("hang", table, &[]).expect_code(0);
+    let first = entry("process", "application_error", "error_handler");
+    assert_eq!(of_own(&ended), [first, entry("partition", "window_overrun", "idle")]);
+}
+
+#[test]
+fn error_of_a_partition_without_a_handler_is_answered_by_its_table() {
+    let _turn = among_others();
+    let scratch = tempfile::tempdir().unwrap();
+    let attributes = "attributes = { raise_at = 50 }\nhealth = { application_error = \"warm_restart\" }\n";
+    let sketch = Sketch::new().partition("own", "handler", 1000, &format!("{RESTART}{attributes}"));
+    let schedule = sketch.write(scratch.path());
+    let ended = bateleur(&["run", "--fast", "--until", "2", "--schedule", &schedule]).end().expect_code(0);
+    assert_eq!(of_own(&ended), [entry("partition", "application_error", "warm_restart")]);
+}
+
+#[test]
+fn program_without_a_handler_is_refused_where_the_plan_counts_on_one() {
+    let _turn = among_others();
+    let scratch = tempfile::tempdir().unwrap();
+    let sketch = Sketch::new().partition("own", "counter", 1000, "error_handler = true\n");
+    let schedule = sketch.write(scratch.path());
+    let ended = bateleur(&["run", "--fast", "--until", "2", "--schedule", &schedule]).end().expect_code(2);
+    ended.expect_words(&["the plan says `error_handler = true`, but this program has no error handler"]);
+}
+
+#[test]
+fn error_at_the_level_of_the_module_resets_it_or_leaves_the_partition_idle() {
+    let _turn = among_others();
+    let tables = |action: &str| {
+        format!("[health.level]\nkilled = \"module\"\n[health.module]\npartition_error = \"{action}\"\n")
+    };
+    let reset = run("go_on", &tables("reset"), &["--kill", "other@0.5"]).expect_code(0).expect_words(&[
+        "module: partition_error (killed of partition other (ended by SIGKILL)) -> reset",
+        "own: HmModuleRestart found None",
+    ]);
+    let faults = reset.faults();
+    let told = |fault: &&Fault| fault.level == "module";
+    let told: Vec<_> = faults.iter().filter(told).map(|fault| fault.action.as_str()).collect();
+    assert_eq!(told, ["module", "reset"], "{faults:?}");
+    let ignored = run("go_on", &tables("ignore"), &["--kill", "other@0.5"]).expect_code(0);
+    assert_eq!((granted(&ignored, "other"), granted(&ignored, "own")), (25, 200));
+}

@@ -1,5 +1,6 @@
 //! The telemetry board: the newest message of each kind and when it came.
 
+use bateleur_messages::SimulatorLink;
 use bateleur_messages::telemetry::{
     Acknowledge, GpsTelemetry, ImuTelemetry, Loops, Navigation, Primary, ServoTelemetry, StateTelemetry,
     Telemetry, Voltages,
@@ -36,6 +37,8 @@ pub struct Board {
     pub loops: Option<Latest<Loops>>,
     /// Actuators, every 1 s.
     pub servo: Option<Latest<ServoTelemetry>>,
+    /// What became of the conversation with the simulator, every 2 s.
+    pub simulator: Option<Latest<SimulatorLink>>,
     /// The last answer to an order.
     pub acknowledge: Option<Latest<Acknowledge>>,
     /// The caller's time of the last message of any kind, ns.
@@ -60,6 +63,7 @@ impl Board {
             Telemetry::Navigation(message) => put(&mut self.navigation, message, now_ns),
             Telemetry::Loops(message) => put(&mut self.loops, message, now_ns),
             Telemetry::Servo(message) => put(&mut self.servo, message, now_ns),
+            Telemetry::Simulator(message) => put(&mut self.simulator, message, now_ns),
             Telemetry::Acknowledge(message) => put(&mut self.acknowledge, message, now_ns),
         }
     }
@@ -102,6 +106,7 @@ fn module_ns(telemetry: &Telemetry) -> Option<u64> {
         Telemetry::Navigation(message) => Some(message.time_ns),
         Telemetry::Loops(message) => Some(message.time_ns),
         Telemetry::Servo(message) => Some(message.time_ns),
+        Telemetry::Simulator(message) => Some(message.time_ns),
         Telemetry::Acknowledge(message) => Some(message.time_ns),
         Telemetry::Gps(_) | Telemetry::Imu(_) | Telemetry::State(_) => None,
     }

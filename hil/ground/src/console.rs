@@ -2,9 +2,11 @@
 
 use crate::board::Board;
 use crate::courier::function_name;
+use bateleur_messages::SimulatorLink;
 use bateleur_messages::ground::{
     EstimatorOrder, LoopId, Order, SENSOR_ACCELEROMETER, SENSOR_GYROSCOPE, SENSOR_PRESSURE, Waypoint,
 };
+use bateleur_messages::hil::Protocol;
 use bateleur_messages::hil::{PILOT_STAND_BY, PILOT_TAKE_OFF};
 use bateleur_messages::telemetry::{
     ACCEPTED, Acknowledge, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED, NAVIGATION_ON, NOT_UNDERSTOOD,
@@ -358,6 +360,7 @@ pub fn describe(telemetry: &Telemetry) -> String {
             servo.timers_us,
             if servo.autopilot != 0 { "autopilot" } else { "pilot" }
         ),
+        Telemetry::Simulator(link) => describe_simulator(link),
         Telemetry::Acknowledge(message) => describe_answer(message),
     }
 }
@@ -380,6 +383,7 @@ pub fn status(board: &Board, now_ns: u64) -> String {
     row(board.imu.map(|latest| (Telemetry::Imu(latest.message), latest.received_ns)));
     row(board.gps.map(|latest| (Telemetry::Gps(latest.message), latest.received_ns)));
     row(board.voltages.map(|latest| (Telemetry::Voltages(latest.message), latest.received_ns)));
+    row(board.simulator.map(|latest| (Telemetry::Simulator(latest.message), latest.received_ns)));
     row(board.acknowledge.map(|latest| (Telemetry::Acknowledge(latest.message), latest.received_ns)));
     if text.is_empty() { "nothing heard yet\n".to_owned() } else { text }
 }
@@ -427,6 +431,25 @@ fn describe_navigation(n: &Navigation) -> String {
         flag(NAVIGATION_AUTOPILOT, ", autopilot"),
         flag(NAVIGATION_ON, ", navigating"),
         flag(NAVIGATION_FINISHED, ", finished"),
+    )
+}
+
+fn describe_simulator(l: &SimulatorLink) -> String {
+    let protocol = Protocol::ALL.into_iter().find(|protocol| *protocol as u32 == l.protocol);
+    format!(
+        "simulator   {}, {}: {} windows with sensors, {} without, {} asked again, {} stale, {} lost, {} refused, {} \
+         invalid, {} of strangers, {} socket errors",
+        protocol.map_or("unknown protocol", Protocol::name),
+        if l.lockstep == 1 { "lockstep" } else { "free-running" },
+        l.accepted,
+        l.missing,
+        l.repeated,
+        l.stale,
+        l.lost,
+        l.refused,
+        l.invalid,
+        l.strangers,
+        l.errors,
     )
 }
 

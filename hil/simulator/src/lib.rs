@@ -1,4 +1,4 @@
-//! The plant behind a UDP socket.
+//! The plant behind a socket.
 //!
 //! Responsible for: advancing the aircraft to the time that a flight computer names, answering with one sensor set,
 //! playing the safety pilot at the field, and logging what was really the case. The one thing it must never do: let
@@ -10,6 +10,7 @@
 #![forbid(unsafe_code)]
 
 mod counters;
+mod dialect;
 mod flight;
 mod options;
 mod outside;

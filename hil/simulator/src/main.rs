@@ -1,24 +1,29 @@
-//! `simulator`: an aircraft that a flight computer can fly over UDP.
+//! `simulator`: an aircraft that a flight computer can fly over UDP or TCP.
 //!
 //! Exit codes: 0 it ran and was told to end, 1 it broke while running, 2 it could not start.
 
 use anyhow::Context;
+use bateleur_messages::hil::Protocol;
 use bateleur_simulator::{Counters, Options, Outside, Server, airframe};
 use clap::{Parser, ValueEnum};
 use std::io::{Read, Write};
-use std::net::SocketAddr;
+use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Flies an aircraft over UDP: actuators in, sensors out, in lockstep with the flight computer's time.
+/// Flies an aircraft over the network: actuators in, sensors out, in lockstep with the flight computer's time.
 #[derive(Debug, Parser)]
 #[command(name = "simulator", version)]
 struct Arguments {
-    /// Address to listen on; port 0 takes a free one.
-    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:15200")]
-    listen: SocketAddr,
+    /// What is spoken: native, mavlink (over UDP), mavlink-tcp.
+    #[arg(long, value_name = "NAME", default_value = "native")]
+    protocol: Protocol,
+    /// Address to listen on; port 0 takes a free one. Without it, this machine alone and the protocol's usual port: native
+    /// 15200, mavlink 14560, mavlink-tcp 4560.
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    listen: Option<SocketAddr>,
     /// aerosonde, rascal110, or a TOML file.
     #[arg(long, value_name = "NAME|FILE", default_value = "aerosonde")]
     airframe: String,
@@ -122,7 +127,8 @@ fn start(arguments: &Arguments) -> anyhow::Result<(Server, Arc<AtomicBool>)> {
 
 fn options(arguments: &Arguments) -> anyhow::Result<Options> {
     let mut options = Options {
-        listen: arguments.listen,
+        listen: arguments.listen.unwrap_or_else(|| (Ipv4Addr::LOCALHOST, arguments.protocol.port()).into()),
+        protocol: arguments.protocol,
         airframe: airframe(&arguments.airframe)?,
         free_running: arguments.free_running,
         truth: arguments.truth.clone(),

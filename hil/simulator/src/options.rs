@@ -1,19 +1,22 @@
 //! What a simulation is started with.
 
 use crate::outside::Outside;
+use bateleur_messages::hil::Protocol;
 use bateleur_plant::{Airframe, AirframeError, Conditions};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Port on which flight computers expect the simulator.
-pub const DEFAULT_PORT: u16 = 15200;
+/// Port on which flight computers expect the simulator, in the native protocol.
+pub const DEFAULT_PORT: u16 = Protocol::Native.port();
 
 /// Everything about one run of the simulator.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Address to listen on; port 0 takes a free one.
     pub listen: SocketAddr,
+    /// What is spoken with the flight computer.
+    pub protocol: Protocol,
     /// The aircraft.
     pub airframe: Airframe,
     /// Seed, wind and sensor errors.
@@ -30,6 +33,7 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             listen: SocketAddr::from((Ipv4Addr::LOCALHOST, DEFAULT_PORT)),
+            protocol: Protocol::Native,
             airframe: Airframe::aerosonde(),
             conditions: Conditions::default(),
             outside: Outside::default(),

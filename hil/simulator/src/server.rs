@@ -1,11 +1,14 @@
-//! The socket.
+//! The sockets.
 
 use crate::counters::Counters;
 use crate::options::Options;
 use crate::session::{Session, SessionError};
 use crate::truth::TruthError;
-use std::io::{self, ErrorKind};
-use std::net::{SocketAddr, UdpSocket};
+use bateleur_messages::hil::Protocol;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use thiserror::Error;
@@ -17,12 +20,15 @@ const CYCLE: Duration = Duration::from_millis(20);
 /// Longest datagram that is read, bytes; the packets of this link are below 400.
 const DATAGRAM_BYTES: usize = 2048;
 
+/// Free ports that are tried until one is free for datagrams and for connections.
+const PORT_TRIES: u32 = 16;
+
 /// Why a server could not start.
 #[derive(Debug, Error)]
 pub enum StartError {
     /// Someone else listens there.
     #[error(
-        "{address} is taken, probably by another simulator: end that one (`ss -lunp` shows who it is), or choose \
+        "{address} is taken, probably by another simulator: end that one (`ss -lntup` shows who it is), or choose \
          another port with --listen (of `bateleur fly`: --simulator); port 0 takes a free one"
     )]
     Busy {
@@ -55,13 +61,19 @@ pub enum RunError {
     Truth(#[from] TruthError),
 }
 
-/// A session behind a socket.
+/// A session behind a socket: the one of datagrams, and for MAVLink over TCP a listening one with the same port beside
+/// it. The safety pilot is called over datagrams in any case.
 #[derive(Debug)]
 pub struct Server {
     socket: UdpSocket,
+    listener: Option<TcpListener>,
+    /// The flight computer that connected last.
+    client: Option<TcpStream>,
     address: SocketAddr,
     session: Session,
     free_running: bool,
+    /// How long the socket waits.
+    patience: Duration,
     peer: Option<SocketAddr>,
     incoming: Box<[u8; DATAGRAM_BYTES]>,
     reply: Vec<u8>,
@@ -78,13 +90,15 @@ impl Server {
             ErrorKind::AddrInUse => StartError::Busy { address },
             _ => StartError::Address { address, error },
         };
-        let socket = UdpSocket::bind(address).map_err(refused)?;
-        socket.set_read_timeout(Some(PATIENCE)).map_err(refused)?;
+        let (socket, listener) = sockets(address, options.protocol).map_err(refused)?;
         Ok(Self {
             address: socket.local_addr().map_err(refused)?,
             socket,
+            listener,
+            client: None,
             session: Session::new(options)?,
             free_running: options.free_running,
+            patience: Duration::ZERO,
             peer: None,
             incoming: Box::new([0; DATAGRAM_BYTES]),
             reply: Vec::with_capacity(DATAGRAM_BYTES),
@@ -110,7 +124,7 @@ impl Server {
 
     fn run_lockstep(&mut self, stop: &AtomicBool) -> Result<(), RunError> {
         while !stop.load(Ordering::Relaxed) {
-            self.serve_one()?;
+            self.serve(PATIENCE)?;
         }
         Ok(())
     }
@@ -122,8 +136,7 @@ impl Server {
             let due = start + CYCLE * (ticks + 1);
             let left = due.saturating_duration_since(Instant::now());
             if !left.is_zero() {
-                self.socket.set_read_timeout(Some(left)).map_err(RunError::Socket)?;
-                self.serve_one()?;
+                self.serve(left)?;
                 continue;
             }
             ticks += 1;
@@ -134,17 +147,58 @@ impl Server {
 
     fn send_tick(&mut self) {
         let answer = self.session.tick();
-        let Some(peer) = self.peer else { return };
         if answer.is_empty() {
             return;
         }
-        if self.socket.send_to(answer, peer).is_err() {
+        let sent = match (&mut self.client, self.peer) {
+            (Some(client), _) => client.write_all(answer).map(drop),
+            (None, Some(peer)) => self.socket.send_to(answer, peer).map(drop),
+            (None, None) => return,
+        };
+        if sent.is_err() {
             self.session.count_unsent();
+            self.hang_up();
         }
     }
 
-    /// Answers one datagram, or returns after the socket's patience.
-    fn serve_one(&mut self) -> Result<(), RunError> {
+    /// Answers what has come, or returns after `patience`.
+    fn serve(&mut self, patience: Duration) -> Result<(), RunError> {
+        if self.listener.is_none() {
+            // One call for each datagram: in virtual time this is what an exchange costs.
+            if self.patience != patience {
+                self.socket.set_read_timeout(Some(patience)).map_err(RunError::Socket)?;
+                self.patience = patience;
+            }
+            return self.serve_datagram();
+        }
+        let (mut datagram, mut caller, mut bytes) = (false, false, false);
+        {
+            let mut set = vec![PollFd::new(&self.socket, PollFlags::IN)];
+            set.extend(self.listener.iter().map(|listener| PollFd::new(listener, PollFlags::IN)));
+            set.extend(self.client.iter().map(|client| PollFd::new(client, PollFlags::IN)));
+            let patience = Timespec { tv_sec: 0, tv_nsec: patience.subsec_nanos().into() };
+            match poll(&mut set, Some(&patience)) {
+                Ok(_) | Err(Errno::INTR) => {}
+                Err(error) => return Err(RunError::Socket(error.into())),
+            }
+            let mut ready = set.iter().map(|one| !one.revents().is_empty());
+            datagram |= ready.next() == Some(true);
+            caller |= self.listener.is_some() && ready.next() == Some(true);
+            bytes |= self.client.is_some() && ready.next() == Some(true);
+        }
+        if datagram {
+            self.serve_datagram()?;
+        }
+        if bytes {
+            self.serve_stream();
+        }
+        if caller {
+            self.accept();
+        }
+        Ok(())
+    }
+
+    fn serve_datagram(&mut self) -> Result<(), RunError> {
         let (length, sender) = match self.socket.recv_from(&mut self.incoming[..]) {
             Ok(received) => received,
             Err(error) => return harmless(error),
@@ -157,6 +211,51 @@ impl Server {
             self.session.count_unsent();
         }
         Ok(())
+    }
+
+    fn serve_stream(&mut self) {
+        let Some(client) = &mut self.client else { return };
+        let length = match client.read(&mut self.incoming[..]) {
+            Ok(length @ 1..) => length,
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => return,
+            Ok(0) | Err(_) => return self.hang_up(),
+        };
+        self.reply.clear();
+        self.session.take_stream(&self.incoming[..length], &mut self.reply);
+        if client.write_all(&self.reply).is_err() {
+            self.session.count_unsent();
+            self.hang_up();
+        }
+    }
+
+    /// A flight computer that connects while another one is there is the same one, started anew.
+    fn accept(&mut self) {
+        let Some(Ok((client, _))) = self.listener.as_ref().map(TcpListener::accept) else { return };
+        self.hang_up();
+        // One that does not read what it is sent must not stop the aircraft.
+        let prepared = client.set_write_timeout(Some(PATIENCE)).and_then(|()| client.set_nodelay(true));
+        self.client = prepared.ok().map(|()| client);
+    }
+
+    fn hang_up(&mut self) {
+        self.client = None;
+        self.session.end_of_stream();
+    }
+}
+
+/// The sockets at an address. With port 0 both get the same free one.
+fn sockets(address: SocketAddr, protocol: Protocol) -> io::Result<(UdpSocket, Option<TcpListener>)> {
+    if protocol != Protocol::MavlinkTcp {
+        return Ok((UdpSocket::bind(address)?, None));
+    }
+    let mut tries = 0;
+    loop {
+        let listener = TcpListener::bind(address)?;
+        match UdpSocket::bind(listener.local_addr()?) {
+            Ok(socket) => return Ok((socket, Some(listener))),
+            Err(error) if address.port() != 0 || tries == PORT_TRIES => return Err(error),
+            Err(_) => tries += 1,
+        }
     }
 }
 

@@ -1,11 +1,12 @@
-//! The protocol: datagrams in, datagrams out, no socket and no clock.
+//! The conversation: bytes in, bytes out, no socket and no clock. What MAVLink says stands in [`crate::dialect`].
 
 use crate::counters::Counters;
+use crate::dialect::{Asked, Dialect};
 use crate::flight::{Flight, STEP_NS, STEPS_PER_CYCLE, Sample};
 use crate::options::Options;
 use crate::truth::{Header, TruthError, TruthWriter};
 use bateleur_messages::frame::Decoder;
-use bateleur_messages::hil::{Actuators, Packet, PilotOrder};
+use bateleur_messages::hil::{Actuators, Packet, PilotOrder, Protocol};
 use bateleur_plant::{AirframeError, Fault, PlannedFault};
 use thiserror::Error;
 
@@ -40,6 +41,8 @@ pub struct Session {
     /// Module time of the newest actuators of a free-running plant.
     newest_actuators_ns: u64,
     answer: Vec<u8>,
+    /// Where MAVLink is spoken.
+    mavlink: Option<Dialect>,
     older: OlderRun,
     /// When the simulator stands still, by the time since the first packet.
     pauses: Vec<PlannedFault>,
@@ -74,6 +77,7 @@ impl Session {
             newest_ns: 0,
             newest_actuators_ns: 0,
             answer: Vec::with_capacity(1024),
+            mavlink: (options.protocol != Protocol::Native).then(Dialect::default),
             older: OlderRun::default(),
             pauses: pauses(options),
             began_ns: None,
@@ -96,13 +100,17 @@ impl Session {
     /// Takes one datagram and appends the reply to `reply`, nothing where none is due. True when the sender has
     /// proved to be a flight computer.
     pub fn take(&mut self, datagram: &[u8], reply: &mut Vec<u8>) -> bool {
+        // The ground crew calls the pilot in the native frames, whatever the flight computer speaks.
+        if self.mavlink.is_some() && !datagram.starts_with(b"$") {
+            return self.take_mavlink(reply, |dialect, asked| dialect.datagram(datagram, asked));
+        }
         // A decoder of its own for each datagram: half a frame from a stranger must not swallow the next one.
         let mut decoder = Decoder::new();
         let (mut sound, mut flies) = (true, false);
         for &byte in datagram {
             let Some(frame) = decoder.push(byte) else { continue };
             match Packet::of(&frame) {
-                Ok(Packet::Actuators(actuators)) => {
+                Ok(Packet::Actuators(actuators)) if self.mavlink.is_none() => {
                     flies = true;
                     self.actuators(&actuators, reply);
                 }
@@ -114,6 +122,44 @@ impl Session {
         let useful = flies || !reply.is_empty();
         if !(sound && useful && refused.frames() == 0 && refused.noise_bytes == 0) {
             self.counters.garbage += 1;
+        }
+        flies
+    }
+
+    /// Takes the next bytes of a stream, as [`Session::take`] takes a datagram.
+    pub fn take_stream(&mut self, bytes: &[u8], reply: &mut Vec<u8>) {
+        self.take_mavlink(reply, |dialect, asked| dialect.stream(bytes, asked));
+    }
+
+    /// The stream has ended; what comes next belongs to another one.
+    pub fn end_of_stream(&mut self) {
+        self.mavlink.iter_mut().for_each(Dialect::cut);
+    }
+
+    /// Does what the bytes ask for. True when the sender has proved to be a flight computer.
+    fn take_mavlink(
+        &mut self,
+        reply: &mut Vec<u8>,
+        read: impl FnOnce(&mut Dialect, &mut Vec<Asked>) -> bool,
+    ) -> bool {
+        let Some(dialect) = &mut self.mavlink else { return false };
+        let mut asked = Vec::new();
+        let sound = read(dialect, &mut asked);
+        self.counters.garbage += u64::from(!sound);
+        let mut flies = false;
+        for one in asked {
+            match one {
+                Asked::Advance(actuators) => {
+                    flies = true;
+                    self.actuators(&actuators, reply);
+                }
+                Asked::Pilot(order, answer) => {
+                    self.counters.pilot_orders += 1;
+                    self.flight.order(order);
+                    reply.extend(answer);
+                }
+                Asked::Nothing(answer) => reply.extend(answer),
+            }
         }
         flies
     }
@@ -210,6 +256,9 @@ impl Session {
 
     fn write(&mut self, sample: &Sample) {
         self.answer.clear();
+        if let Some(dialect) = &mut self.mavlink {
+            return dialect.answer(sample, &mut self.answer);
+        }
         Packet::Analog(sample.analog).write(&mut self.answer);
         Packet::Custom(sample.custom).write(&mut self.answer);
         if let Some(fix) = sample.gps {

@@ -8,6 +8,9 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::time::{Time, monotonic_ns};
 
+/// The short wait under the virtual clock, real time, ns: no peer that lives takes as long, even on a busy machine.
+const SHORTLY_NS: u64 = 100_000_000;
+
 /// A stretch of time that belongs to this partition.
 #[derive(Debug)]
 pub struct Window {
@@ -55,10 +58,31 @@ impl Window {
 
     /// Waits until `device` has something to read, at the longest until module time `until_ns`. False: nothing came.
     pub fn wait_readable(&self, device: &impl AsFd, until_ns: u64) -> bool {
+        self.wait(device, PollFlags::IN, until_ns)
+    }
+
+    /// As [`Window::wait_readable`], for a caller who will ask again when nothing came: where module time stands still while a device is
+    /// waited for, a lost datagram must not cost all of the patience there is.
+    pub fn wait_readable_shortly(&self, device: &impl AsFd, until_ns: u64) -> bool {
+        match self.time.clock() {
+            Clock::Virtual => wait(device, PollFlags::IN, monotonic_ns() + SHORTLY_NS),
+            Clock::Wall => self.wait(device, PollFlags::IN, until_ns),
+        }
+    }
+
+    /// Waits until `device` takes bytes, or until its connection is made or refused, at the longest until module time
+    /// `until_ns`. False: neither.
+    pub fn wait_writable(&self, device: &impl AsFd, until_ns: u64) -> bool {
+        self.wait(device, PollFlags::OUT, until_ns)
+    }
+
+    fn wait(&self, device: &impl AsFd, what: PollFlags, until_ns: u64) -> bool {
         let until_ns = until_ns.min(self.end_ns);
         match self.time.clock() {
-            Clock::Virtual => self.time.be_patient(|patience_ns| wait(device, monotonic_ns() + patience_ns)),
-            Clock::Wall => wait(device, self.time.page().origin_ns.load(Relaxed) + until_ns),
+            Clock::Virtual => {
+                self.time.be_patient(|patience_ns| wait(device, what, monotonic_ns() + patience_ns))
+            }
+            Clock::Wall => wait(device, what, self.time.page().origin_ns.load(Relaxed) + until_ns),
         }
     }
 
@@ -74,12 +98,12 @@ impl Window {
 }
 
 /// Polls until `deadline_ns` on CLOCK_MONOTONIC. A freeze between two windows can interrupt the call: it goes on.
-fn wait(device: &impl AsFd, deadline_ns: u64) -> bool {
+fn wait(device: &impl AsFd, what: PollFlags, deadline_ns: u64) -> bool {
     loop {
         let left_ns = deadline_ns.saturating_sub(monotonic_ns());
         let left =
             Timespec { tv_sec: (left_ns / 1_000_000_000) as i64, tv_nsec: (left_ns % 1_000_000_000) as i64 };
-        match poll(&mut [PollFd::new(device, PollFlags::IN)], Some(&left)) {
+        match poll(&mut [PollFd::new(device, what)], Some(&left)) {
             Ok(0) => return false,
             Ok(_) => return true,
             Err(rustix::io::Errno::INTR) if left_ns > 0 => {}

@@ -36,18 +36,41 @@ pub struct Counters {
     pub errors: u64,
     /// Questions that were sent a second time.
     pub repeated: u64,
+    /// Sound messages that say nothing to a flight computer.
+    pub unused: u64,
+    /// Values that are no numbers, and time stamps that can not be.
+    pub invalid: u64,
+    /// Messages that are missing by their numbers.
+    pub lost: u64,
+    /// Connections made.
+    pub connections: u64,
+    /// Times that the simulator's clock was tied to module time.
+    pub clock_ties: u64,
 }
 
 impl Counters {
     /// All that was missing, late or refused.
     pub fn refused_in_all(&self) -> u64 {
-        self.missing + self.refused + self.strangers + self.errors
+        self.missing + self.refused + self.invalid + self.strangers + self.errors
+    }
+
+    /// What hints at a fault of the link: everything but windows and answers, which a lossy link costs anyway.
+    pub fn faults(&self) -> u64 {
+        self.refused + self.invalid + self.strangers + self.errors
+    }
+
+    /// What the socket met.
+    pub(crate) fn add_socket(&mut self, socket: &Self) {
+        self.strangers += socket.strangers;
+        self.errors += socket.errors;
     }
 }
 
 /// Collects the newest sensors from datagrams.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Inbox {
+    /// The answers are those to the questions, and others count as stale.
+    lockstep: bool,
     asked_ns: u64,
     answered: bool,
     sensors: Sensors,
@@ -58,9 +81,18 @@ pub struct Inbox {
 }
 
 impl Inbox {
-    /// An empty one.
-    pub fn new() -> Self {
-        Self::default()
+    /// An empty one, in lockstep or for a simulator with a clock of its own.
+    pub fn new(lockstep: bool) -> Self {
+        Self {
+            lockstep,
+            asked_ns: 0,
+            answered: false,
+            sensors: Sensors::default(),
+            last_analog_ns: None,
+            last_gps_ns: None,
+            windows_without: 0,
+            counters: Counters::default(),
+        }
     }
 
     /// What became of what came.
@@ -83,7 +115,47 @@ impl Inbox {
         self.answered
     }
 
-    /// Takes a datagram of the simulator.
+    /// Whether sensors that were not there before are there now.
+    pub fn has_news(&self) -> bool {
+        self.answered || self.sensors.analog.is_some()
+    }
+
+    /// Whether the last window had new sensors.
+    pub(crate) fn was_answered(&self) -> bool {
+        self.windows_without == 0 && self.last_analog_ns.is_some()
+    }
+
+    /// Nothing new has come for a second: what was not believed before is believed now.
+    pub(crate) fn is_alone(&self) -> bool {
+        self.windows_without >= STUBBORN_WINDOWS
+    }
+
+    /// The module time of the newest sensors that were taken, ns.
+    pub fn measured_ns(&self) -> u64 {
+        self.last_analog_ns.unwrap_or_default()
+    }
+
+    /// The answer to the question has come.
+    pub(crate) fn note_answer(&mut self) {
+        self.answered = true;
+    }
+
+    /// Sensors of this window that need no further judgement.
+    pub(crate) fn put_analog(&mut self, analog: RawAnalog) {
+        self.sensors.analog = Some(analog);
+    }
+
+    /// Sticks and voltages of this window.
+    pub(crate) fn put_custom(&mut self, custom: Custom) {
+        self.sensors.custom = Some(custom);
+    }
+
+    /// A fix, which is taken if it is news.
+    pub(crate) fn put_gps(&mut self, gps: RawGps) {
+        self.gps(&gps);
+    }
+
+    /// Takes a datagram of the simulator, in the native protocol.
     pub fn take(&mut self, datagram: &[u8]) {
         let mut decoder = Decoder::new();
         let mut packets = 0;
@@ -133,9 +205,10 @@ impl Inbox {
             self.sensors.analog = Some(*analog);
             return;
         }
-        self.counters.stale += 1;
         let newest = self.sensors.analog.map(|held| held.measured_ns);
-        if !self.answered && self.is_news(analog.measured_ns, newest.or(self.last_analog_ns)) {
+        let is_news = self.is_news(analog.measured_ns, newest.or(self.last_analog_ns));
+        self.counters.stale += u64::from(self.lockstep || !is_news);
+        if !self.answered && is_news {
             self.sensors.analog = Some(*analog);
         }
     }
@@ -156,9 +229,8 @@ impl Inbox {
     }
 
     fn is_news(&self, measured_ns: u64, newest_ns: Option<u64>) -> bool {
-        newest_ns.is_none_or(|newest_ns| {
-            measured_ns > newest_ns || (self.windows_without >= STUBBORN_WINDOWS && measured_ns != newest_ns)
-        })
+        newest_ns
+            .is_none_or(|newest_ns| measured_ns > newest_ns || (self.is_alone() && measured_ns != newest_ns))
     }
 }
 
@@ -180,7 +252,7 @@ mod tests {
 
     #[test]
     fn the_answer_to_the_question_is_taken() {
-        let mut inbox = Inbox::new();
+        let mut inbox = Inbox::new(true);
         inbox.begin(CYCLE);
         inbox.take(&analog(CYCLE));
         assert!(inbox.is_answered());
@@ -190,7 +262,7 @@ mod tests {
 
     #[test]
     fn a_late_answer_is_counted_and_used_where_nothing_newer_is_there() {
-        let mut inbox = Inbox::new();
+        let mut inbox = Inbox::new(true);
         inbox.begin(2 * CYCLE);
         inbox.take(&analog(CYCLE));
         assert!(!inbox.is_answered());
@@ -204,7 +276,7 @@ mod tests {
 
     #[test]
     fn the_newest_answer_wins_whatever_the_order() {
-        let mut inbox = Inbox::new();
+        let mut inbox = Inbox::new(true);
         inbox.begin(3 * CYCLE);
         inbox.take(&[analog(3 * CYCLE), analog(2 * CYCLE)].concat());
         assert_eq!(published(&mut inbox), Some(3 * CYCLE));
@@ -212,7 +284,7 @@ mod tests {
 
     #[test]
     fn one_time_stamp_from_the_future_does_not_shut_out_the_right_answers() {
-        let mut inbox = Inbox::new();
+        let mut inbox = Inbox::new(true);
         inbox.begin(CYCLE);
         inbox.take(&analog(u64::MAX));
         assert_eq!(published(&mut inbox), Some(u64::MAX));
@@ -223,7 +295,7 @@ mod tests {
 
     #[test]
     fn a_simulator_with_its_own_clock_is_heard_and_heard_again_after_its_restart() {
-        let mut inbox = Inbox::new();
+        let mut inbox = Inbox::new(true);
         let mut window = |number: u64, measured_ns| {
             inbox.begin(number * CYCLE);
             inbox.take(&analog(measured_ns));
@@ -237,7 +309,7 @@ mod tests {
 
     #[test]
     fn garbage_is_counted_and_harms_nobody() {
-        let mut inbox = Inbox::new();
+        let mut inbox = Inbox::new(true);
         inbox.begin(CYCLE);
         inbox.take(b"hello");
         inbox.take(&[]);
@@ -255,7 +327,7 @@ mod tests {
 
     #[test]
     fn a_repeated_fix_is_published_once() {
-        let mut inbox = Inbox::new();
+        let mut inbox = Inbox::new(true);
         let mut bytes = Vec::new();
         Packet::Gps(RawGps { measured_ns: 7, ..RawGps::default() }).write(&mut bytes);
         Packet::Custom(Custom { measured_ns: CYCLE, main_v: 12.0, ..Custom::default() }).write(&mut bytes);

@@ -1,20 +1,23 @@
-//! The function that exchanges sensors and actuators with a simulator over UDP.
+//! The function that exchanges sensors and actuators with a simulator, in one of three protocols.
 //!
 //! Responsible for: one question to the simulator in each cycle (the actuators, and the module time to advance to), and
 //! for publishing its answer before the sensor cut-off. It must never wait longer than that, whatever the network does,
 //! and never let one bad datagram decide what is taken afterwards.
 //!
-//! [`Inbox`] decides which datagrams to believe, [`Link`] moves them, [`exchange`] is the conversation of one window and
-//! [`Supervision`] says when the simulator has gone and come back.
+//! [`Inbox`] decides what to believe, `Link` moves bytes (UDP, TCP), `Mavlink` puts them into that protocol's words, [`Conversation`]
+//! is what happens in one window and [`Supervision`] says when the simulator has gone and come back.
 
 mod exchange;
 mod inbox;
 mod link;
+mod mavlink;
 mod supervision;
+mod tcp;
+mod udp;
 
-pub use exchange::{Moment, Waiting, exchange};
+pub use exchange::{Conversation, Moment, Settings, Waiting};
 pub use inbox::{Counters, Inbox, Sensors};
-pub use link::{Link, LinkError};
+pub use link::LinkError;
 pub use supervision::{Event, Supervision};
 
 use bateleur_messages::ServoTimers;

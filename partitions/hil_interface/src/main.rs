@@ -1,19 +1,21 @@
-//! The function that exchanges sensors and actuators with a simulator over UDP.
+//! The function that exchanges sensors and actuators with a simulator.
 
 use std::os::fd::AsFd;
 use std::process::ExitCode;
 
 use bateleur_apex::{
-    Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
-    StartError, Takeover, Window,
+    Context, Direction, Partition, PortKind, QueuingDestination, QueuingSource, Retained,
+    SamplingDestination, SamplingSource, StartError, Takeover, Window,
 };
 use bateleur_hil_interface::{
-    AT_REST, Event, Inbox, Kept, Link, Moment, Sensors, Supervision, Waiting, exchange,
+    AT_REST, Conversation, Event, Kept, Moment, Sensors, Settings, Supervision, Waiting,
 };
 use bateleur_messages::ground::Order;
+use bateleur_messages::hil::{Protocol, UnknownProtocol};
 use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_HIL_INTERFACE, NOT_UNDERSTOOD, Telemetry};
 use bateleur_messages::{
-    Custom, FunctionStatus, GroundMessage, Rate, RawAnalog, RawGps, ServoTimers, TelemetryMessage,
+    Custom, FunctionStatus, GroundMessage, Rate, RawAnalog, RawGps, ServoTimers, SimulatorLink,
+    TelemetryMessage, Watch,
 };
 
 /// Ground messages taken in one window at most; as many as the queue usually holds.
@@ -23,9 +25,11 @@ const ORDERS_PER_WINDOW: usize = 8;
 const PUBLISH_NS: u64 = 200_000;
 
 struct HilInterface {
-    link: Link,
-    inbox: Inbox,
+    conversation: Conversation,
     supervision: Supervision,
+    timeout: Watch,
+    /// Faults of the link when they were last told.
+    faults_told: u64,
     kept: Kept,
     retained: Retained<Kept>,
     starts: u64,
@@ -35,21 +39,23 @@ struct HilInterface {
     raw_gps: SamplingSource<RawGps>,
     custom: SamplingSource<Custom>,
     status: SamplingSource<FunctionStatus>,
+    /// Where the plan has it.
+    link: Option<SamplingSource<SimulatorLink>>,
     ground: QueuingDestination<GroundMessage>,
     telemetry: QueuingSource<TelemetryMessage>,
 }
 
 impl Partition for HilInterface {
     fn start(context: &mut Context) -> Result<Self, StartError> {
-        let simulator: String = context.attribute("simulator", "127.0.0.1:15200".into())?;
-        let listen: String = context.attribute("listen", "0.0.0.0:0".into())?;
-        let link = Link::open(&simulator, &listen).map_err(|error| StartError::Other(error.to_string()))?;
         let mut retained: Retained<Kept> = context.retained()?;
+        let from_the_start: bool = context.attribute("hil_mode", false)?;
+        let at_start = Kept { sequence: 0, enabled: u64::from(from_the_start) };
         Ok(Self {
-            link,
-            inbox: Inbox::new(),
+            conversation: open(context)?,
             supervision: Supervision::default(),
-            kept: retained.load().unwrap_or_default(),
+            timeout: Watch::default(),
+            faults_told: 0,
+            kept: retained.load().unwrap_or(at_start),
             retained,
             starts: u64::from(context.generation()) + 1,
             rate: context.sampling_destination("rate")?,
@@ -58,13 +64,14 @@ impl Partition for HilInterface {
             raw_gps: context.sampling_source("raw_gps")?,
             custom: context.sampling_source("custom")?,
             status: context.sampling_source("status")?,
+            link: optional_source(context, "link")?,
             ground: context.queuing_destination("ground")?,
             telemetry: context.queuing_source("telemetry")?,
         })
     }
 
     fn take_over(&mut self, _takeover: &Takeover) {
-        self.kept = self.retained.load().unwrap_or_default();
+        self.kept = self.retained.load().unwrap_or(self.kept);
     }
 
     fn window(&mut self, window: &Window) {
@@ -75,8 +82,13 @@ impl Partition for HilInterface {
             self.supervise(window, sensors.analog.is_some());
             self.retained.store(&self.kept);
         }
-        let status = self.status();
-        self.status.write(&status);
+        self.status.write(&self.function_status());
+        if let Some(link) = &mut self.link {
+            link.write(&self.conversation.report(window.start_ns()));
+        }
+        if self.rate.read_valid().is_some_and(|rate| self.timeout.changed(rate.timeout_1)) {
+            self.complain(window);
+        }
     }
 }
 
@@ -117,7 +129,7 @@ impl HilInterface {
         };
         // The last values stand, however old they are, as the pulse of a real actuator board would.
         let timers = self.timers.read().map_or(AT_REST, |reading| *reading.value);
-        exchange(&self.link, &mut self.inbox, &timers, &moment, &Clock(window))
+        self.conversation.exchange(&timers, &moment, &Clock(window))
     }
 
     fn publish(&mut self, sensors: &Sensors) {
@@ -127,7 +139,7 @@ impl HilInterface {
     }
 
     fn supervise(&mut self, window: &Window, answered: bool) {
-        let simulator = self.link.simulator();
+        let simulator = self.conversation.simulator();
         match self.supervision.note(answered) {
             Some(Event::Gone) => window.raise(&format!("simulator at {simulator} does not answer")),
             Some(Event::Back) => window.report(&format!("simulator at {simulator} answers again")),
@@ -135,8 +147,21 @@ impl HilInterface {
         }
     }
 
-    fn status(&self) -> FunctionStatus {
-        let counters = self.inbox.counters();
+    /// Says what could not be taken, where that has become twice as much: a lossy link must not fill the health log.
+    fn complain(&mut self, window: &Window) {
+        let counters = self.conversation.counters();
+        if counters.faults() < 2 * self.faults_told.max(1) {
+            return;
+        }
+        self.faults_told = counters.faults();
+        window.report(&format!(
+            "simulator link: {} refused, {} invalid, {} of strangers, {} socket errors so far",
+            counters.refused, counters.invalid, counters.strangers, counters.errors
+        ));
+    }
+
+    fn function_status(&self) -> FunctionStatus {
+        let counters = self.conversation.counters();
         FunctionStatus {
             enabled: self.kept.enabled as u32, // 0 or 1
             ready: u32::from(self.kept.enabled == 1 && self.supervision.is_ready()),
@@ -157,6 +182,41 @@ impl Waiting for Clock<'_> {
     fn wait_readable(&self, device: &impl AsFd, until_ns: u64) -> bool {
         self.0.wait_readable(device, until_ns)
     }
+
+    fn wait_shortly(&self, device: &impl AsFd, until_ns: u64) -> bool {
+        self.0.wait_readable_shortly(device, until_ns)
+    }
+
+    fn wait_writable(&self, device: &impl AsFd, until_ns: u64) -> bool {
+        self.0.wait_writable(device, until_ns)
+    }
+}
+
+/// A port that a plan may leave out.
+fn optional_source(
+    context: &mut Context,
+    name: &str,
+) -> Result<Option<SamplingSource<SimulatorLink>>, StartError> {
+    let declared = context.port_names(PortKind::Sampling, Direction::Source).iter().any(|port| port == name);
+    declared.then(|| context.sampling_source(name)).transpose()
+}
+
+fn open(context: &mut Context) -> Result<Conversation, StartError> {
+    let protocol: String = context.attribute("protocol", Protocol::default().name().into())?;
+    let protocol = protocol
+        .parse()
+        .map_err(|error: UnknownProtocol| StartError::Other(format!("attribute protocol: {error}")))?;
+    let simulator: Option<String> = context.attribute("simulator", None)?;
+    let listen: Option<String> = context.attribute("listen", None)?;
+    let settings = Settings {
+        protocol,
+        simulator: simulator.as_deref(),
+        listen: listen.as_deref(),
+        lockstep: context.attribute("lockstep", true)?,
+        system: context.attribute("system", 1)?,
+        simulator_system: context.attribute("simulator_system", 0)?,
+    };
+    Conversation::open(&settings).map_err(|error| StartError::Other(error.to_string()))
 }
 
 fn main() -> ExitCode {

@@ -1,4 +1,4 @@
-//! The link to the simulator: frames of [`crate::frame`] in UDP datagrams.
+//! The link to the simulator: which protocols there are, and the native one, frames of [`crate::frame`] in UDP datagrams.
 //!
 //! Once a cycle the flight computer sends `TT` ([`Actuators`]); the simulator advances its aircraft to the module
 //! time that stands in it and answers with one datagram that holds `II` ([`crate::RawAnalog`]), `CC` ([`Custom`]) and,
@@ -6,9 +6,68 @@
 //! a retry is harmless. `PP` ([`PilotOrder`]) tells the simulated safety pilot at the field what to do; the simulator
 //! echoes it.
 
+use std::fmt;
+use std::str::FromStr;
+
 use crate::field::message;
 use crate::frame;
 use crate::{Message, RawAnalog, RawGps, ServoTimers};
+
+/// What flight computer and simulator speak. The words are those of HILInterface's attribute `protocol` and of the
+/// simulator's option of that name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Protocol {
+    /// The frames of this module, over UDP.
+    #[default]
+    Native = 0,
+    /// MAVLink over UDP.
+    Mavlink = 1,
+    /// MAVLink over TCP; the simulator listens.
+    MavlinkTcp = 2,
+}
+
+impl Protocol {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Native, Self::Mavlink, Self::MavlinkTcp];
+
+    /// The word for it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Native => "native",
+            Self::Mavlink => "mavlink",
+            Self::MavlinkTcp => "mavlink-tcp",
+        }
+    }
+
+    /// The port at which a simulator listens that was told no other.
+    pub const fn port(self) -> u16 {
+        match self {
+            Self::Native => 15_200,
+            Self::Mavlink => 14_560,
+            Self::MavlinkTcp => 4_560,
+        }
+    }
+}
+
+impl fmt::Display for Protocol {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// A word that names no protocol.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("there is no protocol \"{0}\"; there are \"native\", \"mavlink\" (over UDP) and \"mavlink-tcp\"")]
+pub struct UnknownProtocol(pub String);
+
+impl FromStr for Protocol {
+    type Err = UnknownProtocol;
+
+    fn from_str(word: &str) -> Result<Self, UnknownProtocol> {
+        let found = Self::ALL.into_iter().find(|protocol| protocol.name() == word);
+        found.ok_or_else(|| UnknownProtocol(word.to_owned()))
+    }
+}
 
 /// Flight computer → simulator: actuators.
 pub const ACTUATORS: u8 = b'T';
@@ -81,6 +140,45 @@ message! {
         pub backup_v: f64,
         /// Supply of the actuator board, V.
         pub actuator_board_v: f64,
+    }
+}
+
+message! {
+    /// What became of the conversation with the simulator so far; what each count means stands in the book, "The link
+    /// to a simulator".
+    pub struct SimulatorLink {
+        /// Module time, ns.
+        pub time_ns: u64,
+        /// Module time of the newest sensor set that was taken, ns.
+        pub measured_ns: u64,
+        /// Windows with new sensors.
+        pub accepted: u64,
+        /// Windows without.
+        pub missing: u64,
+        /// Questions that were asked again because no answer came.
+        pub repeated: u64,
+        /// Sensor sets for another time than the one asked for.
+        pub stale: u64,
+        /// Frames and datagrams that could not be read, or that belong elsewhere.
+        pub refused: u64,
+        /// Sound messages that say nothing to a flight computer (MAVLink).
+        pub unused: u64,
+        /// Values that are no numbers, and time stamps that can not be (MAVLink).
+        pub invalid: u64,
+        /// Messages that are missing by their numbers (MAVLink).
+        pub lost: u64,
+        /// Datagrams from another address, and messages of another system.
+        pub strangers: u64,
+        /// Errors of the socket.
+        pub errors: u64,
+        /// Connections made (TCP).
+        pub connections: u64,
+        /// Times that the simulator's own clock was tied to module time (MAVLink).
+        pub clock_ties: u64,
+        /// 0 native, 1 MAVLink over UDP, 2 MAVLink over TCP.
+        pub protocol: u32,
+        /// 1 in lockstep, 0 free-running.
+        pub lockstep: u32,
     }
 }
 
@@ -189,6 +287,15 @@ mod tests {
         let packets: Vec<_> = decoder.extend(&bytes).map(|frame| Packet::of(&frame)).collect();
         assert_eq!(packets.len(), 2);
         assert_eq!(packets[0], Ok(Packet::Analog(analog)));
+    }
+
+    #[test]
+    fn every_protocol_is_found_by_its_word_and_another_word_lists_them() {
+        for protocol in Protocol::ALL {
+            assert_eq!(protocol.name().parse(), Ok(protocol));
+        }
+        let error = "udp".parse::<Protocol>().unwrap_err().to_string();
+        assert!(Protocol::ALL.iter().all(|protocol| error.contains(protocol.name())), "{error}");
     }
 
     #[test]

@@ -27,7 +27,7 @@ pub use control::{ActuatorCommand, FunctionStatus, ServoTimers};
 pub use field::{Field, FieldKind, FieldType, Message};
 pub use gps::{GpsPosition, GpsVelocity, RawGps};
 pub use ground::GroundMessage;
-pub use hil::Custom;
+pub use hil::{Custom, SimulatorLink};
 pub use imu::{Acceleration, Magnetization, Pressure, Rates, RawAnalog};
 pub use rate::{Rate, Watch};
 pub use state::State;
@@ -66,6 +66,7 @@ pub const CATALOGUE: &[MessageType] = &[
     MessageType::of::<ActuatorCommand>(),
     MessageType::of::<ServoTimers>(),
     MessageType::of::<FunctionStatus>(),
+    MessageType::of::<SimulatorLink>(),
     MessageType::of::<GroundMessage>(),
     MessageType::of::<TelemetryMessage>(),
 ];

@@ -4,7 +4,7 @@ use crate::Message;
 use crate::field::message;
 use crate::frame::Frame;
 use crate::ground::GroundMessage;
-use crate::hil::{self, PacketError};
+use crate::hil::{self, PacketError, SimulatorLink};
 
 /// Bytes of data that a telemetry message can hold.
 pub const TELEMETRY_DATA: usize = 126;
@@ -310,6 +310,7 @@ pub enum Telemetry {
     Navigation(Navigation),
     Loops(Loops),
     Servo(ServoTelemetry),
+    Simulator(SimulatorLink),
     Acknowledge(Acknowledge),
 }
 
@@ -326,6 +327,7 @@ impl Telemetry {
             Self::Navigation(message) => (b'Q', message.as_bytes()),
             Self::Loops(message) => (b'C', message.as_bytes()),
             Self::Servo(message) => (b'T', message.as_bytes()),
+            Self::Simulator(message) => (b'S', message.as_bytes()),
             Self::Acknowledge(message) => (b'K', message.as_bytes()),
         }
     }
@@ -341,6 +343,7 @@ impl Telemetry {
             b'Q' => hil::data(frame).map(Self::Navigation),
             b'C' => hil::data(frame).map(Self::Loops),
             b'T' => hil::data(frame).map(Self::Servo),
+            b'S' => hil::data(frame).map(Self::Simulator),
             b'K' => hil::data(frame).map(Self::Acknowledge),
             letter => Err(PacketError::UnknownLetter(letter as char)),
         }
@@ -359,6 +362,7 @@ const _: () = {
     fits::<Navigation>();
     fits::<Loops>();
     fits::<ServoTelemetry>();
+    fits::<SimulatorLink>();
     fits::<Acknowledge>();
 };
 

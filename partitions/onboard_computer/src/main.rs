@@ -3,10 +3,13 @@
 use std::process::ExitCode;
 
 use bateleur_apex::{
-    Context, Partition, QueuingDestination, QueuingSource, SamplingDestination, StartError, Window,
+    Context, Direction, Partition, PortKind, QueuingDestination, QueuingSource, SamplingDestination,
+    StartError, Window,
 };
 use bateleur_messages::telemetry::Telemetry;
-use bateleur_messages::{Custom, FunctionStatus, GroundMessage, Rate, TelemetryMessage, Watch};
+use bateleur_messages::{
+    Custom, FunctionStatus, GroundMessage, Rate, SimulatorLink, TelemetryMessage, Watch,
+};
 use bateleur_onboard_computer::{Functions, primary, voltages};
 
 /// Ground messages taken in one window at most; as many as the queue usually holds.
@@ -15,6 +18,8 @@ const ORDERS_PER_WINDOW: usize = 8;
 struct OnBoardComputer {
     custom: SamplingDestination<Custom>,
     hil: SamplingDestination<FunctionStatus>,
+    /// Where the plan has it.
+    hil_link: Option<SamplingDestination<SimulatorLink>>,
     estimator: SamplingDestination<FunctionStatus>,
     controller: SamplingDestination<FunctionStatus>,
     servo: SamplingDestination<FunctionStatus>,
@@ -30,6 +35,9 @@ impl Partition for OnBoardComputer {
         Ok(Self {
             custom: context.sampling_destination("custom")?,
             hil: context.sampling_destination("hil_status")?,
+            hil_link: declared(context, "hil_link")
+                .then(|| context.sampling_destination("hil_link"))
+                .transpose()?,
             estimator: context.sampling_destination("estimator_status")?,
             controller: context.sampling_destination("controller_status")?,
             servo: context.sampling_destination("servo_status")?,
@@ -50,6 +58,9 @@ impl Partition for OnBoardComputer {
         if primary_due {
             let report = primary(window.start_ns(), &self.functions());
             self.telemetry.send(&TelemetryMessage::of(&Telemetry::Primary(report)));
+            if let Some(link) = self.hil_link.as_mut().and_then(SamplingDestination::read_valid).copied() {
+                self.telemetry.send(&TelemetryMessage::of(&Telemetry::Simulator(link)));
+            }
         }
         if secondary_due {
             let report = voltages(window.start_ns(), self.custom.read_valid());
@@ -67,6 +78,11 @@ impl OnBoardComputer {
             servo: self.servo.read_valid().copied(),
         }
     }
+}
+
+/// Whether the plan has the port.
+fn declared(context: &Context, name: &str) -> bool {
+    context.port_names(PortKind::Sampling, Direction::Destination).iter().any(|port| port == name)
 }
 
 fn main() -> ExitCode {

@@ -57,12 +57,12 @@ impl Executive {
         command.arg("run").arg("--schedule").arg(&arguments.schedule).arg("--output").arg(folder);
         command.args(["--record", "--until-stdin-closes", "--events-fd", &event_end.as_raw_fd().to_string()]);
         set(&mut command, &partition_running(plan, "command")?, "device", &line.device);
-        set(
-            &mut command,
-            &partition_running(plan, "hil_interface")?,
-            "simulator",
-            &simulator.address.to_string(),
-        );
+        let interface = partition_running(plan, "hil_interface")?;
+        set(&mut command, &interface, "simulator", &simulator.address.to_string());
+        set(&mut command, &interface, "protocol", simulator.protocol.name());
+        if arguments.free_running {
+            set(&mut command, &interface, "lockstep", "false");
+        }
         set_airframe(&mut command, arguments, plan)?;
         add_choices(&mut command, arguments);
         let companion = if arguments.fast { Some(add_companion(&mut command)?) } else { None };

@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use bateleur_executive::event::Event;
-use bateleur_ground::{Mission, MissionPlan, Outcome, Progress, Severity, UdpPilot};
+use bateleur_ground::{Mission, MissionPlan, Outcome, Pilot, Progress, Severity, UdpPilot};
+use bateleur_messages::hil::{PilotOrder, Protocol};
 use bateleur_messages::telemetry::Primary;
 
 use super::Arguments;
@@ -50,7 +51,7 @@ pub(super) fn fly(
     executive: Executive,
     stop: Arc<AtomicBool>,
 ) -> Result<Option<Flown>> {
-    let pilot = UdpPilot::new(simulator.address).context("cannot reach the simulated safety pilot")?;
+    let pilot = FieldPilot::of(&simulator)?;
     let mut flight = Flight {
         mission: Mission::new(plan),
         simulator,
@@ -76,12 +77,57 @@ pub(super) fn fly(
     Ok(flight.finish())
 }
 
+/// Who holds the sticks in this flight.
+enum FieldPilot {
+    /// The one of our simulator, who repeats what he understood.
+    Ours(UdpPilot),
+    /// One of somebody else's, who may not.
+    Theirs(Option<UdpPilot>),
+}
+
+impl FieldPilot {
+    fn of(simulator: &Simulator) -> Result<Self> {
+        let call = || UdpPilot::new(simulator.address).context("cannot reach the simulated safety pilot");
+        Ok(match (simulator.is_ours(), simulator.protocol) {
+            (true, _) => Self::Ours(call()?),
+            (false, Protocol::Native) => Self::Theirs(Some(call()?)),
+            // MAVLink has no word for it between these two, and a datagram from elsewhere might confuse the other end.
+            (false, _) => Self::Theirs(None),
+        })
+    }
+}
+
+impl Pilot for FieldPilot {
+    fn order(&mut self, order: PilotOrder) {
+        match self {
+            Self::Ours(pilot) => pilot.order(order),
+            Self::Theirs(pilot) => {
+                if let Some(pilot) = pilot {
+                    pilot.order(order);
+                }
+                if !pilot.as_mut().is_some_and(Pilot::confirmed) {
+                    eprintln!(
+                        "             now the simulator's own pilot has to take off: nobody here can call him"
+                    );
+                }
+            }
+        }
+    }
+
+    fn confirmed(&mut self) -> bool {
+        match self {
+            Self::Ours(pilot) => pilot.confirmed(),
+            Self::Theirs(_) => true,
+        }
+    }
+}
+
 struct Flight {
     mission: Mission,
     simulator: Simulator,
     line: Line,
     executive: Executive,
-    pilot: UdpPilot,
+    pilot: FieldPilot,
     stop: Arc<AtomicBool>,
     events: Vec<Event>,
     ready: Option<Instant>,

@@ -20,6 +20,7 @@ use anyhow::{Context, Result, bail};
 use bateleur_executive::event::Event;
 use bateleur_executive::plan::{Attribute, Facts, Plan};
 use bateleur_ground::MissionPlan;
+use bateleur_messages::hil::Protocol;
 use bateleur_report::chains::ChainBound;
 use bateleur_report::run::{Clock, FILE, Guarantee, Mission as MissionResult, Run};
 use bateleur_report::{Inputs, Summary};
@@ -70,6 +71,12 @@ pub(crate) struct Arguments {
     /// Way-points, laps and limits, instead of the usual two laps of four way-points.
     #[arg(long, value_name = "FILE")]
     pub(crate) mission: Option<PathBuf>,
+    /// What module and simulator speak: native, mavlink (over UDP), mavlink-tcp; instead of what the plan says.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) protocol: Option<Protocol>,
+    /// Start no simulator: fly one of somebody else's, which listens at `--simulator` (port 0: the protocol's usual one).
+    #[arg(long)]
+    pub(crate) no_simulator: bool,
     /// Address of the simulator; port 0 takes a free one.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     pub(crate) simulator: SocketAddr,
@@ -120,10 +127,29 @@ fn fly(
     folder: &Path,
     stop: Arc<AtomicBool>,
 ) -> Result<Option<Flown>> {
-    let simulator = simulator::Simulator::start(arguments, plan, folder)?;
+    let protocol = protocol(arguments, plan)?;
+    let simulator = match arguments.no_simulator {
+        true => simulator::Simulator::of_somebody_else(arguments, protocol),
+        false => simulator::Simulator::start(arguments, plan, folder, protocol)?,
+    };
     let line = Line::open()?;
     let executive = executive::Executive::start(arguments, plan, folder, &simulator, &line)?;
     mission::fly(arguments, mission.clone(), simulator, line, executive, stop)
+}
+
+/// What module and simulator speak: what was asked for, or what the plan says.
+fn protocol(arguments: &Arguments, plan: &Plan) -> Result<Protocol> {
+    if let Some(protocol) = arguments.protocol {
+        return Ok(protocol);
+    }
+    let prefix = format!("{}.protocol=", partition_running(plan, "hil_interface")?);
+    if let Some(word) = arguments.set.iter().rev().find_map(|set| set.strip_prefix(&prefix)) {
+        return Ok(word.trim_matches('"').parse()?);
+    }
+    match attribute(plan, "hil_interface", "protocol") {
+        Some(Attribute::String(word)) => Ok(word.parse()?),
+        _ => Ok(Protocol::default()),
+    }
 }
 
 /// A program in the folder of this one.

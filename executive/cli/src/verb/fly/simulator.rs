@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use bateleur_executive::plan::Plan;
 use bateleur_executive::system::sched;
+use bateleur_messages::hil::Protocol;
 
 use super::Arguments;
 
@@ -19,20 +20,41 @@ const PRIORITY: u8 = 30;
 /// How long the simulator may take to end when it is asked to.
 const END_PATIENCE: Duration = Duration::from_secs(5);
 
-/// A running simulator; ended when dropped.
+/// A running simulator; ended when dropped, unless it is somebody else's.
 pub(super) struct Simulator {
     /// Where it listens.
     pub(super) address: SocketAddr,
-    process: Child,
+    /// What it speaks.
+    pub(super) protocol: Protocol,
+    process: Option<Child>,
     /// The simulator ends when this closes.
     line: Option<ChildStdin>,
 }
 
 impl Simulator {
-    pub(super) fn start(arguments: &Arguments, plan: &Plan, folder: &Path) -> Result<Self> {
+    /// One that runs already, or will.
+    pub(super) fn of_somebody_else(arguments: &Arguments, protocol: Protocol) -> Self {
+        let mut address = arguments.simulator;
+        if address.port() == 0 {
+            address.set_port(protocol.port());
+        }
+        Self { address, protocol, process: None, line: None }
+    }
+
+    /// Whether this flight started it.
+    pub(super) fn is_ours(&self) -> bool {
+        self.process.is_some()
+    }
+
+    pub(super) fn start(
+        arguments: &Arguments,
+        plan: &Plan,
+        folder: &Path,
+        protocol: Protocol,
+    ) -> Result<Self> {
         let program = super::beside_self("simulator")?;
         let mut command = Command::new(&program);
-        command.args(["--listen", &arguments.simulator.to_string()]);
+        command.args(["--listen", &arguments.simulator.to_string(), "--protocol", protocol.name()]);
         if let Some(airframe) = &arguments.airframe {
             command.args(["--airframe", airframe]);
         }
@@ -64,18 +86,19 @@ impl Simulator {
             bail!("the simulator did not start ({status}); its message stands above");
         };
         place(process.id() as i32, arguments, plan);
-        Ok(Self { address, process, line })
+        Ok(Self { address, protocol, process: Some(process), line })
     }
 
     /// How it ended, if it has.
     pub(super) fn ended(&mut self) -> Option<String> {
-        let status = self.process.try_wait().ok()??;
+        let status = self.process.as_mut()?.try_wait().ok()??;
         Some(format!("the simulator ended in flight ({status})"))
     }
 
     /// Whether it was stopped (SIGSTOP) and not continued.
     pub(super) fn is_stopped(&self) -> bool {
-        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.process.id())).unwrap_or_default();
+        let Some(process) = &self.process else { return false };
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.id())).unwrap_or_default();
         // The state follows the name in brackets, which may hold anything.
         stat.rsplit(')').next().is_some_and(|rest| rest.trim_start().starts_with(['T', 't']))
     }
@@ -84,11 +107,13 @@ impl Simulator {
     pub(super) fn finish(&mut self) {
         drop(self.line.take());
         let begun = Instant::now();
-        while self.ended().is_none() && begun.elapsed() < END_PATIENCE {
+        while self.is_ours() && self.ended().is_none() && begun.elapsed() < END_PATIENCE {
             std::thread::sleep(Duration::from_millis(2));
         }
-        let _ = self.process.kill(); // it has ended already, or it is stopped and never will
-        let _ = self.process.wait(); // as above
+        if let Some(process) = &mut self.process {
+            let _ = process.kill(); // it has ended already, or it is stopped and never will
+            let _ = process.wait(); // as above
+        }
     }
 }
 

@@ -30,6 +30,7 @@ fn assert_flown(summary: &Value, bounds: &Bounds, which: &str) {
     assert_eq!(summary["waypoints"], Value::from(TWO_LAPS.to_vec()), "{which}");
     assert_eq!(summary["laps"], 2, "{which}");
     assert_eq!(summary["conditions"]["crashed"], false, "{which}");
+    assert_eq!(summary["conditions"]["air_as_asked"], true, "{which}: {}", summary["conditions"]);
     let scores = [
         ("altitude_rms_m", bounds.altitude_m),
         ("airspeed_rms_mps", bounds.airspeed_mps),
@@ -89,6 +90,27 @@ fn gusts_and_wind_seeds_1_to_5_fly_two_laps_in_order() {
 #[test]
 fn gusts_and_wind_seeds_6_to_10_fly_two_laps_in_order() {
     assert_seeds_fly(6..=10, gusts, &LIGHT_TURBULENCE);
+}
+
+/// Airframes by name and by file; no code knows the last one.
+fn assert_airframe_flies(airframe: &str) {
+    let with = |choices: Vec<String>| {
+        let named = ["--airframe".to_owned(), airframe.to_owned()];
+        choices.into_iter().chain(named).collect()
+    };
+    assert_seeds_fly(1..=1, |_| with(no_choices(1)), &CALM);
+    assert_seeds_fly(2..=2, |seed| with(gusts(seed)), &LIGHT_TURBULENCE);
+}
+
+#[test]
+fn second_airframe_flies_two_laps_in_calm_air_and_in_gusts() {
+    assert_airframe_flies("rascal110");
+}
+
+#[test]
+fn third_airframe_flies_two_laps_with_only_its_file_added() {
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../airframes/ultrastick25e.toml");
+    assert_airframe_flies(file);
 }
 
 fn digest(seed: &str) -> String {

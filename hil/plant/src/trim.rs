@@ -48,6 +48,9 @@ pub enum TrimError {
     },
 }
 
+/// High above a ground that is equally far below, so that no wheel touches, m.
+pub(crate) const CLEAR_M: f64 = 1000.0;
+
 /// Unknowns: α, β, aileron, elevator, rudder, throttle.
 type Unknowns = Vector6<f64>;
 
@@ -168,8 +171,6 @@ pub fn trim(
     climb_angle_rad: f64,
     altitude_m: f64,
 ) -> Result<Trim, TrimError> {
-    // High above a ground that is equally far below, so that no wheel touches.
-    const CLEAR_M: f64 = 1000.0;
     let model = Model::new(airframe, altitude_m - CLEAR_M);
     Problem { model: &model, airspeed_mps, climb_angle_rad, position: Vector3::new(0.0, 0.0, -CLEAR_M) }
         .solve()

@@ -55,6 +55,8 @@ pub struct Conditions {
     pub airframe: String,
     /// Mean wind asked for, m/s.
     pub wind_mps: f64,
+    /// Where it was to come from, rad clockwise from north.
+    pub wind_from_rad: f64,
     /// Level of turbulence asked for.
     pub turbulence: String,
     /// Faults of sensors, actuators and air that were asked for.
@@ -146,7 +148,9 @@ impl Flight {
                 let sensors = header.sensors.map(|choice| format!("sensors {choice}"));
                 let variation = sensors.into_iter().chain(header.plant).collect();
                 let (airframe, faults) = (header.airframe, header.faults);
-                self.conditions = Some(Conditions { airframe, wind_mps, turbulence, faults, variation });
+                let wind_from_rad = header.wind_from_rad;
+                self.conditions =
+                    Some(Conditions { airframe, wind_mps, wind_from_rad, turbulence, faults, variation });
                 self.truth = records;
             }
             Err(error) => self.notes.push(format!("no score against the truth: {error}")),

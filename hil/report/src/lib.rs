@@ -6,6 +6,7 @@
 
 #![forbid(unsafe_code)]
 
+pub mod air;
 pub mod believed;
 pub mod chains;
 mod error;

@@ -1,5 +1,6 @@
 //! The flight in numbers: what `summary.json` holds.
 
+use crate::air;
 use crate::believed::Believed;
 use crate::chains::ChainAge;
 use crate::error::{self, ReportError};
@@ -64,6 +65,9 @@ pub struct Conditions {
     pub wind_asked_mps: f64,
     /// Mean of the wind met, m/s: length of the mean horizontal vector.
     pub wind_mean_mps: Option<f64>,
+    /// Whether mean wind and gusts were those asked for; none without a record in the air.
+    #[serde(default)]
+    pub air_as_asked: Option<bool>,
     /// Root mean square of the gusts met, all axes, m/s.
     pub gust_rms_mps: Option<f64>,
     /// Steepest bank, °.
@@ -327,6 +331,7 @@ fn conditions(flight: &Flight) -> Conditions {
     let least = |value: fn(&TruthRecord) -> f64| airborne.iter().map(|at| value(at)).min_by(f64::total_cmp);
     found.wind_mean_mps = Some(mean(0).hypot(mean(1)));
     found.gust_rms_mps = gusts.value();
+    found.air_as_asked = asked.map(|asked| air::is_as_asked(asked, &airborne));
     found.bank_max_deg = least(|at| -at.euler_rad[0].abs()).map(|bank| -bank.to_degrees());
     found.airspeed_min_mps = least(|at| at.airspeed_mps);
     found.airspeed_max_mps = least(|at| -at.airspeed_mps).map(|speed| -speed);

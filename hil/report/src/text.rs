@@ -230,6 +230,7 @@ fn air(summary: &Summary) -> Table {
     let row = |label: &str, value: String| (label.to_owned(), vec![value]);
     let listed = |what: &[String]| if what.is_empty() { NONE.to_owned() } else { what.join("; ") };
     let rows = vec![
+        row("wind and gusts as asked", said(air.air_as_asked).into()),
         row("wind met (asked)", format!("{} ({:.1})", number(air.wind_mean_mps, "m/s"), air.wind_asked_mps)),
         row("gusts met, RMS", number(air.gust_rms_mps, "m/s")),
         row("turbulence asked", if air.turbulence.is_empty() { NONE.into() } else { air.turbulence.clone() }),
@@ -240,6 +241,14 @@ fn air(summary: &Summary) -> Table {
         row("greatest cross-track", number(summary.scores.cross_track_max_m, "m")),
     ];
     Table { heading: "aircraft and air", columns: Vec::new(), rows, note: None }
+}
+
+fn said(answer: Option<bool>) -> &'static str {
+    match answer {
+        Some(true) => "yes",
+        Some(false) => "NO",
+        None => NONE,
+    }
 }
 
 fn windows(summary: &Summary) -> Table {

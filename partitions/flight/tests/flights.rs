@@ -114,6 +114,15 @@ fn second_airframe_flies_with_only_its_file_changed() {
 }
 
 #[test]
+fn third_airframe_flies_with_only_its_file_added() {
+    for (seed, turbulence) in [(1, Turbulence::Calm), (2, Turbulence::Light)] {
+        let options = Options { airframe: common::ULTRA_STICK, ..Options::new(seed, 3.0, 100.0, turbulence) };
+        let (_, score) = fly(options);
+        assert_within("Ultra Stick 25e", &score, 1.5, 1.0, 1.0);
+    }
+}
+
+#[test]
 fn fly_through_corners_keep_the_order() {
     let guidance = GuidanceConfig { corner: Corner::FlyThrough, laps: 2, ..GuidanceConfig::default() };
     let options = Options { guidance, ..Options::new(1, 5.0, 300.0, Turbulence::Light) };

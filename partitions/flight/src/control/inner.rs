@@ -252,9 +252,71 @@ fn run(integrator: &mut Integrator, law: &Law, low: f64, high: f64, dt_s: f64) -
     (law.proportional + integrator.value).clamp(low, high)
 }
 
+/// Gains of the normal loop, and what they were placed for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NormalGains {
+    /// K_Q, rad per rad/s.
+    pub pitch_rate: f64,
+    /// K_C, rad per m/s².
+    pub normal: f64,
+    /// K_E, rad per m/s.
+    pub integral: f64,
+    /// N_C, rad per m/s².
+    pub forward: f64,
+    /// Short period that is kept, rad/s.
+    pub frequency_radps: f64,
+    /// Its damping.
+    pub damping: f64,
+    /// Pole of the integrator, rad/s.
+    pub pole_radps: f64,
+}
+
+/// Gains of the lateral loop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LateralGains {
+    /// K_R, rad per rad/s, with the rudder's sign.
+    pub yaw_rate: f64,
+    /// K_B, rad per m/s, with the rudder's sign.
+    pub integral: f64,
+}
+
+/// Gains of the axial loop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxialGains {
+    /// K_A, per m/s².
+    pub axial: f64,
+    /// K_EA, per m/s.
+    pub integral: f64,
+    /// k_T: what full throttle is worth at this throttle and airspeed, m/s².
+    pub slope_mps2: f64,
+}
+
+/// Gains of the roll loop, and what they were placed for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RollGains {
+    /// K_P, rad per rad/s.
+    pub roll_rate: f64,
+    /// K_EP, rad per rad.
+    pub integral: f64,
+    /// N_P, rad per rad/s.
+    pub forward: f64,
+    /// Its two poles, rad/s.
+    pub poles_radps: [f64; 2],
+}
+
 /// `δ = −K_Q (Q − Q_turn) − K_C (C + g) − K_E ∫(C − C_ref) + N_C (C_ref + g)` with the gains that give
 /// `(s + p)(s² + 2ζω s + ω²)` to Ċ = −aC − aVQ, Q̇ = −m_α/(Va) C + m_q Q + m_δ δ.
 fn normal_law(airframe: &Airframe, tuning: &InnerTuning, s: &Signals, wanted_mps2: f64) -> Law {
+    let gains = normal_gains(airframe, tuning, s);
+    let turn_rate = turn_pitch_rate(s);
+    let proportional = -gains.pitch_rate * (s.pitch_rate_radps - turn_rate)
+        - gains.normal * (s.normal_mps2 + GRAVITY_MPS2)
+        + gains.forward * (wanted_mps2 + GRAVITY_MPS2);
+    Law { proportional, integral_rate: -gains.integral * (s.normal_mps2 - wanted_mps2) }
+}
+
+/// The normal loop's gains at an airspeed and a density.
+pub fn normal_gains(airframe: &Airframe, tuning: &InnerTuning, s: &Signals) -> NormalGains {
     let (aero, mass, chord) = (&airframe.aerodynamics, &airframe.mass, airframe.geometry.mean_chord_m);
     let (force, v) = (s.pressure_force(airframe), s.airspeed_mps);
     let a = force * aero.lift_alpha / (mass.mass_kg * v);
@@ -273,11 +335,15 @@ fn normal_law(airframe: &Airframe, tuning: &InnerTuning, s: &Signals, wanted_mps
     let k_q = (alpha_2 - a + m_q) / m_delta;
     let k_c = (a * (alpha_2 - a) - m_alpha - alpha_1) / (v * a * m_delta);
     let k_e = -alpha_0 / (v * a * m_delta);
-    let n_c = k_e / p;
-    let turn_rate = turn_pitch_rate(s);
-    let proportional = -k_q * (s.pitch_rate_radps - turn_rate) - k_c * (s.normal_mps2 + GRAVITY_MPS2)
-        + n_c * (wanted_mps2 + GRAVITY_MPS2);
-    Law { proportional, integral_rate: -k_e * (s.normal_mps2 - wanted_mps2) }
+    NormalGains {
+        pitch_rate: k_q,
+        normal: k_c,
+        integral: k_e,
+        forward: k_e / p,
+        frequency_radps: frequency,
+        damping: zeta,
+        pole_radps: p,
+    }
 }
 
 /// Pitch rate of a steady turn: (g/V) sin²φ / cos φ.
@@ -290,6 +356,14 @@ fn turn_pitch_rate(s: &Signals) -> f64 {
 /// when positive (negative derivative) is moved the other way. Steady sideslip from rudder is −C_nδr/C_nβ δ and
 /// gives side force of the sign of C_Yβ, so the trim must take the sign of −C_nδr to drive B to zero.
 fn lateral_law(airframe: &Airframe, tuning: &InnerTuning, s: &Signals, wanted_mps2: f64) -> Law {
+    let gains = lateral_gains(airframe, tuning, s);
+    let turn = GRAVITY_MPS2 / s.airspeed_mps * s.bank_rad.sin() * s.pitch_rad.cos();
+    let rate = -gains.integral * (s.lateral_mps2 - wanted_mps2);
+    Law { proportional: -gains.yaw_rate * (s.yaw_rate_radps - turn), integral_rate: rate }
+}
+
+/// The lateral loop's gains at an airspeed and a density.
+pub fn lateral_gains(airframe: &Airframe, tuning: &InnerTuning, s: &Signals) -> LateralGains {
     let (aero, span) = (&airframe.aerodynamics, airframe.geometry.wing_span_m);
     let (force, inertia) = (s.pressure_force(airframe), airframe.mass.inertia_zz_kgm2);
     let n_beta = (force * span * aero.yaw_beta / inertia).max(0.0);
@@ -297,9 +371,7 @@ fn lateral_law(airframe: &Airframe, tuning: &InnerTuning, s: &Signals, wanted_mp
     let n_delta = force * span * aero.yaw_rudder / inertia;
     let damping = (2.0 * tuning.yaw_damping * n_beta.sqrt() + n_r).max(0.0);
     let k_r = (damping / n_delta.abs()).min(0.6) * n_delta.signum();
-    let turn = GRAVITY_MPS2 / s.airspeed_mps * s.bank_rad.sin() * s.pitch_rad.cos();
-    let rate = -tuning.lateral_gain * n_delta.signum() * (s.lateral_mps2 - wanted_mps2);
-    Law { proportional: -k_r * (s.yaw_rate_radps - turn), integral_rate: rate }
+    LateralGains { yaw_rate: k_r, integral: tuning.lateral_gain * n_delta.signum() }
 }
 
 /// Throttle: `δ = −K_A A − K_EA ∫(A − A_ref) + 0.6 A_ref/k_T`. A lag too short to need K_A leaves a first-order loop,
@@ -312,27 +384,49 @@ fn axial_law(
     throttle: f64,
     dt_s: f64,
 ) -> Law {
-    let slope = airframe.thrust_slope_mps2(throttle, s.airspeed_mps, s.density_kgpm3);
+    let gains = axial_gains(airframe, tuning, s, throttle, dt_s);
+    let proportional = -gains.axial * s.axial_mps2 + 0.6 * wanted_mps2 / gains.slope_mps2;
+    Law { proportional, integral_rate: -gains.integral * (s.axial_mps2 - wanted_mps2) }
+}
+
+/// The axial loop's gains about a throttle, for steps of `dt_s` seconds.
+pub fn axial_gains(
+    airframe: &Airframe,
+    tuning: &InnerTuning,
+    s: &Signals,
+    throttle: f64,
+    dt_s: f64,
+) -> AxialGains {
+    let slope_mps2 = airframe.thrust_slope_mps2(throttle, s.airspeed_mps, s.density_kgpm3);
     let lag = airframe.thrust_lag_s() + airframe.servo.delay_s + 1.5 * dt_s;
     let (omega, zeta) = (tuning.axial_bandwidth, tuning.axial_damping);
-    let k_a = ((2.0 * zeta * omega * lag - 1.0) / slope).max(0.0);
-    let k_e = (lag * omega * omega).max(0.5 * omega / zeta) / slope;
-    let proportional = -k_a * s.axial_mps2 + 0.6 * wanted_mps2 / slope;
-    Law { proportional, integral_rate: -k_e * (s.axial_mps2 - wanted_mps2) }
+    let axial = ((2.0 * zeta * omega * lag - 1.0) / slope_mps2).max(0.0);
+    let integral = (lag * omega * omega).max(0.5 * omega / zeta) / slope_mps2;
+    AxialGains { axial, integral, slope_mps2 }
 }
 
 /// `δ = −K_P P − K_EP ∫(P − P_ref) + N_P P_ref` with poles ω₁ and p.
 fn roll_law(airframe: &Airframe, tuning: &InnerTuning, s: &Signals, wanted_radps: f64) -> Law {
+    let gains = roll_gains(airframe, tuning, s);
+    let proportional = -gains.roll_rate * s.roll_rate_radps + gains.forward * wanted_radps;
+    Law { proportional, integral_rate: -gains.integral * (s.roll_rate_radps - wanted_radps) }
+}
+
+/// The roll loop's gains at an airspeed and a density.
+pub fn roll_gains(airframe: &Airframe, tuning: &InnerTuning, s: &Signals) -> RollGains {
     let (aero, span) = (&airframe.aerodynamics, airframe.geometry.wing_span_m);
     let (force, inertia) = (s.pressure_force(airframe), airframe.mass.inertia_xx_kgm2);
     let l_p = force * span * span * aero.roll_roll_rate / (2.0 * s.airspeed_mps * inertia);
     let l_delta = force * span * aero.roll_aileron / inertia;
     let fast = tuning.roll_fast_pole.max(-l_p);
     let p = tuning.roll_pole;
-    let k_p = (fast + p + l_p) / l_delta;
-    let k_e = fast * p / l_delta;
-    let proportional = -k_p * s.roll_rate_radps + k_e / p * wanted_radps;
-    Law { proportional, integral_rate: -k_e * (s.roll_rate_radps - wanted_radps) }
+    let integral = fast * p / l_delta;
+    RollGains {
+        roll_rate: (fast + p + l_p) / l_delta,
+        integral,
+        forward: integral / p,
+        poles_radps: [fast, p],
+    }
 }
 
 #[cfg(test)]

@@ -17,6 +17,7 @@ use bateleur_plant::{Conditions, Controls, SensorSet, Simulation, Truth, Turbule
 use nalgebra::Vector2;
 
 pub const AEROSONDE: &str = include_str!("../../../../airframes/aerosonde.toml");
+pub const ULTRA_STICK: &str = include_str!("../../../../airframes/ultrastick25e.toml");
 pub const RASCAL: &str = include_str!("../../../../airframes/rascal110.toml");
 
 /// Everything that distinguishes one test flight from another.

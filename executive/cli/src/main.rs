@@ -25,6 +25,7 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
+    Airframe(verb::airframe::Arguments),
     Bench(verb::bench::Arguments),
     Check(verb::check::Arguments),
     Completions(verb::completions::Arguments),
@@ -50,7 +51,7 @@ enum Verb {
     New(verb::new::Arguments),
     Plan(verb::plan::Arguments),
     Record(verb::record::Arguments),
-    Run(verb::run::Arguments),
+    Run(Box<verb::run::Arguments>),
     /// Change a running module to another schedule, with its next major frame.
     Schedule(verb::order::Schedule),
     Top(verb::top::Arguments),
@@ -69,6 +70,7 @@ fn main() -> ExitCode {
         }
     };
     let result = match arguments.verb {
+        Verb::Airframe(arguments) => verb::airframe::run(&arguments),
         Verb::Bench(arguments) => verb::bench::run(&arguments),
         Verb::Check(arguments) => verb::check::run(&arguments),
         Verb::Completions(arguments) => verb::completions::run(&arguments, Arguments::command()),

@@ -87,6 +87,19 @@ fn lift_and_drag(a: &Aerodynamics, air: &AirData, elevator: f64, pitch: f64) -> 
     (lift, drag)
 }
 
+/// Lift coefficient of the aircraft at an angle of attack, rad, with its controls and rates at zero.
+pub fn lift_coefficient(a: &Aerodynamics, alpha: f64) -> f64 {
+    lift_and_drag(a, &AirData { alpha, ..AirData::default() }, 0.0, 0.0).0
+}
+
+/// The greatest lift coefficient, and the angle of attack where it is reached, rad.
+pub fn greatest_lift(a: &Aerodynamics) -> (f64, f64) {
+    let at = |step: i32| 1e-3 * f64::from(step);
+    let best = (0..1500).max_by(|x, y| lift_coefficient(a, at(*x)).total_cmp(&lift_coefficient(a, at(*y))));
+    let alpha = at(best.unwrap_or(0));
+    (lift_coefficient(a, alpha), alpha)
+}
+
 /// Force of the air in body axes, N.
 pub fn force(a: &Aerodynamics, g: &Geometry, air: &AirData, surfaces: &Surfaces) -> Vector3<f64> {
     let (lift, drag) =

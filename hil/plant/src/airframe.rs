@@ -4,14 +4,18 @@
 //! per rad. The fields are public so that a Monte-Carlo run can vary them; [`Airframe::check`] tells whether the result
 //! still makes sense.
 
+use crate::airframe_file::{self, Flaws};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Why an airframe text was refused.
+/// Why an airframe was refused.
 #[derive(Debug, Error)]
 pub enum AirframeError {
-    /// The text is not TOML, or a key is missing, unknown or of the wrong type. The message names line and column.
-    #[error("the airframe file cannot be read: {0}")]
+    /// The file is no airframe: everything that is wrong with it.
+    #[error(transparent)]
+    File(#[from] Flaws),
+    /// Numbers in memory do not make up an airframe.
+    #[error("these numbers make no airframe: {0}")]
     Syntax(#[from] toml::de::Error),
     /// A value is outside the range in which the model means anything.
     #[error("airframe `{airframe}`: {key} is {value}, but it must be {demand}")]
@@ -25,6 +29,17 @@ pub enum AirframeError {
         /// The condition it breaks.
         demand: &'static str,
     },
+}
+
+/// A value with which the equations can do nothing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Complaint {
+    /// Section and key, joined by a dot.
+    pub key: &'static str,
+    /// The value.
+    pub value: f64,
+    /// What it must be.
+    pub demand: &'static str,
 }
 
 /// All that distinguishes one aircraft from another.
@@ -259,11 +274,9 @@ impl Airframe {
     /// Reads an airframe from TOML text and checks it.
     ///
     /// # Errors
-    /// When the text is not an airframe, or a value makes no sense.
+    /// Everything that is wrong with the text, each flaw with its place.
     pub fn from_toml(text: &str) -> Result<Self, AirframeError> {
-        let airframe: Self = toml::from_str(text)?;
-        airframe.check()?;
-        Ok(airframe)
+        Ok(airframe_file::read(text)?)
     }
 
     /// The Aerosonde, the aircraft flown when nothing else is asked for.
@@ -286,116 +299,127 @@ impl Airframe {
     /// # Errors
     /// Names the first value that makes no sense.
     pub fn check(&self) -> Result<(), AirframeError> {
-        self.check_body()?;
-        self.check_aerodynamics()?;
-        self.check_propulsion()?;
-        self.check_servo()?;
-        self.check_gear()
-    }
-
-    fn demand(
-        &self,
-        holds: bool,
-        key: &'static str,
-        value: f64,
-        demand: &'static str,
-    ) -> Result<(), AirframeError> {
-        if holds && value.is_finite() {
-            return Ok(());
+        match self.complaints().first() {
+            None => Ok(()),
+            Some(&Complaint { key, value, demand }) => {
+                Err(AirframeError::Value { airframe: self.name.clone(), key, value, demand })
+            }
         }
-        Err(AirframeError::Value { airframe: self.name.clone(), key, value, demand })
     }
 
-    fn positive(&self, key: &'static str, value: f64) -> Result<(), AirframeError> {
-        self.demand(value > 0.0, key, value, "greater than zero")
+    /// Every value that makes no sense.
+    pub fn complaints(&self) -> Vec<Complaint> {
+        let mut found = Complaints::default();
+        self.check_body(&mut found);
+        self.check_aerodynamics(&mut found);
+        self.check_propulsion(&mut found);
+        self.check_servo(&mut found);
+        self.check_gear(&mut found);
+        found.0
     }
 
-    fn not_negative(&self, key: &'static str, value: f64) -> Result<(), AirframeError> {
-        self.demand(value >= 0.0, key, value, "zero or greater")
-    }
-
-    fn check_body(&self) -> Result<(), AirframeError> {
+    fn check_body(&self, found: &mut Complaints) {
         let (m, g) = (&self.mass, &self.geometry);
-        self.positive("mass.mass_kg", m.mass_kg)?;
-        self.positive("mass.inertia_xx_kgm2", m.inertia_xx_kgm2)?;
-        self.positive("mass.inertia_yy_kgm2", m.inertia_yy_kgm2)?;
-        self.positive("mass.inertia_zz_kgm2", m.inertia_zz_kgm2)?;
+        found.positive("mass.mass_kg", m.mass_kg);
+        found.positive("mass.inertia_xx_kgm2", m.inertia_xx_kgm2);
+        found.positive("mass.inertia_yy_kgm2", m.inertia_yy_kgm2);
+        found.positive("mass.inertia_zz_kgm2", m.inertia_zz_kgm2);
         let limit = (m.inertia_xx_kgm2 * m.inertia_zz_kgm2).sqrt();
         let xz = m.inertia_xz_kgm2;
-        self.demand(xz.abs() < limit, "mass.inertia_xz_kgm2", xz, "less than the root of I_xx I_zz")?;
-        self.positive("geometry.wing_area_m2", g.wing_area_m2)?;
-        self.positive("geometry.wing_span_m", g.wing_span_m)?;
-        self.positive("geometry.mean_chord_m", g.mean_chord_m)
+        found.demand(xz.abs() < limit, "mass.inertia_xz_kgm2", xz, "less than the root of I_xx I_zz");
+        found.positive("geometry.wing_area_m2", g.wing_area_m2);
+        found.positive("geometry.wing_span_m", g.wing_span_m);
+        found.positive("geometry.mean_chord_m", g.mean_chord_m);
     }
 
-    fn check_aerodynamics(&self) -> Result<(), AirframeError> {
+    fn check_aerodynamics(&self, found: &mut Complaints) {
         let a = &self.aerodynamics;
-        self.positive("aerodynamics.lift_alpha", a.lift_alpha)?;
-        self.positive("aerodynamics.drag_0", a.drag_0)?;
-        self.positive("aerodynamics.roll_aileron", a.roll_aileron)?;
-        self.demand(
+        found.positive("aerodynamics.lift_alpha", a.lift_alpha);
+        found.positive("aerodynamics.drag_0", a.drag_0);
+        found.positive("aerodynamics.roll_aileron", a.roll_aileron);
+        found.demand(
             a.pitch_elevator < 0.0,
             "aerodynamics.pitch_elevator",
             a.pitch_elevator,
             "less than zero",
-        )?;
-        self.demand(a.yaw_rudder < 0.0, "aerodynamics.yaw_rudder", a.yaw_rudder, "less than zero")?;
+        );
+        found.demand(a.yaw_rudder < 0.0, "aerodynamics.yaw_rudder", a.yaw_rudder, "less than zero");
         let (stall, sharpness) = (a.stall_alpha_rad, a.stall_sharpness);
-        self.demand(
+        found.demand(
             stall > 0.05 && stall < 1.5,
             "aerodynamics.stall_alpha_rad",
             stall,
             "between 0.05 and 1.5",
-        )?;
+        );
         let sensible = sharpness > 0.0 && sharpness <= 100.0;
-        self.demand(sensible, "aerodynamics.stall_sharpness", sharpness, "between 0 and 100")
+        found.demand(sensible, "aerodynamics.stall_sharpness", sharpness, "between 0 and 100");
     }
 
-    fn check_propulsion(&self) -> Result<(), AirframeError> {
-        self.not_negative("propulsion.lag_s", self.propulsion.lag_s())?;
+    fn check_propulsion(&self, found: &mut Complaints) {
+        found.not_negative("propulsion.lag_s", self.propulsion.lag_s());
         let propeller = self.propulsion.propeller();
-        self.positive("propulsion.propeller.diameter_m", propeller.diameter_m)?;
-        self.positive("propulsion.propeller.thrust_0", propeller.thrust_0)?;
-        self.positive("propulsion.propeller.torque_0", propeller.torque_0)?;
+        found.positive("propulsion.propeller.diameter_m", propeller.diameter_m);
+        found.positive("propulsion.propeller.thrust_0", propeller.thrust_0);
+        found.positive("propulsion.propeller.torque_0", propeller.torque_0);
         match self.propulsion {
             Propulsion::Electric {
                 motor_kv_rpm_per_v, battery_voltage_v, winding_resistance_ohm, ..
             } => {
-                self.positive("propulsion.motor_kv_rpm_per_v", motor_kv_rpm_per_v)?;
-                self.positive("propulsion.battery_voltage_v", battery_voltage_v)?;
-                self.positive("propulsion.winding_resistance_ohm", winding_resistance_ohm)
+                found.positive("propulsion.motor_kv_rpm_per_v", motor_kv_rpm_per_v);
+                found.positive("propulsion.battery_voltage_v", battery_voltage_v);
+                found.positive("propulsion.winding_resistance_ohm", winding_resistance_ohm);
             }
             Propulsion::Piston { power_w, rated_speed_radps, .. } => {
-                self.positive("propulsion.power_w", power_w)?;
-                self.positive("propulsion.rated_speed_radps", rated_speed_radps)
+                found.positive("propulsion.power_w", power_w);
+                found.positive("propulsion.rated_speed_radps", rated_speed_radps);
             }
         }
     }
 
-    fn check_servo(&self) -> Result<(), AirframeError> {
+    fn check_servo(&self, found: &mut Complaints) {
         let s = &self.servo;
-        self.positive("servo.bandwidth_radps", s.bandwidth_radps)?;
+        found.positive("servo.bandwidth_radps", s.bandwidth_radps);
         let longest = crate::servo::LONGEST_DELAY_S;
         let delay_ok = (0.0..=longest).contains(&s.delay_s);
-        self.demand(delay_ok, "servo.delay_s", s.delay_s, "between 0 and 0.25")?;
-        self.not_negative("servo.backlash_rad", s.backlash_rad)?;
-        self.positive("servo.aileron_limit_rad", s.aileron_limit_rad)?;
-        self.positive("servo.elevator_limit_rad", s.elevator_limit_rad)?;
-        self.positive("servo.rudder_limit_rad", s.rudder_limit_rad)
+        found.demand(delay_ok, "servo.delay_s", s.delay_s, "between 0 and 0.25");
+        found.not_negative("servo.backlash_rad", s.backlash_rad);
+        found.positive("servo.aileron_limit_rad", s.aileron_limit_rad);
+        found.positive("servo.elevator_limit_rad", s.elevator_limit_rad);
+        found.positive("servo.rudder_limit_rad", s.rudder_limit_rad);
     }
 
-    fn check_gear(&self) -> Result<(), AirframeError> {
+    fn check_gear(&self, found: &mut Complaints) {
         let g = &self.gear;
-        self.positive("gear.main_wheel_m[1]", g.main_wheel_m[1])?;
-        self.positive("gear.main_wheel_m[2]", g.main_wheel_m[2])?;
+        found.positive("gear.main_wheel_m[1]", g.main_wheel_m[1]);
+        found.positive("gear.main_wheel_m[2]", g.main_wheel_m[2]);
         let supported = g.main_wheel_m[0] * g.third_wheel_m[0] < 0.0;
         let demand = "on the other side of the centre of gravity than the main wheels";
-        self.demand(supported, "gear.third_wheel_m[0]", g.third_wheel_m[0], demand)?;
-        self.positive("gear.spring_n_per_m", g.spring_n_per_m)?;
-        self.not_negative("gear.damping_ns_per_m", g.damping_ns_per_m)?;
-        self.not_negative("gear.rolling_friction", g.rolling_friction)?;
-        self.not_negative("gear.lateral_friction", g.lateral_friction)?;
-        self.positive("gear.crash_sink_mps", g.crash_sink_mps)
+        found.demand(supported, "gear.third_wheel_m[0]", g.third_wheel_m[0], demand);
+        found.positive("gear.spring_n_per_m", g.spring_n_per_m);
+        found.not_negative("gear.damping_ns_per_m", g.damping_ns_per_m);
+        found.not_negative("gear.rolling_friction", g.rolling_friction);
+        found.not_negative("gear.lateral_friction", g.lateral_friction);
+        found.positive("gear.crash_sink_mps", g.crash_sink_mps);
+    }
+}
+
+/// What was found so far.
+#[derive(Default)]
+struct Complaints(Vec<Complaint>);
+
+impl Complaints {
+    fn demand(&mut self, holds: bool, key: &'static str, value: f64, demand: &'static str) {
+        if !(holds && value.is_finite()) {
+            self.0.push(Complaint { key, value, demand });
+        }
+    }
+
+    fn positive(&mut self, key: &'static str, value: f64) {
+        self.demand(value > 0.0, key, value, "greater than zero");
+    }
+
+    fn not_negative(&mut self, key: &'static str, value: f64) {
+        self.demand(value >= 0.0, key, value, "zero or greater");
     }
 }
 

@@ -23,6 +23,7 @@
 
 pub mod aerodynamics;
 pub mod airframe;
+pub mod airframe_file;
 pub mod atmosphere;
 mod dynamics;
 pub mod fault;
@@ -42,6 +43,7 @@ mod words;
 
 pub use aerodynamics::Surfaces;
 pub use airframe::{Airframe, AirframeError};
+pub use airframe_file::{Flaw, Flaws};
 pub use fault::{Fault, FaultError, PlannedFault};
 pub use geodesy::{Geodetic, LocalFrame};
 pub use modes::{Mode, Modes};

@@ -2,7 +2,7 @@
 
 use crate::outside::Outside;
 use bateleur_messages::hil::Protocol;
-use bateleur_plant::{Airframe, AirframeError, Conditions};
+use bateleur_plant::{Airframe, Conditions, Flaws, airframe_file};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -57,13 +57,13 @@ pub enum AirframeChoiceError {
         /// What the file system said.
         error: std::io::Error,
     },
-    /// The file holds no airframe.
-    #[error("{}: {error}", path.display())]
+    /// The file holds no airframe: all that is wrong with it.
+    #[error("the airframe file cannot be used\n{}", flaws.in_file(&path.display().to_string()))]
     Invalid {
         /// The file.
         path: PathBuf,
         /// What is wrong.
-        error: AirframeError,
+        flaws: Flaws,
     },
 }
 
@@ -82,7 +82,7 @@ pub fn airframe(choice: &str) -> Result<Airframe, AirframeChoiceError> {
 fn from_file(path: &Path) -> Result<Airframe, AirframeChoiceError> {
     let unknown = |error| AirframeChoiceError::Unknown { choice: path.display().to_string(), error };
     let text = std::fs::read_to_string(path).map_err(unknown)?;
-    Airframe::from_toml(&text).map_err(|error| AirframeChoiceError::Invalid { path: path.to_owned(), error })
+    airframe_file::read(&text).map_err(|flaws| AirframeChoiceError::Invalid { path: path.to_owned(), flaws })
 }
 
 #[cfg(test)]
@@ -101,6 +101,6 @@ mod tests {
         let path = folder.path().join("mine.toml");
         std::fs::write(&path, "name = \"half\"").unwrap();
         let message = airframe(path.to_str().unwrap()).unwrap_err().to_string();
-        assert!(message.contains("mine.toml"), "{message}");
+        assert!(message.contains("mine.toml:1:1: the file has no `mass`"), "{message}");
     }
 }

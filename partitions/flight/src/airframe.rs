@@ -202,6 +202,11 @@ const BUILT_IN: [(&str, &str); 2] = [
     ("rascal110", include_str!("../../../airframes/rascal110.toml")),
 ];
 
+/// The text of a built-in airframe, by its name.
+pub fn built_in(name: &str) -> Option<&'static str> {
+    BUILT_IN.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+}
+
 impl Airframe {
     /// The airframe that a plan's attribute means: the name of a built-in one, the text of an airframe file (it has
     /// several lines), or the path of one, which `read` then reads: this crate opens no files.
@@ -212,9 +217,8 @@ impl Airframe {
         value: &str,
         read: impl FnOnce(&str) -> std::io::Result<String>,
     ) -> Result<Self, String> {
-        let known = BUILT_IN.iter().find(|(name, _)| *name == value);
-        let text = match known {
-            Some((_, text)) => (*text).to_owned(),
+        let text = match built_in(value) {
+            Some(text) => text.to_owned(),
             None if value.contains('\n') => value.to_owned(),
             None => read(value).map_err(|error| {
                 let names = BUILT_IN.map(|(name, _)| format!("\"{name}\"")).join(", ");

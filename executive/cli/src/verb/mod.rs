@@ -1,6 +1,7 @@
 //! The verbs.
 
 pub(crate) mod air;
+pub(crate) mod airframe;
 pub(crate) mod bench;
 pub(crate) mod check;
 pub(crate) mod completions;

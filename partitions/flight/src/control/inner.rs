@@ -346,6 +346,17 @@ pub fn normal_gains(airframe: &Airframe, tuning: &InnerTuning, s: &Signals) -> N
     }
 }
 
+/// The zeros of the normal acceleration lie at plus and minus this, rad/s: the elevator first pushes the aircraft the wrong way,
+/// which bounds how fast the loop can be made. None where the elevator's lift has no such effect.
+pub fn normal_zero_radps(airframe: &Airframe, s: &Signals) -> Option<f64> {
+    let (aero, chord) = (&airframe.aerodynamics, airframe.geometry.mean_chord_m);
+    let neutral_m = -aero.pitch_alpha / aero.lift_alpha * chord;
+    let tail_m = -aero.pitch_elevator / aero.lift_elevator * chord;
+    let square = s.pressure_force(airframe) * aero.lift_alpha * (tail_m - neutral_m);
+    let zero = (square / airframe.mass.inertia_yy_kgm2).sqrt();
+    zero.is_finite().then_some(zero)
+}
+
 /// Pitch rate of a steady turn: (g/V) sin²φ / cos φ.
 fn turn_pitch_rate(s: &Signals) -> f64 {
     let (sin, cos) = s.bank_rad.sin_cos();

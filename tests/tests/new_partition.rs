@@ -1,4 +1,5 @@
-//! Crates that `bateleur new` writes are built, tested and run as they are: in a checkout and outside of any.
+//! Crates that `bateleur new` writes are built, tested and run as they are: in a checkout and outside of any; and so is the
+//! program of the page about it.
 //!
 //! They are built with a target folder of their own beside that of the programs: a copy of the checkout in the usual one would
 //! have everything built anew, there and back.
@@ -118,17 +119,27 @@ fn new_partitions_outside_of_a_checkout_pass_their_lints_and_tests_and_run() {
     assert_runs(&schedule);
 }
 
+/// A copy of the checkout, without what was made in it before.
+fn checkout(name: &str, made: &[&str]) -> PathBuf {
+    let copied = target().join(name);
+    for name in made {
+        let _ = fs::remove_dir_all(copied.join("partitions").join(name));
+    }
+    fs::create_dir_all(&copied).unwrap();
+    for entry in fs::read_dir(repository()).unwrap() {
+        let name = entry.unwrap().file_name();
+        if !["target", "docs"].iter().any(|left_out| name == *left_out)
+            && !name.to_string_lossy().starts_with('.')
+        {
+            copy(&repository().join(&name), &copied.join(&name));
+        }
+    }
+    copied
+}
+
 #[test]
 fn new_partitions_in_a_checkout_are_members_of_it_and_run() {
-    let checkout = target().join("checkout");
-    for name in BOTH {
-        let _ = fs::remove_dir_all(checkout.join("partitions").join(name));
-    }
-    fs::create_dir_all(&checkout).unwrap();
-    for name in ["Cargo.toml", "Cargo.lock", "executive", "partitions", "hil", "tests", "tasks", "airframes"]
-    {
-        copy(&repository().join(name), &checkout.join(name));
-    }
+    let checkout = checkout("checkout", &BOTH);
     let schedule = schedule(&checkout);
     for name in BOTH {
         bateleur(&["new", name, "--schedule", &schedule]).end().expect_code(0);
@@ -136,4 +147,66 @@ fn new_partitions_in_a_checkout_are_members_of_it_and_run() {
         cargo(&checkout, &["build", "--offline", "--release", "-p", &format!("bateleur-{name}")]);
     }
     assert_runs(&schedule);
+}
+
+/// The blocks of a page that are fenced as `fence` and hold `words`: exactly one.
+fn block<'p>(page: &'p str, fence: &str, words: &str) -> &'p str {
+    let blocks = page.split("\n```").filter_map(|block| block.strip_prefix(fence)?.strip_prefix('\n'));
+    let found: Vec<&str> = blocks.filter(|block| block.contains(words)).collect();
+    assert_eq!(found.len(), 1, "{words}: {found:?}");
+    found[0]
+}
+
+/// `text` with `new` before the one place where `old` stands.
+#[track_caller]
+fn before(text: &str, old: &str, new: &str) -> String {
+    assert_eq!(text.matches(old).count(), 1, "{old}");
+    text.replace(old, &format!("{new}{old}"))
+}
+
+#[test]
+fn program_of_the_page_is_what_can_be_made_of_a_new_partition_and_does_what_the_page_says() {
+    let page = fs::read_to_string(repository().join("docs/src/new-partition.md")).unwrap();
+    let checkout = checkout("page", &["height_watch"]);
+    let change = |path: &str, change: &dyn Fn(&str) -> String| {
+        let path = checkout.join(path);
+        let text = fs::read_to_string(&path).unwrap();
+        fs::write(&path, change(&text)).unwrap();
+    };
+    // Another version: the two copies are built in one folder, where their packages have to be told apart.
+    change("Cargo.toml", &|text| {
+        assert!(text.contains("\nversion = \"0.1.0\"\n"), "another version: correct this test");
+        text.replace("\nversion = \"0.1.0\"\n", "\nversion = \"0.1.0-page\"\n")
+    });
+    // 1. The schedule file.
+    let schedule = checkout.join("schedule.toml").to_str().unwrap().to_owned();
+    bateleur(&["new", "height_watch", "--add", "--schedule", &schedule]).end().expect_code(0);
+    change("schedule.toml", &|text| {
+        let (rest, _) = text.split_once("[partition.height_watch]").unwrap();
+        rest.to_owned() + block(&page, "toml", "program    = \"height_watch\"")
+    });
+    bateleur(&["new", "height_watch", "--schedule", &schedule]).end().expect_code(0);
+    // 3. The message type.
+    let message = block(&page, "rust,ignore", "pub struct HeightWarning");
+    fs::write(checkout.join("partitions/messages/src/height.rs"), message.to_owned() + "\n").unwrap();
+    change("partitions/messages/src/lib.rs", &|text| {
+        let text = before(text, "pub mod hil;", "pub mod height;\n");
+        let text = before(&text, "pub use hil::Custom;", "pub use height::HeightWarning;\n");
+        before(&text, "    MessageType::of::<Custom>(),", "    MessageType::of::<HeightWarning>(),\n")
+    });
+    // 4. What is filled in, and its test.
+    let program = block(&page, "rust,ignore", "impl Partition for HeightWatch");
+    let test = block(&page, "rust,ignore", "Harness::new").replace('\n', "\n        ");
+    let main = format!(
+        "{program}\n\n#[cfg(test)]\nmod tests {{\n    use bateleur_apex::Harness;\n\n    use super::*;\n\n    #[test]\n    \
+         fn warns() -> Result<(), StartError> {{\n        {test}\n        Ok(())\n    }}\n}}\n"
+    );
+    fs::write(checkout.join("partitions/height_watch/src/main.rs"), main).unwrap();
+    let package = "bateleur-height-watch";
+    cargo(&checkout, &["fmt", "--check", "--package", package]);
+    cargo(
+        &checkout,
+        &["clippy", "--offline", "--release", "-p", package, "--all-targets", "--", "-D", "warnings"],
+    );
+    cargo(&checkout, &["test", "--offline", "--release", "-p", package]);
 }

@@ -2,6 +2,9 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+#[path = "../../hil/report/tests/trace_check/mod.rs"]
+mod trace_check;
+
 use std::collections::BTreeSet;
 
 use bateleur_report::log::{Ending, read};
@@ -64,6 +67,24 @@ fn summary_is_one_json_document_with_every_key() {
     assert_page_is_whole(&ended);
     assert_log_is_whole(&ended);
     assert_windows_add_up(&ended);
+    assert_exports_are_whole(&ended);
+}
+
+/// What other people's tools are given holds all windows, faults and messages, in forms that they can read.
+fn assert_exports_are_whole(ended: &Ended) {
+    let folder = ended.folder();
+    let (trace, viewer) = (folder.join("trace.json"), folder.join("viewer.mcap"));
+    let (folder, trace_path, viewer_path) =
+        (folder.to_str().unwrap(), trace.to_str().unwrap(), viewer.to_str().unwrap());
+    bateleur(&["export", folder, "--chrome", trace_path, "--mcap", viewer_path]).end().expect_code(0);
+    let phases = trace_check::assert_trace(&std::fs::read_to_string(&trace).unwrap());
+    assert!(phases["X"] >= ended.windows().len(), "{phases:?}");
+    let bytes = std::fs::read(&viewer).unwrap();
+    let summary = mcap::Summary::read(&bytes).unwrap().expect("an index");
+    let counted = summary.stats.expect("statistics").message_count;
+    let read = mcap::MessageStream::new(&bytes).unwrap().map(|message| message.unwrap());
+    assert_eq!(counted, read.count() as u64);
+    assert_eq!(phases["i"] as u64, counted + ended.faults().len() as u64 + 1, "each back, and the schedule");
 }
 
 /// The page shows the flight without anything from elsewhere.

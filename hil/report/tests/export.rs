@@ -2,7 +2,9 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use std::collections::{BTreeMap, BTreeSet};
+mod trace_check;
+
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
@@ -11,6 +13,7 @@ use bateleur_report::export::{self, Encoding, ExportError};
 use bateleur_report::log::{PortLog, topic};
 use bateleur_report::windows;
 use serde_json::{Value, json};
+use trace_check::assert_trace;
 use zerocopy::IntoBytes;
 
 /// Two minor frames of an Estimator and a Controller, a fault, a change of schedule, three messages.
@@ -73,53 +76,6 @@ fn trace_shows_cores_partitions_faults_messages_and_the_change_of_schedule() {
     assert_eq!(read(&path), pinned);
     let parsed: Value = serde_json::from_str(&read(&path)).unwrap();
     assert_eq!(parsed["traceEvents"].as_array().unwrap().len(), 18);
-}
-
-/// What the description of the trace event format asks of every event and of the whole; with the number of events of each
-/// phase.
-fn assert_trace(text: &str) -> BTreeMap<String, usize> {
-    let trace: Value = serde_json::from_str(text).unwrap();
-    assert!(["ms", "ns"].contains(&trace["displayTimeUnit"].as_str().unwrap()));
-    let (mut phases, mut tracks, mut named) = (BTreeMap::new(), BTreeMap::new(), BTreeSet::new());
-    for event in trace["traceEvents"].as_array().unwrap() {
-        let number = |key: &str| event[key].as_f64().unwrap_or_else(|| panic!("no {key} in {event}"));
-        let track = (event["pid"].as_u64().unwrap(), event["tid"].as_u64().unwrap());
-        assert!(!event["name"].as_str().unwrap().is_empty(), "{event}");
-        let args = &event["args"];
-        assert!(args.is_null() || args.is_object(), "{event}");
-        let phase = event["ph"].as_str().unwrap();
-        *phases.entry(phase.to_owned()).or_default() += 1;
-        match phase {
-            "M" => {
-                let kind = event["name"].as_str().unwrap();
-                assert!(["process_name", "thread_name"].contains(&kind), "{event}");
-                assert!(args["name"].is_string(), "{event}");
-                assert!(named.insert((kind.to_owned(), track)), "named twice: {event}");
-            }
-            "X" => {
-                assert!(number("ts") >= 0.0 && number("dur") >= 0.0, "{event}");
-                tracks.entry(track).or_insert_with(Vec::new).push((number("ts"), number("dur")));
-            }
-            "i" => {
-                assert!(number("ts") >= 0.0, "{event}");
-                let reach = event["s"].as_str().unwrap();
-                assert!(["g", "p", "t"].contains(&reach), "{event}");
-                if reach == "t" {
-                    assert!(named.contains(&("thread_name".to_owned(), track)), "on no track: {event}");
-                }
-            }
-            other => panic!("phase {other} needs a partner that nothing here checks: {event}"),
-        }
-    }
-    for (track, mut spans) in tracks {
-        assert!(named.contains(&("thread_name".to_owned(), track)), "a track without a name: {track:?}");
-        assert!(named.iter().any(|(kind, (pid, _))| kind == "process_name" && *pid == track.0));
-        // Spans of one track lie one after the other: viewers put what overlaps below each other, or drop it.
-        spans.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let in_turn = spans.windows(2).all(|pair| pair[0].0 + pair[0].1 <= pair[1].0 + 1e-3);
-        assert!(in_turn, "spans of track {track:?} overlap: {spans:?}");
-    }
-    phases
 }
 
 #[test]

@@ -9,6 +9,7 @@
 pub mod air;
 pub mod believed;
 pub mod chains;
+pub mod compare;
 mod error;
 pub mod export;
 pub mod figures;

@@ -27,19 +27,20 @@ pub enum AttributeError {
 }
 
 /// The plan's attributes, and which of them were asked for.
-#[derive(Debug)]
-pub(crate) struct Attributes {
+#[derive(Debug, Default)]
+pub struct Attributes {
     values: BTreeMap<String, Value>,
     asked: BTreeSet<String>,
 }
 
 impl Attributes {
-    pub(crate) fn new(values: BTreeMap<String, Value>) -> Self {
+    /// Those of one partition: a partition asks its [`crate::Context`], a program without partitions reads a plan.
+    pub fn new(values: BTreeMap<String, Value>) -> Self {
         Self { values, asked: BTreeSet::new() }
     }
 
     /// The plan's value, or `default` where it has none.
-    pub(crate) fn get<T: DeserializeOwned>(&mut self, name: &str, default: T) -> Result<T, AttributeError> {
+    pub fn get<T: DeserializeOwned>(&mut self, name: &str, default: T) -> Result<T, AttributeError> {
         self.asked.insert(name.into());
         let Some(value) = self.values.get(name) else { return Ok(default) };
         serde_json::from_value(value.clone())
@@ -47,7 +48,7 @@ impl Attributes {
     }
 
     /// A duration such as "20ms", as nanoseconds.
-    pub(crate) fn duration_ns(&mut self, name: &str, default_ns: u64) -> Result<u64, AttributeError> {
+    pub fn duration_ns(&mut self, name: &str, default_ns: u64) -> Result<u64, AttributeError> {
         let text: String = match self.values.get(name) {
             None => {
                 self.asked.insert(name.into());
@@ -60,7 +61,7 @@ impl Attributes {
     }
 
     /// An error where the plan has an attribute that nobody asked for: most likely a slip of the pen.
-    pub(crate) fn all_known(&self) -> Result<(), AttributeError> {
+    pub fn all_known(&self) -> Result<(), AttributeError> {
         let Some(name) = self.values.keys().find(|name| !self.asked.contains(*name)) else { return Ok(()) };
         let near = self
             .asked

@@ -132,6 +132,11 @@ impl Context {
         Ok(self.attributes.duration_ns(name, default_ns)?)
     }
 
+    /// All attributes, for a function that reads its own.
+    pub fn attributes(&mut self) -> &mut Attributes {
+        &mut self.attributes
+    }
+
     /// CREATE_SAMPLING_PORT, source.
     pub fn sampling_source<T: Message>(&mut self, name: &str) -> Result<SamplingSource<T>, StartError> {
         let port = self.port::<T>(name, PortKind::Sampling, Direction::Source)?;

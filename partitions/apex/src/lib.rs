@@ -50,7 +50,7 @@ mod takeover;
 mod time;
 mod window;
 
-pub use attributes::AttributeError;
+pub use attributes::{AttributeError, Attributes};
 pub use bateleur_contract::{Direction, ErrorCode, PortKind, StartCondition};
 pub use context::{Context, StartError};
 pub use errors::{HealthError, Response};

@@ -11,19 +11,18 @@
 mod convert;
 mod kept;
 mod orders;
+mod settings;
 mod waypoints;
 
 pub use convert::{Sensors, navigation_state};
 pub use kept::Kept;
 pub use orders::{Answer, Orders};
+pub use settings::{Settings, planned_waypoints};
 pub use waypoints::{List, Waypoints};
 
-use bateleur_flight::airframe::Airframe;
 use bateleur_flight::control::fallback::Basis;
 use bateleur_flight::control::outer::normal_for;
-use bateleur_flight::control::{
-    Channels, Controller, ControllerConfig, ControllerInputs, ControllerOutput, LoopCommands,
-};
+use bateleur_flight::control::{Channels, Controller, ControllerInputs, ControllerOutput, LoopCommands};
 use bateleur_flight::estimator::NavigationState;
 use bateleur_flight::guidance::{
     Guidance, GuidanceConfig, GuidanceError, GuidanceOutput, GuidanceSnapshot, Waypoint, seed_waypoints,
@@ -35,17 +34,6 @@ use bateleur_messages::telemetry::{
     Loops, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED, NAVIGATION_ON, Navigation, Refusal,
 };
 use bateleur_messages::{ActuatorCommand, FunctionStatus};
-
-/// What the plan sets.
-#[derive(Debug, Clone, Copy)]
-pub struct Settings {
-    /// The aircraft.
-    pub airframe: Airframe,
-    /// Path and laps.
-    pub guidance: GuidanceConfig,
-    /// Gains, and the airspeed flown where nobody asks for another.
-    pub control: ControllerConfig,
-}
 
 /// The function.
 #[derive(Debug)]

@@ -6,11 +6,9 @@ use bateleur_apex::{
     Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
     StartError, Takeover, Window,
 };
-use bateleur_controller::{Answer, Function, Kept, Sensors, Settings, navigation_state};
-use bateleur_flight::airframe::Airframe;
-use bateleur_flight::control::ControllerConfig;
+use bateleur_controller::{Answer, Function, Kept, Sensors, Settings, navigation_state, planned_waypoints};
 use bateleur_flight::estimator::NavigationState;
-use bateleur_flight::guidance::{Corner, GuidanceConfig, Waypoint};
+use bateleur_flight::guidance::Waypoint;
 use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_CONTROLLER, NOT_UNDERSTOOD, Telemetry};
 use bateleur_messages::{
@@ -45,12 +43,8 @@ struct InputPorts {
 
 impl Partition for ControllerPartition {
     fn start(context: &mut Context) -> Result<Self, StartError> {
-        let settings = Settings {
-            airframe: airframe(context)?,
-            guidance: guidance(context)?,
-            control: control(context)?,
-        };
-        let planned = waypoints(context)?;
+        let settings = Settings::read(context.attributes())?;
+        let planned = planned_waypoints(context.attributes())?;
         let mut retained: Retained<Kept> = context.retained()?;
         Ok(Self {
             function: function(settings, &planned, &mut retained)?,
@@ -139,52 +133,6 @@ impl InputPorts {
         let acceleration = self.acceleration.read_valid();
         (state, Sensors::of(acceleration, self.orientation.read_valid(), self.pressure.read_valid()))
     }
-}
-
-/// See [`Airframe::from_attribute`].
-fn airframe(context: &mut Context) -> Result<Airframe, StartError> {
-    let value: String = context.attribute("airframe", "aerosonde".into())?;
-    Airframe::from_attribute(&value, |path| std::fs::read_to_string(path)).map_err(StartError::Other)
-}
-
-fn guidance(context: &mut Context) -> Result<GuidanceConfig, StartError> {
-    let path: String = context.attribute("path", "fillet".into())?;
-    let corner = match path.as_str() {
-        "fillet" => Corner::Fillet,
-        "fly_through" => Corner::FlyThrough,
-        other => {
-            return Err(StartError::Other(format!(
-                "attribute path = \"{other}\": give \"fillet\" or \"fly_through\""
-            )));
-        }
-    };
-    let radius_m: Option<f64> = context.attribute("radius_m", None)?;
-    if radius_m.is_some_and(|radius_m| !(10.0..=10_000.0).contains(&radius_m)) {
-        return Err(StartError::Other("attribute radius_m: give 10 to 10000 m, or leave it out".into()));
-    }
-    Ok(GuidanceConfig { corner, radius_m, laps: context.attribute("laps", 2)?, ..GuidanceConfig::default() })
-}
-
-fn control(context: &mut Context) -> Result<ControllerConfig, StartError> {
-    let usual = ControllerConfig::default();
-    let cruise_mps: f64 = context.attribute("cruise_mps", usual.cruise_mps)?;
-    if !(10.0..=60.0).contains(&cruise_mps) {
-        return Err(StartError::Other(format!("attribute cruise_mps = {cruise_mps}: give 10 to 60 m/s")));
-    }
-    Ok(ControllerConfig { cruise_mps, ..usual })
-}
-
-/// Way-points of the plan: `[north m, east m, altitude m, heading °, airspeed m/s]` each.
-fn waypoints(context: &mut Context) -> Result<Vec<Waypoint>, StartError> {
-    let planned: Vec<[f64; 5]> = context.attribute("waypoints", Vec::new())?;
-    let point = |[north_m, east_m, altitude_m, heading_deg, airspeed_mps]: [f64; 5]| Waypoint {
-        north_m,
-        east_m,
-        altitude_m,
-        airspeed_mps,
-        heading_rad: heading_deg.to_radians(),
-    };
-    Ok(planned.into_iter().map(point).collect())
 }
 
 fn main() -> ExitCode {

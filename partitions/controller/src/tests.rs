@@ -1,5 +1,7 @@
 use super::*;
 use bateleur_flight::GRAVITY_MPS2;
+use bateleur_flight::airframe::Airframe;
+use bateleur_flight::control::ControllerConfig;
 use bateleur_messages::State;
 use bateleur_messages::ground;
 use bateleur_messages::state::STATUS_RUNNING;

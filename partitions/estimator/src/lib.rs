@@ -5,9 +5,11 @@
 //! while the filter has none.
 
 mod kept;
+mod settings;
 mod state;
 
 pub use kept::Kept;
+pub use settings::Settings;
 pub use state::{message, telemetry};
 
 use bateleur_flight::estimator::{

@@ -6,9 +6,7 @@ use bateleur_apex::{
     Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
     StartError, Takeover, Window,
 };
-use bateleur_estimator::{Function, Inputs, Kept, seconds, telemetry};
-use bateleur_flight::estimator::EstimatorConfig;
-use bateleur_flight::magnetic::Site;
+use bateleur_estimator::{Function, Inputs, Kept, Settings, seconds, telemetry};
 use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{
     ACCEPTED, Acknowledge, FROM_ESTIMATOR, NOT_UNDERSTOOD, Refusal, Telemetry,
@@ -23,8 +21,7 @@ const ORDERS_PER_WINDOW: usize = 8;
 
 struct EstimatorPartition {
     function: Function,
-    config: EstimatorConfig,
-    pressure_aiding: bool,
+    settings: Settings,
     retained: Retained<Kept>,
     starts: u64,
     inputs: InputPorts,
@@ -47,15 +44,12 @@ struct InputPorts {
 
 impl Partition for EstimatorPartition {
     fn start(context: &mut Context) -> Result<Self, StartError> {
-        let config = EstimatorConfig::at_site(&site(context)?)
-            .map_err(|error| StartError::Other(format!("attributes origin_…, year, day_of_year: {error}")))?;
-        let pressure_aiding = context.attribute("pressure_aiding", true)?;
+        let settings = Settings::read(context.attributes())?;
         let mut retained: Retained<Kept> = context.retained()?;
         let now_ns = context.time().now_ns();
         Ok(Self {
-            function: function(config, pressure_aiding, &mut retained, now_ns),
-            config,
-            pressure_aiding,
+            function: function(settings, &mut retained, now_ns),
+            settings,
             retained,
             starts: u64::from(context.generation()) + 1,
             inputs: InputPorts {
@@ -76,7 +70,7 @@ impl Partition for EstimatorPartition {
     }
 
     fn take_over(&mut self, takeover: &Takeover) {
-        self.function = function(self.config, self.pressure_aiding, &mut self.retained, takeover.now_ns());
+        self.function = function(self.settings, &mut self.retained, takeover.now_ns());
     }
 
     fn window(&mut self, window: &Window) {
@@ -93,13 +87,8 @@ impl Partition for EstimatorPartition {
 }
 
 /// The function as retained memory has it now.
-fn function(
-    config: EstimatorConfig,
-    pressure_aiding: bool,
-    retained: &mut Retained<Kept>,
-    now_ns: u64,
-) -> Function {
-    Function::new(config, pressure_aiding, retained.load().as_ref(), seconds(now_ns))
+fn function(settings: Settings, retained: &mut Retained<Kept>, now_ns: u64) -> Function {
+    Function::new(settings.config, settings.pressure_aiding, retained.load().as_ref(), seconds(now_ns))
 }
 
 impl EstimatorPartition {
@@ -130,18 +119,6 @@ impl InputPorts {
             gps_velocity: self.gps_velocity.read_valid(),
         }
     }
-}
-
-/// Where and when the flight takes place, for the earth's magnetic field.
-fn site(context: &mut Context) -> Result<Site, StartError> {
-    let usual = Site::default();
-    Ok(Site {
-        latitude_deg: context.attribute("origin_latitude_deg", usual.latitude_deg)?,
-        longitude_deg: context.attribute("origin_longitude_deg", usual.longitude_deg)?,
-        height_m: context.attribute("origin_altitude_m", usual.height_m)?,
-        year: context.attribute("year", usual.year)?,
-        day_of_year: context.attribute("day_of_year", usual.day_of_year)?,
-    })
 }
 
 fn main() -> ExitCode {

@@ -5,8 +5,10 @@
 //! three-dimensional fix), what is not a number, or the same fix twice. It does not know which receiver it is.
 
 mod local;
+mod settings;
 
 pub use local::{LocalFrame, Origin};
+pub use settings::origin;
 
 use bateleur_messages::telemetry::GpsTelemetry;
 use bateleur_messages::{GpsPosition, GpsVelocity, RawGps};

@@ -6,7 +6,7 @@ use bateleur_apex::{
     Context, Partition, QueuingDestination, QueuingSource, SamplingDestination, SamplingSource, StartError,
     Window,
 };
-use bateleur_gps::{Gps, Origin};
+use bateleur_gps::{Gps, origin};
 use bateleur_messages::telemetry::Telemetry;
 use bateleur_messages::{GpsPosition, GpsVelocity, GroundMessage, Rate, RawGps, TelemetryMessage, Watch};
 
@@ -27,7 +27,7 @@ struct Receiver {
 impl Partition for Receiver {
     fn start(context: &mut Context) -> Result<Self, StartError> {
         Ok(Self {
-            gps: Gps::new(&origin(context)?),
+            gps: Gps::new(&origin(context.attributes())?),
             raw: context.sampling_destination("raw")?,
             position: context.sampling_source("position")?,
             velocity: context.sampling_source("velocity")?,
@@ -50,21 +50,6 @@ impl Partition for Receiver {
             self.telemetry.send(&TelemetryMessage::of(&Telemetry::Gps(telemetry)));
         }
     }
-}
-
-fn origin(context: &mut Context) -> Result<Origin, StartError> {
-    let usual = Origin::default();
-    let origin = Origin {
-        latitude_deg: context.attribute("origin_latitude_deg", usual.latitude_deg)?,
-        longitude_deg: context.attribute("origin_longitude_deg", usual.longitude_deg)?,
-        altitude_m: context.attribute("origin_altitude_m", usual.altitude_m)?,
-    };
-    if origin.is_sane() {
-        return Ok(origin);
-    }
-    Err(StartError::Other(format!(
-        "attributes origin_…: {origin:?} is no runway; give degrees within ±85 and ±180 and metres above sea level"
-    )))
 }
 
 fn main() -> ExitCode {

@@ -5,8 +5,10 @@
 //! aircraft that moves. One broken sensor costs its own measurement alone.
 
 mod initialise;
+mod settings;
 
 pub use initialise::{Initialise, Outcome};
+pub use settings::Settings;
 
 use bateleur_flight::atmosphere::{airspeed_mps, density_kgpm3, pressure_altitude_m};
 use bateleur_messages::telemetry::ImuTelemetry;

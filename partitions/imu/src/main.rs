@@ -6,7 +6,7 @@ use bateleur_apex::{
     Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
     StartError, Takeover, Window,
 };
-use bateleur_imu::{Biases, Imu, Initialise, Measurements, Outcome};
+use bateleur_imu::{Biases, Imu, Initialise, Measurements, Outcome, Settings};
 use bateleur_messages::ground::{Order, SENSOR_GYROSCOPE};
 use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_IMU, NOT_UNDERSTOOD, Refusal, Telemetry};
 use bateleur_messages::{
@@ -15,17 +15,13 @@ use bateleur_messages::{
 
 /// Ground messages taken in one window at most; as many as the queue usually holds.
 const ORDERS_PER_WINDOW: usize = 8;
-/// How long to average for a bias, ns: the noise of 50 samples is a seventh of one's.
-const INITIALISE_NS: u64 = 1_000_000_000;
 
 struct InertialUnit {
     imu: Imu,
     retained: Retained<Biases>,
     /// The order that is being carried out, with the message to answer.
     initialising: Option<(Initialise, GroundMessage)>,
-    initialise_ns: u64,
-    gyro_bias: bool,
-    pitot_covered: bool,
+    settings: Settings,
     raw: SamplingDestination<RawAnalog>,
     outputs: Outputs,
     rate: SamplingDestination<Rate>,
@@ -48,9 +44,7 @@ impl Partition for InertialUnit {
             imu: imu(&mut retained),
             retained,
             initialising: None,
-            initialise_ns: context.duration_ns("initialise_time", INITIALISE_NS)?,
-            gyro_bias: context.attribute("gyro_bias", true)?,
-            pitot_covered: context.attribute("pitot_covered", false)?,
+            settings: Settings::read(context.attributes())?,
             raw: context.sampling_destination("raw")?,
             outputs: Outputs {
                 acceleration: context.sampling_source("acceleration")?,
@@ -102,11 +96,12 @@ impl InertialUnit {
 
     /// The answer to an order comes when it is carried out; a repetition meanwhile changes nothing.
     fn begin(&mut self, message: &GroundMessage, sensors: u8, now_ns: u64) {
-        if sensors & SENSOR_GYROSCOPE != 0 && !self.gyro_bias {
+        if sensors & SENSOR_GYROSCOPE != 0 && !self.settings.gyro_bias {
             return self.refuse(message, Refusal::SwitchedOff, now_ns);
         }
         if !self.initialising.is_some_and(|(under_way, _)| under_way.covers(sensors)) {
-            let under_way = Initialise::new(sensors, self.pitot_covered, now_ns, self.initialise_ns);
+            let Settings { initialise_ns, pitot_covered, .. } = self.settings;
+            let under_way = Initialise::new(sensors, pitot_covered, now_ns, initialise_ns);
             self.initialising = Some((under_way, *message));
         }
     }

@@ -12,6 +12,10 @@
 //! 4. where there are no sticks either: the last output for `hold`, then surfaces neutral and half throttle, so that
 //!    a stable aircraft neither turns nor glides into the ground at once.
 
+mod settings;
+
+pub use settings::Settings;
+
 use bateleur_flight::servo::{ActuatorCommand as Deflections, ServoMap};
 use bateleur_messages::ground::{Order, OrderError};
 use bateleur_messages::telemetry::ServoTelemetry;

@@ -6,23 +6,18 @@ use bateleur_apex::{
     Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
     StartError, Takeover, Window,
 };
-use bateleur_flight::airframe::Airframe;
-use bateleur_flight::servo::ServoMap;
 use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_SERVO, NOT_UNDERSTOOD, Telemetry};
 use bateleur_messages::{
     ActuatorCommand, Custom, FunctionStatus, GroundMessage, Rate, ServoTimers, TelemetryMessage, Watch,
 };
-use bateleur_servo::{Kept, Servo};
+use bateleur_servo::{Kept, Servo, Settings};
 
 /// Ground messages taken in one window at most; as many as the queue usually holds.
 const ORDERS_PER_WINDOW: usize = 8;
-/// How long the last output may stand without a command, ns: ten cycles, twice what a warm restart takes.
-const HOLD_NS: u64 = 200_000_000;
 struct Actuators {
     servo: Servo,
-    map: ServoMap,
-    hold_ns: u64,
+    settings: Settings,
     retained: Retained<Kept>,
     starts: u64,
     command: SamplingDestination<ActuatorCommand>,
@@ -37,13 +32,11 @@ struct Actuators {
 
 impl Partition for Actuators {
     fn start(context: &mut Context) -> Result<Self, StartError> {
-        let map = airframe(context)?.servo_map();
-        let hold_ns = context.duration_ns("hold", HOLD_NS)?;
+        let settings = Settings::read(context.attributes())?;
         let mut retained = context.retained()?;
         Ok(Self {
-            servo: Servo::new(map, hold_ns, retained.load()),
-            map,
-            hold_ns,
+            servo: Servo::new(settings.map, settings.hold_ns, retained.load()),
+            settings,
             retained,
             starts: u64::from(context.generation()) + 1,
             command: context.sampling_destination("command")?,
@@ -58,7 +51,7 @@ impl Partition for Actuators {
     }
 
     fn take_over(&mut self, _takeover: &Takeover) {
-        self.servo = Servo::new(self.map, self.hold_ns, self.retained.load());
+        self.servo = Servo::new(self.settings.map, self.settings.hold_ns, self.retained.load());
     }
 
     fn window(&mut self, window: &Window) {
@@ -85,12 +78,6 @@ impl Actuators {
             self.telemetry.send(&TelemetryMessage::of(&Telemetry::Acknowledge(answer)));
         }
     }
-}
-
-/// See [`Airframe::from_attribute`].
-fn airframe(context: &mut Context) -> Result<Airframe, StartError> {
-    let value: String = context.attribute("airframe", "aerosonde".into())?;
-    Airframe::from_attribute(&value, |path| std::fs::read_to_string(path)).map_err(StartError::Other)
 }
 
 fn main() -> ExitCode {

@@ -75,9 +75,9 @@ pub(crate) struct Arguments {
 /// One `--set`.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Setting {
-    partition: String,
-    attribute: String,
-    value: serde_json::Value,
+    pub(crate) partition: String,
+    pub(crate) attribute: String,
+    pub(crate) value: serde_json::Value,
 }
 
 /// One `--schedule-at`.
@@ -87,7 +87,7 @@ pub(crate) struct ScheduleChange {
     pub(crate) at_s: f64,
 }
 
-fn parse_setting(text: &str) -> Result<Setting, String> {
+pub(crate) fn parse_setting(text: &str) -> Result<Setting, String> {
     let wrong = || format!("\"{text}\" is not PARTITION.ATTRIBUTE=VALUE, such as controller.laps=3");
     let (name, value) = text.split_once('=').ok_or_else(wrong)?;
     let (partition, attribute) = name.split_once('.').ok_or_else(wrong)?;

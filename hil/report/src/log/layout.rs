@@ -20,6 +20,62 @@ struct Laid {
     offset: usize,
 }
 
+/// One value of a message.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Number {
+    /// Of a field that counts.
+    Whole(u64),
+    /// Of a field that measures.
+    Real(f64),
+}
+
+impl Number {
+    /// The same bits.
+    pub fn is_same(self, other: Self) -> bool {
+        match (self, other) {
+            (Self::Whole(a), Self::Whole(b)) => a == b,
+            (Self::Real(a), Self::Real(b)) => a.to_bits() == b.to_bits(),
+            _ => false,
+        }
+    }
+
+    /// `other` minus this one.
+    pub fn difference(self, other: Self) -> f64 {
+        match (self, other) {
+            (Self::Whole(a), Self::Whole(b)) => i128::from(b).wrapping_sub(i128::from(a)) as f64,
+            (a, b) => b.real() - a.real(),
+        }
+    }
+
+    fn real(self) -> f64 {
+        match self {
+            Self::Whole(value) => value as f64,
+            Self::Real(value) => value,
+        }
+    }
+}
+
+/// The shortest text that reads back as the same number.
+impl std::fmt::Display for Number {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Whole(value) => write!(f, "{value}"),
+            Self::Real(value) => write!(f, "{value}"),
+        }
+    }
+}
+
+impl From<Number> for Value {
+    /// A number that JSON does not have becomes its word.
+    fn from(number: Number) -> Self {
+        match number {
+            Number::Whole(value) => value.into(),
+            Number::Real(value) if value.is_finite() => value.into(),
+            Number::Real(value) => value.to_string().into(),
+        }
+    }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     U8,
@@ -62,24 +118,26 @@ impl Kind {
 
     /// The value at the start of `bytes`, which are long enough.
     fn read(self, bytes: &[u8]) -> Value {
+        match self.number(bytes) {
+            // A number that JSON does not have becomes null.
+            Number::Real(value) => value.into(),
+            Number::Whole(value) => value.into(),
+        }
+    }
+
+    /// As [`Kind::read`].
+    fn number(self, bytes: &[u8]) -> Number {
         let mut eight = [0; 8];
         eight[..self.size()].copy_from_slice(&bytes[..self.size()]);
         match self {
-            // A number that JSON does not have becomes null.
-            Self::F64 => f64::from_le_bytes(eight).into(),
-            _ => u64::from_le_bytes(eight).into(),
+            Self::F64 => Number::Real(f64::from_le_bytes(eight)),
+            _ => Number::Whole(u64::from_le_bytes(eight)),
         }
     }
 
     fn write(self, bytes: &[u8], out: &mut String) {
         use std::fmt::Write as _;
-        let mut eight = [0; 8];
-        eight[..self.size()].copy_from_slice(&bytes[..self.size()]);
-        // Writing to a string cannot fail. The shortest text that reads back as the same number.
-        let _ = match self {
-            Self::F64 => write!(out, "{}", f64::from_le_bytes(eight)),
-            _ => write!(out, "{}", u64::from_le_bytes(eight)),
-        };
+        let _ = write!(out, "{}", self.number(bytes)); // to a string: it cannot fail
     }
 }
 
@@ -150,6 +208,15 @@ impl Layout {
             }
         }
         true
+    }
+
+    /// The values, in the order of [`Layout::columns`]; none: the bytes are not of this layout.
+    pub fn numbers<'a>(&'a self, bytes: &'a [u8]) -> Option<impl Iterator<Item = Number> + 'a> {
+        let of = move |field: &'a Laid| {
+            let place = move |index: usize| field.offset + index * field.kind.size();
+            (0..field.count.unwrap_or(1)).map(move |index| field.kind.number(&bytes[place(index)..]))
+        };
+        (bytes.len() == self.size).then(|| self.fields.iter().flat_map(of))
     }
 
     /// A JSON schema of [`Layout::json`].

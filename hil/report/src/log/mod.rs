@@ -8,8 +8,8 @@ mod layout;
 mod read;
 mod write;
 
-pub use layout::Layout;
-pub use read::{Ending, Entry, Recording, Track, for_each, read};
+pub use layout::{Layout, Number};
+pub use read::{Ending, Entry, LogReader, Recording, Track, for_each, read};
 pub use write::{ChannelId, PortLog, topic};
 
 use std::path::PathBuf;

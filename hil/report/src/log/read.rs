@@ -7,7 +7,7 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOp
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use zerocopy::FromBytes;
 
 /// Bytes asked of the file at a time.
@@ -108,29 +108,61 @@ fn count(counts: &mut BTreeMap<String, u64>, topic: &str) {
 /// Gives every message of a log to `each`, in the order of the file. A log cut short gives what it holds, to its
 /// last whole message; only a file that cannot be opened, read, or is no such log at all is an error.
 pub fn for_each(path: impl AsRef<Path>, mut each: impl FnMut(Entry<'_>)) -> Result<Ending, LogError> {
-    let path = path.as_ref();
-    let wrong_file = |source| LogError::File { path: path.to_path_buf(), source };
-    let mut file = File::open(path).map_err(wrong_file)?;
-    let options = LinearReaderOptions::default().with_record_length_limit(LONGEST_RECORD);
-    let mut reader = LinearReader::new_with_options(options);
-    let mut names = Names::default();
+    let mut reader = LogReader::open(path)?;
     loop {
-        match reader.next_event() {
-            None => return Ok(Ending::Complete),
+        if let Some(ending) = reader.step(&mut each)? {
+            return Ok(ending);
+        }
+    }
+}
+
+/// A log that is read step by step, for those who read two at a time.
+pub struct LogReader {
+    path: PathBuf,
+    file: File,
+    reader: LinearReader,
+    names: Names,
+}
+
+impl LogReader {
+    /// Opens a log. Whether it is one shows with the first step.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, LogError> {
+        let path = path.as_ref().to_path_buf();
+        let file = File::open(&path).map_err(|source| LogError::File { path: path.clone(), source })?;
+        let options = LinearReaderOptions::default().with_record_length_limit(LONGEST_RECORD);
+        Ok(Self { path, file, reader: LinearReader::new_with_options(options), names: Names::default() })
+    }
+
+    /// Reads on by one record, or by a piece of the file; gives `each` the message, if it was one. An ending: that was all.
+    pub fn step(&mut self, each: &mut impl FnMut(Entry<'_>)) -> Result<Option<Ending>, LogError> {
+        match self.reader.next_event() {
+            None => return Ok(Some(Ending::Complete)),
             Some(Ok(LinearReadEvent::ReadRequest(wanted))) => {
-                let room = reader.insert(wanted.max(READ_BYTES));
-                let count = file.read(room).map_err(wrong_file)?;
-                reader.notify_read(count);
+                let room = self.reader.insert(wanted.max(READ_BYTES));
+                let count = self
+                    .file
+                    .read(room)
+                    .map_err(|source| LogError::File { path: self.path.clone(), source })?;
+                self.reader.notify_read(count);
             }
             Some(Ok(LinearReadEvent::Record { data, opcode })) => match mcap::parse_record(opcode, data) {
-                Ok(record) => names.take(&record, &mut each),
-                Err(error) => return Ok(Ending::Cut(error.to_string())),
+                Ok(record) => self.names.take(&record, each),
+                Err(error) => return Ok(Some(Ending::Cut(error.to_string()))),
             },
-            Some(Err(source @ McapError::BadMagic)) if !names.seen_any => {
-                return Err(LogError::Container { path: path.to_path_buf(), source });
+            Some(Err(source @ McapError::BadMagic)) if !self.names.seen_any => {
+                return Err(LogError::Container { path: self.path.clone(), source });
             }
-            Some(Err(error)) => return Ok(Ending::Cut(error.to_string())),
+            Some(Err(error)) => return Ok(Some(Ending::Cut(error.to_string()))),
         }
+        Ok(None)
+    }
+
+    /// The ports that the log has named so far, with or without messages: topic, message type, and how it lies.
+    pub fn ports(&self) -> impl Iterator<Item = (&str, &str, Option<&Layout>)> {
+        self.names.channels.values().map(|(topic, schema)| match self.names.schemas.get(schema) {
+            Some((message, layout)) => (topic.as_str(), message.as_str(), layout.as_ref()),
+            None => (topic.as_str(), "", None),
+        })
     }
 }
 

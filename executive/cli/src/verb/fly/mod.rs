@@ -159,7 +159,7 @@ fn beside_self(name: &str) -> Result<PathBuf> {
 }
 
 /// The partition that runs program `name`, so that a plan may call its partitions as it likes.
-fn partition_running(plan: &Plan, name: &str) -> Result<String> {
+pub(crate) fn partition_running(plan: &Plan, name: &str) -> Result<String> {
     let runs = |program: &str| program.rsplit('/').next() == Some(name);
     match plan.partitions.iter().find(|partition| runs(&partition.program)) {
         Some(partition) => Ok(partition.name.clone()),

@@ -98,6 +98,17 @@ impl Instance {
         Ok(())
     }
 
+    /// Removes everything that lies in the directories of channels. Nobody may be attached to them.
+    pub fn empty_channel_directories(&self, channels: &[String]) -> io::Result<()> {
+        for channel in channels {
+            for entry in fs::read_dir(self.domain().directory(channel))? {
+                let path = entry?.path();
+                if path.is_dir() { fs::remove_dir_all(&path)? } else { fs::remove_file(&path)? }
+            }
+        }
+        Ok(())
+    }
+
     fn record(&self) -> io::Result<()> {
         fs::write(self.directory().join(RECORD), serde_json::to_vec(self)?)
     }

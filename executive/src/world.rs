@@ -81,6 +81,11 @@ pub struct Recorder {
     lost: Option<&'static str>,
 }
 
+/// Orders to a recorder, each a letter; it answers each with a byte. Read what has been written:
+pub const READ: char = 'r';
+/// Attach anew to the channels whose names follow, separated by spaces, until the end of the line:
+pub const ATTACH_ANEW: char = 'a';
+
 /// Where a recorder that has ended leaves its reason.
 const RECORDER_ENDED: &str =
     "the recorder has ended or does not answer; its reason stands in partitions/helpers.log";
@@ -106,7 +111,16 @@ impl Recorder {
     fn read_channels(&mut self) {
         self.await_answer(RECORDER_PATIENCE_NS);
         if let Some(orders) = &mut self.orders {
-            self.pending = orders.write_all(b"r").is_ok();
+            self.pending = orders.write_all(&[READ as u8]).is_ok();
+        }
+    }
+
+    /// Has it attach itself anew to channels that were made anew.
+    fn attach_anew(&mut self, channels: &[String]) {
+        self.await_answer(RECORDER_PATIENCE_NS);
+        if let Some(orders) = &mut self.orders {
+            let order = format!("{ATTACH_ANEW}{}\n", channels.join(" ")); // no name of a port has a space
+            self.pending = orders.write_all(order.as_bytes()).is_ok();
         }
     }
 
@@ -230,6 +244,10 @@ impl Surroundings {
 
     fn exchange(&mut self, module_ns: u64, monitor: &mut Monitor) {
         if let Some(recorder) = &mut self.recorder {
+            let renewed = monitor.take_renewed();
+            if !renewed.is_empty() {
+                recorder.attach_anew(&renewed);
+            }
             recorder.read_channels();
             if let Some(reason) = recorder.lost.take() {
                 let (time_s, log) = (module_ns as f64 / 1e9, "ports.mcap".into());

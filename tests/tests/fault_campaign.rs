@@ -45,9 +45,8 @@ const CONTAINED: [&str; 25] = [
     "illegal-instruction",
     "bus-error",
 ];
-/// What can hit memory that is shared with peers, and bring down whoever records: the last part of a campaign. `wild-ports`
-/// is not among them: a channel whose memory is damaged stays so (docs/src/limits.md).
-const SHARED: [&str; 1] = ["wild-write"];
+/// What can hit memory that is shared with peers, and bring down whoever records: the last part of a campaign.
+const SHARED: [&str; 2] = ["wild-write", "wild-ports"];
 /// The share of faults, of a hundred, that are of that kind.
 const SHARED_SHARE: u64 = 10;
 /// After a fault, how long an error of its partition is put down to it: `silence_windows` and a restart take a second.

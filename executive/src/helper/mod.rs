@@ -6,5 +6,6 @@
 //! - the [`guard`] waits for the executive's death and removes everything that it made.
 
 pub mod custodian;
+pub mod examiner;
 pub mod guard;
 pub mod janitor;

@@ -15,10 +15,12 @@ use super::{Options, RunError, machine};
 use crate::control::{Inbox, Server};
 use crate::event::Event;
 use crate::helper::custodian::{Order, OrderedChannel};
+use crate::helper::examiner;
 use crate::helper::guard::FAREWELL;
 use crate::instance::Instance;
 use crate::machine::Machine;
 use crate::monitor::observers::StartObserver;
+use crate::monitor::renewal::Means;
 use crate::monitor::{StartForStranger, StartJanitor};
 use crate::partition::{Cage, Housing, attached_channels, message_name, queue_depth};
 use crate::plan::{ModuleView, PartitionId, Plan, PortId};
@@ -50,6 +52,13 @@ impl Custodian {
         drop(self.line.take());
         await_end(&self.process);
     }
+
+    /// As above; one that does not, because what it holds is damaged, is ended.
+    fn leave_or_die(&mut self) {
+        self.leave();
+        let _ = rustix::process::pidfd_send_signal(&self.process.pidfd, rustix::process::Signal::KILL); // it has left
+        await_end(&self.process);
+    }
 }
 
 /// Ends of a channel beside the one of the plan: a partition with a standby has that, and for a while a dead process that
@@ -57,6 +66,17 @@ impl Custodian {
 fn spare(plan: &Plan, port: PortId) -> usize {
     let owner: PartitionId = plan[port].partition;
     if plan[owner].standby.is_some() { 2 } else { 0 }
+}
+
+/// What an examiner is told about a partition's ports.
+fn examination(order: &Order, plan: &Plan, partition: PartitionId) -> examiner::Order {
+    let ports = plan[partition].ports.iter().filter_map(|id| {
+        let source = plan[plan[*id].channel?].source;
+        let name = plan.port_path(source);
+        let channel = order.channels.iter().find(|channel| channel.name == name)?.clone();
+        Some(examiner::OrderedPort { channel, writes: source == *id })
+    });
+    examiner::Order { root: order.root.clone(), ports: ports.collect() }
 }
 
 /// Waits for a helper that was asked to end, and reaps it.
@@ -218,6 +238,34 @@ impl Base {
         }))
     }
 
+    /// How a partition's channels are examined, and damaged ones made anew.
+    fn renewals(
+        &self,
+        order: Order,
+        plan: Arc<Plan>,
+        custodian: Rc<RefCell<Custodian>>,
+    ) -> Result<Means, RunError> {
+        let (examiner, renewer) = (self.copy()?, self.copy()?);
+        let text = serde_json::to_string(&order).unwrap_or_default();
+        let examine = move |partition| {
+            let (answers, answer_end) = std::io::pipe()?;
+            let answer_end = OwnedFd::from(answer_end);
+            let order = examination(&order, &plan, partition);
+            let lines = Lines { output: Some(&answer_end), ..Lines::default() };
+            let process =
+                examiner.helper(&["examiner".into(), serde_json::to_string(&order)?], lines, true)?;
+            Ok((process, File::from(OwnedFd::from(answers))))
+        };
+        let renew = move |channels: &[String]| {
+            // It holds the others too: whoever is attached to them keeps them while it is being followed.
+            custodian.borrow_mut().leave_or_die();
+            renewer.instance.empty_channel_directories(channels)?;
+            *custodian.borrow_mut() = renewer.start_custodian(&text).map_err(std::io::Error::other)?;
+            Ok(())
+        };
+        Ok(Means { examine: Box::new(examine), renew: Box::new(renew) })
+    }
+
     /// Enough of it to start helpers.
     fn copy(&self) -> Result<Self, RunError> {
         Ok(Self {
@@ -269,14 +317,15 @@ impl Base {
         let burier = self.copy()?;
         let start_for_stranger: StartForStranger =
             Box::new(move |pid, channels| burier.start_janitor(pid, channels.to_vec()));
-        let order = serde_json::to_string(&order).unwrap_or_default();
+        let (ordered, order) = (order.clone(), serde_json::to_string(&order).unwrap_or_default());
         let custodian = Rc::new(RefCell::new(self.start_custodian(&order)?));
         let port_log = options.record.as_deref().map(|path| port_log(path, course.resets()));
         let recorder = port_log.map(|path| self.start_recorder(&path, order.clone())).transpose()?;
         let cages = self.cages(plan, view, options, facts, programs)?;
         let (control, inbox) = self.open_control(&options.module, course);
         let start_janitor = self.janitor_starter(plan.clone(), order, custodian.clone())?;
-        let staff = Staff { recorder, start_janitor, start_for_stranger, start_observer, inbox };
+        let renewals = self.renewals(ordered, plan.clone(), custodian.clone())?;
+        let staff = Staff { recorder, start_janitor, start_for_stranger, renewals, start_observer, inbox };
         let ended = super::conduct::conduct(plan, view, options, facts, cages, staff, course);
         drop(control);
         custodian.borrow_mut().leave();

@@ -24,6 +24,7 @@ use crate::machine::Machine;
 use crate::monitor::StartForStranger;
 use crate::monitor::observers::StartObserver;
 use crate::monitor::operator::Operator;
+use crate::monitor::renewal::Means;
 use crate::monitor::{Equipment, Monitor, StartJanitor};
 use crate::partition::Cage;
 use crate::plan::{ModuleError, ModuleView, PartitionId, Plan, Timeline};
@@ -50,6 +51,8 @@ pub(super) struct Staff {
     pub(super) start_janitor: StartJanitor,
     /// Cleans up after dead observers.
     pub(super) start_for_stranger: StartForStranger,
+    /// Finds damaged channels and makes them anew.
+    pub(super) renewals: Means,
     /// Reads channels for operators.
     pub(super) start_observer: StartObserver,
     /// Where orders come from; none: there is no control socket.
@@ -79,6 +82,7 @@ pub(super) fn conduct(
         clock: options.clock,
         start_janitor: staff.start_janitor,
         start_for_stranger: staff.start_for_stranger,
+        renewals: staff.renewals,
         take_record: take_record(records.clone(), rings.clone()),
         kept,
         operator: Operator::new(

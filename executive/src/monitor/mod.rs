@@ -32,6 +32,7 @@ use burial::{Burials, Seat};
 use module_level::ModuleLevel;
 pub use module_level::{Kept, Stop};
 use operator::Operator;
+use renewal::{Means, Renewals};
 use standby::TAKEOVER;
 use watched::{Life, Then, Watched};
 
@@ -43,6 +44,7 @@ mod module_level;
 pub mod observers;
 pub mod operator;
 mod provoke;
+pub mod renewal;
 mod standby;
 mod watched;
 
@@ -94,6 +96,7 @@ pub struct Monitor {
     /// From a partition's place in the plan to its place here.
     places: Vec<Option<usize>>,
     burials: Burials,
+    renewals: Renewals,
     take_record: TakeRecord,
     window_log: WindowLog,
     health_log: HealthLog,
@@ -125,6 +128,8 @@ pub struct Equipment {
     pub start_janitor: StartJanitor,
     /// How one is started for a process that is no partition.
     pub start_for_stranger: StartForStranger,
+    /// How damaged channels are found and made anew.
+    pub renewals: Means,
     /// Where dispatchers leave records.
     pub take_record: TakeRecord,
     /// What is there already where the module was reset.
@@ -137,8 +142,17 @@ impl Monitor {
     /// Watches nobody yet.
     #[must_use]
     pub fn new(equipment: Equipment) -> Self {
-        let Equipment { plan, agenda, clock, start_janitor, start_for_stranger, take_record, kept, operator } =
-            equipment;
+        let Equipment {
+            plan,
+            agenda,
+            clock,
+            start_janitor,
+            start_for_stranger,
+            renewals,
+            take_record,
+            kept,
+            operator,
+        } = equipment;
         let Kept { window_log, mut health_log, events, totals, module } = kept;
         health_log.begin_frames();
         Self {
@@ -149,6 +163,7 @@ impl Monitor {
             clock,
             watched: Vec::new(),
             burials: Burials::new(start_janitor, start_for_stranger),
+            renewals: Renewals::new(renewals),
             take_record,
             window_log,
             health_log,
@@ -201,7 +216,7 @@ impl Monitor {
         });
         let standbys = self.watched.iter().filter_map(|watched| watched.standby.as_ref()?.process());
         let standbys = standbys.map(|process| process.pidfd.as_fd());
-        let janitor = self.burials.janitor();
+        let janitor = self.burials.janitor().into_iter().chain(self.renewals.examiner());
         let observers = self.operator.observers.processes();
         let all: Vec<BorrowedFd<'_>> = processes.chain(standbys).chain(janitor).chain(observers).collect();
         await_any_end(&all, nanoseconds);
@@ -221,6 +236,7 @@ impl Monitor {
             self.tend_standby(place, module_ns);
         }
         self.look_at_janitor();
+        self.look_at_examiner(module_ns);
         self.obey(module_ns);
         if module_ns >= self.next_count_ns {
             self.next_count_ns = module_ns + COUNT_NS;
@@ -333,6 +349,7 @@ impl Monitor {
         while self.watched[place].is_coming() {
             self.look_at_process(place, module_ns);
             self.look_at_janitor();
+            self.look_at_examiner(module_ns);
             if self.watched[place].is_coming() {
                 self.pause(200_000);
             }
@@ -424,6 +441,7 @@ impl Monitor {
             return;
         }
         self.watched[place].had_window = true;
+        self.watched[place].start_failed = false;
         self.note_recovery(place, record.occurrence.start_ns);
         self.judge_deadline(place, record, module_ns);
         let watched = &mut self.watched[place];
@@ -534,9 +552,13 @@ impl Monitor {
         match watched.look_at_start(&self.plan) {
             Ok(()) => {}
             Err(detail) if matches!(watched.life, Life::Starting(..)) => {
+                watched.start_failed = true;
                 return self.fault(place, PartitionError::StartupTimeout, detail, module_ns);
             }
-            Err(detail) => return self.fault(place, PartitionError::Exit, detail, module_ns),
+            Err(detail) => {
+                watched.start_failed = true;
+                return self.fault(place, PartitionError::Exit, detail, module_ns);
+            }
         }
         let Life::Running(process) = &watched.life else { return };
         if !is_readable(process.pidfd.as_fd()) {
@@ -637,16 +659,22 @@ impl Monitor {
             detail,
             recovered_ns: None,
         };
-        watched.figures.fault(&fault);
-        self.health_log.note(&fault);
+        self.tell_fault(place, &fault);
+        self.act(place, decision, fault, alive, module_ns);
+    }
+
+    /// Makes known what has been decided about a fault of the partition at `place`.
+    fn tell_fault(&mut self, place: usize, fault: &Fault) {
+        let watched = &mut self.watched[place];
+        watched.figures.fault(fault);
+        self.health_log.note(fault);
         self.events.tell(&Event::Fault {
-            time_s: seconds(module_ns),
-            partition: self.watched[place].cage.name.clone(),
+            time_s: seconds(fault.time_ns),
+            partition: watched.cage.name.clone(),
             error: fault.error.clone(),
             action: fault.action.clone(),
             detail: fault.detail.clone(),
         });
-        self.act(place, decision, fault, alive, module_ns);
     }
 
     fn act(&mut self, place: usize, decision: Decision, fault: Fault, alive: bool, module_ns: u64) {
@@ -712,6 +740,7 @@ impl Monitor {
                 continue;
             }
             match self.watched[place].life {
+                Life::Dead(_, Then::Successor) if self.watched[place].start_failed => self.examine(place),
                 Life::Dead(_, Then::Successor) => self.start_successor(place),
                 Life::Dead(_, Then::Rest) => self.watched[place].life = Life::Gone,
                 _ => {}

@@ -50,6 +50,8 @@ pub(super) struct Watched {
     pub(super) generation: u32,
     /// This process has had a window.
     pub(super) had_window: bool,
+    /// The last process failed before it was ready.
+    pub(super) start_failed: bool,
     pub(super) next_start: StartCondition,
     /// Module time of the restarts so far.
     pub(super) restarts: Vec<u64>,
@@ -82,6 +84,7 @@ impl Watched {
             life: Life::Starting(process, now_ns()),
             generation: 0,
             had_window: false,
+            start_failed: false,
             next_start: StartCondition::NormalStart,
             restarts: Vec::new(),
             fault: None,

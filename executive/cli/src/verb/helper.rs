@@ -1,7 +1,7 @@
 //! Hidden verbs: the processes that serve an executive. They are started by it, never by a person.
 
 use anyhow::Result;
-use bateleur_executive::helper::{custodian, guard, janitor};
+use bateleur_executive::helper::{custodian, examiner, guard, janitor};
 use bateleur_ports::Domain;
 use clap::Subcommand;
 
@@ -24,6 +24,18 @@ pub(crate) enum Helper {
         pid: u32,
         /// The channels that it was attached to.
         channels: Vec<String>,
+    },
+    /// Finds out which of a partition's channels are damaged.
+    #[command(hide = true)]
+    Examiner {
+        /// The partition's ports, as JSON.
+        order: String,
+    },
+    /// Attaches to channels and leaves them again.
+    #[command(hide = true)]
+    Attach {
+        /// The ports, as JSON.
+        order: String,
     },
     /// Cleans up after a dead executive.
     #[command(hide = true)]
@@ -54,6 +66,8 @@ pub(crate) fn run(helper: &Helper) -> Result<Code> {
         Helper::Janitor { root, pid, channels } => {
             janitor::run(&Domain { root: root.clone() }, *pid, channels)?
         }
+        Helper::Examiner { order } => examiner::run(order)?,
+        Helper::Attach { order } => examiner::attach(order)?,
         Helper::Guard { instance } => guard::run(instance)?,
         Helper::Probe => {}
         Helper::Observer { order } => crate::observer::run(order)?,

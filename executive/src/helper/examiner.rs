@@ -1,0 +1,172 @@
+//! Finds out which of a partition's channels nobody can attach to any more.
+//!
+//! Memory that partitions share can be written over by any of them. What is damaged shows when a process attaches to it:
+//! that fails, hangs, or ends the process. So the examiner attaches to each channel as the partition would, in a process
+//! of its own for each, and tells which of these did not come back well. It must run while the partition has no
+//! process: it takes its places in the channels. It never sends anything.
+
+use std::io::{self, Write};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use bateleur_ports::{ChannelError, ChannelType, Domain, Membership};
+use iceoryx2::port::update_connections::{ConnectionFailure, UpdateConnections};
+use serde::{Deserialize, Serialize};
+
+use super::custodian::OrderedChannel;
+
+/// How long a process may take to attach to one channel. A sound one takes some milliseconds.
+const PATIENCE: Duration = Duration::from_millis(700);
+/// Between two looks at the processes.
+const LOOK: Duration = Duration::from_millis(1);
+
+/// What the examiner is told, as its one argument.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Order {
+    /// Root of the module's shared memory.
+    pub root: String,
+    /// The ports whose channels are examined.
+    pub ports: Vec<OrderedPort>,
+}
+
+/// One port of the order.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct OrderedPort {
+    /// Its channel.
+    pub channel: OrderedChannel,
+    /// It is the channel's source.
+    pub writes: bool,
+}
+
+/// Why an examination could not be carried out.
+#[derive(Debug, thiserror::Error)]
+pub enum ExaminerError {
+    /// The order is damaged.
+    #[error("the examiner's order is damaged: {0}")]
+    Order(#[from] serde_json::Error),
+    /// A channel can not be attached to.
+    #[error(transparent)]
+    Channel(#[from] ChannelError),
+    /// A process can not be started, or nobody listens.
+    #[error("the examiner can not work: {0}")]
+    Process(#[from] io::Error),
+}
+
+/// Examines the channels of the order's ports; writes a line with the name of each damaged one to standard output.
+///
+/// # Errors
+/// It could not begin, or nobody listens. A damaged channel is none.
+pub fn run(order: &str) -> Result<(), ExaminerError> {
+    super::custodian::name_process(c"examiner");
+    let order: Order = serde_json::from_str(order)?;
+    let mut tried = Vec::new();
+    for port in &order.ports {
+        let order = Order { root: order.root.clone(), ports: vec![port.clone()] };
+        tried.push((&port.channel.name, attach_elsewhere(&order)?));
+    }
+    let limit = Instant::now() + PATIENCE;
+    for (name, child) in &mut tried {
+        if !comes_back_well(child, limit) {
+            writeln!(io::stdout(), "{name}")?;
+        }
+    }
+    Ok(())
+}
+
+fn attach_elsewhere(order: &Order) -> Result<Child, ExaminerError> {
+    let own = std::env::current_exe()?;
+    let order = serde_json::to_string(order)?;
+    let quiet = |command: &mut Command| command.stdin(Stdio::null()).stdout(Stdio::null()).spawn();
+    Ok(quiet(Command::new(own).args(["attach", &order]))?)
+}
+
+/// Whether it ends by itself, as it should, before `limit`.
+fn comes_back_well(child: &mut Child, limit: Instant) -> bool {
+    loop {
+        match child.try_wait() {
+            Ok(Some(status)) => return status.success(),
+            Ok(None) if Instant::now() < limit => std::thread::sleep(LOOK),
+            _ => {
+                let _ = child.kill(); // ended meanwhile
+                let _ = child.wait();
+                return false;
+            }
+        }
+    }
+}
+
+/// Attaches to the channels of the order's ports and leaves them again: the whole life of a process.
+///
+/// # Errors
+/// A channel that can not be attached to.
+pub fn attach(order: &str) -> Result<(), ExaminerError> {
+    super::custodian::name_process(c"attach");
+    let order: Order = serde_json::from_str(order)?;
+    let domain = Domain { root: order.root };
+    for port in order.ports {
+        let channel = port.channel.channel_type();
+        let node = domain.join(channel.home(), "examiner")?;
+        attach_to(&channel, port.writes, &node)?;
+        if port.writes && channel.depth.is_some() {
+            attach_to(&channel.observed(), true, &node)?;
+        }
+    }
+    Ok(())
+}
+
+fn attach_to(channel: &ChannelType, writes: bool, node: &Membership) -> Result<(), ChannelError> {
+    let opened = channel.open(node)?;
+    let failed = |reason: ConnectionFailure| ChannelError::Attach {
+        channel: channel.name.clone(),
+        reason: format!("{reason:?}"),
+    };
+    if writes {
+        channel.writer(&opened)?.update_connections().map_err(failed)
+    } else {
+        channel.reader(&opened)?.update_connections().map_err(failed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ordered(depth: Option<usize>) -> OrderedChannel {
+        OrderedChannel {
+            name: "imu.rates".into(),
+            source: "imu.rates".into(),
+            message: "Rates".into(),
+            size: 24,
+            depth,
+            destinations: 1,
+            spare_writers: 0,
+            spare_readers: 0,
+        }
+    }
+
+    fn attached(folder: &tempfile::TempDir, depth: Option<usize>, writes: bool) -> Result<(), ExaminerError> {
+        let root = folder.path().to_string_lossy().into_owned();
+        let order = Order { root, ports: vec![OrderedPort { channel: ordered(depth), writes }] };
+        attach(&serde_json::to_string(&order).unwrap())
+    }
+
+    #[test]
+    fn a_sound_channel_lets_either_end_in_again_and_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let domain = Domain { root: folder.path().to_string_lossy().into_owned() };
+        let node = domain.join("imu.rates", "test").unwrap();
+        let channel = ordered(Some(4)).channel_type();
+        let held = (channel.create(&node).unwrap(), channel.observed().create(&node).unwrap());
+        for writes in [true, false, true] {
+            attached(&folder, Some(4), writes).unwrap();
+        }
+        drop(held);
+    }
+
+    #[test]
+    fn a_channel_that_is_not_there_is_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let error = attached(&folder, None, true).unwrap_err();
+        assert!(error.to_string().contains("imu.rates"), "{error}");
+    }
+}

@@ -1,0 +1,79 @@
+//! Channels whose memory a partition has written over: they are found, made anew, and everybody is there again. A partition
+//! that fails by itself costs its peers nothing.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use bateleur_tests::{Ended, NINE, Sketch, alone, among_others, bateleur, edited};
+
+/// When the run ends, s.
+const END_S: u64 = 12;
+
+/// The flight's module, one of whose partitions writes over its channels at an instant; nobody flies.
+fn damaged(partition: &str, at_s: &str, clock: &[&str]) -> Ended {
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = folder.path().join("schedule.toml");
+    std::fs::write(&schedule, edited(&[])).unwrap();
+    let fault = format!("{partition}:wild-ports@{at_s}");
+    let until = END_S.to_string();
+    let device = "command.device=/dev/nowhere";
+    let fixed = ["run", "--record", "--until", &until, "--set", device, "--inject", &fault, "--schedule"];
+    bateleur(&[&fixed[..], &[schedule.to_str().unwrap()], clock].concat()).end().expect_code(0)
+}
+
+/// Every partition has the windows of the last second, and nothing is wrong any more.
+fn assert_all_are_there(ended: &Ended, about: &str) {
+    let from_ns = (END_S - 1) * 1_000_000_000;
+    let windows = ended.windows();
+    for partition in NINE {
+        let own: Vec<_> = windows
+            .iter()
+            .filter(|window| window.partition == partition && window.planned_start_ns >= from_ns)
+            .collect();
+        assert!(own.len() > 40, "{about}: {partition} has {} windows", own.len());
+        let missed = own.iter().filter(|window| window.granted_ns.is_none() && !window.late).count();
+        assert_eq!(missed, 0, "{about}: {partition} is not there\n{}", ended.stderr);
+    }
+    let wrong = |error: &str| error != "application_error" && error != "window_overrun";
+    let late: Vec<_> =
+        ended.faults().into_iter().filter(|fault| fault.time_ns >= from_ns && wrong(&fault.error)).collect();
+    assert!(late.is_empty(), "{about}: {late:?}");
+}
+
+#[test]
+fn partitions_that_write_over_their_channels_leave_a_module_with_all_its_partitions() {
+    let _turn = among_others();
+    for (partition, at_s) in [("estimator", "3"), ("imu", "3.1"), ("command", "3"), ("controller", "3.7")] {
+        let ended = damaged(partition, at_s, &["--fast"]);
+        assert!(ended.stderr.contains("channels made anew"), "{}", ended.stderr);
+        assert_all_are_there(&ended, &format!("{partition} at {at_s} s"));
+    }
+}
+
+#[test]
+fn channels_are_made_anew_while_dispatchers_run_on_the_wall_clock() {
+    let _turn = alone();
+    assert_all_are_there(&damaged("servo", "3.003", &[]), "servo");
+}
+
+#[test]
+fn successor_that_fails_by_itself_costs_its_peers_nothing() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let late = "startup_timeout = \"200ms\"\nattributes = { again_ms = 5000 }\n";
+    let schedule = Sketch::new()
+        .partition("late", "late_starter", 500, late)
+        .partition("peer", "counter", 500, "")
+        .table("[partition.late.port]\nout = { direction = \"source\", kind = \"sampling\", message = \"FunctionStatus\" }")
+        .table(
+            "[partition.peer.port]\nheard = { direction = \"destination\", kind = \"sampling\", message = \"FunctionStatus\", refresh = \"1s\" }",
+        )
+        .table("[[channel]]\nsource = \"late.out\"\ndestinations = [\"peer.heard\"]")
+        .write(folder.path());
+    let kill = ["run", "--fast", "--until", "3", "--kill", "late@1", "--schedule", &schedule];
+    let ended = bateleur(&kill).end().expect_code(0);
+    let faults = ended.faults();
+    assert!(faults.len() > 2 && faults.iter().all(|fault| fault.partition == "late"), "{faults:?}");
+    assert!(!ended.stderr.contains("made anew"), "{}", ended.stderr);
+    let mut peers = ended.windows().into_iter().filter(|window| window.partition == "peer");
+    assert!(peers.all(|window| window.closed_ns.is_some()));
+}

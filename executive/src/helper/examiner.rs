@@ -15,8 +15,9 @@ use serde::{Deserialize, Serialize};
 
 use super::custodian::OrderedChannel;
 
-/// How long a process may take to attach to one channel. A sound one takes some milliseconds.
-const PATIENCE: Duration = Duration::from_millis(700);
+/// How long the processes may take to attach. A sound channel takes some milliseconds, and on a machine with ten times the
+/// work that it can do a second: taken for damaged then, it would cost everybody a restart.
+const PATIENCE: Duration = Duration::from_millis(2_500);
 /// Between two looks at the processes.
 const LOOK: Duration = Duration::from_millis(1);
 

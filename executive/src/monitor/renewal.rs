@@ -29,8 +29,8 @@ pub type StartExaminer = Box<dyn Fn(PartitionId) -> io::Result<(Spawned, File)>>
 /// Empties channels that nobody is attached to, and creates them again.
 pub type RenewChannels = Box<dyn Fn(&[String]) -> io::Result<()>>;
 
-/// An examiner that takes longer is ended, ns. It gives each channel less than a second, all at a time.
-const EXAMINER_PATIENCE_NS: u64 = 3_000_000_000;
+/// An examiner that takes longer is ended, ns. It gives the channels 2.5 s, all at a time.
+const EXAMINER_PATIENCE_NS: u64 = 6_000_000_000;
 
 /// How channels are examined and renewed.
 pub struct Means {

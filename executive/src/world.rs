@@ -9,6 +9,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use bateleur_contract::Clock;
+
 use crate::event::Event;
 use crate::fast::World;
 use crate::monitor::Monitor;
@@ -17,6 +19,7 @@ use crate::plan::ModuleError;
 use crate::planned::PlannedActs;
 use crate::seats::Seats;
 use crate::system::spawn::Spawned;
+use crate::system::time::now_ns;
 
 /// Module time between two exchanges with the companion and the recorder, ns: the step of a ground station.
 pub const EXCHANGE_NS: u64 = 100_000_000;
@@ -25,7 +28,8 @@ const COMPANION_PATIENCE: Duration = Duration::from_secs(20);
 
 /// How long the recorder may take to attach itself, real time.
 const ATTACH_PATIENCE_NS: u64 = 20_000_000_000;
-/// How long it may take to answer in flight, real time. A disk that stalls for longer costs the log.
+/// How long it may take to answer in flight, real time. A disk that stalls for longer costs the log. On the wall clock nobody
+/// waits for it meanwhile: what partitions write in that time is read later, as far as it still stands.
 const RECORDER_PATIENCE_NS: u64 = 5_000_000_000;
 
 /// Schedules to ask for, in the order of time.
@@ -76,7 +80,10 @@ pub struct Recorder {
     process: Spawned,
     orders: Option<File>,
     answers: File,
-    pending: bool,
+    /// Since when it owes an answer, CLOCK_MONOTONIC, ns.
+    asked_ns: Option<u64>,
+    /// Channels that were made anew, of which it has not been told.
+    renewed: Vec<String>,
     /// Why it has ended, to be told once.
     lost: Option<&'static str>,
 }
@@ -99,41 +106,55 @@ impl Recorder {
         let process = start(&order_end, &answer_end)?;
         drop(answer_end);
         let (orders, answers) = (File::from(OwnedFd::from(orders)), File::from(OwnedFd::from(answers)));
-        let mut recorder = Self { process, orders: Some(orders), answers, pending: true, lost: None };
-        recorder.await_answer(ATTACH_PATIENCE_NS);
+        let mut recorder = Self {
+            process,
+            orders: Some(orders),
+            answers,
+            asked_ns: Some(now_ns()),
+            renewed: Vec::new(),
+            lost: None,
+        };
+        recorder.has_answered(ATTACH_PATIENCE_NS, ATTACH_PATIENCE_NS);
         match recorder.orders {
             Some(_) => Ok(recorder),
             None => Err(io::Error::other("it ended at once")),
         }
     }
 
-    /// Has it read what has been written since the last time, after it has finished that.
-    fn read_channels(&mut self) {
-        self.await_answer(RECORDER_PATIENCE_NS);
-        if let Some(orders) = &mut self.orders {
-            self.pending = orders.write_all(&[READ as u8]).is_ok();
-        }
-    }
-
-    /// Has it attach itself anew to channels that were made anew.
-    fn attach_anew(&mut self, channels: &[String]) {
-        self.await_answer(RECORDER_PATIENCE_NS);
-        if let Some(orders) = &mut self.orders {
-            let order = format!("{ATTACH_ANEW}{}\n", channels.join(" ")); // no name of a port has a space
-            self.pending = orders.write_all(order.as_bytes()).is_ok();
-        }
-    }
-
-    /// Takes the answer that it owes. One that owes it for too long is ended: it maps what partitions may have damaged,
-    /// and a hanging log must not keep the module from living on.
-    fn await_answer(&mut self, patience_ns: u64) {
-        if !std::mem::take(&mut self.pending) {
+    /// Has it attach itself anew to channels that were made anew, and read what has been written since the last time; each
+    /// when it has finished what it is at, for which it is waited so long.
+    fn read_channels(&mut self, patience_ns: u64) {
+        if !self.has_answered(patience_ns, RECORDER_PATIENCE_NS) {
             return;
         }
-        let mut answer = [0; 1];
+        if !self.renewed.is_empty() {
+            let order = format!("{ATTACH_ANEW}{}\n", self.renewed.join(" ")); // no name of a port has a space
+            self.renewed.clear();
+            self.order(order.as_bytes());
+        }
+        if self.has_answered(patience_ns, RECORDER_PATIENCE_NS) {
+            self.order(&[READ as u8]);
+        }
+    }
+
+    fn order(&mut self, order: &[u8]) {
+        if let Some(orders) = &mut self.orders {
+            self.asked_ns = orders.write_all(order).is_ok().then(now_ns);
+        }
+    }
+
+    /// Takes the answer that it owes, and waits for it for so long; false: not yet. One that owes it for longer than
+    /// `most_ns` is ended: it maps what partitions may have damaged, and a hanging log must not keep the module from living on.
+    fn has_answered(&mut self, patience_ns: u64, most_ns: u64) -> bool {
+        let Some(asked_ns) = self.asked_ns else { return true };
         await_any_end(&[self.answers.as_fd()], patience_ns);
-        let heard =
-            is_readable(self.answers.as_fd()) && self.answers.read(&mut answer).is_ok_and(|count| count == 1);
+        let speaks = is_readable(self.answers.as_fd());
+        if !speaks && now_ns().saturating_sub(asked_ns) < most_ns {
+            return false;
+        }
+        self.asked_ns = None;
+        let mut answer = [0; 1];
+        let heard = speaks && self.answers.read(&mut answer).is_ok_and(|count| count == 1);
         if !heard && self.orders.is_some() {
             self.lost = Some(RECORDER_ENDED);
         }
@@ -141,12 +162,13 @@ impl Recorder {
             self.orders = None; // it has ended, or does now: the flight goes on without a log
             let _ = rustix::process::pidfd_send_signal(&self.process.pidfd, rustix::process::Signal::KILL);
         }
+        true
     }
 
     /// Why the log is not whole, where that was not told before.
     fn finish(&mut self) -> Option<&'static str> {
-        self.read_channels();
-        self.await_answer(RECORDER_PATIENCE_NS);
+        self.read_channels(RECORDER_PATIENCE_NS);
+        self.has_answered(RECORDER_PATIENCE_NS, 0);
         let recorded = self.orders.take().is_some();
         await_any_end(&[self.process.pidfd.as_fd()], 5_000_000_000);
         // One that still runs dies with the executive.
@@ -157,6 +179,7 @@ impl Recorder {
 
 /// See the module's head.
 pub struct Surroundings {
+    clock: Clock,
     acts: PlannedActs,
     changes: Changing,
     until_ns: Option<u64>,
@@ -174,6 +197,7 @@ impl Surroundings {
     /// Everything that may be there. `stop` and `power_fail` are set by signals.
     #[must_use]
     pub fn new(
+        clock: Clock,
         acts: PlannedActs,
         changes: Changing,
         until_ns: Option<u64>,
@@ -182,6 +206,7 @@ impl Surroundings {
         companion: Option<Companion>,
     ) -> Self {
         Self {
+            clock,
             acts,
             changes,
             until_ns,
@@ -244,11 +269,10 @@ impl Surroundings {
 
     fn exchange(&mut self, module_ns: u64, monitor: &mut Monitor) {
         if let Some(recorder) = &mut self.recorder {
-            let renewed = monitor.take_renewed();
-            if !renewed.is_empty() {
-                recorder.attach_anew(&renewed);
-            }
-            recorder.read_channels();
+            recorder.renewed.extend(monitor.take_renewed());
+            // On the virtual clock nobody's time passes meanwhile, and the log is the same at every run.
+            let patience_ns = if self.clock == Clock::Virtual { RECORDER_PATIENCE_NS } else { 0 };
+            recorder.read_channels(patience_ns);
             if let Some(reason) = recorder.lost.take() {
                 let (time_s, log) = (module_ns as f64 / 1e9, "ports.mcap".into());
                 monitor.events().tell(&Event::LogLost { time_s, log, reason: reason.into() });

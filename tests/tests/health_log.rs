@@ -4,7 +4,7 @@
 
 use std::process::Command;
 
-use bateleur_tests::{PATIENCE, Sketch, among_others, await_some, bateleur};
+use bateleur_tests::{PATIENCE, Process, Sketch, alone, among_others, await_some, bateleur, children_of};
 use rustix::process::Signal;
 
 fn two_partitions(folder: &std::path::Path) -> String {
@@ -79,4 +79,28 @@ fn full_disk_is_said_once_for_each_log_and_the_module_goes_on() {
     // One window passes while the killed partition starts anew.
     assert!(said.contains("stopped after 60.00 s") && said.contains("5999 windows"), "{said}");
     assert!(said.contains("records are missing in logs that could not be written"), "{said}");
+}
+
+#[test]
+fn recorder_that_hangs_costs_its_log_and_holds_up_nobody() {
+    let _turn = alone();
+    let scratch = tempfile::tempdir().unwrap();
+    let schedule = two_partitions(scratch.path());
+    let run = ["run", "--schedule", &schedule, "--record", "--until", "9", "--kill", "first@3"];
+    let mut run = bateleur(&run);
+    run.await_words("2 partitions are ready");
+    let is_recorder = |process: &Process| {
+        std::fs::read(format!("/proc/{}/cmdline", process.pid))
+            .is_ok_and(|line| line.split(|byte| *byte == 0).nth(1) == Some(b"recorder"))
+    };
+    let recorder = children_of(run.pid()).into_iter().find(is_recorder).expect("a recorder");
+    recorder.signal(Signal::STOP);
+    let ended = run.end().expect_code(0);
+    // Whoever waited for it would do so for five seconds.
+    let killed = ended.faults().into_iter().find(|fault| fault.error == "killed").expect("the kill");
+    assert!(killed.time_ns < 5_000_000_000, "{killed:?}");
+    ended.expect_words(&[
+        "ports.mcap can not be written any more",
+        "the recorder has ended or does not answer",
+    ]);
 }

@@ -58,6 +58,7 @@ impl Course {
         let events = std::mem::replace(&mut options.events, crate::event::Events::new(None));
         let candidates = view.partitions().map(PartitionId::index).collect();
         let surroundings = Surroundings::new(
+            options.clock,
             PlannedActs::of(plan, &options.acts, options.killings, candidates),
             Changing::of(&options.schedule_changes),
             options.until_ns,

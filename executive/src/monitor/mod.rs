@@ -12,6 +12,7 @@
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::process::ExitStatusExt;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Acquire;
 
@@ -26,6 +27,7 @@ use crate::health::record::Level;
 use crate::partition::{Cage, await_any_end, ended, is_readable};
 use crate::plan::{Closed, ModuleError, PartitionError, PartitionId, PartitionState, Plan};
 use crate::seats::Seats;
+use crate::system::kernel_log::KernelLog;
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
 use burial::{Burials, Seat};
@@ -110,6 +112,7 @@ pub struct Monitor {
     /// When the partitions' logs are looked at next, CLOCK_MONOTONIC, ns.
     next_bound_ns: u64,
     operator: Operator,
+    kernel_log: KernelLog,
 }
 
 /// Between two counts of the partitions' threads, ns. Until it is found out, a child runs as ordinary work: it can take
@@ -175,6 +178,7 @@ impl Monitor {
             next_count_ns: 0,
             next_bound_ns: 0,
             operator,
+            kernel_log: KernelLog::open(),
         }
     }
 
@@ -399,6 +403,8 @@ impl Monitor {
                 self.health_log.write(&fault);
             }
         }
+        // A short run on the virtual clock may end before they were looked at.
+        self.watched.iter().for_each(|watched| watched.cage.bound_log());
         self.burials.give_up();
         self.window_log.flush();
         if let Some(stop) = self.stop.as_ref().filter(|stop| !stop.reset) {
@@ -581,7 +587,11 @@ impl Monitor {
             detail = "ended by the kernel: the partition had no memory left".into();
             return self.fault(place, PartitionError::MemoryLimit, detail, module_ns);
         }
-        if error != PartitionError::Killed
+        if status.and_then(|status| status.signal()) == Some(SIGSYS)
+            && let Some(call) = self.kernel_log.call_that_ended(pid)
+        {
+            detail = format!("{detail}: {call}");
+        } else if error != PartitionError::Killed
             && let Some(words) = words
         {
             detail = format!("{detail}: {words}");
@@ -767,6 +777,9 @@ impl Monitor {
         }
     }
 }
+
+/// A filter has ended the process.
+const SIGSYS: i32 = 31;
 
 /// What the log calls a restart that a partition asked for; no error of a table.
 const OWN_REQUEST: &str = "own_request";

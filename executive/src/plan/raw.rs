@@ -111,6 +111,8 @@ pub(super) struct RawHealth {
     /// Where the table for all partitions begins, if there is one.
     pub(super) partition_span: Option<Span>,
     pub(super) module: Vec<Answer<ModuleError, ModuleAction>>,
+    /// Where the table of the module begins, if there is one.
+    pub(super) module_span: Option<Span>,
     pub(super) levels: Vec<RawLevel>,
     pub(super) silence_windows: Option<At<u32>>,
     pub(super) late_after: Option<At<Nanoseconds>>,
@@ -324,6 +326,7 @@ impl RawHealth {
         let mut health = Self {
             partition_span: table.table("partition").map(|(_, span)| span),
             partition: answers(&table.entries("partition"), &PARTITION_LEVEL, findings),
+            module_span: table.table("module").map(|(_, span)| span),
             module: answers(&table.entries("module"), &MODULE_LEVEL, findings),
             levels: levels(&table.entries("level"), findings),
             silence_windows: match table.optional("silence_windows") {

@@ -99,6 +99,13 @@ fn bits_are(argument: u8, mask: u64, value: u64) -> Condition {
     SeccompCondition::new(argument, SeccompCmpArgLen::Qword, SeccompCmpOp::MaskedEq(mask), value)
 }
 
+/// A call and what the C library calls its number.
+type Named = (libc::c_long, &'static str);
+
+macro_rules! named {
+    ($($call:ident),* $(,)?) => { &[$((libc::$call, stringify!($call))),*] };
+}
+
 fn whole(calls: &[libc::c_long]) -> Rules {
     calls.iter().map(|call| (*call, Vec::new())).collect()
 }
@@ -121,7 +128,7 @@ const TIOCSTI: libc::c_int = 0x5412;
 const TIOCLINUX: libc::c_int = 0x541c;
 
 fn deadly(grants: Grants) -> Result<Rules, seccompiler::BackendError> {
-    let mut rules = whole(DEADLY);
+    let mut rules: Rules = DEADLY.iter().chain(DEADLY_OF_OLD).map(|(call, _)| (*call, Vec::new())).collect();
     rules.insert(libc::SYS_prctl, vec![rule([is(0, libc::PR_SET_PDEATHSIG)])?]);
     rules.insert(libc::SYS_ioctl, vec![rule([is(1, TIOCSTI)])?, rule([is(1, TIOCLINUX)])?]);
     let mut sockets = vec![rule(
@@ -192,71 +199,85 @@ fn allowed(grants: Grants) -> Result<Rules, seccompiler::BackendError> {
 }
 
 /// No partition has any business with these.
-const DEADLY: &[libc::c_long] = &[
+const DEADLY: &[Named] = named![
     // Others' processes.
-    libc::SYS_ptrace,
-    libc::SYS_process_vm_readv,
-    libc::SYS_process_vm_writev,
-    libc::SYS_kcmp,
-    libc::SYS_pidfd_getfd,
+    SYS_ptrace,
+    SYS_process_vm_readv,
+    SYS_process_vm_writev,
+    SYS_kcmp,
+    SYS_pidfd_getfd,
     // Its own place in time.
-    libc::SYS_sched_setaffinity,
-    libc::SYS_sched_setscheduler,
-    libc::SYS_sched_setparam,
-    libc::SYS_sched_setattr,
-    libc::SYS_setpriority,
-    libc::SYS_ioprio_set,
+    SYS_sched_setaffinity,
+    SYS_sched_setscheduler,
+    SYS_sched_setparam,
+    SYS_sched_setattr,
+    SYS_setpriority,
+    SYS_ioprio_set,
     // Its own place in space.
-    libc::SYS_mount,
-    libc::SYS_umount2,
-    libc::SYS_pivot_root,
-    libc::SYS_chroot,
-    libc::SYS_move_mount,
-    libc::SYS_open_tree,
-    libc::SYS_fsopen,
-    libc::SYS_fsconfig,
-    libc::SYS_fsmount,
-    libc::SYS_fspick,
-    libc::SYS_mount_setattr,
-    libc::SYS_setns,
-    libc::SYS_unshare,
-    libc::SYS_open_by_handle_at,
+    SYS_mount,
+    SYS_umount2,
+    SYS_pivot_root,
+    SYS_chroot,
+    SYS_move_mount,
+    SYS_open_tree,
+    SYS_fsopen,
+    SYS_fsconfig,
+    SYS_fsmount,
+    SYS_fspick,
+    SYS_mount_setattr,
+    SYS_setns,
+    SYS_unshare,
+    SYS_open_by_handle_at,
     // Programs inside the kernel, and doors into it that have often been forced.
-    libc::SYS_bpf,
-    libc::SYS_perf_event_open,
-    libc::SYS_userfaultfd,
-    libc::SYS_io_uring_setup,
-    libc::SYS_io_uring_enter,
-    libc::SYS_io_uring_register,
-    libc::SYS_keyctl,
-    libc::SYS_add_key,
-    libc::SYS_request_key,
-    libc::SYS_fanotify_init,
-    libc::SYS_personality,
+    SYS_bpf,
+    SYS_perf_event_open,
+    SYS_userfaultfd,
+    SYS_io_uring_setup,
+    SYS_io_uring_enter,
+    SYS_io_uring_register,
+    SYS_keyctl,
+    SYS_add_key,
+    SYS_request_key,
+    SYS_fanotify_init,
+    SYS_personality,
     // The machine.
-    libc::SYS_kexec_load,
-    libc::SYS_reboot,
-    libc::SYS_init_module,
-    libc::SYS_finit_module,
-    libc::SYS_delete_module,
-    libc::SYS_swapon,
-    libc::SYS_swapoff,
-    libc::SYS_acct,
-    libc::SYS_quotactl,
-    libc::SYS_sethostname,
-    libc::SYS_setdomainname,
-    libc::SYS_settimeofday,
-    libc::SYS_clock_settime,
-    libc::SYS_syslog,
-    #[cfg(target_arch = "x86_64")]
-    libc::SYS_kexec_file_load,
-    #[cfg(target_arch = "x86_64")]
-    libc::SYS_iopl,
-    #[cfg(target_arch = "x86_64")]
-    libc::SYS_ioperm,
-    #[cfg(target_arch = "x86_64")]
-    libc::SYS_modify_ldt,
+    SYS_kexec_load,
+    SYS_reboot,
+    SYS_init_module,
+    SYS_finit_module,
+    SYS_delete_module,
+    SYS_swapon,
+    SYS_swapoff,
+    SYS_acct,
+    SYS_quotactl,
+    SYS_sethostname,
+    SYS_setdomainname,
+    SYS_settimeofday,
+    SYS_clock_settime,
+    SYS_syslog,
 ];
+
+/// As above; only this processor has them.
+#[cfg(target_arch = "x86_64")]
+const DEADLY_OF_OLD: &[Named] = named![SYS_kexec_file_load, SYS_iopl, SYS_ioperm, SYS_modify_ldt,];
+#[cfg(not(target_arch = "x86_64"))]
+const DEADLY_OF_OLD: &[Named] = named![];
+
+/// What is deadly for some partitions, or with some arguments.
+const DEADLY_SOMETIMES: &[Named] = named![SYS_prctl, SYS_ioctl, SYS_socket, SYS_clone,];
+
+#[cfg(target_arch = "x86_64")]
+const CHILDREN_OF_OLD: &[Named] = named![SYS_fork, SYS_vfork];
+#[cfg(not(target_arch = "x86_64"))]
+const CHILDREN_OF_OLD: &[Named] = named![];
+
+/// The name of a system call that can be deadly.
+#[must_use]
+pub fn name_of(number: i64) -> Option<&'static str> {
+    let sometimes = DEADLY_SOMETIMES.iter().chain(CHILDREN_OF_OLD);
+    let mut all = DEADLY.iter().chain(DEADLY_OF_OLD).chain(sometimes);
+    all.find(|(call, _)| *call == number).map(|(_, name)| name.trim_start_matches("SYS_"))
+}
 
 /// What makes a thread or a process: of those that declared more than one. `clone` is first, because it is looked at more
 /// closely. `clone3`, whose flags a filter can not see, is nobody's: C libraries then take `clone`.

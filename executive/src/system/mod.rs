@@ -4,6 +4,7 @@ pub mod account;
 pub mod cgroup;
 pub mod delegation;
 pub mod filter;
+pub mod kernel_log;
 pub mod rules;
 pub mod sched;
 pub mod spawn;

@@ -15,7 +15,8 @@ use crate::plan::units::ShowTime;
 pub(super) fn check(cx: &Context<'_>) {
     let health = &cx.file.health;
     ignored(cx, &health.partition);
-    incomplete(cx, health.partition_span.as_ref(), &health.partition);
+    incomplete(cx, "partition", health.partition_span.as_ref(), &health.partition);
+    incomplete(cx, "module", health.module_span.as_ref(), &health.module);
     overrun(cx);
     if let Some(windows) = &health.silence_windows {
         cx.at_in_range("silence_windows", windows, 1, u32::MAX);
@@ -149,17 +150,21 @@ fn log_size(cx: &Context<'_>) {
 /// More names of errors than this nobody reads in a sentence.
 const MOST_LISTED: usize = 5;
 
-/// Notes the errors that a table for all partitions leaves to the defaults.
-fn incomplete(cx: &Context<'_>, span: Option<&Span>, table: &[Answer<PartitionError, PartitionAction>]) {
+/// Notes the errors that a table leaves to the defaults.
+fn incomplete<E: Closed + PartialEq, A>(
+    cx: &Context<'_>,
+    level: &str,
+    span: Option<&Span>,
+    table: &[Answer<E, A>],
+) {
     let Some(span) = span else { return };
-    let named = |error: &&PartitionError| table.iter().any(|answer| answer.error == **error);
-    let missing: Vec<&str> =
-        PartitionError::ALL.iter().filter(|error| !named(error)).map(|error| error.name()).collect();
+    let named = |error: &&E| table.iter().any(|answer| answer.error == **error);
+    let missing: Vec<&str> = E::ALL.iter().filter(|error| !named(error)).map(|error| error.name()).collect();
     if !missing.is_empty() {
         let (some, more) = missing.split_at(missing.len().min(MOST_LISTED));
         let some = listed(some.iter().copied());
         let more = if more.is_empty() { String::new() } else { format!(" and {} more", more.len()) };
-        let message = format!("`[health.partition]` says nothing about {some}{more}");
+        let message = format!("`[health.{level}]` says nothing about {some}{more}");
         let mend = "name them too; until then the defaults hold";
         cx.note(&catalogue::INCOMPLETE_TABLE, span, message, mend);
     }

@@ -97,6 +97,12 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let Some(plan) = plan_file::read_or_say(&arguments.schedule)? else { return Ok(CANNOT_RUN) };
     let mission = read_mission(arguments, &plan)?;
+    if arguments.no_simulator && arguments.outside != Outside::default() {
+        bail!(
+            "--fault, --sensors, --vary and --plant are for this project's simulator; --no-simulator flies somebody \
+             else's"
+        );
+    }
     if let Some(folder) = &arguments.output {
         output::refuse_used(folder)?;
     }

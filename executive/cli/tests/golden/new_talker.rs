@@ -6,8 +6,8 @@
 use std::process::ExitCode;
 
 use bateleur_apex::{
-    Context, Partition, QueuingSource, Retained, SamplingDestination, SamplingSource, StartError, Takeover,
-    Window,
+    Context, HealthError, Partition, QueuingSource, Response, Retained, SamplingDestination, SamplingSource,
+    StartError, Takeover, Window,
 };
 use bateleur_messages::{Field, FieldKind, Message, Rate, State, TelemetryMessage};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
@@ -65,6 +65,8 @@ struct Talker {
 }
 
 impl Partition for Talker {
+    const ERROR_HANDLER: bool = true;
+
     #[allow(clippy::approx_constant)] // a value of the schedule file, not of mathematics
     fn start(context: &mut Context) -> Result<Self, StartError> {
         // Before the first window, with all the time of `startup_timeout`: here it may allocate, read files and fail. The
@@ -98,6 +100,12 @@ impl Partition for Talker {
     fn take_over(&mut self, _takeover: &Takeover) {
         // It stood by until now: what `start` loaded is long out of date.
         self.kept = self.retained.load().unwrap_or_default();
+    }
+
+    fn error_handler(&mut self, error: &HealthError, window: &Window) -> Response {
+        // An error that the plan leaves to this partition. Another answer ends it: see `Response`.
+        window.report(&format!("{:?}: {}", error.code, error.message));
+        Response::GoOn
     }
 
     fn window(&mut self, window: &Window) {

@@ -254,7 +254,9 @@ fn budget(cx: &Context<'_>, partition: &RawPartition) {
 
 fn standby(cx: &Context<'_>, partition: &RawPartition) {
     let Some(standby) = partition.standby.said() else { return };
-    if answered_by_restart(cx, partition).is_none() {
+    // A handler of its own may decide for a restart, whatever the tables say.
+    let decides_itself = partition.error_handler.or(false) != Some(false);
+    if !decides_itself && answered_by_restart(cx, partition).is_none() {
         let message = format!("`{}` has a standby, and none of its errors restarts it", partition.name.value);
         let mend = "answer an error by a restart, such as `killed = \"cold_restart\"`, or remove `standby`";
         cx.note(&catalogue::STANDBY_WITHOUT_RESTART, &standby.span, message, mend);

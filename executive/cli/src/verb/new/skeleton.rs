@@ -17,6 +17,7 @@ pub(super) const USED_TYPES: &[&str] = &[
     "FieldKind",
     "FromBytes",
     "Harness",
+    "HealthError",
     "Immutable",
     "IntoBytes",
     "Kept",
@@ -28,6 +29,7 @@ pub(super) const USED_TYPES: &[&str] = &[
     "Partition",
     "QueuingDestination",
     "QueuingSource",
+    "Response",
     "Result",
     "Retained",
     "SamplingDestination",
@@ -58,6 +60,8 @@ pub(super) struct Skeleton {
     /// None: nothing is kept.
     pub(super) retained_bytes: Option<u64>,
     pub(super) standby: bool,
+    /// Errors come to it before any table.
+    pub(super) error_handler: bool,
     /// What else the plan grants, as comments for the author.
     pub(super) grants: Vec<String>,
     shares: Vec<String>,
@@ -120,6 +124,7 @@ impl Skeleton {
             attributes,
             retained_bytes: (partition.retained_bytes > 0).then_some(partition.retained_bytes),
             standby: partition.standby.is_some(),
+            error_handler: partition.error_handler,
             grants: grants(partition),
             shares: shares.collect(),
         })

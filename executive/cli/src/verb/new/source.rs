@@ -20,8 +20,12 @@ pub(super) fn text(skeleton: &Skeleton) -> String {
     out += &types(skeleton);
     out += &structure(skeleton);
     let _ = write!(out, "\nimpl Partition for {} {{\n", skeleton.type_name); // a text takes all
+    if skeleton.error_handler {
+        out += "    const ERROR_HANDLER: bool = true;\n\n";
+    }
     out += &start(skeleton);
     out += &take_over(skeleton);
+    out += error_handler(skeleton);
     out += &window(skeleton);
     out += "}\n";
     let _ =
@@ -48,6 +52,9 @@ fn imports(skeleton: &Skeleton) -> String {
     apex.extend(skeleton.ports.iter().map(|port| port_type(port.role).to_owned()));
     apex.extend(skeleton.retained_bytes.map(|_| "Retained".to_owned()));
     apex.extend(skeleton.standby.then(|| "Takeover".to_owned()));
+    if skeleton.error_handler {
+        apex.extend(["HealthError", "Response"].map(str::to_owned));
+    }
     let mut messages: BTreeSet<String> = skeleton
         .ports
         .iter()
@@ -239,6 +246,15 @@ fn take_over(skeleton: &Skeleton) -> String {
         "        // Nothing is kept: with `retained` in the schedule file there would be something to load here.\n"
     };
     out + "    }\n"
+}
+
+fn error_handler(skeleton: &Skeleton) -> &'static str {
+    if !skeleton.error_handler {
+        return "";
+    }
+    "\n    fn error_handler(&mut self, error: &HealthError, window: &Window) -> Response {\n        \
+     // An error that the plan leaves to this partition. Another answer ends it: see `Response`.\n        \
+     window.report(&format!(\"{:?}: {}\", error.code, error.message));\n        Response::GoOn\n    }\n"
 }
 
 fn window(skeleton: &Skeleton) -> String {

@@ -8,7 +8,9 @@ use support::{assert_golden, assert_kept, bateleur, repository};
 
 #[test]
 fn the_help_of_the_offline_verbs_is_as_it_was() {
-    for verb in ["check", "compare", "completions", "man", "new", "plan", "replay", "schema", "show"] {
+    for verb in
+        ["airframe", "check", "compare", "completions", "man", "new", "plan", "replay", "schema", "show"]
+    {
         let ended = bateleur(&[verb, "--help"]);
         assert_eq!((ended.code, ended.stderr.as_str()), (0, ""));
         assert_eq!(ended.stdout.matches("Exit codes").count(), 1, "{}", ended.stdout);
@@ -63,7 +65,9 @@ fn every_verb_has_a_manual_page() {
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
         .collect();
     pages.sort();
-    for verb in ["check", "compare", "fly", "ground", "new", "plan", "replay", "run", "schema", "show"] {
+    for verb in
+        ["airframe", "check", "compare", "fly", "ground", "new", "plan", "replay", "run", "schema", "show"]
+    {
         assert!(pages.contains(&format!("bateleur-{verb}.1")), "{pages:?}");
     }
     assert!(bateleur(&["man"]).stdout.contains(".TH bateleur 1"));

@@ -96,6 +96,13 @@ impl Peer {
         self.ready["listening"].as_str().unwrap()
     }
 
+    /// Its next line; it must come.
+    pub fn line(&mut self) -> Value {
+        let mut line = String::new();
+        self.output.read_line(&mut line).unwrap();
+        serde_json::from_str(&line).unwrap_or_else(|error| panic!("it said {line:?}: {error}"))
+    }
+
     /// Ends it and gives its last line.
     pub fn finish(mut self) -> Value {
         drop(self.input.take());

@@ -8,10 +8,14 @@ mod device;
 mod downlink;
 mod kept;
 mod presence;
+mod radio;
+mod station;
 mod uplink;
 
 pub use device::{Device, DeviceError};
 pub use downlink::{BACKLOG, Downlink};
 pub use kept::Kept;
 pub use presence::{Change, Presence};
+pub use radio::{Radio, RadioError};
+pub use station::{Setup, Station};
 pub use uplink::{Delivery, Uplink, receivers};

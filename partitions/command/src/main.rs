@@ -6,9 +6,14 @@ use bateleur_apex::{
     Context, Direction, Line, Partition, PortKind, QueuingDestination, QueuingSource, Retained,
     SamplingDestination, Sent, StartError, Takeover, Window,
 };
-use bateleur_command::{Change, Delivery, Device, Downlink, Kept, Presence, Uplink};
+use bateleur_command::{
+    Change, Delivery, Device, Downlink, Kept, Presence, Radio, Setup, Station, Uplink, receivers,
+};
+use bateleur_mavlink::Runway;
+use bateleur_messages::frame::Frame;
+use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{Acknowledge, FROM_COMMAND, NOT_UNDERSTOOD, Refusal, Telemetry};
-use bateleur_messages::{GroundMessage, Rate, TelemetryMessage, Watch};
+use bateleur_messages::{GroundMessage, Rate, State, TelemetryMessage, Watch};
 
 /// Bytes read in one window, most: four times what a line of 57600 baud carries in 20 ms.
 const BYTES_PER_WINDOW: usize = 512;
@@ -30,6 +35,10 @@ struct Command {
     rate: SamplingDestination<Rate>,
     timeout: Watch,
     retained: Retained<Kept>,
+    /// A ground station that speaks MAVLink, beside the line.
+    mavlink: Option<(Radio, Station)>,
+    /// Where the plan has it: telemetry is slower.
+    state: Option<SamplingDestination<State>>,
 }
 
 impl Partition for Command {
@@ -56,6 +65,8 @@ impl Partition for Command {
             rate: context.sampling_destination("rate")?,
             timeout: Watch::default(),
             retained: context.retained()?,
+            mavlink: mavlink(context)?,
+            state: state_port(context)?,
         };
         command.resume();
         Ok(command)
@@ -74,6 +85,7 @@ impl Partition for Command {
         self.receive(window);
         self.deliver(window.start_ns());
         self.collect();
+        self.serve_mavlink(window.start_ns());
         // Before and after the line has taken bytes: one that is killed in its window has little to repeat.
         self.keep();
         self.send(window);
@@ -129,14 +141,39 @@ impl Command {
     fn deliver(&mut self, now_ns: u64) {
         for delivery in self.uplink.take(&self.received) {
             match delivery {
-                Delivery::To(message, functions) => {
-                    for function in functions {
-                        if let Some(answer) = self.order(function, &message, now_ns) {
-                            self.answer(answer);
-                        }
-                    }
-                }
+                Delivery::To(message, functions) => self.pass_on(&message, functions, now_ns),
                 Delivery::NotUnderstood(message) => self.answer(not_understood(&message, now_ns)),
+            }
+        }
+    }
+
+    fn pass_on(&mut self, message: &GroundMessage, functions: &[&str], now_ns: u64) {
+        if let (Some((_, station)), Ok(order)) =
+            (&mut self.mavlink, Order::parse(message.letter, message.bytes()))
+        {
+            station.ordered(&order);
+        }
+        for function in functions {
+            if let Some(answer) = self.order(function, message, now_ns) {
+                self.answer(answer);
+            }
+        }
+    }
+
+    /// Hears and answers the ground station that speaks MAVLink.
+    fn serve_mavlink(&mut self, now_ns: u64) {
+        let Some((mut radio, mut station)) = self.mavlink.take() else { return };
+        if let Some(state) = self.state.as_mut().and_then(SamplingDestination::read_valid) {
+            station.state(state);
+        }
+        radio.receive(&mut station, now_ns);
+        let orders = station.window(now_ns);
+        radio.send(&mut station);
+        self.mavlink = Some((radio, station));
+        for order in orders {
+            let frame = Frame { letter: order.letter(), data: order.data() };
+            if let Some(message) = GroundMessage::from_frame(&frame) {
+                self.pass_on(&message, receivers(message.letter), now_ns);
             }
         }
     }
@@ -151,13 +188,25 @@ impl Command {
     }
 
     fn answer(&mut self, answer: Acknowledge) {
-        self.downlink.push(TelemetryMessage::of(&Telemetry::Acknowledge(answer)));
+        let telemetry = Telemetry::Acknowledge(answer);
+        if let Some((_, station)) = &mut self.mavlink {
+            station.telemetry(&telemetry);
+        }
+        self.downlink.push(TelemetryMessage::of(&telemetry));
     }
 
     fn collect(&mut self) {
         for port in &mut self.telemetry {
             let messages = std::iter::from_fn(|| port.receive()).take(MESSAGES_PER_FUNCTION);
-            messages.for_each(|message| self.downlink.push(message));
+            for message in messages {
+                if let Some((_, station)) = &mut self.mavlink
+                    && let Ok(telemetry) =
+                        Telemetry::of(&Frame { letter: message.letter, data: message.bytes().to_vec() })
+                {
+                    station.telemetry(&telemetry);
+                }
+                self.downlink.push(message);
+            }
         }
     }
 
@@ -182,6 +231,28 @@ impl Command {
             window.report(&format!("ground link: {dropped} telemetry messages dropped so far"));
         }
     }
+}
+
+/// A ground station that speaks MAVLink, where the plan names one.
+fn mavlink(context: &mut Context) -> Result<Option<(Radio, Station)>, StartError> {
+    let address: Option<String> = context.attribute("mavlink", None)?;
+    let usual = Runway::default();
+    let setup = Setup {
+        system: context.attribute("system", 1)?,
+        runway: Runway {
+            latitude_deg: context.attribute("origin_latitude_deg", usual.latitude_deg)?,
+            longitude_deg: context.attribute("origin_longitude_deg", usual.longitude_deg)?,
+            altitude_m: context.attribute("origin_altitude_m", usual.altitude_m)?,
+        },
+    };
+    let Some(address) = address else { return Ok(None) };
+    let radio = Radio::open(&address).map_err(|error| StartError::Other(error.to_string()))?;
+    Ok(Some((radio, Station::new(&setup))))
+}
+
+fn state_port(context: &mut Context) -> Result<Option<SamplingDestination<State>>, StartError> {
+    let ports = context.port_names(PortKind::Sampling, Direction::Destination);
+    ports.iter().any(|port| port == "state").then(|| context.sampling_destination("state")).transpose()
 }
 
 fn not_understood(message: &GroundMessage, now_ns: u64) -> Acknowledge {

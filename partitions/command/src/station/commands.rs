@@ -1,0 +1,216 @@
+//! Commands of a ground station: arming, modes, calibration, questions.
+//!
+//! Armed means that the autopilot has the actuators; disarmed, that the safety pilot has them. Mode AUTO is way-point navigation. A command is
+//! acknowledged when every function that it concerns has answered, with its reason as a text where one refused.
+
+use bateleur_mavlink::common::{
+    AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavModeFlag,
+    MavProtocolCapability, MavResult, MavSeverity, PROTOCOL_VERSION_DATA, SET_MODE_DATA,
+};
+use bateleur_messages::ground::{Order, SENSOR_ACCELEROMETER, SENSOR_GYROSCOPE, SENSOR_PRESSURE};
+use bateleur_messages::telemetry::{
+    ACCEPTED, Acknowledge, FROM_COMMAND, FROM_CONTROLLER, FROM_HIL_INTERFACE, FROM_IMU, FROM_SERVO,
+    NOT_UNDERSTOOD,
+};
+
+use super::streams::Streams;
+use super::{Out, Peer, why};
+
+/// How long the functions may take to answer, module time, ns.
+const PATIENCE_NS: u64 = 1_500_000_000;
+/// Numbers of messages that may be asked for.
+const AUTOPILOT_VERSION: u32 = 148;
+const HOME_POSITION: u32 = 242;
+const PROTOCOL_VERSION: u32 = 300;
+
+/// A command that waits for its functions.
+#[derive(Debug)]
+struct Pending {
+    command: MavCmd,
+    peer: Peer,
+    /// Letter and function of each answer that is missing.
+    missing: Vec<(u8, u8)>,
+    result: MavResult,
+    until_ns: u64,
+}
+
+/// See the module.
+#[derive(Debug, Default)]
+pub(super) struct Commands {
+    pending: Option<Pending>,
+}
+
+impl Commands {
+    pub(super) fn command(
+        &mut self,
+        command: &COMMAND_LONG_DATA,
+        peer: Peer,
+        now_ns: u64,
+        streams: &Streams,
+        out: &mut Out,
+    ) {
+        let orders = match command.command {
+            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => {
+                switch(command.param1).map(|on| vec![Order::Autopilot { on }])
+            }
+            MavCmd::MAV_CMD_DO_SET_MODE => mode_bits(command.param1).map(orders_of_mode),
+            MavCmd::MAV_CMD_MISSION_START => {
+                Some(vec![Order::Navigation { on: true }, Order::Autopilot { on: true }])
+            }
+            MavCmd::MAV_CMD_PREFLIGHT_CALIBRATION => calibration(command).map(|sensors| vec![sensors]),
+            MavCmd::MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES => {
+                acknowledge(command.command, peer, MavResult::MAV_RESULT_ACCEPTED, out);
+                return out.say(&version(out.encoder.identity().0));
+            }
+            MavCmd::MAV_CMD_REQUEST_MESSAGE => {
+                let message = match command.param1 as u32 {
+                    AUTOPILOT_VERSION => Some(version(out.encoder.identity().0)),
+                    PROTOCOL_VERSION => Some(protocol()),
+                    HOME_POSITION => Some(streams.home_position()),
+                    _ => None,
+                };
+                let result = match message {
+                    Some(_) => MavResult::MAV_RESULT_ACCEPTED,
+                    None => MavResult::MAV_RESULT_UNSUPPORTED,
+                };
+                acknowledge(command.command, peer, result, out);
+                return message.iter().for_each(|message| out.say(message));
+            }
+            other => return acknowledge(other, peer, MavResult::MAV_RESULT_UNSUPPORTED, out),
+        };
+        match orders {
+            Some(orders) => self.begin(command.command, peer, orders, now_ns, out),
+            None => {
+                out.text(MavSeverity::MAV_SEVERITY_WARNING, "command refused: its parameters make no sense");
+                acknowledge(command.command, peer, MavResult::MAV_RESULT_DENIED, out);
+            }
+        }
+    }
+
+    /// The old way to set a mode, which has no answer of its own.
+    pub(super) fn set_mode(&mut self, message: &SET_MODE_DATA, peer: Peer, now_ns: u64, out: &mut Out) {
+        let orders = orders_of_mode(message.base_mode);
+        self.begin(MavCmd::MAV_CMD_DO_SET_MODE, peer, orders, now_ns, out);
+    }
+
+    /// An answer of a function.
+    pub(super) fn answered(&mut self, answer: &Acknowledge, out: &mut Out) {
+        let Some(pending) = &mut self.pending else { return };
+        let before = pending.missing.len();
+        // Command answers in the place of a function that is not there or takes nothing.
+        pending.missing.retain(|(letter, from)| {
+            *letter != answer.letter || (*from != answer.from && answer.from != FROM_COMMAND)
+        });
+        if pending.missing.len() == before {
+            return;
+        }
+        if answer.result != ACCEPTED {
+            pending.result = match answer.result {
+                NOT_UNDERSTOOD => MavResult::MAV_RESULT_DENIED,
+                _ => MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
+            };
+            out.text(MavSeverity::MAV_SEVERITY_WARNING, &format!("refused: {}", why(answer)));
+        }
+        if pending.missing.is_empty()
+            && let Some(pending) = self.pending.take()
+        {
+            acknowledge(pending.command, pending.peer, pending.result, out);
+        }
+    }
+
+    pub(super) fn window(&mut self, now_ns: u64, out: &mut Out) {
+        if let Some(pending) = self.pending.take_if(|pending| now_ns >= pending.until_ns) {
+            out.text(MavSeverity::MAV_SEVERITY_WARNING, "a function did not answer: does it run?");
+            acknowledge(pending.command, pending.peer, MavResult::MAV_RESULT_FAILED, out);
+        }
+    }
+
+    fn begin(&mut self, command: MavCmd, peer: Peer, orders: Vec<Order>, now_ns: u64, out: &mut Out) {
+        match &self.pending {
+            // Sent again because the answer is not there yet.
+            Some(pending) if pending.command == command && pending.peer == peer => return,
+            Some(_) => {
+                return acknowledge(command, peer, MavResult::MAV_RESULT_TEMPORARILY_REJECTED, out);
+            }
+            None => {}
+        }
+        let missing = orders.iter().flat_map(|order| answers_to(order)).copied().collect();
+        out.orders.extend(orders);
+        let until_ns = now_ns.saturating_add(PATIENCE_NS);
+        self.pending =
+            Some(Pending { command, peer, missing, result: MavResult::MAV_RESULT_ACCEPTED, until_ns });
+    }
+}
+
+/// Letter and function of the answers that an order has.
+fn answers_to(order: &Order) -> &'static [(u8, u8)] {
+    match order {
+        Order::Hil { .. } => &[(b'H', FROM_HIL_INTERFACE)],
+        Order::Autopilot { .. } => &[(b'A', FROM_CONTROLLER), (b'A', FROM_SERVO)],
+        Order::Navigation { .. } => &[(b'N', FROM_CONTROLLER)],
+        Order::InitialiseSensors { .. } => &[(b'I', FROM_IMU)],
+        _ => &[],
+    }
+}
+
+fn switch(value: f32) -> Option<bool> {
+    match value {
+        0.0 => Some(false),
+        1.0 => Some(true),
+        _ => None,
+    }
+}
+
+fn mode_bits(value: f32) -> Option<MavModeFlag> {
+    (0.0..=255.0).contains(&value).then(|| MavModeFlag::from_bits_retain(value as u8))
+}
+
+/// A mode says whether to navigate and who flies. HIL mode is switched on by it, and off by nobody in flight: a mode that forgets
+/// the bit must not take the sensors away.
+fn orders_of_mode(mode: MavModeFlag) -> Vec<Order> {
+    let navigation = mode.contains(MavModeFlag::MAV_MODE_FLAG_AUTO_ENABLED);
+    let autopilot = mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
+    let hil = mode.contains(MavModeFlag::MAV_MODE_FLAG_HIL_ENABLED).then_some(Order::Hil { on: true });
+    let rest = [Order::Navigation { on: navigation }, Order::Autopilot { on: autopilot }];
+    hil.into_iter().chain(rest).collect()
+}
+
+/// Gyroscope, pressure on the ground, accelerometer: 1 in the first, third and fifth parameter.
+fn calibration(command: &COMMAND_LONG_DATA) -> Option<Order> {
+    let asked = [
+        (command.param1, SENSOR_GYROSCOPE),
+        (command.param3, SENSOR_PRESSURE),
+        (command.param5, SENSOR_ACCELEROMETER),
+    ];
+    let sensors = asked.iter().filter(|(value, _)| *value == 1.0).fold(0, |all, (_, bit)| all | bit);
+    (sensors != 0).then_some(Order::InitialiseSensors { sensors })
+}
+
+fn acknowledge(command: MavCmd, peer: Peer, result: MavResult, out: &mut Out) {
+    out.say(&MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
+        command,
+        result,
+        target_system: peer.0,
+        target_component: peer.1,
+        ..COMMAND_ACK_DATA::DEFAULT
+    }));
+}
+
+fn version(system: u8) -> MavMessage {
+    MavMessage::AUTOPILOT_VERSION(AUTOPILOT_VERSION_DATA {
+        capabilities: MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MISSION_INT
+            | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MAVLINK2
+            | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST,
+        uid: u64::from(system),
+        ..AUTOPILOT_VERSION_DATA::DEFAULT
+    })
+}
+
+fn protocol() -> MavMessage {
+    MavMessage::PROTOCOL_VERSION(PROTOCOL_VERSION_DATA {
+        version: 200,
+        min_version: 100,
+        max_version: 200,
+        ..PROTOCOL_VERSION_DATA::DEFAULT
+    })
+}

@@ -1,0 +1,428 @@
+//! The mission protocol: a ground station's items become the Controller's way-points, and back.
+//!
+//! An upload is collected whole and checked before the first order goes to the Controller, and acknowledged when the Controller has
+//! taken every way-point. Way-points that came over another line are known as well.
+
+use bateleur_mavlink::Runway;
+use bateleur_mavlink::common::{
+    MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MISSION_REQUEST_INT_DATA, MavCmd, MavFrame,
+    MavMessage, MavMissionResult as Verdict, MavMissionType, MavSeverity,
+};
+use bateleur_messages::ground::{Order, Waypoint};
+use bateleur_messages::telemetry::{ACCEPTED, Acknowledge};
+
+use super::{Out, Peer, why};
+
+/// Way-points that the Controller can hold.
+const MOST_WAYPOINTS: usize = 32;
+/// With a change of speed before each.
+const MOST_ITEMS: u16 = 2 * MOST_WAYPOINTS as u16;
+/// How long an item or an answer may take, module time, ns; then it is asked for again.
+const PATIENCE_NS: u64 = 1_000_000_000;
+/// Times that an item or an answer is asked for.
+const TRIES: u32 = 5;
+/// Way-points that are on their way to the Controller at once: half of what its queue holds.
+const ON_THE_WAY: usize = 4;
+/// Airspeed before any item has named one, m/s.
+const USUAL_MPS: f64 = 22.0;
+/// Airspeeds that an item may ask for, m/s.
+const SPEEDS_MPS: std::ops::RangeInclusive<f64> = 5.0..=100.0;
+/// Further from the runway than this nobody flies, m.
+const FARTHEST_M: f64 = 50_000.0;
+
+/// One item, as the ground station counts them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Item {
+    Speed(f64),
+    /// The way-point of this place in the Controller's list.
+    Waypoint(usize),
+}
+
+/// The Controller's way-points as items.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Items {
+    waypoints: Vec<Waypoint>,
+}
+
+impl Items {
+    fn list(&self) -> Vec<Item> {
+        let (mut items, mut speed_mps) = (Vec::new(), USUAL_MPS);
+        for (place, waypoint) in self.waypoints.iter().enumerate() {
+            if waypoint.airspeed_mps != speed_mps {
+                speed_mps = waypoint.airspeed_mps;
+                items.push(Item::Speed(speed_mps));
+            }
+            items.push(Item::Waypoint(place));
+        }
+        items
+    }
+
+    /// Number of items.
+    pub(super) fn count(&self) -> u16 {
+        self.list().len() as u16 // MOST_ITEMS at most
+    }
+
+    /// The item of a way-point; 0 where it is not known.
+    pub(super) fn place_of(&self, waypoint: u32) -> u16 {
+        let place = self.list().iter().position(|item| *item == Item::Waypoint(waypoint as usize));
+        place.unwrap_or(0) as u16 // MOST_ITEMS at most
+    }
+}
+
+/// What is going on.
+#[derive(Debug)]
+enum Transfer {
+    None,
+    /// Items come in.
+    Receiving {
+        peer: Peer,
+        count: u16,
+        items: Vec<(MavCmd, Option<Waypoint>, f64)>,
+        until_ns: u64,
+        tries: u32,
+    },
+    /// Way-points go to the Controller.
+    Loading {
+        peer: Peer,
+        waypoints: Vec<Waypoint>,
+        taken: Vec<bool>,
+        sent: usize,
+        until_ns: u64,
+        tries: u32,
+    },
+}
+
+/// See the module.
+#[derive(Debug)]
+pub(super) struct Missions {
+    runway: Runway,
+    items: Items,
+    transfer: Transfer,
+}
+
+impl Missions {
+    pub(super) fn new(runway: Runway) -> Self {
+        Self { runway, items: Items::default(), transfer: Transfer::None }
+    }
+
+    pub(super) fn items(&self) -> &Items {
+        &self.items
+    }
+
+    /// A way-point went to the Controller, whoever sent it.
+    pub(super) fn ordered(&mut self, order: &Order) {
+        let Order::Waypoint(waypoint) = order else { return };
+        let (index, count) = (usize::from(waypoint.index), usize::from(waypoint.count));
+        let list = &mut self.items.waypoints;
+        if list.len() != count {
+            list.truncate(count);
+        }
+        // One that comes out of order is passed over: the list is known when it has come in order.
+        if index == list.len() {
+            list.push(*waypoint);
+        } else if let Some(place) = list.get_mut(index) {
+            *place = *waypoint;
+        }
+    }
+
+    pub(super) fn message(
+        &mut self,
+        message: &MavMessage,
+        system: u8,
+        peer: Peer,
+        now_ns: u64,
+        out: &mut Out,
+    ) {
+        use MavMessage as M;
+        match message {
+            M::MISSION_COUNT(m) if m.target_system == system => {
+                self.count(m, peer, now_ns, out);
+            }
+            M::MISSION_ITEM_INT(m) if m.target_system == system => self.item(m, peer, now_ns, out),
+            M::MISSION_ITEM(m) if m.target_system == system => {
+                let scale = if m.frame == MavFrame::MAV_FRAME_LOCAL_NED { 1e4 } else { 1e7 };
+                let item = MISSION_ITEM_INT_DATA {
+                    param1: m.param1,
+                    param2: m.param2,
+                    param3: m.param3,
+                    param4: m.param4,
+                    x: (f64::from(m.x) * scale).round() as i32,
+                    y: (f64::from(m.y) * scale).round() as i32,
+                    z: m.z,
+                    seq: m.seq,
+                    command: m.command,
+                    target_system: m.target_system,
+                    target_component: m.target_component,
+                    frame: m.frame,
+                    current: m.current,
+                    autocontinue: m.autocontinue,
+                    mission_type: m.mission_type,
+                };
+                self.item(&item, peer, now_ns, out);
+            }
+            M::MISSION_REQUEST_LIST(m) if m.target_system == system => {
+                let count = if is_mission(m.mission_type) { self.items.count() } else { 0 };
+                out.say(&M::MISSION_COUNT(MISSION_COUNT_DATA {
+                    count,
+                    target_system: peer.0,
+                    target_component: peer.1,
+                    mission_type: m.mission_type,
+                    ..MISSION_COUNT_DATA::DEFAULT
+                }));
+            }
+            M::MISSION_REQUEST_INT(m) if m.target_system == system => {
+                self.answer(m.seq, m.mission_type, peer, out)
+            }
+            M::MISSION_REQUEST(m) if m.target_system == system => {
+                self.answer(m.seq, m.mission_type, peer, out)
+            }
+            M::MISSION_CLEAR_ALL(m) if m.target_system == system => match is_mission(m.mission_type) {
+                true => {
+                    let text = "way-points are replaced, not cleared";
+                    out.text(MavSeverity::MAV_SEVERITY_WARNING, text);
+                    verdict(Verdict::MAV_MISSION_DENIED, m.mission_type, peer, out);
+                }
+                false => verdict(Verdict::MAV_MISSION_ACCEPTED, m.mission_type, peer, out),
+            },
+            // The ground station has given up.
+            M::MISSION_ACK(m) if m.target_system == system && m.mavtype != Verdict::MAV_MISSION_ACCEPTED => {
+                if matches!(&self.transfer, Transfer::Receiving { peer: from, .. } if *from == peer) {
+                    self.transfer = Transfer::None;
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// The Controller's answer to a way-point.
+    pub(super) fn answered(&mut self, answer: &Acknowledge, out: &mut Out) {
+        let Transfer::Loading { peer, taken, .. } = &mut self.transfer else { return };
+        if answer.letter != b'W' {
+            return;
+        }
+        let peer = *peer;
+        if answer.result == ACCEPTED {
+            taken.iter_mut().skip(usize::from(answer.first)).take(1).for_each(|place| *place = true);
+            if taken.iter().all(|taken| *taken) {
+                self.transfer = Transfer::None;
+                verdict(Verdict::MAV_MISSION_ACCEPTED, MavMissionType::MAV_MISSION_TYPE_MISSION, peer, out);
+            }
+            return;
+        }
+        out.text(MavSeverity::MAV_SEVERITY_WARNING, &format!("mission refused: {}", why(answer)));
+        self.end(Verdict::MAV_MISSION_DENIED, peer, out);
+    }
+
+    pub(super) fn window(&mut self, now_ns: u64, out: &mut Out) {
+        match &mut self.transfer {
+            Transfer::None => {}
+            Transfer::Receiving { peer, items, until_ns, tries, .. } => {
+                if now_ns < *until_ns {
+                    return;
+                }
+                (*tries, *until_ns) = (*tries + 1, now_ns + PATIENCE_NS);
+                let peer = *peer;
+                if *tries >= TRIES {
+                    self.end(Verdict::MAV_MISSION_OPERATION_CANCELLED, peer, out);
+                } else {
+                    request(items.len(), peer, out);
+                }
+            }
+            Transfer::Loading { peer, waypoints, taken, sent, until_ns, tries } => {
+                if now_ns >= *until_ns {
+                    // Begin again with the first that is missing; one that was taken may be sent twice.
+                    (*tries, *until_ns) = (*tries + 1, now_ns + PATIENCE_NS);
+                    *sent = taken.iter().position(|taken| !taken).unwrap_or(0);
+                }
+                let peer = *peer;
+                if *tries >= TRIES {
+                    out.text(MavSeverity::MAV_SEVERITY_WARNING, "mission: the Controller does not answer");
+                    return self.end(Verdict::MAV_MISSION_ERROR, peer, out);
+                }
+                let on_the_way = taken[..*sent].iter().filter(|taken| !**taken).count();
+                for waypoint in waypoints[*sent..].iter().take(ON_THE_WAY.saturating_sub(on_the_way)) {
+                    out.orders.push(Order::Waypoint(*waypoint));
+                    *sent += 1;
+                    *until_ns = now_ns + PATIENCE_NS;
+                }
+            }
+        }
+    }
+
+    fn end(&mut self, result: Verdict, peer: Peer, out: &mut Out) {
+        self.transfer = Transfer::None;
+        verdict(result, MavMissionType::MAV_MISSION_TYPE_MISSION, peer, out);
+    }
+
+    fn count(&mut self, m: &MISSION_COUNT_DATA, peer: Peer, now_ns: u64, out: &mut Out) {
+        if !is_mission(m.mission_type) {
+            // Fences and rally points: none are flown, so none can be had but none.
+            let result = match m.count {
+                0 => Verdict::MAV_MISSION_ACCEPTED,
+                _ => Verdict::MAV_MISSION_UNSUPPORTED,
+            };
+            return verdict(result, m.mission_type, peer, out);
+        }
+        if !matches!(self.transfer, Transfer::None)
+            && !matches!(&self.transfer, Transfer::Receiving { peer: from, .. } if *from == peer)
+        {
+            return verdict(Verdict::MAV_MISSION_DENIED, m.mission_type, peer, out);
+        }
+        match m.count {
+            0 => {
+                out.text(MavSeverity::MAV_SEVERITY_WARNING, "way-points are replaced, not cleared");
+                self.end(Verdict::MAV_MISSION_DENIED, peer, out);
+            }
+            1..=MOST_ITEMS => {
+                let until_ns = now_ns + PATIENCE_NS;
+                self.transfer =
+                    Transfer::Receiving { peer, count: m.count, items: Vec::new(), until_ns, tries: 0 };
+                request(0, peer, out);
+            }
+            _ => {
+                let text = format!("mission refused: {MOST_WAYPOINTS} way-points at most");
+                out.text(MavSeverity::MAV_SEVERITY_WARNING, &text);
+                self.end(Verdict::MAV_MISSION_NO_SPACE, peer, out);
+            }
+        }
+    }
+
+    fn item(&mut self, m: &MISSION_ITEM_INT_DATA, peer: Peer, now_ns: u64, out: &mut Out) {
+        let runway = self.runway;
+        let Transfer::Receiving { peer: from, count, items, until_ns, tries } = &mut self.transfer else {
+            return;
+        };
+        if *from != peer {
+            return;
+        }
+        if usize::from(m.seq) != items.len() {
+            return; // one that came twice: the right one is on its way, or is asked for again
+        }
+        let read = match m.command {
+            MavCmd::MAV_CMD_NAV_WAYPOINT => waypoint(m, &runway).map(|waypoint| (Some(waypoint), 0.0)),
+            MavCmd::MAV_CMD_DO_CHANGE_SPEED => match f64::from(m.param2) {
+                speed_mps if SPEEDS_MPS.contains(&speed_mps) => Ok((None, speed_mps)),
+                _ => Err((Verdict::MAV_MISSION_INVALID_PARAM2, "airspeed between 5 and 100 m/s")),
+            },
+            _ => Err((Verdict::MAV_MISSION_UNSUPPORTED, "only way-points and speeds are flown")),
+        };
+        match read {
+            Err((result, reason)) => {
+                out.text(MavSeverity::MAV_SEVERITY_WARNING, &format!("item {}: {reason}", m.seq));
+                self.end(result, peer, out);
+            }
+            Ok((place, speed_mps)) => {
+                items.push((m.command, place, speed_mps));
+                (*until_ns, *tries) = (now_ns + PATIENCE_NS, 0);
+                if items.len() < usize::from(*count) {
+                    return request(items.len(), peer, out);
+                }
+                let waypoints = waypoints_of(items);
+                if waypoints.is_empty() || waypoints.len() > MOST_WAYPOINTS {
+                    let text = format!("mission refused: 1 to {MOST_WAYPOINTS} way-points");
+                    out.text(MavSeverity::MAV_SEVERITY_WARNING, &text);
+                    return self.end(Verdict::MAV_MISSION_NO_SPACE, peer, out);
+                }
+                let taken = vec![false; waypoints.len()];
+                let until_ns = now_ns + PATIENCE_NS;
+                self.transfer = Transfer::Loading { peer, waypoints, taken, sent: 0, until_ns, tries: 0 };
+            }
+        }
+    }
+
+    fn answer(&self, seq: u16, kind: MavMissionType, peer: Peer, out: &mut Out) {
+        let item = self.items.list().get(usize::from(seq)).copied().filter(|_| is_mission(kind));
+        let Some(item) = item else {
+            return verdict(Verdict::MAV_MISSION_INVALID_SEQUENCE, kind, peer, out);
+        };
+        let mut message = MISSION_ITEM_INT_DATA {
+            seq,
+            target_system: peer.0,
+            target_component: peer.1,
+            autocontinue: 1,
+            frame: MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT,
+            ..MISSION_ITEM_INT_DATA::DEFAULT
+        };
+        match item {
+            Item::Speed(speed_mps) => {
+                message.command = MavCmd::MAV_CMD_DO_CHANGE_SPEED;
+                message.frame = MavFrame::MAV_FRAME_MISSION;
+                (message.param2, message.param3) = (speed_mps as f32, -1.0);
+            }
+            Item::Waypoint(place) => {
+                let waypoint = &self.items.waypoints[place];
+                message.command = MavCmd::MAV_CMD_NAV_WAYPOINT;
+                (message.x, message.y) = self.runway.units(waypoint.north_m, waypoint.east_m);
+                message.z = waypoint.altitude_m as f32;
+                message.param4 = waypoint.heading_rad.to_degrees() as f32;
+            }
+        }
+        out.say(&MavMessage::MISSION_ITEM_INT(message));
+    }
+}
+
+fn is_mission(kind: MavMissionType) -> bool {
+    kind == MavMissionType::MAV_MISSION_TYPE_MISSION
+}
+
+fn request(seq: usize, peer: Peer, out: &mut Out) {
+    out.say(&MavMessage::MISSION_REQUEST_INT(MISSION_REQUEST_INT_DATA {
+        seq: seq as u16, // MOST_ITEMS at most
+        target_system: peer.0,
+        target_component: peer.1,
+        mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
+    }));
+}
+
+fn verdict(result: Verdict, mission_type: MavMissionType, peer: Peer, out: &mut Out) {
+    out.say(&MavMessage::MISSION_ACK(MISSION_ACK_DATA {
+        target_system: peer.0,
+        target_component: peer.1,
+        mavtype: result,
+        mission_type,
+        ..MISSION_ACK_DATA::DEFAULT
+    }));
+}
+
+/// The way-point in an item, without its place in the list and its speed.
+fn waypoint(m: &MISSION_ITEM_INT_DATA, runway: &Runway) -> Result<Waypoint, (Verdict, &'static str)> {
+    #[allow(deprecated)] // older ground stations still send these frames
+    let (north_m, east_m, altitude_m) = match m.frame {
+        MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT | MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT => {
+            let (north_m, east_m) = runway.metres_of_units(m.x, m.y);
+            (north_m, east_m, f64::from(m.z))
+        }
+        MavFrame::MAV_FRAME_GLOBAL | MavFrame::MAV_FRAME_GLOBAL_INT => {
+            let (north_m, east_m) = runway.metres_of_units(m.x, m.y);
+            (north_m, east_m, f64::from(m.z) - runway.altitude_m)
+        }
+        MavFrame::MAV_FRAME_LOCAL_NED => (f64::from(m.x) * 1e-4, f64::from(m.y) * 1e-4, -f64::from(m.z)),
+        _ => return Err((Verdict::MAV_MISSION_UNSUPPORTED_FRAME, "its frame is not known here")),
+    };
+    if north_m.abs() > FARTHEST_M {
+        return Err((Verdict::MAV_MISSION_INVALID_PARAM5_X, "more than 50 km from the runway"));
+    }
+    if east_m.abs() > FARTHEST_M {
+        return Err((Verdict::MAV_MISSION_INVALID_PARAM6_Y, "more than 50 km from the runway"));
+    }
+    if !(0.0..=10_000.0).contains(&altitude_m) {
+        return Err((Verdict::MAV_MISSION_INVALID_PARAM7, "altitude between 0 and 10 km"));
+    }
+    let heading_rad = if m.param4.is_finite() { f64::from(m.param4).to_radians() } else { 0.0 };
+    Ok(Waypoint { index: 0, count: 0, north_m, east_m, altitude_m, heading_rad, airspeed_mps: USUAL_MPS })
+}
+
+fn waypoints_of(items: &[(MavCmd, Option<Waypoint>, f64)]) -> Vec<Waypoint> {
+    let (mut waypoints, mut airspeed_mps) = (Vec::new(), USUAL_MPS);
+    for (_, place, speed_mps) in items {
+        match place {
+            None => airspeed_mps = *speed_mps,
+            Some(waypoint) => waypoints.push(Waypoint { airspeed_mps, ..*waypoint }),
+        }
+    }
+    let count = waypoints.len().min(usize::from(u8::MAX)) as u8;
+    for (index, waypoint) in waypoints.iter_mut().enumerate() {
+        (waypoint.index, waypoint.count) = (index.min(usize::from(u8::MAX)) as u8, count);
+    }
+    waypoints
+}

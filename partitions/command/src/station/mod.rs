@@ -1,0 +1,198 @@
+//! The aircraft's end of a MAVLink line to a ground station.
+//!
+//! Responsible for: what a ground station is told unasked (heartbeat, telemetry, texts), and the answers to what it asks (commands, missions,
+//! parameters). It moves no bytes and knows no port: bytes come in, messages and orders come out. It must never say that an order was
+//! taken before the function has said so.
+#![allow(deprecated)] // ground stations in use still send the older messages
+
+mod commands;
+mod mission;
+mod parameters;
+mod streams;
+#[cfg(test)]
+mod tests;
+
+use std::collections::VecDeque;
+
+use bateleur_mavlink::common::{MavMessage, MavSeverity, STATUSTEXT_DATA};
+use bateleur_mavlink::{Decoder, Encoder, Received, Runway};
+use bateleur_messages::State;
+use bateleur_messages::ground::Order;
+use bateleur_messages::telemetry::{Acknowledge, Refusal, Telemetry};
+
+use commands::Commands;
+use mission::Missions;
+use parameters::Parameters;
+use streams::Streams;
+
+/// Number of the component: the flight computer of its system.
+const AUTOPILOT: u8 = 1;
+/// Messages that wait at most; a line that takes none loses the oldest.
+const WAITING: usize = 128;
+
+/// How the station is set up: attributes of Command.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Setup {
+    /// Number of the system.
+    pub system: u8,
+    /// Where zero is.
+    pub runway: Runway,
+}
+
+/// Somebody on the line: system, component.
+type Peer = (u8, u8);
+
+/// What goes out: messages to the ground, orders to the functions.
+#[derive(Debug)]
+struct Out {
+    encoder: Encoder,
+    messages: VecDeque<Vec<u8>>,
+    orders: Vec<Order>,
+    dropped: u64,
+}
+
+impl Out {
+    fn say(&mut self, message: &MavMessage) {
+        if self.messages.len() == WAITING {
+            self.messages.pop_front();
+            self.dropped += 1;
+        }
+        let mut bytes = Vec::with_capacity(64);
+        self.encoder.write(message, &mut bytes);
+        self.messages.push_back(bytes);
+    }
+
+    /// A text for the person at the ground station; what is longer than 50 letters is cut.
+    fn text(&mut self, severity: MavSeverity, text: &str) {
+        let end = (0..=text.len().min(50)).rev().find(|end| text.is_char_boundary(*end)).unwrap_or(0);
+        let mut message = STATUSTEXT_DATA { severity, ..STATUSTEXT_DATA::DEFAULT };
+        message.text = text[..end].into();
+        self.say(&MavMessage::STATUSTEXT(message));
+    }
+}
+
+/// See the module.
+#[derive(Debug)]
+pub struct Station {
+    system: u8,
+    decoder: Decoder,
+    out: Out,
+    streams: Streams,
+    commands: Commands,
+    missions: Missions,
+    parameters: Parameters,
+}
+
+impl Station {
+    /// A station that nobody has spoken to.
+    pub fn new(setup: &Setup) -> Self {
+        Self {
+            system: setup.system,
+            decoder: Decoder::new(),
+            out: Out {
+                encoder: Encoder::new(setup.system, AUTOPILOT),
+                messages: VecDeque::with_capacity(WAITING),
+                orders: Vec::new(),
+                dropped: 0,
+            },
+            streams: Streams::new(setup.runway),
+            commands: Commands::default(),
+            missions: Missions::new(setup.runway),
+            parameters: Parameters::new(setup),
+        }
+    }
+
+    /// What could not be read so far.
+    pub fn refused(&self) -> u64 {
+        self.decoder.refused().messages()
+    }
+
+    /// Messages that the line did not take in time.
+    pub fn dropped(&self) -> u64 {
+        self.out.dropped
+    }
+
+    /// Takes a datagram of the ground station.
+    pub fn datagram(&mut self, bytes: &[u8], now_ns: u64) {
+        let mut decoder = std::mem::take(&mut self.decoder);
+        decoder.datagram(bytes, |received| self.received(&received, now_ns));
+        self.decoder = decoder;
+    }
+
+    /// Takes the next bytes of a line.
+    pub fn stream(&mut self, bytes: &[u8], now_ns: u64) {
+        let mut decoder = std::mem::take(&mut self.decoder);
+        decoder.stream(bytes, |received| self.received(&received, now_ns));
+        self.decoder = decoder;
+    }
+
+    /// Takes what a function tells the ground.
+    pub fn telemetry(&mut self, telemetry: &Telemetry) {
+        if let Telemetry::Acknowledge(answer) = telemetry {
+            self.commands.answered(answer, &mut self.out);
+            self.missions.answered(answer, &mut self.out);
+        }
+        self.streams.telemetry(telemetry, self.missions.items(), &mut self.out);
+    }
+
+    /// Takes the estimated state, where the plan gives it.
+    pub fn state(&mut self, state: &State) {
+        self.streams.state(state);
+    }
+
+    /// An order went to the functions, whoever gave it: the way-points are known then.
+    pub fn ordered(&mut self, order: &Order) {
+        self.missions.ordered(order);
+    }
+
+    /// A window at module time `now_ns`: says what is due; gives the orders that the ground station has given.
+    pub fn window(&mut self, now_ns: u64) -> Vec<Order> {
+        self.commands.window(now_ns, &mut self.out);
+        self.missions.window(now_ns, &mut self.out);
+        self.parameters.window(&mut self.out);
+        self.streams.window(now_ns, &self.parameters.rates(), self.missions.items(), &mut self.out);
+        std::mem::take(&mut self.out.orders)
+    }
+
+    /// The next message for the line, if one waits.
+    pub fn next_message(&mut self) -> Option<Vec<u8>> {
+        self.out.messages.pop_front()
+    }
+
+    /// Tells the person at the ground station something.
+    pub fn tell(&mut self, severity: MavSeverity, text: &str) {
+        self.out.text(severity, text);
+    }
+
+    fn received(&mut self, received: &Received, now_ns: u64) {
+        use bateleur_mavlink::common::MavMessage as M;
+        let peer: Peer = (received.system, received.component);
+        if peer.0 == self.system && peer.1 == AUTOPILOT {
+            return; // our own words, echoed
+        }
+        let out = &mut self.out;
+        match &received.message {
+            M::COMMAND_LONG(command)
+                if self.system == command.target_system || command.target_system == 0 =>
+            {
+                self.commands.command(command, peer, now_ns, &self.streams, out);
+            }
+            M::SET_MODE(message) if message.target_system == self.system => {
+                self.commands.set_mode(message, peer, now_ns, out);
+            }
+            M::PARAM_REQUEST_LIST(message) if message.target_system == self.system => self.parameters.list(),
+            M::PARAM_REQUEST_READ(message) if message.target_system == self.system => {
+                self.parameters.read(message, peer, out);
+            }
+            M::PARAM_SET(message) if message.target_system == self.system => {
+                self.parameters.set(message, peer, out);
+            }
+            message => self.missions.message(message, self.system, peer, now_ns, out),
+        }
+    }
+}
+
+/// Why a function did not take an order, for a person.
+fn why(answer: &Acknowledge) -> &'static str {
+    Refusal::of(answer).map_or("it is not understood", Refusal::text)
+}

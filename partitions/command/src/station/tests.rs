@@ -1,0 +1,433 @@
+use super::*;
+use bateleur_mavlink::common::*;
+use bateleur_messages::telemetry::{ACCEPTED, FROM_CONTROLLER, FROM_SERVO, Navigation, REFUSED};
+
+const CYCLE: u64 = 20_000_000;
+const GROUND: (u8, u8) = (255, 190);
+
+/// An aircraft, the functions behind it, and a ground station.
+struct World {
+    station: Station,
+    ground: Encoder,
+    window: u64,
+    /// What the functions answer to an order.
+    answers: fn(&Order) -> Vec<Acknowledge>,
+    ordered: Vec<Order>,
+}
+
+fn accept(order: &Order) -> Vec<Acknowledge> {
+    let first = order.data()[0];
+    let by =
+        |from| Acknowledge { letter: order.letter(), first, from, result: ACCEPTED, ..Default::default() };
+    match order {
+        Order::Autopilot { .. } => vec![by(FROM_CONTROLLER), by(FROM_SERVO)],
+        _ => vec![by(FROM_CONTROLLER)],
+    }
+}
+
+fn refuse(order: &Order) -> Vec<Acknowledge> {
+    let reason = Refusal::NoState as u32;
+    accept(order).into_iter().map(|answer| Acknowledge { result: REFUSED, reason, ..answer }).collect()
+}
+
+impl World {
+    fn new(answers: fn(&Order) -> Vec<Acknowledge>) -> Self {
+        let setup = Setup { system: 1, runway: Runway::default() };
+        Self {
+            station: Station::new(&setup),
+            ground: Encoder::new(GROUND.0, GROUND.1),
+            window: 0,
+            answers,
+            ordered: Vec::new(),
+        }
+    }
+
+    /// One window after these messages; gives what the ground hears.
+    fn window(&mut self, messages: &[MavMessage]) -> Vec<MavMessage> {
+        self.window += 1;
+        let now_ns = self.window * CYCLE;
+        let mut bytes = Vec::new();
+        messages.iter().for_each(|message| self.ground.write(message, &mut bytes));
+        self.station.datagram(&bytes, now_ns);
+        for order in self.station.window(now_ns) {
+            self.station.ordered(&order);
+            self.ordered.push(order);
+            for answer in (self.answers)(&order) {
+                self.station.telemetry(&Telemetry::Acknowledge(answer));
+            }
+        }
+        let mut heard = Vec::new();
+        while let Some(message) = self.station.next_message() {
+            Decoder::new().datagram(&message, |received| heard.push(received.message));
+        }
+        heard
+    }
+
+    /// So many windows without a word from the ground.
+    fn windows(&mut self, count: usize) -> Vec<MavMessage> {
+        (0..count).flat_map(|_| self.window(&[])).collect()
+    }
+
+    /// What a ground station does that uploads `items`; gives the verdict.
+    fn upload(&mut self, items: &[MISSION_ITEM_INT_DATA]) -> Option<MavMissionResult> {
+        let mut heard = self.window(&[count(items.len() as u16, MavMissionType::MAV_MISSION_TYPE_MISSION)]);
+        for _ in 0..300 {
+            let mut answers = Vec::new();
+            for message in &heard {
+                match message {
+                    MavMessage::MISSION_REQUEST_INT(request) => {
+                        let seq = usize::from(request.seq);
+                        answers.push(MavMessage::MISSION_ITEM_INT(MISSION_ITEM_INT_DATA {
+                            seq: request.seq,
+                            ..items[seq].clone()
+                        }));
+                    }
+                    MavMessage::MISSION_ACK(ack) => return Some(ack.mavtype),
+                    _ => {}
+                }
+            }
+            heard = self.window(&answers);
+        }
+        None
+    }
+}
+
+fn count(count: u16, mission_type: MavMissionType) -> MavMessage {
+    MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
+        count,
+        target_system: 1,
+        target_component: 1,
+        mission_type,
+        ..MISSION_COUNT_DATA::DEFAULT
+    })
+}
+
+fn item(north_m: f64, east_m: f64, z: f32) -> MISSION_ITEM_INT_DATA {
+    let (x, y) = Runway::default().units(north_m, east_m);
+    MISSION_ITEM_INT_DATA {
+        x,
+        y,
+        z,
+        target_system: 1,
+        target_component: 1,
+        command: MavCmd::MAV_CMD_NAV_WAYPOINT,
+        frame: MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT,
+        ..MISSION_ITEM_INT_DATA::DEFAULT
+    }
+}
+
+fn speed(mps: f32) -> MISSION_ITEM_INT_DATA {
+    MISSION_ITEM_INT_DATA {
+        command: MavCmd::MAV_CMD_DO_CHANGE_SPEED,
+        frame: MavFrame::MAV_FRAME_MISSION,
+        param2: mps,
+        ..item(0.0, 0.0, 0.0)
+    }
+}
+
+fn command(command: MavCmd, param1: f32) -> MavMessage {
+    MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+        command,
+        param1,
+        target_system: 1,
+        ..COMMAND_LONG_DATA::DEFAULT
+    })
+}
+
+fn acknowledged(heard: &[MavMessage]) -> Vec<MavResult> {
+    let results = heard.iter().filter_map(|message| match message {
+        MavMessage::COMMAND_ACK(ack) => Some(ack.result),
+        _ => None,
+    });
+    results.collect()
+}
+
+fn texts(heard: &[MavMessage]) -> String {
+    let texts = heard.iter().filter_map(|message| match message {
+        MavMessage::STATUSTEXT(text) => Some(String::from_utf8_lossy(&*text.text).into_owned() + "\n"),
+        _ => None,
+    });
+    texts.collect()
+}
+
+#[test]
+fn heartbeat_comes_once_a_second_and_says_who_flies() {
+    let mut world = World::new(accept);
+    let heartbeats = |heard: &[MavMessage]| -> Vec<MavModeFlag> {
+        let modes = heard.iter().filter_map(|message| match message {
+            MavMessage::HEARTBEAT(heartbeat) => Some(heartbeat.base_mode),
+            _ => None,
+        });
+        modes.collect()
+    };
+    let modes = heartbeats(&world.windows(500));
+    assert_eq!(modes, [MavModeFlag::MAV_MODE_FLAG_MANUAL_INPUT_ENABLED; 10]);
+    world.station.telemetry(&Telemetry::Navigation(Navigation { flags: 3, ..Default::default() }));
+    let flies = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED
+        | MavModeFlag::MAV_MODE_FLAG_STABILIZE_ENABLED
+        | MavModeFlag::MAV_MODE_FLAG_AUTO_ENABLED;
+    assert_eq!(heartbeats(&world.windows(50)), [flies]);
+}
+
+#[test]
+fn state_becomes_attitude_position_and_instruments_at_their_rates() {
+    let mut world = World::new(accept);
+    let mut heard = Vec::new();
+    for cycle in 0..100 {
+        world.station.state(&State {
+            valid_ns: cycle * CYCLE,
+            position_ned_m: [1_000.0, 0.0, -160.0],
+            velocity_ned_mps: [0.0, 22.0, -1.0],
+            euler_rad: [0.1, 0.05, std::f64::consts::FRAC_PI_2],
+            status: 3,
+            ..State::default()
+        });
+        heard.extend(world.window(&[]));
+    }
+    let of = |name: &str| heard.iter().filter(|message| mavlink_name(message) == name).count();
+    assert_eq!((of("ATTITUDE"), of("GLOBAL_POSITION_INT"), of("VFR_HUD"), of("SYS_STATUS")), (20, 10, 10, 2));
+    let position = heard.iter().find_map(|message| match message {
+        MavMessage::GLOBAL_POSITION_INT(position) => Some(position.clone()),
+        _ => None,
+    });
+    let position = position.unwrap();
+    assert_eq!(
+        (position.relative_alt, position.vy, position.vz, position.hdg),
+        (160_000, 2_200, -100, 9_000)
+    );
+    let (latitude, longitude) = Runway::default().units(1_000.0, 0.0);
+    assert_eq!((position.lat, position.lon), (latitude, longitude));
+}
+
+fn mavlink_name(message: &MavMessage) -> &'static str {
+    match message {
+        MavMessage::ATTITUDE(_) => "ATTITUDE",
+        MavMessage::GLOBAL_POSITION_INT(_) => "GLOBAL_POSITION_INT",
+        MavMessage::VFR_HUD(_) => "VFR_HUD",
+        MavMessage::SYS_STATUS(_) => "SYS_STATUS",
+        _ => "",
+    }
+}
+
+#[test]
+fn state_that_can_not_be_used_is_not_shown() {
+    let mut world = World::new(accept);
+    world.station.state(&State { status: 1, ..State::default() });
+    let heard = world.windows(100);
+    assert!(!heard.iter().any(|message| matches!(message, MavMessage::ATTITUDE(_))));
+}
+
+#[test]
+fn arming_is_acknowledged_when_controller_and_servo_have_taken_it() {
+    let mut world = World::new(|_| Vec::new());
+    let arm = command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, 1.0);
+    assert_eq!(acknowledged(&world.window(std::slice::from_ref(&arm))), []);
+    assert_eq!(world.ordered, [Order::Autopilot { on: true }]);
+    let [controller, servo] = accept(&Order::Autopilot { on: true })[..] else { panic!() };
+    world.station.telemetry(&Telemetry::Acknowledge(controller));
+    assert_eq!(acknowledged(&world.window(&[arm])), [], "asked again while it waits");
+    assert_eq!(world.ordered.len(), 1);
+    world.station.telemetry(&Telemetry::Acknowledge(servo));
+    assert_eq!(acknowledged(&world.window(&[])), [MavResult::MAV_RESULT_ACCEPTED]);
+}
+
+#[test]
+fn refused_command_says_why_and_a_silent_function_is_told() {
+    let mut world = World::new(refuse);
+    let mut heard = world.window(&[command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, 1.0)]);
+    heard.extend(world.window(&[]));
+    assert_eq!(acknowledged(&heard), [MavResult::MAV_RESULT_TEMPORARILY_REJECTED]);
+    assert!(texts(&heard).contains("no usable state"), "{}", texts(&heard));
+    let mut world = World::new(|_| Vec::new());
+    world.window(&[command(MavCmd::MAV_CMD_MISSION_START, 0.0)]);
+    let heard = world.windows(80);
+    assert_eq!(acknowledged(&heard), [MavResult::MAV_RESULT_FAILED]);
+    assert!(texts(&heard).contains("did not answer"));
+}
+
+#[test]
+fn senseless_and_unknown_commands_are_refused_and_reach_nobody() {
+    let mut world = World::new(accept);
+    let heard = world.window(&[
+        command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, f32::NAN),
+        command(MavCmd::MAV_CMD_DO_SET_MODE, -4.0),
+        command(MavCmd::MAV_CMD_NAV_LAND, 0.0),
+    ]);
+    let refused =
+        [MavResult::MAV_RESULT_DENIED, MavResult::MAV_RESULT_DENIED, MavResult::MAV_RESULT_UNSUPPORTED];
+    assert_eq!(acknowledged(&heard), refused);
+    assert!(world.ordered.is_empty());
+}
+
+#[test]
+fn mode_without_the_hil_bit_leaves_hil_mode_alone() {
+    let mut world = World::new(|_| Vec::new());
+    world.window(&[command(MavCmd::MAV_CMD_DO_SET_MODE, 4.0)]);
+    assert_eq!(world.ordered, [Order::Navigation { on: true }, Order::Autopilot { on: false }]);
+}
+
+#[test]
+fn mission_is_loaded_in_order_with_its_speeds_and_comes_back_as_it_went() {
+    let mut world = World::new(accept);
+    let items = [
+        speed(20.0),
+        item(500.0, 0.0, 160.0),
+        item(500.0, 500.0, 160.0),
+        speed(24.0),
+        item(0.0, 500.0, 120.0),
+    ];
+    assert_eq!(world.upload(&items), Some(MavMissionResult::MAV_MISSION_ACCEPTED));
+    let loaded: Vec<_> = world
+        .ordered
+        .iter()
+        .map(|order| match order {
+            Order::Waypoint(point) => (point.index, point.count, point.north_m.round(), point.airspeed_mps),
+            other => panic!("{other:?}"),
+        })
+        .collect();
+    assert_eq!(loaded, [(0, 3, 500.0, 20.0), (1, 3, 500.0, 20.0), (2, 3, 0.0, 24.0)]);
+    let list = MavMessage::MISSION_REQUEST_LIST(MISSION_REQUEST_LIST_DATA {
+        target_system: 1,
+        ..MISSION_REQUEST_LIST_DATA::DEFAULT
+    });
+    let asked = (0..5).map(|seq| {
+        MavMessage::MISSION_REQUEST_INT(MISSION_REQUEST_INT_DATA {
+            seq,
+            target_system: 1,
+            ..MISSION_REQUEST_INT_DATA::DEFAULT
+        })
+    });
+    let questions: Vec<_> = [list].into_iter().chain(asked).collect();
+    let heard = world.window(&questions);
+    let back: Vec<_> = heard
+        .iter()
+        .filter_map(|message| match message {
+            MavMessage::MISSION_ITEM_INT(item) => Some((item.seq, item.command, item.x, item.z)),
+            _ => None,
+        })
+        .collect();
+    let sent: Vec<_> = items
+        .iter()
+        .zip(0..)
+        .map(|(item, seq)| match item.command {
+            MavCmd::MAV_CMD_NAV_WAYPOINT => (seq, item.command, item.x, item.z),
+            command => (seq, command, 0, 0.0),
+        })
+        .collect();
+    assert_eq!(back, sent);
+    assert!(
+        heard.iter().any(|message| matches!(message, MavMessage::MISSION_COUNT(count) if count.count == 5))
+    );
+}
+
+#[test]
+fn items_that_can_not_be_flown_are_refused_before_anything_is_loaded() {
+    for (bad, verdict) in [
+        (item(90_000.0, 0.0, 160.0), MavMissionResult::MAV_MISSION_INVALID_PARAM5_X),
+        (item(0.0, 0.0, f32::NAN), MavMissionResult::MAV_MISSION_INVALID_PARAM7),
+        (item(0.0, 0.0, -20.0), MavMissionResult::MAV_MISSION_INVALID_PARAM7),
+        (speed(f32::INFINITY), MavMissionResult::MAV_MISSION_INVALID_PARAM2),
+        (
+            MISSION_ITEM_INT_DATA { command: MavCmd::MAV_CMD_NAV_LAND, ..item(0.0, 0.0, 100.0) },
+            MavMissionResult::MAV_MISSION_UNSUPPORTED,
+        ),
+        (
+            MISSION_ITEM_INT_DATA { frame: MavFrame::MAV_FRAME_BODY_NED, ..item(0.0, 0.0, 100.0) },
+            MavMissionResult::MAV_MISSION_UNSUPPORTED_FRAME,
+        ),
+    ] {
+        let mut world = World::new(accept);
+        assert_eq!(world.upload(&[item(1.0, 1.0, 100.0), bad]), Some(verdict));
+        assert!(world.ordered.is_empty());
+    }
+    let mut world = World::new(accept);
+    assert_eq!(world.upload(&vec![item(1.0, 1.0, 100.0); 33]), Some(MavMissionResult::MAV_MISSION_NO_SPACE));
+    assert_eq!(world.upload(&[]), Some(MavMissionResult::MAV_MISSION_DENIED));
+    let heard = world.window(&[count(3, MavMissionType::MAV_MISSION_TYPE_FENCE)]);
+    assert!(heard.iter().any(|message| matches!(message, MavMessage::MISSION_ACK(ack) if ack.mavtype == MavMissionResult::MAV_MISSION_UNSUPPORTED)));
+}
+
+#[test]
+fn controller_that_refuses_or_does_not_answer_ends_the_upload_with_its_reason() {
+    let mut world = World::new(refuse);
+    assert_eq!(world.upload(&[item(1.0, 1.0, 100.0)]), Some(MavMissionResult::MAV_MISSION_DENIED));
+    let mut world = World::new(|_| Vec::new());
+    assert_eq!(world.upload(&[item(1.0, 1.0, 100.0)]), Some(MavMissionResult::MAV_MISSION_ERROR));
+}
+
+#[test]
+fn lost_item_is_asked_for_again_and_a_lost_ground_station_is_given_up() {
+    let mut world = World::new(accept);
+    world.window(&[count(2, MavMissionType::MAV_MISSION_TYPE_MISSION)]);
+    let heard = world.windows(300);
+    let asked = heard
+        .iter()
+        .filter(|message| matches!(message, MavMessage::MISSION_REQUEST_INT(request) if request.seq == 0))
+        .count();
+    assert_eq!(asked, 4);
+    assert!(heard.iter().any(|message| matches!(message, MavMessage::MISSION_ACK(ack) if ack.mavtype == MavMissionResult::MAV_MISSION_OPERATION_CANCELLED)));
+}
+
+fn parameter(id: &str, param_value: f32) -> MavMessage {
+    let mut message = PARAM_SET_DATA { param_value, target_system: 1, ..PARAM_SET_DATA::DEFAULT };
+    message.param_id = id.into();
+    MavMessage::PARAM_SET(message)
+}
+
+#[test]
+fn parameters_are_listed_whole_and_bad_values_are_refused_with_the_one_that_stands() {
+    let mut world = World::new(accept);
+    world.window(&[MavMessage::PARAM_REQUEST_LIST(PARAM_REQUEST_LIST_DATA {
+        target_system: 1,
+        ..PARAM_REQUEST_LIST_DATA::DEFAULT
+    })]);
+    world.window += 1;
+    let told = |heard: &[MavMessage]| -> Vec<(u16, u16, f32)> {
+        heard
+            .iter()
+            .filter_map(|message| match message {
+                MavMessage::PARAM_VALUE(value) => {
+                    Some((value.param_index, value.param_count, value.param_value))
+                }
+                _ => None,
+            })
+            .collect()
+    };
+    let rest = told(&world.windows(10));
+    assert_eq!(rest.iter().map(|(index, ..)| *index).collect::<Vec<_>>(), (2..7).collect::<Vec<_>>());
+    assert!(rest.iter().all(|(_, count, _)| *count == 7));
+    for (id, value, stands) in [
+        ("RATE_HUD", 20.0, 20.0),
+        ("RATE_HUD", 51.0, 20.0),
+        ("RATE_HUD", f32::NAN, 20.0),
+        ("SYS_ID", 9.0, 1.0),
+    ] {
+        let heard = world.window(&[parameter(id, value)]);
+        assert_eq!(told(&heard)[0].2, stands, "{id} = {value}");
+        let refused = heard.iter().any(|message| matches!(message, MavMessage::PARAM_ERROR(_)));
+        assert_eq!(refused, value != stands, "{id} = {value}");
+    }
+    let heard = world.window(&[parameter("NOWHERE", 1.0)]);
+    assert!(told(&heard).is_empty());
+    assert!(heard.iter().any(|message| matches!(message, MavMessage::PARAM_ERROR(error) if error.error == MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST)));
+}
+
+#[test]
+fn what_is_for_another_system_or_an_echo_or_garbage_does_nothing() {
+    let mut world = World::new(accept);
+    world.windows(10);
+    let mut arm = COMMAND_LONG_DATA {
+        command: MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
+        param1: 1.0,
+        ..COMMAND_LONG_DATA::DEFAULT
+    };
+    arm.target_system = 2;
+    assert_eq!(world.window(&[MavMessage::COMMAND_LONG(arm.clone())]), []);
+    arm.target_system = 1;
+    let mut echo = Vec::new();
+    Encoder::new(1, 1).write(&MavMessage::COMMAND_LONG(arm), &mut echo);
+    world.station.datagram(&echo, 0);
+    world.station.datagram(b"\xfd\x09garbage", 0);
+    world.station.stream(&[0xfe; 400], 0);
+    assert!(world.ordered.is_empty() && world.station.refused() > 0);
+}

@@ -1,0 +1,110 @@
+//! A ground station that speaks MAVLink and is not ours: pymavlink (`tests/peers/ground.py`), with the aircraft of
+//! `tests/peers/simulator.py`, which stands on the runway and looks east.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use bateleur_tests::{Peer, alone, bateleur, edited};
+use serde_json::{Value, json};
+
+/// Results of a command.
+const ACCEPTED: u64 = 0;
+const REJECTED_NOW: u64 = 1;
+const UNSUPPORTED: u64 = 3;
+
+/// Verdicts on a mission.
+const MISSION_ACCEPTED: u64 = 0;
+const MISSION_UNSUPPORTED: u64 = 3;
+const MISSION_NO_SPACE: u64 = 4;
+const MISSION_TOO_FAR_NORTH: u64 = 10;
+
+fn angle_deg(said: &Value, place: usize) -> f64 {
+    said["attitude"][place].as_f64().unwrap_or(f64::NAN).to_degrees()
+}
+
+#[test]
+fn ground_station_by_others_sees_asks_loads_and_orders_on_the_wall_clock() {
+    let _turn = alone();
+    let Some(simulator) = Peer::start("simulator.py", &["--transport", "udp"]) else { return };
+    let Some(mut ground) = Peer::start("ground.py", &[]) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = folder.path().join("schedule.toml");
+    let ground_link =
+        format!(r#"attributes = {{ device = "/dev/nowhere", mavlink = "{}" }}"#, ground.address());
+    let ground_link = format!("network    = true\n{ground_link}");
+    std::fs::write(&schedule, edited(&[(r#"attributes = { device = "/dev/ttyS0" }"#, &ground_link)]))
+        .unwrap();
+    let simulator_set = format!("hil_interface.simulator={}", simulator.address());
+    let module = bateleur(&[
+        "run",
+        "--schedule",
+        schedule.to_str().unwrap(),
+        "--set",
+        "hil_interface.protocol=mavlink",
+        "--set",
+        &simulator_set,
+        "--set",
+        "hil_interface.hil_mode=true",
+        "--until",
+        "110",
+    ]);
+    let said = ground.line();
+    eprintln!("{said:#}");
+    module.signal(rustix::process::Signal::TERM);
+    module.end().expect_code(0);
+    simulator.finish();
+
+    // Fixed wing, system 1, component 1; the safety pilot flies.
+    assert_eq!(said["heartbeat"].as_array().unwrap()[..3], [json!(1), json!(1), json!(1)]);
+    assert_eq!(said["armed_too_early"], REJECTED_NOW);
+    let why = said["why_not_armed"].to_string();
+    assert!(why.contains("refused"), "{why}");
+    assert_eq!((&said["version"], &said["version_heard"]), (&json!(ACCEPTED), &json!(true)));
+    assert_eq!(said["land"], UNSUPPORTED);
+    assert_eq!(said["parameters"][0], 7);
+    assert_eq!(said["parameters"][1], json!([0, 1, 2, 3, 4, 5, 6]));
+    assert_eq!(
+        (&said["settable"], &said["out_of_range"], &said["read_only"]),
+        (&json!(20.0), &json!(20.0), &json!(1.0))
+    );
+    assert_eq!(said["uploaded"], MISSION_ACCEPTED);
+    assert_eq!(said["came_back"], json!([true, true, true, true]));
+    assert_eq!(said["too_far"], MISSION_TOO_FAR_NORTH);
+    assert_eq!(said["too_many"], MISSION_NO_SPACE);
+    assert_eq!(said["fence"], MISSION_UNSUPPORTED);
+    assert!(angle_deg(&said, 0).abs() < 3.0 && angle_deg(&said, 1).abs() < 3.0, "{}", said["attitude"]);
+    assert!((angle_deg(&said, 2) - 90.0).abs() < 8.0, "{}", said["attitude"]);
+    let near = |place: usize, limit: f64| said["position"][place].as_f64().unwrap().abs() < limit;
+    assert!(near(0, 2e-4) && near(1, 2e-4) && near(2, 20.0), "{}", said["position"]);
+    assert_eq!(
+        (&said["ready"], &said["started"], &said["disarmed"]),
+        (&json!(true), &json!(ACCEPTED), &json!(ACCEPTED))
+    );
+    // Armed, HIL, stabilised, automatic; then the safety pilot, in HIL, with navigation still on.
+    assert_eq!((&said["flies"], &said["rests"]), (&json!(128 + 32 + 16 + 4), &json!(64 + 32 + 4)));
+    let attitudes = said["attitudes_in_4_s"].as_u64().unwrap();
+    assert!((40..=100).contains(&attitudes), "20 Hz were asked for: {attitudes} in 4 s");
+    for kind in [
+        "ATTITUDE",
+        "BATTERY_STATUS",
+        "GLOBAL_POSITION_INT",
+        "GPS_RAW_INT",
+        "HEARTBEAT",
+        "HIGHRES_IMU",
+        "HOME_POSITION",
+        "LOCAL_POSITION_NED",
+        "MISSION_CURRENT",
+        "NAV_CONTROLLER_OUTPUT",
+        "SERVO_OUTPUT_RAW",
+        "STATUSTEXT",
+        "SYSTEM_TIME",
+        "SYS_STATUS",
+        "VFR_HUD",
+    ] {
+        assert!(
+            said["kinds"].as_array().unwrap().contains(&json!(kind)),
+            "{kind} never came: {}",
+            said["kinds"]
+        );
+    }
+    assert!(said["texts"].to_string().contains("the autopilot flies"), "{}", said["texts"]);
+}

@@ -27,6 +27,7 @@ struct Arguments {
 enum Verb {
     Airframe(verb::airframe::Arguments),
     Bench(verb::bench::Arguments),
+    Campaign(Box<verb::campaign::Arguments>),
     Check(verb::check::Arguments),
     Compare(verb::compare::Arguments),
     Completions(verb::completions::Arguments),
@@ -74,6 +75,7 @@ fn main() -> ExitCode {
     let result = match arguments.verb {
         Verb::Airframe(arguments) => verb::airframe::run(&arguments),
         Verb::Bench(arguments) => verb::bench::run(&arguments),
+        Verb::Campaign(arguments) => verb::campaign::run(&arguments),
         Verb::Check(arguments) => verb::check::run(&arguments),
         Verb::Compare(arguments) => verb::compare::run(&arguments),
         Verb::Completions(arguments) => verb::completions::run(&arguments, Arguments::command()),

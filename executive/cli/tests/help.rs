@@ -8,9 +8,19 @@ use support::{assert_golden, assert_kept, bateleur, repository};
 
 #[test]
 fn the_help_of_the_offline_verbs_is_as_it_was() {
-    for verb in
-        ["airframe", "check", "compare", "completions", "man", "new", "plan", "replay", "schema", "show"]
-    {
+    for verb in [
+        "airframe",
+        "campaign",
+        "check",
+        "compare",
+        "completions",
+        "man",
+        "new",
+        "plan",
+        "replay",
+        "schema",
+        "show",
+    ] {
         let ended = bateleur(&[verb, "--help"]);
         assert_eq!((ended.code, ended.stderr.as_str()), (0, ""));
         assert_eq!(ended.stdout.matches("Exit codes").count(), 1, "{}", ended.stdout);

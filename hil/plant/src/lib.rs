@@ -52,3 +52,8 @@ pub use simulation::{Conditions, Controls, FlightStart, STEP_S, Simulation, Star
 pub use trim::{Trim, TrimError, trim};
 pub use variation::{Ranges, vary};
 pub use wind::Turbulence;
+
+/// A number from 0 to 1, evenly drawn, that belongs to a seed and a name: for campaigns. One name more or less changes no other's.
+pub fn drawn(seed: u64, name: &str) -> f64 {
+    noise::Noise::named(seed, name).unit()
+}

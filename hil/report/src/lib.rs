@@ -8,6 +8,7 @@
 
 pub mod air;
 pub mod believed;
+pub mod campaign;
 pub mod chains;
 pub mod compare;
 mod error;

@@ -3,6 +3,7 @@
 pub(crate) mod air;
 pub(crate) mod airframe;
 pub(crate) mod bench;
+pub(crate) mod campaign;
 pub(crate) mod check;
 pub(crate) mod compare;
 pub(crate) mod completions;

@@ -209,7 +209,7 @@ fn events(descriptor: Option<RawFd>) -> Box<dyn Write + Send> {
     }
 }
 
-fn stop_with_standard_input(stop: Arc<AtomicBool>) {
+pub(crate) fn stop_with_standard_input(stop: Arc<AtomicBool>) {
     std::thread::spawn(move || {
         let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink()); // closed either way
         stop.store(true, Ordering::Release);

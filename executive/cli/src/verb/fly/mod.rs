@@ -28,6 +28,7 @@ use bateleur_simulator::Outside;
 
 use super::air::{direction, seed, wind};
 use super::faults::Faults;
+use super::run::stop_with_standard_input;
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
 use crate::line::Line;
 use crate::output;
@@ -86,6 +87,9 @@ pub(crate) struct Arguments {
     /// Folder of this flight; the default is one of its own below target/flights.
     #[arg(long, short)]
     pub(crate) output: Option<PathBuf>,
+    /// End when standard input does: for programs that start it.
+    #[arg(long)]
+    pub(crate) until_stdin_closes: bool,
     /// Refuse to fly where this machine lacks something.
     #[arg(long, value_name = "HOW", value_parser = ["strict"])]
     pub(crate) require: Option<String>,
@@ -109,6 +113,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
         signal_hook::flag::register(signal, stop.clone()).context("cannot watch for signals")?;
+    }
+    if arguments.until_stdin_closes {
+        stop_with_standard_input(stop.clone());
     }
     let folder = make_folder(arguments)?;
     let begun = Instant::now();

@@ -1,0 +1,182 @@
+//! Campaigns that really fly: few flights of one lap, in virtual time.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::Duration;
+
+use bateleur_tests::{Process, Started, among_others, await_some, bateleur, children_of, edited};
+use rustix::process::Signal;
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// Longer than a few flights take on a machine that is busy with other things.
+const PATIENCE: Duration = Duration::from_secs(200);
+
+/// A folder with a schedule of one lap.
+fn place() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("lap.toml"), edited(&[("laps = 2", "laps = 1")])).unwrap();
+    folder
+}
+
+fn campaign(place: &TempDir, output: &str, options: &[&str]) -> Started {
+    let (schedule, output) = (place.path().join("lap.toml"), place.path().join(output));
+    let mut all =
+        vec!["campaign", "--schedule", schedule.to_str().unwrap(), "--output", output.to_str().unwrap()];
+    all.extend(["--format", "json"]);
+    if !options.contains(&"--jobs") {
+        all.extend(["--jobs", "2"]);
+    }
+    all.extend(options);
+    bateleur(&all)
+}
+
+/// The lines of a campaign by number; every one is whole.
+fn lines(folder: &Path) -> BTreeMap<u64, Value> {
+    let text = std::fs::read_to_string(folder.join("flights.jsonl")).unwrap_or_default();
+    let mut all = BTreeMap::new();
+    for line in text.split_inclusive('\n') {
+        assert!(line.ends_with('\n'), "the last line has no end: {line}");
+        let flight: Value = serde_json::from_str(line).unwrap();
+        let other = all.insert(flight["number"].as_u64().unwrap(), flight);
+        assert!(other.is_none(), "flown twice: {line}");
+    }
+    all
+}
+
+fn digests(folder: &Path) -> BTreeMap<u64, String> {
+    lines(folder)
+        .into_iter()
+        .map(|(number, flight)| (number, flight["digest"].as_str().unwrap().to_owned()))
+        .collect()
+}
+
+#[test]
+fn shards_fly_the_flights_of_the_campaign_in_one_piece_and_no_logs_stay() {
+    let _turn = among_others();
+    let place = place();
+    let whole = campaign(&place, "whole", &["--flights", "4"]).end_within(PATIENCE);
+    let summary = whole.summary();
+    assert_eq!((&summary["asked"], &summary["flown"]), (&4.into(), &4.into()), "{}", whole.stderr);
+    let folder = place.path().join("whole");
+    assert_eq!(
+        std::fs::read_dir(folder.join("flights")).unwrap().count() as u64,
+        4 - summary["completed"].as_u64().unwrap()
+    );
+    assert!(folder.join("report.html").exists() && folder.join("result.json").exists());
+    for shard in ["0/2", "1/2"] {
+        campaign(&place, "parts", &["--flights", "4", "--shard", shard]).end_within(PATIENCE);
+    }
+    let parts = ["shard-0-of-2", "shard-1-of-2"].map(|name| place.path().join("parts").join(name));
+    let merged = place.path().join("merged");
+    let mut merge = vec!["campaign", "merge", "--format", "json", "--output", merged.to_str().unwrap()];
+    merge.extend(parts.iter().map(|part| part.to_str().unwrap()));
+    let merged_summary = bateleur(&merge).end().summary();
+    assert_eq!(digests(&merged), digests(&folder), "the same flights, bit for bit");
+    assert_eq!(merged_summary["figures"], summary["figures"]);
+    assert_eq!(merged_summary["notes"], Value::Array(Vec::new()));
+}
+
+#[test]
+fn stopped_campaign_leaves_whole_lines_and_no_process_and_goes_on_where_it_was() {
+    let _turn = among_others();
+    let place = place();
+    let folder = place.path().join("out");
+    let six = ["--flights", "6", "--kills", "0..1"];
+    let first = campaign(&place, "out", &six);
+    let one = || (!lines(&folder).is_empty()).then_some(());
+    assert!(await_some(PATIENCE, one).is_some(), "no flight: {}", first.said());
+    let children = children_of(first.pid());
+    assert!(!children.is_empty());
+    first.signal_group(Signal::INT);
+    let ended = first.end_within(PATIENCE).expect_code(1).expect_words(&["the same command goes on"]);
+    assert!(
+        ended.summary()["flown"].as_u64().unwrap() < 6,
+        "it was stopped too late to tell: {}",
+        ended.stderr
+    );
+    let gone = || children.iter().all(|child| !child.is_alive()).then_some(());
+    assert!(await_some(Duration::from_secs(20), gone).is_some(), "{children:?}");
+    let before = digests(&folder);
+    // A crash in the middle of a line.
+    let path = folder.join("flights.jsonl");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text + "{\"number\":5,\"se").unwrap();
+    let ended =
+        campaign(&place, "out", &six).end_within(PATIENCE).expect_words(&["cut off", "are there already"]);
+    assert_eq!(ended.summary()["flown"], 6, "{}", ended.stderr);
+    let after = digests(&folder);
+    assert!(before.iter().all(|(number, digest)| after[number] == *digest));
+    campaign(&place, "out", &["--flights", "6", "--kills", "0..1", "--wind", "1..2"])
+        .end()
+        .expect_code(2)
+        .expect_words(&["holds another campaign (wind, m/s"]);
+}
+
+/// The program of a flight, once it is there.
+#[track_caller]
+fn flight_of(campaign: &Started) -> Process {
+    let found = || children_of(campaign.pid()).into_iter().find(|child| child.name == "bateleur");
+    await_some(PATIENCE, found).unwrap_or_else(|| panic!("no flight: {}", campaign.said()))
+}
+
+#[test]
+fn flight_that_hangs_is_ended_and_has_failed() {
+    let _turn = among_others();
+    let place = place();
+    let hung = campaign(&place, "out", &["--flights", "1", "--patience", "3"]);
+    let flight = flight_of(&hung);
+    flight.signal(Signal::STOP);
+    let ended = hung.end_within(PATIENCE).expect_code(1);
+    assert!(!flight.is_alive());
+    let flights = lines(&place.path().join("out"));
+    assert_eq!(flights[&0]["failure"], "it hangs: no end after 3 s (--patience)", "{}", ended.stderr);
+}
+
+#[test]
+fn flight_that_is_killed_has_failed_and_the_next_one_flies() {
+    let _turn = among_others();
+    let place = place();
+    let killed = campaign(&place, "out", &["--flights", "2", "--jobs", "1"]);
+    flight_of(&killed).signal(Signal::KILL);
+    let ended = killed.end_within(PATIENCE).expect_code(1);
+    let flights = lines(&place.path().join("out"));
+    assert_eq!(flights.len(), 2, "{}", ended.stderr);
+    let failure = flights[&0]["failure"].as_str().unwrap();
+    assert!(failure.starts_with("the flight was ended by signal 9"), "{failure}");
+    assert!(flights[&1]["digest"].is_string(), "the next one flew");
+}
+
+#[test]
+fn flight_that_can_not_begin_has_failed_with_its_last_words() {
+    let _turn = among_others();
+    let place = place();
+    let ended = campaign(&place, "out", &["--flights", "2", "--", "--mission=/dev/null"]);
+    ended.end_within(PATIENCE).expect_code(1);
+    for flight in lines(&place.path().join("out")).values() {
+        let failure = flight["failure"].as_str().unwrap();
+        assert!(failure.contains("ended with code 2") && failure.contains("mission"), "{failure}");
+    }
+}
+
+#[test]
+fn failed_flight_flies_again_from_its_command() {
+    let _turn = among_others();
+    let place = place();
+    // Six deaths in ten seconds are more than the budget: the Estimator rests, and the mission fails.
+    let kills: Vec<String> = (0..6).map(|n| format!("--kill=estimator@{}", 60 + n)).collect();
+    let mut options = vec!["--flights", "1", "--kills", "0", "--"];
+    options.extend(kills.iter().map(String::as_str));
+    let ended = campaign(&place, "out", &options).end_within(PATIENCE).expect_code(1);
+    let failure = &ended.summary()["failed"][0];
+    assert!(failure["reason"].as_str().unwrap().contains("estimator is idle"), "{failure}");
+    let command = failure["command"].as_str().unwrap();
+    assert!(ended.stderr.contains(command), "{}", ended.stderr);
+    let mut words: Vec<&str> = command.split(' ').skip(1).collect();
+    words.extend(["--format", "json"]);
+    let again = bateleur(&words).end_within(PATIENCE).expect_code(1).summary();
+    assert_eq!(again["digest"], lines(&place.path().join("out"))[&0]["digest"]);
+    assert!(place.path().join("out/flights/0/ports.mcap").exists(), "logs of failed flights are kept");
+}

@@ -79,13 +79,18 @@ pub enum CustodianError {
     Pipe(#[from] io::Error),
 }
 
-/// The custodian's life: says "ready" on standard output, then holds the channels until standard input closes.
+/// What the custodian says when it holds every channel.
+pub const READY: &str = "ready";
+
+/// The custodian's life: says on standard output which channel comes next, each on a line, and "ready" when it holds all of
+/// them; then holds them until standard input closes. Where it ends before, the channel that it named last is why.
 pub fn run(order: &str) -> Result<(), CustodianError> {
     name_process(c"custodian");
     let order: Order = serde_json::from_str(order)?;
     let (domain, mut nodes, mut held) = (order.domain(), BTreeMap::new(), Vec::new());
     for channel in &order.channels {
         let channel = channel.channel_type();
+        say(&channel.name)?;
         let node = domain.join(channel.home(), "custodian")?;
         held.push(open_or_create(&channel, &node)?);
         if channel.depth.is_some() {
@@ -93,10 +98,15 @@ pub fn run(order: &str) -> Result<(), CustodianError> {
         }
         nodes.insert(channel.name, node);
     }
-    io::stdout().write_all(b"ready\n")?;
-    io::stdout().flush()?;
+    say(READY)?;
     io::stdin().read_to_end(&mut Vec::new())?;
     Ok(())
+}
+
+fn say(word: &str) -> io::Result<()> {
+    let mut output = io::stdout().lock();
+    writeln!(output, "{word}")?;
+    output.flush()
 }
 
 /// A custodian that follows a dead one finds the channels that partitions still hold.

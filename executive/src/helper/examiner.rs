@@ -102,6 +102,8 @@ fn comes_back_well(child: &mut Child, limit: Instant) -> bool {
 /// A channel that can not be attached to.
 pub fn attach(order: &str) -> Result<(), ExaminerError> {
     super::custodian::name_process(c"attach");
+    // It must not sit in a channel when nobody waits for its answer.
+    let _ = rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL)); // never refused
     let order: Order = serde_json::from_str(order)?;
     let domain = Domain { root: order.root };
     for port in order.ports {

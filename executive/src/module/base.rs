@@ -2,7 +2,7 @@
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::fs::File;
+use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
 use std::os::fd::{AsFd, OwnedFd};
 use std::path::{Path, PathBuf};
@@ -14,24 +14,28 @@ use super::course::{Course, Ended};
 use super::{Options, RunError, machine};
 use crate::control::{Inbox, Server};
 use crate::event::Event;
-use crate::helper::custodian::{Order, OrderedChannel};
+use crate::helper::custodian::{self, Order, OrderedChannel};
 use crate::helper::examiner;
 use crate::helper::guard::FAREWELL;
 use crate::instance::Instance;
 use crate::machine::Machine;
 use crate::monitor::observers::StartObserver;
-use crate::monitor::renewal::Means;
+use crate::monitor::renewal::{Means, NotHeld};
 use crate::monitor::{StartForStranger, StartJanitor};
-use crate::partition::{Cage, Housing, attached_channels, message_name, queue_depth};
+use crate::partition::{Cage, Housing, attached_channels, is_readable, message_name, queue_depth};
 use crate::plan::{ModuleView, PartitionId, Plan, PortId};
 use crate::planned::STANDBY;
 use crate::system::account::Accounts;
 use crate::system::cgroup::Group;
 use crate::system::spawn::{Request, Spawned, User, Walls, spawn};
+use crate::system::time::now_ns;
 use crate::world::Recorder;
 
 /// How long the custodian may take to create every channel.
 const CUSTODIAN_PATIENCE_NS: u64 = 10_000_000_000;
+
+/// As above while the module runs: the monitor waits for it.
+const NEXT_CUSTODIAN_PATIENCE_NS: u64 = 3_000_000_000;
 
 /// What a helper process finds at its first descriptors.
 #[derive(Default)]
@@ -79,6 +83,26 @@ fn examination(order: &Order, plan: &Plan, partition: PartitionId) -> examiner::
     examiner::Order { root: order.root.clone(), ports: ports.collect() }
 }
 
+/// The lines that a custodian says, until it is ready, ends, or has taken too long.
+fn words_until_ready(mut answer: &File, patience_ns: u64) -> Vec<String> {
+    let limit_ns = now_ns().saturating_add(patience_ns);
+    let (mut said, mut piece) = (Vec::new(), [0; 512]);
+    loop {
+        crate::partition::await_any_end(&[answer.as_fd()], limit_ns.saturating_sub(now_ns()));
+        if !is_readable(answer.as_fd()) {
+            break;
+        }
+        match answer.read(&mut piece) {
+            Ok(count) if count > 0 => said.extend_from_slice(&piece[..count]),
+            _ => break,
+        }
+        if said.ends_with(b"ready\n") {
+            break;
+        }
+    }
+    String::from_utf8_lossy(&said).lines().map(str::to_owned).collect()
+}
+
 /// Waits for a helper that was asked to end, and reaps it.
 fn await_end(helper: &Spawned) {
     crate::partition::await_any_end(&[helper.pidfd.as_fd()], 1_000_000_000);
@@ -106,23 +130,37 @@ pub(super) struct Base {
 }
 
 impl Base {
-    pub(super) fn make(module: &str, facts: &Machine, logs: &Path) -> Result<Self, RunError> {
+    /// `goes_on`: the helpers' log of a start before is gone on with.
+    pub(super) fn make(module: &str, facts: &Machine, logs: &Path, goes_on: bool) -> Result<Self, RunError> {
         let instance =
             Instance::create(module).map_err(machine("cannot make the module's directory in /dev/shm"))?;
-        let made = Self::furnish(instance.clone(), facts, logs);
+        let made = Self::furnish(instance.clone(), facts, logs, goes_on);
         if made.is_err() {
             instance.clean_up();
         }
         made
     }
 
-    fn furnish(mut instance: Instance, facts: &Machine, logs: &Path) -> Result<Self, RunError> {
+    fn furnish(
+        mut instance: Instance,
+        facts: &Machine,
+        logs: &Path,
+        goes_on: bool,
+    ) -> Result<Self, RunError> {
         let group = facts.make_group(&instance.name);
         let accounts = Accounts::beside_self(&instance.name);
         instance
             .set_groups(group.as_ref().map(crate::system::cgroup::Group::path), accounts.paths())
             .map_err(machine("cannot note the control groups"))?;
-        let log = File::create(logs.join("helpers.log")).map_err(machine("cannot write the helpers' log"))?;
+        let path = logs.join("helpers.log");
+        if !goes_on {
+            File::create(&path).map_err(machine("cannot write the helpers' log"))?;
+        }
+        let log = OpenOptions::new()
+            .create(true)
+            .append(true)
+            .open(path)
+            .map_err(machine("cannot write the helpers' log"))?;
         let own_program =
             std::env::current_exe().map_err(machine("cannot find the executive's own program"))?;
         let base =
@@ -184,26 +222,30 @@ impl Base {
         Order { root: domain.root, channels: channels.collect() }
     }
 
-    /// Starts the custodian and waits until every channel is there.
-    fn start_custodian(&self, order: &str) -> Result<Custodian, RunError> {
-        let failed = || machine("cannot start the custodian");
-        let (reader, writer) = std::io::pipe().map_err(failed())?;
-        let (answer, answers) = std::io::pipe().map_err(failed())?;
+    /// Starts the custodian and waits until every channel is there, at most `patience_ns`.
+    fn start_custodian(&self, order: &str, patience_ns: u64) -> Result<Custodian, NotHeld> {
+        let failed = |error: std::io::Error| NotHeld {
+            channel: None,
+            why: format!("cannot start the custodian: {error}"),
+        };
+        let (reader, writer) = std::io::pipe().map_err(failed)?;
+        let (answer, answers) = std::io::pipe().map_err(failed)?;
         let (reader, answers) = (OwnedFd::from(reader), OwnedFd::from(answers));
         let lines = Lines { input: Some(&reader), output: Some(&answers), file: None };
-        let custodian = self.helper(&["custodian".into(), order.into()], lines, true).map_err(failed())?;
+        let process = self.helper(&["custodian".into(), order.into()], lines, true).map_err(failed)?;
         drop(answers);
-        let answer = File::from(OwnedFd::from(answer));
-        crate::partition::await_any_end(&[answer.as_fd()], CUSTODIAN_PATIENCE_NS);
-        let mut said = [0; 6];
-        match (&answer).read(&mut said) {
-            Ok(count) if said[..count] == *b"ready\n" => {
-                Ok(Custodian { process: custodian, line: Some(File::from(OwnedFd::from(writer))) })
+        let mut custodian = Custodian { process, line: Some(File::from(OwnedFd::from(writer))) };
+        let said = words_until_ready(&File::from(OwnedFd::from(answer)), patience_ns);
+        match said.last() {
+            Some(word) if word == custodian::READY => Ok(custodian),
+            last => {
+                custodian.leave_or_die();
+                let about = last.map_or_else(String::new, |channel| format!(" (at {channel})"));
+                let why = format!(
+                    "the custodian could not create the module's channels{about}: its reason stands in partitions/helpers.log"
+                );
+                Err(NotHeld { channel: last.cloned(), why })
             }
-            _ => Err(RunError::Machine {
-                what: "the custodian could not create the module's channels".into(),
-                why: "its reason stands in partitions/helpers.log".into(),
-            }),
         }
     }
 
@@ -232,7 +274,9 @@ impl Base {
         Ok(Box::new(move |partition, pid| {
             if crate::partition::ended(&custodian.borrow().process).is_some() {
                 // Before any clean-up, which would take away the channels that only the dead one held.
-                *custodian.borrow_mut() = copy.start_custodian(&order).map_err(std::io::Error::other)?;
+                *custodian.borrow_mut() = copy
+                    .start_custodian(&order, NEXT_CUSTODIAN_PATIENCE_NS)
+                    .map_err(std::io::Error::other)?;
             }
             copy.start_janitor(pid, attached_channels(&plan, partition))
         }))
@@ -259,8 +303,11 @@ impl Base {
         let renew = move |channels: &[String]| {
             // It holds the others too: whoever is attached to them keeps them while it is being followed.
             custodian.borrow_mut().leave_or_die();
-            renewer.instance.empty_channel_directories(channels)?;
-            *custodian.borrow_mut() = renewer.start_custodian(&text).map_err(std::io::Error::other)?;
+            renewer.instance.empty_channel_directories(channels).map_err(|error| NotHeld {
+                channel: None,
+                why: format!("cannot empty a channel's directory: {error}"),
+            })?;
+            *custodian.borrow_mut() = renewer.start_custodian(&text, NEXT_CUSTODIAN_PATIENCE_NS)?;
             Ok(())
         };
         Ok(Means { examine: Box::new(examine), renew: Box::new(renew) })
@@ -318,7 +365,12 @@ impl Base {
         let start_for_stranger: StartForStranger =
             Box::new(move |pid, channels| burier.start_janitor(pid, channels.to_vec()));
         let (ordered, order) = (order.clone(), serde_json::to_string(&order).unwrap_or_default());
-        let custodian = Rc::new(RefCell::new(self.start_custodian(&order)?));
+        let custodian = self.start_custodian(&order, CUSTODIAN_PATIENCE_NS);
+        let custodian = custodian.map_err(|error| RunError::Machine {
+            what: "cannot make the module's channels".into(),
+            why: error.why,
+        })?;
+        let custodian = Rc::new(RefCell::new(custodian));
         let port_log = options.record.as_deref().map(|path| port_log(path, course.resets()));
         let recorder = port_log.map(|path| self.start_recorder(&path, order.clone())).transpose()?;
         let cages = self.cages(plan, view, options, facts, programs)?;

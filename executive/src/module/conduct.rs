@@ -275,7 +275,8 @@ fn run_wall(
     let mut threads = Vec::new();
     for line in tables.timelines.first().into_iter().flat_map(|timeline| &timeline.cores) {
         let (producer, consumer) = RingBuffer::new(RECORDS);
-        let (core, real_time, stop) = (facts.real_core(line.core), facts.real_time, stop.clone());
+        let (core, real_time, all_stop) = (facts.real_core(line.core), facts.real_time, &stop);
+        let stop = stop.clone();
         lanes.rings.borrow_mut().push(consumer);
         let gate = WallGate::new(
             seats.clone(),
@@ -292,9 +293,14 @@ fn run_wall(
         let pace = WallPace::new(origin_ns, lanes.spun_ns.clone());
         let thread = std::thread::Builder::new()
             .name(format!("dispatch {}", line.core))
-            .spawn(move || dispatch(dispatcher, gate, pace, core, real_time, &stop))
-            .map_err(machine("cannot start a dispatcher thread"))?;
-        threads.push(thread);
+            .spawn(move || dispatch(dispatcher, gate, pace, core, real_time, &stop));
+        match thread {
+            Ok(thread) => threads.push(thread),
+            Err(error) => {
+                end_dispatchers(all_stop, threads);
+                return Err(machine("cannot start a dispatcher thread")(error));
+            }
+        }
     }
     let mut next_minor_ns = tables.begin_ns;
     loop {
@@ -316,11 +322,15 @@ fn run_wall(
             }
         }
     }
+    end_dispatchers(&stop, threads);
+    Ok(now_ns().saturating_sub(origin_ns))
+}
+
+fn end_dispatchers(stop: &AtomicBool, threads: Vec<JoinHandle<()>>) {
     stop.store(true, Ordering::Release);
     for thread in threads {
         let _ = thread.join(); // a panic there was printed; the module ends either way
     }
-    Ok(now_ns().saturating_sub(origin_ns))
 }
 
 /// All that is known about time before frame 0.

@@ -173,7 +173,8 @@ fn start(
     course: &mut Course,
 ) -> Result<Ended, RunError> {
     let programs = find_programs(view, &options.plan_folder)?;
-    let base = Base::make(&options.module, facts, &options.output.join("partitions"))?;
+    let logs = options.output.join("partitions");
+    let base = Base::make(&options.module, facts, &logs, course.resets() > 0)?;
     let result = base.run(plan, view, options, facts, programs, course);
     base.leave();
     result

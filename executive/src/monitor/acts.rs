@@ -34,6 +34,7 @@ impl Monitor {
             return false;
         }
         watched.held = false;
+        watched.start_failed = false; // it is the operator who keeps it from running
         self.lay_to_rest(place, module_ns);
         self.say(place, "stopped by the operator", module_ns);
         true
@@ -86,6 +87,7 @@ impl Monitor {
     /// A partition without a process, or whose process has just ended, gets no other one by itself.
     pub(super) fn lay_to_rest(&mut self, place: usize, module_ns: u64) {
         self.watched[place].put_an_end();
+        self.renewals.forget(place);
         // The fault before waits for a successor that will not come.
         if let Some(fault) = self.watched[place].fault.take() {
             self.health_log.write(&fault);

@@ -20,6 +20,7 @@ impl Monitor {
         let text = format!("{} with schedule {}", action.name(), self.plan.schedules[schedule].name);
         let partition = watched.cage.name.clone();
         self.events.tell(&Event::Message { time_s: seconds(module_ns), partition, text });
+        self.watched[place].start_failed = false;
         if action == ChangeAction::Idle {
             return self.lay_to_rest(place, module_ns);
         }

@@ -234,13 +234,17 @@ impl Monitor {
         let all_run = self.do_all_run();
         for place in 0..self.watched.len() {
             self.take_reports(place, module_ns);
-            if !all_run {
+            // On the virtual clock a successor is looked at when its first window comes, whenever it was ready.
+            let awaited = self.clock == Clock::Virtual && self.watched[place].is_coming();
+            if !all_run && !awaited {
                 self.look_at_process(place, module_ns);
             }
             self.tend_standby(place, module_ns);
         }
         self.look_at_janitor();
-        self.look_at_examiner(module_ns);
+        if self.clock == Clock::Wall {
+            self.look_at_examiner(module_ns);
+        }
         self.obey(module_ns);
         if module_ns >= self.next_count_ns {
             self.next_count_ns = module_ns + COUNT_NS;
@@ -406,6 +410,7 @@ impl Monitor {
         // A short run on the virtual clock may end before they were looked at.
         self.watched.iter().for_each(|watched| watched.cage.bound_log());
         self.burials.give_up();
+        self.renewals.give_up();
         self.window_log.flush();
         if let Some(stop) = self.stop.as_ref().filter(|stop| !stop.reset) {
             self.health_log.note_module("module_stop", stop.reason.clone(), module_ns);
@@ -447,7 +452,6 @@ impl Monitor {
             return;
         }
         self.watched[place].had_window = true;
-        self.watched[place].start_failed = false;
         self.note_recovery(place, record.occurrence.start_ns);
         self.judge_deadline(place, record, module_ns);
         let watched = &mut self.watched[place];
@@ -616,7 +620,9 @@ impl Monitor {
         let watched = &self.watched[place];
         let partition = &self.plan[watched.cage.id];
         let situation = Situation {
-            state: state.unwrap_or_else(|| watched.state()),
+            state: state
+                .filter(|_| partition.error_handler)
+                .unwrap_or_else(|| watched.state(partition.error_handler)),
             // A process that does not become ready can be ignored as little as one that is gone: nothing would end the
             // wait.
             alive: watched.is_alive() && error != PartitionError::StartupTimeout,

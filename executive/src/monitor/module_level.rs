@@ -191,7 +191,9 @@ impl Noted<'_> {
     ) -> (Fault, ModuleAction) {
         let Self { plan, log, module } = self;
         module.recent.retain(|at| module_ns.saturating_sub(*at) < plan.reset.within_ns);
-        let recent = module.recent.len() as u32;
+        // A reset that is under way mends this error too: it does not use up the budget twice.
+        let recent =
+            module.recent.len() as u32 - u32::from(module.fault.is_some() && !module.recent.is_empty());
         let action = decide_module(error, &plan.module, &plan.reset, can_go_on, recent);
         let fault = Fault {
             time_ns: module_ns,

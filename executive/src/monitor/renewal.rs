@@ -13,6 +13,8 @@ use std::sync::atomic::Ordering::Acquire;
 
 use bateleur_contract::StartCondition;
 
+use super::burial::Seat;
+use super::standby::Standby;
 use super::watched::{Life, Then};
 use super::{Monitor, end_helper, seconds};
 use crate::event::Event;
@@ -27,7 +29,17 @@ use crate::system::time::now_ns;
 /// Starts an examiner of a partition's channels; it writes the names of the damaged ones to the file and ends.
 pub type StartExaminer = Box<dyn Fn(PartitionId) -> io::Result<(Spawned, File)>>;
 /// Empties channels that nobody is attached to, and creates them again.
-pub type RenewChannels = Box<dyn Fn(&[String]) -> io::Result<()>>;
+pub type RenewChannels = Box<dyn Fn(&[String]) -> Result<(), NotHeld>>;
+
+/// Why channels could not be made anew.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{why}")]
+pub struct NotHeld {
+    /// The channel that can not be held, where that is known.
+    pub channel: Option<String>,
+    /// Why.
+    pub why: String,
+}
 
 /// An examiner that takes longer is ended, ns. It gives the channels 2.5 s, all at a time.
 const EXAMINER_PATIENCE_NS: u64 = 6_000_000_000;
@@ -58,6 +70,22 @@ impl Renewals {
     /// The examiner at work.
     pub(super) fn examiner(&self) -> Option<BorrowedFd<'_>> {
         self.examiner.as_ref().map(|(_, process, ..)| process.pidfd.as_fd())
+    }
+
+    /// The partition at `place` has no successor to come: its channels need not be examined.
+    pub(super) fn forget(&mut self, place: usize) {
+        self.waiting.retain(|waiting| *waiting != place);
+        if let Some((_, process, ..)) = self.examiner.take_if(|(examined, ..)| *examined == place) {
+            end_helper(&process);
+        }
+    }
+
+    /// The module ends.
+    pub(super) fn give_up(&mut self) {
+        self.waiting.clear();
+        if let Some((_, process, ..)) = self.examiner.take() {
+            end_helper(&process);
+        }
     }
 
     /// The next partition whose channels have been examined, with the damaged ones; none: nobody, or it takes time.
@@ -99,7 +127,7 @@ impl Monitor {
         let watched = &self.watched;
         while let Some((place, damaged)) = self.renewals.next_examined(|place| watched[place].cage.id) {
             if !matches!(self.watched[place].life, Life::Dead(_, Then::Successor)) {
-                continue; // an operator has stopped it meanwhile
+                continue; // somebody has seen to it meanwhile
             }
             if !damaged.is_empty() {
                 self.renew(place, &damaged, module_ns);
@@ -116,15 +144,18 @@ impl Monitor {
     /// Makes `damaged` anew; everybody but the partition at `place`, who waits for them, is restarted.
     fn renew(&mut self, place: usize, damaged: &[String], module_ns: u64) {
         let mut channels = damaged.to_vec();
-        let mut ended = self.end_attached(place, &channels);
-        let mut made = (self.renewals.means.renew)(&channels);
-        if made.is_err() {
-            // What can not be held any more is damaged too, though nobody has met it yet.
-            channels = self.all_channels();
+        let mut ended = Vec::new();
+        let made = loop {
             ended.extend(self.end_attached(place, &channels));
-            made = (self.renewals.means.renew)(&channels);
-        }
-        let names = if channels.len() > damaged.len() { "all".into() } else { damaged.join(", ") };
+            match (self.renewals.means.renew)(&channels) {
+                // It is damaged too, though nobody has met it yet.
+                Err(NotHeld { channel: Some(another), .. }) if !channels.contains(&another) => {
+                    channels.push(another);
+                }
+                made => break made,
+            }
+        };
+        let names = channels.join(", ");
         match made {
             Ok(()) => self.tell_renewal(place, format!("channels made anew: {names}"), module_ns),
             Err(error) => {
@@ -154,19 +185,12 @@ impl Monitor {
         let alive: Vec<usize> = attached.iter().copied().filter(alive).collect();
         alive.iter().for_each(|other| self.watched[*other].put_an_end());
         for other in attached {
-            if let Some(standby) = &mut self.watched[other].standby {
-                let _ = standby.put_an_end(); // it is started again behind its partition's successor
+            // It is started again behind its partition's successor.
+            if self.watched[other].standby.as_mut().is_some_and(Standby::put_an_end) {
+                self.burials.add(other, Seat::Behind);
             }
         }
         alive
-    }
-
-    fn all_channels(&self) -> Vec<String> {
-        let of_each = self.watched.iter().flat_map(|one| attached_channels(&self.plan, one.cage.id));
-        let mut all: Vec<String> = of_each.collect();
-        all.sort_unstable();
-        all.dedup();
-        all
     }
 
     fn is_attached(&self, place: usize, channels: &[String]) -> bool {

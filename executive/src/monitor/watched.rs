@@ -115,6 +115,7 @@ impl Watched {
         if Mode::from_number(self.cage.slot.page.mode.load(Acquire)) == Some(Mode::Normal) {
             self.cage.admit(process);
             self.unclosed = 0;
+            self.start_failed = false;
             if let Life::Starting(process, _) = std::mem::replace(&mut self.life, Life::Gone) {
                 self.life = Life::Running(process);
             }
@@ -145,13 +146,15 @@ impl Watched {
         Ok(())
     }
 
-    /// What it is at, or was when it died, by its own word.
-    pub(super) fn state(&self) -> PartitionState {
-        let page = &self.cage.slot.page;
-        match Mode::from_number(page.mode.load(Acquire)) {
-            Some(Mode::Normal) if page.handling.load(Acquire) != 0 => PartitionState::Handler,
-            Some(Mode::Normal) => PartitionState::Normal,
-            _ => PartitionState::Start,
+    /// What it is at, or was when it died. `has_handler`: the plan says that it has one; only then is it believed that its
+    /// handler runs.
+    pub(super) fn state(&self, has_handler: bool) -> PartitionState {
+        if self.start_failed || matches!(self.life, Life::Starting(..)) {
+            PartitionState::Start
+        } else if has_handler && self.cage.slot.page.handling.load(Acquire) != 0 {
+            PartitionState::Handler
+        } else {
+            PartitionState::Normal
         }
     }
 

@@ -191,7 +191,7 @@ fn program_of_the_page_is_what_can_be_made_of_a_new_partition_and_does_what_the_
     fs::write(checkout.join("partitions/messages/src/height.rs"), message.to_owned() + "\n").unwrap();
     change("partitions/messages/src/lib.rs", &|text| {
         let text = before(text, "pub mod hil;", "pub mod height;\n");
-        let text = before(&text, "pub use hil::Custom;", "pub use height::HeightWarning;\n");
+        let text = before(&text, "pub use hil::", "pub use height::HeightWarning;\n");
         before(&text, "    MessageType::of::<Custom>(),", "    MessageType::of::<HeightWarning>(),\n")
     });
     // 4. What is filled in, and its test.

@@ -45,6 +45,14 @@ impl Ground {
         self.send(&bytes);
     }
 
+    /// The bytes that the aircraft sent since.
+    pub fn bytes(&mut self) -> Vec<u8> {
+        let mut bytes = vec![0; 4096];
+        let count = self.line.read(&mut bytes).unwrap_or(0); // nothing there yet
+        bytes.truncate(count);
+        bytes
+    }
+
     /// What the aircraft sent since.
     pub fn receive(&mut self) -> Vec<Telemetry> {
         let mut bytes = [0; 4096];

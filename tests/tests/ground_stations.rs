@@ -3,7 +3,9 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use bateleur_tests::{Peer, alone, bateleur, edited};
+use bateleur_mavlink::common::{COMMAND_LONG_DATA, MavCmd, MavMessage, MavResult};
+use bateleur_mavlink::{Decoder, Encoder};
+use bateleur_tests::{Ground, PATIENCE, Peer, alone, await_some, bateleur, edited, flight_schedule};
 use serde_json::{Value, json};
 
 /// Results of a command.
@@ -107,4 +109,41 @@ fn ground_station_by_others_sees_asks_loads_and_orders_on_the_wall_clock() {
         );
     }
     assert!(said["texts"].to_string().contains("the autopilot flies"), "{}", said["texts"]);
+}
+
+#[test]
+fn mavlink_on_the_serial_line_is_heard_and_answers_on_the_wall_clock() {
+    let _turn = alone();
+    let mut ground = Ground::open();
+    let schedule = flight_schedule();
+    let device = format!("command.device={}", ground.device);
+    let set = ["--set", &device, "--set", "command.mavlink=serial"];
+    let run = ["run", "--schedule", schedule.to_str().unwrap(), "--until", "60"];
+    let module = bateleur(&[&run[..], &set[..]].concat());
+    let (mut decoder, mut encoder) = (Decoder::new(), Encoder::new(255, 190));
+    let mut heartbeats = 0;
+    let result = await_some(PATIENCE, || {
+        let mut question = Vec::new();
+        let land = COMMAND_LONG_DATA {
+            command: MavCmd::MAV_CMD_NAV_LAND,
+            target_system: 1,
+            ..COMMAND_LONG_DATA::DEFAULT
+        };
+        encoder.write(&MavMessage::COMMAND_LONG(land), &mut question);
+        let mut result = None;
+        decoder.stream(&ground.bytes(), |received| match received.message {
+            MavMessage::HEARTBEAT(_) => heartbeats += 1,
+            MavMessage::COMMAND_ACK(ack) => result = Some(ack.result),
+            _ => {}
+        });
+        if heartbeats > 0 && result.is_none() {
+            ground.send(&question);
+            std::thread::sleep(std::time::Duration::from_millis(200));
+        }
+        result
+    });
+    assert_eq!(result, Some(MavResult::MAV_RESULT_UNSUPPORTED));
+    assert!(decoder.refused().messages() == 0, "{:?}", decoder.refused());
+    module.signal(rustix::process::Signal::TERM);
+    module.end().expect_code(0);
 }

@@ -7,6 +7,7 @@
 mod device;
 mod downlink;
 mod kept;
+mod paced;
 mod presence;
 mod radio;
 mod station;
@@ -15,6 +16,7 @@ mod uplink;
 pub use device::{Device, DeviceError};
 pub use downlink::{BACKLOG, Downlink};
 pub use kept::Kept;
+pub use paced::Paced;
 pub use presence::{Change, Presence};
 pub use radio::{Radio, RadioError};
 pub use station::{Setup, Station};

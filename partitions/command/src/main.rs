@@ -7,7 +7,7 @@ use bateleur_apex::{
     SamplingDestination, Sent, StartError, Takeover, Window,
 };
 use bateleur_command::{
-    Change, Delivery, Device, Downlink, Kept, Presence, Radio, Setup, Station, Uplink, receivers,
+    Change, Delivery, Device, Downlink, Kept, Paced, Presence, Radio, Setup, Station, Uplink, receivers,
 };
 use bateleur_mavlink::Runway;
 use bateleur_messages::frame::Frame;
@@ -35,10 +35,18 @@ struct Command {
     rate: SamplingDestination<Rate>,
     timeout: Watch,
     retained: Retained<Kept>,
-    /// A ground station that speaks MAVLink, beside the line.
-    mavlink: Option<(Radio, Station)>,
+    /// A ground station that speaks MAVLink, beside the line or on it.
+    mavlink: Option<(Way, Station)>,
     /// Where the plan has it: telemetry is slower.
     state: Option<SamplingDestination<State>>,
+}
+
+/// Where MAVLink is spoken.
+enum Way {
+    /// Over the network, beside the line.
+    Radio(Radio),
+    /// On the line, in the place of the native protocol.
+    Line(Paced),
 }
 
 impl Partition for Command {
@@ -65,7 +73,7 @@ impl Partition for Command {
             rate: context.sampling_destination("rate")?,
             timeout: Watch::default(),
             retained: context.retained()?,
-            mavlink: mavlink(context)?,
+            mavlink: mavlink(context, baud)?,
             state: state_port(context)?,
         };
         command.resume();
@@ -123,6 +131,9 @@ impl Command {
 
     fn lost(&mut self, window: &Window, why: &str) {
         self.downlink.cut();
+        if let Some((Way::Line(paced), _)) = &mut self.mavlink {
+            paced.cut();
+        }
         if self.presence.failed(window.start_ns()) == Some(Change::Lost) {
             window.raise(&format!("ground link {} {why}", self.path));
         }
@@ -135,6 +146,10 @@ impl Command {
         }
         if let Err(error) = self.line.receive(window, &mut self.received, BYTES_PER_WINDOW) {
             self.lost(window, &format!("is gone ({error})"));
+        }
+        if let Some((Way::Line(_), station)) = &mut self.mavlink {
+            station.stream(&self.received, window.start_ns());
+            self.received.clear();
         }
     }
 
@@ -162,14 +177,18 @@ impl Command {
 
     /// Hears and answers the ground station that speaks MAVLink.
     fn serve_mavlink(&mut self, now_ns: u64) {
-        let Some((mut radio, mut station)) = self.mavlink.take() else { return };
+        let Some((mut way, mut station)) = self.mavlink.take() else { return };
         if let Some(state) = self.state.as_mut().and_then(SamplingDestination::read_valid) {
             station.state(state);
         }
-        radio.receive(&mut station, now_ns);
+        if let Way::Radio(radio) = &mut way {
+            radio.receive(&mut station, now_ns);
+        }
         let orders = station.window(now_ns);
-        radio.send(&mut station);
-        self.mavlink = Some((radio, station));
+        if let Way::Radio(radio) = &mut way {
+            radio.send(&mut station);
+        }
+        self.mavlink = Some((way, station));
         for order in orders {
             let frame = Frame { letter: order.letter(), data: order.data() };
             if let Some(message) = GroundMessage::from_frame(&frame) {
@@ -192,7 +211,14 @@ impl Command {
         if let Some((_, station)) = &mut self.mavlink {
             station.telemetry(&telemetry);
         }
-        self.downlink.push(TelemetryMessage::of(&telemetry));
+        self.push(TelemetryMessage::of(&telemetry));
+    }
+
+    /// For the line, unless another protocol has it.
+    fn push(&mut self, message: TelemetryMessage) {
+        if !matches!(self.mavlink, Some((Way::Line(_), _))) {
+            self.downlink.push(message);
+        }
     }
 
     fn collect(&mut self) {
@@ -205,7 +231,9 @@ impl Command {
                 {
                     station.telemetry(&telemetry);
                 }
-                self.downlink.push(message);
+                if !matches!(self.mavlink, Some((Way::Line(_), _))) {
+                    self.downlink.push(message);
+                }
             }
         }
     }
@@ -214,9 +242,19 @@ impl Command {
         if !self.presence.is_open() {
             return;
         }
-        match self.line.send(self.downlink.due(window.start_ns())) {
-            Ok(count) => self.downlink.sent(count),
-            Err(error) => self.lost(window, &format!("is gone ({error})")),
+        let now_ns = window.start_ns();
+        let sent = match &mut self.mavlink {
+            Some((Way::Line(paced), station)) => {
+                let sent = self.line.send(paced.due(station, now_ns));
+                sent.map(|count| paced.sent(count))
+            }
+            _ => {
+                let sent = self.line.send(self.downlink.due(now_ns));
+                sent.map(|count| self.downlink.sent(count))
+            }
+        };
+        if let Err(error) = sent {
+            self.lost(window, &format!("is gone ({error})"));
         }
     }
 
@@ -234,7 +272,7 @@ impl Command {
 }
 
 /// A ground station that speaks MAVLink, where the plan names one.
-fn mavlink(context: &mut Context) -> Result<Option<(Radio, Station)>, StartError> {
+fn mavlink(context: &mut Context, baud: u32) -> Result<Option<(Way, Station)>, StartError> {
     let address: Option<String> = context.attribute("mavlink", None)?;
     let usual = Runway::default();
     let setup = Setup {
@@ -246,8 +284,11 @@ fn mavlink(context: &mut Context) -> Result<Option<(Radio, Station)>, StartError
         },
     };
     let Some(address) = address else { return Ok(None) };
-    let radio = Radio::open(&address).map_err(|error| StartError::Other(error.to_string()))?;
-    Ok(Some((radio, Station::new(&setup))))
+    let way = match address.as_str() {
+        "serial" => Way::Line(Paced::new(baud)),
+        address => Way::Radio(Radio::open(address).map_err(|error| StartError::Other(error.to_string()))?),
+    };
+    Ok(Some((way, Station::new(&setup))))
 }
 
 fn state_port(context: &mut Context) -> Result<Option<SamplingDestination<State>>, StartError> {

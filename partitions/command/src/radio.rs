@@ -16,7 +16,7 @@ const MESSAGES_PER_WINDOW: usize = 16;
 #[derive(Debug, thiserror::Error)]
 #[error(
     "attribute mavlink = \"{text}\": {reason}; give the address and port at which the ground station listens, such as \
-     \"127.0.0.1:14550\", and let the partition use the network (network = true)"
+     \"127.0.0.1:14550\", and let the partition use the network (network = true), or \"serial\" for the line itself"
 )]
 pub struct RadioError {
     text: String,

@@ -33,6 +33,8 @@ fn folder() -> tempfile::TempDir {
     write(&folder.path().join("same"), 0.0, 50);
     write(&folder.path().join("new"), 0.5, 50);
     write(&folder.path().join("short"), 0.0, 20);
+    let whole = std::fs::read(folder.path().join("old/ports.mcap")).unwrap();
+    std::fs::write(folder.path().join("cut.mcap"), &whole[..whole.len() / 2]).unwrap();
     folder
 }
 
@@ -45,6 +47,7 @@ fn equal_different_and_shorter_flights_are_told_apart() {
         (&["old", "new"], 1),
         (&["old", "new", "--tolerance", "estimator.state.euler_rad=0.5"], 0),
         (&["old", "short/ports.mcap"], 1),
+        (&["old", "cut.mcap"], 1),
         (&["old", "new", "--only", "imu", "--only", "estimater"], 2),
     ] {
         let ended = bateleur_in(folder.path(), &[&["compare"], others].concat());

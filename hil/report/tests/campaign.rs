@@ -105,6 +105,15 @@ fn percentiles_are_values_that_were_flown_and_the_worst_has_its_seed() {
 }
 
 #[test]
+fn flights_beyond_those_that_are_asked_for_do_not_count_and_are_said() {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path(), &plan(0, 1, 10), 0..10);
+    let result = CampaignResult::of(&plan(0, 1, 3), &read(folder.path()).unwrap());
+    assert_eq!((result.asked, result.flown, result.completed), (3, 3, 3));
+    assert!(result.notes[0].starts_with("7 more are there"), "{:?}", result.notes);
+}
+
+#[test]
 fn campaigns_of_other_flights_are_not_joined() {
     let folder = tempfile::tempdir().unwrap();
     let [a, b, c] = ["a", "b", "c"].map(|name| folder.path().join(name));

@@ -20,6 +20,8 @@ use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
 
 /// Fields of the first difference that are printed; the rest is counted.
 const MOST_FIELDS: usize = 12;
+/// What one look of the recorder at all ports spans at most, ns: a file may be cut off between two of them.
+const CUT_NS: u64 = 1_000_000_000;
 
 /// Show where two flights first differ.
 #[derive(Debug, clap::Args)]
@@ -143,9 +145,14 @@ fn first_difference(first: &Difference, a: &End, b: &End) -> String {
     );
     if let Some(side) = first.only_in {
         let (name, other, end) = if side == Side::A { ("A", "B", b) } else { ("B", "A", a) };
-        let _ = match end.time_ns < *time_ns {
-            true => writeln!(text, "  only {name} has it: {other} ends at {:.6} s", end.time_ns as f64 / 1e9),
-            false => writeln!(text, "  only {name} has it"),
+        let end_s = end.time_ns as f64 / 1e9;
+        // What is missing at the end of a file that was cut off is missing because of that: the recorder writes port by port.
+        let _ = match (end.time_ns < *time_ns, &end.cut) {
+            (_, Some(_)) if end.time_ns < *time_ns + CUT_NS => {
+                writeln!(text, "  only {name} has it: {other} is cut off there, at {end_s:.6} s")
+            }
+            (true, _) => writeln!(text, "  only {name} has it: {other} ends at {end_s:.6} s"),
+            (false, _) => writeln!(text, "  only {name} has it"),
         };
         return text;
     }

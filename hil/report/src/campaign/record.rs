@@ -44,6 +44,12 @@ impl Plan {
         (part..self.flights).step_by(usize::try_from(parts.max(1)).unwrap_or(usize::MAX))
     }
 
+    /// Whether a flight belongs to this part.
+    pub fn has(&self, number: u64) -> bool {
+        let (part, parts) = self.shard;
+        number < self.flights && number % parts.max(1) == part
+    }
+
     /// Why the flights of two plans do not belong together; nothing where they do. Flights and shards may differ.
     pub fn disagreement(&self, other: &Self) -> Option<String> {
         let said = |what: &str, a: &dyn std::fmt::Debug, b: &dyn std::fmt::Debug| {

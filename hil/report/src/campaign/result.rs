@@ -104,7 +104,8 @@ impl CampaignResult {
     /// Puts the flights together.
     pub fn of(plan: &Plan, lines: &Lines) -> Self {
         let wanted: Vec<u64> = plan.numbers().collect();
-        let flights: Vec<&Flown> = lines.flights.values().collect();
+        let (flights, others): (Vec<&Flown>, Vec<&Flown>) =
+            lines.flights.values().partition(|flight| plan.has(flight.number));
         let completed: Vec<&Flown> = flights.iter().copied().filter(|flight| flight.completed).collect();
         let failed: Vec<Failure> =
             flights.iter().filter(|flight| !flight.completed).map(|flight| failure(flight)).collect();
@@ -120,7 +121,7 @@ impl CampaignResult {
             reasons,
             figures: Figure::ALL.iter().filter_map(|figure| spread(figure, &completed)).collect(),
             flight_hours: flights.iter().map(|flight| flight.wall_time_s).sum::<f64>() / 3600.0,
-            notes: notes(&wanted, lines),
+            notes: notes(&wanted, others.len(), lines),
             plan: plan.clone(),
         }
     }
@@ -145,8 +146,11 @@ fn without_numbers(reason: &str) -> String {
     text
 }
 
-fn notes(wanted: &[u64], lines: &Lines) -> Vec<String> {
+fn notes(wanted: &[u64], others: usize, lines: &Lines) -> Vec<String> {
     let mut notes = lines.notes.clone();
+    if others > 0 {
+        notes.push(format!("{others} more are there that were not asked for now (--flights, --shard)"));
+    }
     let missing: Vec<u64> =
         wanted.iter().copied().filter(|number| !lines.flights.contains_key(number)).collect();
     if !missing.is_empty() {

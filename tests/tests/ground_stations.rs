@@ -1,7 +1,11 @@
-//! A ground station that speaks MAVLink and is not ours: pymavlink (`tests/peers/ground.py`), with the aircraft of
-//! `tests/peers/simulator.py`, which stands on the runway and looks east.
+//! Ground stations that speak MAVLink and are not ours: pymavlink (`tests/peers/ground.py`), with the aircraft of
+//! `tests/peers/simulator.py`, which stands on the runway and looks east; MAVProxy as it comes.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::io::Write;
+use std::process::{Command, Stdio};
+use std::time::Duration;
 
 use bateleur_mavlink::common::{COMMAND_LONG_DATA, MavCmd, MavMessage, MavResult};
 use bateleur_mavlink::{Decoder, Encoder};
@@ -109,6 +113,53 @@ fn ground_station_by_others_sees_asks_loads_and_orders_on_the_wall_clock() {
         );
     }
     assert!(said["texts"].to_string().contains("the autopilot flies"), "{}", said["texts"]);
+}
+
+/// A port that nobody uses just now.
+fn free_port() -> u16 {
+    std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+#[test]
+fn mavproxy_as_it_is_finds_the_aircraft_and_its_parameters_and_is_told_why_on_the_wall_clock() {
+    let _turn = alone();
+    let Some(python) = bateleur_tests::python() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let address = format!("127.0.0.1:{}", free_port());
+    let schedule = folder.path().join("schedule.toml");
+    let link =
+        format!("network = true\nattributes = {{ device = \"/dev/nowhere\", mavlink = \"{address}\" }}");
+    std::fs::write(&schedule, edited(&[(r#"attributes = { device = "/dev/ttyS0" }"#, &link)])).unwrap();
+    let module = bateleur(&["run", "--schedule", schedule.to_str().unwrap(), "--until", "100"]);
+    let state = format!("--state-basedir={}", folder.path().display());
+    let said = folder.path().join("said");
+    let mut proxy = Command::new(&python)
+        .arg(python.with_file_name("mavproxy.py"))
+        .args([&format!("--master=udpin:{address}"), &state, "--default-modules=link,param,arm,mode"])
+        .current_dir(folder.path())
+        .stdin(Stdio::piped())
+        .stdout(std::fs::File::create(&said).unwrap())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut keyboard = proxy.stdin.take().unwrap();
+    let mut hears = |order: &str, words: &[&str]| {
+        let heard = await_some(PATIENCE, || {
+            keyboard.write_all(order.as_bytes()).unwrap();
+            std::thread::sleep(Duration::from_secs(2));
+            let text = std::fs::read_to_string(&said).unwrap();
+            words.iter().all(|word| text.contains(word)).then_some(())
+        });
+        assert!(heard.is_some(), "{words:?} never came:\n{}", std::fs::read_to_string(&said).unwrap());
+    };
+    hears("\n", &["online system 1"]);
+    hears("param fetch\n", &["Received 7 parameters"]);
+    hears("arm throttle\n", &["TEMPORARILY_REJECTED", "initialise it, and wait until it runs"]);
+    drop(keyboard);
+    proxy.kill().unwrap();
+    proxy.wait().unwrap();
+    module.signal(rustix::process::Signal::TERM);
+    module.end().expect_code(0);
 }
 
 #[test]

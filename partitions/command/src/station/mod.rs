@@ -29,6 +29,8 @@ use streams::Streams;
 const AUTOPILOT: u8 = 1;
 /// Messages that wait at most; a line that takes none loses the oldest.
 const WAITING: usize = 128;
+/// Letters of one message's text.
+const PIECE: usize = 50;
 
 /// How the station is set up: attributes of Command.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,6 +51,8 @@ struct Out {
     messages: VecDeque<Vec<u8>>,
     orders: Vec<Order>,
     dropped: u64,
+    /// Number of the last text that went in pieces.
+    texts: u16,
 }
 
 impl Out {
@@ -62,12 +66,27 @@ impl Out {
         self.messages.push_back(bytes);
     }
 
-    /// A text for the person at the ground station; what is longer than 50 letters is cut.
+    /// A text for the person at the ground station. A longer one than a message holds goes in pieces, which belong together by
+    /// their number.
     fn text(&mut self, severity: MavSeverity, text: &str) {
-        let end = (0..=text.len().min(50)).rev().find(|end| text.is_char_boundary(*end)).unwrap_or(0);
-        let mut message = STATUSTEXT_DATA { severity, ..STATUSTEXT_DATA::DEFAULT };
-        message.text = text[..end].into();
-        self.say(&MavMessage::STATUSTEXT(message));
+        let pieces = text.as_bytes().chunks(PIECE);
+        let whole = text.len() < PIECE;
+        if !whole {
+            self.texts = self.texts.wrapping_add(1).max(1);
+        }
+        // A piece that is full says that another one follows.
+        let empty: &[u8] = &[];
+        let end = (!whole && text.len().is_multiple_of(PIECE)).then_some(empty);
+        for (piece, number) in pieces.chain(end).zip(0..=u8::MAX) {
+            let mut bytes = [0; PIECE];
+            bytes[..piece.len()].copy_from_slice(piece);
+            self.say(&MavMessage::STATUSTEXT(STATUSTEXT_DATA {
+                severity,
+                text: bytes.into(),
+                id: if whole { 0 } else { self.texts },
+                chunk_seq: number,
+            }));
+        }
     }
 }
 
@@ -94,6 +113,7 @@ impl Station {
                 messages: VecDeque::with_capacity(WAITING),
                 orders: Vec::new(),
                 dropped: 0,
+                texts: 0,
             },
             streams: Streams::new(setup.runway),
             commands: Commands::default(),

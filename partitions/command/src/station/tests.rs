@@ -246,6 +246,29 @@ fn refused_command_says_why_and_a_silent_function_is_told() {
 }
 
 #[test]
+fn long_text_goes_in_pieces_that_belong_together_and_a_short_one_in_one() {
+    let mut world = World::new(accept);
+    world.windows(10);
+    for (length, pieces) in [(0, 0), (49, 1), (50, 2), (51, 2), (100, 3), (101, 3)] {
+        world.station.tell(MavSeverity::MAV_SEVERITY_INFO, &"x".repeat(length));
+        let heard = world.window(&[]);
+        let all: Vec<_> = heard
+            .iter()
+            .filter_map(|message| match message {
+                MavMessage::STATUSTEXT(text) => {
+                    Some((text.id, text.chunk_seq, text.text.iter().filter(|byte| **byte == b'x').count()))
+                }
+                _ => None,
+            })
+            .collect();
+        assert_eq!(all.len(), pieces, "{length}");
+        assert_eq!(all.iter().map(|(.., letters)| letters).sum::<usize>(), length);
+        assert!(all.iter().zip(0..).all(|((id, number, _), place)| *number == place && *id == all[0].0));
+        assert!(all.first().is_none_or(|(id, ..)| (*id == 0) == (length < 50)));
+    }
+}
+
+#[test]
 fn senseless_and_unknown_commands_are_refused_and_reach_nobody() {
     let mut world = World::new(accept);
     let heard = world.window(&[

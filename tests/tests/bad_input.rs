@@ -118,8 +118,8 @@ fn action_that_does_not_exist_is_refused() {
 
 #[test]
 fn two_sources_into_one_destination_are_refused() {
-    let twice = "destinations = [\"controller.state\", \"estimator.pressure\"]";
-    assert_refused("destinations = [\"controller.state\"]", twice, twice, "C0");
+    let twice = "destinations = [\"controller.state\", \"estimator.pressure\", ";
+    assert_refused("destinations = [\"controller.state\", ", twice, twice, "C0");
 }
 
 #[test]

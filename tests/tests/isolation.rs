@@ -322,9 +322,14 @@ fn window_that_is_closed_after_its_deadline_is_told_once_a_second_and_is_no_over
         .partition("slow", "counter", 6_000, "deadline = \"500us\"\nattributes = { busy_us = 1500 }")
         .partition("quick", "counter", 6_000, "deadline = \"6ms\"");
     let ended = run(&sketch, &[], 3).expect_code(0);
-    let missed: Vec<_> =
-        ended.faults().into_iter().filter(|fault| fault.error == "deadline_missed").collect();
-    assert!((2..=4).contains(&missed.iter().filter(|fault| fault.partition == "slow").count()), "{missed:?}");
+    // A window of the other one that the machine itself has held up is not closed at all: that is not meant here.
+    let missed: Vec<_> = ended
+        .faults()
+        .into_iter()
+        .filter(|fault| fault.error == "deadline_missed" && !fault.detail.contains("not at all"))
+        .collect();
+    assert!(missed.iter().all(|fault| fault.partition == "slow"), "{missed:?}");
+    assert!((2..=4).contains(&missed.len()), "{missed:?}");
     assert!(
         missed.iter().all(|fault| fault.action == "ignore" && fault.detail.contains("us after")),
         "{missed:?}"

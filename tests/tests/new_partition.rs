@@ -20,9 +20,9 @@ fn target() -> PathBuf {
     program("bateleur").ancestors().nth(2).unwrap().join("new-partition")
 }
 
-/// An empty folder; of the same name each time, so that what was built for it is of use again.
+/// An empty folder outside of any checkout; of the same name each time, so that what was built for it is of use again.
 fn empty(name: &str) -> PathBuf {
-    let folder = target().join(name);
+    let folder = std::env::temp_dir().join("bateleur-new-partition").join(name);
     let _ = fs::remove_dir_all(&folder);
     fs::create_dir_all(&folder).unwrap();
     folder
@@ -117,6 +117,7 @@ fn new_partitions_outside_of_a_checkout_pass_their_lints_and_tests_and_run() {
         cargo(own, &["build", "--offline", "--release"]);
     }
     assert_runs(&schedule);
+    fs::remove_dir_all(folder.parent().unwrap()).unwrap();
 }
 
 /// A copy of the checkout, without what was made in it before.

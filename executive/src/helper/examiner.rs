@@ -15,9 +15,14 @@ use serde::{Deserialize, Serialize};
 
 use super::custodian::OrderedChannel;
 
-/// How long the processes may take to attach. A sound channel takes some milliseconds, and on a machine with ten times the
-/// work that it can do a second: taken for damaged then, it would cost everybody a restart.
-const PATIENCE: Duration = Duration::from_millis(2_500);
+/// How long processes may take to attach, as a multiple of what one takes that attaches to nothing: a machine with ten times
+/// the work that it can do must not make a sound channel look damaged.
+const TIMES: u32 = 30;
+/// The least and the most of it. A sound channel takes some milliseconds on a quiet machine.
+const LEAST: Duration = Duration::from_millis(400);
+const MOST: Duration = Duration::from_millis(2_500);
+/// A channel is damaged when so many processes in a row could not attach to it.
+const TRIES: usize = 2;
 /// Between two looks at the processes.
 const LOOK: Duration = Duration::from_millis(1);
 
@@ -60,23 +65,43 @@ pub enum ExaminerError {
 pub fn run(order: &str) -> Result<(), ExaminerError> {
     super::custodian::name_process(c"examiner");
     let order: Order = serde_json::from_str(order)?;
-    let mut tried = Vec::new();
-    for port in &order.ports {
-        let order = Order { root: order.root.clone(), ports: vec![port.clone()] };
-        tried.push((&port.channel.name, attach_elsewhere(&order)?));
+    let patience = (time_of_nothing(&order.root)? * TIMES).clamp(LEAST, MOST);
+    let mut damaged = order.ports;
+    for _ in 0..TRIES {
+        damaged = refused(&order.root, damaged, patience)?;
     }
-    let limit = Instant::now() + PATIENCE;
-    for (name, child) in &mut tried {
-        if !comes_back_well(child, limit) {
-            writeln!(io::stdout(), "{name}")?;
-        }
+    for port in damaged {
+        writeln!(io::stdout(), "{}", port.channel.name)?;
     }
     Ok(())
 }
 
-fn attach_elsewhere(order: &Order) -> Result<Child, ExaminerError> {
+/// How long a process takes that attaches to nothing.
+fn time_of_nothing(root: &str) -> Result<Duration, ExaminerError> {
+    let begun = Instant::now();
+    comes_back_well(&mut attach_elsewhere(root, Vec::new())?, begun + MOST);
+    Ok(begun.elapsed())
+}
+
+/// Those of `ports` that a process of its own could not attach to.
+fn refused(
+    root: &str,
+    ports: Vec<OrderedPort>,
+    patience: Duration,
+) -> Result<Vec<OrderedPort>, ExaminerError> {
+    let mut tried = Vec::new();
+    for port in ports {
+        let child = attach_elsewhere(root, vec![port.clone()])?;
+        tried.push((port, child));
+    }
+    let limit = Instant::now() + patience;
+    let back = |child: &mut Child| comes_back_well(child, limit);
+    Ok(tried.into_iter().filter_map(|(port, mut child)| (!back(&mut child)).then_some(port)).collect())
+}
+
+fn attach_elsewhere(root: &str, ports: Vec<OrderedPort>) -> Result<Child, ExaminerError> {
     let own = std::env::current_exe()?;
-    let order = serde_json::to_string(order)?;
+    let order = serde_json::to_string(&Order { root: root.into(), ports })?;
     let quiet = |command: &mut Command| command.stdin(Stdio::null()).stdout(Stdio::null()).spawn();
     Ok(quiet(Command::new(own).args(["attach", &order]))?)
 }

@@ -41,8 +41,8 @@ pub struct NotHeld {
     pub why: String,
 }
 
-/// An examiner that takes longer is ended, ns. It gives the channels 2.5 s, all at a time.
-const EXAMINER_PATIENCE_NS: u64 = 6_000_000_000;
+/// An examiner that takes longer is ended, ns. It gives the channels twice 2.5 s at most, all at a time.
+const EXAMINER_PATIENCE_NS: u64 = 9_000_000_000;
 
 /// How channels are examined and renewed.
 pub struct Means {

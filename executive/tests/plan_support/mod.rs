@@ -29,6 +29,7 @@ const NAMES: &[&str] = &[
     "FunctionStatus",
     "GroundMessage",
     "TelemetryMessage",
+    "SimulatorLink",
 ];
 
 impl MessageCatalogue for Table {

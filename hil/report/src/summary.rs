@@ -264,11 +264,31 @@ impl Analysis {
         }
         let counted = self.passages.len();
         let wanted = waypoints_to_reach(asked, flight.inputs.waypoints.len()).unwrap_or(0);
+        let until = unlogged(flight).map_or_else(String::new, |(logged_s, flown_s)| {
+            format!(
+                "it can not be judged, the messages end at {logged_s:.1} s of {flown_s:.1} s; until then "
+            )
+        });
         Some(format!(
-            "the truth confirms {confirmed} of {wanted} way-points in order (the aircraft counted {counted}); \
+            "{until}the truth confirms {confirmed} of {wanted} way-points in order (the aircraft counted {counted}); \
              {laps} of {asked} laps were flown"
         ))
     }
+}
+
+/// Longer than a restart of the Controller and the recorder's pauses, ns.
+const UNLOGGED_NS: u64 = 2_000_000_000;
+
+/// Where the log of messages ends before the flight does: both ends, s. A recorder may end of memory that somebody has damaged.
+fn unlogged(flight: &Flight) -> Option<(f64, f64)> {
+    let flown_ns = flight.truth.last()?.time_ns;
+    let last = [
+        flight.commands.last().map(|(time_ns, _)| *time_ns),
+        flight.states.last().map(|(time_ns, _)| *time_ns),
+        flight.fixes.last().map(|(time_ns, _)| *time_ns),
+    ];
+    let logged_ns = last.into_iter().flatten().max().unwrap_or(0);
+    (flown_ns > logged_ns + UNLOGGED_NS).then(|| (seconds(logged_ns), seconds(flown_ns)))
 }
 
 struct Verdict {
@@ -342,6 +362,17 @@ fn conditions(flight: &Flight) -> Conditions {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn log_that_ends_before_the_flight_is_told_from_one_that_lasts() {
+        let truth = vec![TruthRecord { time_ns: 100_000_000_000, ..Default::default() }];
+        let mut flight = Flight { truth, ..Default::default() };
+        assert_eq!(unlogged(&flight), Some((0.0, 100.0)));
+        flight.commands = vec![(31_300_000_000, Default::default())];
+        assert_eq!(unlogged(&flight), Some((31.3, 100.0)));
+        flight.commands = vec![(99_900_000_000, Default::default())];
+        assert_eq!(unlogged(&flight), None);
+    }
 
     #[test]
     fn digest_changes_with_one_word_and_with_nothing_else() {

@@ -57,6 +57,11 @@ impl Custodian {
         await_end(&self.process);
     }
 
+    /// Whether it holds the channels no more.
+    fn has_left(&self) -> bool {
+        self.line.is_none() || crate::partition::ended(&self.process).is_some()
+    }
+
     /// As above; one that does not, because what it holds is damaged, is ended.
     fn leave_or_die(&mut self) {
         self.leave();
@@ -272,7 +277,7 @@ impl Base {
     ) -> Result<StartJanitor, RunError> {
         let copy = self.copy()?;
         Ok(Box::new(move |partition, pid| {
-            if crate::partition::ended(&custodian.borrow().process).is_some() {
+            if custodian.borrow().has_left() {
                 // Before any clean-up, which would take away the channels that only the dead one held.
                 *custodian.borrow_mut() = copy
                     .start_custodian(&order, NEXT_CUSTODIAN_PATIENCE_NS)

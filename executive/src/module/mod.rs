@@ -220,14 +220,22 @@ fn check_schedules(plan: &Plan, options: &Options) -> Result<(), RunError> {
     }
 }
 
+/// Where a partition's program lies: a path counts from the schedule file's `folder`, a name from where this program lies.
+#[must_use]
+pub fn program_path(program: &str, folder: &Path) -> PathBuf {
+    if program.contains('/') {
+        return folder.join(program);
+    }
+    let own = std::env::current_exe().ok();
+    own.as_deref().and_then(Path::parent).unwrap_or(Path::new("")).join(program)
+}
+
 /// Every partition's program, or all those that are missing.
 fn find_programs(view: &ModuleView<'_>, folder: &Path) -> Result<Vec<PathBuf>, RunError> {
-    let beside =
-        std::env::current_exe().ok().and_then(|path| path.parent().map(Path::to_owned)).unwrap_or_default();
     let mut missing = Vec::new();
     let programs = view.partitions().map(|id| {
         let partition = &view.plan()[id];
-        let path = if partition.program.contains('/') { folder.join(&partition.program) } else { beside.join(&partition.program) };
+        let path = program_path(&partition.program, folder);
         if !path.is_file() {
             missing.push(format!(
                 "partition {}: there is no program {} (program = \"{}\"): build it, or correct its line in the plan",

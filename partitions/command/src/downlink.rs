@@ -6,27 +6,19 @@ use bateleur_messages::TelemetryMessage;
 use bateleur_messages::frame;
 use zerocopy::{FromBytes, FromZeros, Immutable, IntoBytes, KnownLayout};
 
+use crate::Paced;
+
 /// Messages that may wait, most. All telemetry of two seconds is 26 messages; older than that is of no use to anybody.
 pub const BACKLOG: usize = 64;
-/// Bytes sent at once, most, after the line was idle: little enough that the system's own buffer (4 KiB) never fills.
-const BURST_BYTES: u64 = 512;
-/// One byte on the line: a start bit, eight bits, a stop bit.
-const BITS_A_BYTE: u64 = 10;
-const SECOND_NS: u64 = 1_000_000_000;
 /// Letter of an acknowledgement, which the ground waits for: it is dropped last.
 const ACKNOWLEDGE: u8 = b'K';
 
-/// Waiting telemetry, paced to what the line can carry. A line that takes bytes faster (a pseudo-terminal) gets no
-/// more: the same flight then sends the same bytes in the same windows on any device.
+/// Waiting telemetry, paced to what the line can carry.
 #[derive(Debug)]
 pub struct Downlink {
-    baud: u64,
     waiting: VecDeque<TelemetryMessage>,
     dropped: u64,
-    bytes: Vec<u8>,
-    /// Bits that may be sent now, times [`SECOND_NS`].
-    credit: u64,
-    last_ns: u64,
+    line: Paced,
 }
 
 /// Bytes that are due or of a frame that was begun, most: less than a burst and the longest frame.
@@ -48,14 +40,7 @@ pub struct KeptDownlink {
 impl Downlink {
     /// Towards a line of `baud` symbols a second.
     pub fn new(baud: u32) -> Self {
-        Self {
-            baud: u64::from(baud),
-            waiting: VecDeque::with_capacity(BACKLOG),
-            dropped: 0,
-            bytes: Vec::with_capacity(1024),
-            credit: 0,
-            last_ns: 0,
-        }
+        Self { waiting: VecDeque::with_capacity(BACKLOG), dropped: 0, line: Paced::new(baud) }
     }
 
     /// Goes on where the incarnation before stood.
@@ -65,25 +50,23 @@ impl Downlink {
             return;
         };
         self.waiting.extend(waiting);
-        self.bytes.extend_from_slice(bytes);
         self.dropped = kept.dropped;
-        // More than the line can take at once there never is.
-        self.credit = kept.credit.min(BURST_BYTES * BITS_A_BYTE * SECOND_NS);
-        self.last_ns = kept.last_ns;
+        self.line.resume(bytes, kept.credit, kept.last_ns);
     }
 
     /// What its successor goes on from.
     pub fn kept(&self) -> KeptDownlink {
+        let (bytes, credit, last_ns) = self.line.state();
         let mut kept = KeptDownlink {
-            credit: self.credit,
-            last_ns: self.last_ns,
+            credit,
+            last_ns,
             dropped: self.dropped,
             waiting_count: self.waiting.len() as u32,
-            bytes_count: self.bytes.len().min(BYTES) as u32, // room and one frame at most
+            bytes_count: bytes.len().min(BYTES) as u32, // room and one frame at most
             ..KeptDownlink::new_zeroed()
         };
         kept.waiting.iter_mut().zip(&self.waiting).for_each(|(place, message)| *place = *message);
-        kept.bytes.iter_mut().zip(&self.bytes).for_each(|(place, byte)| *place = *byte);
+        kept.bytes.iter_mut().zip(bytes).for_each(|(place, byte)| *place = *byte);
         kept
     }
 
@@ -104,34 +87,28 @@ impl Downlink {
 
     /// The bytes that may go out at module time `now_ns`.
     pub fn due(&mut self, now_ns: u64) -> &[u8] {
-        let elapsed_ns = now_ns.saturating_sub(self.last_ns).min(SECOND_NS);
-        self.last_ns = now_ns;
-        let most = BURST_BYTES * BITS_A_BYTE * SECOND_NS;
-        self.credit = self.credit.saturating_add(elapsed_ns.saturating_mul(self.baud)).min(most);
-        let room = (self.credit / (BITS_A_BYTE * SECOND_NS)) as usize; // BURST_BYTES at most
-        while self.bytes.len() < room {
-            let Some(message) = self.waiting.pop_front() else { break };
-            frame::encode(message.letter, message.bytes(), &mut self.bytes);
-        }
-        &self.bytes[..room.min(self.bytes.len())]
+        self.line.due(now_ns, |bytes| {
+            let Some(message) = self.waiting.pop_front() else { return false };
+            frame::encode(message.letter, message.bytes(), bytes);
+            true
+        })
     }
 
     /// The line took the first `count` of the bytes that were due.
     pub fn sent(&mut self, count: usize) {
-        let count = count.min(self.bytes.len());
-        self.bytes.drain(..count);
-        self.credit = self.credit.saturating_sub(count as u64 * BITS_A_BYTE * SECOND_NS);
+        self.line.sent(count);
     }
 
-    /// The line is gone: a frame that was sent in part will never be whole. The next, if it was begun, goes with it.
+    /// The line is gone: see [`Paced::cut`].
     pub fn cut(&mut self) {
-        self.bytes.clear();
+        self.line.cut();
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::paced::BURST_BYTES;
     use bateleur_messages::frame::Decoder;
 
     const CYCLE: u64 = 20_000_000;
@@ -195,7 +172,7 @@ mod tests {
         for window in 0..1_000 {
             assert!(downlink.due(window * CYCLE).len() <= BURST_BYTES as usize);
         }
-        assert!(downlink.bytes.len() < 700);
+        assert!(downlink.line.state().0.len() < 700);
     }
 
     #[test]

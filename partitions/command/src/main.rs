@@ -245,7 +245,9 @@ impl Command {
         let now_ns = window.start_ns();
         let sent = match &mut self.mavlink {
             Some((Way::Line(paced), station)) => {
-                let sent = self.line.send(paced.due(station, now_ns));
+                let sent = self.line.send(paced.due(now_ns, |bytes| {
+                    station.next_message().map(|message| bytes.extend(message)).is_some()
+                }));
                 sent.map(|count| paced.sent(count))
             }
             _ => {

@@ -125,6 +125,7 @@ fn text(comparison: &Comparison) -> String {
                 count(ports.len() as u64, "port")
             );
         }
+        None if ports.iter().all(|port| port.compared == 0) => text.push_str("nothing was compared\n"),
         None => text.push_str("what could be compared is equal\n"),
     }
     text

@@ -5,6 +5,7 @@
 //! whole, and says how many are not. Exit codes: 0 it was read, 1 it was read and some records are damaged, 2 it could not be
 //! read.
 
+use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -38,18 +39,36 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         true => arguments.path.join(FILE),
         false => arguments.path.clone(),
     };
-    let mut log = read_file(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    let mut log = read_file(&path).with_context(|| {
+        format!("cannot read {} (name the folder of a run, such as one below target/flights)", path.display())
+    })?;
     let wanted = |entry: &Entry| arguments.partition.as_ref().is_none_or(|name| *name == entry.partition);
     let full = log.is_full();
+    let about = about(&log);
     log.entries.retain(wanted);
     let surplus = log.entries.len().saturating_sub(arguments.last.unwrap_or(usize::MAX));
     log.entries.drain(..surplus);
     let text = match arguments.format {
         Format::Json => serde_json::to_string_pretty(&log)? + "\n",
-        Format::Text => table(&log, full),
+        Format::Text => match &arguments.partition {
+            Some(name) if log.entries.is_empty() => {
+                format!("nothing was noted about a partition {name}; entries are {about}\n")
+            }
+            _ => table(&log, full),
+        },
     };
     let _ = std::io::stdout().write_all(text.as_bytes()); // nobody reads
     Ok(if log.damaged == 0 { FINE } else { WRONG })
+}
+
+/// Whom the entries of a log are about, in words.
+fn about(log: &Contents) -> String {
+    let names: BTreeSet<&str> = log.entries.iter().map(|entry| entry.partition.as_str()).collect();
+    let names: Vec<&str> = names.into_iter().filter(|name| !name.is_empty()).collect();
+    match names.as_slice() {
+        [] => "about the module alone".into(),
+        names => format!("about {}", names.join(", ")),
+    }
 }
 
 fn table(log: &Contents, full: bool) -> String {

@@ -232,8 +232,11 @@ fn partitions(cx: &Context<'_>) {
         let name = &partition.name;
         if with.is_empty() {
             let message = format!("partition `{}` has no window in any schedule", name.value);
-            let mend = "add a `[[schedule.NAME.window]]` for it, or remove it";
-            cx.note(&catalogue::NEVER_SCHEDULED, &name.span, message, mend);
+            let mend = format!(
+                "add `{{ partition = \"{}\", offset = \"…\", duration = \"…\" }}` to the windows of a schedule, or remove it",
+                name.value
+            );
+            cx.note(&catalogue::NEVER_SCHEDULED, &name.span, message, &mend);
             continue;
         }
         for schedule in without {

@@ -20,6 +20,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use bateleur_executive::module::program_path;
 use bateleur_executive::plan::Plan as SchedulePlan;
 use bateleur_executive::system::sched;
 use bateleur_report::campaign::{CampaignResult, Plan, RESULTS, page, read, read_plan, repair, text};
@@ -107,7 +108,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let Some(schedule) = plan_file::read_or_say(&arguments.schedule)? else { return Ok(CANNOT_RUN) };
     let victims = arguments.space.victims(&partitions(&schedule)).map_err(anyhow::Error::msg)?;
     check_options(arguments, &victims)?;
-    let plan = plan(arguments, &victims)?;
+    let plan = plan(arguments, &schedule, &victims)?;
     let folder = folder(arguments, &plan);
     let results = open(&folder, &plan)?;
     let stop = Arc::new(AtomicBool::new(false));
@@ -167,12 +168,13 @@ fn options(
     (options, drawn.conditions)
 }
 
-fn plan(arguments: &Arguments, victims: &[String]) -> Result<Plan> {
+fn plan(arguments: &Arguments, schedule: &SchedulePlan, victims: &[String]) -> Result<Plan> {
     let Shard { part, parts } = arguments.shard.unwrap_or(Shard { part: 0, parts: 1 });
     if arguments.seed.checked_add(arguments.flights).is_none() {
         bail!("--seed and --flights together go beyond the last seed there is, {}", u64::MAX);
     }
     let own = std::env::current_exe().context("cannot find this program")?;
+    let folder = arguments.schedule.parent().map(Path::to_owned).unwrap_or_default();
     Ok(Plan {
         flights: arguments.flights,
         seed: arguments.seed,
@@ -180,27 +182,17 @@ fn plan(arguments: &Arguments, victims: &[String]) -> Result<Plan> {
         space: arguments.space.sentences(victims),
         common: arguments.common.clone(),
         schedule: Plan::digest_of(&[&arguments.schedule])?,
-        programs: Plan::digest_of(&programs(&own))?,
+        programs: Plan::digest_of(&programs(&own, schedule, &folder))?,
         version: env!("CARGO_PKG_VERSION").into(),
     })
 }
 
-/// The programs of a flight: those that its outcome depends on.
-fn programs(own: &Path) -> Vec<PathBuf> {
-    const NAMES: [&str; 10] = [
-        "simulator",
-        "rate_generator",
-        "hil_interface",
-        "gps",
-        "imu",
-        "estimator",
-        "controller",
-        "servo",
-        "onboard_computer",
-        "command",
-    ];
-    let beside = NAMES.iter().filter_map(|name| Some(own.parent()?.join(name)));
-    std::iter::once(own.to_owned()).chain(beside.filter(|path| path.exists())).collect()
+/// The programs of a flight, on which its outcome depends: this one, the simulator, and whatever the schedule's partitions run.
+fn programs(own: &Path, schedule: &SchedulePlan, folder: &Path) -> Vec<PathBuf> {
+    let simulator = own.with_file_name("simulator");
+    let partitions = schedule.partitions.iter().map(|partition| program_path(&partition.program, folder));
+    // In an order that does not depend on where they lie: shards are flown on several machines.
+    [own.to_owned(), simulator].into_iter().chain(partitions).filter(|path| path.exists()).collect()
 }
 
 fn folder(arguments: &Arguments, plan: &Plan) -> PathBuf {

@@ -1,0 +1,141 @@
+//! What windows tell: their records are written down, counted and judged.
+//!
+//! An overrun, a missed deadline, silence, and a successor's first window are found here. It must never hold a window
+//! against a partition that the dispatcher itself has cut short.
+
+use bateleur_contract::Clock;
+
+use super::{Monitor, seconds};
+use crate::event::Event;
+use crate::fence::Escapes;
+use crate::health::log::{Missed, WindowRecord};
+use crate::monitor::watched::Life;
+use crate::plan::PartitionError;
+
+/// Between two health entries about the overruns of one partition, module time: each is counted, not each is told.
+const OVERRUN_SILENCE_NS: u64 = 1_000_000_000;
+
+impl Monitor {
+    pub(super) fn take_records(&mut self, module_ns: u64) {
+        while let Some(record) = (self.take_record)() {
+            let Some(place) = self.places[record.occurrence.window.partition.index()] else { continue };
+            let name = &self.watched[place].cage.name;
+            let schedule = &self.plan.schedules[record.occurrence.reign.schedule].name;
+            self.window_log.write(&record, name, schedule);
+            self.health_log.set_frame(record.occurrence.minor_frames);
+            self.watched[place].figures.add(&record);
+            self.totals.windows += u64::from(record.granted_ns.is_some());
+            self.totals.late += u64::from(record.is_late());
+            self.totals.late_switches += record.late_switches();
+            self.totals.lost += u64::from(record.missed == Some(Missed::TooLate));
+            self.totals.overruns += u64::from(record.is_overrun());
+            let at = record.occurrence;
+            if let Some(schedule) = record.requested {
+                self.note_request(place, schedule, at.end_ns);
+            }
+            if let Some(Missed::Changed(action)) = record.missed {
+                self.change(place, action, at.reign.schedule, at.start_ns);
+            }
+            self.judge_lateness(&record, module_ns);
+            self.judge_window(place, &record, module_ns);
+        }
+    }
+
+    fn judge_window(&mut self, place: usize, record: &WindowRecord, module_ns: u64) {
+        if record.granted_ns.is_none() {
+            return;
+        }
+        // A window of the process that was in office before says nothing about the one that has taken over meanwhile.
+        if record.seat != self.watched[place].seats.office() {
+            return;
+        }
+        self.watched[place].had_window = true;
+        self.note_recovery(place, record.occurrence.start_ns);
+        self.judge_deadline(place, record, module_ns);
+        let watched = &mut self.watched[place];
+        if !record.is_overrun() {
+            watched.unclosed = 0;
+            return;
+        }
+        // A window that the dispatcher itself cut to less than half says nothing about the partition; and one that died
+        // in its window did not overrun it: its end is found next.
+        if record.occurrence.late_ns * 2 > record.occurrence.window.duration_ns()
+            || watched.held
+            || !watched.runs()
+        {
+            return;
+        }
+        watched.unclosed += 1;
+        if watched.unclosed >= self.plan.health.silence_windows {
+            watched.unclosed = 0;
+            let detail = format!("no window closed in {}", self.plan.health.silence_windows);
+            return self.fault(place, PartitionError::Silence, detail, module_ns);
+        }
+        let minor = record.occurrence.minor_frames;
+        self.report_overrun(place, format!("not done at the end of its window in frame {minor}"), module_ns);
+    }
+
+    /// A health error, but not more than one a second.
+    fn report_overrun(&mut self, place: usize, detail: String, module_ns: u64) {
+        let watched = &mut self.watched[place];
+        let told = watched.overrun_told_ns.is_some_and(|told| module_ns < told + OVERRUN_SILENCE_NS);
+        if !told {
+            watched.overrun_told_ns = Some(module_ns);
+            self.fault(place, PartitionError::WindowOverrun, detail, module_ns);
+        }
+    }
+
+    /// A partition has closed its window within its time capacity, or it has missed its deadline. On the virtual clock
+    /// computing takes no module time: there a deadline is missed only by a window that is not closed at all.
+    fn judge_deadline(&mut self, place: usize, record: &WindowRecord, module_ns: u64) {
+        let watched = &mut self.watched[place];
+        let Some(capacity_ns) = self.plan[watched.cage.id].deadline_ns else { return };
+        let occurrence = &record.occurrence;
+        let deadline_ns = occurrence.start_ns + capacity_ns;
+        let in_time = match (record.closed_ns, self.clock) {
+            (Some(closed_ns), Clock::Wall) => closed_ns <= deadline_ns,
+            (closed_ns, _) => closed_ns.is_some(),
+        };
+        // The dispatcher's own delay is not the partition's.
+        let told = watched.deadline_told_ns.is_some_and(|told| module_ns < told + OVERRUN_SILENCE_NS);
+        if in_time || told || occurrence.late_ns >= capacity_ns || watched.held || !watched.runs() {
+            return;
+        }
+        watched.deadline_told_ns = Some(module_ns);
+        let what = match record.closed_ns {
+            Some(closed_ns) => format!("{} us after its deadline", (closed_ns - deadline_ns) / 1_000),
+            None => "not at all".into(),
+        };
+        let detail = format!("the window of frame {} was closed {what}", occurrence.minor_frames);
+        self.fault(place, PartitionError::DeadlineMissed, detail, module_ns);
+    }
+
+    fn note_recovery(&mut self, place: usize, start_ns: u64) {
+        let watched = &mut self.watched[place];
+        if !matches!(watched.life, Life::Running(_)) {
+            return;
+        }
+        let Some(mut fault) = watched.fault.take_if(|fault| start_ns >= fault.time_ns) else { return };
+        fault.recovered_ns = Some(start_ns);
+        let after_ms = (start_ns - fault.time_ns) as f64 / 1e6;
+        self.health_log.write(&fault);
+        self.health_log.note_recovery(&fault, watched.generation, start_ns);
+        let partition = watched.cage.name.clone();
+        self.events.tell(&Event::Recovered { time_s: seconds(start_ns), partition, after_ms });
+    }
+
+    /// What a window's end did not hold is an overrun, whether the partition had closed its window or not.
+    pub(super) fn judge_fence(&mut self, place: usize, module_ns: u64) {
+        let Escapes { ran_on, stuck } = self.watched[place].cage.slot.look_after_fence();
+        if ran_on + stuck == 0 || !self.watched[place].runs() {
+            return;
+        }
+        let detail = match ran_on {
+            0 => format!(
+                "not stopped between two windows, {stuck} times: something of it is deep in the kernel"
+            ),
+            _ => format!("ran on after its window's end, {ran_on} times, until it lost its priority"),
+        };
+        self.report_overrun(place, detail, module_ns);
+    }
+}

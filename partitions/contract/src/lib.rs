@@ -1,13 +1,15 @@
 //! The contract between the executive and a partition, and nothing else.
 //!
-//! Responsible for: the control page that both map, the description that a partition is started with, the numbers
-//! of the descriptors it inherits, and its exit codes. Both sides are built from this crate, and the page carries a
-//! version, so that a partition built against another contract is refused at its start. It must never grow policy:
-//! what a fault means is the executive's business, what a window computes is the partition's.
+//! Responsible for: the control page that both map, the description that a partition is started with, the table of a
+//! module's links that a relay is told, the numbers of the descriptors it inherits, and its exit codes. Both sides are
+//! built from this crate, and the page carries a version, so that a partition built against another contract is refused
+//! at its start. It must never grow policy: what a fault means is the executive's business, what a window computes is
+//! the partition's.
 
 pub mod description;
 pub mod fault;
 pub mod page;
+pub mod relay;
 
 mod mapping;
 
@@ -15,6 +17,7 @@ pub use description::{Clock, Description, Direction, PortDescription, PortKind, 
 pub use fault::{FaultKind, FaultOrder};
 pub use mapping::{Mapped, MappingError};
 pub use page::{ControlPage, ErrorCode, Mode, ReportKind, Reported, Takeover};
+pub use relay::{ClockRole, LinkTable, PathTable, RELAY_KEYS_FD, RelayChannel, RelayTable};
 
 /// Descriptor of the control page in a partition process.
 pub const CONTROL_FD: i32 = 3;

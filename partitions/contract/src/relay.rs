@@ -1,0 +1,166 @@
+//! What a relay is told about the links of its module: which channels cross, over which networks, in which bounds.
+//!
+//! Responsible for: the table that the executive writes and the relay reads, as JSON in the relay's description under
+//! the attribute [`ATTRIBUTE`], and the layout of the keys behind [`RELAY_KEYS_FD`]. It must never hold a key:
+//! descriptions are readable where keys must not be.
+
+use std::net::SocketAddr;
+
+use serde::{Deserialize, Serialize};
+
+use crate::description::PortKind;
+
+/// The name of the attribute that holds the [`RelayTable`].
+pub const ATTRIBUTE: &str = "relay";
+/// The relay's own sampling source on which it says how its links are.
+pub const STATUS_PORT: &str = "status";
+/// Descriptor of the keys in a relay: [`KEY_BYTES`] for each link, in the order of the table; zeros for a link that is
+/// not authenticated.
+pub const RELAY_KEYS_FD: i32 = 6;
+/// Bytes of a link's key.
+pub const KEY_BYTES: usize = 32;
+/// Digits of the plan's digest, hexadecimal.
+pub const DIGEST_DIGITS: usize = 64;
+
+/// Everything that the relay of one module has to know.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RelayTable {
+    /// The module whose relay it is.
+    pub module: String,
+    /// What both ends of a link have to agree on, as [`DIGEST_DIGITS`] hexadecimal digits: of the whole plan, without
+    /// keys and comments.
+    pub digest: String,
+    /// By which transport datagrams travel: `udp`, or another that the relay was built with.
+    pub transport: String,
+    /// The links of this module, in the order of the plan.
+    pub links: Vec<LinkTable>,
+}
+
+/// One link: a pair of modules, and what they say to each other.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LinkTable {
+    /// Its name in the plan.
+    pub name: String,
+    /// Its number: the same at both ends, and no other link of the plan has it.
+    pub id: u16,
+    /// The module at the other end.
+    pub peer: String,
+    /// This end is the one that the plan names first.
+    pub initiator: bool,
+    /// Every datagram carries a tag made with the link's key; false only where the plan says so by a key of its own.
+    pub authenticated: bool,
+    /// The bandwidth allocation gap: from the start of one datagram on a network to the start of the next, at least, ns.
+    /// A power of two of milliseconds.
+    pub gap_ns: u64,
+    /// The longest datagram, bytes: what one UDP datagram carries as payload.
+    pub max_datagram: u32,
+    /// How much later than the first a copy may come on the other network and still be a copy, ns.
+    pub skew_ns: u64,
+    /// After so much silence a network counts as down, ns.
+    pub lost_after_ns: u64,
+    /// Who keeps the major frame that the other one follows.
+    pub clock: ClockRole,
+    /// The networks that carry the link: one, or two that carry the same.
+    pub paths: Vec<PathTable>,
+    /// What crosses here, both ways, by rising number.
+    pub channels: Vec<RelayChannel>,
+}
+
+/// This end's part in aligning the major frames of both ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ClockRole {
+    /// The other end follows this one's major frame.
+    Leader,
+    /// This end's major frame follows the other one's.
+    Follower,
+    /// Neither follows the other.
+    None,
+}
+
+/// One network of a link, as seen from here.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PathTable {
+    /// Its name in the plan.
+    pub network: String,
+    /// Where this end listens and sends from.
+    pub local: SocketAddr,
+    /// Where the other end does.
+    pub remote: SocketAddr,
+}
+
+/// One channel that crosses.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RelayChannel {
+    /// Its number: the same at both ends of the link.
+    pub id: u16,
+    /// The channel's source as the plan writes it, `estimator.state`: for counters and messages.
+    pub name: String,
+    /// The port of this relay that it is attached to.
+    pub port: String,
+    /// From here to the peer; false: from the peer to here.
+    pub outgoing: bool,
+    /// The latest value, or messages in order.
+    pub kind: PortKind,
+    /// The longest message, bytes; for sampling each one's length.
+    pub max_bytes: u32,
+    /// Queuing: messages that wait at most on either side; sampling: 1.
+    pub depth: u32,
+    /// The longest time between two messages of the source when it writes in every window, ns; 0: not known.
+    pub period_ns: u64,
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_survives_the_way_through_a_description() {
+        let table = RelayTable {
+            module: "fcu".into(),
+            digest: "ab".repeat(DIGEST_DIGITS / 2),
+            transport: "udp".into(),
+            links: vec![LinkTable {
+                name: "bus".into(),
+                id: 0,
+                peer: "nav".into(),
+                initiator: true,
+                authenticated: true,
+                gap_ns: 4_000_000,
+                max_datagram: 1472,
+                skew_ns: 2_000_000,
+                lost_after_ns: 100_000_000,
+                clock: ClockRole::Leader,
+                paths: vec![PathTable {
+                    network: "a".into(),
+                    local: "10.77.0.1:15300".parse().unwrap(),
+                    remote: "[fd00::2]:15300".parse().unwrap(),
+                }],
+                channels: vec![RelayChannel {
+                    id: 3,
+                    name: "estimator.state".into(),
+                    port: "estimator-state".into(),
+                    outgoing: false,
+                    kind: PortKind::Sampling,
+                    max_bytes: 128,
+                    depth: 1,
+                    period_ns: 20_000_000,
+                }],
+            }],
+        };
+        let value = serde_json::to_value(&table).unwrap();
+        assert_eq!(value["links"][0]["clock"], "leader");
+        assert_eq!(serde_json::from_value::<RelayTable>(value).unwrap(), table);
+    }
+
+    #[test]
+    fn a_key_in_the_table_is_refused() {
+        let said = r#"{"module":"fcu","digest":"","transport":"udp","links":[],"key":"00"}"#;
+        assert!(serde_json::from_str::<RelayTable>(said).is_err());
+    }
+}

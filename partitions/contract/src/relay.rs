@@ -4,6 +4,7 @@
 //! the attribute [`ATTRIBUTE`], and the layout of the keys behind [`RELAY_KEYS_FD`]. It must never hold a key:
 //! descriptions are readable where keys must not be.
 
+use std::collections::BTreeMap;
 use std::net::SocketAddr;
 
 use serde::{Deserialize, Serialize};
@@ -12,6 +13,10 @@ use crate::description::PortKind;
 
 /// The name of the attribute that holds the [`RelayTable`].
 pub const ATTRIBUTE: &str = "relay";
+/// The name of the attribute that holds a [`LinkModelTable`]; absent: datagrams travel as they do.
+pub const MODEL_ATTRIBUTE: &str = "link_model";
+/// The transport for modules that share a virtual clock, see [`RelayTable::transport`].
+pub const STEPPED: &str = "stepped";
 /// The relay's own sampling source on which it says how its links are.
 pub const STATUS_PORT: &str = "status";
 /// Descriptor of the keys in a relay: [`KEY_BYTES`] for each link, in the order of the table; zeros for a link that is
@@ -31,7 +36,11 @@ pub struct RelayTable {
     /// What both ends of a link have to agree on, as [`DIGEST_DIGITS`] hexadecimal digits: of the whole plan, without
     /// keys and comments.
     pub digest: String,
-    /// By which transport datagrams travel: `udp`, or another that the relay was built with.
+    /// Digests of parts of the plan by name, so that two relays whose plans differ can say where: any text that is the
+    /// same for the same part. What the table itself holds needs none.
+    #[serde(default)]
+    pub sections: BTreeMap<String, String>,
+    /// By which transport datagrams travel: `udp`, [`STEPPED`], or another that the relay was built with.
     pub transport: String,
     /// The links of this module, in the order of the plan.
     pub links: Vec<LinkTable>,
@@ -114,6 +123,43 @@ pub struct RelayChannel {
     pub period_ns: u64,
 }
 
+/// What a modelled network does to the datagrams that this end sends: the same seed does the same to the same datagrams.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LinkModelTable {
+    /// What is drawn follows from this, the link, the network and the direction.
+    pub seed: u64,
+    /// Time on the way, ns.
+    pub delay_ns: u64,
+    /// Added to it, evenly between 0 and this, ns. Datagrams overtake each other where it is longer than the time between
+    /// them.
+    pub jitter_ns: u64,
+    /// Share of datagrams that get lost, 0 to 1.
+    pub loss: f64,
+    /// Share of those that arrive twice, 0 to 1.
+    pub duplicate: f64,
+    /// Share of those that are held up by [`LinkModelTable::reorder_ns`] beside the delay, 0 to 1.
+    pub reorder: f64,
+    /// See [`LinkModelTable::reorder`], ns.
+    pub reorder_ns: u64,
+    /// What the network carries, bit/s; 0: as much as comes.
+    pub rate_bps: u64,
+    /// Stretches of time in which a network carries nothing.
+    pub cuts: Vec<CutTable>,
+}
+
+/// A network that is cut for a while.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CutTable {
+    /// The network's name in the plan.
+    pub network: String,
+    /// From this module time on, ns.
+    pub from_ns: u64,
+    /// Until this one, ns.
+    pub until_ns: u64,
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -124,6 +170,7 @@ mod tests {
         let table = RelayTable {
             module: "fcu".into(),
             digest: "ab".repeat(DIGEST_DIGITS / 2),
+            sections: BTreeMap::from([("module.nav".into(), "cd".into())]),
             transport: "udp".into(),
             links: vec![LinkTable {
                 name: "bus".into(),

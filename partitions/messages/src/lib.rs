@@ -19,6 +19,7 @@ pub mod gps;
 pub mod ground;
 pub mod hil;
 pub mod imu;
+pub mod link;
 pub mod rate;
 pub mod state;
 pub mod telemetry;
@@ -29,6 +30,7 @@ pub use gps::{GpsPosition, GpsVelocity, RawGps};
 pub use ground::GroundMessage;
 pub use hil::{Custom, SimulatorLink};
 pub use imu::{Acceleration, Magnetization, Pressure, Rates, RawAnalog};
+pub use link::LinkStatus;
 pub use rate::{Rate, Watch};
 pub use state::State;
 pub use telemetry::TelemetryMessage;
@@ -69,6 +71,7 @@ pub const CATALOGUE: &[MessageType] = &[
     MessageType::of::<SimulatorLink>(),
     MessageType::of::<GroundMessage>(),
     MessageType::of::<TelemetryMessage>(),
+    MessageType::of::<LinkStatus>(),
 ];
 
 /// The message type called `name`, exactly as written.

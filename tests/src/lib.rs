@@ -5,6 +5,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // as in any test
 
+mod browser;
 mod children;
 mod guest;
 mod line;
@@ -14,6 +15,7 @@ mod programs;
 mod schedule;
 mod turn;
 
+pub use browser::{Browser, Seen};
 pub use children::{Process, Traces, children_of, executive_of, process_named};
 pub use guest::Guest;
 pub use line::Ground;

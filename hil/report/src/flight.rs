@@ -4,11 +4,14 @@ use crate::chains::{ChainAge, ChainBound, Follower};
 use crate::error::ReportError;
 use crate::health::{self, HealthEntry};
 use crate::log;
+use crate::presence::Presence;
 use crate::run::{self, Run};
 use crate::timing::Timing;
 use crate::windows::{self, Window};
 use bateleur_flight::guidance::{GuidanceConfig, Waypoint, seed_waypoints};
-use bateleur_messages::{ActuatorCommand, GpsPosition, Message, State};
+use bateleur_messages::{
+    Acceleration, ActuatorCommand, GpsPosition, GpsVelocity, Magnetization, Message, Pressure, Rates, State,
+};
 use bateleur_simulator::truth::{self, TruthRecord};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -86,6 +89,16 @@ pub struct Flight {
     pub commands: Vec<(u64, ActuatorCommand)>,
     /// The receiver's fixes, each once.
     pub fixes: Vec<(u64, GpsPosition)>,
+    /// The receiver's velocities, each once.
+    pub velocities: Vec<(u64, GpsVelocity)>,
+    /// What the gyroscope said.
+    pub rates: Vec<(u64, Rates)>,
+    /// What the accelerometer said.
+    pub accelerations: Vec<(u64, Acceleration)>,
+    /// What the magnetometer said.
+    pub fields: Vec<(u64, Magnetization)>,
+    /// What the pressure sensors said.
+    pub pressures: Vec<(u64, Pressure)>,
     /// Messages on each topic.
     pub messages: BTreeMap<String, u64>,
     /// How well the windows kept their times.
@@ -94,6 +107,8 @@ pub struct Flight {
     pub chains: Vec<ChainAge>,
     /// The windows of one major frame from the middle of the flight.
     pub frame: Vec<Window>,
+    /// Which partitions were there, from the first window to the last.
+    pub presence: Presence,
     /// What was missing or damaged.
     pub notes: Vec<String>,
 }
@@ -161,7 +176,16 @@ impl Flight {
     }
 
     fn load_ports(&mut self, path: &Path) {
-        let wanted = [State::NAME, ActuatorCommand::NAME, GpsPosition::NAME];
+        let wanted = [
+            State::NAME,
+            ActuatorCommand::NAME,
+            GpsPosition::NAME,
+            GpsVelocity::NAME,
+            Rates::NAME,
+            Acceleration::NAME,
+            Magnetization::NAME,
+            Pressure::NAME,
+        ];
         let recording = match log::read(path, |message| wanted.contains(&message)) {
             Ok(recording) => recording,
             Err(error) => {
@@ -177,6 +201,13 @@ impl Flight {
         self.fixes = typed(&recording, "/gps/position");
         self.fixes.dedup_by_key(|(_, fix)| fix.count);
         self.fixes.retain(|(_, fix)| fix.count > 0);
+        self.velocities = typed(&recording, "/gps/velocity");
+        self.velocities.dedup_by_key(|(_, fix)| fix.count);
+        self.velocities.retain(|(_, fix)| fix.count > 0);
+        self.rates = typed(&recording, "/imu/orientation");
+        self.accelerations = typed(&recording, "/imu/acceleration");
+        self.fields = typed(&recording, "/imu/magnetization");
+        self.pressures = typed(&recording, "/imu/pressure");
         if self.commands.is_empty() {
             self.notes.push(format!("{} holds no command of the controller", short(path)));
         }
@@ -189,6 +220,7 @@ impl Flight {
         let clock = self.run.as_ref().map(|run| run.clock).unwrap_or_default();
         let add = |window: Window| {
             timing.add(&window);
+            self.presence.add(&window);
             chains.iter_mut().for_each(|chain| chain.add(&window, clock));
         };
         match windows::for_each(path, add) {

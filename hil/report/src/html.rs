@@ -1,6 +1,6 @@
 //! The report as one HTML page that needs nothing else: no script, no font, no picture from elsewhere.
 
-use crate::figures;
+use crate::figures::{self, Group};
 use crate::flight::Flight;
 use crate::plot::escape;
 use crate::summary::{Analysis, Fault, Summary};
@@ -26,7 +26,11 @@ pub fn page(flight: &Flight, analysis: &Analysis, summary: &Summary) -> String {
     );
     head(&mut out, summary);
     cards(&mut out, summary);
-    figures_and_tables(&mut out, flight, analysis, summary);
+    let groups = figures::over_time(flight, analysis);
+    links(&mut out, &groups);
+    overview(&mut out, flight, analysis, summary);
+    presence(&mut out, flight);
+    groups.iter().for_each(|each| group(&mut out, each));
     windows(&mut out, flight, summary);
     guarantees(&mut out, summary);
     faults(&mut out, summary);
@@ -91,18 +95,44 @@ fn cards(out: &mut String, summary: &Summary) {
     out.push_str("</section>");
 }
 
-fn figures_and_tables(out: &mut String, flight: &Flight, analysis: &Analysis, summary: &Summary) {
+/// To the parts of a long page.
+fn links(out: &mut String, groups: &[Group]) {
+    let named = groups.iter().map(|group| (group.anchor, group.heading));
+    let links = named.chain([("windows", "Windows"), ("means", "Means")]);
+    out.push_str("<nav>");
+    links.for_each(|(anchor, heading)| {
+        let _ = write!(out, r##"<a href="#{anchor}">{heading}</a> "##);
+    });
+    out.push_str("</nav>");
+}
+
+fn presence(out: &mut String, flight: &Flight) {
+    let Some(picture) = flight.presence.svg(&flight.health, 980.0) else { return };
+    let _ = write!(out, r#"<section class="timelines presence"><figure>{picture}</figure>"#);
+    out.push_str(
+        r#"<p class="sub">Red: no process was there to run. Ticks below a lane: windows that were not closed in time. Rings: errors that
+something was done about; point at one to read it.</p></section>"#,
+    );
+}
+
+fn overview(out: &mut String, flight: &Flight, analysis: &Analysis, summary: &Summary) {
     out.push_str(r#"<section class="overview"><div class="left">"#);
-    let mut charts = figures::over_time(flight, analysis);
-    let first = charts.drain(..charts.len().min(1));
     let _ = write!(out, "<figure>{}</figure>", figures::track(flight, analysis).svg(560.0, 520.0));
-    for chart in first {
-        let _ = write!(out, "<figure>{}</figure>", chart.svg(560.0, 210.0));
+    for chart in figures::overview(flight, analysis) {
+        let _ = write!(out, "<figure>{}</figure>", chart.svg(560.0, 200.0));
     }
     out.push_str(r#"</div><div class="tables">"#);
     text::tables(summary).iter().for_each(|each| table(out, each));
-    out.push_str(r#"</div></section><h2>Over time</h2><section class="charts">"#);
-    for chart in charts {
+    out.push_str("</div></section>");
+}
+
+fn group(out: &mut String, group: &Group) {
+    let _ = write!(out, r#"<h2 id="{}">{}</h2>"#, group.anchor, group.heading);
+    if !group.note.is_empty() {
+        let _ = write!(out, r#"<p class="sub">{}</p>"#, escape(group.note));
+    }
+    out.push_str(r#"<section class="charts">"#);
+    for chart in &group.charts {
         let _ = write!(out, "<figure>{}</figure>", chart.svg(480.0, 210.0));
     }
     out.push_str("</section>");
@@ -139,7 +169,7 @@ fn windows(out: &mut String, flight: &Flight, summary: &Summary) {
     if pictures.iter().all(Option::is_none) {
         return;
     }
-    out.push_str(r#"<h2>Windows</h2><section class="timelines">"#);
+    out.push_str(r#"<h2 id="windows">Windows</h2><section class="timelines">"#);
     for picture in pictures.iter().flatten() {
         let _ = write!(out, "<figure>{}</figure>", picture.svg(980.0));
     }
@@ -155,7 +185,7 @@ fn guarantees(out: &mut String, summary: &Summary) {
     if summary.guarantees.is_empty() {
         return;
     }
-    out.push_str(r#"<h2>Means of this machine</h2><table class="wide"><tbody>"#);
+    out.push_str(r#"<h2 id="means">Means of this machine</h2><table class="wide"><tbody>"#);
     for guarantee in &summary.guarantees {
         let (class, word) = if guarantee.held { ("good", "there") } else { ("bad", "missing") };
         let (promise, detail) = (escape(&guarantee.promise), escape(&guarantee.detail));

@@ -1,5 +1,7 @@
 //! How well the windows kept their times.
 
+use crate::envelope::Envelope;
+use crate::flight::seconds;
 use crate::run::Clock;
 use crate::windows::Window;
 use hdrhistogram::Histogram;
@@ -13,6 +15,8 @@ pub const CHAIN: [&str; 5] = ["gps", "imu", "estimator", "controller", "servo"];
 const LONGEST_NS: u64 = 60_000_000_000;
 /// Significant decimal digits kept of each time.
 const DIGITS: u8 = 3;
+/// Steps of a distribution.
+const SHARES: u64 = 60;
 
 /// Percentiles of a time, µs, each to three significant digits, the greatest exactly.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -57,6 +61,19 @@ impl Times {
         let at = |quantile| histogram.value_at_quantile(quantile).min(self.max_ns) as f64 / 1000.0;
         Some(Percentiles { p50: at(0.5), p99: at(0.99), p999: at(0.999), max: self.max_ns as f64 / 1000.0 })
     }
+
+    /// The distribution: time, µs, and the share of all times within the step that begins there, %. Ends where 99.9 % lie
+    /// below, so that one outlier does not flatten the rest.
+    pub fn shares(&self) -> Vec<(f64, f64)> {
+        let Some(histogram) = self.histogram.as_ref().filter(|_| self.count > 0) else { return Vec::new() };
+        let last_ns = histogram.value_at_quantile(0.999);
+        let step_ns = last_ns.div_ceil(SHARES).max(100);
+        let share = |from_ns: u64| {
+            let within = histogram.count_between(from_ns, from_ns + step_ns - 1);
+            (from_ns as f64 / 1000.0, 100.0 * within as f64 / self.count as f64)
+        };
+        (0..=last_ns / step_ns).map(|step| share(step * step_ns)).collect()
+    }
 }
 
 /// What is counted over all windows.
@@ -74,6 +91,10 @@ pub struct Timing {
     pub lateness: Times,
     /// First of the chain opened → last of the chain closed, once a minor frame.
     pub chain: Times,
+    /// The same, ms, over module time, s.
+    pub chain_over_time: Envelope,
+    /// From one minor frame's first of the chain opened to the next one's, ms, over module time, s.
+    pub interval_over_time: Envelope,
     /// Opened → closed, by partition.
     pub used: BTreeMap<String, Times>,
     /// The last major frame that began.
@@ -86,6 +107,7 @@ pub struct Timing {
 struct Chain {
     at: (u64, u32),
     first_opened_ns: Option<u64>,
+    last_frames_ns: Option<u64>,
 }
 
 impl Timing {
@@ -119,15 +141,22 @@ impl Timing {
         let Some(place) = CHAIN.iter().position(|name| *name == window.partition) else { return };
         let at = (window.frame, window.minor);
         if self.running.at != at {
-            self.running = Chain { at, first_opened_ns: None };
+            let last_frames_ns = self.running.first_opened_ns;
+            self.running = Chain { at, first_opened_ns: None, last_frames_ns };
         }
+        let at_s = seconds(window.planned_start_ns);
         if let (None, Some(opened)) = (self.running.first_opened_ns, window.opened_ns) {
             self.running.first_opened_ns = Some(opened);
+            if let Some(apart_ns) = self.running.last_frames_ns.and_then(|last| opened.checked_sub(last)) {
+                self.interval_over_time.push(at_s, apart_ns as f64 / 1e6);
+            }
         }
         if place + 1 == CHAIN.len()
             && let (Some(first), Some(closed)) = (self.running.first_opened_ns, window.closed_ns)
         {
-            self.chain.record(closed.saturating_sub(first));
+            let took_ns = closed.saturating_sub(first);
+            self.chain.record(took_ns);
+            self.chain_over_time.push(at_s, took_ns as f64 / 1e6);
         }
     }
 
@@ -151,6 +180,18 @@ mod tests {
         assert!((found.p999 - 999.0).abs() < 1.0 && found.max == 1000.0);
     }
 
+    #[test]
+    fn shares_of_a_distribution_sum_up_to_all_but_the_outliers() {
+        let mut times = Times::default();
+        assert!(times.shares().is_empty());
+        (0..999).for_each(|i| times.record(10_000 + i));
+        times.record(50_000_000);
+        let shares = times.shares();
+        let sum: f64 = shares.iter().map(|(_, share)| share).sum();
+        assert!((99.5..=100.0).contains(&sum) && shares.len() < 200, "{sum} in {}", shares.len());
+        assert!(shares.iter().all(|(us, _)| *us < 12.0));
+    }
+
     fn window(minor: u32, partition: &str, opened: u64, closed: &str, flags: &str) -> Window {
         let line = format!("3,{minor},1,{partition},1000,900000,1000,{opened},{closed},{flags}");
         Window::parse(&line).unwrap()
@@ -170,6 +211,9 @@ mod tests {
         assert_eq!((timing.granted, timing.skipped, timing.late, timing.overruns), (6, 1, 1, 1));
         let chain = timing.chain.percentiles().unwrap();
         assert_eq!((timing.chain.count, chain.max), (2, 10.0));
+        let values = |envelope: &Envelope| envelope.points().iter().map(|(_, ms)| *ms).collect::<Vec<_>>();
+        assert_eq!(values(&timing.chain_over_time), [0.01, 0.003]);
+        assert_eq!(values(&timing.interval_over_time), [0.048, 0.01]);
         assert_eq!(timing.lateness_us(Clock::Virtual), None);
         assert_eq!(timing.lateness_us(Clock::Wall).unwrap().max, 62.0);
     }

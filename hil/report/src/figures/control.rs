@@ -1,71 +1,36 @@
-//! The figures of a flight: which values each chart shows.
+//! What was asked for and what came of it: guidance, the loops' references, the actuators.
 
+use super::{ESTIMATE, GPS, SHIFTED, TRUTH, WANTED, chart, engaged, estimated, series, truth};
 use crate::flight::{Flight, seconds};
 use crate::planned::Planned;
-use crate::plot::{Chart, Mark, Place, Series, Style};
+use crate::plot::{Chart, Style};
 use crate::score::{Stretch, Targets};
 use crate::summary::Analysis;
-use bateleur_messages::{ActuatorCommand, State};
+use bateleur_messages::ActuatorCommand;
 use bateleur_simulator::truth::TruthRecord;
 use nalgebra::Vector2;
 
-/// Colours of the page, by what they stand for.
-const TRUTH: u8 = 0;
-const ESTIMATE: u8 = 1;
-const GPS: u8 = 2;
-const WANTED: u8 = 3;
-const SHIFTED: u8 = 4;
-/// Where messages of one port are farther apart than this, s, its line is interrupted: its partition was not there.
-const GAP_S: f64 = 0.5;
-const TIME: &str = "module time, s";
+/// For the acceleration that a bank gives in level flight, m/s².
+const GRAVITY_MPS2: f64 = 9.80665;
 
-/// The seed's track over ground: planned, true, estimated, measured.
-pub fn track(flight: &Flight, analysis: &Analysis) -> Chart {
-    let east_north = |[north, east, _]: [f64; 3]| (east, north);
-    let last_passage = analysis.passages.last().map_or(0, |passage| passage.time_ns);
-    let outline = analysis.planned.outline(last_passage);
-    let planned = outline.iter().map(|point| (point.y, point.x)).collect();
-    let truth = flight.truth.iter().map(|record| east_north(record.position_ned_m)).collect();
-    let estimate = flight.states.iter().filter(|(_, state)| state.status > 1);
-    let estimate = estimate.map(|(_, state)| east_north(state.position_ned_m)).collect();
-    let fixes = flight.fixes.iter().map(|(_, fix)| east_north(fix.position_ned_m)).collect();
-    let places = flight.inputs.waypoints.iter().enumerate();
-    Chart {
-        title: "Track over ground".into(),
-        x_label: "east of the runway, m",
-        y_label: "north, m",
-        series: vec![
-            series("satellite fixes", GPS, Style::Dots, fixes),
-            series("planned", WANTED, Style::Dashed, planned),
-            series("estimate", ESTIMATE, Style::Line, estimate),
-            series("truth", TRUTH, Style::Line, truth),
-        ],
-        places: places
-            .map(|(index, at)| Place { at: (at.east_m, at.north_m), label: format!("WP{index}") })
-            .collect(),
-        equal: true,
-        ..Chart::default()
-    }
+/// How well the path was kept: what most readers look for first.
+pub(super) fn overview(flight: &Flight, analysis: &Analysis) -> Vec<Chart> {
+    vec![altitude(flight, analysis), altitude_error(flight, analysis), cross_track(flight, analysis)]
 }
 
-/// The figures over time, in the order of the page.
-pub fn over_time(flight: &Flight, analysis: &Analysis) -> Vec<Chart> {
-    let mut charts = vec![
-        altitude(flight, analysis),
-        altitude_error(flight, analysis),
-        airspeed(flight),
-        cross_track(flight, analysis),
-        next_waypoint(flight),
-        bank(flight),
-        wind(flight),
+/// References of guidance and the loops beside what the aircraft did.
+pub(super) fn references(flight: &Flight) -> Vec<Chart> {
+    vec![airspeed(flight), bank(flight), horizontal_acceleration(flight), next_waypoint(flight)]
+}
+
+/// Commanded and acting positions.
+pub(super) fn actuators(flight: &Flight) -> Vec<Chart> {
+    vec![
         throttle(flight),
         surface(flight, "Elevator", |at| at.surfaces_rad[1], |command| command.elevator_rad),
-        surface(flight, "Rudder", |at| at.surfaces_rad[2], |command| command.rudder_rad),
         surface(flight, "Aileron", |at| at.surfaces_rad[0], |command| command.aileron_rad),
-    ];
-    let marks = marks(flight);
-    charts.iter_mut().for_each(|chart| chart.marks.clone_from(&marks));
-    charts
+        surface(flight, "Rudder", |at| at.surfaces_rad[2], |command| command.rudder_rad),
+    ]
 }
 
 fn altitude(flight: &Flight, analysis: &Analysis) -> Chart {
@@ -194,13 +159,12 @@ fn bank(flight: &Flight) -> Chart {
     )
 }
 
-fn wind(flight: &Flight) -> Chart {
-    let speed = |north: f64, east: f64| north.hypot(east);
-    let met = truth(flight, |at| speed(at.wind_ned_mps[0], at.wind_ned_mps[1]));
-    let seen = estimated(flight, |state| speed(state.wind_ne_mps[0], state.wind_ne_mps[1]));
-    let both =
-        vec![series("truth", TRUTH, Style::Line, met), series("estimate", ESTIMATE, Style::Line, seen)];
-    Chart { least_range: 2.0, ..chart("Horizontal wind, gusts included", "m/s", both) }
+fn horizontal_acceleration(flight: &Flight) -> Chart {
+    let asked = engaged(flight, |command| command.horizontal_acceleration_mps2);
+    let asked = series("asked for", WANTED, Style::Line, asked);
+    let turning = truth(flight, |at| GRAVITY_MPS2 * at.euler_rad[0].tan());
+    let met = series("g tan of the true bank", TRUTH, Style::Line, turning);
+    Chart { least_range: 2.0, ..chart("Horizontal acceleration", "m/s², right positive", vec![asked, met]) }
 }
 
 fn throttle(flight: &Flight) -> Chart {
@@ -220,66 +184,4 @@ fn surface(
     let both =
         vec![series("commanded", WANTED, Style::Line, asked), series("acting", TRUTH, Style::Line, acting)];
     Chart { least_range: 4.0, ..chart(title, "°", both) }
-}
-
-fn chart(title: &str, y_label: &'static str, series: Vec<Series>) -> Chart {
-    Chart { title: title.to_owned(), x_label: TIME, y_label, series, ..Chart::default() }
-}
-
-fn series(name: &'static str, colour: u8, style: Style, points: Vec<(f64, f64)>) -> Series {
-    Series { name, colour, style, points }
-}
-
-fn truth(flight: &Flight, value: impl Fn(&TruthRecord) -> f64) -> Vec<(f64, f64)> {
-    flight.truth.iter().map(|at| (seconds(at.time_ns), value(at))).collect()
-}
-
-fn estimated(flight: &Flight, value: impl Fn(&State) -> f64) -> Vec<(f64, f64)> {
-    let usable = flight.states.iter().filter(|(_, state)| state.status > 1);
-    interrupted(usable.map(|(time, state)| (seconds(*time), value(state))))
-}
-
-fn engaged(flight: &Flight, value: impl Fn(&ActuatorCommand) -> f64) -> Vec<(f64, f64)> {
-    let engaged = flight.commands.iter().filter(|(_, command)| command.engaged != 0);
-    interrupted(engaged.map(|(time, command)| (seconds(*time), value(command))))
-}
-
-/// Points with an interruption wherever time leaps.
-fn interrupted(points: impl Iterator<Item = (f64, f64)>) -> Vec<(f64, f64)> {
-    let mut with_gaps: Vec<(f64, f64)> = Vec::new();
-    for point in points {
-        if with_gaps.last().is_some_and(|last| point.0 - last.0 > GAP_S) {
-            with_gaps.push((point.0, f64::NAN));
-        }
-        with_gaps.push(point);
-    }
-    with_gaps
-}
-
-fn marks(flight: &Flight) -> Vec<Mark> {
-    let acted = flight.health.iter().filter(|entry| entry.acted_on());
-    let label = |partition: &Option<String>| partition.clone().unwrap_or_else(|| "module".to_owned());
-    acted.map(|entry| Mark { x: seconds(entry.time_ns), label: label(&entry.partition) }).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn silence_interrupts_a_line() {
-        let points = interrupted([(0.0, 1.0), (0.02, 1.0), (3.0, 2.0)].into_iter());
-        assert_eq!(points.len(), 4);
-        assert!(points[2].0 == 3.0 && points[2].1.is_nan());
-    }
-
-    #[test]
-    fn charts_of_an_empty_flight_say_so() {
-        let flight = Flight::default();
-        let analysis = Analysis::of(&flight);
-        let charts = over_time(&flight, &analysis);
-        assert!(charts.iter().all(|chart| chart.svg(400.0, 200.0).contains("no data")));
-        // The planned path is there even without a flight.
-        assert!(track(&flight, &analysis).svg(400.0, 400.0).contains("WP3"));
-    }
 }

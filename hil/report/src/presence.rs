@@ -1,0 +1,225 @@
+//! Which partitions were there over the whole flight: a lane each, with gaps where windows found nobody to run, ticks at
+//! overruns and rings at faults.
+
+use crate::flight::seconds;
+use crate::health::HealthEntry;
+use crate::plot::{escape, ticks};
+use crate::windows::Window;
+use std::fmt::Write as _;
+
+/// Space for the partitions' names, px.
+const LEFT: f64 = 128.0;
+/// Space right of the lanes, px.
+const RIGHT: f64 = 12.0;
+/// Space above the lanes for the title, px.
+const TOP: f64 = 26.0;
+/// Height of a lane, px.
+const LANE: f64 = 19.0;
+/// Height of what is drawn in it, px.
+const BAR: f64 = 9.0;
+/// Space below the lanes for the numbers, px.
+const BOTTOM: f64 = 36.0;
+/// An absence is drawn at least this wide, px, or it could not be seen.
+const LEAST_WIDTH: f64 = 1.5;
+/// Absences and overruns kept of one partition, most: a picture shows no more, and a long flight may have millions.
+const MOST: usize = 2000;
+/// Lane of errors of the module itself.
+const MODULE: &str = "module";
+
+/// The window log as seen from far away.
+#[derive(Debug, Default)]
+pub struct Presence {
+    lanes: Vec<Lane>,
+    end_ns: u64,
+}
+
+#[derive(Debug)]
+struct Lane {
+    partition: String,
+    /// Stretches without anybody to run, ns.
+    absent: Vec<(u64, u64)>,
+    /// Whether the last window found nobody.
+    away: bool,
+    /// Windows that were not closed in time, ns.
+    overruns: Vec<u64>,
+}
+
+impl Lane {
+    /// An absence ends where the partition is there again.
+    fn note(&mut self, window: &Window) {
+        let until = if window.skipped { window.planned_end_ns } else { window.planned_start_ns };
+        if let Some(last) = self.absent.last_mut().filter(|_| self.away) {
+            last.1 = until;
+        } else if self.absent.len() == MOST {
+            return;
+        } else if window.skipped {
+            self.absent.push((window.planned_start_ns, until));
+        }
+        self.away = window.skipped;
+    }
+}
+
+impl Presence {
+    /// Takes a window; they come in the order of their planned starts.
+    pub fn add(&mut self, window: &Window) {
+        self.end_ns = self.end_ns.max(window.planned_end_ns);
+        let lane = self.lane(&window.partition);
+        // A window that the dispatcher itself missed says nothing about the partition.
+        if !window.flags.contains('M') {
+            lane.note(window);
+        }
+        if window.overrun && lane.overruns.len() < MOST {
+            lane.overruns.push(window.planned_end_ns);
+        }
+    }
+
+    fn lane(&mut self, partition: &str) -> &mut Lane {
+        let place = self.lanes.iter().position(|lane| lane.partition == partition).unwrap_or_else(|| {
+            let partition = partition.to_owned();
+            self.lanes.push(Lane { partition, absent: Vec::new(), away: false, overruns: Vec::new() });
+            self.lanes.len() - 1
+        });
+        &mut self.lanes[place]
+    }
+
+    /// The picture as an SVG element; it scales with the page. `None` without windows.
+    pub fn svg(&self, health: &[HealthEntry], width: f64) -> Option<String> {
+        if self.lanes.is_empty() {
+            return None;
+        }
+        let of_module = health.iter().any(|entry| entry.acted_on() && entry.partition.is_none());
+        let names: Vec<&str> = self
+            .lanes
+            .iter()
+            .map(|lane| lane.partition.as_str())
+            .chain(of_module.then_some(MODULE))
+            .collect();
+        let bottom = TOP + LANE * names.len() as f64;
+        let mut out = String::new();
+        let _ = write!(
+            out,
+            r#"<svg viewBox="0 0 {width} {}" role="img" aria-label="Partitions over the flight">"#,
+            bottom + BOTTOM
+        );
+        let _ = write!(out, r#"<text class="title" x="{LEFT}" y="14">Partitions over the flight</text>"#);
+        self.draw_grid(&mut out, width, bottom);
+        for (row, name) in names.iter().enumerate() {
+            let y = TOP + LANE * row as f64 + 0.5 * (LANE - BAR);
+            let label = escape(name);
+            let _ =
+                write!(out, r#"<text class="tick end" x="{}" y="{}">{label}</text>"#, LEFT - 6.0, y + 8.5);
+            if let Some(lane) = self.lanes.get(row) {
+                self.draw_lane(&mut out, lane, width, y);
+            }
+        }
+        for entry in health.iter().filter(|entry| entry.acted_on()) {
+            let name = entry.partition.as_deref().unwrap_or(MODULE);
+            let Some(row) = names.iter().position(|other| *other == name) else { continue };
+            self.draw_fault(&mut out, entry, name, width, TOP + LANE * (row as f64 + 0.5));
+        }
+        out.push_str("</svg>");
+        Some(out)
+    }
+
+    fn px(&self, ns: u64, width: f64) -> f64 {
+        LEFT + (ns as f64 / self.end_ns.max(1) as f64).min(1.0) * (width - LEFT - RIGHT)
+    }
+
+    fn draw_grid(&self, out: &mut String, width: f64, bottom: f64) {
+        for (s, text) in ticks(0.0, seconds(self.end_ns), 12.0) {
+            let x = self.px((s * 1e9).round() as u64, width);
+            let _ = write!(out, r#"<line class="grid" x1="{x:.1}" y1="{TOP}" x2="{x:.1}" y2="{bottom}" />"#);
+            let _ = write!(out, r#"<text class="tick mid" x="{x:.1}" y="{}">{text}</text>"#, bottom + 14.0);
+        }
+        let (x, y) = (width - RIGHT, bottom + 29.0);
+        let _ = write!(out, r#"<text class="axis end" x="{x}" y="{y}">module time, s</text>"#);
+    }
+
+    fn draw_lane(&self, out: &mut String, lane: &Lane, width: f64, y: f64) {
+        let wide = width - LEFT - RIGHT;
+        let _ = write!(out, r#"<rect class="there" x="{LEFT}" y="{y}" width="{wide}" height="{BAR}" />"#);
+        for (from, to) in &lane.absent {
+            let x = self.px(*from, width);
+            let wide = (self.px(*to, width) - x).max(LEAST_WIDTH);
+            let text = format!(
+                "{}: nobody to run from {:.2} s to {:.2} s",
+                lane.partition,
+                seconds(*from),
+                seconds(*to)
+            );
+            let _ =
+                write!(out, r#"<rect class="absent" x="{x:.2}" y="{y}" width="{wide:.2}" height="{BAR}">"#);
+            let _ = write!(out, "<title>{}</title></rect>", escape(&text));
+        }
+        for end in &lane.overruns {
+            let x = self.px(*end, width);
+            let _ = write!(out, r#"<path class="overran" d="M{x:.2} {}v{}" />"#, y + BAR, 3.5);
+        }
+    }
+
+    fn draw_fault(&self, out: &mut String, entry: &HealthEntry, name: &str, width: f64, y: f64) {
+        let x = self.px(entry.time_ns, width);
+        let back = entry.recovered_ns.map_or_else(String::new, |back| {
+            format!(", back after {:.1} ms", back.saturating_sub(entry.time_ns) as f64 / 1e6)
+        });
+        let text = format!(
+            "{:.2} s {name}: {} → {}{back}. {}",
+            seconds(entry.time_ns),
+            entry.error,
+            entry.action,
+            entry.detail
+        );
+        let _ = write!(out, r#"<circle class="fault" cx="{x:.2}" cy="{y:.1}" r="3.5">"#);
+        let _ = write!(out, "<title>{}</title></circle>", escape(text.trim()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen(lines: &[&str]) -> Presence {
+        let mut presence = Presence::default();
+        lines.iter().for_each(|line| presence.add(&Window::parse(line).unwrap()));
+        presence
+    }
+
+    #[test]
+    fn absence_lasts_from_the_first_empty_window_to_the_next_full_one() {
+        let presence = seen(&[
+            "0,0,1,imu,0,500,0,1,9,",
+            "0,1,1,imu,1000,1500,,,,S",
+            "0,2,1,imu,2000,2500,,,,M",
+            "0,3,1,imu,3000,3500,,,,S",
+            "0,4,1,imu,4000,4500,4000,4001,,O",
+            "0,4,1,gps,4600,4700,4600,4601,4602,",
+        ]);
+        assert_eq!(presence.lanes[0].absent, [(1000, 4000)]);
+        assert_eq!(presence.lanes[0].overruns, [4500]);
+        assert!(presence.lanes[1].absent.is_empty());
+    }
+
+    #[test]
+    fn window_missed_by_the_dispatcher_is_no_absence() {
+        let presence = seen(&["0,0,1,imu,0,500,,,,M", "0,1,1,imu,1000,1500,1000,1001,1002,"]);
+        assert!(presence.lanes[0].absent.is_empty());
+    }
+
+    #[test]
+    fn faults_lie_in_their_partitions_lane_and_say_what_was_done() {
+        let presence = seen(&["0,0,1,imu,0,2000000000,0,1,9,"]);
+        let entry = |partition: Option<&str>| HealthEntry {
+            time_ns: 1_000_000_000,
+            partition: partition.map(Into::into),
+            generation: 1,
+            error: "killed".into(),
+            action: "warm_restart".into(),
+            detail: "by <somebody>".into(),
+            recovered_ns: Some(1_064_000_000),
+        };
+        let svg = presence.svg(&[entry(Some("imu")), entry(None)], 900.0).unwrap();
+        assert!(svg.contains("imu: killed → warm_restart, back after 64.0 ms. by &lt;somebody&gt;"), "{svg}");
+        assert!(svg.contains(">module</text>") && svg.matches("<circle").count() == 2);
+        assert!(Presence::default().svg(&[], 900.0).is_none());
+    }
+}

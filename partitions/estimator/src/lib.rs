@@ -132,7 +132,8 @@ impl Function {
 
     /// The state as the other functions get it: with its status alone while there is none.
     pub fn state(&self) -> State {
-        let mut state = state::message(self.navigation().as_ref(), self.estimator.counters().refused);
+        let (refused, health) = (self.estimator.counters().refused, self.estimator.health());
+        let mut state = state::message(self.navigation().as_ref(), refused, health);
         if !self.enabled {
             state.status = STATUS_DISABLED;
         }

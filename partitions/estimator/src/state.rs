@@ -1,13 +1,13 @@
 //! The filter's state as the port messages have it.
 
-use bateleur_flight::estimator::{EstimatorStatus, NavigationState};
+use bateleur_flight::estimator::{EstimatorStatus, Health, NavigationState};
 use bateleur_messages::State;
 use bateleur_messages::state::{STATUS_COARSE, STATUS_DISABLED, STATUS_INITIALISING, STATUS_RUNNING};
 use bateleur_messages::telemetry::StateTelemetry;
 
 /// The message for a state; without one, a level attitude at the origin that says it is being initialised. `rejected`
 /// measurements were refused so far.
-pub fn message(navigation: Option<&NavigationState>, rejected: u32) -> State {
+pub fn message(navigation: Option<&NavigationState>, rejected: u32, health: Health) -> State {
     let Some(n) = navigation else {
         let quaternion = [1.0, 0.0, 0.0, 0.0];
         return State { quaternion, status: STATUS_INITIALISING, rejected, ..State::default() };
@@ -29,6 +29,7 @@ pub fn message(navigation: Option<&NavigationState>, rejected: u32) -> State {
         position_sigma_m: n.sigmas.position.into(),
         status: status(n.status),
         rejected,
+        health: u64::from(health.0),
     }
 }
 

@@ -139,6 +139,24 @@ fn cold_start_in_a_steep_turn_converges() {
     }
 }
 
+/// The ground gives order `E` a moment before the take-off: what the barometer said while the attitude was found must count,
+/// or the height would be the receiver's, many metres off.
+#[test]
+fn height_is_zeroed_on_the_runway_however_short_the_aircraft_stands_after_the_order() {
+    for seed in 1..=12 {
+        for standing_s in [1.4, 1.7, 2.5] {
+            let mut flight = Flight::new(Options::new(seed, 0.0, 0.0, Turbulence::Calm));
+            flight.run(8.0 - standing_s);
+            flight.estimator.initialise(Start::Auto);
+            flight.run(32.0);
+            let (truth, state) = (flight.last().truth, flight.last().navigation.unwrap());
+            let drift = truth.barometer_bias_m - flight.barometer_at_start_m;
+            let off = state.altitude_m() + truth.position_ned_m.z - drift;
+            assert!(off.abs() < 0.6, "seed {seed}, {standing_s} s: {off} m");
+        }
+    }
+}
+
 #[test]
 fn receiver_that_jumps_for_good_is_believed_after_a_while() {
     let mut options = Options::new(1, 0.0, 0.0, Turbulence::Calm);

@@ -35,6 +35,9 @@ message! {
         pub status: u32,
         /// Measurements rejected by a gate so far.
         pub rejected: u32,
+        /// What is healthy now, one bit each: 1 GPS, 2 barometer, 4 pitot, 8 magnetometer are being taken; 16 attitude,
+        /// 32 velocity, 64 position are as good as they should be.
+        pub health: u64,
     }
 }
 

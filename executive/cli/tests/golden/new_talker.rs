@@ -147,6 +147,7 @@ impl Partition for Talker {
             position_sigma_m: [0.0; 3],
             status: 0,
             rejected: 0,
+            health: 0,
         });
         if self.windows.is_multiple_of(SEND_EVERY) {
             // Anything but `Sent::Queued` means that it was not taken: try again, or let it go. Never wait.

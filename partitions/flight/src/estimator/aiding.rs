@@ -1,14 +1,19 @@
 //! The measurements: how each looks at the state, when it is refused, and what happens if that lasts.
 
-use super::filter::{ATT, ErrorVector, MAG, POS, Scalar, VEL, WIND};
+use super::filter::{ATT, ErrorVector, Filter, MAG, POS, Scalar, VEL, WIND};
+use super::health::Aid;
 use super::history::{Past, position_row, scalar, velocity_row};
 use super::{Estimator, EstimatorStatus, GpsMeasurement, Phase};
+use crate::GRAVITY_MPS2;
 use crate::atmosphere::{airspeed_mps, density_kgpm3, pressure_altitude_m};
 use crate::attitude::{finite, skew};
 use nalgebra::Vector3;
 
 /// Barometer samples averaged before their mean becomes the reference: 2 s at 25 Hz leave 0.12 m of noise.
 const REFERENCE_SAMPLES: u32 = 50;
+/// As few will do when the aircraft leaves the ground with no more: 0.2 m of noise, where the receiver's height is many
+/// metres off.
+const FEWEST_REFERENCE_SAMPLES: u32 = 10;
 /// Samples over which the reference is refined while standing; more would make it deaf to the weather.
 const LONGEST_REFERENCE_SAMPLES: u32 = 1500;
 /// Two GPS resets within this time, s: the attitude is to blame, so everything is found anew.
@@ -58,6 +63,18 @@ impl BarometerReference {
         (self.samples >= REFERENCE_SAMPLES).then_some(self.offset_m)
     }
 
+    /// Forgets a reference that was taken while the attitude was sought.
+    pub(super) fn restart(&mut self) {
+        *self = Self { last_s: self.last_s, ..Self::default() };
+    }
+
+    /// The aircraft moves: what was learnt standing holds, if it was enough.
+    fn leave_ground(&mut self) {
+        if self.samples >= FEWEST_REFERENCE_SAMPLES {
+            self.samples = self.samples.max(REFERENCE_SAMPLES);
+        }
+    }
+
     fn learn(&mut self, offset_m: f64) {
         self.samples += 1;
         self.offset_m += (offset_m - self.offset_m) / f64::from(self.samples.min(LONGEST_REFERENCE_SAMPLES));
@@ -96,12 +113,13 @@ impl Estimator {
         let Some(past) = self.history.at(fix.time_s) else { return };
         let now = self.now();
         self.last_gps_s = now.time_s;
-        if fix.velocity_ned.norm() > STANDING_SPEED_MPS {
+        if self.standing && fix.velocity_ned.norm() > STANDING_SPEED_MPS {
             self.standing = false;
+            self.barometer.leave_ground();
         }
         let velocity = self.velocity_scalars(fix, &past);
         let position = self.position_scalars(fix, &past);
-        let accepted = self.fuse(&velocity) & self.fuse(&position);
+        let accepted = self.fuse(Aid::GpsVelocity, &velocity) & self.fuse(Aid::GpsPosition, &position);
         let patience = self.config.measurement.gps_patience_s;
         if self.gps_gate.out_of_patience(accepted, now.time_s, patience) {
             self.reset_to_fix(fix, &past);
@@ -111,9 +129,12 @@ impl Estimator {
     fn velocity_scalars(&self, fix: &GpsMeasurement, past: &Past) -> [Scalar; 3] {
         let rotation = self.filter.nominal.attitude.to_rotation_matrix().into_inner();
         let (now, sigma) = (self.now(), self.config.measurement.gps_velocity_mps);
+        let excess = self.last_sample.map_or(0.0, |sample| sample.specific_force.norm() - GRAVITY_MPS2);
+        let gathered = Filter::velocity_density(excess, &self.config.process) * (now.time_s - past.time_s);
         [0, 1, 2].map(|axis| {
             let innovation = fix.velocity_ned[axis] - past.velocity[axis];
-            scalar(velocity_row(axis, &now, past, &rotation), innovation, sigma)
+            let row = velocity_row(axis, &now, past, &rotation);
+            Scalar { since: Some((VEL + axis, gathered)), ..scalar(row, innovation, sigma) }
         })
     }
 
@@ -131,17 +152,19 @@ impl Estimator {
     }
 
     /// Takes a group of scalars together or not at all; true if taken.
-    fn fuse(&mut self, group: &[Scalar]) -> bool {
-        self.fuse_from(group, 0)
+    fn fuse(&mut self, aid: Aid, group: &[Scalar]) -> bool {
+        self.fuse_from(aid, group, 0)
     }
 
     /// The same, correcting error states from `first` on only.
-    fn fuse_from(&mut self, group: &[Scalar], first: usize) -> bool {
+    fn fuse_from(&mut self, aid: Aid, group: &[Scalar], first: usize) -> bool {
         let gate = self.config.measurement.gate_sigma;
         let accepted = group.iter().all(|scalar| self.filter.normalised(scalar).abs() <= gate);
         if accepted {
+            let time_s = self.now().time_s;
             for scalar in group {
-                self.filter.correct_from(scalar, first);
+                let normalised = self.filter.correct_from(scalar, first);
+                self.record.take(aid, normalised, time_s);
             }
             self.finish_update();
         } else {
@@ -181,12 +204,17 @@ impl Estimator {
         let Some(altitude) = pressure_altitude_m(static_pa) else { return };
         let interval = self.config.measurement.barometer_interval_s;
         let Some(altitude) = self.barometer.decimate(time_s, altitude, interval) else { return };
-        if self.phase != Phase::Running || !self.config.aiding.pressure {
+        if !self.config.aiding.pressure || self.phase == Phase::Stopped {
             return;
         }
-        if self.standing {
-            // The runway is height zero by definition of the frame.
+        // The runway is height zero by definition of the frame. While the attitude is sought the aircraft may stand: if
+        // it turns out to fly, what was learnt is forgotten.
+        let seeking = self.phase == Phase::Aligning && !self.slow_known;
+        if self.standing || seeking {
             self.barometer.learn(altitude - self.config.standing_height_m);
+        }
+        if self.phase != Phase::Running {
+            return;
         }
         let Some(offset) = self.barometer.settled_offset() else {
             if !self.standing {
@@ -197,7 +225,8 @@ impl Estimator {
         let mut h = ErrorVector::zeros();
         h[POS + 2] = -1.0;
         let innovation = altitude - offset + self.filter.nominal.position.z;
-        let accepted = self.fuse(&[scalar(h, innovation, self.config.measurement.barometer_m)]);
+        let accepted =
+            self.fuse(Aid::Barometer, &[scalar(h, innovation, self.config.measurement.barometer_m)]);
         let patience = self.config.measurement.other_patience_s;
         if self.barometer_gate.out_of_patience(accepted, time_s, patience) {
             self.counters.resets += 1;
@@ -223,10 +252,10 @@ impl Estimator {
         self.last_pitot_s = time_s;
         let inertial = self.status() == EstimatorStatus::Inertial;
         let scalar = self.airspeed_scalar(airspeed, inertial);
-        let accepted = self.fuse_from(&[scalar], if inertial { 0 } else { WIND });
+        let accepted = self.fuse_from(Aid::Airspeed, &[scalar], if inertial { 0 } else { WIND });
         if -self.filter.nominal.position.z > self.config.measurement.sideslip_height_m {
             let scalar = self.sideslip_scalar();
-            self.fuse_from(&[scalar], WIND);
+            self.fuse_from(Aid::Sideslip, &[scalar], WIND);
         }
         let patience = self.config.measurement.other_patience_s;
         if self.airspeed_gate.out_of_patience(accepted, time_s, patience) {
@@ -284,7 +313,7 @@ impl Estimator {
         }
         self.last_magnetometer_s = time_s;
         let scalars = self.magnetometer_scalars(field_gauss);
-        let accepted = self.fuse(&scalars);
+        let accepted = self.fuse(Aid::Magnetometer, &scalars);
         let patience = self.config.measurement.other_patience_s;
         if self.magnetometer_gate.out_of_patience(accepted, time_s, patience) {
             self.counters.resets += 1;

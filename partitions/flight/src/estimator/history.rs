@@ -123,7 +123,7 @@ pub(crate) fn position_row(axis: usize, now: &Past, past: &Past) -> ErrorVector 
 
 /// Shorthand for a scalar measurement.
 pub(crate) fn scalar(h: ErrorVector, innovation: f64, sigma: f64) -> Scalar {
-    Scalar { h, innovation, variance: sigma * sigma }
+    Scalar { h, innovation, variance: sigma * sigma, since: None }
 }
 
 #[cfg(test)]

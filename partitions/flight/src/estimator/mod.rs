@@ -9,20 +9,36 @@
 mod aiding;
 mod alignment;
 mod config;
+#[cfg(test)]
+mod consistency;
 mod filter;
+#[cfg(test)]
+mod gates;
+mod health;
 mod history;
 mod snapshot;
+#[cfg(test)]
+mod world;
 
 pub use config::{Aiding, EstimatorConfig, InitialSigmas, MeasurementNoise};
 pub use filter::{ERROR_STATES, ProcessNoise};
+pub use health::{Aid, Health, Innovations};
 pub use snapshot::{Snapshot, TRIANGLE};
 
 use crate::attitude;
 use aiding::{BarometerReference, Gate};
 use alignment::{Aligned, Alignment};
 use filter::{ACCEL, ATT, ErrorVector, Filter, GYRO, MAG, Nominal, POS, VEL, WIND};
+use health::Record;
 use history::{History, Past};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
+
+/// An aid that was not taken for longer than this is not healthy, s.
+const HEALTHY_WITHIN_S: f64 = 2.0;
+/// A standard deviation of the velocity beyond this is not healthy on any axis, m/s.
+const HEALTHY_VELOCITY_MPS: f64 = 0.5;
+/// The same of the position, m.
+const HEALTHY_POSITION_M: f64 = 5.0;
 
 /// Inertial values as means over an interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -174,6 +190,7 @@ pub struct Estimator {
     standing: bool,
     aligned_s: f64,
     counters: EstimatorCounters,
+    record: Record,
 }
 
 impl Estimator {
@@ -202,12 +219,13 @@ impl Estimator {
             standing: false,
             aligned_s: f64::NEG_INFINITY,
             counters: EstimatorCounters::default(),
+            record: Record::default(),
         }
     }
 
     /// Forgets everything and finds the state anew; [`Start::Ground`] is the "initialise" of the ground station.
     pub fn initialise(&mut self, start: Start) {
-        *self = Self { start, counters: self.counters, ..Self::new(self.config) };
+        *self = Self { start, counters: self.counters, record: self.record, ..Self::new(self.config) };
     }
 
     /// Stops giving out a state until [`Estimator::initialise`].
@@ -258,6 +276,31 @@ impl Estimator {
     /// Counters for telemetry.
     pub fn counters(&self) -> EstimatorCounters {
         self.counters
+    }
+
+    /// The innovations of one aid so far.
+    pub fn innovations(&self, aid: Aid) -> &Innovations {
+        self.record.of(aid)
+    }
+
+    /// What is healthy now; nothing without a state.
+    pub fn health(&self) -> Health {
+        if self.phase != Phase::Running {
+            return Health::default();
+        }
+        let (now_s, within_s) = (self.now().time_s, HEALTHY_WITHIN_S);
+        let fresh = |aid: Aid| self.record.fresh(aid, now_s, within_s);
+        let worst = |at: usize| (at..at + 3).map(|i| self.filter.sigma(i)).fold(0.0, f64::max);
+        let bits = [
+            (Health::GPS, fresh(Aid::GpsVelocity) && fresh(Aid::GpsPosition)),
+            (Health::BAROMETER, fresh(Aid::Barometer)),
+            (Health::PITOT, fresh(Aid::Airspeed)),
+            (Health::MAGNETOMETER, fresh(Aid::Magnetometer)),
+            (Health::ATTITUDE, self.attitude_settled()),
+            (Health::VELOCITY, worst(VEL) < HEALTHY_VELOCITY_MPS),
+            (Health::POSITION, worst(POS) < HEALTHY_POSITION_M),
+        ];
+        Health(bits.iter().filter(|(_, good)| *good).fold(0, |all, (bit, _)| all | bit))
     }
 
     /// Pressure altitude of the runway as the estimator took it, m, once known.
@@ -370,6 +413,9 @@ impl Estimator {
             nominal.gyro_bias += aligned.mean_rates;
             nominal.position.z = -self.config.standing_height_m;
         }
+        if !standing && !self.slow_known {
+            self.barometer.restart();
+        }
         if !standing && self.barometer.settled_offset().is_some() {
             // The height found is the receiver's, many metres off; the barometer shall pull it back at once.
             sigmas[POS + 2] = self.config.measurement.gps_vertical_with_barometer_m;
@@ -445,14 +491,16 @@ impl Estimator {
             Phase::Stopped => EstimatorStatus::Stopped,
             Phase::Aligning => EstimatorStatus::Aligning,
             Phase::Running if self.now().time_s - self.last_gps_s > 2.0 => EstimatorStatus::Inertial,
-            Phase::Running => {
-                let tilt = self.filter.sigma(ATT).max(self.filter.sigma(ATT + 1));
-                // On the ground the accelerometer bias hides 3° of tilt; that is as good as it gets there.
-                let limit = if self.standing { 0.08 } else { 0.035 };
-                let settled = tilt < limit && self.filter.sigma(ATT + 2) < 0.15;
-                if settled { EstimatorStatus::Ready } else { EstimatorStatus::Converging }
-            }
+            Phase::Running if self.attitude_settled() => EstimatorStatus::Ready,
+            Phase::Running => EstimatorStatus::Converging,
         }
+    }
+
+    fn attitude_settled(&self) -> bool {
+        let tilt = self.filter.sigma(ATT).max(self.filter.sigma(ATT + 1));
+        // On the ground the accelerometer bias hides 3° of tilt; that is as good as it gets there.
+        let limit = if self.standing { 0.08 } else { 0.035 };
+        tilt < limit && self.filter.sigma(ATT + 2) < 0.15
     }
 }
 

@@ -285,8 +285,6 @@ impl Flight {
         let mut sums = [Mean::default(); 6];
         for frame in self.frames.iter().filter(|f| f.truth.time_s >= from_s) {
             let (t, Some(n)) = (&frame.truth, &frame.navigation) else { continue };
-            let turn = (n.quaternion * t.attitude.inverse()).scaled_axis();
-            let _ = turn;
             let wrap = bateleur_flight::attitude::wrap_angle;
             sums[0].add(wrap(n.euler.x - t.roll_rad).to_degrees());
             sums[1].add(wrap(n.euler.y - t.pitch_rad).to_degrees());
@@ -305,6 +303,20 @@ impl Flight {
         e.horizontal_m = sums[4].rms();
         e.height_m = sums[5].rms();
         e
+    }
+
+    /// Distance of the estimated position from the true one from `from_s` on, RMS, m; and that of a faultless filter's,
+    /// which has the slow errors of receiver and barometer.
+    pub fn true_position_errors(&self, from_s: f64) -> (f64, f64) {
+        let mut sums = [Mean::default(); 2];
+        for frame in self.frames.iter().filter(|f| f.truth.time_s >= from_s) {
+            let (t, Some(n)) = (&frame.truth, &frame.navigation) else { continue };
+            let slow = t.gps_slow_error_ned_m;
+            let up = t.barometer_bias_m - self.barometer_at_start_m;
+            sums[0].add((n.position - t.position_ned_m).norm());
+            sums[1].add(slow.xy().norm().hypot(up));
+        }
+        (sums[0].rms(), sums[1].rms())
     }
 }
 

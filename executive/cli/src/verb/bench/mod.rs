@@ -6,6 +6,7 @@
 //! 1 one is not (or could not be taken), 2 nothing could be measured. With --quick nothing is judged.
 
 mod flight;
+mod laws;
 mod module;
 mod ports;
 mod probe;
@@ -29,7 +30,7 @@ use row::Row;
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
     /// Which figures; all where none is named: starts, fence, switch, ports, restart,
-    /// scale, flight, virtual.
+    /// scale, laws, flight, virtual.
     #[arg(value_name = "NAME")]
     names: Vec<String>,
     /// One short run of each: shows that it works, not how well.
@@ -71,6 +72,7 @@ const FIGURES: &[(&str, Measure)] = &[
     ("ports", ports::rows),
     ("restart", restart::rows),
     ("scale", scale::rows),
+    ("laws", laws::rows),
     ("flight", flight::wall),
     ("virtual", flight::fast),
 ];

@@ -1,0 +1,175 @@
+//! What happens to measurements that can not be: refused without a trace, and believed when they stay.
+
+use super::world::{DT_S, World, config, static_pa};
+use super::*;
+
+/// A world and its estimator after half a minute.
+fn settled() -> (World, Estimator) {
+    let mut world = World::new(7, config(true));
+    let mut estimator = world.estimator();
+    fly(&mut world, &mut estimator, 30.0);
+    (world, estimator)
+}
+
+fn fly(world: &mut World, estimator: &mut Estimator, seconds: f64) {
+    for _ in 0..(seconds / DT_S) as u32 {
+        let sample = world.step();
+        estimator.predict(&sample);
+        world.measure(estimator, 0.12);
+    }
+}
+
+/// One bad measurement by this much, whatever its unit.
+fn spoil(world: &World, estimator: &mut Estimator, aid: Aid, by: f64) {
+    let (now_s, real) = (world.time_s + 0.2, world.real.nominal);
+    let fix =
+        GpsMeasurement { time_s: world.time_s, position_ned: real.position, velocity_ned: real.velocity };
+    let off = Vector3::new(by, 0.0, 0.0);
+    match aid {
+        Aid::GpsVelocity => {
+            estimator.update_gps(&GpsMeasurement { velocity_ned: real.velocity + off, ..fix })
+        }
+        Aid::GpsPosition => {
+            estimator.update_gps(&GpsMeasurement { position_ned: real.position + off, ..fix })
+        }
+        Aid::Barometer => estimator.update_baro(now_s, static_pa(-real.position.z + by)),
+        Aid::Airspeed | Aid::Sideslip => {
+            let air = (real.velocity - Vector3::new(real.wind.x, real.wind.y, 0.0)).norm() + by;
+            let static_pa = static_pa(160.0);
+            let density = crate::atmosphere::density_kgpm3(160.0);
+            estimator.update_airspeed(now_s, 0.5 * density * air * air, static_pa);
+        }
+        Aid::Magnetometer => {
+            let field = real.attitude.inverse() * world.config.field_ned_gauss + real.mag_bias + off;
+            estimator.update_magnetometer(now_s, &field);
+        }
+    }
+}
+
+/// An error of each aid that lies beyond its gate, and one well within.
+const ERRORS: [(Aid, f64, f64); 5] = [
+    (Aid::GpsVelocity, 0.6, 0.1),
+    (Aid::GpsPosition, 4.0, 1.0),
+    (Aid::Barometer, 6.0, 1.5),
+    (Aid::Airspeed, 40.0, 8.0),
+    (Aid::Magnetometer, 0.015, 0.004),
+];
+
+#[test]
+fn measurement_beyond_its_gate_leaves_no_trace_and_one_within_is_taken() {
+    let (world, settled) = settled();
+    for (aid, beyond, within) in ERRORS {
+        let mut estimator = settled;
+        spoil(&world, &mut estimator, aid, beyond);
+        let taken = estimator.innovations(aid).count - settled.innovations(aid).count;
+        assert_eq!((taken, estimator.counters().refused), (0, 1), "{aid:?}");
+        let (now, before) = (&estimator.filter.nominal, &settled.filter.nominal);
+        match aid {
+            // The other half of the fix was good and is taken: it moves the state by little.
+            Aid::GpsVelocity | Aid::GpsPosition => {
+                assert!((now.velocity - before.velocity).norm() < 0.05, "{aid:?}");
+                assert!((now.position - before.position).norm() < 0.5, "{aid:?}");
+                assert!(now.attitude.angle_to(&before.attitude) < 0.002, "{aid:?}");
+            }
+            // That no air comes from the side is taken, and speaks of the wind alone.
+            Aid::Airspeed => assert_eq!(Nominal { wind: before.wind, ..*now }, *before),
+            _ => {
+                assert_eq!(now, before, "{aid:?}");
+                assert_eq!(estimator.filter.covariance, settled.filter.covariance, "{aid:?}");
+            }
+        }
+        let mut estimator = settled;
+        spoil(&world, &mut estimator, aid, within);
+        assert!(estimator.innovations(aid).count > settled.innovations(aid).count, "{aid:?}");
+        assert_eq!(estimator.counters().refused, 0, "{aid:?}");
+    }
+}
+
+#[test]
+fn barometer_that_jumps_for_good_is_zeroed_anew_and_the_height_stays() {
+    let (mut world, mut estimator) = settled();
+    let before = estimator.barometer_offset_m().unwrap();
+    for frame in 0..500 {
+        let sample = world.step();
+        estimator.predict(&sample);
+        if frame % 2 == 0 {
+            estimator.update_baro(world.time_s, static_pa(-world.real.nominal.position.z + 30.0));
+        }
+        if frame % 10 == 0 {
+            let n = world.real.nominal;
+            estimator.update_gps(&GpsMeasurement {
+                time_s: world.time_s,
+                position_ned: n.position,
+                velocity_ned: n.velocity,
+            });
+        }
+    }
+    assert_eq!(estimator.counters().resets, 1);
+    assert!((estimator.barometer_offset_m().unwrap() - before - 30.0).abs() < 1.0);
+    assert!((estimator.filter.nominal.position.z - world.real.nominal.position.z).abs() < 1.0);
+}
+
+#[test]
+fn field_that_jumps_for_good_becomes_bias_and_the_attitude_stays() {
+    let (mut world, mut estimator) = settled();
+    let shift = Vector3::new(0.03, -0.02, 0.01);
+    for frame in 0..1500 {
+        let sample = world.step();
+        estimator.predict(&sample);
+        let n = world.real.nominal;
+        if frame % 5 == 0 {
+            let field = n.attitude.inverse() * world.config.field_ned_gauss + n.mag_bias + shift;
+            estimator.update_magnetometer(world.time_s, &field);
+        }
+        if frame % 10 == 0 {
+            let fix =
+                GpsMeasurement { time_s: world.time_s, position_ned: n.position, velocity_ned: n.velocity };
+            estimator.update_gps(&fix);
+        }
+    }
+    let n = world.real.nominal;
+    assert_eq!(estimator.counters().resets, 1);
+    let learnt = estimator.filter.nominal.mag_bias - n.mag_bias - shift;
+    assert!(learnt.norm() < 0.005, "{learnt}");
+    assert!(estimator.filter.nominal.attitude.angle_to(&n.attitude).to_degrees() < 1.5);
+}
+
+#[test]
+fn what_is_not_taken_is_not_healthy() {
+    let (mut world, mut estimator) = settled();
+    let known = Health::GPS | Health::BAROMETER | Health::MAGNETOMETER;
+    let settled = Health::ATTITUDE | Health::VELOCITY | Health::POSITION;
+    assert!(estimator.health().has(known | settled), "{:?}", estimator.health());
+    assert!(!estimator.health().has(Health::PITOT), "it has measured nothing");
+    estimator.set_aiding(Aiding { magnetometer: false, pressure: false, ..Aiding::default() });
+    fly(&mut world, &mut estimator, 3.0);
+    assert_eq!(estimator.health(), Health(Health::GPS | settled));
+    estimator.set_aiding(Aiding { gps: false, ..Aiding::default() });
+    fly(&mut world, &mut estimator, 3.0);
+    assert!(!estimator.health().has(Health::GPS) && estimator.health().has(known & !Health::GPS));
+    fly(&mut world, &mut estimator, 60.0);
+    assert!(!estimator.health().has(Health::VELOCITY), "a minute without fixes");
+    estimator.initialise(Start::Flight);
+    assert_eq!(estimator.health(), Health::default(), "no state, nothing to trust");
+}
+
+#[test]
+fn late_fixes_of_any_latency_give_the_same_errors() {
+    let mut errors = Vec::new();
+    for latency_s in [0.0, 0.06, 0.12, 0.2, 0.26] {
+        let mut sum = 0.0;
+        for seed in 0..20 {
+            let mut world = World::new(seed, config(true));
+            let mut estimator = world.estimator();
+            for _ in 0..2000 {
+                let sample = world.step();
+                estimator.predict(&sample);
+                world.measure(&mut estimator, latency_s);
+            }
+            sum += (estimator.filter.nominal.velocity - world.real.nominal.velocity).norm_squared();
+        }
+        errors.push((sum / 60.0f64).sqrt());
+    }
+    assert!(errors.iter().all(|error| *error < 0.04), "{errors:?}");
+    assert!(errors[4] < 1.6 * errors[0], "{errors:?}");
+}

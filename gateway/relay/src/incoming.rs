@@ -1,0 +1,470 @@
+//! What comes in: joins pieces, keeps the order of queues and the newest of sampling channels, and hands messages on.
+//!
+//! Responsible for: everything about one channel that comes in here. Memory is bounded by the plan: one message that is being
+//! joined, and [`HELD`] messages of a queue that wait for one before them. It must never hand on a message twice, nor an
+//! older one after a newer one.
+
+use std::collections::VecDeque;
+
+use bateleur_contract::PortKind;
+use bateleur_contract::relay::RelayChannel;
+
+use crate::outgoing::LEAST_PIECE;
+use crate::wire::{Part, Rejection};
+
+/// Messages of a queue that wait for one that is missing before them, most; fewer where the queue is shorter.
+const HELD: usize = 64;
+
+/// A message for a port here.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Delivery<'a> {
+    /// The channel's place in the link's table.
+    pub channel: usize,
+    /// When its source wrote it, own module time, ns.
+    pub source_ns: u64,
+    /// The source's own count of its messages, its low half.
+    pub sequence: u32,
+    /// The message.
+    pub bytes: &'a [u8],
+}
+
+/// Takes messages; false: the queue is full.
+pub(crate) type Sink<'a> = &'a mut dyn FnMut(Delivery<'_>) -> bool;
+
+/// How long things wait.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Patience {
+    /// For a message that is missing in a queue, ns.
+    pub(crate) missing_ns: u64,
+    /// For the next piece of a message, ns.
+    pub(crate) piece_ns: u64,
+}
+
+/// What became of messages.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct Tally {
+    pub(crate) received: u64,
+    pub(crate) late: u64,
+    pub(crate) overflowed: u64,
+}
+
+struct Held {
+    sequence: u64,
+    source: (u64, u32),
+    bytes: Vec<u8>,
+}
+
+/// A message of which pieces have come.
+#[derive(Default)]
+struct Joining {
+    /// None: there is no such message.
+    sequence: Option<u64>,
+    bytes: Vec<u8>,
+    /// From, to; in order.
+    came: Vec<(u32, u32)>,
+    last_ns: u64,
+}
+
+/// One channel.
+pub(crate) struct Incoming {
+    place: usize,
+    kind: PortKind,
+    max_bytes: usize,
+    most_held: usize,
+    /// The least number that may still be handed on.
+    next: u64,
+    /// Numbers that have been seen begin at 0 and end before this.
+    end: u64,
+    /// Messages that came in whole, of the peer's present life.
+    whole: u64,
+    held: VecDeque<Held>,
+    /// When the wait for a missing message ends.
+    until_ns: u64,
+    joining: Joining,
+    tally: Tally,
+    lost_before: u64,
+}
+
+impl Incoming {
+    pub(crate) fn new(place: usize, channel: &RelayChannel) -> Self {
+        let max_bytes = channel.max_bytes as usize;
+        Self {
+            place,
+            kind: channel.kind,
+            max_bytes,
+            most_held: HELD.min(channel.depth as usize),
+            next: 0,
+            end: 0,
+            whole: 0,
+            held: VecDeque::new(),
+            until_ns: u64::MAX,
+            joining: Joining::default(),
+            tally: Tally::default(),
+            lost_before: 0,
+        }
+    }
+
+    /// Whether a part can be one of this channel.
+    pub(crate) fn accepts(&self, part: &Part<'_>) -> Result<(), Rejection> {
+        let length = part.piece.map_or(part.bytes.len(), |(total, _)| total as usize);
+        let fits = match self.kind {
+            PortKind::Sampling => length == self.max_bytes,
+            PortKind::Queuing => (1..=self.max_bytes).contains(&length),
+        };
+        fits.then_some(()).ok_or(Rejection::Channel)
+    }
+
+    /// The peer begins a new life: its numbers begin at 0.
+    pub(crate) fn restart(&mut self, sink: Sink<'_>) {
+        self.let_go(sink); // they came, and nothing before them will
+        self.joining.sequence = None;
+        self.lost_before += self.lost_now();
+        (self.next, self.end, self.whole) = (0, 0, 0);
+    }
+
+    /// Takes a part whose source wrote it at `source_ns`, own time.
+    pub(crate) fn take(
+        &mut self,
+        part: &Part<'_>,
+        source_ns: u64,
+        now_ns: u64,
+        patience: &Patience,
+        sink: Sink<'_>,
+    ) {
+        let sequence = extended(self.end, part.sequence);
+        self.end = self.end.max(sequence + 1);
+        let source = (source_ns, part.source_sequence);
+        match part.piece {
+            None => self.take_whole(sequence, source, part.bytes, now_ns, patience, sink),
+            Some((total, offset)) => {
+                if self.join(sequence, total, offset, part.bytes, now_ns) {
+                    let bytes = std::mem::take(&mut self.joining.bytes);
+                    self.take_whole(sequence, source, &bytes, now_ns, patience, sink);
+                    self.joining.bytes = bytes;
+                }
+            }
+        }
+    }
+
+    /// Time passes.
+    pub(crate) fn look(&mut self, now_ns: u64, patience: &Patience, sink: Sink<'_>) {
+        if self.joining.sequence.is_some() && now_ns.saturating_sub(self.joining.last_ns) > patience.piece_ns
+        {
+            self.joining.sequence = None;
+        }
+        if now_ns >= self.until_ns {
+            self.skip(sink);
+            self.until_ns = if self.held.is_empty() { u64::MAX } else { now_ns + patience.missing_ns };
+        }
+    }
+
+    /// What became of the messages so far.
+    pub(crate) fn tally(&self) -> Tally {
+        self.tally
+    }
+
+    /// Messages that did not come, as far as later ones show.
+    pub(crate) fn lost(&self) -> u64 {
+        self.lost_before + self.lost_now()
+    }
+
+    fn lost_now(&self) -> u64 {
+        // One whose pieces still come is not lost.
+        (self.end - self.whole).saturating_sub(u64::from(self.joining.sequence.is_some()))
+    }
+
+    fn take_whole(
+        &mut self,
+        sequence: u64,
+        source: (u64, u32),
+        bytes: &[u8],
+        now_ns: u64,
+        patience: &Patience,
+        sink: Sink<'_>,
+    ) {
+        self.whole += 1;
+        self.tally.received += 1;
+        if sequence < self.next {
+            self.tally.late += 1;
+            return;
+        }
+        if self.kind == PortKind::Sampling || sequence == self.next {
+            self.next = sequence + 1;
+            self.hand_on(source, bytes, sink);
+            self.hand_on_held(sink);
+        } else {
+            self.hold(Held { sequence, source, bytes: bytes.to_vec() }, sink);
+        }
+        self.until_ns = match self.held.is_empty() {
+            true => u64::MAX,
+            false => self.until_ns.min(now_ns.saturating_add(patience.missing_ns)),
+        };
+    }
+
+    fn hold(&mut self, held: Held, sink: Sink<'_>) {
+        let place = self.held.partition_point(|other| other.sequence < held.sequence);
+        self.held.insert(place, held);
+        while self.held.len() > self.most_held {
+            self.skip(sink);
+        }
+    }
+
+    /// Gives up what is missing before the first that is held.
+    fn skip(&mut self, sink: Sink<'_>) {
+        if let Some(first) = self.held.front() {
+            self.next = first.sequence;
+            self.hand_on_held(sink);
+        }
+    }
+
+    fn let_go(&mut self, sink: Sink<'_>) {
+        while !self.held.is_empty() {
+            self.skip(sink);
+        }
+        self.until_ns = u64::MAX;
+    }
+
+    fn hand_on_held(&mut self, sink: Sink<'_>) {
+        while self.held.front().is_some_and(|held| held.sequence == self.next) {
+            if let Some(held) = self.held.pop_front() {
+                self.next += 1;
+                self.hand_on(held.source, &held.bytes, sink);
+            }
+        }
+    }
+
+    fn hand_on(&mut self, (source_ns, sequence): (u64, u32), bytes: &[u8], sink: Sink<'_>) {
+        if !sink(Delivery { channel: self.place, source_ns, sequence, bytes }) {
+            self.tally.overflowed += 1;
+        }
+    }
+
+    /// Takes a piece; true: the message is whole.
+    fn join(&mut self, sequence: u64, total: u32, offset: u32, bytes: &[u8], now_ns: u64) -> bool {
+        let joining = &mut self.joining;
+        match joining.sequence {
+            Some(current) if current == sequence && joining.bytes.len() == total as usize => {}
+            // Only one message is joined at a time, the newest.
+            Some(current) if current >= sequence => return false,
+            None if sequence < self.next => return false,
+            _ => {
+                joining.sequence = Some(sequence);
+                joining.bytes.clear();
+                joining.bytes.resize(total as usize, 0); // at most what the plan says: `accepts` has seen to it
+                joining.came.clear();
+            }
+        }
+        joining.last_ns = now_ns;
+        let end = offset + bytes.len() as u32; // at most `total`
+        let place = joining.came.partition_point(|(from, _)| *from < offset);
+        let overlaps_before = place > 0 && joining.came[place - 1].1 > offset;
+        let overlaps_after = joining.came.get(place).is_some_and(|(from, _)| *from < end);
+        if overlaps_before || overlaps_after || joining.came.len() > total as usize / LEAST_PIECE + 1 {
+            return false;
+        }
+        joining.came.insert(place, (offset, end));
+        joining.bytes[offset as usize..end as usize].copy_from_slice(bytes);
+        let covered: u32 = joining.came.iter().map(|(from, to)| to - from).sum();
+        let whole = covered == total;
+        if whole {
+            joining.sequence = None;
+        }
+        whole
+    }
+}
+
+/// The number next to `end` whose low half is `low`.
+fn extended(end: u64, low: u32) -> u64 {
+    const HALF: u64 = 1 << 32;
+    let near = (end & !(HALF - 1)) | u64::from(low);
+    if near + HALF / 2 < end {
+        near + HALF
+    } else if near > end + HALF / 2 && near >= HALF {
+        near - HALF
+    } else {
+        near
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const PATIENCE: Patience = Patience { missing_ns: 100, piece_ns: 1_000 };
+
+    fn channel(kind: PortKind, max_bytes: u32, depth: u32) -> Incoming {
+        Incoming::new(
+            4,
+            &RelayChannel {
+                id: 1,
+                name: "a.b".into(),
+                port: "p".into(),
+                outgoing: false,
+                kind,
+                max_bytes,
+                depth,
+                period_ns: 0,
+            },
+        )
+    }
+
+    fn part(sequence: u32, bytes: &[u8]) -> Part<'_> {
+        Part { channel: 1, sequence, source_sequence: sequence + 100, source_ns: 0, piece: None, bytes }
+    }
+
+    /// Feeds numbers at their instants, and gives what was handed on by their first byte.
+    fn fed(channel: &mut Incoming, arrivals: &[(u32, u64)]) -> Vec<u8> {
+        let mut found = Vec::new();
+        for (sequence, now_ns) in arrivals {
+            let mut sink = |delivery: Delivery<'_>| {
+                found.push(delivery.bytes[0]);
+                true
+            };
+            channel.look(*now_ns, &PATIENCE, &mut sink);
+            channel.take(&part(*sequence, &[*sequence as u8]), 0, *now_ns, &PATIENCE, &mut sink);
+        }
+        found
+    }
+
+    #[test]
+    fn a_sampling_channel_never_goes_back_to_an_older_message() {
+        let mut channel = channel(PortKind::Sampling, 1, 1);
+        assert_eq!(fed(&mut channel, &[(0, 0), (3, 1), (1, 2), (4, 3)]), [0, 3, 4]);
+        assert_eq!((channel.tally().received, channel.tally().late, channel.lost()), (4, 1, 1));
+    }
+
+    #[test]
+    fn a_queue_waits_for_what_is_missing_and_then_goes_on_without() {
+        let mut channel = channel(PortKind::Queuing, 8, 8);
+        assert_eq!(fed(&mut channel, &[(0, 0), (2, 10), (3, 20), (1, 90)]), [0, 1, 2, 3]);
+        assert_eq!(channel.lost(), 0);
+        assert_eq!(fed(&mut channel, &[(5, 100), (6, 150)]), [0; 0]);
+        assert_eq!(fed(&mut channel, &[(7, 200)]), [5, 6, 7]);
+        assert_eq!(fed(&mut channel, &[(4, 201)]), [0; 0]);
+        assert_eq!((channel.tally().late, channel.lost()), (1, 0));
+    }
+
+    #[test]
+    fn a_queue_holds_no_more_than_it_may_and_keeps_the_order() {
+        let mut channel = channel(PortKind::Queuing, 8, 2);
+        assert_eq!(fed(&mut channel, &[(2, 0), (4, 0), (1, 0)]), [1, 2]);
+        assert_eq!(channel.lost(), 2);
+    }
+
+    #[test]
+    fn full_queues_are_counted() {
+        let mut channel = channel(PortKind::Queuing, 8, 8);
+        channel.take(&part(0, &[1]), 0, 0, &PATIENCE, &mut |_| false);
+        assert_eq!(channel.tally().overflowed, 1);
+    }
+
+    #[test]
+    fn what_a_queue_holds_is_handed_on_when_the_peer_begins_anew() {
+        let mut channel = channel(PortKind::Queuing, 8, 8);
+        assert_eq!(fed(&mut channel, &[(1, 0), (3, 0)]), [0; 0]);
+        let mut found = Vec::new();
+        channel.restart(&mut |delivery| {
+            found.push(delivery.bytes[0]);
+            true
+        });
+        assert_eq!((found, channel.lost()), (vec![1, 3], 2));
+        assert_eq!(fed(&mut channel, &[(0, 5)]), [0]);
+        assert_eq!(channel.lost(), 2);
+    }
+
+    fn pieces(message: &[u8], length: usize) -> Vec<(u32, Vec<u8>)> {
+        message.chunks(length).enumerate().map(|(n, piece)| ((n * length) as u32, piece.to_vec())).collect()
+    }
+
+    fn give(
+        channel: &mut Incoming,
+        sequence: u32,
+        total: usize,
+        piece: &(u32, Vec<u8>),
+        now_ns: u64,
+    ) -> Vec<Vec<u8>> {
+        let mut found = Vec::new();
+        let piece = Part { piece: Some((total as u32, piece.0)), ..part(sequence, &piece.1) };
+        channel.accepts(&piece).unwrap();
+        channel.take(&piece, 0, now_ns, &PATIENCE, &mut |delivery| {
+            found.push(delivery.bytes.to_vec());
+            true
+        });
+        found
+    }
+
+    #[test]
+    fn a_message_whose_pieces_stay_away_is_lost_and_the_next_one_comes() {
+        let message: Vec<u8> = (0..1000_u32).map(|n| n as u8).collect();
+        let mut channel = channel(PortKind::Queuing, 1000, 8);
+        let all = pieces(&message, 400);
+        assert!(give(&mut channel, 0, 1000, &all[0], 0).is_empty());
+        assert_eq!(channel.lost(), 0);
+        channel.look(1_001, &PATIENCE, &mut |_| true);
+        assert_eq!(channel.lost(), 1);
+        for piece in &all {
+            give(&mut channel, 1, 1000, piece, 1_002);
+        }
+        let mut found = 0;
+        channel.look(1_200, &PATIENCE, &mut |_| {
+            found += 1;
+            true
+        });
+        assert_eq!((found, channel.lost()), (1, 1));
+    }
+
+    #[test]
+    fn pieces_that_overlap_are_not_joined() {
+        let mut channel = channel(PortKind::Queuing, 1000, 8);
+        for (offset, length) in [(0, 600), (500, 500), (600, 300), (899, 101)] {
+            assert!(give(&mut channel, 0, 1000, &(offset, vec![1; length]), 0).is_empty());
+        }
+        assert_eq!(give(&mut channel, 0, 1000, &(900, vec![1; 100]), 0).len(), 1);
+    }
+
+    #[test]
+    fn numbers_go_on_beyond_32_bits() {
+        assert_eq!(extended(0, 0), 0);
+        assert_eq!(extended(0, u32::MAX), u64::from(u32::MAX));
+        assert_eq!(extended(u64::from(u32::MAX), 2), (1 << 32) + 2);
+        assert_eq!(extended((1 << 32) + 3, u32::MAX), u64::from(u32::MAX));
+    }
+
+    proptest! {
+        #[test]
+        fn pieces_in_any_order_make_the_message(length in 1_usize..5000, piece in LEAST_PIECE..2000, seed: u64) {
+            let message: Vec<u8> = (0..length).map(|n| (n * 31) as u8).collect();
+            let mut channel = channel(PortKind::Queuing, 5000, 8);
+            let mut all = pieces(&message, piece);
+            let mut order = seed;
+            for n in (1..all.len()).rev() {
+                order = order.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                all.swap(n, (order >> 33) as usize % (n + 1));
+            }
+            let found: Vec<_> = all.iter().flat_map(|piece| give(&mut channel, 0, length, piece, 0)).collect();
+            prop_assert_eq!(found, [message]);
+        }
+
+        #[test]
+        fn a_queue_never_repeats_nor_turns_back_whatever_is_lost_or_late(
+            arrivals in proptest::collection::vec((0_u32..60, 0_u64..50), 1..80)
+        ) {
+            let mut channel = channel(PortKind::Queuing, 8, 8);
+            let (mut now_ns, mut seen) = (0, std::collections::BTreeSet::new());
+            let arrivals: Vec<_> = arrivals.into_iter().filter(|(sequence, _)| seen.insert(*sequence)).map(|(sequence, later_ns)| {
+                now_ns += later_ns;
+                (sequence, now_ns)
+            }).collect();
+            let mut found = fed(&mut channel, &arrivals);
+            channel.restart(&mut |delivery| { found.push(delivery.bytes[0]); true });
+            prop_assert!(found.is_sorted_by(|one, next| one < next), "{:?}", found);
+            let tally = channel.tally();
+            prop_assert_eq!(tally.received, arrivals.len() as u64);
+            prop_assert_eq!(found.len() as u64 + tally.late, tally.received);
+            let highest = arrivals.iter().map(|(sequence, _)| u64::from(*sequence)).max().unwrap();
+            prop_assert_eq!(channel.lost(), highest + 1 - tally.received);
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! The lives of both ends: which datagrams come from the peer as it is now.
+//!
+//! A relay that starts draws a number, its life. It takes datagrams of a life of the peer only once that life has answered
+//! a challenge which was drawn for this purpose alone and never before. So a recorded datagram proves nothing, whichever of the
+//! two ends was restarted since, and neither a clock nor memory that survives is needed: see the decision on restarts.
+//!
+//! It must never go back to a life that it has left, and never keep a challenge that was answered.
+
+/// Draws numbers that nobody can foresee: each is a keyed hash of how many were drawn before.
+pub(crate) struct Draw {
+    seed: [u8; 32],
+    drawn: u64,
+}
+
+impl Draw {
+    pub(crate) fn new(seed: [u8; 32]) -> Self {
+        Self { seed, drawn: 0 }
+    }
+
+    /// The next number, never 0.
+    fn next(&mut self) -> u64 {
+        loop {
+            self.drawn += 1;
+            let hash = blake3::keyed_hash(&self.seed, &self.drawn.to_le_bytes());
+            match hash.as_bytes().first_chunk().copied().map_or(0, u64::from_le_bytes) {
+                0 => {}
+                number => return number,
+            }
+        }
+    }
+}
+
+/// What a datagram says of the lives of both ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Claim {
+    pub(crate) session: u64,
+    pub(crate) to_session: u64,
+    pub(crate) challenge: u64,
+    pub(crate) answer: u64,
+}
+
+/// What a claim shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Verdict {
+    /// It is the peer's proven life.
+    Present,
+    /// It is a new life of the peer, proven by this.
+    Born,
+    /// Nothing is proven.
+    Unproven,
+}
+
+/// What this end knows of both lives.
+pub(crate) struct Session {
+    own: u64,
+    challenge: u64,
+    peer: Option<u64>,
+    /// The challenge to answer next.
+    answer: u64,
+    /// The peer takes what this life sends.
+    adopted: bool,
+    draw: Draw,
+}
+
+impl Session {
+    pub(crate) fn new(mut draw: Draw) -> Self {
+        let (own, challenge) = (draw.next(), draw.next());
+        Self { own, challenge, peer: None, answer: 0, adopted: false, draw }
+    }
+
+    /// What the next datagram says.
+    pub(crate) fn claim(&self) -> Claim {
+        Claim {
+            session: self.own,
+            to_session: self.peer.unwrap_or(0),
+            challenge: self.challenge,
+            answer: self.answer,
+        }
+    }
+
+    /// Takes the claim of an authentic datagram. `newest`: no later one of the peer's proven life has come.
+    pub(crate) fn meet(&mut self, claim: &Claim, newest: bool) -> Verdict {
+        let verdict = match self.peer {
+            Some(peer) if peer == claim.session => Verdict::Present,
+            _ if claim.answer == self.challenge => Verdict::Born,
+            _ => Verdict::Unproven,
+        };
+        if verdict == Verdict::Born {
+            self.peer = Some(claim.session);
+            self.challenge = self.draw.next();
+        }
+        if verdict != Verdict::Present || newest {
+            self.answer = claim.challenge; // so that it can prove this life, whatever has become of that one
+        }
+        if verdict == Verdict::Born || verdict == Verdict::Present && newest {
+            self.adopted = claim.to_session == self.own;
+        }
+        verdict
+    }
+
+    /// The peer is not heard any more: whether it still takes what is sent is not known.
+    pub(crate) fn silent(&mut self) {
+        self.adopted = false;
+    }
+
+    /// Whether the peer takes what this life sends.
+    pub(crate) fn is_adopted(&self) -> bool {
+        self.adopted
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn session(seed: u8) -> Session {
+        Session::new(Draw::new([seed; 32]))
+    }
+
+    /// One sends and the other takes.
+    fn tell(from: &Session, to: &mut Session) -> Verdict {
+        to.meet(&from.claim(), true)
+    }
+
+    fn acquainted() -> (Session, Session) {
+        let (mut a, mut b) = (session(1), session(2));
+        assert_eq!(tell(&a, &mut b), Verdict::Unproven);
+        assert_eq!(tell(&b, &mut a), Verdict::Born);
+        assert_eq!(tell(&a, &mut b), Verdict::Born);
+        assert_eq!(tell(&b, &mut a), Verdict::Present);
+        (a, b)
+    }
+
+    #[test]
+    fn two_that_hear_each_other_adopt_each_other_within_two_rounds() {
+        let (a, b) = acquainted();
+        assert!(a.is_adopted() && b.is_adopted());
+    }
+
+    #[test]
+    fn a_recorded_life_is_not_taken_after_the_receiver_was_restarted() {
+        let (mut a, _) = acquainted();
+        let recorded = a.claim();
+        let mut b = Session::new(Draw::new([9; 32]));
+        for _ in 0..3 {
+            assert_eq!(b.meet(&recorded, true), Verdict::Unproven);
+        }
+        // The living one is met all the same.
+        tell(&b, &mut a);
+        assert!(!a.is_adopted(), "what is sent to the old life would be refused by the new one");
+        assert_eq!(tell(&a, &mut b), Verdict::Born);
+        assert_eq!(b.meet(&recorded, false), Verdict::Present); // its own life: the window of numbers decides
+    }
+
+    #[test]
+    fn a_life_that_was_left_is_not_gone_back_to() {
+        let (a, mut b) = acquainted();
+        let recorded = a.claim();
+        let mut again = session(3);
+        assert_eq!(tell(&again, &mut b), Verdict::Unproven);
+        assert_eq!(tell(&b, &mut again), Verdict::Born);
+        assert_eq!(tell(&again, &mut b), Verdict::Born);
+        assert_eq!(b.meet(&recorded, true), Verdict::Unproven);
+        assert_eq!(tell(&again, &mut b), Verdict::Present);
+    }
+
+    #[test]
+    fn an_answer_proves_one_life_and_no_second() {
+        let (mut a, mut b) = (session(1), session(2));
+        tell(&b, &mut a);
+        let answer = a.claim();
+        assert_eq!(b.meet(&answer, true), Verdict::Born);
+        let forged = Claim { session: 77, ..answer };
+        assert_eq!(b.meet(&forged, true), Verdict::Unproven);
+    }
+
+    #[test]
+    fn one_whose_peer_was_restarted_sends_it_nothing_before_it_is_adopted_anew() {
+        let (mut a, _) = acquainted();
+        let b = session(5);
+        tell(&b, &mut a);
+        a.silent(); // as when the old life is not heard any more
+        assert!(!a.is_adopted());
+        assert_eq!(tell(&b, &mut a), Verdict::Unproven);
+    }
+}

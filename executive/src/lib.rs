@@ -17,6 +17,7 @@ pub mod health;
 pub mod helper;
 pub mod inject;
 pub mod instance;
+pub mod keys;
 pub mod machine;
 pub mod module;
 pub mod monitor;

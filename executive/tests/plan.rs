@@ -87,21 +87,42 @@ fn a_module_sees_its_own_partitions_and_channels() {
     assert!(plan.module("elsewhere").is_none());
 }
 
+/// A second module for the Estimator, and what joins it with the first.
+const AFT: &str = r#"
+[network.a]
+rate = "100Mbit/s"
+
+[module.aft]
+cores = [3]
+addresses = { a = "10.77.0.2:15300" }
+follows = "fcu"
+
+[link.bus]
+modules = ["fcu", "aft"]
+unauthenticated = true
+gap = "4ms"
+"#;
+
 #[test]
 fn moving_a_partition_changes_its_module_and_nothing_else() {
     let text = std::fs::read_to_string(repository().join("schedule.toml")).unwrap();
     let here = "program    = \"estimator\"\nmodule     = \"fcu\"";
     assert!(text.contains(here));
     let moved = text.replace(here, "program    = \"estimator\"\nmodule     = \"aft\"");
-    let moved = moved.replace("[schedule.flight]", "[module.aft]\ncores = [3]\n\n[schedule.flight]");
+    let moved = moved.replace("[schedule.flight]", &format!("{AFT}\n[schedule.flight]"));
+    let moved = moved.replace("cores = [1] #", "addresses = { a = \"10.77.0.1:15300\" }\ncores = [1] #");
+    let relays = "window = [\n    { partition = \"relay_fcu\", offset = \"16ms\", duration = \"500us\" },\n    { partition = \"relay_aft\", offset = \"3ms\", duration = \"500us\" },\n";
+    let moved = moved.replacen("window = [\n", relays, 1).replace("max_age = \"25ms\"", "max_age = \"80ms\"");
+    let moved = moved.replace("refresh = \"40ms\"", "refresh = \"80ms\"");
     let (plan, report) = check_with_warnings("schedule.toml", &moved, &Table).unwrap();
     assert_eq!((report.errors(), report.warnings()), (0, 0), "{report}");
     let (fcu, aft) = (plan.module("fcu").unwrap(), plan.module("aft").unwrap());
-    assert_eq!((fcu.partitions().count(), aft.partitions().count()), (8, 1));
+    // One relay each.
+    assert_eq!((fcu.partitions().count(), aft.partitions().count()), (9, 2));
     assert_eq!(aft.channels().count(), 0);
     assert_eq!(aft.crossing_channels().count(), fcu.crossing_channels().count());
     let line = Timeline::of(&plan, aft.id(), plan.initial_schedule());
-    assert_eq!((line.cores[0].core, line.cores[0].windows.len()), (3, 5));
+    assert_eq!((line.cores[0].core, line.cores[0].windows.len()), (3, 10));
 }
 
 #[test]

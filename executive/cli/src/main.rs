@@ -36,6 +36,7 @@ enum Verb {
     Fly(Box<verb::fly::Arguments>),
     Ground(verb::ground::Arguments),
     Health(verb::health::Arguments),
+    Key(verb::key::Arguments),
     /// Kill a partition of a running module; its health table says what follows.
     Kill(verb::order::Arguments),
     /// End a partition of a running module until it is started; its windows pass.
@@ -84,6 +85,7 @@ fn main() -> ExitCode {
         Verb::Fly(arguments) => verb::fly::run(&arguments),
         Verb::Ground(arguments) => verb::ground::run(&arguments),
         Verb::Health(arguments) => verb::health::run(&arguments),
+        Verb::Key(arguments) => verb::key::run(&arguments),
         Verb::Kill(arguments) => verb::order::run(&arguments, |partition| Request::Kill { partition }),
         Verb::Stop(arguments) => verb::order::run(&arguments, |partition| Request::Stop { partition }),
         Verb::Start(arguments) => verb::order::run(&arguments, |partition| Request::Start { partition }),

@@ -5,7 +5,10 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use bateleur_executive::plan::{MessageCatalogue, Plan, Programs, Report, Surroundings, check, check_among};
+use bateleur_executive::keys;
+use bateleur_executive::plan::{
+    Keys, MessageCatalogue, Plan, Programs, Report, Surroundings, check, check_among,
+};
 
 /// The message types that this program was built with.
 pub(crate) struct Catalogue;
@@ -41,14 +44,30 @@ impl Programs for Folder<'_> {
     }
 }
 
-/// The plan in `path` with its warnings, or all that is wrong with it; programs are looked for where a folder is given.
-pub(crate) fn read_among(path: &Path, programs: Option<&Path>) -> Result<Result<(Plan, Report), Report>> {
+/// Keys as they are found on this machine: paths from the schedule file.
+struct KeyFiles(PathBuf);
+
+impl Keys for KeyFiles {
+    fn fault(&self, file: &str) -> Option<String> {
+        keys::read(&self.0.join(file)).err().map(|error| error.to_string())
+    }
+}
+
+/// The plan in `path` with its warnings, or all that is wrong with it; programs are looked for where a folder is given,
+/// and the files with keys where that is wanted.
+pub(crate) fn read_among(
+    path: &Path,
+    programs: Option<&Path>,
+    keys: bool,
+) -> Result<Result<(Plan, Report), Report>> {
     let text = std::fs::read_to_string(path)
         .with_context(|| format!("cannot read {} (name another file with --schedule)", path.display()))?;
     let schedule = path.parent().map(Path::to_owned).unwrap_or_default();
+    let key_files = keys.then(|| KeyFiles(schedule.clone()));
+    let keys = key_files.as_ref().map(|files| files as &dyn Keys);
     let folder = programs.map(|programs| Folder { programs, schedule });
     let programs = folder.as_ref().map(|folder| folder as &dyn Programs);
-    let surroundings = Surroundings { messages: &Catalogue, programs };
+    let surroundings = Surroundings { messages: &Catalogue, programs, keys };
     Ok(check_among(&path.display().to_string(), &text, &surroundings))
 }
 
@@ -59,7 +78,7 @@ pub(crate) fn read_text(name: &str, text: &str) -> std::result::Result<Plan, Rep
 
 /// What there is to say of a `text` that can be used; or all that is wrong with it.
 pub(crate) fn read_report(name: &str, text: &str) -> std::result::Result<Report, Report> {
-    let surroundings = Surroundings { messages: &Catalogue, programs: None };
+    let surroundings = Surroundings { messages: &Catalogue, programs: None, keys: None };
     check_among(name, text, &surroundings).map(|(_, report)| report)
 }
 
@@ -81,7 +100,7 @@ pub(crate) fn read_or_say(path: &Path) -> Result<Option<Plan>> {
 }
 
 fn read_or_print(path: &Path) -> Result<Option<(Plan, Report)>> {
-    match read_among(path, None)? {
+    match read_among(path, None, false)? {
         Ok(read) => Ok(Some(read)),
         Err(report) => {
             eprint!("{}", report.render(std::io::stderr().is_terminal()));

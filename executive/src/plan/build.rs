@@ -5,22 +5,26 @@
 use super::MessageCatalogue;
 use super::closed::{
     ChangeAction, Direction, ErrorLevel, Exhausted, Kind, PartitionAction, PartitionError, PartitionState,
-    StartMode,
+    StartMode, Transport,
 };
+use super::links;
 use super::model::{
-    Chain, Channel, ChannelId, Health, HealthLog, Levels, Module, ModuleHealth, ModuleId, Partition,
-    PartitionHealth, PartitionId, Payload, Plan, Port, PortId, Reset, Restart, Role, Schedule, ScheduleId,
-    Window, default_level, default_module_action, default_partition_action,
+    Address, Chain, Channel, ChannelId, Health, HealthLog, Levels, Link, Module, ModuleHealth, ModuleId,
+    Network, NetworkId, Partition, PartitionHealth, PartitionId, Payload, Plan, Port, PortId, Protection,
+    Reset, Restart, Role, Schedule, ScheduleId, Window, default_level, default_module_action,
+    default_partition_action,
 };
 use super::names::Names;
-use super::raw::{Answer, Numbers, RawFile, RawPartition, RawPort, RawSchedule, RawWindow};
+use super::raw::{
+    Answer, Numbers, RawFile, RawLink, RawModule, RawPartition, RawPort, RawSchedule, RawWindow,
+};
 use super::reader::{At, Bytes, Nanoseconds, Permission, Word};
 use super::rules::chains;
 
 /// What holds where the file says nothing.
 pub(super) mod defaults {
     use super::super::closed::LogPolicy;
-    use super::{Exhausted, StartMode};
+    use super::{Exhausted, StartMode, Transport};
 
     /// One thread: a partition has one window loop.
     pub(crate) const THREADS: u32 = 1;
@@ -50,6 +54,18 @@ pub(super) mod defaults {
     pub(crate) const RESET_STARTUP_NS: u64 = 200_000_000;
     /// A thousand records: what a bad day leaves.
     pub(crate) const HEALTH_LOG_BYTES: u64 = 256 << 10;
+    /// Several times what a switch and two network stacks take when nothing else is on the way.
+    pub(crate) const NETWORK_LATENCY_NS: u64 = 1_000_000;
+    /// A tenth of the shortest windows' distance in the plans here: beyond it a value may miss the window it was meant for.
+    pub(crate) const FOLLOWS_WITHIN_NS: u64 = 1_000_000;
+    /// What an Ethernet frame of 1500 bytes holds behind the headers of IPv6 and UDP: nobody on the way has to split it.
+    pub(crate) const MAX_BYTES: u32 = 1452;
+    /// Copies are sent at once: what is further apart than two such networks can be is no copy.
+    pub(crate) const SKEW_NS: u64 = 2_000_000;
+    /// Five windows of a relay that runs 50 times in a second.
+    pub(crate) const LOST_AFTER_NS: u64 = 100_000_000;
+    /// What every machine has.
+    pub(crate) const TRANSPORT: Transport = Transport::Udp;
     /// What happened last explains an end.
     pub(crate) const HEALTH_LOG_POLICY: LogPolicy = LogPolicy::Overwrite;
 }
@@ -58,13 +74,11 @@ pub(super) mod defaults {
 pub(super) fn plan(file: &RawFile, names: &Names, catalogue: &dyn MessageCatalogue) -> Option<Plan> {
     let builder = Builder { file, names, catalogue };
     Some(Plan {
-        modules: file
-            .modules
-            .iter()
-            .map(|raw| module(&raw.name.value, &raw.cores, &raw.housekeeping_cores))
-            .collect::<Option<_>>()?,
+        modules: file.modules.iter().map(|raw| builder.module(raw)).collect::<Option<_>>()?,
+        networks: builder.networks()?,
+        links: file.links.iter().map(|raw| builder.link(raw)).collect::<Option<_>>()?,
         partitions: builder.partitions()?,
-        ports: (0..file.ports.len()).map(|place| builder.port(place)).collect::<Option<_>>()?,
+        ports: builder.ports()?,
         channels: builder.channels()?,
         chains: builder.chains()?,
         schedules: file.schedules.iter().map(|raw| builder.schedule(raw)).collect::<Option<_>>()?,
@@ -78,19 +92,78 @@ struct Builder<'a> {
     catalogue: &'a dyn MessageCatalogue,
 }
 
-fn module(name: &str, cores: &Numbers, housekeeping: &Numbers) -> Option<Module> {
-    Some(Module {
-        name: name.to_owned(),
-        cores: numbers(cores)?,
-        housekeeping_cores: if housekeeping.is_absent() { Vec::new() } else { numbers(housekeeping)? },
-    })
-}
-
 fn numbers(list: &Numbers) -> Option<Vec<u32>> {
     Some(list.said()?.value.iter().map(|number| number.value).collect())
 }
 
 impl Builder<'_> {
+    fn module(&self, raw: &RawModule) -> Option<Module> {
+        let address = |(network, socket): &(At<String>, At<std::net::SocketAddr>)| {
+            let network = NetworkId(self.names.network(self.file, &network.value)?);
+            Some(Address { network, socket: socket.value })
+        };
+        let housekeeping = &raw.housekeeping_cores;
+        let follows = raw.follows.said().map(|leader| self.names.module(&leader.value).map(ModuleId));
+        Some(Module {
+            name: raw.name.value.clone(),
+            cores: numbers(&raw.cores)?,
+            housekeeping_cores: if housekeeping.is_absent() { Vec::new() } else { numbers(housekeeping)? },
+            addresses: raw.addresses.iter().map(address).collect::<Option<_>>()?,
+            follows: match follows {
+                Some(leader) => Some(leader?),
+                None => None,
+            },
+            follows_within_ns: raw.follows_within.or(Nanoseconds(defaults::FOLLOWS_WITHIN_NS))?.0,
+        })
+    }
+
+    fn networks(&self) -> Option<Vec<Network>> {
+        let network = |raw: &super::raw::RawNetwork| {
+            Some(Network {
+                name: raw.name.value.clone(),
+                rate_bits_per_s: raw.rate.get()?.0,
+                latency_ns: raw.latency.or(Nanoseconds(defaults::NETWORK_LATENCY_NS))?.0,
+            })
+        };
+        self.file.networks.iter().map(network).collect()
+    }
+
+    fn link(&self, raw: &RawLink) -> Option<Link> {
+        let [one, other] = self.names.link_ends(raw)?;
+        let networks = self.names.link_networks(self.file, raw).into_iter().map(NetworkId);
+        Some(Link {
+            name: raw.name.value.clone(),
+            ends: [ModuleId(one), ModuleId(other)],
+            networks: networks.collect(),
+            transport: raw.transport.or(Word(defaults::TRANSPORT))?.0,
+            protection: match raw.key.get() {
+                Some(file) => Protection::Key { file },
+                None => Protection::Unauthenticated,
+            },
+            gap_ns: raw.gap.get()?.0,
+            max_bytes: raw.max_bytes.or(defaults::MAX_BYTES)?,
+            skew_ns: raw.skew.or(Nanoseconds(defaults::SKEW_NS))?.0,
+            lost_after_ns: raw.lost_after.or(Nanoseconds(defaults::LOST_AFTER_NS))?.0,
+        })
+    }
+
+    /// Those of the file, and where a relay says how it is.
+    fn ports(&self) -> Option<Vec<Port>> {
+        let ports = (0..self.file.ports.len()).map(|place| self.port(place));
+        let relays = self.file.partitions.iter().enumerate().filter(|(_, raw)| raw.generated);
+        let status = relays.filter_map(|(place, _)| {
+            let size_bytes = self.catalogue.size_of(links::STATUS_MESSAGE)?;
+            Some(Some(Port {
+                name: bateleur_contract::relay::STATUS_PORT.to_owned(),
+                partition: PartitionId(place),
+                role: Role::SamplingSource,
+                payload: Payload::Message { name: links::STATUS_MESSAGE.to_owned(), size_bytes },
+                channel: None,
+            }))
+        });
+        ports.chain(status).collect()
+    }
+
     fn partitions(&self) -> Option<Vec<Partition>> {
         let all = self.file.partitions.iter().enumerate();
         all.map(|(place, raw)| self.partition(place, raw)).collect()
@@ -117,8 +190,17 @@ impl Builder<'_> {
             may_set_schedule: self.may_set_schedule(raw)?,
             health: PartitionHealth::fill(|error| effective_action(self.file, raw, error)),
             error_handler: raw.error_handler.or(false)?,
-            ports: ports.map(|(port, _)| PortId(port)).collect(),
+            ports: ports.map(|(port, _)| PortId(port)).chain(self.status_port(place)).collect(),
+            relay: raw.generated,
         })
+    }
+
+    /// A relay's status port stands behind all ports of the file, in the order of the relays.
+    fn status_port(&self, partition: usize) -> Option<PortId> {
+        self.catalogue.size_of(links::STATUS_MESSAGE)?;
+        let mut relays = self.file.partitions.iter().enumerate().filter(|(_, raw)| raw.generated);
+        let place = relays.position(|(place, _)| place == partition)?;
+        Some(PortId(self.file.ports.len() + place))
     }
 
     fn may_set_schedule(&self, raw: &RawPartition) -> Option<Vec<ScheduleId>> {

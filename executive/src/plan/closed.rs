@@ -72,6 +72,16 @@ closed! {
 }
 
 closed! {
+    /// By what datagrams travel between two modules.
+    Transport, "transport" {
+        /// UDP, from address to address.
+        Udp = "udp",
+        /// The distributed engine of that name.
+        Zenoh = "zenoh",
+    }
+}
+
+closed! {
     /// What waits behind a partition.
     Standby, "standby" {
         /// A second process that has initialised and sleeps.

@@ -6,7 +6,8 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::closed::Direction;
-use super::latency::{self, Visit, Windows};
+use super::latency::{self, Station, Visit, Windows};
+use super::links::{self, LinkCost};
 use super::model::{Chain, ModuleId, PartitionId, Plan, Schedule, ScheduleId};
 use super::timeline::{CoreTimeline, Timeline};
 
@@ -26,8 +27,10 @@ pub struct ScheduleFacts {
     pub schedule: String,
     /// Every partitioned core of every module.
     pub cores: Vec<CoreUse>,
-    /// Every chain whose partitions all have windows in this schedule and lie in one module.
+    /// Every chain whose partitions, and the relays between them, all have windows in this schedule.
     pub chains: Vec<ChainAge>,
+    /// What each link costs each of its ends.
+    pub links: Vec<LinkCost>,
 }
 
 /// How full a core is.
@@ -125,7 +128,12 @@ impl ScheduleFacts {
             cores
         });
         let chains = plan.chains.iter().filter_map(|chain| ChainAge::of(plan, &plan[schedule], chain));
-        Self { schedule: plan[schedule].name.clone(), cores: cores.collect(), chains: chains.collect() }
+        Self {
+            schedule: plan[schedule].name.clone(),
+            cores: cores.collect(),
+            chains: chains.collect(),
+            links: links::costs(plan, &plan[schedule]),
+        }
     }
 }
 
@@ -185,13 +193,13 @@ impl ChainAge {
         let ports = chain.path.iter().map(|&port| &plan[port]);
         let owners = ports.map(|port| (port.partition, port.direction() == Direction::Source));
         let stations: Vec<PartitionId> = latency::stations(owners);
-        let module = plan[*stations.first()?].module;
-        if stations.iter().any(|&station| plan[station].module != module) {
-            return None;
-        }
-        let windows: Vec<Windows> = stations.iter().map(|&station| windows(schedule, station)).collect();
-        let way = latency::worst(&windows, schedule.major_frame_ns)?;
-        let steps = stations.iter().zip(&way);
+        let legs = links::legs(plan, &stations)?;
+        let on_the_way: Vec<Station> = legs
+            .iter()
+            .map(|&(partition, hop)| Station { windows: windows(schedule, partition), hop })
+            .collect();
+        let way = latency::worst(&on_the_way, schedule.major_frame_ns)?;
+        let steps = legs.iter().map(|(partition, _)| partition).zip(&way);
         Some(Self {
             chain: chain.name.clone(),
             age_ns: latency::age_ns(&way),
@@ -201,7 +209,7 @@ impl ChainAge {
     }
 }
 
-fn windows(schedule: &Schedule, partition: PartitionId) -> Windows {
+pub(super) fn windows(schedule: &Schedule, partition: PartitionId) -> Windows {
     let mine = schedule.windows.iter().filter(|window| window.partition == partition);
     let laid = mine.flat_map(|window| {
         window.minor.iter().map(|&minor| {

@@ -5,10 +5,41 @@
 //! followed back by that rule; the oldest value over a whole major frame is the bound. Where windows on two cores
 //! overlap, the reader may in fact see a newer value, never an older one.
 //!
+//! Between two modules the value waits for a window of the relay, travels, and is read by a window of the other relay that
+//! opens when it has arrived. Where one module follows the other, their frames have one phase, but for the error that is
+//! allowed; where not, every phase is possible, and the worst one counts: the value left with the window of the relay
+//! before the one whose datagram comes just too late.
+//!
 //! All of this holds while every window is granted, on time, and used. It must never take the present into account.
 
 /// One partition's windows in a major frame: start and end in nanoseconds, in any order, none overlapping another.
 pub(super) type Windows = Vec<(u64, u64)>;
+
+/// From one module to another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Hop {
+    /// The most that a datagram takes, ns.
+    pub(super) latency_ns: u64,
+    /// How far apart the major frames of both may begin, ns; none: anyhow.
+    pub(super) aligned_within_ns: Option<u64>,
+}
+
+/// A partition on a path: its windows, and how the value comes to it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Station {
+    /// Its windows.
+    pub(super) windows: Windows,
+    /// From the partition before it: none, by a channel of the module.
+    pub(super) hop: Option<Hop>,
+}
+
+impl Station {
+    /// One that is reached within its module.
+    #[cfg(test)]
+    fn here(windows: Windows) -> Self {
+        Self { windows, hop: None }
+    }
+}
 
 /// One window on a path, in nanoseconds from the start of the major frame in which the path ends: negative where it
 /// lies in an earlier one.
@@ -40,23 +71,82 @@ fn sorted(windows: &Windows) -> Windows {
 
 /// Every way through the windows of the `stations`, one for each window of the last of them, in the order of the path.
 /// None where a station has no window.
-pub(super) fn ways(stations: &[Windows], major_ns: u64) -> Vec<Vec<Visit>> {
+pub(super) fn ways(stations: &[Station], major_ns: u64) -> Vec<Vec<Visit>> {
     let Some((last, before)) = stations.split_last() else { return Vec::new() };
     let Ok(major) = i64::try_from(major_ns) else { return Vec::new() };
     if major == 0 {
         return Vec::new();
     }
-    let before: Vec<Windows> = before.iter().map(sorted).collect();
+    let before: Vec<Station> = before
+        .iter()
+        .map(|station| Station { windows: sorted(&station.windows), hop: station.hop })
+        .collect();
     let way = |&(start, end): &(u64, u64)| {
-        let last = Visit { start_ns: i64::try_from(start).ok()?, end_ns: i64::try_from(end).ok()? };
-        let mut visits = vec![last];
-        for windows in before.iter().rev() {
-            visits.push(latest_closed(windows, visits.last()?.start_ns, major)?);
-        }
-        visits.reverse();
+        let visit = Visit { start_ns: i64::try_from(start).ok()?, end_ns: i64::try_from(end).ok()? };
+        let mut visits = followed_back(&before, visit, last.hop, major)?;
+        visits.push(visit);
         Some(visits)
     };
-    last.iter().filter_map(way).collect()
+    last.windows.iter().filter_map(way).collect()
+}
+
+/// The worst way through `before` to the window `to`, which `hop` leads to.
+fn followed_back(before: &[Station], to: Visit, hop: Option<Hop>, major: i64) -> Option<Vec<Visit>> {
+    let Some((last, earlier)) = before.split_last() else { return Some(Vec::new()) };
+    let hop_ns =
+        |hop: Hop| i64::try_from(hop.latency_ns.saturating_add(hop.aligned_within_ns.unwrap_or(0))).ok();
+    let until = match hop {
+        Some(hop) if hop.aligned_within_ns.is_none() => {
+            return in_any_phase(earlier, last, to, hop_ns(hop)?, major);
+        }
+        Some(hop) => to.start_ns.checked_sub(hop_ns(hop)?)?,
+        None => to.start_ns,
+    };
+    let visit = latest_closed(&last.windows, until, major)?;
+    let mut visits = followed_back(earlier, visit, last.hop, major)?;
+    visits.push(visit);
+    Some(visits)
+}
+
+/// The worst way to `to` from a module whose frames have another phase: whichever window of `last` it is, its datagram is
+/// the newest until the one of the next window has arrived.
+fn in_any_phase(
+    earlier: &[Station],
+    last: &Station,
+    to: Visit,
+    hop_ns: i64,
+    major: i64,
+) -> Option<Vec<Visit>> {
+    let count = last.windows.len();
+    let mut worst: Option<(i64, Vec<Visit>)> = None;
+    for place in 0..count {
+        let visit = visit_of(&last.windows, place)?;
+        let next_end = match place + 1 {
+            next if next < count => visit_of(&last.windows, next)?.end_ns,
+            _ => visit_of(&last.windows, 0)?.end_ns.checked_add(major)?,
+        };
+        let mut visits = followed_back(earlier, visit, last.hop, major)?;
+        visits.push(visit);
+        let age = next_end.checked_sub(visits.first()?.start_ns)?;
+        if worst.as_ref().is_none_or(|(oldest, _)| age > *oldest) {
+            // In the other module's time: the next one's datagram comes as `to` has just opened.
+            let shift = to.start_ns.checked_sub(hop_ns)?.checked_sub(next_end)?;
+            let shifted = visits.into_iter().map(|visit| visit.shifted(shift)).collect::<Option<_>>()?;
+            worst = Some((age, shifted));
+        }
+    }
+    worst.map(|(_, visits)| visits)
+}
+
+fn visit_of(windows: &Windows, place: usize) -> Option<Visit> {
+    let &(start, end) = windows.get(place)?;
+    Some(Visit { start_ns: i64::try_from(start).ok()?, end_ns: i64::try_from(end).ok()? })
+}
+
+impl Visit {
+    fn shifted(self, by_ns: i64) -> Option<Self> {
+        Some(Self { start_ns: self.start_ns.checked_add(by_ns)?, end_ns: self.end_ns.checked_add(by_ns)? })
+    }
 }
 
 /// From the opening of the first window to the end of the last.
@@ -66,7 +156,7 @@ pub(super) fn age_ns(way: &[Visit]) -> u64 {
 }
 
 /// The way with the oldest value at its end; none where a station has no window.
-pub(super) fn worst(stations: &[Windows], major_ns: u64) -> Option<Vec<Visit>> {
+pub(super) fn worst(stations: &[Station], major_ns: u64) -> Option<Vec<Visit>> {
     // The first of equals, so that the answer is the same every time.
     ways(stations, major_ns).into_iter().rev().max_by_key(|way| age_ns(way))
 }
@@ -95,8 +185,43 @@ mod tests {
         (0..frames).map(|n| ((n * frame_ms + start_ms) * MS, (n * frame_ms + end_ms) * MS)).collect()
     }
 
+    fn path(windows: &[Windows]) -> Vec<Station> {
+        windows.iter().cloned().map(Station::here).collect()
+    }
+
     fn worst_ms(stations: &[Windows], major_ms: u64) -> u64 {
-        age_ns(&worst(stations, major_ms * MS).unwrap()) / MS
+        age_ns(&worst(&path(stations), major_ms * MS).unwrap()) / MS
+    }
+
+    fn across(aligned_within_ns: Option<u64>, windows: [Windows; 4]) -> Vec<Station> {
+        let mut stations = path(&windows);
+        stations[2].hop = Some(Hop { latency_ns: MS, aligned_within_ns });
+        stations
+    }
+
+    #[test]
+    fn modules_in_one_phase_add_the_latency_and_the_error_of_the_phase() {
+        // 1 to 2, relay 3 to 4, one on the way and one for the phase, relay from 6, read from 8 to 9.
+        let windows = [every(20, 5, 1, 2), every(20, 5, 3, 4), every(20, 5, 6, 7), every(20, 5, 8, 9)];
+        assert_eq!(age_ns(&worst(&across(Some(MS), windows.clone()), 100 * MS).unwrap()), 8 * MS);
+        // With a larger error the datagram may come too late, and that of the frame before is read.
+        assert_eq!(age_ns(&worst(&across(Some(2 * MS), windows), 100 * MS).unwrap()), 28 * MS);
+    }
+
+    #[test]
+    fn modules_without_a_common_phase_add_a_whole_period_of_the_relay() {
+        let windows = [every(20, 5, 1, 2), every(20, 5, 3, 4), every(20, 5, 6, 7), every(20, 5, 8, 9)];
+        let way = worst(&across(None, windows), 100 * MS).unwrap();
+        // 3 ms until the relay's window is over, 20 until the next one is, 1 on the way, 3 from there to the end.
+        assert_eq!(age_ns(&way), 27 * MS);
+        assert!(way.windows(2).all(|pair| pair[0].end_ns <= pair[1].start_ns), "{way:?}");
+    }
+
+    #[test]
+    fn a_relay_with_few_windows_is_waited_for_in_its_longest_pause() {
+        let relay = vec![(3 * MS, 4 * MS), (23 * MS, 24 * MS)];
+        let windows = [every(20, 5, 1, 2), relay, every(20, 5, 6, 7), every(20, 5, 8, 9)];
+        assert_eq!(age_ns(&worst(&across(None, windows), 100 * MS).unwrap()), (3 + 80 + 1 + 3) * MS);
     }
 
     #[test]
@@ -122,15 +247,15 @@ mod tests {
     #[test]
     fn a_path_may_begin_several_major_frames_before_its_end() {
         let (one, two, three) = (vec![(9 * MS, 10 * MS)], vec![(5 * MS, 6 * MS)], vec![(MS, 2 * MS)]);
-        let way = worst(&[one, two, three], 10 * MS).unwrap();
+        let way = worst(&path(&[one, two, three]), 10 * MS).unwrap();
         assert_eq!(way[0], Visit { start_ns: -11_000_000, end_ns: -10_000_000 });
         assert_eq!(age_ns(&way), 13 * MS);
     }
 
     #[test]
     fn a_path_through_nobody_has_no_age() {
-        assert_eq!(worst(&[vec![(0, 1)], vec![]], 10), None);
-        assert_eq!(worst(&[vec![], vec![(0, 1)]], 10), None);
+        assert_eq!(worst(&path(&[vec![(0, 1)], vec![]]), 10), None);
+        assert_eq!(worst(&path(&[vec![], vec![(0, 1)]]), 10), None);
         assert_eq!(worst(&[], 10), None);
     }
 

@@ -12,11 +12,13 @@ pub mod closed;
 pub mod facts;
 mod findings;
 mod latency;
+pub mod links;
 pub mod model;
 mod names;
 pub mod planner;
 mod raw;
 mod reader;
+mod relays;
 pub mod report;
 mod rules;
 mod sarif;
@@ -27,14 +29,14 @@ pub mod units;
 pub use catalogue::{RULES, Rule};
 pub use closed::{
     ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleError,
-    PartitionAction, PartitionError, PartitionState, Standby, StartMode,
+    PartitionAction, PartitionError, PartitionState, Standby, StartMode, Transport,
 };
 pub use facts::Facts;
 pub use latency::Visit;
 pub use model::{
-    Attribute, Chain, Channel, ChannelId, Health, HealthLog, Levels, Module, ModuleHealth, ModuleId,
-    ModuleView, Partition, PartitionHealth, PartitionId, Payload, Plan, Port, PortId, Reset, Restart, Role,
-    Schedule, ScheduleId, Window, leaves_the_process,
+    Address, Attribute, Chain, Channel, ChannelId, Health, HealthLog, Levels, Link, LinkId, Module,
+    ModuleHealth, ModuleId, ModuleView, Network, NetworkId, Partition, PartitionHealth, PartitionId, Payload,
+    Plan, Port, PortId, Protection, Reset, Restart, Role, Schedule, ScheduleId, Window, leaves_the_process,
 };
 pub use report::{Place, Related, Report, Severity, Violation};
 pub use schema::schema;
@@ -59,6 +61,12 @@ pub trait Programs {
     fn fault(&self, program: &str) -> Option<String>;
 }
 
+/// The files with the keys of links.
+pub trait Keys {
+    /// Why a key's file, as the schedule file names it, can not be used here; nothing if it can.
+    fn fault(&self, file: &str) -> Option<String>;
+}
+
 /// What a file refers to and does not hold itself.
 #[derive(Clone, Copy)]
 pub struct Surroundings<'a> {
@@ -66,6 +74,8 @@ pub struct Surroundings<'a> {
     pub messages: &'a dyn MessageCatalogue,
     /// The programs; none: they are not looked for.
     pub programs: Option<&'a dyn Programs>,
+    /// The files with keys; none: they are not looked for.
+    pub keys: Option<&'a dyn Keys>,
 }
 
 /// Reads and checks a schedule file; `source_name` is what the report calls it.
@@ -85,7 +95,7 @@ pub fn check_with_warnings(
     text: &str,
     messages: &dyn MessageCatalogue,
 ) -> Result<(Plan, Report), Report> {
-    check_among(source_name, text, &Surroundings { messages, programs: None })
+    check_among(source_name, text, &Surroundings { messages, programs: None, keys: None })
 }
 
 /// As [`check_with_warnings`], with everything that the file may refer to.
@@ -111,7 +121,7 @@ pub fn check_among(
 /// None only for an id that is none of [`RULES`].
 #[must_use]
 pub fn example_of(rule: &Rule, messages: &dyn MessageCatalogue) -> Option<Report> {
-    let surroundings = Surroundings { messages, programs: Some(&NoPrograms) };
+    let surroundings = Surroundings { messages, programs: Some(&NoPrograms), keys: Some(&NoKeys) };
     let report = match check_among(rule.example_name, rule.example, &surroundings) {
         Ok((_, report)) | Err(report) => report,
     };
@@ -127,13 +137,23 @@ impl Programs for NoPrograms {
     }
 }
 
+/// Where nobody has made a key yet.
+struct NoKeys;
+
+impl Keys for NoKeys {
+    fn fault(&self, _: &str) -> Option<String> {
+        Some("there is no such file".to_owned())
+    }
+}
+
 fn read(text: &str, surroundings: &Surroundings<'_>, findings: &Findings<'_>) -> Option<Plan> {
     let document = raw::parse(text, findings)?;
-    let file = RawFile::read(document.get_ref(), findings);
+    let mut file = RawFile::read(document.get_ref(), findings);
+    relays::add(&mut file);
     let names = Names::of(&file);
     let catalogue = surroundings.messages;
-    let programs = surroundings.programs;
-    rules::check(&rules::Context { file: &file, names: &names, catalogue, programs, findings });
+    let &Surroundings { programs, keys, .. } = surroundings;
+    rules::check(&rules::Context { file: &file, names: &names, catalogue, programs, keys, findings });
     if findings.has_errors() {
         return None;
     }

@@ -4,13 +4,14 @@
 //! bytes. A [`Plan`] exists only if no rule of severity error was violated, so nobody has to check again.
 
 use std::collections::BTreeMap;
+use std::net::SocketAddr;
 use std::ops::Index;
 
 use serde::Serialize;
 
 use super::closed::{
     ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleError,
-    PartitionAction, PartitionError, PartitionState, Standby, StartMode,
+    PartitionAction, PartitionError, PartitionState, Standby, StartMode, Transport,
 };
 
 macro_rules! index {
@@ -43,6 +44,14 @@ index! {
     ModuleId, modules: Module
 }
 index! {
+    /// A network of the plan.
+    NetworkId, networks: Network
+}
+index! {
+    /// A link of the plan.
+    LinkId, links: Link
+}
+index! {
     /// A partition of the plan.
     PartitionId, partitions: Partition
 }
@@ -64,7 +73,11 @@ index! {
 pub struct Plan {
     /// The computers.
     pub modules: Vec<Module>,
-    /// The partitions of all modules.
+    /// The networks between them.
+    pub networks: Vec<Network>,
+    /// The pairs of modules that talk to each other: none twice.
+    pub links: Vec<Link>,
+    /// The partitions of all modules; last the relays, which no table of the file names.
     pub partitions: Vec<Partition>,
     /// The ports of all partitions.
     pub ports: Vec<Port>,
@@ -87,6 +100,90 @@ pub struct Module {
     pub cores: Vec<u32>,
     /// The cores left to everything that is not a partition; empty where the machine may choose.
     pub housekeeping_cores: Vec<u32>,
+    /// Where it is reached, by network; none twice.
+    pub addresses: Vec<Address>,
+    /// Whose major frame it follows; none: nobody's.
+    pub follows: Option<ModuleId>,
+    /// The error of its major frame beyond which it has lost that of the module that it follows, ns; not zero.
+    pub follows_within_ns: u64,
+}
+
+impl Module {
+    /// Where it is reached on a network.
+    #[must_use]
+    pub fn address_on(&self, network: NetworkId) -> Option<SocketAddr> {
+        self.addresses.iter().find(|address| address.network == network).map(|address| address.socket)
+    }
+}
+
+/// An interface of a module.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Address {
+    /// The network that it is on.
+    pub network: NetworkId,
+    /// Its number, and the port of the relay.
+    pub socket: SocketAddr,
+}
+
+/// What carries datagrams between modules.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Network {
+    /// Its name.
+    pub name: String,
+    /// How much it carries from each module, bit/s; not zero.
+    pub rate_bits_per_s: u64,
+    /// The most that a datagram takes from sender to receiver, ns.
+    pub latency_ns: u64,
+}
+
+/// Two modules that talk to each other.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Link {
+    /// Its name.
+    pub name: String,
+    /// The two; the first one begins.
+    pub ends: [ModuleId; 2],
+    /// The networks that carry the same: one or two, on which both modules have an address.
+    pub networks: Vec<NetworkId>,
+    /// By what datagrams travel.
+    pub transport: Transport,
+    /// What keeps others from speaking for either end.
+    pub protection: Protection,
+    /// From one datagram to the next on each network at least, ns: 1, 2, 4, … 128 ms.
+    pub gap_ns: u64,
+    /// The longest datagram, bytes.
+    pub max_bytes: u32,
+    /// How much later than the first a copy from the other network may come, ns.
+    pub skew_ns: u64,
+    /// After how much silence a network of it counts as down, ns.
+    pub lost_after_ns: u64,
+}
+
+impl Link {
+    /// The other end, seen from one of them.
+    #[must_use]
+    pub fn peer_of(&self, module: ModuleId) -> Option<ModuleId> {
+        match self.ends {
+            [one, other] if one == module => Some(other),
+            [one, other] if other == module => Some(one),
+            _ => None,
+        }
+    }
+}
+
+/// What keeps others from speaking for either end of a link.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Protection {
+    /// Every datagram carries a tag made with a key.
+    Key {
+        /// The key's file, relative to the schedule file. No part of what two hosts have to agree on: each keeps it
+        /// where it likes.
+        #[serde(skip)]
+        file: String,
+    },
+    /// Nothing does.
+    Unauthenticated,
 }
 
 /// One isolated process tree.
@@ -128,6 +225,8 @@ pub struct Partition {
     pub error_handler: bool,
     /// Its ports, in the order of the file.
     pub ports: Vec<PortId>,
+    /// It carries the channels that cross, and no table of the file names it.
+    pub relay: bool,
 }
 
 impl Partition {
@@ -498,6 +597,44 @@ impl Plan {
         ScheduleId(self.schedules.iter().position(|schedule| schedule.initial).unwrap_or(0))
     }
 
+    /// The link between two modules, if there is one.
+    #[must_use]
+    pub fn link_between(&self, one: ModuleId, other: ModuleId) -> Option<LinkId> {
+        self.links.iter().position(|link| link.peer_of(one) == Some(other)).map(LinkId)
+    }
+
+    /// The links of a module, in the order of the file.
+    pub fn links_of(&self, module: ModuleId) -> impl Iterator<Item = LinkId> + use<'_> {
+        (0..self.links.len()).map(LinkId).filter(move |&id| self[id].peer_of(module).is_some())
+    }
+
+    /// The relay of a module, where something crosses.
+    #[must_use]
+    pub fn relay_of(&self, module: ModuleId) -> Option<PartitionId> {
+        self.partition_ids().find(|&id| self[id].relay && self[id].module == module)
+    }
+
+    /// How far apart the major frames of two modules may begin, ns; none: anyhow, because neither follows the other and
+    /// both do not follow a third.
+    #[must_use]
+    pub fn aligned_within_ns(&self, one: ModuleId, other: ModuleId) -> Option<u64> {
+        let (first, own) = self.followed_to_the_end(one);
+        let (second, others) = self.followed_to_the_end(other);
+        (first == second).then_some(own.saturating_add(others))
+    }
+
+    /// Who is followed in the end, directly or through others, and with which error at most, ns.
+    fn followed_to_the_end(&self, module: ModuleId) -> (ModuleId, u64) {
+        let (mut at, mut error_ns) = (module, 0_u64);
+        // No longer than there are modules: the rules let no circle through.
+        for _ in 0..self.modules.len() {
+            let Some(leader) = self[at].follows else { break };
+            error_ns = error_ns.saturating_add(self[at].follows_within_ns);
+            at = leader;
+        }
+        (at, error_ns)
+    }
+
     /// What becomes of a partition when the module changes from one schedule to another. A partition that did not run
     /// before starts from nothing, unless the file says otherwise.
     #[must_use]
@@ -523,6 +660,11 @@ impl Plan {
     /// Every schedule's place in the plan.
     pub fn schedule_ids(&self) -> impl Iterator<Item = ScheduleId> + use<> {
         (0..self.schedules.len()).map(ScheduleId)
+    }
+
+    /// Every channel's place in the plan.
+    pub fn channel_ids(&self) -> impl Iterator<Item = ChannelId> + use<> {
+        (0..self.channels.len()).map(ChannelId)
     }
 
     /// Every partition with its place in the plan.

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::raw::{RawFile, RawPort, RawWindow};
+use super::raw::{RawFile, RawLink, RawPort, RawWindow};
 
 /// Where each name stands in the file.
 pub(super) struct Names {
@@ -41,6 +41,40 @@ impl Names {
 
     pub(super) fn schedule(&self, file: &RawFile, name: &str) -> Option<usize> {
         file.schedules.iter().position(|schedule| schedule.name.value == name)
+    }
+
+    pub(super) fn network(&self, file: &RawFile, name: &str) -> Option<usize> {
+        file.networks.iter().position(|network| network.name.value == name)
+    }
+
+    /// The two modules of a link; nothing unless both are known, and two.
+    pub(super) fn link_ends(&self, link: &RawLink) -> Option<[usize; 2]> {
+        let [one, other] = link.modules.said()?.value.as_slice() else { return None };
+        let (one, other) = (self.module(&one.value)?, self.module(&other.value)?);
+        (one != other).then_some([one, other])
+    }
+
+    /// The first link between two modules.
+    pub(super) fn link_between(&self, file: &RawFile, one: usize, other: usize) -> Option<usize> {
+        let joins = |link: &RawLink| {
+            self.link_ends(link).is_some_and(|ends| ends == [one, other] || ends == [other, one])
+        };
+        file.links.iter().position(joins)
+    }
+
+    /// The networks that carry a link: those that it names, or else those on which both its modules have an address.
+    pub(super) fn link_networks(&self, file: &RawFile, link: &RawLink) -> Vec<usize> {
+        if let Some(said) = link.networks.said() {
+            return said.value.iter().filter_map(|network| self.network(file, &network.value)).collect();
+        }
+        let Some(ends) = self.link_ends(link) else { return Vec::new() };
+        let on = |network: &usize| {
+            ends.iter().all(|&module| {
+                let mut addresses = file.modules[module].addresses.iter();
+                addresses.any(|(name, _)| self.network(file, &name.value) == Some(*network))
+            })
+        };
+        (0..file.networks.len()).filter(on).collect()
     }
 
     pub(super) fn partition(&self, name: &str) -> Option<usize> {

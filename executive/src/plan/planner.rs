@@ -6,7 +6,7 @@
 //!
 //! It never asks a clock or chance: the same request gives the same schedule.
 
-use super::latency::{self, Windows};
+use super::latency::{self, Station, Windows};
 use super::rules::MOST_MINOR_FRAMES;
 use super::units::ShowTime;
 
@@ -413,9 +413,9 @@ impl<'a> Search<'a> {
     }
 
     fn age_ns(&self, chain: &Bound) -> Option<u64> {
-        let windows: Vec<Windows> =
-            chain.stations.iter().map(|&station| self.windows(station)).collect::<Option<_>>()?;
-        Some(latency::age_ns(&latency::worst(&windows, self.frames.major_ns())?))
+        let station = |&station: &usize| Some(Station { windows: self.windows(station)?, hop: None });
+        let stations: Vec<Station> = chain.stations.iter().map(station).collect::<Option<_>>()?;
+        Some(latency::age_ns(&latency::worst(&stations, self.frames.major_ns())?))
     }
 
     /// The windows of a need over the major frame, if it has been put.

@@ -1,22 +1,26 @@
 //! What the file says, table by table, with the place of every value: names are not yet looked up, and nothing is
 //! compared with anything else.
 
+use std::net::SocketAddr;
+
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::catalogue;
 use super::closed::{
     ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleError,
-    PartitionAction, PartitionError, PartitionState, Standby, StartMode,
+    PartitionAction, PartitionError, PartitionState, Standby, StartMode, Transport,
 };
 use super::findings::{Finding, Findings, Span, did_you_mean, listed};
 use super::reader::{
-    At, Attributes, Bytes, Entry, Field, FromToml, Nanoseconds, Permission, TableReader, Word, table_of,
+    At, Attributes, Bytes, Entry, Field, FromToml, Nanoseconds, Permission, Rate, TableReader, Word, table_of,
 };
 
 /// The whole file.
 pub(super) struct RawFile {
     pub(super) modules: Vec<RawModule>,
+    pub(super) networks: Vec<RawNetwork>,
+    pub(super) links: Vec<RawLink>,
     pub(super) partitions: Vec<RawPartition>,
     /// The ports of all partitions.
     pub(super) ports: Vec<RawPort>,
@@ -33,9 +37,34 @@ pub(super) struct RawModule {
     pub(super) name: At<String>,
     pub(super) cores: Numbers,
     pub(super) housekeeping_cores: Numbers,
+    /// Where it is reached, by network.
+    pub(super) addresses: Vec<(At<String>, At<SocketAddr>)>,
+    pub(super) follows: Field<String>,
+    pub(super) follows_within: Field<Nanoseconds>,
+}
+
+pub(super) struct RawNetwork {
+    pub(super) name: At<String>,
+    pub(super) rate: Field<Rate>,
+    pub(super) latency: Field<Nanoseconds>,
+}
+
+pub(super) struct RawLink {
+    pub(super) name: At<String>,
+    pub(super) modules: Names,
+    pub(super) networks: Names,
+    pub(super) transport: Field<Word<Transport>>,
+    pub(super) key: Field<String>,
+    pub(super) unauthenticated: Field<bool>,
+    pub(super) gap: Field<Nanoseconds>,
+    pub(super) max_bytes: Field<u32>,
+    pub(super) skew: Field<Nanoseconds>,
+    pub(super) lost_after: Field<Nanoseconds>,
 }
 
 pub(super) struct RawPartition {
+    /// No table of the file: see [`super::relays`].
+    pub(super) generated: bool,
     pub(super) name: At<String>,
     pub(super) program: Field<String>,
     pub(super) module: Field<String>,
@@ -144,6 +173,8 @@ impl RawFile {
     pub(super) fn read(document: &DeTable<'_>, findings: &Findings<'_>) -> Self {
         let mut file = TableReader::new(document, 0..0, "the file", findings);
         let modules = file.entries("module");
+        let networks = file.entries("network");
+        let links = file.entries("link");
         let partitions = file.entries("partition");
         let channels = file.tables("channel");
         let chains = file.tables("chain");
@@ -158,6 +189,8 @@ impl RawFile {
         Self {
             partitions: owners,
             modules: modules.into_iter().filter_map(|entry| RawModule::read(entry, findings)).collect(),
+            networks: networks.into_iter().filter_map(|entry| RawNetwork::read(entry, findings)).collect(),
+            links: links.into_iter().filter_map(|entry| RawLink::read(entry, findings)).collect(),
             ports,
             channels: channels.into_iter().map(|table| RawChannel::read(table, findings)).collect(),
             chains: chains.into_iter().map(|table| RawChain::read(table, findings)).collect(),
@@ -181,13 +214,48 @@ fn named<'r, 'i>(
 impl RawModule {
     fn read(entry: Entry<'_, '_>, findings: &Findings<'_>) -> Option<Self> {
         let mut table = named("module", &entry, findings)?;
-        let module = Self {
+        let cores = table.required("cores", "[1]");
+        let housekeeping_cores = table.optional("housekeeping_cores");
+        let addresses = table.entries("addresses").into_iter();
+        let addresses = addresses.filter_map(|(network, value)| {
+            let socket = SocketAddr::from_toml(value, findings)?;
+            Some((network, At { value: socket, span: value.span() }))
+        });
+        let addresses = addresses.collect();
+        let follows = table.optional("follows");
+        let follows_within = table.optional("follows_within");
+        table.finish();
+        Some(Self { name: entry.0, cores, housekeeping_cores, addresses, follows, follows_within })
+    }
+}
+
+impl RawNetwork {
+    fn read(entry: Entry<'_, '_>, findings: &Findings<'_>) -> Option<Self> {
+        let mut table = named("network", &entry, findings)?;
+        let rate = table.required("rate", "\"100Mbit/s\"");
+        let network = Self { name: entry.0, rate, latency: table.optional("latency") };
+        table.finish();
+        Some(network)
+    }
+}
+
+impl RawLink {
+    fn read(entry: Entry<'_, '_>, findings: &Findings<'_>) -> Option<Self> {
+        let mut table = named("link", &entry, findings)?;
+        let link = Self {
+            modules: table.required("modules", "[\"fcu\", \"nav\"]"),
+            networks: table.optional("networks"),
+            transport: table.optional("transport"),
+            key: table.optional("key"),
+            unauthenticated: table.optional("unauthenticated"),
+            gap: table.required("gap", "\"4ms\""),
+            max_bytes: table.optional("max_bytes"),
+            skew: table.optional("skew"),
+            lost_after: table.optional("lost_after"),
             name: entry.0,
-            cores: table.required("cores", "[1]"),
-            housekeeping_cores: table.optional("housekeeping_cores"),
         };
         table.finish();
-        Some(module)
+        Some(link)
     }
 }
 
@@ -200,6 +268,7 @@ impl RawPartition {
     ) -> Option<Self> {
         let mut table = named("partition", &entry, findings)?;
         let partition = Self {
+            generated: false,
             program: table.required("program", &format!("\"{}\"", entry.0.value)),
             module: table.required("module", "\"fcu\""),
             memory: table.required("memory", "\"32MiB\""),

@@ -4,6 +4,7 @@
 //! file reports every unknown key, missing key and wrong type in it, each at its place.
 
 use std::collections::BTreeMap;
+use std::net::SocketAddr;
 
 use serde_json::{Value, json};
 use toml::Spanned;
@@ -317,6 +318,43 @@ impl FromToml for Bytes {
 
     fn schema() -> Value {
         json!({ "type": "string", "pattern": units::size_pattern() })
+    }
+}
+
+/// A rate in bits per second.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Rate(pub(super) u64);
+
+impl FromToml for Rate {
+    fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
+        let mend = format!("write a number and {}, such as \"100Mbit/s\"", units::RATE_UNITS);
+        quantity(value, units::rate_bits_per_s, (&catalogue::BAD_RATE, "rate", mend), findings).map(Self)
+    }
+
+    fn schema() -> Value {
+        json!({ "type": "string", "pattern": units::rate_pattern() })
+    }
+}
+
+/// An address and a port. Names are not looked up: what they stand for may differ from host to host.
+impl FromToml for SocketAddr {
+    fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
+        let text = String::from_toml(value, findings)?;
+        let fault = match text.parse::<Self>() {
+            Ok(address) if address.port() == 0 => "port 0 is none",
+            Ok(address) if address.ip().is_unspecified() => "it stands for every address of a computer",
+            Ok(address) => return Some(address),
+            Err(_) if text.parse::<std::net::IpAddr>().is_ok() => "it has no port",
+            Err(_) => "it is not written as one",
+        };
+        let message = format!("`{text}` is no address of a module: {fault}");
+        let mend = "write the number of the interface and a port, such as \"10.77.0.1:15300\" or \"[fd00::1]:15300\"";
+        findings.add(Finding::new(&catalogue::BAD_ADDRESS, &value.span(), message, mend));
+        None
+    }
+
+    fn schema() -> Value {
+        json!({ "type": "string", "pattern": "^.+:[0-9]+$" })
     }
 }
 

@@ -4,6 +4,8 @@
 //! them for. So a new key is in the schema as soon as it is read; only its description stands here. The schema must never
 //! refuse what the reader takes.
 
+use std::net::SocketAddr;
+
 use serde_json::{Map, Value, json};
 
 use super::closed::{
@@ -12,11 +14,13 @@ use super::closed::{
 };
 use super::findings::Findings;
 use super::raw::{self, RawFile};
-use super::reader::{Key, Under, one_of_the_words};
+use super::reader::{FromToml, Key, Under, one_of_the_words};
 
 /// A file with one table of each kind.
 const PROBE: &str = "
-module.x = {}
+module.x = { addresses = {} }
+network.x = {}
+link.x = {}
 partition.x = { restart = {}, port.x = {}, health = {} }
 channel = [{}]
 chain = [{}]
@@ -39,6 +43,8 @@ type Described = (&'static str, &'static str, &'static str);
 
 const FILE: &str = "the file";
 const MODULE: &str = "module `x`";
+const NETWORK: &str = "network `x`";
+const LINK: &str = "link `x`";
 const PARTITION: &str = "partition `x`";
 const RESTART: &str = "`restart`";
 const PORT: &str = "port `x`";
@@ -52,6 +58,9 @@ const LOG: &str = "the health log";
 
 const INNER: &[(&str, &str, Inner)] = &[
     (FILE, "module", Inner::Named(MODULE)),
+    (FILE, "network", Inner::Named(NETWORK)),
+    (FILE, "link", Inner::Named(LINK)),
+    (MODULE, "addresses", Inner::Words(addresses)),
     (FILE, "partition", Inner::Named(PARTITION)),
     (FILE, "channel", Inner::Plain(CHANNEL)),
     (FILE, "chain", Inner::Plain(CHAIN)),
@@ -71,6 +80,8 @@ const INNER: &[(&str, &str, Inner)] = &[
 
 const DESCRIPTIONS: &[Described] = &[
     (FILE, "module", "Computers, by name: each runs one executive."),
+    (FILE, "network", "Networks between the computers, by name."),
+    (FILE, "link", "Pairs of modules that talk to each other, by name."),
     (FILE, "partition", "Partitions, by name."),
     (FILE, "channel", "From one source port to its destination ports."),
     (FILE, "chain", "A path through channels with a bound on the age of its first value."),
@@ -78,6 +89,28 @@ const DESCRIPTIONS: &[Described] = &[
     (FILE, "health", "What is done about errors."),
     (MODULE, "cores", "The cores whose time is partitioned."),
     (MODULE, "housekeeping_cores", "The cores for everything else."),
+    (MODULE, "addresses", "Where it is reached, by network, as \"address:port\"."),
+    (MODULE, "follows", "The module whose major frame it follows."),
+    (MODULE, "follows_within", "The error of its major frame beyond which it has lost that module's."),
+    (NETWORK, "rate", "How much it carries, such as \"100Mbit/s\"."),
+    (NETWORK, "latency", "The most that a datagram takes from sender to receiver."),
+    (LINK, "modules", "The two modules; the first one begins."),
+    (LINK, "networks", "The networks that carry it, at most two; those that both modules have, if not said."),
+    (LINK, "transport", "By what datagrams travel."),
+    (
+        LINK,
+        "key",
+        "The file with its key, relative to this file: 64 hexadecimal digits, for the executive only.",
+    ),
+    (
+        LINK,
+        "unauthenticated",
+        "True: without a key, so that anybody on the network can speak for either end.",
+    ),
+    (LINK, "gap", "The bandwidth allocation gap: from one datagram to the next at least; 1, 2, 4, … 128 ms."),
+    (LINK, "max_bytes", "The longest datagram, bytes."),
+    (LINK, "skew", "How much later than the first a copy from the other network may come."),
+    (LINK, "lost_after", "After how much silence a network of it counts as down."),
     (PARTITION, "program", "The program, relative to the folder of `bateleur`."),
     (PARTITION, "module", "The module that it runs in."),
     (PARTITION, "memory", "The most memory that it may have, such as \"32MiB\"."),
@@ -230,6 +263,10 @@ fn levels() -> Value {
     let errors = PartitionError::ALL.iter().map(|error| (error.name().to_owned(), level.clone()));
     let properties: Map<String, Value> = errors.collect();
     json!({ "type": "object", "properties": properties, "additionalProperties": false })
+}
+
+fn addresses() -> Value {
+    json!({ "type": "object", "additionalProperties": <SocketAddr as FromToml>::schema() })
 }
 
 fn change_actions() -> Value {

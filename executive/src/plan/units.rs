@@ -38,6 +38,11 @@ const TIME: Units = Units {
     units: &[("ns", 1), ("us", 1_000), ("ms", 1_000_000), ("s", 1_000_000_000), ("min", 60_000_000_000)],
 };
 
+const RATE: Units = Units {
+    smallest: "bit/s",
+    units: &[("bit/s", 1), ("kbit/s", 1_000), ("Mbit/s", 1_000_000), ("Gbit/s", 1_000_000_000)],
+};
+
 const SIZE: Units =
     Units { smallest: "bytes", units: &[("B", 1), ("KiB", 1 << 10), ("MiB", 1 << 20), ("GiB", 1 << 30)] };
 
@@ -45,6 +50,17 @@ const SIZE: Units =
 pub const TIME_UNITS: &str = "ns, us, ms, s or min";
 /// The units of size, for a message.
 pub const SIZE_UNITS: &str = "B, KiB, MiB or GiB";
+
+/// The units of a network's rate, for a message.
+pub const RATE_UNITS: &str = "bit/s, kbit/s, Mbit/s or Gbit/s";
+
+/// Reads a rate such as `100Mbit/s`, in bits per second.
+///
+/// # Errors
+/// What the text lacks, or has too much of.
+pub fn rate_bits_per_s(text: &str) -> Result<u64, QuantityError> {
+    quantity(text, &RATE)
+}
 
 /// Reads a time such as `500us`, `20ms` or `1.5s`, in nanoseconds.
 ///
@@ -65,6 +81,11 @@ pub fn size_bytes(text: &str) -> Result<u64, QuantityError> {
 /// A regular expression that every time in a file meets.
 pub(super) fn duration_pattern() -> String {
     pattern(&TIME)
+}
+
+/// A regular expression that every rate in a file meets.
+pub(super) fn rate_pattern() -> String {
+    pattern(&RATE)
 }
 
 /// A regular expression that every size in a file meets.
@@ -133,6 +154,13 @@ pub struct ShowTime(
     pub u64,
 );
 
+/// A rate in the largest unit that it reaches, to three digits behind the point.
+#[derive(Clone, Copy, Debug)]
+pub struct ShowRate(
+    /// In bits per second.
+    pub u64,
+);
+
 /// A size in the largest unit that keeps it whole.
 #[derive(Clone, Copy, Debug)]
 pub struct ShowSize(
@@ -159,6 +187,19 @@ impl fmt::Display for ShowTime {
         let fraction = fraction.trim_end_matches('0');
         let point = if fraction.is_empty() { "" } else { "." };
         write!(formatter, "{}{point}{fraction}{unit}", self.0 / factor)
+    }
+}
+
+impl fmt::Display for ShowRate {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let reached = |(_, factor): &&(&str, u64)| self.0 >= *factor;
+        let (unit, factor) = RATE.units.iter().rev().find(reached).copied().unwrap_or(("bit/s", 1));
+        // Whole thousandths of the unit: exact enough for a person, and the same on every machine.
+        let thousandths = u128::from(self.0) * 1000 / u128::from(factor);
+        let fraction = format!("{:03}", thousandths % 1000);
+        let fraction = fraction.trim_end_matches('0');
+        let point = if fraction.is_empty() { "" } else { "." };
+        write!(formatter, "{}{point}{fraction}{unit}", thousandths / 1000)
     }
 }
 
@@ -224,6 +265,21 @@ mod tests {
         assert_eq!(size_bytes("64kB"), Err(QuantityError::Unit("kB".to_owned())));
         assert_eq!(size_bytes("16777216GiB"), Ok(1 << 54));
         assert_eq!(size_bytes("8589934592GiB"), Err(QuantityError::Overflow));
+    }
+
+    #[test]
+    fn rates_are_read_exactly_and_shown_short() {
+        for (text, bits, shown) in [
+            ("100Mbit/s", 100_000_000, "100Mbit/s"),
+            ("1 Gbit/s", 1_000_000_000, "1Gbit/s"),
+            ("1.5Mbit/s", 1_500_000, "1.5Mbit/s"),
+            ("3076543bit/s", 3_076_543, "3.076Mbit/s"),
+            ("0bit/s", 0, "0bit/s"),
+        ] {
+            assert_eq!(rate_bits_per_s(text), Ok(bits), "{text}");
+            assert_eq!(ShowRate(bits).to_string(), shown);
+        }
+        assert_eq!(rate_bits_per_s("100Mb"), Err(QuantityError::Unit("Mb".to_owned())));
     }
 
     #[test]

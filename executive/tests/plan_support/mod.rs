@@ -7,7 +7,7 @@ pub(crate) mod schema_check;
 
 use std::path::PathBuf;
 
-use bateleur_executive::plan::{MessageCatalogue, Plan, Programs, Report, Surroundings, check_among};
+use bateleur_executive::plan::{Keys, MessageCatalogue, Plan, Programs, Report, Surroundings, check_among};
 
 /// The message types that the schedules of the tests name, each with a size.
 pub(crate) struct Table;
@@ -51,9 +51,18 @@ impl Programs for Built {
     }
 }
 
-/// The answer of the checker to a text, with programs looked for.
+/// Every key is there but those in the folder `nowhere`.
+pub(crate) struct Made;
+
+impl Keys for Made {
+    fn fault(&self, file: &str) -> Option<String> {
+        file.starts_with("nowhere/").then(|| "there is no such file".to_owned())
+    }
+}
+
+/// The answer of the checker to a text, with programs and keys looked for.
 pub(crate) fn answer_to(name: &str, text: &str) -> Result<(Plan, Report), Report> {
-    check_among(name, text, &Surroundings { messages: &Table, programs: Some(&Built) })
+    check_among(name, text, &Surroundings { messages: &Table, programs: Some(&Built), keys: Some(&Made) })
 }
 
 /// The top of the repository.

@@ -9,7 +9,8 @@
 use serde_json::{Value, json};
 
 /// Rules about keys, types and words, which the schema has too; those of a number's range it has only in part.
-pub(crate) const STRUCTURAL: &[&str] = &["S02", "S03", "S04", "S05", "S06", "S08", "H01", "H02"];
+pub(crate) const STRUCTURAL: &[&str] =
+    &["S02", "S03", "S04", "S05", "S06", "S08", "S09", "S10", "H01", "H02"];
 
 fn fault(root: &Value, schema: &Value, value: &Value, at: &str) -> Option<String> {
     let words = schema.as_object().unwrap();

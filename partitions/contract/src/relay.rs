@@ -24,6 +24,11 @@ pub const STATUS_PORT: &str = "status";
 pub const RELAY_KEYS_FD: i32 = 6;
 /// Bytes of a link's key.
 pub const KEY_BYTES: usize = 32;
+/// What a datagram has beside its messages, bytes, at most: its head, the exchange of time, the tag. The plan counts room
+/// with it; a relay keeps below it.
+pub const DATAGRAM_OVERHEAD_BYTES: u32 = 128;
+/// What a message has beside its own bytes, at most: its head, for each piece if it was split. Counted as above.
+pub const ENTRY_OVERHEAD_BYTES: u32 = 32;
 /// Digits of the plan's digest, hexadecimal.
 pub const DIGEST_DIGITS: usize = 64;
 

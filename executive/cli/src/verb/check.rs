@@ -1,7 +1,7 @@
 //! `bateleur check`: holds every rule against a schedule file and reports all violations at once, each with its place,
 //! the other place involved, and a way to mend it. Nothing is started.
 //!
-//! With `--verbose` it also says what is no fault: notes, how full each core is, how old each chain becomes. Exit codes:
+//! Of a plan for several modules it says what each link costs. With `--verbose` it also says what is no fault: notes, how full each core is, how old each chain becomes. Exit codes:
 //! 0 the file can be used, 1 it can be used and has warnings, which `--deny warnings` forbids, 2 it can not be used.
 
 use std::io::IsTerminal;
@@ -34,6 +34,9 @@ pub(crate) struct Arguments {
     /// Look for the partitions' programs in this folder.
     #[arg(long, value_name = "FOLDER")]
     programs: Option<PathBuf>,
+    /// Look whether the keys of links can be used here.
+    #[arg(long)]
+    keys: bool,
     /// Print notes and what follows from the file too: how full the cores are, how old the chains become.
     #[arg(long, short)]
     verbose: bool,
@@ -65,7 +68,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
             folder.display()
         );
     }
-    let read = plan_file::read_among(path, arguments.programs.as_deref())?;
+    let read = plan_file::read_among(path, arguments.programs.as_deref(), arguments.keys)?;
     let (plan, report) = match &read {
         Ok((plan, report)) => (Some(plan), report),
         Err(report) => (None, report),
@@ -93,6 +96,7 @@ fn text(arguments: &Arguments, path: &Path, plan: Option<&Plan>, report: &Report
     let mut text = if arguments.verbose { report.render_all(color) } else { report.render(color) };
     let Some(plan) = plan else { return text };
     text.push_str(&format!("{}: {}\n", path.display(), counts(plan, report)));
+    text.push_str(&super::show::facts::links(plan, &Facts::of(plan)));
     if arguments.verbose {
         text.push_str(&super::show::facts::text(plan, &Facts::of(plan)));
         text.push_str(&memory(&Facts::of(plan)));

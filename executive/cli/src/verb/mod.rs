@@ -15,6 +15,7 @@ pub(crate) mod ground;
 pub(crate) mod health;
 pub(crate) mod helper;
 pub(crate) mod inject;
+pub(crate) mod key;
 pub(crate) mod man;
 pub(crate) mod new;
 pub(crate) mod order;

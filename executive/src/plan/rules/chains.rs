@@ -1,11 +1,11 @@
 //! Rules about chains: every step of a path leads somewhere, and what arrives at its end is not too old.
 
-use super::Context;
 use super::laid::Laid;
+use super::{Context, links};
 use crate::plan::catalogue;
 use crate::plan::closed::Direction;
 use crate::plan::findings::Finding;
-use crate::plan::latency::{self, Visit, Windows};
+use crate::plan::latency::{self, Station, Visit};
 use crate::plan::names::{Names, port_path};
 use crate::plan::raw::{RawChain, RawFile};
 use crate::plan::units::ShowTime;
@@ -26,7 +26,8 @@ pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
             Err(Gap::After(place)) => disconnected(cx, chain, place),
             Err(Gap::Unknown) => {}
             Ok(path) => {
-                if !port_twice(cx, chain, &path) && !crosses_modules(cx, chain, &path) {
+                if !port_twice(cx, chain, &path) {
+                    out_of_phase(cx, chain, &path);
                     too_old(cx, laid, chain, &path);
                 }
             }
@@ -44,17 +45,20 @@ fn port_twice(cx: &Context<'_>, chain: &RawChain, path: &[usize]) -> bool {
     true
 }
 
-/// Notes a path over two computers, and says whether it is one.
-fn crosses_modules(cx: &Context<'_>, chain: &RawChain, path: &[usize]) -> bool {
-    let Some(said) = chain.path.said() else { return false };
+/// Notes a path between computers whose frames have no common phase.
+fn out_of_phase(cx: &Context<'_>, chain: &RawChain, path: &[usize]) {
+    let Some(said) = chain.path.said() else { return };
     let module = |port: &usize| cx.names.module_of(cx.file, cx.file.ports[*port].partition);
-    let Some(first) = path.first().and_then(module) else { return false };
-    let Some(other) = path.iter().filter_map(module).find(|&other| other != first) else { return false };
-    let (one, other) = (&cx.file.modules[first].name.value, &cx.file.modules[other].name.value);
-    let message = format!("the path leads from module `{one}` to `{other}`: its age is not computed");
-    let mend = "bound each module's part by a chain of its own";
+    let modules: Vec<usize> = path.iter().filter_map(module).collect();
+    let apart = |pair: &&[usize]| links::aligned_within_ns(cx, pair[0], pair[1]).is_none();
+    let Some(pair) = modules.windows(2).find(apart) else { return };
+    let (one, other) = (&cx.file.modules[pair[0]].name.value, &cx.file.modules[pair[1]].name.value);
+    let message = format!(
+        "the path leads from module `{one}` to `{other}`, whose frames have no common phase: its age has a whole pause of \
+         the relay in it"
+    );
+    let mend = format!("let one follow the other: `follows = \"{one}\"` in `[module.{other}]`");
     cx.note(&catalogue::CHAIN_CROSSES_MODULES, &said.span, message, mend);
-    true
 }
 
 fn too_old(cx: &Context<'_>, laid: &[Laid], chain: &RawChain, path: &[usize]) {
@@ -63,9 +67,13 @@ fn too_old(cx: &Context<'_>, laid: &[Laid], chain: &RawChain, path: &[usize]) {
         |port: usize| cx.file.ports[port].direction.get().map(|word| word.0) == Some(Direction::Source);
     let stations =
         latency::stations(path.iter().map(|&port| (cx.file.ports[port].partition, is_source(port))));
+    // Without a relay or a link there is no way, which another rule reports.
+    let Some(legs) = links::legs(cx, &stations) else { return };
+    let stations: Vec<usize> = legs.iter().map(|leg| leg.partition).collect();
     for (schedule, laid) in cx.file.schedules.iter().zip(laid) {
-        let windows: Vec<Windows> = stations.iter().map(|&station| laid.windows(station)).collect();
-        let Some(way) = latency::worst(&windows, laid.major) else { continue };
+        let on_the_way: Vec<Station> =
+            legs.iter().map(|leg| Station { windows: laid.windows(leg.partition), hop: leg.hop }).collect();
+        let Some(way) = latency::worst(&on_the_way, laid.major) else { continue };
         let age = latency::age_ns(&way);
         if age <= allowed.value.0 {
             continue;

@@ -3,13 +3,13 @@
 use std::collections::hash_map::Entry;
 use std::collections::{BTreeSet, HashMap};
 
-use super::Context;
 use super::laid::Laid;
 use super::windows::gaps;
+use super::{Context, links};
 use crate::plan::catalogue::{self, Rule};
 use crate::plan::closed::{Direction, Kind};
 use crate::plan::findings::{Finding, Span};
-use crate::plan::latency;
+use crate::plan::latency::{self, Station};
 use crate::plan::raw::{RawChannel, RawPort};
 use crate::plan::reader::At;
 use crate::plan::units::ShowTime;
@@ -63,6 +63,9 @@ fn unread(cx: &Context<'_>, laid: &[Laid], source: &End<'_>, destinations: &[End
     }
     for (schedule, laid) in cx.file.schedules.iter().zip(laid) {
         let writes = laid.windows(source.port.partition);
+        if destinations.iter().any(|end| links::is_across(cx, source.port.partition, end.port.partition)) {
+            return; // the relay looks in each of its windows, whoever looks then
+        }
         let readers = destinations.iter().map(|end| laid.windows(end.port.partition));
         let read: BTreeSet<u64> =
             readers.flat_map(|reads| read_writes(&writes, &reads, laid.major)).collect();
@@ -83,7 +86,8 @@ fn unread(cx: &Context<'_>, laid: &[Laid], source: &End<'_>, destinations: &[End
 
 /// The starts of the writing windows, in the major frame, whose last value some reading window sees.
 fn read_writes(writes: &[(u64, u64)], reads: &[(u64, u64)], major: u64) -> Vec<u64> {
-    let ways = latency::ways(&[writes.to_vec(), reads.to_vec()], major);
+    let station = |windows: &[(u64, u64)]| Station { windows: windows.to_vec(), hop: None };
+    let ways = latency::ways(&[station(writes), station(reads)], major);
     let cycle = i64::try_from(major).unwrap_or(i64::MAX);
     let start =
         |way: &Vec<latency::Visit>| way.first().map(|visit| visit.start_ns.rem_euclid(cycle).unsigned_abs());
@@ -286,7 +290,7 @@ fn stale(cx: &Context<'_>, laid: &Laid, writes: &[u64], source: &End<'_>, destin
     }
     let (name, limit) = (destination.name(), ShowTime(refresh.value.0));
     let period = gaps(writes, laid.major).max().unwrap_or_default();
-    let age = age_when_read(laid, source, destination);
+    let age = age_when_read(cx, laid, source, destination);
     let (message, needed) = if refresh.value.0 < period {
         let period = ShowTime(period);
         (format!("`{name}` is valid for {limit}, but its source is written every {period} at best"), period)
@@ -303,11 +307,14 @@ fn stale(cx: &Context<'_>, laid: &Laid, writes: &[u64], source: &End<'_>, destin
 }
 
 /// The greatest age of a value as a reading window opens, counted from the opening of the window that wrote it.
-fn age_when_read(laid: &Laid, source: &End<'_>, destination: &End<'_>) -> u64 {
-    let stations = [laid.windows(source.port.partition), laid.windows(destination.port.partition)];
+fn age_when_read(cx: &Context<'_>, laid: &Laid, source: &End<'_>, destination: &End<'_>) -> u64 {
+    let ends = [source.port.partition, destination.port.partition];
+    let Some(legs) = links::legs(cx, &ends) else { return 0 };
+    let stations: Vec<Station> =
+        legs.iter().map(|leg| Station { windows: laid.windows(leg.partition), hop: leg.hop }).collect();
     let ways = latency::ways(&stations, laid.major);
     let age = |way: &Vec<latency::Visit>| match way.as_slice() {
-        [write, read] => read.start_ns.abs_diff(write.start_ns),
+        [write, .., read] => read.start_ns.abs_diff(write.start_ns),
         _ => 0,
     };
     ways.iter().map(age).max().unwrap_or_default()
@@ -321,7 +328,11 @@ fn overflowing(
     destination: &End<'_>,
 ) -> bool {
     let Some(depth) = destination.port.depth.said().filter(|depth| depth.value > 0) else { return false };
-    let most = most_between(writes, reads, laid.major);
+    // Over a link they come in the bursts of the relay: all that were written since its last window.
+    let burst = links::legs(cx, &[source.port.partition, destination.port.partition])
+        .filter(|legs| legs.len() > 2)
+        .map_or(0, |legs| most_between(writes, &laid.starts(legs[1].partition), laid.major));
+    let most = most_between(writes, reads, laid.major) + burst;
     if destination.port.kind.get().map(|kind| kind.0) != Some(Kind::Queuing) || most <= u64::from(depth.value)
     {
         return false;

@@ -5,6 +5,7 @@ pub(super) mod chains;
 mod channels;
 mod health;
 mod laid;
+mod links;
 mod modules;
 mod names;
 mod partitions;
@@ -17,9 +18,10 @@ use super::findings::{Finding, Findings, Span};
 use super::names::Names;
 use super::raw::RawFile;
 use super::reader::{At, Field};
-use super::{MessageCatalogue, Programs};
+use super::{Keys, MessageCatalogue, Programs};
 use laid::Laid;
 pub(super) use schedules::MOST_MINOR_FRAMES;
+pub(super) use windows::gaps;
 
 /// What every rule sees.
 pub(super) struct Context<'a> {
@@ -27,6 +29,7 @@ pub(super) struct Context<'a> {
     pub(super) names: &'a Names,
     pub(super) catalogue: &'a dyn MessageCatalogue,
     pub(super) programs: Option<&'a dyn Programs>,
+    pub(super) keys: Option<&'a dyn Keys>,
     pub(super) findings: &'a Findings<'a>,
 }
 
@@ -78,6 +81,7 @@ pub(super) fn check(cx: &Context<'_>) {
     windows::check(cx, &laid);
     ports::check(cx);
     channels::check(cx, &laid);
+    links::check(cx, &laid);
     chains::check(cx, &laid);
     health::check(cx);
 }

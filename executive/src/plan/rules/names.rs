@@ -16,6 +16,8 @@ pub(super) fn check(cx: &Context<'_>) {
     let file = cx.file;
     present(cx);
     set(cx, "module", file.modules.iter().map(|module| &module.name));
+    set(cx, "network", file.networks.iter().map(|network| &network.name));
+    set(cx, "link", file.links.iter().map(|link| &link.name));
     set(cx, "partition", file.partitions.iter().map(|partition| &partition.name));
     set(cx, "schedule", file.schedules.iter().map(|schedule| &schedule.name));
     for owner in 0..file.partitions.len() {
@@ -23,6 +25,7 @@ pub(super) fn check(cx: &Context<'_>) {
     }
     unique(cx, "chain", file.chains.iter().filter_map(|chain| chain.name.said()));
     modules(cx);
+    networks(cx);
     partitions(cx);
     ports(cx);
     messages(cx);
@@ -84,10 +87,24 @@ fn twice(cx: &Context<'_>, what: &str, first: &At<String>, second: &At<String>) 
 }
 
 fn modules(cx: &Context<'_>) {
-    for module in cx.file.partitions.iter().filter_map(|partition| partition.module.said()) {
+    let of_partitions = cx.file.partitions.iter().filter_map(|partition| partition.module.said());
+    let followed = cx.file.modules.iter().filter_map(|module| module.follows.said());
+    let joined = cx.file.links.iter().filter_map(|link| link.modules.said()).flat_map(|list| &list.value);
+    for module in of_partitions.chain(followed).chain(joined) {
         if cx.names.module(&module.value).is_none() {
             let known = cx.file.modules.iter().map(|module| module.name.value.as_str());
             unknown(cx, &catalogue::UNKNOWN_MODULE, ("module", module), known);
+        }
+    }
+}
+
+fn networks(cx: &Context<'_>) {
+    let of_modules = cx.file.modules.iter().flat_map(|module| &module.addresses).map(|(network, _)| network);
+    let of_links = cx.file.links.iter().filter_map(|link| link.networks.said()).flat_map(|list| &list.value);
+    for network in of_modules.chain(of_links) {
+        if cx.names.network(cx.file, &network.value).is_none() {
+            let known = cx.file.networks.iter().map(|network| network.name.value.as_str());
+            unknown(cx, &catalogue::UNKNOWN_NETWORK, ("network", network), known);
         }
     }
 }
@@ -96,10 +113,24 @@ fn partitions(cx: &Context<'_>) {
     let windows = cx.file.schedules.iter().flat_map(|schedule| &schedule.windows);
     for partition in windows.filter_map(|window| window.partition.said()) {
         if cx.names.partition(&partition.value).is_none() {
+            if idle_relay(cx, partition) {
+                continue;
+            }
             let known = cx.file.partitions.iter().map(|partition| partition.name.value.as_str());
             unknown(cx, &catalogue::UNKNOWN_PARTITION, ("partition", partition), known);
         }
     }
+}
+
+/// Notes a window of a relay that carries nothing, and says whether it is one.
+fn idle_relay(cx: &Context<'_>, partition: &At<String>) -> bool {
+    let module = partition.value.strip_prefix(crate::plan::relays::PREFIX);
+    let Some(module) = module.filter(|module| cx.names.module(module).is_some()) else { return false };
+    let message =
+        format!("there is no `{}`: no channel leads to module `{module}` or from it", partition.value);
+    let mend = format!("remove its window, or move a partition to `{module}`");
+    cx.note(&catalogue::UNKNOWN_PARTITION, &partition.span, message, mend);
+    true
 }
 
 fn ports(cx: &Context<'_>) {

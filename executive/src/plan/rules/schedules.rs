@@ -224,7 +224,9 @@ fn partitions(cx: &Context<'_>) {
         // A window of an unknown partition may well be the one that seems to be missing.
         return;
     }
-    for (place, partition) in cx.file.partitions.iter().enumerate() {
+    // What a relay needs is a rule of the links.
+    let own = cx.file.partitions.iter().enumerate().filter(|(_, partition)| !partition.generated);
+    for (place, partition) in own {
         let runs = |schedule: &&RawSchedule| {
             schedule.windows.iter().any(|window| cx.names.owner(window) == Some(place))
         };

@@ -116,7 +116,7 @@ fn even(indices: &BTreeMap<u32, &Span>, frames: u64) -> bool {
 }
 
 /// The distances from each instant to the next in a cycle.
-pub(super) fn gaps(starts: &[u64], cycle: u64) -> impl Iterator<Item = u64> + '_ {
+pub(in crate::plan) fn gaps(starts: &[u64], cycle: u64) -> impl Iterator<Item = u64> + '_ {
     let again = starts.first().map(|first| first + cycle);
     starts.iter().zip(starts.iter().copied().skip(1).chain(again)).map(|(start, next)| next - start)
 }

@@ -84,7 +84,7 @@ fn plan(settings: &Settings) -> Result<Plan> {
             path.display()
         );
     }
-    match plan_file::read_among(path, None)? {
+    match plan_file::read_among(path, None, false)? {
         Ok((plan, _)) => Ok(plan),
         Err(report) => bail!("{}", report.render(false)),
     }

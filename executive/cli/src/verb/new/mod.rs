@@ -79,7 +79,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
 
 /// The plan; none where it breaks rules, which are printed. A message type that nobody knows may well be meant to come.
 fn read(path: &Path) -> Result<Option<Plan>> {
-    match plan_file::read_among(path, None)? {
+    match plan_file::read_among(path, None, false)? {
         Ok((plan, _)) => Ok(Some(plan)),
         Err(report) => {
             eprint!("{}", report.render(false));

@@ -1,10 +1,11 @@
-//! What follows from a plan, as text: how full each core is, and how old each chain becomes.
+//! What follows from a plan, as text: how full each core is, how old each chain becomes, and what each link costs.
 
 use std::fmt::Write;
 
 use bateleur_executive::plan::Plan;
 use bateleur_executive::plan::facts::{ChainAge, CoreUse, Facts, share};
-use bateleur_executive::plan::units::ShowTime;
+use bateleur_executive::plan::links::LinkCost;
+use bateleur_executive::plan::units::{ShowRate, ShowTime};
 
 /// Every schedule's cores and chains.
 pub(crate) fn text(plan: &Plan, facts: &Facts) -> String {
@@ -20,14 +21,56 @@ pub(crate) fn text(plan: &Plan, facts: &Facts) -> String {
         for chain in
             plan.chains.iter().filter(|chain| !schedule.chains.iter().any(|age| age.chain == chain.name))
         {
-            let _ = writeln!(
-                out,
-                "  chain `{}`: not computed, a partition of it has no window here or is on another module",
-                chain.name
-            );
+            let _ =
+                writeln!(out, "  chain `{}`: not computed, a partition of it has no window here", chain.name);
         }
     }
     out
+}
+
+/// What each link costs each of its ends, in the schedule that every module starts with.
+pub(crate) fn links(plan: &Plan, facts: &Facts) -> String {
+    let mut out = String::new();
+    for cost in facts.initial(plan).into_iter().flat_map(|schedule| &schedule.links) {
+        link_cost(&mut out, cost);
+    }
+    out
+}
+
+fn link_cost(out: &mut String, cost: &LinkCost) {
+    let _ = writeln!(
+        out,
+        "link `{}`, `{}` to `{}`: {} channel(s); relay {} in {} windows of {} ({})",
+        cost.link,
+        cost.module,
+        cost.peer,
+        cost.channels,
+        ShowTime(cost.relay_ns),
+        cost.relay_windows,
+        ShowTime(cost.major_frame_ns),
+        percent(share(cost.relay_ns, cost.major_frame_ns)),
+    );
+    let phase = match cost.aligned_within_ns {
+        Some(within) => format!("frames within {}", ShowTime(within)),
+        None => "frames in any phase".to_owned(),
+    };
+    let _ = writeln!(
+        out,
+        "    up to {} of {} bytes in a window; at most {} on the way, {phase}",
+        cost.window_bytes,
+        cost.window_room_bytes,
+        ShowTime(cost.latency_ns),
+    );
+    for network in &cost.networks {
+        let _ = writeln!(
+            out,
+            "    network `{}`: {} of {} set aside ({})",
+            network.network,
+            ShowRate(network.reserved_bits_per_s),
+            ShowRate(network.rate_bits_per_s),
+            percent(share(network.reserved_bits_per_s, network.rate_bits_per_s)),
+        );
+    }
 }
 
 /// Hundredths of a percent as a percentage.

@@ -1,10 +1,11 @@
 //! The channels as a graph of the partitions: boxes from left to right in the order of their windows, solid lines for
-//! sampling, dashed for queuing.
+//! sampling, dashed for queuing. A plan for several modules has each box's module under its name, and thick lines where a
+//! channel crosses; relays are no ends of channels and not drawn.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
-use bateleur_executive::plan::{Kind, PartitionId, Plan};
+use bateleur_executive::plan::{Kind, Module, PartitionId, Plan};
 
 use super::layout::{self, Layout, Line, Point};
 use super::picture::{colour, escaped};
@@ -23,6 +24,8 @@ struct Link {
     there: Vec<String>,
     /// From the second to the first: queuing channels that answer each other are one line.
     back: Vec<String>,
+    /// The link between modules that carries it.
+    carrier: Option<String>,
 }
 
 /// By the earlier partition, the later one, whether it is queuing, and whether a sampling link leads back.
@@ -35,7 +38,7 @@ fn in_order_of_time(plan: &Plan) -> Vec<PartitionId> {
         let mine = windows.iter().filter(|window| window.partition == id);
         mine.filter_map(|window| Some((window.minor.first().copied()?, window.offset_ns))).min()
     };
-    let mut ids: Vec<PartitionId> = plan.partition_ids().collect();
+    let mut ids: Vec<PartitionId> = plan.partition_ids().filter(|&id| !plan[id].relay).collect();
     ids.sort_by_key(|&id| (first(id).is_none(), first(id), id));
     ids
 }
@@ -52,6 +55,8 @@ fn links(plan: &Plan, order: &[PartitionId]) -> Links {
             }
             let (queuing, back) = (channel.kind == Kind::Queuing, from > to);
             let link = links.entry((from.min(to), from.max(to), queuing, back && !queuing)).or_default();
+            let (one, other) = (plan[source.partition].module, plan[plan[destination].partition].module);
+            link.carrier = plan.link_between(one, other).map(|link| plan[link].name.clone());
             let text = format!("{} → {}", source.name, plan[destination].name);
             if back { link.back.push(text) } else { link.there.push(text) }
         }
@@ -72,17 +77,32 @@ fn layers(links: &Links, count: usize) -> Vec<usize> {
 /// The graph for Graphviz.
 pub(super) fn dot(plan: &Plan) -> String {
     let mut out = String::from("digraph channels {\n    rankdir = LR;\n    node [shape = box];\n");
-    for partition in &plan.partitions {
-        let _ = writeln!(out, "    \"{}\";", partition.name);
+    let own = |module: &Module| {
+        let mine = plan.partitions.iter().filter(|partition| !partition.relay);
+        mine.filter(|partition| plan[partition.module].name == module.name).collect::<Vec<_>>()
+    };
+    for module in &plan.modules {
+        let several = plan.modules.len() > 1;
+        if several {
+            let _ = writeln!(out, "    subgraph \"cluster_{0}\" {{ label = \"{0}\";", module.name);
+        }
+        for partition in own(module) {
+            let _ = writeln!(out, "    \"{}\";", partition.name);
+        }
+        if several {
+            out.push_str("    }\n");
+        }
     }
     for channel in &plan.channels {
         let source = &plan[channel.source];
         for &destination in &channel.destinations {
             let to = &plan[destination];
             let style = if channel.kind == Kind::Queuing { ", style = dashed" } else { "" };
+            let (one, other) = (plan[source.partition].module, plan[to.partition].module);
+            let wide = if one == other { "" } else { ", penwidth = 3" };
             let _ = writeln!(
                 out,
-                "    \"{}\" -> \"{}\" [label = \"{} → {}\"{style}];",
+                "    \"{}\" -> \"{}\" [label = \"{} → {}\"{style}{wide}];",
                 plan[source.partition].name, plan[to.partition].name, source.name, to.name
             );
         }
@@ -145,11 +165,14 @@ fn edges(body: &mut String, links: &Links, layout: &Layout, order: &[PartitionId
             }
             let tips = [(start, " marker-start=\"url(#tip)\""), (end, " marker-end=\"url(#tip)\"")];
             let tips: String = tips.iter().filter(|tip| tip.0).map(|tip| tip.1).collect();
+            let width = if link.carrier.is_some() { "3.2" } else { "1.6" };
+            let over = link.carrier.iter().map(|name| format!("over link {name}:"));
+            let words: Vec<String> = over.chain([link.there.join(", "), link.back.join(", ")]).collect();
             let _ = writeln!(
                 body,
-                "<path d=\"{}\" fill=\"none\" stroke=\"{stroke}\" stroke-width=\"1.6\"{dash}{tips}><title>{}</title></path>",
+                "<path d=\"{}\" fill=\"none\" stroke=\"{stroke}\" stroke-width=\"{width}\"{dash}{tips}><title>{}</title></path>",
                 curve(layout, pair[0], pair[1]),
-                escaped(&[link.there.join(", "), link.back.join(", ")].join(" "))
+                escaped(&words.join(" "))
             );
         }
     }
@@ -180,6 +203,14 @@ fn boxes(body: &mut String, plan: &Plan, layout: &Layout, order: &[PartitionId])
             y + 4,
             escaped(&plan[id].name)
         );
+        if plan.modules.len() > 1 {
+            let _ = writeln!(
+                body,
+                "<text x=\"{x}\" y=\"{}\" text-anchor=\"middle\" font-size=\"10\" fill=\"#666666\">on {}</text>",
+                y + BOX_HEIGHT / 2 + 11,
+                escaped(&plan[plan[id].module].name)
+            );
+        }
     }
 }
 

@@ -20,6 +20,10 @@ pub const LATE_NS: u64 = 200_000;
 pub trait Pace {
     /// Returns at `instant_ns` of module time, or as soon after as it can; gives how late, ns.
     fn reach(&mut self, instant_ns: u64, meanwhile: &mut dyn Meanwhile) -> u64;
+    /// As [`Pace::reach`], for an instant at which windows end and nothing begins.
+    fn pass(&mut self, instant_ns: u64, meanwhile: &mut dyn Meanwhile) -> u64 {
+        self.reach(instant_ns, meanwhile)
+    }
 }
 
 /// What can be done with the time until the next switch.
@@ -113,6 +117,8 @@ struct Switch {
     closes: bool,
     opens: Option<TimelineWindow>,
     minor_frame: bool,
+    /// A window or a minor frame begins at this instant, on whichever core.
+    begins: bool,
 }
 
 /// The switch instants of one schedule over its major frame.
@@ -194,7 +200,7 @@ impl Dispatcher {
             [only] => only.first().find_map(|switch| switch.opens),
             _ => None,
         };
-        self.reach(frame.start_ns, None, first, pace, gate)
+        pace.reach(frame.start_ns, &mut Between { gate, open: &self.open, opens: first })
     }
 
     /// Ends the windows that last until the end of the frame before.
@@ -239,7 +245,7 @@ impl Dispatcher {
             let switch = self.tables[frame.reign.schedule].switches[index];
             let instant_ns = frame.start_ns + switch.at_ns;
             if instant_ns != reached_ns {
-                late_ns = self.reach(instant_ns, Some(switch.lane), switch.opens, pace, gate);
+                late_ns = self.reach(instant_ns, &switch, pace, gate);
                 reached_ns = instant_ns;
             }
             if switch.minor_frame && !gate.minor_frame(instant_ns) {
@@ -259,20 +265,14 @@ impl Dispatcher {
         true
     }
 
-    /// Reaches an instant, for one lane or for all of them.
-    fn reach(
-        &self,
-        instant_ns: u64,
-        lane: Option<usize>,
-        opens: Option<TimelineWindow>,
-        pace: &mut dyn Pace,
-        gate: &mut dyn Gate,
-    ) -> u64 {
-        let open = match lane {
-            Some(lane) => &self.open[lane..=lane],
-            None => &self.open[..],
-        };
-        pace.reach(instant_ns, &mut Between { gate, open, opens })
+    /// Reaches the instant of a switch.
+    fn reach(&self, instant_ns: u64, switch: &Switch, pace: &mut dyn Pace, gate: &mut dyn Gate) -> u64 {
+        let open = &self.open[switch.lane..=switch.lane];
+        let mut between = Between { gate, open, opens: switch.opens };
+        match switch.begins {
+            true => pace.reach(instant_ns, &mut between),
+            false => pace.pass(instant_ns, &mut between),
+        }
     }
 
     fn occurrence(&self, frame: &Frame, window: TimelineWindow, lane: usize, late_ns: u64) -> Occurrence {
@@ -339,6 +339,11 @@ impl Table {
         // At one instant: the frame is announced, then ends come before starts, then the order of the cores.
         switches
             .sort_by_key(|switch| (switch.at_ns, !switch.minor_frame, switch.opens.is_some(), switch.lane));
+        let begins = |switch: &Switch| switch.opens.is_some() || switch.minor_frame;
+        for at in switches.chunk_by_mut(|one, next| one.at_ns == next.at_ns) {
+            let any = at.iter().any(begins);
+            at.iter_mut().for_each(|switch| switch.begins = any);
+        }
         Self { switches, major_frame_ns: timeline.major_frame_ns, minor_frame_ns: timeline.minor_frame_ns }
     }
 
@@ -354,11 +359,25 @@ fn lane_switches(lane: usize, windows: &[TimelineWindow], major_frame_ns: u64, s
     for (index, window) in windows.iter().enumerate() {
         let closes = index > 0 && windows[index - 1].end_ns == window.start_ns;
         let opens = Some(*window);
-        switches.push(Switch { at_ns: window.start_ns, lane, closes, opens, minor_frame: false });
+        switches.push(Switch {
+            at_ns: window.start_ns,
+            lane,
+            closes,
+            opens,
+            minor_frame: false,
+            begins: true,
+        });
         let next_ns = windows.get(index + 1).map_or(major_frame_ns, |next| next.start_ns);
         if next_ns != window.end_ns {
             let (closes, opens) = (true, None);
-            switches.push(Switch { at_ns: window.end_ns, lane, closes, opens, minor_frame: false });
+            switches.push(Switch {
+                at_ns: window.end_ns,
+                lane,
+                closes,
+                opens,
+                minor_frame: false,
+                begins: false,
+            });
         }
     }
 }
@@ -371,6 +390,7 @@ fn mark_minor_frames(switches: &mut Vec<Switch>, timeline: &Timeline) {
         closes: false,
         opens: None,
         minor_frame: true,
+        begins: true,
     }));
 }
 

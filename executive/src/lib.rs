@@ -29,5 +29,6 @@ pub mod slot;
 pub mod system;
 #[cfg(test)]
 mod test_support;
+pub mod together;
 pub mod wall;
 pub mod world;

@@ -98,6 +98,11 @@ impl Started {
         kill_process_group(Pid::from_raw(self.pid()).unwrap(), signal).unwrap();
     }
 
+    /// Whether it has ended.
+    pub fn has_ended(&mut self) -> bool {
+        self.child.try_wait().unwrap().is_some()
+    }
+
     /// Waits until it ends by itself.
     #[track_caller]
     pub fn end(self) -> Ended {

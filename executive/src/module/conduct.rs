@@ -32,6 +32,7 @@ use crate::seats::Seats;
 use crate::slot::Grant;
 use crate::system::sched;
 use crate::system::time::now_ns;
+use crate::together::{JointPace, Member};
 use crate::wall::{WallGate, WallPace};
 use crate::world::{Recorder, Surroundings};
 
@@ -153,7 +154,7 @@ impl Ready<'_> {
         monitor.events().tell(&Event::Ready { partitions: seats.iter().flatten().count() });
         let line = line_partition(view).and_then(|line| seats[line.index()].clone());
         course.surroundings.begin(recorder, line);
-        let (begin_ns, origin_ns) = course.begin(resets);
+        let (begin_ns, origin_ns) = course.begin(resets)?;
         agenda.begin(begin_ns);
         let tables = Tables {
             timelines: Timeline::all(plan, view.id()),
@@ -164,7 +165,9 @@ impl Ready<'_> {
         monitor.begin(begin_ns);
         let surroundings = &mut course.surroundings;
         match clock {
-            Clock::Virtual => Ok(run_virtual(&tables, monitor, surroundings, records, facts)),
+            Clock::Virtual => {
+                Ok(run_virtual(&tables, monitor, surroundings, records, facts, course.member.as_ref()))
+            }
             Clock::Wall => run_wall(&tables, monitor, surroundings, lanes, facts, origin_ns),
         }
     }
@@ -244,12 +247,27 @@ fn run_virtual(
     surroundings: &mut Surroundings,
     records: Records,
     facts: &Machine,
+    member: Option<&Member>,
 ) -> u64 {
     // On the partitions' own core a grant is a switch, not an interrupt to another processor.
     let _ = sched::bind(0, &facts.partitioned_cores()); // slower otherwise, nothing else
     let mut gate = VirtualGate::new(monitor, surroundings, records, tables.changes.clone());
     let dispatcher = Dispatcher::new(&tables.timelines, tables.agenda.clone(), true, |_| true);
-    dispatcher.beginning_at(tables.begin_ns).run(&mut VirtualPace, &mut gate, &|| false);
+    let mut dispatcher = dispatcher.beginning_at(tables.begin_ns);
+    let Some(member) = member else {
+        dispatcher.run(&mut VirtualPace, &mut gate, &|| false);
+        return surroundings.module_ns();
+    };
+    dispatcher.run(&mut JointPace(member), &mut gate, &|| false);
+    let starts_again = monitor.stop_asked().is_some_and(|stop| stop.reset) && !surroundings.is_over();
+    if !starts_again {
+        member.leave();
+    }
+    for partition in member.dead() {
+        let text = "this module on the same virtual clock has died: it was not waited for any more".into();
+        let time_s = surroundings.module_ns() as f64 / 1e9;
+        monitor.events().tell(&Event::Message { time_s, partition, text });
+    }
     surroundings.module_ns()
 }
 

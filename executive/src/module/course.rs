@@ -13,6 +13,7 @@ use crate::monitor::Kept;
 use crate::plan::{ModuleView, PartitionId, Plan};
 use crate::planned::PlannedActs;
 use crate::system::time::now_ns;
+use crate::together::{Member, PATIENCE_NS};
 use crate::world::{Changing, Surroundings};
 
 /// Real time from "ready" to frame 0: long enough for every dispatcher thread to be in its sleep.
@@ -29,6 +30,10 @@ pub(super) struct Course {
     /// Module time at which the last start ended, ns.
     ended_ns: u64,
     startup_ns: u64,
+    /// Virtual clock: the module among others on it.
+    pub(super) member: Option<Member>,
+    /// Of the initial schedule.
+    major_frame_ns: u64,
     lost_records: u64,
     spun_ns: u64,
 }
@@ -52,6 +57,10 @@ pub(super) struct Ended {
 impl Course {
     /// A run that has not begun. Takes what it needs of `options`.
     pub(super) fn new(plan: &Plan, view: &ModuleView<'_>, options: &mut Options) -> Result<Self, RunError> {
+        // Before anything of a run that shares its clock by mistake is written over.
+        let together = options.together.take().filter(|_| options.clock == Clock::Virtual);
+        let join = |together| Member::join(together, &options.module, options.stop.clone());
+        let member = together.map(join).transpose().map_err(RunError::Together)?;
         let window_log = WindowLog::create(&options.output).map_err(machine("cannot write windows.csv"))?;
         let health_log = HealthLog::create(&options.output, plan.health.log)
             .map_err(machine("cannot write health.jsonl"))?;
@@ -73,6 +82,8 @@ impl Course {
             origin_ns: None,
             ended_ns: 0,
             startup_ns: plan.health.reset.startup_ns,
+            member,
+            major_frame_ns: plan[plan.initial_schedule()].major_frame_ns,
             lost_records: 0,
             spun_ns: 0,
         })
@@ -100,15 +111,25 @@ impl Course {
 
     /// Module time of frame 0 of a start whose partitions are ready, ns, and on the wall clock the CLOCK_MONOTONIC instant of
     /// module time 0.
-    pub(super) fn begin(&mut self, resets: u32) -> (u64, u64) {
+    ///
+    /// # Errors
+    /// A module that shares the virtual clock did not come.
+    pub(super) fn begin(&mut self, resets: u32) -> Result<(u64, u64), RunError> {
+        if let Some(member) = &mut self.member {
+            member.await_all(PATIENCE_NS).map_err(RunError::Together)?;
+        }
         let ready_ns = now_ns() + LEAD_NS;
         let origin_ns = *self.origin_ns.get_or_insert(ready_ns);
         let begin_ns = match (self.clock, resets) {
             (_, 0) => 0,
             (Clock::Wall, _) => ready_ns.saturating_sub(origin_ns),
+            // Its frames lie as the others' again.
+            (Clock::Virtual, _) if self.member.is_some() => {
+                (self.ended_ns + self.startup_ns).next_multiple_of(self.major_frame_ns)
+            }
             (Clock::Virtual, _) => self.ended_ns + self.startup_ns,
         };
-        (begin_ns, origin_ns)
+        Ok((begin_ns, origin_ns))
     }
 
     /// One start has ended.

@@ -14,6 +14,7 @@ use crate::instance::clean_leftovers;
 use crate::machine::Machine;
 use crate::plan::{ModuleView, Plan};
 use crate::planned::{Act, Killings, PlannedAct};
+use crate::together::{Together, TogetherError};
 use crate::world::Companion;
 use base::Base;
 use course::{Course, Ended};
@@ -40,6 +41,8 @@ pub struct Options {
     pub killings: Option<Killings>,
     /// Schedules to change to, with the module time at which they are asked for, ns.
     pub schedule_changes: Vec<(String, u64)>,
+    /// Other modules on the same virtual clock.
+    pub together: Option<Together>,
     /// End at this module time, ns.
     pub until_ns: Option<u64>,
     /// Refuse to start where a promise does not hold.
@@ -94,6 +97,9 @@ pub enum RunError {
     /// `--require strict` and a promise that does not hold.
     #[error("refused to start, because strict was required and this machine lacks:\n{0}")]
     Strict(String),
+    /// Other modules on the same virtual clock.
+    #[error(transparent)]
+    Together(TogetherError),
     /// Something of the machine.
     #[error("{what}: {why}")]
     Machine {

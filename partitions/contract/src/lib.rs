@@ -15,7 +15,7 @@ mod mapping;
 
 pub use description::{Clock, Description, Direction, PortDescription, PortKind, StartCondition};
 pub use fault::{FaultKind, FaultOrder};
-pub use mapping::{Mapped, MappingError};
+pub use mapping::{Mapped, MappingError, SharedMemory};
 pub use page::{ControlPage, ErrorCode, Mode, ReportKind, Reported, Takeover};
 pub use relay::{ClockRole, LinkTable, PathTable, RELAY_KEYS_FD, RelayChannel, RelayTable};
 

@@ -17,6 +17,7 @@ use anyhow::{Context, Result, anyhow};
 use bateleur_contract::Clock;
 use bateleur_executive::event::{Event, Events};
 use bateleur_executive::module::{Options, run as run_module};
+use bateleur_executive::together::Together;
 use bateleur_executive::world::Companion;
 
 use super::air::module_time;
@@ -44,6 +45,14 @@ pub(crate) struct Arguments {
     /// Run on the virtual clock: as fast as the machine can.
     #[arg(long)]
     pub(crate) fast: bool,
+    /// Share the virtual clock with other modules on this machine, through this file: their windows come in one order, the
+    /// same in every run. The first module makes the file, the last removes it.
+    #[arg(long, value_name = "FILE", requires = "fast", requires = "place")]
+    pub(crate) together: Option<PathBuf>,
+    /// This module's place among those that share the virtual clock, and how many they are, such as 0/2; of windows at one
+    /// instant the lower place comes first.
+    #[arg(long, value_name = "PLACE/COUNT", requires = "together", value_parser = parse_place)]
+    pub(crate) place: Option<(usize, usize)>,
     /// End at this module time, seconds.
     #[arg(long, value_name = "SECONDS", value_parser = module_time, allow_negative_numbers = true)]
     pub(crate) until: Option<f64>,
@@ -99,6 +108,13 @@ pub(crate) fn parse_schedule_change(text: &str) -> Result<ScheduleChange, String
     let (schedule, at_s) =
         name_at(text).ok_or_else(|| format!("\"{text}\" is not NAME@SECONDS, such as ground@100"))?;
     Ok(ScheduleChange { schedule, at_s })
+}
+
+/// A module's place among several, and their count.
+fn parse_place(text: &str) -> Result<(usize, usize), String> {
+    let numbers =
+        text.split_once('/').and_then(|(place, count)| Some((place.parse().ok()?, count.parse().ok()?)));
+    numbers.ok_or_else(|| format!("\"{text}\" is not PLACE/COUNT, such as 0/2 for the first of two modules"))
 }
 
 /// What happens to whom at a module time, s.
@@ -181,6 +197,11 @@ fn options(
         acts: arguments.faults.planned(),
         killings: arguments.faults.killings(),
         schedule_changes: changes.collect(),
+        together: arguments.together.clone().zip(arguments.place).map(|(file, (place, count))| Together {
+            file,
+            place,
+            count,
+        }),
         until_ns: arguments.until.map(nanoseconds),
         strict: arguments.require.is_some(),
         record: arguments.record.then(|| folder.join("ports.mcap")),

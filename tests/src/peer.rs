@@ -96,6 +96,12 @@ impl Peer {
         self.ready["listening"].as_str().unwrap()
     }
 
+    /// Says a line to it.
+    pub fn say(&mut self, line: &Value) {
+        use std::io::Write;
+        writeln!(self.input.as_mut().unwrap(), "{line}").unwrap();
+    }
+
     /// Its next line; it must come.
     pub fn line(&mut self) -> Value {
         let mut line = String::new();

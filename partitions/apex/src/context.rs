@@ -18,6 +18,7 @@ use crate::line::Line;
 use crate::ports::{
     Connect, Inlet, Outlet, QueuingDestination, QueuingSource, SamplingDestination, SamplingSource,
 };
+use crate::raw::{RawQueuingDestination, RawQueuingSource, RawSamplingDestination, RawSamplingSource};
 use crate::retained::Retained;
 use crate::schedule::ModuleSchedules;
 use crate::time::Time;
@@ -174,6 +175,56 @@ impl Context {
         Ok(QueuingDestination::new(self.inlet(&port)?, self.time.clone()))
     }
 
+    /// As [`Context::sampling_source`], for messages of whatever type the plan says; with their length, bytes.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn raw_sampling_source(&mut self, name: &str) -> Result<(RawSamplingSource, usize), StartError> {
+        let port = self.raw_port(name, PortKind::Sampling, Direction::Source)?;
+        let outlet = self.writer(&port)?.map(|writer| self.outlet(name, writer, None));
+        Ok((RawSamplingSource::new(outlet, self.time.clone()), port.size as usize))
+    }
+
+    /// As [`Context::sampling_destination`], for messages of whatever type the plan says; with their length, bytes.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn raw_sampling_destination(
+        &mut self,
+        name: &str,
+    ) -> Result<(RawSamplingDestination, usize), StartError> {
+        let port = self.raw_port(name, PortKind::Sampling, Direction::Destination)?;
+        Ok((RawSamplingDestination::new(self.reader(&port)?, self.time.clone()), port.size as usize))
+    }
+
+    /// As [`Context::queuing_source`], for messages of whatever type the plan says; with the longest one's length, bytes.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn raw_queuing_source(&mut self, name: &str) -> Result<(RawQueuingSource, usize), StartError> {
+        let port = self.raw_port(name, PortKind::Queuing, Direction::Source)?;
+        let writer = self.writer(&port)?;
+        let observed = match &writer {
+            Some(_) => Some(self.open_writer(&channel_type(&port).observed())?),
+            None => None,
+        };
+        let outlet = writer.map(|writer| self.outlet(name, writer, observed));
+        Ok((RawQueuingSource::new(outlet, self.time.clone()), port.size as usize))
+    }
+
+    /// As [`Context::queuing_destination`], for messages of whatever type the plan says; with the longest one's length,
+    /// bytes.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn raw_queuing_destination(
+        &mut self,
+        name: &str,
+    ) -> Result<(RawQueuingDestination, usize), StartError> {
+        let port = self.raw_port(name, PortKind::Queuing, Direction::Destination)?;
+        Ok((RawQueuingDestination::new(self.inlet(&port)?, self.time.clone()), port.size as usize))
+    }
+
     /// Names of the ports that the plan declares with this direction and kind, in order; for a partition whose
     /// ports the plan decides, such as Command.
     pub fn port_names(&self, kind: PortKind, direction: Direction) -> Vec<String> {
@@ -235,10 +286,7 @@ impl Context {
         kind: PortKind,
         direction: Direction,
     ) -> Result<PortDescription, StartError> {
-        let Some(port) = self.description.ports.iter().find(|port| port.name == name) else {
-            let known: Vec<_> = self.description.ports.iter().map(|port| port.name.as_str()).collect();
-            return Err(StartError::NoSuchPort { name: name.into(), known: known.join(", ") });
-        };
+        let port = self.declared(name)?;
         let size_fits = port.size as usize >= size_of::<T>();
         if port.kind != kind || port.direction != direction || port.message != T::NAME || !size_fits {
             let say = |kind, direction, message: &str, size| {
@@ -250,8 +298,36 @@ impl Context {
                 wanted: say(kind, direction, T::NAME, size_of::<T>()),
             });
         }
+        let port = port.clone();
         self.used.insert(name.into());
-        Ok(port.clone())
+        Ok(port)
+    }
+
+    /// A port whose message type does not matter.
+    fn raw_port(
+        &mut self,
+        name: &str,
+        kind: PortKind,
+        direction: Direction,
+    ) -> Result<PortDescription, StartError> {
+        let port = self.declared(name)?;
+        if port.kind != kind || port.direction != direction {
+            return Err(StartError::WrongPort {
+                name: name.into(),
+                found: format!("{:?} {:?}", port.kind, port.direction),
+                wanted: format!("{kind:?} {direction:?}"),
+            });
+        }
+        let port = port.clone();
+        self.used.insert(name.into());
+        Ok(port)
+    }
+
+    fn declared(&self, name: &str) -> Result<&PortDescription, StartError> {
+        self.description.ports.iter().find(|port| port.name == name).ok_or_else(|| {
+            let known: Vec<_> = self.description.ports.iter().map(|port| port.name.as_str()).collect();
+            StartError::NoSuchPort { name: name.into(), known: known.join(", ") }
+        })
     }
 
     fn writer(&mut self, port: &PortDescription) -> Result<Option<Rc<Writer>>, StartError> {

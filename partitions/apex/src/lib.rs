@@ -41,6 +41,7 @@ mod faults;
 mod harness;
 mod line;
 mod ports;
+mod raw;
 mod retained;
 mod return_code;
 mod run;
@@ -52,11 +53,16 @@ mod window;
 
 pub use attributes::{AttributeError, Attributes};
 pub use bateleur_contract::{Direction, ErrorCode, PortKind, StartCondition};
+pub use bateleur_ports::Stamp;
 pub use context::{Context, StartError};
 pub use errors::{HealthError, Response};
 pub use harness::{Harness, Incarnation};
 pub use line::Line;
 pub use ports::{QueuingDestination, QueuingSource, Reading, SamplingDestination, SamplingSource, Sent};
+pub use raw::{
+    RawMessage, RawQueuingDestination, RawQueuingSource, RawReading, RawSamplingDestination,
+    RawSamplingSource,
+};
 pub use retained::Retained;
 pub use return_code::ReturnCode;
 pub use run::{Partition, run};

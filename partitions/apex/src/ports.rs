@@ -37,7 +37,7 @@ impl Connect for Reader {
 /// Where a queue comes in. One that stands by attaches itself when it takes over: nobody would take what waits for it, and
 /// once it were full its source could send nothing any more.
 pub(crate) struct Inlet {
-    reader: OnceCell<Reader>,
+    pub(crate) reader: OnceCell<Reader>,
     kind: ChannelType,
     channel: Channel,
 }
@@ -103,7 +103,7 @@ impl Outlet {
 
     /// Gives the number of receivers; a message that an ordered fault withholds has been received, as far as its sender can
     /// tell.
-    fn put(&self, bytes: &[u8], stamp: Stamp, now_ns: u64) -> Result<usize, Refusal> {
+    pub(crate) fn put(&self, bytes: &[u8], stamp: Stamp, now_ns: u64) -> Result<usize, Refusal> {
         match self.fault.meet(bytes, stamp, now_ns) {
             Fate::Pass => self.send(bytes, stamp),
             Fate::Replace(bytes) => self.send(&bytes, stamp),
@@ -191,7 +191,7 @@ pub struct SamplingDestination<T> {
 
 /// At most this many messages wait in a sampling port: one of a dead source, one of its successor. Then it is empty,
 /// so that reading takes a bounded time whatever the writer does.
-const WAITING_AT_MOST: usize = 3;
+pub(crate) const WAITING_AT_MOST: usize = 3;
 
 impl<T: Message> SamplingDestination<T> {
     /// A port on a reading end that the caller opened: for measuring. A partition asks its [`crate::Context`].
@@ -316,7 +316,7 @@ impl<T: Message> QueuingDestination<T> {
     }
 }
 
-enum Refusal {
+pub(crate) enum Refusal {
     Full,
     Other(String),
 }
@@ -363,7 +363,7 @@ fn refusal(error: iceoryx2::port::SendError) -> Refusal {
     }
 }
 
-fn refused(time: &Time, what: &str) {
+pub(crate) fn refused(time: &Time, what: &str) {
     time.page().port_refusals.fetch_add(1, Relaxed);
     time.page().report(ReportKind::PortError, what);
 }

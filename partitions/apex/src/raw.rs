@@ -1,0 +1,232 @@
+//! Ports of whatever message type the plan says, as bytes with their stamps: for a partition that hands messages on, such
+//! as a relay.
+//!
+//! The stamp is the caller's: who hands on keeps the time and the number that the source gave. These ports must never make up
+//! either. Everything else is as with typed ports.
+
+use std::rc::Rc;
+use std::sync::atomic::Ordering::Relaxed;
+
+use bateleur_ports::{Reader, Received, Stamp};
+
+use crate::ports::{Inlet, Outlet, Refusal, Sent, WAITING_AT_MOST, refused};
+use crate::time::Time;
+
+/// The writing end of a sampling channel. A port without a channel swallows what is written.
+pub struct RawSamplingSource {
+    outlet: Option<Rc<Outlet>>,
+    time: Time,
+}
+
+impl RawSamplingSource {
+    pub(crate) fn new(outlet: Option<Rc<Outlet>>, time: Time) -> Self {
+        Self { outlet, time }
+    }
+
+    /// Replaces the channel's value. Bytes of another length than the channel's are refused by its readers.
+    pub fn write(&mut self, bytes: &[u8], stamp: Stamp) {
+        if let Some(outlet) = &self.outlet
+            && let Err(reason) = outlet.put(bytes, stamp, self.time.now_ns())
+        {
+            refused(&self.time, &format!("cannot write {} bytes: {reason}", bytes.len()));
+        }
+    }
+}
+
+/// What a sampling port holds.
+#[derive(Debug)]
+pub struct RawReading<'a> {
+    /// The latest value, in shared memory.
+    pub bytes: &'a [u8],
+    /// What its source said of it.
+    pub stamp: Stamp,
+    /// This port had not read this value before.
+    pub updated: bool,
+}
+
+/// The reading end of a sampling channel.
+pub struct RawSamplingDestination {
+    reader: Option<Rc<Reader>>,
+    latest: Option<Received>,
+    time: Time,
+}
+
+impl RawSamplingDestination {
+    pub(crate) fn new(reader: Option<Rc<Reader>>, time: Time) -> Self {
+        Self { reader, latest: None, time }
+    }
+
+    /// The latest value, as often as it is asked for; nothing before the first.
+    pub fn read(&mut self) -> Option<RawReading<'_>> {
+        let updated = self.take_latest();
+        let latest = self.latest.as_ref()?;
+        Some(RawReading { bytes: latest.payload(), stamp: *latest.user_header(), updated })
+    }
+
+    fn take_latest(&mut self) -> bool {
+        let Some(reader) = &self.reader else { return false };
+        let mut updated = false;
+        for _ in 0..WAITING_AT_MOST {
+            match reader.receive() {
+                Ok(Some(received)) => {
+                    self.latest = Some(received);
+                    updated = true;
+                }
+                Ok(None) => break,
+                Err(error) => {
+                    refused(&self.time, &format!("cannot read: {error:?}"));
+                    break;
+                }
+            }
+        }
+        updated
+    }
+}
+
+/// The writing end of a queuing channel. A port without a channel reports that nobody receives.
+pub struct RawQueuingSource {
+    outlet: Option<Rc<Outlet>>,
+    time: Time,
+}
+
+impl RawQueuingSource {
+    pub(crate) fn new(outlet: Option<Rc<Outlet>>, time: Time) -> Self {
+        Self { outlet, time }
+    }
+
+    /// Appends a message.
+    pub fn send(&mut self, bytes: &[u8], stamp: Stamp) -> Sent {
+        let Some(outlet) = &self.outlet else { return Sent::NoReceiver };
+        let sent = match outlet.put(bytes, stamp, self.time.now_ns()) {
+            Ok(0) => Sent::NoReceiver,
+            Ok(_) => Sent::Queued,
+            Err(Refusal::Full) => Sent::Full,
+            Err(reason) => {
+                refused(&self.time, &format!("cannot send {} bytes: {reason}", bytes.len()));
+                Sent::NoReceiver
+            }
+        };
+        if sent != Sent::Queued {
+            self.time.page().port_refusals.fetch_add(1, Relaxed);
+        }
+        sent
+    }
+}
+
+/// A message out of a queue, still in shared memory.
+#[derive(Debug)]
+pub struct RawMessage(Received);
+
+impl RawMessage {
+    /// The message.
+    #[must_use]
+    pub fn bytes(&self) -> &[u8] {
+        self.0.payload()
+    }
+
+    /// What its source said of it.
+    #[must_use]
+    pub fn stamp(&self) -> Stamp {
+        *self.0.user_header()
+    }
+}
+
+/// The reading end of a queuing channel.
+pub struct RawQueuingDestination {
+    inlet: Option<Rc<Inlet>>,
+    time: Time,
+}
+
+impl RawQueuingDestination {
+    pub(crate) fn new(inlet: Option<Rc<Inlet>>, time: Time) -> Self {
+        Self { inlet, time }
+    }
+
+    /// Takes the oldest message. Only one may be held at a time.
+    pub fn receive(&mut self) -> Option<RawMessage> {
+        match self.inlet.as_ref()?.reader.get()?.receive() {
+            Ok(received) => received.map(RawMessage),
+            Err(error) => {
+                refused(&self.time, &format!("cannot receive: {error:?}"));
+                None
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bateleur_messages::{GroundMessage, Rate};
+
+    use super::*;
+    use crate::{Context, Harness, Partition, StartError, Window};
+
+    /// Hands on what it hears, as it is.
+    struct Echo {
+        rate: RawSamplingDestination,
+        again: RawSamplingSource,
+        orders: RawQueuingDestination,
+        answers: RawQueuingSource,
+        sent: Vec<Sent>,
+    }
+
+    impl Partition for Echo {
+        fn start(context: &mut Context) -> Result<Self, StartError> {
+            let (again, bytes) = context.raw_sampling_source("again")?;
+            assert_eq!(bytes, size_of::<Rate>());
+            Ok(Self {
+                rate: context.raw_sampling_destination("rate")?.0,
+                again,
+                orders: context.raw_queuing_destination("orders")?.0,
+                answers: context.raw_queuing_source("answers")?.0,
+                sent: Vec::new(),
+            })
+        }
+
+        fn window(&mut self, _window: &Window) {
+            if let Some(reading) = self.rate.read().filter(|reading| reading.updated) {
+                self.again.write(reading.bytes, Stamp { source_ns: 77, ..reading.stamp });
+            }
+            while let Some(order) = self.orders.receive() {
+                self.sent.push(self.answers.send(order.bytes(), order.stamp()));
+            }
+        }
+    }
+
+    #[test]
+    fn messages_of_any_type_are_handed_on_with_the_stamp_that_the_caller_gives() {
+        let mut harness = Harness::new("echo").unwrap();
+        let mut rate = harness.sampling_destination::<Rate>("rate", 40_000_000).unwrap();
+        let mut again = harness.sampling_source::<Rate>("again").unwrap();
+        let mut orders = harness.queuing_destination::<GroundMessage>("orders", 4).unwrap();
+        let mut answers = harness.queuing_source::<GroundMessage>("answers", 2).unwrap();
+        let mut echo = harness.start::<Echo>().unwrap();
+        rate.write(&Rate { synchronize: 5, ..Rate::default() });
+        rate.write(&Rate { synchronize: 6, ..Rate::default() });
+        (0..3).for_each(|_| assert_eq!(orders.send(&GroundMessage::default()), Sent::Queued));
+        echo.window();
+        let reading = again.read().unwrap();
+        assert_eq!((reading.value.synchronize, reading.sequence, reading.updated), (6, 2, true));
+        assert_eq!(reading.age_ns, 20_000_000 - 77);
+        assert_eq!(echo.partition.sent[..2], [Sent::Queued, Sent::Queued]);
+        assert_ne!(echo.partition.sent[2], Sent::Queued);
+        assert!(answers.receive().is_some() && answers.receive().is_some() && answers.receive().is_none());
+        echo.window();
+        assert!(!again.read().unwrap().updated);
+    }
+
+    #[test]
+    fn a_port_of_another_kind_is_refused() {
+        struct Wrong;
+        impl Partition for Wrong {
+            fn start(context: &mut Context) -> Result<Self, StartError> {
+                context.raw_queuing_source("rate").map(|_| Self)
+            }
+            fn window(&mut self, _window: &Window) {}
+        }
+        let mut harness = Harness::new("wrong").unwrap();
+        let _rate = harness.sampling_destination::<Rate>("rate", 1).unwrap();
+        let error = harness.start::<Wrong>().err().unwrap().to_string();
+        assert!(error.contains("Sampling Destination") && error.contains("Queuing Source"), "{error}");
+    }
+}

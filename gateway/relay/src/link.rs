@@ -264,6 +264,18 @@ impl Link {
         self.note_state();
     }
 
+    /// When the next datagram may begin, own module time, ns.
+    #[must_use]
+    pub fn next_ns(&self) -> u64 {
+        self.pace.next_ns()
+    }
+
+    /// Whether more of a message that was begun has to go out.
+    #[must_use]
+    pub fn has_more(&self) -> bool {
+        self.outgoing.has_more()
+    }
+
     /// Begins a datagram; nothing while the gap after the one before has not passed.
     pub fn open(&mut self, now_ns: u64, frame: Frame) -> Option<Composer<'_>> {
         if !self.pace.allows(now_ns) {

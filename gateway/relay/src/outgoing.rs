@@ -7,7 +7,7 @@ use crate::link::{Link, Sealed};
 use crate::wire::{self, MESSAGE_BYTES, PIECE_BYTES, Part};
 
 /// The smallest piece but the last, bytes: smaller ones would be mostly heads.
-pub(crate) const LEAST_PIECE: usize = 256;
+pub(crate) const LEAST_PIECE: usize = 32;
 
 /// What the source said of its message.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -48,6 +48,11 @@ impl Outgoing {
     pub(crate) fn new(goes_out: impl Iterator<Item = bool>, most: usize) -> Self {
         let sent = goes_out.map(|out| out.then_some(0)).collect();
         Self { sent, begun: Begun { bytes: Vec::with_capacity(most), ..Begun::default() } }
+    }
+
+    /// Part of a message has gone out, and not all of it.
+    pub(crate) fn has_more(&self) -> bool {
+        self.begun.left() > 0
     }
 
     /// For a new life of the peer.

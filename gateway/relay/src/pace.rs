@@ -13,9 +13,14 @@ impl Pace {
         Self { gap_ns, last_ns: None }
     }
 
+    /// When one may start.
+    pub(crate) fn next_ns(&self) -> u64 {
+        self.last_ns.map_or(0, |last_ns| last_ns.saturating_add(self.gap_ns))
+    }
+
     /// Whether one may start now.
     pub(crate) fn allows(&self, now_ns: u64) -> bool {
-        self.last_ns.is_none_or(|last_ns| now_ns >= last_ns.saturating_add(self.gap_ns))
+        now_ns >= self.next_ns()
     }
 
     /// One starts now.

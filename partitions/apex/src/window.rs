@@ -86,6 +86,17 @@ impl Window {
         }
     }
 
+    /// Sleeps until module time `until_ns`, at the longest to the window's end (TIMED_WAIT). Where module time stands still
+    /// during a window, it returns at once.
+    pub fn wait_until(&self, until_ns: u64) {
+        if self.time.clock() == Clock::Wall {
+            let until_ns = self.time.page().origin_ns.load(Relaxed) + until_ns.min(self.end_ns);
+            let now_ns = monotonic_ns();
+            // A freeze between two windows makes it longer: the window is over then in any case.
+            std::thread::sleep(std::time::Duration::from_nanos(until_ns.saturating_sub(now_ns)));
+        }
+    }
+
     /// Writes into the health log without raising an error (REPORT_APPLICATION_MESSAGE); 128 bytes at most.
     pub fn report(&self, text: &str) {
         self.time.page().report(ReportKind::Message, text);

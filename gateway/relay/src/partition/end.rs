@@ -1,0 +1,215 @@
+//! One link of this relay: its end, and the ports of the channels that it carries.
+
+use bateleur_apex::{
+    Context, PortKind, RawQueuingDestination, RawQueuingSource, RawSamplingDestination, RawSamplingSource,
+    Sent, StartError, Window,
+};
+use bateleur_contract::relay::{LinkTable, RelayChannel, RelayTable};
+use bateleur_relay::{Composer, Delivery, Event, Key, Link, Stamp};
+
+use super::keys;
+
+/// A link and what it carries.
+pub(super) struct End {
+    pub(super) link: Link,
+    pub(super) ports: Ports,
+    name: String,
+    peer: String,
+    networks: Vec<String>,
+    channels: Vec<String>,
+    /// Messages dropped for full queues when it was last said.
+    overflows_told: u64,
+    /// It has still to be said that the link is not authenticated.
+    unprotected: bool,
+}
+
+impl End {
+    /// Opens the ports of a link's channels.
+    pub(super) fn open(
+        context: &mut Context,
+        table: &RelayTable,
+        link: &LinkTable,
+        key: &Key,
+    ) -> Result<Self, StartError> {
+        let refused = |error: bateleur_relay::LinkError| StartError::Other(error.to_string());
+        let ports = link.channels.iter().map(|channel| Port::open(context, channel));
+        let ports = Ports { all: ports.collect::<Result<_, _>>()?, first: 0 };
+        Ok(Self {
+            link: Link::new(table, link, key, keys::unforeseen()?).map_err(refused)?,
+            ports,
+            name: link.name.clone(),
+            peer: link.peer.clone(),
+            networks: link.paths.iter().map(|path| path.network.clone()).collect(),
+            channels: link.channels.iter().map(|channel| channel.name.clone()).collect(),
+            overflows_told: 0,
+            unprotected: !link.authenticated,
+        })
+    }
+
+    /// Says what happened: to the health monitor what is wrong, to the log what is well again.
+    pub(super) fn tell(&mut self, window: &Window) {
+        if std::mem::take(&mut self.unprotected) {
+            window.report(&format!("link {}: not authenticated, as the plan says", self.name));
+        }
+        while let Some(event) = self.link.next_event() {
+            self.tell_one(&event, window);
+        }
+    }
+
+    fn tell_one(&mut self, event: &Event, window: &Window) {
+        let Self { name, peer, .. } = self;
+        match event {
+            Event::NetworkDown(place) => {
+                window.raise(&format!(
+                    "link {name}: nothing comes on network {} any more",
+                    self.networks[*place]
+                ));
+            }
+            Event::NetworkUp(place) => {
+                window.report(&format!("link {name}: network {} is back", self.networks[*place]));
+            }
+            Event::NetworkSilent(place) => {
+                window.raise(&format!("link {name}: nothing has come on network {}", self.networks[*place]));
+            }
+            Event::Up => {
+                window.report(&format!("link {name}: up, {peer} is there"));
+                self.ports.send_all_again();
+            }
+            Event::Down => window.raise(&format!("link {name}: down, {peer} is not heard")),
+            Event::PeerRestarted => window.report(&format!("link {name}: the relay of {peer} was restarted")),
+            Event::PlanDiffers(what) if what.is_empty() => {
+                window.raise(&format!("link {name}: {peer} has another plan; nothing of it is taken"));
+            }
+            Event::PlanDiffers(what) => window.report(&format!("link {name}: the plan of {peer} {what}")),
+            Event::Overflow(place) => self.tell_overflow(*place, window),
+        }
+    }
+
+    /// Said where it has become twice as much: a slow reader must not fill the health log.
+    fn tell_overflow(&mut self, place: usize, window: &Window) {
+        let overflowed = self.link.counters().messages_overflowed;
+        if overflowed >= 2 * self.overflows_told {
+            self.overflows_told = overflowed;
+            let channel = &self.channels[place];
+            window
+                .raise(&format!("link {}: no room for {channel}; {overflowed} messages dropped", self.name));
+        }
+    }
+}
+
+/// The ports of a link's channels, in the order of its table.
+pub(super) struct Ports {
+    all: Vec<Port>,
+    /// Where the next datagram begins to look: the first that did not fit into the one before.
+    first: usize,
+}
+
+/// The own end of a channel.
+enum Port {
+    SamplingOut { port: RawSamplingDestination, bytes: usize, again: bool },
+    QueuingOut { port: RawQueuingDestination, bytes: usize },
+    SamplingIn(RawSamplingSource),
+    QueuingIn(RawQueuingSource),
+}
+
+impl Port {
+    fn open(context: &mut Context, channel: &RelayChannel) -> Result<Self, StartError> {
+        let name = channel.port.as_str();
+        let (port, bytes) = match (channel.kind, channel.outgoing) {
+            (PortKind::Sampling, true) => {
+                let (port, bytes) = context.raw_sampling_destination(name)?;
+                (Self::SamplingOut { port, bytes, again: true }, bytes)
+            }
+            (PortKind::Queuing, true) => {
+                let (port, bytes) = context.raw_queuing_destination(name)?;
+                (Self::QueuingOut { port, bytes }, bytes)
+            }
+            (PortKind::Sampling, false) => {
+                let (port, bytes) = context.raw_sampling_source(name)?;
+                (Self::SamplingIn(port), bytes)
+            }
+            (PortKind::Queuing, false) => {
+                let (port, bytes) = context.raw_queuing_source(name)?;
+                (Self::QueuingIn(port), bytes)
+            }
+        };
+        let said = channel.max_bytes as usize;
+        if bytes == said {
+            return Ok(port);
+        }
+        Err(StartError::Other(format!("port \"{name}\" is for {bytes} bytes, and its channel for {said}")))
+    }
+}
+
+impl Ports {
+    /// Hands a message to its port; false: there is no room, or nobody to receive it.
+    pub(super) fn deliver(&mut self, delivery: &Delivery<'_>) -> bool {
+        let stamp =
+            bateleur_apex::Stamp { source_ns: delivery.source_ns, sequence: u64::from(delivery.sequence) };
+        match self.all.get_mut(delivery.channel) {
+            Some(Port::SamplingIn(port)) => {
+                port.write(delivery.bytes, stamp);
+                true
+            }
+            Some(Port::QueuingIn(port)) => port.send(delivery.bytes, stamp) == Sent::Queued,
+            _ => false, // the link hands on nothing of a channel that goes out
+        }
+    }
+
+    /// Puts into a datagram what is new; true: not everything fitted.
+    pub(super) fn collect(&mut self, composer: &mut Composer<'_>) -> bool {
+        if !composer.takes_messages() {
+            return false;
+        }
+        let count = self.all.len();
+        let begun = self.first;
+        let mut full = false;
+        for step in 0..count {
+            let place = (begun + step) % count;
+            if !self.all[place].put(place, composer) && !std::mem::replace(&mut full, true) {
+                self.first = place;
+            }
+        }
+        full
+    }
+
+    /// Values that were written once shall reach a peer that was not there then.
+    fn send_all_again(&mut self) {
+        for port in &mut self.all {
+            if let Port::SamplingOut { again, .. } = port {
+                *again = true;
+            }
+        }
+    }
+}
+
+impl Port {
+    /// False: there is no room for something that may be new.
+    fn put(&mut self, place: usize, composer: &mut Composer<'_>) -> bool {
+        match self {
+            Self::SamplingOut { port, bytes, again } => {
+                if !composer.has_room(*bytes) {
+                    return false; // it stays in the port, or is replaced by a newer one there
+                }
+                let Some(reading) = port.read() else { return true };
+                if reading.updated || *again {
+                    *again = !composer.put(place, stamp(reading.stamp), reading.bytes);
+                }
+                true
+            }
+            Self::QueuingOut { port, bytes } => {
+                while composer.has_room(*bytes) {
+                    let Some(message) = port.receive() else { return true };
+                    // It was taken out of the queue, and there is room: it can not be refused.
+                    composer.put(place, stamp(message.stamp()), message.bytes());
+                }
+                false
+            }
+            Self::SamplingIn(_) | Self::QueuingIn(_) => true,
+        }
+    }
+}
+
+fn stamp(stamp: bateleur_apex::Stamp) -> Stamp {
+    Stamp { source_ns: stamp.source_ns, sequence: stamp.sequence }
+}

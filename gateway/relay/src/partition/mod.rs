@@ -1,0 +1,148 @@
+//! The partition: in each window it takes in what has come, hands it to its ports, and sends what its ports hold.
+//!
+//! Responsible for: the order of these, and for bounded time in each. It must never retry something late: what a window can
+//! not send waits in its port, and what was sent is gone.
+
+mod end;
+mod keys;
+mod status;
+
+use bateleur_apex::{Context, Partition, StartError, Window};
+use bateleur_contract::relay::{ATTRIBUTE, LinkModelTable, MODEL_ATTRIBUTE, RelayTable, STEPPED};
+use bateleur_relay::transport::{Endpoint, RelayTransport, Stepped, Udp};
+use bateleur_relay::{Arrival, Frame};
+
+use end::End;
+use status::Status;
+
+/// Datagrams of one network of one link that are taken in a window, most. A flood on one network can not eat the window: what
+/// is more waits in the socket until it overflows, and the network counts as what it is, unusable.
+const MOST: usize = 64;
+/// The last part of a window in which no datagram is begun, ns: sending one takes this long at most.
+const CLOSING_NS: u64 = 100_000;
+
+/// See the module's head.
+pub(crate) struct Relay {
+    ends: Vec<End>,
+    endpoints: Vec<Endpoint>,
+    transport: Box<dyn RelayTransport>,
+    status: Status,
+}
+
+impl Partition for Relay {
+    fn start(context: &mut Context) -> Result<Self, StartError> {
+        let table: Option<RelayTable> = context.attribute(ATTRIBUTE, None)?;
+        let model: Option<LinkModelTable> = context.attribute(MODEL_ATTRIBUTE, None)?;
+        let table = table.ok_or_else(|| {
+            let what = "it is started without a table of links: relays are made by the executive from the channels that cross";
+            StartError::Other(what.into())
+        })?;
+        let endpoints = Endpoint::all(&table);
+        let transport = open(&table.transport, &endpoints, model)?;
+        let keys = keys::read(&table)?;
+        let links = table.links.iter().zip(&keys);
+        let ends =
+            links.map(|(link, key)| End::open(context, &table, link, key)).collect::<Result<_, _>>()?;
+        Ok(Self { ends, endpoints, transport, status: Status::new(context, &table)? })
+    }
+
+    fn window(&mut self, window: &Window) {
+        self.take_in(window);
+        for end in &mut self.ends {
+            end.tell(window);
+        }
+        let frame = frame(window);
+        for place in 0..self.ends.len() {
+            self.send(place, window, frame);
+        }
+        self.status.write(window.now_ns(), self.ends.iter().map(|end| &end.link));
+    }
+}
+
+impl Relay {
+    fn take_in(&mut self, window: &Window) {
+        let now_ns = window.now_ns();
+        let Self { ends, endpoints, transport, .. } = self;
+        transport.receive(now_ns, MOST, &mut |came| {
+            let endpoint = &endpoints[came.endpoint];
+            let End { link, ports, .. } = &mut ends[endpoint.place];
+            let arrival = Arrival { network: endpoint.network, came_ns: came.at_ns, now_ns };
+            match came.datagram {
+                // A refusal is counted by the link.
+                Ok(datagram) => {
+                    let _ = link.receive(arrival, datagram, &mut |delivery| ports.deliver(&delivery));
+                }
+                Err(reason) => link.refuse(endpoint.network, reason),
+            }
+        });
+        for End { link, ports, .. } in ends {
+            link.look(now_ns, &mut |delivery| ports.deliver(&delivery));
+        }
+    }
+
+    /// Sends what a link has to send: one datagram, and more as the gap allows while there is something left.
+    fn send(&mut self, place: usize, window: &Window, frame: Frame) {
+        let mut at_ns = window.now_ns();
+        loop {
+            let begin_ns = at_ns.max(self.ends[place].link.next_ns());
+            if begin_ns > at_ns && begin_ns + CLOSING_NS > window.end_ns() {
+                return;
+            }
+            window.wait_until(begin_ns);
+            at_ns = begin_ns.max(window.now_ns());
+            let more = self.send_one(place, window, frame, at_ns);
+            let Self { transport, ends, endpoints, .. } = self;
+            transport.flush(at_ns, &mut |endpoint| {
+                let Endpoint { place, network, .. } = endpoints[endpoint];
+                ends[place].link.could_not_send(network);
+            });
+            if !more {
+                return;
+            }
+        }
+    }
+
+    /// True: something is left.
+    fn send_one(&mut self, place: usize, window: &Window, frame: Frame, at_ns: u64) -> bool {
+        let Self { transport, ends, endpoints, .. } = self;
+        let End { link, ports, .. } = &mut ends[place];
+        let Some(mut composer) = link.open(at_ns, frame) else { return false };
+        let left = ports.collect(&mut composer);
+        let sealed = composer.finish(at_ns.max(window.now_ns()));
+        for (number, endpoint) in endpoints.iter().enumerate().filter(|(_, end)| end.place == place) {
+            transport.send(number, [sealed.bytes, sealed.tag(endpoint.network)]);
+        }
+        left || link.has_more()
+    }
+}
+
+/// The frame that a window lies in: of the beat that is common to all schedules of the module.
+fn frame(window: &Window) -> Frame {
+    let number = window.minor_frames();
+    Frame { number, start_ns: number.saturating_mul(window.minor_frame_ns()) }
+}
+
+fn open(
+    transport: &str,
+    endpoints: &[Endpoint],
+    model: Option<LinkModelTable>,
+) -> Result<Box<dyn RelayTransport>, StartError> {
+    let refused = |error: bateleur_relay::transport::TransportError| StartError::Other(error.to_string());
+    match (transport, model) {
+        (STEPPED, model) => {
+            let stepped = Stepped::open(endpoints, &model.unwrap_or_default()).map_err(refused)?;
+            Ok(Box::new(stepped))
+        }
+        ("udp", None) => Ok(Box::new(Udp::open(endpoints).map_err(refused)?)),
+        ("udp", Some(_)) => Err(StartError::Other(format!(
+            "attribute {MODEL_ATTRIBUTE}: a network is modelled by transport \"{STEPPED}\", or by the program `link_model` \
+             between two real sockets"
+        ))),
+        (other, _) => Err(StartError::Other(format!(
+            "transport \"{other}\" is not one that this relay was built with: \"udp\", \"{STEPPED}\""
+        ))),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -86,6 +86,14 @@ pub struct Occurrence {
     pub late_ns: u64,
 }
 
+impl Occurrence {
+    /// When its major frame began, module time, ns.
+    #[must_use]
+    pub fn major_frame_ns(&self) -> u64 {
+        self.start_ns - self.window.start_ns
+    }
+}
+
 /// The time of one schedule, from one change to the next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Reign {

@@ -447,6 +447,7 @@ fn describe(
         schedules: plan.schedules.iter().map(|schedule| schedule.name.clone()).collect(),
         may_set_schedule: partition.may_set_schedule.iter().map(|id| id.index() as u32).collect(),
         error_handler: partition.error_handler,
+        may_align: partition.relay && plan[partition.module].follows.is_some(),
         retained_bytes: partition.retained_bytes,
         ports_root: housing.ports_root.clone(),
     }

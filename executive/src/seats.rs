@@ -139,6 +139,8 @@ mod tests {
         end_ns: 0,
         minor_frames: 0,
         minor_frame_ns: 1,
+        major_frame: 0,
+        major_frame_ns: 0,
         schedule: 0,
         since_ns: 0,
         next_schedule: 0,

@@ -47,6 +47,10 @@ pub struct Grant {
     pub minor_frames: u64,
     /// The length of a minor frame, ns.
     pub minor_frame_ns: u64,
+    /// Major frames since frame 0.
+    pub major_frame: u64,
+    /// When its major frame began, module time, ns.
+    pub major_frame_ns: u64,
     /// The number of its schedule.
     pub schedule: usize,
     /// When that took effect, module time, ns.
@@ -64,6 +68,8 @@ impl Grant {
             end_ns: occurrence.end_ns,
             minor_frames: occurrence.minor_frames,
             minor_frame_ns: occurrence.minor_frame_ns,
+            major_frame: occurrence.major_frame,
+            major_frame_ns: occurrence.major_frame_ns(),
             schedule: occurrence.reign.schedule,
             since_ns: occurrence.reign.since_ns,
             next_schedule,
@@ -354,6 +360,8 @@ impl Slot {
         self.page.window_end_ns.store(grant.end_ns, Relaxed);
         self.page.minor_frames.store(grant.minor_frames, Relaxed);
         self.page.minor_frame_ns.store(grant.minor_frame_ns, Relaxed);
+        self.page.major_frame.store(grant.major_frame, Relaxed);
+        self.page.major_frame_ns.store(grant.major_frame_ns, Relaxed);
         self.page.schedule.store(grant.schedule as u32, Relaxed);
         self.page.next_schedule.store(grant.next_schedule as u32, Relaxed);
         self.page.schedule_since_ns.store(grant.since_ns, Relaxed);
@@ -494,6 +502,8 @@ mod tests {
         end_ns: 1,
         minor_frames: 0,
         minor_frame_ns: 1,
+        major_frame: 0,
+        major_frame_ns: 0,
         schedule: 0,
         since_ns: 0,
         next_schedule: 0,

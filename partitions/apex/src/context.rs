@@ -12,6 +12,7 @@ use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Membership, Rea
 use serde::de::DeserializeOwned;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
+use crate::alignment::Alignment;
 use crate::attributes::{AttributeError, Attributes};
 use crate::faults::Faults;
 use crate::line::Line;
@@ -121,6 +122,11 @@ impl Context {
     /// The module's clock.
     pub fn time(&self) -> &Time {
         &self.time
+    }
+
+    /// Where to tell how the module's major frames lie to those that they follow. None: it is not for this partition to say.
+    pub fn alignment(&self) -> Option<Alignment> {
+        self.description.may_align.then(|| Alignment::new(self.time.clone()))
     }
 
     /// An attribute's value in the plan, or `default`.

@@ -120,6 +120,7 @@ impl Harness {
             schedules: vec!["harness".into()],
             may_set_schedule: Vec::new(),
             error_handler: false,
+            may_align: false,
             retained_bytes: 0,
             ports_root: folder.0.to_string_lossy().into_owned(),
         };

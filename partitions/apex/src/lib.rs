@@ -34,6 +34,7 @@
 //! }
 //! ```
 
+mod alignment;
 mod attributes;
 mod context;
 mod errors;
@@ -51,8 +52,9 @@ mod takeover;
 mod time;
 mod window;
 
+pub use alignment::Alignment;
 pub use attributes::{AttributeError, Attributes};
-pub use bateleur_contract::{Direction, ErrorCode, PortKind, StartCondition};
+pub use bateleur_contract::{AlignmentReport, Direction, ErrorCode, PortKind, StartCondition};
 pub use bateleur_ports::Stamp;
 pub use context::{Context, StartError};
 pub use errors::{HealthError, Response};
@@ -69,4 +71,4 @@ pub use run::{Partition, run};
 pub use schedule::{ModuleSchedules, ScheduleId, ScheduleStatus};
 pub use takeover::Takeover;
 pub use time::Time;
-pub use window::Window;
+pub use window::{MajorFrame, Window};

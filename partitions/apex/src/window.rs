@@ -11,6 +11,16 @@ use crate::time::{Time, monotonic_ns};
 /// The short wait under the virtual clock, real time, ns: no peer that lives takes as long, even on a busy machine.
 const SHORTLY_NS: u64 = 100_000_000;
 
+/// A major frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct MajorFrame {
+    /// Major frames since frame 0 before it.
+    pub number: u64,
+    /// When it began, module time, ns. No whole multiple of its length where the module follows another one's frames, or was
+    /// reset.
+    pub start_ns: u64,
+}
+
 /// A stretch of time that belongs to this partition.
 #[derive(Debug)]
 pub struct Window {
@@ -54,6 +64,12 @@ impl Window {
     /// Length of the minor frame, ns.
     pub fn minor_frame_ns(&self) -> u64 {
         self.time.page().minor_frame_ns.load(Relaxed)
+    }
+
+    /// The major frame that this window lies in.
+    pub fn major_frame(&self) -> MajorFrame {
+        let page = self.time.page();
+        MajorFrame { number: page.major_frame.load(Relaxed), start_ns: page.major_frame_ns.load(Relaxed) }
     }
 
     /// Waits until `device` has something to read, at the longest until module time `until_ns`. False: nothing came.

@@ -29,6 +29,9 @@ pub struct Description {
     pub may_set_schedule: Vec<u32>,
     /// The plan counts on an error handler of the partition's own.
     pub error_handler: bool,
+    /// The partition may tell how the module's major frames lie to a peer's: it is the relay of a module that follows.
+    #[serde(default)]
+    pub may_align: bool,
     /// Bytes of retained memory behind [`crate::RETAINED_FD`]; 0: none.
     pub retained_bytes: u64,
     /// Directory of the module's channels: each has a directory of its own in it.

@@ -16,7 +16,9 @@ mod mapping;
 pub use description::{Clock, Description, Direction, PortDescription, PortKind, StartCondition};
 pub use fault::{FaultKind, FaultOrder};
 pub use mapping::{Mapped, MappingError, SharedMemory};
-pub use page::{ControlPage, ErrorCode, Mode, ReportKind, Reported, Takeover};
+pub use page::{
+    AlignmentReport, AlignmentTold, ControlPage, ErrorCode, Mode, ReportKind, Reported, Takeover,
+};
 pub use relay::{ClockRole, LinkTable, PathTable, RELAY_KEYS_FD, RelayChannel, RelayTable};
 
 /// Descriptor of the control page in a partition process.

@@ -17,7 +17,7 @@ use crate::mapping::SharedMemory;
 /// First word of every control page.
 pub const MAGIC: u32 = 0x4254_4c52; // "BTLR"
 /// Raised whenever the page or the description changes its meaning.
-pub const VERSION: u32 = 7;
+pub const VERSION: u32 = 8;
 
 /// Bytes of a report's text, as in REPORT_APPLICATION_MESSAGE.
 pub const REPORT_TEXT: usize = 128;
@@ -127,6 +127,27 @@ pub struct Report {
     text: [AtomicU64; REPORT_TEXT / 8],
 }
 
+/// How a module's major frames lie to those that they follow, as a partition has found it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct AlignmentReport {
+    /// How much later than an own major frame one of the peer's begins, in own time, ns; negative: earlier. Whole major frames
+    /// more or less say the same.
+    pub peer_minus_own_ns: i64,
+    /// The true value lies no further away, ns.
+    pub uncertainty_ns: u32,
+    /// Exchanges with the peer so far: a report that rests on no new one is not counted as news.
+    pub exchanges: u32,
+}
+
+/// A report as the executive reads it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AlignmentTold {
+    /// What was said.
+    pub report: AlignmentReport,
+    /// The own major frame that it speaks of: that of the window in which it was said.
+    pub major_frame: u64,
+}
+
 /// The page. Offsets are part of the contract; reserved words are zero.
 #[derive(Debug)]
 #[repr(C, align(4096))]
@@ -205,6 +226,19 @@ pub struct ControlPage {
     error_count: AtomicU32,
     reserved_5: AtomicU32,
     errors: [Report; ERRORS],
+    /// Major frames since frame 0, at the window's start.
+    pub major_frame: AtomicU64,
+    /// When the window's major frame began, module time, ns.
+    pub major_frame_ns: AtomicU64,
+    // Written by the partition, where the plan lets it: see [`ControlPage::tell_alignment`].
+    /// Odd while the words below are written.
+    alignment_count: AtomicU32,
+    alignment_exchanges: AtomicU32,
+    alignment_uncertainty_ns: AtomicU32,
+    reserved_6: AtomicU32,
+    /// The bits of a signed number.
+    alignment_ns: AtomicU64,
+    alignment_frame: AtomicU64,
 }
 
 // SAFETY: every field is an atomic or an array of atomics, for which every bit pattern is a value.
@@ -262,6 +296,40 @@ impl ControlPage {
     /// Forgets requests of an incarnation before (the executive).
     pub fn forget_schedule_request(&self) {
         self.schedule_request.store(0, Ordering::Relaxed);
+    }
+
+    /// Tells how the module's major frames lie to the peer's (the partition), as of the present window's major frame.
+    pub fn tell_alignment(&self, report: &AlignmentReport) {
+        let writing = self.alignment_count.load(Ordering::Relaxed) | 1; // odd also after a death in here
+        self.alignment_count.store(writing, Ordering::Relaxed);
+        fence(Ordering::Release);
+        self.alignment_ns.store(report.peer_minus_own_ns.cast_unsigned(), Ordering::Relaxed);
+        self.alignment_uncertainty_ns.store(report.uncertainty_ns, Ordering::Relaxed);
+        self.alignment_exchanges.store(report.exchanges, Ordering::Relaxed);
+        self.alignment_frame.store(self.major_frame.load(Ordering::Relaxed), Ordering::Relaxed);
+        self.alignment_count.store(writing.wrapping_add(1), Ordering::Release);
+    }
+
+    /// What was told since number `seen` (the executive), which is moved on. None: nothing, or it is being written now.
+    pub fn alignment_since(&self, seen: &mut u32) -> Option<AlignmentTold> {
+        let count = self.alignment_count.load(Ordering::Acquire);
+        if count == *seen || count % 2 == 1 {
+            return None;
+        }
+        let told = AlignmentTold {
+            report: AlignmentReport {
+                peer_minus_own_ns: self.alignment_ns.load(Ordering::Relaxed).cast_signed(),
+                uncertainty_ns: self.alignment_uncertainty_ns.load(Ordering::Relaxed),
+                exchanges: self.alignment_exchanges.load(Ordering::Relaxed),
+            },
+            major_frame: self.alignment_frame.load(Ordering::Relaxed),
+        };
+        fence(Ordering::Acquire);
+        if self.alignment_count.load(Ordering::Relaxed) != count {
+            return None; // the next look finds the newer one
+        }
+        *seen = count;
+        Some(told)
     }
 
     /// Orders a fault (the executive); one that was not carried out yet is replaced.
@@ -427,6 +495,27 @@ mod tests {
         page.order_fault(&order(FaultKind::Drop, u64::MAX));
         assert_eq!(page.fault_since(&mut seen), Some(order(FaultKind::Drop, u64::MAX)));
         assert_eq!(page.fault_since(&mut seen), None);
+    }
+
+    #[test]
+    fn what_is_told_of_the_alignment_is_found_once_with_its_major_frame() {
+        let (page, mut seen) = (page(), 0);
+        assert_eq!(page.alignment_since(&mut seen), None);
+        let report = AlignmentReport { peer_minus_own_ns: -1_234, uncertainty_ns: 77, exchanges: 3 };
+        page.major_frame.store(9, Ordering::Relaxed);
+        page.tell_alignment(&report);
+        page.major_frame.store(10, Ordering::Relaxed);
+        assert_eq!(page.alignment_since(&mut seen), Some(AlignmentTold { report, major_frame: 9 }));
+        assert_eq!(page.alignment_since(&mut seen), None);
+    }
+
+    #[test]
+    fn half_a_report_of_the_alignment_is_none_and_its_successor_mends_it() {
+        let (page, mut seen) = (page(), 0);
+        page.alignment_count.store(1, Ordering::Relaxed); // it died while it wrote
+        assert_eq!(page.alignment_since(&mut seen), None);
+        page.tell_alignment(&AlignmentReport::default());
+        assert!(page.alignment_since(&mut seen).is_some());
     }
 
     #[test]

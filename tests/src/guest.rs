@@ -14,16 +14,22 @@ use std::time::Duration;
 use crate::await_some;
 use crate::programs::{program, repository};
 
-/// A guest boots in some 6 s and is slower than the machine below by a factor of ten.
-const PATIENCE: Duration = Duration::from_secs(180);
+/// A guest boots in some 6 s and is slower than the machine below by a factor of ten; a whole file of tests takes minutes.
+const PATIENCE: Duration = Duration::from_secs(600);
 /// Memory of a guest, MiB: the programs lie in it twice, packed and unpacked.
 const MEMORY_MIB: u32 = 2048;
+
+/// Where programs lie in a guest, as below `target/release`, so that this project's tests find them there too.
+const RELEASE: &str = "work/release";
+/// Kernel modules for a CAN bus without hardware, each after those that it needs.
+const CAN: [&str; 4] = ["can-dev", "can", "can-raw", "vcan"];
 
 /// What is put into a guest.
 #[derive(Debug, Default)]
 pub struct Guest {
-    programs: Vec<String>,
+    programs: Vec<PathBuf>,
     files: Vec<(String, Vec<u8>)>,
+    modules: Vec<&'static str>,
 }
 
 /// What a guest's script left.
@@ -38,16 +44,42 @@ pub struct Said {
 impl Guest {
     /// A guest with `bateleur`, the nine partitions and the schedule of the flight in `/work`.
     pub fn of_the_flight() -> Self {
-        let programs = crate::NINE.iter().chain(&["bateleur", "simulator"]).map(|&name| name.to_owned());
+        let programs = crate::NINE.iter().chain(&["bateleur", "simulator"]).map(|name| program(name));
         let schedule = fs::read(repository().join("schedule.toml")).unwrap();
-        Self { programs: programs.collect(), files: vec![("schedule.toml".into(), schedule)] }
+        let files = vec![("schedule.toml".into(), schedule)];
+        Self { programs: programs.collect(), files, ..Self::default() }
     }
 
     /// With another program of this workspace.
     pub fn program(mut self, name: &str) -> Self {
-        self.programs.push(name.into());
+        self.programs.push(program(name));
         self
     }
+
+    /// With the tests of a file in `tests/tests` and the partitions that they start: `./NAME` runs them.
+    pub fn tests(mut self, name: &str, partitions: &[&str]) -> Self {
+        self.programs.push(test_program(name));
+        partitions.iter().fold(self, |guest, partition| guest.program(partition))
+    }
+
+    /// With CAN: `cansend`, `candump`, `cangen`, `canplayer` of can-utils, and modules for [`LOAD_CAN`](Self::LOAD_CAN).
+    pub fn can(mut self) -> Self {
+        self.modules.extend(CAN);
+        let tools = repository().join("target/guest/can-utils/usr/bin");
+        let tool = |name| {
+            let path = tools.join(name);
+            assert!(path.is_file(), "there is no {}: run tests/guest/prepare", path.display());
+            path
+        };
+        self.programs.extend(["cansend", "candump", "cangen", "canplayer"].map(tool));
+        self
+    }
+
+    /// Lines of a script that bring up the bus `vcan0`, which carries classic and FD frames.
+    pub const LOAD_CAN: &str = "
+        export PATH=$PATH:/work; for module in can-dev can can-raw vcan; do insmod /modules/$module.ko || exit 8; done
+        ip link add dev vcan0 type vcan && ip link set vcan0 mtu 72 && ip link set vcan0 up || exit 8
+    ";
 
     /// With a file in `/work`.
     pub fn file(mut self, name: &str, text: &str) -> Self {
@@ -88,25 +120,60 @@ impl Guest {
         Said { text, code }
     }
 
+    /// What this project's tests expect of the folder that they were built in: that it is there, and holds the schedule.
+    fn pack_repository(&self, archive: &mut Archive) -> io::Result<()> {
+        let root = repository();
+        let tests = root.join("tests");
+        let mut folders: Vec<&Path> = tests.ancestors().collect();
+        folders.reverse();
+        for folder in folders {
+            let name = folder.to_string_lossy();
+            let name = name.trim_start_matches('/');
+            if !["", "tmp", "work"].contains(&name) {
+                archive.add(name, 0o040_755, &[])?;
+            }
+        }
+        let schedule = root.join("schedule.toml");
+        archive.add(schedule.to_string_lossy().trim_start_matches('/'), 0o120_777, b"/work/schedule.toml")
+    }
+
     fn pack(&self, disk: &Path, script: &str) -> io::Result<()> {
         let mut archive = Archive(io::BufWriter::new(File::create(disk)?), 0);
-        for folder in
-            ["bin", "proc", "sys", "dev", "tmp", "etc", "work", "lib64", "lib", "lib/x86_64-linux-gnu"]
-        {
+        for folder in [
+            "bin",
+            "proc",
+            "sys",
+            "dev",
+            "tmp",
+            "etc",
+            "work",
+            "lib64",
+            "lib",
+            "lib/x86_64-linux-gnu",
+            "modules",
+            "usr",
+            "usr/lib",
+        ] {
             archive.add(folder, 0o040_755, &[])?;
         }
+        archive.add(RELEASE, 0o040_755, &[])?;
+        archive.add(&format!("{RELEASE}/deps"), 0o040_755, &[])?;
+        self.pack_repository(&mut archive)?;
         archive.add("bin/busybox", 0o100_755, &fs::read("/bin/busybox")?)?;
         archive.add("init", 0o100_755, include_bytes!("../guest/init"))?;
         archive.add("etc/passwd", 0o100_644, b"root:x:0:0::/:/bin/sh\n")?;
+        archive.add("etc/shadow", 0o100_600, b"root:*:1:0:99999:7:::\n")?;
         archive.add("work/script", 0o100_755, script.as_bytes())?;
         for (name, bytes) in &self.files {
             archive.add(&format!("work/{name}"), 0o100_644, bytes)?;
         }
         let mut libraries = Vec::new();
-        for name in &self.programs {
-            let path = program(name);
-            archive.add(&format!("work/{name}"), 0o100_755, &fs::read(&path)?)?;
-            libraries.extend(libraries_of(&path)?);
+        for path in &self.programs {
+            pack_program(&mut archive, path)?;
+            libraries.extend(libraries_of(path)?);
+        }
+        for module in &self.modules {
+            archive.add(&format!("modules/{module}.ko"), 0o100_644, &fs::read(kernel_module(module))?)?;
         }
         libraries.sort();
         libraries.dedup();
@@ -116,6 +183,43 @@ impl Guest {
         }
         archive.end()
     }
+}
+
+/// A program, without what only a debugger reads, and beside the schedule a link to it.
+fn pack_program(archive: &mut Archive, path: &Path) -> io::Result<()> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let own = path.parent().is_some_and(|folder| folder.ends_with("deps"));
+    let place = if own { format!("release/deps/{name}") } else { format!("release/{name}") };
+    let slim = tempfile::NamedTempFile::new()?;
+    let stripped = Command::new("strip").arg("--strip-debug").arg("-o").arg(slim.path()).arg(path).status();
+    let whole = !stripped.is_ok_and(|status| status.success()); // a guest with more memory would hold it too
+    archive.add(&format!("work/{place}"), 0o100_755, &fs::read(if whole { path } else { slim.path() })?)?;
+    // A test program's name ends with a number of the compiler's.
+    let short = if own { name.rsplit_once('-').map_or(&*name, |(short, _)| short) } else { &name };
+    archive.add(&format!("work/{short}"), 0o120_777, place.as_bytes())
+}
+
+/// The newest build of the tests of a file in `tests/tests`.
+fn test_program(name: &str) -> PathBuf {
+    let own = std::env::current_exe().unwrap();
+    let beside = fs::read_dir(own.parent().unwrap()).unwrap().flatten().map(|entry| entry.path());
+    let is_it = |path: &PathBuf| {
+        let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let number = file.strip_prefix(name).and_then(|rest| rest.strip_prefix('-'));
+        number.is_some_and(|number| number.len() == 16 && number.bytes().all(|byte| byte.is_ascii_hexdigit()))
+    };
+    let built = |path: &PathBuf| fs::metadata(path).and_then(|data| data.modified()).ok();
+    let newest = beside.filter(is_it).max_by_key(built);
+    newest.unwrap_or_else(|| {
+        panic!("the tests of {name} are not built: cargo test --release --no-run --workspace")
+    })
+}
+
+/// A module that `tests/guest/prepare` unpacked.
+fn kernel_module(name: &str) -> PathBuf {
+    let path = repository().join(format!("target/guest/modules/{name}.ko"));
+    assert!(path.is_file(), "there is no {}: run tests/guest/prepare", path.display());
+    path
 }
 
 /// The kernel that `tests/guest/prepare` unpacked.

@@ -38,12 +38,25 @@ pub fn program(name: &str) -> PathBuf {
     }
 }
 
+/// Names a control group that is given to each `bateleur` of a test alone, as a unit of systemd would be.
+const UNIT: &str = "BATELEUR_TESTS_UNIT";
+
+/// A command for a program, in the group that the environment names.
+fn in_its_unit(program: &Path) -> Command {
+    let Some(unit) = std::env::var_os(UNIT) else { return Command::new(program) };
+    let mut command = Command::new("sh");
+    let mut members = unit;
+    members.push("/cgroup.procs");
+    command.args(["-c", "echo $$ > \"$0\"; exec \"$@\""]).arg(members).arg(program);
+    command
+}
+
 /// A verb of `bateleur`, such as `["fly", "--fast"]`; nothing is added but `--output`, where the verb has
 /// one and is not told.
 pub fn bateleur<S: AsRef<str>>(arguments: &[S]) -> Started {
     let scratch = tempfile::Builder::new().prefix("bateleur-test-").tempdir().unwrap();
     let text = |name: &str| File::create(scratch.path().join(name)).unwrap();
-    let mut command = Command::new(program("bateleur"));
+    let mut command = in_its_unit(&program("bateleur"));
     command.args(arguments.iter().map(AsRef::as_ref)).current_dir(scratch.path());
     let told = arguments.iter().any(|argument| argument.as_ref() == "--output");
     if matches!(arguments[0].as_ref(), "fly" | "run") && !told {

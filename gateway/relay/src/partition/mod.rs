@@ -7,10 +7,10 @@ mod end;
 mod keys;
 mod status;
 
-use bateleur_apex::{Context, Partition, StartError, Window};
-use bateleur_contract::relay::{ATTRIBUTE, LinkModelTable, MODEL_ATTRIBUTE, RelayTable, STEPPED};
+use bateleur_apex::{Alignment, AlignmentReport, Context, Partition, StartError, Window};
+use bateleur_contract::relay::{ATTRIBUTE, ClockRole, LinkModelTable, MODEL_ATTRIBUTE, RelayTable, STEPPED};
 use bateleur_relay::transport::{Endpoint, RelayTransport, Stepped, Udp};
-use bateleur_relay::{Arrival, Frame};
+use bateleur_relay::{Arrival, Frame, Link};
 
 use end::End;
 use status::Status;
@@ -27,6 +27,8 @@ pub(crate) struct Relay {
     endpoints: Vec<Endpoint>,
     transport: Box<dyn RelayTransport>,
     status: Status,
+    /// Of a module that follows: where to tell how its frames lie, and the link to the one that it follows.
+    alignment: Option<(Alignment, usize)>,
 }
 
 impl Partition for Relay {
@@ -43,7 +45,9 @@ impl Partition for Relay {
         let links = table.links.iter().zip(&keys);
         let ends =
             links.map(|(link, key)| End::open(context, &table, link, key)).collect::<Result<_, _>>()?;
-        Ok(Self { ends, endpoints, transport, status: Status::new(context, &table)? })
+        let leader = table.links.iter().position(|link| link.clock == ClockRole::Follower);
+        let alignment = context.alignment().zip(leader);
+        Ok(Self { ends, endpoints, transport, status: Status::new(context, &table)?, alignment })
     }
 
     fn window(&mut self, window: &Window) {
@@ -52,6 +56,11 @@ impl Partition for Relay {
             end.tell(window);
         }
         let frame = frame(window);
+        if let Some((alignment, leader)) = &self.alignment
+            && let Some(report) = report(&self.ends[*leader].link, frame, window.now_ns())
+        {
+            alignment.tell(&report);
+        }
         for place in 0..self.ends.len() {
             self.send(place, window, frame);
         }
@@ -116,10 +125,20 @@ impl Relay {
     }
 }
 
-/// The frame that a window lies in: of the beat that is common to all schedules of the module.
 fn frame(window: &Window) -> Frame {
-    let number = window.minor_frames();
-    Frame { number, start_ns: number.saturating_mul(window.minor_frame_ns()) }
+    let frame = window.major_frame();
+    Frame { number: frame.number, start_ns: frame.start_ns }
+}
+
+/// How the peer's major frames lie to the own one; nothing before the first exchange.
+fn report(link: &Link, own: Frame, now_ns: u64) -> Option<AlignmentReport> {
+    let (estimate, peer) = (link.estimate(now_ns)?, link.peer_frame()?);
+    let begins_ns = i128::from(peer.start_ns) - i128::from(estimate.offset_ns); // own time
+    Some(AlignmentReport {
+        peer_minus_own_ns: i64::try_from(begins_ns - i128::from(own.start_ns)).ok()?,
+        uncertainty_ns: u32::try_from(estimate.uncertainty_ns).unwrap_or(u32::MAX),
+        exchanges: estimate.exchanges as u32, // whether there is a new one matters, not how many
+    })
 }
 
 fn open(

@@ -134,6 +134,23 @@ fn messages_cross_with_their_stamps_and_a_restarted_relay_is_met_again() {
 }
 
 #[test]
+fn frames_of_the_peer_are_told_in_own_time_once_there_was_an_exchange() {
+    let (mut fcu, mut nav) = surroundings(STEPPED);
+    let mut here = fcu.harness.start::<Relay>().unwrap();
+    let own = Frame { number: 7, start_ns: 5_000 };
+    assert_eq!(report(&here.partition.ends[0].link, own, 0), None);
+    let mut there = nav.harness.start::<Relay>().unwrap();
+    for _ in 0..5 {
+        here.window();
+        there.window();
+    }
+    // The clocks of both are one, and the peer's frame began at 0.
+    let told = report(&here.partition.ends[0].link, own, 100_000_000).unwrap();
+    assert_eq!(told.peer_minus_own_ns, -5_000);
+    assert!(told.exchanges > 0 && told.uncertainty_ns < 25_000_000, "{told:?}");
+}
+
+#[test]
 fn a_peer_that_goes_is_an_error_once_and_its_return_is_said() {
     let (mut fcu, mut nav) = surroundings("udp");
     let mut here = fcu.harness.start::<Relay>().unwrap();

@@ -10,7 +10,7 @@ use std::os::fd::OwnedFd;
 use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, socket_with, sockopt};
 use rustix::time::{ClockId, clock_gettime};
 
-use super::batch::{Inbox, Outbox, note_arrivals};
+use super::batch::{BATCH, Inbox, Outbox, note_arrivals};
 use super::{Came, Endpoint, RelayTransport, TransportError};
 use crate::Rejection;
 
@@ -59,6 +59,12 @@ impl Udp {
         // One byte more than any: a longer datagram shows.
         let longest = endpoints.iter().map(|endpoint| endpoint.max_datagram).max().unwrap_or(0) + 1;
         Ok(Self { ways, inbox: Inbox::new(longest), wall: WallClock::default() })
+    }
+
+    /// The socket on which an endpoint's datagrams come: to wait for them.
+    #[must_use]
+    pub fn socket(&self, endpoint: usize) -> Option<&UdpSocket> {
+        self.ways.get(endpoint).map(|way| &way.receiving)
     }
 }
 
@@ -128,10 +134,10 @@ impl RelayTransport for Udp {
                     let at_ns = now_ns.saturating_sub(waited_ns.min(LONGEST_WAIT_NS));
                     take(Came { endpoint, at_ns, datagram: received.bytes.ok_or(Rejection::Giant) });
                 });
-                if received == 0 {
-                    break;
-                }
                 left -= received;
+                if received < BATCH {
+                    break; // nothing is left
+                }
             }
         }
     }

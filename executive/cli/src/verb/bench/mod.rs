@@ -7,6 +7,7 @@
 
 mod flight;
 mod laws;
+mod links;
 mod module;
 mod ports;
 mod probe;
@@ -29,7 +30,7 @@ use row::Row;
 /// Measure what the executive promises, beside references taken in the same run.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Which figures; all where none is named: starts, fence, switch, ports, restart,
+    /// Which figures; all where none is named: starts, fence, switch, ports, links, restart,
     /// scale, laws, flight, virtual.
     #[arg(value_name = "NAME")]
     names: Vec<String>,
@@ -70,6 +71,7 @@ const FIGURES: &[(&str, Measure)] = &[
     ("fence", windows::fence),
     ("switch", windows::switches),
     ("ports", ports::rows),
+    ("links", links::rows),
     ("restart", restart::rows),
     ("scale", scale::rows),
     ("laws", laws::rows),

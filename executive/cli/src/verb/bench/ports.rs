@@ -25,7 +25,7 @@ const BATCH: u32 = 500;
 /// A message of `N` bytes.
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(transparent)]
-struct Block<const N: usize>([u8; N]);
+pub(super) struct Block<const N: usize>(pub(super) [u8; N]);
 
 impl<const N: usize> Message for Block<N> {
     const NAME: &'static str = "Block";

@@ -128,3 +128,89 @@ fn a_bus_of_the_kernel_carries_classic_and_fd_frames() {
     // The kernel adds the flag of an FD frame (4) to the bit-rate switch (1).
     assert_eq!(heard, ["123#0102", "1ABCDEF0#R", "321##5AABBCC"], "{}", said.text);
 }
+
+/// Two buses with a gateway each, which have found one another.
+const TWO_GATEWAYS: &str = "
+ip link add dev vcan1 type vcan && ip link set vcan1 mtu 72 && ip link set vcan1 up || exit 8
+start() { ./can_gateway run --bus socketcan:$1 --name $2 --identity $2 --listen 127.0.0.1:$3 --peer 127.0.0.1:$4 2>> /tmp/said.$2 & }
+start vcan0 a 15211 15212
+start vcan1 b 15212 15211
+forwards() { ./can_gateway status --name $1 2> /tmp/asked | grep -q 'state *forward'; }
+turns=0
+until forwards a && forwards b; do sleep 1; turns=$((turns + 1)); [ $turns -lt 60 ] || { cat /tmp/said.*; exit 7; }; done
+";
+
+#[test]
+#[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
+fn two_gateways_on_buses_of_the_kernel_carry_the_frames_of_can_utils() {
+    let said = Guest::default().program("can_gateway").can().run(&format!(
+        "{}{TWO_GATEWAYS}
+        candump -L vcan1 > /tmp/heard &
+        listener=$!
+        candump -L vcan0 > /tmp/back &
+        listener_back=$!
+        sleep 2
+        for frame in 123#0102 1ABCDEF0#11 123#R4 321##1aabbcc 7FF#; do cansend vcan0 $frame || exit 6; sleep 1; done
+        cansend vcan1 055#0504 || exit 6
+        sleep 3
+        echo FRAMES $(cut -d ' ' -f 3 /tmp/heard)
+        echo BACK $(cut -d ' ' -f 3 /tmp/back | tail -n 1)
+        cangen vcan0 -n 1000 -g 2 -I i -D i -L 8
+        turns=0
+        until [ $(wc -l < /tmp/heard) -ge 1006 ] || [ $turns -gt 60 ]; do sleep 1; turns=$((turns + 1)); done
+        kill $listener $listener_back
+        grep vcan1 /tmp/heard | tail -n 1000 | cut -d ' ' -f 3 | sort | md5sum > /tmp/there
+        grep vcan0 /tmp/back | tail -n 1000 | cut -d ' ' -f 3 | sort | md5sum > /tmp/here
+        cmp /tmp/there /tmp/here && echo SAME
+        ./can_gateway status --name b",
+        Guest::LOAD_CAN
+    ));
+    assert_eq!(said.code, Some(0), "{}", said.text);
+    let line = |word: &str| said.text.lines().find(|line| line.starts_with(word)).unwrap_or_default();
+    // The kernel adds the flag of an FD frame (4) to the bit-rate switch (1). The last came from this bus itself.
+    let sent = "123#0102 1ABCDEF0#11 123#R4 321##5AABBCC 7FF# 055#0504";
+    assert_eq!(line("FRAMES").trim_end(), format!("FRAMES {sent}"), "{}", said.text);
+    assert_eq!(line("BACK").trim_end(), "BACK 055#0504", "{}", said.text);
+    assert!(said.text.contains("SAME"), "{}", said.text);
+    assert!(line("lost").contains(" 0 frames"), "{}", said.text);
+}
+
+#[test]
+#[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
+fn gateway_tells_bus_off_comes_back_after_it_and_names_what_is_wrong_with_an_interface() {
+    let said = Guest::default().program("can_gateway").can().run(&format!(
+        "{}{TWO_GATEWAYS}
+        cansend vcan1 20000040#0000000000000000 || exit 6
+        sleep 2
+        ./can_gateway status --name b | grep bus-off && echo OFF
+        cansend vcan1 20000100#0000000000000000 || exit 6
+        sleep 2
+        ./can_gateway status --name b | grep 'error active' && echo ACTIVE
+        candump -L -n 1 vcan1 > /tmp/heard &
+        listener=$!
+        sleep 1
+        cansend vcan0 234#01
+        turns=0
+        until [ -s /tmp/heard ] || [ $turns -gt 30 ]; do sleep 1; turns=$((turns + 1)); done
+        echo HEARD $(cut -d ' ' -f 3 /tmp/heard)
+        ip link add dev vcan2 type vcan
+        timeout 20 ./can_gateway run --bus socketcan:vcan2 --name c --listen 127.0.0.1:0 2>&1; echo DOWN $?
+        timeout 20 ./can_gateway run --bus socketcan:can9 --name d --listen 127.0.0.1:0 2>&1; echo NONE $?
+        ip link set vcan1 down
+        sleep 3
+        ./can_gateway status --name b | grep 'not there' && echo GONE
+        ip link set vcan1 up
+        turns=0
+        until ./can_gateway status --name b | grep 'error active' || [ $turns -gt 30 ]; do sleep 1; turns=$((turns + 1)); done
+        cat /tmp/said.b",
+        Guest::LOAD_CAN
+    ));
+    assert_eq!(said.code, Some(0), "{}", said.text);
+    for word in ["OFF", "ACTIVE", "HEARD 234#01", "DOWN 2", "NONE 2", "GONE"] {
+        assert!(said.text.lines().any(|line| line.trim_end() == word), "no {word}: {}", said.text);
+    }
+    assert!(said.text.contains("ip link set vcan2 up"), "{}", said.text);
+    // Taken down and brought up again under a running gateway: told once each.
+    let told = |words: &str| said.text.lines().filter(|line| line.contains(words)).count();
+    assert_eq!((told("vcan1: the interface is down"), told("vcan1 is there again")), (1, 1), "{}", said.text);
+}

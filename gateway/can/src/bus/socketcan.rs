@@ -54,6 +54,10 @@ impl SocketCan {
         if let Some(masks) = wanted.masks() {
             socket.set_filters(&masks).map_err(refused)?;
         }
+        // An interface that is down is bound all the same, with an error that waits in the socket.
+        rustix::net::sockopt::socket_error(&socket)
+            .and_then(|pending| pending)
+            .map_err(|error| refused(error.into()))?;
         let (interface, wanted) = (interface.to_owned(), wanted.clone());
         Ok(Self { bus, interface, socket, wanted, state: BusState::Active, restart_at_ns: None, now_ns: 0 })
     }

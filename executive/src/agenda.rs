@@ -3,6 +3,10 @@
 //! Whoever asks leaves one word. The first dispatcher that reaches the start of a major frame decides from it what that
 //! frame runs and writes the decision down; every other one, however late it comes, finds it there. So all cores change
 //! together and at the same instant, whatever happens between them. It must never wait for anybody.
+//!
+//! As long as a frame has not begun, it can also be proposed that its end be moved (a module that follows another one's
+//! frames, see [`crate::alignment`]). Whoever is first writes the frame's cell: the proposal, or a dispatcher that begins
+//! the frame and finds none.
 
 use std::sync::atomic::AtomicU64;
 use std::sync::atomic::Ordering::{AcqRel, Acquire, Relaxed};
@@ -14,12 +18,18 @@ const HISTORY: usize = 4096;
 const EMPTY: u64 = u64::MAX;
 /// Bits of a word that name the schedule; the others count.
 const SCHEDULE_BITS: u32 = 16;
+/// Bits of a shift's word that count the frame; the others are the shift, ns: nine minutes either way.
+const FRAME_BITS: u32 = 24;
 
 /// See the module's head.
 #[derive(Debug)]
 pub struct Agenda {
     /// The decision about each of the last major frames: its number and its schedule.
     decisions: Box<[AtomicU64]>,
+    /// By how much the end of each of the last major frames is moved: its number and the shift.
+    shifts: Box<[AtomicU64]>,
+    /// When the newest major frame began, module time, ns.
+    newest_ns: AtomicU64,
     /// What is asked for: the number of the request and the schedule; 0: nothing.
     request: AtomicU64,
     requests: AtomicU64,
@@ -47,6 +57,8 @@ impl Agenda {
         decisions[0].store(first, Relaxed);
         Self {
             decisions,
+            shifts: (0..HISTORY).map(|_| AtomicU64::new(EMPTY)).collect(),
+            newest_ns: AtomicU64::new(0),
             request: AtomicU64::new(0),
             requests: AtomicU64::new(0),
             newest: AtomicU64::new(first),
@@ -56,6 +68,7 @@ impl Agenda {
 
     /// Frame 0 is at `begin_ns` of module time: later than 0 where the module was reset.
     pub fn begin(&self, begin_ns: u64) {
+        self.newest_ns.store(begin_ns, std::sync::atomic::Ordering::Release);
         self.changed_ns.store(begin_ns, std::sync::atomic::Ordering::Release);
     }
 
@@ -88,6 +101,45 @@ impl Agenda {
         self.changed_ns.load(Acquire)
     }
 
+    /// The newest major frame that any core has begun.
+    #[must_use]
+    pub fn newest_frame(&self) -> u64 {
+        count_of(self.newest.load(Acquire))
+    }
+
+    /// When it began, module time, ns.
+    #[must_use]
+    pub fn newest_frame_ns(&self) -> u64 {
+        self.newest_ns.load(Acquire)
+    }
+
+    /// Proposes to move the end of a major frame that has not begun by `shift_ns`, less than nine minutes. False: it has begun,
+    /// or it was proposed already.
+    pub fn propose_shift(&self, frame: u64, shift_ns: i64) -> bool {
+        let cell = &self.shifts[(frame % HISTORY as u64) as usize];
+        let seen = cell.load(Acquire);
+        let free = !is_of(seen, frame) && frame > self.newest_frame();
+        free && cell.compare_exchange(seen, shift_word(frame, shift_ns), AcqRel, Acquire).is_ok()
+    }
+
+    /// By how much the end of a major frame that begins, or has begun, is moved, ns. None: the caller was held up for so
+    /// long that nobody remembers.
+    #[must_use]
+    pub fn shift(&self, frame: u64) -> Option<i64> {
+        let cell = &self.shifts[(frame % HISTORY as u64) as usize];
+        loop {
+            let seen = cell.load(Acquire);
+            if is_of(seen, frame) {
+                return Some(seen.cast_signed() >> FRAME_BITS);
+            }
+            if seen != EMPTY && is_after(seen, frame) {
+                return None;
+            }
+            // Nobody has proposed anything: from now on nobody can.
+            let _ = cell.compare_exchange(seen, shift_word(frame, 0), AcqRel, Acquire);
+        }
+    }
+
     fn pending(&self) -> Option<usize> {
         match self.request.load(Acquire) {
             0 => None,
@@ -115,6 +167,7 @@ impl Agenda {
             if choice != current {
                 self.changed_ns.fetch_max(start_ns, AcqRel);
             }
+            self.newest_ns.fetch_max(start_ns, AcqRel);
             self.newest.fetch_max(word(frame, choice), AcqRel);
             if request != 0 {
                 // Fails where somebody has asked for another one meanwhile: that is the next frame's.
@@ -123,6 +176,24 @@ impl Agenda {
             return Some(choice);
         }
     }
+}
+
+fn shift_word(frame: u64, shift_ns: i64) -> u64 {
+    (shift_ns << FRAME_BITS).cast_unsigned() | low(frame)
+}
+
+/// Cells are written anew every [`HISTORY`] frames: a number that has come round is never met.
+fn is_of(word: u64, frame: u64) -> bool {
+    word != EMPTY && word & ((1 << FRAME_BITS) - 1) == low(frame)
+}
+
+/// Whether the word is that of a later frame.
+fn is_after(word: u64, frame: u64) -> bool {
+    low(word.wrapping_sub(frame)) < 1 << (FRAME_BITS - 1)
+}
+
+fn low(frame: u64) -> u64 {
+    frame & ((1 << FRAME_BITS) - 1)
 }
 
 fn word(count: u64, schedule: usize) -> u64 {
@@ -184,6 +255,60 @@ mod tests {
         }
         assert_eq!(agenda.decide(1, 1, 0), None);
         assert_eq!(agenda.decide(2, 2, 0), Some(0));
+    }
+
+    #[test]
+    fn the_end_of_a_frame_is_moved_as_was_proposed_before_it_began_and_else_not() {
+        let agenda = Agenda::new(0);
+        assert_eq!(agenda.shift(0), Some(0));
+        assert!(agenda.propose_shift(1, -37) && !agenda.propose_shift(1, 5), "the first counts");
+        agenda.decide(1, 10, 0);
+        assert_eq!((agenda.shift(1), agenda.newest_frame(), agenda.newest_frame_ns()), (Some(-37), 1, 10));
+        agenda.decide(2, 20, 0);
+        assert_eq!(agenda.shift(2), Some(0));
+        assert!(!agenda.propose_shift(2, 9), "it has begun");
+        assert_eq!((agenda.shift(2), agenda.shift(1)), (Some(0), Some(-37)));
+        assert!(agenda.propose_shift(3, 99_000_000_000));
+        assert_eq!(agenda.shift(3), Some(99_000_000_000));
+    }
+
+    #[test]
+    fn shifts_are_found_for_as_long_as_decisions() {
+        let agenda = Agenda::new(0);
+        for frame in 1..=2 * HISTORY as u64 {
+            agenda.propose_shift(frame, frame as i64);
+            agenda.decide(frame, frame, 0);
+            assert_eq!(agenda.shift(frame), Some(frame as i64));
+        }
+        assert_eq!(agenda.shift(HISTORY as u64), None);
+        assert_eq!(agenda.shift(HISTORY as u64 + 1), Some(HISTORY as i64 + 1));
+    }
+
+    #[test]
+    fn cores_and_proposals_at_once_agree_on_the_end_of_every_frame() {
+        let agenda = std::sync::Arc::new(Agenda::new(0));
+        let walk = || {
+            let agenda = agenda.clone();
+            std::thread::spawn(move || {
+                let frames = 1..3000;
+                let ends = frames.map(|frame| {
+                    agenda.decide(frame, frame, 0);
+                    agenda.shift(frame).unwrap()
+                });
+                ends.collect::<Vec<_>>()
+            })
+        };
+        let (one, other) = (walk(), walk());
+        let mut taken = vec![0; 3001];
+        while agenda.newest_frame() < 2999 {
+            let frame = agenda.newest_frame() + 1;
+            if agenda.propose_shift(frame, frame as i64) {
+                taken[frame as usize] = frame as i64;
+            }
+        }
+        let ends = one.join().unwrap();
+        assert_eq!(ends, other.join().unwrap());
+        assert_eq!(ends, taken[1..3000]);
     }
 
     #[test]

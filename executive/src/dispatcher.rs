@@ -1,7 +1,7 @@
 //! The dispatcher: grants windows at their instants, on the wall clock or on the virtual one, by the same logic.
 //!
-//! Responsible for: walking the switch instants of the major frame, for ever, from the origin, and changing to another
-//! schedule at the start of a major frame. It must never wait for a partition on the wall clock, allocate, log, or shift
+//! Responsible for: walking the switch instants of the major frame, for ever, from the origin, changing to another
+//! schedule at the start of a major frame, and moving its end where the module follows another one's frames. It must never wait for a partition on the wall clock, allocate, log, or shift
 //! a window because an earlier one was late.
 //!
 //! How time passes is a [`Pace`], how a window is opened and closed is a [`Gate`]; both are traits, so that the logic
@@ -142,6 +142,8 @@ struct Table {
 struct Frame {
     number: u64,
     start_ns: u64,
+    /// By how much its end is moved, ns.
+    shift_ns: i64,
     /// Minor frames before it.
     minor_frames: u64,
     reign: Reign,
@@ -183,7 +185,8 @@ impl Dispatcher {
     pub fn run(&mut self, pace: &mut dyn Pace, gate: &mut dyn Gate, stop: &dyn Fn() -> bool) {
         let schedule = self.agenda.current();
         let reign = Reign { number: 0, schedule, after: None, since_ns: self.begin_ns };
-        let mut next = Some(Frame { number: 0, start_ns: self.begin_ns, minor_frames: 0, reign });
+        let mut next =
+            Some(Frame { number: 0, start_ns: self.begin_ns, shift_ns: 0, minor_frames: 0, reign });
         while let Some(before) = next.take() {
             let late_ns = self.reach_frame(&before, pace, gate);
             if stop() {
@@ -225,6 +228,7 @@ impl Dispatcher {
     fn decided(&self, frame: Frame) -> Option<Frame> {
         let before = frame.reign;
         let schedule = self.agenda.decide(frame.number, frame.start_ns, before.schedule)?;
+        let frame = Frame { shift_ns: self.agenda.shift(frame.number)?, ..frame };
         if schedule == before.schedule {
             return Some(frame);
         }
@@ -241,17 +245,26 @@ impl Dispatcher {
         let table = &self.tables[frame.reign.schedule];
         Frame {
             number: frame.number + 1,
-            start_ns: frame.start_ns + table.major_frame_ns,
+            start_ns: self.end_ns(frame),
+            shift_ns: 0,
             minor_frames: frame.minor_frames + table.major_frame_ns / table.minor_frame_ns,
             reign: frame.reign,
         }
     }
 
+    /// When a frame ends, module time, ns.
+    fn end_ns(&self, frame: &Frame) -> u64 {
+        (frame.start_ns + self.tables[frame.reign.schedule].major_frame_ns)
+            .saturating_add_signed(frame.shift_ns)
+    }
+
     fn major_frame(&mut self, frame: &Frame, late_ns: u64, pace: &mut dyn Pace, gate: &mut dyn Gate) -> bool {
         let (mut reached_ns, mut late_ns) = (frame.start_ns, late_ns);
+        let frame_end_ns = self.end_ns(frame);
         for index in 0..self.tables[frame.reign.schedule].switches.len() {
             let switch = self.tables[frame.reign.schedule].switches[index];
-            let instant_ns = frame.start_ns + switch.at_ns;
+            // A frame whose end is moved ahead ends its last window with it.
+            let instant_ns = (frame.start_ns + switch.at_ns).min(frame_end_ns);
             if instant_ns != reached_ns {
                 late_ns = self.reach(instant_ns, &switch, pace, gate);
                 reached_ns = instant_ns;
@@ -284,7 +297,11 @@ impl Dispatcher {
     }
 
     fn occurrence(&self, frame: &Frame, window: TimelineWindow, lane: usize, late_ns: u64) -> Occurrence {
-        let minor_frame_ns = self.tables[frame.reign.schedule].minor_frame_ns;
+        let Table { minor_frame_ns, major_frame_ns, .. } = self.tables[frame.reign.schedule];
+        let frame_end_ns = self.end_ns(frame);
+        let until_its_end = window.end_ns == major_frame_ns;
+        let end_ns =
+            if until_its_end { frame_end_ns } else { frame_end_ns.min(frame.start_ns + window.end_ns) };
         Occurrence {
             window,
             core: self.cores[lane],
@@ -293,7 +310,7 @@ impl Dispatcher {
             minor_frames: frame.minor_frames + window.start_ns / minor_frame_ns,
             minor_frame_ns,
             start_ns: frame.start_ns + window.start_ns,
-            end_ns: frame.start_ns + window.end_ns,
+            end_ns,
             late_ns,
         }
     }
@@ -496,6 +513,64 @@ mod tests {
             ["frame 0", "open 0 0", "close 0", "frame 20", "open 0 20", "close 0", "open 1 22", "close 1"];
         assert_eq!(notes.lines[..8], first_major);
         assert_eq!(notes.lines[8..10], ["frame 40", "open 0 40"]);
+    }
+
+    /// A window that lasts until the end of the frame, and one before it.
+    const FULL: &str = r#"
+        [module.m]
+        cores = [0]
+        [partition.a]
+        program = "a"
+        module = "m"
+        memory = "1MiB"
+        [partition.b]
+        program = "b"
+        module = "m"
+        memory = "1MiB"
+        [schedule.s]
+        major_frame = "20ms"
+        minor_frame = "20ms"
+        window = [
+            { partition = "a", offset = "1ms", duration = "2ms" },
+            { partition = "b", offset = "19ms", duration = "1ms" },
+        ]
+    "#;
+
+    /// Where windows lie, ns.
+    #[derive(Default)]
+    struct Places(Vec<(usize, u64, u64)>, u64);
+
+    impl Gate for Places {
+        fn minor_frame(&mut self, _: u64) -> bool {
+            self.1 += 1;
+            self.1 <= 4
+        }
+        fn prepare(&mut self, _: &TimelineWindow) {}
+        fn is_done(&mut self, _: &TimelineWindow) -> bool {
+            true
+        }
+        fn open(&mut self, at: &Occurrence) {
+            self.0.push((at.window.partition.index(), at.start_ns, at.end_ns));
+        }
+        fn close(&mut self, _: &Occurrence, _: Ending) {}
+    }
+
+    #[test]
+    fn end_of_a_frame_is_moved_and_nothing_within_it_but_the_last_windows_end() {
+        let plan = plan_of(FULL);
+        let timelines = Timeline::all(&plan, plan.module("m").unwrap().id());
+        let agenda = Arc::new(Agenda::new(0));
+        assert!(agenda.propose_shift(1, -20_000) && agenda.propose_shift(2, 7_000_000));
+        let mut pace = Jump { late_at_ns: u64::MAX, reached: Vec::new() };
+        let mut places = Places::default();
+        Dispatcher::new(&timelines, agenda, true, |_| true).run(&mut pace, &mut places, &|| false);
+        assert!(pace.reached.is_sorted());
+        let us = |us: u64| us * 1_000;
+        let frame = |start: u64, length: u64| {
+            [(0, us(start + 1_000), us(start + 3_000)), (1, us(start + 19_000), us(start + length))]
+        };
+        let frames = [(0, 20_000), (20_000, 19_980), (39_980, 27_000), (66_980, 20_000)];
+        assert_eq!(places.0, frames.map(|(start, length)| frame(start, length)).concat());
     }
 
     #[test]

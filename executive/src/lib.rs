@@ -5,6 +5,7 @@
 //! next window starts at its instant.
 
 pub mod agenda;
+pub mod alignment;
 pub mod change;
 pub mod control;
 pub mod dispatcher;

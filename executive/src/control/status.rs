@@ -29,8 +29,36 @@ pub struct Status {
     pub window_overruns: u64,
     /// Windows lost because the dispatcher came too late for them.
     pub lost_windows: u64,
+    /// How its major frames lie to those that they follow; null: they follow nobody's.
+    #[serde(default)]
+    pub alignment: Option<AlignmentStatus>,
     /// Its partitions, in the order of the plan.
     pub partitions: Vec<PartitionStatus>,
+}
+
+/// How the major frames of a module lie to those that they follow.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct AlignmentStatus {
+    /// The module that is followed, or `realtime`.
+    pub follows: String,
+    /// `seeking`, `locked` or `lost`.
+    pub state: String,
+    /// How much later than the own frame the other one begins, as far as is known, ns; null: nothing was measured.
+    pub error_ns: Option<i64>,
+    /// The standard deviation of that, ns.
+    pub deviation_ns: u64,
+    /// The uncertainty of the last measurement, ns.
+    pub uncertainty_ns: u64,
+    /// How fast the other clock runs ahead, parts in 10⁹; negative: the own frames are too long.
+    pub drift_ppb: i64,
+    /// By how much the end of the last frame was moved, ns.
+    pub correction_ns: i64,
+    /// Measurements that counted.
+    pub measurements: u64,
+    /// Measurements that were not believed.
+    pub refused: u64,
+    /// How often it was lost.
+    pub lost: u64,
 }
 
 /// A partition at that moment. Times of windows are over the whole run, all incarnations.

@@ -2,6 +2,7 @@
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
+use std::path::Path;
 use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -13,6 +14,7 @@ use rtrb::{Consumer, RingBuffer};
 use super::course::{Course, Ended};
 use super::{Options, RunError, machine};
 use crate::agenda::Agenda;
+use crate::alignment::Following;
 use crate::change::Changes;
 use crate::control::{Inbox, Status};
 use crate::dispatcher::Dispatcher;
@@ -25,7 +27,7 @@ use crate::monitor::StartForStranger;
 use crate::monitor::observers::StartObserver;
 use crate::monitor::operator::Operator;
 use crate::monitor::renewal::Means;
-use crate::monitor::{Equipment, Monitor, StartJanitor};
+use crate::monitor::{Alignment, Equipment, Monitor, StartJanitor};
 use crate::partition::Cage;
 use crate::plan::{ModuleError, ModuleView, PartitionId, Plan, Timeline};
 use crate::seats::Seats;
@@ -102,7 +104,8 @@ pub(super) fn conduct(
     }
     let ran = match monitor.launch(cages, condition).and_then(|()| monitor.await_all_ready()) {
         Ok(()) => {
-            let ready = Ready { plan, view, clock: options.clock, facts, agenda, records, lanes: &lanes };
+            let (clock, output) = (options.clock, options.output.as_path());
+            let ready = Ready { plan, view, clock, facts, agenda, records, lanes: &lanes, output };
             ready.run(&mut monitor, staff.recorder, resets, course)
         }
         Err(reason) => Err(RunError::Start(reason)),
@@ -137,6 +140,7 @@ struct Ready<'a> {
     agenda: Arc<Agenda>,
     records: Records,
     lanes: &'a Lanes,
+    output: &'a Path,
 }
 
 impl Ready<'_> {
@@ -148,7 +152,7 @@ impl Ready<'_> {
         resets: u32,
         course: &mut Course,
     ) -> Result<u64, RunError> {
-        let Self { plan, view, clock, facts, agenda, records, lanes } = self;
+        let Self { plan, view, clock, facts, agenda, records, lanes, output } = self;
         let seats = monitor.seats();
         connect(&seats, plan, clock);
         monitor.events().tell(&Event::Ready { partitions: seats.iter().flatten().count() });
@@ -168,7 +172,20 @@ impl Ready<'_> {
             Clock::Virtual => {
                 Ok(run_virtual(&tables, monitor, surroundings, records, facts, course.member.as_ref()))
             }
-            Clock::Wall => run_wall(&tables, monitor, surroundings, lanes, facts, origin_ns),
+            Clock::Wall => {
+                if let Some(following) = Following::of(plan, view.id()) {
+                    let relay = plan.relay_of(view.id()).map(PartitionId::index);
+                    monitor.follow(Alignment::new(
+                        following,
+                        &tables.timelines,
+                        relay,
+                        origin_ns,
+                        output,
+                        resets,
+                    ));
+                }
+                run_wall(&tables, monitor, surroundings, lanes, facts, origin_ns)
+            }
         }
     }
 }
@@ -364,14 +381,14 @@ impl Tables {
     /// The next minor frame of the schedule that runs: when the world is asked again.
     fn following_minor_frame(&self, module_ns: u64) -> u64 {
         let minor_frame_ns = self.timelines[self.agenda.current()].minor_frame_ns;
-        let since_ns = self.agenda.changed_ns();
+        let since_ns = self.agenda.newest_frame_ns();
         since_ns + (module_ns.saturating_sub(since_ns) / minor_frame_ns + 1) * minor_frame_ns
     }
 
     /// Where the major frame begins in which the time `until_ns` lies, or at whose end.
     fn last_frame(&self, until_ns: u64) -> u64 {
         let major_frame_ns = self.timelines[self.agenda.current()].major_frame_ns;
-        let since_ns = self.agenda.changed_ns();
+        let since_ns = self.agenda.newest_frame_ns();
         since_ns + until_ns.saturating_sub(since_ns + 1) / major_frame_ns * major_frame_ns
     }
 }

@@ -29,6 +29,7 @@ use crate::seats::Seats;
 use crate::system::kernel_log::KernelLog;
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
+pub use align::Alignment;
 use burial::{Burials, Seat};
 use module_level::ModuleLevel;
 pub use module_level::{Kept, Stop};
@@ -38,6 +39,7 @@ use standby::TAKEOVER;
 use watched::{Life, Then, Watched};
 
 mod acts;
+mod align;
 mod burial;
 mod change;
 mod figures;
@@ -109,6 +111,8 @@ pub struct Monitor {
     /// When the partitions' logs are looked at next, CLOCK_MONOTONIC, ns.
     next_bound_ns: u64,
     operator: Operator,
+    /// Where the module follows another one's frames.
+    alignment: Option<Alignment>,
     kernel_log: KernelLog,
 }
 
@@ -175,6 +179,7 @@ impl Monitor {
             next_count_ns: 0,
             next_bound_ns: 0,
             operator,
+            alignment: None,
             kernel_log: KernelLog::open(),
         }
     }
@@ -228,6 +233,7 @@ impl Monitor {
         self.module_ns = module_ns;
         self.take_records(module_ns);
         self.tell_schedule();
+        self.align(module_ns);
         let all_run = self.do_all_run();
         for place in 0..self.watched.len() {
             self.take_reports(place, module_ns);

@@ -173,6 +173,7 @@ impl Monitor {
             windows: self.totals.windows,
             late_windows: self.totals.late,
             window_overruns: self.totals.overruns,
+            alignment: self.alignment.as_ref().map(super::align::Alignment::status),
             partitions: partitions.collect(),
             ..self.operator.about.clone()
         }

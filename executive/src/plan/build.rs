@@ -4,8 +4,8 @@
 
 use super::MessageCatalogue;
 use super::closed::{
-    ChangeAction, Direction, ErrorLevel, Exhausted, Kind, PartitionAction, PartitionError, PartitionState,
-    StartMode, Transport,
+    ChangeAction, Direction, ErrorLevel, Exhausted, Kind, ModuleClock, PartitionAction, PartitionError,
+    PartitionState, StartMode, Transport,
 };
 use super::links;
 use super::model::{
@@ -24,7 +24,7 @@ use super::rules::chains;
 /// What holds where the file says nothing.
 pub(super) mod defaults {
     use super::super::closed::LogPolicy;
-    use super::{Exhausted, StartMode, Transport};
+    use super::{Exhausted, ModuleClock, StartMode, Transport};
 
     /// One thread: a partition has one window loop.
     pub(crate) const THREADS: u32 = 1;
@@ -66,6 +66,7 @@ pub(super) mod defaults {
     pub(crate) const LOST_AFTER_NS: u64 = 100_000_000;
     /// What every machine has.
     pub(crate) const TRANSPORT: Transport = Transport::Udp;
+    pub(crate) const CLOCK: ModuleClock = ModuleClock::Monotonic;
     /// What happened last explains an end.
     pub(crate) const HEALTH_LOG_POLICY: LogPolicy = LogPolicy::Overwrite;
 }
@@ -113,6 +114,7 @@ impl Builder<'_> {
                 Some(leader) => Some(leader?),
                 None => None,
             },
+            clock: raw.clock.or(Word(defaults::CLOCK))?.0,
             follows_within_ns: raw.follows_within.or(Nanoseconds(defaults::FOLLOWS_WITHIN_NS))?.0,
         })
     }

@@ -72,6 +72,16 @@ closed! {
 }
 
 closed! {
+    /// Where the major frames of a module lie.
+    ModuleClock, "clock" {
+        /// Where its start has put them, on the machine's own clock.
+        Monotonic = "monotonic",
+        /// At multiples of their length on the machine's disciplined clock.
+        Realtime = "realtime",
+    }
+}
+
+closed! {
     /// By what datagrams travel between two modules.
     Transport, "transport" {
         /// UDP, from address to address.
@@ -210,6 +220,8 @@ closed! {
         PartitionStopped = "partition_stopped",
         /// An error of a partition that is dealt with at this level.
         PartitionError = "partition_error",
+        /// The major frames do not begin with those that they follow.
+        SyncLost = "sync_lost",
     }
 }
 

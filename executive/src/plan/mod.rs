@@ -28,8 +28,8 @@ pub mod units;
 
 pub use catalogue::{RULES, Rule};
 pub use closed::{
-    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleError,
-    PartitionAction, PartitionError, PartitionState, Standby, StartMode, Transport,
+    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleClock,
+    ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode, Transport,
 };
 pub use facts::Facts;
 pub use latency::Visit;

@@ -10,8 +10,8 @@ use std::ops::Index;
 use serde::Serialize;
 
 use super::closed::{
-    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleError,
-    PartitionAction, PartitionError, PartitionState, Standby, StartMode, Transport,
+    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleClock,
+    ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode, Transport,
 };
 
 macro_rules! index {
@@ -104,7 +104,9 @@ pub struct Module {
     pub addresses: Vec<Address>,
     /// Whose major frame it follows; none: nobody's.
     pub follows: Option<ModuleId>,
-    /// The error of its major frame beyond which it has lost that of the module that it follows, ns; not zero.
+    /// Where its major frames lie.
+    pub clock: ModuleClock,
+    /// The error of its major frame beyond which it has lost that of the module, or of the clock, that it follows, ns; not zero.
     pub follows_within_ns: u64,
 }
 
@@ -556,9 +558,10 @@ pub fn default_module_action(error: ModuleError) -> ModuleAction {
     match error {
         // A configuration that can not even be started is the end anyway; one partition that can not be started again in
         // flight is better than none.
-        ModuleError::LateDispatcher | ModuleError::PartitionStopped | ModuleError::ConfigError => {
-            ModuleAction::Ignore
-        }
+        ModuleError::LateDispatcher
+        | ModuleError::PartitionStopped
+        | ModuleError::ConfigError
+        | ModuleError::SyncLost => ModuleAction::Ignore,
         ModuleError::PowerFail | ModuleError::PartitionError => ModuleAction::Shutdown,
     }
 }
@@ -615,7 +618,7 @@ impl Plan {
     }
 
     /// How far apart the major frames of two modules may begin, ns; none: anyhow, because neither follows the other and
-    /// both do not follow a third.
+    /// both do not follow a third, or the disciplined clock.
     #[must_use]
     pub fn aligned_within_ns(&self, one: ModuleId, other: ModuleId) -> Option<u64> {
         let (first, own) = self.followed_to_the_end(one);
@@ -623,8 +626,8 @@ impl Plan {
         (first == second).then_some(own.saturating_add(others))
     }
 
-    /// Who is followed in the end, directly or through others, and with which error at most, ns.
-    fn followed_to_the_end(&self, module: ModuleId) -> (ModuleId, u64) {
+    /// Who is followed in the end, directly or through others, and with which error at most, ns; nobody: the disciplined clock.
+    fn followed_to_the_end(&self, module: ModuleId) -> (Option<ModuleId>, u64) {
         let (mut at, mut error_ns) = (module, 0_u64);
         // No longer than there are modules: the rules let no circle through.
         for _ in 0..self.modules.len() {
@@ -632,7 +635,10 @@ impl Plan {
             error_ns = error_ns.saturating_add(self[at].follows_within_ns);
             at = leader;
         }
-        (at, error_ns)
+        if self[at].clock == ModuleClock::Realtime {
+            return (None, error_ns.saturating_add(self[at].follows_within_ns));
+        }
+        (Some(at), error_ns)
     }
 
     /// What becomes of a partition when the module changes from one schedule to another. A partition that did not run

@@ -8,8 +8,8 @@ use toml::de::{DeTable, DeValue};
 
 use super::catalogue;
 use super::closed::{
-    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleError,
-    PartitionAction, PartitionError, PartitionState, Standby, StartMode, Transport,
+    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleClock,
+    ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode, Transport,
 };
 use super::findings::{Finding, Findings, Span, did_you_mean, listed};
 use super::reader::{
@@ -40,6 +40,7 @@ pub(super) struct RawModule {
     /// Where it is reached, by network.
     pub(super) addresses: Vec<(At<String>, At<SocketAddr>)>,
     pub(super) follows: Field<String>,
+    pub(super) clock: Field<Word<ModuleClock>>,
     pub(super) follows_within: Field<Nanoseconds>,
 }
 
@@ -223,9 +224,10 @@ impl RawModule {
         });
         let addresses = addresses.collect();
         let follows = table.optional("follows");
+        let clock = table.optional("clock");
         let follows_within = table.optional("follows_within");
         table.finish();
-        Some(Self { name: entry.0, cores, housekeeping_cores, addresses, follows, follows_within })
+        Some(Self { name: entry.0, cores, housekeeping_cores, addresses, follows, clock, follows_within })
     }
 }
 

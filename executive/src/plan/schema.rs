@@ -91,6 +91,11 @@ const DESCRIPTIONS: &[Described] = &[
     (MODULE, "housekeeping_cores", "The cores for everything else."),
     (MODULE, "addresses", "Where it is reached, by network, as \"address:port\"."),
     (MODULE, "follows", "The module whose major frame it follows."),
+    (
+        MODULE,
+        "clock",
+        "Where its major frames lie: on its own clock, or at multiples of their length on the disciplined clock.",
+    ),
     (MODULE, "follows_within", "The error of its major frame beyond which it has lost that module's."),
     (NETWORK, "rate", "How much it carries, such as \"100Mbit/s\"."),
     (NETWORK, "latency", "The most that a datagram takes from sender to receiver."),

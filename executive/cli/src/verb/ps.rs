@@ -7,7 +7,7 @@
 use std::fmt::Write;
 
 use anyhow::Result;
-use bateleur_executive::control::status::{Lateness, Spread};
+use bateleur_executive::control::status::{AlignmentStatus, Lateness, Spread};
 use bateleur_executive::control::{Client, PartitionStatus, Status, running};
 
 use super::target::{Target, printable, status};
@@ -89,6 +89,27 @@ fn heading(status: &Status) -> String {
         status.late_windows,
         status.lost_windows,
         status.window_overruns
+    ) + &status.alignment.as_ref().map(alignment).unwrap_or_default()
+}
+
+/// How the major frames lie to those that they follow.
+fn alignment(alignment: &AlignmentStatus) -> String {
+    let error = alignment.error_ns.map_or_else(
+        || "nothing measured".to_owned(),
+        |error| {
+            let (error_us, deviation_us) = (error as f64 / 1e3, alignment.deviation_ns as f64 / 1e3);
+            format!("{error_us:.1} us beside (deviation {deviation_us:.1} us)")
+        },
+    );
+    format!(
+        "major frames follow {}: {}, {error}, drift {:.2} ppm, last correction {:.1} us, {} measurements, {} not believed, lost {} times\n",
+        printable(&alignment.follows),
+        printable(&alignment.state),
+        alignment.drift_ppb as f64 / 1e3,
+        alignment.correction_ns as f64 / 1e3,
+        alignment.measurements,
+        alignment.refused,
+        alignment.lost
     )
 }
 
@@ -130,6 +151,29 @@ mod tests {
     use bateleur_executive::control::LastFault;
 
     use super::*;
+
+    #[test]
+    fn module_that_follows_says_whom_and_how_far_it_is_beside() {
+        let following = AlignmentStatus {
+            follows: "nav".into(),
+            state: "locked".into(),
+            error_ns: Some(-1_250),
+            deviation_ns: 400,
+            drift_ppb: 12_340,
+            correction_ns: 1_200,
+            measurements: 500,
+            refused: 2,
+            lost: 1,
+            ..AlignmentStatus::default()
+        };
+        assert_eq!(
+            alignment(&following),
+            "major frames follow nav: locked, -1.2 us beside (deviation 0.4 us), drift 12.34 ppm, last correction 1.2 us, 500 measurements, 2 not believed, lost 1 times\n"
+        );
+        let nothing =
+            AlignmentStatus { follows: "nav".into(), state: "seeking".into(), ..AlignmentStatus::default() };
+        assert!(alignment(&nothing).contains("nav: seeking, nothing measured, drift"));
+    }
 
     #[test]
     fn table_has_a_line_for_each_partition_and_obeys_no_control_character() {

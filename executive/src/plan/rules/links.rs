@@ -8,7 +8,7 @@ use super::laid::Laid;
 use super::windows::gaps;
 use crate::plan::build::defaults;
 use crate::plan::catalogue;
-use crate::plan::closed::Kind;
+use crate::plan::closed::{Kind, ModuleClock};
 use crate::plan::findings::{Finding, Span};
 use crate::plan::latency::Hop;
 use crate::plan::links::{self, Carried, LARGEST_DATAGRAM, LONGEST_GAP_MS, SMALLEST_DATAGRAM};
@@ -500,12 +500,20 @@ fn follows(cx: &Context<'_>) {
                     "`follows_within` is zero",
                     "write a time above zero",
                 );
-            } else if module.follows.is_absent() {
+            } else if module.follows.is_absent() && !on_realtime(module) {
                 let message = format!("module `{}` follows nobody", module.name.value);
                 cx.note(&catalogue::MISPLACED_KEY, &within.span, message, "remove it, or add `follows`");
             }
         }
         let Some(said) = module.follows.said() else { continue };
+        if on_realtime(module) {
+            let message = format!(
+                "module `{}` follows both `{}` and the disciplined clock",
+                module.name.value, said.value
+            );
+            let mend = "remove `follows`, or `clock = \"realtime\"`";
+            cx.note(&catalogue::MISPLACED_KEY, &said.span, message, mend);
+        }
         let Some(leader) = cx.names.module(&said.value) else { continue };
         if comes_back(cx, place) {
             let message = format!("module `{}` follows itself, through `{}`", module.name.value, said.value);
@@ -523,6 +531,10 @@ fn follows(cx: &Context<'_>) {
             cx.note(&catalogue::FOLLOWS_WITHOUT_LINK, &said.span, message, mend);
         }
     }
+}
+
+fn on_realtime(module: &crate::plan::raw::RawModule) -> bool {
+    module.clock.get().is_some_and(|clock| clock.0 == ModuleClock::Realtime)
 }
 
 /// Whether following leads from a module back to it.

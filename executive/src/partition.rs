@@ -13,8 +13,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use bateleur_contract::{
-    Clock, ControlPage, Description, Direction, ENVIRONMENT, Mapped, PortDescription, PortKind,
-    StartCondition, page,
+    CONTROL_FD, Clock, ControlPage, Description, Direction, ENVIRONMENT, Mapped, PortDescription, PortKind,
+    RELAY_KEYS_FD, StartCondition, page,
 };
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{
@@ -23,6 +23,7 @@ use rustix::fs::{
 use rustix::process::{WaitId, WaitIdOptions, waitid};
 
 use crate::fence::{Fence, Processes};
+use crate::keys::Key;
 use crate::plan::{Attribute, Partition, PartitionId, Plan, Port, Role};
 use crate::slot::Slot;
 use crate::system::account::Accounts;
@@ -54,6 +55,8 @@ pub struct Housing {
     pub real_time: bool,
     /// Where partitions' standard error goes.
     pub logs: PathBuf,
+    /// The keys of the module's links, for its relay.
+    pub link_keys: Vec<Key>,
 }
 
 /// A partition without its process.
@@ -70,6 +73,8 @@ pub struct Cage {
     page: OwnedFd,
     retained: Option<OwnedFd>,
     retained_bytes: u64,
+    /// A relay's: the keys of its links.
+    keys: Option<OwnedFd>,
     group: Option<Group>,
     accounts: Accounts,
     filters: Option<Filters>,
@@ -140,6 +145,7 @@ impl Cage {
             page,
             retained,
             retained_bytes: partition.retained_bytes,
+            keys: partition.relay.then(|| sealed_keys(&housing.link_keys)).transpose()?,
             group,
             accounts,
             filters: housing.filtered.then(|| Filters::new(grants(partition, housing))).transpose()?,
@@ -199,6 +205,12 @@ impl Cage {
         self.log_start.store(errors.metadata()?.len(), Relaxed);
         let mut descriptors: Vec<BorrowedFd<'_>> = vec![self.page.as_fd(), description.as_fd()];
         descriptors.extend(self.retained.as_ref().map(AsFd::as_fd));
+        if let Some(keys) = &self.keys {
+            // Descriptors are numbered without gaps: the keys themselves stand in for retained memory that there is none of.
+            while descriptors.len() <= (RELAY_KEYS_FD - CONTROL_FD) as usize {
+                descriptors.push(keys.as_fd());
+            }
+        }
         let granted = Granted {
             program: &self.program,
             channels: &self.channels,
@@ -382,6 +394,12 @@ fn sealed_text(name: &str, text: &[u8]) -> io::Result<OwnedFd> {
     file.write_all(text)?;
     fcntl_add_seals(&file, SealFlags::WRITE | SealFlags::SHRINK)?;
     Ok(file.into())
+}
+
+/// The keys of links one after another, in memory without a name that nobody can change.
+fn sealed_keys(keys: &[Key]) -> io::Result<OwnedFd> {
+    let bytes: Vec<u8> = keys.iter().flat_map(|key| *key.bytes()).collect();
+    sealed_text("keys", &bytes)
 }
 
 /// The cores on which a partition has windows, in any schedule.

@@ -1,7 +1,7 @@
 //! Runs what the project's pages tell people to type, each block in a copy of what it needs, and compares what comes of it.
 //!
 //! Responsible for: README and the book telling the truth about commands. It must never touch the project's own folder: a block
-//! runs in a folder of its own, in which the schedule, the airframes and the built programs lie.
+//! runs in a folder of its own, in which the schedules, the airframes and the built programs lie.
 
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};
@@ -93,9 +93,11 @@ impl Place {
         fs::write(inside.join("bin/cargo"), cargo_of_a_page(programs))?;
         fs::set_permissions(inside.join("bin/cargo"), fs::Permissions::from_mode(0o755))?;
         fs::copy(root.join("schedule.toml"), inside.join("schedule.toml"))?;
-        fs::create_dir_all(inside.join("airframes"))?;
-        for airframe in files(&root.join("airframes"), ".toml") {
-            fs::copy(&airframe, inside.join("airframes").join(airframe.file_name().unwrap_or_default()))?;
+        for folder in ["airframes", "schedules"] {
+            fs::create_dir_all(inside.join(folder))?;
+            for file in files(&root.join(folder), ".toml") {
+                fs::copy(&file, inside.join(folder).join(file.file_name().unwrap_or_default()))?;
+            }
         }
         Ok(place)
     }
@@ -154,7 +156,7 @@ mod tests {
     fn project(page: &str) -> PathBuf {
         let root =
             std::env::temp_dir().join(format!("bateleur-commands-{}-{}", std::process::id(), page.len()));
-        for folder in ["docs/src", "airframes", "built"] {
+        for folder in ["docs/src", "airframes", "schedules", "built"] {
             fs::create_dir_all(root.join(folder)).unwrap();
         }
         fs::write(root.join("README.md"), page).unwrap();

@@ -37,6 +37,7 @@ enum Verb {
     Ground(verb::ground::Arguments),
     Health(verb::health::Arguments),
     Key(verb::key::Arguments),
+    Links(verb::links::Arguments),
     /// Kill a partition of a running module; its health table says what follows.
     Kill(verb::order::Arguments),
     /// End a partition of a running module until it is started; its windows pass.
@@ -86,6 +87,7 @@ fn main() -> ExitCode {
         Verb::Ground(arguments) => verb::ground::run(&arguments),
         Verb::Health(arguments) => verb::health::run(&arguments),
         Verb::Key(arguments) => verb::key::run(&arguments),
+        Verb::Links(arguments) => verb::links::run(&arguments),
         Verb::Kill(arguments) => verb::order::run(&arguments, |partition| Request::Kill { partition }),
         Verb::Stop(arguments) => verb::order::run(&arguments, |partition| Request::Stop { partition }),
         Verb::Start(arguments) => verb::order::run(&arguments, |partition| Request::Start { partition }),

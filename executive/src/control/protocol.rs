@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::status::{ChannelStatus, Status};
+use super::status::{ChannelStatus, LinkName, Status};
 
 /// Bytes of a request with its line end: the longest sensible one names a file for a recording (a path has 4096 bytes at
 /// most). A client that sends more without a line end is cut off; a larger value would only let it hold more memory.
@@ -41,6 +41,8 @@ pub enum Request {
     },
     /// The channels.
     Ports,
+    /// What the links of the module are called.
+    Links,
     /// From now on the connection carries every message of some channels, as an [`super::Observation`] a line; nothing more
     /// can be asked on it.
     Watch {
@@ -81,6 +83,11 @@ pub enum Answer {
     Watching,
     /// The figures.
     Status(Box<Status>),
+    /// The links.
+    Links {
+        /// In the order of the plan.
+        links: Vec<LinkName>,
+    },
     /// The channels.
     Ports {
         /// In the order of the plan.

@@ -95,6 +95,37 @@ pub struct PartitionStatus {
     pub lateness_ns: Option<Lateness>,
 }
 
+/// What a link of a module is called. How it is says its relay, on a port of its own.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LinkName {
+    /// Its number in the plan.
+    pub id: u64,
+    /// Its name.
+    pub name: String,
+    /// The module at the other end.
+    pub peer: String,
+    /// Its networks.
+    pub networks: Vec<String>,
+}
+
+impl LinkName {
+    /// Those of a module, in the order of the plan.
+    #[must_use]
+    pub fn of(view: &crate::plan::ModuleView<'_>) -> Vec<Self> {
+        let plan = view.plan();
+        let name = |id: crate::plan::LinkId| {
+            let link = &plan[id];
+            Some(Self {
+                id: id.index() as u64,
+                name: link.name.clone(),
+                peer: plan[link.peer_of(view.id())?].name.clone(),
+                networks: link.networks.iter().map(|&network| plan[network].name.clone()).collect(),
+            })
+        };
+        plan.links_of(view.id()).filter_map(name).collect()
+    }
+}
+
 /// A channel.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChannelStatus {

@@ -420,6 +420,7 @@ impl Base {
             ruled: facts.ruled,
             real_time: facts.real_time,
             logs: options.output.join("partitions"),
+            link_keys: options.link_keys.clone(),
         };
         let none = BTreeMap::new();
         let built = view.partitions().zip(programs).map(|(id, program)| {

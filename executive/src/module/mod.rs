@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -11,6 +12,7 @@ use bateleur_contract::Clock;
 use crate::event::{Event, Events};
 use crate::guarantee::Guarantee;
 use crate::instance::clean_leftovers;
+use crate::keys::{Key, KeyError};
 use crate::machine::Machine;
 use crate::plan::{ModuleView, Plan};
 use crate::planned::{Act, Killings, PlannedAct};
@@ -18,10 +20,12 @@ use crate::together::{Together, TogetherError};
 use crate::world::Companion;
 use base::Base;
 use course::{Course, Ended};
+pub use joined::LINKS_FILE;
 
 mod base;
 mod conduct;
 mod course;
+mod joined;
 
 /// What a run is asked to do.
 pub struct Options {
@@ -35,6 +39,12 @@ pub struct Options {
     pub plan_folder: PathBuf,
     /// Attributes that replace the plan's, by partition.
     pub overrides: BTreeMap<String, BTreeMap<String, serde_json::Value>>,
+    /// Files with keys of links, by link, in place of the plan's.
+    pub key_files: BTreeMap<String, PathBuf>,
+    /// Addresses in place of those of the plan.
+    pub addresses: BTreeMap<SocketAddr, SocketAddr>,
+    /// The keys of the module's links, in the order of the plan: read by [`run`], whatever stands here before.
+    pub link_keys: Vec<Key>,
     /// What is to happen to partitions, and when.
     pub acts: Vec<PlannedAct>,
     /// Partitions that chance kills.
@@ -100,6 +110,24 @@ pub enum RunError {
     /// Other modules on the same virtual clock.
     #[error(transparent)]
     Together(TogetherError),
+    /// A key of a link that is not in the plan.
+    #[error("the plan has no link \"{name}\"; it has {known}")]
+    NoLink {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// The key of a link.
+    #[error(
+        "the key of link {link}: {error} (`bateleur key FILE` makes one; the host at the other end needs the same file)"
+    )]
+    Key {
+        /// The link.
+        link: String,
+        /// What is wrong with its file.
+        error: KeyError,
+    },
     /// Something of the machine.
     #[error("{what}: {why}")]
     Machine {
@@ -136,7 +164,7 @@ pub struct Outcome {
 /// # Errors
 /// What kept it from starting. Nothing is left behind then.
 pub fn run(plan: Plan, mut options: Options) -> Result<Outcome, RunError> {
-    let plan = Arc::new(plan);
+    let plan = Arc::new(joined::prepare(plan, &mut options)?);
     let view = module_of(&plan, &options.module)?;
     check_names(&view, &options)?;
     check_schedules(&plan, &options)?;

@@ -5,7 +5,7 @@ use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 use super::Monitor;
-use crate::control::{Answer, ChannelStatus, Ordered};
+use crate::control::{Answer, ChannelStatus, LinkName, Ordered};
 use crate::partition::{ended, is_readable, message_name, queue_depth};
 use crate::plan::{ChannelId, nearest};
 use crate::system::spawn::Spawned;
@@ -73,6 +73,11 @@ impl Monitor {
 
     pub(super) fn take_on(&mut self, observer: (Spawned, Vec<String>)) {
         self.operator.observers.working.push(observer);
+    }
+
+    pub(super) fn link_names(&self) -> Vec<LinkName> {
+        let module = self.plan.module(&self.operator.about.module);
+        module.map(|view| LinkName::of(&view)).unwrap_or_default()
     }
 
     pub(super) fn channel_list(&self) -> Vec<ChannelStatus> {

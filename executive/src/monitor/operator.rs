@@ -56,6 +56,7 @@ impl Monitor {
     fn carry_out(&mut self, ordered: &Ordered, module_ns: u64) -> Result<Answer, String> {
         match &ordered.request {
             Request::Ports => Ok(Answer::Ports { channels: self.channel_list() }),
+            Request::Links => Ok(Answer::Links { links: self.link_names() }),
             Request::Watch { ports } => {
                 let (answer, observer) = self.watch(ordered, ports)?;
                 self.take_on(observer);

@@ -374,6 +374,12 @@ impl Link {
         self.networks.get(network).is_some_and(Presence::is_up)
     }
 
+    /// When the peer was heard on a network last, the own module time, ns; none: never.
+    #[must_use]
+    pub fn heard_ns(&self, network: usize) -> Option<u64> {
+        self.networks.get(network).and_then(Presence::heard_ns)
+    }
+
     /// What is known of the peer's clock.
     #[must_use]
     pub fn estimate(&self, now_ns: u64) -> Option<Estimate> {

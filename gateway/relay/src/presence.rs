@@ -44,6 +44,11 @@ impl Presence {
         }
     }
 
+    /// When it was heard last; none: never.
+    pub(crate) fn heard_ns(&self) -> Option<u64> {
+        self.since_ns.filter(|_| self.heard)
+    }
+
     /// Time passes. Each silence is told once.
     pub(crate) fn look(&mut self, now_ns: u64) -> Option<Change> {
         let since_ns = *self.since_ns.get_or_insert(now_ns);

@@ -17,6 +17,7 @@ pub mod export;
 pub mod figures;
 pub mod flight;
 pub mod health;
+pub mod hosts;
 pub mod html;
 pub mod log;
 pub mod mission;

@@ -74,6 +74,8 @@ message! {
         pub exchanges: [u64; LINKS],
         /// 1 while the peer is heard on this network.
         pub up: [u64; PATHS],
+        /// When the peer was heard on it last, module time, ns; 0: never.
+        pub heard_ns: [u64; PATHS],
         /// Datagrams that were sent.
         pub sent: [u64; PATHS],
         /// Datagrams that could not be sent.

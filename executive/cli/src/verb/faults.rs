@@ -82,15 +82,22 @@ impl Faults {
 
     /// The options again, for another program.
     pub(crate) fn arguments(&self) -> Vec<String> {
+        self.arguments_for(true, |_| true)
+    }
+
+    /// Those that `hit` a target of another program; `chance`: with kills by chance.
+    pub(crate) fn arguments_for(&self, chance: bool, hit: impl Fn(&str) -> bool) -> Vec<String> {
         let all = self.lists().into_iter();
+        let hit = &hit;
         let acts = all.flat_map(|(name, _, list)| {
-            list.iter().flat_map(move |when| [name.to_owned(), format!("{}@{}", when.partition, when.at_s)])
+            let list = list.iter().filter(|when| hit(&when.partition));
+            list.flat_map(move |when| [name.to_owned(), format!("{}@{}", when.partition, when.at_s)])
         });
-        let injections = self
-            .inject
-            .iter()
-            .flat_map(|one| ["--inject".to_owned(), format!("{}:{}@{}", one.target, one.fault, one.at_s)]);
-        let chance = self.kill_every.into_iter().flat_map(|period_s| {
+        let injections =
+            self.inject.iter().filter(|one| hit(&one.target)).flat_map(|one| {
+                ["--inject".to_owned(), format!("{}:{}@{}", one.target, one.fault, one.at_s)]
+            });
+        let chance = self.kill_every.filter(|_| chance).into_iter().flat_map(|period_s| {
             let seed = self.kill_seed.to_string();
             ["--kill-every".to_owned(), period_s.to_string(), "--kill-seed".to_owned(), seed]
         });

@@ -43,6 +43,16 @@ pub(crate) enum Helper {
         /// The run, as JSON.
         instance: String,
     },
+    /// Becomes `bateleur` with other arguments, in a network namespace of its own.
+    #[command(hide = true)]
+    Within {
+        /// An interface: NAME=OWN,OTHER,…, the addresses on its network.
+        #[arg(long)]
+        interface: Vec<String>,
+        /// What `bateleur` is told there.
+        #[arg(last = true)]
+        arguments: Vec<String>,
+    },
     /// Does nothing: shows that a process can be started so.
     #[command(hide = true)]
     Probe,
@@ -69,6 +79,9 @@ pub(crate) fn run(helper: &Helper) -> Result<Code> {
         Helper::Examiner { order } => examiner::run(order)?,
         Helper::Attach { order } => examiner::attach(order)?,
         Helper::Guard { instance } => guard::run(instance)?,
+        Helper::Within { interface, arguments } => {
+            super::fly::hosts::namespace::within(interface, arguments)?;
+        }
         Helper::Probe => {}
         Helper::Observer { order } => crate::observer::run(order)?,
         Helper::Recorder { order } => crate::recorder::run(order)?,

@@ -16,6 +16,7 @@ pub(crate) mod health;
 pub(crate) mod helper;
 pub(crate) mod inject;
 pub(crate) mod key;
+pub(crate) mod links;
 pub(crate) mod man;
 pub(crate) mod new;
 pub(crate) mod order;

@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Write;
+use std::net::SocketAddr;
 use std::os::fd::{FromRawFd, OwnedFd, RawFd};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
@@ -59,6 +60,12 @@ pub(crate) struct Arguments {
     /// Replace an attribute of the plan.
     #[arg(long, value_name = "PARTITION.ATTRIBUTE=VALUE", value_parser = parse_setting)]
     pub(crate) set: Vec<Setting>,
+    /// Take the key of a link from another file than the plan's; relative to the schedule file.
+    #[arg(long, value_name = "LINK=FILE", value_parser = parse_key)]
+    pub(crate) key: Vec<(String, PathBuf)>,
+    /// Use another address in place of one of the plan's, for this module and its peers.
+    #[arg(long, value_name = "PLANNED=OTHER", value_parser = parse_address)]
+    pub(crate) address: Vec<(SocketAddr, SocketAddr)>,
     /// Ask for another schedule at a module time; it takes effect with the next major frame (may be repeated).
     #[arg(long, value_name = "NAME@SECONDS", value_parser = parse_schedule_change)]
     pub(crate) schedule_at: Vec<ScheduleChange>,
@@ -102,6 +109,18 @@ pub(crate) fn parse_setting(text: &str) -> Result<Setting, String> {
     let (partition, attribute) = name.split_once('.').ok_or_else(wrong)?;
     let value = serde_json::from_str(value).unwrap_or_else(|_| value.into());
     Ok(Setting { partition: partition.into(), attribute: attribute.into(), value })
+}
+
+fn parse_key(text: &str) -> Result<(String, PathBuf), String> {
+    let wrong = || format!("\"{text}\" is not LINK=FILE, such as nav=keys/nav.key");
+    text.split_once('=').map(|(link, file)| (link.to_owned(), PathBuf::from(file))).ok_or_else(wrong)
+}
+
+fn parse_address(text: &str) -> Result<(SocketAddr, SocketAddr), String> {
+    let addresses =
+        text.split_once('=').and_then(|(one, other)| Some((one.parse().ok()?, other.parse().ok()?)));
+    addresses
+        .ok_or_else(|| format!("\"{text}\" is not PLANNED=OTHER, such as 10.77.0.1:15300=127.0.0.1:15300"))
 }
 
 pub(crate) fn parse_schedule_change(text: &str) -> Result<ScheduleChange, String> {
@@ -185,6 +204,7 @@ fn options(
             .or_default()
             .insert(setting.attribute.clone(), setting.value.clone());
     }
+    let plan_folder = arguments.schedule.parent().map(Path::to_owned).unwrap_or_default();
     let nanoseconds = |seconds: f64| (seconds * 1e9) as u64;
     let changes =
         arguments.schedule_at.iter().map(|change| (change.schedule.clone(), nanoseconds(change.at_s)));
@@ -192,7 +212,10 @@ fn options(
         module,
         clock: if arguments.fast { Clock::Virtual } else { Clock::Wall },
         output: folder.to_owned(),
-        plan_folder: arguments.schedule.parent().map(Path::to_owned).unwrap_or_default(),
+        plan_folder: plan_folder.clone(),
+        key_files: arguments.key.iter().map(|(link, file)| (link.clone(), plan_folder.join(file))).collect(),
+        addresses: arguments.address.iter().copied().collect(),
+        link_keys: Vec::new(),
         overrides,
         acts: arguments.faults.planned(),
         killings: arguments.faults.killings(),

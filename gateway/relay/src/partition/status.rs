@@ -56,6 +56,7 @@ fn fill(status: &mut LinkStatus, place: usize, link: &Link, now_ns: u64) {
     for network in 0..NETWORKS {
         let (path, counted) = (LinkStatus::path(place, network), &counters.networks[network]);
         status.up[path] = link.is_up(network).into();
+        status.heard_ns[path] = link.heard_ns(network).unwrap_or(0);
         status.sent[path] = counted.sent;
         status.unsent[path] = counted.unsent;
         status.received[path] = counted.received;

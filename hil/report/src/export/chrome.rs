@@ -2,7 +2,8 @@
 //!
 //! Two processes: *cores*, with one track a core that shows whose window is when, and *partitions*, with one track a partition
 //! that shows what it used of its windows and the slack, its faults and the messages that it wrote. A change of schedule is
-//! an instant across all of them. Times are module time, from microsecond 0.
+//! an instant across all of them. Times are module time, from microsecond 0. Of a flight on several hosts each module has two such
+//! processes of its own, and all times are the first module's.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{BufRead, BufReader};
@@ -14,6 +15,7 @@ use serde_json::json;
 use super::{ExportError, Exported, Sink, check_folder};
 use crate::flight::PORTS_FILE;
 use crate::health::{self, HealthEntry};
+use crate::hosts::{self, Host};
 use crate::log;
 use crate::windows::{self, Window};
 
@@ -47,11 +49,25 @@ pub fn chrome(folder: &Path, path: &Path) -> Result<Exported, ExportError> {
     check_folder(folder)?;
     let mut trace = Trace::begin(path)?;
     let mut exported = Exported::default();
-    add_windows(folder, &mut trace, &mut exported);
-    add_health(folder, &mut trace, &mut exported);
-    add_messages(folder, &mut trace, &mut exported);
+    let hosts = hosts::of(folder);
+    if hosts.is_empty() {
+        trace.enter(None);
+        add(folder, &mut trace, &mut exported);
+    }
+    for host in hosts {
+        let own = hosts::folder_of(folder, &host);
+        trace.enter(Some(host));
+        add(&own, &mut trace, &mut exported);
+    }
     trace.end()?;
     exported.or_nothing()
+}
+
+/// Everything that one module left.
+fn add(folder: &Path, trace: &mut Trace, exported: &mut Exported) {
+    add_windows(folder, trace, exported);
+    add_health(folder, trace, exported);
+    add_messages(folder, trace, exported);
 }
 
 struct Trace {
@@ -60,22 +76,52 @@ struct Trace {
     cores: BTreeSet<u32>,
     partitions: BTreeMap<String, u32>,
     schedule: String,
+    /// Modules before the present one.
+    before: u32,
+    /// The present one, of several.
+    host: Option<Host>,
 }
 
 impl Trace {
     fn begin(path: &Path) -> Result<Self, ExportError> {
         let mut sink = Sink::create(path)?;
         sink.write(b"{\"displayTimeUnit\":\"ns\",\"traceEvents\":[\n");
-        let mut trace = Self {
+        Ok(Self {
             sink,
             first: true,
             cores: BTreeSet::new(),
             partitions: BTreeMap::new(),
             schedule: String::new(),
-        };
-        trace.name("process_name", CORES, 0, "cores");
-        trace.name("process_name", PARTITIONS, 0, "partitions");
-        Ok(trace)
+            before: 0,
+            host: None,
+        })
+    }
+
+    /// What follows is of this module; none: there is one only.
+    fn enter(&mut self, host: Option<Host>) {
+        if self.host.is_some() {
+            self.before += 1;
+        }
+        let named =
+            |what: &str| host.as_ref().map_or(what.to_owned(), |host| format!("{} {what}", host.module));
+        let (cores, partitions) = (named("cores"), named("partitions"));
+        self.host = host;
+        self.cores.clear();
+        self.partitions.clear();
+        self.schedule.clear();
+        self.name("process_name", CORES, 0, &cores);
+        self.name("process_name", PARTITIONS, 0, &partitions);
+    }
+
+    /// The number of one of the present module's processes.
+    fn process(&self, kind: u32) -> u32 {
+        self.before * PARTITIONS + kind
+    }
+
+    /// µs of the first module's time; exact for a hundred days.
+    fn us(&self, own_ns: u64) -> f64 {
+        let shift_ns = self.host.as_ref().map_or(0, |host| host.shift_ns);
+        own_ns.saturating_add_signed(shift_ns) as f64 / 1e3
     }
 
     fn end(mut self) -> Result<(), ExportError> {
@@ -93,17 +139,19 @@ impl Trace {
 
     fn name(&mut self, what: &str, pid: u32, tid: u32, name: &str) {
         let args = Some(json!({ "name": name }));
+        let pid = self.process(pid);
         self.event(&Event { name: what, ph: 'M', pid, tid, ts: None, dur: None, s: None, args });
     }
 
     fn span(&mut self, name: &str, pid: u32, tid: u32, from_ns: u64, to_ns: u64, args: serde_json::Value) {
-        let (ts, dur) = (Some(us(from_ns)), Some(us(to_ns.saturating_sub(from_ns))));
+        let (ts, dur) = (Some(self.us(from_ns)), Some(to_ns.saturating_sub(from_ns) as f64 / 1e3));
+        let pid = self.process(pid);
         self.event(&Event { name, ph: 'X', pid, tid, ts, dur, s: None, args: Some(args) });
     }
 
     fn instant(&mut self, name: &str, tid: u32, at_ns: u64, reach: char, args: Option<serde_json::Value>) {
-        let ts = Some(us(at_ns));
-        self.event(&Event { name, ph: 'i', pid: PARTITIONS, tid, ts, dur: None, s: Some(reach), args });
+        let (ts, pid) = (Some(self.us(at_ns)), self.process(PARTITIONS));
+        self.event(&Event { name, ph: 'i', pid, tid, ts, dur: None, s: Some(reach), args });
     }
 
     /// The track of a partition, named where it is new.
@@ -162,11 +210,6 @@ impl Trace {
         let args = json!({ "message": entry.message, "sequence": entry.sequence });
         self.instant(port, tid, entry.time_ns, 't', Some(args));
     }
-}
-
-/// Nanoseconds in microseconds; exact for a hundred days.
-fn us(ns: u64) -> f64 {
-    ns as f64 / 1e3
 }
 
 fn add_windows(folder: &Path, trace: &mut Trace, exported: &mut Exported) {

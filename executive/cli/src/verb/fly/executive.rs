@@ -1,4 +1,4 @@
-//! The executive's process, as the flight sees it: events come out, orders to stop go in.
+//! The executives' processes, as the flight sees them: events come out, orders to stop go in.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::fd::{AsRawFd, OwnedFd};
@@ -11,9 +11,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use bateleur_executive::event::Event;
-use bateleur_executive::plan::Plan;
+use bateleur_executive::plan::{ModuleId, Plan};
 use rustix::io::{FdFlags, fcntl_setfd};
 
+use super::hosts::namespace::Lan;
+use super::hosts::{self, Hosts};
 use super::simulator::Simulator;
 use super::{Arguments, beside_self, partition_running};
 use crate::line::Line;
@@ -42,6 +44,7 @@ pub(super) struct Question {
 }
 
 impl Executive {
+    /// The only one of a flight.
     pub(super) fn start(
         arguments: &Arguments,
         plan: &Plan,
@@ -49,33 +52,92 @@ impl Executive {
         simulator: &Simulator,
         line: &Line,
     ) -> Result<Self> {
+        let mut choices: Vec<String> =
+            arguments.module.iter().flat_map(|name| ["--module".into(), name.clone()]).collect();
+        for (target, setting) in settings(arguments, plan, simulator, line)? {
+            choices.extend(["--set".into(), format!("{target}.{setting}")]);
+        }
+        choices.extend(arguments.set.iter().flat_map(|setting| ["--set".into(), setting.clone()]));
+        choices.extend(arguments.faults.arguments());
+        let started = Start { folder, choices, companion: arguments.fast, interfaces: None };
+        Self::spawn(arguments, started)
+    }
+
+    /// That of the module at `place`, one of several.
+    pub(super) fn of_host(
+        arguments: &Arguments,
+        plan: &Plan,
+        hosts: &Hosts,
+        place: usize,
+        (simulator, line): (&Simulator, &Line),
+        interfaces: Option<Vec<String>>,
+    ) -> Result<Self> {
+        let main = hosts::place_of(plan, "command")?;
+        // What is aimed at no partition is for the module with the ground's line.
+        let is_here = |target: &str| hosts::place_of_target(plan, target).unwrap_or(main) == place;
+        let mut choices = hosts.arguments(plan, place);
+        for (target, setting) in settings(arguments, plan, simulator, line)? {
+            if is_here(&target) {
+                choices.extend(["--set".into(), format!("{target}.{setting}")]);
+            }
+        }
+        let asked = arguments.set.iter().filter(|setting| is_here(setting));
+        choices.extend(asked.flat_map(|setting| ["--set".into(), setting.clone()]));
+        choices.extend(arguments.faults.arguments_for(place == main, is_here));
+        let folder = hosts.folder_of(&hosts.modules[place]);
+        let companion = arguments.fast && place == main;
+        Self::spawn(arguments, Start { folder: &folder, choices, companion, interfaces })
+    }
+
+    fn spawn(arguments: &Arguments, start: Start<'_>) -> Result<Self> {
         let program = beside_self("bateleur")?;
         let (events, event_end) = std::io::pipe()?;
         let event_end = OwnedFd::from(event_end);
         fcntl_setfd(&event_end, FdFlags::empty())?;
         let mut command = Command::new(&program);
-        command.arg("run").arg("--schedule").arg(&arguments.schedule).arg("--output").arg(folder);
-        command.args(["--record", "--until-stdin-closes", "--events-fd", &event_end.as_raw_fd().to_string()]);
-        set(&mut command, &partition_running(plan, "command")?, "device", &line.device);
-        let interface = partition_running(plan, "hil_interface")?;
-        set(&mut command, &interface, "simulator", &simulator.address.to_string());
-        set(&mut command, &interface, "protocol", simulator.protocol.name());
-        if arguments.free_running {
-            set(&mut command, &interface, "lockstep", "false");
+        if let Some(interfaces) = &start.interfaces {
+            command.arg("within").args(interfaces.iter().flat_map(|one| ["--interface", one])).arg("--");
         }
-        set_airframe(&mut command, arguments, plan)?;
-        add_choices(&mut command, arguments);
-        let companion = if arguments.fast { Some(add_companion(&mut command)?) } else { None };
+        command.arg("run").arg("--schedule").arg(&arguments.schedule).arg("--output").arg(start.folder);
+        command.args(["--record", "--until-stdin-closes", "--events-fd", &event_end.as_raw_fd().to_string()]);
+        command.args(&start.choices);
+        if arguments.fast {
+            command.arg("--fast");
+        }
+        if let Some(how) = &arguments.require {
+            command.args(["--require", how]);
+        }
+        let companion = if start.companion { Some(add_companion(&mut command)?) } else { None };
+        let output = if start.interfaces.is_some() { Stdio::piped() } else { Stdio::null() };
         let mut process = command
             .stdin(Stdio::piped())
-            .stdout(Stdio::null())
+            .stdout(output)
             .process_group(0) // Ctrl-C is for the flight, which ends its processes in their order
             .spawn()
             .with_context(|| format!("cannot start {}", program.display()))?;
         drop(event_end);
-        let line = process.stdin.take();
+        // One that waits in its namespace is told to go on through it first.
+        let line = if start.interfaces.is_some() { None } else { process.stdin.take() };
         let companion = companion.map(|(own, _)| own);
         Ok(Self { process, line, events: read_events(events), companion })
+    }
+
+    /// Joins it to its networks, and lets it start.
+    pub(super) fn join(&mut self, lan: &Lan, plan: &Plan, module: ModuleId) -> Result<()> {
+        lan.join(plan, module, &mut self.process)?;
+        self.line = self.process.stdin.take();
+        Ok(())
+    }
+
+    /// Ends it as a computer ends that loses its power.
+    pub(super) fn kill(&mut self) {
+        let _ = self.process.kill(); // it has ended already
+    }
+
+    /// Asks it to stop.
+    pub(super) fn ask_to_stop(&mut self) {
+        drop(self.line.take());
+        drop(self.companion.take());
     }
 
     /// Events since the last look.
@@ -118,8 +180,7 @@ impl Executive {
 
     /// Asks it to stop and waits until it has; gives the events of its end.
     pub(super) fn finish(&mut self) -> Vec<Event> {
-        drop(self.line.take());
-        drop(self.companion.take());
+        self.ask_to_stop();
         let begun = Instant::now();
         while self.ended().is_none() && begun.elapsed() < END_PATIENCE {
             std::thread::sleep(Duration::from_millis(2));
@@ -139,35 +200,42 @@ impl Drop for Executive {
     }
 }
 
-fn set(command: &mut Command, partition: &str, attribute: &str, value: &str) {
-    command.arg("--set").arg(format!("{partition}.{attribute}={value}"));
+/// How one is started.
+struct Start<'a> {
+    folder: &'a Path,
+    /// What differs from module to module.
+    choices: Vec<String>,
+    /// The ground's line ends there.
+    companion: bool,
+    /// In a network namespace of its own, with these interfaces.
+    interfaces: Option<Vec<String>>,
 }
 
-/// The laws and the servos must know the aircraft that the simulator flies.
-fn set_airframe(command: &mut Command, arguments: &Arguments, plan: &Plan) -> Result<()> {
-    let Some(airframe) = &arguments.airframe else { return Ok(()) };
-    // Partitions run as a user who may not be let into the file's folder: they get its text.
-    let value = std::fs::read_to_string(airframe).unwrap_or_else(|_| airframe.clone());
-    for program in ["controller", "servo"] {
-        set(command, &partition_running(plan, program)?, "airframe", &value);
+/// What a flight sets: the partition, and ATTRIBUTE=VALUE.
+fn settings(
+    arguments: &Arguments,
+    plan: &Plan,
+    simulator: &Simulator,
+    line: &Line,
+) -> Result<Vec<(String, String)>> {
+    let interface = partition_running(plan, "hil_interface")?;
+    let mut list = vec![
+        (partition_running(plan, "command")?, format!("device={}", line.device)),
+        (interface.clone(), format!("simulator={}", simulator.address)),
+        (interface.clone(), format!("protocol={}", simulator.protocol.name())),
+    ];
+    if arguments.free_running {
+        list.push((interface, "lockstep=false".to_owned()));
     }
-    Ok(())
-}
-
-fn add_choices(command: &mut Command, arguments: &Arguments) {
-    if let Some(module) = &arguments.module {
-        command.arg("--module").arg(module);
+    // The laws and the servos must know the aircraft that the simulator flies.
+    if let Some(airframe) = &arguments.airframe {
+        // Partitions run as a user who may not be let into the file's folder: they get its text.
+        let value = std::fs::read_to_string(airframe).unwrap_or_else(|_| airframe.clone());
+        for program in ["controller", "servo"] {
+            list.push((partition_running(plan, program)?, format!("airframe={value}")));
+        }
     }
-    if arguments.fast {
-        command.arg("--fast");
-    }
-    if let Some(how) = &arguments.require {
-        command.args(["--require", how]);
-    }
-    for setting in &arguments.set {
-        command.args(["--set", setting]);
-    }
-    command.args(arguments.faults.arguments());
+    Ok(list)
 }
 
 /// Gives our end of the handshake, and the other one to keep until the process is started.

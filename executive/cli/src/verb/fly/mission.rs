@@ -11,7 +11,7 @@ use bateleur_messages::hil::{PilotOrder, Protocol};
 use bateleur_messages::telemetry::Primary;
 
 use super::Arguments;
-use super::executive::Executive;
+use super::fleet::Fleet;
 use super::simulator::Simulator;
 use super::standing::Standing;
 use crate::line::Line;
@@ -40,6 +40,8 @@ pub(super) struct Flown {
     pub(super) module_time_s: f64,
     /// What the executive told of the run as a whole.
     pub(super) events: Vec<Event>,
+    /// The hosts' modules, the one whose time counts first; none: there was one host.
+    pub(super) modules: Vec<String>,
 }
 
 /// Flies; none: the executive could not start, and has said why.
@@ -48,7 +50,7 @@ pub(super) fn fly(
     plan: MissionPlan,
     simulator: Simulator,
     line: Line,
-    executive: Executive,
+    fleet: Fleet,
     stop: Arc<AtomicBool>,
 ) -> Result<Option<Flown>> {
     let pilot = FieldPilot::of(&simulator)?;
@@ -56,7 +58,7 @@ pub(super) fn fly(
         mission: Mission::new(plan),
         simulator,
         line,
-        executive,
+        fleet,
         pilot,
         stop,
         events: Vec::new(),
@@ -126,7 +128,7 @@ struct Flight {
     mission: Mission,
     simulator: Simulator,
     line: Line,
-    executive: Executive,
+    fleet: Fleet,
     pilot: FieldPilot,
     stop: Arc<AtomicBool>,
     events: Vec<Event>,
@@ -146,22 +148,22 @@ impl Flight {
     fn fast(&mut self) {
         loop {
             self.take_events();
-            match self.executive.question() {
+            match self.fleet.question() {
                 Ok(Some(question)) => {
                     self.line.await_bytes(question.sent);
                     let over = self.step(question.module_ns);
-                    if self.executive.answer(self.line.link.bytes_sent(), over).is_err() {
+                    if self.fleet.answer(self.line.link.bytes_sent(), over).is_err() {
                         return;
                     }
                 }
-                Ok(None) if self.executive.ended().is_none() => {}
+                Ok(None) if self.is_alive() => {}
                 _ => return,
             }
         }
     }
 
     fn wall(&mut self) {
-        while self.executive.ended().is_none() {
+        while self.is_alive() {
             self.take_events();
             let over = match self.ready {
                 Some(ready) => self.step(ready.elapsed().as_nanos() as u64),
@@ -174,8 +176,27 @@ impl Flight {
         }
     }
 
+    /// Whether there is an aircraft: its executive runs, and nothing that it needs for its start has failed.
+    fn is_alive(&mut self) -> bool {
+        if self.fleet.has_ended() {
+            return false;
+        }
+        let missing = self.fleet.ended_before_ready();
+        let alive = missing.is_none() && !self.is_interrupted_before_ready();
+        self.failure = missing.or(self.failure.take());
+        alive
+    }
+
+    /// The virtual clock asks nobody before all hosts are there.
+    fn is_interrupted_before_ready(&self) -> bool {
+        self.ready.is_none() && self.stop.load(Ordering::Acquire)
+    }
+
     /// One step of the ground station; true: the flight is over.
     fn step(&mut self, module_ns: u64) -> bool {
+        for line in self.fleet.perform(module_ns) {
+            eprintln!("{:9.3} s  {line}", module_ns as f64 / 1e9);
+        }
         let progress = self.mission.step(module_ns, &mut self.line.link, &mut self.pilot);
         for event in &progress.events {
             let mark = if event.severity == Severity::Info { "" } else { "! " };
@@ -225,7 +246,7 @@ impl Flight {
     }
 
     fn take_events(&mut self) {
-        for event in self.executive.take_events() {
+        for event in self.fleet.take_events() {
             say(&event);
             self.standing.take(&event);
             if matches!(event, Event::Ready { .. }) {
@@ -240,7 +261,7 @@ impl Flight {
 
     fn finish(mut self) -> Option<Flown> {
         self.take_events();
-        let rest = self.executive.finish();
+        let rest = self.fleet.finish();
         rest.iter().for_each(say);
         self.events.extend(rest);
         self.simulator.finish();
@@ -271,6 +292,7 @@ impl Flight {
             waypoints_reached: self.latest.map_or(0, |progress| progress.waypoints_reached),
             module_time_s: module_time_s.unwrap_or(latest_ns as f64 / 1e9),
             events: self.events,
+            modules: self.fleet.modules(),
         })
     }
 }

@@ -6,6 +6,8 @@
 //! was completed, 1 it was not, 2 it could not begin.
 
 mod executive;
+mod fleet;
+pub(crate) mod hosts;
 mod mission;
 mod simulator;
 mod standing;
@@ -22,6 +24,7 @@ use bateleur_executive::plan::{Attribute, Facts, Plan};
 use bateleur_ground::MissionPlan;
 use bateleur_messages::hil::Protocol;
 use bateleur_report::chains::ChainBound;
+use bateleur_report::hosts as report_hosts;
 use bateleur_report::run::{Clock, FILE, Guarantee, Mission as MissionResult, Run};
 use bateleur_report::{Inputs, Summary};
 use bateleur_simulator::Outside;
@@ -33,6 +36,9 @@ use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
 use crate::line::Line;
 use crate::output;
 use crate::plan_file;
+use fleet::Fleet;
+use hosts::Hosts;
+use hosts::namespace::{self, Lan};
 use mission::Flown;
 
 /// Fly the mission hardware-in-the-loop.
@@ -64,6 +70,8 @@ pub(crate) struct Arguments {
     pub(crate) airframe: Option<String>,
     #[command(flatten)]
     pub(crate) outside: Outside,
+    #[command(flatten)]
+    pub(crate) hosts: hosts::Options,
     #[command(flatten)]
     pub(crate) faults: Faults,
     /// Replace an attribute of the plan (may be repeated).
@@ -141,13 +149,72 @@ fn fly(
     stop: Arc<AtomicBool>,
 ) -> Result<Option<Flown>> {
     let protocol = protocol(arguments, plan)?;
+    if arguments.hosts.hosts {
+        return fly_hosts(arguments, plan, mission, folder, protocol, stop);
+    }
     let simulator = match arguments.no_simulator {
         true => simulator::Simulator::of_somebody_else(arguments, protocol),
         false => simulator::Simulator::start(arguments, plan, folder, protocol)?,
     };
     let line = Line::open()?;
     let executive = executive::Executive::start(arguments, plan, folder, &simulator, &line)?;
-    mission::fly(arguments, mission.clone(), simulator, line, executive, stop)
+    mission::fly(arguments, mission.clone(), simulator, line, Fleet::of_one(executive), stop)
+}
+
+/// The same with one executive for each module of the plan.
+fn fly_hosts(
+    arguments: &Arguments,
+    plan: &Plan,
+    mission: &MissionPlan,
+    folder: &Path,
+    protocol: Protocol,
+    stop: Arc<AtomicBool>,
+) -> Result<Option<Flown>> {
+    let hosts = Hosts::prepare(arguments, plan, folder)?;
+    let id = |place: usize| plan.module(&hosts.modules[place]).map(|view| view.id());
+    // The simulator and this program are where the module is that talks to it.
+    let near = hosts::place_of(plan, "hil_interface")?;
+    let main = hosts::place_of(plan, "command")?;
+    let lan = match (arguments.fast, id(near)) {
+        (false, Some(near)) => Some(Lan::make(plan, near)?),
+        _ => None,
+    };
+    let simulator = simulator::Simulator::start(arguments, plan, folder, protocol)?;
+    let line = Line::open()?;
+    let mut started = Vec::new();
+    for (place, module) in hosts.modules.iter().enumerate() {
+        let apart = lan.as_ref().zip(id(place)).filter(|_| place != near);
+        let interfaces = apart.map(|(_, id)| namespace::interfaces(plan, id));
+        let ends = (&simulator, &line);
+        let mut executive = executive::Executive::of_host(arguments, plan, &hosts, place, ends, interfaces)?;
+        if let Some((lan, id)) = apart {
+            executive.join(lan, plan, id)?;
+        }
+        started.push((module.clone(), executive));
+    }
+    let first = started.remove(main);
+    let fleet = Fleet::of_hosts(arguments, plan, hosts, first, started, lan);
+    let flown = mission::fly(arguments, mission.clone(), simulator, line, fleet, stop)?;
+    if let Some(flown) = &flown {
+        join_logs(arguments, plan, folder, &flown.modules)?;
+    }
+    Ok(flown)
+}
+
+/// Makes one log of those of all hosts.
+fn join_logs(arguments: &Arguments, plan: &Plan, folder: &Path, modules: &[String]) -> Result<()> {
+    let joined = |(id, link): (usize, &bateleur_executive::plan::Link)| report_hosts::Joined {
+        id: id as u64,
+        modules: link.ends.map(|end| plan[end].name.clone()),
+    };
+    // On one virtual clock there is one time, whatever relays measure over a network that delays one way more than the other.
+    let measured = plan.links.iter().enumerate().filter(|_| !arguments.fast);
+    let links: Vec<_> = measured.map(joined).collect();
+    let hosts = report_hosts::shifts(folder, modules, &links);
+    for note in report_hosts::merge(folder, &hosts).context("cannot join the hosts' logs")? {
+        eprintln!("             {note}");
+    }
+    Ok(())
 }
 
 /// What module and simulator speak: what was asked for, or what the plan says.

@@ -1,0 +1,90 @@
+//! What a module of several is started with: its own part of the plan, its relay's table, the keys of its links.
+//!
+//! A module that must wait for its peers starts without them: nothing here, and nothing later, waits for another host.
+
+use std::collections::BTreeMap;
+use std::net::SocketAddr;
+
+use bateleur_contract::relay::{ATTRIBUTE, STEPPED};
+use bateleur_contract::{Clock, RelayTable};
+
+use super::{Options, RunError};
+use crate::control::LinkName;
+use crate::event::Event;
+use crate::keys::{self, Key};
+use crate::plan::{ModuleView, Plan, Protection};
+
+/// In the folder of a run: what its links are called.
+pub const LINKS_FILE: &str = "links.json";
+
+/// The plan as the module runs it. Leaves the relay's table and keys in `options`.
+pub(super) fn prepare(plan: Plan, options: &mut Options) -> Result<Plan, RunError> {
+    let Some(view) = plan.module(&options.module) else { return Ok(plan) };
+    let (Some(relay), table) = (plan.relay_of(view.id()), table(&view)?) else { return Ok(plan) };
+    let Some(mut table) = table else { return Ok(plan) };
+    options.link_keys = read_keys(&view, options)?;
+    if options.clock == Clock::Virtual {
+        table.transport = STEPPED.to_owned();
+    }
+    redirect(&mut table, &options.addresses);
+    let relay = plan[relay].name.clone();
+    for link in table.links.iter().filter(|link| !link.authenticated) {
+        let text = format!(
+            "link {} is not authenticated: anybody on its networks can speak for {}",
+            link.name, link.peer
+        );
+        options.events.tell(&Event::Message { time_s: 0.0, partition: relay.clone(), text });
+    }
+    let value = serde_json::to_value(&table).map_err(unwritable)?;
+    options.overrides.entry(relay).or_default().insert(ATTRIBUTE.to_owned(), value);
+    write_names(&view, options)?;
+    Ok(plan.local(view.id()))
+}
+
+fn table(view: &ModuleView<'_>) -> Result<Option<RelayTable>, RunError> {
+    view.plan().relay_table(view.id()).map_err(unwritable)
+}
+
+fn unwritable(error: serde_json::Error) -> RunError {
+    RunError::Machine { what: "cannot write down the plan".to_owned(), why: error.to_string() }
+}
+
+/// What the links are called, beside the logs: whoever reads those knows numbers only.
+fn write_names(view: &ModuleView<'_>, options: &Options) -> Result<(), RunError> {
+    let names = serde_json::to_vec_pretty(&LinkName::of(view)).map_err(unwritable)?;
+    let made = std::fs::create_dir_all(&options.output)
+        .and_then(|()| std::fs::write(options.output.join(LINKS_FILE), names));
+    made.map_err(super::machine(format!("cannot write {LINKS_FILE}")))
+}
+
+/// The keys of all links of the module, in the order of the table.
+fn read_keys(view: &ModuleView<'_>, options: &Options) -> Result<Vec<Key>, RunError> {
+    let plan = view.plan();
+    if let Some(name) =
+        options.key_files.keys().find(|name| !plan.links.iter().any(|link| link.name == **name))
+    {
+        let known = plan.links.iter().map(|link| link.name.as_str()).collect::<Vec<_>>().join(", ");
+        return Err(RunError::NoLink { name: name.clone(), known });
+    }
+    let key = |link: &crate::plan::Link| match &link.protection {
+        Protection::Unauthenticated => Ok(Key::none()),
+        Protection::Key { file } => {
+            let path = match options.key_files.get(&link.name) {
+                Some(other) => other.clone(),
+                None => options.plan_folder.join(file),
+            };
+            keys::read(&path).map_err(|error| RunError::Key { link: link.name.clone(), error })
+        }
+    };
+    plan.links_of(view.id()).map(|id| key(&plan[id])).collect()
+}
+
+/// Other addresses in place of the plan's: for links that are modelled on one machine.
+fn redirect(table: &mut RelayTable, addresses: &BTreeMap<SocketAddr, SocketAddr>) {
+    let paths = table.links.iter_mut().flat_map(|link| &mut link.paths);
+    for address in paths.flat_map(|path| [&mut path.local, &mut path.remote]) {
+        if let Some(other) = addresses.get(address) {
+            *address = *other;
+        }
+    }
+}

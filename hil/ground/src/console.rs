@@ -4,13 +4,16 @@ use crate::board::Board;
 use crate::courier::function_name;
 use bateleur_messages::SimulatorLink;
 use bateleur_messages::ground::{
-    EstimatorOrder, LoopId, Order, SENSOR_ACCELEROMETER, SENSOR_GYROSCOPE, SENSOR_PRESSURE, Waypoint,
+    EstimatorOrder, LoopId, Manoeuvre, Order, SENSOR_ACCELEROMETER, SENSOR_GYROSCOPE, SENSOR_PRESSURE,
+    Waypoint,
 };
 use bateleur_messages::hil::Protocol;
 use bateleur_messages::hil::{PILOT_STAND_BY, PILOT_TAKE_OFF};
 use bateleur_messages::telemetry::{
-    ACCEPTED, Acknowledge, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED, NAVIGATION_ON, NOT_UNDERSTOOD,
-    Navigation, Primary, Refusal, StateTelemetry, Telemetry,
+    ACCEPTED, Acknowledge, NAVIGATION_ABORTED, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED,
+    NAVIGATION_LINK_LOST, NAVIGATION_LOITER, NAVIGATION_ON, NAVIGATION_OUTSIDE, NAVIGATION_PROTECTION_SHIFT,
+    NAVIGATION_RETURN, NAVIGATION_TAKE_OFF, NOT_UNDERSTOOD, Navigation, Primary, Refusal, StateTelemetry,
+    Telemetry,
 };
 use std::fmt::Write;
 use thiserror::Error;
@@ -30,6 +33,8 @@ loop NAME TARGET                  one loop with its target, in m, m/s, rad, rad/
                                   roll_angle roll_rate pitch_rate airspeed altitude climb_rate heading
                                   axial lateral normal
 loop NAME off
+fly go_on|take_off|loiter|return|abort
+                                  in place of mission and loops; take_off standing, then `autopilot on`
 pilot take-off|stand-by           call the simulated safety pilot
 status                            the newest telemetry
 help                              this page
@@ -136,6 +141,7 @@ impl Console {
             }
             "waypoint" => self.waypoint(rest).map(Request::Orders),
             "loop" => single_loop(rest).map(one),
+            "fly" => manoeuvre(rest).map(one),
             "sensors" => sensors(rest).map(one),
             "estimator" => estimator(rest).map(one),
             "pilot" => pilot(rest).map(Request::Pilot),
@@ -204,7 +210,7 @@ impl Console {
 }
 
 /// The first words that a line may have, for [`did_you_mean`].
-const COMMANDS: [&str; 11] = [
+const COMMANDS: [&str; 12] = [
     "hil",
     "sensors",
     "estimator",
@@ -212,6 +218,7 @@ const COMMANDS: [&str; 11] = [
     "navigation",
     "autopilot",
     "loop",
+    "fly",
     "pilot",
     "status",
     "help",
@@ -260,6 +267,17 @@ fn single_loop(words: &[&str]) -> Result<Order, ConsoleError> {
         "off" => Ok(Order::Loop { id, on: false, target: 0.0 }),
         target => Ok(Order::Loop { id, on: true, target: number("target", target)? }),
     }
+}
+
+fn manoeuvre(words: &[&str]) -> Result<Order, ConsoleError> {
+    let usage = ConsoleError::Usage {
+        command: "fly",
+        wanted: "go_on, take_off, loiter, return or abort",
+        example: "fly loiter",
+    };
+    let [name] = words else { return Err(usage) };
+    let what = Manoeuvre::ALL.into_iter().find(|what| what.name() == *name).ok_or(usage)?;
+    Ok(Order::Manoeuvre { what, link_lost: false })
 }
 
 fn sensors(words: &[&str]) -> Result<Order, ConsoleError> {
@@ -421,16 +439,26 @@ fn describe_state(s: &StateTelemetry) -> String {
 fn describe_navigation(n: &Navigation) -> String {
     let flag = |bit: u32, word: &'static str| if n.flags & bit != 0 { word } else { "" };
     format!(
-        "navigation  to way-point {} of {}, {} reached, {:.1} m right of track, wants {:.0} m and {:.1} m/s{}{}{}",
+        "navigation  to way-point {} of {}, {} reached, {:.1} m right of track, wants {:.0} m and {:.1} m/s{}",
         n.next_waypoint,
         n.waypoint_count,
         n.waypoints_reached,
         n.cross_track_m,
         n.altitude_reference_m,
         n.airspeed_reference_mps,
-        flag(NAVIGATION_AUTOPILOT, ", autopilot"),
-        flag(NAVIGATION_ON, ", navigating"),
-        flag(NAVIGATION_FINISHED, ", finished"),
+        [
+            flag(NAVIGATION_AUTOPILOT, ", autopilot"),
+            flag(NAVIGATION_ON, ", navigating"),
+            flag(NAVIGATION_FINISHED, ", finished"),
+            flag(NAVIGATION_TAKE_OFF, ", taking off"),
+            flag(NAVIGATION_ABORTED, ", take-off given up"),
+            flag(NAVIGATION_LOITER, ", circling"),
+            flag(NAVIGATION_RETURN, ", flying back"),
+            flag(NAVIGATION_LINK_LOST, ", because the ground is silent"),
+            flag(NAVIGATION_OUTSIDE, ", OUTSIDE of the fence"),
+            flag(u32::MAX << NAVIGATION_PROTECTION_SHIFT, ", limits reached"),
+        ]
+        .concat(),
     )
 }
 

@@ -1,7 +1,7 @@
 //! The line to the aircraft: bytes in, telemetry out; orders in, bytes out.
 
 use bateleur_messages::frame::{self, Decoder, Refused};
-use bateleur_messages::ground::Order;
+use bateleur_messages::ground::{BEAT, Order};
 use bateleur_messages::telemetry::Telemetry;
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
@@ -136,6 +136,17 @@ impl Link {
         } else {
             frame::encode(order.letter(), &order.data(), &mut self.outgoing);
             self.counters.orders += 1;
+        }
+        self.flush()
+    }
+
+    /// Says that the ground is there, and nothing else.
+    ///
+    /// # Errors
+    /// As [`Link::send`].
+    pub fn beat(&mut self) -> Result<(), LinkError> {
+        if self.outgoing.is_empty() {
+            frame::encode(BEAT, &[], &mut self.outgoing);
         }
         self.flush()
     }

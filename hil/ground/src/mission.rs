@@ -10,7 +10,7 @@ use crate::pilot::Pilot;
 use crate::plan::MissionPlan;
 use crate::progress::{Event, Outcome, Phase, Progress, Severity};
 use crate::watch::{Losses, Watch};
-use bateleur_messages::ground::{EstimatorOrder, Order, SENSOR_GYROSCOPE, SENSOR_PRESSURE};
+use bateleur_messages::ground::{EstimatorOrder, Manoeuvre, Order, SENSOR_GYROSCOPE, SENSOR_PRESSURE};
 use bateleur_messages::hil::{PILOT_TAKE_OFF, PilotOrder};
 use bateleur_messages::state::{STATUS_COARSE, STATUS_DISABLED, STATUS_RUNNING};
 use bateleur_messages::telemetry::{
@@ -51,6 +51,7 @@ pub struct Mission {
     rearmed: u32,
     silent: bool,
     estimator_silent: bool,
+    beat_due_ns: u64,
     incoming: Vec<Telemetry>,
     events: Vec<Event>,
     outcome: Outcome,
@@ -74,6 +75,7 @@ impl Mission {
             rearmed: 0,
             silent: false,
             estimator_silent: false,
+            beat_due_ns: 0,
             incoming: Vec::new(),
             events: Vec::new(),
             outcome: Outcome::Running,
@@ -108,6 +110,10 @@ impl Mission {
             self.check_limits();
         }
         self.courier.send_due(self.now_ns, link)?;
+        if self.now_ns >= self.beat_due_ns {
+            self.beat_due_ns = self.now_ns + SECOND_NS;
+            link.beat()?;
+        }
         link.flush()
     }
 
@@ -185,7 +191,11 @@ impl Mission {
             Phase::InitialiseEstimator => self.request(initialise()),
             Phase::LoadWaypoints => self.request_waypoints(),
             Phase::SwitchNavigation => self.request(Order::Navigation { on: true }),
+            Phase::OrderTakeOff if self.plan.own_take_off => {
+                self.request(Order::Manoeuvre { what: Manoeuvre::TakeOff, link_lost: false });
+            }
             Phase::OrderTakeOff => self.call_pilot(pilot),
+            Phase::Climb if self.plan.own_take_off => self.request(Order::Autopilot { on: true }),
             Phase::Engage => self.request(Order::Autopilot { on: true }),
             Phase::End => self.outcome = Outcome::Finished,
             _ => {}
@@ -216,6 +226,7 @@ impl Mission {
             Phase::AwaitEstimator => self.estimator_can_be_flown_on(),
             Phase::LoadWaypoints => !self.courier.is_pending(b'W'),
             Phase::SwitchNavigation => !self.courier.is_pending(b'N'),
+            Phase::OrderTakeOff if self.plan.own_take_off => !self.courier.is_pending(b'F'),
             Phase::OrderTakeOff => self.pilot_understood(pilot),
             Phase::Climb => self.is_high_and_rising(),
             Phase::Engage => !self.courier.is_pending(b'A'),
@@ -471,5 +482,6 @@ fn order_name(order: &Order) -> String {
         Order::Loop { id, .. } => format!("loop {}", id.name()),
         Order::InitialiseSensors { .. } => "sensor initialisation".to_owned(),
         Order::Estimator(_) => "estimator order".to_owned(),
+        Order::Manoeuvre { what, .. } => what.name().to_owned(),
     }
 }

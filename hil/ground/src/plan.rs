@@ -17,6 +17,8 @@ pub struct MissionPlan {
     pub laps: u32,
     /// Height above the runway at which the autopilot is engaged, m.
     pub engage_altitude_m: f64,
+    /// The autopilot takes off by itself, instead of the safety pilot.
+    pub own_take_off: bool,
     /// Flight after the last way-point before the mission ends, s.
     pub loiter_s: f64,
     /// Longest time from the first step to the end, s.
@@ -67,11 +69,22 @@ struct RawPlan {
     laps: u32,
     #[serde(default = "engage_altitude_m")]
     engage_altitude_m: f64,
+    #[serde(default)]
+    take_off: TakeOff,
     #[serde(default = "loiter_s")]
     loiter_s: f64,
     #[serde(default = "time_limit_s")]
     time_limit_s: f64,
     waypoint: Vec<RawWaypoint>,
+}
+
+/// Who takes off.
+#[derive(Debug, Default, PartialEq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum TakeOff {
+    #[default]
+    Pilot,
+    Autopilot,
 }
 
 #[derive(Debug, Deserialize)]
@@ -123,6 +136,7 @@ impl MissionPlan {
             waypoints: corners.into_iter().enumerate().map(waypoint).collect(),
             laps: laps(),
             engage_altitude_m: engage_altitude_m(),
+            own_take_off: false,
             loiter_s: loiter_s(),
             time_limit_s: time_limit_s(),
         }
@@ -163,6 +177,7 @@ impl MissionPlan {
             waypoints,
             laps: raw.laps,
             engage_altitude_m: raw.engage_altitude_m,
+            own_take_off: raw.take_off == TakeOff::Autopilot,
             loiter_s: raw.loiter_s,
             time_limit_s: raw.time_limit_s,
         })

@@ -4,7 +4,7 @@
 
 use bateleur_ground::{Link, Mission, MissionPlan, Outcome, Phase, Pilot, Progress, Severity};
 use bateleur_messages::frame::{self, Decoder, Frame};
-use bateleur_messages::ground::{EstimatorOrder, Order};
+use bateleur_messages::ground::{BEAT, EstimatorOrder, Order};
 use bateleur_messages::hil::{PILOT_TAKE_OFF, PilotOrder};
 use bateleur_messages::telemetry::*;
 use std::collections::BTreeMap;
@@ -102,7 +102,7 @@ impl Aircraft {
 
     fn live(&mut self, taken_off: bool) {
         self.step += 1;
-        for frame in self.frames() {
+        for frame in self.frames().into_iter().filter(|frame| frame.letter != BEAT) {
             let total: u32 = self.heard.values().sum();
             *self.heard.entry(frame.letter).or_default() += 1;
             if self.deaf_every.is_none_or(|every| !(total + 1).is_multiple_of(every)) {

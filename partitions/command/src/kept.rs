@@ -5,7 +5,7 @@ use bateleur_messages::frame::DecoderState;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
 use crate::downlink::KeptDownlink;
-use crate::{Downlink, Presence, Uplink};
+use crate::{Downlink, Presence, Silence, Uplink};
 
 /// Plain data in a fixed size.
 #[derive(Debug, Clone, Copy, PartialEq, FromBytes, IntoBytes, Immutable, KnownLayout)]
@@ -15,16 +15,29 @@ pub struct Kept {
     downlink: KeptDownlink,
     /// Not zero: the device was reported missing.
     missing: u64,
+    silence: [u64; 2],
 }
 
 impl Kept {
     /// What to keep.
-    pub fn of(uplink: &Uplink, downlink: &Downlink, presence: &Presence) -> Self {
-        Self { uplink: uplink.state(), downlink: downlink.kept(), missing: u64::from(presence.is_reported()) }
+    pub fn of(uplink: &Uplink, downlink: &Downlink, presence: &Presence, silence: &Silence) -> Self {
+        Self {
+            uplink: uplink.state(),
+            downlink: downlink.kept(),
+            missing: u64::from(presence.is_reported()),
+            silence: silence.kept(),
+        }
     }
 
     /// Hands it to those of the next incarnation. What does not make sense is forgotten.
-    pub fn resume(&self, uplink: &mut Uplink, downlink: &mut Downlink, presence: &mut Presence) {
+    pub fn resume(
+        &self,
+        uplink: &mut Uplink,
+        downlink: &mut Downlink,
+        presence: &mut Presence,
+        silence: &mut Silence,
+    ) {
+        silence.resume(self.silence);
         uplink.resume(&self.uplink);
         downlink.resume(&self.downlink);
         *presence = Presence::after(self.missing != 0);
@@ -52,7 +65,7 @@ mod tests {
             let (mut uplink, mut downlink) = (Uplink::new(), Downlink::new(57_600));
             let mut presence = Presence::default();
             if let Some(kept) = kept {
-                kept.resume(&mut uplink, &mut downlink, &mut presence);
+                kept.resume(&mut uplink, &mut downlink, &mut presence, &mut Silence::default());
             }
             Self { uplink, downlink, presence }
         }
@@ -73,7 +86,7 @@ mod tests {
         }
 
         fn kept(&self) -> Kept {
-            Kept::of(&self.uplink, &self.downlink, &self.presence)
+            Kept::of(&self.uplink, &self.downlink, &self.presence, &Silence::default())
         }
     }
 

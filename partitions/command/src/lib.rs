@@ -10,6 +10,7 @@ mod kept;
 mod paced;
 mod presence;
 mod radio;
+mod silence;
 mod station;
 mod uplink;
 
@@ -19,5 +20,6 @@ pub use kept::Kept;
 pub use paced::Paced;
 pub use presence::{Change, Presence};
 pub use radio::{Radio, RadioError};
+pub use silence::{Heard, OnSilence, Silence};
 pub use station::{Setup, Station};
 pub use uplink::{Delivery, Uplink, receivers};

@@ -7,11 +7,12 @@ use bateleur_apex::{
     SamplingDestination, Sent, StartError, Takeover, Window,
 };
 use bateleur_command::{
-    Change, Delivery, Device, Downlink, Kept, Paced, Presence, Radio, Setup, Station, Uplink, receivers,
+    Change, Delivery, Device, Downlink, Heard, Kept, OnSilence, Paced, Presence, Radio, Setup, Silence,
+    Station, Uplink, receivers,
 };
 use bateleur_mavlink::Runway;
 use bateleur_messages::frame::Frame;
-use bateleur_messages::ground::Order;
+use bateleur_messages::ground::{Manoeuvre, Order};
 use bateleur_messages::telemetry::{Acknowledge, FROM_COMMAND, NOT_UNDERSTOOD, Refusal, Telemetry};
 use bateleur_messages::{GroundMessage, Rate, State, TelemetryMessage, Watch};
 
@@ -35,6 +36,7 @@ struct Command {
     rate: SamplingDestination<Rate>,
     timeout: Watch,
     retained: Retained<Kept>,
+    silence: Silence,
     /// A ground station that speaks MAVLink, beside the line or on it.
     mavlink: Option<(Way, Station)>,
     /// Where the plan has it: telemetry is slower.
@@ -73,6 +75,7 @@ impl Partition for Command {
             rate: context.sampling_destination("rate")?,
             timeout: Watch::default(),
             retained: context.retained()?,
+            silence: Silence::new(on_silence(context)?),
             mavlink: mavlink(context, baud)?,
             state: state_port(context)?,
         };
@@ -94,6 +97,7 @@ impl Partition for Command {
         self.deliver(window.start_ns());
         self.collect();
         self.serve_mavlink(window.start_ns());
+        self.listen(window);
         // Before and after the line has taken bytes: one that is killed in its window has little to repeat.
         self.keep();
         self.send(window);
@@ -108,13 +112,13 @@ impl Command {
     /// Goes on with what was on its way when the incarnation before ended.
     fn resume(&mut self) {
         if let Some(kept) = self.retained.load() {
-            kept.resume(&mut self.uplink, &mut self.downlink, &mut self.presence);
+            kept.resume(&mut self.uplink, &mut self.downlink, &mut self.presence, &mut self.silence);
             self.dropped_told = self.downlink.dropped();
         }
     }
 
     fn keep(&mut self) {
-        self.retained.store(&Kept::of(&self.uplink, &self.downlink, &self.presence));
+        self.retained.store(&Kept::of(&self.uplink, &self.downlink, &self.presence, &self.silence));
     }
 
     fn open(&mut self, window: &Window) {
@@ -153,9 +157,38 @@ impl Command {
         }
     }
 
+    /// Notices a ground that is not heard any more, and gives the order that the plan has for that.
+    fn listen(&mut self, window: &Window) {
+        let now_ns = window.start_ns();
+        if self.mavlink.as_mut().is_some_and(|(_, station)| station.was_heard()) {
+            self.silence.heard(now_ns);
+        }
+        let text = match self.silence.window(now_ns) {
+            None => return,
+            Some(Heard::Back) => "the ground is heard again".to_owned(),
+            Some(Heard::Lost(order)) => {
+                let frame = Frame { letter: order.letter(), data: order.data() };
+                if let Some(message) = GroundMessage::from_frame(&frame) {
+                    self.pass_on(&message, receivers(message.letter), now_ns);
+                }
+                let what = match order {
+                    Order::Manoeuvre { what, .. } => what.name(),
+                    _ => "",
+                };
+                format!("the ground was not heard for {} s: {what}", self.silence.patience_s())
+            }
+        };
+        window.report(&text);
+        if let Some((_, station)) = &mut self.mavlink {
+            station.warn(&text);
+        }
+    }
+
     fn deliver(&mut self, now_ns: u64) {
         for delivery in self.uplink.take(&self.received) {
+            self.silence.heard(now_ns);
             match delivery {
+                Delivery::Beat => {}
                 Delivery::To(message, functions) => self.pass_on(&message, functions, now_ns),
                 Delivery::NotUnderstood(message) => self.answer(not_understood(&message, now_ns)),
             }
@@ -271,6 +304,26 @@ impl Command {
             window.report(&format!("ground link: {dropped} telemetry messages dropped so far"));
         }
     }
+}
+
+/// What is flown when the ground is silent.
+fn on_silence(context: &mut Context) -> Result<OnSilence, StartError> {
+    let given: String = context.attribute("lost_link", "none".into())?;
+    let order = match given.as_str() {
+        "none" => None,
+        "loiter" => Some(Manoeuvre::Loiter),
+        "return" => Some(Manoeuvre::Return),
+        other => {
+            return Err(StartError::Other(format!(
+                "attribute lost_link = \"{other}\": give \"none\", \"loiter\" or \"return\""
+            )));
+        }
+    };
+    let after_ns = context.duration_ns("lost_link_after", 10_000_000_000)?;
+    if after_ns < 1_000_000_000 {
+        return Err(StartError::Other("attribute lost_link_after: give 1s or more".into()));
+    }
+    Ok(OnSilence { order, after_ns })
 }
 
 /// A ground station that speaks MAVLink, where the plan names one.

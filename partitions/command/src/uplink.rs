@@ -2,6 +2,7 @@
 
 use bateleur_messages::GroundMessage;
 use bateleur_messages::frame::{Decoder, DecoderState, Frame, Refused};
+use bateleur_messages::ground::BEAT;
 
 /// Frames handled in one window, most. The line can not carry more than ten in 20 ms.
 const FRAMES_AT_ONCE: usize = 16;
@@ -11,6 +12,8 @@ const FRAMES_AT_ONCE: usize = 16;
 pub enum Delivery {
     /// An order for these functions.
     To(GroundMessage, &'static [&'static str]),
+    /// The ground station is there, and wants nothing.
+    Beat,
     /// No function knows the letter, or the data is longer than any order's. With the letter and the first byte of data,
     /// for the answer.
     NotUnderstood(GroundMessage),
@@ -22,7 +25,7 @@ pub fn receivers(letter: u8) -> &'static [&'static str] {
         b'H' => &["hil_interface"],
         // The Controller computes and the Servo lets through: both must know.
         b'A' => &["controller", "servo"],
-        b'N' | b'W' | b'L' => &["controller"],
+        b'N' | b'W' | b'L' | b'F' => &["controller"],
         b'I' => &["imu"],
         b'E' => &["estimator"],
         _ => &[],
@@ -66,6 +69,9 @@ impl Uplink {
 }
 
 fn delivery(frame: &Frame) -> Delivery {
+    if frame.letter == BEAT {
+        return Delivery::Beat;
+    }
     match (GroundMessage::from_frame(frame), receivers(frame.letter)) {
         (Some(message), to) if !to.is_empty() => Delivery::To(message, to),
         _ => Delivery::NotUnderstood(head(frame)),
@@ -85,7 +91,7 @@ fn head(frame: &Frame) -> GroundMessage {
 mod tests {
     use super::*;
     use bateleur_messages::frame::encode;
-    use bateleur_messages::ground::{LoopId, Order};
+    use bateleur_messages::ground::{LoopId, Manoeuvre, Order};
 
     fn bytes(letter: u8, data: &[u8]) -> Vec<u8> {
         let mut bytes = Vec::new();
@@ -107,6 +113,8 @@ mod tests {
         assert_eq!(route(&Order::Navigation { on: true }), ["controller"]);
         assert_eq!(route(&Order::Loop { id: LoopId::Normal, on: true, target: -9.8 }), ["controller"]);
         assert_eq!(route(&Order::InitialiseSensors { sensors: 7 }), ["imu"]);
+        assert_eq!(route(&Order::Manoeuvre { what: Manoeuvre::Loiter, link_lost: false }), ["controller"]);
+        assert_eq!(Uplink::new().take(&bytes(BEAT, &[])), [Delivery::Beat]);
     }
 
     #[test]

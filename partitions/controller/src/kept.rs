@@ -6,6 +6,7 @@ use bateleur_flight::guidance::{GuidanceSnapshot, MAX_WAYPOINTS, Waypoint};
 use bateleur_messages::ground::{LoopId, Order};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
+use crate::manoeuvre::Tasks;
 use crate::orders::{Answer, Orders};
 use crate::waypoints::{List, Waypoints};
 
@@ -37,14 +38,18 @@ pub struct Kept {
     staged_there: u32,
     flown_count: u32,
     flown_there: u32,
+    /// What is flown in place of the orders, and the fence.
+    tasks: u32,
+    reserved: u32,
     staged: Points,
     flown: Points,
 }
 
 impl Kept {
     /// What to keep.
-    pub fn new(
+    pub(crate) fn new(
         orders: &Orders,
+        tasks: Tasks,
         waypoints: &Waypoints,
         laws: &ControllerSnapshot,
         hold_altitude_m: Option<f64>,
@@ -68,6 +73,8 @@ impl Kept {
             staged_there: waypoints.staged.there,
             flown_count: waypoints.flown.count as u32,
             flown_there: waypoints.flown.there,
+            tasks: tasks.to_bits(),
+            reserved: 0,
             staged: waypoints.staged.points.map(to_numbers),
             flown: waypoints.flown.points.map(to_numbers),
         }
@@ -95,6 +102,11 @@ impl Kept {
             let _: Answer = orders.take(&Order::Loop { id, on: true, target }); // checks the target
         }
         orders
+    }
+
+    /// What is flown in place of the orders.
+    pub(crate) fn tasks(&self) -> Tasks {
+        Tasks::from_bits(self.tasks)
     }
 
     /// The way-points.

@@ -9,12 +9,15 @@
 //! cruise airspeed.
 
 mod convert;
+mod fence;
 mod kept;
+mod manoeuvre;
 mod orders;
 mod settings;
 mod waypoints;
 
 pub use convert::{Sensors, navigation_state};
+pub use fence::{Fence, FenceAction};
 pub use kept::Kept;
 pub use orders::{Answer, Orders};
 pub use settings::{Settings, planned_waypoints};
@@ -29,11 +32,15 @@ use bateleur_flight::guidance::{
     waypoints_to_reach,
 };
 use bateleur_flight::servo;
+use bateleur_messages::control::{TASK_ABORTED, TASK_CLIMBING, TASK_LOITER, TASK_RETURN, TASK_WAITING};
 use bateleur_messages::ground::{LoopId, Order};
 use bateleur_messages::telemetry::{
-    Loops, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED, NAVIGATION_ON, Navigation, Refusal,
+    Loops, NAVIGATION_ABORTED, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED, NAVIGATION_LINK_LOST,
+    NAVIGATION_LOITER, NAVIGATION_ON, NAVIGATION_OUTSIDE, NAVIGATION_PROTECTION_SHIFT, NAVIGATION_RETURN,
+    NAVIGATION_TAKE_OFF, Navigation, Refusal,
 };
 use bateleur_messages::{ActuatorCommand, FunctionStatus};
+use manoeuvre::{Task, Tasks};
 
 /// The function.
 #[derive(Debug)]
@@ -41,6 +48,11 @@ pub struct Function {
     settings: Settings,
     controller: Box<Controller>,
     orders: Orders,
+    tasks: Tasks,
+    /// The aircraft stands on the runway, as far as the last state says.
+    standing: bool,
+    /// Limits that references ran into since the ground was told last.
+    protected: u32,
     waypoints: Waypoints,
     /// Altitude held where nobody asks for another, m above the runway.
     hold_altitude_m: Option<f64>,
@@ -68,6 +80,9 @@ impl Function {
             settings,
             controller: Box::new(Controller::new(settings.airframe, settings.control, guidance)),
             orders: kept.map(Kept::orders).unwrap_or_default(),
+            tasks: kept.map(Kept::tasks).unwrap_or_default(),
+            standing: false,
+            protected: 0,
             waypoints,
             hold_altitude_m: kept.and_then(Kept::hold_altitude_m),
             last_ns: kept.and_then(Kept::last_ns),
@@ -96,9 +111,20 @@ impl Function {
             Order::Autopilot { on: true } if !ready && !self.orders.autopilot => {
                 Answer::Refused(Refusal::NoState)
             }
+            Order::Manoeuvre { what, link_lost } => self.manoeuvre(*what, *link_lost),
+            Order::Navigation { on: true }
+                if self.tasks.fence.outside && self.tasks.task != Task::Ordered =>
+            {
+                Answer::Refused(Refusal::OutsideFence)
+            }
             order => {
                 let begins = matches!(order, Order::Navigation { on: true }) && !self.orders.navigation;
                 let answer = self.orders.take(order);
+                match order {
+                    Order::Navigation { on: true } => self.go_on(),
+                    Order::Autopilot { on: false } => self.tasks.end(),
+                    _ => {}
+                }
                 if begins {
                     self.controller.guidance_mut().restart();
                 }
@@ -122,7 +148,8 @@ impl Function {
         *(if state.is_some() { &mut self.accepted } else { &mut self.missing }) += 1;
         let elapsed_ns = self.last_ns.map_or(cycle_ns, |last_ns| now_ns.saturating_sub(last_ns));
         self.last_ns = Some(now_ns);
-        let commands = self.commands(state);
+        self.watch(state);
+        let commands = self.task_commands().unwrap_or_else(|| self.commands(state));
         let inputs = ControllerInputs {
             navigation: state,
             rates: sensors.rates_radps,
@@ -135,6 +162,7 @@ impl Function {
         let output = self.controller.step(&inputs, &commands);
         (self.basis, self.channels) = (output.basis, output.channels);
         self.command = self.message(&commands, &output);
+        self.protected |= self.command.protection;
         self.command
     }
 
@@ -152,11 +180,13 @@ impl Function {
     /// What to keep over a warm restart.
     pub fn kept(&self) -> Kept {
         let laws = self.controller.snapshot();
-        Kept::new(&self.orders, &self.waypoints, &laws, self.hold_altitude_m, self.last_ns)
+        Kept::new(&self.orders, self.tasks, &self.waypoints, &laws, self.hold_altitude_m, self.last_ns)
     }
 
-    /// What the ground is told of navigation.
-    pub fn navigation(&self, time_ns: u64) -> Navigation {
+    /// What the ground is told of navigation; limits that were reached are told once.
+    pub fn navigation(&mut self, time_ns: u64) -> Navigation {
+        let protected = std::mem::take(&mut self.protected) << NAVIGATION_PROTECTION_SHIFT;
+        let task = self.command.task;
         let flag = |on: bool, bit: u32| if on { bit } else { 0 };
         Navigation {
             time_ns,
@@ -165,7 +195,14 @@ impl Function {
             waypoint_count: self.waypoints.flown().len() as u32,
             flags: flag(self.orders.autopilot, NAVIGATION_AUTOPILOT)
                 | flag(self.orders.navigation, NAVIGATION_ON)
-                | flag(self.command.finished == 1, NAVIGATION_FINISHED),
+                | flag(self.command.finished == 1, NAVIGATION_FINISHED)
+                | flag(task == TASK_LOITER, NAVIGATION_LOITER)
+                | flag(task == TASK_RETURN, NAVIGATION_RETURN)
+                | flag((TASK_WAITING..=TASK_CLIMBING).contains(&task), NAVIGATION_TAKE_OFF)
+                | flag(task == TASK_ABORTED, NAVIGATION_ABORTED)
+                | flag(self.tasks.fence.outside, NAVIGATION_OUTSIDE)
+                | flag(self.tasks.link_lost, NAVIGATION_LINK_LOST)
+                | protected,
             cross_track_m: self.command.cross_track_m,
             altitude_reference_m: self.command.altitude_reference_m,
             airspeed_reference_mps: self.command.airspeed_reference_mps,
@@ -272,6 +309,8 @@ impl Function {
             next_waypoint: progress.next,
             waypoints_reached: progress.reached,
             finished: u32::from(self.is_finished(&progress)),
+            task: self.task_number(commands, guidance.is_some_and(|g| g.holding)),
+            protection: output.protection.0,
         }
     }
 

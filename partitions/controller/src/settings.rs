@@ -3,7 +3,10 @@
 use bateleur_apex::{Attributes, StartError};
 use bateleur_flight::airframe::Airframe;
 use bateleur_flight::control::ControllerConfig;
-use bateleur_flight::guidance::{Corner, GuidanceConfig, Waypoint};
+use bateleur_flight::control::takeoff::Method;
+use bateleur_flight::guidance::{Corner, Finish, GuidanceConfig, Waypoint};
+
+use crate::fence::{Fence, FenceAction};
 
 /// What the plan sets.
 #[derive(Debug, Clone, Copy)]
@@ -14,6 +17,12 @@ pub struct Settings {
     pub guidance: GuidanceConfig,
     /// Gains, and the airspeed flown where nobody asks for another.
     pub control: ControllerConfig,
+    /// How it takes off.
+    pub take_off: Method,
+    /// Where it may be.
+    pub fence: Fence,
+    /// Least height of the way back to the runway, m above it.
+    pub return_m: f64,
 }
 
 impl Settings {
@@ -22,12 +31,69 @@ impl Settings {
     /// # Errors
     /// When an attribute has another type or a value that makes no sense.
     pub fn read(attributes: &mut Attributes) -> Result<Self, StartError> {
+        let airframe = airframe(attributes)?;
         Ok(Self {
-            airframe: airframe(attributes)?,
+            airframe,
             guidance: guidance(attributes)?,
             control: control(attributes)?,
+            take_off: take_off(attributes, &airframe)?,
+            fence: fence(attributes)?,
+            return_m: within(attributes, "return_altitude_m", 100.0, 20.0, 5_000.0)?,
         })
     }
+}
+
+/// A number within a range.
+fn within(
+    attributes: &mut Attributes,
+    name: &str,
+    usual: f64,
+    least: f64,
+    most: f64,
+) -> Result<f64, StartError> {
+    let value: f64 = attributes.get(name, usual)?;
+    if (least..=most).contains(&value) {
+        return Ok(value);
+    }
+    Err(StartError::Other(format!("attribute {name} = {value}: give {least} to {most}")))
+}
+
+/// One word of a few.
+fn word<T: Copy>(
+    attributes: &mut Attributes,
+    name: &str,
+    usual: &str,
+    words: &[(&str, T)],
+) -> Result<T, StartError> {
+    let given: String = attributes.get(name, usual.into())?;
+    words.iter().find(|(word, _)| *word == given).map(|(_, value)| *value).ok_or_else(|| {
+        let words: Vec<String> = words.iter().map(|(word, _)| format!("\"{word}\"")).collect();
+        StartError::Other(format!("attribute {name} = \"{given}\": give {}", words.join(" or ")))
+    })
+}
+
+/// On its wheels, where it has some.
+fn take_off(attributes: &mut Attributes, airframe: &Airframe) -> Result<Method, StartError> {
+    let usual = if airframe.gear.is_some() { "roll" } else { "launch" };
+    let method = word(attributes, "take_off", usual, &[("roll", Method::Roll), ("launch", Method::Launch)])?;
+    if method == Method::Roll && airframe.gear.is_none() {
+        return Err(StartError::Other(
+            "attribute take_off = \"roll\": the airframe has no [gear]; give \"launch\"".into(),
+        ));
+    }
+    Ok(method)
+}
+
+fn fence(attributes: &mut Attributes) -> Result<Fence, StartError> {
+    let actions =
+        [("none", FenceAction::None), ("loiter", FenceAction::Loiter), ("return", FenceAction::Return)];
+    let fence = Fence {
+        radius_m: attributes.get("fence_radius_m", None)?,
+        floor_m: attributes.get("fence_floor_m", None)?,
+        ceiling_m: attributes.get("fence_ceiling_m", None)?,
+        action: word(attributes, "fence_action", "return", &actions)?,
+    };
+    fence.check().map(|()| fence).map_err(StartError::Other)
 }
 
 /// See [`Airframe::from_attribute`].
@@ -37,30 +103,23 @@ fn airframe(attributes: &mut Attributes) -> Result<Airframe, StartError> {
 }
 
 fn guidance(attributes: &mut Attributes) -> Result<GuidanceConfig, StartError> {
-    let path: String = attributes.get("path", "fillet".into())?;
-    let corner = match path.as_str() {
-        "fillet" => Corner::Fillet,
-        "fly_through" => Corner::FlyThrough,
-        other => {
-            return Err(StartError::Other(format!(
-                "attribute path = \"{other}\": give \"fillet\" or \"fly_through\""
-            )));
-        }
-    };
+    let corners = [("fillet", Corner::Fillet), ("fly_through", Corner::FlyThrough)];
+    let corner = word(attributes, "path", "fillet", &corners)?;
+    let finishes = [("loiter", Finish::Loiter), ("circuit", Finish::Circuit)];
+    let finish = word(attributes, "finish", "loiter", &finishes)?;
     let radius_m: Option<f64> = attributes.get("radius_m", None)?;
     if radius_m.is_some_and(|radius_m| !(10.0..=10_000.0).contains(&radius_m)) {
         return Err(StartError::Other("attribute radius_m: give 10 to 10000 m, or leave it out".into()));
     }
-    Ok(GuidanceConfig { corner, radius_m, laps: attributes.get("laps", 2)?, ..GuidanceConfig::default() })
+    let laps = attributes.get("laps", 2)?;
+    Ok(GuidanceConfig { corner, radius_m, laps, finish, ..GuidanceConfig::default() })
 }
 
 fn control(attributes: &mut Attributes) -> Result<ControllerConfig, StartError> {
     let usual = ControllerConfig::default();
-    let cruise_mps: f64 = attributes.get("cruise_mps", usual.cruise_mps)?;
-    if !(10.0..=60.0).contains(&cruise_mps) {
-        return Err(StartError::Other(format!("attribute cruise_mps = {cruise_mps}: give 10 to 60 m/s")));
-    }
-    Ok(ControllerConfig { cruise_mps, ..usual })
+    let cruise_mps = within(attributes, "cruise_mps", usual.cruise_mps, 10.0, 60.0)?;
+    let take_off_m = within(attributes, "take_off_altitude_m", usual.take_off_m, 20.0, 1_000.0)?;
+    Ok(ControllerConfig { cruise_mps, take_off_m, ..usual })
 }
 
 /// Way-points of the plan: `[north m, east m, altitude m, heading °, airspeed m/s]` each.

@@ -2,8 +2,11 @@ use super::*;
 use bateleur_flight::GRAVITY_MPS2;
 use bateleur_flight::airframe::Airframe;
 use bateleur_flight::control::ControllerConfig;
+use bateleur_flight::control::takeoff::Method;
 use bateleur_messages::State;
+use bateleur_messages::control::{TASK_LOOPS, TASK_MISSION, TASK_ROLLING};
 use bateleur_messages::ground;
+use bateleur_messages::ground::Manoeuvre;
 use bateleur_messages::state::STATUS_RUNNING;
 use nalgebra::Vector3;
 
@@ -15,6 +18,9 @@ fn settings() -> Settings {
         airframe: Airframe::from_toml(airframe).unwrap(),
         guidance: GuidanceConfig { laps: 2, ..GuidanceConfig::default() },
         control: ControllerConfig::default(),
+        take_off: Method::Roll,
+        fence: Fence::default(),
+        return_m: 100.0,
     }
 }
 
@@ -218,4 +224,167 @@ fn two_laps_of_four_way_points_are_finished_with_the_return_to_the_first() {
     function.order(&Order::Navigation { on: false }, true);
     function.order(&Order::Navigation { on: true }, true);
     assert_eq!(function.controller.guidance().snapshot(), GuidanceSnapshot::default());
+}
+
+const LOITER: Order = Order::Manoeuvre { what: Manoeuvre::Loiter, link_lost: false };
+const GO_ON: Order = Order::Manoeuvre { what: Manoeuvre::GoOn, link_lost: false };
+
+fn flags(function: &mut Function) -> u32 {
+    function.navigation(0).flags
+}
+
+#[test]
+fn a_circle_takes_the_place_of_mission_and_loops_until_the_ground_says_go_on() {
+    for loops in [false, true] {
+        let mut function = on_mission();
+        let state = flying(0.0, 155.0);
+        if loops {
+            function.order(&Order::Navigation { on: false }, true);
+            function.order(&Order::Loop { id: LoopId::RollAngle, on: true, target: 0.1 }, true);
+        }
+        fly(&mut function, 1..50, Some(&state));
+        assert_eq!(function.order(&LOITER, true), Answer::Accepted);
+        let circle = fly(&mut function, 50..150, Some(&state));
+        assert_eq!((circle.task, circle.altitude_reference_m), (TASK_LOITER, 155.0));
+        assert!(circle.bank_reference_rad > 0.2, "{circle:?}");
+        assert_eq!(flags(&mut function) & NAVIGATION_LOITER, NAVIGATION_LOITER);
+        assert_eq!(function.order(&GO_ON, true), Answer::Accepted);
+        let after = fly(&mut function, 150..200, Some(&state));
+        assert_eq!(after.task, if loops { TASK_LOOPS } else { TASK_MISSION });
+        assert!(!loops || (after.bank_reference_rad - 0.1).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn a_circle_is_refused_without_the_autopilot() {
+    let mut function = function();
+    assert_eq!(function.order(&LOITER, true), Answer::Refused(Refusal::NotFlying));
+}
+
+#[test]
+fn the_way_back_leads_to_the_runway_at_no_less_than_its_height() {
+    let mut function = on_mission();
+    let state = flying(600.0, 60.0);
+    fly(&mut function, 1..20, Some(&state));
+    let back = Order::Manoeuvre { what: Manoeuvre::Return, link_lost: true };
+    assert_eq!(function.order(&back, true), Answer::Accepted);
+    let command = fly(&mut function, 20..60, Some(&state));
+    assert_eq!((command.task, command.altitude_reference_m), (TASK_RETURN, 100.0));
+    let told = flags(&mut function);
+    assert_eq!(told & (NAVIGATION_RETURN | NAVIGATION_LINK_LOST), NAVIGATION_RETURN | NAVIGATION_LINK_LOST);
+    assert!(command.bank_reference_rad < -0.3, "the runway lies to the left: {command:?}");
+    // A silent ground that would circle does not stop the way back.
+    let circle = Order::Manoeuvre { what: Manoeuvre::Loiter, link_lost: true };
+    function.order(&circle, true);
+    assert_eq!(fly(&mut function, 60..70, Some(&state)).task, TASK_RETURN);
+    function.order(&Order::Navigation { on: true }, true);
+    assert_eq!(fly(&mut function, 70..80, Some(&state)).task, TASK_MISSION);
+}
+
+#[test]
+fn a_warm_restart_keeps_the_circle() {
+    let mut first = on_mission();
+    let state = flying(0.0, 155.0);
+    fly(&mut first, 1..50, Some(&state));
+    first.order(&LOITER, true);
+    let before = fly(&mut first, 50..150, Some(&state));
+    let mut second = Function::new(settings(), &[], Some(&first.kept())).unwrap();
+    let after = second.step(151 * CYCLE, CYCLE, Some(&state), &sensors());
+    assert_eq!((after.task, after.altitude_reference_m), (TASK_LOITER, 155.0));
+    assert!((after.cross_track_m - before.cross_track_m).abs() < 1e-6, "the same circle");
+}
+
+fn fenced(action: FenceAction) -> Function {
+    let fence = Fence { radius_m: Some(700.0), floor_m: Some(40.0), ceiling_m: Some(200.0), action };
+    let mut function = Function::new(Settings { fence, ..settings() }, &[], None).unwrap();
+    load_waypoints(&mut function);
+    function.order(&Order::Navigation { on: true }, true);
+    function.order(&Order::Autopilot { on: true }, true);
+    function
+}
+
+#[test]
+fn leaving_the_fence_does_what_the_plan_says() {
+    for (action, task) in [
+        (FenceAction::None, TASK_MISSION),
+        (FenceAction::Loiter, TASK_LOITER),
+        (FenceAction::Return, TASK_RETURN),
+    ] {
+        let mut function = fenced(action);
+        let inside = fly(&mut function, 1..20, Some(&flying(600.0, 160.0)));
+        assert_eq!((inside.task, flags(&mut function) & NAVIGATION_OUTSIDE), (TASK_MISSION, 0));
+        let outside = fly(&mut function, 20..40, Some(&flying(705.0, 160.0)));
+        assert_eq!((outside.task, flags(&mut function) & NAVIGATION_OUTSIDE), (task, NAVIGATION_OUTSIDE));
+        if action == FenceAction::None {
+            continue;
+        }
+        // Nobody talks it out of coming back; once it is inside, the ground may.
+        let refused = Answer::Refused(Refusal::OutsideFence);
+        assert_eq!(function.order(&GO_ON, true), refused);
+        assert_eq!(function.order(&Order::Navigation { on: true }, true), refused);
+        assert_eq!(fly(&mut function, 40..60, Some(&flying(500.0, 160.0))).task, task);
+        assert_eq!(function.order(&GO_ON, true), Answer::Accepted);
+        assert_eq!(fly(&mut function, 60..70, Some(&flying(500.0, 160.0))).task, TASK_MISSION);
+    }
+}
+
+#[test]
+fn floor_and_ceiling_are_part_of_the_fence_and_the_floor_counts_after_the_climb() {
+    let mut function = fenced(FenceAction::Loiter);
+    assert_eq!(fly(&mut function, 1..20, Some(&flying(0.0, 10.0))).task, TASK_MISSION, "still below");
+    assert_eq!(fly(&mut function, 20..40, Some(&flying(0.0, 60.0))).task, TASK_MISSION);
+    let low = fly(&mut function, 40..60, Some(&flying(0.0, 35.0)));
+    assert_eq!((low.task, low.altitude_reference_m), (TASK_LOITER, 50.0));
+    let mut function = fenced(FenceAction::Loiter);
+    let high = fly(&mut function, 1..20, Some(&flying(0.0, 205.0)));
+    assert_eq!((high.task, high.altitude_reference_m), (TASK_LOITER, 190.0));
+}
+
+#[test]
+fn a_take_off_is_ordered_standing_and_aborted_rolling() {
+    let order = |what| Order::Manoeuvre { what, link_lost: false };
+    let standing = navigation_state(&State {
+        position_ned_m: [0.0, 0.0, -0.3],
+        quaternion: [1.0, 0.0, 0.0, 0.0],
+        specific_force_mps2: [0.0, 0.0, -GRAVITY_MPS2],
+        status: STATUS_RUNNING,
+        ..State::default()
+    })
+    .unwrap();
+    let mut function = function();
+    let calm = Sensors { airspeed_mps: Some(1.0), ..sensors() };
+    let step =
+        |function: &mut Function, cycle: u64| function.step(cycle * CYCLE, CYCLE, Some(&standing), &calm);
+    assert_eq!(function.order(&order(Manoeuvre::TakeOff), true), Answer::Refused(Refusal::NotStanding));
+    step(&mut function, 1);
+    assert_eq!(function.order(&order(Manoeuvre::Abort), true), Answer::Refused(Refusal::NoTakeOff));
+    assert_eq!(function.order(&order(Manoeuvre::TakeOff), true), Answer::Accepted);
+    assert_eq!(step(&mut function, 2).engaged, 0, "not before the autopilot is on");
+    function.order(&Order::Autopilot { on: true }, true);
+    let rolling = (3..100).map(|cycle| step(&mut function, cycle)).last().unwrap();
+    assert_eq!((rolling.task, rolling.throttle, rolling.engaged), (TASK_ROLLING, 1.0, 1));
+    assert_eq!(flags(&mut function) & NAVIGATION_TAKE_OFF, NAVIGATION_TAKE_OFF);
+    let kept = function.kept();
+    let mut second = Function::new(settings(), &[], Some(&kept)).unwrap();
+    assert_eq!(step(&mut second, 100).task, TASK_ROLLING, "a restart does not stop it");
+    assert_eq!(second.order(&LOITER, true), Answer::Refused(Refusal::NotFlying));
+    assert_eq!(second.order(&order(Manoeuvre::Abort), true), Answer::Accepted);
+    let stopped = step(&mut second, 101);
+    assert_eq!((stopped.task, stopped.throttle), (TASK_ABORTED, 0.0));
+    assert_eq!(flags(&mut second) & NAVIGATION_ABORTED, NAVIGATION_ABORTED);
+    let nobody = flying(0.0, 100.0);
+    assert_eq!(fly(&mut on_mission(), 1..3, Some(&nobody)).task, TASK_MISSION);
+}
+
+#[test]
+fn limits_that_were_reached_are_told_once() {
+    let mut function = function();
+    function.order(&Order::Autopilot { on: true }, true);
+    function.order(&Order::Loop { id: LoopId::Normal, on: true, target: -34.0 }, true);
+    let command = fly(&mut function, 1..10, Some(&flying(0.0, 160.0)));
+    assert_ne!(command.protection, 0);
+    function.order(&Order::Loop { id: LoopId::Normal, on: false, target: 0.0 }, true);
+    fly(&mut function, 10..40, Some(&flying(0.0, 160.0)));
+    assert_ne!(flags(&mut function) >> NAVIGATION_PROTECTION_SHIFT, 0);
+    assert_eq!(flags(&mut function) >> NAVIGATION_PROTECTION_SHIFT, 0);
 }

@@ -70,6 +70,8 @@ pub struct Aerodynamics {
     pub lift_0: f64,
     /// C_Lα.
     pub lift_alpha: f64,
+    /// C_Lq.
+    pub lift_pitch_rate: f64,
     /// C_Lδe.
     pub lift_elevator: f64,
     /// C_D at zero lift.
@@ -97,6 +99,10 @@ pub struct Aerodynamics {
     pub yaw_yaw_rate: f64,
     /// C_nδr, of either sign.
     pub yaw_rudder: f64,
+    /// Half way between attached flow and flat plate, rad.
+    pub stall_alpha_rad: f64,
+    /// How sharp that is, 1/rad.
+    pub stall_sharpness: f64,
 }
 
 /// Propeller coefficients over the advance ratio J = V/(nD).
@@ -167,6 +173,13 @@ pub struct Servo {
     pub rudder_limit_rad: f64,
 }
 
+/// What of the wheels matters to a take-off.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub struct Gear {
+    /// The steered wheel, body axes, m: ahead of the centre of gravity or behind it.
+    pub third_wheel_m: [f64; 3],
+}
+
 /// An aircraft as the laws see it.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 pub struct Airframe {
@@ -180,6 +193,9 @@ pub struct Airframe {
     pub propulsion: Propulsion,
     /// Actuators.
     pub servo: Servo,
+    /// Wheels; an aircraft without them is launched.
+    #[serde(default)]
+    pub gear: Option<Gear>,
 }
 
 /// Level flight without wind.
@@ -342,6 +358,18 @@ impl Airframe {
         let thrust = |t: f64| self.thrust_n(t, airspeed_mps, density_kgpm3);
         // A motor near idle gives almost no slope; a gain of one tenth of the weight bounds what divides by it.
         ((thrust(middle + 0.1) - thrust(middle - 0.1)) / (0.2 * self.mass.mass_kg)).max(0.1 * GRAVITY_MPS2)
+    }
+
+    /// The greatest lift coefficient: straight lift, blended into that of a flat plate beyond the stall.
+    pub fn greatest_lift(&self) -> f64 {
+        let a = &self.aerodynamics;
+        let lift = |step: u32| {
+            let alpha = 2e-3 * f64::from(step);
+            let attached = 1.0 / (1.0 + (a.stall_sharpness * (alpha - a.stall_alpha_rad)).exp());
+            let plate = 2.0 * alpha.sin() * alpha.sin() * alpha.cos();
+            attached * (a.lift_0 + a.lift_alpha * alpha) + (1.0 - attached) * plate
+        };
+        (0..750).map(lift).fold(0.0, f64::max)
     }
 
     fn level_lift_coefficient(&self, airspeed_mps: f64, density_kgpm3: f64) -> f64 {

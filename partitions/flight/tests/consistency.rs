@@ -1,6 +1,8 @@
 //! How the filter's tuning fits the plant's sensors: normalised innovations of each aid, normalised errors of each block of
 //! states, and errors against the truth and against the truth as the receiver sees it, over seeds that nothing was tuned on.
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a panic here is a failed test")]
+
 mod common;
 
 use bateleur_flight::estimator::{Aid, Aiding, ERROR_STATES, Snapshot};
@@ -178,7 +180,7 @@ fn the_seeds_filter_without_pressures_flies_two_laps_with_these_errors() {
                 Some(n.altitude_m() + f.truth.position_ned_m.z + f.truth.gps_slow_error_ned_m.z)
             });
             let (sum, count) = heights.fold((0.0, 0.0), |(sum, count), x| (sum + x * x, count + 1.0));
-            let height = (sum / count as f64).sqrt();
+            let height = (sum / count).sqrt();
             worst = (
                 worst.0.max(e.roll_deg.max(e.pitch_deg)),
                 worst.1.max(e.yaw_deg),

@@ -31,8 +31,31 @@ message! {
         pub waypoints_reached: u32,
         /// 1 once the asked-for laps are flown.
         pub finished: u32,
+        /// What is flown: 0 nothing, 1 single loops, 2 the mission, 3 a circle, 4 the way back to the runway; of a take-off
+        /// 5 waiting to be launched, 6 rolling, 7 climbing, 8 given up.
+        pub task: u32,
+        /// Limits that a reference ran into in this frame, one bit each: 1 bank, 2 load factor, 4 angle of attack, 8 airspeed,
+        /// 16 angle of climb.
+        pub protection: u32,
     }
 }
+
+/// [`ActuatorCommand::task`]: single loops, or what they stand for.
+pub const TASK_LOOPS: u32 = 1;
+/// [`ActuatorCommand::task`]: the way-points.
+pub const TASK_MISSION: u32 = 2;
+/// [`ActuatorCommand::task`]: a circle.
+pub const TASK_LOITER: u32 = 3;
+/// [`ActuatorCommand::task`]: the way back to the runway, and a circle above it.
+pub const TASK_RETURN: u32 = 4;
+/// [`ActuatorCommand::task`]: a take-off that waits to be launched.
+pub const TASK_WAITING: u32 = 5;
+/// [`ActuatorCommand::task`]: a take-off on its wheels.
+pub const TASK_ROLLING: u32 = 6;
+/// [`ActuatorCommand::task`]: a take-off in the air.
+pub const TASK_CLIMBING: u32 = 7;
+/// [`ActuatorCommand::task`]: a take-off that was given up.
+pub const TASK_ABORTED: u32 = 8;
 
 message! {
     /// Pulse widths for the actuators, µs: 1000 to 2000, neutral 1500.

@@ -72,7 +72,50 @@ pub enum Order {
     },
     /// `EE`: initialise, enable or disable (Estimator).
     Estimator(EstimatorOrder),
+    /// `FF`: something to be flown in place of what was ordered before (Controller).
+    Manoeuvre {
+        /// What.
+        what: Manoeuvre,
+        /// Command gives it because the ground is silent; the ground itself never says so.
+        link_lost: bool,
+    },
 }
+
+/// What the ground can have flown with one order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Manoeuvre {
+    /// What was ordered before: the mission, or the loops.
+    GoOn = 0,
+    /// Take off, as soon as the autopilot is on.
+    TakeOff = 1,
+    /// Circle here.
+    Loiter = 2,
+    /// Fly to the runway and circle above it.
+    Return = 3,
+    /// Stop a take-off, as long as the wheels are on the ground.
+    Abort = 4,
+}
+
+impl Manoeuvre {
+    /// All of them, in the order of their numbers.
+    pub const ALL: [Self; 5] = [Self::GoOn, Self::TakeOff, Self::Loiter, Self::Return, Self::Abort];
+
+    /// The name that a person types.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::GoOn => "go_on",
+            Self::TakeOff => "take_off",
+            Self::Loiter => "loiter",
+            Self::Return => "return",
+            Self::Abort => "abort",
+        }
+    }
+}
+
+/// A ground station that has nothing to say says this, once a second or so, where the plan asks for a link that is not lost:
+/// letter of a frame without data, which Command takes and nobody answers.
+pub const BEAT: u8 = b'B';
 
 /// What the ground can ask of the Estimator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -197,6 +240,7 @@ impl Order {
             Self::Loop { .. } => b'L',
             Self::InitialiseSensors { .. } => b'I',
             Self::Estimator(_) => b'E',
+            Self::Manoeuvre { .. } => b'F',
         }
     }
 
@@ -210,6 +254,7 @@ impl Order {
             Self::Estimator(EstimatorOrder::Disable) => vec![0, 0],
             Self::Estimator(EstimatorOrder::Enable) => vec![1, 0],
             Self::Estimator(EstimatorOrder::Initialise { full_inertial }) => vec![2, u8::from(full_inertial)],
+            Self::Manoeuvre { what, link_lost } => vec![what as u8, u8::from(link_lost)],
         }
     }
 
@@ -223,6 +268,7 @@ impl Order {
             b'L' => parse_loop(data),
             b'I' => parse_sensors(data),
             b'E' => parse_estimator(data),
+            b'F' => parse_manoeuvre(data),
             _ => Err(OrderError::UnknownLetter(letter as char)),
         }
     }
@@ -281,6 +327,12 @@ fn parse_estimator(data: &[u8]) -> Result<Order, OrderError> {
     Ok(Order::Estimator(order))
 }
 
+fn parse_manoeuvre(data: &[u8]) -> Result<Order, OrderError> {
+    let [what, link_lost] = data else { return Err(OrderError::WrongLength('F')) };
+    let what = Manoeuvre::ALL.get(usize::from(*what)).copied().ok_or(OrderError::OutOfRange('F'))?;
+    Ok(Order::Manoeuvre { what, link_lost: switch(b'F', &[*link_lost])? })
+}
+
 fn finite<const N: usize>(letter: u8, data: Option<&[u8]>) -> Result<[f64; N], OrderError> {
     let data = data.filter(|data| data.len() == 8 * N).ok_or(OrderError::WrongLength(letter as char))?;
     let mut numbers = [0.0; N];
@@ -320,6 +372,8 @@ mod tests {
             Order::Estimator(EstimatorOrder::Disable),
             Order::Estimator(EstimatorOrder::Enable),
             Order::Estimator(EstimatorOrder::Initialise { full_inertial: true }),
+            Order::Manoeuvre { what: Manoeuvre::Return, link_lost: false },
+            Order::Manoeuvre { what: Manoeuvre::Loiter, link_lost: true },
         ];
         for order in orders {
             assert_eq!(Order::parse(order.letter(), &order.data()), Ok(order));

@@ -141,7 +141,8 @@ message! {
         pub waypoints_reached: u32,
         /// Way-points in the list.
         pub waypoint_count: u32,
-        /// Bit 0 autopilot, bit 1 navigation, bit 2 finished.
+        /// One bit each, see the `NAVIGATION_…` constants; from bit 16 on the limits that references ran into since the last
+        /// message, as [`crate::ActuatorCommand::protection`].
         pub flags: u32,
         /// Right of the track, m.
         pub cross_track_m: f64,
@@ -160,6 +161,20 @@ pub const NAVIGATION_AUTOPILOT: u32 = 1;
 pub const NAVIGATION_ON: u32 = 2;
 /// [`Navigation::flags`]: the laps are flown.
 pub const NAVIGATION_FINISHED: u32 = 4;
+/// [`Navigation::flags`]: it circles.
+pub const NAVIGATION_LOITER: u32 = 8;
+/// [`Navigation::flags`]: it flies back to the runway, or circles above it.
+pub const NAVIGATION_RETURN: u32 = 16;
+/// [`Navigation::flags`]: a take-off is under way.
+pub const NAVIGATION_TAKE_OFF: u32 = 32;
+/// [`Navigation::flags`]: the take-off was given up.
+pub const NAVIGATION_ABORTED: u32 = 64;
+/// [`Navigation::flags`]: the aircraft is outside of the fence.
+pub const NAVIGATION_OUTSIDE: u32 = 128;
+/// [`Navigation::flags`]: what it does it does because the ground is silent.
+pub const NAVIGATION_LINK_LOST: u32 = 256;
+/// [`Navigation::flags`]: the limits begin with this bit.
+pub const NAVIGATION_PROTECTION_SHIFT: u32 = 16;
 
 message! {
     /// `CC`: Controller's loops, on time-out 3.
@@ -228,11 +243,17 @@ pub enum Refusal {
     InFlight = 6,
     /// The function takes no orders out of its port: it does not run, or cannot keep up.
     NotTaken = 7,
+    /// The Controller does not fly: the autopilot is off, or the wheels are on the ground.
+    NotFlying = 8,
+    /// The aircraft is outside of its fence: it comes back first.
+    OutsideFence = 9,
+    /// There is no take-off that could be stopped: none is under way, or it is in the air.
+    NoTakeOff = 10,
 }
 
 impl Refusal {
     /// All of them.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 10] = [
         Self::NoState,
         Self::NoWaypoints,
         Self::TooManyWaypoints,
@@ -240,6 +261,9 @@ impl Refusal {
         Self::SwitchedOff,
         Self::InFlight,
         Self::NotTaken,
+        Self::NotFlying,
+        Self::OutsideFence,
+        Self::NoTakeOff,
     ];
 
     /// The reason of an answer.
@@ -261,6 +285,9 @@ impl Refusal {
                 "it does not begin without inertial attitude in flight: use full initialisation"
             }
             Self::NotTaken => "the function does not take orders: does it run?",
+            Self::NotFlying => "the autopilot does not fly: it is off, or the wheels are on the ground",
+            Self::OutsideFence => "the aircraft is outside of its fence: it comes back first",
+            Self::NoTakeOff => "there is no take-off to be stopped: none is under way, or it is in the air",
         }
     }
 }

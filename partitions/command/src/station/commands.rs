@@ -7,7 +7,7 @@ use bateleur_mavlink::common::{
     AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavModeFlag,
     MavProtocolCapability, MavResult, MavSeverity, PROTOCOL_VERSION_DATA, SET_MODE_DATA,
 };
-use bateleur_messages::ground::{Order, SENSOR_ACCELEROMETER, SENSOR_GYROSCOPE, SENSOR_PRESSURE};
+use bateleur_messages::ground::{Manoeuvre, Order, SENSOR_ACCELEROMETER, SENSOR_GYROSCOPE, SENSOR_PRESSURE};
 use bateleur_messages::telemetry::{
     ACCEPTED, Acknowledge, FROM_COMMAND, FROM_CONTROLLER, FROM_HIL_INTERFACE, FROM_IMU, FROM_SERVO,
     NOT_UNDERSTOOD,
@@ -57,6 +57,11 @@ impl Commands {
             MavCmd::MAV_CMD_MISSION_START => {
                 Some(vec![Order::Navigation { on: true }, Order::Autopilot { on: true }])
             }
+            MavCmd::MAV_CMD_NAV_TAKEOFF => {
+                Some(vec![manoeuvre(Manoeuvre::TakeOff), Order::Autopilot { on: true }])
+            }
+            MavCmd::MAV_CMD_NAV_LOITER_UNLIM => Some(vec![manoeuvre(Manoeuvre::Loiter)]),
+            MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH => Some(vec![manoeuvre(Manoeuvre::Return)]),
             MavCmd::MAV_CMD_PREFLIGHT_CALIBRATION => calibration(command).map(|sensors| vec![sensors]),
             MavCmd::MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES => {
                 acknowledge(command.command, peer, MavResult::MAV_RESULT_ACCEPTED, out);
@@ -148,9 +153,14 @@ fn answers_to(order: &Order) -> &'static [(u8, u8)] {
         Order::Hil { .. } => &[(b'H', FROM_HIL_INTERFACE)],
         Order::Autopilot { .. } => &[(b'A', FROM_CONTROLLER), (b'A', FROM_SERVO)],
         Order::Navigation { .. } => &[(b'N', FROM_CONTROLLER)],
+        Order::Manoeuvre { .. } => &[(b'F', FROM_CONTROLLER)],
         Order::InitialiseSensors { .. } => &[(b'I', FROM_IMU)],
         _ => &[],
     }
+}
+
+fn manoeuvre(what: Manoeuvre) -> Order {
+    Order::Manoeuvre { what, link_lost: false }
 }
 
 fn switch(value: f32) -> Option<bool> {

@@ -100,6 +100,7 @@ pub struct Station {
     commands: Commands,
     missions: Missions,
     parameters: Parameters,
+    heard: bool,
 }
 
 impl Station {
@@ -119,7 +120,18 @@ impl Station {
             commands: Commands::default(),
             missions: Missions::new(setup.runway),
             parameters: Parameters::new(setup),
+            heard: false,
         }
+    }
+
+    /// Whether somebody else spoke since this was last asked.
+    pub fn was_heard(&mut self) -> bool {
+        std::mem::take(&mut self.heard)
+    }
+
+    /// Tells the person at the ground station what Command itself has noticed.
+    pub fn warn(&mut self, text: &str) {
+        self.out.text(MavSeverity::MAV_SEVERITY_WARNING, text);
     }
 
     /// What could not be read so far.
@@ -190,6 +202,7 @@ impl Station {
         if peer.0 == self.system && peer.1 == AUTOPILOT {
             return; // our own words, echoed
         }
+        self.heard = true;
         let out = &mut self.out;
         match &received.message {
             M::COMMAND_LONG(command)

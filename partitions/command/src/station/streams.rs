@@ -14,8 +14,9 @@ use bateleur_mavlink::common::{
 use bateleur_messages::State;
 use bateleur_messages::state::STATUS_COARSE;
 use bateleur_messages::telemetry::{
-    GpsTelemetry, ImuTelemetry, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED, NAVIGATION_ON, Navigation,
-    Primary, ServoTelemetry, StateTelemetry, Telemetry, Voltages,
+    GpsTelemetry, ImuTelemetry, NAVIGATION_ABORTED, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED,
+    NAVIGATION_LOITER, NAVIGATION_ON, NAVIGATION_OUTSIDE, NAVIGATION_PROTECTION_SHIFT, NAVIGATION_RETURN,
+    NAVIGATION_TAKE_OFF, Navigation, Primary, ServoTelemetry, StateTelemetry, Telemetry, Voltages,
 };
 
 use super::Out;
@@ -307,11 +308,27 @@ impl Streams {
             (NAVIGATION_AUTOPILOT, "the autopilot flies", "the safety pilot flies"),
             (NAVIGATION_ON, "navigation is on", "navigation is off"),
             (NAVIGATION_FINISHED, "the laps are flown", "the laps begin"),
+            (NAVIGATION_LOITER, "it circles", "the circle is left"),
+            (NAVIGATION_RETURN, "it flies back to the runway", "it flies back no more"),
+            (NAVIGATION_TAKE_OFF, "taking off", "the take-off is over"),
         ] {
             match turned(bit) {
                 (true, false) => out.text(MavSeverity::MAV_SEVERITY_NOTICE, on),
                 (false, true) => out.text(MavSeverity::MAV_SEVERITY_NOTICE, off),
                 _ => {}
+            }
+        }
+        for (bit, text) in [
+            (NAVIGATION_OUTSIDE, "outside of the fence"),
+            (NAVIGATION_ABORTED, "the take-off was given up"),
+            (1 << NAVIGATION_PROTECTION_SHIFT, "bank limited"),
+            (2 << NAVIGATION_PROTECTION_SHIFT, "load factor limited"),
+            (4 << NAVIGATION_PROTECTION_SHIFT, "angle of attack limited"),
+            (8 << NAVIGATION_PROTECTION_SHIFT, "airspeed too low: the nose goes down"),
+            (16 << NAVIGATION_PROTECTION_SHIFT, "angle of climb limited"),
+        ] {
+            if turned(bit) == (true, false) {
+                out.text(MavSeverity::MAV_SEVERITY_WARNING, text);
             }
         }
     }

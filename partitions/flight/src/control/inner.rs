@@ -315,16 +315,24 @@ fn normal_law(airframe: &Airframe, tuning: &InnerTuning, s: &Signals, wanted_mps
     Law { proportional, integral_rate: -gains.integral * (s.normal_mps2 - wanted_mps2) }
 }
 
+/// The normal loop keeps the open loop's short period, but not beyond this part of its zeros: a third leaves room for servos and
+/// delays.
+const ZERO_SHARE: f64 = 3.0;
+
 /// The normal loop's gains at an airspeed and a density.
 pub fn normal_gains(airframe: &Airframe, tuning: &InnerTuning, s: &Signals) -> NormalGains {
     let (aero, mass, chord) = (&airframe.aerodynamics, &airframe.mass, airframe.geometry.mean_chord_m);
     let (force, v) = (s.pressure_force(airframe), s.airspeed_mps);
     let a = force * aero.lift_alpha / (mass.mass_kg * v);
-    let m_alpha = force * chord * aero.pitch_alpha / mass.inertia_yy_kgm2;
-    let damping = aero.pitch_pitch_rate + aero.pitch_alpha_rate;
-    let m_q = force * chord * chord * damping / (2.0 * v * mass.inertia_yy_kgm2);
+    let per_rate = force * chord * chord / (2.0 * v * mass.inertia_yy_kgm2);
+    let m_alpha_rate = per_rate * aero.pitch_alpha_rate;
+    // C_mα̇ acts on α̇ = Q + (C + g)/V: damping as C_mq is, and some stiffness taken away.
+    let m_q = per_rate * aero.pitch_pitch_rate + m_alpha_rate;
+    let m_alpha = force * chord * aero.pitch_alpha / mass.inertia_yy_kgm2 - a * m_alpha_rate;
     let m_delta = force * chord * aero.pitch_elevator / mass.inertia_yy_kgm2;
-    let frequency = (-m_alpha - a * m_q).max(1.0).sqrt();
+    let natural = (-m_alpha - a * m_q).max(1.0).sqrt();
+    let room = normal_zero_radps(airframe, s).map_or(f64::INFINITY, |zero| zero / ZERO_SHARE);
+    let frequency = natural.min(room);
     let zeta = tuning.normal_damping.max((a - m_q) / (2.0 * frequency));
     let p = tuning.normal_pole.min(0.5 * frequency);
     let (alpha_2, alpha_1, alpha_0) = (

@@ -3,12 +3,14 @@
 //! Any number may come back: what goes on from it checks it first (see [`Controller::resume`](super::Controller::resume)).
 
 use super::inner::InnerLoops;
-use super::{Channels, ControllerSnapshot, References};
+use super::{Channels, ControllerSnapshot, References, takeoff};
 use crate::guidance::{GuidanceSnapshot, PATH_NUMBERS};
 use crate::servo::ActuatorCommand;
 
-/// Four integrators, four references, four actuators, airspeed and its reserve, four channels, the path.
-pub const NUMBERS: usize = 18 + PATH_NUMBERS;
+/// Four integrators, four references, four actuators, airspeed and its reserve, four channels.
+const LOOPS: usize = 18;
+/// The loops, the take-off, the path.
+pub const NUMBERS: usize = LOOPS + takeoff::NUMBERS + PATH_NUMBERS;
 
 impl ControllerSnapshot {
     /// All but the place in the mission.
@@ -17,6 +19,8 @@ impl ControllerSnapshot {
         let [normal, lateral, axial, roll] = self.loops.to_numbers();
         let mut numbers = [0.0; NUMBERS];
         let (loops, path) = numbers.split_at_mut(NUMBERS - PATH_NUMBERS);
+        let (loops, take_off) = loops.split_at_mut(LOOPS);
+        take_off.copy_from_slice(&self.take_off);
         loops.copy_from_slice(&[
             normal,
             lateral,
@@ -46,6 +50,8 @@ impl ControllerSnapshot {
         let n = numbers;
         let mut path = [0.0; PATH_NUMBERS];
         path.copy_from_slice(&n[NUMBERS - PATH_NUMBERS..]);
+        let mut take_off = [0.0; takeoff::NUMBERS];
+        take_off.copy_from_slice(&n[LOOPS..LOOPS + takeoff::NUMBERS]);
         Self {
             loops: InnerLoops::from_numbers([n[0], n[1], n[2], n[3]]),
             references: References {
@@ -68,6 +74,7 @@ impl ControllerSnapshot {
                 yaw: n[16] > 0.5,
                 thrust: n[17] > 0.5,
             },
+            take_off,
             path,
             guidance,
         }

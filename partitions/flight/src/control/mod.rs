@@ -9,10 +9,12 @@
 //! (throttle). A channel without target goes to the safety pilot; the rudder flies coordinated whenever the
 //! autopilot is on.
 
+pub mod envelope;
 pub mod fallback;
 pub mod inner;
 pub mod memory;
 pub mod outer;
+pub mod takeoff;
 
 use crate::GRAVITY_MPS2;
 use crate::airframe::{Airframe, Trim};
@@ -20,10 +22,12 @@ use crate::attitude::low_pass;
 use crate::estimator::NavigationState;
 use crate::guidance::{Guidance, GuidanceOutput, GuidanceSnapshot, Motion, PathNumbers, course_acceleration};
 use crate::servo::ActuatorCommand;
+use envelope::{Envelope, Limits, Protection, steepness};
 use fallback::{Basis, Fallback};
 use inner::{InnerLoops, InnerTuning, Signals};
 use nalgebra::{Vector2, Vector3};
-use outer::{OuterTuning, limit_normal, normal_for, slew};
+use outer::{OuterTuning, normal_for, slew};
+use takeoff::{Method, Phase, TakeOff};
 
 /// Which loops are on, each with its target; `None` is off.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -149,6 +153,8 @@ pub struct ControllerOutput {
     pub signals: Signals,
     /// Who flies what.
     pub channels: Channels,
+    /// Limits that references ran into.
+    pub protection: Protection,
 }
 
 /// Gains and limits, and the airspeed flown when nothing is known.
@@ -160,14 +166,21 @@ pub struct ControllerConfig {
     pub outer: OuterTuning,
     /// Airspeed for trim and fall-back, m/s.
     pub cruise_mps: f64,
+    /// Height at which a take-off is over, m above the runway.
+    pub take_off_m: f64,
 }
 
 impl Default for ControllerConfig {
     fn default() -> Self {
-        Self { inner: InnerTuning::default(), outer: OuterTuning::default(), cruise_mps: 22.0 }
+        let (inner, outer) = (InnerTuning::default(), OuterTuning::default());
+        Self { inner, outer, cruise_mps: 22.0, take_off_m: 60.0 }
     }
 }
 
+/// Greatest bank in the climb of a take-off, rad.
+const TAKE_OFF_BANK_RAD: f64 = 0.26;
+/// How far ahead the airspeed is looked at where its floor is kept, s.
+const FLOOR_LEAD_S: f64 = 1.0;
 /// Slew limits of the references: invisible in normal flight, they take the edge off a change of basis.
 const ROLL_RATE_SLEW_RADPS2: f64 = 16.0;
 const NORMAL_SLEW_MPS3: f64 = 60.0;
@@ -202,6 +215,8 @@ pub struct ControllerSnapshot {
     pub authority_mps: f64,
     /// Which channels the autopilot had.
     pub channels: Channels,
+    /// The take-off that was under way.
+    pub take_off: [f64; takeoff::NUMBERS],
     /// The piece of path that was flown.
     pub path: PathNumbers,
     /// Mission progress.
@@ -214,6 +229,7 @@ pub struct Controller {
     airframe: Airframe,
     config: ControllerConfig,
     trim: Trim,
+    envelope: Envelope,
     guidance: Guidance,
     loops: InnerLoops,
     references: References,
@@ -223,6 +239,7 @@ pub struct Controller {
     /// Airspeed asked for on top of the reference, because the elevator is near its stop, m/s.
     authority_mps: f64,
     last: ActuatorCommand,
+    take_off: Option<TakeOff>,
 }
 
 impl Controller {
@@ -233,6 +250,7 @@ impl Controller {
             airframe,
             config,
             trim,
+            envelope: Envelope::new(&airframe),
             guidance,
             loops: InnerLoops::default(),
             references: References { normal_mps2: -GRAVITY_MPS2, ..References::default() },
@@ -241,7 +259,24 @@ impl Controller {
             airspeed_mps: 0.0,
             authority_mps: 0.0,
             last: trimmed(&trim),
+            take_off: None,
         }
+    }
+
+    /// Begins a take-off from standstill; it is flown as soon as the autopilot is on.
+    pub fn take_off(&mut self, method: Method) {
+        self.take_off = Some(TakeOff::new(method));
+        self.last = ActuatorCommand::default();
+    }
+
+    /// Gives a take-off up; false: there is none, or the aircraft flies already.
+    pub fn abort_take_off(&mut self) -> bool {
+        self.take_off.as_mut().is_some_and(TakeOff::abort)
+    }
+
+    /// Where the take-off stands that is under way.
+    pub fn take_off_phase(&self) -> Option<Phase> {
+        self.take_off.map(|take_off| take_off.phase)
     }
 
     /// The mission, to replace or restart it.
@@ -268,6 +303,7 @@ impl Controller {
             airspeed_mps: self.airspeed_mps,
             authority_mps: self.authority_mps,
             channels: self.channels,
+            take_off: TakeOff::to_numbers(self.take_off.as_ref()),
             path: self.guidance.path(),
             guidance: self.guidance.snapshot(),
         }
@@ -290,6 +326,7 @@ impl Controller {
         self.airspeed_mps = snapshot.airspeed_mps;
         self.authority_mps = snapshot.authority_mps.clamp(0.0, AUTHORITY_LIMIT_MPS);
         self.channels = snapshot.channels;
+        self.take_off = TakeOff::from_numbers(&snapshot.take_off);
         self.guidance.resume(&snapshot.guidance);
         self.guidance.resume_path(&snapshot.path);
         true
@@ -310,8 +347,17 @@ impl Controller {
         if !commands.autopilot {
             return self.hand_over(inputs, basis, signals);
         }
+        let commands = match self.leave_ground(&state, &signals, basis, dt_s, &commands) {
+            Ok(commands) => commands,
+            Err(command) => {
+                (self.last, self.channels) = (command, Channels::default());
+                self.guidance.disengage();
+                return self.on_ground(command, basis, signals);
+            }
+        };
         let guidance = self.navigate(&state, &commands, basis);
         let wanted = self.outer(&state, &signals, &commands, guidance.as_ref(), basis);
+        let (wanted, protection) = self.protect(&state, &signals, &wanted, basis);
         let command = self.inner(&signals, &wanted, &commands, inputs, dt_s);
         self.last = command;
         ControllerOutput {
@@ -321,6 +367,51 @@ impl Controller {
             references: self.references,
             signals,
             channels: self.channels,
+            protection,
+        }
+    }
+
+    /// A take-off that is under way: what the loops are asked for, or the actuators while there is nothing for loops to fly.
+    fn leave_ground(
+        &mut self,
+        state: &NavigationState,
+        s: &Signals,
+        basis: Basis,
+        dt_s: f64,
+        commands: &LoopCommands,
+    ) -> Result<LoopCommands, ActuatorCommand> {
+        let Some(mut take_off) = self.take_off else { return Ok(*commands) };
+        let (airframe, envelope) = (&self.airframe, &self.envelope);
+        let course = state.velocity.y.atan2(state.velocity.x);
+        let ground = state.velocity.x.hypot(state.velocity.y);
+        take_off.advance(airframe, envelope, s, course, basis != Basis::WingsLevel, dt_s);
+        self.take_off = Some(take_off);
+        if let Some(command) = take_off.actuators(airframe, envelope, s, ground, &self.last, dt_s) {
+            return Err(command);
+        }
+        if state.altitude_m() >= self.config.take_off_m && basis != Basis::WingsLevel {
+            self.take_off = None;
+            return Ok(*commands);
+        }
+        Ok(LoopCommands {
+            autopilot: true,
+            // A little above, so that it does not level off before it is there.
+            altitude_m: Some(self.config.take_off_m + 10.0),
+            airspeed_mps: Some(self.config.cruise_mps),
+            track_rad: Some(take_off.course_rad),
+            ..LoopCommands::default()
+        })
+    }
+
+    fn on_ground(&self, command: ActuatorCommand, basis: Basis, signals: Signals) -> ControllerOutput {
+        ControllerOutput {
+            command,
+            guidance: None,
+            basis,
+            references: self.references,
+            signals,
+            channels: self.channels,
+            protection: Protection::default(),
         }
     }
 
@@ -335,14 +426,64 @@ impl Controller {
         self.guidance.disengage();
         self.authority_mps = 0.0;
         self.last = inputs.pilot;
-        ControllerOutput {
-            command: inputs.pilot,
-            guidance: None,
-            basis,
-            references: self.references,
-            signals,
-            channels: self.channels,
+        // A take-off that was ordered on the ground waits for the autopilot; one that had begun is the pilot's.
+        if self.take_off.is_some_and(|take_off| !take_off.is_fresh()) {
+            self.take_off = None;
         }
+        self.on_ground(inputs.pilot, basis, signals)
+    }
+
+    /// What can be asked for at the airspeed of the moment.
+    fn limits(&self, s: &Signals) -> Limits {
+        let bank_rad = self.config.outer.bank_limit_rad;
+        self.envelope.limits(&self.airframe, s.airspeed_mps, s.density_kgpm3, bank_rad)
+    }
+
+    /// Keeps what the loops are asked for within what the aircraft can do, whoever asks. A target of an inner loop is held within
+    /// its own limit; below the least airspeed the nose goes down and the throttle opens, whatever was asked for.
+    fn protect(
+        &self,
+        state: &NavigationState,
+        s: &Signals,
+        wanted: &Wanted,
+        basis: Basis,
+    ) -> (Wanted, Protection) {
+        let (limits, outer) = (self.limits(s), &self.config.outer);
+        let mut protection = Protection::default();
+        let mut wanted = *wanted;
+        // What the airspeed will be in a moment: below the floor it is too late.
+        let change = s.axial_mps2 - GRAVITY_MPS2 * s.climb_rad.sin();
+        let lack = limits.floor_mps - s.airspeed_mps - FLOOR_LEAD_S * change.min(0.0);
+        let slow = lack > 0.0 && basis != Basis::WingsLevel;
+        let held = wanted.normal.is_some() || wanted.axial.is_some();
+        protection.note(Protection::AIRSPEED, slow && held);
+        if let Some(bank) = wanted.bank {
+            let bank = limits.bank(bank, &mut protection);
+            wanted.bank = Some(bank);
+            wanted.roll_rate = Some(outer.bank(bank, s.bank_rad));
+        } else if let Some(rate) = wanted.roll_rate {
+            // A roll rate by itself would roll on and on: beyond the limit only back.
+            let (high, low) =
+                (outer.bank(limits.bank_rad, s.bank_rad), outer.bank(-limits.bank_rad, s.bank_rad));
+            protection.note(Protection::BANK, rate > high || rate < low);
+            wanted.roll_rate = Some(rate.clamp(low, high));
+        }
+        if let Some(normal) = wanted.normal {
+            let climb = -state.velocity.z;
+            let of = |up: f64| normal_for(up, s.bank_rad, s.climb_rad);
+            // Without a state to be trusted there is no climb rate either.
+            let known = basis != Basis::WingsLevel;
+            let (down, up) = steepness(s.airspeed_mps, climb);
+            let (most, least) = if known { (of(down), of(up)) } else { (0.0, f64::NEG_INFINITY) };
+            protection.note(Protection::CLIMB, known && (normal < least || normal > most.max(-GRAVITY_MPS2)));
+            let least = if slow { least.max(of(outer.floor(lack, climb))) } else { least };
+            wanted.normal = Some(limits.normal(normal.min(most).max(least), &mut protection));
+        }
+        if let Some(axial) = wanted.axial {
+            let least = if slow { outer.airspeed(lack + 1.0, s.climb_rad) } else { f64::NEG_INFINITY };
+            wanted.axial = Some(axial.max(least));
+        }
+        (wanted, protection)
     }
 
     /// Specific acceleration in wind axes and the angles the loops need.
@@ -407,10 +548,9 @@ impl Controller {
     ) -> Wanted {
         let vertical = self.vertical(state, s, commands, guidance, basis);
         let bank = self.bank(state, s, commands, guidance, basis, vertical.unwrap_or(0.0));
-        let roll_rate = bank.map(|bank| self.config.outer.bank(bank, s.bank_rad));
         Wanted {
-            bank,
-            roll_rate: commands.roll_rate_radps.or(roll_rate),
+            bank: bank.filter(|_| commands.roll_rate_radps.is_none()),
+            roll_rate: commands.roll_rate_radps,
             normal: self.normal(s, commands, vertical),
             axial: self.axial(s, commands, guidance, basis),
         }
@@ -433,6 +573,9 @@ impl Controller {
             return (commands.navigation || target.is_some()).then(|| outer.climb_rate(0.0, climb));
         }
         let reference = commands.airspeed_mps.or(guidance.map(|g| g.airspeed_mps));
+        let taking_off =
+            self.take_off.map(|t| t.climb_mps(&self.airframe, &self.envelope, s.density_kgpm3) + 2.0);
+        let reference = taking_off.or(reference);
         let lack = reference.map_or(0.0, |v| v - s.airspeed_mps);
         target.map(|altitude| outer.altitude(altitude - state.altitude_m(), -state.velocity.z, lack))
     }
@@ -455,16 +598,18 @@ impl Controller {
         let velocity = Vector2::new(state.velocity.x, state.velocity.y);
         let sideways = commands.track_rad.map(|track| course_acceleration(track, &velocity));
         let sideways = sideways.or(guidance.map(|g| g.horizontal_mps2))?;
-        Some(self.config.outer.bank_for(sideways, vertical, s.climb_rad))
+        let bank = self.config.outer.bank_for(sideways, vertical, s.climb_rad);
+        // Wheels and wing tips are near the ground yet.
+        let most = if self.take_off.is_some() { TAKE_OFF_BANK_RAD } else { f64::INFINITY };
+        Some(bank.clamp(-most, most))
     }
 
     fn normal(&self, s: &Signals, commands: &LoopCommands, vertical: Option<f64>) -> Option<f64> {
         let by_rate = commands.pitch_rate_radps.map(|rate| {
             // Q_w = −(C + g cos γ cos φ)/V, solved for C.
-            limit_normal(-s.airspeed_mps * rate - GRAVITY_MPS2 * s.climb_rad.cos() * s.bank_rad.cos())
+            -s.airspeed_mps * rate - GRAVITY_MPS2 * s.climb_rad.cos() * s.bank_rad.cos()
         });
-        let by_force = commands.normal_mps2.map(limit_normal);
-        by_rate.or(by_force).or(vertical.map(|up| normal_for(up, s.bank_rad, s.climb_rad)))
+        by_rate.or(commands.normal_mps2).or(vertical.map(|up| normal_for(up, s.bank_rad, s.climb_rad)))
     }
 
     fn axial(
@@ -476,7 +621,8 @@ impl Controller {
     ) -> Option<f64> {
         let waiting = (basis == Basis::WingsLevel && commands.navigation).then_some(self.config.cruise_mps);
         let target = commands.airspeed_mps.or(guidance.map(|g| g.airspeed_mps)).or(waiting);
-        let wanted = target.map(|v| v + self.authority_mps);
+        let floor = self.limits(s).floor_mps;
+        let wanted = target.map(|v| v.max(floor) + self.authority_mps);
         let by_speed = wanted.map(|v| self.config.outer.airspeed(v - s.airspeed_mps, s.climb_rad));
         commands.axial_mps2.or(by_speed)
     }
@@ -520,7 +666,8 @@ impl Controller {
             loops.engage_roll(airframe, tuning, s, self.references.roll_rate_radps, last.aileron_rad);
         }
         if wanted.normal.is_some() && !self.channels.pitch {
-            self.references.normal_mps2 = limit_normal(s.normal_mps2);
+            let limits = self.envelope.limits(airframe, s.airspeed_mps, s.density_kgpm3, 0.0);
+            self.references.normal_mps2 = limits.normal(s.normal_mps2, &mut Protection::default());
             loops.engage_normal(airframe, tuning, s, self.references.normal_mps2, last.elevator_rad);
         }
         if wanted.axial.is_some() && !self.channels.thrust {
@@ -555,7 +702,7 @@ impl Controller {
     }
 }
 
-/// What the outer loops ask of the inner ones.
+/// What the outer loops ask of the inner ones: a bank, or a roll rate where nobody asks for a bank.
 #[derive(Debug, Clone, Copy)]
 struct Wanted {
     bank: Option<f64>,

@@ -12,6 +12,8 @@ pub struct OuterTuning {
     pub altitude_gain: f64,
     /// Fastest descent asked for, m/s.
     pub descent_mps: f64,
+    /// Fastest descent to get airspeed back, m/s.
+    pub floor_descent_mps: f64,
     /// Fastest climb asked for, m/s.
     pub climb_mps: f64,
     /// Vertical acceleration per climb-rate error, 1/s.
@@ -33,6 +35,7 @@ impl Default for OuterTuning {
         Self {
             altitude_gain: 0.4,
             descent_mps: 3.0,
+            floor_descent_mps: 6.0,
             climb_mps: 4.0,
             climb_gain: 1.2,
             airspeed_gain: 0.5,
@@ -46,6 +49,10 @@ impl Default for OuterTuning {
 
 /// Least share of the reference airspeed at which a climb is still asked for in full, m/s below the reference.
 const CLIMB_SPEED_MARGIN_MPS: f64 = 2.0;
+/// Descent for each m/s below the least airspeed, 1.
+const FLOOR_GAIN: f64 = 2.0;
+/// Vertical acceleration per climb-rate error there, 1/s.
+const FLOOR_CLIMB_GAIN: f64 = 2.0;
 /// A climb is given up altogether this far below the reference airspeed, m/s.
 const NO_CLIMB_MARGIN_MPS: f64 = 5.0;
 
@@ -64,6 +71,12 @@ impl OuterTuning {
         (self.climb_gain * (wanted_mps - climb_mps)).clamp(-4.0, 5.0)
     }
 
+    /// Vertical acceleration up (m/s²) at most, `lack_mps` below the least airspeed: the nose goes down for it.
+    pub fn floor(&self, lack_mps: f64, climb_mps: f64) -> f64 {
+        // Not as gently as a climb rate is kept otherwise: a steep climb without thrust costs 5 m/s in a second.
+        FLOOR_CLIMB_GAIN * ((-FLOOR_GAIN * lack_mps).max(-self.floor_descent_mps) - climb_mps)
+    }
+
     /// A_ref (m/s²) from airspeed error (m/s) and climb angle (rad): the weight's share is fed forward.
     pub fn airspeed(&self, error_mps: f64, climb_rad: f64) -> f64 {
         (self.airspeed_gain * error_mps).clamp(-2.0, 3.0) + GRAVITY_MPS2 * climb_rad.sin()
@@ -71,28 +84,21 @@ impl OuterTuning {
 
     /// P_ref (rad/s) from bank wanted and bank, rad.
     pub fn bank(&self, wanted_rad: f64, bank_rad: f64) -> f64 {
-        let limit = self.bank_limit_rad;
-        let error = wanted_rad.clamp(-limit, limit) - bank_rad;
-        (self.bank_gain * error).clamp(-self.roll_rate_radps, self.roll_rate_radps)
+        (self.bank_gain * (wanted_rad - bank_rad)).clamp(-self.roll_rate_radps, self.roll_rate_radps)
     }
 
     /// Bank (rad) that gives a horizontal acceleration to the right at a vertical one (up), m/s².
     pub fn bank_for(&self, horizontal_mps2: f64, vertical_mps2: f64, climb_rad: f64) -> f64 {
         let lift = (GRAVITY_MPS2 * climb_rad.cos() + vertical_mps2).max(1.0);
-        horizontal_mps2.atan2(lift).clamp(-self.bank_limit_rad, self.bank_limit_rad)
+        horizontal_mps2.atan2(lift)
     }
 }
 
-/// C_ref (m/s², negative) that carries a vertical acceleration up at the bank the aircraft has, within −3.5 g to
-/// −0.2 g. With the bank it has rather than the one it should have, altitude does not suffer while it rolls.
+/// C_ref (m/s², negative) that carries a vertical acceleration up at the bank the aircraft has. With the bank it has rather than
+/// the one it should have, altitude does not suffer while it rolls.
 pub fn normal_for(vertical_mps2: f64, bank_rad: f64, climb_rad: f64) -> f64 {
     let lift = GRAVITY_MPS2 * climb_rad.cos() + vertical_mps2;
-    limit_normal(-lift / bank_rad.cos().max(0.4))
-}
-
-/// C_ref within what wing and structure should see.
-pub fn limit_normal(wanted_mps2: f64) -> f64 {
-    wanted_mps2.clamp(-3.5 * GRAVITY_MPS2, -0.2 * GRAVITY_MPS2)
+    -lift / bank_rad.cos().max(0.4)
 }
 
 /// Moves a reference towards its target at no more than `rate` per second.
@@ -119,8 +125,6 @@ mod tests {
         let bank = T().bank_for(GRAVITY_MPS2, 0.0, 0.0);
         assert!((bank - 45f64.to_radians()).abs() < 1e-12);
         assert!((normal_for(0.0, bank, 0.0) + 2f64.sqrt() * GRAVITY_MPS2).abs() < 1e-9);
-        assert_eq!(normal_for(500.0, 0.0, 0.0), -3.5 * GRAVITY_MPS2);
-        assert_eq!(normal_for(-500.0, 0.0, 0.0), -0.2 * GRAVITY_MPS2);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::*;
 use crate::airframe::tests::aerosonde;
 use crate::attitude;
 use crate::estimator::{EstimatorStatus, StateSigmas};
-use crate::guidance::{GuidanceConfig, seed_waypoints};
+use crate::guidance::{GuidanceConfig, PATH_NUMBERS, seed_waypoints};
 
 fn controller() -> Controller {
     let guidance = Guidance::new(GuidanceConfig::default(), &seed_waypoints()).unwrap();
@@ -179,9 +179,9 @@ fn numbers_bring_back_the_same_controller_on_every_piece_of_path() {
 #[test]
 fn numbers_that_are_no_path_are_passed_over() {
     let mut guidance = *controller().guidance();
-    for path in [[f64::NAN; 12], [9.0; 12], [4.0; 12], [-1.0; 12]] {
+    for path in [[f64::NAN; PATH_NUMBERS], [9.0; PATH_NUMBERS], [4.0; PATH_NUMBERS], [-1.0; PATH_NUMBERS]] {
         guidance.resume_path(&path);
-        assert_eq!(guidance.path(), [0.0; 12]);
+        assert_eq!(guidance.path(), [0.0; PATH_NUMBERS]);
     }
 }
 

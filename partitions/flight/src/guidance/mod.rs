@@ -3,7 +3,10 @@
 //! Responsible for the order of the way-points and for the track between them. It must never lose the mission: from
 //! any place and heading it turns towards the next way-point, and a way-point passed too far off is flown to again.
 
+mod hold;
 pub mod path;
+
+pub use hold::Hold;
 
 use crate::GRAVITY_MPS2;
 use crate::attitude::wrap_angle;
@@ -86,6 +89,16 @@ pub enum Corner {
     FlyThrough,
 }
 
+/// What comes after the laps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Finish {
+    /// A circle, begun where the last way-point was reached.
+    #[default]
+    Loiter,
+    /// Round again, for ever: the seed's manner.
+    Circuit,
+}
+
 /// What one may set on guidance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GuidanceConfig {
@@ -98,8 +111,10 @@ pub struct GuidanceConfig {
     /// Bank for which the automatic radius is made, with the whole wind behind, rad; what is left up to the bank
     /// limit is for corrections.
     pub turn_bank_rad: f64,
-    /// Laps after which `finished` is set, see [`waypoints_to_reach`]; it goes on cycling. Zero: never.
+    /// Laps after which `finished` is set, see [`waypoints_to_reach`]. Zero: never.
     pub laps: u32,
+    /// What comes then.
+    pub finish: Finish,
     /// How long before an arc begins or ends its acceleration is commanded, s: the lag of bank behind its reference.
     pub lead_s: f64,
 }
@@ -112,6 +127,7 @@ impl Default for GuidanceConfig {
             least_radius_m: 70.0,
             turn_bank_rad: 38f64.to_radians(),
             laps: 0,
+            finish: Finish::Loiter,
             lead_s: 0.55,
         }
     }
@@ -153,6 +169,8 @@ pub struct GuidanceOutput {
     pub radius_m: f64,
     /// The laps asked for are done.
     pub finished: bool,
+    /// It flies a circle, or on the way to one, and not the mission.
+    pub holding: bool,
 }
 
 /// Gain from cross-track error to closing speed, 1/s.
@@ -161,6 +179,8 @@ const TRACK_GAIN: f64 = 0.35;
 const TRACK_SHARE: f64 = 0.6;
 /// Gain from closing-speed error to acceleration, 1/s.
 const CLOSING_GAIN: f64 = 1.2;
+/// Gain from course error to turn rate, 1/s: a third of the bank loop's, so that a slow roller does not swing.
+const COURSE_GAIN: f64 = 0.75;
 /// Greatest horizontal acceleration, m/s²: 47° of bank, which leaves a third of the lift a wing has at 22 m/s.
 const HORIZONTAL_LIMIT_MPS2: f64 = 10.5;
 /// Time an engagement takes to bend the track, s.
@@ -185,6 +205,10 @@ enum Stage {
     Leg(Leg, Option<Arc>),
     /// On the fillet; true once its way-point was passed abeam.
     Arc(Arc, bool),
+    /// On the way to the circle that is held.
+    ToHold(Leg, Arc),
+    /// On it.
+    Hold(Arc),
 }
 
 /// Guidance over a circuit of way-points.
@@ -196,6 +220,8 @@ pub struct Guidance {
     next: usize,
     reached: u32,
     stage: Stage,
+    /// A circle in place of the mission.
+    hold: Option<Hold>,
 }
 
 /// What to keep over a restart: enough to go on to the same way-point.
@@ -209,10 +235,11 @@ pub struct GuidanceSnapshot {
 }
 
 /// Length of [`PathNumbers`].
-pub const PATH_NUMBERS: usize = 12;
+pub const PATH_NUMBERS: usize = PIECE_NUMBERS + hold::NUMBERS;
+const PIECE_NUMBERS: usize = 12;
 
-/// The piece of path that is flown, as plain numbers: which kind, a leg (4), an arc (7). All zero:
-/// none.
+/// The piece of path that is flown, as plain numbers: which kind, a leg (4), an arc (7); then the circle that is held. All
+/// zero: none.
 pub type PathNumbers = [f64; PATH_NUMBERS];
 
 /// [`PathNumbers`]: kinds of pieces, whole numbers.
@@ -221,6 +248,8 @@ const LEG: f64 = 2.0;
 const LEG_WITH_ARC: f64 = 3.0;
 const ARC: f64 = 4.0;
 const PASSED_ARC: f64 = 5.0;
+const TO_HOLD: f64 = 6.0;
+const HOLD: f64 = 7.0;
 
 /// Way-points to reach until `laps` laps of `count` way-points are flown: every lap ends with the return to the first
 /// one. None: for ever.
@@ -242,7 +271,15 @@ impl Guidance {
         }
         let mut held = [Waypoint::default(); MAX_WAYPOINTS];
         held[..waypoints.len()].copy_from_slice(waypoints);
-        Ok(Self { config, waypoints: held, count: waypoints.len(), next: 0, reached: 0, stage: Stage::Idle })
+        Ok(Self {
+            config,
+            waypoints: held,
+            count: waypoints.len(),
+            next: 0,
+            reached: 0,
+            stage: Stage::Idle,
+            hold: None,
+        })
     }
 
     /// The way-points flown.
@@ -252,12 +289,12 @@ impl Guidance {
 
     /// Starts the mission at its first way-point, from wherever the aircraft is at the next step.
     pub fn restart(&mut self) {
-        (self.next, self.reached, self.stage) = (0, 0, Stage::Idle);
+        (self.next, self.reached, self.stage, self.hold) = (0, 0, Stage::Idle, None);
     }
 
     /// Leaves the path but keeps the way-point: the next step joins anew.
     pub fn disengage(&mut self) {
-        self.stage = Stage::Idle;
+        (self.stage, self.hold) = (Stage::Idle, None);
     }
 
     /// What to keep over a restart.
@@ -284,6 +321,7 @@ impl Guidance {
             path[0] = kind;
             path[1..5].copy_from_slice(&leg);
             path[5..12].copy_from_slice(&arc);
+            path[PIECE_NUMBERS..].copy_from_slice(&Hold::to_numbers(self.hold.as_ref()));
             path
         };
         match &self.stage {
@@ -292,6 +330,8 @@ impl Guidance {
             Stage::Leg(leg, None) => numbers(LEG, Some(leg), None),
             Stage::Leg(leg, Some(arc)) => numbers(LEG_WITH_ARC, Some(leg), Some(arc)),
             Stage::Arc(arc, passed) => numbers(if *passed { PASSED_ARC } else { ARC }, None, Some(arc)),
+            Stage::ToHold(leg, arc) => numbers(TO_HOLD, Some(leg), Some(arc)),
+            Stage::Hold(arc) => numbers(HOLD, None, Some(arc)),
         }
     }
 
@@ -301,7 +341,8 @@ impl Guidance {
         if !path.iter().all(|number| number.is_finite()) {
             return;
         }
-        let [kind, from_x, from_y, to_x, to_y, x, y, radius_m, side, start_rad, sweep_rad, tangent_m] = *path;
+        let [kind, from_x, from_y, to_x, to_y, x, y, radius_m, side, start_rad, sweep_rad, tangent_m, ..] =
+            *path;
         let leg = Leg { from: Vector2::new(from_x, from_y), to: Vector2::new(to_x, to_y) };
         let arc = Arc { centre: Vector2::new(x, y), radius_m, side, start_rad, sweep_rad, tangent_m };
         let turns = side.abs() == 1.0 && radius_m > 1.0;
@@ -311,8 +352,11 @@ impl Guidance {
             LEG_WITH_ARC if turns => Stage::Leg(leg, Some(arc)),
             ARC if turns => Stage::Arc(arc, false),
             PASSED_ARC if turns => Stage::Arc(arc, true),
+            TO_HOLD if turns => Stage::ToHold(leg, arc),
+            HOLD if turns => Stage::Hold(arc),
             _ => return,
         };
+        self.hold = Hold::from_numbers(&path[PIECE_NUMBERS..]);
     }
 
     fn waypoint(&self, index: usize) -> &Waypoint {
@@ -366,7 +410,11 @@ impl Guidance {
 
     /// Moves on to the next piece where this one ends.
     fn advance(&mut self, motion: &Motion) {
+        if let Some(held) = self.hold {
+            return self.advance_hold(held, motion);
+        }
         match self.stage {
+            Stage::ToHold(..) | Stage::Hold(_) => self.stage = self.join(motion),
             Stage::Idle => self.stage = self.join(motion),
             Stage::Entry(leg) => {
                 if (leg.to - motion.position).norm() < self.radius_m(&motion.wind) {
@@ -413,19 +461,26 @@ impl Guidance {
     /// One frame: moves along the path and asks for an acceleration.
     pub fn step(&mut self, motion: &Motion) -> GuidanceOutput {
         self.advance(motion);
+        if self.is_finished() && self.config.finish == Finish::Loiter && self.hold.is_none() {
+            self.hold_where_it_ended(motion);
+        }
         let (offset, on_arc, radius_m) = match &self.stage {
             Stage::Leg(leg, arc) => {
                 (leg.offset(&motion.position), false, arc.map_or(0.0, |arc| arc.radius_m))
             }
             Stage::Entry(leg) => (leg.offset(&motion.position), false, 0.0),
-            Stage::Arc(arc, _) => (arc.offset(&motion.position), true, arc.radius_m),
+            Stage::Arc(arc, _) | Stage::Hold(arc) => (arc.offset(&motion.position), true, arc.radius_m),
+            Stage::ToHold(leg, arc) => (leg.offset(&motion.position), false, arc.radius_m),
             Stage::Idle => (self.circuit_leg(self.next).offset(&motion.position), false, 0.0),
         };
         let target = self.waypoint(self.next);
+        let (altitude_m, airspeed_mps) = self
+            .hold
+            .map_or((target.altitude_m, target.airspeed_mps), |held| (held.altitude_m, held.airspeed_mps));
         GuidanceOutput {
             horizontal_mps2: track_acceleration(&offset, &motion.velocity, self.curvature(motion)),
-            altitude_m: target.altitude_m,
-            airspeed_mps: target.airspeed_mps,
+            altitude_m,
+            airspeed_mps,
             next: self.next,
             reached: self.reached,
             cross_track_m: offset.right_m,
@@ -433,9 +488,14 @@ impl Guidance {
             track_rad: offset.track_rad,
             on_arc,
             radius_m,
-            finished: waypoints_to_reach(self.config.laps, self.count)
-                .is_some_and(|wanted| self.reached >= wanted),
+            finished: self.is_finished(),
+            holding: self.hold.is_some(),
         }
+    }
+
+    /// The laps asked for are done.
+    fn is_finished(&self) -> bool {
+        waypoints_to_reach(self.config.laps, self.count).is_some_and(|wanted| self.reached >= wanted)
     }
 
     /// Curvature of the path (1/m, positive right) a lead time ahead.
@@ -448,6 +508,12 @@ impl Guidance {
                 if near { arc.side / arc.radius_m } else { 0.0 }
             }
             Stage::Arc(arc, _) if arc.offset(&motion.position).left_m > ahead => arc.side / arc.radius_m,
+            Stage::ToHold(leg, arc) if leg.offset(&motion.position).left_m <= ahead => {
+                arc.side / arc.radius_m
+            }
+            Stage::Hold(arc) if arc.offset(&motion.position).right_m.abs() < 0.5 * arc.radius_m => {
+                arc.side / arc.radius_m
+            }
             _ => 0.0,
         }
     }
@@ -485,7 +551,7 @@ pub fn track_acceleration(offset: &Offset, velocity: &Vector2<f64>, curvature: f
 pub fn course_acceleration(track_rad: f64, velocity: &Vector2<f64>) -> f64 {
     let speed = velocity.norm().max(LEAST_GROUND_SPEED_MPS);
     let error = wrap_angle(track_rad - velocity.y.atan2(velocity.x));
-    (CLOSING_GAIN * speed * error).clamp(-HORIZONTAL_LIMIT_MPS2, HORIZONTAL_LIMIT_MPS2)
+    (COURSE_GAIN * speed * error).clamp(-HORIZONTAL_LIMIT_MPS2, HORIZONTAL_LIMIT_MPS2)
 }
 
 #[cfg(test)]

@@ -127,3 +127,85 @@ fn cross_track_law_turns_towards_the_track() {
     let away = track_acceleration(&leg.offset(&Vector2::new(100.0, 0.0)), &-north, 0.0);
     assert_eq!(away.abs(), HORIZONTAL_LIMIT_MPS2, "flying backwards it turns round");
 }
+
+/// Distance from a circle's centre over time, after it was reached.
+fn held(guidance: &mut Guidance, flight: &mut Flight, seconds: f64) -> (f64, f64) {
+    let (mut least, mut most) = (f64::INFINITY, 0.0f64);
+    for _ in 0..(seconds / 0.02) as usize {
+        let out = guidance.step(&flight.motion);
+        assert!(out.holding);
+        if out.on_arc && out.cross_track_m.abs() < 0.9 * out.radius_m {
+            least = least.min(out.cross_track_m);
+            most = most.max(out.cross_track_m);
+        }
+        flight.step(out.horizontal_mps2);
+    }
+    (least, most)
+}
+
+#[test]
+fn mission_ends_in_a_circle_where_its_last_way_point_was() {
+    for corner in [Corner::Fillet, Corner::FlyThrough] {
+        let config = GuidanceConfig { corner, laps: 1, ..GuidanceConfig::default() };
+        let mut guidance = circuit(config);
+        let mut flight = Flight::new(0.0, 0.0, 0.0, Vector2::new(0.0, 3.0));
+        while !guidance.step(&flight.motion).finished {
+            let out = guidance.step(&flight.motion);
+            flight.step(out.horizontal_mps2);
+        }
+        let at = flight.motion.position;
+        held(&mut guidance, &mut flight, 10.0);
+        let (least, most) = held(&mut guidance, &mut flight, 120.0);
+        assert!(least > -6.0 && most < 6.0, "{corner:?}: {least} {most}");
+        assert!((flight.motion.position - at).norm() < 260.0, "{corner:?}");
+        assert_eq!((guidance.reached, guidance.next), (5, 1));
+        let altitude = guidance.step(&flight.motion).altitude_m;
+        assert_eq!(altitude, 160.0);
+    }
+}
+
+#[test]
+fn mission_may_go_round_for_ever() {
+    let mut guidance =
+        circuit(GuidanceConfig { laps: 1, finish: Finish::Circuit, ..GuidanceConfig::default() });
+    let mut flight = Flight::new(0.0, 0.0, 0.0, Vector2::zeros());
+    let order = fly(&mut guidance, &mut flight, 200.0);
+    assert!(order.len() > 8 && guidance.step(&flight.motion).finished);
+    assert!(!guidance.step(&flight.motion).holding);
+}
+
+#[test]
+fn circle_far_away_is_joined_along_its_tangent_from_any_side() {
+    for (north, east, heading) in
+        [(900.0, 0.0, 0.0), (0.0, -800.0, 1.0), (-700.0, 500.0, 3.0), (30.0, 40.0, 2.0)]
+    {
+        let mut guidance = circuit(GuidanceConfig::default());
+        let mut flight = Flight::new(north, east, heading, Vector2::new(4.0, -3.0));
+        guidance.hold_at(&Vector2::zeros(), &flight.motion, 120.0, 20.0);
+        held(&mut guidance, &mut flight, 75.0);
+        let (least, most) = held(&mut guidance, &mut flight, 100.0);
+        assert!(least > -6.0 && most < 6.0, "from {north} {east}: {least} {most}");
+        let out = guidance.step(&flight.motion);
+        assert_eq!((out.altitude_m, out.airspeed_mps), (120.0, 20.0));
+        let radius_m = guidance.held().unwrap().radius_m;
+        assert!((flight.motion.position.norm() - radius_m).abs() < 6.0);
+    }
+}
+
+#[test]
+fn circle_begins_where_it_was_asked_for_and_the_mission_goes_on_after_it() {
+    let mut guidance = circuit(GuidanceConfig::default());
+    let mut flight = Flight::new(0.0, 0.0, 0.0, Vector2::zeros());
+    fly(&mut guidance, &mut flight, 50.0);
+    let (next, reached) = (guidance.next, guidance.reached);
+    guidance.hold_here(&flight.motion, 150.0, 22.0);
+    let (least, most) = held(&mut guidance, &mut flight, 60.0);
+    assert!(least > -13.0 && most < 13.0, "{least} {most}");
+    assert_eq!((guidance.next, guidance.reached), (next, reached));
+    let numbers = guidance.path();
+    let mut other = circuit(GuidanceConfig::default());
+    other.resume_path(&numbers);
+    assert_eq!((other.path(), other.held()), (numbers, guidance.held()));
+    guidance.release();
+    assert_eq!(fly(&mut guidance, &mut flight, 80.0)[0].0, next);
+}

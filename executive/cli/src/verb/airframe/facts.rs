@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 
 use bateleur_flight::airframe::Airframe as Laws;
 use bateleur_flight::control::ControllerConfig;
+use bateleur_flight::control::envelope::Envelope;
 use bateleur_flight::control::inner::{
     Signals, axial_gains, lateral_gains, normal_gains, normal_zero_radps, roll_gains,
 };
@@ -17,8 +18,6 @@ use serde::Serialize;
 
 /// Winds for which the corner's radius is told, m/s.
 const WINDS_MPS: [f64; 4] = [0.0, 5.0, 8.0, 12.0];
-/// Greatest load factor that the Controller asks for.
-const ASKED_LOAD_FACTOR: f64 = 3.5;
 /// Interval of the Controller, s.
 const FRAME_S: f64 = 0.02;
 /// Rows of the table of trims, at most.
@@ -135,9 +134,11 @@ pub(super) struct Limits {
     pub(super) load_factor_by_elevator: f64,
     /// Load factor that the Controller asks for at most.
     pub(super) load_factor_asked: f64,
-    /// Bank of a level turn at the least of the three, and the Controller's own limit.
+    /// Bank of a level turn at the lesser of the two, and the one that the Controller asks for at most.
     pub(super) bank_deg: f64,
     pub(super) bank_asked_deg: f64,
+    /// Airspeed below which the Controller lets the nose down.
+    pub(super) floor_mps: f64,
     /// Steady roll rate at full aileron.
     pub(super) roll_rate_degps: f64,
     pub(super) corners: Vec<Corner>,
@@ -289,8 +290,9 @@ fn limits(plant: &Airframe, laws: &Laws, point: &Point, density: f64, stall: &St
     let frequency = normal_gains(laws, &config.inner, &s).frequency_radps;
     let by_lift = (point.airspeed_mps / stall.airspeed_mps).powi(2);
     let by_elevator = load_factor_by_elevator(plant, point.airspeed_mps, density);
-    let factor = by_lift.min(by_elevator).min(ASKED_LOAD_FACTOR);
+    let factor = by_lift.min(by_elevator);
     let bank = if factor > 1.0 { (1.0 / factor).acos() } else { 0.0 };
+    let asked = Envelope::new(laws).limits(laws, point.airspeed_mps, density, config.outer.bank_limit_rad);
     let (a, span) = (&plant.aerodynamics, plant.geometry.wing_span_m);
     let roll_rate =
         -a.roll_aileron / a.roll_roll_rate * plant.servo.aileron_limit_rad * 2.0 * point.airspeed_mps / span;
@@ -299,9 +301,10 @@ fn limits(plant: &Airframe, laws: &Laws, point: &Point, density: f64, stall: &St
         normal_frequency_within: zero.map(|zero| frequency <= zero / 3.0),
         load_factor_by_lift: by_lift,
         load_factor_by_elevator: by_elevator,
-        load_factor_asked: ASKED_LOAD_FACTOR,
-        bank_deg: bank.min(config.outer.bank_limit_rad).to_degrees(),
-        bank_asked_deg: config.outer.bank_limit_rad.to_degrees(),
+        load_factor_asked: asked.load_factor,
+        bank_deg: bank.to_degrees(),
+        bank_asked_deg: asked.bank_rad.to_degrees(),
+        floor_mps: asked.floor_mps,
         roll_rate_degps: roll_rate.to_degrees(),
         corners: WINDS_MPS.map(|wind| corner(point.airspeed_mps, wind)).into(),
     }

@@ -105,7 +105,7 @@ fn limits(out: &mut String, facts: &Facts) -> std::fmt::Result {
     writeln!(out, "\nlimits at {} m/s", facts.airspeed_mps)?;
     match (l.normal_zero_radps, l.normal_frequency_within) {
         (Some(zero), Some(within)) => {
-            let verdict = if within { "is below" } else { "is ABOVE" };
+            let verdict = if within { "keeps within" } else { "is ABOVE" };
             writeln!(
                 out,
                 "  normal loop     zeros at ±{zero:.1} rad/s: its {:.1} rad/s {verdict} a third of that",
@@ -116,7 +116,7 @@ fn limits(out: &mut String, facts: &Facts) -> std::fmt::Result {
     }
     writeln!(
         out,
-        "  load factor     {:.1} by the wing, {:.1} by the elevator, {:.1} asked for at most",
+        "  load factor     {:.1} by the wing, {:.1} by the elevator, {:.2} asked for at most",
         l.load_factor_by_lift, l.load_factor_by_elevator, l.load_factor_asked
     )?;
     writeln!(
@@ -124,6 +124,7 @@ fn limits(out: &mut String, facts: &Facts) -> std::fmt::Result {
         "  bank            {:.0}° held level, {:.0}° asked for at most",
         l.bank_deg, l.bank_asked_deg
     )?;
+    writeln!(out, "  airspeed        {:.1} m/s at least, or the nose goes down", l.floor_mps)?;
     writeln!(out, "  roll rate       {:.0}°/s at full aileron", l.roll_rate_degps)?;
     for (index, corner) in l.corners.iter().enumerate() {
         let what = if index == 0 { "corners" } else { "" };

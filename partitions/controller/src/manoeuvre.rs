@@ -1,0 +1,195 @@
+//! What is flown in place of what was ordered before: a circle, the way back to the runway, a take-off.
+//!
+//! Responsible for who may begin and end it: the ground, Command where the ground is silent, the fence. Outside of the fence nothing else is
+//! flown, and what the fence or a silent ground has begun goes on until the ground says otherwise.
+
+use bateleur_flight::control::LoopCommands;
+use bateleur_flight::control::takeoff::Phase;
+use bateleur_flight::estimator::NavigationState;
+use bateleur_flight::guidance::Motion;
+use bateleur_messages::control::{
+    TASK_ABORTED, TASK_CLIMBING, TASK_LOITER, TASK_LOOPS, TASK_MISSION, TASK_RETURN, TASK_ROLLING,
+    TASK_WAITING,
+};
+use bateleur_messages::ground::Manoeuvre;
+use bateleur_messages::telemetry::Refusal;
+use nalgebra::Vector2;
+
+use crate::Function;
+use crate::fence::{FenceAction, FenceWatch};
+use crate::orders::Answer;
+
+/// Slower than this over ground, m/s, and lower than this above the runway, m, the aircraft stands on it.
+const STANDING_MPS: f64 = 3.0;
+const STANDING_M: f64 = 15.0;
+
+/// What is flown in place of what was ordered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) enum Task {
+    /// Nothing.
+    #[default]
+    Ordered,
+    /// A circle.
+    Loiter,
+    /// A circle above the runway.
+    Return,
+}
+
+/// The task, and what belongs to it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Tasks {
+    pub(crate) task: Task,
+    /// It waits for a state to begin with.
+    pub(crate) begins: bool,
+    /// The ground is silent: that is why.
+    pub(crate) link_lost: bool,
+    pub(crate) fence: FenceWatch,
+}
+
+/// Bits of [`Tasks::to_bits`].
+const LOITER: u32 = 1;
+const RETURN: u32 = 2;
+const BEGINS: u32 = 4;
+const LINK_LOST: u32 = 8;
+const OUTSIDE: u32 = 16;
+const ABOVE_FLOOR: u32 = 32;
+
+impl Tasks {
+    /// As one number, to be kept.
+    pub(crate) fn to_bits(self) -> u32 {
+        let on = |on: bool, bit: u32| if on { bit } else { 0 };
+        on(self.task == Task::Loiter, LOITER)
+            | on(self.task == Task::Return, RETURN)
+            | on(self.begins, BEGINS)
+            | on(self.link_lost, LINK_LOST)
+            | on(self.fence.outside, OUTSIDE)
+            | on(self.fence.above_floor, ABOVE_FLOOR)
+    }
+
+    /// The tasks again.
+    pub(crate) fn from_bits(bits: u32) -> Self {
+        let is = |bit: u32| bits & bit != 0;
+        let task = match (is(LOITER), is(RETURN)) {
+            (true, false) => Task::Loiter,
+            (false, true) => Task::Return,
+            _ => Task::Ordered,
+        };
+        let fence = FenceWatch { outside: is(OUTSIDE), above_floor: is(ABOVE_FLOOR) };
+        Self { task, begins: is(BEGINS), link_lost: is(LINK_LOST), fence }
+    }
+
+    fn begin(&mut self, task: Task, link_lost: bool) {
+        (self.task, self.begins, self.link_lost) = (task, true, link_lost);
+    }
+
+    /// What was ordered is flown again.
+    pub(crate) fn end(&mut self) {
+        (self.task, self.begins, self.link_lost) = (Task::Ordered, false, false);
+    }
+}
+
+impl Function {
+    /// Takes order `F`.
+    pub(crate) fn manoeuvre(&mut self, what: Manoeuvre, link_lost: bool) -> Answer {
+        let on_ground = matches!(
+            self.controller.take_off_phase(),
+            Some(Phase::Waiting | Phase::Rolling | Phase::Aborted)
+        );
+        match what {
+            Manoeuvre::TakeOff if self.standing => {
+                self.controller.take_off(self.settings.take_off);
+                self.tasks.end();
+            }
+            Manoeuvre::TakeOff => return Answer::Refused(Refusal::NotStanding),
+            Manoeuvre::Abort if self.controller.abort_take_off() => {}
+            Manoeuvre::Abort => return Answer::Refused(Refusal::NoTakeOff),
+            Manoeuvre::Loiter | Manoeuvre::Return if !self.orders.autopilot || on_ground => {
+                return Answer::Refused(Refusal::NotFlying);
+            }
+            // The fence has the last word, and a silent ground does not call an aircraft back that returns already.
+            _ if self.tasks.fence.outside => return Answer::Refused(Refusal::OutsideFence),
+            Manoeuvre::Loiter if link_lost && self.tasks.task == Task::Return => {}
+            Manoeuvre::Loiter => self.tasks.begin(Task::Loiter, link_lost),
+            Manoeuvre::Return => self.tasks.begin(Task::Return, link_lost),
+            Manoeuvre::GoOn => self.go_on(),
+        }
+        Answer::Accepted
+    }
+
+    /// Back to what was ordered.
+    pub(crate) fn go_on(&mut self) {
+        if self.tasks.task != Task::Ordered {
+            self.controller.guidance_mut().release();
+            self.hold_altitude_m = None;
+        }
+        self.tasks.end();
+    }
+
+    /// Looks after fence and circles, before a cycle is flown.
+    pub(crate) fn watch(&mut self, state: Option<&NavigationState>) {
+        let Some(state) = state else { return };
+        let speed = state.velocity.xy().norm();
+        self.standing = speed < STANDING_MPS && state.altitude_m() < STANDING_M;
+        if !self.orders.autopilot {
+            self.tasks.fence = FenceWatch::default();
+            return;
+        }
+        let fence = self.settings.fence;
+        if self.tasks.fence.look(&fence, state) {
+            match fence.action {
+                FenceAction::None => {}
+                FenceAction::Loiter => self.tasks.begin(Task::Loiter, false),
+                FenceAction::Return => self.tasks.begin(Task::Return, false),
+            }
+        }
+        if std::mem::take(&mut self.tasks.begins) {
+            self.begin_circle(state);
+        }
+    }
+
+    fn begin_circle(&mut self, state: &NavigationState) {
+        let (fence, cruise_mps) = (self.settings.fence, self.settings.control.cruise_mps);
+        let outside = self.tasks.fence.outside;
+        let position = state.position.xy();
+        let motion = Motion { position, velocity: state.velocity.xy(), wind: state.wind };
+        let guidance = self.controller.guidance_mut();
+        match self.tasks.task {
+            Task::Ordered => {}
+            Task::Loiter if !outside => {
+                guidance.hold_here(&motion, fence.height_m(state.altitude_m()), cruise_mps);
+            }
+            Task::Loiter => {
+                let centre = fence.centre(&position, guidance.corner_radius_m(&motion));
+                guidance.hold_at(&centre, &motion, fence.height_m(state.altitude_m()), cruise_mps);
+            }
+            Task::Return => {
+                let height_m = fence.height_m(state.altitude_m().max(self.settings.return_m));
+                guidance.hold_at(&Vector2::zeros(), &motion, height_m, cruise_mps);
+            }
+        }
+    }
+
+    /// What a task asks of the laws; none: what was ordered.
+    pub(crate) fn task_commands(&self) -> Option<LoopCommands> {
+        let flown = self.tasks.task != Task::Ordered && self.orders.autopilot;
+        flown.then_some(LoopCommands::MISSION)
+    }
+
+    /// What is flown, as the Controller's command says it.
+    pub(crate) fn task_number(&self, commands: &LoopCommands, holding: bool) -> u32 {
+        if !commands.autopilot {
+            return 0;
+        }
+        match (self.controller.take_off_phase(), self.tasks.task) {
+            (Some(Phase::Waiting), _) => TASK_WAITING,
+            (Some(Phase::Rolling), _) => TASK_ROLLING,
+            (Some(Phase::Climbing), _) => TASK_CLIMBING,
+            (Some(Phase::Aborted), _) => TASK_ABORTED,
+            (None, Task::Return) => TASK_RETURN,
+            (None, Task::Loiter) => TASK_LOITER,
+            (None, Task::Ordered) if holding => TASK_LOITER,
+            (None, Task::Ordered) if commands.navigation => TASK_MISSION,
+            (None, Task::Ordered) => TASK_LOOPS,
+        }
+    }
+}

@@ -1,0 +1,203 @@
+//! What an aircraft can be asked for at an airspeed: load factor, bank, and the airspeed below which nothing else counts.
+//!
+//! Responsible for the limits alone; the outer loops keep their references within them. They are of references: a gust may
+//! carry the aircraft beyond one for a moment. The angle of attack is not measured; what stands for it is the lift
+//! coefficient, which the normal specific acceleration and the airspeed tell.
+
+use crate::GRAVITY_MPS2;
+use crate::airframe::Airframe;
+
+/// Share of the greatest lift coefficient that is asked for: what is left is for gusts from below, 2 m/s of them at 22 m/s.
+const LIFT_SHARE: f64 = 0.85;
+/// Share of the elevator's travel that a steady turn may take: what is left steers.
+const ELEVATOR_SHARE: f64 = 0.95;
+/// Load factor that no structure should see more of.
+const STRUCTURE_LOAD_FACTOR: f64 = 3.5;
+/// Least load factor asked for: an engine and a pilot's stomach like weight.
+const LEAST_LOAD_FACTOR: f64 = 0.2;
+/// Load factors below this are always granted, or a slow aircraft could not even be turned back.
+const ALWAYS_LOAD_FACTOR: f64 = 1.05;
+/// Least airspeed, of the one at which the wing just carries the weight.
+const FLOOR_SHARE: f64 = 1.2;
+/// Steepest climb and descent, as a share of the airspeed: 30°.
+const STEEPEST: f64 = 0.5;
+/// How hard it is kept, 1/s.
+const STEEPEST_GAIN: f64 = 3.0;
+/// Airspeed at which a wheel may leave the ground, of the same.
+const ROTATION_SHARE: f64 = 1.25;
+
+/// One bit for each limit that a reference ran into.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Protection(pub u32);
+
+impl Protection {
+    /// Bank.
+    pub const BANK: u32 = 1;
+    /// Load factor, by structure or elevator.
+    pub const LOAD_FACTOR: u32 = 2;
+    /// Angle of attack, through the lift coefficient.
+    pub const LIFT: u32 = 4;
+    /// Airspeed.
+    pub const AIRSPEED: u32 = 8;
+    /// Angle of climb or descent.
+    pub const CLIMB: u32 = 16;
+
+    /// Notes a limit.
+    pub fn note(&mut self, bit: u32, reached: bool) {
+        self.0 |= if reached { bit } else { 0 };
+    }
+
+    /// Whether it was noted.
+    pub fn has(self, bit: u32) -> bool {
+        self.0 & bit != 0
+    }
+}
+
+/// The limits at an airspeed and a density.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Load factor of the lift coefficient that is asked for at most.
+    pub by_lift: f64,
+    /// Load factor that the elevator holds in a steady turn.
+    pub by_elevator: f64,
+    /// The least of these, and of what structures bear.
+    pub load_factor: f64,
+    /// Bank that can be held level with it, within what the laws ask for at most, rad.
+    pub bank_rad: f64,
+    /// Least airspeed, m/s.
+    pub floor_mps: f64,
+}
+
+impl Limits {
+    /// C (m/s²) within what can be asked for; notes what it ran into.
+    pub fn normal(&self, wanted_mps2: f64, protection: &mut Protection) -> f64 {
+        let most = self.load_factor * GRAVITY_MPS2;
+        let reached = wanted_mps2 < -most;
+        let lift = self.by_lift <= self.load_factor;
+        protection.note(Protection::LIFT, reached && lift);
+        protection.note(Protection::LOAD_FACTOR, reached && !lift);
+        wanted_mps2.clamp(-most, -LEAST_LOAD_FACTOR * GRAVITY_MPS2)
+    }
+
+    /// Bank (rad) within what can be asked for; notes what it ran into.
+    pub fn bank(&self, wanted_rad: f64, protection: &mut Protection) -> f64 {
+        protection.note(Protection::BANK, wanted_rad.abs() > self.bank_rad);
+        wanted_rad.clamp(-self.bank_rad, self.bank_rad)
+    }
+}
+
+/// Vertical accelerations up (m/s²) within which a path stays that is no steeper than 30°: pulling on and on would fly a loop.
+pub fn steepness(airspeed_mps: f64, climb_mps: f64) -> (f64, f64) {
+    let most = STEEPEST * airspeed_mps;
+    (STEEPEST_GAIN * (-most - climb_mps), STEEPEST_GAIN * (most - climb_mps))
+}
+
+/// What follows from the airframe once and for all.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Envelope {
+    greatest_lift: f64,
+}
+
+impl Envelope {
+    /// Of an airframe.
+    pub fn new(airframe: &Airframe) -> Self {
+        Self { greatest_lift: airframe.greatest_lift() }
+    }
+
+    /// Airspeed (m/s) at which the wing just carries the weight.
+    pub fn stall_mps(&self, airframe: &Airframe, density_kgpm3: f64) -> f64 {
+        let weight = airframe.mass.mass_kg * GRAVITY_MPS2;
+        (2.0 * weight / (density_kgpm3 * airframe.geometry.wing_area_m2 * self.greatest_lift)).sqrt()
+    }
+
+    /// Airspeed (m/s) at which it may leave the ground.
+    pub fn rotation_mps(&self, airframe: &Airframe, density_kgpm3: f64) -> f64 {
+        ROTATION_SHARE * self.stall_mps(airframe, density_kgpm3)
+    }
+
+    /// The limits at an airspeed (m/s), with a bank (rad) that the laws end at.
+    pub fn limits(
+        &self,
+        airframe: &Airframe,
+        airspeed_mps: f64,
+        density_kgpm3: f64,
+        bank_rad: f64,
+    ) -> Limits {
+        let stall_mps = self.stall_mps(airframe, density_kgpm3);
+        let by_lift = LIFT_SHARE * (airspeed_mps / stall_mps).powi(2);
+        let by_elevator = turn_load_factor(airframe, airspeed_mps, density_kgpm3, ELEVATOR_SHARE);
+        let load_factor = by_lift.min(by_elevator).clamp(ALWAYS_LOAD_FACTOR, STRUCTURE_LOAD_FACTOR);
+        Limits {
+            by_lift,
+            by_elevator,
+            load_factor,
+            bank_rad: (1.0 / load_factor).acos().min(bank_rad),
+            floor_mps: FLOOR_SHARE * stall_mps,
+        }
+    }
+}
+
+/// Load factor of the steady turn in which the elevator stands at a share of its travel: lift and moment in balance at the turn's
+/// pitch rate (g/V)(n − 1/n). At most 100, where the elevator is not what ends it.
+fn turn_load_factor(airframe: &Airframe, airspeed_mps: f64, density_kgpm3: f64, share: f64) -> f64 {
+    let (a, chord) = (&airframe.aerodynamics, airframe.geometry.mean_chord_m);
+    let force = 0.5 * density_kgpm3 * airspeed_mps * airspeed_mps * airframe.geometry.wing_area_m2;
+    let weight = airframe.mass.mass_kg * GRAVITY_MPS2;
+    let determinant = a.lift_alpha * a.pitch_elevator - a.lift_elevator * a.pitch_alpha;
+    let travel = share * airframe.servo.elevator_limit_rad;
+    let reaches = |factor: f64| {
+        let turn = GRAVITY_MPS2 / airspeed_mps * (factor - 1.0 / factor);
+        let rate = turn * chord / (2.0 * airspeed_mps);
+        let lift = factor * weight / force - a.lift_0 - a.lift_pitch_rate * rate;
+        let moment = -a.pitch_0 - a.pitch_pitch_rate * rate;
+        ((a.lift_alpha * moment - a.pitch_alpha * lift) / determinant).abs() < travel
+    };
+    let (mut low, mut high) = (1.0, 100.0);
+    for _ in 0..24 {
+        let middle = 0.5 * (low + high);
+        if reaches(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    low
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::airframe::built_in;
+    use crate::airframe::tests::aerosonde;
+
+    fn limits(airframe: &Airframe, airspeed_mps: f64) -> Limits {
+        Envelope::new(airframe).limits(airframe, airspeed_mps, 1.225, 60f64.to_radians())
+    }
+
+    #[test]
+    fn elevator_ends_the_aerosondes_turns_and_the_wing_those_of_one_with_more_of_it() {
+        let fast = limits(&aerosonde(), 22.0);
+        assert!((1.5..1.75).contains(&fast.by_elevator), "{fast:?}");
+        assert_eq!(fast.load_factor, fast.by_elevator);
+        assert!((fast.bank_rad.cos() * fast.load_factor - 1.0).abs() < 1e-9);
+        let mut strong = aerosonde();
+        strong.servo.elevator_limit_rad *= 4.0;
+        let slow = limits(&strong, 15.0);
+        assert!(slow.load_factor == slow.by_lift && slow.by_lift < slow.by_elevator, "{slow:?}");
+        let rascal = Airframe::from_toml(built_in("rascal110").unwrap()).unwrap();
+        assert!((Envelope::new(&rascal).stall_mps(&rascal, 1.225) - 8.8).abs() < 0.2);
+    }
+
+    #[test]
+    fn references_are_held_within_and_what_held_them_is_noted() {
+        let limits = limits(&aerosonde(), 22.0);
+        let mut protection = Protection::default();
+        assert_eq!(limits.bank(0.2, &mut protection), 0.2);
+        assert_eq!(limits.normal(-9.8, &mut protection), -9.8);
+        assert_eq!(protection, Protection::default());
+        assert_eq!(limits.bank(-1.5, &mut protection), -limits.bank_rad);
+        assert_eq!(limits.normal(-60.0, &mut protection), -limits.load_factor * GRAVITY_MPS2);
+        assert_eq!(protection, Protection(Protection::BANK | Protection::LOAD_FACTOR));
+        assert_eq!(limits.normal(5.0, &mut protection), -0.2 * GRAVITY_MPS2);
+    }
+}

@@ -1,0 +1,210 @@
+//! Taking off by itself: a roll along the direction in which the aircraft stands, or a launch by hand or catapult; then a climb
+//! straight ahead.
+//!
+//! Responsible for what is special about it, up to a height; then whatever was ordered goes on. On the ground the estimate of the
+//! heading moves as the filter finds its biases, so the direction is kept by what the gyroscope integrates. It must never leave the
+//! ground after it has been told to stop, and it stops by itself when it does not go straight or does not get fast.
+
+use super::envelope::Envelope;
+use super::inner::Signals;
+use crate::airframe::Airframe;
+use crate::servo::ActuatorCommand;
+
+/// Length of a take-off as plain numbers.
+pub const NUMBERS: usize = 4;
+
+/// Throttle opens by this each second: a propeller's torque must not turn the aircraft off its wheels.
+const THROTTLE_RATE: f64 = 2.0;
+/// Rudder per heading lost, and per yaw rate, s.
+const STEER_GAIN: f64 = 1.5;
+const STEER_DAMPING_S: f64 = 0.35;
+/// A tail wheel is held down with this share of the elevator up to this share of the speed of leaving the ground: it steers
+/// only then, and a tail left low longer makes the wing lift too early.
+const TAIL_DOWN_SHARE: f64 = 0.5;
+const TAIL_UP_SHARE: f64 = 0.45;
+/// Then it is raised to this pitch, rad, by so much elevator per pitch, and per pitch rate, s.
+const TAIL_UP_PITCH_RAD: f64 = 0.05;
+const TAIL_UP_GAIN: f64 = 0.8;
+const TAIL_UP_DAMPING_S: f64 = 0.12;
+/// Ailerons move more while the air flows slowly over them, up to so many times.
+const SLOWEST_SHARE: f64 = 5.0;
+/// Aileron per bank, and per roll rate, s: wheels carry, the wings are only kept from dropping.
+const LEVEL_GAIN: f64 = 0.5;
+const LEVEL_DAMPING_S: f64 = 0.05;
+/// A roll that has lost this much of its direction is given up, rad.
+const ASTRAY_RAD: f64 = 0.45;
+/// So is one that is not fast enough after this, s.
+const LONGEST_ROLL_S: f64 = 40.0;
+/// A launch is an axial specific acceleration beyond this, m/s², for so long, s: gusts and hands do less.
+const LAUNCH_MPS2: f64 = 6.0;
+const LAUNCH_S: f64 = 0.1;
+/// Airspeed of the climb, of the one at which it leaves the ground.
+const CLIMB_SHARE: f64 = 1.15;
+
+/// How an aircraft leaves the ground.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Method {
+    /// Rolls on its wheels.
+    #[default]
+    Roll,
+    /// Is thrown: the motor starts when it is.
+    Launch,
+}
+
+/// Where a take-off stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// Throttle closed, in the hands of who launches it.
+    Waiting,
+    /// On its wheels.
+    Rolling,
+    /// In the air, below the height asked for.
+    Climbing,
+    /// Given up: throttle closed, straight on, until the autopilot is switched off.
+    Aborted,
+}
+
+/// A take-off under way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TakeOff {
+    /// Where it stands.
+    pub phase: Phase,
+    /// Time in this phase, s; of a launch that is awaited, how long it has been pushed.
+    since_s: f64,
+    /// Turned off its direction so far, rad.
+    turned_rad: f64,
+    /// Direction of the climb over ground, rad from north.
+    pub course_rad: f64,
+}
+
+impl TakeOff {
+    pub(super) fn new(method: Method) -> Self {
+        let phase = match method {
+            Method::Roll => Phase::Rolling,
+            Method::Launch => Phase::Waiting,
+        };
+        Self { phase, since_s: 0.0, turned_rad: 0.0, course_rad: 0.0 }
+    }
+
+    /// Whether nothing has moved yet.
+    pub(super) fn is_fresh(&self) -> bool {
+        self.since_s == 0.0 && matches!(self.phase, Phase::Waiting | Phase::Rolling)
+    }
+
+    /// Gives it up, if it is on the ground still; false: too late.
+    pub(super) fn abort(&mut self) -> bool {
+        let stops = self.phase != Phase::Climbing;
+        if stops {
+            (self.phase, self.since_s) = (Phase::Aborted, 0.0);
+        }
+        stops
+    }
+
+    /// One frame on the ground or in somebody's hands. `course_rad` is the ground track, `known` whether there is a state.
+    pub(super) fn advance(
+        &mut self,
+        airframe: &Airframe,
+        envelope: &Envelope,
+        s: &Signals,
+        course_rad: f64,
+        known: bool,
+        dt_s: f64,
+    ) {
+        let fast = envelope.rotation_mps(airframe, s.density_kgpm3).max(10.5);
+        match self.phase {
+            Phase::Waiting => {
+                let pushed = s.axial_mps2 > LAUNCH_MPS2;
+                self.since_s = if pushed { self.since_s + dt_s } else { 0.0 };
+                if self.since_s >= LAUNCH_S || (known && s.airspeed_mps > fast) {
+                    (self.phase, self.course_rad) = (Phase::Climbing, course_rad);
+                }
+            }
+            Phase::Rolling => {
+                self.since_s += dt_s;
+                self.turned_rad += s.yaw_rate_radps * dt_s;
+                let lost = self.turned_rad.abs() > ASTRAY_RAD || self.since_s > LONGEST_ROLL_S || !known;
+                if lost {
+                    self.abort();
+                } else if s.airspeed_mps >= fast {
+                    (self.phase, self.course_rad) = (Phase::Climbing, course_rad);
+                }
+            }
+            Phase::Climbing => {}
+            Phase::Aborted => self.turned_rad += s.yaw_rate_radps * dt_s,
+        }
+    }
+
+    /// Actuators on the ground, where it moves at `ground_mps`; none in the air, where the loops fly.
+    pub(super) fn actuators(
+        &self,
+        airframe: &Airframe,
+        envelope: &Envelope,
+        s: &Signals,
+        ground_mps: f64,
+        last: &ActuatorCommand,
+        dt_s: f64,
+    ) -> Option<ActuatorCommand> {
+        let throttle = match self.phase {
+            Phase::Climbing => return None,
+            Phase::Rolling => (last.throttle + THROTTLE_RATE * dt_s).min(1.0),
+            Phase::Waiting | Phase::Aborted => 0.0,
+        };
+        let limit = &airframe.servo;
+        // The third wheel is steered with the rudder, whose sign is that of its yawing moment.
+        let left = -airframe.aerodynamics.yaw_rudder.signum();
+        let steer = STEER_GAIN * self.turned_rad + STEER_DAMPING_S * s.yaw_rate_radps;
+        let level = -LEVEL_GAIN * s.bank_rad - LEVEL_DAMPING_S * s.roll_rate_radps;
+        let held = |x: f64, limit: f64| x.clamp(-limit, limit);
+        let tail_wheel = airframe.gear.is_some_and(|gear| gear.third_wheel_m[0] < 0.0);
+        let rotation = envelope.rotation_mps(airframe, s.density_kgpm3);
+        let speed = s.airspeed_mps / rotation;
+        let elevator_rad = match self.phase {
+            // Wind from the side is airspeed too, and the tail wheel is needed all the more then.
+            Phase::Rolling if tail_wheel && ground_mps < TAIL_UP_SHARE * rotation => {
+                -TAIL_DOWN_SHARE * limit.elevator_limit_rad
+            }
+            Phase::Rolling if tail_wheel => {
+                -TAIL_UP_GAIN * (TAIL_UP_PITCH_RAD - s.pitch_rad) + TAIL_UP_DAMPING_S * s.pitch_rate_radps
+            }
+            _ => 0.0,
+        };
+        let level = level * (1.0 / speed.max(0.1)).powi(2).clamp(1.0, SLOWEST_SHARE);
+        Some(ActuatorCommand {
+            throttle,
+            aileron_rad: held(level, limit.aileron_limit_rad),
+            elevator_rad: held(elevator_rad, limit.elevator_limit_rad),
+            rudder_rad: held(left * steer, limit.rudder_limit_rad),
+        })
+    }
+
+    /// The airspeed (m/s) below which it does not climb.
+    pub(super) fn climb_mps(&self, airframe: &Airframe, envelope: &Envelope, density_kgpm3: f64) -> f64 {
+        CLIMB_SHARE * envelope.rotation_mps(airframe, density_kgpm3).max(10.5)
+    }
+
+    /// As plain numbers; all zero: none under way.
+    pub fn to_numbers(take_off: Option<&Self>) -> [f64; NUMBERS] {
+        take_off.map_or([0.0; NUMBERS], |t| {
+            let phase = match t.phase {
+                Phase::Waiting => 1.0,
+                Phase::Rolling => 2.0,
+                Phase::Climbing => 3.0,
+                Phase::Aborted => 4.0,
+            };
+            [phase, t.since_s, t.turned_rad, t.course_rad]
+        })
+    }
+
+    /// The take-off again; numbers that are none give none.
+    pub fn from_numbers(numbers: &[f64; NUMBERS]) -> Option<Self> {
+        let [phase, since_s, turned_rad, course_rad] = *numbers;
+        let phase = match phase {
+            1.0 => Phase::Waiting,
+            2.0 => Phase::Rolling,
+            3.0 => Phase::Climbing,
+            4.0 => Phase::Aborted,
+            _ => return None,
+        };
+        numbers.iter().all(|x| x.is_finite()).then_some(Self { phase, since_s, turned_rad, course_rad })
+    }
+}

@@ -182,7 +182,8 @@ impl Mission {
     fn enter(&mut self, phase: Phase, pilot: &mut dyn Pilot) {
         self.phase = phase;
         self.phase_since_ns = self.now_ns;
-        self.say(Severity::Info, phase.name().to_owned());
+        let own = phase == Phase::OrderTakeOff && self.plan.own_take_off;
+        self.say(Severity::Info, if own { "ordering the take-off" } else { phase.name() }.to_owned());
         match phase {
             Phase::EnableHil => self.request(Order::Hil { on: true }),
             Phase::InitialiseSensors => {

@@ -243,7 +243,9 @@ impl Flight {
             (Mean::default(), Mean::default(), Mean::default(), Mean::default());
         let mut radius = 70.0;
         let mut captured = false;
-        for frame in flown {
+        // The circle at the end is no part of the circuit.
+        let ended = |frame: &&Frame| frame.output.guidance.is_some_and(|g| g.holding);
+        for frame in flown.iter().take_while(|frame| !ended(frame)) {
             let t = &frame.truth;
             if let Some(r) = frame.output.guidance.map(|g| g.radius_m).filter(|r| *r > 0.0) {
                 radius = r;

@@ -152,17 +152,26 @@ impl Inbox {
             header.msg_control = control.as_mut_ptr().cast();
             header.msg_controllen = CONTROL as _;
         }
-        // SAFETY: as above; the kernel writes into buffers of these lengths, which live here and in `self`.
-        let received = unsafe {
-            libc::recvmmsg(
-                socket.as_raw_fd(),
-                messages.as_mut_ptr(),
-                most as libc::c_uint,
-                libc::MSG_DONTWAIT,
-                std::ptr::null_mut(),
-            )
+        let mut receive = || {
+            // SAFETY: as above; the kernel writes into buffers of these lengths, which live here and in `self`.
+            let received = unsafe {
+                libc::recvmmsg(
+                    socket.as_raw_fd(),
+                    messages.as_mut_ptr(),
+                    most as libc::c_uint,
+                    libc::MSG_DONTWAIT,
+                    std::ptr::null_mut(),
+                )
+            };
+            usize::try_from(received).map_err(|_| io::Error::last_os_error())
         };
-        let received = usize::try_from(received).unwrap_or(0); // nothing, or an error of an earlier datagram
+        // An error that was reported to the socket earlier (nobody listened at the peer) shows at one call, and hides what
+        // waits: that one is made once more.
+        let nothing = |error: &io::Error| error.kind() == io::ErrorKind::WouldBlock;
+        let received = match receive() {
+            Err(error) if !nothing(&error) => receive().unwrap_or(0),
+            received => received.unwrap_or(0),
+        };
         for (number, (message, name)) in messages.iter().zip(&names).take(received).enumerate() {
             let cut = message.msg_hdr.msg_flags & libc::MSG_TRUNC != 0;
             let length = (message.msg_len as usize).min(self.length);

@@ -240,6 +240,19 @@ mod tests {
     }
 
     #[test]
+    fn what_waits_is_taken_although_nobody_listened_before() {
+        let at = free(2);
+        let mut udp = Udp::open(&[endpoint(0, at[0], at[1], true)]).unwrap();
+        udp.send(0, [b"is anybody there?", b""]);
+        udp.flush(0, &mut |_| ());
+        std::thread::sleep(std::time::Duration::from_millis(20)); // the refusal comes back to the socket
+        UdpSocket::bind(at[1]).unwrap().send_to(b"now there is", at[0]).unwrap();
+        let mut found = Vec::new();
+        udp.receive(0, 8, &mut |came| found.push(came.datagram.unwrap().to_vec()));
+        assert_eq!(found, [b"now there is"]);
+    }
+
+    #[test]
     fn an_address_that_is_not_to_be_had_is_refused_with_the_mend() {
         let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
         let (local, remote) = (taken.local_addr().unwrap(), free(1)[0]);

@@ -19,7 +19,7 @@ use seccompiler::{
 /// What the plan grants, as far as it changes the filters.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Grants {
-    /// Internet sockets.
+    /// Internet sockets, and those of CAN buses.
     pub network: bool,
     /// More than one thread or process.
     pub threads: bool,
@@ -132,8 +132,12 @@ fn deadly(grants: Grants) -> Result<Rules, seccompiler::BackendError> {
     rules.insert(libc::SYS_prctl, vec![rule([is(0, libc::PR_SET_PDEATHSIG)])?]);
     rules.insert(libc::SYS_ioctl, vec![rule([is(1, TIOCSTI)])?, rule([is(1, TIOCLINUX)])?]);
     let mut sockets = vec![rule(
-        [libc::AF_UNIX, libc::AF_NETLINK, libc::AF_INET, libc::AF_INET6].map(|family| is_not(0, family)),
+        [libc::AF_UNIX, libc::AF_NETLINK, libc::AF_INET, libc::AF_INET6, libc::AF_CAN]
+            .map(|family| is_not(0, family)),
     )?];
+    if !grants.network {
+        sockets.push(rule([is(0, libc::AF_CAN)])?);
+    }
     for family in [libc::AF_INET, libc::AF_INET6] {
         match grants.network {
             true => {
@@ -187,6 +191,9 @@ fn allowed(grants: Grants) -> Result<Rules, seccompiler::BackendError> {
                 sockets.push(rule([is(0, family), kind, is(2, protocol)])?);
             }
         }
+        // Frames of a CAN bus, whose raw sockets see that bus and nothing else.
+        let raw = bits_are(1, SOCKET_TYPE, u64::from(libc::SOCK_RAW.cast_unsigned()));
+        sockets.push(rule([is(0, libc::AF_CAN), raw, is(2, libc::CAN_RAW)])?);
         for family in [libc::AF_UNIX, libc::AF_NETLINK] {
             sockets.push(rule([is(0, family)])?);
         }

@@ -16,6 +16,7 @@ mod ids;
 pub mod node;
 mod ring;
 pub mod server;
+pub mod soak;
 pub mod status;
 mod track;
 pub mod wire;

@@ -11,6 +11,7 @@ pub(crate) mod doctor;
 pub(crate) mod export;
 pub(crate) mod faults;
 pub(crate) mod fly;
+pub(crate) mod gateway;
 pub(crate) mod ground;
 pub(crate) mod health;
 pub(crate) mod helper;

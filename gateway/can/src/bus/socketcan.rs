@@ -1,9 +1,11 @@
 //! SocketCAN: the kernel's own CAN interfaces, classic and FD.
 
 use std::io::{self, ErrorKind};
+use std::num::NonZeroU32;
 use std::os::fd::{AsFd, BorrowedFd};
 
 use rustix::io::Errno;
+use rustix::net::{AddressFamily, Protocol, SocketType};
 use socketcan::frame::{AsPtr, can_frame_default, canfd_frame_default};
 use socketcan::{CanAnyFrame, CanFdSocket, CanInterface, CanRawFrame, Socket, SocketOptions};
 
@@ -14,6 +16,8 @@ use crate::ids::Ids;
 /// A controller that is off the bus gets so long before it is restarted, ns; and so long again where that was no use.
 const RESTART_AFTER_NS: u64 = 1_000_000_000;
 
+/// The protocol of raw CAN sockets (`linux/can.h`).
+const CAN_RAW: u32 = 1;
 /// Flags of an FD frame in the words of Linux (`linux/can.h`).
 const CANFD_BRS: u8 = 1;
 const CANFD_ESI: u8 = 2;
@@ -47,7 +51,7 @@ impl SocketCan {
     pub fn open(interface: &str, wanted: &Ids) -> Result<Self, BusError> {
         let bus = format!("socketcan:{interface}");
         let refused = |error| refusal(&bus, interface, error);
-        let socket = CanFdSocket::open(interface).map_err(refused)?;
+        let socket = index_of(interface).and_then(CanFdSocket::open_iface).map_err(refused)?;
         socket.set_nonblocking(true).map_err(refused)?;
         socket.set_recv_own_msgs(false).map_err(refused)?;
         socket.set_error_filter_accept_all().map_err(refused)?;
@@ -93,8 +97,6 @@ fn refusal(bus: &str, interface: &str, error: io::Error) -> BusError {
     let bus = bus.to_owned();
     match error.raw_os_error().map(Errno::from_raw_os_error) {
         Some(Errno::AFNOSUPPORT | Errno::PROTONOSUPPORT) => BusError::NoCan { bus },
-        // The name is looked up before a socket is made: a kernel without CAN has no such interface either.
-        Some(Errno::NODEV | Errno::NXIO) if !has_can() => BusError::NoCan { bus },
         Some(Errno::NODEV | Errno::NXIO) => BusError::NoInterface { bus },
         Some(Errno::NETDOWN) => BusError::Down { bus, interface: interface.into() },
         Some(Errno::PERM | Errno::ACCESS) => BusError::NoPermission {
@@ -106,10 +108,11 @@ fn refusal(bus: &str, interface: &str, error: io::Error) -> BusError {
     }
 }
 
-/// Whether the kernel has CAN sockets, loaded or to be loaded.
-fn has_can() -> bool {
-    let family = rustix::net::AddressFamily::CAN;
-    !matches!(rustix::net::socket(family, rustix::net::SocketType::RAW, None), Err(Errno::AFNOSUPPORT))
+/// The kernel's number of an interface. It is asked by a CAN socket, which a partition that may use one can have.
+fn index_of(interface: &str) -> io::Result<u32> {
+    let protocol = NonZeroU32::new(CAN_RAW).map(Protocol::from_raw);
+    let socket = rustix::net::socket(AddressFamily::CAN, SocketType::RAW, protocol)?;
+    Ok(rustix::net::netdevice::name_to_index(&socket, interface)?)
 }
 
 fn of_raw(raw: CanRawFrame) -> Option<Frame> {

@@ -5,6 +5,7 @@
 //! them. A figure that this machine can not give says why. Exit codes: 0 every figure that has a reach is within it,
 //! 1 one is not (or could not be taken), 2 nothing could be measured. With --quick nothing is judged.
 
+mod can;
 mod flight;
 mod laws;
 mod links;
@@ -30,7 +31,7 @@ use row::Row;
 /// Measure what the executive promises, beside references taken in the same run.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Which figures; all where none is named: starts, fence, switch, ports, links, restart,
+    /// Which figures; all where none is named: starts, fence, switch, ports, links, can, restart,
     /// scale, laws, flight, virtual.
     #[arg(value_name = "NAME")]
     names: Vec<String>,
@@ -72,6 +73,7 @@ const FIGURES: &[(&str, Measure)] = &[
     ("switch", windows::switches),
     ("ports", ports::rows),
     ("links", links::rows),
+    ("can", can::rows),
     ("restart", restart::rows),
     ("scale", scale::rows),
     ("laws", laws::rows),

@@ -218,14 +218,17 @@ fn settings(
     simulator: &Simulator,
     line: &Line,
 ) -> Result<Vec<(String, String)>> {
-    let interface = partition_running(plan, "hil_interface")?;
-    let mut list = vec![
-        (partition_running(plan, "command")?, format!("device={}", line.device)),
-        (interface.clone(), format!("simulator={}", simulator.address)),
-        (interface.clone(), format!("protocol={}", simulator.protocol.name())),
-    ];
-    if arguments.free_running {
-        list.push((interface, "lockstep=false".to_owned()));
+    let mut list = vec![(partition_running(plan, "command")?, format!("device={}", line.device))];
+    match &simulator.can {
+        Some(can) => list.extend_from_slice(&can.attributes),
+        None => {
+            let interface = partition_running(plan, "hil_interface")?;
+            list.push((interface.clone(), format!("simulator={}", simulator.address)));
+            list.push((interface.clone(), format!("protocol={}", simulator.protocol.name())));
+            if arguments.free_running {
+                list.push((interface, "lockstep=false".to_owned()));
+            }
+        }
     }
     // The laws and the servos must know the aircraft that the simulator flies.
     if let Some(airframe) = &arguments.airframe {

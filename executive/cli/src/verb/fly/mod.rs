@@ -5,6 +5,7 @@
 //! Progress goes to standard error; the summary goes to standard output, as a table or as JSON. Exit codes: 0 the mission
 //! was completed, 1 it was not, 2 it could not begin.
 
+mod can;
 mod executive;
 mod fleet;
 pub(crate) mod hosts;
@@ -152,10 +153,11 @@ fn fly(
     if arguments.hosts.hosts {
         return fly_hosts(arguments, plan, mission, folder, protocol, stop);
     }
-    let simulator = match arguments.no_simulator {
+    let mut simulator = match arguments.no_simulator {
         true => simulator::Simulator::of_somebody_else(arguments, protocol),
         false => simulator::Simulator::start(arguments, plan, folder, protocol)?,
     };
+    simulator.can = can::Can::start(arguments, plan, folder, simulator.address)?;
     let line = Line::open()?;
     let executive = executive::Executive::start(arguments, plan, folder, &simulator, &line)?;
     mission::fly(arguments, mission.clone(), simulator, line, Fleet::of_one(executive), stop)
@@ -220,7 +222,15 @@ fn join_logs(arguments: &Arguments, plan: &Plan, folder: &Path, modules: &[Strin
 /// What module and simulator speak: what was asked for, or what the plan says.
 fn protocol(arguments: &Arguments, plan: &Plan) -> Result<Protocol> {
     if let Some(protocol) = arguments.protocol {
+        if protocol != Protocol::Native && can::is_between(plan) {
+            bail!(
+                "--protocol {protocol}: the distribution board between simulator and CAN bus speaks native"
+            );
+        }
         return Ok(protocol);
+    }
+    if can::is_between(plan) {
+        return Ok(Protocol::Native);
     }
     let prefix = format!("{}.protocol=", partition_running(plan, "hil_interface")?);
     if let Some(word) = arguments.set.iter().rev().find_map(|set| set.strip_prefix(&prefix)) {

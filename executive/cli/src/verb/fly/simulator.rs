@@ -13,6 +13,7 @@ use bateleur_executive::system::sched;
 use bateleur_messages::hil::Protocol;
 
 use super::Arguments;
+use super::can::Can;
 
 /// SCHED_FIFO priority of the simulator on the wall clock: it stands for an aircraft, which is never late.
 const PRIORITY: u8 = 30;
@@ -26,6 +27,8 @@ pub(super) struct Simulator {
     pub(super) address: SocketAddr,
     /// What it speaks.
     pub(super) protocol: Protocol,
+    /// What stands between it and the module, where that has its sensors on a CAN bus.
+    pub(super) can: Option<Can>,
     process: Option<Child>,
     /// The simulator ends when this closes.
     line: Option<ChildStdin>,
@@ -38,7 +41,7 @@ impl Simulator {
         if address.port() == 0 {
             address.set_port(protocol.port());
         }
-        Self { address, protocol, process: None, line: None }
+        Self { address, protocol, can: None, process: None, line: None }
     }
 
     /// Whether this flight started it.
@@ -86,7 +89,7 @@ impl Simulator {
             bail!("the simulator did not start ({status}); its message stands above");
         };
         place(process.id() as i32, arguments, plan);
-        Ok(Self { address, protocol, process: Some(process), line })
+        Ok(Self { address, protocol, can: None, process: Some(process), line })
     }
 
     /// How it ended, if it has.
@@ -132,7 +135,7 @@ fn read_address(output: impl std::io::Read) -> Option<SocketAddr> {
 
 /// Virtual clock: on the partitions' core, where an exchange is a switch and not an interrupt. Wall clock: off it, ahead
 /// of everything ordinary.
-fn place(pid: i32, arguments: &Arguments, plan: &Plan) {
+pub(super) fn place(pid: i32, arguments: &Arguments, plan: &Plan) {
     let partitioned: Vec<u32> = plan.modules.iter().flat_map(|module| module.cores.clone()).collect();
     let allowed = sched::allowed_cores();
     let wanted = |core: &u32| partitioned.contains(core) == arguments.fast;

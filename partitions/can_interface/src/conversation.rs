@@ -1,0 +1,435 @@
+//! What happens on the bus in one window.
+
+use bateleur_can::{Frame, Id};
+use bateleur_can_map::{Assembly, Outcome, Sync, Table};
+use bateleur_messages::{Custom, RawAnalog, RawGps, ServoTimers};
+use zerocopy::{FromBytes, IntoBytes};
+
+use crate::wires::{Waiting, Wires};
+
+/// Times that sensors are asked for at most. On the wall clock there is time for two; where time stands still until they come,
+/// the first wait is long.
+const TRIES: usize = 3;
+/// Looks at what has come in one window at most.
+const LOOKS: usize = 256;
+
+/// One window's sensors, as far as they came.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Sensors {
+    /// Inertial, magnetic and pressure sensors.
+    pub analog: Option<RawAnalog>,
+    /// A satellite fix.
+    pub gps: Option<RawGps>,
+    /// Sticks and voltages.
+    pub custom: Option<Custom>,
+}
+
+impl Sensors {
+    fn stamps(&mut self) -> impl Iterator<Item = &mut u64> {
+        let analog = self.analog.as_mut().map(|analog| &mut analog.measured_ns);
+        let gps = self.gps.as_mut().map(|gps| &mut gps.measured_ns);
+        let custom = self.custom.as_mut().map(|custom| &mut custom.measured_ns);
+        [analog, gps, custom].into_iter().flatten()
+    }
+}
+
+/// When the conversation takes place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Moment {
+    /// Module time for which sensors are asked, ns.
+    pub module_ns: u64,
+    /// Module time after which they are no longer waited for, ns.
+    pub deadline_ns: u64,
+}
+
+/// What became of what came.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Windows with new inertial sensors.
+    pub accepted: u64,
+    /// Windows without.
+    pub missing: u64,
+    /// Questions that were asked again.
+    pub repeated: u64,
+    /// Sets of which frames had not come: their values are not numbers.
+    pub incomplete: u64,
+    /// Sets that were withheld, because whole numbers had not come.
+    pub withheld: u64,
+    /// Frames that belong to nothing in the table.
+    pub foreign: u64,
+    /// Answers for another time than the one asked for: used where they are news.
+    pub stale: u64,
+}
+
+/// See the module's text.
+#[derive(Debug)]
+pub struct Conversation {
+    table: Table,
+    sync: Option<Sync>,
+    assemblies: Vec<(Port, Assembly)>,
+    counts: Counts,
+    /// Sets that have come, and of which it is not yet said for which time.
+    pending: Sensors,
+    /// The newest time for which sensors were taken, ns.
+    taken_ns: Option<u64>,
+    is_answered: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Port {
+    Analog,
+    Gps,
+    Custom,
+}
+
+impl Port {
+    const ALL: [(&'static str, Self); 3] =
+        [("raw_analog", Self::Analog), ("raw_gps", Self::Gps), ("custom", Self::Custom)];
+}
+
+impl Conversation {
+    /// A conversation in the words of a table.
+    ///
+    /// # Errors
+    /// A port in the table that this function does not have, or a message at the wrong one.
+    pub fn new(table: Table) -> Result<Self, String> {
+        let known = ["raw_analog", "raw_gps", "custom", "timers"];
+        if let Some(port) = table.ports().find(|port| !known.contains(port)) {
+            return Err(format!(
+                "attribute table: this function has no port \"{port}\"; it has {}",
+                known.join(", ")
+            ));
+        }
+        let assembly = |(name, port): (&str, Port)| Some((port, Assembly::new(table.layout(name)?.clone())));
+        let assemblies = Port::ALL.into_iter().filter_map(assembly).collect();
+        let sync = table.sync();
+        Ok(Self {
+            table,
+            sync,
+            assemblies,
+            counts: Counts::default(),
+            pending: Sensors::default(),
+            taken_ns: None,
+            is_answered: false,
+        })
+    }
+
+    /// Whether the table has a layout for a port.
+    pub fn has(&self, port: &str) -> bool {
+        self.table.layout(port).is_some()
+    }
+
+    /// What became of what came.
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    /// Sends the actuators, asks for sensors where the table says how, and gives what came until the cut-off. Without a question,
+    /// what came since the last window is taken as it is.
+    pub fn exchange(
+        &mut self,
+        timers: &ServoTimers,
+        moment: &Moment,
+        wires: &mut Wires,
+        time: &impl Waiting,
+    ) -> Sensors {
+        let mut sensors = Sensors::default();
+        self.is_answered = false;
+        self.hear(moment, wires, &mut sensors);
+        self.say(timers, moment, wires);
+        if self.sync.is_some_and(|sync| sync.answer.is_some()) {
+            self.await_answer(timers, moment, wires, time, &mut sensors);
+        }
+        match sensors.analog.is_some() {
+            true => self.counts.accepted += 1,
+            false => self.counts.missing += 1,
+        }
+        sensors
+    }
+
+    fn say(&self, timers: &ServoTimers, moment: &Moment, wires: &mut Wires) {
+        let now_ns = moment.module_ns;
+        if let Some(layout) = self.table.layout("timers") {
+            layout.frames(timers.as_bytes(), now_ns).iter().for_each(|frame| wires.send(frame, now_ns));
+        }
+        if let Some(sync) = self.sync {
+            wires.send(&Frame::classic(sync.frame, &now_ns.to_le_bytes()), now_ns);
+        }
+        wires.flush(now_ns);
+    }
+
+    fn await_answer(
+        &mut self,
+        timers: &ServoTimers,
+        moment: &Moment,
+        wires: &mut Wires,
+        time: &impl Waiting,
+        sensors: &mut Sensors,
+    ) {
+        let begun_ns = time.now_ns();
+        // On the wall clock a question is asked again after a third of the time.
+        let third_ns = begun_ns + moment.deadline_ns.saturating_sub(begun_ns) / 3;
+        let mut tries = TRIES - 1;
+        let mut until_ns = third_ns;
+        for _ in 0..LOOKS {
+            if self.is_answered {
+                return;
+            }
+            if wires.wait(time, until_ns) {
+                self.hear(moment, wires, sensors);
+                continue;
+            }
+            if tries == 0 || time.now_ns() >= moment.deadline_ns {
+                return;
+            }
+            tries -= 1;
+            self.counts.repeated += 1;
+            self.say(timers, moment, wires);
+            until_ns = moment.deadline_ns;
+        }
+    }
+
+    /// What has come is of time `measured_ns`: an answer that comes a second time, or late after a newer one, is passed over.
+    fn note_answer(&mut self, measured_ns: u64, moment: &Moment, sensors: &mut Sensors) {
+        let mut set = std::mem::take(&mut self.pending);
+        self.is_answered |= measured_ns == moment.module_ns;
+        self.counts.stale += u64::from(measured_ns != moment.module_ns);
+        let is_news = self.taken_ns.is_none_or(|taken_ns| measured_ns > taken_ns);
+        if !is_news || measured_ns > moment.module_ns {
+            return;
+        }
+        self.taken_ns = Some(measured_ns);
+        // They were stamped as if they were of now.
+        let late_ns = moment.module_ns - measured_ns;
+        for stamp in set.stamps() {
+            *stamp = stamp.saturating_sub(late_ns);
+        }
+        sensors.analog = set.analog.or(sensors.analog);
+        sensors.gps = set.gps.or(sensors.gps);
+        sensors.custom = set.custom.or(sensors.custom);
+    }
+
+    fn hear(&mut self, moment: &Moment, wires: &mut Wires, sensors: &mut Sensors) {
+        let mut heard = Vec::new();
+        wires.receive(moment.module_ns, |frame| heard.push(*frame));
+        heard.iter().for_each(|frame| self.take(frame, moment, sensors));
+    }
+
+    fn take(&mut self, frame: &Frame, moment: &Moment, sensors: &mut Sensors) {
+        let answer = self.sync.and_then(|sync| sync.answer);
+        if answer == Some(frame.id()) {
+            if let Ok(bytes) = frame.data().try_into() {
+                self.note_answer(u64::from_le_bytes(bytes), moment, sensors);
+            }
+            return;
+        }
+        let id: Id = frame.id();
+        let Some((port, assembly)) = self.assemblies.iter_mut().find(|(_, assembly)| assembly.wants(id))
+        else {
+            self.counts.foreign += u64::from(frame.is_of_the_bus());
+            return;
+        };
+        match assembly.take(frame, moment.module_ns) {
+            Outcome::Whole(bytes, missing) => {
+                self.counts.incomplete += u64::from(missing > 0);
+                // Where an answer says for which time they are, they wait for it.
+                let set = if answer.is_some() { &mut self.pending } else { sensors };
+                match port {
+                    Port::Analog => set.analog = RawAnalog::read_from_bytes(&bytes).ok(),
+                    Port::Gps => set.gps = RawGps::read_from_bytes(&bytes).ok(),
+                    Port::Custom => set.custom = Custom::read_from_bytes(&bytes).ok(),
+                }
+            }
+            Outcome::Withheld => self.counts.withheld += 1,
+            Outcome::Part | Outcome::Foreign => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::{Cell, RefCell};
+    use std::os::fd::AsFd;
+
+    use bateleur_can::bus::BusName;
+    use bateleur_can::{Gateway, Settings};
+    use bateleur_can_map::{DISTRIBUTION_BOARD, from_attributes};
+
+    use super::*;
+    use crate::AT_REST;
+
+    const CYCLE: u64 = 20_000_000;
+
+    /// A board with nodes, on the other side of a gateway, which answers in the wait; it leaves the first `ignores` questions
+    /// unanswered and loses the frame with the identifier `loses`.
+    struct Board {
+        table: Table,
+        gateway: RefCell<Gateway>,
+        socket: std::net::UdpSocket,
+        asked: RefCell<Vec<Frame>>,
+        ignores: Cell<u32>,
+        loses: Cell<u32>,
+        now_ns: Cell<u64>,
+    }
+
+    impl Board {
+        fn new() -> (Self, Wires, Conversation) {
+            let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+            socket.set_nonblocking(true).unwrap();
+            let mut gateway = Gateway::new(Settings::new(1, 1, vec![]));
+            gateway.address_is_ready(0);
+            let settings = crate::Settings {
+                bus: BusName::None,
+                listen: Some("127.0.0.1:0".parse().unwrap()),
+                gateway: Settings::new(2, 2, vec![socket.local_addr().unwrap()]),
+            };
+            let table = from_attributes(DISTRIBUTION_BOARD, None).unwrap();
+            let (asked, now_ns) = (RefCell::default(), Cell::new(CYCLE));
+            let (gateway, ignores, loses) = (RefCell::new(gateway), Cell::new(0), Cell::new(0));
+            let board = Self { table: table.clone(), gateway, socket, asked, ignores, loses, now_ns };
+            (board, Wires::open(settings).unwrap(), Conversation::new(table).unwrap())
+        }
+
+        fn cycle(&self, number: u64, wires: &mut Wires, conversation: &mut Conversation) -> Sensors {
+            self.now_ns.set(number * CYCLE);
+            let moment = Moment { module_ns: number * CYCLE, deadline_ns: number * CYCLE + 2_500_000 };
+            conversation.exchange(&AT_REST, &moment, wires, self)
+        }
+
+        fn answer(&self) -> bool {
+            let (mut frames, mut bytes) = (Vec::new(), [0; 2_048]);
+            let mut gateway = self.gateway.borrow_mut();
+            while let Ok((length, from)) = self.socket.recv_from(&mut bytes) {
+                gateway.take_datagram(&bytes[..length], from, 0, |frame, _| frames.push(*frame));
+            }
+            self.asked.borrow_mut().extend(&frames);
+            let question =
+                frames.iter().rfind(|frame| Some(frame.id()) == self.table.sync().map(|sync| sync.frame));
+            let now_ns = question.map(|frame| u64::from_le_bytes(frame.data().try_into().unwrap()));
+            let ignored = self.ignores.get() > 0 && now_ns.is_some();
+            if ignored {
+                self.ignores.set(self.ignores.get() - 1);
+            }
+            if let Some(now_ns) = now_ns.filter(|_| !ignored) {
+                self.sample(&mut gateway, now_ns);
+            }
+            self.send(&mut gateway)
+        }
+
+        /// Its nodes say what they measured at a time, whoever asked.
+        fn say(&self, now_ns: u64) {
+            let mut gateway = self.gateway.borrow_mut();
+            self.sample(&mut gateway, now_ns);
+            self.send(&mut gateway);
+        }
+
+        fn sample(&self, gateway: &mut Gateway, now_ns: u64) {
+            let analog = RawAnalog {
+                measured_ns: now_ns,
+                interval_ns: CYCLE,
+                temperature_k: 288.15,
+                ..RawAnalog::default()
+            };
+            let custom = Custom { measured_ns: now_ns, pilot_throttle_us: 1100, ..Custom::default() };
+            let mut out = self.table.layout("raw_analog").unwrap().frames(analog.as_bytes(), now_ns);
+            out.extend(self.table.layout("custom").unwrap().frames(custom.as_bytes(), now_ns));
+            out.push(Frame::classic(self.table.sync().unwrap().answer.unwrap(), &now_ns.to_le_bytes()));
+            let said = out.iter().filter(|frame| frame.id().number() != self.loses.get());
+            said.for_each(|frame| gateway.take_frame(frame, 0));
+        }
+
+        fn send(&self, gateway: &mut Gateway) -> bool {
+            let mut sent = false;
+            gateway.run(0, &mut |to, bytes| {
+                sent = true;
+                self.socket.send_to(bytes, to).is_ok()
+            });
+            sent
+        }
+    }
+
+    impl Waiting for Board {
+        fn now_ns(&self) -> u64 {
+            self.now_ns.get()
+        }
+
+        fn wait_readable(&self, _: &impl AsFd, until_ns: u64) -> bool {
+            let came = self.answer();
+            if !came {
+                self.now_ns.set(until_ns);
+            }
+            came
+        }
+    }
+
+    #[test]
+    fn the_board_is_found_and_asked_and_its_answer_ends_the_wait() {
+        let (board, mut wires, mut conversation) = Board::new();
+        for number in 1..=3 {
+            let sensors = board.cycle(number, &mut wires, &mut conversation);
+            let analog = sensors.analog.unwrap();
+            assert_eq!((analog.measured_ns, analog.interval_ns), (number * CYCLE, CYCLE));
+            assert_eq!(sensors.custom.unwrap().pilot_throttle_us, 1100);
+            assert_eq!(sensors.gps, None);
+            assert!(board.now_ns.get() < number * CYCLE + 2_500_000);
+        }
+        let asked: Vec<u32> = board.asked.borrow().iter().map(|frame| frame.id().number()).collect();
+        assert_eq!(asked, [0x200, 0x201, 0x2f0].repeat(3));
+        assert_eq!(conversation.counts(), Counts { accepted: 3, ..Counts::default() });
+    }
+
+    #[test]
+    fn a_lost_question_is_asked_again_and_a_silent_board_costs_no_more_than_the_cut_off() {
+        let (board, mut wires, mut conversation) = Board::new();
+        board.cycle(1, &mut wires, &mut conversation);
+        board.ignores.set(1);
+        assert!(board.cycle(2, &mut wires, &mut conversation).analog.is_some());
+        assert_eq!(conversation.counts().repeated, 1);
+        board.ignores.set(99);
+        assert_eq!(board.cycle(3, &mut wires, &mut conversation), Sensors::default());
+        assert!(board.now_ns.get() <= 3 * CYCLE + 2_500_000);
+        assert_eq!(conversation.counts().missing, 1);
+    }
+
+    #[test]
+    fn an_answer_that_comes_late_keeps_its_own_time_and_a_repeated_one_is_passed_over() {
+        let (board, mut wires, mut conversation) = Board::new();
+        board.cycle(1, &mut wires, &mut conversation);
+        // The question of the second cycle is answered only when the third is asked, and once more.
+        board.ignores.set(99);
+        board.cycle(2, &mut wires, &mut conversation);
+        board.say(2 * CYCLE);
+        board.say(2 * CYCLE);
+        let late = board.cycle(3, &mut wires, &mut conversation);
+        assert_eq!(late.analog.map(|analog| analog.measured_ns), Some(2 * CYCLE));
+        assert_eq!(conversation.counts().stale, 2);
+        board.say(2 * CYCLE);
+        assert_eq!(board.cycle(4, &mut wires, &mut conversation), Sensors::default());
+    }
+
+    #[test]
+    fn a_frame_that_does_not_come_costs_its_own_sensor_alone_or_withholds_the_set() {
+        let (board, mut wires, mut conversation) = Board::new();
+        board.loses.set(0x111);
+        let analog = board.cycle(1, &mut wires, &mut conversation).analog.unwrap();
+        assert!(analog.rates_radps[0].is_nan() && (analog.temperature_k - 288.15).abs() < 1e-9);
+        board.loses.set(0x120);
+        assert_eq!(board.cycle(2, &mut wires, &mut conversation).custom, None);
+        let counts = conversation.counts();
+        assert_eq!((counts.incomplete, counts.withheld), (1, 1));
+    }
+
+    #[test]
+    fn a_table_with_somebody_elses_port_is_refused() {
+        let text = "[port.states]\nmessage = \"Custom\"\nfields = { main_v = { frame = \"100\", start = 0, bits = 8 } }\n";
+        let error = Conversation::new(Table::parse("t", text, None).unwrap()).unwrap_err();
+        assert!(error.contains("no port \"states\"") && error.contains("raw_analog"), "{error}");
+    }
+
+    #[test]
+    fn without_a_bus_and_without_the_network_it_says_so() {
+        let settings =
+            crate::Settings { bus: BusName::None, listen: None, gateway: Settings::new(1, 1, vec![]) };
+        assert!(Wires::open(settings).err().unwrap().contains("nobody to talk to"));
+    }
+}

@@ -1,0 +1,283 @@
+//! The function that has sensors and actuators on a CAN bus.
+
+use std::net::{Ipv4Addr, SocketAddr};
+use std::os::fd::AsFd;
+use std::process::ExitCode;
+
+use bateleur_apex::{
+    Context, Direction, Partition, PortKind, QueuingDestination, QueuingSource, Retained,
+    SamplingDestination, SamplingSource, StartError, Takeover, Window,
+};
+use bateleur_can::bus::BusName;
+use bateleur_can::wire::native;
+use bateleur_can::{Counters, Settings as GatewaySettings, cli};
+use bateleur_can_interface::{
+    AT_REST, Conversation, Event, Kept, Moment, Sensors, Settings, Supervision, Waiting, Wires,
+};
+use bateleur_messages::ground::Order;
+use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_HIL_INTERFACE, NOT_UNDERSTOOD, Telemetry};
+use bateleur_messages::{
+    Custom, FunctionStatus, GroundMessage, Message, Rate, RawAnalog, RawGps, ServoTimers, SimulatorLink,
+    TelemetryMessage,
+};
+
+/// Ground messages taken in one window at most; as many as the queue usually holds.
+const ORDERS_PER_WINDOW: usize = 8;
+/// What is left of the window when the wait for sensors ends, ns: to decode and publish what came.
+const PUBLISH_NS: u64 = 200_000;
+
+struct CanInterface {
+    conversation: Conversation,
+    wires: Wires,
+    supervision: Supervision,
+    kept: Kept,
+    retained: Retained<Kept>,
+    starts: u64,
+    measured_ns: u64,
+    rate: SamplingDestination<Rate>,
+    timers: Option<SamplingDestination<ServoTimers>>,
+    raw_analog: Option<SamplingSource<RawAnalog>>,
+    raw_gps: Option<SamplingSource<RawGps>>,
+    custom: Option<SamplingSource<Custom>>,
+    status: SamplingSource<FunctionStatus>,
+    link: Option<SamplingSource<SimulatorLink>>,
+    ground: QueuingDestination<GroundMessage>,
+    telemetry: QueuingSource<TelemetryMessage>,
+}
+
+impl Partition for CanInterface {
+    fn start(context: &mut Context) -> Result<Self, StartError> {
+        let mut retained: Retained<Kept> = context.retained()?;
+        let enabled: bool = context.attribute("enabled", true)?;
+        let conversation = conversation(context)?;
+        let wires = Wires::open(settings(context)?).map_err(StartError::Other)?;
+        let timers = match is_declared(context, "timers", Direction::Destination) {
+            true => Some(context.sampling_destination("timers")?),
+            false => None,
+        };
+        Ok(Self {
+            raw_analog: source(context, &conversation, "raw_analog")?,
+            raw_gps: source(context, &conversation, "raw_gps")?,
+            custom: source(context, &conversation, "custom")?,
+            conversation,
+            wires,
+            supervision: Supervision::default(),
+            kept: retained.load().unwrap_or(Kept { enabled: u64::from(enabled), cycles: 0 }),
+            retained,
+            starts: u64::from(context.generation()) + 1,
+            measured_ns: 0,
+            rate: context.sampling_destination("rate")?,
+            timers,
+            status: context.sampling_source("status")?,
+            link: match is_declared(context, "link", Direction::Source) {
+                true => Some(context.sampling_source("link")?),
+                false => None,
+            },
+            ground: context.queuing_destination("ground")?,
+            telemetry: context.queuing_source("telemetry")?,
+        })
+    }
+
+    fn take_over(&mut self, _takeover: &Takeover) {
+        self.kept = self.retained.load().unwrap_or(self.kept);
+    }
+
+    fn window(&mut self, window: &Window) {
+        self.take_orders(window.start_ns());
+        if self.kept.enabled == 1 {
+            let sensors = self.ask(window);
+            self.publish(&sensors);
+            self.supervise(window, sensors.analog.is_some());
+            self.kept.cycles += 1;
+            self.retained.store(&self.kept);
+        }
+        self.wires.events.drain(..).for_each(|event| window.report(&event));
+        self.status.write(&self.function_status());
+        let report = self.report(window.start_ns());
+        if let Some(link) = &mut self.link {
+            link.write(&report);
+        }
+    }
+}
+
+impl CanInterface {
+    fn take_orders(&mut self, now_ns: u64) {
+        for _ in 0..ORDERS_PER_WINDOW {
+            let Some(message) = self.ground.receive() else { return };
+            let result = match Order::parse(message.letter, message.bytes()) {
+                Ok(Order::Hil { on }) => {
+                    self.switch(on);
+                    ACCEPTED
+                }
+                _ => NOT_UNDERSTOOD,
+            };
+            // The ground knows it as the function that it stands for.
+            let answer = Acknowledge::of(&message, FROM_HIL_INTERFACE, result, now_ns);
+            self.telemetry.send(&TelemetryMessage::of(&Telemetry::Acknowledge(answer)));
+        }
+    }
+
+    fn switch(&mut self, on: bool) {
+        if self.kept.enabled != u64::from(on) {
+            self.kept.enabled = u64::from(on);
+            self.supervision = Supervision::default();
+            self.retained.store(&self.kept);
+        }
+    }
+
+    fn ask(&mut self, window: &Window) -> Sensors {
+        let cutoff_ns = self.rate.read_valid().map(|rate| rate.sensor_cutoff_ns);
+        let latest_ns = window.end_ns().saturating_sub(PUBLISH_NS);
+        // A cut-off that is over belongs to another window of this cycle.
+        let cutoff_ns = cutoff_ns.filter(|cutoff_ns| *cutoff_ns > window.start_ns());
+        let deadline_ns = cutoff_ns.map_or(latest_ns, |cutoff_ns| cutoff_ns.min(latest_ns));
+        let moment = Moment { module_ns: window.start_ns(), deadline_ns };
+        // The last values stand, however old they are, as the pulse of a real actuator board would.
+        let timers = self.timers.as_mut().and_then(|timers| timers.read().map(|reading| *reading.value));
+        self.conversation.exchange(&timers.unwrap_or(AT_REST), &moment, &mut self.wires, &Clock(window))
+    }
+
+    fn publish(&mut self, sensors: &Sensors) {
+        fn put<T: Message>(port: &mut Option<SamplingSource<T>>, value: Option<&T>) {
+            if let (Some(port), Some(value)) = (port, value) {
+                port.write(value);
+            }
+        }
+        if let Some(analog) = &sensors.analog {
+            self.measured_ns = analog.measured_ns;
+        }
+        put(&mut self.raw_analog, sensors.analog.as_ref());
+        put(&mut self.raw_gps, sensors.gps.as_ref());
+        put(&mut self.custom, sensors.custom.as_ref());
+    }
+
+    fn supervise(&mut self, window: &Window, came: bool) {
+        if !self.conversation.has("raw_analog") {
+            return;
+        }
+        match self.supervision.note(came) {
+            Some(Event::Gone) => window.raise("no sensors come from the CAN bus"),
+            Some(Event::Back) => window.report("sensors come from the CAN bus again"),
+            None => {}
+        }
+    }
+
+    fn network(&self) -> Counters {
+        self.wires.gateway().map(|gateway| gateway.counters()).unwrap_or_default()
+    }
+
+    fn function_status(&self) -> FunctionStatus {
+        let (counts, network) = (self.conversation.counts(), self.network());
+        FunctionStatus {
+            enabled: self.kept.enabled as u32, // 0 or 1
+            ready: u32::from(self.kept.enabled == 1 && self.supervision.is_ready()),
+            accepted: counts.accepted,
+            refused: counts.missing + counts.withheld + network.lost() + self.wires.refused,
+            starts: self.starts,
+        }
+    }
+
+    fn report(&self, time_ns: u64) -> SimulatorLink {
+        let (counts, network) = (self.conversation.counts(), self.network());
+        SimulatorLink {
+            time_ns,
+            measured_ns: self.measured_ns,
+            accepted: counts.accepted,
+            missing: counts.missing,
+            repeated: counts.repeated,
+            stale: counts.stale,
+            invalid: counts.incomplete + counts.withheld,
+            refused: network.malformed + network.foreign + network.other_version,
+            unused: counts.foreign,
+            lost: network.lost() + self.wires.refused,
+            strangers: network.strangers + network.same_identity,
+            errors: network.unsent_datagrams,
+            lockstep: 1,
+            ..SimulatorLink::default()
+        }
+    }
+}
+
+struct Clock<'a>(&'a Window);
+
+impl Waiting for Clock<'_> {
+    fn now_ns(&self) -> u64 {
+        self.0.now_ns()
+    }
+
+    fn wait_readable(&self, device: &impl AsFd, until_ns: u64) -> bool {
+        self.0.wait_readable(device, until_ns)
+    }
+}
+
+fn is_declared(context: &Context, name: &str, direction: Direction) -> bool {
+    context.port_names(PortKind::Sampling, direction).iter().any(|port| port == name)
+}
+
+/// A source that the plan declares and the table fills; one without the other is a slip of the pen.
+fn source<T: Message>(
+    context: &mut Context,
+    conversation: &Conversation,
+    name: &str,
+) -> Result<Option<SamplingSource<T>>, StartError> {
+    match (is_declared(context, name, Direction::Source), conversation.has(name)) {
+        (true, true) => context.sampling_source(name).map(Some),
+        (true, false) => Err(StartError::Other(format!(
+            "the plan declares port {name}, and the table of CAN frames (attribute table) has nothing for it: take the port out of the plan, or add [port.{name}] to the table"
+        ))),
+        _ => Ok(None),
+    }
+}
+
+fn conversation(context: &mut Context) -> Result<Conversation, StartError> {
+    let table: String = context.attribute("table", bateleur_can_map::DISTRIBUTION_BOARD.into())?;
+    let dbc: Option<String> = context.attribute("dbc", None)?;
+    let table = bateleur_can_map::from_attributes(&table, dbc.as_deref())
+        .map_err(|error| StartError::Other(format!("attribute table: {error}")))?;
+    Conversation::new(table).map_err(StartError::Other)
+}
+
+fn settings(context: &mut Context) -> Result<Settings, StartError> {
+    let other = |text: String| StartError::Other(text);
+    let bus: String = context.attribute("bus", "none".into())?;
+    // A device is granted by an attribute of this name.
+    let device: Option<String> = context.attribute("device", None)?;
+    let bus = match (bus.as_str(), &device) {
+        ("slcan", Some(device)) => format!("slcan:{device}"),
+        ("slcan", None) => {
+            return Err(other("attribute bus = \"slcan\": at which device? attribute device says it".into()));
+        }
+        _ => bus,
+    };
+    let bus: BusName = bus.parse().map_err(|error| other(format!("attribute bus: {error}")))?;
+    let usual =
+        (bus == BusName::None).then(|| SocketAddr::from((Ipv4Addr::UNSPECIFIED, native::PORT)).to_string());
+    let listen: Option<String> = context.attribute("listen", usual)?;
+    let address = |name: &str, text: &str| {
+        let wrong = |_| {
+            other(format!(
+                "attribute {name} = \"{text}\" is no address; give one such as \"10.0.0.2:{}\"",
+                native::PORT
+            ))
+        };
+        text.parse::<SocketAddr>().map_err(wrong)
+    };
+    let listen = listen.map(|text| address("listen", &text)).transpose()?;
+    let everybody = vec![SocketAddr::from((Ipv4Addr::BROADCAST, native::PORT)).to_string()];
+    let peers: Vec<String> = match context.attribute::<Option<String>>("peer", None)? {
+        Some(peer) => vec![peer],
+        None => context.attribute("peers", everybody)?,
+    };
+    let peers = peers.iter().map(|text| address("peers", text)).collect::<Result<_, _>>()?;
+    let identity: Option<String> = context.attribute("identity", None)?;
+    let identity = match identity {
+        None => cli::usual_identity(context.name(), native::PORT),
+        Some(text) => u64::from_str_radix(&text, 16)
+            .map_err(|_| other(format!("attribute identity = \"{text}\": up to 16 hexadecimal digits")))?,
+    };
+    Ok(Settings { bus, listen, gateway: GatewaySettings::new(identity, cli::session(), peers) })
+}
+
+fn main() -> ExitCode {
+    bateleur_apex::run::<CanInterface>()
+}

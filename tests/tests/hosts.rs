@@ -369,3 +369,21 @@ fn two_modules_of_different_plans_refuse_each_other_and_say_where_they_differ() 
         assert!(ended.stderr.contains("partition talker"), "where they differ: {}", ended.stderr);
     }
 }
+
+#[test]
+fn module_without_its_key_does_not_start_and_is_told_how_to_get_one() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("two.toml");
+    std::fs::copy(schedule("two-hosts"), &file).unwrap();
+    let run = || {
+        bateleur(&["run", "--fast", "--module", "nav", "--until", "1", "--schedule", file.to_str().unwrap()])
+    };
+    run().end().expect_code(2).expect_words(&["the key of link nav", "bateleur key FILE"]);
+    let key = folder.path().join("keys/nav.key");
+    bateleur(&["key", key.to_str().unwrap()]).end().expect_code(0);
+    // Made by somebody who did not mind.
+    std::fs::set_permissions(&key, std::os::unix::fs::PermissionsExt::from_mode(0o644)).unwrap();
+    run().end().expect_code(2).expect_words(&["mode 0644", "chmod 600"]);
+    assert!(!String::from_utf8_lossy(&std::fs::read(&key).unwrap()).is_empty());
+}

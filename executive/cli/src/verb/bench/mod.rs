@@ -5,6 +5,7 @@
 //! them. A figure that this machine can not give says why. Exit codes: 0 every figure that has a reach is within it,
 //! 1 one is not (or could not be taken), 2 nothing could be measured. With --quick nothing is judged.
 
+mod alignment;
 mod can;
 mod flight;
 mod laws;
@@ -31,8 +32,8 @@ use row::Row;
 /// Measure what the executive promises, beside references taken in the same run.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Which figures; all where none is named: starts, fence, switch, ports, links, can, restart,
-    /// scale, laws, flight, virtual.
+    /// Which figures; all where none is named: starts, fence, switch, ports, links, alignment,
+    /// can, restart, scale, laws, flight, virtual.
     #[arg(value_name = "NAME")]
     names: Vec<String>,
     /// One short run of each: shows that it works, not how well.
@@ -73,6 +74,7 @@ const FIGURES: &[(&str, Measure)] = &[
     ("switch", windows::switches),
     ("ports", ports::rows),
     ("links", links::rows),
+    ("alignment", alignment::rows),
     ("can", can::rows),
     ("restart", restart::rows),
     ("scale", scale::rows),

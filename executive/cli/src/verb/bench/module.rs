@@ -85,6 +85,11 @@ impl Frames {
 
 /// Starts the module of `schedule` for `until_s` of module time.
 pub(super) fn start(schedule: &str, until_s: f64) -> Result<Running> {
+    start_one(schedule, None, until_s)
+}
+
+/// As above, where it has several: the one of that name.
+pub(super) fn start_one(schedule: &str, module: Option<&str>, until_s: f64) -> Result<Running> {
     let folder =
         tempfile::Builder::new().prefix("bateleur-bench.").tempdir().context("cannot make a folder")?;
     let file = folder.path().join("schedule.toml");
@@ -102,6 +107,7 @@ pub(super) fn start(schedule: &str, until_s: f64) -> Result<Running> {
         .stdin(Stdio::piped())
         .stdout(events)
         .args(["--events-fd", "1"])
+        .args(module.into_iter().flat_map(|name| ["--module", name]))
         .stderr(errors)
         .spawn()
         .context("cannot start `bateleur run`")?;

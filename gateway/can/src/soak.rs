@@ -176,8 +176,9 @@ struct Shared {
 
 impl Paced {
     fn new(load: Load, shared: Arc<Shared>) -> Self {
-        // The sender's queue is never empty; the listener's bus takes what comes in bursts.
-        let mut bus = MemoryBus::new(wire(load.rates));
+        // A bus that is full has no time to make up for: what a thread was kept from must already lie at the controller, or the
+        // second bus falls behind for ever.
+        let mut bus = MemoryBus::new(Wire { queue: 1 << 16, ..wire(load.rates) });
         let (port, other) = (bus.attach(), bus.attach());
         Self { bus, port, other, load, begun_ns: None, numbers: Numbers::default(), shared }
     }

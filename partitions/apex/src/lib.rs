@@ -47,6 +47,7 @@ mod retained;
 mod return_code;
 mod run;
 mod schedule;
+pub mod serial;
 mod signals;
 mod takeover;
 mod time;

@@ -1,11 +1,12 @@
 //! What outlives a warm restart: the frames that are on their way over the line, in both directions, and what has been
 //! reported. So the ground hears no frame cut or twice, and no order is lost in the middle.
 
+use bateleur_apex::serial::Presence;
 use bateleur_messages::frame::DecoderState;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
 use crate::downlink::KeptDownlink;
-use crate::{Downlink, Presence, Silence, Uplink};
+use crate::{Downlink, Silence, Uplink};
 
 /// Plain data in a fixed size.
 #[derive(Debug, Clone, Copy, PartialEq, FromBytes, IntoBytes, Immutable, KnownLayout)]
@@ -47,7 +48,8 @@ impl Kept {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Change, Delivery};
+    use crate::Delivery;
+    use bateleur_apex::serial::Change;
     use bateleur_messages::TelemetryMessage;
     use bateleur_messages::frame::encode;
     use bateleur_messages::ground::Order;

@@ -4,21 +4,17 @@
 //! telemetry to the ground. It must never believe that the line is there: noise, a device that vanishes and a ground
 //! station that does not listen are the usual case, and none of them may cost memory or time without bound.
 
-mod device;
 mod downlink;
 mod kept;
 mod paced;
-mod presence;
 mod radio;
 mod silence;
 mod station;
 mod uplink;
 
-pub use device::{Device, DeviceError};
 pub use downlink::{BACKLOG, Downlink};
 pub use kept::Kept;
 pub use paced::Paced;
-pub use presence::{Change, Presence};
 pub use radio::{Radio, RadioError};
 pub use silence::{Heard, OnSilence, Silence};
 pub use station::{Setup, Station};

@@ -2,13 +2,13 @@
 
 use std::process::ExitCode;
 
+use bateleur_apex::serial::{Change, Device, Presence};
 use bateleur_apex::{
     Context, Direction, Line, Partition, PortKind, QueuingDestination, QueuingSource, Retained,
     SamplingDestination, Sent, StartError, Takeover, Window,
 };
 use bateleur_command::{
-    Change, Delivery, Device, Downlink, Heard, Kept, OnSilence, Paced, Presence, Radio, Setup, Silence,
-    Station, Uplink, receivers,
+    Delivery, Downlink, Heard, Kept, OnSilence, Paced, Radio, Setup, Silence, Station, Uplink, receivers,
 };
 use bateleur_mavlink::Runway;
 use bateleur_messages::frame::Frame;

@@ -4,6 +4,7 @@ line of JSON. Listens where its first line says, and begins with the aircraft's 
 
 import json
 import socket
+import struct
 import sys
 import time
 
@@ -78,13 +79,25 @@ class Ground:
             if value is None:
                 break
             count = value.param_count
-            found[value.param_index] = [value.param_id, value.param_value]
+            found[value.param_index] = [value.param_id, number(value.param_value, value.param_type), value.param_type]
         return count, found
 
-    def set_parameter(self, name, value):
-        self.line.mav.param_set_send(1, 1, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32)
+    def set_parameter(self, name, value, kind=mavlink.MAV_PARAM_TYPE_REAL32):
+        """What stands then, and why not what was wanted."""
+        sent = value if kind == mavlink.MAV_PARAM_TYPE_REAL32 else struct.unpack("<f", struct.pack("<i", value))[0]
+        self.latest.pop("PARAM_ERROR", None)
+        self.line.mav.param_set_send(1, 1, name.encode(), sent, kind)
         answer = self.hear("PARAM_VALUE", seconds=3.0, where=lambda message: message.param_id == name)
-        return None if answer is None else answer.param_value
+        error = self.latest.get("PARAM_ERROR")
+        return [answer and number(answer.param_value, answer.param_type), error and error.error]
+
+
+def number(value, kind):
+    """The number in a parameter whose whole numbers are sent by their bits, as QGroundControl reads it."""
+    if kind == mavlink.MAV_PARAM_TYPE_REAL32:
+        return value
+    bits = struct.pack("<f", value)
+    return bits[0] if kind == mavlink.MAV_PARAM_TYPE_UINT8 else struct.unpack("<i", bits)[0]
 
 
 def waypoint(latitude, longitude, altitude):
@@ -107,10 +120,12 @@ def main():
     said["version_heard"] = ground.hear("AUTOPILOT_VERSION", seconds=2.0) is not None or "AUTOPILOT_VERSION" in ground.kinds
     said["land"] = ground.command(mavlink.MAV_CMD_NAV_LAND)
     count, found = ground.parameters()
-    said["parameters"] = [count, sorted(found), [found[index][0] for index in sorted(found)]]
-    said["settable"] = ground.set_parameter("RATE_ATTITUDE", 20.0)
-    said["out_of_range"] = ground.set_parameter("RATE_ATTITUDE", 1e9)
-    said["read_only"] = ground.set_parameter("SYS_ID", 7.0)
+    said["parameters"] = [count, sorted(found), {name: [value, kind] for name, value, kind in found.values()}]
+    said["settable"] = ground.set_parameter("CMD_RATE_ATT", 20.0)
+    said["out_of_range"] = ground.set_parameter("CMD_RATE_ATT", 1e9)
+    said["laps"] = ground.set_parameter("CTL_LAPS", 3, mavlink.MAV_PARAM_TYPE_INT32)
+    said["half_a_lap"] = ground.set_parameter("CTL_LAPS", 1.5)
+    said["read_only"] = ground.set_parameter("CTL_MASS", 7.0)
     for garbage in [b"", b"hello", b"\xfd\x21\x00\x00", bytes(range(256))]:
         ground.line.write(garbage)
     said["calibrated"] = ground.command(mavlink.MAV_CMD_PREFLIGHT_CALIBRATION, 1, 0, 1)

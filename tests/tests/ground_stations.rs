@@ -5,17 +5,30 @@
 
 use std::io::Write;
 use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
 use std::time::Duration;
 
 use bateleur_mavlink::common::{COMMAND_LONG_DATA, MavCmd, MavMessage, MavResult};
 use bateleur_mavlink::{Decoder, Encoder};
-use bateleur_tests::{Ground, PATIENCE, Peer, alone, await_some, bateleur, edited, flight_schedule};
+use bateleur_messages::telemetry::{HealthText, Telemetry};
+use bateleur_tests::{
+    Ground, PATIENCE, Peer, alone, among_others, await_some, bateleur, edited, flight_schedule,
+};
 use serde_json::{Value, json};
 
 /// Results of a command.
 const ACCEPTED: u64 = 0;
 const REJECTED_NOW: u64 = 1;
 const UNSUPPORTED: u64 = 3;
+
+/// Types of parameters, and why one was not set.
+const UINT8: u64 = 1;
+const INT32: u64 = 6;
+const OUT_OF_RANGE: u64 = 2;
+const READ_ONLY: u64 = 5;
+const TYPE_MISMATCH: u64 = 7;
 
 /// Verdicts on a mission.
 const MISSION_ACCEPTED: u64 = 0;
@@ -66,12 +79,21 @@ fn ground_station_by_others_sees_asks_loads_and_orders_on_the_wall_clock() {
     assert!(why.contains("refused"), "{why}");
     assert_eq!((&said["version"], &said["version_heard"]), (&json!(ACCEPTED), &json!(true)));
     assert_eq!(said["land"], UNSUPPORTED);
-    assert_eq!(said["parameters"][0], 7);
-    assert_eq!(said["parameters"][1], json!([0, 1, 2, 3, 4, 5, 6]));
+    let count = said["parameters"][0].as_u64().unwrap();
+    assert!(count > 100, "{count} parameters");
+    assert_eq!(said["parameters"][1], json!((0..count).collect::<Vec<_>>()));
+    let named = &said["parameters"][2];
+    for (_, prefix) in bateleur_messages::parameter::PREFIXES {
+        assert!(named.as_object().unwrap().keys().any(|name| name.starts_with(prefix)), "{prefix}: {named}");
+    }
+    assert_eq!((&named["CTL_LAPS"], &named["EST_PRESSURE"]), (&json!([2, INT32]), &json!([1, UINT8])));
+    assert_eq!(named["HIL_PROTOCOL"], json!([1, UINT8]));
     assert_eq!(
-        (&said["settable"], &said["out_of_range"], &said["read_only"]),
-        (&json!(20.0), &json!(20.0), &json!(1.0))
+        (&said["settable"], &said["out_of_range"]),
+        (&json!([20.0, null]), &json!([20.0, OUT_OF_RANGE]))
     );
+    assert_eq!((&said["laps"], &said["half_a_lap"]), (&json!([3, null]), &json!([3, TYPE_MISMATCH])));
+    assert_eq!(said["read_only"], json!([11.0, READ_ONLY]));
     assert_eq!(said["uploaded"], MISSION_ACCEPTED);
     assert_eq!(said["came_back"], json!([true, true, true, true]));
     assert_eq!(said["too_far"], MISSION_TOO_FAR_NORTH);
@@ -92,6 +114,8 @@ fn ground_station_by_others_sees_asks_loads_and_orders_on_the_wall_clock() {
     for kind in [
         "ATTITUDE",
         "BATTERY_STATUS",
+        "ESTIMATOR_STATUS",
+        "EXTENDED_SYS_STATE",
         "GLOBAL_POSITION_INT",
         "GPS_RAW_INT",
         "HEARTBEAT",
@@ -99,6 +123,7 @@ fn ground_station_by_others_sees_asks_loads_and_orders_on_the_wall_clock() {
         "HOME_POSITION",
         "LOCAL_POSITION_NED",
         "MISSION_CURRENT",
+        "NAMED_VALUE_INT",
         "NAV_CONTROLLER_OUTPUT",
         "SERVO_OUTPUT_RAW",
         "STATUSTEXT",
@@ -120,6 +145,9 @@ fn free_port() -> u16 {
     std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
+/// All parameters of the delivered plan with its aircraft.
+const PARAMETERS: usize = 129;
+
 #[test]
 fn mavproxy_as_it_is_finds_the_aircraft_and_its_parameters_and_is_told_why_on_the_wall_clock() {
     let _turn = alone();
@@ -127,8 +155,9 @@ fn mavproxy_as_it_is_finds_the_aircraft_and_its_parameters_and_is_told_why_on_th
     let folder = tempfile::tempdir().unwrap();
     let address = format!("127.0.0.1:{}", free_port());
     let schedule = folder.path().join("schedule.toml");
-    let link =
-        format!("network = true\nattributes = {{ device = \"/dev/nowhere\", mavlink = \"{address}\" }}");
+    let link = format!(
+        "network = true\nattributes = {{ device = \"/dev/nowhere\", mavlink = \"{address}\", parameter_encoding = \"cast\" }}"
+    );
     std::fs::write(&schedule, edited(&[(r#"attributes = { device = "/dev/ttyS0" }"#, &link)])).unwrap();
     let module = bateleur(&["run", "--schedule", schedule.to_str().unwrap(), "--until", "100"]);
     let state = format!("--state-basedir={}", folder.path().display());
@@ -153,7 +182,9 @@ fn mavproxy_as_it_is_finds_the_aircraft_and_its_parameters_and_is_told_why_on_th
         assert!(heard.is_some(), "{words:?} never came:\n{}", std::fs::read_to_string(&said).unwrap());
     };
     hears("\n", &["online system 1"]);
-    hears("param fetch\n", &["Received 7 parameters"]);
+    hears("param fetch\n", &[&format!("Received {PARAMETERS} parameters")]);
+    hears("param show CTL_LAPS\n", &["CTL_LAPS         2"]);
+    hears("param set CTL_LAPS 3\nparam show CTL_LAPS\n", &["CTL_LAPS         3"]);
     hears("arm throttle\n", &["TEMPORARILY_REJECTED", "initialise it, and wait until it runs"]);
     drop(keyboard);
     proxy.kill().unwrap();
@@ -196,5 +227,110 @@ fn mavlink_on_the_serial_line_is_heard_and_answers_on_the_wall_clock() {
     assert_eq!(result, Some(MavResult::MAV_RESULT_UNSUPPORTED));
     assert!(decoder.refused().messages() == 0, "{:?}", decoder.refused());
     module.signal(rustix::process::Signal::TERM);
+    module.end().expect_code(0);
+}
+
+/// A line with a device at either end.
+struct Cable {
+    aircraft: String,
+    ground: String,
+    cut: Arc<AtomicBool>,
+    carrier: Option<JoinHandle<()>>,
+}
+
+impl Cable {
+    fn lay() -> Self {
+        let (mut one, mut other) = (Ground::open(), Ground::open());
+        let cut = Arc::new(AtomicBool::new(false));
+        let (aircraft, ground, is_cut) = (one.device.clone(), other.device.clone(), cut.clone());
+        let carrier = std::thread::spawn(move || {
+            while !is_cut.load(Ordering::Relaxed) {
+                let (down, up) = (one.bytes(), other.bytes());
+                other.send(&down);
+                one.send(&up);
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        });
+        Self { aircraft, ground, cut, carrier: Some(carrier) }
+    }
+}
+
+impl Drop for Cable {
+    fn drop(&mut self) {
+        self.cut.store(true, Ordering::Relaxed);
+        let _ = self.carrier.take().map(JoinHandle::join); // a failed test has said why
+    }
+}
+
+/// What `bateleur ground` says of parameters on this line.
+fn asked(device: &str, arguments: &[&str]) -> String {
+    let ended = bateleur(&[&["ground", "--device", device][..], arguments].concat()).end();
+    format!("{}{}", ended.stdout, ended.stderr)
+}
+
+#[test]
+fn parameter_that_was_set_outlives_a_warm_restart_and_not_a_cold_one_on_the_wall_clock() {
+    let _turn = alone();
+    let line = Cable::lay();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = folder.path().join("schedule.toml");
+    // Imu starts cold here, the Controller warm.
+    let cold = (
+        "retained   = \"16KiB\"\nrestart    = { start = \"warm\", budget = 5, within = \"10s\", then = \"idle\" }\n\n[partition.imu.port]",
+        "retained   = \"16KiB\"\nrestart    = { start = \"cold\", budget = 5, within = \"10s\", then = \"idle\" }\n\n[partition.imu.port]",
+    );
+    std::fs::write(&schedule, edited(&[cold])).unwrap();
+    let device = format!("command.device={}", line.aircraft);
+    let run = ["run", "--schedule", schedule.to_str().unwrap(), "--until", "100", "--set", &device];
+    let module = bateleur(&run);
+    let ask = |arguments: &[&str]| asked(&line.ground, arguments);
+    let listed = ask(&["--parameters", "CTL_LAPS"]);
+    assert!(listed.contains("CTL_LAPS                         2  0 to 1000, whole"), "{listed}");
+    assert!(ask(&["--set", "CTL_LAPS=5", "--set", "IMU_INIT_TIME=0.5"]).contains("  0.5  "));
+    let refused = ask(&["--set", "CTL_MASS=1"]);
+    assert!(refused.contains("CTL_MASS is not set: it comes from the schedule file"), "{refused}");
+    for partition in ["controller", "imu"] {
+        let pid = module.pid().to_string();
+        bateleur(&["kill", partition, "--module", &pid]).end().expect_code(0);
+    }
+    let after = await_some(PATIENCE, || {
+        let after = ask(&["--parameters"]);
+        (after.contains("CTL_LAPS") && after.contains("IMU_INIT_TIME")).then_some(after)
+    });
+    let after = after.unwrap();
+    assert!(after.contains("CTL_LAPS                         5"), "{after}");
+    assert!(after.contains("IMU_INIT_TIME                    1"), "{after}");
+    module.signal(rustix::process::Signal::TERM);
+    module.end().expect_code(0);
+}
+
+#[test]
+fn faults_in_the_module_and_of_command_itself_are_told_to_the_ground_with_what_was_done() {
+    let _turn = among_others();
+    let mut ground = Ground::open();
+    let schedule = flight_schedule();
+    let device = format!("command.device={}", ground.device);
+    let run = ["run", "--fast", "--schedule", schedule.to_str().unwrap(), "--until", "12", "--set", &device];
+    let kills = ["--kill", "estimator@3", "--kill", "command@5"];
+    let module = bateleur(&[&run[..], &kills[..]].concat());
+    let wanted = [
+        "estimator: killed -> warm_restart (ended by SIGKILL)",
+        "estimator: back after",
+        "command: killed -> warm_restart (ended by SIGKILL)",
+        "command: back after",
+    ];
+    let mut told: Vec<HealthText> = Vec::new();
+    let all = await_some(PATIENCE, || {
+        told.extend(ground.receive().iter().filter_map(|telemetry| match telemetry {
+            Telemetry::Health(text) => Some(*text),
+            _ => None,
+        }));
+        (told.len() == wanted.len()).then_some(())
+    });
+    let texts: Vec<&str> = told.iter().map(HealthText::text).collect();
+    assert!(all.is_some(), "{texts:?}");
+    assert!(texts.iter().zip(wanted).all(|(text, wanted)| text.starts_with(wanted)), "{texts:?}");
+    let severities: Vec<u8> = told.iter().map(|text| text.severity).collect();
+    assert_eq!(severities, [3, 5, 3, 5]);
     module.end().expect_code(0);
 }

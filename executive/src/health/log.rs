@@ -46,6 +46,36 @@ pub struct Lost {
     pub why: String,
 }
 
+/// An entry as a partition is told of it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Notice {
+    /// As in syslog: 1 alert, 2 critical, 3 error, 4 warning, 5 notice.
+    pub severity: u32,
+    /// Who, what, and what was done about it.
+    pub text: String,
+}
+
+impl Notice {
+    fn of(fault: &Fault) -> Self {
+        let Fault { error, action, detail, .. } = fault;
+        let who = fault.partition.as_deref().unwrap_or("the module");
+        Self { severity: severity(action), text: format!("{who}: {error} -> {action} ({detail})") }
+    }
+}
+
+/// How bad it is that this had to be done.
+fn severity(action: &str) -> u32 {
+    match action {
+        "ignore" | "error_handler" => 4,
+        "idle" => 2,
+        "stop" | "shutdown" | "reset" => 1,
+        _ => 3,
+    }
+}
+
+/// Entries that wait to be told, most: what nobody fetches must not grow.
+const NOTICES: usize = 64;
+
 /// Notes faults: at once in the ring, and as a line when it is known what became of them.
 #[derive(Debug)]
 pub struct HealthLog {
@@ -57,6 +87,8 @@ pub struct HealthLog {
     ring_trouble: Trouble,
     /// The minor frame of the last window that is known.
     frame: u64,
+    /// What partitions are to be told.
+    notices: Vec<Notice>,
 }
 
 impl HealthLog {
@@ -74,7 +106,15 @@ impl HealthLog {
                 (None, trouble)
             }
         };
-        Ok(Self { file, length: 0, trouble: Trouble::default(), ring, ring_trouble, frame: 0 })
+        Ok(Self {
+            file,
+            length: 0,
+            trouble: Trouble::default(),
+            ring,
+            ring_trouble,
+            frame: 0,
+            notices: Vec::new(),
+        })
     }
 
     /// Frames are counted from 0 again.
@@ -89,6 +129,7 @@ impl HealthLog {
 
     /// Notes in the ring what has been decided about a fault.
     pub fn note(&mut self, fault: &Fault) {
+        self.tell(Notice::of(fault));
         self.add(Entry {
             sequence: 0,
             time_ns: fault.time_ns,
@@ -105,6 +146,8 @@ impl HealthLog {
     /// Notes in the ring that a fault's successor had its first window.
     pub fn note_recovery(&mut self, fault: &Fault, generation: u32, time_ns: u64) {
         let after_ms = time_ns.saturating_sub(fault.time_ns) as f64 / 1e6;
+        let who = fault.partition.as_deref().unwrap_or("the module");
+        self.tell(Notice { severity: 5, text: format!("{who}: back after {after_ms:.1} ms") });
         self.add(Entry {
             sequence: 0,
             time_ns,
@@ -131,6 +174,17 @@ impl HealthLog {
             action: String::new(),
             detail,
         });
+    }
+
+    fn tell(&mut self, notice: Notice) {
+        if self.notices.len() < NOTICES {
+            self.notices.push(notice);
+        }
+    }
+
+    /// What partitions are to be told, since it was last asked.
+    pub fn take_notices(&mut self) -> Vec<Notice> {
+        std::mem::take(&mut self.notices)
     }
 
     fn add(&mut self, entry: Entry) {

@@ -249,6 +249,7 @@ impl Monitor {
             self.look_at_examiner(module_ns);
         }
         self.obey(module_ns);
+        self.tell_partitions();
         if module_ns >= self.next_count_ns {
             self.next_count_ns = module_ns + COUNT_NS;
             self.bound_logs();
@@ -323,6 +324,19 @@ impl Monitor {
             });
         }
         Ok(requested)
+    }
+
+    /// Tells those partitions of the health log's new entries that the plan lets know: also a process that stands by, so that it
+    /// goes on with the same count.
+    fn tell_partitions(&mut self) {
+        let notices = self.health_log.take_notices();
+        if notices.is_empty() {
+            return;
+        }
+        let told = self.watched.iter().filter(|watched| self.plan[watched.cage.id].health_texts);
+        for page in told.flat_map(Watched::pages) {
+            notices.iter().for_each(|notice| page.notify(notice.severity, &notice.text));
+        }
     }
 
     /// Tells about a change of schedule that has taken effect.

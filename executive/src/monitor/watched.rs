@@ -4,7 +4,7 @@ use std::os::fd::AsFd;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Acquire;
 
-use bateleur_contract::{Mode, StartCondition};
+use bateleur_contract::{ControlPage, Mode, StartCondition};
 
 use super::figures::Figures;
 use super::standby::Standby;
@@ -74,6 +74,12 @@ pub(super) struct Watched {
 const MESSAGES_A_SECOND: u32 = 20;
 
 impl Watched {
+    /// The pages of its processes: of the one that has the windows, and of the one that stands by.
+    pub(super) fn pages(&self) -> impl Iterator<Item = &ControlPage> {
+        let standby = self.standby.iter().map(|standby| &standby.cage);
+        std::iter::once(&self.cage).chain(standby).map(|cage| &*cage.slot.page)
+    }
+
     pub(super) fn new(mut cage: Cage, process: Spawned) -> Self {
         let standby = cage.standby.take().map(|cage| Standby::new(*cage));
         let behind = standby.as_ref().map(|standby| standby.cage.slot.clone());

@@ -192,6 +192,7 @@ impl Builder<'_> {
             may_set_schedule: self.may_set_schedule(raw)?,
             health: PartitionHealth::fill(|error| effective_action(self.file, raw, error)),
             error_handler: raw.error_handler.or(false)?,
+            health_texts: raw.health_texts.or(false)?,
             ports: ports.map(|(port, _)| PortId(port)).chain(self.status_port(place)).collect(),
             relay: raw.generated,
         })

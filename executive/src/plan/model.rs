@@ -225,6 +225,8 @@ pub struct Partition {
     pub health: PartitionHealth,
     /// It has an error handler of its own, for errors at the level of a process.
     pub error_handler: bool,
+    /// It is told what the health log says.
+    pub health_texts: bool,
     /// Its ports, in the order of the file.
     pub ports: Vec<PortId>,
     /// It carries the channels that cross, and no table of the file names it.

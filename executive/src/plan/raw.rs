@@ -83,6 +83,7 @@ pub(super) struct RawPartition {
     pub(super) may_set_schedule: Field<Permission>,
     pub(super) health: Vec<Answer<PartitionError, PartitionAction>>,
     pub(super) error_handler: Field<bool>,
+    pub(super) health_texts: Field<bool>,
 }
 
 pub(super) struct RawRestart {
@@ -287,6 +288,7 @@ impl RawPartition {
             may_set_schedule: table.optional("may_set_schedule"),
             health: answers(&table.entries("health"), &PARTITION_LEVEL, findings),
             error_handler: table.optional("error_handler"),
+            health_texts: table.optional("health_texts"),
             name: entry.0,
         };
         let entries = table.entries("port").into_iter();

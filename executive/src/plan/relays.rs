@@ -97,6 +97,7 @@ fn relay(name: At<String>, module: At<String>) -> RawPartition {
         may_set_schedule: Field::Absent,
         health: Vec::new(),
         error_handler: Field::Absent,
+        health_texts: Field::Absent,
         name,
     }
 }

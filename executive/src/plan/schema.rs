@@ -136,6 +136,7 @@ const DESCRIPTIONS: &[Described] = &[
     ),
     (PARTITION, "health", "Its own answers to errors, in place of those of `health.partition`."),
     (PARTITION, "error_handler", "Whether it has an error handler of its own."),
+    (PARTITION, "health_texts", "Whether it is told of every fault in the module, to pass it on."),
     (PARTITION, "port", "Its ports, by name."),
     (RESTART, "start", "What it finds when it starts again by default."),
     (RESTART, "budget", "How many restarts it has within the time `within`."),

@@ -65,6 +65,8 @@ impl Board {
             Telemetry::Servo(message) => put(&mut self.servo, message, now_ns),
             Telemetry::Simulator(message) => put(&mut self.simulator, message, now_ns),
             Telemetry::Acknowledge(message) => put(&mut self.acknowledge, message, now_ns),
+            // An answer that nobody needs later; what the executive tells by itself.
+            Telemetry::Parameter(_) | Telemetry::Health(_) => {}
         }
     }
 
@@ -108,6 +110,8 @@ fn module_ns(telemetry: &Telemetry) -> Option<u64> {
         Telemetry::Servo(message) => Some(message.time_ns),
         Telemetry::Simulator(message) => Some(message.time_ns),
         Telemetry::Acknowledge(message) => Some(message.time_ns),
+        Telemetry::Parameter(message) => Some(message.time_ns),
+        Telemetry::Health(message) => Some(message.time_ns),
         Telemetry::Gps(_) | Telemetry::Imu(_) | Telemetry::State(_) => None,
     }
 }

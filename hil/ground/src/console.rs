@@ -10,7 +10,7 @@ use bateleur_messages::ground::{
 use bateleur_messages::hil::Protocol;
 use bateleur_messages::hil::{PILOT_STAND_BY, PILOT_TAKE_OFF};
 use bateleur_messages::telemetry::{
-    ACCEPTED, Acknowledge, NAVIGATION_ABORTED, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED,
+    ACCEPTED, Acknowledge, HealthText, NAVIGATION_ABORTED, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED,
     NAVIGATION_LINK_LOST, NAVIGATION_LOITER, NAVIGATION_ON, NAVIGATION_OUTSIDE, NAVIGATION_PROTECTION_SHIFT,
     NAVIGATION_RETURN, NAVIGATION_TAKE_OFF, NOT_UNDERSTOOD, Navigation, Primary, Refusal, StateTelemetry,
     Telemetry,
@@ -36,6 +36,8 @@ loop NAME off
 fly go_on|take_off|loiter|return|abort
                                   in place of mission and loops; take_off standing, then `autopilot on`
 pilot take-off|stand-by           call the simulated safety pilot
+parameters [BEGINNING]            what can be read and set of the functions, such as CTL or CTL_BANK
+set NAME VALUE                    set a parameter; what stands is answered
 status                            the newest telemetry
 help                              this page
 quit                              leave; the aircraft flies on";
@@ -47,6 +49,8 @@ pub enum Request {
     Orders(Vec<Order>),
     /// An order to the safety pilot; see the constants of the simulator link.
     Pilot(u32),
+    /// List the parameters whose names begin so.
+    Parameters(String),
     /// Show the board.
     Status,
     /// Show [`HELP`].
@@ -109,6 +113,12 @@ pub enum ConsoleError {
     /// A way-point's speed.
     #[error("the airspeed must be greater than zero")]
     Airspeed,
+    /// A name like no parameter's.
+    #[error("\"{name}\" is no parameter's name; \"parameters\" lists them")]
+    UnknownParameter {
+        /// The word.
+        name: String,
+    },
     /// The list is full.
     #[error("a list holds {0} way-points at most")]
     WaypointCount(usize),
@@ -145,6 +155,8 @@ impl Console {
             "sensors" => sensors(rest).map(one),
             "estimator" => estimator(rest).map(one),
             "pilot" => pilot(rest).map(Request::Pilot),
+            "parameters" => parameters(rest).map(Request::Parameters),
+            "set" => set(rest).map(one),
             "status" => Ok(Request::Status),
             "help" | "?" => Ok(Request::Help),
             "quit" | "exit" => Ok(Request::Quit),
@@ -210,7 +222,7 @@ impl Console {
 }
 
 /// The first words that a line may have, for [`did_you_mean`].
-const COMMANDS: [&str; 12] = [
+const COMMANDS: [&str; 14] = [
     "hil",
     "sensors",
     "estimator",
@@ -220,6 +232,8 @@ const COMMANDS: [&str; 12] = [
     "loop",
     "fly",
     "pilot",
+    "parameters",
+    "set",
     "status",
     "help",
     "quit",
@@ -317,6 +331,30 @@ fn estimator(words: &[&str]) -> Result<Order, ConsoleError> {
     Ok(Order::Estimator(order))
 }
 
+fn parameters(words: &[&str]) -> Result<String, ConsoleError> {
+    match words {
+        [] => Ok(String::new()),
+        [beginning] => Ok((*beginning).to_owned()),
+        _ => Err(ConsoleError::Usage {
+            command: "parameters",
+            wanted: "nothing, or the beginning of the names",
+            example: "parameters CTL_BANK",
+        }),
+    }
+}
+
+fn set(words: &[&str]) -> Result<Order, ConsoleError> {
+    let [name, value] = words else {
+        return Err(ConsoleError::Usage {
+            command: "set",
+            wanted: "a parameter's name and a value",
+            example: "set CTL_LAPS 3",
+        });
+    };
+    let unknown = || ConsoleError::UnknownParameter { name: (*name).to_owned() };
+    crate::parameters::setting(name, number("value", value)?).ok_or_else(unknown)
+}
+
 fn pilot(words: &[&str]) -> Result<u32, ConsoleError> {
     match words {
         ["take-off"] => Ok(PILOT_TAKE_OFF),
@@ -380,6 +418,10 @@ pub fn describe(telemetry: &Telemetry) -> String {
         ),
         Telemetry::Simulator(link) => describe_simulator(link),
         Telemetry::Acknowledge(message) => describe_answer(message),
+        Telemetry::Health(message) => describe_health(message),
+        Telemetry::Parameter(message) => {
+            format!("parameter   {}", crate::parameters::describe_parameter(message))
+        }
     }
 }
 
@@ -481,6 +523,15 @@ fn describe_simulator(l: &SimulatorLink) -> String {
     )
 }
 
+fn describe_health(message: &HealthText) -> String {
+    let word = ["alert", "alert", "critical", "error", "warning"];
+    let word = word.get(usize::from(message.severity)).unwrap_or(&"notice");
+    match message.times {
+        0 | 1 => format!("health      {word}: {}", message.text()),
+        times => format!("health      {word}: {} ({times} times)", message.text()),
+    }
+}
+
 fn describe_answer(a: &Acknowledge) -> String {
     let result = match a.result {
         ACCEPTED => "takes",
@@ -507,6 +558,8 @@ fn order_name(a: &Acknowledge) -> String {
         b'E' => {
             format!("estimator {}", ["disable", "enable", "init"].get(usize::from(a.first)).unwrap_or(&"?"))
         }
+        b'R' => "reading a parameter".into(),
+        b'Y' => "setting a parameter".into(),
         letter => format!("{} {}", letter as char, a.first),
     }
 }
@@ -584,6 +637,8 @@ mod tests {
             ("waypoint 0 1 0 nan 22", "altitude \"nan\" is not a number"),
             ("loop roll 1", "roll_angle"),
             ("loop roll_angle", "as in: loop roll_angle 0.3"),
+            ("set CTL_LAPS", "as in: set CTL_LAPS 3"),
+            ("set LAPS 3", "\"LAPS\" is no parameter's name"),
         ];
         for (line, expected) in cases {
             let message = Console::new().line(line).unwrap_err().to_string();

@@ -3,8 +3,8 @@
 use crate::link::{Link, LinkError};
 use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{
-    ACCEPTED, Acknowledge, FROM_COMMAND, FROM_CONTROLLER, FROM_ESTIMATOR, FROM_HIL_INTERFACE, FROM_IMU,
-    FROM_SERVO, REFUSED,
+    ACCEPTED, Acknowledge, FROM_COMMAND, FROM_CONTROLLER, FROM_ESTIMATOR, FROM_GPS, FROM_HIL_INTERFACE,
+    FROM_IMU, FROM_ONBOARD_COMPUTER, FROM_RATE_GENERATOR, FROM_SERVO, REFUSED,
 };
 
 /// An order without an answer is sent again after this time, ns. A round trip takes a few cycles of 20 ms.
@@ -148,6 +148,8 @@ fn answers_wanted(order: &Order) -> u8 {
         }
         Order::InitialiseSensors { .. } => bit(FROM_IMU),
         Order::Estimator(_) => bit(FROM_ESTIMATOR),
+        Order::ReadParameter { .. } => 0, // answered by the parameter itself
+        Order::SetParameter(setting) => bit(setting.of),
     }
 }
 
@@ -160,6 +162,9 @@ pub(crate) fn function_name(from: u8) -> &'static str {
         FROM_ESTIMATOR => "Estimator",
         FROM_CONTROLLER => "Controller",
         FROM_SERVO => "Servo",
+        FROM_GPS => "GPS",
+        FROM_ONBOARD_COMPUTER => "OnBoardComputer",
+        FROM_RATE_GENERATOR => "RateGenerator",
         _ => "a function unknown here",
     }
 }

@@ -484,5 +484,6 @@ fn order_name(order: &Order) -> String {
         Order::InitialiseSensors { .. } => "sensor initialisation".to_owned(),
         Order::Estimator(_) => "estimator order".to_owned(),
         Order::Manoeuvre { what, .. } => what.name().to_owned(),
+        Order::ReadParameter { .. } | Order::SetParameter(_) => "parameter".to_owned(),
     }
 }

@@ -11,6 +11,7 @@ use bateleur_flight::guidance::GuidanceError;
 use bateleur_gps::Gps;
 use bateleur_imu::{Biases, Imu, Initialise, Outcome};
 use bateleur_messages::ground::{Order, SENSOR_GYROSCOPE};
+use bateleur_messages::parameter::Parameters;
 use bateleur_messages::{
     Acceleration, ActuatorCommand, Custom, GpsPosition, GpsVelocity, GroundMessage, Magnetization, Pressure,
     Rates, RawAnalog, RawGps, ServoTimers, State,
@@ -89,10 +90,20 @@ pub struct Outputs {
     pub timers: ServoTimers,
 }
 
+/// What the ground may set in flight.
+#[derive(Debug)]
+struct Tables {
+    imu: Parameters<bateleur_imu::Settings>,
+    estimator: Parameters<bateleur_estimator::Settings>,
+    controller: Parameters<bateleur_controller::Settings>,
+    servo: Parameters<bateleur_servo::Settings>,
+}
+
 /// The functions and what is between them.
 #[derive(Debug)]
 pub struct MainCycle {
     settings: Settings,
+    tables: Tables,
     gps: Gps,
     imu: Imu,
     initialising: Option<Initialise>,
@@ -132,6 +143,12 @@ impl MainCycle {
             controller: bateleur_controller::Function::new(settings.controller, &settings.waypoints, None)?,
             servo: bateleur_servo::Servo::new(settings.servo.map, settings.servo.hold_ns, None),
             settings,
+            tables: Tables {
+                imu: bateleur_imu::parameters(),
+                estimator: bateleur_estimator::parameters(),
+                controller: bateleur_controller::parameters(),
+                servo: bateleur_servo::parameters(),
+            },
             raw_gps: Latest::default(),
             raw_analog: Latest::default(),
             custom: Latest::default(),
@@ -168,6 +185,9 @@ impl MainCycle {
 
     fn run_imu(&mut self, now_ns: u64, outside: &mut Outside) -> bateleur_imu::Measurements {
         for message in orders(&mut outside.imu_orders, now_ns) {
+            if self.tables.imu.take(&message, &mut self.settings.imu, now_ns).is_some() {
+                continue;
+            }
             if let Ok(Order::InitialiseSensors { sensors }) = Order::parse(message.letter, message.bytes()) {
                 self.begin(sensors, now_ns);
             }
@@ -203,6 +223,13 @@ impl MainCycle {
 
     fn run_estimator(&mut self, now_ns: u64, outside: &mut Outside) -> State {
         for message in orders(&mut outside.estimator_orders, now_ns) {
+            let settings = &mut self.settings.estimator;
+            if let Some(answer) = self.tables.estimator.take(&message, settings, now_ns) {
+                if answer.changed {
+                    self.estimator.configure(settings.pressure_aiding);
+                }
+                continue;
+            }
             if let Ok(Order::Estimator(order)) = Order::parse(message.letter, message.bytes()) {
                 let _ = self.estimator.order(order, bateleur_estimator::seconds(now_ns)); // nobody waits for an answer
             }
@@ -232,6 +259,13 @@ impl MainCycle {
             self.pressure.valid(now_ns, pressure_ns),
         );
         for message in orders(&mut outside.controller_orders, now_ns) {
+            let settings = &mut self.settings.controller;
+            if let Some(answer) = self.tables.controller.take(&message, settings, now_ns) {
+                if answer.changed {
+                    self.controller.configure(settings);
+                }
+                continue;
+            }
             if let Ok(order) = Order::parse(message.letter, message.bytes()) {
                 let _ = self.controller.order(&order, state.is_some()); // as above
             }
@@ -244,6 +278,13 @@ impl MainCycle {
 
     fn run_servo(&mut self, now_ns: u64, outside: &mut Outside) -> ServoTimers {
         for message in orders(&mut outside.servo_orders, now_ns) {
+            let settings = &mut self.settings.servo;
+            if let Some(answer) = self.tables.servo.take(&message, settings, now_ns) {
+                if answer.changed {
+                    self.servo.configure(settings.hold_ns);
+                }
+                continue;
+            }
             let _ = self.servo.order(Order::parse(message.letter, message.bytes())); // as above
         }
         arrive(&mut outside.custom, now_ns, &mut self.custom);

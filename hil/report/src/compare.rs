@@ -352,8 +352,29 @@ impl Lanes<'_> {
         let places = self.options.only.iter().chain(&self.options.ignored).chain(tolerances);
         let names: Vec<String> = a.iter().chain(b).flat_map(|(port, kind)| names_of(port, kind)).collect();
         let unknown = places.filter(|place| !names.iter().any(|name| place.holds(name)));
-        unknown.map(|place| format!("there is no port or field `{}` in either log", place.0)).collect()
+        unknown
+            .map(|place| {
+                let hint = near(&place.0, &names)
+                    .map_or_else(String::new, |name| format!(": did you mean `{name}`?"));
+                format!("there is no port or field `{}` in either log{hint}", place.0)
+            })
+            .collect()
     }
+}
+
+/// Likeness (Jaro and Winkler, 0 to 1) from which on a guess helps more than it misleads.
+const ALIKE: f64 = 0.8;
+
+/// The partition, port or field that was most likely meant: one of as many parts.
+fn near<'n>(place: &str, names: &'n [String]) -> Option<&'n str> {
+    let dots = place.matches('.').count();
+    let of_as_many = |name: &'n String| {
+        let end = name.match_indices('.').nth(dots).map_or(name.len(), |(end, _)| end);
+        (name.matches('.').count() >= dots).then(|| &name[..end])
+    };
+    let scored = names.iter().filter_map(of_as_many).map(|name| (strsim::jaro_winkler(place, name), name));
+    let (likeness, name) = scored.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    (likeness > ALIKE).then_some(name)
 }
 
 /// A port, its elements, and what stands beside each message.

@@ -16,6 +16,7 @@ use crate::alignment::Alignment;
 use crate::attributes::{AttributeError, Attributes};
 use crate::faults::Faults;
 use crate::line::Line;
+use crate::notices::HealthNotices;
 use crate::ports::{
     Connect, Inlet, Outlet, QueuingDestination, QueuingSource, SamplingDestination, SamplingSource,
 };
@@ -250,6 +251,11 @@ impl Context {
     pub fn module_schedules(&self) -> ModuleSchedules {
         let Description { schedules, may_set_schedule, .. } = &self.description;
         ModuleSchedules::new(self.time.clone(), schedules.clone(), may_set_schedule.clone())
+    }
+
+    /// What the module's health log says, where the plan lets this partition know; from the oldest entry that still stands.
+    pub fn health_notices(&self) -> HealthNotices {
+        HealthNotices::new(self.time.clone())
     }
 
     /// A counted byte stream over an opened device.

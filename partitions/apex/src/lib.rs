@@ -41,6 +41,7 @@ mod errors;
 mod faults;
 mod harness;
 mod line;
+mod notices;
 mod ports;
 mod raw;
 mod retained;
@@ -61,6 +62,7 @@ pub use context::{Context, StartError};
 pub use errors::{HealthError, Response};
 pub use harness::{Harness, Incarnation};
 pub use line::Line;
+pub use notices::{HealthNotice, HealthNotices};
 pub use ports::{QueuingDestination, QueuingSource, Reading, SamplingDestination, SamplingSource, Sent};
 pub use raw::{
     RawMessage, RawQueuingDestination, RawQueuingSource, RawReading, RawSamplingDestination,

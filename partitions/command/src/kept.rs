@@ -1,11 +1,15 @@
-//! What outlives a warm restart: the frames that are on their way over the line, in both directions, and what has been
-//! reported. So the ground hears no frame cut or twice, and no order is lost in the middle.
+//! What outlives a warm restart: the frames that are on their way over the line, in both directions, what has been reported, what
+//! the ground has set, and the mission that went through here. So the ground hears no frame cut or twice, no order is lost in the
+//! middle, and a ground station can still download what it uploaded.
 
 use bateleur_apex::serial::Presence;
 use bateleur_messages::frame::DecoderState;
+use bateleur_messages::ground::Waypoint;
+use bateleur_messages::parameter::Changed;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
 use crate::downlink::KeptDownlink;
+use crate::station::MOST_WAYPOINTS;
 use crate::{Downlink, Silence, Uplink};
 
 /// Plain data in a fixed size.
@@ -17,17 +21,66 @@ pub struct Kept {
     /// Not zero: the device was reported missing.
     missing: u64,
     silence: [u64; 2],
+    /// Entries of the health log that were read, and those of them that were not told.
+    notices_read: u64,
+    notices_owed: u64,
+    parameters: Changed,
+    waypoint_count: u64,
+    /// North, east, altitude, heading, airspeed.
+    waypoints: [[f64; 5]; MOST_WAYPOINTS],
 }
 
 impl Kept {
     /// What to keep.
-    pub fn of(uplink: &Uplink, downlink: &Downlink, presence: &Presence, silence: &Silence) -> Self {
+    pub fn of(
+        uplink: &Uplink,
+        downlink: &Downlink,
+        presence: &Presence,
+        silence: &Silence,
+        parameters: &Changed,
+        mission: &[Waypoint],
+        (notices_read, notices_owed): (u32, u64),
+    ) -> Self {
+        let mut waypoints = [[0.0; 5]; MOST_WAYPOINTS];
+        for (place, w) in waypoints.iter_mut().zip(mission) {
+            *place = [w.north_m, w.east_m, w.altitude_m, w.heading_rad, w.airspeed_mps];
+        }
         Self {
             uplink: uplink.state(),
             downlink: downlink.kept(),
             missing: u64::from(presence.is_reported()),
             silence: silence.kept(),
+            notices_read: u64::from(notices_read),
+            notices_owed,
+            parameters: *parameters,
+            waypoint_count: mission.len().min(MOST_WAYPOINTS) as u64,
+            waypoints,
         }
+    }
+
+    /// How many entries of the health log were read, and how many of them were not told.
+    pub fn notices(&self) -> (u32, u64) {
+        (self.notices_read as u32, self.notices_owed)
+    }
+
+    /// What the ground had set.
+    pub fn parameters(&self) -> &Changed {
+        &self.parameters
+    }
+
+    /// The mission that had gone to the Controller; empty where it makes no sense.
+    pub fn mission(&self) -> Vec<Waypoint> {
+        let count = usize::try_from(self.waypoint_count).unwrap_or(usize::MAX);
+        let numbers = self.waypoints.get(..count).unwrap_or_default();
+        if !numbers.iter().flatten().all(|number| number.is_finite()) {
+            return Vec::new();
+        }
+        let waypoint = |(index, numbers): (u8, &[f64; 5])| {
+            let [north_m, east_m, altitude_m, heading_rad, airspeed_mps] = *numbers;
+            let count = count as u8; // MOST_WAYPOINTS at most
+            Waypoint { index, count, north_m, east_m, altitude_m, heading_rad, airspeed_mps }
+        };
+        (0..=u8::MAX).zip(numbers).map(waypoint).collect()
     }
 
     /// Hands it to those of the next incarnation. What does not make sense is forgotten.
@@ -88,7 +141,8 @@ mod tests {
         }
 
         fn kept(&self) -> Kept {
-            Kept::of(&self.uplink, &self.downlink, &self.presence, &Silence::default())
+            let silence = Silence::default();
+            Kept::of(&self.uplink, &self.downlink, &self.presence, &silence, &Changed::default(), &[], (0, 0))
         }
     }
 
@@ -130,6 +184,33 @@ mod tests {
         let mut again = Command::new(Some(&command.kept()));
         assert_eq!(again.presence.failed(CYCLE), None);
         assert_eq!(again.presence.opened(), Some(Change::Found));
+    }
+
+    #[test]
+    fn mission_is_known_after_a_warm_restart_and_noise_is_none() {
+        let waypoint = |index| Waypoint {
+            index,
+            count: 2,
+            north_m: 500.0,
+            east_m: f64::from(index),
+            altitude_m: 160.0,
+            heading_rad: 1.0,
+            airspeed_mps: 22.0,
+        };
+        let mission = [waypoint(0), waypoint(1)];
+        let (uplink, downlink) = (Uplink::new(), Downlink::new(57_600));
+        let kept = Kept::of(
+            &uplink,
+            &downlink,
+            &Presence::default(),
+            &Silence::default(),
+            &Changed::default(),
+            &mission,
+            (7, 2),
+        );
+        assert_eq!((kept.mission(), kept.notices()), (mission.to_vec(), (7, 2)));
+        assert_eq!(Kept { waypoint_count: 9_999, ..kept }.mission(), []);
+        assert_eq!(Kept { waypoints: [[f64::NAN; 5]; MOST_WAYPOINTS], ..kept }.mission(), []);
     }
 
     #[test]

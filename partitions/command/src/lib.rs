@@ -5,7 +5,9 @@
 //! station that does not listen are the usual case, and none of them may cost memory or time without bound.
 
 mod downlink;
+mod health;
 mod kept;
+mod numbers;
 mod paced;
 mod radio;
 mod silence;
@@ -13,9 +15,11 @@ mod station;
 mod uplink;
 
 pub use downlink::{BACKLOG, Downlink};
+pub use health::HealthTexts;
 pub use kept::Kept;
+pub use numbers::{Numbers, Rates, parameters};
 pub use paced::Paced;
 pub use radio::{Radio, RadioError};
 pub use silence::{Heard, OnSilence, Silence};
-pub use station::{Setup, Station};
+pub use station::{Encoding, Setup, Station};
 pub use uplink::{Delivery, Uplink, receivers};

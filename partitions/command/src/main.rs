@@ -4,16 +4,20 @@ use std::process::ExitCode;
 
 use bateleur_apex::serial::{Change, Device, Presence};
 use bateleur_apex::{
-    Context, Direction, Line, Partition, PortKind, QueuingDestination, QueuingSource, Retained,
-    SamplingDestination, Sent, StartError, Takeover, Window,
+    Context, Direction, HealthNotices, Line, Partition, PortKind, QueuingDestination, QueuingSource,
+    Retained, SamplingDestination, Sent, StartError, Takeover, Window,
 };
 use bateleur_command::{
-    Delivery, Downlink, Heard, Kept, OnSilence, Paced, Radio, Setup, Silence, Station, Uplink, receivers,
+    Delivery, Downlink, Encoding, HealthTexts, Heard, Kept, Numbers, OnSilence, Paced, Radio, Rates, Setup,
+    Silence, Station, Uplink, parameters, receivers,
 };
 use bateleur_mavlink::Runway;
 use bateleur_messages::frame::Frame;
 use bateleur_messages::ground::{Manoeuvre, Order};
-use bateleur_messages::telemetry::{Acknowledge, FROM_COMMAND, NOT_UNDERSTOOD, Refusal, Telemetry};
+use bateleur_messages::parameter::{ASKED_BY_LINE, Parameters};
+use bateleur_messages::telemetry::{
+    Acknowledge, FROM_COMMAND, FUNCTIONS, NOT_UNDERSTOOD, Refusal, Telemetry,
+};
 use bateleur_messages::{GroundMessage, Rate, State, TelemetryMessage, Watch};
 
 /// Bytes read in one window, most: four times what a line of 57600 baud carries in 20 ms.
@@ -30,6 +34,11 @@ struct Command {
     uplink: Uplink,
     downlink: Downlink,
     dropped_told: u64,
+    /// What the plan says.
+    plan: Numbers,
+    /// The same, and what the ground has set since.
+    numbers: Numbers,
+    parameters: Parameters<Numbers>,
     /// By the name of the function.
     orders: Vec<(String, QueuingSource<GroundMessage>)>,
     telemetry: Vec<QueuingDestination<TelemetryMessage>>,
@@ -39,6 +48,9 @@ struct Command {
     silence: Silence,
     /// A ground station that speaks MAVLink, beside the line or on it.
     mavlink: Option<(Way, Station)>,
+    /// What the module's health log says, where the plan lets this partition know.
+    notices: HealthNotices,
+    health: HealthTexts,
     /// Where the plan has it: telemetry is slower.
     state: Option<SamplingDestination<State>>,
 }
@@ -59,6 +71,8 @@ impl Partition for Command {
                 "attribute baud = 0: give the speed of the line, such as 57600".into(),
             ));
         }
+        let numbers = numbers(context, baud)?;
+        let orders = order_ports(context)?;
         let absent = Device::absent()
             .map_err(|error| StartError::Other(format!("cannot make a stand-in for the device: {error}")))?;
         let mut command = Self {
@@ -70,13 +84,18 @@ impl Partition for Command {
             uplink: Uplink::new(),
             downlink: Downlink::new(baud),
             dropped_told: 0,
-            orders: order_ports(context)?,
+            plan: numbers,
+            numbers,
+            parameters: parameters(),
+            mavlink: mavlink(context, &numbers, &orders)?,
+            orders,
             telemetry: telemetry_ports(context)?,
             rate: context.sampling_destination("rate")?,
             timeout: Watch::default(),
             retained: context.retained()?,
             silence: Silence::new(on_silence(context)?),
-            mavlink: mavlink(context, baud)?,
+            notices: context.health_notices(),
+            health: HealthTexts::default(),
             state: state_port(context)?,
         };
         command.resume();
@@ -96,6 +115,7 @@ impl Partition for Command {
         self.receive(window);
         self.deliver(window.start_ns());
         self.collect();
+        self.tell_health(window.start_ns());
         self.serve_mavlink(window.start_ns());
         self.listen(window);
         // Before and after the line has taken bytes: one that is killed in its window has little to repeat.
@@ -114,11 +134,32 @@ impl Command {
         if let Some(kept) = self.retained.load() {
             kept.resume(&mut self.uplink, &mut self.downlink, &mut self.presence, &mut self.silence);
             self.dropped_told = self.downlink.dropped();
+            let (read, owed) = kept.notices();
+            self.notices.resume(read);
+            self.health.lose(owed);
+            (self.numbers, self.parameters) = (self.plan, parameters());
+            self.parameters.resume(kept.parameters(), &mut self.numbers);
+            if let Some((_, station)) = &mut self.mavlink {
+                station.set_rates(self.numbers.rates);
+                station.resume_mission(kept.mission());
+            }
         }
     }
 
     fn keep(&mut self) {
-        self.retained.store(&Kept::of(&self.uplink, &self.downlink, &self.presence, &self.silence));
+        let mission = self.mavlink.as_ref().map(|(_, station)| station.mission()).unwrap_or_default();
+        let parameters = self.parameters.changed();
+        let notices = (self.notices.position(), self.health.owed());
+        let kept = Kept::of(
+            &self.uplink,
+            &self.downlink,
+            &self.presence,
+            &self.silence,
+            parameters,
+            mission,
+            notices,
+        );
+        self.retained.store(&kept);
     }
 
     fn open(&mut self, window: &Window) {
@@ -169,7 +210,7 @@ impl Command {
             Some(Heard::Lost(order)) => {
                 let frame = Frame { letter: order.letter(), data: order.data() };
                 if let Some(message) = GroundMessage::from_frame(&frame) {
-                    self.pass_on(&message, receivers(message.letter), now_ns);
+                    self.pass_on(&message, receivers(&message), now_ns);
                 }
                 let what = match order {
                     Order::Manoeuvre { what, .. } => what.name(),
@@ -202,9 +243,31 @@ impl Command {
             station.ordered(&order);
         }
         for function in functions {
-            if let Some(answer) = self.order(function, message, now_ns) {
+            if *function == "command" {
+                self.own(message, now_ns);
+            } else if let Some(answer) = self.order(function, message, now_ns) {
                 self.answer(answer);
             }
+        }
+    }
+
+    fn tell_health(&mut self, now_ns: u64) {
+        self.notices.by_ref().for_each(|notice| self.health.take(notice));
+        self.health.lose(self.notices.take_lost());
+        if let Some(text) = self.health.next(now_ns) {
+            self.told(TelemetryMessage::of(&Telemetry::Health(text)));
+        }
+    }
+
+    /// An order that concerns this function.
+    fn own(&mut self, message: &GroundMessage, now_ns: u64) {
+        let answer = self.parameters.take(message, &mut self.numbers, now_ns);
+        if let Some((_, station)) = self.mavlink.as_mut().filter(|_| answer.is_some_and(|a| a.changed)) {
+            station.set_rates(self.numbers.rates);
+        }
+        match answer {
+            Some(answer) => answer.messages().for_each(|message| self.told(message)),
+            None => self.answer(not_understood(message, now_ns)),
         }
     }
 
@@ -225,7 +288,7 @@ impl Command {
         for order in orders {
             let frame = Frame { letter: order.letter(), data: order.data() };
             if let Some(message) = GroundMessage::from_frame(&frame) {
-                self.pass_on(&message, receivers(message.letter), now_ns);
+                self.pass_on(&message, receivers(&message), now_ns);
             }
         }
     }
@@ -240,33 +303,32 @@ impl Command {
     }
 
     fn answer(&mut self, answer: Acknowledge) {
-        let telemetry = Telemetry::Acknowledge(answer);
-        if let Some((_, station)) = &mut self.mavlink {
-            station.telemetry(&telemetry);
-        }
-        self.push(TelemetryMessage::of(&telemetry));
+        self.told(TelemetryMessage::of(&Telemetry::Acknowledge(answer)));
     }
 
-    /// For the line, unless another protocol has it.
-    fn push(&mut self, message: TelemetryMessage) {
-        if !matches!(self.mavlink, Some((Way::Line(_), _))) {
+    /// What a function tells the ground, for both kinds of ground station.
+    fn told(&mut self, message: TelemetryMessage) {
+        let mut for_the_line = true;
+        if let Some((way, station)) = &mut self.mavlink {
+            for_the_line = !matches!(way, Way::Line(_));
+            let frame = Frame { letter: message.letter, data: message.bytes().to_vec() };
+            if let Ok(telemetry) = Telemetry::of(&frame) {
+                // What was asked for MAVLink is none of the line's.
+                for_the_line &=
+                    !matches!(&telemetry, Telemetry::Parameter(value) if value.asker != ASKED_BY_LINE);
+                station.telemetry(&telemetry);
+            }
+        }
+        if for_the_line {
             self.downlink.push(message);
         }
     }
 
     fn collect(&mut self) {
-        for port in &mut self.telemetry {
-            let messages = std::iter::from_fn(|| port.receive()).take(MESSAGES_PER_FUNCTION);
-            for message in messages {
-                if let Some((_, station)) = &mut self.mavlink
-                    && let Ok(telemetry) =
-                        Telemetry::of(&Frame { letter: message.letter, data: message.bytes().to_vec() })
-                {
-                    station.telemetry(&telemetry);
-                }
-                if !matches!(self.mavlink, Some((Way::Line(_), _))) {
-                    self.downlink.push(message);
-                }
+        for place in 0..self.telemetry.len() {
+            for _ in 0..MESSAGES_PER_FUNCTION {
+                let Some(message) = self.telemetry[place].receive() else { break };
+                self.told(message);
             }
         }
     }
@@ -327,23 +389,62 @@ fn on_silence(context: &mut Context) -> Result<OnSilence, StartError> {
 }
 
 /// A ground station that speaks MAVLink, where the plan names one.
-fn mavlink(context: &mut Context, baud: u32) -> Result<Option<(Way, Station)>, StartError> {
+fn mavlink(
+    context: &mut Context,
+    numbers: &Numbers,
+    orders: &[(String, QueuingSource<GroundMessage>)],
+) -> Result<Option<(Way, Station)>, StartError> {
     let address: Option<String> = context.attribute("mavlink", None)?;
-    let usual = Runway::default();
+    let Some(address) = address else { return Ok(None) };
+    let is_there = |(number, name): &(u8, &str)| {
+        *number == FROM_COMMAND || orders.iter().any(|(function, _)| function == name)
+    };
     let setup = Setup {
+        system: numbers.system,
+        runway: numbers.runway,
+        functions: FUNCTIONS
+            .iter()
+            .filter(|function| is_there(function))
+            .map(|(number, _)| 1 << number)
+            .sum(),
+        encoding: numbers.encoding,
+        rates: numbers.rates,
+    };
+    let way = match address.as_str() {
+        "serial" => Way::Line(Paced::new(numbers.baud)),
+        address => Way::Radio(Radio::open(address).map_err(|error| StartError::Other(error.to_string()))?),
+    };
+    Ok(Some((way, Station::new(&setup))))
+}
+
+/// The attributes that are numbers.
+fn numbers(context: &mut Context, baud: u32) -> Result<Numbers, StartError> {
+    let usual = Runway::default();
+    let encoding: String = context.attribute("parameter_encoding", "bytes".into())?;
+    let silence = on_silence(context)?;
+    let address: Option<String> = context.attribute("mavlink", None)?;
+    Ok(Numbers {
+        baud,
+        mavlink: address.is_some(),
         system: context.attribute("system", 1)?,
         runway: Runway {
             latitude_deg: context.attribute("origin_latitude_deg", usual.latitude_deg)?,
             longitude_deg: context.attribute("origin_longitude_deg", usual.longitude_deg)?,
             altitude_m: context.attribute("origin_altitude_m", usual.altitude_m)?,
         },
-    };
-    let Some(address) = address else { return Ok(None) };
-    let way = match address.as_str() {
-        "serial" => Way::Line(Paced::new(baud)),
-        address => Way::Radio(Radio::open(address).map_err(|error| StartError::Other(error.to_string()))?),
-    };
-    Ok(Some((way, Station::new(&setup))))
+        encoding: Encoding::from_name(&encoding).ok_or_else(|| {
+            StartError::Other(format!(
+                "attribute parameter_encoding = \"{encoding}\": give \"bytes\" (QGroundControl) or \"cast\" (MAVProxy)"
+            ))
+        })?,
+        rates: Rates::default(),
+        lost_link: match silence.order {
+            None => 0,
+            Some(Manoeuvre::Loiter) => 1,
+            Some(_) => 2,
+        },
+        lost_link_after_s: silence.after_ns as f64 * 1e-9,
+    })
 }
 
 fn state_port(context: &mut Context) -> Result<Option<SamplingDestination<State>>, StartError> {

@@ -67,13 +67,19 @@ impl Paced {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Setup, Station};
+    use crate::{Encoding, Rates, Setup, Station};
     use bateleur_mavlink::common::MavSeverity;
     use bateleur_mavlink::{Decoder, Runway};
 
     #[test]
     fn messages_leave_whole_and_no_faster_than_the_line() {
-        let mut station = Station::new(&Setup { system: 1, runway: Runway::default() });
+        let mut station = Station::new(&Setup {
+            system: 1,
+            runway: Runway::default(),
+            functions: 0,
+            encoding: Encoding::Bytes,
+            rates: Rates::default(),
+        });
         let (mut paced, mut decoder) = (Paced::new(9_600), Decoder::new());
         (0..100).for_each(|number| station.tell(MavSeverity::MAV_SEVERITY_INFO, &format!("text {number}")));
         let mut add =

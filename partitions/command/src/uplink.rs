@@ -3,6 +3,7 @@
 use bateleur_messages::GroundMessage;
 use bateleur_messages::frame::{Decoder, DecoderState, Frame, Refused};
 use bateleur_messages::ground::BEAT;
+use bateleur_messages::telemetry::FUNCTIONS;
 
 /// Frames handled in one window, most. The line can not carry more than ten in 20 ms.
 const FRAMES_AT_ONCE: usize = 16;
@@ -19,17 +20,33 @@ pub enum Delivery {
     NotUnderstood(GroundMessage),
 }
 
-/// The functions that an order of this letter concerns, by their names in the plan.
-pub fn receivers(letter: u8) -> &'static [&'static str] {
-    match letter {
+/// The functions that an order concerns, by their names in the plan; `"command"` is this one.
+pub fn receivers(message: &GroundMessage) -> &'static [&'static str] {
+    match message.letter {
         b'H' => &["hil_interface"],
         // The Controller computes and the Servo lets through: both must know.
         b'A' => &["controller", "servo"],
         b'N' | b'W' | b'L' | b'F' => &["controller"],
         b'I' => &["imu"],
         b'E' => &["estimator"],
+        b'R' | b'Y' => message.bytes().first().map_or(&[], |of| function(*of)),
         _ => &[],
     }
+}
+
+/// The function with this number; none where there is no such function.
+fn function(of: u8) -> &'static [&'static str] {
+    const NAMES: [&str; FUNCTIONS.len()] = {
+        let mut names = [""; FUNCTIONS.len()];
+        let mut place = 0;
+        while place < FUNCTIONS.len() {
+            names[place] = FUNCTIONS[place].1;
+            place += 1;
+        }
+        names
+    };
+    let place = FUNCTIONS.iter().position(|(number, _)| *number == of);
+    place.map_or(&[], |place| &NAMES[place..=place])
 }
 
 /// Finds orders in the bytes of the line.
@@ -72,8 +89,8 @@ fn delivery(frame: &Frame) -> Delivery {
     if frame.letter == BEAT {
         return Delivery::Beat;
     }
-    match (GroundMessage::from_frame(frame), receivers(frame.letter)) {
-        (Some(message), to) if !to.is_empty() => Delivery::To(message, to),
+    match GroundMessage::from_frame(frame).map(|message| (message, receivers(&message))) {
+        Some((message, to)) if !to.is_empty() => Delivery::To(message, to),
         _ => Delivery::NotUnderstood(head(frame)),
     }
 }
@@ -115,6 +132,15 @@ mod tests {
         assert_eq!(route(&Order::InitialiseSensors { sensors: 7 }), ["imu"]);
         assert_eq!(route(&Order::Manoeuvre { what: Manoeuvre::Loiter, link_lost: false }), ["controller"]);
         assert_eq!(Uplink::new().take(&bytes(BEAT, &[])), [Delivery::Beat]);
+        assert_eq!(route(&Order::ReadParameter { of: 0, index: 0, asker: 0 }), ["command"]);
+        assert_eq!(route(&Order::ReadParameter { of: 8, index: 0, asker: 0 }), ["rate_generator"]);
+    }
+
+    #[test]
+    fn question_to_a_function_that_there_is_not_is_not_understood() {
+        let order = Order::ReadParameter { of: 99, index: 0, asker: 0 };
+        let deliveries = Uplink::new().take(&bytes(order.letter(), &order.data()));
+        assert!(matches!(deliveries[..], [Delivery::NotUnderstood(message)] if message.letter == b'R'));
     }
 
     #[test]

@@ -17,12 +17,14 @@ use crate::mapping::SharedMemory;
 /// First word of every control page.
 pub const MAGIC: u32 = 0x4254_4c52; // "BTLR"
 /// Raised whenever the page or the description changes its meaning.
-pub const VERSION: u32 = 8;
+pub const VERSION: u32 = 9;
 
 /// Bytes of a report's text, as in REPORT_APPLICATION_MESSAGE.
 pub const REPORT_TEXT: usize = 128;
 /// Errors that wait for a partition's handler, most; older ones are overwritten.
 pub const ERRORS: usize = 8;
+/// Entries of the health log that stand for a partition that is told of them; older ones are overwritten and counted as lost.
+pub const NOTICES: usize = 8;
 /// Reports that fit between two looks of the executive; older ones are overwritten and counted as lost.
 pub const REPORTS: usize = 8;
 
@@ -239,6 +241,11 @@ pub struct ControlPage {
     /// The bits of a signed number.
     alignment_ns: AtomicU64,
     alignment_frame: AtomicU64,
+    // Written by the executive, where the plan lets the partition know.
+    /// Entries of the health log so far; entry `n` stands in `notices[n % NOTICES]`, its severity as the kind.
+    notice_count: AtomicU32,
+    reserved_7: AtomicU32,
+    notices: [Report; NOTICES],
 }
 
 // SAFETY: every field is an atomic or an array of atomics, for which every bit pattern is a value.
@@ -383,6 +390,34 @@ impl ControlPage {
             }
         }
         None
+    }
+
+    /// Tells the partition of an entry of the health log (the executive). Text beyond [`REPORT_TEXT`] bytes is cut.
+    pub fn notify(&self, severity: u32, text: &str) {
+        let number = self.notice_count.load(Ordering::Relaxed);
+        self.notices[number as usize % NOTICES].write(severity, text);
+        self.notice_count.store(number.wrapping_add(1), Ordering::Release);
+    }
+
+    /// The next entry of the health log since number `seen` (the partition), with its severity. `seen` is moved on, and `lost`
+    /// by as many as were overwritten before they were read.
+    pub fn next_notice(&self, seen: &mut u32, lost: &mut u64) -> Option<(u32, String)> {
+        loop {
+            let count = self.notice_count.load(Ordering::Acquire);
+            // One place less than there are: the executive may be writing the next one just now.
+            let skipped = count.wrapping_sub(*seen).saturating_sub(NOTICES as u32 - 1);
+            (*seen, *lost) = (seen.wrapping_add(skipped), *lost + u64::from(skipped));
+            if *seen == count {
+                return None;
+            }
+            let notice = self.notices[*seen as usize % NOTICES].read();
+            fence(Ordering::Acquire);
+            // Overwritten while it was read: it counts as lost at the next look.
+            if self.notice_count.load(Ordering::Relaxed).wrapping_sub(*seen) < NOTICES as u32 {
+                *seen = seen.wrapping_add(1);
+                return Some(notice);
+            }
+        }
     }
 
     /// Errors for the handler so far (the partition, before its first window: those were its predecessor's).
@@ -534,6 +569,17 @@ mod tests {
         page.report(ReportKind::PortError, "again");
         let report = &page.reports_since(&mut 0)[0];
         assert_eq!((report.kind, report.in_handler), (ReportKind::PortError, true));
+    }
+
+    #[test]
+    fn entries_of_the_health_log_come_in_order_and_those_of_a_flood_are_counted() {
+        let (page, mut seen, mut lost) = (page(), 0, 0);
+        page.notify(3, "one");
+        assert_eq!(page.next_notice(&mut seen, &mut lost), Some((3, "one".into())));
+        assert_eq!(page.next_notice(&mut seen, &mut lost), None);
+        (0..20).for_each(|number| page.notify(4, &number.to_string()));
+        let texts: Vec<_> = std::iter::from_fn(|| Some(page.next_notice(&mut seen, &mut lost)?.1)).collect();
+        assert_eq!((texts.len(), texts[0].as_str(), texts[6].as_str(), lost), (7, "13", "19", 13));
     }
 
     #[test]

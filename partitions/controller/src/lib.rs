@@ -13,6 +13,7 @@ mod fence;
 mod kept;
 mod manoeuvre;
 mod orders;
+mod parameters;
 mod settings;
 mod waypoints;
 
@@ -20,6 +21,7 @@ pub use convert::{Sensors, navigation_state};
 pub use fence::{Fence, FenceAction};
 pub use kept::Kept;
 pub use orders::{Answer, Orders};
+pub use parameters::{Memory, parameters};
 pub use settings::{Settings, planned_waypoints};
 pub use waypoints::{List, Waypoints};
 
@@ -135,6 +137,13 @@ impl Function {
             self.hold_altitude_m = None; // taken anew when it is needed
         }
         answer
+    }
+
+    /// Flies with other settings from now on; the aircraft stays the same.
+    pub fn configure(&mut self, settings: &Settings) {
+        self.settings = Settings { airframe: self.settings.airframe, ..*settings };
+        self.controller.configure(settings.control);
+        self.controller.guidance_mut().configure(settings.guidance);
     }
 
     /// Flies one cycle of `cycle_ns` at `now_ns`.

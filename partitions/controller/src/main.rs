@@ -6,10 +6,13 @@ use bateleur_apex::{
     Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
     StartError, Takeover, Window,
 };
-use bateleur_controller::{Answer, Function, Kept, Sensors, Settings, navigation_state, planned_waypoints};
+use bateleur_controller::{
+    Answer, Function, Memory, Sensors, Settings, navigation_state, parameters, planned_waypoints,
+};
 use bateleur_flight::estimator::NavigationState;
 use bateleur_flight::guidance::Waypoint;
 use bateleur_messages::ground::Order;
+use bateleur_messages::parameter::Parameters;
 use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_CONTROLLER, NOT_UNDERSTOOD, Telemetry};
 use bateleur_messages::{
     Acceleration, ActuatorCommand, FunctionStatus, GroundMessage, Pressure, Rate, Rates, State,
@@ -20,9 +23,13 @@ use bateleur_messages::{
 const ORDERS_PER_WINDOW: usize = 8;
 struct ControllerPartition {
     function: Function,
-    settings: Settings,
+    /// What the plan says.
+    plan: Settings,
     planned: Vec<Waypoint>,
-    retained: Retained<Kept>,
+    /// The same, and what the ground has set since.
+    settings: Settings,
+    parameters: Parameters<Settings>,
+    retained: Retained<Memory>,
     starts: u64,
     inputs: InputPorts,
     command: SamplingSource<ActuatorCommand>,
@@ -43,13 +50,16 @@ struct InputPorts {
 
 impl Partition for ControllerPartition {
     fn start(context: &mut Context) -> Result<Self, StartError> {
-        let settings = Settings::read(context.attributes())?;
+        let plan = Settings::read(context.attributes())?;
         let planned = planned_waypoints(context.attributes())?;
-        let mut retained: Retained<Kept> = context.retained()?;
+        let mut retained: Retained<Memory> = context.retained()?;
+        let Resumed { function, settings, parameters } = resume(plan, &planned, &mut retained)?;
         Ok(Self {
-            function: function(settings, &planned, &mut retained)?,
-            settings,
+            function,
+            plan,
             planned,
+            settings,
+            parameters,
             retained,
             starts: u64::from(context.generation()) + 1,
             inputs: InputPorts {
@@ -70,8 +80,9 @@ impl Partition for ControllerPartition {
 
     fn take_over(&mut self, _takeover: &Takeover) {
         // What the plan says was accepted at the start, and what was kept is judged before it is used.
-        if let Ok(function) = function(self.settings, &self.planned, &mut self.retained) {
-            self.function = function;
+        if let Ok(resumed) = resume(self.plan, &self.planned, &mut self.retained) {
+            let Resumed { function, settings, parameters } = resumed;
+            (self.function, self.settings, self.parameters) = (function, settings, parameters);
         }
     }
 
@@ -82,25 +93,46 @@ impl Partition for ControllerPartition {
         let command = self.function.step(now_ns, window.minor_frame_ns(), state.as_ref(), &sensors);
         self.command.write(&command);
         self.status.write(&self.function.status(self.starts));
-        self.retained.store(&self.function.kept());
+        self.retained
+            .store(&Memory { function: self.function.kept(), parameters: *self.parameters.changed() });
         self.send_telemetry(now_ns);
     }
 }
 
-/// The function as retained memory has it now.
-fn function(
+/// A function as retained memory has it.
+struct Resumed {
+    function: Function,
     settings: Settings,
+    parameters: Parameters<Settings>,
+}
+
+fn resume(
+    plan: Settings,
     planned: &[Waypoint],
-    retained: &mut Retained<Kept>,
-) -> Result<Function, StartError> {
-    Function::new(settings, planned, retained.load().as_ref())
-        .map_err(|error| StartError::Other(format!("attribute waypoints: {error}")))
+    retained: &mut Retained<Memory>,
+) -> Result<Resumed, StartError> {
+    let (memory, mut settings, mut parameters) = (retained.load(), plan, parameters());
+    if let Some(memory) = &memory {
+        parameters.resume(&memory.parameters, &mut settings);
+    }
+    let function = Function::new(settings, planned, memory.as_ref().map(|memory| &memory.function))
+        .map_err(|error| StartError::Other(format!("attribute waypoints: {error}")))?;
+    Ok(Resumed { function, settings, parameters })
 }
 
 impl ControllerPartition {
     fn take_orders(&mut self, now_ns: u64, ready: bool) {
         for _ in 0..ORDERS_PER_WINDOW {
             let Some(message) = self.ground.receive() else { return };
+            if let Some(answer) = self.parameters.take(&message, &mut self.settings, now_ns) {
+                if answer.changed {
+                    self.function.configure(&self.settings);
+                }
+                answer.messages().for_each(|message| {
+                    self.telemetry.send(&message);
+                });
+                continue;
+            }
             let order = Order::parse(message.letter, message.bytes());
             let answer = order.map_or(Answer::NotUnderstood, |order| self.function.order(&order, ready));
             let answer = match answer {

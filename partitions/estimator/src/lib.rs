@@ -5,10 +5,12 @@
 //! while the filter has none.
 
 mod kept;
+mod parameters;
 mod settings;
 mod state;
 
 pub use kept::Kept;
+pub use parameters::{Memory, parameters};
 pub use settings::Settings;
 pub use state::{message, telemetry};
 
@@ -109,6 +111,11 @@ impl Function {
             }
             EstimatorOrder::Initialise { full_inertial } => self.initialise(full_inertial),
         }
+    }
+
+    /// Lets barometer and pitot in from now on, or leaves them out.
+    pub fn configure(&mut self, pressure_aiding: bool) {
+        self.estimator.set_aiding(Aiding { pressure: pressure_aiding, ..self.estimator.aiding() });
     }
 
     /// Takes what is new in this window.

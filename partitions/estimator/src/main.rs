@@ -6,8 +6,9 @@ use bateleur_apex::{
     Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
     StartError, Takeover, Window,
 };
-use bateleur_estimator::{Function, Inputs, Kept, Settings, seconds, telemetry};
+use bateleur_estimator::{Function, Inputs, Memory, Settings, parameters, seconds, telemetry};
 use bateleur_messages::ground::Order;
+use bateleur_messages::parameter::Parameters;
 use bateleur_messages::telemetry::{
     ACCEPTED, Acknowledge, FROM_ESTIMATOR, NOT_UNDERSTOOD, Refusal, Telemetry,
 };
@@ -21,8 +22,12 @@ const ORDERS_PER_WINDOW: usize = 8;
 
 struct EstimatorPartition {
     function: Function,
+    /// What the plan says.
+    plan: Settings,
+    /// The same, and what the ground has set since.
     settings: Settings,
-    retained: Retained<Kept>,
+    parameters: Parameters<Settings>,
+    retained: Retained<Memory>,
     starts: u64,
     inputs: InputPorts,
     state: SamplingSource<State>,
@@ -44,12 +49,15 @@ struct InputPorts {
 
 impl Partition for EstimatorPartition {
     fn start(context: &mut Context) -> Result<Self, StartError> {
-        let settings = Settings::read(context.attributes())?;
-        let mut retained: Retained<Kept> = context.retained()?;
+        let plan = Settings::read(context.attributes())?;
+        let mut retained: Retained<Memory> = context.retained()?;
         let now_ns = context.time().now_ns();
+        let (function, settings, parameters) = resume(plan, &mut retained, now_ns);
         Ok(Self {
-            function: function(settings, &mut retained, now_ns),
+            function,
+            plan,
             settings,
+            parameters,
             retained,
             starts: u64::from(context.generation()) + 1,
             inputs: InputPorts {
@@ -70,7 +78,8 @@ impl Partition for EstimatorPartition {
     }
 
     fn take_over(&mut self, takeover: &Takeover) {
-        self.function = function(self.settings, &mut self.retained, takeover.now_ns());
+        (self.function, self.settings, self.parameters) =
+            resume(self.plan, &mut self.retained, takeover.now_ns());
     }
 
     fn window(&mut self, window: &Window) {
@@ -82,19 +91,39 @@ impl Partition for EstimatorPartition {
         if self.rate.read_valid().is_some_and(|rate| self.timeout.changed(rate.timeout_3)) {
             self.telemetry.send(&TelemetryMessage::of(&Telemetry::State(telemetry(&state))));
         }
-        self.retained.store(&self.function.kept());
+        self.retained
+            .store(&Memory { function: self.function.kept(), parameters: *self.parameters.changed() });
     }
 }
 
 /// The function as retained memory has it now.
-fn function(settings: Settings, retained: &mut Retained<Kept>, now_ns: u64) -> Function {
-    Function::new(settings.config, settings.pressure_aiding, retained.load().as_ref(), seconds(now_ns))
+fn resume(
+    plan: Settings,
+    retained: &mut Retained<Memory>,
+    now_ns: u64,
+) -> (Function, Settings, Parameters<Settings>) {
+    let (memory, mut settings, mut parameters) = (retained.load(), plan, parameters());
+    if let Some(memory) = &memory {
+        parameters.resume(&memory.parameters, &mut settings);
+    }
+    let kept = memory.as_ref().map(|memory| &memory.function);
+    let function = Function::new(settings.config, settings.pressure_aiding, kept, seconds(now_ns));
+    (function, settings, parameters)
 }
 
 impl EstimatorPartition {
     fn take_orders(&mut self, now_ns: u64) {
         for _ in 0..ORDERS_PER_WINDOW {
             let Some(message) = self.ground.receive() else { return };
+            if let Some(answer) = self.parameters.take(&message, &mut self.settings, now_ns) {
+                if answer.changed {
+                    self.function.configure(self.settings.pressure_aiding);
+                }
+                answer.messages().for_each(|message| {
+                    self.telemetry.send(&message);
+                });
+                continue;
+            }
             let of = |result| Acknowledge::of(&message, FROM_ESTIMATOR, result, now_ns);
             let answer = match Order::parse(message.letter, message.bytes()) {
                 Ok(Order::Estimator(order)) if self.function.order(order, seconds(now_ns)) => of(ACCEPTED),

@@ -11,6 +11,8 @@ pub struct Settings {
     pub config: EstimatorConfig,
     /// Barometer and pitot are let in.
     pub pressure_aiding: bool,
+    /// Where and when the flight takes place.
+    pub site: Site,
 }
 
 impl Settings {
@@ -19,9 +21,10 @@ impl Settings {
     /// # Errors
     /// When an attribute has another type, or the earth's field is not known for the place and the day.
     pub fn read(attributes: &mut Attributes) -> Result<Self, StartError> {
-        let config = EstimatorConfig::at_site(&site(attributes)?)
+        let site = site(attributes)?;
+        let config = EstimatorConfig::at_site(&site)
             .map_err(|error| StartError::Other(format!("attributes origin_…, year, day_of_year: {error}")))?;
-        Ok(Self { config, pressure_aiding: attributes.get("pressure_aiding", true)? })
+        Ok(Self { config, pressure_aiding: attributes.get("pressure_aiding", true)?, site })
     }
 }
 

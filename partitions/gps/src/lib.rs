@@ -8,7 +8,7 @@ mod local;
 mod settings;
 
 pub use local::{LocalFrame, Origin};
-pub use settings::origin;
+pub use settings::{origin, parameters};
 
 use bateleur_messages::telemetry::GpsTelemetry;
 use bateleur_messages::{GpsPosition, GpsVelocity, RawGps};

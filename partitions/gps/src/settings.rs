@@ -2,7 +2,21 @@
 
 use bateleur_apex::{Attributes, StartError};
 
+use bateleur_messages::parameter::{Kind, Parameters, Row};
+use bateleur_messages::telemetry::FROM_GPS;
+
 use crate::Origin;
+
+/// What the ground can read. Nothing can be set: a runway that moved in flight would move the aircraft.
+pub fn parameters() -> Parameters<Origin> {
+    Parameters::new(FROM_GPS, ROWS)
+}
+
+static ROWS: &[Row<Origin>] = &[
+    Row::fixed("GPS_ORIGIN_LAT", Kind::Real, |o| Some(o.latitude_deg)),
+    Row::fixed("GPS_ORIGIN_LON", Kind::Real, |o| Some(o.longitude_deg)),
+    Row::fixed("GPS_ORIGIN_ALT", Kind::Real, |o| Some(o.altitude_m)),
+];
 
 /// The runway.
 ///

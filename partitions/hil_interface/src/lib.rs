@@ -11,6 +11,7 @@ mod exchange;
 mod inbox;
 mod link;
 mod mavlink;
+mod parameters;
 mod supervision;
 mod tcp;
 mod udp;
@@ -18,6 +19,7 @@ mod udp;
 pub use exchange::{Conversation, Moment, Settings, Waiting};
 pub use inbox::{Counters, Inbox, Sensors};
 pub use link::LinkError;
+pub use parameters::{Numbers, parameters};
 pub use supervision::{Event, Supervision};
 
 use bateleur_messages::ServoTimers;

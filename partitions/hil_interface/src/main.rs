@@ -8,10 +8,11 @@ use bateleur_apex::{
     SamplingDestination, SamplingSource, StartError, Takeover, Window,
 };
 use bateleur_hil_interface::{
-    AT_REST, Conversation, Event, Kept, Moment, Sensors, Settings, Supervision, Waiting,
+    AT_REST, Conversation, Event, Kept, Moment, Numbers, Sensors, Settings, Supervision, Waiting, parameters,
 };
 use bateleur_messages::ground::Order;
 use bateleur_messages::hil::{Protocol, UnknownProtocol};
+use bateleur_messages::parameter::Parameters;
 use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_HIL_INTERFACE, NOT_UNDERSTOOD, Telemetry};
 use bateleur_messages::{
     Custom, FunctionStatus, GroundMessage, Rate, RawAnalog, RawGps, ServoTimers, SimulatorLink,
@@ -33,6 +34,8 @@ struct HilInterface {
     kept: Kept,
     retained: Retained<Kept>,
     starts: u64,
+    numbers: Numbers,
+    parameters: Parameters<Numbers>,
     rate: SamplingDestination<Rate>,
     timers: SamplingDestination<ServoTimers>,
     raw_analog: SamplingSource<RawAnalog>,
@@ -50,14 +53,17 @@ impl Partition for HilInterface {
         let mut retained: Retained<Kept> = context.retained()?;
         let from_the_start: bool = context.attribute("hil_mode", false)?;
         let at_start = Kept { sequence: 0, enabled: u64::from(from_the_start) };
+        let (conversation, numbers) = open(context, from_the_start)?;
         Ok(Self {
-            conversation: open(context)?,
+            conversation,
             supervision: Supervision::default(),
             timeout: Watch::default(),
             faults_told: 0,
             kept: retained.load().unwrap_or(at_start),
             retained,
             starts: u64::from(context.generation()) + 1,
+            numbers,
+            parameters: parameters(),
             rate: context.sampling_destination("rate")?,
             timers: context.sampling_destination("timers")?,
             raw_analog: context.sampling_source("raw_analog")?,
@@ -96,6 +102,12 @@ impl HilInterface {
     fn take_orders(&mut self, now_ns: u64) {
         for _ in 0..ORDERS_PER_WINDOW {
             let Some(message) = self.ground.receive() else { return };
+            if let Some(answer) = self.parameters.take(&message, &mut self.numbers, now_ns) {
+                answer.messages().for_each(|message| {
+                    self.telemetry.send(&message);
+                });
+                continue;
+            }
             let result = match Order::parse(message.letter, message.bytes()) {
                 Ok(Order::Hil { on }) => {
                     self.switch(on);
@@ -201,7 +213,7 @@ fn optional_source(
     declared.then(|| context.sampling_source(name)).transpose()
 }
 
-fn open(context: &mut Context) -> Result<Conversation, StartError> {
+fn open(context: &mut Context, hil_mode: bool) -> Result<(Conversation, Numbers), StartError> {
     let protocol: String = context.attribute("protocol", Protocol::default().name().into())?;
     let protocol = protocol
         .parse()
@@ -216,7 +228,10 @@ fn open(context: &mut Context) -> Result<Conversation, StartError> {
         system: context.attribute("system", 1)?,
         simulator_system: context.attribute("simulator_system", 0)?,
     };
-    Conversation::open(&settings).map_err(|error| StartError::Other(error.to_string()))
+    let Settings { lockstep, system, simulator_system, .. } = settings;
+    let numbers = Numbers { protocol, lockstep, hil_mode, system, simulator_system };
+    let conversation = Conversation::open(&settings).map_err(|error| StartError::Other(error.to_string()))?;
+    Ok((conversation, numbers))
 }
 
 fn main() -> ExitCode {

@@ -5,9 +5,11 @@
 //! aircraft that moves. One broken sensor costs its own measurement alone.
 
 mod initialise;
+mod parameters;
 mod settings;
 
 pub use initialise::{Initialise, Outcome};
+pub use parameters::{Memory, parameters};
 pub use settings::Settings;
 
 use bateleur_flight::atmosphere::{airspeed_mps, density_kgpm3, pressure_altitude_m};

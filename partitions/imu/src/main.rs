@@ -6,8 +6,9 @@ use bateleur_apex::{
     Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
     StartError, Takeover, Window,
 };
-use bateleur_imu::{Biases, Imu, Initialise, Measurements, Outcome, Settings};
+use bateleur_imu::{Imu, Initialise, Measurements, Memory, Outcome, Settings, parameters};
 use bateleur_messages::ground::{Order, SENSOR_GYROSCOPE};
+use bateleur_messages::parameter::Parameters;
 use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_IMU, NOT_UNDERSTOOD, Refusal, Telemetry};
 use bateleur_messages::{
     Acceleration, GroundMessage, Magnetization, Pressure, Rate, Rates, RawAnalog, TelemetryMessage, Watch,
@@ -18,10 +19,14 @@ const ORDERS_PER_WINDOW: usize = 8;
 
 struct InertialUnit {
     imu: Imu,
-    retained: Retained<Biases>,
+    retained: Retained<Memory>,
     /// The order that is being carried out, with the message to answer.
     initialising: Option<(Initialise, GroundMessage)>,
+    /// What the plan says.
+    plan: Settings,
+    /// The same, and what the ground has set since.
     settings: Settings,
+    parameters: Parameters<Settings>,
     raw: SamplingDestination<RawAnalog>,
     outputs: Outputs,
     rate: SamplingDestination<Rate>,
@@ -39,12 +44,16 @@ struct Outputs {
 
 impl Partition for InertialUnit {
     fn start(context: &mut Context) -> Result<Self, StartError> {
-        let mut retained: Retained<Biases> = context.retained()?;
+        let mut retained: Retained<Memory> = context.retained()?;
+        let plan = Settings::read(context.attributes())?;
+        let (imu, settings, parameters) = resume(plan, &mut retained);
         Ok(Self {
-            imu: imu(&mut retained),
+            imu,
             retained,
             initialising: None,
-            settings: Settings::read(context.attributes())?,
+            plan,
+            settings,
+            parameters,
             raw: context.sampling_destination("raw")?,
             outputs: Outputs {
                 acceleration: context.sampling_source("acceleration")?,
@@ -60,7 +69,7 @@ impl Partition for InertialUnit {
     }
 
     fn take_over(&mut self, _takeover: &Takeover) {
-        self.imu = imu(&mut self.retained);
+        (self.imu, self.settings, self.parameters) = resume(self.plan, &mut self.retained);
     }
 
     fn window(&mut self, window: &Window) {
@@ -78,15 +87,27 @@ impl Partition for InertialUnit {
     }
 }
 
-/// The unit with the biases that retained memory has now.
-fn imu(retained: &mut Retained<Biases>) -> Imu {
-    Imu::new(retained.load().unwrap_or_default().sane())
+/// The unit as retained memory has it now.
+fn resume(plan: Settings, retained: &mut Retained<Memory>) -> (Imu, Settings, Parameters<Settings>) {
+    let memory = retained.load().unwrap_or_default();
+    let (mut settings, mut parameters) = (plan, parameters());
+    parameters.resume(&memory.parameters, &mut settings);
+    (Imu::new(memory.biases.sane()), settings, parameters)
 }
 
 impl InertialUnit {
     fn take_orders(&mut self, now_ns: u64) {
         for _ in 0..ORDERS_PER_WINDOW {
             let Some(message) = self.ground.receive() else { return };
+            if let Some(answer) = self.parameters.take(&message, &mut self.settings, now_ns) {
+                if answer.changed {
+                    self.keep();
+                }
+                answer.messages().for_each(|message| {
+                    self.telemetry.send(&message);
+                });
+                continue;
+            }
             match Order::parse(message.letter, message.bytes()) {
                 Ok(Order::InitialiseSensors { sensors }) => self.begin(&message, sensors, now_ns),
                 _ => self.answer(&message, NOT_UNDERSTOOD, now_ns),
@@ -114,11 +135,15 @@ impl InertialUnit {
         match outcome {
             Outcome::Found(biases) => {
                 self.imu.set_biases(biases);
-                self.retained.store(&biases);
+                self.keep();
                 self.answer(&message, ACCEPTED, now_ns);
             }
             Outcome::Refused => self.refuse(&message, Refusal::NotStanding, now_ns),
         }
+    }
+
+    fn keep(&mut self) {
+        self.retained.store(&Memory { biases: *self.imu.biases(), parameters: *self.parameters.changed() });
     }
 
     fn refuse(&mut self, message: &GroundMessage, why: Refusal, now_ns: u64) {

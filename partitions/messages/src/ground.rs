@@ -79,6 +79,35 @@ pub enum Order {
         /// Command gives it because the ground is silent; the ground itself never says so.
         link_lost: bool,
     },
+    /// `RR`: says what stands at a place of a function's list of parameters.
+    ReadParameter {
+        /// The function: a `FROM_…` constant of [`crate::telemetry`].
+        of: u8,
+        /// The place, from 0.
+        index: u16,
+        /// Who asks: an `ASKED_BY_…` constant of [`crate::parameter`].
+        asker: u8,
+    },
+    /// `YY`: sets a parameter of a function.
+    SetParameter(ParameterSetting),
+}
+
+/// Bytes of a parameter's name.
+pub const NAME: usize = 16;
+/// A parameter's name, zeros behind.
+pub type Name = [u8; NAME];
+
+/// A parameter that is to be set.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ParameterSetting {
+    /// The function: a `FROM_…` constant of [`crate::telemetry`].
+    pub of: u8,
+    /// Who asks: an `ASKED_BY_…` constant of [`crate::parameter`].
+    pub asker: u8,
+    /// Its name.
+    pub name: Name,
+    /// The value.
+    pub value: f64,
 }
 
 /// What the ground can have flown with one order.
@@ -241,6 +270,8 @@ impl Order {
             Self::InitialiseSensors { .. } => b'I',
             Self::Estimator(_) => b'E',
             Self::Manoeuvre { .. } => b'F',
+            Self::ReadParameter { .. } => b'R',
+            Self::SetParameter(_) => b'Y',
         }
     }
 
@@ -255,10 +286,15 @@ impl Order {
             Self::Estimator(EstimatorOrder::Enable) => vec![1, 0],
             Self::Estimator(EstimatorOrder::Initialise { full_inertial }) => vec![2, u8::from(full_inertial)],
             Self::Manoeuvre { what, link_lost } => vec![what as u8, u8::from(link_lost)],
+            Self::ReadParameter { of, index, asker } => [&[of, asker][..], &index.to_le_bytes()].concat(),
+            Self::SetParameter(ParameterSetting { of, asker, name, value }) => {
+                [&[of, asker][..], &name, &value.to_le_bytes()].concat()
+            }
         }
     }
 
-    /// Reads an order from a frame's letter and data. Every number is checked: nothing that is not finite passes.
+    /// Reads an order from a frame's letter and data. Every number is checked: nothing that is not finite passes, but for a
+    /// parameter's value, whose range the function knows.
     pub fn parse(letter: u8, data: &[u8]) -> Result<Self, OrderError> {
         match letter {
             b'H' => switch(letter, data).map(|on| Self::Hil { on }),
@@ -269,6 +305,13 @@ impl Order {
             b'I' => parse_sensors(data),
             b'E' => parse_estimator(data),
             b'F' => parse_manoeuvre(data),
+            b'R' => match *data {
+                [of, asker, low, high] => {
+                    Ok(Self::ReadParameter { of, index: u16::from_le_bytes([low, high]), asker })
+                }
+                _ => Err(OrderError::WrongLength('R')),
+            },
+            b'Y' => parse_setting(data),
             _ => Err(OrderError::UnknownLetter(letter as char)),
         }
     }
@@ -333,6 +376,18 @@ fn parse_manoeuvre(data: &[u8]) -> Result<Order, OrderError> {
     Ok(Order::Manoeuvre { what, link_lost: switch(b'F', &[*link_lost])? })
 }
 
+fn parse_setting(data: &[u8]) -> Result<Order, OrderError> {
+    // What is not finite passes: the table refuses it with its range.
+    match data.split_first_chunk::<2>().map(|(head, rest)| (head, rest.split_first_chunk::<NAME>())) {
+        Some((&[of, asker], Some((name, value)))) => {
+            let value = value.try_into().map_err(|_| OrderError::WrongLength('Y'))?;
+            let value = f64::from_le_bytes(value);
+            Ok(Order::SetParameter(ParameterSetting { of, asker, name: *name, value }))
+        }
+        _ => Err(OrderError::WrongLength('Y')),
+    }
+}
+
 fn finite<const N: usize>(letter: u8, data: Option<&[u8]>) -> Result<[f64; N], OrderError> {
     let data = data.filter(|data| data.len() == 8 * N).ok_or(OrderError::WrongLength(letter as char))?;
     let mut numbers = [0.0; N];
@@ -374,6 +429,13 @@ mod tests {
             Order::Estimator(EstimatorOrder::Initialise { full_inertial: true }),
             Order::Manoeuvre { what: Manoeuvre::Return, link_lost: false },
             Order::Manoeuvre { what: Manoeuvre::Loiter, link_lost: true },
+            Order::ReadParameter { of: 4, index: 300, asker: 1 },
+            Order::SetParameter(ParameterSetting {
+                of: 4,
+                asker: 0,
+                name: *b"CTL_LAPS\0\0\0\0\0\0\0\0",
+                value: 3.0,
+            }),
         ];
         for order in orders {
             assert_eq!(Order::parse(order.letter(), &order.data()), Ok(order));

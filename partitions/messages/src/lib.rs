@@ -20,6 +20,7 @@ pub mod ground;
 pub mod hil;
 pub mod imu;
 pub mod link;
+pub mod parameter;
 pub mod rate;
 pub mod state;
 pub mod telemetry;

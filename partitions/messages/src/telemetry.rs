@@ -5,6 +5,7 @@ use crate::field::message;
 use crate::frame::Frame;
 use crate::ground::GroundMessage;
 use crate::hil::{self, PacketError, SimulatorLink};
+use crate::parameter::ParameterValue;
 
 /// Bytes of data that a telemetry message can hold.
 pub const TELEMETRY_DATA: usize = 126;
@@ -225,6 +226,44 @@ message! {
     }
 }
 
+/// Bytes of a [`HealthText`]'s text.
+pub const HEALTH_TEXT: usize = 104;
+
+message! {
+    /// `HH`: an entry of the module's health log: who failed, how, and what was done about it.
+    pub struct HealthText {
+        /// Module time at which Command read it, ns.
+        pub time_ns: u64,
+        /// How often it came since the last one was told; at least 1.
+        pub times: u32,
+        /// As in syslog: 1 alert, 2 critical, 3 error, 4 warning, 5 notice.
+        pub severity: u8,
+        /// Bytes of the text in use.
+        pub length: u8,
+        /// Unused, zero.
+        pub reserved: [u8; 2],
+        /// The text.
+        pub text: [u8; HEALTH_TEXT],
+    }
+}
+
+impl HealthText {
+    /// Of a text that came `times` times; what is too long is cut.
+    pub fn of(severity: u8, text: &str, times: u32, time_ns: u64) -> Self {
+        let end = (0..=text.len().min(HEALTH_TEXT)).rev().find(|end| text.is_char_boundary(*end));
+        let length = end.unwrap_or_default();
+        let mut bytes = [0; HEALTH_TEXT];
+        bytes[..length].copy_from_slice(&text.as_bytes()[..length]);
+        Self { time_ns, times, severity, length: length as u8, text: bytes, ..Self::default() }
+    }
+
+    /// The text; empty where it is none.
+    pub fn text(&self) -> &str {
+        let length = usize::from(self.length).min(HEALTH_TEXT);
+        std::str::from_utf8(&self.text[..length]).unwrap_or_default()
+    }
+}
+
 /// Why an order is not possible now, for the person who gave it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
@@ -249,11 +288,19 @@ pub enum Refusal {
     OutsideFence = 9,
     /// There is no take-off that could be stopped: none is under way, or it is in the air.
     NoTakeOff = 10,
+    /// The function has no parameter of that name.
+    NoSuchParameter = 11,
+    /// The parameter comes from the schedule file or the airframe, and stays as it is while the function runs.
+    BelongsToPlan = 12,
+    /// The parameter does not take this value.
+    OutOfRange = 13,
+    /// The parameter takes whole numbers.
+    NotWhole = 14,
 }
 
 impl Refusal {
     /// All of them.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 14] = [
         Self::NoState,
         Self::NoWaypoints,
         Self::TooManyWaypoints,
@@ -264,11 +311,20 @@ impl Refusal {
         Self::NotFlying,
         Self::OutsideFence,
         Self::NoTakeOff,
+        Self::NoSuchParameter,
+        Self::BelongsToPlan,
+        Self::OutOfRange,
+        Self::NotWhole,
     ];
 
     /// The reason of an answer.
     pub fn of(answer: &Acknowledge) -> Option<Self> {
-        Self::ALL.into_iter().find(|refusal| *refusal as u32 == answer.reason)
+        Self::of_number(answer.reason)
+    }
+
+    /// The reason with this number.
+    pub fn of_number(number: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|refusal| *refusal as u32 == number)
     }
 
     /// For a person.
@@ -288,6 +344,12 @@ impl Refusal {
             Self::NotFlying => "the autopilot does not fly: it is off, or the wheels are on the ground",
             Self::OutsideFence => "the aircraft is outside of its fence: it comes back first",
             Self::NoTakeOff => "there is no take-off to be stopped: none is under way, or it is in the air",
+            Self::NoSuchParameter => "it has no parameter of that name",
+            Self::BelongsToPlan => {
+                "it comes from the schedule file or the airframe and can not be set while the function runs"
+            }
+            Self::OutOfRange => "the value is outside its range",
+            Self::NotWhole => "it takes whole numbers only",
         }
     }
 }
@@ -324,6 +386,30 @@ pub const FROM_ESTIMATOR: u8 = 3;
 pub const FROM_CONTROLLER: u8 = 4;
 /// [`Acknowledge::from`]: Servo.
 pub const FROM_SERVO: u8 = 5;
+/// [`Acknowledge::from`]: GPS.
+pub const FROM_GPS: u8 = 6;
+/// [`Acknowledge::from`]: OnBoardComputer.
+pub const FROM_ONBOARD_COMPUTER: u8 = 7;
+/// [`Acknowledge::from`]: RateGenerator.
+pub const FROM_RATE_GENERATOR: u8 = 8;
+
+/// The functions by their `FROM_…` constants: the name of each in the plan's ports to and from Command.
+pub const FUNCTIONS: [(u8, &str); 9] = [
+    (FROM_COMMAND, "command"),
+    (FROM_RATE_GENERATOR, "rate_generator"),
+    (FROM_HIL_INTERFACE, "hil_interface"),
+    (FROM_GPS, "gps"),
+    (FROM_IMU, "imu"),
+    (FROM_ESTIMATOR, "estimator"),
+    (FROM_CONTROLLER, "controller"),
+    (FROM_SERVO, "servo"),
+    (FROM_ONBOARD_COMPUTER, "onboard_computer"),
+];
+
+/// The name of a function in the plan's ports; none where there is no such function.
+pub fn function_name(from: u8) -> Option<&'static str> {
+    FUNCTIONS.into_iter().find(|(number, _)| *number == from).map(|(_, name)| name)
+}
 
 /// Everything that can come down.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -339,6 +425,8 @@ pub enum Telemetry {
     Servo(ServoTelemetry),
     Simulator(SimulatorLink),
     Acknowledge(Acknowledge),
+    Parameter(ParameterValue),
+    Health(HealthText),
 }
 
 impl Telemetry {
@@ -356,6 +444,8 @@ impl Telemetry {
             Self::Servo(message) => (b'T', message.as_bytes()),
             Self::Simulator(message) => (b'S', message.as_bytes()),
             Self::Acknowledge(message) => (b'K', message.as_bytes()),
+            Self::Parameter(message) => (b'Y', message.as_bytes()),
+            Self::Health(message) => (b'H', message.as_bytes()),
         }
     }
 
@@ -372,6 +462,8 @@ impl Telemetry {
             b'T' => hil::data(frame).map(Self::Servo),
             b'S' => hil::data(frame).map(Self::Simulator),
             b'K' => hil::data(frame).map(Self::Acknowledge),
+            b'Y' => hil::data(frame).map(Self::Parameter),
+            b'H' => hil::data(frame).map(Self::Health),
             letter => Err(PacketError::UnknownLetter(letter as char)),
         }
     }
@@ -391,6 +483,8 @@ const _: () = {
     fits::<ServoTelemetry>();
     fits::<SimulatorLink>();
     fits::<Acknowledge>();
+    fits::<ParameterValue>();
+    fits::<HealthText>();
 };
 
 #[cfg(test)]

@@ -6,7 +6,8 @@ use bateleur_apex::{
     Context, Direction, Partition, PortKind, QueuingDestination, QueuingSource, SamplingDestination,
     StartError, Window,
 };
-use bateleur_messages::telemetry::Telemetry;
+use bateleur_messages::parameter::{Answer, Parameters};
+use bateleur_messages::telemetry::{FROM_ONBOARD_COMPUTER, Telemetry};
 use bateleur_messages::{
     Custom, FunctionStatus, GroundMessage, Rate, SimulatorLink, TelemetryMessage, Watch,
 };
@@ -50,8 +51,14 @@ impl Partition for OnBoardComputer {
     }
 
     fn window(&mut self, window: &Window) {
-        // No ground message concerns this function; none may fill its queue either.
-        let _ = std::iter::from_fn(|| self.ground.receive()).take(ORDERS_PER_WINDOW).count();
+        // No ground message concerns this function, but it says that it has no parameters; none may fill its queue.
+        let mut none: Parameters<()> = Parameters::new(FROM_ONBOARD_COMPUTER, &[]);
+        for message in std::iter::from_fn(|| self.ground.receive()).take(ORDERS_PER_WINDOW) {
+            let answer = none.take(&message, &mut (), window.start_ns());
+            answer.iter().flat_map(Answer::messages).for_each(|message| {
+                self.telemetry.send(&message);
+            });
+        }
         let Some(rate) = self.rate.read_valid() else { return };
         let primary_due = self.timeout_1.changed(rate.timeout_1);
         let secondary_due = self.timeout_3.changed(rate.timeout_3);

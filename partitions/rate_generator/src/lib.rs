@@ -18,6 +18,8 @@
 //! never ask for all telemetry at once.
 
 use bateleur_messages::Rate;
+use bateleur_messages::parameter::{Kind, Parameters, Row};
+use bateleur_messages::telemetry::FROM_RATE_GENERATOR;
 
 /// What the plan may set, ns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,6 +42,19 @@ impl Default for Periods {
         }
     }
 }
+
+/// What the ground can read. Nothing can be set: the beat is a function of module time and the plan alone.
+pub fn parameters() -> Parameters<Periods> {
+    Parameters::new(FROM_RATE_GENERATOR, ROWS)
+}
+
+static ROWS: &[Row<Periods>] = &[
+    Row::fixed("RAT_SYNC", Kind::Real, |p| Some(p.sync_ns as f64 * 1e-9)),
+    Row::fixed("RAT_CUTOFF", Kind::Real, |p| Some(p.cutoff_ns as f64 * 1e-9)),
+    Row::fixed("RAT_TIMEOUT_1", Kind::Real, |p| Some(p.timeouts_ns[0] as f64 * 1e-9)),
+    Row::fixed("RAT_TIMEOUT_2", Kind::Real, |p| Some(p.timeouts_ns[1] as f64 * 1e-9)),
+    Row::fixed("RAT_TIMEOUT_3", Kind::Real, |p| Some(p.timeouts_ns[2] as f64 * 1e-9)),
+];
 
 /// Why periods can not be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]

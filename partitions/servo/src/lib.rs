@@ -12,8 +12,10 @@
 //! 4. where there are no sticks either: the last output for `hold`, then surfaces neutral and half throttle, so that
 //!    a stable aircraft neither turns nor glides into the ground at once.
 
+mod parameters;
 mod settings;
 
+pub use parameters::{Memory, parameters};
 pub use settings::Settings;
 
 use bateleur_flight::servo::{ActuatorCommand as Deflections, ServoMap};
@@ -113,6 +115,11 @@ impl Servo {
         self.kept.timers_us = timers_us;
         self.kept.cycle = self.kept.cycle.wrapping_add(1);
         self.timers()
+    }
+
+    /// Lets the last output stand for `hold_ns` from now on.
+    pub fn configure(&mut self, hold_ns: u64) {
+        self.hold_ns = hold_ns;
     }
 
     /// What outlives a warm restart.

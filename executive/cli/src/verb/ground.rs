@@ -13,8 +13,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use bateleur_ground::console::{HELP, Request, describe, status};
-use bateleur_ground::{Board, Console, Link, Mission, MissionPlan, Outcome, Pilot, UdpPilot};
+use bateleur_ground::{
+    Board, Console, Link, Mission, MissionPlan, Outcome, ParameterDesk, Pilot, UdpPilot, describe_parameter,
+};
 use bateleur_messages::hil::PilotOrder;
+use bateleur_messages::parameter::ParameterValue;
 use bateleur_messages::telemetry::Telemetry;
 
 use super::{Code, FINE, WRONG};
@@ -22,6 +25,9 @@ use crate::line::Line;
 
 /// Between two looks at the line.
 const STEP: Duration = Duration::from_millis(50);
+/// How long an answer about a parameter may take, and how often it is asked for.
+const ANSWER: Duration = Duration::from_millis(1_500);
+const TRIES: u32 = 4;
 
 /// Talk to an aircraft as its ground station.
 #[derive(Debug, clap::Args)]
@@ -41,6 +47,12 @@ pub(crate) struct Arguments {
     /// Print all telemetry as it comes, not only answers.
     #[arg(long, short)]
     watch: bool,
+    /// List the functions' parameters whose names begin so (all without a name), and leave.
+    #[arg(long, value_name = "BEGINNING", num_args = 0..=1, default_missing_value = "", conflicts_with = "script")]
+    parameters: Option<String>,
+    /// Set a parameter, say what stands, and leave (may be repeated).
+    #[arg(long, value_name = "NAME=VALUE", conflicts_with_all = ["script", "parameters"])]
+    set: Vec<String>,
     /// Fly the scripted mission instead of listening to the keyboard.
     #[arg(long)]
     script: bool,
@@ -59,6 +71,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
             None => MissionPlan::thesis(),
         };
         return script(Mission::new(plan), &mut link, &mut pilot);
+    }
+    if let Some(beginning) = &arguments.parameters {
+        return list(&mut link, beginning);
+    }
+    if !arguments.set.is_empty() {
+        return set(&mut link, &arguments.set);
     }
     keyboard(&mut link, &mut pilot, arguments.watch)
 }
@@ -95,20 +113,29 @@ impl Pilot for Sticks {
 fn keyboard(link: &mut Link, pilot: &mut Sticks, watch: bool) -> Result<Code> {
     println!("\"help\" lists what can be typed");
     let (begun, lines) = (Instant::now(), read_lines());
-    let (mut board, mut console) = (Board::default(), Console::new());
+    let (mut board, mut console, mut desk) = (Board::default(), Console::new(), ParameterDesk::default());
     loop {
         let now_ns = begun.elapsed().as_nanos() as u64;
         link.flush()?;
         link.receive(|telemetry| {
             board.take(&telemetry, now_ns);
-            if watch || matches!(telemetry, Telemetry::Acknowledge(_)) {
+            let answer = matches!(
+                telemetry,
+                Telemetry::Acknowledge(_) | Telemetry::Parameter(_) | Telemetry::Health(_)
+            );
+            if (watch || answer) && !desk.hides(&telemetry) {
                 println!("{}", describe(&telemetry));
             }
+            desk.take(&telemetry);
         })?;
+        let (questions, list) = desk.step(now_ns);
+        questions.iter().try_for_each(|question| link.send(question))?;
+        list.iter().for_each(|list| print!("{list}"));
         match lines.try_recv() {
             Ok(line) => match console.line(&line) {
                 Ok(Request::Orders(orders)) => orders.iter().try_for_each(|order| link.send(order))?,
                 Ok(Request::Pilot(order)) => pilot.order(PilotOrder { order, reserved: 0 }),
+                Ok(Request::Parameters(beginning)) => desk.list(&beginning),
                 Ok(Request::Status) => print!("{}", status(&board, now_ns)),
                 Ok(Request::Help) => println!("{HELP}"),
                 Ok(Request::Quit) => return Ok(FINE),
@@ -119,6 +146,72 @@ fn keyboard(link: &mut Link, pilot: &mut Sticks, watch: bool) -> Result<Code> {
             Err(TryRecvError::Disconnected) => return Ok(FINE),
         }
     }
+}
+
+/// Asks for all parameters and lists some.
+fn list(link: &mut Link, beginning: &str) -> Result<Code> {
+    let (begun, mut desk) = (Instant::now(), ParameterDesk::default());
+    desk.list(beginning);
+    loop {
+        link.flush()?;
+        link.receive(|telemetry| desk.take(&telemetry))?;
+        let (questions, list) = desk.step(begun.elapsed().as_nanos() as u64);
+        questions.iter().try_for_each(|question| link.send(question))?;
+        if let Some(list) = list {
+            print!("{list}");
+            return Ok(FINE);
+        }
+        std::thread::sleep(STEP);
+    }
+}
+
+/// Sets parameters one after the other; the answers say what stands.
+fn set(link: &mut Link, settings: &[String]) -> Result<Code> {
+    let mut code = FINE;
+    for setting in settings {
+        let (name, value) = setting
+            .split_once('=')
+            .with_context(|| format!("\"{setting}\" sets nothing: write NAME=VALUE, such as CTL_LAPS=3"))?;
+        let Request::Orders(orders) = Console::new().line(&format!("set {name} {value}"))? else { continue };
+        let mut stands = None;
+        for _ in 0..TRIES {
+            orders.iter().try_for_each(|order| link.send(order))?;
+            stands = answer(link, name)?;
+            if stands.is_some() {
+                break;
+            }
+        }
+        let Some(stands) = stands else {
+            println!("{name}: no answer; does the line reach the module, and its function run?");
+            return Ok(WRONG);
+        };
+        match stands.refusal() {
+            None => println!("{}", describe_parameter(&stands)),
+            Some(why) => {
+                println!("{name} is not set: {}\n{}", why.text(), describe_parameter(&stands));
+                code = WRONG;
+            }
+        }
+    }
+    Ok(code)
+}
+
+/// The next answer about a parameter, if it comes in time.
+fn answer(link: &mut Link, name: &str) -> Result<Option<ParameterValue>> {
+    let begun = Instant::now();
+    let mut found = None;
+    while found.is_none() && begun.elapsed() < ANSWER {
+        link.flush()?;
+        link.receive(|telemetry| {
+            if let Telemetry::Parameter(value) = telemetry
+                && value.name().eq_ignore_ascii_case(name)
+            {
+                found = Some(value);
+            }
+        })?;
+        std::thread::sleep(STEP);
+    }
+    Ok(found)
 }
 
 fn read_lines() -> Receiver<String> {

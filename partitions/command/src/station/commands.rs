@@ -13,6 +13,7 @@ use bateleur_messages::telemetry::{
     NOT_UNDERSTOOD,
 };
 
+use super::parameters::Encoding;
 use super::streams::Streams;
 use super::{Out, Peer, why};
 
@@ -35,12 +36,17 @@ struct Pending {
 }
 
 /// See the module.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Commands {
     pending: Option<Pending>,
+    encoding: Encoding,
 }
 
 impl Commands {
+    pub(super) fn new(encoding: Encoding) -> Self {
+        Self { pending: None, encoding }
+    }
+
     pub(super) fn command(
         &mut self,
         command: &COMMAND_LONG_DATA,
@@ -65,11 +71,11 @@ impl Commands {
             MavCmd::MAV_CMD_PREFLIGHT_CALIBRATION => calibration(command).map(|sensors| vec![sensors]),
             MavCmd::MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES => {
                 acknowledge(command.command, peer, MavResult::MAV_RESULT_ACCEPTED, out);
-                return out.say(&version(out.encoder.identity().0));
+                return out.say(&version(out.encoder.identity().0, self.encoding));
             }
             MavCmd::MAV_CMD_REQUEST_MESSAGE => {
                 let message = match command.param1 as u32 {
-                    AUTOPILOT_VERSION => Some(version(out.encoder.identity().0)),
+                    AUTOPILOT_VERSION => Some(version(out.encoder.identity().0, self.encoding)),
                     PROTOCOL_VERSION => Some(protocol()),
                     HOME_POSITION => Some(streams.home_position()),
                     _ => None,
@@ -206,11 +212,15 @@ fn acknowledge(command: MavCmd, peer: Peer, result: MavResult, out: &mut Out) {
     }));
 }
 
-fn version(system: u8) -> MavMessage {
+fn version(system: u8, encoding: Encoding) -> MavMessage {
+    let encoding = match encoding {
+        Encoding::Bytes => MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE,
+        Encoding::Cast => MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST,
+    };
     MavMessage::AUTOPILOT_VERSION(AUTOPILOT_VERSION_DATA {
         capabilities: MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MISSION_INT
             | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MAVLINK2
-            | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST,
+            | encoding,
         uid: u64::from(system),
         ..AUTOPILOT_VERSION_DATA::DEFAULT
     })

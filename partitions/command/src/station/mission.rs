@@ -14,7 +14,7 @@ use bateleur_messages::telemetry::{ACCEPTED, Acknowledge};
 use super::{Out, Peer, why};
 
 /// Way-points that the Controller can hold.
-const MOST_WAYPOINTS: usize = 32;
+pub(crate) const MOST_WAYPOINTS: usize = 32;
 /// With a change of speed before each.
 const MOST_ITEMS: u16 = 2 * MOST_WAYPOINTS as u16;
 /// How long an item or an answer may take, module time, ns; then it is asked for again.
@@ -103,6 +103,15 @@ pub(super) struct Missions {
 impl Missions {
     pub(super) fn new(runway: Runway) -> Self {
         Self { runway, items: Items::default(), transfer: Transfer::None }
+    }
+
+    /// The Controller's way-points, as they were known before.
+    pub(super) fn resume(&mut self, waypoints: Vec<Waypoint>) {
+        self.items.waypoints = waypoints;
+    }
+
+    pub(super) fn waypoints(&self) -> &[Waypoint] {
+        &self.items.waypoints
     }
 
     pub(super) fn items(&self) -> &Items {

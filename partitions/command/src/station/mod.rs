@@ -17,13 +17,17 @@ use std::collections::VecDeque;
 use bateleur_mavlink::common::{MavMessage, MavSeverity, STATUSTEXT_DATA};
 use bateleur_mavlink::{Decoder, Encoder, Received, Runway};
 use bateleur_messages::State;
-use bateleur_messages::ground::Order;
-use bateleur_messages::telemetry::{Acknowledge, Refusal, Telemetry};
+use bateleur_messages::ground::{Order, Waypoint};
+use bateleur_messages::telemetry::{Acknowledge, HealthText, Refusal, Telemetry};
 
 use commands::Commands;
+pub(crate) use mission::MOST_WAYPOINTS;
 use mission::Missions;
+pub use parameters::Encoding;
 use parameters::Parameters;
 use streams::Streams;
+
+use crate::Rates;
 
 /// Number of the component: the flight computer of its system.
 const AUTOPILOT: u8 = 1;
@@ -39,6 +43,12 @@ pub struct Setup {
     pub system: u8,
     /// Where zero is.
     pub runway: Runway,
+    /// Functions that can be asked for parameters, one bit for each `FROM_…` constant.
+    pub functions: u16,
+    /// How whole numbers are put into parameters.
+    pub encoding: Encoding,
+    /// How often something is told.
+    pub rates: Rates,
 }
 
 /// Somebody on the line: system, component.
@@ -101,6 +111,7 @@ pub struct Station {
     missions: Missions,
     parameters: Parameters,
     heard: bool,
+    rates: Rates,
 }
 
 impl Station {
@@ -117,9 +128,10 @@ impl Station {
                 texts: 0,
             },
             streams: Streams::new(setup.runway),
-            commands: Commands::default(),
+            commands: Commands::new(setup.encoding),
             missions: Missions::new(setup.runway),
-            parameters: Parameters::new(setup),
+            parameters: Parameters::new(setup.functions, setup.encoding),
+            rates: setup.rates,
             heard: false,
         }
     }
@@ -158,13 +170,49 @@ impl Station {
         self.decoder = decoder;
     }
 
+    /// Tells things at other rates from now on.
+    pub fn set_rates(&mut self, rates: Rates) {
+        self.rates = rates;
+    }
+
+    /// Goes on with the Controller's way-points as they were known before a restart.
+    pub fn resume_mission(&mut self, waypoints: Vec<Waypoint>) {
+        self.missions.resume(waypoints);
+    }
+
+    /// The Controller's way-points, as far as they are known.
+    pub fn mission(&self) -> &[Waypoint] {
+        self.missions.waypoints()
+    }
+
     /// Takes what a function tells the ground.
     pub fn telemetry(&mut self, telemetry: &Telemetry) {
-        if let Telemetry::Acknowledge(answer) = telemetry {
-            self.commands.answered(answer, &mut self.out);
-            self.missions.answered(answer, &mut self.out);
+        match telemetry {
+            Telemetry::Acknowledge(answer) => {
+                self.commands.answered(answer, &mut self.out);
+                self.missions.answered(answer, &mut self.out);
+                self.parameters.answered(answer);
+            }
+            Telemetry::Parameter(value) => self.parameters.told(value, &mut self.out),
+            Telemetry::Health(text) => self.health(text),
+            _ => {}
         }
         self.streams.telemetry(telemetry, self.missions.items(), &mut self.out);
+    }
+
+    fn health(&mut self, text: &HealthText) {
+        use MavSeverity as S;
+        let severity = match text.severity {
+            0 | 1 => S::MAV_SEVERITY_ALERT,
+            2 => S::MAV_SEVERITY_CRITICAL,
+            3 => S::MAV_SEVERITY_ERROR,
+            4 => S::MAV_SEVERITY_WARNING,
+            _ => S::MAV_SEVERITY_NOTICE,
+        };
+        match text.times {
+            0 | 1 => self.out.text(severity, text.text()),
+            times => self.out.text(severity, &format!("{} ({times} times)", text.text())),
+        }
     }
 
     /// Takes the estimated state, where the plan gives it.
@@ -181,8 +229,8 @@ impl Station {
     pub fn window(&mut self, now_ns: u64) -> Vec<Order> {
         self.commands.window(now_ns, &mut self.out);
         self.missions.window(now_ns, &mut self.out);
-        self.parameters.window(&mut self.out);
-        self.streams.window(now_ns, &self.parameters.rates(), self.missions.items(), &mut self.out);
+        self.parameters.window(now_ns, &mut self.out);
+        self.streams.window(now_ns, &self.rates, self.missions.items(), &mut self.out);
         std::mem::take(&mut self.out.orders)
     }
 
@@ -215,7 +263,7 @@ impl Station {
             }
             M::PARAM_REQUEST_LIST(message) if message.target_system == self.system => self.parameters.list(),
             M::PARAM_REQUEST_READ(message) if message.target_system == self.system => {
-                self.parameters.read(message, peer, out);
+                self.parameters.read(message, peer);
             }
             M::PARAM_SET(message) if message.target_system == self.system => {
                 self.parameters.set(message, peer, out);

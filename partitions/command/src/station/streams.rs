@@ -5,33 +5,28 @@
 
 use bateleur_mavlink::Runway;
 use bateleur_mavlink::common::{
-    ATTITUDE_DATA, BATTERY_STATUS_DATA, GLOBAL_POSITION_INT_DATA, GPS_RAW_INT_DATA, GpsFixType,
+    ATTITUDE_DATA, BATTERY_STATUS_DATA, ESTIMATOR_STATUS_DATA, EXTENDED_SYS_STATE_DATA,
+    EstimatorStatusFlags as Estimates, GLOBAL_POSITION_INT_DATA, GPS_RAW_INT_DATA, GpsFixType,
     HEARTBEAT_DATA, HIGHRES_IMU_DATA, HOME_POSITION_DATA, HighresImuUpdatedFlags as Imu,
-    LOCAL_POSITION_NED_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_REACHED_DATA, MavAutopilot, MavMessage,
-    MavModeFlag, MavSeverity, MavState, MavSysStatusSensor as Sensor, MavType, NAV_CONTROLLER_OUTPUT_DATA,
-    SERVO_OUTPUT_RAW_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA, VFR_HUD_DATA, WIND_COV_DATA,
+    LOCAL_POSITION_NED_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_REACHED_DATA, MavAutopilot, MavLandedState,
+    MavMessage, MavModeFlag, MavSeverity, MavState, MavSysStatusSensor as Sensor, MavType,
+    NAMED_VALUE_INT_DATA, NAV_CONTROLLER_OUTPUT_DATA, SERVO_OUTPUT_RAW_DATA, SYS_STATUS_DATA,
+    SYSTEM_TIME_DATA, VFR_HUD_DATA, WIND_COV_DATA,
 };
-use bateleur_messages::State;
 use bateleur_messages::state::STATUS_COARSE;
 use bateleur_messages::telemetry::{
     GpsTelemetry, ImuTelemetry, NAVIGATION_ABORTED, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED,
     NAVIGATION_LOITER, NAVIGATION_ON, NAVIGATION_OUTSIDE, NAVIGATION_PROTECTION_SHIFT, NAVIGATION_RETURN,
     NAVIGATION_TAKE_OFF, Navigation, Primary, ServoTelemetry, StateTelemetry, Telemetry, Voltages,
 };
+use bateleur_messages::{SimulatorLink, State};
 
 use super::Out;
 use super::mission::Items;
+use crate::Rates;
 
 const SECOND_NS: u64 = 1_000_000_000;
 const UNKNOWN: u16 = u16::MAX;
-
-/// How often something is said, Hz.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Rates {
-    pub(super) attitude_hz: f64,
-    pub(super) position_hz: f64,
-    pub(super) hud_hz: f64,
-}
 
 /// What is needed of a state, from a port or from telemetry.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -44,6 +39,16 @@ struct Motion {
     wind_ne_mps: [f64; 2],
     status: u32,
 }
+
+/// Lower and slower than this over ground the aircraft stands or rolls, m, m/s: a wing that flies is faster, one that
+/// climbs is higher.
+const GROUND_M: f64 = 4.0;
+const GROUND_MPS: f64 = 9.0;
+
+/// [`State::health`]: as good as it should be.
+const GOOD_ATTITUDE: u64 = 16;
+const GOOD_VELOCITY: u64 = 32;
+const GOOD_POSITION: u64 = 64;
 
 /// When something is due next, module time, ns.
 #[derive(Debug, Clone, Copy, Default)]
@@ -74,6 +79,8 @@ pub(super) struct Streams {
     imu: Option<ImuTelemetry>,
     servo: Option<ServoTelemetry>,
     volts: Option<Voltages>,
+    /// The last state as the port gave it.
+    estimate: Option<State>,
     heartbeat: Due,
     status: Due,
     attitude: Due,
@@ -93,6 +100,7 @@ impl Streams {
             imu: None,
             servo: None,
             volts: None,
+            estimate: None,
             heartbeat: Due::default(),
             status: Due::default(),
             attitude: Due::default(),
@@ -105,6 +113,7 @@ impl Streams {
     /// The estimated state, as the other functions have it.
     pub(super) fn state(&mut self, state: &State) {
         self.has_port = true;
+        self.estimate = Some(*state);
         self.motion = Some(Motion {
             valid_ns: state.valid_ns,
             position_ned_m: state.position_ned_m,
@@ -135,7 +144,11 @@ impl Streams {
                 self.servo = Some(*servo);
                 out.say(&pulses(servo));
             }
-            Telemetry::Loops(_) | Telemetry::Simulator(_) | Telemetry::Acknowledge(_) => {}
+            Telemetry::Simulator(link) => hil_link(link).iter().for_each(|counter| out.say(counter)),
+            Telemetry::Loops(_)
+            | Telemetry::Acknowledge(_)
+            | Telemetry::Parameter(_)
+            | Telemetry::Health(_) => {}
         }
     }
 
@@ -148,6 +161,8 @@ impl Streams {
         }
         if self.status.now(now_ns, 1.0) {
             out.say(&self.health());
+            out.say(&self.landed());
+            self.estimate.iter().for_each(|state| out.say(&estimates(state)));
             if let Some(navigation) = &self.navigation {
                 let seq = items.place_of(navigation.next_waypoint);
                 out.say(&MavMessage::MISSION_CURRENT(MISSION_CURRENT_DATA {
@@ -215,6 +230,24 @@ impl Streams {
                 (true, false) => MavState::MAV_STATE_STANDBY,
             },
             mavlink_version: 3,
+        })
+    }
+
+    fn landed(&self) -> MavMessage {
+        let landed_state = match self.motion.filter(|motion| motion.status >= STATUS_COARSE) {
+            None => MavLandedState::MAV_LANDED_STATE_UNDEFINED,
+            Some(motion) => {
+                let [north_mps, east_mps, _] = motion.velocity_ned_mps;
+                let low = -motion.position_ned_m[2] < GROUND_M;
+                match low && north_mps.hypot(east_mps) < GROUND_MPS {
+                    true => MavLandedState::MAV_LANDED_STATE_ON_GROUND,
+                    false => MavLandedState::MAV_LANDED_STATE_IN_AIR,
+                }
+            }
+        };
+        MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
+            landed_state,
+            ..EXTENDED_SYS_STATE_DATA::DEFAULT
         })
     }
 
@@ -388,6 +421,53 @@ fn local_position(motion: &Motion) -> MavMessage {
     let [vx, vy, vz] = motion.velocity_ned_mps.map(|speed| speed as f32);
     let time_boot_ms = milliseconds(motion.valid_ns);
     MavMessage::LOCAL_POSITION_NED(LOCAL_POSITION_NED_DATA { time_boot_ms, x, y, z, vx, vy, vz })
+}
+
+/// What the Estimator says of itself. It tells no innovations, only whether they were taken.
+fn estimates(state: &State) -> MavMessage {
+    let mut flags = Estimates::empty();
+    flags.set(Estimates::ESTIMATOR_ATTITUDE, state.health & GOOD_ATTITUDE != 0);
+    flags.set(
+        Estimates::ESTIMATOR_VELOCITY_HORIZ | Estimates::ESTIMATOR_VELOCITY_VERT,
+        state.health & GOOD_VELOCITY != 0,
+    );
+    let position = Estimates::ESTIMATOR_POS_HORIZ_REL
+        | Estimates::ESTIMATOR_POS_HORIZ_ABS
+        | Estimates::ESTIMATOR_POS_VERT_ABS;
+    flags.set(position, state.health & GOOD_POSITION != 0);
+    let [north_m, east_m, down_m] = state.position_sigma_m;
+    let unknown = f32::NAN;
+    MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA {
+        time_usec: state.valid_ns / 1_000,
+        vel_ratio: unknown,
+        pos_horiz_ratio: unknown,
+        pos_vert_ratio: unknown,
+        mag_ratio: unknown,
+        hagl_ratio: unknown,
+        tas_ratio: unknown,
+        pos_horiz_accuracy: north_m.hypot(east_m) as f32,
+        pos_vert_accuracy: down_m as f32,
+        flags,
+    })
+}
+
+/// The link to the simulator, by name: no message of the dialect has places for its counters.
+fn hil_link(link: &SimulatorLink) -> [MavMessage; 5] {
+    let bad = link.refused + link.invalid + link.strangers + link.errors;
+    [
+        ("HIL_TAKEN", link.accepted),
+        ("HIL_MISSED", link.missing),
+        ("HIL_ASKED", link.repeated),
+        ("HIL_STALE", link.stale),
+        ("HIL_BAD", bad),
+    ]
+    .map(|(name, count)| {
+        let value = i32::try_from(count).unwrap_or(i32::MAX);
+        let time_boot_ms = milliseconds(link.time_ns);
+        let mut message = NAMED_VALUE_INT_DATA { time_boot_ms, value, ..NAMED_VALUE_INT_DATA::DEFAULT };
+        message.name = name.into();
+        MavMessage::NAMED_VALUE_INT(message)
+    })
 }
 
 fn battery(volts: &Voltages) -> MavMessage {

@@ -1,6 +1,14 @@
 use super::*;
 use bateleur_mavlink::common::*;
-use bateleur_messages::telemetry::{ACCEPTED, FROM_CONTROLLER, FROM_SERVO, Navigation, REFUSED};
+use bateleur_messages::GroundMessage;
+use bateleur_messages::frame::Frame;
+use bateleur_messages::ground::ParameterSetting;
+use bateleur_messages::parameter::ParameterValue;
+use bateleur_messages::telemetry::{
+    ACCEPTED, FROM_COMMAND, FROM_CONTROLLER, FROM_SERVO, Navigation, REFUSED,
+};
+
+use crate::{Numbers, parameters};
 
 const CYCLE: u64 = 20_000_000;
 const GROUND: (u8, u8) = (255, 190);
@@ -13,6 +21,32 @@ struct World {
     /// What the functions answer to an order.
     answers: fn(&Order) -> Vec<Acknowledge>,
     ordered: Vec<Order>,
+    /// This function's parameters, which the Controller here has as well.
+    numbers: Numbers,
+    table: bateleur_messages::parameter::Parameters<Numbers>,
+    controller_is_silent: bool,
+}
+
+fn numbers() -> Numbers {
+    Numbers {
+        baud: 57_600,
+        mavlink: true,
+        system: 1,
+        runway: Runway::default(),
+        encoding: Encoding::Bytes,
+        rates: Rates::default(),
+        lost_link: 0,
+        lost_link_after_s: 10.0,
+    }
+}
+
+/// The same parameter as another function's, with its own name.
+fn named_of(of: u8, value: ParameterValue) -> ParameterValue {
+    let mut value = ParameterValue { from: of, ..value };
+    if of == FROM_CONTROLLER && value.name[0] != 0 {
+        value.name[..3].copy_from_slice(b"CTL");
+    }
+    value
 }
 
 fn accept(order: &Order) -> Vec<Acknowledge> {
@@ -32,13 +66,23 @@ fn refuse(order: &Order) -> Vec<Acknowledge> {
 
 impl World {
     fn new(answers: fn(&Order) -> Vec<Acknowledge>) -> Self {
-        let setup = Setup { system: 1, runway: Runway::default() };
+        let numbers = numbers();
+        let setup = Setup {
+            system: 1,
+            runway: numbers.runway,
+            functions: 1 << FROM_COMMAND | 1 << FROM_CONTROLLER,
+            encoding: Encoding::Bytes,
+            rates: Rates::default(),
+        };
         Self {
             station: Station::new(&setup),
             ground: Encoder::new(GROUND.0, GROUND.1),
             window: 0,
             answers,
             ordered: Vec::new(),
+            numbers,
+            table: parameters(),
+            controller_is_silent: false,
         }
     }
 
@@ -50,6 +94,9 @@ impl World {
         messages.iter().for_each(|message| self.ground.write(message, &mut bytes));
         self.station.datagram(&bytes, now_ns);
         for order in self.station.window(now_ns) {
+            if self.parameter(&order) {
+                continue;
+            }
             self.station.ordered(&order);
             self.ordered.push(order);
             for answer in (self.answers)(&order) {
@@ -61,6 +108,33 @@ impl World {
             Decoder::new().datagram(&message, |received| heard.push(received.message));
         }
         heard
+    }
+
+    /// What the functions answer to an order about parameters.
+    fn parameter(&mut self, order: &Order) -> bool {
+        let (Order::ReadParameter { of, .. } | Order::SetParameter(ParameterSetting { of, .. })) = *order
+        else {
+            return false;
+        };
+        let order = match *order {
+            Order::SetParameter(mut setting) if of == FROM_CONTROLLER => {
+                setting.name[..3].copy_from_slice(b"CMD");
+                Order::SetParameter(setting)
+            }
+            order => order,
+        };
+        let frame = Frame { letter: order.letter(), data: order.data() };
+        let message = GroundMessage::from_frame(&frame).unwrap();
+        let answer = self.table.take(&message, &mut self.numbers, 0).unwrap();
+        for message in answer.messages().filter(|_| of == FROM_COMMAND || !self.controller_is_silent) {
+            let frame = Frame { letter: message.letter, data: message.bytes().to_vec() };
+            let telemetry = match Telemetry::of(&frame).unwrap() {
+                Telemetry::Parameter(value) => Telemetry::Parameter(named_of(of, value)),
+                other => other,
+            };
+            self.station.telemetry(&telemetry);
+        }
+        true
     }
 
     /// So many windows without a word from the ground.
@@ -391,48 +465,123 @@ fn lost_item_is_asked_for_again_and_a_lost_ground_station_is_given_up() {
     assert!(heard.iter().any(|message| matches!(message, MavMessage::MISSION_ACK(ack) if ack.mavtype == MavMissionResult::MAV_MISSION_OPERATION_CANCELLED)));
 }
 
-fn parameter(id: &str, param_value: f32) -> MavMessage {
-    let mut message = PARAM_SET_DATA { param_value, target_system: 1, ..PARAM_SET_DATA::DEFAULT };
+fn parameter(id: &str, param_value: f32, param_type: MavParamType) -> MavMessage {
+    let mut message = PARAM_SET_DATA { param_value, param_type, target_system: 1, ..PARAM_SET_DATA::DEFAULT };
     message.param_id = id.into();
     MavMessage::PARAM_SET(message)
 }
 
-#[test]
-fn parameters_are_listed_whole_and_bad_values_are_refused_with_the_one_that_stands() {
-    let mut world = World::new(accept);
-    world.window(&[MavMessage::PARAM_REQUEST_LIST(PARAM_REQUEST_LIST_DATA {
+fn list() -> MavMessage {
+    MavMessage::PARAM_REQUEST_LIST(PARAM_REQUEST_LIST_DATA {
         target_system: 1,
         ..PARAM_REQUEST_LIST_DATA::DEFAULT
-    })]);
-    world.window += 1;
-    let told = |heard: &[MavMessage]| -> Vec<(u16, u16, f32)> {
-        heard
-            .iter()
-            .filter_map(|message| match message {
-                MavMessage::PARAM_VALUE(value) => {
-                    Some((value.param_index, value.param_count, value.param_value))
-                }
-                _ => None,
-            })
-            .collect()
+    })
+}
+
+/// Place, count and value of what is told.
+fn told(heard: &[MavMessage]) -> Vec<(u16, u16, f32)> {
+    let value = |message: &MavMessage| match message {
+        MavMessage::PARAM_VALUE(value) => Some((value.param_index, value.param_count, value.param_value)),
+        _ => None,
     };
-    let rest = told(&world.windows(10));
-    assert_eq!(rest.iter().map(|(index, ..)| *index).collect::<Vec<_>>(), (2..7).collect::<Vec<_>>());
-    assert!(rest.iter().all(|(_, count, _)| *count == 7));
-    for (id, value, stands) in [
-        ("RATE_HUD", 20.0, 20.0),
-        ("RATE_HUD", 51.0, 20.0),
-        ("RATE_HUD", f32::NAN, 20.0),
-        ("SYS_ID", 9.0, 1.0),
+    heard.iter().filter_map(value).collect()
+}
+
+fn errors(heard: &[MavMessage]) -> Vec<MavParamError> {
+    let error = |message: &MavMessage| match message {
+        MavMessage::PARAM_ERROR(error) => Some(error.error),
+        _ => None,
+    };
+    heard.iter().filter_map(error).collect()
+}
+
+const REAL: MavParamType = MavParamType::MAV_PARAM_TYPE_REAL32;
+
+#[test]
+fn parameters_of_all_functions_are_listed_whole_with_their_types() {
+    let mut world = World::new(accept);
+    let mut heard = world.window(&[list()]);
+    heard.extend(world.windows(60));
+    let told = told(&heard);
+    assert_eq!(told.iter().map(|(index, ..)| *index).collect::<Vec<_>>(), (0..22).collect::<Vec<_>>());
+    assert!(told.iter().all(|(_, count, _)| *count == 22));
+    let whole = heard.iter().find_map(|message| match message {
+        MavMessage::PARAM_VALUE(value) if value.param_type == MavParamType::MAV_PARAM_TYPE_INT32 => {
+            Some((value.param_id.to_str().unwrap().to_owned(), value.param_value.to_bits()))
+        }
+        _ => None,
+    });
+    assert_eq!(whole, Some(("CMD_BAUD".into(), 57_600)));
+}
+
+#[test]
+fn nothing_is_asked_of_the_functions_before_a_ground_station_asks() {
+    let mut world = World::new(accept);
+    world.windows(200);
+    assert!(world.ordered.is_empty() && told(&world.windows(10)).is_empty());
+}
+
+#[test]
+fn bad_parameters_are_refused_with_the_reason_and_the_one_that_stands() {
+    use MavParamError as E;
+    let mut world = World::new(accept);
+    for (id, value, stands, error) in [
+        ("CMD_RATE_HUD", 20.0, 20.0, None),
+        ("CTL_RATE_HUD", 0.4, 0.4, None),
+        ("CMD_RATE_HUD", 51.0, 0.4, Some(E::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)),
+        ("CMD_RATE_HUD", f32::NAN, 0.4, Some(E::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)),
+        ("CMD_ORIGIN_ALT", 9.0, Runway::default().altitude_m as f32, Some(E::MAV_PARAM_ERROR_READ_ONLY)),
     ] {
-        let heard = world.window(&[parameter(id, value)]);
-        assert_eq!(told(&heard)[0].2, stands, "{id} = {value}");
-        let refused = heard.iter().any(|message| matches!(message, MavMessage::PARAM_ERROR(_)));
-        assert_eq!(refused, value != stands, "{id} = {value}");
+        let mut heard = world.window(&[parameter(id, value, REAL)]);
+        heard.extend(world.windows(30));
+        assert_eq!(told(&heard).last().unwrap().2, stands, "{id} = {value}");
+        assert_eq!(errors(&heard), error.into_iter().collect::<Vec<_>>(), "{id} = {value}");
     }
-    let heard = world.window(&[parameter("NOWHERE", 1.0)]);
-    assert!(told(&heard).is_empty());
-    assert!(heard.iter().any(|message| matches!(message, MavMessage::PARAM_ERROR(error) if error.error == MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST)));
+    // What was sent as 0.4 is 0.4, and not the nearest that a float has.
+    assert_eq!(world.numbers.rates.hud_hz, 0.4);
+    for (id, kind, error) in [
+        ("NOWHERE", REAL, E::MAV_PARAM_ERROR_DOES_NOT_EXIST),
+        ("CMD_RATE_HUD", MavParamType::MAV_PARAM_TYPE_REAL64, E::MAV_PARAM_ERROR_TYPE_UNSUPPORTED),
+    ] {
+        let mut heard = world.window(&[parameter(id, 1.0, kind)]);
+        heard.extend(world.windows(30));
+        assert_eq!((told(&heard), errors(&heard)), (Vec::new(), vec![error]), "{id}");
+    }
+}
+
+#[test]
+fn whole_number_is_set_by_its_bits_and_by_its_value() {
+    let mut world = World::new(accept);
+    let bits = f32::from_bits(7);
+    for (value, kind) in [(bits, MavParamType::MAV_PARAM_TYPE_INT32), (7.0, REAL)] {
+        world.numbers.rates.hud_hz = 0.0;
+        world.window(&[parameter("CMD_RATE_HUD", value, kind)]);
+        world.windows(30);
+        assert_eq!(world.numbers.rates.hud_hz, 7.0);
+    }
+}
+
+#[test]
+fn silent_function_is_named_does_not_hold_up_the_list_and_is_found_later_behind_the_others() {
+    let mut world = World::new(accept);
+    world.controller_is_silent = true;
+    let mut heard = world.window(&[list()]);
+    heard.extend(world.windows(150));
+    assert_eq!(told(&heard).len(), 11);
+    let named = heard.iter().any(|message| {
+        matches!(message, MavMessage::STATUSTEXT(text) if text.text.to_str().is_ok_and(|t| t.starts_with("controller does not answer")))
+    });
+    assert!(named);
+    world.controller_is_silent = false;
+    let mut heard = world.window(&[list()]);
+    heard.extend(world.windows(100));
+    let places: Vec<_> = told(&heard).iter().map(|(index, ..)| *index).collect();
+    assert_eq!(places, (0..22).collect::<Vec<_>>());
+    // Known by now: the list has it, setting it says who does not answer.
+    world.controller_is_silent = true;
+    let mut heard = world.window(&[parameter("CTL_RATE_HUD", 1.0, REAL)]);
+    heard.extend(world.windows(120));
+    assert_eq!(errors(&heard), [MavParamError::MAV_PARAM_ERROR_READ_FAIL]);
 }
 
 #[test]
@@ -453,4 +602,23 @@ fn what_is_for_another_system_or_an_echo_or_garbage_does_nothing() {
     world.station.datagram(b"\xfd\x09garbage", 0);
     world.station.stream(&[0xfe; 400], 0);
     assert!(world.ordered.is_empty() && world.station.refused() > 0);
+}
+
+#[test]
+fn fault_in_the_module_is_a_text_with_its_severity_and_number() {
+    let mut world = World::new(accept);
+    world.windows(10);
+    let text = "estimator: killed -> warm_restart (ended by SIGKILL)";
+    world.station.telemetry(&Telemetry::Health(HealthText::of(3, text, 2, 0)));
+    let texts: Vec<_> = world
+        .window(&[])
+        .iter()
+        .filter_map(|message| match message {
+            MavMessage::STATUSTEXT(text) => Some((text.severity, text.text.to_str().unwrap().to_owned())),
+            _ => None,
+        })
+        .collect();
+    let said: String = texts.iter().map(|(_, text)| text.as_str()).collect();
+    assert_eq!(said, format!("{text} (2 times)"));
+    assert!(texts.iter().all(|(severity, _)| *severity == MavSeverity::MAV_SEVERITY_ERROR));
 }

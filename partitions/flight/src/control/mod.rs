@@ -289,6 +289,14 @@ impl Controller {
         &self.guidance
     }
 
+    /// Flies with other gains and limits from now on.
+    pub fn configure(&mut self, config: ControllerConfig) {
+        if config.cruise_mps != self.config.cruise_mps {
+            self.trim = self.airframe.trim(config.cruise_mps, 1.2);
+        }
+        self.config = config;
+    }
+
     /// Level flight at cruise airspeed.
     pub fn trim(&self) -> &Trim {
         &self.trim

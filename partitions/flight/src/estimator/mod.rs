@@ -233,6 +233,11 @@ impl Estimator {
         self.phase = Phase::Stopped;
     }
 
+    /// What is fused.
+    pub fn aiding(&self) -> Aiding {
+        self.config.aiding
+    }
+
     /// Chooses what is fused from now on.
     pub fn set_aiding(&mut self, aiding: Aiding) {
         self.config.aiding = aiding;

@@ -287,6 +287,11 @@ impl Guidance {
         &self.waypoints[..self.count]
     }
 
+    /// Flies with another configuration from now on; a corner that is being flown is flown as it was begun.
+    pub fn configure(&mut self, config: GuidanceConfig) {
+        self.config = config;
+    }
+
     /// Starts the mission at its first way-point, from wherever the aircraft is at the next step.
     pub fn restart(&mut self) {
         (self.next, self.reached, self.stage, self.hold) = (0, 0, Stage::Idle, None);

@@ -55,16 +55,20 @@ impl Missing {
         let (module, module_name) = module(plan, wish.module)?;
         let schedule = &plan[plan.initial_schedule()];
         let window = match free_offset(plan, module, schedule, wish.window_ns) {
-            Some(offset_ns) => Ok(format!(
+            Ok(offset_ns) => Ok(format!(
                 "{{ partition = \"{name}\", offset = \"{}\", duration = \"{}\" }}",
                 ShowTime(offset_ns),
                 ShowTime(wish.window_ns)
             )),
-            None => Err(format!(
-                "no hole of the first core of `{module_name}` has room for {} in every minor frame of `{}`: shorten a window, \
-                 give --window a shorter time, or let `bateleur plan` lay all of them anew",
+            Err(largest_ns) => Err(format!(
+                "no hole of the first core of `{module_name}` has room for {} in every minor frame of `{}`: {}; shorten a window, \
+                 or let `bateleur plan` lay all of them anew",
                 ShowTime(wish.window_ns),
-                schedule.name
+                schedule.name,
+                match largest_ns {
+                    0 => "there is none".to_owned(),
+                    ns => format!("the largest has room for --window {}", ShowTime(ns)),
+                }
             )),
         };
         let table = table(name, module_name);
@@ -109,11 +113,12 @@ fn table(name: &str, module: &str) -> String {
     )
 }
 
-/// An offset at which the module's first core is free in every minor frame, at the start of the largest hole.
-fn free_offset(plan: &Plan, module: ModuleId, schedule: &Schedule, window_ns: u64) -> Option<u64> {
+/// An offset at which the module's first core is free in every minor frame, at the start of the largest hole; where no hole is
+/// long enough, the longest window that would fit, ns.
+fn free_offset(plan: &Plan, module: ModuleId, schedule: &Schedule, window_ns: u64) -> Result<u64, u64> {
     let line = Timeline::of(plan, module, plan.initial_schedule());
     let minor_ns = schedule.minor_frame_ns;
-    let core = line.cores.first()?;
+    let Some(core) = line.cores.first() else { return Err(0) };
     let mut busy: Vec<(u64, u64)> = core
         .windows
         .iter()
@@ -127,10 +132,13 @@ fn free_offset(plan: &Plan, module: ModuleId, schedule: &Schedule, window_ns: u6
         }
         free_from = free_from.max(end);
     }
-    let room = |&&(length, _): &&(u64, u64)| length >= window_ns + 2 * GAP_NS;
-    let (_, start) =
-        holes.iter().filter(room).max_by_key(|&&(length, start)| (length, std::cmp::Reverse(start)))?;
-    Some(if *start == 0 { 0 } else { start + GAP_NS })
+    let largest = holes.iter().max_by_key(|&&(length, start)| (length, std::cmp::Reverse(start)));
+    let Some(&(length, start)) = largest else { return Err(0) };
+    match length.saturating_sub(2 * GAP_NS) {
+        room_ns if room_ns < window_ns => Err(room_ns),
+        _ if start == 0 => Ok(0),
+        _ => Ok(start + GAP_NS),
+    }
 }
 
 /// Writes it into the file, if the file is as good with it.

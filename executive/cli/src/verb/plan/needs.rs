@@ -50,8 +50,10 @@ impl Needs {
     pub(super) fn read(path: &Path) -> Result<Self> {
         let text =
             std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-        toml::from_str(&text)
-            .map_err(|error| anyhow::anyhow!("{}: {}", path.display(), error.to_string().trim_end()))
+        toml::from_str(&text).map_err(|error: toml::de::Error| {
+            let shown = error.to_string().replace(error.message(), &in_words_of_the_file(error.message()));
+            anyhow::anyhow!("{}: {}", path.display(), shown.trim_end())
+        })
     }
 
     /// What the planner is asked: every partition of the module file with its need.
@@ -82,6 +84,48 @@ impl Needs {
     }
 }
 
+/// The keys that the file may have.
+const KEYS: [&str; 8] = ["name", "minor_frame", "gap", "need", "period", "duration", "core", "offset"];
+/// A need as it may stand there.
+const EXAMPLE: &str = "{ period = \"20ms\", duration = \"1ms\" }";
+
+/// The library's "invalid type: integer `5`, expected a string" as a person who writes the file would say it; words of another shape
+/// stay as they are.
+fn in_words_of_the_file(message: &str) -> String {
+    let quoted = || message.split('`').nth(1).unwrap_or_default();
+    if let Some(rest) = message.strip_prefix("invalid type: ")
+        && let Some((found, expected)) = rest.rsplit_once(", expected ")
+    {
+        let found = found.replace('`', "");
+        return match expected {
+            "a string" => format!("{found} is no time: write a text such as \"20ms\""),
+            "u32" => format!("{found} is no core: write its number, such as 1"),
+            "a map" => {
+                format!("`[need]` has a line for each partition, such as imu = {EXAMPLE}; found {found}")
+            }
+            _ => format!("a need is a table such as {EXAMPLE}; found {found}"),
+        };
+    }
+    if message.starts_with("invalid value: ") {
+        return "a core is a whole number from 0 on".into();
+    }
+    if message.starts_with("missing field `need`") {
+        return format!("the file has no `[need]`: give it one, with a line such as imu = {EXAMPLE}");
+    }
+    if message.starts_with("missing field ") {
+        return format!("the need has no `{}`: write it as {EXAMPLE}", quoted());
+    }
+    if message.starts_with("unknown field ") {
+        let known = message.split('`').skip(3).step_by(2).collect::<Vec<_>>();
+        let known = if known.is_empty() { KEYS.to_vec() } else { known };
+        return match nearest(quoted(), known.iter().copied()) {
+            Some(near) => format!("there is no key `{}`: did you mean `{near}`?", quoted()),
+            None => format!("there is no key `{}`: there are {}", quoted(), known.join(", ")),
+        };
+    }
+    message.to_owned()
+}
+
 impl Asked {
     fn need(&self, name: &str, cores: Vec<(usize, u32)>, module: &str) -> Result<Need> {
         for (what, time) in [("period", self.period), ("duration", self.duration)] {
@@ -103,5 +147,42 @@ impl Asked {
             cores,
             offset_ns: self.offset.map(|time| time.0),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(text: &str) -> String {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("needs.toml");
+        std::fs::write(&path, text).unwrap();
+        Needs::read(&path).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn mistakes_are_told_in_the_words_of_the_file_and_at_their_place() {
+        for (text, expected) in [
+            (
+                "[need]\nimu = { period = 20, duration = \"1ms\" }\n",
+                "integer 20 is no time: write a text such as \"20ms\"",
+            ),
+            ("[need]\nimu = { period = \"20ms\", duration = \"1ms\", core = \"one\" }\n", "is no core"),
+            ("[need]\nimu = { period = \"20ms\" }\n", "the need has no `duration`: write it as { period"),
+            ("[need]\nimu = 5\n", "a need is a table such as { period"),
+            ("gap = \"1ms\"\n", "the file has no `[need]`"),
+            (
+                "[need]\nimu = { perod = \"20ms\", duration = \"1ms\" }\n",
+                "there is no key `perod`: did you mean `period`?",
+            ),
+            ("[need]\nimu = { period = \"20 parsecs\", duration = \"1ms\" }\n", "`20 parsecs` is not a time"),
+        ] {
+            let said = refused(text);
+            assert!(said.contains(expected), "{text}: {said}");
+            for rust in ["struct", "u32", "expected a string", "field"] {
+                assert!(!said.contains(rust), "{text}: {said}");
+            }
+        }
     }
 }

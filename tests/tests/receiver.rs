@@ -40,7 +40,7 @@ fn ended(module: Started) -> Ended {
 }
 
 fn messages<T: Message>(ended: &Ended, topic: &str) -> Vec<T> {
-    let recording = log::read(&ended.folder().join("ports.mcap"), |_| true).unwrap();
+    let recording = log::read(ended.folder().join("ports.mcap"), |_| true).unwrap();
     let track =
         recording.track(topic, T::NAME).unwrap_or_else(|| panic!("nothing of {topic}:\n{}", ended.stderr));
     track.typed().into_iter().map(|(_, message)| message).collect()

@@ -1,6 +1,6 @@
 //! The driver of a satellite receiver that speaks UBX (u-blox), over a serial line or a serial-to-Ethernet converter.
 //!
-//! Responsible for: asking the receiver for its navigation solution (NAV-PVT) at a rate, and turning each into a [`RawGps`]
+//! Responsible for: asking the receiver for its navigation solution (NAV-PVT) at a rate, and turning each into a `RawGps`
 //! with the module time at which it was measured. It must never invent one: what is damaged is counted and left out, and a
 //! receiver without a fix says so in what it publishes. The function `gps` reads it as it reads a simulator's.
 //!

@@ -54,7 +54,7 @@ fn needs_that_make_no_sense_are_refused_with_a_way_to_mend_them() {
             "partition `command` has no need",
         ),
         ("\"600us\"", "\"600\"", "`600` is not a time: it has no unit"),
-        ("duration = \"600us\"", "length = \"600us\"", "unknown field `length`"),
+        ("duration = \"600us\"", "length = \"600us\"", "there is no key `length`"),
         ("offset = \"12ms\"", "core = 3", "core 3, which module `fcu` does not have"),
         ("duration = \"600us\"", "duration = \"0ms\"", "the duration of `servo` is zero"),
     ] {

@@ -114,7 +114,10 @@ fn only_what_was_asked_for_is_compared() {
 fn place_that_is_nowhere_is_said_and_does_not_count_as_equal() {
     let found = compared(usual, usual, &Options { only: places(&["estimator.stat"]), ..Options::default() });
     assert!(!found.equal);
-    assert_eq!(found.incomparable, ["there is no port or field `estimator.stat` in either log"]);
+    assert_eq!(
+        found.incomparable,
+        ["there is no port or field `estimator.stat` in either log: did you mean `estimator.state`?"]
+    );
 }
 
 #[test]

@@ -144,7 +144,7 @@ mod tests {
         };
         let line = text.lines().position(|line| line == "    \"partitions/height_watch\",").unwrap();
         assert!(text.lines().nth(line - 1).unwrap().starts_with("    \"partitions/"));
-        assert!(text.lines().nth(line + 1).unwrap().starts_with("    \"hil/"));
+        assert!(text.lines().nth(line + 1).unwrap().starts_with("    \"gateway/"));
         let refused = workspace.refuse_a_second("imu").unwrap_err().to_string();
         assert!(refused.starts_with("`partitions/imu` builds a program called `imu` already"), "{refused}");
         assert!(workspace.refuse_a_second("height_watch").is_ok());

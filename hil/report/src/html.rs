@@ -3,7 +3,7 @@
 use crate::figures::{self, Group};
 use crate::flight::Flight;
 use crate::plot::escape;
-use crate::summary::{Analysis, Fault, Summary};
+use crate::summary::{Analysis, Fault, Judge, Summary};
 use crate::text::{self, Table, number};
 use crate::timeline::Timeline;
 use std::fmt::Write as _;
@@ -40,7 +40,11 @@ pub fn page(flight: &Flight, analysis: &Analysis, summary: &Summary) -> String {
 }
 
 fn head(out: &mut String, summary: &Summary) {
-    let (class, word) = if summary.completed { ("good", "completed") } else { ("bad", "not completed") };
+    let (class, word) = match (summary.completed, summary.judged_by) {
+        (false, _) => ("bad", "not completed"),
+        (true, Judge::Truth) => ("good", "completed"),
+        (true, Judge::Aircraft) => ("good", "completed by its own count"),
+    };
     let name = escape(&summary.flight);
     let _ =
         write!(out, r#"<header><h1>Flight {name}</h1><span class="badge {class}">{word}</span></header>"#);

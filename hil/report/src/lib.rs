@@ -34,7 +34,7 @@ pub mod windows;
 
 pub use error::ReportError;
 pub use flight::{Flight, Inputs};
-pub use summary::{Analysis, Summary};
+pub use summary::{Analysis, Judge, Summary};
 
 use std::path::Path;
 

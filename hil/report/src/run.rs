@@ -54,6 +54,8 @@ pub struct Run {
     pub module_time_s: f64,
     /// The schedule file.
     pub schedule: String,
+    /// The aircraft was somebody else's simulator, which leaves no truth: the aircraft's own count has to do.
+    pub foreign_simulator: bool,
     /// How the mission went.
     pub mission: Mission,
     /// The means by which this machine lets promises be kept; see [`Guarantee::held`].

@@ -82,15 +82,36 @@ pub struct Conditions {
     pub crashed: bool,
 }
 
+/// Who says that way-points were reached.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Judge {
+    /// The simulator's truth, passage by passage.
+    #[default]
+    Truth,
+    /// The aircraft's own count: somebody else's simulator leaves no truth.
+    Aircraft,
+}
+
+impl Judge {
+    fn of(flight: &Flight) -> Self {
+        let foreign = flight.run.as_ref().is_some_and(|run| run.foreign_simulator);
+        if foreign && flight.truth.is_empty() { Self::Aircraft } else { Self::Truth }
+    }
+}
+
 /// The flight in numbers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Name of the flight's folder.
     pub flight: String,
-    /// All laps were flown, by the executive's word and by the truth.
+    /// All laps were flown, by the executive's word and by [`Summary::judged_by`].
     pub completed: bool,
     /// Why not, if not.
     pub failure: Option<String>,
+    /// Who says that way-points were reached.
+    #[serde(default)]
+    pub judged_by: Judge,
     /// Way-points in the order reached, "WP0".
     pub waypoints: Vec<String>,
     /// Module time of each, s.
@@ -205,6 +226,7 @@ impl Analysis {
             flight: flight.name.clone(),
             completed: verdict.failure.is_none(),
             failure: verdict.failure,
+            judged_by: Judge::of(flight),
             waypoints: self.passages.iter().map(Passage::name).collect(),
             waypoint_times_s: self.passages.iter().map(|passage| seconds(passage.time_ns)).collect(),
             waypoint_distances_m: self.passages.iter().map(|passage| passage.distance_m).collect(),
@@ -248,7 +270,9 @@ impl Analysis {
 
     fn verdict(&self, flight: &Flight) -> Verdict {
         let count = flight.inputs.waypoints.len();
-        let confirmed = mission::in_order(&self.passages, count, |passage| passage.verified).len();
+        let judge = Judge::of(flight);
+        let reached = |passage: &Passage| judge == Judge::Aircraft || passage.verified;
+        let confirmed = mission::in_order(&self.passages, count, reached).len();
         // A lap ends with the return to the first way-point.
         let laps = confirmed.saturating_sub(1).checked_div(count).unwrap_or(0) as u32;
         let failure = reported_failure(flight.run.as_ref())
@@ -269,10 +293,13 @@ impl Analysis {
                 "it can not be judged, the messages end at {logged_s:.1} s of {flown_s:.1} s; until then "
             )
         });
-        Some(format!(
-            "{until}the truth confirms {confirmed} of {wanted} way-points in order (the aircraft counted {counted}); \
-             {laps} of {asked} laps were flown"
-        ))
+        let words = match Judge::of(flight) {
+            Judge::Truth => format!(
+                "the truth confirms {confirmed} of {wanted} way-points in order (the aircraft counted {counted})"
+            ),
+            Judge::Aircraft => format!("the aircraft counted {confirmed} of {wanted} way-points in order"),
+        };
+        Some(format!("{until}{words}; {laps} of {asked} laps were flown"))
     }
 }
 

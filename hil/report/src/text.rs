@@ -2,7 +2,7 @@
 
 use crate::chains::ChainAge;
 use crate::run::Clock;
-use crate::summary::{Fault, Summary};
+use crate::summary::{Fault, Judge, Summary};
 use crate::timing::Percentiles;
 
 /// Columns that no line exceeds.
@@ -101,7 +101,15 @@ fn wrap(lines: &mut Vec<String>, label: &str, text: &str) {
 /// One sentence: whether it was flown, and how fast.
 pub(crate) fn headline(summary: &Summary) -> String {
     let verdict = match &summary.failure {
-        None => format!("completed, {} laps", summary.laps),
+        None => match summary.judged_by {
+            Judge::Truth => format!("completed, {} laps", summary.laps),
+            Judge::Aircraft => {
+                format!(
+                    "completed by the aircraft's own count, {} laps (the simulator left no truth)",
+                    summary.laps
+                )
+            }
+        },
         Some(why) => format!("NOT completed: {why}"),
     };
     let clock = match summary.clock {
@@ -120,7 +128,8 @@ pub(crate) fn headline(summary: &Summary) -> String {
 /// The way-points in order, those without the truth's confirmation with a question mark.
 pub(crate) fn waypoints(summary: &Summary) -> String {
     let named = |(place, name): (usize, &String)| {
-        let doubt = if summary.unverified_waypoints.contains(&place) { "?" } else { "" };
+        let doubted = summary.judged_by == Judge::Truth && summary.unverified_waypoints.contains(&place);
+        let doubt = if doubted { "?" } else { "" };
         format!("{name}{doubt}")
     };
     let names: Vec<_> = summary.waypoints.iter().enumerate().map(named).collect();

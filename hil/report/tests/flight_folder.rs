@@ -6,7 +6,7 @@ mod synthetic;
 use bateleur_report::chains::ChainBound;
 use bateleur_report::log::{self, Ending};
 use bateleur_report::run::Clock;
-use bateleur_report::{Inputs, ReportError, summary, text, write};
+use bateleur_report::{Inputs, Judge, ReportError, summary, text, write};
 use std::path::Path;
 
 fn page(dir: &Path) -> String {
@@ -104,6 +104,25 @@ fn success_is_not_taken_from_the_aircrafts_word() {
     assert!(!summary.completed && summary.laps == 0);
     assert!(summary.failure.unwrap().contains("confirms 0 of 9"));
     assert!(text::table(&summary::make(dir.path(), &Inputs::default()).unwrap()).contains("WP0?"));
+}
+
+#[test]
+fn somebody_elses_simulator_leaves_no_truth_and_the_aircrafts_count_has_to_do() {
+    let dir = tempfile::tempdir().unwrap();
+    synthetic::write(dir.path(), synthetic::whole_s());
+    std::fs::remove_file(dir.path().join("truth.bin")).unwrap();
+    let own = write(dir.path(), &Inputs::default()).unwrap();
+    assert!(!own.completed, "a truth of ours that is lost proves nothing");
+    let path = dir.path().join("run.json");
+    let mut run: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    run["foreign_simulator"] = true.into();
+    std::fs::write(&path, run.to_string()).unwrap();
+    let summary = write(dir.path(), &Inputs::default()).unwrap();
+    assert_eq!((summary.completed, summary.judged_by, summary.laps), (true, Judge::Aircraft, 2));
+    assert!(summary.scores.straight_cross_track_rms_m.is_none(), "no truth, no score");
+    let text = text::table(&summary::make(dir.path(), &Inputs::default()).unwrap());
+    assert!(text.contains("by the aircraft's own count") && !text.contains("WP0?"), "{text}");
+    check_page(&page(dir.path()));
 }
 
 #[test]

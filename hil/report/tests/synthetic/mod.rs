@@ -249,6 +249,7 @@ fn write_run(dir: &Path, seconds: f64) {
         wall_time_s: seconds,
         module_time_s: seconds,
         schedule: "schedule.toml".to_owned(),
+        foreign_simulator: false,
         mission: run::Mission { completed: true, failure: None, waypoints_reached: Some(9) },
         guarantees: vec![
             guarantee("windows end on time", true, "SCHED_FIFO 98 on core 1, cgroup freezer"),

@@ -306,6 +306,7 @@ fn record(arguments: &Arguments, flown: &Flown, wall_time_s: f64) -> Run {
         wall_time_s,
         module_time_s: flown.module_time_s,
         schedule: arguments.schedule.display().to_string(),
+        foreign_simulator: arguments.no_simulator,
         mission: MissionResult {
             completed: flown.failure.is_none(),
             failure: flown.failure.clone(),

@@ -4,7 +4,7 @@
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
+use std::process::{Command, ExitCode};
 use std::time::{Duration, Instant};
 
 use crate::step::{Step, succeeds};
@@ -65,6 +65,7 @@ fn everything(root: &Path, tally: &mut Tally) -> Result<(), String> {
         .run(tally)?;
     Step::cargo("programs", &["build", "--release", "--workspace", "--bins"]).run(tally)?;
     schedule(tally)?;
+    other_processor(tally)?;
     shown_commands(root)?;
     tests(tally)?;
     guest(root, tally)?;
@@ -133,6 +134,28 @@ fn guest(root: &Path, tally: &mut Tally) -> Result<(), String> {
             Ok(())
         }
     }
+}
+
+/// All programs are accepted for the other kind of processor that aircraft carry: system calls, atomics and constants have twins.
+fn other_processor(tally: &mut Tally) -> Result<(), String> {
+    let target =
+        if cfg!(target_arch = "aarch64") { "x86_64-unknown-linux-gnu" } else { "aarch64-unknown-linux-gnu" };
+    let compiler = target.replace("-unknown", "") + "-gcc";
+    let library = Command::new("rustc").args(["--print", "target-libdir", "--target", target]).output();
+    let there = library.is_ok_and(|said| Path::new(String::from_utf8_lossy(&said.stdout).trim()).is_dir());
+    if there && succeeds(&compiler, &["--version"], ASKING) {
+        return Step::cargo(
+            "other processor",
+            &["check", "--release", "--workspace", "--bins", "--target", target],
+        )
+        .run(tally);
+    }
+    let lack = format!(
+        "rustup target add {target}, and {compiler} (on Debian: gcc-{})",
+        compiler.trim_end_matches("-gcc").replace('_', "-")
+    );
+    println!("== other processor: NOT CHECKED ({lack})");
+    Ok(())
 }
 
 /// The schedule that is delivered has not even a warning.

@@ -48,9 +48,8 @@ def call_pilot(address):
     return False
 
 
-def main():
-    ground = Ground()
-    print(json.dumps({"listening": ground.address}), flush=True)
+def take_off(ground, simulator=None):
+    """Everything until the autopilot has the aircraft, and what came of it."""
     said = {"heard": ground.hear("HEARTBEAT", seconds=60.0) is not None}
     said["hil"] = until_accepted(ground, mavlink.MAV_CMD_DO_SET_MODE, HIL)
     said["calibrated"] = until_accepted(ground, mavlink.MAV_CMD_PREFLIGHT_CALIBRATION, 1, 0, 1)
@@ -61,10 +60,17 @@ def main():
     ready = ground.hear("SYS_STATUS", seconds=60.0, where=lambda message: message.onboard_control_sensors_health & AHRS)
     said["ready"] = ready is not None
     said["auto"] = until_accepted(ground, mavlink.MAV_CMD_DO_SET_MODE, HIL | AUTO)
-    said["pilot"] = call_pilot(sys.argv[1]) if len(sys.argv) > 1 else None
+    said["pilot"] = call_pilot(simulator) if simulator else None
     climbing = ground.hear("GLOBAL_POSITION_INT", seconds=120.0, where=lambda message: message.relative_alt > 1e3 * ENGAGE_M and message.vz < 0)
     said["engaged_at"] = climbing and climbing.relative_alt * 1e-3
     said["armed"] = until_accepted(ground, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    return said
+
+
+def main():
+    ground = Ground()
+    print(json.dumps({"listening": ground.address}), flush=True)
+    said = take_off(ground, *sys.argv[1:2])
     reached, heights, landed = [], [], set()
     end = time.monotonic() + 600.0
     while time.monotonic() < end and "the laps are flown" not in ground.texts:

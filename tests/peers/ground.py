@@ -26,6 +26,7 @@ class Ground:
         self.line = mavutil.mavlink_connection("udpin:127.0.0.1:%d" % port, source_system=255, source_component=190)
         self.address = "127.0.0.1:%d" % port
         self.texts, self.kinds, self.latest = [], {}, {}
+        self.answers_beats = False  # a heartbeat for each of the aircraft's: as often as module time goes
 
     def hear(self, wanted=None, seconds=5.0, where=lambda message: True):
         """Everything that comes, until a message of a kind `wanted` (one or a list)."""
@@ -38,6 +39,8 @@ class Ground:
             kind = message.get_type()
             self.kinds[kind] = self.kinds.get(kind, 0) + 1
             self.latest[kind] = message
+            if kind == "HEARTBEAT" and self.answers_beats:
+                self.line.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE)
             if kind == "STATUSTEXT":
                 self.texts.append(message.text)
             if kind in wanted and where(message):

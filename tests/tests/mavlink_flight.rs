@@ -9,7 +9,7 @@ use std::process::{Child, Command, Stdio};
 use bateleur_mavlink::Encoder;
 use bateleur_mavlink::common::{COMMAND_LONG_DATA, MavCmd, MavMessage};
 use bateleur_tests::{
-    PATIENCE, Peer, TWO_LAPS, among_others, await_some, bateleur, edited, flight_schedule, program,
+    PATIENCE, Peer, Started, TWO_LAPS, among_others, await_some, bateleur, edited, flight_schedule, program,
 };
 use serde_json::{Value, json};
 
@@ -59,15 +59,13 @@ impl Drop for Simulator {
     }
 }
 
-#[test]
-fn two_laps_are_flown_by_mavlink_orders_alone() {
-    let _turn = among_others();
-    let simulator = Simulator::start(&["--protocol", "mavlink", "--seed", "11", "--wind", "3"]);
-    let Some(mut ground) = Peer::start("flight.py", &[&simulator.address]) else { return };
+/// The module on the virtual clock, between a simulator and a ground station that both speak MAVLink, and the folder of its
+/// schedule, in which Command has these attributes more.
+fn by_mavlink(simulator: &Simulator, ground: &Peer, attributes: &str) -> (Started, tempfile::TempDir) {
     let folder = tempfile::tempdir().unwrap();
     let schedule = folder.path().join("schedule.toml");
     let to_ground = format!(
-        "network    = true\nattributes = {{ device = \"/dev/nowhere\", mavlink = \"{}\" }}",
+        "network    = true\nattributes = {{ {attributes}device = \"/dev/nowhere\", mavlink = \"{}\" }}",
         ground.address()
     );
     std::fs::write(&schedule, edited(&[(r#"attributes = { device = "/dev/ttyS0" }"#, &to_ground)])).unwrap();
@@ -84,6 +82,15 @@ fn two_laps_are_flown_by_mavlink_orders_alone() {
         "--until",
         "3000",
     ]);
+    (module, folder)
+}
+
+#[test]
+fn two_laps_are_flown_by_mavlink_orders_alone() {
+    let _turn = among_others();
+    let simulator = Simulator::start(&["--protocol", "mavlink", "--seed", "11", "--wind", "3"]);
+    let Some(mut ground) = Peer::start("flight.py", &[&simulator.address]) else { return };
+    let (module, _folder) = by_mavlink(&simulator, &ground, "");
     let said = ground.line();
     eprintln!("{said:#}");
     module.signal(rustix::process::Signal::TERM);
@@ -98,6 +105,25 @@ fn two_laps_are_flown_by_mavlink_orders_alone() {
     assert!((height(0) - 160.0).abs() < 15.0 && (height(1) - 160.0).abs() < 15.0, "{}", said["heights"]);
     assert!(said["texts"].to_string().contains("the laps are flown"), "{}", said["texts"]);
     assert_eq!(said["mode"].as_u64().unwrap() & (128 + 32), 128 + 32, "armed, in HIL: {}", said["mode"]);
+}
+
+#[test]
+fn aircraft_whose_ground_falls_silent_comes_back_and_circles_over_the_runway() {
+    let _turn = among_others();
+    let simulator = Simulator::start(&["--protocol", "mavlink", "--seed", "13"]);
+    let Some(mut ground) = Peer::start("silence.py", &[&simulator.address]) else { return };
+    let (module, _folder) =
+        by_mavlink(&simulator, &ground, "lost_link = \"return\", lost_link_after = \"10s\", ");
+    let said = ground.line();
+    eprintln!("{said:#}");
+    module.signal(rustix::process::Signal::TERM);
+    module.end().expect_code(0);
+    assert_eq!((&said["armed"], &said["reached"]), (&json!(true), &json!(2)));
+    assert_eq!((&said["told"], &said["heard_again"]), (&json!(true), &json!(true)));
+    assert_eq!(said["passed_while_lost"], json!([]), "the mission is left");
+    // Two and a half radii at most lie between the circle and the place that it is flown about.
+    let far = said["distances_m"][1].as_f64().unwrap();
+    assert!(far < 250.0, "{far} m from the runway");
 }
 
 #[test]

@@ -43,6 +43,9 @@ const STEEPEST_BANK_RAD: f64 = 0.26;
 const STEEPEST_RETURN_RAD: f64 = 0.2;
 /// Elevator that keeps a tail wheel on the ground, rad.
 const TAIL_DOWN_RAD: f64 = -0.2;
+/// How much larger the elevator's movements are that raise the tail: slow air flows over it, and a tail that stays low lets the
+/// first gust lift the wing.
+const RAISE_TAIL: f64 = 2.5;
 /// Pitch at which an aircraft that a gust has lifted too early settles on its wheels again, rad.
 const SETTLE_PITCH_RAD: f64 = 0.1;
 /// Airspeed above which the rudder alone steers and the tail may rise, m/s.
@@ -123,7 +126,7 @@ impl SafetyPilot {
             _ if !truth.on_ground => self.elevator(truth, SETTLE_PITCH_RAD, 0.0),
             // The tail wheel steers only while it is held down, but a tail left low makes the wing lift too early.
             ..TAIL_UP_MPS if self.tail_wheel => TAIL_DOWN_RAD,
-            _ if self.tail_wheel => self.elevator(truth, TAIL_UP_PITCH_RAD, 0.0),
+            _ if self.tail_wheel => RAISE_TAIL * self.elevator(truth, TAIL_UP_PITCH_RAD, 0.0),
             _ => 0.0,
         };
         Controls {

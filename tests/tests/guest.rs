@@ -4,7 +4,7 @@
 #![cfg(target_arch = "x86_64")] // the guest's kernel is
 #![allow(clippy::unwrap_used, clippy::panic)] // as in any test
 
-use bateleur_tests::Guest;
+use bateleur_tests::{Guest, repository};
 
 /// Puts the script's shell into a group of its own, which has its controllers, and `bateleur` alone into one inside.
 const DELEGATED: &str = "
@@ -213,4 +213,55 @@ fn gateway_tells_bus_off_comes_back_after_it_and_names_what_is_wrong_with_an_int
     // Taken down and brought up again under a running gateway: told once each.
     let told = |words: &str| said.text.lines().filter(|line| line.contains(words)).count();
     assert_eq!((told("vcan1: the interface is down"), told("vcan1 is there again")), (1, 1), "{}", said.text);
+}
+
+/// A guest with a bus of the kernel, and what flies one lap over it.
+fn with_the_flight_over_can() -> Guest {
+    let schedule = std::fs::read_to_string(repository().join("schedules/can.toml")).unwrap();
+    let schedule = schedule.replace("laps = 2", "laps = 1");
+    assert!(schedule.contains("laps = 1"), "the controller is told how many");
+    // An emulator on a busy machine takes its time.
+    let schedule = schedule.replace("module     = \"fcu\"", "module = \"fcu\"\nstartup_timeout = \"60s\"");
+    let guest = ["can_interface", "can_board", "can_gateway"]
+        .iter()
+        .fold(Guest::of_the_flight().can(), |guest, name| guest.program(name));
+    guest.file("can.toml", &schedule)
+}
+
+#[test]
+#[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
+fn partition_in_its_cage_flies_over_a_bus_of_the_kernel_and_is_found_again_after_it_was_killed() {
+    let said = with_the_flight_over_can().run(&format!(
+        "{}{DELEGATED}
+        candump -L vcan0 > /tmp/heard &
+        listener=$!
+        in_unit ./bateleur fly --fast --require strict --schedule can.toml --set can_interface.bus=socketcan:vcan0 \\
+            --seed 4 --kill can_interface@60 --output /tmp/out
+        echo FLIGHT $?
+        kill $listener
+        echo QUESTIONS $(grep -c ' 2F0#' /tmp/heard) ANSWERS $(grep -c ' 1F0#' /tmp/heard)",
+        Guest::LOAD_CAN
+    ));
+    assert!(said.text.contains("FLIGHT 0"), "{}", said.text);
+    assert!(said.text.contains("completed, 1 lap"), "{}", said.text);
+    assert!(said.text.contains("can_interface: back after"), "{}", said.text);
+    let counts = said.text.lines().find_map(|line| line.strip_prefix("QUESTIONS ")).unwrap_or_default();
+    let numbers: Vec<u32> = counts.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+    assert!(numbers.len() == 2 && numbers.iter().all(|number| *number > 4_000), "{}", said.text);
+}
+
+#[test]
+#[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
+fn partition_without_a_grant_of_the_network_is_ended_when_it_asks_for_a_can_socket() {
+    let said = with_the_flight_over_can().run(&format!(
+        "{}{DELEGATED}
+        sed 's/^network    = true$/network    = false/' can.toml > denied.toml
+        cmp -s can.toml denied.toml && exit 9
+        in_unit ./bateleur run --fast --until 1 --require strict --schedule denied.toml --set can_interface.bus=socketcan:vcan0 \\
+            --output /tmp/out
+        echo ENDED $?",
+        Guest::LOAD_CAN
+    ));
+    assert!(said.text.contains("SIGSYS"), "{}", said.text);
+    assert!(!said.text.contains("ENDED 0"), "{}", said.text);
 }

@@ -10,12 +10,16 @@ use super::standby::Waiting;
 use super::watched::{Life, Watched};
 use super::{StartForStranger, StartJanitor, end_helper};
 use crate::partition::ended;
+use crate::system::chance;
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
 
-/// A janitor that takes longer is ended: the library's clean-up can hang. One that works takes some milliseconds, and on a
-/// machine with ten times the work that it can do a second; ended then, it leaves the successor without its ports.
+/// A janitor that has used more time than this is ended: the library's clean-up can hang. One that works takes some
+/// milliseconds.
 const JANITOR_PATIENCE_NS: u64 = 3_000_000_000;
+/// One that was hardly given a processor is ended after this: ended before its work is done, it leaves its successor's places in
+/// the channels taken.
+const STARVED_PATIENCE_NS: u64 = 30_000_000_000;
 
 /// Whose process is dead: a partition's place, and which of its two processes it was.
 type Grave = (usize, Seat);
@@ -70,7 +74,7 @@ impl Burials {
     pub(super) fn next_buried(&mut self, watched: &[Watched]) -> Option<Grave> {
         if let Some((dead, janitor, since_ns)) = self.janitor.take() {
             if ended(&janitor).is_none() {
-                if now_ns() - since_ns < JANITOR_PATIENCE_NS {
+                if !hangs(janitor.pid, now_ns() - since_ns) {
                     self.janitor = Some((dead, janitor, since_ns));
                     return None;
                 }
@@ -112,6 +116,12 @@ impl Burials {
             end_helper(&janitor);
         }
     }
+}
+
+/// Whether a janitor that began `elapsed_ns` ago will not come to an end.
+fn hangs(pid: i32, elapsed_ns: u64) -> bool {
+    elapsed_ns >= JANITOR_PATIENCE_NS
+        && (elapsed_ns >= STARVED_PATIENCE_NS || chance::used_ns(pid, elapsed_ns) >= JANITOR_PATIENCE_NS)
 }
 
 fn dead_process(watched: &Watched, seat: Seat) -> Option<i32> {

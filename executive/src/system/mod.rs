@@ -2,6 +2,7 @@
 
 pub mod account;
 pub mod cgroup;
+pub mod chance;
 pub mod delegation;
 pub mod filter;
 pub mod kernel_log;

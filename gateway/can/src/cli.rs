@@ -39,8 +39,8 @@ pub struct Run {
     #[arg(long, short, value_name = "FILE")]
     #[serde(skip)]
     pub config: Option<PathBuf>,
-    /// socketcan:can0, slcan:/dev/ttyUSB0 (with @500000 for the bit rate), slcan-pty:PATH (be the adapter of a new pseudo
-    /// terminal), replay:FILE, none.
+    /// socketcan:can0, slcan:/dev/ttyUSB0 (with @500000 for the bit rate, ,230400 for the serial line), slcan-pty:PATH (be the
+    /// adapter of a new pseudo terminal), replay:FILE, none.
     #[arg(long, short, value_name = "BUS")]
     pub bus: Option<String>,
     /// Its name, for its status. [default: can]
@@ -248,7 +248,7 @@ impl Run {
             protocol,
             forward: ids(self.forward, Ids::All)?,
             flush_after_ns: ns(self.flush_after_ms, 0.0, "--flush-after-ms")?,
-            only_from: self.only_from,
+            only_from: self.only_from.clone(),
             ring: ring.clone(),
             ..Settings::new(identity, session(), peers)
         };
@@ -256,6 +256,7 @@ impl Run {
             listen,
             bus: self.socketcand_bus.unwrap_or_else(|| "can0".into()),
             beacon: self.beacon,
+            only_from: self.only_from,
         });
         let usual = SocketAddr::from((Ipv4Addr::UNSPECIFIED, port));
         Ok(Options {

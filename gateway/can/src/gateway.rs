@@ -351,8 +351,9 @@ impl Gateway {
             self.counters.not_forwarded += 1;
             return;
         }
-        self.ring_bytes += native::size(frame);
-        self.ring.push(*frame, 0, now_ns);
+        if self.ring.push(*frame, 0, now_ns) {
+            self.ring_bytes += native::size(frame);
+        }
     }
 
     /// A datagram came. Frames for the bus go to `to_bus`, with their age.

@@ -10,6 +10,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::net::sockopt;
 use rustix::time::{ClockId, clock_gettime};
 
 use crate::bus::replay::Log;
@@ -28,6 +29,9 @@ const STOP_NS: u64 = 100_000_000;
 const RETRY_NS: u64 = 1_000_000_000;
 /// A bus whose queue is full is tried again after so long, ns: two frames at 1 Mbit/s.
 const FULL_NS: u64 = 250_000;
+/// What the system keeps for the gateway while another program has the processor, bytes: a second and a half of datagrams of one
+/// frame each from a full bus at 1 Mbit/s. What it keeps by default is gone after some 40 ms.
+const KEPT: usize = 4 << 20;
 /// Frames, and datagrams, taken in one turn at most, so that one side can not keep the other waiting.
 const PER_TURN: usize = 256;
 
@@ -328,6 +332,7 @@ impl Node {
             let socket = UdpSocket::bind(address)?;
             socket.set_nonblocking(true)?;
             socket.set_broadcast(true)?;
+            keep_more(&socket);
             io::Result::Ok(socket)
         };
         match open() {
@@ -469,6 +474,30 @@ impl Settings {
     }
 }
 
+/// Gives the socket room for what comes while this program can not run. Beyond `net.core.rmem_max` only CAP_NET_ADMIN can; what
+/// there is has to do otherwise, and what is lost then is counted.
+pub(crate) fn keep_more(socket: &impl AsFd) {
+    let _ = sockopt::set_socket_recv_buffer_size_force(socket, KEPT)
+        .or_else(|_| sockopt::set_socket_recv_buffer_size(socket, KEPT));
+    let _ = sockopt::set_socket_send_buffer_size(socket, KEPT);
+}
+
 fn put(socket: Option<&UdpSocket>, to: SocketAddr, bytes: &[u8]) -> bool {
     socket.is_some_and(|socket| socket.send_to(bytes, to).is_ok())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_socket_keeps_more_than_the_system_gives_by_itself() {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let by_itself = sockopt::socket_recv_buffer_size(&socket).unwrap();
+        keep_more(&socket);
+        let most = std::fs::read_to_string("/proc/sys/net/core/rmem_max").unwrap().trim().parse().unwrap();
+        let kept = sockopt::socket_recv_buffer_size(&socket).unwrap();
+        // The kernel counts twice what it is asked for, for what it needs itself.
+        assert!(kept >= 2 * KEPT.min(most) && kept > by_itself, "{kept} of {by_itself}");
+    }
 }

@@ -43,6 +43,8 @@ struct Entry {
     frame: Frame,
     /// When it came from where it was made, ns; before the time at which it came here where it has aged on the way.
     born_ns: u64,
+    /// Since when a frame waits in this place, ns: a newer one that takes it waits no longer for that.
+    since_ns: u64,
 }
 
 /// See the module's text.
@@ -55,6 +57,8 @@ pub struct Ring {
     /// The number of the entry of each identifier whose newest wins.
     latest: HashMap<(u32, bool), u64>,
     given_up: GivenUp,
+    /// For [`in_rounds`], which sorts in it.
+    rounds: Vec<(u32, Aged)>,
 }
 
 impl Ring {
@@ -67,6 +71,7 @@ impl Ring {
             taken: 0,
             latest: HashMap::new(),
             given_up: GivenUp::default(),
+            rounds: Vec::new(),
         }
     }
 
@@ -85,21 +90,22 @@ impl Ring {
         self.given_up
     }
 
-    /// When the frame that waits longest was born, ns.
+    /// Since when the first place is taken, ns.
     pub fn oldest_ns(&self) -> Option<u64> {
-        self.entries.front().map(|entry| entry.born_ns)
+        self.entries.front().map(|entry| entry.since_ns)
     }
 
-    /// Takes a frame that is `age_ns` old at `now_ns`.
-    pub fn push(&mut self, frame: Frame, age_ns: u64, now_ns: u64) {
+    /// Takes a frame that is `age_ns` old at `now_ns`; whether it needed a place of its own.
+    pub fn push(&mut self, frame: Frame, age_ns: u64, now_ns: u64) -> bool {
         if age_ns > self.rules.max_age_ns {
             self.given_up.expired += 1;
-            return;
+            return false;
         }
-        let entry = Entry { frame, born_ns: now_ns.saturating_sub(age_ns) };
+        let born_ns = now_ns.saturating_sub(age_ns);
+        let entry = Entry { frame, born_ns, since_ns: born_ns };
         let newest_wins = self.rules.newest_wins.contain(frame.id());
         if newest_wins && self.supersede(entry) {
-            return;
+            return false;
         }
         if self.entries.len() == self.rules.capacity {
             self.pop();
@@ -109,6 +115,7 @@ impl Ring {
             self.latest.insert(key(&frame), self.taken + self.entries.len() as u64);
         }
         self.entries.push_back(entry);
+        true
     }
 
     /// Puts the newest value in the place of the one that waits, if there is one.
@@ -116,7 +123,7 @@ impl Ring {
         let Some(number) = self.latest.get(&key(&entry.frame)) else { return false };
         let Some(place) = number.checked_sub(self.taken) else { return false };
         let Some(waiting) = self.entries.get_mut(place as usize) else { return false };
-        *waiting = entry;
+        *waiting = Entry { since_ns: waiting.since_ns, ..entry };
         self.given_up.superseded += 1;
         true
     }
@@ -127,11 +134,12 @@ impl Ring {
         Some(entry)
     }
 
-    /// Moves every frame that is not too old into `out`, in the order in which a bus would carry them; frames of one
-    /// identifier stay in their order.
+    /// Moves every frame that is not too old into `out`, in the order in which a bus would carry them: the first of each
+    /// identifier, then the second of each, and so on. So sets of frames that are sent again and again stay sets, where several of
+    /// them wait.
     pub fn drain(&mut self, now_ns: u64, out: &mut Vec<Aged>) {
         let begun = out.len();
-        while let Some(Entry { frame, born_ns }) = self.pop() {
+        while let Some(Entry { frame, born_ns, .. }) = self.pop() {
             let age_ns = now_ns.saturating_sub(born_ns);
             if age_ns > self.rules.max_age_ns {
                 self.given_up.expired += 1;
@@ -141,7 +149,7 @@ impl Ring {
         }
         self.latest.clear();
         if out.len() - begun > 1 {
-            out[begun..].sort_by_key(|aged| aged.frame.priority());
+            in_rounds(&mut out[begun..], &mut self.rounds);
         }
     }
 
@@ -149,7 +157,8 @@ impl Ring {
     /// between.
     pub fn put_back(&mut self, now_ns: u64, rest: &[Aged]) {
         for Aged { frame, age_ns } in rest.iter().rev() {
-            self.entries.push_front(Entry { frame: *frame, born_ns: now_ns.saturating_sub(*age_ns) });
+            let born_ns = now_ns.saturating_sub(*age_ns);
+            self.entries.push_front(Entry { frame: *frame, born_ns, since_ns: born_ns });
         }
         for (place, entry) in self.entries.iter().enumerate() {
             if self.rules.newest_wins.contain(entry.frame.id()) {
@@ -160,10 +169,28 @@ impl Ring {
 
     /// Gives up what has become too old, from the oldest on.
     pub fn expire(&mut self, now_ns: u64) {
-        while self.oldest_ns().is_some_and(|born_ns| now_ns.saturating_sub(born_ns) > self.rules.max_age_ns) {
+        let born_ns = |ring: &Self| ring.entries.front().map(|entry| entry.born_ns);
+        while born_ns(self).is_some_and(|born_ns| now_ns.saturating_sub(born_ns) > self.rules.max_age_ns) {
             self.pop();
             self.given_up.expired += 1;
         }
+    }
+}
+
+/// Sorts frames by how many of their identifier came before, then as a bus would; `scratch` is room to do it in.
+fn in_rounds(frames: &mut [Aged], scratch: &mut Vec<(u32, Aged)>) {
+    frames.sort_by_key(|aged| aged.frame.priority());
+    if !frames.is_sorted_by(|one, next| one.frame.priority() < next.frame.priority()) {
+        scratch.clear();
+        for aged in frames.iter() {
+            let round = match scratch.last() {
+                Some((round, before)) if before.frame.priority() == aged.frame.priority() => round + 1,
+                _ => 0,
+            };
+            scratch.push((round, *aged));
+        }
+        scratch.sort_by_key(|(round, _)| *round);
+        frames.iter_mut().zip(scratch.iter()).for_each(|(to, (_, aged))| *to = *aged);
     }
 }
 
@@ -195,7 +222,7 @@ mod tests {
     #[test]
     fn a_full_ring_gives_up_its_oldest_frame_and_counts_it() {
         let mut ring = Ring::new(rules(2, 100, Ids::None));
-        (1..=3).for_each(|value| ring.push(frame(1, value), 0, 0));
+        (1..=3).for_each(|value| assert!(ring.push(frame(1, value), 0, 0)));
         assert_eq!(drained(&mut ring, 0), [frame(1, 2), frame(1, 3)]);
         assert_eq!(ring.given_up(), GivenUp { overflow: 1, ..GivenUp::default() });
     }
@@ -233,12 +260,12 @@ mod tests {
     #[test]
     fn what_could_not_go_on_waits_again_and_may_be_replaced() {
         let mut ring = Ring::new(rules(9, 100, Ids::All));
-        (1..=3).for_each(|id| ring.push(frame(id, 1), 0, 0));
+        (1..=3).for_each(|id| assert!(ring.push(frame(id, 1), 0, 0)));
         let mut out = Vec::new();
         ring.drain(60, &mut out);
         ring.put_back(60, &out[1..]);
         ring.push(frame(2, 2), 0, 90);
-        assert_eq!((ring.len(), ring.oldest_ns()), (2, Some(90)));
+        assert_eq!((ring.len(), ring.oldest_ns()), (2, Some(0)), "its place is as old as it was");
         assert_eq!(drained(&mut ring, 110), [frame(2, 2)]);
         assert_eq!(ring.given_up(), GivenUp { superseded: 1, expired: 1, overflow: 0 });
     }
@@ -251,6 +278,27 @@ mod tests {
         ring.push(frame(1, 2), 0, 0);
         assert_eq!(drained(&mut ring, 0), [frame(1, 2)]);
         assert_eq!(ring.given_up().overflow, 2);
+    }
+
+    #[test]
+    fn sets_that_wait_together_leave_one_after_the_other() {
+        let mut ring = Ring::new(rules(99, 100, Ids::None));
+        for (value, id) in (0..3).flat_map(|value| [0x110, 0x111, 0x114].map(|id| (value, id))) {
+            ring.push(frame(id, value), 0, 0);
+        }
+        ring.push(frame(0x50, 9), 0, 0);
+        let sets = (0..3).flat_map(|value| [0x110, 0x111, 0x114].map(|id| frame(id, value)));
+        let expected: Vec<Frame> = std::iter::once(frame(0x50, 9)).chain(sets).collect();
+        assert_eq!(drained(&mut ring, 0), expected);
+    }
+
+    #[test]
+    fn a_value_that_is_replaced_again_and_again_does_not_put_off_those_behind_it() {
+        let mut ring = Ring::new(rules(9, 100, "10".parse().unwrap()));
+        assert!(ring.push(frame(0x10, 0), 0, 5));
+        assert!(ring.push(frame(0x20, 0), 0, 6));
+        assert!(!ring.push(frame(0x10, 1), 0, 90), "no place of its own");
+        assert_eq!(ring.oldest_ns(), Some(5));
     }
 
     proptest! {
@@ -268,7 +316,15 @@ mod tests {
                 if *drain {
                     let mut sent = Vec::new();
                     ring.drain(now_ns, &mut sent);
-                    prop_assert!(sent.is_sorted_by_key(|aged| aged.frame.priority()));
+                    let mut seen = HashMap::new();
+                    let rounds: Vec<_> = sent
+                        .iter()
+                        .map(|aged| {
+                            let round = seen.entry(aged.frame.priority()).and_modify(|round| *round += 1).or_insert(0);
+                            (*round, aged.frame.priority())
+                        })
+                        .collect();
+                    prop_assert!(rounds.is_sorted());
                     prop_assert!(sent.iter().all(|aged| aged.age_ns <= 100));
                     out += sent.len();
                 }

@@ -29,6 +29,8 @@ pub struct ServerOptions {
     pub bus: String,
     /// Tell the network by broadcast that there is a server.
     pub beacon: bool,
+    /// Where clients may come from; empty: anywhere.
+    pub only_from: Vec<IpAddr>,
 }
 
 /// What became of what clients wanted.
@@ -163,9 +165,11 @@ impl Server {
     }
 
     fn accept(&mut self) {
-        while let Ok((stream, _)) = self.listener.accept() {
+        while let Ok((stream, from)) = self.listener.accept() {
             let prepared = stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true));
-            if self.clients.len() == CLIENTS || prepared.is_err() {
+            let is_stranger =
+                !self.options.only_from.is_empty() && !self.options.only_from.contains(&from.ip());
+            if self.clients.len() == CLIENTS || is_stranger || prepared.is_err() {
                 self.counters.cut_off += 1;
                 continue;
             }
@@ -277,7 +281,8 @@ mod tests {
 
     fn server() -> Server {
         let listen = "127.0.0.1:0".parse().unwrap();
-        Server::bind(ServerOptions { listen, bus: "can0".into(), beacon: false }).unwrap()
+        Server::bind(ServerOptions { listen, bus: "can0".into(), beacon: false, only_from: Vec::new() })
+            .unwrap()
     }
 
     /// Turns until `text` has come to the client; gives the frames that the server took meanwhile.
@@ -318,6 +323,18 @@ mod tests {
         server.tell(&Frame::remote(Id::Standard(7), 1).unwrap(), 0);
         let counters = server.counters();
         assert_eq!((counters.frames_in, counters.frames_out, counters.not_carried), (1, 3, 1));
+    }
+
+    #[test]
+    fn a_client_of_a_computer_that_is_not_listened_to_is_not_let_in() {
+        let options = ServerOptions { only_from: vec![[10, 0, 0, 2].into()], ..server().options };
+        let mut server =
+            Server::bind(ServerOptions { listen: "127.0.0.1:0".parse().unwrap(), ..options }).unwrap();
+        let _client = TcpStream::connect(server.address()).unwrap();
+        while server.counters().cut_off == 0 {
+            server.turn(0, 0, |_| ());
+        }
+        assert_eq!(server.counters().clients, 0);
     }
 
     #[test]

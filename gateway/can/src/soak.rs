@@ -135,8 +135,9 @@ pub fn in_virtual_time(load: Load, lasts_ns: u64) -> Soak {
         }
         while let Some((place, bytes)) = post.pop_front() {
             let from = addresses[1 - place];
-            gateways[place]
-                .take_datagram(&bytes, from, now_ns, |frame, age_ns| to_bus.push(*frame, age_ns, now_ns));
+            gateways[place].take_datagram(&bytes, from, now_ns, |frame, age_ns| {
+                to_bus.push(*frame, age_ns, now_ns);
+            });
         }
         outgoing.clear();
         to_bus.drain(now_ns, &mut outgoing);

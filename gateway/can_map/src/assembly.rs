@@ -5,6 +5,9 @@ use bateleur_messages::FieldKind;
 
 use crate::table::{Layout, Source};
 
+/// Frames of one set come at most so far apart, module time, ns: two windows, and something for those that wait.
+const SPREAD_NS: u64 = 50_000_000;
+
 /// What a frame did.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Outcome {
@@ -22,7 +25,8 @@ pub enum Outcome {
 #[derive(Debug)]
 pub struct Assembly {
     layout: Layout,
-    parts: Vec<Option<Frame>>,
+    /// What has come, and when, module time, ns.
+    parts: Vec<Option<(Frame, u64)>>,
 }
 
 impl Assembly {
@@ -36,15 +40,23 @@ impl Assembly {
         self.layout.ids().any(|own| own == id)
     }
 
-    /// Takes a frame that came at module time `now_ns`.
+    /// What has come so far is of a set whose end will not come.
+    pub fn forget(&mut self) {
+        self.parts.fill(None);
+    }
+
+    /// Takes a frame that is of module time `now_ns`: when it came, less how old it was then.
     pub fn take(&mut self, frame: &Frame, now_ns: u64) -> Outcome {
         let place = self.layout.carriers.iter().position(|carrier| carrier.id == frame.id());
         let (Some(place), Kind::Data | Kind::Fd { .. }) = (place, frame.kind()) else {
             return Outcome::Foreign;
         };
-        self.parts[place] = Some(*frame);
+        self.parts[place] = Some((*frame, now_ns));
         if place != self.layout.complete {
             return Outcome::Part;
+        }
+        for part in &mut self.parts {
+            part.take_if(|(_, came_ns)| now_ns.abs_diff(*came_ns) > SPREAD_NS);
         }
         let message = self.message(now_ns);
         let missing = self.parts.iter().filter(|part| part.is_none()).count();
@@ -54,7 +66,8 @@ impl Assembly {
 
     fn message(&self, now_ns: u64) -> Option<Vec<u8>> {
         let mut bytes = vec![0; self.layout.size];
-        let value_of = |place: usize, signal: &crate::Signal| signal.read(self.parts[place].as_ref()?.data());
+        let value_of =
+            |place: usize, signal: &crate::Signal| signal.read(self.parts[place].as_ref()?.0.data());
         for slot in &self.layout.slots {
             let value = match &slot.source {
                 Source::Constant(value) => Some(*value),
@@ -78,7 +91,7 @@ impl Assembly {
         }
         if let Some(stamp) = self.layout.stamp {
             let age_ns = match &self.layout.age {
-                Some((place, signal)) => value_of(*place, signal)? as u64,
+                Some((place, signal)) => value_of(*place, signal).filter(|age| !age.is_nan())? as u64,
                 None => 0,
             };
             bytes[stamp..stamp + 8].copy_from_slice(&now_ns.saturating_sub(age_ns).to_le_bytes());

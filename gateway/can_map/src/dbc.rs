@@ -93,7 +93,8 @@ impl Signals {
         }
         if self.multiplexed.iter().any(|name| name == path) {
             return Err(format!(
-                "signal {path} is multiplexed, which is not supported: only signals that are in every frame of their message are"
+                "signal {path} is multiplexed, which is not supported: it lies in some frames of its message only, and in others another one \
+                 has its bits; let its sender say it in a message of its own"
             ));
         }
         Err(match crate::table::nearest(path, self.found.keys().map(String::as_str)) {

@@ -222,11 +222,12 @@ impl Checker<'_> {
             parts.push((id, Slot { field, offset, kind, source }));
         }
         let stamp = match &raw.stamp {
-            Some(stamp) => {
-                self.field(message, stamp.get_ref(), stamp.span().start).map(|(_, offset, _)| offset)
-            }
+            Some(stamp) => self.stamp(message, stamp),
             None => None,
         };
+        if let (Some(age), None) = (&raw.age, &raw.stamp) {
+            self.wrong(age.span().start, format!("port {port} has an age and no stamp to take it from"));
+        }
         let age = raw
             .age
             .as_ref()
@@ -263,6 +264,17 @@ impl Checker<'_> {
         let slots = slots.collect();
         let age = age.map(|(id, signal)| (place(id), signal));
         Some(Layout { port: port.into(), size: message.size, slots, complete, stamp, age, carriers })
+    }
+
+    /// Where the field for the time stands.
+    fn stamp(&mut self, message: &MessageType, stamp: &Spanned<String>) -> Option<usize> {
+        let at = stamp.span().start;
+        let (field, offset, kind) = self.field(message, stamp.get_ref(), at)?;
+        if kind != FieldKind::U64 || !field.ends_with("_ns") {
+            self.wrong(at, format!("stamp = \"{field}\" is no time: of {} it is measured_ns", message.name));
+            return None;
+        }
+        Some(offset)
     }
 
     /// Name, place and kind of a field such as "position[1]".

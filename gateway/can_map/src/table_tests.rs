@@ -104,6 +104,25 @@ fn parts_of_an_earlier_set_do_not_fill_a_later_one() {
     assert_eq!(assembly.take(&Frame::remote(frames[4].id(), 4).unwrap(), 0), Outcome::Foreign);
 }
 
+#[test]
+fn frames_of_a_set_that_was_broken_off_do_not_complete_a_later_one() {
+    let table = board();
+    let layout = table.layout("raw_analog").unwrap();
+    let mut assembly = Assembly::new(layout.clone());
+    let frames = layout.frames(analog().as_bytes(), 0);
+    let mut later = |forgets: bool, later_ns: u64| {
+        frames[..4].iter().for_each(|frame| drop(assembly.take(frame, 0)));
+        if forgets {
+            assembly.forget();
+        }
+        let Outcome::Whole(_, missing) = assembly.take(&frames[4], later_ns) else { panic!() };
+        missing
+    };
+    assert_eq!(later(false, 20_000_000), 0, "a set may take two windows");
+    assert_eq!(later(false, 10_000_000_000), 4, "and not ten seconds");
+    assert_eq!(later(true, 0), 4);
+}
+
 const DBC: &str = r#"VERSION ""
 
 NS_ :
@@ -214,6 +233,18 @@ fn everything_that_can_not_be_meant_is_said_at_once_with_its_line() {
     assert!(said("[sync]\nframe = \"900\"\n").contains("no identifier"));
     let early = "[port.a]\nmessage = \"Custom\"\ncomplete = \"100\"\nfields = { main_v = { frame = \"100\", start = 0, bits = 8 }, backup_v = { frame = \"101\", start = 0, bits = 8 } }\n";
     assert!(said(early).contains("the last frame of port a is 101"), "{}", said(early));
+    let stamped = |more: &str| {
+        said(&format!(
+            "[port.a]\nmessage = \"RawGps\"\n{more}\nfields = {{ satellites = {{ frame = \"100\", start = 0, bits = 8 }} }}\n"
+        ))
+    };
+    assert!(
+        stamped("stamp = \"fix\"").contains("t.toml:3: stamp = \"fix\" is no time"),
+        "{}",
+        stamped("stamp = \"fix\"")
+    );
+    let age = "age = { frame = \"101\", start = 0, bits = 8 }";
+    assert!(stamped(age).contains("has an age and no stamp"), "{}", stamped(age));
     assert!(from_attributes("/nowhere/table.toml", None).unwrap_err().to_string().contains("cannot read"));
     let no_dbc = Table::parse(
         "t",

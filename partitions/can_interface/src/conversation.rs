@@ -10,8 +10,10 @@ use crate::wires::{Waiting, Wires};
 /// Times that sensors are asked for at most. On the wall clock there is time for two; where time stands still until they come,
 /// the first wait is long.
 const TRIES: usize = 3;
-/// Looks at what has come in one window at most.
+/// Looks at what has come in one window at most, where time stands still.
 const LOOKS: usize = 256;
+/// Looks before the actuators are sent: a flood of frames must not keep them waiting.
+const LOOKS_BEFORE: usize = 4;
 
 /// One window's sensors, as far as they came.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -135,9 +137,19 @@ impl Conversation {
     ) -> Sensors {
         let mut sensors = Sensors::default();
         self.is_answered = false;
-        self.hear(moment, wires, &mut sensors);
+        let asks = self.sync.is_some_and(|sync| sync.answer.is_some());
+        let looks = if asks { LOOKS_BEFORE } else { LOOKS };
+        for _ in 0..looks {
+            if !self.hear(moment, wires, &mut sensors) || time.now_ns() >= moment.deadline_ns {
+                break;
+            }
+        }
+        if asks {
+            // What is left of an answer to an earlier question is no part of the next one.
+            self.assemblies.iter_mut().for_each(|(_, assembly)| assembly.forget());
+        }
         self.say(timers, moment, wires);
-        if self.sync.is_some_and(|sync| sync.answer.is_some()) {
+        if asks {
             self.await_answer(timers, moment, wires, time, &mut sensors);
         }
         match sensors.analog.is_some() {
@@ -145,6 +157,23 @@ impl Conversation {
             false => self.counts.missing += 1,
         }
         sensors
+    }
+
+    /// Nothing is asked and nothing believed: what comes meanwhile is thrown away, so that it is not taken for news later.
+    pub fn pass_over(&mut self, module_ns: u64, wires: &mut Wires) {
+        for _ in 0..LOOKS_BEFORE {
+            if !wires.receive(module_ns, |_, _| ()) {
+                break;
+            }
+        }
+        self.pending = Sensors::default();
+        self.assemblies.iter_mut().for_each(|(_, assembly)| assembly.forget());
+    }
+
+    /// Identifiers of the frames that it sends: of each the newest alone is worth anything.
+    pub fn said(&self) -> impl Iterator<Item = Id> {
+        let timers = self.table.layout("timers").into_iter().flat_map(|layout| layout.ids());
+        timers.chain(self.sync.map(|sync| sync.frame))
     }
 
     fn say(&self, timers: &ServoTimers, moment: &Moment, wires: &mut Wires) {
@@ -172,7 +201,7 @@ impl Conversation {
         let mut tries = TRIES - 1;
         let mut until_ns = third_ns;
         for _ in 0..LOOKS {
-            if self.is_answered {
+            if self.is_answered || time.now_ns() >= moment.deadline_ns {
                 return;
             }
             if wires.wait(time, until_ns) {
@@ -192,6 +221,7 @@ impl Conversation {
     /// What has come is of time `measured_ns`: an answer that comes a second time, or late after a newer one, is passed over.
     fn note_answer(&mut self, measured_ns: u64, moment: &Moment, sensors: &mut Sensors) {
         let mut set = std::mem::take(&mut self.pending);
+        self.assemblies.iter_mut().for_each(|(_, assembly)| assembly.forget());
         self.is_answered |= measured_ns == moment.module_ns;
         self.counts.stale += u64::from(measured_ns != moment.module_ns);
         let is_news = self.taken_ns.is_none_or(|taken_ns| measured_ns > taken_ns);
@@ -209,13 +239,15 @@ impl Conversation {
         sensors.custom = set.custom.or(sensors.custom);
     }
 
-    fn hear(&mut self, moment: &Moment, wires: &mut Wires, sensors: &mut Sensors) {
+    /// Takes what has come; whether there may be more.
+    fn hear(&mut self, moment: &Moment, wires: &mut Wires, sensors: &mut Sensors) -> bool {
         let mut heard = Vec::new();
-        wires.receive(moment.module_ns, |frame| heard.push(*frame));
-        heard.iter().for_each(|frame| self.take(frame, moment, sensors));
+        let is_more = wires.receive(moment.module_ns, |frame, age_ns| heard.push((*frame, age_ns)));
+        heard.iter().for_each(|(frame, age_ns)| self.take(frame, *age_ns, moment, sensors));
+        is_more
     }
 
-    fn take(&mut self, frame: &Frame, moment: &Moment, sensors: &mut Sensors) {
+    fn take(&mut self, frame: &Frame, age_ns: u64, moment: &Moment, sensors: &mut Sensors) {
         let answer = self.sync.and_then(|sync| sync.answer);
         if answer == Some(frame.id()) {
             if let Ok(bytes) = frame.data().try_into() {
@@ -229,11 +261,21 @@ impl Conversation {
             self.counts.foreign += u64::from(frame.is_of_the_bus());
             return;
         };
-        match assembly.take(frame, moment.module_ns) {
+        // An answer says for which time its frames are; without one it is when they came, less what they spent on the way.
+        let age_ns = if answer.is_some() { 0 } else { age_ns };
+        match assembly.take(frame, moment.module_ns.saturating_sub(age_ns)) {
             Outcome::Whole(bytes, missing) => {
                 self.counts.incomplete += u64::from(missing > 0);
                 // Where an answer says for which time they are, they wait for it.
                 let set = if answer.is_some() { &mut self.pending } else { sensors };
+                let is_there = match port {
+                    Port::Analog => set.analog.is_some(),
+                    Port::Gps => set.gps.is_some(),
+                    Port::Custom => set.custom.is_some(),
+                };
+                if missing > 0 && is_there {
+                    return;
+                }
                 match port {
                     Port::Analog => set.analog = RawAnalog::read_from_bytes(&bytes).ok(),
                     Port::Gps => set.gps = RawGps::read_from_bytes(&bytes).ok(),
@@ -405,6 +447,56 @@ mod tests {
         assert_eq!(conversation.counts().stale, 2);
         board.say(2 * CYCLE);
         assert_eq!(board.cycle(4, &mut wires, &mut conversation), Sensors::default());
+    }
+
+    #[test]
+    fn two_answers_in_one_datagram_stay_two() {
+        let (board, mut wires, mut conversation) = Board::new();
+        board.cycle(1, &mut wires, &mut conversation);
+        board.ignores.set(99);
+        board.cycle(2, &mut wires, &mut conversation);
+        {
+            let mut gateway = board.gateway.borrow_mut();
+            board.sample(&mut gateway, 2 * CYCLE);
+            board.sample(&mut gateway, 2 * CYCLE);
+            board.send(&mut gateway);
+        }
+        let analog = board.cycle(3, &mut wires, &mut conversation).analog.unwrap();
+        assert_eq!(analog.measured_ns, 2 * CYCLE);
+        assert!(analog.rates_radps[0].is_finite() && analog.field_gauss[0].is_finite());
+        assert_eq!(conversation.counts().incomplete, 0);
+    }
+
+    /// Something comes without end, and looking at it takes time.
+    struct Flood<'a>(&'a Board);
+
+    impl Waiting for Flood<'_> {
+        fn now_ns(&self) -> u64 {
+            self.0.now_ns.get()
+        }
+
+        fn wait_readable(&self, _: &impl AsFd, _: u64) -> bool {
+            self.0.now_ns.set(self.0.now_ns.get() + 100_000);
+            true
+        }
+    }
+
+    #[test]
+    fn a_flood_of_datagrams_does_not_hold_the_window_beyond_the_cut_off() {
+        let (board, mut wires, mut conversation) = Board::new();
+        let moment = Moment { module_ns: CYCLE, deadline_ns: CYCLE + 2_500_000 };
+        conversation.exchange(&AT_REST, &moment, &mut wires, &Flood(&board));
+        assert!(board.now_ns.get() <= moment.deadline_ns, "{} ns", board.now_ns.get());
+    }
+
+    #[test]
+    fn what_came_while_it_was_switched_off_is_not_taken_for_news() {
+        let (board, mut wires, mut conversation) = Board::new();
+        board.cycle(1, &mut wires, &mut conversation);
+        board.ignores.set(99);
+        board.say(2 * CYCLE);
+        conversation.pass_over(2 * CYCLE, &mut wires);
+        assert_eq!(board.cycle(3, &mut wires, &mut conversation), Sensors::default());
     }
 
     #[test]

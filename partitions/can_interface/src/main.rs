@@ -1,6 +1,6 @@
 //! The function that has sensors and actuators on a CAN bus.
 
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::os::fd::AsFd;
 use std::process::ExitCode;
 
@@ -10,7 +10,7 @@ use bateleur_apex::{
 };
 use bateleur_can::bus::BusName;
 use bateleur_can::wire::native;
-use bateleur_can::{Counters, Settings as GatewaySettings, cli};
+use bateleur_can::{Counters, Ids, Settings as GatewaySettings, cli};
 use bateleur_can_interface::{
     AT_REST, Conversation, Event, Kept, Moment, Sensors, Settings, Supervision, Waiting, Wires,
 };
@@ -50,7 +50,9 @@ impl Partition for CanInterface {
         let mut retained: Retained<Kept> = context.retained()?;
         let enabled: bool = context.attribute("enabled", true)?;
         let conversation = conversation(context)?;
-        let wires = Wires::open(settings(context)?).map_err(StartError::Other)?;
+        let mut settings = settings(context)?;
+        settings.gateway.ring.newest_wins = newest_of(&conversation)?;
+        let wires = Wires::open(settings).map_err(StartError::Other)?;
         let timers = match is_declared(context, "timers", Direction::Destination) {
             true => Some(context.sampling_destination("timers")?),
             false => None,
@@ -90,6 +92,8 @@ impl Partition for CanInterface {
             self.supervise(window, sensors.analog.is_some());
             self.kept.cycles += 1;
             self.retained.store(&self.kept);
+        } else {
+            self.conversation.pass_over(window.start_ns(), &mut self.wires);
         }
         self.wires.events.drain(..).for_each(|event| window.report(&event));
         self.status.write(&self.function_status());
@@ -237,13 +241,27 @@ fn conversation(context: &mut Context) -> Result<Conversation, StartError> {
     Conversation::new(table).map_err(StartError::Other)
 }
 
+/// What it sends again and again: a board that is found must not be given a second of old commands.
+fn newest_of(conversation: &Conversation) -> Result<Ids, StartError> {
+    let said: Vec<String> = conversation.said().map(|id| id.to_string()).collect();
+    if said.is_empty() {
+        return Ok(Ids::None);
+    }
+    said.join(",").parse().map_err(|error| StartError::Other(format!("attribute table: {error}")))
+}
+
 fn settings(context: &mut Context) -> Result<Settings, StartError> {
     let other = |text: String| StartError::Other(text);
     let bus: String = context.attribute("bus", "none".into())?;
     // A device is granted by an attribute of this name.
     let device: Option<String> = context.attribute("device", None)?;
     let bus = match (bus.as_str(), &device) {
-        ("slcan", Some(device)) => format!("slcan:{device}"),
+        ("slcan", Some(device)) => {
+            let rate: Option<u32> = context.attribute("bit_rate", None)?;
+            let baud: Option<u32> = context.attribute("baud", None)?;
+            let rate = rate.map_or(String::new(), |rate| format!("@{rate}"));
+            format!("slcan:{device}{rate}{}", baud.map_or(String::new(), |baud| format!(",{baud}")))
+        }
         ("slcan", None) => {
             return Err(other("attribute bus = \"slcan\": at which device? attribute device says it".into()));
         }
@@ -275,7 +293,17 @@ fn settings(context: &mut Context) -> Result<Settings, StartError> {
         Some(text) => u64::from_str_radix(&text, 16)
             .map_err(|_| other(format!("attribute identity = \"{text}\": up to 16 hexadecimal digits")))?,
     };
-    Ok(Settings { bus, listen, gateway: GatewaySettings::new(identity, cli::session(), peers) })
+    let only_from: Vec<String> = context.attribute("only_from", Vec::new())?;
+    let only_from = only_from.iter().map(|text| {
+        text.parse::<IpAddr>().map_err(|_| {
+            other(format!(
+                "attribute only_from: \"{text}\" is no address of a computer, such as \"10.0.0.2\""
+            ))
+        })
+    });
+    let only_from = only_from.collect::<Result<_, _>>()?;
+    let gateway = GatewaySettings { only_from, ..GatewaySettings::new(identity, cli::session(), peers) };
+    Ok(Settings { bus, listen, gateway })
 }
 
 fn main() -> ExitCode {

@@ -8,8 +8,9 @@ use bateleur_can::{Event, Frame, Gateway, Ids};
 
 /// A bus that broke is tried again so often, module time, ns.
 const RETRY_NS: u64 = 1_000_000_000;
-/// Frames, and datagrams, taken in one look at most, so that a flood does not keep the window busy for ever.
-const PER_LOOK: usize = 512;
+/// Frames, and datagrams, taken in one look at most: between two looks the time is looked at, so that a flood does not hold the
+/// window.
+const PER_LOOK: usize = 32;
 
 /// Time, as the executive gives it.
 pub trait Waiting {
@@ -112,37 +113,40 @@ impl Wires {
         }
     }
 
-    /// Gives every frame that has come to `take`.
-    pub fn receive(&mut self, now_ns: u64, mut take: impl FnMut(&Frame)) {
+    /// Gives frames that have come to `take`, each with how old it is, ns; whether more may have come than one look takes.
+    pub fn receive(&mut self, now_ns: u64, mut take: impl FnMut(&Frame, u64)) -> bool {
         self.mend(now_ns);
-        self.hear_bus(now_ns, &mut take);
+        let mut is_more = self.hear_bus(now_ns, &mut take);
         let mut frames = Vec::new();
         if let Some(Net { gateway, socket }) = &mut self.net {
-            let mut bytes = [0; 2_048];
-            for _ in 0..PER_LOOK {
+            let (mut bytes, mut datagrams) = ([0; 2_048], 0);
+            while datagrams < PER_LOOK {
                 let Ok((length, from)) = socket.recv_from(&mut bytes) else { break };
-                gateway.take_datagram(&bytes[..length], from, now_ns, |frame, _| frames.push(*frame));
+                gateway.take_datagram(&bytes[..length], from, now_ns, |frame, age_ns| {
+                    frames.push((*frame, age_ns));
+                });
+                datagrams += 1;
             }
+            is_more |= datagrams == PER_LOOK;
         }
-        for frame in &frames {
-            take(frame);
+        for (frame, age_ns) in &frames {
+            take(frame, *age_ns);
             if self.bus.is_some() {
                 self.put_on_bus(frame, now_ns);
             }
         }
         self.flush(now_ns);
+        is_more
     }
 
-    fn hear_bus(&mut self, now_ns: u64, take: &mut impl FnMut(&Frame)) {
-        let Some(bus) = &mut self.bus else { return };
-        let mut result = bus.tend(now_ns);
-        for _ in 0..PER_LOOK {
-            if result.is_err() {
-                break;
-            }
+    fn hear_bus(&mut self, now_ns: u64, take: &mut impl FnMut(&Frame, u64)) -> bool {
+        let Some(bus) = &mut self.bus else { return false };
+        let (mut result, mut frames) = (bus.tend(now_ns), 0);
+        while frames < PER_LOOK && result.is_ok() {
             match bus.receive() {
                 Ok(Some(frame)) => {
-                    take(&frame);
+                    frames += 1;
+                    take(&frame, 0);
                     if let Some(net) = &mut self.net {
                         net.gateway.take_frame(&frame, now_ns);
                     }
@@ -154,6 +158,7 @@ impl Wires {
         if let Err(error) = result {
             self.give_up(&error, now_ns);
         }
+        frames == PER_LOOK
     }
 
     fn give_up(&mut self, error: &BusError, now_ns: u64) {

@@ -18,7 +18,7 @@ use serde::Serialize;
 use crate::frame::Frame;
 use crate::ids::Ids;
 
-pub use self::slcan::{Adapter, Slcan};
+pub use self::slcan::{Adapter, Slcan, Speeds};
 pub use self::socketcan::SocketCan;
 
 /// How the controller is.
@@ -181,8 +181,9 @@ pub trait Bus: Send {
 pub enum BusName {
     /// `socketcan:can0`.
     SocketCan(String),
-    /// `slcan:/dev/ttyUSB0` or `slcan:/dev/ttyUSB0@500000`: a serial adapter, and the bit rate that it is to set.
-    Slcan(PathBuf, Option<u32>),
+    /// `slcan:/dev/ttyUSB0` or `slcan:/dev/ttyUSB0@500000,230400`: a serial adapter, the bit rate that it is to set, and the speed of
+    /// the serial line.
+    Slcan(PathBuf, Speeds),
     /// `slcan-pty:/run/can0`: this program is the adapter; the path becomes a link to a new pseudo terminal.
     Adapter(PathBuf),
     /// `replay:FILE`: what a log of candump holds, at its pace; what is sent is thrown away.
@@ -199,7 +200,7 @@ impl BusName {
     pub fn open(&self, wanted: &Ids) -> Result<Box<dyn Bus>, BusError> {
         Ok(match self {
             Self::SocketCan(interface) => Box::new(SocketCan::open(interface, wanted)?),
-            Self::Slcan(path, rate) => Box::new(Slcan::open(path, *rate)?),
+            Self::Slcan(path, speeds) => Box::new(Slcan::open(path, *speeds)?),
             Self::Adapter(path) => Box::new(Adapter::open(path)?),
             Self::Replay(path) => Box::new(replay::Replay::open(path)?),
             Self::None => Box::new(NoBus),
@@ -210,7 +211,7 @@ impl BusName {
 /// A text that names no bus.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "\"{0}\" names no bus: write socketcan:can0, slcan:/dev/ttyUSB0 (with @500000 for the bit rate), slcan-pty:/run/can0 (be the \
+    "\"{0}\" names no bus: write socketcan:can0, slcan:/dev/ttyUSB0 (with @500000 for the bit rate, ,230400 for the serial line), slcan-pty:/run/can0 (be the \
      adapter of a new pseudo terminal), replay:FILE, or none"
 )]
 pub struct NotABus(pub String);
@@ -229,10 +230,20 @@ impl FromStr for BusName {
         }
         match kind {
             "socketcan" => Ok(Self::SocketCan(name.into())),
-            "slcan" => match name.split_once('@') {
-                Some((path, rate)) => Ok(Self::Slcan(path.into(), Some(rate.parse().map_err(|_| no())?))),
-                None => Ok(Self::Slcan(name.into(), None)),
-            },
+            "slcan" => {
+                let (name, baud) = match name.rsplit_once(',') {
+                    Some((name, baud)) => (name, baud.parse().map_err(|_| no())?),
+                    None => (name, slcan::BAUD),
+                };
+                let (path, rate) = match name.split_once('@') {
+                    Some((path, rate)) => (path, Some(rate.parse().map_err(|_| no())?)),
+                    None => (name, None),
+                };
+                match baud {
+                    0 => Err(no()),
+                    _ => Ok(Self::Slcan(path.into(), Speeds { rate, baud })),
+                }
+            }
             "slcan-pty" => Ok(Self::Adapter(name.into())),
             "replay" => Ok(Self::Replay(name.into())),
             _ => Err(no()),
@@ -244,8 +255,11 @@ impl fmt::Display for BusName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::SocketCan(name) => write!(f, "socketcan:{name}"),
-            Self::Slcan(path, None) => write!(f, "slcan:{}", path.display()),
-            Self::Slcan(path, Some(rate)) => write!(f, "slcan:{}@{rate}", path.display()),
+            Self::Slcan(path, Speeds { rate, baud }) => {
+                write!(f, "slcan:{}", path.display())?;
+                rate.map_or(Ok(()), |rate| write!(f, "@{rate}"))?;
+                if *baud == slcan::BAUD { Ok(()) } else { write!(f, ",{baud}") }
+            }
             Self::Adapter(path) => write!(f, "slcan-pty:{}", path.display()),
             Self::Replay(path) => write!(f, "replay:{}", path.display()),
             Self::None => f.write_str("none"),
@@ -280,13 +294,17 @@ mod tests {
             "socketcan:can0",
             "slcan:/dev/ttyUSB0",
             "slcan:/dev/ttyUSB0@500000",
+            "slcan:/dev/ttyUSB0@500000,230400",
+            "slcan:/dev/ttyS1,1000000",
             "slcan-pty:/run/x",
             "replay:a.log",
             "none",
         ] {
             assert_eq!(text.parse::<BusName>().unwrap().to_string(), text);
         }
-        for text in ["can0", "socketcan:", "slcan:/dev/x@fast", "usb:1", ""] {
+        for text in
+            ["can0", "socketcan:", "slcan:/dev/x@fast", "slcan:/dev/x,fast", "slcan:/dev/x,0", "usb:1", ""]
+        {
             assert!(text.parse::<BusName>().unwrap_err().to_string().contains("socketcan:can0"), "{text}");
         }
     }

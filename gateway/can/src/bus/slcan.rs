@@ -14,8 +14,8 @@ use super::{Bus, BusError, Sent};
 use crate::frame::Frame;
 use crate::wire::slcan::{self, BELL, BIT_RATES, DONE, Decoder, Line};
 
-/// Speed of the serial line, symbols a second. Adapters on USB take any.
-const BAUD: u32 = 115_200;
+/// Speed of the serial line where no other is said, symbols a second. Adapters on USB take any.
+pub(super) const BAUD: u32 = 115_200;
 /// Bytes that wait for the line at most: some 150 frames.
 const BACKLOG: usize = 4_096;
 
@@ -99,6 +99,21 @@ impl Text {
     }
 }
 
+/// How quick an adapter's two sides are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Speeds {
+    /// The bit rate that it is to set on its bus, bit/s; none: the one that it has.
+    pub rate: Option<u32>,
+    /// The serial line, symbols a second.
+    pub baud: u32,
+}
+
+impl Default for Speeds {
+    fn default() -> Self {
+        Self { rate: None, baud: BAUD }
+    }
+}
+
 /// An adapter at a serial device.
 #[derive(Debug)]
 pub struct Slcan {
@@ -106,20 +121,20 @@ pub struct Slcan {
 }
 
 impl Slcan {
-    /// Opens the device and the adapter's channel. `rate`: the bit rate to set; none: the one that it has.
+    /// Opens the device and the adapter's channel.
     ///
     /// # Errors
     /// The device can not be opened, or the protocol has no number for the rate.
-    pub fn open(path: &Path, rate: Option<u32>) -> Result<Self, BusError> {
+    pub fn open(path: &Path, speeds: Speeds) -> Result<Self, BusError> {
         let bus = format!("slcan:{}", path.display());
-        let command = match rate {
+        let command = match speeds.rate {
             None => None,
             Some(rate) => {
                 let known = BIT_RATES.iter().find(|(known, _)| *known == rate);
                 Some(known.ok_or_else(|| BusError::Rate { bus: bus.clone(), rate })?.1)
             }
         };
-        let builder = serialport::new(path.to_string_lossy(), BAUD).exclusive(false);
+        let builder = serialport::new(path.to_string_lossy(), speeds.baud).exclusive(false);
         let port = builder.open_native().map_err(|error| refused(&bus, path, &error))?;
         // SAFETY: the port gives its descriptor away and closes it no more; from here on it is owned once.
         let descriptor = unsafe { OwnedFd::from_raw_fd(port.into_raw_fd()) };
@@ -318,7 +333,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let link = folder.path().join("can0");
         let mut adapter = Adapter::open(&link).unwrap();
-        let mut host = Slcan::open(&link, Some(800_000)).unwrap();
+        let mut host = Slcan::open(&link, Speeds { rate: Some(800_000), baud: 230_400 }).unwrap();
+        assert_eq!(tcgetattr(&host.text.file).unwrap().output_speed(), 230_400);
         assert!(wait(|| adapter.receive().unwrap().is_some() || adapter.open), "the host opens the channel");
         assert!(wait(|| host.receive().unwrap().is_none()));
         (adapter, host, folder)
@@ -407,7 +423,9 @@ mod tests {
 
     #[test]
     fn what_can_not_be_opened_says_why() {
-        let said = |path: &str, rate| Slcan::open(Path::new(path), rate).unwrap_err().to_string();
+        let said = |path: &str, rate| {
+            Slcan::open(Path::new(path), Speeds { rate, ..Speeds::default() }).unwrap_err().to_string()
+        };
         assert!(said("/dev/nowhere9", None).contains("plugged in"), "{}", said("/dev/nowhere9", None));
         assert!(said("/dev/null", None).contains("no serial device"));
         assert!(said("/dev/null", Some(123)).contains("800000"));

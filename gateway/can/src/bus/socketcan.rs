@@ -53,6 +53,7 @@ impl SocketCan {
         let refused = |error| refusal(&bus, interface, error);
         let socket = index_of(interface).and_then(CanFdSocket::open_iface).map_err(refused)?;
         socket.set_nonblocking(true).map_err(refused)?;
+        crate::node::keep_more(&socket);
         socket.set_recv_own_msgs(false).map_err(refused)?;
         socket.set_error_filter_accept_all().map_err(refused)?;
         if let Some(masks) = wanted.masks() {
@@ -177,6 +178,10 @@ impl Bus for SocketCan {
     fn send(&mut self, frame: &Frame) -> Result<Sent, BusError> {
         if !frame.is_of_the_bus() {
             return Ok(Sent::Refused);
+        }
+        // The kernel would take it and throw it away without a word.
+        if self.state == BusState::Off {
+            return Ok(Sent::Full);
         }
         let raw = raw_of(frame);
         debug_assert_eq!(raw.size(), if frame.is_fd() { 72 } else { 16 });

@@ -1,8 +1,9 @@
-//! The distribution board's process, where the plan has the sensors on a CAN bus; and a gateway's, where that bus is at a serial
-//! adapter.
+//! The distribution board's process, where the plan has the sensors on a CAN bus; and a gateway's, where the partition has a bus of
+//! its own, which the board's is then joined to.
 //!
 //! With the partition on the network: simulator – board (a bus, a gateway) – UDP – partition. With `bus = "slcan"`: simulator – board
-//! (a bus, a gateway) – UDP – gateway – adapter – partition.
+//! (a bus, a gateway) – UDP – gateway – adapter – partition; with `bus = "socketcan:vcan0"` an interface of this computer, which has to
+//! be there, stands in the place of the adapter.
 
 use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
@@ -22,6 +23,8 @@ use super::{Arguments, attribute, beside_self, partition_running};
 const END_PATIENCE: Duration = Duration::from_secs(5);
 /// The program of the partition that has its sensors on a bus.
 const PROGRAM: &str = "can_interface";
+/// What its attribute `bus` says of a serial adapter.
+const SERIAL: &str = "slcan";
 
 /// Whether the plan has its sensors on a bus.
 pub(super) fn is_between(plan: &Plan) -> bool {
@@ -49,11 +52,13 @@ impl Can {
         let mut board = Command::new(beside_self("can_board")?);
         board.args(["--listen", "127.0.0.1:0", "--simulator", &simulator.to_string(), "--ready"]);
         let address = can.add(board, arguments, plan)?;
-        if is_serial(arguments, plan, &partition) {
+        if let Some(own) = own_bus(arguments, plan, &partition) {
             // Sockets and links in the file system have short names, the folder of a flight need not.
             let link = std::env::temp_dir().join(format!("bateleur-can.{}", std::process::id()));
+            let is_serial = own == SERIAL;
+            let bus = if is_serial { format!("slcan-pty:{}", link.display()) } else { own };
             let mut gateway = Command::new(beside_self("can_gateway")?);
-            gateway.arg("run").arg("--bus").arg(format!("slcan-pty:{}", link.display()));
+            gateway.arg("run").arg("--bus").arg(bus);
             gateway.args([
                 "--listen",
                 "127.0.0.1:0",
@@ -66,7 +71,9 @@ impl Can {
             gateway.arg("--status").arg(link.with_extension(format!("{}.sock", std::process::id())));
             gateway.arg("--log").arg(folder.join("can.log"));
             can.add(gateway, arguments, plan)?;
-            can.attributes.push((partition, format!("device={}", terminal(&link)?)));
+            if is_serial {
+                can.attributes.push((partition, format!("device={}", terminal(&link)?)));
+            }
         } else {
             can.attributes.push((partition.clone(), "listen=127.0.0.1:0".into()));
             can.attributes.push((partition, format!("peer={address}")));
@@ -112,13 +119,16 @@ impl Drop for Can {
     }
 }
 
-/// Whether the partition's bus is at a serial adapter, by the plan or by what replaces it.
-fn is_serial(arguments: &Arguments, plan: &Plan, partition: &str) -> bool {
+/// The bus that the partition has for itself, by what replaces the plan's or by the plan; none: it is on the network.
+fn own_bus(arguments: &Arguments, plan: &Plan, partition: &str) -> Option<String> {
     let prefix = format!("{partition}.bus=");
-    if let Some(word) = arguments.set.iter().rev().find_map(|set| set.strip_prefix(&prefix)) {
-        return word.trim_matches('"') == "slcan";
-    }
-    matches!(attribute(plan, PROGRAM, "bus"), Some(Attribute::String(word)) if word == "slcan")
+    let set = arguments.set.iter().rev().find_map(|set| set.strip_prefix(&prefix));
+    let bus = match (set, attribute(plan, PROGRAM, "bus")) {
+        (Some(word), _) => word.trim_matches('"').to_owned(),
+        (None, Some(Attribute::String(word))) => word.clone(),
+        _ => return None,
+    };
+    (bus == SERIAL || bus.starts_with("socketcan:")).then_some(bus)
 }
 
 /// The terminal behind a link, which the partitions' user may open.

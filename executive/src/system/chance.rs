@@ -1,0 +1,71 @@
+//! How much of its life a process could use: a machine with more work than it can do keeps it waiting for a processor.
+//!
+//! It tells a helper that hangs from one that was never let run. It must never wait.
+
+use std::fs;
+
+/// Times of a process since it began, ns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Spent {
+    /// It had a processor.
+    ran_ns: u64,
+    /// It could have run and had none, as far as these waits are over.
+    waited_ns: u64,
+    /// It has a processor or waits for one at this moment.
+    is_runnable: bool,
+}
+
+/// How long process `pid`, which began `elapsed_ns` ago, has run or waited for something else than a processor, ns; all of it where
+/// the kernel does not tell.
+pub fn used_ns(pid: i32, elapsed_ns: u64) -> u64 {
+    let read = |file| fs::read_to_string(format!("/proc/{pid}/{file}")).ok();
+    let spent = read("schedstat").zip(read("stat")).and_then(|(schedstat, stat)| spent(&schedstat, &stat));
+    spent.map_or(elapsed_ns, |spent| used_of(&spent, elapsed_ns))
+}
+
+fn used_of(spent: &Spent, elapsed_ns: u64) -> u64 {
+    match spent.is_runnable {
+        // How long it has been waiting this time is not known.
+        true => spent.ran_ns,
+        false => elapsed_ns.saturating_sub(spent.waited_ns),
+    }
+}
+
+/// Reads the two files of `/proc` (Linux, Documentation/scheduler/sched-stats.rst, and proc_pid_stat(5)).
+fn spent(schedstat: &str, stat: &str) -> Option<Spent> {
+    let mut words = schedstat.split_ascii_whitespace().map(str::parse);
+    let (Some(Ok(ran_ns)), Some(Ok(waited_ns))) = (words.next(), words.next()) else { return None };
+    // A name may hold blanks and parentheses; the state follows the last one.
+    let state = stat.rsplit_once(')')?.1.trim_start().chars().next()?;
+    Some(Spent { ran_ns, waited_ns, is_runnable: state == 'R' })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::process::{Command, Stdio};
+
+    const SECOND_NS: u64 = 1_000_000_000;
+
+    #[test]
+    fn a_process_that_waits_for_a_processor_has_used_what_it_ran_and_one_that_sleeps_all_but_such_waits() {
+        let starved = spent("7000000 0 3\n", "42 (a) b) R 1 42 0").unwrap();
+        assert_eq!(used_of(&starved, 20 * SECOND_NS), 7_000_000);
+        let asleep = spent("7000000 2000000000 9\n", "42 (janitor) S 1 42 0").unwrap();
+        assert_eq!(used_of(&asleep, 20 * SECOND_NS), 18 * SECOND_NS);
+        assert_eq!(spent("", "42 (janitor) S 1"), None);
+    }
+
+    #[test]
+    fn a_process_that_sleeps_uses_its_life_and_of_one_that_is_gone_all_is_said() {
+        let mut child = Command::new("cat").stdin(Stdio::piped()).spawn().unwrap();
+        let pid = child.id() as i32;
+        // However long it takes until it sleeps on its input.
+        while used_ns(pid, 3_600 * SECOND_NS) < 1_800 * SECOND_NS {
+            std::thread::yield_now();
+        }
+        child.kill().unwrap();
+        child.wait().unwrap();
+        assert_eq!(used_ns(pid, 5), 5);
+    }
+}

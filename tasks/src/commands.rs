@@ -3,6 +3,7 @@
 //! Responsible for: README and the book telling the truth about commands. It must never touch the project's own folder: a block
 //! runs in a folder of its own, in which the schedules, the airframes and the built programs lie.
 
+use std::ffi::OsString;
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::os::unix::process::CommandExt;
@@ -19,7 +20,7 @@ const PATIENCE: Duration = Duration::from_secs(300);
 
 /// What the shell finds as `cargo`. The programs are built already; a crate that a page makes is built, where the tests of such
 /// crates build theirs, and finds the result in its own folder.
-fn cargo_of_a_page(programs: &Path) -> String {
+fn cargo_of_a_page(programs: &Path, cargo: &Path) -> String {
     let built = programs.parent().unwrap_or(programs).join("new-partition");
     format!(
         "#!/bin/sh\ncase \"$1 $3\" in\n\
@@ -30,12 +31,25 @@ fn cargo_of_a_page(programs: &Path) -> String {
          'build '*) exit 0 ;;\n\
          *) echo \"cargo $1 is not run here\" >&2; exit 2 ;;\nesac\n",
         built = built.display(),
-        cargo = crate::cargo().display(),
+        cargo = cargo.display(),
     )
 }
 
+/// The cargo that started this program, by its path: its bare name would be the pages' own one, which would call itself for
+/// ever.
+///
+/// # Errors
+/// It was not started by cargo.
+pub(crate) fn own_cargo(said: Option<OsString>) -> Result<PathBuf, String> {
+    said.map(PathBuf::from).filter(|path| path.is_absolute()).ok_or_else(|| {
+        "the pages' commands need the cargo that builds them, and nobody said where it is (CARGO): start this by \
+         `cargo run --release -p tasks -- commands`, or by `cargo verify`"
+            .into()
+    })
+}
+
 /// Every page's blocks; gives how many were run, how many were not, and what is wrong.
-pub(crate) fn check(root: &Path, programs: &Path) -> Result<(usize, usize), Vec<String>> {
+pub(crate) fn check(root: &Path, programs: &Path, cargo: &Path) -> Result<(usize, usize), Vec<String>> {
     let mut pages = vec![root.join("README.md")];
     pages.extend(files(&root.join("docs/src"), ".md"));
     let (mut run, mut left, mut faults) = (0, 0, Vec::new());
@@ -52,7 +66,7 @@ pub(crate) fn check(root: &Path, programs: &Path) -> Result<(usize, usize), Vec<
                 continue;
             }
             run += 1;
-            if let Err(fault) = run_block(root, programs, &block) {
+            if let Err(fault) = run_block(root, programs, cargo, &block) {
                 faults.push(format!("{place}: {fault}"));
             }
         }
@@ -60,9 +74,9 @@ pub(crate) fn check(root: &Path, programs: &Path) -> Result<(usize, usize), Vec<
     if faults.is_empty() { Ok((run, left)) } else { Err(faults) }
 }
 
-fn run_block(root: &Path, programs: &Path, block: &Block) -> Result<(), String> {
-    let place =
-        Place::make(root, programs).map_err(|error| format!("cannot make a folder to try it in: {error}"))?;
+fn run_block(root: &Path, programs: &Path, cargo: &Path, block: &Block) -> Result<(), String> {
+    let place = Place::make(root, programs, cargo)
+        .map_err(|error| format!("cannot make a folder to try it in: {error}"))?;
     for command in &block.before {
         place.run(command, 0).map_err(|fault| format!("before it: {fault}"))?;
     }
@@ -80,7 +94,7 @@ fn try_one(place: &Place, block: &Block, shown: &Shown) -> Result<(), String> {
 struct Place(PathBuf);
 
 impl Place {
-    fn make(root: &Path, programs: &Path) -> std::io::Result<Self> {
+    fn make(root: &Path, programs: &Path, cargo: &Path) -> std::io::Result<Self> {
         static NUMBER: std::sync::atomic::AtomicU32 = std::sync::atomic::AtomicU32::new(0);
         let number = NUMBER.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         let folder = std::env::temp_dir().join(format!("bateleur-pages-{}-{number}", std::process::id()));
@@ -90,7 +104,7 @@ impl Place {
         fs::create_dir_all(inside.join("target"))?;
         symlink(programs, inside.join("target/release"))?;
         symlink(programs.join("bateleur"), inside.join("bin/bateleur"))?;
-        fs::write(inside.join("bin/cargo"), cargo_of_a_page(programs))?;
+        fs::write(inside.join("bin/cargo"), cargo_of_a_page(programs, cargo))?;
         fs::set_permissions(inside.join("bin/cargo"), fs::Permissions::from_mode(0o755))?;
         fs::copy(root.join("schedule.toml"), inside.join("schedule.toml"))?;
         for folder in ["airframes", "schedules"] {
@@ -169,7 +183,7 @@ mod tests {
 
     fn checked(page: &str) -> Result<(usize, usize), Vec<String>> {
         let root = project(page);
-        let result = check(&root, &root.join("built"));
+        let result = check(&root, &root.join("built"), Path::new(env!("CARGO")));
         assert_eq!(
             fs::read_to_string(root.join("schedule.toml")).unwrap(),
             "a = 1\n",
@@ -185,6 +199,15 @@ mod tests {
                     $ cat schedule.toml\na = 2\n$ target/release/bateleur check\nhello check\n$ ls airframes\none.toml\n```\n\
                     <!-- verify: not run, takes minutes -->\n```console\n$ sleep 1000\n```\n";
         assert_eq!(checked(page), Ok((1, 1)));
+    }
+
+    #[test]
+    fn without_a_cargo_that_is_not_the_pages_own_nothing_is_run() {
+        for said in [None, Some("cargo".into())] {
+            let why = own_cargo(said).unwrap_err();
+            assert!(why.contains("cargo run --release -p tasks -- commands"), "{why}");
+        }
+        assert_eq!(own_cargo(Some("/x/cargo".into())), Ok("/x/cargo".into()));
     }
 
     #[test]

@@ -168,7 +168,8 @@ fn schedule(tally: &mut Tally) -> Result<(), String> {
 fn shown_commands(root: &Path) -> Result<(), String> {
     let begun = Instant::now();
     let programs = fly::beside_self("").map_err(|error| error.to_string())?;
-    match commands::check(root, &programs) {
+    let cargo = commands::own_cargo(std::env::var_os("CARGO"))?;
+    match commands::check(root, &programs, &cargo) {
         Ok((run, left)) => {
             let seconds = begun.elapsed().as_secs_f64();
             println!(

@@ -6,6 +6,7 @@ use anyhow::Context;
 use bateleur_messages::hil::Protocol;
 use bateleur_simulator::{Counters, Options, Outside, Server, airframe};
 use clap::{Parser, ValueEnum};
+use rustix::process::{Signal, getpid, kill_process};
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
@@ -154,6 +155,8 @@ fn stop_with_stdin(stop: Arc<AtomicBool>) {
         let mut rest = [0; 256];
         while matches!(std::io::stdin().read(&mut rest), Ok(1..)) {}
         stop.store(true, Ordering::Relaxed);
+        // Out of its wait for the next packet, instead of at the wait's end: whoever flies waits for the log.
+        let _ = kill_process(getpid(), Signal::TERM); // else it is noticed within 100 ms
     });
 }
 

@@ -1,7 +1,8 @@
 //! Retained memory: what a partition's next incarnation shall find again after a warm restart.
 //!
 //! The executive holds the memory across incarnations; it is zero after a cold start. Two copies are written in
-//! turn, each with its number last, so that a partition killed in the middle of a store leaves the copy before.
+//! turn, each with its number last, so that a partition killed in the middle of a store leaves the copy before. Both lie
+//! behind one another and go in one write, which the kernel carries out from front to back: a store is one system call.
 
 use std::fs::File;
 use std::marker::PhantomData;
@@ -11,14 +12,16 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
 use crate::context::StartError;
 
-/// Bytes before each copy: its number, the size of the value.
-const HEADER: u64 = 16;
+/// Bytes behind each copy: its number, the size of the value.
+const TRAILER: u64 = 16;
 
 /// A value of plain data that outlives its partition.
 #[derive(Debug)]
 pub struct Retained<T> {
     file: Option<File>,
     number: u64,
+    /// A copy as it is written.
+    copy: Vec<u8>,
     value: PhantomData<T>,
 }
 
@@ -31,7 +34,8 @@ impl<T: FromBytes + IntoBytes + Immutable + KnownLayout> Retained<T> {
                 "retained = \"{bytes}\" is too small: this partition keeps {needed} bytes"
             )));
         }
-        Ok(Self { file, number: 0, value: PhantomData })
+        let copy = vec![0; (trailer_at::<T>() + TRAILER) as usize];
+        Ok(Self { file, number: 0, copy, value: PhantomData })
     }
 
     /// What the incarnation before stored last.
@@ -41,7 +45,7 @@ impl<T: FromBytes + IntoBytes + Immutable + KnownLayout> Retained<T> {
             (0..2).filter_map(|slot| number_in::<T>(file, slot).map(|number| (number, slot))).max()?;
         self.number = newest.0;
         let mut value = T::new_zeroed();
-        file.read_exact_at(value.as_mut_bytes(), newest.1 * slot_bytes::<T>() + HEADER).ok()?;
+        file.read_exact_at(value.as_mut_bytes(), newest.1 * slot_bytes::<T>()).ok()?;
         Some(value)
     }
 
@@ -50,24 +54,29 @@ impl<T: FromBytes + IntoBytes + Immutable + KnownLayout> Retained<T> {
         let Some(file) = &self.file else { return };
         self.number += 1;
         let at = (self.number % 2) * slot_bytes::<T>();
-        let header = [self.number, size_of::<T>() as u64];
-        let written = file
-            .write_all_at(value.as_bytes(), at + HEADER)
-            .and_then(|()| file.write_all_at(header.as_bytes(), at));
-        if written.is_err() {
+        let trailer = [self.number, size_of::<T>() as u64];
+        let (front, back) = self.copy.split_at_mut(trailer_at::<T>() as usize);
+        front[..size_of::<T>()].copy_from_slice(value.as_bytes());
+        back.copy_from_slice(trailer.as_bytes());
+        if file.write_all_at(&self.copy, at).is_err() {
             self.file = None; // memory that the executive took away: go on without
         }
     }
 }
 
 const fn slot_bytes<T>() -> u64 {
-    HEADER + (size_of::<T>() as u64).next_multiple_of(64)
+    TRAILER + (size_of::<T>() as u64).next_multiple_of(64)
+}
+
+/// Where in a slot the trailer begins: behind the value.
+const fn trailer_at<T>() -> u64 {
+    (size_of::<T>() as u64).next_multiple_of(size_of::<u64>() as u64)
 }
 
 fn number_in<T>(file: &File, slot: u64) -> Option<u64> {
-    let mut header = [0_u64; 2];
-    file.read_exact_at(header.as_mut_bytes(), slot * slot_bytes::<T>()).ok()?;
-    let [number, size] = header;
+    let mut trailer = [0_u64; 2];
+    file.read_exact_at(trailer.as_mut_bytes(), slot * slot_bytes::<T>() + trailer_at::<T>()).ok()?;
+    let [number, size] = trailer;
     (number > 0 && size == size_of::<T>() as u64).then_some(number)
 }
 
@@ -110,8 +119,17 @@ mod tests {
         first.store(&[1.0; 3]);
         first.store(&[2.0; 3]);
         // The third store is killed after half of the value and before the number.
-        file.write_all_at(&[0xff; 12], slot_bytes::<[f64; 3]>() + HEADER).unwrap();
+        file.write_all_at(&[0xff; 12], slot_bytes::<[f64; 3]>()).unwrap();
         assert_eq!(retained(&file).load(), Some([2.0; 3]));
+    }
+
+    #[test]
+    fn a_value_whose_size_is_no_whole_number_of_words_comes_back_whole() {
+        let file = memory();
+        let open = || Retained::<[u8; 13]>::new(Some(file.try_clone().unwrap()), 4096).unwrap();
+        let mut first = open();
+        (1..4).for_each(|number| first.store(&[number; 13]));
+        assert_eq!(open().load(), Some([3; 13]));
     }
 
     #[test]

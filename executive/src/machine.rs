@@ -177,8 +177,11 @@ fn namespaces(user: Option<u32>, filtered: bool, guarantees: &mut Guarantees) ->
         },
     ];
     let mut found = Namespaces::default();
+    let try_out = |by| try_walls(Walls { namespaces: by, ..Walls::default() }, user);
+    // Most often all are to be had, and one probe says so.
+    let everything = try_out(Namespaces { mount: true, network: true, ipc: true, uts: true, pid: true });
     for Shut { promise, by, else_by } in all {
-        let tried = try_walls(Walls { namespaces: by, ..Walls::default() }, user);
+        let tried = if everything.is_ok() { Ok(()) } else { try_out(by) };
         if tried.is_ok() {
             found.mount |= by.mount;
             found.network |= by.network;

@@ -13,9 +13,14 @@ use crate::{CANNOT_RUN, cargo};
 /// All programs, because the executive starts the partitions, the simulator and itself from one folder.
 const BUILD: [&str; 4] = ["build", "--release", "--workspace", "--bins"];
 
+/// What shows help.
+const BUILD_HELP: [&str; 6] = ["build", "--release", "--package", "bateleur", "--bin", "bateleur"];
+
 pub(crate) fn run(arguments: Vec<OsString>) -> ExitCode {
-    if let Err(reason) = build() {
-        eprintln!("fly: {reason}; to see it again: cargo {}", BUILD.join(" "));
+    let asks_for_help = arguments.iter().any(|word| word == "--help" || word == "-h");
+    let words: &[&str] = if asks_for_help { &BUILD_HELP } else { &BUILD };
+    if let Err(reason) = build(words) {
+        eprintln!("fly: {reason}; to see it again: cargo {}", words.join(" "));
         return ExitCode::from(CANNOT_RUN);
     }
     let program = match beside_self("bateleur") {
@@ -32,9 +37,9 @@ fn refuse(reason: &str) -> ExitCode {
 }
 
 /// Cargo's words pass through as they come, but for the line that only says that nothing was to be done.
-fn build() -> Result<(), String> {
+fn build(words: &[&str]) -> Result<(), String> {
     let mut command = Command::new(cargo());
-    command.args(BUILD).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
+    command.args(words).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
     if std::io::stderr().is_terminal() {
         command.env("CARGO_TERM_COLOR", "always");
     }

@@ -2,6 +2,27 @@
 //!
 //! Exit codes: 0 fine, 1 it ran and something was wrong, 2 it could not run.
 
+/// As that of the standard library, but a line that nobody reads any more (`| head`, a closed terminal) is dropped: it is no reason to
+/// end a flight.
+macro_rules! eprintln {
+    ($($words:tt)*) => {{
+        let _ = std::io::Write::write_fmt(&mut std::io::stderr(), format_args!("{}\n", format_args!($($words)*)));
+    }};
+}
+
+/// As above, on standard output.
+macro_rules! print {
+    ($($words:tt)*) => {{
+        let _ = std::io::Write::write_fmt(&mut std::io::stdout(), format_args!($($words)*));
+    }};
+}
+
+/// As above, a line.
+macro_rules! println {
+    () => { print!("\n") };
+    ($($words:tt)*) => { print!("{}\n", format_args!($($words)*)) };
+}
+
 mod line;
 mod observer;
 mod output;

@@ -18,6 +18,12 @@ pub(crate) fn refuse_used(folder: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Removes from a folder what made it one that holds a run: there was none after all.
+pub(crate) fn clear(folder: &Path) -> std::io::Result<()> {
+    let made = ["truth.bin", "ports.mcap"].iter().chain(&MARKS).map(|name| folder.join(name));
+    made.filter(|file| file.exists()).try_for_each(std::fs::remove_file)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

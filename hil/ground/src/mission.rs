@@ -14,7 +14,8 @@ use bateleur_messages::ground::{EstimatorOrder, Manoeuvre, Order, SENSOR_GYROSCO
 use bateleur_messages::hil::{PILOT_TAKE_OFF, PilotOrder};
 use bateleur_messages::state::{STATUS_COARSE, STATUS_DISABLED, STATUS_RUNNING};
 use bateleur_messages::telemetry::{
-    Acknowledge, NAVIGATION_FINISHED, NOT_UNDERSTOOD, Navigation, Refusal, StateTelemetry, Telemetry,
+    Acknowledge, NAVIGATION_ABORTED, NAVIGATION_FINISHED, NAVIGATION_LINK_LOST, NAVIGATION_OUTSIDE,
+    NAVIGATION_RETURN, NOT_UNDERSTOOD, Navigation, Refusal, StateTelemetry, Telemetry,
 };
 
 const SECOND_NS: u64 = 1_000_000_000;
@@ -34,6 +35,17 @@ const GROUNDED_M: f64 = 3.0;
 const GROUNDED_MPS: f64 = 6.0;
 const GROUNDED_NS: u64 = 5 * SECOND_NS;
 
+/// What the aircraft does instead of flying to its way-points, by the flags of its navigation; the first says most.
+const CONDITIONS: [(u32, &str); 4] = [
+    (NAVIGATION_OUTSIDE, "the aircraft has left its fence and acts on that; way-points are not flown to"),
+    (
+        NAVIGATION_LINK_LOST,
+        "the aircraft does not hear the ground and acts on that; way-points are not flown to",
+    ),
+    (NAVIGATION_ABORTED, "the take-off was broken off"),
+    (NAVIGATION_RETURN, "the aircraft flies back to the runway and circles there"),
+];
+
 /// A mission under way.
 #[derive(Debug)]
 pub struct Mission {
@@ -48,6 +60,7 @@ pub struct Mission {
     pilot_called_ns: u64,
     grounded_since_ns: Option<u64>,
     reached: u32,
+    flags: u32,
     rearmed: u32,
     silent: bool,
     estimator_silent: bool,
@@ -72,6 +85,7 @@ impl Mission {
             pilot_called_ns: 0,
             grounded_since_ns: None,
             reached: 0,
+            flags: 0,
             rearmed: 0,
             silent: false,
             estimator_silent: false,
@@ -166,6 +180,19 @@ impl Mission {
             self.say(Severity::Info, format!("{reached} of {total} way-points reached{height}"));
         }
         self.reached = reached;
+        let began = navigation.flags & !self.flags;
+        self.flags = navigation.flags;
+        for (flag, text) in CONDITIONS {
+            if began & flag != 0 && self.phase >= Phase::Watch {
+                self.say(Severity::Warning, text.to_owned());
+            }
+        }
+    }
+
+    /// What keeps the aircraft from its way-points, by its own word.
+    fn kept_from(&self) -> String {
+        let held = CONDITIONS.iter().find(|(flag, _)| self.flags & flag != 0);
+        held.map_or_else(String::new, |(_, text)| format!("; {text}"))
     }
 
     fn say(&mut self, severity: Severity, text: String) {
@@ -329,7 +356,8 @@ impl Mission {
         let limit_s = limit_s(self.phase);
         if in_mission_ns as f64 > self.plan.time_limit_s * 1e9 {
             let (phase, limit) = (self.phase, self.plan.time_limit_s);
-            self.fail(format!("the mission's time limit of {limit} s is over while {phase}"));
+            let why = self.kept_from();
+            self.fail(format!("the mission's time limit of {limit} s is over while {phase}{why}"));
         } else if limit_s.is_some_and(|limit_s| self.in_phase_ns() > limit_s * SECOND_NS) {
             self.fail(self.why_not_in_time(limit_s.unwrap_or(0)));
         }

@@ -5,8 +5,8 @@ use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Most way-points of a mission; the protocol counts them in one byte, and the Controller's list ends before that.
-pub const MOST_WAYPOINTS: usize = 64;
+/// Most way-points of a mission: as many as the Controller holds.
+pub const MOST_WAYPOINTS: usize = 32;
 
 /// A mission, checked.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,9 +44,16 @@ pub enum PlanError {
         /// What is wrong.
         wrong: Box<PlanError>,
     },
-    /// The text is no mission. The message names line and column.
-    #[error("the mission cannot be understood: {0}")]
-    Syntax(toml::de::Error),
+    /// The text is no mission.
+    #[error("line {line}, column {column}: {message}")]
+    Syntax {
+        /// From 1.
+        line: usize,
+        /// From 1.
+        column: usize,
+        /// What is wrong, and how to mend it.
+        message: String,
+    },
     /// The list of way-points is empty or too long.
     #[error("the mission has {0} way-points; it must have 1 to {MOST_WAYPOINTS}")]
     Waypoints(usize),
@@ -158,7 +165,7 @@ impl MissionPlan {
     /// # Errors
     /// When it is no mission.
     pub fn from_toml(text: &str) -> Result<Self, PlanError> {
-        let raw: RawPlan = toml::from_str(text).map_err(PlanError::Syntax)?;
+        let raw: RawPlan = toml::from_str(text).map_err(|error| syntax(text, &error))?;
         let count = raw.waypoint.len();
         if !(1..=MOST_WAYPOINTS).contains(&count) {
             return Err(PlanError::Waypoints(count));
@@ -207,6 +214,38 @@ impl RawWaypoint {
             airspeed_mps: self.airspeed_mps,
         })
     }
+}
+
+/// Where a text is no mission, and why, in words of the file and not of the program.
+fn syntax(text: &str, error: &toml::de::Error) -> PlanError {
+    let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
+    let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
+    PlanError::Syntax {
+        line: before.matches('\n').count() + 1,
+        column: before[line_start..].chars().count() + 1,
+        message: in_words(error.message()),
+    }
+}
+
+/// Share of letters that agree, from where on a guess helps more than it misleads.
+const LIKENESS: f64 = 0.6;
+
+fn in_words(message: &str) -> String {
+    let Some((unknown, known)) =
+        message.strip_prefix("unknown ").and_then(|rest| rest.split_once(", expected "))
+    else {
+        let plain = message
+            .replace("expected f64", "expected a number")
+            .replace("expected u32", "expected a whole number");
+        return plain.replace("floating point", "number").replace("missing field", "there is no key");
+    };
+    let quoted = |text: &str| text.split('`').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>();
+    let (word, known) = (quoted(unknown).concat(), quoted(known));
+    let like = |candidate: &String| strsim::normalized_damerau_levenshtein(&word, candidate);
+    let best = known.iter().max_by(|a, b| like(a).total_cmp(&like(b))).filter(|best| like(best) >= LIKENESS);
+    let guess = best.map_or_else(String::new, |best| format!(": did you mean `{best}`?"));
+    let what = if unknown.starts_with("variant") { "value" } else { "key" };
+    format!("there is no {what} `{word}`{guess} (there are {})", known.join(", "))
 }
 
 fn within(
@@ -261,7 +300,16 @@ mod tests {
         let cases = [
             ("waypoint = []", "has 0 way-points"),
             ("[[waypoint]]\nnorth_m = 1\neast_m = nan\naltitude_m = 3", "way-point 0 east_m is NaN"),
-            ("[[waypoint]]\nnorth = 1", "unknown field `north`"),
+            (
+                "[[waypoint]]\nnort_m = 1",
+                "line 2, column 1: there is no key `nort_m`: did you mean `north_m`?",
+            ),
+            ("take_off = \"autopilt\"", "there is no value `autopilt`: did you mean `autopilot`?"),
+            (
+                "[[waypoint]]\nnorth_m = \"1\"",
+                "line 2, column 11: invalid type: string \"1\", expected a number",
+            ),
+            ("[[waypoint]]\nnorth_m = 1\neast_m = 2", "there is no key `altitude_m`"),
             ("laps = 0\n[[waypoint]]\nnorth_m = 1\neast_m = 2\naltitude_m = 3", "laps is 0"),
         ];
         for (text, expected) in cases {

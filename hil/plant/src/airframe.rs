@@ -383,9 +383,9 @@ impl Airframe {
         let delay_ok = (0.0..=longest).contains(&s.delay_s);
         found.demand(delay_ok, "servo.delay_s", s.delay_s, "between 0 and 0.25");
         found.not_negative("servo.backlash_rad", s.backlash_rad);
-        found.positive("servo.aileron_limit_rad", s.aileron_limit_rad);
-        found.positive("servo.elevator_limit_rad", s.elevator_limit_rad);
-        found.positive("servo.rudder_limit_rad", s.rudder_limit_rad);
+        found.travel("servo.aileron_limit_rad", s.aileron_limit_rad);
+        found.travel("servo.elevator_limit_rad", s.elevator_limit_rad);
+        found.travel("servo.rudder_limit_rad", s.rudder_limit_rad);
     }
 
     fn check_gear(&self, found: &mut Complaints) {
@@ -416,6 +416,11 @@ impl Complaints {
 
     fn positive(&mut self, key: &'static str, value: f64) {
         self.demand(value > 0.0, key, value, "greater than zero");
+    }
+
+    /// A surface that turns by more than this stands across the air; who writes more has written degrees.
+    fn travel(&mut self, key: &'static str, value: f64) {
+        self.demand(value > 0.0 && value <= 1.2, key, value, "in radians, greater than zero and 1.2 at most");
     }
 
     fn not_negative(&mut self, key: &'static str, value: f64) {

@@ -268,9 +268,6 @@ impl Airframe {
             ("aerodynamics.roll_aileron", a.roll_aileron),
             ("aerodynamics.yaw_beta", a.yaw_beta),
             ("servo.bandwidth_radps", s.bandwidth_radps),
-            ("servo.aileron_limit_rad", s.aileron_limit_rad),
-            ("servo.elevator_limit_rad", s.elevator_limit_rad),
-            ("servo.rudder_limit_rad", s.rudder_limit_rad),
         ];
         let negative = [
             ("aerodynamics.pitch_alpha", a.pitch_alpha),
@@ -282,6 +279,14 @@ impl Airframe {
         }
         for (key, value) in negative {
             demand(key, value, value < 0.0, "a negative number")?;
+        }
+        let travels = [
+            ("servo.aileron_limit_rad", s.aileron_limit_rad),
+            ("servo.elevator_limit_rad", s.elevator_limit_rad),
+            ("servo.rudder_limit_rad", s.rudder_limit_rad),
+        ];
+        for (key, value) in travels {
+            demand(key, value, value > 0.0 && value <= 1.2, "radians, greater than zero and 1.2 at most")?;
         }
         demand("aerodynamics.yaw_rudder", a.yaw_rudder, a.yaw_rudder.abs() > 1e-4, "a rudder that turns")?;
         self.check_power()

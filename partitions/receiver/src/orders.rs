@@ -23,6 +23,8 @@ pub struct Settings {
 struct Order {
     number: u8,
     bytes: Vec<u8>,
+    /// A receiver that lacks what it is about refuses it, and goes on.
+    optional: bool,
 }
 
 /// Orders that wait for their answers.
@@ -60,15 +62,16 @@ impl Orders {
         if class != CFG {
             return;
         }
-        let asked = self.waiting.len();
-        self.waiting.retain(|order| order.number != number);
-        if granted || self.waiting.len() == asked {
+        // Answers come in the order of what was sent: this one is for the first with its number.
+        let Some(place) = self.waiting.iter().position(|order| order.number == number) else { return };
+        let order = self.waiting.remove(place);
+        if granted || order.optional {
             return;
         }
         self.refused += 1;
         if !self.newer {
             self.newer = true;
-            self.waiting = vec![newer(self.settings)];
+            self.waiting = newer(self.settings);
             self.next_ns = 0;
         }
     }
@@ -95,22 +98,25 @@ fn older(settings: Settings) -> Vec<Order> {
     };
     let message = CfgMsgSinglePortBuilder { msg_class: NAV_PVT.0, msg_id: NAV_PVT.1, rate: 1 };
     vec![
-        Order { number: 0x08, bytes: rate.into_packet_bytes().to_vec() },
-        Order { number: 0x01, bytes: message.into_packet_bytes().to_vec() },
+        Order { number: 0x08, bytes: rate.into_packet_bytes().to_vec(), optional: false },
+        Order { number: 0x01, bytes: message.into_packet_bytes().to_vec(), optional: false },
     ]
 }
 
-/// Generations from 9 on: one order for all, kept in memory that a restart of the receiver clears.
-fn newer(settings: Settings) -> Order {
-    let values = [
-        CfgVal::RateMeas(settings.period_ms),
-        CfgVal::MsgOutUbxNavPvtUart1(1),
-        CfgVal::MsgOutUbxNavPvtUsb(1),
-    ];
+/// Generations from 9 on, kept in memory that a restart of the receiver clears. Every one has a first serial port; an order that names
+/// another port is refused whole where the receiver has none, so each of those stands for itself.
+fn newer(settings: Settings) -> Vec<Order> {
+    let everywhere = [CfgVal::RateMeas(settings.period_ms), CfgVal::MsgOutUbxNavPvtUart1(1)];
+    let usb = [CfgVal::MsgOutUbxNavPvtUsb(1)];
+    let second = [CfgVal::MsgOutUbxNavPvtUart2(1)];
+    vec![set(&everywhere, false), set(&usb, true), set(&second, true)]
+}
+
+fn set(values: &[CfgVal], optional: bool) -> Order {
     let mut bytes = Vec::new();
-    CfgValSetBuilder { version: 1, layers: CfgLayerSet::RAM, reserved1: 0, cfg_data: &values }
+    CfgValSetBuilder { version: 1, layers: CfgLayerSet::RAM, reserved1: 0, cfg_data: values }
         .extend_to(&mut bytes);
-    Order { number: 0x8a, bytes }
+    Order { number: 0x8a, bytes, optional }
 }
 
 #[cfg(test)]
@@ -147,8 +153,25 @@ mod tests {
         assert!(bytes.windows(6).any(|part| part == [0x01, 0x00, 0x21, 0x30, 100, 0]), "{bytes:x?}");
         orders.answered(CFG, 0x01, false); // the answer to an order that nobody waits for any more
         assert_eq!(orders.due(2 * SECOND), Some(bytes));
-        orders.answered(CFG, 0x8a, false);
+        for _ in 0..3 {
+            orders.answered(CFG, 0x8a, false);
+        }
         assert!(orders.due(9 * SECOND).is_none());
         assert_eq!(orders.refused(), 2);
+    }
+
+    #[test]
+    fn receiver_without_the_other_ports_is_set_up_all_the_same() {
+        let mut orders = Orders::new(Settings { period_ms: 100 });
+        let _ = orders.due(0);
+        orders.answered(CFG, 0x08, false);
+        let _ = orders.due(1);
+        // A u-blox M10 has neither USB nor a second serial port.
+        orders.answered(CFG, 0x8a, true);
+        assert!(!orders.are_granted());
+        orders.answered(CFG, 0x8a, false);
+        orders.answered(CFG, 0x8a, false);
+        assert!(orders.are_granted() && orders.due(9 * SECOND).is_none());
+        assert_eq!(orders.refused(), 1, "the older order alone");
     }
 }

@@ -53,7 +53,10 @@ struct AsFlown {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let log = file(&arguments.flight);
-    let flown = as_flown(&log);
+    let (flown, changed) = as_flown(&log).unzip();
+    for file in changed.iter().flatten() {
+        eprintln!("{} is not as it was flown: taking the copy in the flight's folder", file.display());
+    }
     let schedule = arguments.schedule.clone().or_else(|| flown.as_ref().map(|flown| flown.schedule.clone()));
     let schedule = schedule.unwrap_or_else(|| "schedule.toml".into());
     let Some(plan) = plan_file::read_or_say(&schedule)? else { return Ok(CANNOT_RUN) };
@@ -65,7 +68,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
                 .iter()
                 .try_for_each(|program| given.set_airframe(&plan, program, airframe))?;
         }
-        set(&mut given, &flown.set)?;
+        set(&mut given, &fly::settings(flown, &plan)?)?;
     }
     set(&mut given, &arguments.set)?;
     let (settings, topics) = planned::read(&plan, module.as_deref(), &given)?;
@@ -89,13 +92,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     Ok(if words.different == 0 && words.absent_cycles == 0 { FINE } else { WRONG })
 }
 
-/// What the flight was asked for; nothing where its folder does not say.
-fn as_flown(log: &Path) -> Option<fly::Arguments> {
-    let text = std::fs::read(log.parent()?.join(FILE)).ok()?;
+/// What the flight was asked for, and which files have changed since; nothing where its folder does not say.
+fn as_flown(log: &Path) -> Option<(fly::Arguments, Vec<PathBuf>)> {
+    let folder = log.parent()?;
+    let text = std::fs::read(folder.join(FILE)).ok()?;
     let run: Run = serde_json::from_slice(&text).ok()?;
     let words: Vec<String> = serde_json::from_value(run.arguments).ok()?;
     // The first word is the verb, where a program's name is expected.
-    AsFlown::try_parse_from(words).ok().map(|as_flown| as_flown.flown)
+    AsFlown::try_parse_from(words).ok().map(|as_flown| fly::kept::as_flown(folder, as_flown.flown))
 }
 
 fn set(given: &mut planned::Attributes, settings: &[String]) -> Result<()> {

@@ -24,8 +24,10 @@ impl Target {
 
     /// Gives it an order, and says what it answers.
     pub(crate) fn order(&self, request: &Request) -> Result<()> {
-        if let Answer::Done { text } = self.connect()?.ask(request)? {
-            println!("{}", printable(&text));
+        let module = self.choose()?;
+        if let Answer::Done { text } = Client::connect(&module)?.ask(request)? {
+            // Several people may have modules of one name on a machine: whose it was has to be seen.
+            println!("{} (module {}, PID {})", printable(&text), module.module, module.pid);
         }
         Ok(())
     }

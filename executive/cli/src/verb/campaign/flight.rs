@@ -136,10 +136,13 @@ fn reason(status: ExitStatus, folder: &Path) -> String {
     }
 }
 
-/// What a program said last: its error, which may have several lines, or its last line.
+/// What a program said last: its error, which may have several lines, or its last line. The error of another program, which it
+/// points at, stands before its own.
 fn last_words(said: &str) -> String {
     let lines: Vec<&str> = said.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
-    let error = lines.iter().rposition(|line| line.starts_with("bateleur: "));
+    let own = lines.iter().rposition(|line| line.starts_with("bateleur: "));
+    let points_above = |at: usize| lines[at].contains("stands above this line");
+    let error = own.map(|at| if points_above(at) { at.saturating_sub(1) } else { at });
     let words = lines.get(error.unwrap_or(lines.len().saturating_sub(1))..).unwrap_or_default().join(" ");
     words.chars().take(MOST_WORDS).collect()
 }

@@ -9,6 +9,7 @@ mod can;
 mod executive;
 mod fleet;
 pub(crate) mod hosts;
+pub(crate) mod kept;
 mod mission;
 mod simulator;
 mod standing;
@@ -22,7 +23,9 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 use anyhow::{Context, Result, bail};
 use bateleur_executive::event::Event;
 use bateleur_executive::plan::{Attribute, Facts, Plan};
+use bateleur_flight::guidance::{self, Corner};
 use bateleur_ground::MissionPlan;
+use bateleur_messages::ground;
 use bateleur_messages::hil::Protocol;
 use bateleur_report::chains::ChainBound;
 use bateleur_report::hosts as report_hosts;
@@ -32,7 +35,7 @@ use bateleur_simulator::Outside;
 
 use super::air::{direction, seed, wind};
 use super::faults::Faults;
-use super::run::stop_with_standard_input;
+use super::run::{parse_setting, stop_with_standard_input};
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
 use crate::line::Line;
 use crate::output;
@@ -110,15 +113,17 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let Some(plan) = plan_file::read_or_say(&arguments.schedule)? else { return Ok(CANNOT_RUN) };
     let mission = read_mission(arguments, &plan)?;
-    if arguments.no_simulator && arguments.outside != Outside::default() {
+    let air = arguments.wind != 0.0 || arguments.turbulence != "calm";
+    if arguments.no_simulator && (air || arguments.outside != Outside::default()) {
         bail!(
-            "--fault, --sensors, --vary and --plant are for this project's simulator; --no-simulator flies somebody \
-             else's"
+            "--wind, --turbulence, --fault, --sensors, --vary and --plant are for this project's simulator; \
+             --no-simulator flies somebody else's"
         );
     }
     if let Some(folder) = &arguments.output {
         output::refuse_used(folder)?;
     }
+    let arguments = &Arguments { set: settings(arguments, &plan)?, ..arguments.clone() };
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
         signal_hook::flag::register(signal, stop.clone()).context("cannot watch for signals")?;
@@ -126,18 +131,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     if arguments.until_stdin_closes {
         stop_with_standard_input(stop.clone());
     }
-    let folder = make_folder(arguments)?;
+    let folder = FlightFolder::make(arguments)?;
     let begun = Instant::now();
-    let Some(flown) = fly(arguments, &plan, &mission, &folder, stop.clone())? else {
+    let Some(flown) = fly(arguments, &plan, &mission, &folder.path, stop.clone())? else {
         if stop.load(Ordering::Acquire) {
             bail!("interrupted before the partitions were ready");
         }
         return Ok(CANNOT_RUN);
     };
+    let folder = folder.keep();
     let record = record(arguments, &flown, begun.elapsed().as_secs_f64());
     std::fs::write(folder.join(FILE), serde_json::to_vec_pretty(&record)?)
         .context("cannot write run.json")?;
-    let summary = bateleur_report::write(&folder, &inputs(&plan, &mission))?;
+    kept::keep(&folder, arguments)?;
+    let summary = bateleur_report::write(&folder, &inputs(arguments, &plan, &mission))?;
     print_summary(arguments, &summary, &folder)?;
     Ok(if summary.completed { FINE } else { WRONG })
 }
@@ -274,15 +281,65 @@ fn attribute<'a>(plan: &'a Plan, program: &str, name: &str) -> Option<&'a Attrib
     plan[plan.partition(&partition)?].attributes.get(name)
 }
 
-fn make_folder(arguments: &Arguments) -> Result<PathBuf> {
-    let folder = arguments.output.clone().unwrap_or_else(|| {
-        let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
-        let name = format!("{}-{}-seed{}", date(seconds), std::process::id(), arguments.seed);
-        Path::new("target/flights").join(name)
-    });
-    std::fs::create_dir_all(&folder)
-        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    Ok(folder)
+/// The attributes that are replaced: those asked for, and the laps of a mission of one's own, after which the aircraft is to circle.
+pub(crate) fn settings(arguments: &Arguments, plan: &Plan) -> Result<Vec<String>> {
+    let mut settings = arguments.set.clone();
+    if arguments.mission.is_some() && asked(arguments, plan, "controller", "laps").is_none() {
+        let laps = read_mission(arguments, plan)?.laps;
+        settings.push(format!("{}.laps={laps}", partition_running(plan, "controller")?));
+    }
+    Ok(settings)
+}
+
+/// What `--set` asks of an attribute.
+fn asked(arguments: &Arguments, plan: &Plan, program: &str, name: &str) -> Option<serde_json::Value> {
+    let partition = partition_running(plan, program).ok()?;
+    let settings = arguments.set.iter().rev().filter_map(|text| parse_setting(text).ok());
+    let mut found = settings.filter(|setting| setting.partition == partition && setting.attribute == name);
+    found.next().map(|setting| setting.value)
+}
+
+/// An attribute as it was flown with: asked for, or the plan's.
+fn in_effect(arguments: &Arguments, plan: &Plan, program: &str, name: &str) -> Option<serde_json::Value> {
+    let planned = || serde_json::to_value(attribute(plan, program, name)?).ok();
+    asked(arguments, plan, program, name).or_else(planned)
+}
+
+/// The folder of a flight that has not begun yet: a start that fails leaves nothing behind.
+struct FlightFolder {
+    path: PathBuf,
+    is_new: bool,
+    begun: bool,
+}
+
+impl FlightFolder {
+    fn make(arguments: &Arguments) -> Result<Self> {
+        let path = arguments.output.clone().unwrap_or_else(|| {
+            let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+            let name = format!("{}-{}-seed{}", date(seconds), std::process::id(), arguments.seed);
+            Path::new("target/flights").join(name)
+        });
+        let is_new = !path.exists();
+        std::fs::create_dir_all(&path)
+            .with_context(|| format!("cannot make the folder {}", path.display()))?;
+        Ok(Self { path, is_new, begun: false })
+    }
+
+    /// There was a flight: what it left stays.
+    fn keep(mut self) -> PathBuf {
+        self.begun = true;
+        self.path.clone()
+    }
+}
+
+impl Drop for FlightFolder {
+    fn drop(&mut self) {
+        if self.begun {
+            return;
+        }
+        // It is the disk's tidiness only, and the reason of the failure is told already.
+        let _ = if self.is_new { std::fs::remove_dir_all(&self.path) } else { output::clear(&self.path) };
+    }
 }
 
 /// Seconds since 1970 as "20261121-093000", UTC (the usual civil-calendar arithmetic on 400-year eras).
@@ -344,12 +401,24 @@ fn lost_records(events: &[Event]) -> u64 {
     lost.unwrap_or(0)
 }
 
-fn inputs(plan: &Plan, mission: &MissionPlan) -> Inputs {
+fn inputs(arguments: &Arguments, plan: &Plan, mission: &MissionPlan) -> Inputs {
     let mut inputs = Inputs { laps: mission.laps, chains: chains(plan), ..Inputs::default() };
-    if let Some(Attribute::Boolean(aiding)) = attribute(plan, "estimator", "pressure_aiding") {
-        inputs.pressure_aiding = *aiding;
+    inputs.waypoints = mission.waypoints.iter().map(waypoint).collect();
+    let given = |program, name| in_effect(arguments, plan, program, name);
+    if let Some(aiding) = given("estimator", "pressure_aiding").and_then(|value| value.as_bool()) {
+        inputs.pressure_aiding = aiding;
     }
+    if given("controller", "path").is_some_and(|value| value == "fly_through") {
+        inputs.guidance.corner = Corner::FlyThrough;
+    }
+    inputs.guidance.radius_m = given("controller", "radius_m").and_then(|value| value.as_f64());
     inputs
+}
+
+/// As guidance has it.
+fn waypoint(point: &ground::Waypoint) -> guidance::Waypoint {
+    let ground::Waypoint { north_m, east_m, altitude_m, heading_rad, airspeed_mps, .. } = *point;
+    guidance::Waypoint { north_m, east_m, altitude_m, airspeed_mps, heading_rad }
 }
 
 /// The chains of the plan, each with its worst age in any schedule.

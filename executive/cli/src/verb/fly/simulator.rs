@@ -86,7 +86,7 @@ impl Simulator {
         };
         let Some(address) = address else {
             let status = process.wait()?;
-            bail!("the simulator did not start ({status}); its message stands above");
+            bail!("the simulator did not start ({status}): its own message stands above this line");
         };
         place(process.id() as i32, arguments, plan);
         Ok(Self { address, protocol, can: None, process: Some(process), line })

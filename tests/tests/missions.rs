@@ -1,0 +1,139 @@
+//! Missions of one's own: flown, judged by their own way-points, kept with the flight; and what is left of those that fail.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use bateleur_tests::{Ended, among_others, bateleur, edited, flight_schedule, program};
+use serde_json::{Value, json};
+
+/// A triangle, once, at two heights; the autopilot takes off.
+const TRIANGLE: &str = r#"
+laps = 1
+take_off = "autopilot"
+
+[[waypoint]]
+north_m = 600
+east_m = 0
+altitude_m = 120
+
+[[waypoint]]
+north_m = 500
+east_m = 500
+altitude_m = 140
+
+[[waypoint]]
+north_m = 0
+east_m = 300
+altitude_m = 120
+"#;
+
+fn fly(schedule: &Path, choices: &[&str]) -> Ended {
+    let mut arguments = vec!["fly", "--fast", "--format", "json", "--schedule", schedule.to_str().unwrap()];
+    arguments.extend(choices);
+    bateleur(&arguments).end()
+}
+
+fn written(folder: &Path, name: &str, text: &str) -> String {
+    let path = folder.join(name);
+    std::fs::write(&path, text).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+#[test]
+fn mission_of_another_shape_is_judged_by_its_own_way_points_and_replays_when_its_files_have_changed() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let mission = written(folder.path(), "triangle.toml", TRIANGLE);
+    let schedule = folder.path().join("schedule.toml");
+    std::fs::copy(flight_schedule(), &schedule).unwrap();
+    let flown = fly(&schedule, &["--seed", "3", "--mission", &mission]).expect_code(0);
+    let summary = flown.summary();
+    assert_eq!((&summary["completed"], &summary["laps"]), (&json!(true), &json!(1)), "{summary:#}");
+    assert_eq!(summary["waypoints"], json!(["WP0", "WP1", "WP2", "WP0"]));
+    assert_eq!(summary["unverified_waypoints"], json!([]));
+    let straight = summary["straight_cross_track_rms_m"].as_f64().unwrap();
+    assert!(straight < 2.0, "{straight} m off a straight leg");
+    assert_eq!(std::fs::read_to_string(flown.folder().join("mission.toml")).unwrap(), TRIANGLE);
+
+    // Weeks later.
+    std::fs::remove_file(&mission).unwrap();
+    std::fs::write(&schedule, edited(&[(r#"path = "fillet""#, r#"path = "fly_through""#)])).unwrap();
+    let flight = flown.folder();
+    let replayed = bateleur(&["replay", flight.to_str().unwrap(), "--format", "json"]).end();
+    let replayed = replayed.expect_code(0).expect_words(&["schedule.toml is not as it was flown"]);
+    assert_eq!(replayed.summary()["replayed"]["words"]["different"], 0);
+}
+
+#[test]
+fn fence_that_is_left_is_told_and_is_the_reason_why_the_mission_failed() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let mission = written(folder.path(), "short.toml", &format!("time_limit_s = 100\n{TRIANGLE}"));
+    let fenced = ["--set", "controller.fence_radius_m=450", "--mission", &mission];
+    let ended = fly(&flight_schedule(), &fenced).expect_code(1);
+    let words = "the aircraft has left its fence and acts on that";
+    let ended = ended.expect_words(&[words]);
+    let failure = ended.summary()["failure"].as_str().unwrap().to_owned();
+    assert!(failure.contains("time limit of 100 s") && failure.contains("back to the runway"), "{failure}");
+}
+
+#[test]
+fn flight_that_can_not_begin_leaves_no_folder_and_the_same_command_flies_when_its_mistake_is_mended() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("flight");
+    let mission = written(folder.path(), "short.toml", &format!("time_limit_s = 5\n{TRIANGLE}"));
+    let output_text = output.to_str().unwrap();
+    let attempt = |airframe: &str| {
+        let choices = ["--output", output_text, "--mission", &mission, "--airframe", airframe];
+        fly(&flight_schedule(), &choices)
+    };
+    attempt("cessna").expect_code(2).expect_words(&["cessna"]);
+    assert!(!output.exists(), "a folder of a flight that never was");
+    attempt("aerosonde").expect_code(1).expect_words(&["time limit of 5 s"]);
+    assert!(output.join("summary.json").exists());
+}
+
+#[test]
+fn flight_goes_on_when_nobody_reads_its_progress_any_more() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let mission = written(folder.path(), "short.toml", &format!("time_limit_s = 5\n{TRIANGLE}"));
+    let output = folder.path().join("flight");
+    let mut flight = Command::new(program("bateleur"))
+        .args(["fly", "--fast", "--schedule", flight_schedule().to_str().unwrap(), "--mission", &mission])
+        .args(["--output", output.to_str().unwrap()])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop((flight.stdout.take(), flight.stderr.take()));
+    assert_eq!(flight.wait().unwrap().code(), Some(1), "the time limit, and no panic");
+    let summary: Value =
+        serde_json::from_slice(&std::fs::read(output.join("summary.json")).unwrap()).unwrap();
+    assert!(summary["failure"].as_str().unwrap().contains("time limit of 5 s"), "{}", summary["failure"]);
+}
+
+#[test]
+fn mistakes_in_a_mission_file_are_told_with_their_place_before_anything_is_started() {
+    let folder = tempfile::tempdir().unwrap();
+    let cases = [
+        (
+            TRIANGLE.replace("north_m = 600", "nort_m = 600"),
+            "line 6, column 1: there is no key `nort_m`: did you mean `north_m`?",
+        ),
+        (TRIANGLE.replace("east_m = 300", "east_m = \"300\""), "expected a number"),
+        (TRIANGLE.replace("autopilot", "catapult"), "there is no value `catapult`"),
+        (
+            TRIANGLE.to_owned() + &"[[waypoint]]\nnorth_m = 1\neast_m = 2\naltitude_m = 100\n".repeat(30),
+            "33 way-points; it must have 1 to 32",
+        ),
+    ];
+    for (text, words) in cases {
+        let mission = written(folder.path(), "mission.toml", &text);
+        fly(&flight_schedule(), &["--mission", &mission]).expect_code(2).expect_words(&[words]);
+    }
+}

@@ -23,8 +23,8 @@ use crate::system::time::now_ns;
 
 /// Module time between two exchanges with the companion and the recorder, ns: the step of a ground station.
 pub const EXCHANGE_NS: u64 = 100_000_000;
-/// How long a companion may take for a step, real time.
-const COMPANION_PATIENCE: Duration = Duration::from_secs(20);
+/// How long a companion may take for a step, real time: it may have to wait until another module has started.
+const COMPANION_PATIENCE: Duration = Duration::from_secs(120);
 
 /// How long the recorder may take to attach itself, real time.
 const ATTACH_PATIENCE_NS: u64 = 20_000_000_000;

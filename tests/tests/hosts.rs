@@ -189,6 +189,43 @@ fn dead_host_ends_the_flight_in_words_and_never_hangs_it() {
     assert_eq!(restarts.count(), 0, "{:?}", ended.faults());
 }
 
+/// What can be judged of a flight whose second host died and came back: it has flown on, and everything is there again.
+fn assert_back(ended: &Ended, module: &str) {
+    assert!(ended.stderr.contains(&format!("host {module} is started again")), "{}", ended.stderr);
+    assert!(ended.stderr.contains("has died"), "the other one says so: {}", ended.stderr);
+    let ups = ended.stderr.matches("link nav: up").count();
+    assert!(ups >= 4, "at both ends, before and after: {}", ended.stderr);
+    // Nobody but the dead host was started anew.
+    let restarts = ended.faults().into_iter().filter(|fault| fault.action.ends_with("restart"));
+    assert_eq!(restarts.count(), 0, "{:?}", ended.faults());
+    assert!(!ended.stderr.contains("frame 0 again"), "{}", ended.stderr);
+}
+
+#[test]
+fn dead_host_that_comes_back_is_met_again_and_the_flight_is_the_same_twice() {
+    let _turn = among_others();
+    let fly = || fly("two-hosts", &["--kill-host", "nav@60-61"]);
+    let first = fly();
+    assert_back(&first, "nav");
+    let links = bateleur(&["links", first.folder().to_str().unwrap(), "--format", "json"]).end().summary();
+    for module in ["fcu", "nav.2"] {
+        let (_, link) = link_at(&links, module);
+        assert_eq!(link["state"], "up", "{module}: {link}");
+    }
+    assert!(first.folder().join("hosts/nav.2/windows.csv").exists());
+    let (first, second) = (first.summary(), fly().summary());
+    assert_eq!(first["digest"], second["digest"]);
+    assert_eq!(first["completed"], second["completed"]);
+}
+
+#[test]
+fn host_with_the_line_to_the_ground_can_not_come_back_and_the_message_says_so() {
+    fly("two-hosts", &["--kill-host", "fcu@60-61"])
+        .expect_code(2)
+        .expect_words(&["fcu", "its end is the flight's"]);
+    fly("two-hosts", &["--kill-host", "nav@61-60"]).expect_code(2).expect_words(&["MODULE@FROM-UNTIL"]);
+}
+
 #[test]
 fn trace_has_the_cores_and_partitions_of_each_module() {
     let _turn = among_others();
@@ -250,6 +287,40 @@ fn hosts_in_namespaces_fly_in_real_time_and_leave_nothing_when_they_are_stopped(
         assert_nothing_refused(&link);
         assert!(number(&link["messages"]["received"]) > 100, "{link}");
         assert!((0..2).all(|network| number(&link["networks"][network]["received"]) > 100), "{link}");
+    }
+}
+
+#[test]
+fn cut_networks_and_a_dead_host_are_back_in_real_time_without_a_restart_of_the_module() {
+    let _turn = alone();
+    if !is_root() {
+        return;
+    }
+    let faults = ["--cut", "a@4-5", "--cut", "b@4-5", "--kill-host", "nav@9-10"];
+    let mut flight = in_namespaces(&faults);
+    let await_ups = |flight: &bateleur_tests::Started, count: usize| {
+        let seen = bateleur_tests::await_some(Duration::from_secs(60), || {
+            (flight.said().matches("link nav: up").count() >= count).then_some(())
+        });
+        assert!(seen.is_some(), "{count} times up: {}", flight.said());
+    };
+    flight.await_words("network b is there again");
+    // At both ends, at the start and after the cut.
+    await_ups(&flight, 4);
+    flight.await_words("host nav is started again");
+    await_ups(&flight, 6);
+    std::thread::sleep(Duration::from_secs(2)); // for what is counted below
+    flight.signal(Signal::INT);
+    let ended = flight.end();
+    assert!(!ended.stderr.contains("frame 0 again"), "{}", ended.stderr);
+    let links = bateleur(&["links", ended.folder().to_str().unwrap(), "--format", "json"]).end().summary();
+    for module in ["fcu", "nav.2"] {
+        let (_, link) = link_at(&links, module);
+        assert_eq!(link["state"], "up", "{module}: {link}");
+        for network in 0..2 {
+            assert_eq!(link["networks"][network]["unsent"], 0, "{module}: {link}");
+            assert_eq!(link["networks"][network]["up"], true, "{module}: {link}");
+        }
     }
 }
 

@@ -19,7 +19,7 @@ use crate::change::Changes;
 use crate::control::{Inbox, Status};
 use crate::dispatcher::Dispatcher;
 use crate::event::Event;
-use crate::fast::{Records, VirtualGate, VirtualPace};
+use crate::fast::{Records, VirtualGate, VirtualPace, World};
 use crate::health::log::WindowRecord;
 use crate::inject::Stall;
 use crate::machine::Machine;
@@ -273,24 +273,45 @@ fn run_virtual(
 ) -> u64 {
     // On the partitions' own core a grant is a switch, not an interrupt to another processor.
     let _ = sched::bind(0, &facts.partitioned_cores()); // slower otherwise, nothing else
-    let mut gate = VirtualGate::new(monitor, surroundings, records, tables.changes.clone());
     let dispatcher = Dispatcher::new(&tables.timelines, tables.agenda.clone(), true, |_| true);
     let mut dispatcher = dispatcher.beginning_at(tables.begin_ns);
     let Some(member) = member else {
+        let mut gate = VirtualGate::new(monitor, surroundings, records, tables.changes.clone());
         dispatcher.run(&mut VirtualPace, &mut gate, &|| false);
         return surroundings.module_ns();
     };
+    let mut world = Joint { surroundings, member };
+    let mut gate = VirtualGate::new(monitor, &mut world, records, tables.changes.clone());
     dispatcher.run(&mut JointPace(member), &mut gate, &|| false);
+    world.tell_deaths(world.surroundings.module_ns(), monitor);
     let starts_again = monitor.stop_asked().is_some_and(|stop| stop.reset) && !surroundings.is_over();
     if !starts_again {
         member.leave();
     }
-    for partition in member.dead() {
-        let text = "this module on the same virtual clock has died: it was not waited for any more".into();
-        let time_s = surroundings.module_ns() as f64 / 1e9;
-        monitor.events().tell(&Event::Message { time_s, partition, text });
-    }
     surroundings.module_ns()
+}
+
+/// What surrounds a module that shares its clock: the others too.
+struct Joint<'a> {
+    surroundings: &'a mut Surroundings,
+    member: &'a Member,
+}
+
+impl Joint<'_> {
+    fn tell_deaths(&self, module_ns: u64, monitor: &mut Monitor) {
+        for partition in self.member.newly_dead() {
+            let text = "this module on the same virtual clock has died: it is not waited for any more".into();
+            let time_s = module_ns as f64 / 1e9;
+            monitor.events().tell(&Event::Message { time_s, partition, text });
+        }
+    }
+}
+
+impl World for Joint<'_> {
+    fn minor_frame(&mut self, module_ns: u64, monitor: &mut Monitor) -> bool {
+        self.tell_deaths(module_ns, monitor);
+        self.surroundings.minor_frame(module_ns, monitor)
+    }
 }
 
 /// What dispatcher threads share with the monitor.
@@ -355,9 +376,7 @@ fn run_wall(
         }
         if module_ns >= next_minor_ns {
             next_minor_ns = tables.following_minor_frame(module_ns);
-            if !crate::fast::World::minor_frame(surroundings, module_ns, monitor)
-                || monitor.stop_asked().is_some()
-            {
+            if !surroundings.minor_frame(module_ns, monitor) || monitor.stop_asked().is_some() {
                 break;
             }
         }

@@ -27,7 +27,7 @@ pub(super) struct Course {
     clock: Clock,
     /// Wall clock: when module time 0 was, CLOCK_MONOTONIC ns.
     origin_ns: Option<u64>,
-    /// Module time at which the last start ended, ns.
+    /// Module time at which the last start ended, ns; before the first, that at which it begins.
     ended_ns: u64,
     startup_ns: u64,
     /// Virtual clock: the module among others on it.
@@ -59,6 +59,7 @@ impl Course {
     pub(super) fn new(plan: &Plan, view: &ModuleView<'_>, options: &mut Options) -> Result<Self, RunError> {
         // Before anything of a run that shares its clock by mistake is written over.
         let together = options.together.take().filter(|_| options.clock == Clock::Virtual);
+        let back_ns = together.as_ref().and_then(|together| together.back_ns);
         let join = |together| Member::join(together, &options.module, options.stop.clone());
         let member = together.map(join).transpose().map_err(RunError::Together)?;
         let window_log = WindowLog::create(&options.output).map_err(machine("cannot write windows.csv"))?;
@@ -80,7 +81,7 @@ impl Course {
             surroundings,
             clock: options.clock,
             origin_ns: None,
-            ended_ns: 0,
+            ended_ns: back_ns.unwrap_or(0),
             startup_ns: plan.health.reset.startup_ns,
             member,
             major_frame_ns: plan[plan.initial_schedule()].major_frame_ns,
@@ -115,13 +116,14 @@ impl Course {
     /// # Errors
     /// A module that shares the virtual clock did not come.
     pub(super) fn begin(&mut self, resets: u32) -> Result<(u64, u64), RunError> {
-        if let Some(member) = &mut self.member {
+        if let Some(member) = &self.member {
             member.await_all(PATIENCE_NS).map_err(RunError::Together)?;
         }
         let ready_ns = now_ns() + LEAD_NS;
         let origin_ns = *self.origin_ns.get_or_insert(ready_ns);
         let begin_ns = match (self.clock, resets) {
-            (_, 0) => 0,
+            (Clock::Wall, 0) => 0,
+            (Clock::Virtual, 0) => self.ended_ns,
             (Clock::Wall, _) => ready_ns.saturating_sub(origin_ns),
             // Its frames lie as the others' again.
             (Clock::Virtual, _) if self.member.is_some() => {

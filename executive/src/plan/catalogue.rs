@@ -247,6 +247,8 @@ rules! {
         "A module has one relay, and it speaks one transport."
     SILENCE_TOO_SHORT: Warning "K20-silence-too-short" "link_silence_too_short"
         "The network would count as down between two datagrams that come in time."
+    TRANSPORT_ABSENT: Error "K21-transport-absent" "link_transport_absent"
+        "A relay that does not contain the link's transport does not start."
 
     UNKNOWN_ERROR: Error "H01-unknown-error" "health_unknown_error"
         "An action for an error that never occurs protects from nothing."

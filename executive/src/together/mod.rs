@@ -4,14 +4,15 @@
 //! place in the list decides. So exactly one of them acts at a time, the order of all windows is total, and it is the same in
 //! every run. Who starts partitions again or waits for its companion takes no module time: the others wait for it in real
 //! time, for as long as its process lives. A module that ends or dies is waited for no more.
+//! One that was there and is gone may come back, as another process, while somebody who acts waits until it has.
 
 use std::fs::{File, OpenOptions};
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bateleur_contract::{Mapped, MappingError};
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
@@ -39,6 +40,8 @@ pub struct Together {
     pub place: usize,
     /// How many they are.
     pub count: usize,
+    /// It was there before and its process is gone: the instant of module time at which its windows begin again, ns.
+    pub back_ns: Option<u64>,
 }
 
 /// Why a module can not share a clock.
@@ -90,7 +93,33 @@ pub struct Member {
     order: Together,
     stop: Arc<AtomicBool>,
     /// By place: the process, once all have joined.
-    processes: Vec<Option<OwnedFd>>,
+    processes: Mutex<Vec<Process>>,
+    /// By place: that it has died was told.
+    told: Mutex<Vec<bool>>,
+}
+
+/// The process of a module.
+#[derive(Debug)]
+struct Process {
+    pid: u32,
+    /// None: it is gone already.
+    descriptor: Option<OwnedFd>,
+}
+
+impl Process {
+    fn of(pid: u32) -> Self {
+        let raw = Pid::from_raw(pid as i32);
+        Self { pid, descriptor: raw.and_then(|raw| pidfd_open(raw, PidfdFlags::empty()).ok()) }
+    }
+
+    fn has_died(&self) -> bool {
+        self.descriptor.as_ref().is_none_or(|descriptor| is_readable(descriptor.as_fd()))
+    }
+}
+
+/// Nobody panics while holding one of these locks.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Member {
@@ -110,15 +139,24 @@ impl Member {
         let failed = |why: String| TogetherError::File { file: order.file.clone(), why };
         let file = open(&order.file).map_err(|error| failed(error.to_string()))?;
         let page = Mapped::<Page>::new(&file).map_err(|error: MappingError| failed(error.to_string()))?;
-        page.claim(place, count, pid, name).map_err(|refusal| failed(refusal_text(refusal, place)))?;
-        Ok(Self { page, order, stop, processes: Vec::new() })
+        let claimed = match order.back_ns {
+            None => page.claim(place, count, pid, name),
+            // The one before is gone, or it is not for another to take its place.
+            Some(_) if page.pid(place) != 0 && !Process::of(page.pid(place)).has_died() => {
+                Err(Refusal::Taken)
+            }
+            Some(back_ns) => page.claim_again(place, count, pid, back_ns),
+        };
+        claimed.map_err(|refusal| failed(refusal_text(refusal, place)))?;
+        let told = Mutex::new(vec![false; count]);
+        Ok(Self { page, order, stop, processes: Mutex::default(), told })
     }
 
     /// Waits until every module has joined, at most `patience_ns` of real time, or until it is asked to stop.
     ///
     /// # Errors
     /// Somebody did not come.
-    pub fn await_all(&mut self, patience_ns: u64) -> Result<(), TogetherError> {
+    pub fn await_all(&self, patience_ns: u64) -> Result<(), TogetherError> {
         let begun_ns = now_ns();
         while !self.stop.load(Ordering::Acquire) {
             let absent: Vec<usize> =
@@ -136,8 +174,9 @@ impl Member {
             }
             self.page.sleep(self.order.place, self.page.turns(self.order.place), 5_000_000);
         }
-        if self.processes.is_empty() {
-            self.processes = self.page.places().map(|place| self.process(place)).collect();
+        let mut processes = lock(&self.processes);
+        if processes.is_empty() {
+            *processes = self.page.places().map(|place| Process::of(self.page.pid(place))).collect();
         }
         Ok(())
     }
@@ -171,24 +210,30 @@ impl Member {
         self.page.end(self.order.place, State::Ended);
     }
 
-    /// The other modules that have died, by name.
+    /// The other modules that have died since the last call, by name.
     #[must_use]
-    pub fn dead(&self) -> Vec<String> {
-        let dead = self.page.places().filter(|place| self.page.state(*place) == State::Dead);
-        dead.map(|place| self.page.name(place)).collect()
-    }
-
-    fn process(&self, place: usize) -> Option<OwnedFd> {
-        let pid = Pid::from_raw(self.page.pid(place) as i32)?;
-        pidfd_open(pid, PidfdFlags::empty()).ok() // none: it is gone already
+    pub fn newly_dead(&self) -> Vec<String> {
+        let mut told = lock(&self.told);
+        let mut news = Vec::new();
+        for (place, told) in told.iter_mut().enumerate() {
+            let is_dead = self.page.state(place) == State::Dead;
+            if is_dead && !*told {
+                news.push(self.page.name(place));
+            }
+            *told = is_dead; // one that has come back may die again
+        }
+        news
     }
 
     fn has_died(&self, place: usize) -> bool {
-        match self.processes.get(place) {
-            Some(Some(process)) => is_readable(process.as_fd()),
-            Some(None) => true,
-            None => false, // it was asked to stop before all had joined
+        let mut processes = lock(&self.processes);
+        // None: it was asked to stop before all had joined.
+        let Some(process) = processes.get_mut(place) else { return false };
+        let pid = self.page.pid(place);
+        if process.pid != pid {
+            *process = Process::of(pid); // it has come back as another one
         }
+        process.has_died()
     }
 }
 
@@ -228,6 +273,8 @@ fn open(path: &Path) -> io::Result<File> {
 
 fn refusal_text(refusal: Refusal, place: usize) -> String {
     match refusal {
+        Refusal::NeverThere => format!("nobody had place {place}: nobody can come back to it"),
+        Refusal::Over => "all others have gone beyond the instant at which it should come back".into(),
         Refusal::NotOurs => {
             "it is something else, or of another version: give a name that nothing has yet".into()
         }

@@ -3,7 +3,7 @@
 //!
 //! Responsible for: who is first. It must never wait, and it knows no processes: whether one has died is found out by
 //! whoever waits for it. Every word is an atomic; instants only grow, so that who is found to be first stays first until it
-//! says something else itself.
+//! says something else itself. Whoever comes back after its end comes at an instant that is later than the first one's.
 #![allow(unsafe_code)] // one `unsafe impl`, a promise about this type
 
 use std::sync::atomic::Ordering::SeqCst;
@@ -75,6 +75,10 @@ pub(super) enum Refusal {
     Count(u32),
     /// Somebody has, or had, this place.
     Taken,
+    /// Nobody has had this place: there is nobody to come back.
+    NeverThere,
+    /// Somebody is at a later instant already.
+    Over,
 }
 
 impl Page {
@@ -92,17 +96,56 @@ impl Page {
             .or_else(|there| if there == count as u32 { Ok(()) } else { Err(Refusal::Count(there)) })?;
         let line = &self.lines[place];
         set(&line.pid, pid).map_err(|_| Refusal::Taken)?;
-        let length = (0..=name.len().min(NAME)).rev().find(|&end| name.is_char_boundary(end)).unwrap_or(0);
-        let mut bytes = [0; NAME];
-        bytes[..length].copy_from_slice(&name.as_bytes()[..length]);
-        for (word, chunk) in line.name.iter().zip(bytes.as_chunks().0) {
-            word.store(u64::from_le_bytes(*chunk), SeqCst);
-        }
-        line.name_bytes.store(length as u32, SeqCst);
+        line.name(name);
         line.state.store(State::Running as u32, SeqCst);
         Ok(())
     }
 
+    /// Takes `place` for a module that had it and is gone, as the caller has made sure: it acts again from `instant_ns` on. What
+    /// keeps the order total is that somebody else acts meanwhile, and waits until this has been done.
+    pub(super) fn claim_again(
+        &self,
+        place: usize,
+        count: usize,
+        pid: u32,
+        instant_ns: u64,
+    ) -> Result<(), Refusal> {
+        if self.magic.load(SeqCst) != MAGIC {
+            return Err(Refusal::NotOurs);
+        }
+        let known = self.count.load(SeqCst);
+        if known != count as u32 {
+            return Err(Refusal::Count(known));
+        }
+        if self.pid(place) == 0 {
+            return Err(Refusal::NeverThere);
+        }
+        let others = self.places().filter(|other| *other != place);
+        let mut instants = others.map(|other| self.lines[other].next_ns.load(SeqCst));
+        if !instants.any(|next_ns| next_ns < instant_ns) {
+            return Err(Refusal::Over);
+        }
+        let line = &self.lines[place];
+        line.pid.store(pid, SeqCst);
+        line.next_ns.store(instant_ns.min(OVER - 1), SeqCst);
+        line.state.store(State::Running as u32, SeqCst);
+        Ok(())
+    }
+}
+
+impl Line {
+    fn name(&self, name: &str) {
+        let length = (0..=name.len().min(NAME)).rev().find(|&end| name.is_char_boundary(end)).unwrap_or(0);
+        let mut bytes = [0; NAME];
+        bytes[..length].copy_from_slice(&name.as_bytes()[..length]);
+        for (word, chunk) in self.name.iter().zip(bytes.as_chunks().0) {
+            word.store(u64::from_le_bytes(*chunk), SeqCst);
+        }
+        self.name_bytes.store(length as u32, SeqCst);
+    }
+}
+
+impl Page {
     /// The name of the module at `place`.
     pub(super) fn name(&self, place: usize) -> String {
         let line = &self.lines[place];

@@ -4,7 +4,7 @@ use std::sync::Mutex;
 use super::*;
 
 fn order(folder: &tempfile::TempDir, place: usize, count: usize) -> Together {
-    Together { file: folder.path().join("clock"), place, count }
+    Together { file: folder.path().join("clock"), place, count, back_ns: None }
 }
 
 fn join(folder: &tempfile::TempDir, place: usize, count: usize) -> Member {
@@ -100,9 +100,59 @@ fn module_that_dies_is_waited_for_no_more_and_the_file_goes_with_the_last() {
         thread.join().unwrap();
     });
     child.wait().unwrap();
-    assert_eq!(member.dead(), ["dying"]);
+    assert_eq!(member.newly_dead(), ["dying"]);
+    assert!(member.newly_dead().is_empty(), "told once");
     drop(member);
     assert!(!folder.path().join("clock").exists());
+}
+
+/// One whose process is killed, and another one in its place that lives.
+#[test]
+fn module_that_was_killed_comes_back_at_its_instant_and_is_waited_for_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut child = sleeper();
+    std::mem::forget(Member::join_as(order(&folder, 1, 2), "m1", Arc::default(), child.id()).unwrap());
+    let member = join(&folder, 0, 2);
+    member.await_all(PATIENCE_NS).unwrap();
+    let back = |back_ns| Together { back_ns: Some(back_ns), ..order(&folder, 1, 2) };
+    let error = Member::join(back(9), "m1", Arc::default()).unwrap_err().to_string();
+    assert!(error.contains("is taken"), "it lives: {error}");
+    child.kill().unwrap();
+    child.wait().unwrap();
+    member.reach(5);
+    assert_eq!(member.newly_dead(), ["m1"]);
+    let again = Member::join(back(9), "m1", Arc::default()).unwrap();
+    member.reach(8); // before it, nobody waits
+    let done = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            member.reach(12);
+            done.lock().unwrap().push(12);
+            member.leave();
+        });
+        std::thread::sleep(std::time::Duration::from_millis(120));
+        done.lock().unwrap().push(9);
+        again.reach(13);
+        done.lock().unwrap().push(13);
+    });
+    assert_eq!(done.into_inner().unwrap(), [9, 12, 13]);
+    assert!(member.newly_dead().is_empty());
+}
+
+#[test]
+fn nobody_comes_back_where_nobody_was_or_to_a_time_that_is_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let member = join(&folder, 0, 2);
+    let back = |place, back_ns| Together { back_ns: Some(back_ns), ..order(&folder, place, 2) };
+    let refused = |order| Member::join(order, "m", Arc::default()).unwrap_err().to_string();
+    assert!(refused(back(1, 50)).contains("nobody had place 1"));
+    let mut child = sleeper();
+    std::mem::forget(Member::join_as(order(&folder, 1, 2), "m1", Arc::default(), child.id()).unwrap());
+    member.await_all(PATIENCE_NS).unwrap();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    member.reach(50);
+    assert!(refused(back(1, 50)).contains("beyond the instant"));
 }
 
 #[test]
@@ -115,7 +165,7 @@ fn module_that_is_asked_to_stop_does_not_wait_for_one_that_hangs() {
     member.await_all(PATIENCE_NS).unwrap();
     stop.store(true, Ordering::SeqCst);
     member.reach(1);
-    assert!(member.dead().is_empty());
+    assert!(member.newly_dead().is_empty());
     child.kill().unwrap();
     child.wait().unwrap();
 }

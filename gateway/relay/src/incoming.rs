@@ -170,7 +170,7 @@ impl Incoming {
 
     fn lost_now(&self) -> u64 {
         // One whose pieces still come is not lost.
-        (self.end - self.whole).saturating_sub(u64::from(self.joining.sequence.is_some()))
+        self.end.saturating_sub(self.whole).saturating_sub(u64::from(self.joining.sequence.is_some()))
     }
 
     fn take_whole(

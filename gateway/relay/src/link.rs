@@ -526,10 +526,11 @@ impl Link {
             KIND_SECTIONS => self.sections.compare(body, header.count.get()),
             _ => None,
         };
-        match said {
-            Some(what) => self.note_difference(what),
-            None if !told => self.note_difference(String::new()),
-            None => {}
+        if !told {
+            self.note_difference(String::new());
+        }
+        if let Some(what) = said {
+            self.note_difference(what);
         }
         self.note_state();
     }

@@ -59,20 +59,23 @@ pub(crate) struct Session {
     answer: u64,
     /// The peer takes what this life sends.
     adopted: bool,
+    /// Nothing comes from the peer any more.
+    deaf: bool,
     draw: Draw,
 }
 
 impl Session {
     pub(crate) fn new(mut draw: Draw) -> Self {
         let (own, challenge) = (draw.next(), draw.next());
-        Self { own, challenge, peer: None, answer: 0, adopted: false, draw }
+        Self { own, challenge, peer: None, answer: 0, adopted: false, deaf: false, draw }
     }
 
     /// What the next datagram says.
     pub(crate) fn claim(&self) -> Claim {
         Claim {
             session: self.own,
-            to_session: self.peer.unwrap_or(0),
+            // Who hears nothing says so: else the other end would take a way that works in one direction for a link.
+            to_session: self.peer.filter(|_| !self.deaf).unwrap_or(0),
             challenge: self.challenge,
             answer: self.answer,
         }
@@ -89,6 +92,9 @@ impl Session {
             self.peer = Some(claim.session);
             self.challenge = self.draw.next();
         }
+        if verdict != Verdict::Unproven {
+            self.deaf = false;
+        }
         if verdict != Verdict::Present || newest {
             self.answer = claim.challenge; // so that it can prove this life, whatever has become of that one
         }
@@ -98,9 +104,10 @@ impl Session {
         verdict
     }
 
-    /// The peer is not heard any more: whether it still takes what is sent is not known.
+    /// The peer is not heard any more: whether it still takes what is sent is not known, and it shall know that.
     pub(crate) fn silent(&mut self) {
         self.adopted = false;
+        self.deaf = true;
     }
 
     /// Whether the peer takes what this life sends.
@@ -135,6 +142,19 @@ mod tests {
     fn two_that_hear_each_other_adopt_each_other_within_two_rounds() {
         let (a, b) = acquainted();
         assert!(a.is_adopted() && b.is_adopted());
+    }
+
+    #[test]
+    fn one_that_hears_nothing_says_so_and_both_adopt_each_other_again() {
+        let (mut a, mut b) = acquainted();
+        b.silent();
+        assert_eq!(tell(&b, &mut a), Verdict::Present);
+        assert!(!a.is_adopted(), "what it sends comes nowhere");
+        // The way from a to b is there again.
+        assert_eq!(tell(&a, &mut b), Verdict::Present);
+        assert!(b.is_adopted());
+        assert_eq!(tell(&b, &mut a), Verdict::Present);
+        assert!(a.is_adopted());
     }
 
     #[test]

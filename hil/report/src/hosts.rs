@@ -25,16 +25,39 @@ const RELAY: &str = "/relay_";
 /// The port on which it says how its links are.
 const STATUS: &str = "status";
 
-/// A host of a flight.
+/// A host of a flight; one that died and came back is another one for each of its starts.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Host {
     /// The module's name.
     pub module: String,
+    /// Which of its starts this is, from 1.
+    #[serde(default = "first", skip_serializing_if = "is_first")]
+    pub start: u32,
     /// What has to be added to its module time to get that of the first host, ns.
     pub shift_ns: i64,
 }
 
+fn first() -> u32 {
+    1
+}
+
+fn is_first(start: &u32) -> bool {
+    *start == first()
+}
+
 impl Host {
+    /// A module that has not been started before.
+    #[must_use]
+    pub fn of_module(module: &str) -> Self {
+        Self { module: module.to_owned(), start: first(), shift_ns: 0 }
+    }
+
+    /// The module's name; for its second start with `.2`, and so on. No name of a module has a dot.
+    #[must_use]
+    pub fn name(&self) -> String {
+        if is_first(&self.start) { self.module.clone() } else { format!("{}.{}", self.module, self.start) }
+    }
+
     fn time_ns(&self, own_ns: u64) -> u64 {
         // What happened before the first host's time 0 happened at 0, for all who can only count from there.
         own_ns.saturating_add_signed(self.shift_ns)
@@ -49,7 +72,7 @@ pub fn of(folder: &Path) -> Vec<Host> {
 
 /// The folder of a host.
 pub fn folder_of(folder: &Path, host: &Host) -> PathBuf {
-    folder.join(FOLDER).join(&host.module)
+    folder.join(FOLDER).join(host.name())
 }
 
 /// A link between two modules, as the plan numbers it.
@@ -61,37 +84,42 @@ pub struct Joined {
     pub modules: [String; 2],
 }
 
-/// How the modules' times go together, by what their relays measured: `modules` in the order that is wanted, the first being
-/// the one whose time counts. A module that nobody has measured against it counts as beginning with it.
-pub fn shifts(folder: &Path, modules: &[String], links: &[Joined]) -> Vec<Host> {
-    let mut known: BTreeMap<&str, i64> = BTreeMap::new();
-    if let Some(first) = modules.first() {
-        known.insert(first, 0);
+/// How the hosts' times go together, by what their relays measured: `hosts` in the order that is wanted, the first being
+/// the one whose time counts. One that nobody has measured against it keeps the shift that it comes with.
+pub fn shifts(folder: &Path, hosts: &[Host], links: &[Joined]) -> Vec<Host> {
+    let mut known: Vec<Option<i64>> = vec![None; hosts.len()];
+    if let Some(first) = known.first_mut() {
+        *first = Some(0);
     }
+    // What was measured against a module that began anew meanwhile is of two times.
+    let began_once = |near: usize| hosts.iter().filter(|host| host.module == hosts[near].module).count() == 1;
+    let linked = |near: usize, far: usize, link: &Joined| {
+        let [one, other] = &link.modules;
+        let (near, far) = (&hosts[near].module, &hosts[far].module);
+        (one == near && other == far) || (one == far && other == near)
+    };
     // As often as a way can be long.
-    for _ in modules {
+    for _ in hosts {
         for link in links {
-            let [one, other] = &link.modules;
-            for (near, far) in [(one, other), (other, one)] {
-                let Some(&shift_ns) = known.get(near.as_str()) else { continue };
-                if !known.contains_key(far.as_str())
-                    && let Some(offset_ns) = offset_ns(folder, far, link.id)
-                {
-                    known.insert(far, shift_ns.saturating_add(offset_ns));
+            for near in (0..hosts.len()).filter(|near| began_once(*near)) {
+                let Some(shift_ns) = known[near] else { continue };
+                for far in (0..hosts.len()).filter(|far| linked(near, *far, link)) {
+                    if known[far].is_none()
+                        && let Some(offset_ns) = offset_ns(folder, &hosts[far], link.id)
+                    {
+                        known[far] = Some(shift_ns.saturating_add(offset_ns));
+                    }
                 }
             }
         }
     }
-    let host = |module: &String| Host {
-        module: module.clone(),
-        shift_ns: known.get(module.as_str()).copied().unwrap_or_default(),
-    };
-    modules.iter().map(host).collect()
+    let all = hosts.iter().zip(known);
+    all.map(|(host, known)| Host { shift_ns: known.unwrap_or(host.shift_ns), ..host.clone() }).collect()
 }
 
-/// The peer's module time less that of `module`, as its relay saw it over the flight: the median, ns.
-fn offset_ns(folder: &Path, module: &str, link: u64) -> Option<i64> {
-    let path = folder.join(FOLDER).join(module).join(PORTS_FILE);
+/// The peer's module time less that of `host`, as its relay saw it over the flight: the median, ns.
+fn offset_ns(folder: &Path, host: &Host, link: u64) -> Option<i64> {
+    let (module, path) = (&host.module, folder_of(folder, host).join(PORTS_FILE));
     let recording = read(path, |message| message == LinkStatus::NAME).ok()?;
     let track = recording.tracks.get(&format!("{RELAY}{module}/{STATUS}"))?;
     let offset = |(_, status): (u64, LinkStatus)| {
@@ -166,7 +194,7 @@ fn merge_lines(
     let mut all = Vec::new();
     for host in hosts {
         match File::open(folder_of(folder, host).join(file)) {
-            Err(error) => notes.push(format!("{file} of {}: {error}", host.module)),
+            Err(error) => notes.push(format!("{file} of {}: {error}", host.name())),
             Ok(found) => {
                 let reader = BufReader::with_capacity(1 << 16, found);
                 let mut lines = Lines { host, reader, shifted, next: None, head: None };
@@ -259,7 +287,7 @@ fn merge_ports(folder: &Path, hosts: &[Host], notes: &mut Vec<String>) -> Result
     let mut logs = Vec::new();
     for host in hosts {
         match LogReader::open(folder_of(folder, host).join(PORTS_FILE)) {
-            Err(error) => notes.push(format!("{PORTS_FILE} of {}: {error}", host.module)),
+            Err(error) => notes.push(format!("{PORTS_FILE} of {}: {error}", host.name())),
             Ok(reader) => logs.push(Log { host, reader, waiting: VecDeque::new(), ending: None }),
         }
     }
@@ -288,7 +316,7 @@ fn merge_ports(folder: &Path, hosts: &[Host], notes: &mut Vec<String>) -> Result
     }
     for log in logs {
         if let Some(Ending::Cut(why)) = log.ending {
-            notes.push(format!("{PORTS_FILE} of {} was cut short ({why})", log.host.module));
+            notes.push(format!("{PORTS_FILE} of {} was cut short ({why})", log.host.name()));
         }
     }
     merged.finish()
@@ -299,7 +327,7 @@ mod tests {
     use super::*;
 
     fn host(shift_ns: i64) -> Host {
-        Host { module: "nav".into(), shift_ns }
+        Host { shift_ns, ..Host::of_module("nav") }
     }
 
     #[test]
@@ -313,7 +341,7 @@ mod tests {
     #[test]
     fn lines_of_two_hosts_come_in_the_order_of_one_time() {
         let folder = tempfile::tempdir().unwrap();
-        let hosts = [Host { module: "fcu".into(), shift_ns: 0 }, host(150)];
+        let hosts = [Host::of_module("fcu"), host(150)];
         for (host, starts) in hosts.iter().zip([[100, 200], [0, 100]]) {
             let path = folder_of(folder.path(), host);
             std::fs::create_dir_all(&path).unwrap();
@@ -333,5 +361,17 @@ mod tests {
         let health = std::fs::read_to_string(folder.path().join(health::FILE)).unwrap();
         assert!(health.lines().nth(1).unwrap().contains("\"time_ns\":150"), "{health}");
         assert_eq!(of(folder.path()), hosts);
+    }
+
+    #[test]
+    fn a_host_that_came_back_has_a_folder_of_its_own_and_keeps_its_shift_where_nothing_was_measured() {
+        let again = Host { start: 2, ..host(7_000) };
+        assert_eq!(folder_of(Path::new("flight"), &again), Path::new("flight/hosts/nav.2"));
+        let hosts = [Host::of_module("fcu"), host(0), again];
+        let text = serde_json::to_string(&hosts).unwrap();
+        assert_eq!(serde_json::from_str::<Vec<Host>>(&text).unwrap(), hosts);
+        assert_eq!(text.matches("start").count(), 1, "files of older flights are read: {text}");
+        let links = [Joined { id: 0, modules: ["fcu".into(), "nav".into()] }];
+        assert_eq!(shifts(Path::new("/nowhere"), &hosts, &links), hosts);
     }
 }

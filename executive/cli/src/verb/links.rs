@@ -100,11 +100,14 @@ fn latest(client: Client, module: &str) -> Result<Option<LinkStatus>> {
 
 fn of_folder(folder: &Path) -> Result<Vec<Said>> {
     let hosts = hosts::of(folder);
-    let folders = match hosts.is_empty() {
-        true => vec![folder.to_owned()],
-        false => hosts.iter().map(|host| hosts::folder_of(folder, host)).collect(),
+    if hosts.is_empty() {
+        return Ok(vec![of_run(folder)?]);
+    }
+    let of_host = |host: &hosts::Host| {
+        let said = of_run(&hosts::folder_of(folder, host))?;
+        Ok(Said { module: host.name(), ..said })
     };
-    folders.iter().map(|folder| of_run(folder)).collect()
+    hosts.iter().map(of_host).collect()
 }
 
 fn of_run(folder: &Path) -> Result<Said> {

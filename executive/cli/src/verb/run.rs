@@ -54,6 +54,9 @@ pub(crate) struct Arguments {
     /// instant the lower place comes first.
     #[arg(long, value_name = "PLACE/COUNT", requires = "together", value_parser = parse_place)]
     pub(crate) place: Option<(usize, usize)>,
+    /// Its process was killed and this is the next: the module time at which its windows begin again, ns.
+    #[arg(long, hide = true, value_name = "NANOSECONDS", requires = "together")]
+    pub(crate) back_at: Option<u64>,
     /// End at this module time, seconds.
     #[arg(long, value_name = "SECONDS", value_parser = module_time, allow_negative_numbers = true)]
     pub(crate) until: Option<f64>,
@@ -224,6 +227,7 @@ fn options(
             file,
             place,
             count,
+            back_ns: arguments.back_at,
         }),
         until_ns: arguments.until.map(nanoseconds),
         strict: arguments.require.is_some(),

@@ -8,7 +8,7 @@ use super::laid::Laid;
 use super::windows::gaps;
 use crate::plan::build::defaults;
 use crate::plan::catalogue;
-use crate::plan::closed::{Kind, ModuleClock};
+use crate::plan::closed::{Kind, ModuleClock, Transport};
 use crate::plan::findings::{Finding, Span};
 use crate::plan::latency::Hop;
 use crate::plan::links::{self, Carried, LARGEST_DATAGRAM, LONGEST_GAP_MS, SMALLEST_DATAGRAM};
@@ -271,6 +271,17 @@ fn unused(cx: &Context<'_>, place: usize, link: &RawLink, crossings: &[Crossing]
 fn transports(cx: &Context<'_>) {
     let mut seen: BTreeMap<usize, &RawLink> = BTreeMap::new();
     let of = |link: &RawLink| link.transport.get().map_or(defaults::TRANSPORT, |word| word.0);
+    for link in &cx.file.links {
+        if of(link) == Transport::Zenoh {
+            let span = link.transport.said().map_or(&link.name.span, |said| &said.span);
+            let message = format!(
+                "link `{}` would speak `zenoh`, which the program `relay` does not contain",
+                link.name.value
+            );
+            let mend = "leave `transport` out: it is \"udp\" then; gateway/zenoh is for relays that are built by hand";
+            cx.add(Finding::new(&catalogue::TRANSPORT_ABSENT, span, message, mend));
+        }
+    }
     for link in &cx.file.links {
         for module in cx.names.link_ends(link).into_iter().flatten() {
             let first = *seen.entry(module).or_insert(link);

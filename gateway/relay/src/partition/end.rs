@@ -5,6 +5,7 @@ use bateleur_apex::{
     Sent, StartError, Window,
 };
 use bateleur_contract::relay::{LinkTable, RelayChannel, RelayTable};
+use bateleur_messages::link::REASON_NAMES;
 use bateleur_relay::{Composer, Delivery, Event, Key, Link, Stamp};
 
 use super::keys;
@@ -69,14 +70,29 @@ impl End {
                 window.report(&format!("link {name}: network {} is back", self.networks[*place]));
             }
             Event::NetworkSilent(place) => {
-                window.raise(&format!("link {name}: nothing has come on network {}", self.networks[*place]));
+                let (counters, network) = (self.link.counters(), &self.networks[*place]);
+                let text = match (counters.networks[*place].received, refusals(&counters.rejected)) {
+                    (0, _) => format!("nothing has come on network {network}"),
+                    (came, why) => {
+                        format!("{came} datagrams came on network {network}, none was taken: {why}")
+                    }
+                };
+                window.raise(&format!("link {name}: {text}"));
             }
             Event::Up => {
                 window.report(&format!("link {name}: up, {peer} is there"));
                 self.ports.send_all_again();
             }
-            Event::Down => window.raise(&format!("link {name}: down, {peer} is not heard")),
-            Event::PeerRestarted => window.report(&format!("link {name}: the relay of {peer} was restarted")),
+            Event::Down => {
+                let heard = (0..self.networks.len()).any(|network| self.link.is_up(network));
+                let why = if heard { "does not hear this module" } else { "is not heard" };
+                window.raise(&format!("link {name}: down, {peer} {why}"));
+            }
+            Event::PeerRestarted => {
+                window.report(&format!("link {name}: the relay of {peer} was restarted"));
+                // What was sent since the one before has gone may have come to nobody.
+                self.ports.send_all_again();
+            }
             Event::PlanDiffers(what) if what.is_empty() => {
                 window.raise(&format!("link {name}: {peer} has another plan; nothing of it is taken"));
             }
@@ -208,6 +224,17 @@ impl Port {
             Self::SamplingIn(_) | Self::QueuingIn(_) => true,
         }
     }
+}
+
+/// Why datagrams were refused, for whoever would look for a cable otherwise.
+fn refusals(rejected: &[u64]) -> String {
+    let all = REASON_NAMES.iter().zip(rejected).filter(|(_, count)| **count > 0);
+    let words = all.map(|(reason, count)| match *reason {
+        "key" => format!("key {count} (another key file?)"),
+        "restart" => format!("restart {count} (is this end heard?)"),
+        _ => format!("{reason} {count}"),
+    });
+    words.collect::<Vec<_>>().join(", ")
 }
 
 fn stamp(stamp: bateleur_apex::Stamp) -> Stamp {

@@ -4,6 +4,7 @@
 //! not send waits in its port, and what was sent is gone.
 
 mod end;
+mod inbox;
 mod keys;
 mod status;
 
@@ -13,11 +14,14 @@ use bateleur_relay::transport::{Endpoint, RelayTransport, Stepped, Udp};
 use bateleur_relay::{Arrival, Frame, Link};
 
 use end::End;
+use inbox::Inbox;
 use status::Status;
 
-/// Datagrams of one network of one link that are taken in a window, most. A flood on one network can not eat the window: what
-/// is more waits in the socket until it overflows, and the network counts as what it is, unusable.
+/// Datagrams that are taken in a window, most; each network of each link has the same share. A flood on one network can not eat
+/// the window: what is more waits in the socket until it overflows, and the network counts as what it is, unusable.
 const MOST: usize = 64;
+/// The share of a network of a link is not smaller, however many there are.
+const LEAST: usize = 8;
 /// The last part of a window in which no datagram is begun, ns: sending one takes this long at most.
 const CLOSING_NS: u64 = 100_000;
 
@@ -26,6 +30,7 @@ pub(crate) struct Relay {
     ends: Vec<End>,
     endpoints: Vec<Endpoint>,
     transport: Box<dyn RelayTransport>,
+    inbox: Inbox,
     status: Status,
     /// Of a module that follows: where to tell how its frames lie, and the link to the one that it follows.
     alignment: Option<(Alignment, usize)>,
@@ -47,7 +52,14 @@ impl Partition for Relay {
             links.map(|(link, key)| End::open(context, &table, link, key)).collect::<Result<_, _>>()?;
         let leader = table.links.iter().position(|link| link.clock == ClockRole::Follower);
         let alignment = context.alignment().zip(leader);
-        Ok(Self { ends, endpoints, transport, status: Status::new(context, &table)?, alignment })
+        Ok(Self {
+            ends,
+            endpoints,
+            transport,
+            inbox: Inbox::default(),
+            status: Status::new(context, &table)?,
+            alignment,
+        })
     }
 
     fn window(&mut self, window: &Window) {
@@ -71,8 +83,10 @@ impl Partition for Relay {
 impl Relay {
     fn take_in(&mut self, window: &Window) {
         let now_ns = window.now_ns();
-        let Self { ends, endpoints, transport, .. } = self;
-        transport.receive(now_ns, MOST, &mut |came| {
+        let Self { ends, endpoints, transport, inbox, .. } = self;
+        let most = (MOST / endpoints.len().max(1)).max(LEAST);
+        transport.receive(now_ns, most, &mut |came| inbox.add(&came));
+        inbox.empty(&mut |came| {
             let endpoint = &endpoints[came.endpoint];
             let End { link, ports, .. } = &mut ends[endpoint.place];
             let arrival = Arrival { network: endpoint.network, came_ns: came.at_ns, now_ns };

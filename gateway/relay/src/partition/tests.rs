@@ -134,6 +134,26 @@ fn messages_cross_with_their_stamps_and_a_restarted_relay_is_met_again() {
 }
 
 #[test]
+fn value_that_was_written_once_while_the_peers_relay_was_down_reaches_its_next_life() {
+    let (mut fcu, mut nav) = surroundings(STEPPED);
+    let mut here = fcu.harness.start::<Relay>().unwrap();
+    let mut there = nav.harness.start::<Relay>().unwrap();
+    for _ in 0..4 {
+        here.window();
+        there.window();
+    }
+    drop(there);
+    fcu.rate.write(&Rate { synchronize: 5, ..Rate::default() });
+    here.window(); // to nobody, before the silence is noticed
+    let mut there = nav.harness.start::<Relay>().unwrap();
+    for _ in 0..5 {
+        here.window();
+        there.window();
+    }
+    assert_eq!(nav.rate.read().map(|rate| rate.value.synchronize), Some(5));
+}
+
+#[test]
 fn frames_of_the_peer_are_told_in_own_time_once_there_was_an_exchange() {
     let (mut fcu, mut nav) = surroundings(STEPPED);
     let mut here = fcu.harness.start::<Relay>().unwrap();
@@ -180,6 +200,24 @@ fn a_peer_that_goes_is_an_error_once_and_its_return_is_said() {
     }
     let said = fcu.harness.reports();
     assert!(said.iter().any(|text| text == "link bus: up, nav is there"), "{said:?}");
+}
+
+#[test]
+fn network_on_which_nothing_could_be_taken_says_so_and_why() {
+    let (mut fcu, _) = surroundings("udp");
+    let [local, remote] = free();
+    let table = serde_json::to_value(table(true, local, remote, "udp")).unwrap();
+    fcu.harness.attribute(ATTRIBUTE, table);
+    let mut here = fcu.harness.start::<Relay>().unwrap();
+    let stranger = UdpSocket::bind(remote).unwrap();
+    stranger.send_to(b"not of this world", local).unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(5)); // for the socket
+    for _ in 0..20 {
+        here.window();
+    }
+    let said = fcu.harness.reports();
+    let expected = "link bus: 1 datagrams came on network a, none was taken: truncated 1";
+    assert!(said.iter().any(|text| text == expected), "{said:?}");
 }
 
 #[test]

@@ -314,5 +314,22 @@ fn no_content_of_one_who_has_the_key_does_harm() {
             pair.ends[1].look(now_ns);
         }
     }
-    let _ = pair.ends[1].link.counters();
+    let counters = pair.ends[1].link.counters();
+    for reason in [Rejection::Malformed, Rejection::Channel, Rejection::Plan] {
+        assert!(counters.rejections(reason) > 0, "{reason:?}: {counters:?}");
+    }
+}
+
+#[test]
+fn a_message_number_that_comes_in_two_datagrams_makes_no_counter_wrap() {
+    let mut pair = acquainted();
+    let datagram = fresh(&mut pair);
+    for number in 1..4 {
+        let again = resealed(&datagram, |bytes| {
+            header(bytes).sequence = (header(bytes).sequence.get() + number).into();
+        });
+        let _ = pair.ends[1].take(0, pair.now_ns, &again); // what counts is what is counted
+    }
+    let counters = pair.ends[1].link.counters();
+    assert!(counters.messages_lost < 10, "{counters:?}");
 }

@@ -51,6 +51,31 @@ fn both_networks_cut_is_said_and_the_link_recovers_by_itself() {
 }
 
 #[test]
+fn a_way_that_works_in_one_direction_only_is_down_at_both_ends_and_recovers() {
+    let mut pair = Pair::new(&LinkModelTable::default());
+    pair.meet();
+    pair.mute = Some(0);
+    write_orders(&mut pair, 30);
+    assert_eq!(pair.ends.each_ref().map(|end| end.link.state()), [DOWN; 2]);
+    for end in &pair.ends {
+        assert_eq!(end.events.iter().filter(|event| **event == Event::Down).count(), 1, "{:?}", end.events);
+    }
+    assert!(pair.ends[0].link.is_up(0), "it hears that it is not heard");
+    let before = pair.ends[1].link.counters();
+    pair.mute = None;
+    write_orders(&mut pair, 30);
+    assert_eq!(pair.ends.each_ref().map(|end| end.link.state()), [UP; 2]);
+    let counters = pair.ends[1].link.counters();
+    let expected = before.messages_received + 30;
+    assert!(counters.messages_received >= expected, "what was written after the silence was noticed waited");
+    assert_eq!(counters.messages_received + counters.messages_lost, 60);
+    assert!(counters.messages_lost <= 12, "{counters:?}");
+    for end in &pair.ends {
+        assert_eq!(end.events.iter().filter(|event| **event == Event::Up).count(), 2, "{:?}", end.events);
+    }
+}
+
+#[test]
 fn a_restarted_peer_is_met_anew_and_messages_flow_on() {
     let mut pair = Pair::new(&LinkModelTable::default());
     pair.meet();
@@ -129,7 +154,10 @@ fn another_plan_is_refused_and_what_differs_is_said_at_both_ends() {
         "{:?}",
         said(1)
     );
-    assert_eq!(said(0).len(), 2, "{:?}", said(0)); // that it differs, then in what
+    for end in 0..2 {
+        assert_eq!(said(end)[0], Event::PlanDiffers(String::new()), "that it differs, {:?}", said(end));
+        assert_eq!(said(end).len(), 2, "then in what: {:?}", said(end));
+    }
 }
 
 #[test]

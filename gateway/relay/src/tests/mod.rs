@@ -163,6 +163,8 @@ pub(crate) struct Pair {
     on_the_way: BTreeMap<(u64, u64), (usize, usize, Vec<u8>)>,
     number: u64,
     pub(crate) now_ns: u64,
+    /// Nothing that this end sends comes anywhere, as where a cable has one broken pair.
+    pub(crate) mute: Option<usize>,
 }
 
 impl Pair {
@@ -178,6 +180,7 @@ impl Pair {
             on_the_way: BTreeMap::new(),
             number: 0,
             now_ns: MINOR_NS,
+            mute: None,
         }
     }
 
@@ -216,6 +219,9 @@ impl Pair {
         }
         self.ends[end].look(now_ns);
         for (network, datagram) in self.ends[end].send(now_ns) {
+            if self.mute == Some(end) {
+                continue;
+            }
             for at_ns in self.models[2 * end + network].pass(now_ns, datagram.len()).into_iter().flatten() {
                 self.number += 1;
                 self.on_the_way.insert((at_ns, self.number), (1 - end, network, datagram.clone()));

@@ -103,7 +103,7 @@ impl Trace {
             self.before += 1;
         }
         let named =
-            |what: &str| host.as_ref().map_or(what.to_owned(), |host| format!("{} {what}", host.module));
+            |what: &str| host.as_ref().map_or(what.to_owned(), |host| format!("{} {what}", host.name()));
         let (cores, partitions) = (named("cores"), named("partitions"));
         self.host = host;
         self.cores.clear();

@@ -4,24 +4,27 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::os::fd::{AsRawFd, OwnedFd};
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use bateleur_executive::event::Event;
 use bateleur_executive::plan::{ModuleId, Plan};
 use rustix::io::{FdFlags, fcntl_setfd};
 
 use super::hosts::namespace::Lan;
 use super::hosts::{self, Hosts};
+use super::remains::Remains;
 use super::simulator::Simulator;
 use super::{Arguments, beside_self, partition_running};
 use crate::line::Line;
 
 /// How long the executive may take to end when it is asked to.
 const END_PATIENCE: Duration = Duration::from_secs(10);
+/// How long a module that is started anew may take until its partitions are ready, real time.
+const START_PATIENCE: Duration = Duration::from_secs(60);
 /// Between two looks whether the companion asks.
 const LOOK: Duration = Duration::from_millis(100);
 
@@ -33,6 +36,10 @@ pub(super) struct Executive {
     events: Receiver<Event>,
     /// Virtual clock: the other end of the handshake.
     companion: Option<UnixStream>,
+    /// How it was started.
+    start: Start,
+    /// What it left when it was killed.
+    remains: Option<Remains>,
 }
 
 /// A question of the virtual clock.
@@ -58,9 +65,14 @@ impl Executive {
             choices.extend(["--set".into(), format!("{target}.{setting}")]);
         }
         choices.extend(arguments.set.iter().flat_map(|setting| ["--set".into(), setting.clone()]));
-        choices.extend(arguments.faults.arguments());
-        let started = Start { folder, choices, companion: arguments.fast, interfaces: None };
-        Self::spawn(arguments, started)
+        Self::spawn(Start {
+            folder: folder.to_owned(),
+            schedule: arguments.schedule.clone(),
+            choices: [choices, common(arguments)].concat(),
+            faults: arguments.faults.arguments(),
+            companion: arguments.fast,
+            interfaces: None,
+        })
     }
 
     /// That of the module at `place`, one of several.
@@ -83,13 +95,27 @@ impl Executive {
         }
         let asked = arguments.set.iter().filter(|setting| is_here(setting));
         choices.extend(asked.flat_map(|setting| ["--set".into(), setting.clone()]));
-        choices.extend(arguments.faults.arguments_for(place == main, is_here));
-        let folder = hosts.folder_of(&hosts.modules[place]);
-        let companion = arguments.fast && place == main;
-        Self::spawn(arguments, Start { folder: &folder, choices, companion, interfaces })
+        Self::spawn(Start {
+            folder: hosts.folder_of(&hosts.modules[place]),
+            schedule: arguments.schedule.clone(),
+            choices: [choices, common(arguments)].concat(),
+            faults: arguments.faults.arguments_for(place == main, is_here),
+            companion: arguments.fast && place == main,
+            interfaces,
+        })
     }
 
-    fn spawn(arguments: &Arguments, start: Start<'_>) -> Result<Self> {
+    /// The same module again, after it was killed: from nothing, as a computer that is switched on, with `choices` beside those
+    /// that it had. What was planned to happen to its partitions does not happen once more.
+    pub(super) fn again(&self, folder: PathBuf, choices: Vec<String>) -> Result<Self> {
+        if let Some(remains) = &self.remains {
+            remains.await_end()?;
+        }
+        let choices = [self.start.choices.clone(), choices].concat();
+        Self::spawn(Start { folder, choices, faults: Vec::new(), ..self.start.clone() })
+    }
+
+    fn spawn(start: Start) -> Result<Self> {
         let program = beside_self("bateleur")?;
         let (events, event_end) = std::io::pipe()?;
         let event_end = OwnedFd::from(event_end);
@@ -98,15 +124,9 @@ impl Executive {
         if let Some(interfaces) = &start.interfaces {
             command.arg("within").args(interfaces.iter().flat_map(|one| ["--interface", one])).arg("--");
         }
-        command.arg("run").arg("--schedule").arg(&arguments.schedule).arg("--output").arg(start.folder);
+        command.arg("run").arg("--schedule").arg(&start.schedule).arg("--output").arg(&start.folder);
         command.args(["--record", "--until-stdin-closes", "--events-fd", &event_end.as_raw_fd().to_string()]);
-        command.args(&start.choices);
-        if arguments.fast {
-            command.arg("--fast");
-        }
-        if let Some(how) = &arguments.require {
-            command.args(["--require", how]);
-        }
+        command.args(&start.choices).args(&start.faults);
         let companion = if start.companion { Some(add_companion(&mut command)?) } else { None };
         let output = if start.interfaces.is_some() { Stdio::piped() } else { Stdio::null() };
         let mut process = command
@@ -119,11 +139,11 @@ impl Executive {
         // One that waits in its namespace is told to go on through it first.
         let line = if start.interfaces.is_some() { None } else { process.stdin.take() };
         let companion = companion.map(|(own, _)| own);
-        Ok(Self { process, line, events: read_events(events), companion })
+        Ok(Self { process, line, events: read_events(events), companion, start, remains: None })
     }
 
     /// Joins it to its networks, and lets it start.
-    pub(super) fn join(&mut self, lan: &Lan, plan: &Plan, module: ModuleId) -> Result<()> {
+    pub(super) fn join(&mut self, lan: &mut Lan, plan: &Plan, module: ModuleId) -> Result<()> {
         lan.join(plan, module, &mut self.process)?;
         self.line = self.process.stdin.take();
         Ok(())
@@ -131,7 +151,36 @@ impl Executive {
 
     /// Ends it as a computer ends that loses its power.
     pub(super) fn kill(&mut self) {
+        self.remains = Some(Remains::of(self.process.id()));
         let _ = self.process.kill(); // it has ended already
+        let _ = self.process.wait(); // as above
+    }
+
+    /// Whether it shares a virtual clock.
+    pub(super) fn is_joint(&self) -> bool {
+        self.start.choices.iter().any(|choice| choice == "--together")
+    }
+
+    /// Waits until its partitions are ready; gives what it said until then.
+    ///
+    /// # Errors
+    /// It ended before, or takes too long.
+    pub(super) fn await_ready(&self) -> Result<Vec<Event>> {
+        let begun = Instant::now();
+        let mut said = Vec::new();
+        loop {
+            match self.events.recv_timeout(LOOK) {
+                Ok(event) => said.push(event),
+                Err(RecvTimeoutError::Timeout) if begun.elapsed() < START_PATIENCE => {}
+                Err(RecvTimeoutError::Timeout) => {
+                    bail!("its partitions were not ready after {} s", START_PATIENCE.as_secs())
+                }
+                Err(RecvTimeoutError::Disconnected) => bail!("it ended; its message stands above"),
+            }
+            if matches!(said.last(), Some(Event::Ready { .. })) {
+                return Ok(said);
+            }
+        }
     }
 
     /// Asks it to stop.
@@ -201,14 +250,30 @@ impl Drop for Executive {
 }
 
 /// How one is started.
-struct Start<'a> {
-    folder: &'a Path,
-    /// What differs from module to module.
+#[derive(Clone)]
+struct Start {
+    folder: PathBuf,
+    schedule: PathBuf,
+    /// What differs from flight to flight and from module to module.
     choices: Vec<String>,
+    /// What is planned to happen to its partitions.
+    faults: Vec<String>,
     /// The ground's line ends there.
     companion: bool,
     /// In a network namespace of its own, with these interfaces.
     interfaces: Option<Vec<String>>,
+}
+
+/// What the executives of a flight have in common.
+fn common(arguments: &Arguments) -> Vec<String> {
+    let mut list = Vec::new();
+    if arguments.fast {
+        list.push("--fast".to_owned());
+    }
+    if let Some(how) = &arguments.require {
+        list.extend(["--require".to_owned(), how.clone()]);
+    }
+    list
 }
 
 /// What a flight sets: the partition, and ATTRIBUTE=VALUE.

@@ -9,6 +9,7 @@ use bateleur_executive::event::Event;
 use bateleur_ground::{Mission, MissionPlan, Outcome, Pilot, Progress, Severity, UdpPilot};
 use bateleur_messages::hil::{PilotOrder, Protocol};
 use bateleur_messages::telemetry::Primary;
+use bateleur_report::hosts::Host;
 
 use super::Arguments;
 use super::fleet::Fleet;
@@ -40,8 +41,8 @@ pub(super) struct Flown {
     pub(super) module_time_s: f64,
     /// What the executive told of the run as a whole.
     pub(super) events: Vec<Event>,
-    /// The hosts' modules, the one whose time counts first; none: there was one host.
-    pub(super) modules: Vec<String>,
+    /// The hosts, the one whose time counts first; none: there was one.
+    pub(super) hosts: Vec<Host>,
 }
 
 /// Flies; none: the executive could not start, and has said why.
@@ -292,7 +293,7 @@ impl Flight {
             waypoints_reached: self.latest.map_or(0, |progress| progress.waypoints_reached),
             module_time_s: module_time_s.unwrap_or(latest_ns as f64 / 1e9),
             events: self.events,
-            modules: self.fleet.modules(),
+            hosts: self.fleet.hosts(),
         })
     }
 }

@@ -11,6 +11,7 @@ mod fleet;
 pub(crate) mod hosts;
 pub(crate) mod kept;
 mod mission;
+mod remains;
 mod simulator;
 mod standing;
 
@@ -184,7 +185,7 @@ fn fly_hosts(
     // The simulator and this program are where the module is that talks to it.
     let near = hosts::place_of(plan, "hil_interface")?;
     let main = hosts::place_of(plan, "command")?;
-    let lan = match (arguments.fast, id(near)) {
+    let mut lan = match (arguments.fast, id(near)) {
         (false, Some(near)) => Some(Lan::make(plan, near)?),
         _ => None,
     };
@@ -192,8 +193,8 @@ fn fly_hosts(
     let line = Line::open()?;
     let mut started = Vec::new();
     for (place, module) in hosts.modules.iter().enumerate() {
-        let apart = lan.as_ref().zip(id(place)).filter(|_| place != near);
-        let interfaces = apart.map(|(_, id)| namespace::interfaces(plan, id));
+        let apart = lan.as_mut().zip(id(place)).filter(|_| place != near);
+        let interfaces = apart.as_ref().map(|(_, id)| namespace::interfaces(plan, *id));
         let ends = (&simulator, &line);
         let mut executive = executive::Executive::of_host(arguments, plan, &hosts, place, ends, interfaces)?;
         if let Some((lan, id)) = apart {
@@ -205,13 +206,13 @@ fn fly_hosts(
     let fleet = Fleet::of_hosts(arguments, plan, hosts, first, started, lan);
     let flown = mission::fly(arguments, mission.clone(), simulator, line, fleet, stop)?;
     if let Some(flown) = &flown {
-        join_logs(arguments, plan, folder, &flown.modules)?;
+        join_logs(arguments, plan, folder, &flown.hosts)?;
     }
     Ok(flown)
 }
 
 /// Makes one log of those of all hosts.
-fn join_logs(arguments: &Arguments, plan: &Plan, folder: &Path, modules: &[String]) -> Result<()> {
+fn join_logs(arguments: &Arguments, plan: &Plan, folder: &Path, hosts: &[report_hosts::Host]) -> Result<()> {
     let joined = |(id, link): (usize, &bateleur_executive::plan::Link)| report_hosts::Joined {
         id: id as u64,
         modules: link.ends.map(|end| plan[end].name.clone()),
@@ -219,7 +220,7 @@ fn join_logs(arguments: &Arguments, plan: &Plan, folder: &Path, modules: &[Strin
     // On one virtual clock there is one time, whatever relays measure over a network that delays one way more than the other.
     let measured = plan.links.iter().enumerate().filter(|_| !arguments.fast);
     let links: Vec<_> = measured.map(joined).collect();
-    let hosts = report_hosts::shifts(folder, modules, &links);
+    let hosts = report_hosts::shifts(folder, hosts, &links);
     for note in report_hosts::merge(folder, &hosts).context("cannot join the hosts' logs")? {
         eprintln!("             {note}");
     }

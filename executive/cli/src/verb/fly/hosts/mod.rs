@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use bateleur_executive::keys;
 use bateleur_executive::plan::{Plan, Protection};
-use model::{Cut, LinkModel};
+use model::{Cut, Death, LinkModel};
 
 use super::{Arguments, partition_running};
 
@@ -38,9 +38,10 @@ pub(crate) struct Options {
     /// Cut a network for a while of module time (may be repeated).
     #[arg(long, value_name = "NETWORK@FROM-UNTIL", value_parser = model::parse_cut, requires = "hosts")]
     pub(crate) cut: Vec<Cut>,
-    /// Kill a host at a module time: its executive, with everything in it (may be repeated).
-    #[arg(long, value_name = "MODULE@SECONDS", value_parser = model::parse_kill, requires = "hosts")]
-    pub(crate) kill_host: Vec<(String, f64)>,
+    /// Kill a host at a module time: its executive, with everything in it; with -UNTIL it is started anew then, from nothing
+    /// (may be repeated).
+    #[arg(long, value_name = "MODULE@SECONDS[-UNTIL]", value_parser = model::parse_kill, requires = "hosts")]
+    pub(crate) kill_host: Vec<Death>,
 }
 
 /// What is the same for all hosts of a flight.
@@ -55,7 +56,8 @@ pub(super) struct Hosts {
     keys: BTreeMap<String, PathBuf>,
     /// What the modelled networks do.
     model: Option<serde_json::Value>,
-    folder: PathBuf,
+    /// That of the flight.
+    pub(super) folder: PathBuf,
 }
 
 impl Hosts {
@@ -143,9 +145,21 @@ fn check(arguments: &Arguments, plan: &Plan) -> Result<()> {
         let known: Vec<&str> = plan.networks.iter().map(|network| network.name.as_str()).collect();
         bail!("there is no network {}: the plan has {}", cut.network, known.join(", "));
     }
-    if let Some((name, _)) = hosts.kill_host.iter().find(|(name, _)| plan.module(name).is_none()) {
+    hosts.kill_host.iter().try_for_each(|death| check_death(death, plan))
+}
+
+fn check_death(Death { module, back_s, .. }: &Death, plan: &Plan) -> Result<()> {
+    if plan.module(module).is_none() {
         let known: Vec<&str> = plan.modules.iter().map(|module| module.name.as_str()).collect();
-        bail!("there is no module {name}: the plan has {}", known.join(", "));
+        bail!("there is no module {module}: the plan has {}", known.join(", "));
+    }
+    for program in ["command", "hil_interface"] {
+        if back_s.is_some() && plan.modules[place_of(plan, program)?].name == *module {
+            bail!(
+                "{module} has the lines to the ground and to the simulator, and its end is the flight's: it can be killed \
+                 (--kill-host {module}@SECONDS), and not come back"
+            );
+        }
     }
     Ok(())
 }

@@ -24,6 +24,17 @@ pub(crate) struct Cut {
     pub(crate) until_s: f64,
 }
 
+/// A host that is killed.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Death {
+    /// Its module.
+    pub(crate) module: String,
+    /// At this module time, s.
+    pub(crate) at_s: f64,
+    /// It is started anew at this one, s.
+    pub(crate) back_s: Option<f64>,
+}
+
 pub(crate) fn parse(text: &str) -> Result<LinkModel, String> {
     let mut model = LinkModel { table: LinkModelTable::default(), seed: None };
     for word in text.split(',') {
@@ -77,12 +88,19 @@ pub(crate) fn parse_cut(text: &str) -> Result<Cut, String> {
     }
 }
 
-pub(crate) fn parse_kill(text: &str) -> Result<(String, f64), String> {
-    let killed = text.split_once('@').and_then(|(module, at)| {
-        let at: f64 = at.parse().ok()?;
-        (at.is_finite() && at >= 0.0).then(|| (module.to_owned(), at))
+pub(crate) fn parse_kill(text: &str) -> Result<Death, String> {
+    let death = text.split_once('@').and_then(|(module, times)| {
+        let (at, back) = times.split_once('-').map_or((times, None), |(at, back)| (at, Some(back)));
+        let seconds = |text: &str| text.parse::<f64>().ok().filter(|s| s.is_finite() && *s >= 0.0);
+        let (at_s, back_s) = (seconds(at)?, back.map(seconds));
+        let is_later = back_s.is_none_or(|back_s| back_s.is_some_and(|back_s| at_s < back_s));
+        is_later.then(|| Death { module: module.to_owned(), at_s, back_s: back_s.flatten() })
     });
-    killed.ok_or_else(|| format!("\"{text}\" is not MODULE@SECONDS, such as nav@100"))
+    death.ok_or_else(|| {
+        format!(
+            "\"{text}\" is not MODULE@SECONDS, such as nav@100, nor MODULE@FROM-UNTIL, such as nav@100-105"
+        )
+    })
 }
 
 /// The attribute of every relay of the flight.
@@ -135,6 +153,11 @@ mod tests {
             assert!(parse_cut(text).is_err(), "{text}");
         }
         assert_eq!(parse_cut("a@5-7.5").unwrap().until_s, 7.5);
-        assert!(parse_kill("nav").is_err() && parse_kill("nav@x").is_err());
+        for text in ["nav", "nav@x", "nav@5-5", "nav@5-", "nav@5-x", "nav@-1"] {
+            assert!(parse_kill(text).is_err(), "{text}");
+        }
+        assert_eq!(parse_kill("nav@5").unwrap().back_s, None);
+        let death = parse_kill("nav@5-7.5").unwrap();
+        assert_eq!((death.module.as_str(), death.at_s, death.back_s), ("nav", 5.0, Some(7.5)));
     }
 }

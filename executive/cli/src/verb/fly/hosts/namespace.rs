@@ -21,6 +21,14 @@ const READY: &str = "ready";
 /// The flight's own namespace, with the bridges of all networks.
 pub(in crate::verb::fly) struct Lan {
     networks: Vec<(NetworkId, String)>,
+    /// Of all modules that have joined.
+    ports: Vec<Port>,
+}
+
+/// Where a module's cable is plugged in.
+struct Port {
+    network: NetworkId,
+    name: String,
 }
 
 impl Lan {
@@ -50,12 +58,12 @@ impl Lan {
                 networks.push((network, bridge));
             }
         }
-        Ok(Self { networks })
+        Ok(Self { networks, ports: Vec::new() })
     }
 
     /// Joins a process that waits in a namespace of its own (see [`within`]) to the networks of its module, and lets it go on.
     pub(in crate::verb::fly) fn join(
-        &self,
+        &mut self,
         plan: &Plan,
         module: ModuleId,
         process: &mut Child,
@@ -77,20 +85,27 @@ impl Lan {
             };
             let port = format!("m{}n{}", module.index(), address.network.index());
             let inside = interface(address.network);
+            // Of a host that was killed and comes back: the kernel takes its time to remove a namespace. As a rule there is none.
+            let _ = ip(&["link", "delete", &port]);
             ip(&["link", "add", &port, "type", "veth", "peer", "name", &inside, "netns", &pid])?;
             ip(&["link", "set", &port, "master", bridge, "up"])?;
+            self.ports.retain(|known| known.name != port);
+            self.ports.push(Port { network: address.network, name: port });
         }
         let stdin = process.stdin.as_mut().context("the module's process has no standard input")?;
         stdin.write_all(b"\n").context("the module's process has ended")
     }
 
-    /// Cuts a network, or mends it.
+    /// Cuts a network, or mends it: at the ports of its bridge. The bridge itself has the address of the flight's own module, and
+    /// the kernel forgets the ways of an interface that is down.
     pub(in crate::verb::fly) fn set(&self, plan: &Plan, network: &str, up: bool) -> Result<()> {
-        let found = self.networks.iter().find(|(id, _)| plan[*id].name == network);
-        match found {
-            Some((_, bridge)) => ip(&["link", "set", bridge, if up { "up" } else { "down" }]),
-            None => Ok(()),
+        let Some((network, _)) = self.networks.iter().find(|(id, _)| plan[*id].name == network) else {
+            return Ok(());
+        };
+        for port in self.ports.iter().filter(|port| port.network == *network) {
+            ip(&["link", "set", &port.name, if up { "up" } else { "down" }])?;
         }
+        Ok(())
     }
 }
 

@@ -38,7 +38,7 @@ fn run(lists: &[Vec<u64>]) -> Vec<(u64, usize)> {
         for (place, list) in lists.iter().enumerate() {
             let (folder, done, acting) = (&folder, &done, &acting);
             scope.spawn(move || {
-                let mut member = join(folder, place, lists.len());
+                let member = join(folder, place, lists.len());
                 member.await_all(PATIENCE_NS).unwrap();
                 for instant in list {
                     member.reach(*instant);
@@ -86,7 +86,7 @@ fn module_that_dies_is_waited_for_no_more_and_the_file_goes_with_the_last() {
     let mut child = sleeper();
     let dying = Member::join_as(order(&folder, 0, 2), "dying", Arc::default(), child.id()).unwrap();
     std::mem::forget(dying); // a process that is killed leaves nothing in order
-    let mut member = join(&folder, 1, 2);
+    let member = join(&folder, 1, 2);
     member.await_all(PATIENCE_NS).unwrap();
     let reached = AtomicBool::new(false);
     std::thread::scope(|scope| {
@@ -161,7 +161,7 @@ fn module_that_is_asked_to_stop_does_not_wait_for_one_that_hangs() {
     let mut child = sleeper();
     std::mem::forget(Member::join_as(order(&folder, 0, 2), "hangs", Arc::default(), child.id()).unwrap());
     let stop: Arc<AtomicBool> = Arc::default();
-    let mut member = Member::join(order(&folder, 1, 2), "m1", stop.clone()).unwrap();
+    let member = Member::join(order(&folder, 1, 2), "m1", stop.clone()).unwrap();
     member.await_all(PATIENCE_NS).unwrap();
     stop.store(true, Ordering::SeqCst);
     member.reach(1);

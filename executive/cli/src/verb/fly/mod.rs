@@ -168,6 +168,10 @@ fn fly(
     simulator.can = can::Can::start(arguments, plan, folder, simulator.address)?;
     let line = Line::open()?;
     let executive = executive::Executive::start(arguments, plan, folder, &simulator, &line)?;
+    if arguments.fast {
+        // Not before: processes that are started inherit the place.
+        simulator::place(std::process::id() as i32, arguments, plan);
+    }
     mission::fly(arguments, mission.clone(), simulator, line, Fleet::of_one(executive), stop)
 }
 

@@ -98,6 +98,15 @@ pub enum Event {
         /// Why.
         reason: String,
     },
+    /// The log of the ports could not be gone on with, and goes on in another file.
+    LogCut {
+        /// Module time, s.
+        time_s: f64,
+        /// The file that ends.
+        log: String,
+        /// Why, and what it goes on in.
+        reason: String,
+    },
     /// The run is over.
     Stopped {
         /// Why.

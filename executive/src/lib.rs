@@ -25,6 +25,7 @@ pub mod monitor;
 pub mod partition;
 pub mod plan;
 pub mod planned;
+pub mod recording;
 pub mod seats;
 pub mod slot;
 pub mod system;

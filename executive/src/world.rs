@@ -1,9 +1,7 @@
 //! What surrounds a module while it runs: planned faults, the recorder, the companion at the end of a line, and the
 //! wish to stop. Looked at once in each minor frame, on either clock.
 
-use std::fs::File;
 use std::io::{self, Read, Write};
-use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,26 +9,17 @@ use std::time::Duration;
 
 use bateleur_contract::Clock;
 
-use crate::event::Event;
 use crate::fast::World;
 use crate::monitor::Monitor;
-use crate::partition::{await_any_end, ended, is_readable};
 use crate::plan::ModuleError;
 use crate::planned::PlannedActs;
+use crate::recording::Recording;
 use crate::seats::Seats;
-use crate::system::spawn::Spawned;
-use crate::system::time::now_ns;
 
 /// Module time between two exchanges with the companion and the recorder, ns: the step of a ground station.
 pub const EXCHANGE_NS: u64 = 100_000_000;
 /// How long a companion may take for a step, real time: it may have to wait until another module has started.
 const COMPANION_PATIENCE: Duration = Duration::from_secs(120);
-
-/// How long the recorder may take to attach itself, real time.
-const ATTACH_PATIENCE_NS: u64 = 20_000_000_000;
-/// How long it may take to answer in flight, real time. A disk that stalls for longer costs the log. On the wall clock nobody
-/// waits for it meanwhile: what partitions write in that time is read later, as far as it still stands.
-const RECORDER_PATIENCE_NS: u64 = 5_000_000_000;
 
 /// Schedules to ask for, in the order of time.
 #[derive(Debug, Default)]
@@ -74,109 +63,6 @@ impl Companion {
     }
 }
 
-/// The recorder: a process that reads every channel when it is told to.
-#[derive(Debug)]
-pub struct Recorder {
-    process: Spawned,
-    orders: Option<File>,
-    answers: File,
-    /// Since when it owes an answer, CLOCK_MONOTONIC, ns.
-    asked_ns: Option<u64>,
-    /// Channels that were made anew, of which it has not been told.
-    renewed: Vec<String>,
-    /// Why it has ended, to be told once.
-    lost: Option<&'static str>,
-}
-
-/// Orders to a recorder, each a letter; it answers each with a byte. Read what has been written:
-pub const READ: char = 'r';
-/// Attach anew to the channels whose names follow, separated by spaces, until the end of the line:
-pub const ATTACH_ANEW: char = 'a';
-
-/// Where a recorder that has ended leaves its reason.
-const RECORDER_ENDED: &str =
-    "the recorder has ended or does not answer; its reason stands in partitions/helpers.log";
-
-impl Recorder {
-    /// Starts it with a line for orders and a line for answers, and waits until it has attached itself.
-    pub fn start(start: impl FnOnce(&OwnedFd, &OwnedFd) -> io::Result<Spawned>) -> io::Result<Self> {
-        let (order_end, orders) = io::pipe()?;
-        let (answers, answer_end) = io::pipe()?;
-        let (order_end, answer_end) = (OwnedFd::from(order_end), OwnedFd::from(answer_end));
-        let process = start(&order_end, &answer_end)?;
-        drop(answer_end);
-        let (orders, answers) = (File::from(OwnedFd::from(orders)), File::from(OwnedFd::from(answers)));
-        let mut recorder = Self {
-            process,
-            orders: Some(orders),
-            answers,
-            asked_ns: Some(now_ns()),
-            renewed: Vec::new(),
-            lost: None,
-        };
-        recorder.has_answered(ATTACH_PATIENCE_NS, ATTACH_PATIENCE_NS);
-        match recorder.orders {
-            Some(_) => Ok(recorder),
-            None => Err(io::Error::other("it ended at once")),
-        }
-    }
-
-    /// Has it attach itself anew to channels that were made anew, and read what has been written since the last time; each
-    /// when it has finished what it is at, for which it is waited so long.
-    fn read_channels(&mut self, patience_ns: u64) {
-        if !self.has_answered(patience_ns, RECORDER_PATIENCE_NS) {
-            return;
-        }
-        if !self.renewed.is_empty() {
-            let order = format!("{ATTACH_ANEW}{}\n", self.renewed.join(" ")); // no name of a port has a space
-            self.renewed.clear();
-            self.order(order.as_bytes());
-        }
-        if self.has_answered(patience_ns, RECORDER_PATIENCE_NS) {
-            self.order(&[READ as u8]);
-        }
-    }
-
-    fn order(&mut self, order: &[u8]) {
-        if let Some(orders) = &mut self.orders {
-            self.asked_ns = orders.write_all(order).is_ok().then(now_ns);
-        }
-    }
-
-    /// Takes the answer that it owes, and waits for it for so long; false: not yet. One that owes it for longer than
-    /// `most_ns` is ended: it maps what partitions may have damaged, and a hanging log must not keep the module from living on.
-    fn has_answered(&mut self, patience_ns: u64, most_ns: u64) -> bool {
-        let Some(asked_ns) = self.asked_ns else { return true };
-        await_any_end(&[self.answers.as_fd()], patience_ns);
-        let speaks = is_readable(self.answers.as_fd());
-        if !speaks && now_ns().saturating_sub(asked_ns) < most_ns {
-            return false;
-        }
-        self.asked_ns = None;
-        let mut answer = [0; 1];
-        let heard = speaks && self.answers.read(&mut answer).is_ok_and(|count| count == 1);
-        if !heard && self.orders.is_some() {
-            self.lost = Some(RECORDER_ENDED);
-        }
-        if !heard {
-            self.orders = None; // it has ended, or does now: the flight goes on without a log
-            let _ = rustix::process::pidfd_send_signal(&self.process.pidfd, rustix::process::Signal::KILL);
-        }
-        true
-    }
-
-    /// Why the log is not whole, where that was not told before.
-    fn finish(&mut self) -> Option<&'static str> {
-        self.read_channels(RECORDER_PATIENCE_NS);
-        self.has_answered(RECORDER_PATIENCE_NS, 0);
-        let recorded = self.orders.take().is_some();
-        await_any_end(&[self.process.pidfd.as_fd()], 5_000_000_000);
-        // One that still runs dies with the executive.
-        let whole = ended(&self.process).is_some_and(|status| status.success());
-        self.lost.take().or_else(|| (recorded && !whole).then_some(RECORDER_ENDED))
-    }
-}
-
 /// See the module's head.
 pub struct Surroundings {
     clock: Clock,
@@ -185,7 +71,7 @@ pub struct Surroundings {
     until_ns: Option<u64>,
     stop: Arc<AtomicBool>,
     power_fail: Arc<AtomicBool>,
-    recorder: Option<Recorder>,
+    recording: Option<Recording>,
     companion: Option<Companion>,
     line: Option<Arc<Seats>>,
     next_exchange_ns: u64,
@@ -212,7 +98,7 @@ impl Surroundings {
             until_ns,
             stop,
             power_fail,
-            recorder: None,
+            recording: None,
             companion,
             line: None,
             next_exchange_ns: 0,
@@ -223,8 +109,8 @@ impl Surroundings {
 
     /// The module starts, perhaps not for the first time. `line`: the partition whose device the companion holds the other
     /// end of.
-    pub fn begin(&mut self, recorder: Option<Recorder>, line: Option<Arc<Seats>>) {
-        self.recorder = recorder;
+    pub fn begin(&mut self, recording: Option<Recording>, line: Option<Arc<Seats>>) {
+        self.recording = recording;
         self.line = line;
     }
 
@@ -264,19 +150,12 @@ impl Surroundings {
 
     /// Ends what was started; gives the reason why the recorder's log is not whole, where it was not told before.
     pub fn finish(&mut self) -> Option<String> {
-        self.recorder.take()?.finish().map(str::to_owned)
+        self.recording.take()?.finish()
     }
 
     fn exchange(&mut self, module_ns: u64, monitor: &mut Monitor) {
-        if let Some(recorder) = &mut self.recorder {
-            recorder.renewed.extend(monitor.take_renewed());
-            // On the virtual clock nobody's time passes meanwhile, and the log is the same at every run.
-            let patience_ns = if self.clock == Clock::Virtual { RECORDER_PATIENCE_NS } else { 0 };
-            recorder.read_channels(patience_ns);
-            if let Some(reason) = recorder.lost.take() {
-                let (time_s, log) = (module_ns as f64 / 1e9, "ports.mcap".into());
-                monitor.events().tell(&Event::LogLost { time_s, log, reason: reason.into() });
-            }
+        if let Some(recording) = &mut self.recording {
+            recording.turn(self.clock, module_ns, monitor);
         }
         let Some(companion) = &mut self.companion else { return };
         let sent =

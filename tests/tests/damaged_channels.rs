@@ -3,7 +3,12 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use bateleur_tests::{Ended, NINE, Sketch, alone, among_others, bateleur, edited};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use bateleur_report::log::{Ending, for_each};
+use bateleur_tests::{Ended, NINE, Sketch, alone, among_others, await_some, bateleur, edited, process_named};
+use rustix::process::Signal;
 
 /// When the run ends, s.
 const END_S: u64 = 12;
@@ -55,6 +60,46 @@ fn channels_are_made_anew_while_dispatchers_run_on_the_wall_clock() {
     let ended = damaged("servo", "3.003", &[]);
     assert!(ended.stderr.contains("channels made anew"), "{}", ended.stderr);
     assert_all_are_there(&ended, "servo");
+    // Whether the recorder has ended of it or not, the log goes on: of the damaged channels too, once they are new.
+    let mut last: BTreeMap<String, u64> = BTreeMap::new();
+    for_each(ended.folder().join("ports.mcap"), |entry| {
+        last.insert(entry.topic.to_owned(), entry.time_ns);
+    })
+    .unwrap();
+    for topic in ["/servo/timers", "/rate_generator/rate"] {
+        let last_ns = last.get(topic).copied().unwrap_or_default();
+        assert!(last_ns > (END_S - 1) * 1_000_000_000, "{topic} ends at {last_ns} ns: {}", ended.stderr);
+    }
+}
+
+/// What a recorder ends of when it reads what a partition has written over; here it is made certain.
+#[test]
+fn a_recorder_that_ends_of_what_it_reads_is_followed_and_the_log_goes_on_in_its_next_part() {
+    let _turn = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = folder.path().join("schedule.toml");
+    std::fs::write(&schedule, edited(&[])).unwrap();
+    let fixed = ["run", "--record", "--until", "6", "--set", "command.device=/dev/nowhere", "--schedule"];
+    let module = bateleur(&[&fixed[..], &[schedule.to_str().unwrap()]].concat());
+    let first = process_named(module.pid(), "recorder");
+    let runs = || module.said().contains("partitions are ready");
+    assert!(await_some(Duration::from_secs(20), || runs().then_some(())).is_some(), "{}", module.said());
+    std::thread::sleep(Duration::from_secs(1));
+    first.signal(Signal::KILL);
+    let ended = module.end().expect_code(0);
+    let told = "ports.mcap ends: the recorder has ended; another one goes on in ports.part-1.mcap";
+    assert!(ended.stderr.contains(told), "{}", ended.stderr);
+    assert!(ended.faults().iter().all(|fault| fault.error != "port_error"), "nobody else notices");
+    // Read as one log, it holds messages of the end, of every partition; its gap is no longer than the log says.
+    let mut last: BTreeMap<String, u64> = BTreeMap::new();
+    let ending = for_each(ended.folder().join("ports.mcap"), |entry| {
+        last.insert(entry.topic.to_owned(), entry.time_ns);
+    });
+    assert!(matches!(ending.unwrap(), Ending::Cut(_)), "the verdict says that it was cut");
+    for topic in ["/rate_generator/rate", "/hil_interface/status", "/servo/timers"] {
+        let last_ns = last.get(topic).copied().unwrap_or_default();
+        assert!(last_ns > 5_500_000_000, "{topic} ends at {last_ns} ns: {last:?}");
+    }
 }
 
 #[test]

@@ -1,20 +1,29 @@
-//! The recorder: attaches to every channel of a module as an observer and writes what it carries into `ports.mcap`.
+//! The recorder: attaches to every channel of a module as an observer and writes what it carries into `ports.mcap`, or
+//! into the next part of it where the recorder before has ended.
 //!
 //! It is told when to read (a byte on standard input) and says when it has (a byte on standard output), so that under
-//! the virtual clock nothing is lost, however fast time goes. It can not slow a writer down.
+//! the virtual clock nothing is lost, however fast time goes. It can not slow a writer down. What it reads may be damaged and
+//! end it: so it says in shared memory which channel it is at.
 
+use std::fs::File;
 use std::io::{BufRead, Read, Write};
+use std::sync::atomic::AtomicU32;
+use std::sync::atomic::Ordering::Relaxed;
 
 use anyhow::{Context, Result};
-use bateleur_executive::helper::custodian::{Order, OrderedChannel};
-use bateleur_executive::world::{ATTACH_ANEW, READ};
+use bateleur_contract::Mapped;
+use bateleur_executive::helper::custodian::OrderedChannel;
+use bateleur_executive::recording::{ATTACH_ANEW, READ, RecorderOrder};
 use bateleur_ports::{Channel, Domain, Membership, Reader};
 use bateleur_report::log::{ChannelId, PortLog, topic};
 
 struct Observed {
     log: ChannelId,
     ordered: OrderedChannel,
-    end: End,
+    /// Its place in the order.
+    place: usize,
+    /// None: it is kept off until the channel is made anew.
+    end: Option<End>,
 }
 
 /// Its end of a channel.
@@ -26,29 +35,37 @@ struct End {
 
 /// The log was opened by the executive, whose output folder the recorder's user may not enter.
 const LOG: &str = "/proc/self/fd/3";
+/// Where it says what it is at.
+const PLACE: &str = "/proc/self/fd/4";
 
 pub(crate) fn run(order: &str) -> Result<()> {
     let _ = rustix::thread::set_name(c"recorder"); // a name is a comfort
-    let order: Order = serde_json::from_str(order).context("the recorder's order is damaged")?;
-    let mut log = PortLog::create(LOG)?;
-    let domain = order.domain();
-    let mut observed = attach(&domain, order.channels, &mut log)?;
+    let RecorderOrder { order, without, part } =
+        serde_json::from_str(order).context("the recorder's order is damaged")?;
+    let place = File::options().read(true).write(true).open(PLACE).context("nobody knows what it is at")?;
+    let mut recorder = Recorder {
+        domain: order.domain(),
+        log: PortLog::create(LOG)?,
+        observed: Vec::new(),
+        at: Mapped::new(place).context("nobody knows what it is at")?,
+    };
+    recorder.attach(order.channels, &without, part == 0)?;
     answer()?;
     let mut orders = std::io::stdin().lock();
     let mut word = [0; 1];
     while orders.read(&mut word)? == 1 {
         match char::from(word[0]) {
-            READ => read_all(&observed, &mut log)?,
+            READ => recorder.read_all()?,
             ATTACH_ANEW => {
                 let mut names = String::new();
                 orders.read_line(&mut names)?;
-                attach_anew(&domain, &mut observed, &names)?;
+                recorder.attach_anew(&names);
             }
             other => anyhow::bail!("the executive has ordered {other:?}"),
         }
         answer()?;
     }
-    log.finish()?;
+    recorder.log.finish()?;
     Ok(())
 }
 
@@ -58,27 +75,70 @@ fn answer() -> std::io::Result<()> {
     output.flush()
 }
 
-fn attach(domain: &Domain, channels: Vec<OrderedChannel>, log: &mut PortLog) -> Result<Vec<Observed>> {
-    let mut observed = Vec::new();
-    for ordered in channels {
-        let end = End::of(domain, &ordered)?;
-        // Bytes without a message type have no fields to name: they are left out.
-        let Some(message) = bateleur_messages::find(&ordered.message) else { continue };
-        let (partition, port) = ordered.source.split_once('.').unwrap_or((&ordered.source, "port"));
-        let log = log.add_channel(&topic(partition, port), message)?;
-        observed.push(Observed { log, ordered, end });
-    }
-    Ok(observed)
+struct Recorder {
+    domain: Domain,
+    log: PortLog,
+    observed: Vec<Observed>,
+    /// The place of the channel that it is at, plus one; 0: none.
+    at: Mapped<AtomicU32>,
 }
 
-/// Channels that were damaged have been made anew: what it still maps of the old ones is not looked at any more.
-fn attach_anew(domain: &Domain, observed: &mut [Observed], names: &str) -> Result<()> {
-    let renewed: Vec<&str> = names.split_whitespace().collect();
-    for one in observed.iter_mut().filter(|one| renewed.contains(&one.ordered.name.as_str())) {
-        let old = std::mem::replace(&mut one.end, End::of(domain, &one.ordered)?);
-        std::mem::forget(old); // letting go of it would look into damaged memory
+impl Recorder {
+    /// Attaches to every channel but those `without`. `strictly`: one that it can not attach to is an error; a later recorder
+    /// keeps off it.
+    fn attach(&mut self, channels: Vec<OrderedChannel>, without: &[String], strictly: bool) -> Result<()> {
+        for (place, ordered) in channels.into_iter().enumerate() {
+            self.at.store(place as u32 + 1, Relaxed);
+            let end = match without.contains(&ordered.name) {
+                true => None,
+                false => match End::of(&self.domain, &ordered) {
+                    Ok(end) => Some(end),
+                    Err(error) if strictly => return Err(error),
+                    Err(error) => {
+                        eprintln!("recorder: nothing of {} from now on: {error:#}", ordered.name);
+                        None
+                    }
+                },
+            };
+            // Bytes without a message type have no fields to name: they are left out.
+            let Some(message) = bateleur_messages::find(&ordered.message) else { continue };
+            let (partition, port) = ordered.source.split_once('.').unwrap_or((&ordered.source, "port"));
+            let log = self.log.add_channel(&topic(partition, port), message)?;
+            self.observed.push(Observed { log, ordered, place, end });
+        }
+        self.at.store(0, Relaxed);
+        Ok(())
     }
-    Ok(())
+
+    /// Channels that were damaged have been made anew: what it still maps of the old ones is not looked at any more.
+    fn attach_anew(&mut self, names: &str) {
+        let renewed: Vec<&str> = names.split_whitespace().collect();
+        for one in self.observed.iter_mut().filter(|one| renewed.contains(&one.ordered.name.as_str())) {
+            self.at.store(one.place as u32 + 1, Relaxed);
+            std::mem::forget(one.end.take()); // letting go of it would look into damaged memory
+            match End::of(&self.domain, &one.ordered) {
+                Ok(end) => one.end = Some(end),
+                Err(error) => {
+                    eprintln!("recorder: nothing of {} from now on: {error:#}", one.ordered.name);
+                }
+            }
+        }
+        self.at.store(0, Relaxed);
+    }
+
+    fn read_all(&mut self) -> Result<()> {
+        for one in &self.observed {
+            let Some(end) = &one.end else { continue };
+            self.at.store(one.place as u32 + 1, Relaxed);
+            // A reader that fails once has met a dying writer; what the writer sent before is still there next time.
+            while let Ok(Some(sample)) = end.reader.receive() {
+                let stamp = sample.user_header();
+                self.log.write(one.log, stamp.sequence, stamp.source_ns, sample.payload())?;
+            }
+        }
+        self.at.store(0, Relaxed);
+        Ok(())
+    }
 }
 
 impl End {
@@ -90,15 +150,4 @@ impl End {
         let reader = kind.observer(&channel)?;
         Ok(Self { reader, _channel: channel, _node: node })
     }
-}
-
-fn read_all(observed: &[Observed], log: &mut PortLog) -> Result<()> {
-    for one in observed {
-        // A reader that fails once has met a dying writer; what the writer sent before is still there next time.
-        while let Ok(Some(sample)) = one.end.reader.receive() {
-            let stamp = sample.user_header();
-            log.write(one.log, stamp.sequence, stamp.source_ns, sample.payload())?;
-        }
-    }
-    Ok(())
 }

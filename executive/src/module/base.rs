@@ -4,10 +4,12 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
+
+use rustix::fs::{MemfdFlags, memfd_create};
 
 use super::conduct::Staff;
 use super::course::{Course, Ended};
@@ -25,11 +27,11 @@ use crate::monitor::{StartForStranger, StartJanitor};
 use crate::partition::{Cage, Housing, attached_channels, is_readable, message_name, queue_depth};
 use crate::plan::{ModuleView, PartitionId, Plan, PortId};
 use crate::planned::STANDBY;
+use crate::recording::{Recorder, RecorderOrder, Recording, StartRecorder};
 use crate::system::account::Accounts;
 use crate::system::cgroup::Group;
 use crate::system::spawn::{Request, Spawned, User, Walls, spawn};
 use crate::system::time::now_ns;
-use crate::world::Recorder;
 
 /// How long the custodian may take to create every channel.
 const CUSTODIAN_PATIENCE_NS: u64 = 10_000_000_000;
@@ -42,7 +44,7 @@ const NEXT_CUSTODIAN_PATIENCE_NS: u64 = 3_000_000_000;
 struct Lines<'a> {
     input: Option<&'a OwnedFd>,
     output: Option<&'a OwnedFd>,
-    file: Option<&'a File>,
+    files: &'a [BorrowedFd<'a>],
 }
 
 /// The custodian, and the line whose end tells it to leave.
@@ -122,6 +124,20 @@ fn port_log(path: &Path, resets: u32) -> PathBuf {
     }
 }
 
+/// The file of a part of the port log: the recorder before may have left the one before in the middle of a record.
+fn part_of(path: &Path, part: u32) -> PathBuf {
+    match part {
+        0 => path.to_owned(),
+        part => path.with_extension(format!("part-{part}.mcap")),
+    }
+}
+
+/// Parts of an earlier run in the same folder do not belong to this log.
+fn remove_parts(path: &Path) {
+    let mut parts = (1..).map(|part| part_of(path, part));
+    while parts.next().is_some_and(|part| std::fs::remove_file(part).is_ok()) {}
+}
+
 /// What a run has outside its output folder, and the processes that serve it.
 pub(super) struct Base {
     instance: Instance,
@@ -192,12 +208,11 @@ impl Base {
         lines: Lines<'_>,
         as_partitions: bool,
     ) -> std::io::Result<Spawned> {
-        let file: Vec<_> = lines.file.iter().map(|file| file.as_fd()).collect();
         spawn(&Request {
             program: &self.own_program,
             arguments,
             environment: &[],
-            descriptors: &file,
+            descriptors: lines.files,
             input: lines.input.map(AsFd::as_fd),
             output: lines.output.map(AsFd::as_fd),
             errors: self.log.as_fd(),
@@ -236,7 +251,7 @@ impl Base {
         let (reader, writer) = std::io::pipe().map_err(failed)?;
         let (answer, answers) = std::io::pipe().map_err(failed)?;
         let (reader, answers) = (OwnedFd::from(reader), OwnedFd::from(answers));
-        let lines = Lines { input: Some(&reader), output: Some(&answers), file: None };
+        let lines = Lines { input: Some(&reader), output: Some(&answers), ..Lines::default() };
         let process = self.helper(&["custodian".into(), order.into()], lines, true).map_err(failed)?;
         drop(answers);
         let mut custodian = Custodian { process, line: Some(File::from(OwnedFd::from(writer))) };
@@ -254,17 +269,43 @@ impl Base {
         }
     }
 
-    /// Starts the recorder. It runs as the partitions' user and is handed the file, whose folder it may not enter.
-    fn start_recorder(&self, path: &Path, order: String) -> Result<Recorder, RunError> {
-        let log = File::create(path).map_err(machine(format!("cannot write {}", path.display())))?;
-        std::os::unix::fs::fchown(&log, self.user, self.user)
-            .map_err(machine("cannot hand over the port log"))?;
-        let arguments = ["recorder".into(), order];
-        let start = |input: &OwnedFd, output: &OwnedFd| {
-            let lines = Lines { input: Some(input), output: Some(output), file: Some(&log) };
+    /// Starts the log of all ports.
+    fn record(&self, path: PathBuf, order: &Order) -> Result<Recording, RunError> {
+        remove_parts(&path);
+        let channels = order.channels.iter().map(|channel| channel.name.clone()).collect();
+        let (copy, order) = (self.copy()?, order.clone());
+        let start: StartRecorder =
+            Box::new(move |part, without| copy.start_recorder(&path, &order, part, without));
+        Recording::begin(start, channels)
+            .map_err(machine("cannot start the recorder (see partitions/helpers.log)"))
+    }
+
+    /// Starts the recorder of a part of the log. It runs as the partitions' user and is handed the file, whose folder it may
+    /// not enter, and memory in which it says what it is at.
+    fn start_recorder(
+        &self,
+        path: &Path,
+        order: &Order,
+        part: u32,
+        without: &[String],
+    ) -> std::io::Result<Recorder> {
+        let order = RecorderOrder { order: order.clone(), without: without.to_vec(), part };
+        let arguments = ["recorder".into(), serde_json::to_string(&order)?];
+        let path = part_of(path, part);
+        let log = File::create(&path).map_err(|error| {
+            std::io::Error::new(error.kind(), format!("cannot write {}: {error}", path.display()))
+        })?;
+        let place = File::from(memfd_create("recorder's place", MemfdFlags::CLOEXEC)?);
+        place.set_len(size_of::<u32>() as u64)?;
+        for file in [&log, &place] {
+            std::os::unix::fs::fchown(file, self.user, self.user)?;
+        }
+        let place = OwnedFd::from(place);
+        Recorder::start(&place, |input, output| {
+            let lines =
+                Lines { input: Some(input), output: Some(output), files: &[log.as_fd(), place.as_fd()] };
             self.helper(&arguments, lines, true)
-        };
-        Recorder::start(start).map_err(machine("cannot start the recorder (see partitions/helpers.log)"))
+        })
     }
 
     /// How a janitor is started. Without its custodian a restarted partition would not find its channels: so whoever
@@ -377,12 +418,12 @@ impl Base {
         })?;
         let custodian = Rc::new(RefCell::new(custodian));
         let port_log = options.record.as_deref().map(|path| port_log(path, course.resets()));
-        let recorder = port_log.map(|path| self.start_recorder(&path, order.clone())).transpose()?;
+        let recording = port_log.map(|path| self.record(path, &ordered)).transpose()?;
         let cages = self.cages(plan, view, options, facts, programs)?;
         let (control, inbox) = self.open_control(&options.module, course);
         let start_janitor = self.janitor_starter(plan.clone(), order, custodian.clone())?;
         let renewals = self.renewals(ordered, plan.clone(), custodian.clone())?;
-        let staff = Staff { recorder, start_janitor, start_for_stranger, renewals, start_observer, inbox };
+        let staff = Staff { recording, start_janitor, start_for_stranger, renewals, start_observer, inbox };
         let ended = super::conduct::conduct(plan, view, options, facts, cages, staff, course);
         drop(control);
         custodian.borrow_mut().leave();

@@ -30,13 +30,14 @@ use crate::monitor::renewal::Means;
 use crate::monitor::{Alignment, Equipment, Monitor, StartJanitor};
 use crate::partition::Cage;
 use crate::plan::{ModuleError, ModuleView, PartitionId, Plan, Timeline};
+use crate::recording::Recording;
 use crate::seats::Seats;
 use crate::slot::Grant;
 use crate::system::sched;
 use crate::system::time::now_ns;
 use crate::together::{JointPace, Member};
 use crate::wall::{WallGate, WallPace};
-use crate::world::{Recorder, Surroundings};
+use crate::world::Surroundings;
 
 /// Why a module ends whose dispatcher has ended by itself.
 const LOST_CORE: &str =
@@ -49,7 +50,7 @@ const MONITOR_PERIOD_NS: u64 = 5_000_000;
 /// What serves a run beside its partitions.
 pub(super) struct Staff {
     /// Writes every message down, where that was asked for.
-    pub(super) recorder: Option<Recorder>,
+    pub(super) recording: Option<Recording>,
     /// Cleans up after the dead.
     pub(super) start_janitor: StartJanitor,
     /// Cleans up after dead observers.
@@ -111,7 +112,7 @@ pub(super) fn conduct(
         Ok(()) => {
             let (clock, output) = (options.clock, options.output.as_path());
             let ready = Ready { plan, view, clock, facts, agenda, records, lanes: &lanes, output };
-            ready.run(&mut monitor, staff.recorder, resets, course)
+            ready.run(&mut monitor, staff.recording, resets, course)
         }
         Err(reason) => Err(RunError::Start(reason)),
     };
@@ -153,7 +154,7 @@ impl Ready<'_> {
     fn run(
         self,
         monitor: &mut Monitor,
-        recorder: Option<Recorder>,
+        recording: Option<Recording>,
         resets: u32,
         course: &mut Course,
     ) -> Result<u64, RunError> {
@@ -162,7 +163,7 @@ impl Ready<'_> {
         connect(&seats, plan, clock);
         monitor.events().tell(&Event::Ready { partitions: seats.iter().flatten().count() });
         let line = line_partition(view).and_then(|line| seats[line.index()].clone());
-        course.surroundings.begin(recorder, line);
+        course.surroundings.begin(recording, line);
         let (begin_ns, origin_ns) = course.begin(resets)?;
         agenda.begin(begin_ns);
         let tables = Tables {

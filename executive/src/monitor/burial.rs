@@ -70,6 +70,12 @@ impl Burials {
         self.waiting.push_back(Dead::Stranger(pid, channels));
     }
 
+    /// Whether that process waits for its burial.
+    pub(super) fn awaits(&self, pid: i32) -> bool {
+        let is_it = |dead: &Dead| matches!(dead, Dead::Stranger(stranger, _) if *stranger == pid);
+        self.janitor.as_ref().is_some_and(|(dead, ..)| is_it(dead)) || self.waiting.iter().any(is_it)
+    }
+
     /// The next partition whose dead process has been buried; none: a janitor is at work, or nobody waits.
     pub(super) fn next_buried(&mut self, watched: &[Watched]) -> Option<Grave> {
         if let Some((dead, janitor, since_ns)) = self.janitor.take() {

@@ -264,7 +264,7 @@ impl Monitor {
     }
 
     /// Whether every partition has a process that runs: one question to the kernel instead of one for each.
-    fn do_all_run(&self) -> bool {
+    pub(crate) fn do_all_run(&self) -> bool {
         let processes = self.watched.iter().map(|watched| match &watched.life {
             Life::Running(process) => Some(process.pidfd.as_fd()),
             Life::Starting(..) | Life::Dead(..) | Life::Gone => None,
@@ -361,6 +361,27 @@ impl Monitor {
             self.look_at_janitor();
             self.look_at_examiner(module_ns);
             if self.watched[place].is_coming() {
+                self.pause(200_000);
+            }
+        }
+    }
+
+    /// Buries a process that is no partition and was attached to `channels`.
+    pub fn bury_stranger(&mut self, pid: i32, channels: Vec<String>) {
+        self.burials.add_stranger(pid, channels);
+    }
+
+    /// Whether it still waits for that.
+    #[must_use]
+    pub fn awaits_burial(&self, pid: i32) -> bool {
+        self.burials.awaits(pid)
+    }
+
+    /// Waits for it, as nobody's time passes (the virtual clock).
+    pub fn await_burial(&mut self, pid: i32) {
+        while self.awaits_burial(pid) {
+            self.look_at_janitor();
+            if self.awaits_burial(pid) {
                 self.pause(200_000);
             }
         }

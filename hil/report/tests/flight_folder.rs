@@ -204,6 +204,32 @@ fn log_of_a_killed_recorder_holds_all_but_the_last_half_second() {
 }
 
 #[test]
+fn parts_of_a_log_whose_recorders_were_killed_are_read_as_one_and_said_to_be_cut() {
+    let dir = tempfile::tempdir().unwrap();
+    let rate = bateleur_messages::find("Rate").unwrap();
+    for (name, cycles, ends_well) in [
+        ("ports.mcap", 0..200, false),
+        ("ports.part-1.mcap", 0..0, false),
+        ("ports.part-2.mcap", 300..400, true),
+    ] {
+        let mut writer = log::PortLog::create(dir.path().join(name)).unwrap();
+        let channel = writer.add_channel(&log::topic("rate_generator", "rate"), rate).unwrap();
+        for cycle in cycles {
+            writer.write(channel, cycle, cycle * 20_000_000, &[1; 56]).unwrap();
+        }
+        match ends_well {
+            true => writer.finish().unwrap(),
+            false => std::mem::forget(writer),
+        }
+    }
+    let recording = log::read(dir.path().join("ports.mcap"), |_| true).unwrap();
+    assert!(matches!(recording.ending, Ending::Cut(_)));
+    let samples = &recording.track("/rate_generator/rate", "Rate").unwrap().samples;
+    assert!(samples.len() >= 300 - 26, "{} messages", samples.len());
+    assert_eq!(samples.last(), Some(&(399 * 20_000_000, vec![1; 56])));
+}
+
+#[test]
 fn writer_refuses_what_readers_could_not_read() {
     let dir = tempfile::tempdir().unwrap();
     let mut writer = log::PortLog::create(dir.path().join("a.mcap")).unwrap();

@@ -14,6 +14,9 @@ use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 /// Every bit pattern is a value of the type, and every field has interior mutability through atomics.
 pub unsafe trait SharedMemory: Sync {}
 
+// SAFETY: an atomic, for which every bit pattern is a value.
+unsafe impl SharedMemory for std::sync::atomic::AtomicU32 {}
+
 /// A `T` in shared memory, unmapped when dropped.
 #[derive(Debug)]
 pub struct Mapped<T> {

@@ -328,6 +328,7 @@ fn text_of(event: &Event) -> String {
         Event::LogLost { time_s, log, reason } => {
             format!("{time_s:9.3} s  {log} can not be written any more: {}", printable(reason))
         }
+        Event::LogCut { time_s, log, reason } => format!("{time_s:9.3} s  {log} ends: {}", printable(reason)),
         Event::Stopped {
             reason,
             module_time_s,

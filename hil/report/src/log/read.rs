@@ -116,12 +116,18 @@ pub fn for_each(path: impl AsRef<Path>, mut each: impl FnMut(Entry<'_>)) -> Resu
     }
 }
 
-/// A log that is read step by step, for those who read two at a time.
+/// A log that is read step by step, for those who read two at a time. Where its recorder ended and another one followed,
+/// the log has parts; they are read as one.
 pub struct LogReader {
+    /// The first part's.
     path: PathBuf,
     file: File,
     reader: LinearReader,
     names: Names,
+    /// Parts before the one that is read.
+    part: u32,
+    /// Why the first part that was cut short was.
+    cut: Option<String>,
 }
 
 impl LogReader {
@@ -129,14 +135,29 @@ impl LogReader {
     pub fn open(path: impl AsRef<Path>) -> Result<Self, LogError> {
         let path = path.as_ref().to_path_buf();
         let file = File::open(&path).map_err(|source| LogError::File { path: path.clone(), source })?;
-        let options = LinearReaderOptions::default().with_record_length_limit(LONGEST_RECORD);
-        Ok(Self { path, file, reader: LinearReader::new_with_options(options), names: Names::default() })
+        Ok(Self { path, file, reader: linear_reader(), names: Names::default(), part: 0, cut: None })
+    }
+
+    /// The part that is read has ended: goes on with the next one, or gives the ending of all.
+    fn end_of_part(&mut self, cut: Option<String>) -> Result<Option<Ending>, LogError> {
+        self.cut = self.cut.take().or(cut);
+        let path = self.path.with_extension(format!("part-{}.mcap", self.part + 1));
+        match File::open(&path) {
+            Ok(file) => {
+                (self.file, self.reader, self.part) = (file, linear_reader(), self.part + 1);
+                Ok(None)
+            }
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                Ok(Some(self.cut.take().map_or(Ending::Complete, Ending::Cut)))
+            }
+            Err(source) => Err(LogError::File { path, source }),
+        }
     }
 
     /// Reads on by one record, or by a piece of the file; gives `each` the message, if it was one. An ending: that was all.
     pub fn step(&mut self, each: &mut impl FnMut(Entry<'_>)) -> Result<Option<Ending>, LogError> {
         match self.reader.next_event() {
-            None => return Ok(Some(Ending::Complete)),
+            None => return self.end_of_part(None),
             Some(Ok(LinearReadEvent::ReadRequest(wanted))) => {
                 let room = self.reader.insert(wanted.max(READ_BYTES));
                 let count = self
@@ -147,12 +168,12 @@ impl LogReader {
             }
             Some(Ok(LinearReadEvent::Record { data, opcode })) => match mcap::parse_record(opcode, data) {
                 Ok(record) => self.names.take(&record, each),
-                Err(error) => return Ok(Some(Ending::Cut(error.to_string()))),
+                Err(error) => return self.end_of_part(Some(error.to_string())),
             },
             Some(Err(source @ McapError::BadMagic)) if !self.names.seen_any => {
                 return Err(LogError::Container { path: self.path.clone(), source });
             }
-            Some(Err(error)) => return Ok(Some(Ending::Cut(error.to_string()))),
+            Some(Err(error)) => return self.end_of_part(Some(error.to_string())),
         }
         Ok(None)
     }
@@ -164,6 +185,10 @@ impl LogReader {
             None => (topic.as_str(), "", None),
         })
     }
+}
+
+fn linear_reader() -> LinearReader {
+    LinearReader::new_with_options(LinearReaderOptions::default().with_record_length_limit(LONGEST_RECORD))
 }
 
 /// What the numbers in a log stand for.

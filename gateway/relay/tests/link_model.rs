@@ -57,22 +57,25 @@ fn every_datagram_is_accounted_for_and_what_arrives_is_what_the_counts_say() {
         "ways": [{ "network": "a", "link": 5, "first": side(to_two, at_one), "second": side(to_one, at_two) }],
     });
     let model = Model::start("counts", &settings);
+    // Until nothing comes any more, long after the last is due; read meanwhile, so that no socket has to drop anything.
+    two.set_read_timeout(Some(Duration::from_secs(2))).unwrap();
+    let reader = std::thread::spawn(move || {
+        let (mut arrived, mut buffer) = (Vec::new(), [0; 64]);
+        while let Ok((length, from)) = two.recv_from(&mut buffer) {
+            assert_eq!((length, from), (8, to_one));
+            arrived.push(u64::from_le_bytes(buffer[..8].try_into().unwrap()));
+        }
+        arrived
+    });
     let count = 300_u64;
     for number in 0..count {
         one.send_to(&number.to_le_bytes(), to_two).unwrap();
         if number % 16 == 0 {
-            std::thread::sleep(Duration::from_millis(1)); // so that no socket has to drop anything
+            std::thread::sleep(Duration::from_millis(1)); // as above
         }
     }
     socket().0.send_to(b"not for you", to_two).unwrap();
-    // Until nothing comes any more, long after the last is due.
-    let mut arrived: Vec<u64> = Vec::new();
-    let mut buffer = [0; 64];
-    two.set_read_timeout(Some(Duration::from_secs(2))).unwrap();
-    while let Ok((length, from)) = two.recv_from(&mut buffer) {
-        assert_eq!((length, from), (8, to_one));
-        arrived.push(u64::from_le_bytes(buffer[..8].try_into().unwrap()));
-    }
+    let arrived: Vec<u64> = reader.join().unwrap();
     let counts = model.end();
     let there = &counts[0];
     let number = |name: &str| there[name].as_u64().unwrap();

@@ -71,12 +71,15 @@ def main():
                 received = received[length:]
                 asked.append(message.identity)
                 is_newer = message.identity == "CFG-VALSET"
-                os.write(line, answer(message, is_newer == newer))
-                if is_newer == newer:
+                # As a u-blox M10: it has neither USB nor a second serial port, and refuses an order that names one.
+                lacks = any(hasattr(message, "CFG_MSGOUT_UBX_NAV_PVT_" + port) for port in ("USB", "UART2"))
+                takes = is_newer == newer and not lacks
+                os.write(line, answer(message, takes))
+                if takes:
                     granted.add(message.identity)
                 if message.identity == "CFG-RATE" and not newer:
                     period = message.measRate / 1000
-                if is_newer and newer:
+                if is_newer and takes:
                     period = message.CFG_RATE_MEAS / 1000
         wanted = {"CFG-VALSET"} if newer else {"CFG-RATE", "CFG-MSG"}
         now = time.monotonic()

@@ -64,7 +64,14 @@ def main():
                 line = listener.accept()[0].detach()
             continue
         if line in ready:
-            received += os.read(line, 4096)
+            try:
+                came = os.read(line, 4096)
+            except OSError:
+                came = b""
+            if not came and listener is not None:  # the module has ended; a converter waits for the next one
+                line, granted, received = None, set(), b""
+                continue
+            received += came
             while len(received) >= 8 and len(received) >= 8 + int.from_bytes(received[4:6], "little"):
                 length = 8 + int.from_bytes(received[4:6], "little")
                 message = UBXReader.parse(received[:length], msgmode=SET)
@@ -87,7 +94,11 @@ def main():
             next_at = max(next_at + period, now - period)
             data = solution(int(345600000 + (now - begun) * 1000), state["fix"])
             data = b"$GNGGA,noise*00\r\n" + (b"\xb5b\x01\x07\xff\x03" if state["noise"] else b"") + data
-            os.write(line, data)
+            try:
+                os.write(line, data)
+            except OSError:  # as above
+                if listener is not None:
+                    line, granted = None, set()
             sent += 1
     print(json.dumps({"sent": sent, "asked": sorted(set(asked)), "period": period, "uptime": math.floor(time.monotonic() - begun)}), flush=True)
 

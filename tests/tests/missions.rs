@@ -55,7 +55,7 @@ fn mission_of_another_shape_is_judged_by_its_own_way_points_and_replays_when_its
     assert_eq!(summary["unverified_waypoints"], json!([]));
     let straight = summary["straight_cross_track_rms_m"].as_f64().unwrap();
     assert!(straight < 2.0, "{straight} m off a straight leg");
-    assert_eq!(std::fs::read_to_string(flown.folder().join("mission.toml")).unwrap(), TRIANGLE);
+    assert_eq!(std::fs::read_to_string(flown.folder().join("inputs/mission.toml")).unwrap(), TRIANGLE);
 
     // Weeks later.
     std::fs::remove_file(&mission).unwrap();

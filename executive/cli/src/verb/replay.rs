@@ -68,7 +68,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
                 .iter()
                 .try_for_each(|program| given.set_airframe(&plan, program, airframe))?;
         }
-        set(&mut given, &fly::settings(flown, &plan)?)?;
+        let mission = fly::read_mission(flown, &plan)?;
+        set(&mut given, &fly::settings(flown, &plan, &mission)?)?;
     }
     set(&mut given, &arguments.set)?;
     let (settings, topics) = planned::read(&plan, module.as_deref(), &given)?;

@@ -1,5 +1,5 @@
-//! What was flown, kept in the flight's folder: the schedule file, and mission and airframe where they were files. A flight can be
-//! replayed and flown again when the files have long been changed.
+//! What was flown, kept in the flight's folder, in `inputs/`: the schedule file, and mission and airframe where they were files. A flight
+//! can be replayed and flown again when the files have long been changed.
 
 use std::path::{Path, PathBuf};
 
@@ -7,33 +7,48 @@ use anyhow::{Context, Result};
 
 use super::Arguments;
 
-/// Name of the schedule file's copy.
-pub(crate) const SCHEDULE: &str = "schedule.toml";
-/// That of the mission's.
+/// The folder of the copies, in the flight's.
+const FOLDER: &str = "inputs";
+/// Names of the copies.
+const SCHEDULE: &str = "schedule.toml";
 const MISSION: &str = "mission.toml";
-/// That of the airframe's.
 const AIRFRAME: &str = "airframe.toml";
 
-/// Copies the files that a flight was made of.
-pub(super) fn keep(folder: &Path, arguments: &Arguments) -> Result<()> {
-    let airframe = arguments.airframe.as_ref().map(PathBuf::from).filter(|path| path.is_file());
-    let files = [
-        (Some(arguments.schedule.clone()), SCHEDULE),
-        (arguments.mission.clone(), MISSION),
-        (airframe, AIRFRAME),
-    ];
-    for (from, name) in files.into_iter().filter_map(|(from, name)| Some((from?, name))) {
-        std::fs::copy(&from, folder.join(name))
-            .with_context(|| format!("cannot keep a copy of {} in {}", from.display(), folder.display()))?;
+/// The texts of the files that a flight is made of, as they were when it began: somebody may edit them meanwhile.
+pub(super) struct Inputs(Vec<(&'static str, Vec<u8>)>);
+
+impl Inputs {
+    /// Reads them.
+    pub(super) fn read(arguments: &Arguments) -> Result<Self> {
+        let airframe = arguments.airframe.as_ref().map(PathBuf::from).filter(|path| path.is_file());
+        let files = [
+            (SCHEDULE, Some(arguments.schedule.clone())),
+            (MISSION, arguments.mission.clone()),
+            (AIRFRAME, airframe),
+        ];
+        let given = files.into_iter().filter_map(|(name, path)| Some((name, path?)));
+        let read = |(name, path): (&'static str, PathBuf)| {
+            let text = std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+            Ok((name, text))
+        };
+        given.map(read).collect::<Result<_>>().map(Self)
     }
-    Ok(())
+
+    /// Writes them into the flight's folder.
+    pub(super) fn keep(&self, folder: &Path) -> Result<()> {
+        let folder = folder.join(FOLDER);
+        let kept = std::fs::create_dir_all(&folder).and_then(|()| {
+            self.0.iter().try_for_each(|(name, text)| std::fs::write(folder.join(name), text))
+        });
+        kept.with_context(|| format!("cannot keep what was flown in {}", folder.display()))
+    }
 }
 
 /// The arguments of a flight with the files as they were flown, where they are others by now or gone; and which those are.
 pub(crate) fn as_flown(folder: &Path, mut arguments: Arguments) -> (Arguments, Vec<PathBuf>) {
     let mut changed = Vec::new();
     let mut take = |path: &mut PathBuf, name: &str| {
-        let copy = folder.join(name);
+        let copy = folder.join(FOLDER).join(name);
         let Ok(flown) = std::fs::read(&copy) else { return };
         if std::fs::read(&*path).is_ok_and(|now| now == flown) {
             return;

@@ -124,7 +124,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     if let Some(folder) = &arguments.output {
         output::refuse_used(folder)?;
     }
-    let arguments = &Arguments { set: settings(arguments, &plan)?, ..arguments.clone() };
+    let arguments = &Arguments { set: settings(arguments, &plan, &mission)?, ..arguments.clone() };
+    let kept = kept::Inputs::read(arguments)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
         signal_hook::flag::register(signal, stop.clone()).context("cannot watch for signals")?;
@@ -144,7 +145,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let record = record(arguments, &flown, begun.elapsed().as_secs_f64());
     std::fs::write(folder.join(FILE), serde_json::to_vec_pretty(&record)?)
         .context("cannot write run.json")?;
-    kept::keep(&folder, arguments)?;
+    kept.keep(&folder)?;
     let summary = bateleur_report::write(&folder, &inputs(arguments, &plan, &mission))?;
     print_summary(arguments, &summary, &folder)?;
     Ok(if summary.completed { FINE } else { WRONG })
@@ -269,7 +270,7 @@ pub(crate) fn partition_running(plan: &Plan, name: &str) -> Result<String> {
     }
 }
 
-fn read_mission(arguments: &Arguments, plan: &Plan) -> Result<MissionPlan> {
+pub(crate) fn read_mission(arguments: &Arguments, plan: &Plan) -> Result<MissionPlan> {
     if let Some(path) = &arguments.mission {
         return Ok(MissionPlan::from_file(path)?);
     }
@@ -287,11 +288,10 @@ fn attribute<'a>(plan: &'a Plan, program: &str, name: &str) -> Option<&'a Attrib
 }
 
 /// The attributes that are replaced: those asked for, and the laps of a mission of one's own, after which the aircraft is to circle.
-pub(crate) fn settings(arguments: &Arguments, plan: &Plan) -> Result<Vec<String>> {
+pub(crate) fn settings(arguments: &Arguments, plan: &Plan, mission: &MissionPlan) -> Result<Vec<String>> {
     let mut settings = arguments.set.clone();
     if arguments.mission.is_some() && asked(arguments, plan, "controller", "laps").is_none() {
-        let laps = read_mission(arguments, plan)?.laps;
-        settings.push(format!("{}.laps={laps}", partition_running(plan, "controller")?));
+        settings.push(format!("{}.laps={}", partition_running(plan, "controller")?, mission.laps));
     }
     Ok(settings)
 }

@@ -22,17 +22,6 @@ pub use simulator::{Answer, Simulator};
 /// The bit rate of the bus where no other is given, bit/s: that of the aircraft whose board this stands for.
 pub const RATE: u32 = 800_000;
 
-/// What the servos do before they were told anything: surfaces neutral, throttle closed.
-const AT_REST: ServoTimers = ServoTimers {
-    aileron_left_us: 1500,
-    aileron_right_us: 1500,
-    elevator_us: 1500,
-    rudder_us: 1500,
-    throttle_us: 1000,
-    autopilot: 0,
-    cycle: 0,
-};
-
 /// See the module's text.
 pub struct Board {
     table: Table,
@@ -89,7 +78,7 @@ impl Board {
             nodes,
             port,
             servo,
-            timers: AT_REST,
+            timers: ServoTimers::AT_REST,
             gateway,
             socket,
             simulator,

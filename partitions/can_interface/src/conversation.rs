@@ -298,7 +298,6 @@ mod tests {
     use bateleur_can_map::{DISTRIBUTION_BOARD, from_attributes};
 
     use super::*;
-    use crate::AT_REST;
 
     const CYCLE: u64 = 20_000_000;
 
@@ -335,7 +334,7 @@ mod tests {
         fn cycle(&self, number: u64, wires: &mut Wires, conversation: &mut Conversation) -> Sensors {
             self.now_ns.set(number * CYCLE);
             let moment = Moment { module_ns: number * CYCLE, deadline_ns: number * CYCLE + 2_500_000 };
-            conversation.exchange(&AT_REST, &moment, wires, self)
+            conversation.exchange(&ServoTimers::AT_REST, &moment, wires, self)
         }
 
         fn answer(&self) -> bool {
@@ -485,7 +484,7 @@ mod tests {
     fn a_flood_of_datagrams_does_not_hold_the_window_beyond_the_cut_off() {
         let (board, mut wires, mut conversation) = Board::new();
         let moment = Moment { module_ns: CYCLE, deadline_ns: CYCLE + 2_500_000 };
-        conversation.exchange(&AT_REST, &moment, &mut wires, &Flood(&board));
+        conversation.exchange(&ServoTimers::AT_REST, &moment, &mut wires, &Flood(&board));
         assert!(board.now_ns.get() <= moment.deadline_ns, "{} ns", board.now_ns.get());
     }
 

@@ -6,14 +6,12 @@ use std::process::ExitCode;
 
 use bateleur_apex::{
     Context, Direction, Partition, PortKind, QueuingDestination, QueuingSource, Retained,
-    SamplingDestination, SamplingSource, StartError, Takeover, Window,
+    SamplingDestination, SamplingSource, StartError, Supervision, SupervisionEvent, Takeover, Window,
 };
 use bateleur_can::bus::BusName;
 use bateleur_can::wire::native;
 use bateleur_can::{Counters, Ids, Settings as GatewaySettings, cli};
-use bateleur_can_interface::{
-    AT_REST, Conversation, Event, Kept, Moment, Sensors, Settings, Supervision, Waiting, Wires,
-};
+use bateleur_can_interface::{Conversation, Kept, Moment, Sensors, Settings, Waiting, Wires};
 use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_HIL_INTERFACE, NOT_UNDERSTOOD, Telemetry};
 use bateleur_messages::{
@@ -138,7 +136,12 @@ impl CanInterface {
         let moment = Moment { module_ns: window.start_ns(), deadline_ns };
         // The last values stand, however old they are, as the pulse of a real actuator board would.
         let timers = self.timers.as_mut().and_then(|timers| timers.read().map(|reading| *reading.value));
-        self.conversation.exchange(&timers.unwrap_or(AT_REST), &moment, &mut self.wires, &Clock(window))
+        self.conversation.exchange(
+            &timers.unwrap_or(ServoTimers::AT_REST),
+            &moment,
+            &mut self.wires,
+            &Clock(window),
+        )
     }
 
     fn publish(&mut self, sensors: &Sensors) {
@@ -160,8 +163,8 @@ impl CanInterface {
             return;
         }
         match self.supervision.note(came) {
-            Some(Event::Gone) => window.raise("no sensors come from the CAN bus"),
-            Some(Event::Back) => window.report("sensors come from the CAN bus again"),
+            Some(SupervisionEvent::Gone) => window.raise("no sensors come from the CAN bus"),
+            Some(SupervisionEvent::Back) => window.report("sensors come from the CAN bus again"),
             None => {}
         }
     }

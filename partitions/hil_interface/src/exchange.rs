@@ -224,7 +224,6 @@ impl Conversation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::AT_REST;
     use bateleur_messages::frame::Decoder;
     use bateleur_messages::{RawAnalog, RawGps};
     use std::cell::{Cell, RefCell};
@@ -280,7 +279,7 @@ mod tests {
 
         fn run_at(&self, conversation: &mut Conversation, module_ns: u64) -> Sensors {
             let moment = Moment { module_ns, sequence: 4, deadline_ns: module_ns + DEADLINE - CYCLE };
-            conversation.exchange(&AT_REST, &moment, self)
+            conversation.exchange(&ServoTimers::AT_REST, &moment, self)
         }
 
         fn answer(&self, question: &Actuators, to: std::net::SocketAddr) {

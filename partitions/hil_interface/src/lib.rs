@@ -5,14 +5,13 @@
 //! and never let one bad datagram decide what is taken afterwards.
 //!
 //! [`Inbox`] decides what to believe, `Link` moves bytes (UDP, TCP), `Mavlink` puts them into that protocol's words, [`Conversation`]
-//! is what happens in one window and [`Supervision`] says when the simulator has gone and come back.
+//! is what happens in one window and [`bateleur_apex::Supervision`] says when the simulator has gone and come back.
 
 mod exchange;
 mod inbox;
 mod link;
 mod mavlink;
 mod parameters;
-mod supervision;
 mod tcp;
 mod udp;
 
@@ -20,21 +19,8 @@ pub use exchange::{Conversation, Moment, Settings, Waiting};
 pub use inbox::{Counters, Inbox, Sensors};
 pub use link::LinkError;
 pub use parameters::{Numbers, parameters};
-pub use supervision::{Event, Supervision};
 
-use bateleur_messages::ServoTimers;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
-
-/// What the simulator is told before the Servo has spoken: surfaces neutral, throttle closed.
-pub const AT_REST: ServoTimers = ServoTimers {
-    aileron_left_us: 1500,
-    aileron_right_us: 1500,
-    elevator_us: 1500,
-    rudder_us: 1500,
-    throttle_us: 1000,
-    autopilot: 0,
-    cycle: 0,
-};
 
 /// What outlives a warm restart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, FromBytes, IntoBytes, Immutable, KnownLayout)]

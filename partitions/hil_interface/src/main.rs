@@ -5,11 +5,9 @@ use std::process::ExitCode;
 
 use bateleur_apex::{
     Context, Direction, Partition, PortKind, QueuingDestination, QueuingSource, Retained,
-    SamplingDestination, SamplingSource, StartError, Takeover, Window,
+    SamplingDestination, SamplingSource, StartError, Supervision, SupervisionEvent, Takeover, Window,
 };
-use bateleur_hil_interface::{
-    AT_REST, Conversation, Event, Kept, Moment, Numbers, Sensors, Settings, Supervision, Waiting, parameters,
-};
+use bateleur_hil_interface::{Conversation, Kept, Moment, Numbers, Sensors, Settings, Waiting, parameters};
 use bateleur_messages::ground::Order;
 use bateleur_messages::hil::{Protocol, UnknownProtocol};
 use bateleur_messages::parameter::Parameters;
@@ -140,7 +138,7 @@ impl HilInterface {
             deadline_ns: cutoff_ns.map_or(latest_ns, |cutoff_ns| cutoff_ns.min(latest_ns)),
         };
         // The last values stand, however old they are, as the pulse of a real actuator board would.
-        let timers = self.timers.read().map_or(AT_REST, |reading| *reading.value);
+        let timers = self.timers.read().map_or(ServoTimers::AT_REST, |reading| *reading.value);
         self.conversation.exchange(&timers, &moment, &Clock(window))
     }
 
@@ -153,8 +151,10 @@ impl HilInterface {
     fn supervise(&mut self, window: &Window, answered: bool) {
         let simulator = self.conversation.simulator();
         match self.supervision.note(answered) {
-            Some(Event::Gone) => window.raise(&format!("simulator at {simulator} does not answer")),
-            Some(Event::Back) => window.report(&format!("simulator at {simulator} answers again")),
+            Some(SupervisionEvent::Gone) => {
+                window.raise(&format!("simulator at {simulator} does not answer"))
+            }
+            Some(SupervisionEvent::Back) => window.report(&format!("simulator at {simulator} answers again")),
             None => {}
         }
     }

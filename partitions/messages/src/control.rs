@@ -77,6 +77,19 @@ message! {
     }
 }
 
+impl ServoTimers {
+    /// What holds before the Servo has spoken: surfaces neutral, throttle closed.
+    pub const AT_REST: Self = Self {
+        aileron_left_us: 1500,
+        aileron_right_us: 1500,
+        elevator_us: 1500,
+        rudder_us: 1500,
+        throttle_us: 1000,
+        autopilot: 0,
+        cycle: 0,
+    };
+}
+
 message! {
     /// What a function tells the OnBoardComputer about itself.
     pub struct FunctionStatus {

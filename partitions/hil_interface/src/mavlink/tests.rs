@@ -2,8 +2,6 @@ use super::*;
 use bateleur_mavlink::common::{BATTERY_STATUS_DATA, HIL_ACTUATOR_CONTROLS_DATA, HilActuatorControlsFlags};
 use bateleur_messages::{RawAnalog, RawGps};
 
-use crate::AT_REST;
-
 const CYCLE: u64 = 20_000_000;
 
 /// A flight computer, and a simulator that says what a test wants.
@@ -35,7 +33,7 @@ impl World {
         self.cycle += 1;
         let asked_ns = self.cycle * CYCLE;
         self.inbox.begin(asked_ns);
-        self.mavlink.ask(asked_ns, &AT_REST, &mut Vec::new());
+        self.mavlink.ask(asked_ns, &ServoTimers::AT_REST, &mut Vec::new());
         datagrams.iter().for_each(|bytes| self.mavlink.take(Chunk::Datagram(bytes), &mut self.inbox));
         self.mavlink.finish(&mut self.inbox);
         self.inbox.finish().analog.map(|analog| analog.measured_ns)
@@ -62,7 +60,7 @@ fn question_names_time_actuators_and_lockstep_and_a_heartbeat_comes_once_a_secon
     let (mut questions, mut heartbeats) = (Vec::new(), 0);
     for cycle in 1..=100 {
         let mut out = Vec::new();
-        mavlink.ask(cycle * CYCLE, &AT_REST, &mut out);
+        mavlink.ask(cycle * CYCLE, &ServoTimers::AT_REST, &mut out);
         Decoder::new().datagram(&out, |received| {
             assert_eq!((received.system, received.component), (5, 1));
             match received.message {
@@ -101,7 +99,7 @@ fn simulator_with_steps_of_its_own_is_asked_until_it_has_come_as_far_as_it_shall
     let mut questions = 0;
     let asked_ns = 2 * CYCLE;
     world.inbox.begin(asked_ns);
-    world.mavlink.ask(asked_ns, &AT_REST, &mut Vec::new());
+    world.mavlink.ask(asked_ns, &ServoTimers::AT_REST, &mut Vec::new());
     let mut step = 0;
     while !world.inbox.is_answered() {
         step += 1;
@@ -203,7 +201,7 @@ fn a_fix_has_module_time_and_is_published_once() {
     }
     world.cycle += 1;
     world.inbox.begin(2 * CYCLE);
-    world.mavlink.ask(2 * CYCLE, &AT_REST, &mut Vec::new());
+    world.mavlink.ask(2 * CYCLE, &ServoTimers::AT_REST, &mut Vec::new());
     world.mavlink.take(Chunk::Datagram(&bytes), &mut world.inbox);
     world.mavlink.finish(&mut world.inbox);
     let gps = world.inbox.finish().gps.unwrap();

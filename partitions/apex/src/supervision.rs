@@ -1,6 +1,7 @@
-//! Whether the simulator is there.
+//! Whether what a function lives on outside of the module is there: a simulator, sensors on a bus. Counted in windows, not in time:
+//! what was not asked in a window that was skipped did not fail to answer.
 
-/// Windows without an answer after which the simulator counts as gone: one second at 50 Hz, longer than a network takes
+/// Windows without an answer after which it counts as gone: one second at 50 Hz, longer than a network takes
 /// to find a host and shorter than a person needs to wonder.
 const GONE_AFTER: u32 = 50;
 /// Windows without an answer up to which the link counts as working.
@@ -8,7 +9,7 @@ const READY_WITHIN: u32 = 5;
 
 /// What is to be reported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Event {
+pub enum SupervisionEvent {
     /// It does not answer.
     Gone,
     /// It answers again.
@@ -30,17 +31,17 @@ impl Default for Supervision {
 
 impl Supervision {
     /// Notes a window; gives what is to be reported, once for each change.
-    pub fn note(&mut self, answered: bool) -> Option<Event> {
+    pub fn note(&mut self, answered: bool) -> Option<SupervisionEvent> {
         let gone = self.silent >= GONE_AFTER;
         if answered {
             self.silent = 0;
-            return gone.then_some(Event::Back);
+            return gone.then_some(SupervisionEvent::Back);
         }
         self.silent = self.silent.saturating_add(1);
-        (self.silent == GONE_AFTER).then_some(Event::Gone)
+        (self.silent == GONE_AFTER).then_some(SupervisionEvent::Gone)
     }
 
-    /// The simulator answers.
+    /// It answers.
     pub fn is_ready(&self) -> bool {
         self.silent < READY_WITHIN
     }
@@ -57,9 +58,9 @@ mod tests {
         assert_eq!(supervision.note(true), None);
         assert!(supervision.is_ready());
         let events: Vec<_> = (0..500).filter_map(|_| supervision.note(false)).collect();
-        assert_eq!(events, [Event::Gone]);
+        assert_eq!(events, [SupervisionEvent::Gone]);
         assert!(!supervision.is_ready());
-        assert_eq!(supervision.note(true), Some(Event::Back));
+        assert_eq!(supervision.note(true), Some(SupervisionEvent::Back));
         assert_eq!(supervision.note(true), None);
     }
 

@@ -122,11 +122,19 @@ impl Flight {
         let resolved = dir.canonicalize().unwrap_or_else(|_| dir.to_path_buf());
         let name = resolved.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let mut flight = Self { name, inputs: inputs.clone(), ..Self::default() };
-        flight.load_run(&dir.join(run::FILE));
-        flight.load_health(&dir.join(health::FILE));
-        flight.load_truth(&dir.join(TRUTH_FILE));
-        flight.load_ports(&dir.join(PORTS_FILE));
-        flight.load_windows(&dir.join(windows::FILE));
+        let ports = dir.join(PORTS_FILE);
+        std::thread::scope(|scope| {
+            // The two long files side by side: whoever flies a campaign waits for this after each flight.
+            let recording = scope.spawn(|| read_ports(&ports));
+            flight.load_run(&dir.join(run::FILE));
+            flight.load_health(&dir.join(health::FILE));
+            flight.load_truth(&dir.join(TRUTH_FILE));
+            flight.load_windows(&dir.join(windows::FILE));
+            match recording.join() {
+                Ok(recording) => flight.take_ports(&ports, recording),
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
+        });
         flight.notes.truncate(MOST_NOTES);
         Ok(flight)
     }
@@ -175,18 +183,8 @@ impl Flight {
         }
     }
 
-    fn load_ports(&mut self, path: &Path) {
-        let wanted = [
-            State::NAME,
-            ActuatorCommand::NAME,
-            GpsPosition::NAME,
-            GpsVelocity::NAME,
-            Rates::NAME,
-            Acceleration::NAME,
-            Magnetization::NAME,
-            Pressure::NAME,
-        ];
-        let recording = match log::read(path, |message| wanted.contains(&message)) {
+    fn take_ports(&mut self, path: &Path, recording: Result<log::Recording, log::LogError>) {
+        let recording = match recording {
             Ok(recording) => recording,
             Err(error) => {
                 self.notes.push(format!("no messages: {error}"));
@@ -231,11 +229,7 @@ impl Flight {
         let middle = timing.last_frame / 2;
         let mut frame = Vec::new();
         // Read a second time rather than kept the first: a long flight has millions. What cannot be read was noted above.
-        let _ = windows::for_each(path, |window| {
-            if window.frame == middle {
-                frame.push(window);
-            }
-        });
+        let _ = windows::for_each_of_frame(path, middle, |window| frame.push(window));
         (self.timing, self.frame) = (timing, frame);
     }
 
@@ -251,6 +245,21 @@ impl Flight {
         let command = self.commands.last().map(|(time, _)| *time);
         truth.max(command).map_or(0.0, seconds)
     }
+}
+
+/// Those messages of a log that figures and charts need.
+fn read_ports(path: &Path) -> Result<log::Recording, log::LogError> {
+    let wanted = [
+        State::NAME,
+        ActuatorCommand::NAME,
+        GpsPosition::NAME,
+        GpsVelocity::NAME,
+        Rates::NAME,
+        Acceleration::NAME,
+        Magnetization::NAME,
+        Pressure::NAME,
+    ];
+    log::read(path, |message| wanted.contains(&message))
 }
 
 fn typed<T: Message>(recording: &log::Recording, topic: &str) -> Vec<(u64, T)> {

@@ -28,9 +28,18 @@ pub fn page(flight: &Flight, analysis: &Analysis, summary: &Summary) -> String {
     cards(&mut out, summary);
     let groups = figures::over_time(flight, analysis);
     links(&mut out, &groups);
-    overview(&mut out, flight, analysis, summary);
-    presence(&mut out, flight);
-    groups.iter().for_each(|each| group(&mut out, each));
+    let (first, second) = groups.split_at(groups.len() / 2);
+    std::thread::scope(|scope| {
+        // Charts are most of the page: half of them beside the other.
+        let second = scope.spawn(|| drawn(second));
+        overview(&mut out, flight, analysis, summary);
+        presence(&mut out, flight);
+        out.push_str(&drawn(first));
+        match second.join() {
+            Ok(second) => out.push_str(&second),
+            Err(panic) => std::panic::resume_unwind(panic),
+        }
+    });
     windows(&mut out, flight, summary);
     guarantees(&mut out, summary);
     faults(&mut out, summary);
@@ -128,6 +137,12 @@ fn overview(out: &mut String, flight: &Flight, analysis: &Analysis, summary: &Su
     out.push_str(r#"</div><div class="tables">"#);
     text::tables(summary).iter().for_each(|each| table(out, each));
     out.push_str("</div></section>");
+}
+
+fn drawn(groups: &[Group]) -> String {
+    let mut out = String::with_capacity(1 << 19);
+    groups.iter().for_each(|each| group(&mut out, each));
+    out
 }
 
 fn group(out: &mut String, group: &Group) {

@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
 """A satellite receiver of u-blox as pyubx2 encodes it, at the other end of a pseudo terminal or behind a TCP port: answers orders
 (CFG-RATE and CFG-MSG, or with `newer` CFG-VALSET alone) and then sends solutions. Its first line says where it is. A line on
-standard input changes what it does: {"silent": true}, {"fix": 0}, {"noise": true}, {"hang_up": true}."""
+standard input changes what it does: {"silent": true}, {"fix": 0}, {"noise": true}, {"hang_up": true},
+{"vanish": true}: the converter neither hears nor says anything on the connection that it has, as if it had been switched off, and takes
+another one."""
 
 import json
 import math
@@ -45,7 +47,7 @@ def main():
         os.chmod(place, 0o666)  # the driver is another user
     print(json.dumps({"listening": place}), flush=True)
     state = {"silent": False, "fix": 3, "noise": False}
-    period, granted, asked, sent, received = None, set(), [], 0, b""
+    period, granted, asked, sent, received, vanished = None, set(), [], 0, b"", []
     begun = time.monotonic()
     next_at = begun
     while True:
@@ -59,6 +61,9 @@ def main():
             if state.pop("hang_up", False) and listener is not None:
                 os.close(line)
                 line, period, granted = None, None, set()
+            if state.pop("vanish", False) and listener is not None:
+                vanished.append(line)  # not closed: the other side is told nothing
+                line, granted, received = None, set(), b""
         if line is None:
             if listener in ready:
                 line = listener.accept()[0].detach()

@@ -20,7 +20,7 @@ const PATIENCE: Duration = Duration::from_secs(600);
 const MEMORY_MIB: u32 = 2048;
 
 /// Where programs lie in a guest, as below `target/release`, so that this project's tests find them there too.
-const RELEASE: &str = "work/release";
+const RELEASE: &str = "flight/release";
 /// Kernel modules for a CAN bus without hardware, each after those that it needs.
 const CAN: [&str; 4] = ["can-dev", "can", "can-raw", "vcan"];
 
@@ -42,7 +42,7 @@ pub struct Said {
 }
 
 impl Guest {
-    /// A guest with `bateleur`, the nine partitions and the schedule of the flight in `/work`.
+    /// A guest with `bateleur`, the nine partitions and the schedule of the flight in `/flight`.
     pub fn of_the_flight() -> Self {
         let programs = crate::NINE.iter().chain(&["bateleur", "simulator"]).map(|name| program(name));
         let schedule = fs::read(repository().join("schedule.toml")).unwrap();
@@ -77,17 +77,17 @@ impl Guest {
 
     /// Lines of a script that bring up the bus `vcan0`, which carries classic and FD frames.
     pub const LOAD_CAN: &str = "
-        export PATH=$PATH:/work; for module in can-dev can can-raw vcan; do insmod /modules/$module.ko || exit 8; done
+        export PATH=$PATH:/flight; for module in can-dev can can-raw vcan; do insmod /modules/$module.ko || exit 8; done
         ip link add dev vcan0 type vcan && ip link set vcan0 mtu 72 && ip link set vcan0 up || exit 8
     ";
 
-    /// With a file in `/work`.
+    /// With a file in `/flight`.
     pub fn file(mut self, name: &str, text: &str) -> Self {
         self.files.push((name.into(), text.into()));
         self
     }
 
-    /// Boots, runs `script` in `/work` by a shell, and gives what it printed.
+    /// Boots, runs `script` in `/flight` by a shell, and gives what it printed.
     pub fn run(self, script: &str) -> Said {
         let folder = tempfile::Builder::new().prefix("bateleur-guest-").tempdir().unwrap();
         let (disk, output) = (folder.path().join("initrd"), folder.path().join("output"));
@@ -129,12 +129,12 @@ impl Guest {
         for folder in folders {
             let name = folder.to_string_lossy();
             let name = name.trim_start_matches('/');
-            if !["", "tmp", "work"].contains(&name) {
+            if !["", "tmp"].contains(&name) {
                 archive.add(name, 0o040_755, &[])?;
             }
         }
         let schedule = root.join("schedule.toml");
-        archive.add(schedule.to_string_lossy().trim_start_matches('/'), 0o120_777, b"/work/schedule.toml")
+        archive.add(schedule.to_string_lossy().trim_start_matches('/'), 0o120_777, b"/flight/schedule.toml")
     }
 
     fn pack(&self, disk: &Path, script: &str) -> io::Result<()> {
@@ -146,7 +146,7 @@ impl Guest {
             "dev",
             "tmp",
             "etc",
-            "work",
+            "flight",
             "lib64",
             "lib",
             "lib/x86_64-linux-gnu",
@@ -163,9 +163,9 @@ impl Guest {
         archive.add("init", 0o100_755, include_bytes!("../guest/init"))?;
         archive.add("etc/passwd", 0o100_644, b"root:x:0:0::/:/bin/sh\n")?;
         archive.add("etc/shadow", 0o100_600, b"root:*:1:0:99999:7:::\n")?;
-        archive.add("work/script", 0o100_755, script.as_bytes())?;
+        archive.add("flight/script", 0o100_755, script.as_bytes())?;
         for (name, bytes) in &self.files {
-            archive.add(&format!("work/{name}"), 0o100_644, bytes)?;
+            archive.add(&format!("flight/{name}"), 0o100_644, bytes)?;
         }
         let mut libraries = Vec::new();
         for path in &self.programs {
@@ -193,10 +193,10 @@ fn pack_program(archive: &mut Archive, path: &Path) -> io::Result<()> {
     let slim = tempfile::NamedTempFile::new()?;
     let stripped = Command::new("strip").arg("--strip-debug").arg("-o").arg(slim.path()).arg(path).status();
     let whole = !stripped.is_ok_and(|status| status.success()); // a guest with more memory would hold it too
-    archive.add(&format!("work/{place}"), 0o100_755, &fs::read(if whole { path } else { slim.path() })?)?;
+    archive.add(&format!("flight/{place}"), 0o100_755, &fs::read(if whole { path } else { slim.path() })?)?;
     // A test program's name ends with a number of the compiler's.
     let short = if own { name.rsplit_once('-').map_or(&*name, |(short, _)| short) } else { &name };
-    archive.add(&format!("work/{short}"), 0o120_777, place.as_bytes())
+    archive.add(&format!("flight/{short}"), 0o120_777, place.as_bytes())
 }
 
 /// The newest build of the tests of a file in `tests/tests`.

@@ -2,7 +2,9 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use bateleur_tests::{Ended, TWO_LAPS, among_others, bateleur, flight_schedule, repository};
+use std::time::Duration;
+
+use bateleur_tests::{Ended, TWO_LAPS, alone, among_others, bateleur, flight_schedule, repository};
 use serde_json::Value;
 
 const GUSTY: [&str; 8] = ["--seed", "5", "--wind", "5", "--wind-from", "200", "--turbulence", "light"];
@@ -46,11 +48,89 @@ fn two_laps_over_one_gateway_and_over_two_are_flown_as_well_as_without_and_the_s
 }
 
 #[test]
-fn gateway_that_is_killed_in_flight_is_restarted_and_found_again() {
+fn partition_on_the_bus_that_is_killed_in_flight_is_restarted_and_finds_its_gateway_again() {
     let _turn = among_others();
     let ended = over_can(&["--kill", "can_interface@100"]);
     assert_eq!(ended.summary()["waypoints"], Value::from(TWO_LAPS.to_vec()));
     assert!(ended.stderr.contains("can_interface: back after"), "{}", ended.stderr);
     let lost = over_can(&["--kill", "can_interface@100", "--set", "can_interface.bus=slcan"]);
     assert_eq!(lost.summary()["waypoints"], Value::from(TWO_LAPS.to_vec()));
+}
+
+/// How often the gateway between said that it has found the board's.
+fn discoveries(ended: &Ended) -> usize {
+    ended.stderr.lines().filter(|line| line.starts_with("gateway flight: found ")).count()
+}
+
+#[test]
+fn gateway_between_that_is_killed_in_flight_is_started_again_and_found_by_both_sides() {
+    let _turn = among_others();
+    let direct = fly(&flight_schedule(), &[]).summary();
+    let ended = over_can(&["--set", "can_interface.bus=slcan", "--kill-can", "gateway@100"]);
+    let words = ["100.000 s  can_gateway is killed", "100.500 s  can_gateway is started again"];
+    let ended = ended.expect_words(&words).expect_words(&["it has ended", "is there again"]);
+    assert_eq!(discoveries(&ended), 2, "{}", ended.stderr);
+    assert_as_good(&ended.summary(), &direct);
+    let after = std::fs::read_to_string(ended.folder().join("can.start-1.log")).unwrap();
+    assert!(after.lines().count() > 50_000, "the flight went on over the new gateway");
+}
+
+#[test]
+fn gateway_of_the_board_that_is_killed_in_flight_is_started_again_and_found_by_the_module() {
+    let _turn = among_others();
+    let direct = fly(&flight_schedule(), &[]).summary();
+    let words = ["can_board is killed", "can_board is started again", "was started anew"];
+    let ended = over_can(&["--kill-can", "board@100"]).expect_words(&words);
+    assert_as_good(&ended.summary(), &direct);
+}
+
+#[test]
+fn kill_of_what_a_flight_does_not_have_is_refused_with_what_would_help() {
+    let refused = |schedule: &std::path::Path, kill: &str| {
+        let schedule = schedule.to_str().unwrap();
+        bateleur(&["fly", "--fast", "--schedule", schedule, "--kill-can", kill]).end().expect_code(2)
+    };
+    let can = repository().join("schedules/can.toml");
+    refused(&can, "gateway@100").expect_words(&["none is inserted", "can_interface.bus=slcan"]);
+    refused(&flight_schedule(), "board@100").expect_words(&["no partition of", "runs can_interface"]);
+    refused(&can, "wing@100").expect_words(&["gateway@100"]);
+}
+
+/// Once around a small triangle, taken off by the autopilot: some 75 s.
+const SMALL: &str = r#"
+laps = 1
+take_off = "autopilot"
+
+[[waypoint]]
+north_m = 800
+east_m = 0
+altitude_m = 100
+
+[[waypoint]]
+north_m = 750
+east_m = 200
+altitude_m = 110
+
+[[waypoint]]
+north_m = 500
+east_m = 200
+altitude_m = 100
+"#;
+
+#[test]
+fn short_flight_on_the_wall_clock_over_two_gateways_is_flown_and_one_that_is_killed_is_found_again() {
+    let _turn = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let mission = folder.path().join("small.toml");
+    std::fs::write(&mission, SMALL).unwrap();
+    let schedule = repository().join("schedules/can.toml");
+    let flight = ["fly", "--format", "json", "--schedule", schedule.to_str().unwrap(), "--mission"];
+    let choices = [mission.to_str().unwrap(), "--set", "can_interface.bus=slcan", "--kill-can", "gateway@35"];
+    let ended = bateleur(&[&flight[..], &choices[..]].concat()).end_within(Duration::from_secs(200));
+    let summary = ended.summary();
+    assert_eq!(summary["completed"], true, "{}\n{}", summary["failure"], ended.stderr);
+    let words = ["can_gateway is killed", "can_gateway is started again", "is there again"];
+    let ended = ended.expect_code(0).expect_words(&words);
+    assert_eq!((&summary["clock"], discoveries(&ended)), (&Value::from("wall"), 2), "{}", ended.stderr);
+    assert_eq!(summary["waypoints"], Value::from(vec!["WP0", "WP1", "WP2", "WP0"]));
 }

@@ -106,6 +106,32 @@ fn newer_receiver_behind_a_converter_is_found_again_after_the_connection_broke()
 }
 
 #[test]
+fn converter_that_vanishes_without_a_word_is_dialled_anew_and_its_solutions_come_again() {
+    let Some(mut peer) = Peer::start("receiver.py", &["tcp"]) else { return };
+    let _turn = among_others();
+    let device = peer.address().to_owned();
+    let mut module = run("network = true", &format!("device = \"{device}\""));
+    module.await_words("partitions are ready");
+    std::thread::sleep(std::time::Duration::from_secs(2));
+    peer.say(&json!({ "vanish": true }));
+    module.await_words("not one byte in 10 s; it is dialled anew");
+    module.await_words("is there");
+    let begun = std::time::Instant::now();
+    std::thread::sleep(std::time::Duration::from_secs(3));
+    let after_s = begun.elapsed().as_secs_f64();
+    let ended = ended(module);
+    peer.finish();
+    let raw: Vec<RawGps> = messages(&ended, "/receiver/raw");
+    let times: Vec<u64> = raw.iter().map(|raw| raw.measured_ns).collect();
+    let gap_ns = times.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap();
+    assert!(gap_ns > 8_000_000_000, "a gap of {gap_ns} ns is none");
+    let (last_ns, gap_at) =
+        (times.last().unwrap(), times.windows(2).position(|pair| pair[1] - pair[0] == gap_ns));
+    let came = times.len() - 1 - gap_at.unwrap();
+    assert!(came > 3, "{came} solutions came in {after_s} s after it was back, the last at {last_ns} ns");
+}
+
+#[test]
 fn receiver_that_is_not_there_is_said_once_and_the_module_goes_on() {
     let _turn = among_others();
     let mut module = run("network = true", "device = \"tcp:127.0.0.1:9\"");

@@ -161,8 +161,9 @@ fn ask(arguments: &Ask) -> Result<u8> {
         _ => status::text(&status),
     };
     let _ = std::io::stdout().write_all(text.as_bytes()); // nobody reads
-    let is_well =
-        status["same_identity"].is_null() && status["bus_state"] != "off" && !status["bus_state"].is_null();
+    let mut targets = status["targets"].as_array().into_iter().flatten();
+    let is_shared = !status["same_identity"].is_null() || targets.any(|target| target["shared"] == true);
+    let is_well = !is_shared && status["bus_state"] != "off" && !status["bus_state"].is_null();
     Ok(u8::from(!is_well))
 }
 

@@ -11,6 +11,8 @@ pub struct Counters {
     pub bus_in: u64,
     /// Reports of errors from the bus's controller.
     pub bus_errors: u64,
+    /// Frames from the bus that the system had no room for, while the gateway did not run.
+    pub bus_unkept: u64,
     /// Frames from the bus that are not to be forwarded.
     pub not_forwarded: u64,
     /// Frames on their way to the network that were given up.
@@ -52,6 +54,8 @@ pub struct Counters {
     pub targets_lost: u64,
     /// Targets that were started anew.
     pub target_restarts: u64,
+    /// Times that a target was again the one that it had been before it was started anew: two have its identity.
+    pub target_flips: u64,
     /// Events beyond those that could wait to be told.
     pub events_untold: u64,
 
@@ -61,6 +65,8 @@ pub struct Counters {
     pub to_bus: GivenUp,
     /// Frames that the bus can not carry (FD on a classic one), or did not take.
     pub bus_refused: u64,
+    /// Times that a serial adapter said no, to a frame or to an order, and lines of its that were none.
+    pub adapter_denied: u64,
     /// Times that the controller had gone off the bus.
     pub bus_off: u64,
     /// Times that the bus had failed or ended, and was opened again.
@@ -70,7 +76,7 @@ pub struct Counters {
 impl Counters {
     /// Frames that did not get to where they were meant to, for any reason.
     pub fn lost(&self) -> u64 {
-        self.to_network.total() + self.to_bus.total() + self.lost_frames + self.bus_refused
+        self.to_network.total() + self.to_bus.total() + self.lost_frames + self.bus_refused + self.bus_unkept
     }
 
     /// Name and value of each, by name.

@@ -4,13 +4,13 @@
 //! frames between bus and network, and counting whatever becomes of them. It must never send a frame back to where it came
 //! from, and never drop one without counting it.
 
-use std::collections::VecDeque;
 use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 
 use serde::Serialize;
 
 use crate::counters::Counters;
+use crate::events::{Event, Events};
 use crate::frame::Frame;
 use crate::ids::Ids;
 use crate::ring::{Ring, Rules};
@@ -20,10 +20,12 @@ use crate::wire::native::{self, Aged, Header, Purpose, Refusal};
 
 /// Targets that one gateway has at most: each gets every datagram.
 pub const MAX_TARGETS: usize = 32;
-/// Events that wait for whoever tells them to a person; more are counted alone.
-const MAX_EVENTS: usize = 64;
-/// A gateway of the same identity, and strangers of one kind, are told again after so long, ns.
-const TELL_AGAIN_NS: u64 = 10_000_000_000;
+/// What was heard of a gateway of an identity that another has is true for so long, ns.
+const CONFLICT_NS: u64 = 10_000_000_000;
+/// Former lives of a target that are remembered: one that comes back was never over.
+const LIVES: usize = 4;
+/// So often a target has to change between its lives before two are behind it: datagrams of one that was started anew may be late.
+const FLIPS: u32 = 3;
 
 /// What a gateway speaks over UDP.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
@@ -110,88 +112,6 @@ impl fmt::Display for State {
     }
 }
 
-/// What a person should hear of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Event {
-    /// It is in another state.
-    State(State),
-    /// A target answered.
-    Found {
-        /// Who.
-        identity: u64,
-        /// Where.
-        address: SocketAddr,
-        /// It was a target before and had been lost.
-        again: bool,
-    },
-    /// A target was started anew.
-    Restarted {
-        /// Who.
-        identity: u64,
-    },
-    /// A target said nothing for too long.
-    Lost {
-        /// Who.
-        identity: u64,
-        /// Where it was.
-        address: SocketAddr,
-    },
-    /// A target said that it goes.
-    Left {
-        /// Who.
-        identity: u64,
-    },
-    /// Another gateway has the same identity: its frames are not taken.
-    SameIdentity {
-        /// Where it is.
-        address: SocketAddr,
-    },
-    /// Something came that is none of ours.
-    Refused {
-        /// From where.
-        address: SocketAddr,
-        /// What was wrong with it.
-        refusal: Refusal,
-    },
-    /// Datagrams did not come.
-    Missing {
-        /// Of whom.
-        identity: u64,
-        /// So many, so far.
-        datagrams: u64,
-    },
-}
-
-impl fmt::Display for Event {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::State(state) => write!(f, "state: {state}"),
-            Self::Found { identity, address, again: false } => {
-                write!(f, "found {identity:016x} at {address}")
-            }
-            Self::Found { identity, address, again: true } => {
-                write!(f, "found {identity:016x} again at {address}")
-            }
-            Self::Restarted { identity } => write!(f, "{identity:016x} was started anew"),
-            Self::Lost { identity, address } => {
-                write!(f, "lost {identity:016x} at {address}: it says nothing any more")
-            }
-            Self::Left { identity } => write!(f, "{identity:016x} has ended"),
-            Self::SameIdentity { address } => write!(
-                f,
-                "the gateway at {address} has the identity of this one: its frames are not taken; give each its own \
-                 (--identity)"
-            ),
-            Self::Refused { address, refusal } => {
-                write!(f, "a datagram from {address} is refused: {refusal}")
-            }
-            Self::Missing { identity, datagrams } => {
-                write!(f, "{datagrams} datagrams of {identity:016x} are missing")
-            }
-        }
-    }
-}
-
 /// A gateway, or a flight computer, that gets our frames.
 #[derive(Debug)]
 struct Target {
@@ -204,6 +124,11 @@ struct Target {
     track: Track,
     tally: Tally,
     missing_told: u64,
+    /// Sessions that it had before, the newest last.
+    former: Vec<u32>,
+    /// How often it was again one of those, within [`CONFLICT_NS`] each; and when it was last.
+    flips: u32,
+    flipped_ns: u64,
 }
 
 /// A target as others see it.
@@ -217,6 +142,8 @@ pub struct TargetStatus {
     pub present: bool,
     /// When it was heard last, ns before now.
     pub silent_ns: u64,
+    /// Two gateways have this identity.
+    pub shared: bool,
     /// What came from it.
     #[serde(flatten)]
     pub tally: Tally,
@@ -236,9 +163,10 @@ pub struct Gateway {
     discover_at_ns: u64,
     alive_at_ns: u64,
     counters: Counters,
-    events: VecDeque<Event>,
+    events: Events,
+    /// The time of the last call that had one, ns.
+    now_ns: u64,
     conflict: Option<(SocketAddr, u64)>,
-    refused_told: Option<(SocketAddr, Refusal, u64)>,
     outgoing: Vec<Aged>,
     incoming: Vec<Aged>,
     plain: Vec<Frame>,
@@ -259,9 +187,9 @@ impl Gateway {
             discover_at_ns: 0,
             alive_at_ns: 0,
             counters: Counters::default(),
-            events: VecDeque::with_capacity(MAX_EVENTS),
+            events: Events::default(),
+            now_ns: 0,
             conflict: None,
-            refused_told: None,
             outgoing: Vec::new(),
             incoming: Vec::new(),
             plain: Vec::new(),
@@ -278,6 +206,7 @@ impl Gateway {
     pub fn counters(&self) -> Counters {
         let mut counters = self.counters;
         counters.to_network = self.ring.given_up();
+        counters.events_untold = self.events.untold();
         let total = |pick: fn(&Tally) -> u64| self.targets.iter().map(|target| pick(&target.tally)).sum();
         counters.lost_datagrams = total(|tally| tally.lost_datagrams);
         counters.lost_frames = total(|tally| tally.lost_frames);
@@ -298,6 +227,7 @@ impl Gateway {
             address: target.address,
             present: !target.lost,
             silent_ns: now_ns.saturating_sub(target.heard_ns),
+            shared: target.is_shared(now_ns),
             tally: target.tally,
         };
         self.targets.iter().map(status).collect()
@@ -305,12 +235,12 @@ impl Gateway {
 
     /// Where another gateway with the same identity was heard in the last ten seconds.
     pub fn conflict(&self, now_ns: u64) -> Option<SocketAddr> {
-        self.conflict.filter(|(_, told_ns)| now_ns < told_ns + TELL_AGAIN_NS).map(|(address, _)| address)
+        self.conflict.filter(|(_, heard_ns)| now_ns < heard_ns + CONFLICT_NS).map(|(address, _)| address)
     }
 
     /// The next thing that happened.
     pub fn event(&mut self) -> Option<Event> {
-        self.events.pop_front()
+        self.events.pop()
     }
 
     /// The bus is there.
@@ -325,6 +255,7 @@ impl Gateway {
         if !matches!(self.state, State::Start | State::Address) {
             return;
         }
+        self.now_ns = now_ns;
         (self.discover_at_ns, self.alive_at_ns) = (now_ns, now_ns);
         if self.settings.protocol == Protocol::Cannelloni {
             // Its peers have no names, and say nothing of themselves.
@@ -364,6 +295,7 @@ impl Gateway {
         now_ns: u64,
         mut to_bus: impl FnMut(&Frame, u64),
     ) {
+        self.now_ns = now_ns;
         self.counters.datagrams_in += 1;
         if !self.settings.only_from.is_empty() && !self.settings.only_from.contains(&from.ip()) {
             self.counters.strangers += 1;
@@ -391,7 +323,7 @@ impl Gateway {
                     frames.iter().for_each(|aged| self.hand_over(aged, to_bus));
                 }
             }
-            Err(refusal) => self.refuse(refusal, from, now_ns),
+            Err(refusal) => self.refuse(refusal, from),
         }
         self.incoming = frames;
     }
@@ -458,9 +390,14 @@ impl Gateway {
         };
         let target = &mut self.targets[place];
         let (was_lost, restarted) = (target.lost, target.session != header.session);
-        (target.heard_ns, target.address, target.lost) = (now_ns, from, false);
-        if restarted {
-            (target.session, target.track) = (header.session, Track::default());
+        let before = std::mem::replace(&mut target.address, from);
+        (target.heard_ns, target.lost) = (now_ns, false);
+        if restarted && target.is_former_life(header.session, now_ns) {
+            self.counters.target_flips += 1;
+            if target.is_shared(now_ns) {
+                self.tell(Event::Shared { identity: header.identity, addresses: [before, from] });
+            }
+        } else if restarted {
             self.counters.target_restarts += 1;
             self.tell(Event::Restarted { identity: header.identity });
         }
@@ -484,25 +421,17 @@ impl Gateway {
 
     fn note_conflict(&mut self, from: SocketAddr, now_ns: u64) {
         self.counters.same_identity += 1;
-        if self.conflict(now_ns) != Some(from) {
-            self.tell(Event::SameIdentity { address: from });
-            self.conflict = Some((from, now_ns));
-        }
+        self.conflict = Some((from, now_ns));
+        self.tell(Event::SameIdentity { address: from });
     }
 
-    fn refuse(&mut self, refusal: Refusal, from: SocketAddr, now_ns: u64) {
+    fn refuse(&mut self, refusal: Refusal, from: SocketAddr) {
         match refusal {
             Refusal::Foreign => self.counters.foreign += 1,
             Refusal::Version(_) => self.counters.other_version += 1,
             _ => self.counters.malformed += 1,
         }
-        let told = self.refused_told.is_some_and(|(address, kind, told_ns)| {
-            (address, kind) == (from, refusal) && now_ns < told_ns + TELL_AGAIN_NS
-        });
-        if !told {
-            self.tell(Event::Refused { address: from, refusal });
-            self.refused_told = Some((from, refusal, now_ns));
-        }
+        self.tell(Event::Refused { address: from, refusal });
     }
 
     /// Says how many are missing, where that has become twice as many: a lossy network must not fill a log.
@@ -577,6 +506,8 @@ impl Gateway {
 
     /// Does what is due. `send` puts a datagram on the network, and says whether it could.
     pub fn run(&mut self, now_ns: u64, send: &mut impl FnMut(SocketAddr, &[u8]) -> bool) {
+        self.now_ns = now_ns;
+        self.events.tend(now_ns);
         if matches!(self.state, State::Start | State::Address) {
             return;
         }
@@ -715,11 +646,7 @@ impl Gateway {
     }
 
     fn tell(&mut self, event: Event) {
-        if self.events.len() == MAX_EVENTS {
-            self.counters.events_untold += 1;
-        } else {
-            self.events.push_back(event);
-        }
+        self.events.push(event, self.now_ns);
     }
 }
 
@@ -734,7 +661,33 @@ impl Target {
             track: Track::default(),
             tally: Tally::default(),
             missing_told: 0,
+            former: Vec::new(),
+            flips: 0,
+            flipped_ns: 0,
         }
+    }
+
+    /// It has another session now: whether it is one that it had before. One that is started anew never gets an old one back, so
+    /// two take turns.
+    fn is_former_life(&mut self, session: u32, now_ns: u64) -> bool {
+        let before = std::mem::replace(&mut self.session, session);
+        self.track = Track::default();
+        let place = self.former.iter().position(|former| *former == session);
+        if let Some(place) = place {
+            self.former.remove(place);
+            let is_recent = now_ns < self.flipped_ns + CONFLICT_NS;
+            self.flips = if is_recent { self.flips.saturating_add(1) } else { 1 };
+            self.flipped_ns = now_ns;
+        } else if self.former.len() == LIVES {
+            self.former.remove(0);
+        }
+        self.former.push(before);
+        place.is_some()
+    }
+
+    /// Whether two gateways are behind it.
+    fn is_shared(&self, now_ns: u64) -> bool {
+        self.flips >= FLIPS && now_ns < self.flipped_ns + CONFLICT_NS
     }
 
     /// A number of one byte, as cannelloni has it: a gap is counted as far as a byte can tell.

@@ -221,6 +221,35 @@ fn a_gateway_with_the_same_identity_is_said_and_its_frames_are_not_taken() {
 }
 
 #[test]
+fn two_of_one_identity_that_do_not_hear_each_other_are_told_by_the_third_and_one_that_restarts_is_not() {
+    // They ask the third alone: neither hears the other.
+    let far = |session| Settings { session, ..Settings::new(1, 77, vec![address(2)]) };
+    let mut net = Net::of(vec![far(77), far(99), Settings { discover: vec![], ..settings(2) }]);
+    net.pass(8_000 * MS);
+    let told =
+        |net: &Net| net.events.iter().filter(|(_, event)| matches!(event, Event::Shared { .. })).count();
+    assert_eq!((told(&net), net.gateway(0).conflict(8_000 * MS)), (1, None), "{:?}", net.events);
+    assert!(net.gateway(2).targets(8_000 * MS)[0].shared);
+    assert_eq!(net.counters(2).target_restarts, 1, "the others were no restarts");
+    net.pass(12_000 * MS);
+    let said: Vec<String> = net.events.iter().map(|(_, event)| event.to_string()).collect();
+    assert!(
+        said.iter().any(|text| text.contains("of one identity: ") && text.contains(" more ")),
+        "{said:?}"
+    );
+    // One of them goes: after a while all is well.
+    net.gateways[1] = None;
+    net.pass(11_000 * MS);
+    let told_before = told(&net);
+    for session in 100..110 {
+        net.gateways[0] = Some(net.started(far(session)));
+        net.pass(500 * MS);
+    }
+    assert!(!net.gateway(2).targets(36_000 * MS)[0].shared);
+    assert_eq!((told(&net), net.counters(2).target_restarts), (told_before, 11), "{:?}", net.events);
+}
+
+#[test]
 fn three_share_a_network_and_each_gets_a_frame_once() {
     let mut net = Net::of((0..3).map(settings).collect());
     net.pass(1_000 * MS);

@@ -10,6 +10,7 @@
 pub mod bus;
 pub mod cli;
 mod counters;
+mod events;
 pub mod frame;
 mod gateway;
 mod ids;
@@ -22,8 +23,9 @@ mod track;
 pub mod wire;
 
 pub use counters::Counters;
+pub use events::Event;
 pub use frame::{Frame, FrameError, Id, Kind};
-pub use gateway::{Event, Gateway, MAX_TARGETS, Protocol, Settings, State, TargetStatus};
+pub use gateway::{Gateway, MAX_TARGETS, Protocol, Settings, State, TargetStatus};
 pub use ids::{Ids, NotIds, one as id_of};
 pub use ring::{GivenUp, Ring, Rules};
 pub use track::{Tally, Track};

@@ -14,7 +14,7 @@ use rustix::net::sockopt;
 use rustix::time::{ClockId, clock_gettime};
 
 use crate::bus::replay::Log;
-use crate::bus::{Bus, BusError, BusName, BusState, Sent};
+use crate::bus::{Bus, BusError, BusName, BusState, Losses, Sent};
 use crate::counters::Counters;
 use crate::gateway::{Gateway, Settings};
 use crate::ids::Ids;
@@ -115,6 +115,11 @@ pub struct Node {
     to_bus: Ring,
     full_until_ns: u64,
     own: Own,
+    /// Of buses that were opened before the one that is there.
+    former_losses: Losses,
+    /// When they are looked at next, ns, and when they are told next: where they have become twice as many.
+    losses_at_ns: u64,
+    losses_told: Losses,
     begun_ns: u64,
     outgoing: Vec<Aged>,
 }
@@ -191,6 +196,9 @@ impl Node {
             log,
             full_until_ns: 0,
             own: Own::default(),
+            former_losses: Losses::default(),
+            losses_at_ns: 0,
+            losses_told: Losses::default(),
             begun_ns: now_ns(),
             outgoing: Vec::new(),
         };
@@ -213,7 +221,22 @@ impl Node {
     pub fn counters(&self) -> Counters {
         let Own { bus_out, bus_refused, bus_off, bus_reopened } = self.own;
         let to_bus = self.to_bus.given_up();
-        Counters { to_bus, bus_out, bus_refused, bus_off, bus_reopened, ..self.gateway.counters() }
+        let Losses { unkept: bus_unkept, denied: adapter_denied } = self.losses();
+        let counters = self.gateway.counters();
+        Counters {
+            to_bus,
+            bus_out,
+            bus_refused,
+            bus_off,
+            bus_reopened,
+            bus_unkept,
+            adapter_denied,
+            ..counters
+        }
+    }
+
+    fn losses(&self) -> Losses {
+        self.former_losses + self.bus.as_ref().map(|bus| bus.losses()).unwrap_or_default()
     }
 
     /// Everything about it.
@@ -375,13 +398,25 @@ impl Node {
             say(&format!("{}: the controller is {state}", self.options.bus));
             self.bus_state = state;
         }
+        bus.complaint().iter().for_each(|complaint| say(complaint));
         if let Err(error) = result {
             self.give_up_bus(&error, say);
         }
+        self.tell_losses(now_ns, say);
+    }
+
+    fn tell_losses(&mut self, now_ns: u64, say: &mut dyn FnMut(&str)) {
+        if now_ns < self.losses_at_ns {
+            return;
+        }
+        self.losses_at_ns = now_ns + RETRY_NS;
+        let losses = self.losses();
+        losses.tell(&mut self.losses_told, &self.options.bus, say);
     }
 
     fn give_up_bus(&mut self, error: &BusError, say: &mut dyn FnMut(&str)) {
         say(&error.to_string());
+        self.former_losses = self.losses();
         self.bus = None;
         self.bus_ended = matches!(self.options.bus, BusName::Replay(_));
         self.bus_at_ns = now_ns() + RETRY_NS;

@@ -2,6 +2,7 @@
 //!
 //! Responsible for: what clients are told, and that one that does not read, or talks nonsense, costs the others nothing.
 
+use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd};
@@ -17,6 +18,8 @@ const CLIENTS: usize = 16;
 const BACKLOG: usize = 1 << 20;
 /// Nonsense that a client may say before it is cut off.
 const PATIENCE: u64 = 100;
+/// Messages of one client that are heard in one turn at most; what more it has said waits for the next, behind everybody else.
+const PER_TURN: usize = 64;
 /// How often the beacon goes out, ns.
 const BEACON_EVERY_NS: u64 = 3_000_000_000;
 
@@ -56,6 +59,8 @@ pub struct ServerCounters {
 struct Client {
     stream: TcpStream,
     decoder: Decoder,
+    /// Whole messages that were read and not yet heard.
+    input: VecDeque<String>,
     output: Vec<u8>,
     opened: bool,
     raw: bool,
@@ -119,8 +124,11 @@ impl Server {
         std::iter::once((self.listener.as_fd(), false)).chain(clients)
     }
 
-    /// When the beacon is due, ns.
+    /// When there is something to do by the clock: the beacon, or at once what clients have said and was not heard yet; ns.
     pub fn due_ns(&self) -> u64 {
+        if self.clients.iter().any(|client| !client.input.is_empty()) {
+            return 0;
+        }
         if self.beacon.is_some() { self.beacon_at_ns } else { u64::MAX }
     }
 
@@ -149,7 +157,9 @@ impl Server {
     pub fn turn(&mut self, now_ns: u64, time_ns: u64, mut take: impl FnMut(&Frame)) {
         self.accept();
         for place in 0..self.clients.len() {
-            for words in self.clients[place].read() {
+            self.clients[place].read();
+            for _ in 0..PER_TURN {
+                let Some(words) = self.clients[place].input.pop_front() else { break };
                 if let Some(frame) = self.answer(place, &words) {
                     self.counters.frames_in += 1;
                     take(&frame);
@@ -160,7 +170,9 @@ impl Server {
         }
         let cut_off = |client: &&Client| client.output.len() > BACKLOG || client.nonsense > PATIENCE;
         self.counters.cut_off += self.clients.iter().filter(cut_off).count() as u64;
-        self.clients.retain(|client| !client.gone && !cut_off(&client));
+        // What one said before it went is heard.
+        let is_over = |client: &Client| client.gone && client.input.is_empty();
+        self.clients.retain(|client| !is_over(client) && !cut_off(&client));
         self.shine(now_ns);
     }
 
@@ -175,9 +187,9 @@ impl Server {
             }
             self.counters.accepted += 1;
             let output = b"< hi >".to_vec();
-            let (decoder, nonsense) = (Decoder::new(), 0);
+            let (decoder, input, nonsense) = (Decoder::new(), VecDeque::new(), 0);
             let mut client =
-                Client { stream, decoder, output, opened: false, raw: false, nonsense, gone: false };
+                Client { stream, decoder, input, output, opened: false, raw: false, nonsense, gone: false };
             client.flush();
             self.clients.push(client);
         }
@@ -236,27 +248,27 @@ fn own_address() -> IpAddr {
 }
 
 impl Client {
-    /// Whole messages that have come.
-    fn read(&mut self) -> Vec<String> {
-        let (mut messages, mut bytes) = (Vec::new(), [0; 4_096]);
-        // Bounded, so that one that never stops does not keep the bus waiting.
-        for _ in 0..16 {
+    /// Takes what has come, unless enough waits to be heard: one that never stops waits itself then.
+    fn read(&mut self) {
+        let mut bytes = [0; 4_096];
+        while self.input.len() < PER_TURN && !self.gone {
             match self.stream.read(&mut bytes) {
-                Ok(0) => {
-                    self.gone = true;
-                    break;
-                }
+                Ok(0) => self.gone = true,
                 Ok(length) => {
-                    messages.extend(bytes[..length].iter().filter_map(|byte| self.decoder.push(*byte)))
+                    let decoder = &mut self.decoder;
+                    self.input.extend(bytes[..length].iter().filter_map(|byte| decoder.push(*byte)));
+                    // A flood of what is no message ends a turn, too.
+                    if self.input.is_empty() {
+                        break;
+                    }
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) => {
-                    self.gone |= error.kind() != ErrorKind::WouldBlock;
+                    self.gone = error.kind() != ErrorKind::WouldBlock;
                     break;
                 }
             }
         }
-        messages
     }
 
     fn flush(&mut self) {
@@ -345,6 +357,27 @@ mod tests {
         assert!(until(&mut server, &mut client, "< error open the bus").is_empty());
         client.write_all(b"< open can9 >").unwrap();
         until(&mut server, &mut client, "no bus can9: this server has can0");
+    }
+
+    #[test]
+    fn one_that_never_stops_is_heard_a_little_in_each_turn_and_all_in_the_end() {
+        let mut server = server();
+        let (loud, mut quiet) = (raw(&mut server), raw(&mut server));
+        let said = 5_000;
+        loud.set_nonblocking(false).unwrap();
+        let mut speaker = loud.try_clone().unwrap();
+        let speaking = std::thread::spawn(move || speaker.write_all("< send 1 0 >".repeat(said).as_bytes()));
+        let (mut heard, mut turns, mut bytes) = (0, 0, [0; 65_536]);
+        while heard < said {
+            let mut in_turn = 0;
+            server.turn(0, 0, |_| in_turn += 1);
+            assert!(in_turn <= PER_TURN, "{in_turn} in one turn");
+            (heard, turns) = (heard + in_turn, turns + 1);
+            let _ = quiet.read(&mut bytes); // it hears them all, and has to read
+            assert!(turns < 2_000_000, "only {heard} were heard");
+        }
+        speaking.join().unwrap().unwrap();
+        assert_eq!((server.counters().frames_in, server.counters().cut_off), (said as u64, 0));
     }
 
     #[test]

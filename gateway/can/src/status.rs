@@ -166,10 +166,11 @@ pub fn text(status: &Value) -> String {
     out += &format!("lost     {} frames in all\n", word("lost_frames"));
     for target in status["targets"].as_array().into_iter().flatten() {
         out += &format!(
-            "target   {} at {}: {}, {} frames from it, {} lost, {} datagrams late, {} repeated\n",
+            "target   {} at {}: {}{}, {} frames from it, {} lost, {} datagrams late, {} repeated\n",
             target["identity"].as_str().unwrap_or("-"),
             target["address"].as_str().unwrap_or("-"),
             if target["present"] == true { "there" } else { "LOST" },
+            if target["shared"] == true { ", WRONG: two gateways have this identity" } else { "" },
             target["frames"],
             target["lost_frames"],
             target["late"],

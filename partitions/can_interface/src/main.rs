@@ -196,7 +196,7 @@ impl CanInterface {
             invalid: counts.incomplete + counts.withheld,
             refused: network.malformed + network.foreign + network.other_version,
             unused: counts.foreign,
-            lost: network.lost() + self.wires.refused,
+            lost: network.lost() + self.wires.refused + self.wires.losses().unkept,
             strangers: network.strangers + network.same_identity,
             errors: network.unsent_datagrams,
             lockstep: 1,

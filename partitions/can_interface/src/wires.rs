@@ -3,7 +3,7 @@
 use std::net::{SocketAddr, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd};
 
-use bateleur_can::bus::{Bus, BusError, BusName, Sent};
+use bateleur_can::bus::{Bus, BusError, BusName, Losses, Sent};
 use bateleur_can::{Event, Frame, Gateway, Ids};
 
 /// A bus that broke is tried again so often, module time, ns.
@@ -45,6 +45,10 @@ pub struct Wires {
     net: Option<Net>,
     /// Frames that the bus did not take.
     pub refused: u64,
+    /// Of buses that were opened before the one that is there; what was told; and when it is looked at next, ns.
+    former_losses: Losses,
+    losses_told: Losses,
+    losses_at_ns: u64,
     /// What is to be said.
     pub events: Vec<String>,
 }
@@ -66,7 +70,17 @@ impl Wires {
         if bus.is_none() && net.is_none() {
             return Err("attribute bus or attribute listen: without a bus and without the network there is nobody to talk to".into());
         }
-        Ok(Self { name: settings.bus, bus, retry_at_ns: 0, net, refused: 0, events: Vec::new() })
+        Ok(Self {
+            name: settings.bus,
+            bus,
+            retry_at_ns: 0,
+            net,
+            refused: 0,
+            former_losses: Losses::default(),
+            losses_told: Losses::default(),
+            losses_at_ns: 0,
+            events: Vec::new(),
+        })
     }
 
     /// Where it listens.
@@ -77,6 +91,11 @@ impl Wires {
     /// What the gateway counted, where there is one.
     pub fn gateway(&self) -> Option<&Gateway> {
         self.net.as_ref().map(|net| &net.gateway)
+    }
+
+    /// What went wrong with frames of the bus out of this program's sight.
+    pub fn losses(&self) -> Losses {
+        self.former_losses + self.bus.as_ref().map(|bus| bus.losses()).unwrap_or_default()
     }
 
     /// Sends a frame: to the bus, and to who is on the network; there with [`Wires::flush`].
@@ -155,14 +174,21 @@ impl Wires {
                 Err(error) => result = Err(error),
             }
         }
+        self.events.extend(bus.complaint());
         if let Err(error) = result {
             self.give_up(&error, now_ns);
+        }
+        if now_ns >= self.losses_at_ns {
+            self.losses_at_ns = now_ns + RETRY_NS;
+            let (losses, events) = (self.losses(), &mut self.events);
+            losses.tell(&mut self.losses_told, &self.name, &mut |text| events.push(text.to_owned()));
         }
         frames == PER_LOOK
     }
 
     fn give_up(&mut self, error: &BusError, now_ns: u64) {
         self.events.push(error.to_string());
+        self.former_losses = self.losses();
         (self.bus, self.retry_at_ns) = (None, now_ns + RETRY_NS);
     }
 

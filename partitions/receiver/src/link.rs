@@ -49,6 +49,9 @@ pub enum LinkError {
     /// The converter did not take the connection, or ended it.
     #[error("is not there ({0})")]
     Gone(io::Error),
+    /// The converter says nothing, though the connection stands.
+    #[error("is not there: not one byte in {0} s; it is dialled anew")]
+    Mute(u64),
 }
 
 /// A line, or one that is coming about.
@@ -75,6 +78,11 @@ impl Link {
             Place::Serial(path) => Ok(Self::Serial(Device::open(path, baud)?)),
             Place::Tcp(address) => Ok(Self::Tcp { socket: begin(*address)?.into(), connected: false }),
         }
+    }
+
+    /// Whether there is a connection that can vanish without a word.
+    pub fn is_connection(&self) -> bool {
+        matches!(self, Self::Tcp { .. })
     }
 
     /// Whether bytes can pass. Of a connection that was refused it is an error.

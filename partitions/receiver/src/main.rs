@@ -11,6 +11,9 @@ use bateleur_receiver::{Decoder, Epoch, Heard, Link, LinkError, Orders, Place, S
 const BYTES_PER_WINDOW: usize = 2048;
 /// A receiver that says nothing for so long is asked for everything again, ns.
 const SILENCE_NS: u64 = 3_000_000_000;
+/// A converter from which not one byte has come for so long is dialled anew, ns: one that vanished without a word leaves a
+/// connection that the kernel believes in for a quarter of an hour.
+const DIAL_AGAIN_NS: u64 = 10_000_000_000;
 /// Fastest and slowest solutions of any receiver of that kind, ms.
 const PERIODS_MS: std::ops::RangeInclusive<u64> = 40..=10_000;
 
@@ -25,6 +28,10 @@ struct Driver {
     orders: Orders,
     raw: SamplingSource<RawGps>,
     heard_ns: u64,
+    /// When the last byte came, or the line was opened, ns.
+    byte_ns: u64,
+    /// It was dialled anew because nothing came: a connection alone is not yet news.
+    mute: bool,
     silent: bool,
     damaged_told: u64,
     refused_told: u64,
@@ -57,6 +64,8 @@ impl Partition for Driver {
             orders: Orders::new(Settings { period_ms: period_ms as u16 }),
             raw: context.sampling_source("raw")?,
             heard_ns: 0,
+            byte_ns: 0,
+            mute: false,
             silent: false,
             damaged_told: 0,
             refused_told: 0,
@@ -69,13 +78,13 @@ impl Partition for Driver {
             match Link::open(&self.place, self.baud) {
                 Ok(link) => {
                     self.link = Some(link);
-                    self.heard_ns = now_ns;
+                    (self.heard_ns, self.byte_ns) = (now_ns, now_ns);
                     self.orders.again();
                 }
                 Err(error) => self.lost(window, &error),
             }
         }
-        if let Err(error) = self.exchange(window, now_ns) {
+        if let Err(error) = self.exchange(window, now_ns).and_then(|()| self.watch(now_ns)) {
             self.lost(window, &error);
         }
         self.complain(window, now_ns);
@@ -88,11 +97,14 @@ impl Driver {
         if !link.is_up()? {
             return Ok(());
         }
-        if !self.presence.is_open() && self.presence.opened() == Some(Change::Found) {
-            window.report(&format!("receiver {} is there", self.name));
-        }
         let mut buffer = [0; BYTES_PER_WINDOW];
         let count = link.receive(&mut buffer)?;
+        if count > 0 {
+            (self.byte_ns, self.mute) = (now_ns, false);
+        }
+        if !self.mute && !self.presence.is_open() && self.presence.opened() == Some(Change::Found) {
+            window.report(&format!("receiver {} is there", self.name));
+        }
         for heard in self.decoder.take(&buffer[..count], now_ns) {
             match heard {
                 Heard::Solution(raw) => {
@@ -108,8 +120,19 @@ impl Driver {
         Ok(())
     }
 
+    /// Gives up a connection over which nothing comes.
+    fn watch(&self, now_ns: u64) -> Result<(), LinkError> {
+        match &self.link {
+            Some(link) if link.is_connection() && now_ns >= self.byte_ns + DIAL_AGAIN_NS => {
+                Err(LinkError::Mute(DIAL_AGAIN_NS / 1_000_000_000))
+            }
+            _ => Ok(()),
+        }
+    }
+
     fn lost(&mut self, window: &Window, error: &LinkError) {
         self.link = None;
+        self.mute = matches!(error, LinkError::Mute(_));
         if self.presence.failed(window.now_ns()) == Some(Change::Lost) {
             window.raise(&format!("receiver {} {error}", self.name));
         }

@@ -3,7 +3,9 @@
 //! A bus gives the frames that others wrote, never the own ones: whoever forwards them depends on that.
 
 pub mod bits;
+mod drops;
 pub mod memory;
+mod recovery;
 pub mod replay;
 mod slcan;
 mod socketcan;
@@ -174,6 +176,48 @@ pub trait Bus: Send {
     fn due_ns(&self) -> u64 {
         u64::MAX
     }
+
+    /// What went wrong with frames out of this program's sight.
+    fn losses(&self) -> Losses {
+        Losses::default()
+    }
+
+    /// What a person should hear of, once.
+    fn complaint(&mut self) -> Option<String> {
+        None
+    }
+}
+
+/// What went wrong with frames out of this program's sight, since the bus was opened.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Losses {
+    /// Frames that came and that the system had no room for, while this program did not run.
+    pub unkept: u64,
+    /// Times that an adapter said no, to a frame or to an order, and lines of its that were none.
+    pub denied: u64,
+}
+
+impl Losses {
+    /// Says what has become twice as many since it was `told`: a log must not be filled.
+    pub fn tell(self, told: &mut Self, bus: &BusName, say: &mut dyn FnMut(&str)) {
+        let is_news = |now: u64, told: u64| now >= 2 * told.max(1) || (now == 1 && told == 0);
+        if is_news(self.unkept, told.unkept) {
+            told.unkept = self.unkept;
+            say(&format!("{bus}: {} frames came while there was no room for them, so far", self.unkept));
+        }
+        if is_news(self.denied, told.denied) {
+            told.denied = self.denied;
+            say(&format!("{bus}: the adapter has said no {} times so far", self.denied));
+        }
+    }
+}
+
+impl std::ops::Add for Losses {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self { unkept: self.unkept + other.unkept, denied: self.denied + other.denied }
+    }
 }
 
 /// Which bus, as a person says it.
@@ -307,6 +351,19 @@ mod tests {
         {
             assert!(text.parse::<BusName>().unwrap_err().to_string().contains("socketcan:can0"), "{text}");
         }
+    }
+
+    #[test]
+    fn losses_are_told_when_they_have_become_twice_as_many() {
+        let (mut told, mut said) = (Losses::default(), 0);
+        for unkept in 0..=1_000 {
+            let losses = Losses { unkept, denied: unkept / 1_000 };
+            losses.tell(&mut told, &BusName::SocketCan("can0".into()), &mut |text| {
+                assert!(text.starts_with("socketcan:can0: "), "{text}");
+                said += 1;
+            });
+        }
+        assert_eq!(said, 11, "1, 2, 4, … 512, and the adapter's one");
     }
 
     #[test]

@@ -10,7 +10,7 @@ use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
 
-use super::{Bus, BusError, Sent};
+use super::{Bus, BusError, Losses, Sent};
 use crate::frame::Frame;
 use crate::wire::slcan::{self, BELL, BIT_RATES, DONE, Decoder, Line};
 
@@ -149,11 +149,6 @@ impl Slcan {
         text.flush()?;
         Ok(Self { text })
     }
-
-    /// Lines that were none, and what the adapter refused.
-    pub fn refused(&self) -> u64 {
-        self.text.refused
-    }
 }
 
 fn refused(bus: &str, path: &Path, error: &serialport::Error) -> BusError {
@@ -199,6 +194,10 @@ impl Bus for Slcan {
 
     fn tend(&mut self, _: u64) -> Result<(), BusError> {
         self.text.flush()
+    }
+
+    fn losses(&self) -> Losses {
+        Losses { unkept: 0, denied: self.text.refused }
     }
 }
 
@@ -373,7 +372,7 @@ mod tests {
             assert_eq!(adapter.send(&frame).unwrap(), Sent::Taken);
             assert_eq!(next(&mut host), frame);
         }
-        assert_eq!(host.refused(), 0);
+        assert_eq!(host.losses().denied, 0);
         let report = Frame::new(Id::Extended(4), Kind::Error, &[0; 8]).unwrap();
         assert_eq!(host.send(&report).unwrap(), Sent::Refused);
     }
@@ -407,7 +406,7 @@ mod tests {
         assert!(
             wait(|| {
                 let _ = host.receive().unwrap();
-                host.refused() == 1
+                host.losses().denied == 1
             }),
             "a command that there is not is answered with a bell"
         );

@@ -9,12 +9,10 @@ use rustix::net::{AddressFamily, Protocol, SocketType};
 use socketcan::frame::{AsPtr, can_frame_default, canfd_frame_default};
 use socketcan::{CanAnyFrame, CanFdSocket, CanInterface, CanRawFrame, Socket, SocketOptions};
 
-use super::{Bus, BusError, BusState, Sent};
+use super::recovery::Recovery;
+use super::{Bus, BusError, BusState, Losses, Sent, drops};
 use crate::frame::{ERROR_FLAG, EXTENDED_FLAG, Frame, Kind};
 use crate::ids::Ids;
-
-/// A controller that is off the bus gets so long before it is restarted, ns; and so long again where that was no use.
-const RESTART_AFTER_NS: u64 = 1_000_000_000;
 
 /// The protocol of raw CAN sockets (`linux/can.h`).
 const CAN_RAW: u32 = 1;
@@ -38,7 +36,7 @@ pub struct SocketCan {
     socket: CanFdSocket,
     wanted: Ids,
     state: BusState,
-    restart_at_ns: Option<u64>,
+    recovery: Recovery,
     now_ns: u64,
 }
 
@@ -64,16 +62,25 @@ impl SocketCan {
             .and_then(|pending| pending)
             .map_err(|error| refused(error.into()))?;
         let (interface, wanted) = (interface.to_owned(), wanted.clone());
-        Ok(Self { bus, interface, socket, wanted, state: BusState::Active, restart_at_ns: None, now_ns: 0 })
+        Ok(Self {
+            bus,
+            interface,
+            socket,
+            wanted,
+            state: BusState::Active,
+            recovery: Recovery::default(),
+            now_ns: 0,
+        })
     }
 
     fn note_report(&mut self, frame: &Frame) {
         let class = frame.word();
         if class & CLASS_BUS_OFF != 0 {
             self.state = BusState::Off;
-            self.restart_at_ns = Some(self.now_ns + RESTART_AFTER_NS);
+            self.recovery.off(self.now_ns);
         } else if class & CLASS_RESTARTED != 0 {
-            (self.state, self.restart_at_ns) = (BusState::Active, None);
+            self.state = BusState::Active;
+            self.recovery.on();
         } else if class & CLASS_CONTROLLER != 0 && self.state != BusState::Off {
             let detail = frame.data().get(1).copied().unwrap_or(0);
             if detail & PASSIVE_BITS != 0 {
@@ -83,14 +90,13 @@ impl SocketCan {
             }
         }
     }
+}
 
-    /// Asks the kernel to restart the controller. It does so by itself where the interface has a `restart-ms`; then this is
-    /// refused, which is as good.
-    fn restart(&self) {
-        if let Ok(interface) = CanInterface::open(&self.interface) {
-            let _ = interface.restart();
-        }
-    }
+/// Asks the kernel to restart the controller. It does so by itself where the interface has a `restart-ms`; then this is
+/// refused, which is as good.
+fn restart(interface: &str) -> Result<(), String> {
+    let interface = CanInterface::open(interface).map_err(|error| error.to_string())?;
+    interface.restart().map_err(|error| error.to_string())
 }
 
 /// What the system's answer means to a person.
@@ -204,15 +210,20 @@ impl Bus for SocketCan {
 
     fn tend(&mut self, now_ns: u64) -> Result<(), BusError> {
         self.now_ns = now_ns;
-        if self.restart_at_ns.is_some_and(|restart_ns| restart_ns <= now_ns) {
-            self.restart();
-            self.restart_at_ns = Some(now_ns + RESTART_AFTER_NS);
-        }
+        self.recovery.tend(now_ns, &self.bus, || restart(&self.interface));
         Ok(())
     }
 
     fn due_ns(&self) -> u64 {
-        self.restart_at_ns.unwrap_or(u64::MAX)
+        self.recovery.due_ns()
+    }
+
+    fn losses(&self) -> Losses {
+        Losses { unkept: drops::count(&self.socket), denied: 0 }
+    }
+
+    fn complaint(&mut self) -> Option<String> {
+        self.recovery.complaint()
     }
 }
 

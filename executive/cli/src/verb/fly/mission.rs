@@ -195,7 +195,9 @@ impl Flight {
 
     /// One step of the ground station; true: the flight is over.
     fn step(&mut self, module_ns: u64) -> bool {
-        for line in self.fleet.perform(module_ns) {
+        let mut lines = self.fleet.perform(module_ns);
+        lines.extend(self.simulator.can.iter_mut().flat_map(|can| can.perform(module_ns)));
+        for line in lines {
             eprintln!("{:9.3} s  {line}", module_ns as f64 / 1e9);
         }
         let progress = self.mission.step(module_ns, &mut self.line.link, &mut self.pilot);

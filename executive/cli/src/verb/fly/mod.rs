@@ -78,6 +78,8 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) hosts: hosts::Options,
     #[command(flatten)]
+    pub(crate) can: can::Options,
+    #[command(flatten)]
     pub(crate) faults: Faults,
     /// Replace an attribute of the plan (may be repeated).
     #[arg(long, value_name = "PARTITION.ATTRIBUTE=VALUE")]
@@ -159,6 +161,7 @@ fn fly(
     stop: Arc<AtomicBool>,
 ) -> Result<Option<Flown>> {
     let protocol = protocol(arguments, plan)?;
+    can::check(arguments, plan)?;
     if arguments.hosts.hosts {
         return fly_hosts(arguments, plan, mission, folder, protocol, stop);
     }
@@ -385,6 +388,7 @@ fn record(arguments: &Arguments, flown: &Flown, wall_time_s: f64) -> Run {
 fn not_reached(arguments: &Arguments, module_time_s: f64) -> Vec<String> {
     let mut notes = arguments.faults.not_reached(module_time_s);
     notes.extend(arguments.outside.not_reached(module_time_s));
+    notes.extend(arguments.can.not_reached(module_time_s));
     notes
 }
 

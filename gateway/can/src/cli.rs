@@ -85,7 +85,7 @@ pub struct Run {
     /// Tell the network by broadcast that there is such a server.
     #[arg(long)]
     pub beacon: bool,
-    /// Write every frame into this file, as candump -l does.
+    /// Write every frame into this file, as candump -l does; behind what it holds already.
     #[arg(long, value_name = "FILE")]
     pub log: Option<PathBuf>,
     /// Where its status is told. [default: bateleur-can-NAME.sock in the folder for such files]
@@ -154,7 +154,11 @@ fn run(arguments: &Run) -> Result<u8> {
 fn ask(arguments: &Ask) -> Result<u8> {
     let path = arguments.status.clone().unwrap_or_else(|| status::usual_path(&arguments.name));
     let status = status::ask(&path).with_context(|| {
-        format!("no gateway tells its status at {} (--name or --status choose another)", path.display())
+        let others = match status::running() {
+            names if names.is_empty() => "none runs where they usually tell it".to_owned(),
+            names => format!("there are --name {}", names.join(", --name ")),
+        };
+        format!("no gateway tells its status at {}; {others}", path.display())
     })?;
     let text = match arguments.format.as_str() {
         "json" => format!("{status:#}\n"),
@@ -213,6 +217,12 @@ impl Run {
             bail!("which bus? --bus socketcan:can0, for example (--help lists them)")
         };
         let bus: BusName = bus.parse()?;
+        if let (BusName::Replay(replayed), Some(log)) = (&bus, &self.log)
+            && (replayed == log
+                || replayed.canonicalize().ok().is_some_and(|file| log.canonicalize().ok() == Some(file)))
+        {
+            bail!("--log {}: that is the log that is replayed; give another file", log.display());
+        }
         let protocol = match self.protocol.as_deref() {
             None | Some("native") => Protocol::Native,
             Some("cannelloni") => Protocol::Cannelloni,
@@ -350,6 +360,8 @@ mod tests {
         assert!(said(Run { max_age_ms: Some(-1.0), ..bus() }).contains("--max-age-ms"));
         assert!(said(Run { buffer: Some(0), ..bus() }).contains("--buffer"));
         assert!(said(Run { name: Some("a/b".into()), ..bus() }).contains("--name"));
+        let replay = Run { bus: Some("replay:a.log".into()), log: Some("a.log".into()), ..Run::default() };
+        assert!(said(replay).contains("that is the log that is replayed"));
     }
 
     #[test]

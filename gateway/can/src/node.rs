@@ -177,7 +177,7 @@ impl Node {
         let log = match &options.log {
             Some(path) => {
                 let wrong = |error| StartError::Log { path: path.display().to_string(), error };
-                Some(Log::create(path, &options.bus.to_string()).map_err(wrong)?)
+                Some(Log::open(path, &options.bus.to_string()).map_err(wrong)?)
             }
             None => None,
         };

@@ -58,14 +58,37 @@ pub struct Status {
     pub server: Option<ServerCounters>,
 }
 
+/// Before and behind a gateway's name in the name of its socket.
+const BEFORE: &str = "bateleur-can-";
+const BEHIND: &str = ".sock";
+
 /// Where the gateway called `name` tells its status, unless it was told otherwise.
 pub fn usual_path(name: &str) -> PathBuf {
-    let folder = match std::env::var_os("XDG_RUNTIME_DIR") {
+    usual_folder().join(format!("{BEFORE}{name}{BEHIND}"))
+}
+
+/// The names of the gateways that tell their status in the usual folder.
+pub fn running() -> Vec<String> {
+    running_in(&usual_folder())
+}
+
+fn running_in(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let name = |path: &Path| {
+        let name = path.file_name()?.to_str()?.strip_prefix(BEFORE)?.strip_suffix(BEHIND)?.to_owned();
+        UnixStream::connect(path).is_ok().then_some(name)
+    };
+    let mut names: Vec<String> = entries.filter_map(|entry| name(&entry.path())).collect();
+    names.sort();
+    names
+}
+
+fn usual_folder() -> PathBuf {
+    match std::env::var_os("XDG_RUNTIME_DIR") {
         Some(folder) => PathBuf::from(folder),
         None if rustix::process::geteuid().is_root() && Path::new("/run").is_dir() => "/run".into(),
         None => std::env::temp_dir(),
-    };
-    folder.join(format!("bateleur-can-{name}.sock"))
+    }
 }
 
 /// The gateway's end.
@@ -189,4 +212,20 @@ pub fn text(status: &Value) -> String {
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gateways_that_run_are_listed_and_those_that_were_killed_are_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = |name: &str| folder.path().join(format!("{BEFORE}{name}{BEHIND}"));
+        let _tail = Teller::bind(&place("tail")).unwrap();
+        let _wing = Teller::bind(&place("wing")).unwrap();
+        drop(UnixListener::bind(place("dead")).unwrap()); // its file stays
+        fs::write(folder.path().join("other.sock"), "").unwrap();
+        assert_eq!(running_in(folder.path()), ["tail", "wing"]);
+    }
 }

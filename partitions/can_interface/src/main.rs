@@ -240,7 +240,9 @@ fn conversation(context: &mut Context) -> Result<Conversation, StartError> {
     let table: String = context.attribute("table", bateleur_can_map::DISTRIBUTION_BOARD.into())?;
     let dbc: Option<String> = context.attribute("dbc", None)?;
     let table = bateleur_can_map::from_attributes(&table, dbc.as_deref())
-        .map_err(|error| StartError::Other(format!("attribute table: {error}")))?;
+        // One line: of a refusal the executive tells the last one.
+        .map_err(|error| error.to_string().replace('\n', "; "))
+        .map_err(|error| StartError::Other(format!("attributes table and dbc: {error}")))?;
     Conversation::new(table).map_err(StartError::Other)
 }
 

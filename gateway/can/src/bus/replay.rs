@@ -96,13 +96,15 @@ pub struct Log {
 }
 
 impl Log {
-    /// A new file; frames are said to be of `interface`.
+    /// A new file, or one that goes on where it ended: who is started again must not lose what it wrote before. Frames are said to be
+    /// of `interface`.
     ///
     /// # Errors
     /// The system's answer.
-    pub fn create(path: &Path, interface: &str) -> std::io::Result<Self> {
+    pub fn open(path: &Path, interface: &str) -> std::io::Result<Self> {
         let interface = interface.replace([' ', '\t'], "_");
-        Ok(Self { file: BufWriter::new(File::create(path)?), interface, failed: 0 })
+        let file = File::options().create(true).append(true).open(path)?;
+        Ok(Self { file: BufWriter::new(file), interface, failed: 0 })
     }
 
     /// Adds a frame that was heard just now.
@@ -157,7 +159,7 @@ mod tests {
     fn what_is_logged_is_read_back() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("own.log");
-        let mut log = Log::create(&path, "slcan:/dev/tty 1").unwrap();
+        let mut log = Log::open(&path, "slcan:/dev/tty 1").unwrap();
         let frames = [Frame::classic(Id::Standard(1), &[1]), Frame::remote(Id::Extended(2), 3).unwrap()];
         frames.iter().for_each(|frame| log.note(frame));
         log.flush();
@@ -165,5 +167,18 @@ mod tests {
         replay.tend(0).unwrap();
         replay.tend(3_000_000_000).unwrap();
         assert_eq!([(); 2].map(|()| replay.receive().unwrap().unwrap()), frames);
+    }
+
+    #[test]
+    fn a_log_that_is_there_is_kept_and_goes_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.log");
+        for value in 0..3 {
+            let mut log = Log::open(&path, "can0").unwrap();
+            log.note(&Frame::classic(Id::Standard(1), &[value]));
+        }
+        let text = std::fs::read_to_string(&path).unwrap();
+        let ends: Vec<_> = text.lines().filter_map(|line| line.rsplit(' ').next()).collect();
+        assert_eq!(ends, ["001#00", "001#01", "001#02"]);
     }
 }

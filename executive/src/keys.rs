@@ -68,6 +68,12 @@ pub enum KeyError {
         /// Who reads it.
         user: u32,
     },
+    /// It is a folder, a device, a pipe.
+    #[error("{path} is no ordinary file", path = .path.display())]
+    Kind {
+        /// The file.
+        path: PathBuf,
+    },
     /// It holds something else.
     #[error("{path} holds no key: {KEY_BYTES} bytes as {digits} hexadecimal digits belong there", path = .path.display(), digits = 2 * KEY_BYTES)]
     Content {
@@ -82,9 +88,14 @@ pub enum KeyError {
 /// The file is not there, not the reader's own, open to others, or holds something else.
 pub fn read(path: &Path) -> Result<Key, KeyError> {
     let failed = |error| KeyError::Read { path: path.to_owned(), error };
-    let file = File::open(path).map_err(failed)?;
+    // A pipe would wait for somebody who writes.
+    let nowait = rustix::fs::OFlags::NONBLOCK.bits() as i32;
+    let file = OpenOptions::new().read(true).custom_flags(nowait).open(path).map_err(failed)?;
     // Of the open file: what its name stands for may change meanwhile.
     let about = file.metadata().map_err(failed)?;
+    if !about.is_file() {
+        return Err(KeyError::Kind { path: path.to_owned() });
+    }
     if about.mode() & OTHERS != 0 {
         return Err(KeyError::Mode { path: path.to_owned(), mode: about.mode() & 0o7777 });
     }
@@ -174,6 +185,17 @@ mod tests {
         }
         let (_folder, path) = written(&format!("{}\n", "5A".repeat(32)), 0o400);
         assert!(read(&path).is_ok());
+    }
+
+    #[test]
+    fn pipe_or_folder_in_the_place_of_a_key_is_refused_and_not_waited_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe");
+        let mode = rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR;
+        rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, mode, 0).unwrap();
+        for path in [pipe.as_path(), folder.path()] {
+            assert!(matches!(read(path), Err(KeyError::Kind { .. })), "{}", path.display());
+        }
     }
 
     #[test]

@@ -54,6 +54,29 @@ fn digests(folder: &Path) -> BTreeMap<u64, String> {
 }
 
 #[test]
+fn plan_of_several_hosts_is_flown_with_all_of_them_and_the_same_again() {
+    let _turn = among_others();
+    let place = tempfile::tempdir().unwrap();
+    let schedule = bateleur_tests::repository().join("schedules/two-hosts.toml");
+    let fly = |output: &str| {
+        let folder = place.path().join(output);
+        let all = ["campaign", "--flights", "2", "--jobs", "2", "--format", "json", "--schedule"];
+        let mut all = all.map(str::to_owned).to_vec();
+        all.extend([schedule.display().to_string(), "--output".into(), folder.display().to_string()]);
+        let ended = bateleur(&all).end_within(PATIENCE);
+        assert_eq!(ended.summary()["flown"], 2, "{}", ended.stderr);
+        assert!(!ended.stderr.contains("choose one with --module"), "{}", ended.stderr);
+        folder
+    };
+    let (once, again) = (fly("once"), fly("again"));
+    for flight in lines(&once).values() {
+        let command = flight["command"].as_str().unwrap();
+        assert!(command.contains(" --hosts ") && !command.contains("--kill=relay_"), "{command}");
+    }
+    assert_eq!(digests(&once), digests(&again));
+}
+
+#[test]
 fn shards_fly_the_flights_of_the_campaign_in_one_piece_and_no_logs_stay() {
     let _turn = among_others();
     let place = place();

@@ -109,17 +109,23 @@ fn sent_ns(ended: &Ended, relay: &str) -> Vec<u64> {
     windows.filter(|window| window.partition == relay).filter_map(|window| window.granted_ns).collect()
 }
 
-/// What a receiver has to have counted at `until_ns` of what was sent at the instants `sent_ns`.
-fn expected(mut model: LinkModel, sent_ns: &[u64], until_ns: u64) -> [u64; 3] {
+/// What a receiver has to have counted at `until_ns` of what was sent at the instants `sent_ns`: all that came, and of it what had
+/// come before, what never came though later ones did, and what first came after a later one.
+fn expected(mut model: LinkModel, sent_ns: &[u64], until_ns: u64) -> [u64; 4] {
     let mut came: Vec<(u64, usize)> = Vec::new();
     for (number, &at_ns) in sent_ns.iter().enumerate() {
         let arrivals = model.pass(at_ns, 100).into_iter().flatten();
         came.extend(arrivals.filter(|arrives_ns| *arrives_ns <= until_ns).map(|at_ns| (at_ns, number)));
     }
+    came.sort_unstable();
     let received = came.len() as u64;
-    let different: BTreeSet<usize> = came.iter().map(|(_, number)| *number).collect();
+    let (mut different, mut reordered) = (BTreeSet::new(), 0);
+    for (_, number) in came {
+        let overtaken = different.last().is_some_and(|newest| *newest > number);
+        reordered += u64::from(different.insert(number) && overtaken);
+    }
     let newest = different.last().map_or(0, |newest| newest + 1);
-    [received, received - different.len() as u64, (newest - different.len()) as u64]
+    [received, received - different.len() as u64, (newest - different.len()) as u64, reordered]
 }
 
 #[test]
@@ -136,8 +142,10 @@ fn counters_of_a_flight_over_bad_networks_are_what_the_networks_did() {
             let counted = &link["networks"][place];
             assert_eq!(counted["network"], network);
             let model = LinkModel::new(&bad_link(), network, 0, initiator);
-            let found = ["received", "duplicated", "lost"].map(|key| number(&counted[key]));
-            assert_eq!(found, expected(model, &sent, until_ns), "{sender} to {receiver} on {network}");
+            let found = ["received", "duplicated", "lost", "reordered"].map(|key| number(&counted[key]));
+            let expected = expected(model, &sent, until_ns);
+            assert_eq!(found, expected, "{sender} to {receiver} on {network}");
+            assert!(expected.iter().all(|count| *count > 10), "the network does something: {expected:?}");
         }
         assert_nothing_refused(&link);
     }
@@ -223,6 +231,9 @@ fn host_with_the_line_to_the_ground_can_not_come_back_and_the_message_says_so() 
     fly("two-hosts", &["--kill-host", "fcu@60-61"])
         .expect_code(2)
         .expect_words(&["fcu", "its end is the flight's"]);
+    fly("two-hosts", &["--kill-host", "nav@50-51", "--kill-host", "nav@50.5-53"])
+        .expect_code(2)
+        .expect_words(&["nav is dead from 50 s on", "50.5 s"]);
     fly("two-hosts", &["--kill-host", "nav@61-60"]).expect_code(2).expect_words(&["MODULE@FROM-UNTIL"]);
 }
 

@@ -46,6 +46,8 @@ pub struct Following {
     pub within_ns: u64,
     /// After so long without a measurement it is lost, ns.
     pub lost_after_ns: u64,
+    /// A clock that is known worse than this, for as long, is lost too, ns.
+    pub known_within_ns: u64,
 }
 
 /// Whom a module's frames can follow.
@@ -70,6 +72,9 @@ impl Reference {
 
 /// For how long CLOCK_REALTIME may be unsynchronised until that counts, ns: a daemon that is started again takes a while.
 const REALTIME_LOST_AFTER_NS: u64 = 5_000_000_000;
+/// How well CLOCK_REALTIME has to be kept, ns, where the plan does not allow more: what the kernel believes of it grows by half a
+/// millisecond each second since a daemon has spoken last, and some speak once a second.
+const REALTIME_KNOWN_WITHIN_NS: u64 = 1_000_000;
 /// Frames without a measurement after which it counts as lost at the earliest: a link may be silent for a moment.
 const SILENT_FRAMES: u64 = 10;
 
@@ -79,7 +84,8 @@ impl Following {
     pub fn of(plan: &Plan, module: ModuleId) -> Option<Self> {
         if plan[module].clock == ModuleClock::Realtime {
             let (within_ns, lost_after_ns) = (plan[module].follows_within_ns, REALTIME_LOST_AFTER_NS);
-            return Some(Self { reference: Reference::Realtime, within_ns, lost_after_ns });
+            let known_within_ns = within_ns.max(REALTIME_KNOWN_WITHIN_NS);
+            return Some(Self { reference: Reference::Realtime, within_ns, lost_after_ns, known_within_ns });
         }
         let leader = plan[module].follows?;
         let joins = |link: &&crate::plan::Link| link.peer_of(module) == Some(leader);
@@ -88,6 +94,7 @@ impl Following {
         Some(Self {
             reference: Reference::Module(plan[leader].name.clone()),
             within_ns: plan[module].follows_within_ns,
+            known_within_ns: plan[module].follows_within_ns,
             lost_after_ns: silence_ns.max(SILENT_FRAMES * frame_ns),
         })
     }
@@ -157,6 +164,8 @@ pub struct Measured {
     pub phase_ns: f64,
     /// The truth lies no further away, ns.
     pub uncertainty_ns: f64,
+    /// How far the other side's clock itself may be off, with that, ns.
+    pub known_within_ns: f64,
 }
 
 /// See the module's head.
@@ -176,6 +185,8 @@ pub struct Aligner {
     coarse_done: bool,
     /// When something was measured that counted, module time, ns.
     measured_ns: Option<u64>,
+    /// When something did that was known well enough, module time, ns.
+    certain_ns: Option<u64>,
     state: State,
     /// Frames for which the state should be another one.
     otherwise: u32,
@@ -216,6 +227,7 @@ impl Aligner {
             begun_ns: None,
             coarse_done: false,
             measured_ns: None,
+            certain_ns: None,
             state: State::Seeking,
             otherwise: 0,
             exchanges: None,
@@ -258,6 +270,7 @@ impl Aligner {
             frame: told.major_frame,
             phase_ns: told.report.peer_minus_own_ns as f64,
             uncertainty_ns: f64::from(told.report.uncertainty_ns),
+            known_within_ns: f64::from(told.report.uncertainty_ns),
         })
     }
 
@@ -266,7 +279,10 @@ impl Aligner {
     pub fn read(&self, frame: u64, start_ns: u64, sample: &Sample) -> Option<Measured> {
         let length_ns = self.limits.get(self.schedule)?.length_ns;
         let phase_ns = realtime::phase_ns(start_ns, sample.offset_ns, length_ns);
-        Some(Measured { frame, phase_ns, uncertainty_ns: sample.uncertainty_ns as f64 })
+        let uncertainty_ns = sample.uncertainty_ns as f64;
+        // That the machine's clock is off makes its frames no less steady.
+        let known_within_ns = uncertainty_ns + sample.error_ns as f64;
+        Some(Measured { frame, phase_ns, uncertainty_ns, known_within_ns })
     }
 
     /// Why nothing is measured, for the words of an error.
@@ -334,10 +350,13 @@ impl Aligner {
             Taken::Yes | Taken::Anew => {
                 self.figures.measurements += 1;
                 self.measured_ns = Some(module_ns);
+                if measured.known_within_ns <= self.following.known_within_ns as f64 {
+                    self.certain_ns = Some(module_ns);
+                }
             }
         }
         self.figures.measured_ns = Some(nearest(measured.phase_ns, length_ns));
-        self.figures.uncertainty_ns = measured.uncertainty_ns;
+        self.figures.uncertainty_ns = measured.known_within_ns;
     }
 
     fn wanted_ns(&self, limits: &Limits, age_ns: u64) -> i64 {
@@ -363,7 +382,9 @@ impl Aligner {
         let silent = silent_ns > self.following.lost_after_ns;
         let within = self.following.within_ns as f64;
         let error_ns = self.law.phase_ns().map_or(f64::INFINITY, f64::abs);
-        let good = !silent && error_ns <= within && self.law.deviation_ns() <= within;
+        let doubtful_ns = module_ns.saturating_sub(self.certain_ns.unwrap_or(begun_ns));
+        let certain = self.certain_ns.is_some() && doubtful_ns <= self.following.lost_after_ns;
+        let good = !silent && certain && error_ns <= within && self.law.deviation_ns() <= within;
         let (other, reached) = match self.state {
             State::Locked => (!good, State::Lost),
             State::Lost => (good && error_ns <= within / 2.0, State::Locked),
@@ -380,10 +401,16 @@ impl Aligner {
             return Some(Change::Locked);
         }
         self.figures.lost += 1;
-        Some(Change::Lost(self.why_lost(silent.then_some(silent_ns), error_ns, limits)))
+        let doubtful_ns = (!certain).then_some(doubtful_ns);
+        Some(Change::Lost(self.why_lost((silent.then_some(silent_ns), doubtful_ns), error_ns, limits)))
     }
 
-    fn why_lost(&self, silent_ns: Option<u64>, error_ns: f64, limits: &Limits) -> String {
+    fn why_lost(
+        &self,
+        (silent_ns, doubtful_ns): (Option<u64>, Option<u64>),
+        error_ns: f64,
+        limits: &Limits,
+    ) -> String {
         let whom = self.following.reference.name();
         let because = self.silence.as_ref().map(|why| format!(": {why}")).unwrap_or_default();
         match (silent_ns, self.measured_ns) {
@@ -397,6 +424,12 @@ impl Aligner {
                     self.law.drift_ppb() / 1e3
                 )
             }
+            (None, _) if doubtful_ns.is_some() => format!(
+                "the clock of {whom} has not been known to {:.0} us for {:.1} s, but to {:.0} us",
+                self.following.known_within_ns as f64 / 1e3,
+                doubtful_ns.unwrap_or_default() as f64 / 1e9,
+                self.figures.uncertainty_ns / 1e3
+            ),
             (None, _) => format!(
                 "frames begin {:.0} us beside those of {whom}, more than {:.0} us; each is moved by {:.0} us at most",
                 error_ns / 1e3,

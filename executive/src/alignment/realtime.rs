@@ -19,6 +19,8 @@ pub struct Sample {
     pub offset_ns: i128,
     /// How long reading both took: the offset is no further away, ns.
     pub uncertainty_ns: u64,
+    /// How far CLOCK_REALTIME itself is off, as the kernel believes, ns.
+    pub error_ns: u64,
 }
 
 /// The disciplined clock.
@@ -31,14 +33,14 @@ impl Realtime {
     /// # Errors
     /// It can not be trusted, and why.
     pub fn sample(&self) -> Result<Sample, String> {
-        discipline()?;
+        let error_ns = discipline()?;
         let readings = (0..READINGS).map(|_| {
             let before_ns = now_ns();
             let real = clock_gettime(ClockId::Realtime);
             let took_ns = now_ns().saturating_sub(before_ns);
             let real_ns = i128::from(real.tv_sec) * 1_000_000_000 + i128::from(real.tv_nsec);
             let offset_ns = real_ns - i128::from(before_ns) - i128::from(took_ns / 2);
-            Sample { offset_ns, uncertainty_ns: took_ns }
+            Sample { offset_ns, uncertainty_ns: took_ns, error_ns }
         });
         readings.min_by_key(|sample| sample.uncertainty_ns).ok_or_else(|| "it can not be read".into())
     }
@@ -53,18 +55,23 @@ pub(super) fn phase_ns(start_ns: u64, offset_ns: i128, length_ns: u64) -> f64 {
     super::nearest(-(into as f64), length_ns)
 }
 
-/// Whether the kernel says that somebody keeps the clock right.
-fn discipline() -> Result<(), String> {
+/// How far the clock is off, ns, where the kernel says that somebody keeps it right.
+fn discipline() -> Result<u64, String> {
     let mut state = MaybeUninit::<libc::timex>::zeroed();
     // SAFETY: all zeros is a `timex` that asks for nothing to be changed.
     let state = unsafe { state.assume_init_mut() };
     // SAFETY: the structure is the caller's own, and the call fills it in.
     let result = unsafe { libc::adjtimex(state) };
-    judge(result, state.status, state.maxerror)
+    judge(result, state.status, (state.esterror, state.maxerror))
 }
 
-/// What `adjtimex` has said, in words.
-fn judge(result: i32, status: i32, max_error_us: libc::c_long) -> Result<(), String> {
+/// What `adjtimex` has said: the error, or in words why there is none. Of the two errors in µs, the estimated and the largest, some
+/// daemons tell only one: what they do not tell stays at 16 s.
+fn judge(
+    result: i32,
+    status: i32,
+    (error_us, max_error_us): (libc::c_long, libc::c_long),
+) -> Result<u64, String> {
     let mend = "start chrony, ntpd or phc2sys";
     match result {
         -1 => Err("the kernel does not say how CLOCK_REALTIME is kept".into()),
@@ -73,7 +80,7 @@ fn judge(result: i32, status: i32, max_error_us: libc::c_long) -> Result<(), Str
             "CLOCK_REALTIME is not synchronised (wrong by {:.1} s at most, as the kernel counts): {mend}",
             max_error_us as f64 / 1e6
         )),
-        _ => Ok(()),
+        _ => Ok(u64::try_from(error_us.min(max_error_us)).unwrap_or(0).saturating_mul(1_000)),
     }
 }
 
@@ -93,11 +100,12 @@ mod tests {
 
     #[test]
     fn clock_that_nobody_keeps_is_not_trusted_and_the_mend_is_said() {
-        assert!(judge(libc::TIME_OK, 0, 1).is_ok());
+        assert_eq!(judge(libc::TIME_OK, 0, (16_000_000, 500)), Ok(500_000), "as phc2sys has it");
+        assert_eq!(judge(libc::TIME_OK, 0, (12, 30_000)), Ok(12_000), "as chrony has it");
         for (result, status) in [(libc::TIME_ERROR, 0), (libc::TIME_OK, libc::STA_UNSYNC)] {
-            assert!(judge(result, status, 16_000_000).unwrap_err().contains("chrony"));
+            assert!(judge(result, status, (16_000_000, 16_000_000)).unwrap_err().contains("chrony"));
         }
-        assert!(judge(-1, 0, 0).is_err());
+        assert!(judge(-1, 0, (0, 0)).is_err());
     }
 
     #[test]

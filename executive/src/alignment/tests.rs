@@ -24,7 +24,12 @@ fn timelines(text: &str) -> Vec<Timeline> {
 }
 
 fn following() -> Following {
-    Following { reference: Reference::Module("b".into()), within_ns: 1_000_000, lost_after_ns: 1_000_000_000 }
+    Following {
+        reference: Reference::Module("b".into()),
+        within_ns: 1_000_000,
+        lost_after_ns: 1_000_000_000,
+        known_within_ns: 1_000_000,
+    }
 }
 
 /// The next number of a SplitMix64 sequence, 0 to 1.
@@ -232,6 +237,143 @@ fn leader_that_begins_anew_with_another_phase_is_followed_by_small_steps() {
 }
 
 #[test]
+fn leader_whose_clock_is_not_known_well_enough_any_more_is_lost_until_it_is() {
+    let mut world = World::new(4, 0.0);
+    world.fly(300, FAIR);
+    world.changes.clear();
+    // A detour of 1.5 ms each way: the exchanges come, and say less than is asked.
+    let detour = Weather { way_ns: 1.5 * MS, ..FAIR };
+    let begun = world.frame;
+    world.fly(9, detour);
+    assert!(world.is(State::Locked), "not for a moment of it");
+    world.fly(10, detour);
+    let [(at, Change::Lost(why))] = &world.changes[..] else { panic!("{:?}", world.changes) };
+    assert!((begun + 10..begun + 16).contains(at), "{at} after {begun}");
+    assert!(why.contains("the clock of b has not been known to 1000 us"), "{why}");
+    world.fly(20, FAIR);
+    assert!(world.is(State::Locked));
+}
+
+#[test]
+fn leader_that_was_never_known_well_enough_is_not_locked_to() {
+    let mut world = World::new(4, 0.0);
+    world.fly(150, Weather { way_ns: 1.5 * MS, ..FAIR });
+    assert!(
+        matches!(&world.changes[..], [(at, Change::Lost(why))] if (100..110).contains(at) && why.contains("been known to")),
+        "{:?}",
+        world.changes
+    );
+}
+
+/// A module on the disciplined clock of its machine, which is read in each frame.
+struct OnRealtime {
+    agenda: Agenda,
+    aligner: Aligner,
+    frame: u64,
+    /// When the frame began, CLOCK_MONOTONIC, ns.
+    start_ns: u64,
+    /// CLOCK_REALTIME less CLOCK_MONOTONIC, ns.
+    offset_ns: i128,
+    /// What the kernel says: the clock's error, or why there is none.
+    said: Result<u64, String>,
+    changes: Vec<Change>,
+}
+
+impl OnRealtime {
+    fn new(offset_ns: i128) -> Self {
+        let following = Following {
+            reference: Reference::Realtime,
+            within_ns: 200_000,
+            lost_after_ns: REALTIME_LOST_AFTER_NS,
+            known_within_ns: REALTIME_KNOWN_WITHIN_NS,
+        };
+        Self {
+            agenda: Agenda::new(0),
+            aligner: Aligner::new(following, &timelines(PLAN)),
+            frame: 0,
+            start_ns: 0,
+            offset_ns,
+            said: Ok(20_000),
+            changes: Vec::new(),
+        }
+    }
+
+    /// How far from a multiple of 100 ms of CLOCK_REALTIME the frame has begun, ns.
+    fn beside_ns(&self) -> u64 {
+        let into = (i128::from(self.start_ns) + self.offset_ns).rem_euclid(i128::from(FRAME_NS)) as u64;
+        into.min(FRAME_NS - into)
+    }
+
+    /// Largest distance over some frames, ns.
+    fn fly(&mut self, frames: u64) -> u64 {
+        let mut worst_ns = 0;
+        for _ in 0..frames {
+            let measured = match &self.said {
+                Ok(error_ns) => {
+                    self.aligner.silent(None);
+                    let (offset_ns, error_ns) = (self.offset_ns, *error_ns);
+                    let sample = Sample { offset_ns, uncertainty_ns: 500, error_ns };
+                    self.aligner.read(self.frame, self.start_ns, &sample)
+                }
+                Err(why) => {
+                    self.aligner.silent(Some(why.clone()));
+                    None
+                }
+            };
+            self.changes.extend(self.aligner.step(&self.agenda, self.start_ns + FRAME_NS / 2, measured));
+            self.start_ns += FRAME_NS.saturating_add_signed(self.agenda.shift(self.frame).unwrap());
+            self.frame += 1;
+            assert_eq!(self.agenda.decide(self.frame, self.start_ns, 0), Some(0));
+            let _ = self.agenda.shift(self.frame);
+            worst_ns = worst_ns.max(self.beside_ns());
+        }
+        worst_ns
+    }
+}
+
+#[test]
+fn frames_on_the_disciplined_clock_are_locked_to_its_multiples_and_stay_there() {
+    for offset_ns in [0, 37 * 1_000_000, 1_700_000_000_073_456_789, -12_345_678] {
+        let mut module = OnRealtime::new(offset_ns);
+        module.fly(50);
+        assert_eq!(module.changes, [Change::Locked], "{offset_ns}");
+        assert!(module.fly(100) < 2_000, "{offset_ns}");
+        assert_eq!(module.changes.len(), 1, "{:?}", module.changes);
+    }
+}
+
+#[test]
+fn disciplined_clock_that_is_set_or_kept_badly_or_by_nobody_is_lost_and_found_again() {
+    let mut module = OnRealtime::new(0);
+    module.fly(100);
+    module.changes.clear();
+    module.offset_ns += 3_000_000; // somebody sets it
+    module.fly(30);
+    assert!(matches!(&module.changes[..], [Change::Lost(why)] if why.contains("beside those of realtime")));
+    module.fly(100);
+    assert_eq!(module.changes.last(), Some(&Change::Locked));
+    module.changes.clear();
+    module.said = Ok(4_000_000);
+    module.fly(70);
+    assert!(
+        matches!(&module.changes[..], [Change::Lost(why)] if why.contains("but to 40") && why.contains("known to 1000 us")),
+        "{:?}",
+        module.changes
+    );
+    module.said = Ok(20_000);
+    module.fly(20);
+    assert_eq!(module.changes.last(), Some(&Change::Locked));
+    module.changes.clear();
+    module.said = Err("CLOCK_REALTIME is not synchronised".into());
+    module.fly(70);
+    assert!(
+        matches!(&module.changes[..], [Change::Lost(why)] if why.contains("not synchronised")),
+        "{:?}",
+        module.changes
+    );
+}
+
+#[test]
 fn leader_that_never_comes_is_lost_after_ten_seconds_and_no_frame_is_moved() {
     let mut world = World::new(1, 30.0 * MS);
     world.fly(300, GONE);
@@ -277,7 +419,7 @@ fn old_reports_and_those_of_frames_that_never_were_are_not_taken() {
     assert!(world.aligner.heard(&told(world.frame, 901), world.frame).is_some());
     assert_eq!(world.aligner.heard(&told(world.frame, 901), world.frame), None, "no other exchange");
     let before = *world.aligner.law();
-    let ancient = Measured { frame: 3, phase_ns: 9e6, uncertainty_ns: 1.0 };
+    let ancient = Measured { frame: 3, phase_ns: 9e6, uncertainty_ns: 1.0, known_within_ns: 1.0 };
     world.aligner.take(&ancient, FRAME_NS, 0);
     assert_eq!(*world.aligner.law(), before);
 }

@@ -249,6 +249,10 @@ rules! {
         "The network would count as down between two datagrams that come in time."
     TRANSPORT_ABSENT: Error "K21-transport-absent" "link_transport_absent"
         "A relay that does not contain the link's transport does not start."
+    RELAY_WINDOW_SHORT: Error "K22-relay-window-short" "link_relay_window_short"
+        "A module has one relay for all its links: what they send takes its time in one window, one datagram after the other."
+    TOO_MANY_LINKS: Error "K23-too-many-links" "link_too_many"
+        "What a relay says of its links has room for so many, and for no more."
 
     UNKNOWN_ERROR: Error "H01-unknown-error" "health_unknown_error"
         "An action for an error that never occurs protects from nothing."

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use bateleur_contract::relay::{DATAGRAM_OVERHEAD_BYTES, ENTRY_OVERHEAD_BYTES, STATUS_PORT};
+use bateleur_contract::relay::{DATAGRAM_OVERHEAD_BYTES, ENTRY_OVERHEAD_BYTES, SENDING_NS, STATUS_PORT};
 use bateleur_contract::{ClockRole, LinkTable, PathTable, PortKind, RelayChannel, RelayTable};
 use serde::Serialize;
 
@@ -61,9 +61,15 @@ pub(super) fn window_load_bytes(carried: &[Carried], starts: &[u64], major_ns: u
     carried.iter().map(one).fold(0, u64::saturating_add)
 }
 
-/// How many datagrams a relay may send in a window.
+/// How many datagrams of a link a relay may send in a window: one, and others as long as there is time for one more.
 fn datagrams_in(window_ns: u64, gap_ns: u64) -> u64 {
-    1 + window_ns / gap_ns.max(1)
+    1 + window_ns.saturating_sub(SENDING_NS) / gap_ns.max(1)
+}
+
+/// How many datagrams a relay sends in a window that has `load_bytes` for a link: one in any case, and what the gap lets go.
+pub(super) fn datagrams_for(load_bytes: u64, max_bytes: u32, gap_ns: u64, window_ns: u64) -> u64 {
+    let room = u64::from(max_bytes.saturating_sub(DATAGRAM_OVERHEAD_BYTES)).max(1);
+    load_bytes.div_ceil(room).clamp(1, datagrams_in(window_ns, gap_ns))
 }
 
 /// What a relay can send in a window, bytes of messages and their heads.
@@ -277,6 +283,9 @@ impl Plan {
                 network: self[network].name.clone(),
                 local: self[module].address_on(network)?,
                 remote: self[peer].address_on(network)?,
+                latency_ns: self[network]
+                    .latency_ns
+                    .saturating_add(time_on_the_wire_ns(link.max_bytes, self[network].rate_bits_per_s)),
             })
         };
         Some(LinkTable {

@@ -26,6 +26,7 @@ mod session;
 mod tag;
 #[cfg(test)]
 mod tests;
+mod transit;
 pub mod transport;
 mod wire;
 

@@ -21,6 +21,7 @@ use crate::sections::Sections;
 use crate::sequence::{Seen, Sequences};
 use crate::session::{Claim, Draw, Session, Verdict};
 use crate::tag::{Key, Seal, TAG_BYTES, Tags};
+use crate::transit::{self, Transit};
 use crate::wire::{
     self, CHANNELS, HEADER_BYTES, Header, KIND_MESSAGES, KIND_SECTIONS, MAGIC, MESSAGE_BYTES, PIECE_BYTES,
     Part, Parts, Rejection, VERSION,
@@ -30,6 +31,8 @@ use crate::wire::{
 pub(crate) const LONGEST: u32 = 65_507;
 /// The shortest limit with which anything can be said, bytes: a piece beside another that is being sent.
 const SHORTEST: usize = HEADER_BYTES + TAG_BYTES + 2 * (MESSAGE_BYTES + PIECE_BYTES + LEAST_PIECE);
+/// So many datagrams that are refused on a network on which nothing was ever heard are told: a few are usual at a meeting.
+const REFUSED: u64 = 20;
 /// Events that wait to be taken, most; further ones are dropped, and states tell what they would have told.
 const EVENTS: usize = 64;
 
@@ -87,6 +90,17 @@ pub enum Event {
     PlanDiffers(String),
     /// A queue was full (the channel's place in the table).
     Overflow(usize),
+    /// Datagrams of a network (its place in the table) take longer than the plan says, both in ns.
+    NetworkSlow {
+        /// The network.
+        network: usize,
+        /// The longest that one was on its way of late.
+        took_ns: u64,
+        /// What the plan says.
+        allowed_ns: u64,
+    },
+    /// None of a network does any more.
+    NetworkInTime(usize),
 }
 
 /// The module's major frame.
@@ -139,11 +153,14 @@ pub struct Link {
     /// Of lives that are over: datagrams lost in all, and on each network.
     lost_before: (u64, [u64; NETWORKS]),
     networks: Vec<Presence>,
+    transits: Vec<Transit>,
     clock: PeerClock,
     /// `sent_ns` of the peer's latest datagram, and when it came.
     echo: (u64, u64),
     peer_frame: Option<Frame>,
     differs: bool,
+    /// That what comes on a silent network is refused has been said.
+    refusals_told: [bool; NETWORKS],
     /// What was said last of a plan that differs.
     said: Option<Event>,
     was_up: bool,
@@ -195,10 +212,12 @@ impl Link {
             sequences: None,
             lost_before: Default::default(),
             networks: link.paths.iter().map(|_| Presence::new(link.lost_after_ns)).collect(),
+            transits: link.paths.iter().map(|path| Transit::new(path.latency_ns)).collect(),
             clock: PeerClock::new(),
             echo: (0, 0),
             peer_frame: None,
             differs: false,
+            refusals_told: Default::default(),
             said: None,
             was_up: false,
             pace: Pace::new(link.gap_ns),
@@ -253,6 +272,7 @@ impl Link {
         for network in 0..self.networks.len() {
             let change = self.networks[network].look(now_ns);
             self.note_network(network, change);
+            self.look_at_refusals(network, change == Some(Change::Never));
         }
         if !self.networks.iter().any(Presence::is_up) {
             self.session.silent();
@@ -262,6 +282,19 @@ impl Link {
             channel.look(now_ns, patience, &mut noting(events, sink));
         }
         self.note_state();
+    }
+
+    /// Whoever was said to be silent may come later and be refused: that is another fault, with another mend.
+    fn look_at_refusals(&mut self, network: usize, just_told: bool) {
+        let came = self.counters.networks[network].received;
+        if just_told {
+            self.refusals_told[network] = came > 0; // with the silence
+        } else if came >= REFUSED
+            && self.networks[network].is_told_silent()
+            && !std::mem::replace(&mut self.refusals_told[network], true)
+        {
+            self.note(Event::NetworkSilent(network));
+        }
     }
 
     /// When the next datagram may begin, own module time, ns.
@@ -386,6 +419,13 @@ impl Link {
         self.clock.estimate(now_ns)
     }
 
+    /// The longest that a datagram was on its way on a network of late, and what the plan allows, ns; 0: nothing was measured, or
+    /// nothing is said.
+    #[must_use]
+    pub fn transit_ns(&self, network: usize) -> (u64, u64) {
+        self.transits.get(network).map_or((0, 0), |transit| (transit.longest_ns(), transit.allowed_ns()))
+    }
+
     /// The peer's major frame as of its latest datagram, in the peer's module time.
     #[must_use]
     pub fn peer_frame(&self) -> Option<Frame> {
@@ -480,9 +520,27 @@ impl Link {
                 true
             }
         };
-        let change = self.networks[arrival.network].heard(arrival.came_ns);
+        let change = self.networks[arrival.network].heard_at(arrival.came_ns, arrival.now_ns);
         self.note_network(arrival.network, change);
+        self.take_transit(header, arrival);
         Ok(first.then_some(newest))
+    }
+
+    /// How long a datagram of the peer's life was on its way, as far as the peer's clock is known.
+    fn take_transit(&mut self, header: &Header, arrival: Arrival) {
+        let Some(estimate) = self.clock.estimate(arrival.now_ns) else { return };
+        let left_ns = clock::own_ns(header.sent_ns.get(), estimate.offset_ns);
+        let took_ns = arrival.came_ns.saturating_sub(left_ns);
+        let network = arrival.network;
+        let transit = &mut self.transits[network];
+        let allowed_ns = transit.allowed_ns();
+        match transit.took(took_ns, estimate.exchanges, arrival.now_ns) {
+            None => {}
+            Some(transit::Change::Slow(took_ns)) => {
+                self.note(Event::NetworkSlow { network, took_ns, allowed_ns })
+            }
+            Some(transit::Change::InTime) => self.note(Event::NetworkInTime(network)),
+        }
     }
 
     fn begin_life(&mut self, sequence: u64, sink: Sink<'_>) {

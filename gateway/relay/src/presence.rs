@@ -30,8 +30,14 @@ impl Presence {
         Self { lost_after_ns, since_ns: None, heard: false, up: false, told: false }
     }
 
-    /// A datagram of the peer that lives came on it.
-    pub(crate) fn heard(&mut self, now_ns: u64) -> Option<Change> {
+    /// A datagram of the peer that lives came on it at `came_ns`. One that has lain in the socket for as long as a network may be silent
+    /// says nothing of the present, as behind a flood.
+    pub(crate) fn heard_at(&mut self, came_ns: u64, now_ns: u64) -> Option<Change> {
+        let is_old = now_ns.saturating_sub(came_ns) > self.lost_after_ns;
+        if is_old { None } else { self.heard(came_ns) }
+    }
+
+    fn heard(&mut self, now_ns: u64) -> Option<Change> {
         // What came on another socket first may be a little older.
         self.since_ns =
             Some(self.since_ns.filter(|_| self.up).map_or(now_ns, |since_ns| since_ns.max(now_ns)));
@@ -63,6 +69,11 @@ impl Presence {
         tell.then_some(Change::Never)
     }
 
+    /// Whether nothing was ever heard, and that has been said.
+    pub(crate) fn is_told_silent(&self) -> bool {
+        self.told && !self.heard
+    }
+
     pub(crate) fn is_up(&self) -> bool {
         self.up
     }
@@ -84,6 +95,19 @@ mod tests {
         assert!(!network.is_up());
         assert_eq!(network.heard(500), Some(Change::Back));
         assert!(network.is_up());
+    }
+
+    #[test]
+    fn what_lay_in_a_socket_for_too_long_brings_no_network_back() {
+        let mut network = Presence::new(100);
+        assert_eq!(network.heard_at(50, 60), Some(Change::First));
+        assert_eq!(network.look(200), Some(Change::Gone));
+        for now_ns in [300, 400, 500] {
+            assert_eq!(network.heard_at(now_ns - 101, now_ns), None);
+            assert_eq!(network.look(now_ns), None, "neither back nor gone once more");
+        }
+        assert_eq!(network.heard_at(590, 600), Some(Change::Back));
+        assert_eq!(network.look(600), None);
     }
 
     #[test]

@@ -7,6 +7,8 @@ use bateleur_contract::relay::{LinkTable, RelayTable};
 const DIGEST: usize = 8;
 /// Longer names are cut, bytes.
 const NAME: usize = 80;
+/// Bytes of the mark behind parts of which some did not fit: a part without a name.
+const MARK: usize = 1 + DIGEST;
 /// Names in a message to the operator, which is short.
 const NAMED: usize = 3;
 
@@ -60,12 +62,15 @@ impl Sections {
         Self(parts)
     }
 
-    /// Appends as many parts as fit into `room` bytes; gives their number.
+    /// Appends as many parts as fit into `room` bytes, the first ones in their order, and a mark where those are not all; gives the
+    /// number of what was appended.
     pub(crate) fn put(&self, datagram: &mut Vec<u8>, room: usize) -> u16 {
-        let end = datagram.len() + room;
+        let length = |part: &Section| 1 + part.name.len() + DIGEST;
+        let whole = self.0.iter().map(length).sum::<usize>() <= room;
+        let end = datagram.len() + if whole { room } else { room.saturating_sub(MARK) };
         let mut count = 0;
         for part in &self.0 {
-            if datagram.len() + 1 + part.name.len() + DIGEST > end {
+            if datagram.len() + length(part) > end {
                 break;
             }
             datagram.push(part.name.len() as u8); // at most NAME
@@ -73,12 +78,20 @@ impl Sections {
             datagram.extend_from_slice(&part.digest);
             count += 1;
         }
+        if !whole && room >= MARK {
+            datagram.extend_from_slice(&[0; MARK]);
+            count += 1;
+        }
         count
     }
 
     /// What differs from the peer's parts, in words; nothing where the bytes are not those of parts.
     pub(crate) fn compare(&self, bytes: &[u8], count: u16) -> Option<String> {
-        let theirs = read(bytes, count)?;
+        let mut theirs = read(bytes, count)?;
+        // What stands behind the last that fitted is not known to be absent.
+        let cut = theirs.pop_if(|part| part.name.is_empty()).is_some();
+        let end = theirs.last().filter(|_| cut).map(|last| last.name.clone());
+        let told = |part: &Section| end.as_ref().is_none_or(|end| part.name <= *end);
         let other = |part: &Section| theirs.iter().find(|theirs| theirs.name == part.name);
         let differing = |part: &&Section| other(part).is_some_and(|theirs| theirs.digest != part.digest);
         let names = |parts: &[&Section]| {
@@ -89,7 +102,7 @@ impl Sections {
             text.join(", ")
         };
         let differ: Vec<&Section> = self.0.iter().filter(differing).collect();
-        let here: Vec<&Section> = self.0.iter().filter(|part| other(part).is_none()).collect();
+        let here: Vec<&Section> = self.0.iter().filter(|part| other(part).is_none() && told(part)).collect();
         let there: Vec<&Section> =
             theirs.iter().filter(|part| !self.0.iter().any(|own| own.name == part.name)).collect();
         let mut said = Vec::new();
@@ -98,7 +111,11 @@ impl Sections {
                 said.push(format!("{what}: {}", names(&parts)));
             }
         }
-        Some(if said.is_empty() { "differs beyond this link".into() } else { said.join("; ") })
+        Some(match (said.is_empty(), cut) {
+            (false, _) => said.join("; "),
+            (true, false) => "differs beyond this link".into(),
+            (true, true) => "differs in a part for which a datagram has no room".into(),
+        })
     }
 }
 
@@ -117,4 +134,43 @@ fn read(mut bytes: &[u8], count: u16) -> Option<Vec<Section>> {
         bytes = rest;
     }
     bytes.is_empty().then_some(sections)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Parts `a0` to `a9` whose digests are those of the words.
+    fn parts(words: &[&str]) -> Sections {
+        let part = |(number, word): (usize, &&str)| Section::new(format!("a{number}"), word);
+        Sections(words.iter().enumerate().map(part).collect())
+    }
+
+    fn told(from: &Sections, to: &Sections, room: usize) -> String {
+        let mut datagram = vec![7; 3];
+        let count = from.put(&mut datagram, room);
+        assert!(datagram.len() <= 3 + room);
+        to.compare(&datagram[3..], count).unwrap()
+    }
+
+    #[test]
+    fn part_that_had_no_room_in_the_datagram_is_not_told_as_a_difference() {
+        let (here, there) = (parts(&["x", "y", "z", "u", "v"]), parts(&["x", "w", "z", "u", "v"]));
+        let whole = 5 * (1 + 2 + DIGEST);
+        for room in [whole, whole - 1, 3 * (1 + 2 + DIGEST) + MARK] {
+            assert_eq!(told(&there, &here, room), "differs in: a1", "{room}");
+        }
+        let last = parts(&["x", "y", "z", "u", "other"]);
+        assert_eq!(told(&last, &here, whole), "differs in: a4");
+        let expected = "differs in a part for which a datagram has no room";
+        assert_eq!(told(&last, &here, whole - 1), expected);
+    }
+
+    #[test]
+    fn part_that_only_one_end_has_is_told_where_the_order_shows_it() {
+        let (more, less) =
+            (parts(&["x", "y", "z"]), Sections(vec![Section::new("a0", "x"), Section::new("a2", "z")]));
+        assert_eq!(told(&less, &more, 100), "only here: a1");
+        assert_eq!(told(&more, &less, 100), "only there: a1");
+    }
 }

@@ -29,6 +29,11 @@ pub const KEY_BYTES: usize = 32;
 pub const DATAGRAM_OVERHEAD_BYTES: u32 = 128;
 /// What a message has beside its own bytes, at most: its head, for each piece if it was split. Counted as above.
 pub const ENTRY_OVERHEAD_BYTES: u32 = 32;
+/// What a relay takes at most to make a datagram and send it on a link's networks, ns: in the last part of a window that is as long
+/// it begins none, and the plan counts with it.
+pub const SENDING_NS: u64 = 100_000;
+/// Links of a module, most: a relay reports on so many.
+pub const MOST_LINKS: usize = 8;
 /// Digits of the plan's digest, hexadecimal.
 pub const DIGEST_DIGITS: usize = 64;
 
@@ -104,6 +109,10 @@ pub struct PathTable {
     pub local: SocketAddr,
     /// Where the other end does.
     pub remote: SocketAddr,
+    /// The most that a datagram of full length takes on it, as the plan says, ns: one that takes longer is told. 0: nothing is
+    /// said.
+    #[serde(default)]
+    pub latency_ns: u64,
 }
 
 /// One channel that crosses.
@@ -192,6 +201,7 @@ mod tests {
                     network: "a".into(),
                     local: "10.77.0.1:15300".parse().unwrap(),
                     remote: "[fd00::2]:15300".parse().unwrap(),
+                    latency_ns: 623_000,
                 }],
                 channels: vec![RelayChannel {
                     id: 3,

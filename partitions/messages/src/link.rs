@@ -92,6 +92,11 @@ message! {
         pub redundant: [u64; PATHS],
         /// Datagrams that came after a later one of the same network.
         pub reordered: [u64; PATHS],
+        /// The longest that a datagram was on its way within the last second or two, ns, as far as the clocks of both ends are
+        /// known; 0: nothing was measured.
+        pub latency_ns: [f64; PATHS],
+        /// The longest that it may be, as the plan says, ns; 0: nothing is said.
+        pub allowed_ns: [f64; PATHS],
         /// Refused datagrams, by reason: truncated, giant, foreign, version, link, key, plan, restart, replay, malformed,
         /// channel, stranger; 12 for each link.
         pub rejected: [u64; REFUSALS],

@@ -187,6 +187,8 @@ fn json_of(said: &Said) -> Value {
                 "redundant": status.redundant[path],
                 "reordered": status.reordered[path],
                 "age_ns": age_ns(status, path),
+                "latency_ns": said_ns(status.latency_ns[path]),
+                "allowed_ns": said_ns(status.allowed_ns[path]),
             })
         });
         value["networks"] = networks.collect();
@@ -198,6 +200,23 @@ fn json_of(said: &Said) -> Value {
         "starts": said.status.as_ref().map(|status| status.starts),
         "links": said.names.iter().map(link).collect::<Vec<_>>(),
     })
+}
+
+/// A time that is 0 where it is not known.
+fn said_ns(time_ns: f64) -> Option<f64> {
+    (time_ns > 0.0).then_some(time_ns)
+}
+
+/// How long datagrams are on their way of late, in words.
+fn way(status: &LinkStatus, path: usize) -> String {
+    let us = |time_ns: f64| time_ns / 1e3;
+    match (said_ns(status.latency_ns[path]), said_ns(status.allowed_ns[path])) {
+        (None, _) => String::new(),
+        (Some(latency_ns), None) => format!(", up to {:.1} us on the way", us(latency_ns)),
+        (Some(latency_ns), Some(allowed_ns)) => {
+            format!(", up to {:.1} of {:.1} us on the way", us(latency_ns), us(allowed_ns))
+        }
+    }
 }
 
 /// How long ago the peer was heard on a network, ns; none: never.
@@ -251,9 +270,10 @@ fn link_text(out: &mut String, status: &LinkStatus, place: usize, name: &LinkNam
         };
         let _ = writeln!(
             out,
-            "    network {}: {}, {heard}; {} sent, {} received, {} lost, {} late, {} twice, {} also on the other, {} out of order",
+            "    network {}: {}, {heard}{}; {} sent, {} received, {} lost, {} late, {} twice, {} also on the other, {} out of order",
             printable(network),
             if status.up[path] == 1 { "up" } else { "down" },
+            way(status, path),
             status.sent[path],
             status.received[path],
             status.lost[path],
@@ -286,6 +306,7 @@ mod tests {
         status.offset_ns[0] = -1500.0;
         status.up[0] = 1;
         status.heard_ns[0] = 1_980_000_000;
+        (status.latency_ns[0], status.allowed_ns[0]) = (41_000.0, 623_040.0);
         status.rejected[LinkStatus::refusal(0, 5)] = 7;
         let networks = vec!["a".to_owned(), "b".to_owned()];
         let names = vec![LinkName { id: 4, name: "nav".into(), peer: "fcu".into(), networks }];
@@ -299,8 +320,8 @@ mod tests {
             "link nav to fcu: up",
             "11 sent",
             "-1.5 us",
-            "network a: up, heard 20.0 ms ago",
-            "network b: down, never heard",
+            "network a: up, heard 20.0 ms ago, up to 41.0 of 623.0 us on the way;",
+            "network b: down, never heard;",
             "7 key",
         ] {
             assert!(text.contains(part), "no {part:?} in\n{text}");
@@ -315,6 +336,8 @@ mod tests {
         assert_eq!(link["rejected"]["key"], 7);
         assert_eq!(link["networks"][0]["age_ns"], 20_000_000);
         assert_eq!(link["networks"][1]["age_ns"], Value::Null);
+        assert_eq!(link["networks"][0]["latency_ns"], 41_000.0);
+        assert_eq!(link["networks"][1]["latency_ns"], Value::Null);
         assert_eq!(link["clock"]["offset_ns"], -1500.0);
     }
 }

@@ -3,6 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::net::SocketAddr;
 
+use bateleur_contract::relay::{MOST_LINKS, SENDING_NS};
+
 use super::Context;
 use super::laid::Laid;
 use super::windows::gaps;
@@ -12,7 +14,7 @@ use crate::plan::closed::{Kind, ModuleClock, Transport};
 use crate::plan::findings::{Finding, Span};
 use crate::plan::latency::Hop;
 use crate::plan::links::{self, Carried, LARGEST_DATAGRAM, LONGEST_GAP_MS, SMALLEST_DATAGRAM};
-use crate::plan::raw::{RawFile, RawLink};
+use crate::plan::raw::{RawFile, RawLink, RawSchedule};
 use crate::plan::reader::At;
 use crate::plan::relays::{self, Crossing};
 use crate::plan::units::{ShowRate, ShowTime};
@@ -35,6 +37,7 @@ pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
         not_zero(cx, link);
         unused(cx, place, link, &crossings);
     }
+    too_many(cx);
     transports(cx);
     carried(cx, &crossings);
     relay_names(cx, &crossings);
@@ -268,6 +271,19 @@ fn unused(cx: &Context<'_>, place: usize, link: &RawLink, crossings: &[Crossing]
     }
 }
 
+fn too_many(cx: &Context<'_>) {
+    for (number, module) in cx.file.modules.iter().enumerate() {
+        let has = |link: &&RawLink| cx.names.link_ends(link).is_some_and(|ends| ends.contains(&number));
+        let links: Vec<&RawLink> = cx.file.links.iter().filter(has).collect();
+        let Some(first_beyond) = links.get(MOST_LINKS) else { continue };
+        let message = format!("module `{}` has {} links", module.name.value, links.len());
+        let mend =
+            format!("join it with {MOST_LINKS} others at most, and let one of those carry for the rest");
+        let finding = Finding::new(&catalogue::TOO_MANY_LINKS, &first_beyond.name.span, message, mend);
+        cx.add(finding.also(&module.name.span, "the module"));
+    }
+}
+
 fn transports(cx: &Context<'_>) {
     let mut seen: BTreeMap<usize, &RawLink> = BTreeMap::new();
     let of = |link: &RawLink| link.transport.get().map_or(defaults::TRANSPORT, |word| word.0);
@@ -360,7 +376,7 @@ fn relay_windows(cx: &Context<'_>, laid: &[Laid], crossings: &[Crossing]) {
         for (schedule, laid) in cx.file.schedules.iter().zip(laid) {
             let has = schedule.windows.iter().any(|window| cx.names.owner(window) == Some(relay));
             if has {
-                in_windows(cx, laid, module, relay, crossings);
+                in_windows(cx, (schedule, laid), (module, relay), crossings);
             } else if !unknown(&schedule) {
                 let module = &cx.file.modules[module].name;
                 let message = format!(
@@ -378,8 +394,14 @@ fn relay_windows(cx: &Context<'_>, laid: &[Laid], crossings: &[Crossing]) {
     }
 }
 
-/// Gap, load and patience of each link of a module, against the windows of its relay.
-fn in_windows(cx: &Context<'_>, laid: &Laid, module: usize, relay: usize, crossings: &[Crossing]) {
+/// Gap, load and patience of each link of a module, against the windows of its relay, and all of them against the shortest.
+fn in_windows(
+    cx: &Context<'_>,
+    (schedule, laid): (&RawSchedule, &Laid),
+    (module, relay): (usize, usize),
+    crossings: &[Crossing],
+) {
+    let mut sent: Vec<u64> = Vec::new();
     let mut windows = laid.windows(relay);
     windows.sort_unstable();
     let starts: Vec<u64> = windows.iter().map(|window| window.0).collect();
@@ -403,7 +425,7 @@ fn in_windows(cx: &Context<'_>, laid: &Laid, module: usize, relay: usize, crossi
             let mend = "shorten the gap, or give the relay fewer windows with `minor`";
             cx.note(&catalogue::GAP_TOO_LONG, &gap.span, message, mend);
         }
-        load(cx, laid, (module, &windows), link, crossings);
+        sent.extend(load(cx, laid, (module, &windows), link, crossings));
         let patience = link.lost_after.get().map_or(defaults::LOST_AFTER_NS, |after| after.0);
         if patience < longest.saturating_mul(2) {
             let span = link.lost_after.said().map_or(&link.name.span, |said| &said.span);
@@ -417,19 +439,47 @@ fn in_windows(cx: &Context<'_>, laid: &Laid, module: usize, relay: usize, crossi
             cx.note(&catalogue::SILENCE_TOO_SHORT, span, message, mend);
         }
     }
+    long_enough(cx, (schedule, relay), &sent);
 }
 
+/// Whether the shortest window of a relay is as long as sending takes that has so many datagrams for each link.
+fn long_enough(cx: &Context<'_>, (schedule, relay): (&RawSchedule, usize), sent: &[u64]) {
+    let own = schedule.windows.iter().filter(|window| cx.names.owner(window) == Some(relay));
+    let Some(shortest) = own.filter_map(|window| window.duration.said()).min_by_key(|said| said.value.0)
+    else {
+        return;
+    };
+    let datagrams = sent.iter().copied().fold(0, u64::saturating_add);
+    let takes_ns = datagrams.saturating_mul(SENDING_NS);
+    if takes_ns <= shortest.value.0 {
+        return;
+    }
+    let message = format!(
+        "`{}` sends {datagrams} datagram(s) for {} link(s) in a window, which take up to {}, and has one of {}",
+        cx.file.partitions[relay].name.value,
+        sent.len(),
+        ShowTime(takes_ns),
+        ShowTime(shortest.value.0)
+    );
+    let mend = format!(
+        "let the window last {} or longer, let `max_bytes` be larger where a link needs several, or let less cross",
+        ShowTime(takes_ns)
+    );
+    cx.note(&catalogue::RELAY_WINDOW_SHORT, &shortest.span, message, mend);
+}
+
+/// Looks at what a link has to send in a window; gives the datagrams that the relay makes of it.
 fn load(
     cx: &Context<'_>,
     laid: &Laid,
     (module, windows): (usize, &[(u64, u64)]),
     link: &RawLink,
     crossings: &[Crossing],
-) {
-    let (Some(ends), Some(gap)) = (cx.names.link_ends(link), link.gap.said()) else { return };
+) -> Option<u64> {
+    let (ends, gap) = (cx.names.link_ends(link)?, link.gap.said()?);
     let max_bytes = link.max_bytes.get().unwrap_or(defaults::MAX_BYTES);
     if gap.value.0 == 0 || max_bytes < SMALLEST_DATAGRAM {
-        return; // reported already
+        return None; // reported already
     }
     let outgoing = crossings.iter().filter(|one| one.from == module && ends.contains(&one.to));
     // A channel crosses each link once, however many destinations it has there.
@@ -453,6 +503,7 @@ fn load(
         );
         cx.note(&catalogue::WINDOW_LOAD, span, message, mend);
     }
+    Some(links::datagrams_for(load, max_bytes, gap.value.0, shortest))
 }
 
 fn carried_of(cx: &Context<'_>, laid: &Laid, source: usize) -> Option<Carried> {

@@ -5,7 +5,7 @@ use bateleur_apex::{
     Sent, StartError, Window,
 };
 use bateleur_contract::relay::{LinkTable, RelayChannel, RelayTable};
-use bateleur_messages::link::REASON_NAMES;
+use bateleur_messages::link::{NETWORKS, REASON_NAMES};
 use bateleur_relay::{Composer, Delivery, Event, Key, Link, Stamp};
 
 use super::keys;
@@ -18,8 +18,11 @@ pub(super) struct End {
     peer: String,
     networks: Vec<String>,
     channels: Vec<String>,
-    /// Messages dropped for full queues when it was last said.
+    /// Answers of the peer's computers that nobody listens there, by network: so far, and when the network was heard or told last.
+    unheard: [(u64, u64); NETWORKS],
+    /// Messages dropped for full queues when it was last said, and those that nobody received.
     overflows_told: u64,
+    unreceived_told: u64,
     /// It has still to be said that the link is not authenticated.
     unprotected: bool,
 }
@@ -34,7 +37,7 @@ impl End {
     ) -> Result<Self, StartError> {
         let refused = |error: bateleur_relay::LinkError| StartError::Other(error.to_string());
         let ports = link.channels.iter().map(|channel| Port::open(context, channel));
-        let ports = Ports { all: ports.collect::<Result<_, _>>()?, first: 0 };
+        let ports = Ports { all: ports.collect::<Result<_, _>>()?, first: 0, unreceived: None };
         Ok(Self {
             link: Link::new(table, link, key, keys::unforeseen()?).map_err(refused)?,
             ports,
@@ -42,7 +45,9 @@ impl End {
             peer: link.peer.clone(),
             networks: link.paths.iter().map(|path| path.network.clone()).collect(),
             channels: link.channels.iter().map(|channel| channel.name.clone()).collect(),
+            unheard: Default::default(),
             overflows_told: 0,
+            unreceived_told: 0,
             unprotected: !link.authenticated,
         })
     }
@@ -55,16 +60,36 @@ impl End {
         while let Some(event) = self.link.next_event() {
             self.tell_one(&event, window);
         }
+        self.tell_unreceived(window);
+        for (network, (so_far, told)) in self.unheard.iter_mut().enumerate() {
+            if self.link.is_up(network) {
+                *told = *so_far; // of a time that is over
+            }
+        }
+    }
+
+    /// Notes how often a network's other computer has answered that nobody listens there.
+    pub(super) fn unheard(&mut self, network: usize, count: u64) {
+        self.unheard[network].0 = count;
+    }
+
+    /// What is to be said of a network's silence beside itself.
+    fn why_silent(&mut self, network: usize) -> &'static str {
+        let (so_far, told) = &mut self.unheard[network];
+        let answered = *so_far > std::mem::replace(told, *so_far);
+        if answered { "; the computer there says that no relay listens" } else { "" }
     }
 
     fn tell_one(&mut self, event: &Event, window: &Window) {
+        let why = match event {
+            Event::NetworkDown(place) | Event::NetworkSilent(place) => self.why_silent(*place),
+            _ => "",
+        };
         let Self { name, peer, .. } = self;
         match event {
             Event::NetworkDown(place) => {
-                window.raise(&format!(
-                    "link {name}: nothing comes on network {} any more",
-                    self.networks[*place]
-                ));
+                let network = &self.networks[*place];
+                window.raise(&format!("link {name}: nothing comes on network {network} any more{why}"));
             }
             Event::NetworkUp(place) => {
                 window.report(&format!("link {name}: network {} is back", self.networks[*place]));
@@ -72,7 +97,7 @@ impl End {
             Event::NetworkSilent(place) => {
                 let (counters, network) = (self.link.counters(), &self.networks[*place]);
                 let text = match (counters.networks[*place].received, refusals(&counters.rejected)) {
-                    (0, _) => format!("nothing has come on network {network}"),
+                    (0, _) => format!("nothing has come on network {network}{why}"),
                     (came, why) => {
                         format!("{came} datagrams came on network {network}, none was taken: {why}")
                     }
@@ -98,6 +123,16 @@ impl End {
             }
             Event::PlanDiffers(what) => window.report(&format!("link {name}: the plan of {peer} {what}")),
             Event::Overflow(place) => self.tell_overflow(*place, window),
+            Event::NetworkSlow { network, took_ns, allowed_ns } => window.raise(&format!(
+                "link {name}: datagrams take up to {} us on network {}, the plan says {}",
+                took_ns / 1_000,
+                self.networks[*network],
+                allowed_ns / 1_000
+            )),
+            Event::NetworkInTime(network) => {
+                let network = &self.networks[*network];
+                window.report(&format!("link {name}: network {network} is as quick as the plan says again"));
+            }
         }
     }
 
@@ -111,6 +146,17 @@ impl End {
                 .raise(&format!("link {}: no room for {channel}; {overflowed} messages dropped", self.name));
         }
     }
+
+    /// A message that nobody was there to receive, said as rarely: whoever is not there is an error of its own.
+    fn tell_unreceived(&mut self, window: &Window) {
+        let Some((place, count)) = self.ports.unreceived else { return };
+        if count > self.unreceived_told && count >= 2 * self.unreceived_told {
+            self.unreceived_told = count;
+            let channel = &self.channels[place];
+            let text = format!("link {}: nobody receives {channel}; {count} messages dropped", self.name);
+            window.report(&text);
+        }
+    }
 }
 
 /// The ports of a link's channels, in the order of its table.
@@ -118,6 +164,8 @@ pub(super) struct Ports {
     all: Vec<Port>,
     /// Where the next datagram begins to look: the first that did not fit into the one before.
     first: usize,
+    /// Messages for which nobody was there, and the channel of the last.
+    unreceived: Option<(usize, u64)>,
 }
 
 /// The own end of a channel.
@@ -158,7 +206,7 @@ impl Port {
 }
 
 impl Ports {
-    /// Hands a message to its port; false: there is no room, or nobody to receive it.
+    /// Hands a message to its port; false: there is no room.
     pub(super) fn deliver(&mut self, delivery: &Delivery<'_>) -> bool {
         let stamp =
             bateleur_apex::Stamp { source_ns: delivery.source_ns, sequence: u64::from(delivery.sequence) };
@@ -167,7 +215,16 @@ impl Ports {
                 port.write(delivery.bytes, stamp);
                 true
             }
-            Some(Port::QueuingIn(port)) => port.send(delivery.bytes, stamp) == Sent::Queued,
+            Some(Port::QueuingIn(port)) => match port.send(delivery.bytes, stamp) {
+                Sent::Queued => true,
+                Sent::Full => false,
+                // As within a host: what nobody is there to receive is gone, and no queue is full.
+                Sent::NoReceiver => {
+                    let before = self.unreceived.map_or(0, |(_, count)| count);
+                    self.unreceived = Some((delivery.channel, before + 1));
+                    true
+                }
+            },
             _ => false, // the link hands on nothing of a channel that goes out
         }
     }

@@ -9,7 +9,9 @@ mod keys;
 mod status;
 
 use bateleur_apex::{Alignment, AlignmentReport, Context, Partition, StartError, Window};
-use bateleur_contract::relay::{ATTRIBUTE, ClockRole, LinkModelTable, MODEL_ATTRIBUTE, RelayTable, STEPPED};
+use bateleur_contract::relay::{
+    ATTRIBUTE, ClockRole, LinkModelTable, MODEL_ATTRIBUTE, RelayTable, SENDING_NS, STEPPED,
+};
 use bateleur_relay::transport::{Endpoint, RelayTransport, Stepped, Udp};
 use bateleur_relay::{Arrival, Frame, Link};
 
@@ -20,10 +22,11 @@ use status::Status;
 /// Datagrams that are taken in a window, most; each network of each link has the same share. A flood on one network can not eat
 /// the window: what is more waits in the socket until it overflows, and the network counts as what it is, unusable.
 const MOST: usize = 64;
-/// The share of a network of a link is not smaller, however many there are.
+/// The share of a network of a link is not smaller, however many there are; and so many are looked at in each window, however
+/// short it is.
 const LEAST: usize = 8;
-/// The last part of a window in which no datagram is begun, ns: sending one takes this long at most.
-const CLOSING_NS: u64 = 100_000;
+/// The part of a window in which what has come may be looked at: the rest is for what goes out.
+const LOOKING: u64 = 2;
 
 /// See the module's head.
 pub(crate) struct Relay {
@@ -32,6 +35,8 @@ pub(crate) struct Relay {
     transport: Box<dyn RelayTransport>,
     inbox: Inbox,
     status: Status,
+    /// By link, in the present window: something may be left to send.
+    left: Vec<bool>,
     /// Of a module that follows: where to tell how its frames lie, and the link to the one that it follows.
     alignment: Option<(Alignment, usize)>,
 }
@@ -49,10 +54,11 @@ impl Partition for Relay {
         let keys = keys::read(&table)?;
         let links = table.links.iter().zip(&keys);
         let ends =
-            links.map(|(link, key)| End::open(context, &table, link, key)).collect::<Result<_, _>>()?;
+            links.map(|(link, key)| End::open(context, &table, link, key)).collect::<Result<Vec<_>, _>>()?;
         let leader = table.links.iter().position(|link| link.clock == ClockRole::Follower);
         let alignment = context.alignment().zip(leader);
         Ok(Self {
+            left: vec![false; ends.len()],
             ends,
             endpoints,
             transport,
@@ -73,9 +79,7 @@ impl Partition for Relay {
         {
             alignment.tell(&report);
         }
-        for place in 0..self.ends.len() {
-            self.send(place, window, frame);
-        }
+        self.send(window, frame);
         self.status.write(window.now_ns(), self.ends.iter().map(|end| &end.link));
     }
 }
@@ -84,9 +88,15 @@ impl Relay {
     fn take_in(&mut self, window: &Window) {
         let now_ns = window.now_ns();
         let Self { ends, endpoints, transport, inbox, .. } = self;
-        let most = (MOST / endpoints.len().max(1)).max(LEAST);
-        transport.receive(now_ns, most, &mut |came| inbox.add(&came));
-        inbox.empty(&mut |came| {
+        if inbox.len() < MOST {
+            let most = (MOST / endpoints.len().max(1)).max(LEAST);
+            transport.receive(now_ns, most, &mut |came| inbox.add(&came));
+        }
+        for (number, endpoint) in endpoints.iter().enumerate() {
+            ends[endpoint.place].unheard(endpoint.network, transport.unheard(number));
+        }
+        let until_ns = now_ns + window.end_ns().saturating_sub(now_ns) / LOOKING;
+        inbox.empty(&mut |done| done < LEAST || window.now_ns() < until_ns, &mut |came| {
             let endpoint = &endpoints[came.endpoint];
             let End { link, ports, .. } = &mut ends[endpoint.place];
             let arrival = Arrival { network: endpoint.network, came_ns: came.at_ns, now_ns };
@@ -103,25 +113,24 @@ impl Relay {
         }
     }
 
-    /// Sends what a link has to send: one datagram, and more as the gap allows while there is something left.
-    fn send(&mut self, place: usize, window: &Window, frame: Frame) {
+    /// Sends what the links have to send: one datagram of each, and more in turn, as their gaps allow while something is left. No link
+    /// waits for another one's gap.
+    fn send(&mut self, window: &Window, frame: Frame) {
         let mut at_ns = window.now_ns();
+        self.left.fill(true);
         loop {
-            let begin_ns = at_ns.max(self.ends[place].link.next_ns());
-            if begin_ns > at_ns && begin_ns + CLOSING_NS > window.end_ns() {
-                return;
+            for place in 0..self.ends.len() {
+                if self.left[place] && self.ends[place].link.next_ns() <= at_ns {
+                    self.left[place] = self.send_one(place, window, frame, at_ns);
+                }
             }
-            window.wait_until(begin_ns);
-            at_ns = begin_ns.max(window.now_ns());
-            let more = self.send_one(place, window, frame, at_ns);
-            let Self { transport, ends, endpoints, .. } = self;
-            transport.flush(at_ns, &mut |endpoint| {
-                let Endpoint { place, network, .. } = endpoints[endpoint];
-                ends[place].link.could_not_send(network);
-            });
-            if !more {
+            let left = self.ends.iter().zip(&self.left).filter(|(_, left)| **left);
+            let next_ns = left.map(|(end, _)| end.link.next_ns()).min();
+            let Some(next_ns) = next_ns.filter(|next_ns| next_ns + SENDING_NS <= window.end_ns()) else {
                 return;
-            }
+            };
+            window.wait_until(next_ns);
+            at_ns = next_ns.max(window.now_ns());
         }
     }
 
@@ -135,7 +144,12 @@ impl Relay {
         for (number, endpoint) in endpoints.iter().enumerate().filter(|(_, end)| end.place == place) {
             transport.send(number, [sealed.bytes, sealed.tag(endpoint.network)]);
         }
-        left || link.has_more()
+        let left = left || link.has_more();
+        transport.flush(at_ns, &mut |endpoint| {
+            let Endpoint { place, network, .. } = endpoints[endpoint];
+            ends[place].link.could_not_send(network);
+        });
+        left
     }
 }
 

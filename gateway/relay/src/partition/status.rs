@@ -1,10 +1,12 @@
 //! What the relay says of its links, on a port of its own.
 
 use bateleur_apex::{Context, Direction, PortKind, SamplingSource, StartError};
-use bateleur_contract::relay::{RelayTable, STATUS_PORT};
+use bateleur_contract::relay::{MOST_LINKS, RelayTable, STATUS_PORT};
 use bateleur_messages::LinkStatus;
 use bateleur_messages::link::{LINKS, NETWORKS};
 use bateleur_relay::Link;
+
+const _: () = assert!(MOST_LINKS == LINKS, "a plan may have as many links as a relay reports on");
 
 /// Writes a [`LinkStatus`] in each window.
 pub(super) struct Status {
@@ -60,6 +62,8 @@ fn fill(status: &mut LinkStatus, place: usize, link: &Link, now_ns: u64) {
         status.sent[path] = counted.sent;
         status.unsent[path] = counted.unsent;
         status.received[path] = counted.received;
+        let (latency_ns, allowed_ns) = link.transit_ns(network);
+        (status.latency_ns[path], status.allowed_ns[path]) = (latency_ns as f64, allowed_ns as f64);
         status.lost[path] = counted.lost;
         status.late[path] = counted.late;
         status.duplicated[path] = counted.duplicated;

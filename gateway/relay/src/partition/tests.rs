@@ -34,7 +34,7 @@ fn table(initiator: bool, local: SocketAddr, remote: SocketAddr, transport: &str
             skew_ns: 2_000_000,
             lost_after_ns: 100_000_000,
             clock: ClockRole::None,
-            paths: vec![PathTable { network: "a".into(), local, remote }],
+            paths: vec![PathTable { network: "a".into(), local, remote, latency_ns: 0 }],
             channels: vec![
                 channel(0, "rate_generator.rate", initiator, PortKind::Sampling, size_of::<Rate>()),
                 channel(1, "command.orders", initiator, PortKind::Queuing, size_of::<GroundMessage>()),
@@ -154,6 +154,25 @@ fn value_that_was_written_once_while_the_peers_relay_was_down_reaches_its_next_l
 }
 
 #[test]
+fn message_that_nobody_is_there_to_receive_is_told_as_that_and_not_as_a_full_queue() {
+    let (mut fcu, mut nav) = surroundings(STEPPED);
+    let mut here = fcu.harness.start::<Relay>().unwrap();
+    let mut there = nav.harness.start::<Relay>().unwrap();
+    drop(nav.orders);
+    for letter in 0..40 {
+        fcu.orders.send(&GroundMessage { letter, ..GroundMessage::default() });
+        here.window();
+        there.window();
+    }
+    let said = nav.harness.reports();
+    let counts =
+        said.iter().filter(|text| text.starts_with("link bus: nobody receives command.orders; ")).count();
+    assert!((3..=7).contains(&counts), "as it becomes twice as much: {said:?}");
+    assert!(!said.iter().any(|text| text.contains("no room")), "{said:?}");
+    assert_eq!(there.partition.ends[0].link.counters().messages_overflowed, 0);
+}
+
+#[test]
 fn frames_of_the_peer_are_told_in_own_time_once_there_was_an_exchange() {
     let (mut fcu, mut nav) = surroundings(STEPPED);
     let mut here = fcu.harness.start::<Relay>().unwrap();
@@ -192,7 +211,10 @@ fn a_peer_that_goes_is_an_error_once_and_its_return_is_said() {
     }
     assert_eq!(
         fcu.harness.reports(),
-        ["link bus: nothing comes on network a any more", "link bus: down, nav is not heard"]
+        [
+            "link bus: nothing comes on network a any more; the computer there says that no relay listens",
+            "link bus: down, nav is not heard"
+        ]
     );
     let mut there = nav.harness.start::<Relay>().unwrap();
     for _ in 0..6 {

@@ -51,6 +51,25 @@ fn both_networks_cut_is_said_and_the_link_recovers_by_itself() {
 }
 
 #[test]
+fn networks_that_take_longer_than_the_plan_says_are_told_once_and_quick_ones_are_not() {
+    for (delay_ns, slow) in [(600_000, false), (2_000_000, true)] {
+        let mut pair = Pair::new(&LinkModelTable { delay_ns, ..Default::default() });
+        pair.meet();
+        write_orders(&mut pair, 150);
+        for end in &pair.ends {
+            let is_slow = |event: &&Event| matches!(event, Event::NetworkSlow { .. });
+            let mut told: Vec<Event> = end.events.iter().filter(is_slow).cloned().collect();
+            // Whichever was the first to come after the clocks were known.
+            told.sort_by_key(|event| matches!(event, Event::NetworkSlow { network: 1, .. }));
+            let of = |network| Event::NetworkSlow { network, took_ns: delay_ns, allowed_ns: 623_000 };
+            assert_eq!(told, if slow { vec![of(0), of(1)] } else { vec![] }, "{delay_ns} ns");
+            assert_eq!([0, 1].map(|network| end.link.transit_ns(network)), [(delay_ns, 623_000); 2]);
+            assert_eq!(end.link.counters().messages_lost, 0, "what comes is used");
+        }
+    }
+}
+
+#[test]
 fn a_way_that_works_in_one_direction_only_is_down_at_both_ends_and_recovers() {
     let mut pair = Pair::new(&LinkModelTable::default());
     pair.meet();
@@ -125,6 +144,21 @@ fn a_peer_that_never_comes_is_said_once_for_each_network() {
     pair.frames(30);
     assert_eq!(pair.ends[0].events, [Event::NetworkSilent(0), Event::NetworkSilent(1)]);
     assert_eq!(pair.ends[0].link.state(), DOWN);
+}
+
+#[test]
+fn peer_with_another_key_that_comes_later_is_said_to_be_refused_once() {
+    let other = table(false);
+    let wrong = Link::new(&other, &other.links[0], &[7; 32], [2; 32]).unwrap();
+    let mut pair = Pair::of([link(&table(true), 1), wrong], &LinkModelTable::default());
+    pair.mute = Some(1);
+    pair.frames(30);
+    let silent = [Event::NetworkSilent(0), Event::NetworkSilent(1)];
+    assert_eq!(pair.ends[0].events, silent);
+    pair.mute = None;
+    pair.frames(100);
+    assert_eq!(pair.ends[0].events, [silent.clone(), silent].concat(), "silent, then refused");
+    assert!(pair.ends[0].link.counters().rejections(Rejection::Key) >= 100);
 }
 
 #[test]

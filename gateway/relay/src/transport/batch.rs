@@ -29,16 +29,41 @@ pub(crate) fn note_arrivals(socket: &impl AsRawFd) -> io::Result<()> {
     if done == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 
+/// Keeps a socket of a group from hearing what comes to the group over interfaces on which somebody else of this computer has joined
+/// it.
+pub(crate) fn only_where_joined(socket: &impl AsRawFd) -> io::Result<()> {
+    let off: libc::c_int = 0;
+    let length = size_of::<libc::c_int>() as libc::socklen_t;
+    // SAFETY: the kernel reads one integer, which lives here.
+    let done = unsafe {
+        libc::setsockopt(
+            socket.as_raw_fd(),
+            libc::IPPROTO_IP,
+            libc::IP_MULTICAST_ALL,
+            (&raw const off).cast(),
+            length,
+        )
+    };
+    if done == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
+}
+
+/// Whether the peer's computer has answered that nobody listens there.
+fn is_unheard(error: &io::Error) -> bool {
+    error.kind() == io::ErrorKind::ConnectionRefused
+}
+
 /// What goes out with one call.
 pub(crate) struct Outbox {
     bytes: Vec<u8>,
     ends: Vec<usize>,
+    /// Answers that nobody listens at the other end.
+    pub(crate) unheard: u64,
 }
 
 impl Outbox {
     /// For datagrams of `longest` bytes.
     pub(crate) fn new(longest: usize) -> Self {
-        Self { bytes: Vec::with_capacity(longest), ends: Vec::with_capacity(BATCH) }
+        Self { bytes: Vec::with_capacity(longest), ends: Vec::with_capacity(BATCH), unheard: 0 }
     }
 
     /// Adds a datagram. False: it is full, flush first.
@@ -68,15 +93,15 @@ impl Outbox {
             message.msg_hdr.msg_iov = vector;
             message.msg_hdr.msg_iovlen = 1;
         }
-        let failed = send_all(socket.as_raw_fd(), &mut messages[..self.ends.len()]);
+        let failed = send_all(socket.as_raw_fd(), &mut messages[..self.ends.len()], &mut self.unheard);
         self.bytes.clear();
         self.ends.clear();
         failed
     }
 }
 
-/// Gives the number of those that could not be sent.
-fn send_all(socket: i32, messages: &mut [libc::mmsghdr]) -> usize {
+/// Gives the number of those that could not be sent, and counts answers that nobody listens there.
+fn send_all(socket: i32, messages: &mut [libc::mmsghdr], unheard: &mut u64) -> usize {
     let (mut done, mut failed) = (0, 0);
     // An error that was reported to the socket earlier (nobody listened at the peer) shows at the next call: that
     // one is made once more.
@@ -87,6 +112,9 @@ fn send_all(socket: i32, messages: &mut [libc::mmsghdr]) -> usize {
         let sent = unsafe {
             libc::sendmmsg(socket, rest.as_mut_ptr(), rest.len() as libc::c_uint, libc::MSG_DONTWAIT)
         };
+        if sent < 0 {
+            *unheard += u64::from(is_unheard(&io::Error::last_os_error()));
+        }
         match usize::try_from(sent) {
             Ok(sent) if sent > 0 => {
                 done += sent;
@@ -108,6 +136,8 @@ pub(crate) struct Inbox {
     bytes: Vec<u8>,
     length: usize,
     control: [[u64; CONTROL / 8]; BATCH],
+    /// Answers that nobody listens at the other end, on any socket.
+    pub(crate) unheard: u64,
 }
 
 /// One datagram of an [`Inbox`].
@@ -123,7 +153,12 @@ pub(crate) struct Received<'a> {
 impl Inbox {
     /// For datagrams of `longest` bytes.
     pub(crate) fn new(longest: usize) -> Self {
-        Self { bytes: vec![0; longest * BATCH], length: longest, control: [[0; CONTROL / 8]; BATCH] }
+        Self {
+            bytes: vec![0; longest * BATCH],
+            length: longest,
+            control: [[0; CONTROL / 8]; BATCH],
+            unheard: 0,
+        }
     }
 
     /// Takes at most `most` datagrams that wait; gives their number.
@@ -169,7 +204,10 @@ impl Inbox {
         // waits: that one is made once more.
         let nothing = |error: &io::Error| error.kind() == io::ErrorKind::WouldBlock;
         let received = match receive() {
-            Err(error) if !nothing(&error) => receive().unwrap_or(0),
+            Err(error) if !nothing(&error) => {
+                self.unheard += u64::from(is_unheard(&error));
+                receive().unwrap_or(0)
+            }
             received => received.unwrap_or(0),
         };
         for (number, (message, name)) in messages.iter().zip(&names).take(received).enumerate() {

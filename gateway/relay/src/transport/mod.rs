@@ -117,4 +117,10 @@ pub trait RelayTransport {
 
     /// Hands over what has come until `now_ns`, at most `most` datagrams of each endpoint; what is more waits.
     fn receive(&mut self, now_ns: u64, most: usize, take: &mut dyn FnMut(Came<'_>));
+
+    /// How often an endpoint was answered that nobody listens at its remote address, where the transport is told: the other
+    /// computer is there, and no relay.
+    fn unheard(&self, _endpoint: usize) -> u64 {
+        0
+    }
 }

@@ -10,7 +10,7 @@ use std::os::fd::OwnedFd;
 use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, socket_with, sockopt};
 use rustix::time::{ClockId, clock_gettime};
 
-use super::batch::{BATCH, Inbox, Outbox, note_arrivals};
+use super::batch::{BATCH, Inbox, Outbox, note_arrivals, only_where_joined};
 use super::{Came, Endpoint, RelayTransport, TransportError};
 use crate::Rejection;
 
@@ -37,6 +37,8 @@ struct Way {
     own: Option<SocketAddr>,
     endpoint: usize,
     failed: usize,
+    /// Answers that nobody listens at the other end, to what was received.
+    unheard: u64,
 }
 
 impl Way {
@@ -81,6 +83,7 @@ impl Way {
             };
             let receiving = bound(remote, true).map_err(&refused)?;
             receiving.join_multicast_v4(&to, &own).map_err(refused)?;
+            only_where_joined(&receiving).map_err(refused)?;
             let sending = bound(local, shared).map_err(cannot_bind)?;
             send_from(&sending, own).map_err(refused)?;
             sending.connect(remote).map_err(refused)?;
@@ -99,6 +102,7 @@ impl Way {
             outbox: Outbox::new(endpoint.max_datagram),
             endpoint: number,
             failed: 0,
+            unheard: 0,
         })
     }
 }
@@ -135,11 +139,16 @@ impl RelayTransport for Udp {
                     take(Came { endpoint, at_ns, datagram: received.bytes.ok_or(Rejection::Giant) });
                 });
                 left -= received;
+                way.unheard += std::mem::take(&mut self.inbox.unheard);
                 if received < BATCH {
                     break; // nothing is left
                 }
             }
         }
+    }
+
+    fn unheard(&self, endpoint: usize) -> u64 {
+        self.ways.get(endpoint).map_or(0, |way| way.unheard + way.outbox.unheard)
     }
 }
 
@@ -250,6 +259,23 @@ mod tests {
         let mut found = Vec::new();
         udp.receive(0, 8, &mut |came| found.push(came.datagram.unwrap().to_vec()));
         assert_eq!(found, [b"now there is"]);
+    }
+
+    #[test]
+    fn peer_whose_computer_is_there_and_whose_relay_is_not_is_told_from_a_silent_one() {
+        let at = free(4);
+        let ends = [endpoint(0, at[0], at[1], true), endpoint(1, at[2], at[3], true)];
+        let mut udp = Udp::open(&ends).unwrap();
+        // Somebody listens at the second one, and says nothing.
+        let _silent = UdpSocket::bind(at[3]).unwrap();
+        for _ in 0..3 {
+            (0..2).for_each(|number| udp.send(number, [b"is anybody there?", b""]));
+            udp.flush(0, &mut |_| ());
+            std::thread::sleep(std::time::Duration::from_millis(20)); // the refusal comes back to the socket
+            udp.receive(0, 8, &mut |came| panic!("{came:?}"));
+        }
+        assert!((1..=3).contains(&udp.unheard(0)), "{}", udp.unheard(0));
+        assert_eq!(udp.unheard(1), 0);
     }
 
     #[test]

@@ -78,7 +78,7 @@ fn table(
             skew_ns: 1_000_000,
             lost_after_ns: 1_000_000_000,
             clock: ClockRole::None,
-            paths: vec![PathTable { network: "a".into(), local, remote }],
+            paths: vec![PathTable { network: "a".into(), local, remote, latency_ns: 0 }],
             channels: there.chain(back).collect(),
         }],
     }

@@ -106,8 +106,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         return merge::run(merge);
     }
     let Some(schedule) = plan_file::read_or_say(&arguments.schedule)? else { return Ok(CANNOT_RUN) };
-    let victims = arguments.space.victims(&partitions(&schedule)).map_err(anyhow::Error::msg)?;
-    check_options(arguments, &victims)?;
+    let hosts = flies_hosts(arguments, &schedule);
+    let victims = victims(arguments, &schedule).map_err(anyhow::Error::msg)?;
+    check_options(arguments, hosts, &victims)?;
     let plan = plan(arguments, &schedule, &victims)?;
     let folder = folder(arguments, &plan);
     let results = open(&folder, &plan)?;
@@ -118,7 +119,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let known = read(&folder)?;
     let missing: Vec<u64> = plan.numbers().filter(|number| !known.flights.contains_key(number)).collect();
     say_beginning(&plan, &folder, missing.len());
-    let orders = missing.into_iter().map(|number| order(arguments, &plan, &victims, &folder, number));
+    let orders =
+        missing.into_iter().map(|number| order(arguments, (&plan, hosts), &victims, &folder, number));
     let fleet = Fleet {
         jobs: jobs(arguments),
         cores: sched::allowed_cores(),
@@ -140,14 +142,25 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     Ok(if all_well { FINE } else { WRONG })
 }
 
-fn partitions(plan: &SchedulePlan) -> Vec<String> {
-    plan.partitions.iter().map(|partition| partition.name.clone()).collect()
+/// A plan of several modules is flown with all of them, unless the options of every flight choose one.
+fn flies_hosts(arguments: &Arguments, plan: &SchedulePlan) -> bool {
+    let chosen = |word: &String| word == "--hosts" || word == "--module" || word.starts_with("--module=");
+    plan.modules.len() > 1 && !arguments.common.iter().any(chosen)
+}
+
+/// Who may be killed. Relays only where they are named: one that dies alone takes its address again in real time, and its flight is
+/// not the same twice.
+fn victims(arguments: &Arguments, plan: &SchedulePlan) -> Result<Vec<String>, String> {
+    let all: Vec<String> = plan.partitions.iter().map(|partition| partition.name.clone()).collect();
+    let is_relay = |name: &String| plan.partitions.iter().any(|one| one.relay && one.name == *name);
+    let named = arguments.space.victims(&all)?;
+    Ok(if named == all { named.into_iter().filter(|name| !is_relay(name)).collect() } else { named })
 }
 
 /// Options of fly that it would refuse would fail every flight: they are refused here.
-fn check_options(arguments: &Arguments, victims: &[String]) -> Result<()> {
+fn check_options(arguments: &Arguments, hosts: bool, victims: &[String]) -> Result<()> {
     let mut words = vec!["fly".to_owned()];
-    words.extend(options(arguments, arguments.seed, victims).0);
+    words.extend(options(arguments, hosts, arguments.seed, victims).0);
     words.extend(["--output=somewhere".into(), "--format=json".into()]);
     match OfFly::try_parse_from(words) {
         Ok(_) => Ok(()),
@@ -158,11 +171,13 @@ fn check_options(arguments: &Arguments, victims: &[String]) -> Result<()> {
 /// The options of the flight with a seed, and its conditions as numbers.
 fn options(
     arguments: &Arguments,
+    hosts: bool,
     seed: u64,
     victims: &[String],
 ) -> (Vec<String>, std::collections::BTreeMap<String, f64>) {
     let drawn = arguments.space.draw(seed, victims);
     let mut options = vec!["--fast".to_owned(), format!("--schedule={}", arguments.schedule.display())];
+    options.extend(hosts.then(|| "--hosts".to_owned()));
     options.extend(drawn.options);
     options.extend(arguments.common.iter().cloned());
     (options, drawn.conditions)
@@ -247,9 +262,15 @@ fn say_beginning(plan: &Plan, folder: &Path, missing: usize) {
     eprintln!("{missing} flights to fly{of}; results in {}", folder.display());
 }
 
-fn order(arguments: &Arguments, plan: &Plan, victims: &[String], folder: &Path, number: u64) -> Order {
+fn order(
+    arguments: &Arguments,
+    (plan, hosts): (&Plan, bool),
+    victims: &[String],
+    folder: &Path,
+    number: u64,
+) -> Order {
     let seed = plan.seed + number;
-    let (options, conditions) = options(arguments, seed, victims);
+    let (options, conditions) = options(arguments, hosts, seed, victims);
     let words: Vec<String> = options.iter().map(|option| quoted(option)).collect();
     Order {
         number,

@@ -63,7 +63,7 @@ pub(crate) struct Space {
     /// How many partitions are killed.
     #[arg(long, value_name = "FROM..TO", default_value = "0..2", value_parser = kills)]
     kills: Span,
-    /// Those that may be killed [default: all of the module].
+    /// Those that may be killed [default: all but relays].
     #[arg(long, value_name = "PARTITIONS", value_delimiter = ',')]
     kill_only: Vec<String>,
 }

@@ -70,6 +70,7 @@ impl Executive {
             schedule: arguments.schedule.clone(),
             choices: [choices, common(arguments)].concat(),
             faults: arguments.faults.arguments(),
+            again: Vec::new(),
             companion: arguments.fast,
             interfaces: None,
         })
@@ -100,19 +101,19 @@ impl Executive {
             schedule: arguments.schedule.clone(),
             choices: [choices, common(arguments)].concat(),
             faults: arguments.faults.arguments_for(place == main, is_here),
+            again: Vec::new(),
             companion: arguments.fast && place == main,
             interfaces,
         })
     }
 
-    /// The same module again, after it was killed: from nothing, as a computer that is switched on, with `choices` beside those
-    /// that it had. What was planned to happen to its partitions does not happen once more.
-    pub(super) fn again(&self, folder: PathBuf, choices: Vec<String>) -> Result<Self> {
+    /// The same module again, after it was killed: from nothing, as a computer that is switched on, with `again` beside the
+    /// choices that it had at first. What was planned to happen to its partitions does not happen once more.
+    pub(super) fn again(&self, folder: PathBuf, again: Vec<String>) -> Result<Self> {
         if let Some(remains) = &self.remains {
             remains.await_end()?;
         }
-        let choices = [self.start.choices.clone(), choices].concat();
-        Self::spawn(Start { folder, choices, faults: Vec::new(), ..self.start.clone() })
+        Self::spawn(Start { folder, again, faults: Vec::new(), ..self.start.clone() })
     }
 
     fn spawn(start: Start) -> Result<Self> {
@@ -126,7 +127,7 @@ impl Executive {
         }
         command.arg("run").arg("--schedule").arg(&start.schedule).arg("--output").arg(&start.folder);
         command.args(["--record", "--until-stdin-closes", "--events-fd", &event_end.as_raw_fd().to_string()]);
-        command.args(&start.choices).args(&start.faults);
+        command.args(&start.choices).args(&start.faults).args(&start.again);
         let companion = if start.companion { Some(add_companion(&mut command)?) } else { None };
         let output = if start.interfaces.is_some() { Stdio::piped() } else { Stdio::null() };
         let mut process = command
@@ -258,6 +259,8 @@ struct Start {
     choices: Vec<String>,
     /// What is planned to happen to its partitions.
     faults: Vec<String>,
+    /// Where it comes back: what is said of that.
+    again: Vec<String>,
     /// The ground's line ends there.
     companion: bool,
     /// In a network namespace of its own, with these interfaces.

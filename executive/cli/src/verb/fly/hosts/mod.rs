@@ -145,7 +145,29 @@ fn check(arguments: &Arguments, plan: &Plan) -> Result<()> {
         let known: Vec<&str> = plan.networks.iter().map(|network| network.name.as_str()).collect();
         bail!("there is no network {}: the plan has {}", cut.network, known.join(", "));
     }
-    hosts.kill_host.iter().try_for_each(|death| check_death(death, plan))
+    hosts.kill_host.iter().try_for_each(|death| check_death(death, plan))?;
+    check_lives(&hosts.kill_host)
+}
+
+/// A host dies once in each of its lives.
+fn check_lives(deaths: &[Death]) -> Result<()> {
+    for (place, one) in deaths.iter().enumerate() {
+        let after = |other: &&Death| {
+            let until_s = one.back_s.unwrap_or(f64::INFINITY);
+            other.module == one.module && (one.at_s..=until_s).contains(&other.at_s)
+        };
+        let mut others =
+            deaths.iter().enumerate().filter(|(other, _)| *other != place).map(|(_, other)| other);
+        if let Some(other) = others.find(after) {
+            bail!(
+                "--kill-host: {} is dead from {} s on, and can not be killed at {} s; let it come back before",
+                one.module,
+                one.at_s,
+                other.at_s
+            );
+        }
+    }
+    Ok(())
 }
 
 fn check_death(Death { module, back_s, .. }: &Death, plan: &Plan) -> Result<()> {

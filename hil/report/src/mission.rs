@@ -14,6 +14,8 @@ const SEARCH_NS: u64 = 2_000_000_000;
 /// A passage is fair if it comes as near as the planned fillet does, plus this, m: wider than any tracking error that
 /// still counts as flying the path.
 const FAIR_MARGIN_M: f64 = 25.0;
+/// A passage that is further from the way-point's altitude, m, is told: several times what a level leg leaves.
+const FAIR_HEIGHT_M: f64 = 25.0;
 /// No fillet counts as wider than this, m: 22 m/s and 15 m/s of wind.
 const WIDEST_FILLET_M: f64 = 180.0;
 
@@ -26,6 +28,8 @@ pub struct Passage {
     pub time_ns: u64,
     /// How near it came, m, by the truth shifted by the slow error; `None` without truth there.
     pub distance_m: Option<f64>,
+    /// How far above the way-point's altitude it was there, m, by the truth; below: negative.
+    pub above_m: Option<f64>,
     /// The truth agrees.
     pub verified: bool,
 }
@@ -40,7 +44,9 @@ impl Passage {
 /// The way-points that the Controller counted, not yet checked.
 pub fn passages(commands: &[(u64, ActuatorCommand)], waypoints: usize) -> Vec<Passage> {
     let counted = counted(commands, waypoints).into_iter();
-    counted.map(|(time_ns, index)| Passage { index, time_ns, distance_m: None, verified: false }).collect()
+    counted
+        .map(|(time_ns, index)| Passage { index, time_ns, distance_m: None, above_m: None, verified: false })
+        .collect()
 }
 
 /// Checks each passage against the truth.
@@ -54,7 +60,7 @@ pub fn verify(
     for passage in passages {
         let Some(waypoint) = waypoints.get(passage.index) else { continue };
         let fair_m = fair_distance_m(waypoints, passage.index, planned.radius_m(passage.time_ns));
-        passage.distance_m = closest(truth, believed, waypoint, passage.time_ns);
+        (passage.distance_m, passage.above_m) = closest(truth, believed, waypoint, passage.time_ns).unzip();
         passage.verified = passage.distance_m.is_some_and(|distance| distance <= fair_m);
     }
 }
@@ -72,11 +78,34 @@ fn counted(commands: &[(u64, ActuatorCommand)], count: usize) -> Vec<(u64, usize
     found
 }
 
-fn closest(truth: &[TruthRecord], believed: &Believed, waypoint: &Waypoint, time_ns: u64) -> Option<f64> {
+/// The least distance, and the height above the way-point there, m.
+fn closest(
+    truth: &[TruthRecord],
+    believed: &Believed,
+    waypoint: &Waypoint,
+    time_ns: u64,
+) -> Option<(f64, f64)> {
     let from = truth.partition_point(|record| record.time_ns < time_ns.saturating_sub(SEARCH_NS));
     let near = truth[from..].iter().take_while(|record| record.time_ns <= time_ns.saturating_add(SEARCH_NS));
     let distance = |record: &TruthRecord| (believed.horizontal(record) - waypoint.horizontal()).norm();
-    near.map(distance).min_by(f64::total_cmp)
+    let above = |record: &TruthRecord| -record.position_ned_m[2] - waypoint.altitude_m;
+    near.map(|record| (distance(record), above(record))).min_by(|one, other| one.0.total_cmp(&other.0))
+}
+
+/// What a way-point's passage at another height than its own is told as: a fair passage is one over the ground. The first
+/// one is flown in the climb.
+pub fn height_notes(passages: &[Passage]) -> Vec<String> {
+    let off = passages.iter().skip(1).filter_map(|passage| {
+        let above_m = passage.above_m.filter(|above_m| above_m.abs() > FAIR_HEIGHT_M)?;
+        let side = if above_m < 0.0 { "below" } else { "above" };
+        let time_s = passage.time_ns as f64 / 1e9;
+        Some(format!(
+            "{} was passed {:.0} m {side} its altitude, at {time_s:.1} s",
+            passage.name(),
+            above_m.abs()
+        ))
+    });
+    off.collect()
 }
 
 /// How near the path comes to a way-point at most: a fillet cuts the corner by R (1/cos(turn/2) − 1).
@@ -153,8 +182,25 @@ mod tests {
     }
 
     #[test]
+    fn passage_far_below_its_altitude_is_told_but_for_the_first_in_the_climb() {
+        let passage = |above_m| Passage {
+            index: 1,
+            time_ns: 39_100_000_000,
+            distance_m: Some(3.0),
+            above_m,
+            verified: true,
+        };
+        let notes = height_notes(&[Some(-70.0), Some(-1975.4), Some(-24.0), Some(30.0), None].map(passage));
+        let expected = [
+            "WP1 was passed 1975 m below its altitude, at 39.1 s",
+            "WP1 was passed 30 m above its altitude, at 39.1 s",
+        ];
+        assert_eq!(notes, expected);
+    }
+
+    #[test]
     fn laps_begun_anew_count_from_their_own_first_way_point() {
-        let passage = |index| Passage { index, time_ns: 0, distance_m: None, verified: true };
+        let passage = |index| Passage { index, time_ns: 0, distance_m: None, above_m: None, verified: true };
         let passages: Vec<_> = [0, 1, 2, 0, 1, 2, 3, 0, 1].map(passage).into();
         assert_eq!(in_order(&passages, 4, |_| true), 3..9);
     }

@@ -191,8 +191,13 @@ mod tests {
 
     #[test]
     fn each_corner_is_scored_with_its_own_radius() {
-        let passage =
-            |index: usize, time_ns: u64| Passage { index, time_ns, distance_m: None, verified: true };
+        let passage = |index: usize, time_ns: u64| Passage {
+            index,
+            time_ns,
+            distance_m: None,
+            above_m: None,
+            verified: true,
+        };
         let radii = [(90, 70.0), (190, 100.0)];
         let planned = Planned::chosen(&seed_waypoints(), &[passage(0, 100), passage(1, 200)], &radii, 50.0);
         assert_eq!(planned.radii_m(), [70.0, 100.0]);

@@ -272,7 +272,13 @@ mod tests {
     use bateleur_flight::guidance::seed_waypoints;
 
     fn passage(index: usize, time_s: u64) -> Passage {
-        Passage { index, time_ns: time_s * 1_000_000_000, distance_m: Some(0.0), verified: true }
+        Passage {
+            index,
+            time_ns: time_s * 1_000_000_000,
+            distance_m: Some(0.0),
+            above_m: Some(0.0),
+            verified: true,
+        }
     }
 
     fn record(time_s: f64, north: f64, east: f64, height: f64) -> TruthRecord {

@@ -259,7 +259,10 @@ impl Analysis {
             lost_records: run.map_or(0, |run| run.lost_records),
             guarantees: run.map(|run| run.guarantees.clone()).unwrap_or_default(),
             digest: digest(&flight.truth),
-            notes: run.map(|run| &run.notes).into_iter().flatten().chain(&flight.notes).cloned().collect(),
+            notes: {
+                let notes = run.map(|run| &run.notes).into_iter().flatten().chain(&flight.notes).cloned();
+                notes.chain(mission::height_notes(&self.passages)).collect()
+            },
         }
     }
 

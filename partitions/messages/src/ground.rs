@@ -318,6 +318,11 @@ impl Order {
 }
 
 impl Waypoint {
+    /// Farthest from the runway, north or east, m: the plant's and the laws' flat ground reaches no further.
+    pub const FARTHEST_M: f64 = 50_000.0;
+    /// Highest, m.
+    pub const HIGHEST_M: f64 = 10_000.0;
+
     fn data(&self) -> Vec<u8> {
         let numbers = [self.north_m, self.east_m, self.altitude_m, self.heading_rad, self.airspeed_mps];
         let mut data = vec![self.index, self.count];
@@ -329,7 +334,9 @@ impl Waypoint {
         let numbers: [f64; 5] = finite(b'W', data.get(2..))?;
         let [north_m, east_m, altitude_m, heading_rad, airspeed_mps] = numbers;
         let (index, count) = (data[0], data[1]);
-        if index >= count || airspeed_mps <= 0.0 {
+        let is_near = |metres: f64| metres.abs() <= Self::FARTHEST_M;
+        let is_there = is_near(north_m) && is_near(east_m) && (0.0..=Self::HIGHEST_M).contains(&altitude_m);
+        if index >= count || airspeed_mps <= 0.0 || !is_there {
             return Err(OrderError::OutOfRange('W'));
         }
         Ok(Self { index, count, north_m, east_m, altitude_m, heading_rad, airspeed_mps })

@@ -31,6 +31,8 @@ struct Pending {
     peer: Peer,
     /// Letter and function of each answer that is missing.
     missing: Vec<(u8, u8)>,
+    /// Goes out when all those are there and nobody has refused: the aircraft is handed over to what has taken its orders.
+    handover: Option<Order>,
     result: MavResult,
     until_ns: u64,
 }
@@ -120,11 +122,16 @@ impl Commands {
                 NOT_UNDERSTOOD => MavResult::MAV_RESULT_DENIED,
                 _ => MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
             };
+            pending.handover = None;
             out.text(MavSeverity::MAV_SEVERITY_WARNING, &format!("refused: {}", why(answer)));
         }
-        if pending.missing.is_empty()
-            && let Some(pending) = self.pending.take()
-        {
+        if !pending.missing.is_empty() {
+            return;
+        }
+        if let Some(order) = pending.handover.take() {
+            pending.missing = answers_to(&order).to_vec();
+            out.orders.push(order);
+        } else if let Some(pending) = self.pending.take() {
             acknowledge(pending.command, pending.peer, pending.result, out);
         }
     }
@@ -136,7 +143,7 @@ impl Commands {
         }
     }
 
-    fn begin(&mut self, command: MavCmd, peer: Peer, orders: Vec<Order>, now_ns: u64, out: &mut Out) {
+    fn begin(&mut self, command: MavCmd, peer: Peer, mut orders: Vec<Order>, now_ns: u64, out: &mut Out) {
         match &self.pending {
             // Sent again because the answer is not there yet.
             Some(pending) if pending.command == command && pending.peer == peer => return,
@@ -145,11 +152,19 @@ impl Commands {
             }
             None => {}
         }
+        let hands_over = orders.len() > 1 && orders.last() == Some(&Order::Autopilot { on: true });
+        let handover = if hands_over { orders.pop() } else { None };
         let missing = orders.iter().flat_map(|order| answers_to(order)).copied().collect();
         out.orders.extend(orders);
         let until_ns = now_ns.saturating_add(PATIENCE_NS);
-        self.pending =
-            Some(Pending { command, peer, missing, result: MavResult::MAV_RESULT_ACCEPTED, until_ns });
+        self.pending = Some(Pending {
+            command,
+            peer,
+            missing,
+            handover,
+            result: MavResult::MAV_RESULT_ACCEPTED,
+            until_ns,
+        });
     }
 }
 

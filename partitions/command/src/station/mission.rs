@@ -27,8 +27,6 @@ const ON_THE_WAY: usize = 4;
 const USUAL_MPS: f64 = 22.0;
 /// Airspeeds that an item may ask for, m/s.
 const SPEEDS_MPS: std::ops::RangeInclusive<f64> = 5.0..=100.0;
-/// Further from the runway than this nobody flies, m.
-const FARTHEST_M: f64 = 50_000.0;
 
 /// One item, as the ground station counts them.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -408,13 +406,13 @@ fn waypoint(m: &MISSION_ITEM_INT_DATA, runway: &Runway) -> Result<Waypoint, (Ver
         MavFrame::MAV_FRAME_LOCAL_NED => (f64::from(m.x) * 1e-4, f64::from(m.y) * 1e-4, -f64::from(m.z)),
         _ => return Err((Verdict::MAV_MISSION_UNSUPPORTED_FRAME, "its frame is not known here")),
     };
-    if north_m.abs() > FARTHEST_M {
+    if north_m.abs() > Waypoint::FARTHEST_M {
         return Err((Verdict::MAV_MISSION_INVALID_PARAM5_X, "more than 50 km from the runway"));
     }
-    if east_m.abs() > FARTHEST_M {
+    if east_m.abs() > Waypoint::FARTHEST_M {
         return Err((Verdict::MAV_MISSION_INVALID_PARAM6_Y, "more than 50 km from the runway"));
     }
-    if !(0.0..=10_000.0).contains(&altitude_m) {
+    if !(0.0..=Waypoint::HIGHEST_M).contains(&altitude_m) {
         return Err((Verdict::MAV_MISSION_INVALID_PARAM7, "altitude between 0 and 10 km"));
     }
     let heading_rad = if m.param4.is_finite() { f64::from(m.param4).to_radians() } else { 0.0 };

@@ -320,6 +320,21 @@ fn refused_command_says_why_and_a_silent_function_is_told() {
 }
 
 #[test]
+fn aircraft_is_handed_over_only_when_what_it_is_to_fly_was_taken() {
+    let start = || [command(MavCmd::MAV_CMD_MISSION_START, 0.0)];
+    let mut world = World::new(refuse);
+    let mut heard = world.window(&start());
+    heard.extend(world.windows(5));
+    assert_eq!(world.ordered, [Order::Navigation { on: true }], "and not the autopilot");
+    assert_eq!(acknowledged(&heard), [MavResult::MAV_RESULT_TEMPORARILY_REJECTED]);
+    let mut world = World::new(accept);
+    let mut heard = world.window(&start());
+    heard.extend(world.windows(5));
+    assert_eq!(world.ordered, [Order::Navigation { on: true }, Order::Autopilot { on: true }]);
+    assert_eq!(acknowledged(&heard), [MavResult::MAV_RESULT_ACCEPTED]);
+}
+
+#[test]
 fn long_text_goes_in_pieces_that_belong_together_and_a_short_one_in_one() {
     let mut world = World::new(accept);
     world.windows(10);

@@ -107,6 +107,13 @@ impl Agenda {
         count_of(self.newest.load(Acquire))
     }
 
+    /// Whether a core has begun that major frame: then all run it. Frame 0 counts from the first of its cores on that goes
+    /// on to the next one.
+    #[must_use]
+    pub fn has_begun(&self, frame: u64) -> bool {
+        frame > 0 && self.newest_frame() >= frame
+    }
+
     /// When it began, module time, ns.
     #[must_use]
     pub fn newest_frame_ns(&self) -> u64 {

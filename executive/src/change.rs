@@ -56,7 +56,9 @@ impl Changes {
             ChangeAction::ColdRestart => slot.is_fresh(),
             ChangeAction::Idle | ChangeAction::WarmRestart => false,
         };
-        (!nothing && slot.withhold(action != ChangeAction::Idle)).then_some(action)
+        let due = !nothing && slot.withhold(action != ChangeAction::Idle);
+        due.then(|| slot.owe(action, after));
+        due.then_some(action)
     }
 
     /// Takes the request for another schedule that the partition of a window has left in its page, where it may ask.

@@ -181,15 +181,16 @@ impl Dispatcher {
         Self { begin_ns, ..self }
     }
 
-    /// Runs major frames until the gate says that the module stops, or `stop` says so at a major frame's end.
-    pub fn run(&mut self, pace: &mut dyn Pace, gate: &mut dyn Gate, stop: &dyn Fn() -> bool) {
+    /// Runs major frames until the gate says that the module stops, or `stop` says so of the start of a major frame, module
+    /// time, ns, that no other core has begun.
+    pub fn run(&mut self, pace: &mut dyn Pace, gate: &mut dyn Gate, stop: &dyn Fn(u64) -> bool) {
         let schedule = self.agenda.current();
         let reign = Reign { number: 0, schedule, after: None, since_ns: self.begin_ns };
         let mut next =
             Some(Frame { number: 0, start_ns: self.begin_ns, shift_ns: 0, minor_frames: 0, reign });
         while let Some(before) = next.take() {
             let late_ns = self.reach_frame(&before, pace, gate);
-            if stop() {
+            if stop(before.start_ns) && !self.agenda.has_begun(before.number) {
                 break;
             }
             // Only now, at its very start, is it decided what the frame runs.
@@ -508,7 +509,7 @@ mod tests {
     #[test]
     fn windows_open_and_close_in_order_and_touching_ones_switch_at_one_instant() {
         let (mut pace, mut notes) = (Jump { late_at_ns: u64::MAX, reached: Vec::new() }, Notes::default());
-        dispatcher().run(&mut pace, &mut notes, &|| false);
+        dispatcher().run(&mut pace, &mut notes, &|_| false);
         let first_major =
             ["frame 0", "open 0 0", "close 0", "frame 20", "open 0 20", "close 0", "open 1 22", "close 1"];
         assert_eq!(notes.lines[..8], first_major);
@@ -563,7 +564,7 @@ mod tests {
         assert!(agenda.propose_shift(1, -20_000) && agenda.propose_shift(2, 7_000_000));
         let mut pace = Jump { late_at_ns: u64::MAX, reached: Vec::new() };
         let mut places = Places::default();
-        Dispatcher::new(&timelines, agenda, true, |_| true).run(&mut pace, &mut places, &|| false);
+        Dispatcher::new(&timelines, agenda, true, |_| true).run(&mut pace, &mut places, &|_| false);
         assert!(pace.reached.is_sorted());
         let us = |us: u64| us * 1_000;
         let frame = |start: u64, length: u64| {
@@ -576,7 +577,7 @@ mod tests {
     #[test]
     fn a_late_switch_is_marked_and_no_later_window_moves() {
         let (mut pace, mut notes) = (Jump { late_at_ns: 20_000_000, reached: Vec::new() }, Notes::default());
-        dispatcher().run(&mut pace, &mut notes, &|| false);
+        dispatcher().run(&mut pace, &mut notes, &|_| false);
         assert!(notes.lines.contains(&"open 0 20 late".to_owned()));
         assert!(notes.lines.contains(&"open 1 22".to_owned()));
         assert!(pace.reached.contains(&40_000_000) && pace.reached.contains(&60_000_000));
@@ -586,7 +587,7 @@ mod tests {
     fn a_module_stops_at_the_end_of_a_major_frame() {
         let (mut pace, mut notes) = (Jump { late_at_ns: u64::MAX, reached: Vec::new() }, Notes::default());
         let asked = std::cell::Cell::new(0);
-        dispatcher().run(&mut pace, &mut notes, &|| {
+        dispatcher().run(&mut pace, &mut notes, &|_| {
             asked.set(asked.get() + 1);
             asked.get() > 1
         });
@@ -660,7 +661,7 @@ mod tests {
         let mut dispatcher = Dispatcher::new(&timelines, agenda.clone(), true, |_| true);
         let mut gate = Asks { notes: Notes::default(), agenda, asks: asks.to_vec(), reigns: Vec::new() };
         let mut pace = Jump { late_at_ns: u64::MAX, reached: Vec::new() };
-        dispatcher.run(&mut pace, &mut gate, &|| false);
+        dispatcher.run(&mut pace, &mut gate, &|_| false);
         assert!(pace.reached.is_sorted());
         gate
     }
@@ -727,7 +728,7 @@ mod tests {
         let mut dispatcher = Dispatcher::new(&timelines, agenda, false, |core| core == 1);
         let mut pace = Jump { late_at_ns: u64::MAX, reached: Vec::new() };
         let asked = std::cell::Cell::new(0);
-        dispatcher.run(&mut pace, &mut Notes::default(), &|| {
+        dispatcher.run(&mut pace, &mut Notes::default(), &|_| {
             asked.set(asked.get() + 1);
             asked.get() > 3
         });

@@ -23,6 +23,11 @@ const MOST: usize = 128;
 const SLOW_NS: u64 = 200_000;
 /// See [`SLOW_NS`], ns.
 const SHUN_NS: u64 = 1_000_000_000;
+/// What a partition may still compute after its window's end when it had closed it: its way to sleep, and what the machine
+/// takes for itself meanwhile, ns.
+const STRAY_NS: u64 = 200_000;
+/// No processor time was noted.
+const NOT_NOTED: u64 = u64::MAX;
 /// From a freeze to the look whether it took, ns. Threads that are not deep in the kernel have stopped by then.
 pub const LOOK_NS: u64 = 40_000;
 
@@ -46,6 +51,8 @@ pub trait Grip: Send + Sync + std::fmt::Debug {
     fn demote(&self, tid: i32) -> bool;
     /// Moves a thread to a processor.
     fn place(&self, tid: i32, core: u32);
+    /// Processor time that a thread has used, ns; none: it has ended.
+    fn used_ns(&self, tid: i32) -> Option<u64>;
     /// CLOCK_MONOTONIC, ns.
     fn now_ns(&self) -> u64;
 }
@@ -104,6 +111,9 @@ impl Grip for Processes {
     fn place(&self, tid: i32, core: u32) {
         let _ = sched::bind(tid, &[core]); // it has ended
     }
+    fn used_ns(&self, tid: i32) -> Option<u64> {
+        sched::used_ns(tid)
+    }
     fn now_ns(&self) -> u64 {
         now_ns()
     }
@@ -158,6 +168,8 @@ pub struct Escapes {
     pub ran_on: u32,
     /// Times that something was still not frozen when the partition's next window came.
     pub stuck: u32,
+    /// Times that the partition computed on after it had said that it was done with its window.
+    pub strayed: u32,
 }
 
 /// See the module's head.
@@ -175,6 +187,9 @@ pub struct Fence {
     shun_until_ns: AtomicU64,
     ran_on: AtomicU32,
     stuck: AtomicU32,
+    strayed: AtomicU32,
+    /// Processor time of the first thread at the end of its last window, or [`NOT_NOTED`].
+    used_ns: AtomicU64,
     /// The processor that the threads are on, plus one; 0: not yet placed.
     core: AtomicU32,
 }
@@ -194,6 +209,8 @@ impl Fence {
             shun_until_ns: AtomicU64::new(0),
             ran_on: AtomicU32::new(0),
             stuck: AtomicU32::new(0),
+            strayed: AtomicU32::new(0),
+            used_ns: AtomicU64::new(NOT_NOTED),
             core: AtomicU32::new(0),
         }
     }
@@ -204,6 +221,7 @@ impl Fence {
         self.stopped.store(false, Relaxed);
         self.demoted.store(false, Relaxed);
         self.unsettled.store(false, Relaxed);
+        self.used_ns.store(NOT_NOTED, Relaxed);
         self.core.store(0, Relaxed);
         self.frozen.store(false, Relaxed);
         // Whatever the flag said: a dispatcher may be freezing right now (it looks again afterwards).
@@ -253,6 +271,15 @@ impl Fence {
         frozen && !slow
     }
 
+    /// Takes the priority of a partition that says it is done, until its next window: its word decides whether it is
+    /// stopped, never whether it can take others' time. What it uses from now on is noted and found in [`Fence::let_go`].
+    pub fn give_way(&self, main: i32) {
+        if self.priority.is_some() && main != 0 {
+            self.demote_known();
+            self.used_ns.store(self.grip.used_ns(main).unwrap_or(NOT_NOTED), Relaxed);
+        }
+    }
+
     /// Looks once whether the freeze took. What had not stopped and is still real-time is demoted and counted; what is
     /// ordinary by now may only be waiting for the processor in order to stop.
     pub fn look(&self) {
@@ -285,6 +312,12 @@ impl Fence {
         if self.stopped.swap(false, SeqCst) {
             self.grip.go_on(main);
         }
+        let noted_ns = self.used_ns.swap(NOT_NOTED, Relaxed);
+        if noted_ns != NOT_NOTED
+            && self.grip.used_ns(main).is_some_and(|used_ns| used_ns > noted_ns.saturating_add(STRAY_NS))
+        {
+            self.strayed.fetch_add(1, Relaxed);
+        }
         if self.demoted.swap(false, Relaxed)
             && let Some(priority) = self.priority
         {
@@ -300,6 +333,12 @@ impl Fence {
         if self.stopped.swap(false, SeqCst) {
             self.grip.go_on(main);
         }
+    }
+
+    /// Whether there is anything for [`Fence::relieve`].
+    #[must_use]
+    pub fn awaits_relief(&self) -> bool {
+        self.stopped.load(SeqCst) && self.frozen.load(SeqCst)
     }
 
     /// Thaws, off the time-critical path, what signals hold by now: a window's start must not meet the slow lock again.
@@ -319,7 +358,8 @@ impl Fence {
 
     /// What was not held since the last question.
     pub fn take_escapes(&self) -> Escapes {
-        Escapes { ran_on: self.ran_on.swap(0, Relaxed), stuck: self.stuck.swap(0, Relaxed) }
+        let taken = |count: &AtomicU32| count.swap(0, Relaxed);
+        Escapes { ran_on: taken(&self.ran_on), stuck: taken(&self.stuck), strayed: taken(&self.strayed) }
     }
 
     fn demote_known(&self) {
@@ -347,6 +387,7 @@ mod tests {
         frozen: bool,
         real_time: Vec<i32>,
         threads: Vec<i32>,
+        used_ns: u64,
     }
 
     #[derive(Debug, Default, Clone)]
@@ -406,6 +447,9 @@ mod tests {
         fn place(&self, tid: i32, core: u32) {
             self.world().said.push(format!("{tid} to {core}"));
         }
+        fn used_ns(&self, _: i32) -> Option<u64> {
+            Some(self.world().used_ns)
+        }
         fn now_ns(&self) -> u64 {
             self.world().now_ns
         }
@@ -443,7 +487,7 @@ mod tests {
         assert_eq!(fake.said(), "freeze");
         fence.look();
         assert!(fake.world().real_time.is_empty(), "{:?}", fake.world());
-        assert_eq!(fence.take_escapes(), Escapes { ran_on: 1, stuck: 0 });
+        assert_eq!(fence.take_escapes(), Escapes { ran_on: 1, ..Escapes::default() });
         fake.said();
         fake.world().in_kernel = false;
         fence.let_go(10);
@@ -459,7 +503,31 @@ mod tests {
         fence.look();
         assert_eq!(fence.take_escapes(), Escapes::default());
         fence.let_go(10);
-        assert_eq!(fence.take_escapes(), Escapes { ran_on: 0, stuck: 1 });
+        assert_eq!(fence.take_escapes(), Escapes { stuck: 1, ..Escapes::default() });
+    }
+
+    #[test]
+    fn a_partition_that_says_it_is_done_loses_its_priority_until_its_next_window() {
+        let (fake, fence) = in_window(1);
+        fence.give_way(10);
+        assert_eq!(fake.said(), "demote 10");
+        fake.world().used_ns += STRAY_NS;
+        fence.let_go(10);
+        assert_eq!(fake.said(), "promote 10");
+        assert_eq!(fence.take_escapes(), Escapes::default(), "its way to sleep is its own");
+    }
+
+    #[test]
+    fn a_partition_that_computes_on_after_it_said_it_was_done_is_found_before_its_next_window() {
+        let (fake, fence) = in_window(1);
+        fence.give_way(10);
+        fake.world().used_ns += STRAY_NS + 1;
+        fence.let_go(10);
+        assert_eq!(fence.take_escapes(), Escapes { strayed: 1, ..Escapes::default() });
+        fake.world().used_ns += 1_000_000; // in its window
+        fence.give_way(10);
+        fence.let_go(10);
+        assert_eq!(fence.take_escapes(), Escapes::default());
     }
 
     #[test]

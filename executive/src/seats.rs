@@ -112,6 +112,9 @@ mod tests {
             false
         }
         fn place(&self, _: i32, _: u32) {}
+        fn used_ns(&self, _: i32) -> Option<u64> {
+            None
+        }
         fn now_ns(&self) -> u64 {
             0
         }

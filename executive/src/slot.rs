@@ -11,6 +11,7 @@ use rustix::thread::futex;
 
 use crate::dispatcher::Occurrence;
 use crate::fence::{Escapes, Fence};
+use crate::plan::ChangeAction;
 use crate::system::time::now_ns;
 
 /// Whether a partition takes windows.
@@ -77,6 +78,12 @@ impl Grant {
     }
 }
 
+/// What a change of schedule can owe a partition.
+const OWED: [ChangeAction; 3] = [ChangeAction::ColdRestart, ChangeAction::WarmRestart, ChangeAction::Idle];
+
+/// Owns a slot in place of a core, see [`Slot::alone`].
+const MONITOR: u32 = u32::MAX;
+
 /// Woken by every wake.
 const ANYBODY: std::num::NonZeroU32 = std::num::NonZeroU32::MAX;
 
@@ -102,6 +109,9 @@ pub struct Slot {
     fresh: AtomicBool,
     /// The reign of the partition's last window, whichever of its slots that was on.
     reign: Arc<AtomicU32>,
+    /// What a change of schedule means for the partition and is not done yet: the place in [`OWED`] plus one, and the
+    /// schedule; 0: nothing.
+    owed: AtomicU32,
     /// Requests for a schedule that were taken from the page.
     schedule_requests: AtomicU32,
     /// What stands in the executive's half of the page for a whole run: a partition that wrote over it must not do so
@@ -129,6 +139,7 @@ impl Slot {
             not_before_ns: AtomicU64::new(0),
             fresh: AtomicBool::new(false),
             reign: Arc::default(),
+            owed: AtomicU32::new(0),
             schedule_requests: AtomicU32::new(0),
             clock: AtomicU32::new(0),
             origin_ns: AtomicU64::new(0),
@@ -239,7 +250,12 @@ impl Slot {
 
     /// What the fence did not hold since the last question, and its work that need not be done in a window's switch.
     pub fn look_after_fence(&self) -> Escapes {
-        self.fence.relieve();
+        if self.fence.awaits_relief() {
+            self.alone(|| self.fence.relieve());
+        }
+        if self.held.load(SeqCst) && !self.fence.holds() {
+            self.stop_held(); // its dispatcher was just closing a window when it was to be held
+        }
         self.fence.take_escapes()
     }
 
@@ -289,19 +305,37 @@ impl Slot {
         // sees that the partition is held.
         self.set_readiness(Readiness::Held);
         self.held.store(true, SeqCst);
-        self.stop_running();
+        self.stop_held();
     }
 
-    /// Ends [`Slot::hold`]; it takes its next window.
+    /// Stops what is to be held, unless a dispatcher has it: that one stops it at the window's end. Two that work on one
+    /// fence could leave it open and taken for shut.
+    fn stop_held(&self) {
+        self.alone(|| {
+            if self.held.load(SeqCst) {
+                self.stop_running();
+            }
+        });
+    }
+
+    /// Does `what` unless a dispatcher owns the partition. Only for what is rare: a window that opens meanwhile is lost.
+    fn alone(&self, what: impl FnOnce()) {
+        if self.owner.compare_exchange(0, MONITOR, SeqCst, SeqCst).is_ok() {
+            what();
+            self.owner.store(0, SeqCst);
+        }
+    }
+
+    /// Ends [`Slot::hold`]: with its next window it goes on. Nothing of it runs before: this instant is somebody else's.
     pub fn release(&self) {
         self.held.store(false, SeqCst);
-        self.thaw();
         self.set_readiness(Readiness::Ready);
     }
 
     /// Whether this is the partition's first window in the reign of that number.
     pub fn enters_reign(&self, number: u32) -> bool {
-        self.reign.load(Relaxed) != number && self.reign.swap(number, Relaxed) != number
+        // A dispatcher that comes late, from before another one's change, turns nothing back.
+        self.reign.load(Relaxed) < number && self.reign.fetch_max(number, Relaxed) < number
     }
 
     /// Whether the process has started from nothing and had no window yet.
@@ -317,6 +351,23 @@ impl Slot {
             self.readiness.compare_exchange(from, to, SeqCst, Relaxed).is_ok()
         };
         from(Readiness::Ready) || (revive && from(Readiness::Idle))
+    }
+
+    /// Leaves to the monitor what a change to `schedule` means for the partition: not in the window's record alone, for
+    /// which there may be no room.
+    pub fn owe(&self, action: ChangeAction, schedule: usize) {
+        let place = OWED.iter().position(|owed| *owed == action).map_or(0, |place| place + 1);
+        self.owed.store((schedule as u32) << 2 | place as u32, Release);
+    }
+
+    /// Takes what is owed.
+    pub fn take_owed(&self) -> Option<(ChangeAction, usize)> {
+        if self.owed.load(Relaxed) == 0 {
+            return None;
+        }
+        let owed = self.owed.swap(0, Acquire);
+        let place = (owed & 3).checked_sub(1)? as usize;
+        Some((OWED[place], (owed >> 2) as usize))
     }
 
     /// The schedule that the partition has asked for since the last look, whether it may or not.
@@ -392,11 +443,14 @@ impl Slot {
         }
     }
 
-    /// Ends the window: holds what may still run. `overrun`: the partition was not done. True: a look whether it took is
-    /// due, see [`Slot::look`].
+    /// Ends the window: holds what may still run, and takes the priority of what says that it is done. `overrun`: the
+    /// partition was not. True: a look whether it took is due, see [`Slot::look`].
     pub fn fence(&self, overrun: bool) -> bool {
-        let hold = overrun || self.always_freeze.load(Relaxed) || self.held.load(SeqCst);
-        hold && self.stop_running()
+        if overrun || self.always_freeze.load(Relaxed) || self.held.load(SeqCst) {
+            return self.stop_running();
+        }
+        self.fence.give_way(self.tid.load(Relaxed));
+        false
     }
 
     /// Looks once whether the last fence took.
@@ -412,7 +466,7 @@ impl Slot {
         let look = self.fence.hold(tid);
         // The process was replaced meanwhile: its successor must not be born frozen, for nobody would thaw it.
         if self.tid.load(SeqCst) != tid {
-            self.fence.let_go(self.tid.load(SeqCst));
+            self.fence.let_run(self.tid.load(SeqCst));
             return false;
         }
         look
@@ -485,6 +539,9 @@ mod tests {
             false
         }
         fn place(&self, _: i32, _: u32) {}
+        fn used_ns(&self, _: i32) -> Option<u64> {
+            None
+        }
         fn now_ns(&self) -> u64 {
             0
         }
@@ -581,7 +638,54 @@ mod tests {
         slot.thaw();
         assert_eq!((slot.readiness(), slot.fence.holds()), (Readiness::Held, true));
         slot.release();
-        assert_eq!((slot.readiness(), slot.fence.holds()), (Readiness::Ready, false));
+        assert_eq!((slot.readiness(), slot.fence.holds()), (Readiness::Ready, true), "until its window");
+        slot.grant(&WINDOW, now_ns());
+        assert!(!slot.fence.holds());
+    }
+
+    #[test]
+    fn a_partition_that_is_to_be_held_in_its_window_is_stopped_by_its_dispatcher_at_the_end() {
+        let slot = slot();
+        slot.admit(1, &[1], &[]);
+        slot.set_readiness(Readiness::Ready);
+        assert!(slot.try_own(3));
+        slot.grant(&WINDOW, now_ns());
+        slot.hold();
+        assert!(!slot.fence.holds(), "the fence is the dispatcher's now");
+        close(&slot, now_ns(), now_ns());
+        slot.fence(false);
+        slot.disown(3);
+        assert!(slot.fence.holds());
+    }
+
+    #[test]
+    fn a_partition_whose_dispatcher_had_just_closed_its_window_is_held_at_the_next_look() {
+        let slot = slot();
+        slot.admit(1, &[1], &[]);
+        assert!(slot.try_own(3));
+        slot.fence(false);
+        slot.hold();
+        slot.disown(3);
+        assert!(!slot.fence.holds());
+        slot.look_after_fence();
+        assert!(slot.fence.holds() && slot.try_own(3), "and nobody owns it for that");
+    }
+
+    #[test]
+    fn what_a_change_of_schedule_owes_is_taken_once_and_whole() {
+        let slot = slot();
+        assert_eq!(slot.take_owed(), None);
+        for action in OWED {
+            slot.owe(action, 65_535);
+            assert_eq!((slot.take_owed(), slot.take_owed()), (Some((action, 65_535)), None));
+        }
+    }
+
+    #[test]
+    fn a_dispatcher_from_before_a_change_turns_it_not_back() {
+        let slot = slot();
+        assert!(slot.enters_reign(2));
+        assert!(!slot.enters_reign(1) && !slot.enters_reign(2) && slot.enters_reign(3));
     }
 
     #[test]

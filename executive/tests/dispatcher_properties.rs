@@ -257,7 +257,7 @@ fn run(schedules: &[DrawnSchedule], frames: u64, seed: u64) -> u64 {
     let agenda = Arc::new(Agenda::new(0));
     let mut judge = Judge::new(schedules, &numbers, agenda.clone(), frames, Random(seed));
     let mut dispatcher = Dispatcher::new(&timelines, agenda, true, |_| true);
-    dispatcher.run(&mut Jumps(Random(seed ^ 0x5555_5555)), &mut judge, &|| false);
+    dispatcher.run(&mut Jumps(Random(seed ^ 0x5555_5555)), &mut judge, &|_| false);
     assert_eq!(judge.frames_left, 0);
     judge.changes
 }
@@ -315,7 +315,7 @@ proptest! {
                 let mut notes = Notes { seen: Vec::new(), agenda: agenda.clone(), random, schedules: count };
                 let frames = std::cell::Cell::new(0);
                 let mut dispatcher = Dispatcher::new(&timelines, agenda, false, |own| own == core);
-                dispatcher.run(&mut Jumps(Random(seed)), &mut notes, &|| {
+                dispatcher.run(&mut Jumps(Random(seed)), &mut notes, &|_| {
                     frames.set(frames.get() + 1);
                     frames.get() > 50
                 });

@@ -12,13 +12,13 @@ use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 use bateleur_tests::{
-    Ended, Fault, NINE, Started, Traces, alone, await_some, bateleur, children_of, edited, quantile,
+    Ended, Fault, NINE, Started, Traces, Window, alone, await_some, bateleur, children_of, edited, quantile,
 };
 use rustix::process::Signal;
 use serde_json::Value;
 
 /// What one partition can suffer without writing over memory that it shares with its peers.
-const CONTAINED: [&str; 25] = [
+const CONTAINED: [&str; 26] = [
     "sigkill",
     "sigsegv",
     "sigbus",
@@ -44,6 +44,7 @@ const CONTAINED: [&str; 25] = [
     "divide-by-zero",
     "illegal-instruction",
     "bus-error",
+    "run-on",
 ];
 /// What can hit memory that is shared with peers, and bring down whoever records: the last part of a campaign.
 const SHARED: [&str; 2] = ["wild-write", "wild-ports"];
@@ -51,6 +52,10 @@ const SHARED: [&str; 2] = ["wild-write", "wild-ports"];
 const SHARED_SHARE: u64 = 10;
 /// After a fault, how long an error of its partition is put down to it: `silence_windows` and a restart take a second.
 const AFTERMATH_NS: u64 = 20_000_000_000;
+
+/// So long after a fault, and before it where the answer came late, its partition's windows are its own affair: it is silent
+/// for half a second, then it is restarted.
+const OWN_NS: u64 = 1_500_000_000;
 
 /// SplitMix64.
 struct Random(u64);
@@ -240,6 +245,7 @@ fn faults_of_all_kinds_at_random_instants_harm_nobody_else_and_leave_nothing() {
     let channels = channels();
     assert_faults_explained(&ended.faults(), &provoked, &channels);
     assert_windows_explained(&ended);
+    assert_nobody_took_time(&ended.windows(), &provoked, quiet_until_ns);
     assert_messages_explained(&ended, &provoked);
 }
 
@@ -279,9 +285,14 @@ fn owner(port: &str) -> &str {
     port.split('.').next().unwrap()
 }
 
+/// Something was done about it.
+fn acts(fault: &Fault) -> bool {
+    fault.action != "ignore"
+}
+
 fn assert_faults_explained(found: &[Fault], provoked: &[Provoked], channels: &[Vec<String>]) {
     let mut counts: BTreeMap<String, u64> = BTreeMap::new();
-    let acted = found.iter().filter(|fault| fault.action != "ignore");
+    let acted = found.iter().filter(|fault| acts(fault));
     let mut unexplained = Vec::new();
     for fault in acted {
         *counts.entry(format!("{} -> {}", fault.error, fault.action)).or_default() += 1;
@@ -312,6 +323,7 @@ fn assert_windows_explained(ended: &Ended) {
         .filter(|window| {
             !faults.iter().any(|fault| {
                 fault.partition == window.partition
+                    && acts(fault)
                     && fault.time_ns <= window.planned_end_ns + slack_ns
                     && fault.recovered_ns.is_none_or(|recovered| window.planned_start_ns <= recovered)
             })
@@ -322,6 +334,34 @@ fn assert_windows_explained(ended: &Ended) {
         "{} windows lost by those who had no fault: {unexplained:#?}",
         unexplained.len()
     );
+}
+
+/// Of the windows that were granted on time to partitions that had no fault lately, hardly more were not closed than before
+/// the faults: whoever computes outside its own window would show in others'.
+fn assert_nobody_took_time(windows: &[Window], provoked: &[Provoked], quiet_until_ns: u64) {
+    let is_own_fault = |window: &Window| {
+        provoked.iter().any(|one| {
+            let lately = one.at_ns.saturating_sub(OWN_NS)..=one.at_ns + OWN_NS;
+            let concerns = one.partition() == window.partition
+                || SHARED.contains(&one.fault.as_str())
+                || one.target == "dispatcher";
+            concerns && lately.contains(&window.planned_start_ns)
+        })
+    };
+    let judged = windows.iter().filter(|window| window.granted_ns.is_some() && !window.late);
+    let (quiet, harmed): (Vec<_>, Vec<_>) = judged
+        .filter(|window| !is_own_fault(window))
+        .partition(|window| window.planned_start_ns < quiet_until_ns);
+    let open = |list: &[&Window]| list.iter().filter(|window| window.closed_ns.is_none()).count();
+    let (before, with) = (open(&quiet), open(&harmed));
+    eprintln!(
+        "not closed: {before} of {} windows before, {with} of {} with faults",
+        quiet.len(),
+        harmed.len()
+    );
+    // A hundredth is the machine's.
+    let most = harmed.len() * before / quiet.len().max(1) + harmed.len() / 100 + 3;
+    assert!(with <= most, "{with} of {} windows of those who had no fault were not closed", harmed.len());
 }
 
 /// A gap in the sequence of a source's messages is one that was ordered there, or the source was harmed itself.

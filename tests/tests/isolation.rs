@@ -91,6 +91,29 @@ fn sleeper_on_the_wall_clock_takes_no_window_from_others_and_is_restarted() {
     assert!(harmed.faults().iter().any(|fault| fault.error == "silence" && fault.partition == "middle"));
 }
 
+/// A partition's word that it is done with its window must not decide who has the processor.
+fn assert_impostor_takes_no_window(keys: &str) {
+    let _turn = alone();
+    let quiet = run(&between_counters("counter", ""), &[], 3).expect_code(0);
+    let harmed = run(&between_counters("impostor", keys), &[], 3).expect_code(0);
+    assert_undisturbed(&harmed, &quiet);
+    let faults = harmed.faults();
+    let named = |fault: &&bateleur_tests::Fault| {
+        fault.partition == "middle" && fault.error == "window_overrun" && fault.detail.contains("computed on")
+    };
+    assert_eq!(faults.iter().filter(named).count(), 1, "told once, and held from then on: {faults:#?}");
+}
+
+#[test]
+fn partition_that_says_it_is_done_and_computes_on_takes_no_window_from_others_and_is_named() {
+    assert_impostor_takes_no_window("");
+}
+
+#[test]
+fn partition_that_says_it_is_done_and_wakes_in_another_window_takes_none_and_is_named() {
+    assert_impostor_takes_no_window("attributes = { pause_us = 3500 }");
+}
+
 /// Whether this machine lets the executive hold every process of a partition.
 fn can_hold_children(said: &str) -> bool {
     let lacks = said.contains("not on this machine: a window's end holds every process of a partition");

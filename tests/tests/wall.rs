@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use bateleur_tests::{NINE, TWO_LAPS, Window, alone, bateleur, flight_schedule, quantile};
+use bateleur_tests::{NINE, Sketch, TWO_LAPS, Window, alone, bateleur, flight_schedule, quantile};
 use serde_json::Value;
 
 #[test]
@@ -57,4 +57,15 @@ fn flight_on_the_wall_clock_with_two_kills_completes() {
     let chain_us = summary["chain_execution_us"]["p99"].as_f64().unwrap();
     assert!(chain_us < 13_000.0, "the chain from gyro to elevator takes {chain_us} us");
     assert!(summary["window_start_lateness_us"]["p50"].is_number());
+}
+
+#[test]
+fn run_that_is_to_end_within_a_major_frame_has_the_windows_of_all_frames_that_begin_before() {
+    let _turn = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = Sketch::new().partition("only", "counter", 1000, "").write(folder.path());
+    for (until, windows) in [("0.01", 1), ("0.02", 1), ("0.021", 2), ("0.05", 3)] {
+        let ended = bateleur(&["run", "--schedule", &schedule, "--until", until]).end().expect_code(0);
+        assert_eq!(ended.windows().len(), windows, "until {until} s, frames of 20 ms");
+    }
 }

@@ -278,12 +278,12 @@ fn run_virtual(
     let mut dispatcher = dispatcher.beginning_at(tables.begin_ns);
     let Some(member) = member else {
         let mut gate = VirtualGate::new(monitor, surroundings, records, tables.changes.clone());
-        dispatcher.run(&mut VirtualPace, &mut gate, &|| false);
+        dispatcher.run(&mut VirtualPace, &mut gate, &|_| false);
         return surroundings.module_ns();
     };
     let mut world = Joint { surroundings, member };
     let mut gate = VirtualGate::new(monitor, &mut world, records, tables.changes.clone());
-    dispatcher.run(&mut JointPace(member), &mut gate, &|| false);
+    dispatcher.run(&mut JointPace(member), &mut gate, &|_| false);
     world.tell_deaths(world.surroundings.module_ns(), monitor);
     let starts_again = monitor.stop_asked().is_some_and(|stop| stop.reset) && !surroundings.is_over();
     if !starts_again {
@@ -338,7 +338,7 @@ fn run_wall(
     for line in tables.timelines.first().into_iter().flat_map(|timeline| &timeline.cores) {
         let (producer, consumer) = RingBuffer::new(RECORDS);
         let (core, real_time, all_stop) = (facts.real_core(line.core), facts.real_time, &stop);
-        let stop = stop.clone();
+        let (stop, until_ns) = (stop.clone(), surroundings.until_ns().unwrap_or(u64::MAX));
         lanes.rings.borrow_mut().push(consumer);
         let gate = WallGate::new(
             seats.clone(),
@@ -355,7 +355,11 @@ fn run_wall(
         let pace = WallPace::new(origin_ns, lanes.spun_ns.clone());
         let thread = std::thread::Builder::new()
             .name(format!("dispatch {}", line.core))
-            .spawn(move || dispatch(dispatcher, gate, pace, core, real_time, &stop));
+            .stack_size(DISPATCHER_STACK)
+            .spawn(move || {
+                let stop = |frame_ns| stop.load(Ordering::Acquire) || frame_ns >= until_ns;
+                dispatch(dispatcher, gate, pace, core, real_time, &stop);
+            });
         match thread {
             Ok(thread) => threads.push(thread),
             Err(error) => {
@@ -364,14 +368,15 @@ fn run_wall(
             }
         }
     }
+    // What was made since the machine was examined: tables, rings, pages, stacks. Refused: the list of guarantees says so.
+    let _ = rustix::mm::mlockall(rustix::mm::MlockAllFlags::CURRENT);
     let mut next_minor_ns = tables.begin_ns;
     loop {
         monitor.pause(MONITOR_PERIOD_NS);
         let module_ns = now_ns().saturating_sub(origin_ns);
         monitor.step(module_ns);
-        if surroundings.until_ns().is_some_and(|until_ns| module_ns >= tables.last_frame(until_ns)) {
-            stop.store(true, Ordering::Release); // told after the frame's end, they would begin another
-        } else if threads.iter().any(JoinHandle::is_finished) {
+        let is_over = surroundings.until_ns().is_some_and(|until_ns| module_ns >= until_ns);
+        if !is_over && threads.iter().any(JoinHandle::is_finished) {
             monitor.module_fault(ModuleError::LateDispatcher, LOST_CORE, false, module_ns);
             break;
         }
@@ -381,6 +386,12 @@ fn run_wall(
                 break;
             }
         }
+    }
+    stop.store(true, Ordering::Release);
+    // They end with their major frame, which may be long: what happens until then is seen.
+    while !threads.iter().all(JoinHandle::is_finished) {
+        monitor.pause(MONITOR_PERIOD_NS);
+        monitor.step(now_ns().saturating_sub(origin_ns));
     }
     end_dispatchers(&stop, threads);
     Ok(now_ns().saturating_sub(origin_ns))
@@ -409,13 +420,6 @@ impl Tables {
         let since_ns = self.agenda.newest_frame_ns();
         since_ns + (module_ns.saturating_sub(since_ns) / minor_frame_ns + 1) * minor_frame_ns
     }
-
-    /// Where the major frame begins in which the time `until_ns` lies, or at whose end.
-    fn last_frame(&self, until_ns: u64) -> u64 {
-        let major_frame_ns = self.timelines[self.agenda.current()].major_frame_ns;
-        let since_ns = self.agenda.newest_frame_ns();
-        since_ns + until_ns.saturating_sub(since_ns + 1) / major_frame_ns * major_frame_ns
-    }
 }
 
 /// A dispatcher thread's life.
@@ -425,7 +429,7 @@ fn dispatch(
     mut pace: WallPace,
     core: u32,
     real_time: bool,
-    stop: &AtomicBool,
+    stop: &dyn Fn(u64) -> bool,
 ) {
     use thread_priority::{
         RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, set_thread_priority_and_policy,
@@ -440,8 +444,11 @@ fn dispatch(
             policy,
         ); // as above
     }
-    dispatcher.run(&mut pace, &mut gate, &|| stop.load(Ordering::Acquire));
+    dispatcher.run(&mut pace, &mut gate, stop);
 }
+
+/// Bytes of a dispatcher's stack, all of them locked: it calls a few levels deep and keeps its tables elsewhere.
+const DISPATCHER_STACK: usize = 256 << 10;
 
 /// Above every partition (50 at most) and every interrupt thread (50); below the kernel's own watchdogs (99).
 const DISPATCHER_PRIORITY: u8 = 98;

@@ -237,6 +237,7 @@ impl Monitor {
         let all_run = self.do_all_run();
         for place in 0..self.watched.len() {
             self.take_reports(place, module_ns);
+            self.pay(place, module_ns); // whose window's record found no room
             // On the virtual clock a successor is looked at when its first window comes, whenever it was ready.
             let awaited = self.clock == Clock::Virtual && self.watched[place].is_coming();
             if !all_run && !awaited {

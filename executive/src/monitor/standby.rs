@@ -131,8 +131,8 @@ impl Standby {
         self.cage.kill(Some(process));
         await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
         let pid = process.pid;
+        self.cage.slot.lose_process(); // before its number may be given to another process
         let _ = ended(process); // reaps it
-        self.cage.slot.lose_process();
         self.life = Waiting::Dead(pid);
         true
     }

@@ -206,6 +206,7 @@ impl Watched {
             self.cage.kill(Some(process));
             await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
             let pid = process.pid;
+            self.cage.slot.lose_process(); // before its number may be given to another process
             let _ = ended(process); // reaps it
             self.life = Life::Dead(pid, Then::Rest);
         }

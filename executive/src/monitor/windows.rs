@@ -11,6 +11,7 @@ use crate::fence::Escapes;
 use crate::health::log::{Missed, WindowRecord};
 use crate::monitor::watched::Life;
 use crate::plan::PartitionError;
+use crate::slot::Slot;
 
 /// Between two health entries about the overruns of one partition, module time: each is counted, not each is told.
 const OVERRUN_SILENCE_NS: u64 = 1_000_000_000;
@@ -33,11 +34,19 @@ impl Monitor {
             if let Some(schedule) = record.requested {
                 self.note_request(place, schedule, at.end_ns);
             }
-            if let Some(Missed::Changed(action)) = record.missed {
-                self.change(place, action, at.reign.schedule, at.start_ns);
+            if let Some(Missed::Changed(_)) = record.missed {
+                self.pay(place, at.start_ns);
             }
             self.judge_lateness(&record, module_ns);
             self.judge_window(place, &record, module_ns);
+        }
+    }
+
+    /// Does what a change of schedule has left to be done with the partition, if anything.
+    pub(super) fn pay(&mut self, place: usize, module_ns: u64) {
+        let owed = self.watched[place].seats.all().find_map(Slot::take_owed);
+        if let Some((action, schedule)) = owed {
+            self.change(place, action, schedule, module_ns);
         }
     }
 
@@ -126,13 +135,21 @@ impl Monitor {
 
     /// What a window's end did not hold is an overrun, whether the partition had closed its window or not.
     pub(super) fn judge_fence(&mut self, place: usize, module_ns: u64) {
-        let Escapes { ran_on, stuck } = self.watched[place].cage.slot.look_after_fence();
-        if ran_on + stuck == 0 || !self.watched[place].runs() {
+        let slot = &self.watched[place].cage.slot;
+        let Escapes { ran_on, stuck, strayed } = slot.look_after_fence();
+        if strayed > 0 {
+            slot.always_freeze();
+        }
+        if ran_on + stuck + strayed == 0 || !self.watched[place].runs() {
             return;
         }
-        let detail = match ran_on {
-            0 => format!(
+        let detail = match (ran_on, strayed) {
+            (0, 0) => format!(
                 "not stopped between two windows, {stuck} times: something of it is deep in the kernel"
+            ),
+            (0, _) => format!(
+                "computed on after it had said that it was done with its window, {strayed} times, as ordinary work: held between \
+                 its windows from now on"
             ),
             _ => format!("ran on after its window's end, {ran_on} times, until it lost its priority"),
         };

@@ -8,7 +8,7 @@
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::rc::Rc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use bateleur_contract::{ControlPage, FaultKind, FaultOrder};
 use bateleur_ports::Stamp;
@@ -23,6 +23,8 @@ const GENERATIONS: u32 = 8;
 const WILD_BYTES: usize = 2_000;
 /// How far from something of its own a wild write goes, bytes.
 const WILD_REACH: u64 = 1 << 20;
+/// For how long the order to run on computes after a window: as long as all others of a frame have theirs.
+const RUNS_ON: Duration = Duration::from_millis(20);
 /// How the order to exit ends.
 const EXIT_CODE: i32 = 3;
 
@@ -110,6 +112,8 @@ fn corrupted(bytes: &[u8], seed: u64) -> Vec<u8> {
 /// The faults of a partition, looked at in each window.
 pub(crate) struct Faults {
     seen: u32,
+    /// It runs on when it has closed this window.
+    runs_on: bool,
     /// By the port's place in the description; none: not a source.
     ports: Vec<Option<Rc<PortFault>>>,
 }
@@ -119,7 +123,7 @@ impl Faults {
     pub(crate) fn new(page: &ControlPage, ports: Vec<Option<Rc<PortFault>>>) -> Self {
         let mut seen = 0;
         let _ = page.fault_since(&mut seen); // of a predecessor
-        Self { seen, ports }
+        Self { seen, runs_on: false, ports }
     }
 
     /// Carries out what was ordered since the last window.
@@ -131,7 +135,18 @@ impl Faults {
                     port.set(order);
                 }
             }
+            FaultKind::RunOn => self.runs_on = true,
             _ => misbehave(&order, page),
+        }
+    }
+
+    /// The window is closed. What is computed now touches no port: a run on the virtual clock stays the same.
+    pub(crate) fn after_window(&mut self) {
+        if std::mem::take(&mut self.runs_on) {
+            let begun = Instant::now();
+            while begun.elapsed() < RUNS_ON {
+                std::hint::spin_loop();
+            }
         }
     }
 }
@@ -159,7 +174,7 @@ fn misbehave(order: &FaultOrder, page: &ControlPage) {
         FaultKind::DivideByZero => divide_by_zero(),
         FaultKind::IllegalInstruction => illegal_instruction(),
         FaultKind::BusError => bus_error(),
-        FaultKind::Drop | FaultKind::Delay | FaultKind::Corrupt => {}
+        FaultKind::Drop | FaultKind::Delay | FaultKind::Corrupt | FaultKind::RunOn => {}
     }
 }
 

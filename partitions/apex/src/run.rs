@@ -147,6 +147,7 @@ impl<P: Partition> Life<P> {
             if page.close(last) {
                 let _ = futex::wake(&page.done, futex::Flags::empty(), 1); // woken by the clock meanwhile: fine
             }
+            self.started.faults.after_window();
         }
     }
 

@@ -45,11 +45,13 @@ pub enum FaultKind {
     Delay = 19,
     /// They are sent with wrong bits.
     Corrupt = 20,
+    /// Says that it is done with its window, and computes on in the others'.
+    RunOn = 21,
 }
 
 impl FaultKind {
     /// All of them.
-    pub const ALL: [Self; 20] = [
+    pub const ALL: [Self; 21] = [
         Self::Panic,
         Self::Abort,
         Self::Exit,
@@ -70,6 +72,7 @@ impl FaultKind {
         Self::Drop,
         Self::Delay,
         Self::Corrupt,
+        Self::RunOn,
     ];
 
     /// Its word.
@@ -95,6 +98,7 @@ impl FaultKind {
             Self::Drop => "drop",
             Self::Delay => "delay",
             Self::Corrupt => "corrupt",
+            Self::RunOn => "run-on",
         }
     }
 

@@ -20,6 +20,8 @@ const EMPTY: u64 = u64::MAX;
 const SCHEDULE_BITS: u32 = 16;
 /// Bits of a shift's word that count the frame; the others are the shift, ns: nine minutes either way.
 const FRAME_BITS: u32 = 24;
+/// The largest shift that a word holds, ns. The checker allows no frame that could be moved further.
+const MOST_SHIFT_NS: i64 = i64::MAX >> FRAME_BITS;
 
 /// See the module's head.
 #[derive(Debug)]
@@ -186,6 +188,8 @@ impl Agenda {
 }
 
 fn shift_word(frame: u64, shift_ns: i64) -> u64 {
+    // What does not fit would come out of it with another sign.
+    let shift_ns = shift_ns.clamp(-MOST_SHIFT_NS, MOST_SHIFT_NS);
     (shift_ns << FRAME_BITS).cast_unsigned() | low(frame)
 }
 
@@ -277,6 +281,17 @@ mod tests {
         assert_eq!((agenda.shift(2), agenda.shift(1)), (Some(0), Some(-37)));
         assert!(agenda.propose_shift(3, 99_000_000_000));
         assert_eq!(agenda.shift(3), Some(99_000_000_000));
+    }
+
+    #[test]
+    fn a_shift_that_no_word_holds_is_the_longest_one_and_never_one_backwards() {
+        let agenda = Agenda::new(0);
+        assert!(agenda.propose_shift(1, 600_000_000_000) && agenda.propose_shift(2, i64::MIN));
+        agenda.decide(1, 10, 0);
+        assert_eq!(agenda.shift(1), Some(MOST_SHIFT_NS));
+        agenda.decide(2, 20, 0);
+        assert_eq!(agenda.shift(2), Some(-MOST_SHIFT_NS));
+        assert!(MOST_SHIFT_NS > 9 * 60 * 1_000_000_000);
     }
 
     #[test]

@@ -1,10 +1,12 @@
 //! One run of one module on this machine: its name, its files in `/dev/shm`, its control group; and what earlier runs
 //! that were killed have left behind.
 //!
-//! Everything that a run makes outside its output folder carries the run's name, and the run's record says which
-//! process it belongs to. So whoever comes later, the guard process or the next start, can tell what nobody owns.
+//! Everything that a run makes outside its output folder carries the run's name. Its record is locked for as long as its process
+//! lives, so whoever comes later, the guard process or the next start, can tell what nobody owns: also from inside a container that
+//! has the machine's `/dev/shm` and none of its processes. A process number alone must never decide that somebody is dead.
 
-use std::fs;
+use std::fs::{self, File};
+use std::hash::{BuildHasher, RandomState};
 use std::io;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
@@ -12,6 +14,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use bateleur_ports::Domain;
+use rustix::fs::{FlockOperation, flock};
 
 use crate::machine::PARTITION_USER;
 use crate::system::cgroup;
@@ -26,7 +29,7 @@ const RECORD: &str = "instance.json";
 /// What a run leaves in its directory for those who clean up after it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Instance {
-    /// The run's name: `bateleur.<module>.<process>`.
+    /// The run's name: `bateleur.<module>.<process>`, with more behind it where that name was taken.
     pub name: String,
     /// The executive's process.
     pub pid: i32,
@@ -37,24 +40,55 @@ pub struct Instance {
     /// Its groups of version 1.
     #[serde(default)]
     pub accounts: Vec<PathBuf>,
+    /// Whether the record is locked while the process lives. Those of older versions are not: their process is looked for.
+    #[serde(default)]
+    pub locked: bool,
 }
+
+/// The lock on a run's record: the run counts as living until this is dropped, or its process is gone. A descriptor that ends with
+/// `exec`, so that no helper or partition keeps it.
+#[derive(Debug)]
+pub struct Alive(#[allow(dead_code)] File);
+
+/// Names that are tried before a run is given up.
+const NAMES: usize = 16;
 
 impl Instance {
     /// The run of `module` by this process. Makes its directory.
-    pub fn create(module: &str) -> io::Result<Self> {
+    pub fn create(module: &str) -> io::Result<(Self, Alive)> {
         let pid = std::process::id() as i32;
-        let name = format!("{NAME}.{module}.{pid}");
-        let instance = Self {
-            name,
+        let mut instance = Self {
+            name: format!("{NAME}.{module}.{pid}"),
             pid,
             started_ticks: started_ticks(pid).unwrap_or(0),
             group: None,
             accounts: Vec::new(),
+            locked: true,
         };
-        // Whatever the user's umask says: a record that others could write is not believed.
-        fs::DirBuilder::new().mode(0o755).create(instance.directory())?;
+        instance.make_directory()?;
+        // Locked before there is anything in it that somebody could believe.
+        let record = File::create(instance.directory().join(RECORD))?;
+        flock(&record, FlockOperation::LockExclusive)?;
         instance.record()?;
-        Ok(instance)
+        Ok((instance, Alive(record)))
+    }
+
+    /// The name with the process in it can be foreseen and another run may have it: a process of the same number in another
+    /// container, or somebody who does not want this one to start. Then another name is drawn.
+    fn make_directory(&mut self) -> io::Result<()> {
+        let plain = self.name.clone();
+        // Whatever the user's umask says: a record that others could write is not believed.
+        let make = |instance: &Self| fs::DirBuilder::new().mode(0o755).create(instance.directory());
+        let mut made = make(self);
+        for _ in 0..NAMES {
+            match &made {
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                _ => break,
+            }
+            self.name = format!("{plain}-{:08x}", RandomState::new().hash_one(0) as u32);
+            made = make(self);
+        }
+        made
     }
 
     /// Notes the control groups, for those who clean up.
@@ -120,7 +154,12 @@ impl Instance {
     }
 
     fn is_alive(&self) -> bool {
-        started_ticks(self.pid) == Some(self.started_ticks)
+        match File::open(self.directory().join(RECORD)) {
+            Ok(record) if self.locked => {
+                flock(&record, FlockOperation::NonBlockingLockShared) == Err(rustix::io::Errno::WOULDBLOCK)
+            }
+            _ => started_ticks(self.pid) == Some(self.started_ticks),
+        }
     }
 }
 
@@ -182,7 +221,7 @@ mod tests {
 
     #[test]
     fn a_living_run_is_left_alone_and_a_dead_one_is_removed() {
-        let living = Instance::create("instance_test").unwrap();
+        let (living, _alive) = Instance::create("instance_test").unwrap();
         // A process number that can not exist stands for an executive that was killed.
         let dead = Instance {
             name: "bateleur.instance_test.dead".into(),
@@ -190,6 +229,7 @@ mod tests {
             started_ticks: 1,
             group: None,
             accounts: Vec::new(),
+            locked: true,
         };
         fs::create_dir(dead.directory()).unwrap();
         dead.record().unwrap();
@@ -206,12 +246,68 @@ mod tests {
         assert!(!living.directory().exists());
     }
 
+    /// Whether the run's record, as whoever starts next reads it, is that of one who lives. Not by [`clean_leftovers`], which would look
+    /// at the runs of others too.
+    fn is_taken_for_living(instance: &Instance) -> bool {
+        trusted_record(&instance.directory(), is_own).unwrap().is_alive()
+    }
+
+    #[test]
+    fn a_run_whose_process_can_not_be_seen_from_here_lives_as_long_as_its_lock_is_held() {
+        let (mut unseen, alive) = Instance::create("instance_unseen").unwrap();
+        // As its own container numbers it: here there is no such process.
+        unseen.pid = i32::MAX;
+        unseen.set_groups(None, Vec::new()).unwrap();
+        assert!(is_taken_for_living(&unseen), "also after its record was written anew");
+        drop(alive);
+        assert!(!is_taken_for_living(&unseen), "its executive is gone");
+        unseen.clean_up();
+    }
+
+    #[test]
+    fn a_lock_is_kept_by_no_child_that_the_executive_starts() {
+        let (instance, alive) = Instance::create("instance_child").unwrap();
+        let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
+        drop(alive);
+        let living = is_taken_for_living(&instance);
+        child.kill().unwrap();
+        child.wait().unwrap();
+        instance.clean_up();
+        assert!(!living);
+    }
+
+    #[test]
+    fn a_run_of_an_older_version_without_a_lock_lives_as_long_as_its_process() {
+        let (mut older, alive) = Instance::create("instance_older").unwrap();
+        drop(alive);
+        older.locked = false;
+        older.record().unwrap();
+        assert!(is_taken_for_living(&older), "its process is this one");
+        older.started_ticks += 1;
+        older.record().unwrap();
+        assert!(!is_taken_for_living(&older), "another process has its number");
+        older.clean_up();
+    }
+
+    #[test]
+    fn a_name_that_somebody_has_taken_before_keeps_no_module_from_starting() {
+        let (first, _one) = Instance::create("instance_taken").unwrap();
+        let (second, _other) = Instance::create("instance_taken").unwrap();
+        let (name, module) = (second.name.clone(), second.module().to_owned());
+        assert!(is_taken_for_living(&second));
+        first.clean_up();
+        second.clean_up();
+        assert!(name.starts_with(&format!("{}-", first.name)), "{name}");
+        assert_eq!(module, "instance_taken");
+    }
+
     #[test]
     fn a_planted_record_that_names_another_folder_is_not_believed() {
         let victim = tempfile::tempdir_in(SHARED_MEMORY).unwrap();
         let planted = Path::new(SHARED_MEMORY).join(format!("bateleur.planted.{}", std::process::id()));
         let name = victim.path().file_name().unwrap().to_string_lossy().into_owned();
-        let instance = Instance { name, pid: i32::MAX, started_ticks: 1, group: None, accounts: Vec::new() };
+        let (group, accounts) = (None, Vec::new());
+        let instance = Instance { name, pid: i32::MAX, started_ticks: 1, group, accounts, locked: true };
         fs::create_dir(&planted).unwrap();
         fs::write(planted.join(RECORD), serde_json::to_vec(&instance).unwrap()).unwrap();
         assert_eq!(trusted_record(&planted, is_own), None);

@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::os::fd::AsFd;
+use std::os::unix::fs::FileTypeExt;
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 
@@ -61,6 +62,7 @@ impl Machine {
         let namespaces = namespaces(user, filtered, &mut guarantees);
         channels(namespaces.mount, ruled, &mut guarantees);
         memory(filtered, &mut guarantees);
+        devices(view, &mut guarantees);
         keep_housekeeping_free(&cores);
         Self { real_time, namespaces, user, filtered, ruled, guarantees, groups, cores }
     }
@@ -100,6 +102,44 @@ fn map_cores(planned: &[u32], allowed: &[u32], guarantees: &mut Guarantees) -> V
         ),
     }
     map
+}
+
+/// Said only where the plan grants a device by its path.
+fn devices(view: &ModuleView<'_>, guarantees: &mut Guarantees) {
+    let plan = view.plan();
+    let granted = view.partitions().flat_map(|id| {
+        let partition = &plan[id];
+        partition.devices.iter().map(|device| (partition.name.as_str(), device.as_str()))
+    });
+    let granted: Vec<_> = granted.filter(|(_, device)| device.contains('/')).collect();
+    if let Some(found) = devices_found(&granted) {
+        match found {
+            Ok(()) => guarantees.held(DEVICES, format!("{} of them", granted.len())),
+            Err(why) => guarantees.missing(DEVICES, why),
+        }
+    }
+}
+
+const DEVICES: &str = "the devices that partitions are granted are there";
+
+/// Which of the devices are none here, in words; nothing where there is none to look for.
+fn devices_found(granted: &[(&str, &str)]) -> Option<Result<(), String>> {
+    let fault = |&(partition, device): &(&str, &str)| {
+        let why = match std::fs::metadata(device) {
+            Err(error) => error.to_string(),
+            Ok(about) if about.file_type().is_char_device() || about.file_type().is_block_device() => {
+                return None;
+            }
+            Ok(_) => "no device".to_owned(),
+        };
+        Some(format!("`{device}` of `{partition}`: {why}"))
+    };
+    let faults: Vec<String> = granted.iter().filter_map(fault).collect();
+    match faults.as_slice() {
+        _ if granted.is_empty() => None,
+        [] => Some(Ok(())),
+        faults => Some(Err(format!("{}; plug it in, or correct `devices` in the plan", faults.join(", ")))),
+    }
 }
 
 /// Everything but dispatchers and partitions stays off the partitioned cores, if there are others.
@@ -288,4 +328,22 @@ fn memory(filtered: bool, guarantees: &mut Guarantees) {
     let locked = rustix::mm::mlockall(rustix::mm::MlockAllFlags::CURRENT);
     let mend = "a page fault may delay a window; raise the limit of locked memory (ulimit -l)";
     guarantees.examine("the executive's memory stays in place", locked, "locked", mend);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_granted_device_that_is_not_there_or_is_none_is_named_and_words_are_not_looked_for() {
+        let why = devices_found(&[("gps", "/dev/null"), ("gps", "/dev/no_such_line"), ("imu", "/etc")]);
+        let why = why.unwrap().unwrap_err();
+        assert!(
+            why.contains("`/dev/no_such_line` of `gps`: No such file")
+                && why.contains("`/etc` of `imu`: no device")
+        );
+        assert!(!why.contains("/dev/null"), "{why}");
+        assert_eq!(devices_found(&[("gps", "/dev/null")]), Some(Ok(())));
+        assert_eq!(devices_found(&[]), None);
+    }
 }

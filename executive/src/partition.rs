@@ -24,6 +24,7 @@ use rustix::process::{WaitId, WaitIdOptions, waitid};
 
 use crate::fence::{Fence, Processes};
 use crate::keys::Key;
+use crate::plan::units::ShowSize;
 use crate::plan::{Attribute, Partition, PartitionId, Plan, Port, Role};
 use crate::slot::Slot;
 use crate::system::account::Accounts;
@@ -294,6 +295,13 @@ impl Cage {
         self.accounts.out_of_memory_kills() + self.group.as_ref().map_or(0, Group::out_of_memory_kills)
     }
 
+    /// Whether its memory is what a start failed for, in words: `kills_before` are the processes that were ended for it before.
+    #[must_use]
+    pub fn lack_of_memory(&self, kills_before: u64) -> Option<String> {
+        let full = self.accounts.has_been_full() || self.group.as_ref().is_some_and(Group::has_been_full);
+        lack_of_memory(self.memory_bytes, self.out_of_memory_kills() > kills_before, full)
+    }
+
     /// Begins the partition's log anew where it has become too long; the end of the one before is kept beside it.
     pub fn bound_log(&self) {
         let _ = bound(&self.log); // a full disk or a folder that is gone must not stop the aircraft
@@ -320,6 +328,18 @@ impl Cage {
         let line =
             tail.lines().rev().map(str::trim).find(|line| !line.is_empty() && !line.starts_with("note: "))?;
         Some(line.chars().take(300).collect())
+    }
+}
+
+/// See [`Cage::lack_of_memory`].
+fn lack_of_memory(bytes: u64, ended_for_it: bool, full: bool) -> Option<String> {
+    let memory = ShowSize(bytes);
+    if ended_for_it {
+        Some(format!(
+            "the kernel ended it because it needs more memory than its {memory} (`memory` in the plan)"
+        ))
+    } else {
+        full.then(|| format!("its {memory} of memory were full, which may be why (`memory` in the plan)"))
     }
 }
 
@@ -540,6 +560,14 @@ mod tests {
         let page = shared_memory("page", 4096).unwrap();
         assert_eq!(ftruncate(&page, 0), Err(rustix::io::Errno::PERM));
         assert_eq!(fcntl_add_seals(&page, SealFlags::WRITE), Err(rustix::io::Errno::PERM));
+    }
+
+    #[test]
+    fn a_start_that_failed_for_want_of_memory_is_said_to_have() {
+        let said = |ended, full| lack_of_memory(1 << 20, ended, full);
+        assert!(said(true, true).unwrap().contains("more memory than its 1MiB"));
+        assert!(said(false, true).unwrap().contains("1MiB of memory were full"));
+        assert_eq!(said(false, false), None, "it failed for something else");
     }
 
     #[test]

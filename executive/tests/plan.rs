@@ -153,17 +153,17 @@ cores = [2, 1]
 [partition.one]
 program = "one"
 module = "fcu"
-memory = "1MiB"
+memory = "8MiB"
 
 [partition.two]
 program = "two"
 module = "fcu"
-memory = "1MiB"
+memory = "8MiB"
 
 [partition.three]
 program = "three"
 module = "fcu"
-memory = "1MiB"
+memory = "8MiB"
 
 [schedule.flight]
 major_frame = "20ms"

@@ -20,7 +20,7 @@ fn valid(lengths_us: &[u64]) -> String {
     for n in 0..lengths_us.len() {
         writeln!(
             text,
-            "[partition.p{n}]\nprogram = \"p{n}\"\nmodule = \"fcu\"\nmemory = \"1MiB\"\n[partition.p{n}.port]"
+            "[partition.p{n}]\nprogram = \"p{n}\"\nmodule = \"fcu\"\nmemory = \"8MiB\"\n[partition.p{n}.port]"
         )
         .unwrap();
         if n > 0 {
@@ -60,7 +60,7 @@ const NONE_LEFT: &str = "port_error = \"partition\"\napplication_error = \"modul
 /// Each rule with what breaks it at partition `n`, in a file whose window of `n` is `length` long.
 fn mutations(n: usize, length: u64) -> Vec<(&'static str, String, String)> {
     let window = |rest: &str| format!("partition = \"p{n}\", {rest}");
-    let table = format!("[partition.p{n}]\nprogram = \"p{n}\"\nmodule = \"fcu\"\nmemory = \"1MiB\"");
+    let table = format!("[partition.p{n}]\nprogram = \"p{n}\"\nmodule = \"fcu\"\nmemory = \"8MiB\"");
     let tables = |old: &str, new: &str| (table.clone(), table.replace(old, new));
     let levels = |levels: &str, keys: &str| {
         let mutated = table.replace("memory", &format!("{keys}memory"));
@@ -71,10 +71,10 @@ fn mutations(n: usize, length: u64) -> Vec<(&'static str, String, String)> {
         one("S02-unknown-key", tables("memory", "colour = 1\nmemory")),
         one("S03-wrong-type", tables("\"fcu\"", "7")),
         one("S04-missing-key", tables("module = \"fcu\"\n", "")),
-        one("S06-bad-size", tables("1MiB", "1")),
+        one("S06-bad-size", tables("8MiB", "1")),
         one("N06-unknown-module", tables("\"fcu\"", "\"aft\"")),
-        one("R01-memory-zero", tables("1MiB", "0B")),
-        one("R04-retained-too-large", tables("memory", "retained = \"2MiB\"\nmemory")),
+        one("R01-memory-zero", tables("8MiB", "0B")),
+        one("R04-retained-too-large", tables("memory", "retained = \"9MiB\"\nmemory")),
         one("R05-zero-time", tables("memory", "startup_timeout = \"0s\"\nmemory")),
         one("R07-standby-memory", tables("memory", "standby = \"hot\"\nmemory")),
         one("H10-standby-without-restart", tables("memory", &without_restart("standby = \"hot\"\nmemory"))),

@@ -174,6 +174,41 @@ fn what_can_not_be_is_said_with_its_reason() {
 }
 
 #[test]
+fn windows_beyond_what_a_core_may_have_are_refused_before_any_is_laid_out() {
+    let every = |name: &str, period_ns| Need { period_ns, duration_ns: 100, ..need(name, 1, 1, &[1]) };
+    let frame = |minor_frame_ns, needs| Request {
+        minor_frame_ns: Some(minor_frame_ns),
+        ..request(needs, Vec::new())
+    };
+    // A unit for another: 10^9 windows, which are more than the memory of most machines.
+    let wrong = frame(1_000_000 * MS, vec![every("a", US), every("b", US)]);
+    assert_eq!(
+        plan(&wrong).unwrap_err().to_string(),
+        "`a` would have 1000000000 windows in the major frame of 1000s, and 100000 is the most of a core: ask for a longer \
+         period, or for a shorter minor frame"
+    );
+    let several = frame(60 * MS, vec![every("a", US), every("b", US)]);
+    assert_eq!(plan(&several), Err(Impossible::TooManyInAll { count: 120_000, major_ns: 60 * MS }));
+    let longest = 1 << 62;
+    let overflowing =
+        frame(longest, vec![every("a", longest), every("b", 3 * longest), every("c", 2 * longest)]);
+    assert_eq!(plan(&overflowing), Err(Impossible::MajorTooLong));
+}
+
+#[test]
+fn as_many_windows_as_a_core_may_have_are_planned() {
+    let every = |name: &str, offset| Need {
+        period_ns: 20 * US,
+        duration_ns: US,
+        offset_ns: offset,
+        ..need(name, 1, 1, &[1])
+    };
+    let needs = vec![every("a", Some(3 * US)), every("b", None), every("c", None), every("d", Some(5 * US))];
+    let request = Request { minor_frame_ns: Some(500 * MS), ..request(needs, vec![bound(&[0, 1, 2], 40)]) };
+    assert_eq!(plan(&request).unwrap().windows.len(), 100_000);
+}
+
+#[test]
 fn order_and_age_that_can_not_both_hold_are_named() {
     // The wishes put the reader before the writer.
     let wish = |name, at| Need { offset_ns: Some(at * MS), ..need(name, 20, 1_000, &[1]) };

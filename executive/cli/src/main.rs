@@ -1,6 +1,6 @@
 //! The command line of Bateleur: one module a verb, whose head is its manual page.
 //!
-//! Exit codes: 0 fine, 1 it ran and something was wrong, 2 it could not run.
+//! Exit codes: 0 fine, 1 it ran and something was wrong, 2 it could not run, or what it printed could not be written.
 
 /// As that of the standard library, but a line that nobody reads any more (`| head`, a closed terminal) is dropped: it is no reason to
 /// end a flight.
@@ -10,10 +10,10 @@ macro_rules! eprintln {
     }};
 }
 
-/// As above, on standard output.
+/// As above, on standard output: see [`printed`].
 macro_rules! print {
     ($($words:tt)*) => {{
-        let _ = std::io::Write::write_fmt(&mut std::io::stdout(), format_args!($($words)*));
+        let _ = std::io::Write::write_fmt(&mut crate::printed::Printed, format_args!($($words)*));
     }};
 }
 
@@ -27,7 +27,9 @@ mod line;
 mod observer;
 mod output;
 mod plan_file;
+mod printed;
 mod recorder;
+mod said;
 mod verb;
 mod words;
 
@@ -92,8 +94,12 @@ fn main() -> ExitCode {
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
         Err(error) => {
-            let _ = error.print(); // nobody reads
-            return if error.use_stderr() { verb::CANNOT_RUN.into() } else { ExitCode::SUCCESS };
+            if error.use_stderr() {
+                let _ = error.print(); // nobody reads
+                return verb::CANNOT_RUN.into();
+            }
+            let _ = printed::noted(error.print()); // help that was asked for
+            return ended(verb::FINE).into();
         }
     };
     let result = match arguments.verb {
@@ -132,10 +138,21 @@ fn main() -> ExitCode {
         Verb::Helper(helper) => verb::helper::run(&helper),
     };
     match result {
-        Ok(code) => code.into(),
+        Ok(code) => ended(code).into(),
         Err(error) => {
-            eprintln!("bateleur: {error:#}");
-            verb::CANNOT_RUN.into()
+            eprintln!("bateleur: {}", said::causes(&error));
+            ended(verb::CANNOT_RUN).into()
+        }
+    }
+}
+
+/// The code of a verb that is over, unless what it printed could not be written.
+fn ended(code: verb::Code) -> verb::Code {
+    match printed::finish() {
+        None => code,
+        Some(error) => {
+            eprintln!("bateleur: what was printed could not be written to the standard output: {error}");
+            verb::CANNOT_RUN
         }
     }
 }

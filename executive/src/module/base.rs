@@ -19,7 +19,7 @@ use crate::event::Event;
 use crate::helper::custodian::{self, Order, OrderedChannel};
 use crate::helper::examiner;
 use crate::helper::guard::FAREWELL;
-use crate::instance::Instance;
+use crate::instance::{Alive, Instance};
 use crate::machine::Machine;
 use crate::monitor::observers::StartObserver;
 use crate::monitor::renewal::{Means, NotHeld};
@@ -141,6 +141,8 @@ fn remove_parts(path: &Path) {
 /// What a run has outside its output folder, and the processes that serve it.
 pub(super) struct Base {
     instance: Instance,
+    /// Dropped only when the run has cleaned up after itself.
+    _alive: Option<Alive>,
     group: Option<Group>,
     accounts: Accounts,
     own_program: PathBuf,
@@ -153,9 +155,9 @@ pub(super) struct Base {
 impl Base {
     /// `goes_on`: the helpers' log of a start before is gone on with.
     pub(super) fn make(module: &str, facts: &Machine, logs: &Path, goes_on: bool) -> Result<Self, RunError> {
-        let instance =
+        let (instance, alive) =
             Instance::create(module).map_err(machine("cannot make the module's directory in /dev/shm"))?;
-        let made = Self::furnish(instance.clone(), facts, logs, goes_on);
+        let made = Self::furnish((instance.clone(), alive), facts, logs, goes_on);
         if made.is_err() {
             instance.clean_up();
         }
@@ -163,7 +165,7 @@ impl Base {
     }
 
     fn furnish(
-        mut instance: Instance,
+        (mut instance, alive): (Instance, Alive),
         facts: &Machine,
         logs: &Path,
         goes_on: bool,
@@ -184,8 +186,16 @@ impl Base {
             .map_err(machine("cannot write the helpers' log"))?;
         let own_program =
             std::env::current_exe().map_err(machine("cannot find the executive's own program"))?;
-        let base =
-            Self { instance, group, accounts, own_program, log, guard: RefCell::new(None), user: facts.user };
+        let base = Self {
+            instance,
+            _alive: Some(alive),
+            group,
+            accounts,
+            own_program,
+            log,
+            guard: RefCell::new(None),
+            user: facts.user,
+        };
         base.start_guard()?;
         Ok(base)
     }
@@ -363,6 +373,7 @@ impl Base {
     fn copy(&self) -> Result<Self, RunError> {
         Ok(Self {
             instance: self.instance.clone(),
+            _alive: None,
             group: None,
             accounts: Accounts::default(),
             own_program: self.own_program.clone(),

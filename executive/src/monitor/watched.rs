@@ -140,12 +140,15 @@ impl Watched {
                 .and_then(|status| error_of(status, words.as_deref()))
                 .map_or_else(|| "ended by itself".into(), |(_, detail)| detail);
             let words = words.unwrap_or_else(|| "it said nothing".into());
+            let words = self.cage.lack_of_memory(self.starved).unwrap_or(words);
             return Err(format!("partition {name} {found}: {words}"));
         }
         let limit_ns = plan[self.cage.id].startup_timeout_ns;
         if now_ns() - since_ns > limit_ns {
+            let why =
+                self.cage.lack_of_memory(self.starved).map(|why| format!(": {why}")).unwrap_or_default();
             return Err(format!(
-                "partition {name} was not ready after {} ms (startup_timeout)",
+                "partition {name} was not ready after {} ms (startup_timeout){why}",
                 limit_ns / 1_000_000
             ));
         }

@@ -10,7 +10,10 @@
 //! allowed; where not, every phase is possible, and the worst one counts: the value left with the window of the relay
 //! before the one whose datagram comes just too late.
 //!
-//! All of this holds while every window is granted, on time, and used. It must never take the present into account.
+//! All of this holds while every window is granted, on time, and used. It must never take the present into account, nor more
+//! than about as many steps as there are windows on the path: whoever checks a file waits for it.
+
+use std::cell::OnceCell;
 
 /// One partition's windows in a major frame: start and end in nanoseconds, in any order, none overlapping another.
 pub(super) type Windows = Vec<(u64, u64)>;
@@ -77,65 +80,88 @@ pub(super) fn ways(stations: &[Station], major_ns: u64) -> Vec<Vec<Visit>> {
     if major == 0 {
         return Vec::new();
     }
-    let before: Vec<Station> = before
-        .iter()
-        .map(|station| Station { windows: sorted(&station.windows), hop: station.hop })
-        .collect();
+    let road = Road::of(before, major);
     let way = |&(start, end): &(u64, u64)| {
         let visit = Visit { start_ns: i64::try_from(start).ok()?, end_ns: i64::try_from(end).ok()? };
-        let mut visits = followed_back(&before, visit, last.hop, major)?;
+        let mut visits = road.back(before.len(), visit, last.hop)?;
         visits.push(visit);
         Some(visits)
     };
     last.windows.iter().filter_map(way).collect()
 }
 
-/// The worst way through `before` to the window `to`, which `hop` leads to.
-fn followed_back(before: &[Station], to: Visit, hop: Option<Hop>, major: i64) -> Option<Vec<Visit>> {
-    let Some((last, earlier)) = before.split_last() else { return Some(Vec::new()) };
-    let hop_ns =
-        |hop: Hop| i64::try_from(hop.latency_ns.saturating_add(hop.aligned_within_ns.unwrap_or(0))).ok();
-    let until = match hop {
-        Some(hop) if hop.aligned_within_ns.is_none() => {
-            return in_any_phase(earlier, last, to, hop_ns(hop)?, major);
-        }
-        Some(hop) => to.start_ns.checked_sub(hop_ns(hop)?)?,
-        None => to.start_ns,
-    };
-    let visit = latest_closed(&last.windows, until, major)?;
-    let mut visits = followed_back(earlier, visit, last.hop, major)?;
-    visits.push(visit);
-    Some(visits)
+/// The stations before the last one of a path, with what has been found about them.
+struct Road {
+    /// Their windows sorted: see [`latest_closed`].
+    stations: Vec<Station>,
+    major: i64,
+    /// For each of them: the oldest that a module without a common phase has of it. Who asks only shifts the answer, and without
+    /// being kept it would be sought anew for every window of everybody behind it.
+    oldest: Vec<OnceCell<Option<Oldest>>>,
 }
 
-/// The worst way to `to` from a module whose frames have another phase: whichever window of `last` it is, its datagram is
-/// the newest until the one of the next window has arrived.
-fn in_any_phase(
-    earlier: &[Station],
-    last: &Station,
-    to: Visit,
-    hop_ns: i64,
-    major: i64,
-) -> Option<Vec<Visit>> {
-    let count = last.windows.len();
-    let mut worst: Option<(i64, Vec<Visit>)> = None;
-    for place in 0..count {
-        let visit = visit_of(&last.windows, place)?;
-        let next_end = match place + 1 {
-            next if next < count => visit_of(&last.windows, next)?.end_ns,
-            _ => visit_of(&last.windows, 0)?.end_ns.checked_add(major)?,
-        };
-        let mut visits = followed_back(earlier, visit, last.hop, major)?;
-        visits.push(visit);
-        let age = next_end.checked_sub(visits.first()?.start_ns)?;
-        if worst.as_ref().is_none_or(|(oldest, _)| age > *oldest) {
-            // In the other module's time: the next one's datagram comes as `to` has just opened.
-            let shift = to.start_ns.checked_sub(hop_ns)?.checked_sub(next_end)?;
-            let shifted = visits.into_iter().map(|visit| visit.shifted(shift)).collect::<Option<_>>()?;
-            worst = Some((age, shifted));
-        }
+/// The worst way to a station whose next datagram is waited for.
+#[derive(Clone, Debug)]
+struct Oldest {
+    /// In the station's own time.
+    visits: Vec<Visit>,
+    /// When the window of the station ends whose datagram replaces it.
+    replaced_ns: i64,
+}
+
+impl Road {
+    fn of(stations: &[Station], major: i64) -> Self {
+        let sort = |station: &Station| Station { windows: sorted(&station.windows), hop: station.hop };
+        let oldest = stations.iter().map(|_| OnceCell::new()).collect();
+        Self { stations: stations.iter().map(sort).collect(), major, oldest }
     }
-    worst.map(|(_, visits)| visits)
+
+    /// The worst way through the first `count` stations to the window `to`, which `hop` leads to.
+    fn back(&self, count: usize, to: Visit, hop: Option<Hop>) -> Option<Vec<Visit>> {
+        let Some(place) = count.checked_sub(1) else { return Some(Vec::new()) };
+        let last = self.stations.get(place)?;
+        let hop_ns =
+            |hop: Hop| i64::try_from(hop.latency_ns.saturating_add(hop.aligned_within_ns.unwrap_or(0))).ok();
+        let until = match hop {
+            Some(hop) if hop.aligned_within_ns.is_none() => {
+                return self.in_any_phase(place, to, hop_ns(hop)?);
+            }
+            Some(hop) => to.start_ns.checked_sub(hop_ns(hop)?)?,
+            None => to.start_ns,
+        };
+        let visit = latest_closed(&last.windows, until, self.major)?;
+        let mut visits = self.back(place, visit, last.hop)?;
+        visits.push(visit);
+        Some(visits)
+    }
+
+    /// The worst way to `to` from the station at `place`, whose module's frames have another phase.
+    fn in_any_phase(&self, place: usize, to: Visit, hop_ns: i64) -> Option<Vec<Visit>> {
+        let oldest = self.oldest.get(place)?.get_or_init(|| self.oldest(place)).as_ref()?;
+        // In the other module's time: the next one's datagram comes as `to` has just opened.
+        let shift = to.start_ns.checked_sub(hop_ns)?.checked_sub(oldest.replaced_ns)?;
+        oldest.visits.iter().map(|visit| visit.shifted(shift)).collect()
+    }
+
+    /// Whichever window of the station it is, its datagram is the newest until the one of the next window has arrived.
+    fn oldest(&self, place: usize) -> Option<Oldest> {
+        let Station { windows, hop } = self.stations.get(place)?;
+        let mut worst: Option<(i64, Oldest)> = None;
+        for window in 0..windows.len() {
+            let visit = visit_of(windows, window)?;
+            let replaced_ns = match visit_of(windows, window + 1) {
+                Some(next) => next.end_ns,
+                None => visit_of(windows, 0)?.end_ns.checked_add(self.major)?,
+            };
+            let mut visits = self.back(place, visit, *hop)?;
+            visits.push(visit);
+            let age = replaced_ns.checked_sub(visits.first()?.start_ns)?;
+            if worst.as_ref().is_none_or(|(oldest, _)| age > *oldest) {
+                worst = Some((age, Oldest { visits, replaced_ns }));
+            }
+        }
+        worst.map(|(_, oldest)| oldest)
+    }
 }
 
 fn visit_of(windows: &Windows, place: usize) -> Option<Visit> {
@@ -222,6 +248,39 @@ mod tests {
         let relay = vec![(3 * MS, 4 * MS), (23 * MS, 24 * MS)];
         let windows = [every(20, 5, 1, 2), relay, every(20, 5, 6, 7), every(20, 5, 8, 9)];
         assert_eq!(age_ns(&worst(&across(None, windows), 100 * MS).unwrap()), (3 + 80 + 1 + 3) * MS);
+    }
+
+    #[test]
+    fn crossings_without_a_common_phase_add_up_each_with_its_own_pause() {
+        // Away and back again: relay, network, relay, the station that answers, and the same once more.
+        let relay = |start| every(20, 5, start, start + 1);
+        let mut stations = path(&[
+            every(20, 5, 1, 2),
+            relay(3),
+            relay(6),
+            every(20, 5, 8, 9),
+            relay(10),
+            relay(15),
+            relay(17),
+        ]);
+        for crossing in [2, 5] {
+            stations[crossing].hop = Some(Hop { latency_ns: MS, aligned_within_ns: None });
+        }
+        let way = worst(&stations, 100 * MS).unwrap();
+        // 3 + 20 + 1 to the other side, 6 to 11 there, 20 + 1 back, 15 to 18.
+        assert_eq!(age_ns(&way), (3 + 20 + 1 + 5 + 20 + 1 + 3) * MS);
+        assert!(way.windows(2).all(|pair| pair[0].end_ns <= pair[1].start_ns), "{way:?}");
+    }
+
+    #[test]
+    fn a_path_over_two_crossings_of_many_windows_is_followed_in_as_many_steps_not_in_their_cube() {
+        // Unless each crossing is sought once, these are 10 000 to the third power steps, which take days.
+        let many = || every(20, 10_000, 1, 2);
+        let mut stations = path(&[many(), many(), many(), many(), many(), many(), many()]);
+        for crossing in [2, 5] {
+            stations[crossing].hop = Some(Hop { latency_ns: MS, aligned_within_ns: None });
+        }
+        assert!(worst(&stations, 200_000 * MS).is_some());
     }
 
     #[test]

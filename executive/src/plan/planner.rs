@@ -7,7 +7,7 @@
 //! It never asks a clock or chance: the same request gives the same schedule.
 
 use super::latency::{self, Station, Windows};
-use super::rules::MOST_MINOR_FRAMES;
+use super::rules::{MOST_MINOR_FRAMES, MOST_WINDOWS};
 use super::units::ShowTime;
 
 /// What one partition needs.
@@ -97,6 +97,24 @@ pub enum Impossible {
         MOST_MINOR_FRAMES
     )]
     MajorTooLong,
+    /// A window recurs more often in the major frame than any core could have windows.
+    #[error("`{name}` would have {count} windows in the major frame of {}, and {MOST_WINDOWS} is the most of a core: ask for a longer period, or for a shorter minor frame", ShowTime(*.major_ns))]
+    TooManyWindows {
+        /// Whose.
+        name: String,
+        /// How many.
+        count: u64,
+        /// The major frame.
+        major_ns: u64,
+    },
+    /// All windows together are more than the cores could have.
+    #[error("there would be {count} windows in the major frame of {}, and {MOST_WINDOWS} is the most of a core: ask for longer periods, or for a shorter minor frame", ShowTime(*.major_ns))]
+    TooManyInAll {
+        /// How many.
+        count: u64,
+        /// The major frame.
+        major_ns: u64,
+    },
     /// A window is longer than the time it recurs in.
     #[error("the window of `{name}` takes {}, and {what} is only {}", ShowTime(*.duration_ns), ShowTime(*.room_ns))]
     TooLong {
@@ -179,6 +197,7 @@ const MOST_PHASES: u64 = 16;
 pub fn plan(request: &Request) -> Result<Answer, Impossible> {
     let frames = Frames::of(request)?;
     check_room(request, &frames)?;
+    check_count(request, &frames)?;
     check_load(request, &frames)?;
     check_chains(request)?;
     check_wishes(request, &frames)?;
@@ -214,7 +233,8 @@ impl Frames {
             }
             count = common_multiple(count, (period_ns / minor_ns).max(1)).ok_or(Impossible::MajorTooLong)?;
         }
-        if count > MOST_MINOR_FRAMES { Err(Impossible::MajorTooLong) } else { Ok(Self { minor_ns, count }) }
+        let too_long = count > MOST_MINOR_FRAMES || minor_ns.checked_mul(count).is_none();
+        if too_long { Err(Impossible::MajorTooLong) } else { Ok(Self { minor_ns, count }) }
     }
 
     fn major_ns(&self) -> u64 {
@@ -258,6 +278,26 @@ fn check_room(request: &Request, frames: &Frames) -> Result<(), Impossible> {
         {
             return Err(Impossible::OffsetBeyond { name: need.name.clone(), offset_ns, room_ns });
         }
+    }
+    Ok(())
+}
+
+/// Windows are laid out one by one: what no schedule could have is refused before.
+fn check_count(request: &Request, frames: &Frames) -> Result<(), Impossible> {
+    let (mut all, major_ns) = (0_u64, frames.major_ns());
+    for need in &request.needs {
+        let count = major_ns / need.period_ns.max(1);
+        if count > MOST_WINDOWS {
+            return Err(Impossible::TooManyWindows { name: need.name.clone(), count, major_ns });
+        }
+        all = all.saturating_add(count);
+    }
+    let mut cores: Vec<(usize, u32)> =
+        request.needs.iter().flat_map(|need| need.cores.iter().copied()).collect();
+    cores.sort_unstable();
+    cores.dedup();
+    if all > MOST_WINDOWS.saturating_mul(cores.len() as u64) {
+        return Err(Impossible::TooManyInAll { count: all, major_ns });
     }
     Ok(())
 }
@@ -317,18 +357,34 @@ fn check_wishes(request: &Request, frames: &Frames) -> Result<(), Impossible> {
         .collect();
     for (place, one) in wishes.iter().enumerate() {
         for other in &wishes[place + 1..] {
-            let slots = |(need, offset, _): &(&Need, u64, u32)| -> Vec<(u64, u64)> {
-                let at = |turn: u64| turn * need.period_ns + offset;
-                (0..frames.repeats(need)).map(|turn| (at(turn), at(turn) + need.duration_ns)).collect()
-            };
-            let meet = |a: &(u64, u64)| slots(other).iter().any(|b| a.0 < b.1 && b.0 < a.1);
-            if one.0.cores == other.0.cores && slots(one).iter().any(meet) {
+            if one.0.cores == other.0.cores && meet(frames, (one.0, one.1), (other.0, other.1)) {
                 let (name, other) = (one.0.name.clone(), other.0.name.clone());
                 return Err(Impossible::WishesCollide { one: name, other, core: one.2 });
             }
         }
     }
     Ok(())
+}
+
+/// Whether windows of two needs with their wishes overlap somewhere in the minor frame.
+fn meet(frames: &Frames, one: (&Need, u64), other: (&Need, u64)) -> bool {
+    let slots = |(need, offset): (&Need, u64)| {
+        let (period, duration) = (need.period_ns, need.duration_ns);
+        (0..frames.repeats(need)).map(move |turn| (turn * period + offset, turn * period + offset + duration))
+    };
+    // Both rise, so that the one that ends first meets nobody any more.
+    let (mut one, mut other) = (slots(one).peekable(), slots(other).peekable());
+    while let (Some(a), Some(b)) = (one.peek(), other.peek()) {
+        if a.0 < b.1 && b.0 < a.1 {
+            return true;
+        }
+        if a.1 <= b.1 {
+            one.next()
+        } else {
+            other.next()
+        };
+    }
+    false
 }
 
 /// Where a need has been put.

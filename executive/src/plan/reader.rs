@@ -452,7 +452,10 @@ impl FromToml for Attribute {
             DeValue::Integer(number) => {
                 integer(number).map(Self::Integer).or_else(|| too_large(value, findings))
             }
-            DeValue::Float(number) => number.as_str().parse().ok().map(Self::Float),
+            DeValue::Float(number) => match number.as_str().replace('_', "").parse() {
+                Ok(read) if f64::is_finite(read) => Some(Self::Float(read)),
+                _ => not_finite(number.as_str(), value, findings),
+            },
             DeValue::Array(_) => {
                 let items = Vec::<At<Self>>::from_toml(value, findings)?;
                 Some(Self::Array(items.into_iter().map(|item| item.value).collect()))
@@ -466,6 +469,14 @@ impl FromToml for Attribute {
     fn schema() -> Value {
         json!({ "$ref": "#/$defs/attribute" })
     }
+}
+
+/// A partition is told its attributes as JSON, which has no such number: it would read nothing at all.
+fn not_finite<T>(number: &str, value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<T> {
+    let message = format!("`{number}` is no number that a partition can be told");
+    let mend = "write a finite number, or leave the attribute out";
+    findings.add(Finding::new(&catalogue::OUT_OF_RANGE, &value.span(), message, mend));
+    None
 }
 
 fn too_large<T>(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<T> {

@@ -68,6 +68,18 @@ impl Accounts {
     pub fn out_of_memory_kills(&self) -> u64 {
         self.memory.as_ref().map_or(0, |group| cgroup::count(&group.join("memory.oom_control"), "oom_kill"))
     }
+
+    /// Whether more memory was asked for than there is, so that the kernel had to look for some.
+    #[must_use]
+    pub fn has_been_full(&self) -> bool {
+        // Counted at whichever of the two limits is met first.
+        let failed = |group: &PathBuf| {
+            ["memory.failcnt", "memory.memsw.failcnt"]
+                .iter()
+                .any(|file| fs::read_to_string(group.join(file)).is_ok_and(|count| count.trim() != "0"))
+        };
+        self.memory.as_ref().is_some_and(failed)
+    }
 }
 
 impl Drop for Accounts {
@@ -127,13 +139,13 @@ mod tests {
         if accounts.limit_memory(16 << 20).is_err() {
             return eprintln!("skipped: no memory controller of version 1 that may be used here");
         }
-        assert_eq!(accounts.out_of_memory_kills(), 0);
+        assert_eq!((accounts.out_of_memory_kills(), accounts.has_been_full()), (0, false));
         let mut hog = Command::new("sh").args(["-c", HOG]).stdin(Stdio::piped()).spawn().unwrap();
         let group = accounts.memory.as_ref().unwrap();
         fs::write(group.join("cgroup.procs"), hog.id().to_string()).unwrap();
         hog.stdin.take().unwrap().write_all(b"go\n").unwrap();
         hog.wait().unwrap();
-        assert_eq!(accounts.out_of_memory_kills(), 1);
+        assert_eq!((accounts.out_of_memory_kills(), accounts.has_been_full()), (1, true));
         let paths = accounts.paths();
         drop(accounts);
         assert!(paths.iter().all(|path| !path.exists()), "removed when dropped");

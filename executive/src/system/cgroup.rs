@@ -85,6 +85,12 @@ impl Group {
         count(&self.path.join("memory.events"), "oom_kill")
     }
 
+    /// Whether more memory was asked for than there is, so that the kernel had to look for some.
+    #[must_use]
+    pub fn has_been_full(&self) -> bool {
+        count(&self.path.join("memory.events"), "max") > 0
+    }
+
     /// Enables controllers for the groups inside, as far as they exist.
     pub fn enable_controllers(&self, controllers: &[&str]) {
         for controller in controllers {

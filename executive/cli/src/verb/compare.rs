@@ -6,7 +6,6 @@
 //! has, another message type, a file that is no log.
 
 use std::fmt::Write;
-use std::io::Write as _;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
@@ -74,7 +73,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         Format::Json => serde_json::to_string_pretty(&comparison)? + "\n",
         Format::Text => text(&comparison),
     };
-    let _ = std::io::stdout().write_all(text.as_bytes()); // nobody reads
+    print!("{text}");
     Ok(match (&comparison.incomparable[..], comparison.equal) {
         ([], true) => FINE,
         ([], false) => WRONG,

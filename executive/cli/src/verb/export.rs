@@ -4,12 +4,14 @@
 //! index and the faults, `--csv` a table for each port. All may be asked for at once. Exit codes: 0 all was exported, 1 some
 //! of the folder was missing or damaged (what could be read was exported), 2 nothing could be exported.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use bateleur_report::export::{Encoding, Exported, chrome, mcap, tables};
+use bateleur_report::flight::PORTS_FILE;
 
 use super::{Code, FINE, WRONG};
+use crate::output::{LOG_BEGINNING, refuse_file};
 
 /// Turn a run's folder into what other tools open.
 #[derive(Debug, clap::Args)]
@@ -33,6 +35,7 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let folder = &arguments.folder;
+    refuse(arguments)?;
     let mut notes: Vec<String> = Vec::new();
     let mut told = |path: &PathBuf, exported: Exported| {
         println!("{}: {} records", path.display(), exported.records);
@@ -52,4 +55,25 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     notes.dedup();
     notes.iter().for_each(|note| eprintln!("{note}"));
     Ok(if notes.is_empty() { FINE } else { WRONG })
+}
+
+/// What a trace begins with.
+const TRACE_BEGINNING: &str = "{\"displayTimeUnit\"";
+
+/// What was flown is the only one of its kind: no file of it is written over.
+fn refuse(arguments: &Arguments) -> Result<()> {
+    let log = arguments.folder.join(PORTS_FILE);
+    if let Some(output) = &arguments.chrome {
+        refuse_file(output, TRACE_BEGINNING, &[&log])?;
+    }
+    if let Some(output) = &arguments.mcap {
+        refuse_file(output, LOG_BEGINNING, &[&log])?;
+    }
+    let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
+    match &arguments.csv {
+        Some(tables) if same(tables, &arguments.folder) => {
+            bail!("{} is the folder that is read: name another one for the tables", tables.display())
+        }
+        _ => Ok(()),
+    }
 }

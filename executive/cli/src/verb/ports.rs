@@ -16,6 +16,7 @@ use serde_json::{Map, Value};
 
 use super::target::{Target, printable, status};
 use super::{Code, FINE, Format};
+use crate::printed::Printed;
 
 /// Look at the channels of a running module.
 #[derive(Debug, clap::Args)]
@@ -170,7 +171,7 @@ fn echo(common: &Common, port: &str, count: Option<u64>) -> Result<()> {
     let mut client = common.target.connect()?;
     let channels = channels(&mut client)?;
     let mut watch = Watch::start(client, &[port.to_owned()])?;
-    let (mut line, mut seen, mut output) = (Vec::new(), 0, std::io::stdout());
+    let (mut line, mut seen, mut output) = (Vec::new(), 0, Printed);
     while count.is_none_or(|count| seen < count) {
         let Some(observation) = watch.next(&mut line)? else { continue };
         seen += 1;

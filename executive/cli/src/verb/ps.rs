@@ -8,7 +8,7 @@ use std::fmt::Write;
 
 use anyhow::Result;
 use bateleur_executive::control::status::{AlignmentStatus, Lateness, Spread};
-use bateleur_executive::control::{Client, PartitionStatus, Status, running};
+use bateleur_executive::control::{ChooseError, Client, PartitionStatus, Status, running};
 
 use super::target::{Target, printable, status};
 use super::{Code, FINE, Format};
@@ -40,7 +40,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     match arguments.format {
         Format::Json => println!("{:#}", serde_json::json!({ "modules": statuses })),
         Format::Text if statuses.is_empty() => {
-            eprintln!("no module runs on this machine: start one with `bateleur run` or `bateleur fly`");
+            eprintln!("{}", ChooseError::None);
         }
         Format::Text => {
             let tables: Vec<_> = statuses.iter().map(table).collect();

@@ -14,6 +14,7 @@ use bateleur_report::log::{PortLog, topic};
 use super::ports::{Watch, bytes_of, channels};
 use super::target::Target;
 use super::{Code, FINE};
+use crate::output::{LOG_BEGINNING, refuse_file};
 
 /// Record the ports of a running module.
 #[derive(Debug, clap::Args)]
@@ -29,6 +30,7 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
+    refuse_file(&arguments.output, LOG_BEGINNING, &[])?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
         signal_hook::flag::register(signal, stop.clone()).context("cannot watch for signals")?;

@@ -8,10 +8,9 @@
 mod planned;
 
 use std::fmt::Write;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use bateleur_main_cycle::{OUTPUTS, Replayed, Topics, replay};
 use bateleur_report::compare::{Comparison, Options, Place, SEQUENCE, compare, file};
 use bateleur_report::run::{FILE, Run};
@@ -19,6 +18,7 @@ use clap::Parser;
 
 use super::run::parse_setting;
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG, fly};
+use crate::output::{LOG_BEGINNING, refuse_file};
 use crate::plan_file;
 
 /// Fly a recorded flight again in one plain loop, and compare every actuator word.
@@ -53,7 +53,17 @@ struct AsFlown {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let log = file(&arguments.flight);
+    if let Some(output) = &arguments.output {
+        let given = arguments.schedule.as_deref().unwrap_or(Path::new("schedule.toml"));
+        refuse_file(output, LOG_BEGINNING, &[&log, given])?;
+    }
     let (flown, changed) = as_flown(&log).unzip();
+    if flown.is_none() {
+        eprintln!(
+            "no {FILE} beside {} says how it was flown: airframe, mission and attributes are those of the plan and of this command",
+            log.display()
+        );
+    }
     for file in changed.iter().flatten() {
         eprintln!("{} is not as it was flown: taking the copy in the flight's folder", file.display());
     }
@@ -73,14 +83,25 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     }
     set(&mut given, &arguments.set)?;
     let (settings, topics) = planned::read(&plan, module.as_deref(), &given)?;
-    let scratch = tempfile::tempdir().context("cannot make a folder for the loop's log")?;
-    let output = arguments.output.clone().unwrap_or_else(|| scratch.path().join("loop.mcap"));
-    if same_file(&output, &log) {
-        bail!("{} is what is to be replayed: name another file", output.display());
+    // Beside its place, and put there when it is whole: what could not be replayed leaves an earlier one as it was.
+    let place = arguments.output.as_deref().filter(|output| !output.exists() || output.is_file());
+    let scratch = match place.and_then(Path::parent) {
+        Some(folder) if folder.as_os_str().is_empty() => tempfile::tempdir_in("."),
+        Some(folder) => tempfile::tempdir_in(folder),
+        None => tempfile::tempdir(),
+    };
+    let scratch = scratch.context("cannot make a folder for the loop's log")?;
+    let own = scratch.path().join("loop.mcap");
+    let replayed =
+        replay(&log, settings, &topics, &own).with_context(|| format!("cannot replay {}", log.display()))?;
+    let comparison = compare(&log, &own, &only_outputs(&topics, &plan))?;
+    if let Some(output) = &arguments.output {
+        let put = match place {
+            Some(place) => std::fs::rename(&own, place),
+            None => std::fs::copy(&own, output).map(|_| ()),
+        };
+        put.with_context(|| format!("cannot write {}", output.display()))?;
     }
-    let replayed = replay(&log, settings, &topics, &output)
-        .with_context(|| format!("cannot replay {}", log.display()))?;
-    let comparison = compare(&log, &output, &only_outputs(&topics, &plan))?;
     let text = match arguments.format {
         Format::Json => {
             let all = serde_json::json!({ "replayed": &replayed, "comparison": &comparison });
@@ -88,7 +109,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         }
         Format::Text => text(&replayed, &comparison),
     };
-    let _ = std::io::stdout().write_all(text.as_bytes()); // nobody reads
+    print!("{text}");
     let words = &replayed.words;
     Ok(if words.different == 0 && words.absent_cycles == 0 { FINE } else { WRONG })
 }
@@ -109,10 +130,6 @@ fn set(given: &mut planned::Attributes, settings: &[String]) -> Result<()> {
         given.set(&setting.partition, &setting.attribute, setting.value);
     }
     Ok(())
-}
-
-fn same_file(a: &Path, b: &Path) -> bool {
-    a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b))
 }
 
 /// Everything that the loop gives too. A partition that was restarted counts its messages anew; the loop was not. On the wall

@@ -20,6 +20,7 @@ use bateleur_executive::event::{Event, Events};
 use bateleur_executive::module::{Options, run as run_module};
 use bateleur_executive::together::Together;
 use bateleur_executive::world::Companion;
+use rustix::fs::{FlockOperation, flock};
 
 use super::air::module_time;
 use super::faults::Faults;
@@ -40,7 +41,7 @@ pub(crate) struct Arguments {
     /// The module to run; may be left out where the file has one.
     #[arg(long, short)]
     pub(crate) module: Option<String>,
-    /// Folder for logs; the default is target/runs/latest, which every run writes over.
+    /// Folder for logs; the default is target/runs/latest, which every run writes over that finds no other at it.
     #[arg(long, short)]
     pub(crate) output: Option<PathBuf>,
     /// Run on the virtual clock: as fast as the machine can.
@@ -170,7 +171,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     }
     let power_fail = Arc::new(AtomicBool::new(false));
     signal_hook::flag::register(SIGPWR, power_fail.clone()).context("cannot watch for signals")?;
-    let folder = folder(arguments)?;
+    let (folder, _alone) = folder(arguments)?;
     let outcome = run_module(plan, options(arguments, module, &folder, stop, power_fail)?)?;
     if arguments.events_fd.is_none() {
         let missed = arguments.faults.not_reached(outcome.module_ns as f64 / 1e9);
@@ -179,8 +180,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     Ok(if outcome.faulty { WRONG } else { FINE })
 }
 
-/// The folder for logs, made where it is missing.
-fn folder(arguments: &Arguments) -> Result<PathBuf> {
+/// The folder for logs, made where it is missing, and what keeps other runs out of it as long as it is kept.
+fn folder(arguments: &Arguments) -> Result<(PathBuf, File)> {
     let folder = match &arguments.output {
         Some(folder) => {
             crate::output::refuse_used(folder)?;
@@ -190,7 +191,15 @@ fn folder(arguments: &Arguments) -> Result<PathBuf> {
     };
     std::fs::create_dir_all(&folder)
         .with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    Ok(folder)
+    let alone =
+        File::open(&folder).with_context(|| format!("cannot open the folder {}", folder.display()))?;
+    if flock(&alone, FlockOperation::NonBlockingLockExclusive).is_err() {
+        return Err(anyhow!(
+            "another run writes into {}: wait for its end, or name another folder with --output",
+            folder.display()
+        ));
+    }
+    Ok((folder, alone))
 }
 
 fn options(

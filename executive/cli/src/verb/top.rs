@@ -12,6 +12,7 @@ use bateleur_executive::control::AskError;
 use super::ps::table;
 use super::target::{Target, status};
 use super::{Code, FINE};
+use crate::printed::Printed;
 
 /// Watch the partitions of a running module.
 #[derive(Debug, clap::Args)]
@@ -46,7 +47,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     }
     let mut client = arguments.target.connect()?;
     let in_place = std::io::stdout().is_terminal() && !arguments.once;
-    let mut output = std::io::stdout();
+    let mut output = Printed;
     if in_place {
         write!(output, "{CLEAR_ALL}")?;
     }

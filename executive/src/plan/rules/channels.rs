@@ -346,14 +346,17 @@ fn overflowing(
     true
 }
 
-/// How many instants of `writes` lie at most between two neighbours of `reads`, in a cycle.
+/// How many instants of `writes` lie at most between two neighbours of `reads`, in a cycle: from a read on, up to the next. Both
+/// rise.
 fn most_between(writes: &[u64], reads: &[u64], cycle: u64) -> u64 {
-    let spans = reads.iter().zip(gaps(reads, cycle));
-    let inside = |start: u64, gap: u64| {
-        let later = |write: &&u64| (**write + cycle - start) % cycle < gap;
-        writes.iter().filter(later).count()
+    let before = |instant: u64| writes.partition_point(|&write| write < instant);
+    let inside = |(&start, gap): (&u64, u64)| {
+        let end = start + gap;
+        // What reaches beyond the cycle goes on at its beginning.
+        let again = before(end.saturating_sub(cycle));
+        before(end) - before(start) + again
     };
-    spans.map(|(&start, gap)| inside(start, gap)).max().unwrap_or_default() as u64
+    reads.iter().zip(gaps(reads, cycle)).map(inside).max().unwrap_or_default() as u64
 }
 
 /// Every port is in one channel.
@@ -386,4 +389,21 @@ fn claim<'a>(
     };
     let finding = Finding::new(rule, &end.said.span, format!("`{}` {what}", end.name()), mend);
     cx.add(finding.also(first, "it is here before"));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn writes_between_two_reads_are_counted_also_across_the_end_of_the_cycle() {
+        assert_eq!(most_between(&[10, 20, 30], &[25], 100), 3, "a single read has the whole cycle before it");
+        assert_eq!(most_between(&[0, 10, 90, 95], &[20, 80], 100), 4, "80 to 20 of the next");
+        assert_eq!(
+            most_between(&[20, 80], &[20, 80], 100),
+            1,
+            "one that is written as another opens comes after it"
+        );
+        assert_eq!((most_between(&[5], &[], 100), most_between(&[], &[5], 100)), (0, 0));
+    }
 }

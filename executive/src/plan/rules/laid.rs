@@ -1,7 +1,9 @@
 //! The windows of a raw schedule laid out over its major frame, as far as they make sense.
 
+use std::collections::BTreeMap;
+
 use super::Context;
-use super::schedules::minor_frames;
+use super::schedules::{MOST_WINDOWS, minor_frames};
 use crate::plan::raw::{RawSchedule, RawWindow};
 
 /// One occurrence of a window.
@@ -18,7 +20,7 @@ pub(super) struct Slot {
 
 /// Every occurrence of every sound window, by module, core and start.
 pub(super) struct Laid {
-    /// Zero where the frames make no sense; then there are no slots.
+    /// Zero where the frames make no sense, or have too many windows; then there are no slots.
     pub(super) major: u64,
     pub(super) slots: Vec<Slot>,
 }
@@ -28,6 +30,10 @@ impl Laid {
         let Some((minor, frames)) = minor_frames(schedule) else {
             return Self { major: 0, slots: Vec::new() };
         };
+        if most_windows(cx, schedule, frames).is_some_and(|(_, count)| count > MOST_WINDOWS) {
+            // Reported by a rule of its own; to lay them out could take all memory there is.
+            return Self { major: 0, slots: Vec::new() };
+        }
         let windows = schedule.windows.iter().enumerate();
         let slots = windows.filter_map(|(place, window)| slots(cx, place, window, (minor, frames)));
         let mut slots: Vec<Slot> = slots.flatten().collect();
@@ -48,6 +54,29 @@ impl Laid {
         starts.sort_unstable();
         starts
     }
+}
+
+/// The core with the most windows in a major frame of so many minor `frames`, and how many: counted without laying them out.
+pub(super) fn most_windows(
+    cx: &Context<'_>,
+    schedule: &RawSchedule,
+    frames: u64,
+) -> Option<((usize, u32), u64)> {
+    let mut counts: BTreeMap<(usize, u32), u64> = BTreeMap::new();
+    for window in &schedule.windows {
+        let place = || {
+            let module = cx.names.module_of(cx.file, cx.names.owner(window)?)?;
+            Some((module, cx.names.core(cx.file, window)?))
+        };
+        let Some(place) = place() else { continue };
+        let count = match window.minor.said() {
+            Some(minor) => frames.min(minor.value.len() as u64),
+            None => frames,
+        };
+        *counts.entry(place).or_default() += count;
+    }
+    // The first of equals.
+    counts.into_iter().rev().max_by_key(|&(_, count)| count)
 }
 
 /// The occurrences of one window; nothing if it lacks a value or has no length.

@@ -44,6 +44,7 @@ pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
     relay_windows(cx, laid, &crossings);
     rates(cx);
     follows(cx);
+    alignable(cx);
 }
 
 /// A partition on a path, and how the value comes to it.
@@ -592,6 +593,31 @@ fn follows(cx: &Context<'_>) {
             let mend = format!("follow a module that it has a link with, or add one to `{}`", said.value);
             cx.note(&catalogue::FOLLOWS_WITHOUT_LINK, &said.span, message, mend);
         }
+    }
+}
+
+/// The end of a frame is moved to align it, and what it is moved by is agreed upon in a word that holds nine minutes.
+const LONGEST_ALIGNED_NS: u64 = 540_000_000_000;
+
+/// Notes major frames that are too long to be aligned with others.
+fn alignable(cx: &Context<'_>) {
+    let aligned =
+        |module: &&crate::plan::raw::RawModule| module.follows.said().is_some() || on_realtime(module);
+    let Some(module) = cx.file.modules.iter().find(aligned) else { return };
+    for schedule in &cx.file.schedules {
+        let Some(major) = schedule.major_frame.said().filter(|major| major.value.0 > LONGEST_ALIGNED_NS)
+        else {
+            continue;
+        };
+        let message = format!(
+            "the major frame of {} is too long for module `{}` to align it with another clock's",
+            ShowTime(major.value.0),
+            module.name.value
+        );
+        let mend =
+            format!("shorten it to {}, or let the module keep its own time", ShowTime(LONGEST_ALIGNED_NS));
+        let finding = Finding::new(&catalogue::FRAME_TOO_LONG, &major.span, message, mend);
+        cx.add(finding.also(&module.name.span, "the module"));
     }
 }
 

@@ -53,7 +53,7 @@ fn well_formed(cx: &Context<'_>, what: &str, name: &At<String>) {
     let fault = if name.value.is_empty() {
         "is empty".to_owned()
     } else if !name.value.chars().all(plain) {
-        "has more in it than letters a to z, digits, `_` and `-`".to_owned()
+        "has more in it than letters a to z and A to Z, digits, `_` and `-`".to_owned()
     } else if name.value.len() > LONGEST {
         format!("has {} characters, and {LONGEST} is the most", name.value.len())
     } else {

@@ -6,13 +6,20 @@ use super::Context;
 use crate::plan::catalogue;
 use crate::plan::findings::Finding;
 use crate::plan::raw::RawPartition;
-use crate::plan::reader::{Bytes, Field, Nanoseconds};
+use crate::plan::reader::{At, Bytes, Field, Nanoseconds};
 use crate::plan::units::ShowSize;
 
 /// Above it lie the executive's own threads, which a partition must not hold up.
 const HIGHEST_PRIORITY: u32 = 50;
 /// As many as an APEX partition may have processes; each takes a stack of its memory.
 const MOST_THREADS: u32 = 128;
+
+/// The smallest program of this repository starts with 2 MiB, each function of the aircraft with 4.
+const SMALLEST_MEMORY_BYTES: u64 = 4 << 20;
+/// Where devices lie.
+const DEVICES: &str = "/dev/";
+/// The device that has no path in the file: the line to the ground, which whoever starts the module says.
+const GROUND_LINK: &str = "ground_link";
 
 pub(super) fn check(cx: &Context<'_>) {
     for partition in &cx.file.partitions {
@@ -46,6 +53,14 @@ fn memory(cx: &Context<'_>, partition: &RawPartition) {
         cx.note(&catalogue::MEMORY_ZERO, &memory.span, message, "give it some, such as \"32MiB\"");
         return;
     }
+    if memory.value.0 < SMALLEST_MEMORY_BYTES {
+        let message = format!("partition `{name}` has {} of memory to start with", ShowSize(memory.value.0));
+        let mend = format!(
+            "give it {} or more: what a program and its libraries take at the start counts too",
+            ShowSize(SMALLEST_MEMORY_BYTES)
+        );
+        cx.note(&catalogue::MEMORY_SMALL, &memory.span, message, mend);
+    }
     if let Some(retained) = partition.retained.said().filter(|retained| retained.value > memory.value) {
         let (Bytes(retained_bytes), Bytes(memory_bytes)) = (retained.value, memory.value);
         let (retained_bytes, memory_bytes) = (ShowSize(retained_bytes), ShowSize(memory_bytes));
@@ -76,11 +91,28 @@ fn not_zero(cx: &Context<'_>, what: &str, time: &Field<Nanoseconds>) {
 fn devices(cx: &Context<'_>, partition: &RawPartition) {
     let mut seen = HashMap::new();
     for device in partition.devices.said().into_iter().flat_map(|list| &list.value) {
+        known_device(cx, partition, device);
         let Some(first) = seen.insert(&device.value, &device.span) else { continue };
         let message = format!("partition `{}` is granted `{}` twice", partition.name.value, device.value);
         let finding = Finding::new(&catalogue::DEVICE_TWICE, &device.span, message, "remove one of the two");
         cx.add(finding.also(first, "it is granted here before"));
     }
+}
+
+fn known_device(cx: &Context<'_>, partition: &RawPartition, device: &At<String>) {
+    let is_file_below = device.value.strip_prefix(DEVICES).is_some_and(|rest| !rest.is_empty());
+    if is_file_below || device.value == GROUND_LINK {
+        return;
+    }
+    let message = format!("`{}` of partition `{}` is no device", device.value, partition.name.value);
+    let mend = if device.value.contains('/') {
+        format!("name a file below {DEVICES}")
+    } else {
+        format!(
+            "name a file below {DEVICES}, or write `{GROUND_LINK}` for the line that is named at the start"
+        )
+    };
+    cx.note(&catalogue::UNKNOWN_DEVICE, &device.span, message, mend);
 }
 
 fn shared_devices(cx: &Context<'_>) {

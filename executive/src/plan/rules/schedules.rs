@@ -1,6 +1,6 @@
 //! Rules about schedules as a whole: their frames, which one is initial, and who is in them.
 
-use super::Context;
+use super::{Context, laid};
 use crate::plan::build::starts_cold;
 use crate::plan::catalogue;
 use crate::plan::closed::ChangeAction;
@@ -13,9 +13,14 @@ use crate::plan::units::ShowTime;
 /// for every window in each of them, in memory that the dispatcher keeps locked.
 pub(in crate::plan) const MOST_MINOR_FRAMES: u64 = 10_000;
 
+/// On one core in a major frame: a window every 100 us of ten seconds, in 4 MB of the dispatcher's locked memory. Whoever lays out
+/// more has written a unit for another.
+pub(in crate::plan) const MOST_WINDOWS: u64 = 100_000;
+
 pub(super) fn check(cx: &Context<'_>) {
     for schedule in &cx.file.schedules {
         frames(cx, schedule);
+        windows(cx, schedule);
     }
     initial(cx);
     major_frames(cx);
@@ -57,6 +62,22 @@ fn frames(cx: &Context<'_>, schedule: &RawSchedule) {
         let mend = format!("shorten it: {MOST_MINOR_FRAMES} is the most");
         let finding = Finding::new(&catalogue::TOO_MANY_MINOR_FRAMES, &major.span, message, mend);
         cx.add(finding.also(&minor.span, "the minor frame"));
+    }
+}
+
+fn windows(cx: &Context<'_>, schedule: &RawSchedule) {
+    let Some((_, frames)) = minor_frames(schedule) else { return };
+    let Some(((module, core), count)) = laid::most_windows(cx, schedule, frames) else { return };
+    if count > MOST_WINDOWS {
+        let module = &cx.file.modules[module].name.value;
+        let message = format!("core {core} of `{module}` has {count} windows in a major frame");
+        let mend =
+            format!("shorten the major frame, or let windows recur less often: {MOST_WINDOWS} is the most");
+        let finding = Finding::new(&catalogue::TOO_MANY_WINDOWS, &schedule.name.span, message, mend);
+        cx.add(match schedule.major_frame.said() {
+            Some(major) => finding.also(&major.span, "the major frame"),
+            None => finding,
+        });
     }
 }
 

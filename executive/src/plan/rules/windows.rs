@@ -73,7 +73,7 @@ fn minor(cx: &Context<'_>, schedule: &RawSchedule, window: &RawWindow) {
     if list.value.is_empty() {
         let message = format!("a window of `{name}` is in no minor frame");
         let mend = "leave `minor` out for every frame, or remove the window";
-        cx.note(&catalogue::MINOR_TWICE, &list.span, message, mend);
+        cx.note(&catalogue::NO_MINOR, &list.span, message, mend);
     }
     let mut seen: BTreeMap<u32, &Span> = BTreeMap::new();
     for index in &list.value {

@@ -6,7 +6,7 @@
 mod facts;
 mod text;
 
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 use anyhow::{Context, Result};
@@ -64,7 +64,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         Format::Json => format!("{:#}\n", serde_json::json!(facts)),
         Format::Text => text::report(&facts),
     };
-    let _ = std::io::stdout().write_all(out.as_bytes()); // nobody reads
+    print!("{out}");
     Ok(if facts.trim_error.is_none() { FINE } else { WRONG })
 }
 
@@ -97,7 +97,7 @@ fn refuse(arguments: &Arguments, text: &str, flaws: &[Flaw]) -> Code {
         Format::Json => format!("{:#}\n", json(&arguments.file, flaws)),
         Format::Text => rendered(&arguments.file, text, flaws),
     };
-    let _ = std::io::stdout().write_all(out.as_bytes()); // nobody reads
+    print!("{out}");
     CANNOT_RUN
 }
 

@@ -13,7 +13,6 @@ mod shard;
 mod space;
 
 use std::fs::{File, OpenOptions};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -328,7 +327,7 @@ fn finish(result: &CampaignResult, folder: Option<&Path>, format: Format) -> Res
     if let (Format::Text, Some(folder)) = (format, folder) {
         printed += &format!("report: {}\n", folder.join("report.html").display());
     }
-    let _ = std::io::stdout().write_all(printed.as_bytes()); // nobody reads
+    print!("{printed}");
     Ok(())
 }
 

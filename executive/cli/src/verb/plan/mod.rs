@@ -14,6 +14,7 @@ use bateleur_executive::plan::planner::{Answer, Request, plan};
 use bateleur_executive::plan::units::ShowTime;
 
 use super::{CANNOT_RUN, Code, FINE, WRONG};
+use crate::output::refuse_file;
 use crate::plan_file;
 use module::Module;
 use needs::Needs;
@@ -37,7 +38,13 @@ pub(crate) struct Arguments {
     output: Option<PathBuf>,
 }
 
+/// The first line of a schedule that was made.
+const MADE: &str = "# Made by `bateleur plan`.";
+
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
+    if let Some(output) = &arguments.output {
+        refuse_file(output, MADE, &[&arguments.needs, &arguments.schedule])?;
+    }
     let module = Module::read(&arguments.schedule)?;
     let needs = Needs::read(&arguments.needs)?;
     let request = needs.request(&module).with_context(|| format!("in {}", arguments.needs.display()))?;
@@ -95,7 +102,7 @@ fn text(name: &str, initial: bool, request: &Request, answer: &Answer) -> String
     let width = |column: usize| rows.iter().map(|row| row[column].len()).max().unwrap_or(0);
     let (first, second) = (width(0), width(1));
     let mut out = format!(
-        "# Made by `bateleur plan`.\n[schedule.{name}]\nmajor_frame = \"{}\"\nminor_frame = \"{}\"\n",
+        "{MADE}\n[schedule.{name}]\nmajor_frame = \"{}\"\nminor_frame = \"{}\"\n",
         ShowTime(answer.major_frame_ns),
         ShowTime(answer.minor_frame_ns)
     );

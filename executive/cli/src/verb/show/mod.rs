@@ -13,6 +13,7 @@ use anyhow::{Context, Result, bail};
 use bateleur_executive::plan::{Facts, Plan, ScheduleId};
 
 use super::{CANNOT_RUN, Code, FINE};
+use crate::output::refuse_file;
 use crate::plan_file;
 use crate::words::nearest;
 
@@ -45,6 +46,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let Some(plan) = plan_file::read_quietly(path)? else { return Ok(CANNOT_RUN) };
     let only = arguments.only.as_deref().map(|name| schedule_named(&plan, name)).transpose()?;
     let pictured = only.unwrap_or_else(|| plan.initial_schedule());
+    for (output, beginning) in
+        [(&arguments.svg, "<svg "), (&arguments.graph, "<svg "), (&arguments.dot, "digraph ")]
+    {
+        output.as_deref().map(|output| refuse_file(output, beginning, &[path])).transpose()?;
+    }
     write(arguments.svg.as_deref(), || picture::svg(&plan, pictured))?;
     write(arguments.graph.as_deref(), || graph::svg(&plan))?;
     write(arguments.dot.as_deref(), || graph::dot(&plan))?;

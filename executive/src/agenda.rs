@@ -71,7 +71,6 @@ impl Agenda {
     /// Frame 0 is at `begin_ns` of module time: later than 0 where the module was reset.
     pub fn begin(&self, begin_ns: u64) {
         self.newest_ns.store(begin_ns, std::sync::atomic::Ordering::Release);
-        self.changed_ns.store(begin_ns, std::sync::atomic::Ordering::Release);
     }
 
     /// Asks for a schedule from the next major frame on. The last request wins, also over one that is pending.

@@ -19,6 +19,7 @@ pub mod helper;
 pub mod inject;
 pub mod instance;
 pub mod keys;
+pub mod line_counts;
 pub mod machine;
 pub mod module;
 pub mod monitor;

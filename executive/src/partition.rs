@@ -9,8 +9,8 @@ use std::os::unix::fs::MetadataExt;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::ExitStatus;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use bateleur_contract::{
     CONTROL_FD, Clock, ControlPage, Description, Direction, ENVIRONMENT, Mapped, PortDescription, PortKind,
@@ -23,6 +23,7 @@ use rustix::fs::{
 use rustix::process::{WaitId, WaitIdOptions, waitid};
 
 use crate::fence::{Fence, Processes};
+use crate::health::trouble::Trouble;
 use crate::keys::Key;
 use crate::plan::units::ShowSize;
 use crate::plan::{Attribute, Partition, PartitionId, Plan, Port, Role};
@@ -92,6 +93,7 @@ pub struct Cage {
     /// The directories of its channels.
     channels: Vec<PathBuf>,
     log: PathBuf,
+    log_trouble: Mutex<Trouble>,
     /// Length of the log when the present process was started.
     log_start: AtomicU64,
     description: Description,
@@ -166,6 +168,7 @@ impl Cage {
                 .map(|channel| Path::new(&housing.ports_root).join(channel))
                 .collect(),
             log: housing.logs.join(format!("{}.log", partition.name)),
+            log_trouble: Mutex::default(),
             log_start: AtomicU64::new(0),
             description: describe(plan, partition, housing, overrides),
             standby: None,
@@ -202,7 +205,7 @@ impl Cage {
         let description =
             Description { generation, start_condition: condition, standby, ..self.description.clone() };
         let description = sealed_text(&self.name, &serde_json::to_vec(&description)?)?;
-        let errors = OpenOptions::new().create(true).append(true).open(&self.log)?;
+        let errors = self.open_log()?;
         self.log_start.store(errors.metadata()?.len(), Relaxed);
         let mut descriptors: Vec<BorrowedFd<'_>> = vec![self.page.as_fd(), description.as_fd()];
         descriptors.extend(self.retained.as_ref().map(AsFd::as_fd));
@@ -242,6 +245,19 @@ impl Cage {
             user: self.user.clone(),
             dies_with_starter: true,
         })
+    }
+
+    /// Where its standard error goes. A folder that is gone must not keep the partition from starting.
+    fn open_log(&self) -> io::Result<File> {
+        OpenOptions::new().create(true).append(true).open(&self.log).or_else(|error| {
+            self.log_trouble.lock().unwrap_or_else(PoisonError::into_inner).lose(1, &error.to_string());
+            OpenOptions::new().append(true).open("/dev/null")
+        })
+    }
+
+    /// Why the partition's log could not be opened, the first time that this was so.
+    pub fn take_log_trouble(&self) -> Option<String> {
+        self.log_trouble.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
     /// Moves a process that has initialised onto its cores. Its priority comes with its first window.

@@ -201,11 +201,14 @@ mod tests {
         assert!(new.is_held());
         new.said();
         seats.slot(0).page.device_received.store(5, Relaxed);
+        seats.slot(0).look_at_line();
+        seats.slot(0).page.device_sent.store(u64::MAX / 2, Relaxed); // it has written wildly, and died of it
         seats.slot(1).call(Takeover::Cold, seats.slot(0), &CALL, now_ns());
         assert_eq!(new.said(), ["thaw"], "no priority outside of its windows");
         let page = &seats.slot(1).page;
         assert_eq!(page.take_over.load(Relaxed), Takeover::Cold as u32);
         assert_eq!((page.device_received.load(Relaxed), page.now_ns.load(Relaxed)), (5, 7));
+        assert_eq!(page.device_sent.load(Relaxed), 0, "what can not be is not handed on");
         assert!(seats.slot(1).is_fresh() && !seats.slot(1).is_done());
     }
 

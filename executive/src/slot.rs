@@ -11,6 +11,7 @@ use rustix::thread::futex;
 
 use crate::dispatcher::Occurrence;
 use crate::fence::{Escapes, Fence};
+use crate::line_counts::LineCounts;
 use crate::plan::ChangeAction;
 use crate::system::time::now_ns;
 
@@ -22,10 +23,12 @@ pub enum Readiness {
     Absent = 0,
     /// Takes windows.
     Ready = 1,
-    /// Keeps its windows and does nothing in them.
+    /// A change of schedule has made it idle: its windows pass, until another change brings it back.
     Idle = 2,
     /// Is held by an operator: its windows pass, and nothing of it runs.
     Held = 3,
+    /// Has been stopped, by an operator, by its health table or by itself: its windows pass, whatever the schedule.
+    Stopped = 4,
 }
 
 /// What the partition made of its window.
@@ -72,7 +75,8 @@ impl Grant {
             major_frame: occurrence.major_frame,
             major_frame_ns: occurrence.major_frame_ns(),
             schedule: occurrence.reign.schedule,
-            since_ns: occurrence.reign.since_ns,
+            // 0 until the module changes, also where it was reset and frame 0 was later than that.
+            since_ns: occurrence.reign.after.map_or(0, |_| occurrence.reign.since_ns),
             next_schedule,
         }
     }
@@ -119,6 +123,8 @@ pub struct Slot {
     clock: AtomicU32,
     origin_ns: AtomicU64,
     device_expected: AtomicU64,
+    /// What is believed of the partition's own counts of its device.
+    line: LineCounts,
 }
 
 impl Slot {
@@ -144,6 +150,7 @@ impl Slot {
             clock: AtomicU32::new(0),
             origin_ns: AtomicU64::new(0),
             device_expected: AtomicU64::new(NOT_COUNTED),
+            line: LineCounts::default(),
         }
     }
 
@@ -156,6 +163,8 @@ impl Slot {
     /// Empties the page for a process that is about to start: it has seen no grant yet.
     /// `cold`: it finds nothing of its predecessor.
     pub fn take_in(&self, cold: bool) {
+        self.look_at_line();
+        self.line.tell(&self.page);
         self.page.initialise();
         self.page.clock.store(self.clock.load(Relaxed), Relaxed);
         self.page.origin_ns.store(self.origin_ns.load(Relaxed), Relaxed);
@@ -196,9 +205,20 @@ impl Slot {
 
     /// Goes on with what a partition's device has sent and received, and is to receive, in a module that was reset.
     pub fn carry_on_line(&self, [sent, received, expected]: [u64; 3]) {
-        self.page.device_sent.store(sent, Relaxed);
-        self.page.device_received.store(received, Relaxed);
+        self.line.follow(&LineCounts::of(sent, received));
+        self.line.tell(&self.page);
         self.expect_of_device(expected);
+    }
+
+    /// Takes notice of how much has passed the partition's device.
+    pub fn look_at_line(&self) {
+        self.line.look(&self.page, self.device_expected.load(Relaxed));
+    }
+
+    /// Bytes that the partition's device has sent and received, as far as that is believed, and is to receive.
+    #[must_use]
+    pub fn line_counts(&self) -> [u64; 3] {
+        [self.line.sent(), self.line.received(), self.device_expected.load(Relaxed)]
     }
 
     /// The process behind the page, once it may take windows. Until the first of them nothing of it is real-time, and
@@ -223,12 +243,10 @@ impl Slot {
     /// counts it carries on. Done when [`Slot::is_done`] says so.
     pub fn call(&self, order: Takeover, before: &Self, grant: &Grant, now_ns: u64) {
         let (own, old) = (&self.page, &before.page);
-        let counts = [
-            (&own.device_sent, &old.device_sent),
-            (&own.device_received, &old.device_received),
-            (&own.port_refusals, &old.port_refusals),
-        ];
-        counts.iter().for_each(|(own, old)| own.store(old.load(Relaxed), Relaxed));
+        before.look_at_line();
+        self.line.follow(&before.line);
+        self.line.tell(own);
+        own.port_refusals.store(old.port_refusals.load(Relaxed), Relaxed);
         self.fresh.store(order == Takeover::Cold, Relaxed);
         own.take_over.store(order as u32, Relaxed);
         self.fence.let_run(self.tid.load(Relaxed));
@@ -290,6 +308,7 @@ impl Slot {
             1 => Readiness::Ready,
             2 => Readiness::Idle,
             3 => Readiness::Held,
+            4 => Readiness::Stopped,
             _ => Readiness::Absent,
         }
     }
@@ -344,7 +363,7 @@ impl Slot {
     }
 
     /// Keeps the partition's windows back until the monitor has done what a change of schedule means for it; false: it
-    /// is not there to have anything done. `revive`: also one that is idle.
+    /// is not there to have anything done. `revive`: also one that a change has made idle.
     pub fn withhold(&self, revive: bool) -> bool {
         let from = |readiness: Readiness| {
             let (from, to) = (readiness as u32, Readiness::Absent as u32);
@@ -565,6 +584,59 @@ mod tests {
         since_ns: 0,
         next_schedule: 0,
     };
+
+    #[test]
+    fn module_that_was_reset_has_not_changed_its_schedule_yet() {
+        let text = "[module.m]\ncores = [0]\n[partition.a]\nprogram = \"a\"\nmodule = \"m\"\nmemory = \"1MiB\"\n\
+             [schedule.s]\nmajor_frame = \"20ms\"\nminor_frame = \"20ms\"\ninitial = true\n\
+             [[schedule.s.window]]\npartition = \"a\"\noffset = \"0ms\"\nduration = \"2ms\"\n";
+        let plan = crate::test_support::plan_of(text);
+        let timelines = crate::plan::Timeline::all(&plan, plan.module("m").unwrap().id());
+        let reign =
+            |after| crate::dispatcher::Reign { number: 0, schedule: 0, after, since_ns: 5_000_000_000 };
+        let occurrence = |after| Occurrence {
+            window: timelines[0].cores[0].windows[0],
+            core: 0,
+            reign: reign(after),
+            major_frame: 0,
+            minor_frames: 0,
+            minor_frame_ns: 20_000_000,
+            start_ns: 5_000_000_000,
+            end_ns: 5_002_000_000,
+            late_ns: 0,
+        };
+        assert_eq!(Grant::of(&occurrence(None), 0).since_ns, 0, "frame 0 is no change of schedule");
+        assert_eq!(Grant::of(&occurrence(Some(1)), 0).since_ns, 5_000_000_000);
+    }
+
+    #[test]
+    fn counts_of_a_device_that_were_written_over_are_those_that_were_believed_for_the_successor() {
+        let slot = slot();
+        slot.expect_of_device(300);
+        slot.page.device_sent.store(1_000, Relaxed);
+        slot.page.device_received.store(300, Relaxed);
+        slot.look_at_line();
+        for wild in [0, 299, 5_000_000, u64::MAX] {
+            slot.page.device_sent.store(wild, Relaxed);
+            slot.page.device_received.store(wild, Relaxed);
+            slot.look_at_line();
+            assert_eq!(slot.line_counts(), [1_000, 300, 300], "{wild} is not believed");
+            slot.take_in(true);
+            let (sent, received) = (&slot.page.device_sent, &slot.page.device_received);
+            assert_eq!((sent.load(Relaxed), received.load(Relaxed)), (1_000, 300), "{wild}");
+        }
+    }
+
+    #[test]
+    fn change_of_schedule_revives_what_a_change_made_idle_and_nothing_that_was_stopped() {
+        let slot = slot();
+        slot.set_readiness(Readiness::Stopped);
+        assert!(!slot.withhold(true));
+        assert_eq!(slot.readiness(), Readiness::Stopped);
+        slot.set_readiness(Readiness::Idle);
+        assert!(!slot.withhold(false) && slot.withhold(true));
+        assert_eq!(slot.readiness(), Readiness::Absent);
+    }
 
     fn close(slot: &Slot, opened_ns: u64, closed_ns: u64) {
         slot.page.opened_ns.store(opened_ns, Relaxed);

@@ -118,9 +118,9 @@ impl Surroundings {
     /// that was reset go on counting there. None: nobody counts yet.
     #[must_use]
     pub fn line_counts(&self) -> Option<[u64; 3]> {
-        let page = &self.line.as_ref()?.in_office().page;
-        let counts = [&page.device_sent, &page.device_received, &page.device_expected];
-        Some(counts.map(|count| count.load(Ordering::Relaxed)))
+        let slot = self.line.as_ref()?.in_office();
+        slot.look_at_line();
+        Some(slot.line_counts())
     }
 
     /// When the run is to end, module time, ns.
@@ -158,8 +158,7 @@ impl Surroundings {
             recording.turn(self.clock, module_ns, monitor);
         }
         let Some(companion) = &mut self.companion else { return };
-        let sent =
-            self.line.as_ref().map_or(0, |seats| seats.in_office().page.device_sent.load(Ordering::Relaxed));
+        let sent = self.line.as_ref().map_or(0, |seats| seats.in_office().line_counts()[0]);
         match companion.exchange(module_ns, sent) {
             Ok((bytes, stop)) => {
                 if let Some(seats) = &self.line {
@@ -177,6 +176,9 @@ impl Surroundings {
 impl World for Surroundings {
     fn minor_frame(&mut self, module_ns: u64, monitor: &mut Monitor) -> bool {
         self.module_ns = module_ns;
+        if let Some(seats) = &self.line {
+            seats.in_office().look_at_line();
+        }
         self.acts.perform(module_ns, monitor);
         while let Some(schedule) = self.changes.due(module_ns) {
             let _ = monitor.request_schedule(&schedule, module_ns); // the names were looked up before frame 0

@@ -58,8 +58,8 @@ fn handler_restarts_its_partition_warm_or_cold_within_its_budget_or_makes_it_idl
     let restarted = [handed.clone(), asked("cold_restart")];
     let expected = [&restarted[..], &restarted, &[handed.clone(), asked("idle")]].concat();
     assert_eq!(of_own(&cold), expected, "{}", cold.stderr);
-    let idle = run("idle", "", &[]).expect_code(0);
-    assert_eq!(of_own(&idle), [handed]);
+    let idle = run("idle", "", &[]).expect_code(0).expect_words(&["own: own_request", "-> idle"]);
+    assert_eq!(of_own(&idle), [handed, asked("idle")], "what it has asked for is in the log");
     // The window in which it decided so was its own still.
     assert_eq!((granted(&idle, "own"), granted(&idle, "other")), (51, 200));
 }
@@ -98,6 +98,59 @@ fn error_of_a_partition_without_a_handler_is_answered_by_its_table() {
     let schedule = sketch.write(scratch.path());
     let ended = bateleur(&["run", "--fast", "--until", "2", "--schedule", &schedule]).end().expect_code(0);
     assert_eq!(of_own(&ended), [entry("partition", "application_error", "warm_restart")]);
+}
+
+/// Runs `own` for 4 s, which raises an error in each window, with or without a handler.
+fn raise_in_a_loop(handler: bool) -> Ended {
+    let scratch = tempfile::tempdir().unwrap();
+    let keys = format!(
+        "retained = \"4KiB\"\nattributes = {{ raise_at = 1, raise_times = 1000 }}\nerror_handler = {handler}\n"
+    );
+    let schedule = Sketch::new().partition("own", "handler", 1000, &keys).write(scratch.path());
+    bateleur(&["run", "--fast", "--until", "4", "--schedule", &schedule]).end().expect_code(0)
+}
+
+#[test]
+fn error_that_is_raised_in_a_loop_has_one_entry_a_second_and_each_is_counted() {
+    let _turn = among_others();
+    for (handler, action) in [(false, "ignore"), (true, "error_handler")] {
+        let ended = raise_in_a_loop(handler);
+        let faults = ended.faults();
+        assert!((4..=6).contains(&faults.len()), "{faults:?}");
+        assert!(faults.iter().all(|fault| fault.error == "application_error" && fault.action == action));
+        assert_eq!(faults[0].detail, "what it is");
+        let more = |fault: &Fault| {
+            let (count, words) = fault.detail.split_once(' ').unwrap();
+            assert!(words.ends_with("the last: what it is"), "{fault:?}");
+            count.parse::<usize>().unwrap()
+        };
+        // What the last window raises is not looked at any more.
+        let counted = 1 + faults[1..].iter().map(more).sum::<usize>();
+        assert!((199..=200).contains(&counted), "{counted} of 200: {faults:?}");
+    }
+}
+
+#[test]
+fn what_a_partition_says_stands_in_the_persistent_log_and_raises_no_error() {
+    let _turn = among_others();
+    let ended = run("go_on", "", &[]).expect_code(0);
+    let folder = ended.folder();
+    let read =
+        bateleur(&["health", folder.to_str().unwrap(), "--partition", "own", "--format", "json"]).end();
+    let told = read.expect_code(0).summary();
+    let entries: Vec<[&str; 3]> = told["entries"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|entry| ["error", "action", "detail"].map(|key| entry[key].as_str().unwrap()))
+        .collect();
+    let expected = [
+        ["message", "", "NormalStart found None"],
+        ["application_error", "error_handler", "what it is"],
+        ["message", "", "the handler is told of ApplicationError: what it is"],
+    ];
+    assert_eq!(entries, expected);
+    assert!(ended.faults().iter().all(|fault| fault.error != "message"), "it is no fault");
 }
 
 #[test]

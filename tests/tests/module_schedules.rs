@@ -153,6 +153,38 @@ fn change_actions_make_a_partition_idle_and_bring_it_back_warm() {
 }
 
 #[test]
+fn change_of_schedule_brings_back_nobody_who_was_stopped_by_the_operator_or_given_up_by_its_budget() {
+    let _turn = among_others();
+    let budget = "counter|restart = { start = \"cold\", budget = 1, within = \"10s\", then = \"idle\" }";
+    let cold = "second = \"cold_restart\", third = \"cold_restart\"";
+    let text = schedules("counter|", budget, cold, "second = \"cold_restart\"");
+    let asks = ["--fast", "--schedule-at", "two@0.61", "--schedule-at", "one@0.85", "--until", "1.6"];
+    let ends =
+        ["--stop", "second@0.2", "--kill", "third@0.2", "--kill", "third@0.3", "--start", "second@1.3"];
+    let ended = run(&text, &[&asks[..], &ends].concat());
+    let windows = ended.windows();
+    let back = windows.iter().find(|window| window.schedule == "two").unwrap();
+    let one_again = windows
+        .iter()
+        .find(|window| window.schedule == "one" && window.planned_start_ns > back.planned_start_ns);
+    assert!(
+        one_again.unwrap().planned_start_ns < 1_100 * MS,
+        "it changes twice before the operator starts one"
+    );
+    let granted = |partition, from, to| {
+        of(&windows, partition)
+            .filter(|window| {
+                (from..to).contains(&(window.planned_start_ns / MS)) && window.granted_ns.is_some()
+            })
+            .count()
+    };
+    assert_eq!(granted("second", 200, 1_300), 0, "stopped until the operator starts it");
+    assert!(granted("second", 1_300, 1_600) > 10, "and then it runs");
+    assert_eq!(granted("third", 320, 1_600), 0, "given up");
+    assert!(ended.stderr.lines().all(|line| !line.contains("with schedule")), "{}", ended.stderr);
+}
+
+#[test]
 fn partition_with_permission_changes_the_schedule_and_sees_it_change() {
     let _turn = among_others();
     let switcher = "switcher|may_set_schedule = [\"one\"]\nattributes = { at = 3, wants = \"two\" }";

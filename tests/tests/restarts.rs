@@ -238,3 +238,108 @@ fn partition_killed_by_a_stranger_comes_back_too() {
     assert_eq!(summary["restarts"], 1);
     assert_eq!(summary["faults"][0]["partition"], "controller");
 }
+
+fn told(ended: &Ended) -> Vec<(String, String)> {
+    ended.faults().into_iter().map(|fault| (fault.error, fault.action)).collect()
+}
+
+fn all(pairs: &[(&str, &str)]) -> Vec<(String, String)> {
+    pairs.iter().map(|(error, action)| ((*error).to_owned(), (*action).to_owned())).collect()
+}
+
+#[test]
+fn successor_that_dies_of_what_it_has_retained_is_started_from_nothing_and_the_partition_goes_on() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let keys = "retained = \"4KiB\"\nattributes = { after = 20 }\n\
+                restart = { start = \"warm\", budget = 5, within = \"10s\", then = \"idle\" }";
+    let schedule = Sketch::new().partition("own", "poisoned", 500, keys).write(folder.path());
+    let ended = bateleur(&["run", "--fast", "--until", "2", "--schedule", &schedule]).end().expect_code(0);
+    assert_eq!(told(&ended), all(&[("exit", "warm_restart"), ("startup_timeout", "cold_restart")]));
+    let faults = ended.faults();
+    assert!(faults[1].detail.contains("what it has retained is spoilt"), "{faults:?}");
+    // A restart takes 20 ms of module time each, one that fails too.
+    let (died_ns, failed_ns) = (faults[0].time_ns, faults[1].time_ns);
+    assert!(failed_ns >= died_ns + 20_000_000, "{faults:?}");
+    assert!(faults[1].recovered_ns.is_some_and(|back_ns| back_ns >= failed_ns + 20_000_000), "{faults:?}");
+}
+
+/// `victim` and `other`; the program of `victim` is a file of its own, which is given.
+fn with_a_program_of_its_own(folder: &std::path::Path, budget: u32) -> (String, std::path::PathBuf) {
+    let program = folder.join("victim");
+    let keys =
+        format!("restart = {{ start = \"cold\", budget = {budget}, within = \"60s\", then = \"idle\" }}");
+    let sketch = Sketch::new().partition("victim", "counter", 500, &keys);
+    let text = sketch.partition("other", "counter", 500, "").text();
+    let counter = bateleur_tests::program("counter");
+    std::fs::copy(&counter, &program).unwrap();
+    let text = text.replacen(counter.to_str().unwrap(), program.to_str().unwrap(), 1);
+    let schedule = folder.join("test.toml");
+    std::fs::write(&schedule, text).unwrap();
+    (schedule.to_str().unwrap().to_owned(), program)
+}
+
+#[test]
+fn restart_that_the_machine_can_not_do_just_now_is_tried_again_until_it_can() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let (schedule, program) = with_a_program_of_its_own(folder.path(), 50);
+    let mut run = bateleur(&["run", "--schedule", &schedule, "--until", "20", "--kill", "victim@2"]);
+    run.await_words("2 partitions are ready");
+    let away = folder.path().join("away");
+    std::fs::rename(&program, &away).unwrap();
+    run.await_words("victim: not_started");
+    std::fs::rename(&away, &program).unwrap();
+    run.await_words("victim: back after");
+    run.signal(rustix::process::Signal::INT);
+    let ended = run.end().expect_code(0);
+    let told = told(&ended);
+    assert_eq!(told[0], ("killed".into(), "cold_restart".into()));
+    assert!(
+        told.len() > 1
+            && told[1..].iter().all(|(error, action)| error == "not_started" && action == "cold_restart")
+    );
+    let last = ended.windows().into_iter().rfind(|window| window.partition == "victim").unwrap();
+    assert!(last.granted_ns.is_some(), "{last:?}");
+}
+
+#[test]
+fn restart_that_the_machine_can_never_do_uses_up_the_budget_and_then_the_module_is_told() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let (schedule, program) = with_a_program_of_its_own(folder.path(), 3);
+    let mut run = bateleur(&["run", "--schedule", &schedule, "--until", "20", "--kill", "victim@2"]);
+    run.await_words("2 partitions are ready");
+    std::fs::remove_file(&program).unwrap();
+    run.await_words("config_error");
+    run.signal(rustix::process::Signal::INT);
+    let ended = run.end().expect_code(0);
+    let expected = [
+        ("killed", "cold_restart"),
+        ("not_started", "cold_restart"),
+        ("not_started", "cold_restart"),
+        ("not_started", "idle"),
+        ("config_error", "ignore"),
+    ];
+    assert_eq!(told(&ended), all(&expected));
+    let why = &ended.faults()[1].detail;
+    assert!(why.contains(program.to_str().unwrap()) && why.contains("No such file"), "{why}");
+    assert!(ended.windows().iter().all(|window| window.partition != "other" || window.granted_ns.is_some()));
+}
+
+#[test]
+fn partition_whose_log_has_lost_its_folder_comes_back_without_a_log_and_that_is_said_once() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = Sketch::new().partition("victim", "counter", 500, "").write(folder.path());
+    let kills = ["--kill", "victim@2", "--kill", "victim@3"];
+    let run = ["run", "--schedule", &schedule, "--until", "5"];
+    let mut run = bateleur(&[&run[..], &kills].concat());
+    run.await_words("1 partitions are ready");
+    std::fs::remove_dir_all(run.folder().join("partitions")).unwrap();
+    let ended = run.end().expect_code(0);
+    assert_eq!(told(&ended), all(&[("killed", "cold_restart"), ("killed", "cold_restart")]));
+    assert!(ended.faults().iter().all(|fault| fault.recovered_ns.is_some()), "{}", ended.stderr);
+    let words = "partitions/victim.log can not be written any more: No such file or directory";
+    assert_eq!(ended.stderr.matches(words).count(), 1, "{}", ended.stderr);
+}

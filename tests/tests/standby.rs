@@ -201,3 +201,13 @@ fn partition_killed_from_outside_on_the_wall_clock_misses_two_windows_at_most_ea
         assert!(gone.count() <= 1, "{fault:?}");
     }
 }
+
+#[test]
+fn standby_that_was_given_up_stands_by_again_when_the_operator_starts_the_partition_anew() {
+    let _turn = among_others();
+    let keys = KEPT.replace("budget = 5", "budget = 1").replace("10s", "60s");
+    let lose = ["--kill", "kept.standby@1", "--kill", "kept.standby@2"];
+    let anew = ["--stop", "kept@3", "--start", "kept@4", "--kill", "kept@5"];
+    let ended = run(&keys, &[&["--fast", "--until", "6"][..], &lose, &anew].concat());
+    assert_eq!(actions(&ended), ["new_standby", "ignore", "takeover"], "{}", ended.stderr);
+}

@@ -87,7 +87,10 @@ pub fn decide(
         PartitionAction::Ignore => Decision::Ignore,
         PartitionAction::Idle => Decision::Idle,
         PartitionAction::Stop => Decision::Stop,
-        PartitionAction::WarmRestart => decide_restart(restart, true, situation.recent),
+        // What keeps a partition from starting may be what it finds of its predecessor.
+        PartitionAction::WarmRestart => {
+            decide_restart(restart, situation.state != PartitionState::Start, situation.recent)
+        }
         PartitionAction::ColdRestart => decide_restart(restart, false, situation.recent),
     }
 }
@@ -247,7 +250,9 @@ mod tests {
             PartitionAction::Ignore | PartitionAction::Idle => Decision::Idle,
             PartitionAction::Stop => Decision::Stop,
             _ if !budget_left => Decision::Stop,
-            PartitionAction::WarmRestart => Decision::Restart { warm: starts_warm },
+            PartitionAction::WarmRestart => {
+                Decision::Restart { warm: starts_warm && situation.state != PartitionState::Start }
+            }
             PartitionAction::ColdRestart => Decision::Restart { warm: false },
         }
     }
@@ -318,6 +323,23 @@ mod tests {
         let warm = "retained = \"4KiB\"\nrestart = { start = \"warm\" }";
         assert_eq!(decided("", PartitionError::Killed, false, 0), Decision::Restart { warm: false });
         assert_eq!(decided(warm, PartitionError::Killed, false, 0), Decision::Restart { warm: true });
+    }
+
+    #[test]
+    fn one_that_fails_before_it_is_ready_is_never_started_warm_again_whatever_its_table_says() {
+        let keys = "retained = \"4KiB\"\nrestart = { start = \"warm\" }\n\
+                    health = { startup_timeout = \"warm_restart\", application_error = \"warm_restart\" }";
+        let partition = partition(keys);
+        let levels = plan_of(&format!("[module.m]\ncores = [0]\n{PARTITION}")).health.levels;
+        let decided = |error, state| {
+            let situation = Situation { state, alive: false, handler: false, recent: 0 };
+            decide(error, &levels, &partition.health, &partition.restart, &situation)
+        };
+        let cold = Decision::Restart { warm: false };
+        assert_eq!(decided(PartitionError::StartupTimeout, PartitionState::Start), cold);
+        assert_eq!(decided(PartitionError::ApplicationError, PartitionState::Start), cold);
+        let warm = Decision::Restart { warm: true };
+        assert_eq!(decided(PartitionError::ApplicationError, PartitionState::Normal), warm);
     }
 
     #[test]

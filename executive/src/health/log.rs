@@ -160,6 +160,21 @@ impl HealthLog {
         });
     }
 
+    /// Notes in the ring what a partition has said; it is no error, and nobody is told.
+    pub fn note_message(&mut self, partition: &str, generation: u32, text: String, time_ns: u64) {
+        self.add(Entry {
+            sequence: 0,
+            time_ns,
+            frame: self.frame,
+            generation,
+            level: Level::Partition,
+            partition: partition.into(),
+            error: "message".into(),
+            action: String::new(),
+            detail: text,
+        });
+    }
+
     /// Notes in the ring what became of the module.
     pub fn note_module(&mut self, what: &str, detail: String, time_ns: u64) {
         self.add(Entry {

@@ -58,7 +58,7 @@ pub struct Entry {
     pub level: Level,
     /// The partition; empty: the module itself.
     pub partition: String,
-    /// The error, as the health tables name it; `module_start`, `module_stop` and `recovered` are none.
+    /// The error, as the health tables name it; `module_start`, `module_stop`, `recovered` and `message` are none.
     pub error: String,
     /// What was done; empty: nothing had to be.
     pub action: String,

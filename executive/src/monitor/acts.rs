@@ -8,10 +8,11 @@ use std::os::fd::AsFd;
 use bateleur_contract::{Clock, StartCondition};
 
 use super::burial::Seat;
-use super::watched::{Life, Then};
+use super::watched::{Life, Then, Until};
 use super::{Monitor, seconds};
 use crate::event::Event;
 use crate::partition::await_any_end;
+use crate::slot::Readiness;
 
 impl Monitor {
     /// The process of the partition at `partition` of the plan dies now (fault injection); false: it has none.
@@ -30,12 +31,13 @@ impl Monitor {
     pub fn stop(&mut self, partition: usize, module_ns: u64) -> bool {
         let Some(place) = self.places[partition] else { return false };
         let watched = &mut self.watched[place];
-        if !watched.is_alive() && !watched.is_coming() {
+        let idle = watched.cage.slot.readiness() == Readiness::Idle; // a change of schedule might bring it back
+        if !watched.is_alive() && !watched.is_coming() && !idle {
             return false;
         }
         watched.held = false;
         watched.start_failed = false; // it is the operator who keeps it from running
-        self.lay_to_rest(place, module_ns);
+        self.lay_to_rest(place, Until::Started, module_ns);
         self.say(place, "stopped by the operator", module_ns);
         true
     }
@@ -48,6 +50,9 @@ impl Monitor {
             return false;
         }
         watched.restarts.clear();
+        if let Some(standby) = &mut watched.standby {
+            standby.forget_losses();
+        }
         watched.next_start = StartCondition::PartitionRestart;
         self.say(place, "started by the operator", module_ns);
         self.bury(place, Then::Successor, module_ns);
@@ -85,13 +90,14 @@ impl Monitor {
     }
 
     /// A partition without a process, or whose process has just ended, gets no other one by itself.
-    pub(super) fn lay_to_rest(&mut self, place: usize, module_ns: u64) {
+    pub(super) fn lay_to_rest(&mut self, place: usize, until: Until, module_ns: u64) {
         self.watched[place].put_an_end();
         self.renewals.forget(place);
         // The fault before waits for a successor that will not come.
         if let Some(fault) = self.watched[place].fault.take() {
             self.health_log.write(&fault);
         }
+        self.watched[place].rest(until);
         self.bury(place, Then::Rest, module_ns);
     }
 
@@ -107,16 +113,16 @@ impl Monitor {
             }
             _ => false,
         };
-        match then {
-            Then::Rest => watched.rest(),
-            Then::Successor => {
-                watched.cage.slot.set_readiness(crate::slot::Readiness::Absent);
-                if self.clock == Clock::Virtual {
-                    watched.cage.slot.set_not_before_ns(module_ns + startup_ns);
-                }
-                if !dead {
-                    return self.start_successor(place);
-                }
+        if then == Then::Successor {
+            watched.cage.slot.set_readiness(Readiness::Absent);
+            if self.clock == Clock::Virtual {
+                watched.cage.slot.set_not_before_ns(module_ns + startup_ns);
+            }
+            if matches!(watched.life, Life::Unstarted(_)) {
+                return; // at its time
+            }
+            if !dead {
+                return self.start_successor(place);
             }
         }
         if dead {

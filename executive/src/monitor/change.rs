@@ -5,16 +5,23 @@
 
 use bateleur_contract::StartCondition;
 
-use super::watched::Life;
+use super::watched::{Life, Until};
 use super::{Monitor, seconds};
 use crate::event::Event;
 use crate::plan::{ChangeAction, Closed};
+use crate::slot::Readiness;
 
 impl Monitor {
     /// Does what the plan wants for the partition at `place`, which had its first window in `schedule` at `module_ns`.
     pub(super) fn change(&mut self, place: usize, action: ChangeAction, schedule: usize, module_ns: u64) {
         let watched = &mut self.watched[place];
-        if action == ChangeAction::Ignore || matches!(watched.life, Life::Starting(..)) || watched.held {
+        // Stopped since the dispatcher asked for it, by somebody whose word outlasts a schedule.
+        let stopped = watched.cage.slot.readiness() == Readiness::Stopped;
+        if action == ChangeAction::Ignore
+            || matches!(watched.life, Life::Starting(..))
+            || watched.held
+            || stopped
+        {
             return;
         }
         let text = format!("{} with schedule {}", action.name(), self.plan.schedules[schedule].name);
@@ -22,7 +29,7 @@ impl Monitor {
         self.events.tell(&Event::Message { time_s: seconds(module_ns), partition, text });
         self.watched[place].start_failed = false;
         if action == ChangeAction::Idle {
-            return self.lay_to_rest(place, module_ns);
+            return self.lay_to_rest(place, Until::Change, module_ns);
         }
         let watched = &mut self.watched[place];
         watched.put_an_end();

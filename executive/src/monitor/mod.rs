@@ -6,6 +6,7 @@
 //! ```text
 //! Starting ──ready──▶ Running ──death──▶ Dead ──janitor──▶ Starting …
 //!     └────time-out, death──────────────▲   └──janitor──▶ Gone (idle, stopped, no budget left)
+//!              Dead ──janitor, the machine can not start it──▶ Unstarted ──a little later──▶ Starting …
 //! ```
 //!
 //! What an operator asks for is in `acts`, what becomes of the dead in `burial`.
@@ -16,7 +17,7 @@ use std::os::unix::process::ExitStatusExt;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Acquire;
 
-use bateleur_contract::{Clock, ErrorCode, ReportKind, Reported, StartCondition, exit};
+use bateleur_contract::{Clock, ErrorCode, Mode, ReportKind, Reported, StartCondition, exit};
 
 use crate::agenda::{Agenda, Requested};
 use crate::event::{Event, Events};
@@ -24,7 +25,7 @@ use crate::health::decision::{Decision, Situation, decide, decide_restart, error
 use crate::health::log::{Fault, HealthLog, WindowLog, WindowRecord};
 use crate::health::record::Level;
 use crate::partition::{Cage, await_any_end, ended, is_readable};
-use crate::plan::{Closed, ModuleError, PartitionError, PartitionId, PartitionState, Plan};
+use crate::plan::{Closed, ModuleAction, ModuleError, PartitionError, PartitionId, PartitionState, Plan};
 use crate::seats::Seats;
 use crate::system::kernel_log::KernelLog;
 use crate::system::spawn::Spawned;
@@ -35,8 +36,9 @@ use module_level::ModuleLevel;
 pub use module_level::{Kept, Stop};
 use operator::Operator;
 use renewal::{Means, Renewals};
+use repeats::Untold;
 use standby::TAKEOVER;
-use watched::{Life, Then, Watched};
+use watched::{Life, Then, Until, Watched};
 
 mod acts;
 mod align;
@@ -48,6 +50,7 @@ pub mod observers;
 pub mod operator;
 mod provoke;
 pub mod renewal;
+mod repeats;
 mod standby;
 mod watched;
 mod windows;
@@ -207,7 +210,7 @@ impl Monitor {
             || self.watched.iter().any(|watched| matches!(watched.life, Life::Starting(..)))
         {
             for watched in &mut self.watched {
-                watched.look_at_start(&self.plan)?;
+                watched.look_at_start(&self.plan, self.module_ns)?;
             }
             self.pause(1_000_000);
         }
@@ -218,7 +221,7 @@ impl Monitor {
     pub fn pause(&self, nanoseconds: u64) {
         let processes = self.watched.iter().filter_map(|watched| match &watched.life {
             Life::Starting(process, _) | Life::Running(process) => Some(process.pidfd.as_fd()),
-            Life::Dead(..) | Life::Gone => None,
+            Life::Dead(..) | Life::Unstarted(_) | Life::Gone => None,
         });
         let standbys = self.watched.iter().filter_map(|watched| watched.standby.as_ref()?.process());
         let standbys = standbys.map(|process| process.pidfd.as_fd());
@@ -236,6 +239,7 @@ impl Monitor {
         self.align(module_ns);
         let all_run = self.do_all_run();
         for place in 0..self.watched.len() {
+            self.tell_repeats(place, module_ns, false);
             self.take_reports(place, module_ns);
             self.pay(place, module_ns); // whose window's record found no room
             // On the virtual clock a successor is looked at when its first window comes, whenever it was ready.
@@ -268,7 +272,7 @@ impl Monitor {
     pub(crate) fn do_all_run(&self) -> bool {
         let processes = self.watched.iter().map(|watched| match &watched.life {
             Life::Running(process) => Some(process.pidfd.as_fd()),
-            Life::Starting(..) | Life::Dead(..) | Life::Gone => None,
+            Life::Starting(..) | Life::Dead(..) | Life::Unstarted(_) | Life::Gone => None,
         });
         processes.collect::<Option<Vec<_>>>().is_some_and(|processes| !await_any_end(&processes, 0))
     }
@@ -287,6 +291,14 @@ impl Monitor {
         for lost in self.health_log.take_trouble().chain(self.window_log.take_trouble()) {
             let time_s = seconds(module_ns);
             self.events.tell(&Event::LogLost { time_s, log: lost.log.into(), reason: lost.why });
+        }
+        for watched in &self.watched {
+            let cages =
+                std::iter::once(&watched.cage).chain(watched.standby.iter().map(|standby| &standby.cage));
+            for reason in cages.filter_map(Cage::take_log_trouble) {
+                let log = format!("partitions/{}.log", watched.cage.name);
+                self.events.tell(&Event::LogLost { time_s: seconds(module_ns), log, reason });
+            }
         }
     }
 
@@ -357,7 +369,9 @@ impl Monitor {
     /// Waits until the partition runs again or is given up (the virtual clock, at its first window after a restart).
     pub fn await_successor(&mut self, partition: usize, module_ns: u64) {
         let Some(place) = self.places[partition] else { return };
-        while self.watched[place].is_coming() {
+        self.module_ns = module_ns;
+        // One that fails now is started again later, as on the wall clock, and not at the same instant.
+        while self.watched[place].is_coming() && module_ns >= self.watched[place].cage.slot.not_before_ns() {
             self.look_at_process(place, module_ns);
             self.look_at_janitor();
             self.look_at_examiner(module_ns);
@@ -417,14 +431,12 @@ impl Monitor {
     /// Ends every partition: politely, then not.
     pub fn finish(&mut self, module_ns: u64) {
         self.take_records(module_ns);
+        (0..self.watched.len()).for_each(|place| self.tell_repeats(place, module_ns, true));
         self.watched.iter_mut().filter_map(|watched| watched.standby.as_mut()).for_each(|standby| {
             let _ = standby.put_an_end(); // it has nothing to finish
         });
         self.watched.iter().for_each(|watched| watched.cage.slot.ask_to_stop());
-        let give_up_ns = now_ns() + STOP_PATIENCE_NS;
-        while now_ns() < give_up_ns && self.watched.iter_mut().any(|watched| !watched.is_gone()) {
-            self.pause(10_000_000);
-        }
+        await_ends(&mut self.watched, Watched::not_gone, STOP_PATIENCE_NS);
         for watched in &mut self.watched {
             watched.put_an_end();
             if let Some(fault) = watched.fault.take() {
@@ -456,13 +468,7 @@ impl Monitor {
                 continue;
             }
             match kind {
-                ReportKind::Message => {
-                    if !self.watched[place].may_speak(module_ns) {
-                        continue;
-                    }
-                    let partition = self.watched[place].cage.name.clone();
-                    self.events.tell(&Event::Message { time_s: seconds(module_ns), partition, text });
-                }
+                ReportKind::Message => self.take_message(place, text, module_ns),
                 ReportKind::ApplicationError => {
                     self.fault_in(place, PartitionError::ApplicationError, state, text, module_ns);
                 }
@@ -473,19 +479,44 @@ impl Monitor {
         }
     }
 
-    fn look_at_process(&mut self, place: usize, module_ns: u64) {
+    /// REPORT_APPLICATION_MESSAGE: recorded and passed on, within bounds.
+    fn take_message(&mut self, place: usize, text: String, module_ns: u64) {
         let watched = &mut self.watched[place];
-        match watched.look_at_start(&self.plan) {
-            Ok(()) => {}
-            Err(detail) if matches!(watched.life, Life::Starting(..)) => {
-                watched.start_failed = true;
-                return self.fault(place, PartitionError::StartupTimeout, detail, module_ns);
-            }
-            Err(detail) => {
-                watched.start_failed = true;
-                return self.fault(place, PartitionError::Exit, detail, module_ns);
-            }
+        if let Some(text) = watched.messages.record(&text, module_ns) {
+            self.health_log.note_message(&watched.cage.name, watched.generation, text, module_ns);
         }
+        if watched.may_speak(module_ns) {
+            let partition = watched.cage.name.clone();
+            self.events.tell(&Event::Message { time_s: seconds(module_ns), partition, text });
+        }
+    }
+
+    /// Makes an entry of the errors that had none of their own, where it is time to, or where `all` says so.
+    fn tell_repeats(&mut self, place: usize, module_ns: u64, all: bool) {
+        while let Some(untold) = self.watched[place].repeats.take_untold(module_ns, all) {
+            let Untold { error, decision, detail } = untold;
+            let fault = self.entry(place, error.name(), decision, detail, module_ns);
+            self.tell_fault(place, &fault);
+            self.health_log.write(&fault);
+        }
+        let watched = &mut self.watched[place];
+        if all && let more @ 1.. = watched.messages.take_unrecorded() {
+            let text = format!("{more} more are not recorded");
+            self.health_log.note_message(&watched.cage.name, watched.generation, text, module_ns);
+        }
+    }
+
+    fn look_at_process(&mut self, place: usize, module_ns: u64) {
+        if matches!(self.watched[place].life, Life::Unstarted(retry_ns) if now_ns() >= retry_ns) {
+            self.start_successor(place);
+        }
+        let watched = &mut self.watched[place];
+        if let Err(detail) = watched.look_at_start(&self.plan, module_ns) {
+            // Whether it died or hangs: what it finds of its predecessor may be the cause.
+            watched.start_failed = true;
+            return self.fault(place, PartitionError::StartupTimeout, detail, module_ns);
+        }
+        let watched = &mut self.watched[place];
         let Life::Running(process) = &watched.life else { return };
         if !is_readable(process.pidfd.as_fd()) {
             return;
@@ -497,9 +528,9 @@ impl Monitor {
         let words = watched.cage.last_words();
         let found = status.and_then(|status| error_of(status, words.as_deref()));
         match status.and_then(|status| status.code()) {
-            Some(exit::IDLE) => return self.lay_to_rest(place, module_ns),
-            Some(exit::WARM_START) => return self.restart_as_asked(place, true, module_ns),
-            Some(exit::COLD_START) => return self.restart_as_asked(place, false, module_ns),
+            Some(exit::IDLE) => return self.do_as_asked(place, Mode::Idle, module_ns),
+            Some(exit::WARM_START) => return self.do_as_asked(place, Mode::WarmStart, module_ns),
+            Some(exit::COLD_START) => return self.do_as_asked(place, Mode::ColdStart, module_ns),
             _ => {}
         }
         let (error, mut detail) = found.unwrap_or((PartitionError::Exit, "ended by itself".into()));
@@ -547,13 +578,42 @@ impl Monitor {
         };
         let levels = &self.plan.health.levels;
         let decision = decide(error, levels, &partition.health, &partition.restart, &situation);
+        if self.goes_on_after(error, decision)
+            && !self.watched[place].repeats.is_told(error, decision, &detail, module_ns)
+        {
+            // Its handler is told of each.
+            return self.tell_handler(place, decision, error, &detail);
+        }
         self.decided(place, error.name(), decision, detail, situation.alive, module_ns);
     }
 
-    /// A partition has ended itself to be started again (SET_PARTITION_MODE), which its budget counts too.
-    fn restart_as_asked(&mut self, place: usize, warm: bool, module_ns: u64) {
+    /// Whether a partition may raise this again and again, because nothing is done that ends it.
+    fn goes_on_after(&self, error: PartitionError, decision: Decision) -> bool {
+        let ignored = || self.plan.health.module.action(ModuleError::PartitionError) == ModuleAction::Ignore;
+        matches!(error, PartitionError::ApplicationError | PartitionError::PortError)
+            && match decision {
+                Decision::Ignore | Decision::Handler => true,
+                Decision::Module => ignored(),
+                Decision::Idle | Decision::Stop | Decision::Restart { .. } => false,
+            }
+    }
+
+    fn tell_handler(&self, place: usize, decision: Decision, error: PartitionError, detail: &str) {
+        if decision == Decision::Handler
+            && let Some(code) = handler_code(error)
+        {
+            self.watched[place].cage.slot.page.raise(code, detail);
+        }
+    }
+
+    /// A partition has ended itself to be started again or to be idle (SET_PARTITION_MODE). Its budget counts the starts.
+    fn do_as_asked(&mut self, place: usize, mode: Mode, module_ns: u64) {
         let recent = self.recent_restarts(place, module_ns);
-        let decision = decide_restart(&self.plan[self.watched[place].cage.id].restart, warm, recent);
+        let restart = &self.plan[self.watched[place].cage.id].restart;
+        let decision = match mode {
+            Mode::Idle => Decision::Idle,
+            mode => decide_restart(restart, mode == Mode::WarmStart, recent),
+        };
         self.decided(place, OWN_REQUEST, decision, "its error handler asked for it".into(), false, module_ns);
     }
 
@@ -574,25 +634,32 @@ impl Monitor {
         alive: bool,
         module_ns: u64,
     ) {
-        let takes_over = matches!(decision, Decision::Restart { .. }) && self.can_take_over(place, module_ns);
-        let watched = &mut self.watched[place];
+        let mut fault = self.entry(place, error, decision, detail, module_ns);
+        if matches!(decision, Decision::Restart { .. }) && self.can_take_over(place, module_ns) {
+            fault.action = TAKEOVER.into();
+        }
+        self.tell_fault(place, &fault);
+        self.act(place, decision, fault, alive, module_ns);
+    }
+
+    /// What the log says of an error of the partition at `place`.
+    fn entry(&self, place: usize, error: &str, decision: Decision, detail: String, module_ns: u64) -> Fault {
+        let watched = &self.watched[place];
         let level = match decision {
             Decision::Handler => Level::Process,
             Decision::Module => Level::Module,
             _ => Level::Partition,
         };
-        let fault = Fault {
+        Fault {
             time_ns: module_ns,
             level,
             partition: Some(watched.cage.name.clone()),
             generation: watched.generation,
             error: error.into(),
-            action: if takes_over { TAKEOVER } else { decision.name() }.into(),
+            action: decision.name().into(),
             detail,
             recovered_ns: None,
-        };
-        self.tell_fault(place, &fault);
-        self.act(place, decision, fault, alive, module_ns);
+        }
     }
 
     /// Makes known what has been decided about a fault of the partition at `place`.
@@ -616,14 +683,14 @@ impl Monitor {
             }
             Decision::Handler => {
                 self.health_log.write(&fault);
-                if let Some(code) = PartitionError::from_name(&fault.error).and_then(handler_code) {
-                    self.watched[place].cage.slot.page.raise(code, &fault.detail);
+                if let Some(error) = PartitionError::from_name(&fault.error) {
+                    self.tell_handler(place, decision, error, &fault.detail);
                 }
             }
             Decision::Module => {
                 if !alive {
                     // Whatever the module makes of it, nothing starts it again.
-                    self.lay_to_rest(place, module_ns);
+                    self.lay_to_rest(place, Until::Started, module_ns);
                 }
                 self.health_log.write(&fault);
                 let name = &self.watched[place].cage.name;
@@ -631,7 +698,7 @@ impl Monitor {
                 self.module_fault(ModuleError::PartitionError, &detail, true, module_ns);
             }
             Decision::Idle | Decision::Stop => {
-                self.lay_to_rest(place, module_ns);
+                self.lay_to_rest(place, Until::Started, module_ns);
                 self.health_log.write(&fault);
                 if decision == Decision::Stop {
                     let partition = self.watched[place].cage.name.clone();
@@ -682,21 +749,52 @@ impl Monitor {
 
     fn start_successor(&mut self, place: usize) {
         let watched = &mut self.watched[place];
-        watched.generation += 1;
         watched.had_window = false;
-        watched.figures.restarts += 1;
-        match watched.cage.launch(watched.generation, watched.next_start) {
+        match watched.cage.launch(watched.generation + 1, watched.next_start) {
             Ok(process) => {
+                watched.generation += 1;
+                watched.figures.restarts += 1;
                 watched.reports_seen = watched.cage.slot.page.report_count.load(Acquire);
                 watched.life = Life::Starting(process, now_ns());
             }
-            Err(error) => {
-                watched.life = Life::Gone;
-                watched.rest();
-                let text = format!("partition {} can not be started again: {error}", watched.cage.name);
-                self.module_fault(ModuleError::ConfigError, &text, true, self.module_ns);
-            }
+            Err(error) => self.not_started(place, &error),
         }
+    }
+
+    /// The machine could not start the partition's successor. That may pass, so it is tried again: as a restart like any
+    /// other, within the budget, and a little later each time. Nothing of the partition has run: warm stays warm.
+    fn not_started(&mut self, place: usize, error: &io::Error) {
+        let module_ns = self.module_ns;
+        let recent = self.recent_restarts(place, module_ns);
+        let watched = &mut self.watched[place];
+        watched.life = Life::Unstarted(now_ns() + retry_after_ns(recent));
+        let restart = &self.plan[watched.cage.id].restart;
+        let decision = decide_restart(restart, watched.next_start.is_warm(), recent);
+        let detail = format!("its successor can not be started: {error}");
+        let text = format!("partition {} can not be started again: {error}", watched.cage.name);
+        self.decided(place, NOT_STARTED, decision, detail, false, module_ns);
+        if !matches!(decision, Decision::Restart { .. }) {
+            self.module_fault(ModuleError::ConfigError, &text, true, module_ns);
+        }
+    }
+}
+
+/// How long after a failed try the machine is asked again to start a process, ns, where there were `recent` restarts.
+fn retry_after_ns(recent: u32) -> u64 {
+    50_000_000 << recent.min(6)
+}
+
+/// Sleeps until all of `list` have ended, at most `patience_ns`. `look`: what tells the end of one; none: it has ended.
+fn await_ends<T>(list: &mut [T], look: impl Fn(&mut T) -> Option<BorrowedFd<'_>>, patience_ns: u64) {
+    let end_ns = now_ns() + patience_ns;
+    loop {
+        // Those alone that still live: one that has ended would end each sleep at once.
+        let left: Vec<BorrowedFd<'_>> = list.iter_mut().filter_map(&look).collect();
+        let left_ns = end_ns.saturating_sub(now_ns());
+        if left.is_empty() || left_ns == 0 {
+            return;
+        }
+        await_any_end(&left, left_ns);
     }
 }
 
@@ -705,6 +803,8 @@ const SIGSYS: i32 = 31;
 
 /// What the log calls a restart that a partition asked for; no error of a table.
 const OWN_REQUEST: &str = "own_request";
+/// What it calls a successor that the machine could not start; no error of a table either.
+const NOT_STARTED: &str = "not_started";
 
 /// What a partition's handler is told that an error is; none: it is told of no such error.
 fn handler_code(error: PartitionError) -> Option<ErrorCode> {
@@ -727,4 +827,45 @@ fn end_helper(process: &Spawned) {
 
 fn seconds(ns: u64) -> f64 {
     ns as f64 / 1e9
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{PipeReader, PipeWriter};
+
+    use super::*;
+
+    /// A pipe stands for a process: closed, it can be read from, as the descriptor of one that has ended.
+    struct Process {
+        descriptor: PipeReader,
+        life: Option<PipeWriter>,
+        looks: u32,
+    }
+
+    impl Process {
+        fn look(&mut self) -> Option<BorrowedFd<'_>> {
+            self.looks += 1;
+            self.life.is_some().then(|| self.descriptor.as_fd())
+        }
+    }
+
+    #[test]
+    fn process_that_has_ended_before_the_first_in_the_list_does_not_keep_the_end_of_a_run_busy() {
+        let mut list: Vec<Process> = (0..3)
+            .map(|_| {
+                let (descriptor, life) = std::io::pipe().unwrap();
+                Process { descriptor, life: Some(life), looks: 0 }
+            })
+            .collect();
+        list[1].life = None;
+        await_ends(&mut list, Process::look, 20_000_000);
+        let looks: Vec<u32> = list.iter().map(|process| process.looks).collect();
+        assert_eq!(looks, [2, 2, 2], "before the sleep and after it");
+    }
+
+    #[test]
+    fn machine_that_can_not_start_a_process_is_asked_again_later_each_time() {
+        let delays: Vec<u64> = (0..8).map(|recent| retry_after_ns(recent) / 1_000_000).collect();
+        assert_eq!(delays, [50, 100, 200, 400, 800, 1600, 3200, 3200]);
+    }
 }

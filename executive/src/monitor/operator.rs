@@ -150,7 +150,7 @@ impl Monitor {
                 Life::Starting(process, _) => ("starting", Some(process.pid)),
                 Life::Running(process) if watched.held => ("frozen", Some(process.pid)),
                 Life::Running(process) => ("normal", Some(process.pid)),
-                Life::Dead(_, Then::Successor) => ("restarting", None),
+                Life::Dead(_, Then::Successor) | Life::Unstarted(_) => ("restarting", None),
                 Life::Dead(_, Then::Rest) | Life::Gone => ("idle", None),
             };
             crate::control::PartitionStatus {

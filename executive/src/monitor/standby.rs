@@ -137,6 +137,12 @@ impl Standby {
         true
     }
 
+    /// The partition begins anew, with a new budget: so does what stands by for it.
+    pub(super) fn forget_losses(&mut self) {
+        self.losses.clear();
+        self.given_up = false;
+    }
+
     /// What lay here is buried.
     pub(super) fn buried(&mut self) {
         if matches!(self.life, Waiting::Dead(_)) {
@@ -340,6 +346,7 @@ impl Monitor {
         watched.figures.restarts += 1;
         watched.unclosed = 0;
         watched.had_window = false;
+        watched.admitted_ns = module_ns;
         watched.cage.slot.set_not_before_ns(0);
         // Only now: until here a dispatcher finds that nobody is there.
         watched.seats.hand_over();

@@ -1,12 +1,13 @@
 //! One partition as the monitor sees it: its cage, the life in it, and what is remembered of lives before.
 
-use std::os::fd::AsFd;
+use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Acquire;
 
 use bateleur_contract::{ControlPage, Mode, StartCondition};
 
 use super::figures::Figures;
+use super::repeats::{Allowance, Repeats};
 use super::standby::Standby;
 use crate::health::decision::error_of;
 use crate::health::log::Fault;
@@ -25,8 +26,19 @@ pub(super) enum Life {
     Running(Spawned),
     /// Its remains wait for the janitor, or are with it.
     Dead(i32, Then),
+    /// The machine could not start a successor; it is tried again at this instant of CLOCK_MONOTONIC.
+    Unstarted(u64),
     /// No process, and none to come by itself.
     Gone,
+}
+
+/// Until when a partition without a process rests.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Until {
+    /// A change of schedule has made it idle, and another one may bring it back.
+    Change,
+    /// An operator, its tables, its budget or itself have stopped it: only an operator starts it again.
+    Started,
 }
 
 /// What comes after a burial.
@@ -48,6 +60,8 @@ pub(super) struct Watched {
     pub(super) standby: Option<Standby>,
     pub(super) life: Life,
     pub(super) generation: u32,
+    /// When this process was found ready, module time, ns: it may have windows from then on.
+    pub(super) admitted_ns: u64,
     /// This process has had a window.
     pub(super) had_window: bool,
     /// The last process failed before it was ready.
@@ -63,6 +77,10 @@ pub(super) struct Watched {
     pub(super) deadline_told_ns: Option<u64>,
     /// Processes that the kernel had ended for want of memory, at the last look.
     pub(super) starved: u64,
+    /// Errors that leave it running, and come again and again.
+    pub(super) repeats: Repeats,
+    /// Messages that may be recorded.
+    pub(super) messages: Allowance,
     /// Second of module time, and messages passed on in it.
     pub(super) spoken: (u64, u32),
     /// Held by an operator: also a successor that becomes ready meanwhile.
@@ -89,6 +107,7 @@ impl Watched {
             cage,
             life: Life::Starting(process, now_ns()),
             generation: 0,
+            admitted_ns: 0,
             had_window: false,
             start_failed: false,
             next_start: StartCondition::NormalStart,
@@ -99,6 +118,8 @@ impl Watched {
             overrun_told_ns: None,
             deadline_told_ns: None,
             starved: 0,
+            repeats: Repeats::default(),
+            messages: Allowance::default(),
             spoken: (0, 0),
             held: false,
             figures: Figures::new(),
@@ -116,10 +137,11 @@ impl Watched {
     }
 
     /// Takes notice of a partition that has become ready; an error where it never will.
-    pub(super) fn look_at_start(&mut self, plan: &Plan) -> Result<(), String> {
+    pub(super) fn look_at_start(&mut self, plan: &Plan, module_ns: u64) -> Result<(), String> {
         let Life::Starting(process, since_ns) = &self.life else { return Ok(()) };
         if Mode::from_number(self.cage.slot.page.mode.load(Acquire)) == Some(Mode::Normal) {
             self.cage.admit(process);
+            self.admitted_ns = module_ns;
             self.unclosed = 0;
             self.start_failed = false;
             if let Life::Starting(process, _) = std::mem::replace(&mut self.life, Life::Gone) {
@@ -171,9 +193,9 @@ impl Watched {
         matches!(self.life, Life::Running(_) | Life::Starting(..))
     }
 
-    /// A successor is on its way, or waits for its predecessor's burial.
+    /// A successor is on its way, or waits for its predecessor's burial, or for the machine.
     pub(super) fn is_coming(&self) -> bool {
-        matches!(self.life, Life::Starting(..) | Life::Dead(_, Then::Successor))
+        matches!(self.life, Life::Starting(..) | Life::Dead(_, Then::Successor) | Life::Unstarted(_))
     }
 
     /// It has threads or children that nobody knew of.
@@ -215,25 +237,46 @@ impl Watched {
         }
     }
 
-    /// Its windows pass from now on, until it is started by an operator.
-    pub(super) fn rest(&mut self) {
+    /// Its windows pass from now on, until an operator starts it, or a change of schedule where `until` says so.
+    pub(super) fn rest(&mut self, until: Until) {
         match &mut self.life {
             Life::Dead(_, then) => *then = Then::Rest,
             life => *life = Life::Gone,
         }
-        self.cage.slot.set_readiness(Readiness::Idle);
+        self.cage.slot.set_readiness(match until {
+            Until::Change => Readiness::Idle,
+            Until::Started => Readiness::Stopped,
+        });
     }
 
-    pub(super) fn is_gone(&mut self) -> bool {
-        match &self.life {
-            Life::Starting(process, _) | Life::Running(process) => {
-                let gone = ended(process).is_some();
-                if gone {
-                    self.life = Life::Gone;
-                }
-                gone
-            }
-            Life::Dead(..) | Life::Gone => true,
+    /// Its process, unless it has ended: then it is reaped.
+    pub(super) fn not_gone(&mut self) -> Option<BorrowedFd<'_>> {
+        if let Life::Starting(process, _) | Life::Running(process) = &self.life
+            && ended(process).is_some()
+        {
+            self.life = Life::Gone;
         }
+        match &self.life {
+            Life::Starting(process, _) | Life::Running(process) => Some(process.pidfd.as_fd()),
+            Life::Dead(..) | Life::Unstarted(_) | Life::Gone => None,
+        }
+    }
+}
+
+/// Whether a window that was granted at `granted_ns` is one of the process that was found ready at `admitted_ns`: one
+/// that its predecessor left open closes after the predecessor's death, and says nothing about the successor.
+pub(super) fn is_own(granted_ns: Option<u64>, admitted_ns: u64) -> bool {
+    granted_ns.is_some_and(|granted_ns| granted_ns >= admitted_ns)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn window_that_the_dead_one_left_open_is_not_its_successors() {
+        assert!(!is_own(Some(99), 100), "granted before the successor was ready, closed after");
+        assert!(is_own(Some(100), 100));
+        assert!(!is_own(None, 0), "not granted at all");
     }
 }

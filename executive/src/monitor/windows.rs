@@ -9,7 +9,7 @@ use super::{Monitor, seconds};
 use crate::event::Event;
 use crate::fence::Escapes;
 use crate::health::log::{Missed, WindowRecord};
-use crate::monitor::watched::Life;
+use crate::monitor::watched::{Life, is_own};
 use crate::plan::PartitionError;
 use crate::slot::Slot;
 
@@ -51,11 +51,10 @@ impl Monitor {
     }
 
     fn judge_window(&mut self, place: usize, record: &WindowRecord, module_ns: u64) {
-        if record.granted_ns.is_none() {
-            return;
-        }
         // A window of the process that was in office before says nothing about the one that has taken over meanwhile.
-        if record.seat != self.watched[place].seats.office() {
+        if record.seat != self.watched[place].seats.office()
+            || !is_own(record.granted_ns, self.watched[place].admitted_ns)
+        {
             return;
         }
         self.watched[place].had_window = true;

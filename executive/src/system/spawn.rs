@@ -237,7 +237,11 @@ fn prepare<'a>(request: &Request<'a>, trouble: i32) -> io::Result<Prepared<'a>> 
         request.program,
         rustix::fs::OFlags::PATH | rustix::fs::OFlags::CLOEXEC,
         rustix::fs::Mode::empty(),
-    )?;
+    )
+    .map_err(|error| {
+        let error = io::Error::from(error);
+        io::Error::new(error.kind(), format!("{}: {error}", request.program.display()))
+    })?;
     let program = rustix::io::fcntl_dupfd_cloexec(low_program, OUT_OF_THE_WAY)?;
     let name = request.program.file_name().unwrap_or(OsStr::new("partition")).as_bytes();
     let mut strings = vec![CString::new(name)?];

@@ -21,7 +21,7 @@ pub const VERSION: u32 = 9;
 
 /// Bytes of a report's text, as in REPORT_APPLICATION_MESSAGE.
 pub const REPORT_TEXT: usize = 128;
-/// Errors that wait for a partition's handler, most; older ones are overwritten.
+/// Places for errors that wait for a partition's handler: one less waits, and older ones are overwritten.
 pub const ERRORS: usize = 8;
 /// Entries of the health log that stand for a partition that is told of them; older ones are overwritten and counted as lost.
 pub const NOTICES: usize = 8;
@@ -377,19 +377,15 @@ impl ControlPage {
         self.error_count.store(number.wrapping_add(1), Ordering::Release);
     }
 
-    /// The next error since number `seen` (the partition), which is moved on. Only the newest [`ERRORS`] still stand.
+    /// The next error since number `seen` (the partition), which is moved on. Of a flood the newest still stand, one less than
+    /// there are places.
     pub fn next_error(&self, seen: &mut u32) -> Option<(ErrorCode, String)> {
-        let count = self.error_count.load(Ordering::Acquire);
-        while *seen != count {
-            let oldest = count.wrapping_sub(ERRORS as u32);
-            *seen = if count.wrapping_sub(*seen) > ERRORS as u32 { oldest } else { *seen };
-            let (code, text) = self.errors[*seen as usize % ERRORS].read();
-            *seen = seen.wrapping_add(1);
+        loop {
+            let (code, text) = next_of(&self.errors, &self.error_count, seen, &mut 0)?;
             if let Some(code) = ErrorCode::from_number(code) {
                 return Some((code, text));
             }
         }
-        None
     }
 
     /// Tells the partition of an entry of the health log (the executive). Text beyond [`REPORT_TEXT`] bytes is cut.
@@ -402,22 +398,7 @@ impl ControlPage {
     /// The next entry of the health log since number `seen` (the partition), with its severity. `seen` is moved on, and `lost`
     /// by as many as were overwritten before they were read.
     pub fn next_notice(&self, seen: &mut u32, lost: &mut u64) -> Option<(u32, String)> {
-        loop {
-            let count = self.notice_count.load(Ordering::Acquire);
-            // One place less than there are: the executive may be writing the next one just now.
-            let skipped = count.wrapping_sub(*seen).saturating_sub(NOTICES as u32 - 1);
-            (*seen, *lost) = (seen.wrapping_add(skipped), *lost + u64::from(skipped));
-            if *seen == count {
-                return None;
-            }
-            let notice = self.notices[*seen as usize % NOTICES].read();
-            fence(Ordering::Acquire);
-            // Overwritten while it was read: it counts as lost at the next look.
-            if self.notice_count.load(Ordering::Relaxed).wrapping_sub(*seen) < NOTICES as u32 {
-                *seen = seen.wrapping_add(1);
-                return Some(notice);
-            }
-        }
+        next_of(&self.notices, &self.notice_count, seen, lost)
     }
 
     /// Errors for the handler so far (the partition, before its first window: those were its predecessor's).
@@ -435,6 +416,28 @@ impl ControlPage {
             Reported { kind: ReportKind::from_word(kind), in_handler: kind & IN_HANDLER != 0, text }
         };
         (0..new).map(report).collect()
+    }
+}
+
+/// The next of `places` since number `seen`, which is moved on, and `lost` by as many as were written over before they were
+/// read. `count`: entries so far.
+fn next_of(places: &[Report], count: &AtomicU32, seen: &mut u32, lost: &mut u64) -> Option<(u32, String)> {
+    let room = places.len() as u32;
+    loop {
+        let newest = count.load(Ordering::Acquire);
+        // One place less than there are: the executive may be writing the next one just now.
+        let skipped = newest.wrapping_sub(*seen).saturating_sub(room - 1);
+        (*seen, *lost) = (seen.wrapping_add(skipped), *lost + u64::from(skipped));
+        if *seen == newest {
+            return None;
+        }
+        let entry = places[*seen as usize % places.len()].read();
+        fence(Ordering::Acquire);
+        // Overwritten while it was read: it counts as lost at the next look.
+        if count.load(Ordering::Relaxed).wrapping_sub(*seen) < room {
+            *seen = seen.wrapping_add(1);
+            return Some(entry);
+        }
     }
 }
 
@@ -590,6 +593,16 @@ mod tests {
         assert_eq!(page.next_error(&mut seen), None);
         (0..20).for_each(|number| page.raise(ErrorCode::ApplicationError, &number.to_string()));
         let texts: Vec<_> = std::iter::from_fn(|| Some(page.next_error(&mut seen)?.1)).collect();
-        assert_eq!((texts.len(), texts[0].as_str(), texts[7].as_str()), (8, "12", "19"));
+        assert_eq!((texts.len(), texts[0].as_str(), texts[6].as_str()), (7, "13", "19"));
+    }
+
+    #[test]
+    fn error_that_is_written_over_just_now_is_not_handed_to_the_handler_in_pieces() {
+        let (page, mut seen) = (page(), 0);
+        (0..8).for_each(|number| page.raise(ErrorCode::ApplicationError, &number.to_string()));
+        // The executive is in the middle of a ninth, which has the place of the first and is not counted yet.
+        page.errors[0].write(ErrorCode::DeadlineMissed as u32, "half of the ninth");
+        let texts: Vec<_> = std::iter::from_fn(|| Some(page.next_error(&mut seen)?.1)).collect();
+        assert_eq!(texts, ["1", "2", "3", "4", "5", "6", "7"]);
     }
 }

@@ -9,8 +9,9 @@ struct Handler {
     found: Option<String>,
     windows: Retained<u64>,
     count: u64,
-    /// An error is raised in this window, counted over all incarnations.
+    /// An error is raised in this window, counted over all incarnations, and in those after it until `raise_times` are.
     raise_at: u64,
+    raise_times: u64,
     response: String,
 }
 
@@ -23,6 +24,7 @@ impl Partition for Handler {
             windows,
             count: count.unwrap_or(0),
             raise_at: context.attribute("raise_at", 0)?,
+            raise_times: context.attribute("raise_times", 1)?,
             response: context.attribute("response", "go_on".into())?,
         })
     }
@@ -53,7 +55,7 @@ impl Partition for Handler {
         }
         self.count += 1;
         self.windows.store(&self.count);
-        if self.count == self.raise_at {
+        if self.count >= self.raise_at && self.count - self.raise_at < self.raise_times {
             window.raise("what it is");
         }
     }

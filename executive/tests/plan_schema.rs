@@ -32,7 +32,9 @@ fn what_the_schema_cannot_see_is_let_through_and_wrong_structure_is_not() {
             text.lines().next().unwrap().strip_prefix("# breaks ").unwrap().split(", ").collect();
         let breaks = |ids: &[&str]| rules.iter().any(|rule| ids.iter().any(|id| rule.starts_with(id)));
         // An empty file lacks what only a whole plan needs, which a schema would have to ask of every draft.
-        if breaks(&["S01", "N02"]) || path.ends_with("file_empty.toml") {
+        // A number like 1e999 is TOML, and no number of a library that reads it.
+        let no_number = path.ends_with("partition_attribute_not_finite.toml");
+        if breaks(&["S01", "N02"]) || path.ends_with("file_empty.toml") || no_number {
             continue; // the others are no TOML
         }
         let fault = fault_in(&schema, &text);

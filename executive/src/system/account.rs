@@ -72,13 +72,13 @@ impl Accounts {
     /// Whether more memory was asked for than there is, so that the kernel had to look for some.
     #[must_use]
     pub fn has_been_full(&self) -> bool {
-        // Counted at whichever of the two limits is met first.
-        let failed = |group: &PathBuf| {
-            ["memory.failcnt", "memory.memsw.failcnt"]
-                .iter()
-                .any(|file| fs::read_to_string(group.join(file)).is_ok_and(|count| count.trim() != "0"))
+        // The counters of failures stay at 0 on some kernels (seen on 6.18); the greatest use does not.
+        let number =
+            |group: &PathBuf, file| fs::read_to_string(group.join(file)).ok()?.trim().parse::<u64>().ok();
+        let reached = |group: &PathBuf| -> Option<bool> {
+            Some(number(group, "memory.max_usage_in_bytes")? >= number(group, "memory.limit_in_bytes")?)
         };
-        self.memory.as_ref().is_some_and(failed)
+        self.memory.as_ref().is_some_and(|group| reached(group).unwrap_or(false))
     }
 }
 

@@ -51,8 +51,8 @@ pub trait Grip: Send + Sync + std::fmt::Debug {
     fn demote(&self, tid: i32) -> bool;
     /// Moves a thread to a processor.
     fn place(&self, tid: i32, core: u32);
-    /// Processor time that a thread has used, ns; none: it has ended.
-    fn used_ns(&self, tid: i32) -> Option<u64>;
+    /// Processor time that the partition's first process has used, ns; none: it has ended.
+    fn used_ns(&self, main: i32) -> Option<u64>;
     /// CLOCK_MONOTONIC, ns.
     fn now_ns(&self) -> u64;
 }
@@ -111,8 +111,8 @@ impl Grip for Processes {
     fn place(&self, tid: i32, core: u32) {
         let _ = sched::bind(tid, &[core]); // it has ended
     }
-    fn used_ns(&self, tid: i32) -> Option<u64> {
-        sched::used_ns(tid)
+    fn used_ns(&self, main: i32) -> Option<u64> {
+        sched::used_ns(main)
     }
     fn now_ns(&self) -> u64 {
         now_ns()
@@ -188,7 +188,7 @@ pub struct Fence {
     ran_on: AtomicU32,
     stuck: AtomicU32,
     strayed: AtomicU32,
-    /// Processor time of the first thread at the end of its last window, or [`NOT_NOTED`].
+    /// Processor time of the first process at the end of its last window, or [`NOT_NOTED`].
     used_ns: AtomicU64,
     /// The processor that the threads are on, plus one; 0: not yet placed.
     core: AtomicU32,

@@ -25,13 +25,13 @@ pub fn is_real_time(tid: i32) -> bool {
     matches!(policy & !libc::SCHED_RESET_ON_FORK, libc::SCHED_FIFO | libc::SCHED_RR)
 }
 
-/// Processor time that a thread has used, ns; none: it has ended.
+/// Processor time that a process has used with all its threads, ns; none: it has ended.
 #[must_use]
-pub fn used_ns(tid: i32) -> Option<u64> {
+pub fn used_ns(pid: i32) -> Option<u64> {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // The clock's number is part of the kernel's interface (CPUCLOCK_SCHED of one thread): no call gives it for another
-    // process's thread.
-    let clock = (!tid << 3) | 6;
+    // As clock_getcpuclockid computes it, which would ask the kernel once more whether the process is there (CPUCLOCK_SCHED).
+    // A thread's clock can be read in its own process only.
+    let clock = (!pid << 3) | 2;
     // SAFETY: plain system call that writes into the structure, which lives here.
     let read = unsafe { libc::clock_gettime(clock, &raw mut time) };
     (read == 0).then(|| time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64) // never negative
@@ -65,4 +65,24 @@ pub fn bind(tid: i32, cores: &[u32]) -> io::Result<()> {
     let mut set = CpuSet::new();
     cores.iter().for_each(|&core| set.set(core as usize));
     Ok(sched_setaffinity(Pid::from_raw(tid), &set)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn processor_time_of_another_process_is_read_and_grows() {
+        let mut busy = std::process::Command::new("sh").args(["-c", "while :; do :; done"]).spawn().unwrap();
+        let pid = busy.id() as i32;
+        let begun = std::time::Instant::now();
+        let first = used_ns(pid).unwrap();
+        while used_ns(pid).unwrap() < first + 1_000_000 {
+            assert!(begun.elapsed().as_secs() < 60, "{:?}", used_ns(pid));
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        busy.kill().unwrap();
+        busy.wait().unwrap();
+        assert_eq!(used_ns(pid), None);
+    }
 }

@@ -324,7 +324,9 @@ fn restart_that_the_machine_can_never_do_uses_up_the_budget_and_then_the_module_
     assert_eq!(told(&ended), all(&expected));
     let why = &ended.faults()[1].detail;
     assert!(why.contains(program.to_str().unwrap()) && why.contains("No such file"), "{why}");
-    assert!(ended.windows().iter().all(|window| window.partition != "other" || window.granted_ns.is_some()));
+    // Where the machine held the dispatcher up, nobody in the module is to blame.
+    let had = |window: &bateleur_tests::Window| window.granted_ns.is_some() || window.late;
+    assert!(ended.windows().iter().all(|window| window.partition != "other" || had(window)));
 }
 
 #[test]

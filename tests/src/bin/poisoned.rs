@@ -20,7 +20,8 @@ impl Partition for Poisoned {
             panic!("what it has retained is spoilt");
         }
         // It is spoilt once: a successor that starts from nothing goes on.
-        let windows_left = if context.generation() == 0 { context.attribute("after", 10)? } else { u64::MAX };
+        let after = context.attribute("after", 10)?;
+        let windows_left = if context.generation() == 0 { after } else { u64::MAX };
         Ok(Self { retained, windows_left })
     }
 

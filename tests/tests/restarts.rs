@@ -239,8 +239,12 @@ fn partition_killed_by_a_stranger_comes_back_too() {
     assert_eq!(summary["faults"][0]["partition"], "controller");
 }
 
+/// What is told of partitions' deaths and starts. That a machine which holds processes up makes windows late or too short is
+/// nobody's fault in the module.
 fn told(ended: &Ended) -> Vec<(String, String)> {
-    ended.faults().into_iter().map(|fault| (fault.error, fault.action)).collect()
+    let is_the_machines = |error: &str| ["late_dispatcher", "window_overrun"].contains(&error);
+    let faults = ended.faults().into_iter().filter(|fault| !is_the_machines(&fault.error));
+    faults.map(|fault| (fault.error, fault.action)).collect()
 }
 
 fn all(pairs: &[(&str, &str)]) -> Vec<(String, String)> {
@@ -299,7 +303,8 @@ fn restart_that_the_machine_can_not_do_just_now_is_tried_again_until_it_can() {
         told.len() > 1
             && told[1..].iter().all(|(error, action)| error == "not_started" && action == "cold_restart")
     );
-    let last = ended.windows().into_iter().rfind(|window| window.partition == "victim").unwrap();
+    let on_time = |window: &bateleur_tests::Window| window.partition == "victim" && !window.late;
+    let last = ended.windows().into_iter().rfind(on_time).unwrap();
     assert!(last.granted_ns.is_some(), "{last:?}");
 }
 
@@ -322,7 +327,8 @@ fn restart_that_the_machine_can_never_do_uses_up_the_budget_and_then_the_module_
         ("config_error", "ignore"),
     ];
     assert_eq!(told(&ended), all(&expected));
-    let why = &ended.faults()[1].detail;
+    let faults = ended.faults();
+    let why = &faults.iter().find(|fault| fault.error == "not_started").unwrap().detail;
     assert!(why.contains(program.to_str().unwrap()) && why.contains("No such file"), "{why}");
     // Where the machine held the dispatcher up, nobody in the module is to blame.
     let had = |window: &bateleur_tests::Window| window.granted_ns.is_some() || window.late;
@@ -341,7 +347,8 @@ fn partition_whose_log_has_lost_its_folder_comes_back_without_a_log_and_that_is_
     std::fs::remove_dir_all(run.folder().join("partitions")).unwrap();
     let ended = run.end().expect_code(0);
     assert_eq!(told(&ended), all(&[("killed", "cold_restart"), ("killed", "cold_restart")]));
-    assert!(ended.faults().iter().all(|fault| fault.recovered_ns.is_some()), "{}", ended.stderr);
+    let is_back = |fault: &bateleur_tests::Fault| fault.action == "ignore" || fault.recovered_ns.is_some();
+    assert!(ended.faults().iter().all(is_back), "{}", ended.stderr);
     let words = "partitions/victim.log can not be written any more: No such file or directory";
     assert_eq!(ended.stderr.matches(words).count(), 1, "{}", ended.stderr);
 }

@@ -26,6 +26,9 @@ const SHUN_NS: u64 = 1_000_000_000;
 /// What a partition may still compute after its window's end when it had closed it: its way to sleep, and what the machine
 /// takes for itself meanwhile, ns.
 const STRAY_NS: u64 = 200_000;
+/// In one of so many windows the processor time is noted: two more system calls in every switch would cost more than they tell, because
+/// a partition that computes on takes nobody's time until it is found.
+const LOOKED_AT: u32 = 8;
 /// No processor time was noted.
 const NOT_NOTED: u64 = u64::MAX;
 /// From a freeze to the look whether it took, ns. Threads that are not deep in the kernel have stopped by then.
@@ -49,6 +52,10 @@ pub trait Grip: Send + Sync + std::fmt::Debug {
     fn promote(&self, tid: i32, priority: u8);
     /// Takes it; false: it had none.
     fn demote(&self, tid: i32) -> bool;
+    /// Takes it, whether it had one or not: one question less.
+    fn lower(&self, tid: i32) {
+        self.demote(tid);
+    }
     /// Moves a thread to a processor.
     fn place(&self, tid: i32, core: u32);
     /// Processor time that the partition's first process has used, ns; none: it has ended.
@@ -107,6 +114,9 @@ impl Grip for Processes {
     }
     fn demote(&self, tid: i32) -> bool {
         sched::is_real_time(tid) && sched::ordinary(tid).is_ok()
+    }
+    fn lower(&self, tid: i32) {
+        let _ = sched::ordinary(tid); // it has ended
     }
     fn place(&self, tid: i32, core: u32) {
         let _ = sched::bind(tid, &[core]); // it has ended
@@ -190,6 +200,8 @@ pub struct Fence {
     strayed: AtomicU32,
     /// Processor time of the first process at the end of its last window, or [`NOT_NOTED`].
     used_ns: AtomicU64,
+    /// Windows that ended with the partition's word.
+    closed: AtomicU32,
     /// The processor that the threads are on, plus one; 0: not yet placed.
     core: AtomicU32,
 }
@@ -211,6 +223,7 @@ impl Fence {
             stuck: AtomicU32::new(0),
             strayed: AtomicU32::new(0),
             used_ns: AtomicU64::new(NOT_NOTED),
+            closed: AtomicU32::new(0),
             core: AtomicU32::new(0),
         }
     }
@@ -276,7 +289,9 @@ impl Fence {
     pub fn give_way(&self, main: i32) {
         if self.priority.is_some() && main != 0 {
             self.demote_known();
-            self.used_ns.store(self.grip.used_ns(main).unwrap_or(NOT_NOTED), Relaxed);
+            if self.closed.fetch_add(1, Relaxed).is_multiple_of(LOOKED_AT) {
+                self.used_ns.store(self.grip.used_ns(main).unwrap_or(NOT_NOTED), Relaxed);
+            }
         }
     }
 
@@ -364,9 +379,7 @@ impl Fence {
 
     fn demote_known(&self) {
         if self.priority.is_some() && !self.demoted.swap(true, Relaxed) {
-            for tid in self.threads.real_time() {
-                self.grip.demote(tid);
-            }
+            self.threads.real_time().for_each(|tid| self.grip.lower(tid));
         }
     }
 }

@@ -87,6 +87,21 @@ fn output_that_is_an_input_is_refused_and_the_input_stays() {
 }
 
 #[test]
+fn exported_log_over_one_of_the_flights_own_is_refused_whichever_hosts_and_part_it_is() {
+    let folder = copies();
+    let host = folder.path().join("hosts/nav");
+    std::fs::create_dir_all(&host).unwrap();
+    std::fs::write(folder.path().join("hosts.json"), r#"[{"module":"nav","start":1,"shift_ns":0}]"#).unwrap();
+    let logs = ["ports.mcap", "ports.part-1.mcap", "hosts/nav/ports.mcap", "hosts/nav/ports.part-1.mcap"];
+    for log in logs {
+        std::fs::write(folder.path().join(log), b"\x89MCAP0\r\n").unwrap();
+    }
+    for log in logs {
+        assert_refused(folder.path(), &["export", ".", "--mcap", log], "is read by this command");
+    }
+}
+
+#[test]
 fn output_over_a_file_of_another_kind_is_refused_and_over_an_older_one_of_its_own_is_not() {
     let folder = copies();
     let other = "holds something else";

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use bateleur_report::export::{Encoding, Exported, chrome, mcap, tables};
-use bateleur_report::flight::PORTS_FILE;
+use bateleur_report::hosts;
 
 use super::{Code, FINE, WRONG};
 use crate::output::{LOG_BEGINNING, refuse_file};
@@ -60,14 +60,30 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
 /// What a trace begins with.
 const TRACE_BEGINNING: &str = "{\"displayTimeUnit\"";
 
+/// The logs of messages in a folder: those of every host, each with the parts that later recorders wrote.
+fn logs(folder: &Path) -> Vec<PathBuf> {
+    let hosts = hosts::of(folder).into_iter().map(|host| hosts::folder_of(folder, &host));
+    let files =
+        std::iter::once(folder.to_path_buf()).chain(hosts).filter_map(|folder| folder.read_dir().ok());
+    let is_log = |path: &PathBuf| {
+        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        name.starts_with(LOG_STEM) && name.ends_with(".mcap")
+    };
+    files.flatten().flatten().map(|entry| entry.path()).filter(is_log).collect()
+}
+
+/// How the names of all of them begin.
+const LOG_STEM: &str = "ports.";
+
 /// What was flown is the only one of its kind: no file of it is written over.
 fn refuse(arguments: &Arguments) -> Result<()> {
-    let log = arguments.folder.join(PORTS_FILE);
+    let logs = logs(&arguments.folder);
+    let logs: Vec<&Path> = logs.iter().map(PathBuf::as_path).collect();
     if let Some(output) = &arguments.chrome {
-        refuse_file(output, TRACE_BEGINNING, &[&log])?;
+        refuse_file(output, TRACE_BEGINNING, &logs)?;
     }
     if let Some(output) = &arguments.mcap {
-        refuse_file(output, LOG_BEGINNING, &[&log])?;
+        refuse_file(output, LOG_BEGINNING, &logs)?;
     }
     let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
     match &arguments.csv {

@@ -265,3 +265,82 @@ fn partition_without_a_grant_of_the_network_is_ended_when_it_asks_for_a_can_sock
     assert!(said.text.contains("SIGSYS"), "{}", said.text);
     assert!(!said.text.contains("ENDED 0"), "{}", said.text);
 }
+
+/// One partition on a core whose frames of 20 ms begin at multiples of 20 ms of CLOCK_REALTIME.
+const ON_THE_CLOCK: &str = r#"
+[module.guest]
+cores = [1]
+clock = "realtime"
+follows_within = "200us"
+
+[partition.a]
+program = "bateleur_bench_partition"
+module = "guest"
+memory = "64MiB"
+startup_timeout = "60s"
+attributes = { says_origin = true }
+
+[schedule.s]
+major_frame = "20ms"
+minor_frame = "20ms"
+window = [{ partition = "a", offset = "1ms", duration = "2ms" }]
+"#;
+
+#[test]
+#[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
+fn frames_follow_the_disciplined_clock_and_follow_it_again_after_it_was_set_and_after_nobody_kept_it() {
+    let guest = ["bateleur", "bateleur_bench_partition", "clock_keeper"]
+        .iter()
+        .fold(Guest::default(), |guest, name| guest.program(name))
+        .file("schedule.toml", ON_THE_CLOCK);
+    let said = guest.run(&format!(
+        "{DELEGATED}
+        export PATH=$PATH:/flight
+        await() {{ turns=0; until [ $(grep -c \"$2\" /tmp/said) -ge $1 ]; do
+            sleep 1; turns=$((turns + 1)); [ $turns -lt 90 ] || {{ cat /tmp/said; exit 7; }}; done; }}
+        clock_keeper kept 20 || exit 8
+        sh -c 'echo $$ > /sys/fs/cgroup/unit.service/cgroup.procs; exec ./bateleur run --output /tmp/run' > /tmp/said 2>&1 &
+        module=$!
+        await 1 'major frames follow realtime'
+        sleep 2
+        echo FIRST $(clock_keeper offset)
+        clock_keeper step 1500 && clock_keeper kept 20 || exit 8
+        await 1 'frames begin [0-9]* us beside those of realtime'
+        await 1 'major frames follow realtime again'
+        sleep 2
+        echo SET $(clock_keeper offset)
+        clock_keeper left || exit 8
+        await 1 'nothing was heard of realtime.*CLOCK_REALTIME is not synchronised'
+        clock_keeper kept 20
+        await 2 'major frames follow realtime again'
+        kill $module
+        wait $module
+        echo ENDED $?
+        grep -h '^origin' /tmp/run/partitions/a.log
+        cut -d , -f 5 /tmp/run/windows.csv | sed 's/^/PLANNED /'
+        cat /tmp/said"
+    ));
+    assert!(said.text.contains("ENDED 0"), "{}", said.text);
+    let after = |word: &str| {
+        let numbers = said.text.lines().filter_map(|line| line.strip_prefix(word));
+        numbers.filter_map(|number| number.trim().parse().ok()).collect::<Vec<i128>>()
+    };
+    let told_ns = |words: &str| {
+        let line = said.text.lines().find(|line| line.contains(words)).expect(&said.text);
+        (line.split_whitespace().next().unwrap().parse::<f64>().unwrap() * 1e9) as i128
+    };
+    let (origin_ns, planned) = (after("origin ")[0], after("PLANNED "));
+    // The last window a second before something was told of the clock, and how far from its place its frame began.
+    let beside_ns = |offset_ns: i128, until_ns: i128| {
+        let start_ns = planned.iter().rfind(|start_ns| **start_ns < until_ns - 1_000_000_000).unwrap();
+        let into_ns = (origin_ns + start_ns - 1_000_000 + offset_ns).rem_euclid(20_000_000);
+        into_ns.min(20_000_000 - into_ns)
+    };
+    let first_ns = beside_ns(after("FIRST ")[0], told_ns("us beside those of realtime"));
+    let set_ns = beside_ns(after("SET ")[0], told_ns("nothing was heard of realtime"));
+    // The planned instants, not when anything ran. How late an emulator was when the partition told the origin is in both.
+    assert!(first_ns < 1_000_000, "{first_ns} ns beside: {}", said.text);
+    assert!(first_ns.abs_diff(set_ns) < 20_000, "{first_ns} ns, then {set_ns} ns beside: {}", said.text);
+    let set_by_ns = after("SET ")[0] - after("FIRST ")[0];
+    assert!(set_by_ns.abs_diff(1_500_000) < 50_000, "{set_by_ns} ns: {}", said.text);
+}

@@ -363,7 +363,8 @@ fn run_wall(
         match thread {
             Ok(thread) => threads.push(thread),
             Err(error) => {
-                end_dispatchers(all_stop, threads);
+                all_stop.store(true, Ordering::Release);
+                await_ends(threads);
                 return Err(machine("cannot start a dispatcher thread")(error));
             }
         }
@@ -393,12 +394,12 @@ fn run_wall(
         monitor.pause(MONITOR_PERIOD_NS);
         monitor.step(now_ns().saturating_sub(origin_ns));
     }
-    end_dispatchers(&stop, threads);
+    await_ends(threads);
     Ok(now_ns().saturating_sub(origin_ns))
 }
 
-fn end_dispatchers(stop: &AtomicBool, threads: Vec<JoinHandle<()>>) {
-    stop.store(true, Ordering::Release);
+/// Waits for dispatchers that have been told to stop.
+fn await_ends(threads: Vec<JoinHandle<()>>) {
     for thread in threads {
         let _ = thread.join(); // a panic there was printed; the module ends either way
     }

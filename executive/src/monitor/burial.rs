@@ -6,9 +6,10 @@
 use std::collections::VecDeque;
 use std::os::fd::{AsFd, BorrowedFd};
 
+use super::processes::end_helper;
 use super::standby::Waiting;
 use super::watched::{Life, Watched};
-use super::{StartForStranger, StartJanitor, end_helper};
+use super::{Monitor, StartForStranger, StartJanitor};
 use crate::partition::ended;
 use crate::system::chance;
 use crate::system::spawn::Spawned;
@@ -120,6 +121,29 @@ impl Burials {
     pub(super) fn give_up(&mut self) {
         if let Some((_, janitor, _)) = self.janitor.take() {
             end_helper(&janitor);
+        }
+    }
+}
+
+impl Monitor {
+    /// Buries a process that is no partition and was attached to `channels`.
+    pub fn bury_stranger(&mut self, pid: i32, channels: Vec<String>) {
+        self.burials.add_stranger(pid, channels);
+    }
+
+    /// Whether it still waits for that.
+    #[must_use]
+    pub fn awaits_burial(&self, pid: i32) -> bool {
+        self.burials.awaits(pid)
+    }
+
+    /// Waits for it, as nobody's time passes (the virtual clock).
+    pub fn await_burial(&mut self, pid: i32) {
+        while self.awaits_burial(pid) {
+            self.look_at_janitor();
+            if self.awaits_burial(pid) {
+                self.pause(200_000);
+            }
         }
     }
 }

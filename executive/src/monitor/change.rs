@@ -1,4 +1,4 @@
-//! What becomes of partitions when the module changes to another schedule.
+//! Changes of schedule: asked for, told, and what becomes of the partitions.
 //!
 //! The dispatcher finds a partition's first window in a new schedule, and keeps that window back where the plan wants
 //! something done; here it is done. It is no health error and uses up no budget.
@@ -7,11 +7,56 @@ use bateleur_contract::StartCondition;
 
 use super::watched::{Life, Until};
 use super::{Monitor, seconds};
+use crate::agenda::Requested;
 use crate::event::Event;
 use crate::plan::{ChangeAction, Closed};
 use crate::slot::Readiness;
 
+/// A schedule that the plan does not have.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("the plan has no schedule \"{name}\"; it has {known}")]
+pub struct UnknownSchedule {
+    /// What was asked for.
+    pub name: String,
+    /// What there is.
+    pub known: String,
+}
+
 impl Monitor {
+    /// Asks for the schedule of that name, from the next major frame on. The last request wins.
+    ///
+    /// # Errors
+    /// The plan has no such schedule.
+    pub fn request_schedule(&mut self, name: &str, module_ns: u64) -> Result<Requested, UnknownSchedule> {
+        let Some(schedule) = self.plan.schedule(name) else {
+            let known = self.plan.schedules.iter().map(|schedule| schedule.name.as_str());
+            return Err(UnknownSchedule { name: name.into(), known: known.collect::<Vec<_>>().join(", ") });
+        };
+        let requested = self.agenda.request(schedule.index());
+        if requested == Requested::Pending {
+            self.events.tell(&Event::ScheduleRequested {
+                time_s: seconds(module_ns),
+                schedule: name.into(),
+                by: "operator".into(),
+            });
+        }
+        Ok(requested)
+    }
+
+    /// Tells about a change of schedule that has taken effect.
+    pub(super) fn tell_schedule(&mut self) {
+        let current = self.agenda.current();
+        if current == self.told_schedule {
+            return;
+        }
+        let before = std::mem::replace(&mut self.told_schedule, current);
+        self.events.tell(&Event::ScheduleChanged {
+            time_s: seconds(self.agenda.changed_ns()),
+            schedule: self.plan.schedules[current].name.clone(),
+            before: self.plan.schedules[before].name.clone(),
+        });
+    }
+
     /// Does what the plan wants for the partition at `place`, which had its first window in `schedule` at `module_ns`.
     pub(super) fn change(&mut self, place: usize, action: ChangeAction, schedule: usize, module_ns: u64) {
         let watched = &mut self.watched[place];

@@ -14,9 +14,10 @@ use std::sync::atomic::Ordering::Acquire;
 use bateleur_contract::StartCondition;
 
 use super::burial::Seat;
+use super::processes::end_helper;
 use super::standby::Standby;
 use super::watched::{Life, Then};
-use super::{Monitor, end_helper, seconds};
+use super::{Monitor, seconds};
 use crate::event::Event;
 use crate::health::decision::Decision;
 use crate::health::log::Fault;

@@ -291,7 +291,8 @@ fn a_link_says_what_it_costs() {
     assert_eq!((fcu.module.as_str(), fcu.peer.as_str(), nav.module.as_str()), ("fcu", "nav", "nav"));
     assert_eq!((fcu.relay_ns, fcu.relay_windows), (5_000_000, 10));
     assert_eq!(fcu.channels, 8, "the beat, seven of sensors, less none; and orders from the ground");
-    assert!(fcu.window_bytes <= fcu.window_room_bytes);
+    assert!(fcu.window_datagrams <= fcu.window_datagrams_most);
+    assert!(fcu.window_bytes <= fcu.window_datagrams * fcu.datagram_room_bytes);
     // (1452 + 86) bytes every 2 ms.
     assert!(fcu.networks.iter().all(|network| network.reserved_bits_per_s == 6_152_000));
     assert_eq!(fcu.aligned_within_ns, Some(200_000));

@@ -6,6 +6,7 @@
 
 use std::collections::BTreeMap;
 
+use bateleur_contract::packing::{Waiting, datagrams_needed};
 use bateleur_contract::relay::{DATAGRAM_OVERHEAD_BYTES, ENTRY_OVERHEAD_BYTES, SENDING_NS, STATUS_PORT};
 use bateleur_contract::{ClockRole, LinkTable, PathTable, PortKind, RelayChannel, RelayTable};
 use serde::Serialize;
@@ -41,10 +42,9 @@ pub(super) struct Carried {
     pub(super) writes: Vec<u64>,
 }
 
-/// The most that a relay with windows at `starts` has to send in one of them, bytes: every latest value, and each message
-/// of every queue since its last window, at one message in each window of its source.
-pub(super) fn window_load_bytes(carried: &[Carried], starts: &[u64], major_ns: u64) -> u64 {
-    let entry = |bytes: u64| bytes + u64::from(ENTRY_OVERHEAD_BYTES);
+/// The most that a relay with windows at `starts` has to send in one of them: every latest value, and each message of every
+/// queue since its last window, at one message in each window of its source.
+pub(super) fn window_load(carried: &[Carried], starts: &[u64], major_ns: u64) -> Vec<Waiting> {
     let most = |writes: &[u64]| {
         let since = |(place, &start): (usize, &u64)| {
             let before = starts[(place + starts.len() - 1) % starts.len()];
@@ -56,26 +56,31 @@ pub(super) fn window_load_bytes(carried: &[Carried], starts: &[u64], major_ns: u
     };
     let one = |one: &Carried| {
         let count = if one.queuing { most(&one.writes).max(1) } else { 1 };
-        count.saturating_mul(entry(one.bytes))
+        Waiting { bytes: one.bytes, count }
     };
-    carried.iter().map(one).fold(0, u64::saturating_add)
+    carried.iter().map(one).collect()
+}
+
+/// The bytes of messages with a head for each.
+pub(super) fn load_bytes(load: &[Waiting]) -> u64 {
+    let head = u64::from(ENTRY_OVERHEAD_BYTES);
+    let bytes = |one: &Waiting| one.bytes.saturating_add(head).saturating_mul(one.count);
+    load.iter().map(bytes).fold(0, u64::saturating_add)
+}
+
+/// The least limit of a datagram with which a load needs no more than `most` of them, bytes; none: there is none.
+pub(super) fn enough_bytes(load: &[Waiting], most: u64) -> Option<u32> {
+    (SMALLEST_DATAGRAM..=LARGEST_DATAGRAM).find(|&bytes| datagrams_needed(load, bytes) <= most)
 }
 
 /// How many datagrams of a link a relay may send in a window: one, and others as long as there is time for one more.
-fn datagrams_in(window_ns: u64, gap_ns: u64) -> u64 {
+pub(super) fn datagrams_in(window_ns: u64, gap_ns: u64) -> u64 {
     1 + window_ns.saturating_sub(SENDING_NS) / gap_ns.max(1)
 }
 
-/// How many datagrams a relay sends in a window that has `load_bytes` for a link: one in any case, and what the gap lets go.
-pub(super) fn datagrams_for(load_bytes: u64, max_bytes: u32, gap_ns: u64, window_ns: u64) -> u64 {
-    let room = u64::from(max_bytes.saturating_sub(DATAGRAM_OVERHEAD_BYTES)).max(1);
-    load_bytes.div_ceil(room).clamp(1, datagrams_in(window_ns, gap_ns))
-}
-
-/// What a relay can send in a window, bytes of messages and their heads.
-pub(super) fn window_room_bytes(max_bytes: u32, gap_ns: u64, window_ns: u64) -> u64 {
-    let room = max_bytes.saturating_sub(DATAGRAM_OVERHEAD_BYTES);
-    datagrams_in(window_ns, gap_ns).saturating_mul(room.into())
+/// The room of a datagram for messages and their heads, bytes.
+fn datagram_room_bytes(max_bytes: u32) -> u64 {
+    max_bytes.saturating_sub(DATAGRAM_OVERHEAD_BYTES).into()
 }
 
 /// The bandwidth that a link sets aside on each of its networks, bit/s: a datagram of full length in every gap.
@@ -380,8 +385,12 @@ pub struct LinkCost {
     pub major_frame_ns: u64,
     /// The most that it has to send in one of them, bytes with the heads of messages.
     pub window_bytes: u64,
-    /// What it could send in one of them, bytes.
-    pub window_room_bytes: u64,
+    /// The datagrams that this needs at most: messages are not divided to fill one.
+    pub window_datagrams: u64,
+    /// The datagrams that it may send in the shortest of them.
+    pub window_datagrams_most: u64,
+    /// The room of each, bytes.
+    pub datagram_room_bytes: u64,
     /// The most that a datagram takes to the peer, ns.
     pub latency_ns: u64,
     /// How far apart the major frames of both ends may begin, ns; none: anyhow.
@@ -417,6 +426,7 @@ fn cost(plan: &Plan, schedule: &Schedule, id: LinkId, module: ModuleId) -> Optio
         .map(|channel| (channel, carried_of(plan, schedule, &plan[channel])))
         .collect();
     let carried: Vec<Carried> = carried.into_values().collect();
+    let load = window_load(&carried, &starts(schedule, relay), schedule.major_frame_ns);
     let reserved = reserved_bits_per_s(link.max_bytes, link.gap_ns);
     let share = |&network: &super::model::NetworkId| NetworkShare {
         network: plan[network].name.clone(),
@@ -431,8 +441,10 @@ fn cost(plan: &Plan, schedule: &Schedule, id: LinkId, module: ModuleId) -> Optio
         relay_ns: own.iter().map(|(start, end)| end - start).sum(),
         relay_windows: own.len(),
         major_frame_ns: schedule.major_frame_ns,
-        window_bytes: window_load_bytes(&carried, &starts(schedule, relay), schedule.major_frame_ns),
-        window_room_bytes: window_room_bytes(link.max_bytes, link.gap_ns, shortest),
+        window_bytes: load_bytes(&load),
+        window_datagrams: datagrams_needed(&load, link.max_bytes),
+        window_datagrams_most: datagrams_in(shortest, link.gap_ns),
+        datagram_room_bytes: datagram_room_bytes(link.max_bytes),
         latency_ns: plan.latency_ns(id),
         aligned_within_ns: plan.aligned_within_ns(module, peer),
         networks: link.networks.iter().map(share).collect(),

@@ -83,6 +83,8 @@ pub(crate) struct Incoming {
     joining: Joining,
     tally: Tally,
     lost_before: u64,
+    /// Of a queue: the source's count of its newest message, and whether it came from a life of the peer that is over.
+    last_source: Option<(u32, bool)>,
 }
 
 impl Incoming {
@@ -101,6 +103,7 @@ impl Incoming {
             joining: Joining::default(),
             tally: Tally::default(),
             lost_before: 0,
+            last_source: None,
         }
     }
 
@@ -120,6 +123,7 @@ impl Incoming {
         self.joining.sequence = None;
         self.lost_before += self.lost_now();
         (self.next, self.end, self.whole) = (0, 0, 0);
+        self.last_source = self.last_source.map(|(last, _)| (last, true));
     }
 
     /// Takes a part whose source wrote it at `source_ns`, own time.
@@ -184,6 +188,7 @@ impl Incoming {
     ) {
         self.whole += 1;
         self.tally.received += 1;
+        self.follow_source(sequence, source.1);
         if sequence < self.next {
             self.tally.late += 1;
             return;
@@ -199,6 +204,24 @@ impl Incoming {
             true => u64::MAX,
             false => self.until_ns.min(now_ns.saturating_add(patience.missing_ns)),
         };
+    }
+
+    /// What a queue's source sent while one life of the peer took over from another went to neither, and has no number of theirs.
+    fn follow_source(&mut self, sequence: u64, source: u32) {
+        if self.kind == PortKind::Sampling {
+            return;
+        }
+        let ahead = |last: u32| source.wrapping_sub(last).cast_signed(); // negative: the source has begun anew
+        match self.last_source {
+            Some((last, true)) => {
+                // Those of this life have numbers.
+                let between = u64::try_from(ahead(last).saturating_sub(1)).unwrap_or(0);
+                self.lost_before += between.saturating_sub(sequence);
+                self.last_source = Some((source, false));
+            }
+            Some((last, false)) if (-(HELD as i32)..=0).contains(&ahead(last)) => {} // it was overtaken
+            _ => self.last_source = Some((source, false)),
+        }
     }
 
     fn hold(&mut self, held: Held, sink: Sink<'_>) {
@@ -372,6 +395,23 @@ mod tests {
         assert_eq!((found, channel.lost()), (vec![1, 3], 2));
         assert_eq!(fed(&mut channel, &[(0, 5)]), [0]);
         assert_eq!(channel.lost(), 2);
+    }
+
+    #[test]
+    fn what_a_queue_lost_between_two_lives_of_the_peer_is_counted_by_its_sources_numbers() {
+        let mut channel = channel(PortKind::Queuing, 8, 8);
+        fed(&mut channel, &[(0, 0), (1, 1)]); // the source's 100 and 101
+        let of_source = |number: u32, source: u32| Part { source_sequence: source, ..part(number, &[1]) };
+        channel.restart(&mut |_| true);
+        channel.take(&of_source(0, 105), 0, 10, &PATIENCE, &mut |_| true);
+        assert_eq!(channel.lost(), 3);
+        channel.take(&of_source(1, 106), 0, 11, &PATIENCE, &mut |_| true);
+        channel.restart(&mut |_| true);
+        channel.take(&of_source(2, 110), 0, 20, &PATIENCE, &mut |_| true);
+        assert_eq!(channel.lost(), 6, "two of the new life's own numbers, 107");
+        channel.restart(&mut |_| true);
+        channel.take(&of_source(0, 3), 0, 30, &PATIENCE, &mut |_| true);
+        assert_eq!(channel.lost(), 6, "the source has begun anew as well");
     }
 
     fn pieces(message: &[u8], length: usize) -> Vec<(u32, Vec<u8>)> {

@@ -199,7 +199,6 @@ impl Link {
         for (place, channel) in link.channels.iter().enumerate().filter(|(_, channel)| !channel.outgoing) {
             incoming[usize::from(channel.id)] = Some(Incoming::new(place, channel));
         }
-        let longest = link.channels.iter().map(|channel| channel.max_bytes as usize).max().unwrap_or(0);
         let max_datagram = link.max_datagram as usize;
         Ok(Self {
             id: link.id,
@@ -225,7 +224,7 @@ impl Link {
             next_sequence: 0,
             channel_ids: ids.collect(),
             incoming,
-            outgoing: Outgoing::new(link.channels.iter().map(|channel| channel.outgoing), longest),
+            outgoing: Outgoing::new(&link.channels, link.max_datagram),
             datagram: Vec::with_capacity(max_datagram),
             counters: LinkCounters::default(),
             events: VecDeque::with_capacity(EVENTS),
@@ -341,11 +340,7 @@ impl Link {
         self.datagram.extend_from_slice(header.as_bytes());
         let end = self.max_datagram - self.tag_bytes();
         let open = self.session.is_adopted() && !self.differs;
-        let mut composer = Composer { link: self, end, count: 0, open };
-        if open {
-            composer.go_on((end - HEADER_BYTES) / 2); // the rest is for what is new
-        }
-        Some(composer)
+        Some(Composer { link: self, end, count: 0, open })
     }
 
     /// Finishes the datagram of `count` messages, which goes at `now_ns`.
@@ -546,8 +541,8 @@ impl Link {
     fn begin_life(&mut self, sequence: u64, sink: Sink<'_>) {
         if let Some(before) = self.sequences.replace(Sequences::new(sequence)) {
             self.lost_before.0 += before.lost();
-            for network in 0..NETWORKS {
-                self.lost_before.1[network] += before.lost_on(network);
+            for network in 0..self.networks.len() {
+                self.lost_before.1[network] += before.lost_at_end(network);
             }
             self.note(Event::PeerRestarted);
         }

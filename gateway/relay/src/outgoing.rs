@@ -3,11 +3,17 @@
 //! Responsible for: numbers of messages, and what is left of a message that was begun. It must never send part of a message
 //! twice, nor begin one for which there is no room.
 
+use bateleur_contract::packing;
+use bateleur_contract::relay::RelayChannel;
+
 use crate::link::{Link, Sealed};
-use crate::wire::{self, MESSAGE_BYTES, PIECE_BYTES, Part};
+use crate::wire::{self, HEADER_BYTES, MESSAGE_BYTES, PIECE_BYTES, Part};
 
 /// The smallest piece but the last, bytes: smaller ones would be mostly heads.
 pub(crate) const LEAST_PIECE: usize = 32;
+
+/// What a piece has before it, bytes.
+const HEADS: usize = MESSAGE_BYTES + PIECE_BYTES;
 
 /// What the source said of its message.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -21,9 +27,19 @@ pub struct Stamp {
 /// The channels that go out from here.
 #[derive(Debug, Default)]
 pub(crate) struct Outgoing {
-    /// Messages sent so far to the peer's present life, by channel; none: the channel comes in.
-    sent: Vec<Option<u32>>,
+    /// By place in the table; none: the channel comes in.
+    channels: Vec<Option<Channel>>,
     begun: Begun,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Channel {
+    /// The longest message, bytes.
+    most: usize,
+    /// Its messages go in pieces where they do not fit.
+    in_pieces: bool,
+    /// Messages sent so far to the peer's present life.
+    sent: u32,
 }
 
 /// A message that did not fit into one datagram.
@@ -44,10 +60,16 @@ impl Begun {
 }
 
 impl Outgoing {
-    /// For channels of which some go out, with messages of `most` bytes.
-    pub(crate) fn new(goes_out: impl Iterator<Item = bool>, most: usize) -> Self {
-        let sent = goes_out.map(|out| out.then_some(0)).collect();
-        Self { sent, begun: Begun { bytes: Vec::with_capacity(most), ..Begun::default() } }
+    /// For the channels of a table, in datagrams of at most `max_datagram` bytes.
+    pub(crate) fn new(channels: &[RelayChannel], max_datagram: u32) -> Self {
+        let most = channels.iter().map(|channel| channel.max_bytes as usize).max().unwrap_or(0);
+        let channel = |channel: &RelayChannel| Channel {
+            most: channel.max_bytes as usize,
+            in_pieces: packing::goes_in_pieces(channel.max_bytes.into(), max_datagram),
+            sent: 0,
+        };
+        let channels = channels.iter().map(|one| one.outgoing.then(|| channel(one))).collect();
+        Self { channels, begun: Begun { bytes: Vec::with_capacity(most), ..Begun::default() } }
     }
 
     /// Part of a message has gone out, and not all of it.
@@ -57,7 +79,7 @@ impl Outgoing {
 
     /// For a new life of the peer.
     pub(crate) fn restart(&mut self) {
-        self.sent.iter_mut().flatten().for_each(|sent| *sent = 0);
+        self.channels.iter_mut().flatten().for_each(|channel| channel.sent = 0);
         self.begun.bytes.clear();
         self.begun.sent = 0;
     }
@@ -79,38 +101,51 @@ impl<'a> Composer<'a> {
         self.open
     }
 
-    /// Whether a message of `bytes` fits, whole or, where it is longer than any datagram, in pieces.
+    /// Whether any message of the channel at this place of the table can be put in, however long.
     #[must_use]
-    pub fn has_room(&self, bytes: usize) -> bool {
-        let free = self.free();
+    pub fn has_room(&self, channel: usize) -> bool {
+        self.channel(channel).is_some_and(|channel| self.takes(&channel, channel.most))
+    }
+
+    /// Whether a message of `bytes` can be put in: whole, or with a piece of it.
+    fn takes(&self, channel: &Channel, bytes: usize) -> bool {
+        // Before another one is begun, all of the one before has to be in.
+        let before = match self.link.outgoing.begun.left() {
+            0 => 0,
+            left => left + HEADS,
+        };
         self.open
             && self.count < u16::MAX
-            && (bytes + MESSAGE_BYTES <= free
-                || self.is_long(bytes)
-                    && self.link.outgoing.begun.left() == 0
-                    && free >= MESSAGE_BYTES + PIECE_BYTES + LEAST_PIECE)
+            && (bytes + MESSAGE_BYTES <= self.free_for_others()
+                || channel.in_pieces && before + HEADS + LEAST_PIECE <= self.free())
+    }
+
+    fn channel(&self, place: usize) -> Option<Channel> {
+        self.link.outgoing.channels.get(place).copied().flatten()
     }
 
     /// Puts a message in. False: there is no room, or the channel at this place of the table does not go out; nothing was
     /// done.
     pub fn put(&mut self, channel: usize, stamp: Stamp, bytes: &[u8]) -> bool {
-        let Some(id) = self.link.channel_id(channel) else { return false };
-        if !self.has_room(bytes.len()) {
+        let (Some(id), Some(known)) = (self.link.channel_id(channel), self.channel(channel)) else {
+            return false;
+        };
+        if !self.takes(&known, bytes.len()) {
             return false;
         }
-        let fits = bytes.len() + MESSAGE_BYTES <= self.free();
-        let Some(Some(sent)) = self.link.outgoing.sent.get_mut(channel) else { return false };
-        let sequence = *sent;
-        *sent = sent.wrapping_add(1);
+        let fits = bytes.len() + MESSAGE_BYTES <= self.free_for_others();
+        let sequence = known.sent;
+        self.link.outgoing.channels[channel] = Some(Channel { sent: sequence.wrapping_add(1), ..known });
         self.link.counters.messages_sent += 1;
         if fits {
             self.append(id, sequence, stamp, None, bytes);
         } else {
+            self.go_on();
             let begun = &mut self.link.outgoing.begun;
             begun.bytes.clear();
             begun.bytes.extend_from_slice(bytes);
             (begun.channel, begun.sequence, begun.stamp, begun.sent) = (id, sequence, stamp, 0);
-            self.go_on(self.free());
+            self.go_on();
         }
         true
     }
@@ -118,16 +153,15 @@ impl<'a> Composer<'a> {
     /// The datagram is done, and goes at `now_ns`.
     pub fn finish(mut self, now_ns: u64) -> Sealed<'a> {
         if self.open {
-            self.go_on(self.free());
+            self.go_on();
         }
         self.link.seal(self.count, now_ns)
     }
 
-    /// Puts in a further piece of the message that was begun, of at most `room` bytes with its heads.
-    pub(crate) fn go_on(&mut self, room: usize) {
+    /// Puts in a further piece of the message that was begun, as long as there is room for.
+    fn go_on(&mut self) {
         let left = self.link.outgoing.begun.left();
-        let room = room.min(self.free()).saturating_sub(MESSAGE_BYTES + PIECE_BYTES);
-        let length = left.min(room);
+        let length = left.min(self.free().saturating_sub(HEADS));
         if left == 0 || length < left.min(LEAST_PIECE) {
             return;
         }
@@ -151,8 +185,12 @@ impl<'a> Composer<'a> {
         self.end.saturating_sub(self.link.datagram.len())
     }
 
-    /// Longer than what an empty datagram holds.
-    fn is_long(&self, bytes: usize) -> bool {
-        bytes + MESSAGE_BYTES + wire::HEADER_BYTES > self.end
+    /// Without what is kept for the message that was begun: its rest, but half of a datagram at most.
+    fn free_for_others(&self) -> usize {
+        let kept = match self.link.outgoing.begun.left() {
+            0 => 0,
+            left => (left + HEADS).min((self.end - HEADER_BYTES) / 2),
+        };
+        self.free().saturating_sub(kept)
     }
 }

@@ -32,8 +32,8 @@ pub(crate) enum Seen {
     Before,
 }
 
-/// Numbers that have come.
-#[derive(Debug, Clone, Copy, Default)]
+/// Numbers that have come of those from a first one on.
+#[derive(Debug, Clone, Copy)]
 struct Came {
     first: u64,
     highest: u64,
@@ -41,22 +41,25 @@ struct Came {
 }
 
 impl Came {
+    fn new(first: u64) -> Self {
+        Self { first, highest: first, count: 0 }
+    }
+
     /// Notes a number; true: a higher one had come.
     fn note(&mut self, sequence: u64) -> bool {
-        if self.count == 0 {
-            *self = Self { first: sequence, highest: sequence, count: 1 };
-            return false;
-        }
         self.count += 1;
-        self.first = self.first.min(sequence); // of a network whose first datagrams overtook each other
         let reordered = sequence < self.highest;
         self.highest = self.highest.max(sequence);
         reordered
     }
 
-    /// Numbers between the first and the highest that have not come.
+    /// Numbers up to the highest that have not come.
     fn lost(&self) -> u64 {
-        if self.count == 0 { 0 } else { (self.highest - self.first).saturating_add(1) - self.count }
+        if self.count == 0 { 0 } else { self.lost_until(self.highest) }
+    }
+
+    fn lost_until(&self, last: u64) -> u64 {
+        (last - self.first).saturating_add(1).saturating_sub(self.count)
     }
 }
 
@@ -78,8 +81,8 @@ impl Sequences {
     pub(crate) fn new(born: u64) -> Self {
         Self {
             born,
-            all: Came::default(),
-            networks: Default::default(),
+            all: Came::new(born),
+            networks: [Came::new(born); NETWORKS],
             seen: vec![0; WINDOW as usize],
             first_ns: vec![0; WINDOW as usize],
         }
@@ -131,9 +134,14 @@ impl Sequences {
         self.all.lost()
     }
 
-    /// The same of one network.
+    /// Datagrams that did not come on a network, as far as later ones on it show.
     pub(crate) fn lost_on(&self, network: usize) -> u64 {
         self.networks[network].lost()
+    }
+
+    /// The same, now that nothing of this life comes any more: as far as any network shows.
+    pub(crate) fn lost_at_end(&self, network: usize) -> u64 {
+        if self.all.count == 0 { 0 } else { self.networks[network].lost_until(self.all.highest) }
     }
 }
 
@@ -166,7 +174,7 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_lost_until_it_comes() {
-        let mut sequences = Sequences::new(0);
+        let mut sequences = Sequences::new(10);
         for number in [10, 11, 14] {
             sequences.note(number, 0, 0);
         }
@@ -175,6 +183,16 @@ mod tests {
         assert_eq!((sequences.lost(), sequences.lost_on(0)), (1, 2));
         assert_eq!(sequences.note(13, 0, 0), Seen::First { reordered: true });
         assert_eq!((sequences.lost(), sequences.lost_on(0)), (0, 1));
+    }
+
+    #[test]
+    fn what_a_network_missed_before_its_first_and_after_its_last_is_lost_too() {
+        let mut sequences = Sequences::new(10);
+        (10..30).for_each(|number| assert_eq!(sequences.note(number, 0, 0), FIRST));
+        assert_eq!(sequences.lost_on(1), 0, "as far as it shows by itself");
+        (15..25).for_each(|number| assert_ne!(sequences.note(number, 1, 0), Seen::Again));
+        assert_eq!((sequences.lost_on(1), sequences.lost_at_end(1), sequences.lost_at_end(0)), (5, 10, 0));
+        assert_eq!(Sequences::new(3).lost_at_end(1), 0);
     }
 
     #[test]
@@ -200,7 +218,7 @@ mod tests {
                     prop_assert!(taken.insert(sequence), "{sequence} was taken twice");
                 }
             }
-            let span = taken.last().unwrap() - taken.first().unwrap() + 1;
+            let span = taken.last().unwrap() + 1;
             prop_assert_eq!(sequences.lost(), span - taken.len() as u64);
         }
     }

@@ -142,6 +142,13 @@ impl RawQueuingDestination {
         Self { inlet, time }
     }
 
+    /// Whether a message waits.
+    #[must_use]
+    pub fn has_messages(&self) -> bool {
+        let reader = self.inlet.as_ref().and_then(|inlet| inlet.reader.get());
+        reader.is_some_and(|reader| reader.has_samples().unwrap_or(false)) // what can not be asked can not be received either
+    }
+
     /// Takes the oldest message. Only one may be held at a time.
     pub fn receive(&mut self) -> Option<RawMessage> {
         match self.inlet.as_ref()?.reader.get()?.receive() {

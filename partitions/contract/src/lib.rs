@@ -8,6 +8,7 @@
 
 pub mod description;
 pub mod fault;
+pub mod packing;
 pub mod page;
 pub mod relay;
 

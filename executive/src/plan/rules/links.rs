@@ -18,6 +18,7 @@ use crate::plan::raw::{RawFile, RawLink, RawSchedule};
 use crate::plan::reader::At;
 use crate::plan::relays::{self, Crossing};
 use crate::plan::units::{ShowRate, ShowTime};
+use bateleur_contract::packing::datagrams_needed;
 
 pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
     let crossings = relays::crossings(cx.file, cx.names);
@@ -416,17 +417,9 @@ fn in_windows(
         if cx.names.link_between(cx.file, ends[0], ends[1]) != Some(place) {
             continue;
         }
-        if let Some(gap) = link.gap.said().filter(|gap| gap.value.0 > shortest) {
-            let message = format!(
-                "the gap of link `{}` is {}, and `{name}` has a window every {}",
-                link.name.value,
-                ShowTime(gap.value.0),
-                ShowTime(shortest)
-            );
-            let mend = "shorten the gap, or give the relay fewer windows with `minor`";
-            cx.note(&catalogue::GAP_TOO_LONG, &gap.span, message, mend);
-        }
-        sent.extend(load(cx, laid, (module, &windows), link, crossings));
+        let datagrams = load(cx, laid, (module, &windows), link, crossings);
+        gap_fits(cx, name, link, datagrams.unwrap_or(1), shortest);
+        sent.extend(datagrams);
         let patience = link.lost_after.get().map_or(defaults::LOST_AFTER_NS, |after| after.0);
         if patience < longest.saturating_mul(2) {
             let span = link.lost_after.said().map_or(&link.name.span, |said| &said.span);
@@ -441,6 +434,28 @@ fn in_windows(
         }
     }
     long_enough(cx, (schedule, relay), &sent);
+}
+
+/// Whether a window's last datagram is a gap before the first of the next window, `shortest` after it.
+fn gap_fits(cx: &Context<'_>, relay: &str, link: &RawLink, datagrams: u64, shortest: u64) {
+    let Some(gap) = link.gap.said().filter(|gap| gap.value.0.saturating_mul(datagrams) > shortest) else {
+        return;
+    };
+    let several = match datagrams {
+        1 => String::new(),
+        more => format!(" sends up to {more} datagrams of it in a window and"),
+    };
+    let message = format!(
+        "the gap of link `{}` is {}, and `{relay}`{several} has a window every {}",
+        link.name.value,
+        ShowTime(gap.value.0),
+        ShowTime(shortest)
+    );
+    let mend = match datagrams {
+        1 => "shorten the gap, or give the relay fewer windows with `minor`",
+        _ => "shorten the gap, let `max_bytes` be larger, or give the relay windows that are further apart",
+    };
+    cx.note(&catalogue::GAP_TOO_LONG, &gap.span, message, mend);
 }
 
 /// Whether the shortest window of a relay is as long as sending takes that has so many datagrams for each link.
@@ -488,23 +503,24 @@ fn load(
     let carried: Vec<Carried> =
         channels.values().filter_map(|&source| carried_of(cx, laid, source)).collect();
     let starts: Vec<u64> = windows.iter().map(|window| window.0).collect();
-    let load = links::window_load_bytes(&carried, &starts, laid.major);
+    let load = links::window_load(&carried, &starts, laid.major);
     let shortest = windows.iter().map(|(start, end)| end - start).min().unwrap_or_default();
-    let room = links::window_room_bytes(max_bytes, gap.value.0, shortest);
-    if load > room {
+    let (needed, most) = (datagrams_needed(&load, max_bytes), links::datagrams_in(shortest, gap.value.0));
+    if needed > most {
         let span = link.max_bytes.said().map_or(&gap.span, |said| &said.span);
         let message = format!(
-            "`{}` has up to {load} bytes for link `{}` in a window, and sends {room}",
+            "`{}` has up to {} bytes for link `{}` in a window, which need up to {needed} datagrams of {max_bytes} bytes, and the gap \
+             lets it send {most}",
             relays::name(&cx.file.modules[module].name.value),
+            links::load_bytes(&load),
             link.name.value
         );
-        let mend = format!(
-            "let `max_bytes` be larger by {}, make the gap smaller against the window, or let less cross",
-            load - room
-        );
+        let enough = links::enough_bytes(&load, most)
+            .map_or_else(String::new, |bytes| format!("let `max_bytes` be {bytes}, "));
+        let mend = format!("{enough}make the gap smaller against the window, or let less cross");
         cx.note(&catalogue::WINDOW_LOAD, span, message, mend);
     }
-    Some(links::datagrams_for(load, max_bytes, gap.value.0, shortest))
+    Some(needed.min(most))
 }
 
 fn carried_of(cx: &Context<'_>, laid: &Laid, source: usize) -> Option<Carried> {

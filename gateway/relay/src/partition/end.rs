@@ -170,8 +170,8 @@ pub(super) struct Ports {
 
 /// The own end of a channel.
 enum Port {
-    SamplingOut { port: RawSamplingDestination, bytes: usize, again: bool },
-    QueuingOut { port: RawQueuingDestination, bytes: usize },
+    SamplingOut { port: RawSamplingDestination, again: bool },
+    QueuingOut(RawQueuingDestination),
     SamplingIn(RawSamplingSource),
     QueuingIn(RawQueuingSource),
 }
@@ -182,11 +182,11 @@ impl Port {
         let (port, bytes) = match (channel.kind, channel.outgoing) {
             (PortKind::Sampling, true) => {
                 let (port, bytes) = context.raw_sampling_destination(name)?;
-                (Self::SamplingOut { port, bytes, again: true }, bytes)
+                (Self::SamplingOut { port, again: true }, bytes)
             }
             (PortKind::Queuing, true) => {
                 let (port, bytes) = context.raw_queuing_destination(name)?;
-                (Self::QueuingOut { port, bytes }, bytes)
+                (Self::QueuingOut(port), bytes)
             }
             (PortKind::Sampling, false) => {
                 let (port, bytes) = context.raw_sampling_source(name)?;
@@ -257,26 +257,24 @@ impl Ports {
 }
 
 impl Port {
-    /// False: there is no room for something that may be new.
+    /// False: there is no room for something new.
     fn put(&mut self, place: usize, composer: &mut Composer<'_>) -> bool {
         match self {
-            Self::SamplingOut { port, bytes, again } => {
-                if !composer.has_room(*bytes) {
-                    return false; // it stays in the port, or is replaced by a newer one there
-                }
+            Self::SamplingOut { port, again } => {
                 let Some(reading) = port.read() else { return true };
                 if reading.updated || *again {
+                    // Where there is no room it stays in the port, or is replaced by a newer one there.
                     *again = !composer.put(place, stamp(reading.stamp), reading.bytes);
                 }
-                true
+                !*again
             }
-            Self::QueuingOut { port, bytes } => {
-                while composer.has_room(*bytes) {
+            Self::QueuingOut(port) => {
+                while composer.has_room(place) {
                     let Some(message) = port.receive() else { return true };
                     // It was taken out of the queue, and there is room: it can not be refused.
                     composer.put(place, stamp(message.stamp()), message.bytes());
                 }
-                false
+                !port.has_messages()
             }
             Self::SamplingIn(_) | Self::QueuingIn(_) => true,
         }

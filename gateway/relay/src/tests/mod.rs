@@ -3,6 +3,7 @@
 mod attacks;
 mod faults;
 mod flow;
+mod packing;
 
 use std::collections::BTreeMap;
 

@@ -56,9 +56,11 @@ fn link_cost(out: &mut String, cost: &LinkCost) {
     };
     let _ = writeln!(
         out,
-        "    up to {} of {} bytes in a window; at most {} on the way, {phase}",
+        "    up to {} bytes in a window, in {} of {} datagrams with room for {}; at most {} on the way, {phase}",
         cost.window_bytes,
-        cost.window_room_bytes,
+        cost.window_datagrams,
+        cost.window_datagrams_most,
+        cost.datagram_room_bytes,
         ShowTime(cost.latency_ns),
     );
     for network in &cost.networks {

@@ -214,8 +214,8 @@ fn mavlink_on_the_serial_line_is_heard_and_answers_on_the_wall_clock() {
         encoder.write(&MavMessage::COMMAND_LONG(land), &mut question);
         let mut result = None;
         decoder.stream(&ground.bytes(), |received| match received.message {
-            MavMessage::HEARTBEAT(_) => heartbeats += 1,
-            MavMessage::COMMAND_ACK(ack) => result = Some(ack.result),
+            Ok(MavMessage::HEARTBEAT(_)) => heartbeats += 1,
+            Ok(MavMessage::COMMAND_ACK(ack)) => result = Some(ack.result),
             _ => {}
         });
         if heartbeats > 0 && result.is_none() {

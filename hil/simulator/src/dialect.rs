@@ -2,7 +2,7 @@
 
 use crate::flight::Sample;
 use bateleur_mavlink::common::{COMMAND_ACK_DATA, MavCmd, MavMessage, MavResult};
-use bateleur_mavlink::{Decoder, Encoder, Received, hil};
+use bateleur_mavlink::{Decoder, Encoder, Foreign, Received, hil};
 use bateleur_messages::hil::{Actuators, PILOT_TAKE_OFF};
 
 /// A simulator is another component of the aircraft's system; numbers from 25 on are anybody's.
@@ -61,28 +61,32 @@ impl Dialect {
     }
 
     fn asked(&mut self, received: &Received) -> Option<Asked> {
-        match &received.message {
-            MavMessage::HIL_ACTUATOR_CONTROLS(message) => Some(Asked::Advance(hil::actuators(message))),
-            MavMessage::COMMAND_LONG(command) => {
-                let takes_off = command.command == MavCmd::MAV_CMD_NAV_TAKEOFF;
-                let result = match takes_off {
-                    true => MavResult::MAV_RESULT_ACCEPTED,
-                    false => MavResult::MAV_RESULT_UNSUPPORTED,
-                };
-                let answer = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
-                    command: command.command,
-                    result,
-                    target_system: received.system,
-                    target_component: received.component,
-                    ..COMMAND_ACK_DATA::DEFAULT
-                });
-                let mut bytes = Vec::new();
-                self.encoder.write(&answer, &mut bytes);
-                Some(if takes_off { Asked::Pilot(PILOT_TAKE_OFF, bytes) } else { Asked::Nothing(bytes) })
+        const TAKE_OFF: u16 = MavCmd::MAV_CMD_NAV_TAKEOFF as u16;
+        let number = match &received.message {
+            Ok(MavMessage::HIL_ACTUATOR_CONTROLS(message)) => {
+                return Some(Asked::Advance(hil::actuators(message)));
             }
+            Ok(MavMessage::COMMAND_LONG(command)) => command.command as u16,
+            Err(Foreign::Command { number, .. }) => *number,
             // Heartbeats and whatever else a flight computer says of itself.
-            _ => None,
-        }
+            _ => return None,
+        };
+        let result = match number {
+            TAKE_OFF => MavResult::MAV_RESULT_ACCEPTED,
+            _ => MavResult::MAV_RESULT_UNSUPPORTED,
+        };
+        let answer = COMMAND_ACK_DATA {
+            result,
+            target_system: received.system,
+            target_component: received.component,
+            ..COMMAND_ACK_DATA::DEFAULT
+        };
+        let mut bytes = Vec::new();
+        self.encoder.write_command_ack(number, answer, &mut bytes);
+        Some(match number {
+            TAKE_OFF => Asked::Pilot(PILOT_TAKE_OFF, bytes),
+            _ => Asked::Nothing(bytes),
+        })
     }
 
     /// Appends a sensor set, the sensors last: with them the answer is whole.

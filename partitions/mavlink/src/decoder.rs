@@ -8,6 +8,8 @@
 use mavlink::dialects::common::MavMessage;
 use mavlink::{MavlinkVersion, Message, calculate_crc};
 
+use crate::Foreign;
+
 /// The mark of MAVLink 1.
 const MARK_1: u8 = 0xfe;
 /// The mark of MAVLink 2.
@@ -21,7 +23,7 @@ const CHECKSUM: usize = 2;
 const SIGNED: u8 = 1;
 const SIGNATURE: usize = 13;
 
-/// One sound message.
+/// One message with a right checksum.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Received {
     /// Who sent it.
@@ -30,8 +32,8 @@ pub struct Received {
     pub component: u8,
     /// Its number, modulo 256.
     pub sequence: u8,
-    /// What it says.
-    pub message: MavMessage,
+    /// What it says, if the dialect has all its values.
+    pub message: Result<MavMessage, Foreign>,
 }
 
 /// What could not be taken so far.
@@ -41,7 +43,7 @@ pub struct Refused {
     pub damaged: u64,
     /// Messages that the dialect does not know, or with flags that nobody may pass over.
     pub unknown: u64,
-    /// Messages with a right checksum whose content is none (a value outside its enumeration).
+    /// Messages with a right checksum and a value outside its enumeration. They are given to the taker as well.
     pub malformed: u64,
     /// Bytes that belong to no frame.
     pub noise_bytes: u64,
@@ -71,7 +73,7 @@ enum Front {
     /// So many bytes that are not for us.
     Unknown(usize),
     /// A frame of so many bytes with a right checksum.
-    Sound(usize, Option<Received>),
+    Sound(usize, Received),
 }
 
 impl Decoder {
@@ -127,10 +129,8 @@ impl Decoder {
                     place += length;
                 }
                 Front::Sound(length, received) => {
-                    match received {
-                        Some(received) => take(received),
-                        None => self.refused.malformed += 1,
-                    }
+                    self.refused.malformed += u64::from(received.message.is_err());
+                    take(received);
                     place += length;
                 }
             }
@@ -174,8 +174,9 @@ fn frame(bytes: &[u8], version: MavlinkVersion, sender: (u8, u8, u8), id: u32, f
         return Front::Noise { damaged: true };
     }
     let (system, component, sequence) = sender;
-    let message = MavMessage::parse(version, id, &bytes[header..payload_end]).ok();
-    Front::Sound(length, message.map(|message| Received { system, component, sequence, message }))
+    let payload = &bytes[header..payload_end];
+    let message = MavMessage::parse(version, id, payload).map_err(|error| Foreign::of(id, payload, &error));
+    Front::Sound(length, Received { system, component, sequence, message })
 }
 
 fn is_known(id: u32) -> bool {
@@ -201,7 +202,7 @@ mod tests {
 
     fn datagram(decoder: &mut Decoder, bytes: &[u8]) -> Vec<MavMessage> {
         let mut all = Vec::new();
-        decoder.datagram(bytes, |received| all.push(received.message));
+        decoder.datagram(bytes, |received| all.extend(received.message));
         all
     }
 
@@ -211,7 +212,7 @@ mod tests {
         Decoder::new().datagram(&bytes(&[sensor(1), sensor(2)]), |received| all.push(received));
         assert_eq!(all.len(), 2);
         assert_eq!((all[1].system, all[1].component, all[1].sequence), (7, 9, 1));
-        assert_eq!(all[1].message, sensor(2));
+        assert_eq!(all[1].message, Ok(sensor(2)));
     }
 
     #[test]
@@ -238,7 +239,7 @@ mod tests {
         let mut decoder = Decoder::new();
         let mut all = Vec::new();
         let noisy = [&b"noise"[..], &bytes(&[sensor(1), sensor(2)])].concat();
-        noisy.iter().for_each(|byte| decoder.stream(&[*byte], |received| all.push(received.message)));
+        noisy.iter().for_each(|byte| decoder.stream(&[*byte], |received| all.extend(received.message)));
         assert_eq!(all, [sensor(1), sensor(2)]);
         assert_eq!(decoder.refused(), Refused { noise_bytes: 5, ..Refused::default() });
     }

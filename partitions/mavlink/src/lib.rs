@@ -7,10 +7,12 @@
 
 mod decoder;
 mod encoder;
+mod foreign;
 pub mod hil;
 mod place;
 
 pub use decoder::{Decoder, Received, Refused};
 pub use encoder::Encoder;
+pub use foreign::Foreign;
 pub use mavlink::dialects::common;
 pub use place::Runway;

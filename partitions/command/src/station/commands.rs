@@ -27,7 +27,7 @@ const PROTOCOL_VERSION: u32 = 300;
 /// A command that waits for its functions.
 #[derive(Debug)]
 struct Pending {
-    command: MavCmd,
+    command: u16,
     peer: Peer,
     /// Letter and function of each answer that is missing.
     missing: Vec<(u8, u8)>,
@@ -57,6 +57,7 @@ impl Commands {
         streams: &Streams,
         out: &mut Out,
     ) {
+        let number = command.command as u16;
         let orders = match command.command {
             MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => {
                 switch(command.param1).map(|on| vec![Order::Autopilot { on }])
@@ -72,7 +73,7 @@ impl Commands {
             MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH => Some(vec![manoeuvre(Manoeuvre::Return)]),
             MavCmd::MAV_CMD_PREFLIGHT_CALIBRATION => calibration(command).map(|sensors| vec![sensors]),
             MavCmd::MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES => {
-                acknowledge(command.command, peer, MavResult::MAV_RESULT_ACCEPTED, out);
+                acknowledge(number, peer, MavResult::MAV_RESULT_ACCEPTED, out);
                 return out.say(&version(out.encoder.identity().0, self.encoding));
             }
             MavCmd::MAV_CMD_REQUEST_MESSAGE => {
@@ -86,24 +87,29 @@ impl Commands {
                     Some(_) => MavResult::MAV_RESULT_ACCEPTED,
                     None => MavResult::MAV_RESULT_UNSUPPORTED,
                 };
-                acknowledge(command.command, peer, result, out);
+                acknowledge(number, peer, result, out);
                 return message.iter().for_each(|message| out.say(message));
             }
-            other => return acknowledge(other, peer, MavResult::MAV_RESULT_UNSUPPORTED, out),
+            _ => return self.unsupported(number, peer, out),
         };
         match orders {
-            Some(orders) => self.begin(command.command, peer, orders, now_ns, out),
+            Some(orders) => self.begin(number, peer, orders, now_ns, out),
             None => {
                 out.text(MavSeverity::MAV_SEVERITY_WARNING, "command refused: its parameters make no sense");
-                acknowledge(command.command, peer, MavResult::MAV_RESULT_DENIED, out);
+                acknowledge(number, peer, MavResult::MAV_RESULT_DENIED, out);
             }
         }
+    }
+
+    /// A command that is not carried out here, in whatever form it came: who sent it must not wait.
+    pub(super) fn unsupported(&self, number: u16, peer: Peer, out: &mut Out) {
+        acknowledge(number, peer, MavResult::MAV_RESULT_UNSUPPORTED, out);
     }
 
     /// The old way to set a mode, which has no answer of its own.
     pub(super) fn set_mode(&mut self, message: &SET_MODE_DATA, peer: Peer, now_ns: u64, out: &mut Out) {
         let orders = orders_of_mode(message.base_mode);
-        self.begin(MavCmd::MAV_CMD_DO_SET_MODE, peer, orders, now_ns, out);
+        self.begin(MavCmd::MAV_CMD_DO_SET_MODE as u16, peer, orders, now_ns, out);
     }
 
     /// An answer of a function.
@@ -143,7 +149,7 @@ impl Commands {
         }
     }
 
-    fn begin(&mut self, command: MavCmd, peer: Peer, mut orders: Vec<Order>, now_ns: u64, out: &mut Out) {
+    fn begin(&mut self, command: u16, peer: Peer, mut orders: Vec<Order>, now_ns: u64, out: &mut Out) {
         match &self.pending {
             // Sent again because the answer is not there yet.
             Some(pending) if pending.command == command && pending.peer == peer => return,
@@ -217,14 +223,14 @@ fn calibration(command: &COMMAND_LONG_DATA) -> Option<Order> {
     (sensors != 0).then_some(Order::InitialiseSensors { sensors })
 }
 
-fn acknowledge(command: MavCmd, peer: Peer, result: MavResult, out: &mut Out) {
-    out.say(&MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
-        command,
+fn acknowledge(command: u16, peer: Peer, result: MavResult, out: &mut Out) {
+    let answer = COMMAND_ACK_DATA {
         result,
         target_system: peer.0,
         target_component: peer.1,
         ..COMMAND_ACK_DATA::DEFAULT
-    }));
+    };
+    out.put(|encoder, bytes| encoder.write_command_ack(command, answer, bytes));
 }
 
 fn version(system: u8, encoding: Encoding) -> MavMessage {

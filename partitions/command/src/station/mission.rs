@@ -28,6 +28,10 @@ const USUAL_MPS: f64 = 22.0;
 /// Airspeeds that an item may ask for, m/s.
 const SPEEDS_MPS: std::ops::RangeInclusive<f64> = 5.0..=100.0;
 
+/// Why an item is refused for its command, or for its frame.
+const COMMAND: (Verdict, &str) = (Verdict::MAV_MISSION_UNSUPPORTED, "only way-points and speeds are flown");
+const FRAME: (Verdict, &str) = (Verdict::MAV_MISSION_UNSUPPORTED_FRAME, "its frame is not known here");
+
 /// One item, as the ground station counts them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Item {
@@ -294,30 +298,41 @@ impl Missions {
         }
     }
 
+    /// Whether item `seq` is the one that `peer` was asked for last. One that came twice is passed over: the right one is on its
+    /// way, or is asked for again.
+    fn awaits(&self, seq: u16, peer: Peer) -> bool {
+        matches!(&self.transfer, Transfer::Receiving { peer: from, items, .. }
+            if *from == peer && items.len() == usize::from(seq))
+    }
+
+    /// An item whose command or frame the dialect does not know.
+    pub(super) fn foreign(&mut self, seq: u16, by_frame: bool, peer: Peer, out: &mut Out) {
+        if self.awaits(seq, peer) {
+            self.refuse(seq, if by_frame { FRAME } else { COMMAND }, peer, out);
+        }
+    }
+
+    fn refuse(&mut self, seq: u16, (result, reason): (Verdict, &str), peer: Peer, out: &mut Out) {
+        out.text(MavSeverity::MAV_SEVERITY_WARNING, &format!("item {seq}: {reason}"));
+        self.end(result, peer, out);
+    }
+
     fn item(&mut self, m: &MISSION_ITEM_INT_DATA, peer: Peer, now_ns: u64, out: &mut Out) {
         let runway = self.runway;
-        let Transfer::Receiving { peer: from, count, items, until_ns, tries } = &mut self.transfer else {
-            return;
-        };
-        if *from != peer {
+        if !self.awaits(m.seq, peer) {
             return;
         }
-        if usize::from(m.seq) != items.len() {
-            return; // one that came twice: the right one is on its way, or is asked for again
-        }
+        let Transfer::Receiving { count, items, until_ns, tries, .. } = &mut self.transfer else { return };
         let read = match m.command {
             MavCmd::MAV_CMD_NAV_WAYPOINT => waypoint(m, &runway).map(|waypoint| (Some(waypoint), 0.0)),
             MavCmd::MAV_CMD_DO_CHANGE_SPEED => match f64::from(m.param2) {
                 speed_mps if SPEEDS_MPS.contains(&speed_mps) => Ok((None, speed_mps)),
                 _ => Err((Verdict::MAV_MISSION_INVALID_PARAM2, "airspeed between 5 and 100 m/s")),
             },
-            _ => Err((Verdict::MAV_MISSION_UNSUPPORTED, "only way-points and speeds are flown")),
+            _ => Err(COMMAND),
         };
         match read {
-            Err((result, reason)) => {
-                out.text(MavSeverity::MAV_SEVERITY_WARNING, &format!("item {}: {reason}", m.seq));
-                self.end(result, peer, out);
-            }
+            Err(why) => self.refuse(m.seq, why, peer, out),
             Ok((place, speed_mps)) => {
                 items.push((m.command, place, speed_mps));
                 (*until_ns, *tries) = (now_ns + PATIENCE_NS, 0);
@@ -404,7 +419,7 @@ fn waypoint(m: &MISSION_ITEM_INT_DATA, runway: &Runway) -> Result<Waypoint, (Ver
             (north_m, east_m, f64::from(m.z) - runway.altitude_m)
         }
         MavFrame::MAV_FRAME_LOCAL_NED => (f64::from(m.x) * 1e-4, f64::from(m.y) * 1e-4, -f64::from(m.z)),
-        _ => return Err((Verdict::MAV_MISSION_UNSUPPORTED_FRAME, "its frame is not known here")),
+        _ => return Err(FRAME),
     };
     if north_m.abs() > Waypoint::FARTHEST_M {
         return Err((Verdict::MAV_MISSION_INVALID_PARAM5_X, "more than 50 km from the runway"));

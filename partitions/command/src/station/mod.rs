@@ -15,7 +15,7 @@ mod tests;
 use std::collections::VecDeque;
 
 use bateleur_mavlink::common::{MavMessage, MavSeverity, STATUSTEXT_DATA};
-use bateleur_mavlink::{Decoder, Encoder, Received, Runway};
+use bateleur_mavlink::{Decoder, Encoder, Foreign, Received, Runway};
 use bateleur_messages::State;
 use bateleur_messages::ground::{Order, Waypoint};
 use bateleur_messages::telemetry::{Acknowledge, HealthText, Refusal, Telemetry};
@@ -67,12 +67,16 @@ struct Out {
 
 impl Out {
     fn say(&mut self, message: &MavMessage) {
+        self.put(|encoder, bytes| encoder.write(message, bytes));
+    }
+
+    fn put(&mut self, write: impl FnOnce(&mut Encoder, &mut Vec<u8>)) {
         if self.messages.len() == WAITING {
             self.messages.pop_front();
             self.dropped += 1;
         }
         let mut bytes = Vec::with_capacity(64);
-        self.encoder.write(message, &mut bytes);
+        write(&mut self.encoder, &mut bytes);
         self.messages.push_back(bytes);
     }
 
@@ -252,11 +256,23 @@ impl Station {
         }
         self.heard = true;
         let out = &mut self.out;
-        match &received.message {
-            M::COMMAND_LONG(command)
-                if self.system == command.target_system || command.target_system == 0 =>
-            {
+        let is_ours = |target_system: u8| target_system == self.system || target_system == 0;
+        let message = match &received.message {
+            Ok(message) => message,
+            Err(Foreign::Command { number, target_system }) if is_ours(*target_system) => {
+                return self.commands.unsupported(*number, peer, out);
+            }
+            Err(Foreign::Item { seq, target_system, by_frame }) if *target_system == self.system => {
+                return self.missions.foreign(*seq, *by_frame, peer, out);
+            }
+            Err(_) => return,
+        };
+        match message {
+            M::COMMAND_LONG(command) if is_ours(command.target_system) => {
                 self.commands.command(command, peer, now_ns, &self.streams, out);
+            }
+            M::COMMAND_INT(command) if is_ours(command.target_system) => {
+                self.commands.unsupported(command.command as u16, peer, out);
             }
             M::SET_MODE(message) if message.target_system == self.system => {
                 self.commands.set_mode(message, peer, now_ns, out);

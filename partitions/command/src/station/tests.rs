@@ -105,7 +105,7 @@ impl World {
         }
         let mut heard = Vec::new();
         while let Some(message) = self.station.next_message() {
-            Decoder::new().datagram(&message, |received| heard.push(received.message));
+            Decoder::new().datagram(&message, |received| heard.extend(received.message));
         }
         heard
     }
@@ -369,6 +369,59 @@ fn senseless_and_unknown_commands_are_refused_and_reach_nobody() {
         [MavResult::MAV_RESULT_DENIED, MavResult::MAV_RESULT_DENIED, MavResult::MAV_RESULT_UNSUPPORTED];
     assert_eq!(acknowledged(&heard), refused);
     assert!(world.ordered.is_empty());
+}
+
+/// The bytes of `message` with `value` in its payload at `place`, where the dialect would not let it be said.
+fn foreign(message: &MavMessage, extra: u8, place: usize, value: &[u8]) -> Vec<u8> {
+    let mut frame = Vec::new();
+    Encoder::new(GROUND.0, GROUND.1).write(message, &mut frame);
+    let end = frame.len() - 2;
+    frame[10 + place..][..value.len()].copy_from_slice(value);
+    let checksum = frame[1..end].iter().chain([&extra]).fold(0xffff_u16, |crc, byte| {
+        let low = byte ^ crc as u8;
+        let low = u16::from(low ^ (low << 4));
+        (crc >> 8) ^ (low << 8) ^ (low << 3) ^ (low >> 4)
+    });
+    frame[end..].copy_from_slice(&checksum.to_le_bytes());
+    frame
+}
+
+#[test]
+fn command_that_the_dialect_does_not_know_and_one_with_integers_are_answered_unsupported() {
+    const NUMBER: u16 = 42_424; // a calibration of another autopilot
+    let int = COMMAND_INT_DATA {
+        command: MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
+        param1: 1.0,
+        target_system: 1,
+        ..COMMAND_INT_DATA::DEFAULT
+    };
+    let long = command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, 1.0);
+    let mut world = World::new(accept);
+    world.windows(10);
+    world.station.datagram(&foreign(&long, 152, 28, &NUMBER.to_le_bytes()), 0);
+    let answer = world.station.next_message().unwrap();
+    let unsupported = MavResult::MAV_RESULT_UNSUPPORTED;
+    let [low, high] = NUMBER.to_le_bytes();
+    assert_eq!((answer[7], &answer[10..13]), (77, &[low, high, unsupported as u8][..]));
+    assert_eq!(acknowledged(&world.window(&[MavMessage::COMMAND_INT(int)])), [unsupported]);
+    assert!(world.ordered.is_empty(), "nothing of either was carried out");
+}
+
+#[test]
+fn item_with_an_unknown_command_or_frame_ends_the_upload_at_once() {
+    let unsupported = MavMissionResult::MAV_MISSION_UNSUPPORTED;
+    let frame = MavMissionResult::MAV_MISSION_UNSUPPORTED_FRAME;
+    for (place, value, verdict) in [(30, &9_999_u16.to_le_bytes()[..], unsupported), (34, &[99][..], frame)] {
+        let mut world = World::new(accept);
+        world.window(&[count(2, MavMissionType::MAV_MISSION_TYPE_MISSION)]);
+        let bytes = foreign(&MavMessage::MISSION_ITEM_INT(item(1.0, 1.0, 100.0)), 38, place, value);
+        world.station.datagram(&bytes, 2 * CYCLE);
+        let heard = world.window(&[]);
+        assert!(texts(&heard).contains("item 0: "), "{}", texts(&heard));
+        let told =
+            |message: &MavMessage| matches!(message, MavMessage::MISSION_ACK(ack) if ack.mavtype == verdict);
+        assert!(heard.iter().any(told), "{heard:?}");
+    }
 }
 
 #[test]

@@ -127,7 +127,8 @@ impl Mavlink {
 
     fn received(&mut self, received: &Received, inbox: &mut Inbox) {
         let sender = (received.system, received.component);
-        match &received.message {
+        let Ok(message) = &received.message else { return };
+        match message {
             MavMessage::HIL_SENSOR(message) if message.id == 0 => {
                 if self.hears(sender, true, inbox) {
                     self.count(received.sequence, inbox);
@@ -140,7 +141,7 @@ impl Mavlink {
             | MavMessage::POWER_STATUS(_) => {
                 if self.hears(sender, false, inbox) {
                     self.count(received.sequence, inbox);
-                    self.beside(&received.message, inbox);
+                    self.beside(message, inbox);
                 }
             }
             _ => {

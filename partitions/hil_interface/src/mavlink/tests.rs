@@ -63,7 +63,7 @@ fn question_names_time_actuators_and_lockstep_and_a_heartbeat_comes_once_a_secon
         mavlink.ask(cycle * CYCLE, &ServoTimers::AT_REST, &mut out);
         Decoder::new().datagram(&out, |received| {
             assert_eq!((received.system, received.component), (5, 1));
-            match received.message {
+            match received.message.unwrap() {
                 MavMessage::HIL_ACTUATOR_CONTROLS(message) => questions.push(message),
                 MavMessage::HEARTBEAT(_) => heartbeats += 1,
                 other => panic!("{other:?}"),

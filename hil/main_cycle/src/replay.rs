@@ -12,7 +12,7 @@ use bateleur_messages::{
     Acceleration, ActuatorCommand, GpsPosition, GpsVelocity, Magnetization, Message, Pressure, Rates,
     ServoTimers, State, find,
 };
-use bateleur_report::log::{ChannelId, Ending, Entry, LogError, PortLog, for_each};
+use bateleur_report::log::{ChannelId, Entry, LogError, PortLog, for_each};
 use serde::Serialize;
 use zerocopy::{FromBytes, IntoBytes};
 
@@ -99,8 +99,8 @@ pub struct Replayed {
     pub cycles: u64,
     /// The actuator words.
     pub words: Words,
-    /// The log was cut short, and why.
-    pub cut: Option<String>,
+    /// What is wrong with the log: it was cut short, or is damaged.
+    pub flaw: Option<String>,
     /// Messages that stood in the log so late that the cycle was over which they belong to.
     pub too_late: u64,
 }
@@ -132,14 +132,10 @@ pub fn replay(
         newest_ns: 0,
         sensors: 0,
         log: OwnLog::create(output, topics)?,
-        result: Replayed { cycles: 0, words: Words::default(), cut: None, too_late: 0 },
+        result: Replayed { cycles: 0, words: Words::default(), flaw: None, too_late: 0 },
         failure: None,
     };
-    let ending = for_each(path, |entry| replay.take(&entry))?;
-    replay.result.cut = match ending {
-        Ending::Complete => None,
-        Ending::Cut(why) => Some(why),
-    };
+    replay.result.flaw = for_each(path, |entry| replay.take(&entry))?.flaw();
     replay.finish()
 }
 

@@ -118,7 +118,7 @@ fn files(folder: &Path) -> (PathBuf, PathBuf) {
 fn words_of_the_safety_pilot_are_those_of_his_sticks_in_every_cycle() {
     let result = replayed(by_hand);
     assert_eq!((result.cycles, result.words.compared, result.words.different), (CYCLES, 6 * CYCLES, 0));
-    assert_eq!((result.words.absent_cycles, result.too_late, result.cut), (0, 0, None));
+    assert_eq!((result.words.absent_cycles, result.too_late, result.flaw), (0, 0, None));
 }
 
 #[test]

@@ -10,23 +10,23 @@ pub enum ReportError {
     #[error("{} is not a folder, so there is no flight to report", .0.display())]
     NoFlight(PathBuf),
     /// The report could not be written.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {why}", path.display())]
     Write {
         /// Which file.
         path: PathBuf,
         /// What the system said.
-        source: std::io::Error,
+        why: std::io::Error,
     },
     /// The summary could not be turned into JSON.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {why}", path.display())]
     Json {
         /// Which file.
         path: PathBuf,
         /// What was wrong.
-        source: serde_json::Error,
+        why: serde_json::Error,
     },
 }
 
 pub(crate) fn write(path: &Path, text: &str) -> Result<(), ReportError> {
-    std::fs::write(path, text).map_err(|source| ReportError::Write { path: path.to_path_buf(), source })
+    std::fs::write(path, text).map_err(|why| ReportError::Write { path: path.to_path_buf(), why })
 }

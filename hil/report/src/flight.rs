@@ -191,8 +191,8 @@ impl Flight {
                 return;
             }
         };
-        if let log::Ending::Cut(why) = &recording.ending {
-            self.notes.push(format!("{} was cut short ({why}); what it holds is used", short(path)));
+        if let Some(flaw) = recording.ending.flaw() {
+            self.notes.push(format!("{} {flaw}; what it holds is used", short(path)));
         }
         self.states = typed(&recording, "/estimator/state");
         self.commands = typed(&recording, "/controller/command");

@@ -142,7 +142,7 @@ pub fn merge(folder: &Path, hosts: &[Host]) -> Result<Vec<String>, LogError> {
     let mut notes = Vec::new();
     let wrong = |path: &Path| {
         let path = path.to_path_buf();
-        move |source| LogError::File { path, source }
+        move |why| LogError::File { path, why }
     };
     let text = serde_json::to_vec_pretty(hosts).unwrap_or_default();
     let path = folder.join(FILE);
@@ -315,8 +315,8 @@ fn merge_ports(folder: &Path, hosts: &[Host], notes: &mut Vec<String>) -> Result
         merged.write(channel, next.sequence.into(), next.time_ns, &next.bytes)?;
     }
     for log in logs {
-        if let Some(Ending::Cut(why)) = log.ending {
-            notes.push(format!("{PORTS_FILE} of {} was cut short ({why})", log.host.name()));
+        if let Some(flaw) = log.ending.and_then(|ending| ending.flaw()) {
+            notes.push(format!("{PORTS_FILE} of {} {flaw}", log.host.name()));
         }
     }
     merged.finish()

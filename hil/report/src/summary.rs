@@ -190,8 +190,8 @@ pub fn make(dir: &Path, inputs: &Inputs) -> Result<Summary, ReportError> {
 /// Writes a summary to [`FILE`] in a flight's folder.
 pub fn write(dir: &Path, summary: &Summary) -> Result<(), ReportError> {
     let path = dir.join(FILE);
-    let text = serde_json::to_string_pretty(summary)
-        .map_err(|source| ReportError::Json { path: path.clone(), source })?;
+    let text =
+        serde_json::to_string_pretty(summary).map_err(|why| ReportError::Json { path: path.clone(), why })?;
     error::write(&path, &(text + "\n"))
 }
 

@@ -178,6 +178,22 @@ fn damaged_and_cut_off_inputs_give_what_they_hold_and_say_what_was_lost() {
 }
 
 #[test]
+fn bytes_that_were_changed_in_a_log_are_noticed_by_their_checksum_and_the_rest_is_exported() {
+    let run = run();
+    let ports = run.path().join("ports.mcap");
+    let whole = export::tables(run.path(), &run.path().join("whole")).unwrap();
+    let mut bytes = fs::read(&ports).unwrap();
+    // The last byte of a message's value, in front of the next record.
+    let header = bytes.windows(4).position(|window| window == [0, 1, 0, 0]).unwrap();
+    bytes[header + 8..header + 11].fill(0xff);
+    fs::write(&ports, bytes).unwrap();
+    let exported = export::tables(run.path(), &run.path().join("changed")).unwrap();
+    let [note] = &exported.notes[..] else { panic!("{exported:?}") };
+    assert!(note.contains("ports.mcap: is damaged (the checksum of 1 of its pieces"), "{note}");
+    assert_eq!(exported.records, whole.records);
+}
+
+#[test]
 fn folder_without_a_run_and_an_output_that_is_the_input_are_refused() {
     let run = run();
     let empty = tempfile::tempdir().unwrap();

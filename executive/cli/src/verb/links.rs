@@ -117,6 +117,12 @@ fn of_run(folder: &Path) -> Result<Said> {
     let names: Vec<LinkName> =
         serde_json::from_slice(&text).with_context(|| format!("{} is not understood", names.display()))?;
     let path = folder.join(bateleur_report::flight::PORTS_FILE);
+    if !path.exists() {
+        bail!(
+            "{} is not there: what relays say is kept by `bateleur run --record`, and by every flight",
+            path.display()
+        );
+    }
     let mut found = None;
     log::for_each(&path, |entry| {
         if entry.message == LinkStatus::NAME {

@@ -149,7 +149,7 @@ fn only_outputs(topics: &Topics, plan: &bateleur_executive::plan::Plan) -> Optio
 }
 
 fn text(replayed: &Replayed, comparison: &Comparison) -> String {
-    let Replayed { cycles, words, cut, too_late } = replayed;
+    let Replayed { cycles, words, flaw, too_late } = replayed;
     let mut text = String::new();
     // Into a string: nothing of this can fail.
     let _ = writeln!(text, "{cycles} cycles, {} actuator words: {} differ", words.compared, words.different);
@@ -163,8 +163,8 @@ fn text(replayed: &Replayed, comparison: &Comparison) -> String {
     if words.absent_cycles > 0 {
         let _ = writeln!(text, "{} cycles in which the flight gave no words", words.absent_cycles);
     }
-    if let Some(why) = cut {
-        let _ = writeln!(text, "the log was cut short ({why}): replayed as far as it goes");
+    if let Some(flaw) = flaw {
+        let _ = writeln!(text, "the log {flaw}: replayed as far as it goes");
     }
     if *too_late > 0 {
         let _ = writeln!(text, "{too_late} messages stand in the log too late to be used in their cycle");

@@ -106,20 +106,20 @@ pub struct Flown {
 #[derive(Debug, Error)]
 pub enum CampaignError {
     /// The file system refused.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {why}", path.display())]
     File {
         /// Which file.
         path: PathBuf,
         /// What the system said.
-        source: std::io::Error,
+        why: std::io::Error,
     },
     /// The plan is damaged.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {why}", path.display())]
     Plan {
         /// Which file.
         path: PathBuf,
         /// What is wrong.
-        source: serde_json::Error,
+        why: serde_json::Error,
     },
     /// Folders of campaigns that fly different flights.
     #[error("{} and {} are not parts of one campaign: {why}", a.display(), b.display())]
@@ -134,7 +134,7 @@ pub enum CampaignError {
 }
 
 fn file(path: &Path) -> impl Fn(std::io::Error) -> CampaignError + '_ {
-    move |source| CampaignError::File { path: path.to_path_buf(), source }
+    move |why| CampaignError::File { path: path.to_path_buf(), why }
 }
 
 impl Plan {
@@ -170,8 +170,8 @@ impl Plan {
     /// Writes it into a campaign's folder: all of it, or the older one stays.
     pub fn write(&self, folder: &Path) -> Result<(), CampaignError> {
         let (path, draft) = (folder.join(PLAN), folder.join("campaign.json.new"));
-        let text = serde_json::to_vec_pretty(self)
-            .map_err(|source| CampaignError::Plan { path: path.clone(), source })?;
+        let text =
+            serde_json::to_vec_pretty(self).map_err(|why| CampaignError::Plan { path: path.clone(), why })?;
         std::fs::write(&draft, text).map_err(file(&draft))?;
         std::fs::rename(&draft, &path).map_err(file(&path))
     }
@@ -183,9 +183,9 @@ pub fn read_plan(folder: &Path) -> Result<Option<Plan>, CampaignError> {
     let bytes = match std::fs::read(&path) {
         Ok(bytes) => bytes,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(source) => return Err(CampaignError::File { path, source }),
+        Err(why) => return Err(CampaignError::File { path, why }),
     };
-    serde_json::from_slice(&bytes).map(Some).map_err(|source| CampaignError::Plan { path, source })
+    serde_json::from_slice(&bytes).map(Some).map_err(|why| CampaignError::Plan { path, why })
 }
 
 /// Flights that were read, by number, and what was not readable.
@@ -223,7 +223,7 @@ pub fn read(folder: &Path) -> Result<Lines, CampaignError> {
     let opened = match File::open(&path) {
         Ok(opened) => opened,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(lines),
-        Err(source) => return Err(CampaignError::File { path, source }),
+        Err(why) => return Err(CampaignError::File { path, why }),
     };
     let mut reader = BufReader::new(opened);
     let mut line = Vec::new();
@@ -243,7 +243,7 @@ pub fn repair(folder: &Path) -> Result<u64, CampaignError> {
     let mut opened = match OpenOptions::new().read(true).write(true).open(&path) {
         Ok(opened) => opened,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(0),
-        Err(source) => return Err(CampaignError::File { path, source }),
+        Err(why) => return Err(CampaignError::File { path, why }),
     };
     let whole = whole_bytes(&mut opened).map_err(file(&path))?;
     let length = opened.metadata().map_err(file(&path))?.len();
@@ -284,9 +284,9 @@ pub fn join(folders: &[PathBuf]) -> Result<(Plan, Lines), CampaignError> {
     let mut all = Lines::default();
     for folder in folders {
         let plan = read_plan(folder)?.ok_or_else(|| {
-            let source =
+            let why =
                 std::io::Error::new(std::io::ErrorKind::NotFound, "there is no campaign in this folder");
-            CampaignError::File { path: folder.join(PLAN), source }
+            CampaignError::File { path: folder.join(PLAN), why }
         })?;
         match &mut joined {
             None => joined = Some((folder.clone(), Plan { shard: (0, 1), ..plan })),
@@ -306,8 +306,8 @@ pub fn join(folders: &[PathBuf]) -> Result<(Plan, Lines), CampaignError> {
         lines.flights.into_values().for_each(|flight| all.add(flight));
     }
     let nothing = || {
-        let source = std::io::Error::new(std::io::ErrorKind::InvalidInput, "no folder was named");
-        CampaignError::File { path: PathBuf::new(), source }
+        let why = std::io::Error::new(std::io::ErrorKind::InvalidInput, "no folder was named");
+        CampaignError::File { path: PathBuf::new(), why }
     };
     let (_, plan) = joined.ok_or_else(nothing)?;
     Ok((plan, all))

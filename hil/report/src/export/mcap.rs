@@ -66,7 +66,7 @@ struct Output {
 
 impl Output {
     fn create(path: &Path, encoding: Encoding) -> Result<Self, ExportError> {
-        let wrong = |source| ExportError::Write { path: path.to_path_buf(), source };
+        let wrong = |why| ExportError::Write { path: path.to_path_buf(), why };
         let file = File::create(path).map_err(wrong)?;
         let options = WriteOptions::new()
             .compression(None)
@@ -74,7 +74,7 @@ impl Output {
             .library(concat!("bateleur ", env!("CARGO_PKG_VERSION")));
         let writer = options
             .create(BufWriter::new(file))
-            .map_err(|source| LogError::Container { path: path.to_path_buf(), source })?;
+            .map_err(|why| LogError::Container { path: path.to_path_buf(), why })?;
         let (channels, unreadable) = (HashMap::new(), BTreeMap::new());
         Ok(Self { writer, encoding, channels, unreadable, records: 0, error: None })
     }
@@ -164,7 +164,7 @@ impl Output {
             exported.note(&topic, format_args!("{count} messages do not fit what the log says of them"));
         }
         exported.records = self.records;
-        let container = |source| LogError::Container { path: path.to_path_buf(), source };
+        let container = |why| LogError::Container { path: path.to_path_buf(), why };
         if let Some(error) = self.error {
             return Err(container(error).into());
         }

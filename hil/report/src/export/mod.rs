@@ -33,12 +33,12 @@ pub enum ExportError {
     #[error("{} is what is to be exported: name another file", .0.display())]
     OwnInput(PathBuf),
     /// The output cannot be written.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {why}", path.display())]
     Write {
         /// Which file.
         path: PathBuf,
         /// What the system said.
-        source: std::io::Error,
+        why: std::io::Error,
     },
     /// The container refused.
     #[error(transparent)]
@@ -66,11 +66,8 @@ impl Exported {
     }
 
     fn note_ending(&mut self, ending: &crate::log::Ending) {
-        if let crate::log::Ending::Cut(why) = ending {
-            self.note(
-                crate::flight::PORTS_FILE,
-                format_args!("was cut short ({why}); what it holds is exported"),
-            );
+        if let Some(flaw) = ending.flaw() {
+            self.note(crate::flight::PORTS_FILE, format_args!("{flaw}; what it holds is exported"));
         }
     }
 
@@ -97,7 +94,7 @@ struct Sink {
 
 impl Sink {
     fn create(path: &Path) -> Result<Self, ExportError> {
-        let wrong = |source| ExportError::Write { path: path.to_path_buf(), source };
+        let wrong = |why| ExportError::Write { path: path.to_path_buf(), why };
         let file = File::create(path).map_err(wrong)?;
         Ok(Self { path: path.to_path_buf(), file: BufWriter::with_capacity(1 << 16, file), error: None })
     }
@@ -112,7 +109,7 @@ impl Sink {
         let flushed = self.file.flush().err();
         match self.error.or(flushed) {
             None => Ok(()),
-            Some(source) => Err(ExportError::Write { path: self.path, source }),
+            Some(why) => Err(ExportError::Write { path: self.path, why }),
         }
     }
 }

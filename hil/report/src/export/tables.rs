@@ -17,8 +17,7 @@ pub(super) fn port_of(topic: &str) -> (&str, &str) {
 /// Writes `partition.port.csv` for every port of a run's `folder` into the folder `into`, which is made where it is missing.
 pub fn tables(folder: &Path, into: &Path) -> Result<Exported, ExportError> {
     check_folder(folder)?;
-    std::fs::create_dir_all(into)
-        .map_err(|source| ExportError::Write { path: into.to_path_buf(), source })?;
+    std::fs::create_dir_all(into).map_err(|why| ExportError::Write { path: into.to_path_buf(), why })?;
     let (mut exported, mut tables) = (Exported::default(), Tables::default());
     let mut failed = None;
     let read = log::for_each(folder.join(PORTS_FILE), |entry| {

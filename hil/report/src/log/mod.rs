@@ -28,20 +28,20 @@ pub const SCHEMA_PREFIX: &str = "bateleur/msg/";
 #[derive(Debug, Error)]
 pub enum LogError {
     /// The file system refused.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {why}", path.display())]
     File {
         /// Which file.
         path: PathBuf,
         /// What the system said.
-        source: std::io::Error,
+        why: std::io::Error,
     },
     /// The container refused.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {why}", path.display())]
     Container {
         /// Which file.
         path: PathBuf,
         /// What was wrong.
-        source: mcap::McapError,
+        why: mcap::McapError,
     },
     /// A message of another size than its type.
     #[error("a {message} on {topic} has {found} bytes where {expected} belong")]

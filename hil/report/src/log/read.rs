@@ -39,6 +39,20 @@ pub enum Ending {
     Complete,
     /// Early; with the reader's reason.
     Cut(String),
+    /// Some of it was changed after it was written; with what shows it.
+    Damaged(String),
+}
+
+impl Ending {
+    /// What is wrong with the log, to be said behind its name.
+    #[must_use]
+    pub fn flaw(&self) -> Option<String> {
+        match self {
+            Self::Complete => None,
+            Self::Cut(why) => Some(format!("was cut short ({why})")),
+            Self::Damaged(why) => Some(format!("is damaged ({why})")),
+        }
+    }
 }
 
 /// The messages of one source port.
@@ -128,14 +142,24 @@ pub struct LogReader {
     part: u32,
     /// Why the first part that was cut short was.
     cut: Option<String>,
+    /// Chunks whose checksum is wrong.
+    damaged: u64,
 }
 
 impl LogReader {
     /// Opens a log. Whether it is one shows with the first step.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, LogError> {
         let path = path.as_ref().to_path_buf();
-        let file = File::open(&path).map_err(|source| LogError::File { path: path.clone(), source })?;
-        Ok(Self { path, file, reader: linear_reader(), names: Names::default(), part: 0, cut: None })
+        let file = File::open(&path).map_err(|why| LogError::File { path: path.clone(), why })?;
+        Ok(Self {
+            path,
+            file,
+            reader: linear_reader(),
+            names: Names::default(),
+            part: 0,
+            cut: None,
+            damaged: 0,
+        })
     }
 
     /// The part that is read has ended: goes on with the next one, or gives the ending of all.
@@ -148,9 +172,15 @@ impl LogReader {
                 Ok(None)
             }
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                Ok(Some(self.cut.take().map_or(Ending::Complete, Ending::Cut)))
+                Ok(Some(match (self.cut.take(), self.damaged) {
+                    (Some(why), _) => Ending::Cut(why),
+                    (None, 0) => Ending::Complete,
+                    (None, damaged) => Ending::Damaged(format!(
+                        "the checksum of {damaged} of its pieces, half a second each, is wrong: values of that time may be as well"
+                    )),
+                }))
             }
-            Err(source) => Err(LogError::File { path, source }),
+            Err(why) => Err(LogError::File { path, why }),
         }
     }
 
@@ -160,18 +190,18 @@ impl LogReader {
             None => return self.end_of_part(None),
             Some(Ok(LinearReadEvent::ReadRequest(wanted))) => {
                 let room = self.reader.insert(wanted.max(READ_BYTES));
-                let count = self
-                    .file
-                    .read(room)
-                    .map_err(|source| LogError::File { path: self.path.clone(), source })?;
+                let count =
+                    self.file.read(room).map_err(|why| LogError::File { path: self.path.clone(), why })?;
                 self.reader.notify_read(count);
             }
             Some(Ok(LinearReadEvent::Record { data, opcode })) => match mcap::parse_record(opcode, data) {
                 Ok(record) => self.names.take(&record, each),
                 Err(error) => return self.end_of_part(Some(error.to_string())),
             },
-            Some(Err(source @ McapError::BadMagic)) if !self.names.seen_any => {
-                return Err(LogError::Container { path: self.path.clone(), source });
+            // What is in the chunk was given already; the reader goes on with the next one.
+            Some(Err(McapError::BadChunkCrc { .. })) => self.damaged += 1,
+            Some(Err(why @ McapError::BadMagic)) if !self.names.seen_any => {
+                return Err(LogError::Container { path: self.path.clone(), why });
             }
             Some(Err(error)) => return self.end_of_part(Some(error.to_string())),
         }
@@ -188,7 +218,8 @@ impl LogReader {
 }
 
 fn linear_reader() -> LinearReader {
-    LinearReader::new_with_options(LinearReaderOptions::default().with_record_length_limit(LONGEST_RECORD))
+    let options = LinearReaderOptions::default().with_validate_chunk_crcs(true);
+    LinearReader::new_with_options(options.with_record_length_limit(LONGEST_RECORD))
 }
 
 /// What the numbers in a log stand for.

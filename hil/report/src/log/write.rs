@@ -49,7 +49,7 @@ impl PortLog {
     /// Creates the file; an older one is overwritten.
     pub fn create(path: impl AsRef<Path>) -> Result<Self, LogError> {
         let path = path.as_ref().to_path_buf();
-        let file = File::create(&path).map_err(|source| LogError::File { path: path.clone(), source })?;
+        let file = File::create(&path).map_err(|why| LogError::File { path: path.clone(), why })?;
         let options = WriteOptions::new()
             .compression(None)
             .chunk_size(None)
@@ -57,7 +57,7 @@ impl PortLog {
             .library(concat!("bateleur ", env!("CARGO_PKG_VERSION")));
         let writer = options
             .create(BufWriter::new(file))
-            .map_err(|source| LogError::Container { path: path.clone(), source })?;
+            .map_err(|why| LogError::Container { path: path.clone(), why })?;
         let payload = Vec::with_capacity(512);
         Ok(Self { path, writer, channels: Vec::new(), payload, unwritten_bytes: 0, unwritten_since_ns: None })
     }
@@ -71,7 +71,7 @@ impl PortLog {
             .writer
             .add_schema(&schema_name, SCHEMA_ENCODING, schema.as_bytes())
             .and_then(|schema| self.writer.add_channel(schema, topic, MESSAGE_ENCODING, &BTreeMap::new()))
-            .map_err(|source| self.container(source))?;
+            .map_err(|why| self.container(why))?;
         let (topic, name) = (topic.to_owned(), message.name.to_owned());
         self.channels.push(Channel { id, topic, message: name, size: message.size });
         Ok(ChannelId(self.channels.len() - 1))
@@ -106,7 +106,7 @@ impl PortLog {
         self.payload.extend_from_slice(bytes);
         self.writer
             .write_to_known_channel(&header, &self.payload)
-            .map_err(|source| LogError::Container { path: self.path.clone(), source })?;
+            .map_err(|why| LogError::Container { path: self.path.clone(), why })?;
         self.flush_when_due(time_ns)
     }
 
@@ -120,16 +120,16 @@ impl PortLog {
     /// Hands everything logged so far to the operating system, from where it survives the death of this process.
     pub fn flush(&mut self) -> Result<(), LogError> {
         (self.unwritten_bytes, self.unwritten_since_ns) = (0, None);
-        self.writer.flush().map_err(|source| self.container(source))
+        self.writer.flush().map_err(|why| self.container(why))
     }
 
     /// Writes index and summary and ends the file.
     pub fn finish(mut self) -> Result<(), LogError> {
-        self.writer.finish().map(|_| ()).map_err(|source| self.container(source))
+        self.writer.finish().map(|_| ()).map_err(|why| self.container(why))
     }
 
-    fn container(&self, source: McapError) -> LogError {
-        LogError::Container { path: self.path.clone(), source }
+    fn container(&self, why: McapError) -> LogError {
+        LogError::Container { path: self.path.clone(), why }
     }
 }
 

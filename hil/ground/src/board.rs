@@ -9,6 +9,9 @@ use bateleur_messages::telemetry::{
 /// A module clock that falls back by more than this, ns, was started anew.
 const CLOCK_RESTART_NS: u64 = 5_000_000_000;
 
+/// An answer whose time is off by more than this, ns, was written by another clock.
+const OTHER_CLOCK_NS: u64 = 1_000_000_000;
+
 /// A message and when it came.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Latest<T> {
@@ -79,6 +82,13 @@ impl Board {
         self.module_ns = self.module_ns.max(time_ns);
     }
 
+    /// When an answer was given, by the clock of the module with the ground's line, ns. A function on another host answers by its
+    /// host's clock, which begins anew when that host does.
+    pub(crate) fn time_of_answer_ns(&self, answer: &Acknowledge) -> u64 {
+        let is_own = answer.time_ns.abs_diff(self.module_ns) <= OTHER_CLOCK_NS;
+        if is_own { answer.time_ns } else { self.module_ns }
+    }
+
     /// Estimated height above the runway, m.
     pub fn altitude_m(&self) -> Option<f64> {
         self.state.map(|state| -state.message.position_ned_m[2])
@@ -109,10 +119,10 @@ fn module_ns(telemetry: &Telemetry) -> Option<u64> {
         Telemetry::Loops(message) => Some(message.time_ns),
         Telemetry::Servo(message) => Some(message.time_ns),
         Telemetry::Simulator(message) => Some(message.time_ns),
-        Telemetry::Acknowledge(message) => Some(message.time_ns),
-        Telemetry::Parameter(message) => Some(message.time_ns),
         Telemetry::Health(message) => Some(message.time_ns),
         Telemetry::Gps(_) | Telemetry::Imu(_) | Telemetry::State(_) => None,
+        // By the clock of the host that the function is on.
+        Telemetry::Acknowledge(_) | Telemetry::Parameter(_) => None,
     }
 }
 

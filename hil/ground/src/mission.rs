@@ -150,7 +150,10 @@ impl Mission {
         }
         self.watch.notice(telemetry, &self.board);
         match telemetry {
-            Telemetry::Acknowledge(answer) => self.answered(answer),
+            Telemetry::Acknowledge(answer) => {
+                let time_ns = self.board.time_of_answer_ns(answer);
+                self.answered(&Acknowledge { time_ns, ..*answer });
+            }
             Telemetry::Navigation(navigation) => self.navigated(navigation),
             _ => {}
         }
@@ -317,6 +320,11 @@ impl Mission {
         let lost = self.watch.losses(&self.board, &self.courier, self.plan.waypoints.len());
         if lost.hil && self.phase > Phase::AwaitSensors {
             self.rearm(Order::Hil { on: true }, "HIL mode is lost: ordering it again");
+        } else if lost.sensors && self.phase > Phase::AwaitSensors {
+            self.rearm(
+                Order::Hil { on: true },
+                "no sensors come: ordering HIL mode once more, if it was lost",
+            );
         }
         if lost.estimator && self.phase > Phase::AwaitEstimator {
             self.rearm(initialise(), "the Estimator is disabled: initialising it again");

@@ -58,7 +58,7 @@ pub enum PlanError {
     #[error("the mission has {0} way-points; it must have 1 to {MOST_WAYPOINTS}")]
     Waypoints(usize),
     /// A value is outside its range.
-    #[error("the mission's {what} is {value}, but it must be {demand}")]
+    #[error("the mission's {what} is {}, but it must be {demand}", short(*value))]
     Value {
         /// Which one.
         what: String,
@@ -73,7 +73,7 @@ pub enum PlanError {
 #[serde(deny_unknown_fields)]
 struct RawPlan {
     #[serde(default = "laps")]
-    laps: u32,
+    laps: i64,
     #[serde(default = "engage_altitude_m")]
     engage_altitude_m: f64,
     #[serde(default)]
@@ -106,7 +106,7 @@ struct RawWaypoint {
     airspeed_mps: f64,
 }
 
-fn laps() -> u32 {
+fn laps() -> i64 {
     2
 }
 
@@ -141,7 +141,7 @@ impl MissionPlan {
         };
         Self {
             waypoints: corners.into_iter().enumerate().map(waypoint).collect(),
-            laps: laps(),
+            laps: laps() as u32,
             engage_altitude_m: engage_altitude_m(),
             own_take_off: false,
             loiter_s: loiter_s(),
@@ -170,7 +170,7 @@ impl MissionPlan {
         if !(1..=MOST_WAYPOINTS).contains(&count) {
             return Err(PlanError::Waypoints(count));
         }
-        within("laps", f64::from(raw.laps), 1.0..=1000.0, "1 to 1000")?;
+        within("laps", raw.laps as f64, 1.0..=1000.0, "1 to 1000")?;
         within("engage_altitude_m", raw.engage_altitude_m, 5.0..=2000.0, "5 to 2000 m")?;
         within("loiter_s", raw.loiter_s, 0.0..=3600.0, "0 to 3600 s")?;
         within("time_limit_s", raw.time_limit_s, 1.0..=1e6, "1 to 1000000 s")?;
@@ -182,7 +182,7 @@ impl MissionPlan {
             .collect::<Result<_, _>>()?;
         Ok(Self {
             waypoints,
-            laps: raw.laps,
+            laps: raw.laps as u32, // 1 to 1000
             engage_altitude_m: raw.engage_altitude_m,
             own_take_off: raw.take_off == TakeOff::Autopilot,
             loiter_s: raw.loiter_s,
@@ -199,8 +199,9 @@ impl MissionPlan {
 impl RawWaypoint {
     fn check(&self, index: usize, count: usize) -> Result<Waypoint, PlanError> {
         let name = |key: &str| format!("way-point {index} {key}");
-        within(&name("north_m"), self.north_m, -1e5..=1e5, "within 100 km")?;
-        within(&name("east_m"), self.east_m, -1e5..=1e5, "within 100 km")?;
+        let near = -Waypoint::FARTHEST_M..=Waypoint::FARTHEST_M;
+        within(&name("north_m"), self.north_m, near.clone(), "within 50 km")?;
+        within(&name("east_m"), self.east_m, near, "within 50 km")?;
         within(&name("altitude_m"), self.altitude_m, 0.0..=5000.0, "0 to 5000 m")?;
         within(&name("heading_deg"), self.heading_deg, -360.0..=360.0, "-360 to 360 degrees")?;
         within(&name("airspeed_mps"), self.airspeed_mps, 1.0..=100.0, "1 to 100 m/s")?;
@@ -236,7 +237,7 @@ fn in_words(message: &str) -> String {
     else {
         let plain = message
             .replace("expected f64", "expected a number")
-            .replace("expected u32", "expected a whole number");
+            .replace("expected i64", "expected a whole number");
         return plain.replace("floating point", "number").replace("missing field", "there is no key");
     };
     let quoted = |text: &str| text.split('`').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>();
@@ -246,6 +247,11 @@ fn in_words(message: &str) -> String {
     let guess = best.map_or_else(String::new, |best| format!(": did you mean `{best}`?"));
     let what = if unknown.starts_with("variant") { "value" } else { "key" };
     format!("there is no {what} `{word}`{guess} (there are {})", known.join(", "))
+}
+
+/// A number without hundreds of digits.
+fn short(value: f64) -> String {
+    if value.abs() < 1e9 || !value.is_finite() { value.to_string() } else { format!("{value:e}") }
 }
 
 fn within(
@@ -311,6 +317,22 @@ mod tests {
             ),
             ("[[waypoint]]\nnorth_m = 1\neast_m = 2", "there is no key `altitude_m`"),
             ("laps = 0\n[[waypoint]]\nnorth_m = 1\neast_m = 2\naltitude_m = 3", "laps is 0"),
+            (
+                "laps = -1\n[[waypoint]]\nnorth_m = 1\neast_m = 2\naltitude_m = 3",
+                "laps is -1, but it must be 1 to 1000",
+            ),
+            (
+                "laps = 99999999999\nwaypoint = [{ north_m = 1, east_m = 2, altitude_m = 3 }]",
+                "laps is 9.9999999999e10",
+            ),
+            (
+                "[[waypoint]]\nnorth_m = 1e300\neast_m = 2\naltitude_m = 3",
+                "north_m is 1e300, but it must be within 50 km",
+            ),
+            (
+                "[[waypoint]]\nnorth_m = 1\neast_m = -60_000\naltitude_m = 3",
+                "east_m is -60000, but it must be within 50 km",
+            ),
         ];
         for (text, expected) in cases {
             let message = MissionPlan::from_toml(text).unwrap_err().to_string();

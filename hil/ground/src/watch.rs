@@ -15,8 +15,10 @@ const SETTLE_NS: u64 = 200_000_000;
 /// What has been lost.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct Losses {
-    /// HIL mode is off, or the sensors stand still.
+    /// HIL mode is off.
     pub(crate) hil: bool,
+    /// No sensors come. Perhaps HIL mode is off; whether it is, says the next status.
+    pub(crate) sensors: bool,
     /// The Estimator is disabled.
     pub(crate) estimator: bool,
     /// The Controller has another number of way-points.
@@ -31,6 +33,7 @@ pub(crate) struct Losses {
 #[derive(Debug, Default)]
 pub(crate) struct Watch {
     imu_measured_ns: u64,
+    /// When sensors were first seen to stand still, if they still do.
     sensors_stopped_ns: Option<u64>,
     disabled_ns: Option<u64>,
     loops_engaged_ns: Option<u64>,
@@ -42,7 +45,7 @@ impl Watch {
         match telemetry {
             Telemetry::Imu(imu) => {
                 let stopped = imu.measured_ns == self.imu_measured_ns;
-                self.sensors_stopped_ns = stopped.then_some(board.module_ns);
+                self.sensors_stopped_ns = stopped.then(|| self.sensors_stopped_ns.unwrap_or(board.module_ns));
                 self.imu_measured_ns = imu.measured_ns;
             }
             Telemetry::State(state) => {
@@ -60,8 +63,8 @@ impl Watch {
         let primary = board.primary.map(|primary| primary.message);
         let navigation = board.navigation.map(|navigation| navigation.message);
         Losses {
-            hil: primary.is_some_and(|primary| primary.hil == 0 && newer(b'H', primary.time_ns))
-                || seen(b'H', self.sensors_stopped_ns),
+            hil: primary.is_some_and(|primary| primary.hil == 0 && newer(b'H', primary.time_ns)),
+            sensors: seen(b'H', self.sensors_stopped_ns),
             estimator: primary
                 .is_some_and(|primary| primary.estimator_enabled == 0 && newer(b'E', primary.time_ns))
                 || seen(b'E', self.disabled_ns),
@@ -130,12 +133,13 @@ mod tests {
     }
 
     #[test]
-    fn sensors_that_stand_still_mean_that_hil_mode_is_lost() {
+    fn sensors_that_stand_still_are_missed_and_say_nothing_of_hil_mode() {
         let clock = Telemetry::Loops(Loops { time_ns: 1_000_000_000, ..Loops::default() });
         let sample = Telemetry::Imu(ImuTelemetry { measured_ns: 9, ..ImuTelemetry::default() });
         let next = Telemetry::Imu(ImuTelemetry { measured_ns: 10, ..ImuTelemetry::default() });
-        assert!(losses(&[clock, sample, sample]).hil);
-        assert!(!losses(&[clock, sample, sample, next]).hil);
+        let missed = Losses { sensors: true, ..Losses::default() };
+        assert_eq!(losses(&[clock, sample, sample]), missed);
+        assert_eq!(losses(&[clock, sample, sample, next]), Losses::default());
     }
 
     #[test]

@@ -60,6 +60,10 @@ struct Aircraft {
     silent_from: Option<u64>,
     /// Steps in which the Estimator says nothing.
     estimator_silent: std::ops::Range<u64>,
+    /// No sensors come, whatever HIL mode is.
+    simulator_is_away: bool,
+    /// What the Estimator's host has to be added to its clock to have the module's, ns.
+    estimator_began_ns: u64,
 }
 
 impl Aircraft {
@@ -78,6 +82,8 @@ impl Aircraft {
             refuse_navigation: false,
             silent_from: None,
             estimator_silent: 0..0,
+            simulator_is_away: false,
+            estimator_began_ns: 0,
         };
         (aircraft, Link::new(ours).unwrap())
     }
@@ -151,8 +157,9 @@ impl Aircraft {
             }
             other => panic!("the script never sends {other:?}"),
         };
-        let (time_ns, letter, first) = (self.now_ns(), frame.letter, frame.data[0]);
+        let (now_ns, letter, first) = (self.now_ns(), frame.letter, frame.data[0]);
         for &(from, result) in answers {
+            let time_ns = if from == FROM_ESTIMATOR { now_ns - self.estimator_began_ns } else { now_ns };
             self.tell(&Telemetry::Acknowledge(Acknowledge {
                 time_ns,
                 letter,
@@ -166,7 +173,7 @@ impl Aircraft {
 
     fn fly(&mut self, taken_off: bool) {
         let functions = &mut self.functions;
-        if functions.hil {
+        if functions.hil && !self.simulator_is_away {
             self.sensors_step = self.step;
         }
         if taken_off && self.height_m < 160.0 {
@@ -354,6 +361,37 @@ fn lost_hil_mode_is_noticed_within_two_imu_messages() {
         }
     });
     assert!(back_at.unwrap() - lost_at.unwrap() <= 12, "{lost_at:?} to {back_at:?}");
+}
+
+#[test]
+fn simulator_that_is_away_is_no_lost_hil_mode_and_is_told_once() {
+    let mut since = None;
+    let flight = fly(|aircraft, phase| {
+        if phase == Phase::Watch && aircraft.functions.reached == 1 {
+            since.get_or_insert(aircraft.step);
+        }
+        aircraft.simulator_is_away = since.is_some_and(|since| (since..since + 40).contains(&aircraft.step));
+    });
+    assert_eq!(flight.last.outcome, Outcome::Finished, "{:?}", flight.texts);
+    let told = |text: &str| flight.texts.iter().filter(|(_, told)| told.contains(text)).count();
+    assert_eq!((told("HIL mode is lost"), told("no sensors come")), (0, 1), "{:?}", flight.texts);
+    assert_eq!(flight.aircraft.heard(b'H'), 2);
+}
+
+#[test]
+fn estimators_host_that_began_anew_is_no_new_clock_of_the_module_and_is_initialised_once() {
+    let mut killed = false;
+    let flight = fly(|aircraft, phase| {
+        if phase == Phase::Watch && aircraft.functions.reached == 3 && !killed {
+            killed = true;
+            aircraft.functions.estimator_since = None;
+            aircraft.estimator_began_ns = aircraft.now_ns();
+        }
+    });
+    assert_eq!(flight.last.outcome, Outcome::Finished, "{:?}", flight.texts);
+    let told = |text: &str| flight.texts.iter().filter(|(_, told)| told.contains(text)).count();
+    assert_eq!((told("initialising it again"), told("clock began anew")), (1, 0), "{:?}", flight.texts);
+    assert_eq!(flight.aircraft.heard(b'E'), 2);
 }
 
 #[test]

@@ -13,9 +13,16 @@ pub(crate) struct Signals {
     found: BTreeMap<String, (Id, Signal)>,
     /// Those that lie in some frames of their identifier and not in others.
     multiplexed: Vec<String>,
+    /// There is no file.
+    absent: bool,
 }
 
 impl Signals {
+    /// Those of no file.
+    pub(crate) fn absent() -> Self {
+        Self { absent: true, ..Self::default() }
+    }
+
     /// Reads a file. What is wrong with it is added to `errors`.
     pub(crate) fn read(name: &str, text: &str, errors: &mut Vec<String>) -> Self {
         let mut signals = Self::default();
@@ -99,9 +106,10 @@ impl Signals {
         }
         Err(match crate::table::nearest(path, self.found.keys().map(String::as_str)) {
             Some(near) => format!("the DBC file has no signal {path}; did you mean {near}?"),
-            None if self.found.is_empty() => {
+            None if self.absent => {
                 format!("signal {path} is of a DBC file, and there is none (attribute dbc)")
             }
+            None if self.found.is_empty() => format!("the DBC file has no signal {path}, nor any other"),
             None => format!("the DBC file has no signal {path}"),
         })
     }

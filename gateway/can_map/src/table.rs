@@ -140,8 +140,7 @@ impl Table {
             TableError::one(format!("{name}:{line}: {}", error.message()))
         })?;
         let mut errors = Vec::new();
-        let signals =
-            dbc.map_or_else(Signals::default, |(name, text)| Signals::read(name, text, &mut errors));
+        let signals = dbc.map_or_else(Signals::absent, |(name, text)| Signals::read(name, text, &mut errors));
         let mut checker = Checker { name, text, signals, errors, taken: BTreeMap::new() };
         let sync = raw.sync.as_ref().and_then(|sync| {
             let answer = match &sync.answer {
@@ -205,6 +204,7 @@ impl Checker<'_> {
     }
 
     fn layout(&mut self, port: &str, raw: &RawPort) -> Option<Layout> {
+        let before = self.errors.len();
         let at = raw.message.span().start;
         let Some(message) = bateleur_messages::find(raw.message.get_ref()) else {
             let known = bateleur_messages::CATALOGUE.iter().map(|message| message.name);
@@ -238,7 +238,10 @@ impl Checker<'_> {
         });
         let carriers = carriers(parts.iter().filter_map(|(id, slot)| part(*id, slot.source)).chain(age));
         if carriers.is_empty() {
-            self.wrong(at, format!("port {port} has no field in any frame"));
+            // Where its fields are wrong, that has been said.
+            if self.errors.len() == before {
+                self.wrong(at, format!("port {port} has no field in any frame"));
+            }
             return None;
         }
         let place = |id: Id| carriers.iter().position(|carrier| carrier.id == id).unwrap_or(0);

@@ -197,6 +197,14 @@ fn signals_that_overlap_are_refused_by_name() {
 }
 
 #[test]
+fn dbc_file_that_is_not_there_or_too_long_is_refused_as_what_it_is() {
+    let error = from_attributes(DISTRIBUTION_BOARD, Some("/nowhere/a.dbc")).unwrap_err().to_string();
+    assert!(error.contains("cannot read the DBC file /nowhere/a.dbc"), "{error}");
+    let error = from_attributes(DISTRIBUTION_BOARD, Some("/dev/zero")).unwrap_err().to_string();
+    assert!(error.contains("/dev/zero") && error.contains("longer than 1 MiB"), "{error}");
+}
+
+#[test]
 fn everything_that_can_not_be_meant_is_said_at_once_with_its_line() {
     let error = with_dbc(
         "temprature_k = { frame = \"100\", start = 0, bits = 8 }\n\
@@ -246,6 +254,11 @@ fn everything_that_can_not_be_meant_is_said_at_once_with_its_line() {
     let age = "age = { frame = \"101\", start = 0, bits = 8 }";
     assert!(stamped(age).contains("has an age and no stamp"), "{}", stamped(age));
     assert!(from_attributes("/nowhere/table.toml", None).unwrap_err().to_string().contains("cannot read"));
+    let mapped = "[port.custom]\nmessage = \"Custom\"\nfields = { main_v = { signal = \"Power.Main\" } }\n";
+    let empty = Table::parse("t.toml", mapped, Some(("a.dbc", ""))).unwrap_err().to_string();
+    assert_eq!(empty, "t.toml:3: the DBC file has no signal Power.Main, nor any other");
+    let absent = Table::parse("t.toml", mapped, None).unwrap_err().to_string();
+    assert!(absent.contains("there is none (attribute dbc)"), "{absent}");
     let no_dbc = Table::parse(
         "t",
         "[port.a]\nmessage = \"Custom\"\nfields = { main_v = { signal = \"A.B\" } }\n",

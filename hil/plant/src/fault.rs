@@ -167,7 +167,10 @@ const KINDS: [Kind; 20] = [
     valued("throttle_stuck", "a share from 0 to 1, such as 40% (without: where it is)", |v| {
         stuck(v, Actuator::Throttle)
     }),
-    Kind { ends: true, ..valued("gust", "m/s and where from, such as 8,270", gust) },
+    Kind {
+        ends: true,
+        ..valued("gust", "m/s up to 30 and degrees where from, -360 to 360, such as 8,270", gust)
+    },
     Kind {
         ends: true,
         ..valued("updraft", "m/s up to 20, such as -5", |v| within(v, -20.0, 20.0, Fault::Updraft))
@@ -252,7 +255,12 @@ impl FromStr for PlannedFault {
         if kind.value.is_empty() && value.is_some() {
             return Err(FaultError(format!("`{name}` takes no value: write {name}@100..130")));
         }
-        let wrong = || FaultError(format!("`{name}` needs a value: {}", kind.value));
+        let wrong = || {
+            FaultError(match value {
+                Some(value) => format!("`{name}` can not be `{value}`; it takes {}", kind.value),
+                None => format!("`{name}` needs a value: {}", kind.value),
+            })
+        };
         let fault = (kind.read)(value).ok_or_else(wrong)?;
         let (from_s, to_s) = times(when).ok_or_else(|| {
             FaultError(format!("`{text}` has no sensible time: write {what}@100 or {what}@100..130, seconds"))
@@ -404,6 +412,8 @@ mod tests {
         assert!(refused("frames_lost=3").contains("1/50"));
         assert!(refused("throttle_stuck=-0.5").contains("from 0 to 1"));
         assert!(refused("gust=8@1..2").contains("8,270"));
+        let strong = refused("gust=300,0@60..63");
+        assert!(strong.contains("can not be `300,0`") && strong.contains("up to 30"), "{strong}");
         for wrong in ["gps_lost@", "gps_lost@5..3", "gps_lost@-1", "gps_lost@nan", "gps_lost@1..inf"] {
             assert!(refused(wrong).contains("@100..130"), "{wrong}: {}", refused(wrong));
         }

@@ -29,7 +29,7 @@ pub struct Trim {
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum TrimError {
     /// Newton's method did not come to rest.
-    #[error("no trim found at {airspeed_mps} m/s: an acceleration of {residual} (m/s², rad/s²) remains")]
+    #[error("no trim found at {airspeed_mps} m/s: an acceleration of {residual:.3e} (m/s², rad/s²) remains")]
     NotFound {
         /// Airspeed asked for, m/s.
         airspeed_mps: f64,
@@ -37,7 +37,7 @@ pub enum TrimError {
         residual: f64,
     },
     /// A control would have to go beyond its stop.
-    #[error("trim at {airspeed_mps} m/s needs {control} at {value}, beyond its limit")]
+    #[error("trim at {airspeed_mps} m/s needs {control} at {}, beyond its limit of {}", reach(control, *value), reach(control, *limit))]
     OutOfReach {
         /// Airspeed asked for, m/s.
         airspeed_mps: f64,
@@ -45,6 +45,8 @@ pub enum TrimError {
         control: &'static str,
         /// The value it would need, rad or 1.
         value: f64,
+        /// The stop that it would have to go beyond, rad or 1.
+        limit: f64,
     },
 }
 
@@ -138,11 +140,20 @@ impl Problem<'_> {
             ("the throttle", c.throttle, 0.0, 1.0),
         ];
         match reach.into_iter().find(|(_, value, low, high)| !(*low..=*high).contains(value)) {
-            Some((control, value, ..)) => {
-                Err(TrimError::OutOfReach { airspeed_mps: self.airspeed_mps, control, value })
+            Some((control, value, low, high)) => {
+                let limit = if value < low { low } else { high };
+                Err(TrimError::OutOfReach { airspeed_mps: self.airspeed_mps, control, value, limit })
             }
             None => Ok(trim),
         }
+    }
+}
+
+/// A control for people: surfaces in degrees, the throttle in per cent.
+fn reach(control: &str, value: f64) -> String {
+    match control {
+        "the throttle" => format!("{:.0} %", 100.0 * value),
+        _ => format!("{:.1}°", value.to_degrees()),
     }
 }
 

@@ -25,6 +25,6 @@ pub use counters::Counters;
 pub use flight::{Flight, STEP_NS, STEPS_PER_CYCLE, Sample};
 pub use options::{AirframeChoiceError, DEFAULT_PORT, Options, airframe};
 pub use outside::{Outside, OutsideError};
-pub use pilot::SafetyPilot;
+pub use pilot::{LEVEL_OFF_M, SafetyPilot};
 pub use server::{RunError, Server, StartError};
 pub use session::{Session, SessionError};

@@ -16,8 +16,8 @@ const LULL_MPS: f64 = 9.0;
 const PATIENCE_S: f64 = 30.0;
 /// Airspeed at which the nose is raised, m/s. Below it the wing of either aircraft carries too little.
 pub(crate) const ROTATE_MPS: f64 = 16.0;
-/// Height above which the pilot stops climbing, m: above any height at which the ground engages the autopilot.
-pub(crate) const LEVEL_OFF_M: f64 = 120.0;
+/// Height above which the pilot stops climbing, m: the ground has to engage the autopilot lower than that.
+pub const LEVEL_OFF_M: f64 = 120.0;
 /// Height at which the pilot then stays, m.
 const LEVEL_M: f64 = 130.0;
 /// The pilot never settles lower than this after the autopilot has let go, m.

@@ -128,9 +128,13 @@ fn limits(out: &mut String, facts: &Facts) -> std::fmt::Result {
     writeln!(out, "  roll rate       {:.0}°/s at full aileron", l.roll_rate_degps)?;
     for (index, corner) in l.corners.iter().enumerate() {
         let what = if index == 0 { "corners" } else { "" };
+        let wide = match corner.bank_deg > l.bank_asked_deg {
+            true => ", which is not asked for: flown wider",
+            false => "",
+        };
         writeln!(
             out,
-            "  {what:15} {:.0} m with {} m/s of wind, {:.0}° of bank with it behind",
+            "  {what:15} {:.0} m with {} m/s of wind, {:.0}° of bank with it behind{wide}",
             corner.radius_m, corner.wind_mps, corner.bank_deg
         )?;
     }

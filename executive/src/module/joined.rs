@@ -19,6 +19,8 @@ pub const LINKS_FILE: &str = "links.json";
 
 /// The plan as the module runs it. Leaves the relay's table and keys in `options`.
 pub(super) fn prepare(plan: Plan, options: &mut Options) -> Result<Plan, RunError> {
+    let known = plan.modules.iter().flat_map(|module| &module.addresses).map(|address| address.socket);
+    check_addresses(&known.collect::<Vec<_>>(), &options.addresses)?;
     let Some(view) = plan.module(&options.module) else { return Ok(plan) };
     let (Some(relay), table) = (plan.relay_of(view.id()), table(&view)?) else { return Ok(plan) };
     let Some(mut table) = table else { return Ok(plan) };
@@ -79,6 +81,18 @@ fn read_keys(view: &ModuleView<'_>, options: &Options) -> Result<Vec<Key>, RunEr
     plan.links_of(view.id()).map(|id| key(&plan[id])).collect()
 }
 
+/// One that stands nowhere in the plan is a slip of the pen, and the address that was meant would stay in use.
+fn check_addresses(known: &[SocketAddr], others: &BTreeMap<SocketAddr, SocketAddr>) -> Result<(), RunError> {
+    match others.keys().find(|planned| !known.contains(planned)) {
+        None => Ok(()),
+        Some(address) => {
+            let list: Vec<String> = known.iter().map(ToString::to_string).collect();
+            let known = if list.is_empty() { "none".to_owned() } else { list.join(", ") };
+            Err(RunError::NoAddress { address: *address, known })
+        }
+    }
+}
+
 /// Other addresses in place of the plan's: for links that are modelled on one machine.
 fn redirect(table: &mut RelayTable, addresses: &BTreeMap<SocketAddr, SocketAddr>) {
     let paths = table.links.iter_mut().flat_map(|link| &mut link.paths);
@@ -86,5 +100,22 @@ fn redirect(table: &mut RelayTable, addresses: &BTreeMap<SocketAddr, SocketAddr>
         if let Some(other) = addresses.get(address) {
             *address = *other;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn address_that_stands_nowhere_in_the_plan_is_refused_with_those_that_do() {
+        let known = ["10.77.0.1:15300", "10.77.0.2:15300"].map(|text| text.parse().unwrap());
+        let others =
+            |planned: &str| BTreeMap::from([(planned.parse().unwrap(), "127.0.0.1:15300".parse().unwrap())]);
+        assert!(check_addresses(&known, &others("10.77.0.2:15300")).is_ok());
+        let error = check_addresses(&known, &others("1.2.3.4:5")).unwrap_err().to_string();
+        assert!(error.contains("1.2.3.4:5") && error.contains("10.77.0.1:15300, 10.77.0.2"), "{error}");
+        let error = check_addresses(&[], &others("1.2.3.4:5")).unwrap_err().to_string();
+        assert!(error.contains("it has none"), "{error}");
     }
 }

@@ -118,6 +118,14 @@ pub enum RunError {
         /// What there is.
         known: String,
     },
+    /// An address to replace that is not in the plan.
+    #[error("--address {address}=…: the plan has no such address; it has {known}")]
+    NoAddress {
+        /// What was to be replaced.
+        address: SocketAddr,
+        /// What there is.
+        known: String,
+    },
     /// The key of a link.
     #[error(
         "the key of link {link}: {error} (`bateleur key FILE` makes one; the host at the other end needs the same file)"

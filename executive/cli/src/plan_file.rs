@@ -1,6 +1,6 @@
 //! Reading a schedule file from the disk with the message types of this build.
 
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Read};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
@@ -53,6 +53,20 @@ impl Keys for KeyFiles {
     }
 }
 
+/// Longest text that a person is taken to have written, bytes.
+const MOST_BYTES: u64 = 8 << 20;
+
+/// What a person wrote into `path`; a file that never ends, or an endless device, is refused before memory is.
+pub(crate) fn read_bounded(path: &Path) -> std::io::Result<String> {
+    let mut text = String::new();
+    // One more shows that there is more.
+    std::fs::File::open(path)?.take(MOST_BYTES + 1).read_to_string(&mut text)?;
+    match text.len() as u64 > MOST_BYTES {
+        true => Err(std::io::Error::other("it is longer than 8 MiB")),
+        false => Ok(text),
+    }
+}
+
 /// The plan in `path` with its warnings, or all that is wrong with it; programs are looked for where a folder is given,
 /// and the files with keys where that is wanted.
 pub(crate) fn read_among(
@@ -60,7 +74,7 @@ pub(crate) fn read_among(
     programs: Option<&Path>,
     keys: bool,
 ) -> Result<Result<(Plan, Report), Report>> {
-    let text = std::fs::read_to_string(path)
+    let text = read_bounded(path)
         .with_context(|| format!("cannot read {} (name another file with --schedule)", path.display()))?;
     let schedule = path.parent().map(Path::to_owned).unwrap_or_default();
     let key_files = keys.then(|| KeyFiles(schedule.clone()));
@@ -106,5 +120,16 @@ fn read_or_print(path: &Path) -> Result<Option<(Plan, Report)>> {
             eprint!("{}", report.render(std::io::stderr().is_terminal()));
             Ok(None)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn file_that_never_ends_is_refused_before_memory_is() {
+        let error = read_bounded(Path::new("/dev/zero")).unwrap_err().to_string();
+        assert!(error.contains("longer than 8 MiB"), "{error}");
     }
 }

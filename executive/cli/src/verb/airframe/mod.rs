@@ -7,12 +7,14 @@ mod facts;
 mod text;
 
 use std::io::IsTerminal;
+use std::path::Path;
 
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 use anyhow::{Context, Result};
 use bateleur_plant::airframe_file::{self, Flaw};
 
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
+use crate::plan_file;
 use facts::{Facts, Point};
 
 /// Say what follows from an airframe file: trim, modes, gains and limits.
@@ -72,7 +74,7 @@ fn text_of(name: &str) -> Result<String> {
     let built_in = bateleur_flight::airframe::built_in(name);
     match built_in {
         Some(text) => Ok(text.to_owned()),
-        None => std::fs::read_to_string(name).with_context(|| {
+        None => plan_file::read_bounded(Path::new(name)).with_context(|| {
             format!(
                 "cannot read {name}: name an airframe file, or one of the built-in aerosonde and rascal110"
             )

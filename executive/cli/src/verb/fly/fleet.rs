@@ -97,6 +97,12 @@ impl Fleet {
         events
     }
 
+    /// Names of the links between the hosts.
+    pub(super) fn links(&self) -> Vec<String> {
+        let links = self.joined.iter().flat_map(|joined| &joined.plan.links);
+        links.map(|link| link.name.clone()).collect()
+    }
+
     /// Whether nobody flies any more: the main one has ended.
     pub(super) fn has_ended(&mut self) -> bool {
         self.main.ended().is_some()

@@ -54,7 +54,7 @@ pub(super) fn fly(
     fleet: Fleet,
     stop: Arc<AtomicBool>,
 ) -> Result<Option<Flown>> {
-    let pilot = FieldPilot::of(&simulator)?;
+    let (pilot, links) = (FieldPilot::of(&simulator)?, fleet.links());
     let mut flight = Flight {
         mission: Mission::new(plan),
         simulator,
@@ -67,7 +67,7 @@ pub(super) fn fly(
         report_ns: if arguments.fast { FAST_REPORT_NS } else { REPORT_NS },
         reported_ns: 0,
         latest: None,
-        standing: Standing::default(),
+        standing: Standing::new(links),
         failure: None,
         simulator_lost_ns: None,
         simulator_silent: None,

@@ -32,7 +32,7 @@ use bateleur_report::chains::ChainBound;
 use bateleur_report::hosts as report_hosts;
 use bateleur_report::run::{Clock, FILE, Guarantee, Mission as MissionResult, Run};
 use bateleur_report::{Inputs, Summary};
-use bateleur_simulator::Outside;
+use bateleur_simulator::{LEVEL_OFF_M, Outside};
 
 use super::air::{direction, seed, wind};
 use super::faults::Faults;
@@ -275,7 +275,17 @@ pub(crate) fn partition_running(plan: &Plan, name: &str) -> Result<String> {
 
 pub(crate) fn read_mission(arguments: &Arguments, plan: &Plan) -> Result<MissionPlan> {
     if let Some(path) = &arguments.mission {
-        return Ok(MissionPlan::from_file(path)?);
+        let mission = MissionPlan::from_file(path)?;
+        let our_pilot = !arguments.no_simulator && !mission.own_take_off;
+        if our_pilot && mission.engage_altitude_m > LEVEL_OFF_M {
+            bail!(
+                "{}: engage_altitude_m is {}, and the safety pilot climbs to {LEVEL_OFF_M} m only: give less, or \
+                 take_off = \"autopilot\"",
+                path.display(),
+                mission.engage_altitude_m
+            );
+        }
+        return Ok(mission);
     }
     let laps = attribute(plan, "controller", "laps").and_then(|laps| match laps {
         Attribute::Integer(laps @ 1..=1000) => Some(*laps as u32),
@@ -389,6 +399,7 @@ fn not_reached(arguments: &Arguments, module_time_s: f64) -> Vec<String> {
     let mut notes = arguments.faults.not_reached(module_time_s);
     notes.extend(arguments.outside.not_reached(module_time_s));
     notes.extend(arguments.can.not_reached(module_time_s));
+    notes.extend(arguments.hosts.not_reached(module_time_s));
     notes
 }
 

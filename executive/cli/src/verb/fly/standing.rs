@@ -1,4 +1,4 @@
-//! Which partitions are down, for the sentence that says why a flight failed.
+//! Which partitions and links are down, for the sentence that says why a flight failed.
 
 use std::collections::BTreeMap;
 
@@ -11,11 +11,20 @@ pub(super) struct Standing {
     restarted: Vec<String>,
     /// Those that are down now, and why.
     down: BTreeMap<String, String>,
+    /// Links that are down now, and what is to be said of them.
+    links: BTreeMap<String, String>,
 }
 
 impl Standing {
+    /// With links of which none has been up.
+    pub(super) fn new(links: Vec<String>) -> Self {
+        let never = |name: String| (name.clone(), format!("link {name} was never up"));
+        Self { links: links.into_iter().map(never).collect(), ..Self::default() }
+    }
+
     /// Follows an event.
     pub(super) fn take(&mut self, event: &Event) {
+        self.follow_link(event);
         match event {
             Event::Fault { partition, error, action, .. } if action.ends_with("restart") => {
                 self.restarted.push(partition.clone());
@@ -35,9 +44,22 @@ impl Standing {
         }
     }
 
-    /// `failure`, and the partitions that were down then.
+    /// A relay tells in its own words when a link comes and goes: "link NAME: up, …", "link NAME: down, …".
+    fn follow_link(&mut self, event: &Event) {
+        let (Event::Message { text, .. } | Event::Fault { detail: text, .. }) = event else { return };
+        let Some((name, what)) = text.strip_prefix("link ").and_then(|rest| rest.split_once(": ")) else {
+            return;
+        };
+        if what.starts_with("up, ") {
+            self.links.remove(name);
+        } else if what.starts_with("down, ") {
+            self.links.insert(name.to_owned(), format!("link {name} was {what}"));
+        }
+    }
+
+    /// `failure`, and the partitions and links that were down then.
     pub(super) fn explain(&self, failure: String) -> String {
-        let down: Vec<&str> = self.down.values().map(String::as_str).collect();
+        let down: Vec<&str> = self.down.values().chain(self.links.values()).map(String::as_str).collect();
         if down.is_empty() { failure } else { format!("{failure} ({})", down.join("; ")) }
     }
 }
@@ -69,6 +91,27 @@ mod tests {
         assert_eq!(explained(&events), "it failed (estimator is idle: no restarts left)");
         assert_eq!(explained(&events[..2]), "it failed");
         assert_eq!(explained(&events[..1]), "it failed (estimator had not come back from killed)");
+    }
+
+    #[test]
+    fn link_that_was_never_up_or_went_down_is_named_and_one_that_came_back_is_not() {
+        let says =
+            |text: &str| Event::Message { time_s: 1.0, partition: "relay_fcu".into(), text: text.into() };
+        let (up, down) = (says("link nav: up, nav is there"), {
+            let detail = "link nav: down, nav is not heard".into();
+            let (partition, error) = ("relay_fcu".into(), "application_error".into());
+            Event::Fault { time_s: 2.0, partition, error, action: "ignore".into(), detail }
+        });
+        let explained = |events: &[Event]| {
+            let mut standing = Standing::new(vec!["nav".into()]);
+            events.iter().for_each(|event| standing.take(event));
+            standing.explain("it failed".into())
+        };
+        assert_eq!(explained(&[]), "it failed (link nav was never up)");
+        assert_eq!(explained(std::slice::from_ref(&up)), "it failed");
+        let expected = "it failed (link nav was down, nav is not heard)";
+        assert_eq!(explained(&[up.clone(), down.clone()]), expected);
+        assert_eq!(explained(&[up.clone(), down, up]), "it failed");
     }
 
     #[test]

@@ -44,6 +44,19 @@ pub(crate) struct Options {
     pub(crate) kill_host: Vec<Death>,
 }
 
+impl Options {
+    /// A line for each that was planned for later than the flight's end.
+    pub(super) fn not_reached(&self, module_time_s: f64) -> Vec<String> {
+        let cuts = self.cut.iter().map(|cut| (format!("--cut {}@{}", cut.network, cut.from_s), cut.from_s));
+        let deaths = self
+            .kill_host
+            .iter()
+            .map(|death| (format!("--kill-host {}@{}", death.module, death.at_s), death.at_s));
+        let late = cuts.chain(deaths).filter(|(_, at_s)| *at_s > module_time_s);
+        late.map(|(what, _)| format!("{what} was not reached: it ended at {module_time_s:.2} s")).collect()
+    }
+}
+
 /// What is the same for all hosts of a flight.
 pub(super) struct Hosts {
     /// The modules, in the order of the plan.
@@ -237,6 +250,16 @@ fn missing_keys(arguments: &Arguments, plan: &Plan, folder: &Path) -> Result<BTr
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn cut_and_death_whose_time_did_not_come_are_told() {
+        let cut = ["a@10-20", "a@300-310"].map(|text| model::parse_cut(text).unwrap()).to_vec();
+        let kill_host = ["nav@100-110", "nav@9999"].map(|text| model::parse_kill(text).unwrap()).to_vec();
+        let options = Options { cut, kill_host, ..Options::default() };
+        let expected = ["--cut a@300", "--kill-host nav@9999"]
+            .map(|what| format!("{what} was not reached: it ended at 205.10 s"));
+        assert_eq!(options.not_reached(205.1), expected);
+    }
 
     #[test]
     fn every_address_of_a_plan_has_its_own_on_loopback() {

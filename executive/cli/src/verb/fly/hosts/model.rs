@@ -1,5 +1,7 @@
 //! What a modelled network does, as the command line says it.
 
+use std::collections::BTreeSet;
+
 use anyhow::{Result, bail};
 use bateleur_contract::relay::{CutTable, LinkModelTable};
 use bateleur_executive::plan::units;
@@ -37,9 +39,13 @@ pub(crate) struct Death {
 
 pub(crate) fn parse(text: &str) -> Result<LinkModel, String> {
     let mut model = LinkModel { table: LinkModelTable::default(), seed: None };
+    let mut said = BTreeSet::new();
     for word in text.split(',') {
         let (key, value) =
             word.split_once('=').ok_or_else(|| format!("\"{word}\" is not KEY=VALUE, such as loss=0.05"))?;
+        if !said.insert(key.trim()) {
+            return Err(format!("{} is said twice: say it once", key.trim()));
+        }
         set(&mut model, key.trim(), value.trim()).map_err(|why| format!("{key}={value}: {why}"))?;
     }
     if model.table.reorder > 0.0 && model.table.reorder_ns == 0 {
@@ -64,7 +70,15 @@ fn set(model: &mut LinkModel, key: &str, value: &str) -> Result<(), String> {
         "duplicate" => table.duplicate = share()?,
         "reorder" => table.reorder = share()?,
         "reorder_by" => table.reorder_ns = time()?,
-        "bandwidth" => table.rate_bps = units::rate_bits_per_s(value).map_err(|error| error.to_string())?,
+        "bandwidth" => {
+            table.rate_bps = units::rate_bits_per_s(value).map_err(|error| error.to_string())?;
+            // The model takes it for "as quick as can be".
+            if table.rate_bps == 0 {
+                return Err(
+                    "nothing would pass: loss=1 says that; without a bandwidth there is no limit".to_owned()
+                );
+            }
+        }
         "seed" => model.seed = Some(value.parse().map_err(|_| "it is no whole number".to_owned())?),
         _ => {
             return Err(
@@ -145,6 +159,8 @@ mod tests {
             ("los=0.1", "there is delay"),
             ("loss", "KEY=VALUE"),
             ("reorder=0.1", "reorder_by"),
+            ("bandwidth=0bit/s", "nothing would pass"),
+            ("loss=0.1, loss=0.9", "loss is said twice"),
         ] {
             let error = parse(text).unwrap_err();
             assert!(error.contains(why), "{text}: {error}");

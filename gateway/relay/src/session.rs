@@ -4,7 +4,17 @@
 //! a challenge which was drawn for this purpose alone and never before. So a recorded datagram proves nothing, whichever of the
 //! two ends was restarted since, and neither a clock nor memory that survives is needed: see the decision on restarts.
 //!
+//! Whoever is not proven may be the peer's new life or a recording of an old one, and nobody can tell before an answer has come
+//! back. So all that were heard lately are answered, one by chance with each datagram: a recording that is said again and
+//! again can delay a meeting, and not prevent it.
+//!
 //! It must never go back to a life that it has left, and never keep a challenge that was answered.
+
+use std::collections::VecDeque;
+
+/// Lives that are not proven of which a challenge is kept, most: as many as a window takes datagrams, so that none of them drives
+/// out the peer's.
+const STRANGERS: usize = 64;
 
 /// Draws numbers that nobody can foresee: each is a keyed hash of how many were drawn before.
 pub(crate) struct Draw {
@@ -55,8 +65,12 @@ pub(crate) struct Session {
     own: u64,
     challenge: u64,
     peer: Option<u64>,
-    /// The challenge to answer next.
+    /// The challenge of the proven life; 0: there is none yet.
     answer: u64,
+    /// Challenges of lives that are not proven, the oldest first.
+    strangers: VecDeque<u64>,
+    /// One of them is answered next.
+    their_turn: bool,
     /// The peer takes what this life sends.
     adopted: bool,
     /// Nothing comes from the peer any more.
@@ -67,18 +81,51 @@ pub(crate) struct Session {
 impl Session {
     pub(crate) fn new(mut draw: Draw) -> Self {
         let (own, challenge) = (draw.next(), draw.next());
-        Self { own, challenge, peer: None, answer: 0, adopted: false, deaf: false, draw }
+        Self {
+            own,
+            challenge,
+            peer: None,
+            answer: 0,
+            strangers: VecDeque::new(),
+            their_turn: false,
+            adopted: false,
+            deaf: false,
+            draw,
+        }
     }
 
     /// What the next datagram says.
-    pub(crate) fn claim(&self) -> Claim {
+    pub(crate) fn claim(&mut self) -> Claim {
         Claim {
             session: self.own,
             // Who hears nothing says so: else the other end would take a way that works in one direction for a link.
             to_session: self.peer.filter(|_| !self.deaf).unwrap_or(0),
             challenge: self.challenge,
-            answer: self.answer,
+            answer: self.answer_next(),
         }
+    }
+
+    /// In turn the challenge of the proven life and one of the others.
+    fn answer_next(&mut self) -> u64 {
+        let theirs = std::mem::replace(&mut self.their_turn, true) || self.answer == 0;
+        if self.strangers.is_empty() || !theirs {
+            return self.answer;
+        }
+        self.their_turn = false;
+        let one = (self.draw.next() % self.strangers.len() as u64) as usize;
+        self.strangers[one]
+    }
+
+    /// The latest is the likeliest to be the peer: it is answered with the next datagram but for others that came with it.
+    fn add_stranger(&mut self, challenge: u64) {
+        if self.strangers.contains(&challenge) {
+            return;
+        }
+        if self.strangers.len() == STRANGERS {
+            self.strangers.pop_front();
+        }
+        self.strangers.push_back(challenge);
+        self.their_turn = true;
     }
 
     /// Takes the claim of an authentic datagram. `newest`: no later one of the peer's proven life has come.
@@ -91,12 +138,15 @@ impl Session {
         if verdict == Verdict::Born {
             self.peer = Some(claim.session);
             self.challenge = self.draw.next();
+            self.strangers.clear();
         }
         if verdict != Verdict::Unproven {
             self.deaf = false;
         }
-        if verdict != Verdict::Present || newest {
-            self.answer = claim.challenge; // so that it can prove this life, whatever has become of that one
+        match verdict {
+            Verdict::Unproven => self.add_stranger(claim.challenge),
+            Verdict::Present if !newest => {}
+            Verdict::Present | Verdict::Born => self.answer = claim.challenge, // so that it can prove this life
         }
         if verdict == Verdict::Born || verdict == Verdict::Present && newest {
             self.adopted = claim.to_session == self.own;
@@ -125,16 +175,16 @@ mod tests {
     }
 
     /// One sends and the other takes.
-    fn tell(from: &Session, to: &mut Session) -> Verdict {
+    fn tell(from: &mut Session, to: &mut Session) -> Verdict {
         to.meet(&from.claim(), true)
     }
 
     fn acquainted() -> (Session, Session) {
         let (mut a, mut b) = (session(1), session(2));
-        assert_eq!(tell(&a, &mut b), Verdict::Unproven);
-        assert_eq!(tell(&b, &mut a), Verdict::Born);
-        assert_eq!(tell(&a, &mut b), Verdict::Born);
-        assert_eq!(tell(&b, &mut a), Verdict::Present);
+        assert_eq!(tell(&mut a, &mut b), Verdict::Unproven);
+        assert_eq!(tell(&mut b, &mut a), Verdict::Born);
+        assert_eq!(tell(&mut a, &mut b), Verdict::Born);
+        assert_eq!(tell(&mut b, &mut a), Verdict::Present);
         (a, b)
     }
 
@@ -148,12 +198,12 @@ mod tests {
     fn one_that_hears_nothing_says_so_and_both_adopt_each_other_again() {
         let (mut a, mut b) = acquainted();
         b.silent();
-        assert_eq!(tell(&b, &mut a), Verdict::Present);
+        assert_eq!(tell(&mut b, &mut a), Verdict::Present);
         assert!(!a.is_adopted(), "what it sends comes nowhere");
         // The way from a to b is there again.
-        assert_eq!(tell(&a, &mut b), Verdict::Present);
+        assert_eq!(tell(&mut a, &mut b), Verdict::Present);
         assert!(b.is_adopted());
-        assert_eq!(tell(&b, &mut a), Verdict::Present);
+        assert_eq!(tell(&mut b, &mut a), Verdict::Present);
         assert!(a.is_adopted());
     }
 
@@ -166,28 +216,28 @@ mod tests {
             assert_eq!(b.meet(&recorded, true), Verdict::Unproven);
         }
         // The living one is met all the same.
-        tell(&b, &mut a);
+        tell(&mut b, &mut a);
         assert!(!a.is_adopted(), "what is sent to the old life would be refused by the new one");
-        assert_eq!(tell(&a, &mut b), Verdict::Born);
+        assert_eq!(tell(&mut a, &mut b), Verdict::Born);
         assert_eq!(b.meet(&recorded, false), Verdict::Present); // its own life: the window of numbers decides
     }
 
     #[test]
     fn a_life_that_was_left_is_not_gone_back_to() {
-        let (a, mut b) = acquainted();
+        let (mut a, mut b) = acquainted();
         let recorded = a.claim();
         let mut again = session(3);
-        assert_eq!(tell(&again, &mut b), Verdict::Unproven);
-        assert_eq!(tell(&b, &mut again), Verdict::Born);
-        assert_eq!(tell(&again, &mut b), Verdict::Born);
+        assert_eq!(tell(&mut again, &mut b), Verdict::Unproven);
+        assert_eq!(tell(&mut b, &mut again), Verdict::Born);
+        assert_eq!(tell(&mut again, &mut b), Verdict::Born);
         assert_eq!(b.meet(&recorded, true), Verdict::Unproven);
-        assert_eq!(tell(&again, &mut b), Verdict::Present);
+        assert_eq!(tell(&mut again, &mut b), Verdict::Present);
     }
 
     #[test]
     fn an_answer_proves_one_life_and_no_second() {
         let (mut a, mut b) = (session(1), session(2));
-        tell(&b, &mut a);
+        tell(&mut b, &mut a);
         let answer = a.claim();
         assert_eq!(b.meet(&answer, true), Verdict::Born);
         let forged = Claim { session: 77, ..answer };
@@ -197,10 +247,29 @@ mod tests {
     #[test]
     fn one_whose_peer_was_restarted_sends_it_nothing_before_it_is_adopted_anew() {
         let (mut a, _) = acquainted();
-        let b = session(5);
-        tell(&b, &mut a);
+        let mut b = session(5);
+        tell(&mut b, &mut a);
         a.silent(); // as when the old life is not heard any more
         assert!(!a.is_adopted());
-        assert_eq!(tell(&b, &mut a), Verdict::Unproven);
+        assert_eq!(tell(&mut b, &mut a), Verdict::Unproven);
+    }
+
+    #[test]
+    fn recordings_of_old_lives_that_are_said_again_and_again_keep_nobody_apart() {
+        for lives in [1_u8, 5, 40] {
+            let (mut a, _) = acquainted();
+            let recorded: Vec<Claim> = (0..lives).map(|life| session(100 + life).claim()).collect();
+            let mut b = session(9); // the peer was restarted
+            let mut windows = 0;
+            while !(a.is_adopted() && b.is_adopted() && a.peer == Some(b.own)) {
+                windows += 1;
+                assert!(windows < 2_000, "{lives} recorded lives");
+                tell(&mut b, &mut a);
+                for claim in &recorded {
+                    a.meet(claim, false);
+                }
+                tell(&mut a, &mut b);
+            }
+        }
     }
 }

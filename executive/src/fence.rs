@@ -237,6 +237,7 @@ impl Fence {
         self.used_ns.store(NOT_NOTED, Relaxed);
         self.core.store(0, Relaxed);
         self.frozen.store(false, Relaxed);
+        let _ = self.take_escapes(); // its predecessor's
         // Whatever the flag said: a dispatcher may be freezing right now (it looks again afterwards).
         self.grip.thaw();
     }
@@ -540,6 +541,16 @@ mod tests {
         fake.world().used_ns += 1_000_000; // in its window
         fence.give_way(10);
         fence.let_go(10);
+        assert_eq!(fence.take_escapes(), Escapes::default());
+    }
+
+    #[test]
+    fn what_a_predecessor_did_outside_its_windows_is_not_held_against_its_successor() {
+        let (fake, fence) = in_window(1);
+        fence.give_way(10);
+        fake.world().used_ns += STRAY_NS + 1;
+        fence.let_go(10);
+        fence.reset();
         assert_eq!(fence.take_escapes(), Escapes::default());
     }
 

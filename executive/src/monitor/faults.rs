@@ -55,10 +55,11 @@ impl Monitor {
         self.decided(place, error.name(), decision, detail, situation.alive, module_ns);
     }
 
-    /// Whether a partition may raise this again and again, because nothing is done that ends it.
+    /// Whether this may come again and again, because nothing is done that ends it.
     fn goes_on_after(&self, error: PartitionError, decision: Decision) -> bool {
         let ignored = || self.plan.health.module.action(ModuleError::PartitionError) == ModuleAction::Ignore;
-        matches!(error, PartitionError::ApplicationError | PartitionError::PortError)
+        use PartitionError::{ApplicationError, DeadlineMissed, PortError, WindowOverrun};
+        matches!(error, ApplicationError | PortError | WindowOverrun | DeadlineMissed)
             && match decision {
                 Decision::Ignore | Decision::Handler => true,
                 Decision::Module => ignored(),

@@ -73,8 +73,6 @@ pub(super) struct Watched {
     pub(super) reports_seen: u32,
     /// Granted windows in a row that were not closed.
     pub(super) unclosed: u32,
-    pub(super) overrun_told_ns: Option<u64>,
-    pub(super) deadline_told_ns: Option<u64>,
     /// Processes that the kernel had ended for want of memory, at the last look.
     pub(super) starved: u64,
     /// Errors that leave it running, and come again and again.
@@ -115,8 +113,6 @@ impl Watched {
             fault: None,
             reports_seen: 0,
             unclosed: 0,
-            overrun_told_ns: None,
-            deadline_told_ns: None,
             starved: 0,
             repeats: Repeats::default(),
             messages: Allowance::default(),

@@ -13,9 +13,6 @@ use crate::monitor::watched::{Life, is_own};
 use crate::plan::PartitionError;
 use crate::slot::Slot;
 
-/// Between two health entries about the overruns of one partition, module time: each is counted, not each is told.
-const OVERRUN_SILENCE_NS: u64 = 1_000_000_000;
-
 impl Monitor {
     pub(super) fn take_records(&mut self, module_ns: u64) {
         while let Some(record) = (self.take_record)() {
@@ -80,23 +77,14 @@ impl Monitor {
             return self.fault(place, PartitionError::Silence, detail, module_ns);
         }
         let minor = record.occurrence.minor_frames;
-        self.report_overrun(place, format!("not done at the end of its window in frame {minor}"), module_ns);
-    }
-
-    /// A health error, but not more than one a second.
-    fn report_overrun(&mut self, place: usize, detail: String, module_ns: u64) {
-        let watched = &mut self.watched[place];
-        let told = watched.overrun_told_ns.is_some_and(|told| module_ns < told + OVERRUN_SILENCE_NS);
-        if !told {
-            watched.overrun_told_ns = Some(module_ns);
-            self.fault(place, PartitionError::WindowOverrun, detail, module_ns);
-        }
+        let detail = format!("not done at the end of its window in frame {minor}");
+        self.fault(place, PartitionError::WindowOverrun, detail, module_ns);
     }
 
     /// A partition has closed its window within its time capacity, or it has missed its deadline. On the virtual clock
     /// computing takes no module time: there a deadline is missed only by a window that is not closed at all.
     fn judge_deadline(&mut self, place: usize, record: &WindowRecord, module_ns: u64) {
-        let watched = &mut self.watched[place];
+        let watched = &self.watched[place];
         let Some(capacity_ns) = self.plan[watched.cage.id].deadline_ns else { return };
         let occurrence = &record.occurrence;
         let deadline_ns = occurrence.start_ns + capacity_ns;
@@ -105,11 +93,9 @@ impl Monitor {
             (closed_ns, _) => closed_ns.is_some(),
         };
         // The dispatcher's own delay is not the partition's.
-        let told = watched.deadline_told_ns.is_some_and(|told| module_ns < told + OVERRUN_SILENCE_NS);
-        if in_time || told || occurrence.late_ns >= capacity_ns || watched.held || !watched.runs() {
+        if in_time || occurrence.late_ns >= capacity_ns || watched.held || !watched.runs() {
             return;
         }
-        watched.deadline_told_ns = Some(module_ns);
         let what = match record.closed_ns {
             Some(closed_ns) => format!("{} us after its deadline", (closed_ns - deadline_ns) / 1_000),
             None => "not at all".into(),
@@ -152,6 +138,6 @@ impl Monitor {
             ),
             _ => format!("ran on after its window's end, {ran_on} times, until it lost its priority"),
         };
-        self.report_overrun(place, detail, module_ns);
+        self.fault(place, PartitionError::WindowOverrun, detail, module_ns);
     }
 }

@@ -148,31 +148,40 @@ const WAITING: usize = 4096;
 const LAST_LINES: Duration = Duration::from_secs(1);
 
 /// Where events go. A reader that is gone or does not read costs nothing: a thread of its own writes the lines.
+#[derive(Default)]
 pub struct Events {
     lines: Option<SyncSender<Vec<u8>>>,
     written: Option<Receiver<()>>,
     dropped: u64,
+    logs_lost: bool,
 }
 
 impl Events {
     /// To `sink`, or nowhere.
     #[must_use]
     pub fn new(sink: Option<Box<dyn Write + Send>>) -> Self {
-        let Some(sink) = sink else { return Self { lines: None, written: None, dropped: 0 } };
+        let Some(sink) = sink else { return Self::default() };
         let (lines, waiting) = sync_channel(WAITING);
         let (done, written) = sync_channel(1);
         std::thread::spawn(move || {
             write_lines(&waiting, sink);
             let _ = done.send(()); // nobody waits any more
         });
-        Self { lines: Some(lines), written: Some(written), dropped: 0 }
+        Self { lines: Some(lines), written: Some(written), ..Self::default() }
     }
 
     /// Tells one.
     pub fn tell(&mut self, event: &Event) {
+        self.logs_lost |= matches!(event, Event::LogLost { .. });
         let (Some(lines), Ok(mut line)) = (&self.lines, serde_json::to_vec(event)) else { return };
         line.push(b'\n');
         self.dropped += u64::from(lines.try_send(line).is_err());
+    }
+
+    /// Whether it was told of a log that can not be written, whoever listened.
+    #[must_use]
+    pub fn has_told_lost_log(&self) -> bool {
+        self.logs_lost
     }
 
     /// Waits a little until what was told has been written; gives the number of events that were dropped.
@@ -208,6 +217,16 @@ mod tests {
         fn flush(&mut self) -> std::io::Result<()> {
             Ok(())
         }
+    }
+
+    #[test]
+    fn a_log_that_was_lost_is_remembered_also_where_nobody_listens() {
+        let mut events = Events::new(None);
+        events.tell(&Event::Ready { partitions: 1 });
+        assert!(!events.has_told_lost_log());
+        events.tell(&Event::LogLost { time_s: 1.0, log: "windows.csv".into(), reason: "full".into() });
+        events.tell(&Event::Ready { partitions: 1 });
+        assert!(events.has_told_lost_log());
     }
 
     #[test]

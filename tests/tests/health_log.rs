@@ -53,7 +53,7 @@ impl Drop for Disk {
 }
 
 #[test]
-fn full_disk_is_said_once_for_each_log_and_the_module_goes_on() {
+fn full_disk_is_said_once_for_each_log_and_the_module_goes_on_and_its_exit_code_says_so() {
     if !rustix::process::geteuid().is_root() {
         eprintln!("not tried: only root can mount a small disk");
         return;
@@ -69,7 +69,7 @@ fn full_disk_is_said_once_for_each_log_and_the_module_goes_on() {
     let output = small.join("out");
     let mut arguments = vec!["run", "--fast", "--until", "60", "--schedule", &schedule];
     arguments.extend(["--output", output.to_str().unwrap(), "--kill", "first@50"]);
-    let ended = bateleur(&arguments).end().expect_code(0);
+    let ended = bateleur(&arguments).end().expect_code(1);
     drop(disk);
     let said = &ended.stderr;
     for log in ["windows.csv", "health.jsonl"] {

@@ -345,7 +345,7 @@ fn partition_whose_log_has_lost_its_folder_comes_back_without_a_log_and_that_is_
     let mut run = bateleur(&[&run[..], &kills].concat());
     run.await_words("1 partitions are ready");
     std::fs::remove_dir_all(run.folder().join("partitions")).unwrap();
-    let ended = run.end().expect_code(0);
+    let ended = run.end().expect_code(1);
     assert_eq!(told(&ended), all(&[("killed", "cold_restart"), ("killed", "cold_restart")]));
     let is_back = |fault: &bateleur_tests::Fault| fault.action == "ignore" || fault.recovered_ns.is_some();
     assert!(ended.faults().iter().all(is_back), "{}", ended.stderr);

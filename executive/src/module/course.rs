@@ -158,8 +158,10 @@ impl Course {
 
     /// The run is over.
     pub(super) fn finish(mut self, ended: Ended, guarantees: Vec<Guarantee>) -> Outcome {
+        let mut logs_lost = false;
         if let Some(kept) = &mut self.kept {
             kept.close_logs(ended.module_ns);
+            logs_lost = kept.events.has_told_lost_log();
             let (totals, resets, unwritten_records) = (kept.totals(), kept.resets(), kept.unwritten());
             kept.events.tell(&Event::Stopped {
                 reason: ended.reason.clone(),
@@ -177,6 +179,7 @@ impl Course {
             });
             kept.events.finish();
         }
-        Outcome { reason: ended.reason, module_ns: ended.module_ns, faulty: ended.faulty, guarantees }
+        let Ended { reason, module_ns, faulty, .. } = ended;
+        Outcome { reason, module_ns, faulty, logs_lost, guarantees }
     }
 }

@@ -163,6 +163,8 @@ pub struct Outcome {
     pub module_ns: u64,
     /// An error of the module ended it.
     pub faulty: bool,
+    /// A log could not be written, or not to its end.
+    pub logs_lost: bool,
     /// What the machine gave.
     pub guarantees: Vec<Guarantee>,
 }

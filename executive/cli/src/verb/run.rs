@@ -2,7 +2,7 @@
 //!
 //! Says at its start what this machine can not promise; writes `windows.csv`, `health.jsonl` and the partitions'
 //! standard error into `--output`. Leaves nothing behind, however it ends. Exit codes: 0 it ran and was stopped,
-//! 1 an error of the module ended it, by the table `[health.module]`, 2 it could not run.
+//! 1 an error of the module ended it, by the table `[health.module]`, or a log could not be written, 2 it could not run.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -177,7 +177,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         let missed = arguments.faults.not_reached(outcome.module_ns as f64 / 1e9);
         missed.iter().for_each(|line| eprintln!("{line}"));
     }
-    Ok(if outcome.faulty { WRONG } else { FINE })
+    Ok(if outcome.faulty || outcome.logs_lost { WRONG } else { FINE })
 }
 
 /// The folder for logs, made where it is missing, and what keeps other runs out of it as long as it is kept.

@@ -40,6 +40,9 @@ pub struct Instance {
     /// Its groups of version 1.
     #[serde(default)]
     pub accounts: Vec<PathBuf>,
+    /// The processors that its dispatchers have; none on the virtual clock, and in the records of older versions.
+    #[serde(default)]
+    pub cores: Vec<u32>,
     /// Whether the record is locked while the process lives. Those of older versions are not: their process is looked for.
     #[serde(default)]
     pub locked: bool,
@@ -54,8 +57,8 @@ pub struct Alive(#[allow(dead_code)] File);
 const NAMES: usize = 16;
 
 impl Instance {
-    /// The run of `module` by this process. Makes its directory.
-    pub fn create(module: &str) -> io::Result<(Self, Alive)> {
+    /// The run of `module` by this process, whose dispatchers have `cores`. Makes its directory.
+    pub fn create(module: &str, cores: Vec<u32>) -> io::Result<(Self, Alive)> {
         let pid = std::process::id() as i32;
         let mut instance = Self {
             name: format!("{NAME}.{module}.{pid}"),
@@ -63,6 +66,7 @@ impl Instance {
             started_ticks: started_ticks(pid).unwrap_or(0),
             group: None,
             accounts: Vec::new(),
+            cores,
             locked: true,
         };
         instance.make_directory()?;
@@ -221,7 +225,7 @@ mod tests {
 
     #[test]
     fn a_living_run_is_left_alone_and_a_dead_one_is_removed() {
-        let (living, _alive) = Instance::create("instance_test").unwrap();
+        let (living, _alive) = Instance::create("instance_test", Vec::new()).unwrap();
         // A process number that can not exist stands for an executive that was killed.
         let dead = Instance {
             name: "bateleur.instance_test.dead".into(),
@@ -229,6 +233,7 @@ mod tests {
             started_ticks: 1,
             group: None,
             accounts: Vec::new(),
+            cores: Vec::new(),
             locked: true,
         };
         fs::create_dir(dead.directory()).unwrap();
@@ -254,7 +259,7 @@ mod tests {
 
     #[test]
     fn a_run_whose_process_can_not_be_seen_from_here_lives_as_long_as_its_lock_is_held() {
-        let (mut unseen, alive) = Instance::create("instance_unseen").unwrap();
+        let (mut unseen, alive) = Instance::create("instance_unseen", Vec::new()).unwrap();
         // As its own container numbers it: here there is no such process.
         unseen.pid = i32::MAX;
         unseen.set_groups(None, Vec::new()).unwrap();
@@ -266,7 +271,7 @@ mod tests {
 
     #[test]
     fn a_lock_is_kept_by_no_child_that_the_executive_starts() {
-        let (instance, alive) = Instance::create("instance_child").unwrap();
+        let (instance, alive) = Instance::create("instance_child", Vec::new()).unwrap();
         let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
         drop(alive);
         let living = is_taken_for_living(&instance);
@@ -278,7 +283,7 @@ mod tests {
 
     #[test]
     fn a_run_of_an_older_version_without_a_lock_lives_as_long_as_its_process() {
-        let (mut older, alive) = Instance::create("instance_older").unwrap();
+        let (mut older, alive) = Instance::create("instance_older", Vec::new()).unwrap();
         drop(alive);
         older.locked = false;
         older.record().unwrap();
@@ -291,8 +296,8 @@ mod tests {
 
     #[test]
     fn a_name_that_somebody_has_taken_before_keeps_no_module_from_starting() {
-        let (first, _one) = Instance::create("instance_taken").unwrap();
-        let (second, _other) = Instance::create("instance_taken").unwrap();
+        let (first, _one) = Instance::create("instance_taken", Vec::new()).unwrap();
+        let (second, _other) = Instance::create("instance_taken", Vec::new()).unwrap();
         let (name, module) = (second.name.clone(), second.module().to_owned());
         assert!(is_taken_for_living(&second));
         first.clean_up();
@@ -306,8 +311,9 @@ mod tests {
         let victim = tempfile::tempdir_in(SHARED_MEMORY).unwrap();
         let planted = Path::new(SHARED_MEMORY).join(format!("bateleur.planted.{}", std::process::id()));
         let name = victim.path().file_name().unwrap().to_string_lossy().into_owned();
-        let (group, accounts) = (None, Vec::new());
-        let instance = Instance { name, pid: i32::MAX, started_ticks: 1, group, accounts, locked: true };
+        let (group, accounts, cores) = (None, Vec::new(), Vec::new());
+        let instance =
+            Instance { name, pid: i32::MAX, started_ticks: 1, group, accounts, cores, locked: true };
         fs::create_dir(&planted).unwrap();
         fs::write(planted.join(RECORD), serde_json::to_vec(&instance).unwrap()).unwrap();
         assert_eq!(trusted_record(&planted, is_own), None);

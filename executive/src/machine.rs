@@ -9,6 +9,7 @@ use std::path::Path;
 use bateleur_contract::Clock;
 
 use crate::guarantee::Guarantees;
+use crate::instance::{self, Instance};
 use crate::partition::ended;
 use crate::plan::ModuleView;
 use crate::system::account::Accounts;
@@ -49,6 +50,7 @@ impl Machine {
         let mut guarantees = Guarantees::default();
         let user = (rustix::process::geteuid().is_root()).then_some(PARTITION_USER);
         let cores = map_cores(view.cores(), &sched::allowed_cores(), &mut guarantees);
+        neighbours(clock, &cores, &mut guarantees);
         let real_time = real_time(clock, &mut guarantees);
         let groups = groups(&mut guarantees);
         match user {
@@ -102,6 +104,32 @@ fn map_cores(planned: &[u32], allowed: &[u32], guarantees: &mut Guarantees) -> V
         ),
     }
     map
+}
+
+/// Other modules that live now. One that starts in the same instant is not among them: `bateleur ps` shows it.
+fn neighbours(clock: Clock, cores: &[(u32, u32)], guarantees: &mut Guarantees) {
+    const PROMISE: &str = "no other module has the partitioned cores";
+    if clock == Clock::Virtual {
+        return guarantees.held(PROMISE, "virtual clock: no dispatcher takes a processor");
+    }
+    let cores: Vec<u32> = cores.iter().map(|(_, real)| *real).collect();
+    match taken_by(&cores, &instance::living()) {
+        None => guarantees.held(PROMISE, "none that lives, as far as this user may see"),
+        Some(why) => guarantees.missing(PROMISE, why),
+    }
+}
+
+/// Whose dispatchers have one of `cores`, in words.
+fn taken_by(cores: &[u32], living: &[Instance]) -> Option<String> {
+    let others = living.iter().filter_map(|other| {
+        let core = other.cores.iter().find(|core| cores.contains(core))?;
+        // As root, the folder of any user.
+        let module = other.module().replace(char::is_control, "\u{fffd}");
+        Some(format!("processor {core} is that of module {module} (PID {}) too", other.pid))
+    });
+    let others: Vec<String> = others.collect();
+    let mend = "each takes the other's windows; end one, or give it other cores in its plan";
+    (!others.is_empty()).then(|| format!("{}: {mend}", others.join(", ")))
 }
 
 /// Said only where the plan grants a device by its path.
@@ -333,6 +361,23 @@ fn memory(filtered: bool, guarantees: &mut Guarantees) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_module_that_lives_on_the_same_processor_is_named_and_others_are_not() {
+        let on = |pid, cores: &[u32]| Instance {
+            name: format!("bateleur.fcu.{pid}"),
+            pid,
+            started_ticks: 1,
+            group: None,
+            accounts: Vec::new(),
+            cores: cores.to_vec(),
+            locked: true,
+        };
+        let living = [on(7, &[]), on(8, &[2]), on(9, &[1, 3])];
+        assert_eq!(taken_by(&[0], &living), None);
+        let why = taken_by(&[0, 3, 1], &living).unwrap();
+        assert!(why.starts_with("processor 1 is that of module fcu (PID 9) too: "), "{why}");
+    }
 
     #[test]
     fn a_granted_device_that_is_not_there_or_is_none_is_named_and_words_are_not_looked_for() {

@@ -35,6 +35,34 @@ fn status(module: &Started) -> Value {
     ask(module, &["ps", "--format", "json"]).expect_code(0).summary()["modules"][0].clone()
 }
 
+/// Both dispatchers are real-time at one priority, and neither knows of the other.
+#[test]
+fn second_module_on_a_processor_of_another_one_says_so_and_strict_doctor_and_ps_know() {
+    const PROMISE: &str = "no other module has the partitioned cores";
+    let _turn = alone();
+    let (first, folder) = module(30);
+    let named = format!("PID {}", first.pid());
+    let (second, _folder) = module(3);
+    let said = second.said();
+    let line = said.lines().find(|line| line.contains(PROMISE)).expect("it is missing");
+    assert!(line.starts_with("not on this machine") && line.contains(&named), "{line}");
+    let shown = ask(&first, &["ps", "--format", "json"]).expect_code(0).summary();
+    let pids = shown["shared_cores"][0]["pids"].as_array().expect("a processor of two");
+    assert!([&first, &second].iter().all(|module| pids.contains(&module.pid().into())), "{shown}");
+    second.end().expect_code(0);
+    let schedule = Sketch::new().partition("one", "counter", 1000, "").write(folder.path());
+    bateleur(&["run", "--schedule", &schedule, "--require", "strict"])
+        .end()
+        .expect_code(2)
+        .expect_words(&[PROMISE, &named]);
+    let examined = bateleur(&["doctor", "--schedule", &schedule, "--format", "json"]).end().expect_code(1);
+    let findings = examined.summary()["findings"].clone();
+    let lacks = |finding: &Value| finding["topic"] == PROMISE && finding["state"] == "lacks";
+    assert!(findings.as_array().unwrap().iter().any(lacks), "{findings}");
+    first.signal(rustix::process::Signal::TERM);
+    first.end().expect_code(0);
+}
+
 #[track_caller]
 fn await_status(module: &Started, what: impl Fn(&Value) -> bool) -> Value {
     let mut last = Value::Null;

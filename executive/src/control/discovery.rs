@@ -1,6 +1,9 @@
 //! Which modules run on this machine, and which of them is meant.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
+
+use serde::Serialize;
 
 use super::SOCKET;
 use crate::instance::{self, Instance};
@@ -14,6 +17,28 @@ pub struct Running {
     pub pid: i32,
     /// Its control socket.
     pub socket: PathBuf,
+    /// The processors that its dispatchers have.
+    pub cores: Vec<u32>,
+}
+
+/// A processor that the dispatchers of several modules have: each takes the windows of the others.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct SharedCore {
+    /// The processor.
+    pub core: u32,
+    /// The executives' processes.
+    pub pids: Vec<i32>,
+}
+
+/// The processors that more than one of `list` has.
+#[must_use]
+pub fn shared_cores(list: &[Running]) -> Vec<SharedCore> {
+    let cores: BTreeSet<u32> = list.iter().flat_map(|running| running.cores.iter().copied()).collect();
+    let owners = cores.into_iter().map(|core| {
+        let has = list.iter().filter(|running| running.cores.contains(&core));
+        SharedCore { core, pids: has.map(|running| running.pid).collect() }
+    });
+    owners.filter(|shared| shared.pids.len() > 1).collect()
 }
 
 /// Why no module could be chosen.
@@ -55,6 +80,7 @@ fn of_instance(instance: &Instance) -> Running {
         module: instance.module().to_owned(),
         pid: instance.pid,
         socket: instance.directory().join(SOCKET),
+        cores: instance.cores.clone(),
     }
 }
 
@@ -87,7 +113,15 @@ mod tests {
     use super::*;
 
     fn of(module: &str, pid: i32) -> Running {
-        Running { module: module.into(), pid, socket: PathBuf::new() }
+        Running { module: module.into(), pid, socket: PathBuf::new(), cores: Vec::new() }
+    }
+
+    #[test]
+    fn modules_whose_dispatchers_have_one_processor_are_named_and_one_alone_is_not() {
+        let on = |pid, cores: &[u32]| Running { cores: cores.to_vec(), ..of("fcu", pid) };
+        let list = [on(7, &[1, 2]), on(8, &[2, 3]), on(9, &[])];
+        assert_eq!(shared_cores(&list), [SharedCore { core: 2, pids: vec![7, 8] }]);
+        assert_eq!(shared_cores(&list[1..]), []);
     }
 
     #[test]

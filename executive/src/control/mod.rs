@@ -21,7 +21,7 @@ pub mod server;
 pub mod status;
 
 pub use client::{AskError, Client};
-pub use discovery::{ChooseError, Running, choose, running};
+pub use discovery::{ChooseError, Running, SharedCore, choose, running, shared_cores};
 pub use protocol::{Answer, Request};
 pub use server::{Inbox, Ordered, Server};
 pub use status::{ChannelStatus, LastFault, LinkName, Observation, PartitionStatus, Status};

@@ -109,6 +109,9 @@ fn broken_promise(promise: &str) -> &'static str {
         "a window's end holds every process of a partition" => {
             "SIGSTOP reaches one process, 21 us (median) to 71 us (99 %) later than a freeze; a child in a session of its own runs on in the others' windows"
         }
+        "no other module has the partitioned cores" => {
+            "two dispatchers of one priority on one processor know nothing of each other: a window begins when the other's partition lets go"
+        }
         "the executive's memory stays in place" => {
             "a page fault inside a switch: microseconds, with swap milliseconds"
         }

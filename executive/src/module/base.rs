@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
 
+use bateleur_contract::Clock;
 use rustix::fs::{MemfdFlags, memfd_create};
 
 use super::conduct::Staff;
@@ -154,9 +155,18 @@ pub(super) struct Base {
 
 impl Base {
     /// `goes_on`: the helpers' log of a start before is gone on with.
-    pub(super) fn make(module: &str, facts: &Machine, logs: &Path, goes_on: bool) -> Result<Self, RunError> {
-        let (instance, alive) =
-            Instance::create(module).map_err(machine("cannot make the module's directory in /dev/shm"))?;
+    pub(super) fn make(
+        (module, clock): (&str, Clock),
+        facts: &Machine,
+        logs: &Path,
+        goes_on: bool,
+    ) -> Result<Self, RunError> {
+        let cores = match clock {
+            Clock::Wall => facts.partitioned_cores(),
+            Clock::Virtual => Vec::new(),
+        };
+        let (instance, alive) = Instance::create(module, cores)
+            .map_err(machine("cannot make the module's directory in /dev/shm"))?;
         let made = Self::furnish((instance.clone(), alive), facts, logs, goes_on);
         if made.is_err() {
             instance.clean_up();

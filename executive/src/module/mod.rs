@@ -218,7 +218,7 @@ fn start(
 ) -> Result<Ended, RunError> {
     let programs = find_programs(view, &options.plan_folder)?;
     let logs = options.output.join("partitions");
-    let base = Base::make(&options.module, facts, &logs, course.resets() > 0)?;
+    let base = Base::make((&options.module, options.clock), facts, &logs, course.resets() > 0)?;
     let result = base.run(plan, view, options, facts, programs, course);
     base.leave();
     result

@@ -8,7 +8,9 @@ use std::fmt::Write;
 
 use anyhow::Result;
 use bateleur_executive::control::status::{AlignmentStatus, Lateness, Spread};
-use bateleur_executive::control::{ChooseError, Client, PartitionStatus, Status, running};
+use bateleur_executive::control::{
+    ChooseError, Client, PartitionStatus, SharedCore, Status, running, shared_cores,
+};
 
 use super::target::{Target, printable, status};
 use super::{Code, FINE, Format};
@@ -24,10 +26,13 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
+    let here = running();
+    let mut shared = shared_cores(&here);
     let all = match arguments.target.module {
         Some(_) => vec![arguments.target.choose()?],
-        None => running(),
+        None => here,
     };
+    shared.retain(|shared| all.iter().any(|one| shared.pids.contains(&one.pid)));
     let mut statuses = Vec::new();
     for one in &all {
         match Client::connect(one).map_err(anyhow::Error::from).and_then(|mut client| status(&mut client)) {
@@ -38,16 +43,29 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         }
     }
     match arguments.format {
-        Format::Json => println!("{:#}", serde_json::json!({ "modules": statuses })),
+        Format::Json => println!("{:#}", serde_json::json!({ "modules": statuses, "shared_cores": shared })),
         Format::Text if statuses.is_empty() => {
             eprintln!("{}", ChooseError::None);
         }
         Format::Text => {
             let tables: Vec<_> = statuses.iter().map(table).collect();
-            print!("{}", tables.join("\n"));
+            print!("{}{}", tables.join("\n"), sharing(&shared));
         }
     }
     Ok(FINE)
+}
+
+/// A line for each processor that several modules have.
+fn sharing(shared: &[SharedCore]) -> String {
+    let line = |shared: &SharedCore| {
+        let pids: Vec<_> = shared.pids.iter().map(ToString::to_string).collect();
+        format!(
+            "\nprocessor {} is that of several modules (PID {}): each takes the windows of the others\n",
+            shared.core,
+            pids.join(", ")
+        )
+    };
+    shared.iter().map(line).collect()
 }
 
 /// The heading of a module and a line for each partition.
@@ -173,6 +191,13 @@ mod tests {
         let nothing =
             AlignmentStatus { follows: "nav".into(), state: "seeking".into(), ..AlignmentStatus::default() };
         assert!(alignment(&nothing).contains("nav: seeking, nothing measured, drift"));
+    }
+
+    #[test]
+    fn processor_of_several_modules_is_named_with_their_processes() {
+        let shared = [SharedCore { core: 1, pids: vec![7, 8] }];
+        assert!(sharing(&shared).contains("processor 1 is that of several modules (PID 7, 8): each takes"));
+        assert_eq!(sharing(&[]), "");
     }
 
     #[test]

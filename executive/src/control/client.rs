@@ -26,6 +26,17 @@ pub enum AskError {
         /// What the system said.
         why: io::Error,
     },
+    /// It said nothing for too long.
+    #[error(
+        "the module {module} (PID {pid}) has not answered for {} s: it is stopped, or hangs; what it was asked for is given up",
+        PATIENCE.as_secs()
+    )]
+    Silent {
+        /// The module.
+        module: String,
+        /// Its process.
+        pid: i32,
+    },
     /// It ended the conversation.
     #[error("the module {0} ended the conversation: it is ending, or another user's")]
     Closed(String),
@@ -107,5 +118,24 @@ impl Client {
 }
 
 fn unreachable(running: &Running, why: io::Error) -> AskError {
-    AskError::Unreachable { module: running.module.clone(), pid: running.pid, why }
+    let (module, pid) = (running.module.clone(), running.pid);
+    match why.kind() {
+        // What a limit on reading gives.
+        io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => AskError::Silent { module, pid },
+        _ => AskError::Unreachable { module, pid, why },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn module_that_is_stopped_is_said_not_to_answer_and_not_to_be_unavailable() {
+        let running = Running { module: "fcu".into(), pid: 7, socket: "control".into(), cores: Vec::new() };
+        let silent = unreachable(&running, io::ErrorKind::WouldBlock.into()).to_string();
+        assert!(silent.starts_with("the module fcu (PID 7) has not answered for 10 s: "), "{silent}");
+        let gone = unreachable(&running, io::ErrorKind::NotFound.into()).to_string();
+        assert!(gone.contains("cannot reach"), "{gone}");
+    }
 }

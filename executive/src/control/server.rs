@@ -47,7 +47,20 @@ pub struct Ordered {
     /// For a request whose client is handed over: its connection.
     pub connection: Option<OwnedFd>,
     client: u64,
+    asker: Arc<UnixStream>,
 }
+
+impl Ordered {
+    /// Whether its client has gone. One that has only said all that it will say has not.
+    fn is_abandoned(&self) -> bool {
+        let mut fds = [PollFd::new(&*self.asker, PollFlags::empty())];
+        let looked = poll(&mut fds, Some(&Timespec { tv_sec: 0, tv_nsec: 0 }));
+        looked.is_ok() && fds[0].revents().intersects(GONE)
+    }
+}
+
+/// How the kernel says that a client has closed its connection.
+const GONE: PollFlags = PollFlags::HUP.union(PollFlags::ERR).union(PollFlags::NVAL);
 
 /// The monitor's end: requests out, answers in. Neither ever waits.
 #[derive(Debug)]
@@ -58,10 +71,10 @@ pub struct Inbox {
 }
 
 impl Inbox {
-    /// The next request.
+    /// The next request whose client still waits for the answer: who has given up does not expect that it is carried out.
     #[must_use]
     pub fn take(&self) -> Option<Ordered> {
-        self.requests.try_recv().ok()
+        self.requests.try_iter().find(|ordered| !ordered.is_abandoned())
     }
 
     /// Answers one. There is room for one answer to each client, so it is lost only with its client.
@@ -128,7 +141,7 @@ enum Phase {
 struct Client {
     number: u64,
     process: i32,
-    stream: UnixStream,
+    stream: Arc<UnixStream>,
     lines: Lines,
     phase: Phase,
     since: Instant,
@@ -174,7 +187,7 @@ impl Client {
         if room == 0 {
             return true; // full of requests that wait their turn
         }
-        match self.stream.read(&mut bytes[..room]) {
+        match (&*self.stream).read(&mut bytes[..room]) {
             Ok(0) => false,
             Ok(count) => {
                 if !self.lines.is_broken_off() {
@@ -188,7 +201,7 @@ impl Client {
 
     /// Writes what is left of the answer; false: the client is gone.
     fn write(&mut self) -> bool {
-        match self.stream.write(&self.answer[self.sent..]) {
+        match (&*self.stream).write(&self.answer[self.sent..]) {
             Ok(count) => {
                 self.sent += count;
                 if self.sent == self.answer.len() {
@@ -237,12 +250,11 @@ impl Table {
                 client.tell(&answer);
             }
         }
-        let broken = PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL;
         found.retain(|(_, seen)| !seen.is_empty());
         self.clients.retain_mut(|client| {
             let seen = found.iter().find(|(number, _)| *number == client.number);
             let seen = seen.map_or(PollFlags::empty(), |(_, seen)| *seen);
-            let gone = seen.intersects(broken) && !seen.contains(PollFlags::IN);
+            let gone = seen.intersects(GONE) && !seen.contains(PollFlags::IN);
             !gone && attend(client, &self.orders) && !client.is_overdue()
         });
         self.accept();
@@ -252,7 +264,7 @@ impl Table {
     fn look(&self) -> Vec<PollFlags> {
         let mut fds =
             vec![PollFd::new(&self.wake, PollFlags::IN), PollFd::new(&self.listener, PollFlags::IN)];
-        fds.extend(self.clients.iter().map(|client| PollFd::new(&client.stream, client.wants())));
+        fds.extend(self.clients.iter().map(|client| PollFd::new(&*client.stream, client.wants())));
         let _ = poll(&mut fds, Some(&LOOK)); // a signal: looked at in the next round
         fds[2..].iter().map(PollFd::revents).collect()
     }
@@ -273,7 +285,7 @@ impl Table {
             self.clients.push(Client {
                 number: self.number,
                 process,
-                stream,
+                stream: Arc::new(stream),
                 lines: Lines::default(),
                 phase: Phase::Listening,
                 since: Instant::now(),
@@ -313,7 +325,8 @@ fn attend(client: &mut Client, orders: &SyncSender<Ordered>) -> bool {
                     Request::Watch { .. } => client.stream.try_clone().ok().map(OwnedFd::from),
                     _ => None,
                 };
-                match orders.try_send(Ordered { request, connection, client: client.number }) {
+                let asker = client.stream.clone();
+                match orders.try_send(Ordered { request, connection, client: client.number, asker }) {
                     Ok(()) => client.enter(Phase::Asked),
                     Err(_) => client.tell(&Answer::Busy),
                 }
@@ -448,6 +461,25 @@ mod tests {
         assert!(asked > 0);
         let other = bench.connect();
         assert!(bench.ask(&other, STATUS).unwrap().contains("Status"));
+    }
+
+    #[test]
+    fn order_whose_client_has_given_up_is_not_carried_out_when_a_stopped_executive_goes_on() {
+        let bench = Bench::new();
+        // Nobody takes orders meanwhile.
+        let mut hasty = bench.connect();
+        hasty.write_all(b"{\"ask\":\"kill\",\"partition\":\"imu\"}\n").unwrap();
+        let mut patient = bench.connect();
+        patient.write_all(STATUS.as_bytes()).unwrap();
+        patient.shutdown(std::net::Shutdown::Write).unwrap(); // it has said all, and waits
+        std::thread::sleep(Duration::from_millis(50));
+        drop(hasty);
+        let taken = (0..500).find_map(|_| {
+            std::thread::sleep(Duration::from_millis(2));
+            bench.inbox.take()
+        });
+        assert_eq!(taken.unwrap().request, Request::Status);
+        assert!(bench.inbox.take().is_none());
     }
 
     #[test]

@@ -81,5 +81,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
 }
 
 fn has_ended(error: &anyhow::Error) -> bool {
-    matches!(error.downcast_ref(), Some(AskError::Closed(_) | AskError::Unreachable { .. }))
+    matches!(
+        error.downcast_ref(),
+        Some(AskError::Closed(_) | AskError::Unreachable { .. } | AskError::Silent { .. })
+    )
 }

@@ -13,11 +13,15 @@ use crate::monitor::Monitor;
 use crate::plan::TimelineWindow;
 use crate::seats::Seats;
 use crate::slot::{Grant, Readiness, Slot};
+use crate::system::chance::Spell;
 use crate::system::time::now_ns;
 
-/// Real time after which a window that is not closed counts as overrun. Longer than a partition may wait for its device
+/// Real time after which a window that is not closed counts as overrun, without the time for which the partition waited for a
+/// processor: what others compute on this machine must not change a flight. Longer than a partition may wait for its device
 /// (two seconds), far longer than any computation: it is met by a partition that hangs, and by no other.
 const PATIENCE_NS: u64 = 5_000_000_000;
+/// As above, whatever it waited for: a machine that lets nobody run for so long is not flown on.
+const STARVED_PATIENCE_NS: u64 = 120_000_000_000;
 /// As above, for a partition that is known to hang: it must not hold up the others at every window.
 const HANGING_PATIENCE_NS: u64 = 2_000_000;
 /// Between two looks whether the partition still lives.
@@ -81,12 +85,17 @@ impl<'a> VirtualGate<'a> {
     fn settle(&mut self, partition: usize, slot: &Slot) {
         let begun_ns = now_ns();
         let patience_ns = if self.hanging[partition] { HANGING_PATIENCE_NS } else { PATIENCE_NS };
+        let mut spell = None;
         while !slot.is_done() {
             slot.await_change(LOOK_NS.min(patience_ns));
             if slot.is_done() || self.monitor.has_ended(partition) {
                 break;
             }
-            if now_ns() - begun_ns > patience_ns {
+            // From the first look on: few windows take so long, and only these are worth the question.
+            let spell = spell.get_or_insert_with(|| Spell::begin(slot.process()));
+            let elapsed_ns = now_ns() - begun_ns;
+            let starved = || !self.hanging[partition] && spell.used_ns(elapsed_ns) <= patience_ns;
+            if elapsed_ns > patience_ns && (elapsed_ns > STARVED_PATIENCE_NS || !starved()) {
                 self.hanging[partition] = true;
                 return;
             }

@@ -261,6 +261,8 @@ rules! {
         "A module has one relay for all its links: what they send takes its time in one window, one datagram after the other."
     TOO_MANY_LINKS: Error "K23-too-many-links" "link_too_many"
         "What a relay says of its links has room for so many, and for no more."
+    RELAY_TAKES_TOO_FEW: Error "K25-relay-takes-too-few" "link_relay_takes_too_few"
+        "What comes faster than it is taken waits longer and longer, until nothing comes in time any more."
     FRAME_TOO_LONG: Error "K24-frame-too-long" "follows_frame_too_long"
         "A frame is aligned by moving its end, which takes at most a whole one and nine minutes."
 

@@ -202,7 +202,7 @@ impl ChainAge {
         let steps = legs.iter().map(|(partition, _)| partition).zip(&way);
         Some(Self {
             chain: chain.name.clone(),
-            age_ns: latency::age_ns(&way),
+            age_ns: latency::age_ns(&on_the_way, &way),
             max_age_ns: chain.max_age_ns,
             way: steps.map(|(&id, &visit)| Step { partition: plan[id].name.clone(), visit }).collect(),
         })

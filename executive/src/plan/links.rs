@@ -105,7 +105,11 @@ pub(super) fn legs(plan: &Plan, stations: &[PartitionId]) -> Option<Vec<(Partiti
         if let Some(from) = legs.last().map(|before| plan[before.0].module).filter(|&from| from != module) {
             let link = plan.link_between(from, module)?;
             let aligned_within_ns = plan.aligned_within_ns(from, module);
-            let hop = Hop { latency_ns: plan.latency_ns(link), aligned_within_ns };
+            let beside_first_ns = match plan[stations.first().copied()?].module {
+                first if first == module => 0,
+                first => plan.aligned_within_ns(first, module).or(aligned_within_ns).unwrap_or(0),
+            };
+            let hop = Hop { latency_ns: plan.latency_ns(link), aligned_within_ns, beside_first_ns };
             legs.push((plan.relay_of(from)?, None));
             legs.push((plan.relay_of(module)?, Some(hop)));
         }

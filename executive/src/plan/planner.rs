@@ -471,7 +471,7 @@ impl<'a> Search<'a> {
     fn age_ns(&self, chain: &Bound) -> Option<u64> {
         let station = |&station: &usize| Some(Station { windows: self.windows(station)?, hop: None });
         let stations: Vec<Station> = chain.stations.iter().map(station).collect::<Option<_>>()?;
-        Some(latency::age_ns(&latency::worst(&stations, self.frames.major_ns())?))
+        Some(latency::age_ns(&stations, &latency::worst(&stations, self.frames.major_ns())?))
     }
 
     /// The windows of a need over the major frame, if it has been put.

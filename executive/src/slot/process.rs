@@ -37,6 +37,11 @@ impl Slot {
         self.fence.reset();
     }
 
+    /// Its number; 0: there is none.
+    pub fn process(&self) -> i32 {
+        self.tid.load(Relaxed)
+    }
+
     /// Says which clock module time follows: 0 the wall clock, 1 the virtual one.
     pub fn set_clock(&self, clock: u32) {
         self.clock.store(clock, Relaxed);

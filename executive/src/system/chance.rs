@@ -1,6 +1,6 @@
 //! How much of its life a process could use: a machine with more work than it can do keeps it waiting for a processor.
 //!
-//! It tells a helper that hangs from one that was never let run. It must never wait.
+//! It tells a process that hangs from one that was never let run. It must never wait.
 
 use std::fs;
 
@@ -18,9 +18,36 @@ struct Spent {
 /// How long process `pid`, which began `elapsed_ns` ago, has run or waited for something else than a processor, ns; all of it where
 /// the kernel does not tell.
 pub fn used_ns(pid: i32, elapsed_ns: u64) -> u64 {
+    spent_of(pid).map_or(elapsed_ns, |spent| used_of(&spent, elapsed_ns))
+}
+
+/// A time of a process's life that begins somewhere in it.
+#[derive(Debug)]
+pub struct Spell {
+    pid: i32,
+    before: Option<Spent>,
+}
+
+impl Spell {
+    /// One that begins now.
+    pub fn begin(pid: i32) -> Self {
+        Self { pid, before: spent_of(pid) }
+    }
+
+    /// As [`used_ns`], of this time, which began `elapsed_ns` ago.
+    pub fn used_ns(&self, elapsed_ns: u64) -> u64 {
+        let since = self.before.zip(spent_of(self.pid)).map(|(before, now)| Spent {
+            ran_ns: now.ran_ns.saturating_sub(before.ran_ns),
+            waited_ns: now.waited_ns.saturating_sub(before.waited_ns),
+            ..now
+        });
+        since.map_or(elapsed_ns, |since| used_of(&since, elapsed_ns))
+    }
+}
+
+fn spent_of(pid: i32) -> Option<Spent> {
     let read = |file| fs::read_to_string(format!("/proc/{pid}/{file}")).ok();
-    let spent = read("schedstat").zip(read("stat")).and_then(|(schedstat, stat)| spent(&schedstat, &stat));
-    spent.map_or(elapsed_ns, |spent| used_of(&spent, elapsed_ns))
+    read("schedstat").zip(read("stat")).and_then(|(schedstat, stat)| spent(&schedstat, &stat))
 }
 
 fn used_of(spent: &Spent, elapsed_ns: u64) -> u64 {
@@ -64,8 +91,10 @@ mod tests {
         while used_ns(pid, 3_600 * SECOND_NS) < 1_800 * SECOND_NS {
             std::thread::yield_now();
         }
+        let spell = Spell::begin(pid);
+        assert_eq!(spell.used_ns(SECOND_NS), SECOND_NS, "it sleeps on");
         child.kill().unwrap();
         child.wait().unwrap();
-        assert_eq!(used_ns(pid, 5), 5);
+        assert_eq!((used_ns(pid, 5), spell.used_ns(5)), (5, 5));
     }
 }

@@ -22,6 +22,8 @@ pub struct Retained<T> {
     number: u64,
     /// A copy as it is written.
     copy: Vec<u8>,
+    /// The copy is what this incarnation has stored last.
+    stored: bool,
     value: PhantomData<T>,
 }
 
@@ -35,7 +37,7 @@ impl<T: FromBytes + IntoBytes + Immutable + KnownLayout> Retained<T> {
             )));
         }
         let copy = vec![0; (trailer_at::<T>() + TRAILER) as usize];
-        Ok(Self { file, number: 0, copy, value: PhantomData })
+        Ok(Self { file, number: 0, copy, stored: false, value: PhantomData })
     }
 
     /// What the incarnation before stored last.
@@ -52,6 +54,11 @@ impl<T: FromBytes + IntoBytes + Immutable + KnownLayout> Retained<T> {
     /// Keeps `value` for the next incarnation.
     pub fn store(&mut self, value: &T) {
         let Some(file) = &self.file else { return };
+        let front = &self.copy[..size_of::<T>()];
+        if self.stored && front == value.as_bytes() {
+            return; // it is there already: looking is a fraction of a system call
+        }
+        self.stored = true;
         self.number += 1;
         let at = (self.number % 2) * slot_bytes::<T>();
         let trailer = [self.number, size_of::<T>() as u64];
@@ -110,6 +117,20 @@ mod tests {
         assert_eq!(second.load(), Some([4.0; 3]));
         second.store(&[9.0; 3]);
         assert_eq!(retained(&file).load(), Some([9.0; 3]));
+    }
+
+    #[test]
+    fn a_value_is_not_written_again_before_another_one_and_a_successor_does_not_take_its_first_for_written() {
+        let file = memory();
+        let mut first = retained(&file);
+        first.store(&[0.0; 3]);
+        first.store(&[0.0; 3]);
+        assert_eq!(number_in::<[f64; 3]>(&file, 0), None, "one copy of it is enough");
+        first.store(&[5.0; 3]);
+        let mut second = retained(&file);
+        second.load();
+        second.store(&[0.0; 3]);
+        assert_eq!(retained(&file).load(), Some([0.0; 3]));
     }
 
     #[test]

@@ -32,6 +32,19 @@ pub const ENTRY_OVERHEAD_BYTES: u32 = 32;
 /// What a relay takes at most to make a datagram and send it on a link's networks, ns: in the last part of a window that is as long
 /// it begins none, and the plan counts with it.
 pub const SENDING_NS: u64 = 100_000;
+/// Datagrams that a relay takes out of its sockets in a window, most; each network of each link has the same share. A flood on one
+/// network can not eat the window: what is more waits in the socket until it overflows, and the network counts as what it
+/// is, unusable.
+pub const TAKEN_IN_A_WINDOW: usize = 64;
+/// The share of a network of a link is not smaller, however many there are.
+pub const LEAST_SHARE: usize = 8;
+
+/// What a relay with so many networks of links, counted for each link, takes of one of them in a window, datagrams.
+#[must_use]
+pub fn share_of_a_window(endpoints: usize) -> usize {
+    (TAKEN_IN_A_WINDOW / endpoints.max(1)).max(LEAST_SHARE)
+}
+
 /// Links of a module, most: a relay reports on so many.
 pub const MOST_LINKS: usize = 8;
 /// Digits of the plan's digest, hexadecimal.

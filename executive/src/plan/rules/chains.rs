@@ -74,7 +74,7 @@ fn too_old(cx: &Context<'_>, laid: &[Laid], chain: &RawChain, path: &[usize]) {
         let on_the_way: Vec<Station> =
             legs.iter().map(|leg| Station { windows: laid.windows(leg.partition), hop: leg.hop }).collect();
         let Some(way) = latency::worst(&on_the_way, laid.major) else { continue };
-        let age = latency::age_ns(&way);
+        let age = latency::age_ns(&on_the_way, &way);
         if age <= allowed.value.0 {
             continue;
         }

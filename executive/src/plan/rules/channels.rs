@@ -317,7 +317,7 @@ fn age_when_read(cx: &Context<'_>, laid: &Laid, source: &End<'_>, destination: &
         [write, .., read] => read.start_ns.abs_diff(write.start_ns),
         _ => 0,
     };
-    ways.iter().map(age).max().unwrap_or_default()
+    ways.iter().map(age).max().unwrap_or_default().saturating_add(latency::phase_error_ns(&stations))
 }
 
 fn overflowing(

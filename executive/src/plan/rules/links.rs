@@ -3,7 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::net::SocketAddr;
 
-use bateleur_contract::relay::{MOST_LINKS, SENDING_NS};
+use bateleur_contract::packing::{Waiting, datagrams_needed};
+use bateleur_contract::relay::{MOST_LINKS, SENDING_NS, share_of_a_window};
 
 use super::Context;
 use super::laid::Laid;
@@ -18,7 +19,6 @@ use crate::plan::raw::{RawFile, RawLink, RawSchedule};
 use crate::plan::reader::At;
 use crate::plan::relays::{self, Crossing};
 use crate::plan::units::{ShowRate, ShowTime};
-use bateleur_contract::packing::datagrams_needed;
 
 pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
     let crossings = relays::crossings(cx.file, cx.names);
@@ -66,6 +66,7 @@ pub(super) fn is_across(cx: &Context<'_>, one: usize, other: usize) -> bool {
 /// The partitions of a path with the relays between them; nothing where modules are not joined.
 pub(super) fn legs(cx: &Context<'_>, stations: &[usize]) -> Option<Vec<Leg>> {
     let mut legs: Vec<Leg> = Vec::new();
+    let first = cx.names.module_of(cx.file, *stations.first()?)?;
     for &partition in stations {
         let module = cx.names.module_of(cx.file, partition)?;
         if let Some(before) = legs.last() {
@@ -77,6 +78,7 @@ pub(super) fn legs(cx: &Context<'_>, stations: &[usize]) -> Option<Vec<Leg>> {
                 let hop = Hop {
                     latency_ns: latency_ns(cx, link),
                     aligned_within_ns: aligned_within_ns(cx, from, module),
+                    beside_first_ns: beside_ns(cx, (first, from), module),
                 };
                 legs.push(Leg { partition: relay(from)?, hop: None });
                 legs.push(Leg { partition: relay(module)?, hop: Some(hop) });
@@ -105,6 +107,15 @@ pub(super) fn aligned_within_ns(cx: &Context<'_>, one: usize, other: usize) -> O
     let (first, own) = followed_to_the_end(cx, one);
     let (second, others) = followed_to_the_end(cx, other);
     (first == second).then_some(own.saturating_add(others))
+}
+
+/// How much later than planned the frames of `module` may begin against those of a path's first module; where both have no common
+/// phase, against those of the module `from` before it.
+fn beside_ns(cx: &Context<'_>, (first, from): (usize, usize), module: usize) -> u64 {
+    if first == module {
+        return 0;
+    }
+    aligned_within_ns(cx, first, module).or_else(|| aligned_within_ns(cx, from, module)).unwrap_or(0)
 }
 
 fn followed_to_the_end(cx: &Context<'_>, module: usize) -> (usize, u64) {
@@ -419,6 +430,7 @@ fn in_windows(
         }
         let datagrams = load(cx, laid, (module, &windows), link, crossings);
         gap_fits(cx, name, link, datagrams.unwrap_or(1), shortest);
+        takes_all(cx, (schedule, laid), (module, relay), link, (crossings, longest));
         sent.extend(datagrams);
         let patience = link.lost_after.get().map_or(defaults::LOST_AFTER_NS, |after| after.0);
         if patience < longest.saturating_mul(2) {
@@ -484,14 +496,82 @@ fn long_enough(cx: &Context<'_>, (schedule, relay): (&RawSchedule, usize), sent:
     cx.note(&catalogue::RELAY_WINDOW_SHORT, &shortest.span, message, mend);
 }
 
-/// Looks at what a link has to send in a window; gives the datagrams that the relay makes of it.
-fn load(
+/// Whether a relay takes in a window what may have come over a link since the one before, `longest` ago: else more and more waits,
+/// until the link is dead.
+fn takes_all(
+    cx: &Context<'_>,
+    (schedule, laid): (&RawSchedule, &Laid),
+    (module, relay): (usize, usize),
+    link: &RawLink,
+    (crossings, longest): (&[Crossing], u64),
+) {
+    let Some(sender) = cx.names.link_ends(link).and_then(|ends| ends.into_iter().find(|&end| end != module))
+    else {
+        return;
+    };
+    let Some(come) = most_that_come(cx, laid, sender, link, (crossings, longest)) else { return };
+    let of_module = |link: &RawLink| match cx.names.link_ends(link) {
+        Some(ends) if ends.contains(&module) => cx.names.link_networks(cx.file, link).len(),
+        _ => 0,
+    };
+    let share = share_of_a_window(cx.file.links.iter().map(of_module).sum()) as u64;
+    if come <= share {
+        return;
+    }
+    let name = &cx.file.partitions[relay].name.value;
+    let own = schedule.windows.iter().find(|window| cx.names.owner(window) == Some(relay));
+    let span = own.and_then(|window| window.duration.said()).map_or(&schedule.name.span, |said| &said.span);
+    let message = format!(
+        "`{name}` takes {share} datagrams of a network of link `{}` in a window, and up to {come} come between two of its windows",
+        link.name.value
+    );
+    let other = relays::name(&cx.file.modules[sender].name.value);
+    let mend = format!("give `{name}` more windows, or `{other}` fewer with `minor`");
+    cx.note(&catalogue::RELAY_TAKES_TOO_FEW, span, message, mend);
+}
+
+/// The most datagrams of a network of a link that a module's relay sends within a span of time.
+fn most_that_come(
+    cx: &Context<'_>,
+    laid: &Laid,
+    sender: usize,
+    link: &RawLink,
+    (crossings, span): (&[Crossing], u64),
+) -> Option<u64> {
+    let mut windows = laid.windows(relay_of(cx, sender)?);
+    windows.sort_unstable();
+    let need = needs(cx, laid, (sender, &windows), link, crossings)?;
+    let starts: Vec<u64> = windows.iter().map(|window| window.0).collect();
+    // And of one more: what datagrams are late by on their way is not the same for all.
+    let sending = most_within(&starts, span, laid.major) + 1;
+    Some(sending.saturating_mul(need.datagrams.min(need.most)))
+}
+
+/// The most of `starts` that lie in a span of a cycle of `major`, wherever it begins.
+fn most_within(starts: &[u64], span: u64, major: u64) -> u64 {
+    let (rounds, rest) = (span / major.max(1), span % major.max(1));
+    let from = |&first: &u64| {
+        starts.iter().filter(|&&start| (start + major - first) % major.max(1) < rest).count() as u64
+    };
+    rounds * starts.len() as u64 + starts.iter().map(from).max().unwrap_or(0)
+}
+
+/// What a relay has to send over a link in a window.
+struct Need {
+    load: Vec<Waiting>,
+    /// The datagrams that it needs for that.
+    datagrams: u64,
+    /// Those that the gap lets it send.
+    most: u64,
+}
+
+fn needs(
     cx: &Context<'_>,
     laid: &Laid,
     (module, windows): (usize, &[(u64, u64)]),
     link: &RawLink,
     crossings: &[Crossing],
-) -> Option<u64> {
+) -> Option<Need> {
     let (ends, gap) = (cx.names.link_ends(link)?, link.gap.said()?);
     let max_bytes = link.max_bytes.get().unwrap_or(defaults::MAX_BYTES);
     if gap.value.0 == 0 || max_bytes < SMALLEST_DATAGRAM {
@@ -505,7 +585,20 @@ fn load(
     let starts: Vec<u64> = windows.iter().map(|window| window.0).collect();
     let load = links::window_load(&carried, &starts, laid.major);
     let shortest = windows.iter().map(|(start, end)| end - start).min().unwrap_or_default();
-    let (needed, most) = (datagrams_needed(&load, max_bytes), links::datagrams_in(shortest, gap.value.0));
+    let (datagrams, most) = (datagrams_needed(&load, max_bytes), links::datagrams_in(shortest, gap.value.0));
+    Some(Need { load, datagrams, most })
+}
+
+/// Looks at what a link has to send in a window; gives the datagrams that the relay makes of it.
+fn load(
+    cx: &Context<'_>,
+    laid: &Laid,
+    (module, windows): (usize, &[(u64, u64)]),
+    link: &RawLink,
+    crossings: &[Crossing],
+) -> Option<u64> {
+    let Need { load, datagrams: needed, most } = needs(cx, laid, (module, windows), link, crossings)?;
+    let (gap, max_bytes) = (link.gap.said()?, link.max_bytes.get().unwrap_or(defaults::MAX_BYTES));
     if needed > most {
         let span = link.max_bytes.said().map_or(&gap.span, |said| &said.span);
         let message = format!(

@@ -10,7 +10,8 @@ mod status;
 
 use bateleur_apex::{Alignment, AlignmentReport, Context, Partition, StartError, Window};
 use bateleur_contract::relay::{
-    ATTRIBUTE, ClockRole, LinkModelTable, MODEL_ATTRIBUTE, RelayTable, SENDING_NS, STEPPED,
+    ATTRIBUTE, ClockRole, LEAST_SHARE, LinkModelTable, MODEL_ATTRIBUTE, RelayTable, SENDING_NS, STEPPED,
+    TAKEN_IN_A_WINDOW, share_of_a_window,
 };
 use bateleur_relay::transport::{Endpoint, RelayTransport, Stepped, Udp};
 use bateleur_relay::{Arrival, Frame, Link};
@@ -19,12 +20,8 @@ use end::End;
 use inbox::Inbox;
 use status::Status;
 
-/// Datagrams that are taken in a window, most; each network of each link has the same share. A flood on one network can not eat
-/// the window: what is more waits in the socket until it overflows, and the network counts as what it is, unusable.
-const MOST: usize = 64;
-/// The share of a network of a link is not smaller, however many there are; and so many are looked at in each window, however
-/// short it is.
-const LEAST: usize = 8;
+/// So many datagrams are looked at in each window, however short it is.
+const LEAST: usize = LEAST_SHARE;
 /// The part of a window in which what has come may be looked at: the rest is for what goes out.
 const LOOKING: u64 = 2;
 
@@ -88,9 +85,9 @@ impl Relay {
     fn take_in(&mut self, window: &Window) {
         let now_ns = window.now_ns();
         let Self { ends, endpoints, transport, inbox, .. } = self;
-        if inbox.len() < MOST {
-            let most = (MOST / endpoints.len().max(1)).max(LEAST);
-            transport.receive(now_ns, most, &mut |came| inbox.add(&came));
+        if inbox.len() < TAKEN_IN_A_WINDOW {
+            let share = share_of_a_window(endpoints.len());
+            transport.receive(now_ns, share, &mut |came| inbox.add(&came));
         }
         for (number, endpoint) in endpoints.iter().enumerate() {
             ends[endpoint.place].unheard(endpoint.network, transport.unheard(number));

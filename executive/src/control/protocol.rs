@@ -152,6 +152,15 @@ impl Lines {
         }
     }
 
+    /// Nothing more comes: what has begun is whole. False: there is nothing left.
+    pub fn end(&mut self) -> bool {
+        let Some(last) = self.waiting.last() else { return false };
+        if *last != b'\n' && self.room() > 0 {
+            self.waiting.push(b'\n');
+        }
+        true
+    }
+
     /// Whether a request has begun and not ended.
     #[must_use]
     pub fn is_broken_off(&self) -> bool {
@@ -175,6 +184,16 @@ mod tests {
         assert_eq!(lines.next_request(), Some(Ok(Request::Kill { partition: "imu".into() })));
         assert_eq!(lines.next_request(), None);
         assert!(lines.is_broken_off());
+    }
+
+    #[test]
+    fn request_without_a_line_end_is_whole_when_nothing_more_comes() {
+        let mut lines = Lines::default();
+        lines.add(b"\n{\"ask\":\"status\"}").unwrap();
+        assert_eq!(lines.next_request(), None);
+        assert!(lines.end());
+        assert_eq!(lines.next_request(), Some(Ok(Request::Status)));
+        assert!(!lines.end());
     }
 
     #[test]

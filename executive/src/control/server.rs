@@ -188,7 +188,7 @@ impl Client {
             return true; // full of requests that wait their turn
         }
         match (&*self.stream).read(&mut bytes[..room]) {
-            Ok(0) => false,
+            Ok(0) => self.lines.end(),
             Ok(count) => {
                 if !self.lines.is_broken_off() {
                     self.since = Instant::now(); // of the request that begins here
@@ -480,6 +480,17 @@ mod tests {
         });
         assert_eq!(taken.unwrap().request, Request::Status);
         assert!(bench.inbox.take().is_none());
+    }
+
+    #[test]
+    fn requests_of_a_client_that_says_no_more_are_all_answered_the_last_one_without_a_line_end() {
+        let bench = Bench::new();
+        let mut client = bench.connect();
+        client.write_all(format!("{STATUS}{{\"ask\":\"links\"}}").as_bytes()).unwrap();
+        client.shutdown(std::net::Shutdown::Write).unwrap();
+        assert!(bench.line(&client).unwrap().contains("Status"));
+        assert!(bench.line(&client).unwrap().contains("Links"));
+        assert_eq!(bench.line(&client), None, "and then it is over");
     }
 
     #[test]

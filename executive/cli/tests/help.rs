@@ -61,6 +61,9 @@ fn every_shell_gets_the_verbs() {
         for word in ["check", "deny", "show", "fly"] {
             assert!(ended.stdout.contains(word), "{shell}: {word}");
         }
+        for hidden in ["custodian", "examiner"] {
+            assert!(!ended.stdout.contains(hidden), "{shell}: {hidden} is nobody's to type");
+        }
     }
     assert_eq!(bateleur(&["completions", "tcsh"]).code, 2);
 }

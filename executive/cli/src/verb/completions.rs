@@ -18,7 +18,11 @@ pub(crate) struct Arguments {
     shell: Shell,
 }
 
-pub(crate) fn run(arguments: &Arguments, mut command: clap::Command) -> Result<Code> {
+pub(crate) fn run(arguments: &Arguments, command: clap::Command) -> Result<Code> {
+    // Those that the program starts itself are nobody's to type.
+    let shown: Vec<_> = command.get_subcommands().filter(|verb| !verb.is_hide_set()).cloned().collect();
+    let mut command =
+        clap::Command::new("bateleur").args(command.get_arguments().cloned()).subcommands(shown);
     let mut text = Vec::new();
     clap_complete::generate(arguments.shell, &mut command, "bateleur", &mut text);
     print!("{}", String::from_utf8_lossy(&text));

@@ -239,6 +239,12 @@ fn say_next_inside(workspace: &Workspace, place: &Place, skeleton: &Skeleton) ->
     Ok(())
 }
 
+/// A path as a shell takes it for one word.
+fn quoted(path: String) -> String {
+    let plain = |letter: char| letter.is_alphanumeric() || "/._-+".contains(letter);
+    if path.chars().all(plain) { path } else { format!("'{}'", path.replace('\'', "'\\''")) }
+}
+
 fn say_next_outside(
     library: &Workspace,
     place: &Place,
@@ -247,7 +253,7 @@ fn say_next_outside(
     schedule: &Path,
 ) {
     println!("it takes the library from {}", library.root.display());
-    let manifest = format!("{}/Cargo.toml", place.shown);
+    let manifest = quoted(format!("{}/Cargo.toml", place.shown));
     println!("\nbuild it:  cargo build --release --manifest-path {manifest}");
     println!("test it:   cargo test --release --manifest-path {manifest}");
     let built = place.folder.join("target/release").join(&skeleton.program);
@@ -255,5 +261,16 @@ fn say_next_outside(
         built.strip_prefix(schedule.parent().unwrap_or(schedule)).unwrap_or(&built).display().to_string();
     if partition.program != built {
         println!("name it:   program = \"{built}\" in [partition.{}]", skeleton.partition);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn path_with_a_blank_is_printed_as_one_word_of_a_shell() {
+        assert_eq!(quoted("a/b-c.d/Cargo.toml".into()), "a/b-c.d/Cargo.toml");
+        assert_eq!(quoted("a b/it's".into()), "'a b/it'\\''s'");
     }
 }

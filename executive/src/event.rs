@@ -142,6 +142,27 @@ pub enum Event {
     },
 }
 
+impl Event {
+    /// The same in the time of a module that began `by_s` seconds earlier.
+    #[must_use]
+    pub fn later(mut self, by_s: f64) -> Self {
+        match &mut self {
+            Self::Guarantees { .. } | Self::Ready { .. } => {}
+            Self::Fault { time_s, .. }
+            | Self::ModuleFault { time_s, .. }
+            | Self::ModuleRestarted { time_s, .. }
+            | Self::Recovered { time_s, .. }
+            | Self::Message { time_s, .. }
+            | Self::ScheduleRequested { time_s, .. }
+            | Self::ScheduleChanged { time_s, .. }
+            | Self::LogLost { time_s, .. }
+            | Self::LogCut { time_s, .. }
+            | Self::Stopped { module_time_s: time_s, .. } => *time_s += by_s,
+        }
+        self
+    }
+}
+
 /// Lines that wait for a reader; more are dropped and counted.
 const WAITING: usize = 4096;
 /// How long the last lines may take to be read when a run ends.
@@ -236,5 +257,12 @@ mod tests {
             events.tell(&Event::Ready { partitions });
         }
         assert!(events.finish() >= WAITING as u64 - 1);
+    }
+
+    #[test]
+    fn event_of_a_host_that_came_back_is_told_in_the_time_of_the_flight() {
+        let event = |time_s| Event::Message { time_s, partition: "relay_nav".into(), text: "up".into() };
+        assert_eq!(event(0.5).later(62.0), event(62.5));
+        assert_eq!(Event::Ready { partitions: 9 }.later(62.0), Event::Ready { partitions: 9 });
     }
 }

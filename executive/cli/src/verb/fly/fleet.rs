@@ -78,9 +78,9 @@ impl Fleet {
     pub(super) fn take_events(&mut self) -> Vec<Event> {
         let mut events = self.main.take_events();
         events.append(&mut self.said);
-        for (_, other) in &self.others {
+        for (host, other) in &self.others {
             let of_all = |event: &Event| matches!(event, Event::Guarantees { .. } | Event::Stopped { .. });
-            events.extend(other.take_events().into_iter().filter(|event| !of_all(event)));
+            events.extend(in_our_time(host, other).filter(|event| !of_all(event)));
         }
         let ready_before = self.ready;
         events.retain(|event| match event {
@@ -180,7 +180,7 @@ impl Fleet {
         if let (Some(lan), Some(id)) = (&mut joined.lan, id) {
             executive.join(lan, &joined.plan, id)?;
         }
-        self.said.extend(before.take_events());
+        self.said.extend(in_our_time(host, before));
         self.former.push(std::mem::replace(host, next));
         *before = executive;
         if is_joint {
@@ -217,6 +217,12 @@ impl Fleet {
         let others = self.others.iter().map(|(host, _)| host.clone());
         main.chain(self.former.iter().cloned()).chain(others).collect()
     }
+}
+
+/// Events of a host since the last look. One that came back in real time counts from its own beginning.
+fn in_our_time(host: &Host, executive: &Executive) -> impl Iterator<Item = Event> {
+    let by_s = host.shift_ns as f64 / 1e9;
+    executive.take_events().into_iter().map(move |event| event.later(by_s))
 }
 
 impl Joined {

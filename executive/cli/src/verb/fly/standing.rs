@@ -47,6 +47,8 @@ impl Standing {
     /// A relay tells in its own words when a link comes and goes: "link NAME: up, …", "link NAME: down, …".
     fn follow_link(&mut self, event: &Event) {
         let (Event::Message { text, .. } | Event::Fault { detail: text, .. }) = event else { return };
+        // Of several in a second only the last is told.
+        let text = text.rsplit_once(", the last: ").map_or(text.as_str(), |(_, last)| last);
         let Some((name, what)) = text.strip_prefix("link ").and_then(|rest| rest.split_once(": ")) else {
             return;
         };
@@ -111,6 +113,8 @@ mod tests {
         assert_eq!(explained(std::slice::from_ref(&up)), "it failed");
         let expected = "it failed (link nav was down, nav is not heard)";
         assert_eq!(explained(&[up.clone(), down.clone()]), expected);
+        let last = says("2 more in 1.0 s, the last: link nav: down, nav is not heard");
+        assert_eq!(explained(&[up.clone(), last]), expected);
         assert_eq!(explained(&[up.clone(), down, up]), "it failed");
     }
 

@@ -64,7 +64,13 @@ fn partition_has_its_windows_on_both_cores_on_the_wall_clock() {
     let _turn = alone();
     let ended = run("counter", &["--until", "2"]);
     assert_handed_over(&ended);
-    assert!(ended.faults().iter().all(|fault| fault.error == "window_overrun"), "{:?}", ended.faults());
+    // A host that holds a processor up makes both.
+    let of_the_host = ["window_overrun", "late_dispatcher"];
+    assert!(
+        ended.faults().iter().all(|fault| of_the_host.contains(&fault.error.as_str())),
+        "{:?}",
+        ended.faults()
+    );
 }
 
 #[test]

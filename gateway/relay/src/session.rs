@@ -12,9 +12,11 @@
 
 use std::collections::VecDeque;
 
+use bateleur_contract::relay::TAKEN_IN_A_WINDOW;
+
 /// Lives that are not proven of which a challenge is kept, most: as many as a window takes datagrams, so that none of them drives
 /// out the peer's.
-const STRANGERS: usize = 64;
+const STRANGERS: usize = TAKEN_IN_A_WINDOW;
 
 /// Draws numbers that nobody can foresee: each is a keyed hash of how many were drawn before.
 pub(crate) struct Draw {

@@ -7,6 +7,7 @@ use bateleur_messages::parameter::ParameterValue;
 use bateleur_messages::telemetry::{
     ACCEPTED, FROM_COMMAND, FROM_CONTROLLER, FROM_SERVO, Navigation, REFUSED,
 };
+use mavlink::{Message, calculate_crc};
 
 use crate::{Numbers, parameters};
 
@@ -372,16 +373,12 @@ fn senseless_and_unknown_commands_are_refused_and_reach_nobody() {
 }
 
 /// The bytes of `message` with `value` in its payload at `place`, where the dialect would not let it be said.
-fn foreign(message: &MavMessage, extra: u8, place: usize, value: &[u8]) -> Vec<u8> {
+fn foreign(message: &MavMessage, place: usize, value: &[u8]) -> Vec<u8> {
     let mut frame = Vec::new();
     Encoder::new(GROUND.0, GROUND.1).write(message, &mut frame);
     let end = frame.len() - 2;
     frame[10 + place..][..value.len()].copy_from_slice(value);
-    let checksum = frame[1..end].iter().chain([&extra]).fold(0xffff_u16, |crc, byte| {
-        let low = byte ^ crc as u8;
-        let low = u16::from(low ^ (low << 4));
-        (crc >> 8) ^ (low << 8) ^ (low << 3) ^ (low >> 4)
-    });
+    let checksum = calculate_crc(&frame[1..end], MavMessage::extra_crc(message.message_id()));
     frame[end..].copy_from_slice(&checksum.to_le_bytes());
     frame
 }
@@ -398,7 +395,7 @@ fn command_that_the_dialect_does_not_know_and_one_with_integers_are_answered_uns
     let long = command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, 1.0);
     let mut world = World::new(accept);
     world.windows(10);
-    world.station.datagram(&foreign(&long, 152, 28, &NUMBER.to_le_bytes()), 0);
+    world.station.datagram(&foreign(&long, 28, &NUMBER.to_le_bytes()), 0);
     let answer = world.station.next_message().unwrap();
     let unsupported = MavResult::MAV_RESULT_UNSUPPORTED;
     let [low, high] = NUMBER.to_le_bytes();
@@ -414,7 +411,7 @@ fn item_with_an_unknown_command_or_frame_ends_the_upload_at_once() {
     for (place, value, verdict) in [(30, &9_999_u16.to_le_bytes()[..], unsupported), (34, &[99][..], frame)] {
         let mut world = World::new(accept);
         world.window(&[count(2, MavMissionType::MAV_MISSION_TYPE_MISSION)]);
-        let bytes = foreign(&MavMessage::MISSION_ITEM_INT(item(1.0, 1.0, 100.0)), 38, place, value);
+        let bytes = foreign(&MavMessage::MISSION_ITEM_INT(item(1.0, 1.0, 100.0)), place, value);
         world.station.datagram(&bytes, 2 * CYCLE);
         let heard = world.window(&[]);
         assert!(texts(&heard).contains("item 0: "), "{}", texts(&heard));

@@ -14,6 +14,7 @@ use crate::plan::TimelineWindow;
 use crate::seats::Seats;
 use crate::slot::{Grant, Readiness, Slot};
 use crate::system::chance::Spell;
+use crate::system::sched;
 use crate::system::time::now_ns;
 
 /// Real time after which a window that is not closed counts as overrun, without the time for which the partition waited for a
@@ -24,8 +25,22 @@ const PATIENCE_NS: u64 = 5_000_000_000;
 const STARVED_PATIENCE_NS: u64 = 120_000_000_000;
 /// As above, for a partition that is known to hang: it must not hold up the others at every window.
 const HANGING_PATIENCE_NS: u64 = 2_000_000;
+/// Real time after which a window costs its partition the priority that lets it run at once. Only a partition that computes and
+/// computes makes this thread, which has none, wait so long.
+const TRUST_NS: u64 = 500_000_000;
 /// Between two looks whether the partition still lives.
 const LOOK_NS: u64 = 20_000_000;
+
+/// SCHED_FIFO priority of partitions, see [`priority`].
+const PRIORITY: u8 = 1;
+
+/// What partitions run with in their windows, which last microseconds: whoever is woken runs at once, and the thread that opens
+/// windows, which has no priority, finds them done when it looks. None where such work could keep that thread from a processor
+/// for ever.
+#[must_use]
+pub fn priority() -> Option<u8> {
+    sched::spares_ordinary_work().then_some(PRIORITY)
+}
 
 /// Window records on their way from the gate to the monitor.
 pub type Records = Rc<RefCell<VecDeque<WindowRecord>>>;
@@ -94,6 +109,9 @@ impl<'a> VirtualGate<'a> {
             // From the first look on: few windows take so long, and only these are worth the question.
             let spell = spell.get_or_insert_with(|| Spell::begin(slot.process()));
             let elapsed_ns = now_ns() - begun_ns;
+            if elapsed_ns > TRUST_NS {
+                slot.calm();
+            }
             let starved = || !self.hanging[partition] && spell.used_ns(elapsed_ns) <= patience_ns;
             if elapsed_ns > patience_ns && (elapsed_ns > STARVED_PATIENCE_NS || !starved()) {
                 self.hanging[partition] = true;
@@ -101,6 +119,10 @@ impl<'a> VirtualGate<'a> {
             }
         }
         self.hanging[partition] = false;
+        // It may be what kept this thread from running, in its window or by computing on afterwards.
+        if now_ns() - begun_ns > TRUST_NS {
+            slot.calm();
+        }
     }
 }
 

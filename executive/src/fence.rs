@@ -188,6 +188,10 @@ pub struct Fence {
     grip: Box<dyn Grip>,
     /// Real-time priority in windows; none: it runs as ordinary work.
     priority: Option<u8>,
+    /// Its priority stays with a partition that has closed its window, see [`Fence::trusting`].
+    trusting: bool,
+    /// It has used up that trust.
+    calmed: AtomicBool,
     threads: Threads,
     demoted: AtomicBool,
     frozen: AtomicBool,
@@ -213,6 +217,8 @@ impl Fence {
         Self {
             grip,
             priority,
+            trusting: false,
+            calmed: AtomicBool::new(false),
             threads: Threads::new(),
             demoted: AtomicBool::new(false),
             frozen: AtomicBool::new(false),
@@ -228,11 +234,19 @@ impl Fence {
         }
     }
 
+    /// Leaves a partition that says it is done its priority, until [`Fence::calm`]: between windows on the virtual clock there
+    /// is nobody's time to take, and each change of priority costs more than most windows last.
+    #[must_use]
+    pub fn trusting(self) -> Self {
+        Self { trusting: true, ..self }
+    }
+
     /// A process is about to start behind it: it is born free, even where its predecessor was killed while frozen.
     pub fn reset(&self) {
         self.forget();
         self.stopped.store(false, Relaxed);
         self.demoted.store(false, Relaxed);
+        self.calmed.store(false, Relaxed);
         self.unsettled.store(false, Relaxed);
         self.used_ns.store(NOT_NOTED, Relaxed);
         self.core.store(0, Relaxed);
@@ -288,7 +302,7 @@ impl Fence {
     /// Takes the priority of a partition that says it is done, until its next window: its word decides whether it is
     /// stopped, never whether it can take others' time. What it uses from now on is noted and found in [`Fence::let_go`].
     pub fn give_way(&self, main: i32) {
-        if self.priority.is_some() && main != 0 {
+        if self.priority.is_some() && !self.trusting && main != 0 {
             self.demote_known();
             if self.closed.fetch_add(1, Relaxed).is_multiple_of(LOOKED_AT) {
                 self.used_ns.store(self.grip.used_ns(main).unwrap_or(NOT_NOTED), Relaxed);
@@ -334,8 +348,9 @@ impl Fence {
         {
             self.strayed.fetch_add(1, Relaxed);
         }
-        if self.demoted.swap(false, Relaxed)
-            && let Some(priority) = self.priority
+        if let Some(priority) = self.priority
+            && !self.calmed.load(Relaxed)
+            && self.demoted.swap(false, Relaxed)
         {
             self.threads.real_time().for_each(|tid| self.grip.promote(tid, priority));
         }
@@ -362,6 +377,12 @@ impl Fence {
         if self.stopped.load(SeqCst) && self.frozen.swap(false, SeqCst) {
             self.grip.thaw();
         }
+    }
+
+    /// From now on it is ordinary work, in its windows too, until a successor is behind the fence.
+    pub fn calm(&self) {
+        self.calmed.store(true, Relaxed);
+        self.demote_known();
     }
 
     /// Moves every thread to a processor, if it is on another one.
@@ -491,6 +512,35 @@ mod tests {
         fence.let_go(10);
         assert_eq!(fake.said(), "thaw, promote 10, promote 11");
         assert_eq!(fence.take_escapes(), Escapes::default());
+    }
+
+    #[test]
+    fn trust_leaves_a_partition_its_priority_after_its_word_and_not_after_an_overrun() {
+        let (fake, fence) = in_window(1);
+        let fence = fence.trusting();
+        fence.give_way(10);
+        fence.let_go(10);
+        assert_eq!(fake.said(), "", "as it was");
+        fence.hold(10);
+        fence.let_go(10);
+        assert_eq!(fake.said(), "demote 10, freeze, thaw, promote 10");
+    }
+
+    #[test]
+    fn a_calmed_partition_is_ordinary_work_in_its_windows_too_until_a_successor_comes() {
+        let (fake, fence) = in_window(1);
+        let fence = fence.trusting();
+        fence.calm();
+        assert_eq!(fake.said(), "demote 10");
+        fence.hold(10);
+        fence.let_go(10);
+        fence.calm();
+        assert_eq!(fake.said(), "freeze, thaw");
+        fence.reset();
+        fence.set_threads(&[20], &[]);
+        fence.admit();
+        fence.let_go(20);
+        assert_eq!(fake.said(), "thaw, promote 20");
     }
 
     #[test]

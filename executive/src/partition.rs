@@ -22,6 +22,7 @@ use rustix::fs::{
 };
 use rustix::process::{WaitId, WaitIdOptions, waitid};
 
+use crate::fast;
 use crate::fence::{Fence, Processes};
 use crate::health::trouble::Trouble;
 use crate::keys::Key;
@@ -124,14 +125,17 @@ impl Cage {
         {
             let _ = group.limit("pids.max", partition.threads.into()); // as the list of guarantees says
         }
-        let real_time = housing.real_time && housing.clock == Clock::Wall;
-        let priority = real_time.then_some(partition.priority);
+        let priority = match housing.clock {
+            Clock::Wall => housing.real_time.then_some(partition.priority),
+            Clock::Virtual => fast::priority(),
+        };
         let retained = match (partition.retained_bytes, beside.and_then(|first| first.retained.as_ref())) {
             (0, _) => None,
             (_, Some(shared)) => Some(shared.try_clone()?),
             (bytes, None) => Some(shared_memory(&partition.name, bytes)?),
         };
         let fence = Fence::new(Box::new(Processes(freezer)), priority);
+        let fence = if housing.clock == Clock::Virtual { fence.trusting() } else { fence };
         let initial = plan.initial_schedule().index() as u32;
         mapped.schedule.store(initial, std::sync::atomic::Ordering::Relaxed);
         mapped.next_schedule.store(initial, std::sync::atomic::Ordering::Relaxed);

@@ -381,6 +381,19 @@ fn spinner_in_virtual_time_ends_idle_and_the_run_ends() {
     assert!(of(&windows, "before").chain(of(&windows, "after")).all(|window| window.closed_ns.is_some()));
 }
 
+/// There it has a priority that the dispatcher has not, until it is seen to use it.
+#[test]
+fn impostor_that_never_stops_computing_in_virtual_time_holds_up_nobody_for_long() {
+    let _turn = among_others();
+    let keys = "attributes = { computes_ms = 600000 }
+restart = { start = \"cold\", budget = 1, within = \"60s\", then = \"idle\" }";
+    let ended = run(&between_counters("impostor", keys), &["--fast"], 3).expect_code(0);
+    let silences = ended.faults().into_iter().filter(|fault| fault.error == "silence");
+    assert_eq!(silences.map(|fault| fault.action).collect::<Vec<_>>(), ["cold_restart", "idle"]);
+    let windows = ended.windows();
+    assert!(of(&windows, "before").chain(of(&windows, "after")).all(|window| window.closed_ns.is_some()));
+}
+
 #[test]
 fn sleeper_in_virtual_time_does_not_hang_the_run() {
     let _turn = among_others();

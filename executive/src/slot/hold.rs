@@ -45,6 +45,11 @@ impl Slot {
         false
     }
 
+    /// From now on the process has no real-time priority, in its windows neither.
+    pub fn calm(&self) {
+        self.fence.calm();
+    }
+
     /// Looks once whether the last fence took.
     pub fn look(&self) {
         self.fence.look();

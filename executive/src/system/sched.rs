@@ -25,6 +25,13 @@ pub fn is_real_time(tid: i32) -> bool {
     matches!(policy & !libc::SCHED_RESET_ON_FORK, libc::SCHED_FIFO | libc::SCHED_RR)
 }
 
+/// Whether the kernel leaves ordinary work a part of a processor that real-time work would take whole (sched_rt_runtime_us).
+#[must_use]
+pub fn spares_ordinary_work() -> bool {
+    let runtime_us = std::fs::read_to_string("/proc/sys/kernel/sched_rt_runtime_us");
+    runtime_us.is_ok_and(|text| text.trim().parse().is_ok_and(|runtime_us: i64| runtime_us >= 0))
+}
+
 /// Processor time that a process has used with all its threads, ns; none: it has ended.
 #[must_use]
 pub fn used_ns(pid: i32) -> Option<u64> {

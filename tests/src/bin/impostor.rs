@@ -1,7 +1,7 @@
-//! A partition that keeps to no library: it says that it is done with each window as soon as it has it, and then uses 5 ms of
-//! processor time, in everybody else's windows.
+//! A partition that keeps to no library: it says that it is done with each window as soon as it has it, and then uses processor
+//! time, in everybody else's windows.
 //!
-//! Attribute `pause_us`: it sleeps for so long between its word and its computing.
+//! Attributes: `computes_ms`, how much it uses, 5 ms unless told; `pause_us`: it sleeps for so long between its word and that.
 #![allow(unsafe_code)] // takes over what the executive left open, as the contract says
 
 use std::fs::File;
@@ -15,8 +15,6 @@ use bateleur_contract::{CONTROL_FD, ControlPage, DESCRIPTION_FD, Mapped, Mode};
 use rustix::thread::futex;
 use rustix::time::{ClockId, clock_gettime};
 
-const COMPUTES_ON_NS: u64 = 5_000_000;
-
 fn main() -> ExitCode {
     // SAFETY: the executive left both open, and nobody else in this process uses them.
     let (control, description) =
@@ -28,6 +26,7 @@ fn main() -> ExitCode {
     }
     let about: serde_json::Value = serde_json::from_slice(&json).unwrap_or_default();
     let pause = Duration::from_micros(about["attributes"]["pause_us"].as_u64().unwrap_or(0));
+    let computes_ns = about["attributes"]["computes_ms"].as_u64().unwrap_or(5) * 1_000_000;
     page.mode.store(Mode::Normal as u32, Release);
     let mut last = 0;
     loop {
@@ -46,7 +45,7 @@ fn main() -> ExitCode {
             std::thread::sleep(pause);
         }
         let begun_ns = now_ns(ClockId::ThreadCPUTime);
-        while now_ns(ClockId::ThreadCPUTime) < begun_ns + COMPUTES_ON_NS {
+        while now_ns(ClockId::ThreadCPUTime) < begun_ns + computes_ns {
             std::hint::spin_loop();
         }
     }

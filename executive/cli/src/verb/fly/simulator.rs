@@ -8,6 +8,7 @@ use std::process::{Child, ChildStdin, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
+use bateleur_executive::fast;
 use bateleur_executive::plan::Plan;
 use bateleur_executive::system::sched;
 use bateleur_messages::hil::Protocol;
@@ -133,8 +134,8 @@ fn read_address(output: impl std::io::Read) -> Option<SocketAddr> {
     ready.get("listening")?.as_str()?.parse().ok()
 }
 
-/// Virtual clock: on the partitions' core, where an exchange is a switch and not an interrupt. Wall clock: off it, ahead
-/// of everything ordinary.
+/// Virtual clock: on the partitions' core, where an exchange is a switch and not an interrupt, and ahead of the partition that
+/// asks it, which finds the answer when it looks. Wall clock: off that core, ahead of everything ordinary.
 pub(super) fn place(pid: i32, arguments: &Arguments, plan: &Plan) {
     let partitioned: Vec<u32> = plan.modules.iter().flat_map(|module| module.cores.clone()).collect();
     let allowed = sched::allowed_cores();
@@ -144,8 +145,10 @@ pub(super) fn place(pid: i32, arguments: &Arguments, plan: &Plan) {
         if !cores.is_empty() {
             let _ = sched::bind(tid, &cores); // a comfort, as below
         }
-        if !arguments.fast {
-            let _ = sched::fifo(tid, PRIORITY);
+        let priority =
+            if arguments.fast { fast::priority().map(|partitions| partitions + 1) } else { Some(PRIORITY) };
+        if let Some(priority) = priority {
+            let _ = sched::fifo(tid, priority);
         }
     }
 }

@@ -182,8 +182,9 @@ impl Dispatcher {
     }
 
     /// Runs major frames until the gate says that the module stops, or `stop` says so of the start of a major frame, module
-    /// time, ns, that no other core has begun.
-    pub fn run(&mut self, pace: &mut dyn Pace, gate: &mut dyn Gate, stop: &dyn Fn(u64) -> bool) {
+    /// time, ns, that no other core has begun. False: it could not go on, see [`Dispatcher::decided`].
+    pub fn run(&mut self, pace: &mut dyn Pace, gate: &mut dyn Gate, stop: &dyn Fn(u64) -> bool) -> bool {
+        let mut orderly = true;
         let schedule = self.agenda.current();
         let reign = Reign { number: 0, schedule, after: None, since_ns: self.begin_ns };
         let mut next =
@@ -194,7 +195,10 @@ impl Dispatcher {
                 break;
             }
             // Only now, at its very start, is it decided what the frame runs.
-            let Some(frame) = self.decided(before) else { break };
+            let Some(frame) = self.decided(before) else {
+                orderly = false;
+                break;
+            };
             self.close_all(&frame, late_ns, gate);
             if self.major_frame(&frame, late_ns, pace, gate) {
                 next = Some(self.following(&frame));
@@ -203,6 +207,7 @@ impl Dispatcher {
         for open in self.open.iter_mut().filter_map(Option::take) {
             gate.close(&open, Ending::default());
         }
+        orderly
     }
 
     /// The start of a major frame.

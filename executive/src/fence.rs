@@ -188,9 +188,9 @@ pub struct Fence {
     grip: Box<dyn Grip>,
     /// Real-time priority in windows; none: it runs as ordinary work.
     priority: Option<u8>,
-    /// Its priority stays with a partition that has closed its window, see [`Fence::trusting`].
-    trusting: bool,
-    /// It has used up that trust.
+    /// See [`Fence::timeless`].
+    timeless: bool,
+    /// See [`Fence::calm`].
     calmed: AtomicBool,
     threads: Threads,
     demoted: AtomicBool,
@@ -217,7 +217,7 @@ impl Fence {
         Self {
             grip,
             priority,
-            trusting: false,
+            timeless: false,
             calmed: AtomicBool::new(false),
             threads: Threads::new(),
             demoted: AtomicBool::new(false),
@@ -234,11 +234,11 @@ impl Fence {
         }
     }
 
-    /// Leaves a partition that says it is done its priority, until [`Fence::calm`]: between windows on the virtual clock there
-    /// is nobody's time to take, and each change of priority costs more than most windows last.
+    /// For the virtual clock, where there is nobody's time to take: a partition that says it is done keeps its priority, until
+    /// [`Fence::calm`], and a freeze may take as long as it likes, because signals would undo a planned SIGSTOP.
     #[must_use]
-    pub fn trusting(self) -> Self {
-        Self { trusting: true, ..self }
+    pub fn timeless(self) -> Self {
+        Self { timeless: true, ..self }
     }
 
     /// A process is about to start behind it: it is born free, even where its predecessor was killed while frozen.
@@ -286,7 +286,7 @@ impl Fence {
         let tried = begun_ns >= self.shun_until_ns.load(Relaxed);
         let frozen = tried && self.grip.freeze().is_ok();
         self.frozen.store(frozen, SeqCst);
-        let slow = frozen && self.grip.now_ns() - begun_ns > SLOW_NS;
+        let slow = frozen && !self.timeless && self.grip.now_ns() - begun_ns > SLOW_NS;
         if slow {
             self.shun_until_ns.store(begun_ns + SHUN_NS, Relaxed);
         }
@@ -302,7 +302,7 @@ impl Fence {
     /// Takes the priority of a partition that says it is done, until its next window: its word decides whether it is
     /// stopped, never whether it can take others' time. What it uses from now on is noted and found in [`Fence::let_go`].
     pub fn give_way(&self, main: i32) {
-        if self.priority.is_some() && !self.trusting && main != 0 {
+        if self.priority.is_some() && !self.timeless && main != 0 {
             self.demote_known();
             if self.closed.fetch_add(1, Relaxed).is_multiple_of(LOOKED_AT) {
                 self.used_ns.store(self.grip.used_ns(main).unwrap_or(NOT_NOTED), Relaxed);
@@ -515,12 +515,13 @@ mod tests {
     }
 
     #[test]
-    fn trust_leaves_a_partition_its_priority_after_its_word_and_not_after_an_overrun() {
+    fn on_the_virtual_clock_a_partition_keeps_its_priority_after_its_word_and_a_slow_freeze_is_waited_for() {
         let (fake, fence) = in_window(1);
-        let fence = fence.trusting();
+        let fence = fence.timeless();
         fence.give_way(10);
         fence.let_go(10);
         assert_eq!(fake.said(), "", "as it was");
+        fake.world().freeze_takes_ns = 10 * SLOW_NS;
         fence.hold(10);
         fence.let_go(10);
         assert_eq!(fake.said(), "demote 10, freeze, thaw, promote 10");
@@ -529,7 +530,7 @@ mod tests {
     #[test]
     fn a_calmed_partition_is_ordinary_work_in_its_windows_too_until_a_successor_comes() {
         let (fake, fence) = in_window(1);
-        let fence = fence.trusting();
+        let fence = fence.timeless();
         fence.calm();
         assert_eq!(fake.said(), "demote 10");
         fence.hold(10);

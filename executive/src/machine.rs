@@ -14,7 +14,7 @@ use crate::partition::ended;
 use crate::plan::ModuleView;
 use crate::system::account::Accounts;
 use crate::system::cgroup::Group;
-use crate::system::delegation;
+use crate::system::delegation::{self, Settled};
 use crate::system::filter::{Filters, Grants};
 use crate::system::rules::{self, Granted};
 use crate::system::sched;
@@ -41,6 +41,7 @@ pub struct Machine {
     pub guarantees: Guarantees,
     groups: bool,
     cores: Vec<(u32, u32)>,
+    settled: Option<Settled>,
 }
 
 impl Machine {
@@ -63,10 +64,17 @@ impl Machine {
         let (filtered, ruled) = (filters(user, &mut guarantees), rules(user, &mut guarantees));
         let namespaces = namespaces(user, filtered, &mut guarantees);
         channels(namespaces.mount, ruled, &mut guarantees);
-        memory(filtered, &mut guarantees);
+        let settled = memory(filtered, &mut guarantees);
         devices(view, &mut guarantees);
         keep_housekeeping_free(&cores);
-        Self { real_time, namespaces, user, filtered, ruled, guarantees, groups, cores }
+        Self { real_time, namespaces, user, filtered, ruled, guarantees, groups, cores, settled }
+    }
+
+    /// Leaves this process's control group as it was found: who only examines changes nothing.
+    pub fn leave(self) {
+        if let Some(settled) = self.settled {
+            settled.undo();
+        }
     }
 
     /// The module's control group, where there can be one.
@@ -332,14 +340,14 @@ const ONE_ONLY: &str = "; one that declared a single thread has no more (seccomp
 /// What is left where no controller counts a partition's memory.
 const PROCESS_ONLY: &str = "each process is limited (RLIMIT_DATA), their sum is not";
 
-fn memory(filtered: bool, guarantees: &mut Guarantees) {
+fn memory(filtered: bool, guarantees: &mut Guarantees) -> Option<Settled> {
     const PROMISE: &str = "a partition uses no more memory than it was granted";
     let settled = delegation::settle();
     let second = delegation::handed_on();
     let first = Accounts::beside_self(&format!("bateleur.probe.{}", std::process::id()));
     let without = |controller: &str| match &settled {
         Err(error) => error.to_string(),
-        Ok(()) => format!("no {controller} controller in cgroup v2, none that may be used in v1"),
+        Ok(_) => format!("no {controller} controller in cgroup v2, none that may be used in v1"),
     };
     match (second.contains(&"memory"), first.limit_memory(PROBE_BYTES)) {
         (true, _) => guarantees.held(PROMISE, "memory.max of its control group"),
@@ -356,6 +364,7 @@ fn memory(filtered: bool, guarantees: &mut Guarantees) {
     let locked = rustix::mm::mlockall(rustix::mm::MlockAllFlags::CURRENT);
     let mend = "a page fault may delay a window; raise the limit of locked memory (ulimit -l)";
     guarantees.examine("the executive's memory stays in place", locked, "locked", mend);
+    settled.ok()
 }
 
 #[cfg(test)]

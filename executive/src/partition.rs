@@ -135,7 +135,7 @@ impl Cage {
             (bytes, None) => Some(shared_memory(&partition.name, bytes)?),
         };
         let fence = Fence::new(Box::new(Processes(freezer)), priority);
-        let fence = if housing.clock == Clock::Virtual { fence.trusting() } else { fence };
+        let fence = if housing.clock == Clock::Virtual { fence.timeless() } else { fence };
         let initial = plan.initial_schedule().index() as u32;
         mapped.schedule.store(initial, std::sync::atomic::Ordering::Relaxed);
         mapped.next_schedule.store(initial, std::sync::atomic::Ordering::Relaxed);

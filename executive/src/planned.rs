@@ -63,6 +63,10 @@ impl PlannedAct {
         match self.act {
             Act::Inject(fault) => fault.aim(plan, &self.partition),
             _ => match plan.partition(&self.partition) {
+                Some(found) if self.act == Act::KillStandby && plan[found].standby.is_none() => Err(format!(
+                    "nothing stands by for partition \"{}\": it has no `standby`",
+                    self.partition
+                )),
                 Some(found) => Ok(Aim { partition: Some(found.index()), port: 0 }),
                 None => Err(format!("there is no partition \"{}\"", self.partition)),
             },

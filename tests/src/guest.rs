@@ -6,6 +6,7 @@
 
 use std::fs::{self, File};
 use std::io::{self, Write};
+use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -30,6 +31,7 @@ pub struct Guest {
     programs: Vec<PathBuf>,
     files: Vec<(String, Vec<u8>)>,
     modules: Vec<&'static str>,
+    systemd: bool,
 }
 
 /// What a guest's script left.
@@ -81,6 +83,11 @@ impl Guest {
         ip link add dev vcan0 type vcan && ip link set vcan0 mtu 72 && ip link set vcan0 up || exit 8
     ";
 
+    /// With systemd as its first process, and a user `bateleur`: units lie in `/etc/systemd/system`.
+    pub fn systemd(self) -> Self {
+        Self { systemd: true, ..self }
+    }
+
     /// With a file in `/flight`.
     pub fn file(mut self, name: &str, text: &str) -> Self {
         self.files.push((name.into(), text.into()));
@@ -100,7 +107,7 @@ impl Guest {
             .arg(kernel())
             .arg("-initrd")
             .arg(&disk)
-            .args(["-append", "console=ttyS0 quiet panic=-1", "-serial"])
+            .args(["-append", "console=ttyS0 quiet panic=-1 systemd.unit=script.service", "-serial"])
             .arg(format!("file:{}", console.display()))
             .arg("-serial")
             .arg(format!("file:{}", output.display()))
@@ -139,29 +146,19 @@ impl Guest {
 
     fn pack(&self, disk: &Path, script: &str) -> io::Result<()> {
         let mut archive = Archive(io::BufWriter::new(File::create(disk)?), 0);
-        for folder in [
-            "bin",
-            "proc",
-            "sys",
-            "dev",
-            "tmp",
-            "etc",
-            "flight",
-            "lib64",
-            "lib",
-            "lib/x86_64-linux-gnu",
-            "modules",
-            "usr",
-            "usr/lib",
-        ] {
+        match self.systemd {
+            true => pack_systemd(&mut archive)?,
+            false => pack_plain(&mut archive)?,
+        }
+        for folder in ["proc", "sys", "dev", "tmp", "flight", "modules"] {
             archive.add(folder, 0o040_755, &[])?;
         }
         archive.add(RELEASE, 0o040_755, &[])?;
         archive.add(&format!("{RELEASE}/deps"), 0o040_755, &[])?;
         self.pack_repository(&mut archive)?;
         archive.add("bin/busybox", 0o100_755, &fs::read("/bin/busybox")?)?;
-        archive.add("init", 0o100_755, include_bytes!("../guest/init"))?;
-        archive.add("etc/passwd", 0o100_644, b"root:x:0:0::/:/bin/sh\n")?;
+        archive.add("etc/passwd", 0o100_644, b"root:x:0:0::/:/bin/sh\nbateleur:x:990:990::/:/bin/sh\n")?;
+        archive.add("etc/group", 0o100_644, b"root:x:0:\nbateleur:x:990:\n")?;
         archive.add("etc/shadow", 0o100_600, b"root:*:1:0:99999:7:::\n")?;
         archive.add("flight/script", 0o100_755, script.as_bytes())?;
         for (name, bytes) in &self.files {
@@ -183,6 +180,49 @@ impl Guest {
         }
         archive.end()
     }
+}
+
+/// A system whose first process is a shell.
+fn pack_plain(archive: &mut Archive) -> io::Result<()> {
+    for folder in ["bin", "etc", "lib64", "lib", "lib/x86_64-linux-gnu", "usr", "usr/lib"] {
+        archive.add(folder, 0o040_755, &[])?;
+    }
+    archive.add("init", 0o100_755, include_bytes!("../guest/init"))
+}
+
+/// A system whose first process is systemd, as `tests/guest/prepare` unpacked it.
+fn pack_systemd(archive: &mut Archive) -> io::Result<()> {
+    let tree = repository().join("target/guest/systemd");
+    assert!(tree.is_dir(), "there is no {}: run tests/guest/prepare", tree.display());
+    pack_tree(archive, &tree, &tree)?;
+    for folder in ["flight", "flight/bin", "run", "var", "var/lib", "opt"] {
+        archive.add(folder, 0o040_755, &[])?;
+    }
+    archive.add("init", 0o120_777, b"/lib/systemd/systemd")?;
+    // Without a number the first start asks questions.
+    archive.add("etc/machine-id", 0o100_444, b"b0b0b0b0b0b0b0b0b0b0b0b0b0b0b0b0\n")?;
+    archive.add("etc/nsswitch.conf", 0o100_644, b"passwd: files\ngroup: files\n")?;
+    archive.add("bin/sh", 0o120_777, b"busybox")?;
+    archive.add("flight/begin", 0o100_644, include_bytes!("../guest/begin"))?;
+    archive.add("etc/systemd/system/script.service", 0o100_644, include_bytes!("../guest/script.service"))
+}
+
+/// Everything below `folder`, by its path below `root`, each folder before what is in it.
+fn pack_tree(archive: &mut Archive, root: &Path, folder: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        let name = path.strip_prefix(root).unwrap_or(&path).to_string_lossy().into_owned();
+        let about = fs::symlink_metadata(&path)?;
+        if about.is_dir() {
+            archive.add(&name, about.permissions().mode(), &[])?;
+            pack_tree(archive, root, &path)?;
+        } else if about.is_symlink() {
+            archive.add(&name, about.permissions().mode(), fs::read_link(&path)?.as_os_str().as_bytes())?;
+        } else if about.is_file() {
+            archive.add(&name, about.permissions().mode(), &fs::read(&path)?)?;
+        }
+    }
+    Ok(())
 }
 
 /// A program, without what only a debugger reads, and beside the schedule a link to it.

@@ -164,6 +164,11 @@ fn kill_of_nobody_is_refused_with_the_names_that_there_are() {
 }
 
 #[test]
+fn kill_of_a_standby_that_the_plan_has_not_is_refused() {
+    fly(&["--kill", "imu.standby@10"]).expect_code(2).expect_words(&["nothing stands by", "\"imu\""]);
+}
+
+#[test]
 fn kill_without_a_time_is_refused_with_an_example() {
     fly(&["--kill", "estimator"]).expect_code(2).expect_words(&["PARTITION@SECONDS", "estimator@100"]);
 }

@@ -344,3 +344,91 @@ fn frames_follow_the_disciplined_clock_and_follow_it_again_after_it_was_set_and_
     let set_by_ns = after("SET ")[0] - after("FIRST ")[0];
     assert!(set_by_ns.abs_diff(1_500_000) < 50_000, "{set_by_ns} ns: {}", said.text);
 }
+
+/// A module of the unit's name that starts in time on an emulator too.
+const UNIT_PLAN: &str = r#"
+[module.fcu]
+cores = [1]
+
+[partition.a]
+program = "bateleur_bench_partition"
+module = "fcu"
+memory = "64MiB"
+startup_timeout = "60s"
+
+[partition.b]
+program = "bateleur_bench_partition"
+module = "fcu"
+memory = "64MiB"
+startup_timeout = "60s"
+
+[schedule.s]
+major_frame = "100ms"
+minor_frame = "100ms"
+window = [
+    { partition = "a", offset = "1ms", duration = "20ms" },
+    { partition = "b", offset = "51ms", duration = "20ms" },
+]
+"#;
+
+#[test]
+#[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
+fn unit_of_the_book_starts_strictly_under_systemd_stops_without_a_trace_and_comes_back_when_it_was_killed() {
+    let unit = std::fs::read_to_string(repository().join("docs/bateleur.service")).unwrap();
+    let guest = ["bateleur", "bateleur_bench_partition"]
+        .iter()
+        .fold(Guest::default(), |guest, name| guest.program(name))
+        .systemd()
+        .file("bateleur.service", &unit)
+        .file("schedule.toml", UNIT_PLAN);
+    let said = guest.run(
+        r#"
+        mkdir -p /opt/bateleur && cp release/bateleur* schedule.toml /opt/bateleur/ || exit 8
+        install_unit() { cat > /etc/systemd/system/bateleur.service && systemctl daemon-reload || exit 8; }
+        turns=0
+        await() { until [ "$(journalctl -u bateleur | grep -c "$2")" -ge "$1" ]; do
+            sleep 1; turns=$((turns + 1)); [ $turns -lt 120 ] || { journalctl -u bateleur; exit 7; }; done; }
+        group=/sys/fs/cgroup/system.slice/bateleur.service
+        left() { ls -d $group /dev/shm/bateleur.* 2> /dev/null; }
+
+        install_unit < bateleur.service
+        systemctl start bateleur; await 1 'partitions are ready'
+        echo "IS $(systemctl is-active bateleur)"
+        echo "HANDS ON $(cat $group/cgroup.subtree_control)"
+        echo "LIMITS $(cat $group/bateleur.fcu.*/*/memory.max | tr '\n' ' ')"
+        start=$(systemctl show -P InvocationID bateleur)
+        systemctl stop bateleur
+        echo "STOPPED $(systemctl show -P Result bateleur) $(left)"
+        echo "LOGS $(ls /var/lib/bateleur/$start)"
+
+        sed 's/^Restart=no/Restart=on-failure/' bateleur.service | install_unit
+        systemctl start bateleur; await 2 'partitions are ready'
+        systemctl kill --signal KILL --kill-who main bateleur; await 3 'partitions are ready'
+        echo "CAME BACK $(systemctl show -P NRestarts bateleur) $(systemctl is-active bateleur)"
+        systemctl stop bateleur
+        echo "STOPPED $(systemctl show -P Result bateleur) $(left)"
+
+        sed 's/ --require strict//; s/^#User/User/; s/^#Ambient/Ambient/' bateleur.service | install_unit
+        systemctl start bateleur; await 4 'partitions are ready'
+        echo "USER $(systemctl is-active bateleur) $(ps -o user,comm | grep bateleur | sort | uniq -c | tr -s ' \n' ' ')"
+        systemctl stop bateleur
+        echo "STOPPED $(systemctl show -P Result bateleur) $(left)"
+        journalctl -u bateleur -o cat"#,
+    );
+    assert_eq!(said.code, Some(0), "{}", said.text);
+    let told = |word: &str| {
+        let lines = said.text.lines().filter_map(|line| line.strip_prefix(word));
+        lines.map(str::trim).collect::<Vec<_>>()
+    };
+    assert_eq!(told("IS "), ["active"], "{}", said.text);
+    assert_eq!(told("HANDS ON "), ["memory pids"]);
+    assert_eq!(told("LIMITS "), ["67108864 67108864"]);
+    assert_eq!(told("CAME BACK "), ["1 active"], "{}", said.text);
+    // No group of the unit, nothing in /dev/shm.
+    assert_eq!(told("STOPPED "), ["success"; 3], "{}", said.text);
+    assert!(said.text.contains("LOGS ") && said.text.contains("windows.csv"), "{}", said.text);
+    let user = told("USER ");
+    assert!(user[0].starts_with("active") && !user[0].contains("root"), "{user:?}");
+    let lacks = said.text.lines().filter(|line| line.starts_with("not on this machine"));
+    assert_eq!(lacks.count(), 3, "an ordinary user's, none of the others': {}", said.text);
+}

@@ -34,6 +34,22 @@ fn module_without_its_simulator_has_all_its_windows() {
     assert!(windows.windows(2).all(|pair| pair[0].planned_end_ns <= pair[1].planned_start_ns));
 }
 
+/// A dispatcher ends by itself at that time, and the monitor, which has restarts to do, may not know the time yet.
+#[test]
+fn run_that_ends_at_its_time_while_the_monitor_is_busy_is_no_error_of_the_module() {
+    let _turn = alone();
+    let keys = "attributes = { how = \"exit\", after = 1 }\n\
+                restart = { start = \"cold\", budget = 1000, within = \"10s\", then = \"idle\" }";
+    let folder = tempfile::tempdir().unwrap();
+    let names: Vec<String> = (0..8).map(|number| format!("p{number}")).collect();
+    let sketch =
+        names.iter().fold(Sketch::new(), |sketch, name| sketch.partition(name, "crasher", 1_000, keys));
+    let schedule = sketch.write(folder.path());
+    for _ in 0..5 {
+        bateleur(&["run", "--schedule", &schedule, "--until", "0.2"]).end().expect_code(0);
+    }
+}
+
 #[test]
 fn flight_on_the_wall_clock_with_two_kills_completes() {
     let _turn = alone();

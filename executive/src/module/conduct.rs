@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::rc::Rc;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::thread::JoinHandle;
 
 use bateleur_contract::{Clock, StartCondition};
@@ -334,11 +334,14 @@ fn run_wall(
     let seats = monitor.seats();
     seats.iter().flatten().flat_map(|seats| seats.all()).for_each(|slot| slot.set_origin_ns(origin_ns));
     let stop = Arc::new(AtomicBool::new(false));
+    // Dispatchers that ended because they were to: each is counted before its thread is seen to be finished.
+    let orderly = Arc::new(AtomicUsize::new(0));
     let mut threads = Vec::new();
     for line in tables.timelines.first().into_iter().flat_map(|timeline| &timeline.cores) {
         let (producer, consumer) = RingBuffer::new(RECORDS);
         let (core, real_time, all_stop) = (facts.real_core(line.core), facts.real_time, &stop);
-        let (stop, until_ns) = (stop.clone(), surroundings.until_ns().unwrap_or(u64::MAX));
+        let (stop, orderly) = (stop.clone(), orderly.clone());
+        let until_ns = surroundings.until_ns().unwrap_or(u64::MAX);
         lanes.rings.borrow_mut().push(consumer);
         let gate = WallGate::new(
             seats.clone(),
@@ -358,7 +361,9 @@ fn run_wall(
             .stack_size(DISPATCHER_STACK)
             .spawn(move || {
                 let stop = |frame_ns| stop.load(Ordering::Acquire) || frame_ns >= until_ns;
-                dispatch(dispatcher, gate, pace, core, real_time, &stop);
+                if dispatch(dispatcher, gate, pace, core, real_time, &stop) {
+                    orderly.fetch_add(1, Ordering::Release);
+                }
             });
         match thread {
             Ok(thread) => threads.push(thread),
@@ -376,8 +381,8 @@ fn run_wall(
         monitor.pause(MONITOR_PERIOD_NS);
         let module_ns = now_ns().saturating_sub(origin_ns);
         monitor.step(module_ns);
-        let is_over = surroundings.until_ns().is_some_and(|until_ns| module_ns >= until_ns);
-        if !is_over && threads.iter().any(JoinHandle::is_finished) {
+        let finished = threads.iter().filter(|thread| thread.is_finished()).count();
+        if finished > orderly.load(Ordering::Acquire) {
             monitor.module_fault(ModuleError::LateDispatcher, LOST_CORE, false, module_ns);
             break;
         }
@@ -423,7 +428,7 @@ impl Tables {
     }
 }
 
-/// A dispatcher thread's life.
+/// A dispatcher thread's life; whether it ended because it was to.
 fn dispatch(
     mut dispatcher: Dispatcher,
     mut gate: WallGate,
@@ -431,7 +436,7 @@ fn dispatch(
     core: u32,
     real_time: bool,
     stop: &dyn Fn(u64) -> bool,
-) {
+) -> bool {
     use thread_priority::{
         RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, set_thread_priority_and_policy,
         thread_native_id,
@@ -445,7 +450,7 @@ fn dispatch(
             policy,
         ); // as above
     }
-    dispatcher.run(&mut pace, &mut gate, stop);
+    dispatcher.run(&mut pace, &mut gate, stop)
 }
 
 /// Bytes of a dispatcher's stack, all of them locked: it calls a few levels deep and keeps its tables elsewhere.

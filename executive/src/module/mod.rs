@@ -233,20 +233,16 @@ fn module_of<'a>(plan: &'a Plan, name: &str) -> Result<ModuleView<'a>, RunError>
 
 fn check_names(view: &ModuleView<'_>, options: &Options) -> Result<(), RunError> {
     let names: Vec<&str> = view.partitions().map(|id| view.plan()[id].name.as_str()).collect();
-    let (faults, acts): (Vec<_>, Vec<_>) =
-        options.acts.iter().partition(|one| matches!(one.act, Act::Inject(_)));
-    if let Some(why) = faults.into_iter().find_map(|one| one.aim(view.plan()).err()) {
-        return Err(RunError::Aim(why));
-    }
-    let asked = acts.into_iter().map(|one| &one.partition).chain(options.overrides.keys());
-    match asked.into_iter().find(|name| !names.contains(&name.as_str())) {
-        None => Ok(()),
-        Some(name) => Err(RunError::NoPartition {
+    let acts = options.acts.iter().filter(|one| !matches!(one.act, Act::Inject(_)));
+    let mut asked = acts.map(|one| &one.partition).chain(options.overrides.keys());
+    if let Some(name) = asked.find(|name| !names.contains(&name.as_str())) {
+        return Err(RunError::NoPartition {
             name: name.clone(),
             module: options.module.clone(),
             known: names.join(", "),
-        }),
+        });
     }
+    options.acts.iter().try_for_each(|one| one.aim(view.plan()).map(drop)).map_err(RunError::Aim)
 }
 
 fn check_schedules(plan: &Plan, options: &Options) -> Result<(), RunError> {

@@ -263,6 +263,7 @@ impl Monitor {
             detail: format!("the standby {detail}"),
             recovered_ns: None,
         };
+        self.health_log.note(&entry);
         self.health_log.write(&entry);
         self.tell_of_standby(place, format!("its standby {detail}, {next}"), module_ns);
         self.bury_standby(place);

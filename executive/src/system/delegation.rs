@@ -38,14 +38,43 @@ pub fn handed_on() -> Vec<&'static str> {
     CONTROLLERS.into_iter().filter(|controller| words.iter().any(|word| word == controller)).collect()
 }
 
+/// What [`settle`] did.
+#[derive(Debug)]
+pub struct Settled {
+    base: PathBuf,
+    handed_on: Vec<&'static str>,
+    aside: bool,
+}
+
+impl Settled {
+    /// Leaves the group as it was found, unless groups have been made in it. As long as it hands controllers on, systemd can
+    /// start no other process in it: a unit's main process after an `ExecStartPre=`.
+    pub fn undo(self) {
+        let leaf = self.base.join(LEAF);
+        let inside = fs::read_dir(&self.base).into_iter().flatten().flatten();
+        if inside.map(|entry| entry.path()).any(|path| path.is_dir() && path != leaf) {
+            return;
+        }
+        for controller in self.handed_on {
+            let _ = fs::write(self.base.join("cgroup.subtree_control"), format!("-{controller}")); // then it stays
+        }
+        if self.aside {
+            for pid in processes(&leaf).unwrap_or_default() {
+                let _ = fs::write(self.base.join("cgroup.procs"), pid.to_string()); // as above
+            }
+            let _ = fs::remove_dir(&leaf); // as above
+        }
+    }
+}
+
 /// Hands the controllers on to the groups below [`base`], stepping aside where that needs it.
 ///
 /// # Errors
 /// What forbids it, with the way to mend it. What is not handed on then is seen by [`handed_on`].
-pub fn settle() -> io::Result<()> {
+pub fn settle() -> io::Result<Settled> {
     let base = base()?;
-    if hand_on(&base).is_ok() {
-        return Ok(());
+    if let Ok(handed_on) = hand_on(&base) {
+        return Ok(Settled { base, handed_on, aside: false });
     }
     let inside = processes(&base)?;
     if let Some(stranger) = inside.iter().find(|pid| !is_ours(**pid)) {
@@ -64,19 +93,23 @@ pub fn settle() -> io::Result<()> {
         // One that has ended meanwhile can not be moved, and need not be.
         let _ = fs::write(leaf.join("cgroup.procs"), pid.to_string());
     }
-    hand_on(&base)
+    let handed_on = hand_on(&base)?;
+    Ok(Settled { base, handed_on, aside: true })
 }
 
-fn hand_on(group: &Path) -> io::Result<()> {
+/// Gives what was not handed on before.
+fn hand_on(group: &Path) -> io::Result<Vec<&'static str>> {
+    let mut handed_on = Vec::new();
     let there = words(&group.join("cgroup.controllers"))?;
     let already = words(&group.join("cgroup.subtree_control"))?;
     for controller in CONTROLLERS {
         let has = |list: &[String]| list.iter().any(|word| word == controller);
         if has(&there) && !has(&already) {
             fs::write(group.join("cgroup.subtree_control"), format!("+{controller}"))?;
+            handed_on.push(controller);
         }
     }
-    Ok(())
+    Ok(handed_on)
 }
 
 fn words(file: &Path) -> io::Result<Vec<String>> {

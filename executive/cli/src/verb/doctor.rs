@@ -38,6 +38,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         ports: view.partitions().map(|id| plan[id].ports.len()).sum(),
     };
     let findings = examine(&Root::new("/"), &subject, &Tried::here(machine.guarantees.list()));
+    machine.leave();
     let lacking = findings.iter().filter(|finding| finding.state == State::Lacks).count();
     let text = match arguments.format {
         Format::Json => format!(

@@ -213,6 +213,23 @@ fn what_can_not_be_added_is_said_and_the_file_stays() {
 }
 
 #[test]
+fn a_channel_that_names_the_partition_too_early_is_answered_with_what_to_do() {
+    let named = everything().replacen("destinations = [", "destinations = [\"third.rate\", ", 1);
+    let folder = folder(&named);
+    let ended = new_in(folder.path(), &["third", "--add"]);
+    assert_eq!((ended.code, ended.stdout.as_str()), (2, ""), "{}", ended.stderr);
+    let words = "nothing was added: take what names a port of `third` out, run `bateleur new third --add`";
+    assert!(ended.stderr.contains(words), "{}", ended.stderr);
+    assert_eq!(read(folder.path(), "schedule.toml"), named);
+    let ended = new_in(folder.path(), &["talker"]);
+    assert!(
+        ended.code == 2 && ended.stderr.contains("nothing was written: mend that first"),
+        "{}",
+        ended.stderr
+    );
+}
+
+#[test]
 fn what_no_crate_can_be_made_of_is_refused_with_a_way_to_mend_it() {
     for (old, new, words) in [
         (

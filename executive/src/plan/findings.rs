@@ -56,6 +56,16 @@ impl<'a> Findings<'a> {
         Self { text, list: RefCell::default(), keys: None }
     }
 
+    /// What stands at a place of the source.
+    pub(super) fn source(&self, span: &Span) -> &'a str {
+        self.text.get(span.clone()).unwrap_or_default()
+    }
+
+    /// For what is only tried: the same source, and nothing found in it.
+    pub(super) fn aside(&self) -> Self {
+        Self::new(self.text)
+    }
+
     /// The same, which also keeps what each table is asked for.
     pub(super) fn with_keys(text: &'a str) -> Self {
         Self { keys: Some(RefCell::default()), ..Self::new(text) }

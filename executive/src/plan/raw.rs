@@ -15,6 +15,7 @@ use super::findings::{Finding, Findings, Span, did_you_mean, listed};
 use super::reader::{
     At, Attributes, Bytes, Entry, Field, FromToml, Nanoseconds, Permission, Rate, TableReader, Word, table_of,
 };
+use super::units;
 
 /// The whole file.
 pub(super) struct RawFile {
@@ -124,6 +125,8 @@ pub(super) struct RawSchedule {
     pub(super) minor_frame: Field<Nanoseconds>,
     pub(super) initial: Field<bool>,
     pub(super) windows: Vec<RawWindow>,
+    /// It has no windows, and a key that nobody knows: they may well stand under that.
+    pub(super) windows_mistyped: bool,
     /// What becomes of partitions when the module changes to it, by name.
     pub(super) change_actions: Vec<(At<String>, At<ChangeAction>)>,
 }
@@ -183,22 +186,64 @@ impl RawFile {
         let schedules = file.entries("schedule");
         let health = file.table("health");
         file.finish();
+        let beside = Beside::of(&modules, &partitions);
         let mut ports = Vec::new();
         let mut owners = Vec::new();
         for entry in partitions {
-            owners.extend(RawPartition::read(entry, owners.len(), &mut ports, findings));
+            owners.extend(RawPartition::read(entry, owners.len(), &mut ports, (&beside, findings)));
         }
         Self {
             partitions: owners,
             modules: modules.into_iter().filter_map(|entry| RawModule::read(entry, findings)).collect(),
             networks: networks.into_iter().filter_map(|entry| RawNetwork::read(entry, findings)).collect(),
-            links: links.into_iter().filter_map(|entry| RawLink::read(entry, findings)).collect(),
+            links: links.into_iter().filter_map(|entry| RawLink::read(entry, &beside, findings)).collect(),
             ports,
             channels: channels.into_iter().map(|table| RawChannel::read(table, findings)).collect(),
             chains: chains.into_iter().map(|table| RawChain::read(table, findings)).collect(),
             schedules: schedules.into_iter().filter_map(|entry| RawSchedule::read(entry, findings)).collect(),
-            health: health.map(|table| RawHealth::read(table, findings)).unwrap_or_default(),
+            health: health.map(|table| RawHealth::read(table, &beside, findings)).unwrap_or_default(),
         }
+    }
+}
+
+/// Names in the file that the mends of other tables need.
+struct Beside {
+    modules: Vec<String>,
+    partitions: Vec<String>,
+    /// The partitions without ports.
+    portless: Vec<String>,
+}
+
+impl Beside {
+    fn of(modules: &[Entry<'_, '_>], partitions: &[Entry<'_, '_>]) -> Self {
+        let has_ports =
+            |value: &DeValue<'_>| value.as_table().is_some_and(|table| table.contains_key("port"));
+        let portless = partitions.iter().filter(|(_, value)| !has_ports(value.get_ref()));
+        let name = |(name, _): &Entry<'_, '_>| name.value.clone();
+        Self {
+            modules: modules.iter().map(name).collect(),
+            partitions: partitions.iter().map(name).collect(),
+            portless: portless.map(name).collect(),
+        }
+    }
+
+    /// An example of a module: one of the file where it has one.
+    fn module(&self) -> String {
+        format!("\"{}\"", self.modules.first().map_or("fcu", String::as_str))
+    }
+
+    /// An example of the two ends of a link.
+    fn two_modules(&self) -> String {
+        match self.modules.as_slice() {
+            [one, other, ..] => format!("[\"{one}\", \"{other}\"]"),
+            _ => "[\"fcu\", \"nav\"]".to_owned(),
+        }
+    }
+
+    /// Where the answers of one partition belong, if this is one.
+    fn own_answers(&self, name: &str) -> Option<String> {
+        let is_one = self.partitions.iter().any(|partition| partition == name);
+        is_one.then(|| format!("what holds for `{name}` alone is `health = {{ … }}` in `[partition.{name}]`"))
     }
 }
 
@@ -243,10 +288,10 @@ impl RawNetwork {
 }
 
 impl RawLink {
-    fn read(entry: Entry<'_, '_>, findings: &Findings<'_>) -> Option<Self> {
+    fn read(entry: Entry<'_, '_>, beside: &Beside, findings: &Findings<'_>) -> Option<Self> {
         let mut table = named("link", &entry, findings)?;
         let link = Self {
-            modules: table.required("modules", "[\"fcu\", \"nav\"]"),
+            modules: table.required("modules", &beside.two_modules()),
             networks: table.optional("networks"),
             transport: table.optional("transport"),
             key: table.optional("key"),
@@ -267,13 +312,21 @@ impl RawPartition {
         entry: Entry<'_, '_>,
         place: usize,
         ports: &mut Vec<RawPort>,
-        findings: &Findings<'_>,
+        (beside, findings): (&Beside, &Findings<'_>),
     ) -> Option<Self> {
         let mut table = named("partition", &entry, findings)?;
+        // Where the name is followed by another, it has no table of its own.
+        let name_end = entry.0.span.end;
+        let has_only_ports = findings.source(&(name_end..name_end + 1)) == "."
+            && entry
+                .1
+                .get_ref()
+                .as_table()
+                .is_some_and(|table| table.len() == 1 && table.contains_key("port"));
         let partition = Self {
             generated: false,
             program: table.required("program", &format!("\"{}\"", entry.0.value)),
-            module: table.required("module", "\"fcu\""),
+            module: table.required("module", &beside.module()),
             memory: table.required("memory", "\"32MiB\""),
             threads: table.optional("threads"),
             restart: RawRestart::read(table.table("restart"), findings),
@@ -286,13 +339,23 @@ impl RawPartition {
             retained: table.optional("retained"),
             attributes: table.optional("attributes"),
             may_set_schedule: table.optional("may_set_schedule"),
-            health: answers(&table.entries("health"), &PARTITION_LEVEL, findings),
+            health: answers(&table.entries("health"), &PARTITION_LEVEL, (beside, findings)),
             error_handler: table.optional("error_handler"),
             health_texts: table.optional("health_texts"),
             name: entry.0,
         };
         let entries = table.entries("port").into_iter();
         ports.extend(entries.filter_map(|entry| RawPort::read(entry, place, findings)));
+        if has_only_ports {
+            let name = &partition.name.value;
+            let message =
+                format!("partition `{name}` has ports, but no table with `program`, `module` and `memory`");
+            let mend = match beside.portless.as_slice() {
+                [other] => format!("write `[partition.{other}.port]`, or add `[partition.{name}]`"),
+                _ => format!("add `[partition.{name}]`, or give the ports to another partition"),
+            };
+            table.missing_all(message, mend);
+        }
         table.finish();
         Some(partition)
     }
@@ -366,15 +429,17 @@ impl RawSchedule {
         let minor_frame = table.required("minor_frame", "\"20ms\"");
         let initial = table.optional("initial");
         let windows = table.tables("window").into_iter();
-        let windows = windows.map(|window| RawWindow::read(window, findings)).collect();
+        let windows: Vec<_> = windows.map(|window| RawWindow::read(window, findings)).collect();
         let actions = table.entries("change_action").into_iter();
         let change_actions = actions.filter_map(|(name, value)| {
             let action = Word::<ChangeAction>::from_toml(value, findings)?.0;
             Some((name, At { value: action, span: value.span() }))
         });
         let change_actions = change_actions.collect();
+        let windows_mistyped = windows.is_empty() && table.has_unknown_keys();
         table.finish();
-        Some(Self { name: entry.0, major_frame, minor_frame, initial, windows, change_actions })
+        let name = entry.0;
+        Some(Self { name, major_frame, minor_frame, initial, windows, windows_mistyped, change_actions })
     }
 }
 
@@ -394,13 +459,13 @@ impl RawWindow {
 }
 
 impl RawHealth {
-    fn read((table, span): (&DeTable<'_>, Span), findings: &Findings<'_>) -> Self {
+    fn read((table, span): (&DeTable<'_>, Span), beside: &Beside, findings: &Findings<'_>) -> Self {
         let mut table = TableReader::new(table, span, "`health`", findings);
         let mut health = Self {
             partition_span: table.table("partition").map(|(_, span)| span),
-            partition: answers(&table.entries("partition"), &PARTITION_LEVEL, findings),
+            partition: answers(&table.entries("partition"), &PARTITION_LEVEL, (beside, findings)),
             module_span: table.table("module").map(|(_, span)| span),
-            module: answers(&table.entries("module"), &MODULE_LEVEL, findings),
+            module: answers(&table.entries("module"), &MODULE_LEVEL, (beside, findings)),
             levels: levels(&table.entries("level"), findings),
             silence_windows: match table.optional("silence_windows") {
                 Field::Said(at) => Some(at),
@@ -422,7 +487,7 @@ impl RawHealth {
             health.log_policy = log.optional("policy").said().cloned();
             log.finish();
         }
-        table.finish();
+        table.finish_with(|key| beside.own_answers(key));
         health
     }
 }
@@ -480,9 +545,15 @@ fn levels(entries: &[Entry<'_, '_>], findings: &Findings<'_>) -> Vec<RawLevel> {
 fn answers<E: Closed, A: Closed>(
     entries: &[Entry<'_, '_>],
     level: &Level,
-    findings: &Findings<'_>,
+    (beside, findings): (&Beside, &Findings<'_>),
 ) -> Vec<Answer<E, A>> {
     let read = |(key, value): &Entry<'_, '_>| {
+        let own = beside.own_answers(&key.value).filter(|_| value.get_ref().is_table());
+        if let Some(mend) = own {
+            let message = format!("`{}` is a partition, and no error of a {}", key.value, level.own);
+            findings.add(Finding::new(&catalogue::UNKNOWN_ERROR, &key.span, message, mend));
+            return None;
+        }
         // Both are read before either is given up, so that both faults of a line are reported.
         let error = error_named(key, level, findings);
         let action = action_in(value, level, findings);
@@ -539,17 +610,83 @@ pub(super) fn parse<'i>(text: &'i str, findings: &Findings<'_>) -> Option<Spanne
     let span = error.span().unwrap_or(0..0);
     // The parser tells its complaints apart by their text only.
     findings.add(if error.message() == "duplicate key" {
-        let message = format!("`{}` is there already", text.get(span.clone()).unwrap_or("this key"));
-        Finding::new(&catalogue::DUPLICATE_NAME, &span, message, "rename one of the two, or join them")
+        twice(text, &span)
+    } else if let Some((span, value)) = unquoted(text, span.start, error.message()) {
+        let (message, mend) = (format!("`{value}` stands without quotes"), format!("write `\"{value}\"`"));
+        Finding::new(&catalogue::SYNTAX, &span, message, mend)
     } else {
-        let mend = if error.message().contains("must be quoted") {
-            "put the value in quotes"
-        } else {
-            "how TOML is written stands at https://toml.io"
-        };
+        let mend = "how TOML is written stands at https://toml.io";
         Finding::new(&catalogue::SYNTAX, &span, error.message(), mend)
     });
     None
+}
+
+/// The value around a place at which the parser stopped, if all that it lacks is quotes.
+fn unquoted<'t>(text: &'t str, at: usize, complaint: &str) -> Option<(Span, &'t str)> {
+    let before = |letter: char| letter.is_ascii_whitespace() || "=[,{".contains(letter);
+    let behind = |letter: char| letter.is_ascii_whitespace() || ",]}#".contains(letter);
+    let start = text.get(..at)?.rfind(before)? + 1;
+    let end = at + text[at..].find(behind).unwrap_or(text.len() - at);
+    let value = &text[start..end];
+    let is_value = text[..start].trim_end().ends_with(['=', '[', ',']);
+    let is_word = value.chars().all(|letter| letter.is_alphanumeric() || "._-/".contains(letter));
+    let is_quantity = units::duration_ns(value).is_ok()
+        || units::size_bytes(value).is_ok()
+        || units::rate_bits_per_s(value).is_ok();
+    let lacks_quotes = is_quantity || complaint.contains("must be quoted");
+    (is_value && is_word && !value.is_empty() && lacks_quotes).then_some((start..end, value))
+}
+
+/// A key that is in its table already, with the place of the first one.
+fn twice(text: &str, span: &Span) -> Finding {
+    /// In place of the second one, which the parser then takes.
+    const SECOND: &str = "the-second-of-two";
+    let key = text.get(span.clone()).unwrap_or("this key");
+    let renamed = [&text[..span.start], SECOND, &text[span.end..]].concat();
+    let (document, _) = DeTable::parse_recoverable(&renamed);
+    let first = beside_key(document.get_ref(), SECOND, key.trim_matches(['"', '\'']));
+    let first = first.filter(|(_, first)| first.start < span.start);
+    let message = format!("`{key}` is there already");
+    let Some((tables, first)) = first else {
+        return Finding::new(
+            &catalogue::DUPLICATE_NAME,
+            span,
+            message,
+            "rename one of the two, or join them",
+        );
+    };
+    let is_list = match tables.as_slice() {
+        [] => ["channel", "chain"].contains(&key),
+        [table, _] => table == "schedule" && key == "window",
+        _ => false,
+    };
+    let line = |at: usize| text[..at].rsplit('\n').next().unwrap_or_default().trim_start();
+    let in_header = |at: usize| line(at).starts_with('[');
+    let path = tables.iter().map(String::as_str).chain([key]).collect::<Vec<_>>().join(".");
+    let mend = match (is_list && in_header(span.start), in_header(first.start)) {
+        (true, true) => format!("write `[[{path}]]`, in double brackets, each time"),
+        (true, false) => "write it into the list there".to_owned(),
+        (false, _) => "rename one of the two, or join them".to_owned(),
+    };
+    Finding::new(&catalogue::DUPLICATE_NAME, span, message, mend).also(&first, "the first one is here")
+}
+
+/// Where the key `first` stands in the table that has `second`, with the names of the tables above it.
+fn beside_key(table: &DeTable<'_>, second: &str, first: &str) -> Option<(Vec<String>, Span)> {
+    if table.contains_key(second) {
+        return Some((Vec::new(), table.get_key_value(first)?.0.span()));
+    }
+    table.iter().find_map(|(key, value)| {
+        let (mut tables, span) = match value.get_ref() {
+            DeValue::Table(table) => beside_key(table, second, first)?,
+            DeValue::Array(items) => {
+                items.iter().find_map(|item| beside_key(item.get_ref().as_table()?, second, first))?
+            }
+            _ => return None,
+        };
+        tables.insert(0, key.get_ref().to_string());
+        Some((tables, span))
+    })
 }
 
 #[cfg(test)]

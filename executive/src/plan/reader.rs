@@ -8,12 +8,13 @@ use std::net::SocketAddr;
 
 use serde_json::{Value, json};
 use toml::Spanned;
-use toml::de::{DeArray, DeInteger, DeTable, DeValue};
+use toml::de::{DeInteger, DeTable, DeValue};
 
 use super::catalogue;
 use super::closed::Closed;
-use super::findings::{Finding, Findings, Span, did_you_mean, listed};
+use super::findings::{Finding, Findings, Span, did_you_mean, listed, nearest};
 use super::model::Attribute;
+use super::schema;
 use super::units::{self, QuantityError};
 
 /// A value with its place in the source.
@@ -99,6 +100,8 @@ pub(super) struct TableReader<'r, 'i> {
     /// What the table is, for messages.
     what: String,
     known: Vec<Key>,
+    /// Keys that must be there and are not, with an example of each.
+    missing: Vec<(&'static str, String)>,
     findings: &'r Findings<'r>,
 }
 
@@ -109,7 +112,7 @@ impl<'r, 'i> TableReader<'r, 'i> {
         what: impl Into<String>,
         findings: &'r Findings<'r>,
     ) -> Self {
-        Self { table, span, what: what.into(), known: Vec::new(), findings }
+        Self { table, span, what: what.into(), known: Vec::new(), missing: Vec::new(), findings }
     }
 
     /// A key that need not be there.
@@ -124,18 +127,22 @@ impl<'r, 'i> TableReader<'r, 'i> {
     /// A key that must be there, with an example of it.
     pub(super) fn required<T: FromToml>(&mut self, key: &'static str, example: &str) -> Field<T> {
         let field = self.optional(key);
-        if let Some(known) = self.known.last_mut() {
+        if let Some(known) = self.known.iter_mut().find(|known| known.name == key) {
             known.required = true;
         }
         match field {
             Field::Absent => {
-                let message = format!("{} has no `{key}`", self.what);
-                let mend = format!("add `{key} = {example}`");
-                self.findings.add(Finding::new(&catalogue::MISSING_KEY, &self.span, message, mend));
+                self.missing.push((key, example.to_owned()));
                 Field::Broken
             }
             field => field,
         }
+    }
+
+    /// Says something else of all keys that are missing so far.
+    pub(super) fn missing_all(&mut self, message: String, mend: String) {
+        self.missing.clear();
+        self.findings.add(Finding::new(&catalogue::MISSING_KEY, &self.span, message, mend));
     }
 
     /// The entries of a table under `key`, in the order of the file; none if it is not there or no table.
@@ -147,8 +154,27 @@ impl<'r, 'i> TableReader<'r, 'i> {
     /// The tables of a list under `key`; none if it is not there or no list.
     pub(super) fn tables(&mut self, key: &'static str) -> Vec<(&'r DeTable<'i>, Span)> {
         let Some((_, value)) = self.entry(key, Under::Tables) else { return Vec::new() };
-        let Some(array) = array_of(value, self.findings) else { return Vec::new() };
-        array.iter().filter_map(|item| Some((table_of(item, self.findings)?, item.span()))).collect()
+        match value.get_ref() {
+            DeValue::Array(array) => {
+                array.iter().filter_map(|item| Some((table_of(item, self.findings)?, item.span()))).collect()
+            }
+            DeValue::Table(table) => {
+                let written = self.findings.source(&value.span());
+                let (mend, alone) = match written.chars().next() {
+                    Some('[') => (format!("write `[{written}]`, in double brackets"), true),
+                    Some('{') => (format!("put it in brackets: `{key} = [{{ … }}]`"), true),
+                    _ => (format!("write a list of tables: `{key} = [{{ … }}]`"), false),
+                };
+                wrong_type::<()>("a list", value, mend, self.findings);
+                // What was meant is plain, so that nothing follows from it.
+                if alone { vec![(table, value.span())] } else { Vec::new() }
+            }
+            _ => {
+                let mend = format!("write a list of tables: `{key} = [{{ … }}]`");
+                wrong_type::<()>("a list", value, mend, self.findings);
+                Vec::new()
+            }
+        }
     }
 
     /// The table under `key` with the place of the key, if it is there.
@@ -157,22 +183,62 @@ impl<'r, 'i> TableReader<'r, 'i> {
         Some((table_of(value, self.findings)?, span))
     }
 
-    /// Reports every key that was never asked for.
+    /// Whether the table has a key that was not asked for so far.
+    pub(super) fn has_unknown_keys(&self) -> bool {
+        !self.unknown().is_empty()
+    }
+
+    fn unknown(&self) -> Vec<At<String>> {
+        let keys = in_order(self.table).into_iter().map(|(key, _)| key);
+        keys.filter(|key| !self.known.iter().any(|known| known.name == key.value)).collect()
+    }
+
+    /// Reports every key that was never asked for, and every one that is missing.
     pub(super) fn finish(self) {
-        for (key, _) in in_order(self.table) {
-            if !self.known.iter().any(|known| known.name == key.value) {
-                let message = format!("{} has no key `{}`", self.what, key.value);
-                let mend = did_you_mean(&key.value, self.known.iter().map(|known| known.name));
-                self.findings.add(Finding::new(&catalogue::UNKNOWN_KEY, &key.span, message, mend));
-            }
+        self.finish_with(|_| None);
+    }
+
+    /// As [`Self::finish`]; for some keys that were never asked for there is a mend of their own.
+    pub(super) fn finish_with(self, mend_of: impl Fn(&str) -> Option<String>) {
+        let names = || self.known.iter().map(|known| known.name);
+        let mut meant = Vec::new();
+        for key in self.unknown() {
+            let message = format!("{} has no key `{}`", self.what, key.value);
+            let near = nearest(&key.value, names());
+            meant.extend(near);
+            let mend = mend_of(&key.value).or_else(|| match near {
+                Some(_) => None,
+                None => belongs_to(&key.value),
+            });
+            let mend = mend.unwrap_or_else(|| did_you_mean(&key.value, names()));
+            self.findings.add(Finding::new(&catalogue::UNKNOWN_KEY, &key.span, message, mend));
+        }
+        // A key that is only mistyped is not missing as well.
+        for (key, example) in self.missing.iter().filter(|(key, _)| !meant.contains(key)) {
+            let message = format!("{} has no `{key}`", self.what);
+            let mend = format!("add `{key} = {example}`");
+            self.findings.add(Finding::new(&catalogue::MISSING_KEY, &self.span, message, mend));
         }
         self.findings.asked(self.what, self.known);
     }
 
     fn entry(&mut self, key: &'static str, under: Under) -> Option<(Span, &'r Spanned<DeValue<'i>>)> {
-        self.known.push(Key { name: key, required: false, under });
+        if !self.known.iter().any(|known| known.name == key) {
+            self.known.push(Key { name: key, required: false, under });
+        }
         self.table.get_key_value(key).map(|(key, value)| (key.span(), value))
     }
+}
+
+/// Where a key belongs that a table does not know; nothing if no other does.
+fn belongs_to(key: &str) -> Option<String> {
+    let tables = schema::tables_with(key);
+    let named = tables.iter().map(|table| match table.starts_with("the ") || table.starts_with('`') {
+        true => table.clone(),
+        false => format!("a {table}"),
+    });
+    let named: Vec<String> = named.collect();
+    (!named.is_empty()).then(|| format!("it is a key of {}: move it there", named.join(" or of ")))
 }
 
 /// A key with its place, and its value.
@@ -195,23 +261,40 @@ pub(super) fn table_of<'r, 'i>(
 ) -> Option<&'r DeTable<'i>> {
     match value.get_ref() {
         DeValue::Table(table) => Some(table),
-        _ => wrong_type("a table", value, findings),
-    }
-}
-
-fn array_of<'r, 'i>(value: &'r Spanned<DeValue<'i>>, findings: &Findings<'_>) -> Option<&'r DeArray<'i>> {
-    match value.get_ref() {
-        DeValue::Array(array) => Some(array),
-        _ => wrong_type("a list", value, findings),
+        _ => wrong_type("a table", value, "write a table, such as `{ … }`", findings),
     }
 }
 
 /// Reports a value of another type than expected.
-fn wrong_type<T>(expected: &str, value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<T> {
+fn wrong_type<T>(
+    expected: &str,
+    value: &Spanned<DeValue<'_>>,
+    mend: impl Into<String>,
+    findings: &Findings<'_>,
+) -> Option<T> {
     let message = format!("{expected} belongs here, not {}", article(value.get_ref()));
-    let mend = format!("write {expected}");
     findings.add(Finding::new(&catalogue::WRONG_TYPE, &value.span(), message, mend));
     None
+}
+
+/// A value as it is written, or the only item of a list; nothing for what has several parts.
+fn word<'f>(value: &Spanned<DeValue<'_>>, findings: &Findings<'f>) -> Option<&'f str> {
+    let single = match value.get_ref() {
+        DeValue::Table(_) => return None,
+        DeValue::Array(items) => match &items[..] {
+            [item] if item.get_ref().is_array() || item.get_ref().is_table() => return None,
+            [item] => item,
+            _ => return None,
+        },
+        _ => value,
+    };
+    let written = findings.source(&single.span());
+    (!written.is_empty() && !written.contains('\n')).then_some(written)
+}
+
+/// A value as it is written, without quotes.
+fn bare<'f>(value: &Spanned<DeValue<'_>>, findings: &Findings<'f>) -> &'f str {
+    word(value, findings).unwrap_or_default().trim_matches(['"', '\''])
 }
 
 fn article(value: &DeValue<'_>) -> &'static str {
@@ -230,7 +313,13 @@ impl FromToml for String {
     fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
         match value.get_ref() {
             DeValue::String(text) => Some(text.to_string()),
-            _ => wrong_type("a string", value, findings),
+            _ => {
+                let mend = match word(value, findings) {
+                    Some(text) => format!("write `\"{}\"`", text.trim_matches(['"', '\''])),
+                    None => "write one string in quotes".to_owned(),
+                };
+                wrong_type("a string", value, mend, findings)
+            }
         }
     }
 
@@ -243,7 +332,14 @@ impl FromToml for bool {
     fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
         match value.get_ref() {
             DeValue::Boolean(said) => Some(*said),
-            _ => wrong_type("true or false", value, findings),
+            _ => {
+                let mend = match bare(value, findings).to_lowercase().as_str() {
+                    "true" | "yes" | "on" | "1" => "write `true`",
+                    "false" | "no" | "off" | "0" => "write `false`",
+                    _ => "write `true` or `false`",
+                };
+                wrong_type("true or false", value, mend, findings)
+            }
         }
     }
 
@@ -259,7 +355,12 @@ fn integer(number: &DeInteger<'_>) -> Option<i64> {
 impl FromToml for u32 {
     fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
         let DeValue::Integer(number) = value.get_ref() else {
-            return wrong_type("a whole number", value, findings);
+            let bare = bare(value, findings);
+            let mend = match bare.strip_suffix(".0").unwrap_or(bare).parse::<Self>() {
+                Ok(number) => format!("write `{number}`"),
+                Err(_) => "write a whole number, such as `1`".to_owned(),
+            };
+            return wrong_type("a whole number", value, mend, findings);
         };
         let read = integer(number).and_then(|number| Self::try_from(number).ok());
         if read.is_none() {
@@ -281,8 +382,16 @@ impl<T: FromToml> FromToml for Vec<At<T>> {
             let value = T::from_toml(item, findings)?;
             Some(At { value, span: item.span() })
         };
+        let DeValue::Array(array) = value.get_ref() else {
+            let is_item = T::from_toml(value, &findings.aside()).is_some();
+            let mend = match word(value, findings).filter(|_| is_item) {
+                Some(text) => format!("write `[{text}]`"),
+                None => "write a list in brackets: `[…]`".to_owned(),
+            };
+            return wrong_type("a list", value, mend, findings);
+        };
         // Every item is read, so that every fault in the list is reported.
-        let items: Vec<Option<At<T>>> = array_of(value, findings)?.iter().map(read).collect();
+        let items: Vec<Option<At<T>>> = array.iter().map(read).collect();
         items.into_iter().collect()
     }
 
@@ -371,7 +480,7 @@ fn quantity(
         },
         DeValue::Integer(number) => format!("`{number}` is not a {what}: it has no unit"),
         DeValue::Float(number) => format!("`{number}` is not a {what}: it has no unit"),
-        _ => return wrong_type(&format!("a {what} in quotes"), value, findings),
+        _ => return wrong_type(&format!("a {what} in quotes"), value, mend, findings),
     };
     findings.add(Finding::new(rule, &value.span(), message, mend));
     None
@@ -419,7 +528,13 @@ impl FromToml for Permission {
         match value.get_ref() {
             DeValue::Boolean(said) => Some(Self::Always(*said)),
             DeValue::Array(_) => Vec::<At<String>>::from_toml(value, findings).map(Self::In),
-            _ => wrong_type("true, false or a list of schedules", value, findings),
+            _ => {
+                let mend = match (value.get_ref(), word(value, findings)) {
+                    (DeValue::String(_), Some(text)) => format!("write `[{text}]`"),
+                    _ => "write `true`, `false` or a list of schedules in brackets".to_owned(),
+                };
+                wrong_type("true, false or a list of schedules", value, mend, findings)
+            }
         }
     }
 
@@ -461,7 +576,8 @@ impl FromToml for Attribute {
                 Some(Self::Array(items.into_iter().map(|item| item.value).collect()))
             }
             DeValue::Table(_) | DeValue::Datetime(_) => {
-                wrong_type("a string, a number, true or false, or a list of these", value, findings)
+                let expected = "a string, a number, true or false, or a list of these";
+                wrong_type(expected, value, format!("write {expected}"), findings)
             }
         }
     }

@@ -96,8 +96,8 @@ impl Report {
         self.count(Severity::Note)
     }
 
-    /// The report for people: each error and warning with its lines of the source, then the totals. Empty where there is
-    /// neither.
+    /// The report for people: each error, then each warning, with its lines of the source, then the totals. Empty where there
+    /// is neither.
     #[must_use]
     pub fn render(&self, color: bool) -> String {
         self.render_down_to(Severity::Warning, color)
@@ -112,7 +112,11 @@ impl Report {
     fn render_down_to(&self, least: Severity, color: bool) -> String {
         let renderer = if color { Renderer::styled() } else { Renderer::plain() };
         let mut out = String::new();
-        for violation in self.violations.iter().filter(|violation| violation.severity <= least) {
+        let mut shown: Vec<&Violation> =
+            self.violations.iter().filter(|violation| violation.severity <= least).collect();
+        // What forbids a plan is not to be looked for among what does not.
+        shown.sort_by_key(|violation| violation.severity);
+        for violation in shown {
             out.push_str(&self.render_one(violation, &renderer));
             out.push_str("\n\n");
         }

@@ -235,6 +235,12 @@ fn object(table: &str, keys: &[Key]) -> Value {
     json!({ "type": "object", "properties": properties, "required": required, "additionalProperties": false })
 }
 
+/// The tables that have a key of this name, as messages call them.
+pub(super) fn tables_with(key: &str) -> Vec<String> {
+    let having = tables().into_iter().filter(|(_, keys)| keys.iter().any(|known| known.name == key));
+    having.map(|(table, _)| table.replace(" `x`", "")).collect()
+}
+
 fn description(table: &str, key: &str) -> Option<&'static str> {
     DESCRIPTIONS.iter().find(|(of, name, _)| (*of, *name) == (table, key)).map(|(_, _, text)| *text)
 }

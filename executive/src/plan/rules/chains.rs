@@ -4,7 +4,7 @@ use super::laid::Laid;
 use super::{Context, links};
 use crate::plan::catalogue;
 use crate::plan::closed::Direction;
-use crate::plan::findings::Finding;
+use crate::plan::findings::{Finding, listed};
 use crate::plan::latency::{self, Station, Visit};
 use crate::plan::names::{Names, port_path};
 use crate::plan::raw::{RawChain, RawFile};
@@ -129,9 +129,28 @@ fn disconnected(cx: &Context<'_>, chain: &RawChain, place: usize) {
         return;
     };
     let message = format!("nothing leads from `{}` to `{}`", from.value, to.value);
-    let mend = "connect them by a channel, or name the ports between them";
+    let onward = cx.names.port(&from.value).map(|port| onward(cx, port)).unwrap_or_default();
+    let mut mend = "connect them by a channel, or name the ports between them".to_owned();
+    if !onward.is_empty() {
+        let ports = listed(onward.iter().map(String::as_str));
+        mend = format!("{mend}; `{}` leads to {ports}", from.value);
+    }
     let finding = Finding::new(&catalogue::CHAIN_DISCONNECTED, &to.span, message, mend);
     cx.add(finding.also(&from.span, "the path is here before"));
+}
+
+/// Where a path may go from a port: through its channel, or through its partition.
+fn onward(cx: &Context<'_>, port: usize) -> Vec<String> {
+    let is_source =
+        |port: usize| cx.file.ports[port].direction.get().map(|word| word.0) == Some(Direction::Source);
+    let owner = cx.file.ports[port].partition;
+    let ports: Vec<usize> = match is_source(port) {
+        true => destinations(cx.file, cx.names, port),
+        false => (0..cx.file.ports.len())
+            .filter(|&other| cx.file.ports[other].partition == owner && is_source(other))
+            .collect(),
+    };
+    ports.into_iter().map(|port| cx.port_path(port)).collect()
 }
 
 /// Every port of a chain, also those that the file leaves out.

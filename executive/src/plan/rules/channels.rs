@@ -250,6 +250,14 @@ fn payload(cx: &Context<'_>, source: &End<'_>, destination: &End<'_>) {
     let (Some((from, here)), Some((to, there))) = (carried(source.port), carried(destination.port)) else {
         return;
     };
+    let is_unknown = |carried: &Carried<'_>| match carried {
+        Carried::Message(name) => cx.catalogue.size_of(name).is_none(),
+        Carried::Bytes(_) => false,
+    };
+    if is_unknown(&from) || is_unknown(&to) {
+        // Another rule reports it; what was meant may well be the same.
+        return;
+    }
     let rule = match (&from, &to) {
         (Carried::Bytes(from), Carried::Bytes(to)) if from > to => &catalogue::DESTINATION_TOO_SMALL,
         (Carried::Bytes(_), Carried::Bytes(_)) => return,

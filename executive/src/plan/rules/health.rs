@@ -99,11 +99,15 @@ fn handler(cx: &Context<'_>, partition: &RawPartition) {
     }
 }
 
+/// Whether an error never reaches a partition's table.
+fn is_dealt_with_by_module(cx: &Context<'_>, error: PartitionError) -> bool {
+    PartitionState::ALL.iter().all(|state| effective_level(cx.file, error, *state) == ErrorLevel::Module)
+}
+
 /// Answers for errors that never reach a partition's table.
 fn unused_answers(cx: &Context<'_>, table: &[Answer<PartitionError, PartitionAction>]) {
     for answer in table {
-        let level = |state: &PartitionState| effective_level(cx.file, answer.error, *state);
-        if !PartitionState::ALL.iter().all(|state| level(state) == ErrorLevel::Module) {
+        if !is_dealt_with_by_module(cx, answer.error) {
             continue;
         }
         let message = format!("`{}` is dealt with by the module, whatever is said here", answer.error);
@@ -177,6 +181,9 @@ fn overrun(cx: &Context<'_>) {
         table.iter().any(|answer| answer.error == PartitionError::WindowOverrun)
     };
     let each_decides = cx.file.partitions.iter().all(|partition| decides(&partition.health));
+    if is_dealt_with_by_module(cx, PartitionError::WindowOverrun) {
+        return;
+    }
     if !decides(&cx.file.health.partition) && !each_decides {
         let mend = "add `window_overrun = \"ignore\"` if counting it is enough, or a restart";
         cx.note(&catalogue::OVERRUN_NOT_MAPPED, span, "nothing says what becomes of an overrun", mend);

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::Context;
 use crate::plan::catalogue::{self, Rule};
-use crate::plan::findings::{did_you_mean, listed};
+use crate::plan::findings::{did_you_mean, listed, nearest};
 use crate::plan::names::port_path;
 use crate::plan::reader::At;
 
@@ -154,8 +154,11 @@ fn unknown_port(cx: &Context<'_>, port: &At<String>, known: &[String]) {
         Some(_) => String::new(),
     };
     let message = format!("there is no port `{}`{why}", port.value);
-    // All ports of a plan are too many to list.
-    let mend = match crate::plan::findings::nearest(&port.value, known.iter().map(String::as_str)) {
+    // All ports of a plan are too many to list; what has only the partition's name in common is not alike.
+    let own_name = |path: &str| path.split_once('.').map(|(_, name)| name.to_owned()).unwrap_or_default();
+    let wanted = own_name(&port.value);
+    let alike = |path: &&str| wanted.is_empty() || nearest(&wanted, [own_name(path).as_str()]).is_some();
+    let mend = match nearest(&port.value, known.iter().map(String::as_str).filter(alike)) {
         Some(near) => format!("did you mean `{near}`?"),
         None => ports_beside(cx, port),
     };

@@ -4,7 +4,7 @@ use super::Context;
 use crate::plan::catalogue::{self, Rule};
 use crate::plan::closed::{Direction, Kind};
 use crate::plan::findings::Span;
-use crate::plan::raw::RawPort;
+use crate::plan::raw::{RawChannel, RawPort};
 use crate::plan::reader::Field;
 
 /// As deep as an APEX queuing port may be; its slots are locked memory.
@@ -122,8 +122,10 @@ fn size_of(cx: &Context<'_>, port: &RawPort, size: &crate::plan::reader::At<u32>
 }
 
 fn unconnected(cx: &Context<'_>) {
-    if channel_ends(cx).any(|path| cx.names.port(path).is_none()) {
-        // The channel of an unknown port may well be the one that seems to be missing.
+    let is_broken =
+        |channel: &RawChannel| channel.source.said().is_none() || channel.destinations.said().is_none();
+    if channel_ends(cx).any(|path| cx.names.port(path).is_none()) || cx.file.channels.iter().any(is_broken) {
+        // The channel of an unknown port, or one without an end, may well be the one that seems to be missing.
         return;
     }
     for (place, port) in cx.file.ports.iter().enumerate() {

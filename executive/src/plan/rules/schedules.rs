@@ -4,7 +4,7 @@ use super::{Context, laid};
 use crate::plan::build::starts_cold;
 use crate::plan::catalogue;
 use crate::plan::closed::ChangeAction;
-use crate::plan::findings::{Finding, did_you_mean};
+use crate::plan::findings::{Finding, did_you_mean, listed};
 use crate::plan::raw::RawSchedule;
 use crate::plan::reader::{At, Field, Nanoseconds, Permission};
 use crate::plan::units::ShowTime;
@@ -241,19 +241,18 @@ fn permission(cx: &Context<'_>, partition: usize, schedule: &At<String>, alone: 
 /// Every partition has a window, in every schedule at best.
 fn partitions(cx: &Context<'_>) {
     let windows = || cx.file.schedules.iter().flat_map(|schedule| &schedule.windows);
-    if cx.file.schedules.is_empty() || windows().any(|window| cx.names.owner(window).is_none()) {
-        // A window of an unknown partition may well be the one that seems to be missing.
+    let is_mistyped = cx.file.schedules.iter().any(|schedule| schedule.windows_mistyped);
+    if cx.file.schedules.is_empty() || is_mistyped || windows().any(|window| cx.names.owner(window).is_none())
+    {
+        // A window of an unknown partition, or under an unknown key, may well be the one that seems to be missing.
         return;
     }
+    let mut absent: Vec<Vec<&str>> = vec![Vec::new(); cx.file.schedules.len()];
     // What a relay needs is a rule of the links.
     let own = cx.file.partitions.iter().enumerate().filter(|(_, partition)| !partition.generated);
     for (place, partition) in own {
-        let runs = |schedule: &&RawSchedule| {
-            schedule.windows.iter().any(|window| cx.names.owner(window) == Some(place))
-        };
-        let (with, without): (Vec<_>, Vec<_>) = cx.file.schedules.iter().partition(runs);
         let name = &partition.name;
-        if with.is_empty() {
+        if !cx.file.schedules.iter().any(|schedule| runs_in(cx, schedule, place)) {
             let message = format!("partition `{}` has no window in any schedule", name.value);
             let mend = format!(
                 "add `{{ partition = \"{}\", offset = \"…\", duration = \"…\" }}` to the windows of a schedule, or remove it",
@@ -262,12 +261,18 @@ fn partitions(cx: &Context<'_>) {
             cx.note(&catalogue::NEVER_SCHEDULED, &name.span, message, &mend);
             continue;
         }
-        for schedule in without {
-            let message =
-                format!("partition `{}` has no window in schedule `{}`", name.value, schedule.name.value);
-            let mend = "add one, unless the partition is meant to stand still there";
-            let finding = Finding::new(&catalogue::NOT_IN_SCHEDULE, &name.span, message, mend);
-            cx.add(finding.also(&schedule.name.span, "the schedule without it"));
+        for (schedule, absent) in cx.file.schedules.iter().zip(&mut absent) {
+            if !runs_in(cx, schedule, place) {
+                absent.push(&name.value);
+            }
         }
+    }
+    for (schedule, absent) in cx.file.schedules.iter().zip(absent) {
+        if absent.is_empty() {
+            continue;
+        }
+        let message = format!("schedule `{}` has no window of {}", schedule.name.value, listed(absent));
+        let mend = "add one of each, unless they are meant to stand still there";
+        cx.note(&catalogue::NOT_IN_SCHEDULE, &schedule.name.span, message, mend);
     }
 }

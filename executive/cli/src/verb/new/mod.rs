@@ -21,7 +21,7 @@ mod workspace;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::plan::{Partition, Plan};
+use bateleur_executive::plan::{Partition, Plan, Violation};
 
 use super::{CANNOT_RUN, Code, FINE, WRONG};
 use crate::plan_file;
@@ -59,7 +59,7 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
-    let Some(plan) = read(&arguments.schedule)? else { return Ok(CANNOT_RUN) };
+    let Some(plan) = read(arguments)? else { return Ok(CANNOT_RUN) };
     let name = &arguments.partition;
     match (plan.partition(name), arguments.add) {
         (Some(id), false) => write_crate(arguments, &plan, &plan[id]),
@@ -78,7 +78,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
 }
 
 /// The plan; none where it breaks rules, which are printed. A message type that nobody knows may well be meant to come.
-fn read(path: &Path) -> Result<Option<Plan>> {
+fn read(arguments: &Arguments) -> Result<Option<Plan>> {
+    let (path, name) = (&arguments.schedule, &arguments.partition);
     match plan_file::read_among(path, None, false)? {
         Ok((plan, _)) => Ok(Some(plan)),
         Err(report) => {
@@ -88,6 +89,18 @@ fn read(path: &Path) -> Result<Option<Plan>> {
                     "a message type of your own has to be in `partitions/messages`, and this program built with it, before \
                      ports may name it: see docs/src/new-partition.md"
                 );
+            }
+            let names_it = |one: &Violation| {
+                one.rule.starts_with("N04")
+                    && one.message.contains(&format!("no partition is called `{name}`"))
+            };
+            if report.violations().iter().any(names_it) {
+                eprintln!(
+                    "nothing was added: take what names a port of `{name}` out, run `bateleur new {name} --add`, and put it \
+                     back when `[partition.{name}.port]` has that port"
+                );
+            } else {
+                eprintln!("nothing was written: mend that first");
             }
             Ok(None)
         }
@@ -234,7 +247,8 @@ fn say_next_inside(workspace: &Workspace, place: &Place, skeleton: &Skeleton) ->
             println!("{}: add `\"{member}\",` to `members` of `[workspace]` by hand", manifest.display());
         }
     }
-    println!("\nbuild it:  cargo build --release -p {}", skeleton.package);
+    // All of the workspace, as the README builds it: another choice of packages would build what they have in common anew.
+    println!("\nbuild it:  cargo build --release --workspace --bins");
     println!("test it:   cargo test --release -p {}", skeleton.package);
     Ok(())
 }

@@ -71,6 +71,15 @@ pub enum Event {
         /// Its words.
         text: String,
     },
+    /// What was planned for this instant could not be done.
+    Undone {
+        /// Module time, s.
+        time_s: f64,
+        /// The partition, or the dispatcher.
+        partition: String,
+        /// What was planned, and why nothing was done.
+        text: String,
+    },
     /// Another schedule was asked for.
     ScheduleRequested {
         /// Module time, s.
@@ -153,6 +162,7 @@ impl Event {
             | Self::ModuleRestarted { time_s, .. }
             | Self::Recovered { time_s, .. }
             | Self::Message { time_s, .. }
+            | Self::Undone { time_s, .. }
             | Self::ScheduleRequested { time_s, .. }
             | Self::ScheduleChanged { time_s, .. }
             | Self::LogLost { time_s, .. }

@@ -153,8 +153,21 @@ impl Instance {
 
     /// Ends what is left of the run and removes what it made.
     pub fn clean_up(&self) {
-        self.group.iter().chain(&self.accounts).for_each(|group| cgroup::remove(group));
-        let _ = fs::remove_dir_all(self.directory()); // gone already, or not ours: the next start tries again
+        let groups = || self.group.iter().chain(&self.accounts);
+        groups().for_each(|group| cgroup::remove(group));
+        if !groups().any(|group| group.exists()) {
+            let _ = fs::remove_dir_all(self.directory()); // gone already, or not ours: the next start tries again
+            return;
+        }
+        // A process that can not die yet keeps its group, and the record is all that the next start knows of it.
+        for entry in fs::read_dir(self.directory()).into_iter().flatten().flatten() {
+            let path = entry.path();
+            let _ = match entry.file_name() == RECORD {
+                true => continue,
+                false if path.is_dir() => fs::remove_dir_all(&path),
+                false => fs::remove_file(&path),
+            }; // as above
+        }
     }
 
     fn is_alive(&self) -> bool {

@@ -334,7 +334,7 @@ impl Cage {
         }
     }
 
-    /// The last line that the partition's present or last process wrote to its standard error.
+    /// The last line that the partition's present or last process wrote to its standard error; of a panic, what it was.
     #[must_use]
     pub fn last_words(&self) -> Option<String> {
         let mut file = File::open(&self.log).ok()?;
@@ -344,11 +344,22 @@ impl Cage {
         file.seek(SeekFrom::Start(own_start.max(length.saturating_sub(LAST_WORDS)))).ok()?;
         let mut tail = Vec::new();
         file.take(LAST_WORDS).read_to_end(&mut tail).ok()?; // what a child still adds is not waited for
-        let tail = String::from_utf8_lossy(&tail);
-        let line =
-            tail.lines().rev().map(str::trim).find(|line| !line.is_empty() && !line.starts_with("note: "))?;
-        Some(line.chars().take(300).collect())
+        last_words(&String::from_utf8_lossy(&tail))
     }
+}
+
+/// See [`Cage::last_words`].
+fn last_words(log: &str) -> Option<String> {
+    let lines: Vec<&str> = log.lines().map(str::trim).collect();
+    // A panic's words stand below the line with its place, and above a trace of calls that says nothing to most.
+    let panic =
+        lines.iter().rposition(|line| line.contains("' panicked at ") || line.contains(") panicked at "));
+    let is_trace = |lines: &[&str]| lines.contains(&"stack backtrace:");
+    let words =
+        panic.filter(|place| is_trace(&lines[*place..])).and_then(|place| lines.get(place + 1)).copied();
+    let mut last = lines.iter().rev().copied();
+    let line = words.or_else(|| last.find(|line| !line.is_empty() && !line.starts_with("note: ")))?;
+    Some(line.chars().take(300).collect())
 }
 
 /// See [`Cage::lack_of_memory`].
@@ -463,7 +474,9 @@ fn devices<'a>(
     overrides: &'a BTreeMap<String, serde_json::Value>,
 ) -> impl Iterator<Item = &'a str> {
     let attribute = overrides.get("device").and_then(serde_json::Value::as_str);
-    partition.devices.iter().map(String::as_str).chain(attribute)
+    // Whatever is granted, a link that leads out of /dev opens nothing there.
+    let leads_out = |path: &&str| Path::new(path).canonicalize().is_ok_and(|path| !path.starts_with("/dev"));
+    partition.devices.iter().map(String::as_str).chain(attribute).filter(move |path| !leads_out(path))
 }
 
 /// The files that a partition's attributes name: whoever says where a file is means it to be read.

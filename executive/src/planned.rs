@@ -1,6 +1,5 @@
 //! What is planned to happen to partitions at instants of module time: the same again at every run of the same plan.
 
-use crate::event::Event;
 use crate::inject::{Aim, Fault};
 use crate::monitor::Monitor;
 use crate::plan::Plan;
@@ -109,25 +108,7 @@ impl PlannedActs {
     /// Does what is due.
     pub fn perform(&mut self, module_ns: u64, monitor: &mut Monitor) {
         while let Some((_, aim, act)) = self.list.pop_if(|(at_ns, ..)| *at_ns <= module_ns) {
-            if let Act::Inject(fault) = act {
-                if let Err(why) = monitor.provoke(fault, &aim, module_ns) {
-                    let time_s = module_ns as f64 / 1e9;
-                    let text = format!("fault {fault} could not be provoked: {why}");
-                    let partition = crate::inject::DISPATCHER.to_owned();
-                    monitor.events().tell(&Event::Message { time_s, partition, text });
-                }
-                continue;
-            }
-            let Some(partition) = aim.partition else { continue };
-            match act {
-                Act::Inject(_) => continue,
-                Act::Kill => monitor.kill(partition, module_ns),
-                Act::KillStandby => monitor.kill_standby(partition, module_ns),
-                Act::Stop => monitor.stop(partition, module_ns),
-                Act::Start => monitor.start(partition, module_ns),
-                Act::Freeze => monitor.freeze(partition, module_ns),
-                Act::Thaw => monitor.thaw(partition, module_ns),
-            };
+            monitor.carry_out_planned(&aim, act, module_ns);
         }
         if let Some(victim) = self.victim(module_ns) {
             monitor.kill(victim, module_ns);

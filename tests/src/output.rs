@@ -7,6 +7,8 @@ use serde_json::Value;
 /// A line of `health.jsonl`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fault {
+    /// The incarnation that failed.
+    pub generation: u64,
     /// Module time, ns.
     pub time_ns: u64,
     /// Where it was dealt with.
@@ -70,6 +72,7 @@ pub(crate) fn faults(folder: &Path) -> Vec<Fault> {
 fn fault(line: &Value) -> Fault {
     let text = |key: &str| line[key].as_str().expect("a text").to_owned();
     Fault {
+        generation: line["generation"].as_u64().expect("a number"),
         time_ns: line["time_ns"].as_u64().expect("a time"),
         level: text("level"),
         partition: line["partition"].as_str().unwrap_or_default().to_owned(),

@@ -185,10 +185,17 @@ impl Ended {
         }
     }
 
-    /// The health log.
+    /// The health log, without orders.
     #[track_caller]
     pub fn faults(&self) -> Vec<Fault> {
-        faults(&self.folder())
+        faults(&self.folder()).into_iter().filter(|entry| entry.error != "order").collect()
+    }
+
+    /// The orders in the health log: what was done, or not.
+    #[track_caller]
+    pub fn orders(&self) -> Vec<String> {
+        let orders = faults(&self.folder()).into_iter().filter(|entry| entry.error == "order");
+        orders.map(|entry| entry.detail).collect()
     }
 
     /// The window log.

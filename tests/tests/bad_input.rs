@@ -164,6 +164,22 @@ fn kill_of_nobody_is_refused_with_the_names_that_there_are() {
 }
 
 #[test]
+fn device_whose_path_leaves_the_folder_of_devices_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for path in ["/dev/../etc/shadow", "/dev//null", "/dev/./null", "/dev/input/../../etc/shadow"] {
+        let schedule = Sketch::new()
+            .partition("one", "counter", 500, &format!("devices = [{path:?}]"))
+            .write(folder.path());
+        let checked = bateleur(&["check", "--deny", "warnings", &schedule]).end().expect_code(1);
+        assert!(
+            checked.stdout.contains("is no device") && checked.stdout.contains(path),
+            "{}",
+            checked.stdout
+        );
+    }
+}
+
+#[test]
 fn kill_of_a_standby_that_the_plan_has_not_is_refused() {
     fly(&["--kill", "imu.standby@10"]).expect_code(2).expect_words(&["nothing stands by", "\"imu\""]);
 }

@@ -110,10 +110,8 @@ fn partition_is_killed_stopped_started_frozen_and_thawed_by_orders_that_stand_in
     module.signal(rustix::process::Signal::TERM);
     let ended =
         module.end().expect_code(0).expect_words(&["stopped by the operator", "frozen by the operator"]);
-    let orders: Vec<_> = ended.faults().into_iter().filter(|entry| entry.error == "order").collect();
-    let orders: Vec<_> =
-        orders.iter().map(|entry| entry.detail.split(',').next().unwrap().to_owned()).collect();
-    assert_eq!(orders, ["kill", "freeze", "thaw", "stop", "start"]);
+    let orders = ["kill", "freeze", "thaw", "stop", "start"].map(|order| format!("{order}, by the operator"));
+    assert_eq!(ended.orders(), orders);
 }
 
 #[test]

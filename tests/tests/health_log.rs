@@ -13,6 +13,21 @@ fn two_partitions(folder: &std::path::Path) -> String {
 }
 
 #[test]
+fn log_that_may_not_grow_any_more_costs_records_and_not_the_module() {
+    let _turn = among_others();
+    let scratch = tempfile::tempdir().unwrap();
+    let schedule = two_partitions(scratch.path());
+    let limited = "ulimit -S -f 400; exec \"$0\" run --fast --until 120 --schedule \"$1\" --output \"$2\"";
+    let program = bateleur_tests::program("bateleur");
+    let mut run = Command::new("sh");
+    run.args(["-c", limited]).arg(program).arg(&schedule).arg(scratch.path().join("out"));
+    let ended = run.output().unwrap();
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(1), "{said}");
+    assert!(said.contains("windows.csv") && said.contains("stopped after 120.00 s"), "{said}");
+}
+
+#[test]
 fn executive_killed_after_a_fault_leaves_it_in_the_persistent_log() {
     let _turn = among_others();
     let scratch = tempfile::tempdir().unwrap();

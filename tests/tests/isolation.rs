@@ -343,6 +343,18 @@ fn window_that_is_never_closed_misses_its_deadline_in_virtual_time_too() {
 }
 
 #[test]
+fn overruns_of_an_incarnation_that_hung_are_told_as_its_own_before_its_successor_begins() {
+    let _turn = among_others();
+    let keys = "attributes = { how = \"sleep\", after = 5 }";
+    let faults = run(&between_counters("hanger", keys), &["--fast"], 2).expect_code(0).faults();
+    let silence = faults.iter().find(|fault| fault.error == "silence").expect("a silence");
+    let counted =
+        |fault: &&bateleur_tests::Fault| fault.error == "window_overrun" && fault.detail.contains("more in");
+    let first = faults.iter().find(counted).expect("overruns that were counted");
+    assert_eq!((first.generation, first.time_ns), (0, silence.time_ns), "{faults:#?}");
+}
+
+#[test]
 fn window_that_is_closed_after_its_deadline_is_told_once_a_second_and_is_no_overrun() {
     let _turn = alone();
     let sketch = Sketch::new()
@@ -411,6 +423,20 @@ fn partition_that_takes_too_long_to_start_is_an_error_with_its_name() {
     let ended = run(&between_counters("late_starter", keys), &["--fast"], 1).expect_code(2);
     let ended = ended.expect_words(&["middle", "300 ms", "startup_timeout"]);
     assert!(ended.stderr.lines().all(|line| !line.contains("panicked")), "{}", ended.stderr);
+}
+
+#[test]
+fn module_that_is_asked_to_end_while_its_partitions_initialise_ends() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let keys = "startup_timeout = \"60min\"\nattributes = { takes_ms = 3000000 }";
+    let schedule = between_counters("late_starter", keys).write(folder.path());
+    for clock in [&["--fast"][..], &[]] {
+        let module = bateleur(&[&["run", "--schedule", &schedule][..], clock].concat());
+        process_named(module.pid(), "middle");
+        module.signal(rustix::process::Signal::TERM);
+        module.end().expect_code(0).expect_words(&["it was asked to stop"]);
+    }
 }
 
 #[test]

@@ -58,6 +58,12 @@ fn starting_a_partition_that_runs_or_stopping_one_that_is_stopped_changes_nothin
     let ended = run(&two(), &["--start", "one@1", "--stop", "one@2", "--stop", "one@3"], "4");
     assert_eq!(granted(&ended, "one", 0, 2), 100);
     assert_eq!(ended.stderr.matches("by the operator").count(), 1, "{}", ended.stderr);
+    let told = [
+        "start was planned, and nothing was done: runs, or is about to",
+        "stop, as planned",
+        "stop was planned, and nothing was done: is not running",
+    ];
+    assert_eq!(ended.orders(), told, "or a test of faults tests nothing and does not say so");
 }
 
 #[test]

@@ -90,7 +90,12 @@ enum Verb {
     Helper(verb::helper::Helper),
 }
 
+/// A file would grow beyond what this process may write (Linux, signal(7)).
+const SIGXFSZ: i32 = 25;
+
 fn main() -> ExitCode {
+    // Such a write fails then, and costs records and not the module. Programs that are started die of it as before.
+    let _ = signal_hook::flag::register(SIGXFSZ, std::sync::Arc::default()); // as before, too
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
         Err(error) => {

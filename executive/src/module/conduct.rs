@@ -108,8 +108,10 @@ pub(super) fn conduct(
         let all: Vec<u32> = sched::allowed_cores().into_iter().chain(facts.partitioned_cores()).collect();
         let _ = sched::bind(0, &all); // it takes longer
     }
-    let ran = match monitor.launch(cages, condition).and_then(|()| monitor.await_all_ready()) {
-        Ok(()) => {
+    let started = monitor.launch(cages, condition).and_then(|()| monitor.await_all_ready(&options.stop));
+    let ran = match started {
+        Ok(false) => Ok(begun_ns),
+        Ok(true) => {
             let (clock, output) = (options.clock, options.output.as_path());
             let ready = Ready { plan, view, clock, facts, agenda, records, lanes: &lanes, output };
             ready.run(&mut monitor, staff.recording, resets, course)

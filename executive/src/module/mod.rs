@@ -179,6 +179,7 @@ pub fn run(plan: Plan, mut options: Options) -> Result<Outcome, RunError> {
     check_names(&view, &options)?;
     check_schedules(&plan, &options)?;
     clean_leftovers();
+    take_descriptors()?;
     let facts = Machine::examine(&view, options.clock);
     let lacking: Vec<String> =
         facts.guarantees.lacking().map(|lack| format!("  {}: {}", lack.promise, lack.detail)).collect();
@@ -243,6 +244,23 @@ fn check_names(view: &ModuleView<'_>, options: &Options) -> Result<(), RunError>
         });
     }
     options.acts.iter().try_for_each(|one| one.aim(view.plan()).map(drop)).map_err(RunError::Aim)
+}
+
+/// Fewer descriptors than the smallest module and the examination of the machine need.
+const LEAST_DESCRIPTORS: u64 = 256;
+
+/// Takes as many descriptors as this process may have: a lack of them looks like a lack of whatever is tried then.
+fn take_descriptors() -> Result<(), RunError> {
+    use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+    let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
+    let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum }); // it never rises above the hard limit
+    match maximum {
+        Some(most @ ..LEAST_DESCRIPTORS) => Err(RunError::Machine {
+            what: format!("this process may open {most} files"),
+            why: format!("a module needs {LEAST_DESCRIPTORS} at least: ulimit -n, LimitNOFILE= in a unit"),
+        }),
+        _ => Ok(()),
+    }
 }
 
 fn check_schedules(plan: &Plan, options: &Options) -> Result<(), RunError> {

@@ -11,8 +11,15 @@ use super::burial::Seat;
 use super::watched::{Life, Then, Until};
 use super::{Monitor, seconds};
 use crate::event::Event;
+use crate::health::log::Fault;
+use crate::health::record::Level;
+use crate::inject::{self, Aim};
 use crate::partition::await_any_end;
+use crate::planned::Act;
 use crate::slot::Readiness;
+
+/// What the health log calls an order in place of an error.
+const ORDER: &str = "order";
 
 impl Monitor {
     /// The process of the partition at `partition` of the plan dies now (fault injection); false: it has none.
@@ -91,6 +98,7 @@ impl Monitor {
 
     /// A partition without a process, or whose process has just ended, gets no other one by itself.
     pub(super) fn lay_to_rest(&mut self, place: usize, until: Until, module_ns: u64) {
+        self.close_series(place, module_ns);
         self.watched[place].put_an_end();
         self.renewals.forget(place);
         // The fault before waits for a successor that will not come.
@@ -135,6 +143,86 @@ impl Monitor {
                 self.pause(200_000);
             }
         }
+    }
+
+    /// Does to the partition at `partition` of the plan what is ordered; in words what it was, or why nothing was done.
+    pub(super) fn carry_out(
+        &mut self,
+        partition: usize,
+        act: Act,
+        module_ns: u64,
+    ) -> Result<&'static str, &'static str> {
+        let (done, text, otherwise) = match act {
+            Act::Kill => {
+                (self.kill(partition, module_ns), "is killed", "has no process that could be killed")
+            }
+            Act::KillStandby => {
+                (self.kill_standby(partition, module_ns), "has lost its standby", "has no standby now")
+            }
+            Act::Stop => (self.stop(partition, module_ns), "is stopped", "is not running"),
+            Act::Start => (self.start(partition, module_ns), "is being started", "runs, or is about to"),
+            Act::Freeze => (self.freeze(partition, module_ns), "is frozen", "is frozen already"),
+            Act::Thaw => (self.thaw(partition, module_ns), "goes on", "is not frozen"),
+            Act::Inject(_) => return Err("has faults by `inject`"),
+        };
+        if done { Ok(text) } else { Err(otherwise) }
+    }
+
+    /// Does what was planned for this instant. What leaves no entry of its own, as a death does, is one: also that nothing was
+    /// done, or a test of faults would test nothing and not say so.
+    pub fn carry_out_planned(&mut self, aim: &Aim, act: Act, module_ns: u64) {
+        let place = aim.partition.map(|partition| self.places[partition]);
+        if place == Some(None) {
+            return; // that partition runs on another module
+        }
+        let place = place.flatten();
+        let (what, done) = match (act, aim.partition) {
+            (Act::Inject(fault), _) => (format!("fault {fault}"), self.provoke(fault, aim, module_ns)),
+            (act, Some(partition)) => {
+                let name = act.name().to_owned();
+                (name, self.carry_out(partition, act, module_ns).map(drop).map_err(str::to_owned))
+            }
+            (_, None) => return, // only faults hit the dispatcher
+        };
+        // What follows from these is an entry.
+        let shows = match act {
+            Act::Kill | Act::KillStandby => true,
+            Act::Inject(fault) => !matches!(fault, inject::Fault::Messages { .. }),
+            _ => false,
+        };
+        let text = match done {
+            Ok(()) if shows => return,
+            Ok(()) => format!("{what}, as planned"),
+            Err(why) => {
+                let text = format!("{what} was planned, and nothing was done: {why}");
+                let partition = place.map(|place| self.watched[place].cage.name.clone());
+                let partition = partition.unwrap_or_else(|| inject::DISPATCHER.to_owned());
+                self.events.tell(&Event::Undone {
+                    time_s: seconds(module_ns),
+                    partition,
+                    text: text.clone(),
+                });
+                text
+            }
+        };
+        self.note_order(place, &text, module_ns);
+    }
+
+    /// An order is an entry in the health log: whoever reads what followed from it must not take it for a fault.
+    pub(super) fn note_order(&mut self, place: Option<usize>, text: &str, module_ns: u64) {
+        let watched = place.map(|place| &self.watched[place]);
+        let entry = Fault {
+            time_ns: module_ns,
+            level: if place.is_some() { Level::Partition } else { Level::Module },
+            partition: watched.map(|watched| watched.cage.name.clone()),
+            generation: watched.map_or(0, |watched| watched.generation),
+            error: ORDER.into(),
+            action: "ignore".into(),
+            detail: text.into(),
+            recovered_ns: None,
+        };
+        self.health_log.note(&entry);
+        self.health_log.write(&entry);
     }
 
     fn say(&mut self, place: usize, text: &str, module_ns: u64) {

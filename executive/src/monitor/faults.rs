@@ -103,6 +103,9 @@ impl Monitor {
         alive: bool,
         module_ns: u64,
     ) {
+        if matches!(decision, Decision::Idle | Decision::Stop | Decision::Restart { .. }) {
+            self.close_series(place, module_ns);
+        }
         let mut fault = self.entry(place, error, decision, detail, module_ns);
         if matches!(decision, Decision::Restart { .. }) && self.can_take_over(place, module_ns) {
             fault.action = TAKEOVER.into();

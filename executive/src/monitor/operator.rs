@@ -8,8 +8,6 @@ use super::observers::{Observers, StartObserver};
 use super::watched::{Life, Then};
 use crate::agenda::Requested;
 use crate::control::{Answer, Inbox, Ordered, Request, Status};
-use crate::health::log::Fault as Entry;
-use crate::health::record::Level;
 use crate::inject::{Fault, Stall};
 use crate::plan::did_you_mean;
 use crate::planned::{Act, STANDBY};
@@ -46,14 +44,14 @@ impl Monitor {
         self.look_at_observers();
         for _ in 0..ORDERS_A_STEP {
             let Some(ordered) = self.operator.inbox.as_ref().and_then(Inbox::take) else { return };
-            let answer = self.carry_out(&ordered, module_ns).unwrap_or_else(Answer::refused);
+            let answer = self.answer(&ordered, module_ns).unwrap_or_else(Answer::refused);
             if let Some(inbox) = &self.operator.inbox {
                 inbox.answer(&ordered, answer);
             }
         }
     }
 
-    fn carry_out(&mut self, ordered: &Ordered, module_ns: u64) -> Result<Answer, String> {
+    fn answer(&mut self, ordered: &Ordered, module_ns: u64) -> Result<Answer, String> {
         match &ordered.request {
             Request::Ports => Ok(Answer::Ports { channels: self.channel_list() }),
             Request::Links => Ok(Answer::Links { links: self.link_names() }),
@@ -79,23 +77,8 @@ impl Monitor {
     fn act_on(&mut self, name: &str, act: Act, module_ns: u64) -> Result<Answer, String> {
         let place = self.place_of(name)?;
         let partition = self.watched[place].cage.id.index();
-        let (done, text, otherwise) = match act {
-            Act::Kill => {
-                (self.kill(partition, module_ns), "is killed", "has no process that could be killed")
-            }
-            Act::Stop => (self.stop(partition, module_ns), "is stopped", "is not running"),
-            Act::Start => (self.start(partition, module_ns), "is being started", "runs, or is about to"),
-            Act::Freeze => (self.freeze(partition, module_ns), "is frozen", "is frozen already"),
-            Act::KillStandby => {
-                (self.kill_standby(partition, module_ns), "has lost its standby", "has no standby now")
-            }
-            Act::Inject(_) => return Err("faults are ordered by `inject`".into()),
-            Act::Thaw => (self.thaw(partition, module_ns), "goes on", "is not frozen"),
-        };
-        if !done {
-            return Err(format!("{name} {otherwise}"));
-        }
-        self.note(place, act.name(), module_ns);
+        let text = self.carry_out(partition, act, module_ns).map_err(|why| format!("{name} {why}"))?;
+        self.note_order(Some(place), &format!("{}, by the operator", act.name()), module_ns);
         Ok(Answer::Done { text: format!("{name} {text}") })
     }
 
@@ -104,7 +87,8 @@ impl Monitor {
         let aim = fault.aim(&self.plan, target)?;
         self.provoke(fault, &aim, module_ns)?;
         if let Some(place) = aim.partition.and_then(|partition| self.places[partition]) {
-            self.note(place, &format!("fault {fault} aimed at {target}"), module_ns);
+            let text = format!("fault {fault} aimed at {target}, by the operator");
+            self.note_order(Some(place), &text, module_ns);
         }
         Ok(Answer::Done { text: format!("{fault} is provoked in {target}") })
     }
@@ -125,23 +109,6 @@ impl Monitor {
         names.clone().position(|known| known == name).ok_or_else(|| {
             format!("the module has no partition \"{name}\": {}", did_you_mean(name, &mut names))
         })
-    }
-
-    /// An order is an entry in the health log: whoever reads what followed from it must not take it for a fault.
-    fn note(&mut self, place: usize, order: &str, module_ns: u64) {
-        let watched = &self.watched[place];
-        let entry = Entry {
-            time_ns: module_ns,
-            level: Level::Partition,
-            partition: Some(watched.cage.name.clone()),
-            generation: watched.generation,
-            error: "order".into(),
-            action: "ignore".into(),
-            detail: format!("{order}, by the operator"),
-            recovered_ns: None,
-        };
-        self.health_log.note(&entry);
-        self.health_log.write(&entry);
     }
 
     fn status(&self, module_ns: u64) -> Status {

@@ -6,7 +6,8 @@
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::process::ExitStatusExt;
-use std::sync::atomic::Ordering::Acquire;
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering::{Acquire, Relaxed};
 
 use bateleur_contract::{Mode, StartCondition, exit};
 
@@ -41,20 +42,23 @@ impl Monitor {
         self.launch_standbys()
     }
 
-    /// Waits until every partition has initialised, before frame 0.
+    /// Waits until every partition has initialised, before frame 0; false: `stop` came first.
     ///
     /// # Errors
     /// The first partition that did not make it, with its last words.
-    pub fn await_all_ready(&mut self) -> Result<(), String> {
+    pub fn await_all_ready(&mut self, stop: &AtomicBool) -> Result<bool, String> {
         while !self.are_standbys_ready()?
             || self.watched.iter().any(|watched| matches!(watched.life, Life::Starting(..)))
         {
             for watched in &mut self.watched {
                 watched.look_at_start(&self.plan, self.module_ns)?;
             }
+            if stop.load(Relaxed) {
+                return Ok(false);
+            }
             self.pause(1_000_000);
         }
-        Ok(())
+        Ok(true)
     }
 
     /// Waits until the partition runs again or is given up (the virtual clock, at its first window after a restart).

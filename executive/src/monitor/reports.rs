@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering::Acquire;
 
 use bateleur_contract::{ReportKind, Reported};
 
-use super::repeats::Untold;
+use super::repeats::{Repeats, Untold};
 use super::watched::Watched;
 use super::{Monitor, seconds};
 use crate::event::Event;
@@ -62,6 +62,12 @@ impl Monitor {
             let text = format!("{more} more are not recorded");
             self.health_log.note_message(&watched.cage.name, watched.generation, text, module_ns);
         }
+    }
+
+    /// What an incarnation said again and again is told as its own, before its successor begins.
+    pub(super) fn close_series(&mut self, place: usize, module_ns: u64) {
+        self.tell_repeats(place, module_ns, true);
+        self.watched[place].repeats = Repeats::default();
     }
 
     /// Tells those partitions of the health log's new entries that the plan lets know: also a process that stands by, so that it

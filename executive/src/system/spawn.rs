@@ -374,9 +374,17 @@ const DESCRIPTORS: u64 = 4096;
 
 unsafe fn set_limits(prepared: &Prepared<'_>) -> bool {
     let limit = |what, value: u64| {
-        let limit = libc::rlimit { rlim_cur: value, rlim_max: value };
+        let mut limit = libc::rlimit { rlim_cur: value, rlim_max: value };
         // SAFETY: a local structure, not kept.
-        unsafe { libc::setrlimit(what, &raw const limit) == 0 }
+        let set = |limit: &libc::rlimit| unsafe { libc::setrlimit(what, &raw const *limit) == 0 };
+        // Who may not raise what whoever started the executive has lowered keeps that: it is the stricter of the two.
+        // SAFETY: as above.
+        let lower = |limit: &mut libc::rlimit| unsafe { libc::getrlimit(what, &raw mut *limit) == 0 };
+        set(&limit)
+            || (lower(&mut limit) && limit.rlim_max < value && {
+                limit.rlim_cur = limit.rlim_max;
+                set(&limit)
+            })
     };
     let data = prepared.data_limit == 0 || limit(libc::RLIMIT_DATA, prepared.data_limit);
     let files = prepared.file_limit == 0 || limit(libc::RLIMIT_FSIZE, prepared.file_limit);

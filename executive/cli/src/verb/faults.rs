@@ -25,6 +25,9 @@ pub(crate) struct Faults {
     /// Provoke a fault at a module time (may be repeated); see `bateleur inject --help`.
     #[arg(long, value_name = "TARGET:FAULT@SECONDS", value_parser = parse_injection)]
     inject: Vec<Injection>,
+    /// Ask for another schedule at a module time; it takes effect with the next major frame (may be repeated).
+    #[arg(long, value_name = "NAME@SECONDS", value_parser = parse_schedule_change)]
+    schedule_at: Vec<ScheduleChange>,
     /// Kill a partition, chosen at random, in every such period of module time.
     #[arg(long, value_name = "SECONDS", value_parser = parse_period)]
     kill_every: Option<f64>,
@@ -38,6 +41,13 @@ pub(crate) struct Faults {
 pub(crate) struct Injection {
     target: String,
     fault: Fault,
+    at_s: f64,
+}
+
+/// A schedule and a module time.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct ScheduleChange {
+    schedule: String,
     at_s: f64,
 }
 
@@ -77,7 +87,17 @@ impl Faults {
         let line = |(name, When { partition, at_s }): (&str, &When)| {
             format!("{name} {partition}@{at_s} was not reached: it ended at {module_time_s:.2} s")
         };
-        missed.map(line).collect()
+        let late = self.schedule_at.iter().filter(|change| change.at_s > module_time_s);
+        let change = |ScheduleChange { schedule, at_s }: &ScheduleChange| {
+            format!("--schedule-at {schedule}@{at_s} was not reached: it ended at {module_time_s:.2} s")
+        };
+        missed.map(line).chain(late.map(change)).collect()
+    }
+
+    /// Changes of schedule, and their module times, ns.
+    pub(crate) fn schedule_changes(&self) -> Vec<(String, u64)> {
+        let change = |change: &ScheduleChange| (change.schedule.clone(), (change.at_s * 1e9) as u64);
+        self.schedule_at.iter().map(change).collect()
     }
 
     /// The options again, for another program.
@@ -101,7 +121,10 @@ impl Faults {
             let seed = self.kill_seed.to_string();
             ["--kill-every".to_owned(), period_s.to_string(), "--kill-seed".to_owned(), seed]
         });
-        acts.chain(injections).chain(chance).collect()
+        let changes = self.schedule_at.iter().flat_map(|ScheduleChange { schedule, at_s }| {
+            ["--schedule-at".to_owned(), format!("{schedule}@{at_s}")]
+        });
+        acts.chain(injections).chain(changes).chain(chance).collect()
     }
 
     /// Kills by chance, if they are asked for.
@@ -129,14 +152,22 @@ fn parse_period(text: &str) -> Result<f64, String> {
 }
 
 fn parse_when(text: &str) -> Result<When, String> {
-    let wrong = || format!("\"{text}\" is not PARTITION@SECONDS, such as estimator@100");
-    let (partition, at) = text.split_once('@').ok_or_else(wrong)?;
-    let at_s: f64 = at.parse().map_err(|_| wrong())?;
-    if at_s.is_finite() && at_s >= 0.0 {
-        Ok(When { partition: partition.into(), at_s })
-    } else {
-        Err(wrong())
-    }
+    let (partition, at_s) =
+        name_at(text).ok_or_else(|| format!("\"{text}\" is not PARTITION@SECONDS, such as estimator@100"))?;
+    Ok(When { partition, at_s })
+}
+
+fn parse_schedule_change(text: &str) -> Result<ScheduleChange, String> {
+    let (schedule, at_s) =
+        name_at(text).ok_or_else(|| format!("\"{text}\" is not NAME@SECONDS, such as ground@100"))?;
+    Ok(ScheduleChange { schedule, at_s })
+}
+
+/// What happens to whom at a module time, s.
+fn name_at(text: &str) -> Option<(String, f64)> {
+    let (name, at) = text.split_once('@')?;
+    let at_s: f64 = at.parse().ok()?;
+    (at_s.is_finite() && at_s >= 0.0).then(|| (name.to_owned(), at_s))
 }
 
 fn parse_injection(text: &str) -> Result<Injection, String> {

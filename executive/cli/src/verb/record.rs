@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use bateleur_report::log::{PortLog, topic};
 
 use super::ports::{Watch, bytes_of, channels};
@@ -31,6 +31,12 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     refuse_file(&arguments.output, LOG_BEGINNING, &[])?;
+    if arguments.output.metadata().is_ok_and(|about| about.is_file() && about.len() > 0) {
+        bail!(
+            "{} holds a recording already: name another file with --output, or remove this one",
+            arguments.output.display()
+        );
+    }
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
         signal_hook::flag::register(signal, stop.clone()).context("cannot watch for signals")?;

@@ -70,9 +70,6 @@ pub(crate) struct Arguments {
     /// Use another address in place of one of the plan's, for this module and its peers.
     #[arg(long, value_name = "PLANNED=OTHER", value_parser = parse_address)]
     pub(crate) address: Vec<(SocketAddr, SocketAddr)>,
-    /// Ask for another schedule at a module time; it takes effect with the next major frame (may be repeated).
-    #[arg(long, value_name = "NAME@SECONDS", value_parser = parse_schedule_change)]
-    pub(crate) schedule_at: Vec<ScheduleChange>,
     #[command(flatten)]
     pub(crate) faults: Faults,
     /// Refuse to start where this machine lacks something.
@@ -100,13 +97,6 @@ pub(crate) struct Setting {
     pub(crate) value: serde_json::Value,
 }
 
-/// One `--schedule-at`.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct ScheduleChange {
-    pub(crate) schedule: String,
-    pub(crate) at_s: f64,
-}
-
 pub(crate) fn parse_setting(text: &str) -> Result<Setting, String> {
     let wrong = || format!("\"{text}\" is not PARTITION.ATTRIBUTE=VALUE, such as controller.laps=3");
     let (name, value) = text.split_once('=').ok_or_else(wrong)?;
@@ -127,24 +117,11 @@ fn parse_address(text: &str) -> Result<(SocketAddr, SocketAddr), String> {
         .ok_or_else(|| format!("\"{text}\" is not PLANNED=OTHER, such as 10.77.0.1:15300=127.0.0.1:15300"))
 }
 
-pub(crate) fn parse_schedule_change(text: &str) -> Result<ScheduleChange, String> {
-    let (schedule, at_s) =
-        name_at(text).ok_or_else(|| format!("\"{text}\" is not NAME@SECONDS, such as ground@100"))?;
-    Ok(ScheduleChange { schedule, at_s })
-}
-
 /// A module's place among several, and their count.
 fn parse_place(text: &str) -> Result<(usize, usize), String> {
     let numbers =
         text.split_once('/').and_then(|(place, count)| Some((place.parse().ok()?, count.parse().ok()?)));
     numbers.ok_or_else(|| format!("\"{text}\" is not PLACE/COUNT, such as 0/2 for the first of two modules"))
-}
-
-/// What happens to whom at a module time, s.
-fn name_at(text: &str) -> Option<(String, f64)> {
-    let (name, at) = text.split_once('@')?;
-    let at_s: f64 = at.parse().ok()?;
-    (at_s.is_finite() && at_s >= 0.0).then(|| (name.to_owned(), at_s))
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
@@ -218,8 +195,6 @@ fn options(
     }
     let plan_folder = arguments.schedule.parent().map(Path::to_owned).unwrap_or_default();
     let nanoseconds = |seconds: f64| (seconds * 1e9) as u64;
-    let changes =
-        arguments.schedule_at.iter().map(|change| (change.schedule.clone(), nanoseconds(change.at_s)));
     Ok(Options {
         module,
         clock: if arguments.fast { Clock::Virtual } else { Clock::Wall },
@@ -231,7 +206,7 @@ fn options(
         overrides,
         acts: arguments.faults.planned(),
         killings: arguments.faults.killings(),
-        schedule_changes: changes.collect(),
+        schedule_changes: arguments.faults.schedule_changes(),
         together: arguments.together.clone().zip(arguments.place).map(|(file, (place, count))| Together {
             file,
             place,
@@ -325,7 +300,7 @@ fn text_of(event: &Event) -> String {
         Event::Recovered { time_s, partition, after_ms } => {
             format!("{time_s:9.3} s  {partition}: back after {after_ms:.1} ms")
         }
-        Event::Message { time_s, partition, text } => {
+        Event::Message { time_s, partition, text } | Event::Undone { time_s, partition, text } => {
             format!("{time_s:9.3} s  {partition}: {}", printable(text))
         }
         Event::ScheduleRequested { time_s, schedule, by } => {

@@ -100,7 +100,10 @@ fn devices(cx: &Context<'_>, partition: &RawPartition) {
 }
 
 fn known_device(cx: &Context<'_>, partition: &RawPartition, device: &At<String>) {
-    let is_file_below = device.value.strip_prefix(DEVICES).is_some_and(|rest| !rest.is_empty());
+    let is_file_below = device
+        .value
+        .strip_prefix(DEVICES)
+        .is_some_and(|rest| !rest.is_empty() && rest.split('/').all(|step| !matches!(step, "" | "." | "..")));
     if is_file_below || device.value == GROUND_LINK {
         return;
     }

@@ -174,7 +174,7 @@ fn fly(
     let executive = executive::Executive::start(arguments, plan, folder, &simulator, &line)?;
     if arguments.fast {
         // Not before: processes that are started inherit the place.
-        simulator::place(std::process::id() as i32, arguments, plan);
+        simulator::stand(std::process::id() as i32, arguments, plan);
     }
     mission::fly(arguments, mission.clone(), simulator, line, Fleet::of_one(executive), stop)
 }
@@ -389,7 +389,7 @@ fn record(arguments: &Arguments, flown: &Flown, wall_time_s: f64) -> Run {
         },
         guarantees: guarantees(&flown.events),
         lost_records: lost_records(&flown.events),
-        notes: not_reached(arguments, flown.module_time_s),
+        notes: [not_reached(arguments, flown.module_time_s), undone(&flown.events)].concat(),
         arguments: std::env::args().skip(1).collect(),
     }
 }
@@ -401,6 +401,15 @@ fn not_reached(arguments: &Arguments, module_time_s: f64) -> Vec<String> {
     notes.extend(arguments.can.not_reached(module_time_s));
     notes.extend(arguments.hosts.not_reached(module_time_s));
     notes
+}
+
+/// What was planned and could not be done: a test of faults that tested less than it seems.
+fn undone(events: &[Event]) -> Vec<String> {
+    let note = |event: &Event| match event {
+        Event::Undone { time_s, partition, text } => Some(format!("{partition}: {text} (at {time_s:.2} s)")),
+        _ => None,
+    };
+    events.iter().filter_map(note).collect()
 }
 
 fn guarantees(events: &[Event]) -> Vec<Guarantee> {

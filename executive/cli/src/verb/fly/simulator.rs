@@ -137,18 +137,24 @@ fn read_address(output: impl std::io::Read) -> Option<SocketAddr> {
 /// Virtual clock: on the partitions' core, where an exchange is a switch and not an interrupt, and ahead of the partition that
 /// asks it, which finds the answer when it looks. Wall clock: off that core, ahead of everything ordinary.
 pub(super) fn place(pid: i32, arguments: &Arguments, plan: &Plan) {
-    let partitioned: Vec<u32> = plan.modules.iter().flat_map(|module| module.cores.clone()).collect();
-    let allowed = sched::allowed_cores();
-    let wanted = |core: &u32| partitioned.contains(core) == arguments.fast;
-    let cores: Vec<u32> = allowed.iter().copied().filter(wanted).collect();
-    for tid in sched::threads(pid) {
-        if !cores.is_empty() {
-            let _ = sched::bind(tid, &cores); // a comfort, as below
+    stand(pid, arguments, plan);
+    let priority =
+        if arguments.fast { fast::priority().map(|partitions| partitions + 1) } else { Some(PRIORITY) };
+    if let Some(priority) = priority {
+        for tid in sched::threads(pid) {
+            let _ = sched::fifo(tid, priority); // a comfort, as below
         }
-        let priority =
-            if arguments.fast { fast::priority().map(|partitions| partitions + 1) } else { Some(PRIORITY) };
-        if let Some(priority) = priority {
-            let _ = sched::fifo(tid, priority);
+    }
+}
+
+/// The processor of [`place`], without its priority.
+pub(super) fn stand(pid: i32, arguments: &Arguments, plan: &Plan) {
+    let partitioned: Vec<u32> = plan.modules.iter().flat_map(|module| module.cores.clone()).collect();
+    let wanted = |core: &u32| partitioned.contains(core) == arguments.fast;
+    let cores: Vec<u32> = sched::allowed_cores().into_iter().filter(wanted).collect();
+    if !cores.is_empty() {
+        for tid in sched::threads(pid) {
+            let _ = sched::bind(tid, &cores); // a comfort: slower or later otherwise, nothing else
         }
     }
 }

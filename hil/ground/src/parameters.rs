@@ -3,7 +3,7 @@
 
 use bateleur_messages::ground::{Order, ParameterSetting};
 use bateleur_messages::parameter::{ASKED_BY_LINE, Gatherer, Kind, ParameterValue, function_of, name_bytes};
-use bateleur_messages::telemetry::{Acknowledge, FUNCTIONS, Telemetry, function_name};
+use bateleur_messages::telemetry::{Acknowledge, FUNCTIONS, Refusal, Telemetry, function_name};
 
 /// See the module.
 #[derive(Debug)]
@@ -41,10 +41,12 @@ impl ParameterDesk {
         }
     }
 
-    /// True for what a list consists of, which is not shown one by one.
+    /// True for what a list consists of, which is not shown one by one, and for what there is not: a refusal has said so.
     pub fn hides(&self, telemetry: &Telemetry) -> bool {
         match telemetry {
-            Telemetry::Parameter(_) => self.listing.is_some(),
+            Telemetry::Parameter(value) => {
+                self.listing.is_some() || value.refusal() == Some(Refusal::NoSuchParameter)
+            }
             Telemetry::Acknowledge(Acknowledge { letter, .. }) => *letter == b'R',
             _ => false,
         }
@@ -135,6 +137,17 @@ mod tests {
             "CTL_ALT_P                      0.4  0 to 1\nimu does not answer: its parameters are missing\n"
         );
         assert!(desk.is_idle());
+    }
+
+    #[test]
+    fn parameter_that_does_not_exist_has_no_value_to_be_shown() {
+        let desk = ParameterDesk::default();
+        let refused = |reason: Refusal| {
+            let value = ParameterValue { reason: reason as u32, ..value("CTL_LAPZ", 0, 0) };
+            desk.hides(&Telemetry::Parameter(value))
+        };
+        assert!(refused(Refusal::NoSuchParameter));
+        assert!(!refused(Refusal::OutOfRange), "what stands is shown");
     }
 
     #[test]

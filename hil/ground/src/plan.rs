@@ -219,13 +219,29 @@ impl RawWaypoint {
 
 /// Where a text is no mission, and why, in words of the file and not of the program.
 fn syntax(text: &str, error: &toml::de::Error) -> PlanError {
-    let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
+    let single = single_brackets(text);
+    let place = single.or_else(|| error.span().map(|span| span.start));
+    let before = place.and_then(|start| text.get(..start)).unwrap_or_default();
     let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
     PlanError::Syntax {
         line: before.matches('\n').count() + 1,
         column: before[line_start..].chars().count() + 1,
-        message: in_words(error.message()),
+        message: match single {
+            Some(_) => "a way-point has two brackets on each side: write `[[waypoint]]`".to_owned(),
+            None => in_words(error.message()),
+        },
     }
+}
+
+/// Where `[waypoint]` stands in place of `[[waypoint]]`, in bytes.
+fn single_brackets(text: &str) -> Option<usize> {
+    let lines = text.split_inclusive('\n').scan(0, |start, line| {
+        let here = *start;
+        *start += line.len();
+        Some((here, line))
+    });
+    let bare = |line: &str| line.split('#').next().unwrap_or_default().replace(' ', "");
+    lines.into_iter().find(|(_, line)| bare(line).trim() == "[waypoint]").map(|(start, _)| start)
 }
 
 /// Share of letters that agree, from where on a guess helps more than it misleads.
@@ -238,7 +254,11 @@ fn in_words(message: &str) -> String {
         let plain = message
             .replace("expected f64", "expected a number")
             .replace("expected i64", "expected a whole number");
-        return plain.replace("floating point", "number").replace("missing field", "there is no key");
+        return match plain.strip_prefix("missing field ") {
+            Some("`waypoint`") => "the mission has no way-points: add a `[[waypoint]]`".to_owned(),
+            Some(key) => format!("this way-point has no {key}: add it"),
+            None => plain.replace("floating point", "number"),
+        };
     };
     let quoted = |text: &str| text.split('`').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>();
     let (word, known) = (quoted(unknown).concat(), quoted(known));
@@ -315,7 +335,10 @@ mod tests {
                 "[[waypoint]]\nnorth_m = \"1\"",
                 "line 2, column 11: invalid type: string \"1\", expected a number",
             ),
-            ("[[waypoint]]\nnorth_m = 1\neast_m = 2", "there is no key `altitude_m`"),
+            ("[[waypoint]]\nnorth_m = 1\neast_m = 2", "this way-point has no `altitude_m`: add it"),
+            ("laps = 1", "the mission has no way-points: add a `[[waypoint]]`"),
+            ("laps = 1\n[waypoint] # a\nnorth_m = 1", "line 2, column 1: a way-point has two brackets"),
+            ("[[waypoint]]\nnorth_m = 1\n[waypoint]\nnorth_m = 1", "line 3, column 1: a way-point has two"),
             ("laps = 0\n[[waypoint]]\nnorth_m = 1\neast_m = 2\naltitude_m = 3", "laps is 0"),
             (
                 "laps = -1\n[[waypoint]]\nnorth_m = 1\neast_m = 2\naltitude_m = 3",

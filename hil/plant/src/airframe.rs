@@ -324,12 +324,30 @@ impl Airframe {
         found.positive("mass.inertia_xx_kgm2", m.inertia_xx_kgm2);
         found.positive("mass.inertia_yy_kgm2", m.inertia_yy_kgm2);
         found.positive("mass.inertia_zz_kgm2", m.inertia_zz_kgm2);
+        // Each is made of two of the three sums of m x², m y², m z²: no body has one above the other two together.
+        let inertias = [
+            ("mass.inertia_xx_kgm2", m.inertia_xx_kgm2),
+            ("mass.inertia_yy_kgm2", m.inertia_yy_kgm2),
+            ("mass.inertia_zz_kgm2", m.inertia_zz_kgm2),
+        ];
+        let all: f64 = inertias.iter().map(|(_, inertia)| inertia).sum();
+        if inertias.iter().all(|(_, inertia)| *inertia > 0.0)
+            && let Some((key, inertia)) = inertias.into_iter().find(|(_, inertia)| *inertia > all - inertia)
+        {
+            found.demand(false, key, inertia, "no more than the other two moments of inertia together");
+        }
         let limit = (m.inertia_xx_kgm2 * m.inertia_zz_kgm2).sqrt();
         let xz = m.inertia_xz_kgm2;
         found.demand(xz.abs() < limit, "mass.inertia_xz_kgm2", xz, "less than the root of I_xx I_zz");
         found.positive("geometry.wing_area_m2", g.wing_area_m2);
         found.positive("geometry.wing_span_m", g.wing_span_m);
         found.positive("geometry.mean_chord_m", g.mean_chord_m);
+        if g.wing_area_m2 > 0.0 && g.wing_span_m > 0.0 {
+            let aspect = g.wing_span_m * g.wing_span_m / g.wing_area_m2;
+            let sensible = (ASPECT_RATIO.0..=ASPECT_RATIO.1).contains(&aspect);
+            let demand = "such that the aspect ratio, its square over the wing's area, is between 1 and 60";
+            found.demand(sensible, "geometry.wing_span_m", g.wing_span_m, demand);
+        }
     }
 
     fn check_aerodynamics(&self, found: &mut Complaints) {
@@ -403,6 +421,9 @@ impl Airframe {
     }
 }
 
+/// Wings are more slender than a square and no more than the slenderest glider's.
+const ASPECT_RATIO: (f64, f64) = (1.0, 60.0);
+
 /// What was found so far.
 #[derive(Default)]
 struct Complaints(Vec<Complaint>);
@@ -452,6 +473,21 @@ mod tests {
             .replace("pitch_elevator = -0.99", "pitch_elevator = 0.99");
         let message = Airframe::from_toml(&text).unwrap_err().to_string();
         assert!(message.contains("aerodynamics.pitch_elevator is 0.99"), "{message}");
+    }
+
+    #[test]
+    fn body_and_wing_that_nothing_has_are_refused() {
+        let text = include_str!("../../../airframes/aerosonde.toml");
+        let slips = [
+            ("inertia_xx_kgm2 = 0.8244", "inertia_xx_kgm2 = 8.244", "mass.inertia_xx_kgm2 is 8.244"),
+            ("inertia_yy_kgm2 = 1.135", "inertia_yy_kgm2 = 11.35", "mass.inertia_yy_kgm2 is 11.35"),
+            ("wing_span_m = 2.8956", "wing_span_m = 28.956", "geometry.wing_span_m is 28.956"),
+        ];
+        for (from, to, said) in slips {
+            assert!(text.contains(from), "{from}");
+            let message = Airframe::from_toml(&text.replace(from, to)).unwrap_err().to_string();
+            assert!(message.contains(said), "{message}");
+        }
     }
 
     #[test]

@@ -147,10 +147,13 @@ impl Reader<'_> {
         let template = match kind.map(|kind| (kind.span(), kind.get_ref())) {
             Some((_, DeValue::String(kind))) if kind == "piston" => PISTON,
             Some((span, DeValue::String(kind))) if kind != "electric" => {
-                let near = nearest(kind, ["electric", "piston"].into_iter()).unwrap_or("electric");
+                let mend = match nearest(kind, ["electric", "piston"].into_iter()) {
+                    Some(near) => format!("write \"{near}\""),
+                    None => "write \"electric\" for a motor, or \"piston\" for an engine".to_owned(),
+                };
                 let message =
                     format!("there is no kind of propulsion `{kind}`, only `electric` and `piston`");
-                self.flaw(&span, message, format!("write \"{near}\""));
+                self.flaw(&span, message, mend);
                 return;
             }
             _ => ELECTRIC,
@@ -288,7 +291,9 @@ mod tests {
         assert!(found.iter().any(|flaw| flaw.message == "`[propulsion]` has no key `power_w`"), "{found:?}");
         let (found, line) = changed("\"electric\"", "\"electrical\"");
         assert_eq!((found.len(), found[0].line), (1, line));
-        assert!(found[0].mend.contains("\"electric\""), "{found:?}");
+        assert_eq!(found[0].mend, "write \"electric\"");
+        let (found, _) = changed("\"electric\"", "\"petrol\"");
+        assert!(found[0].mend.contains("\"piston\" for an engine"), "{found:?}");
     }
 
     #[test]

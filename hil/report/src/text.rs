@@ -136,8 +136,13 @@ pub(crate) fn waypoints(summary: &Summary) -> String {
     if names.is_empty() { "none reached".to_owned() } else { names.join(" ") }
 }
 
-/// A line for each promise: whether this machine has the means for it. What came of them is [`measured`].
+/// Whether this machine has the means for each promise: a line for each, or one where all are there. What came of them is
+/// [`measured`].
 fn means(summary: &Summary) -> Vec<String> {
+    let count = summary.guarantees.len();
+    if count > 1 && summary.guarantees.iter().all(|promise| promise.held) {
+        return vec![format!("all {count} are there (report.html lists them)")];
+    }
     let sentence = |promise: &crate::run::Guarantee| {
         let mark = if promise.held { "there:" } else { "MISSING:" };
         let detail = if promise.detail.is_empty() { String::new() } else { format!(" ({})", promise.detail) };
@@ -328,7 +333,7 @@ mod tests {
     fn means_stand_beside_what_was_measured_and_neither_says_that_a_promise_was_kept() {
         let means =
             Guarantee { promise: "a window starts at its instant".into(), held: true, detail: String::new() };
-        let run = Run { guarantees: vec![means], lost_records: 3, ..Default::default() };
+        let run = Run { guarantees: vec![means.clone()], lost_records: 3, ..Default::default() };
         let flight = Flight { run: Some(run), ..Default::default() };
         let mut summary = Analysis::of(&flight).summary(&flight);
         (summary.windows, summary.late_windows, summary.skipped_windows) = (95, 2, 5);
@@ -343,6 +348,12 @@ mod tests {
             assert!(text.contains(line), "{line}\n{text}");
         }
         assert!(!text.contains("held"), "{text}");
+        let missing = Guarantee { promise: "memory is locked".into(), held: false, ..means.clone() };
+        summary.guarantees = vec![means.clone(), missing];
+        let text = table(&summary);
+        assert!(text.contains(" there: a window") && text.contains("MISSING: memory is locked"), "{text}");
+        summary.guarantees = vec![means.clone(), means];
+        assert!(table(&summary).contains("means of this machine     all 2 are there (report.html"), "{text}");
         summary.clock = Some(Clock::Virtual);
         assert!(!table(&summary).contains("µs late"), "on the virtual clock no window has a real instant");
     }

@@ -313,7 +313,10 @@ impl Function {
             horizontal_acceleration_mps2: of(|g| g.horizontal_mps2).unwrap_or(0.0),
             cross_track_m: of(|g| g.cross_track_m).unwrap_or(0.0),
             altitude_reference_m: commands.altitude_m.or(of(|g| g.altitude_m)).unwrap_or(0.0),
-            airspeed_reference_mps: commands.airspeed_mps.or(of(|g| g.airspeed_mps)).unwrap_or(0.0),
+            airspeed_reference_mps: commands
+                .airspeed_mps
+                .or(of(|g| g.airspeed_mps))
+                .map_or(0.0, |airspeed_mps| airspeed_mps.min(self.controller.fastest_mps())),
             engaged: u32::from(commands.autopilot && finite),
             next_waypoint: progress.next,
             waypoints_reached: progress.reached,

@@ -34,7 +34,7 @@ impl Settings {
         let airframe = airframe(attributes)?;
         Ok(Self {
             airframe,
-            guidance: guidance(attributes)?,
+            guidance: GuidanceConfig { fastest_mps: airframe.fastest_mps(), ..guidance(attributes)? },
             control: control(attributes)?,
             take_off: take_off(attributes, &airframe)?,
             fence: fence(attributes)?,

@@ -377,6 +377,17 @@ fn a_take_off_is_ordered_standing_and_aborted_rolling() {
 }
 
 #[test]
+fn airspeed_reference_is_what_the_aircraft_reaches() {
+    let mut function = function();
+    function.order(&Order::Autopilot { on: true }, true);
+    function.order(&Order::Loop { id: LoopId::Airspeed, on: true, target: 40.0 }, true);
+    let command = fly(&mut function, 1..10, Some(&flying(0.0, 160.0)));
+    assert!((command.airspeed_reference_mps - 32.4).abs() < 0.1, "{command:?}");
+    function.order(&Order::Loop { id: LoopId::Airspeed, on: true, target: 25.0 }, true);
+    assert_eq!(fly(&mut function, 10..20, Some(&flying(0.0, 160.0))).airspeed_reference_mps, 25.0);
+}
+
+#[test]
 fn limits_that_were_reached_are_told_once() {
     let mut function = function();
     function.order(&Order::Autopilot { on: true }, true);

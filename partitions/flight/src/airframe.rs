@@ -211,6 +211,8 @@ pub struct Trim {
 
 /// Airspeed at which a file is checked, m/s: the mission's.
 const CHECK_AIRSPEED_MPS: f64 = 22.0;
+/// No airframe is asked for more, m/s.
+const FASTEST_MPS: f64 = 100.0;
 
 /// The airframes that are built in, by name.
 const BUILT_IN: [(&str, &str); 2] = [
@@ -290,6 +292,22 @@ impl Airframe {
         }
         demand("aerodynamics.yaw_rudder", a.yaw_rudder, a.yaw_rudder.abs() > 1e-4, "a rudder that turns")?;
         self.check_power()
+    }
+
+    /// Airspeed (m/s) that full throttle just holds level, at sea level; higher up it is about the same with a motor, and more
+    /// with an engine.
+    pub fn fastest_mps(&self) -> f64 {
+        let density = crate::atmosphere::SEA_LEVEL_DENSITY_KGPM3;
+        let (mut low, mut high) = (CHECK_AIRSPEED_MPS, FASTEST_MPS);
+        for _ in 0..24 {
+            let middle = 0.5 * (low + high);
+            if self.thrust_n(1.0, middle, density) > self.level_drag_n(middle, density) {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        low
     }
 
     fn check_power(&self) -> Result<(), AirframeError> {
@@ -436,6 +454,14 @@ pub(crate) mod tests {
         assert!((trim.alpha_rad.to_degrees() - 4.5).abs() < 0.5, "{trim:?}");
         assert!((trim.elevator_rad + 0.20).abs() < 0.03, "{trim:?}");
         assert!((trim.throttle - 0.69).abs() < 0.05, "{trim:?}");
+    }
+
+    #[test]
+    fn full_throttle_holds_the_fastest_airspeed_and_no_more() {
+        let airframe = aerosonde();
+        let fastest_mps = airframe.fastest_mps();
+        assert!((fastest_mps - 32.4).abs() < 0.1, "{fastest_mps}");
+        assert!((airframe.trim(fastest_mps, 1.225).throttle - 1.0).abs() < 1e-3);
     }
 
     #[test]

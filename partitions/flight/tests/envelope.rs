@@ -145,6 +145,19 @@ fn airspeed_stays_above_its_floor_whoever_asks() {
 }
 
 #[test]
+fn airspeed_that_is_never_reached_does_not_keep_the_aircraft_from_climbing() {
+    for (name, text) in AIRCRAFT {
+        let ask = |c: &mut LoopCommands| (c.airspeed_mps, c.altitude_m) = (Some(60.0), Some(380.0));
+        let flight = fly(text, Turbulence::Calm, 90.0, ask);
+        let truth = flight.plant.truth();
+        let (height, fastest) = (-truth.position_ned_m.z, Airframe::from_toml(text).unwrap().fastest_mps());
+        println!("{name}: {height:.0} m, {:.1} m/s of {fastest:.1} m/s", truth.airspeed_mps);
+        assert!((height - 380.0).abs() < 10.0, "{name}: {height} m");
+        assert!(truth.airspeed_mps > fastest - 2.5, "{name}: {} m/s", truth.airspeed_mps);
+    }
+}
+
+#[test]
 fn pulling_on_and_on_flies_no_loop_and_pushing_no_dive() {
     for (name, text) in AIRCRAFT {
         for asked in [-35.0, -2.0] {

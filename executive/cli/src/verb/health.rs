@@ -38,7 +38,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         true => arguments.path.join(FILE),
         false => arguments.path.clone(),
     };
-    let mut log = read_file(&path).with_context(|| {
+    // First of all, so that the system says what is wrong with a path.
+    let read = std::fs::metadata(&path).and_then(|_| read_file(&path));
+    let mut log = read.with_context(|| {
         format!("cannot read {} (name the folder of a run, such as one below target/flights)", path.display())
     })?;
     let wanted = |entry: &Entry| arguments.partition.as_ref().is_none_or(|name| *name == entry.partition);

@@ -57,6 +57,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         let given = arguments.schedule.as_deref().unwrap_or(Path::new("schedule.toml"));
         refuse_file(output, LOG_BEGINNING, &[&log, given])?;
     }
+    std::fs::metadata(&log).with_context(|| format!("cannot read {}", log.display()))?;
     let (flown, changed) = as_flown(&log).unzip();
     if flown.is_none() {
         eprintln!(
@@ -64,8 +65,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
             log.display()
         );
     }
-    for file in changed.iter().flatten() {
-        eprintln!("{} is not as it was flown: taking the copy in the flight's folder", file.display());
+    for sentence in changed.iter().flatten() {
+        eprintln!("{sentence}");
     }
     let schedule = arguments.schedule.clone().or_else(|| flown.as_ref().map(|flown| flown.schedule.clone()));
     let schedule = schedule.unwrap_or_else(|| "schedule.toml".into());
@@ -114,8 +115,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     Ok(if words.different == 0 && words.absent_cycles == 0 { FINE } else { WRONG })
 }
 
-/// What the flight was asked for, and which files have changed since; nothing where its folder does not say.
-fn as_flown(log: &Path) -> Option<(fly::Arguments, Vec<PathBuf>)> {
+/// What the flight was asked for, and a sentence for each file that is another since; nothing where its folder does not say.
+fn as_flown(log: &Path) -> Option<(fly::Arguments, Vec<String>)> {
     let folder = log.parent()?;
     let text = std::fs::read(folder.join(FILE)).ok()?;
     let run: Run = serde_json::from_slice(&text).ok()?;

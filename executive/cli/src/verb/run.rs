@@ -134,7 +134,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         (None, several) => {
             let names: Vec<_> = several.iter().map(|module| module.name.as_str()).collect();
             return Err(anyhow!(
-                "the plan has several modules: choose one with --module ({})",
+                "the plan has several modules: choose one with --module ({}); `bateleur fly --hosts` starts all of them",
                 names.join(", ")
             ));
         }

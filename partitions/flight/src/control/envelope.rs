@@ -96,12 +96,14 @@ pub fn steepness(airspeed_mps: f64, climb_mps: f64) -> (f64, f64) {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Envelope {
     greatest_lift: f64,
+    /// Airspeed above which none is asked for, m/s: what would be lacking for ever would keep the aircraft from climbing.
+    pub fastest_mps: f64,
 }
 
 impl Envelope {
     /// Of an airframe.
     pub fn new(airframe: &Airframe) -> Self {
-        Self { greatest_lift: airframe.greatest_lift() }
+        Self { greatest_lift: airframe.greatest_lift(), fastest_mps: airframe.fastest_mps() }
     }
 
     /// Airspeed (m/s) at which the wing just carries the weight.

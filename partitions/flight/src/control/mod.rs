@@ -297,6 +297,11 @@ impl Controller {
         self.config = config;
     }
 
+    /// Airspeed above which none is flown, whoever asks, m/s.
+    pub fn fastest_mps(&self) -> f64 {
+        self.envelope.fastest_mps
+    }
+
     /// Level flight at cruise airspeed.
     pub fn trim(&self) -> &Trim {
         &self.trim
@@ -564,6 +569,12 @@ impl Controller {
         }
     }
 
+    /// Airspeed wanted, m/s: no more than the aircraft reaches, or it would give up its climb for what it never gets.
+    fn airspeed_wanted(&self, commands: &LoopCommands, guidance: Option<&GuidanceOutput>) -> Option<f64> {
+        let wanted = commands.airspeed_mps.or(guidance.map(|g| g.airspeed_mps));
+        wanted.map(|airspeed_mps| airspeed_mps.min(self.envelope.fastest_mps))
+    }
+
     /// Vertical acceleration wanted, up, m/s².
     fn vertical(
         &self,
@@ -580,7 +591,7 @@ impl Controller {
             let climb = s.airspeed_mps * (s.pitch_rad - self.trim.alpha_rad).sin();
             return (commands.navigation || target.is_some()).then(|| outer.climb_rate(0.0, climb));
         }
-        let reference = commands.airspeed_mps.or(guidance.map(|g| g.airspeed_mps));
+        let reference = self.airspeed_wanted(commands, guidance);
         let taking_off =
             self.take_off.map(|t| t.climb_mps(&self.airframe, &self.envelope, s.density_kgpm3) + 2.0);
         let reference = taking_off.or(reference);
@@ -628,7 +639,7 @@ impl Controller {
         basis: Basis,
     ) -> Option<f64> {
         let waiting = (basis == Basis::WingsLevel && commands.navigation).then_some(self.config.cruise_mps);
-        let target = commands.airspeed_mps.or(guidance.map(|g| g.airspeed_mps)).or(waiting);
+        let target = self.airspeed_wanted(commands, guidance).or(waiting);
         let floor = self.limits(s).floor_mps;
         let wanted = target.map(|v| v.max(floor) + self.authority_mps);
         let by_speed = wanted.map(|v| self.config.outer.airspeed(v - s.airspeed_mps, s.climb_rad));

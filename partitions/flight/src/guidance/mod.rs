@@ -117,6 +117,8 @@ pub struct GuidanceConfig {
     pub finish: Finish,
     /// How long before an arc begins or ends its acceleration is commanded, s: the lag of bank behind its reference.
     pub lead_s: f64,
+    /// The aircraft's fastest airspeed, m/s: no corner is made for more.
+    pub fastest_mps: f64,
 }
 
 impl Default for GuidanceConfig {
@@ -129,6 +131,7 @@ impl Default for GuidanceConfig {
             laps: 0,
             finish: Finish::Loiter,
             lead_s: 0.55,
+            fastest_mps: f64::INFINITY,
         }
     }
 }
@@ -375,7 +378,8 @@ impl Guidance {
 
     /// Radius at which the design bank suffices with the whole wind from behind: (V + W)²/(g tan φ).
     fn radius_m(&self, wind: &Vector2<f64>) -> f64 {
-        let fastest = self.waypoint(self.next).airspeed_mps + wind.norm().min(STRONGEST_WIND_MPS);
+        let airspeed_mps = self.waypoint(self.next).airspeed_mps.min(self.config.fastest_mps);
+        let fastest = airspeed_mps + wind.norm().min(STRONGEST_WIND_MPS);
         let needed = fastest * fastest / (GRAVITY_MPS2 * self.config.turn_bank_rad.tan());
         self.config.radius_m.unwrap_or(needed.max(self.config.least_radius_m))
     }

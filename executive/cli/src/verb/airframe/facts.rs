@@ -139,6 +139,8 @@ pub(super) struct Limits {
     pub(super) bank_asked_deg: f64,
     /// Airspeed below which the Controller lets the nose down.
     pub(super) floor_mps: f64,
+    /// Airspeed that full throttle holds level at sea level, m/s: none above is asked for.
+    pub(super) fastest_mps: f64,
     /// Steady roll rate at full aileron.
     pub(super) roll_rate_degps: f64,
     pub(super) corners: Vec<Corner>,
@@ -305,6 +307,7 @@ fn limits(plant: &Airframe, laws: &Laws, point: &Point, density: f64, stall: &St
         bank_deg: bank.to_degrees(),
         bank_asked_deg: asked.bank_rad.to_degrees(),
         floor_mps: asked.floor_mps,
+        fastest_mps: laws.fastest_mps(),
         roll_rate_degps: roll_rate.to_degrees(),
         corners: WINDS_MPS.map(|wind| corner(point.airspeed_mps, wind)).into(),
     }

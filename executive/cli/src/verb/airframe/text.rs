@@ -124,7 +124,11 @@ fn limits(out: &mut String, facts: &Facts) -> std::fmt::Result {
         "  bank            {:.0}° held level, {:.0}° asked for at most",
         l.bank_deg, l.bank_asked_deg
     )?;
-    writeln!(out, "  airspeed        {:.1} m/s at least, or the nose goes down", l.floor_mps)?;
+    writeln!(
+        out,
+        "  airspeed        {:.1} m/s at least, or the nose goes down; {:.1} m/s asked for at most",
+        l.floor_mps, l.fastest_mps
+    )?;
     writeln!(out, "  roll rate       {:.0}°/s at full aileron", l.roll_rate_degps)?;
     for (index, corner) in l.corners.iter().enumerate() {
         let what = if index == 0 { "corners" } else { "" };

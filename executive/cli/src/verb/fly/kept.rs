@@ -44,16 +44,21 @@ impl Inputs {
     }
 }
 
-/// The arguments of a flight with the files as they were flown, where they are others by now or gone; and which those are.
-pub(crate) fn as_flown(folder: &Path, mut arguments: Arguments) -> (Arguments, Vec<PathBuf>) {
+/// The arguments of a flight with the files as they were flown, where they are others by now or gone; and a sentence for each of
+/// those.
+pub(crate) fn as_flown(folder: &Path, mut arguments: Arguments) -> (Arguments, Vec<String>) {
     let mut changed = Vec::new();
     let mut take = |path: &mut PathBuf, name: &str| {
         let copy = folder.join(FOLDER).join(name);
         let Ok(flown) = std::fs::read(&copy) else { return };
-        if std::fs::read(&*path).is_ok_and(|now| now == flown) {
-            return;
-        }
-        changed.push(std::mem::replace(path, copy));
+        let why = match std::fs::read(&*path) {
+            Ok(now) if now == flown => return,
+            Ok(_) => "is not as it was flown",
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => "is not here",
+            Err(_) => "can not be read",
+        };
+        changed.push(format!("{} {why}: taking the copy in the flight's folder", path.display()));
+        *path = copy;
     };
     take(&mut arguments.schedule, SCHEDULE);
     if let Some(mission) = &mut arguments.mission {

@@ -24,6 +24,7 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 use anyhow::{Context, Result, bail};
 use bateleur_executive::event::Event;
 use bateleur_executive::plan::{Attribute, Facts, Plan};
+use bateleur_flight::airframe::Airframe;
 use bateleur_flight::guidance::{self, Corner};
 use bateleur_ground::MissionPlan;
 use bateleur_messages::ground;
@@ -128,6 +129,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     }
     let arguments = &Arguments { set: settings(arguments, &plan, &mission)?, ..arguments.clone() };
     let kept = kept::Inputs::read(arguments)?;
+    let too_fast = too_fast(arguments, &plan, &mission);
+    too_fast.iter().for_each(|note| eprintln!("{note}"));
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
         signal_hook::flag::register(signal, stop.clone()).context("cannot watch for signals")?;
@@ -144,7 +147,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         return Ok(CANNOT_RUN);
     };
     let folder = folder.keep();
-    let record = record(arguments, &flown, begun.elapsed().as_secs_f64());
+    let mut record = record(arguments, &flown, begun.elapsed().as_secs_f64());
+    record.notes.extend(too_fast);
     std::fs::write(folder.join(FILE), serde_json::to_vec_pretty(&record)?)
         .context("cannot write run.json")?;
     kept.keep(&folder)?;
@@ -441,7 +445,31 @@ fn inputs(arguments: &Arguments, plan: &Plan, mission: &MissionPlan) -> Inputs {
         inputs.guidance.corner = Corner::FlyThrough;
     }
     inputs.guidance.radius_m = given("controller", "radius_m").and_then(|value| value.as_f64());
+    if let Some(airframe) = airframe(arguments, plan) {
+        inputs.guidance.fastest_mps = airframe.fastest_mps();
+    }
     inputs
+}
+
+/// The aircraft as the laws see it; none where it cannot be read, of which the Controller tells.
+fn airframe(arguments: &Arguments, plan: &Plan) -> Option<Airframe> {
+    let planned = || in_effect(arguments, plan, "controller", "airframe")?.as_str().map(str::to_owned);
+    let value = arguments.airframe.clone().or_else(planned).unwrap_or_else(|| "aerosonde".into());
+    Airframe::from_attribute(&value, |path| std::fs::read_to_string(path)).ok()
+}
+
+/// The way-points whose airspeed the aircraft does not reach, a sentence for each.
+fn too_fast(arguments: &Arguments, plan: &Plan, mission: &MissionPlan) -> Vec<String> {
+    let Some(airframe) = airframe(arguments, plan) else { return Vec::new() };
+    let fastest_mps = airframe.fastest_mps();
+    let beyond = mission.waypoints.iter().filter(|point| point.airspeed_mps > fastest_mps);
+    let sentence = |point: &ground::Waypoint| {
+        format!(
+            "WP{}: airspeed_mps is {}, and full throttle holds {fastest_mps:.1} m/s level: flown at that",
+            point.index, point.airspeed_mps
+        )
+    };
+    beyond.map(sentence).collect()
 }
 
 /// As guidance has it.

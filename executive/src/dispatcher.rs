@@ -182,7 +182,7 @@ impl Dispatcher {
     }
 
     /// Runs major frames until the gate says that the module stops, or `stop` says so of the start of a major frame, module
-    /// time, ns, that no other core has begun. False: it could not go on, see [`Dispatcher::decided`].
+    /// time, ns, that no other core has begun. False: this core was away for too long to know what runs.
     pub fn run(&mut self, pace: &mut dyn Pace, gate: &mut dyn Gate, stop: &dyn Fn(u64) -> bool) -> bool {
         let mut orderly = true;
         let schedule = self.agenda.current();

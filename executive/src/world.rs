@@ -141,6 +141,13 @@ impl Surroundings {
         self.reason.is_some()
     }
 
+    /// Ends the run where that was asked for.
+    pub fn heed_stop(&mut self) {
+        if self.stop.load(Ordering::Acquire) {
+            self.reason.get_or_insert_with(|| "it was asked to stop".into());
+        }
+    }
+
     /// Why the run ended.
     #[must_use]
     pub fn reason(&self, of_monitor: Option<&str>) -> String {
@@ -191,9 +198,7 @@ impl World for Surroundings {
             let detail = "the supply announced that it is going (SIGPWR)";
             monitor.module_fault(ModuleError::PowerFail, detail, true, module_ns);
         }
-        if self.stop.load(Ordering::Acquire) {
-            self.reason.get_or_insert_with(|| "it was asked to stop".into());
-        }
+        self.heed_stop();
         if self.until_ns.is_some_and(|until| module_ns >= until) {
             self.reason.get_or_insert_with(|| "the asked-for time is over".into());
         }

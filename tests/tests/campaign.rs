@@ -180,7 +180,10 @@ fn flight_that_can_not_begin_has_failed_with_its_last_words() {
     ended.end_within(PATIENCE).expect_code(1);
     for flight in lines(&place.path().join("out")).values() {
         let failure = flight["failure"].as_str().unwrap();
-        assert!(failure.contains("ended with code 2") && failure.contains("no key `waypoint`"), "{failure}");
+        assert!(
+            failure.contains("ended with code 2") && failure.contains("the mission has no way-points"),
+            "{failure}"
+        );
     }
 }
 

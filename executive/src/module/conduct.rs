@@ -110,7 +110,10 @@ pub(super) fn conduct(
     }
     let started = monitor.launch(cages, condition).and_then(|()| monitor.await_all_ready(&options.stop));
     let ran = match started {
-        Ok(false) => Ok(begun_ns),
+        Ok(false) => {
+            course.surroundings.heed_stop();
+            Ok(begun_ns)
+        }
         Ok(true) => {
             let (clock, output) = (options.clock, options.output.as_path());
             let ready = Ready { plan, view, clock, facts, agenda, records, lanes: &lanes, output };

@@ -152,7 +152,7 @@ fn airspeed_that_is_never_reached_does_not_keep_the_aircraft_from_climbing() {
         let truth = flight.plant.truth();
         let (height, fastest) = (-truth.position_ned_m.z, Airframe::from_toml(text).unwrap().fastest_mps());
         println!("{name}: {height:.0} m, {:.1} m/s of {fastest:.1} m/s", truth.airspeed_mps);
-        assert!((height - 380.0).abs() < 10.0, "{name}: {height} m");
+        assert!((height - 380.0).abs() < 20.0, "{name}: {height} m");
         assert!(truth.airspeed_mps > fastest - 2.5, "{name}: {} m/s", truth.airspeed_mps);
     }
 }

@@ -283,6 +283,25 @@ mod tests {
     }
 
     #[test]
+    fn a_record_stays_as_long_as_a_group_that_it_names_could_not_be_removed() {
+        let (mut instance, alive) = Instance::create("instance_stuck", Vec::new()).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        // A folder that is not empty goes as little as a group with a process that can not die.
+        let stuck = folder.path().join(&instance.name);
+        fs::create_dir(&stuck).unwrap();
+        fs::write(stuck.join("process"), "").unwrap();
+        instance.set_groups(Some(&stuck), Vec::new()).unwrap();
+        fs::create_dir(instance.directory().join("ports")).unwrap();
+        drop(alive);
+        instance.clean_up();
+        assert!(trusted_record(&instance.directory(), is_own).is_some(), "the next start finds it");
+        assert!(!instance.directory().join("ports").exists());
+        fs::remove_dir_all(&stuck).unwrap();
+        instance.clean_up();
+        assert!(!instance.directory().exists());
+    }
+
+    #[test]
     fn a_lock_is_kept_by_no_child_that_the_executive_starts() {
         let (instance, alive) = Instance::create("instance_child", Vec::new()).unwrap();
         let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();

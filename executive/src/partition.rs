@@ -374,8 +374,8 @@ fn lack_of_memory(bytes: u64, ended_for_it: bool, full: bool) -> Option<String> 
     }
 }
 
-/// Bytes of a log that may hold its last line.
-const LAST_WORDS: u64 = 2000;
+/// Bytes of a log that may hold its last words: a trace of calls below them takes some kilobytes.
+const LAST_WORDS: u64 = 32 << 10;
 /// A partition's log that has grown to this many bytes begins anew, so that one that babbles does not fill the disk.
 const LOG_LIMIT: u64 = 1 << 20;
 /// What is kept of the log before it, bytes.
@@ -587,6 +587,21 @@ pub fn queue_depth(plan: &Plan, channel: &crate::plan::Channel) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn last_words_of_a_panic_are_its_own_and_not_the_last_frame_of_its_trace() {
+        let trace: String = (0..200).map(|frame| format!("  {frame}:   0x0 - <unknown>\n")).collect();
+        let log = format!(
+            "ready\nthread 'main' (7) panicked at src/lib.rs:3:5:\nrange end 9 out of 4\nstack backtrace:\n{trace}"
+        );
+        assert!(log.len() < LAST_WORDS as usize);
+        assert_eq!(last_words(&log).as_deref(), Some("range end 9 out of 4"));
+        assert_eq!(
+            last_words("thread 'main' panicked at a.rs:1:1:\nno\nnote: run with\n").as_deref(),
+            Some("no")
+        );
+        assert_eq!(last_words("one\n\ntwo\n").as_deref(), Some("two"));
+    }
 
     #[test]
     fn a_partition_can_not_cut_off_the_page_that_the_executive_reads() {

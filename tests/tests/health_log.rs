@@ -28,6 +28,20 @@ fn log_that_may_not_grow_any_more_costs_records_and_not_the_module() {
 }
 
 #[test]
+fn module_that_may_open_too_few_files_says_so_and_not_that_the_machine_lacks_something() {
+    let scratch = tempfile::tempdir().unwrap();
+    let schedule = two_partitions(scratch.path());
+    let limited = "ulimit -n 100; exec \"$0\" run --fast --until 1 --schedule \"$1\" --output \"$2\"";
+    let mut run = Command::new("sh");
+    run.args(["-c", limited]).arg(bateleur_tests::program("bateleur"));
+    let ended = run.arg(&schedule).arg(scratch.path().join("out")).output().unwrap();
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(2), "{said}");
+    assert!(said.contains("may open 100 files") && said.contains("ulimit -n"), "{said}");
+    assert!(!said.contains("not on this machine"), "{said}");
+}
+
+#[test]
 fn executive_killed_after_a_fault_leaves_it_in_the_persistent_log() {
     let _turn = among_others();
     let scratch = tempfile::tempdir().unwrap();

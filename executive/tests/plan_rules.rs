@@ -99,6 +99,19 @@ fn every_expected_text_has_its_bad_file() {
 }
 
 #[test]
+fn absence_from_a_schedule_is_told_unless_the_schedule_says_that_it_is_meant() {
+    let text =
+        fs::read_to_string(repository().join("tests/schedule/partition_not_in_schedule.toml")).unwrap();
+    let said = |action: &str| match answer_to("schedule.toml", &format!("{text}change_action = {action}\n")) {
+        Ok((_, report)) | Err(report) => report,
+    };
+    assert_eq!(broken(&said("{ servo = \"ignore\" }")), BTreeSet::new());
+    assert_eq!(broken(&said("{ imu = \"ignore\" }")), BTreeSet::from(["T10-not-in-schedule"]));
+    let both = BTreeSet::from(["T10-not-in-schedule", "T20-change-action-unused"]);
+    assert_eq!(broken(&said("{ servo = \"idle\" }")), both, "nobody is ended who has no window");
+}
+
+#[test]
 fn every_violation_says_where_it_is_and_how_to_mend_it() {
     for path in bad_files() {
         let (text, report) = report_on(&path);

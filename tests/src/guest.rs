@@ -25,9 +25,102 @@ const RELEASE: &str = "flight/release";
 /// Kernel modules for a CAN bus without hardware, each after those that it needs.
 const CAN: [&str; 4] = ["can-dev", "can", "can-raw", "vcan"];
 
+/// A kind of processor that a guest can have.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Processor {
+    /// That of the machine below the tests.
+    #[default]
+    X86_64,
+    /// Programs for it are those of `cargo build --release --bins --target aarch64-unknown-linux-gnu`, libraries those of the C
+    /// compiler for it.
+    Aarch64,
+}
+
+impl Processor {
+    fn emulator(self) -> &'static str {
+        match self {
+            Self::X86_64 => "qemu-system-x86_64",
+            Self::Aarch64 => "qemu-system-aarch64",
+        }
+    }
+
+    /// What the emulator takes for its board, and for a second serial line, for what the script prints, to the file `output`.
+    fn board(self, output: &Path) -> Vec<String> {
+        let output = output.display();
+        match self {
+            Self::X86_64 => vec!["-serial".into(), format!("file:{output}")],
+            Self::Aarch64 => {
+                let board =
+                    ["-machine", "virt", "-cpu", "cortex-a72", "-device", "pci-serial,chardev=output"];
+                let line = ["-chardev".into(), format!("file,id=output,path={output}")];
+                board.map(str::to_owned).into_iter().chain(line).collect()
+            }
+        }
+    }
+
+    /// The console's line and the script's, as the kernel names them.
+    fn lines(self) -> [&'static str; 2] {
+        match self {
+            Self::X86_64 => ["ttyS0", "ttyS1"],
+            Self::Aarch64 => ["ttyAMA0", "ttyS0"],
+        }
+    }
+
+    /// Where `tests/guest/prepare` put what is this processor's.
+    fn prepared(self) -> PathBuf {
+        let all = repository().join("target/guest");
+        match self {
+            Self::X86_64 => all,
+            Self::Aarch64 => all.join("aarch64"),
+        }
+    }
+
+    fn shell(self) -> PathBuf {
+        match self {
+            Self::X86_64 => "/bin/busybox".into(),
+            Self::Aarch64 => self.prepared().join("bin/busybox"),
+        }
+    }
+
+    /// A program of this workspace, built for release.
+    fn program(self, name: &str) -> PathBuf {
+        let own = program(name);
+        match self {
+            Self::X86_64 => own,
+            Self::Aarch64 => {
+                let target = own.ancestors().nth(2).unwrap_or(&own);
+                let path = target.join("aarch64-unknown-linux-gnu/release").join(name);
+                assert!(path.is_file(), "there is no {}: `cargo verify` builds it", path.display());
+                path
+            }
+        }
+    }
+
+    fn strip(self) -> &'static str {
+        match self {
+            Self::X86_64 => "strip",
+            Self::Aarch64 => "aarch64-linux-gnu-strip",
+        }
+    }
+
+    /// The shared libraries that a program loads, its loader among them: where they lie, and where they are looked for.
+    fn libraries_of(self, program: &Path) -> io::Result<Vec<(PathBuf, PathBuf)>> {
+        if self == Self::Aarch64 {
+            let all = ["ld-linux-aarch64.so.1", "libc.so.6", "libm.so.6", "libgcc_s.so.1"];
+            let cross = Path::new("/usr/aarch64-linux-gnu/lib");
+            return Ok(all.map(|name| (cross.join(name), Path::new("/lib").join(name))).into());
+        }
+        let listed = Command::new("ldd").arg(program).output()?;
+        let text = String::from_utf8_lossy(&listed.stdout).into_owned();
+        let paths = text.split_whitespace().filter(|word| word.starts_with('/')).map(PathBuf::from);
+        Ok(paths.map(|path| (path.clone(), path)).collect())
+    }
+}
+
 /// What is put into a guest.
 #[derive(Debug, Default)]
 pub struct Guest {
+    processor: Processor,
     programs: Vec<PathBuf>,
     files: Vec<(String, Vec<u8>)>,
     modules: Vec<&'static str>,
@@ -46,15 +139,21 @@ pub struct Said {
 impl Guest {
     /// A guest with `bateleur`, the nine partitions and the schedule of the flight in `/flight`.
     pub fn of_the_flight() -> Self {
-        let programs = crate::NINE.iter().chain(&["bateleur", "simulator"]).map(|name| program(name));
+        Self::of_the_flight_on(Processor::X86_64)
+    }
+
+    /// The same on a processor of that kind.
+    pub fn of_the_flight_on(processor: Processor) -> Self {
+        let programs =
+            crate::NINE.iter().chain(&["bateleur", "simulator"]).map(|name| processor.program(name));
         let schedule = fs::read(repository().join("schedule.toml")).unwrap();
         let files = vec![("schedule.toml".into(), schedule)];
-        Self { programs: programs.collect(), files, ..Self::default() }
+        Self { processor, programs: programs.collect(), files, ..Self::default() }
     }
 
     /// With another program of this workspace.
     pub fn program(mut self, name: &str) -> Self {
-        self.programs.push(program(name));
+        self.programs.push(self.processor.program(name));
         self
     }
 
@@ -100,20 +199,23 @@ impl Guest {
         let (disk, output) = (folder.path().join("initrd"), folder.path().join("output"));
         self.pack(&disk, script).unwrap();
         let console = folder.path().join("console");
-        let mut machine = Command::new("qemu-system-x86_64")
+        let [console_line, output_line] = self.processor.lines();
+        let kernels = format!(
+            "console={console_line} output=/dev/{output_line} quiet panic=-1 systemd.unit=script.service"
+        );
+        let mut machine = Command::new(self.processor.emulator())
             .args(["-accel", "tcg,thread=multi", "-smp", "2", "-m"])
             .arg(MEMORY_MIB.to_string())
             .args(["-display", "none", "-no-reboot", "-kernel"])
-            .arg(kernel())
+            .arg(kernel(&self.processor.prepared()))
             .arg("-initrd")
             .arg(&disk)
-            .args(["-append", "console=ttyS0 quiet panic=-1 systemd.unit=script.service", "-serial"])
+            .args(["-append", &kernels, "-serial"])
             .arg(format!("file:{}", console.display()))
-            .arg("-serial")
-            .arg(format!("file:{}", output.display()))
+            .args(self.processor.board(&output))
             .stdin(Stdio::null())
             .spawn()
-            .expect("qemu-system-x86_64 is needed: tests/guest/prepare installs it");
+            .expect("an emulator is needed: tests/guest/prepare installs it");
         let ended = await_some(PATIENCE, || machine.try_wait().unwrap());
         if ended.is_none() {
             machine.kill().unwrap();
@@ -150,13 +252,14 @@ impl Guest {
             true => pack_systemd(&mut archive)?,
             false => pack_plain(&mut archive)?,
         }
+        let strip = self.processor.strip();
         for folder in ["proc", "sys", "dev", "tmp", "flight", "modules"] {
             archive.add(folder, 0o040_755, &[])?;
         }
         archive.add(RELEASE, 0o040_755, &[])?;
         archive.add(&format!("{RELEASE}/deps"), 0o040_755, &[])?;
         self.pack_repository(&mut archive)?;
-        archive.add("bin/busybox", 0o100_755, &fs::read("/bin/busybox")?)?;
+        archive.add("bin/busybox", 0o100_755, &fs::read(self.processor.shell())?)?;
         archive.add("etc/passwd", 0o100_644, b"root:x:0:0::/:/bin/sh\nbateleur:x:990:990::/:/bin/sh\n")?;
         archive.add("etc/group", 0o100_644, b"root:x:0:\nbateleur:x:990:\n")?;
         archive.add("etc/shadow", 0o100_600, b"root:*:1:0:99999:7:::\n")?;
@@ -166,17 +269,17 @@ impl Guest {
         }
         let mut libraries = Vec::new();
         for path in &self.programs {
-            pack_program(&mut archive, path)?;
-            libraries.extend(libraries_of(path)?);
+            pack_program(&mut archive, path, strip)?;
+            libraries.extend(self.processor.libraries_of(path)?);
         }
         for module in &self.modules {
             archive.add(&format!("modules/{module}.ko"), 0o100_644, &fs::read(kernel_module(module))?)?;
         }
         libraries.sort();
         libraries.dedup();
-        for path in libraries {
+        for (path, place) in libraries {
             let mode = fs::metadata(&path)?.permissions().mode();
-            archive.add(path.to_string_lossy().trim_start_matches('/'), mode, &fs::read(&path)?)?;
+            archive.add(place.to_string_lossy().trim_start_matches('/'), mode, &fs::read(&path)?)?;
         }
         archive.end()
     }
@@ -226,12 +329,12 @@ fn pack_tree(archive: &mut Archive, root: &Path, folder: &Path) -> io::Result<()
 }
 
 /// A program, without what only a debugger reads, and beside the schedule a link to it.
-fn pack_program(archive: &mut Archive, path: &Path) -> io::Result<()> {
+fn pack_program(archive: &mut Archive, path: &Path, strip: &str) -> io::Result<()> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let own = path.parent().is_some_and(|folder| folder.ends_with("deps"));
     let place = if own { format!("release/deps/{name}") } else { format!("release/{name}") };
     let slim = tempfile::NamedTempFile::new()?;
-    let stripped = Command::new("strip").arg("--strip-debug").arg("-o").arg(slim.path()).arg(path).status();
+    let stripped = Command::new(strip).arg("--strip-debug").arg("-o").arg(slim.path()).arg(path).status();
     let whole = !stripped.is_ok_and(|status| status.success()); // a guest with more memory would hold it too
     archive.add(&format!("flight/{place}"), 0o100_755, &fs::read(if whole { path } else { slim.path() })?)?;
     // A test program's name ends with a number of the compiler's.
@@ -263,22 +366,14 @@ fn kernel_module(name: &str) -> PathBuf {
 }
 
 /// The kernel that `tests/guest/prepare` unpacked.
-fn kernel() -> PathBuf {
-    let folder = repository().join("target/guest/boot");
+fn kernel(prepared: &Path) -> PathBuf {
+    let folder = prepared.join("boot");
     let files = fs::read_dir(&folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let mut kernels = files
         .filter(|path| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("vmlinuz")));
     kernels
         .next()
         .unwrap_or_else(|| panic!("there is no kernel in {}: run tests/guest/prepare", folder.display()))
-}
-
-/// The shared libraries that a program loads, its loader among them.
-fn libraries_of(program: &Path) -> io::Result<Vec<PathBuf>> {
-    let listed = Command::new("ldd").arg(program).output()?;
-    let text = String::from_utf8_lossy(&listed.stdout).into_owned();
-    let paths = text.split_whitespace().filter(|word| word.starts_with('/')).map(PathBuf::from);
-    Ok(paths.collect())
 }
 
 /// An archive in the kernel's own format (Linux, Documentation/driver-api/early-userspace/buffer-format.rst, "newc").

@@ -17,7 +17,7 @@ mod turn;
 
 pub use browser::{Browser, Seen};
 pub use children::{Process, Traces, children_of, executive_of, process_named};
-pub use guest::Guest;
+pub use guest::{Guest, Processor};
 pub use line::Ground;
 pub use output::{Fault, Window, quantile};
 pub use peer::{Peer, python};

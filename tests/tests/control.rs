@@ -346,6 +346,7 @@ fn planned_faults_end_as_the_table_says_and_the_same_in_every_run() {
             "one:bus-error@6",
             "one:sigkill@7",
             "one.count:drop=5@8",
+            "one:run-on@8", // at the same instant: both are carried out
             "one.count:delay=2/50ms@8.5",
             "one.count:corrupt=3@9",
         ];

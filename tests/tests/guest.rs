@@ -1,10 +1,11 @@
 //! What needs a kernel that the machine below may not be: PREEMPT_RT and every controller of control groups version 2, in a
-//! delegated group, as a unit of systemd gives it. See `tests/guest/prepare`.
+//! delegated group, as a unit of systemd gives it; and what needs the other kind of processor that aircraft carry. See
+//! `tests/guest/prepare`.
 
 #![cfg(target_arch = "x86_64")] // the guest's kernel is
 #![allow(clippy::unwrap_used, clippy::panic)] // as in any test
 
-use bateleur_tests::{Guest, repository};
+use bateleur_tests::{Guest, Processor, bateleur, repository};
 
 /// Puts the script's shell into a group of its own, which has its controllers, and `bateleur` alone into one inside.
 const DELEGATED: &str = "
@@ -431,4 +432,56 @@ fn unit_of_the_book_starts_strictly_under_systemd_stops_without_a_trace_and_come
     assert!(user[0].starts_with("active") && !user[0].contains("root"), "{user:?}");
     let lacks = said.text.lines().filter(|line| line.starts_with("not on this machine"));
     assert_eq!(lacks.count(), 3, "an ordinary user's, none of the others': {}", said.text);
+}
+
+/// One lap of a triangle.
+const TRIANGLE: &str = "laps = 1
+waypoint = [
+    { north_m = 500, east_m = 0, altitude_m = 140 },
+    { north_m = 500, east_m = 500, altitude_m = 140 },
+    { north_m = 0, east_m = 250, altitude_m = 140 },
+]
+";
+
+/// A flight with a crash of each kind: signals, system calls behind the filter, traps of the processor.
+const WITH_CRASHES: &str = "fly --fast --seed 7 --wind 4 --turbulence light --kill controller@40 \
+    --inject estimator:illegal-call@50 --inject gps:illegal-instruction@55 --inject imu:null-write@60 \
+    --inject servo:bus-error@65 --inject command:panic@70";
+
+#[test]
+#[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
+fn on_aarch64_a_flight_with_crashes_is_strictly_partitioned_and_the_same_to_the_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let mission = folder.path().join("mission.toml");
+    std::fs::write(&mission, TRIANGLE).unwrap();
+    let schedule = repository().join("schedule.toml");
+    let files = ["--mission", mission.to_str().unwrap(), "--schedule", schedule.to_str().unwrap()];
+    let arguments: Vec<&str> = WITH_CRASHES.split_whitespace().chain(files).collect();
+    let here = bateleur(&arguments).end().expect_code(0);
+    let summary = std::fs::read_to_string(here.folder().join("summary.json")).unwrap();
+    let digest = summary.lines().find(|line| line.contains("\"digest\"")).unwrap();
+
+    let said = Guest::of_the_flight_on(Processor::Aarch64).file("mission.toml", TRIANGLE).run(&format!(
+        "{DELEGATED}
+        uname -m
+        grep -q 1 /sys/kernel/realtime || exit 9
+        in_unit ./bateleur {WITH_CRASHES} --require strict --mission mission.toml --output /tmp/flight || exit $?
+        grep digest /tmp/flight/summary.json
+        ./bateleur health /tmp/flight"
+    ));
+    assert_eq!(said.code, Some(0), "{}", said.text);
+    for word in [
+        "aarch64",
+        "9 partitions are ready",
+        "controller[0]: killed",
+        "estimator[0]: illegal_request (ended by SIGSYS",
+        "gps[0]: illegal_request (ended by SIGILL",
+        "imu[0]: memory_violation (ended by SIGSEGV",
+        "servo[0]: memory_violation (ended by SIGBUS",
+        "command[1]: recovered",
+        digest,
+    ] {
+        assert!(said.text.contains(word), "{word:?} is not in {}", said.text);
+    }
+    assert!(!said.text.contains("not on this machine"), "{}", said.text);
 }

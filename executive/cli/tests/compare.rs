@@ -71,6 +71,22 @@ fn comparison_for_a_program_has_the_same_facts() {
 }
 
 #[test]
+fn log_that_was_changed_after_it_was_written_is_said_to_be_damaged() {
+    let folder = folder();
+    let path = folder.path().join("same/ports.mcap");
+    let mut bytes = std::fs::read(&path).unwrap();
+    // The last of the first message's four header bytes, which are followed by the value.
+    let header = bytes.windows(4).position(|window| window == [0, 1, 0, 0]).unwrap();
+    bytes[header + 8] ^= 1;
+    std::fs::write(&path, bytes).unwrap();
+    let ended = bateleur_in(folder.path(), &["compare", "old", "same"]);
+    assert_eq!((ended.code, ended.stderr.as_str()), (1, ""));
+    let ends: Vec<_> =
+        ended.stdout.lines().take(2).map(|end| end.contains("damaged: the checksum of 1")).collect();
+    assert_eq!(ends, [false, true], "{}", ended.stdout);
+}
+
+#[test]
 fn files_that_are_no_logs_are_refused() {
     let folder = folder();
     std::fs::write(folder.path().join("notes.txt"), "nothing of the kind, and long enough to be read")

@@ -133,10 +133,13 @@ fn part_of(path: &Path, part: u32) -> PathBuf {
     }
 }
 
-/// Parts of an earlier run in the same folder do not belong to this log.
-fn remove_parts(path: &Path) {
-    let mut parts = (1..).map(|part| part_of(path, part));
-    while parts.next().is_some_and(|part| std::fs::remove_file(part).is_ok()) {}
+/// Parts and resets of an earlier run in the same folder do not belong to this log.
+fn remove_earlier(path: &Path) {
+    let is_removed = |path: &PathBuf| std::fs::remove_file(path).is_ok();
+    let resets = (1..).map(|resets| port_log(path, resets)).take_while(is_removed);
+    for start in std::iter::once(path.to_owned()).chain(resets) {
+        (1..).map(|part| part_of(&start, part)).take_while(is_removed).for_each(drop);
+    }
 }
 
 /// What a run has outside its output folder, and the processes that serve it.
@@ -291,7 +294,7 @@ impl Base {
 
     /// Starts the log of all ports.
     fn record(&self, path: PathBuf, order: &Order) -> Result<Recording, RunError> {
-        remove_parts(&path);
+        remove_earlier(&path);
         let channels = order.channels.iter().map(|channel| channel.name.clone()).collect();
         let (copy, order) = (self.copy()?, order.clone());
         let start: StartRecorder =

@@ -18,9 +18,6 @@ use crate::system::time::now_ns;
 /// A janitor that has used more time than this is ended: the library's clean-up can hang. One that works takes some
 /// milliseconds.
 const JANITOR_PATIENCE_NS: u64 = 3_000_000_000;
-/// One that was hardly given a processor is ended after this: ended before its work is done, it leaves its successor's places in
-/// the channels taken.
-const STARVED_PATIENCE_NS: u64 = 30_000_000_000;
 
 /// Whose process is dead: a partition's place, and which of its two processes it was.
 type Grave = (usize, Seat);
@@ -148,10 +145,10 @@ impl Monitor {
     }
 }
 
-/// Whether a janitor that began `elapsed_ns` ago will not come to an end.
+/// Whether a janitor that began `elapsed_ns` ago will not come to an end. Ended before its work is done, it leaves its successor's
+/// places in the channels taken.
 fn hangs(pid: i32, elapsed_ns: u64) -> bool {
-    elapsed_ns >= JANITOR_PATIENCE_NS
-        && (elapsed_ns >= STARVED_PATIENCE_NS || chance::used_ns(pid, elapsed_ns) >= JANITOR_PATIENCE_NS)
+    chance::has_had(pid, elapsed_ns, JANITOR_PATIENCE_NS, chance::STARVED_PATIENCE_NS)
 }
 
 fn dead_process(watched: &Watched, seat: Seat) -> Option<i32> {

@@ -16,7 +16,7 @@ use std::sync::atomic::Ordering::Acquire;
 use bateleur_contract::{Clock, Mode, Takeover};
 
 use super::burial::Seat;
-use super::watched::Life;
+use super::watched::{Life, is_overdue};
 use super::{Monitor, seconds};
 use crate::event::Event;
 use crate::health::decision::error_of;
@@ -100,7 +100,7 @@ impl Standby {
             return Ok(());
         }
         let limit_ns = plan[self.cage.id].startup_timeout_ns;
-        if now_ns() - since_ns > limit_ns {
+        if is_overdue(process.pid, *since_ns, limit_ns) {
             self.put_an_end();
             let detail = format!("was not ready after {} ms (startup_timeout)", limit_ns / 1_000_000);
             return Err((PartitionError::StartupTimeout, detail));

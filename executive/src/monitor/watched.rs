@@ -15,8 +15,15 @@ use crate::partition::{Cage, await_any_end, ended, is_readable};
 use crate::plan::{PartitionState, Plan};
 use crate::seats::Seats;
 use crate::slot::Readiness;
+use crate::system::chance;
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
+
+/// Whether process `pid`, which initialises since `since_ns`, is not ready in `limit_ns`, its waits for a processor apart.
+pub(super) fn is_overdue(pid: i32, since_ns: u64, limit_ns: u64) -> bool {
+    let most_ns = limit_ns.saturating_add(chance::STARVED_PATIENCE_NS);
+    chance::has_had(pid, now_ns().saturating_sub(since_ns), limit_ns, most_ns)
+}
 
 #[derive(Debug)]
 pub(super) enum Life {
@@ -162,7 +169,7 @@ impl Watched {
             return Err(format!("partition {name} {found}: {words}"));
         }
         let limit_ns = plan[self.cage.id].startup_timeout_ns;
-        if now_ns() - since_ns > limit_ns {
+        if is_overdue(process.pid, *since_ns, limit_ns) {
             let why =
                 self.cage.lack_of_memory(self.starved).map(|why| format!(": {why}")).unwrap_or_default();
             return Err(format!(

@@ -21,6 +21,15 @@ pub fn used_ns(pid: i32, elapsed_ns: u64) -> u64 {
     spent_of(pid).map_or(elapsed_ns, |spent| used_of(&spent, elapsed_ns))
 }
 
+/// How long waits for a processor are not counted, at most, ns.
+pub const STARVED_PATIENCE_NS: u64 = 30_000_000_000;
+
+/// Whether process `pid`, which began `elapsed_ns` ago, has had `limit_ns` for itself. Waits for a processor are not counted, until
+/// `most_ns` are over.
+pub fn has_had(pid: i32, elapsed_ns: u64, limit_ns: u64, most_ns: u64) -> bool {
+    elapsed_ns >= limit_ns && (elapsed_ns >= most_ns || used_ns(pid, elapsed_ns) >= limit_ns)
+}
+
 /// A time of a process's life that begins somewhere in it.
 #[derive(Debug)]
 pub struct Spell {
@@ -81,6 +90,23 @@ mod tests {
         let asleep = spent("7000000 2000000000 9\n", "42 (janitor) S 1 42 0").unwrap();
         assert_eq!(used_of(&asleep, 20 * SECOND_NS), 18 * SECOND_NS);
         assert_eq!(spent("", "42 (janitor) S 1"), None);
+    }
+
+    #[test]
+    fn a_wait_for_a_processor_is_no_delay_until_it_lasts_too_long() {
+        let mut busy = Command::new("sh").args(["-c", "while :; do :; done"]).spawn().unwrap();
+        let pid = busy.id() as i32;
+        let hour_ns = 3_600 * SECOND_NS;
+        let verdicts = [
+            has_had(pid, 5, 6, 7),
+            has_had(pid, hour_ns, hour_ns - 1, hour_ns + 1), // it had no processor for most of it
+            has_had(pid, hour_ns, hour_ns - 1, hour_ns),     // for so long that it does not matter
+        ];
+        busy.kill().unwrap();
+        busy.wait().unwrap();
+        assert_eq!(verdicts, [false, false, true]);
+        let gone = i32::MAX;
+        assert!(has_had(gone, 7, 6, 8), "nothing is known of it: all of its time counts");
     }
 
     #[test]

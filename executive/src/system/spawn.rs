@@ -15,8 +15,9 @@ use std::path::{Path, PathBuf};
 use rustix::pipe::{PipeFlags, pipe_with};
 
 use super::filter::Filters;
-use super::rules;
+use super::time::now_ns;
 use super::view::View;
+use super::{chance, rules};
 
 /// `clone3` only; the C library's binding is too narrow for it.
 const CLONE_INTO_CGROUP: u64 = 0x2_0000_0000;
@@ -202,14 +203,30 @@ pub fn spawn(request: &Request<'_>) -> io::Result<Spawned> {
     }
 }
 
-/// How long a child may take to its program. One that is held before (a frozen group, a file system that does not answer)
-/// must not hold the executive.
+/// How long a child may take to its program, waits for a processor apart. One that is held before (a frozen group, a file
+/// system that does not answer) must not hold the executive.
 const START_PATIENCE_NS: u64 = 2_000_000_000;
+/// The same with such waits, for the executive waits too.
+const STARVED_PATIENCE_NS: u64 = 10_000_000_000;
+
+/// Whether a child says how it came to its program.
+fn speaks_in_time(reader: &OwnedFd, pid: i32) -> bool {
+    let begun_ns = now_ns();
+    loop {
+        crate::partition::await_any_end(&[reader.as_fd()], START_PATIENCE_NS);
+        if crate::partition::is_readable(reader.as_fd()) {
+            return true;
+        }
+        let elapsed_ns = now_ns().saturating_sub(begun_ns);
+        if chance::has_had(pid, elapsed_ns, START_PATIENCE_NS, STARVED_PATIENCE_NS) {
+            return false;
+        }
+    }
+}
 
 fn confirm(reader: OwnedFd, pidfd: OwnedFd, pid: i32) -> io::Result<Spawned> {
     let mut trouble = [0; 5];
-    crate::partition::await_any_end(&[reader.as_fd()], START_PATIENCE_NS);
-    if !crate::partition::is_readable(reader.as_fd()) {
+    if !speaks_in_time(&reader, pid) {
         let _ = rustix::process::pidfd_send_signal(&pidfd, rustix::process::Signal::KILL); // ended already
         crate::partition::await_any_end(&[pidfd.as_fd()], START_PATIENCE_NS);
         let _ = crate::partition::ended(&Spawned { pid, pidfd });

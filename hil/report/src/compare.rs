@@ -142,6 +142,8 @@ pub struct End {
     pub time_ns: u64,
     /// It was cut short, and why.
     pub cut: Option<String>,
+    /// Some of it was changed after it was written, and what shows it.
+    pub damaged: Option<String>,
 }
 
 /// What came out.
@@ -198,7 +200,7 @@ struct Reading {
 
 impl Reading {
     fn open(path: &Path) -> Result<Self, LogError> {
-        let end = End { file: path.to_path_buf(), messages: 0, time_ns: 0, cut: None };
+        let end = End { file: path.to_path_buf(), messages: 0, time_ns: 0, cut: None, damaged: None };
         Ok(Self { reader: LogReader::open(path)?, end, ending: None })
     }
 
@@ -214,8 +216,10 @@ impl Reading {
             lanes.take(side, &entry);
         };
         if let Some(ending) = self.reader.step(&mut take)? {
-            if let Ending::Cut(why) = &ending {
-                self.end.cut = Some(why.clone());
+            match &ending {
+                Ending::Cut(why) => self.end.cut = Some(why.clone()),
+                Ending::Damaged(why) => self.end.damaged = Some(why.clone()),
+                Ending::Complete => {}
             }
             self.ending = Some(ending);
         }

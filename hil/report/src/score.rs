@@ -132,14 +132,14 @@ impl Stretch {
 
 /// Scores a flight's tracking.
 pub fn scores(flight: &Flight, passages: &[Passage], planned: &Planned, believed: &Believed) -> Scores {
-    let Inputs { waypoints, laps, .. } = &flight.inputs;
+    let Inputs { waypoints, laps, guidance, .. } = &flight.inputs;
     let Some(stretch) = Stretch::of(passages, waypoints.len(), *laps) else { return Scores::default() };
     let truth = stretch.of_truth(&flight.truth);
     let Some(last) = truth.last() else { return Scores::default() };
     let mut scores = path_scores(truth, planned, believed);
     scores.scored_from_s = Some(seconds(stretch.from_ns));
     scores.scored_to_s = Some(seconds(last.time_ns));
-    hold_scores(&mut scores, truth, &Targets { passages, waypoints }, believed);
+    hold_scores(&mut scores, truth, &Targets { passages, waypoints }, guidance.fastest_mps, believed);
     scores
 }
 
@@ -185,7 +185,14 @@ impl Targets<'_> {
     }
 }
 
-fn hold_scores(scores: &mut Scores, truth: &[TruthRecord], targets: &Targets<'_>, believed: &Believed) {
+/// An airspeed that is asked for and can not be reached is flown at `fastest_mps`, and is held against that.
+fn hold_scores(
+    scores: &mut Scores,
+    truth: &[TruthRecord],
+    targets: &Targets<'_>,
+    fastest_mps: f64,
+    believed: &Believed,
+) {
     let [mut height, mut height_true, mut airspeed] = [Rms::default(); 3];
     for record in truth {
         let Some(target) = targets.at(record.time_ns) else { continue };
@@ -196,7 +203,7 @@ fn hold_scores(scores: &mut Scores, truth: &[TruthRecord], targets: &Targets<'_>
         if scores.captured_s.is_some() {
             height.add(error);
             height_true.add(-record.position_ned_m[2] - target.altitude_m);
-            airspeed.add(record.airspeed_mps - target.airspeed_mps);
+            airspeed.add(record.airspeed_mps - target.airspeed_mps.min(fastest_mps));
         }
     }
     scores.altitude_rms_m = height.value();
@@ -310,6 +317,15 @@ mod tests {
         assert!((found.straight_cross_track_true_rms_m.unwrap() - 3.0).abs() < 1e-9);
         assert!((found.airspeed_rms_mps.unwrap() - 0.5).abs() < 1e-9);
         assert_eq!((found.altitude_rms_m, found.captured_s), (Some(0.0), Some(10.0)));
+    }
+
+    #[test]
+    fn airspeed_that_the_aircraft_can_not_reach_is_scored_as_the_one_that_it_holds() {
+        let truth: Vec<_> = (0..9).map(|i| record(10.0 + f64::from(i), 500.0, 100.0, 160.0)).collect();
+        let mut slow = flight(truth);
+        slow.inputs.guidance.fastest_mps = 21.5; // of 22.0 that the mission asks for
+        let found = of(&slow, &[passage(0, 10)]);
+        assert!((found.airspeed_rms_mps.unwrap() - 1.0).abs() < 1e-9, "{found:?}");
     }
 
     #[test]

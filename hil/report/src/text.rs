@@ -98,16 +98,18 @@ fn wrap(lines: &mut Vec<String>, label: &str, text: &str) {
     }
 }
 
+fn laps(count: u32) -> String {
+    format!("{count} lap{}", if count == 1 { "" } else { "s" })
+}
+
 /// One sentence: whether it was flown, and how fast.
 pub(crate) fn headline(summary: &Summary) -> String {
     let verdict = match &summary.failure {
         None => match summary.judged_by {
-            Judge::Truth => format!("completed, {} laps", summary.laps),
+            Judge::Truth => format!("completed, {}", laps(summary.laps)),
             Judge::Aircraft => {
-                format!(
-                    "completed by the aircraft's own count, {} laps (the simulator left no truth)",
-                    summary.laps
-                )
+                let laps = laps(summary.laps);
+                format!("completed by the aircraft's own count, {laps} (the simulator left no truth)")
             }
         },
         Some(why) => format!("NOT completed: {why}"),

@@ -230,6 +230,35 @@ fn parts_of_a_log_whose_recorders_were_killed_are_read_as_one_and_said_to_be_cut
 }
 
 #[test]
+fn log_of_a_module_that_was_reset_is_read_through_its_resets() {
+    let dir = tempfile::tempdir().unwrap();
+    let rate = bateleur_messages::find("Rate").unwrap();
+    for (name, cycles) in [
+        ("ports.mcap", 0..10),
+        ("ports.part-1.mcap", 10..20),
+        ("ports.reset-1.mcap", 30..40),
+        ("ports.reset-1.part-1.mcap", 40..50),
+        ("ports.reset-2.mcap", 60..70),
+        ("ports.reset-4.mcap", 90..95), // of another run: there is no third
+    ] {
+        let mut writer = log::PortLog::create(dir.path().join(name)).unwrap();
+        let channel = writer.add_channel(&log::topic("rate_generator", "rate"), rate).unwrap();
+        for cycle in cycles {
+            writer.write(channel, cycle % 30, cycle * 20_000_000, &[1; 56]).unwrap();
+        }
+        writer.finish().unwrap();
+    }
+    let times = |file: &str| -> Vec<u64> {
+        let recording = log::read(dir.path().join(file), |_| true).unwrap();
+        assert_eq!(recording.ending, Ending::Complete);
+        let track = recording.track("/rate_generator/rate", "Rate").unwrap();
+        track.samples.iter().map(|(time_ns, _)| time_ns / 20_000_000).collect()
+    };
+    assert_eq!(times("ports.mcap"), [0..20, 30..50, 60..70].into_iter().flatten().collect::<Vec<_>>());
+    assert_eq!(times("ports.reset-1.mcap"), (30..50).collect::<Vec<_>>(), "asked for by its name: it alone");
+}
+
+#[test]
 fn writer_refuses_what_readers_could_not_read() {
     let dir = tempfile::tempdir().unwrap();
     let mut writer = log::PortLog::create(dir.path().join("a.mcap")).unwrap();

@@ -122,21 +122,22 @@ impl Faults {
     /// What was ordered for a predecessor is not carried out.
     pub(crate) fn new(page: &ControlPage, ports: Vec<Option<Rc<PortFault>>>) -> Self {
         let mut seen = 0;
-        let _ = page.fault_since(&mut seen); // of a predecessor
+        while page.fault_since(&mut seen).is_some() {} // of a predecessor
         Self { seen, runs_on: false, ports }
     }
 
     /// Carries out what was ordered since the last window.
     pub(crate) fn carry_out(&mut self, page: &ControlPage) {
-        let Some(order) = page.fault_since(&mut self.seen) else { return };
-        match order.kind {
-            kind if kind.is_of_port() => {
-                if let Some(Some(port)) = self.ports.get(order.port as usize) {
-                    port.set(order);
+        while let Some(order) = page.fault_since(&mut self.seen) {
+            match order.kind {
+                kind if kind.is_of_port() => {
+                    if let Some(Some(port)) = self.ports.get(order.port as usize) {
+                        port.set(order);
+                    }
                 }
+                FaultKind::RunOn => self.runs_on = true,
+                _ => misbehave(&order, page),
             }
-            FaultKind::RunOn => self.runs_on = true,
-            _ => misbehave(&order, page),
         }
     }
 

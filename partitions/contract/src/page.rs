@@ -17,7 +17,7 @@ use crate::mapping::SharedMemory;
 /// First word of every control page.
 pub const MAGIC: u32 = 0x4254_4c52; // "BTLR"
 /// Raised whenever the page or the description changes its meaning.
-pub const VERSION: u32 = 9;
+pub const VERSION: u32 = 10;
 
 /// Bytes of a report's text, as in REPORT_APPLICATION_MESSAGE.
 pub const REPORT_TEXT: usize = 128;
@@ -25,6 +25,8 @@ pub const REPORT_TEXT: usize = 128;
 pub const ERRORS: usize = 8;
 /// Entries of the health log that stand for a partition that is told of them; older ones are overwritten and counted as lost.
 pub const NOTICES: usize = 8;
+/// Orders of faults that fit between two windows of a partition; older ones are overwritten.
+pub const FAULTS: usize = 8;
 /// Reports that fit between two looks of the executive; older ones are overwritten and counted as lost.
 pub const REPORTS: usize = 8;
 
@@ -129,6 +131,21 @@ pub struct Report {
     text: [AtomicU64; REPORT_TEXT / 8],
 }
 
+/// An order of a fault.
+#[derive(Debug, Default)]
+#[repr(C)]
+struct OrderedFault {
+    /// A [`FaultKind`].
+    kind: AtomicU32,
+    /// [`FaultOrder::port`].
+    port: AtomicU32,
+    /// [`FaultOrder::messages`].
+    messages: AtomicU32,
+    reserved: AtomicU32,
+    /// [`FaultOrder::argument`].
+    argument: AtomicU64,
+}
+
 /// How a module's major frames lie to those that they follow, as a partition has found it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct AlignmentReport {
@@ -186,16 +203,10 @@ pub struct ControlPage {
     pub next_schedule: AtomicU32,
     /// When the schedule took effect, module time, ns; 0: the module has not changed yet.
     pub schedule_since_ns: AtomicU64,
-    /// Faults ordered so far; the partition's library carries out the latest at its next window's start.
+    /// Faults ordered so far; order `n` stands in `faults[n % FAULTS]`. The partition's library carries them out at its next
+    /// window's start.
     fault_orders: AtomicU32,
-    /// A [`FaultKind`].
-    fault_kind: AtomicU32,
-    /// [`FaultOrder::port`].
-    fault_port: AtomicU32,
-    /// [`FaultOrder::messages`].
-    fault_messages: AtomicU32,
-    /// [`FaultOrder::argument`].
-    fault_argument: AtomicU64,
+    reserved_1: [AtomicU32; 5],
     /// 1 while the executive sleeps on `done`: a partition that closes its window wakes it then, and spares itself the
     /// call otherwise. See [`ControlPage::close`].
     pub awaited: AtomicU32,
@@ -246,6 +257,8 @@ pub struct ControlPage {
     notice_count: AtomicU32,
     reserved_7: AtomicU32,
     notices: [Report; NOTICES],
+    // Written by the executive.
+    faults: [OrderedFault; FAULTS],
 }
 
 // SAFETY: every field is an atomic or an array of atomics, for which every bit pattern is a value.
@@ -339,27 +352,39 @@ impl ControlPage {
         Some(told)
     }
 
-    /// Orders a fault (the executive); one that was not carried out yet is replaced.
+    /// Orders a fault (the executive). Of those that were not carried out yet only the newest [`FAULTS`] still stand.
     pub fn order_fault(&self, order: &FaultOrder) {
-        self.fault_kind.store(order.kind as u32, Ordering::Relaxed);
-        self.fault_port.store(order.port, Ordering::Relaxed);
-        self.fault_messages.store(order.messages, Ordering::Relaxed);
-        self.fault_argument.store(order.argument, Ordering::Relaxed);
-        self.fault_orders.fetch_add(1, Ordering::Release);
+        let number = self.fault_orders.load(Ordering::Relaxed);
+        let fault = &self.faults[number as usize % FAULTS];
+        fault.kind.store(order.kind as u32, Ordering::Relaxed);
+        fault.port.store(order.port, Ordering::Relaxed);
+        fault.messages.store(order.messages, Ordering::Relaxed);
+        fault.argument.store(order.argument, Ordering::Relaxed);
+        self.fault_orders.store(number.wrapping_add(1), Ordering::Release);
     }
 
-    /// The fault that was ordered since number `seen` (the partition), which is moved on.
+    /// The next fault that was ordered since number `seen` (the partition), which is moved on.
     pub fn fault_since(&self, seen: &mut u32) -> Option<FaultOrder> {
         let orders = self.fault_orders.load(Ordering::Acquire);
-        if std::mem::replace(seen, orders) == orders {
-            return None;
+        let new = orders.wrapping_sub(*seen).min(FAULTS as u32);
+        for back in (0..new).rev() {
+            let number = orders.wrapping_sub(back + 1);
+            *seen = number.wrapping_add(1);
+            let fault = &self.faults[number as usize % FAULTS];
+            // What is no kind was written over: the page is the partition's too.
+            if let Some(kind) = FaultKind::from_number(fault.kind.load(Ordering::Relaxed)) {
+                let port = fault.port.load(Ordering::Relaxed);
+                let messages = fault.messages.load(Ordering::Relaxed);
+                return Some(FaultOrder {
+                    kind,
+                    port,
+                    messages,
+                    argument: fault.argument.load(Ordering::Relaxed),
+                });
+            }
         }
-        Some(FaultOrder {
-            kind: FaultKind::from_number(self.fault_kind.load(Ordering::Relaxed))?,
-            port: self.fault_port.load(Ordering::Relaxed),
-            messages: self.fault_messages.load(Ordering::Relaxed),
-            argument: self.fault_argument.load(Ordering::Relaxed),
-        })
+        *seen = orders;
+        None
     }
 
     /// Adds a report (the partition). Text beyond [`REPORT_TEXT`] bytes is cut.
@@ -525,14 +550,24 @@ mod tests {
     }
 
     #[test]
-    fn an_ordered_fault_is_found_once_and_a_newer_one_replaces_it() {
+    fn ordered_faults_are_found_once_each_in_their_order_and_the_newest_of_too_many() {
         let (page, mut seen) = (page(), 0);
         assert_eq!(page.fault_since(&mut seen), None);
         let order = |kind, argument| FaultOrder { kind, port: 3, messages: 7, argument };
-        page.order_fault(&order(FaultKind::Spin, 1));
+        page.order_fault(&order(FaultKind::Delay, 1));
         page.order_fault(&order(FaultKind::Drop, u64::MAX));
+        assert_eq!(page.fault_since(&mut seen), Some(order(FaultKind::Delay, 1)));
         assert_eq!(page.fault_since(&mut seen), Some(order(FaultKind::Drop, u64::MAX)));
         assert_eq!(page.fault_since(&mut seen), None);
+        (0..2 * FAULTS as u64).for_each(|number| page.order_fault(&order(FaultKind::Corrupt, number)));
+        let found: Vec<_> =
+            std::iter::from_fn(|| page.fault_since(&mut seen)).map(|order| order.argument).collect();
+        assert_eq!(found, (FAULTS as u64..2 * FAULTS as u64).collect::<Vec<_>>());
+        // A partition that has written over its page: each slot is looked at once, and no kind is made up.
+        page.fault_orders.store(u32::MAX, Ordering::Relaxed);
+        page.faults.iter().for_each(|fault| fault.kind.store(u32::MAX, Ordering::Relaxed));
+        assert_eq!(page.fault_since(&mut seen), None);
+        assert_eq!((page.fault_since(&mut seen), seen), (None, u32::MAX));
     }
 
     #[test]

@@ -132,8 +132,9 @@ fn text(comparison: &Comparison) -> String {
 
 fn end(end: &End) -> String {
     let cut = end.cut.as_ref().map_or_else(String::new, |why| format!(", cut off there ({why})"));
+    let damaged = end.damaged.as_ref().map_or_else(String::new, |why| format!(", damaged: {why}"));
     let messages = count(end.messages, "message");
-    format!("{}: {messages}, to {:.3} s{cut}", end.file.display(), end.time_ns as f64 / 1e9)
+    format!("{}: {messages}, to {:.3} s{cut}{damaged}", end.file.display(), end.time_ns as f64 / 1e9)
 }
 
 fn first_difference(first: &Difference, a: &End, b: &End) -> String {

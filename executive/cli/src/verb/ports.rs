@@ -93,6 +93,8 @@ pub(crate) struct Watch(BufReader<UnixStream>);
 
 /// How long a look for the next message lasts, so that there is time for something else.
 const LOOK: Duration = Duration::from_millis(100);
+/// How long nothing may come before somebody who waits for it is told so.
+const SILENCE: Duration = Duration::from_secs(2);
 
 impl Watch {
     /// Of the channels with these ports; of all where there are none.
@@ -172,9 +174,17 @@ fn echo(common: &Common, port: &str, count: Option<u64>) -> Result<()> {
     let channels = channels(&mut client)?;
     let mut watch = Watch::start(client, &[port.to_owned()])?;
     let (mut line, mut seen, mut output) = (Vec::new(), 0, Printed);
+    let mut silent = Some(Instant::now());
     while count.is_none_or(|count| seen < count) {
-        let Some(observation) = watch.next(&mut line)? else { continue };
-        seen += 1;
+        let Some(observation) = watch.next(&mut line)? else {
+            if silent.take_if(|since| since.elapsed() > SILENCE).is_some() {
+                eprintln!(
+                    "bateleur: {port} carries nothing yet; waiting for its first message (Ctrl-C ends this)"
+                );
+            }
+            continue;
+        };
+        (seen, silent) = (seen + 1, None);
         if output.write_all(message_text(&observation, &channels, common.format).as_bytes()).is_err() {
             return Ok(()); // nobody reads any more
         }

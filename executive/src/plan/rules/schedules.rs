@@ -171,9 +171,12 @@ fn change_actions(cx: &Context<'_>, schedule: &RawSchedule) {
         };
         let name_there = &cx.file.partitions[partition].name;
         if !runs_in(cx, schedule, partition) {
+            if action.value == ChangeAction::Ignore {
+                continue; // it is meant to stand still there
+            }
             let message =
                 format!("`{}` has a change action in `{}`, but no window", name.value, schedule.name.value);
-            let mend = "remove the action, or give the partition a window there";
+            let mend = "give the partition a window there, or write `ignore`: it stands still there, and is meant to";
             let finding = Finding::new(&catalogue::CHANGE_ACTION_UNUSED, &name.span, message, mend);
             cx.add(finding.also(&name_there.span, "the partition"));
             continue;
@@ -262,7 +265,9 @@ fn partitions(cx: &Context<'_>) {
             continue;
         }
         for (schedule, absent) in cx.file.schedules.iter().zip(&mut absent) {
-            if !runs_in(cx, schedule, place) {
+            let mut said = schedule.change_actions.iter().map(|(name, action)| (&name.value, action.value));
+            let is_meant = said.any(|said| said == (&name.value, ChangeAction::Ignore));
+            if !is_meant && !runs_in(cx, schedule, place) {
                 absent.push(&name.value);
             }
         }
@@ -271,8 +276,13 @@ fn partitions(cx: &Context<'_>) {
         if absent.is_empty() {
             continue;
         }
-        let message = format!("schedule `{}` has no window of {}", schedule.name.value, listed(absent));
-        let mend = "add one of each, unless they are meant to stand still there";
+        let message =
+            format!("schedule `{}` has no window of {}", schedule.name.value, listed(absent.iter().copied()));
+        let said: Vec<_> = absent.iter().map(|name| format!("{name} = \"ignore\"")).collect();
+        let mend = format!(
+            "add one of each, or say that they are meant to stand still there: `change_action = {{ {} }}`",
+            said.join(", ")
+        );
         cx.note(&catalogue::NOT_IN_SCHEDULE, &schedule.name.span, message, mend);
     }
 }

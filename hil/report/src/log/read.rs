@@ -131,14 +131,16 @@ pub fn for_each(path: impl AsRef<Path>, mut each: impl FnMut(Entry<'_>)) -> Resu
 }
 
 /// A log that is read step by step, for those who read two at a time. Where its recorder ended and another one followed,
-/// the log has parts; they are read as one.
+/// the log has parts, and after a reset of the module further files; they are read as one.
 pub struct LogReader {
-    /// The first part's.
+    /// The first part's of the first start.
     path: PathBuf,
     file: File,
     reader: LinearReader,
     names: Names,
-    /// Parts before the one that is read.
+    /// Resets of the module before the start that is read.
+    resets: u32,
+    /// Parts of that start before the one that is read.
     part: u32,
     /// Why the first part that was cut short was.
     cut: Option<String>,
@@ -156,32 +158,35 @@ impl LogReader {
             file,
             reader: linear_reader(),
             names: Names::default(),
+            resets: 0,
             part: 0,
             cut: None,
             damaged: 0,
         })
     }
 
-    /// The part that is read has ended: goes on with the next one, or gives the ending of all.
+    /// The part that is read has ended: goes on with the next one, of this start or of the one after, or gives the ending of all.
     fn end_of_part(&mut self, cut: Option<String>) -> Result<Option<Ending>, LogError> {
         self.cut = self.cut.take().or(cut);
-        let path = self.path.with_extension(format!("part-{}.mcap", self.part + 1));
-        match File::open(&path) {
-            Ok(file) => {
-                (self.file, self.reader, self.part) = (file, linear_reader(), self.part + 1);
-                Ok(None)
+        for (resets, part) in [(self.resets, self.part + 1), (self.resets + 1, 0)] {
+            let path = file_of(&self.path, resets, part);
+            match File::open(&path) {
+                Ok(file) => {
+                    (self.file, self.reader) = (file, linear_reader());
+                    (self.resets, self.part) = (resets, part);
+                    return Ok(None);
+                }
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
+                Err(why) => return Err(LogError::File { path, why }),
             }
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                Ok(Some(match (self.cut.take(), self.damaged) {
-                    (Some(why), _) => Ending::Cut(why),
-                    (None, 0) => Ending::Complete,
-                    (None, damaged) => Ending::Damaged(format!(
-                        "the checksum of {damaged} of its pieces, half a second each, is wrong: values of that time may be as well"
-                    )),
-                }))
-            }
-            Err(why) => Err(LogError::File { path, why }),
         }
+        Ok(Some(match (self.cut.take(), self.damaged) {
+            (Some(why), _) => Ending::Cut(why),
+            (None, 0) => Ending::Complete,
+            (None, damaged) => Ending::Damaged(format!(
+                "the checksum of {damaged} of its pieces, half a second each, is wrong: values of that time may be as well"
+            )),
+        }))
     }
 
     /// Reads on by one record, or by a piece of the file; gives `each` the message, if it was one. An ending: that was all.
@@ -215,6 +220,16 @@ impl LogReader {
             None => (topic.as_str(), "", None),
         })
     }
+}
+
+/// The file of a part of a log: of the start after so many resets of the module, after so many parts.
+fn file_of(first: &Path, resets: u32, part: u32) -> PathBuf {
+    let reset = if resets == 0 { String::new() } else { format!("reset-{resets}.") };
+    let part = if part == 0 { String::new() } else { format!("part-{part}.") };
+    if reset.is_empty() && part.is_empty() {
+        return first.to_path_buf();
+    }
+    first.with_extension(format!("{reset}{part}mcap"))
 }
 
 fn linear_reader() -> LinearReader {

@@ -116,6 +116,15 @@ pub enum Event {
         /// Why, and what it goes on in.
         reason: String,
     },
+    /// Something that was written to a port is not in its log, which goes on. Told once for each port.
+    LogLacks {
+        /// Module time, s.
+        time_s: f64,
+        /// The file.
+        log: String,
+        /// Why.
+        reason: String,
+    },
     /// The run is over.
     Stopped {
         /// Why.
@@ -167,6 +176,7 @@ impl Event {
             | Self::ScheduleChanged { time_s, .. }
             | Self::LogLost { time_s, .. }
             | Self::LogCut { time_s, .. }
+            | Self::LogLacks { time_s, .. }
             | Self::Stopped { module_time_s: time_s, .. } => *time_s += by_s,
         }
         self

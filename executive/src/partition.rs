@@ -550,6 +550,10 @@ fn describe_port(plan: &Plan, port: &Port) -> PortDescription {
         size: channel
             .map_or(port.payload.max_size_bytes(), |channel| plan[channel.source].payload.max_size_bytes())
             as u32,
+        layout: match &port.payload {
+            crate::plan::Payload::Message { layout, .. } => *layout,
+            crate::plan::Payload::Bytes { .. } => 0,
+        },
         channel: channel.map_or_else(String::new, |channel| plan.port_path(channel.source)),
         refresh_ns,
         depth: channel.map_or(0, |channel| queue_depth(plan, channel).unwrap_or(0)),

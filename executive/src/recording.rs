@@ -37,6 +37,10 @@ const MOST_PARTS: u32 = 16;
 /// How a program of ours ends that has panicked.
 const PANIC: i32 = 101;
 
+/// A recorder's answers, each a letter. An order is carried out:
+pub const DONE: char = '.';
+/// The same, and something was left out of the log that is no message of its channel's type:
+pub const LEFT_OUT: char = '!';
 /// Orders to a recorder, each a letter; it answers each with a byte. Read what has been written:
 pub const READ: char = 'r';
 /// Attach anew to the channels whose names follow, separated by spaces, until the end of the line:
@@ -71,6 +75,8 @@ pub struct Recorder {
     asked_ns: Option<u64>,
     /// Channels that were made anew, of which it has not been told.
     renewed: Vec<String>,
+    /// It has said that something was left out.
+    has_left_out: bool,
 }
 
 impl Recorder {
@@ -97,6 +103,7 @@ impl Recorder {
             place,
             asked_ns: Some(now_ns()),
             renewed: Vec::new(),
+            has_left_out: false,
         })
     }
 
@@ -136,6 +143,7 @@ impl Recorder {
         self.asked_ns = None;
         let mut answer = [0; 1];
         let heard = speaks && self.answers.read(&mut answer).is_ok_and(|count| count == 1);
+        self.has_left_out |= heard && char::from(answer[0]) == LEFT_OUT;
         if !heard {
             self.orders = None; // it has ended, or does now
             let _ = rustix::process::pidfd_send_signal(&self.process.pidfd, rustix::process::Signal::KILL);
@@ -233,6 +241,12 @@ impl Recording {
         if let State::Working(recorder) = &mut self.state {
             recorder.renewed.extend(renewed);
             recorder.read_channels(if waits { PATIENCE_NS } else { 0 });
+            if std::mem::take(&mut recorder.has_left_out) {
+                let (time_s, log) = (module_ns as f64 / 1e9, part_name(self.part));
+                let reason = "something is no message of its port's type, and is left out (partitions/helpers.log \
+                              says of which port)";
+                monitor.events().tell(&Event::LogLacks { time_s, log, reason: reason.into() });
+            }
             if !recorder.works() {
                 self.has_ended(module_ns, monitor);
             }

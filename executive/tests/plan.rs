@@ -34,7 +34,7 @@ fn a_port_knows_its_role_its_message_and_its_channel() {
     let port = &plan[id];
     assert_eq!(port.role, Role::SamplingDestination { refresh_ns: 500_000_000 });
     assert_eq!((port.direction(), port.kind()), (Direction::Destination, Kind::Sampling));
-    assert_eq!(port.payload, Payload::Message { name: "RawGps".to_owned(), size_bytes: 64 });
+    assert_eq!(port.payload, Payload::Message { name: "RawGps".to_owned(), size_bytes: 64, layout: 0 });
     let channel = &plan[port.channel.unwrap()];
     assert_eq!(plan.port_path(channel.source), "hil_interface.raw_gps");
     assert_eq!(channel.destinations, [id]);

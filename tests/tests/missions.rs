@@ -5,7 +5,7 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use bateleur_tests::{Ended, among_others, bateleur, edited, flight_schedule, program};
+use bateleur_tests::{Ended, among_others, bateleur, edited, flight_schedule, program, repository};
 use serde_json::{Value, json};
 
 /// A triangle, once, at two heights; the autopilot takes off.
@@ -64,6 +64,44 @@ fn mission_of_another_shape_is_judged_by_its_own_way_points_and_replays_when_its
     let replayed = bateleur(&["replay", flight.to_str().unwrap(), "--format", "json"]).end();
     let replayed = replayed.expect_code(0).expect_words(&["schedule.toml is not as it was flown"]);
     assert_eq!(replayed.summary()["replayed"]["words"]["different"], 0);
+}
+
+/// A square, once, with the autopilot's take-off.
+fn square(side_m: f64, altitude_m: f64, airspeed_mps: f64) -> String {
+    let corners = [(1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0)].map(|(north, east)| {
+        let (north_m, east_m) = (north * side_m, east * side_m);
+        format!(
+            "[[waypoint]]\nnorth_m = {north_m}\neast_m = {east_m}\naltitude_m = {altitude_m}\nairspeed_mps = {airspeed_mps}\n"
+        )
+    });
+    format!("laps = 1\ntake_off = \"autopilot\"\ntime_limit_s = 1500\n{}", corners.concat())
+}
+
+/// Aircraft far from the delivered ones: one that rolls at 16°/s and yaws to the wrong side (it swung with ±46° of bank), one whose
+/// least take-off airspeed lies above the usual cruise (it never left the ground), and airspeeds outside of 10 to 60 m/s (it fell).
+#[test]
+fn aircraft_of_another_size_fly_their_missions_with_nothing_but_their_file() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = folder.path().join("schedule.toml");
+    std::fs::copy(flight_schedule(), &schedule).unwrap();
+    for (airframe, side_m, airspeed_mps, altitude_m) in [
+        ("motor_glider", 1500.0, 30.0, 300.0),
+        ("cessna182", 3000.0, 50.0, 300.0),
+        ("cessna182", 3000.0, 65.0, 300.0),
+        ("small", 300.0, 9.5, 100.0),
+    ] {
+        let path = repository().join(format!("tests/airframes/{airframe}.toml"));
+        let mission = written(folder.path(), "square.toml", &square(side_m, altitude_m, airspeed_mps));
+        let choices = ["--seed", "11", "--airframe", path.to_str().unwrap(), "--mission", &mission];
+        let summary = fly(&schedule, &choices).expect_code(0).summary();
+        let figure = |name: &str| summary[name].as_f64().unwrap();
+        let figures = ["straight_cross_track_rms_m", "altitude_rms_m", "airspeed_rms_mps"].map(figure);
+        println!("{airframe} at {airspeed_mps} m/s: {figures:.2?}");
+        let [straight_m, height_m, airspeed_off_mps] = figures;
+        assert!(straight_m < 2.0 && height_m < 2.0, "{airframe} at {airspeed_mps} m/s: {figures:?}");
+        assert!(airspeed_off_mps < 2.0, "{airframe} at {airspeed_mps} m/s: {figures:?}");
+    }
 }
 
 #[test]

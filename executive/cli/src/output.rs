@@ -8,7 +8,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 
 /// Files by which a folder is known to hold a run or a flight.
-const MARKS: [&str; 4] = ["summary.json", "run.json", "windows.csv", "health.jsonl"];
+const MARKS: [&str; 5] = ["summary.json", "run.json", "windows.csv", "health.jsonl", "ports.mcap"];
 
 /// An error where `folder` holds what an earlier run or flight wrote.
 pub(crate) fn refuse_used(folder: &Path) -> Result<()> {
@@ -57,7 +57,7 @@ fn bytes_of(beginning: &str) -> Vec<u8> {
 
 /// Removes from a folder what made it one that holds a run: there was none after all.
 pub(crate) fn clear(folder: &Path) -> std::io::Result<()> {
-    let made = ["truth.bin", "ports.mcap"].iter().chain(&MARKS).map(|name| folder.join(name));
+    let made = ["truth.bin"].iter().chain(&MARKS).map(|name| folder.join(name));
     made.filter(|file| file.exists()).try_for_each(std::fs::remove_file)
 }
 
@@ -96,9 +96,11 @@ mod tests {
         std::fs::create_dir_all(&folder).unwrap();
         std::fs::write(folder.join("notes.txt"), "").unwrap();
         assert!(refuse_used(&folder).is_ok(), "one with other things in it");
-        std::fs::write(folder.join("windows.csv"), "").unwrap();
-        let reason = refuse_used(&folder).unwrap_err().to_string();
+        for mark in ["ports.mcap", "windows.csv"] {
+            std::fs::write(folder.join(mark), "").unwrap();
+            let reason = refuse_used(&folder).unwrap_err().to_string();
+            assert!(reason.contains(mark) && reason.contains("--output"), "{reason}");
+        }
         std::fs::remove_dir_all(&folder).unwrap();
-        assert!(reason.contains("windows.csv") && reason.contains("--output"), "{reason}");
     }
 }

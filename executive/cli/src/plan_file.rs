@@ -18,6 +18,10 @@ impl MessageCatalogue for Catalogue {
         bateleur_messages::find(name).map(|message| message.size)
     }
 
+    fn layout_of(&self, name: &str) -> u32 {
+        bateleur_messages::find(name).map_or(0, |message| bateleur_messages::layout_of(message.fields))
+    }
+
     fn names(&self) -> Vec<&str> {
         bateleur_messages::CATALOGUE.iter().map(|message| message.name).collect()
     }

@@ -13,9 +13,9 @@ use std::sync::atomic::Ordering::Relaxed;
 use anyhow::{Context, Result};
 use bateleur_contract::Mapped;
 use bateleur_executive::helper::custodian::OrderedChannel;
-use bateleur_executive::recording::{ATTACH_ANEW, READ, RecorderOrder};
+use bateleur_executive::recording::{ATTACH_ANEW, DONE, LEFT_OUT, READ, RecorderOrder};
 use bateleur_ports::{Channel, Domain, Membership, Reader};
-use bateleur_report::log::{ChannelId, PortLog, topic};
+use bateleur_report::log::{ChannelId, LogError, PortLog, topic};
 
 struct Observed {
     log: ChannelId,
@@ -24,6 +24,8 @@ struct Observed {
     place: usize,
     /// None: it is kept off until the channel is made anew.
     end: Option<End>,
+    /// It was told that something was no message.
+    told: bool,
 }
 
 /// Its end of a channel.
@@ -49,29 +51,19 @@ pub(crate) fn run(order: &str) -> Result<()> {
         observed: Vec::new(),
         at: Mapped::new(place).context("nobody knows what it is at")?,
     };
-    recorder.attach(order.channels, &without, part == 0)?;
-    answer()?;
-    let mut orders = std::io::stdin().lock();
-    let mut word = [0; 1];
-    while orders.read(&mut word)? == 1 {
-        match char::from(word[0]) {
-            READ => recorder.read_all()?,
-            ATTACH_ANEW => {
-                let mut names = String::new();
-                orders.read_line(&mut names)?;
-                recorder.attach_anew(&names);
-            }
-            other => anyhow::bail!("the executive has ordered {other:?}"),
-        }
-        answer()?;
+    if let Err(error) = recorder.serve(order.channels, &without, part == 0) {
+        // Without its end the log says of itself that it was cut short.
+        let _ = recorder.log.flush();
+        std::mem::forget(recorder.log);
+        return Err(error);
     }
     recorder.log.finish()?;
     Ok(())
 }
 
-fn answer() -> std::io::Result<()> {
+fn answer(word: char) -> std::io::Result<()> {
     let mut output = std::io::stdout().lock();
-    output.write_all(b".")?;
+    output.write_all(&[word as u8])?;
     output.flush()
 }
 
@@ -84,6 +76,28 @@ struct Recorder {
 }
 
 impl Recorder {
+    /// Does what it is ordered to, until nobody orders any more.
+    fn serve(&mut self, channels: Vec<OrderedChannel>, without: &[String], strictly: bool) -> Result<()> {
+        self.attach(channels, without, strictly)?;
+        answer(DONE)?;
+        let mut orders = std::io::stdin().lock();
+        let mut word = [0; 1];
+        while orders.read(&mut word)? == 1 {
+            let left_out = match char::from(word[0]) {
+                READ => self.read_all()?,
+                ATTACH_ANEW => {
+                    let mut names = String::new();
+                    orders.read_line(&mut names)?;
+                    self.attach_anew(&names);
+                    false
+                }
+                other => anyhow::bail!("the executive has ordered {other:?}"),
+            };
+            answer(if left_out { LEFT_OUT } else { DONE })?;
+        }
+        Ok(())
+    }
+
     /// Attaches to every channel but those `without`. `strictly`: one that it can not attach to is an error; a later recorder
     /// keeps off it.
     fn attach(&mut self, channels: Vec<OrderedChannel>, without: &[String], strictly: bool) -> Result<()> {
@@ -104,7 +118,7 @@ impl Recorder {
             let Some(message) = bateleur_messages::find(&ordered.message) else { continue };
             let (partition, port) = ordered.source.split_once('.').unwrap_or((&ordered.source, "port"));
             let log = self.log.add_channel(&topic(partition, port), message)?;
-            self.observed.push(Observed { log, ordered, place, end });
+            self.observed.push(Observed { log, ordered, place, end, told: false });
         }
         self.at.store(0, Relaxed);
         Ok(())
@@ -126,18 +140,28 @@ impl Recorder {
         self.at.store(0, Relaxed);
     }
 
-    fn read_all(&mut self) -> Result<()> {
-        for one in &self.observed {
+    /// Reads what has been written; true: for the first time something of a channel is no message of its type, and was left out.
+    fn read_all(&mut self) -> Result<bool> {
+        let mut left_out = false;
+        for one in &mut self.observed {
             let Some(end) = &one.end else { continue };
             self.at.store(one.place as u32 + 1, Relaxed);
             // A reader that fails once has met a dying writer; what the writer sent before is still there next time.
             while let Ok(Some(sample)) = end.reader.receive() {
                 let stamp = sample.user_header();
-                self.log.write(one.log, stamp.sequence, stamp.source_ns, sample.payload())?;
+                match self.log.write(one.log, stamp.sequence, stamp.source_ns, sample.payload()) {
+                    Err(wrong @ LogError::Size { .. }) => {
+                        if !std::mem::replace(&mut one.told, true) {
+                            left_out = true;
+                            eprintln!("recorder: {wrong}: it is left out, as all such that follow");
+                        }
+                    }
+                    written => written?,
+                }
             }
         }
         self.at.store(0, Relaxed);
-        Ok(())
+        Ok(left_out)
     }
 }
 

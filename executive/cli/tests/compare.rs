@@ -87,6 +87,25 @@ fn log_that_was_changed_after_it_was_written_is_said_to_be_damaged() {
 }
 
 #[test]
+fn damaged_log_in_which_nothing_differs_ends_neither_as_equal_nor_as_different() {
+    let folder = folder();
+    let path = folder.path().join("same/ports.mcap");
+    let mut bytes = std::fs::read(&path).unwrap();
+    let header = bytes.windows(4).position(|window| window == [0, 1, 0, 0]).unwrap();
+    bytes[header - 1] ^= 1; // the publish time, which is not compared
+    std::fs::write(&path, bytes).unwrap();
+    let ended = bateleur_in(folder.path(), &["compare", "old", "same"]);
+    assert_eq!((ended.code, ended.stderr.as_str()), (2, ""));
+    for words in [
+        "damaged: the checksum of 1",
+        "not compared: what was in B before it was damaged",
+        "what could be compared is equal",
+    ] {
+        assert!(ended.stdout.contains(words), "{words}: {}", ended.stdout);
+    }
+}
+
+#[test]
 fn files_that_are_no_logs_are_refused() {
     let folder = folder();
     std::fs::write(folder.path().join("notes.txt"), "nothing of the kind, and long enough to be read")

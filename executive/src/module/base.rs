@@ -117,6 +117,9 @@ fn await_end(helper: &Spawned) {
     let _ = crate::partition::ended(helper); // one that still runs dies with the executive
 }
 
+/// Where a run's folder has its port messages.
+const FIRST_LOG: &str = "ports.mcap";
+
 /// The file of port messages: one that is closed can not be gone on with, so each start has its own.
 fn port_log(path: &Path, resets: u32) -> PathBuf {
     match resets {
@@ -441,6 +444,12 @@ impl Base {
             why: error.why,
         })?;
         let custodian = Rc::new(RefCell::new(custodian));
+        if options.record.is_none() && course.resets() == 0 {
+            // What an earlier run recorded in this folder would be taken for this one's.
+            let earlier = options.output.join(FIRST_LOG);
+            remove_earlier(&earlier);
+            let _ = std::fs::remove_file(&earlier); // there is none, as a rule
+        }
         let port_log = options.record.as_deref().map(|path| port_log(path, course.resets()));
         let recording = port_log.map(|path| self.record(path, &ordered)).transpose()?;
         let cages = self.cages(plan, view, options, facts, programs)?;

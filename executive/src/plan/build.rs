@@ -159,7 +159,11 @@ impl Builder<'_> {
                 name: bateleur_contract::relay::STATUS_PORT.to_owned(),
                 partition: PartitionId(place),
                 role: Role::SamplingSource,
-                payload: Payload::Message { name: links::STATUS_MESSAGE.to_owned(), size_bytes },
+                payload: Payload::Message {
+                    name: links::STATUS_MESSAGE.to_owned(),
+                    size_bytes,
+                    layout: self.catalogue.layout_of(links::STATUS_MESSAGE),
+                },
                 channel: None,
             }))
         });
@@ -235,7 +239,8 @@ impl Builder<'_> {
     fn payload(&self, raw: &RawPort) -> Option<Payload> {
         if let Some(name) = raw.message.get() {
             let size_bytes = self.catalogue.size_of(&name)?;
-            return Some(Payload::Message { name, size_bytes });
+            let layout = self.catalogue.layout_of(&name);
+            return Some(Payload::Message { name, size_bytes, layout });
         }
         Some(Payload::Bytes { max_size_bytes: usize::try_from(raw.max_size.get()?).ok()? })
     }

@@ -51,6 +51,11 @@ use raw::RawFile;
 pub trait MessageCatalogue {
     /// The size of a message type in bytes, or nothing if there is no such type.
     fn size_of(&self, name: &str) -> Option<usize>;
+    /// A number that differs where the fields of a message type differ, so that a partition that was built with others is
+    /// found; 0: its fields are not known.
+    fn layout_of(&self, _name: &str) -> u32 {
+        0
+    }
     /// The name of every message type.
     fn names(&self) -> Vec<&str>;
 }

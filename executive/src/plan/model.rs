@@ -337,6 +337,8 @@ pub enum Payload {
         name: String,
         /// Its size.
         size_bytes: usize,
+        /// A number that differs where its fields do; 0: they are not known.
+        layout: u32,
     },
     /// Bytes that the partitions give a meaning to; queuing ports only.
     Bytes {

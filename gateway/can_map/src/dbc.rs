@@ -7,6 +7,9 @@ use can_dbc::{ByteOrder, Dbc, Message, MessageId, MultiplexIndicator, SignalExte
 
 use crate::signal::{Order, Signal, Sort};
 
+/// What Vector's tools call the place of signals that belong to no message: no frame has its number.
+const OF_NO_MESSAGE: &str = "VECTOR__INDEPENDENT_SIG_MSG";
+
 /// The signals of a file by "Message.Signal".
 #[derive(Debug, Default)]
 pub(crate) struct Signals {
@@ -26,20 +29,40 @@ impl Signals {
     /// Reads a file. What is wrong with it is added to `errors`.
     pub(crate) fn read(name: &str, text: &str, errors: &mut Vec<String>) -> Self {
         let mut signals = Self::default();
-        match Dbc::try_from(text) {
-            Ok(dbc) => dbc.messages.iter().for_each(|message| signals.add(name, &dbc, message, errors)),
-            // The reader's words are of many lines; its first ones say where.
-            Err(error) => errors.push(format!("{name}: it is no DBC file: {}", error.to_string().trim_end())),
+        let dbc = match Dbc::try_from(text) {
+            Ok(dbc) => dbc,
+            Err(error) => {
+                // The reader's words are of many lines; its first ones say where.
+                errors.push(format!("{name}: it is no DBC file: {}", error.to_string().trim_end()));
+                return signals;
+            }
+        };
+        let cut = cut(text);
+        let mut names: BTreeMap<&str, Id> = BTreeMap::new();
+        for message in dbc.messages.iter().filter(|message| message.name != OF_NO_MESSAGE) {
+            let id = match message.id {
+                MessageId::Standard(id) => match cut.get(&(message.name.as_str(), id)) {
+                    Some(number) => Err(*number),
+                    None => Id::standard(id.into()).ok_or(u32::from(id)),
+                },
+                MessageId::Extended(id) => Id::extended(id).ok_or(id),
+            };
+            match id {
+                Err(number) => errors.push(unflagged(name, &message.name, number)),
+                Ok(id) => match names.insert(&message.name, id) {
+                    Some(other) => errors.push(format!(
+                        "{name}: two messages ({other} and {id}) are called {}: rename one of them, or leave it \
+                         out",
+                        message.name
+                    )),
+                    None => signals.add(name, &dbc, message, id, errors),
+                },
+            }
         }
         signals
     }
 
-    fn add(&mut self, name: &str, dbc: &Dbc, message: &Message, errors: &mut Vec<String>) {
-        let id = match message.id {
-            MessageId::Standard(id) => Id::standard(id.into()),
-            MessageId::Extended(id) => Id::extended(id),
-        };
-        let Some(id) = id else { return };
+    fn add(&mut self, name: &str, dbc: &Dbc, message: &Message, id: Id, errors: &mut Vec<String>) {
         let mut taken: BTreeMap<u32, &str> = BTreeMap::new();
         for one in &message.signals {
             let path = format!("{}.{}", message.name, one.name);
@@ -55,13 +78,15 @@ impl Signals {
                 .signal_extended_value_type_list
                 .iter()
                 .find(|extended| extended.message_id == message.id && extended.signal_name == one.name);
-            let sort = match (extended.map(|extended| extended.signal_extended_value_type), one.value_type) {
-                (
-                    Some(SignalExtendedValueType::IEEEfloat32Bit | SignalExtendedValueType::IEEEdouble64bit),
-                    _,
-                ) => Sort::Float,
-                (_, ValueType::Signed) => Sort::Signed,
-                (_, ValueType::Unsigned) => Sort::Unsigned,
+            let float_bits = match extended.map(|extended| extended.signal_extended_value_type) {
+                Some(SignalExtendedValueType::IEEEfloat32Bit) => Some(32),
+                Some(SignalExtendedValueType::IEEEdouble64bit) => Some(64),
+                Some(SignalExtendedValueType::SignedOrUnsignedInteger) | None => None,
+            };
+            let sort = match (float_bits, one.value_type) {
+                (Some(_), _) => Sort::Float,
+                (None, ValueType::Signed) => Sort::Signed,
+                (None, ValueType::Unsigned) => Sort::Unsigned,
             };
             let order = match one.byte_order {
                 ByteOrder::LittleEndian => Order::Little,
@@ -79,6 +104,17 @@ impl Signals {
                 ));
                 continue;
             }
+            if let Some(wanted) = float_bits.filter(|wanted| *wanted != bits) {
+                errors.push(format!(
+                    "{name}: {path} is a float of {wanted} bits by its SIG_VALTYPE_ and has {bits}: correct one \
+                     of the two"
+                ));
+                continue;
+            }
+            if let Some(fault) = signal.fault() {
+                errors.push(format!("{name}: {path}: {fault}"));
+                continue;
+            }
             for place in signal.places() {
                 if let Some(other) = taken.insert(place, &one.name) {
                     errors.push(format!(
@@ -88,6 +124,10 @@ impl Signals {
                     ));
                     break;
                 }
+            }
+            if self.found.contains_key(&path) {
+                errors.push(format!("{name}: {path} is there twice: rename one of them, or leave it out"));
+                continue;
             }
             self.found.insert(path, (id, signal));
         }
@@ -113,4 +153,37 @@ impl Signals {
             None => format!("the DBC file has no signal {path}"),
         })
     }
+}
+
+/// Bit 31 of a number in a DBC file: its message's identifier is an extended one.
+const EXTENDED: u32 = 1 << 31;
+
+/// The numbers above that of the last standard identifier which do not say that they are extended ones, by message and by
+/// what the reader of the file makes of them: it cuts them to 16 bits without a word, and that is another message's frame.
+fn cut(text: &str) -> BTreeMap<(&str, u16), u32> {
+    const BLANKS: [char; 2] = [' ', '\t'];
+    let message = |(at, keyword): (usize, &str)| {
+        let rest = text[at + keyword.len()..].trim_start_matches(BLANKS);
+        let (number, rest) = rest.split_at(rest.find(|sign: char| !sign.is_ascii_digit())?);
+        let number: u32 = number.parse().ok().filter(|number| (0x800..EXTENDED).contains(number))?;
+        let rest = rest.trim_start_matches(BLANKS);
+        let (name, rest) =
+            rest.split_at(rest.find(|sign: char| !sign.is_ascii_alphanumeric() && sign != '_')?);
+        rest.trim_start_matches(BLANKS).starts_with(':').then_some(((name, number as u16), number))
+    };
+    text.match_indices("BO_").filter_map(message).collect()
+}
+
+/// What is said of a message whose number is no standard identifier and not flagged as an extended one.
+fn unflagged(name: &str, message: &str, number: u32) -> String {
+    let mend = match Id::extended(number) {
+        Some(_) => format!(
+            "an extended one has its flag in a DBC file (2147483648 is added): write BO_ {}",
+            number | EXTENDED
+        ),
+        None => "an extended one is 536870911 at most, and has its flag there (2147483648 is added)".into(),
+    };
+    format!(
+        "{name}: message {message} has the identifier {number}, and a standard one is 2047 at most; {mend}"
+    )
 }

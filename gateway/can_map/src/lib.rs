@@ -29,11 +29,16 @@ pub fn from_attributes(table: &str, dbc: Option<&str>) -> Result<Table, TableErr
             (table.to_owned(), include_str!("../tables/distribution_board.toml").to_owned())
         }
         text if text.contains('\n') => ("table".to_owned(), text.to_owned()),
-        path => (path.to_owned(), read(path, "the table")?),
+        path => {
+            let bytes = read(path, "the table")?;
+            let text = String::from_utf8(bytes)
+                .map_err(|error| TableError::one(format!("the table {path} is not UTF-8 text: {error}")))?;
+            (path.to_owned(), text)
+        }
     };
     let dbc = match dbc {
         Some(text) if text.contains('\n') => Some(("dbc".to_owned(), text.to_owned())),
-        Some(path) => Some((path.to_owned(), read(path, "the DBC file")?)),
+        Some(path) => Some((path.to_owned(), dbc_text(read(path, "the DBC file")?))),
         None => None,
     };
     Table::parse(&name, &text, dbc.as_ref().map(|(name, text)| (name.as_str(), text.as_str())))
@@ -42,14 +47,20 @@ pub fn from_attributes(table: &str, dbc: Option<&str>) -> Result<Table, TableErr
 /// Longest file that is read, bytes: taken apart it needs many times that, and a partition's memory is small.
 const MOST_BYTES: u64 = 1 << 20;
 
-fn read(path: &str, what: &str) -> Result<String, TableError> {
+fn read(path: &str, what: &str) -> Result<Vec<u8>, TableError> {
     let wrong = |why: &dyn std::fmt::Display| TableError::one(format!("cannot read {what} {path}: {why}"));
-    let mut text = String::new();
+    let mut bytes = Vec::new();
     let file = std::fs::File::open(path).map_err(|error| wrong(&error))?;
     // One more shows that there is more.
-    file.take(MOST_BYTES + 1).read_to_string(&mut text).map_err(|error| wrong(&error))?;
-    match text.len() as u64 > MOST_BYTES {
+    file.take(MOST_BYTES + 1).read_to_end(&mut bytes).map_err(|error| wrong(&error))?;
+    match bytes.len() as u64 > MOST_BYTES {
         true => Err(wrong(&"it is longer than 1 MiB; leave the messages that are needed in a copy")),
-        false => Ok(text),
+        false => Ok(bytes),
     }
+}
+
+/// Many tools write DBC files in Windows-1252, where a byte is a sign. Units and comments have such signs (a degree's); names
+/// are of ASCII, so which sign it was does not matter here.
+fn dbc_text(bytes: Vec<u8>) -> String {
+    String::from_utf8(bytes).unwrap_or_else(|error| error.into_bytes().into_iter().map(char::from).collect())
 }

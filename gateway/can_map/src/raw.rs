@@ -38,11 +38,31 @@ pub(crate) struct RawSignal {
     pub(crate) start: Option<u32>,
     pub(crate) bits: Option<u32>,
     pub(crate) order: Option<String>,
-    pub(crate) signed: bool,
-    pub(crate) float: bool,
+    pub(crate) signed: Option<bool>,
+    pub(crate) float: Option<bool>,
     pub(crate) scale: Option<f64>,
     pub(crate) offset: Option<f64>,
     pub(crate) none: Option<i64>,
     pub(crate) signal: Option<String>,
     pub(crate) constant: Option<f64>,
+}
+
+impl RawSignal {
+    /// The keys that are given.
+    pub(crate) fn keys(&self) -> impl Iterator<Item = &'static str> {
+        let keys = [
+            ("frame", self.frame.is_some()),
+            ("start", self.start.is_some()),
+            ("bits", self.bits.is_some()),
+            ("order", self.order.is_some()),
+            ("signed", self.signed.is_some()),
+            ("float", self.float.is_some()),
+            ("scale", self.scale.is_some()),
+            ("offset", self.offset.is_some()),
+            ("none", self.none.is_some()),
+            ("signal", self.signal.is_some()),
+            ("constant", self.constant.is_some()),
+        ];
+        keys.into_iter().filter(|(_, is_given)| *is_given).map(|(key, _)| key)
+    }
 }

@@ -61,6 +61,37 @@ impl Signal {
         self.places().iter().map(|place| *place as usize / 8 + 1).max().unwrap_or(0)
     }
 
+    /// What can not be meant, whatever frame it lies in.
+    pub(crate) fn fault(&self) -> Option<String> {
+        let Self { start, bits, .. } = *self;
+        let (fits, lengths) = match self.sort {
+            Sort::Float => (bits == 32 || bits == 64, "a float has 32 or 64 bits"),
+            Sort::Unsigned | Sort::Signed => ((1..=64).contains(&bits), "1 to 64 bits"),
+        };
+        if !fits || start >= 512 || self.bytes() > 64 {
+            return Some(format!(
+                "{bits} bits from {start}: {lengths}, within the 64 bytes that a frame has at most"
+            ));
+        }
+        if self.scale == 0.0 || !self.scale.is_finite() || !self.offset.is_finite() {
+            return Some(
+                "the scale (a DBC's factor) must be a number other than 0, the offset a number".into(),
+            );
+        }
+        let none = self.none?;
+        if self.sort == Sort::Float {
+            return Some(format!(
+                "none = {none}: a float says by itself that it is not a number; leave none out"
+            ));
+        }
+        let (least, most) = self.range();
+        (!(least..=most).contains(&none.into())).then(|| {
+            format!(
+                "none = {none} is never what these {bits} bits hold: give a number from {least} to {most}"
+            )
+        })
+    }
+
     /// Its value in `data`; not a number where there is none. None: the frame is too short for it.
     pub fn read(&self, data: &[u8]) -> Option<f64> {
         let mut number = 0_u64;

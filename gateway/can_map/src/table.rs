@@ -175,6 +175,9 @@ impl Table {
     }
 }
 
+/// Fields that say at which time something was, ns. Others are how long something took, or what is set.
+const MOMENTS: [&str; 4] = ["measured_ns", "valid_ns", "time_ns", "module_ns"];
+
 struct Checker<'a> {
     name: &'a str,
     text: &'a str,
@@ -214,10 +217,19 @@ impl Checker<'_> {
             return None;
         };
         let mut parts: Vec<(Option<Id>, Slot)> = Vec::new();
+        let mut given: BTreeMap<usize, &str> = BTreeMap::new();
         for (name, signal) in &raw.fields {
             let at = signal.span().start;
             let Some((field, offset, kind)) = self.field(message, name, at) else { continue };
             let path = format!("{port}.{name}");
+            // "rates_radps[00]" is another key, and the same field.
+            if let Some(other) = given.insert(offset, name) {
+                self.wrong(
+                    at,
+                    format!("{path} and {port}.{other} are the same field: leave one of them out"),
+                );
+                continue;
+            }
             let Some((id, source)) = self.source(signal.get_ref(), &path, at) else { continue };
             parts.push((id, Slot { field, offset, kind, source }));
         }
@@ -273,11 +285,16 @@ impl Checker<'_> {
     fn stamp(&mut self, message: &MessageType, stamp: &Spanned<String>) -> Option<usize> {
         let at = stamp.span().start;
         let (field, offset, kind) = self.field(message, stamp.get_ref(), at)?;
-        if kind != FieldKind::U64 || !field.ends_with("_ns") {
-            self.wrong(at, format!("stamp = \"{field}\" is no time: of {} it is measured_ns", message.name));
-            return None;
+        if kind == FieldKind::U64 && MOMENTS.contains(&field) {
+            return Some(offset);
         }
-        Some(offset)
+        let moment = message.fields.iter().find(|field| MOMENTS.contains(&field.name));
+        let mend = match moment {
+            Some(moment) => format!("of {} it is {}", message.name, moment.name),
+            None => format!("{} has none; leave stamp out", message.name),
+        };
+        self.wrong(at, format!("stamp = \"{field}\" is no time of measuring: {mend}"));
+        None
     }
 
     /// Name, place and kind of a field such as "position[1]".
@@ -314,6 +331,22 @@ impl Checker<'_> {
     }
 
     fn source(&mut self, raw: &RawSignal, path: &str, at: usize) -> Option<(Option<Id>, Source)> {
+        let chosen = match (raw.constant, &raw.signal) {
+            (Some(_), _) => Some(("constant", &["constant"][..])),
+            (None, Some(_)) => Some(("signal", &["signal", "scale", "offset", "none"][..])),
+            (None, None) => None,
+        };
+        if let Some((chosen, meant)) = chosen {
+            let ignored: Vec<&str> = raw.keys().filter(|key| !meant.contains(key)).collect();
+            if !ignored.is_empty() {
+                let ignored = ignored.join(", ");
+                self.wrong(
+                    at,
+                    format!("{path}: beside {chosen}, {ignored} would say nothing: leave that out"),
+                );
+                return None;
+            }
+        }
         if let Some(constant) = raw.constant {
             return Some((None, Source::Constant(constant)));
         }
@@ -340,6 +373,10 @@ impl Checker<'_> {
                 return None;
             }
         };
+        if let Some(fault) = signal.fault() {
+            self.wrong(at, format!("{path}: {fault}"));
+            return None;
+        }
         for place in signal.places() {
             if let Some(other) = self.taken.insert((id, place), path.to_owned()) {
                 self.wrong(at, format!("{path} and {other} overlap at bit {place} of frame {id}: correct the start or the length of one of them"));
@@ -362,24 +399,13 @@ impl Checker<'_> {
                 return None;
             }
         };
-        let sort = match (raw.float, raw.signed) {
+        let sort = match (raw.float.unwrap_or(false), raw.signed.unwrap_or(false)) {
             (true, _) => Sort::Float,
             (false, true) => Sort::Signed,
             (false, false) => Sort::Unsigned,
         };
         let (scale, offset) = (raw.scale.unwrap_or(1.0), raw.offset.unwrap_or(0.0));
-        let signal = Signal { start, bits, order, sort, scale, offset, none: raw.none };
-        let lengths = if raw.float { "a float has 32 or 64 bits" } else { "1 to 64 bits" };
-        let fits = if raw.float { bits == 32 || bits == 64 } else { (1..=64).contains(&bits) };
-        if !fits || start >= 512 || signal.bytes() > 64 {
-            self.wrong(at, format!("{path}: {bits} bits from {start}: {lengths}, within the 64 bytes that a frame has at most"));
-            return None;
-        }
-        if scale == 0.0 || !scale.is_finite() || !offset.is_finite() {
-            self.wrong(at, format!("{path}: the scale must be a number other than 0"));
-            return None;
-        }
-        Some(signal)
+        Some(Signal { start, bits, order, sort, scale, offset, none: raw.none })
     }
 }
 

@@ -204,6 +204,143 @@ fn dbc_file_that_is_not_there_or_too_long_is_refused_as_what_it_is() {
     assert!(error.contains("/dev/zero") && error.contains("longer than 1 MiB"), "{error}");
 }
 
+/// What is said of this DBC file, with an empty table.
+fn said_of(dbc: &str) -> String {
+    Table::parse("t.toml", "", Some(("a.dbc", dbc))).unwrap_err().to_string()
+}
+
+#[test]
+fn a_dbcs_identifier_above_the_standard_ones_without_the_extended_flag_is_refused_and_not_cut() {
+    let said = said_of(&DBC.replace("BO_ 272 Accel", "BO_ 419365155 Accel"));
+    assert!(said.contains("a.dbc: message Accel has the identifier 419365155"), "{said}");
+    assert!(said.ends_with("write BO_ 2566848803"), "{said}");
+    // Cut to 16 bits this one is 272 itself.
+    let said = said_of(&DBC.replace("BO_ 272 Accel: ", "BO_\t65808  Accel :"));
+    assert!(said.contains("identifier 65808") && said.contains("write BO_ 2147549456"), "{said}");
+    let said = said_of(&DBC.replace("BO_ 272 Accel", "BO_ 1073742096 Accel"));
+    assert!(said.contains("identifier 1073742096") && said.contains("536870911 at most"), "{said}");
+    let spoken = format!("{DBC}\nCM_ \"once it was BO_ 65809 Accel: and BO_ 999999 Gyro:\";\n");
+    assert!(Table::parse("t.toml", "", Some(("a.dbc", &spoken))).is_ok(), "a comment is no message");
+}
+
+#[test]
+fn a_dbcs_float_of_another_length_and_a_factor_of_0_are_refused_by_name() {
+    let short = DBC.replace("Exact : 16|32@1-", "Exact : 16|16@1-");
+    assert!(
+        said_of(&short).contains("a.dbc: Wide.Exact is a float of 32 bits by its SIG_VALTYPE_ and has 16")
+    );
+    let double = DBC.replace("Exact : 1;", "Exact : 2;");
+    assert!(said_of(&double).contains("Wide.Exact is a float of 64 bits by its SIG_VALTYPE_ and has 32"));
+    let said = said_of(&DBC.replace("SG_ Y : 20|20@1- (0.0005,0)", "SG_ Y : 20|20@1- (0,0)"));
+    assert!(said.starts_with("a.dbc: Accel.Y: the scale (a DBC's factor) must be a number other"), "{said}");
+}
+
+#[test]
+fn two_messages_or_signals_of_one_name_in_a_dbc_are_refused() {
+    let said = said_of(&DBC.replace("BO_ 273 Gyro", "BO_ 273 Accel"));
+    assert!(said.starts_with("a.dbc: two messages (110 and 111) are called Accel: rename"), "{said}");
+    let said = said_of(&DBC.replace("SG_ Y : 20|20", "SG_ X : 20|20"));
+    assert!(said.starts_with("a.dbc: Accel.X is there twice: rename"), "{said}");
+}
+
+#[test]
+fn signals_that_a_dbc_keeps_for_no_message_are_left_alone() {
+    let kept = "BO_ 3221225472 VECTOR__INDEPENDENT_SIG_MSG: 0 Vector__XXX\n SG_ Spare : 0|8@1+ (1,0) [0|0] \"\" Vector__XXX\n\n";
+    let mut errors = Vec::new();
+    let text = DBC.replacen("BO_ ", &format!("{kept}BO_ "), 1);
+    assert!(text.contains("INDEPENDENT"));
+    Signals::read("a.dbc", &text, &mut errors);
+    assert_eq!(errors, Vec::<String>::new());
+}
+
+#[test]
+fn a_dbc_file_in_windows_1252_is_read_and_a_table_that_is_not_utf_8_is_refused() {
+    let own =
+        |name: &str| std::env::temp_dir().join(format!("bateleur-can-map-{}-{name}", std::process::id()));
+    let (dbc, table) = (own("a.dbc"), own("a.toml"));
+    let (dbc_path, table_path) = (dbc.to_str().unwrap(), table.to_str().unwrap());
+    let (before, after) = DBC.split_once("deg/s").unwrap();
+    std::fs::write(&dbc, [before.as_bytes(), b"\xb0/s", after.as_bytes()].concat()).unwrap();
+    let fields = "[port.raw_analog]\nmessage = \"RawAnalog\"\nfields = { \"rates_radps[0]\" = { signal = \"Gyro.RollDegrees\" } }\n";
+    let read = from_attributes(fields, Some(dbc_path));
+    std::fs::write(&table, b"# \xb0\n").unwrap();
+    let refused = from_attributes(table_path, None).unwrap_err().to_string();
+    std::fs::remove_file(&dbc).unwrap();
+    std::fs::remove_file(&table).unwrap();
+    assert_eq!(read.unwrap().layout("raw_analog").unwrap().ids().next(), Some(Id::Standard(0x111)));
+    assert!(refused.contains("a.toml is not UTF-8 text"), "{refused}");
+}
+
+#[test]
+fn a_none_that_the_bits_can_not_hold_is_refused_and_so_is_one_of_a_float() {
+    let one = |value: &str| {
+        with_dbc(&format!("temperature_k = {{ {value} }}\n")).map_err(|error| error.to_string())
+    };
+    for (value, range) in [
+        ("frame = \"100\", start = 0, bits = 16, signed = true, none = 65535", "from -32768 to 32767"),
+        ("frame = \"100\", start = 0, bits = 16, none = -1", "from 0 to 65535"),
+        ("frame = \"100\", start = 0, bits = 8, none = 300", "from 0 to 255"),
+        ("signal = \"Accel.X\", none = 524288", "from -524288 to 524287"),
+        ("frame = \"100\", start = 0, bits = 32, float = true, none = 0", "a float says by itself"),
+        ("signal = \"Wide.Exact\", none = 0", "a float says by itself"),
+    ] {
+        let said = one(value).unwrap_err();
+        assert!(said.starts_with("t.toml:4: raw_analog.temperature_k: none = "), "{value}: {said}");
+        assert!(said.contains(range), "{value}: {said}");
+    }
+    for value in [
+        "frame = \"100\", start = 0, bits = 16, none = 65535",
+        "frame = \"100\", start = 0, bits = 64, signed = true, none = -9223372036854775808",
+        "signal = \"Accel.X\", none = -524288",
+    ] {
+        assert!(one(value).is_ok(), "{value}: {:?}", one(value));
+    }
+}
+
+#[test]
+fn what_would_be_ignored_in_a_table_is_refused_with_its_line() {
+    for (fields, words) in [
+        (
+            "temperature_k = { signal = \"Accel.X\", bits = 8, signed = false }",
+            "t.toml:4: raw_analog.temperature_k: beside signal, bits, signed would say nothing",
+        ),
+        ("temperature_k = { signal = \"Accel.X\", frame = \"100\" }", "beside signal, frame would"),
+        ("temperature_k = { constant = 1.0, scale = 2.0 }", "beside constant, scale would"),
+        ("temperature_k = { signal = \"Accel.X\", scale = 0.0 }", "must be a number other than 0"),
+        ("temperature_k = { signal = \"Accel.X\", scale = nan }", "must be a number other than 0"),
+        ("temperature_k = { signal = \"Accel.X\", offset = inf }", "the offset a number"),
+        (
+            "\"rates_radps[+0]\" = { signal = \"Accel.X\" }\n\"rates_radps[0]\" = { signal = \"Accel.Y\" }",
+            "t.toml:5: raw_analog.rates_radps[0] and raw_analog.rates_radps[+0] are the same field",
+        ),
+        (
+            "temperature_k = { signal = \"Accel.X\" }\n\"temperature_k[0]\" = { signal = \"Accel.Y\" }",
+            "t.toml:5: raw_analog.temperature_k[0] and raw_analog.temperature_k are the same field",
+        ),
+    ] {
+        let said = with_dbc(&format!("{fields}\n")).unwrap_err().to_string();
+        assert!(said.contains(words), "{words:?} is missing in:\n{said}");
+    }
+    let stamped = |message: &str, field: &str, stamp: &str| {
+        let text = format!(
+            "[port.a]\nmessage = \"{message}\"\nstamp = \"{stamp}\"\n\
+             fields = {{ {field} = {{ frame = \"100\", start = 0, bits = 8 }} }}\n"
+        );
+        Table::parse("t.toml", &text, None).map_err(|error| error.to_string())
+    };
+    let said = stamped("RawAnalog", "temperature_k", "interval_ns").unwrap_err();
+    assert_eq!(
+        said,
+        "t.toml:3: stamp = \"interval_ns\" is no time of measuring: of RawAnalog it is measured_ns"
+    );
+    assert!(
+        stamped("ServoTimers", "cycle", "cycle")
+            .unwrap_err()
+            .contains("ServoTimers has none; leave stamp out")
+    );
+    assert!(stamped("RawAnalog", "temperature_k", "measured_ns").is_ok());
+}
+
 #[test]
 fn everything_that_can_not_be_meant_is_said_at_once_with_its_line() {
     let error = with_dbc(
@@ -247,7 +384,8 @@ fn everything_that_can_not_be_meant_is_said_at_once_with_its_line() {
         ))
     };
     assert!(
-        stamped("stamp = \"fix\"").contains("t.toml:3: stamp = \"fix\" is no time"),
+        stamped("stamp = \"fix\"")
+            .contains("t.toml:3: stamp = \"fix\" is no time of measuring: of RawGps it is measured_ns"),
         "{}",
         stamped("stamp = \"fix\"")
     );

@@ -2,6 +2,7 @@
 
 use crate::board::Board;
 use crate::courier::function_name;
+use crate::plan::AIRSPEEDS_MPS;
 use bateleur_messages::SimulatorLink;
 use bateleur_messages::ground::{
     EstimatorOrder, LoopId, Manoeuvre, Order, SENSOR_ACCELEROMETER, SENSOR_GYROSCOPE, SENSOR_PRESSURE,
@@ -111,7 +112,7 @@ pub enum ConsoleError {
         known: usize,
     },
     /// A way-point's speed.
-    #[error("the airspeed must be greater than zero")]
+    #[error("the airspeed must be {} to {} m/s", AIRSPEEDS_MPS.start(), AIRSPEEDS_MPS.end())]
     Airspeed,
     /// A name like no parameter's.
     #[error("\"{name}\" is no parameter's name; \"parameters\" lists them")]
@@ -205,7 +206,7 @@ impl Console {
         if index >= crate::plan::MOST_WAYPOINTS {
             return Err(ConsoleError::WaypointCount(crate::plan::MOST_WAYPOINTS));
         }
-        if point.airspeed_mps <= 0.0 {
+        if !AIRSPEEDS_MPS.contains(&point.airspeed_mps) {
             return Err(ConsoleError::Airspeed);
         }
         if index == known {
@@ -633,7 +634,7 @@ mod tests {
             ("hil", "as in: hil on"),
             ("waypoint 1 2 3 4 5", "the next is 0"),
             ("waypoint 0 1,5 0 160 22", "write a point"),
-            ("waypoint 0 1 0 160 0", "greater than zero"),
+            ("waypoint 0 1 0 160 0", "the airspeed must be 5 to 100 m/s"),
             ("waypoint 0 1 0 nan 22", "altitude \"nan\" is not a number"),
             ("loop roll 1", "roll_angle"),
             ("loop roll_angle", "as in: loop roll_angle 0.3"),

@@ -57,6 +57,16 @@ impl Courier {
         self.pending.iter().any(|pending| pending.order.letter() == letter)
     }
 
+    /// Gives up all orders with this letter.
+    pub(crate) fn withdraw(&mut self, letter: u8) -> Vec<Order> {
+        let (given_up, kept) = std::mem::take(&mut self.pending)
+            .into_iter()
+            .partition(|pending| pending.order.letter() == letter);
+        self.pending = kept;
+        let given_up: Vec<Pending> = given_up;
+        given_up.into_iter().map(|pending| pending.order).collect()
+    }
+
     /// Module time at which an order with this letter was last settled; 0 before that.
     pub(crate) fn settled_ns(&self, letter: u8) -> u64 {
         slot(letter).map_or(0, |slot| self.settled_ns[slot])

@@ -16,6 +16,7 @@ mod pilot;
 mod plan;
 mod progress;
 mod watch;
+mod waypoints;
 
 pub use board::{Board, Latest};
 pub use console::Console;
@@ -25,3 +26,4 @@ pub use parameters::{ParameterDesk, describe_parameter};
 pub use pilot::{Pilot, UdpPilot};
 pub use plan::{MOST_WAYPOINTS, MissionPlan, PlanError};
 pub use progress::{Event, Outcome, Phase, Progress, Severity};
+pub use waypoints::WaypointDesk;

@@ -15,6 +15,9 @@ use thiserror::Error;
 /// Bytes waiting for a line that does not take them. Beyond it orders are dropped and counted: they are repeated by
 /// whoever needs them, and old ones would arrive after they were overtaken.
 const LONGEST_QUEUE: usize = 16 * 1024;
+
+/// Between two beats, ns: often enough that a few may be lost before the ground is called silent on board.
+const BEAT_NS: u64 = 1_000_000_000;
 /// Bytes read at a time.
 const CHUNK: usize = 4096;
 /// Bytes read in one step at most: a babbling line must not keep the caller.
@@ -70,6 +73,7 @@ pub struct Link {
     stream: Box<dyn Stream>,
     decoder: Decoder,
     outgoing: Vec<u8>,
+    beat_due_ns: u64,
     counters: LinkCounters,
 }
 
@@ -92,6 +96,7 @@ impl Link {
             stream: Box::new(stream),
             decoder: Decoder::new(),
             outgoing: Vec::with_capacity(512),
+            beat_due_ns: 0,
             counters: LinkCounters::default(),
         })
     }
@@ -140,11 +145,15 @@ impl Link {
         self.flush()
     }
 
-    /// Says that the ground is there, and nothing else.
+    /// Says that the ground is there, and nothing else, once a second; `now_ns` is the caller's clock.
     ///
     /// # Errors
     /// As [`Link::send`].
-    pub fn beat(&mut self) -> Result<(), LinkError> {
+    pub fn beat(&mut self, now_ns: u64) -> Result<(), LinkError> {
+        if now_ns < self.beat_due_ns {
+            return Ok(());
+        }
+        self.beat_due_ns = now_ns + BEAT_NS;
         if self.outgoing.is_empty() {
             frame::encode(BEAT, &[], &mut self.outgoing);
         }
@@ -225,6 +234,17 @@ mod tests {
     fn pair() -> (Link, UnixStream) {
         let (ours, theirs) = UnixStream::pair().unwrap();
         (Link::new(ours).unwrap(), theirs)
+    }
+
+    #[test]
+    fn beat_goes_out_once_a_second_however_often_it_is_asked_for() {
+        let (mut link, mut aircraft) = pair();
+        aircraft.set_nonblocking(true).unwrap();
+        (0..=40).for_each(|step| link.beat(step * 50_000_000).unwrap()); // 2 s
+        let mut bytes = [0; 64];
+        let length = aircraft.read(&mut bytes).unwrap();
+        let letters: Vec<u8> = Decoder::new().extend(&bytes[..length]).map(|frame| frame.letter).collect();
+        assert_eq!(letters, [BEAT; 3]);
     }
 
     #[test]

@@ -6,6 +6,7 @@
 use crate::board::Board;
 use crate::courier::{Courier, RETRY_NS, Settled, function_name};
 use crate::link::{Link, LinkError};
+use crate::parameters::setting;
 use crate::pilot::Pilot;
 use crate::plan::MissionPlan;
 use crate::progress::{Event, Outcome, Phase, Progress, Severity};
@@ -35,6 +36,12 @@ const GROUNDED_M: f64 = 3.0;
 const GROUNDED_MPS: f64 = 6.0;
 const GROUNDED_NS: u64 = 5 * SECOND_NS;
 
+/// The Controller's parameter for the laps.
+const LAPS: &str = "CTL_LAPS";
+/// What to do where nobody takes off.
+const NO_PILOT: &str = "; is a safety pilot at the sticks? For a simulator that has none, write take_off = \"autopilot\" in \
+                        the mission file (--mission)";
+
 /// What the aircraft does instead of flying to its way-points, by the flags of its navigation; the first says most.
 const CONDITIONS: [(u32, &str); 4] = [
     (NAVIGATION_OUTSIDE, "the aircraft has left its fence and acts on that; way-points are not flown to"),
@@ -50,6 +57,8 @@ const CONDITIONS: [(u32, &str); 4] = [
 #[derive(Debug)]
 pub struct Mission {
     plan: MissionPlan,
+    /// The laps are the Controller's by an order of ours, and not by its plan.
+    sets_laps: bool,
     board: Board,
     courier: Courier,
     watch: Watch,
@@ -64,7 +73,6 @@ pub struct Mission {
     rearmed: u32,
     silent: bool,
     estimator_silent: bool,
-    beat_due_ns: u64,
     incoming: Vec<Telemetry>,
     events: Vec<Event>,
     outcome: Outcome,
@@ -75,6 +83,7 @@ impl Mission {
     pub fn new(plan: MissionPlan) -> Self {
         Self {
             plan,
+            sets_laps: false,
             board: Board::default(),
             courier: Courier::default(),
             watch: Watch::default(),
@@ -89,11 +98,17 @@ impl Mission {
             rearmed: 0,
             silent: false,
             estimator_silent: false,
-            beat_due_ns: 0,
             incoming: Vec::new(),
             events: Vec::new(),
             outcome: Outcome::Running,
         }
+    }
+
+    /// The same, and the Controller is told the laps: for a module whose plan knows nothing of this mission, and counts its
+    /// own.
+    #[must_use]
+    pub fn setting_laps(self) -> Self {
+        Self { sets_laps: true, ..self }
     }
 
     /// The newest telemetry.
@@ -124,10 +139,7 @@ impl Mission {
             self.check_limits();
         }
         self.courier.send_due(self.now_ns, link)?;
-        if self.now_ns >= self.beat_due_ns {
-            self.beat_due_ns = self.now_ns + SECOND_NS;
-            link.beat()?;
-        }
+        link.beat(self.now_ns)?;
         link.flush()
     }
 
@@ -237,7 +249,13 @@ impl Mission {
         self.courier.request(order, self.board.module_ns);
     }
 
+    /// What was set is lost together with the way-points, where a function begins cold.
     fn request_waypoints(&mut self) {
+        if self.sets_laps
+            && let Some(order) = setting(LAPS, f64::from(self.plan.laps))
+        {
+            self.request(order);
+        }
         for &point in &self.plan.waypoints {
             self.courier.request(Order::Waypoint(point), self.board.module_ns);
         }
@@ -255,7 +273,7 @@ impl Mission {
             Phase::InitialiseSensors => !self.courier.is_pending(b'I'),
             Phase::InitialiseEstimator => !self.courier.is_pending(b'E'),
             Phase::AwaitEstimator => self.estimator_can_be_flown_on(),
-            Phase::LoadWaypoints => !self.courier.is_pending(b'W'),
+            Phase::LoadWaypoints => !self.courier.is_pending(b'W') && !self.courier.is_pending(b'Y'),
             Phase::SwitchNavigation => !self.courier.is_pending(b'N'),
             Phase::OrderTakeOff if self.plan.own_take_off => !self.courier.is_pending(b'F'),
             Phase::OrderTakeOff => self.pilot_understood(pilot),
@@ -306,13 +324,24 @@ impl Mission {
         })
     }
 
-    fn laps_are_flown(&self) -> bool {
+    /// The Controller may have been told other laps by its plan, and has finished then; but not those of an order of ours.
+    fn laps_are_flown(&mut self) -> bool {
         let settled_ns = self.courier.settled_ns(b'N');
-        self.board.navigation.is_some_and(|navigation| {
-            let navigation = navigation.message;
-            let all = navigation.waypoints_reached >= self.plan.waypoints_to_reach();
-            navigation.time_ns > settled_ns && (all || navigation.flags & NAVIGATION_FINISHED != 0)
-        })
+        let latest = self.board.navigation.map(|navigation| navigation.message);
+        let Some(navigation) = latest.filter(|navigation| navigation.time_ns > settled_ns) else {
+            return false;
+        };
+        let (reached, all) = (navigation.waypoints_reached, self.plan.waypoints_to_reach());
+        let finished = navigation.flags & NAVIGATION_FINISHED != 0;
+        if finished && reached < all && self.sets_laps {
+            let laps = self.plan.laps;
+            self.fail(format!(
+                "the Controller has finished after {reached} of {all} way-points: it counts other laps than the mission's \
+                 {laps}; set {LAPS}={laps}, or laps = {laps} in the plan"
+            ));
+            return false;
+        }
+        finished || reached >= all
     }
 
     /// Orders again what a function has lost, as far as the script had come.
@@ -412,6 +441,7 @@ impl Mission {
                 let why = Refusal::of(&refusal).map_or("it does not say why", Refusal::text);
                 format!("{} refuses the order: {why}", function_name(refusal.from))
             }
+            _ if phase == Phase::Climb && !self.plan.own_take_off => waiting_for(phase).to_owned() + NO_PILOT,
             _ => waiting_for(phase).to_owned(),
         };
         start + &reason

@@ -2,11 +2,19 @@
 
 use bateleur_messages::ground::Waypoint;
 use serde::Deserialize;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Most way-points of a mission: as many as the Controller holds.
 pub const MOST_WAYPOINTS: usize = 32;
+
+/// Airspeeds of a way-point, m/s: what the Controller takes. It does not understand one with another.
+pub(crate) const AIRSPEEDS_MPS: RangeInclusive<f64> = 5.0..=100.0;
+
+/// Two way-points in a row are at least so far apart on the map, m: a leg with no length has no direction to fly in, and
+/// its end counts as reached at once.
+const NEAREST_M: f64 = 5.0;
 
 /// A mission, checked.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,6 +51,27 @@ pub enum PlanError {
         path: PathBuf,
         /// What is wrong.
         wrong: Box<PlanError>,
+    },
+    /// The text is a mission of QGroundControl's.
+    #[error(
+        "this is a mission of QGroundControl's, and not TOML: load it from there by MAVLink (docs/src/mavlink.md), or \
+         write its way-points as `[[waypoint]]` (docs/src/ground.md)"
+    )]
+    QGroundControl,
+    /// Two way-points in a row are at the same place, or nearly.
+    #[error(
+        "way-point {first} (north {} m, east {} m) and way-point {second} (north {} m, east {} m) follow each other, and \
+         are {:.1} m apart on the map; it must be {NEAREST_M} m or more (the track is closed: the first follows the \
+         last): move one, or leave it out",
+        places[0].0, places[0].1, places[1].0, places[1].1, distance_m(*places)
+    )]
+    Near {
+        /// The one.
+        first: usize,
+        /// The other.
+        second: usize,
+        /// North and east of both, m.
+        places: [(f64, f64); 2],
     },
     /// The text is no mission.
     #[error("line {line}, column {column}: {message}")]
@@ -165,6 +194,9 @@ impl MissionPlan {
     /// # Errors
     /// When it is no mission.
     pub fn from_toml(text: &str) -> Result<Self, PlanError> {
+        if is_of_qgroundcontrol(text) {
+            return Err(PlanError::QGroundControl);
+        }
         let raw: RawPlan = toml::from_str(text).map_err(|error| syntax(text, &error))?;
         let count = raw.waypoint.len();
         if !(1..=MOST_WAYPOINTS).contains(&count) {
@@ -179,7 +211,8 @@ impl MissionPlan {
             .iter()
             .enumerate()
             .map(|(index, raw)| raw.check(index, count))
-            .collect::<Result<_, _>>()?;
+            .collect::<Result<Vec<_>, _>>()?;
+        apart(&waypoints)?;
         Ok(Self {
             waypoints,
             laps: raw.laps as u32, // 1 to 1000
@@ -204,7 +237,7 @@ impl RawWaypoint {
         within(&name("east_m"), self.east_m, near, "within 50 km")?;
         within(&name("altitude_m"), self.altitude_m, 0.0..=5000.0, "0 to 5000 m")?;
         within(&name("heading_deg"), self.heading_deg, -360.0..=360.0, "-360 to 360 degrees")?;
-        within(&name("airspeed_mps"), self.airspeed_mps, 1.0..=100.0, "1 to 100 m/s")?;
+        within(&name("airspeed_mps"), self.airspeed_mps, AIRSPEEDS_MPS, "5 to 100 m/s")?;
         Ok(Waypoint {
             index: index as u8, // below MOST_WAYPOINTS
             count: count as u8,
@@ -215,6 +248,31 @@ impl RawWaypoint {
             airspeed_mps: self.airspeed_mps,
         })
     }
+}
+
+/// Whether no two way-points in a row, the last and the first among them, are at the same place. One alone has no
+/// neighbour.
+fn apart(waypoints: &[Waypoint]) -> Result<(), PlanError> {
+    let count = waypoints.len();
+    let pairs =
+        (0..count).map(|first| (first, (first + 1) % count)).filter(|(first, second)| first != second);
+    for (first, second) in pairs {
+        let places = [first, second].map(|index| (waypoints[index].north_m, waypoints[index].east_m));
+        if distance_m(places) < NEAREST_M {
+            return Err(PlanError::Near { first, second, places });
+        }
+    }
+    Ok(())
+}
+
+fn distance_m([(north, east), (other_north, other_east)]: [(f64, f64); 2]) -> f64 {
+    (other_north - north).hypot(other_east - east)
+}
+
+/// Its plan is JSON and says so in its field `fileType`; the older kind begins with its name.
+fn is_of_qgroundcontrol(text: &str) -> bool {
+    let text = text.trim_start_matches('\u{feff}').trim_start();
+    text.starts_with("QGC WPL") || (text.starts_with('{') && text.contains("\"fileType\""))
 }
 
 /// Where a text is no mission, and why, in words of the file and not of the program.
@@ -274,12 +332,7 @@ fn short(value: f64) -> String {
     if value.abs() < 1e9 || !value.is_finite() { value.to_string() } else { format!("{value:e}") }
 }
 
-fn within(
-    what: &str,
-    value: f64,
-    range: std::ops::RangeInclusive<f64>,
-    demand: &'static str,
-) -> Result<(), PlanError> {
+fn within(what: &str, value: f64, range: RangeInclusive<f64>, demand: &'static str) -> Result<(), PlanError> {
     if range.contains(&value) {
         Ok(())
     } else {
@@ -319,6 +372,56 @@ mod tests {
             heading_deg = 270
             airspeed_mps = 22";
         assert_eq!(MissionPlan::from_toml(text).unwrap(), MissionPlan::thesis());
+    }
+
+    fn through(places: &[(f64, f64)]) -> Result<MissionPlan, PlanError> {
+        let point =
+            |(north, east)| format!("[[waypoint]]\nnorth_m = {north}\neast_m = {east}\naltitude_m = 160\n");
+        MissionPlan::from_toml(&places.iter().copied().map(point).collect::<String>())
+    }
+
+    #[test]
+    fn way_points_in_a_row_at_one_place_are_refused_and_both_are_named() {
+        let refused = |places: &[(f64, f64)]| through(places).unwrap_err().to_string();
+        let same = refused(&[(0.0, 0.0), (500.0, 0.0), (500.0, 0.0)]);
+        assert!(
+            same.starts_with(
+                "way-point 1 (north 500 m, east 0 m) and way-point 2 (north 500 m, east 0 m) follow each other, and are \
+                 0.0 m apart on the map; it must be 5 m or more"
+            ),
+            "{same}"
+        );
+        assert!(same.ends_with("move one, or leave it out"), "{same}");
+        let closed = refused(&[(0.0, 0.0), (500.0, 0.0), (3.0, 3.0)]);
+        assert!(closed.starts_with("way-point 2 (north 3 m, east 3 m) and way-point 0 (north 0"), "{closed}");
+    }
+
+    #[test]
+    fn way_points_apart_and_one_alone_are_a_mission() {
+        assert!(through(&[(500.0, 0.0)]).is_ok());
+        assert!(through(&[(0.0, 0.0), (500.0, 0.0), (0.0, 5.0)]).is_ok());
+        // The same place once more, but not in a row: a figure of eight.
+        assert!(through(&[(0.0, 0.0), (500.0, 0.0), (0.0, 0.0), (0.0, 500.0)]).is_ok());
+    }
+
+    #[test]
+    fn mission_of_qgroundcontrol_is_called_so_and_no_mistake_in_toml() {
+        for text in ["{\n  \"fileType\": \"Plan\",\n  \"mission\": {} }", "QGC WPL 110\n0\t1\t0\t16"] {
+            let message = MissionPlan::from_toml(text).unwrap_err().to_string();
+            assert!(message.starts_with("this is a mission of QGroundControl's"), "{message}");
+            assert!(message.contains("mavlink.md") && message.contains("ground.md"), "{message}");
+        }
+    }
+
+    #[test]
+    fn airspeed_that_the_controller_does_not_understand_is_refused_before_the_flight() {
+        let at = |airspeed: &str| {
+            let text = "[[waypoint]]\nnorth_m = 500\neast_m = 0\naltitude_m = 160\nairspeed_mps = ";
+            MissionPlan::from_toml(&(text.to_owned() + airspeed))
+        };
+        assert!(at("5").is_ok() && at("100").is_ok());
+        let message = at("4.9").unwrap_err().to_string();
+        assert_eq!(message, "the mission's way-point 0 airspeed_mps is 4.9, but it must be 5 to 100 m/s");
     }
 
     #[test]

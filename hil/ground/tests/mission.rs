@@ -44,6 +44,17 @@ struct Functions {
     servo: bool,
     reached: u32,
     leg: u64,
+    /// As the ground has set them; those of the plan otherwise.
+    laps: Option<u32>,
+}
+
+/// Laps in the plan of the fake.
+const PLANNED_LAPS: u32 = 2;
+
+impl Functions {
+    fn to_reach(&self) -> u32 {
+        4 * self.laps.unwrap_or(PLANNED_LAPS) + 1
+    }
 }
 
 struct Aircraft {
@@ -155,6 +166,11 @@ impl Aircraft {
                 (functions.controller, functions.servo) = (on, on);
                 &[(FROM_CONTROLLER, ACCEPTED), (FROM_SERVO, ACCEPTED)]
             }
+            Order::SetParameter(setting) => {
+                assert_eq!(&setting.name[..9], b"CTL_LAPS\0");
+                functions.laps = Some(setting.value as u32);
+                &[(FROM_CONTROLLER, ACCEPTED)]
+            }
             other => panic!("the script never sends {other:?}"),
         };
         let (now_ns, letter, first) = (self.now_ns(), frame.letter, frame.data[0]);
@@ -182,7 +198,7 @@ impl Aircraft {
         let complete = functions.waypoints.len() == 4;
         if functions.controller && functions.servo && functions.navigation && complete {
             functions.leg += 1;
-            functions.reached = (functions.leg / LEG_STEPS).min(9) as u32;
+            functions.reached = (functions.leg / LEG_STEPS).min(u64::from(functions.to_reach())) as u32;
         }
     }
 
@@ -247,7 +263,7 @@ impl Aircraft {
             waypoint_count: functions.waypoints.len() as u32,
             flags: flag(functions.controller, NAVIGATION_AUTOPILOT)
                 | flag(functions.navigation, NAVIGATION_ON)
-                | flag(functions.reached == 9, NAVIGATION_FINISHED),
+                | flag(functions.reached == functions.to_reach(), NAVIGATION_FINISHED),
             ..Default::default()
         }
     }
@@ -265,9 +281,22 @@ fn fly(mut meddle: impl FnMut(&mut Aircraft, Phase)) -> Flight {
     fly_with(FakePilot::default(), &mut meddle)
 }
 
-fn fly_with(mut pilot: FakePilot, meddle: &mut dyn FnMut(&mut Aircraft, Phase)) -> Flight {
+fn fly_with(pilot: FakePilot, meddle: &mut dyn FnMut(&mut Aircraft, Phase)) -> Flight {
+    fly_mission(Mission::new(MissionPlan::thesis()), pilot, meddle)
+}
+
+/// Three laps, by the script alone: the aircraft's plan knows nothing of them.
+fn fly_three_laps(meddle: &mut dyn FnMut(&mut Aircraft, Phase)) -> Flight {
+    let plan = MissionPlan { laps: 3, ..MissionPlan::thesis() };
+    fly_mission(Mission::new(plan).setting_laps(), FakePilot::default(), meddle)
+}
+
+fn fly_mission(
+    mut mission: Mission,
+    mut pilot: FakePilot,
+    meddle: &mut dyn FnMut(&mut Aircraft, Phase),
+) -> Flight {
     let (mut aircraft, mut link) = Aircraft::new();
-    let mut mission = Mission::new(MissionPlan::thesis());
     let (mut texts, mut phase) = (Vec::new(), Phase::EnableHil);
     for step in 0..10_000 {
         meddle(&mut aircraft, phase);
@@ -327,6 +356,46 @@ fn controller_restarted_cold_gets_way_points_navigation_and_autopilot_again() {
     assert_eq!(flight.last.outcome, Outcome::Finished, "{:?}", flight.texts);
     let sendings: Vec<u32> = b"WNA".iter().map(|&letter| flight.aircraft.heard(letter)).collect();
     assert_eq!((sendings, flight.last.rearmed), (vec![8, 2, 2], 3), "{:?}", flight.texts);
+}
+
+#[test]
+fn script_sets_the_laps_of_its_mission_and_flies_all_of_them() {
+    let flight = fly_three_laps(&mut |_, _| ());
+    assert_eq!(flight.last.outcome, Outcome::Finished, "{:?}", flight.texts);
+    assert_eq!((flight.last.waypoints_reached, flight.aircraft.heard(b'Y')), (13, 1));
+}
+
+#[test]
+fn laps_that_a_cold_controller_has_lost_are_set_again_with_its_way_points() {
+    let mut killed = false;
+    let flight = fly_three_laps(&mut |aircraft, phase| {
+        if phase == Phase::Watch && aircraft.functions.reached == 3 && !killed {
+            killed = true;
+            let kept = std::mem::take(&mut aircraft.functions);
+            let Functions { hil, estimator_since, servo, .. } = kept;
+            aircraft.functions = Functions { hil, estimator_since, servo, ..Functions::default() };
+        }
+    });
+    assert_eq!(flight.last.outcome, Outcome::Finished, "{:?}", flight.texts);
+    assert_eq!((flight.last.waypoints_reached, flight.aircraft.heard(b'Y')), (13, 2));
+}
+
+#[test]
+fn controller_that_finishes_before_all_laps_fails_the_script_and_what_to_set_is_named() {
+    let flight = fly_three_laps(&mut |aircraft, phase| {
+        if phase == Phase::Watch {
+            aircraft.functions.laps = None;
+        }
+    });
+    let why = failure(&flight);
+    assert!(why.contains("after 9 of 13 way-points") && why.contains("set CTL_LAPS=3"), "{why}");
+}
+
+#[test]
+fn aircraft_that_nobody_takes_off_fails_with_a_word_about_the_pilot() {
+    let flight = fly(|aircraft, _| aircraft.height_m = 0.0);
+    let why = failure(&flight);
+    assert!(why.contains("safety pilot at the sticks") && why.contains("take_off = \"autopilot\""), "{why}");
 }
 
 #[test]

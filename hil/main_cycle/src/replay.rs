@@ -1,7 +1,8 @@
 //! Feeds a recorded flight to the main cycle and holds its actuator words against the recorded ones.
 //!
 //! The log is read once, from front to back. It is ordered by port and not by time within a read of the recorder, so the
-//! cycle runs behind the newest message by [`BEHIND_NS`]; memory is that of a second of flight.
+//! cycle runs behind the newest message by [`BEHIND_NS`]; memory is that of a second of flight. One message with a time far
+//! ahead of all others is damage of that message: it is left out and counted. After a gap in the log all messages are ahead.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
@@ -21,7 +22,9 @@ use crate::settings::Settings;
 
 /// How far the cycle runs behind the newest message, ns: the recorder looks at every port much more often.
 const BEHIND_NS: u64 = 1_000_000_000;
-/// Cycles that a gap in the log may span; a time stamp beyond is damage: a day at 50 Hz.
+/// A message so far ahead of the newest one is held back until a second one stands as near to it, ns.
+const FAR_NS: u64 = 2 * BEHIND_NS;
+/// Cycles that a gap in the log may span; time stamps beyond are damage: a day at 50 Hz.
 const MOST_CYCLES: u64 = 24 * 3600 * 50;
 /// The names of the words of one cycle.
 const WORDS: [&str; 6] =
@@ -36,6 +39,13 @@ pub struct Topics {
     pub orders: [String; 4],
     /// What came of it, in the order of [`OUTPUTS`].
     pub outputs: [String; OUTPUTS.len()],
+}
+
+impl Topics {
+    /// Whether what is on `topic` is used.
+    fn has(&self, topic: &str) -> bool {
+        self.sensors.iter().chain(&self.orders).chain(&self.outputs[TIMERS..]).any(|one| one == topic)
+    }
 }
 
 /// The ports that the main cycle gives, by function and port.
@@ -99,7 +109,7 @@ pub struct Replayed {
     pub cycles: u64,
     /// The actuator words.
     pub words: Words,
-    /// What is wrong with the log: it was cut short, or is damaged.
+    /// What is wrong with the log: it was cut short, or is damaged, or has messages with times that can not be.
     pub flaw: Option<String>,
     /// Messages that stood in the log so late that the cycle was over which they belong to.
     pub too_late: u64,
@@ -130,12 +140,24 @@ pub fn replay(
         outside: Outside::default(),
         recorded: VecDeque::new(),
         newest_ns: 0,
+        ahead: None,
+        astray: 0,
         sensors: 0,
         log: OwnLog::create(output, topics)?,
         result: Replayed { cycles: 0, words: Words::default(), flaw: None, too_late: 0 },
         failure: None,
     };
-    replay.result.flaw = for_each(path, |entry| replay.take(&entry))?.flaw();
+    let flaw = for_each(path, |entry| replay.take(&entry))?.flaw();
+    replay.astray += u64::from(replay.ahead.is_some());
+    let astray = (replay.astray > 0).then(|| {
+        let far_s = FAR_NS / 1_000_000_000;
+        format!(
+            "has messages with a time more than {far_s} s ahead of all others: {} left out",
+            replay.astray
+        )
+    });
+    let flaws: Vec<String> = flaw.into_iter().chain(astray).collect();
+    replay.result.flaw = (!flaws.is_empty()).then(|| flaws.join(", and "));
     replay.finish()
 }
 
@@ -149,17 +171,47 @@ struct Replay<'a> {
     /// The flight's own actuator words that no pass has reached yet.
     recorded: VecDeque<(u64, ServoTimers)>,
     newest_ns: u64,
+    /// A message far ahead of the newest, until a second one bears its time out.
+    ahead: Option<Ahead>,
+    /// Messages that none bore out.
+    astray: u64,
     sensors: u64,
     log: OwnLog,
     result: Replayed,
     failure: Option<ReplayError>,
 }
 
+/// A message that waits.
+struct Ahead {
+    topic: String,
+    time_ns: u64,
+    bytes: Vec<u8>,
+}
+
 impl Replay<'_> {
     fn take(&mut self, entry: &Entry<'_>) {
-        if self.failure.is_some() {
+        if self.failure.is_some() || !self.topics.has(entry.topic) {
             return;
         }
+        if entry.time_ns > self.newest_ns.saturating_add(FAR_NS) {
+            match self.ahead.take_if(|ahead| ahead.time_ns.abs_diff(entry.time_ns) <= FAR_NS) {
+                Some(ahead) => {
+                    let (topic, message) = (ahead.topic.as_str(), entry.message);
+                    let (sequence, time_ns, bytes) = (0, ahead.time_ns, ahead.bytes.as_slice());
+                    self.accept(&Entry { topic, message, sequence, time_ns, bytes, layout: None });
+                }
+                None => {
+                    let (topic, bytes) = (entry.topic.to_owned(), entry.bytes.to_vec());
+                    let older = self.ahead.replace(Ahead { topic, time_ns: entry.time_ns, bytes });
+                    self.astray += u64::from(older.is_some());
+                    return;
+                }
+            }
+        }
+        self.accept(entry);
+    }
+
+    fn accept(&mut self, entry: &Entry<'_>) {
         if entry.time_ns / self.period_ns > self.result.cycles + MOST_CYCLES {
             self.failure = Some(ReplayError::Damaged(entry.time_ns / 1_000_000_000));
             return;

@@ -54,6 +54,16 @@ fn stick(n: u64) -> u16 {
 
 /// A recording of an aircraft that stands on the runway, with its sticks moved; `timers` is what its Servo gave in each cycle.
 fn record(path: &Path, timers: impl Fn(u64) -> Option<ServoTimers>, sensors: bool) {
+    record_at(path, timers, sensors, |time_ns| time_ns);
+}
+
+/// As [`record`]; `written` is the time that a message of this time carries.
+fn record_at(
+    path: &Path,
+    timers: impl Fn(u64) -> Option<ServoTimers>,
+    sensors: bool,
+    written: impl Fn(u64) -> u64,
+) {
     let mut log = PortLog::create(path).unwrap();
     let topics = topics();
     let mut channel = |topic: &str, message: &str| log.add_channel(topic, find(message).unwrap()).unwrap();
@@ -79,12 +89,12 @@ fn record(path: &Path, timers: impl Fn(u64) -> Option<ServoTimers>, sensors: boo
             ..Custom::default()
         };
         if sensors {
-            log.write(raw, n, start_ns + 500_000, analog.as_bytes()).unwrap();
-            log.write(sticks, n, start_ns + 500_000, custom.as_bytes()).unwrap();
-            log.write(fixes, n, start_ns + 500_000, RawGps::default().as_bytes()).unwrap();
+            log.write(raw, n, written(start_ns + 400_000), analog.as_bytes()).unwrap();
+            log.write(sticks, n, written(start_ns + 500_000), custom.as_bytes()).unwrap();
+            log.write(fixes, n, written(start_ns + 500_000), RawGps::default().as_bytes()).unwrap();
         }
         if let Some(timers) = timers(n) {
-            log.write(servo, n, start_ns + 7_600_000, timers.as_bytes()).unwrap();
+            log.write(servo, n, written(start_ns + 7_600_000), timers.as_bytes()).unwrap();
         }
     }
     log.finish().unwrap();
@@ -171,4 +181,39 @@ fn attributes_that_the_partition_would_refuse_are_refused() {
     };
     assert!(refused("path", "square".into()).contains("attribute path = \"square\""));
     assert!(refused("lap", 3.into()).contains("did you mean laps?"));
+}
+
+#[test]
+fn message_with_a_time_far_ahead_is_left_out_and_said_and_the_rest_is_replayed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (log, own) = files(folder.path());
+    // Sensors of one cycle, a day, some seconds and all of time ahead; the sticks are as they were.
+    for ahead_ns in [17_592_000_000_000, 5_000_000_000, u64::MAX / 2] {
+        let astray = 77 * PERIOD_NS + 400_000;
+        record_at(
+            &log,
+            by_hand,
+            true,
+            |time_ns| if time_ns == astray { time_ns + ahead_ns } else { time_ns },
+        );
+        let result = replay(&log, settings_with(Given::new()).unwrap(), &topics(), &own).unwrap();
+        assert_eq!((result.cycles, result.words.compared, result.words.different), (CYCLES, 6 * CYCLES, 0));
+        assert_eq!((result.words.absent_cycles, result.too_late), (0, 0));
+        let flaw = "has messages with a time more than 2 s ahead of all others: 1 left out";
+        assert_eq!(result.flaw.as_deref(), Some(flaw), "{ahead_ns}");
+    }
+}
+
+#[test]
+fn recording_with_a_gap_of_minutes_is_replayed_behind_it_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let (log, own) = files(folder.path());
+    let gap_cycles = 120 * 50;
+    let from_ns = 100 * PERIOD_NS;
+    let written = |time_ns| if time_ns < from_ns { time_ns } else { time_ns + gap_cycles * PERIOD_NS };
+    record_at(&log, by_hand, true, written);
+    let result = replay(&log, settings_with(Given::new()).unwrap(), &topics(), &own).unwrap();
+    assert_eq!((result.cycles, result.words.absent_cycles), (CYCLES + gap_cycles, gap_cycles));
+    assert_eq!((result.words.compared, result.words.different), (6 * CYCLES, 0));
+    assert_eq!((result.too_late, result.flaw), (0, None));
 }

@@ -3,11 +3,13 @@
 //! Responsible for: pairing the messages of each port, comparing their values, and keeping what was first. Both logs are
 //! read once, the one that is behind in module time first, so that an hour takes no more memory than a minute. It must
 //! never call two logs equal because it could not compare them: a port that only one of them has, or has with another
-//! message type, is said.
+//! message type, is said, and so is a log that was changed after it was written. Bytes that are not of the layout that the log
+//! gives them are compared as bytes.
 //!
 //! Messages of a port are paired in their order. Two that carry the same module time (within the tolerance) are a pair, and so
 //! are two with the same sequence; of two that share neither, the earlier one is alone. So a message that is missing in
-//! one log is one difference, and so is a source that was restarted in one of them, whose sequence begins anew.
+//! one log is one difference, and so is a source that was restarted in one of them, whose sequence begins anew. A module time
+//! far ahead of those around it (one wrong bit does that) holds up neither the reading nor the pairing of the others.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
@@ -21,12 +23,18 @@ use crate::log::{Ending, Entry, Layout, LogError, LogReader, Number};
 /// Messages of a port that wait for their counterparts at most, in one log: a minute of the fastest port. Beyond it the
 /// oldest counts as alone. It bounds the memory where two logs have little in common.
 const MOST_WAITING: usize = 3_000;
+/// A message so far ahead of the one after it on its port is out of place, ns: a source's times rise.
+const FAR_NS: u64 = 10_000_000_000;
+/// Messages of a log of which the earliest says how far it is read.
+const LATEST: usize = 3;
 /// Fields of the first difference that are kept; the rest is counted.
 const MOST_FIELDS: usize = 64;
 /// The name of a message's module time among its fields.
 pub const TIME: &str = "header.time_ns";
 /// The name of a message's sequence among its fields.
 pub const SEQUENCE: &str = "header.sequence";
+/// The name of a message's length among its fields, where it differs.
+const BYTES: &str = "length in bytes";
 
 /// Something in a log: a partition, a port of it, a field of that, or one element of a field; joined by dots.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -83,7 +91,8 @@ pub enum Side {
 /// A value that is not the same in both.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FieldDifference {
-    /// The field, and the element of it; or [`TIME`] or [`SEQUENCE`].
+    /// The field, and the element of it; or [`TIME`] or [`SEQUENCE`]; of a message that is not as long as its type says, its
+    /// length in bytes or the first byte that differs.
     pub field: String,
     /// In the first log.
     pub a: Value,
@@ -178,15 +187,20 @@ pub fn compare(a: &Path, b: &Path, options: &Options) -> Result<Comparison, LogE
             (true, true) => break,
             (true, false) => Side::B,
             (false, true) => Side::A,
-            (false, false) if a.end.time_ns <= b.end.time_ns => Side::A,
+            (false, false) if a.place() <= b.place() => Side::A,
             (false, false) => Side::B,
         };
         sides[side as usize].step(side, &mut lanes)?;
     }
     lanes.drain();
-    let incomparable = lanes.incomparable(&sides);
+    let mut incomparable = lanes.incomparable(&sides);
     let ports: Vec<PortComparison> = lanes.lanes.into_values().filter_map(Lane::result).collect();
     let first = ports.iter().filter_map(|port| port.first.clone()).min_by_key(|first| first.time_ns);
+    // What differs is known to differ; what is equal in a damaged log may have been something else.
+    if first.is_none() {
+        let damaged = ["A", "B"].into_iter().zip(&sides).filter(|(_, side)| side.reader.damage().is_some());
+        incomparable.extend(damaged.map(|(name, _)| format!("what was in {name} before it was damaged")));
+    }
     let [a, b] = sides.map(|side| side.end);
     Ok(Comparison { equal: first.is_none() && incomparable.is_empty(), a, b, first, ports, incomparable })
 }
@@ -196,12 +210,20 @@ struct Reading {
     reader: LogReader,
     end: End,
     ending: Option<Ending>,
+    /// Module times of the messages read last, ns.
+    latest_ns: [u64; LATEST],
 }
 
 impl Reading {
     fn open(path: &Path) -> Result<Self, LogError> {
         let end = End { file: path.to_path_buf(), messages: 0, time_ns: 0, cut: None, damaged: None };
-        Ok(Self { reader: LogReader::open(path)?, end, ending: None })
+        Ok(Self { reader: LogReader::open(path)?, end, ending: None, latest_ns: [0; LATEST] })
+    }
+
+    /// How far it is read: module time, ns, and messages, by which logs are told apart that stand at the same time. Not the
+    /// latest time of all: after a single wrong one the other log would be read to its end at once.
+    fn place(&self) -> (u64, u64) {
+        (self.latest_ns.into_iter().min().unwrap_or_default(), self.end.messages)
     }
 
     fn is_over(&self) -> bool {
@@ -209,8 +231,10 @@ impl Reading {
     }
 
     fn step(&mut self, side: Side, lanes: &mut Lanes<'_>) -> Result<(), LogError> {
-        let end = &mut self.end;
+        let (end, latest_ns) = (&mut self.end, &mut self.latest_ns);
         let mut take = |entry: Entry<'_>| {
+            latest_ns.rotate_left(1);
+            latest_ns[LATEST - 1] = entry.time_ns;
             end.messages += 1;
             end.time_ns = end.time_ns.max(entry.time_ns);
             lanes.take(side, &entry);
@@ -314,6 +338,7 @@ impl Lanes<'_> {
     /// What is left has no counterpart.
     fn drain(&mut self) {
         for lane in self.lanes.values_mut() {
+            lane.pair(true);
             for side in [Side::A, Side::B] {
                 while lane.waiting[side as usize].front().is_some() {
                     lane.leave_alone(side);
@@ -353,7 +378,10 @@ impl Lanes<'_> {
     /// Places that somebody named and that are in neither log: most likely a slip of the pen.
     fn unknown_places(&self, a: &BTreeMap<String, Kind>, b: &BTreeMap<String, Kind>) -> Vec<String> {
         let tolerances = self.options.tolerances.iter().filter_map(|tolerance| tolerance.place.as_ref());
-        let places = self.options.only.iter().chain(&self.options.ignored).chain(tolerances);
+        let mut places = self.options.only.iter().chain(&self.options.ignored).chain(tolerances).peekable();
+        if places.peek().is_none() {
+            return Vec::new(); // without the name of every element of every port
+        }
         let names: Vec<String> = a.iter().chain(b).flat_map(|(port, kind)| names_of(port, kind)).collect();
         let unknown = places.filter(|place| !names.iter().any(|name| place.holds(name)));
         unknown
@@ -442,13 +470,27 @@ impl Lane {
         if self.waiting[side as usize].len() > MOST_WAITING {
             self.leave_alone(side);
         }
+        self.pair(false);
+    }
+
+    /// Pairs what waits, as far as it can be told; with `is_over`, nothing follows.
+    fn pair(&mut self, is_over: bool) {
         while let [Some(a), Some(b)] = [self.waiting[0].front(), self.waiting[1].front()] {
             let apart_ns = a.time_ns.abs_diff(b.time_ns);
-            let is_pair = apart_ns <= self.time_tolerance_ns.unwrap_or(0) || a.sequence == b.sequence;
-            match (is_pair, a.time_ns < b.time_ns) {
-                (true, _) => self.compare(),
-                (false, true) => self.leave_alone(Side::A),
-                (false, false) => self.leave_alone(Side::B),
+            if apart_ns <= self.time_tolerance_ns.unwrap_or(0) || a.sequence == b.sequence {
+                self.compare();
+                continue;
+            }
+            let (earlier, later) =
+                if a.time_ns < b.time_ns { (Side::A, Side::B) } else { (Side::B, Side::A) };
+            let waiting = &self.waiting[later as usize];
+            match (apart_ns > FAR_NS, waiting.get(1)) {
+                // Whether the later one is out of place shows with the next one on its port.
+                (true, None) if !is_over => return,
+                (true, Some(next)) if next.time_ns.saturating_add(FAR_NS) < waiting[0].time_ns => {
+                    self.leave_alone(later);
+                }
+                _ => self.leave_alone(earlier),
             }
         }
     }
@@ -480,12 +522,6 @@ impl Lane {
             return;
         }
         let mut fields = Vec::new();
-        let whole = |field: &str, a: u64, b: u64| FieldDifference {
-            field: field.to_owned(),
-            a: a.into(),
-            b: b.into(),
-            difference: Number::Whole(a).difference(Number::Whole(b)),
-        };
         if times_differ {
             fields.push(whole(TIME, a.time_ns, b.time_ns));
         }
@@ -518,8 +554,11 @@ impl Lane {
     /// Gives the number of differences that were not listed.
     fn compare_fields(&self, a: &[u8], b: &[u8], found: &mut Vec<FieldDifference>) -> u64 {
         let layout = self.kinds[0].as_ref().and_then(|kind| kind.layout.as_ref());
-        let numbers = layout.and_then(|layout| Some((layout.numbers(a)?, layout.numbers(b)?)));
-        let Some((in_a, in_b)) = numbers else { return 0 }; // said elsewhere: what it is made of is not known
+        let Some(layout) = layout else { return 0 }; // said elsewhere: what it is made of is not known
+        let (Some(in_a), Some(in_b)) = (layout.numbers(a), layout.numbers(b)) else {
+            found.push(unlike(a, b));
+            return 0;
+        };
         let mut more = 0;
         for ((name, limit), (a, b)) in self.limits.iter().zip(in_a.zip(in_b)) {
             if limit.allows(a, b) {
@@ -553,6 +592,26 @@ impl Lane {
             only_b: self.alone[1],
             first: self.first,
         })
+    }
+}
+
+/// A difference in its numbers.
+fn whole(field: &str, a: u64, b: u64) -> FieldDifference {
+    FieldDifference {
+        field: field.to_owned(),
+        a: a.into(),
+        b: b.into(),
+        difference: Number::Whole(a).difference(Number::Whole(b)),
+    }
+}
+
+/// How bytes differ that can not be taken apart: in their number, or where they first do.
+fn unlike(a: &[u8], b: &[u8]) -> FieldDifference {
+    match a.iter().zip(b).position(|(a, b)| a != b) {
+        Some(place) if a.len() == b.len() => {
+            whole(&format!("byte[{place}]"), a[place].into(), b[place].into())
+        }
+        _ => whole(BYTES, a.len() as u64, b.len() as u64),
     }
 }
 

@@ -3,7 +3,7 @@
 //! Responsible for: the order of everything that the hosts wrote, in the module time of one of them. It must never need more
 //! memory for a long flight than for a short one, and never fail because a host's log is damaged or cut off.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -292,7 +292,7 @@ fn merge_ports(folder: &Path, hosts: &[Host], notes: &mut Vec<String>) -> Result
         }
     }
     let mut merged = PortLog::create(folder.join(PORTS_FILE))?;
-    let mut channels = BTreeMap::new();
+    let (mut channels, mut told) = (BTreeMap::new(), BTreeSet::new());
     loop {
         for log in &mut logs {
             if let Err(error) = log.step() {
@@ -312,7 +312,13 @@ fn merge_ports(folder: &Path, hosts: &[Host], notes: &mut Vec<String>) -> Result
                 channel
             }
         };
-        merged.write(channel, next.sequence.into(), next.time_ns, &next.bytes)?;
+        match merged.write(channel, next.sequence.into(), next.time_ns, &next.bytes) {
+            Err(wrong @ LogError::Size { .. }) if told.insert(next.topic) => {
+                notes.push(format!("{PORTS_FILE} of {}: {wrong}: left out", logs[place].host.name()));
+            }
+            Err(LogError::Size { .. }) => {}
+            written => written?,
+        }
     }
     for log in logs {
         if let Some(flaw) = log.ending.and_then(|ending| ending.flaw()) {

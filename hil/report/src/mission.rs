@@ -16,8 +16,6 @@ const SEARCH_NS: u64 = 2_000_000_000;
 const FAIR_MARGIN_M: f64 = 25.0;
 /// A passage that is further from the way-point's altitude, m, is told: several times what a level leg leaves.
 const FAIR_HEIGHT_M: f64 = 25.0;
-/// No fillet counts as wider than this, m: 22 m/s and 15 m/s of wind.
-const WIDEST_FILLET_M: f64 = 180.0;
 
 /// A way-point reached.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -108,7 +106,8 @@ pub fn height_notes(passages: &[Passage]) -> Vec<String> {
     off.collect()
 }
 
-/// How near the path comes to a way-point at most: a fillet cuts the corner by R (1/cos(turn/2) − 1).
+/// How near the path comes to a way-point at most: a fillet cuts the corner by R (1/cos(turn/2) − 1), and by half of the shorter
+/// leg at most. The radius is what the laws choose for the airspeed: an aircraft of 50 m/s needs 330 m.
 fn fair_distance_m(waypoints: &[Waypoint], index: usize, radius_m: f64) -> f64 {
     let count = waypoints.len();
     let at = |i: usize| waypoints[i % count].horizontal();
@@ -116,7 +115,7 @@ fn fair_distance_m(waypoints: &[Waypoint], index: usize, radius_m: f64) -> f64 {
     let turn = inbound.angle(&outbound);
     let cut = if turn < 0.9 * PI { 1.0 / (0.5 * turn).cos() - 1.0 } else { 0.0 };
     let room = 0.5 * inbound.norm().min(outbound.norm());
-    (radius_m.min(WIDEST_FILLET_M) * cut).min(room) + FAIR_MARGIN_M
+    (radius_m * cut).min(room) + FAIR_MARGIN_M
 }
 
 /// The longest stretch of way-points in the right order from the first one on, without one missing; among equals the

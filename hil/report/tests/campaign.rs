@@ -160,3 +160,14 @@ fn page_loads_nothing_and_shows_words_as_words() {
     assert!(page.contains("&lt;script&gt;") && page.contains("--seed=23"));
     assert!(CampaignResult::of(&plan(0, 1, 0), &read(Path::new("/nowhere")).unwrap()).figures.is_empty());
 }
+
+#[test]
+fn plan_with_more_flights_than_memory_holds_is_told_of_and_does_not_end_the_program() {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path(), &plan(0, 1, 3_000_000_000), 0..3);
+    let (joined, lines) = join(&[folder.path().to_path_buf()]).unwrap();
+    let result = CampaignResult::of(&joined, &lines);
+    assert_eq!((result.asked, result.flown), (3_000_000_000, 3));
+    let note = "not flown: 2999999997 of 3000000000 flights (3, 4, 5, 6, 7, 8, 9, 10, …)";
+    assert_eq!(result.notes, [note]);
+}

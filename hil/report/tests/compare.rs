@@ -2,11 +2,14 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod by_hand;
+
 use std::path::{Path, PathBuf};
 
 use bateleur_messages::{Message, Rates, ServoTimers, State, find};
 use bateleur_report::compare::{Comparison, Options, Place, Side, Tolerance, compare};
 use bateleur_report::log::{PortLog, topic};
+use by_hand::{channel, message, schema};
 use zerocopy::IntoBytes;
 
 /// What is written at step `n`; none: nothing.
@@ -177,4 +180,85 @@ fn port_that_one_log_lacks_and_port_of_another_type_are_said() {
         found.incomparable,
         ["estimator.state carries State in A and ServoTimers in B", "B has no port imu.orientation"]
     );
+}
+
+/// Two logs of messages of two bytes, with these bytes instead.
+fn of_bytes(a: &[&[u8]], b: &[&[u8]], options: &Options) -> Comparison {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, list: &[&[u8]]| {
+        let messages = list.iter().enumerate().map(|(n, bytes)| message(1, n as u32, n as u64 * 1000, bytes));
+        let records: Vec<_> =
+            [schema("uint16 x\n"), channel(1, "/a/b")].into_iter().chain(messages).collect();
+        by_hand::write(&folder.path().join(name), &records)
+    };
+    compare(&write("a", a), &write("b", b), options).unwrap()
+}
+
+#[test]
+fn messages_that_do_not_fit_their_layout_differ_where_their_bytes_do() {
+    let loose = Options { tolerances: vec![Tolerance { place: None, at_most: 1e9 }], ..Options::default() };
+    for options in [Options::default(), loose] {
+        let found =
+            of_bytes(&[&[1, 2], &[1, 2, 3], &[1, 2, 3]], &[&[1, 2], &[1, 2, 4], &[1, 2, 4]], &options);
+        let first = found.first.unwrap();
+        assert_eq!((first.sequence, first.fields[0].field.as_str()), (1, "byte[2]"));
+        assert_eq!((&first.fields[0].a, &first.fields[0].b), (&3.into(), &4.into()));
+        assert_eq!((found.equal, found.ports[0].different), (false, 2));
+        let found = of_bytes(&[&[1, 2], &[3, 4]], &[&[1, 2], &[3]], &options);
+        let fields = found.first.unwrap().fields;
+        assert_eq!((fields[0].field.as_str(), fields[0].difference), ("length in bytes", -1.0));
+    }
+    assert!(of_bytes(&[&[1, 2, 3]], &[&[1, 2, 3]], &Options::default()).equal, "the same bytes are the same");
+}
+
+#[test]
+fn damaged_log_in_which_nothing_differs_is_not_called_equal() {
+    let folder = tempfile::tempdir().unwrap();
+    let a = write(&folder.path().join("a"), usual, 0);
+    let mut bytes = std::fs::read(&a).unwrap();
+    let header = bytes.windows(4).position(|window| window == [0, 1, 0, 0]).unwrap();
+    bytes[header - 1] ^= 1; // the publish time, which is not compared
+    let b = folder.path().join("b");
+    std::fs::write(&b, bytes).unwrap();
+    for (one, other, name) in [(&a, &b, "B"), (&b, &a, "A")] {
+        let found = compare(one, other, &Options::default()).unwrap();
+        assert!(!found.equal && found.first.is_none());
+        assert_eq!(found.incomparable, [format!("what was in {name} before it was damaged")]);
+    }
+}
+
+/// Ten thousand messages, a millisecond apart, and one from the end of time before number `place`.
+fn with_one_far_ahead(path: &Path, place: Option<u64>) -> PathBuf {
+    let mut records = vec![schema("uint8 x\n"), channel(1, "/a/b")];
+    for n in 1..=10_000_u64 {
+        if place == Some(n) {
+            records.push(message(1, 0, u64::MAX, &[0]));
+        }
+        records.push(message(1, n as u32, n * 1_000_000, &[n as u8]));
+    }
+    by_hand::write(path, &records)
+}
+
+#[test]
+fn message_with_a_time_far_ahead_is_one_difference_and_none_to_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let usual = with_one_far_ahead(&folder.path().join("usual"), None);
+    for place in [1, 2, 5000, 10_000] {
+        let far = with_one_far_ahead(&folder.path().join("far"), Some(place));
+        let with_itself = compare(&far, &far, &Options::default()).unwrap();
+        assert!(with_itself.equal && with_itself.ports[0].compared == 10_001, "{place}: {with_itself:?}");
+        for (a, b, alone) in [(&far, &usual, (1, 0)), (&usual, &far, (0, 1))] {
+            let found = &compare(a, b, &Options::default()).unwrap().ports[0];
+            assert_eq!((found.compared, (found.only_a, found.only_b)), (10_000, alone), "{place}");
+        }
+    }
+}
+
+#[test]
+fn schema_that_asks_for_all_memory_is_not_understood_and_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let records = [schema("uint8[2000000000] x\n"), channel(1, "/a/b"), message(1, 1, 0, &[])];
+    let log = by_hand::write(&folder.path().join("huge"), &records);
+    let found = compare(&log, &log, &Options::default()).unwrap();
+    assert_eq!(found.incomparable, ["a.b: the logs do not say what a X is made of"]);
 }

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod by_hand;
 mod trace_check;
 
 use std::collections::BTreeMap;
@@ -10,8 +11,9 @@ use std::path::Path;
 
 use bateleur_messages::{ActuatorCommand, State, find};
 use bateleur_report::export::{self, Encoding, ExportError};
-use bateleur_report::log::{PortLog, topic};
+use bateleur_report::log::{Ending, PortLog, for_each, topic};
 use bateleur_report::windows;
+use by_hand::{channel, message, message_behind, record, schema};
 use serde_json::{Value, json};
 use trace_check::assert_trace;
 use zerocopy::IntoBytes;
@@ -209,4 +211,72 @@ fn folder_without_a_run_and_an_output_that_is_the_input_are_refused() {
     assert_eq!(fs::read(&input).unwrap(), before);
     let unwritable = export::chrome(run.path(), Path::new("/nowhere/trace.json"));
     assert!(matches!(unwritable, Err(ExportError::Write { .. })));
+}
+
+/// The sequences that are read of a log, and how it ends.
+fn sequences(log: &Path) -> (Vec<u32>, Ending) {
+    let mut all = Vec::new();
+    let ending = for_each(log, |entry| all.push(entry.sequence)).unwrap();
+    (all, ending)
+}
+
+#[test]
+fn record_that_can_not_be_read_is_left_out_and_counted_and_the_log_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("ports.mcap");
+    // An index whose length is wrong, half a schema, a chunk whose opcode has become one that is not in use.
+    let index = record(7, &[1, 0, 0, 0, 0, 0x40]);
+    let chunk = record(0x46, &[0; 40]);
+    for (broken, count) in [(vec![index.clone()], 1), (vec![index, record(3, &[1]), chunk], 3)] {
+        let usual = [schema("uint8 x\n"), channel(1, "/a/b"), message(1, 1, 5, &[1])];
+        let records: Vec<_> = usual.into_iter().chain(broken).chain([message(1, 2, 6, &[2])]).collect();
+        by_hand::write(&path, &records);
+        let (all, ending) = sequences(&path);
+        assert_eq!(all, [1, 2]);
+        let words = format!("{count} of its records can not be read and are left out");
+        assert_eq!(ending, Ending::Damaged(words));
+    }
+    // An attachment that is too short for its own end.
+    by_hand::write(
+        &path,
+        &[schema("uint8 x\n"), record(9, &[0; 32]), channel(1, "/a/b"), message(1, 1, 5, &[1])],
+    );
+    assert_eq!(sequences(&path).0, [1]);
+}
+
+#[test]
+fn messages_of_no_port_and_of_another_encoding_are_left_out_with_their_number() {
+    let folder = tempfile::tempdir().unwrap();
+    let records = [
+        schema("uint8 x\n"),
+        channel(1, "/a/b"),
+        message(1, 1, 5, &[1]),
+        message_behind(&[0; 4], 1, 2, 6, &[2]),
+        message(9, 3, 7, &[3]),
+        message(9, 4, 8, &[3]),
+    ];
+    by_hand::write(&folder.path().join("ports.mcap"), &records);
+    let exported = export::tables(folder.path(), &folder.path().join("tables")).unwrap();
+    let [note] = &exported.notes[..] else { panic!("{exported:?}") };
+    assert!(note.contains("2 of its messages are of no port that it names"), "{note}");
+    assert!(note.contains("1 of its messages are not encoded as it says"), "{note}");
+    assert_eq!(exported.records, 1);
+}
+
+#[test]
+fn ports_that_would_share_a_table_get_one_each() {
+    let folder = tempfile::tempdir().unwrap();
+    let records = [
+        schema("uint8 x\n"),
+        channel(1, "/a/b.c"),
+        channel(2, "/a/b_c"),
+        message(1, 1, 5, &[1]),
+        message(2, 2, 6, &[2]),
+        message(1, 3, 7, &[3]),
+    ];
+    by_hand::write(&folder.path().join("ports.mcap"), &records);
+    let into = folder.path().join("tables");
+    assert_eq!(export::tables(folder.path(), &into).unwrap().notes, Vec::<String>::new());
+    assert_eq!(read(&into.join("a.b_c.csv")), "time_ns,sequence,x\n5,1,1\n7,3,3\n");
+    assert_eq!(read(&into.join("a.b_c.2.csv")), "time_ns,sequence,x\n6,2,2\n");
 }

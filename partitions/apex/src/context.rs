@@ -7,7 +7,7 @@ use std::os::fd::AsFd;
 use std::rc::Rc;
 
 use bateleur_contract::{Description, Direction, PortDescription, PortKind, StartCondition};
-use bateleur_messages::Message;
+use bateleur_messages::{Message, layout_of};
 use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Membership, Reader, Writer};
 use serde::de::DeserializeOwned;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
@@ -46,6 +46,20 @@ pub enum StartError {
         /// What the partition needs.
         wanted: String,
     },
+    /// Its message type has other fields in the executive's build.
+    #[error(
+        "port \"{name}\" carries {message}, which has other fields (names, kinds or order) in the executive's build: \
+         build partition and `bateleur` from the same messages"
+    )]
+    OtherFields {
+        /// The port.
+        name: String,
+        /// The message type.
+        message: &'static str,
+    },
+    /// `retained` was asked for twice: there is one memory for one value.
+    #[error("retained memory is asked for twice: put both values into one type")]
+    RetainedTwice,
     /// The plan declares a port that the partition does not use.
     #[error("the plan gives this partition a port \"{0}\" that it does not use")]
     UnusedPort(String),
@@ -75,6 +89,8 @@ pub struct Context {
     outlets: Vec<(String, Rc<Outlet>)>,
     inlets: Vec<Rc<Inlet>>,
     retained: Option<File>,
+    /// It has been asked for.
+    retains: bool,
 }
 
 impl Context {
@@ -97,6 +113,7 @@ impl Context {
             outlets: Vec::new(),
             inlets: Vec::new(),
             retained,
+            retains: false,
         })
     }
 
@@ -244,6 +261,9 @@ impl Context {
     pub fn retained<T: FromBytes + IntoBytes + Immutable + KnownLayout>(
         &mut self,
     ) -> Result<Retained<T>, StartError> {
+        if std::mem::replace(&mut self.retains, true) {
+            return Err(StartError::RetainedTwice);
+        }
         Retained::new(self.retained.take(), self.description.retained_bytes)
     }
 
@@ -299,7 +319,7 @@ impl Context {
         direction: Direction,
     ) -> Result<PortDescription, StartError> {
         let port = self.declared(name)?;
-        let size_fits = port.size as usize >= size_of::<T>();
+        let size_fits = port.size as usize == size_of::<T>();
         if port.kind != kind || port.direction != direction || port.message != T::NAME || !size_fits {
             let say = |kind, direction, message: &str, size| {
                 format!("{kind:?} {direction:?} of {message} ({size} bytes)")
@@ -309,6 +329,9 @@ impl Context {
                 found: say(port.kind, port.direction, &port.message, port.size as usize),
                 wanted: say(kind, direction, T::NAME, size_of::<T>()),
             });
+        }
+        if port.layout != 0 && port.layout != layout_of(T::FIELDS) {
+            return Err(StartError::OtherFields { name: name.into(), message: T::NAME });
         }
         let port = port.clone();
         self.used.insert(name.into());

@@ -48,7 +48,7 @@ use bateleur_contract::{
     Clock, ControlPage, Description, Direction, Mapped, PortDescription, PortKind, StartCondition,
     Takeover as Order,
 };
-use bateleur_messages::Message;
+use bateleur_messages::{Message, layout_of};
 use bateleur_ports::{Channel, ChannelType, Domain, Membership};
 use rustix::fs::{MemfdFlags, ftruncate, memfd_create};
 
@@ -278,6 +278,7 @@ fn port<T: Message>(name: &str, kind: PortKind, direction: Direction) -> PortDes
         kind,
         message: T::NAME.into(),
         size: size_of::<T>() as u32, // at most what a port can carry, far below
+        layout: layout_of(T::FIELDS),
         channel: format!("harness.{name}"),
         refresh_ns: 0,
         depth: 0,
@@ -297,7 +298,8 @@ fn refused(what: &str, error: impl std::fmt::Display) -> StartError {
 
 #[cfg(test)]
 mod tests {
-    use bateleur_messages::{GroundMessage, Rate};
+    use bateleur_messages::{Field, FieldKind, GroundMessage, Rate};
+    use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
     use super::*;
     use crate::{Retained, Sent};
@@ -383,5 +385,68 @@ mod tests {
         assert!(folder.is_dir());
         drop(harness);
         assert!(!folder.exists());
+    }
+
+    /// As `Rate` by name and size, from a build in which its fields are others.
+    #[derive(Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+    #[repr(C)]
+    struct OtherRate([u64; size_of::<Rate>() / 8]);
+
+    impl Message for OtherRate {
+        const NAME: &'static str = Rate::NAME;
+        const FIELDS: &'static [Field] =
+            &[Field { name: "swapped", kind: FieldKind::U64, count: size_of::<Rate>() / 8, offset: 0 }];
+    }
+
+    /// As `Rate` by name, from a build in which it was shorter.
+    #[derive(Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+    #[repr(C)]
+    struct ShortRate(u64);
+
+    impl Message for ShortRate {
+        const NAME: &'static str = Rate::NAME;
+        const FIELDS: &'static [Field] =
+            &[Field { name: "synchronize", kind: FieldKind::U64, count: 1, offset: 0 }];
+    }
+
+    struct Listener<T>(#[allow(dead_code)] SamplingDestination<T>);
+
+    impl<T: Message> Partition for Listener<T> {
+        fn start(context: &mut Context) -> Result<Self, StartError> {
+            context.sampling_destination("rate").map(Self)
+        }
+
+        fn window(&mut self, _window: &Window) {}
+    }
+
+    #[test]
+    fn partition_that_was_built_from_other_messages_is_not_started() {
+        let mut harness = Harness::new("listener").unwrap();
+        let _source = harness.sampling_destination::<Rate>("rate", 40_000_000).unwrap();
+        assert!(harness.start::<Listener<Rate>>().is_ok());
+        let other = harness.start::<Listener<OtherRate>>().err().map(|error| error.to_string());
+        assert!(other.as_ref().is_some_and(|words| words.contains("other fields")), "{other:?}");
+        let short = harness.start::<Listener<ShortRate>>().err().map(|error| error.to_string());
+        assert!(short.as_ref().is_some_and(|words| words.contains("(8 bytes)")), "{short:?}");
+    }
+
+    struct Keeper;
+
+    impl Partition for Keeper {
+        fn start(context: &mut Context) -> Result<Self, StartError> {
+            let _first: Retained<u64> = context.retained()?;
+            let _second: Retained<u64> = context.retained()?;
+            Ok(Self)
+        }
+
+        fn window(&mut self, _window: &Window) {}
+    }
+
+    #[test]
+    fn second_retained_value_is_refused_and_not_kept_nowhere() {
+        let mut harness = Harness::new("keeper").unwrap();
+        harness.retained(4096).unwrap();
+        let error = harness.start::<Keeper>().err().map(|error| error.to_string());
+        assert!(error.as_ref().is_some_and(|words| words.contains("asked for twice")), "{error:?}");
     }
 }

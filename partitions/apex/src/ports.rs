@@ -207,8 +207,13 @@ impl<T: Message> SamplingDestination<T> {
         let stamp = *latest.user_header();
         let value = T::ref_from_bytes(latest.payload()).ok()?;
         let age_ns = now_ns.saturating_sub(stamp.source_ns);
-        let updated = std::mem::take(&mut self.updated);
-        Some(Reading { value, age_ns, valid: age_ns <= self.refresh_ns, updated, sequence: stamp.sequence })
+        let (valid, updated) = (self.is_valid(&stamp, now_ns), std::mem::take(&mut self.updated));
+        Some(Reading { value, age_ns, valid, updated, sequence: stamp.sequence })
+    }
+
+    /// A stamp of the future is nothing that a source writes: its value must not be valid until then.
+    fn is_valid(&self, stamp: &Stamp, now_ns: u64) -> bool {
+        now_ns.abs_diff(stamp.source_ns) <= self.refresh_ns
     }
 
     /// The latest value if it is valid.
@@ -234,11 +239,7 @@ impl<T: Message> SamplingDestination<T> {
                     }
                 }
                 Ok(Some(received)) => {
-                    let found = received.payload().len();
-                    refused(
-                        &self.time,
-                        &format!("{} of {found} bytes where {} belong", T::NAME, size_of::<T>()),
-                    );
+                    refused_length::<T>(&self.time, received.payload().len());
                 }
                 Ok(None) => return,
                 Err(error) => return refused(&self.time, &format!("cannot read {}: {error:?}", T::NAME)),
@@ -252,8 +253,7 @@ impl<T: Message> SamplingDestination<T> {
     fn leaves_nothing_newer(&self, received: &Received, now_ns: u64) -> bool {
         let same_source =
             |latest: &Received| latest.header().publisher_id() == received.header().publisher_id();
-        self.latest.as_ref().is_some_and(same_source)
-            && now_ns.saturating_sub(received.user_header().source_ns) <= self.refresh_ns
+        self.latest.as_ref().is_some_and(same_source) && self.is_valid(received.user_header(), now_ns)
     }
 }
 
@@ -292,6 +292,9 @@ impl<T: Message> QueuingSource<T> {
     }
 }
 
+/// Messages of a wrong length that are passed over in one call, most: reading takes a bounded time whatever the writer does.
+const REFUSED_AT_ONCE: usize = 64;
+
 /// The reading end of a queuing channel.
 pub struct QueuingDestination<T> {
     inlet: Option<Rc<Inlet>>,
@@ -306,13 +309,24 @@ impl<T: Message> QueuingDestination<T> {
 
     /// Takes the oldest message.
     pub fn receive(&mut self) -> Option<T> {
-        match self.inlet.as_ref()?.reader.get()?.receive() {
-            Ok(received) => T::read_from_bytes(received?.payload()).ok(),
-            Err(error) => {
-                refused(&self.time, &format!("cannot receive {}: {error:?}", T::NAME));
-                None
+        let reader = self.inlet.as_ref()?.reader.get()?;
+        for _ in 0..REFUSED_AT_ONCE {
+            match reader.receive() {
+                Ok(received) => {
+                    let received = received?;
+                    match T::read_from_bytes(received.payload()) {
+                        Ok(message) => return Some(message),
+                        // The one behind it is as good as ever.
+                        Err(_) => refused_length::<T>(&self.time, received.payload().len()),
+                    }
+                }
+                Err(error) => {
+                    refused(&self.time, &format!("cannot receive {}: {error:?}", T::NAME));
+                    return None;
+                }
             }
         }
+        None
     }
 }
 
@@ -361,6 +375,10 @@ fn refusal(error: iceoryx2::port::SendError) -> Refusal {
         iceoryx2::port::SendError::UnableToDeliver => Refusal::Full,
         other => Refusal::Other(format!("{other:?}")),
     }
+}
+
+fn refused_length<T: Message>(time: &Time, found: usize) {
+    refused(time, &format!("{} of {found} bytes where {} belong", T::NAME, size_of::<T>()));
 }
 
 pub(crate) fn refused(time: &Time, what: &str) {
@@ -441,6 +459,20 @@ mod tests {
             (again.value.synchronize, again.updated, again.valid, again.age_ns),
             (8, false, false, 11)
         );
+    }
+
+    #[test]
+    fn a_value_with_a_stamp_of_the_future_is_not_valid_until_it_is_nearly_due() {
+        let bed = Bed::new("future");
+        let (mut source, mut destination) = (bed.source(), bed.destination(10));
+        bed.pass(1000);
+        source.write(&rate(7));
+        bed.time.page().now_ns.store(0, Relaxed); // its source was ahead by 1000 ns
+        assert_eq!(destination.read().map(|reading| (reading.age_ns, reading.valid)), Some((0, false)));
+        bed.pass(990);
+        assert_eq!(destination.read().map(|reading| reading.valid), Some(true));
+        bed.pass(21);
+        assert_eq!(destination.read().map(|reading| reading.valid), Some(false));
     }
 
     #[test]

@@ -164,6 +164,7 @@ impl RawQueuingDestination {
 #[cfg(test)]
 mod tests {
     use bateleur_messages::{GroundMessage, Rate};
+    use zerocopy::IntoBytes;
 
     use super::*;
     use crate::{Context, Harness, Partition, StartError, Window};
@@ -198,6 +199,36 @@ mod tests {
                 self.sent.push(self.answers.send(order.bytes(), order.stamp()));
             }
         }
+    }
+
+    /// Sends bytes that are no message, then one that is.
+    struct Careless {
+        answers: RawQueuingSource,
+    }
+
+    impl Partition for Careless {
+        fn start(context: &mut Context) -> Result<Self, StartError> {
+            Ok(Self { answers: context.raw_queuing_source("answers")?.0 })
+        }
+
+        fn window(&mut self, _window: &Window) {
+            let message = GroundMessage::default();
+            for bytes in [&[1, 2, 3][..], message.as_bytes()] {
+                assert_eq!(self.answers.send(bytes, Stamp::default()), Sent::Queued);
+            }
+        }
+    }
+
+    #[test]
+    fn message_of_a_wrong_length_in_a_queue_is_an_error_and_hides_none_behind_it() {
+        let mut harness = Harness::new("careless").unwrap();
+        let mut answers = harness.queuing_source::<GroundMessage>("answers", 4).unwrap();
+        let mut careless = harness.start::<Careless>().unwrap(); // its messages die with it
+        careless.window();
+        assert_eq!(answers.receive(), Some(GroundMessage::default()));
+        assert_eq!(answers.receive(), None);
+        let reports = harness.reports();
+        assert!(reports[0].starts_with("GroundMessage of 3 bytes where "), "{reports:?}");
     }
 
     #[test]

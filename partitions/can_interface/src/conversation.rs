@@ -256,35 +256,36 @@ impl Conversation {
             return;
         }
         let id: Id = frame.id();
-        let Some((port, assembly)) = self.assemblies.iter_mut().find(|(_, assembly)| assembly.wants(id))
-        else {
-            self.counts.foreign += u64::from(frame.is_of_the_bus());
-            return;
-        };
         // An answer says for which time its frames are; without one it is when they came, less what they spent on the way.
         let age_ns = if answer.is_some() { 0 } else { age_ns };
-        match assembly.take(frame, moment.module_ns.saturating_sub(age_ns)) {
-            Outcome::Whole(bytes, missing) => {
-                self.counts.incomplete += u64::from(missing > 0);
-                // Where an answer says for which time they are, they wait for it.
-                let set = if answer.is_some() { &mut self.pending } else { sensors };
-                let is_there = match port {
-                    Port::Analog => set.analog.is_some(),
-                    Port::Gps => set.gps.is_some(),
-                    Port::Custom => set.custom.is_some(),
-                };
-                if missing > 0 && is_there {
-                    return;
+        // Where an answer says for which time they are, they wait for it.
+        let set = if answer.is_some() { &mut self.pending } else { sensors };
+        let mut is_foreign = true;
+        // One frame may carry values of several ports.
+        for (port, assembly) in self.assemblies.iter_mut().filter(|(_, assembly)| assembly.wants(id)) {
+            is_foreign = false;
+            match assembly.take(frame, moment.module_ns.saturating_sub(age_ns)) {
+                Outcome::Whole(bytes, missing) => {
+                    self.counts.incomplete += u64::from(missing > 0);
+                    let is_there = match port {
+                        Port::Analog => set.analog.is_some(),
+                        Port::Gps => set.gps.is_some(),
+                        Port::Custom => set.custom.is_some(),
+                    };
+                    if missing > 0 && is_there {
+                        continue;
+                    }
+                    match port {
+                        Port::Analog => set.analog = RawAnalog::read_from_bytes(&bytes).ok(),
+                        Port::Gps => set.gps = RawGps::read_from_bytes(&bytes).ok(),
+                        Port::Custom => set.custom = Custom::read_from_bytes(&bytes).ok(),
+                    }
                 }
-                match port {
-                    Port::Analog => set.analog = RawAnalog::read_from_bytes(&bytes).ok(),
-                    Port::Gps => set.gps = RawGps::read_from_bytes(&bytes).ok(),
-                    Port::Custom => set.custom = Custom::read_from_bytes(&bytes).ok(),
-                }
+                Outcome::Withheld => self.counts.withheld += 1,
+                Outcome::Part | Outcome::Foreign => {}
             }
-            Outcome::Withheld => self.counts.withheld += 1,
-            Outcome::Part | Outcome::Foreign => {}
         }
+        self.counts.foreign += u64::from(is_foreign && frame.is_of_the_bus());
     }
 }
 
@@ -508,6 +509,22 @@ mod tests {
         assert_eq!(board.cycle(2, &mut wires, &mut conversation).custom, None);
         let counts = conversation.counts();
         assert_eq!((counts.incomplete, counts.withheld), (1, 1));
+    }
+
+    #[test]
+    fn a_frame_that_two_ports_share_gives_both_their_values() {
+        let text = "[port.raw_analog]\nmessage = \"RawAnalog\"\n\
+                    fields = { temperature_k = { frame = \"121\", start = 48, bits = 16 } }\n\
+                    [port.custom]\nmessage = \"Custom\"\n\
+                    fields = { main_v = { frame = \"121\", start = 0, bits = 16 } }\n";
+        let mut conversation = Conversation::new(Table::parse("t", text, None).unwrap()).unwrap();
+        let (moment, mut sensors) = (Moment { module_ns: CYCLE, deadline_ns: CYCLE }, Sensors::default());
+        let frame = Frame::classic(Id::Standard(0x121), &[12, 0, 0, 0, 0, 0, 0x20, 1]);
+        conversation.take(&frame, 0, &moment, &mut sensors);
+        let values =
+            (sensors.analog.map(|analog| analog.temperature_k), sensors.custom.map(|set| set.main_v));
+        assert_eq!(values, (Some(288.0), Some(12.0)));
+        assert_eq!(conversation.counts(), Counts::default());
     }
 
     #[test]

@@ -17,7 +17,7 @@ mod uplink;
 pub use downlink::{BACKLOG, Downlink};
 pub use health::HealthTexts;
 pub use kept::Kept;
-pub use numbers::{Numbers, Rates, parameters};
+pub use numbers::{Numbers, Rates, parameters, sane_runway};
 pub use paced::Paced;
 pub use radio::{Radio, RadioError};
 pub use silence::{Heard, OnSilence, Silence};

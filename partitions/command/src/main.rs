@@ -9,7 +9,7 @@ use bateleur_apex::{
 };
 use bateleur_command::{
     Delivery, Downlink, Encoding, HealthTexts, Heard, Kept, Numbers, OnSilence, Paced, Radio, Rates, Setup,
-    Silence, Station, Uplink, parameters, receivers,
+    Silence, Station, Uplink, parameters, receivers, sane_runway,
 };
 use bateleur_mavlink::Runway;
 use bateleur_messages::frame::Frame;
@@ -427,11 +427,12 @@ fn numbers(context: &mut Context, baud: u32) -> Result<Numbers, StartError> {
         baud,
         mavlink: address.is_some(),
         system: context.attribute("system", 1)?,
-        runway: Runway {
+        runway: sane_runway(Runway {
             latitude_deg: context.attribute("origin_latitude_deg", usual.latitude_deg)?,
             longitude_deg: context.attribute("origin_longitude_deg", usual.longitude_deg)?,
             altitude_m: context.attribute("origin_altitude_m", usual.altitude_m)?,
-        },
+        })
+        .map_err(StartError::Other)?,
         encoding: Encoding::from_name(&encoding).ok_or_else(|| {
             StartError::Other(format!(
                 "attribute parameter_encoding = \"{encoding}\": give \"bytes\" (QGroundControl) or \"cast\" (MAVProxy)"

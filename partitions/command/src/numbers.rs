@@ -44,6 +44,23 @@ pub struct Numbers {
     pub lost_link_after_s: f64,
 }
 
+/// A runway that GPS would have as well.
+///
+/// # Errors
+/// What is wrong with it, and what to give.
+pub fn sane_runway(runway: Runway) -> Result<Runway, String> {
+    let is_sane = runway.latitude_deg.abs() < 85.0
+        && runway.longitude_deg.abs() <= 180.0
+        && (-500.0..6_000.0).contains(&runway.altitude_m);
+    match is_sane {
+        true => Ok(runway),
+        false => Err(format!(
+            "attributes origin_…: {runway:?} is no runway; give degrees within ±85 and ±180 and metres above sea level, \
+             the same as GPS has"
+        )),
+    }
+}
+
 /// The table.
 pub fn parameters() -> Parameters<Numbers> {
     Parameters::new(FROM_COMMAND, ROWS)
@@ -95,4 +112,23 @@ static ROWS: &[Row<Numbers>] = &[
 /// A value that is of use only where MAVLink is spoken.
 fn spoken(numbers: &Numbers, value: f64) -> Option<f64> {
     numbers.mavlink.then_some(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runway_that_is_nowhere_on_earth_is_refused_as_gps_refuses_it() {
+        let usual = Runway::default();
+        assert_eq!(sane_runway(usual), Ok(usual));
+        for runway in [
+            Runway { latitude_deg: 999.0, ..usual },
+            Runway { latitude_deg: f64::NAN, ..usual },
+            Runway { longitude_deg: -181.0, ..usual },
+            Runway { altitude_m: 9e3, ..usual },
+        ] {
+            assert!(sane_runway(runway).unwrap_err().contains("origin_"), "{runway:?}");
+        }
+    }
 }

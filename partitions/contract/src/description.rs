@@ -87,6 +87,8 @@ pub struct PortDescription {
     pub message: String,
     /// Bytes of a message; for queuing ports the most that one holds.
     pub size: u32,
+    /// A number that differs where the message type's fields do; 0: they are not known.
+    pub layout: u32,
     /// The service that carries the channel; empty for a port without a channel.
     pub channel: String,
     /// Sampling destination: the age up to which a value is valid, ns.

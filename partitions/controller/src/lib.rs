@@ -23,7 +23,7 @@ pub use kept::Kept;
 pub use orders::{Answer, Orders};
 pub use parameters::{Memory, parameters};
 pub use settings::{Settings, planned_waypoints};
-pub use waypoints::{List, Waypoints};
+pub use waypoints::{Change, List, Waypoints};
 
 use bateleur_flight::control::fallback::Basis;
 use bateleur_flight::control::outer::normal_for;
@@ -120,7 +120,10 @@ impl Function {
                 Answer::Refused(Refusal::OutsideFence)
             }
             order => {
-                let begins = matches!(order, Order::Navigation { on: true }) && !self.orders.navigation;
+                // A mission that is over has nothing to go on with: it begins again.
+                let over = self.is_finished(&self.controller.guidance().snapshot());
+                let begins =
+                    matches!(order, Order::Navigation { on: true }) && (!self.orders.navigation || over);
                 let answer = self.orders.take(order);
                 match order {
                     Order::Navigation { on: true } => self.go_on(),
@@ -242,19 +245,18 @@ impl Function {
     }
 
     fn take_waypoint(&mut self, point: &bateleur_messages::ground::Waypoint) -> Answer {
-        let before = self.waypoints.flown().len();
-        let changed = match self.waypoints.take(point) {
-            Ok(changed) => changed,
+        let change = match self.waypoints.take(point) {
+            Ok(change) => change,
             Err(answer) => return answer,
         };
-        if changed {
+        if change != Change::None {
             let progress = self.controller.guidance().snapshot();
             // Every point was checked when it was taken; a list that fits is a mission.
             let Ok(mut next) = guidance(&self.settings.guidance, &self.waypoints) else {
                 return Answer::Refused(Refusal::NoWaypoints);
             };
-            if self.waypoints.flown().len() == before {
-                next.resume(&progress); // one point was moved: the mission goes on
+            if change == Change::Moved {
+                next.resume(&progress); // the mission goes on; another one begins at its first point
             }
             *self.controller.guidance_mut() = next;
         }

@@ -34,7 +34,7 @@ impl Settings {
         let airframe = airframe(attributes)?;
         Ok(Self {
             airframe,
-            guidance: GuidanceConfig { fastest_mps: airframe.fastest_mps(), ..guidance(attributes)? },
+            guidance: guidance(attributes)?.of_airframe(&airframe),
             control: control(attributes)?,
             take_off: take_off(attributes, &airframe)?,
             fence: fence(attributes)?,

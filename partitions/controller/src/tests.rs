@@ -212,6 +212,72 @@ fn moving_one_way_point_does_not_begin_the_mission_anew() {
     assert_eq!(function.controller.guidance().waypoints()[1].north_m, 450.0);
 }
 
+/// The seed's way-points, this far further north, as a list of their own.
+fn load_another_mission(function: &mut Function, north_m: f64) {
+    let message = |index, count, point: &Waypoint| ground::Waypoint {
+        index,
+        count,
+        north_m: point.north_m + north_m,
+        east_m: point.east_m,
+        altitude_m: point.altitude_m,
+        heading_rad: point.heading_rad,
+        airspeed_mps: point.airspeed_mps,
+    };
+    let points = seed_waypoints();
+    function.order(&Order::Waypoint(message(0, 5, &points[0])), true);
+    for (point, index) in points.iter().zip(0..) {
+        let order = Order::Waypoint(message(index, 4, point));
+        assert_eq!(function.order(&order, true), Answer::Accepted);
+    }
+}
+
+#[test]
+fn a_new_mission_of_as_many_way_points_is_not_gone_on_with_but_begun() {
+    for progress in [GuidanceSnapshot { next: 2, reached: 6 }, GuidanceSnapshot { next: 1, reached: 9 }] {
+        let mut function = on_mission();
+        function.controller.guidance_mut().resume(&progress);
+        load_another_mission(&mut function, 0.0);
+        assert_eq!(function.controller.guidance().snapshot(), progress, "the same mission goes on");
+        load_another_mission(&mut function, 40.0);
+        assert_eq!(function.controller.guidance().snapshot(), GuidanceSnapshot::default());
+        assert_eq!(fly(&mut function, 1..3, Some(&flying(0.0, 160.0))).finished, 0);
+    }
+}
+
+#[test]
+fn a_restart_while_a_new_mission_comes_in_goes_on_with_the_old_one_and_begins_the_new_one() {
+    let mut first = on_mission();
+    let progress = GuidanceSnapshot { next: 2, reached: 6 };
+    first.controller.guidance_mut().resume(&progress);
+    let begun = Order::Waypoint(ground::Waypoint {
+        index: 0,
+        count: 5,
+        north_m: 0.0,
+        east_m: 0.0,
+        altitude_m: 160.0,
+        heading_rad: 0.0,
+        airspeed_mps: 22.0,
+    });
+    first.order(&begun, true);
+    let mut second = Function::new(settings(), &[], Some(&first.kept())).unwrap();
+    assert_eq!(second.controller.guidance().snapshot(), progress);
+    load_another_mission(&mut second, 40.0);
+    assert_eq!(second.controller.guidance().snapshot(), GuidanceSnapshot::default());
+}
+
+#[test]
+fn navigation_ordered_again_begins_a_mission_that_is_over_anew_and_leaves_another_alone() {
+    let mut function = on_mission();
+    let on = Order::Navigation { on: true };
+    let under_way = GuidanceSnapshot { next: 2, reached: 6 };
+    function.controller.guidance_mut().resume(&under_way);
+    function.order(&on, true);
+    assert_eq!(function.controller.guidance().snapshot(), under_way);
+    function.controller.guidance_mut().resume(&GuidanceSnapshot { next: 1, reached: 9 });
+    function.order(&on, true);
+    assert_eq!(function.controller.guidance().snapshot(), GuidanceSnapshot::default());
+}
+
 #[test]
 fn two_laps_of_four_way_points_are_finished_with_the_return_to_the_first() {
     let mut function = on_mission();

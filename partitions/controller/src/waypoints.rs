@@ -1,13 +1,25 @@
 //! The list of way-points: one is put together from the ground's messages, one is flown.
 //!
 //! Messages may be lost, come twice and in any order. A list is flown when all of it is there; after that, a point
-//! that comes again with other values is moved at once.
+//! that comes again with other values is moved at once. Whoever means a new list of as many points, and not points that
+//! move, begins one of another count first: then it is put together and flown whole.
 
 use bateleur_flight::guidance::{Guidance, GuidanceConfig, GuidanceError, MAX_WAYPOINTS, Waypoint};
 use bateleur_messages::ground;
 use bateleur_messages::telemetry::Refusal;
 
 use crate::orders::Answer;
+
+/// What a way-point has done to the list that is flown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Change {
+    /// Nothing.
+    None,
+    /// One of its points is elsewhere.
+    Moved,
+    /// It is another list.
+    New,
+}
 
 /// Way-points, of which some may be missing.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,8 +71,8 @@ impl Waypoints {
         Ok(())
     }
 
-    /// Takes one way-point; gives whether the list to fly has changed.
-    pub fn take(&mut self, message: &ground::Waypoint) -> Result<bool, Answer> {
+    /// Takes one way-point; gives what has become of the list to fly.
+    pub fn take(&mut self, message: &ground::Waypoint) -> Result<Change, Answer> {
         let (index, count) = (usize::from(message.index), usize::from(message.count));
         if count > MAX_WAYPOINTS || index >= count {
             return Err(Answer::Refused(Refusal::TooManyWaypoints));
@@ -78,13 +90,14 @@ impl Waypoints {
         if self.staged.count != count {
             self.staged = List::of(count);
         }
+        let was_whole = !self.staged.whole().is_empty();
         self.staged.points[index] = point;
         self.staged.there |= 1 << index;
-        let changed = !self.staged.whole().is_empty() && self.staged != self.flown;
-        if changed {
-            self.flown = self.staged;
+        if self.staged.whole().is_empty() || self.staged == self.flown {
+            return Ok(Change::None);
         }
-        Ok(changed)
+        self.flown = self.staged;
+        Ok(if was_whole { Change::Moved } else { Change::New })
     }
 }
 
@@ -113,11 +126,11 @@ mod tests {
     #[test]
     fn a_list_is_flown_when_all_of_it_is_there_in_any_order() {
         let mut waypoints = Waypoints::default();
-        assert_eq!(waypoints.take(&point(2, 3, 300.0)), Ok(false));
-        assert_eq!(waypoints.take(&point(0, 3, 100.0)), Ok(false));
-        assert_eq!(waypoints.take(&point(0, 3, 100.0)), Ok(false));
+        assert_eq!(waypoints.take(&point(2, 3, 300.0)), Ok(Change::None));
+        assert_eq!(waypoints.take(&point(0, 3, 100.0)), Ok(Change::None));
+        assert_eq!(waypoints.take(&point(0, 3, 100.0)), Ok(Change::None));
         assert!(waypoints.flown().is_empty());
-        assert_eq!(waypoints.take(&point(1, 3, 200.0)), Ok(true));
+        assert_eq!(waypoints.take(&point(1, 3, 200.0)), Ok(Change::New));
         let norths: Vec<_> = waypoints.flown().iter().map(|point| point.north_m).collect();
         assert_eq!(norths, [100.0, 200.0, 300.0]);
     }
@@ -126,8 +139,8 @@ mod tests {
     fn a_point_that_comes_again_changes_nothing_and_another_one_moves() {
         let mut waypoints = Waypoints::default();
         load(&mut waypoints, 0..2, 2, 100.0);
-        assert_eq!(waypoints.take(&point(1, 2, 100.0)), Ok(false));
-        assert_eq!(waypoints.take(&point(1, 2, 150.0)), Ok(true));
+        assert_eq!(waypoints.take(&point(1, 2, 100.0)), Ok(Change::None));
+        assert_eq!(waypoints.take(&point(1, 2, 150.0)), Ok(Change::Moved));
         assert_eq!(waypoints.flown()[1].north_m, 150.0);
     }
 
@@ -137,8 +150,22 @@ mod tests {
         load(&mut waypoints, 0..2, 2, 100.0);
         load(&mut waypoints, 0..2, 3, 200.0);
         assert_eq!(waypoints.flown().len(), 2);
-        assert_eq!(waypoints.take(&point(2, 3, 200.0)), Ok(true));
+        assert_eq!(waypoints.take(&point(2, 3, 200.0)), Ok(Change::New));
         assert_eq!(waypoints.flown().len(), 3);
+    }
+
+    #[test]
+    fn a_list_of_as_many_points_is_a_new_one_when_another_count_was_begun_before() {
+        let mut waypoints = Waypoints::default();
+        load(&mut waypoints, 0..2, 2, 100.0);
+        assert_eq!(waypoints.take(&point(0, 3, 500.0)), Ok(Change::None));
+        assert_eq!(waypoints.take(&point(0, 2, 500.0)), Ok(Change::None));
+        assert_eq!(waypoints.flown()[0].north_m, 100.0, "flown whole or not at all");
+        assert_eq!(waypoints.take(&point(1, 2, 500.0)), Ok(Change::New));
+        // The same list once more is none: what is flown goes on.
+        waypoints.take(&point(0, 3, 500.0)).unwrap();
+        waypoints.take(&point(0, 2, 500.0)).unwrap();
+        assert_eq!(waypoints.take(&point(1, 2, 500.0)), Ok(Change::None));
     }
 
     #[test]

@@ -95,6 +95,12 @@ pub struct Aerodynamics {
     pub pitch_elevator: f64,
     /// C_nβ.
     pub yaw_beta: f64,
+    /// C_np.
+    #[serde(default)]
+    pub yaw_roll_rate: f64,
+    /// C_nδa.
+    #[serde(default)]
+    pub yaw_aileron: f64,
     /// C_nr.
     pub yaw_yaw_rate: f64,
     /// C_nδr, of either sign.
@@ -393,6 +399,24 @@ impl Airframe {
             attached * (a.lift_0 + a.lift_alpha * alpha) + (1.0 - attached) * plate
         };
         (0..750).map(lift).fold(0.0, f64::max)
+    }
+
+    /// Steady roll rate at full aileron for each m/s of airspeed, rad/m: the aileron's moment against the roll's own damping,
+    /// p b/2V = −C_lδa δa/C_lp.
+    pub fn roll_per_airspeed(&self) -> f64 {
+        let a = &self.aerodynamics;
+        -2.0 * a.roll_aileron * self.servo.aileron_limit_rad / (a.roll_roll_rate * self.geometry.wing_span_m)
+    }
+
+    /// Rudder (rad) against the yaw that aileron and roll make to the wrong side: −(C_nδa δa + C_np p b/2V)/C_nδr, of each
+    /// coefficient what is adverse. Where rolling yaws to the right side (C_np > 0), it counters the aileron as much as it does in a
+    /// steady roll.
+    pub fn coordinating_rudder(&self, aileron_rad: f64, roll_rate_radps: f64, airspeed_mps: f64) -> f64 {
+        let (a, span) = (&self.aerodynamics, self.geometry.wing_span_m);
+        let helps = a.yaw_roll_rate.max(0.0) * a.roll_aileron / a.roll_roll_rate.abs();
+        let aileron = (a.yaw_aileron + helps).min(0.0) * aileron_rad;
+        let roll = a.yaw_roll_rate.min(0.0) * roll_rate_radps * span / (2.0 * airspeed_mps);
+        -(aileron + roll) / a.yaw_rudder
     }
 
     fn level_lift_coefficient(&self, airspeed_mps: f64, density_kgpm3: f64) -> f64 {

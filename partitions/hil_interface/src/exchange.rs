@@ -14,6 +14,10 @@ use crate::mavlink::Mavlink;
 /// simulator sends a few datagrams a window, one with steps of its own a few more.
 const LOOKS: usize = 32;
 
+/// Times that a window empties the socket of a free-running simulator before it takes what is newest, at 16 datagrams each:
+/// more than the system's buffer holds of sensor sets, so that none of them is still there a window later.
+const FREE_DRAINS: usize = 20;
+
 /// Times that a question is asked at most. On the wall clock there is time for two; where time stands still until the answer comes, they
 /// are many short ones.
 const TRIES: usize = 20;
@@ -108,7 +112,12 @@ impl Conversation {
         self.inbox.counters()
     }
 
-    /// The same as a message, at module time `time_ns`.
+    /// What the simulator sends that can hardly be meant so, to be told once.
+    pub fn remarks(&mut self) -> Vec<String> {
+        self.inbox.remarks()
+    }
+
+    /// The same counters as a message, at module time `time_ns`.
     pub fn report(&self, time_ns: u64) -> SimulatorLink {
         let counters = self.inbox.counters();
         SimulatorLink {
@@ -133,7 +142,7 @@ impl Conversation {
 
     /// Asks the simulator and gives its answer, or what else is new.
     ///
-    /// In lockstep it waits for the very answer. Where datagrams may be lost, it asks a second time where none came
+    /// In lockstep it waits for the answer. Where datagrams may be lost, it asks a second time where none came
     /// within a third of the time: one lost datagram in either direction then costs nothing. A simulator that has moved on by a
     /// step of its own is asked again until it has come as far as it shall. With a simulator that has a clock of its own, whatever came
     /// since the last window is taken, and waited for only where there is nothing.
@@ -144,7 +153,11 @@ impl Conversation {
         if self.lockstep {
             self.await_answer(timers, moment, time);
         } else {
-            self.drain();
+            for _ in 0..FREE_DRAINS {
+                if !self.drain() || time.now_ns() >= moment.deadline_ns {
+                    break;
+                }
+            }
             for _ in 0..LOOKS {
                 if self.inbox.has_news() || !self.link.wait(time, moment.deadline_ns, false) {
                     break;
@@ -210,14 +223,20 @@ impl Conversation {
         }
     }
 
-    fn drain(&mut self) {
+    /// Takes a part of what has come; false: there was nothing.
+    fn drain(&mut self) -> bool {
         let Self { link, speech, inbox, .. } = self;
-        let socket = link.drain(|chunk| match (&mut *speech, chunk) {
-            (Speech::Mavlink(mavlink), chunk) => mavlink.take(chunk, inbox),
-            (Speech::Native, Chunk::Datagram(datagram)) => inbox.take(datagram),
-            (Speech::Native, Chunk::Stream(_) | Chunk::End) => {} // it has no streams
+        let mut came = false;
+        let socket = link.drain(|chunk| {
+            came = true;
+            match (&mut *speech, chunk) {
+                (Speech::Mavlink(mavlink), chunk) => mavlink.take(chunk, inbox),
+                (Speech::Native, Chunk::Datagram(datagram)) => inbox.take(datagram),
+                (Speech::Native, Chunk::Stream(_) | Chunk::End) => {} // it has no streams
+            }
         });
         inbox.counters_mut().add_socket(&socket);
+        came || socket.strangers > 0
     }
 }
 
@@ -383,6 +402,23 @@ mod tests {
         assert_eq!(world.run(&mut link), Sensors::default());
         assert!(world.waits.get() <= LOOKS);
         assert!(link.counters().refused > 0);
+    }
+
+    #[test]
+    fn free_running_simulator_that_sends_more_than_sixteen_sets_a_window_is_not_flown_by_ever_older_ones() {
+        let (world, mut link) = World::timed(&[], false);
+        let own = std::net::SocketAddr::from(([127, 0, 0, 1], link.link.own_port()));
+        for cycle in 1..=20 {
+            for step in 1..=20 {
+                let mut bytes = Vec::new();
+                let measured_ns = cycle * CYCLE + step * 1_000_000;
+                Packet::Analog(RawAnalog { measured_ns, ..RawAnalog::default() }).write(&mut bytes);
+                world.simulator.send_to(&bytes, own).unwrap();
+            }
+            let taken = world.run_at(&mut link, (cycle + 1) * CYCLE).analog.map(|analog| analog.measured_ns);
+            assert_eq!(taken, Some((cycle + 1) * CYCLE), "the newest");
+        }
+        assert_eq!((link.counters().stale, world.waits.get()), (0, 0));
     }
 
     #[test]

@@ -4,9 +4,20 @@ use bateleur_messages::frame::Decoder;
 use bateleur_messages::hil::Packet;
 use bateleur_messages::{Custom, RawAnalog, RawGps};
 
+use crate::remarks::Remarks;
+
 /// After this many windows without anything new, an older time is believed again: the simulator was started anew, or
 /// one damaged time stamp lay far in the future. One second at 50 Hz.
 const STUBBORN_WINDOWS: u32 = 50;
+/// The same for fixes, which come once a second at the slowest.
+const STUBBORN_FIX_WINDOWS: u32 = 100;
+/// Further from module time and from the newest sensors than this, a fix is not believed, ns: no receiver is slower.
+const FIX_NEAR_NS: u64 = 2_000_000_000;
+/// A stamp that lies no further from the question than this answers it, whatever the cycle, ns: what a clock in
+/// floating-point seconds or in whole microseconds makes of it.
+const ROUNDING_NS: u64 = 1_000;
+/// The furthest that an answer's stamp may lie from the question, ns: half a cycle at 50 Hz.
+const FURTHEST_NS: u64 = 10_000_000;
 
 /// One window's sensors, as far as they came.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -72,12 +83,17 @@ pub struct Inbox {
     /// The answers are those to the questions, and others count as stale.
     lockstep: bool,
     asked_ns: u64,
+    /// How far beside the question a stamp may lie that answers it, ns.
+    tolerance_ns: u64,
     answered: bool,
     sensors: Sensors,
     last_analog_ns: Option<u64>,
     last_gps_ns: Option<u64>,
     windows_without: u32,
+    /// Windows since a fix was taken.
+    windows_without_fix: u32,
     counters: Counters,
+    remarks: Remarks,
 }
 
 impl Inbox {
@@ -86,12 +102,15 @@ impl Inbox {
         Self {
             lockstep,
             asked_ns: 0,
+            tolerance_ns: ROUNDING_NS,
             answered: false,
             sensors: Sensors::default(),
             last_analog_ns: None,
             last_gps_ns: None,
             windows_without: 0,
+            windows_without_fix: 0,
             counters: Counters::default(),
+            remarks: Remarks::default(),
         }
     }
 
@@ -107,10 +126,18 @@ impl Inbox {
 
     /// A window begins, whose question is for module time `asked_ns`.
     pub fn begin(&mut self, asked_ns: u64) {
+        // A late answer lies a whole step beside this question.
+        let half_step_ns = asked_ns.saturating_sub(self.asked_ns) / 2;
+        self.tolerance_ns = half_step_ns.clamp(ROUNDING_NS, FURTHEST_NS);
         (self.asked_ns, self.answered, self.sensors) = (asked_ns, false, Sensors::default());
     }
 
-    /// Whether the very answer to the question is there.
+    /// What the simulator sends that can hardly be meant so, to be told once.
+    pub(crate) fn remarks(&mut self) -> Vec<String> {
+        self.remarks.take()
+    }
+
+    /// Whether the answer to the question is there.
     pub fn is_answered(&self) -> bool {
         self.answered
     }
@@ -150,9 +177,13 @@ impl Inbox {
         self.sensors.custom = Some(custom);
     }
 
-    /// A fix, which is taken if it is news.
+    /// A fix whose time can be, which is taken if it is news.
     pub(crate) fn put_gps(&mut self, gps: RawGps) {
-        self.gps(&gps);
+        let newest = self.sensors.gps.map(|held| held.measured_ns).or(self.last_gps_ns);
+        let patient = self.windows_without_fix >= STUBBORN_FIX_WINDOWS;
+        if is_news(gps.measured_ns, newest, patient) {
+            self.sensors.gps = Some(gps);
+        }
     }
 
     /// Takes a datagram of the simulator, in the native protocol.
@@ -182,9 +213,12 @@ impl Inbox {
             self.counters.missing += 1;
             self.windows_without = self.windows_without.saturating_add(1);
         }
+        self.windows_without_fix = self.windows_without_fix.saturating_add(1);
         if let Some(gps) = &sensors.gps {
             self.last_gps_ns = Some(gps.measured_ns);
+            self.windows_without_fix = 0;
         }
+        self.remarks.note_values(&sensors);
         sensors
     }
 
@@ -198,27 +232,48 @@ impl Inbox {
         }
     }
 
-    /// The answer to the question outdoes any other; of others, the newest counts if it is new.
+    /// The answer to the question outdoes any other, and of several the one nearest to it; of others, the newest counts
+    /// if it is new.
     fn analog(&mut self, analog: &RawAnalog) {
-        if analog.measured_ns == self.asked_ns {
+        let beside_ns = i128::from(analog.measured_ns) - i128::from(self.asked_ns);
+        let is_answer = self.answers(analog.measured_ns);
+        if self.lockstep {
+            self.remarks.note_time(beside_ns, is_answer);
+        }
+        if is_answer {
+            let held = self.sensors.analog.filter(|_| self.answered);
+            let nearest_ns = held.map(|held| held.measured_ns.abs_diff(self.asked_ns));
+            if nearest_ns.is_none_or(|nearest_ns| beside_ns.unsigned_abs() <= nearest_ns.into()) {
+                self.sensors.analog = Some(*analog);
+            }
             self.answered = true;
-            self.sensors.analog = Some(*analog);
             return;
         }
-        let newest = self.sensors.analog.map(|held| held.measured_ns);
-        let is_news = self.is_news(analog.measured_ns, newest.or(self.last_analog_ns));
+        let newest = self.sensors.analog.map(|held| held.measured_ns).or(self.last_analog_ns);
+        let is_news = is_news(analog.measured_ns, newest, self.is_alone());
         self.counters.stale += u64::from(self.lockstep || !is_news);
         if !self.answered && is_news {
             self.sensors.analog = Some(*analog);
         }
     }
 
-    /// A fix may be older than the question by the receiver's latency; a repeated answer repeats it.
+    /// Whether sensors of this time answer the question. A free-running simulator answers none.
+    fn answers(&self, measured_ns: u64) -> bool {
+        let beside_ns = measured_ns.abs_diff(self.asked_ns);
+        let is_repeated = self.last_analog_ns == Some(measured_ns);
+        self.lockstep && (beside_ns == 0 || (beside_ns <= self.tolerance_ns && !is_repeated))
+    }
+
+    /// A fix may be older than the question by the receiver's latency; a repeated answer repeats it. One whose time can
+    /// not be would otherwise shut out all that follow.
     fn gps(&mut self, gps: &RawGps) {
-        let newest = self.sensors.gps.map(|held| held.measured_ns);
-        if self.is_news(gps.measured_ns, newest.or(self.last_gps_ns)) {
-            self.sensors.gps = Some(*gps);
+        let newest_ns = self.sensors.analog.map(|held| held.measured_ns).or(self.last_analog_ns);
+        let near = |time_ns: u64| gps.measured_ns.abs_diff(time_ns) <= FIX_NEAR_NS;
+        if near(self.asked_ns) || newest_ns.is_some_and(near) {
+            return self.put_gps(*gps);
         }
+        self.counters.invalid += 1;
+        self.remarks.note_fix_time(i128::from(gps.measured_ns) - i128::from(self.asked_ns));
     }
 
     fn custom(&mut self, custom: &Custom) {
@@ -227,11 +282,11 @@ impl Inbox {
             self.sensors.custom = Some(*custom);
         }
     }
+}
 
-    fn is_news(&self, measured_ns: u64, newest_ns: Option<u64>) -> bool {
-        newest_ns
-            .is_none_or(|newest_ns| measured_ns > newest_ns || (self.is_alone() && measured_ns != newest_ns))
-    }
+/// Whether a time is later than the newest one, or another at least where one has waited long enough for a later one.
+fn is_news(measured_ns: u64, newest_ns: Option<u64>, patient: bool) -> bool {
+    newest_ns.is_none_or(|newest_ns| measured_ns > newest_ns || (patient && measured_ns != newest_ns))
 }
 
 #[cfg(test)]
@@ -242,7 +297,8 @@ mod tests {
 
     fn analog(measured_ns: u64) -> Vec<u8> {
         let mut bytes = Vec::new();
-        Packet::Analog(RawAnalog { measured_ns, ..RawAnalog::default() }).write(&mut bytes);
+        let sound = RawAnalog { interval_ns: CYCLE, static_pressure_pa: 101_325.0, ..RawAnalog::default() };
+        Packet::Analog(RawAnalog { measured_ns, ..sound }).write(&mut bytes);
         bytes
     }
 
@@ -291,6 +347,100 @@ mod tests {
         inbox.begin(2 * CYCLE);
         inbox.take(&analog(2 * CYCLE));
         assert_eq!(published(&mut inbox), Some(2 * CYCLE));
+    }
+
+    #[test]
+    fn an_answer_whose_stamp_was_rounded_is_the_answer_and_is_told_once() {
+        for beside_ns in [-500_000, -1, 1, 1_000, 9_000_000] {
+            let mut inbox = Inbox::new(true);
+            let mut told = Vec::new();
+            for cycle in 1..100 {
+                inbox.begin(cycle * CYCLE);
+                inbox.take(&analog((cycle * CYCLE).saturating_add_signed(beside_ns)));
+                assert!(inbox.is_answered(), "cycle {cycle}, {beside_ns} ns");
+                assert!(published(&mut inbox).is_some());
+                told.extend(inbox.remarks());
+            }
+            assert_eq!((inbox.counters().accepted, inbox.counters().stale), (99, 0));
+            assert!(told.len() == 1 && told[0].contains("another time than asked"), "{told:?}");
+        }
+    }
+
+    #[test]
+    fn a_rounded_stamp_does_not_make_a_late_answer_the_answer() {
+        let mut inbox = Inbox::new(true);
+        for cycle in 1..10 {
+            inbox.begin(cycle * CYCLE);
+            inbox.take(&analog((cycle - 1) * CYCLE + 1));
+            assert!(!inbox.is_answered());
+            inbox.take(
+                &[analog(cycle * CYCLE + 1), analog(cycle * CYCLE), analog(cycle * CYCLE - 7)].concat(),
+            );
+            assert_eq!(published(&mut inbox), Some(cycle * CYCLE), "the nearest");
+        }
+    }
+
+    #[test]
+    fn answers_that_are_always_late_are_told_after_a_second_and_a_single_late_one_is_not() {
+        let mut inbox = Inbox::new(true);
+        for cycle in 1..=100 {
+            inbox.begin(cycle * CYCLE);
+            inbox.take(&[analog((cycle - 1) * CYCLE), analog(cycle * CYCLE)].concat());
+            inbox.finish();
+        }
+        assert_eq!(inbox.remarks(), Vec::<String>::new());
+        let told = |inbox: &mut Inbox, cycle| {
+            inbox.begin(cycle * CYCLE);
+            inbox.take(&analog((cycle - 1) * CYCLE));
+            inbox.finish();
+            inbox.remarks().len()
+        };
+        assert_eq!((101..300).map(|cycle| told(&mut inbox, cycle)).sum::<usize>(), 1);
+    }
+
+    #[test]
+    fn of_a_free_running_simulator_the_newest_counts_also_where_one_meets_the_question() {
+        let mut inbox = Inbox::new(false);
+        inbox.begin(CYCLE);
+        inbox.take(&[analog(CYCLE), analog(CYCLE + 1_000_000)].concat());
+        assert_eq!(published(&mut inbox), Some(CYCLE + 1_000_000));
+    }
+
+    fn fixes(inbox: &mut Inbox, cycle: u64, measured_ns: u64) -> Option<u64> {
+        let mut bytes = analog(cycle * CYCLE);
+        Packet::Gps(RawGps { measured_ns, ..RawGps::default() }).write(&mut bytes);
+        inbox.begin(cycle * CYCLE);
+        inbox.take(&bytes);
+        inbox.finish().gps.map(|gps| gps.measured_ns)
+    }
+
+    #[test]
+    fn one_fix_from_the_future_is_counted_and_told_and_does_not_shut_out_the_right_ones() {
+        let mut inbox = Inbox::new(true);
+        assert_eq!(fixes(&mut inbox, 10, 9 * CYCLE), Some(9 * CYCLE));
+        for future_ns in [u64::MAX, 1_000_000_000_000_000_000, 20 * CYCLE + 2_000_000_001] {
+            assert_eq!(fixes(&mut inbox, 20, future_ns), None);
+        }
+        assert_eq!((inbox.counters().invalid, inbox.remarks().len()), (3, 1));
+        assert_eq!(fixes(&mut inbox, 21, 20 * CYCLE), Some(20 * CYCLE));
+        assert_eq!(fixes(&mut inbox, 22, 22 * CYCLE + 1_900_000_000), Some(22 * CYCLE + 1_900_000_000));
+        let heard = (23..223).filter(|cycle| fixes(&mut inbox, *cycle, cycle * CYCLE).is_some()).count();
+        assert!(heard >= 99, "{heard}: what can still be believed costs two seconds of fixes");
+    }
+
+    #[test]
+    fn fixes_of_a_simulator_with_its_own_clock_are_taken_beside_its_sensors() {
+        let mut inbox = Inbox::new(true);
+        let own_ns = 1_700_000_000_000_000_000;
+        for cycle in 1..10 {
+            let mut bytes = analog(own_ns + cycle * CYCLE);
+            Packet::Gps(RawGps { measured_ns: own_ns + cycle * CYCLE, ..RawGps::default() })
+                .write(&mut bytes);
+            inbox.begin(cycle * CYCLE);
+            inbox.take(&bytes);
+            assert!(inbox.finish().gps.is_some());
+        }
+        assert_eq!(inbox.counters().invalid, 0);
     }
 
     #[test]

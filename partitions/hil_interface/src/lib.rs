@@ -5,13 +5,15 @@
 //! and never let one bad datagram decide what is taken afterwards.
 //!
 //! [`Inbox`] decides what to believe, `Link` moves bytes (UDP, TCP), `Mavlink` puts them into that protocol's words, [`Conversation`]
-//! is what happens in one window and [`bateleur_apex::Supervision`] says when the simulator has gone and come back.
+//! is what happens in one window and [`bateleur_apex::Supervision`] says when the simulator has gone and come back;
+//! `Remarks` says once what a simulator can hardly mean.
 
 mod exchange;
 mod inbox;
 mod link;
 mod mavlink;
 mod parameters;
+mod remarks;
 mod tcp;
 mod udp;
 

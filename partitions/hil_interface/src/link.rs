@@ -103,6 +103,14 @@ impl Link {
         }
     }
 
+    #[cfg(test)]
+    pub(crate) fn own_port(&self) -> u16 {
+        match self {
+            Self::Udp(link) => link.own_port(),
+            Self::Tcp(_) => 0,
+        }
+    }
+
     /// Whether what is sent arrives unless the connection breaks.
     pub(crate) fn is_reliable(&self) -> bool {
         matches!(self, Self::Tcp(_))

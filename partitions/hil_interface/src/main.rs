@@ -84,6 +84,7 @@ impl Partition for HilInterface {
             let sensors = self.ask(window);
             self.publish(&sensors);
             self.supervise(window, sensors.analog.is_some());
+            self.conversation.remarks().iter().for_each(|remark| window.report(remark));
             self.retained.store(&self.kept);
         }
         self.status.write(&self.function_status());

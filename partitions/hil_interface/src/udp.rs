@@ -31,6 +31,11 @@ impl UdpLink {
         Ok(Self { socket, simulator })
     }
 
+    #[cfg(test)]
+    pub(crate) fn own_port(&self) -> u16 {
+        self.socket.local_addr().map_or(0, |address| address.port())
+    }
+
     /// Sends a datagram. An error (the network is down, nobody listens) is counted: there will be a next cycle.
     pub(crate) fn send(&self, datagram: &[u8], counters: &mut Counters) {
         match self.socket.send_to(datagram, self.simulator) {
@@ -39,7 +44,7 @@ impl UdpLink {
         }
     }
 
-    /// Takes out what has come and gives it to `take`. Datagrams of strangers are counted and thrown away; the counts are given back.
+    /// Takes out what has come, up to a bound, and gives it to `take`. Datagrams of strangers are counted and thrown away; the counts are given back.
     pub(crate) fn drain(&self, mut take: impl FnMut(&[u8])) -> Counters {
         let mut counters = Counters::default();
         let mut datagram = [0; LONGEST_DATAGRAM];

@@ -23,6 +23,17 @@ pub struct Field {
     pub offset: usize,
 }
 
+/// A number that differs where the fields differ, in name, kind, count or place: programs that were built from different messages of
+/// one name and size would read wrong values (FNV-1a, 32 bits).
+pub fn layout_of(fields: &[Field]) -> u32 {
+    let numbers = |field: &Field| [field.kind as u64, field.count as u64, field.offset as u64];
+    let bytes = fields.iter().flat_map(|field| {
+        let numbers = numbers(field).into_iter().flat_map(u64::to_le_bytes);
+        field.name.bytes().chain([0]).chain(numbers)
+    });
+    bytes.fold(0x811c_9dc5, |hash: u32, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193))
+}
+
 /// The closed set of element kinds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FieldKind {

@@ -26,7 +26,7 @@ pub mod state;
 pub mod telemetry;
 
 pub use control::{ActuatorCommand, FunctionStatus, ServoTimers};
-pub use field::{Field, FieldKind, FieldType, Message};
+pub use field::{Field, FieldKind, FieldType, Message, layout_of};
 pub use gps::{GpsPosition, GpsVelocity, RawGps};
 pub use ground::GroundMessage;
 pub use hil::{Custom, SimulatorLink};

@@ -3,7 +3,7 @@
 //! A and B are folders of runs or flights, or their `ports.mcap`. Every message of every port is compared, bit for bit unless
 //! a tolerance is given. A log that was cut off is compared as far as it goes; that the other one goes on is a difference.
 //! Exit codes: 0 they are equal, 1 they differ, 2 they can not be compared, or not all of it: a port that only one of them
-//! has, another message type, a file that is no log.
+//! has, another message type, a file that is no log, a log that is damaged and in which nothing differs all the same.
 
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -149,7 +149,7 @@ fn first_difference(first: &Difference, a: &End, b: &End) -> String {
         let end_s = end.time_ns as f64 / 1e9;
         // What is missing at the end of a file that was cut off is missing because of that: the recorder writes port by port.
         let _ = match (end.time_ns < *time_ns, &end.cut) {
-            (_, Some(_)) if end.time_ns < *time_ns + CUT_NS => {
+            (_, Some(_)) if end.time_ns < time_ns.saturating_add(CUT_NS) => {
                 writeln!(text, "  only {name} has it: {other} is cut off there, at {end_s:.6} s")
             }
             (true, _) => writeln!(text, "  only {name} has it: {other} ends at {end_s:.6} s"),

@@ -14,8 +14,10 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use bateleur_ground::console::{HELP, Request, describe, status};
 use bateleur_ground::{
-    Board, Console, Link, Mission, MissionPlan, Outcome, ParameterDesk, Pilot, UdpPilot, describe_parameter,
+    Board, Console, Link, Mission, MissionPlan, Outcome, ParameterDesk, Pilot, UdpPilot, WaypointDesk,
+    describe_parameter,
 };
+use bateleur_messages::ground::Order;
 use bateleur_messages::hil::PilotOrder;
 use bateleur_messages::parameter::ParameterValue;
 use bateleur_messages::telemetry::Telemetry;
@@ -70,7 +72,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
             Some(path) => MissionPlan::from_file(path)?,
             None => MissionPlan::thesis(),
         };
-        return script(Mission::new(plan), &mut link, &mut pilot);
+        return script(Mission::new(plan).setting_laps(), &mut link, &mut pilot);
     }
     if let Some(beginning) = &arguments.parameters {
         return list(&mut link, beginning);
@@ -78,7 +80,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     if !arguments.set.is_empty() {
         return set(&mut link, &arguments.set);
     }
-    keyboard(&mut link, &mut pilot, arguments.watch)
+    println!("\"help\" lists what can be typed");
+    keyboard(&mut link, &mut pilot, arguments.watch, &read_lines())
 }
 
 /// The link, and what must live as long as it.
@@ -110,12 +113,13 @@ impl Pilot for Sticks {
     }
 }
 
-fn keyboard(link: &mut Link, pilot: &mut Sticks, watch: bool) -> Result<Code> {
-    println!("\"help\" lists what can be typed");
-    let (begun, lines) = (Instant::now(), read_lines());
+fn keyboard(link: &mut Link, pilot: &mut Sticks, watch: bool, lines: &Receiver<String>) -> Result<Code> {
+    let begun = Instant::now();
     let (mut board, mut console, mut desk) = (Board::default(), Console::new(), ParameterDesk::default());
+    let (mut waypoints, mut held) = (WaypointDesk::default(), None);
     loop {
         let now_ns = begun.elapsed().as_nanos() as u64;
+        link.beat(now_ns)?;
         link.flush()?;
         link.receive(|telemetry| {
             board.take(&telemetry, now_ns);
@@ -127,12 +131,21 @@ fn keyboard(link: &mut Link, pilot: &mut Sticks, watch: bool) -> Result<Code> {
                 println!("{}", describe(&telemetry));
             }
             desk.take(&telemetry);
+            waypoints.take(&telemetry, &board, now_ns);
         })?;
         let (questions, list) = desk.step(now_ns);
         questions.iter().try_for_each(|question| link.send(question))?;
         list.iter().for_each(|list| print!("{list}"));
-        match lines.try_recv() {
+        waypoints.step(now_ns, link)?.iter().for_each(|given_up| println!("{given_up}"));
+        match held.take().map_or_else(|| lines.try_recv(), Ok) {
+            Ok(line) if !waypoints.is_idle() && waits_for_waypoints(&line) => {
+                held = Some(line);
+                std::thread::sleep(STEP);
+            }
             Ok(line) => match console.line(&line) {
+                Ok(Request::Orders(orders)) if matches!(orders.first(), Some(Order::Waypoint(_))) => {
+                    waypoints.request(orders, &board, now_ns);
+                }
                 Ok(Request::Orders(orders)) => orders.iter().try_for_each(|order| link.send(order))?,
                 Ok(Request::Pilot(order)) => pilot.order(PilotOrder { order, reserved: 0 }),
                 Ok(Request::Parameters(beginning)) => desk.list(&beginning),
@@ -143,9 +156,17 @@ fn keyboard(link: &mut Link, pilot: &mut Sticks, watch: bool) -> Result<Code> {
                 Err(error) => println!("{error}"),
             },
             Err(TryRecvError::Empty) => std::thread::sleep(STEP),
+            Err(TryRecvError::Disconnected) if !waypoints.is_idle() => std::thread::sleep(STEP),
             Err(TryRecvError::Disconnected) => return Ok(FINE),
         }
     }
+}
+
+/// Whether a line makes sense only after the way-points that were typed before it. All others, a call for help among them, go
+/// out at once.
+fn waits_for_waypoints(line: &str) -> bool {
+    let word = line.split_whitespace().next().unwrap_or_default();
+    ["waypoint", "navigation", "quit", "exit"].contains(&word)
 }
 
 /// Asks for all parameters and lists some.
@@ -239,5 +260,77 @@ fn script(mut mission: Mission, link: &mut Link, pilot: &mut Sticks) -> Result<C
                 return Ok(WRONG);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bateleur_messages::frame::{self, Decoder};
+    use bateleur_messages::ground::BEAT;
+    use bateleur_messages::telemetry::{Acknowledge, FROM_CONTROLLER};
+    use std::collections::BTreeSet;
+    use std::io::{Read, Write};
+    use std::os::unix::net::UnixStream;
+    use std::sync::mpsc::Sender;
+    use std::thread::JoinHandle;
+
+    /// Somebody at the keyboard, and the aircraft's end of the line.
+    fn somebody() -> (Sender<String>, UnixStream, JoinHandle<Result<Code>>) {
+        let (ours, theirs) = UnixStream::pair().unwrap();
+        theirs.set_read_timeout(Some(STEP)).unwrap();
+        let (sender, lines) = channel();
+        let ground =
+            std::thread::spawn(move || keyboard(&mut Link::new(ours)?, &mut Sticks(None), false, &lines));
+        (sender, theirs, ground)
+    }
+
+    #[test]
+    fn keyboard_at_which_nothing_is_typed_beats_once_a_second() {
+        let (sender, mut aircraft, ground) = somebody();
+        let (begun, mut decoder, mut beats) = (Instant::now(), Decoder::new(), 0);
+        while beats < 2 && begun.elapsed() < Duration::from_secs(20) {
+            let mut bytes = [0; 256];
+            let length = aircraft.read(&mut bytes).unwrap_or(0);
+            beats += decoder.extend(&bytes[..length]).filter(|frame| frame.letter == BEAT).count();
+        }
+        drop(sender);
+        assert_eq!((beats, ground.join().unwrap().unwrap()), (2, FINE));
+    }
+
+    #[test]
+    fn navigation_typed_after_way_points_goes_out_when_all_of_them_have_arrived() {
+        let (sender, mut aircraft, ground) = somebody();
+        (0..12).for_each(|index| sender.send(format!("waypoint {index} {index}00 0 160 22")).unwrap());
+        sender.send("navigation on".to_owned()).unwrap();
+        drop(sender);
+        let (begun, mut decoder, mut taken) = (Instant::now(), Decoder::new(), BTreeSet::new());
+        let mut navigation_after = None;
+        while navigation_after.is_none() && begun.elapsed() < Duration::from_secs(30) {
+            let mut bytes = [0; 4096];
+            let length = aircraft.read(&mut bytes).unwrap_or(0);
+            for frame in decoder.extend(&bytes[..length]) {
+                match frame.letter {
+                    b'W' => {
+                        taken.insert((frame.data[1], frame.data[0]));
+                        let answer = Telemetry::Acknowledge(Acknowledge {
+                            letter: b'W',
+                            first: frame.data[0],
+                            from: FROM_CONTROLLER,
+                            ..Acknowledge::default()
+                        });
+                        let mut bytes = Vec::new();
+                        let (letter, data) = answer.parts();
+                        frame::encode(letter, data, &mut bytes);
+                        aircraft.write_all(&bytes).unwrap();
+                    }
+                    b'N' => navigation_after = Some(taken.len()),
+                    _ => {}
+                }
+            }
+        }
+        // Every list of 1 to 12, each whole.
+        assert_eq!(navigation_after, Some(12 * 13 / 2));
+        assert_eq!(ground.join().unwrap().unwrap(), FINE);
     }
 }

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use bateleur_report::log::{PortLog, topic};
+use bateleur_report::log::{LogError, PortLog, topic};
 
 use super::ports::{Watch, bytes_of, channels};
 use super::target::Target;
@@ -25,8 +25,13 @@ pub(crate) struct Arguments {
     #[arg(long, short, default_value = "ports.mcap")]
     output: PathBuf,
     /// End after so many seconds.
-    #[arg(long = "for", value_name = "SECONDS")]
+    #[arg(long = "for", value_name = "SECONDS", value_parser = parse_span)]
     seconds: Option<f64>,
+}
+
+fn parse_span(text: &str) -> Result<f64, String> {
+    let seconds = text.parse::<f64>().ok().filter(|seconds| seconds.is_finite() && *seconds > 0.0);
+    seconds.ok_or_else(|| format!("\"{text}\" is not a number of seconds above 0"))
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
@@ -51,6 +56,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         tracks.insert(channel.source.clone(), log.add_channel(&topic(partition, port), message)?);
     }
     let mut watch = Watch::start(client, &[])?;
+    let mut left_out: BTreeMap<String, u64> = BTreeMap::new();
     let (begun, mut line, mut messages) = (Instant::now(), Vec::new(), 0_u64);
     let is_over = || arguments.seconds.is_some_and(|seconds| begun.elapsed().as_secs_f64() >= seconds);
     while !stop.load(Ordering::Acquire) && !is_over() {
@@ -66,10 +72,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         else {
             continue;
         };
-        log.write(*track, observation.sequence, observation.source_ns, &bytes)?;
-        messages += 1;
+        match log.write(*track, observation.sequence, observation.source_ns, &bytes) {
+            Err(LogError::Size { .. }) => *left_out.entry(observation.source).or_default() += 1,
+            written => {
+                written?;
+                messages += 1;
+            }
+        }
     }
     log.finish()?;
+    for (port, count) in left_out {
+        eprintln!("bateleur: {count} messages of {port} have another length than its type, and are left out");
+    }
     println!("{messages} messages in {}", arguments.output.display());
     Ok(FINE)
 }

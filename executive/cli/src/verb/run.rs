@@ -313,6 +313,7 @@ fn text_of(event: &Event) -> String {
             format!("{time_s:9.3} s  {log} can not be written any more: {}", printable(reason))
         }
         Event::LogCut { time_s, log, reason } => format!("{time_s:9.3} s  {log} ends: {}", printable(reason)),
+        Event::LogLacks { time_s, log, reason } => format!("{time_s:9.3} s  {log}: {}", printable(reason)),
         Event::Stopped {
             reason,
             module_time_s,

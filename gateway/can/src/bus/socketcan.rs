@@ -35,6 +35,12 @@ pub struct SocketCan {
     interface: String,
     socket: CanFdSocket,
     wanted: Ids,
+    controller: Controller,
+}
+
+/// What frames and reports say of the interface's controller.
+#[derive(Debug)]
+struct Controller {
     state: BusState,
     recovery: Recovery,
     now_ns: u64,
@@ -62,25 +68,29 @@ impl SocketCan {
             .and_then(|pending| pending)
             .map_err(|error| refused(error.into()))?;
         let (interface, wanted) = (interface.to_owned(), wanted.clone());
-        Ok(Self {
-            bus,
-            interface,
-            socket,
-            wanted,
-            state: BusState::Active,
-            recovery: Recovery::default(),
-            now_ns: 0,
-        })
+        Ok(Self { bus, interface, socket, wanted, controller: Controller::new() })
+    }
+}
+
+impl Controller {
+    fn new() -> Self {
+        Self { state: BusState::Active, recovery: Recovery::default(), now_ns: 0 }
     }
 
-    fn note_report(&mut self, frame: &Frame) {
+    fn note(&mut self, frame: &Frame) {
+        if frame.kind() != Kind::Error {
+            // Who is off the bus hears nothing: the report of the restart was lost, for which a full socket is enough.
+            if self.state == BusState::Off {
+                self.restarted();
+            }
+            return;
+        }
         let class = frame.word();
         if class & CLASS_BUS_OFF != 0 {
             self.state = BusState::Off;
             self.recovery.off(self.now_ns);
         } else if class & CLASS_RESTARTED != 0 {
-            self.state = BusState::Active;
-            self.recovery.on();
+            self.restarted();
         } else if class & CLASS_CONTROLLER != 0 && self.state != BusState::Off {
             let detail = frame.data().get(1).copied().unwrap_or(0);
             if detail & PASSIVE_BITS != 0 {
@@ -89,6 +99,11 @@ impl SocketCan {
                 self.state = BusState::Active;
             }
         }
+    }
+
+    fn restarted(&mut self) {
+        self.state = BusState::Active;
+        self.recovery.on();
     }
 }
 
@@ -170,12 +185,9 @@ impl Bus for SocketCan {
                 Err(error) => return Err(refusal(&self.bus, &self.interface, error)),
             };
             let Some(frame) = of_raw(raw) else { continue };
-            if frame.kind() == Kind::Error {
-                self.note_report(&frame);
-                return Ok(Some(frame));
-            }
+            self.controller.note(&frame);
             // The kernel's filter is a little wider.
-            if self.wanted.contain(frame.id()) {
+            if frame.kind() == Kind::Error || self.wanted.contain(frame.id()) {
                 return Ok(Some(frame));
             }
         }
@@ -186,7 +198,7 @@ impl Bus for SocketCan {
             return Ok(Sent::Refused);
         }
         // The kernel would take it and throw it away without a word.
-        if self.state == BusState::Off {
+        if self.controller.state == BusState::Off {
             return Ok(Sent::Full);
         }
         let raw = raw_of(frame);
@@ -205,17 +217,17 @@ impl Bus for SocketCan {
     }
 
     fn state(&self) -> BusState {
-        self.state
+        self.controller.state
     }
 
     fn tend(&mut self, now_ns: u64) -> Result<(), BusError> {
-        self.now_ns = now_ns;
-        self.recovery.tend(now_ns, &self.bus, || restart(&self.interface));
+        self.controller.now_ns = now_ns;
+        self.controller.recovery.tend(now_ns, &self.bus, || restart(&self.interface));
         Ok(())
     }
 
     fn due_ns(&self) -> u64 {
-        self.recovery.due_ns()
+        self.controller.recovery.due_ns()
     }
 
     fn losses(&self) -> Losses {
@@ -223,7 +235,7 @@ impl Bus for SocketCan {
     }
 
     fn complaint(&mut self) -> Option<String> {
-        self.recovery.complaint()
+        self.controller.recovery.complaint()
     }
 }
 
@@ -249,6 +261,22 @@ mod tests {
         let frame = of_raw(CanRawFrame::from(raw)).unwrap();
         assert_eq!((frame.kind(), frame.word() & CLASS_BUS_OFF), (Kind::Error, CLASS_BUS_OFF));
         assert_eq!(frame.id(), Id::Extended(CLASS_BUS_OFF));
+    }
+
+    #[test]
+    fn a_frame_that_is_heard_ends_bus_off_where_the_report_of_the_restart_was_lost() {
+        let mut controller = Controller::new();
+        let report = |class: u32| {
+            let mut raw = can_frame_default();
+            (raw.can_id, raw.can_dlc) = (ERROR_FLAG | class, 8);
+            of_raw(CanRawFrame::from(raw)).unwrap()
+        };
+        controller.note(&report(CLASS_BUS_OFF));
+        controller.note(&report(CLASS_CONTROLLER));
+        assert_eq!(controller.state, BusState::Off, "a report of another kind is no frame of the bus");
+        assert_ne!(controller.recovery.due_ns(), u64::MAX);
+        controller.note(&Frame::classic(Id::Standard(0x123), &[1]));
+        assert_eq!((controller.state, controller.recovery.due_ns()), (BusState::Active, u64::MAX));
     }
 
     proptest! {

@@ -103,7 +103,6 @@ pub struct CampaignResult {
 impl CampaignResult {
     /// Puts the flights together.
     pub fn of(plan: &Plan, lines: &Lines) -> Self {
-        let wanted: Vec<u64> = plan.numbers().collect();
         let (flights, others): (Vec<&Flown>, Vec<&Flown>) =
             lines.flights.values().partition(|flight| plan.has(flight.number));
         let completed: Vec<&Flown> = flights.iter().copied().filter(|flight| flight.completed).collect();
@@ -114,14 +113,14 @@ impl CampaignResult {
             *reasons.entry(without_numbers(&failure.reason)).or_insert(0) += 1;
         }
         Self {
-            asked: wanted.len() as u64,
+            asked: asked(plan),
             flown: flights.len() as u64,
             completed: completed.len() as u64,
             failed,
             reasons,
             figures: Figure::ALL.iter().filter_map(|figure| spread(figure, &completed)).collect(),
             flight_hours: flights.iter().map(|flight| flight.wall_time_s).sum::<f64>() / 3600.0,
-            notes: notes(&wanted, others.len(), lines),
+            notes: notes(plan, flights.len() as u64, others.len(), lines),
             plan: plan.clone(),
         }
     }
@@ -146,22 +145,23 @@ fn without_numbers(reason: &str) -> String {
     text
 }
 
-fn notes(wanted: &[u64], others: usize, lines: &Lines) -> Vec<String> {
+/// Flights of this part. Reckoned and not counted: the plan is a file, and may say any number.
+fn asked(plan: &Plan) -> u64 {
+    let (part, parts) = plan.shard;
+    plan.flights.saturating_sub(part).div_ceil(parts.max(1))
+}
+
+fn notes(plan: &Plan, flown: u64, others: usize, lines: &Lines) -> Vec<String> {
     let mut notes = lines.notes.clone();
     if others > 0 {
         notes.push(format!("{others} more are there that were not asked for now (--flights, --shard)"));
     }
-    let missing: Vec<u64> =
-        wanted.iter().copied().filter(|number| !lines.flights.contains_key(number)).collect();
-    if !missing.is_empty() {
-        let first: Vec<String> = missing.iter().take(8).map(u64::to_string).collect();
-        let more = if missing.len() > first.len() { ", …" } else { "" };
-        notes.push(format!(
-            "not flown: {} of {} flights ({}{more})",
-            missing.len(),
-            wanted.len(),
-            first.join(", ")
-        ));
+    let missing = asked(plan).saturating_sub(flown);
+    if missing > 0 {
+        let absent = plan.numbers().filter(|number| !lines.flights.contains_key(number));
+        let first: Vec<String> = absent.take(8).map(|number| number.to_string()).collect();
+        let more = if missing > first.len() as u64 { ", …" } else { "" };
+        notes.push(format!("not flown: {missing} of {} flights ({}{more})", asked(plan), first.join(", ")));
     }
     if lines.damaged > 0 {
         notes.push(format!("{} lines of the results are damaged and left out", lines.damaged));

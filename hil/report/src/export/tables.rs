@@ -1,6 +1,6 @@
 //! One file of comma-separated values a port: module time, sequence, and a column for each value.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -14,7 +14,8 @@ pub(super) fn port_of(topic: &str) -> (&str, &str) {
     topic.split_once('/').unwrap_or((topic, "port"))
 }
 
-/// Writes `partition.port.csv` for every port of a run's `folder` into the folder `into`, which is made where it is missing.
+/// Writes `partition.port.csv` for every port of a run's `folder` into the folder `into`, which is made where it is missing. Of
+/// ports whose names are the same in a file's name, the second one becomes `partition.port.2.csv`.
 pub fn tables(folder: &Path, into: &Path) -> Result<Exported, ExportError> {
     check_folder(folder)?;
     std::fs::create_dir_all(into).map_err(|why| ExportError::Write { path: into.to_path_buf(), why })?;
@@ -37,6 +38,8 @@ pub fn tables(folder: &Path, into: &Path) -> Result<Exported, ExportError> {
 #[derive(Default)]
 struct Tables {
     files: BTreeMap<String, Sink>,
+    /// Names that are given away.
+    taken: BTreeSet<String>,
     /// Messages whose schema says nothing, or whose bytes are not of it, by topic.
     unreadable: BTreeMap<String, u64>,
     rows: u64,
@@ -55,7 +58,7 @@ impl Tables {
         };
         self.line.push('\n');
         if !self.files.contains_key(entry.topic) {
-            let mut sink = Sink::create(&into.join(file_name(entry.topic)))?;
+            let mut sink = Sink::create(&into.join(self.free_name(entry.topic)))?;
             sink.write(format!("time_ns,sequence,{}\n", layout.columns().join(",")).as_bytes());
             self.files.insert(entry.topic.to_owned(), sink);
         }
@@ -64,6 +67,18 @@ impl Tables {
             self.rows += 1;
         }
         Ok(())
+    }
+
+    /// A name that no other topic has: `/a/b.c` and `/a/b_c` must not write over each other.
+    fn free_name(&mut self, topic: &str) -> String {
+        let mut name = file_name(topic, 1);
+        for place in 2.. {
+            if self.taken.insert(name.clone()) {
+                break;
+            }
+            name = file_name(topic, place);
+        }
+        name
     }
 
     fn finish(self, exported: &mut Exported) -> Result<u64, ExportError> {
@@ -75,11 +90,12 @@ impl Tables {
     }
 }
 
-/// A name that stays in its folder, whatever the topic holds.
-fn file_name(topic: &str) -> String {
+/// A name that stays in its folder, whatever the topic holds; `place` among those that would have the same one, from 1 on.
+fn file_name(topic: &str, place: u32) -> String {
     let (partition, port) = port_of(topic);
     let plain = |name: &str| name.replace(|c: char| !(c.is_alphanumeric() || c == '_' || c == '-'), "_");
-    format!("{}.{}.csv", plain(partition), plain(port))
+    let place = if place == 1 { String::new() } else { format!(".{place}") };
+    format!("{}.{}{place}.csv", plain(partition), plain(port))
 }
 
 #[cfg(test)]
@@ -88,8 +104,15 @@ mod tests {
 
     #[test]
     fn file_name_stays_in_its_folder() {
-        assert_eq!(file_name("/estimator/state"), "estimator.state.csv");
-        assert_eq!(file_name("/../../etc/passwd"), "__.___etc_passwd.csv");
-        assert_eq!(file_name("alone"), "alone.port.csv");
+        assert_eq!(file_name("/estimator/state", 1), "estimator.state.csv");
+        assert_eq!(file_name("/../../etc/passwd", 1), "__.___etc_passwd.csv");
+        assert_eq!(file_name("alone", 1), "alone.port.csv");
+    }
+
+    #[test]
+    fn topics_that_would_share_a_file_name_get_a_file_each() {
+        let mut tables = Tables::default();
+        let names = ["/a/b.c", "/a/b_c", "/a/b-c", "/a/b c"].map(|topic| tables.free_name(topic));
+        assert_eq!(names, ["a.b_c.csv", "a.b_c.2.csv", "a.b-c.csv", "a.b_c.3.csv"]);
     }
 }

@@ -3,6 +3,10 @@
 
 use serde_json::{Map, Value};
 
+/// Bytes that a layout may describe: eight times the longest message that a port may have. Each value takes a name and a cell
+/// where it is compared or exported, so that a few letters of a foreign schema could ask for all memory.
+const LONGEST: usize = 64 << 10;
+
 /// The fields of a message, in the order of their bytes.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Layout {
@@ -142,7 +146,8 @@ impl Kind {
 }
 
 impl Layout {
-    /// Reads a definition in ROS 2's language, as far as the log uses it; none: it holds something else.
+    /// Reads a definition in ROS 2's language, as far as the log uses it; none: it holds something else, nothing at all, or a
+    /// message that is longer than any.
     pub fn parse(definition: &str) -> Option<Self> {
         let mut layout = Self::default();
         for line in
@@ -157,7 +162,7 @@ impl Layout {
             layout.fields.push(Laid { name: name.trim().to_owned(), kind, count, offset: layout.size });
             layout.size = kind.size().checked_mul(count.unwrap_or(1))?.checked_add(layout.size)?;
         }
-        Some(layout)
+        (1..=LONGEST).contains(&layout.size).then_some(layout)
     }
 
     /// The definition from which it was read, in its shortest form.
@@ -278,9 +283,17 @@ mod tests {
             "float64",
             "uint64[18446744073709551615] all",
             "std_msgs/Header h",
+            "# nothing",
         ] {
             assert_eq!(Layout::parse(strange), None, "{strange}");
         }
         assert_eq!(Layout::parse("# a comment\n\nuint8 one\n").unwrap().columns(), ["one"]);
+    }
+
+    #[test]
+    fn definition_of_a_message_that_is_longer_than_any_is_refused_before_memory_is_asked_for() {
+        assert!(Layout::parse("uint8[8192] x\n").is_some());
+        assert_eq!(Layout::parse("uint8[2000000000] x\n"), None);
+        assert_eq!(Layout::parse(&"uint64[4096] x\n".repeat(3)), None);
     }
 }

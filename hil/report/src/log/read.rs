@@ -1,10 +1,10 @@
 //! Reading a log, whole or cut short.
 
-use super::{CDR_HEADER, Layout, LogError, SCHEMA_PREFIX};
+use super::{CDR_HEADER, Layout, LogError, MESSAGE_ENCODING, SCHEMA_PREFIX};
 use mcap::McapError;
-use mcap::records::Record;
+use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -14,6 +14,8 @@ use zerocopy::FromBytes;
 const READ_BYTES: usize = 256 * 1024;
 /// No record of ours is longer than a chunk; a length beyond this is damage and must not be allocated.
 const LONGEST_RECORD: usize = 64 << 20;
+/// From this opcode on, records are anybody's own.
+const FIRST_PRIVATE: u8 = 0x80;
 
 /// One message of a log.
 #[derive(Debug, Clone, Copy)]
@@ -37,9 +39,9 @@ pub struct Entry<'a> {
 pub enum Ending {
     /// With its index and summary.
     Complete,
-    /// Early; with the reader's reason.
+    /// Early; with the reader's reason, and what shows that what is left was changed too.
     Cut(String),
-    /// Some of it was changed after it was written; with what shows it.
+    /// Some of it was changed after it was written, or can not be read; with what shows it.
     Damaged(String),
 }
 
@@ -146,6 +148,8 @@ pub struct LogReader {
     cut: Option<String>,
     /// Chunks whose checksum is wrong.
     damaged: u64,
+    /// Records that can not be read.
+    unreadable: u64,
 }
 
 impl LogReader {
@@ -162,7 +166,27 @@ impl LogReader {
             part: 0,
             cut: None,
             damaged: 0,
+            unreadable: 0,
         })
+    }
+
+    /// What shows, so far, that some of it was changed after it was written; none: nothing does.
+    pub fn damage(&self) -> Option<String> {
+        let one = |count: u64, what: &str| (count > 0).then(|| format!("{count} {what}"));
+        let checksums = (self.damaged > 0).then(|| {
+            format!(
+                "the checksum of {} of its pieces, half a second each, is wrong: values of that time may be as well",
+                self.damaged
+            )
+        });
+        let found = [
+            checksums,
+            one(self.unreadable, "of its records can not be read and are left out"),
+            one(self.names.nameless, "of its messages are of no port that it names, and are left out"),
+            one(self.names.foreign, "of its messages are not encoded as it says, and are left out"),
+        ];
+        let found: Vec<String> = found.into_iter().flatten().collect();
+        (!found.is_empty()).then(|| found.join("; "))
     }
 
     /// The part that is read has ended: goes on with the next one, of this start or of the one after, or gives the ending of all.
@@ -180,12 +204,11 @@ impl LogReader {
                 Err(why) => return Err(LogError::File { path, why }),
             }
         }
-        Ok(Some(match (self.cut.take(), self.damaged) {
-            (Some(why), _) => Ending::Cut(why),
-            (None, 0) => Ending::Complete,
-            (None, damaged) => Ending::Damaged(format!(
-                "the checksum of {damaged} of its pieces, half a second each, is wrong: values of that time may be as well"
-            )),
+        Ok(Some(match (self.cut.take(), self.damage()) {
+            (Some(why), None) => Ending::Cut(why),
+            (Some(why), Some(damage)) => Ending::Cut(format!("{why}; {damage}")),
+            (None, Some(damage)) => Ending::Damaged(damage),
+            (None, None) => Ending::Complete,
         }))
     }
 
@@ -199,9 +222,13 @@ impl LogReader {
                     self.file.read(room).map_err(|why| LogError::File { path: self.path.clone(), why })?;
                 self.reader.notify_read(count);
             }
+            // No log of ours has an attachment, and the crate's parser can panic on a damaged one.
+            Some(Ok(LinearReadEvent::Record { opcode: op::ATTACHMENT, .. })) => {}
+            // A record has its length before it: one that can not be read is left out, and the reader goes on behind it.
             Some(Ok(LinearReadEvent::Record { data, opcode })) => match mcap::parse_record(opcode, data) {
+                Ok(record) if is_misplaced(&record) => self.unreadable += 1,
                 Ok(record) => self.names.take(&record, each),
-                Err(error) => return self.end_of_part(Some(error.to_string())),
+                Err(_) => self.unreadable += 1,
             },
             // What is in the chunk was given already; the reader goes on with the next one.
             Some(Err(McapError::BadChunkCrc { .. })) => self.damaged += 1,
@@ -237,6 +264,16 @@ fn linear_reader() -> LinearReader {
     LinearReader::new_with_options(options.with_record_length_limit(LONGEST_RECORD))
 }
 
+/// Records that the reader gives only where an opcode or a length was changed: it opens chunks itself, and opcodes that the
+/// format keeps for later are not in use.
+fn is_misplaced(record: &Record<'_>) -> bool {
+    match record {
+        Record::Chunk { .. } => true,
+        Record::Unknown { opcode, .. } => *opcode < FIRST_PRIVATE,
+        _ => false,
+    }
+}
+
 /// What the numbers in a log stand for.
 #[derive(Default)]
 struct Names {
@@ -244,6 +281,12 @@ struct Names {
     schemas: HashMap<u16, (String, Option<Layout>)>,
     /// Topic and schema.
     channels: HashMap<u16, (String, u16)>,
+    /// Channels that say of themselves that they are encoded in another way, such as an export's `/health`.
+    others: HashSet<u16>,
+    /// Messages on a channel that was never named.
+    nameless: u64,
+    /// Messages with another header than the encoding that their channel names.
+    foreign: u64,
 }
 
 impl Names {
@@ -257,13 +300,24 @@ impl Names {
             }
             Record::Channel(channel) => {
                 self.channels.insert(channel.id, (channel.topic.clone(), channel.schema_id));
+                if channel.message_encoding == MESSAGE_ENCODING {
+                    self.others.remove(&channel.id);
+                } else {
+                    self.others.insert(channel.id);
+                }
             }
             Record::Message { header, data } => {
-                let Some((topic, schema)) = self.channels.get(&header.channel_id) else { return };
+                let Some((topic, schema)) = self.channels.get(&header.channel_id) else {
+                    self.nameless += 1;
+                    return;
+                };
                 let schema = self.schemas.get(schema);
                 let message = schema.map_or("", |(name, _)| name);
                 let layout = schema.and_then(|(_, layout)| layout.as_ref());
-                let Some(bytes) = data.strip_prefix(&CDR_HEADER[..]) else { return };
+                let Some(bytes) = data.strip_prefix(&CDR_HEADER[..]) else {
+                    self.foreign += u64::from(!self.others.contains(&header.channel_id));
+                    return;
+                };
                 let (sequence, time_ns) = (header.sequence, header.log_time);
                 each(Entry { topic, message, sequence, time_ns, bytes, layout });
             }

@@ -19,6 +19,8 @@ use super::{Out, Peer, why};
 
 /// How long the functions may take to answer, module time, ns.
 const PATIENCE_NS: u64 = 1_500_000_000;
+/// The IMU answers when it has measured, which IMU_INIT_TIME may make 10 s.
+const CALIBRATION_NS: u64 = 10_000_000_000 + PATIENCE_NS;
 /// Numbers of messages that may be asked for.
 const AUTOPILOT_VERSION: u32 = 148;
 const HOME_POSITION: u32 = 242;
@@ -34,6 +36,8 @@ struct Pending {
     /// Goes out when all those are there and nobody has refused: the aircraft is handed over to what has taken its orders.
     handover: Option<Order>,
     result: MavResult,
+    /// When whoever waits is told next that it takes its time.
+    tell_ns: u64,
     until_ns: u64,
 }
 
@@ -62,7 +66,10 @@ impl Commands {
             MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => {
                 switch(command.param1).map(|on| vec![Order::Autopilot { on }])
             }
-            MavCmd::MAV_CMD_DO_SET_MODE => mode_bits(command.param1).map(orders_of_mode),
+            MavCmd::MAV_CMD_DO_SET_MODE => match mode_bits(command.param1) {
+                Some(mode) if is_custom(mode) => return refuse_custom(peer, out),
+                mode => mode.map(orders_of_mode),
+            },
             MavCmd::MAV_CMD_MISSION_START => {
                 Some(vec![Order::Navigation { on: true }, Order::Autopilot { on: true }])
             }
@@ -108,6 +115,9 @@ impl Commands {
 
     /// The old way to set a mode, which has no answer of its own.
     pub(super) fn set_mode(&mut self, message: &SET_MODE_DATA, peer: Peer, now_ns: u64, out: &mut Out) {
+        if is_custom(message.base_mode) {
+            return refuse_custom(peer, out);
+        }
         let orders = orders_of_mode(message.base_mode);
         self.begin(MavCmd::MAV_CMD_DO_SET_MODE as u16, peer, orders, now_ns, out);
     }
@@ -147,6 +157,10 @@ impl Commands {
             out.text(MavSeverity::MAV_SEVERITY_WARNING, "a function did not answer: does it run?");
             acknowledge(pending.command, pending.peer, MavResult::MAV_RESULT_FAILED, out);
         }
+        if let Some(pending) = self.pending.as_mut().filter(|pending| now_ns >= pending.tell_ns) {
+            pending.tell_ns = now_ns.saturating_add(PATIENCE_NS);
+            acknowledge(pending.command, pending.peer, MavResult::MAV_RESULT_IN_PROGRESS, out);
+        }
     }
 
     fn begin(&mut self, command: u16, peer: Peer, mut orders: Vec<Order>, now_ns: u64, out: &mut Out) {
@@ -161,15 +175,17 @@ impl Commands {
         let hands_over = orders.len() > 1 && orders.last() == Some(&Order::Autopilot { on: true });
         let handover = if hands_over { orders.pop() } else { None };
         let missing = orders.iter().flat_map(|order| answers_to(order)).copied().collect();
+        let measures = orders.iter().any(|order| matches!(order, Order::InitialiseSensors { .. }));
+        let patience_ns = if measures { CALIBRATION_NS } else { PATIENCE_NS };
         out.orders.extend(orders);
-        let until_ns = now_ns.saturating_add(PATIENCE_NS);
         self.pending = Some(Pending {
             command,
             peer,
             missing,
             handover,
             result: MavResult::MAV_RESULT_ACCEPTED,
-            until_ns,
+            tell_ns: now_ns.saturating_add(PATIENCE_NS),
+            until_ns: now_ns.saturating_add(patience_ns),
         });
     }
 }
@@ -200,6 +216,18 @@ fn switch(value: f32) -> Option<bool> {
 
 fn mode_bits(value: f32) -> Option<MavModeFlag> {
     (0.0..=255.0).contains(&value).then(|| MavModeFlag::from_bits_retain(value as u8))
+}
+
+/// It is another autopilot's mode by its number. The bits beside it are not meant by themselves: taken so, they would
+/// switch navigation and the autopilot off.
+fn is_custom(mode: MavModeFlag) -> bool {
+    mode.contains(MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
+}
+
+fn refuse_custom(peer: Peer, out: &mut Out) {
+    let text = "mode refused: there are no custom modes here; give base_mode 4 navigation, 128 armed, 32 HIL";
+    out.text(MavSeverity::MAV_SEVERITY_WARNING, text);
+    acknowledge(MavCmd::MAV_CMD_DO_SET_MODE as u16, peer, MavResult::MAV_RESULT_UNSUPPORTED, out);
 }
 
 /// A mode says whether to navigate and who flies. HIL mode is switched on by it, and off by nobody in flight: a mode that forgets

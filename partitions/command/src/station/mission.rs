@@ -2,6 +2,9 @@
 //!
 //! An upload is collected whole and checked before the first order goes to the Controller, and acknowledged when the Controller has
 //! taken every way-point. Way-points that came over another line are known as well.
+//!
+//! To the Controller a way-point of a list as long as its own is one that moves, and its mission goes on. An upload of as many as it has
+//! is therefore opened with a way-point of a list of another length: then it puts the new one together, and begins it.
 
 use bateleur_mavlink::Runway;
 use bateleur_mavlink::common::{
@@ -27,6 +30,9 @@ const ON_THE_WAY: usize = 4;
 const USUAL_MPS: f64 = 22.0;
 /// Airspeeds that an item may ask for, m/s.
 const SPEEDS_MPS: std::ops::RangeInclusive<f64> = 5.0..=100.0;
+
+/// Neighbours that are nearer to each other have no leg between them that could be flown, m.
+const NEAREST_M: f64 = 5.0;
 
 /// Why an item is refused for its command, or for its frame.
 const COMMAND: (Verdict, &str) = (Verdict::MAV_MISSION_UNSUPPORTED, "only way-points and speeds are flown");
@@ -87,6 +93,8 @@ enum Transfer {
     Loading {
         peer: Peer,
         waypoints: Vec<Waypoint>,
+        /// What has to be taken before these, see the module; whether it was sent.
+        opening: Option<(Waypoint, bool)>,
         taken: Vec<bool>,
         sent: usize,
         until_ns: u64,
@@ -99,12 +107,14 @@ enum Transfer {
 pub(super) struct Missions {
     runway: Runway,
     items: Items,
+    /// Way-points that the Controller has, as it says.
+    told: usize,
     transfer: Transfer,
 }
 
 impl Missions {
     pub(super) fn new(runway: Runway) -> Self {
-        Self { runway, items: Items::default(), transfer: Transfer::None }
+        Self { runway, items: Items::default(), told: 0, transfer: Transfer::None }
     }
 
     /// The Controller's way-points, as they were known before.
@@ -120,10 +130,19 @@ impl Missions {
         &self.items
     }
 
+    /// The Controller has so many way-points.
+    pub(super) fn told(&mut self, count: u32) {
+        self.told = count as usize;
+    }
+
     /// A way-point went to the Controller, whoever sent it.
     pub(super) fn ordered(&mut self, order: &Order) {
         let Order::Waypoint(waypoint) = order else { return };
         let (index, count) = (usize::from(waypoint.index), usize::from(waypoint.count));
+        if matches!(&self.transfer, Transfer::Loading { opening: Some((opening, _)), .. } if opening == waypoint)
+        {
+            return; // no part of any mission
+        }
         let list = &mut self.items.waypoints;
         if list.len() != count {
             list.truncate(count);
@@ -187,7 +206,7 @@ impl Missions {
             M::MISSION_REQUEST(m) if m.target_system == system => {
                 self.answer(m.seq, m.mission_type, peer, out)
             }
-            M::MISSION_CLEAR_ALL(m) if m.target_system == system => match is_mission(m.mission_type) {
+            M::MISSION_CLEAR_ALL(m) if m.target_system == system => match clears_mission(m.mission_type) {
                 true => {
                     let text = "way-points are replaced, not cleared";
                     out.text(MavSeverity::MAV_SEVERITY_WARNING, text);
@@ -195,6 +214,18 @@ impl Missions {
                 }
                 false => verdict(Verdict::MAV_MISSION_ACCEPTED, m.mission_type, peer, out),
             },
+            M::MISSION_REQUEST_PARTIAL_LIST(m) if m.target_system == system => {
+                verdict(Verdict::MAV_MISSION_UNSUPPORTED, m.mission_type, peer, out);
+            }
+            M::MISSION_WRITE_PARTIAL_LIST(m) if m.target_system == system => {
+                verdict(Verdict::MAV_MISSION_UNSUPPORTED, m.mission_type, peer, out);
+            }
+            M::MISSION_SET_CURRENT(m) if m.target_system == system => {
+                let text = "way-points are flown in their order: none can be chosen";
+                out.text(MavSeverity::MAV_SEVERITY_WARNING, text);
+                let kind = MavMissionType::MAV_MISSION_TYPE_MISSION;
+                verdict(Verdict::MAV_MISSION_UNSUPPORTED, kind, peer, out);
+            }
             // The ground station has given up.
             M::MISSION_ACK(m) if m.target_system == system && m.mavtype != Verdict::MAV_MISSION_ACCEPTED => {
                 if matches!(&self.transfer, Transfer::Receiving { peer: from, .. } if *from == peer) {
@@ -207,11 +238,19 @@ impl Missions {
 
     /// The Controller's answer to a way-point.
     pub(super) fn answered(&mut self, answer: &Acknowledge, out: &mut Out) {
-        let Transfer::Loading { peer, taken, .. } = &mut self.transfer else { return };
+        let Transfer::Loading { peer, opening, taken, .. } = &mut self.transfer else { return };
         if answer.letter != b'W' {
             return;
         }
         let peer = *peer;
+        if let Some((_, sent)) = opening
+            && answer.result == ACCEPTED
+        {
+            if *sent {
+                *opening = None;
+            }
+            return;
+        }
         if answer.result == ACCEPTED {
             taken.iter_mut().skip(usize::from(answer.first)).take(1).for_each(|place| *place = true);
             if taken.iter().all(|taken| *taken) {
@@ -239,16 +278,23 @@ impl Missions {
                     request(items.len(), peer, out);
                 }
             }
-            Transfer::Loading { peer, waypoints, taken, sent, until_ns, tries } => {
+            Transfer::Loading { peer, waypoints, opening, taken, sent, until_ns, tries } => {
                 if now_ns >= *until_ns {
                     // Begin again with the first that is missing; one that was taken may be sent twice.
                     (*tries, *until_ns) = (*tries + 1, now_ns + PATIENCE_NS);
                     *sent = taken.iter().position(|taken| !taken).unwrap_or(0);
+                    opening.iter_mut().for_each(|(_, sent)| *sent = false);
                 }
                 let peer = *peer;
                 if *tries >= TRIES {
                     out.text(MavSeverity::MAV_SEVERITY_WARNING, "mission: the Controller does not answer");
                     return self.end(Verdict::MAV_MISSION_ERROR, peer, out);
+                }
+                if let Some((waypoint, sent)) = opening {
+                    if !std::mem::replace(sent, true) {
+                        out.orders.push(Order::Waypoint(*waypoint));
+                    }
+                    return;
                 }
                 let on_the_way = taken[..*sent].iter().filter(|taken| !**taken).count();
                 for waypoint in waypoints[*sent..].iter().take(ON_THE_WAY.saturating_sub(on_the_way)) {
@@ -325,6 +371,10 @@ impl Missions {
         let Transfer::Receiving { count, items, until_ns, tries, .. } = &mut self.transfer else { return };
         let read = match m.command {
             MavCmd::MAV_CMD_NAV_WAYPOINT => waypoint(m, &runway).map(|waypoint| (Some(waypoint), 0.0)),
+            MavCmd::MAV_CMD_DO_CHANGE_SPEED if m.param1 != 0.0 => {
+                let text = "only airspeed is flown: give parameter 1 as 0, not ground or climb speed";
+                Err((Verdict::MAV_MISSION_INVALID_PARAM1, text))
+            }
             MavCmd::MAV_CMD_DO_CHANGE_SPEED => match f64::from(m.param2) {
                 speed_mps if SPEEDS_MPS.contains(&speed_mps) => Ok((None, speed_mps)),
                 _ => Err((Verdict::MAV_MISSION_INVALID_PARAM2, "airspeed between 5 and 100 m/s")),
@@ -345,11 +395,32 @@ impl Missions {
                     out.text(MavSeverity::MAV_SEVERITY_WARNING, &text);
                     return self.end(Verdict::MAV_MISSION_NO_SPACE, peer, out);
                 }
+                if let Some((before, after)) = too_near(items) {
+                    let text = format!(
+                        "mission refused: items {before} and {after} are nearer than {NEAREST_M} m to each \
+                         other (the track is closed)"
+                    );
+                    out.text(MavSeverity::MAV_SEVERITY_WARNING, &text);
+                    return self.end(Verdict::MAV_MISSION_INVALID, peer, out);
+                }
+                let opening = self.opening(&waypoints).map(|waypoint| (waypoint, false));
                 let taken = vec![false; waypoints.len()];
                 let until_ns = now_ns + PATIENCE_NS;
-                self.transfer = Transfer::Loading { peer, waypoints, taken, sent: 0, until_ns, tries: 0 };
+                self.transfer =
+                    Transfer::Loading { peer, waypoints, opening, taken, sent: 0, until_ns, tries: 0 };
             }
         }
+    }
+
+    /// What these way-points must be opened with, see the module: nothing, unless the Controller may have as many.
+    fn opening(&self, waypoints: &[Waypoint]) -> Option<Waypoint> {
+        let taken = [waypoints.len(), self.items.waypoints.len(), self.told];
+        if !taken[1..].contains(&waypoints.len()) {
+            return None;
+        }
+        // Two at least: one that is whole with its first way-point would be flown.
+        let count = (2..=MOST_WAYPOINTS).find(|count| !taken.contains(count))?;
+        Some(Waypoint { index: 0, count: count as u8, ..*waypoints.first()? }) // MOST_WAYPOINTS at most
     }
 
     fn answer(&self, seq: u16, kind: MavMissionType, peer: Peer, out: &mut Out) {
@@ -385,6 +456,20 @@ impl Missions {
 
 fn is_mission(kind: MavMissionType) -> bool {
     kind == MavMissionType::MAV_MISSION_TYPE_MISSION
+}
+
+fn clears_mission(kind: MavMissionType) -> bool {
+    is_mission(kind) || kind == MavMissionType::MAV_MISSION_TYPE_ALL
+}
+
+/// Two items in a row, the last and the first among them, whose way-points are as good as one.
+fn too_near(items: &[(MavCmd, Option<Waypoint>, f64)]) -> Option<(usize, usize)> {
+    let places = items.iter().enumerate().filter_map(|(seq, (_, place, _))| Some((seq, (*place)?)));
+    let points: Vec<_> = places.collect();
+    let next = points.iter().cycle().skip(1);
+    let mut legs = points.iter().zip(next).filter(|_| points.len() > 1);
+    let is_near = |a: &Waypoint, b: &Waypoint| (a.north_m - b.north_m).hypot(a.east_m - b.east_m) < NEAREST_M;
+    legs.find(|((_, from), (_, to))| is_near(from, to)).map(|((from, _), (to, _))| (*from, *to))
 }
 
 fn request(seq: usize, peer: Peer, out: &mut Out) {

@@ -14,11 +14,12 @@ mod tests;
 
 use std::collections::VecDeque;
 
-use bateleur_mavlink::common::{MavMessage, MavSeverity, STATUSTEXT_DATA};
+use bateleur_mavlink::common::{MavMessage, MavSeverity, MavType, STATUSTEXT_DATA};
 use bateleur_mavlink::{Decoder, Encoder, Foreign, Received, Runway};
 use bateleur_messages::State;
 use bateleur_messages::ground::{Order, Waypoint};
 use bateleur_messages::telemetry::{Acknowledge, HealthText, Refusal, Telemetry};
+use mavlink::Message;
 
 use commands::Commands;
 pub(crate) use mission::MOST_WAYPOINTS;
@@ -140,7 +141,8 @@ impl Station {
         }
     }
 
-    /// Whether somebody else spoke since this was last asked.
+    /// Whether a ground station spoke since this was last asked. A modem that reports or another vehicle's heartbeat is none:
+    /// neither says that there is still somebody who could give an order.
     pub fn was_heard(&mut self) -> bool {
         std::mem::take(&mut self.heard)
     }
@@ -199,6 +201,7 @@ impl Station {
             }
             Telemetry::Parameter(value) => self.parameters.told(value, &mut self.out),
             Telemetry::Health(text) => self.health(text),
+            Telemetry::Navigation(navigation) => self.missions.told(navigation.waypoint_count),
             _ => {}
         }
         self.streams.telemetry(telemetry, self.missions.items(), &mut self.out);
@@ -254,7 +257,7 @@ impl Station {
         if peer.0 == self.system && peer.1 == AUTOPILOT {
             return; // our own words, echoed
         }
-        self.heard = true;
+        self.heard |= self.is_ground(received);
         let out = &mut self.out;
         let is_ours = |target_system: u8| target_system == self.system || target_system == 0;
         let message = match &received.message {
@@ -267,6 +270,10 @@ impl Station {
             }
             Err(_) => return,
         };
+        // What is for a camera or a gimbal of this system is not for its autopilot.
+        if message.target_component_id().is_some_and(|component| component != 0 && component != AUTOPILOT) {
+            return;
+        }
         match message {
             M::COMMAND_LONG(command) if is_ours(command.target_system) => {
                 self.commands.command(command, peer, now_ns, &self.streams, out);
@@ -277,7 +284,7 @@ impl Station {
             M::SET_MODE(message) if message.target_system == self.system => {
                 self.commands.set_mode(message, peer, now_ns, out);
             }
-            M::PARAM_REQUEST_LIST(message) if message.target_system == self.system => self.parameters.list(),
+            M::PARAM_REQUEST_LIST(message) if is_ours(message.target_system) => self.parameters.list(),
             M::PARAM_REQUEST_READ(message) if message.target_system == self.system => {
                 self.parameters.read(message, peer);
             }
@@ -285,6 +292,21 @@ impl Station {
                 self.parameters.set(message, peer, out);
             }
             message => self.missions.message(message, self.system, peer, now_ns, out),
+        }
+    }
+
+    /// Whether this is a sign that a ground station is there: its heartbeat, or something said to this aircraft.
+    fn is_ground(&self, received: &Received) -> bool {
+        match &received.message {
+            Ok(MavMessage::HEARTBEAT(heartbeat)) => heartbeat.mavtype == MavType::MAV_TYPE_GCS,
+            Ok(message) => {
+                let component = message.target_component_id().unwrap_or(AUTOPILOT);
+                message.target_system_id() == Some(self.system) && (component == 0 || component == AUTOPILOT)
+            }
+            Err(Foreign::Command { target_system, .. } | Foreign::Item { target_system, .. }) => {
+                *target_system == self.system
+            }
+            Err(_) => false,
         }
     }
 }

@@ -60,21 +60,34 @@ impl Encoding {
         }
     }
 
-    /// The number that a ground station meant; none for a type that has no room in four bytes.
-    fn decode(self, value: f32, kind: MavParamType) -> Option<f64> {
+    /// The number that a ground station meant. A type may have no room in four bytes; and bytes beyond those of a short one show
+    /// that it was sent by its value, of which the first bytes are another number.
+    pub(super) fn decode(self, value: f32, kind: MavParamType) -> Result<f64, MavParamError> {
         use MavParamType as T;
         let bits = value.to_bits();
         let whole = match kind {
-            T::MAV_PARAM_TYPE_REAL32 => return Some(shortest(value)),
+            T::MAV_PARAM_TYPE_REAL32 => return Ok(shortest(value)),
             T::MAV_PARAM_TYPE_UINT8 => f64::from(bits as u8),
             T::MAV_PARAM_TYPE_INT8 => f64::from(bits as u8 as i8),
             T::MAV_PARAM_TYPE_UINT16 => f64::from(bits as u16),
             T::MAV_PARAM_TYPE_INT16 => f64::from(bits as u16 as i16),
             T::MAV_PARAM_TYPE_UINT32 => f64::from(bits),
             T::MAV_PARAM_TYPE_INT32 => f64::from(bits as i32),
-            _ => return None,
+            _ => return Err(MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED),
         };
-        Some(if self == Self::Bytes { whole } else { shortest(value) })
+        let room = match kind {
+            T::MAV_PARAM_TYPE_UINT8 | T::MAV_PARAM_TYPE_INT8 => Some(8),
+            T::MAV_PARAM_TYPE_UINT16 | T::MAV_PARAM_TYPE_INT16 => Some(16),
+            _ => None,
+        };
+        // A negative one may come with its sign carried on.
+        let carried_on = whole == f64::from(bits as i32);
+        let is_short = room.is_none_or(|room| bits >> room == 0 || carried_on);
+        match self {
+            Self::Cast => Ok(shortest(value)),
+            Self::Bytes if is_short => Ok(whole),
+            Self::Bytes => Err(MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH),
+        }
     }
 }
 
@@ -159,12 +172,17 @@ impl Parameters {
 
     pub(super) fn set(&mut self, message: &PARAM_SET_DATA, peer: Peer, out: &mut Out) {
         match self.encoding.decode(message.param_value, message.param_type) {
-            Some(value) => {
+            Ok(value) => {
                 let which = Which::Name(*message.param_id);
                 self.question(Question { peer, which, value: Some(value), searched: false });
             }
-            None => {
-                refuse(&message.param_id, MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED, peer, out);
+            Err(error) => {
+                if error == MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH {
+                    let name = name_text(&message.param_id);
+                    let text = format!("{name}: sent by value? see parameter_encoding");
+                    out.text(MavSeverity::MAV_SEVERITY_WARNING, &text);
+                }
+                refuse(&message.param_id, error, peer, out);
             }
         }
     }

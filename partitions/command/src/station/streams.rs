@@ -27,6 +27,8 @@ use crate::Rates;
 
 const SECOND_NS: u64 = 1_000_000_000;
 const UNKNOWN: u16 = u16::MAX;
+/// A fix that is older when it is told is none: the receiver has lost its satellites, or is gone.
+const STALE_FIX_NS: u64 = 3 * SECOND_NS;
 
 /// What is needed of a state, from a port or from telemetry.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -79,6 +81,10 @@ pub(super) struct Streams {
     imu: Option<ImuTelemetry>,
     servo: Option<ServoTelemetry>,
     volts: Option<Voltages>,
+    /// The last fix that was told was fresh.
+    fixed: bool,
+    /// Module time of the last window, ns.
+    now_ns: u64,
     /// The last state as the port gave it.
     estimate: Option<State>,
     heartbeat: Due,
@@ -100,6 +106,8 @@ impl Streams {
             imu: None,
             servo: None,
             volts: None,
+            fixed: false,
+            now_ns: 0,
             estimate: None,
             heartbeat: Due::default(),
             status: Due::default(),
@@ -133,7 +141,10 @@ impl Streams {
                 self.volts = Some(*volts);
                 out.say(&battery(volts));
             }
-            Telemetry::Gps(gps) => out.say(&raw_fix(gps)),
+            Telemetry::Gps(gps) => {
+                self.fixed = self.now_ns.saturating_sub(gps.measured_ns) <= STALE_FIX_NS;
+                out.say(&raw_fix(gps, self.fixed));
+            }
             Telemetry::Imu(imu) => {
                 self.imu = Some(*imu);
                 out.say(&inertial(imu));
@@ -154,6 +165,7 @@ impl Streams {
 
     /// Says what is due.
     pub(super) fn window(&mut self, now_ns: u64, rates: &Rates, items: &Items, out: &mut Out) {
+        self.now_ns = now_ns;
         if self.heartbeat.now(now_ns, 1.0) {
             out.say(&self.heartbeat());
             let time_boot_ms = milliseconds(now_ns);
@@ -261,6 +273,9 @@ impl Streams {
         let all = sensors | Sensor::MAV_SYS_STATUS_AHRS;
         let mut health = Sensor::empty();
         health.set(sensors, self.primary.is_none_or(|primary| primary.hil == 0 || primary.hil_ready == 1));
+        if !self.fixed {
+            health.remove(Sensor::MAV_SYS_STATUS_SENSOR_GPS);
+        }
         health.set(
             Sensor::MAV_SYS_STATUS_AHRS,
             self.primary.is_some_and(|primary| primary.estimator_ready == 1),
@@ -401,8 +416,12 @@ fn milliseconds(time_ns: u64) -> u32 {
     (time_ns / 1_000_000) as u32 // wraps after 49 days, as the message does
 }
 
+/// A battery that nobody measures is told as 0 V by the OnBoardComputer.
 fn millivolts(volts: f64) -> u16 {
-    (volts * 1e3).round() as u16 // saturates
+    match volts > 0.0 {
+        true => (volts * 1e3).round().min(f64::from(UNKNOWN - 1)) as u16, // in range
+        false => UNKNOWN,
+    }
 }
 
 fn heading_deg(motion: &Motion) -> f64 {
@@ -484,7 +503,7 @@ fn battery(volts: &Voltages) -> MavMessage {
     })
 }
 
-fn raw_fix(gps: &GpsTelemetry) -> MavMessage {
+fn raw_fix(gps: &GpsTelemetry, fresh: bool) -> MavMessage {
     let [north_mps, east_mps, _] = gps.velocity_ned_mps;
     MavMessage::GPS_RAW_INT(GPS_RAW_INT_DATA {
         time_usec: gps.measured_ns / 1_000,
@@ -495,7 +514,7 @@ fn raw_fix(gps: &GpsTelemetry) -> MavMessage {
         epv: UNKNOWN,
         vel: (north_mps.hypot(east_mps) * 1e2).round() as u16,
         cog: (east_mps.atan2(north_mps).to_degrees().rem_euclid(360.0) * 1e2).round() as u16 % 36_000,
-        fix_type: GpsFixType::GPS_FIX_TYPE_3D_FIX,
+        fix_type: if fresh { GpsFixType::GPS_FIX_TYPE_3D_FIX } else { GpsFixType::GPS_FIX_TYPE_NO_FIX },
         satellites_visible: u8::MAX,
         ..GPS_RAW_INT_DATA::DEFAULT
     })

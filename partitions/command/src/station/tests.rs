@@ -5,7 +5,8 @@ use bateleur_messages::frame::Frame;
 use bateleur_messages::ground::ParameterSetting;
 use bateleur_messages::parameter::ParameterValue;
 use bateleur_messages::telemetry::{
-    ACCEPTED, FROM_COMMAND, FROM_CONTROLLER, FROM_SERVO, Navigation, REFUSED,
+    ACCEPTED, FROM_COMMAND, FROM_CONTROLLER, FROM_IMU, FROM_SERVO, GpsTelemetry, Navigation, REFUSED,
+    Voltages,
 };
 use mavlink::{Message, calculate_crc};
 
@@ -429,6 +430,63 @@ fn mode_without_the_hil_bit_leaves_hil_mode_alone() {
 }
 
 #[test]
+fn custom_mode_is_unsupported_in_either_message_and_switches_nothing_off() {
+    const CUSTOM: u8 = 1;
+    let set = MavMessage::SET_MODE(SET_MODE_DATA {
+        base_mode: MavModeFlag::from_bits_retain(CUSTOM | 128),
+        custom_mode: 4,
+        target_system: 1,
+    });
+    for message in [command(MavCmd::MAV_CMD_DO_SET_MODE, f32::from(CUSTOM | 4 | 128)), set] {
+        let mut world = World::new(accept);
+        let heard = world.window(&[message]);
+        assert_eq!(acknowledged(&heard), [MavResult::MAV_RESULT_UNSUPPORTED]);
+        assert!(texts(&heard).contains("no custom modes"), "{}", texts(&heard));
+        assert!(world.ordered.is_empty());
+    }
+}
+
+#[test]
+fn calibration_that_takes_its_time_is_told_in_progress_and_is_no_failure() {
+    let mut world = World::new(|_| Vec::new());
+    let mut heard = world.window(&[command(MavCmd::MAV_CMD_PREFLIGHT_CALIBRATION, 1.0)]);
+    heard.extend(world.windows(500));
+    assert_eq!(acknowledged(&heard), [MavResult::MAV_RESULT_IN_PROGRESS; 6]);
+    let [order] = world.ordered[..] else { panic!() };
+    let answer = accept(&order)[0];
+    world.station.telemetry(&Telemetry::Acknowledge(Acknowledge { from: FROM_IMU, ..answer }));
+    assert_eq!(acknowledged(&world.windows(5)), [MavResult::MAV_RESULT_ACCEPTED]);
+}
+
+#[test]
+fn fixes_that_stopped_are_no_fix_and_a_battery_that_nobody_measures_is_unknown() {
+    let mut world = World::new(accept);
+    let mut told = |measured_ns: u64, main_v: f64| {
+        world.windows(50);
+        world.station.telemetry(&Telemetry::Gps(GpsTelemetry { measured_ns, ..Default::default() }));
+        world.station.telemetry(&Telemetry::Voltages(Voltages { main_v, ..Default::default() }));
+        let mut said = (GpsFixType::GPS_FIX_TYPE_NO_GPS, 0, false, 0);
+        for message in world.windows(50) {
+            match message {
+                MavMessage::GPS_RAW_INT(fix) => said.0 = fix.fix_type,
+                MavMessage::BATTERY_STATUS(battery) => said.1 = battery.voltages[0],
+                MavMessage::SYS_STATUS(status) => {
+                    let gps = MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_GPS;
+                    said.2 = status.onboard_control_sensors_health.contains(gps);
+                    said.3 = status.voltage_battery;
+                }
+                _ => {}
+            }
+        }
+        said
+    };
+    let (fix, none) = (GpsFixType::GPS_FIX_TYPE_3D_FIX, GpsFixType::GPS_FIX_TYPE_NO_FIX);
+    assert_eq!(told(49 * CYCLE, 11.1), (fix, 11_100, true, 11_100));
+    assert_eq!(told(49 * CYCLE, 0.0), (fix, u16::MAX, true, u16::MAX));
+    assert_eq!(told(49 * CYCLE, f64::NAN), (none, u16::MAX, false, u16::MAX));
+}
+
+#[test]
 fn mission_is_loaded_in_order_with_its_speeds_and_comes_back_as_it_went() {
     let mut world = World::new(accept);
     let items = [
@@ -489,6 +547,7 @@ fn items_that_can_not_be_flown_are_refused_before_anything_is_loaded() {
         (item(0.0, 0.0, f32::NAN), MavMissionResult::MAV_MISSION_INVALID_PARAM7),
         (item(0.0, 0.0, -20.0), MavMissionResult::MAV_MISSION_INVALID_PARAM7),
         (speed(f32::INFINITY), MavMissionResult::MAV_MISSION_INVALID_PARAM2),
+        (MISSION_ITEM_INT_DATA { param1: 1.0, ..speed(25.0) }, MavMissionResult::MAV_MISSION_INVALID_PARAM1),
         (
             MISSION_ITEM_INT_DATA { command: MavCmd::MAV_CMD_NAV_LAND, ..item(0.0, 0.0, 100.0) },
             MavMissionResult::MAV_MISSION_UNSUPPORTED,
@@ -507,6 +566,108 @@ fn items_that_can_not_be_flown_are_refused_before_anything_is_loaded() {
     assert_eq!(world.upload(&[]), Some(MavMissionResult::MAV_MISSION_DENIED));
     let heard = world.window(&[count(3, MavMissionType::MAV_MISSION_TYPE_FENCE)]);
     assert!(heard.iter().any(|message| matches!(message, MavMessage::MISSION_ACK(ack) if ack.mavtype == MavMissionResult::MAV_MISSION_UNSUPPORTED)));
+}
+
+#[test]
+fn neighbours_that_are_one_place_are_refused_by_their_items_and_a_single_way_point_is_not() {
+    let (a, b, c) = (item(500.0, 0.0, 160.0), item(500.0, 500.0, 160.0), item(0.0, 500.0, 120.0));
+    let near = item(503.0, 500.0, 160.0);
+    for (items, named) in [
+        (vec![a.clone(), b.clone(), near, c.clone()], "items 1 and 2 "),
+        (vec![speed(20.0), a.clone(), b.clone(), c, a.clone()], "items 4 and 1 "),
+        (vec![a.clone(), speed(24.0), a.clone()], "items 0 and 2 "),
+    ] {
+        let mut world = World::new(accept);
+        let mut heard = world.window(&[count(items.len() as u16, MavMissionType::MAV_MISSION_TYPE_MISSION)]);
+        for (item, seq) in items.into_iter().zip(0..) {
+            let item = MISSION_ITEM_INT_DATA { seq, ..item };
+            heard.extend(world.window(&[MavMessage::MISSION_ITEM_INT(item)]));
+        }
+        assert_eq!(verdicts(&heard), [MavMissionResult::MAV_MISSION_INVALID]);
+        assert!(texts(&heard).contains(named), "{}", texts(&heard));
+        assert!(world.ordered.is_empty());
+    }
+    let mut world = World::new(accept);
+    assert_eq!(world.upload(&[a]), Some(MavMissionResult::MAV_MISSION_ACCEPTED));
+    assert_eq!(world.upload(&[b.clone(), item(0.0, 0.0, 9.0)]), Some(MavMissionResult::MAV_MISSION_ACCEPTED));
+}
+
+fn verdicts(heard: &[MavMessage]) -> Vec<MavMissionResult> {
+    let verdict = |message: &MavMessage| match message {
+        MavMessage::MISSION_ACK(ack) => Some(ack.mavtype),
+        _ => None,
+    };
+    heard.iter().filter_map(verdict).collect()
+}
+
+/// Index and count of the way-points that were ordered.
+fn loaded(world: &World) -> Vec<(u8, u8)> {
+    let place = |order: &Order| match order {
+        Order::Waypoint(point) => Some((point.index, point.count)),
+        _ => None,
+    };
+    world.ordered.iter().filter_map(place).collect()
+}
+
+#[test]
+fn upload_of_as_many_way_points_as_are_flown_is_opened_so_that_the_controller_begins_it() {
+    let (a, b, c) = (item(500.0, 0.0, 160.0), item(500.0, 500.0, 160.0), item(0.0, 500.0, 120.0));
+    let accepted = Some(MavMissionResult::MAV_MISSION_ACCEPTED);
+    let mut world = World::new(accept);
+    assert_eq!(world.upload(&[a.clone(), b.clone()]), accepted);
+    assert_eq!(loaded(&world), [(0, 2), (1, 2)], "the first has nothing to be told from");
+    world.ordered.clear();
+    assert_eq!(world.upload(&[b.clone(), c.clone()]), accepted);
+    assert_eq!(loaded(&world), [(0, 3), (0, 2), (1, 2)]);
+    assert_eq!(world.station.mission().iter().map(|point| point.count).collect::<Vec<_>>(), [2, 2]);
+    // A plan has way-points as well: the Controller says how many.
+    let mut world = World::new(accept);
+    world.station.telemetry(&Telemetry::Navigation(Navigation { waypoint_count: 3, ..Default::default() }));
+    assert_eq!(world.upload(&[a.clone(), b, c]), accepted);
+    assert_eq!(loaded(&world), [(0, 2), (0, 3), (1, 3), (2, 3)]);
+    // One way-point is opened with a list that is not whole with it.
+    let mut world = World::new(accept);
+    world.upload(std::slice::from_ref(&a));
+    world.ordered.clear();
+    assert_eq!(world.upload(&[a]), accepted);
+    assert_eq!(loaded(&world), [(0, 2), (0, 1)]);
+}
+
+#[test]
+fn parts_of_a_mission_and_a_choice_among_its_items_are_answered_unsupported() {
+    let mut world = World::new(accept);
+    let heard = world.window(&[
+        MavMessage::MISSION_REQUEST_PARTIAL_LIST(MISSION_REQUEST_PARTIAL_LIST_DATA {
+            target_system: 1,
+            ..MISSION_REQUEST_PARTIAL_LIST_DATA::DEFAULT
+        }),
+        MavMessage::MISSION_WRITE_PARTIAL_LIST(MISSION_WRITE_PARTIAL_LIST_DATA {
+            target_system: 1,
+            ..MISSION_WRITE_PARTIAL_LIST_DATA::DEFAULT
+        }),
+        MavMessage::MISSION_SET_CURRENT(MISSION_SET_CURRENT_DATA {
+            target_system: 1,
+            ..MISSION_SET_CURRENT_DATA::DEFAULT
+        }),
+    ]);
+    assert_eq!(verdicts(&heard), [MavMissionResult::MAV_MISSION_UNSUPPORTED; 3]);
+}
+
+#[test]
+fn clearing_everything_is_refused_as_clearing_the_mission_is() {
+    use MavMissionType as T;
+    for (mission_type, verdict) in [
+        (T::MAV_MISSION_TYPE_MISSION, MavMissionResult::MAV_MISSION_DENIED),
+        (T::MAV_MISSION_TYPE_ALL, MavMissionResult::MAV_MISSION_DENIED),
+        (T::MAV_MISSION_TYPE_FENCE, MavMissionResult::MAV_MISSION_ACCEPTED),
+    ] {
+        let clear = MavMessage::MISSION_CLEAR_ALL(MISSION_CLEAR_ALL_DATA {
+            target_system: 1,
+            mission_type,
+            ..MISSION_CLEAR_ALL_DATA::DEFAULT
+        });
+        assert_eq!(verdicts(&World::new(accept).window(&[clear])), [verdict]);
+    }
 }
 
 #[test]
@@ -627,6 +788,28 @@ fn whole_number_is_set_by_its_bits_and_by_its_value() {
 }
 
 #[test]
+fn short_number_that_was_sent_by_its_value_is_not_taken_for_zero() {
+    use MavParamType as T;
+    let mut world = World::new(accept);
+    for (value, kind) in [(1.0, T::MAV_PARAM_TYPE_UINT8), (3.0, T::MAV_PARAM_TYPE_INT16)] {
+        let mut heard = world.window(&[parameter("CMD_RATE_HUD", value, kind)]);
+        heard.extend(world.windows(30));
+        assert_eq!(errors(&heard), [MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH]);
+        assert!(texts(&heard).contains("CMD_RATE_HUD: sent by value?"), "{}", texts(&heard));
+        assert_eq!(world.numbers.rates, Rates::default());
+    }
+    for (bits, kind, number) in [
+        (7, T::MAV_PARAM_TYPE_UINT8, 7.0),
+        (200, T::MAV_PARAM_TYPE_UINT8, 200.0),
+        (u32::MAX, T::MAV_PARAM_TYPE_INT8, -1.0),
+        (0xfffe, T::MAV_PARAM_TYPE_INT16, -2.0),
+    ] {
+        assert_eq!(Encoding::Bytes.decode(f32::from_bits(bits), kind), Ok(number));
+    }
+    assert_eq!(Encoding::Cast.decode(1.0, T::MAV_PARAM_TYPE_UINT8), Ok(1.0));
+}
+
+#[test]
 fn silent_function_is_named_does_not_hold_up_the_list_and_is_found_later_behind_the_others() {
     let mut world = World::new(accept);
     world.controller_is_silent = true;
@@ -667,6 +850,69 @@ fn what_is_for_another_system_or_an_echo_or_garbage_does_nothing() {
     world.station.datagram(b"\xfd\x09garbage", 0);
     world.station.stream(&[0xfe; 400], 0);
     assert!(world.ordered.is_empty() && world.station.refused() > 0);
+}
+
+#[test]
+fn what_is_for_another_component_is_not_carried_out() {
+    const GIMBAL: u8 = 154;
+    let to = |target_component: u8| {
+        [
+            MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+                command: MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
+                param1: 1.0,
+                target_system: 1,
+                target_component,
+                ..COMMAND_LONG_DATA::DEFAULT
+            }),
+            MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
+                count: 1,
+                target_system: 1,
+                target_component,
+                ..MISSION_COUNT_DATA::DEFAULT
+            }),
+            MavMessage::PARAM_REQUEST_LIST(PARAM_REQUEST_LIST_DATA { target_system: 1, target_component }),
+        ]
+    };
+    let mut world = World::new(accept);
+    world.windows(10);
+    let mut heard = world.window(&to(GIMBAL));
+    heard.extend(world.windows(30));
+    assert_eq!((world.ordered.as_slice(), told(&heard), verdicts(&heard)), (&[][..], vec![], vec![]));
+    assert!(!world.station.was_heard());
+    for component in [0, AUTOPILOT] {
+        let mut world = World::new(accept);
+        let mut heard = world.window(&to(component));
+        heard.extend(world.windows(60));
+        assert_eq!(acknowledged(&heard), [MavResult::MAV_RESULT_ACCEPTED]);
+        assert_eq!(told(&heard).len(), 22);
+    }
+}
+
+#[test]
+fn list_of_parameters_that_all_systems_are_asked_for_is_told() {
+    let mut world = World::new(accept);
+    let all = PARAM_REQUEST_LIST_DATA { target_system: 0, target_component: 0 };
+    let mut heard = world.window(&[MavMessage::PARAM_REQUEST_LIST(all)]);
+    heard.extend(world.windows(60));
+    assert_eq!(told(&heard).len(), 22);
+}
+
+#[test]
+fn modem_and_other_vehicles_are_no_ground_station_that_is_heard() {
+    let heartbeat = |mavtype| {
+        MavMessage::HEARTBEAT(HEARTBEAT_DATA { mavtype, mavlink_version: 3, ..HEARTBEAT_DATA::DEFAULT })
+    };
+    let mut world = World::new(accept);
+    let mut is_heard = |message: MavMessage| {
+        world.window(&[message]);
+        world.station.was_heard()
+    };
+    assert!(!is_heard(MavMessage::RADIO_STATUS(RADIO_STATUS_DATA::DEFAULT)));
+    assert!(!is_heard(heartbeat(MavType::MAV_TYPE_QUADROTOR)));
+    assert!(is_heard(heartbeat(MavType::MAV_TYPE_GCS)));
+    assert!(is_heard(command(MavCmd::MAV_CMD_REQUEST_MESSAGE, 148.0)));
+    let to_another = COMMAND_LONG_DATA { target_system: 2, ..COMMAND_LONG_DATA::DEFAULT };
+    assert!(!is_heard(MavMessage::COMMAND_LONG(to_another)));
 }
 
 #[test]

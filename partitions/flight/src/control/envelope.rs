@@ -6,6 +6,7 @@
 
 use crate::GRAVITY_MPS2;
 use crate::airframe::Airframe;
+use crate::atmosphere::SEA_LEVEL_DENSITY_KGPM3;
 
 /// Share of the greatest lift coefficient that is asked for: what is left is for gusts from below, 2 m/s of them at 22 m/s.
 const LIFT_SHARE: f64 = 0.85;
@@ -21,6 +22,14 @@ const ALWAYS_LOAD_FACTOR: f64 = 1.05;
 const FLOOR_SHARE: f64 = 1.2;
 /// Steepest climb and descent, as a share of the airspeed: 30°.
 const STEEPEST: f64 = 0.5;
+/// Airspeed that is flown where nobody asks for one, at least: of the same.
+const CRUISE_SHARE: f64 = 1.3;
+/// Airspeeds outside are taken as these, m/s, because gains go with 1/V²; and shares of stall and full-throttle airspeed, where an
+/// aircraft flies slower or faster than that.
+const MEASURED_MPS: (f64, f64) = (10.0, 60.0);
+const MEASURED_SHARES: (f64, f64) = (0.7, 1.3);
+/// Share of the roll rate at full aileron that a bank is turned to with: what is left steadies.
+const ROLL_SHARE: f64 = 0.8;
 /// How hard it is kept, 1/s.
 const STEEPEST_GAIN: f64 = 3.0;
 /// Airspeed at which a wheel may leave the ground, of the same.
@@ -96,6 +105,10 @@ pub fn steepness(airspeed_mps: f64, climb_mps: f64) -> (f64, f64) {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Envelope {
     greatest_lift: f64,
+    /// Airspeeds outside are taken as these, m/s.
+    pub measured_mps: (f64, f64),
+    /// See [`Airframe::roll_per_airspeed`].
+    roll_per_airspeed: f64,
     /// Airspeed above which none is asked for, m/s: what would be lacking for ever would keep the aircraft from climbing.
     pub fastest_mps: f64,
 }
@@ -103,7 +116,32 @@ pub struct Envelope {
 impl Envelope {
     /// Of an airframe.
     pub fn new(airframe: &Airframe) -> Self {
-        Self { greatest_lift: airframe.greatest_lift(), fastest_mps: airframe.fastest_mps() }
+        let envelope = Self {
+            greatest_lift: airframe.greatest_lift(),
+            measured_mps: MEASURED_MPS,
+            roll_per_airspeed: airframe.roll_per_airspeed(),
+            fastest_mps: airframe.fastest_mps(),
+        };
+        let stall_mps = envelope.stall_mps(airframe, SEA_LEVEL_DENSITY_KGPM3);
+        let least_mps = MEASURED_MPS.0.min(MEASURED_SHARES.0 * stall_mps);
+        let most_mps = MEASURED_MPS.1.max(MEASURED_SHARES.1 * envelope.fastest_mps);
+        Self { measured_mps: (least_mps, most_mps), ..envelope }
+    }
+
+    /// Least airspeed that is flown at sea level, m/s.
+    pub fn slowest_mps(&self, airframe: &Airframe) -> f64 {
+        FLOOR_SHARE * self.stall_mps(airframe, SEA_LEVEL_DENSITY_KGPM3)
+    }
+
+    /// Airspeed (m/s) that is flown where `asked_mps` is meant for whatever aircraft it is.
+    pub fn cruise_mps(&self, airframe: &Airframe, asked_mps: f64) -> f64 {
+        let least_mps = CRUISE_SHARE * self.stall_mps(airframe, SEA_LEVEL_DENSITY_KGPM3);
+        asked_mps.max(least_mps).min(self.fastest_mps.max(least_mps))
+    }
+
+    /// Roll rate (rad/s) to turn to a bank with, at most.
+    pub fn roll_rate_radps(&self, airspeed_mps: f64) -> f64 {
+        ROLL_SHARE * self.roll_per_airspeed * airspeed_mps
     }
 
     /// Airspeed (m/s) at which the wing just carries the weight.

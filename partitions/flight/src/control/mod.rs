@@ -185,8 +185,8 @@ const FLOOR_LEAD_S: f64 = 1.0;
 const ROLL_RATE_SLEW_RADPS2: f64 = 16.0;
 const NORMAL_SLEW_MPS3: f64 = 60.0;
 const AXIAL_SLEW_MPS3: f64 = 8.0;
-/// Airspeeds outside are taken as these, m/s: gains go with 1/V².
-const AIRSPEED_RANGE_MPS: (f64, f64) = (10.0, 60.0);
+/// Share of the rudder's travel that coordinates, at most: what is left damps.
+const COORDINATING_SHARE: f64 = 0.8;
 /// Smoothing of the pitot's noise, s.
 const AIRSPEED_LAG_S: f64 = 0.15;
 /// Longest step taken as one, s; after a longer pause the rest is not made up.
@@ -245,12 +245,15 @@ pub struct Controller {
 impl Controller {
     /// A controller with everything off. Should it be engaged in flight at once, it starts from trimmed flight.
     pub fn new(airframe: Airframe, config: ControllerConfig, guidance: Guidance) -> Self {
+        let envelope = Envelope::new(&airframe);
+        let cruise_mps = envelope.cruise_mps(&airframe, config.cruise_mps);
+        let config = ControllerConfig { cruise_mps, ..config };
         let trim = airframe.trim(config.cruise_mps, 1.2);
         Self {
             airframe,
             config,
             trim,
-            envelope: Envelope::new(&airframe),
+            envelope,
             guidance,
             loops: InnerLoops::default(),
             references: References { normal_mps2: -GRAVITY_MPS2, ..References::default() },
@@ -291,10 +294,11 @@ impl Controller {
 
     /// Flies with other gains and limits from now on.
     pub fn configure(&mut self, config: ControllerConfig) {
-        if config.cruise_mps != self.config.cruise_mps {
-            self.trim = self.airframe.trim(config.cruise_mps, 1.2);
+        let cruise_mps = self.envelope.cruise_mps(&self.airframe, config.cruise_mps);
+        if cruise_mps != self.config.cruise_mps {
+            self.trim = self.airframe.trim(cruise_mps, 1.2);
         }
-        self.config = config;
+        self.config = ControllerConfig { cruise_mps, ..config };
     }
 
     /// Airspeed above which none is flown, whoever asks, m/s.
@@ -410,10 +414,16 @@ impl Controller {
             autopilot: true,
             // A little above, so that it does not level off before it is there.
             altitude_m: Some(self.config.take_off_m + 10.0),
-            airspeed_mps: Some(self.config.cruise_mps),
+            // No less than it climbs at, or it would wait for that for ever.
+            airspeed_mps: Some(self.config.cruise_mps.max(self.climb_out_mps(&take_off, s))),
             track_rad: Some(take_off.course_rad),
             ..LoopCommands::default()
         })
+    }
+
+    /// Airspeed below which a take-off does not climb, m/s.
+    fn climb_out_mps(&self, take_off: &TakeOff, s: &Signals) -> f64 {
+        take_off.climb_mps(&self.airframe, &self.envelope, s.density_kgpm3) + 2.0
     }
 
     fn on_ground(&self, command: ActuatorCommand, basis: Basis, signals: Signals) -> ControllerOutput {
@@ -473,7 +483,8 @@ impl Controller {
         if let Some(bank) = wanted.bank {
             let bank = limits.bank(bank, &mut protection);
             wanted.bank = Some(bank);
-            wanted.roll_rate = Some(outer.bank(bank, s.bank_rad));
+            let most = self.envelope.roll_rate_radps(s.airspeed_mps);
+            wanted.roll_rate = Some(outer.bank(bank, s.bank_rad).clamp(-most, most));
         } else if let Some(rate) = wanted.roll_rate {
             // A roll rate by itself would roll on and on: beyond the limit only back.
             let (high, low) =
@@ -503,7 +514,7 @@ impl Controller {
     fn measure(&mut self, state: &NavigationState, inputs: &ControllerInputs<'_>, dt_s: f64) -> Signals {
         let air = state.air_velocity();
         let airspeed = inputs.airspeed_mps.filter(|v| v.is_finite()).unwrap_or(air.norm());
-        let airspeed = airspeed.clamp(AIRSPEED_RANGE_MPS.0, AIRSPEED_RANGE_MPS.1);
+        let airspeed = airspeed.clamp(self.envelope.measured_mps.0, self.envelope.measured_mps.1);
         self.airspeed_mps = if self.airspeed_mps > 0.0 {
             low_pass(self.airspeed_mps, airspeed, AIRSPEED_LAG_S, dt_s)
         } else {
@@ -592,8 +603,7 @@ impl Controller {
             return (commands.navigation || target.is_some()).then(|| outer.climb_rate(0.0, climb));
         }
         let reference = self.airspeed_wanted(commands, guidance);
-        let taking_off =
-            self.take_off.map(|t| t.climb_mps(&self.airframe, &self.envelope, s.density_kgpm3) + 2.0);
+        let taking_off = self.take_off.map(|take_off| self.climb_out_mps(&take_off, s));
         let reference = taking_off.or(reference);
         let lack = reference.map_or(0.0, |v| v - s.airspeed_mps);
         target.map(|altitude| outer.altitude(altitude - state.altitude_m(), -state.velocity.z, lack))
@@ -673,7 +683,11 @@ impl Controller {
         if wanted.axial.is_some() {
             command.throttle = loops.axial(airframe, tuning, s, r.axial_mps2, dt_s);
         }
-        command.rudder_rad = loops.lateral(airframe, tuning, s, lateral, dt_s);
+        let limit = airframe.servo.rudder_limit_rad;
+        let most = COORDINATING_SHARE * limit;
+        let forward = airframe.coordinating_rudder(command.aileron_rad, s.roll_rate_radps, s.airspeed_mps);
+        let rudder = loops.lateral(airframe, tuning, s, lateral, dt_s) + forward.clamp(-most, most);
+        command.rudder_rad = rudder.clamp(-limit, limit);
         command
     }
 

@@ -122,7 +122,7 @@ impl Guidance {
         let radius_m = self.radius_m(&motion.wind);
         let right = Vector2::new(-course.sin(), course.cos());
         // The bank needs its time, in which the aircraft goes straight on.
-        let begin = motion.position + motion.velocity * self.config.lead_s;
+        let begin = motion.position + motion.velocity * self.lead_s();
         let centre = begin + right * (side * radius_m);
         let held = Hold { north_m: centre.x, east_m: centre.y, radius_m, side, altitude_m, airspeed_mps };
         self.hold = Some(held);

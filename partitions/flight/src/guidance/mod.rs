@@ -9,7 +9,9 @@ pub mod path;
 pub use hold::Hold;
 
 use crate::GRAVITY_MPS2;
+use crate::airframe::Airframe;
 use crate::attitude::wrap_angle;
+use crate::control::envelope::Envelope;
 use nalgebra::Vector2;
 use path::{Arc, Leg, Offset};
 use thiserror::Error;
@@ -119,6 +121,24 @@ pub struct GuidanceConfig {
     pub lead_s: f64,
     /// The aircraft's fastest airspeed, m/s: no corner is made for more.
     pub fastest_mps: f64,
+    /// The least that is flown, m/s: no corner is made for less.
+    pub slowest_mps: f64,
+    /// Roll rate that a bank is turned to with, for each m/s of airspeed, rad/m; infinite: as quickly as the laws ask.
+    pub roll_per_airspeed: f64,
+}
+
+impl GuidanceConfig {
+    /// As set, for an aircraft.
+    #[must_use]
+    pub fn of_airframe(self, airframe: &Airframe) -> Self {
+        let envelope = Envelope::new(airframe);
+        Self {
+            fastest_mps: envelope.fastest_mps,
+            slowest_mps: envelope.slowest_mps(airframe),
+            roll_per_airspeed: envelope.roll_rate_radps(1.0),
+            ..self
+        }
+    }
 }
 
 impl Default for GuidanceConfig {
@@ -132,6 +152,8 @@ impl Default for GuidanceConfig {
             finish: Finish::Loiter,
             lead_s: 0.55,
             fastest_mps: f64::INFINITY,
+            slowest_mps: 0.0,
+            roll_per_airspeed: f64::INFINITY,
         }
     }
 }
@@ -176,6 +198,12 @@ pub struct GuidanceOutput {
     pub holding: bool,
 }
 
+/// Roll rate that the outer loop asks for at most, rad/s: whoever rolls as quickly has the full gains and leads.
+const QUICK_ROLL_RADPS: f64 = 1.6;
+/// Roll rate below which the gains sink with it, rad/s: a bank that comes late makes a quick path swing.
+const SLOW_ROLL_RADPS: f64 = 0.6;
+/// Bank that is rolled to where an arc begins, rad: half of it is how much longer a slow roll's lag is.
+const LEAD_BANK_RAD: f64 = 0.33;
 /// Gain from cross-track error to closing speed, 1/s.
 const TRACK_GAIN: f64 = 0.35;
 /// Closing speed as a share of ground speed: an intercept of 37°.
@@ -376,10 +404,29 @@ impl Guidance {
         Leg { from, to: self.waypoint(index).horizontal() }
     }
 
+    /// Airspeed that is flown to the next way-point, m/s.
+    fn airspeed_mps(&self) -> f64 {
+        self.waypoint(self.next).airspeed_mps.min(self.config.fastest_mps).max(self.config.slowest_mps)
+    }
+
+    /// Roll rate that a bank is turned to with, rad/s.
+    fn roll_rate_radps(&self) -> f64 {
+        (self.config.roll_per_airspeed * self.airspeed_mps()).min(QUICK_ROLL_RADPS)
+    }
+
+    /// Share of the gains: all of them for who rolls quickly enough.
+    fn agility(&self) -> f64 {
+        (self.roll_rate_radps() / SLOW_ROLL_RADPS).min(1.0)
+    }
+
+    /// Lag of bank behind its reference, s.
+    fn lead_s(&self) -> f64 {
+        self.config.lead_s + LEAD_BANK_RAD * (1.0 / self.roll_rate_radps() - 1.0 / QUICK_ROLL_RADPS)
+    }
+
     /// Radius at which the design bank suffices with the whole wind from behind: (V + W)²/(g tan φ).
     fn radius_m(&self, wind: &Vector2<f64>) -> f64 {
-        let airspeed_mps = self.waypoint(self.next).airspeed_mps.min(self.config.fastest_mps);
-        let fastest = airspeed_mps + wind.norm().min(STRONGEST_WIND_MPS);
+        let fastest = self.airspeed_mps() + wind.norm().min(STRONGEST_WIND_MPS);
         let needed = fastest * fastest / (GRAVITY_MPS2 * self.config.turn_bank_rad.tan());
         self.config.radius_m.unwrap_or(needed.max(self.config.least_radius_m))
     }
@@ -487,7 +534,12 @@ impl Guidance {
             .hold
             .map_or((target.altitude_m, target.airspeed_mps), |held| (held.altitude_m, held.airspeed_mps));
         GuidanceOutput {
-            horizontal_mps2: track_acceleration(&offset, &motion.velocity, self.curvature(motion)),
+            horizontal_mps2: track_acceleration(
+                &offset,
+                &motion.velocity,
+                self.curvature(motion),
+                self.agility(),
+            ),
             altitude_m,
             airspeed_mps,
             next: self.next,
@@ -509,7 +561,7 @@ impl Guidance {
 
     /// Curvature of the path (1/m, positive right) a lead time ahead.
     fn curvature(&self, motion: &Motion) -> f64 {
-        let ahead = motion.velocity.norm() * self.config.lead_s;
+        let ahead = motion.velocity.norm() * self.lead_s();
         match &self.stage {
             Stage::Leg(leg, Some(arc)) => {
                 let offset = leg.offset(&motion.position);
@@ -542,17 +594,17 @@ fn has_room(offset: &Offset, velocity: &Vector2<f64>, radius_m: f64) -> bool {
 
 /// Acceleration to the right (m/s²) that closes a cross-track error and follows the curvature (1/m):
 /// `ẏ_ref = clamp(−0.35 y, ±0.6 V_g)`, `a = clamp(1.2 (ẏ_ref − ẏ) + V_g²/R, ±10.5)`; from a course more than 70° off
-/// the wanted one it turns as hard as it may, the shorter way round.
-pub fn track_acceleration(offset: &Offset, velocity: &Vector2<f64>, curvature: f64) -> f64 {
+/// the wanted one it turns as hard as it may, the shorter way round. `agility`: share of both gains.
+pub fn track_acceleration(offset: &Offset, velocity: &Vector2<f64>, curvature: f64, agility: f64) -> f64 {
     let speed = velocity.norm().max(LEAST_GROUND_SPEED_MPS);
-    let closing = (-TRACK_GAIN * offset.right_m).clamp(-TRACK_SHARE * speed, TRACK_SHARE * speed);
+    let closing = (-agility * TRACK_GAIN * offset.right_m).clamp(-TRACK_SHARE * speed, TRACK_SHARE * speed);
     let course = velocity.y.atan2(velocity.x);
     let error = wrap_angle(offset.track_rad + (closing / speed).asin() - course);
     if error.abs() > 1.2 {
         return HORIZONTAL_LIMIT_MPS2.copysign(error);
     }
     let sideways = speed * wrap_angle(course - offset.track_rad).sin();
-    let wanted = CLOSING_GAIN * (closing - sideways) + curvature * speed * speed;
+    let wanted = agility * CLOSING_GAIN * (closing - sideways) + curvature * speed * speed;
     wanted.clamp(-HORIZONTAL_LIMIT_MPS2, HORIZONTAL_LIMIT_MPS2)
 }
 

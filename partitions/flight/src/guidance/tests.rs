@@ -122,9 +122,9 @@ fn bad_missions_are_refused() {
 fn cross_track_law_turns_towards_the_track() {
     let leg = Leg { from: Vector2::zeros(), to: Vector2::new(500.0, 0.0) };
     let north = Vector2::new(22.0, 0.0);
-    assert!(track_acceleration(&leg.offset(&Vector2::new(100.0, 10.0)), &north, 0.0) < 0.0);
-    assert!(track_acceleration(&leg.offset(&Vector2::new(100.0, -10.0)), &north, 0.0) > 0.0);
-    let away = track_acceleration(&leg.offset(&Vector2::new(100.0, 0.0)), &-north, 0.0);
+    assert!(track_acceleration(&leg.offset(&Vector2::new(100.0, 10.0)), &north, 0.0, 1.0) < 0.0);
+    assert!(track_acceleration(&leg.offset(&Vector2::new(100.0, -10.0)), &north, 0.0, 1.0) > 0.0);
+    let away = track_acceleration(&leg.offset(&Vector2::new(100.0, 0.0)), &-north, 0.0, 1.0);
     assert_eq!(away.abs(), HORIZONTAL_LIMIT_MPS2, "flying backwards it turns round");
 }
 

@@ -2,8 +2,10 @@
 //!
 //! A simulator that follows the module stamps its sensors with the time that it was asked for: such a stamp is taken as it is. One
 //! with a clock of its own, whatever its zero, is tied to module time by its first stamp, and from then on by the
-//! difference alone. What lies more than a second beside the module's time is not believed, unless the simulator's clock
-//! went there step by step, or nothing else has come for a second.
+//! difference alone: that its stamps meet the time of a question now and then means nothing, unless three on end
+//! repeat the newest question each time, as only one that follows the module now does. What lies more than a second beside
+//! the module's time is not believed, unless the simulator's clock went there step by step, or nothing else has come for
+//! a second.
 
 use std::collections::VecDeque;
 
@@ -13,6 +15,11 @@ const NEAR_NS: i128 = 1_000_000_000;
 const STEP_US: u64 = 1_000_000;
 /// Questions that are remembered, so that a late answer is known as such: more than a second's.
 const REMEMBERED: usize = 64;
+/// Stamps on end that repeat the newest question, after which a simulator with a clock of its own is taken for one that
+/// follows the module.
+const ECHOES: u32 = 3;
+/// A stamp that repeats a question may be rounded in the last digit, µs.
+const ROUNDING_US: u64 = 1;
 const NS_PER_US: i128 = 1_000;
 
 /// Why a stamp means nothing.
@@ -27,6 +34,9 @@ pub(super) struct Clock {
     asked_ns: VecDeque<u64>,
     /// The last stamp that was believed, µs.
     last_us: u64,
+    /// Stamps on end that repeated the newest question, the last of them for module time `echoed_ns`.
+    echoes: u32,
+    echoed_ns: u64,
     ties: u64,
 }
 
@@ -52,11 +62,17 @@ impl Clock {
     /// Module time, ns, of a sensor stamp, µs. `alone`: nothing new has come for a second.
     pub(super) fn sensor_ns(&mut self, stamp_us: u64, alone: bool) -> Result<u64, Unbelievable> {
         let now_ns = self.now_ns();
-        if let Some(asked_ns) = self.asked_for(stamp_us) {
+        let beside_ns = self.offset_ns.map(|offset_ns| in_ns(stamp_us) + offset_ns - i128::from(now_ns));
+        let asked_ns = self.asked_for(stamp_us);
+        self.note_echo(asked_ns == Some(now_ns), now_ns);
+        // A clock of its own that is tied, and makes sense, is not untied by a number that happens to be a question's.
+        let is_own = self.offset_ns.is_some_and(|offset_ns| offset_ns != 0);
+        let makes_sense = beside_ns.is_some_and(|beside_ns| beside_ns.abs() <= NEAR_NS);
+        if let Some(asked_ns) = asked_ns.filter(|_| !is_own || !makes_sense || self.echoes >= ECHOES) {
+            self.ties += u64::from(is_own);
             (self.offset_ns, self.last_us) = (Some(0), stamp_us);
             return Ok(asked_ns);
         }
-        let beside_ns = self.offset_ns.map(|offset_ns| in_ns(stamp_us) + offset_ns - i128::from(now_ns));
         let walked = stamp_us > self.last_us && stamp_us - self.last_us <= STEP_US;
         let tie = match beside_ns {
             None => true,
@@ -83,13 +99,26 @@ impl Clock {
         }
     }
 
+    /// Counts stamps on end that repeat the newest question. The answer that comes twice counts once.
+    fn note_echo(&mut self, is_echo: bool, now_ns: u64) {
+        if !is_echo {
+            self.echoes = 0;
+        } else if self.echoes == 0 || self.echoed_ns != now_ns {
+            (self.echoes, self.echoed_ns) = (self.echoes.saturating_add(1), now_ns);
+        }
+    }
+
     fn now_ns(&self) -> u64 {
         self.asked_ns.back().copied().unwrap_or_default()
     }
 
     /// The question's time that a stamp repeats. Stamps hold microseconds, questions may not be whole ones.
     fn asked_for(&self, stamp_us: u64) -> Option<u64> {
-        self.asked_ns.iter().rev().copied().find(|asked_ns| asked_ns / 1_000 == stamp_us)
+        self.asked_ns
+            .iter()
+            .rev()
+            .copied()
+            .find(|asked_ns| (asked_ns / 1_000).abs_diff(stamp_us) <= ROUNDING_US)
     }
 }
 
@@ -123,6 +152,63 @@ mod tests {
             assert_eq!(stamped, CYCLE + (cycle - 1) * 20_100_000);
         }
         assert_eq!(clock.ties(), 1);
+    }
+
+    #[test]
+    fn own_clock_in_lockstep_whose_stamps_are_the_last_questions_stays_tied_to_the_newest() {
+        let mut clock = Clock::default();
+        for cycle in 1..200 {
+            clock.asks(cycle * CYCLE + 500_000);
+            let stamp_us = (cycle - 1) * 20_000 + 500;
+            assert_eq!(clock.sensor_ns(stamp_us, false), Ok(cycle * CYCLE + 500_000));
+        }
+        assert_eq!(clock.ties(), 1);
+    }
+
+    #[test]
+    fn own_clock_that_meets_a_question_is_not_shifted_by_it() {
+        let mut clock = Clock::default();
+        clock.asks(CYCLE);
+        clock.sensor_ns(7, false).unwrap();
+        for cycle in 2..200 {
+            clock.asks(cycle * CYCLE);
+            // An old question's time, and once in three cycles the newest one's.
+            for stamp_us in [(cycle - 1) * 20_000, cycle * 20_000 - 4_000 + u64::from(cycle % 3 == 0) * 4_000]
+            {
+                let time_ns = clock.sensor_ns(stamp_us, false).unwrap();
+                assert_eq!(time_ns, CYCLE + (stamp_us - 7) * 1_000, "cycle {cycle}");
+            }
+        }
+        assert_eq!(clock.ties(), 1);
+    }
+
+    #[test]
+    fn simulator_that_comes_to_repeat_the_questions_is_believed_after_three_of_them_or_at_once_if_far_away() {
+        for (own_us, believed_at) in [(300_000, 13), (1_700_000_000_000_000, 11)] {
+            let mut clock = Clock::default();
+            for cycle in 1..=10 {
+                clock.asks(cycle * CYCLE);
+                clock.sensor_ns(own_us + cycle * 20_000, false).unwrap();
+            }
+            for cycle in 11..20 {
+                clock.asks(cycle * CYCLE);
+                for _ in 0..2 {
+                    let is_echo = clock.sensor_ns(cycle * 20_000, false) == Ok(cycle * CYCLE);
+                    assert_eq!(is_echo, cycle >= believed_at, "cycle {cycle} of {own_us}");
+                }
+            }
+            assert_eq!(clock.ties(), 2);
+        }
+    }
+
+    #[test]
+    fn stamp_of_the_question_that_was_rounded_is_its_time_all_the_same() {
+        let mut clock = Clock::default();
+        for cycle in 1..100 {
+            clock.asks(cycle * CYCLE);
+            assert_eq!(clock.sensor_ns(cycle * 20_000 + cycle % 3 - 1, false), Ok(cycle * CYCLE));
+        }
+        assert_eq!(clock.ties(), 0);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The ground station's side of a flight, on either clock.
 
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -227,9 +228,9 @@ impl Flight {
             return module_ns >= lost_ns + AFTER_SIMULATOR_NS;
         }
         if self.simulator_silence() >= SIMULATOR_PATIENCE {
-            let seconds = SIMULATOR_PATIENCE.as_secs();
-            let why = if self.simulator.is_stopped() { ": its process is stopped (SIGSTOP)" } else { "" };
-            let reason = format!("the simulator has not answered for {seconds} s{why}");
+            let simulator = &self.simulator;
+            let somebody_elses = (!simulator.is_ours()).then_some(simulator.protocol);
+            let reason = unanswered(simulator.address, somebody_elses, simulator.is_stopped());
             eprintln!("{:9.3} s  ! {reason}", module_ns as f64 / 1e9);
             self.failure = Some(reason);
             return true;
@@ -300,6 +301,18 @@ impl Flight {
     }
 }
 
+/// That the simulator is silent, where it should be, and what is known of why.
+fn unanswered(address: SocketAddr, somebody_elses: Option<Protocol>, is_stopped: bool) -> String {
+    let why = match somebody_elses {
+        _ if is_stopped => ": its process is stopped (SIGSTOP)".to_owned(),
+        None => String::new(),
+        Some(protocol) => {
+            format!(": does it listen there (--simulator), and speak {} (--protocol)?", protocol.name())
+        }
+    };
+    format!("the simulator at {address} has not answered for {} s{why}", SIMULATOR_PATIENCE.as_secs())
+}
+
 fn describe(progress: &Progress) -> String {
     let number = |value: Option<f64>, unit: &str| {
         value.map_or_else(|| format!("   - {unit}"), |value| format!("{value:6.1} {unit}"))
@@ -317,4 +330,21 @@ fn describe(progress: &Progress) -> String {
         progress.waypoints_reached,
         progress.waypoints_to_reach
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn simulator_that_does_not_answer_is_named_with_its_address_and_what_to_look_at() {
+        let address = SocketAddr::from(([127, 0, 0, 1], 15_400));
+        assert_eq!(
+            unanswered(address, Some(Protocol::Native), false),
+            "the simulator at 127.0.0.1:15400 has not answered for 4 s: does it listen there (--simulator), and speak \
+             native (--protocol)?"
+        );
+        assert!(unanswered(address, None, true).ends_with("for 4 s: its process is stopped (SIGSTOP)"));
+        assert!(unanswered(address, None, false).ends_with("for 4 s"));
+    }
 }

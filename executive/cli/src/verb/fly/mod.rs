@@ -446,7 +446,7 @@ fn inputs(arguments: &Arguments, plan: &Plan, mission: &MissionPlan) -> Inputs {
     }
     inputs.guidance.radius_m = given("controller", "radius_m").and_then(|value| value.as_f64());
     if let Some(airframe) = airframe(arguments, plan) {
-        inputs.guidance.fastest_mps = airframe.fastest_mps();
+        inputs.guidance = inputs.guidance.of_airframe(&airframe);
     }
     inputs
 }

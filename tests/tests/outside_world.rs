@@ -80,7 +80,7 @@ fn simulator_stopped_in_virtual_time_fails_the_flight_and_nothing_hangs() {
     let summary = ended.summary();
     assert_eq!(summary["completed"], false);
     let failure = summary["failure"].as_str().unwrap();
-    assert!(failure.contains("the simulator has not answered") && failure.contains("SIGSTOP"), "{failure}");
+    assert!(failure.contains("has not answered for") && failure.contains("SIGSTOP"), "{failure}");
     assert!(
         ended
             .faults()

@@ -318,7 +318,7 @@ fn tell_lost(reason: String, module_ns: u64, monitor: &mut Monitor) {
 }
 
 /// What the file of a part is called, beside the first one's `ports.mcap`.
-fn part_name(part: u32) -> String {
+pub(crate) fn part_name(part: u32) -> String {
     match part {
         0 => "ports.mcap".into(),
         part => format!("ports.part-{part}.mcap"),

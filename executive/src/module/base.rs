@@ -28,7 +28,7 @@ use crate::monitor::{StartForStranger, StartJanitor};
 use crate::partition::{Cage, Housing, attached_channels, is_readable, message_name, queue_depth};
 use crate::plan::{ModuleView, PartitionId, Plan, PortId};
 use crate::planned::STANDBY;
-use crate::recording::{Recorder, RecorderOrder, Recording, StartRecorder};
+use crate::recording::{Recorder, RecorderOrder, Recording, StartRecorder, part_name};
 use crate::system::account::Accounts;
 use crate::system::cgroup::Group;
 use crate::system::spawn::{Request, Spawned, User, Walls, spawn};
@@ -116,9 +116,6 @@ fn await_end(helper: &Spawned) {
     crate::partition::await_any_end(&[helper.pidfd.as_fd()], 1_000_000_000);
     let _ = crate::partition::ended(helper); // one that still runs dies with the executive
 }
-
-/// Where a run's folder has its port messages.
-const FIRST_LOG: &str = "ports.mcap";
 
 /// The file of port messages: one that is closed can not be gone on with, so each start has its own.
 fn port_log(path: &Path, resets: u32) -> PathBuf {
@@ -446,7 +443,7 @@ impl Base {
         let custodian = Rc::new(RefCell::new(custodian));
         if options.record.is_none() && course.resets() == 0 {
             // What an earlier run recorded in this folder would be taken for this one's.
-            let earlier = options.output.join(FIRST_LOG);
+            let earlier = options.output.join(part_name(0));
             remove_earlier(&earlier);
             let _ = std::fs::remove_file(&earlier); // there is none, as a rule
         }

@@ -2,7 +2,6 @@
 
 use crate::board::Board;
 use crate::courier::function_name;
-use crate::plan::AIRSPEEDS_MPS;
 use bateleur_messages::SimulatorLink;
 use bateleur_messages::ground::{
     EstimatorOrder, LoopId, Manoeuvre, Order, SENSOR_ACCELEROMETER, SENSOR_GYROSCOPE, SENSOR_PRESSURE,
@@ -112,7 +111,7 @@ pub enum ConsoleError {
         known: usize,
     },
     /// A way-point's speed.
-    #[error("the airspeed must be {} to {} m/s", AIRSPEEDS_MPS.start(), AIRSPEEDS_MPS.end())]
+    #[error("the airspeed must be {} to {} m/s", Waypoint::AIRSPEEDS_MPS.start(), Waypoint::AIRSPEEDS_MPS.end())]
     Airspeed,
     /// A name like no parameter's.
     #[error("\"{name}\" is no parameter's name; \"parameters\" lists them")]
@@ -206,7 +205,7 @@ impl Console {
         if index >= crate::plan::MOST_WAYPOINTS {
             return Err(ConsoleError::WaypointCount(crate::plan::MOST_WAYPOINTS));
         }
-        if !AIRSPEEDS_MPS.contains(&point.airspeed_mps) {
+        if !Waypoint::AIRSPEEDS_MPS.contains(&point.airspeed_mps) {
             return Err(ConsoleError::Airspeed);
         }
         if index == known {

@@ -9,13 +9,6 @@ use thiserror::Error;
 /// Most way-points of a mission: as many as the Controller holds.
 pub const MOST_WAYPOINTS: usize = 32;
 
-/// Airspeeds of a way-point, m/s: what the Controller takes. It does not understand one with another.
-pub(crate) const AIRSPEEDS_MPS: RangeInclusive<f64> = 5.0..=100.0;
-
-/// Two way-points in a row are at least so far apart on the map, m: a leg with no length has no direction to fly in, and
-/// its end counts as reached at once.
-const NEAREST_M: f64 = 5.0;
-
 /// A mission, checked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MissionPlan {
@@ -61,17 +54,18 @@ pub enum PlanError {
     /// Two way-points in a row are at the same place, or nearly.
     #[error(
         "way-point {first} (north {} m, east {} m) and way-point {second} (north {} m, east {} m) follow each other, and \
-         are {:.1} m apart on the map; it must be {NEAREST_M} m or more (the track is closed: the first follows the \
+         are {:.1} m apart on the map; it must be {nearest} m or more (the track is closed: the first follows the \
          last): move one, or leave it out",
-        places[0].0, places[0].1, places[1].0, places[1].1, distance_m(*places)
+        points[0].north_m, points[0].east_m, points[1].north_m, points[1].east_m, points[0].distance_m(&points[1]),
+        nearest = Waypoint::NEAREST_M
     )]
     Near {
         /// The one.
         first: usize,
         /// The other.
         second: usize,
-        /// North and east of both, m.
-        places: [(f64, f64); 2],
+        /// Both.
+        points: [Waypoint; 2],
     },
     /// The text is no mission.
     #[error("line {line}, column {column}: {message}")]
@@ -237,7 +231,7 @@ impl RawWaypoint {
         within(&name("east_m"), self.east_m, near, "within 50 km")?;
         within(&name("altitude_m"), self.altitude_m, 0.0..=5000.0, "0 to 5000 m")?;
         within(&name("heading_deg"), self.heading_deg, -360.0..=360.0, "-360 to 360 degrees")?;
-        within(&name("airspeed_mps"), self.airspeed_mps, AIRSPEEDS_MPS, "5 to 100 m/s")?;
+        within(&name("airspeed_mps"), self.airspeed_mps, Waypoint::AIRSPEEDS_MPS, "5 to 100 m/s")?;
         Ok(Waypoint {
             index: index as u8, // below MOST_WAYPOINTS
             count: count as u8,
@@ -257,16 +251,12 @@ fn apart(waypoints: &[Waypoint]) -> Result<(), PlanError> {
     let pairs =
         (0..count).map(|first| (first, (first + 1) % count)).filter(|(first, second)| first != second);
     for (first, second) in pairs {
-        let places = [first, second].map(|index| (waypoints[index].north_m, waypoints[index].east_m));
-        if distance_m(places) < NEAREST_M {
-            return Err(PlanError::Near { first, second, places });
+        let points = [waypoints[first], waypoints[second]];
+        if points[0].distance_m(&points[1]) < Waypoint::NEAREST_M {
+            return Err(PlanError::Near { first, second, points });
         }
     }
     Ok(())
-}
-
-fn distance_m([(north, east), (other_north, other_east)]: [(f64, f64); 2]) -> f64 {
-    (other_north - north).hypot(other_east - east)
 }
 
 /// Its plan is JSON and says so in its field `fileType`; the older kind begins with its name.

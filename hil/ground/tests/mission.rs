@@ -342,15 +342,19 @@ fn deaf_pilot_is_called_again() {
     assert_eq!((flight.last.outcome, flight.pilot.orders), (Outcome::Finished, 4));
 }
 
+/// The Controller has nothing left of what it was told.
+fn restart_controller_cold(aircraft: &mut Aircraft) {
+    let Functions { hil, estimator_since, servo, .. } = std::mem::take(&mut aircraft.functions);
+    aircraft.functions = Functions { hil, estimator_since, servo, ..Functions::default() };
+}
+
 #[test]
 fn controller_restarted_cold_gets_way_points_navigation_and_autopilot_again() {
     let mut killed = false;
     let flight = fly(|aircraft, phase| {
         if phase == Phase::Watch && aircraft.functions.reached == 3 && !killed {
             killed = true;
-            let kept = std::mem::take(&mut aircraft.functions);
-            let Functions { hil, estimator_since, servo, .. } = kept;
-            aircraft.functions = Functions { hil, estimator_since, servo, ..Functions::default() };
+            restart_controller_cold(aircraft);
         }
     });
     assert_eq!(flight.last.outcome, Outcome::Finished, "{:?}", flight.texts);
@@ -371,9 +375,7 @@ fn laps_that_a_cold_controller_has_lost_are_set_again_with_its_way_points() {
     let flight = fly_three_laps(&mut |aircraft, phase| {
         if phase == Phase::Watch && aircraft.functions.reached == 3 && !killed {
             killed = true;
-            let kept = std::mem::take(&mut aircraft.functions);
-            let Functions { hil, estimator_since, servo, .. } = kept;
-            aircraft.functions = Functions { hil, estimator_since, servo, ..Functions::default() };
+            restart_controller_cold(aircraft);
         }
     });
     assert_eq!(flight.last.outcome, Outcome::Finished, "{:?}", flight.texts);

@@ -443,7 +443,7 @@ mod tests {
     }
 
     #[test]
-    fn second_retained_value_is_refused_and_not_kept_nowhere() {
+    fn second_retained_value_is_refused_instead_of_being_kept_nowhere() {
         let mut harness = Harness::new("keeper").unwrap();
         harness.retained(4096).unwrap();
         let error = harness.start::<Keeper>().err().map(|error| error.to_string());

@@ -1,5 +1,7 @@
 //! From the ground to the aircraft.
 
+use std::ops::RangeInclusive;
+
 use crate::control::FunctionStatus;
 use crate::field::message;
 use crate::frame::Frame;
@@ -322,6 +324,16 @@ impl Waypoint {
     pub const FARTHEST_M: f64 = 50_000.0;
     /// Highest, m.
     pub const HIGHEST_M: f64 = 10_000.0;
+    /// Airspeeds that the Controller takes, m/s: it does not understand one with another.
+    pub const AIRSPEEDS_MPS: RangeInclusive<f64> = 5.0..=100.0;
+    /// Two in a row are at least so far apart on the map, m: a leg with no length has no direction to fly in, and its end counts
+    /// as reached at once.
+    pub const NEAREST_M: f64 = 5.0;
+
+    /// How far another one is on the map, m.
+    pub fn distance_m(&self, other: &Self) -> f64 {
+        (other.north_m - self.north_m).hypot(other.east_m - self.east_m)
+    }
 
     fn data(&self) -> Vec<u8> {
         let numbers = [self.north_m, self.east_m, self.altitude_m, self.heading_rad, self.airspeed_mps];

@@ -28,11 +28,6 @@ const TRIES: u32 = 5;
 const ON_THE_WAY: usize = 4;
 /// Airspeed before any item has named one, m/s.
 const USUAL_MPS: f64 = 22.0;
-/// Airspeeds that an item may ask for, m/s.
-const SPEEDS_MPS: std::ops::RangeInclusive<f64> = 5.0..=100.0;
-
-/// Neighbours that are nearer to each other have no leg between them that could be flown, m.
-const NEAREST_M: f64 = 5.0;
 
 /// Why an item is refused for its command, or for its frame.
 const COMMAND: (Verdict, &str) = (Verdict::MAV_MISSION_UNSUPPORTED, "only way-points and speeds are flown");
@@ -376,7 +371,7 @@ impl Missions {
                 Err((Verdict::MAV_MISSION_INVALID_PARAM1, text))
             }
             MavCmd::MAV_CMD_DO_CHANGE_SPEED => match f64::from(m.param2) {
-                speed_mps if SPEEDS_MPS.contains(&speed_mps) => Ok((None, speed_mps)),
+                speed_mps if Waypoint::AIRSPEEDS_MPS.contains(&speed_mps) => Ok((None, speed_mps)),
                 _ => Err((Verdict::MAV_MISSION_INVALID_PARAM2, "airspeed between 5 and 100 m/s")),
             },
             _ => Err(COMMAND),
@@ -397,8 +392,9 @@ impl Missions {
                 }
                 if let Some((before, after)) = too_near(items) {
                     let text = format!(
-                        "mission refused: items {before} and {after} are nearer than {NEAREST_M} m to each \
-                         other (the track is closed)"
+                        "mission refused: items {before} and {after} are nearer than {} m to each \
+                         other (the track is closed)",
+                        Waypoint::NEAREST_M
                     );
                     out.text(MavSeverity::MAV_SEVERITY_WARNING, &text);
                     return self.end(Verdict::MAV_MISSION_INVALID, peer, out);
@@ -468,8 +464,8 @@ fn too_near(items: &[(MavCmd, Option<Waypoint>, f64)]) -> Option<(usize, usize)>
     let points: Vec<_> = places.collect();
     let next = points.iter().cycle().skip(1);
     let mut legs = points.iter().zip(next).filter(|_| points.len() > 1);
-    let is_near = |a: &Waypoint, b: &Waypoint| (a.north_m - b.north_m).hypot(a.east_m - b.east_m) < NEAREST_M;
-    legs.find(|((_, from), (_, to))| is_near(from, to)).map(|((from, _), (to, _))| (*from, *to))
+    legs.find(|((_, from), (_, to))| from.distance_m(to) < Waypoint::NEAREST_M)
+        .map(|((from, _), (to, _))| (*from, *to))
 }
 
 fn request(seq: usize, peer: Peer, out: &mut Out) {

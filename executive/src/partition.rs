@@ -407,6 +407,15 @@ pub fn ended(process: &Spawned) -> Option<ExitStatus> {
     Some(ExitStatus::from_raw(raw))
 }
 
+/// How a program of ours ends that has panicked.
+const PANIC: i32 = 101;
+
+/// Whether what a process of ours has read in shared memory has ended it: it was ended by a signal, the executive's among
+/// them, or has panicked. What it says itself, as of a full disk, would be said by its successor too.
+pub fn is_victim(status: Option<ExitStatus>) -> bool {
+    status.is_some_and(|status| !status.success() && matches!(status.code(), None | Some(PANIC)))
+}
+
 /// Waits until one of `processes` ends, at most `nanoseconds`; false: none has.
 pub fn await_any_end(processes: &[BorrowedFd<'_>], nanoseconds: u64) -> bool {
     let mut fds: Vec<_> = processes.iter().map(|process| PollFd::new(process, PollFlags::IN)).collect();

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use crate::event::Event;
 use crate::helper::custodian::Order;
 use crate::monitor::Monitor;
-use crate::partition::{await_any_end, ended, is_readable};
+use crate::partition::{await_any_end, ended, is_readable, is_victim};
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
 
@@ -34,8 +34,6 @@ const END_PATIENCE_NS: u64 = 1_000_000_000;
 const RESPECT_NS: u64 = 3_000_000_000;
 /// Parts of a log, most: whoever damages channels for ever must not fill the disk with beginnings.
 const MOST_PARTS: u32 = 16;
-/// How a program of ours ends that has panicked.
-const PANIC: i32 = 101;
 
 /// A recorder's answers, each a letter. An order is carried out:
 pub const DONE: char = '.';
@@ -165,12 +163,6 @@ impl Recorder {
     fn place(&self) -> Option<usize> {
         (self.place.load(Relaxed) as usize).checked_sub(1)
     }
-}
-
-/// Whether what a recorder has read has ended it: it was ended by a signal, the executive's among them, or has panicked.
-/// What it says itself, as of a full disk, would be said by its successor too.
-fn is_victim(status: Option<ExitStatus>) -> bool {
-    status.is_some_and(|status| !status.success() && matches!(status.code(), None | Some(PANIC)))
 }
 
 /// Channels that recorders have ended at.
@@ -364,7 +356,7 @@ mod tests {
         assert!(!is_victim(Some(ExitStatus::from_raw(1 << 8))), "a full disk");
         assert!(!is_victim(Some(ExitStatus::from_raw(0))));
         assert!(!is_victim(None), "it still runs");
-        for status in [libc::SIGSEGV, libc::SIGKILL, PANIC << 8] {
+        for status in [libc::SIGSEGV, libc::SIGKILL, 101 << 8] {
             assert!(is_victim(Some(ExitStatus::from_raw(status))), "{status}");
         }
     }

@@ -4,9 +4,11 @@
 //! that the clean-up waits for without end, or does not see: those are dealt with before and after. The owner of a
 //! file can be read from its name: the ids in it hold the process number in bits 64 to 95.
 //!
-//! The janitor is a process of its own, ended by the executive if it takes too long.
+//! The janitor is a process of its own, ended by the executive if it takes too long. What a partition has written over can
+//! end it too: it says which channel it is at, and another one goes on, which removes files by their names alone there.
 
 use std::fs::{self, DirEntry};
+use std::io::Write;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::Path;
 
@@ -18,14 +20,19 @@ const ID_DIGITS: usize = 20;
 const HALF_MADE_MODE: u32 = 0o200;
 
 /// Buries process `pid`, which must have been reaped, before its successor is started. `channels`: the directories of
-/// those that it was attached to.
+/// those that it was attached to. `damaged`: those among them whose memory must not be looked at.
 ///
 /// # Errors
 /// The last channel that could not be looked through; the others are cleared all the same.
-pub fn run(domain: &Domain, pid: u32, channels: &[String]) -> Result<(), ChannelError> {
+pub fn run(domain: &Domain, pid: u32, channels: &[String], damaged: &[String]) -> Result<(), ChannelError> {
     super::custodian::name_process(c"janitor");
     let mut result = Ok(());
     for channel in channels {
+        if damaged.contains(channel) {
+            remove_remains(&domain.directory(channel), pid);
+            continue;
+        }
+        let _ = writeln!(std::io::stdout(), "{channel}"); // an executive that is gone needs no word
         if let Err(error) = clear(domain, channel, pid) {
             result = Err(error);
         }

@@ -22,10 +22,11 @@ use crate::helper::examiner;
 use crate::helper::guard::FAREWELL;
 use crate::instance::{Alive, Instance};
 use crate::machine::Machine;
+use crate::monitor::StartJanitor;
+use crate::monitor::burial::{Burial, Fallen};
 use crate::monitor::observers::StartObserver;
 use crate::monitor::renewal::{Means, NotHeld};
-use crate::monitor::{StartForStranger, StartJanitor};
-use crate::partition::{Cage, Housing, attached_channels, is_readable, message_name, queue_depth};
+use crate::partition::{Cage, Housing, is_readable, message_name, queue_depth};
 use crate::plan::{ModuleView, PartitionId, Plan, PortId};
 use crate::planned::STANDBY;
 use crate::recording::{Recorder, RecorderOrder, Recording, StartRecorder, part_name};
@@ -52,6 +53,14 @@ struct Lines<'a> {
 pub(super) struct Custodian {
     process: Spawned,
     line: Option<File>,
+    fallen: Fallen,
+}
+
+impl Drop for Custodian {
+    /// One that memory has ended left something in every channel.
+    fn drop(&mut self) {
+        self.fallen.borrow_mut().push(self.process.pid);
+    }
 }
 
 impl Custodian {
@@ -154,6 +163,7 @@ pub(super) struct Base {
     /// The guard, and the pipe whose end tells it that the executive is gone.
     guard: RefCell<Option<(Spawned, File)>>,
     user: Option<u32>,
+    fallen: Fallen,
 }
 
 impl Base {
@@ -208,6 +218,7 @@ impl Base {
             log,
             guard: RefCell::new(None),
             user: facts.user,
+            fallen: Fallen::default(),
         };
         base.start_guard()?;
         Ok(base)
@@ -277,7 +288,8 @@ impl Base {
         let lines = Lines { input: Some(&reader), output: Some(&answers), ..Lines::default() };
         let process = self.helper(&["custodian".into(), order.into()], lines, true).map_err(failed)?;
         drop(answers);
-        let mut custodian = Custodian { process, line: Some(File::from(OwnedFd::from(writer))) };
+        let line = Some(File::from(OwnedFd::from(writer)));
+        let mut custodian = Custodian { process, line, fallen: self.fallen.clone() };
         let said = words_until_ready(&File::from(OwnedFd::from(answer)), patience_ns);
         match said.last() {
             Some(word) if word == custodian::READY => Ok(custodian),
@@ -335,19 +347,18 @@ impl Base {
     /// needs a janitor first sees that the custodian is there.
     fn janitor_starter(
         &self,
-        plan: Arc<Plan>,
         order: String,
         custodian: Rc<RefCell<Custodian>>,
     ) -> Result<StartJanitor, RunError> {
         let copy = self.copy()?;
-        Ok(Box::new(move |partition, pid| {
+        Ok(Box::new(move |burial| {
             if custodian.borrow().has_left() {
                 // Before any clean-up, which would take away the channels that only the dead one held.
                 *custodian.borrow_mut() = copy
                     .start_custodian(&order, NEXT_CUSTODIAN_PATIENCE_NS)
                     .map_err(std::io::Error::other)?;
             }
-            copy.start_janitor(pid, attached_channels(&plan, partition))
+            copy.start_janitor(burial)
         }))
     }
 
@@ -393,6 +404,7 @@ impl Base {
             log: self.log.try_clone().map_err(machine("cannot copy a descriptor"))?,
             guard: RefCell::new(None),
             user: self.user,
+            fallen: self.fallen.clone(),
         })
     }
 
@@ -408,12 +420,17 @@ impl Base {
         }))
     }
 
-    fn start_janitor(&self, pid: i32, channels: Vec<String>) -> std::io::Result<Spawned> {
+    fn start_janitor(&self, burial: &Burial) -> std::io::Result<(Spawned, File)> {
         let domain = self.instance.domain();
-        let mut arguments = vec!["janitor".into(), domain.root.clone(), pid.to_string()];
+        let mut arguments = vec!["janitor".into(), domain.root.clone(), burial.pid.to_string()];
+        arguments.extend(burial.damaged.iter().map(|channel| format!("--damaged={channel}")));
         // A channel that another module serves has nothing here.
-        arguments.extend(channels.into_iter().filter(|channel| domain.directory(channel).exists()));
-        self.helper(&arguments, Lines::default(), true)
+        let here = |channel: &&String| domain.directory(channel).exists();
+        arguments.extend(burial.channels.iter().filter(here).cloned());
+        let (progress, end) = std::io::pipe()?;
+        let end = OwnedFd::from(end);
+        let process = self.helper(&arguments, Lines { output: Some(&end), ..Lines::default() }, true)?;
+        Ok((process, File::from(OwnedFd::from(progress))))
     }
 
     pub(super) fn run(
@@ -431,9 +448,6 @@ impl Base {
             .make_channel_directories(&homes, self.user)
             .map_err(machine("cannot make the channels' directories in /dev/shm"))?;
         let start_observer = self.observer_starter(order.clone())?;
-        let burier = self.copy()?;
-        let start_for_stranger: StartForStranger =
-            Box::new(move |pid, channels| burier.start_janitor(pid, channels.to_vec()));
         let (ordered, order) = (order.clone(), serde_json::to_string(&order).unwrap_or_default());
         let custodian = self.start_custodian(&order, CUSTODIAN_PATIENCE_NS);
         let custodian = custodian.map_err(|error| RunError::Machine {
@@ -451,9 +465,10 @@ impl Base {
         let recording = port_log.map(|path| self.record(path, &ordered)).transpose()?;
         let cages = self.cages(plan, view, options, facts, programs)?;
         let (control, inbox) = self.open_control(&options.module, course);
-        let start_janitor = self.janitor_starter(plan.clone(), order, custodian.clone())?;
+        let start_janitor = self.janitor_starter(order, custodian.clone())?;
         let renewals = self.renewals(ordered, plan.clone(), custodian.clone())?;
-        let staff = Staff { recording, start_janitor, start_for_stranger, renewals, start_observer, inbox };
+        let fallen = (self.fallen.clone(), homes);
+        let staff = Staff { recording, start_janitor, fallen, renewals, start_observer, inbox };
         let ended = super::conduct::conduct(plan, view, options, facts, cages, staff, course);
         drop(control);
         custodian.borrow_mut().leave();

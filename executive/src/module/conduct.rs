@@ -23,7 +23,7 @@ use crate::fast::{Records, VirtualGate, VirtualPace, World};
 use crate::health::log::WindowRecord;
 use crate::inject::Stall;
 use crate::machine::Machine;
-use crate::monitor::StartForStranger;
+use crate::monitor::burial::Fallen;
 use crate::monitor::observers::StartObserver;
 use crate::monitor::operator::Operator;
 use crate::monitor::renewal::Means;
@@ -53,8 +53,8 @@ pub(super) struct Staff {
     pub(super) recording: Option<Recording>,
     /// Cleans up after the dead.
     pub(super) start_janitor: StartJanitor,
-    /// Cleans up after dead observers.
-    pub(super) start_for_stranger: StartForStranger,
+    /// Custodians that have ended, and the channels that they held.
+    pub(super) fallen: (Fallen, Vec<String>),
     /// Finds damaged channels and makes them anew.
     pub(super) renewals: Means,
     /// Reads channels for operators.
@@ -85,7 +85,7 @@ pub(super) fn conduct(
         agenda: agenda.clone(),
         clock: options.clock,
         start_janitor: staff.start_janitor,
-        start_for_stranger: staff.start_for_stranger,
+        fallen: staff.fallen,
         renewals: staff.renewals,
         take_record: take_record(records.clone(), rings.clone()),
         kept,

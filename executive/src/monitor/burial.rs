@@ -1,16 +1,22 @@
 //! The dead of a module: one janitor at a time removes what a process left in shared memory.
 //!
 //! Every dead process is buried, also one that has no successor: its queues would stay full for its peers, and its
-//! places in the channels would stay taken. It must never hold up a successor for longer than a janitor may take.
+//! places in the channels would stay taken. A janitor that ends of what it finds in a channel is followed by one that
+//! does not look into that. It must never hold up a successor for longer than two that hang may take.
 
+use std::cell::RefCell;
 use std::collections::VecDeque;
+use std::fs::File;
+use std::io::Read;
 use std::os::fd::{AsFd, BorrowedFd};
+use std::rc::Rc;
 
 use super::processes::end_helper;
 use super::standby::Waiting;
 use super::watched::{Life, Watched};
-use super::{Monitor, StartForStranger, StartJanitor};
-use crate::partition::ended;
+use super::{Monitor, StartJanitor};
+use crate::partition::{ended, is_victim};
+use crate::plan::PartitionId;
 use crate::system::chance;
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
@@ -34,10 +40,36 @@ pub(super) enum Seat {
 /// See the module's head.
 pub(super) struct Burials {
     start_janitor: StartJanitor,
-    start_for_stranger: StartForStranger,
-    /// At work: for whom, and since when.
-    janitor: Option<(Dead, Spawned, u64)>,
+    janitor: Option<Janitor>,
     waiting: VecDeque<Dead>,
+    /// They are buried when nobody else waits.
+    fallen: (Fallen, Vec<String>),
+}
+
+/// Numbers of helpers that have ended, each of which was attached to all channels of the module.
+pub type Fallen = Rc<RefCell<Vec<i32>>>;
+
+/// What a janitor is told.
+#[derive(Debug)]
+pub struct Burial {
+    /// The dead process.
+    pub pid: i32,
+    /// The channels that it was attached to.
+    pub channels: Vec<String>,
+    /// Those among them whose memory must not be looked at.
+    pub damaged: Vec<String>,
+}
+
+/// A janitor at work.
+#[derive(Debug)]
+struct Janitor {
+    dead: Dead,
+    burial: Burial,
+    process: Spawned,
+    /// Where it says at which channel it is.
+    progress: File,
+    /// CLOCK_MONOTONIC, ns.
+    since_ns: u64,
 }
 
 /// Who is buried.
@@ -50,14 +82,14 @@ enum Dead {
 }
 
 impl Burials {
-    pub(super) fn new(start_janitor: StartJanitor, start_for_stranger: StartForStranger) -> Self {
-        Self { start_janitor, start_for_stranger, janitor: None, waiting: VecDeque::new() }
+    pub(super) fn new(start_janitor: StartJanitor, fallen: (Fallen, Vec<String>)) -> Self {
+        Self { start_janitor, janitor: None, waiting: VecDeque::new(), fallen }
     }
 
     /// The process that `place` had there waits for its burial.
     pub(super) fn add(&mut self, place: usize, seat: Seat) {
         let dead = Dead::Of((place, seat));
-        let under_way = self.janitor.as_ref().is_some_and(|(busy, ..)| *busy == dead);
+        let under_way = self.janitor.as_ref().is_some_and(|janitor| janitor.dead == dead);
         if !under_way && !self.waiting.contains(&dead) {
             self.waiting.push_back(dead);
         }
@@ -71,54 +103,98 @@ impl Burials {
     /// Whether that process waits for its burial.
     pub(super) fn awaits(&self, pid: i32) -> bool {
         let is_it = |dead: &Dead| matches!(dead, Dead::Stranger(stranger, _) if *stranger == pid);
-        self.janitor.as_ref().is_some_and(|(dead, ..)| is_it(dead)) || self.waiting.iter().any(is_it)
+        self.janitor.as_ref().is_some_and(|janitor| is_it(&janitor.dead)) || self.waiting.iter().any(is_it)
     }
 
-    /// The next partition whose dead process has been buried; none: a janitor is at work, or nobody waits.
-    pub(super) fn next_buried(&mut self, watched: &[Watched]) -> Option<Grave> {
-        if let Some((dead, janitor, since_ns)) = self.janitor.take() {
-            if ended(&janitor).is_none() {
-                if !hangs(janitor.pid, now_ns() - since_ns) {
-                    self.janitor = Some((dead, janitor, since_ns));
-                    return None;
-                }
-                end_helper(&janitor);
+    /// The next partition whose dead process has been buried; none: a janitor is at work, or nobody waits. `channels_of`: those that
+    /// a partition is attached to.
+    pub(super) fn next_buried(
+        &mut self,
+        watched: &[Watched],
+        channels_of: impl Fn(PartitionId) -> Vec<String>,
+    ) -> Option<Grave> {
+        if let Some(mut janitor) = self.janitor.take() {
+            let status = ended(&janitor.process);
+            let hangs = status.is_none() && hangs(janitor.process.pid, now_ns() - janitor.since_ns);
+            if status.is_none() && !hangs {
+                self.janitor = Some(janitor);
+                return None;
+            }
+            if hangs {
+                end_helper(&janitor.process);
+            }
+            let dead = janitor.dead.clone();
+            if (hangs || is_victim(status))
+                && janitor.spare_what_it_was_at(hangs)
+                && self.start(janitor.dead, janitor.burial)
+            {
+                return None;
             }
             if let Dead::Of(grave) = dead {
                 return Some(grave);
             }
         }
-        let grave = match self.waiting.pop_front()? {
-            Dead::Of(grave) => grave,
-            Dead::Stranger(pid, channels) => {
-                if let Ok(janitor) = (self.start_for_stranger)(pid, &channels) {
-                    self.janitor = Some((Dead::Stranger(pid, channels), janitor, now_ns()));
-                }
-                return None; // what is left of it costs an observer's place in its channels, and nothing else
+        let dead = self.waiting.pop_front().or_else(|| self.fallen_one())?;
+        let (pid, channels) = match &dead {
+            Dead::Of(grave @ (place, seat)) => {
+                let watched = &watched[*place];
+                let Some(pid) = dead_process(watched, *seat) else { return Some(*grave) };
+                (pid, channels_of(watched.cage.id))
             }
+            Dead::Stranger(pid, channels) => (*pid, channels.clone()),
         };
-        let (place, seat) = grave;
-        let Some(pid) = dead_process(&watched[place], seat) else { return Some(grave) };
-        match (self.start_janitor)(watched[place].cage.id, pid) {
-            Ok(janitor) => {
-                self.janitor = Some((Dead::Of(grave), janitor, now_ns()));
-                None
-            }
-            // Without a janitor a successor may still find its ports free: trying costs nothing.
-            Err(_) => Some(grave),
-        }
+        let grave = match dead {
+            Dead::Of(grave) => Some(grave),
+            // What is left of it costs an observer's place in its channels, and nothing else.
+            Dead::Stranger(..) => None,
+        };
+        // Without a janitor a successor may still find its ports free: trying costs nothing.
+        let is_at_work = self.start(dead, Burial { pid, channels, damaged: Vec::new() });
+        grave.filter(|_| !is_at_work)
+    }
+
+    fn fallen_one(&self) -> Option<Dead> {
+        let (fallen, channels) = &self.fallen;
+        fallen.borrow_mut().pop().map(|pid| Dead::Stranger(pid, channels.clone()))
+    }
+
+    /// Whether a janitor is at work now.
+    fn start(&mut self, dead: Dead, burial: Burial) -> bool {
+        self.janitor = (self.start_janitor)(&burial).ok().map(|(process, progress)| Janitor {
+            dead,
+            burial,
+            process,
+            progress,
+            since_ns: now_ns(),
+        });
+        self.janitor.is_some()
     }
 
     /// The janitor at work.
     pub(super) fn janitor(&self) -> Option<BorrowedFd<'_>> {
-        self.janitor.as_ref().map(|(_, process, _)| process.pidfd.as_fd())
+        self.janitor.as_ref().map(|janitor| janitor.process.pidfd.as_fd())
     }
 
     /// The module ends: nobody needs what is in shared memory any more.
     pub(super) fn give_up(&mut self) {
-        if let Some((_, janitor, _)) = self.janitor.take() {
-            end_helper(&janitor);
+        if let Some(janitor) = self.janitor.take() {
+            end_helper(&janitor.process);
         }
+    }
+}
+
+impl Janitor {
+    /// It has ended of what it found in a channel, or hung there: has its follower not look into that one, nor, as each hang takes
+    /// its time, into any behind it. False: it was at none.
+    fn spare_what_it_was_at(&mut self, hung: bool) -> bool {
+        let mut lines = String::new();
+        let _ = self.progress.read_to_string(&mut lines); // it is dead: what it said stands there
+        let Some(at) = lines.lines().last() else { return false };
+        let here = self.burial.channels.iter().skip_while(|channel| *channel != at);
+        let spared: Vec<String> = here.take(if hung { usize::MAX } else { 1 }).cloned().collect();
+        let spares = !spared.is_empty();
+        self.burial.damaged.extend(spared);
+        spares
     }
 }
 
@@ -155,5 +231,76 @@ fn dead_process(watched: &Watched, seat: Seat) -> Option<i32> {
     match (seat, &watched.life, watched.standby.as_ref().map(|standby| &standby.life)) {
         (Seat::Office, Life::Dead(pid, _), _) | (Seat::Behind, _, Some(Waiting::Dead(pid))) => Some(*pid),
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::fd::OwnedFd;
+    use std::process::{Command, Stdio};
+
+    use rustix::process::{Pid, PidfdFlags, pidfd_open};
+
+    use super::*;
+    use crate::partition::await_any_end;
+
+    /// A process that does what a shell is told.
+    #[expect(clippy::zombie_processes, reason = "it is waited for by its descriptor, like every helper")]
+    fn shell(words: &str) -> (Spawned, File) {
+        let child = Command::new("sh").args(["-c", words]).stdout(Stdio::piped()).spawn().unwrap();
+        let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty()).unwrap();
+        let pid = child.id().try_into().unwrap();
+        (Spawned { pid, pidfd }, File::from(OwnedFd::from(child.stdout.unwrap())))
+    }
+
+    fn text(names: &[&str]) -> Vec<String> {
+        names.iter().map(|name| (*name).to_owned()).collect()
+    }
+
+    /// What each janitor of a burial was told to spare, where they did in turn what `janitors` says.
+    fn spared(janitors: &'static [&'static str]) -> Vec<Vec<String>> {
+        let told: Rc<RefCell<Vec<Vec<String>>>> = Rc::default();
+        let log = told.clone();
+        let fallen = Fallen::default();
+        let mut burials = Burials::new(
+            Box::new(move |burial| {
+                let mut told = log.borrow_mut();
+                told.push(burial.damaged.clone());
+                Ok(shell(janitors[told.len() - 1]))
+            }),
+            (fallen.clone(), text(&["a", "b", "c"])),
+        );
+        fallen.borrow_mut().push(7);
+        assert_eq!(burials.next_buried(&[], |_| Vec::new()), None);
+        while burials.awaits(7) {
+            await_any_end(&burials.janitor().into_iter().collect::<Vec<_>>(), 1_000_000_000);
+            assert_eq!(burials.next_buried(&[], |_| Vec::new()), None, "no partition was buried");
+        }
+        told.take()
+    }
+
+    #[test]
+    fn a_janitor_that_ends_of_a_damaged_channel_is_followed_by_one_that_spares_it() {
+        let twice = spared(&["echo a; kill -BUS $$", "echo b; echo c; kill -SEGV $$", "echo b"]);
+        assert_eq!(twice, [text(&[]), text(&["a"]), text(&["a", "c"])]);
+        let panicked = spared(&["echo b; exit 101", "exit 0"]);
+        assert_eq!(panicked, [text(&[]), text(&["b"])]);
+    }
+
+    #[test]
+    fn a_janitor_that_says_why_it_failed_or_ended_at_no_channel_is_not_followed() {
+        assert_eq!(spared(&["echo a; echo b; exit 1"]).len(), 1, "it has looked at all of them");
+        assert_eq!(spared(&["kill -SEGV $$"]).len(), 1);
+    }
+
+    #[test]
+    fn a_janitor_that_hung_is_followed_by_one_that_looks_at_nothing_behind() {
+        let (process, progress) = shell("echo a; echo b");
+        await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
+        let burial = Burial { pid: 7, channels: text(&["a", "b", "c", "d"]), damaged: Vec::new() };
+        let dead = Dead::Stranger(7, burial.channels.clone());
+        let mut janitor = Janitor { dead, burial, process, progress, since_ns: 0 };
+        assert!(janitor.spare_what_it_was_at(true));
+        assert_eq!(janitor.burial.damaged, text(&["b", "c", "d"]));
     }
 }

@@ -17,6 +17,7 @@
 //! - `change`: another schedule; `align`: another module's frames;
 //! - `figures`: what a status tells; `observers`: who shows channels to operators; `upkeep`: the rest.
 
+use std::fs::File;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
@@ -27,7 +28,7 @@ use crate::agenda::Agenda;
 use crate::event::Events;
 use crate::health::log::{HealthLog, WindowLog, WindowRecord};
 use crate::partition::await_any_end;
-use crate::plan::{PartitionId, Plan};
+use crate::plan::Plan;
 use crate::seats::Seats;
 use crate::system::kernel_log::KernelLog;
 use crate::system::spawn::Spawned;
@@ -42,7 +43,7 @@ use watched::{Life, Watched};
 
 mod acts;
 mod align;
-mod burial;
+pub mod burial;
 mod change;
 mod faults;
 mod figures;
@@ -59,10 +60,9 @@ mod upkeep;
 mod watched;
 mod windows;
 
-/// Starts a janitor for a dead process of a partition.
-pub type StartJanitor = Box<dyn Fn(PartitionId, i32) -> io::Result<Spawned>>;
-/// Starts a janitor for a dead process that is no partition and was attached to channels.
-pub type StartForStranger = Box<dyn Fn(i32, &[String]) -> io::Result<Spawned>>;
+/// Starts a janitor for a dead process that was attached to channels, some of which are damaged. It writes the name of each
+/// into the file before it looks at its memory.
+pub type StartJanitor = Box<dyn Fn(&burial::Burial) -> io::Result<(Spawned, File)>>;
 /// Takes the next window records that dispatchers have left.
 pub type TakeRecord = Box<dyn FnMut() -> Option<WindowRecord>>;
 
@@ -123,8 +123,8 @@ pub struct Equipment {
     pub clock: Clock,
     /// How a janitor is started.
     pub start_janitor: StartJanitor,
-    /// How one is started for a process that is no partition.
-    pub start_for_stranger: StartForStranger,
+    /// Custodians that have ended, and the channels that they held.
+    pub fallen: (burial::Fallen, Vec<String>),
     /// How damaged channels are found and made anew.
     pub renewals: Means,
     /// Where dispatchers leave records.
@@ -139,17 +139,8 @@ impl Monitor {
     /// Watches nobody yet.
     #[must_use]
     pub fn new(equipment: Equipment) -> Self {
-        let Equipment {
-            plan,
-            agenda,
-            clock,
-            start_janitor,
-            start_for_stranger,
-            renewals,
-            take_record,
-            kept,
-            operator,
-        } = equipment;
+        let Equipment { plan, agenda, clock, start_janitor, fallen, renewals, take_record, kept, operator } =
+            equipment;
         let Kept { window_log, mut health_log, events, totals, module } = kept;
         health_log.begin_frames();
         Self {
@@ -159,7 +150,7 @@ impl Monitor {
             agenda,
             clock,
             watched: Vec::new(),
-            burials: Burials::new(start_janitor, start_for_stranger),
+            burials: Burials::new(start_janitor, fallen),
             renewals: Renewals::new(renewals),
             take_record,
             window_log,

@@ -15,7 +15,7 @@ use super::Monitor;
 use super::burial::Seat;
 use super::watched::{Life, Then, Watched};
 use crate::health::decision::{Decision, decide_restart, error_of};
-use crate::partition::{Cage, await_any_end, ended, is_readable};
+use crate::partition::{Cage, attached_channels, await_any_end, ended, is_readable};
 use crate::plan::{ModuleError, PartitionError};
 use crate::system::spawn::Spawned;
 use crate::system::time::now_ns;
@@ -156,7 +156,9 @@ impl Monitor {
     }
 
     pub(super) fn look_at_janitor(&mut self) {
-        while let Some((place, seat)) = self.burials.next_buried(&self.watched) {
+        while let Some((place, seat)) =
+            self.burials.next_buried(&self.watched, |id| attached_channels(&self.plan, id))
+        {
             if seat == Seat::Behind {
                 if let Some(standby) = &mut self.watched[place].standby {
                     standby.buried();

@@ -130,8 +130,8 @@ mod tests {
 
     use super::*;
 
-    /// Waits for a line, then holds far more memory than the group has.
-    const HOG: &str = "read go; head -c 300000000 /dev/zero | tail > /dev/null";
+    /// Waits for a line, then holds far more memory than the group has: one process, so that there is one to end.
+    const HOG: &str = "read go; exec dd if=/dev/zero of=/dev/null bs=300M count=1";
 
     #[test]
     fn a_process_that_is_ended_for_its_memory_is_counted() {

@@ -22,6 +22,9 @@ pub(crate) enum Helper {
         root: String,
         /// The dead process.
         pid: u32,
+        /// One of its channels whose memory must not be looked at.
+        #[arg(long)]
+        damaged: Vec<String>,
         /// The channels that it was attached to.
         channels: Vec<String>,
     },
@@ -73,8 +76,8 @@ pub(crate) enum Helper {
 pub(crate) fn run(helper: &Helper) -> Result<Code> {
     match helper {
         Helper::Custodian { order } => custodian::run(order)?,
-        Helper::Janitor { root, pid, channels } => {
-            janitor::run(&Domain { root: root.clone() }, *pid, channels)?
+        Helper::Janitor { root, pid, damaged, channels } => {
+            janitor::run(&Domain { root: root.clone() }, *pid, channels, damaged)?
         }
         Helper::Examiner { order } => examiner::run(order)?,
         Helper::Attach { order } => examiner::attach(order)?,

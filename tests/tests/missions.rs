@@ -78,7 +78,8 @@ fn square(side_m: f64, altitude_m: f64, airspeed_mps: f64) -> String {
 }
 
 /// Aircraft far from the delivered ones: one that rolls at 16°/s and yaws to the wrong side (it swung with ±46° of bank), one whose
-/// least take-off airspeed lies above the usual cruise (it never left the ground), and airspeeds outside of 10 to 60 m/s (it fell).
+/// least take-off airspeed lies above the usual cruise (it never left the ground), airspeeds outside of 10 to 60 m/s (it fell), one
+/// without a rudder, and an airspeed at which little bank can be held (7.8 m off the legs behind its corners).
 #[test]
 fn aircraft_of_another_size_fly_their_missions_with_nothing_but_their_file() {
     let _turn = among_others();
@@ -90,8 +91,15 @@ fn aircraft_of_another_size_fly_their_missions_with_nothing_but_their_file() {
         ("cessna182", 3000.0, 50.0, 300.0),
         ("cessna182", 3000.0, 65.0, 300.0),
         ("small", 300.0, 9.5, 100.0),
+        ("flying_wing", 500.0, 18.0, 100.0),
+        ("aerosonde", 500.0, 15.0, 160.0),
     ] {
-        let path = repository().join(format!("tests/airframes/{airframe}.toml"));
+        let folders = ["tests/airframes", "airframes"].map(|folder| repository().join(folder));
+        let path = folders
+            .map(|folder| folder.join(format!("{airframe}.toml")))
+            .into_iter()
+            .find(|path| path.exists());
+        let path = path.unwrap();
         let mission = written(folder.path(), "square.toml", &square(side_m, altitude_m, airspeed_mps));
         let choices = ["--seed", "11", "--airframe", path.to_str().unwrap(), "--mission", &mission];
         let summary = fly(&schedule, &choices).expect_code(0).summary();

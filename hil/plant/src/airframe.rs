@@ -368,7 +368,9 @@ impl Airframe {
             a.pitch_elevator,
             "less than zero",
         );
-        found.demand(a.yaw_rudder < 0.0, "aerodynamics.yaw_rudder", a.yaw_rudder, "less than zero");
+        let none_or_left = a.yaw_rudder <= 0.0;
+        let demand = "less than zero, or zero where there is no rudder";
+        found.demand(none_or_left, "aerodynamics.yaw_rudder", a.yaw_rudder, demand);
         let (stall, sharpness) = (a.stall_alpha_rad, a.stall_sharpness);
         found.demand(
             stall > 0.05 && stall < 1.5,

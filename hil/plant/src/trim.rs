@@ -1,4 +1,5 @@
-//! Straight steady flight: the angles and controls at which nothing accelerates.
+//! Straight steady flight: the angles and controls at which nothing accelerates. An aircraft with a rudder flies it with wings
+//! level, one without with a little bank.
 
 use crate::Controls;
 use crate::aerodynamics::Surfaces;
@@ -10,7 +11,7 @@ use crate::wind::AirMotion;
 use nalgebra::{Matrix6, UnitQuaternion, Vector3, Vector6};
 use thiserror::Error;
 
-/// Wings level, heading north, no wind.
+/// Heading north, no wind.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trim {
     /// Airspeed, m/s.
@@ -21,6 +22,8 @@ pub struct Trim {
     pub alpha_rad: f64,
     /// Sideslip, rad: small, it balances the propeller's torque.
     pub beta_rad: f64,
+    /// Bank, rad: zero with a rudder.
+    pub bank_rad: f64,
     /// Surfaces and throttle.
     pub controls: Controls,
 }
@@ -53,7 +56,7 @@ pub enum TrimError {
 /// High above a ground that is equally far below, so that no wheel touches, m.
 pub(crate) const CLEAR_M: f64 = 1000.0;
 
-/// Unknowns: α, β, aileron, elevator, rudder, throttle.
+/// Unknowns: α, β, aileron, elevator, rudder or, without one, bank, throttle.
 type Unknowns = Vector6<f64>;
 
 /// State and held inputs that belong to a set of unknowns.
@@ -61,17 +64,23 @@ pub(crate) fn flight_state(trim: &Trim, heading_rad: f64, position: Vector3<f64>
     let (alpha, beta) = (trim.alpha_rad, trim.beta_rad);
     let along =
         Vector3::new(alpha.cos() * beta.cos(), beta.sin(), alpha.sin() * beta.cos()) * trim.airspeed_mps;
-    let pitched = UnitQuaternion::from_euler_angles(0.0, pitch(trim), 0.0);
+    let pitched = UnitQuaternion::from_euler_angles(trim.bank_rad, pitch(trim), 0.0);
     // The nose stands off the track by what sideslip turns the velocity away from it.
     let drift = (pitched * along).y.atan2((pitched * along).x);
-    let attitude = UnitQuaternion::from_euler_angles(0.0, pitch(trim), heading_rad - drift);
+    let attitude = UnitQuaternion::from_euler_angles(trim.bank_rad, pitch(trim), heading_rad - drift);
     RigidState { position, velocity: attitude * along, attitude, rates: Vector3::zeros() }
 }
 
-/// Pitch angle at which the velocity climbs as asked: sin γ = sin θ cos α cos β − cos θ sin α cos β.
+/// Pitch angle at which the velocity climbs as asked: sin γ = sin θ cos α cos β − cos θ (sin φ sin β + cos φ sin α cos β).
 fn pitch(trim: &Trim) -> f64 {
-    let slope = (trim.climb_angle_rad.sin() / trim.beta_rad.cos()).clamp(-1.0, 1.0);
-    trim.alpha_rad + slope.asin()
+    let (alpha, beta, bank) = (trim.alpha_rad, trim.beta_rad, trim.bank_rad);
+    if bank == 0.0 {
+        let slope = (trim.climb_angle_rad.sin() / beta.cos()).clamp(-1.0, 1.0);
+        return alpha + slope.asin();
+    }
+    let along = alpha.cos() * beta.cos();
+    let below = bank.sin() * beta.sin() + bank.cos() * alpha.sin() * beta.cos();
+    below.atan2(along) + (trim.climb_angle_rad.sin() / along.hypot(below)).clamp(-1.0, 1.0).asin()
 }
 
 struct Problem<'a> {
@@ -83,12 +92,15 @@ struct Problem<'a> {
 
 impl Problem<'_> {
     fn trim(&self, x: &Unknowns) -> Trim {
-        let controls = Controls { aileron_rad: x[2], elevator_rad: x[3], rudder_rad: x[4], throttle: x[5] };
+        let has_rudder = self.model.airframe.aerodynamics.yaw_rudder != 0.0;
+        let (rudder_rad, bank_rad) = if has_rudder { (x[4], 0.0) } else { (0.0, x[4]) };
+        let controls = Controls { aileron_rad: x[2], elevator_rad: x[3], rudder_rad, throttle: x[5] };
         Trim {
             airspeed_mps: self.airspeed_mps,
             climb_angle_rad: self.climb_angle_rad,
             alpha_rad: x[0],
             beta_rad: x[1],
+            bank_rad,
             controls,
         }
     }

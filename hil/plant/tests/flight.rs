@@ -39,9 +39,25 @@ fn trim_out_of_reach_says_which_control() {
     assert!(message.contains("the throttle"), "{message}");
 }
 
+fn without_rudder() -> Airframe {
+    let mut wing = Airframe::aerosonde();
+    let a = &mut wing.aerodynamics;
+    (a.yaw_rudder, a.side_rudder, a.roll_rudder) = (0.0, 0.0, 0.0);
+    wing
+}
+
+#[test]
+fn aircraft_without_a_rudder_trims_with_a_little_bank() {
+    for climb_angle_rad in [0.0, 0.1] {
+        let found = trim(&without_rudder(), 22.0, climb_angle_rad, 160.0).unwrap();
+        assert_eq!(found.controls.rudder_rad, 0.0);
+        assert!(found.bank_rad != 0.0 && found.bank_rad.abs() < 0.1, "{found:?}");
+    }
+}
+
 #[test]
 fn trimmed_aircraft_flies_straight_hands_off() {
-    for airframe in [Airframe::aerosonde(), Airframe::rascal110()] {
+    for airframe in [Airframe::aerosonde(), Airframe::rascal110(), without_rudder()] {
         for wind in [0.0, 8.0] {
             let conditions = Conditions { wind_speed_mps: wind, wind_from_rad: 1.0, ..quiet() };
             let start = FlightStart { heading_rad: 0.5, ..FlightStart::default() };

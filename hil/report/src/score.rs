@@ -139,7 +139,8 @@ pub fn scores(flight: &Flight, passages: &[Passage], planned: &Planned, believed
     let mut scores = path_scores(truth, planned, believed);
     scores.scored_from_s = Some(seconds(stretch.from_ns));
     scores.scored_to_s = Some(seconds(last.time_ns));
-    hold_scores(&mut scores, truth, &Targets { passages, waypoints }, guidance.fastest_mps, believed);
+    let flown_mps = (guidance.slowest_mps, guidance.fastest_mps);
+    hold_scores(&mut scores, truth, &Targets { passages, waypoints }, flown_mps, believed);
     scores
 }
 
@@ -185,12 +186,12 @@ impl Targets<'_> {
     }
 }
 
-/// An airspeed that is asked for and can not be reached is flown at `fastest_mps`, and is held against that.
+/// An airspeed that is asked for and can not be flown is flown at the nearest that can, and is held against that.
 fn hold_scores(
     scores: &mut Scores,
     truth: &[TruthRecord],
     targets: &Targets<'_>,
-    fastest_mps: f64,
+    (slowest_mps, fastest_mps): (f64, f64),
     believed: &Believed,
 ) {
     let [mut height, mut height_true, mut airspeed] = [Rms::default(); 3];
@@ -203,7 +204,7 @@ fn hold_scores(
         if scores.captured_s.is_some() {
             height.add(error);
             height_true.add(-record.position_ned_m[2] - target.altitude_m);
-            airspeed.add(record.airspeed_mps - target.airspeed_mps.min(fastest_mps));
+            airspeed.add(record.airspeed_mps - target.airspeed_mps.min(fastest_mps).max(slowest_mps));
         }
     }
     scores.altitude_rms_m = height.value();
@@ -320,12 +321,16 @@ mod tests {
     }
 
     #[test]
-    fn airspeed_that_the_aircraft_can_not_reach_is_scored_as_the_one_that_it_holds() {
+    fn airspeed_that_the_aircraft_can_not_fly_is_scored_as_the_one_that_it_flies() {
         let truth: Vec<_> = (0..9).map(|i| record(10.0 + f64::from(i), 500.0, 100.0, 160.0)).collect();
-        let mut slow = flight(truth);
+        let mut slow = flight(truth); // at 22.5 m/s
         slow.inputs.guidance.fastest_mps = 21.5; // of 22.0 that the mission asks for
         let found = of(&slow, &[passage(0, 10)]);
         assert!((found.airspeed_rms_mps.unwrap() - 1.0).abs() < 1e-9, "{found:?}");
+        let mut fast = slow;
+        (fast.inputs.guidance.slowest_mps, fast.inputs.guidance.fastest_mps) = (24.5, 30.0);
+        let found = of(&fast, &[passage(0, 10)]);
+        assert!((found.airspeed_rms_mps.unwrap() - 2.0).abs() < 1e-9, "{found:?}");
     }
 
     #[test]

@@ -318,7 +318,7 @@ impl Function {
             airspeed_reference_mps: commands
                 .airspeed_mps
                 .or(of(|g| g.airspeed_mps))
-                .map_or(0.0, |airspeed_mps| airspeed_mps.min(self.controller.fastest_mps())),
+                .map_or(0.0, |airspeed_mps| self.controller.flown_mps(airspeed_mps)),
             engaged: u32::from(commands.autopilot && finite),
             next_waypoint: progress.next,
             waypoints_reached: progress.reached,

@@ -25,7 +25,7 @@ pub enum AirframeError {
         /// What would do.
         demand: &'static str,
     },
-    /// No throttle keeps the aircraft level at its reference speed.
+    /// No throttle keeps the aircraft level.
     #[error(
         "the airframe cannot hold level flight at {airspeed_mps} m/s: full throttle gives {thrust_n:.1} N, it takes {drag_n:.1} N"
     )]
@@ -215,8 +215,10 @@ pub struct Trim {
     pub throttle: f64,
 }
 
-/// Airspeed at which a file is checked, m/s: the mission's.
+/// Airspeed at which a file is checked, m/s: the mission's. An aircraft that does not fly at it is checked where it has most thrust to spare.
 const CHECK_AIRSPEED_MPS: f64 = 22.0;
+/// Least airspeed for that, of the one at which the wing just carries the weight.
+const CHECK_SHARE: f64 = 1.3;
 /// No airframe is asked for more, m/s.
 const FASTEST_MPS: f64 = 100.0;
 
@@ -296,7 +298,13 @@ impl Airframe {
         for (key, value) in travels {
             demand(key, value, value > 0.0 && value <= 1.2, "radians, greater than zero and 1.2 at most")?;
         }
-        demand("aerodynamics.yaw_rudder", a.yaw_rudder, a.yaw_rudder.abs() > 1e-4, "a rudder that turns")?;
+        let turns = a.yaw_rudder == 0.0 || a.yaw_rudder.abs() > 1e-4;
+        demand(
+            "aerodynamics.yaw_rudder",
+            a.yaw_rudder,
+            turns,
+            "a rudder that turns, or zero where there is none",
+        )?;
         self.check_power()
     }
 
@@ -304,7 +312,7 @@ impl Airframe {
     /// with an engine.
     pub fn fastest_mps(&self) -> f64 {
         let density = crate::atmosphere::SEA_LEVEL_DENSITY_KGPM3;
-        let (mut low, mut high) = (CHECK_AIRSPEED_MPS, FASTEST_MPS);
+        let (mut low, mut high) = (self.check_airspeed_mps(), FASTEST_MPS);
         for _ in 0..24 {
             let middle = 0.5 * (low + high);
             if self.thrust_n(1.0, middle, density) > self.level_drag_n(middle, density) {
@@ -318,12 +326,34 @@ impl Airframe {
 
     fn check_power(&self) -> Result<(), AirframeError> {
         let density = crate::atmosphere::SEA_LEVEL_DENSITY_KGPM3;
-        let drag_n = self.level_drag_n(CHECK_AIRSPEED_MPS, density);
-        let thrust_n = self.thrust_n(1.0, CHECK_AIRSPEED_MPS, density);
+        let airspeed_mps = self.check_airspeed_mps();
+        let drag_n = self.level_drag_n(airspeed_mps, density);
+        let thrust_n = self.thrust_n(1.0, airspeed_mps, density);
         if thrust_n > drag_n {
             return Ok(());
         }
-        Err(AirframeError::Power { airspeed_mps: CHECK_AIRSPEED_MPS, thrust_n, drag_n })
+        Err(AirframeError::Power { airspeed_mps, thrust_n, drag_n })
+    }
+
+    /// Airspeed (m/s) at which full throttle has to hold it level, at sea level.
+    fn check_airspeed_mps(&self) -> f64 {
+        let density = crate::atmosphere::SEA_LEVEL_DENSITY_KGPM3;
+        let spare_n = |airspeed_mps: &f64| {
+            self.thrust_n(1.0, *airspeed_mps, density) - self.level_drag_n(*airspeed_mps, density)
+        };
+        let slowest_mps = CHECK_SHARE * self.stall_mps(self.greatest_lift(), density);
+        if slowest_mps <= CHECK_AIRSPEED_MPS && spare_n(&CHECK_AIRSPEED_MPS) > 0.0 {
+            return CHECK_AIRSPEED_MPS;
+        }
+        let airspeeds = (0..).map(|step| slowest_mps + 0.5 * f64::from(step));
+        let airspeeds = airspeeds.take_while(|airspeed_mps| *airspeed_mps < FASTEST_MPS);
+        airspeeds.max_by(|one, other| spare_n(one).total_cmp(&spare_n(other))).unwrap_or(CHECK_AIRSPEED_MPS)
+    }
+
+    /// Airspeed (m/s) at which the wing just carries the weight with a lift coefficient.
+    pub fn stall_mps(&self, greatest_lift: f64, density_kgpm3: f64) -> f64 {
+        let weight = self.mass.mass_kg * GRAVITY_MPS2;
+        (2.0 * weight / (density_kgpm3 * self.geometry.wing_area_m2 * greatest_lift)).sqrt()
     }
 
     /// Travel of the surfaces, for the timer values.
@@ -408,10 +438,18 @@ impl Airframe {
         -2.0 * a.roll_aileron * self.servo.aileron_limit_rad / (a.roll_roll_rate * self.geometry.wing_span_m)
     }
 
+    /// A flying wing, as a rule, has none: it is turned by its bank, and steadied by its fins.
+    pub fn has_rudder(&self) -> bool {
+        self.aerodynamics.yaw_rudder != 0.0
+    }
+
     /// Rudder (rad) against the yaw that aileron and roll make to the wrong side: −(C_nδa δa + C_np p b/2V)/C_nδr, of each
     /// coefficient what is adverse. Where rolling yaws to the right side (C_np > 0), it counters the aileron as much as it does in a
     /// steady roll.
     pub fn coordinating_rudder(&self, aileron_rad: f64, roll_rate_radps: f64, airspeed_mps: f64) -> f64 {
+        if !self.has_rudder() {
+            return 0.0;
+        }
         let (a, span) = (&self.aerodynamics, self.geometry.wing_span_m);
         let helps = a.yaw_roll_rate.max(0.0) * a.roll_aileron / a.roll_roll_rate.abs();
         let aileron = (a.yaw_aileron + helps).min(0.0) * aileron_rad;
@@ -517,6 +555,25 @@ pub(crate) mod tests {
         let absent =
             Airframe::from_attribute("mine.toml", |_| Err(std::io::ErrorKind::NotFound.into())).unwrap_err();
         assert!(absent.contains("mine.toml") && absent.contains("\"aerosonde\""), "{absent}");
+    }
+
+    #[test]
+    fn aircraft_that_stalls_at_the_missions_airspeed_is_checked_where_it_flies() {
+        let heavy = TEXT.replace("mass_kg = 11.0", "mass_kg = 45.0").replace("= 44.4", "= 88.8");
+        let heavy = Airframe::from_toml(&heavy).unwrap();
+        assert!(heavy.stall_mps(heavy.greatest_lift(), 1.225) > 22.0);
+        assert!((heavy.trim(heavy.fastest_mps(), 1.225).throttle - 1.0).abs() < 1e-3);
+        let powerless = TEXT.replace("mass_kg = 11.0", "mass_kg = 450.0");
+        assert!(matches!(Airframe::from_toml(&powerless), Err(AirframeError::Power { .. })));
+    }
+
+    #[test]
+    fn aircraft_without_a_rudder_is_read_and_nothing_is_asked_of_it() {
+        let wing = Airframe::from_toml(&TEXT.replace("yaw_rudder = -0.069", "yaw_rudder = 0.0")).unwrap();
+        assert!(!wing.has_rudder());
+        assert_eq!(wing.coordinating_rudder(0.2, 0.5, 20.0), 0.0);
+        let hardly = TEXT.replace("yaw_rudder = -0.069", "yaw_rudder = -0.00001");
+        assert!(matches!(Airframe::from_toml(&hardly), Err(AirframeError::Value { .. })));
     }
 
     #[test]

@@ -7,6 +7,7 @@
 use crate::GRAVITY_MPS2;
 use crate::airframe::Airframe;
 use crate::atmosphere::SEA_LEVEL_DENSITY_KGPM3;
+use std::f64::consts::FRAC_PI_2;
 
 /// Share of the greatest lift coefficient that is asked for: what is left is for gusts from below, 2 m/s of them at 22 m/s.
 const LIFT_SHARE: f64 = 0.85;
@@ -101,6 +102,30 @@ pub fn steepness(airspeed_mps: f64, climb_mps: f64) -> (f64, f64) {
     (STEEPEST_GAIN * (-most - climb_mps), STEEPEST_GAIN * (most - climb_mps))
 }
 
+/// Airspeeds of a [`Banks`].
+const BANKS: usize = 64;
+
+/// The tangent of the bank that can be held level, by airspeed: for who knows no airframe.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Banks {
+    least_mps: f64,
+    step_mps: f64,
+    tangents: [f64; BANKS],
+}
+
+impl Banks {
+    /// Any bank at any airspeed.
+    pub const ANY: Self = Self { least_mps: 0.0, step_mps: 1.0, tangents: [1e3; BANKS] };
+
+    /// At an airspeed (m/s); outside of what the aircraft flies, that of the nearest one.
+    pub fn tangent(&self, airspeed_mps: f64) -> f64 {
+        let place = ((airspeed_mps - self.least_mps) / self.step_mps).clamp(0.0, (BANKS - 1) as f64);
+        let below = (place as usize).min(BANKS - 2);
+        let share = place - below as f64;
+        (1.0 - share) * self.tangents[below] + share * self.tangents[below + 1]
+    }
+}
+
 /// What follows from the airframe once and for all.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Envelope {
@@ -109,6 +134,8 @@ pub struct Envelope {
     pub measured_mps: (f64, f64),
     /// See [`Airframe::roll_per_airspeed`].
     roll_per_airspeed: f64,
+    /// Airspeed below which none is asked for, m/s: it is too near to the stall, or the elevator at its stop holds none less.
+    pub slowest_mps: f64,
     /// Airspeed above which none is asked for, m/s: what would be lacking for ever would keep the aircraft from climbing.
     pub fastest_mps: f64,
 }
@@ -120,23 +147,37 @@ impl Envelope {
             greatest_lift: airframe.greatest_lift(),
             measured_mps: MEASURED_MPS,
             roll_per_airspeed: airframe.roll_per_airspeed(),
+            slowest_mps: 0.0,
             fastest_mps: airframe.fastest_mps(),
         };
         let stall_mps = envelope.stall_mps(airframe, SEA_LEVEL_DENSITY_KGPM3);
         let least_mps = MEASURED_MPS.0.min(MEASURED_SHARES.0 * stall_mps);
         let most_mps = MEASURED_MPS.1.max(MEASURED_SHARES.1 * envelope.fastest_mps);
-        Self { measured_mps: (least_mps, most_mps), ..envelope }
+        let slowest_mps = slowest_mps(airframe, FLOOR_SHARE * stall_mps, envelope.fastest_mps);
+        Self { measured_mps: (least_mps, most_mps), slowest_mps, ..envelope }
     }
 
-    /// Least airspeed that is flown at sea level, m/s.
-    pub fn slowest_mps(&self, airframe: &Airframe) -> f64 {
-        FLOOR_SHARE * self.stall_mps(airframe, SEA_LEVEL_DENSITY_KGPM3)
+    /// An airspeed (m/s) within what is flown at sea level.
+    pub fn flown_mps(&self, asked_mps: f64) -> f64 {
+        asked_mps.min(self.fastest_mps).max(self.slowest_mps)
     }
 
     /// Airspeed (m/s) that is flown where `asked_mps` is meant for whatever aircraft it is.
     pub fn cruise_mps(&self, airframe: &Airframe, asked_mps: f64) -> f64 {
         let least_mps = CRUISE_SHARE * self.stall_mps(airframe, SEA_LEVEL_DENSITY_KGPM3);
         asked_mps.max(least_mps).min(self.fastest_mps.max(least_mps))
+    }
+
+    /// Banks that can be held level, at sea level.
+    pub fn banks(&self, airframe: &Airframe) -> Banks {
+        let least_mps = self.slowest_mps;
+        let step_mps = (self.fastest_mps - least_mps).max(1.0) / (BANKS - 1) as f64;
+        let tangents = std::array::from_fn(|index| {
+            let airspeed_mps = least_mps + step_mps * index as f64;
+            let limits = self.limits(airframe, airspeed_mps, SEA_LEVEL_DENSITY_KGPM3, FRAC_PI_2);
+            limits.bank_rad.tan()
+        });
+        Banks { least_mps, step_mps, tangents }
     }
 
     /// Roll rate (rad/s) to turn to a bank with, at most.
@@ -146,8 +187,7 @@ impl Envelope {
 
     /// Airspeed (m/s) at which the wing just carries the weight.
     pub fn stall_mps(&self, airframe: &Airframe, density_kgpm3: f64) -> f64 {
-        let weight = airframe.mass.mass_kg * GRAVITY_MPS2;
-        (2.0 * weight / (density_kgpm3 * airframe.geometry.wing_area_m2 * self.greatest_lift)).sqrt()
+        airframe.stall_mps(self.greatest_lift, density_kgpm3)
     }
 
     /// Airspeed (m/s) at which it may leave the ground.
@@ -175,6 +215,17 @@ impl Envelope {
             floor_mps: FLOOR_SHARE * stall_mps,
         }
     }
+}
+
+/// The least airspeed (m/s) from `floor_mps` on at which the elevator holds level flight within the share of its travel.
+fn slowest_mps(airframe: &Airframe, floor_mps: f64, fastest_mps: f64) -> f64 {
+    let travel = ELEVATOR_SHARE * airframe.servo.elevator_limit_rad;
+    let airspeeds = (0..).map(|step| floor_mps + 0.1 * f64::from(step));
+    let mut airspeeds = airspeeds.take_while(|airspeed_mps| *airspeed_mps < fastest_mps);
+    let holds = |airspeed_mps: &f64| {
+        airframe.trim(*airspeed_mps, SEA_LEVEL_DENSITY_KGPM3).elevator_rad.abs() < travel
+    };
+    airspeeds.find(holds).unwrap_or(floor_mps)
 }
 
 /// Load factor of the steady turn in which the elevator stands at a share of its travel: lift and moment in balance at the turn's
@@ -226,6 +277,24 @@ mod tests {
         assert!(slow.load_factor == slow.by_lift && slow.by_lift < slow.by_elevator, "{slow:?}");
         let rascal = Airframe::from_toml(built_in("rascal110").unwrap()).unwrap();
         assert!((Envelope::new(&rascal).stall_mps(&rascal, 1.225) - 8.8).abs() < 0.2);
+    }
+
+    #[test]
+    fn elevator_at_its_stop_ends_what_is_flown_slowly_and_little_bank_is_held_there() {
+        let envelope = Envelope::new(&aerosonde());
+        assert!((16.0..16.6).contains(&envelope.slowest_mps), "{}", envelope.slowest_mps);
+        assert_eq!(
+            [10.0, 22.0, 90.0].map(|asked| envelope.flown_mps(asked)),
+            [envelope.slowest_mps, 22.0, envelope.fastest_mps]
+        );
+        let banks = envelope.banks(&aerosonde());
+        let held = |airspeed_mps: f64| limits(&aerosonde(), airspeed_mps).bank_rad.tan();
+        for airspeed_mps in [17.0, 19.0, 22.0, 26.0] {
+            let (table, exact) = (banks.tangent(airspeed_mps), held(airspeed_mps));
+            assert!((table / exact - 1.0).abs() < 0.05, "{airspeed_mps}: {table} {exact}");
+        }
+        assert!(banks.tangent(16.3) < 0.5 && banks.tangent(5.0) == banks.tangent(envelope.slowest_mps));
+        assert_eq!(Banks::ANY.tangent(7.0), Banks::ANY.tangent(90.0));
     }
 
     #[test]

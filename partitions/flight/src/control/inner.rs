@@ -388,6 +388,9 @@ pub fn lateral_gains(airframe: &Airframe, tuning: &InnerTuning, s: &Signals) -> 
     let n_beta = (force * span * aero.yaw_beta / inertia).max(0.0);
     let n_r = force * span * span * aero.yaw_yaw_rate / (2.0 * s.airspeed_mps * inertia);
     let n_delta = force * span * aero.yaw_rudder / inertia;
+    if !airframe.has_rudder() {
+        return LateralGains { yaw_rate: 0.0, integral: 0.0 };
+    }
     let damping = (2.0 * tuning.yaw_damping * n_beta.sqrt() + n_r).max(0.0);
     let k_r = (damping / n_delta.abs()).min(0.6) * n_delta.signum();
     LateralGains { yaw_rate: k_r, integral: tuning.lateral_gain * n_delta.signum() }

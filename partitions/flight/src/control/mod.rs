@@ -301,9 +301,9 @@ impl Controller {
         self.config = ControllerConfig { cruise_mps, ..config };
     }
 
-    /// Airspeed above which none is flown, whoever asks, m/s.
-    pub fn fastest_mps(&self) -> f64 {
-        self.envelope.fastest_mps
+    /// Airspeed (m/s) that is flown where `asked_mps` is asked for, by whomever.
+    pub fn flown_mps(&self, asked_mps: f64) -> f64 {
+        self.envelope.flown_mps(asked_mps)
     }
 
     /// Level flight at cruise airspeed.
@@ -580,10 +580,11 @@ impl Controller {
         }
     }
 
-    /// Airspeed wanted, m/s: no more than the aircraft reaches, or it would give up its climb for what it never gets.
+    /// Airspeed wanted, m/s: no more than the aircraft reaches, or it would give up its climb for what it never gets, and no less than
+    /// it flies.
     fn airspeed_wanted(&self, commands: &LoopCommands, guidance: Option<&GuidanceOutput>) -> Option<f64> {
         let wanted = commands.airspeed_mps.or(guidance.map(|g| g.airspeed_mps));
-        wanted.map(|airspeed_mps| airspeed_mps.min(self.envelope.fastest_mps))
+        wanted.map(|airspeed_mps| self.envelope.flown_mps(airspeed_mps))
     }
 
     /// Vertical acceleration wanted, up, m/s².

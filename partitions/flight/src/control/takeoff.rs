@@ -150,8 +150,8 @@ impl TakeOff {
             Phase::Waiting | Phase::Aborted => 0.0,
         };
         let limit = &airframe.servo;
-        // The third wheel is steered with the rudder, whose sign is that of its yawing moment.
-        let left = -airframe.aerodynamics.yaw_rudder.signum();
+        // The third wheel is steered with the rudder, whose sign is that of its yawing moment, or the usual one without it.
+        let left = if airframe.aerodynamics.yaw_rudder > 0.0 { -1.0 } else { 1.0 };
         let steer = STEER_GAIN * self.turned_rad + STEER_DAMPING_S * s.yaw_rate_radps;
         let level = -LEVEL_GAIN * s.bank_rad - LEVEL_DAMPING_S * s.roll_rate_radps;
         let held = |x: f64, limit: f64| x.clamp(-limit, limit);

@@ -11,7 +11,7 @@ pub use hold::Hold;
 use crate::GRAVITY_MPS2;
 use crate::airframe::Airframe;
 use crate::attitude::wrap_angle;
-use crate::control::envelope::Envelope;
+use crate::control::envelope::{Banks, Envelope};
 use nalgebra::Vector2;
 use path::{Arc, Leg, Offset};
 use thiserror::Error;
@@ -125,6 +125,8 @@ pub struct GuidanceConfig {
     pub slowest_mps: f64,
     /// Roll rate that a bank is turned to with, for each m/s of airspeed, rad/m; infinite: as quickly as the laws ask.
     pub roll_per_airspeed: f64,
+    /// Banks that the aircraft holds level.
+    pub banks: Banks,
 }
 
 impl GuidanceConfig {
@@ -134,10 +136,20 @@ impl GuidanceConfig {
         let envelope = Envelope::new(airframe);
         Self {
             fastest_mps: envelope.fastest_mps,
-            slowest_mps: envelope.slowest_mps(airframe),
+            slowest_mps: envelope.slowest_mps,
             roll_per_airspeed: envelope.roll_rate_radps(1.0),
+            banks: envelope.banks(airframe),
             ..self
         }
+    }
+
+    /// Radius (m) of a corner at which the design bank suffices with the whole wind from behind, (V + W)²/(g tan φ), and not more
+    /// than a share of the bank that the aircraft holds.
+    #[must_use]
+    pub fn corner_radius_m(&self, airspeed_mps: f64, wind_mps: f64) -> f64 {
+        let fastest = airspeed_mps + wind_mps;
+        let tangent = self.turn_bank_rad.tan().min(BANK_SHARE * self.banks.tangent(airspeed_mps));
+        self.radius_m.unwrap_or((fastest * fastest / (GRAVITY_MPS2 * tangent)).max(self.least_radius_m))
     }
 }
 
@@ -154,6 +166,7 @@ impl Default for GuidanceConfig {
             fastest_mps: f64::INFINITY,
             slowest_mps: 0.0,
             roll_per_airspeed: f64::INFINITY,
+            banks: Banks::ANY,
         }
     }
 }
@@ -198,6 +211,8 @@ pub struct GuidanceOutput {
     pub holding: bool,
 }
 
+/// Share of the greatest turn (the tangent of its bank) that a corner is made for: what is left is for corrections.
+const BANK_SHARE: f64 = 0.65;
 /// Roll rate that the outer loop asks for at most, rad/s: whoever rolls as quickly has the full gains and leads.
 const QUICK_ROLL_RADPS: f64 = 1.6;
 /// Roll rate below which the gains sink with it, rad/s: a bank that comes late makes a quick path swing.
@@ -424,11 +439,8 @@ impl Guidance {
         self.config.lead_s + LEAD_BANK_RAD * (1.0 / self.roll_rate_radps() - 1.0 / QUICK_ROLL_RADPS)
     }
 
-    /// Radius at which the design bank suffices with the whole wind from behind: (V + W)²/(g tan φ).
     fn radius_m(&self, wind: &Vector2<f64>) -> f64 {
-        let fastest = self.airspeed_mps() + wind.norm().min(STRONGEST_WIND_MPS);
-        let needed = fastest * fastest / (GRAVITY_MPS2 * self.config.turn_bank_rad.tan());
-        self.config.radius_m.unwrap_or(needed.max(self.config.least_radius_m))
+        self.config.corner_radius_m(self.airspeed_mps(), wind.norm().min(STRONGEST_WIND_MPS))
     }
 
     /// The leg, with the fillet at its end.

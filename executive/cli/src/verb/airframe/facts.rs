@@ -139,6 +139,8 @@ pub(super) struct Limits {
     pub(super) bank_asked_deg: f64,
     /// Airspeed below which the Controller lets the nose down.
     pub(super) floor_mps: f64,
+    /// Least airspeed that is asked for, m/s: that one, or what the elevator holds level.
+    pub(super) slowest_mps: f64,
     /// Airspeed that full throttle holds level at sea level, m/s: none above is asked for.
     pub(super) fastest_mps: f64,
     /// Steady roll rate at full aileron.
@@ -294,7 +296,8 @@ fn limits(plant: &Airframe, laws: &Laws, point: &Point, density: f64, stall: &St
     let by_elevator = load_factor_by_elevator(plant, point.airspeed_mps, density);
     let factor = by_lift.min(by_elevator);
     let bank = if factor > 1.0 { (1.0 / factor).acos() } else { 0.0 };
-    let asked = Envelope::new(laws).limits(laws, point.airspeed_mps, density, config.outer.bank_limit_rad);
+    let envelope = Envelope::new(laws);
+    let asked = envelope.limits(laws, point.airspeed_mps, density, config.outer.bank_limit_rad);
     let (a, span) = (&plant.aerodynamics, plant.geometry.wing_span_m);
     let roll_rate =
         -a.roll_aileron / a.roll_roll_rate * plant.servo.aileron_limit_rad * 2.0 * point.airspeed_mps / span;
@@ -307,17 +310,17 @@ fn limits(plant: &Airframe, laws: &Laws, point: &Point, density: f64, stall: &St
         bank_deg: bank.to_degrees(),
         bank_asked_deg: asked.bank_rad.to_degrees(),
         floor_mps: asked.floor_mps,
-        fastest_mps: laws.fastest_mps(),
+        slowest_mps: envelope.slowest_mps,
+        fastest_mps: envelope.fastest_mps,
         roll_rate_degps: roll_rate.to_degrees(),
-        corners: WINDS_MPS.map(|wind| corner(point.airspeed_mps, wind)).into(),
+        corners: WINDS_MPS.map(|wind| corner(laws, point.airspeed_mps, wind)).into(),
     }
 }
 
-fn corner(airspeed_mps: f64, wind_mps: f64) -> Corner {
-    let guidance = GuidanceConfig::default();
+fn corner(laws: &Laws, airspeed_mps: f64, wind_mps: f64) -> Corner {
+    let guidance = GuidanceConfig::default().of_airframe(laws);
+    let radius_m = guidance.corner_radius_m(airspeed_mps, wind_mps);
     let fastest = airspeed_mps + wind_mps;
-    let needed = fastest * fastest / (GRAVITY_MPS2 * guidance.turn_bank_rad.tan());
-    let radius_m = needed.max(guidance.least_radius_m);
     Corner {
         wind_mps,
         radius_m,

@@ -11,6 +11,7 @@ use std::path::Path;
 
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 use anyhow::{Context, Result};
+use bateleur_flight::control::envelope::Envelope;
 use bateleur_plant::airframe_file::{self, Flaw};
 
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
@@ -26,9 +27,9 @@ pub(crate) struct Arguments {
     /// The airframe file, or aerosonde or rascal110.
     #[arg(value_name = "FILE|NAME")]
     file: String,
-    /// Airspeed of modes, gains and limits, m/s.
-    #[arg(long, value_name = "M/S", default_value_t = 22.0, value_parser = speed, allow_negative_numbers = true)]
-    airspeed: f64,
+    /// Airspeed of modes, gains and limits, m/s [default: 22, or the nearest that it flies].
+    #[arg(long, value_name = "M/S", value_parser = speed, allow_negative_numbers = true)]
+    airspeed: Option<f64>,
     /// Height above mean sea level, m.
     #[arg(long, value_name = "M", default_value_t = 0.0, value_parser = height, allow_negative_numbers = true)]
     height: f64,
@@ -36,6 +37,9 @@ pub(crate) struct Arguments {
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
 }
+
+/// Airspeed of the missions that come with Bateleur, m/s.
+const MISSION_MPS: f64 = 22.0;
 
 fn speed(text: &str) -> std::result::Result<f64, String> {
     number(text, 5.0, 100.0, "m/s")
@@ -60,7 +64,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         Ok(airframe) => airframe,
         Err(error) => return Ok(refuse(arguments, &text, &[not_for_the_laws(&text, &error)])),
     };
-    let point = Point { airspeed_mps: arguments.airspeed, height_m: arguments.height };
+    let airspeed_mps = arguments.airspeed.unwrap_or_else(|| {
+        let envelope = Envelope::new(&laws);
+        let least_mps = (2.0 * envelope.slowest_mps).ceil() / 2.0;
+        MISSION_MPS.max(least_mps).min((2.0 * envelope.fastest_mps).floor() / 2.0)
+    });
+    let point = Point { airspeed_mps, height_m: arguments.height };
     let facts = Facts::of(&plant, &laws, &point);
     let out = match arguments.format {
         Format::Json => format!("{:#}\n", serde_json::json!(facts)),
@@ -90,7 +99,7 @@ fn not_for_the_laws(text: &str, error: &bateleur_flight::airframe::AirframeError
             let message = format!("{key} is {value}");
             Flaw::at(text, &airframe_file::place_of(text, key), message, format!("the laws need {demand}"))
         }
-        other => Flaw::at(text, &(0..0), other.to_string(), "the laws fly at 22 m/s".to_owned()),
+        other => Flaw::at(text, &(0..0), other.to_string(), "more power, or less mass".to_owned()),
     }
 }
 

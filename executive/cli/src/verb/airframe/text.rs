@@ -126,8 +126,8 @@ fn limits(out: &mut String, facts: &Facts) -> std::fmt::Result {
     )?;
     writeln!(
         out,
-        "  airspeed        {:.1} m/s at least, or the nose goes down; {:.1} m/s asked for at most",
-        l.floor_mps, l.fastest_mps
+        "  airspeed        {:.1} m/s at least, or the nose goes down; {:.1} to {:.1} m/s asked for",
+        l.floor_mps, l.slowest_mps, l.fastest_mps
     )?;
     writeln!(out, "  roll rate       {:.0}°/s at full aileron", l.roll_rate_degps)?;
     for (index, corner) in l.corners.iter().enumerate() {

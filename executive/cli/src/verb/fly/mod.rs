@@ -25,6 +25,7 @@ use anyhow::{Context, Result, bail};
 use bateleur_executive::event::Event;
 use bateleur_executive::plan::{Attribute, Facts, Plan};
 use bateleur_flight::airframe::Airframe;
+use bateleur_flight::control::envelope::Envelope;
 use bateleur_flight::guidance::{self, Corner};
 use bateleur_ground::MissionPlan;
 use bateleur_messages::ground;
@@ -129,8 +130,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     }
     let arguments = &Arguments { set: settings(arguments, &plan, &mission)?, ..arguments.clone() };
     let kept = kept::Inputs::read(arguments)?;
-    let too_fast = too_fast(arguments, &plan, &mission);
-    too_fast.iter().for_each(|note| eprintln!("{note}"));
+    let unflyable = unflyable(arguments, &plan, &mission);
+    unflyable.iter().for_each(|note| eprintln!("{note}"));
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
         signal_hook::flag::register(signal, stop.clone()).context("cannot watch for signals")?;
@@ -148,7 +149,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     };
     let folder = folder.keep();
     let mut record = record(arguments, &flown, begun.elapsed().as_secs_f64());
-    record.notes.extend(too_fast);
+    record.notes.extend(unflyable);
     std::fs::write(folder.join(FILE), serde_json::to_vec_pretty(&record)?)
         .context("cannot write run.json")?;
     kept.keep(&folder)?;
@@ -458,18 +459,22 @@ fn airframe(arguments: &Arguments, plan: &Plan) -> Option<Airframe> {
     Airframe::from_attribute(&value, |path| std::fs::read_to_string(path)).ok()
 }
 
-/// The way-points whose airspeed the aircraft does not reach, a sentence for each.
-fn too_fast(arguments: &Arguments, plan: &Plan, mission: &MissionPlan) -> Vec<String> {
+/// The way-points whose airspeed the aircraft does not fly, a sentence for each.
+fn unflyable(arguments: &Arguments, plan: &Plan, mission: &MissionPlan) -> Vec<String> {
     let Some(airframe) = airframe(arguments, plan) else { return Vec::new() };
-    let fastest_mps = airframe.fastest_mps();
-    let beyond = mission.waypoints.iter().filter(|point| point.airspeed_mps > fastest_mps);
+    let envelope = Envelope::new(&airframe);
+    let (slowest_mps, fastest_mps) = (envelope.slowest_mps, envelope.fastest_mps);
     let sentence = |point: &ground::Waypoint| {
-        format!(
-            "WP{}: airspeed_mps is {}, and full throttle holds {fastest_mps:.1} m/s level: flown at that",
-            point.index, point.airspeed_mps
-        )
+        let why = if point.airspeed_mps > fastest_mps {
+            format!("full throttle holds {fastest_mps:.1} m/s level")
+        } else if point.airspeed_mps < slowest_mps {
+            format!("it does not fly slower than {slowest_mps:.1} m/s")
+        } else {
+            return None;
+        };
+        Some(format!("WP{}: airspeed_mps is {}, and {why}: flown at that", point.index, point.airspeed_mps))
     };
-    beyond.map(sentence).collect()
+    mission.waypoints.iter().filter_map(sentence).collect()
 }
 
 /// As guidance has it.

@@ -288,8 +288,10 @@ mod tests {
             [envelope.slowest_mps, 22.0, envelope.fastest_mps]
         );
         let banks = envelope.banks(&aerosonde());
-        let held = |airspeed_mps: f64| limits(&aerosonde(), airspeed_mps).bank_rad.tan();
-        for airspeed_mps in [17.0, 19.0, 22.0, 26.0] {
+        let held = |airspeed_mps: f64| {
+            envelope.limits(&aerosonde(), airspeed_mps, SEA_LEVEL_DENSITY_KGPM3, FRAC_PI_2).bank_rad.tan()
+        };
+        for airspeed_mps in [18.0, 19.0, 22.0, 26.0] {
             let (table, exact) = (banks.tangent(airspeed_mps), held(airspeed_mps));
             assert!((table / exact - 1.0).abs() < 0.05, "{airspeed_mps}: {table} {exact}");
         }

@@ -379,10 +379,16 @@ mod tests {
     }
 
     #[test]
-    fn corner_keeps_the_design_bank_with_the_wind_behind() {
-        let corner = corner(22.0, 8.0);
-        assert!((corner.bank_deg - 38.0).abs() < 1e-9 && (corner.radius_m - 117.5).abs() < 1.0, "{corner:?}");
-        assert_eq!(super::corner(15.0, 0.0).radius_m, 70.0);
+    fn corner_keeps_the_design_bank_with_the_wind_behind_or_what_the_aircraft_holds() {
+        let of = |name: &str, airspeed_mps: f64, wind_mps: f64| {
+            let laws = Laws::from_toml(bateleur_flight::airframe::built_in(name).unwrap()).unwrap();
+            corner(&laws, airspeed_mps, wind_mps)
+        };
+        let fast = of("aerosonde", 22.0, 8.0);
+        assert!((fast.bank_deg - 38.0).abs() < 1e-9 && (fast.radius_m - 117.5).abs() < 1.0, "{fast:?}");
+        assert_eq!(of("rascal110", 15.0, 0.0).radius_m, 70.0);
+        let slow = of("aerosonde", 17.0, 0.0);
+        assert!((8.0..20.0).contains(&slow.bank_deg) && slow.radius_m > 85.0, "{slow:?}");
     }
 
     #[test]

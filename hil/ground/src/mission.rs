@@ -30,10 +30,11 @@ const LOST_NS: u64 = 30 * SECOND_NS;
 const COARSE_PATIENCE_NS: u64 = 10 * SECOND_NS;
 /// Slowest climb that counts as rising, m/s.
 const RISING_MPS: f64 = 0.3;
-/// Lower than this, m, and slower than [`GROUNDED_MPS`] for [`GROUNDED_NS`], the aircraft is down. All three are far
-/// outside what flight or a restarted estimator shows.
+/// Lower than this, m, and slower than [`GROUNDED_MPS`] in the air or [`STANDING_MPS`] over ground for [`GROUNDED_NS`], the aircraft
+/// is down: in a wind a wreck has airspeed. All of them are far outside what flight or a restarted estimator shows.
 const GROUNDED_M: f64 = 3.0;
 const GROUNDED_MPS: f64 = 6.0;
+const STANDING_MPS: f64 = 2.0;
 const GROUNDED_NS: u64 = 5 * SECOND_NS;
 
 /// The Controller's parameter for the laps.
@@ -464,7 +465,8 @@ impl Mission {
     fn check_height(&mut self) {
         let low = self.board.altitude_m().is_some_and(|height| height < GROUNDED_M);
         let slow = self.board.airspeed_mps().is_some_and(|speed| speed < GROUNDED_MPS);
-        if !(low && slow && self.phase >= Phase::Engage) {
+        let stands = self.board.ground_speed_mps().is_some_and(|speed| speed < STANDING_MPS);
+        if !(low && (slow || stands) && self.phase >= Phase::Engage) {
             self.grounded_since_ns = None;
             return;
         }

@@ -64,6 +64,8 @@ struct Aircraft {
     step: u64,
     sensors_step: u64,
     height_m: f64,
+    /// It lies where it is, in a wind of 10 m/s.
+    stands: bool,
     heard: BTreeMap<u8, u32>,
     /// Ignore one order in so many.
     deaf_every: Option<u32>,
@@ -88,6 +90,7 @@ impl Aircraft {
             step: 0,
             sensors_step: 0,
             height_m: 0.0,
+            stands: false,
             heard: BTreeMap::new(),
             deaf_every: None,
             refuse_navigation: false,
@@ -223,7 +226,13 @@ impl Aircraft {
     }
 
     fn imu(&self) -> ImuTelemetry {
-        let airspeed_mps = if self.height_m > 0.0 { 22.0 } else { 0.0 };
+        let airspeed_mps = if self.stands {
+            10.0
+        } else if self.height_m > 0.0 {
+            22.0
+        } else {
+            0.0
+        };
         ImuTelemetry { measured_ns: self.sensors_step * STEP_NS, airspeed_mps, ..Default::default() }
     }
 
@@ -236,7 +245,11 @@ impl Aircraft {
         StateTelemetry {
             valid_ns: self.sensors_step * STEP_NS,
             position_ned_m: [0.0, 0.0, -self.height_m],
-            velocity_ned_mps: [22.0, 0.0, if self.height_m < 160.0 { -3.0 } else { 0.0 }],
+            velocity_ned_mps: [
+                if self.stands { 0.1 } else { 22.0 },
+                0.0,
+                if self.height_m < 160.0 { -3.0 } else { 0.0 },
+            ],
             status,
             ..Default::default()
         }
@@ -508,6 +521,16 @@ fn aircraft_on_the_ground_ends_the_mission() {
     let flight = fly(|aircraft, phase| {
         if phase == Phase::Watch && aircraft.functions.reached >= 2 {
             aircraft.height_m = -1.0;
+        }
+    });
+    assert!(failure(&flight).contains("came down"), "{}", failure(&flight));
+}
+
+#[test]
+fn wreck_in_the_wind_ends_the_mission() {
+    let flight = fly(|aircraft, phase| {
+        if phase == Phase::Watch && aircraft.functions.reached >= 2 {
+            (aircraft.height_m, aircraft.stands) = (-1.0, true);
         }
     });
     assert!(failure(&flight).contains("came down"), "{}", failure(&flight));

@@ -4,7 +4,9 @@
 //! per rad. The fields are public so that a Monte-Carlo run can vary them; [`Airframe::check`] tells whether the result
 //! still makes sense.
 
+use crate::aerodynamics::greatest_lift;
 use crate::airframe_file::{self, Flaws};
+use crate::atmosphere::GRAVITY_MPS2;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -292,6 +294,13 @@ impl Airframe {
     #[expect(clippy::expect_used, reason = "the text is part of the program and read by a test")]
     fn embedded(text: &str) -> Self {
         Self::from_toml(text).expect("an embedded airframe is valid")
+    }
+
+    /// Airspeed (m/s) at which the wing just carries the weight, in air of a density (kg/m³).
+    pub fn stall_mps(&self, density_kgpm3: f64) -> f64 {
+        let weight = self.mass.mass_kg * GRAVITY_MPS2;
+        let (lift, _) = greatest_lift(&self.aerodynamics);
+        (2.0 * weight / (density_kgpm3 * self.geometry.wing_area_m2 * lift)).sqrt()
     }
 
     /// Checks every value on which the equations rely.

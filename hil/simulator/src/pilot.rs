@@ -1,5 +1,6 @@
 //! The safety pilot at the field, simulated: sees the aircraft, moves the sticks.
 //!
+//! All airspeeds are those of an aircraft that flies as slowly as the Aerosonde; one that stalls near them is flown that much faster.
 //! Take-off is in a lull between gusts: full throttle, straight along the runway, a rotation at [`ROTATE_MPS`], a climb with the wings level,
 //! and level flight once [`LEVEL_OFF_M`] is passed. While the autopilot flies the pilot keeps the sticks where level
 //! flight at the present height needs them, so that a fall-back to the sticks is no upset.
@@ -7,6 +8,7 @@
 //! Signs as in the plant: aileron positive rolls right, elevator positive pitches down, rudder positive yaws left.
 
 use bateleur_messages::hil::PILOT_TAKE_OFF;
+use bateleur_plant::atmosphere::air;
 use bateleur_plant::{Airframe, Controls, Truth};
 use std::f64::consts::PI;
 
@@ -15,7 +17,7 @@ const LULL_MPS: f64 = 9.0;
 /// No lull is waited for any longer than this, s.
 const PATIENCE_S: f64 = 30.0;
 /// Airspeed at which the nose is raised, m/s. Below it the wing of either aircraft carries too little.
-pub(crate) const ROTATE_MPS: f64 = 16.0;
+const ROTATE_MPS: f64 = 16.0;
 /// Height above which the pilot stops climbing, m: the ground has to engage the autopilot lower than that.
 pub const LEVEL_OFF_M: f64 = 120.0;
 /// Height at which the pilot then stays, m.
@@ -57,6 +59,11 @@ const TAIL_UP_MPS: f64 = 5.0;
 /// Pitch at which an aircraft with a tail wheel gathers speed, rad.
 const TAIL_UP_PITCH_RAD: f64 = 0.05;
 
+/// The rotation, of the airspeed at which the wing just carries the weight, for who carries too little at [`ROTATE_MPS`].
+const ROTATION_SHARE: f64 = 1.3;
+/// Carries too little: [`ROTATE_MPS`] is less than this, of the same.
+const LEAST_ROTATION_SHARE: f64 = 1.1;
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Phase {
     StandBy,
@@ -73,6 +80,8 @@ pub struct SafetyPilot {
     phase: Phase,
     runway_heading_rad: f64,
     tail_wheel: bool,
+    /// How much faster this aircraft is flown.
+    pace: f64,
     level_m: f64,
     elevator_trim_rad: f64,
     pitch_trim_rad: f64,
@@ -85,6 +94,7 @@ impl SafetyPilot {
             phase: Phase::StandBy,
             runway_heading_rad,
             tail_wheel: airframe.gear.third_wheel_m[0] < 0.0,
+            pace: pace(airframe),
             level_m: LEVEL_M,
             elevator_trim_rad: 0.0,
             pitch_trim_rad: 0.08,
@@ -130,17 +140,17 @@ impl SafetyPilot {
 
     fn roll(&mut self, truth: &Truth, dt_s: f64) -> Controls {
         let off = turn(self.course_wanted(truth) - truth.yaw_rad);
-        let fast = truth.airspeed_mps >= ROTATE_MPS;
+        let fast = truth.airspeed_mps >= self.pace * ROTATE_MPS;
         let elevator_rad = match truth.airspeed_mps {
-            _ if fast => self.elevator(truth, climb_pitch(truth), dt_s),
+            _ if fast => self.elevator(truth, self.climb_pitch(truth), dt_s),
             _ if !truth.on_ground => self.elevator(truth, SETTLE_PITCH_RAD, 0.0),
             // The tail wheel steers only while it is held down, but a tail left low makes the wing lift too early.
-            ..TAIL_UP_MPS if self.tail_wheel => TAIL_DOWN_RAD,
+            slow if self.tail_wheel && slow < self.pace * TAIL_UP_MPS => TAIL_DOWN_RAD,
             _ if self.tail_wheel => RAISE_TAIL * self.elevator(truth, TAIL_UP_PITCH_RAD, 0.0),
             _ => 0.0,
         };
         Controls {
-            aileron_rad: aileron(truth, 0.0),
+            aileron_rad: self.aileron(truth, 0.0),
             elevator_rad,
             rudder_rad: -0.8 * off + 0.25 * truth.rates_radps.z,
             throttle: 1.0,
@@ -150,7 +160,7 @@ impl SafetyPilot {
     fn climb(&mut self, truth: &Truth, autopilot: bool, dt_s: f64) -> Controls {
         let dt_s = if autopilot { 0.0 } else { dt_s };
         Controls {
-            elevator_rad: self.elevator(truth, climb_pitch(truth), dt_s),
+            elevator_rad: self.elevator(truth, self.climb_pitch(truth), dt_s),
             throttle: 1.0,
             ..self.straight(truth)
         }
@@ -165,7 +175,8 @@ impl SafetyPilot {
         self.pitch_trim_rad = (self.pitch_trim_rad + 0.3 * climb_error / speed * dt_s).clamp(-0.1, 0.2);
         let (lowest, highest) = LEVEL_PITCH_RANGE_RAD;
         let pitch = (self.pitch_trim_rad + climb_error / speed).clamp(lowest, highest);
-        let throttle = CRUISE_THROTTLE + 0.08 * (CRUISE_MPS - truth.airspeed_mps) + 0.05 * climb_wanted;
+        let slow_mps = self.pace * CRUISE_MPS - truth.airspeed_mps;
+        let throttle = CRUISE_THROTTLE + 0.08 / self.pace * slow_mps + 0.05 * climb_wanted;
         Controls {
             elevator_rad: self.elevator(truth, pitch, dt_s),
             throttle: throttle.clamp(0.1, 1.0),
@@ -188,7 +199,7 @@ impl SafetyPilot {
         let free = -truth.position_ned_m.z > FREE_OF_GROUND_M;
         let bank = if free { off.clamp(-STEEPEST_BANK_RAD, STEEPEST_BANK_RAD) } else { 0.0 };
         Controls {
-            aileron_rad: aileron(truth, bank),
+            aileron_rad: self.aileron(truth, bank),
             rudder_rad: 0.1 * truth.rates_radps.z,
             ..Controls::default()
         }
@@ -200,19 +211,26 @@ impl SafetyPilot {
         self.elevator_trim_rad = (self.elevator_trim_rad - 0.8 * error * dt_s).clamp(-0.4, 0.2);
         self.elevator_trim_rad - 0.8 * error + 0.12 * truth.rates_radps.y
     }
+
+    fn climb_pitch(&self, truth: &Truth) -> f64 {
+        let (lowest, highest) = CLIMB_PITCH_RANGE_RAD;
+        let fast_mps = truth.airspeed_mps - self.pace * CLIMB_MPS;
+        (CLIMB_PITCH_RAD + 0.03 / self.pace * fast_mps).clamp(lowest, highest)
+    }
+
+    /// Ailerons that bring the bank to `bank_rad`: larger movements where the air flows slowly over them, and where a wing-tip is
+    /// near the ground.
+    fn aileron(&self, truth: &Truth, bank_rad: f64) -> f64 {
+        let slow = (self.pace * CLIMB_MPS / truth.airspeed_mps.max(1.0)).powi(2).clamp(1.0, 5.0);
+        let firm = if -truth.position_ned_m.z < FREE_OF_GROUND_M { NEAR_GROUND } else { 1.0 };
+        firm * slow * (0.5 * (bank_rad - truth.roll_rad) - 0.06 * truth.rates_radps.x)
+    }
 }
 
-fn climb_pitch(truth: &Truth) -> f64 {
-    let (lowest, highest) = CLIMB_PITCH_RANGE_RAD;
-    (CLIMB_PITCH_RAD + 0.03 * (truth.airspeed_mps - CLIMB_MPS)).clamp(lowest, highest)
-}
-
-/// Ailerons that bring the bank to `bank_rad`: larger movements where the air flows slowly over them, and where a wing-tip is
-/// near the ground.
-fn aileron(truth: &Truth, bank_rad: f64) -> f64 {
-    let slow = (CLIMB_MPS / truth.airspeed_mps.max(1.0)).powi(2).clamp(1.0, 5.0);
-    let firm = if -truth.position_ned_m.z < FREE_OF_GROUND_M { NEAR_GROUND } else { 1.0 };
-    firm * slow * (0.5 * (bank_rad - truth.roll_rad) - 0.06 * truth.rates_radps.x)
+/// How much faster than the Aerosonde an aircraft is flown; that one's equals are flown as it is.
+fn pace(airframe: &Airframe) -> f64 {
+    let stall_mps = airframe.stall_mps(air(0.0).density_kgpm3);
+    if ROTATE_MPS < LEAST_ROTATION_SHARE * stall_mps { ROTATION_SHARE * stall_mps / ROTATE_MPS } else { 1.0 }
 }
 
 /// The same direction within −π to π.
@@ -257,6 +275,24 @@ mod tests {
             assert!((truth.airspeed_mps - CRUISE_MPS).abs() < 3.0, "{} m/s", truth.airspeed_mps);
             assert!(steepest < 0.25, "{steepest} rad of bank in calm air");
             assert!(truth.position_ned_m.y.abs() < 25.0, "{} m beside", truth.position_ned_m.y);
+        }
+    }
+
+    #[test]
+    fn aircraft_that_stall_at_the_usual_airspeeds_are_flown_faster_and_the_others_as_ever() {
+        for (text, least_mps, most_mps) in [
+            (include_str!("../../../tests/airframes/cessna182.toml"), 40.0, 60.0),
+            (include_str!("../../../tests/airframes/motor_glider.toml"), 35.0, 55.0),
+            (include_str!("../../../tests/airframes/flying_wing.toml"), 19.0, 25.0),
+        ] {
+            let airframe = Airframe::from_toml(text).unwrap();
+            let (truth, _) = flown(&airframe, &Conditions::default()).unwrap();
+            let flies =
+                (least_mps..most_mps).contains(&truth.airspeed_mps) && truth.position_ned_m.z < -110.0;
+            assert!(flies, "{}: {truth:?}", airframe.name);
+        }
+        for airframe in [Airframe::aerosonde(), Airframe::rascal110()] {
+            assert_eq!(pace(&airframe), 1.0, "{}", airframe.name);
         }
     }
 

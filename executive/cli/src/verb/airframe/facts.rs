@@ -166,7 +166,7 @@ impl Facts {
         let stall = Stall {
             lift_coefficient: lift,
             alpha_deg: alpha.to_degrees(),
-            airspeed_mps: (2.0 * weight / (density * geometry.wing_area_m2 * lift)).sqrt(),
+            airspeed_mps: plant.stall_mps(density),
         };
         let trims = trims(plant, point.height_m, stall.airspeed_mps);
         let trimmed = trim(plant, point.airspeed_mps, 0.0, point.height_m);

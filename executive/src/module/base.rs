@@ -6,6 +6,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
+use std::process::ExitStatus;
 use std::rc::Rc;
 use std::sync::Arc;
 
@@ -53,32 +54,51 @@ struct Lines<'a> {
 pub(super) struct Custodian {
     process: Spawned,
     line: Option<File>,
+    /// It has held every channel.
+    was_ready: bool,
+    end: Option<ExitStatus>,
     fallen: Fallen,
 }
 
 impl Drop for Custodian {
-    /// One that memory has ended left something in every channel.
+    /// One that memory has ended left something in every channel. It is replaced by one that holds them, so that it can be buried.
     fn drop(&mut self) {
-        self.fallen.borrow_mut().push(self.process.pid);
+        if self.was_ready && self.end.is_some_and(|status| !status.success()) {
+            self.fallen.borrow_mut().push(self.process.pid);
+        }
     }
 }
 
 impl Custodian {
     pub(super) fn leave(&mut self) {
         drop(self.line.take());
-        await_end(&self.process);
+        self.await_end();
     }
 
     /// Whether it holds the channels no more.
-    fn has_left(&self) -> bool {
-        self.line.is_none() || crate::partition::ended(&self.process).is_some()
+    fn has_left(&mut self) -> bool {
+        self.look();
+        self.line.is_none() || self.end.is_some()
     }
 
     /// As above; one that does not, because what it holds is damaged, is ended.
     fn leave_or_die(&mut self) {
         self.leave();
-        let _ = rustix::process::pidfd_send_signal(&self.process.pidfd, rustix::process::Signal::KILL); // it has left
-        await_end(&self.process);
+        if self.end.is_none() {
+            let _ = rustix::process::pidfd_send_signal(&self.process.pidfd, rustix::process::Signal::KILL); // it has left
+            self.await_end();
+        }
+    }
+
+    /// Waits for it, once it was asked to end. One that still runs dies with the executive.
+    fn await_end(&mut self) {
+        crate::partition::await_any_end(&[self.process.pidfd.as_fd()], 1_000_000_000);
+        self.look();
+    }
+
+    /// How a process has ended is told only once.
+    fn look(&mut self) {
+        self.end = self.end.or_else(|| crate::partition::ended(&self.process));
     }
 }
 
@@ -289,10 +309,14 @@ impl Base {
         let process = self.helper(&["custodian".into(), order.into()], lines, true).map_err(failed)?;
         drop(answers);
         let line = Some(File::from(OwnedFd::from(writer)));
-        let mut custodian = Custodian { process, line, fallen: self.fallen.clone() };
+        let fallen = self.fallen.clone();
+        let mut custodian = Custodian { process, line, was_ready: false, end: None, fallen };
         let said = words_until_ready(&File::from(OwnedFd::from(answer)), patience_ns);
         match said.last() {
-            Some(word) if word == custodian::READY => Ok(custodian),
+            Some(word) if word == custodian::READY => {
+                custodian.was_ready = true;
+                Ok(custodian)
+            }
             last => {
                 custodian.leave_or_die();
                 let about = last.map_or_else(String::new, |channel| format!(" (at {channel})"));
@@ -352,7 +376,7 @@ impl Base {
     ) -> Result<StartJanitor, RunError> {
         let copy = self.copy()?;
         Ok(Box::new(move |burial| {
-            if custodian.borrow().has_left() {
+            if custodian.borrow_mut().has_left() {
                 // Before any clean-up, which would take away the channels that only the dead one held.
                 *custodian.borrow_mut() = copy
                     .start_custodian(&order, NEXT_CUSTODIAN_PATIENCE_NS)
@@ -428,6 +452,7 @@ impl Base {
         let here = |channel: &&String| domain.directory(channel).exists();
         arguments.extend(burial.channels.iter().filter(here).cloned());
         let (progress, end) = std::io::pipe()?;
+        rustix::fs::fcntl_setfl(&progress, rustix::fs::OFlags::NONBLOCK)?; // nobody waits for one that does not end
         let end = OwnedFd::from(end);
         let process = self.helper(&arguments, Lines { output: Some(&end), ..Lines::default() }, true)?;
         Ok((process, File::from(OwnedFd::from(progress))))
@@ -467,7 +492,8 @@ impl Base {
         let (control, inbox) = self.open_control(&options.module, course);
         let start_janitor = self.janitor_starter(order, custodian.clone())?;
         let renewals = self.renewals(ordered, plan.clone(), custodian.clone())?;
-        let fallen = (self.fallen.clone(), homes);
+        // On the virtual clock nobody is buried at an instant of the wall clock.
+        let fallen = (options.clock == Clock::Wall).then(|| (self.fallen.clone(), homes));
         let staff = Staff { recording, start_janitor, fallen, renewals, start_observer, inbox };
         let ended = super::conduct::conduct(plan, view, options, facts, cages, staff, course);
         drop(control);

@@ -53,8 +53,8 @@ pub(super) struct Staff {
     pub(super) recording: Option<Recording>,
     /// Cleans up after the dead.
     pub(super) start_janitor: StartJanitor,
-    /// Custodians that have ended, and the channels that they held.
-    pub(super) fallen: (Fallen, Vec<String>),
+    /// Custodians that have ended, and the channels that they held; none: they are not buried.
+    pub(super) fallen: Option<(Fallen, Vec<String>)>,
     /// Finds damaged channels and makes them anew.
     pub(super) renewals: Means,
     /// Reads channels for operators.

@@ -2,7 +2,7 @@
 //!
 //! Every dead process is buried, also one that has no successor: its queues would stay full for its peers, and its
 //! places in the channels would stay taken. A janitor that ends of what it finds in a channel is followed by one that
-//! does not look into that. It must never hold up a successor for longer than two that hang may take.
+//! does not look into that. It must never hold up a successor for long: one that hangs is given three seconds.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -25,6 +25,9 @@ use crate::system::time::now_ns;
 /// milliseconds.
 const JANITOR_PATIENCE_NS: u64 = 3_000_000_000;
 
+/// What a pipe holds (pipe(7)): more channels than a module has.
+const PROGRESS_BYTES: usize = 1 << 16;
+
 /// Whose process is dead: a partition's place, and which of its two processes it was.
 type Grave = (usize, Seat);
 
@@ -43,7 +46,7 @@ pub(super) struct Burials {
     janitor: Option<Janitor>,
     waiting: VecDeque<Dead>,
     /// They are buried when nobody else waits.
-    fallen: (Fallen, Vec<String>),
+    fallen: Option<(Fallen, Vec<String>)>,
 }
 
 /// Numbers of helpers that have ended, each of which was attached to all channels of the module.
@@ -82,7 +85,7 @@ enum Dead {
 }
 
 impl Burials {
-    pub(super) fn new(start_janitor: StartJanitor, fallen: (Fallen, Vec<String>)) -> Self {
+    pub(super) fn new(start_janitor: StartJanitor, fallen: Option<(Fallen, Vec<String>)>) -> Self {
         Self { start_janitor, janitor: None, waiting: VecDeque::new(), fallen }
     }
 
@@ -154,7 +157,7 @@ impl Burials {
     }
 
     fn fallen_one(&self) -> Option<Dead> {
-        let (fallen, channels) = &self.fallen;
+        let (fallen, channels) = self.fallen.as_ref()?;
         fallen.borrow_mut().pop().map(|pid| Dead::Stranger(pid, channels.clone()))
     }
 
@@ -175,6 +178,14 @@ impl Burials {
         self.janitor.as_ref().map(|janitor| janitor.process.pidfd.as_fd())
     }
 
+    /// Ends the janitor at work, whose burial begins anew when the next one is looked for: nobody may map what is emptied.
+    pub(super) fn set_back(&mut self) {
+        if let Some(janitor) = self.janitor.take() {
+            end_helper(&janitor.process);
+            self.waiting.push_front(janitor.dead);
+        }
+    }
+
     /// The module ends: nobody needs what is in shared memory any more.
     pub(super) fn give_up(&mut self) {
         if let Some(janitor) = self.janitor.take() {
@@ -184,17 +195,19 @@ impl Burials {
 }
 
 impl Janitor {
-    /// It has ended of what it found in a channel, or hung there: has its follower not look into that one, nor, as each hang takes
-    /// its time, into any behind it. False: it was at none.
+    /// It has ended of what it found in a channel, or hung there: has its follower not look into that one. As each hang takes its time,
+    /// the channels behind it are left to the next janitor that comes there. False: it was at none.
     fn spare_what_it_was_at(&mut self, hung: bool) -> bool {
-        let mut lines = String::new();
-        let _ = self.progress.read_to_string(&mut lines); // it is dead: what it said stands there
-        let Some(at) = lines.lines().last() else { return false };
-        let here = self.burial.channels.iter().skip_while(|channel| *channel != at);
-        let spared: Vec<String> = here.take(if hung { usize::MAX } else { 1 }).cloned().collect();
-        let spares = !spared.is_empty();
-        self.burial.damaged.extend(spared);
-        spares
+        let mut said = vec![0; PROGRESS_BYTES];
+        let count = self.progress.read(&mut said).unwrap_or(0);
+        let said = String::from_utf8_lossy(&said[..count]);
+        let Some(at) = said.lines().last() else { return false };
+        let Some(place) = self.burial.channels.iter().position(|channel| channel == at) else { return false };
+        if hung {
+            self.burial.channels.truncate(place + 1);
+        }
+        self.burial.damaged.push(at.to_owned());
+        true
     }
 }
 
@@ -268,7 +281,7 @@ mod tests {
                 told.push(burial.damaged.clone());
                 Ok(shell(janitors[told.len() - 1]))
             }),
-            (fallen.clone(), text(&["a", "b", "c"])),
+            Some((fallen.clone(), text(&["a", "b", "c"]))),
         );
         fallen.borrow_mut().push(7);
         assert_eq!(burials.next_buried(&[], |_| Vec::new()), None);
@@ -294,13 +307,41 @@ mod tests {
     }
 
     #[test]
-    fn a_janitor_that_hung_is_followed_by_one_that_looks_at_nothing_behind() {
+    fn a_janitor_that_can_not_be_started_is_not_tried_for_ever() {
+        let fallen = Fallen::default();
+        let tries = Rc::new(RefCell::new(0));
+        let counted = tries.clone();
+        let start: StartJanitor = Box::new(move |_| {
+            *counted.borrow_mut() += 1;
+            Err(std::io::ErrorKind::OutOfMemory.into())
+        });
+        let mut burials = Burials::new(start, Some((fallen.clone(), text(&["a"]))));
+        fallen.borrow_mut().push(7);
+        for _ in 0..10 {
+            assert_eq!(burials.next_buried(&[], |_| Vec::new()), None);
+        }
+        assert_eq!(*tries.borrow(), 1);
+    }
+
+    #[test]
+    fn a_burial_that_was_set_back_begins_anew() {
+        let start: StartJanitor = Box::new(|_| Ok(shell("echo a; sleep 60")));
+        let mut burials = Burials::new(start, None);
+        burials.add_stranger(7, text(&["a"]));
+        assert_eq!(burials.next_buried(&[], |_| Vec::new()), None);
+        burials.set_back();
+        assert!(burials.janitor().is_none() && burials.awaits(7));
+        burials.give_up();
+    }
+
+    #[test]
+    fn a_janitor_that_hung_is_followed_by_one_that_leaves_what_lies_behind() {
         let (process, progress) = shell("echo a; echo b");
         await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
         let burial = Burial { pid: 7, channels: text(&["a", "b", "c", "d"]), damaged: Vec::new() };
         let dead = Dead::Stranger(7, burial.channels.clone());
         let mut janitor = Janitor { dead, burial, process, progress, since_ns: 0 };
         assert!(janitor.spare_what_it_was_at(true));
-        assert_eq!(janitor.burial.damaged, text(&["b", "c", "d"]));
+        assert_eq!((&janitor.burial.channels, &janitor.burial.damaged), (&text(&["a", "b"]), &text(&["b"])));
     }
 }

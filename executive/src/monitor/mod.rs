@@ -123,8 +123,8 @@ pub struct Equipment {
     pub clock: Clock,
     /// How a janitor is started.
     pub start_janitor: StartJanitor,
-    /// Custodians that have ended, and the channels that they held.
-    pub fallen: (burial::Fallen, Vec<String>),
+    /// Custodians that have ended, and the channels that they held; none: they are not buried.
+    pub fallen: Option<(burial::Fallen, Vec<String>)>,
     /// How damaged channels are found and made anew.
     pub renewals: Means,
     /// Where dispatchers leave records.

@@ -144,6 +144,7 @@ impl Monitor {
 
     /// Makes `damaged` anew; everybody but the partition at `place`, who waits for them, is restarted.
     fn renew(&mut self, place: usize, damaged: &[String], module_ns: u64) {
+        self.burials.set_back();
         let mut channels = damaged.to_vec();
         let mut ended = Vec::new();
         let made = loop {

@@ -94,11 +94,6 @@ impl Board {
         self.state.map(|state| -state.message.position_ned_m[2])
     }
 
-    /// Estimated speed over ground, m/s.
-    pub fn ground_speed_mps(&self) -> Option<f64> {
-        self.state.map(|state| state.message.velocity_ned_mps[0].hypot(state.message.velocity_ned_mps[1]))
-    }
-
     /// Measured airspeed, m/s.
     pub fn airspeed_mps(&self) -> Option<f64> {
         self.imu.map(|imu| imu.message.airspeed_mps)

@@ -31,7 +31,7 @@ const COARSE_PATIENCE_NS: u64 = 10 * SECOND_NS;
 /// Slowest climb that counts as rising, m/s.
 const RISING_MPS: f64 = 0.3;
 /// Lower than this, m, and slower than [`GROUNDED_MPS`] in the air or [`STANDING_MPS`] over ground for [`GROUNDED_NS`], the aircraft
-/// is down: in a wind a wreck has airspeed. All of them are far outside what flight or a restarted estimator shows.
+/// is down: in a wind a wreck has airspeed. All of them are far outside what flight shows.
 const GROUNDED_M: f64 = 3.0;
 const GROUNDED_MPS: f64 = 6.0;
 const STANDING_MPS: f64 = 2.0;
@@ -414,6 +414,14 @@ impl Mission {
         self.board.altitude_m().filter(|_| self.estimator_silent_ns().is_none())
     }
 
+    /// None also from an Estimator that is being aligned, whose state says nothing.
+    fn fresh_ground_speed_mps(&self) -> Option<f64> {
+        let state =
+            self.board.state.filter(|state| self.now_ns.saturating_sub(state.received_ns) <= STALE_NS);
+        let message = state.filter(|state| state.message.status >= STATUS_COARSE)?.message;
+        Some(message.velocity_ned_mps[0].hypot(message.velocity_ned_mps[1]))
+    }
+
     fn fresh_airspeed_mps(&self) -> Option<f64> {
         let imu = self.board.imu.filter(|imu| self.now_ns.saturating_sub(imu.received_ns) <= STALE_NS);
         imu.map(|imu| imu.message.airspeed_mps)
@@ -465,7 +473,7 @@ impl Mission {
     fn check_height(&mut self) {
         let low = self.board.altitude_m().is_some_and(|height| height < GROUNDED_M);
         let slow = self.board.airspeed_mps().is_some_and(|speed| speed < GROUNDED_MPS);
-        let stands = self.board.ground_speed_mps().is_some_and(|speed| speed < STANDING_MPS);
+        let stands = self.fresh_ground_speed_mps().is_some_and(|speed| speed < STANDING_MPS);
         if !(low && (slow || stands) && self.phase >= Phase::Engage) {
             self.grounded_since_ns = None;
             return;

@@ -66,6 +66,8 @@ struct Aircraft {
     height_m: f64,
     /// It lies where it is, in a wind of 10 m/s.
     stands: bool,
+    /// Its Estimator knows nothing yet: it says so, and zeros.
+    aligns: bool,
     heard: BTreeMap<u8, u32>,
     /// Ignore one order in so many.
     deaf_every: Option<u32>,
@@ -91,6 +93,7 @@ impl Aircraft {
             sensors_step: 0,
             height_m: 0.0,
             stands: false,
+            aligns: false,
             heard: BTreeMap::new(),
             deaf_every: None,
             refuse_navigation: false,
@@ -242,6 +245,9 @@ impl Aircraft {
             Some(since) if self.step < since + 20 => 1,
             Some(_) => 3,
         };
+        if self.aligns {
+            return StateTelemetry { valid_ns: self.sensors_step * STEP_NS, status: 1, ..Default::default() };
+        }
         StateTelemetry {
             valid_ns: self.sensors_step * STEP_NS,
             position_ned_m: [0.0, 0.0, -self.height_m],
@@ -534,6 +540,17 @@ fn wreck_in_the_wind_ends_the_mission() {
         }
     });
     assert!(failure(&flight).contains("came down"), "{}", failure(&flight));
+}
+
+#[test]
+fn estimator_that_is_aligned_in_flight_is_no_wreck() {
+    let mut steps = 0;
+    let flight = fly(|aircraft, phase| {
+        steps += u32::from(phase == Phase::Watch && aircraft.functions.reached >= 2);
+        aircraft.aligns = (1..100).contains(&steps);
+    });
+    assert!(steps > 100, "ten seconds and more, and it flies on: {:?}", flight.last.outcome);
+    assert_eq!(flight.last.outcome, Outcome::Finished);
 }
 
 #[test]

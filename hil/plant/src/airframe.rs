@@ -380,6 +380,11 @@ impl Airframe {
         let none_or_left = a.yaw_rudder <= 0.0;
         let demand = "less than zero, or zero where there is no rudder";
         found.demand(none_or_left, "aerodynamics.yaw_rudder", a.yaw_rudder, demand);
+        if a.yaw_rudder == 0.0 {
+            let demand = "zero, as yaw_rudder is: there is no rudder";
+            found.demand(a.side_rudder == 0.0, "aerodynamics.side_rudder", a.side_rudder, demand);
+            found.demand(a.roll_rudder == 0.0, "aerodynamics.roll_rudder", a.roll_rudder, demand);
+        }
         let (stall, sharpness) = (a.stall_alpha_rad, a.stall_sharpness);
         found.demand(
             stall > 0.05 && stall < 1.5,

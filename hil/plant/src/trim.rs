@@ -56,6 +56,9 @@ pub enum TrimError {
 /// High above a ground that is equally far below, so that no wheel touches, m.
 pub(crate) const CLEAR_M: f64 = 1000.0;
 
+/// Bank of straight flight, at most, rad: with more an aircraft without a rudder is not trimmed but slips.
+const STEEPEST_RAD: f64 = 0.17;
+
 /// Unknowns: α, β, aileron, elevator, rudder or, without one, bank, throttle.
 type Unknowns = Vector6<f64>;
 
@@ -150,6 +153,7 @@ impl Problem<'_> {
             ("the elevator", c.elevator_rad, -servo.elevator_limit_rad, servo.elevator_limit_rad),
             ("the rudder", c.rudder_rad, -servo.rudder_limit_rad, servo.rudder_limit_rad),
             ("the throttle", c.throttle, 0.0, 1.0),
+            ("a bank", trim.bank_rad, -STEEPEST_RAD, STEEPEST_RAD),
         ];
         match reach.into_iter().find(|(_, value, low, high)| !(*low..=*high).contains(value)) {
             Some((control, value, low, high)) => {

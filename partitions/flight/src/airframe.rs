@@ -219,6 +219,8 @@ pub struct Trim {
 const CHECK_AIRSPEED_MPS: f64 = 22.0;
 /// Least airspeed for that, of the one at which the wing just carries the weight.
 const CHECK_SHARE: f64 = 1.3;
+/// A wing that gives no more lift than this carries nothing.
+const LEAST_LIFT: f64 = 0.1;
 /// No airframe is asked for more, m/s.
 const FASTEST_MPS: f64 = 100.0;
 
@@ -305,6 +307,13 @@ impl Airframe {
             turns,
             "a rudder that turns, or zero where there is none",
         )?;
+        let lift = self.greatest_lift();
+        demand(
+            "aerodynamics.lift_0",
+            a.lift_0,
+            lift > LEAST_LIFT,
+            "more: the wing never gives a lift coefficient of 0.1",
+        )?;
         self.check_power()
     }
 
@@ -347,7 +356,7 @@ impl Airframe {
         }
         let airspeeds = (0..).map(|step| slowest_mps + 0.5 * f64::from(step));
         let airspeeds = airspeeds.take_while(|airspeed_mps| *airspeed_mps < FASTEST_MPS);
-        airspeeds.max_by(|one, other| spare_n(one).total_cmp(&spare_n(other))).unwrap_or(CHECK_AIRSPEED_MPS)
+        airspeeds.max_by(|one, other| spare_n(one).total_cmp(&spare_n(other))).unwrap_or(slowest_mps)
     }
 
     /// Airspeed (m/s) at which the wing just carries the weight with a lift coefficient.

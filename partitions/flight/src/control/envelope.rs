@@ -164,7 +164,8 @@ impl Envelope {
 
     /// Airspeed (m/s) that is flown where `asked_mps` is meant for whatever aircraft it is.
     pub fn cruise_mps(&self, airframe: &Airframe, asked_mps: f64) -> f64 {
-        let least_mps = CRUISE_SHARE * self.stall_mps(airframe, SEA_LEVEL_DENSITY_KGPM3);
+        let least_mps =
+            (CRUISE_SHARE * self.stall_mps(airframe, SEA_LEVEL_DENSITY_KGPM3)).max(self.slowest_mps);
         asked_mps.max(least_mps).min(self.fastest_mps.max(least_mps))
     }
 

@@ -141,6 +141,9 @@ impl InnerLoops {
         wanted_mps2: f64,
         dt_s: f64,
     ) -> f64 {
+        if !airframe.has_rudder() {
+            return 0.0;
+        }
         let law = lateral_law(airframe, tuning, s, wanted_mps2);
         let limit = airframe.servo.rudder_limit_rad;
         let output = run(&mut self.lateral, &law, -limit, limit, dt_s);

@@ -505,7 +505,8 @@ impl Guidance {
         if offset.left_m > arc.map_or(0.0, |arc| arc.tangent_m) {
             return;
         }
-        if offset.right_m.abs() > REACHED_SHARE * self.radius_m(&motion.wind) {
+        let radius_m = self.radius_m(&motion.wind);
+        if offset.right_m.abs() > REACHED_SHARE * arc.map_or(radius_m, |arc| arc.radius_m.min(radius_m)) {
             // Too far off to count: fly to it again.
             self.stage = self.join(motion);
         } else if let Some(arc) = arc {

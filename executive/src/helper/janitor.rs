@@ -95,6 +95,25 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_damaged_channel_loses_the_dead_ones_files_by_their_names_and_no_others() {
+        let root = tempfile::tempdir().unwrap();
+        let domain = Domain { root: root.path().to_str().unwrap().into() };
+        let directory = domain.directory("a.b");
+        let [dead, alive] = [1_234_u128, 1_235].map(|pid| (pid << 64) | 77);
+        let port = |id: u128| directory.join(format!("bateleur_{id}.connection"));
+        let node = |id: u128| directory.join("nodes").join(id.to_string());
+        for id in [dead, alive] {
+            fs::create_dir_all(node(id)).unwrap();
+            fs::write(node(id).join("bateleur_node.details"), "damaged").unwrap();
+            fs::write(port(id), "damaged").unwrap();
+        }
+        let channels = ["a.b".to_owned()];
+        run(&domain, 1_234, &channels, &channels).unwrap();
+        assert_eq!([port(dead), node(dead)].map(|path| path.exists()), [false, false]);
+        assert_eq!([port(alive), node(alive)].map(|path| path.exists()), [true, true]);
+    }
+
+    #[test]
     fn the_owners_are_read_from_a_file_name() {
         let id: u128 = (1_234 << 64) | 77;
         assert_eq!(

@@ -87,19 +87,14 @@ fn aircraft_of_another_size_fly_their_missions_with_nothing_but_their_file() {
     let schedule = folder.path().join("schedule.toml");
     std::fs::copy(flight_schedule(), &schedule).unwrap();
     for (airframe, side_m, airspeed_mps, altitude_m) in [
-        ("motor_glider", 1500.0, 30.0, 300.0),
-        ("cessna182", 3000.0, 50.0, 300.0),
-        ("cessna182", 3000.0, 65.0, 300.0),
-        ("small", 300.0, 9.5, 100.0),
-        ("flying_wing", 500.0, 18.0, 100.0),
-        ("aerosonde", 500.0, 15.0, 160.0),
+        ("tests/airframes/motor_glider", 1500.0, 30.0, 300.0),
+        ("tests/airframes/cessna182", 3000.0, 50.0, 300.0),
+        ("tests/airframes/cessna182", 3000.0, 65.0, 300.0),
+        ("tests/airframes/small", 300.0, 9.5, 100.0),
+        ("tests/airframes/flying_wing", 500.0, 18.0, 100.0),
+        ("airframes/aerosonde", 500.0, 15.0, 160.0),
     ] {
-        let folders = ["tests/airframes", "airframes"].map(|folder| repository().join(folder));
-        let path = folders
-            .map(|folder| folder.join(format!("{airframe}.toml")))
-            .into_iter()
-            .find(|path| path.exists());
-        let path = path.unwrap();
+        let path = repository().join(format!("{airframe}.toml"));
         let mission = written(folder.path(), "square.toml", &square(side_m, altitude_m, airspeed_mps));
         let choices = ["--seed", "11", "--airframe", path.to_str().unwrap(), "--mission", &mission];
         let summary = fly(&schedule, &choices).expect_code(0).summary();

@@ -298,6 +298,7 @@ fn limits(plant: &Airframe, laws: &Laws, point: &Point, density: f64, stall: &St
     let bank = if factor > 1.0 { (1.0 / factor).acos() } else { 0.0 };
     let envelope = Envelope::new(laws);
     let asked = envelope.limits(laws, point.airspeed_mps, density, config.outer.bank_limit_rad);
+    let guidance = GuidanceConfig::default().of_airframe(laws);
     let (a, span) = (&plant.aerodynamics, plant.geometry.wing_span_m);
     let roll_rate =
         -a.roll_aileron / a.roll_roll_rate * plant.servo.aileron_limit_rad * 2.0 * point.airspeed_mps / span;
@@ -313,12 +314,11 @@ fn limits(plant: &Airframe, laws: &Laws, point: &Point, density: f64, stall: &St
         slowest_mps: envelope.slowest_mps,
         fastest_mps: envelope.fastest_mps,
         roll_rate_degps: roll_rate.to_degrees(),
-        corners: WINDS_MPS.map(|wind| corner(laws, point.airspeed_mps, wind)).into(),
+        corners: WINDS_MPS.map(|wind| corner(&guidance, point.airspeed_mps, wind)).into(),
     }
 }
 
-fn corner(laws: &Laws, airspeed_mps: f64, wind_mps: f64) -> Corner {
-    let guidance = GuidanceConfig::default().of_airframe(laws);
+fn corner(guidance: &GuidanceConfig, airspeed_mps: f64, wind_mps: f64) -> Corner {
     let radius_m = guidance.corner_radius_m(airspeed_mps, wind_mps);
     let fastest = airspeed_mps + wind_mps;
     Corner {
@@ -382,7 +382,7 @@ mod tests {
     fn corner_keeps_the_design_bank_with_the_wind_behind_or_what_the_aircraft_holds() {
         let of = |name: &str, airspeed_mps: f64, wind_mps: f64| {
             let laws = Laws::from_toml(bateleur_flight::airframe::built_in(name).unwrap()).unwrap();
-            corner(&laws, airspeed_mps, wind_mps)
+            corner(&GuidanceConfig::default().of_airframe(&laws), airspeed_mps, wind_mps)
         };
         let fast = of("aerosonde", 22.0, 8.0);
         assert!((fast.bank_deg - 38.0).abs() < 1e-9 && (fast.radius_m - 117.5).abs() < 1.0, "{fast:?}");

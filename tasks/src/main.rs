@@ -4,6 +4,7 @@
 //! Responsible for: building before flying, and everything that must pass before a change lands. It must never depend on
 //! another crate, so that the first thing a fresh clone builds is built in a second.
 
+mod arrows;
 mod blocks;
 mod commands;
 mod fly;

@@ -9,6 +9,13 @@ pub(crate) struct Tally {
 }
 
 impl Tally {
+    /// Adds what another one has counted.
+    pub(crate) fn add(&mut self, other: Self) {
+        self.passed += other.passed;
+        self.failed += other.failed;
+        self.skipped += other.skipped;
+    }
+
     /// Adds what a line says, if it is a runner's last word.
     pub(crate) fn add_line(&mut self, line: &str) {
         let line = without_colors(line);

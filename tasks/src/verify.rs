@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use crate::step::{Step, succeeds};
 use crate::tally::Tally;
-use crate::{CANNOT_RUN, cargo, commands, fly, links};
+use crate::{CANNOT_RUN, arrows, cargo, commands, fly, links};
 
 /// Some test, lint or page is not as it must be.
 const FAILED: u8 = 1;
@@ -68,16 +68,17 @@ fn everything(root: &Path, tally: &mut Tally) -> Result<(), String> {
     let other = other_processor(tally)?;
     shown_commands(root)?;
     tests(tally)?;
-    guest(root, other, tally)?;
+    fuzz_beside_guest(root, other, tally)?;
     Step::cargo("examples in comments", &["test", "--release", "--workspace", "--doc"]).run(tally)?;
     let documentation = Step::cargo("reference", &["doc", "--release", "--workspace", "--no-deps", "--lib"]);
     documentation.with("RUSTDOCFLAGS", "-D warnings").run(tally)
 }
 
 fn pages(root: &Path) -> Result<(), String> {
-    let faults = links::check(root);
+    let mut faults = links::check(root);
+    faults.extend(arrows::check(root));
     if faults.is_empty() {
-        println!("== pages: fine");
+        println!("== pages and the table of crates: fine");
         return Ok(());
     }
     faults.iter().for_each(|fault| println!("{fault}"));
@@ -118,11 +119,26 @@ fn dependencies(tally: &mut Tally) -> Result<(), String> {
     Ok(())
 }
 
+/// A partition makes random system calls for long. The machines of `guest` have their own clocks and take no turns with windows
+/// on the wall clock, so both run at once; nothing else does.
+fn fuzz_beside_guest(root: &Path, other: bool, tally: &mut Tally) -> Result<(), String> {
+    let test = ["test", "--release", "--workspace", "--test", "sandbox_fuzz", "--", "--ignored"];
+    let fuzz = Step::cargo("random system calls", &[&test[..], &["--nocapture"]].concat())
+        .with("BATELEUR_FUZZ_SECONDS", "120");
+    let mut own = Tally::default();
+    let (fuzzed, guested) = std::thread::scope(|scope| {
+        let fuzzing = scope.spawn(|| fuzz.run(&mut own));
+        let guested = guest(root, other, tally);
+        (fuzzing.join().unwrap_or_else(|_| Err("the step of random system calls panicked".into())), guested)
+    });
+    tally.add(own);
+    fuzzed.and(guested)
+}
+
 /// What only another kernel or processor can show, in a virtual machine: see tests/guest. `other`: programs for the other processor
 /// were built.
 fn guest(root: &Path, other: bool, tally: &mut Tally) -> Result<(), String> {
-    let mut arguments =
-        vec!["test", "--release", "--package", "bateleur-tests", "--test", "guest", "--", "--ignored"];
+    let mut arguments = vec!["test", "--release", "--workspace", "--test", "guest", "--", "--ignored"];
     if !other {
         println!("== tests on aarch64: NOT RUN, there are no programs for it (see above)");
         arguments.extend(["--skip", "on_aarch64"]);

@@ -51,7 +51,7 @@ pub struct Seen {
 }
 
 impl Browser {
-    /// The browser of this machine. None: there is none, and that has been said; the test is to be left out. In CI that is
+    /// The browser of this machine. `None` if there is none, and that has been said; the test is to be left out. In CI that is
     /// a failure.
     pub fn find() -> Option<Self> {
         let folders = std::env::var_os("PATH").unwrap_or_default();

@@ -125,6 +125,7 @@ pub struct Guest {
     files: Vec<(String, Vec<u8>)>,
     modules: Vec<&'static str>,
     systemd: bool,
+    patience: Option<Duration>,
 }
 
 /// What a guest's script left.
@@ -132,7 +133,7 @@ pub struct Guest {
 pub struct Said {
     /// Everything that it printed.
     pub text: String,
-    /// Its exit code; none: the guest did not come to the script's end.
+    /// Its exit code; `None` if the guest did not come to the script's end.
     pub code: Option<i32>,
 }
 
@@ -193,6 +194,11 @@ impl Guest {
         self
     }
 
+    /// Given that much time instead of ten minutes.
+    pub fn within(self, patience: Duration) -> Self {
+        Self { patience: Some(patience), ..self }
+    }
+
     /// Boots, runs `script` in `/flight` by a shell, and gives what it printed.
     pub fn run(self, script: &str) -> Said {
         let folder = tempfile::Builder::new().prefix("bateleur-guest-").tempdir().unwrap();
@@ -216,7 +222,7 @@ impl Guest {
             .stdin(Stdio::null())
             .spawn()
             .expect("an emulator is needed: tests/guest/prepare installs it");
-        let ended = await_some(PATIENCE, || machine.try_wait().unwrap());
+        let ended = await_some(self.patience.unwrap_or(PATIENCE), || machine.try_wait().unwrap());
         if ended.is_none() {
             machine.kill().unwrap();
             machine.wait().unwrap();

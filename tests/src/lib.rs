@@ -7,7 +7,9 @@
 
 mod browser;
 mod children;
+pub mod fuzzed;
 mod guest;
+mod harm;
 mod line;
 mod output;
 mod peer;
@@ -18,11 +20,12 @@ mod turn;
 pub use browser::{Browser, Seen};
 pub use children::{Process, Traces, children_of, executive_of, process_named};
 pub use guest::{Guest, Processor};
+pub use harm::{DISK, KERNEL, NEEDS, Sample, held, is_noticed, is_walled_in, run_watched, taken};
 pub use line::Ground;
 pub use output::{Fault, Window, quantile};
 pub use peer::{Peer, python};
-pub use programs::{Ended, Started, bateleur, program, repository};
-pub use schedule::{Sketch, edited, flight_schedule, line_of};
+pub use programs::{Ended, ORDINARY, Started, bateleur, bateleur_as_ordinary, program, repository};
+pub use schedule::{Sketch, channel_between, edited, flight_schedule, line_of, ports_of};
 pub use turn::{Turn, alone, among_others};
 
 use std::time::{Duration, Instant};

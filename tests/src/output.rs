@@ -38,7 +38,7 @@ pub struct Window {
     pub planned_start_ns: u64,
     /// When the schedule ends it, ns.
     pub planned_end_ns: u64,
-    /// When it was granted; none: it was not.
+    /// When it was granted; `None` if it was not.
     pub granted_ns: Option<u64>,
     /// When the partition closed it.
     pub closed_ns: Option<u64>,

@@ -17,7 +17,7 @@ use crate::programs::repository;
 /// Fetching the libraries takes seconds; a registry that does not answer must not hold the tests for ever.
 const PREPARING: Duration = Duration::from_secs(240);
 
-/// The Python to run peers with. None: there is none, and why has been said; the test is to be left out. In CI that is
+/// The Python to run peers with. `None` if there is none, and why has been said; the test is to be left out. In CI that is
 /// a failure.
 pub fn python() -> Option<PathBuf> {
     static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
@@ -72,7 +72,7 @@ pub struct Peer {
 }
 
 impl Peer {
-    /// Starts `tests/peers/<script>` and waits for its first line. None: as [`python`].
+    /// Starts `tests/peers/<script>` and waits for its first line. `None`: as [`python`].
     pub fn start(script: &str, arguments: &[&str]) -> Option<Self> {
         let python = python()?;
         let mut child = Command::new(python)

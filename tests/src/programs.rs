@@ -1,6 +1,7 @@
 //! Starting programs, with their output in files and an end to every wait.
 
-use std::fs::File;
+use std::fs::{File, Permissions};
+use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -54,9 +55,50 @@ fn in_its_unit(program: &Path) -> Command {
 /// A verb of `bateleur`, such as `["fly", "--fast"]`; nothing is added but `--output`, where the verb has
 /// one and is not told.
 pub fn bateleur<S: AsRef<str>>(arguments: &[S]) -> Started {
+    start(in_its_unit(&program("bateleur")), arguments, None)
+}
+
+/// As above with the schedule of a [`crate::Sketch`], as an ordinary user: the one who runs the tests, or user `ORDINARY` where that is
+/// root. The programs lie where that user may run them, whoever may enter the clone.
+pub fn bateleur_as_ordinary(arguments: &[&str]) -> Started {
+    if !rustix::process::geteuid().is_root() {
+        return bateleur(arguments);
+    }
+    let place = tempfile::Builder::new().prefix("bateleur-programs-").tempdir().unwrap();
+    std::fs::set_permissions(place.path(), Permissions::from_mode(0o755)).unwrap();
+    let offer = |name: &str| {
+        let (built, offered) = (program(name), place.path().join(name));
+        // Another file system has no link to it.
+        std::fs::hard_link(&built, &offered).or_else(|_| std::fs::copy(&built, &offered).map(drop)).unwrap();
+        offered
+    };
+    let mut command = Command::new(offer("bateleur"));
+    command.uid(ORDINARY).gid(ORDINARY);
+    let at = arguments.iter().position(|argument| *argument == "--schedule").unwrap() + 1;
+    let built = format!("{}/", program("bateleur").parent().unwrap().display());
+    let mut schedule = read(Path::new(arguments[at]));
+    while let Some((before, after)) = schedule.split_once(&built) {
+        let (name, after) = after.split_once('"').unwrap();
+        let offered = place.path().join(name);
+        let offered = if offered.exists() { offered } else { offer(name) };
+        schedule = format!("{before}{}\"{after}", offered.display());
+    }
+    let path = place.path().join("test.toml");
+    std::fs::write(&path, schedule).unwrap();
+    let mut arguments = arguments.to_vec();
+    arguments[at] = path.to_str().unwrap();
+    let mut started = start(command, &arguments, Some(ORDINARY));
+    started.programs = Some(place);
+    started
+}
+
+/// A user that no process but those of these tests has.
+pub const ORDINARY: u32 = 61_657;
+
+fn start<S: AsRef<str>>(mut command: Command, arguments: &[S], owner: Option<u32>) -> Started {
     let scratch = tempfile::Builder::new().prefix("bateleur-test-").tempdir().unwrap();
+    std::os::unix::fs::chown(scratch.path(), owner, owner).unwrap();
     let text = |name: &str| File::create(scratch.path().join(name)).unwrap();
-    let mut command = in_its_unit(&program("bateleur"));
     command.args(arguments.iter().map(AsRef::as_ref)).current_dir(scratch.path());
     let told = arguments.iter().any(|argument| argument.as_ref() == "--output");
     if matches!(arguments[0].as_ref(), "fly" | "run") && !told {
@@ -65,7 +107,7 @@ pub fn bateleur<S: AsRef<str>>(arguments: &[S]) -> Started {
     command.process_group(0); // a terminal's Ctrl-C can be played
     command.stdin(Stdio::null()).stdout(text("stdout")).stderr(text("stderr"));
     let child = command.spawn().unwrap();
-    Started { child, scratch: Some(scratch) }
+    Started { child, scratch: Some(scratch), programs: None }
 }
 
 /// A program that runs; killed when dropped.
@@ -73,6 +115,8 @@ pub fn bateleur<S: AsRef<str>>(arguments: &[S]) -> Started {
 pub struct Started {
     child: Child,
     scratch: Option<TempDir>,
+    /// Where its programs lie, if that is no folder of the build.
+    programs: Option<TempDir>,
 }
 
 impl Started {
@@ -145,7 +189,7 @@ impl Drop for Started {
 /// What a program left.
 #[derive(Debug)]
 pub struct Ended {
-    /// Its exit code; none: a signal ended it.
+    /// Its exit code; `None` if a signal ended it.
     pub code: Option<i32>,
     /// Standard output.
     pub stdout: String,

@@ -92,3 +92,24 @@ impl Sketch {
         path.to_str().unwrap().to_owned()
     }
 }
+
+fn port(name: &str, direction: &str, kind: &str) -> String {
+    let message = if kind == "queuing" { "GroundMessage" } else { "FunctionStatus" };
+    let more = match (direction, kind) {
+        ("destination", "sampling") => ", refresh = \"100ms\"",
+        ("destination", _) => ", depth = 8",
+        _ => "",
+    };
+    format!("{name} = {{ direction = \"{direction}\", kind = \"{kind}\", message = \"{message}\"{more} }}\n")
+}
+
+/// The table of ports of a partition: name, direction, kind of each. Messages are those of the partition `neighbour`.
+pub fn ports_of(partition: &str, all: &[(&str, &str, &str)]) -> String {
+    let lines: String = all.iter().map(|(name, direction, kind)| port(name, direction, kind)).collect();
+    format!("[partition.{partition}.port]\n{lines}")
+}
+
+/// A channel between two ports, such as `"before.numbers"`.
+pub fn channel_between(source: &str, destination: &str) -> String {
+    format!("[[channel]]\nsource = \"{source}\"\ndestinations = [\"{destination}\"]\n")
+}

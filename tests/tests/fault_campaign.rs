@@ -241,7 +241,7 @@ fn faults_of_all_kinds_at_random_instants_harm_nobody_else_and_leave_nothing() {
     traces.expect_gone();
     eprintln!("{} faults, seed {seed}; before {before:?}, after {after:?}", provoked.len());
     print_lateness(&ended, quiet_until_ns);
-    assert_nothing_grew(before, after);
+    assert_nothing_grew(before, after, channels().len());
     let channels = channels();
     assert_faults_explained(&ended.faults(), &provoked, &channels);
     assert_windows_explained(&ended);
@@ -266,11 +266,13 @@ fn print_lateness(ended: &Ended, quiet_until_ns: u64) {
     }
 }
 
-/// The recorder may have ended of what it read.
-fn assert_nothing_grew(before: Holdings, after: Holdings) {
+/// The recorder may have ended of what it read. Each of the `channels` may have a channel holder of its own, since it was made anew: the
+/// executive holds its process, its line, and one descriptor more to end it by.
+fn assert_nothing_grew(before: Holdings, after: Holdings, channels: usize) {
+    let holders = after.processes.saturating_sub(before.processes);
     assert!(after.resident_kb < before.resident_kb + 8192, "memory: {before:?} {after:?}");
-    assert!(after.descriptors <= before.descriptors + 2, "descriptors: {before:?} {after:?}");
-    assert!(after.processes <= before.processes, "processes: {before:?} {after:?}");
+    assert!(after.descriptors <= before.descriptors + 2 + 3 * holders, "descriptors: {before:?} {after:?}");
+    assert!(holders <= channels, "processes: {before:?} {after:?}");
     assert_eq!(after.groups, before.groups, "control groups");
     // A partition that died just now may still have a file more than one that has connected to all its peers.
     assert!(after.shared_files <= before.shared_files + 20, "shared memory: {before:?} {after:?}");

@@ -81,21 +81,27 @@ impl Drop for Disk {
     }
 }
 
-#[test]
-fn full_disk_is_said_once_for_each_log_and_the_module_goes_on_and_its_exit_code_says_so() {
+/// Mounts a file system of `size` in `folder`; `None` if this user can not.
+fn small_disk(folder: &std::path::Path, size: &str) -> Option<Disk> {
     if !rustix::process::geteuid().is_root() {
         eprintln!("not tried: only root can mount a small disk");
-        return;
+        return None;
     }
+    let small = folder.join("small");
+    std::fs::create_dir(&small).unwrap();
+    let size = format!("size={size}");
+    let mount = Command::new("mount").args(["-t", "tmpfs", "-o", &size, "none"]).arg(&small).status();
+    assert!(mount.unwrap().success(), "root can mount");
+    Some(Disk(small))
+}
+
+#[test]
+fn full_disk_is_said_once_for_each_log_and_the_module_goes_on_and_its_exit_code_says_so() {
     let _turn = among_others();
     let scratch = tempfile::tempdir().unwrap();
     let schedule = two_partitions(scratch.path());
-    let small = scratch.path().join("small");
-    std::fs::create_dir(&small).unwrap();
-    let mount = Command::new("mount").args(["-t", "tmpfs", "-o", "size=64k", "none"]).arg(&small).status();
-    assert!(mount.unwrap().success(), "root can mount");
-    let disk = Disk(small.clone());
-    let output = small.join("out");
+    let Some(disk) = small_disk(scratch.path(), "64k") else { return };
+    let output = disk.0.join("out");
     let mut arguments = vec!["run", "--fast", "--until", "60", "--schedule", &schedule];
     arguments.extend(["--output", output.to_str().unwrap(), "--kill", "first@50"]);
     let ended = bateleur(&arguments).end().expect_code(1);
@@ -108,6 +114,60 @@ fn full_disk_is_said_once_for_each_log_and_the_module_goes_on_and_its_exit_code_
     // One window passes while the killed partition starts anew.
     assert!(said.contains("stopped after 60.00 s") && said.contains("5999 windows"), "{said}");
     assert!(said.contains("records are missing in logs that could not be written"), "{said}");
+}
+
+#[test]
+fn partition_whose_log_is_on_a_full_disk_is_not_blocked_and_that_is_said_once() {
+    let _turn = among_others();
+    let scratch = tempfile::tempdir().unwrap();
+    let chatter = "attributes = { attempt = \"chatter\" }";
+    let schedule = Sketch::new().partition("loud", "hostile", 2000, chatter).write(scratch.path());
+    let Some(disk) = small_disk(scratch.path(), "64k") else { return };
+    let output = disk.0.join("out");
+    let mut arguments = vec!["run", "--fast", "--until", "10", "--schedule", &schedule];
+    arguments.extend(["--output", output.to_str().unwrap(), "--kill", "loud@5"]);
+    let ended = bateleur(&arguments).end().expect_code(1);
+    drop(disk);
+    let said = &ended.stderr;
+    let words = "partitions/loud.log can not be written any more: No space left on device";
+    assert_eq!(said.matches(words).count(), 1, "{said}");
+    assert!(said.contains("stopped after 10.00 s") && !said.contains("window_overrun"), "{said}");
+    assert!(said.contains("loud: back after"), "{said}");
+}
+
+#[test]
+fn recorder_that_a_full_disk_ends_is_followed_by_another_when_there_is_room_again() {
+    let _turn = alone();
+    let scratch = tempfile::tempdir().unwrap();
+    let port = "[partition.first.port]\n\
+        count = { direction = \"source\", kind = \"sampling\", message = \"FunctionStatus\" }";
+    let ear = "[partition.second.port]\n\
+        heard = { direction = \"destination\", kind = \"sampling\", message = \"FunctionStatus\", refresh = \"60ms\" }";
+    let schedule = Sketch::new()
+        .table("[[channel]]\nsource = \"first.count\"\ndestinations = [\"second.heard\"]")
+        .partition("first", "counter", 2000, port)
+        .partition("second", "counter", 2000, ear)
+        .write(scratch.path());
+    let Some(disk) = small_disk(scratch.path(), "16m") else { return };
+    let output = disk.0.join("out");
+    let run = ["run", "--schedule", &schedule, "--record", "--output", output.to_str().unwrap()];
+    let mut run = bateleur(&run);
+    run.await_words("2 partitions are ready");
+    let filler = disk.0.join("filler");
+    let full = std::fs::write(&filler, vec![0; 17 << 20]);
+    assert_eq!(full.unwrap_err().kind(), std::io::ErrorKind::StorageFull);
+    run.await_words("ports.mcap ends: the disk is full; messages are missing until there is room again");
+    std::fs::remove_file(&filler).unwrap();
+    let next = output.join("ports.part-1.mcap");
+    let grows =
+        await_some(PATIENCE, || next.metadata().is_ok_and(|about| about.len() > 10_000).then_some(()));
+    assert!(grows.is_some(), "{}", run.said());
+    run.signal(Signal::INT);
+    let ended = run.end();
+    assert_eq!(ended.stderr.matches("ports.mcap ends").count(), 1, "{}", ended.stderr);
+    assert_eq!(ended.stderr.matches("ports.part-1.mcap").count(), 1, "{}", ended.stderr);
+    let both = ["ports.mcap", "ports.part-1.mcap"].map(|name| output.join(name).metadata().unwrap().len());
+    assert!(both.iter().all(|length| *length > 0), "{both:?}");
 }
 
 #[test]

@@ -246,7 +246,8 @@ fn children_that_left_their_session_die_with_their_partition() {
 
 fn assert_crash_is_called(how: &str, error: &str, detail: &str) {
     let _turn = among_others();
-    let keys = format!("attributes = {{ how = \"{how}\", after = 10 }}");
+    // Damage of the machine's memory is played by a signal with a value.
+    let keys = format!("system_calls = [\"queued_signals\"]\nattributes = {{ how = \"{how}\", after = 10 }}");
     let ended = run(&between_counters("crasher", &keys), &["--fast"], 1).expect_code(0);
     let faults = ended.faults();
     let first = faults.first().expect("a fault");

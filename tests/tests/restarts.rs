@@ -336,6 +336,22 @@ fn restart_that_the_machine_can_never_do_uses_up_the_budget_and_then_the_module_
 }
 
 #[test]
+fn exit_code_of_a_partition_without_an_error_handler_asks_for_nothing() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    for code in ["66", "70", "71"] {
+        let keys = format!("attributes = {{ how = \"{code}\", after = 10 }}");
+        let schedule = Sketch::new().partition("victim", "crasher", 500, &keys).write(folder.path());
+        let ended =
+            bateleur(&["run", "--fast", "--schedule", &schedule, "--until", "0.4"]).end().expect_code(0);
+        let faults = ended.faults();
+        let first = faults.first().unwrap_or_else(|| panic!("no fault:\n{}", ended.stderr));
+        assert_eq!((first.error.as_str(), first.action.as_str()), ("exit", "cold_restart"), "{first:?}");
+        assert!(first.detail.contains(code), "{first:?}");
+    }
+}
+
+#[test]
 fn partition_whose_log_has_lost_its_folder_comes_back_without_a_log_and_that_is_said_once() {
     let _turn = among_others();
     let folder = tempfile::tempdir().unwrap();

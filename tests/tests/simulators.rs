@@ -62,7 +62,7 @@ impl Exchange {
     }
 }
 
-/// The module and the peer, for some seconds of module time. None: there is no Python to run the peer with.
+/// The module and the peer, for some seconds of module time. `None` if there is no Python to run the peer with.
 fn exchange(clock: &[&str], transport: &str, peer: &[&str], more: &[&str]) -> Option<Exchange> {
     let mut choices = vec!["--transport", transport];
     choices.extend(peer);

@@ -3,11 +3,12 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use bateleur_tests::{
-    Ended, Sketch, Traces, alone, among_others, await_some, bateleur, children_of, process_named,
+    Ended, Sketch, Traces, alone, among_others, await_some, bateleur, children_of, process_named, taken,
 };
 use rustix::process::Signal;
 
@@ -85,6 +86,41 @@ fn assert_ended_by_it(attempt: &str, keys: &str) {
     let first = faults.first().unwrap_or_else(|| panic!("no fault:\n{}", ended.stderr));
     assert_eq!(first.error, "illegal_request", "{first:?}");
     assert!(first.detail.contains("SIGSYS"), "{first:?}");
+}
+
+/// What the partition is told of each of these calls, without and with the family that grants it. Calls that only ask are answered.
+const BY_NEED: &[(&str, &str, &str, &str)] = &[
+    ("timer", "refused EPERM", "timers", "allowed 0"),
+    ("timerfd", "refused EPERM", "timers", "allowed"),
+    ("inotify", "refused EPERM", "inotify", "allowed"),
+    ("reserve", "refused EPERM", "file_operations", ""),
+    ("mode", "refused ENOSYS", "file_operations", "refused"),
+    ("synchronise", "allowed 0", "", ""),
+    ("splice", "refused EPERM", "file_operations", ""),
+    ("queue", "refused EPERM", "ipc_objects", "allowed"),
+    ("value", "refused EPERM", "queued_signals", ""),
+    ("barrier", "refused EPERM", "memory_control", "allowed"),
+    ("advice", "refused ENOSYS", "memory_control", ""),
+    ("pipe", "refused ENOSYS", "", ""),
+    ("device", "refused ENOSYS", "", ""),
+    ("limits", "refused EPERM", "", ""),
+    ("huge", "refused EPERM", "", ""),
+];
+
+#[test]
+fn calls_that_others_pay_for_are_refused_unless_the_plan_names_them() {
+    let _turn = among_others();
+    for (attempt, without, family, with) in BY_NEED {
+        let ended = run(attempt, "", "");
+        if !holds(&ended, FILTERS) {
+            return;
+        }
+        assert_eq!(came_of(&ended), *without, "{attempt}");
+        if !family.is_empty() {
+            let said = came_of(&run(attempt, "", &format!("system_calls = [\"{family}\"]")));
+            assert!(said.contains(with) && said != *without, "{attempt} with {family}: {said}");
+        }
+    }
 }
 
 macro_rules! ended_by {
@@ -249,18 +285,62 @@ fn threads_end_at_what_was_declared() {
     assert_comes_of_it(TASKS, "threads", "", "threads = 3", &["2 started, then refused EAGAIN"]);
 }
 
+/// What the log of `middle` takes on the disk, bytes.
+fn log_on_disk(folder: &std::path::Path) -> u64 {
+    let logs = folder.join("partitions");
+    let about = |name| logs.join(name).metadata().ok();
+    let blocks = ["middle.log", "middle.log.old"].into_iter().filter_map(about);
+    blocks.map(|about| about.len().max(about.blocks() * 512)).sum()
+}
+
+/// What the log of a partition may take, bytes.
+const LOG_BOUND: u64 = (1 << 20) + (256 << 10) + (64 << 10);
+
 #[test]
 fn babbling_partition_does_not_fill_the_disk() {
     let _turn = among_others();
     let ended = run("babble", "", "");
     assert_eq!(came_of(&ended), "wrote 4096 KiB");
-    let logs = ended.folder().join("partitions");
-    let bytes: u64 = ["middle.log", "middle.log.old"]
-        .iter()
-        .filter_map(|name| logs.join(name).metadata().ok())
-        .map(|about| about.len())
-        .sum();
-    assert!((1..=2 << 20).contains(&bytes), "4 MiB were written, {bytes} bytes are kept");
+    let bytes = log_on_disk(&ended.folder());
+    assert!((1..=LOG_BOUND).contains(&bytes), "4 MiB were written, {bytes} bytes are kept");
+}
+
+#[test]
+fn partition_that_floods_its_standard_error_lives_on_and_fills_no_disk() {
+    let _turn = among_others();
+    let ended = run("flood", "", "");
+    assert_eq!(came_of(&ended), "wrote 204800 KiB");
+    assert!(ended.faults().is_empty(), "{:#?}", ended.faults());
+    let bytes = log_on_disk(&ended.folder());
+    assert!((1..=LOG_BOUND).contains(&bytes), "200 MiB were written, {bytes} bytes are kept");
+    let log = std::fs::read(ended.folder().join("partitions/middle.log")).unwrap();
+    let log = String::from_utf8_lossy(&log);
+    assert!(log.contains(" bytes are left out here\n"), "the log says nothing of what is missing");
+}
+
+#[test]
+fn partition_that_chatters_in_each_window_on_the_wall_clock_disturbs_nobody() {
+    let _turn = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = sketch("attributes = { attempt = \"chatter\" }").write(folder.path());
+    let ended = bateleur(&["run", "--schedule", &schedule, "--until", "6"]).end().expect_code(0);
+    let faults = ended.faults();
+    // The time that it takes to write is its own, and so are its overruns; the machine takes others' time by itself now and then.
+    let harmless =
+        |fault: &bateleur_tests::Fault| ["window_overrun", "late_dispatcher"].contains(&fault.error.as_str());
+    assert!(faults.iter().all(harmless), "{faults:#?}");
+    let windows = ended.windows();
+    let theirs = windows.iter().filter(|window| window.partition != "middle");
+    assert_eq!(taken(theirs), 0, "windows of others:\n{}", ended.stderr);
+    let bytes = log_on_disk(&ended.folder());
+    assert!((1..=LOG_BOUND).contains(&bytes), "{bytes} bytes are kept");
+}
+
+#[test]
+fn standard_error_can_only_be_appended_to() {
+    let _turn = among_others();
+    let ended = run("stretch", "", "");
+    assert_eq!(came_of(&ended), "0 of 6 worked");
 }
 
 #[test]

@@ -2,17 +2,31 @@
 
 use std::fs::File;
 use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use bateleur_executive::machine::PARTITION_USER;
 use bateleur_ground::Link;
+use bateleur_system::users::HELPERS;
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
 /// How long bytes that were written may take to arrive, real time: the kernel hands them on from a work queue.
 const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Lets partitions that were granted the terminal at `path` open it: by its group, which a granted partition joins.
+pub(crate) fn grant_terminal(path: &Path) -> Result<()> {
+    let grant = || {
+        std::os::unix::fs::chown(path, None, Some(HELPERS))?;
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o660))
+    };
+    match rustix::process::geteuid().is_root() {
+        true => grant().with_context(|| format!("cannot grant the terminal {}", path.display())),
+        false => Ok(()),
+    }
+}
 
 /// Both ends of the line.
 pub(crate) struct Line {
@@ -40,9 +54,7 @@ impl Line {
         let mut settings = tcgetattr(&aircraft)?;
         settings.make_raw();
         tcsetattr(&aircraft, OptionalActions::Now, &settings)?;
-        if rustix::process::geteuid().is_root() {
-            std::os::unix::fs::chown(&device, Some(PARTITION_USER), None)?;
-        }
+        grant_terminal(Path::new(&device))?;
         let link = Link::new(File::from(ground.try_clone()?))?;
         Ok(Self { device, link, ground, aircraft })
     }

@@ -35,7 +35,7 @@ mod words;
 
 use std::process::ExitCode;
 
-use bateleur_executive::control::Request;
+use bateleur_control::Request;
 use clap::{CommandFactory, Parser, Subcommand};
 
 /// A time- and space-partitioned executive for Linux, and the flight control unit that flies on it.
@@ -163,7 +163,7 @@ fn ended(code: verb::Code) -> verb::Code {
 }
 
 #[cfg(test)]
-#[path = "../../tests/plan_support/schema_check.rs"]
+#[path = "../../plan/tests/plan_support/schema_check.rs"]
 mod schema_check;
 
 #[cfg(test)]

@@ -9,9 +9,10 @@ use std::os::fd::AsFd;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use bateleur_executive::control::{Answer, Observation};
-use bateleur_executive::helper::custodian::Order;
-use bateleur_ports::{Channel, Membership, Reader};
+use bateleur_control::{Answer, Observation};
+use bateleur_host::helper::channel_holder::{Order, OrderedChannel};
+use bateleur_host::helper::join;
+use bateleur_ports::{Channel, Domain, Membership, Reader};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::net::sockopt::{Timeout, set_socket_timeout};
 
@@ -29,7 +30,7 @@ struct Observed {
 }
 
 pub(crate) fn run(order: &str) -> Result<()> {
-    let _ = rustix::thread::set_name(c"observer"); // a name is a comfort
+    bateleur_host::helper::begin(c"observer");
     let order: Order = serde_json::from_str(order).context("the observer's order is damaged")?;
     let observed = attach(&order)?;
     let mut output = std::io::stdout();
@@ -49,17 +50,32 @@ pub(crate) fn run(order: &str) -> Result<()> {
     Ok(())
 }
 
+/// Attaches to all of the channels that it can attach to.
 fn attach(order: &Order) -> Result<Vec<Observed>> {
     let domain = order.domain();
-    let attached = order.channels.iter().map(|ordered| {
-        let kind = ordered.channel_type();
-        let kind = if kind.depth.is_some() { kind.observed() } else { kind };
-        let node = domain.join(kind.home(), "observer")?;
-        let channel = kind.open(&node)?;
-        let reader = kind.observer(&channel)?;
-        Ok(Observed { source: ordered.source.clone(), reader, _channel: channel, _node: node })
-    });
-    attached.collect()
+    let (mut attached, mut refused) = (Vec::new(), None);
+    for ordered in &order.channels {
+        match attach_to(&domain, ordered) {
+            Ok(one) => attached.push(one),
+            Err(error) => {
+                eprintln!("observer: nothing of {}: {error:#}", ordered.source);
+                refused = Some(error);
+            }
+        }
+    }
+    match refused {
+        Some(error) if attached.is_empty() => Err(error),
+        _ => Ok(attached),
+    }
+}
+
+fn attach_to(domain: &Domain, ordered: &OrderedChannel) -> Result<Observed> {
+    let kind = ordered.channel_type();
+    let kind = if kind.depth.is_some() { kind.observed() } else { kind };
+    let node = join(domain, kind.home(), "observer")?;
+    let channel = kind.open(&node)?;
+    let reader = kind.observer(&channel)?;
+    Ok(Observed { source: ordered.source.clone(), reader, _channel: channel, _node: node })
 }
 
 fn read(one: &Observed, lines: &mut Vec<u8>) -> Result<()> {

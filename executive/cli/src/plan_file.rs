@@ -5,10 +5,8 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use bateleur_executive::keys;
-use bateleur_executive::plan::{
-    Keys, MessageCatalogue, Plan, Programs, Report, Surroundings, check, check_among,
-};
+use bateleur_host::keys;
+use bateleur_plan::{Keys, MessageCatalogue, Plan, Programs, Report, Surroundings, check, check_among};
 
 /// The message types that this program was built with.
 pub(crate) struct Catalogue;
@@ -100,7 +98,7 @@ pub(crate) fn read_report(name: &str, text: &str) -> std::result::Result<Report,
     check_among(name, text, &surroundings).map(|(_, report)| report)
 }
 
-/// The plan in `path`, with errors printed for a person; none: it can not be used.
+/// The plan in `path`, with errors printed for a person; `None` if it can not be used.
 pub(crate) fn read_quietly(path: &Path) -> Result<Option<Plan>> {
     Ok(read_or_print(path)?.map(|(plan, _)| plan))
 }

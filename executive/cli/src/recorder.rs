@@ -12,8 +12,9 @@ use std::sync::atomic::Ordering::Relaxed;
 
 use anyhow::{Context, Result};
 use bateleur_contract::Mapped;
-use bateleur_executive::helper::custodian::OrderedChannel;
-use bateleur_executive::recording::{ATTACH_ANEW, DONE, LEFT_OUT, READ, RecorderOrder};
+use bateleur_daemon::recording::{ATTACH_ANEW, DONE, LEFT_OUT, NO_ROOM, READ, RecorderOrder};
+use bateleur_host::helper::channel_holder::OrderedChannel;
+use bateleur_host::helper::join;
 use bateleur_ports::{Channel, Domain, Membership, Reader};
 use bateleur_report::log::{ChannelId, LogError, PortLog, topic};
 
@@ -41,7 +42,7 @@ const LOG: &str = "/proc/self/fd/3";
 const PLACE: &str = "/proc/self/fd/4";
 
 pub(crate) fn run(order: &str) -> Result<()> {
-    let _ = rustix::thread::set_name(c"recorder"); // a name is a comfort
+    bateleur_host::helper::begin(c"recorder");
     let RecorderOrder { order, without, part } =
         serde_json::from_str(order).context("the recorder's order is damaged")?;
     let place = File::options().read(true).write(true).open(PLACE).context("nobody knows what it is at")?;
@@ -55,6 +56,11 @@ pub(crate) fn run(order: &str) -> Result<()> {
         // Without its end the log says of itself that it was cut short.
         let _ = recorder.log.flush();
         std::mem::forget(recorder.log);
+        drop(recorder.observed);
+        if error.downcast_ref().is_some_and(LogError::is_full) {
+            eprintln!("recorder: {error:#}");
+            std::process::exit(NO_ROOM);
+        }
         return Err(error);
     }
     recorder.log.finish()?;
@@ -169,7 +175,7 @@ impl End {
     fn of(domain: &Domain, ordered: &OrderedChannel) -> Result<Self> {
         let kind = ordered.channel_type();
         let kind = if kind.depth.is_some() { kind.observed() } else { kind };
-        let node = domain.join(kind.home(), "recorder")?;
+        let node = join(domain, kind.home(), "recorder")?;
         let channel = kind.open(&node)?;
         let reader = kind.observer(&channel)?;
         Ok(Self { reader, _channel: channel, _node: node })

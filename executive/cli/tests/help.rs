@@ -61,7 +61,7 @@ fn every_shell_gets_the_verbs() {
         for word in ["check", "deny", "show", "fly"] {
             assert!(ended.stdout.contains(word), "{shell}: {word}");
         }
-        for hidden in ["custodian", "examiner"] {
+        for hidden in ["channel-holder", "channel-probe"] {
             assert!(!ended.stdout.contains(hidden), "{shell}: {hidden} is nobody's to type");
         }
     }

@@ -3,7 +3,6 @@
 //! `run` carries frames until it is told to end (SIGINT, SIGTERM); every option may also stand in a TOML file, where a
 //! flag outdoes it. `status` asks a running gateway. Exit codes: 0 fine, 1 it ran and something is wrong, 2 it could not run.
 
-use std::hash::{BuildHasher, Hasher};
 use std::io::Write;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
@@ -13,14 +12,13 @@ use std::sync::atomic::AtomicBool;
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
 
-use crate::bus::BusName;
-use crate::gateway::{Protocol, Settings};
-use crate::ids::Ids;
 use crate::node::{Node, Options};
-use crate::ring::Rules;
 use crate::server::ServerOptions;
 use crate::status;
-use crate::wire::{cannelloni, native};
+use bateleur_can_core::bus::BusName;
+use bateleur_can_core::identity::{session, usual_identity};
+use bateleur_can_core::wire::{cannelloni, native};
+use bateleur_can_core::{Ids, Protocol, Rules, Settings};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -290,21 +288,6 @@ fn ns(ms: Option<f64>, usual: f64, flag: &str) -> Result<u64> {
         bail!("{flag} {ms}: between 0 and 3600000 ms");
     }
     Ok((ms * 1e6) as u64)
-}
-
-/// Another one for each start.
-pub fn session() -> u32 {
-    // Seeded by the system for each process.
-    std::hash::RandomState::new().build_hasher().finish() as u32
-}
-
-/// The same for a gateway of this name on this machine: FNV-1a over what tells machines apart, and the name.
-pub fn usual_identity(name: &str, port: u16) -> u64 {
-    let machine = std::fs::read_to_string("/etc/machine-id").unwrap_or_default();
-    let node = rustix::system::uname();
-    let parts = [machine.trim().as_bytes(), node.nodename().to_bytes(), name.as_bytes(), &port.to_be_bytes()];
-    let bytes = parts.iter().flat_map(|part| part.iter().copied().chain([0]));
-    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
 #[cfg(test)]

@@ -9,19 +9,19 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use bateleur_can_core::bus::room::keep_more;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::net::sockopt;
 use rustix::time::{ClockId, clock_gettime};
 
-use crate::bus::replay::Log;
-use crate::bus::{Bus, BusError, BusName, BusState, Losses, Sent};
-use crate::counters::Counters;
-use crate::gateway::{Gateway, Settings};
-use crate::ids::Ids;
-use crate::ring::{Ring, Rules};
 use crate::server::{Server, ServerOptions};
 use crate::status::{Status, Teller};
-use crate::wire::native::Aged;
+use bateleur_can_core::Counters;
+use bateleur_can_core::Ids;
+use bateleur_can_core::bus::replay::Log;
+use bateleur_can_core::bus::{Bus, BusError, BusName, BusState, Losses, Sent};
+use bateleur_can_core::wire::native::Aged;
+use bateleur_can_core::{Gateway, Settings};
+use bateleur_can_core::{Ring, Rules};
 
 /// How soon a stop is noticed, at the latest, ns.
 const STOP_NS: u64 = 100_000_000;
@@ -29,9 +29,6 @@ const STOP_NS: u64 = 100_000_000;
 const RETRY_NS: u64 = 1_000_000_000;
 /// A bus whose queue is full is tried again after so long, ns: two frames at 1 Mbit/s.
 const FULL_NS: u64 = 250_000;
-/// What the system keeps for the gateway while another program has the processor, bytes: a second and a half of datagrams of one
-/// frame each from a full bus at 1 Mbit/s. What it keeps by default is gone after some 40 ms.
-const KEPT: usize = 4 << 20;
 /// Frames, and datagrams, taken in one turn at most, so that one side can not keep the other waiting.
 const PER_TURN: usize = 256;
 
@@ -151,7 +148,7 @@ impl Node {
     /// # Errors
     /// What can not be had, and what helps.
     pub fn new(options: Options) -> Result<Self, StartError> {
-        let bus = options.bus.open(&options.settings.forward_all_to_clients(options.server.is_some()))?;
+        let bus = options.bus.open(&let_through(&options.settings, options.server.is_some()))?;
         Self::with_bus(options, bus)
     }
 
@@ -333,7 +330,7 @@ impl Node {
         let now_ns = now_ns();
         if self.bus.is_none() && !self.bus_ended && now_ns >= self.bus_at_ns {
             self.bus_at_ns = now_ns + RETRY_NS;
-            let wanted = self.options.settings.forward_all_to_clients(self.server.is_some());
+            let wanted = let_through(&self.options.settings, self.server.is_some());
             if let Ok(bus) = self.options.bus.open(&wanted) {
                 say(&format!("{} is there again", self.options.bus));
                 self.own.bus_reopened += 1;
@@ -502,37 +499,11 @@ impl Node {
     }
 }
 
-impl Settings {
-    /// What the bus has to let through: clients want to see all of it.
-    fn forward_all_to_clients(&self, has_clients: bool) -> Ids {
-        if has_clients { Ids::All } else { self.forward.clone() }
-    }
-}
-
-/// Gives the socket room for what comes while this program can not run. Beyond `net.core.rmem_max` only CAP_NET_ADMIN can; what
-/// there is has to do otherwise, and what is lost then is counted.
-pub(crate) fn keep_more(socket: &impl AsFd) {
-    let _ = sockopt::set_socket_recv_buffer_size_force(socket, KEPT)
-        .or_else(|_| sockopt::set_socket_recv_buffer_size(socket, KEPT));
-    let _ = sockopt::set_socket_send_buffer_size(socket, KEPT);
+/// What the bus has to let through: clients want to see all of it.
+fn let_through(settings: &Settings, has_clients: bool) -> Ids {
+    if has_clients { Ids::All } else { settings.forward.clone() }
 }
 
 fn put(socket: Option<&UdpSocket>, to: SocketAddr, bytes: &[u8]) -> bool {
     socket.is_some_and(|socket| socket.send_to(bytes, to).is_ok())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_socket_keeps_more_than_the_system_gives_by_itself() {
-        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-        let by_itself = sockopt::socket_recv_buffer_size(&socket).unwrap();
-        keep_more(&socket);
-        let most = std::fs::read_to_string("/proc/sys/net/core/rmem_max").unwrap().trim().parse().unwrap();
-        let kept = sockopt::socket_recv_buffer_size(&socket).unwrap();
-        // The kernel counts twice what it is asked for, for what it needs itself.
-        assert!(kept >= 2 * KEPT.min(most) && kept > by_itself, "{kept} of {by_itself}");
-    }
 }

@@ -9,8 +9,8 @@ use std::os::fd::{AsFd, BorrowedFd};
 
 use serde::Serialize;
 
-use crate::frame::Frame;
-use crate::wire::socketcand::{self, BEACON_PORT, Decoder, Request};
+use bateleur_can_core::frame::Frame;
+use bateleur_can_core::wire::socketcand::{self, BEACON_PORT, Decoder, Request};
 
 /// Clients at a time.
 const CLIENTS: usize = 16;
@@ -289,7 +289,7 @@ impl Client {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::Id;
+    use bateleur_can_core::frame::Id;
 
     fn server() -> Server {
         let listen = "127.0.0.1:0".parse().unwrap();

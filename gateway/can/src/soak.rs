@@ -11,13 +11,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use crate::bus::bits::Rates;
-use crate::bus::memory::{MemoryBus, Node, Wire};
-use crate::bus::{Bus, BusError, BusName, Sent};
-use crate::frame::{Frame, Id, Kind};
-use crate::gateway::{Gateway, Settings};
 use crate::node::{self, Options, StartError};
-use crate::ring::{Ring, Rules};
+use bateleur_can_core::bus::bits::Rates;
+use bateleur_can_core::bus::memory::{MemoryBus, Node, Wire};
+use bateleur_can_core::bus::{Bus, BusError, BusName, Sent};
+use bateleur_can_core::frame::{Frame, Id, Kind};
+use bateleur_can_core::{Gateway, Settings};
+use bateleur_can_core::{Ring, Rules};
 
 /// Identifiers that the frames have in turn: of both lengths.
 const IDS: u32 = 16;

@@ -11,10 +11,10 @@ use std::time::Duration;
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::bus::BusState;
-use crate::counters::Counters;
-use crate::gateway::{Protocol, State, TargetStatus};
 use crate::server::ServerCounters;
+use bateleur_can_core::Counters;
+use bateleur_can_core::bus::BusState;
+use bateleur_can_core::{Protocol, State, TargetStatus};
 
 /// How long an answer is waited for.
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -32,7 +32,7 @@ pub struct Status {
     pub uptime_s: f64,
     /// Its bus.
     pub bus: String,
-    /// How its controller is; none: the bus is not there.
+    /// How its controller is; `None` if the bus is not there.
     pub bus_state: Option<BusState>,
     /// Where it is in its life.
     pub state: State,

@@ -7,9 +7,10 @@ use std::os::fd::BorrowedFd;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use bateleur_can::bus::{Bus, BusError, BusName, Sent};
 use bateleur_can::node::{Node, Options};
-use bateleur_can::{Frame, Id, Protocol, Settings, State, status};
+use bateleur_can::status;
+use bateleur_can_core::bus::{Bus, BusError, BusName, Sent};
+use bateleur_can_core::{Frame, Id, Protocol, Settings, State};
 
 const PATIENCE: Duration = Duration::from_secs(60);
 

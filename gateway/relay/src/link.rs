@@ -146,7 +146,7 @@ pub struct Link {
     sections: Sections,
     max_datagram: usize,
     skew_ns: u64,
-    /// Of what this end sends, and of what the other one does; none: not authenticated.
+    /// Of what this end sends, and of what the other one does; `None`: not authenticated.
     seals: Option<(Seal, Seal)>,
     session: Session,
     sequences: Option<Sequences>,
@@ -169,7 +169,7 @@ pub struct Link {
     next_sequence: u64,
     /// Numbers of the channels, by their place in the table.
     channel_ids: Vec<u16>,
-    /// By number; none: it does not come in here.
+    /// By number; `None` if it does not come in here.
     incoming: Vec<Option<Incoming>>,
     pub(crate) outgoing: Outgoing,
     pub(crate) datagram: Vec<u8>,
@@ -402,7 +402,7 @@ impl Link {
         self.networks.get(network).is_some_and(Presence::is_up)
     }
 
-    /// When the peer was heard on a network last, the own module time, ns; none: never.
+    /// When the peer was heard on a network last, the own module time, ns; `None`: never.
     #[must_use]
     pub fn heard_ns(&self, network: usize) -> Option<u64> {
         self.networks.get(network).and_then(Presence::heard_ns)

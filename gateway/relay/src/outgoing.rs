@@ -27,7 +27,7 @@ pub struct Stamp {
 /// The channels that go out from here.
 #[derive(Debug, Default)]
 pub(crate) struct Outgoing {
-    /// By place in the table; none: the channel comes in.
+    /// By place in the table; `None` if the channel comes in.
     channels: Vec<Option<Channel>>,
     begun: Begun,
 }

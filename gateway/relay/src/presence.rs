@@ -50,7 +50,7 @@ impl Presence {
         }
     }
 
-    /// When it was heard last; none: never.
+    /// When it was heard last; `None`: never.
     pub(crate) fn heard_ns(&self) -> Option<u64> {
         self.since_ns.filter(|_| self.heard)
     }

@@ -180,7 +180,7 @@ pub(crate) struct Part<'a> {
     pub(crate) sequence: u32,
     pub(crate) source_sequence: u32,
     pub(crate) source_ns: u64,
-    /// Total length and offset of a piece; none: the message is whole.
+    /// Total length and offset of a piece; `None` if the message is whole.
     pub(crate) piece: Option<(u32, u32)>,
     pub(crate) bytes: &'a [u8],
 }

@@ -10,9 +10,9 @@ mod simulator;
 
 use std::net::{SocketAddr, UdpSocket};
 
-use bateleur_can::bus::bits::Rates;
-use bateleur_can::bus::memory::{MemoryBus, Node, Traffic, Wire};
-use bateleur_can::{Counters, Frame, Gateway, Settings, cli};
+use bateleur_can_core::bus::bits::Rates;
+use bateleur_can_core::bus::memory::{MemoryBus, Node, Traffic, Wire};
+use bateleur_can_core::{Counters, Frame, Gateway, Settings, identity};
 use bateleur_can_map::{Assembly, Outcome, Sync, Table};
 use bateleur_messages::ServoTimers;
 use zerocopy::{FromBytes, IntoBytes};
@@ -65,7 +65,7 @@ impl Board {
         let name = format!("can_board {}", socket.local_addr()?);
         // It is found; it does not look for anybody.
         let mut gateway =
-            Gateway::new(Settings::new(cli::usual_identity(&name, 0), cli::session(), Vec::new()));
+            Gateway::new(Settings::new(identity::usual_identity(&name, 0), identity::session(), Vec::new()));
         gateway.bus_is_ready();
         gateway.address_is_ready(0);
         let mut bus = MemoryBus::new(Wire::new(rates));

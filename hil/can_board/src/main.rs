@@ -9,9 +9,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
-use bateleur_can::bus::bits::Rates;
 use bateleur_can::node::now_ns;
 use bateleur_can_board::{Board, RATE};
+use bateleur_can_core::bus::bits::Rates;
 use bateleur_can_map::DISTRIBUTION_BOARD;
 use clap::Parser;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};

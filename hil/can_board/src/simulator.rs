@@ -42,7 +42,7 @@ impl Simulator {
         Ok(Self { socket, sequence: 0 })
     }
 
-    /// Lets the aircraft fly to `module_ns` with these actuators; none: no answer for that time came.
+    /// Lets the aircraft fly to `module_ns` with these actuators; `None` if no answer for that time came.
     pub fn ask(&mut self, module_ns: u64, timers: &ServoTimers) -> Option<Answer> {
         self.sequence += 1;
         let mut question = Vec::with_capacity(64);

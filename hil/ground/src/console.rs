@@ -1,7 +1,7 @@
 //! The ground station for a person: typed lines become orders, telemetry becomes text.
 
 use crate::board::Board;
-use crate::courier::function_name;
+use crate::retry_queue::function_name;
 use bateleur_messages::SimulatorLink;
 use bateleur_messages::ground::{
     EstimatorOrder, LoopId, Manoeuvre, Order, SENSOR_ACCELEROMETER, SENSOR_GYROSCOPE, SENSOR_PRESSURE,

@@ -8,13 +8,13 @@
 
 pub mod board;
 pub mod console;
-mod courier;
 pub mod link;
 mod mission;
 mod parameters;
 mod pilot;
 mod plan;
 mod progress;
+mod retry_queue;
 mod watch;
 mod waypoints;
 

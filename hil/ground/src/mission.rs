@@ -4,12 +4,12 @@
 //! take; from the take-off on, everything already established is watched and ordered again where it is lost.
 
 use crate::board::Board;
-use crate::courier::{Courier, RETRY_NS, Settled, function_name};
 use crate::link::{Link, LinkError};
 use crate::parameters::setting;
 use crate::pilot::Pilot;
 use crate::plan::MissionPlan;
 use crate::progress::{Event, Outcome, Phase, Progress, Severity};
+use crate::retry_queue::{RETRY_NS, RetryQueue, Settled, function_name};
 use crate::watch::{Losses, Watch};
 use bateleur_messages::ground::{EstimatorOrder, Manoeuvre, Order, SENSOR_GYROSCOPE, SENSOR_PRESSURE};
 use bateleur_messages::hil::{PILOT_TAKE_OFF, PilotOrder};
@@ -61,7 +61,7 @@ pub struct Mission {
     /// The laps are the Controller's by an order of ours, and not by its plan.
     sets_laps: bool,
     board: Board,
-    courier: Courier,
+    retry_queue: RetryQueue,
     watch: Watch,
     phase: Phase,
     now_ns: u64,
@@ -86,7 +86,7 @@ impl Mission {
             plan,
             sets_laps: false,
             board: Board::default(),
-            courier: Courier::default(),
+            retry_queue: RetryQueue::default(),
             watch: Watch::default(),
             phase: Phase::EnableHil,
             now_ns: 0,
@@ -139,7 +139,7 @@ impl Mission {
             self.repair();
             self.check_limits();
         }
-        self.courier.send_due(self.now_ns, link)?;
+        self.retry_queue.send_due(self.now_ns, link)?;
         link.beat(self.now_ns)?;
         link.flush()
     }
@@ -158,7 +158,7 @@ impl Mission {
         let restarts = self.board.module_restarts;
         self.board.take(telemetry, self.now_ns);
         if self.board.module_restarts != restarts {
-            self.courier.forget_times();
+            self.retry_queue.forget_times();
             self.say(Severity::Warning, "the module's clock began anew".to_owned());
         }
         self.watch.notice(telemetry, &self.board);
@@ -173,7 +173,7 @@ impl Mission {
     }
 
     fn answered(&mut self, answer: &Acknowledge) {
-        match self.courier.answer(answer) {
+        match self.retry_queue.answer(answer) {
             Some(Settled::Refused(Order::InitialiseSensors { .. }, _)) => {
                 self.say(Severity::Info, "the IMU keeps its present biases".to_owned());
             }
@@ -247,7 +247,7 @@ impl Mission {
     }
 
     fn request(&mut self, order: Order) {
-        self.courier.request(order, self.board.module_ns);
+        self.retry_queue.request(order, self.board.module_ns);
     }
 
     /// What was set is lost together with the way-points, where a function begins cold.
@@ -258,7 +258,7 @@ impl Mission {
             self.request(order);
         }
         for &point in &self.plan.waypoints {
-            self.courier.request(Order::Waypoint(point), self.board.module_ns);
+            self.retry_queue.request(Order::Waypoint(point), self.board.module_ns);
         }
     }
 
@@ -269,17 +269,17 @@ impl Mission {
 
     fn is_done(&mut self, pilot: &mut dyn Pilot) -> bool {
         match self.phase {
-            Phase::EnableHil => !self.courier.is_pending(b'H'),
+            Phase::EnableHil => !self.retry_queue.is_pending(b'H'),
             Phase::AwaitSensors => self.sensors_came(),
-            Phase::InitialiseSensors => !self.courier.is_pending(b'I'),
-            Phase::InitialiseEstimator => !self.courier.is_pending(b'E'),
+            Phase::InitialiseSensors => !self.retry_queue.is_pending(b'I'),
+            Phase::InitialiseEstimator => !self.retry_queue.is_pending(b'E'),
             Phase::AwaitEstimator => self.estimator_can_be_flown_on(),
-            Phase::LoadWaypoints => !self.courier.is_pending(b'W') && !self.courier.is_pending(b'Y'),
-            Phase::SwitchNavigation => !self.courier.is_pending(b'N'),
-            Phase::OrderTakeOff if self.plan.own_take_off => !self.courier.is_pending(b'F'),
+            Phase::LoadWaypoints => !self.retry_queue.is_pending(b'W') && !self.retry_queue.is_pending(b'Y'),
+            Phase::SwitchNavigation => !self.retry_queue.is_pending(b'N'),
+            Phase::OrderTakeOff if self.plan.own_take_off => !self.retry_queue.is_pending(b'F'),
             Phase::OrderTakeOff => self.pilot_understood(pilot),
             Phase::Climb => self.is_high_and_rising(),
-            Phase::Engage => !self.courier.is_pending(b'A'),
+            Phase::Engage => !self.retry_queue.is_pending(b'A'),
             Phase::Watch => self.laps_are_flown(),
             Phase::Loiter => self.in_phase_ns() as f64 >= self.plan.loiter_s * 1e9,
             Phase::End => false,
@@ -291,7 +291,7 @@ impl Mission {
     }
 
     fn sensors_came(&self) -> bool {
-        let settled_ns = self.courier.settled_ns(b'H');
+        let settled_ns = self.retry_queue.settled_ns(b'H');
         self.board.imu.is_some_and(|imu| imu.message.measured_ns > settled_ns)
     }
 
@@ -305,7 +305,7 @@ impl Mission {
     }
 
     fn state_since_initialised(&self) -> Option<StateTelemetry> {
-        let settled_ns = self.courier.settled_ns(b'E');
+        let settled_ns = self.retry_queue.settled_ns(b'E');
         let state = self.board.state.filter(|state| state.received_ns >= self.phase_since_ns)?.message;
         (state.valid_ns > settled_ns || state.status == STATUS_DISABLED).then_some(state)
     }
@@ -327,7 +327,7 @@ impl Mission {
 
     /// The Controller may have been told other laps by its plan, and has finished then; but not those of an order of ours.
     fn laps_are_flown(&mut self) -> bool {
-        let settled_ns = self.courier.settled_ns(b'N');
+        let settled_ns = self.retry_queue.settled_ns(b'N');
         let latest = self.board.navigation.map(|navigation| navigation.message);
         let Some(navigation) = latest.filter(|navigation| navigation.time_ns > settled_ns) else {
             return false;
@@ -347,7 +347,7 @@ impl Mission {
 
     /// Orders again what a function has lost, as far as the script had come.
     fn repair(&mut self) {
-        let lost = self.watch.losses(&self.board, &self.courier, self.plan.waypoints.len());
+        let lost = self.watch.losses(&self.board, &self.retry_queue, self.plan.waypoints.len());
         if lost.hil && self.phase > Phase::AwaitSensors {
             self.rearm(Order::Hil { on: true }, "HIL mode is lost: ordering it again");
         } else if lost.sensors && self.phase > Phase::AwaitSensors {
@@ -369,7 +369,7 @@ impl Mission {
     }
 
     fn repair_navigation(&mut self, lost: Losses) {
-        let loading = self.courier.is_pending(b'W');
+        let loading = self.retry_queue.is_pending(b'W');
         if lost.waypoints && !loading {
             self.request_waypoints();
             self.count_rearming("the Controller has lost the way-points: loading them again");
@@ -379,7 +379,9 @@ impl Mission {
     }
 
     fn rearm(&mut self, order: Order, text: &str) {
-        if !self.courier.is_pending(order.letter()) && self.courier.request(order, self.board.module_ns) {
+        if !self.retry_queue.is_pending(order.letter())
+            && self.retry_queue.request(order, self.board.module_ns)
+        {
             self.count_rearming(text);
         }
     }
@@ -442,7 +444,7 @@ impl Mission {
     fn why_not_in_time(&self, limit_s: u64) -> String {
         let phase = self.phase;
         let start = format!("{phase} took longer than {limit_s} s: ");
-        let reason = match (self.board.last_received_ns, self.courier.last_refusal()) {
+        let reason = match (self.board.last_received_ns, self.retry_queue.last_refusal()) {
             (None, _) => {
                 "nothing was heard from the aircraft; is it the right line, and does Command run?".to_owned()
             }

@@ -4,7 +4,7 @@
 //! be taken for a loss.
 
 use crate::board::Board;
-use crate::courier::Courier;
+use crate::retry_queue::RetryQueue;
 use bateleur_messages::state::STATUS_DISABLED;
 use bateleur_messages::telemetry::{NAVIGATION_AUTOPILOT, NAVIGATION_ON, Telemetry};
 
@@ -57,8 +57,8 @@ impl Watch {
     }
 
     /// What is lost now, of a mission with so many way-points.
-    pub(crate) fn losses(&self, board: &Board, courier: &Courier, waypoints: usize) -> Losses {
-        let newer = |letter: u8, time_ns: u64| time_ns > courier.settled_ns(letter) + SETTLE_NS;
+    pub(crate) fn losses(&self, board: &Board, retry_queue: &RetryQueue, waypoints: usize) -> Losses {
+        let newer = |letter: u8, time_ns: u64| time_ns > retry_queue.settled_ns(letter) + SETTLE_NS;
         let seen = |letter: u8, time_ns: Option<u64>| time_ns.is_some_and(|time_ns| newer(letter, time_ns));
         let primary = board.primary.map(|primary| primary.message);
         let navigation = board.navigation.map(|navigation| navigation.message);
@@ -72,12 +72,12 @@ impl Watch {
                 .is_some_and(|now| now.waypoint_count as usize != waypoints && newer(b'W', now.time_ns)),
             navigation: navigation
                 .is_some_and(|now| now.flags & NAVIGATION_ON == 0 && newer(b'N', now.time_ns)),
-            autopilot: self.autopilot_lost(board, courier),
+            autopilot: self.autopilot_lost(board, retry_queue),
         }
     }
 
-    fn autopilot_lost(&self, board: &Board, courier: &Courier) -> bool {
-        let settled_ns = courier.settled_ns(b'A');
+    fn autopilot_lost(&self, board: &Board, retry_queue: &RetryQueue) -> bool {
+        let settled_ns = retry_queue.settled_ns(b'A');
         let newer = |time_ns: u64| time_ns > settled_ns + SETTLE_NS;
         let controller = board.navigation.is_some_and(|navigation| {
             navigation.message.flags & NAVIGATION_AUTOPILOT == 0 && newer(navigation.message.time_ns)
@@ -106,7 +106,7 @@ mod tests {
             board.take(item, 0);
             watch.notice(item, &board);
         }
-        watch.losses(&board, &Courier::default(), 4)
+        watch.losses(&board, &RetryQueue::default(), 4)
     }
 
     fn navigation(flags: u32, waypoint_count: u32) -> Telemetry {

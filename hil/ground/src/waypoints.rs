@@ -3,8 +3,8 @@
 //! typed it.
 
 use crate::board::Board;
-use crate::courier::{Courier, Settled};
 use crate::link::{Link, LinkError};
+use crate::retry_queue::{RetryQueue, Settled};
 use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{Acknowledge, FROM_CONTROLLER, Telemetry};
 
@@ -15,7 +15,7 @@ const PATIENCE_NS: u64 = 2_500_000_000;
 /// See the module.
 #[derive(Debug, Default)]
 pub struct WaypointDesk {
-    courier: Courier,
+    retry_queue: RetryQueue,
     module_restarts: u64,
     /// The caller's time at which the last one was taken, or the list handed in.
     progress_ns: u64,
@@ -26,28 +26,28 @@ impl WaypointDesk {
     pub fn request(&mut self, waypoints: impl IntoIterator<Item = Order>, board: &Board, now_ns: u64) {
         self.progress_ns = now_ns;
         for order in waypoints {
-            self.courier.request(order, board.module_ns);
+            self.retry_queue.request(order, board.module_ns);
         }
     }
 
     /// Nothing is on its way.
     pub fn is_idle(&self) -> bool {
-        !self.courier.is_pending(WAYPOINT)
+        !self.retry_queue.is_pending(WAYPOINT)
     }
 
     /// Takes what came down and stands on the board.
     pub fn take(&mut self, telemetry: &Telemetry, board: &Board, now_ns: u64) {
         if self.module_restarts != board.module_restarts {
             self.module_restarts = board.module_restarts;
-            self.courier.forget_times();
+            self.retry_queue.forget_times();
         }
         let Telemetry::Acknowledge(answer) = telemetry else { return };
         let time_ns = board.time_of_answer_ns(answer);
-        match self.courier.answer(&Acknowledge { time_ns, ..*answer }) {
+        match self.retry_queue.answer(&Acknowledge { time_ns, ..*answer }) {
             Some(Settled::Accepted(_)) => self.progress_ns = now_ns,
             // It has said why, and would again; a full queue on the way is another matter.
             Some(Settled::Refused(..)) if answer.from == FROM_CONTROLLER => {
-                self.courier.withdraw(WAYPOINT);
+                self.retry_queue.withdraw(WAYPOINT);
             }
             _ => {}
         }
@@ -59,10 +59,10 @@ impl WaypointDesk {
     /// As [`Link::send`].
     pub fn step(&mut self, now_ns: u64, link: &mut Link) -> Result<Option<String>, LinkError> {
         if self.is_idle() || now_ns.saturating_sub(self.progress_ns) < PATIENCE_NS {
-            self.courier.send_due(now_ns, link)?;
+            self.retry_queue.send_due(now_ns, link)?;
             return Ok(None);
         }
-        let given_up = self.courier.withdraw(WAYPOINT).len();
+        let given_up = self.retry_queue.withdraw(WAYPOINT).len();
         Ok(Some(format!(
             "way-points without an acknowledgement: {given_up}; the list is not whole: does the line reach the module, \
              and its Controller run? Type the last way-point again"

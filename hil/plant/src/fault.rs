@@ -60,7 +60,7 @@ pub enum Fault {
     Pause,
     /// Commands reach the servos this much later than they do anyway, s.
     Delay(f64),
-    /// A servo runs to this share of its travel (−1 to 1, throttle 0 to 1) and stays; none: it stays where it is.
+    /// A servo runs to this share of its travel (−1 to 1, throttle 0 to 1) and stays; `None` if it stays where it is.
     Stuck(Actuator, Option<f64>),
     /// A gust that swells and dies, (1 − cos)/2, over the time of the fault.
     Gust {

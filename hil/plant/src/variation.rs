@@ -64,7 +64,7 @@ impl Ranges {
     /// What campaigns fly: mass and inertia ±10 %, derivatives ±20 %.
     pub const CAMPAIGN: Self = Self { mass: 0.1, inertia: 0.1, derivatives: 0.2, power: 0.0, servo: 0.0 };
 
-    /// The range of a key; none: it is not varied.
+    /// The range of a key; `None` if it is not varied.
     fn of(&self, section: &str, key: &str) -> f64 {
         match (section, key) {
             ("mass", "mass_kg") => self.mass,

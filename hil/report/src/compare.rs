@@ -55,7 +55,7 @@ impl Place {
 /// How far numbers may differ.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tolerance {
-    /// Where; none: everywhere.
+    /// Where; `None`: everywhere.
     pub place: Option<Place>,
     /// How far, in the unit of the field.
     pub at_most: f64,
@@ -305,7 +305,7 @@ struct Lane {
 
 struct Lanes<'o> {
     options: &'o Options,
-    /// By topic; none: left out.
+    /// By topic; `None`: left out.
     lanes: BTreeMap<String, Lane>,
 }
 

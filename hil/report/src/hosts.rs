@@ -64,7 +64,7 @@ impl Host {
     }
 }
 
-/// The hosts of a flight's folder, the one whose time counts first; none: it flew on one.
+/// The hosts of a flight's folder, the one whose time counts first; `None` if it flew on one.
 pub fn of(folder: &Path) -> Vec<Host> {
     let text = std::fs::read(folder.join(FILE)).ok();
     text.and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default()

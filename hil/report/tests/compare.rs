@@ -12,7 +12,7 @@ use bateleur_report::log::{PortLog, topic};
 use by_hand::{channel, message, schema};
 use zerocopy::IntoBytes;
 
-/// What is written at step `n`; none: nothing.
+/// What is written at step `n`; `None`: nothing.
 type Made<T> = fn(u64) -> Option<T>;
 
 fn state(n: u64) -> State {

@@ -142,7 +142,7 @@ impl Context {
         &self.time
     }
 
-    /// Where to tell how the module's major frames lie to those that they follow. None: it is not for this partition to say.
+    /// Where to tell how the module's major frames lie to those that they follow. `None` if it is not for this partition to say.
     pub fn alignment(&self) -> Option<Alignment> {
         self.description.may_align.then(|| Alignment::new(self.time.clone()))
     }

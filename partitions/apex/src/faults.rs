@@ -114,7 +114,7 @@ pub(crate) struct Faults {
     seen: u32,
     /// It runs on when it has closed this window.
     runs_on: bool,
-    /// By the port's place in the description; none: not a source.
+    /// By the port's place in the description; `None`: not a source.
     ports: Vec<Option<Rc<PortFault>>>,
 }
 

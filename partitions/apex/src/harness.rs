@@ -44,6 +44,7 @@ use std::path::PathBuf;
 use std::rc::Rc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
+use bateleur_contract::page::WindowGrant;
 use bateleur_contract::{
     Clock, ControlPage, Description, Direction, Mapped, PortDescription, PortKind, StartCondition,
     Takeover as Order,
@@ -107,7 +108,6 @@ impl Harness {
         let page = memory(size_of::<ControlPage>() as u64)?;
         let page = Mapped::<ControlPage>::new(page).map_err(|error| refused("a control page", error))?;
         page.initialise();
-        page.minor_frame_ns.store(MINOR_FRAME_NS, Relaxed);
         let description = Description {
             module: "harness".into(),
             partition: partition.into(),
@@ -249,18 +249,26 @@ impl<P: Partition> Incarnation<P> {
     /// One window, a minor frame after the one before.
     pub fn window(&mut self) {
         let page = self.time.page();
-        let start_ns = (page.minor_frames.fetch_add(1, Relaxed) + 1) * MINOR_FRAME_NS;
+        let (number, before) = page.granted_window();
+        let minor_frames = before.minor_frames + 1;
+        let start_ns = minor_frames * MINOR_FRAME_NS;
         page.now_ns.store(start_ns, Relaxed);
-        page.window_start_ns.store(start_ns, Relaxed);
-        page.window_end_ns.store(start_ns + WINDOW_NS, Relaxed);
-        let window = Window::granted(&self.time);
+        let window = WindowGrant {
+            start_ns,
+            end_ns: start_ns + WINDOW_NS,
+            minor_frames,
+            minor_frame_ns: MINOR_FRAME_NS,
+            ..before
+        };
+        page.publish_grant(number + 1, &window);
+        let (_, window) = Window::granted(&self.time);
         self.started.connect();
         self.partition.window(&window);
     }
 
     /// Hands an error to its error handler, in the window that it had last.
     pub fn handle(&mut self, error: &HealthError) -> Response {
-        let window = Window::granted(&self.time);
+        let (_, window) = Window::granted(&self.time);
         self.partition.error_handler(error, &window)
     }
 

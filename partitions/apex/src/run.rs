@@ -128,12 +128,13 @@ impl<P: Partition> Life<P> {
         let page = time.page();
         let mut last = 0;
         loop {
-            last = next_grant(page, last);
+            await_grant(page, last);
             if page.stop.load(Acquire) != 0 {
                 return Ok(());
             }
             page.opened_ns.store(monotonic_ns(), Relaxed);
-            let window = Window::granted(&time);
+            let window;
+            (last, window) = Window::granted(&time);
             if window.end_ns() == 0 {
                 self.called()
                     .map_err(|error| End { code: exit::START_REFUSED, reason: error.to_string() })?;
@@ -184,14 +185,11 @@ impl<P: Partition> Life<P> {
 /// Before the name of a process that stands by, for `ps` and whoever reads it.
 const STANDBY_MARK: char = '+';
 
-fn next_grant(page: &ControlPage, last: u32) -> u32 {
-    loop {
-        let grant = page.grant.load(Acquire);
-        if grant != last {
-            return grant;
-        }
+/// Sleeps until there is a grant after `last`.
+fn await_grant(page: &ControlPage, last: u32) {
+    while page.grant.load(Acquire) == last {
         // Interrupted, woken or changed meanwhile: look again.
-        let _ = futex::wait(&page.grant, futex::Flags::empty(), grant, None);
+        let _ = futex::wait(&page.grant, futex::Flags::empty(), last, None);
     }
 }
 

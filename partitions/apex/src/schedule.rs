@@ -2,7 +2,7 @@
 
 use std::cell::Cell;
 use std::rc::Rc;
-use std::sync::atomic::Ordering::{Acquire, Relaxed};
+use std::sync::atomic::Ordering::Acquire;
 
 use crate::return_code::ReturnCode;
 use crate::time::Time;
@@ -49,15 +49,14 @@ impl ModuleSchedules {
     /// GET_MODULE_SCHEDULE_STATUS, as it was when the window was granted, and with what this partition has asked for since.
     #[must_use]
     pub fn get_module_schedule_status(&self) -> ScheduleStatus {
-        let page = self.time.page();
-        let window = page.grant.load(Acquire);
+        let (window, granted) = self.time.page().granted_window();
         let next = match self.asked.get() {
             Some((in_window, schedule)) if in_window == window => schedule,
-            _ => page.next_schedule.load(Relaxed),
+            _ => granted.next_schedule,
         };
         ScheduleStatus {
-            time_of_last_switch_ns: page.schedule_since_ns.load(Relaxed),
-            current: ScheduleId(page.schedule.load(Relaxed)),
+            time_of_last_switch_ns: granted.schedule_since_ns,
+            current: ScheduleId(granted.schedule),
             next: ScheduleId(next),
         }
     }
@@ -89,6 +88,7 @@ impl ModuleSchedules {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bateleur_contract::page::WindowGrant;
     use bateleur_contract::{Clock, ControlPage, Mapped};
 
     fn schedules(permitted_in: &[u32]) -> ModuleSchedules {
@@ -103,10 +103,13 @@ mod tests {
     /// A window in `schedule`, granted while `next` was to come.
     fn grant(schedules: &ModuleSchedules, schedule: u32, next: u32, since_ns: u64) {
         let page = schedules.time.page();
-        page.schedule.store(schedule, Relaxed);
-        page.next_schedule.store(next, Relaxed);
-        page.schedule_since_ns.store(since_ns, Relaxed);
-        page.grant.fetch_add(1, Relaxed);
+        let window = WindowGrant {
+            schedule,
+            next_schedule: next,
+            schedule_since_ns: since_ns,
+            ..WindowGrant::default()
+        };
+        page.publish_grant(page.grant.load(Acquire) + 1, &window);
     }
 
     #[test]

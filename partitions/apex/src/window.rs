@@ -3,6 +3,7 @@
 use std::os::fd::AsFd;
 use std::sync::atomic::Ordering::Relaxed;
 
+use bateleur_contract::page::WindowGrant;
 use bateleur_contract::{Clock, ReportKind};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
@@ -25,20 +26,14 @@ pub struct MajorFrame {
 #[derive(Debug)]
 pub struct Window {
     time: Time,
-    start_ns: u64,
-    end_ns: u64,
-    minor_frames: u64,
+    granted: WindowGrant,
 }
 
 impl Window {
-    pub(crate) fn granted(time: &Time) -> Self {
-        let page = time.page();
-        Self {
-            time: time.clone(),
-            start_ns: page.window_start_ns.load(Relaxed),
-            end_ns: page.window_end_ns.load(Relaxed),
-            minor_frames: page.minor_frames.load(Relaxed),
-        }
+    /// The newest grant's number, and its window.
+    pub(crate) fn granted(time: &Time) -> (u32, Self) {
+        let (number, granted) = time.page().granted_window();
+        (number, Self { time: time.clone(), granted })
     }
 
     /// Module time, ns.
@@ -48,28 +43,27 @@ impl Window {
 
     /// The instant at which the schedule starts this window, module time, ns.
     pub fn start_ns(&self) -> u64 {
-        self.start_ns
+        self.granted.start_ns
     }
 
     /// The instant at which the schedule takes the processor away, module time, ns.
     pub fn end_ns(&self) -> u64 {
-        self.end_ns
+        self.granted.end_ns
     }
 
     /// Minor frames since module time 0.
     pub fn minor_frames(&self) -> u64 {
-        self.minor_frames
+        self.granted.minor_frames
     }
 
     /// Length of the minor frame, ns.
     pub fn minor_frame_ns(&self) -> u64 {
-        self.time.page().minor_frame_ns.load(Relaxed)
+        self.granted.minor_frame_ns
     }
 
     /// The major frame that this window lies in.
     pub fn major_frame(&self) -> MajorFrame {
-        let page = self.time.page();
-        MajorFrame { number: page.major_frame.load(Relaxed), start_ns: page.major_frame_ns.load(Relaxed) }
+        MajorFrame { number: self.granted.major_frame, start_ns: self.granted.major_frame_ns }
     }
 
     /// Waits until `device` has something to read, at the longest until module time `until_ns`. False: nothing came.
@@ -93,7 +87,7 @@ impl Window {
     }
 
     fn wait(&self, device: &impl AsFd, what: PollFlags, until_ns: u64) -> bool {
-        let until_ns = until_ns.min(self.end_ns);
+        let until_ns = until_ns.min(self.granted.end_ns);
         match self.time.clock() {
             Clock::Virtual => {
                 self.time.be_patient(|patience_ns| wait(device, what, monotonic_ns() + patience_ns))
@@ -106,7 +100,7 @@ impl Window {
     /// during a window, it returns at once.
     pub fn wait_until(&self, until_ns: u64) {
         if self.time.clock() == Clock::Wall {
-            let until_ns = self.time.page().origin_ns.load(Relaxed) + until_ns.min(self.end_ns);
+            let until_ns = self.time.page().origin_ns.load(Relaxed) + until_ns.min(self.granted.end_ns);
             let now_ns = monotonic_ns();
             // A freeze between two windows makes it longer: the window is over then in any case.
             std::thread::sleep(std::time::Duration::from_nanos(until_ns.saturating_sub(now_ns)));

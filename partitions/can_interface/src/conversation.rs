@@ -1,6 +1,6 @@
 //! What happens on the bus in one window.
 
-use bateleur_can::{Frame, Id};
+use bateleur_can_core::{Frame, Id};
 use bateleur_can_map::{Assembly, Outcome, Sync, Table};
 use bateleur_messages::{Custom, RawAnalog, RawGps, ServoTimers};
 use zerocopy::{FromBytes, IntoBytes};
@@ -294,8 +294,8 @@ mod tests {
     use std::cell::{Cell, RefCell};
     use std::os::fd::AsFd;
 
-    use bateleur_can::bus::BusName;
-    use bateleur_can::{Gateway, Settings};
+    use bateleur_can_core::bus::BusName;
+    use bateleur_can_core::{Gateway, Settings};
     use bateleur_can_map::{DISTRIBUTION_BOARD, from_attributes};
 
     use super::*;

@@ -8,9 +8,9 @@ use bateleur_apex::{
     Context, Direction, Partition, PortKind, QueuingDestination, QueuingSource, Retained,
     SamplingDestination, SamplingSource, StartError, Supervision, SupervisionEvent, Takeover, Window,
 };
-use bateleur_can::bus::BusName;
-use bateleur_can::wire::native;
-use bateleur_can::{Counters, Ids, Settings as GatewaySettings, cli};
+use bateleur_can_core::bus::BusName;
+use bateleur_can_core::wire::native;
+use bateleur_can_core::{Counters, Ids, Settings as GatewaySettings, identity};
 use bateleur_can_interface::{Conversation, Kept, Moment, Sensors, Settings, Waiting, Wires};
 use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_HIL_INTERFACE, NOT_UNDERSTOOD, Telemetry};
@@ -294,7 +294,7 @@ fn settings(context: &mut Context) -> Result<Settings, StartError> {
     let peers = peers.iter().map(|text| address("peers", text)).collect::<Result<_, _>>()?;
     let identity: Option<String> = context.attribute("identity", None)?;
     let identity = match identity {
-        None => cli::usual_identity(context.name(), native::PORT),
+        None => identity::usual_identity(context.name(), native::PORT),
         Some(text) => u64::from_str_radix(&text, 16)
             .map_err(|_| other(format!("attribute identity = \"{text}\": up to 16 hexadecimal digits")))?,
     };
@@ -307,7 +307,7 @@ fn settings(context: &mut Context) -> Result<Settings, StartError> {
         })
     });
     let only_from = only_from.collect::<Result<_, _>>()?;
-    let gateway = GatewaySettings { only_from, ..GatewaySettings::new(identity, cli::session(), peers) };
+    let gateway = GatewaySettings { only_from, ..GatewaySettings::new(identity, identity::session(), peers) };
     Ok(Settings { bus, listen, gateway })
 }
 

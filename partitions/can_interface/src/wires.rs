@@ -3,8 +3,8 @@
 use std::net::{SocketAddr, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd};
 
-use bateleur_can::bus::{Bus, BusError, BusName, Losses, Sent};
-use bateleur_can::{Event, Frame, Gateway, Ids};
+use bateleur_can_core::bus::{Bus, BusError, BusName, Losses, Sent};
+use bateleur_can_core::{Event, Frame, Gateway, Ids};
 
 /// A bus that broke is tried again so often, module time, ns.
 const RETRY_NS: u64 = 1_000_000_000;
@@ -25,10 +25,10 @@ pub trait Waiting {
 pub struct Settings {
     /// The bus.
     pub bus: BusName,
-    /// Own UDP address; none: no network.
+    /// Own UDP address; `None`: no network.
     pub listen: Option<SocketAddr>,
     /// How it behaves on the network.
-    pub gateway: bateleur_can::Settings,
+    pub gateway: bateleur_can_core::Settings,
 }
 
 #[derive(Debug)]
@@ -222,7 +222,7 @@ impl AsFd for Readable<'_> {
 }
 
 impl Net {
-    fn open(address: SocketAddr, settings: bateleur_can::Settings) -> Result<Self, String> {
+    fn open(address: SocketAddr, settings: bateleur_can_core::Settings) -> Result<Self, String> {
         let open = || {
             let socket = UdpSocket::bind(address)?;
             socket.set_nonblocking(true)?;

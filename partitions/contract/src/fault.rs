@@ -112,6 +112,23 @@ impl FaultKind {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 
+    /// The process closes no window after it, whatever it is and wherever it runs.
+    pub const fn ends_or_stops(self) -> bool {
+        matches!(
+            self,
+            Self::Panic
+                | Self::Abort
+                | Self::Exit
+                | Self::Hang
+                | Self::Spin
+                | Self::NullWrite
+                | Self::StackOverflow
+                | Self::DivideByZero
+                | Self::IllegalInstruction
+                | Self::BusError
+        )
+    }
+
     /// It happens to the messages of a port, and not to the partition.
     pub const fn is_of_port(self) -> bool {
         matches!(self, Self::Drop | Self::Delay | Self::Corrupt)

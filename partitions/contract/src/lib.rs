@@ -32,7 +32,8 @@ pub const RETAINED_FD: i32 = 5;
 /// it is and how it is started.
 pub const ENVIRONMENT: &str = "BATELEUR_PARTITION";
 
-/// How a partition process ends by itself.
+/// How a partition process ends by itself. [`exit::IDLE`], [`exit::WARM_START`] and [`exit::COLD_START`] are believed of a partition
+/// that has an error handler by its plan.
 pub mod exit {
     /// It was asked to stop and did.
     pub const STOPPED: i32 = 0;

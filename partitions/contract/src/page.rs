@@ -4,8 +4,8 @@
 //! writes nonsense harms itself only. Every field is an atomic; the two words that are slept on are `grant` and
 //! `done`.
 //!
-//! A window: the executive stores the window's data, increments `grant` and wakes it. The partition, which sleeps
-//! on `grant`, computes, stores the grant's value in `done` and wakes who sleeps on it: the window is closed, the rest of
+//! A window: the executive stores the window's data, increments `grant` and wakes it ([`ControlPage::publish_grant`]). The partition,
+//! which sleeps on `grant`, takes a copy of the data ([`ControlPage::granted_window`]), computes, stores the grant's value in `done` and wakes who sleeps on it: the window is closed, the rest of
 //! it is slack. A `done` that differs from `grant` at the window's end is an overrun.
 #![allow(unsafe_code)] // one `unsafe impl`, a promise about this type
 
@@ -17,7 +17,7 @@ use crate::mapping::SharedMemory;
 /// First word of every control page.
 pub const MAGIC: u32 = 0x4254_4c52; // "BTLR"
 /// Raised whenever the page or the description changes its meaning.
-pub const VERSION: u32 = 10;
+pub const VERSION: u32 = 11;
 
 /// Bytes of a report's text, as in REPORT_APPLICATION_MESSAGE.
 pub const REPORT_TEXT: usize = 128;
@@ -25,9 +25,9 @@ pub const REPORT_TEXT: usize = 128;
 pub const ERRORS: usize = 8;
 /// Entries of the health log that stand for a partition that is told of them; older ones are overwritten and counted as lost.
 pub const NOTICES: usize = 8;
-/// Orders of faults that fit between two windows of a partition; older ones are overwritten.
+/// Places for orders of faults between two windows of a partition: one less waits, and older ones are overwritten.
 pub const FAULTS: usize = 8;
-/// Reports that fit between two looks of the executive; older ones are overwritten and counted as lost.
+/// Places for reports between two looks of the executive: one less waits, and older ones are overwritten.
 pub const REPORTS: usize = 8;
 
 /// [`ControlPage::device_expected`]: nobody counts what the world sends.
@@ -146,6 +146,29 @@ struct OrderedFault {
     argument: AtomicU64,
 }
 
+/// What a partition is told with a window.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct WindowGrant {
+    /// Its start, module time, ns.
+    pub start_ns: u64,
+    /// Its end, module time, ns; 0: no window, but the last call before frame 0.
+    pub end_ns: u64,
+    /// Minor frames since module time 0, at its start.
+    pub minor_frames: u64,
+    /// Length of the minor frame, ns.
+    pub minor_frame_ns: u64,
+    /// Major frames since frame 0, at its start.
+    pub major_frame: u64,
+    /// When its major frame began, module time, ns.
+    pub major_frame_ns: u64,
+    /// Place in the plan of the schedule that it belongs to.
+    pub schedule: u32,
+    /// That of the next major frame, as it is known when the window is granted.
+    pub next_schedule: u32,
+    /// When the schedule took effect, module time, ns; 0: the module has not changed yet.
+    pub schedule_since_ns: u64,
+}
+
 /// How a module's major frames lie to those that they follow, as a partition has found it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct AlignmentReport {
@@ -186,27 +209,23 @@ pub struct ControlPage {
     pub origin_ns: AtomicU64,
     /// Virtual clock: module time, ns.
     pub now_ns: AtomicU64,
-    /// Start of the granted window, module time, ns.
-    pub window_start_ns: AtomicU64,
-    /// End of the granted window, module time, ns.
-    pub window_end_ns: AtomicU64,
-    /// Minor frames since module time 0, at the window's start.
-    pub minor_frames: AtomicU64,
-    /// Length of the minor frame, ns.
-    pub minor_frame_ns: AtomicU64,
+    // The window of the newest grant, see [`WindowGrant`].
+    window_start_ns: AtomicU64,
+    window_end_ns: AtomicU64,
+    minor_frames: AtomicU64,
+    minor_frame_ns: AtomicU64,
     /// Bytes that the world has sent to the partition's device so far, or [`NOT_COUNTED`]. Under the virtual clock the
     /// partition's library waits for them, so that a slow line discipline can not change a flight.
     pub device_expected: AtomicU64,
-    /// Place in the plan of the schedule that the window belongs to.
-    pub schedule: AtomicU32,
-    /// That of the next major frame, as it was known when the window was granted.
-    pub next_schedule: AtomicU32,
-    /// When the schedule took effect, module time, ns; 0: the module has not changed yet.
-    pub schedule_since_ns: AtomicU64,
+    schedule: AtomicU32,
+    next_schedule: AtomicU32,
+    schedule_since_ns: AtomicU64,
     /// Faults ordered so far; order `n` stands in `faults[n % FAULTS]`. The partition's library carries them out at its next
     /// window's start.
     fault_orders: AtomicU32,
-    reserved_1: [AtomicU32; 5],
+    /// The grant whose window is being written or was written last: differs from `grant` while it is written.
+    granting: AtomicU32,
+    reserved_1: [AtomicU32; 4],
     /// 1 while the executive sleeps on `done`: a partition that closes its window wakes it then, and spares itself the
     /// call otherwise. See [`ControlPage::close`].
     pub awaited: AtomicU32,
@@ -239,10 +258,8 @@ pub struct ControlPage {
     error_count: AtomicU32,
     reserved_5: AtomicU32,
     errors: [Report; ERRORS],
-    /// Major frames since frame 0, at the window's start.
-    pub major_frame: AtomicU64,
-    /// When the window's major frame began, module time, ns.
-    pub major_frame_ns: AtomicU64,
+    major_frame: AtomicU64,
+    major_frame_ns: AtomicU64,
     // Written by the partition, where the plan lets it: see [`ControlPage::tell_alignment`].
     /// Odd while the words below are written.
     alignment_count: AtomicU32,
@@ -277,6 +294,62 @@ impl ControlPage {
     /// Whether the page is one of this contract.
     pub fn is_valid(&self) -> bool {
         self.magic.load(Ordering::Acquire) == MAGIC && self.version.load(Ordering::Relaxed) == VERSION
+    }
+
+    /// Makes grant number `number` known, with its window (the executive). Who sleeps on `grant` is to be woken.
+    pub fn publish_grant(&self, number: u32, window: &WindowGrant) {
+        self.begin_grant(number);
+        self.window_start_ns.store(window.start_ns, Ordering::Relaxed);
+        self.window_end_ns.store(window.end_ns, Ordering::Relaxed);
+        self.minor_frames.store(window.minor_frames, Ordering::Relaxed);
+        self.minor_frame_ns.store(window.minor_frame_ns, Ordering::Relaxed);
+        self.major_frame.store(window.major_frame, Ordering::Relaxed);
+        self.major_frame_ns.store(window.major_frame_ns, Ordering::Relaxed);
+        self.schedule.store(window.schedule, Ordering::Relaxed);
+        self.next_schedule.store(window.next_schedule, Ordering::Relaxed);
+        self.schedule_since_ns.store(window.schedule_since_ns, Ordering::Relaxed);
+        self.grant.store(number, Ordering::Release);
+    }
+
+    fn begin_grant(&self, number: u32) {
+        self.granting.store(number, Ordering::Relaxed);
+        // Whoever reads one of the words that follow finds the number above when it looks again.
+        fence(Ordering::Release);
+    }
+
+    /// The newest grant with its window (the partition): never one with a part of another's.
+    pub fn granted_window(&self) -> (u32, WindowGrant) {
+        loop {
+            if let Some(granted) = self.try_granted_window() {
+                return granted;
+            }
+            std::hint::spin_loop(); // the executive writes a few words
+        }
+    }
+
+    /// As above; `None` if a newer one is being written.
+    fn try_granted_window(&self) -> Option<(u32, WindowGrant)> {
+        let number = self.grant.load(Ordering::Acquire);
+        let window = WindowGrant {
+            start_ns: self.window_start_ns.load(Ordering::Relaxed),
+            end_ns: self.window_end_ns.load(Ordering::Relaxed),
+            minor_frames: self.minor_frames.load(Ordering::Relaxed),
+            minor_frame_ns: self.minor_frame_ns.load(Ordering::Relaxed),
+            major_frame: self.major_frame.load(Ordering::Relaxed),
+            major_frame_ns: self.major_frame_ns.load(Ordering::Relaxed),
+            schedule: self.schedule.load(Ordering::Relaxed),
+            next_schedule: self.next_schedule.load(Ordering::Relaxed),
+            schedule_since_ns: self.schedule_since_ns.load(Ordering::Relaxed),
+        };
+        fence(Ordering::Acquire);
+        (self.granting.load(Ordering::Relaxed) == number).then_some((number, window))
+    }
+
+    /// No grant yet, for a process that is about to start (the executive). Of the last window the schedule stands.
+    pub fn forget_grants(&self) {
+        self.begin_grant(0);
+        self.grant.store(0, Ordering::Relaxed);
+        self.done.store(0, Ordering::Relaxed);
     }
 
     /// Closes the window of grant number `grant` (the partition); true: somebody sleeps until then, and is to be woken.
@@ -330,7 +403,7 @@ impl ControlPage {
         self.alignment_count.store(writing.wrapping_add(1), Ordering::Release);
     }
 
-    /// What was told since number `seen` (the executive), which is moved on. None: nothing, or it is being written now.
+    /// What was told since number `seen` (the executive), which is moved on. `None`: nothing, or it is being written now.
     pub fn alignment_since(&self, seen: &mut u32) -> Option<AlignmentTold> {
         let count = self.alignment_count.load(Ordering::Acquire);
         if count == *seen || count % 2 == 1 {
@@ -363,31 +436,19 @@ impl ControlPage {
         self.fault_orders.store(number.wrapping_add(1), Ordering::Release);
     }
 
-    /// The next fault that was ordered since number `seen` (the partition), which is moved on.
+    /// The next fault that was ordered since number `seen` (the partition), which is moved on. Of a flood the newest still stand, one
+    /// less than there are places.
     pub fn fault_since(&self, seen: &mut u32) -> Option<FaultOrder> {
-        let orders = self.fault_orders.load(Ordering::Acquire);
-        let new = orders.wrapping_sub(*seen).min(FAULTS as u32);
-        for back in (0..new).rev() {
-            let number = orders.wrapping_sub(back + 1);
-            *seen = number.wrapping_add(1);
-            let fault = &self.faults[number as usize % FAULTS];
+        loop {
+            let order = next_of(&self.faults, &self.fault_orders, seen, &mut 0, OrderedFault::read)?;
             // What is no kind was written over: the page is the partition's too.
-            if let Some(kind) = FaultKind::from_number(fault.kind.load(Ordering::Relaxed)) {
-                let port = fault.port.load(Ordering::Relaxed);
-                let messages = fault.messages.load(Ordering::Relaxed);
-                return Some(FaultOrder {
-                    kind,
-                    port,
-                    messages,
-                    argument: fault.argument.load(Ordering::Relaxed),
-                });
+            if order.is_some() {
+                return order;
             }
         }
-        *seen = orders;
-        None
     }
 
-    /// Adds a report (the partition). Text beyond [`REPORT_TEXT`] bytes is cut.
+    /// Adds a report (one thread of the partition at a time). Text beyond [`REPORT_TEXT`] bytes is cut.
     pub fn report(&self, kind: ReportKind, text: &str) {
         let number = self.report_count.load(Ordering::Relaxed);
         let in_handler = if self.handling.load(Ordering::Relaxed) == 0 { 0 } else { IN_HANDLER };
@@ -406,7 +467,7 @@ impl ControlPage {
     /// there are places.
     pub fn next_error(&self, seen: &mut u32) -> Option<(ErrorCode, String)> {
         loop {
-            let (code, text) = next_of(&self.errors, &self.error_count, seen, &mut 0)?;
+            let (code, text) = next_of(&self.errors, &self.error_count, seen, &mut 0, Report::read)?;
             if let Some(code) = ErrorCode::from_number(code) {
                 return Some((code, text));
             }
@@ -423,7 +484,7 @@ impl ControlPage {
     /// The next entry of the health log since number `seen` (the partition), with its severity. `seen` is moved on, and `lost`
     /// by as many as were overwritten before they were read.
     pub fn next_notice(&self, seen: &mut u32, lost: &mut u64) -> Option<(u32, String)> {
-        next_of(&self.notices, &self.notice_count, seen, lost)
+        next_of(&self.notices, &self.notice_count, seen, lost, Report::read)
     }
 
     /// Errors for the handler so far (the partition, before its first window: those were its predecessor's).
@@ -431,22 +492,30 @@ impl ControlPage {
         self.error_count.load(Ordering::Acquire)
     }
 
-    /// The reports since number `seen` (the executive), which is moved on. Only the newest [`REPORTS`] still stand.
+    /// The reports since number `seen` (the executive), which is moved on. Of a flood the newest still stand, one less than there are
+    /// places: the partition may be writing the next one.
     pub fn reports_since(&self, seen: &mut u32) -> Vec<Reported> {
-        let count = self.report_count.load(Ordering::Acquire);
-        let new = count.wrapping_sub(*seen).min(REPORTS as u32);
-        *seen = count;
-        let report = |back| {
-            let (kind, text) = self.reports[count.wrapping_sub(new - back) as usize % REPORTS].read();
-            Reported { kind: ReportKind::from_word(kind), in_handler: kind & IN_HANDLER != 0, text }
+        let next = || next_of(&self.reports, &self.report_count, seen, &mut 0, Report::read);
+        // As many as there are places at most: a partition may go on reporting on another core.
+        let found = std::iter::from_fn(next).take(REPORTS);
+        let report = |(kind, text): (u32, String)| Reported {
+            kind: ReportKind::from_word(kind),
+            in_handler: kind & IN_HANDLER != 0,
+            text,
         };
-        (0..new).map(report).collect()
+        found.map(report).collect()
     }
 }
 
 /// The next of `places` since number `seen`, which is moved on, and `lost` by as many as were written over before they were
 /// read. `count`: entries so far.
-fn next_of(places: &[Report], count: &AtomicU32, seen: &mut u32, lost: &mut u64) -> Option<(u32, String)> {
+fn next_of<P, E>(
+    places: &[P],
+    count: &AtomicU32,
+    seen: &mut u32,
+    lost: &mut u64,
+    read: fn(&P) -> E,
+) -> Option<E> {
     let room = places.len() as u32;
     loop {
         let newest = count.load(Ordering::Acquire);
@@ -456,13 +525,25 @@ fn next_of(places: &[Report], count: &AtomicU32, seen: &mut u32, lost: &mut u64)
         if *seen == newest {
             return None;
         }
-        let entry = places[*seen as usize % places.len()].read();
+        let entry = read(&places[*seen as usize % places.len()]);
         fence(Ordering::Acquire);
         // Overwritten while it was read: it counts as lost at the next look.
         if count.load(Ordering::Relaxed).wrapping_sub(*seen) < room {
             *seen = seen.wrapping_add(1);
             return Some(entry);
         }
+    }
+}
+
+impl OrderedFault {
+    /// `None` if it is of no known kind.
+    fn read(&self) -> Option<FaultOrder> {
+        Some(FaultOrder {
+            kind: FaultKind::from_number(self.kind.load(Ordering::Relaxed))?,
+            port: self.port.load(Ordering::Relaxed),
+            messages: self.messages.load(Ordering::Relaxed),
+            argument: self.argument.load(Ordering::Relaxed),
+        })
     }
 }
 
@@ -562,8 +643,8 @@ mod tests {
         (0..2 * FAULTS as u64).for_each(|number| page.order_fault(&order(FaultKind::Corrupt, number)));
         let found: Vec<_> =
             std::iter::from_fn(|| page.fault_since(&mut seen)).map(|order| order.argument).collect();
-        assert_eq!(found, (FAULTS as u64..2 * FAULTS as u64).collect::<Vec<_>>());
-        // A partition that has written over its page: each slot is looked at once, and no kind is made up.
+        assert_eq!(found, (FAULTS as u64 + 1..2 * FAULTS as u64).collect::<Vec<_>>());
+        // A partition that has written over its page: each place is looked at once, and no kind is made up.
         page.fault_orders.store(u32::MAX, Ordering::Relaxed);
         page.faults.iter().for_each(|fault| fault.kind.store(u32::MAX, Ordering::Relaxed));
         assert_eq!(page.fault_since(&mut seen), None);
@@ -596,8 +677,70 @@ mod tests {
         let page = page();
         (0..20).for_each(|number| page.report(ReportKind::Message, &number.to_string()));
         let reports = page.reports_since(&mut 0);
-        assert_eq!(reports.first().unwrap().text, "12");
-        assert_eq!(reports.last().unwrap().text, "19");
+        assert_eq!((reports.len(), reports[0].text.as_str(), reports[6].text.as_str()), (7, "13", "19"));
+    }
+
+    #[test]
+    fn report_that_is_written_just_now_is_not_counted_with_the_words_of_another_one() {
+        let (page, mut seen) = (page(), 0);
+        (0..8).for_each(|number| page.report(ReportKind::Message, &number.to_string()));
+        // The partition is in the middle of a ninth, which has the place of the first.
+        page.reports[0].write(ReportKind::ApplicationError as u32, "half of the ninth");
+        let texts: Vec<_> = page.reports_since(&mut seen).into_iter().map(|report| report.text).collect();
+        assert_eq!(texts, ["1", "2", "3", "4", "5", "6", "7"]);
+        page.report_count.store(9, Ordering::Release);
+        assert_eq!(page.reports_since(&mut seen).len(), 1, "and the ninth once");
+    }
+
+    #[test]
+    fn fault_that_is_ordered_just_now_is_not_carried_out_in_pieces() {
+        let (page, mut seen) = (page(), 0);
+        let order = |argument| FaultOrder { kind: FaultKind::Corrupt, port: 0, messages: 1, argument };
+        (0..8).for_each(|number| page.order_fault(&order(number)));
+        page.faults[0].argument.store(77, Ordering::Relaxed);
+        let found = std::iter::from_fn(|| page.fault_since(&mut seen)).map(|order| order.argument);
+        assert_eq!(found.collect::<Vec<_>>(), [1, 2, 3, 4, 5, 6, 7]);
+    }
+
+    #[test]
+    fn window_that_is_granted_just_now_is_not_taken_with_the_times_of_another_one() {
+        let page = page();
+        let window = |number: u64| WindowGrant { start_ns: number, end_ns: number + 1, ..Default::default() };
+        page.publish_grant(1, &window(1));
+        assert_eq!(page.try_granted_window(), Some((1, window(1))));
+        // The executive has lost its processor within the second grant.
+        page.begin_grant(2);
+        page.window_start_ns.store(2, Ordering::Relaxed);
+        assert_eq!(page.try_granted_window(), None);
+        page.publish_grant(2, &window(2));
+        assert_eq!(page.granted_window(), (2, window(2)));
+    }
+
+    #[test]
+    fn windows_that_are_granted_while_another_thread_takes_them_are_whole() {
+        let page = page();
+        let whole = |number: u64| WindowGrant {
+            start_ns: number,
+            end_ns: number,
+            minor_frames: number,
+            minor_frame_ns: number,
+            major_frame: number,
+            major_frame_ns: number,
+            schedule: number as u32,
+            next_schedule: number as u32,
+            schedule_since_ns: number,
+        };
+        const GRANTS: u32 = 200_000;
+        std::thread::scope(|scope| {
+            scope.spawn(|| (1..=GRANTS).for_each(|number| page.publish_grant(number, &whole(number.into()))));
+            let mut last = 0;
+            while last < GRANTS {
+                let (number, window) = page.granted_window();
+                assert!(number >= last);
+                assert_eq!(window, whole(number.into()));
+                last = number;
+            }
+        });
     }
 
     #[test]

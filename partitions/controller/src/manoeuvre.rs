@@ -169,7 +169,7 @@ impl Function {
         }
     }
 
-    /// What a task asks of the laws; none: what was ordered.
+    /// What a task asks of the laws; `None`: what was ordered.
     pub(crate) fn task_commands(&self) -> Option<LoopCommands> {
         let flown = self.tasks.task != Task::Ordered && self.orders.autopilot;
         flown.then_some(LoopCommands::MISSION)

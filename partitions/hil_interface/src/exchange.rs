@@ -41,9 +41,9 @@ pub trait Waiting {
 pub struct Settings<'a> {
     /// What both speak.
     pub protocol: Protocol,
-    /// Where the simulator is; none: at its usual port on this machine.
+    /// Where the simulator is; `None`: at its usual port on this machine.
     pub simulator: Option<&'a str>,
-    /// Own address; none: any.
+    /// Own address; `None`: any.
     pub listen: Option<&'a str>,
     /// The simulator advances to the module's time; otherwise it has its own clock.
     pub lockstep: bool,

@@ -1,12 +1,12 @@
 //! How channels lie on shared-memory services: one definition for those who create, open and watch them.
 //!
 //! Responsible for: the iceoryx2 settings of a channel, the stamp on every message, and the three roles. The
-//! *custodian* creates every service before frame 0 and holds it; a *partition* only opens; an *observer* (recorder,
+//! *channel holder* creates every service before frame 0 and holds it; a *partition* only opens; an *observer* (recorder,
 //! command line) reads without being able to slow a writer down. It must never create a service from a partition: a
 //! killed creator would leave a name that nobody can use again.
 //!
 //! Every channel carries bytes, aligned for any message type; the message type's name and size are attributes of the
-//! service, verified by whoever opens it. So the custodian needs no message type to create a channel, and a partition
+//! service, verified by whoever opens it. So the channel holder needs no message type to create a channel, and a partition
 //! still can not open one with the wrong type.
 //!
 //! Every channel lies in a directory of its own, with everything that belongs to it: who can not reach the directory
@@ -84,6 +84,9 @@ pub struct ChannelType {
 /// Why a channel could not be made, joined or opened.
 #[derive(Debug, thiserror::Error)]
 pub enum ChannelError {
+    /// Its directory is not there, or is none.
+    #[error("channel {0} has no directory")]
+    Absent(String),
     /// The process can not join the channel's shared memory.
     #[error("cannot join the shared memory of channel {channel}: {reason:?}")]
     Join {
@@ -146,7 +149,7 @@ impl Domain {
     }
 
     /// Joins the channel whose directory is `home`, as `name`. Nobody cleans up by himself: after a death only the
-    /// janitor does.
+    /// channel cleaner does.
     pub fn join(&self, home: &str, name: &str) -> Result<Membership, ChannelError> {
         set_log_level(LogLevel::Fatal);
         let node_name = name.try_into().map_err(|_| ChannelError::Name(name.into()))?;
@@ -193,7 +196,7 @@ impl Domain {
 }
 
 impl ChannelType {
-    /// Creates the channel (the custodian, once, before frame 0).
+    /// Creates the channel (the channel holder, once, before frame 0).
     pub fn create(&self, node: &Membership) -> Result<Channel, ChannelError> {
         let failed = |reason: String| ChannelError::Create { channel: self.name.clone(), reason };
         let builder = self.builder(node)?;
@@ -217,7 +220,7 @@ impl ChannelType {
         builder
             .max_publishers(writers)
             .max_subscribers(readers)
-            .max_nodes(readers + writers + 2) // the custodian and a janitor
+            .max_nodes(readers + writers + 2) // the channel holder and a channel cleaner
             .create_with_attributes(&attributes)
             .map_err(|error| failed(format!("{error:?}")))
     }

@@ -1,5 +1,5 @@
 //! A partition that dies in window number `after`, as `how` says: segv, fpe, panic, exit, abort, stack, memory,
-//! divide, damage (of the machine's memory), call (a system call that no partition may make).
+//! divide, damage (of the machine's memory), call (a system call that no partition may make), or the number of an exit code.
 #![allow(unsafe_code)] // to die of it
 
 use std::process::ExitCode;
@@ -33,7 +33,7 @@ impl Partition for Crasher {
             "damage" => report_damage(),
             "call" => make_forbidden_call(),
             "panic" => panic!("the crasher was asked to panic"),
-            _ => std::process::exit(3),
+            how => std::process::exit(how.parse().unwrap_or(3)),
         }
     }
 }

@@ -33,6 +33,10 @@ impl Partition for Hostile {
     }
 
     fn window(&mut self, window: &Window) {
+        if self.attempt == "chatter" {
+            let _ = io::Write::write_all(&mut io::stderr(), &[b'.'; 128 << 10]); // it goes on, whatever comes of it
+            return;
+        }
         self.windows_left = match self.windows_left {
             0 => return,
             1 => {
@@ -57,8 +61,13 @@ fn attempt(name: &str, target: &str) -> String {
         }
         "look" => neighbours().map_or_else(|error| errno(&error), |all| look_at(&all)),
         "signal" => neighbours().map_or_else(|error| errno(&error), |all| signal(&all)),
+        "numbers" => numbers(),
+        "interfaces" => said(fs::read_to_string("/proc/self/net/dev").map(|text| interfaces(&text))),
         "memory" => exhaust(),
-        "babble" => babble(),
+        "babble" => babble(4 << 20),
+        "flood" => babble(200 << 20),
+        "stretch" => stretch(),
+        "handle" => handle(),
         "fork" => forks(),
         "threads" => threads(),
         "udp" => said(std::net::UdpSocket::bind("127.0.0.1:0").map(|_| "bound".into())),
@@ -95,6 +104,18 @@ fn list(folder: &str) -> io::Result<Vec<String>> {
         .collect();
     names.sort_unstable();
     Ok(names)
+}
+
+/// Who and which process it is, as it sees itself.
+fn numbers() -> String {
+    // SAFETY: both calls only tell.
+    format!("user {}, process {}", unsafe { libc::getuid() }, unsafe { libc::getpid() })
+}
+
+/// The names of the network's interfaces: what stands before a colon.
+fn interfaces(table: &str) -> String {
+    let names = table.lines().filter_map(|line| line.split_once(':')).map(|(name, _)| name.trim());
+    names.collect::<Vec<_>>().join(" ")
 }
 
 /// The channels of its module, beside its own, whose place it knows.
@@ -145,10 +166,37 @@ fn exhaust() -> String {
     format!("touched {} bytes", std::hint::black_box(&block).len())
 }
 
-fn babble() -> String {
-    let line = [b'.'; 1024];
-    let written = (0..4096).filter(|_| io::Write::write_all(&mut io::stderr(), &line).is_ok()).count();
-    format!("wrote {written} KiB")
+fn babble(bytes: usize) -> String {
+    let block = [b'.'; 64 << 10];
+    let all = (0..bytes / block.len()).all(|_| io::Write::write_all(&mut io::stderr(), &block).is_ok());
+    if all { format!("wrote {} KiB", bytes >> 10) } else { "could not write".into() }
+}
+
+/// Takes a signal that would end it.
+fn handle() -> String {
+    extern "C" fn ignore(_: libc::c_int) {}
+    // SAFETY: the handler does nothing.
+    let before = unsafe { libc::signal(libc::SIGUSR1, ignore as *const () as libc::sighandler_t) };
+    if before == libc::SIG_ERR { "no handler" } else { "has a handler" }.into()
+}
+
+/// Has the place behind its standard error grow by anything but writing at its end.
+fn stretch() -> String {
+    const FAR: i64 = 1 << 30;
+    let page = 4096;
+    // SAFETY: plain calls on a descriptor; a mapping, where there is one, is not touched.
+    let calls = unsafe {
+        [
+            libc::fallocate(2, libc::FALLOC_FL_KEEP_SIZE, 0, FAR) == 0,
+            libc::posix_fallocate(2, 0, FAR) == 0,
+            libc::ftruncate(2, FAR) == 0,
+            libc::pwrite(2, c"x".as_ptr().cast(), 1, FAR) == 1,
+            libc::lseek(2, FAR, libc::SEEK_SET) == FAR,
+            libc::mmap(std::ptr::null_mut(), page, libc::PROT_WRITE, libc::MAP_SHARED, 2, 0)
+                != libc::MAP_FAILED,
+        ]
+    };
+    format!("{} of {} worked", calls.iter().filter(|worked| **worked).count(), calls.len())
 }
 
 /// Forks until it is refused; the children stay.
@@ -182,7 +230,7 @@ fn threads() -> String {
 
 /// One system call, with arguments that make it do nothing where it is allowed.
 fn dangerous(name: &str) -> String {
-    let zero: libc::c_long = 0;
+    let (zero, mut id): (libc::c_long, libc::c_int) = (0, 0);
     let socket = |family: i32, kind: i32| (libc::SYS_socket, [family.into(), kind.into(), zero]);
     let (call, arguments) = match name {
         "setsid" => (libc::SYS_setsid, [zero; 3]),
@@ -220,6 +268,25 @@ fn dangerous(name: &str) -> String {
         "unix" => socket(libc::AF_UNIX, libc::SOCK_STREAM),
         "namespace" => (libc::SYS_clone, [(libc::CLONE_NEWUSER | libc::SIGCHLD).into(), zero, zero]),
         "unknown" => (100_000, [zero; 3]),
+        "timer" => {
+            (libc::SYS_timer_create, [libc::CLOCK_MONOTONIC.into(), zero, (&raw mut id) as libc::c_long])
+        }
+        "timerfd" => (libc::SYS_timerfd_create, [libc::CLOCK_MONOTONIC.into(), zero, zero]),
+        "inotify" => (libc::SYS_inotify_init1, [zero; 3]),
+        "reserve" => (libc::SYS_fallocate, [2, libc::FALLOC_FL_KEEP_SIZE.into(), zero]),
+        "mode" => (libc::SYS_fchmod, [0, zero, zero]),
+        "queue" => (libc::SYS_msgget, [zero, 0o600, zero]),
+        "value" => (libc::SYS_rt_sigqueueinfo, [zero; 3]),
+        "barrier" => (libc::SYS_membarrier, [zero; 3]),
+        "advice" => (libc::SYS_madvise, [zero, zero, libc::MADV_HWPOISON.into()]),
+        "pipe" => (libc::SYS_fcntl, [2, libc::F_SETPIPE_SZ.into(), 1 << 20]),
+        "device" => (libc::SYS_ioctl, [2, 0x1234, zero]),
+        "limits" => (libc::SYS_setrlimit, [libc::RLIMIT_NOFILE.into(), zero, zero]),
+        "splice" => (libc::SYS_splice, [zero; 3]),
+        "huge" => {
+            (libc::SYS_memfd_create, [c"huge".as_ptr() as libc::c_long, libc::MFD_HUGETLB.into(), zero])
+        }
+        "synchronise" => (libc::SYS_fsync, [zero; 3]),
         other => return format!("there is no attempt {other}"),
     };
     // SAFETY: null pointers and numbers only; where one of these is allowed it does nothing or fails.

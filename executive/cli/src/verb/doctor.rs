@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow};
 use bateleur_contract::Clock;
-use bateleur_executive::doctor::{Finding, Root, State, Subject, Tried, examine};
-use bateleur_executive::machine::Machine;
-use bateleur_executive::plan::Plan;
+use bateleur_host::doctor::{Finding, Root, State, Subject, Tried, examine};
+use bateleur_host::machine::Machine;
+use bateleur_plan::Plan;
 
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
 use crate::plan_file;
@@ -51,7 +51,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     Ok(if lacking == 0 { FINE } else { WRONG })
 }
 
-/// The plan, and what to call it; none: it has faults, which were printed.
+/// The plan, and what to call it; `None` if it has faults, which were printed.
 fn plan(arguments: &Arguments) -> Result<Option<(Plan, String)>> {
     if arguments.module.is_none()
         && arguments.schedule == Path::new("schedule.toml")
@@ -65,7 +65,7 @@ fn plan(arguments: &Arguments) -> Result<Option<(Plan, String)>> {
 
 /// The least plan, on the last core that this process may use.
 fn any_plan() -> Result<Plan> {
-    let core = bateleur_executive::system::sched::allowed_cores().into_iter().max().unwrap_or(0);
+    let core = bateleur_system::sched::allowed_cores().into_iter().max().unwrap_or(0);
     let text = format!(
         "[module.machine]\ncores = [{core}]\n[partition.any]\nprogram = \"any\"\nmodule = \"machine\"\nmemory = \"1MiB\"\n\
          [schedule.any]\nmajor_frame = \"20ms\"\nminor_frame = \"20ms\"\n\

@@ -1,7 +1,7 @@
 //! The options of `run` and `fly` that plan what happens to partitions.
 
-use bateleur_executive::inject::Fault;
-use bateleur_executive::planned::{Act, Killings, PlannedAct, STANDBY};
+use bateleur_monitor::inject::Fault;
+use bateleur_monitor::planned::{Act, Killings, PlannedAct, STANDBY};
 
 /// What happens to partitions, and when.
 #[derive(Debug, Clone, Default, clap::Args)]

@@ -10,9 +10,9 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use bateleur_executive::health::record::{Contents, Entry};
-use bateleur_executive::health::ring::{FILE, read_file};
-use bateleur_executive::plan::LogPolicy;
+use bateleur_monitor::health::record::{Contents, Entry};
+use bateleur_monitor::health::ring::{FILE, read_file};
+use bateleur_plan::LogPolicy;
 
 use super::{Code, FINE, Format, WRONG};
 

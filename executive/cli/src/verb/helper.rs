@@ -1,7 +1,9 @@
 //! Hidden verbs: the processes that serve an executive. They are started by it, never by a person.
 
+use std::path::PathBuf;
+
 use anyhow::Result;
-use bateleur_executive::helper::{custodian, examiner, guard, janitor};
+use bateleur_host::helper::{channel_cleaner, channel_holder, channel_probe, guard, remover};
 use bateleur_ports::Domain;
 use clap::Subcommand;
 
@@ -11,26 +13,35 @@ use super::{Code, FINE};
 pub(crate) enum Helper {
     /// Creates and holds the module's channels.
     #[command(hide = true)]
-    Custodian {
+    ChannelHolder {
         /// What to create, as JSON.
         order: String,
     },
     /// Cleans up after a dead partition.
     #[command(hide = true)]
-    Janitor {
+    ChannelCleaner {
         /// Root of the module's shared memory.
         root: String,
         /// The dead process.
         pid: u32,
+        /// Its user, of which nobody lives: everything of it goes.
+        #[arg(long)]
+        user: Option<u32>,
         /// One of its channels whose memory must not be looked at.
         #[arg(long)]
         damaged: Vec<String>,
         /// The channels that it was attached to.
         channels: Vec<String>,
     },
+    /// Removes directories of channels that were made anew.
+    #[command(hide = true)]
+    Remover {
+        /// Where they were put.
+        paths: Vec<PathBuf>,
+    },
     /// Finds out which of a partition's channels are damaged.
     #[command(hide = true)]
-    Examiner {
+    ChannelProbe {
         /// The partition's ports, as JSON.
         order: String,
     },
@@ -75,12 +86,14 @@ pub(crate) enum Helper {
 
 pub(crate) fn run(helper: &Helper) -> Result<Code> {
     match helper {
-        Helper::Custodian { order } => custodian::run(order)?,
-        Helper::Janitor { root, pid, damaged, channels } => {
-            janitor::run(&Domain { root: root.clone() }, *pid, channels, damaged)?
+        Helper::ChannelHolder { order } => channel_holder::run(order)?,
+        Helper::ChannelCleaner { root, pid, user, damaged, channels } => {
+            let dead = channel_cleaner::Dead { pid: *pid, user: *user };
+            channel_cleaner::run(&Domain { root: root.clone() }, dead, channels, damaged);
         }
-        Helper::Examiner { order } => examiner::run(order)?,
-        Helper::Attach { order } => examiner::attach(order)?,
+        Helper::Remover { paths } => remover::run(paths)?,
+        Helper::ChannelProbe { order } => channel_probe::run(order)?,
+        Helper::Attach { order } => channel_probe::attach(order)?,
         Helper::Guard { instance } => guard::run(instance)?,
         Helper::Within { interface, arguments } => {
             super::fly::hosts::namespace::within(interface, arguments)?;

@@ -5,8 +5,8 @@
 //! faults are says `--list`. Exit codes: 0 it was provoked, 2 it was refused.
 
 use anyhow::{Result, anyhow};
-use bateleur_executive::control::Request;
-use bateleur_executive::inject::Fault;
+use bateleur_control::Request;
+use bateleur_monitor::inject::Fault;
 
 use super::target::Target;
 use super::{Code, FINE};

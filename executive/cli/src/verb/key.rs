@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use bateleur_executive::keys;
+use bateleur_host::keys;
 
 use super::{Code, FINE};
 

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::control::{Answer, Client, LinkName, Request, running};
-use bateleur_executive::module::LINKS_FILE;
+use bateleur_control::{Answer, Client, LinkName, Request, running};
+use bateleur_daemon::module::LINKS_FILE;
 use bateleur_messages::link::{DOWN, PLAN_DIFFERS, REASON_NAMES, UP};
 use bateleur_messages::{LinkStatus, Message};
 use bateleur_report::{hosts, log};
@@ -225,7 +225,7 @@ fn way(status: &LinkStatus, path: usize) -> String {
     }
 }
 
-/// How long ago the peer was heard on a network, ns; none: never.
+/// How long ago the peer was heard on a network, ns; `None`: never.
 fn age_ns(status: &LinkStatus, path: usize) -> Option<u64> {
     let heard_ns = status.heard_ns[path];
     (heard_ns > 0).then(|| status.time_ns.saturating_sub(heard_ns))

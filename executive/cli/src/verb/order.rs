@@ -4,7 +4,7 @@
 //! Exit codes: 0 it was done; 2 it was refused, and why is said.
 
 use anyhow::Result;
-use bateleur_executive::control::Request;
+use bateleur_control::Request;
 
 use super::target::Target;
 use super::{Code, FINE};

@@ -10,7 +10,7 @@ use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::control::{Answer, ChannelStatus, Client, Observation, Request};
+use bateleur_control::{Answer, ChannelStatus, Client, Observation, Request};
 use bateleur_messages::{Field, FieldKind, MessageType};
 use serde_json::{Map, Value};
 
@@ -108,7 +108,7 @@ impl Watch {
         Ok(Self(lines))
     }
 
-    /// The next message; none: nothing has come yet. `line` holds what has come of it so far.
+    /// The next message; `None` if nothing has come yet. `line` holds what has come of it so far.
     pub(crate) fn next(&mut self, line: &mut Vec<u8>) -> Result<Option<Observation>> {
         match self.0.read_until(b'\n', line) {
             Ok(0) => bail!("the module, or its observer, has ended"),
@@ -135,7 +135,7 @@ impl Watch {
     }
 }
 
-/// The bytes behind hexadecimal digits; none: they are not such.
+/// The bytes behind hexadecimal digits; `None` if they are not such.
 pub(crate) fn bytes_of(text: &str) -> Option<Vec<u8>> {
     let (pairs, rest) = text.as_bytes().as_chunks::<2>();
     let digit = |letter: u8| char::from(letter).to_digit(16).map(|digit| digit as u8);

@@ -7,10 +7,8 @@
 use std::fmt::Write;
 
 use anyhow::Result;
-use bateleur_executive::control::status::{AlignmentStatus, Lateness, Spread};
-use bateleur_executive::control::{
-    ChooseError, Client, PartitionStatus, SharedCore, Status, running, shared_cores,
-};
+use bateleur_control::status::{AlignmentStatus, Lateness, Spread};
+use bateleur_control::{ChooseError, Client, PartitionStatus, SharedCore, Status, running, shared_cores};
 
 use super::target::{Target, printable, status};
 use super::{Code, FINE, Format};
@@ -166,7 +164,7 @@ fn us(nanoseconds: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use bateleur_executive::control::LastFault;
+    use bateleur_control::LastFault;
 
     use super::*;
 

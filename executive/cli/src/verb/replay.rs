@@ -135,7 +135,7 @@ fn set(given: &mut planned::Attributes, settings: &[String]) -> Result<()> {
 
 /// Everything that the loop gives too. A partition that was restarted counts its messages anew; the loop was not. On the wall
 /// clock a message carries the instant at which it was written, in the loop that of its turn.
-fn only_outputs(topics: &Topics, plan: &bateleur_executive::plan::Plan) -> Options {
+fn only_outputs(topics: &Topics, plan: &bateleur_plan::Plan) -> Options {
     let ports: Vec<String> =
         topics.outputs.iter().map(|topic| topic.trim_start_matches('/').replace('/', ".")).collect();
     let place = |port: &String| Place(port.clone());

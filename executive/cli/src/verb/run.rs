@@ -16,10 +16,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result, anyhow};
 use bateleur_contract::Clock;
-use bateleur_executive::event::{Event, Events};
-use bateleur_executive::module::{Options, run as run_module};
-use bateleur_executive::together::Together;
-use bateleur_executive::world::Companion;
+use bateleur_daemon::module::{Options, run as run_module};
+use bateleur_daemon::world::Companion;
+use bateleur_monitor::event::{Event, Events};
+use bateleur_time::shared_clock::SharedClock;
 use rustix::fs::{FlockOperation, flock};
 
 use super::air::module_time;
@@ -154,7 +154,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         let missed = arguments.faults.not_reached(outcome.module_ns as f64 / 1e9);
         missed.iter().for_each(|line| eprintln!("{line}"));
     }
-    Ok(if outcome.faulty || outcome.logs_lost { WRONG } else { FINE })
+    Ok(if outcome.faulty || outcome.logs_lost || outcome.left_behind { WRONG } else { FINE })
 }
 
 /// The folder for logs, made where it is missing, and what keeps other runs out of it as long as it is kept.
@@ -207,7 +207,7 @@ fn options(
         acts: arguments.faults.planned(),
         killings: arguments.faults.killings(),
         schedule_changes: arguments.faults.schedule_changes(),
-        together: arguments.together.clone().zip(arguments.place).map(|(file, (place, count))| Together {
+        together: arguments.together.clone().zip(arguments.place).map(|(file, (place, count))| SharedClock {
             file,
             place,
             count,

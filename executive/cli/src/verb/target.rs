@@ -1,7 +1,7 @@
 //! Which of the running modules a verb means.
 
 use anyhow::Result;
-use bateleur_executive::control::{Answer, AskError, Client, Request, Running, Status, choose, running};
+use bateleur_control::{Answer, AskError, Client, Request, Running, Status, choose, running};
 
 /// Chooses a running module.
 #[derive(Debug, Clone, clap::Args)]

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use bateleur_executive::control::AskError;
+use bateleur_control::AskError;
 
 use super::ps::table;
 use super::target::{Target, status};

@@ -19,7 +19,7 @@ pub struct Bed<T> {
     here: T,
     there: T,
     now_ns: u64,
-    /// Module time from sending to arrival; none: time is real.
+    /// Module time from sending to arrival; `None` if time is real.
     delay_ns: Option<u64>,
 }
 

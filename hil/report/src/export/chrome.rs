@@ -97,7 +97,7 @@ impl Trace {
         })
     }
 
-    /// What follows is of this module; none: there is one only.
+    /// What follows is of this module; `None` if there is one only.
     fn enter(&mut self, host: Option<Host>) {
         if self.host.is_some() {
             self.before += 1;

@@ -19,7 +19,7 @@ pub struct Layout {
 struct Laid {
     name: String,
     kind: Kind,
-    /// Elements; none: a plain value.
+    /// Elements; `None`: a plain value.
     count: Option<usize>,
     offset: usize,
 }
@@ -146,7 +146,7 @@ impl Kind {
 }
 
 impl Layout {
-    /// Reads a definition in ROS 2's language, as far as the log uses it; none: it holds something else, nothing at all, or a
+    /// Reads a definition in ROS 2's language, as far as the log uses it; `None` if it holds something else, nothing at all, or a
     /// message that is longer than any.
     pub fn parse(definition: &str) -> Option<Self> {
         let mut layout = Self::default();
@@ -188,7 +188,7 @@ impl Layout {
         self.fields.iter().flat_map(of).collect()
     }
 
-    /// The values with their names; none: the bytes are not of this layout.
+    /// The values with their names; `None` if the bytes are not of this layout.
     pub fn json(&self, bytes: &[u8]) -> Option<Map<String, Value>> {
         let values = |field: &Laid| {
             let each = |place: usize| field.kind.read(&bytes[field.offset + place * field.kind.size()..]);
@@ -215,7 +215,7 @@ impl Layout {
         true
     }
 
-    /// The values, in the order of [`Layout::columns`]; none: the bytes are not of this layout.
+    /// The values, in the order of [`Layout::columns`]; `None` if the bytes are not of this layout.
     pub fn numbers<'a>(&'a self, bytes: &'a [u8]) -> Option<impl Iterator<Item = Number> + 'a> {
         let of = move |field: &'a Laid| {
             let place = move |index: usize| field.offset + index * field.kind.size();

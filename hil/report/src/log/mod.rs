@@ -67,3 +67,14 @@ pub enum LogError {
     #[error("channel {0} was never added to this log")]
     UnknownChannel(usize),
 }
+
+impl LogError {
+    /// Whether the disk has no room for more.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        let (Self::File { why, .. } | Self::Container { why: mcap::McapError::Io(why), .. }) = self else {
+            return false;
+        };
+        matches!(why.kind(), std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded)
+    }
+}

@@ -170,7 +170,7 @@ impl LogReader {
         })
     }
 
-    /// What shows, so far, that some of it was changed after it was written; none: nothing does.
+    /// What shows, so far, that some of it was changed after it was written; `None` if nothing does.
     pub fn damage(&self) -> Option<String> {
         let one = |count: u64, what: &str| (count > 0).then(|| format!("{count} {what}"));
         let checksums = (self.damaged > 0).then(|| {

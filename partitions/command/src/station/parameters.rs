@@ -108,7 +108,7 @@ enum Which {
 struct Question {
     peer: Peer,
     which: Which,
-    /// To set it; none: to read it.
+    /// To set it; `None`: to read it.
     value: Option<f64>,
     /// All functions have been asked for it.
     searched: bool,

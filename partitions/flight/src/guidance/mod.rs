@@ -298,7 +298,7 @@ const TO_HOLD: f64 = 6.0;
 const HOLD: f64 = 7.0;
 
 /// Way-points to reach until `laps` laps of `count` way-points are flown: every lap ends with the return to the first
-/// one. None: for ever.
+/// one. `None`: for ever.
 pub fn waypoints_to_reach(laps: u32, count: usize) -> Option<u32> {
     (laps > 0).then(|| laps.saturating_mul(count as u32).saturating_add(1))
 }

@@ -6,10 +6,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use bateleur_can::bus::bits::{Rates, bits};
-use bateleur_can::bus::memory::{MemoryBus, Node, Wire};
-use bateleur_can::{Frame, Gateway, Id, Settings as GatewaySettings};
-use bateleur_executive::system::time::now_ns;
+use bateleur_can_core::bus::bits::{Rates, bits};
+use bateleur_can_core::bus::memory::{MemoryBus, Node, Wire};
+use bateleur_can_core::{Frame, Gateway, Id, Settings as GatewaySettings};
+use bateleur_system::time::now_ns;
 
 use super::Settings;
 use super::probe;
@@ -101,7 +101,7 @@ fn gateway(identity: u64, to: &UdpSocket) -> Result<Gateway> {
 }
 
 fn introduce(gateway: &mut Gateway, other: u64, address: SocketAddr) {
-    use bateleur_can::wire::native::{Header, Purpose, encode};
+    use bateleur_can_core::wire::native::{Header, Purpose, encode};
     let mut bytes = Vec::new();
     encode(
         &Header { purpose: Purpose::Alive, identity: other, session: 1, sequence: 0, first_frame: 0 },

@@ -6,7 +6,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::plan::Plan;
+use bateleur_plan::Plan;
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::Settings;
@@ -69,7 +69,7 @@ pub(super) fn wall(settings: &Settings) -> Result<Vec<Row>> {
             value,
             None,
             Reach::Stated,
-            "custodian, recorder and guard; shared pages divided among those who share them",
+            "channel holder, recorder and guard; shared pages divided among those who share them",
         ),
         None => Row::impossible("memory of its helpers", "this kernel does not add it up (smaps_rollup)"),
     });
@@ -177,7 +177,7 @@ fn memory(flight: i32) -> Option<(f64, Option<f64>)> {
     let (executive, _) = children.iter().find(|(pid, _)| verb(*pid).as_deref() == Some("run"))?;
     let resident = kib(&format!("/proc/{executive}/status"), "VmRSS:")? / 1024.0;
     let helpers = probe::children(*executive);
-    let is_helper = |pid: i32| matches!(verb(pid).as_deref(), Some("custodian" | "recorder" | "guard"));
+    let is_helper = |pid: i32| matches!(verb(pid).as_deref(), Some("channel-holder" | "recorder" | "guard"));
     let shares: Option<Vec<f64>> = helpers
         .iter()
         .filter(|(pid, _)| is_helper(*pid))

@@ -9,11 +9,11 @@ use anyhow::{Context, Result, anyhow};
 use bateleur_apex::{SamplingDestination, SamplingSource, Time};
 use bateleur_contract::relay::{ClockRole, LinkTable, PathTable, RelayChannel, RelayTable};
 use bateleur_contract::{Clock, ControlPage, Mapped, PortKind};
-use bateleur_executive::system::sched;
-use bateleur_executive::system::time::now_ns;
 use bateleur_ports::{ChannelType, Domain};
 use bateleur_relay::transport::{Endpoint, RelayTransport, Udp};
 use bateleur_relay::{Arrival, Frame, HEADER_BYTES, Link, MESSAGE_BYTES, Stamp, TAG_BYTES};
+use bateleur_system::sched;
+use bateleur_system::time::now_ns;
 use rustix::event::{PollFd, PollFlags, poll};
 
 use super::Settings;

@@ -6,6 +6,7 @@
 //! 1 one is not (or could not be taken), 2 nothing could be measured. With --quick nothing is judged.
 
 mod alignment;
+mod attacks;
 mod can;
 mod flight;
 mod laws;
@@ -23,7 +24,7 @@ mod windows;
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use bateleur_executive::system::sched;
+use bateleur_system::sched;
 
 use super::{Code, FINE, Format, WRONG};
 use row::Row;
@@ -32,7 +33,7 @@ use row::Row;
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
     /// Which figures; all where none is named: starts, fence, switch, ports, links, alignment,
-    /// can, restart, scale, laws, flight, virtual.
+    /// can, restart, scale, laws, flight, virtual, attacks.
     #[arg(value_name = "NAME")]
     names: Vec<String>,
     /// One short run of each: shows that it works, not how well.
@@ -80,6 +81,7 @@ const FIGURES: &[(&str, Measure)] = &[
     ("laws", laws::rows),
     ("flight", flight::wall),
     ("virtual", flight::fast),
+    ("attacks", attacks::rows),
 ];
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {

@@ -6,7 +6,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::event::Event;
+use bateleur_monitor::event::Event;
 
 /// Longer than any run takes to start and to end beside its own time.
 const PATIENCE: Duration = Duration::from_secs(60);

@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow};
-use bateleur_executive::system::sched;
-use bateleur_executive::system::time::{now_ns, sleep_until_ns};
+use bateleur_system::sched;
+use bateleur_system::time::{now_ns, sleep_until_ns};
 use rustix::thread::futex;
 
 /// The dispatcher's priority, for loops that stand in for it.
@@ -106,7 +106,7 @@ fn take_turns(word: &AtomicU32, own: u32, rounds: u32) {
     }
 }
 
-/// Processor time that a process has used so far, us; none: it has ended.
+/// Processor time that a process has used so far, us; `None` if it has ended.
 pub(super) fn processor_time_us(pid: i32) -> Option<f64> {
     let mut clock: libc::clockid_t = 0;
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::system::time::now_ns;
+use bateleur_system::time::now_ns;
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::Settings;
@@ -16,13 +16,15 @@ use super::statistics::{median, quantile};
 /// Who is killed.
 pub(super) const VICTIM: &str = "victim";
 /// The frame that restarts are measured in, us: the one that flies.
-const FRAME_US: u64 = 20_000;
+pub(super) const FRAME_US: u64 = 20_000;
+/// Kills in one run.
+pub(super) const KILLS: u64 = 40;
 /// Between two kills, ms: longer than any restart that is within its reach.
 const PAUSE_MS: u64 = 120;
 
 /// Cold and warm restarts, each at instants that have nothing to do with the frame.
 pub(super) fn rows(settings: &Settings) -> Result<Vec<Row>> {
-    let kills = if settings.quick { 3 } else { 40 };
+    let kills = if settings.quick { 3 } else { KILLS };
     let mut rows = Vec::new();
     for kind in KINDS {
         if let Some(why) = not_in_this_build(settings, kind) {
@@ -121,7 +123,7 @@ fn pid_of(number: i32) -> Result<Pid> {
     Pid::from_raw(number).context("a process without a number")
 }
 
-/// CLOCK_MONOTONIC of the kill; none: there is no such process right now.
+/// CLOCK_MONOTONIC of the kill; `None` if there is no such process right now.
 fn kill_victim(running: &Running) -> Option<u64> {
     let children = probe::children(running.pid());
     let (pid, _) = children.iter().find(|(_, name)| name == VICTIM)?;

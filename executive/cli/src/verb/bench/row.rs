@@ -20,11 +20,11 @@ pub(super) enum Reach {
 pub(super) struct Row {
     /// What was measured.
     pub(super) name: String,
-    /// The median over the runs; none: not to be had here.
+    /// The median over the runs; `None`: not to be had here.
     pub(super) value: Option<f64>,
     /// Unit of value and reference.
     pub(super) unit: String,
-    /// What it is held against, measured in the same run; none: the reach is a number of its own.
+    /// What it is held against, measured in the same run; `None` if the reach is a number of its own.
     pub(super) reference: Option<f64>,
     /// Value over reference.
     pub(super) ratio: Option<f64>,

@@ -7,6 +7,8 @@ use std::fmt::Write;
 pub(super) struct Sketched {
     /// Its name.
     pub(super) name: String,
+    /// Its program; empty: the bench's own.
+    pub(super) program: String,
     /// Attributes as TOML, such as `does = "fill"`.
     pub(super) attributes: String,
     /// Threads that it declares; 0: one.
@@ -64,11 +66,12 @@ pub(super) fn schedule(core: u32, frame_us: u64, partitions: &[Sketched], links:
 }
 
 fn add_partition(text: &mut String, place: usize, partition: &Sketched, links: &[Link]) {
-    let Sketched { name, attributes, threads, more, .. } = partition;
+    let Sketched { name, program, attributes, threads, more, .. } = partition;
+    let program = if program.is_empty() { "bateleur_bench_partition" } else { program };
     let threads = (*threads).max(1);
     let _ = writeln!(
         text,
-        "\n[partition.{name}]\nprogram = \"bateleur_bench_partition\"\nmodule = \"bench\"\nmemory = \"64MiB\"\n\
+        "\n[partition.{name}]\nprogram = \"{program}\"\nmodule = \"bench\"\nmemory = \"64MiB\"\n\
          threads = {threads}\nattributes = {{ {attributes} }}\n{more}"
     );
     let _ = writeln!(text, "[partition.{name}.port]");
@@ -105,6 +108,6 @@ mod tests {
         let plan = plan_file::read_text("generated", &text);
         let plan = plan.map_err(|report| report.render(false)).unwrap();
         assert_eq!((plan.partitions.len(), plan.channels.len()), (3, 3));
-        assert_eq!(fault_in(&bateleur_executive::plan::schema(), &text), None, "{text}");
+        assert_eq!(fault_in(&bateleur_plan::schema(), &text), None, "{text}");
     }
 }

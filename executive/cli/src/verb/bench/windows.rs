@@ -203,7 +203,7 @@ pub(super) fn switches(settings: &Settings) -> Result<Vec<Row>> {
 pub(super) struct Used {
     /// Of the executive's whole process, us.
     pub(super) whole_us: f64,
-    /// Of its dispatcher threads, us; none: not counted here.
+    /// Of its dispatcher threads, us; `None`: not counted here.
     pub(super) dispatcher_us: Option<f64>,
     /// What the dispatcher held the processor for in slack beside both, us.
     pub(super) spun_us: f64,

@@ -11,8 +11,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use bateleur_executive::system::sched;
 use bateleur_report::campaign::{Flown, append};
+use bateleur_system::sched;
 
 use super::flight::{self, Order};
 

@@ -19,10 +19,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::module::program_path;
-use bateleur_executive::plan::Plan as SchedulePlan;
-use bateleur_executive::system::sched;
+use bateleur_daemon::module::program_path;
+use bateleur_plan::Plan as SchedulePlan;
 use bateleur_report::campaign::{CampaignResult, Plan, RESULTS, page, read, read_plan, repair, text};
+use bateleur_system::sched;
 use clap::Parser;
 use rustix::fs::{FlockOperation, flock};
 

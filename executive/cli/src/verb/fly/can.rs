@@ -13,9 +13,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use crate::line::grant_terminal;
 use anyhow::{Context, Result, bail};
-use bateleur_executive::machine::PARTITION_USER;
-use bateleur_executive::plan::{Attribute, Plan};
+use bateleur_plan::{Attribute, Plan};
 
 use super::simulator::place;
 use super::{Arguments, attribute, beside_self, partition_running};
@@ -298,7 +298,7 @@ impl Drop for Can {
     }
 }
 
-/// The bus that the partition has for itself, by what replaces the plan's or by the plan; none: it is on the network.
+/// The bus that the partition has for itself, by what replaces the plan's or by the plan; `None` if it is on the network.
 fn own_bus(arguments: &Arguments, plan: &Plan, partition: &str) -> Option<String> {
     let prefix = format!("{partition}.bus=");
     let set = arguments.set.iter().rev().find_map(|set| set.strip_prefix(&prefix));
@@ -308,15 +308,6 @@ fn own_bus(arguments: &Arguments, plan: &Plan, partition: &str) -> Option<String
         _ => return None,
     };
     (bus == SERIAL || bus.starts_with("socketcan:")).then_some(bus)
-}
-
-/// Lets the partitions' user open the terminal behind a link.
-fn grant_terminal(link: &Path) -> Result<()> {
-    if rustix::process::geteuid().is_root() {
-        std::os::unix::fs::chown(link, Some(PARTITION_USER), None)
-            .with_context(|| format!("cannot grant the terminal behind {}", link.display()))?;
-    }
-    Ok(())
 }
 
 #[cfg(test)]

@@ -10,8 +10,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::event::Event;
-use bateleur_executive::plan::{ModuleId, Plan};
+use bateleur_monitor::event::Event;
+use bateleur_plan::{ModuleId, Plan};
 use rustix::io::{FdFlags, fcntl_setfd};
 
 use super::hosts::namespace::Lan;

@@ -4,8 +4,8 @@ use std::io;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use bateleur_executive::event::Event;
-use bateleur_executive::plan::Plan;
+use bateleur_monitor::event::Event;
+use bateleur_plan::Plan;
 use bateleur_report::hosts::{self as report_hosts, Host};
 
 use super::Arguments;

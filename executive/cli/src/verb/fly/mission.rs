@@ -6,10 +6,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use bateleur_executive::event::Event;
 use bateleur_ground::{Mission, MissionPlan, Outcome, Pilot, Progress, Severity, UdpPilot};
 use bateleur_messages::hil::{PilotOrder, Protocol};
 use bateleur_messages::telemetry::Primary;
+use bateleur_monitor::event::Event;
 use bateleur_report::hosts::Host;
 
 use super::Arguments;
@@ -42,11 +42,11 @@ pub(super) struct Flown {
     pub(super) module_time_s: f64,
     /// What the executive told of the run as a whole.
     pub(super) events: Vec<Event>,
-    /// The hosts, the one whose time counts first; none: there was one.
+    /// The hosts, the one whose time counts first; `None` if there was one.
     pub(super) hosts: Vec<Host>,
 }
 
-/// Flies; none: the executive could not start, and has said why.
+/// Flies; `None` if the executive could not start, and has said why.
 pub(super) fn fly(
     arguments: &Arguments,
     plan: MissionPlan,

@@ -22,14 +22,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::event::Event;
-use bateleur_executive::plan::{Attribute, Facts, Plan};
 use bateleur_flight::airframe::Airframe;
 use bateleur_flight::control::envelope::Envelope;
 use bateleur_flight::guidance::{self, Corner};
 use bateleur_ground::MissionPlan;
 use bateleur_messages::ground;
 use bateleur_messages::hil::Protocol;
+use bateleur_monitor::event::Event;
+use bateleur_plan::{Attribute, Facts, Plan};
 use bateleur_report::chains::ChainBound;
 use bateleur_report::hosts as report_hosts;
 use bateleur_report::run::{Clock, FILE, Guarantee, Mission as MissionResult, Run};
@@ -226,7 +226,7 @@ fn fly_hosts(
 
 /// Makes one log of those of all hosts.
 fn join_logs(arguments: &Arguments, plan: &Plan, folder: &Path, hosts: &[report_hosts::Host]) -> Result<()> {
-    let joined = |(id, link): (usize, &bateleur_executive::plan::Link)| report_hosts::Joined {
+    let joined = |(id, link): (usize, &bateleur_plan::Link)| report_hosts::Joined {
         id: id as u64,
         modules: link.ends.map(|end| plan[end].name.clone()),
     };

@@ -8,10 +8,10 @@ use std::process::{Child, ChildStdin, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::fast;
-use bateleur_executive::plan::Plan;
-use bateleur_executive::system::sched;
+use bateleur_host::partition::virtual_priority;
 use bateleur_messages::hil::Protocol;
+use bateleur_plan::Plan;
+use bateleur_system::sched;
 
 use super::Arguments;
 use super::can::Can;
@@ -139,7 +139,7 @@ fn read_address(output: impl std::io::Read) -> Option<SocketAddr> {
 pub(super) fn place(pid: i32, arguments: &Arguments, plan: &Plan) {
     stand(pid, arguments, plan);
     let priority =
-        if arguments.fast { fast::priority().map(|partitions| partitions + 1) } else { Some(PRIORITY) };
+        if arguments.fast { virtual_priority().map(|partitions| partitions + 1) } else { Some(PRIORITY) };
     if let Some(priority) = priority {
         for tid in sched::threads(pid) {
             let _ = sched::fifo(tid, priority); // a comfort, as below

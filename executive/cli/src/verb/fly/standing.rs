@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use bateleur_executive::event::Event;
+use bateleur_monitor::event::Event;
 
 /// What the executive's events say of each partition.
 #[derive(Debug, Default)]

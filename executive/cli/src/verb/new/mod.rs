@@ -21,7 +21,7 @@ mod workspace;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::plan::{Partition, Plan, Violation};
+use bateleur_plan::{Partition, Plan, Violation};
 
 use super::{CANNOT_RUN, Code, FINE, WRONG};
 use crate::plan_file;

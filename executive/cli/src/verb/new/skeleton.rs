@@ -1,8 +1,8 @@
 //! What a crate is made from: the partition as the plan has it, with a name in Rust for everything.
 
 use anyhow::{Result, bail};
-use bateleur_executive::plan::{Partition, Payload, Plan, Port, Role};
 use bateleur_messages::{FieldKind, MessageType};
+use bateleur_plan::{Partition, Payload, Plan, Port, Role};
 
 use super::names::{CARGO_FOLDERS, Fields, type_name};
 use super::values::Reading;

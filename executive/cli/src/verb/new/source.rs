@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-use bateleur_executive::plan::Role;
+use bateleur_plan::Role;
 
 use super::skeleton::{Skeleton, SkeletonAttribute, SkeletonPort};
 use super::values::Reading;

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::plan::units::{ShowTime, duration_ns};
-use bateleur_executive::plan::{ModuleId, Plan, Schedule, Timeline};
+use bateleur_plan::units::{ShowTime, duration_ns};
+use bateleur_plan::{ModuleId, Plan, Schedule, Timeline};
 
 use super::list::with_item;
 use crate::plan_file;
@@ -30,7 +30,7 @@ pub(super) struct Missing {
     table: String,
     /// The schedule that the module starts with.
     schedule: String,
-    /// Its window there; none: it would have to be so long in every minor frame, and no hole of the core is.
+    /// Its window there; `None` if it would have to be so long in every minor frame, and no hole of the core is.
     window: Result<String, String>,
 }
 

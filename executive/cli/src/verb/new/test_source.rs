@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use bateleur_executive::plan::Role;
+use bateleur_plan::Role;
 
 use super::skeleton::{Skeleton, SkeletonPort};
 use super::source::port_call;

@@ -1,6 +1,6 @@
 //! Attributes as Rust reads them: the type of a value, and the value as it is written in source.
 
-use bateleur_executive::plan::Attribute;
+use bateleur_plan::Attribute;
 
 /// More letters than this, and a default is left empty: the schedule file has the value.
 const LONGEST: usize = 40;
@@ -87,7 +87,7 @@ fn duration_ns(text: &str) -> Option<u64> {
     let split = text.find(|letter: char| !letter.is_ascii_digit() && letter != '.')?;
     let known = ["ns", "us", "µs", "ms", "s"].contains(&&text[split..]);
     let plain = text.replace("µs", "us");
-    known.then(|| bateleur_executive::plan::units::duration_ns(&plain).ok()).flatten()
+    known.then(|| bateleur_plan::units::duration_ns(&plain).ok()).flatten()
 }
 
 fn kind(value: &Attribute) -> String {

@@ -9,9 +9,9 @@ mod needs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use bateleur_executive::plan::Severity;
-use bateleur_executive::plan::planner::{Answer, Request, plan};
-use bateleur_executive::plan::units::ShowTime;
+use bateleur_plan::Severity;
+use bateleur_plan::planner::{Answer, Request, plan};
+use bateleur_plan::units::ShowTime;
 
 use super::{CANNOT_RUN, Code, FINE, WRONG};
 use crate::output::refuse_file;

@@ -4,8 +4,8 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::plan::planner::Bound;
-use bateleur_executive::plan::units::duration_ns;
+use bateleur_plan::planner::Bound;
+use bateleur_plan::units::duration_ns;
 use toml::{Table, Value};
 
 /// The file.

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::plan::planner::{Need, Request};
-use bateleur_executive::plan::units::{TIME_UNITS, duration_ns};
+use bateleur_plan::planner::{Need, Request};
+use bateleur_plan::units::{TIME_UNITS, duration_ns};
 use serde::{Deserialize, Deserializer};
 
 use super::module::Module;

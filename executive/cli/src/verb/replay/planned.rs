@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Result, anyhow, bail};
-use bateleur_executive::plan::{Attribute, ModuleId, PartitionId, Plan, Role};
 use bateleur_main_cycle::{Given, Instants, OUTPUTS, Settings, Topics, Validity};
+use bateleur_plan::{Attribute, ModuleId, PartitionId, Plan, Role};
 use serde_json::Value;
 
 use super::fly::partition_running;
@@ -128,8 +128,7 @@ impl Look<'_> {
     /// The topic of the source that a port reads.
     fn source(&self, function: usize, port: &str) -> Result<String> {
         let (plan, id) = (self.plan, self.partition(function)?);
-        let is_it =
-            |end: &&bateleur_executive::plan::PortId| plan[**end].partition == id && plan[**end].name == port;
+        let is_it = |end: &&bateleur_plan::PortId| plan[**end].partition == id && plan[**end].name == port;
         let channel = plan.channels.iter().find(|channel| channel.destinations.iter().any(|end| is_it(&end)));
         let Some(channel) = channel else { bail!("`{}.{port}` has no channel", self.names[function]) };
         let source = &plan[channel.source];

@@ -2,10 +2,10 @@
 
 use std::fmt::Write;
 
-use bateleur_executive::plan::Plan;
-use bateleur_executive::plan::facts::{ChainAge, CoreUse, Facts, share};
-use bateleur_executive::plan::links::LinkCost;
-use bateleur_executive::plan::units::{ShowRate, ShowTime};
+use bateleur_plan::Plan;
+use bateleur_plan::facts::{ChainAge, CoreUse, Facts, share};
+use bateleur_plan::links::LinkCost;
+use bateleur_plan::units::{ShowRate, ShowTime};
 
 /// Every schedule's cores and chains.
 pub(crate) fn text(plan: &Plan, facts: &Facts) -> String {

@@ -2,10 +2,8 @@
 
 use std::fmt::Write;
 
-use bateleur_executive::plan::units::ShowTime;
-use bateleur_executive::plan::{
-    CoreTimeline, ModuleId, PartitionId, Plan, ScheduleId, Timeline, TimelineWindow,
-};
+use bateleur_plan::units::ShowTime;
+use bateleur_plan::{CoreTimeline, ModuleId, PartitionId, Plan, ScheduleId, Timeline, TimelineWindow};
 
 /// Letters of a line, so that it fits a terminal of 100 columns with its label.
 const COLUMNS: u64 = 80;
@@ -58,8 +56,7 @@ pub(super) fn alike(core: &CoreTimeline, minor_ns: u64, minors: u32) -> Vec<Alik
 
 /// Every module with its timeline of one schedule.
 pub(super) fn lines(plan: &Plan, schedule: ScheduleId) -> Vec<(&str, Timeline)> {
-    let module =
-        |module: &'_ bateleur_executive::plan::Module| plan.module(&module.name).map(|view| view.id());
+    let module = |module: &'_ bateleur_plan::Module| plan.module(&module.name).map(|view| view.id());
     let ids: Vec<ModuleId> = plan.modules.iter().filter_map(module).collect();
     ids.into_iter().map(|id| (plan[id].name.as_str(), Timeline::of(plan, id, schedule))).collect()
 }

@@ -5,7 +5,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
-use bateleur_executive::plan::{Kind, Module, PartitionId, Plan};
+use bateleur_plan::{Kind, Module, PartitionId, Plan};
 
 use super::layout::{self, Layout, Line, Point};
 use super::picture::{colour, escaped};

@@ -10,7 +10,7 @@ mod picture;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::plan::{Facts, Plan, ScheduleId};
+use bateleur_plan::{Facts, Plan, ScheduleId};
 
 use super::{CANNOT_RUN, Code, FINE};
 use crate::output::refuse_file;

@@ -3,9 +3,9 @@
 
 use std::fmt::Write;
 
-use bateleur_executive::plan::facts::share;
-use bateleur_executive::plan::units::ShowTime;
-use bateleur_executive::plan::{Facts, PartitionId, Plan, ScheduleId};
+use bateleur_plan::facts::share;
+use bateleur_plan::units::ShowTime;
+use bateleur_plan::{Facts, PartitionId, Plan, ScheduleId};
 
 use super::facts::percent;
 use super::frames::{Alike, alike, lines};

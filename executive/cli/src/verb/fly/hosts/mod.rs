@@ -12,8 +12,8 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::keys;
-use bateleur_executive::plan::{Plan, Protection};
+use bateleur_host::keys;
+use bateleur_plan::{Plan, Protection};
 use model::{Cut, Death, LinkModel};
 
 use super::{Arguments, partition_running};
@@ -205,7 +205,7 @@ pub(super) fn place_of(plan: &Plan, program: &str) -> Result<usize> {
     Ok(plan.partition(&partition).map_or(0, |id| plan[id].module.index()))
 }
 
-/// The place of the module that a target of `--set`, `--kill`, … lies on: PARTITION or PARTITION.PORT; none: no partition's.
+/// The place of the module that a target of `--set`, `--kill`, … lies on: PARTITION or PARTITION.PORT; `None`: no partition's.
 pub(super) fn place_of_target(plan: &Plan, target: &str) -> Option<usize> {
     let partition = target.split('.').next().unwrap_or(target);
     plan.partition(partition).map(|id| plan[id].module.index())

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use anyhow::{Result, bail};
 use bateleur_contract::relay::{CutTable, LinkModelTable};
-use bateleur_executive::plan::units;
+use bateleur_plan::units;
 
 use super::super::Arguments;
 

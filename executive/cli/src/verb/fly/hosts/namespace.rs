@@ -12,7 +12,7 @@ use std::os::unix::process::CommandExt;
 use std::process::{Child, Command};
 
 use anyhow::{Context, Result, bail};
-use bateleur_executive::plan::{ModuleId, NetworkId, Plan};
+use bateleur_plan::{ModuleId, NetworkId, Plan};
 use rustix::thread::{UnshareFlags, unshare_unsafe};
 
 /// What a process in a new namespace says when it is there.
@@ -111,7 +111,7 @@ impl Lan {
 
 /// What the process of a module is told about its interfaces: for each the name, the own address, and the others'.
 pub(in crate::verb::fly) fn interfaces(plan: &Plan, module: ModuleId) -> Vec<String> {
-    let one = |address: &bateleur_executive::plan::Address| {
+    let one = |address: &bateleur_plan::Address| {
         let others = others_on(plan, address.network, module);
         let all = std::iter::once(address.socket.ip()).chain(others);
         let all: Vec<String> = all.map(|ip| ip.to_string()).collect();

@@ -1,0 +1,543 @@
+//! What a run has outside its output folder, and the helper processes that serve it.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::fs::{File, OpenOptions};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::sync::Arc;
+
+use bateleur_contract::Clock;
+use rustix::fs::{MemfdFlags, memfd_create};
+
+use super::channel_holders::ChannelHolders;
+use super::course::{Course, Ended};
+use super::run_module::Services;
+use super::{Options, RunError, machine};
+use crate::recording::{Recorder, RecorderOrder, Recording, StartRecorder, part_name};
+use bateleur_control::{Inbox, Server};
+use bateleur_host::error_log::{ErrorLogs, ErrorReader};
+use bateleur_host::helper::channel_holder::{Order, OrderedChannel};
+use bateleur_host::helper::end_helper;
+use bateleur_host::helper::{PARENT, channel_probe};
+use bateleur_host::instance::{Alive, Instance};
+use bateleur_host::machine::Machine;
+use bateleur_host::partition::{Sandbox, SandboxConfig, message_name, queue_depth};
+use bateleur_monitor::StartChannelCleaner;
+use bateleur_monitor::cleanup::{CleanupOrder, EndedHelpers};
+use bateleur_monitor::event::Event;
+use bateleur_monitor::observers::StartObserver;
+use bateleur_monitor::planned::STANDBY;
+use bateleur_monitor::rebuild::RebuildHooks;
+use bateleur_plan::{ModuleView, PartitionId, Plan, PortId};
+use bateleur_system::account::Accounts;
+use bateleur_system::cgroup::Group;
+use bateleur_system::rules::{self, Granted};
+use bateleur_system::spawn::{Request, Spawned, User, Walls, spawn};
+use bateleur_system::tree::NotRemoved;
+use bateleur_system::users::{self, Users};
+use bateleur_system::wait::{ended, is_readable};
+
+/// What a helper process finds at its first descriptors.
+#[derive(Default)]
+pub(super) struct Lines<'a> {
+    pub(super) input: Option<&'a OwnedFd>,
+    pub(super) output: Option<&'a OwnedFd>,
+    pub(super) files: &'a [BorrowedFd<'a>],
+}
+
+/// Ends of a channel beside the one of the plan: a partition with a standby has that, and for a while a dead process that
+/// is not yet cleaned up after.
+fn spare(plan: &Plan, port: PortId) -> usize {
+    let owner: PartitionId = plan[port].partition;
+    if plan[owner].standby.is_some() { 2 } else { 0 }
+}
+
+/// What a channel probe is told about a partition's ports.
+fn examination(order: &Order, plan: &Plan, partition: PartitionId) -> channel_probe::Order {
+    let ports = plan[partition].ports.iter().filter_map(|id| {
+        let source = plan[plan[*id].channel?].source;
+        let name = plan.port_path(source);
+        let channel = order.channels.iter().find(|channel| channel.name == name)?.clone();
+        Some(channel_probe::OrderedPort { channel, writes: source == *id })
+    });
+    channel_probe::Order { root: order.root.clone(), ports: ports.collect() }
+}
+
+/// The file of port messages: one that is closed can not be gone on with, so each start has its own.
+fn port_log(path: &Path, resets: u32) -> PathBuf {
+    match resets {
+        0 => path.to_owned(),
+        resets => path.with_extension(format!("reset-{resets}.mcap")),
+    }
+}
+
+/// The file of a part of the port log: the recorder before may have left the one before in the middle of a record.
+fn part_of(path: &Path, part: u32) -> PathBuf {
+    match part {
+        0 => path.to_owned(),
+        part => path.with_extension(format!("part-{part}.mcap")),
+    }
+}
+
+/// Parts and resets of an earlier run in the same folder do not belong to this log.
+fn remove_earlier(path: &Path) {
+    let is_removed = |path: &PathBuf| std::fs::remove_file(path).is_ok();
+    let resets = (1..).map(|resets| port_log(path, resets)).take_while(is_removed);
+    for start in std::iter::once(path.to_owned()).chain(resets) {
+        (1..).map(|part| part_of(&start, part)).take_while(is_removed).for_each(drop);
+    }
+}
+
+/// As what a helper is started.
+struct Footing<'a> {
+    user: Option<User>,
+    walls: Walls<'a>,
+    /// It outlives the run, outside of its groups.
+    is_guard: bool,
+}
+
+/// What a run has outside its output folder, and the processes that serve it.
+pub(super) struct Base {
+    instance: Instance,
+    /// Dropped only when the run has cleaned up after itself.
+    _alive: Option<Alive>,
+    group: Option<Group>,
+    accounts: Accounts,
+    /// All helpers but the guard are in it; `None` if there are no groups.
+    helpers_group: Option<Rc<Group>>,
+    /// Those that were started, as long as they live.
+    helpers: Rc<RefCell<Vec<Spawned>>>,
+    /// Those among them that nobody waits for.
+    removers: Rc<RefCell<Vec<Spawned>>>,
+    own_program: PathBuf,
+    log: File,
+    /// The guard, and the pipe whose end tells it that the executive is gone.
+    guard: RefCell<Option<(Spawned, File)>>,
+    users: Option<Users>,
+}
+
+/// The helpers' group inside the module's. No name of a partition has a dot.
+const HELPERS_GROUP: &str = "bateleur.helpers";
+
+impl Base {
+    /// `goes_on`: the helpers' log of a start before is gone on with.
+    pub(super) fn make(
+        (module, clock): (&str, Clock),
+        facts: &Machine,
+        logs: &Path,
+        goes_on: bool,
+    ) -> Result<Self, RunError> {
+        let cores = match clock {
+            Clock::Wall => facts.partitioned_cores(),
+            Clock::Virtual => Vec::new(),
+        };
+        let users = facts.users.and_then(|users| users.partitions);
+        let (instance, alive) = Instance::create(module, cores, users)
+            .map_err(machine("cannot make the module's directory in /dev/shm"))?;
+        let made = Self::furnish((instance.clone(), alive), facts, logs, goes_on);
+        if made.is_err() {
+            let _ = instance.clean_up(); // the next start tries again
+        }
+        made
+    }
+
+    fn furnish(
+        (mut instance, alive): (Instance, Alive),
+        facts: &Machine,
+        logs: &Path,
+        goes_on: bool,
+    ) -> Result<Self, RunError> {
+        let group = facts.make_group(&instance.name);
+        let helpers_group = group.as_ref().map(|group| group.child(HELPERS_GROUP)).transpose();
+        let helpers_group = helpers_group.map_err(machine("no control group for the helpers"))?.map(Rc::new);
+        let accounts = Accounts::beside_self(&instance.name);
+        instance
+            .set_groups(group.as_ref().map(bateleur_system::cgroup::Group::path), accounts.paths())
+            .map_err(machine("cannot note the control groups"))?;
+        let path = logs.join("helpers.log");
+        if !goes_on {
+            File::create(&path).map_err(machine("cannot write the helpers' log"))?;
+        }
+        let log = OpenOptions::new()
+            .create(true)
+            .append(true)
+            .open(path)
+            .map_err(machine("cannot write the helpers' log"))?;
+        let own_program =
+            std::env::current_exe().map_err(machine("cannot find the executive's own program"))?;
+        let base = Self {
+            instance,
+            _alive: Some(alive),
+            group,
+            accounts,
+            helpers_group,
+            helpers: Rc::default(),
+            removers: Rc::default(),
+            own_program,
+            log,
+            guard: RefCell::new(None),
+            users: facts.users,
+        };
+        base.start_guard()?;
+        Ok(base)
+    }
+
+    fn start_guard(&self) -> Result<(), RunError> {
+        let (reader, writer) = std::io::pipe().map_err(machine("cannot make a pipe"))?;
+        let (reader, writer) = (OwnedFd::from(reader), File::from(OwnedFd::from(writer)));
+        let text = serde_json::to_string(&self.instance).unwrap_or_default();
+        let lines = Lines { input: Some(&reader), ..Lines::default() };
+        let footing = Footing { user: None, walls: Walls::default(), is_guard: true };
+        let guard =
+            self.start(&["guard".into(), text], lines, footing).map_err(machine("cannot start the guard"))?;
+        *self.guard.borrow_mut() = Some((guard, writer));
+        Ok(())
+    }
+
+    /// Starts a helper, as the helpers' user.
+    pub(super) fn helper(&self, arguments: &[String], lines: Lines<'_>) -> std::io::Result<Spawned> {
+        let user = self.users.map(|_| Users::helper());
+        self.helper_of_run(arguments, lines, user, Walls::default())
+    }
+
+    /// Starts a helper that does not outlive the run.
+    fn helper_of_run(
+        &self,
+        arguments: &[String],
+        lines: Lines<'_>,
+        user: Option<User>,
+        walls: Walls<'_>,
+    ) -> std::io::Result<Spawned> {
+        let process = self.start(arguments, lines, Footing { user, walls, is_guard: false })?;
+        let mut helpers = self.helpers.borrow_mut();
+        helpers.retain(|helper| !is_readable(helper.pidfd.as_fd()));
+        helpers.push(Spawned { pid: process.pid, pidfd: process.pidfd.try_clone()? });
+        Ok(process)
+    }
+
+    /// Starts this very program with a hidden verb.
+    fn start(
+        &self,
+        arguments: &[String],
+        lines: Lines<'_>,
+        footing: Footing<'_>,
+    ) -> std::io::Result<Spawned> {
+        let Footing { user, walls, is_guard } = footing;
+        spawn(&Request {
+            program: &self.own_program,
+            arguments,
+            environment: &[format!("{PARENT}={}", std::process::id())],
+            descriptors: lines.files,
+            input: lines.input.map(AsFd::as_fd),
+            output: lines.output.map(AsFd::as_fd),
+            errors: self.log.as_fd(),
+            group: self.helpers_group.as_ref().filter(|_| !is_guard).map(|group| group.as_fd()),
+            walls,
+            user,
+            dies_with_starter: !is_guard,
+        })
+    }
+
+    fn order(&self, view: &ModuleView<'_>) -> Order {
+        let plan = view.plan();
+        let channels = view.channels().map(|id| {
+            let channel = &plan[id];
+            OrderedChannel {
+                name: plan.port_path(channel.source),
+                source: plan.port_path(channel.source),
+                message: message_name(&plan[channel.source]),
+                size: plan[channel.source].payload.max_size_bytes(),
+                depth: queue_depth(plan, channel).map(|depth| depth as usize),
+                destinations: channel.destinations.len(),
+                spare_writers: spare(plan, channel.source),
+                spare_readers: channel.destinations.iter().map(|port| spare(plan, *port)).sum(),
+            }
+        });
+        let domain = self.instance.domain();
+        Order { root: domain.root, channels: channels.collect() }
+    }
+
+    /// Makes the directories of channels anew, and has what they held removed.
+    pub(super) fn remake(&self, channels: &[String]) -> std::io::Result<()> {
+        let aside = self.instance.remake_channel_directories(channels, self.users)?;
+        let mut arguments = vec!["remover".into()];
+        arguments.extend(aside.iter().map(|path| path.display().to_string()));
+        // As the executive, who owns what holds it. Without a remover it stays until the run ends.
+        if let Ok(remover) = self.helper_of_run(&arguments, Lines::default(), None, Walls::default()) {
+            let mut removers = self.removers.borrow_mut();
+            removers.retain(|remover| ended(remover).is_none());
+            removers.push(remover);
+        }
+        Ok(())
+    }
+
+    /// Starts the log of all ports.
+    fn record(&self, path: PathBuf, order: &Order) -> Result<Recording, RunError> {
+        remove_earlier(&path);
+        let channels = order.channels.iter().map(|channel| channel.name.clone()).collect();
+        let (copy, order) = (self.copy()?, order.clone());
+        let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
+        let folder = folder.to_owned();
+        let start: StartRecorder =
+            Box::new(move |part, without| copy.start_recorder(&path, &order, part, without));
+        Recording::begin(start, channels, folder)
+            .map_err(machine("cannot start the recorder (see partitions/helpers.log)"))
+    }
+
+    /// Starts the recorder of a part of the log. It runs as the partitions' user and is handed the file, whose folder it may
+    /// not enter, and memory in which it says what it is at.
+    fn start_recorder(
+        &self,
+        path: &Path,
+        order: &Order,
+        part: u32,
+        without: &[String],
+    ) -> std::io::Result<Recorder> {
+        let order = RecorderOrder { order: order.clone(), without: without.to_vec(), part };
+        let arguments = ["recorder".into(), serde_json::to_string(&order)?];
+        let path = part_of(path, part);
+        let log = File::create(&path).map_err(|error| {
+            std::io::Error::new(error.kind(), format!("cannot write {}: {error}", path.display()))
+        })?;
+        let place = File::from(memfd_create("recorder's place", MemfdFlags::CLOEXEC)?);
+        place.set_len(size_of::<u32>() as u64)?;
+        for file in [&log, &place] {
+            let owner = self.users.map(|_| users::HELPERS);
+            std::os::unix::fs::fchown(file, owner, owner)?;
+        }
+        let place = OwnedFd::from(place);
+        Recorder::start(&place, |input, output| {
+            let lines =
+                Lines { input: Some(input), output: Some(output), files: &[log.as_fd(), place.as_fd()] };
+            self.helper(&arguments, lines)
+        })
+    }
+
+    /// How a channel cleaner is started.
+    fn channel_cleaner_starter(&self, ruled: bool) -> Result<StartChannelCleaner, RunError> {
+        let copy = self.copy()?;
+        Ok(Box::new(move |order| copy.start_channel_cleaner(order, ruled)))
+    }
+
+    /// How a partition's channels are examined, held, and rebuilt.
+    fn rebuilds(
+        &self,
+        order: Order,
+        plan: Arc<Plan>,
+        channel_holders: Rc<RefCell<ChannelHolders>>,
+    ) -> Result<RebuildHooks, RunError> {
+        let channel_probe = self.copy()?;
+        let examine = move |partition| {
+            let (answers, answer_end) = std::io::pipe()?;
+            let answer_end = OwnedFd::from(answer_end);
+            let order = examination(&order, &plan, partition);
+            let lines = Lines { output: Some(&answer_end), ..Lines::default() };
+            let process =
+                channel_probe.helper(&["channel-probe".into(), serde_json::to_string(&order)?], lines)?;
+            Ok((process, File::from(OwnedFd::from(answers))))
+        };
+        let tended = channel_holders.clone();
+        Ok(RebuildHooks {
+            examine: Box::new(examine),
+            rebuild: Box::new(move |channels| channel_holders.borrow_mut().rebuild(channels)),
+            tend: Box::new(move || tended.borrow_mut().tend()),
+        })
+    }
+
+    /// Enough of it to start helpers.
+    fn copy(&self) -> Result<Self, RunError> {
+        Ok(Self {
+            instance: self.instance.clone(),
+            _alive: None,
+            group: None,
+            accounts: Accounts::default(),
+            helpers_group: self.helpers_group.clone(),
+            helpers: self.helpers.clone(),
+            removers: self.removers.clone(),
+            own_program: self.own_program.clone(),
+            log: self.log.try_clone().map_err(machine("cannot copy a descriptor"))?,
+            guard: RefCell::new(None),
+            users: self.users,
+        })
+    }
+
+    /// How observers are started: each is told of its own channels only.
+    fn observer_starter(&self, order: Order) -> Result<StartObserver, RunError> {
+        let copy = self.copy()?;
+        Ok(Box::new(move |channels, connection| {
+            let wanted = |channel: &&OrderedChannel| channels.contains(&channel.source);
+            let channels = order.channels.iter().filter(wanted).cloned().collect();
+            let order = serde_json::to_string(&Order { channels, ..order.clone() })?;
+            let lines = Lines { output: Some(connection), ..Lines::default() };
+            copy.helper(&["observer".into(), order], lines)
+        }))
+    }
+
+    /// Starts a channel cleaner. What the dead one has written tells the library where to clean up: so it reaches the dead one's channels and
+    /// nothing else, where the kernel has rules about files.
+    fn start_channel_cleaner(&self, order: &CleanupOrder, ruled: bool) -> std::io::Result<(Spawned, File)> {
+        let domain = self.instance.domain();
+        let mut arguments = vec!["channel-cleaner".into(), domain.root.clone(), order.pid.to_string()];
+        arguments.extend(order.user.map(|user| format!("--user={user}")));
+        arguments.extend(order.damaged.iter().map(|channel| format!("--damaged={channel}")));
+        // A channel that another module serves has nothing here.
+        let here = |channel: &&String| domain.directory(channel).symlink_metadata().is_ok();
+        let channels: Vec<String> = order.channels.iter().filter(here).cloned().collect();
+        let directories: Vec<PathBuf> = channels.iter().map(|channel| domain.directory(channel)).collect();
+        arguments.extend(channels);
+        let (progress, end) = std::io::pipe()?;
+        rustix::fs::fcntl_setfl(&progress, rustix::fs::OFlags::NONBLOCK)?; // nobody waits for one that does not end
+        let end = OwnedFd::from(end);
+        let (program, channels) = (&*self.own_program, &*directories);
+        let granted = Granted { program, channels, devices: &[], files: &[], network: false };
+        let rules = if ruled { rules::make(granted)? } else { None };
+        let walls = Walls { rules: rules.as_ref().map(AsFd::as_fd), ..Walls::default() };
+        let lines = Lines { output: Some(&end), ..Lines::default() };
+        // As the dead one, of which nothing lives: what is its own it may remove, whatever its modes.
+        let of_helpers = self.users.map(|_| Users::helper());
+        let user = of_helpers.map(|helper| User { id: order.user.unwrap_or(helper.id), ..helper });
+        let process = self.helper_of_run(&arguments, lines, user, walls)?;
+        Ok((process, File::from(OwnedFd::from(progress))))
+    }
+
+    pub(super) fn run(
+        &self,
+        plan: &Arc<Plan>,
+        view: &ModuleView<'_>,
+        options: &Options,
+        facts: &Machine,
+        programs: Vec<PathBuf>,
+        course: &mut Course,
+    ) -> Result<Ended, RunError> {
+        let order = self.order(view);
+        let homes: Vec<String> = order.channels.iter().map(|channel| channel.name.clone()).collect();
+        self.instance
+            .make_channel_directories(&homes, self.users)
+            .map_err(machine("cannot make the channels' directories in /dev/shm"))?;
+        let start_observer = self.observer_starter(order.clone())?;
+        let ended_helpers = EndedHelpers::default();
+        let channel_holders = ChannelHolders::begin(self.copy()?, order.clone(), ended_helpers.clone());
+        let channel_holders = channel_holders.map_err(|error| RunError::Machine {
+            what: "cannot make the module's channels".into(),
+            why: error.0,
+        })?;
+        if options.record.is_none() && course.resets() == 0 {
+            // What an earlier run recorded in this folder would be taken for this one's.
+            let earlier = options.output.join(part_name(0));
+            remove_earlier(&earlier);
+            let _ = std::fs::remove_file(&earlier); // there is none, as a rule
+        }
+        let port_log = options.record.as_deref().map(|path| port_log(path, course.resets()));
+        let recording = port_log.map(|path| self.record(path, &order)).transpose()?;
+        let error_reader = ErrorReader::start(options.output.join("partitions"))
+            .map_err(machine("cannot read the partitions' standard error"))?;
+        let sandboxes = self.sandboxes(plan, view, options, facts, programs, error_reader.logs())?;
+        let (control, inbox) = self.open_control(&options.module, course);
+        let start_channel_cleaner = self.channel_cleaner_starter(facts.ruled)?;
+        let rebuilds = self.rebuilds(order, plan.clone(), channel_holders)?;
+        // On the virtual clock nobody is cleaned up after at an instant of the wall clock.
+        let ended_helpers = (options.clock == Clock::Wall).then_some((ended_helpers, homes));
+        let services = Services {
+            recording,
+            start_channel_cleaner,
+            ended_helpers,
+            rebuilds,
+            start_observer,
+            inbox,
+            error_reader,
+        };
+        let ended = super::run_module::run_module(plan, view, options, facts, sandboxes, services, course);
+        drop(control);
+        ended
+    }
+
+    /// A module flies without its control socket too, and says so.
+    fn open_control(&self, module: &str, course: &mut Course) -> (Option<Server>, Option<Inbox>) {
+        match Server::open(&self.instance.directory()) {
+            Ok((server, inbox)) => (Some(server), Some(inbox)),
+            Err(error) => {
+                let text = format!("no control socket, so `bateleur ps` and orders do not reach it: {error}");
+                course.tell(&Event::Message { time_s: 0.0, partition: module.to_owned(), text });
+                (None, None)
+            }
+        }
+    }
+
+    fn sandboxes(
+        &self,
+        plan: &Plan,
+        view: &ModuleView<'_>,
+        options: &Options,
+        facts: &Machine,
+        programs: Vec<PathBuf>,
+        errors: ErrorLogs,
+    ) -> Result<Vec<Sandbox>, RunError> {
+        let domain = self.instance.domain();
+        let sandbox_config = SandboxConfig {
+            module: options.module.clone(),
+            clock: options.clock,
+            ports_root: domain.root,
+            namespaces: facts.namespaces,
+            users: facts.users,
+            filtered: facts.filtered,
+            ruled: facts.ruled,
+            real_time: facts.real_time,
+            errors,
+            link_keys: options.link_keys.clone(),
+        };
+        let none = BTreeMap::new();
+        let built = view.partitions().zip(programs).map(|(id, program)| {
+            let name = &plan[id].name;
+            let overrides = options.overrides.get(name).unwrap_or(&none);
+            let build = |groups: &str, beside: Option<&Sandbox>| {
+                let mut sandbox = Sandbox::build(
+                    plan,
+                    id,
+                    program.clone(),
+                    self.groups(groups)?,
+                    &sandbox_config,
+                    overrides,
+                    beside,
+                )
+                .map_err(machine(format!("cannot prepare partition {name}")))?;
+                sandbox.translate_cores(|core| facts.real_core(core));
+                Ok(sandbox)
+            };
+            let mut sandbox = build(name, None)?;
+            if plan[id].standby.is_some() {
+                // No name of a partition has a dot.
+                sandbox.standby = Some(Box::new(build(&format!("{name}{STANDBY}"), Some(&sandbox))?));
+            }
+            Ok(sandbox)
+        });
+        built.collect()
+    }
+
+    /// Control groups inside the module's.
+    fn groups(&self, name: &str) -> Result<(Option<Group>, Accounts), RunError> {
+        let group = self.group.as_ref().map(|group| group.child(name)).transpose();
+        let group = group.map_err(machine(format!("no control group for {name}")))?;
+        let accounts = self.accounts.child(name).map_err(machine(format!("no control groups for {name}")))?;
+        Ok((group, accounts))
+    }
+
+    /// Ends all helpers, then removes everything, then ends the guard.
+    ///
+    /// # Errors
+    /// What could not be removed.
+    pub(super) fn leave(mut self) -> Result<(), NotRemoved> {
+        // Before anything is removed: a helper may make anew what it misses.
+        self.helpers.take().iter().for_each(end_helper);
+        drop(self.helpers_group.take());
+        drop(self.group.take());
+        drop(std::mem::take(&mut self.accounts));
+        let removed = self.instance.clean_up();
+        if let Some((guard, line)) = self.guard.borrow_mut().take() {
+            end_helper(&guard); // also one that somebody has stopped; it has nothing left to do
+            drop(line);
+        }
+        removed
+    }
+}

@@ -1,0 +1,190 @@
+//! A run over all its starts: what goes on when the module is reset.
+//!
+//! Module time is the run's and goes on; frames begin anew with frame 0, and so does everything else: control groups, shared
+//! memory, channels, processes.
+
+use bateleur_contract::Clock;
+
+use super::{Options, Outcome, RunError, machine};
+use crate::world::{Changing, Surroundings};
+use bateleur_host::guarantee::Guarantee;
+use bateleur_monitor::Kept;
+use bateleur_monitor::event::Event;
+use bateleur_monitor::health::log::{HealthLog, WindowLog};
+use bateleur_monitor::planned::PlannedActs;
+use bateleur_plan::{ModuleView, PartitionId, Plan};
+use bateleur_system::time::now_ns;
+use bateleur_time::shared_clock::{Member, PATIENCE_NS};
+
+/// Real time from "ready" to frame 0: long enough for every dispatcher thread to be in its sleep.
+const LEAD_NS: u64 = 20_000_000;
+
+/// See the module's head.
+pub(super) struct Course {
+    /// With the monitor while the module runs.
+    pub(super) kept: Option<Kept>,
+    pub(super) surroundings: Surroundings,
+    clock: Clock,
+    /// Wall clock: when module time 0 was, CLOCK_MONOTONIC ns.
+    origin_ns: Option<u64>,
+    /// Module time at which the last start ended, ns; before the first, that at which it begins.
+    ended_ns: u64,
+    startup_ns: u64,
+    /// Virtual clock: the module among others on it.
+    pub(super) member: Option<Member>,
+    /// Of the initial schedule.
+    major_frame_ns: u64,
+    lost_records: u64,
+    spun_ns: u64,
+    left_behind: bool,
+}
+
+/// How one start of the module ended.
+pub(super) struct Ended {
+    /// Why.
+    pub(super) reason: String,
+    /// Module time, ns.
+    pub(super) module_ns: u64,
+    /// It shall start again.
+    pub(super) reset: bool,
+    /// An error of the module ended it.
+    pub(super) faulty: bool,
+    /// Something that it made could not be removed.
+    pub(super) left_behind: bool,
+    /// Window records that found no room on their way to the log.
+    pub(super) lost_records: u64,
+    /// What the dispatchers have spun in slack, ns.
+    pub(super) spun_ns: u64,
+}
+
+impl Course {
+    /// A run that has not begun. Takes what it needs of `options`.
+    pub(super) fn new(plan: &Plan, view: &ModuleView<'_>, options: &mut Options) -> Result<Self, RunError> {
+        // Before anything of a run that shares its clock by mistake is written over.
+        let together = options.together.take().filter(|_| options.clock == Clock::Virtual);
+        let back_ns = together.as_ref().and_then(|together| together.back_ns);
+        let join = |together| Member::join(together, &options.module, options.stop.clone());
+        let member = together.map(join).transpose().map_err(RunError::SharedClock)?;
+        let window_log = WindowLog::create(&options.output).map_err(machine("cannot write windows.csv"))?;
+        let health_log = HealthLog::create(&options.output, plan.health.log)
+            .map_err(machine("cannot write health.jsonl"))?;
+        let events = std::mem::replace(&mut options.events, bateleur_monitor::event::Events::new(None));
+        let candidates = view.partitions().map(PartitionId::index).collect();
+        let surroundings = Surroundings::new(
+            options.clock,
+            PlannedActs::of(plan, &options.acts, options.killings, candidates),
+            Changing::of(&options.schedule_changes),
+            options.until_ns,
+            options.stop.clone(),
+            options.power_fail.clone(),
+            options.companion.take(),
+        );
+        Ok(Self {
+            kept: Some(Kept::new(window_log, health_log, events)),
+            surroundings,
+            clock: options.clock,
+            origin_ns: None,
+            ended_ns: back_ns.unwrap_or(0),
+            startup_ns: plan.health.reset.startup_ns,
+            member,
+            major_frame_ns: plan[plan.initial_schedule()].major_frame_ns,
+            lost_records: 0,
+            spun_ns: 0,
+            left_behind: false,
+        })
+    }
+
+    /// Resets so far.
+    pub(super) fn resets(&self) -> u32 {
+        self.kept.as_ref().map_or(0, Kept::resets)
+    }
+
+    /// Tells whoever watches.
+    pub(super) fn tell(&mut self, event: &Event) {
+        if let Some(kept) = &mut self.kept {
+            kept.events.tell(event);
+        }
+    }
+
+    /// Module time that has been reached so far, ns.
+    pub(super) fn reached_ns(&self) -> u64 {
+        match (self.clock, self.origin_ns) {
+            (Clock::Wall, Some(origin_ns)) => now_ns().saturating_sub(origin_ns),
+            _ => self.ended_ns,
+        }
+    }
+
+    /// Module time of frame 0 of a start whose partitions are ready, ns, and on the wall clock the CLOCK_MONOTONIC instant of
+    /// module time 0.
+    ///
+    /// # Errors
+    /// A module that shares the virtual clock did not come.
+    pub(super) fn begin(&mut self, resets: u32) -> Result<(u64, u64), RunError> {
+        if let Some(member) = &self.member {
+            member.await_all(PATIENCE_NS).map_err(RunError::SharedClock)?;
+        }
+        let ready_ns = now_ns() + LEAD_NS;
+        let origin_ns = *self.origin_ns.get_or_insert(ready_ns);
+        let begin_ns = match (self.clock, resets) {
+            (Clock::Wall, 0) => 0,
+            (Clock::Virtual, 0) => self.ended_ns,
+            (Clock::Wall, _) => ready_ns.saturating_sub(origin_ns),
+            // Its frames lie as the others' again.
+            (Clock::Virtual, _) if self.member.is_some() => {
+                (self.ended_ns + self.startup_ns).next_multiple_of(self.major_frame_ns)
+            }
+            (Clock::Virtual, _) => self.ended_ns + self.startup_ns,
+        };
+        Ok((begin_ns, origin_ns))
+    }
+
+    /// One start has ended.
+    pub(super) fn note(&mut self, ended: &Ended) {
+        self.ended_ns = ended.module_ns;
+        self.lost_records += ended.lost_records;
+        self.spun_ns += ended.spun_ns;
+        self.left_behind |= ended.left_behind;
+    }
+
+    /// The module could not be started. True: it is tried again.
+    pub(super) fn tries_again(&mut self, plan: &Plan, error: &RunError) -> bool {
+        let at_ns = self.reached_ns();
+        let text = error.to_string();
+        self.kept.as_mut().is_some_and(|kept| kept.cannot_start(&plan.health, &text, at_ns))
+    }
+
+    /// The run is over before it could be told how.
+    pub(super) fn give_up(mut self) {
+        if let Some(kept) = &mut self.kept {
+            kept.close_logs(self.ended_ns);
+            kept.events.finish();
+        }
+    }
+
+    /// The run is over.
+    pub(super) fn finish(mut self, ended: Ended, guarantees: Vec<Guarantee>) -> Outcome {
+        let mut logs_lost = false;
+        if let Some(kept) = &mut self.kept {
+            kept.close_logs(ended.module_ns);
+            logs_lost = kept.events.has_told_lost_log();
+            let (totals, resets, unwritten_records) = (kept.totals(), kept.resets(), kept.unwritten());
+            kept.events.tell(&Event::Stopped {
+                reason: ended.reason.clone(),
+                module_time_s: ended.module_ns as f64 / 1e9,
+                windows: totals.windows,
+                late_windows: totals.late,
+                late_switches: totals.late_switches,
+                lost_windows: totals.lost,
+                too_late_switches: totals.too_late,
+                resets,
+                window_overruns: totals.overruns,
+                spun_s: self.spun_ns as f64 / 1e9,
+                lost_records: self.lost_records,
+                unwritten_records,
+            });
+            kept.events.finish();
+        }
+        let Ended { reason, module_ns, faulty, .. } = ended;
+        Outcome { reason, module_ns, faulty, logs_lost, left_behind: self.left_behind, guarantees }
+    }
+}

@@ -1,0 +1,325 @@
+//! One run of a module: from the checked plan to the last process ended.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use bateleur_contract::Clock;
+
+use crate::world::Companion;
+use base::Base;
+use bateleur_host::guarantee::Guarantee;
+use bateleur_host::instance::clean_leftovers;
+use bateleur_host::keys::{Key, KeyError};
+use bateleur_host::machine::Machine;
+use bateleur_monitor::event::{Event, Events};
+use bateleur_monitor::planned::{Act, Killings, PlannedAct};
+use bateleur_plan::{ModuleView, Plan};
+use bateleur_system::tree::NotRemoved;
+use bateleur_time::shared_clock::{SharedClock, SharedClockError};
+use course::{Course, Ended};
+pub use joined::LINKS_FILE;
+
+mod base;
+mod channel_holders;
+mod course;
+mod joined;
+mod run_module;
+
+/// What a run is asked to do.
+pub struct Options {
+    /// The module's name.
+    pub module: String,
+    /// The clock.
+    pub clock: Clock,
+    /// Folder for logs; made where it is missing.
+    pub output: PathBuf,
+    /// Folder of the schedule file: programs with a path start there.
+    pub plan_folder: PathBuf,
+    /// Attributes that replace the plan's, by partition.
+    pub overrides: BTreeMap<String, BTreeMap<String, serde_json::Value>>,
+    /// Files with keys of links, by link, in place of the plan's.
+    pub key_files: BTreeMap<String, PathBuf>,
+    /// Addresses in place of those of the plan.
+    pub addresses: BTreeMap<SocketAddr, SocketAddr>,
+    /// The keys of the module's links, in the order of the plan: read by [`run`], whatever stands here before.
+    pub link_keys: Vec<Key>,
+    /// What is to happen to partitions, and when.
+    pub acts: Vec<PlannedAct>,
+    /// Partitions that chance kills.
+    pub killings: Option<Killings>,
+    /// Schedules to change to, with the module time at which they are asked for, ns.
+    pub schedule_changes: Vec<(String, u64)>,
+    /// Other modules on the same virtual clock.
+    pub together: Option<SharedClock>,
+    /// End at this module time, ns.
+    pub until_ns: Option<u64>,
+    /// Refuse to start where a promise does not hold.
+    pub strict: bool,
+    /// A file for every message of every port.
+    pub record: Option<PathBuf>,
+    /// Who lives at the other end of a line under the virtual clock.
+    pub companion: Option<Companion>,
+    /// Who watches.
+    pub events: Events,
+    /// Set by a signal: end at the end of the major frame.
+    pub stop: Arc<AtomicBool>,
+    /// Set by SIGPWR: the supply is going.
+    pub power_fail: Arc<AtomicBool>,
+}
+
+/// Why a module did not run.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The plan has no such module.
+    #[error("the plan has no module \"{name}\"; it has {known}")]
+    NoModule {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// A partition that is not in the plan.
+    #[error("the plan has no partition \"{name}\" in module {module}; it has {known}")]
+    NoPartition {
+        /// What was asked for.
+        name: String,
+        /// The module.
+        module: String,
+        /// What there is.
+        known: String,
+    },
+    /// A fault that hits nothing.
+    #[error("{0}")]
+    Aim(String),
+    /// A schedule that is not in the plan.
+    #[error("the plan has no schedule \"{name}\"; it has {known}")]
+    NoSchedule {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// Programs that are not there.
+    #[error("{0}")]
+    Programs(String),
+    /// `--require strict` and a promise that does not hold.
+    #[error("refused to start, because strict was required and this machine lacks:\n{0}")]
+    Strict(String),
+    /// Other modules on the same virtual clock.
+    #[error(transparent)]
+    SharedClock(SharedClockError),
+    /// A key of a link that is not in the plan.
+    #[error("the plan has no link \"{name}\"; it has {known}")]
+    NoLink {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// An address to replace that is not in the plan.
+    #[error("--address {address}=…: the plan has no such address; it has {known}")]
+    NoAddress {
+        /// What was to be replaced.
+        address: SocketAddr,
+        /// What there is.
+        known: String,
+    },
+    /// The key of a link.
+    #[error(
+        "the key of link {link}: {error} (`bateleur key FILE` makes one; the host at the other end needs the same file)"
+    )]
+    Key {
+        /// The link.
+        link: String,
+        /// What is wrong with its file.
+        error: KeyError,
+    },
+    /// Something of the machine.
+    #[error("{what}: {why}")]
+    Machine {
+        /// What was tried.
+        what: String,
+        /// What the machine said.
+        why: String,
+    },
+    /// A partition did not start.
+    #[error("{0}")]
+    Start(String),
+}
+
+fn machine(what: impl Into<String>) -> impl FnOnce(std::io::Error) -> RunError {
+    let what = what.into();
+    move |error| RunError::Machine { what, why: error.to_string() }
+}
+
+/// How a run ended.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// Why.
+    pub reason: String,
+    /// Module time, ns.
+    pub module_ns: u64,
+    /// An error of the module ended it.
+    pub faulty: bool,
+    /// A log could not be written, or not to its end.
+    pub logs_lost: bool,
+    /// Something that the run made could not be removed.
+    pub left_behind: bool,
+    /// What the machine gave.
+    pub guarantees: Vec<Guarantee>,
+}
+
+/// Runs a module until it is told to stop.
+///
+/// # Errors
+/// What kept it from starting. Nothing is left behind then.
+pub fn run(plan: Plan, mut options: Options) -> Result<Outcome, RunError> {
+    let plan = Arc::new(joined::prepare(plan, &mut options)?);
+    let view = module_of(&plan, &options.module)?;
+    check_names(&view, &options)?;
+    check_schedules(&plan, &options)?;
+    take_descriptors()?;
+    for left in clean_leftovers().1 {
+        options.events.tell(&not_removed(&options.module, 0.0, &left));
+    }
+    let facts = Machine::examine(&view, options.clock);
+    let lacking: Vec<String> =
+        facts.guarantees.lacking().map(|lack| format!("  {}: {}", lack.promise, lack.detail)).collect();
+    if options.strict && !lacking.is_empty() {
+        return Err(RunError::Strict(lacking.join("\n")));
+    }
+    options.events.tell(&Event::Guarantees { list: facts.guarantees.list().to_vec() });
+    let logs = options.output.join("partitions");
+    fs::create_dir_all(&logs).map_err(machine(format!("cannot make {}", logs.display())))?;
+    let mut course = Course::new(&plan, &view, &mut options)?;
+    loop {
+        match start(&plan, &view, &options, &facts, &mut course) {
+            Ok(ended) => {
+                course.note(&ended);
+                if !ended.reset {
+                    let guarantees = facts.guarantees.list().to_vec();
+                    return Ok(course.finish(ended, guarantees));
+                }
+            }
+            Err(error) => {
+                if !course.tries_again(&plan, &error) {
+                    course.give_up();
+                    return Err(error);
+                }
+            }
+        }
+    }
+}
+
+/// One start of the module, from nothing to nothing.
+fn start(
+    plan: &Arc<Plan>,
+    view: &ModuleView<'_>,
+    options: &Options,
+    facts: &Machine,
+    course: &mut Course,
+) -> Result<Ended, RunError> {
+    let programs = find_programs(view, &options.plan_folder)?;
+    let logs = options.output.join("partitions");
+    let base = Base::make((&options.module, options.clock), facts, &logs, course.resets() > 0)?;
+    let mut result = base.run(plan, view, options, facts, programs, course);
+    if let Err(left) = base.leave() {
+        let time_s = course.reached_ns() as f64 / 1e9;
+        course.tell(&not_removed(&options.module, time_s, &left));
+        result = result.map(|ended| Ended { left_behind: true, ..ended });
+    }
+    result
+}
+
+/// What is told of something that should not be there any more.
+fn not_removed(module: &str, time_s: f64, left: &NotRemoved) -> Event {
+    let text = format!("left behind: {left}; the next start tries again");
+    Event::Message { time_s, partition: module.to_owned(), text }
+}
+
+fn module_of<'a>(plan: &'a Plan, name: &str) -> Result<ModuleView<'a>, RunError> {
+    plan.module(name).ok_or_else(|| RunError::NoModule {
+        name: name.into(),
+        known: plan.modules.iter().map(|module| module.name.as_str()).collect::<Vec<_>>().join(", "),
+    })
+}
+
+fn check_names(view: &ModuleView<'_>, options: &Options) -> Result<(), RunError> {
+    let names: Vec<&str> = view.partitions().map(|id| view.plan()[id].name.as_str()).collect();
+    let acts = options.acts.iter().filter(|one| !matches!(one.act, Act::Inject(_)));
+    let mut asked = acts.map(|one| &one.partition).chain(options.overrides.keys());
+    if let Some(name) = asked.find(|name| !names.contains(&name.as_str())) {
+        return Err(RunError::NoPartition {
+            name: name.clone(),
+            module: options.module.clone(),
+            known: names.join(", "),
+        });
+    }
+    options.acts.iter().try_for_each(|one| one.aim(view.plan()).map(drop)).map_err(RunError::Aim)
+}
+
+/// Fewer descriptors than the smallest module and the examination of the machine need.
+const LEAST_DESCRIPTORS: u64 = 256;
+
+/// Takes as many descriptors as this process may have: a lack of them looks like a lack of whatever is tried then.
+fn take_descriptors() -> Result<(), RunError> {
+    use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+    let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
+    let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum }); // it never rises above the hard limit
+    match maximum {
+        Some(most @ ..LEAST_DESCRIPTORS) => Err(RunError::Machine {
+            what: format!("this process may open {most} files"),
+            why: format!("a module needs {LEAST_DESCRIPTORS} at least: ulimit -n, LimitNOFILE= in a unit"),
+        }),
+        _ => Ok(()),
+    }
+}
+
+fn check_schedules(plan: &Plan, options: &Options) -> Result<(), RunError> {
+    match options.schedule_changes.iter().find(|(name, _)| plan.schedule(name).is_none()) {
+        None => Ok(()),
+        Some((name, _)) => Err(RunError::NoSchedule {
+            name: name.clone(),
+            known: plan
+                .schedules
+                .iter()
+                .map(|schedule| schedule.name.as_str())
+                .collect::<Vec<_>>()
+                .join(", "),
+        }),
+    }
+}
+
+/// Where a partition's program lies: a path counts from the schedule file's `folder`, a name from where this program lies.
+#[must_use]
+pub fn program_path(program: &str, folder: &Path) -> PathBuf {
+    if program.contains('/') {
+        return folder.join(program);
+    }
+    let own = std::env::current_exe().ok();
+    own.as_deref().and_then(Path::parent).unwrap_or(Path::new("")).join(program)
+}
+
+/// Every partition's program, or all those that are missing.
+fn find_programs(view: &ModuleView<'_>, folder: &Path) -> Result<Vec<PathBuf>, RunError> {
+    let mut missing = Vec::new();
+    let programs = view.partitions().map(|id| {
+        let partition = &view.plan()[id];
+        let path = program_path(&partition.program, folder);
+        if !path.is_file() {
+            missing.push(format!(
+                "partition {}: there is no program {} (program = \"{}\"): build it, or correct its line in the plan",
+                partition.name,
+                path.display(),
+                partition.program
+            ));
+        }
+        path
+    });
+    let programs = programs.collect();
+    if missing.is_empty() { Ok(programs) } else { Err(RunError::Programs(missing.join("\n"))) }
+}

@@ -1,0 +1,207 @@
+//! What surrounds a module while it runs: planned faults, the recorder, the companion at the end of a line, and the
+//! wish to stop. Looked at once in each minor frame, on either clock.
+
+use std::io::{self, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use bateleur_contract::Clock;
+
+use crate::fast::World;
+use crate::recording::Recording;
+use bateleur_monitor::Monitor;
+use bateleur_monitor::planned::PlannedActs;
+use bateleur_plan::ModuleError;
+use bateleur_time::redundant_pair::RedundantPair;
+
+/// Module time between two exchanges with the companion and the recorder, ns: the step of a ground station.
+pub const EXCHANGE_NS: u64 = 100_000_000;
+/// How long a companion may take for a step, real time: it may have to wait until another module has started.
+const COMPANION_PATIENCE: Duration = Duration::from_secs(120);
+
+/// Schedules to ask for, in the order of time.
+#[derive(Debug, Default)]
+pub struct Changing(Vec<(String, u64)>);
+
+impl Changing {
+    /// By name and module time, ns. Names that are not in the plan were refused before.
+    #[must_use]
+    pub fn of(changes: &[(String, u64)]) -> Self {
+        let mut list = changes.to_vec();
+        list.sort_by_key(|(_, at)| std::cmp::Reverse(*at));
+        Self(list)
+    }
+
+    fn due(&mut self, module_ns: u64) -> Option<String> {
+        self.0.pop_if(|(_, at)| *at <= module_ns).map(|(name, _)| name)
+    }
+}
+
+/// The other end of the virtual clock's handshake: told the time and the bytes that were sent to it, answers with the
+/// bytes that it has sent and whether the run shall end.
+#[derive(Debug)]
+pub struct Companion(UnixStream);
+
+impl Companion {
+    /// Over a connected socket.
+    pub fn new(socket: UnixStream) -> io::Result<Self> {
+        socket.set_read_timeout(Some(COMPANION_PATIENCE))?;
+        Ok(Self(socket))
+    }
+
+    fn exchange(&mut self, module_ns: u64, sent: u64) -> io::Result<(u64, bool)> {
+        let mut question = [0; 16];
+        question[..8].copy_from_slice(&module_ns.to_le_bytes());
+        question[8..].copy_from_slice(&sent.to_le_bytes());
+        self.0.write_all(&question)?;
+        let mut answer = [0; 9];
+        self.0.read_exact(&mut answer)?;
+        let [bytes @ .., stop] = answer;
+        Ok((u64::from_le_bytes(bytes), stop != 0))
+    }
+}
+
+/// See the module's head.
+pub struct Surroundings {
+    clock: Clock,
+    acts: PlannedActs,
+    changes: Changing,
+    until_ns: Option<u64>,
+    stop: Arc<AtomicBool>,
+    power_fail: Arc<AtomicBool>,
+    recording: Option<Recording>,
+    companion: Option<Companion>,
+    line: Option<Arc<RedundantPair>>,
+    next_exchange_ns: u64,
+    module_ns: u64,
+    reason: Option<String>,
+}
+
+impl Surroundings {
+    /// Everything that may be there. `stop` and `power_fail` are set by signals.
+    #[must_use]
+    pub fn new(
+        clock: Clock,
+        acts: PlannedActs,
+        changes: Changing,
+        until_ns: Option<u64>,
+        stop: Arc<AtomicBool>,
+        power_fail: Arc<AtomicBool>,
+        companion: Option<Companion>,
+    ) -> Self {
+        Self {
+            clock,
+            acts,
+            changes,
+            until_ns,
+            stop,
+            power_fail,
+            recording: None,
+            companion,
+            line: None,
+            next_exchange_ns: 0,
+            module_ns: 0,
+            reason: None,
+        }
+    }
+
+    /// The module starts, perhaps not for the first time. `line`: the partition whose device the companion holds the other
+    /// end of.
+    pub fn begin(&mut self, recording: Option<Recording>, line: Option<Arc<RedundantPair>>) {
+        self.recording = recording;
+        self.line = line;
+    }
+
+    /// What the partition at the line has sent and received so far, and what it is to receive: its successors in a module
+    /// that was reset go on counting there. `None` if nobody counts yet.
+    #[must_use]
+    pub fn line_counts(&self) -> Option<[u64; 3]> {
+        let control = self.line.as_ref()?.active();
+        control.look_at_line();
+        Some(control.line_counts())
+    }
+
+    /// When the run is to end, module time, ns.
+    #[must_use]
+    pub fn until_ns(&self) -> Option<u64> {
+        self.until_ns
+    }
+
+    /// Module time of the last minor frame, ns.
+    #[must_use]
+    pub fn module_ns(&self) -> u64 {
+        self.module_ns
+    }
+
+    /// The run is over, whatever the module says.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.reason.is_some()
+    }
+
+    /// Ends the run where that was asked for.
+    pub fn heed_stop(&mut self) {
+        if self.stop.load(Ordering::Acquire) {
+            self.reason.get_or_insert_with(|| "it was asked to stop".into());
+        }
+    }
+
+    /// Why the run ended.
+    #[must_use]
+    pub fn reason(&self, of_monitor: Option<&str>) -> String {
+        let own = self.reason.as_deref();
+        own.or(of_monitor).unwrap_or("the end of its time").to_owned()
+    }
+
+    /// Ends what was started; gives the reason why the recorder's log is not whole, where it was not told before.
+    pub fn finish(&mut self) -> Option<String> {
+        self.recording.take()?.finish()
+    }
+
+    fn exchange(&mut self, module_ns: u64, monitor: &mut Monitor) {
+        if let Some(recording) = &mut self.recording {
+            recording.turn(self.clock, module_ns, monitor);
+        }
+        let Some(companion) = &mut self.companion else { return };
+        let sent = self.line.as_ref().map_or(0, |pair| pair.active().line_counts()[0]);
+        match companion.exchange(module_ns, sent) {
+            Ok((bytes, stop)) => {
+                if let Some(pair) = &self.line {
+                    pair.all().for_each(|control| control.expect_of_device(bytes));
+                }
+                if stop {
+                    self.reason = Some("the mission is over".into());
+                }
+            }
+            Err(error) => self.reason = Some(format!("the companion of the virtual clock is gone: {error}")),
+        }
+    }
+}
+
+impl World for Surroundings {
+    fn minor_frame(&mut self, module_ns: u64, monitor: &mut Monitor) -> bool {
+        self.module_ns = module_ns;
+        if let Some(pair) = &self.line {
+            pair.active().look_at_line();
+        }
+        self.acts.perform(module_ns, monitor);
+        while let Some(schedule) = self.changes.due(module_ns) {
+            let _ = monitor.request_schedule(&schedule, module_ns); // the names were looked up before frame 0
+        }
+        if module_ns >= self.next_exchange_ns {
+            self.next_exchange_ns = module_ns + EXCHANGE_NS;
+            self.exchange(module_ns, monitor);
+        }
+        if self.power_fail.swap(false, Ordering::AcqRel) {
+            let detail = "the supply announced that it is going (SIGPWR)";
+            monitor.module_fault(ModuleError::PowerFail, detail, true, module_ns);
+        }
+        self.heed_stop();
+        if self.until_ns.is_some_and(|until| module_ns >= until) {
+            self.reason.get_or_insert_with(|| "the asked-for time is over".into());
+        }
+        self.reason.is_none()
+    }
+}

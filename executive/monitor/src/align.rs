@@ -1,0 +1,165 @@
+//! The monitor's part in the alignment of major frames: it brings what a relay has told, or what the machine's disciplined clock
+//! says, to the [`Aligner`], tells what has changed, and writes `alignment.csv`.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+use super::{Monitor, seconds};
+use crate::event::Event;
+use bateleur_control::status::AlignmentStatus;
+use bateleur_plan::{ModuleError, Timeline};
+use bateleur_time::alignment::{Aligner, Change, Following, Measured, Realtime, Reference, State};
+
+/// Name of the log in a run's folder.
+const FILE: &str = "alignment.csv";
+/// Its heading.
+const HEADING: &str =
+    "frame,time_ns,state,measured_ns,uncertainty_ns,phase_ns,deviation_ns,drift_ppb,shift_ns\n";
+
+/// What a module that follows works with.
+pub struct Alignment {
+    aligner: Aligner,
+    /// The relay's place in the plan, where another module is followed.
+    relay: Option<usize>,
+    /// When module time 0 was, CLOCK_MONOTONIC, ns.
+    origin_ns: u64,
+    /// The last of the relay's reports.
+    seen: u32,
+    /// The frame of which the disciplined clock was asked last.
+    asked: Option<u64>,
+    /// The frame that the log ends with.
+    logged: Option<u64>,
+    log: Option<BufWriter<File>>,
+}
+
+impl Alignment {
+    /// `relay`: its place in the plan. `resets`: of the module so far; each start has a log of its own. A log that can not be made
+    /// keeps nobody from flying.
+    #[must_use]
+    pub fn new(
+        following: Following,
+        timelines: &[Timeline],
+        relay: Option<usize>,
+        origin_ns: u64,
+        folder: &Path,
+        resets: u32,
+    ) -> Self {
+        let name = if resets == 0 { FILE.to_owned() } else { format!("alignment.reset-{resets}.csv") };
+        let log = File::create(folder.join(name)).map(BufWriter::new);
+        let log = log.and_then(|mut log| log.write_all(HEADING.as_bytes()).map(|()| log));
+        Self {
+            aligner: Aligner::new(following, timelines),
+            relay,
+            origin_ns,
+            seen: 0,
+            asked: None,
+            logged: None,
+            log: log.ok(),
+        }
+    }
+
+    /// What the disciplined clock says of the newest frame, asked once for each.
+    fn ask(&mut self, frame: u64, frame_ns: u64) -> Option<Measured> {
+        if self.asked.replace(frame) == Some(frame) {
+            return None;
+        }
+        match Realtime.sample() {
+            Ok(sample) => {
+                self.aligner.silent(None);
+                self.aligner.read(frame, self.origin_ns + frame_ns, &sample)
+            }
+            Err(why) => {
+                self.aligner.silent(Some(why));
+                None
+            }
+        }
+    }
+
+    fn write(&mut self, frame: u64, module_ns: u64) {
+        if self.logged.replace(frame) == Some(frame) {
+            return;
+        }
+        let Some(log) = &mut self.log else { return };
+        let (law, figures) = (self.aligner.law(), self.aligner.figures());
+        let number = |number: Option<f64>| number.map_or_else(String::new, |number| format!("{number:.0}"));
+        let line = writeln!(
+            log,
+            "{frame},{module_ns},{},{},{:.0},{},{:.0},{:.0},{}",
+            self.aligner.state().name(),
+            number(figures.measured_ns),
+            figures.uncertainty_ns,
+            number(law.phase_ns()),
+            law.deviation_ns(),
+            law.drift_ppb(),
+            figures.shift_ns
+        );
+        if line.is_err() {
+            self.log = None; // a full disk: the frames are aligned all the same
+        }
+    }
+
+    /// How it is now.
+    pub(super) fn status(&self) -> AlignmentStatus {
+        let (law, figures) = (self.aligner.law(), self.aligner.figures());
+        AlignmentStatus {
+            follows: self.aligner.following().reference.name().to_owned(),
+            state: self.aligner.state().name().to_owned(),
+            error_ns: law.phase_ns().map(|phase| phase.round() as i64),
+            deviation_ns: law.deviation_ns().round() as u64,
+            uncertainty_ns: figures.uncertainty_ns.round() as u64,
+            drift_ppb: law.drift_ppb().round() as i64,
+            correction_ns: figures.shift_ns,
+            measurements: figures.measurements,
+            refused: figures.refused,
+            lost: figures.lost,
+        }
+    }
+}
+
+impl Monitor {
+    /// From now on the module's frames follow somebody's.
+    pub fn follow(&mut self, alignment: Alignment) {
+        self.alignment = Some(alignment);
+    }
+
+    /// Looks at what was measured, and decides about the next frame's end.
+    pub(super) fn align(&mut self, module_ns: u64) {
+        let Some(mut alignment) = self.alignment.take() else { return };
+        let (frame, frame_ns) = (self.schedule_switch.newest_frame(), self.schedule_switch.newest_frame_ns());
+        let measured = match alignment.aligner.following().reference {
+            Reference::Module(_) => self.told(&mut alignment, frame),
+            Reference::Realtime => alignment.ask(frame, frame_ns),
+        };
+        let before = alignment.aligner.state();
+        let change = alignment.aligner.step(&self.schedule_switch, module_ns, measured);
+        alignment.write(frame, module_ns);
+        match change {
+            Some(Change::Lost(why)) => self.module_fault(ModuleError::SyncLost, &why, true, module_ns),
+            Some(Change::Locked) => self.tell_locked(&alignment, before, module_ns),
+            None => {}
+        }
+        self.alignment = Some(alignment);
+    }
+
+    fn told(&self, alignment: &mut Alignment, frame: u64) -> Option<Measured> {
+        let place = self.places[alignment.relay?]?;
+        let control = self.watched[place].pair.active();
+        let told = control.page.alignment_since(&mut alignment.seen)?;
+        alignment.aligner.heard(&told, frame)
+    }
+
+    fn tell_locked(&mut self, alignment: &Alignment, before: State, module_ns: u64) {
+        let status = alignment.status();
+        let again = if before == State::Lost { " again" } else { "" };
+        let text = format!(
+            "major frames follow {}{again}: {:.1} us beside, drift {:.2} ppm",
+            status.follows,
+            status.error_ns.unwrap_or_default() as f64 / 1e3,
+            status.drift_ppb as f64 / 1e3
+        );
+        self.health_log.note_module("sync_gained", text.clone(), module_ns);
+        let partition = crate::inject::DISPATCHER.to_owned();
+        self.events.tell(&Event::Message { time_s: seconds(module_ns), partition, text });
+    }
+}

@@ -1,0 +1,464 @@
+//! The dead of a module: channel cleaners remove what processes left in shared memory, one at a time in each channel.
+//!
+//! Every dead process is cleaned up after, also one that has no successor: its queues would stay full for its peers, and its
+//! places in the channels would stay taken. A channel cleaner that ends of what it finds in a channel is followed by one that
+//! does not look into that. It must never hold up a successor for long: one that hangs is given three seconds, and those who share
+//! no channel with its dead one do not wait for it.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::Read;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::rc::Rc;
+
+use super::standby::Waiting;
+use super::watched::{Life, Watched};
+use super::{Monitor, StartChannelCleaner};
+use bateleur_host::helper::BAD;
+use bateleur_host::helper::end_helper;
+use bateleur_plan::PartitionId;
+use bateleur_system::cpu_starvation;
+use bateleur_system::spawn::Spawned;
+use bateleur_system::time::now_ns;
+use bateleur_system::wait::{ended, is_victim};
+
+/// A channel cleaner that has used more time than this is ended: the library's clean-up can hang. One that works takes some
+/// milliseconds.
+const CHANNEL_CLEANER_PATIENCE_NS: u64 = 3_000_000_000;
+
+/// What a pipe holds (pipe(7)): more channels than a module has.
+const PROGRESS_BYTES: usize = 1 << 16;
+
+/// Whose process is dead: a partition's place, and which of its two processes it was.
+type EndedProcess = (usize, PairMember);
+
+/// Channel cleaners at work, most.
+const CHANNEL_CLEANERS: usize = 4;
+
+/// Which of a partition's processes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum PairMember {
+    /// The one that has the windows.
+    Active,
+    /// What lies behind it: one that stood by, or that was followed by one that did.
+    Standby,
+}
+
+/// See the module's head.
+pub(super) struct Cleanups {
+    start_channel_cleaner: StartChannelCleaner,
+    channel_cleaners: Vec<ChannelCleaner>,
+    waiting: VecDeque<Dead>,
+    /// They are cleaned up after when nobody else waits.
+    ended_helpers: Option<(EndedHelpers, Vec<String>)>,
+}
+
+/// Numbers of helpers that have ended, each of which was attached to all channels of the module.
+pub type EndedHelpers = Rc<RefCell<Vec<i32>>>;
+
+/// What a channel cleaner is told.
+#[derive(Debug)]
+pub struct CleanupOrder {
+    /// The dead process.
+    pub pid: i32,
+    /// Its user, where nobody else has it and no process of it lives: everything of it goes.
+    pub user: Option<u32>,
+    /// The channels that it was attached to.
+    pub channels: Vec<String>,
+    /// Those among them whose memory must not be looked at.
+    pub damaged: Vec<String>,
+}
+
+/// A channel cleaner at work.
+#[derive(Debug)]
+struct ChannelCleaner {
+    dead: Dead,
+    order: CleanupOrder,
+    process: Spawned,
+    /// Where it says at which channel it is, and which it could not clear.
+    progress: File,
+    /// CLOCK_MONOTONIC, ns.
+    since_ns: u64,
+    /// Those that it, or one before it, could not clear.
+    bad: Vec<String>,
+}
+
+/// Who is cleaned up after.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Dead {
+    /// A process that a partition had.
+    Of(EndedProcess),
+    /// Another one that was attached to channels.
+    Helper(i32, Vec<String>),
+}
+
+impl Cleanups {
+    pub(super) fn new(
+        start_channel_cleaner: StartChannelCleaner,
+        ended_helpers: Option<(EndedHelpers, Vec<String>)>,
+    ) -> Self {
+        Self { start_channel_cleaner, channel_cleaners: Vec::new(), waiting: VecDeque::new(), ended_helpers }
+    }
+
+    /// The process that `place` had there waits for its cleanup.
+    pub(super) fn add(&mut self, place: usize, member: PairMember) {
+        let dead = Dead::Of((place, member));
+        let under_way = self.channel_cleaners.iter().any(|channel_cleaner| channel_cleaner.dead == dead);
+        if !under_way && !self.waiting.contains(&dead) {
+            self.waiting.push_back(dead);
+        }
+    }
+
+    /// A process that is no partition was attached to `channels` when it ended.
+    pub(super) fn add_helper(&mut self, pid: i32, channels: Vec<String>) {
+        self.waiting.push_back(Dead::Helper(pid, channels));
+    }
+
+    /// Whether that process waits for its cleanup.
+    pub(super) fn awaits(&self, pid: i32) -> bool {
+        let is_it = |dead: &Dead| matches!(dead, Dead::Helper(helper, _) if *helper == pid);
+        self.channel_cleaners.iter().any(|channel_cleaner| is_it(&channel_cleaner.dead))
+            || self.waiting.iter().any(is_it)
+    }
+
+    /// Whether somebody waits for a channel cleaner.
+    pub(super) fn are_waiting(&self) -> bool {
+        !self.waiting.is_empty()
+            || self
+                .ended_helpers
+                .as_ref()
+                .is_some_and(|(ended_helpers, _)| !ended_helpers.borrow().is_empty())
+    }
+
+    /// The next partition whose dead process has been cleaned up after, with the channels that could not be cleared; `None` if channel cleaners are at work,
+    /// or nobody waits. `channels_of`: those that a partition is attached to.
+    pub(super) fn next_cleaned(
+        &mut self,
+        watched: &[Watched],
+        channels_of: impl Fn(PartitionId) -> Vec<String>,
+    ) -> Option<(EndedProcess, Vec<String>)> {
+        let mut place = 0;
+        while place < self.channel_cleaners.len() {
+            let status = ended(&self.channel_cleaners[place].process);
+            let channel_cleaner = &self.channel_cleaners[place];
+            let hangs =
+                status.is_none() && hangs(channel_cleaner.process.pid, now_ns() - channel_cleaner.since_ns);
+            if status.is_none() && !hangs {
+                place += 1;
+                continue;
+            }
+            let mut channel_cleaner = self.channel_cleaners.swap_remove(place);
+            if hangs {
+                end_helper(&channel_cleaner.process);
+            }
+            let at = channel_cleaner.listen();
+            let victim = hangs || is_victim(status);
+            if victim && channel_cleaner.spare(at, hangs) {
+                let bad = channel_cleaner.bad.clone();
+                if self.start(channel_cleaner.dead.clone(), channel_cleaner.order, bad) {
+                    continue;
+                }
+            }
+            if let Dead::Of(ended_process) = channel_cleaner.dead {
+                return Some((ended_process, channel_cleaner.bad));
+            }
+        }
+        self.start_next(watched, channels_of)
+    }
+
+    /// Starts channel cleaners for those who wait; gives one who can have none.
+    fn start_next(
+        &mut self,
+        watched: &[Watched],
+        channels_of: impl Fn(PartitionId) -> Vec<String>,
+    ) -> Option<(EndedProcess, Vec<String>)> {
+        let mut place = 0;
+        while self.channel_cleaners.len() < CHANNEL_CLEANERS {
+            let Some(dead) = self.waiting.get(place).cloned().or_else(|| self.ended_helper()) else { break };
+            let order = match &dead {
+                Dead::Of((partition, member)) => {
+                    let watched = &watched[*partition];
+                    dead_process(watched, *member).map(|(pid, user)| CleanupOrder {
+                        pid,
+                        user,
+                        channels: channels_of(watched.sandbox.id),
+                        damaged: Vec::new(),
+                    })
+                }
+                Dead::Helper(pid, channels) => Some(CleanupOrder {
+                    pid: *pid,
+                    user: None,
+                    channels: channels.clone(),
+                    damaged: Vec::new(),
+                }),
+            };
+            let at_work = |channel: &String| {
+                self.channel_cleaners
+                    .iter()
+                    .any(|channel_cleaner| channel_cleaner.order.channels.contains(channel))
+            };
+            if order.as_ref().is_some_and(|order| order.channels.iter().any(at_work)) {
+                if place >= self.waiting.len() {
+                    self.waiting.push_back(dead); // one of the fallen
+                    break;
+                }
+                place += 1;
+                continue;
+            }
+            self.waiting.remove(place); // out of bounds: one of the fallen
+            // Without a channel cleaner a successor may still find its ports free: trying costs nothing. What is left of a stranger costs an
+            // observer's place in its channels, and nothing else.
+            let is_at_work = order.is_some_and(|order| self.start(dead.clone(), order, Vec::new()));
+            if let (Dead::Of(ended_process), false) = (dead, is_at_work) {
+                return Some((ended_process, Vec::new()));
+            }
+        }
+        None
+    }
+
+    fn ended_helper(&self) -> Option<Dead> {
+        let (ended_helpers, channels) = self.ended_helpers.as_ref()?;
+        ended_helpers.borrow_mut().pop().map(|pid| Dead::Helper(pid, channels.clone()))
+    }
+
+    /// Whether a channel cleaner is at work now.
+    fn start(&mut self, dead: Dead, order: CleanupOrder, bad: Vec<String>) -> bool {
+        let Ok((process, progress)) = (self.start_channel_cleaner)(&order) else { return false };
+        self.channel_cleaners.push(ChannelCleaner {
+            dead,
+            order,
+            process,
+            progress,
+            since_ns: now_ns(),
+            bad,
+        });
+        true
+    }
+
+    /// The channel cleaners at work.
+    pub(super) fn channel_cleaners(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
+        self.channel_cleaners.iter().map(|channel_cleaner| channel_cleaner.process.pidfd.as_fd())
+    }
+
+    /// Ends channel cleaners at work in `channels`, whose cleanups begin anew when the next ones are looked for: nobody may map what is put aside.
+    pub(super) fn set_back(&mut self, channels: &[String]) {
+        let is_there = |channel_cleaner: &mut ChannelCleaner| {
+            channel_cleaner.order.channels.iter().any(|channel| channels.contains(channel))
+        };
+        for channel_cleaner in self.channel_cleaners.extract_if(.., is_there) {
+            end_helper(&channel_cleaner.process);
+            self.waiting.push_front(channel_cleaner.dead);
+        }
+    }
+
+    /// The module ends: nobody needs what is in shared memory any more.
+    pub(super) fn give_up(&mut self) {
+        self.channel_cleaners.drain(..).for_each(|channel_cleaner| end_helper(&channel_cleaner.process));
+    }
+}
+
+impl ChannelCleaner {
+    /// Takes down what it has said: the channels that it could not clear; and gives the one at which it was last.
+    fn listen(&mut self) -> Option<String> {
+        let mut said = vec![0; PROGRESS_BYTES];
+        let count = self.progress.read(&mut said).unwrap_or(0);
+        let said = String::from_utf8_lossy(&said[..count]);
+        let refused = |line: &'_ str| line.strip_prefix(BAD)?.strip_prefix(' ').map(str::to_owned);
+        let known = |channel: &String| self.order.channels.contains(channel);
+        let bad: Vec<String> = said.lines().filter_map(refused).filter(known).collect();
+        self.bad.extend(bad);
+        said.lines().rfind(|line| refused(line).is_none()).map(str::to_owned)
+    }
+
+    /// It has ended of what it found in the channel that it was `at`, or hung there: has its follower not look into that one. As each
+    /// hang takes its time, the channels behind it are left to the next channel cleaner that comes there. False: it was at none.
+    fn spare(&mut self, at: Option<String>, hung: bool) -> bool {
+        let place = self.order.channels.iter().position(|channel| Some(channel) == at.as_ref());
+        let (Some(at), Some(place)) = (at, place) else { return false };
+        if hung {
+            self.order.channels.truncate(place + 1);
+        }
+        self.order.damaged.push(at);
+        true
+    }
+}
+
+impl Monitor {
+    /// Cleans up after a process that is no partition and was attached to `channels`.
+    pub fn clean_up_after_helper(&mut self, pid: i32, channels: Vec<String>) {
+        self.cleanups.add_helper(pid, channels);
+    }
+
+    /// Whether it still waits for that.
+    #[must_use]
+    pub fn awaits_cleanup(&self, pid: i32) -> bool {
+        self.cleanups.awaits(pid)
+    }
+
+    /// Waits for it, as nobody's time passes (the virtual clock).
+    pub fn await_cleanup(&mut self, pid: i32) {
+        while self.awaits_cleanup(pid) {
+            self.look_at_channel_cleaner();
+            if self.awaits_cleanup(pid) {
+                self.pause(200_000);
+            }
+        }
+    }
+}
+
+/// Whether a channel cleaner that began `elapsed_ns` ago will not come to an end. Ended before its work is done, it leaves its successor's
+/// places in the channels taken.
+fn hangs(pid: i32, elapsed_ns: u64) -> bool {
+    cpu_starvation::has_had(pid, elapsed_ns, CHANNEL_CLEANER_PATIENCE_NS, cpu_starvation::STARVED_PATIENCE_NS)
+}
+
+/// The number of the process that waits there for its cleanup, and the user that it had for itself.
+fn dead_process(watched: &Watched, member: PairMember) -> Option<(i32, Option<u32>)> {
+    match (member, &watched.life, &watched.standby) {
+        (PairMember::Active, Life::Dead(pid, _), _) => Some((*pid, watched.sandbox.own_user())),
+        (PairMember::Standby, _, Some(standby)) => match standby.life {
+            Waiting::Dead(pid) => Some((pid, standby.sandbox.own_user())),
+            _ => None,
+        },
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::fd::OwnedFd;
+    use std::process::{Command, Stdio};
+
+    use rustix::process::{Pid, PidfdFlags, pidfd_open};
+
+    use super::*;
+    use bateleur_system::wait::await_any_end;
+
+    /// A process that does what a shell is told.
+    #[expect(clippy::zombie_processes, reason = "it is waited for by its descriptor, like every helper")]
+    fn shell(words: &str) -> (Spawned, File) {
+        let child = Command::new("sh").args(["-c", words]).stdout(Stdio::piped()).spawn().unwrap();
+        let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty()).unwrap();
+        let pid = child.id().try_into().unwrap();
+        (Spawned { pid, pidfd }, File::from(OwnedFd::from(child.stdout.unwrap())))
+    }
+
+    fn text(names: &[&str]) -> Vec<String> {
+        names.iter().map(|name| (*name).to_owned()).collect()
+    }
+
+    /// What each channel cleaner of a cleanup was told to spare, where they did in turn what `channel_cleaners` says.
+    fn spared(channel_cleaners: &'static [&'static str]) -> Vec<Vec<String>> {
+        let told: Rc<RefCell<Vec<Vec<String>>>> = Rc::default();
+        let log = told.clone();
+        let ended_helpers = EndedHelpers::default();
+        let mut cleanups = Cleanups::new(
+            Box::new(move |order| {
+                let mut told = log.borrow_mut();
+                told.push(order.damaged.clone());
+                Ok(shell(channel_cleaners[told.len() - 1]))
+            }),
+            Some((ended_helpers.clone(), text(&["a", "b", "c"]))),
+        );
+        ended_helpers.borrow_mut().push(7);
+        assert_eq!(cleanups.next_cleaned(&[], |_| Vec::new()), None);
+        while cleanups.awaits(7) {
+            await_any_end(&cleanups.channel_cleaners().collect::<Vec<_>>(), 1_000_000_000);
+            assert_eq!(cleanups.next_cleaned(&[], |_| Vec::new()), None, "no partition was buried");
+        }
+        told.take()
+    }
+
+    #[test]
+    fn a_channel_cleaner_that_ends_of_a_damaged_channel_is_followed_by_one_that_spares_it() {
+        let twice = spared(&["echo a; kill -BUS $$", "echo b; echo c; kill -SEGV $$", "echo b"]);
+        assert_eq!(twice, [text(&[]), text(&["a"]), text(&["a", "c"])]);
+        let panicked = spared(&["echo b; exit 101", "exit 0"]);
+        assert_eq!(panicked, [text(&[]), text(&["b"])]);
+    }
+
+    #[test]
+    fn a_channel_cleaner_that_says_why_it_failed_or_ended_at_no_channel_is_not_followed() {
+        assert_eq!(spared(&["echo a; echo b; exit 1"]).len(), 1, "it has looked at all of them");
+        assert_eq!(spared(&["kill -SEGV $$"]).len(), 1);
+    }
+
+    #[test]
+    fn a_channel_cleaner_that_can_not_be_started_is_not_tried_for_ever() {
+        let ended_helpers = EndedHelpers::default();
+        let tries = Rc::new(RefCell::new(0));
+        let counted = tries.clone();
+        let start: StartChannelCleaner = Box::new(move |_| {
+            *counted.borrow_mut() += 1;
+            Err(std::io::ErrorKind::OutOfMemory.into())
+        });
+        let mut cleanups = Cleanups::new(start, Some((ended_helpers.clone(), text(&["a"]))));
+        ended_helpers.borrow_mut().push(7);
+        for _ in 0..10 {
+            assert_eq!(cleanups.next_cleaned(&[], |_| Vec::new()), None);
+        }
+        assert_eq!(*tries.borrow(), 1);
+    }
+
+    #[test]
+    fn a_cleanup_that_was_set_back_begins_anew() {
+        let start: StartChannelCleaner = Box::new(|_| Ok(shell("echo a; sleep 60")));
+        let mut cleanups = Cleanups::new(start, None);
+        cleanups.add_helper(7, text(&["a"]));
+        assert_eq!(cleanups.next_cleaned(&[], |_| Vec::new()), None);
+        cleanups.set_back(&text(&["b"]));
+        assert_eq!(cleanups.channel_cleaners().count(), 1, "it is at work elsewhere");
+        cleanups.set_back(&text(&["a"]));
+        assert!(cleanups.channel_cleaners().next().is_none() && cleanups.awaits(7));
+        cleanups.give_up();
+    }
+
+    #[test]
+    fn a_channel_cleaner_that_hung_is_followed_by_one_that_leaves_what_lies_behind() {
+        let (process, progress) = shell("echo a; echo b");
+        await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
+        let channels = text(&["a", "b", "c", "d"]);
+        let order = CleanupOrder { pid: 7, user: None, channels, damaged: Vec::new() };
+        let dead = Dead::Helper(7, order.channels.clone());
+        let mut channel_cleaner =
+            ChannelCleaner { dead, order, process, progress, since_ns: 0, bad: Vec::new() };
+        let at = channel_cleaner.listen();
+        assert!(channel_cleaner.spare(at, true));
+        assert_eq!(
+            (&channel_cleaner.order.channels, &channel_cleaner.order.damaged),
+            (&text(&["a", "b"]), &text(&["b"]))
+        );
+    }
+
+    #[test]
+    fn a_channel_that_a_channel_cleaner_could_not_clear_is_told_with_those_of_the_channel_cleaners_before_it()
+    {
+        let (process, progress) = shell("echo a; echo bad a; echo b; echo bad unknown; echo c");
+        await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
+        let order =
+            CleanupOrder { pid: 7, user: None, channels: text(&["a", "b", "c"]), damaged: Vec::new() };
+        let dead = Dead::Of((0, PairMember::Active));
+        let mut channel_cleaner =
+            ChannelCleaner { dead, order, process, progress, since_ns: 0, bad: text(&["b"]) };
+        assert_eq!(channel_cleaner.listen().as_deref(), Some("c"));
+        assert_eq!(channel_cleaner.bad, text(&["b", "a"]));
+    }
+
+    #[test]
+    fn nobody_waits_for_a_channel_cleaner_that_is_at_work_in_channels_of_others() {
+        let start: StartChannelCleaner =
+            Box::new(|order| Ok(shell(if order.pid == 7 { "echo a; sleep 60" } else { "exit 0" })));
+        let mut cleanups = Cleanups::new(start, None);
+        cleanups.add_helper(7, text(&["a", "b"]));
+        cleanups.add_helper(8, text(&["b", "c"]));
+        cleanups.add_helper(9, text(&["c", "d"]));
+        let begun_ns = now_ns();
+        while cleanups.awaits(9) && now_ns() - begun_ns < 10_000_000_000 {
+            assert_eq!(cleanups.next_cleaned(&[], |_| Vec::new()), None);
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        assert_eq!([7, 8, 9].map(|pid| cleanups.awaits(pid)), [true, true, false]);
+        cleanups.give_up();
+    }
+}

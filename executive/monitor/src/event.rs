@@ -1,0 +1,288 @@
+//! What a run tells whoever watches it: lines of JSON.
+
+use std::io::Write;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use bateleur_host::guarantee::Guarantee;
+
+/// One thing that happened.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum Event {
+    /// What this machine lets the executive promise.
+    Guarantees {
+        /// The promises.
+        list: Vec<Guarantee>,
+    },
+    /// Every partition is ready; frame 0 is about to begin.
+    Ready {
+        /// Partitions of the module.
+        partitions: usize,
+    },
+    /// A health error.
+    Fault {
+        /// Module time, s.
+        time_s: f64,
+        /// The partition.
+        partition: String,
+        /// The error.
+        error: String,
+        /// What is done about it.
+        action: String,
+        /// What is known beside it.
+        detail: String,
+    },
+    /// A health error of the module itself.
+    ModuleFault {
+        /// Module time, s.
+        time_s: f64,
+        /// The error.
+        error: String,
+        /// What is done about it.
+        action: String,
+        /// What is known beside it.
+        detail: String,
+    },
+    /// The module was reset, and its frame 0 begins again.
+    ModuleRestarted {
+        /// Module time of frame 0, s.
+        time_s: f64,
+        /// From the error to frame 0, ms.
+        after_ms: f64,
+    },
+    /// The successor of a failed process had its first window.
+    Recovered {
+        /// Module time, s.
+        time_s: f64,
+        /// The partition.
+        partition: String,
+        /// From the fault to that window, ms.
+        after_ms: f64,
+    },
+    /// A partition has something to say.
+    Message {
+        /// Module time, s.
+        time_s: f64,
+        /// The partition.
+        partition: String,
+        /// Its words.
+        text: String,
+    },
+    /// What was planned for this instant could not be done.
+    Undone {
+        /// Module time, s.
+        time_s: f64,
+        /// The partition, or the dispatcher.
+        partition: String,
+        /// What was planned, and why nothing was done.
+        text: String,
+    },
+    /// Another schedule was asked for.
+    ScheduleRequested {
+        /// Module time, s.
+        time_s: f64,
+        /// The schedule.
+        schedule: String,
+        /// The partition that asked, or `operator`.
+        by: String,
+    },
+    /// The module has changed to another schedule.
+    ScheduleChanged {
+        /// Module time of the major frame that began with it, s.
+        time_s: f64,
+        /// The schedule.
+        schedule: String,
+        /// The one before.
+        before: String,
+    },
+    /// A log can not be written. Told once for each log; what is lost from then on is counted.
+    LogLost {
+        /// Module time, s.
+        time_s: f64,
+        /// The file.
+        log: String,
+        /// Why.
+        reason: String,
+    },
+    /// The log of the ports could not be gone on with, and goes on in another file.
+    LogCut {
+        /// Module time, s.
+        time_s: f64,
+        /// The file that ends.
+        log: String,
+        /// Why, and what it goes on in.
+        reason: String,
+    },
+    /// Something that was written to a port is not in its log, which goes on. Told once for each port.
+    LogLacks {
+        /// Module time, s.
+        time_s: f64,
+        /// The file.
+        log: String,
+        /// Why.
+        reason: String,
+    },
+    /// The run is over.
+    Stopped {
+        /// Why.
+        reason: String,
+        /// Module time, s.
+        module_time_s: f64,
+        /// Windows granted.
+        windows: u64,
+        /// Windows that the dispatcher started late.
+        late_windows: u64,
+        /// Switches, starts and ends of windows, that the dispatcher reached late.
+        #[serde(default)]
+        late_switches: u64,
+        /// Windows that were lost because the dispatcher came later than they last.
+        #[serde(default)]
+        lost_windows: u64,
+        /// Switches that it reached later than `late_after` of the plan: the error `late_dispatcher`.
+        #[serde(default)]
+        too_late_switches: u64,
+        /// Resets of the module.
+        #[serde(default)]
+        resets: u32,
+        /// Windows that were not closed in time.
+        window_overruns: u64,
+        /// Processor time for which dispatchers held their cores in slack, so as to be awake at the next start, s.
+        #[serde(default)]
+        spun_s: f64,
+        /// Windows whose record was lost because the log could not keep up.
+        lost_records: u64,
+        /// Records of logs that could not be written.
+        #[serde(default)]
+        unwritten_records: u64,
+    },
+}
+
+impl Event {
+    /// The same in the time of a module that began `by_s` seconds earlier.
+    #[must_use]
+    pub fn later(mut self, by_s: f64) -> Self {
+        match &mut self {
+            Self::Guarantees { .. } | Self::Ready { .. } => {}
+            Self::Fault { time_s, .. }
+            | Self::ModuleFault { time_s, .. }
+            | Self::ModuleRestarted { time_s, .. }
+            | Self::Recovered { time_s, .. }
+            | Self::Message { time_s, .. }
+            | Self::Undone { time_s, .. }
+            | Self::ScheduleRequested { time_s, .. }
+            | Self::ScheduleChanged { time_s, .. }
+            | Self::LogLost { time_s, .. }
+            | Self::LogCut { time_s, .. }
+            | Self::LogLacks { time_s, .. }
+            | Self::Stopped { module_time_s: time_s, .. } => *time_s += by_s,
+        }
+        self
+    }
+}
+
+/// Lines that wait for a reader; more are dropped and counted.
+const WAITING: usize = 4096;
+/// How long the last lines may take to be read when a run ends.
+const LAST_LINES: Duration = Duration::from_secs(1);
+
+/// Where events go. A reader that is gone or does not read costs nothing: a thread of its own writes the lines.
+#[derive(Default)]
+pub struct Events {
+    lines: Option<SyncSender<Vec<u8>>>,
+    written: Option<Receiver<()>>,
+    dropped: u64,
+    logs_lost: bool,
+}
+
+impl Events {
+    /// To `sink`, or nowhere.
+    #[must_use]
+    pub fn new(sink: Option<Box<dyn Write + Send>>) -> Self {
+        let Some(sink) = sink else { return Self::default() };
+        let (lines, waiting) = sync_channel(WAITING);
+        let (done, written) = sync_channel(1);
+        std::thread::spawn(move || {
+            write_lines(&waiting, sink);
+            let _ = done.send(()); // nobody waits any more
+        });
+        Self { lines: Some(lines), written: Some(written), ..Self::default() }
+    }
+
+    /// Tells one.
+    pub fn tell(&mut self, event: &Event) {
+        self.logs_lost |= matches!(event, Event::LogLost { .. });
+        let (Some(lines), Ok(mut line)) = (&self.lines, serde_json::to_vec(event)) else { return };
+        line.push(b'\n');
+        self.dropped += u64::from(lines.try_send(line).is_err());
+    }
+
+    /// Whether it was told of a log that can not be written, whoever listened.
+    #[must_use]
+    pub fn has_told_lost_log(&self) -> bool {
+        self.logs_lost
+    }
+
+    /// Waits a little until what was told has been written; gives the number of events that were dropped.
+    pub fn finish(&mut self) -> u64 {
+        drop(self.lines.take());
+        if let Some(written) = self.written.take() {
+            let _ = written.recv_timeout(LAST_LINES); // a reader that does not read must not keep the run from ending
+        }
+        self.dropped
+    }
+}
+
+fn write_lines(waiting: &Receiver<Vec<u8>>, mut sink: Box<dyn Write + Send>) {
+    for line in waiting {
+        if sink.write_all(&line).and_then(|()| sink.flush()).is_err() {
+            return;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A reader that has stopped reading.
+    struct Stuck;
+
+    impl Write for Stuck {
+        fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {
+            std::thread::park();
+            Ok(0)
+        }
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_log_that_was_lost_is_remembered_also_where_nobody_listens() {
+        let mut events = Events::new(None);
+        events.tell(&Event::Ready { partitions: 1 });
+        assert!(!events.has_told_lost_log());
+        events.tell(&Event::LogLost { time_s: 1.0, log: "windows.csv".into(), reason: "full".into() });
+        events.tell(&Event::Ready { partitions: 1 });
+        assert!(events.has_told_lost_log());
+    }
+
+    #[test]
+    fn a_reader_that_does_not_read_costs_lines_and_not_the_run() {
+        let mut events = Events::new(Some(Box::new(Stuck)));
+        for partitions in 0..2 * WAITING {
+            events.tell(&Event::Ready { partitions });
+        }
+        assert!(events.finish() >= WAITING as u64 - 1);
+    }
+
+    #[test]
+    fn event_of_a_host_that_came_back_is_told_in_the_time_of_the_flight() {
+        let event = |time_s| Event::Message { time_s, partition: "relay_nav".into(), text: "up".into() };
+        assert_eq!(event(0.5).later(62.0), event(62.5));
+        assert_eq!(Event::Ready { partitions: 9 }.later(62.0), Event::Ready { partitions: 9 });
+    }
+}

@@ -1,0 +1,194 @@
+//! The figures of one partition over a run: counters, spreads and a histogram of fixed size. Adding a window allocates
+//! nothing.
+
+use hdrhistogram::Histogram;
+
+use crate::health::log::Fault;
+use bateleur_control::status::{LastFault, Lateness, PartitionStatus, Spread};
+use bateleur_time::window_record::WindowRecord;
+
+/// Later than that is counted as that, ns: a machine that stood still for ten seconds.
+const LATEST_NS: u64 = 10_000_000_000;
+/// Significant digits of a lateness: one part in a hundred is finer than the machine repeats itself, and the histogram
+/// has some 30 KiB.
+const DIGITS: u8 = 2;
+
+/// See the module's head.
+#[derive(Debug, Clone)]
+pub(super) struct Figures {
+    windows: u64,
+    missed: u64,
+    overruns: u64,
+    window_ns: u64,
+    used: Running,
+    slack: Running,
+    lateness: Option<Histogram<u64>>,
+    pub(super) restarts: u64,
+    last_fault: Option<LastFault>,
+}
+
+impl Figures {
+    pub(super) fn new() -> Self {
+        Self {
+            windows: 0,
+            missed: 0,
+            overruns: 0,
+            window_ns: 0,
+            used: Running::default(),
+            slack: Running::default(),
+            lateness: Histogram::new_with_max(LATEST_NS, DIGITS).ok(), // these bounds are good ones
+            restarts: 0,
+            last_fault: None,
+        }
+    }
+
+    /// Adds a window.
+    pub(super) fn add(&mut self, record: &WindowRecord) {
+        self.window_ns = record.occurrence.window.duration_ns();
+        let Some(granted_ns) = record.granted_ns else {
+            self.missed += 1;
+            return;
+        };
+        self.windows += 1;
+        self.overruns += u64::from(record.is_overrun());
+        let late_ns = granted_ns.saturating_sub(record.occurrence.start_ns);
+        if let Some(lateness) = &mut self.lateness {
+            lateness.saturating_record(late_ns);
+        }
+        if let Some(closed_ns) = record.closed_ns {
+            self.used.add(closed_ns.saturating_sub(granted_ns));
+        }
+        if let Some(slack_ns) = record.slack_ns() {
+            self.slack.add(slack_ns);
+        }
+    }
+
+    /// Remembers the last error.
+    pub(super) fn fault(&mut self, fault: &Fault) {
+        self.last_fault = Some(LastFault {
+            time_ns: fault.time_ns,
+            error: fault.error.clone(),
+            action: fault.action.clone(),
+            detail: fault.detail.clone(),
+        });
+    }
+
+    /// What stands in a status; what it is about and how it lives, the caller adds.
+    pub(super) fn status(&self) -> PartitionStatus {
+        let lateness = self.lateness.as_ref().filter(|lateness| !lateness.is_empty());
+        PartitionStatus {
+            restarts: self.restarts,
+            last_fault: self.last_fault.clone(),
+            windows: self.windows,
+            windows_missed: self.missed,
+            overruns: self.overruns,
+            window_ns: self.window_ns,
+            use_ns: self.used.spread(),
+            slack_ns: self.slack.spread(),
+            lateness_ns: lateness.map(|lateness| Lateness {
+                p50: lateness.value_at_quantile(0.5),
+                p99: lateness.value_at_quantile(0.99),
+                max: lateness.max(),
+            }),
+            ..PartitionStatus::default()
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Running {
+    count: u64,
+    sum: u64,
+    min: u64,
+    max: u64,
+}
+
+impl Running {
+    fn add(&mut self, value: u64) {
+        self.min = if self.count == 0 { value } else { self.min.min(value) };
+        self.max = self.max.max(value);
+        self.count += 1;
+        self.sum = self.sum.saturating_add(value);
+    }
+
+    fn spread(self) -> Option<Spread> {
+        let mean = self.sum.checked_div(self.count)?;
+        Some(Spread { min: self.min, mean, max: self.max })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bateleur_plan::{PartitionId, TimelineWindow};
+    use bateleur_time::dispatcher::{Ending, Occurrence, ScheduleEpoch};
+
+    fn record(granted_ns: Option<u64>, closed_ns: Option<u64>) -> WindowRecord {
+        let window = TimelineWindow { start_ns: 100, end_ns: 1_100, ..some_window() };
+        let occurrence = Occurrence {
+            window,
+            core: 0,
+            epoch: ScheduleEpoch { number: 0, schedule: 0, after: None, since_ns: 0 },
+            major_frame: 0,
+            minor_frames: 0,
+            minor_frame_ns: 2_000,
+            start_ns: 100,
+            end_ns: 1_100,
+            late_ns: 0,
+        };
+        let ending = Ending { late_ns: 0, shared: false };
+        WindowRecord {
+            member: 0,
+            occurrence,
+            ending,
+            missed: None,
+            granted_ns,
+            opened_ns: granted_ns,
+            closed_ns,
+            requested: None,
+        }
+    }
+
+    fn some_window() -> TimelineWindow {
+        use bateleur_plan::Timeline;
+        let text = "[module.m]\ncores = [0]\n[partition.a]\nprogram = \"a\"\nmodule = \"m\"\nmemory = \"1MiB\"\n\
+             [schedule.s]\nmajor_frame = \"20ms\"\nminor_frame = \"20ms\"\ninitial = true\n\
+             [[schedule.s.window]]\npartition = \"a\"\noffset = \"0ms\"\nduration = \"2ms\"\n";
+        let plan = crate::test_support::plan_of(text);
+        let view = plan.module("m").unwrap();
+        let _: PartitionId = view.partitions().next().unwrap();
+        Timeline::of(&plan, view.id(), plan.initial_schedule()).cores[0].windows[0]
+    }
+
+    #[test]
+    fn windows_are_counted_and_spread() {
+        let mut figures = Figures::new();
+        figures.add(&record(Some(110), Some(310)));
+        figures.add(&record(Some(130), Some(730)));
+        figures.add(&record(Some(100), None));
+        figures.add(&record(None, None));
+        let status = figures.status();
+        assert_eq!(
+            (status.windows, status.windows_missed, status.overruns, status.window_ns),
+            (3, 1, 1, 1000)
+        );
+        assert_eq!(status.use_ns, Some(Spread { min: 200, mean: 400, max: 600 }));
+        assert_eq!(status.slack_ns, Some(Spread { min: 370, mean: 580, max: 790 }));
+        let lateness = status.lateness_ns.unwrap();
+        assert_eq!((lateness.p50, lateness.max), (10, 30));
+    }
+
+    #[test]
+    fn lateness_beyond_all_bounds_is_counted_at_the_bound() {
+        let mut figures = Figures::new();
+        figures.add(&record(Some(u64::MAX), None));
+        let max = figures.status().lateness_ns.unwrap().max;
+        assert!((LATEST_NS..LATEST_NS * 102 / 100).contains(&max), "{max}");
+    }
+
+    #[test]
+    fn a_partition_without_windows_has_no_spreads() {
+        let status = Figures::new().status();
+        assert_eq!((status.use_ns, status.slack_ns, status.lateness_ns), (None, None, None));
+    }
+}

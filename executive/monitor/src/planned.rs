@@ -1,0 +1,158 @@
+//! What is planned to happen to partitions at instants of module time: the same again at every run of the same plan.
+
+use crate::Monitor;
+use crate::inject::{Aim, Fault};
+use bateleur_plan::Plan;
+
+/// After a partition's name: the process that stands by for it. No name of a partition has a dot.
+pub const STANDBY: &str = ".standby";
+
+/// What can be done to a partition.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Act {
+    /// Its process dies.
+    Kill,
+    /// The process that stands by for it dies.
+    KillStandby,
+    /// It is ended until it is started.
+    Stop,
+    /// It is started from nothing.
+    Start,
+    /// It is held.
+    Freeze,
+    /// It goes on.
+    Thaw,
+    /// A fault is provoked.
+    Inject(Fault),
+}
+
+impl Act {
+    /// Its word.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Kill => "kill",
+            Self::KillStandby => "kill standby",
+            Self::Stop => "stop",
+            Self::Start => "start",
+            Self::Freeze => "freeze",
+            Self::Thaw => "thaw",
+            Self::Inject(_) => "inject",
+        }
+    }
+}
+
+/// One of them.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PlannedAct {
+    /// What is done.
+    pub act: Act,
+    /// The partition's name; for a fault, what it is aimed at.
+    pub partition: String,
+    /// Module time, ns.
+    pub at_ns: u64,
+}
+
+impl PlannedAct {
+    /// Whom it hits.
+    ///
+    /// # Errors
+    /// The plan has no such target, or it can not have this fault.
+    pub fn aim(&self, plan: &Plan) -> Result<Aim, String> {
+        match self.act {
+            Act::Inject(fault) => fault.aim(plan, &self.partition),
+            _ => match plan.partition(&self.partition) {
+                Some(found) if self.act == Act::KillStandby && plan[found].standby.is_none() => Err(format!(
+                    "nothing stands by for partition \"{}\": it has no `standby`",
+                    self.partition
+                )),
+                Some(found) => Ok(Aim { partition: Some(found.index()), port: 0 }),
+                None => Err(format!("there is no partition \"{}\"", self.partition)),
+            },
+        }
+    }
+}
+
+/// Kills of partitions chosen at random, again and again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Killings {
+    /// From one to the next, module time, ns; not zero.
+    pub every_ns: u64,
+    /// The same seed chooses the same partitions.
+    pub seed: u64,
+}
+
+/// What is still to come.
+#[derive(Debug, Default)]
+pub struct PlannedActs {
+    /// The next one last.
+    list: Vec<(u64, Aim, Act)>,
+    killings: Option<Killings>,
+    next_kill_ns: u64,
+    /// Places in the plan of those who may be chosen.
+    candidates: Vec<usize>,
+}
+
+impl PlannedActs {
+    /// Names that are not in the plan were refused before.
+    #[must_use]
+    pub fn of(plan: &Plan, acts: &[PlannedAct], killings: Option<Killings>, candidates: Vec<usize>) -> Self {
+        let aimed = |one: &PlannedAct| Some((one.at_ns, one.aim(plan).ok()?, one.act));
+        let mut list: Vec<_> = acts.iter().filter_map(aimed).collect();
+        list.sort_by_key(|(at_ns, ..)| *at_ns);
+        list.reverse();
+        let next_kill_ns = killings.map_or(u64::MAX, |killings| killings.every_ns);
+        Self { list, killings, next_kill_ns, candidates }
+    }
+
+    /// Does what is due.
+    pub fn perform(&mut self, module_ns: u64, monitor: &mut Monitor) {
+        while let Some((_, aim, act)) = self.list.pop_if(|(at_ns, ..)| *at_ns <= module_ns) {
+            monitor.carry_out_planned(&aim, act, module_ns);
+        }
+        if let Some(victim) = self.victim(module_ns) {
+            monitor.kill(victim, module_ns);
+        }
+    }
+
+    /// Whom chance kills now.
+    fn victim(&mut self, module_ns: u64) -> Option<usize> {
+        let killings = self.killings.as_mut().filter(|_| module_ns >= self.next_kill_ns)?;
+        self.next_kill_ns += killings.every_ns;
+        let place = random(&mut killings.seed) as usize % self.candidates.len().max(1);
+        self.candidates.get(place).copied()
+    }
+}
+
+/// The next number of a SplitMix64 sequence (Steele, Lea, Flood 2014): the same on every machine and in every version.
+fn random(state: &mut u64) -> u64 {
+    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let mut mixed = *state;
+    mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    mixed ^ (mixed >> 31)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn victims(seed: u64) -> Vec<usize> {
+        let killings = Some(Killings { every_ns: 5, seed });
+        let mut acts = PlannedActs { killings, next_kill_ns: 5, candidates: vec![3, 4, 8], list: Vec::new() };
+        (0..500).filter_map(|now_ns| acts.victim(now_ns)).collect()
+    }
+
+    #[test]
+    fn one_of_the_candidates_is_killed_in_each_period_and_all_of_them_in_time() {
+        let all = victims(1);
+        assert_eq!(all.len(), 99);
+        assert!([3, 4, 8].iter().all(|candidate| all.contains(candidate)) && !all.contains(&0));
+    }
+
+    #[test]
+    fn the_seed_decides() {
+        assert_eq!(victims(7), victims(7));
+        assert_ne!(victims(7), victims(8));
+    }
+}

@@ -1,0 +1,145 @@
+//! Rules about single ports: what each kind and direction needs, and that somebody is at the other end.
+
+use super::Context;
+use crate::catalogue::{self, Rule};
+use crate::closed::{Direction, Kind};
+use crate::findings::Span;
+use crate::raw::{RawChannel, RawPort};
+use crate::reader::Field;
+
+/// As deep as an APEX queuing port may be; its slots are locked memory.
+const DEEPEST: u32 = 512;
+/// As long as an APEX message may be.
+const LONGEST_MESSAGE: u32 = 8192;
+
+pub(super) fn check(cx: &Context<'_>) {
+    for port in &cx.file.ports {
+        if let (Some(kind), Some(direction)) = (port.kind.get(), port.direction.get()) {
+            refresh(cx, port, kind.0, direction.0);
+            depth(cx, port, kind.0, direction.0);
+        }
+        if let Some(kind) = port.kind.get() {
+            payload(cx, port, kind.0);
+        }
+    }
+    unconnected(cx);
+}
+
+fn refresh(cx: &Context<'_>, port: &RawPort, kind: Kind, direction: Direction) {
+    if (kind, direction) != (Kind::Sampling, Direction::Destination) {
+        misplaced(cx, "refresh", port.refresh.said().map(|at| &at.span), (kind, direction));
+        return;
+    }
+    let name = &port.name;
+    match &port.refresh {
+        Field::Absent => {
+            let message = format!("sampling destination `{}` has no `refresh`", name.value);
+            let mend = "add the age up to which a value is valid, such as `refresh = \"40ms\"`";
+            cx.note(&catalogue::REFRESH_MISSING, &name.span, message, mend);
+        }
+        Field::Said(refresh) if refresh.value.0 == 0 => {
+            let message = format!("the refresh period of `{}` is zero", name.value);
+            let mend = "write the age up to which a value is valid, such as \"40ms\"";
+            cx.note(&catalogue::REFRESH_ZERO, &refresh.span, message, mend);
+        }
+        Field::Said(_) | Field::Broken => {}
+    }
+}
+
+fn depth(cx: &Context<'_>, port: &RawPort, kind: Kind, direction: Direction) {
+    if (kind, direction) != (Kind::Queuing, Direction::Destination) {
+        misplaced(cx, "depth", port.depth.said().map(|at| &at.span), (kind, direction));
+        return;
+    }
+    let name = &port.name;
+    match &port.depth {
+        Field::Absent => {
+            let message = format!("queuing destination `{}` has no `depth`", name.value);
+            let mend = "add how many messages may wait, such as `depth = 8`";
+            cx.note(&catalogue::DEPTH_MISSING, &name.span, message, mend);
+        }
+        Field::Said(depth) if depth.value == 0 => {
+            let message = format!("the queue of `{}` holds no message", name.value);
+            cx.note(
+                &catalogue::DEPTH_ZERO,
+                &depth.span,
+                message,
+                "write how many messages may wait, such as 8",
+            );
+        }
+        Field::Said(depth) => cx.at_in_range("depth", depth, 1, DEEPEST),
+        Field::Broken => {}
+    }
+}
+
+fn misplaced(cx: &Context<'_>, key: &str, span: Option<&Span>, (kind, direction): (Kind, Direction)) {
+    if let Some(span) = span {
+        let message = format!("a {kind} {direction} has no `{key}`");
+        let mend = match key {
+            "refresh" => "remove it: only a sampling destination has one",
+            "depth" => "remove it: only a queuing destination has one",
+            _ => "remove it, and name a message type",
+        };
+        cx.note(&catalogue::MISPLACED_KEY, span, message, mend);
+    }
+}
+
+fn payload(cx: &Context<'_>, port: &RawPort, kind: Kind) {
+    if kind == Kind::Sampling {
+        if let (Some(size), Some(direction)) = (port.max_size.said(), port.direction.get()) {
+            misplaced(cx, "max_size", Some(&size.span), (kind, direction.0));
+        }
+        if port.message.is_absent() {
+            without(cx, port, "add its type, such as `message = \"Rates\"`");
+        }
+        return;
+    }
+    if port.message.is_absent() && port.max_size.is_absent() {
+        without(cx, port, "add `message = \"TYPE\"`, or `max_size = 256` for plain bytes");
+    }
+    if let Some(size) = port.max_size.said() {
+        size_of(cx, port, size);
+    }
+}
+
+fn without(cx: &Context<'_>, port: &RawPort, mend: &str) {
+    let message = format!("port `{}` does not say what it carries", port.name.value);
+    cx.note(&catalogue::PAYLOAD_MISSING, &port.name.span, message, mend);
+}
+
+fn size_of(cx: &Context<'_>, port: &RawPort, size: &crate::reader::At<u32>) {
+    let rule: &'static Rule = &catalogue::PAYLOAD_TWICE;
+    if let Some(message) = port.message.said() {
+        let text = format!("port `{}` has both a message type and a size", port.name.value);
+        let finding = super::Finding::new(rule, &size.span, text, "remove `max_size`: the type has a size");
+        cx.add(finding.also(&message.span, "the message type"));
+    } else if size.value == 0 {
+        let message = format!("the longest message of `{}` has no byte", port.name.value);
+        cx.note(&catalogue::PAYLOAD_ZERO, &size.span, message, "write its size in bytes, such as 256");
+    } else {
+        cx.at_in_range("max_size", size, 1, LONGEST_MESSAGE);
+    }
+}
+
+fn unconnected(cx: &Context<'_>) {
+    let is_broken =
+        |channel: &RawChannel| channel.source.said().is_none() || channel.destinations.said().is_none();
+    if channel_ends(cx).any(|path| cx.names.port(path).is_none()) || cx.file.channels.iter().any(is_broken) {
+        // The channel of an unknown port, or one without an end, may well be the one that seems to be missing.
+        return;
+    }
+    for (place, port) in cx.file.ports.iter().enumerate() {
+        if cx.names.channel_of(place).is_none() {
+            let message = format!("port `{}` is in no channel", cx.port_path(place));
+            let mend = "add it to a `[[channel]]`, or remove it";
+            cx.note(&catalogue::PORT_UNCONNECTED, &port.name.span, message, mend);
+        }
+    }
+}
+
+/// Every port that a channel names.
+fn channel_ends<'a>(cx: &'a Context<'_>) -> impl Iterator<Item = &'a str> {
+    let sources = cx.file.channels.iter().filter_map(|channel| channel.source.said());
+    let destinations = cx.file.channels.iter().filter_map(|channel| channel.destinations.said());
+    sources.chain(destinations.flat_map(|list| &list.value)).map(|at| at.value.as_str())
+}

@@ -1,0 +1,228 @@
+//! Rules about windows: that each lies in its frame, and that no two are in each other's way.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::Context;
+use super::laid::{Laid, Slot};
+use super::schedules::minor_frames;
+use crate::catalogue::{self, Rule};
+use crate::findings::{Finding, Span};
+use crate::raw::{RawSchedule, RawWindow};
+use crate::reader::At;
+use crate::units::ShowTime;
+
+/// A thaw, a wake-up, a freeze and its check take some tens of microseconds; a window below this is mostly switch.
+const SHORTEST_NS: u64 = 100_000;
+/// Linux by default gives real-time threads 95 % of every second; the dispatcher and the kernel need some of that.
+const FULLEST_PERCENT: u64 = 90;
+
+pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
+    for (schedule, laid) in cx.file.schedules.iter().zip(laid) {
+        for window in &schedule.windows {
+            duration(cx, window);
+            frame(cx, schedule, window);
+            minor(cx, schedule, window);
+            core(cx, window);
+        }
+        overlaps(cx, schedule, laid);
+        two_cores(cx, schedule, laid);
+        fill(cx, schedule, laid);
+    }
+}
+
+/// The name of the partition of a window, for messages.
+fn whose(window: &RawWindow) -> &str {
+    window.partition.said().map_or("?", |partition| partition.value.as_str())
+}
+
+fn duration(cx: &Context<'_>, window: &RawWindow) {
+    let Some(duration) = window.duration.said() else { return };
+    let (name, time) = (whose(window), ShowTime(duration.value.0));
+    if time.0 == 0 {
+        let message = format!("a window of `{name}` has no length");
+        cx.note(
+            &catalogue::ZERO_DURATION,
+            &duration.span,
+            message,
+            "give it a time above zero, or remove it",
+        );
+    } else if time.0 < SHORTEST_NS {
+        let message = format!("a window of `{name}` is only {time} long");
+        let mend = format!("make it {} at least", ShowTime(SHORTEST_NS));
+        cx.note(&catalogue::WINDOW_TOO_SHORT, &duration.span, message, mend);
+    }
+}
+
+fn frame(cx: &Context<'_>, schedule: &RawSchedule, window: &RawWindow) {
+    let (Some(offset), Some(duration)) = (window.offset.said(), window.duration.said()) else { return };
+    let Some(frame) = schedule.minor_frame.said().filter(|frame| frame.value.0 > 0) else { return };
+    let end = offset.value.0.saturating_add(duration.value.0);
+    if end <= frame.value.0 {
+        return;
+    }
+    let (end, minor) = (ShowTime(end), ShowTime(frame.value.0));
+    let message = format!("a window of `{}` ends at {end} of a {minor} minor frame", whose(window));
+    let mend = "let it start earlier, shorten it, or make the minor frame longer";
+    let finding = Finding::new(&catalogue::WINDOW_OUTSIDE_FRAME, &duration.span, message, mend);
+    cx.add(finding.also(&offset.span, "it starts here").also(&frame.span, "the minor frame"));
+}
+
+fn minor(cx: &Context<'_>, schedule: &RawSchedule, window: &RawWindow) {
+    let Some(list) = window.minor.said() else { return };
+    let name = whose(window);
+    if list.value.is_empty() {
+        let message = format!("a window of `{name}` is in no minor frame");
+        let mend = "leave `minor` out for every frame, or remove the window";
+        cx.note(&catalogue::NO_MINOR, &list.span, message, mend);
+    }
+    let mut seen: BTreeMap<u32, &Span> = BTreeMap::new();
+    for index in &list.value {
+        if let Some(first) = seen.insert(index.value, &index.span) {
+            let message = format!("a window of `{name}` is in minor frame {} twice", index.value);
+            let finding =
+                Finding::new(&catalogue::MINOR_TWICE, &index.span, message, "remove one of the two");
+            cx.add(finding.also(first, "it is here before"));
+        }
+    }
+    let Some((_, frames)) = minor_frames(schedule) else { return };
+    if !minor_beyond(cx, schedule, &list.value, frames) && !even(&seen, frames) {
+        let message = format!("the windows of `{name}` come at uneven intervals");
+        let mend = "choose minor frames that lie equally far apart, also across the end of the major frame";
+        cx.note(&catalogue::UNEVEN_MINOR, &list.span, message, mend);
+    }
+}
+
+/// Notes the minor frames that do not exist, and says whether there are any.
+fn minor_beyond(cx: &Context<'_>, schedule: &RawSchedule, list: &[At<u32>], frames: u64) -> bool {
+    let mut any = false;
+    for index in list.iter().filter(|index| u64::from(index.value) >= frames) {
+        any = true;
+        let message = format!("there is no minor frame {}: the major frame has {frames}", index.value);
+        let mend = format!("they are counted from 0: the last is {}", frames - 1);
+        let finding = Finding::new(&catalogue::MINOR_OUT_OF_RANGE, &index.span, message, mend);
+        cx.add(match schedule.major_frame.said() {
+            Some(major) => finding.also(&major.span, "the major frame"),
+            None => finding,
+        });
+    }
+    any
+}
+
+/// Whether minor frames lie equally far apart in a cycle of `frames`.
+fn even(indices: &BTreeMap<u32, &Span>, frames: u64) -> bool {
+    let starts: Vec<u64> = indices.keys().map(|&index| u64::from(index)).collect();
+    let gaps: BTreeSet<u64> = gaps(&starts, frames).collect();
+    gaps.len() <= 1
+}
+
+/// The distances from each instant to the next in a cycle.
+pub(crate) fn gaps(starts: &[u64], cycle: u64) -> impl Iterator<Item = u64> + '_ {
+    let again = starts.first().map(|first| first + cycle);
+    starts.iter().zip(starts.iter().copied().skip(1).chain(again)).map(|(start, next)| next - start)
+}
+
+fn core(cx: &Context<'_>, window: &RawWindow) {
+    let (Some(core), Some(owner)) = (window.core.said(), cx.names.owner(window)) else { return };
+    let Some(module) = cx.names.module_of(cx.file, owner).map(|module| &cx.file.modules[module]) else {
+        return;
+    };
+    let Some(cores) = module.cores.said() else { return };
+    if cores.value.iter().any(|known| known.value == core.value) {
+        return;
+    }
+    let module = &module.name.value;
+    let message = format!(
+        "core {} is not partitioned by module `{module}`, where `{}` runs",
+        core.value,
+        whose(window)
+    );
+    let mend = format!("choose one of its cores, or add {} to them", core.value);
+    let finding = Finding::new(&catalogue::CORE_NOT_IN_MODULE, &core.span, message, mend);
+    cx.add(finding.also(&cores.span, format!("the cores of `{module}`")));
+}
+
+fn overlaps(cx: &Context<'_>, schedule: &RawSchedule, laid: &Laid) {
+    let same_core = |a: &Slot, b: &Slot| (a.module, a.core) == (b.module, b.core);
+    for (a, b) in collisions(&laid.slots, same_core) {
+        let place = format!("core {} of `{}`", b.core, cx.file.modules[b.module].name.value);
+        collision(cx, &catalogue::WINDOW_OVERLAP, schedule, (a, b), &place);
+    }
+}
+
+fn two_cores(cx: &Context<'_>, schedule: &RawSchedule, laid: &Laid) {
+    let mut slots = laid.slots.clone();
+    slots.sort_by_key(|slot| (slot.partition, slot.start, slot.window));
+    for (a, b) in collisions(&slots, |a, b| a.partition == b.partition) {
+        if a.core != b.core {
+            collision(
+                cx,
+                &catalogue::TWO_CORES_AT_ONCE,
+                schedule,
+                (a, b),
+                &format!("cores {} and {}", a.core, b.core),
+            );
+        }
+    }
+}
+
+/// Slots that collide with one before them, each pair of windows once. The slots come sorted by what `rivals` compares,
+/// then by start.
+fn collisions(slots: &[Slot], rivals: impl Fn(&Slot, &Slot) -> bool) -> Vec<(Slot, Slot)> {
+    let mut found = Vec::new();
+    let mut seen = BTreeSet::new();
+    for (place, a) in slots.iter().enumerate() {
+        let later = slots[place + 1..].iter().take_while(|b| rivals(a, b) && b.start < a.end);
+        for b in later {
+            if seen.insert((a.window.min(b.window), a.window.max(b.window))) {
+                found.push((*a, *b));
+            }
+        }
+    }
+    found
+}
+
+fn collision(
+    cx: &Context<'_>,
+    rule: &'static Rule,
+    schedule: &RawSchedule,
+    (a, b): (Slot, Slot),
+    place: &str,
+) {
+    let (first, second) = (&schedule.windows[a.window], &schedule.windows[b.window]);
+    let (Some(here), Some(there)) = (second.offset.said(), first.offset.said()) else { return };
+    let (from, to) = (ShowTime(b.start), ShowTime(a.end.min(b.end)));
+    let (one, other) = (cx.partition_name(a.partition), cx.partition_name(b.partition));
+    let message = if rule.id == catalogue::WINDOW_OVERLAP.id {
+        format!("windows of `{one}` and `{other}` overlap on {place} from {from} to {to}")
+    } else {
+        format!("`{other}` has windows on {place} at once from {from} to {to}")
+    };
+    let mend =
+        format!("let it start at {} of the minor frame or later, or shorten the other window", ends(first));
+    let label = format!("`{one}` has core {} from {} to {}", a.core, ShowTime(a.start), ShowTime(a.end));
+    cx.add(Finding::new(rule, &here.span, message, mend).also(&there.span, label));
+}
+
+/// The end of a window in its minor frame.
+fn ends(window: &RawWindow) -> ShowTime {
+    let time = |field: Option<u64>| field.unwrap_or_default();
+    ShowTime(time(window.offset.get().map(|t| t.0)).saturating_add(time(window.duration.get().map(|t| t.0))))
+}
+
+fn fill(cx: &Context<'_>, schedule: &RawSchedule, laid: &Laid) {
+    let mut used: BTreeMap<(usize, u32), u64> = BTreeMap::new();
+    for slot in &laid.slots {
+        *used.entry((slot.module, slot.core)).or_default() += slot.end - slot.start;
+    }
+    for ((module, core), used) in used {
+        let percent = u128::from(used) * 100 / u128::from(laid.major);
+        if u128::from(used) * 100 <= u128::from(laid.major) * u128::from(FULLEST_PERCENT) {
+            continue;
+        }
+        let (module, schedule) = (&cx.file.modules[module].name.value, &schedule.name);
+        let message =
+            format!("windows take {percent} % of core {core} of `{module}` in schedule `{}`", schedule.value);
+        let mend = format!("shorten some to {FULLEST_PERCENT} % in all, or move some to another core");
+        cx.note(&catalogue::CORE_TOO_FULL, &schedule.span, message, mend);
+    }
+}

@@ -1,0 +1,71 @@
+//! What the tests of the plan share.
+
+// Each test file uses a part of it.
+#![allow(dead_code)]
+
+pub(crate) mod schema_check;
+
+use std::path::{Path, PathBuf};
+
+use bateleur_plan::{Keys, MessageCatalogue, Plan, Programs, Report, Surroundings, check_among};
+
+/// The message types that the schedules of the tests name, each with a size.
+pub(crate) struct Table;
+
+const NAMES: &[&str] = &[
+    "Rate",
+    "RawGps",
+    "RawAnalog",
+    "Custom",
+    "GpsPosition",
+    "GpsVelocity",
+    "Acceleration",
+    "Rates",
+    "Magnetization",
+    "Pressure",
+    "State",
+    "ActuatorCommand",
+    "ServoTimers",
+    "FunctionStatus",
+    "GroundMessage",
+    "TelemetryMessage",
+    "SimulatorLink",
+];
+
+impl MessageCatalogue for Table {
+    fn size_of(&self, name: &str) -> Option<usize> {
+        NAMES.contains(&name).then_some(if name == "GroundMessage" { 256 } else { 64 })
+    }
+
+    fn names(&self) -> Vec<&str> {
+        NAMES.to_vec()
+    }
+}
+
+/// Every program is there but those in the folder `nowhere`.
+pub(crate) struct Built;
+
+impl Programs for Built {
+    fn fault(&self, program: &str) -> Option<String> {
+        program.starts_with("nowhere/").then(|| "there is no such file".to_owned())
+    }
+}
+
+/// Every key is there but those in the folder `nowhere`.
+pub(crate) struct Made;
+
+impl Keys for Made {
+    fn fault(&self, file: &str) -> Option<String> {
+        file.starts_with("nowhere/").then(|| "there is no such file".to_owned())
+    }
+}
+
+/// The answer of the checker to a text, with programs and keys looked for.
+pub(crate) fn answer_to(name: &str, text: &str) -> Result<(Plan, Report), Report> {
+    check_among(name, text, &Surroundings { messages: &Table, programs: Some(&Built), keys: Some(&Made) })
+}
+
+/// The top of the repository.
+pub(crate) fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).map(PathBuf::from).unwrap_or_default()
+}

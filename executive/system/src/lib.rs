@@ -1,0 +1,17 @@
+//! What the executive asks of the kernel. Every unsafe block of the executive lies in this crate.
+
+pub mod account;
+pub mod cgroup;
+pub mod cpu_starvation;
+pub mod delegation;
+pub mod disposition;
+pub mod filter;
+pub mod kernel_log;
+pub mod rules;
+pub mod sched;
+pub mod spawn;
+pub mod time;
+pub mod tree;
+pub mod users;
+mod view;
+pub mod wait;

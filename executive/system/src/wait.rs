@@ -1,0 +1,55 @@
+//! Waiting for processes and pipes, and how a process has ended.
+
+use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::process::ExitStatusExt;
+use std::process::ExitStatus;
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::{WaitId, WaitIdOptions, waitid};
+
+use crate::spawn::Spawned;
+use crate::time::now_ns;
+
+/// How a process ended, if it has; reaps it.
+pub fn ended(process: &Spawned) -> Option<ExitStatus> {
+    let status = waitid(WaitId::PidFd(process.pidfd.as_fd()), WaitIdOptions::EXITED | WaitIdOptions::NOHANG)
+        .ok()??;
+    let raw = match (status.exit_status(), status.terminating_signal()) {
+        (Some(code), _) => (code & 0xff) << 8,
+        (_, Some(signal)) => signal,
+        _ => 0,
+    };
+    Some(ExitStatus::from_raw(raw))
+}
+
+/// How a program of ours ends that has panicked.
+const PANIC: i32 = 101;
+
+/// Whether what a process of ours has read in shared memory has ended it: it was ended by a signal, the executive's among
+/// them, or has panicked. What it says itself, as of a full disk, would be said by its successor too.
+pub fn is_victim(status: Option<ExitStatus>) -> bool {
+    status.is_some_and(|status| !status.success() && matches!(status.code(), None | Some(PANIC)))
+}
+
+/// Waits until one of `processes` ends, at most `nanoseconds`; false: none has.
+pub fn await_any_end(processes: &[BorrowedFd<'_>], nanoseconds: u64) -> bool {
+    let mut fds: Vec<_> = processes.iter().map(|process| PollFd::new(process, PollFlags::IN)).collect();
+    let end_ns = now_ns().saturating_add(nanoseconds);
+    loop {
+        let left_ns = end_ns.saturating_sub(now_ns());
+        let left =
+            Timespec { tv_sec: (left_ns / 1_000_000_000) as i64, tv_nsec: (left_ns % 1_000_000_000) as i64 };
+        // A signal to the executive is no reason to leave a dying process unreaped.
+        match poll(&mut fds, Some(&left)) {
+            Err(rustix::io::Errno::INTR) => {}
+            // A failed question is no reason to believe that all live: the caller looks.
+            answer => return answer.map_or(true, |ready| ready > 0),
+        }
+    }
+}
+
+/// Whether a process has ended, or a pipe has something to say or was closed.
+pub fn is_readable(descriptor: BorrowedFd<'_>) -> bool {
+    let now = Timespec { tv_sec: 0, tv_nsec: 0 };
+    poll(&mut [PollFd::from_borrowed_fd(descriptor, PollFlags::IN)], Some(&now)).is_ok_and(|ready| ready > 0)
+}

@@ -1,0 +1,77 @@
+//! Changes of schedule as the gates see them: what a partition's first window in a new schedule means for it, and which
+//! partition may ask for another schedule. Computed before frame 0; on the time-critical path it is only looked up.
+
+use std::sync::Arc;
+
+use crate::dispatcher::Occurrence;
+use crate::partition_control::PartitionControl;
+use crate::schedule_switch::{Requested, ScheduleSwitch};
+use bateleur_plan::{ChangeAction, Plan};
+
+/// See the module's head.
+#[derive(Debug)]
+pub struct Changes {
+    schedule_switch: Arc<ScheduleSwitch>,
+    schedules: usize,
+    partitions: usize,
+    /// By schedule before, schedule after, partition.
+    actions: Vec<ChangeAction>,
+    /// By schedule, partition.
+    may_ask: Vec<bool>,
+}
+
+impl Changes {
+    /// What the plan says.
+    #[must_use]
+    pub fn of(plan: &Plan, schedule_switch: Arc<ScheduleSwitch>) -> Self {
+        let mut actions = Vec::new();
+        let mut may_ask = Vec::new();
+        for before in plan.schedule_ids() {
+            for after in plan.schedule_ids() {
+                actions.extend(plan.partition_ids().map(|id| plan.change_action(before, after, id)));
+            }
+            may_ask.extend(plan.partition_ids().map(|id| plan[id].may_set_schedule.contains(&before)));
+        }
+        Self {
+            schedule_switch,
+            schedules: plan.schedules.len(),
+            partitions: plan.partitions.len(),
+            actions,
+            may_ask,
+        }
+    }
+
+    /// The schedule of the next major frame, as far as is known now.
+    #[must_use]
+    pub fn next(&self) -> usize {
+        self.schedule_switch.next()
+    }
+
+    /// What has to be done with the partition of a window before it may have one in this schedule. `None`: nothing, it
+    /// may have this very window. Where there is something, the partition gets no window any more until it is done.
+    pub fn action_due(&self, occurrence: &Occurrence, control: &PartitionControl) -> Option<ChangeAction> {
+        if !control.enters_epoch(occurrence.epoch.number) {
+            return None;
+        }
+        let (before, after) = (occurrence.epoch.after?, occurrence.epoch.schedule);
+        let partition = occurrence.window.partition.index();
+        let action = self.actions[(before * self.schedules + after) * self.partitions + partition];
+        let nothing = match action {
+            ChangeAction::Ignore => true,
+            // It has just started from nothing: doing it again would only cost windows.
+            ChangeAction::ColdRestart => control.is_fresh(),
+            ChangeAction::Idle | ChangeAction::WarmRestart => false,
+        };
+        let due = !nothing && control.withhold(action != ChangeAction::Idle);
+        due.then(|| control.set_pending_action(action, after));
+        due.then_some(action)
+    }
+
+    /// Takes the request for another schedule that the partition of a window has left in its page, where it may ask.
+    pub fn take_request(&self, occurrence: &Occurrence, control: &PartitionControl) -> Option<usize> {
+        let wanted = control.take_schedule_request()? as usize;
+        let at = occurrence.epoch.schedule * self.partitions + occurrence.window.partition.index();
+        let legal = self.may_ask[at] && wanted < self.schedules;
+        (legal && self.schedule_switch.request(wanted) == Requested::Pending).then_some(wanted)
+    }
+}

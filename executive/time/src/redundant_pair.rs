@@ -1,0 +1,258 @@
+//! A partition as the dispatchers see it: one partition control, or two of which one is active. The other has a process that stands
+//! by, or a dead one, or none.
+//!
+//! Made before frame 0, never moved. The monitor hands over between two windows or in the middle of one; a dispatcher
+//! looks once, at a window's start, who is active, and closes the window on that very partition control. So it can not hold the
+//! successor for what its predecessor owed, and neither of them ever waits for the other.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
+use std::sync::atomic::Ordering::{Acquire, Release};
+
+use crate::partition_control::PartitionControl;
+
+/// See the module's head.
+#[derive(Debug)]
+pub struct RedundantPair {
+    controls: Vec<Arc<PartitionControl>>,
+    active: AtomicUsize,
+}
+
+impl RedundantPair {
+    /// `first` is active; `behind` stands by.
+    #[must_use]
+    pub fn new(first: Arc<PartitionControl>, behind: Option<Arc<PartitionControl>>) -> Self {
+        Self { controls: std::iter::once(first).chain(behind).collect(), active: AtomicUsize::new(0) }
+    }
+
+    /// Number of the active member, for [`RedundantPair::control`].
+    pub fn active_member(&self) -> usize {
+        self.active.load(Acquire)
+    }
+
+    /// The member with this number, or the first.
+    pub fn control(&self, member: usize) -> &PartitionControl {
+        &self.controls[if member < self.controls.len() { member } else { 0 }]
+    }
+
+    /// The active member.
+    pub fn active(&self) -> &Arc<PartitionControl> {
+        &self.controls[self.active_member() % self.controls.len()]
+    }
+
+    /// Both.
+    pub fn all(&self) -> impl Iterator<Item = &PartitionControl> {
+        self.controls.iter().map(AsRef::as_ref)
+    }
+
+    /// The other member is active from now on: windows that are open are closed where they were opened. Nothing where
+    /// there is no other.
+    pub fn hand_over(&self) {
+        let next = (self.active_member() + 1) % self.controls.len();
+        self.active.store(next, Release);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Mutex;
+    use std::sync::atomic::AtomicBool;
+    use std::sync::atomic::Ordering::{Relaxed, SeqCst};
+
+    use bateleur_contract::page::WindowGrant;
+    use bateleur_contract::{Mapped, Takeover};
+
+    use super::*;
+    use crate::change::Changes;
+    use crate::dispatcher::{Ending, Gate, Occurrence, ScheduleEpoch};
+    use crate::fence::{Fence, ProcessControl};
+    use crate::partition_control::Readiness;
+    use crate::schedule_switch::ScheduleSwitch;
+    use crate::stall::Stall;
+    use crate::wall::WallGate;
+    use crate::window_record::WindowRecord;
+    use bateleur_plan::Timeline;
+    use bateleur_system::time::now_ns;
+
+    /// Processes of one partition control: whether they are frozen, and what priority they were given.
+    #[derive(Debug, Clone, Default)]
+    struct Process(Arc<(AtomicBool, Mutex<Vec<&'static str>>)>);
+
+    impl Process {
+        fn is_held(&self) -> bool {
+            self.0.0.load(SeqCst)
+        }
+        fn say(&self, what: &'static str) {
+            self.0.1.lock().unwrap().push(what);
+        }
+        fn said(&self) -> Vec<&'static str> {
+            std::mem::take(&mut self.0.1.lock().unwrap())
+        }
+    }
+
+    impl ProcessControl for Process {
+        fn freeze(&self) -> std::io::Result<()> {
+            self.0.0.store(true, SeqCst);
+            self.say("freeze");
+            Ok(())
+        }
+        fn thaw(&self) {
+            self.0.0.store(false, SeqCst);
+            self.say("thaw");
+        }
+        fn is_frozen(&self) -> bool {
+            self.is_held()
+        }
+        fn stop(&self, _: i32) {}
+        fn go_on(&self, _: i32) {}
+        fn each_thread(&self, _: &mut dyn FnMut(i32)) {}
+        fn promote(&self, _: i32, _: u8) {
+            self.say("promote");
+        }
+        fn demote(&self, _: i32) -> bool {
+            false
+        }
+        fn place(&self, _: i32, _: u32) {}
+        fn used_ns(&self, _: i32) -> Option<u64> {
+            None
+        }
+        fn now_ns(&self) -> u64 {
+            0
+        }
+    }
+
+    fn control(process: &Process) -> PartitionControl {
+        let file = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
+        rustix::fs::ftruncate(&file, 4096).unwrap();
+        PartitionControl::new(
+            Mapped::new(file).unwrap(),
+            Fence::new(Box::new(process.clone()), Some(40)),
+            true,
+        )
+    }
+
+    /// A partition with a process active and one that stands by.
+    fn pair() -> (Arc<RedundantPair>, Process, Process) {
+        let (old, new) = (Process::default(), Process::default());
+        let first = control(&old);
+        let behind = control(&new).beside(&first);
+        first.admit(1, &[1], &[]);
+        first.set_readiness(Readiness::Ready);
+        behind.stand_by(2, &[2], &[]);
+        (Arc::new(RedundantPair::new(Arc::new(first), Some(Arc::new(behind)))), old, new)
+    }
+
+    const CALL: WindowGrant = WindowGrant {
+        start_ns: 7,
+        end_ns: 0,
+        minor_frames: 0,
+        minor_frame_ns: 1,
+        major_frame: 0,
+        major_frame_ns: 0,
+        schedule: 0,
+        schedule_since_ns: 0,
+        next_schedule: 0,
+    };
+
+    /// What the monitor does when the process active has died.
+    fn take_over(pair: &RedundantPair) {
+        let (old, new) = (pair.control(0), pair.control(1));
+        old.set_readiness(Readiness::Absent);
+        old.lose_process();
+        new.call(Takeover::Warm, old, &CALL, now_ns());
+        new.page.done.store(new.page.grant.load(Relaxed), Relaxed);
+        new.admit(2, &[2], &[]);
+        pair.hand_over();
+        new.set_readiness(Readiness::Ready);
+    }
+
+    const PLAN: &str = "[module.m]\ncores = [0]\n[partition.a]\nprogram = \"a\"\nmodule = \"m\"\nmemory = \"1MiB\"\n\
+         [schedule.s]\nmajor_frame = \"20ms\"\nminor_frame = \"20ms\"\ninitial = true\n\
+         [[schedule.s.window]]\npartition = \"a\"\noffset = \"0ms\"\nduration = \"2ms\"\n";
+
+    /// The gate of one core, and a window of the partition.
+    fn gate(pair: &Arc<RedundantPair>) -> (WallGate, rtrb::Consumer<WindowRecord>, Occurrence) {
+        let plan = crate::test_support::plan_of(PLAN);
+        let window =
+            Timeline::of(&plan, plan.module("m").unwrap().id(), plan.initial_schedule()).cores[0].windows[0];
+        let changes = Arc::new(Changes::of(&plan, Arc::new(ScheduleSwitch::new(0))));
+        let (producer, consumer) = rtrb::RingBuffer::new(16);
+        let gate = WallGate::new(
+            vec![Some(pair.clone())],
+            0,
+            producer,
+            Arc::default(),
+            changes,
+            (0, 0),
+            Arc::new(Stall::default()),
+        );
+        let occurrence = Occurrence {
+            window,
+            core: 0,
+            epoch: ScheduleEpoch { number: 0, schedule: 0, after: None, since_ns: 0 },
+            major_frame: 0,
+            minor_frames: 0,
+            minor_frame_ns: 20_000_000,
+            start_ns: 0,
+            end_ns: 2_000_000,
+            late_ns: 0,
+        };
+        (gate, consumer, occurrence)
+    }
+
+    #[test]
+    fn one_that_stands_by_is_held_and_is_called_without_priority() {
+        let (pair, _, new) = pair();
+        assert!(new.is_held());
+        new.said();
+        pair.control(0).page.device_received.store(5, Relaxed);
+        pair.control(0).look_at_line();
+        pair.control(0).page.device_sent.store(u64::MAX / 2, Relaxed); // it has written wildly, and died of it
+        pair.control(1).call(Takeover::Cold, pair.control(0), &CALL, now_ns());
+        assert_eq!(new.said(), ["thaw"], "no priority outside of its windows");
+        let page = &pair.control(1).page;
+        assert_eq!(page.take_over.load(Relaxed), Takeover::Cold as u32);
+        assert_eq!((page.device_received.load(Relaxed), page.now_ns.load(Relaxed)), (5, 7));
+        assert_eq!(page.device_sent.load(Relaxed), 0, "what can not be is not handed on");
+        assert!(pair.control(1).is_fresh() && !pair.control(1).is_done());
+    }
+
+    #[test]
+    fn one_slot_alone_stays_in_office() {
+        let pair = RedundantPair::new(Arc::new(control(&Process::default())), None);
+        pair.hand_over();
+        assert_eq!((pair.active_member(), pair.all().count()), (0, 1));
+    }
+
+    #[test]
+    fn at_whatever_point_of_a_window_the_office_changes_the_successor_has_the_next_one_and_is_not_held_in_it()
+    {
+        // Before each of: prepare, open, close, prepare, open, close.
+        for point in 0..6 {
+            let (pair, _, new) = pair();
+            let (mut gate, mut records, occurrence) = gate(&pair);
+            for step in 0..6 {
+                if step == point {
+                    take_over(&pair);
+                }
+                match step % 3 {
+                    0 => gate.prepare(&occurrence.window),
+                    1 => gate.open(&occurrence),
+                    _ => gate.close(&occurrence, Ending::default()),
+                }
+                let opened = step % 3 == 1 && step > point;
+                assert!(!opened || !new.is_held(), "held in its window: {point} {step}");
+            }
+            assert!(new.is_held(), "held after its window, or before its first: {point}");
+            let seen: Vec<_> = std::iter::from_fn(|| records.pop().ok())
+                .map(|record| (record.member, record.missed))
+                .collect();
+            let first = usize::from(point <= 1);
+            let second = usize::from(point <= 4);
+            assert_eq!(seen, [(first, None), (second, None)], "{point}");
+            for control in pair.all() {
+                assert!(control.try_own(3), "nobody owns it for ever: {point}");
+            }
+        }
+    }
+}

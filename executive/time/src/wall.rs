@@ -1,0 +1,293 @@
+//! The wall clock: windows at their instants, one dispatcher thread on each partitioned core.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
+use std::sync::atomic::Ordering::Relaxed;
+
+use rtrb::Producer;
+
+use crate::change::Changes;
+use crate::dispatcher::{Ending, Gate, Meanwhile, Occurrence, Pace};
+use crate::fence::LOOK_NS;
+use crate::partition_control::{PartitionControl, Readiness, grant_of};
+use crate::redundant_pair::RedundantPair;
+use crate::stall::Stall;
+use crate::window_record::{Missed, WindowRecord};
+use bateleur_plan::TimelineWindow;
+use bateleur_system::time::{now_ns, sleep_until_ns, spin_until_ns};
+
+/// How early the dispatcher wakes when the processor is free, ns. Longer than nearly every wake-up is late (p99.9 of a
+/// quiet machine), so that the window itself starts on time; on a busy core it would be taken from a partition.
+const EARLY_NS: u64 = 50_000;
+
+/// How often the dispatcher lets itself be woken within a window. A partition closes its window once; one that wakes its
+/// dispatcher more often is slept through.
+const WAITS: u32 = 4;
+
+/// Time passes by itself.
+#[derive(Debug)]
+pub struct WallPace {
+    origin_ns: u64,
+    spun_ns: Arc<AtomicU64>,
+}
+
+impl WallPace {
+    /// Module time 0 is at `origin_ns` of CLOCK_MONOTONIC. `spun_ns` counts the time for which the processor was held in
+    /// slack, so as to be awake at the instant.
+    #[must_use]
+    pub fn new(origin_ns: u64, spun_ns: Arc<AtomicU64>) -> Self {
+        Self { origin_ns, spun_ns }
+    }
+
+    fn spin(&self, until_ns: u64) {
+        let begun_ns = now_ns();
+        spin_until_ns(until_ns);
+        self.spun_ns.fetch_add(until_ns.saturating_sub(begun_ns), Relaxed);
+    }
+}
+
+impl Pace for WallPace {
+    fn reach(&mut self, instant_ns: u64, meanwhile: &mut dyn Meanwhile) -> u64 {
+        let target_ns = self.origin_ns + instant_ns;
+        if let Some(look_ns) = meanwhile.look_at_ns() {
+            let look_ns = self.origin_ns + look_ns;
+            // Where the next switch comes first, after that.
+            if look_ns + EARLY_NS < target_ns {
+                sleep_until_ns(look_ns);
+                meanwhile.look();
+            } else if look_ns <= now_ns() {
+                meanwhile.look();
+            }
+        }
+        // Woken when the window is closed, or at the instant: whoever uses all of his window pays for one wake-up, not two.
+        for _ in 0..WAITS {
+            if meanwhile.has_slack() || now_ns() >= target_ns {
+                break;
+            }
+            meanwhile.await_close(target_ns);
+        }
+        if meanwhile.has_slack() {
+            sleep_if_ahead(target_ns - EARLY_NS);
+            meanwhile.prepare();
+            self.spin(target_ns);
+        } else {
+            sleep_if_ahead(target_ns);
+        }
+        now_ns().saturating_sub(target_ns)
+    }
+}
+
+/// Most often the instant has passed, and the kernel need not be asked.
+fn sleep_if_ahead(instant_ns: u64) {
+    if now_ns() < instant_ns {
+        sleep_until_ns(instant_ns);
+    }
+}
+
+/// One of a partition's controls: the partition's place in the plan, and the number among its [`RedundantPair`].
+type PairMember = (usize, usize);
+
+/// Opens and closes windows of real processes. Nothing here blocks, allocates or writes to a file but the freezer's.
+pub struct WallGate {
+    pair: Vec<Option<Arc<RedundantPair>>>,
+    origin_ns: u64,
+    records: Producer<WindowRecord>,
+    /// Module time at which the open window was granted, or why it was not.
+    granted: Result<u64, Missed>,
+    lost: Arc<AtomicU64>,
+    changes: Arc<Changes>,
+    /// The plan's core whose dispatcher this is, and the processor that stands for it.
+    core: u32,
+    processor: u32,
+    /// The partition control that is this core's: no other core may open or close a window of it.
+    owns: Option<PairMember>,
+    /// That of the next window, where this core has got ready for it while another one was still open.
+    prepared: Option<PairMember>,
+    /// The partition control on which the open window was opened, whoever is active by now.
+    opened: usize,
+    /// The partition control whose fence is to be looked at, and when, module time, ns.
+    look: Option<(PairMember, u64)>,
+    stall: Arc<Stall>,
+}
+
+impl WallGate {
+    /// A gate to `seats` (by place in the plan) that leaves its records in a ring and counts those that find no room.
+    #[must_use]
+    pub fn new(
+        pair: Vec<Option<Arc<RedundantPair>>>,
+        origin_ns: u64,
+        records: Producer<WindowRecord>,
+        lost: Arc<AtomicU64>,
+        changes: Arc<Changes>,
+        (core, processor): (u32, u32),
+        stall: Arc<Stall>,
+    ) -> Self {
+        let granted = Err(Missed::NoPartition);
+        Self {
+            pair,
+            origin_ns,
+            records,
+            granted,
+            lost,
+            changes,
+            core,
+            processor,
+            owns: None,
+            prepared: None,
+            opened: 0,
+            look: None,
+            stall,
+        }
+    }
+
+    fn try_open(&mut self, occurrence: &Occurrence) -> Result<u64, Missed> {
+        let partition = occurrence.window.partition.index();
+        let pair = self.pair[partition].as_deref().ok_or(Missed::NoPartition)?;
+        self.opened = pair.active_member();
+        let member = (partition, self.opened);
+        let control = pair.control(self.opened);
+        // Somebody else has taken over since this core got ready.
+        if let Some(before) = self.owns.take_if(|owned| owned.0 == partition && *owned != member) {
+            let before = pair.control(before.1);
+            before.fence(true);
+            before.disown(self.core);
+        }
+        if let Some(action) = self.changes.action_due(occurrence, control) {
+            return Err(Missed::Changed(action));
+        }
+        if control.readiness() != Readiness::Ready {
+            return Err(Missed::NoPartition);
+        }
+        // The dispatcher was held up for longer than the window lasts: the window is lost and says so.
+        let length_ns = occurrence.window.duration_ns();
+        if occurrence.late_ns >= length_ns {
+            return Err(Missed::TooLate);
+        }
+        if !await_own(control, self.core, length_ns / 4) {
+            return Err(Missed::OtherCore);
+        }
+        self.owns = Some(member);
+        control.place(self.processor);
+        let now = now_ns();
+        control.grant(&grant_of(occurrence, self.changes.next()), now);
+        Ok(now.saturating_sub(self.origin_ns))
+    }
+
+    fn control(&self, (partition, member): PairMember) -> Option<&PartitionControl> {
+        self.pair[partition].as_deref().map(|pair| pair.control(member))
+    }
+}
+
+impl Gate for WallGate {
+    fn minor_frame(&mut self, _: u64) -> bool {
+        true
+    }
+
+    fn prepare(&mut self, window: &TimelineWindow) {
+        let partition = window.partition.index();
+        let Some(pair) = self.pair[partition].as_deref() else { return };
+        let member = pair.active_member();
+        let control = pair.control(member);
+        if control.readiness() == Readiness::Ready && control.try_own(self.core) {
+            self.prepared = Some((partition, member));
+            control.place(self.processor);
+            control.thaw();
+        }
+    }
+
+    fn await_close(&mut self, window: &TimelineWindow, until_ns: u64) {
+        if let Some(control) = self.control((window.partition.index(), self.opened)) {
+            control.await_close(until_ns);
+        }
+    }
+
+    fn is_done(&mut self, window: &TimelineWindow) -> bool {
+        let open = (window.partition.index(), self.opened);
+        let control = self.control(open).filter(|control| control.readiness() == Readiness::Ready);
+        self.granted.is_err() || control.is_none_or(PartitionControl::is_done)
+    }
+
+    fn open(&mut self, occurrence: &Occurrence) {
+        self.stall.apply();
+        self.owns = self.prepared.take();
+        self.granted = self.try_open(occurrence);
+    }
+
+    fn close(&mut self, occurrence: &Occurrence, ending: Ending) {
+        let granted = std::mem::replace(&mut self.granted, Err(Missed::NoPartition));
+        let granted_ns = granted.ok();
+        let partition = occurrence.window.partition.index();
+        let member = (partition, self.opened);
+        let control = self.control(member);
+        let usage = granted_ns.and(control).map(PartitionControl::usage);
+        let requested =
+            granted_ns.and(control).and_then(|control| self.changes.take_request(occurrence, control));
+        let mut look_again = None;
+        if let Some(control) = control
+            && self.owns == Some(member)
+        {
+            // Also where it was not granted: it may have been thawed ahead of its window.
+            let overrun = usage.map_or_else(|| !control.is_done(), |usage| usage.closed_ns.is_none());
+            if control.fence(overrun) {
+                look_again = Some((member, now_ns().saturating_sub(self.origin_ns) + LOOK_NS));
+            }
+            control.disown(self.core);
+        }
+        self.owns = None;
+        if look_again.is_some() {
+            self.look(); // at the partition before, if that has not been done
+            self.look = look_again;
+        }
+        let module = |stamp: Option<u64>| stamp.map(|stamp| stamp.saturating_sub(self.origin_ns));
+        let record = WindowRecord {
+            occurrence: *occurrence,
+            member: self.opened,
+            ending,
+            missed: granted.err(),
+            requested,
+            granted_ns,
+            opened_ns: module(usage.and_then(|usage| usage.opened_ns)),
+            closed_ns: module(usage.and_then(|usage| usage.closed_ns)),
+        };
+        if self.records.push(record).is_err() {
+            self.lost.fetch_add(1, Relaxed);
+        }
+    }
+
+    fn look_at_ns(&self) -> Option<u64> {
+        self.look.map(|(_, at_ns)| at_ns)
+    }
+
+    fn look(&mut self) {
+        let Some((member, _)) = self.look.take() else { return };
+        // Where another core has opened a window of it meanwhile, nothing of it is to be held.
+        if let Some(control) = self.control(member)
+            && control.try_own(self.core)
+        {
+            control.look();
+            if self.owns != Some(member) && self.prepared != Some(member) {
+                control.disown(self.core);
+            }
+        }
+    }
+}
+
+/// How long a window's start waits for the dispatcher of another core, whose window of the same partition has ended by the
+/// schedule, to close it, ns. Two dispatchers that wake at one instant are further apart only on a machine that holds
+/// one of them up.
+const HANDOVER_NS: u64 = 50_000;
+
+/// Waits for another dispatcher, never for a partition.
+fn await_own(control: &PartitionControl, core: u32, most_ns: u64) -> bool {
+    if control.try_own(core) {
+        return true;
+    }
+    let limit_ns = now_ns() + HANDOVER_NS.min(most_ns);
+    while now_ns() < limit_ns {
+        if control.try_own(core) {
+            return true;
+        }
+        std::hint::spin_loop();
+    }
+    false
+}

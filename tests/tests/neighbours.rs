@@ -1,0 +1,83 @@
+//! Two modules on one processor: who is robbed of it is not to blame, and both learn of each other.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use bateleur_tests::{PATIENCE, Sketch, alone, await_some, bateleur, program};
+use rustix::process::Signal;
+
+/// A module whose one partition computes nearly all the time, above the other's partition.
+fn spinning_module(folder: &std::path::Path) -> String {
+    let text = format!(
+        "[module.second]\ncores = [1]\n\n[health]\nsilence_windows = 100000\n\n\
+         [schedule.only]\nmajor_frame = \"20ms\"\nminor_frame = \"20ms\"\ninitial = true\n\
+         window = [{{ partition = \"spinner\", offset = \"0us\", duration = \"19500us\" }}]\n\n\
+         [partition.spinner]\nprogram = \"{}\"\nmodule = \"second\"\nmemory = \"16MiB\"\npriority = 50\n",
+        program("hanger").display()
+    );
+    let path = folder.join("second.toml");
+    std::fs::write(&path, text).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+#[test]
+fn partition_whose_processor_another_living_module_takes_is_not_restarted_for_silence() {
+    if !rustix::process::geteuid().is_root() {
+        return eprintln!("not tried: windows without priority share their processor");
+    }
+    let _turn = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = Sketch::new().partition("victim", "counter", 2000, "priority = 1").write(folder.path());
+    let mut first = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
+    first.await_words("1 partitions are ready");
+    let mut second = bateleur(&["run", "--schedule", &spinning_module(folder.path()), "--until", "100"]);
+    second.await_words("1 partitions are ready");
+    let taken = format!("is that of module second (PID {}) too", second.pid());
+    first.await_words(&taken);
+    first.await_words("victim had no processor in its window and is not to blame for it: processor ");
+    // Far more windows than silence takes.
+    std::thread::sleep(std::time::Duration::from_secs(3));
+    for module in [&second, &first] {
+        module.signal(Signal::INT);
+    }
+    second.end().expect_code(0);
+    let ended = first.end().expect_code(0);
+    let faults = ended.faults();
+    let harmless =
+        |fault: &bateleur_tests::Fault| ["window_overrun", "late_dispatcher"].contains(&fault.error.as_str());
+    assert!(faults.iter().all(harmless), "{faults:#?}");
+    assert_eq!(ended.stderr.matches("and is not to blame").count(), 1, "said once: {}", ended.stderr);
+    ended.expect_words(&["partitions had no processor in "]);
+}
+
+#[test]
+fn living_module_says_when_another_one_begins_to_use_its_processor() {
+    let _turn = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = Sketch::new().partition("quiet", "counter", 500, "").write(folder.path());
+    let mut first = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
+    first.await_words("1 partitions are ready");
+    let second = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
+    first.await_words(&format!("is that of module test (PID {}) too", second.pid()));
+    // The other one has found the first when it examined the machine.
+    assert!(second.said().contains(&format!("is that of module test (PID {}) too", first.pid())));
+    second.signal(Signal::INT);
+    second.end().expect_code(0);
+    first.signal(Signal::INT);
+    let ended = first.end().expect_code(0);
+    assert_eq!(ended.stderr.matches(" is that of module test ").count(), 1, "said once: {}", ended.stderr);
+}
+
+#[test]
+fn partition_that_computes_or_sleeps_on_beside_a_living_module_is_restarted_for_silence() {
+    let _turn = alone();
+    let folder = tempfile::tempdir().unwrap();
+    for how in ["spin", "sleep"] {
+        let keys = format!("attributes = {{ how = \"{how}\", after = 10 }}");
+        let schedule = Sketch::new().partition("hanger", "hanger", 2000, &keys).write(folder.path());
+        let module = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
+        let silent = await_some(PATIENCE, || module.said().contains("hanger: silence").then_some(()));
+        assert!(silent.is_some(), "{how}: {}", module.said());
+        module.signal(Signal::INT);
+        module.end().expect_code(0);
+    }
+}

@@ -9,6 +9,9 @@ use rustix::process::Signal;
 use serde_json::json;
 
 /// The flight's schedule with the driver in the place of the simulator's receiver; `keys` are the driver's own.
+/// What a receiver behind a converter may use.
+const TCP: &str = "network = true\nsystem_calls = [\"tcp\"]";
+
 fn run(keys: &str, attributes: &str) -> Started {
     let window = "{ partition = \"gps\",              offset = \"3.2ms\", duration = \"500us\" },";
     let driver = format!(
@@ -90,7 +93,7 @@ fn newer_receiver_behind_a_converter_is_found_again_after_the_connection_broke()
     let Some(mut peer) = Peer::start("receiver.py", &["tcp", "newer"]) else { return };
     let _turn = among_others();
     let device = peer.address().to_owned();
-    let mut module = run("network = true", &format!("device = \"{device}\""));
+    let mut module = run(TCP, &format!("device = \"{device}\""));
     module.await_words("partitions are ready");
     std::thread::sleep(std::time::Duration::from_secs(3));
     peer.say(&json!({ "hang_up": true }));
@@ -110,7 +113,7 @@ fn converter_that_vanishes_without_a_word_is_dialled_anew_and_its_solutions_come
     let Some(mut peer) = Peer::start("receiver.py", &["tcp"]) else { return };
     let _turn = among_others();
     let device = peer.address().to_owned();
-    let mut module = run("network = true", &format!("device = \"{device}\""));
+    let mut module = run(TCP, &format!("device = \"{device}\""));
     module.await_words("partitions are ready");
     std::thread::sleep(std::time::Duration::from_secs(2));
     peer.say(&json!({ "vanish": true }));
@@ -134,7 +137,7 @@ fn converter_that_vanishes_without_a_word_is_dialled_anew_and_its_solutions_come
 #[test]
 fn receiver_that_is_not_there_is_said_once_and_the_module_goes_on() {
     let _turn = among_others();
-    let mut module = run("network = true", "device = \"tcp:127.0.0.1:9\"");
+    let mut module = run(TCP, "device = \"tcp:127.0.0.1:9\"");
     module.await_words("receiver tcp:127.0.0.1:9 is not there");
     std::thread::sleep(std::time::Duration::from_secs(3));
     let ended = ended(module);
@@ -148,6 +151,6 @@ fn receiver_that_is_not_there_is_said_once_and_the_module_goes_on() {
 #[test]
 fn device_that_is_no_place_is_refused_with_an_example() {
     let _turn = among_others();
-    let ended = run("network = true", "device = \"tcp:converter\"").end();
+    let ended = run(TCP, "device = \"tcp:converter\"").end();
     assert!(ended.stderr.contains("such as \"tcp:192.168.1.20:4001\""), "{}", ended.stderr);
 }

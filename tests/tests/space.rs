@@ -218,6 +218,8 @@ refused! {
     others_processes_can_not_be_signalled: SIGNALS, "signal", "", "" => ["reached 0"];
     channels_of_others_can_be_neither_listed_nor_opened: CHANNELS, "channels", "", "" => ["list refused EACCES, open refused ENOENT", "list refused EACCES, open refused EACCES", "list [middle.own], open refused ENOENT"];
     network_that_was_granted_can_be_used: FILTERS, "udp", "", "network = true" => ["[bound]"];
+    network_alone_is_no_grant_of_tcp: FILTERS, "connect", "", "network = true" => ["refused EPERM"];
+    tcp_that_was_granted_can_be_used: FILTERS, "connect", "", "network = true\nsystem_calls = [\"tcp\"]" => ["refused ECONNREFUSED", "[connected]"];
 }
 
 /// Opens, by its very path, what belongs to another partition.

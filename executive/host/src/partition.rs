@@ -435,7 +435,7 @@ const SIGNALS: u64 = 64;
 const QUEUES: u64 = 256 << 10;
 
 /// What the sockets of a partition may hold beside its memory, where the controller of version 1 counts them apart, bytes: a
-/// part of 2 MiB, because the kernel goes over it by what TCP must not refuse (up to 550 KiB were seen).
+/// part of 2 MiB, because the kernel counts in whole pages and lets a socket go over it by one message.
 const SOCKET_BYTES: u64 = 1280 << 10;
 
 /// What the kernel may keep for a partition.

@@ -108,6 +108,8 @@ closed! {
         Inotify = "inotify",
         /// Pairs of connected sockets.
         LocalSockets = "local_sockets",
+        /// Connections of TCP, where the partition has the network.
+        Tcp = "tcp",
         /// System V objects and POSIX message queues.
         IpcObjects = "ipc_objects",
         /// Signals that carry a value.
@@ -129,6 +131,9 @@ impl SystemCalls {
                 "watches are kept by the kernel beside the partition's memory, 128 instances at most"
             }
             Self::LocalSockets => "descriptors in flight are closed by the kernel at an instant of its own",
+            Self::Tcp => {
+                "the kernel keeps up to 16 KiB for each connection beside what sockets may hold, and what waits to be accepted"
+            }
             Self::IpcObjects => "the kernel removes what is left of them at an instant of its own",
             Self::QueuedSignals => "64 of them are kept by the kernel",
             Self::MemoryControl => {

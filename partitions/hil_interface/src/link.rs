@@ -44,6 +44,11 @@ pub enum LinkError {
         /// The attribute.
         text: String,
     },
+    /// The system refuses connections.
+    #[error(
+        "attribute protocol = \"mavlink-tcp\": {0}; the plan has to say `network = true` and `system_calls = [\"tcp\"]`"
+    )]
+    Connect(io::Error),
     /// The own port can not be had.
     #[error(
         "attribute listen = \"{address}\": {error}; another program has that port or the address is not this \
@@ -90,7 +95,7 @@ impl Link {
         let to = address_of(simulator, &address, protocol.port())?;
         match (protocol, listen) {
             (Protocol::MavlinkTcp, Some(text)) => Err(LinkError::Listens { text: text.into() }),
-            (Protocol::MavlinkTcp, None) => Ok(Self::Tcp(TcpLink::new(to))),
+            (Protocol::MavlinkTcp, None) => TcpLink::new(to).map(Self::Tcp).map_err(LinkError::Connect),
             _ => UdpLink::open(to, address).map(Self::Udp),
         }
     }

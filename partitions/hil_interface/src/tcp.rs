@@ -5,6 +5,7 @@
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream};
+use std::os::fd::OwnedFd;
 
 use rustix::io::Errno;
 use rustix::net::{AddressFamily, SocketFlags, SocketType, connect, socket_with, sockopt};
@@ -40,8 +41,12 @@ enum State {
 
 impl TcpLink {
     /// Towards a simulator that listens at `simulator`; not connected yet.
-    pub(crate) fn new(simulator: SocketAddr) -> Self {
-        Self { simulator, state: State::Closed, next_ns: 0, rest: Vec::new() }
+    ///
+    /// # Errors
+    /// The partition may not make connections: better said at its start than counted in each window.
+    pub(crate) fn new(simulator: SocketAddr) -> io::Result<Self> {
+        socket_towards(simulator)?;
+        Ok(Self { simulator, state: State::Closed, next_ns: 0, rest: Vec::new() })
     }
 
     /// The connection, where there is one.
@@ -128,10 +133,14 @@ impl TcpLink {
     }
 }
 
-fn begin(simulator: SocketAddr) -> io::Result<TcpStream> {
+fn socket_towards(simulator: SocketAddr) -> io::Result<OwnedFd> {
     let family = if simulator.is_ipv4() { AddressFamily::INET } else { AddressFamily::INET6 };
     let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
-    let socket = socket_with(family, SocketType::STREAM, flags, None)?;
+    Ok(socket_with(family, SocketType::STREAM, flags, None)?)
+}
+
+fn begin(simulator: SocketAddr) -> io::Result<TcpStream> {
+    let socket = socket_towards(simulator)?;
     // Messages are small and waited for.
     sockopt::set_tcp_nodelay(&socket, true)?;
     match connect(&socket, &simulator) {
@@ -203,7 +212,7 @@ mod tests {
         let address = place.local_addr().unwrap();
         drop(place);
         let (time, mut counters) = (Patient(Cell::new(5)), Counters::default());
-        let mut link = TcpLink::new(address);
+        let mut link = TcpLink::new(address).unwrap();
         for _ in 0..10 {
             link.connect(&time, 0, &mut counters);
         }
@@ -236,7 +245,7 @@ mod tests {
     fn a_simulator_that_does_not_read_gets_whole_messages_or_none() {
         let simulator = TcpListener::bind("127.0.0.1:0").unwrap();
         let (time, mut counters) = (Patient(Cell::new(5)), Counters::default());
-        let mut link = TcpLink::new(simulator.local_addr().unwrap());
+        let mut link = TcpLink::new(simulator.local_addr().unwrap()).unwrap();
         link.connect(&time, 0, &mut counters);
         let (mut peer, _) = simulator.accept().unwrap();
         let message: Vec<u8> = (0..200).collect();

@@ -44,7 +44,7 @@ pub enum LinkError {
     #[error(transparent)]
     Serial(#[from] DeviceError),
     /// The system refused a socket.
-    #[error("cannot be reached ({0}); a partition needs `network = true` for it")]
+    #[error("cannot be reached ({0}); the plan has to say `network = true` and `system_calls = [\"tcp\"]`")]
     Refused(Errno),
     /// The converter did not take the connection, or ended it.
     #[error("is not there ({0})")]

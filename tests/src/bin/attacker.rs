@@ -128,6 +128,7 @@ fn carry_out(attack: &str, held: &mut Held, turn: &Turn) {
         "change_folder" => change_folder(held),
         "udp" => internet(held, turn, libc::SOCK_DGRAM),
         "tcp" => internet(held, turn, libc::SOCK_STREAM),
+        "tcp_never_accepted" => tcp_never_accepted(held, turn),
         "tcp_timers" => tcp_timers(held, turn),
         "groups_of_hosts" => groups_of_hosts(held, turn),
         "datagrams_between_sockets" => socket_pairs(held, turn, libc::SOCK_DGRAM),
@@ -647,20 +648,38 @@ fn internet(held: &mut Held, turn: &Turn, kind: i32) {
     }
 }
 
-/// Connections whose acknowledgements are due all at once, and whose keep-alive runs out.
-fn tcp_timers(held: &mut Held, turn: &Turn) {
-    let length = size_of::<libc::sockaddr_in>();
+/// Connections that are written to, closed by who made them, and never accepted: they need no descriptor.
+fn tcp_never_accepted(held: &mut Held, turn: &Turn) {
+    static BYTES: [u8; 60_000] = [0; 60_000];
+    let Some((_, address)) = listener(held) else { return };
+    turn.repeat(|| {
+        let client = call!(SYS_socket, libc::AF_INET, libc::SOCK_STREAM, 0);
+        let made = call!(SYS_connect, client, &raw const address, size_of::<libc::sockaddr_in>()) == 0;
+        while call!(SYS_sendto, client, BYTES.as_ptr(), BYTES.len(), libc::MSG_DONTWAIT, 0, 0) > 0 {}
+        call!(SYS_close, client);
+        made
+    });
+}
+
+/// One socket that listens, and where.
+fn listener(held: &mut Held) -> Option<(i32, libc::sockaddr_in)> {
+    let mut address = loopback(0);
     if held.descriptors.is_empty() {
-        let address = loopback(0);
         let listener = call!(SYS_socket, libc::AF_INET, libc::SOCK_STREAM | libc::SOCK_NONBLOCK, 0);
-        call!(SYS_bind, listener, &raw const address, length);
+        call!(SYS_bind, listener, &raw const address, size_of::<libc::sockaddr_in>());
         call!(SYS_listen, listener, 4_096);
         keep(held, listener);
     }
-    let Some(listener) = held.descriptors.first().copied() else { return };
-    let mut address = loopback(0);
-    let mut room = length as libc::socklen_t;
+    let listener = held.descriptors.first().copied()?;
+    let mut room = size_of::<libc::sockaddr_in>() as libc::socklen_t;
     call!(SYS_getsockname, listener, &raw mut address, &raw mut room);
+    Some((listener, address))
+}
+
+/// Connections whose acknowledgements are due all at once, and whose keep-alive runs out.
+fn tcp_timers(held: &mut Held, turn: &Turn) {
+    let length = size_of::<libc::sockaddr_in>();
+    let Some((listener, address)) = listener(held) else { return };
     turn.repeat(|| {
         let client = call!(SYS_socket, libc::AF_INET, libc::SOCK_STREAM | libc::SOCK_NONBLOCK, 0);
         if !keep(held, client) {

@@ -92,6 +92,7 @@ fn errno(error: &io::Error) -> String {
         Some(libc::EROFS) => "EROFS",
         Some(libc::ENOSYS) => "ENOSYS",
         Some(libc::EAGAIN) => "EAGAIN",
+        Some(libc::ECONNREFUSED) => "ECONNREFUSED",
         _ => return error.to_string(),
     };
     format!("refused {name}")

@@ -212,9 +212,9 @@ pub(super) const ORDINARY: &[Family] = &[
 
 /// Sockets that a partition with `network = true` makes and uses.
 pub(super) const NETWORK: Family = Family {
-    reason: "Sockets of TCP, UDP and CAN.",
+    reason: "Sockets of UDP and CAN.",
     bound: "What they hold counts as the partition's memory (version 2 of control groups), or as 1280 KiB beside it (version 1). No socket filters, no busy polling, no pinned pages.",
-    calls: named![SYS_bind, SYS_connect, SYS_listen, SYS_accept, SYS_accept4],
+    calls: named![SYS_bind, SYS_connect],
     of_old: of_old![],
 };
 
@@ -270,6 +270,15 @@ pub(super) const GRANTABLE: &[(&str, Family)] = &[
             reason: "Pairs of connected sockets within the partition.",
             bound: "Their content counts as the partition's memory. Descriptors in flight: as many as may be open.",
             calls: named![SYS_socketpair],
+            of_old: of_old![],
+        },
+    ),
+    (
+        "tcp",
+        Family {
+            reason: "Sockets of TCP, with `network = true`.",
+            bound: "As other sockets; the kernel goes over it by up to 16 KiB for each connection, and by what has not been accepted.",
+            calls: named![SYS_listen, SYS_accept, SYS_accept4],
             of_old: of_old![],
         },
     ),

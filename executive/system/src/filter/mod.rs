@@ -150,16 +150,10 @@ fn deadly(grants: &Grants) -> Result<Rules, seccompiler::BackendError> {
     if !grants.network {
         sockets.push(rule([is(0, libc::AF_CAN)])?);
     }
-    for family in [libc::AF_INET, libc::AF_INET6] {
-        match grants.network {
-            true => {
-                for raw in [libc::SOCK_RAW, SOCK_PACKET] {
-                    let kind = bits_are(1, SOCKET_TYPE, u64::from(raw.cast_unsigned()));
-                    sockets.push(rule([is(0, family), kind])?);
-                }
-            }
-            false => sockets.push(rule([is(0, family)])?),
-        }
+    if grants.network {
+        sockets.extend(internet_sockets(&[libc::SOCK_RAW, SOCK_PACKET])?);
+    } else {
+        sockets.extend(one_of(0, &[libc::AF_INET, libc::AF_INET6])?);
     }
     rules.insert(libc::SYS_socket, sockets);
     if !grants.threads {
@@ -182,8 +176,21 @@ fn refused(grants: &Grants) -> Result<Rules, seccompiler::BackendError> {
     }
     // A path to a socket is neither a file that is opened nor an address: nothing else stands in its way. Netlink is asked by
     // the C library's resolver, which does without.
-    rules.insert(libc::SYS_socket, one_of(0, &[libc::AF_UNIX, libc::AF_NETLINK])?);
+    let mut sockets = one_of(0, &[libc::AF_UNIX, libc::AF_NETLINK])?;
+    // The kernel keeps more for TCP than it counts: it lets no connection starve, and asks nobody before one is accepted.
+    if !grants.named.contains(&TCP) {
+        sockets.extend(internet_sockets(&[libc::SOCK_STREAM])?);
+    }
+    rules.insert(libc::SYS_socket, sockets);
     Ok(rules)
+}
+
+/// Sockets of the internet of these types.
+fn internet_sockets(kinds: &[libc::c_int]) -> RuleList {
+    let families = [libc::AF_INET, libc::AF_INET6];
+    let all = families.iter().flat_map(|family| kinds.iter().map(move |kind| (*family, *kind)));
+    all.map(|(family, kind)| rule([is(0, family), bits_are(1, SOCKET_TYPE, u64::from(kind.cast_unsigned()))]))
+        .collect()
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -351,6 +358,8 @@ const HUGE_PAGES: &[(i64, u8, u64)] = &[
     (libc::SYS_shmget, 2, libc::SHM_HUGETLB as u64),
 ];
 
+/// The family that lets a partition with the network make connections.
+const TCP: &str = "tcp";
 /// The family that lets a partition use sockets that it did not make by `socket`.
 const LOCAL_SOCKETS: &str = "local_sockets";
 

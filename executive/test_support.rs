@@ -2,7 +2,8 @@
 
 #![allow(dead_code, clippy::panic)] // each takes a part of it
 
-use bateleur_plan::{MessageCatalogue, Plan, check};
+use bateleur_checker::{MessageCatalogue, check};
+use bateleur_plan::Plan;
 
 /// A catalogue of no messages: the schedules of these tests have no ports.
 pub(crate) struct NoMessages;

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-#[path = "../../executive/plan/tests/plan_support/schema_check.rs"]
+#[path = "../../executive/checker/tests/plan_support/schema_check.rs"]
 mod schema_check;
 
 use bateleur_tests::{Sketch, bateleur};

@@ -163,7 +163,7 @@ fn ended(code: verb::Code) -> verb::Code {
 }
 
 #[cfg(test)]
-#[path = "../../plan/tests/plan_support/schema_check.rs"]
+#[path = "../../checker/tests/plan_support/schema_check.rs"]
 mod schema_check;
 
 #[cfg(test)]

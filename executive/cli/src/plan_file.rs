@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use bateleur_host::keys;
-use bateleur_plan::{Keys, MessageCatalogue, Plan, Programs, Report, Surroundings, check, check_among};
+use bateleur_checker::{Keys, MessageCatalogue, Programs, Report, Surroundings, check, check_among};
+use bateleur_plan::Plan;
 
 /// The message types that this program was built with.
 pub(crate) struct Catalogue;

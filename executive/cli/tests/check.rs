@@ -75,7 +75,7 @@ fn an_unknown_rule_is_answered_with_the_nearest() {
 
 #[test]
 fn every_rule_can_be_explained() {
-    use bateleur_plan::RULES;
+    use bateleur_checker::RULES;
     for rule in RULES {
         let ended = bateleur(&["check", "--explain", rule.id]);
         assert!(ended.code == 0 && ended.stdout.contains(rule.reason), "{}: {}", rule.id, ended.stderr);

@@ -211,7 +211,7 @@ impl fmt::Display for Fault {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bateleur_plan::{MessageCatalogue, check};
+    use bateleur_checker::{MessageCatalogue, check};
 
     struct Bytes;
     impl MessageCatalogue for Bytes {

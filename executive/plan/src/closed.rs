@@ -1,6 +1,6 @@
 //! The closed sets of the schedule file: each member has one spelling, used in the file, in messages and in logs.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// A closed set of names that a file may say.
 pub trait Closed: Copy + Sized + 'static {
@@ -21,7 +21,7 @@ pub trait Closed: Copy + Sized + 'static {
 macro_rules! closed {
     ($(#[$doc:meta])* $set:ident, $what:literal { $($(#[$member_doc:meta])* $member:ident = $name:literal,)+ }) => {
         $(#[$doc])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
         pub enum $set { $($(#[$member_doc])* #[serde(rename = $name)] $member,)+ }
 
         impl Closed for $set {

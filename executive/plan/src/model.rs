@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::ops::Index;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::closed::{
     ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleClock,
@@ -17,9 +17,9 @@ use super::closed::{
 macro_rules! index {
     ($(#[$doc:meta])* $id:ident, $field:ident: $item:ident) => {
         $(#[$doc])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
         #[serde(transparent)]
-        pub struct $id(pub(crate) usize);
+        pub struct $id(pub usize);
 
         impl $id {
             /// The place in the plan's list.
@@ -69,7 +69,7 @@ index! {
 }
 
 /// Everything a schedule file says, for every module, in the order of the file.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     /// The computers.
     pub modules: Vec<Module>,
@@ -92,7 +92,7 @@ pub struct Plan {
 }
 
 /// One computer that runs one executive.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Module {
     /// Its name.
     pub name: String,
@@ -119,7 +119,7 @@ impl Module {
 }
 
 /// An interface of a module.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Address {
     /// The network that it is on.
     pub network: NetworkId,
@@ -128,7 +128,7 @@ pub struct Address {
 }
 
 /// What carries datagrams between modules.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Network {
     /// Its name.
     pub name: String,
@@ -139,7 +139,7 @@ pub struct Network {
 }
 
 /// Two modules that talk to each other.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Link {
     /// Its name.
     pub name: String,
@@ -174,14 +174,13 @@ impl Link {
 }
 
 /// What keeps others from speaking for either end of a link.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Protection {
     /// Every datagram carries a tag made with a key.
     Key {
         /// The key's file, relative to the schedule file. No part of what two hosts have to agree on: each keeps it
         /// where it likes.
-        #[serde(skip)]
         file: String,
     },
     /// Nothing does.
@@ -189,7 +188,7 @@ pub enum Protection {
 }
 
 /// One isolated process tree.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Partition {
     /// Its name.
     pub name: String,
@@ -244,7 +243,7 @@ impl Partition {
 }
 
 /// When and how often a partition may start again.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Restart {
     /// The warmest start that the partition supports.
     pub start: StartMode,
@@ -259,7 +258,7 @@ pub struct Restart {
 }
 
 /// A value that a partition is told at its start.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Attribute {
     /// A text.
@@ -275,7 +274,7 @@ pub enum Attribute {
 }
 
 /// A partition's end of a channel.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Port {
     /// Its name, unique in its partition.
     pub name: String,
@@ -310,7 +309,7 @@ impl Port {
 }
 
 /// Direction and kind of a port, with what only that pair has.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
     /// Writes the latest value.
@@ -330,7 +329,7 @@ pub enum Role {
 }
 
 /// What a message on a port is.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Payload {
     /// A message type of the catalogue.
@@ -361,7 +360,7 @@ impl Payload {
 }
 
 /// One source and its destinations, all of one kind and one message.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Channel {
     /// The port that is written.
     pub source: PortId,
@@ -372,7 +371,7 @@ pub struct Channel {
 }
 
 /// A path from a sensor to an actuator.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Chain {
     /// Its name.
     pub name: String,
@@ -383,7 +382,7 @@ pub struct Chain {
 }
 
 /// A named table of windows that recurs with the major frame.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Schedule {
     /// Its name.
     pub name: String,
@@ -406,6 +405,27 @@ impl Schedule {
         self.windows.iter().any(|window| window.partition == partition)
     }
 
+    /// Start and end of each occurrence of a partition's windows in the major frame, ns from its start, in the order of the file.
+    #[must_use]
+    pub fn occurrences(&self, partition: PartitionId) -> Vec<(u64, u64)> {
+        let mine = self.windows.iter().filter(|window| window.partition == partition);
+        let laid = mine.flat_map(|window| {
+            window.minor.iter().map(|&minor| {
+                let frame = u64::from(minor) * self.minor_frame_ns;
+                (frame + window.offset_ns, frame + window.end_ns())
+            })
+        });
+        laid.collect()
+    }
+
+    /// When a partition's windows start in the major frame, ns from its start, rising.
+    #[must_use]
+    pub fn starts(&self, partition: PartitionId) -> Vec<u64> {
+        let mut starts: Vec<u64> = self.occurrences(partition).into_iter().map(|(start, _)| start).collect();
+        starts.sort_unstable();
+        starts
+    }
+
     /// How many minor frames a major frame has.
     #[must_use]
     pub fn minor_frames(&self) -> u32 {
@@ -414,7 +434,7 @@ impl Schedule {
 }
 
 /// A stretch of time on one core that belongs to one partition.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Window {
     /// Whose it is.
     pub partition: PartitionId,
@@ -440,9 +460,9 @@ impl Window {
 ///
 /// `warm_restart` is in it only where the partition starts warm or overrides the action itself: the default table's
 /// `warm_restart` reaches a partition that starts cold as `cold_restart`.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
-pub struct PartitionHealth(pub(crate) BTreeMap<PartitionError, PartitionAction>);
+pub struct PartitionHealth(pub BTreeMap<PartitionError, PartitionAction>);
 
 impl PartitionHealth {
     /// The action for an error.
@@ -453,7 +473,7 @@ impl PartitionHealth {
 }
 
 /// At which level each error of a partition is dealt with, in each state that the partition can be in.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Levels(BTreeMap<PartitionError, BTreeMap<PartitionState, ErrorLevel>>);
 
@@ -495,9 +515,9 @@ pub fn default_level(error: PartitionError, state: PartitionState) -> ErrorLevel
 }
 
 /// What is done about each error of a module.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
-pub struct ModuleHealth(pub(crate) BTreeMap<ModuleError, ModuleAction>);
+pub struct ModuleHealth(pub BTreeMap<ModuleError, ModuleAction>);
 
 impl ModuleHealth {
     /// The action for an error.
@@ -508,7 +528,7 @@ impl ModuleHealth {
 }
 
 /// What holds for the health of every module.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Health {
     /// At which level the errors of partitions are dealt with.
     pub levels: Levels,
@@ -525,7 +545,7 @@ pub struct Health {
 }
 
 /// How often a module may start again by itself; the next error that asks for a reset shuts it down.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Reset {
     /// How many resets are allowed …
     pub budget: u32,
@@ -536,7 +556,7 @@ pub struct Reset {
 }
 
 /// How much the persistent health log holds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HealthLog {
     /// Bytes of its file, at most.
     pub bytes: u64,
@@ -748,14 +768,16 @@ impl<'a> ModuleView<'a> {
 
 impl PartitionHealth {
     /// The table with an action for every error of the set.
-    pub(crate) fn fill(action: impl Fn(PartitionError) -> PartitionAction) -> Self {
+    #[must_use]
+    pub fn fill(action: impl Fn(PartitionError) -> PartitionAction) -> Self {
         Self(PartitionError::ALL.iter().map(|&error| (error, action(error))).collect())
     }
 }
 
 impl ModuleHealth {
     /// The table with an action for every error of the set.
-    pub(crate) fn fill(action: impl Fn(ModuleError) -> ModuleAction) -> Self {
+    #[must_use]
+    pub fn fill(action: impl Fn(ModuleError) -> ModuleAction) -> Self {
         Self(ModuleError::ALL.iter().map(|&error| (error, action(error))).collect())
     }
 }

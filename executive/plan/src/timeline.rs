@@ -112,3 +112,9 @@ fn number(windows: &mut [TimelineWindow]) {
         *count += 1;
     }
 }
+
+/// The distances from each instant to the next in a cycle.
+pub fn gaps(starts: &[u64], cycle: u64) -> impl Iterator<Item = u64> + '_ {
+    let again = starts.first().map(|first| first + cycle);
+    starts.iter().zip(starts.iter().copied().skip(1).chain(again)).map(|(start, next)| next - start)
+}

@@ -79,17 +79,20 @@ pub fn size_bytes(text: &str) -> Result<u64, QuantityError> {
 }
 
 /// A regular expression that every time in a file meets.
-pub(super) fn duration_pattern() -> String {
+#[must_use]
+pub fn duration_pattern() -> String {
     pattern(&TIME)
 }
 
 /// A regular expression that every rate in a file meets.
-pub(super) fn rate_pattern() -> String {
+#[must_use]
+pub fn rate_pattern() -> String {
     pattern(&RATE)
 }
 
 /// A regular expression that every size in a file meets.
-pub(super) fn size_pattern() -> String {
+#[must_use]
+pub fn size_pattern() -> String {
     pattern(&SIZE)
 }
 

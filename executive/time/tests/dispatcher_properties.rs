@@ -11,7 +11,8 @@ mod test_support;
 use std::fmt::Write;
 use std::sync::Arc;
 
-use bateleur_plan::{Timeline, TimelineWindow, check_with_warnings};
+use bateleur_checker::check_with_warnings;
+use bateleur_plan::{Timeline, TimelineWindow};
 use bateleur_time::dispatcher::{Dispatcher, Ending, Gate, Meanwhile, Occurrence, Pace};
 use bateleur_time::schedule_switch::{Requested, ScheduleSwitch};
 use proptest::prelude::*;

@@ -8,7 +8,8 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use bateleur_plan::{Facts, Plan, RULES, Report, Rule, example_of};
+use bateleur_checker::{Facts, RULES, Report, Rule, example_of};
+use bateleur_plan::Plan;
 
 use super::{CANNOT_RUN, Code, FINE, WRONG};
 use crate::plan_file::{self, Catalogue};
@@ -124,7 +125,7 @@ fn counts(plan: &Plan, report: &Report) -> String {
 fn memory(facts: &Facts) -> String {
     let mebibytes = |bytes: u64| bytes >> 20;
     let machine = machine_memory_bytes();
-    let line = |module: &bateleur_plan::facts::ModuleMemory| {
+    let line = |module: &bateleur_checker::facts::ModuleMemory| {
         let here = match machine {
             Some(machine) if module.memory_bytes > machine => {
                 format!(": MORE than the {} MiB of this machine", mebibytes(machine))
@@ -154,7 +155,7 @@ fn explain(id: &str) -> Result<Code> {
 }
 
 fn severity(rule: &Rule) -> &'static str {
-    use bateleur_plan::Severity;
+    use bateleur_checker::Severity;
     match rule.severity {
         Severity::Error => "an error, there is no plan",
         Severity::Warning => "a warning, there is a plan that is probably not the one that was meant",

@@ -13,6 +13,6 @@ use super::{Code, FINE};
 pub(crate) struct Arguments {}
 
 pub(crate) fn run() -> Result<Code> {
-    println!("{}", serde_json::to_string_pretty(&bateleur_plan::schema())?);
+    println!("{}", serde_json::to_string_pretty(&bateleur_checker::schema())?);
     Ok(FINE)
 }

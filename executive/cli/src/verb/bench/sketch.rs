@@ -108,6 +108,6 @@ mod tests {
         let plan = plan_file::read_text("generated", &text);
         let plan = plan.map_err(|report| report.render(false)).unwrap();
         assert_eq!((plan.partitions.len(), plan.channels.len()), (3, 3));
-        assert_eq!(fault_in(&bateleur_plan::schema(), &text), None, "{text}");
+        assert_eq!(fault_in(&bateleur_checker::schema(), &text), None, "{text}");
     }
 }

@@ -21,7 +21,8 @@ mod workspace;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use bateleur_plan::{Partition, Plan, Violation};
+use bateleur_checker::Violation;
+use bateleur_plan::{Partition, Plan};
 
 use super::{CANNOT_RUN, Code, FINE, WRONG};
 use crate::plan_file;

@@ -9,8 +9,8 @@ mod needs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use bateleur_plan::Severity;
-use bateleur_plan::planner::{Answer, Request, plan};
+use bateleur_checker::Severity;
+use bateleur_checker::planner::{Answer, Request, plan};
 use bateleur_plan::units::ShowTime;
 
 use super::{CANNOT_RUN, Code, FINE, WRONG};

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use bateleur_plan::planner::Bound;
+use bateleur_checker::planner::Bound;
 use bateleur_plan::units::duration_ns;
 use toml::{Table, Value};
 

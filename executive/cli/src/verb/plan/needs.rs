@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use bateleur_plan::planner::{Need, Request};
+use bateleur_checker::planner::{Need, Request};
 use bateleur_plan::units::{TIME_UNITS, duration_ns};
 use serde::{Deserialize, Deserializer};
 

@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use bateleur_plan::Plan;
-use bateleur_plan::facts::{ChainAge, CoreUse, Facts, share};
-use bateleur_plan::links::LinkCost;
+use bateleur_checker::facts::{ChainAge, CoreUse, Facts, share};
+use bateleur_checker::links::LinkCost;
 use bateleur_plan::units::{ShowRate, ShowTime};
 
 /// Every schedule's cores and chains.

@@ -10,7 +10,8 @@ mod picture;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use bateleur_plan::{Facts, Plan, ScheduleId};
+use bateleur_checker::Facts;
+use bateleur_plan::{Plan, ScheduleId};
 
 use super::{CANNOT_RUN, Code, FINE};
 use crate::output::refuse_file;

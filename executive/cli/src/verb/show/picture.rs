@@ -3,9 +3,10 @@
 
 use std::fmt::Write;
 
-use bateleur_plan::facts::share;
+use bateleur_checker::facts::share;
 use bateleur_plan::units::ShowTime;
-use bateleur_plan::{Facts, PartitionId, Plan, ScheduleId};
+use bateleur_checker::Facts;
+use bateleur_plan::{PartitionId, Plan, ScheduleId};
 
 use super::facts::percent;
 use super::frames::{Alike, alike, lines};

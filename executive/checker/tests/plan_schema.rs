@@ -8,7 +8,7 @@ mod plan_support;
 
 use std::fs;
 
-use bateleur_plan::schema;
+use bateleur_checker::schema;
 use plan_support::repository;
 use plan_support::schema_check::{STRUCTURAL, fault_in};
 

@@ -6,7 +6,8 @@ use crate::catalogue;
 use crate::closed::{
     Closed, ErrorLevel, ModuleAction, ModuleError, PartitionAction, PartitionError, PartitionState, StartMode,
 };
-use crate::findings::{Finding, Span, listed};
+use crate::findings::{Finding, Span};
+use bateleur_plan::words::listed;
 use crate::model::{default_module_action, leaves_the_process};
 use crate::raw::{Answer, RawHealth, RawLevel, RawPartition};
 use crate::reader::{At, Bytes, Nanoseconds, Word};

@@ -4,13 +4,12 @@ use std::collections::HashMap;
 
 use super::Context;
 use crate::catalogue::{self, Rule};
-use crate::findings::{did_you_mean, listed, nearest};
+use bateleur_plan::words::{did_you_mean, listed, nearest};
+use bateleur_plan::bounds::LONGEST_NAME;
+
 use crate::names::port_path;
 use crate::reader::At;
 
-/// The longest name, in characters: with a closing zero it still fits the 32 bytes of an APEX name, with one to
-/// spare for implementations that count it. Longer ones are cut off by other people's tools.
-const LONGEST: usize = 30;
 
 pub(super) fn check(cx: &Context<'_>) {
     let file = cx.file;
@@ -54,8 +53,8 @@ fn well_formed(cx: &Context<'_>, what: &str, name: &At<String>) {
         "is empty".to_owned()
     } else if !name.value.chars().all(plain) {
         "has more in it than letters a to z and A to Z, digits, `_` and `-`".to_owned()
-    } else if name.value.len() > LONGEST {
-        format!("has {} characters, and {LONGEST} is the most", name.value.len())
+    } else if name.value.len() > LONGEST_NAME {
+        format!("has {} characters, and {LONGEST_NAME} is the most", name.value.len())
     } else {
         return;
     };

@@ -8,7 +8,7 @@ use bateleur_contract::relay::{MOST_LINKS, SENDING_NS, share_of_a_window};
 
 use super::Context;
 use super::laid::Laid;
-use super::windows::gaps;
+use bateleur_plan::timeline::gaps;
 use crate::build::defaults;
 use crate::catalogue;
 use crate::closed::{Kind, ModuleClock, Transport};
@@ -97,7 +97,7 @@ fn latency_ns(cx: &Context<'_>, link: &RawLink) -> u64 {
     let latency = networks.map(|network| {
         let latency_ns = network.latency.get().map_or(defaults::NETWORK_LATENCY_NS, |latency| latency.0);
         let rate = network.rate.get().map_or(0, |rate| rate.0);
-        latency_ns.saturating_add(links::time_on_the_wire_ns(max_bytes, rate))
+        latency_ns.saturating_add(bateleur_plan::local::time_on_the_wire_ns(max_bytes, rate))
     });
     latency.max().unwrap_or_default()
 }

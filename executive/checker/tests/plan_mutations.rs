@@ -8,7 +8,8 @@ mod plan_support;
 
 use std::fmt::Write;
 
-use bateleur_plan::{Closed, PartitionError, schema};
+use bateleur_checker::schema;
+use bateleur_plan::{Closed, PartitionError};
 use plan_support::answer_to;
 use plan_support::schema_check::{STRUCTURAL, fault_in};
 use proptest::prelude::*;

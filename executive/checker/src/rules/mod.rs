@@ -21,7 +21,6 @@ use super::reader::{At, Field};
 use super::{Keys, MessageCatalogue, Programs};
 use laid::Laid;
 pub(super) use schedules::{MOST_MINOR_FRAMES, MOST_WINDOWS};
-pub(super) use windows::gaps;
 
 /// What every rule sees.
 pub(super) struct Context<'a> {

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::closed::Direction;
-use super::latency::{self, Station, Visit, Windows};
+use super::latency::{self, Station, Visit};
 use super::links::{self, LinkCost};
 use super::model::{Chain, ModuleId, PartitionId, Plan, Schedule, ScheduleId};
 use super::timeline::{CoreTimeline, Timeline};
@@ -196,7 +196,7 @@ impl ChainAge {
         let legs = links::legs(plan, &stations)?;
         let on_the_way: Vec<Station> = legs
             .iter()
-            .map(|&(partition, hop)| Station { windows: windows(schedule, partition), hop })
+            .map(|&(partition, hop)| Station { windows: schedule.occurrences(partition), hop })
             .collect();
         let way = latency::worst(&on_the_way, schedule.major_frame_ns)?;
         let steps = legs.iter().map(|(partition, _)| partition).zip(&way);
@@ -207,15 +207,4 @@ impl ChainAge {
             way: steps.map(|(&id, &visit)| Step { partition: plan[id].name.clone(), visit }).collect(),
         })
     }
-}
-
-pub(super) fn windows(schedule: &Schedule, partition: PartitionId) -> Windows {
-    let mine = schedule.windows.iter().filter(|window| window.partition == partition);
-    let laid = mine.flat_map(|window| {
-        window.minor.iter().map(|&minor| {
-            let frame = u64::from(minor) * schedule.minor_frame_ns;
-            (frame + window.offset_ns, frame + window.end_ns())
-        })
-    });
-    laid.collect()
 }

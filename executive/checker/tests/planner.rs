@@ -7,7 +7,7 @@ mod plan_support;
 
 use std::fmt::Write;
 
-use bateleur_plan::planner::{Answer, Bound, Impossible, Need, Request, plan};
+use bateleur_checker::planner::{Answer, Bound, Impossible, Need, Request, plan};
 use plan_support::answer_to;
 use proptest::prelude::*;
 

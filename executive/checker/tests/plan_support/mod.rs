@@ -7,7 +7,8 @@ pub(crate) mod schema_check;
 
 use std::path::{Path, PathBuf};
 
-use bateleur_plan::{Keys, MessageCatalogue, Plan, Programs, Report, Surroundings, check_among};
+use bateleur_checker::{Keys, MessageCatalogue, Programs, Report, Surroundings, check_among};
+use bateleur_plan::Plan;
 
 /// The message types that the schedules of the tests name, each with a size.
 pub(crate) struct Table;

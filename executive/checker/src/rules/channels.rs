@@ -4,7 +4,7 @@ use std::collections::hash_map::Entry;
 use std::collections::{BTreeSet, HashMap};
 
 use super::laid::Laid;
-use super::windows::gaps;
+use bateleur_plan::timeline::gaps;
 use super::{Context, links};
 use crate::catalogue::{self, Rule};
 use crate::closed::{Direction, Kind};

@@ -8,11 +8,7 @@ use crate::findings::Finding;
 use crate::raw::RawPartition;
 use crate::reader::{At, Bytes, Field, Nanoseconds};
 use crate::units::ShowSize;
-
-/// Above it lie the executive's own threads, which a partition must not hold up.
-const HIGHEST_PRIORITY: u32 = 50;
-/// As many as an APEX partition may have processes; each takes a stack of its memory.
-const MOST_THREADS: u32 = 128;
+use bateleur_plan::bounds::{HIGHEST_PRIORITY, MOST_THREADS};
 
 /// The smallest program of this repository starts with 2 MiB, each function of the aircraft with 4.
 const SMALLEST_MEMORY_BYTES: u64 = 4 << 20;
@@ -25,7 +21,7 @@ pub(super) fn check(cx: &Context<'_>) {
     for partition in &cx.file.partitions {
         memory(cx, partition);
         cx.in_range("threads", &partition.threads, 1, MOST_THREADS);
-        cx.in_range("priority", &partition.priority, 1, HIGHEST_PRIORITY);
+        cx.in_range("priority", &partition.priority, 1, HIGHEST_PRIORITY.into());
         devices(cx, partition);
         granted_calls(cx, partition);
         program(cx, partition);

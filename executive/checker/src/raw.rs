@@ -11,7 +11,8 @@ use super::closed::{
     ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleClock,
     ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode, SystemCalls, Transport,
 };
-use super::findings::{Finding, Findings, Span, did_you_mean, listed};
+use super::findings::{Finding, Findings, Span};
+use bateleur_plan::words::{did_you_mean, listed};
 use super::reader::{
     At, Attributes, Bytes, Entry, Field, FromToml, Nanoseconds, Permission, Rate, TableReader, Word, table_of,
 };

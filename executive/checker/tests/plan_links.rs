@@ -7,7 +7,8 @@
 mod plan_support;
 
 use bateleur_contract::{ClockRole, PortKind, RelayTable};
-use bateleur_plan::{Facts, ModuleId, Plan, Role, check_with_warnings};
+use bateleur_checker::{Facts, check_with_warnings};
+use bateleur_plan::{ModuleId, Plan, Role};
 use plan_support::{Table, repository};
 use serde_json::Value;
 

@@ -12,7 +12,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use bateleur_plan::{RULES, Report, Rule, Severity, example_of};
+use bateleur_checker::{RULES, Report, Rule, Severity, example_of};
 use plan_support::{Table, answer_to, repository};
 
 fn bad_files() -> Vec<PathBuf> {

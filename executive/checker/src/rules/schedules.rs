@@ -4,18 +4,12 @@ use super::{Context, laid};
 use crate::build::starts_cold;
 use crate::catalogue;
 use crate::closed::ChangeAction;
-use crate::findings::{Finding, did_you_mean, listed};
+use crate::findings::Finding;
+use bateleur_plan::words::{did_you_mean, listed};
 use crate::raw::RawSchedule;
 use crate::reader::{At, Field, Nanoseconds, Permission};
 use crate::units::ShowTime;
-
-/// At 50 minor frames a second, three minutes: far beyond any cycle that a person can read. The timeline has an entry
-/// for every window in each of them, in memory that the dispatcher keeps locked.
-pub(crate) const MOST_MINOR_FRAMES: u64 = 10_000;
-
-/// On one core in a major frame: a window every 100 us of ten seconds, in 4 MB of the dispatcher's locked memory. Whoever lays out
-/// more has written a unit for another.
-pub(crate) const MOST_WINDOWS: u64 = 100_000;
+pub(crate) use bateleur_plan::bounds::{MOST_MINOR_FRAMES, MOST_WINDOWS};
 
 pub(super) fn check(cx: &Context<'_>) {
     for schedule in &cx.file.schedules {

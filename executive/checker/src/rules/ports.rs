@@ -6,11 +6,7 @@ use crate::closed::{Direction, Kind};
 use crate::findings::Span;
 use crate::raw::{RawChannel, RawPort};
 use crate::reader::Field;
-
-/// As deep as an APEX queuing port may be; its slots are locked memory.
-const DEEPEST: u32 = 512;
-/// As long as an APEX message may be.
-const LONGEST_MESSAGE: u32 = 8192;
+use bateleur_plan::bounds::{DEEPEST_QUEUE, LONGEST_BYTES};
 
 pub(super) fn check(cx: &Context<'_>) {
     for port in &cx.file.ports {
@@ -67,7 +63,7 @@ fn depth(cx: &Context<'_>, port: &RawPort, kind: Kind, direction: Direction) {
                 "write how many messages may wait, such as 8",
             );
         }
-        Field::Said(depth) => cx.at_in_range("depth", depth, 1, DEEPEST),
+        Field::Said(depth) => cx.at_in_range("depth", depth, 1, DEEPEST_QUEUE),
         Field::Broken => {}
     }
 }
@@ -117,7 +113,7 @@ fn size_of(cx: &Context<'_>, port: &RawPort, size: &crate::reader::At<u32>) {
         let message = format!("the longest message of `{}` has no byte", port.name.value);
         cx.note(&catalogue::PAYLOAD_ZERO, &size.span, message, "write its size in bytes, such as 256");
     } else {
-        cx.at_in_range("max_size", size, 1, LONGEST_MESSAGE);
+        cx.at_in_range("max_size", size, 1, LONGEST_BYTES);
     }
 }
 

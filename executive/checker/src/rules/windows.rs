@@ -1,5 +1,6 @@
 //! Rules about windows: that each lies in its frame, and that no two are in each other's way.
 
+use bateleur_plan::timeline::gaps;
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::Context;
@@ -113,12 +114,6 @@ fn even(indices: &BTreeMap<u32, &Span>, frames: u64) -> bool {
     let starts: Vec<u64> = indices.keys().map(|&index| u64::from(index)).collect();
     let gaps: BTreeSet<u64> = gaps(&starts, frames).collect();
     gaps.len() <= 1
-}
-
-/// The distances from each instant to the next in a cycle.
-pub(crate) fn gaps(starts: &[u64], cycle: u64) -> impl Iterator<Item = u64> + '_ {
-    let again = starts.first().map(|first| first + cycle);
-    starts.iter().zip(starts.iter().copied().skip(1).chain(again)).map(|(start, next)| next - start)
 }
 
 fn core(cx: &Context<'_>, window: &RawWindow) {

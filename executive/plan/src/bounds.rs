@@ -1,0 +1,253 @@
+//! What must hold of a plan that was read from a compiled file, because a wrong value would harm whoever runs it: places in
+//! lists, names that become paths, numbers that are divided by, reserved or counted up to, and windows that overlap.
+//!
+//! The rules of the schedule file say more, with places and mends. Here one sentence is enough: a plan that came from the
+//! checker never gets it.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::model::{Attribute, Channel, Partition, Payload, Plan, Port, PortId, Role, Schedule};
+
+/// The longest name, bytes: with a closing zero it still fits the 32 bytes of an APEX name, with one to spare for
+/// implementations that count it. Longer ones are cut off by other people's tools.
+pub const LONGEST_NAME: usize = 30;
+/// The highest priority of a partition: above it lie the executive's own threads, which a partition must not hold up.
+pub const HIGHEST_PRIORITY: u8 = 50;
+/// The most threads of a partition: as many as an APEX partition may have processes; each takes a stack of its memory.
+pub const MOST_THREADS: u32 = 128;
+/// The deepest queue: as deep as an APEX queuing port may be; its slots are locked memory.
+pub const DEEPEST_QUEUE: u32 = 512;
+/// The longest message of plain bytes: as long as an APEX message may be.
+pub const LONGEST_BYTES: u32 = 8192;
+/// The longest message of any type, bytes.
+const LONGEST_MESSAGE: usize = 1 << 20;
+/// The most minor frames of a major frame. At 50 a second, three minutes: far beyond any cycle that a person can read. The timeline
+/// has an entry for every window in each of them, in memory that the dispatcher keeps locked.
+pub const MOST_MINOR_FRAMES: u64 = 10_000;
+/// The most windows on one core in a major frame: a window every 100 us of ten seconds, in 4 MB of the dispatcher's locked
+/// memory. Whoever lays out more has written a unit for another.
+pub const MOST_WINDOWS: u64 = 100_000;
+/// The most of any list of a plan.
+const MOST_LISTED: usize = 4096;
+/// The longest period or time, ns: a day.
+const LONGEST_NS: u64 = 86_400_000_000_000;
+/// The deepest list within lists of an attribute.
+const DEEPEST: usize = 8;
+
+/// What is out of bounds.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct OutOfBounds(String);
+
+type Checked = Result<(), OutOfBounds>;
+
+fn require(holds: bool, what: impl FnOnce() -> String) -> Checked {
+    if holds { Ok(()) } else { Err(OutOfBounds(what())) }
+}
+
+/// Holds a plan against all bounds.
+///
+/// # Errors
+/// The first that does not hold.
+pub fn check(plan: &Plan) -> Checked {
+    let lists = [
+        ("modules", plan.modules.len()),
+        ("networks", plan.networks.len()),
+        ("links", plan.links.len()),
+        ("partitions", plan.partitions.len()),
+        ("ports", plan.ports.len()),
+        ("channels", plan.channels.len()),
+        ("chains", plan.chains.len()),
+        ("schedules", plan.schedules.len()),
+    ];
+    for (what, count) in lists {
+        require(count <= MOST_LISTED, || format!("{count} {what}"))?;
+    }
+    names("module", plan.modules.iter().map(|module| &*module.name))?;
+    names("network", plan.networks.iter().map(|network| &*network.name))?;
+    names("link", plan.links.iter().map(|link| &*link.name))?;
+    names("schedule", plan.schedules.iter().map(|schedule| &*schedule.name))?;
+    modules(plan)?;
+    links(plan)?;
+    let own = plan.partitions.iter().filter(|partition| !partition.relay);
+    names("partition", own.map(|partition| &*partition.name))?;
+    for (place, one) in plan.partitions.iter().enumerate() {
+        partition(plan, place, one).map_err(|wrong| within("partition", &one.name, &wrong))?;
+    }
+    for (place, one) in plan.ports.iter().enumerate() {
+        port(plan, PortId(place), one).map_err(|wrong| within("port", &one.name, &wrong))?;
+    }
+    for one in &plan.channels {
+        channel(plan, one)?;
+    }
+    let initial = plan.schedules.iter().filter(|schedule| schedule.initial).count();
+    require(initial == 1, || format!("{initial} initial schedules"))?;
+    for one in &plan.schedules {
+        schedule(plan, one).map_err(|wrong| within("schedule", &one.name, &wrong))?;
+    }
+    for chain in &plan.chains {
+        require(chain.path.iter().all(|port| port.0 < plan.ports.len()), || "a chain of no port".into())?;
+    }
+    health(plan)
+}
+
+fn within(what: &str, name: &str, wrong: &OutOfBounds) -> OutOfBounds {
+    let name: String = name.chars().take(LONGEST_NAME).collect();
+    OutOfBounds(format!("{what} {name:?}: {wrong}"))
+}
+
+fn is_plain(name: &str, longest: usize) -> bool {
+    let plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+    !name.is_empty() && name.len() <= longest && name.chars().all(plain)
+}
+
+/// Names become names of files and processes; two that differ in their letters' case alone would be one somewhere.
+fn names<'p>(what: &str, names: impl Iterator<Item = &'p str>) -> Checked {
+    let mut seen = BTreeSet::new();
+    for name in names {
+        require(is_plain(name, LONGEST_NAME), || format!("a {what} with the name {name:?}"))?;
+        require(seen.insert(name.to_lowercase()), || format!("two {what}s with the name {name:?}"))?;
+    }
+    Ok(())
+}
+
+fn modules(plan: &Plan) -> Checked {
+    for module in &plan.modules {
+        let cores: BTreeSet<u32> = module.cores.iter().copied().collect();
+        require(!cores.is_empty() && cores.len() == module.cores.len(), || "cores of a module".into())?;
+        require(module.follows.is_none_or(|id| id.0 < plan.modules.len()), || "no module is followed".into())?;
+        let known = module.addresses.iter().all(|address| address.network.0 < plan.networks.len());
+        require(known, || "an address on no network".into())?;
+        require(module.follows_within_ns > 0, || "an alignment of nothing".into())?;
+    }
+    Ok(())
+}
+
+fn links(plan: &Plan) -> Checked {
+    for link in &plan.links {
+        let ends = link.ends.iter().all(|end| end.0 < plan.modules.len()) && link.ends[0] != link.ends[1];
+        require(ends, || format!("link {}: its ends", link.name))?;
+        let networks = link.networks.iter().all(|network| network.0 < plan.networks.len());
+        require(networks && (1..=2).contains(&link.networks.len()), || {
+            format!("link {}: its networks", link.name)
+        })?;
+        let numbers = (1..=LONGEST_NS).contains(&link.gap_ns)
+            && link.max_bytes <= 65_507
+            && link.skew_ns <= LONGEST_NS
+            && link.lost_after_ns <= LONGEST_NS;
+        require(numbers, || format!("link {}: its numbers", link.name))?;
+    }
+    let networks = plan.networks.iter().all(|network| network.rate_bits_per_s > 0);
+    require(networks, || "a network that carries nothing".into())
+}
+
+fn partition(plan: &Plan, place: usize, partition: &Partition) -> Checked {
+    // A relay is called as its module, with a word before it.
+    require(is_plain(&partition.name, LONGEST_NAME + 6), || "its name".into())?;
+    require(partition.module.0 < plan.modules.len(), || "its module".into())?;
+    require(!partition.program.is_empty() && !partition.program.contains('\0'), || "its program".into())?;
+    require(partition.memory_bytes > 0, || "its memory".into())?;
+    require(partition.retained_bytes <= partition.memory_bytes, || "its retained memory".into())?;
+    require((1..=MOST_THREADS).contains(&partition.threads), || "its threads".into())?;
+    require((1..=HIGHEST_PRIORITY).contains(&partition.priority), || "its priority".into())?;
+    let times = [partition.startup_timeout_ns, partition.restart.within_ns, partition.restart.startup_ns];
+    let limited = times.iter().chain(&partition.deadline_ns).all(|&time| time <= LONGEST_NS);
+    require(limited, || "its times".into())?;
+    let schedules = partition.may_set_schedule.iter().all(|id| id.0 < plan.schedules.len());
+    require(schedules, || "schedules that it may ask for".into())?;
+    let mut ports = BTreeSet::new();
+    for &id in &partition.ports {
+        let owner = plan.ports.get(id.0).map(|port| port.partition.0);
+        require(owner == Some(place) && ports.insert(id), || "its ports".into())?;
+    }
+    names("port", partition.ports.iter().map(|&id| &*plan[id].name))?;
+    for (name, value) in &partition.attributes {
+        require(depth(value) <= DEEPEST, || format!("its attribute {name:?}"))?;
+    }
+    let is_device = |device: &String| {
+        let below = device.strip_prefix("/dev/");
+        let file = below.is_some_and(|rest| rest.split('/').all(|step| !matches!(step, "" | "." | "..")));
+        file || !device.contains('/')
+    };
+    require(partition.devices.iter().all(is_device), || "its devices".into())
+}
+
+fn depth(attribute: &Attribute) -> usize {
+    match attribute {
+        Attribute::Array(values) => 1 + values.iter().map(depth).max().unwrap_or(0),
+        _ => 0,
+    }
+}
+
+fn port(plan: &Plan, id: PortId, port: &Port) -> Checked {
+    let owner = plan.partitions.get(port.partition.0);
+    require(owner.is_some_and(|owner| owner.ports.contains(&id)), || "its partition".into())?;
+    require((1..=LONGEST_MESSAGE).contains(&port.payload.max_size_bytes()), || "its message".into())?;
+    if let Payload::Message { name, .. } = &port.payload {
+        require(is_plain(name, 2 * LONGEST_NAME), || "its message".into())?;
+    }
+    let role = match port.role {
+        Role::SamplingDestination { refresh_ns } => refresh_ns > 0,
+        Role::QueuingDestination { depth } => (1..=DEEPEST_QUEUE).contains(&depth),
+        Role::SamplingSource | Role::QueuingSource => true,
+    };
+    require(role, || "its role".into())?;
+    let attached = port.channel.is_none_or(|channel| {
+        let channel = plan.channels.get(channel.0);
+        channel.is_some_and(|channel| channel.source == id || channel.destinations.contains(&id))
+    });
+    require(attached, || "its channel".into())
+}
+
+fn channel(plan: &Plan, channel: &Channel) -> Checked {
+    use crate::closed::Direction::{Destination, Source};
+    let known = |id: &PortId| id.0 < plan.ports.len();
+    require(known(&channel.source) && channel.destinations.iter().all(known), || "a channel of no port".into())?;
+    let name = || format!("the channel of {}", plan.port_path(channel.source));
+    let source = &plan[channel.source];
+    require(!channel.destinations.is_empty(), name)?;
+    require(source.direction() == Source && source.kind() == channel.kind, name)?;
+    let fits = |id: &PortId| {
+        let end = &plan[*id];
+        end.direction() == Destination && end.kind() == channel.kind && end.payload == source.payload
+    };
+    require(channel.destinations.iter().all(fits), name)
+}
+
+fn schedule(plan: &Plan, schedule: &Schedule) -> Checked {
+    let (major, minor) = (schedule.major_frame_ns, schedule.minor_frame_ns);
+    let frames = minor > 0 && major <= LONGEST_NS && major.is_multiple_of(minor);
+    require(frames && (1..=MOST_MINOR_FRAMES).contains(&(major / minor.max(1))), || "its frames".into())?;
+    let mut lines: BTreeMap<(usize, u32), Vec<(u64, u64)>> = BTreeMap::new();
+    for window in &schedule.windows {
+        let owner = plan.partitions.get(window.partition.0).map(|owner| owner.module.0);
+        let module = owner.and_then(|module| plan.modules.get(module).map(|about| (module, about)));
+        let Some((module, about)) = module else { return Err(OutOfBounds("a window of nobody".into())) };
+        require(about.cores.contains(&window.core), || "a window on a core of others".into())?;
+        let inside = window.offset_ns.checked_add(window.duration_ns).is_some_and(|end| end <= minor);
+        require(inside && window.duration_ns > 0, || "a window beyond its frame".into())?;
+        let rising = window.minor.windows(2).all(|pair| pair[0] < pair[1]);
+        let last = window.minor.last().map(|&last| u64::from(last) < major / minor);
+        require(rising && last == Some(true), || "a window in no minor frame".into())?;
+        let line = lines.entry((module, window.core)).or_default();
+        line.extend(window.minor.iter().map(|&frame| {
+            let frame_ns = u64::from(frame) * minor;
+            (frame_ns + window.offset_ns, frame_ns + window.end_ns())
+        }));
+    }
+    for line in lines.values_mut() {
+        require(line.len() as u64 <= MOST_WINDOWS, || format!("{} windows on a core", line.len()))?;
+        line.sort_unstable();
+        require(line.windows(2).all(|pair| pair[0].1 <= pair[1].0), || "windows that overlap".into())?;
+    }
+    let changed = schedule.change_actions.keys().all(|id| id.0 < plan.partitions.len());
+    require(changed, || "an action for nobody".into())
+}
+
+fn health(plan: &Plan) -> Checked {
+    let health = &plan.health;
+    require(health.silence_windows > 0 && health.late_after_ns > 0, || "limits of health".into())?;
+    let times = [health.reset.within_ns, health.reset.startup_ns];
+    require(times.iter().all(|&time| time <= LONGEST_NS), || "times of a reset".into())?;
+    require(health.log.bytes <= 1 << 40, || "the length of the health log".into())
+}

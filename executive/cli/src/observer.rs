@@ -10,8 +10,8 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use bateleur_control::{Answer, Observation};
-use bateleur_host::helper::channel_holder::{Order, OrderedChannel};
-use bateleur_host::helper::join;
+use bateleur_channels::{channel_type, join};
+use bateleur_host::helper::orders::{Order, OrderedChannel};
 use bateleur_ports::{Channel, Domain, Membership, Reader};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::net::sockopt::{Timeout, set_socket_timeout};
@@ -52,7 +52,7 @@ pub(crate) fn run(order: &str) -> Result<()> {
 
 /// Attaches to all of the channels that it can attach to.
 fn attach(order: &Order) -> Result<Vec<Observed>> {
-    let domain = order.domain();
+    let domain = Domain { root: order.root.clone() };
     let (mut attached, mut refused) = (Vec::new(), None);
     for ordered in &order.channels {
         match attach_to(&domain, ordered) {
@@ -70,7 +70,7 @@ fn attach(order: &Order) -> Result<Vec<Observed>> {
 }
 
 fn attach_to(domain: &Domain, ordered: &OrderedChannel) -> Result<Observed> {
-    let kind = ordered.channel_type();
+    let kind = channel_type(ordered);
     let kind = if kind.depth.is_some() { kind.observed() } else { kind };
     let node = join(domain, kind.home(), "observer")?;
     let channel = kind.open(&node)?;

@@ -1,11 +1,14 @@
 //! Reading a schedule file from the disk with the message types of this build.
 
-use std::io::{IsTerminal, Read};
+use std::fs::File;
+use std::io::{IsTerminal, Read, Seek, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use bateleur_host::keys;
+use bateleur_plan::compiled::Compiled;
+use bateleur_system::privileges;
 use bateleur_checker::{Keys, MessageCatalogue, Programs, Report, Surroundings, check, check_among};
 use bateleur_plan::Plan;
 
@@ -77,15 +80,23 @@ pub(crate) fn read_among(
     programs: Option<&Path>,
     keys: bool,
 ) -> Result<Result<(Plan, Report), Report>> {
-    let text = read_bounded(path)
-        .with_context(|| format!("cannot read {} (name another file with --schedule)", path.display()))?;
+    Ok(check_among_files(path, &read_text_of(path)?, programs, keys))
+}
+
+/// As [`read_among`], of a file whose text was read.
+pub(crate) fn check_among_files(
+    path: &Path,
+    text: &str,
+    programs: Option<&Path>,
+    keys: bool,
+) -> std::result::Result<(Plan, Report), Report> {
     let schedule = path.parent().map(Path::to_owned).unwrap_or_default();
     let key_files = keys.then(|| KeyFiles(schedule.clone()));
     let keys = key_files.as_ref().map(|files| files as &dyn Keys);
     let folder = programs.map(|programs| Folder { programs, schedule });
     let programs = folder.as_ref().map(|folder| folder as &dyn Programs);
     let surroundings = Surroundings { messages: &Catalogue, programs, keys };
-    Ok(check_among(&path.display().to_string(), &text, &surroundings))
+    check_among(&path.display().to_string(), text, &surroundings)
 }
 
 /// The plan in `text`, which a program wrote; or all that is wrong with it.
@@ -95,35 +106,63 @@ pub(crate) fn read_text(name: &str, text: &str) -> std::result::Result<Plan, Rep
 
 /// What there is to say of a `text` that can be used; or all that is wrong with it.
 pub(crate) fn read_report(name: &str, text: &str) -> std::result::Result<Report, Report> {
-    let surroundings = Surroundings { messages: &Catalogue, programs: None, keys: None };
-    check_among(name, text, &surroundings).map(|(_, report)| report)
+    check_text(name, text).map(|(_, report)| report)
 }
 
 /// The plan in `path`, with errors printed for a person; `None` if it can not be used.
 pub(crate) fn read_quietly(path: &Path) -> Result<Option<Plan>> {
-    Ok(read_or_print(path)?.map(|(plan, _)| plan))
+    Ok(print_errors(read_among(path, None, false)?).map(|(plan, _)| plan))
 }
 
 /// As [`read_quietly`]; of warnings it says how many there are.
 pub(crate) fn read_or_say(path: &Path) -> Result<Option<Plan>> {
-    let Some((plan, report)) = read_or_print(path)? else { return Ok(None) };
-    let warnings = match report.warnings() {
-        0 => return Ok(Some(plan)),
-        1 => "1 warning".to_owned(),
-        several => format!("{several} warnings"),
-    };
-    eprintln!("{warnings}: see `bateleur check {}`", path.display());
+    let Some((plan, report)) = print_errors(read_among(path, None, false)?) else { return Ok(None) };
+    say_warnings(&path.display().to_string(), &report);
     Ok(Some(plan))
 }
 
-fn read_or_print(path: &Path) -> Result<Option<(Plan, Report)>> {
-    match read_among(path, None, false)? {
-        Ok(read) => Ok(Some(read)),
-        Err(report) => {
-            eprint!("{}", report.render(std::io::stderr().is_terminal()));
-            Ok(None)
-        }
+fn say_warnings(name: &str, report: &Report) {
+    match report.warnings() {
+        0 => {}
+        1 => eprintln!("1 warning: see `bateleur check {name}`"),
+        several => eprintln!("{several} warnings: see `bateleur check {name}`"),
     }
+}
+
+/// Compiles the schedule file at `path` into `plan`, without privileges; errors are printed for a person, and of warnings, where not
+/// `quiet`, how many there are. `false`: there is no plan.
+pub(crate) fn compile(path: &Path, plan: &File, quiet: bool) -> Result<bool> {
+    let (name, text) = (path.display().to_string(), read_text_of(path)?);
+    let compiled = privileges::without_privileges(|| match compiled(&name, &text, quiet) {
+        Some(bytes) if (&*plan).write_all(&bytes).is_ok() => 0,
+        _ => 1,
+    });
+    (&*plan).rewind()?;
+    Ok(compiled.with_context(|| format!("{name} could not be compiled"))? == 0)
+}
+
+/// The compiled plan of a text, as a file holds it; errors and warnings are printed as in [`compile`].
+pub(crate) fn compiled(name: &str, text: &str, quiet: bool) -> Option<Vec<u8>> {
+    let (plan, report) = print_errors(check_text(name, text))?;
+    if !quiet {
+        say_warnings(name, &report);
+    }
+    let compiled = Compiled::new(name, text, plan).write();
+    compiled.map_err(|error| eprintln!("bateleur: {name}: {error}")).ok()
+}
+
+fn check_text(name: &str, text: &str) -> std::result::Result<(Plan, Report), Report> {
+    check_among(name, text, &Surroundings { messages: &Catalogue, programs: None, keys: None })
+}
+
+fn print_errors(read: std::result::Result<(Plan, Report), Report>) -> Option<(Plan, Report)> {
+    read.map_err(|report| eprint!("{}", report.render(std::io::stderr().is_terminal()))).ok()
+}
+
+/// The text of a schedule file.
+pub(crate) fn read_text_of(path: &Path) -> Result<String> {
+    read_bounded(path)
+        .with_context(|| format!("cannot read {} (name another file with --schedule)", path.display()))
 }
 
 #[cfg(test)]

@@ -12,9 +12,9 @@ use std::sync::atomic::Ordering::Relaxed;
 
 use anyhow::{Context, Result};
 use bateleur_contract::Mapped;
-use bateleur_daemon::recording::{ATTACH_ANEW, DONE, LEFT_OUT, NO_ROOM, READ, RecorderOrder};
-use bateleur_host::helper::channel_holder::OrderedChannel;
-use bateleur_host::helper::join;
+use bateleur_channels::{channel_type, join};
+use bateleur_host::helper::orders::OrderedChannel;
+use bateleur_host::helper::recording::{ATTACH_ANEW, DONE, LEFT_OUT, NO_ROOM, READ, RecorderOrder};
 use bateleur_ports::{Channel, Domain, Membership, Reader};
 use bateleur_report::log::{ChannelId, LogError, PortLog, topic};
 
@@ -47,7 +47,7 @@ pub(crate) fn run(order: &str) -> Result<()> {
         serde_json::from_str(order).context("the recorder's order is damaged")?;
     let place = File::options().read(true).write(true).open(PLACE).context("nobody knows what it is at")?;
     let mut recorder = Recorder {
-        domain: order.domain(),
+        domain: Domain { root: order.root.clone() },
         log: PortLog::create(LOG)?,
         observed: Vec::new(),
         at: Mapped::new(place).context("nobody knows what it is at")?,
@@ -173,7 +173,7 @@ impl Recorder {
 
 impl End {
     fn of(domain: &Domain, ordered: &OrderedChannel) -> Result<Self> {
-        let kind = ordered.channel_type();
+        let kind = channel_type(ordered);
         let kind = if kind.depth.is_some() { kind.observed() } else { kind };
         let node = join(domain, kind.home(), "recorder")?;
         let channel = kind.open(&node)?;

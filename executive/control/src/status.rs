@@ -95,6 +95,9 @@ pub struct PartitionStatus {
     pub lateness_ns: Option<Lateness>,
 }
 
+/// In the folder of a run: what its links are called.
+pub const LINKS_FILE: &str = "links.json";
+
 /// What a link of a module is called. How it is says its relay, on a port of its own.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LinkName {

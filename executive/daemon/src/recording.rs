@@ -14,9 +14,8 @@ use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::Relaxed;
 
 use bateleur_contract::{Clock, Mapped};
-use serde::{Deserialize, Serialize};
 
-use bateleur_host::helper::channel_holder::Order;
+use bateleur_host::helper::recording::{ATTACH_ANEW, LEFT_OUT, NO_ROOM, READ};
 use bateleur_monitor::Monitor;
 use bateleur_monitor::event::Event;
 use bateleur_system::spawn::Spawned;
@@ -36,17 +35,6 @@ const RESPECT_NS: u64 = 3_000_000_000;
 /// Parts of a log, most: whoever damages channels for ever must not fill the disk with beginnings.
 const MOST_PARTS: u32 = 16;
 
-/// A recorder's answers, each a letter. An order is carried out:
-pub const DONE: char = '.';
-/// The same, and something was left out of the log that is no message of its channel's type:
-pub const LEFT_OUT: char = '!';
-/// Orders to a recorder, each a letter; it answers each with a byte. Read what has been written:
-pub const READ: char = 'r';
-/// Attach anew to the channels whose names follow, separated by spaces, until the end of the line:
-pub const ATTACH_ANEW: char = 'a';
-
-/// The exit code of a recorder whose disk has no room for more.
-pub const NO_ROOM: i32 = 28;
 /// Room on the disk, in bytes, with which a log that the lack of it has ended goes on: half a minute of a flight.
 const ROOM: u64 = 4 << 20;
 /// Between two looks whether there is room, real time.
@@ -54,17 +42,6 @@ const LOOK_FOR_ROOM_NS: u64 = 1_000_000_000;
 
 /// Where a recorder that has ended leaves its reason.
 const ENDED: &str = "the recorder has ended or does not answer; its reason stands in partitions/helpers.log";
-
-/// What a recorder is told, as its one argument.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct RecorderOrder {
-    /// The channels.
-    pub order: Order,
-    /// Those that it is to keep off until it is told to attach anew.
-    pub without: Vec<String>,
-    /// Parts of the log before its own. Only the first recorder ends where it can not attach itself to a channel.
-    pub part: u32,
-}
 
 /// Starts the recorder of a part of the log, the number of which is given, without the channels of these names.
 pub type StartRecorder = Box<dyn Fn(u32, &[String]) -> io::Result<Recorder>>;

@@ -14,7 +14,6 @@ use std::time::{Duration, SystemTime};
 
 use serde::{Deserialize, Serialize};
 
-use bateleur_ports::Domain;
 use rustix::fs::{FlockOperation, flock};
 
 use bateleur_system::cgroup;
@@ -126,11 +125,16 @@ impl Instance {
         Path::new(SHARED_MEMORY).join(&self.name)
     }
 
-    /// The run's ports.
+    /// Where the run's shared memory lies: a directory of which nothing of two runs can meet.
     #[must_use]
-    pub fn domain(&self) -> Domain {
-        let root = self.directory().join("ports").to_string_lossy().into_owned();
-        Domain { root }
+    pub fn ports_root(&self) -> PathBuf {
+        self.directory().join("ports")
+    }
+
+    /// The directory of a channel.
+    #[must_use]
+    pub fn channel_directory(&self, channel: &str) -> PathBuf {
+        self.ports_root().join(channel)
     }
 
     /// Makes a directory for each channel. What holds them is the executive's, so that no partition can put another in its place.
@@ -142,7 +146,7 @@ impl Instance {
             true => (0o750, (None, Some(HELPERS))),
             false => (0o755, (None, None)),
         };
-        make_directory(Path::new(&self.domain().root), mode, owner)?;
+        make_directory(&self.ports_root(), mode, owner)?;
         channels.iter().try_for_each(|channel| self.make_channel_directory(channel, users))
     }
 
@@ -152,7 +156,7 @@ impl Instance {
             true => (0o777, (None, None)),
             false => (0o700, (shared, shared)),
         };
-        make_directory(&self.domain().directory(channel), mode, owner)
+        make_directory(&self.channel_directory(channel), mode, owner)
     }
 
     /// Makes the directories of channels anew: what a partition has touched is put aside whole, whatever it has made of it. Whoever is
@@ -173,7 +177,7 @@ impl Instance {
         let mut aside = Vec::new();
         for channel in channels {
             let place = discarded.join(format!("{channel}.{:016x}", RandomState::new().hash_one(0)));
-            match tree::put_aside(&self.domain().directory(channel), &place) {
+            match tree::put_aside(&self.channel_directory(channel), &place) {
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {} // somebody was faster
                 put => {
                     put?;
@@ -363,7 +367,7 @@ mod tests {
         fs::create_dir(dead.directory()).unwrap();
         dead.record().unwrap();
         dead.make_channel_directories(&["imu.rates".into()], None).unwrap();
-        let segment = dead.domain().directory("imu.rates").join("segment");
+        let segment = dead.channel_directory("imu.rates").join("segment");
         fs::write(&segment, "left").unwrap();
         let (cleaned, _) = clean_leftovers();
         assert!(cleaned.contains(&dead.name));
@@ -470,7 +474,7 @@ mod tests {
         let (instance, _alive) = Instance::create("instance_remade", Vec::new(), None).unwrap();
         let channels = ["a.out", "b.out", "c.out"].map(str::to_owned);
         instance.make_channel_directories(&channels, None).unwrap();
-        let directory = |channel: &str| instance.domain().directory(channel);
+        let directory = |channel: &str| instance.channel_directory(channel);
         fs::write(directory("a.out").join("segment"), "kept").unwrap();
         fs::create_dir_all(directory("b.out").join("deep/deeper")).unwrap();
         fs::set_permissions(directory("b.out"), fs::Permissions::from_mode(0o0)).unwrap();

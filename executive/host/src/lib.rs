@@ -9,4 +9,5 @@ pub mod instance;
 pub mod keys;
 pub mod machine;
 pub mod partition;
+pub mod programs;
 pub mod trouble;

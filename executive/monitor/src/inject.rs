@@ -8,6 +8,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use bateleur_contract::{FaultKind, FaultOrder};
+use serde::{Deserialize, Serialize};
 
 use bateleur_plan::units::{ShowTime, duration_ns};
 use bateleur_plan::{Plan, Role, did_you_mean};
@@ -45,7 +46,8 @@ const SIGNALS: [(&str, i32); 21] = [
 ];
 
 /// A fault.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub enum Fault {
     /// What a signal does to a process.
     Signal(i32),
@@ -134,6 +136,20 @@ fn aim_at_port(plan: &Plan, target: &str) -> Result<Aim, String> {
         ));
     }
     Ok(Aim { partition: Some(id.index()), port: place as u32 })
+}
+
+impl TryFrom<String> for Fault {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<Fault> for String {
+    fn from(fault: Fault) -> Self {
+        fault.to_string()
+    }
 }
 
 impl FromStr for Fault {

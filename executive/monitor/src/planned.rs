@@ -1,5 +1,7 @@
 //! What is planned to happen to partitions at instants of module time: the same again at every run of the same plan.
 
+use serde::{Deserialize, Serialize};
+
 use crate::Monitor;
 use crate::inject::{Aim, Fault};
 use bateleur_plan::Plan;
@@ -8,7 +10,8 @@ use bateleur_plan::Plan;
 pub const STANDBY: &str = ".standby";
 
 /// What can be done to a partition.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Act {
     /// Its process dies.
     Kill,
@@ -43,7 +46,7 @@ impl Act {
 }
 
 /// One of them.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PlannedAct {
     /// What is done.
     pub act: Act,
@@ -73,8 +76,28 @@ impl PlannedAct {
     }
 }
 
+/// A line for each act and each change of schedule (name and module time, ns) whose time did not come before `end_ns`.
+#[must_use]
+pub fn not_reached(acts: &[PlannedAct], changes: &[(String, u64)], end_ns: u64) -> Vec<String> {
+    let seconds = |ns: u64| ns as f64 / 1e9;
+    let option = |act: &PlannedAct| {
+        let at_s = seconds(act.at_ns);
+        match act.act {
+            Act::KillStandby => format!("--kill {}{STANDBY}@{at_s}", act.partition),
+            Act::Inject(fault) => format!("--inject {}:{fault}@{at_s}", act.partition),
+            other => format!("--{} {}@{at_s}", other.name(), act.partition),
+        }
+    };
+    let acts = acts.iter().filter(|act| act.at_ns > end_ns).map(option);
+    let change = |(schedule, at_ns): &(String, u64)| format!("--schedule-at {schedule}@{}", seconds(*at_ns));
+    let changes = changes.iter().filter(|(_, at_ns)| *at_ns > end_ns).map(change);
+    acts.chain(changes)
+        .map(|option| format!("{option} was not reached: it ended at {:.2} s", seconds(end_ns)))
+        .collect()
+}
+
 /// Kills of partitions chosen at random, again and again.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Killings {
     /// From one to the next, module time, ns; not zero.
     pub every_ns: u64,

@@ -15,7 +15,7 @@ pub const VERSION: u32 = 1;
 /// The longest file, bytes: several times what the largest plan that the checker lets through needs.
 pub const MOST_BYTES: usize = 32 << 20;
 /// The first words of the file.
-const MAGIC: &str = "bateleur plan ";
+pub const MAGIC: &str = "bateleur plan ";
 /// The longest first line, bytes.
 const LONGEST_HEAD: usize = 128;
 

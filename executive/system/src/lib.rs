@@ -7,6 +7,7 @@ pub mod delegation;
 pub mod disposition;
 pub mod filter;
 pub mod kernel_log;
+pub mod privileges;
 pub mod rules;
 pub mod sched;
 pub mod spawn;

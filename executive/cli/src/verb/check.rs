@@ -10,8 +10,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use bateleur_checker::{Facts, RULES, Report, Rule, example_of};
 use bateleur_plan::Plan;
+use bateleur_plan::compiled::{self, Compiled};
 
 use super::{CANNOT_RUN, Code, FINE, WRONG};
+use crate::output::refuse_file;
 use crate::plan_file::{self, Catalogue};
 use crate::words::nearest;
 
@@ -38,6 +40,9 @@ pub(crate) struct Arguments {
     /// Look whether the keys of links can be used here.
     #[arg(long)]
     keys: bool,
+    /// Write the compiled plan, which `bateleurd` runs, into this file.
+    #[arg(long, value_name = "FILE")]
+    compile: Option<PathBuf>,
     /// Print notes and what follows from the file too: how full the cores are, how old the chains become.
     #[arg(long, short)]
     verbose: bool,
@@ -69,7 +74,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
             folder.display()
         );
     }
-    let read = plan_file::read_among(path, arguments.programs.as_deref(), arguments.keys)?;
+    if let Some(output) = &arguments.compile {
+        refuse_file(output, compiled::MAGIC, &[path])?;
+    }
+    let source = plan_file::read_text_of(path)?;
+    let read = plan_file::check_among_files(path, &source, arguments.programs.as_deref(), arguments.keys);
     let (plan, report) = match &read {
         Ok((plan, report)) => (Some(plan), report),
         Err(report) => (None, report),
@@ -82,7 +91,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     match (plan, report.warnings()) {
         (None, _) => Ok(CANNOT_RUN),
         (Some(_), 1..) if arguments.deny.is_some() => Ok(WRONG),
-        (Some(_), _) => Ok(FINE),
+        (Some(plan), _) => {
+            if let Some(output) = &arguments.compile {
+                let bytes = Compiled::new(&path.display().to_string(), &source, plan.clone()).write()?;
+                std::fs::write(output, bytes).with_context(|| format!("cannot write {}", output.display()))?;
+            }
+            Ok(FINE)
+        }
     }
 }
 

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use bateleur_control::{Answer, Client, LinkName, Request, running};
-use bateleur_daemon::module::LINKS_FILE;
+use bateleur_control::LINKS_FILE;
 use bateleur_messages::link::{DOWN, PLAN_DIFFERS, REASON_NAMES, UP};
 use bateleur_messages::{LinkStatus, Message};
 use bateleur_report::{hosts, log};

@@ -6,31 +6,24 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::Write;
+use std::io::{Seek, Write};
 use std::net::SocketAddr;
-use std::os::fd::{FromRawFd, OwnedFd, RawFd};
-use std::os::unix::net::UnixStream;
+use std::os::fd::{AsFd, AsRawFd, RawFd};
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::process::Command;
 
 use anyhow::{Context, Result, anyhow};
-use bateleur_contract::Clock;
-use bateleur_daemon::module::{Options, run as run_module};
-use bateleur_daemon::world::Companion;
-use bateleur_monitor::event::{Event, Events};
+use bateleur_host::programs::beside_own;
+use bateleur_monitor::event::Event;
+use bateleur_monitor::run_order::RunOrder;
+use bateleur_system::privileges;
 use bateleur_time::shared_clock::SharedClock;
-use rustix::fs::{FlockOperation, flock};
 
 use super::air::module_time;
 use super::faults::Faults;
-use super::{CANNOT_RUN, Code, FINE, WRONG};
+use super::{CANNOT_RUN, Code};
 use crate::plan_file;
-
-/// The supply is going: what a machine's guard sends to whoever shall save what it can. The same number on x86-64 and aarch64.
-const SIGPWR: i32 = 30;
-/// Where a run writes that was not told otherwise.
-const LATEST: &str = "target/runs/latest";
 
 /// Run a module of a schedule file.
 #[derive(Debug, clap::Args)]
@@ -124,68 +117,32 @@ fn parse_place(text: &str) -> Result<(usize, usize), String> {
     numbers.ok_or_else(|| format!("\"{text}\" is not PLACE/COUNT, such as 0/2 for the first of two modules"))
 }
 
+/// What reads the compiled plan and runs its module: the only program of the project that needs root.
+const DAEMON: &str = "bateleurd";
+
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
+    if let Some(folder) = &arguments.output {
+        crate::output::refuse_used(folder)?;
+    }
+    let plan = privileges::handed_on("plan").context("no memory for the compiled plan")?;
     // Whoever started it with a channel for events has read the file too, and said so.
-    let read = if arguments.events_fd.is_some() { plan_file::read_quietly } else { plan_file::read_or_say };
-    let Some(plan) = read(&arguments.schedule)? else { return Ok(CANNOT_RUN) };
-    let module = match (&arguments.module, plan.modules.as_slice()) {
-        (Some(name), _) => name.clone(),
-        (None, [only]) => only.name.clone(),
-        (None, several) => {
-            let names: Vec<_> = several.iter().map(|module| module.name.as_str()).collect();
-            return Err(anyhow!(
-                "the plan has several modules: choose one with --module ({}); `bateleur fly --hosts` starts all of them",
-                names.join(", ")
-            ));
-        }
-    };
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
-        signal_hook::flag::register(signal, stop.clone()).context("cannot watch for signals")?;
+    if !plan_file::compile(&arguments.schedule, &plan, arguments.events_fd.is_some())? {
+        return Ok(CANNOT_RUN);
     }
-    if arguments.until_stdin_closes {
-        stop_with_standard_input(stop.clone());
-    }
-    let power_fail = Arc::new(AtomicBool::new(false));
-    signal_hook::flag::register(SIGPWR, power_fail.clone()).context("cannot watch for signals")?;
-    let (folder, _alone) = folder(arguments)?;
-    let outcome = run_module(plan, options(arguments, module, &folder, stop, power_fail)?)?;
-    if arguments.events_fd.is_none() {
-        let missed = arguments.faults.not_reached(outcome.module_ns as f64 / 1e9);
-        missed.iter().for_each(|line| eprintln!("{line}"));
-    }
-    Ok(if outcome.faulty || outcome.logs_lost || outcome.left_behind { WRONG } else { FINE })
+    let mut order = privileges::handed_on("order").context("no memory for the order")?;
+    serde_json::to_writer(&mut order, &order_of(arguments)).context("the order can not be written down")?;
+    order.rewind()?;
+    // This process becomes the daemon: it keeps its number, its signals and its standard streams.
+    let daemon = beside_own(DAEMON);
+    let argument = |file: &File| format!("fd:{}", file.as_fd().as_raw_fd());
+    let error = Command::new(&daemon).args([argument(&plan), argument(&order)]).exec();
+    Err(anyhow!(error).context(format!(
+        "cannot start {} (`cargo build --release --workspace` makes it beside this program)",
+        daemon.display()
+    )))
 }
 
-/// The folder for logs, made where it is missing, and what keeps other runs out of it as long as it is kept.
-fn folder(arguments: &Arguments) -> Result<(PathBuf, File)> {
-    let folder = match &arguments.output {
-        Some(folder) => {
-            crate::output::refuse_used(folder)?;
-            folder.clone()
-        }
-        None => PathBuf::from(LATEST),
-    };
-    std::fs::create_dir_all(&folder)
-        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    let alone =
-        File::open(&folder).with_context(|| format!("cannot open the folder {}", folder.display()))?;
-    if flock(&alone, FlockOperation::NonBlockingLockExclusive).is_err() {
-        return Err(anyhow!(
-            "another run writes into {}: wait for its end, or name another folder with --output",
-            folder.display()
-        ));
-    }
-    Ok((folder, alone))
-}
-
-fn options(
-    arguments: &Arguments,
-    module: String,
-    folder: &Path,
-    stop: Arc<AtomicBool>,
-    power_fail: Arc<AtomicBool>,
-) -> Result<Options> {
+fn order_of(arguments: &Arguments) -> RunOrder {
     let mut overrides: BTreeMap<String, BTreeMap<String, serde_json::Value>> = BTreeMap::new();
     for setting in &arguments.set {
         overrides
@@ -195,14 +152,13 @@ fn options(
     }
     let plan_folder = arguments.schedule.parent().map(Path::to_owned).unwrap_or_default();
     let nanoseconds = |seconds: f64| (seconds * 1e9) as u64;
-    Ok(Options {
-        module,
-        clock: if arguments.fast { Clock::Virtual } else { Clock::Wall },
-        output: folder.to_owned(),
-        plan_folder: plan_folder.clone(),
+    RunOrder {
+        module: arguments.module.clone().unwrap_or_default(),
+        fast: arguments.fast,
+        output: arguments.output.clone().unwrap_or_default(),
         key_files: arguments.key.iter().map(|(link, file)| (link.clone(), plan_folder.join(file))).collect(),
+        plan_folder,
         addresses: arguments.address.iter().copied().collect(),
-        link_keys: Vec::new(),
         overrides,
         acts: arguments.faults.planned(),
         killings: arguments.faults.killings(),
@@ -215,135 +171,18 @@ fn options(
         }),
         until_ns: arguments.until.map(nanoseconds),
         strict: arguments.require.is_some(),
-        record: arguments.record.then(|| folder.join("ports.mcap")),
-        companion: arguments.companion_fd.map(companion).transpose()?,
-        events: Events::new(Some(events(arguments.events_fd))),
-        stop,
-        power_fail,
-    })
-}
-
-#[allow(unsafe_code)]
-fn inherited(descriptor: RawFd) -> OwnedFd {
-    // SAFETY: the caller of this program passed the descriptor for this purpose; each is taken once.
-    unsafe { OwnedFd::from_raw_fd(descriptor) }
-}
-
-fn companion(descriptor: RawFd) -> Result<Companion> {
-    Companion::new(UnixStream::from(inherited(descriptor))).context("the companion's socket can not be used")
-}
-
-/// Events for a program, or for a person.
-fn events(descriptor: Option<RawFd>) -> Box<dyn Write + Send> {
-    match descriptor {
-        Some(descriptor) => Box::new(File::from(inherited(descriptor))),
-        None => Box::new(Person),
+        record: arguments.record,
+        until_stdin_closes: arguments.until_stdin_closes,
+        events_fd: arguments.events_fd,
+        companion_fd: arguments.companion_fd,
     }
 }
-
-pub(crate) fn stop_with_standard_input(stop: Arc<AtomicBool>) {
-    std::thread::spawn(move || {
-        let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink()); // closed either way
-        stop.store(true, Ordering::Release);
-    });
-}
-
-/// Turns events into lines for a terminal.
-struct Person;
-
-impl Write for Person {
-    fn write(&mut self, line: &[u8]) -> std::io::Result<usize> {
-        if let Ok(event) = serde_json::from_slice::<Event>(line) {
-            say(&event);
-        }
-        Ok(line.len())
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        Ok(())
-    }
-}
-
-/// What helps whoever runs the module by hand without a line to the ground.
-const GROUND_HINT: &str =
-    "\n             (a line without a radio: docs/src/three-terminals.md, or `cargo fly`, which makes one)";
 
 /// One event as a line for a person. A terminal or a pipe that is gone must not end the flight.
 pub(crate) fn say(event: &Event) {
-    let text = text_of(event);
+    let text = event.to_string();
     if !text.is_empty() {
         let _ = writeln!(std::io::stderr(), "{text}"); // nobody reads
     }
 }
 
-fn text_of(event: &Event) -> String {
-    match event {
-        Event::Guarantees { list } => {
-            let lacking = list.iter().filter(|guarantee| !guarantee.held);
-            let lines: Vec<_> = lacking
-                .map(|lack| format!("not on this machine: {} ({})", lack.promise, lack.detail))
-                .collect();
-            lines.join("\n")
-        }
-        Event::Ready { partitions } => format!("{partitions} partitions are ready"),
-        Event::Fault { time_s, partition, error, action, detail } => {
-            let line = format!("{time_s:9.3} s  {partition}: {error} ({}) -> {action}", printable(detail));
-            let lacks_line = detail.starts_with("ground link") && !detail.contains("is gone");
-            if lacks_line { line + GROUND_HINT } else { line }
-        }
-        Event::ModuleFault { time_s, error, action, detail } => {
-            format!("{time_s:9.3} s  module: {error} ({}) -> {action}", printable(detail))
-        }
-        Event::ModuleRestarted { time_s, after_ms } => {
-            format!("{time_s:9.3} s  module: frame 0 again after {after_ms:.1} ms")
-        }
-        Event::Recovered { time_s, partition, after_ms } => {
-            format!("{time_s:9.3} s  {partition}: back after {after_ms:.1} ms")
-        }
-        Event::Message { time_s, partition, text } | Event::Undone { time_s, partition, text } => {
-            format!("{time_s:9.3} s  {partition}: {}", printable(text))
-        }
-        Event::ScheduleRequested { time_s, schedule, by } => {
-            format!("{time_s:9.3} s  {by}: asks for schedule {schedule}")
-        }
-        Event::ScheduleChanged { time_s, schedule, before } => {
-            format!("{time_s:9.3} s  schedule {schedule} after {before}")
-        }
-        Event::LogLost { time_s, log, reason } => {
-            format!("{time_s:9.3} s  {log} can not be written any more: {}", printable(reason))
-        }
-        Event::LogCut { time_s, log, reason } => format!("{time_s:9.3} s  {log} ends: {}", printable(reason)),
-        Event::LogLacks { time_s, log, reason } => format!("{time_s:9.3} s  {log}: {}", printable(reason)),
-        Event::Stopped {
-            reason,
-            module_time_s,
-            windows,
-            late_windows,
-            window_overruns,
-            lost_records,
-            lost_windows,
-            unwritten_records,
-            ..
-        } => {
-            let mut lost = String::new();
-            if *lost_windows > 0 {
-                lost = format!(", {lost_windows} lost because the dispatcher came too late");
-            }
-            if *lost_records > 0 {
-                lost += &format!("\n{lost_records} window records were lost: the log could not keep up");
-            }
-            if *unwritten_records > 0 {
-                lost +=
-                    &format!("\n{unwritten_records} records are missing in logs that could not be written");
-            }
-            format!(
-                "stopped after {module_time_s:.2} s: {reason}; {windows} windows, {late_windows} late, {window_overruns} overrun{lost}"
-            )
-        }
-    }
-}
-
-/// A partition's words without the control characters that a terminal would obey.
-fn printable(text: &str) -> String {
-    text.chars().map(|letter| if letter.is_control() { '\u{fffd}' } else { letter }).collect()
-}

@@ -15,12 +15,13 @@ use super::channel_holders::ChannelHolders;
 use super::course::{Course, Ended};
 use super::run_module::Services;
 use super::{Options, RunError, machine};
-use crate::recording::{Recorder, RecorderOrder, Recording, StartRecorder, part_name};
+use crate::recording::{Recorder, Recording, StartRecorder, part_name};
 use bateleur_control::{Inbox, Server};
 use bateleur_host::error_log::{ErrorLogs, ErrorReader};
-use bateleur_host::helper::channel_holder::{Order, OrderedChannel};
-use bateleur_host::helper::end_helper;
-use bateleur_host::helper::{PARENT, channel_probe};
+use bateleur_host::helper::orders::{Cleaning, Dead, ExaminedPort, Examination, Order, OrderedChannel};
+use bateleur_host::helper::recording::RecorderOrder;
+use bateleur_host::helper::{PARENT, end_helper};
+use bateleur_host::programs::beside_own;
 use bateleur_host::instance::{Alive, Instance};
 use bateleur_host::machine::Machine;
 use bateleur_host::partition::{Sandbox, SandboxConfig, message_name, queue_depth};
@@ -39,6 +40,17 @@ use bateleur_system::tree::NotRemoved;
 use bateleur_system::users::{self, Users};
 use bateleur_system::wait::{ended, is_readable};
 
+/// The programs of helpers.
+#[derive(Debug, Clone)]
+struct HelperPrograms {
+    /// The executive's own: what must be root.
+    own: PathBuf,
+    /// What touches channels.
+    channels: PathBuf,
+    /// What knows the messages too: recorder and observers.
+    observers: PathBuf,
+}
+
 /// What a helper process finds at its first descriptors.
 #[derive(Default)]
 pub(super) struct Lines<'a> {
@@ -55,14 +67,14 @@ fn spare(plan: &Plan, port: PortId) -> usize {
 }
 
 /// What a channel probe is told about a partition's ports.
-fn examination(order: &Order, plan: &Plan, partition: PartitionId) -> channel_probe::Order {
+fn examination(order: &Order, plan: &Plan, partition: PartitionId) -> Examination {
     let ports = plan[partition].ports.iter().filter_map(|id| {
         let source = plan[plan[*id].channel?].source;
         let name = plan.port_path(source);
         let channel = order.channels.iter().find(|channel| channel.name == name)?.clone();
-        Some(channel_probe::OrderedPort { channel, writes: source == *id })
+        Some(ExaminedPort { channel, writes: source == *id })
     });
-    channel_probe::Order { root: order.root.clone(), ports: ports.collect() }
+    Examination { root: order.root.clone(), ports: ports.collect() }
 }
 
 /// The file of port messages: one that is closed can not be gone on with, so each start has its own.
@@ -111,7 +123,7 @@ pub(super) struct Base {
     helpers: Rc<RefCell<Vec<Spawned>>>,
     /// Those among them that nobody waits for.
     removers: Rc<RefCell<Vec<Spawned>>>,
-    own_program: PathBuf,
+    programs: HelperPrograms,
     log: File,
     /// The guard, and the pipe whose end tells it that the executive is gone.
     guard: RefCell<Option<(Spawned, File)>>,
@@ -165,8 +177,11 @@ impl Base {
             .append(true)
             .open(path)
             .map_err(machine("cannot write the helpers' log"))?;
-        let own_program =
-            std::env::current_exe().map_err(machine("cannot find the executive's own program"))?;
+        let programs = HelperPrograms {
+            own: std::env::current_exe().map_err(machine("cannot find the executive's own program"))?,
+            channels: beside_own("bateleur_channels"),
+            observers: beside_own("bateleur"),
+        };
         let base = Self {
             instance,
             _alive: Some(alive),
@@ -175,7 +190,7 @@ impl Base {
             helpers_group,
             helpers: Rc::default(),
             removers: Rc::default(),
-            own_program,
+            programs,
             log,
             guard: RefCell::new(None),
             users: facts.users,
@@ -191,42 +206,55 @@ impl Base {
         let lines = Lines { input: Some(&reader), ..Lines::default() };
         let footing = Footing { user: None, walls: Walls::default(), is_guard: true };
         let guard =
-            self.start(&["guard".into(), text], lines, footing).map_err(machine("cannot start the guard"))?;
+            self.start(&self.programs.own, &["guard".into(), text], lines, footing).map_err(machine("cannot start the guard"))?;
         *self.guard.borrow_mut() = Some((guard, writer));
         Ok(())
     }
 
-    /// Starts a helper, as the helpers' user.
+    /// Starts a helper that touches channels, as the helpers' user.
     pub(super) fn helper(&self, arguments: &[String], lines: Lines<'_>) -> std::io::Result<Spawned> {
         let user = self.users.map(|_| Users::helper());
-        self.helper_of_run(arguments, lines, user, Walls::default())
+        self.helper_of_run(&self.programs.channels, arguments, lines, user, Walls::default())
+    }
+
+    /// Starts a helper that knows the messages, as the helpers' user.
+    fn observing_helper(&self, arguments: &[String], lines: Lines<'_>) -> std::io::Result<Spawned> {
+        let user = self.users.map(|_| Users::helper());
+        self.helper_of_run(&self.programs.observers, arguments, lines, user, Walls::default())
+    }
+
+    /// Root of the module's shared memory.
+    fn ports_root(&self) -> String {
+        self.instance.ports_root().to_string_lossy().into_owned()
     }
 
     /// Starts a helper that does not outlive the run.
     fn helper_of_run(
         &self,
+        program: &Path,
         arguments: &[String],
         lines: Lines<'_>,
         user: Option<User>,
         walls: Walls<'_>,
     ) -> std::io::Result<Spawned> {
-        let process = self.start(arguments, lines, Footing { user, walls, is_guard: false })?;
+        let process = self.start(program, arguments, lines, Footing { user, walls, is_guard: false })?;
         let mut helpers = self.helpers.borrow_mut();
         helpers.retain(|helper| !is_readable(helper.pidfd.as_fd()));
         helpers.push(Spawned { pid: process.pid, pidfd: process.pidfd.try_clone()? });
         Ok(process)
     }
 
-    /// Starts this very program with a hidden verb.
+    /// Starts a program as a helper.
     fn start(
         &self,
+        program: &Path,
         arguments: &[String],
         lines: Lines<'_>,
         footing: Footing<'_>,
     ) -> std::io::Result<Spawned> {
         let Footing { user, walls, is_guard } = footing;
         spawn(&Request {
-            program: &self.own_program,
+            program,
             arguments,
             environment: &[format!("{PARENT}={}", std::process::id())],
             descriptors: lines.files,
@@ -255,8 +283,7 @@ impl Base {
                 spare_readers: channel.destinations.iter().map(|port| spare(plan, *port)).sum(),
             }
         });
-        let domain = self.instance.domain();
-        Order { root: domain.root, channels: channels.collect() }
+        Order { root: self.ports_root(), channels: channels.collect() }
     }
 
     /// Makes the directories of channels anew, and has what they held removed.
@@ -265,7 +292,7 @@ impl Base {
         let mut arguments = vec!["remover".into()];
         arguments.extend(aside.iter().map(|path| path.display().to_string()));
         // As the executive, who owns what holds it. Without a remover it stays until the run ends.
-        if let Ok(remover) = self.helper_of_run(&arguments, Lines::default(), None, Walls::default()) {
+        if let Ok(remover) = self.helper_of_run(&self.programs.own, &arguments, Lines::default(), None, Walls::default()) {
             let mut removers = self.removers.borrow_mut();
             removers.retain(|remover| ended(remover).is_none());
             removers.push(remover);
@@ -311,7 +338,7 @@ impl Base {
         Recorder::start(&place, |input, output| {
             let lines =
                 Lines { input: Some(input), output: Some(output), files: &[log.as_fd(), place.as_fd()] };
-            self.helper(&arguments, lines)
+            self.observing_helper(&arguments, lines)
         })
     }
 
@@ -356,7 +383,7 @@ impl Base {
             helpers_group: self.helpers_group.clone(),
             helpers: self.helpers.clone(),
             removers: self.removers.clone(),
-            own_program: self.own_program.clone(),
+            programs: self.programs.clone(),
             log: self.log.try_clone().map_err(machine("cannot copy a descriptor"))?,
             guard: RefCell::new(None),
             users: self.users,
@@ -371,26 +398,28 @@ impl Base {
             let channels = order.channels.iter().filter(wanted).cloned().collect();
             let order = serde_json::to_string(&Order { channels, ..order.clone() })?;
             let lines = Lines { output: Some(connection), ..Lines::default() };
-            copy.helper(&["observer".into(), order], lines)
+            copy.observing_helper(&["observer".into(), order], lines)
         }))
     }
 
     /// Starts a channel cleaner. What the dead one has written tells the library where to clean up: so it reaches the dead one's channels and
     /// nothing else, where the kernel has rules about files.
     fn start_channel_cleaner(&self, order: &CleanupOrder, ruled: bool) -> std::io::Result<(Spawned, File)> {
-        let domain = self.instance.domain();
-        let mut arguments = vec!["channel-cleaner".into(), domain.root.clone(), order.pid.to_string()];
-        arguments.extend(order.user.map(|user| format!("--user={user}")));
-        arguments.extend(order.damaged.iter().map(|channel| format!("--damaged={channel}")));
         // A channel that another module serves has nothing here.
-        let here = |channel: &&String| domain.directory(channel).symlink_metadata().is_ok();
+        let here = |channel: &&String| self.instance.channel_directory(channel).symlink_metadata().is_ok();
         let channels: Vec<String> = order.channels.iter().filter(here).cloned().collect();
-        let directories: Vec<PathBuf> = channels.iter().map(|channel| domain.directory(channel)).collect();
-        arguments.extend(channels);
+        let directories: Vec<PathBuf> =
+            channels.iter().map(|channel| self.instance.channel_directory(channel)).collect();
+        let cleaning = Cleaning {
+            root: self.ports_root(),
+            dead: Dead { pid: order.pid.unsigned_abs(), user: order.user },
+            channels,
+            damaged: order.damaged.clone(),
+        };
         let (progress, end) = std::io::pipe()?;
         rustix::fs::fcntl_setfl(&progress, rustix::fs::OFlags::NONBLOCK)?; // nobody waits for one that does not end
         let end = OwnedFd::from(end);
-        let (program, channels) = (&*self.own_program, &*directories);
+        let (program, channels) = (&*self.programs.channels, &*directories);
         let granted = Granted { program, channels, devices: &[], files: &[], network: false };
         let rules = if ruled { rules::make(granted)? } else { None };
         let walls = Walls { rules: rules.as_ref().map(AsFd::as_fd), ..Walls::default() };
@@ -398,7 +427,8 @@ impl Base {
         // As the dead one, of which nothing lives: what is its own it may remove, whatever its modes.
         let of_helpers = self.users.map(|_| Users::helper());
         let user = of_helpers.map(|helper| User { id: order.user.unwrap_or(helper.id), ..helper });
-        let process = self.helper_of_run(&arguments, lines, user, walls)?;
+        let words = ["channel-cleaner".into(), serde_json::to_string(&cleaning)?];
+        let process = self.helper_of_run(&self.programs.channels, &words, lines, user, walls)?;
         Ok((process, File::from(OwnedFd::from(progress))))
     }
 
@@ -423,22 +453,22 @@ impl Base {
             what: "cannot make the module's channels".into(),
             why: error.0,
         })?;
-        if options.record.is_none() && course.resets() == 0 {
+        if !options.order.record && course.resets() == 0 {
             // What an earlier run recorded in this folder would be taken for this one's.
-            let earlier = options.output.join(part_name(0));
+            let earlier = options.order.output.join(part_name(0));
             remove_earlier(&earlier);
             let _ = std::fs::remove_file(&earlier); // there is none, as a rule
         }
-        let port_log = options.record.as_deref().map(|path| port_log(path, course.resets()));
+        let port_log = options.port_log().map(|path| port_log(&path, course.resets()));
         let recording = port_log.map(|path| self.record(path, &order)).transpose()?;
-        let error_reader = ErrorReader::start(options.output.join("partitions"))
+        let error_reader = ErrorReader::start(options.order.output.join("partitions"))
             .map_err(machine("cannot read the partitions' standard error"))?;
         let sandboxes = self.sandboxes(plan, view, options, facts, programs, error_reader.logs())?;
-        let (control, inbox) = self.open_control(&options.module, course);
+        let (control, inbox) = self.open_control(&options.order.module, course);
         let start_channel_cleaner = self.channel_cleaner_starter(facts.ruled)?;
         let rebuilds = self.rebuilds(order, plan.clone(), channel_holders)?;
         // On the virtual clock nobody is cleaned up after at an instant of the wall clock.
-        let ended_helpers = (options.clock == Clock::Wall).then_some((ended_helpers, homes));
+        let ended_helpers = (options.clock() == Clock::Wall).then_some((ended_helpers, homes));
         let services = Services {
             recording,
             start_channel_cleaner,
@@ -474,11 +504,10 @@ impl Base {
         programs: Vec<PathBuf>,
         errors: ErrorLogs,
     ) -> Result<Vec<Sandbox>, RunError> {
-        let domain = self.instance.domain();
         let sandbox_config = SandboxConfig {
-            module: options.module.clone(),
-            clock: options.clock,
-            ports_root: domain.root,
+            module: options.order.module.clone(),
+            clock: options.clock(),
+            ports_root: self.ports_root(),
             namespaces: facts.namespaces,
             users: facts.users,
             filtered: facts.filtered,
@@ -490,7 +519,7 @@ impl Base {
         let none = BTreeMap::new();
         let built = view.partitions().zip(programs).map(|(id, program)| {
             let name = &plan[id].name;
-            let overrides = options.overrides.get(name).unwrap_or(&none);
+            let overrides = options.order.overrides.get(name).unwrap_or(&none);
             let build = |groups: &str, beside: Option<&Sandbox>| {
                 let mut sandbox = Sandbox::build(
                     plan,

@@ -11,9 +11,8 @@ use std::os::fd::{AsFd, OwnedFd};
 use std::rc::Rc;
 
 use super::base::{Base, Lines};
-use bateleur_host::helper::BAD;
-use bateleur_host::helper::channel_holder::{AT, Order, READY};
 use bateleur_host::helper::end_helper;
+use bateleur_host::helper::orders::{AT, BAD, Order, READY};
 use bateleur_monitor::cleanup::EndedHelpers;
 use bateleur_monitor::rebuild::NotHeld;
 use bateleur_system::spawn::Spawned;

@@ -61,20 +61,20 @@ impl Course {
     /// A run that has not begun. Takes what it needs of `options`.
     pub(super) fn new(plan: &Plan, view: &ModuleView<'_>, options: &mut Options) -> Result<Self, RunError> {
         // Before anything of a run that shares its clock by mistake is written over.
-        let together = options.together.take().filter(|_| options.clock == Clock::Virtual);
+        let together = options.order.together.take().filter(|_| options.clock() == Clock::Virtual);
         let back_ns = together.as_ref().and_then(|together| together.back_ns);
-        let join = |together| Member::join(together, &options.module, options.stop.clone());
+        let join = |together| Member::join(together, &options.order.module, options.stop.clone());
         let member = together.map(join).transpose().map_err(RunError::SharedClock)?;
-        let window_log = WindowLog::create(&options.output).map_err(machine("cannot write windows.csv"))?;
-        let health_log = HealthLog::create(&options.output, plan.health.log)
+        let window_log = WindowLog::create(&options.order.output).map_err(machine("cannot write windows.csv"))?;
+        let health_log = HealthLog::create(&options.order.output, plan.health.log)
             .map_err(machine("cannot write health.jsonl"))?;
         let events = std::mem::replace(&mut options.events, bateleur_monitor::event::Events::new(None));
         let candidates = view.partitions().map(PartitionId::index).collect();
         let surroundings = Surroundings::new(
-            options.clock,
-            PlannedActs::of(plan, &options.acts, options.killings, candidates),
-            Changing::of(&options.schedule_changes),
-            options.until_ns,
+            options.clock(),
+            PlannedActs::of(plan, &options.order.acts, options.order.killings, candidates),
+            Changing::of(&options.order.schedule_changes),
+            options.order.until_ns,
             options.stop.clone(),
             options.power_fail.clone(),
             options.companion.take(),
@@ -82,7 +82,7 @@ impl Course {
         Ok(Self {
             kept: Some(Kept::new(window_log, health_log, events)),
             surroundings,
-            clock: options.clock,
+            clock: options.clock(),
             origin_ns: None,
             ended_ns: back_ns.unwrap_or(0),
             startup_ns: plan.health.reset.startup_ns,

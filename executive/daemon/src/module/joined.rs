@@ -9,26 +9,23 @@ use bateleur_contract::relay::{ATTRIBUTE, STEPPED};
 use bateleur_contract::{Clock, RelayTable};
 
 use super::{Options, RunError};
-use bateleur_control::LinkName;
+use bateleur_control::{LINKS_FILE, LinkName};
 use bateleur_host::keys::{self, Key};
 use bateleur_monitor::event::Event;
 use bateleur_plan::{ModuleView, Plan, Protection};
 
-/// In the folder of a run: what its links are called.
-pub const LINKS_FILE: &str = "links.json";
-
 /// The plan as the module runs it. Leaves the relay's table and keys in `options`.
 pub(super) fn prepare(plan: Plan, options: &mut Options) -> Result<Plan, RunError> {
     let known = plan.modules.iter().flat_map(|module| &module.addresses).map(|address| address.socket);
-    check_addresses(&known.collect::<Vec<_>>(), &options.addresses)?;
-    let Some(view) = plan.module(&options.module) else { return Ok(plan) };
+    check_addresses(&known.collect::<Vec<_>>(), &options.order.addresses)?;
+    let Some(view) = plan.module(&options.order.module) else { return Ok(plan) };
     let (Some(relay), table) = (plan.relay_of(view.id()), table(&view)?) else { return Ok(plan) };
     let Some(mut table) = table else { return Ok(plan) };
     options.link_keys = read_keys(&view, options)?;
-    if options.clock == Clock::Virtual {
+    if options.clock() == Clock::Virtual {
         table.transport = STEPPED.to_owned();
     }
-    redirect(&mut table, &options.addresses);
+    redirect(&mut table, &options.order.addresses);
     let relay = plan[relay].name.clone();
     for link in table.links.iter().filter(|link| !link.authenticated) {
         let text = format!(
@@ -38,7 +35,7 @@ pub(super) fn prepare(plan: Plan, options: &mut Options) -> Result<Plan, RunErro
         options.events.tell(&Event::Message { time_s: 0.0, partition: relay.clone(), text });
     }
     let value = serde_json::to_value(&table).map_err(unwritable)?;
-    options.overrides.entry(relay).or_default().insert(ATTRIBUTE.to_owned(), value);
+    options.order.overrides.entry(relay).or_default().insert(ATTRIBUTE.to_owned(), value);
     write_names(&view, options)?;
     Ok(plan.local(view.id()))
 }
@@ -54,8 +51,8 @@ fn unwritable(error: serde_json::Error) -> RunError {
 /// What the links are called, beside the logs: whoever reads those knows numbers only.
 fn write_names(view: &ModuleView<'_>, options: &Options) -> Result<(), RunError> {
     let names = serde_json::to_vec_pretty(&LinkName::of(view)).map_err(unwritable)?;
-    let made = std::fs::create_dir_all(&options.output)
-        .and_then(|()| std::fs::write(options.output.join(LINKS_FILE), names));
+    let made = std::fs::create_dir_all(&options.order.output)
+        .and_then(|()| std::fs::write(options.order.output.join(LINKS_FILE), names));
     made.map_err(super::machine(format!("cannot write {LINKS_FILE}")))
 }
 
@@ -63,7 +60,7 @@ fn write_names(view: &ModuleView<'_>, options: &Options) -> Result<(), RunError>
 fn read_keys(view: &ModuleView<'_>, options: &Options) -> Result<Vec<Key>, RunError> {
     let plan = view.plan();
     if let Some(name) =
-        options.key_files.keys().find(|name| !plan.links.iter().any(|link| link.name == **name))
+        options.order.key_files.keys().find(|name| !plan.links.iter().any(|link| link.name == **name))
     {
         let known = plan.links.iter().map(|link| link.name.as_str()).collect::<Vec<_>>().join(", ");
         return Err(RunError::NoLink { name: name.clone(), known });
@@ -71,9 +68,9 @@ fn read_keys(view: &ModuleView<'_>, options: &Options) -> Result<Vec<Key>, RunEr
     let key = |link: &bateleur_plan::Link| match &link.protection {
         Protection::Unauthenticated => Ok(Key::none()),
         Protection::Key { file } => {
-            let path = match options.key_files.get(&link.name) {
+            let path = match options.order.key_files.get(&link.name) {
                 Some(other) => other.clone(),
-                None => options.plan_folder.join(file),
+                None => options.order.plan_folder.join(file),
             };
             keys::read(&path).map_err(|error| RunError::Key { link: link.name.clone(), error })
         }

@@ -1,6 +1,5 @@
 //! One run of a module: from the checked plan to the last process ended.
 
-use std::collections::BTreeMap;
 use std::fs;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -9,19 +8,21 @@ use std::sync::atomic::AtomicBool;
 
 use bateleur_contract::Clock;
 
+use crate::recording::part_name;
 use crate::world::Companion;
 use base::Base;
 use bateleur_host::guarantee::Guarantee;
 use bateleur_host::instance::clean_leftovers;
 use bateleur_host::keys::{Key, KeyError};
 use bateleur_host::machine::Machine;
+use bateleur_host::programs::program_path;
 use bateleur_monitor::event::{Event, Events};
-use bateleur_monitor::planned::{Act, Killings, PlannedAct};
+use bateleur_monitor::planned::Act;
+use bateleur_monitor::run_order::RunOrder;
 use bateleur_plan::{ModuleView, Plan};
 use bateleur_system::tree::NotRemoved;
-use bateleur_time::shared_clock::{SharedClock, SharedClockError};
+use bateleur_time::shared_clock::SharedClockError;
 use course::{Course, Ended};
-pub use joined::LINKS_FILE;
 
 mod base;
 mod channel_holders;
@@ -29,38 +30,12 @@ mod course;
 mod joined;
 mod run_module;
 
-/// What a run is asked to do.
+/// What a run is asked to do, and what it was given for it.
 pub struct Options {
-    /// The module's name.
-    pub module: String,
-    /// The clock.
-    pub clock: Clock,
-    /// Folder for logs; made where it is missing.
-    pub output: PathBuf,
-    /// Folder of the schedule file: programs with a path start there.
-    pub plan_folder: PathBuf,
-    /// Attributes that replace the plan's, by partition.
-    pub overrides: BTreeMap<String, BTreeMap<String, serde_json::Value>>,
-    /// Files with keys of links, by link, in place of the plan's.
-    pub key_files: BTreeMap<String, PathBuf>,
-    /// Addresses in place of those of the plan.
-    pub addresses: BTreeMap<SocketAddr, SocketAddr>,
+    /// What it is asked to do.
+    pub order: RunOrder,
     /// The keys of the module's links, in the order of the plan: read by [`run`], whatever stands here before.
     pub link_keys: Vec<Key>,
-    /// What is to happen to partitions, and when.
-    pub acts: Vec<PlannedAct>,
-    /// Partitions that chance kills.
-    pub killings: Option<Killings>,
-    /// Schedules to change to, with the module time at which they are asked for, ns.
-    pub schedule_changes: Vec<(String, u64)>,
-    /// Other modules on the same virtual clock.
-    pub together: Option<SharedClock>,
-    /// End at this module time, ns.
-    pub until_ns: Option<u64>,
-    /// Refuse to start where a promise does not hold.
-    pub strict: bool,
-    /// A file for every message of every port.
-    pub record: Option<PathBuf>,
     /// Who lives at the other end of a line under the virtual clock.
     pub companion: Option<Companion>,
     /// Who watches.
@@ -69,6 +44,20 @@ pub struct Options {
     pub stop: Arc<AtomicBool>,
     /// Set by SIGPWR: the supply is going.
     pub power_fail: Arc<AtomicBool>,
+}
+
+impl Options {
+    /// The clock.
+    #[must_use]
+    pub fn clock(&self) -> Clock {
+        if self.order.fast { Clock::Virtual } else { Clock::Wall }
+    }
+
+    /// The file for every message of every port.
+    #[must_use]
+    pub fn port_log(&self) -> Option<PathBuf> {
+        self.order.record.then(|| self.order.output.join(part_name(0)))
+    }
 }
 
 /// Why a module did not run.
@@ -179,21 +168,21 @@ pub struct Outcome {
 /// What kept it from starting. Nothing is left behind then.
 pub fn run(plan: Plan, mut options: Options) -> Result<Outcome, RunError> {
     let plan = Arc::new(joined::prepare(plan, &mut options)?);
-    let view = module_of(&plan, &options.module)?;
+    let view = module_of(&plan, &options.order.module)?;
     check_names(&view, &options)?;
     check_schedules(&plan, &options)?;
     take_descriptors()?;
     for left in clean_leftovers().1 {
-        options.events.tell(&not_removed(&options.module, 0.0, &left));
+        options.events.tell(&not_removed(&options.order.module, 0.0, &left));
     }
-    let facts = Machine::examine(&view, options.clock);
+    let facts = Machine::examine(&view, options.clock());
     let lacking: Vec<String> =
         facts.guarantees.lacking().map(|lack| format!("  {}: {}", lack.promise, lack.detail)).collect();
-    if options.strict && !lacking.is_empty() {
+    if options.order.strict && !lacking.is_empty() {
         return Err(RunError::Strict(lacking.join("\n")));
     }
     options.events.tell(&Event::Guarantees { list: facts.guarantees.list().to_vec() });
-    let logs = options.output.join("partitions");
+    let logs = options.order.output.join("partitions");
     fs::create_dir_all(&logs).map_err(machine(format!("cannot make {}", logs.display())))?;
     let mut course = Course::new(&plan, &view, &mut options)?;
     loop {
@@ -223,13 +212,13 @@ fn start(
     facts: &Machine,
     course: &mut Course,
 ) -> Result<Ended, RunError> {
-    let programs = find_programs(view, &options.plan_folder)?;
-    let logs = options.output.join("partitions");
-    let base = Base::make((&options.module, options.clock), facts, &logs, course.resets() > 0)?;
+    let programs = find_programs(view, &options.order.plan_folder)?;
+    let logs = options.order.output.join("partitions");
+    let base = Base::make((&options.order.module, options.clock()), facts, &logs, course.resets() > 0)?;
     let mut result = base.run(plan, view, options, facts, programs, course);
     if let Err(left) = base.leave() {
         let time_s = course.reached_ns() as f64 / 1e9;
-        course.tell(&not_removed(&options.module, time_s, &left));
+        course.tell(&not_removed(&options.order.module, time_s, &left));
         result = result.map(|ended| Ended { left_behind: true, ..ended });
     }
     result
@@ -250,16 +239,16 @@ fn module_of<'a>(plan: &'a Plan, name: &str) -> Result<ModuleView<'a>, RunError>
 
 fn check_names(view: &ModuleView<'_>, options: &Options) -> Result<(), RunError> {
     let names: Vec<&str> = view.partitions().map(|id| view.plan()[id].name.as_str()).collect();
-    let acts = options.acts.iter().filter(|one| !matches!(one.act, Act::Inject(_)));
-    let mut asked = acts.map(|one| &one.partition).chain(options.overrides.keys());
+    let acts = options.order.acts.iter().filter(|one| !matches!(one.act, Act::Inject(_)));
+    let mut asked = acts.map(|one| &one.partition).chain(options.order.overrides.keys());
     if let Some(name) = asked.find(|name| !names.contains(&name.as_str())) {
         return Err(RunError::NoPartition {
             name: name.clone(),
-            module: options.module.clone(),
+            module: options.order.module.clone(),
             known: names.join(", "),
         });
     }
-    options.acts.iter().try_for_each(|one| one.aim(view.plan()).map(drop)).map_err(RunError::Aim)
+    options.order.acts.iter().try_for_each(|one| one.aim(view.plan()).map(drop)).map_err(RunError::Aim)
 }
 
 /// Fewer descriptors than the smallest module and the examination of the machine need.
@@ -280,7 +269,7 @@ fn take_descriptors() -> Result<(), RunError> {
 }
 
 fn check_schedules(plan: &Plan, options: &Options) -> Result<(), RunError> {
-    match options.schedule_changes.iter().find(|(name, _)| plan.schedule(name).is_none()) {
+    match options.order.schedule_changes.iter().find(|(name, _)| plan.schedule(name).is_none()) {
         None => Ok(()),
         Some((name, _)) => Err(RunError::NoSchedule {
             name: name.clone(),
@@ -292,16 +281,6 @@ fn check_schedules(plan: &Plan, options: &Options) -> Result<(), RunError> {
                 .join(", "),
         }),
     }
-}
-
-/// Where a partition's program lies: a path counts from the schedule file's `folder`, a name from where this program lies.
-#[must_use]
-pub fn program_path(program: &str, folder: &Path) -> PathBuf {
-    if program.contains('/') {
-        return folder.join(program);
-    }
-    let own = std::env::current_exe().ok();
-    own.as_deref().and_then(Path::parent).unwrap_or(Path::new("")).join(program)
 }
 
 /// Every partition's program, or all those that are missing.

@@ -1,18 +1,13 @@
 //! Processes that serve the executive and are not the executive, because they touch what a partition may have
-//! damaged, or because they must outlive it. Each is a hidden verb of the command line.
+//! damaged, or because they must outlive it: what they are told, and how they begin and end.
 //!
-//! - the [`channel_holder`] creates the module's channels before frame 0 and holds them;
-//! - a [`channel_cleaner`] removes what a dead partition left in shared memory, and ends;
+//! - holder, cleaner and probe of channels: `executive/channels`;
 //! - a [`remover`] removes the directories of channels that were rebuilt, and ends;
-//! - a [`channel_probe`] finds out which channels are damaged, and ends;
-//! - the [`guard`] waits for the executive's death and removes everything that it made.
-//!
-//! One that meets a bad channel leaves that one out, says which, and serves the others. None may work on when the executive is gone,
-//! or when the run's directory is: the library makes what it misses, and nobody would remove it.
+//! - the [`guard`] waits for the executive's death and removes everything that it made;
+//! - recorder and observers: `executive/cli`, which knows the messages.
 
 use std::os::fd::AsFd;
 
-use bateleur_ports::{ChannelError, Domain, Membership};
 use bateleur_system::spawn::Spawned;
 use bateleur_system::time::now_ns;
 use bateleur_system::wait::{await_any_end, ended};
@@ -21,14 +16,11 @@ use rustix::process::{
     waitid,
 };
 
-pub mod channel_cleaner;
-pub mod channel_holder;
-pub mod channel_probe;
 pub mod guard;
+pub mod orders;
+pub mod recording;
 pub mod remover;
 
-/// What a helper says before the name of a channel that it leaves out.
-pub const BAD: &str = "bad";
 /// Names the process that a helper must not outlive, in its environment.
 pub const PARENT: &str = "BATELEUR_PARENT";
 
@@ -39,17 +31,6 @@ pub fn begin(name: &std::ffi::CStr) {
     let parent = std::env::var(PARENT).ok().and_then(|text| text.parse::<i32>().ok());
     if parent.is_some() && parent != rustix::process::getppid().map(Pid::as_raw_pid) {
         std::process::exit(1);
-    }
-}
-
-/// Joins a channel whose directory is there.
-///
-/// # Errors
-/// It is not there, is none, or can not be joined.
-pub fn join(domain: &Domain, home: &str, name: &str) -> Result<Membership, ChannelError> {
-    match std::fs::symlink_metadata(domain.directory(home)) {
-        Ok(about) if about.is_dir() => domain.join(home, name),
-        _ => Err(ChannelError::Absent(home.to_owned())),
     }
 }
 

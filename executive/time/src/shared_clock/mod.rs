@@ -16,6 +16,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bateleur_contract::{Mapped, MappingError};
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
+use serde::{Deserialize, Serialize};
 
 use crate::dispatcher::{Meanwhile, Pace};
 use bateleur_system::time::now_ns;
@@ -32,7 +33,7 @@ const LOOK_NS: u64 = 50_000_000;
 const STOP_PATIENCE_NS: u64 = 1_000_000_000;
 
 /// What a module is told about those it shares the virtual clock with.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SharedClock {
     /// The file that they share; the first makes it, the last removes it.
     pub file: PathBuf,

@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
-use bateleur_daemon::module::program_path;
+use bateleur_host::programs::program_path;
 use bateleur_plan::Plan as SchedulePlan;
 use bateleur_report::campaign::{CampaignResult, Plan, RESULTS, page, read, read_plan, repair, text};
 use bateleur_system::sched;

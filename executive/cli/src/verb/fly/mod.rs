@@ -39,7 +39,7 @@ use bateleur_simulator::{LEVEL_OFF_M, Outside};
 
 use super::air::{direction, seed, wind};
 use super::faults::Faults;
-use super::run::{parse_setting, stop_with_standard_input};
+use super::run::parse_setting;
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
 use crate::line::Line;
 use crate::output;
@@ -138,7 +138,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         signal_hook::flag::register(signal, stop.clone()).context("cannot watch for signals")?;
     }
     if arguments.until_stdin_closes {
-        stop_with_standard_input(stop.clone());
+        let stop = stop.clone();
+        std::thread::spawn(move || {
+            let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink()); // closed either way
+            stop.store(true, Ordering::Release);
+        });
     }
     let folder = FlightFolder::make(arguments)?;
     let begun = Instant::now();

@@ -9,8 +9,9 @@
 
 use std::io::Write;
 
+use bateleur_host::helper::begin;
+use bateleur_host::helper::orders::{BAD, Cleaning, Dead};
 use bateleur_ports::{ChannelError, Domain, PREFIX};
-
 use bateleur_system::tree::{Entry, Folder, NotRemoved};
 
 /// Ids in file names have more digits than any 64-bit number.
@@ -39,23 +40,22 @@ enum Uncleared {
     NotRemoved(#[from] NotRemoved),
 }
 
-/// A dead process.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Dead {
-    /// Its number.
-    pub pid: u32,
-    /// The user that nobody else has and of which no process lives: everything that is its own goes. `None` if what goes is
-    /// found by the names.
-    pub user: Option<u32>,
+/// Cleans up after a process, which must have been reaped, before its successor is started. Says on standard output at which channel
+/// it is, and which it could not clear; the others are cleared all the same.
+///
+/// # Errors
+/// The order is damaged.
+pub fn run(order: &str) -> Result<(), serde_json::Error> {
+    begin(c"channel-cleaner");
+    clean(&serde_json::from_str(order)?);
+    Ok(())
 }
 
-/// Cleans up after a process, which must have been reaped, before its successor is started. `channels`: the directories of
-/// those that it was attached to. `damaged`: those among them whose memory must not be looked at. Says on standard output at which it
-/// is, and which it could not clear; the others are cleared all the same.
-pub fn run(domain: &Domain, dead: Dead, channels: &[String], damaged: &[String]) {
-    super::begin(c"channel-cleaner");
-    for channel in channels {
-        let cleared = match damaged.contains(channel) {
+fn clean(order: &Cleaning) {
+    let domain = &Domain { root: order.root.clone() };
+    let dead = order.dead;
+    for channel in &order.channels {
+        let cleared = match order.damaged.contains(channel) {
             true => Folder::open(&domain.directory(channel))
                 .map_err(Uncleared::from)
                 .and_then(|folder| Ok(remove_remains(&folder, dead)?)),
@@ -66,7 +66,7 @@ pub fn run(domain: &Domain, dead: Dead, channels: &[String], damaged: &[String])
         };
         if let Err(error) = cleared {
             eprintln!("channel-cleaner: {channel}: {error}");
-            say(&format!("{} {channel}", super::BAD));
+            say(&format!("{} {channel}", BAD));
         }
     }
 }
@@ -186,7 +186,7 @@ mod tests {
             fs::write(port(id), "damaged").unwrap();
         }
         let channels = ["a.b".to_owned()];
-        run(&domain, Dead { pid: 1_234, user: None }, &channels, &channels);
+        clean(&Cleaning { root: domain.root.clone(), dead: Dead { pid: 1_234, user: None }, channels: channels.to_vec(), damaged: channels.to_vec() });
         assert_eq!([port(dead), node(dead)].map(|path| path.exists()), [false, false]);
         assert_eq!([port(alive), node(alive)].map(|path| path.exists()), [true, true]);
     }
@@ -233,7 +233,7 @@ mod tests {
         let table = format!("bateleur_ab_{}.dynamic", 1_234_u128 << 64 | 5);
         fs::write(directory.join(&table), "").unwrap();
         let channels = ["a.b".to_owned()];
-        run(&domain, Dead { pid: 1_234, user: None }, &channels, &channels);
+        clean(&Cleaning { root: domain.root.clone(), dead: Dead { pid: 1_234, user: None }, channels: channels.to_vec(), damaged: channels.to_vec() });
         let left = listed(&directory);
         assert_eq!(left.len(), 6, "{left:?}");
         assert!(left.contains(&table), "the channel's own table stays: {left:?}");
@@ -261,7 +261,7 @@ mod tests {
                 .unwrap();
         }
         let channels = ["a.b".to_owned()];
-        run(&domain, Dead { pid: 1_234, user: Some(user) }, &channels, &channels);
+        clean(&Cleaning { root: domain.root.clone(), dead: Dead { pid: 1_234, user: Some(user) }, channels: channels.to_vec(), damaged: channels.to_vec() });
         let left: Vec<_> = listed(&directory).into_iter().filter(|path| !before.contains(path)).collect();
         assert_eq!(left, ["nodes/9"], "made by another user");
         assert!(before.iter().all(|path| directory.join(path).exists()), "of others nothing is missing");

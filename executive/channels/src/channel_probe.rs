@@ -9,11 +9,12 @@ use std::io::{self, Write};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use bateleur_host::helper::orders::{ExaminedPort, Examination};
+use bateleur_host::helper::{PARENT, begin};
 use bateleur_ports::{ChannelError, ChannelType, Domain, Membership};
 use iceoryx2::port::update_connections::{ConnectionFailure, UpdateConnections};
-use serde::{Deserialize, Serialize};
 
-use super::channel_holder::OrderedChannel;
+use crate::{channel_type, join};
 
 /// How long processes may take to attach, as a multiple of what one takes that attaches to nothing: a machine with ten times
 /// the work that it can do must not make a sound channel look damaged.
@@ -25,24 +26,6 @@ const MOST: Duration = Duration::from_millis(2_500);
 const TRIES: usize = 2;
 /// Between two looks at the processes.
 const LOOK: Duration = Duration::from_millis(1);
-
-/// What the channel probe is told, as its one argument.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct Order {
-    /// Root of the module's shared memory.
-    pub root: String,
-    /// The ports whose channels are examined.
-    pub ports: Vec<OrderedPort>,
-}
-
-/// One port of the order.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct OrderedPort {
-    /// Its channel.
-    pub channel: OrderedChannel,
-    /// It is the channel's source.
-    pub writes: bool,
-}
 
 /// Why an examination could not be carried out.
 #[derive(Debug, thiserror::Error)]
@@ -63,8 +46,8 @@ pub enum ChannelProbeError {
 /// # Errors
 /// It could not begin, or nobody listens. A damaged channel is none.
 pub fn run(order: &str) -> Result<(), ChannelProbeError> {
-    super::begin(c"channel-probe");
-    let order: Order = serde_json::from_str(order)?;
+    begin(c"channel-probe");
+    let order: Examination = serde_json::from_str(order)?;
     let patience = (time_of_nothing(&order.root)? * TIMES).clamp(LEAST, MOST);
     let mut damaged = order.ports;
     for _ in 0..TRIES {
@@ -86,9 +69,9 @@ fn time_of_nothing(root: &str) -> Result<Duration, ChannelProbeError> {
 /// Those of `ports` that a process of its own could not attach to.
 fn refused(
     root: &str,
-    ports: Vec<OrderedPort>,
+    ports: Vec<ExaminedPort>,
     patience: Duration,
-) -> Result<Vec<OrderedPort>, ChannelProbeError> {
+) -> Result<Vec<ExaminedPort>, ChannelProbeError> {
     let mut tried = Vec::new();
     for port in ports {
         let child = attach_elsewhere(root, vec![port.clone()])?;
@@ -99,11 +82,11 @@ fn refused(
     Ok(tried.into_iter().filter_map(|(port, mut child)| (!back(&mut child)).then_some(port)).collect())
 }
 
-fn attach_elsewhere(root: &str, ports: Vec<OrderedPort>) -> Result<Child, ChannelProbeError> {
+fn attach_elsewhere(root: &str, ports: Vec<ExaminedPort>) -> Result<Child, ChannelProbeError> {
     let own = std::env::current_exe()?;
-    let order = serde_json::to_string(&Order { root: root.into(), ports })?;
+    let order = serde_json::to_string(&Examination { root: root.into(), ports })?;
     let mut command = Command::new(own);
-    command.args(["attach", &order]).env(super::PARENT, std::process::id().to_string());
+    command.args(["attach", &order]).env(PARENT, std::process::id().to_string());
     Ok(command.stdin(Stdio::null()).stdout(Stdio::null()).spawn()?)
 }
 
@@ -129,12 +112,12 @@ fn comes_back_well(child: &mut Child, limit: Instant) -> bool {
 pub fn attach(order: &str) -> Result<(), ChannelProbeError> {
     // It must not sit in a channel when nobody waits for its answer. A parent that was gone before is found next.
     let _ = rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL)); // never refused
-    super::begin(c"attach");
-    let order: Order = serde_json::from_str(order)?;
+    begin(c"attach");
+    let order: Examination = serde_json::from_str(order)?;
     let domain = Domain { root: order.root };
     for port in order.ports {
-        let channel = port.channel.channel_type();
-        let node = super::join(&domain, channel.home(), "channel-probe")?;
+        let channel = channel_type(&port.channel);
+        let node = join(&domain, channel.home(), "channel-probe")?;
         attach_to(&channel, port.writes, &node)?;
         if port.writes && channel.depth.is_some() {
             attach_to(&channel.observed(), true, &node)?;
@@ -158,6 +141,8 @@ fn attach_to(channel: &ChannelType, writes: bool, node: &Membership) -> Result<(
 
 #[cfg(test)]
 mod tests {
+    use bateleur_host::helper::orders::OrderedChannel;
+
     use super::*;
 
     fn ordered(depth: Option<usize>) -> OrderedChannel {
@@ -179,7 +164,7 @@ mod tests {
         writes: bool,
     ) -> Result<(), ChannelProbeError> {
         let root = folder.path().to_string_lossy().into_owned();
-        let order = Order { root, ports: vec![OrderedPort { channel: ordered(depth), writes }] };
+        let order = Examination { root, ports: vec![ExaminedPort { channel: ordered(depth), writes }] };
         attach(&serde_json::to_string(&order).unwrap())
     }
 
@@ -188,7 +173,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let domain = Domain { root: folder.path().to_string_lossy().into_owned() };
         let node = domain.join("imu.rates", "test").unwrap();
-        let channel = ordered(Some(4)).channel_type();
+        let channel = channel_type(&ordered(Some(4)));
         let held = (channel.create(&node).unwrap(), channel.observed().create(&node).unwrap());
         for writes in [true, false, true] {
             attached(&folder, Some(4), writes).unwrap();

@@ -5,64 +5,11 @@
 
 use std::io::{self, Read, Write};
 
+use bateleur_host::helper::orders::{AT, BAD, Order, READY};
+use bateleur_host::helper::begin;
 use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Membership};
-use serde::{Deserialize, Serialize};
 
-/// What the channel holder is told, as its one argument.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct Order {
-    /// Root of the module's shared memory.
-    pub root: String,
-    /// The channels.
-    pub channels: Vec<OrderedChannel>,
-}
-
-/// One channel of the order.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct OrderedChannel {
-    /// The service's name.
-    pub name: String,
-    /// The source port, `partition.port`.
-    pub source: String,
-    /// The message type's name.
-    pub message: String,
-    /// Bytes of a message.
-    pub size: usize,
-    /// Queue length; `None`: sampling.
-    pub depth: Option<usize>,
-    /// Destination ports.
-    pub destinations: usize,
-    /// Sources beside it, see [`ChannelType`].
-    #[serde(default)]
-    pub spare_writers: usize,
-    /// Destination ports beside them, see [`ChannelType`].
-    #[serde(default)]
-    pub spare_readers: usize,
-}
-
-impl OrderedChannel {
-    /// What lies in shared memory for it.
-    #[must_use]
-    pub fn channel_type(&self) -> ChannelType {
-        ChannelType {
-            name: self.name.clone(),
-            message: self.message.clone(),
-            size: self.size,
-            depth: self.depth,
-            destinations: self.destinations,
-            spare_writers: self.spare_writers,
-            spare_readers: self.spare_readers,
-        }
-    }
-}
-
-impl Order {
-    /// Where the module's shared memory lies.
-    #[must_use]
-    pub fn domain(&self) -> Domain {
-        Domain { root: self.root.clone() }
-    }
-}
+use crate::{channel_type, join};
 
 /// Why the channel holder could not do its work.
 #[derive(Debug, thiserror::Error)]
@@ -75,11 +22,6 @@ pub enum ChannelHolderError {
     Pipe(#[from] io::Error),
 }
 
-/// What the channel holder says when it holds every channel that can be held.
-pub const READY: &str = "ready";
-/// What it says before the name of each channel, when it comes to it.
-pub const AT: &str = "at";
-
 /// The channel holder's life: says on standard output which channel comes next and which can not be held, each on a line, and
 /// "ready" when it holds all others; then holds them until standard input closes. Where it ends before, the channel that it came to last
 /// is why.
@@ -87,17 +29,17 @@ pub const AT: &str = "at";
 /// # Errors
 /// Its order is damaged, or nobody listens. A bad channel is none.
 pub fn run(order: &str) -> Result<(), ChannelHolderError> {
-    super::begin(c"channel-holder");
+    begin(c"channel-holder");
     let order: Order = serde_json::from_str(order)?;
-    let domain = order.domain();
+    let domain = Domain { root: order.root.clone() };
     let mut held = Vec::new();
     for channel in &order.channels {
         say(AT, &channel.name)?;
-        match hold(&domain, &channel.channel_type()) {
+        match hold(&domain, &channel_type(channel)) {
             Ok(holding) => held.push(holding),
             Err(error) => {
                 eprintln!("channel-holder: {error}");
-                say(super::BAD, &channel.name)?;
+                say(BAD, &channel.name)?;
             }
         }
     }
@@ -111,7 +53,7 @@ pub fn run(order: &str) -> Result<(), ChannelHolderError> {
 type Held = (Vec<Channel>, Membership);
 
 fn hold(domain: &Domain, channel: &ChannelType) -> Result<Held, ChannelError> {
-    let node = super::join(domain, channel.home(), "channel-holder")?;
+    let node = join(domain, channel.home(), "channel-holder")?;
     let mut held = vec![open_or_create(channel, &node)?];
     if channel.depth.is_some() {
         held.push(open_or_create(&channel.observed(), &node)?);

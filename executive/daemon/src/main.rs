@@ -1,0 +1,216 @@
+//! The program `bateleurd`: runs one module of a compiled plan. `bateleur run` compiles the schedule file and becomes this program.
+//!
+//! Usage: `bateleurd PLAN [ORDER]`. PLAN is a file that `bateleur check --compile` wrote, ORDER a run's order as JSON; `fd:N` is a
+//! descriptor that was handed over. Exit codes: 0 it ran and was stopped, 1 an error of the module ended it, or a log could not
+//! be written, 2 it could not run.
+
+use std::fs::File;
+use std::io::{Read, Write};
+use std::os::fd::{FromRawFd, OwnedFd, RawFd};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use bateleur_daemon::module::{Options, run};
+use bateleur_daemon::world::Companion;
+use bateleur_host::helper::{guard, remover};
+use bateleur_monitor::event::{Event, Events};
+use bateleur_monitor::planned::not_reached;
+use bateleur_monitor::run_order::RunOrder;
+use bateleur_plan::Plan;
+use bateleur_plan::compiled::{Compiled, MOST_BYTES};
+use rustix::fs::{FlockOperation, flock};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+
+/// It ran, and nothing was wrong.
+const FINE: u8 = 0;
+/// It ran, and something was wrong.
+const WRONG: u8 = 1;
+/// It could not run.
+const CANNOT_RUN: u8 = 2;
+
+/// The supply is going: what a machine's guard sends to whoever shall save what it can. The same number on x86-64 and aarch64.
+const SIGPWR: i32 = 30;
+/// A file would grow beyond what this process may write (Linux, signal(7)). Such a write fails then, and costs records and not the module.
+const SIGXFSZ: i32 = 25;
+/// Where a run writes that was not told otherwise.
+const LATEST: &str = "target/runs/latest";
+/// The longest order, bytes: a flight of many acts has some thousand.
+const LONGEST_ORDER: usize = 4 << 20;
+/// Before the number of a descriptor that was handed over.
+const DESCRIPTOR: &str = "fd:";
+
+const USAGE: &str = "usage: bateleurd PLAN [ORDER]\n\n\
+    Runs one module of a compiled plan. PLAN is a file that `bateleur check --compile FILE` wrote.\n\
+    `bateleur run` does both; see docs/src/trusted.md.";
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let result = match words[..] {
+        ["--help" | "-h"] => {
+            say(&mut std::io::stdout(), USAGE);
+            Ok(FINE)
+        }
+        ["--version" | "-V"] => {
+            say(&mut std::io::stdout(), concat!("bateleurd ", env!("CARGO_PKG_VERSION")));
+            Ok(FINE)
+        }
+        ["guard", instance] => guard::run(instance).map(|()| FINE).map_err(|error| error.to_string()),
+        ["remover", ref paths @ ..] if !paths.is_empty() => {
+            let paths: Vec<PathBuf> = paths.iter().map(PathBuf::from).collect();
+            remover::run(&paths).map(|()| FINE).map_err(|error| error.to_string())
+        }
+        ["probe"] => Ok(FINE), // shows that a process can be started so
+        [plan] => run_plan(plan, None),
+        [plan, order] => run_plan(plan, Some(order)),
+        _ => Err(USAGE.to_owned()),
+    };
+    ExitCode::from(result.unwrap_or_else(|error| {
+        say(&mut std::io::stderr(), &format!("bateleur: {error}"));
+        CANNOT_RUN
+    }))
+}
+
+/// A terminal or a pipe that is gone must not end a flight.
+fn say(to: &mut dyn Write, text: &str) {
+    let _ = writeln!(to, "{text}"); // nobody reads
+}
+
+fn run_plan(plan: &str, order: Option<&str>) -> Result<u8, String> {
+    let _ = signal_hook::flag::register(SIGXFSZ, Arc::default()); // as before, too
+    let bytes = read(plan, MOST_BYTES)?;
+    let Compiled { plan, .. } = Compiled::read(&bytes).map_err(|error| format!("{plan}: {error}"))?;
+    drop(bytes);
+    let mut order = match order {
+        None => RunOrder::default(),
+        Some(order) => serde_json::from_slice(&read(order, LONGEST_ORDER)?)
+            .map_err(|error| format!("{order}: it is no order of a run: {error}"))?,
+    };
+    if order.module.is_empty() {
+        order.module = only_module(&plan)?;
+    }
+    if order.output.as_os_str().is_empty() {
+        order.output = LATEST.into();
+    }
+    let _alone = folder(&order.output)?;
+    let (acts, changes) = (order.acts.clone(), order.schedule_changes.clone());
+    let for_person = order.events_fd.is_none();
+    let outcome = run(plan, options(order)?).map_err(|error| error.to_string())?;
+    if for_person {
+        let missed = not_reached(&acts, &changes, outcome.module_ns);
+        missed.iter().for_each(|line| say(&mut std::io::stderr(), line));
+    }
+    Ok(if outcome.faulty || outcome.logs_lost || outcome.left_behind { WRONG } else { FINE })
+}
+
+/// What a file holds, or a descriptor that was handed over; no more than `most` bytes.
+fn read(name: &str, most: usize) -> Result<Vec<u8>, String> {
+    let cannot = |error: std::io::Error| format!("cannot read {name}: {error}");
+    let mut file = match name.strip_prefix(DESCRIPTOR) {
+        None => File::open(name).map_err(cannot)?,
+        Some(number) => {
+            let number = number.parse().map_err(|_| format!("{name}: that is no number of a descriptor"))?;
+            File::from(inherited(number)?)
+        }
+    };
+    let mut bytes = Vec::new();
+    // One more shows that there is more.
+    Read::by_ref(&mut file).take(most as u64 + 1).read_to_end(&mut bytes).map_err(cannot)?;
+    if bytes.len() > most {
+        return Err(format!("cannot read {name}: it is longer than {} MiB", most >> 20));
+    }
+    Ok(bytes)
+}
+
+fn only_module(plan: &Plan) -> Result<String, String> {
+    match plan.modules.as_slice() {
+        [only] => Ok(only.name.clone()),
+        several => {
+            let names: Vec<_> = several.iter().map(|module| module.name.as_str()).collect();
+            let names = names.join(", ");
+            Err(format!(
+                "the plan has several modules: choose one with --module ({names}); `bateleur fly --hosts` starts all of them"
+            ))
+        }
+    }
+}
+
+/// Makes the folder for logs where it is missing, and keeps other runs out of it as long as what it gives is kept.
+fn folder(folder: &Path) -> Result<File, String> {
+    let shown = folder.display();
+    std::fs::create_dir_all(folder).map_err(|error| format!("cannot make the folder {shown}: {error}"))?;
+    let alone = File::open(folder).map_err(|error| format!("cannot open the folder {shown}: {error}"))?;
+    flock(&alone, FlockOperation::NonBlockingLockExclusive).map_err(|_| {
+        format!("another run writes into {shown}: wait for its end, or name another folder with --output")
+    })?;
+    Ok(alone)
+}
+
+fn options(order: RunOrder) -> Result<Options, String> {
+    let flag = |signals: &[i32]| {
+        let flag = Arc::new(AtomicBool::new(false));
+        for signal in signals {
+            signal_hook::flag::register(*signal, flag.clone())
+                .map_err(|error| format!("cannot watch for signals: {error}"))?;
+        }
+        Ok::<_, String>(flag)
+    };
+    let stop = flag(&[SIGINT, SIGTERM, SIGHUP])?;
+    if order.until_stdin_closes {
+        stop_with_standard_input(stop.clone());
+    }
+    let companion = |number| {
+        Companion::new(UnixStream::from(inherited(number)?))
+            .map_err(|error| format!("the companion's socket can not be used: {error}"))
+    };
+    let sink: Box<dyn Write + Send> = match order.events_fd {
+        Some(number) => Box::new(File::from(inherited(number)?)),
+        None => Box::new(Person),
+    };
+    Ok(Options {
+        companion: order.companion_fd.map(companion).transpose()?,
+        link_keys: Vec::new(),
+        events: Events::new(Some(sink)),
+        stop,
+        power_fail: flag(&[SIGPWR])?,
+        order,
+    })
+}
+
+#[allow(unsafe_code)]
+fn inherited(number: RawFd) -> Result<OwnedFd, String> {
+    if number < 3 || !Path::new(&format!("/proc/self/fd/{number}")).exists() {
+        return Err(format!("descriptor {number} was not handed over"));
+    }
+    // SAFETY: it is open, and whoever started this program handed it over for this purpose; each is taken once.
+    Ok(unsafe { OwnedFd::from_raw_fd(number) })
+}
+
+fn stop_with_standard_input(stop: Arc<AtomicBool>) {
+    std::thread::spawn(move || {
+        let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink()); // closed either way
+        stop.store(true, Ordering::Release);
+    });
+}
+
+/// Turns events into lines for a terminal.
+struct Person;
+
+impl Write for Person {
+    fn write(&mut self, line: &[u8]) -> std::io::Result<usize> {
+        if let Ok(event) = serde_json::from_slice::<Event>(line) {
+            let text = event.to_string();
+            if !text.is_empty() {
+                say(&mut std::io::stderr(), &text);
+            }
+        }
+        Ok(line.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}

@@ -1,0 +1,50 @@
+//! What a run of a module is asked to do beside its plan: the file that `bateleur run` hands to the executive.
+
+use std::collections::BTreeMap;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use bateleur_time::shared_clock::SharedClock;
+use serde::{Deserialize, Serialize};
+
+use crate::planned::{Killings, PlannedAct};
+
+/// What a run is asked to do; what is left out is not asked for.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RunOrder {
+    /// The module's name; may be empty where the plan has one module.
+    pub module: String,
+    /// The virtual clock.
+    pub fast: bool,
+    /// Folder for logs; made where it is missing.
+    pub output: PathBuf,
+    /// Folder of the schedule file: programs with a path, and keys, start there.
+    pub plan_folder: PathBuf,
+    /// Attributes that replace the plan's, by partition.
+    pub overrides: BTreeMap<String, BTreeMap<String, serde_json::Value>>,
+    /// Files with keys of links, by link, in place of the plan's.
+    pub key_files: BTreeMap<String, PathBuf>,
+    /// Addresses in place of those of the plan.
+    pub addresses: BTreeMap<SocketAddr, SocketAddr>,
+    /// What is to happen to partitions, and when.
+    pub acts: Vec<PlannedAct>,
+    /// Partitions that chance kills.
+    pub killings: Option<Killings>,
+    /// Schedules to change to, with the module time at which they are asked for, ns.
+    pub schedule_changes: Vec<(String, u64)>,
+    /// Other modules on the same virtual clock.
+    pub together: Option<SharedClock>,
+    /// End at this module time, ns.
+    pub until_ns: Option<u64>,
+    /// Refuse to start where a promise does not hold.
+    pub strict: bool,
+    /// Write every message of every port into `ports.mcap`.
+    pub record: bool,
+    /// Stop when standard input closes.
+    pub until_stdin_closes: bool,
+    /// Descriptor for events, one JSON object a line; `None`: lines for a person on standard error.
+    pub events_fd: Option<i32>,
+    /// Descriptor of the socket to whoever holds the other end of a partition's line under the virtual clock.
+    pub companion_fd: Option<i32>,
+}

@@ -2,6 +2,7 @@
 //! wish to stop. Looked at once in each minor frame, on either clock.
 
 use std::io::{self, Read, Write};
+use std::os::fd::AsFd;
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,7 +14,9 @@ use crate::fast::World;
 use crate::recording::Recording;
 use bateleur_monitor::Monitor;
 use bateleur_monitor::planned::PlannedActs;
+use bateleur_monitor::run_order::RunOrder;
 use bateleur_plan::ModuleError;
+use bateleur_system::wait::is_hung_up;
 use bateleur_time::redundant_pair::RedundantPair;
 
 /// Module time between two exchanges with the companion and the recorder, ns: the step of a ground station.
@@ -23,12 +26,12 @@ const COMPANION_PATIENCE: Duration = Duration::from_secs(120);
 
 /// Schedules to ask for, in the order of time.
 #[derive(Debug, Default)]
-pub struct Changing(Vec<(String, u64)>);
+struct Changing(Vec<(String, u64)>);
 
 impl Changing {
     /// By name and module time, ns. Names that are not in the plan were refused before.
     #[must_use]
-    pub fn of(changes: &[(String, u64)]) -> Self {
+    fn of(changes: &[(String, u64)]) -> Self {
         let mut list = changes.to_vec();
         list.sort_by_key(|(_, at)| std::cmp::Reverse(*at));
         Self(list)
@@ -69,6 +72,7 @@ pub struct Surroundings {
     acts: PlannedActs,
     changes: Changing,
     until_ns: Option<u64>,
+    stops_with_input: bool,
     stop: Arc<AtomicBool>,
     power_fail: Arc<AtomicBool>,
     recording: Option<Recording>,
@@ -83,19 +87,18 @@ impl Surroundings {
     /// Everything that may be there. `stop` and `power_fail` are set by signals.
     #[must_use]
     pub fn new(
-        clock: Clock,
+        order: &RunOrder,
         acts: PlannedActs,
-        changes: Changing,
-        until_ns: Option<u64>,
         stop: Arc<AtomicBool>,
         power_fail: Arc<AtomicBool>,
         companion: Option<Companion>,
     ) -> Self {
         Self {
-            clock,
+            clock: if order.fast { Clock::Virtual } else { Clock::Wall },
             acts,
-            changes,
-            until_ns,
+            changes: Changing::of(&order.schedule_changes),
+            until_ns: order.until_ns,
+            stops_with_input: order.until_stdin_closes,
             stop,
             power_fail,
             recording: None,
@@ -143,6 +146,10 @@ impl Surroundings {
 
     /// Ends the run where that was asked for.
     pub fn heed_stop(&mut self) {
+        // Looked at here too: whoever closes it while the virtual clock waits for him shall see no later frame.
+        if self.stops_with_input && is_hung_up(io::stdin().as_fd()) {
+            self.stop.store(true, Ordering::Release);
+        }
         if self.stop.load(Ordering::Acquire) {
             self.reason.get_or_insert_with(|| "it was asked to stop".into());
         }

@@ -48,6 +48,13 @@ pub fn await_any_end(processes: &[BorrowedFd<'_>], nanoseconds: u64) -> bool {
     }
 }
 
+/// Whether nobody holds the other end of a pipe or socket any more.
+pub fn is_hung_up(descriptor: BorrowedFd<'_>) -> bool {
+    let now = Timespec { tv_sec: 0, tv_nsec: 0 };
+    let mut one = [PollFd::from_borrowed_fd(descriptor, PollFlags::empty())]; // a hang-up is told unasked
+    poll(&mut one, Some(&now)).is_ok() && one[0].revents().contains(PollFlags::HUP)
+}
+
 /// Whether a process has ended, or a pipe has something to say or was closed.
 pub fn is_readable(descriptor: BorrowedFd<'_>) -> bool {
     let now = Timespec { tv_sec: 0, tv_nsec: 0 };

@@ -6,7 +6,7 @@
 use bateleur_contract::Clock;
 
 use super::{Options, Outcome, RunError, machine};
-use crate::world::{Changing, Surroundings};
+use crate::world::Surroundings;
 use bateleur_host::guarantee::Guarantee;
 use bateleur_monitor::Kept;
 use bateleur_monitor::event::Event;
@@ -71,10 +71,8 @@ impl Course {
         let events = std::mem::replace(&mut options.events, bateleur_monitor::event::Events::new(None));
         let candidates = view.partitions().map(PartitionId::index).collect();
         let surroundings = Surroundings::new(
-            options.clock(),
+            &options.order,
             PlannedActs::of(plan, &options.order.acts, options.order.killings, candidates),
-            Changing::of(&options.order.schedule_changes),
-            options.order.until_ns,
             options.stop.clone(),
             options.power_fail.clone(),
             options.companion.take(),

@@ -90,10 +90,10 @@ pub fn process_named(pid: i32, name: &str) -> Process {
     found.unwrap_or_else(|| panic!("no process {name} below {pid}: {:?}", children_of(pid)))
 }
 
-/// The executive below a `bateleur fly`: it is called like its parent.
+/// The executive below a `bateleur fly`.
 #[track_caller]
 pub fn executive_of(fly: i32) -> Process {
-    process_named(fly, "bateleur")
+    process_named(fly, "bateleurd")
 }
 
 /// All that a run has on the machine at one moment.

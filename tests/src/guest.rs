@@ -13,7 +13,7 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use crate::await_some;
-use crate::programs::{program, repository};
+use crate::programs::{EXECUTIVE, program, repository};
 
 /// A guest boots in some 6 s and is slower than the machine below by a factor of ten; a whole file of tests takes minutes.
 const PATIENCE: Duration = Duration::from_secs(600);
@@ -145,8 +145,8 @@ impl Guest {
 
     /// The same on a processor of that kind.
     pub fn of_the_flight_on(processor: Processor) -> Self {
-        let programs =
-            crate::NINE.iter().chain(&["bateleur", "simulator"]).map(|name| processor.program(name));
+        let own = crate::NINE.iter().chain(&EXECUTIVE).chain(&["simulator"]);
+        let programs = own.map(|name| processor.program(name));
         let schedule = fs::read(repository().join("schedule.toml")).unwrap();
         let files = vec![("schedule.toml".into(), schedule)];
         Self { processor, programs: programs.collect(), files, ..Self::default() }

@@ -24,7 +24,9 @@ pub use harm::{DISK, KERNEL, NEEDS, Sample, held, is_noticed, is_walled_in, run_
 pub use line::Ground;
 pub use output::{Fault, Window, quantile};
 pub use peer::{Peer, python};
-pub use programs::{Ended, ORDINARY, Started, bateleur, bateleur_as_ordinary, program, repository};
+pub use programs::{
+    EXECUTIVE, Ended, ORDINARY, Started, bateleur, bateleur_as_ordinary, program, repository,
+};
 pub use schedule::{Sketch, channel_between, edited, flight_schedule, line_of, ports_of};
 pub use turn::{Turn, alone, among_others};
 

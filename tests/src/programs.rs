@@ -72,7 +72,7 @@ pub fn bateleur_as_ordinary(arguments: &[&str]) -> Started {
         std::fs::hard_link(&built, &offered).or_else(|_| std::fs::copy(&built, &offered).map(drop)).unwrap();
         offered
     };
-    let mut command = Command::new(offer("bateleur"));
+    let mut command = Command::new(EXECUTIVE.map(offer)[0].clone());
     command.uid(ORDINARY).gid(ORDINARY);
     let at = arguments.iter().position(|argument| *argument == "--schedule").unwrap() + 1;
     let built = format!("{}/", program("bateleur").parent().unwrap().display());
@@ -91,6 +91,9 @@ pub fn bateleur_as_ordinary(arguments: &[&str]) -> Started {
     started.programs = Some(place);
     started
 }
+
+/// The programs that run a module, the command line first.
+pub const EXECUTIVE: [&str; 3] = ["bateleur", "bateleurd", "bateleur_channels"];
 
 /// A user that no process but those of these tests has.
 pub const ORDINARY: u32 = 61_657;

@@ -141,7 +141,12 @@ fn stopped_campaign_leaves_whole_lines_and_no_process_and_goes_on_where_it_was()
 /// The program of a flight, once it is there.
 #[track_caller]
 fn flight_of(campaign: &Started) -> Process {
-    let found = || children_of(campaign.pid()).into_iter().find(|child| child.name == "bateleur");
+    // Before its program begins, a child is called as the campaign is, and a campaign waits for one that is stopped then.
+    let is_flight = |child: &Process| {
+        let line = std::fs::read_to_string(format!("/proc/{}/cmdline", child.pid)).unwrap_or_default();
+        line.split('\0').nth(1) == Some("fly")
+    };
+    let found = || children_of(campaign.pid()).into_iter().find(is_flight);
     await_some(PATIENCE, found).unwrap_or_else(|| panic!("no flight: {}", campaign.said()))
 }
 

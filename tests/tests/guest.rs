@@ -8,7 +8,7 @@
 use std::time::Duration;
 
 use bateleur_tests::fuzzed::{self, KINDS};
-use bateleur_tests::{Guest, Processor, bateleur, repository};
+use bateleur_tests::{EXECUTIVE, Guest, Processor, bateleur, repository};
 
 /// Puts the script's shell into a group of its own, which has its controllers, and `bateleur` alone into one inside.
 const DELEGATED: &str = "
@@ -296,8 +296,9 @@ window = [{ partition = "a", offset = "1ms", duration = "2ms" }]
 #[test]
 #[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
 fn frames_follow_the_disciplined_clock_and_follow_it_again_after_it_was_set_and_after_nobody_kept_it() {
-    let guest = ["bateleur", "bateleur_bench_partition", "clock_keeper"]
+    let guest = EXECUTIVE
         .iter()
+        .chain(&["bateleur_bench_partition", "clock_keeper"])
         .fold(Guest::default(), |guest, name| guest.program(name))
         .file("schedule.toml", ON_THE_CLOCK);
     let said = guest.run(&format!(
@@ -382,8 +383,9 @@ window = [
 #[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
 fn unit_of_the_book_starts_strictly_under_systemd_stops_without_a_trace_and_comes_back_when_it_was_killed() {
     let unit = std::fs::read_to_string(repository().join("docs/bateleur.service")).unwrap();
-    let guest = ["bateleur", "bateleur_bench_partition"]
+    let guest = EXECUTIVE
         .iter()
+        .chain(&["bateleur_bench_partition"])
         .fold(Guest::default(), |guest, name| guest.program(name))
         .systemd()
         .file("bateleur.service", &unit)

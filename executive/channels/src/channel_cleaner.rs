@@ -186,7 +186,12 @@ mod tests {
             fs::write(port(id), "damaged").unwrap();
         }
         let channels = ["a.b".to_owned()];
-        clean(&Cleaning { root: domain.root.clone(), dead: Dead { pid: 1_234, user: None }, channels: channels.to_vec(), damaged: channels.to_vec() });
+        clean(&Cleaning {
+            root: domain.root.clone(),
+            dead: Dead { pid: 1_234, user: None },
+            channels: channels.to_vec(),
+            damaged: channels.to_vec(),
+        });
         assert_eq!([port(dead), node(dead)].map(|path| path.exists()), [false, false]);
         assert_eq!([port(alive), node(alive)].map(|path| path.exists()), [true, true]);
     }
@@ -233,7 +238,12 @@ mod tests {
         let table = format!("bateleur_ab_{}.dynamic", 1_234_u128 << 64 | 5);
         fs::write(directory.join(&table), "").unwrap();
         let channels = ["a.b".to_owned()];
-        clean(&Cleaning { root: domain.root.clone(), dead: Dead { pid: 1_234, user: None }, channels: channels.to_vec(), damaged: channels.to_vec() });
+        clean(&Cleaning {
+            root: domain.root.clone(),
+            dead: Dead { pid: 1_234, user: None },
+            channels: channels.to_vec(),
+            damaged: channels.to_vec(),
+        });
         let left = listed(&directory);
         assert_eq!(left.len(), 6, "{left:?}");
         assert!(left.contains(&table), "the channel's own table stays: {left:?}");
@@ -261,7 +271,12 @@ mod tests {
                 .unwrap();
         }
         let channels = ["a.b".to_owned()];
-        clean(&Cleaning { root: domain.root.clone(), dead: Dead { pid: 1_234, user: Some(user) }, channels: channels.to_vec(), damaged: channels.to_vec() });
+        clean(&Cleaning {
+            root: domain.root.clone(),
+            dead: Dead { pid: 1_234, user: Some(user) },
+            channels: channels.to_vec(),
+            damaged: channels.to_vec(),
+        });
         let left: Vec<_> = listed(&directory).into_iter().filter(|path| !before.contains(path)).collect();
         assert_eq!(left, ["nodes/9"], "made by another user");
         assert!(before.iter().all(|path| directory.join(path).exists()), "of others nothing is missing");

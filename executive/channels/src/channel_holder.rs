@@ -5,8 +5,8 @@
 
 use std::io::{self, Read, Write};
 
-use bateleur_host::helper::orders::{AT, BAD, Order, READY};
 use bateleur_host::helper::begin;
+use bateleur_host::helper::orders::{AT, BAD, Order, READY};
 use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Membership};
 
 use crate::{channel_type, join};

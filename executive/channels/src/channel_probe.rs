@@ -9,7 +9,7 @@ use std::io::{self, Write};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use bateleur_host::helper::orders::{ExaminedPort, Examination};
+use bateleur_host::helper::orders::{Examination, ExaminedPort};
 use bateleur_host::helper::{PARENT, begin};
 use bateleur_ports::{ChannelError, ChannelType, Domain, Membership};
 use iceoryx2::port::update_connections::{ConnectionFailure, UpdateConnections};

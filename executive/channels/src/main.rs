@@ -7,7 +7,8 @@ use bateleur_channels::{channel_cleaner, channel_holder, channel_probe};
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let result: Result<(), Box<dyn Error>> = match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+    let result: Result<(), Box<dyn Error>> = match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..]
+    {
         ["channel-holder", order] => channel_holder::run(order).map_err(Into::into),
         ["channel-cleaner", order] => channel_cleaner::run(order).map_err(Into::into),
         ["channel-probe", order] => channel_probe::run(order).map_err(Into::into),

@@ -12,11 +12,11 @@ use super::closed::{
     ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode, SystemCalls, Transport,
 };
 use super::findings::{Finding, Findings, Span};
-use bateleur_plan::words::{did_you_mean, listed};
 use super::reader::{
     At, Attributes, Bytes, Entry, Field, FromToml, Nanoseconds, Permission, Rate, TableReader, Word, table_of,
 };
 use super::units;
+use bateleur_plan::words::{did_you_mean, listed};
 
 /// The whole file.
 pub(super) struct RawFile {

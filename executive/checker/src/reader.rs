@@ -13,10 +13,10 @@ use toml::de::{DeInteger, DeTable, DeValue};
 use super::catalogue;
 use super::closed::Closed;
 use super::findings::{Finding, Findings, Span};
-use bateleur_plan::words::{did_you_mean, listed, nearest};
 use super::model::Attribute;
 use super::schema;
 use super::units::{self, QuantityError};
+use bateleur_plan::words::{did_you_mean, listed, nearest};
 
 /// A value with its place in the source.
 #[derive(Clone, Debug)]

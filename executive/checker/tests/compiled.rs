@@ -31,7 +31,8 @@ impl MessageCatalogue for Any {
 
 fn texts() -> Vec<(String, String)> {
     let top = repository();
-    let names = ["schedule.toml", "schedules/can.toml", "schedules/two-hosts.toml", "schedules/three-hosts.toml"];
+    let names =
+        ["schedule.toml", "schedules/can.toml", "schedules/two-hosts.toml", "schedules/three-hosts.toml"];
     names.map(|name| (name.to_owned(), std::fs::read_to_string(top.join(name)).unwrap())).to_vec()
 }
 
@@ -94,10 +95,19 @@ fn what_is_no_compiled_plan_is_refused_by_name() {
     let (name, text) = &texts()[0];
     let whole = compiled(name, text).write().unwrap();
     let refused = |bytes: &[u8]| Compiled::read(bytes).unwrap_err();
-    for foreign in [&b""[..], b"\n", b"[module.fcu]\n", b"{}", &text.as_bytes()[..500], &[0xff; 1000], b"bateleur plan \n"] {
+    for foreign in [
+        &b""[..],
+        b"\n",
+        b"[module.fcu]\n",
+        b"{}",
+        &text.as_bytes()[..500],
+        &[0xff; 1000],
+        b"bateleur plan \n",
+    ] {
         assert!(matches!(refused(foreign), CompiledError::Foreign), "{foreign:?}");
     }
-    let other = String::from_utf8(whole.clone()).unwrap().replacen(&format!("plan {VERSION} "), "plan 999 ", 1);
+    let other =
+        String::from_utf8(whole.clone()).unwrap().replacen(&format!("plan {VERSION} "), "plan 999 ", 1);
     let error = refused(other.as_bytes());
     assert!(matches!(&error, CompiledError::Version(version) if version == "999"), "{error}");
     assert!(matches!(refused(&whole[..whole.len() - 1]), CompiledError::Damaged));
@@ -158,7 +168,11 @@ fn value_that_could_hurt_is_refused_with_its_place() {
         ("/schedules/0/windows/0/minor", json!([]), "minor frame"),
         ("/schedules/0/windows/0/minor", json!([1_000_000]), "minor frame"),
         ("/schedules/0/windows/0/partition", json!(9999), "nobody"),
-        ("/schedules/0/windows/0/offset_ns", whole["plan"]["schedules"][0]["windows"][1]["offset_ns"].clone(), "overlap"),
+        (
+            "/schedules/0/windows/0/offset_ns",
+            whole["plan"]["schedules"][0]["windows"][1]["offset_ns"].clone(),
+            "overlap",
+        ),
         ("/health/silence_windows", json!(0), "health"),
     ] {
         let mut content = whole.clone();

@@ -6,7 +6,9 @@
 mod plan_support;
 
 use bateleur_checker::check_with_warnings;
-use bateleur_plan::{Attribute, Direction, Kind, PartitionAction, PartitionError, Payload, Plan, Role, Timeline};
+use bateleur_plan::{
+    Attribute, Direction, Kind, PartitionAction, PartitionError, Payload, Plan, Role, Timeline,
+};
 use plan_support::{Table, repository};
 
 fn flight() -> Plan {

@@ -6,8 +6,8 @@
 
 mod plan_support;
 
-use bateleur_contract::{ClockRole, PortKind, RelayTable};
 use bateleur_checker::{Facts, check_with_warnings};
+use bateleur_contract::{ClockRole, PortKind, RelayTable};
 use bateleur_plan::{ModuleId, Plan, Role};
 use plan_support::{Table, repository};
 use serde_json::Value;

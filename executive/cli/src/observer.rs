@@ -9,8 +9,8 @@ use std::os::fd::AsFd;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use bateleur_control::{Answer, Observation};
 use bateleur_channels::{channel_type, join};
+use bateleur_control::{Answer, Observation};
 use bateleur_host::helper::orders::{Order, OrderedChannel};
 use bateleur_ports::{Channel, Domain, Membership, Reader};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};

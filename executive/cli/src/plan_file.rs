@@ -6,11 +6,11 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use bateleur_checker::{Keys, MessageCatalogue, Programs, Report, Surroundings, check, check_among};
 use bateleur_host::keys;
+use bateleur_plan::Plan;
 use bateleur_plan::compiled::Compiled;
 use bateleur_system::privileges;
-use bateleur_checker::{Keys, MessageCatalogue, Programs, Report, Surroundings, check, check_among};
-use bateleur_plan::Plan;
 
 /// The message types that this program was built with.
 pub(crate) struct Catalogue;

@@ -11,8 +11,8 @@ use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::Relaxed;
 
 use anyhow::{Context, Result};
-use bateleur_contract::Mapped;
 use bateleur_channels::{channel_type, join};
+use bateleur_contract::Mapped;
 use bateleur_host::helper::orders::OrderedChannel;
 use bateleur_host::helper::recording::{ATTACH_ANEW, DONE, LEFT_OUT, NO_ROOM, READ, RecorderOrder};
 use bateleur_ports::{Channel, Domain, Membership, Reader};

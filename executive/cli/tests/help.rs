@@ -61,7 +61,7 @@ fn every_shell_gets_the_verbs() {
         for word in ["check", "deny", "show", "fly"] {
             assert!(ended.stdout.contains(word), "{shell}: {word}");
         }
-        for hidden in ["channel-holder", "channel-probe"] {
+        for hidden in ["observer", "recorder"] {
             assert!(!ended.stdout.contains(hidden), "{shell}: {hidden} is nobody's to type");
         }
     }

@@ -21,6 +21,7 @@ use bateleur_monitor::planned::not_reached;
 use bateleur_monitor::run_order::RunOrder;
 use bateleur_plan::Plan;
 use bateleur_plan::compiled::{Compiled, MOST_BYTES};
+use bateleur_system::privileges;
 use rustix::fs::{FlockOperation, flock};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
@@ -47,6 +48,10 @@ const USAGE: &str = "usage: bateleurd PLAN [ORDER]\n\n\
     `bateleur run` does both; see docs/src/trusted.md.";
 
 fn main() -> ExitCode {
+    if let Err(error) = privileges::keep_used() {
+        say(&mut std::io::stderr(), &format!("bateleur: cannot lay down capabilities: {error}"));
+        return ExitCode::from(CANNOT_RUN);
+    }
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let result = match words[..] {

@@ -115,7 +115,9 @@ fn modules(plan: &Plan) -> Checked {
     for module in &plan.modules {
         let cores: BTreeSet<u32> = module.cores.iter().copied().collect();
         require(!cores.is_empty() && cores.len() == module.cores.len(), || "cores of a module".into())?;
-        require(module.follows.is_none_or(|id| id.0 < plan.modules.len()), || "no module is followed".into())?;
+        require(module.follows.is_none_or(|id| id.0 < plan.modules.len()), || {
+            "no module is followed".into()
+        })?;
         let known = module.addresses.iter().all(|address| address.network.0 < plan.networks.len());
         require(known, || "an address on no network".into())?;
         require(module.follows_within_ns > 0, || "an alignment of nothing".into())?;
@@ -202,7 +204,9 @@ fn port(plan: &Plan, id: PortId, port: &Port) -> Checked {
 fn channel(plan: &Plan, channel: &Channel) -> Checked {
     use crate::closed::Direction::{Destination, Source};
     let known = |id: &PortId| id.0 < plan.ports.len();
-    require(known(&channel.source) && channel.destinations.iter().all(known), || "a channel of no port".into())?;
+    require(known(&channel.source) && channel.destinations.iter().all(known), || {
+        "a channel of no port".into()
+    })?;
     let name = || format!("the channel of {}", plan.port_path(channel.source));
     let source = &plan[channel.source];
     require(!channel.destinations.is_empty(), name)?;

@@ -46,7 +46,9 @@ pub enum CompiledError {
     #[error("it is no compiled plan: `bateleur check --compile FILE` makes one")]
     Foreign,
     /// A program of another version made it.
-    #[error("it is a compiled plan of version {0}, and this program reads version {VERSION}: compile it again")]
+    #[error(
+        "it is a compiled plan of version {0}, and this program reads version {VERSION}: compile it again"
+    )]
     Version(String),
     /// Longer than any plan.
     #[error("it is longer than {} MiB, the most that a compiled plan may have", MOST_BYTES >> 20)]
@@ -101,8 +103,7 @@ impl Compiled {
         let (head, body) = bytes.split_at(head.ok_or(CompiledError::Foreign)?);
         let body = body.get(1..).unwrap_or_default();
         let head = std::str::from_utf8(head).ok().and_then(|head| head.strip_prefix(MAGIC));
-        let (version, digest) =
-            head.and_then(|head| head.split_once(' ')).ok_or(CompiledError::Foreign)?;
+        let (version, digest) = head.and_then(|head| head.split_once(' ')).ok_or(CompiledError::Foreign)?;
         if version != VERSION.to_string() {
             return Err(CompiledError::Version(version.to_owned()));
         }

@@ -284,4 +284,3 @@ fn short_digest(part: &impl Serialize) -> Result<String, serde_json::Error> {
     digest.truncate(SHORT_DIGITS);
     Ok(digest)
 }
-

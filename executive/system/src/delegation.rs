@@ -120,12 +120,13 @@ fn processes(group: &Path) -> io::Result<Vec<i32>> {
     Ok(fs::read_to_string(group.join("cgroup.procs"))?.lines().filter_map(|line| line.parse().ok()).collect())
 }
 
-/// Whether a process is this one, one of this program's that started it, or a child of these.
+/// Whether a process is this one, one of the project's that started it, or a child of these.
 fn is_ours(pid: i32) -> bool {
     let own = std::process::id().cast_signed();
-    let program = |pid: i32| fs::read_link(format!("/proc/{pid}/exe")).ok();
+    // The project's programs lie in one folder.
+    let folder = |pid: i32| Some(fs::read_link(format!("/proc/{pid}/exe")).ok()?.parent()?.to_owned());
     let mut eldest = own;
-    while let Some(parent) = parent_of(eldest).filter(|parent| program(*parent) == program(own)) {
+    while let Some(parent) = parent_of(eldest).filter(|parent| folder(*parent) == folder(own)) {
         eldest = parent;
     }
     std::iter::successors(Some(pid), |pid| parent_of(*pid)).any(|ancestor| ancestor == eldest)

@@ -1,4 +1,4 @@
-//! Work that needs no privileges, done without any.
+//! Work that needs no privileges, done without any; and the privileges that the executive keeps.
 
 #![allow(unsafe_code)]
 
@@ -6,6 +6,10 @@ use std::fs::File;
 use std::io;
 
 use rustix::process::{Pid, WaitOptions, waitpid};
+use rustix::thread::{
+    CapabilitySet, CapabilitySets, capabilities, capability_is_in_bounding_set,
+    remove_capability_from_bounding_set, set_capabilities,
+};
 
 /// The user and group of nobody, on every Linux.
 const NOBODY: libc::uid_t = 65_534;
@@ -56,4 +60,60 @@ fn lay_down() -> io::Result<()> {
 /// There is no memory for it.
 pub fn handed_on(name: &str) -> io::Result<File> {
     Ok(File::from(rustix::fs::memfd_create(name, rustix::fs::MemfdFlags::empty())?))
+}
+
+/// The capabilities that the executive uses, each with what for. Where it is root it lays down all others at its start, for itself
+/// and for whatever it starts.
+pub const USED: &[(CapabilitySet, &str, &str)] = &[
+    (
+        CapabilitySet::SYS_ADMIN,
+        "CAP_SYS_ADMIN",
+        "namespaces and mounts of partitions; filters of system calls",
+    ),
+    (
+        CapabilitySet::SYS_NICE,
+        "CAP_SYS_NICE",
+        "real-time priorities and processors of dispatchers and partitions",
+    ),
+    (CapabilitySet::SYS_RESOURCE, "CAP_SYS_RESOURCE", "limits of partitions above those of the executive"),
+    (CapabilitySet::IPC_LOCK, "CAP_IPC_LOCK", "memory that is never paged out"),
+    (CapabilitySet::SETUID, "CAP_SETUID", "a user for each partition"),
+    (CapabilitySet::SETGID, "CAP_SETGID", "its group"),
+    (CapabilitySet::SETPCAP, "CAP_SETPCAP", "to take every capability from a partition"),
+    (CapabilitySet::KILL, "CAP_KILL", "signals to processes of other users"),
+    (CapabilitySet::CHOWN, "CAP_CHOWN", "channels and logs that belong to partitions and helpers"),
+    (CapabilitySet::FOWNER, "CAP_FOWNER", "modes of what partitions own, before it is removed"),
+    (CapabilitySet::DAC_OVERRIDE, "CAP_DAC_OVERRIDE", "control groups, and what partitions have closed"),
+    (CapabilitySet::SYS_PTRACE, "CAP_SYS_PTRACE", "which program a process of the control group runs"),
+    (CapabilitySet::SYSLOG, "CAP_SYSLOG", "what the kernel says of a process that it has ended"),
+];
+
+/// The highest number of a capability that this program knows of (Linux 5.9: CAP_CHECKPOINT_RESTORE).
+const LAST_CAPABILITY: u32 = 40;
+
+/// Lays down every capability but those of [`USED`], for this thread and all that follow it. To be called before there is another one.
+///
+/// # Errors
+/// The kernel refuses it.
+pub fn keep_used() -> io::Result<()> {
+    let kept = USED.iter().fold(CapabilitySet::empty(), |all, (one, ..)| all | *one);
+    let sets = capabilities(None)?;
+    if sets.effective.contains(CapabilitySet::SETPCAP) {
+        for number in 0..=LAST_CAPABILITY {
+            let one = CapabilitySet::from_bits_retain(1 << number);
+            if !kept.contains(one) && capability_is_in_bounding_set(one).unwrap_or(false) {
+                remove_capability_from_bounding_set(one)?;
+            }
+        }
+    }
+    let less = |set: CapabilitySet| set & kept;
+    set_capabilities(
+        None,
+        CapabilitySets {
+            effective: less(sets.effective),
+            permitted: less(sets.permitted),
+            inheritable: CapabilitySet::empty(),
+        },
+    )?;
+    Ok(())
 }

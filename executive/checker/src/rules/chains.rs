@@ -5,11 +5,11 @@ use super::{Context, links};
 use crate::catalogue;
 use crate::closed::Direction;
 use crate::findings::Finding;
-use bateleur_plan::words::listed;
 use crate::latency::{self, Station, Visit};
 use crate::names::{Names, port_path};
 use crate::raw::{RawChain, RawFile};
 use crate::units::ShowTime;
+use bateleur_plan::words::listed;
 
 /// Why a path is not one.
 pub(crate) enum Gap {

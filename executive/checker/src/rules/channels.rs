@@ -4,7 +4,6 @@ use std::collections::hash_map::Entry;
 use std::collections::{BTreeSet, HashMap};
 
 use super::laid::Laid;
-use bateleur_plan::timeline::gaps;
 use super::{Context, links};
 use crate::catalogue::{self, Rule};
 use crate::closed::{Direction, Kind};
@@ -13,6 +12,7 @@ use crate::latency::{self, Station};
 use crate::raw::{RawChannel, RawPort};
 use crate::reader::At;
 use crate::units::ShowTime;
+use bateleur_plan::timeline::gaps;
 
 /// One end of a channel: how the channel names it, and the port.
 #[derive(Clone, Copy)]

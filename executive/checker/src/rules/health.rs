@@ -7,11 +7,11 @@ use crate::closed::{
     Closed, ErrorLevel, ModuleAction, ModuleError, PartitionAction, PartitionError, PartitionState, StartMode,
 };
 use crate::findings::{Finding, Span};
-use bateleur_plan::words::listed;
 use crate::model::{default_module_action, leaves_the_process};
 use crate::raw::{Answer, RawHealth, RawLevel, RawPartition};
 use crate::reader::{At, Bytes, Nanoseconds, Word};
 use crate::units::ShowTime;
+use bateleur_plan::words::listed;
 
 pub(super) fn check(cx: &Context<'_>) {
     let health = &cx.file.health;

@@ -8,7 +8,6 @@ use bateleur_contract::relay::{MOST_LINKS, SENDING_NS, share_of_a_window};
 
 use super::Context;
 use super::laid::Laid;
-use bateleur_plan::timeline::gaps;
 use crate::build::defaults;
 use crate::catalogue;
 use crate::closed::{Kind, ModuleClock, Transport};
@@ -19,6 +18,7 @@ use crate::raw::{RawFile, RawLink, RawSchedule};
 use crate::reader::At;
 use crate::relays::{self, Crossing};
 use crate::units::{ShowRate, ShowTime};
+use bateleur_plan::timeline::gaps;
 
 pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
     let crossings = relays::crossings(cx.file, cx.names);

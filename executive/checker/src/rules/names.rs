@@ -4,12 +4,11 @@ use std::collections::HashMap;
 
 use super::Context;
 use crate::catalogue::{self, Rule};
-use bateleur_plan::words::{did_you_mean, listed, nearest};
 use bateleur_plan::bounds::LONGEST_NAME;
+use bateleur_plan::words::{did_you_mean, listed, nearest};
 
 use crate::names::port_path;
 use crate::reader::At;
-
 
 pub(super) fn check(cx: &Context<'_>) {
     let file = cx.file;

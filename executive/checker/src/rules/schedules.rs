@@ -5,11 +5,11 @@ use crate::build::starts_cold;
 use crate::catalogue;
 use crate::closed::ChangeAction;
 use crate::findings::Finding;
-use bateleur_plan::words::{did_you_mean, listed};
 use crate::raw::RawSchedule;
 use crate::reader::{At, Field, Nanoseconds, Permission};
 use crate::units::ShowTime;
 pub(crate) use bateleur_plan::bounds::{MOST_MINOR_FRAMES, MOST_WINDOWS};
+use bateleur_plan::words::{did_you_mean, listed};
 
 pub(super) fn check(cx: &Context<'_>) {
     for schedule in &cx.file.schedules {

@@ -94,7 +94,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         (Some(plan), _) => {
             if let Some(output) = &arguments.compile {
                 let bytes = Compiled::new(&path.display().to_string(), &source, plan.clone()).write()?;
-                std::fs::write(output, bytes).with_context(|| format!("cannot write {}", output.display()))?;
+                std::fs::write(output, bytes)
+                    .with_context(|| format!("cannot write {}", output.display()))?;
             }
             Ok(FINE)
         }

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use bateleur_control::{Answer, Client, LinkName, Request, running};
 use bateleur_control::LINKS_FILE;
+use bateleur_control::{Answer, Client, LinkName, Request, running};
 use bateleur_messages::link::{DOWN, PLAN_DIFFERS, REASON_NAMES, UP};
 use bateleur_messages::{LinkStatus, Message};
 use bateleur_report::{hosts, log};

@@ -185,4 +185,3 @@ pub(crate) fn say(event: &Event) {
         let _ = writeln!(std::io::stderr(), "{text}"); // nobody reads
     }
 }
-

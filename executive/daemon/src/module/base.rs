@@ -18,13 +18,13 @@ use super::{Options, RunError, machine};
 use crate::recording::{Recorder, Recording, StartRecorder, part_name};
 use bateleur_control::{Inbox, Server};
 use bateleur_host::error_log::{ErrorLogs, ErrorReader};
-use bateleur_host::helper::orders::{Cleaning, Dead, ExaminedPort, Examination, Order, OrderedChannel};
+use bateleur_host::helper::orders::{Cleaning, Dead, Examination, ExaminedPort, Order, OrderedChannel};
 use bateleur_host::helper::recording::RecorderOrder;
 use bateleur_host::helper::{PARENT, end_helper};
-use bateleur_host::programs::beside_own;
 use bateleur_host::instance::{Alive, Instance};
 use bateleur_host::machine::Machine;
 use bateleur_host::partition::{Sandbox, SandboxConfig, message_name, queue_depth};
+use bateleur_host::programs::beside_own;
 use bateleur_monitor::StartChannelCleaner;
 use bateleur_monitor::cleanup::{CleanupOrder, EndedHelpers};
 use bateleur_monitor::event::Event;
@@ -205,8 +205,9 @@ impl Base {
         let text = serde_json::to_string(&self.instance).unwrap_or_default();
         let lines = Lines { input: Some(&reader), ..Lines::default() };
         let footing = Footing { user: None, walls: Walls::default(), is_guard: true };
-        let guard =
-            self.start(&self.programs.own, &["guard".into(), text], lines, footing).map_err(machine("cannot start the guard"))?;
+        let guard = self
+            .start(&self.programs.own, &["guard".into(), text], lines, footing)
+            .map_err(machine("cannot start the guard"))?;
         *self.guard.borrow_mut() = Some((guard, writer));
         Ok(())
     }
@@ -292,7 +293,9 @@ impl Base {
         let mut arguments = vec!["remover".into()];
         arguments.extend(aside.iter().map(|path| path.display().to_string()));
         // As the executive, who owns what holds it. Without a remover it stays until the run ends.
-        if let Ok(remover) = self.helper_of_run(&self.programs.own, &arguments, Lines::default(), None, Walls::default()) {
+        if let Ok(remover) =
+            self.helper_of_run(&self.programs.own, &arguments, Lines::default(), None, Walls::default())
+        {
             let mut removers = self.removers.borrow_mut();
             removers.retain(|remover| ended(remover).is_none());
             removers.push(remover);

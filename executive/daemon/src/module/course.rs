@@ -65,7 +65,8 @@ impl Course {
         let back_ns = together.as_ref().and_then(|together| together.back_ns);
         let join = |together| Member::join(together, &options.order.module, options.stop.clone());
         let member = together.map(join).transpose().map_err(RunError::SharedClock)?;
-        let window_log = WindowLog::create(&options.order.output).map_err(machine("cannot write windows.csv"))?;
+        let window_log =
+            WindowLog::create(&options.order.output).map_err(machine("cannot write windows.csv"))?;
         let health_log = HealthLog::create(&options.order.output, plan.health.log)
             .map_err(machine("cannot write health.jsonl"))?;
         let events = std::mem::replace(&mut options.events, bateleur_monitor::event::Events::new(None));

@@ -5,7 +5,10 @@ use std::process::ExitStatus;
 
 use bateleur_contract::exit;
 
-use bateleur_plan::{ErrorLevel, Exhausted, Levels, ModuleAction, ModuleError, ModuleHealth, PartitionAction, PartitionError, PartitionHealth, PartitionState, Reset, Restart, StartMode, leaves_the_process};
+use bateleur_plan::{
+    ErrorLevel, Exhausted, Levels, ModuleAction, ModuleError, ModuleHealth, PartitionAction, PartitionError,
+    PartitionHealth, PartitionState, Reset, Restart, StartMode, leaves_the_process,
+};
 
 /// What a partition was at when its error occurred.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

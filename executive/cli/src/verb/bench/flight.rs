@@ -174,7 +174,7 @@ fn memory(flight: i32) -> Option<(f64, Option<f64>)> {
         line.split(|byte| *byte == 0).nth(1).map(|verb| String::from_utf8_lossy(verb).into_owned())
     };
     let children = probe::children(flight);
-    let (executive, _) = children.iter().find(|(pid, _)| verb(*pid).as_deref() == Some("run"))?;
+    let (executive, _) = children.iter().find(|(_, name)| name == "bateleurd")?;
     let resident = kib(&format!("/proc/{executive}/status"), "VmRSS:")? / 1024.0;
     let helpers = probe::children(*executive);
     let is_helper = |pid: i32| matches!(verb(pid).as_deref(), Some("channel-holder" | "recorder" | "guard"));

@@ -22,6 +22,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, Result, bail};
+use bateleur_checker::Facts;
 use bateleur_flight::airframe::Airframe;
 use bateleur_flight::control::envelope::Envelope;
 use bateleur_flight::guidance::{self, Corner};
@@ -29,7 +30,6 @@ use bateleur_ground::MissionPlan;
 use bateleur_messages::ground;
 use bateleur_messages::hil::Protocol;
 use bateleur_monitor::event::Event;
-use bateleur_checker::Facts;
 use bateleur_plan::{Attribute, Plan};
 use bateleur_report::chains::ChainBound;
 use bateleur_report::hosts as report_hosts;

@@ -2,9 +2,9 @@
 
 use std::fmt::Write;
 
-use bateleur_plan::Plan;
 use bateleur_checker::facts::{ChainAge, CoreUse, Facts, share};
 use bateleur_checker::links::LinkCost;
+use bateleur_plan::Plan;
 use bateleur_plan::units::{ShowRate, ShowTime};
 
 /// Every schedule's cores and chains.

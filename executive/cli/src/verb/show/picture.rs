@@ -3,9 +3,9 @@
 
 use std::fmt::Write;
 
+use bateleur_checker::Facts;
 use bateleur_checker::facts::share;
 use bateleur_plan::units::ShowTime;
-use bateleur_checker::Facts;
 use bateleur_plan::{PartitionId, Plan, ScheduleId};
 
 use super::facts::percent;

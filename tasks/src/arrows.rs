@@ -8,8 +8,30 @@ use std::path::Path;
 use crate::links::files;
 
 /// The page with the table, and the first cells of its head.
-const PAGE: &str = "docs/src/architecture.md";
+pub(crate) const PAGE: &str = "docs/src/architecture.md";
 const HEAD: &str = "| crate | is built on |";
+
+/// The crates of the table, each with those that it is built on.
+pub(crate) struct Crates<'p>(Vec<(&'p str, Vec<&'p str>)>);
+
+impl<'p> Crates<'p> {
+    /// Those of a page.
+    pub(crate) fn of(page: &'p str) -> Self {
+        Self(rows(page).collect())
+    }
+
+    /// A crate and all that it is built on, directly or not, in the table's order.
+    pub(crate) fn below(&self, folder: &str) -> Vec<&'p str> {
+        let mut needed = vec![folder];
+        // Each stands below what it is built on.
+        for (row, named) in self.0.iter().rev() {
+            if needed.contains(row) {
+                needed.extend(named);
+            }
+        }
+        self.0.iter().map(|(row, _)| *row).filter(|row| needed.contains(row)).collect()
+    }
+}
 
 /// What is wrong, a line each.
 pub(crate) fn check(root: &Path) -> Vec<String> {

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use crate::step::{Step, succeeds};
 use crate::tally::Tally;
-use crate::{CANNOT_RUN, arrows, cargo, commands, fly, links};
+use crate::{CANNOT_RUN, arrows, cargo, commands, fly, links, trusted};
 
 /// Some test, lint or page is not as it must be.
 const FAILED: u8 = 1;
@@ -50,6 +50,13 @@ pub(crate) fn only_commands() -> ExitCode {
     }
 }
 
+/// Writes what is counted into the page of what is trusted.
+pub(crate) fn write_trusted() -> ExitCode {
+    let faults = trusted::check(&root(), true);
+    faults.iter().for_each(|fault| println!("{fault}"));
+    if faults.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) }
+}
+
 /// Where the workspace lies: above this package.
 fn root() -> PathBuf {
     let package = std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_else(|| env!("CARGO_MANIFEST_DIR").into());
@@ -77,6 +84,7 @@ fn everything(root: &Path, tally: &mut Tally) -> Result<(), String> {
 fn pages(root: &Path) -> Result<(), String> {
     let mut faults = links::check(root);
     faults.extend(arrows::check(root));
+    faults.extend(trusted::check(root, false));
     if faults.is_empty() {
         println!("== pages and the table of crates: fine");
         return Ok(());

@@ -25,7 +25,7 @@ pub use line::Ground;
 pub use output::{Fault, Window, quantile};
 pub use peer::{Peer, python};
 pub use programs::{
-    EXECUTIVE, Ended, ORDINARY, Started, bateleur, bateleur_as_ordinary, program, repository,
+    EXECUTIVE, Ended, ORDINARY, Started, bateleur, bateleur_as_ordinary, daemon, program, repository,
 };
 pub use schedule::{Sketch, channel_between, edited, flight_schedule, line_of, ports_of};
 pub use turn::{Turn, alone, among_others};

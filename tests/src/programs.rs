@@ -58,7 +58,12 @@ pub fn bateleur<S: AsRef<str>>(arguments: &[S]) -> Started {
     start(in_its_unit(&program("bateleur")), arguments, None)
 }
 
-/// As above with the schedule of a [`crate::Sketch`], as an ordinary user: the one who runs the tests, or user `ORDINARY` where that is
+/// The executive without the command line before it.
+pub fn daemon(arguments: &[&str]) -> Started {
+    start(in_its_unit(&program("bateleurd")), arguments, None)
+}
+
+/// As [`bateleur`] with the schedule of a [`crate::Sketch`], as an ordinary user: the one who runs the tests, or user `ORDINARY` where that is
 /// root. The programs lie where that user may run them, whoever may enter the clone.
 pub fn bateleur_as_ordinary(arguments: &[&str]) -> Started {
     if !rustix::process::geteuid().is_root() {
@@ -104,7 +109,7 @@ fn start<S: AsRef<str>>(mut command: Command, arguments: &[S], owner: Option<u32
     let text = |name: &str| File::create(scratch.path().join(name)).unwrap();
     command.args(arguments.iter().map(AsRef::as_ref)).current_dir(scratch.path());
     let told = arguments.iter().any(|argument| argument.as_ref() == "--output");
-    if matches!(arguments[0].as_ref(), "fly" | "run") && !told {
+    if matches!(arguments.first().map(AsRef::as_ref), Some("fly" | "run")) && !told {
         command.arg("--output").arg(scratch.path().join("out"));
     }
     command.process_group(0); // a terminal's Ctrl-C can be played

@@ -23,6 +23,7 @@ macro_rules! println {
     ($($words:tt)*) => { print!("{}\n", format_args!($($words)*)) };
 }
 
+mod doctor;
 mod line;
 mod observer;
 mod output;

@@ -1,7 +1,6 @@
 //! A partition as a process of Linux: its start, its sandbox, what this machine can promise, and the helpers that touch what a
 //! partition may have damaged.
 
-pub mod doctor;
 pub mod error_log;
 pub mod guarantee;
 pub mod helper;

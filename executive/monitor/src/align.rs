@@ -1,12 +1,11 @@
 //! The monitor's part in the alignment of major frames: it brings what a relay has told, or what the machine's disciplined clock
 //! says, to the [`Aligner`], tells what has changed, and writes `alignment.csv`.
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use super::{Monitor, seconds};
 use crate::event::Event;
+use crate::health::lines::{LineLog, Patience};
 use bateleur_control::status::AlignmentStatus;
 use bateleur_plan::{ModuleError, Timeline};
 use bateleur_time::alignment::{Aligner, Change, Following, Measured, Realtime, Reference, State};
@@ -30,7 +29,7 @@ pub struct Alignment {
     asked: Option<u64>,
     /// The frame that the log ends with.
     logged: Option<u64>,
-    log: Option<BufWriter<File>>,
+    log: Option<LineLog>,
 }
 
 impl Alignment {
@@ -46,8 +45,10 @@ impl Alignment {
         resets: u32,
     ) -> Self {
         let name = if resets == 0 { FILE.to_owned() } else { format!("alignment.reset-{resets}.csv") };
-        let log = File::create(folder.join(name)).map(BufWriter::new);
-        let log = log.and_then(|mut log| log.write_all(HEADING.as_bytes()).map(|()| log));
+        let mut log = LineLog::create(&folder.join(name), 0, Patience::Lose).ok();
+        if let Some(log) = &mut log {
+            log.push(HEADING.as_bytes());
+        }
         Self {
             aligner: Aligner::new(following, timelines),
             relay,
@@ -55,7 +56,7 @@ impl Alignment {
             seen: 0,
             asked: None,
             logged: None,
-            log: log.ok(),
+            log,
         }
     }
 
@@ -83,9 +84,8 @@ impl Alignment {
         let Some(log) = &mut self.log else { return };
         let (law, figures) = (self.aligner.law(), self.aligner.figures());
         let number = |number: Option<f64>| number.map_or_else(String::new, |number| format!("{number:.0}"));
-        let line = writeln!(
-            log,
-            "{frame},{module_ns},{},{},{:.0},{},{:.0},{:.0},{}",
+        let line = format!(
+            "{frame},{module_ns},{},{},{:.0},{},{:.0},{:.0},{}\n",
             self.aligner.state().name(),
             number(figures.measured_ns),
             figures.uncertainty_ns,
@@ -94,9 +94,7 @@ impl Alignment {
             law.drift_ppb(),
             figures.shift_ns
         );
-        if line.is_err() {
-            self.log = None; // a full disk: the frames are aligned all the same
-        }
+        log.push(line.as_bytes()); // a full disk: the frames are aligned all the same
     }
 
     /// How it is now.

@@ -168,6 +168,7 @@ impl Kept {
             self.health_log.write(&fault);
         }
         self.health_log.finish();
+        self.window_log.finish();
         for lost in self.health_log.take_trouble().chain(self.window_log.take_trouble()) {
             let time_s = seconds(module_ns);
             self.events.tell(&Event::LogLost { time_s, log: lost.log.into(), reason: lost.why });

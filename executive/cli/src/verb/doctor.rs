@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow};
 use bateleur_contract::Clock;
-use bateleur_host::doctor::{Finding, Root, State, Subject, Tried, examine};
+use crate::doctor::{Finding, Root, State, Subject, Tried, examine};
 use bateleur_host::machine::Machine;
 use bateleur_plan::Plan;
 

@@ -10,6 +10,7 @@ use crate::world::Surroundings;
 use bateleur_host::guarantee::Guarantee;
 use bateleur_monitor::Kept;
 use bateleur_monitor::event::Event;
+use bateleur_monitor::health::lines::Patience;
 use bateleur_monitor::health::log::{HealthLog, WindowLog};
 use bateleur_monitor::planned::PlannedActs;
 use bateleur_plan::{ModuleView, PartitionId, Plan};
@@ -65,9 +66,13 @@ impl Course {
         let back_ns = together.as_ref().and_then(|together| together.back_ns);
         let join = |together| Member::join(together, &options.order.module, options.stop.clone());
         let member = together.map(join).transpose().map_err(RunError::SharedClock)?;
+        let patience = match options.clock() {
+            Clock::Wall => Patience::Lose,
+            Clock::Virtual => Patience::Wait,
+        };
         let window_log =
-            WindowLog::create(&options.order.output).map_err(machine("cannot write windows.csv"))?;
-        let health_log = HealthLog::create(&options.order.output, plan.health.log)
+            WindowLog::create(&options.order.output, patience).map_err(machine("cannot write windows.csv"))?;
+        let health_log = HealthLog::create(&options.order.output, plan.health.log, patience)
             .map_err(machine("cannot write health.jsonl"))?;
         let events = std::mem::replace(&mut options.events, bateleur_monitor::event::Events::new(None));
         let candidates = view.partitions().map(PartitionId::index).collect();

@@ -2,13 +2,12 @@
 //!
 //! Responsible for: lines that are whole. A disk that is full or gone costs lines, which are counted, and never the module.
 
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
-use std::os::unix::fs::FileExt;
+use std::io;
 use std::path::Path;
 
 use serde::Serialize;
 
+use super::lines::{LineLog, Patience};
 use super::record::{Entry, Level};
 use super::ring::{self, RingLog};
 use bateleur_host::trouble::Trouble;
@@ -77,10 +76,7 @@ const NOTICES: usize = 64;
 /// Notes faults: at once in the ring, and as a line when it is known what became of them.
 #[derive(Debug)]
 pub struct HealthLog {
-    file: File,
-    /// Bytes of whole lines.
-    length: u64,
-    trouble: Trouble,
+    lines: LineLog,
     ring: Option<RingLog>,
     ring_trouble: Trouble,
     /// The minor frame of the last window that is known.
@@ -94,8 +90,8 @@ impl HealthLog {
     ///
     /// # Errors
     /// `health.jsonl` can not be made. A ring that can not be opened is told as trouble.
-    pub fn create(folder: &Path, ring: bateleur_plan::HealthLog) -> io::Result<Self> {
-        let file = File::create(folder.join(HEALTH_FILE))?;
+    pub fn create(folder: &Path, ring: bateleur_plan::HealthLog, patience: Patience) -> io::Result<Self> {
+        let lines = LineLog::create(&folder.join(HEALTH_FILE), 0, patience)?;
         let (ring, ring_trouble) = match RingLog::open(&folder.join(ring::FILE), ring.bytes, ring.policy) {
             Ok(ring) => (Some(ring), Trouble::default()),
             Err(error) => {
@@ -104,15 +100,7 @@ impl HealthLog {
                 (None, trouble)
             }
         };
-        Ok(Self {
-            file,
-            length: 0,
-            trouble: Trouble::default(),
-            ring,
-            ring_trouble,
-            frame: 0,
-            notices: Vec::new(),
-        })
+        Ok(Self { lines, ring, ring_trouble, frame: 0, notices: Vec::new() })
     }
 
     /// Frames are counted from 0 again.
@@ -209,22 +197,18 @@ impl HealthLog {
 
     /// Appends a fault as a line.
     pub fn write(&mut self, fault: &Fault) {
-        let written = self.append(fault);
-        self.trouble.note(written);
-    }
-
-    fn append(&mut self, fault: &Fault) -> io::Result<()> {
-        let mut line = serde_json::to_vec(fault)?;
-        line.push(b'\n');
-        // What a full disk cut off of a line is written over by the next one.
-        self.file.write_all_at(&line, self.length)?;
-        self.length += line.len() as u64;
-        Ok(())
+        match serde_json::to_vec(fault) {
+            Ok(mut line) => {
+                line.push(b'\n');
+                self.lines.push(&line);
+            }
+            Err(error) => self.lines.trouble().lose(1, &error.to_string()),
+        }
     }
 
     /// Logs that have lost records for the first time.
     pub fn take_trouble(&mut self) -> impl Iterator<Item = Lost> + use<> {
-        let lines = self.trouble.take();
+        let lines = self.lines.trouble().take();
         let ring = self.ring.as_ref().and_then(|ring| ring.trouble().take());
         let ring = ring.or_else(|| self.ring_trouble.take());
         let lines = lines.map(|why| Lost { log: HEALTH_FILE, why });
@@ -235,11 +219,12 @@ impl HealthLog {
     #[must_use]
     pub fn lost(&self) -> u64 {
         let ring = self.ring.as_ref().map_or(0, |ring| ring.trouble().lost());
-        self.trouble.lost() + ring + self.ring_trouble.lost()
+        self.lines.trouble().lost() + ring + self.ring_trouble.lost()
     }
 
     /// Waits a little until everything is on the disk.
     pub fn finish(&mut self) {
+        self.lines.finish();
         if let Some(ring) = &mut self.ring {
             ring.finish();
         }
@@ -251,30 +236,33 @@ const HEALTH_FILE: &str = "health.jsonl";
 /// Name of the window log in a run's folder.
 const WINDOW_FILE: &str = "windows.csv";
 
+/// The first line of the window log.
+const HEADING: &[u8] = b"frame,minor,core,partition,planned_start_ns,planned_end_ns,granted_ns,opened_ns,closed_ns,flags,slack_ns,schedule\n";
+/// Bytes of it that are written at once.
+const PIECE_BYTES: usize = 1 << 16;
+
 /// Writes window records as lines of comma-separated values.
 #[derive(Debug)]
 pub struct WindowLog {
-    file: BufWriter<File>,
+    lines: LineLog,
     /// The line that is being made.
     line: Vec<u8>,
-    trouble: Trouble,
 }
 
 impl WindowLog {
     /// A new log with its heading in a run's folder.
-    pub fn create(folder: &Path) -> io::Result<Self> {
-        let mut file = BufWriter::with_capacity(1 << 16, File::create(folder.join(WINDOW_FILE))?);
-        writeln!(
-            file,
-            "frame,minor,core,partition,planned_start_ns,planned_end_ns,granted_ns,opened_ns,closed_ns,flags,slack_ns,schedule"
-        )?;
-        Ok(Self { file, line: Vec::new(), trouble: Trouble::default() })
+    ///
+    /// # Errors
+    /// It can not be made.
+    pub fn create(folder: &Path, patience: Patience) -> io::Result<Self> {
+        let mut lines = LineLog::create(&folder.join(WINDOW_FILE), PIECE_BYTES, patience)?;
+        lines.push(HEADING);
+        Ok(Self { lines, line: Vec::new() })
     }
 
     /// Appends a record of the partition called `name`, in the schedule of that name.
     pub fn write(&mut self, record: &WindowRecord, name: &str, schedule: &str) {
         let at = &record.occurrence;
-        // In one piece: a full disk takes a whole line or nothing of it.
         self.line.clear();
         self.number(Some(at.major_frame));
         self.number(Some(at.window.minor.into()));
@@ -290,7 +278,7 @@ impl WindowLog {
         self.number(record.slack_ns());
         self.line.extend_from_slice(schedule.as_bytes());
         self.line.push(b'\n');
-        self.append();
+        self.lines.push(&self.line);
     }
 
     /// A number or nothing, and a comma. A line has ten of them: the formatting of the standard library took 4 % of the
@@ -307,28 +295,25 @@ impl WindowLog {
         self.line.push(b',');
     }
 
-    fn append(&mut self) {
-        let written = self.file.write_all(&self.line);
-        self.trouble.note(written);
+    /// Hands all lines to the thread that writes them.
+    pub fn flush(&mut self) {
+        self.lines.flush();
     }
 
-    /// Hands everything to the kernel.
-    pub fn flush(&mut self) {
-        let lines = self.file.buffer().iter().filter(|byte| **byte == b'\n').count() as u64;
-        if let Err(error) = self.file.flush() {
-            self.trouble.lose(lines, &error.to_string());
-        }
+    /// Waits a little until everything was written.
+    pub fn finish(&mut self) {
+        self.lines.finish();
     }
 
     /// That it has lost records for the first time.
     pub fn take_trouble(&mut self) -> Option<Lost> {
-        self.trouble.take().map(|why| Lost { log: WINDOW_FILE, why })
+        self.lines.trouble().take().map(|why| Lost { log: WINDOW_FILE, why })
     }
 
     /// Records lost so far.
     #[must_use]
     pub fn lost(&self) -> u64 {
-        self.trouble.lost()
+        self.lines.trouble().lost()
     }
 }
 
@@ -363,7 +348,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         symlink("/dev/full", folder.path().join(HEALTH_FILE)).unwrap();
         symlink("/dev/full", folder.path().join(ring::FILE)).unwrap();
-        let mut log = HealthLog::create(folder.path(), RING).unwrap();
+        let mut log = HealthLog::create(folder.path(), RING, Patience::Wait).unwrap();
         (0..3).for_each(|time_ns| {
             log.note(&fault(time_ns));
             log.write(&fault(time_ns));
@@ -372,9 +357,8 @@ mod tests {
         let said: Vec<_> = log.take_trouble().collect();
         assert_eq!(said.iter().map(|lost| lost.log).collect::<Vec<_>>(), [HEALTH_FILE, ring::FILE]);
         assert!(said[0].why.contains("No space left"), "{said:?}");
-        log.write(&fault(9));
         assert_eq!(log.take_trouble().count(), 0);
-        assert_eq!(log.lost(), 4 + 4, "four lines; the opening and three records");
+        assert_eq!(log.lost(), 3 + 4, "three lines; the opening and three records");
     }
 
     #[test]
@@ -422,13 +406,13 @@ mod tests {
             closed_ns: Some(302_900_000),
         };
         let folder = tempfile::tempdir().unwrap();
-        let mut log = WindowLog::create(folder.path()).unwrap();
+        let mut log = WindowLog::create(folder.path(), Patience::Wait).unwrap();
         log.write(&record, "imu", "s");
         record.closed_ns = None;
         log.write(&record, "imu", "s");
         (record.granted_ns, record.opened_ns, record.missed) = (None, None, Some(Missed::TooLate));
         log.write(&record, "imu", "s");
-        log.flush();
+        log.finish();
         let text = std::fs::read_to_string(folder.path().join(WINDOW_FILE)).unwrap();
         let lines: Vec<&str> = text.lines().skip(1).collect();
         assert_eq!(
@@ -445,11 +429,11 @@ mod tests {
     fn window_log_on_a_full_disk_is_said_once_and_counted() {
         let folder = tempfile::tempdir().unwrap();
         symlink("/dev/full", folder.path().join(WINDOW_FILE)).unwrap();
-        let mut log = WindowLog::create(folder.path()).unwrap();
-        log.line = b"0,0,1,imu,3800000,4300000,3800000,3800000,3900000,,1,flight\n".to_vec();
-        (0..5000).for_each(|_| log.append());
+        let mut log = WindowLog::create(folder.path(), Patience::Wait).unwrap();
+        let line = b"0,0,1,imu,3800000,4300000,3800000,3800000,3900000,,1,flight\n";
+        (0..5000).for_each(|_| log.lines.push(line));
+        log.finish();
         assert!(log.take_trouble().is_some_and(|lost| lost.why.contains("No space left")));
-        log.flush();
         assert_eq!(log.take_trouble(), None);
         assert_eq!(log.lost(), 5000 + 1, "every window and the heading");
     }

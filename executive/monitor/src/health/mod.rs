@@ -3,6 +3,7 @@
 //! has to outlive everything in the [`ring`].
 
 pub mod decision;
+pub mod lines;
 pub mod log;
 pub mod record;
 pub mod ring;

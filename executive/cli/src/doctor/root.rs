@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 
 /// Where `/proc` and `/sys` are.
 #[derive(Debug, Clone)]
-pub struct Root(PathBuf);
+pub(crate) struct Root(PathBuf);
 
 impl Root {
     /// Files below `folder`: "/" for this machine.
     #[must_use]
-    pub fn new(folder: impl Into<PathBuf>) -> Self {
+    pub(crate) fn new(folder: impl Into<PathBuf>) -> Self {
         Self(folder.into())
     }
 

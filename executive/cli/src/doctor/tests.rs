@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use super::*;
-use crate::guarantee::Guarantee;
+use bateleur_host::guarantee::Guarantee;
 
 /// A machine of four processors whose core 2 is kept for one module.
 const WELL: &[(&str, &str)] = &[

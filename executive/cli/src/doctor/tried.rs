@@ -1,23 +1,23 @@
 //! Properties that only trying shows.
 #![allow(unsafe_code)] // one system call without a wrapper
 
-use crate::guarantee::Guarantee;
+use bateleur_host::guarantee::Guarantee;
 
 /// The result of trying.
 #[derive(Debug, Clone, Default)]
-pub struct Tried {
+pub(crate) struct Tried {
     /// Version of Landlock's interface; `None` if the kernel has none, or it is switched off.
-    pub landlock: Option<u32>,
+    pub(crate) landlock: Option<u32>,
     /// Bytes that fit into `/dev/shm`.
-    pub shared_memory_bytes: Option<u64>,
+    pub(crate) shared_memory_bytes: Option<u64>,
     /// What a run here could promise.
-    pub promises: Vec<Guarantee>,
+    pub(crate) promises: Vec<Guarantee>,
 }
 
 impl Tried {
     /// On this machine; `promises` from [`crate::machine::Machine::examine`].
     #[must_use]
-    pub fn here(promises: &[Guarantee]) -> Self {
+    pub(crate) fn here(promises: &[Guarantee]) -> Self {
         let room = rustix::fs::statvfs("/dev/shm").ok();
         Self {
             landlock: landlock(),

@@ -15,13 +15,13 @@ mod tried;
 
 use serde::Serialize;
 
-pub use root::Root;
-pub use tried::Tried;
+pub(crate) use root::Root;
+pub(crate) use tried::Tried;
 
 /// How well a property is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum State {
+pub(crate) enum State {
     /// As a flight wants it.
     Well,
     /// Good to know; nothing has to be done.
@@ -32,17 +32,17 @@ pub enum State {
 
 /// One property of the machine.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Finding {
+pub(crate) struct Finding {
     /// What was looked at.
-    pub topic: String,
+    pub(crate) topic: String,
     /// How well it is.
-    pub state: State,
+    pub(crate) state: State,
     /// What was found.
-    pub found: String,
+    pub(crate) found: String,
     /// What that costs; empty where it costs nothing.
-    pub costs: String,
+    pub(crate) costs: String,
     /// The command or file that mends it; empty where there is nothing to mend.
-    pub mend: String,
+    pub(crate) mend: String,
 }
 
 impl Finding {
@@ -73,16 +73,16 @@ impl Finding {
 
 /// For whom the machine is examined.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Subject {
+pub(crate) struct Subject {
     /// The processors whose time is partitioned.
-    pub cores: Vec<u32>,
+    pub(crate) cores: Vec<u32>,
     /// Ports of the module.
-    pub ports: usize,
+    pub(crate) ports: usize,
 }
 
 /// Everything that can be said, in the order of its weight within each group: time, then space.
 #[must_use]
-pub fn examine(root: &Root, subject: &Subject, tried: &Tried) -> Vec<Finding> {
+pub(crate) fn examine(root: &Root, subject: &Subject, tried: &Tried) -> Vec<Finding> {
     let mut findings = time::findings(root, subject);
     findings.extend(processor::findings(root, subject));
     findings.extend(space::findings(root, subject, tried));
@@ -91,7 +91,7 @@ pub fn examine(root: &Root, subject: &Subject, tried: &Tried) -> Vec<Finding> {
 }
 
 /// A promise of a run, kept or not: found by doing what a run does.
-fn promise(guarantee: &crate::guarantee::Guarantee) -> Finding {
+fn promise(guarantee: &bateleur_host::guarantee::Guarantee) -> Finding {
     if guarantee.held {
         return Finding::well(&guarantee.promise, guarantee.detail.as_str());
     }

@@ -94,7 +94,8 @@ fn lines(root: &Path, crates: &Crates<'_>) -> String {
 /// Lines that are neither empty, nor comments, nor tests at the end of the file.
 fn code_lines(text: &str) -> usize {
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
-    let is_test = |pair: &[&str]| pair[0] == "#[cfg(test)]" && pair[1].starts_with("mod ") && pair[1].ends_with('{');
+    let is_test =
+        |pair: &[&str]| pair[0] == "#[cfg(test)]" && pair[1].starts_with("mod ") && pair[1].ends_with('{');
     let end = lines.windows(2).position(is_test).unwrap_or(lines.len());
     lines[..end].iter().filter(|line| !line.is_empty() && !line.starts_with("//")).count()
 }
@@ -116,7 +117,8 @@ fn linked() -> Vec<String> {
 /// The table of other people's crates.
 fn others(linked: &[String], faults: &mut Vec<String>) -> String {
     for name in linked.iter().filter(|name| !OTHERS.iter().any(|(known, _)| known == name)) {
-        faults.push(format!("bateleurd links {name}: tasks/src/trusted.rs has to say what it is trusted with"));
+        faults
+            .push(format!("bateleurd links {name}: tasks/src/trusted.rs has to say what it is trusted with"));
     }
     for (name, _) in OTHERS.iter().filter(|(known, _)| !linked.iter().any(|name| name == known)) {
         faults.push(format!("bateleurd does not link {name} any more: remove it from tasks/src/trusted.rs"));

@@ -15,7 +15,8 @@ use serde_json::json;
 
 /// A compiled plan of two partitions, in `folder`.
 fn compiled(folder: &Path) -> String {
-    let sketch = Sketch::new().partition("one", "neighbour", 1000, "").partition("other", "neighbour", 1000, "");
+    let sketch =
+        Sketch::new().partition("one", "neighbour", 1000, "").partition("other", "neighbour", 1000, "");
     let (schedule, plan) = (sketch.write(folder), folder.join("test.plan"));
     let plan = plan.to_str().unwrap().to_owned();
     bateleur(&["check", "--compile", &plan, &schedule]).end().expect_code(0);
@@ -35,7 +36,10 @@ fn compiled_plan_is_run_as_its_order_says() {
     let plan = compiled(folder.path());
     let out = folder.path().join("out");
     let order = order(folder.path(), &json!({ "fast": true, "until_ns": 1_000_000_000, "output": out }));
-    daemon(&[&plan, &order]).end().expect_code(0).expect_words(&["2 partitions are ready", "stopped after 1.00 s"]);
+    daemon(&[&plan, &order])
+        .end()
+        .expect_code(0)
+        .expect_words(&["2 partitions are ready", "stopped after 1.00 s"]);
     assert!(out.join("windows.csv").exists() && out.join("health.jsonl").exists());
 }
 
@@ -57,12 +61,18 @@ fn what_is_no_plan_or_no_order_is_refused_by_name_before_anything_starts() {
         assert!(!ended.stderr.contains("ready"), "{}", ended.stderr);
     };
     let schedule = folder.path().join("test.toml");
-    refused(&[schedule.to_str().unwrap()], "test.toml: it is no compiled plan: `bateleur check --compile FILE`");
+    refused(
+        &[schedule.to_str().unwrap()],
+        "test.toml: it is no compiled plan: `bateleur check --compile FILE`",
+    );
     refused(&[&write("damaged", &damaged)], "damaged: it is damaged");
     refused(&["/nowhere"], "cannot read /nowhere");
     refused(&["/dev/zero"], "it is longer than 32 MiB");
     refused(&["fd:77"], "descriptor 77 was not handed over");
-    refused(&[&plan, &write("order", b"{\"fasst\": true}")], "it is no order of a run: unknown field `fasst`");
+    refused(
+        &[&plan, &write("order", b"{\"fasst\": true}")],
+        "it is no order of a run: unknown field `fasst`",
+    );
     refused(&[&plan, &write("order", b"{\"module\": \"nav\"}")], "the plan has no module \"nav\"");
     refused(&[], "usage: bateleurd PLAN [ORDER]");
 }
@@ -73,7 +83,10 @@ fn plan_is_not_written_over_something_else_nor_where_it_can_not_be_used() {
     let folder = tempfile::tempdir().unwrap();
     let plan = compiled(folder.path());
     let schedule = folder.path().join("test.toml").to_str().unwrap().to_owned();
-    bateleur(&["check", "--compile", &schedule, &schedule]).end().expect_code(2).expect_words(&["is read by this command"]);
+    bateleur(&["check", "--compile", &schedule, &schedule])
+        .end()
+        .expect_code(2)
+        .expect_words(&["is read by this command"]);
     let notes = folder.path().join("notes");
     std::fs::write(&notes, "mine").unwrap();
     bateleur(&["check", "--compile", notes.to_str().unwrap(), &schedule]).end().expect_code(2);

@@ -218,3 +218,33 @@ fn unknown_schedule_is_refused_before_anything_starts() {
     let run = ["run", "--fast", "--schedule", path.to_str().unwrap(), "--schedule-at", "tow@1"];
     bateleur(&run).end().expect_code(2).expect_words(&["no schedule \"tow\"", "one, two"]);
 }
+
+#[test]
+fn partition_that_is_being_restarted_when_the_schedule_changes_becomes_what_the_plan_says() {
+    let _turn = among_others();
+    let warm = "warm|retained = \"4KiB\"\nrestart = { start = \"warm\", startup = \"40ms\" }";
+    for (action, expected) in
+        [("idle", None), ("cold_restart", Some("second: HmPartitionColdRestart found None"))]
+    {
+        let text = schedules(warm, "counter|", "", &format!("second = \"{action}\""));
+        // The change is at 0.3 s, its first window in the new schedule at 0.31 s: deaths before, at and after both.
+        for kill_ms in (240..=312).step_by(6) {
+            let kill = format!("second@{:.3}", f64::from(kill_ms) / 1e3);
+            let asks = ["--fast", "--kill", &kill, "--schedule-at", "two@0.21", "--until", "0.7"];
+            let ended = run(&text, &asks);
+            let windows = ended.windows();
+            let in_two = of(&windows, "second").filter(|window| window.schedule == "two");
+            let granted = in_two.filter(|window| window.granted_ns.is_some()).count();
+            match expected {
+                None => assert_eq!(granted, 0, "killed at {kill}, it is to be idle: {}", ended.stderr),
+                Some(words) => {
+                    assert!(
+                        granted > 0 && ended.stderr.contains(words),
+                        "killed at {kill}: {}",
+                        ended.stderr
+                    );
+                }
+            }
+        }
+    }
+}

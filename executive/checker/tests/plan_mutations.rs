@@ -9,6 +9,7 @@ mod plan_support;
 use std::fmt::Write;
 
 use bateleur_checker::schema;
+use bateleur_plan::compiled::Compiled;
 use bateleur_plan::{Closed, PartitionError};
 use plan_support::answer_to;
 use plan_support::schema_check::{STRUCTURAL, fault_in};
@@ -49,7 +50,13 @@ fn valid(lengths_us: &[u64]) -> String {
 
 fn rules(text: &str) -> Vec<&'static str> {
     let report = match answer_to("mutated.toml", text) {
-        Ok((_, report)) | Err(report) => report,
+        Ok((plan, report)) => {
+            Compiled::new("mutated.toml", text, plan)
+                .write()
+                .expect("what the checker lets through is compiled");
+            report
+        }
+        Err(report) => report,
     };
     report.violations().iter().map(|violation| violation.rule).collect()
 }

@@ -62,11 +62,9 @@ impl Monitor {
         let watched = &mut self.watched[place];
         // Stopped since the dispatcher asked for it, by somebody whose word outlasts a schedule.
         let stopped = watched.sandbox.control.readiness() == Readiness::Stopped;
-        if action == ChangeAction::Ignore
-            || matches!(watched.life, Life::Starting(..))
-            || watched.held
-            || stopped
-        {
+        // A process that is starting has no state to keep; what it starts from, and whether it shall run, is the schedule's to say.
+        let restarts = action == ChangeAction::WarmRestart && matches!(watched.life, Life::Starting(..));
+        if action == ChangeAction::Ignore || restarts || watched.held || stopped {
             return;
         }
         let text = format!("{} with schedule {}", action.name(), self.plan.schedules[schedule].name);

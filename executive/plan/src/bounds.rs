@@ -209,7 +209,6 @@ fn channel(plan: &Plan, channel: &Channel) -> Checked {
     })?;
     let name = || format!("the channel of {}", plan.port_path(channel.source));
     let source = &plan[channel.source];
-    require(!channel.destinations.is_empty(), name)?;
     require(source.direction() == Source && source.kind() == channel.kind, name)?;
     let fits = |id: &PortId| {
         let end = &plan[*id];

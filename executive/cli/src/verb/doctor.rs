@@ -5,9 +5,9 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::doctor::{Finding, Root, State, Subject, Tried, examine};
 use anyhow::{Context, Result, anyhow};
 use bateleur_contract::Clock;
-use crate::doctor::{Finding, Root, State, Subject, Tried, examine};
 use bateleur_host::machine::Machine;
 use bateleur_plan::Plan;
 

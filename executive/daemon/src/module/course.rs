@@ -70,8 +70,8 @@ impl Course {
             Clock::Wall => Patience::Lose,
             Clock::Virtual => Patience::Wait,
         };
-        let window_log =
-            WindowLog::create(&options.order.output, patience).map_err(machine("cannot write windows.csv"))?;
+        let window_log = WindowLog::create(&options.order.output, patience)
+            .map_err(machine("cannot write windows.csv"))?;
         let health_log = HealthLog::create(&options.order.output, plan.health.log, patience)
             .map_err(machine("cannot write health.jsonl"))?;
         let events = std::mem::replace(&mut options.events, bateleur_monitor::event::Events::new(None));

@@ -173,7 +173,8 @@ mod tests {
     #[test]
     fn lines_are_in_the_file_in_their_order_whatever_their_pieces() {
         let folder = tempfile::tempdir().unwrap();
-        for (piece_bytes, patience) in [(0, Patience::Wait), (64, Patience::Wait), (1 << 16, Patience::Wait)] {
+        for (piece_bytes, patience) in [(0, Patience::Wait), (64, Patience::Wait), (1 << 16, Patience::Wait)]
+        {
             let path = folder.path().join("lines");
             let mut log = LineLog::create(&path, piece_bytes, patience).unwrap();
             let lines: Vec<String> = (0..10_000).map(|number| format!("line {number}\n")).collect();

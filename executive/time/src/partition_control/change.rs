@@ -20,14 +20,14 @@ impl PartitionControl {
         self.fresh.load(Relaxed)
     }
 
-    /// Keeps the partition's windows back until the monitor has done what a change of schedule means for it; false: it
-    /// is not there to have anything done. `revive`: also one that a change has made idle.
+    /// Keeps the partition's windows back until the monitor has done what a change of schedule means for it, also one that is being
+    /// restarted; false: it was stopped or is held, whatever the schedule says. `revive`: also one that a change has made idle.
     pub fn withhold(&self, revive: bool) -> bool {
         let from = |readiness: Readiness| {
             let (from, to) = (readiness as u32, Readiness::Absent as u32);
             self.readiness.compare_exchange(from, to, SeqCst, Relaxed).is_ok()
         };
-        from(Readiness::Ready) || (revive && from(Readiness::Idle))
+        from(Readiness::Ready) || from(Readiness::Absent) || (revive && from(Readiness::Idle))
     }
 
     /// Leaves to the monitor what a change to `schedule` means for the partition: not in the window's record alone, for
@@ -89,5 +89,6 @@ mod tests {
         control.set_readiness(Readiness::Idle);
         assert!(!control.withhold(false) && control.withhold(true));
         assert_eq!(control.readiness(), Readiness::Absent);
+        assert!(control.withhold(false), "one that is being restarted is not left out");
     }
 }

@@ -616,11 +616,11 @@ impl Link {
             return Err(Rejection::Restart); // meant for a life of this end that is over
         }
         let offset_ns = self.offset_ns(header, now_ns);
-        let Self { incoming, patience, events, .. } = self;
+        let Self { incoming, events, .. } = self;
         let sink = &mut noting(events, sink);
         for part in Parts(body).flatten() {
             if let Some(Some(channel)) = incoming.get_mut(usize::from(part.channel)) {
-                channel.take(&part, clock::own_ns(part.source_ns, offset_ns), now_ns, patience, sink);
+                channel.take(&part, clock::own_ns(part.source_ns, offset_ns), now_ns, sink);
             }
         }
         Ok(())

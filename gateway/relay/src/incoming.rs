@@ -91,11 +91,10 @@ pub(crate) struct Incoming {
 
 impl Incoming {
     pub(crate) fn new(place: usize, channel: &RelayChannel) -> Self {
-        let max_bytes = channel.max_bytes as usize;
         Self {
             place,
             kind: channel.kind,
-            max_bytes,
+            max_bytes: channel.max_bytes as usize,
             most_held: HELD.min(channel.depth as usize),
             next: 0,
             end: 0,
@@ -111,11 +110,7 @@ impl Incoming {
     /// Whether a part can be one of this channel.
     pub(crate) fn accepts(&self, part: &Part<'_>) -> Result<(), Rejection> {
         let length = part.piece.map_or(part.bytes.len(), |(total, _)| total as usize);
-        let fits = match self.kind {
-            PortKind::Sampling => length == self.max_bytes,
-            PortKind::Queuing => (1..=self.max_bytes).contains(&length),
-        };
-        fits.then_some(()).ok_or(Rejection::Channel)
+        self.kind.carries(self.max_bytes, length).then_some(()).ok_or(Rejection::Channel)
     }
 
     /// The peer begins a new life: its numbers begin at 0.

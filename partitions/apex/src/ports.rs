@@ -139,7 +139,7 @@ impl Outlet {
 
 /// The writing end of a sampling channel. A port without a channel swallows what is written.
 pub struct SamplingSource<T> {
-    outlet: Option<Rc<Outlet>>,
+    pub(crate) outlet: Option<Rc<Outlet>>,
     time: Time,
     sequence: u64,
     message: PhantomData<T>,
@@ -259,7 +259,7 @@ impl<T: Message> SamplingDestination<T> {
 
 /// The writing end of a queuing channel. A port without a channel reports that nobody receives.
 pub struct QueuingSource<T> {
-    outlet: Option<Rc<Outlet>>,
+    pub(crate) outlet: Option<Rc<Outlet>>,
     time: Time,
     sequence: u64,
     message: PhantomData<T>,
@@ -293,7 +293,7 @@ impl<T: Message> QueuingSource<T> {
 }
 
 /// Messages of a wrong length that are passed over in one call, most: reading takes a bounded time whatever the writer does.
-const REFUSED_AT_ONCE: usize = 64;
+pub(crate) const REFUSED_AT_ONCE: usize = 64;
 
 /// The reading end of a queuing channel.
 pub struct QueuingDestination<T> {

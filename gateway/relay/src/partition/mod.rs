@@ -83,15 +83,15 @@ impl Partition for Relay {
 
 impl Relay {
     fn take_in(&mut self, window: &Window) {
-        let now_ns = window.now_ns();
         let Self { ends, endpoints, transport, inbox, .. } = self;
         if inbox.len() < TAKEN_IN_A_WINDOW {
             let share = share_of_a_window(endpoints.len());
-            transport.receive(now_ns, share, &mut |came| inbox.add(&came));
+            transport.receive(&|| window.now_ns(), share, &mut |came| inbox.add(&came));
         }
         for (number, endpoint) in endpoints.iter().enumerate() {
             ends[endpoint.place].unheard(endpoint.network, transport.unheard(number));
         }
+        let now_ns = window.now_ns();
         let until_ns = now_ns + window.end_ns().saturating_sub(now_ns) / LOOKING;
         inbox.empty(&mut |done| done < LEAST || window.now_ns() < until_ns, &mut |came| {
             let endpoint = &endpoints[came.endpoint];

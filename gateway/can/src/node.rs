@@ -19,7 +19,6 @@ use bateleur_can_core::Counters;
 use bateleur_can_core::Ids;
 use bateleur_can_core::bus::replay::Log;
 use bateleur_can_core::bus::{Bus, BusError, BusName, BusState, Losses, Sent};
-use bateleur_can_core::wire::native::Aged;
 use bateleur_can_core::{Gateway, Settings};
 use bateleur_can_core::{Ring, Rules};
 
@@ -118,7 +117,6 @@ pub struct Node {
     losses_at_ns: u64,
     losses_told: Losses,
     begun_ns: u64,
-    outgoing: Vec<Aged>,
 }
 
 /// What the loop itself counts.
@@ -197,7 +195,6 @@ impl Node {
             losses_at_ns: 0,
             losses_told: Losses::default(),
             begun_ns: now_ns(),
-            outgoing: Vec::new(),
         };
         node.gateway.bus_is_ready();
         node.open_socket(now_ns())?;
@@ -394,6 +391,7 @@ impl Node {
             self.own.bus_off += u64::from(state == BusState::Off);
             say(&format!("{}: the controller is {state}", self.options.bus));
             self.bus_state = state;
+            self.full_until_ns = 0;
         }
         bus.complaint().iter().for_each(|complaint| say(complaint));
         if let Err(error) = result {
@@ -474,24 +472,22 @@ impl Node {
             self.full_until_ns = now_ns + STOP_NS;
             return;
         };
-        self.outgoing.clear();
-        self.to_bus.drain(now_ns, &mut self.outgoing);
-        let (mut done, mut broken) = (0, None);
-        for aged in &self.outgoing {
+        let (own, mut broken) = (&mut self.own, None);
+        self.to_bus.hand_out(now_ns, |aged| {
             match bus.send(&aged.frame) {
-                Ok(Sent::Taken) => self.own.bus_out += 1,
-                Ok(Sent::Refused) => self.own.bus_refused += 1,
-                Ok(Sent::Full) => break,
+                Ok(Sent::Taken) => own.bus_out += 1,
+                Ok(Sent::Refused) => own.bus_refused += 1,
+                Ok(Sent::Full) => return false,
                 Err(error) => {
                     broken = Some(error);
-                    break;
+                    return false;
                 }
             }
-            done += 1;
-        }
-        if done < self.outgoing.len() {
-            self.to_bus.put_back(now_ns, &self.outgoing[done..]);
-            self.full_until_ns = now_ns + FULL_NS;
+            true
+        });
+        if !self.to_bus.is_empty() {
+            // One that is off the bus is tried at once when that ends.
+            self.full_until_ns = now_ns + if bus.state() == BusState::Off { STOP_NS } else { FULL_NS };
         }
         if let Some(error) = broken {
             self.give_up_bus(&error, say);

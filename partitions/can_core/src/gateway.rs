@@ -530,7 +530,10 @@ impl Gateway {
         }
         let mut outgoing = std::mem::take(&mut self.outgoing);
         outgoing.clear();
-        self.ring.drain(now_ns, &mut outgoing);
+        self.ring.hand_out(now_ns, |aged| {
+            outgoing.push(*aged);
+            true
+        });
         self.ring_bytes = 0;
         let mut rest = &outgoing[..];
         while !rest.is_empty() {

@@ -155,6 +155,8 @@ pub struct Gateway {
     settings: Settings,
     state: State,
     targets: Vec<Target>,
+    /// Of targets that made room for others.
+    former: Tally,
     ring: Ring,
     /// Bytes that the frames in the ring need in datagrams.
     ring_bytes: usize,
@@ -181,6 +183,7 @@ impl Gateway {
             settings,
             state: State::Start,
             targets: Vec::new(),
+            former: Tally::default(),
             ring_bytes: 0,
             sequence: 0,
             frame_number: 0,
@@ -207,11 +210,12 @@ impl Gateway {
         let mut counters = self.counters;
         counters.to_network = self.ring.given_up();
         counters.events_untold = self.events.untold();
-        let total = |pick: fn(&Tally) -> u64| self.targets.iter().map(|target| pick(&target.tally)).sum();
-        counters.lost_datagrams = total(|tally| tally.lost_datagrams);
-        counters.lost_frames = total(|tally| tally.lost_frames);
-        counters.late_datagrams = total(|tally| tally.late);
-        counters.repeated_datagrams = total(|tally| tally.repeated);
+        let mut tally = self.former;
+        self.targets.iter().for_each(|target| tally += target.tally);
+        counters.lost_datagrams = tally.lost_datagrams;
+        counters.lost_frames = tally.lost_frames;
+        counters.late_datagrams = tally.late;
+        counters.repeated_datagrams = tally.repeated;
         counters
     }
 
@@ -380,7 +384,7 @@ impl Gateway {
         let Some(place) = known else {
             if self.targets.len() == MAX_TARGETS {
                 let lost = self.targets.iter().position(|target| target.lost)?;
-                self.targets.swap_remove(lost);
+                self.former += self.targets.swap_remove(lost).tally;
             }
             self.targets.push(Target::new(header.identity, header.session, from, now_ns));
             self.tell(Event::Found { identity: header.identity, address: from, again: false });
@@ -411,9 +415,12 @@ impl Gateway {
         Some(place)
     }
 
+    /// What an earlier start of it says late is over.
     fn leave_by(&mut self, header: &Header) {
-        let found = self.targets.iter_mut().find(|target| target.identity == header.identity && !target.lost);
-        let Some(target) = found else { return };
+        let is_it = |target: &&mut Target| {
+            (target.identity, target.session, target.lost) == (header.identity, header.session, false)
+        };
+        let Some(target) = self.targets.iter_mut().find(is_it) else { return };
         target.lost = true;
         self.tell(Event::Left { identity: header.identity });
         self.look_again();
@@ -461,7 +468,8 @@ impl Gateway {
             Some(arrival) => {
                 let target = &mut self.targets[place];
                 target.heard_ns = now_ns;
-                target.note_byte(arrival.sequence, frames.len() as u64);
+                // Its numbers are counted and decide nothing.
+                target.track.note_byte(arrival.sequence, frames.len() as u32, &mut target.tally);
                 self.counters.malformed += u64::from(arrival.damaged);
                 self.counters.network_in += frames.len() as u64;
                 for frame in &frames {
@@ -691,17 +699,6 @@ impl Target {
     /// Whether two gateways are behind it.
     fn is_shared(&self, now_ns: u64) -> bool {
         self.flips >= FLIPS && now_ns < self.flipped_ns + CONFLICT_NS
-    }
-
-    /// A number of one byte, as cannelloni has it: a gap is counted as far as a byte can tell.
-    fn note_byte(&mut self, sequence: u8, frames: u64) {
-        let expected = (self.session & 0xff) as u8;
-        if self.tally.datagrams > 0 {
-            self.tally.lost_datagrams += u64::from(sequence.wrapping_sub(expected));
-        }
-        self.session = sequence.wrapping_add(1).into();
-        self.tally.datagrams += 1;
-        self.tally.frames += frames;
     }
 }
 

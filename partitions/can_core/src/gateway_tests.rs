@@ -105,6 +105,14 @@ impl Net {
         }
     }
 
+    /// The first gateway meets one more.
+    fn meet_stranger(&mut self, identity: u64, now_ns: u64) {
+        let mut bytes = Vec::new();
+        let header = Header { purpose: Purpose::Alive, identity, session: 1, sequence: 0, first_frame: 0 };
+        native::encode(&header, &mut bytes);
+        self.gateway(0).take_datagram(&bytes, address(9), now_ns, |_, _| ());
+    }
+
     fn gateway(&mut self, number: usize) -> &mut Gateway {
         self.gateways[number].as_mut().unwrap()
     }
@@ -203,6 +211,21 @@ fn one_that_ends_in_order_is_not_waited_for() {
     net.gateways[1] = None;
     said.iter().for_each(|(to, bytes)| net.deliver(1, *to, bytes));
     assert_eq!(net.states(), [State::Discover]);
+}
+
+#[test]
+fn leaving_datagram_of_an_earlier_start_that_comes_late_does_not_disconnect_the_new_one() {
+    let mut net = Net::two();
+    let mut said = Vec::new();
+    let now_ns = net.now_ns;
+    net.gateway(1).leave(now_ns, &mut |to, bytes| {
+        said.push((to, bytes.to_vec()));
+        true
+    });
+    net.gateways[1] = Some(net.started(Settings { session: 78, ..settings(1) }));
+    net.pass(600 * MS);
+    said.iter().for_each(|(to, bytes)| net.deliver(1, *to, bytes));
+    assert_eq!(net.states(), [State::Forward, State::Forward]);
 }
 
 #[test]
@@ -393,6 +416,43 @@ fn a_gap_in_cannellonis_numbers_is_counted_and_nothing_is_dropped() {
         gateway.take_datagram(&bytes, address(1), 0, |_, _| heard += 1);
     }
     assert_eq!((heard, gateway.counters().lost_datagrams), (4, 2));
+}
+
+#[test]
+fn datagram_of_cannelloni_that_was_overtaken_is_late_and_not_255_losses() {
+    let mut gateway =
+        Gateway::new(Settings { protocol: Protocol::Cannelloni, discover: vec![address(1)], ..settings(0) });
+    gateway.address_is_ready(0);
+    let mut heard = Vec::new();
+    for sequence in [5, 7, 6, 8, 8] {
+        let mut bytes = Vec::new();
+        cannelloni::encode(sequence, &mut bytes);
+        cannelloni::append(&frame(1, sequence), &mut bytes);
+        gateway.take_datagram(&bytes, address(1), 0, |frame, _| heard.push(frame.data()[0]));
+    }
+    let counters = gateway.counters();
+    assert_eq!(heard, [5, 7, 6, 8, 8], "its numbers decide nothing");
+    assert_eq!((counters.lost_datagrams, counters.late_datagrams, counters.repeated_datagrams), (0, 1, 1));
+}
+
+#[test]
+fn counters_of_a_target_that_makes_room_for_another_one_stay() {
+    let mut net = Net::two();
+    net.loses = |number| number == 2;
+    for value in 1..=3 {
+        net.bus_says(1, frame(1, value));
+        net.pass(MS);
+    }
+    assert_eq!(net.counters(0).lost_datagrams, 1);
+    net.gateways[1] = None;
+    net.pass(4_600 * MS);
+    let now_ns = net.now_ns;
+    for identity in 100..100 + MAX_TARGETS as u64 {
+        net.meet_stranger(identity, now_ns);
+    }
+    let counters = net.counters(0);
+    assert!(net.gateway(0).targets(now_ns).iter().all(|target| target.identity != format!("{:016x}", 2)));
+    assert_eq!((counters.lost_datagrams, counters.lost_frames), (1, 1));
 }
 
 #[test]

@@ -60,6 +60,9 @@ impl End {
         while let Some(event) = self.link.next_event() {
             self.tell_one(&event, window);
         }
+        if self.link.sends_all_again() {
+            self.ports.send_all_again();
+        }
         self.tell_unreceived(window);
         for (network, (so_far, told)) in self.unheard.iter_mut().enumerate() {
             if self.link.is_up(network) {
@@ -106,7 +109,6 @@ impl End {
             }
             Event::Up => {
                 window.report(&format!("link {name}: up, {peer} is there"));
-                self.ports.send_all_again();
             }
             Event::Down => {
                 let heard = (0..self.networks.len()).any(|network| self.link.is_up(network));
@@ -115,8 +117,6 @@ impl End {
             }
             Event::PeerRestarted => {
                 window.report(&format!("link {name}: the relay of {peer} was restarted"));
-                // What was sent since the one before has gone may have come to nobody.
-                self.ports.send_all_again();
             }
             Event::PlanDiffers(what) if what.is_empty() => {
                 window.raise(&format!("link {name}: {peer} has another plan; nothing of it is taken"));

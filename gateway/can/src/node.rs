@@ -101,6 +101,8 @@ pub struct Node {
     bus: Option<Box<dyn Bus>>,
     bus_ended: bool,
     bus_at_ns: u64,
+    /// Why it is not there, as it was told last.
+    bus_error: String,
     /// The state that was told last.
     bus_state: BusState,
     socket: Option<UdpSocket>,
@@ -183,6 +185,7 @@ impl Node {
             bus: Some(bus),
             bus_ended: false,
             bus_at_ns: 0,
+            bus_error: String::new(),
             bus_state: BusState::Active,
             socket: None,
             socket_at_ns: 0,
@@ -225,6 +228,7 @@ impl Node {
             bus_reopened,
             bus_unkept,
             adapter_denied,
+            log_unwritten: self.log.as_ref().map_or(0, |log| log.failed),
             ..counters
         }
     }
@@ -328,10 +332,13 @@ impl Node {
         if self.bus.is_none() && !self.bus_ended && now_ns >= self.bus_at_ns {
             self.bus_at_ns = now_ns + RETRY_NS;
             let wanted = let_through(&self.options.settings, self.server.is_some());
-            if let Ok(bus) = self.options.bus.open(&wanted) {
-                say(&format!("{} is there again", self.options.bus));
-                self.own.bus_reopened += 1;
-                self.bus = Some(bus);
+            match self.options.bus.open(&wanted) {
+                Ok(bus) => {
+                    say(&format!("{} is there again", self.options.bus));
+                    self.own.bus_reopened += 1;
+                    self.bus = Some(bus);
+                }
+                Err(error) => self.tell_bus_error(&error, say),
             }
         }
         if self.socket.is_none()
@@ -409,8 +416,18 @@ impl Node {
         losses.tell(&mut self.losses_told, &self.options.bus, say);
     }
 
+    /// A bus that is away for long fails for the same reason every second.
+    fn tell_bus_error(&mut self, error: &BusError, say: &mut dyn FnMut(&str)) {
+        let error = error.to_string();
+        if error != self.bus_error {
+            say(&error);
+            self.bus_error = error;
+        }
+    }
+
     fn give_up_bus(&mut self, error: &BusError, say: &mut dyn FnMut(&str)) {
-        say(&error.to_string());
+        self.bus_error.clear();
+        self.tell_bus_error(error, say);
         self.former_losses = self.losses();
         self.bus = None;
         self.bus_ended = matches!(self.options.bus, BusName::Replay(_));

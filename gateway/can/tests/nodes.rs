@@ -162,6 +162,32 @@ fn a_bus_that_breaks_is_opened_again_and_said() {
 }
 
 #[test]
+fn reason_for_which_a_bus_can_not_be_opened_again_is_said() {
+    let bus = Held::default();
+    let gone = Options { bus: "slcan:/dev/nowhere9".parse().unwrap(), ..options("gone", 1, vec![]) };
+    let mut node = Node::with_bus(gone, Box::new(bus.clone())).unwrap();
+    bus.0.lock().unwrap().broken = true;
+    let mut said = Vec::new();
+    let begun = Instant::now();
+    while !said.iter().any(|text: &String| text.contains("plugged in")) {
+        assert!(begun.elapsed() < PATIENCE, "{said:?}");
+        node.turn(1_000_000, &mut |text| said.push(text.to_owned()));
+    }
+}
+
+#[test]
+fn frames_that_the_log_did_not_take_are_counted() {
+    let bus = Held::default();
+    let full = Options { log: Some("/dev/full".into()), ..options("full", 1, vec![]) };
+    let mut node = Node::with_bus(full, Box::new(bus.clone())).unwrap();
+    bus.0.lock().unwrap().says = vec![frame(1); 1_000];
+    let mut said = Vec::new();
+    until(&mut [&mut node], &mut said, |_| bus.0.lock().unwrap().says.is_empty());
+    let status = serde_json::to_value(node.status()).unwrap();
+    assert!(status["counters"]["log_unwritten"].as_u64().unwrap_or(0) > 0, "{status}");
+}
+
+#[test]
 fn cannelloni_is_spoken_to_a_peer_in_its_own_bytes() {
     let peer = UdpSocket::bind("127.0.0.1:0").unwrap();
     peer.set_read_timeout(Some(PATIENCE)).unwrap();

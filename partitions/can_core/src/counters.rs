@@ -76,6 +76,8 @@ pub struct Counters {
     pub bus_off: u64,
     /// Times that the bus had failed or ended, and was opened again.
     pub bus_reopened: u64,
+    /// Times that the log's file did not take what was to be written.
+    pub log_unwritten: u64,
 }
 
 impl Counters {

@@ -266,7 +266,7 @@ impl Context {
         if std::mem::replace(&mut self.retains, true) {
             return Err(StartError::RetainedTwice);
         }
-        Retained::new(self.retained.take(), self.description.retained_bytes)
+        Retained::new(self.retained.take(), self.description.retained_bytes, self.time.clone())
     }
 
     /// The module's schedules: which one runs, and asking for another.

@@ -388,7 +388,6 @@ pub(crate) fn refused(time: &Time, what: &str) {
 
 #[cfg(test)]
 mod tests {
-    use bateleur_contract::{Clock, ControlPage, Mapped};
     use bateleur_messages::Rate;
     use bateleur_ports::{Channel, ChannelType, Domain, Membership};
 
@@ -405,9 +404,6 @@ mod tests {
 
     impl Bed {
         fn new(name: &str) -> Self {
-            let page = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
-            rustix::fs::ftruncate(&page, 4096).unwrap();
-            let page = Rc::new(Mapped::<ControlPage>::new(page).unwrap());
             let folder = tempfile::tempdir().unwrap();
             let domain = Domain { root: folder.path().display().to_string() };
             let node = domain.join(name, "test").unwrap();
@@ -421,7 +417,7 @@ mod tests {
                 spare_readers: 0,
             };
             let channel = kind.create(&node).unwrap();
-            let time = Time::new(page, Clock::Virtual);
+            let time = Time::standing();
             Self { time, kind, channel, _node: node, _folder: folder }
         }
 

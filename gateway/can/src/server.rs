@@ -176,7 +176,7 @@ impl Server {
         // What one said before it went is heard.
         let is_over = |client: &Client| client.gone && client.input.is_empty();
         self.clients.retain(|client| !is_over(client) && !cut_off(&client));
-        self.shine(now_ns);
+        self.send_beacon(now_ns);
     }
 
     fn accept(&mut self) {
@@ -225,7 +225,7 @@ impl Server {
         None
     }
 
-    fn shine(&mut self, now_ns: u64) {
+    fn send_beacon(&mut self, now_ns: u64) {
         let Some(socket) = &self.beacon else { return };
         if now_ns < self.beacon_at_ns {
             return;

@@ -188,7 +188,8 @@ impl Incoming {
         }
     }
 
-    /// What a queue's source sent while one life of the peer took over from another went to neither, and has no number of theirs.
+    /// Messages that a queue's source sent between two lives of the peer have no number of either life. They are counted by the source's
+    /// own numbers.
     fn follow_source(&mut self, sequence: u64, source: u32) {
         if self.kind == PortKind::Sampling {
             return;

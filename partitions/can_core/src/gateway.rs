@@ -26,7 +26,7 @@ pub const MAX_TARGETS: usize = 32;
 const UNPROVEN: usize = 256;
 /// What was heard of a gateway of an identity that another has is true for so long, ns.
 const CONFLICT_NS: u64 = 10_000_000_000;
-/// Former lives of a target that are remembered: one that comes back was never over.
+/// Old sessions of a target that are remembered. One that is used again shows that two gateways have one identity.
 const LIVES: usize = 4;
 /// So often a target has to change between its lives before two are behind it: datagrams of one that was started anew may be late.
 const FLIPS: u32 = 3;

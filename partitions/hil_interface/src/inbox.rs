@@ -164,7 +164,7 @@ impl Inbox {
     }
 
     /// Nothing new has come for a second: what was not believed before is believed now.
-    pub(crate) fn is_alone(&self) -> bool {
+    pub(crate) fn accepts_older_stamps(&self) -> bool {
         self.windows_without >= STUBBORN_WINDOWS
     }
 
@@ -268,7 +268,7 @@ impl Inbox {
             return;
         }
         let newest = self.sensors.analog.map(|held| held.measured_ns).or(self.last_analog_ns);
-        let is_news = is_news(analog.measured_ns, newest, self.is_alone());
+        let is_news = is_news(analog.measured_ns, newest, self.accepts_older_stamps());
         self.counters.stale += u64::from(self.lockstep || !is_news);
         if !self.answered && is_news {
             self.sensors.analog = Some(*analog);

@@ -123,7 +123,7 @@ pub trait RelayTransport {
 
     /// How often an endpoint was answered that nobody listens at its remote address, where the transport is told: the other
     /// computer is there, and no relay.
-    fn unheard(&self, _endpoint: usize) -> u64 {
+    fn port_unreachable_count(&self, _endpoint: usize) -> u64 {
         0
     }
 }

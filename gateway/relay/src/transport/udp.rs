@@ -38,7 +38,7 @@ struct Way {
     endpoint: usize,
     failed: usize,
     /// Answers that nobody listens at the other end, to what was received.
-    unheard: u64,
+    port_unreachable: u64,
 }
 
 impl Way {
@@ -102,7 +102,7 @@ impl Way {
             outbox: Outbox::new(endpoint.max_datagram),
             endpoint: number,
             failed: 0,
-            unheard: 0,
+            port_unreachable: 0,
         })
     }
 }
@@ -139,7 +139,7 @@ impl RelayTransport for Udp {
                     take(Came { endpoint, at_ns, datagram: received.bytes.ok_or(Rejection::Giant) });
                 });
                 left -= received;
-                way.unheard += std::mem::take(&mut self.inbox.unheard);
+                way.port_unreachable += std::mem::take(&mut self.inbox.port_unreachable);
                 if received < BATCH {
                     break; // nothing is left
                 }
@@ -147,8 +147,8 @@ impl RelayTransport for Udp {
         }
     }
 
-    fn unheard(&self, endpoint: usize) -> u64 {
-        self.ways.get(endpoint).map_or(0, |way| way.unheard + way.outbox.unheard)
+    fn port_unreachable_count(&self, endpoint: usize) -> u64 {
+        self.ways.get(endpoint).map_or(0, |way| way.port_unreachable + way.outbox.port_unreachable)
     }
 }
 
@@ -281,8 +281,8 @@ mod tests {
             std::thread::sleep(std::time::Duration::from_millis(20)); // the refusal comes back to the socket
             udp.receive(&|| 0, 8, &mut |came| panic!("{came:?}"));
         }
-        assert!((1..=3).contains(&udp.unheard(0)), "{}", udp.unheard(0));
-        assert_eq!(udp.unheard(1), 0);
+        assert!((1..=3).contains(&udp.port_unreachable_count(0)), "{}", udp.port_unreachable_count(0));
+        assert_eq!(udp.port_unreachable_count(1), 0);
     }
 
     #[test]

@@ -237,12 +237,13 @@ impl Run {
         if name.is_empty() || name.contains('/') {
             bail!("--name \"{name}\": a name is part of a file's name, and has no / in it");
         }
+        let listen = self.listen.unwrap_or(SocketAddr::from((Ipv4Addr::UNSPECIFIED, port)));
         let everybody = SocketAddr::from((Ipv4Addr::BROADCAST, port));
         let peers = if self.peer.is_empty() { vec![everybody] } else { self.peer };
         let identity = match &self.identity {
             Some(text) => u64::from_str_radix(text, 16)
                 .map_err(|_| anyhow::anyhow!("--identity \"{text}\": up to 16 hexadecimal digits"))?,
-            None => usual_identity(&name, port),
+            None => usual_identity(&name, listen.port()),
         };
         let ids = |text: Option<String>, usual: Ids| text.map_or(Ok(usual), |text| text.parse::<Ids>());
         let ring = Rules {
@@ -267,10 +268,9 @@ impl Run {
             beacon: self.beacon,
             only_from: self.only_from,
         });
-        let usual = SocketAddr::from((Ipv4Addr::UNSPECIFIED, port));
         Ok(Options {
             bus,
-            listen: self.listen.unwrap_or(usual),
+            listen,
             settings,
             to_bus: ring,
             server,
@@ -345,6 +345,20 @@ mod tests {
         assert!(said(Run { name: Some("a/b".into()), ..bus() }).contains("--name"));
         let replay = Run { bus: Some("replay:a.log".into()), log: Some("a.log".into()), ..Run::default() };
         assert!(said(replay).contains("that is the log that is replayed"));
+    }
+
+    #[test]
+    fn gateways_of_one_name_that_listen_at_different_ports_have_different_identities() {
+        let identity = |listen: Option<&str>| {
+            let listen = listen.map(|listen| listen.parse().unwrap());
+            Run { listen, ..bus() }.options().unwrap().settings.identity
+        };
+        assert_ne!(identity(Some("10.0.0.1:15210")), identity(Some("10.0.0.1:15211")));
+        assert_eq!(
+            identity(Some("10.0.0.1:15210")),
+            identity(None),
+            "the port that it has unless told another"
+        );
     }
 
     #[test]

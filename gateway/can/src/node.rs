@@ -19,7 +19,6 @@ use bateleur_can_core::Counters;
 use bateleur_can_core::Ids;
 use bateleur_can_core::bus::replay::Log;
 use bateleur_can_core::bus::{Bus, BusError, BusName, BusState, Losses, Sent};
-use bateleur_can_core::wire::native::Aged;
 use bateleur_can_core::{Gateway, Settings};
 use bateleur_can_core::{Ring, Rules};
 
@@ -102,6 +101,8 @@ pub struct Node {
     bus: Option<Box<dyn Bus>>,
     bus_ended: bool,
     bus_at_ns: u64,
+    /// Why it is not there, as it was told last.
+    bus_error: String,
     /// The state that was told last.
     bus_state: BusState,
     socket: Option<UdpSocket>,
@@ -118,7 +119,6 @@ pub struct Node {
     losses_at_ns: u64,
     losses_told: Losses,
     begun_ns: u64,
-    outgoing: Vec<Aged>,
 }
 
 /// What the loop itself counts.
@@ -185,6 +185,7 @@ impl Node {
             bus: Some(bus),
             bus_ended: false,
             bus_at_ns: 0,
+            bus_error: String::new(),
             bus_state: BusState::Active,
             socket: None,
             socket_at_ns: 0,
@@ -197,7 +198,6 @@ impl Node {
             losses_at_ns: 0,
             losses_told: Losses::default(),
             begun_ns: now_ns(),
-            outgoing: Vec::new(),
         };
         node.gateway.bus_is_ready();
         node.open_socket(now_ns())?;
@@ -228,6 +228,7 @@ impl Node {
             bus_reopened,
             bus_unkept,
             adapter_denied,
+            log_unwritten: self.log.as_ref().map_or(0, |log| log.failed),
             ..counters
         }
     }
@@ -331,10 +332,13 @@ impl Node {
         if self.bus.is_none() && !self.bus_ended && now_ns >= self.bus_at_ns {
             self.bus_at_ns = now_ns + RETRY_NS;
             let wanted = let_through(&self.options.settings, self.server.is_some());
-            if let Ok(bus) = self.options.bus.open(&wanted) {
-                say(&format!("{} is there again", self.options.bus));
-                self.own.bus_reopened += 1;
-                self.bus = Some(bus);
+            match self.options.bus.open(&wanted) {
+                Ok(bus) => {
+                    say(&format!("{} is there again", self.options.bus));
+                    self.own.bus_reopened += 1;
+                    self.bus = Some(bus);
+                }
+                Err(error) => self.tell_bus_error(&error, say),
             }
         }
         if self.socket.is_none()
@@ -394,6 +398,7 @@ impl Node {
             self.own.bus_off += u64::from(state == BusState::Off);
             say(&format!("{}: the controller is {state}", self.options.bus));
             self.bus_state = state;
+            self.full_until_ns = 0;
         }
         bus.complaint().iter().for_each(|complaint| say(complaint));
         if let Err(error) = result {
@@ -411,8 +416,18 @@ impl Node {
         losses.tell(&mut self.losses_told, &self.options.bus, say);
     }
 
+    /// A bus that is away for long fails for the same reason every second.
+    fn tell_bus_error(&mut self, error: &BusError, say: &mut dyn FnMut(&str)) {
+        let error = error.to_string();
+        if error != self.bus_error {
+            say(&error);
+            self.bus_error = error;
+        }
+    }
+
     fn give_up_bus(&mut self, error: &BusError, say: &mut dyn FnMut(&str)) {
-        say(&error.to_string());
+        self.bus_error.clear();
+        self.tell_bus_error(error, say);
         self.former_losses = self.losses();
         self.bus = None;
         self.bus_ended = matches!(self.options.bus, BusName::Replay(_));
@@ -474,24 +489,22 @@ impl Node {
             self.full_until_ns = now_ns + STOP_NS;
             return;
         };
-        self.outgoing.clear();
-        self.to_bus.drain(now_ns, &mut self.outgoing);
-        let (mut done, mut broken) = (0, None);
-        for aged in &self.outgoing {
+        let (own, mut broken) = (&mut self.own, None);
+        self.to_bus.hand_out(now_ns, |aged| {
             match bus.send(&aged.frame) {
-                Ok(Sent::Taken) => self.own.bus_out += 1,
-                Ok(Sent::Refused) => self.own.bus_refused += 1,
-                Ok(Sent::Full) => break,
+                Ok(Sent::Taken) => own.bus_out += 1,
+                Ok(Sent::Refused) => own.bus_refused += 1,
+                Ok(Sent::Full) => return false,
                 Err(error) => {
                     broken = Some(error);
-                    break;
+                    return false;
                 }
             }
-            done += 1;
-        }
-        if done < self.outgoing.len() {
-            self.to_bus.put_back(now_ns, &self.outgoing[done..]);
-            self.full_until_ns = now_ns + FULL_NS;
+            true
+        });
+        if !self.to_bus.is_empty() {
+            // One that is off the bus is tried at once when that ends.
+            self.full_until_ns = now_ns + if bus.state() == BusState::Off { STOP_NS } else { FULL_NS };
         }
         if let Some(error) = broken {
             self.give_up_bus(&error, say);

@@ -158,6 +158,9 @@ impl Server {
         self.accept();
         for place in 0..self.clients.len() {
             self.clients[place].read();
+            let refused = std::mem::take(&mut self.clients[place].decoder.refused);
+            self.clients[place].nonsense += refused;
+            self.counters.refused += refused;
             for _ in 0..PER_TURN {
                 let Some(words) = self.clients[place].input.pop_front() else { break };
                 if let Some(frame) = self.answer(place, &words) {
@@ -173,7 +176,7 @@ impl Server {
         // What one said before it went is heard.
         let is_over = |client: &Client| client.gone && client.input.is_empty();
         self.clients.retain(|client| !is_over(client) && !cut_off(&client));
-        self.shine(now_ns);
+        self.send_beacon(now_ns);
     }
 
     fn accept(&mut self) {
@@ -222,7 +225,7 @@ impl Server {
         None
     }
 
-    fn shine(&mut self, now_ns: u64) {
+    fn send_beacon(&mut self, now_ns: u64) {
         let Some(socket) = &self.beacon else { return };
         if now_ns < self.beacon_at_ns {
             return;
@@ -378,6 +381,22 @@ mod tests {
         }
         speaking.join().unwrap().unwrap();
         assert_eq!((server.counters().frames_in, server.counters().cut_off), (said as u64, 0));
+    }
+
+    #[test]
+    fn message_that_never_ends_is_counted_and_a_client_that_goes_on_so_is_cut_off() {
+        let mut server = server();
+        let mut client = raw(&mut server);
+        client.set_nonblocking(false).unwrap();
+        client.write_all(format!("< {} >< echo >", "x".repeat(300)).as_bytes()).unwrap();
+        until(&mut server, &mut client, "< echo >");
+        assert_eq!((server.counters().refused, server.counters().clients), (1, 1));
+        client.set_nonblocking(false).unwrap();
+        client.write_all("<".repeat(2 * PATIENCE as usize + 10).as_bytes()).unwrap();
+        while server.counters().cut_off == 0 {
+            server.turn(0, 0, |_| ());
+        }
+        assert_eq!(server.counters().clients, 0);
     }
 
     #[test]

@@ -116,7 +116,7 @@ pub fn in_virtual_time(load: Load, lasts_ns: u64) -> Soak {
     gateways.iter_mut().for_each(|gateway| gateway.address_is_ready(0));
     let mut to_bus = Ring::new(Rules { capacity: 4_096, ..settings(0).ring });
     let (mut numbers, mut expected) = (Numbers::default(), Numbers::default());
-    let (mut soak, mut outgoing) = (Soak::default(), Vec::new());
+    let mut soak = Soak::default();
     let mut post: VecDeque<(usize, Vec<u8>)> = VecDeque::new();
     let mut now_ns = 0;
     loop {
@@ -139,10 +139,7 @@ pub fn in_virtual_time(load: Load, lasts_ns: u64) -> Soak {
                 to_bus.push(*frame, age_ns, now_ns);
             });
         }
-        outgoing.clear();
-        to_bus.drain(now_ns, &mut outgoing);
-        let taken = outgoing.iter().take_while(|aged| second.send(far, &aged.frame) == Sent::Taken).count();
-        to_bus.put_back(now_ns, &outgoing[taken..]);
+        to_bus.hand_out(now_ns, |aged| second.send(far, &aged.frame) == Sent::Taken);
         while let Some((_, frame)) = second.receive(listener) {
             soak.arrived += 1;
             soak.out_of_sequence += u64::from(!expected.follows(&frame));

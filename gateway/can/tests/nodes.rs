@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use bateleur_can::node::{Node, Options};
 use bateleur_can::status;
-use bateleur_can_core::bus::{Bus, BusError, BusName, Sent};
+use bateleur_can_core::bus::{Bus, BusError, BusName, BusState, Sent};
 use bateleur_can_core::{Frame, Id, Protocol, Settings, State};
 
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -20,6 +20,8 @@ struct Ends {
     says: Vec<Frame>,
     heard: Vec<Frame>,
     room: Option<usize>,
+    tried: u64,
+    off: bool,
     broken: bool,
 }
 
@@ -38,6 +40,10 @@ impl Bus for Held {
 
     fn send(&mut self, frame: &Frame) -> Result<Sent, BusError> {
         let mut ends = self.0.lock().unwrap();
+        ends.tried += 1;
+        if ends.off {
+            return Ok(Sent::Full);
+        }
         if let Some(room) = &mut ends.room {
             let Some(left) = room.checked_sub(1) else { return Ok(Sent::Full) };
             *room = left;
@@ -48,6 +54,10 @@ impl Bus for Held {
 
     fn readable(&self) -> Option<BorrowedFd<'_>> {
         None
+    }
+
+    fn state(&self) -> BusState {
+        if self.0.lock().unwrap().off { BusState::Off } else { BusState::Active }
     }
 }
 
@@ -123,6 +133,25 @@ fn a_bus_whose_queue_is_full_gets_the_rest_later_the_lowest_identifier_first() {
 }
 
 #[test]
+fn bus_that_is_off_is_not_tried_all_the_time_and_gets_what_waited_as_soon_as_it_is_back() {
+    let (mut first, first_bus, mut second, second_bus) = two();
+    let mut said = Vec::new();
+    second_bus.0.lock().unwrap().off = true;
+    first_bus.0.lock().unwrap().says = vec![frame(3), frame(1), frame(2)];
+    until(&mut [&mut first, &mut second], &mut said, |nodes| nodes[1].status().waiting_for_bus == 3);
+    let begun = Instant::now();
+    second_bus.0.lock().unwrap().tried = 0;
+    while begun.elapsed() < Duration::from_millis(30) {
+        second.turn(0, &mut |text| said.push(text.to_owned()));
+    }
+    let tried = second_bus.0.lock().unwrap().tried;
+    assert!(u128::from(tried) <= 2 + begun.elapsed().as_millis() / 100, "{tried}, every tenth of a second");
+    second_bus.0.lock().unwrap().off = false;
+    second.turn(0, &mut |text| said.push(text.to_owned()));
+    assert_eq!(second_bus.0.lock().unwrap().heard, [frame(1), frame(2), frame(3)]);
+}
+
+#[test]
 fn a_bus_that_breaks_is_opened_again_and_said() {
     let (mut first, first_bus, mut second, _) = two();
     let mut said = Vec::new();
@@ -130,6 +159,32 @@ fn a_bus_that_breaks_is_opened_again_and_said() {
     until(&mut [&mut first, &mut second], &mut said, |nodes| nodes[0].counters().bus_reopened == 1);
     assert!(said.iter().any(|text| text.contains("held: it has ended")), "{said:?}");
     assert!(said.iter().any(|text| text.contains("is there again")), "{said:?}");
+}
+
+#[test]
+fn reason_for_which_a_bus_can_not_be_opened_again_is_said() {
+    let bus = Held::default();
+    let gone = Options { bus: "slcan:/dev/nowhere9".parse().unwrap(), ..options("gone", 1, vec![]) };
+    let mut node = Node::with_bus(gone, Box::new(bus.clone())).unwrap();
+    bus.0.lock().unwrap().broken = true;
+    let mut said = Vec::new();
+    let begun = Instant::now();
+    while !said.iter().any(|text: &String| text.contains("plugged in")) {
+        assert!(begun.elapsed() < PATIENCE, "{said:?}");
+        node.turn(1_000_000, &mut |text| said.push(text.to_owned()));
+    }
+}
+
+#[test]
+fn frames_that_the_log_did_not_take_are_counted() {
+    let bus = Held::default();
+    let full = Options { log: Some("/dev/full".into()), ..options("full", 1, vec![]) };
+    let mut node = Node::with_bus(full, Box::new(bus.clone())).unwrap();
+    bus.0.lock().unwrap().says = vec![frame(1); 1_000];
+    let mut said = Vec::new();
+    until(&mut [&mut node], &mut said, |_| bus.0.lock().unwrap().says.is_empty());
+    let status = serde_json::to_value(node.status()).unwrap();
+    assert!(status["counters"]["log_unwritten"].as_u64().unwrap_or(0) > 0, "{status}");
 }
 
 #[test]

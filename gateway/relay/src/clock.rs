@@ -206,10 +206,22 @@ mod tests {
         }
 
         #[test]
-        fn no_instants_overflow(a: u64, b: u64, c: u64, d: u64) {
+        fn instants_that_are_taken_give_the_numbers_of_wider_arithmetic(
+            a: u64, away in 0_u64..20_000_000_000, b: u64, held in 0_u64..20_000_000_000
+        ) {
+            let (d, c) = (a.wrapping_add(away), b.wrapping_add(held));
             let mut clock = PeerClock::new();
-            clock.take(&Exchange { sent_ns: a, peer_came_ns: b, peer_sent_ns: c, came_ns: d });
-            let _ = clock.estimate(a ^ d);
+            let taken = clock.take(&Exchange { sent_ns: a, peer_came_ns: b, peer_sent_ns: c, came_ns: d });
+            let wide = [a, b, c, d].map(i128::from);
+            let round_trip = (wide[3] - wide[0]) - (wide[2] - wide[1]);
+            let is_possible = wide[3] >= wide[0] && wide[2] >= wide[1] && round_trip >= 0;
+            prop_assert!(is_possible || !taken);
+            if let Some(estimate) = clock.estimate(d) {
+                let twice = (wide[1] - wide[0]) + (wide[2] - wide[3]);
+                prop_assert!((2 * i128::from(estimate.offset_ns) - twice).abs() <= 1);
+                prop_assert_eq!(i128::from(estimate.round_trip_ns), round_trip);
+                prop_assert!(2 * i128::from(estimate.uncertainty_ns) >= round_trip);
+            }
         }
     }
 }

@@ -1,7 +1,7 @@
 //! What comes in: joins pieces, keeps the order of queues and the newest of sampling channels, and hands messages on.
 //!
-//! Responsible for: everything about one channel that comes in here. Memory is bounded by the plan: one message that is being
-//! joined, and [`HELD`] messages of a queue that wait for one before them. It must never hand on a message twice, nor an
+//! Responsible for: everything about one channel that comes in here. Memory is bounded by the plan: [`JOINED`] messages that are
+//! being joined, and [`HELD`] messages of a queue that wait for one before them. It must never hand on a message twice, nor an
 //! older one after a newer one.
 
 use std::collections::VecDeque;
@@ -14,6 +14,9 @@ use crate::wire::{Part, Rejection};
 
 /// Messages of a queue that wait for one that is missing before them, most; fewer where the queue is shorter.
 const HELD: usize = 64;
+
+/// Messages of a channel that are joined at a time, the newest: pieces of one message may be overtaken by those of the next.
+const JOINED: usize = 2;
 
 /// A message for a port here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,6 +55,7 @@ struct Held {
     sequence: u64,
     source: (u64, u32),
     bytes: Vec<u8>,
+    came_ns: u64,
 }
 
 /// A message of which pieces have come.
@@ -78,9 +82,7 @@ pub(crate) struct Incoming {
     /// Messages that came in whole, of the peer's present life.
     whole: u64,
     held: VecDeque<Held>,
-    /// When the wait for a missing message ends.
-    until_ns: u64,
-    joining: Joining,
+    joining: [Joining; JOINED],
     tally: Tally,
     lost_before: u64,
     /// Of a queue: the source's count of its newest message, and whether it came from a life of the peer that is over.
@@ -89,18 +91,16 @@ pub(crate) struct Incoming {
 
 impl Incoming {
     pub(crate) fn new(place: usize, channel: &RelayChannel) -> Self {
-        let max_bytes = channel.max_bytes as usize;
         Self {
             place,
             kind: channel.kind,
-            max_bytes,
+            max_bytes: channel.max_bytes as usize,
             most_held: HELD.min(channel.depth as usize),
             next: 0,
             end: 0,
             whole: 0,
             held: VecDeque::new(),
-            until_ns: u64::MAX,
-            joining: Joining::default(),
+            joining: Default::default(),
             tally: Tally::default(),
             lost_before: 0,
             last_source: None,
@@ -110,41 +110,31 @@ impl Incoming {
     /// Whether a part can be one of this channel.
     pub(crate) fn accepts(&self, part: &Part<'_>) -> Result<(), Rejection> {
         let length = part.piece.map_or(part.bytes.len(), |(total, _)| total as usize);
-        let fits = match self.kind {
-            PortKind::Sampling => length == self.max_bytes,
-            PortKind::Queuing => (1..=self.max_bytes).contains(&length),
-        };
-        fits.then_some(()).ok_or(Rejection::Channel)
+        self.kind.carries(self.max_bytes, length).then_some(()).ok_or(Rejection::Channel)
     }
 
     /// The peer begins a new life: its numbers begin at 0.
     pub(crate) fn restart(&mut self, sink: Sink<'_>) {
         self.let_go(sink); // they came, and nothing before them will
-        self.joining.sequence = None;
+        self.joining.iter_mut().for_each(|joining| joining.sequence = None);
         self.lost_before += self.lost_now();
         (self.next, self.end, self.whole) = (0, 0, 0);
         self.last_source = self.last_source.map(|(last, _)| (last, true));
     }
 
     /// Takes a part whose source wrote it at `source_ns`, own time.
-    pub(crate) fn take(
-        &mut self,
-        part: &Part<'_>,
-        source_ns: u64,
-        now_ns: u64,
-        patience: &Patience,
-        sink: Sink<'_>,
-    ) {
+    pub(crate) fn take(&mut self, part: &Part<'_>, source_ns: u64, now_ns: u64, sink: Sink<'_>) {
         let sequence = extended(self.end, part.sequence);
         self.end = self.end.max(sequence + 1);
         let source = (source_ns, part.source_sequence);
         match part.piece {
-            None => self.take_whole(sequence, source, part.bytes, now_ns, patience, sink),
+            None => self.take_whole(sequence, source, part.bytes, now_ns, sink),
             Some((total, offset)) => {
-                if self.join(sequence, total, offset, part.bytes, now_ns) {
-                    let bytes = std::mem::take(&mut self.joining.bytes);
-                    self.take_whole(sequence, source, &bytes, now_ns, patience, sink);
-                    self.joining.bytes = bytes;
+                let Some(place) = self.place_to_join(sequence, total) else { return };
+                if self.joining[place].add(offset, part.bytes, now_ns) {
+                    let bytes = std::mem::take(&mut self.joining[place].bytes);
+                    self.take_whole(sequence, source, &bytes, now_ns, sink);
+                    self.joining[place].bytes = bytes;
                 }
             }
         }
@@ -152,13 +142,16 @@ impl Incoming {
 
     /// Time passes.
     pub(crate) fn look(&mut self, now_ns: u64, patience: &Patience, sink: Sink<'_>) {
-        if self.joining.sequence.is_some() && now_ns.saturating_sub(self.joining.last_ns) > patience.piece_ns
-        {
-            self.joining.sequence = None;
+        for joining in &mut self.joining {
+            if now_ns.saturating_sub(joining.last_ns) > patience.piece_ns {
+                joining.sequence = None;
+            }
         }
-        if now_ns >= self.until_ns {
+        // What is missing has been missing since the first of those behind it came.
+        while let Some(since_ns) = self.held.iter().map(|held| held.came_ns).min()
+            && now_ns.saturating_sub(since_ns) >= patience.missing_ns
+        {
             self.skip(sink);
-            self.until_ns = if self.held.is_empty() { u64::MAX } else { now_ns + patience.missing_ns };
         }
     }
 
@@ -174,18 +167,11 @@ impl Incoming {
 
     fn lost_now(&self) -> u64 {
         // One whose pieces still come is not lost.
-        self.end.saturating_sub(self.whole).saturating_sub(u64::from(self.joining.sequence.is_some()))
+        let joining = self.joining.iter().filter(|joining| joining.sequence.is_some()).count() as u64;
+        self.end.saturating_sub(self.whole).saturating_sub(joining)
     }
 
-    fn take_whole(
-        &mut self,
-        sequence: u64,
-        source: (u64, u32),
-        bytes: &[u8],
-        now_ns: u64,
-        patience: &Patience,
-        sink: Sink<'_>,
-    ) {
+    fn take_whole(&mut self, sequence: u64, source: (u64, u32), bytes: &[u8], now_ns: u64, sink: Sink<'_>) {
         self.whole += 1;
         self.tally.received += 1;
         self.follow_source(sequence, source.1);
@@ -198,15 +184,12 @@ impl Incoming {
             self.hand_on(source, bytes, sink);
             self.hand_on_held(sink);
         } else {
-            self.hold(Held { sequence, source, bytes: bytes.to_vec() }, sink);
+            self.hold(Held { sequence, source, bytes: bytes.to_vec(), came_ns: now_ns }, sink);
         }
-        self.until_ns = match self.held.is_empty() {
-            true => u64::MAX,
-            false => self.until_ns.min(now_ns.saturating_add(patience.missing_ns)),
-        };
     }
 
-    /// What a queue's source sent while one life of the peer took over from another went to neither, and has no number of theirs.
+    /// Messages that a queue's source sent between two lives of the peer have no number of either life. They are counted by the source's
+    /// own numbers.
     fn follow_source(&mut self, sequence: u64, source: u32) {
         if self.kind == PortKind::Sampling {
             return;
@@ -244,7 +227,6 @@ impl Incoming {
         while !self.held.is_empty() {
             self.skip(sink);
         }
-        self.until_ns = u64::MAX;
     }
 
     fn hand_on_held(&mut self, sink: Sink<'_>) {
@@ -262,35 +244,48 @@ impl Incoming {
         }
     }
 
-    /// Takes a piece; true: the message is whole.
-    fn join(&mut self, sequence: u64, total: u32, offset: u32, bytes: &[u8], now_ns: u64) -> bool {
-        let joining = &mut self.joining;
-        match joining.sequence {
-            Some(current) if current == sequence && joining.bytes.len() == total as usize => {}
-            // Only one message is joined at a time, the newest.
-            Some(current) if current >= sequence => return false,
-            None if sequence < self.next => return false,
-            _ => {
-                joining.sequence = Some(sequence);
-                joining.bytes.clear();
-                joining.bytes.resize(total as usize, 0); // at most what the plan says: `accepts` has seen to it
-                joining.came.clear();
-            }
+    /// Where the message of a piece is joined: where it has been begun, or in the place of the oldest one.
+    fn place_to_join(&mut self, sequence: u64, total: u32) -> Option<usize> {
+        if let Some(place) = self.joining.iter().position(|joining| joining.sequence == Some(sequence)) {
+            return (self.joining[place].bytes.len() == total as usize).then_some(place);
         }
-        joining.last_ns = now_ns;
+        if sequence < self.next {
+            return None;
+        }
+        let (place, oldest) = self.joining.iter_mut().enumerate().min_by_key(|(_, one)| one.sequence)?;
+        if oldest.sequence.is_some_and(|oldest| oldest > sequence) {
+            return None;
+        }
+        oldest.begin(sequence, total);
+        Some(place)
+    }
+}
+
+impl Joining {
+    fn begin(&mut self, sequence: u64, total: u32) {
+        self.sequence = Some(sequence);
+        self.bytes.clear();
+        self.bytes.resize(total as usize, 0); // at most what the plan says: `accepts` has seen to it
+        self.came.clear();
+    }
+
+    /// Takes a piece; true: the message is whole.
+    fn add(&mut self, offset: u32, bytes: &[u8], now_ns: u64) -> bool {
+        self.last_ns = now_ns;
+        let total = self.bytes.len();
         let end = offset + bytes.len() as u32; // at most `total`
-        let place = joining.came.partition_point(|(from, _)| *from < offset);
-        let overlaps_before = place > 0 && joining.came[place - 1].1 > offset;
-        let overlaps_after = joining.came.get(place).is_some_and(|(from, _)| *from < end);
-        if overlaps_before || overlaps_after || joining.came.len() > total as usize / LEAST_PIECE + 1 {
+        let place = self.came.partition_point(|(from, _)| *from < offset);
+        let overlaps_before = place > 0 && self.came[place - 1].1 > offset;
+        let overlaps_after = self.came.get(place).is_some_and(|(from, _)| *from < end);
+        if overlaps_before || overlaps_after || self.came.len() > total / LEAST_PIECE + 1 {
             return false;
         }
-        joining.came.insert(place, (offset, end));
-        joining.bytes[offset as usize..end as usize].copy_from_slice(bytes);
-        let covered: u32 = joining.came.iter().map(|(from, to)| to - from).sum();
-        let whole = covered == total;
+        self.came.insert(place, (offset, end));
+        self.bytes[offset as usize..end as usize].copy_from_slice(bytes);
+        let covered: u32 = self.came.iter().map(|(from, to)| to - from).sum();
+        let whole = covered as usize == total;
         if whole {
-            joining.sequence = None;
+            self.sequence = None;
         }
         whole
     }
@@ -346,7 +341,7 @@ mod tests {
                 true
             };
             channel.look(*now_ns, &PATIENCE, &mut sink);
-            channel.take(&part(*sequence, &[*sequence as u8]), 0, *now_ns, &PATIENCE, &mut sink);
+            channel.take(&part(*sequence, &[*sequence as u8]), 0, *now_ns, &mut sink);
         }
         found
     }
@@ -370,6 +365,25 @@ mod tests {
     }
 
     #[test]
+    fn second_gap_in_a_queue_is_waited_for_as_long_as_the_first() {
+        let mut channel = channel(PortKind::Queuing, 8, 8);
+        let handed_on = fed(&mut channel, &[(1, 0), (3, 98), (0, 99)]);
+        assert_eq!(handed_on, [0, 1]);
+        channel.look(100, &PATIENCE, &mut |_| panic!("2 is missing for 2 ns only"));
+        assert_eq!(fed(&mut channel, &[(2, 101)]), [2, 3]);
+        assert_eq!((channel.tally().late, channel.lost()), (0, 0));
+        assert_eq!(fed(&mut channel, &[(5, 200), (7, 250)]), [0; 0]);
+        let mut found = Vec::new();
+        for now_ns in [299, 300, 349, 350] {
+            channel.look(now_ns, &PATIENCE, &mut |delivery| {
+                found.push((now_ns, delivery.bytes[0]));
+                true
+            });
+        }
+        assert_eq!(found, [(300, 5), (350, 7)], "each waits for the skew limit and no longer");
+    }
+
+    #[test]
     fn a_queue_holds_no_more_than_it_may_and_keeps_the_order() {
         let mut channel = channel(PortKind::Queuing, 8, 2);
         assert_eq!(fed(&mut channel, &[(2, 0), (4, 0), (1, 0)]), [1, 2]);
@@ -379,7 +393,7 @@ mod tests {
     #[test]
     fn full_queues_are_counted() {
         let mut channel = channel(PortKind::Queuing, 8, 8);
-        channel.take(&part(0, &[1]), 0, 0, &PATIENCE, &mut |_| false);
+        channel.take(&part(0, &[1]), 0, 0, &mut |_| false);
         assert_eq!(channel.tally().overflowed, 1);
     }
 
@@ -403,14 +417,14 @@ mod tests {
         fed(&mut channel, &[(0, 0), (1, 1)]); // the source's 100 and 101
         let of_source = |number: u32, source: u32| Part { source_sequence: source, ..part(number, &[1]) };
         channel.restart(&mut |_| true);
-        channel.take(&of_source(0, 105), 0, 10, &PATIENCE, &mut |_| true);
+        channel.take(&of_source(0, 105), 0, 10, &mut |_| true);
         assert_eq!(channel.lost(), 3);
-        channel.take(&of_source(1, 106), 0, 11, &PATIENCE, &mut |_| true);
+        channel.take(&of_source(1, 106), 0, 11, &mut |_| true);
         channel.restart(&mut |_| true);
-        channel.take(&of_source(2, 110), 0, 20, &PATIENCE, &mut |_| true);
+        channel.take(&of_source(2, 110), 0, 20, &mut |_| true);
         assert_eq!(channel.lost(), 6, "two of the new life's own numbers, 107");
         channel.restart(&mut |_| true);
-        channel.take(&of_source(0, 3), 0, 30, &PATIENCE, &mut |_| true);
+        channel.take(&of_source(0, 3), 0, 30, &mut |_| true);
         assert_eq!(channel.lost(), 6, "the source has begun anew as well");
     }
 
@@ -428,7 +442,7 @@ mod tests {
         let mut found = Vec::new();
         let piece = Part { piece: Some((total as u32, piece.0)), ..part(sequence, &piece.1) };
         channel.accepts(&piece).unwrap();
-        channel.take(&piece, 0, now_ns, &PATIENCE, &mut |delivery| {
+        channel.take(&piece, 0, now_ns, &mut |delivery| {
             found.push(delivery.bytes.to_vec());
             true
         });
@@ -453,6 +467,34 @@ mod tests {
             true
         });
         assert_eq!((found, channel.lost()), (1, 1));
+    }
+
+    #[test]
+    fn last_piece_of_a_message_that_the_first_of_the_next_overtook_completes_it() {
+        for kind in [PortKind::Queuing, PortKind::Sampling] {
+            let mut channel = channel(kind, 1000, 8);
+            let [one, next] = [[1_u8; 1000], [2; 1000]].map(|message| pieces(&message, 600));
+            assert!(give(&mut channel, 0, 1000, &one[0], 0).is_empty());
+            assert!(give(&mut channel, 1, 1000, &next[0], 1).is_empty());
+            assert_eq!(channel.lost(), 0, "both may still come");
+            assert_eq!(give(&mut channel, 0, 1000, &one[1], 2), [[1; 1000]], "{kind:?}");
+            assert_eq!(give(&mut channel, 1, 1000, &next[1], 3), [[2; 1000]], "{kind:?}");
+            assert_eq!((channel.tally().received, channel.lost()), (2, 0));
+        }
+    }
+
+    #[test]
+    fn of_three_messages_in_pieces_the_oldest_is_given_up_and_counted() {
+        let mut channel = channel(PortKind::Sampling, 1000, 1);
+        let all = pieces(&[7; 1000], 600);
+        for sequence in 0..3 {
+            assert!(give(&mut channel, sequence, 1000, &all[0], 0).is_empty());
+        }
+        assert_eq!(channel.lost(), 1);
+        assert!(give(&mut channel, 0, 1000, &all[1], 1).is_empty());
+        assert_eq!(give(&mut channel, 1, 1000, &all[1], 1).len(), 1);
+        assert_eq!(give(&mut channel, 2, 1000, &all[1], 1).len(), 1);
+        assert_eq!((channel.tally().received, channel.lost()), (2, 1));
     }
 
     #[test]

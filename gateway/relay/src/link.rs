@@ -164,6 +164,8 @@ pub struct Link {
     /// What was said last of a plan that differs.
     said: Option<Event>,
     was_up: bool,
+    /// Values that were written once have to go again.
+    again: bool,
     pace: Pace,
     patience: Patience,
     next_sequence: u64,
@@ -219,6 +221,7 @@ impl Link {
             refusals_told: Default::default(),
             said: None,
             was_up: false,
+            again: false,
             pace: Pace::new(link.gap_ns),
             patience: Patience { missing_ns: link.skew_ns, piece_ns: link.lost_after_ns },
             next_sequence: 0,
@@ -359,6 +362,12 @@ impl Link {
         }
         let tags = self.seals.as_ref().map(|(own, _)| own.tags(&self.datagram));
         Sealed { bytes: &self.datagram, tags }
+    }
+
+    /// Whether values that were written once have to go again, because the peer was not there, or another life of it was; asked once
+    /// for each time. No event: those may be dropped.
+    pub fn sends_all_again(&mut self) -> bool {
+        std::mem::take(&mut self.again)
     }
 
     /// The next thing that happened.
@@ -544,6 +553,7 @@ impl Link {
             for network in 0..self.networks.len() {
                 self.lost_before.1[network] += before.lost_at_end(network);
             }
+            self.again = true;
             self.note(Event::PeerRestarted);
         }
         self.counters.peer_lives += 1;
@@ -612,15 +622,15 @@ impl Link {
         if count != header.count.get() {
             return Err(Rejection::Malformed);
         }
-        if count > 0 && header.to_session.get() != self.session.claim().session {
+        if count > 0 && header.to_session.get() != self.session.own() {
             return Err(Rejection::Restart); // meant for a life of this end that is over
         }
         let offset_ns = self.offset_ns(header, now_ns);
-        let Self { incoming, patience, events, .. } = self;
+        let Self { incoming, events, .. } = self;
         let sink = &mut noting(events, sink);
         for part in Parts(body).flatten() {
             if let Some(Some(channel)) = incoming.get_mut(usize::from(part.channel)) {
-                channel.take(&part, clock::own_ns(part.source_ns, offset_ns), now_ns, patience, sink);
+                channel.take(&part, clock::own_ns(part.source_ns, offset_ns), now_ns, sink);
             }
         }
         Ok(())
@@ -648,11 +658,12 @@ impl Link {
     fn note_state(&mut self) {
         let up = self.state() == UP;
         if std::mem::replace(&mut self.was_up, up) != up {
+            self.again |= up;
             self.note(if up { Event::Up } else { Event::Down });
         }
     }
 
-    fn note(&mut self, event: Event) {
+    pub(crate) fn note(&mut self, event: Event) {
         push(&mut self.events, event);
     }
 }

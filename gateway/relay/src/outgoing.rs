@@ -3,6 +3,7 @@
 //! Responsible for: numbers of messages, and what is left of a message that was begun. It must never send part of a message
 //! twice, nor begin one for which there is no room.
 
+use bateleur_contract::PortKind;
 use bateleur_contract::packing;
 use bateleur_contract::relay::RelayChannel;
 
@@ -34,6 +35,7 @@ pub(crate) struct Outgoing {
 
 #[derive(Debug, Clone, Copy)]
 struct Channel {
+    kind: PortKind,
     /// The longest message, bytes.
     most: usize,
     /// Its messages go in pieces where they do not fit.
@@ -64,6 +66,7 @@ impl Outgoing {
     pub(crate) fn new(channels: &[RelayChannel], max_datagram: u32) -> Self {
         let most = channels.iter().map(|channel| channel.max_bytes as usize).max().unwrap_or(0);
         let channel = |channel: &RelayChannel| Channel {
+            kind: channel.kind,
             most: channel.max_bytes as usize,
             in_pieces: packing::goes_in_pieces(channel.max_bytes.into(), max_datagram),
             sent: 0,
@@ -124,13 +127,13 @@ impl<'a> Composer<'a> {
         self.link.outgoing.channels.get(place).copied().flatten()
     }
 
-    /// Puts a message in. False: there is no room, or the channel at this place of the table does not go out; nothing was
-    /// done.
+    /// Puts a message in. False: there is no room, the channel at this place of the table does not go out, or its messages have
+    /// another length (the peer would refuse the whole datagram); nothing was done.
     pub fn put(&mut self, channel: usize, stamp: Stamp, bytes: &[u8]) -> bool {
         let (Some(id), Some(known)) = (self.link.channel_id(channel), self.channel(channel)) else {
             return false;
         };
-        if !self.takes(&known, bytes.len()) {
+        if !known.kind.carries(known.most, bytes.len()) || !self.takes(&known, bytes.len()) {
             return false;
         }
         let fits = bytes.len() + MESSAGE_BYTES <= self.free_for_others();

@@ -96,7 +96,12 @@ impl Session {
         }
     }
 
-    /// What the next datagram says.
+    /// This life.
+    pub(crate) fn own(&self) -> u64 {
+        self.own
+    }
+
+    /// What the next datagram says. Each call takes a turn in answering: for a datagram that goes.
     pub(crate) fn claim(&mut self) -> Claim {
         Claim {
             session: self.own,

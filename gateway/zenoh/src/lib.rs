@@ -142,13 +142,13 @@ impl RelayTransport for Zenoh {
         }
     }
 
-    fn receive(&mut self, now_ns: u64, most: usize, take: &mut dyn FnMut(Came<'_>)) {
+    fn receive(&mut self, now: &dyn Fn() -> u64, most: usize, take: &mut dyn FnMut(Came<'_>)) {
         for (endpoint, way) in self.ways.iter().enumerate() {
             for (came, datagram) in way.came.try_iter().take(most) {
                 let waited_ns = u64::try_from(came.elapsed().as_nanos()).unwrap_or(u64::MAX);
                 let fits = datagram.len() <= way.max_datagram;
                 let datagram = if fits { Ok(datagram.as_slice()) } else { Err(Rejection::Giant) };
-                take(Came { endpoint, at_ns: now_ns.saturating_sub(waited_ns), datagram });
+                take(Came { endpoint, at_ns: now().saturating_sub(waited_ns), datagram });
             }
         }
     }

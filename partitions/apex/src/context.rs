@@ -218,7 +218,8 @@ impl Context {
         name: &str,
     ) -> Result<(RawSamplingDestination, usize), StartError> {
         let port = self.raw_port(name, PortKind::Sampling, Direction::Destination)?;
-        Ok((RawSamplingDestination::new(self.reader(&port)?, self.time.clone()), port.size as usize))
+        let bytes = port.size as usize;
+        Ok((RawSamplingDestination::new(self.reader(&port)?, bytes, self.time.clone()), bytes))
     }
 
     /// As [`Context::queuing_source`], for messages of whatever type the plan says; with the longest one's length, bytes.
@@ -246,7 +247,8 @@ impl Context {
         name: &str,
     ) -> Result<(RawQueuingDestination, usize), StartError> {
         let port = self.raw_port(name, PortKind::Queuing, Direction::Destination)?;
-        Ok((RawQueuingDestination::new(self.inlet(&port)?, self.time.clone()), port.size as usize))
+        let bytes = port.size as usize;
+        Ok((RawQueuingDestination::new(self.inlet(&port)?, bytes, self.time.clone()), bytes))
     }
 
     /// Names of the ports that the plan declares with this direction and kind, in order; for a partition whose
@@ -264,7 +266,7 @@ impl Context {
         if std::mem::replace(&mut self.retains, true) {
             return Err(StartError::RetainedTwice);
         }
-        Retained::new(self.retained.take(), self.description.retained_bytes)
+        Retained::new(self.retained.take(), self.description.retained_bytes, self.time.clone())
     }
 
     /// The module's schedules: which one runs, and asking for another.

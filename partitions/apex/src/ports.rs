@@ -139,7 +139,7 @@ impl Outlet {
 
 /// The writing end of a sampling channel. A port without a channel swallows what is written.
 pub struct SamplingSource<T> {
-    outlet: Option<Rc<Outlet>>,
+    pub(crate) outlet: Option<Rc<Outlet>>,
     time: Time,
     sequence: u64,
     message: PhantomData<T>,
@@ -259,7 +259,7 @@ impl<T: Message> SamplingDestination<T> {
 
 /// The writing end of a queuing channel. A port without a channel reports that nobody receives.
 pub struct QueuingSource<T> {
-    outlet: Option<Rc<Outlet>>,
+    pub(crate) outlet: Option<Rc<Outlet>>,
     time: Time,
     sequence: u64,
     message: PhantomData<T>,
@@ -293,7 +293,7 @@ impl<T: Message> QueuingSource<T> {
 }
 
 /// Messages of a wrong length that are passed over in one call, most: reading takes a bounded time whatever the writer does.
-const REFUSED_AT_ONCE: usize = 64;
+pub(crate) const REFUSED_AT_ONCE: usize = 64;
 
 /// The reading end of a queuing channel.
 pub struct QueuingDestination<T> {
@@ -388,7 +388,6 @@ pub(crate) fn refused(time: &Time, what: &str) {
 
 #[cfg(test)]
 mod tests {
-    use bateleur_contract::{Clock, ControlPage, Mapped};
     use bateleur_messages::Rate;
     use bateleur_ports::{Channel, ChannelType, Domain, Membership};
 
@@ -405,9 +404,6 @@ mod tests {
 
     impl Bed {
         fn new(name: &str) -> Self {
-            let page = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
-            rustix::fs::ftruncate(&page, 4096).unwrap();
-            let page = Rc::new(Mapped::<ControlPage>::new(page).unwrap());
             let folder = tempfile::tempdir().unwrap();
             let domain = Domain { root: folder.path().display().to_string() };
             let node = domain.join(name, "test").unwrap();
@@ -421,7 +417,7 @@ mod tests {
                 spare_readers: 0,
             };
             let channel = kind.create(&node).unwrap();
-            let time = Time::new(page, Clock::Virtual);
+            let time = Time::standing();
             Self { time, kind, channel, _node: node, _folder: folder }
         }
 

@@ -7,9 +7,10 @@
 use std::rc::Rc;
 use std::sync::atomic::Ordering::Relaxed;
 
+use bateleur_contract::PortKind;
 use bateleur_ports::{Reader, Received, Stamp};
 
-use crate::ports::{Inlet, Outlet, Refusal, Sent, WAITING_AT_MOST, refused};
+use crate::ports::{Inlet, Outlet, REFUSED_AT_ONCE, Refusal, Sent, WAITING_AT_MOST, refused};
 use crate::time::Time;
 
 /// The writing end of a sampling channel. A port without a channel swallows what is written.
@@ -47,13 +48,15 @@ pub struct RawReading<'a> {
 /// The reading end of a sampling channel.
 pub struct RawSamplingDestination {
     reader: Option<Rc<Reader>>,
+    /// Of each message.
+    bytes: usize,
     latest: Option<Received>,
     time: Time,
 }
 
 impl RawSamplingDestination {
-    pub(crate) fn new(reader: Option<Rc<Reader>>, time: Time) -> Self {
-        Self { reader, latest: None, time }
+    pub(crate) fn new(reader: Option<Rc<Reader>>, bytes: usize, time: Time) -> Self {
+        Self { reader, bytes, latest: None, time }
     }
 
     /// The latest value, as often as it is asked for; nothing before the first.
@@ -68,9 +71,13 @@ impl RawSamplingDestination {
         let mut updated = false;
         for _ in 0..WAITING_AT_MOST {
             match reader.receive() {
-                Ok(Some(received)) => {
+                Ok(Some(received)) if PortKind::Sampling.carries(self.bytes, received.payload().len()) => {
                     self.latest = Some(received);
                     updated = true;
+                }
+                Ok(Some(received)) => {
+                    let found = received.payload().len();
+                    refused(&self.time, &format!("message of {found} bytes where {} belong", self.bytes));
                 }
                 Ok(None) => break,
                 Err(error) => {
@@ -134,12 +141,14 @@ impl RawMessage {
 /// The reading end of a queuing channel.
 pub struct RawQueuingDestination {
     inlet: Option<Rc<Inlet>>,
+    /// Of the longest message.
+    bytes: usize,
     time: Time,
 }
 
 impl RawQueuingDestination {
-    pub(crate) fn new(inlet: Option<Rc<Inlet>>, time: Time) -> Self {
-        Self { inlet, time }
+    pub(crate) fn new(inlet: Option<Rc<Inlet>>, bytes: usize, time: Time) -> Self {
+        Self { inlet, bytes, time }
     }
 
     /// Whether a message waits.
@@ -151,13 +160,25 @@ impl RawQueuingDestination {
 
     /// Takes the oldest message. Only one may be held at a time.
     pub fn receive(&mut self) -> Option<RawMessage> {
-        match self.inlet.as_ref()?.reader.get()?.receive() {
-            Ok(received) => received.map(RawMessage),
-            Err(error) => {
-                refused(&self.time, &format!("cannot receive: {error:?}"));
-                None
+        let reader = self.inlet.as_ref()?.reader.get()?;
+        for _ in 0..REFUSED_AT_ONCE {
+            match reader.receive() {
+                Ok(received) => {
+                    let received = received?;
+                    let found = received.payload().len();
+                    if PortKind::Queuing.carries(self.bytes, found) {
+                        return Some(RawMessage(received));
+                    }
+                    let most = self.bytes;
+                    refused(&self.time, &format!("message of {found} bytes where 1 to {most} belong"));
+                }
+                Err(error) => {
+                    refused(&self.time, &format!("cannot receive: {error:?}"));
+                    return None;
+                }
             }
         }
+        None
     }
 }
 
@@ -229,6 +250,35 @@ mod tests {
         assert_eq!(answers.receive(), None);
         let reports = harness.reports();
         assert!(reports[0].starts_with("GroundMessage of 3 bytes where "), "{reports:?}");
+    }
+
+    #[test]
+    fn message_of_a_wrong_length_is_an_error_and_is_not_handed_on() {
+        let mut harness = Harness::new("echo").unwrap();
+        let mut rate = harness.sampling_destination::<Rate>("rate", 40_000_000).unwrap();
+        let mut again = harness.sampling_source::<Rate>("again").unwrap();
+        let mut orders = harness.queuing_destination::<GroundMessage>("orders", 4).unwrap();
+        let mut answers = harness.queuing_source::<GroundMessage>("answers", 4).unwrap();
+        let mut echo = harness.start::<Echo>().unwrap();
+        let put = |outlet: &Option<Rc<Outlet>>, bytes: &[u8]| {
+            assert_eq!(outlet.as_ref().unwrap().put(bytes, Stamp::default(), 0).ok(), Some(1));
+        };
+        rate.write(&Rate { synchronize: 5, ..Rate::default() });
+        echo.window();
+        put(&rate.outlet, &[7; 3]);
+        put(&orders.outlet, &[]);
+        orders.send(&GroundMessage { letter: 1, ..GroundMessage::default() });
+        echo.window();
+        assert_eq!(answers.receive().map(|answer| answer.letter), Some(1));
+        assert_eq!(answers.receive(), None);
+        let reading = again.read().unwrap();
+        assert_eq!((reading.value.synchronize, reading.updated), (5, true), "the last good value stands");
+        let found = harness.reports();
+        let expected = [
+            format!("message of 3 bytes where {} belong", size_of::<Rate>()),
+            format!("message of 0 bytes where 1 to {} belong", size_of::<GroundMessage>()),
+        ];
+        assert_eq!(found, expected);
     }
 
     #[test]

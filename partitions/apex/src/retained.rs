@@ -8,9 +8,11 @@ use std::fs::File;
 use std::marker::PhantomData;
 use std::os::unix::fs::FileExt;
 
+use bateleur_contract::ReportKind;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
 use crate::context::StartError;
+use crate::time::Time;
 
 /// Bytes behind each copy: its number, the size of the value.
 const TRAILER: u64 = 16;
@@ -24,12 +26,13 @@ pub struct Retained<T> {
     copy: Vec<u8>,
     /// The copy is what this incarnation has stored last.
     stored: bool,
+    time: Time,
     value: PhantomData<T>,
 }
 
 impl<T: FromBytes + IntoBytes + Immutable + KnownLayout> Retained<T> {
     /// The memory behind `file`, `bytes` long. Without memory, nothing is retained.
-    pub(crate) fn new(file: Option<File>, bytes: u64) -> Result<Self, StartError> {
+    pub(crate) fn new(file: Option<File>, bytes: u64, time: Time) -> Result<Self, StartError> {
         let needed = 2 * slot_bytes::<T>();
         if file.is_some() && bytes < needed {
             return Err(StartError::Other(format!(
@@ -37,7 +40,7 @@ impl<T: FromBytes + IntoBytes + Immutable + KnownLayout> Retained<T> {
             )));
         }
         let copy = vec![0; (trailer_at::<T>() + TRAILER) as usize];
-        Ok(Self { file, number: 0, copy, stored: false, value: PhantomData })
+        Ok(Self { file, number: 0, copy, stored: false, time, value: PhantomData })
     }
 
     /// What the incarnation before stored last.
@@ -65,8 +68,10 @@ impl<T: FromBytes + IntoBytes + Immutable + KnownLayout> Retained<T> {
         let (front, back) = self.copy.split_at_mut(trailer_at::<T>() as usize);
         front[..size_of::<T>()].copy_from_slice(value.as_bytes());
         back.copy_from_slice(trailer.as_bytes());
-        if file.write_all_at(&self.copy, at).is_err() {
+        if let Err(error) = file.write_all_at(&self.copy, at) {
             self.file = None; // memory that the executive took away: go on without
+            let text = format!("retained memory can not be written ({error}): nothing is kept any more");
+            self.time.page().report(ReportKind::Message, &text);
         }
     }
 }
@@ -98,7 +103,7 @@ mod tests {
     }
 
     fn retained(file: &File) -> Retained<[f64; 3]> {
-        Retained::new(Some(file.try_clone().unwrap()), 4096).unwrap()
+        Retained::new(Some(file.try_clone().unwrap()), 4096, Time::standing()).unwrap()
     }
 
     #[test]
@@ -120,13 +125,22 @@ mod tests {
     }
 
     #[test]
-    fn a_value_is_not_written_again_before_another_one_and_a_successor_does_not_take_its_first_for_written() {
+    fn memory_that_can_not_be_written_any_more_is_reported_once_and_the_partition_goes_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("memory");
+        std::fs::write(&path, [0; 4096]).unwrap();
+        let time = Time::standing();
+        let mut retained = Retained::new(Some(File::open(&path).unwrap()), 4096, time.clone()).unwrap();
+        retained.store(&[1.0_f64; 3]);
+        retained.store(&[2.0; 3]);
+        let reports = time.page().reports_since(&mut 0);
+        assert!(reports.len() == 1 && reports[0].text.contains("nothing is kept"), "{reports:?}");
+    }
+
+    #[test]
+    fn a_successor_does_not_take_its_first_value_for_one_that_it_has_stored() {
         let file = memory();
-        let mut first = retained(&file);
-        first.store(&[0.0; 3]);
-        first.store(&[0.0; 3]);
-        assert_eq!(number_in::<[f64; 3]>(&file, 0), None, "one copy of it is enough");
-        first.store(&[5.0; 3]);
+        retained(&file).store(&[5.0; 3]);
         let mut second = retained(&file);
         second.load();
         second.store(&[0.0; 3]);
@@ -147,7 +161,8 @@ mod tests {
     #[test]
     fn a_value_whose_size_is_no_whole_number_of_words_comes_back_whole() {
         let file = memory();
-        let open = || Retained::<[u8; 13]>::new(Some(file.try_clone().unwrap()), 4096).unwrap();
+        let open =
+            || Retained::<[u8; 13]>::new(Some(file.try_clone().unwrap()), 4096, Time::standing()).unwrap();
         let mut first = open();
         (1..4).for_each(|number| first.store(&[number; 13]));
         assert_eq!(open().load(), Some([3; 13]));
@@ -155,7 +170,7 @@ mod tests {
 
     #[test]
     fn memory_that_is_too_small_is_refused_with_the_size_that_is_needed() {
-        let error = Retained::<[f64; 3]>::new(Some(memory()), 100).unwrap_err();
+        let error = Retained::<[f64; 3]>::new(Some(memory()), 100, Time::standing()).unwrap_err();
         assert!(error.to_string().contains("160 bytes"), "{error}");
     }
 }

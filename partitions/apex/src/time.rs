@@ -39,6 +39,15 @@ impl Time {
         }
     }
 
+    /// One that stands still until it is set.
+    #[cfg(test)]
+    #[allow(clippy::unwrap_used)]
+    pub(crate) fn standing() -> Self {
+        let page = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
+        rustix::fs::ftruncate(&page, 4096).unwrap();
+        Self::new(Rc::new(Mapped::<ControlPage>::new(page).unwrap()), Clock::Virtual)
+    }
+
     pub(crate) fn page(&self) -> &ControlPage {
         &self.page
     }

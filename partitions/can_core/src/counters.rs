@@ -48,6 +48,11 @@ pub struct Counters {
     pub malformed: u64,
     /// Sound datagrams of somebody who is not to be listened to.
     pub strangers: u64,
+    /// Sound datagrams of somebody who has not shown that he gets what is sent to the address that they come from. Questions to
+    /// everybody do not count.
+    pub unproven_datagrams: u64,
+    /// Frames in them.
+    pub unproven_frames: u64,
     /// Reports of errors from another gateway's bus.
     pub remote_errors: u64,
     /// Targets that fell silent.
@@ -71,6 +76,8 @@ pub struct Counters {
     pub bus_off: u64,
     /// Times that the bus had failed or ended, and was opened again.
     pub bus_reopened: u64,
+    /// Times that the log's file did not take what was to be written.
+    pub log_unwritten: u64,
 }
 
 impl Counters {

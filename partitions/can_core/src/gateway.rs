@@ -5,6 +5,7 @@
 //! from, and never drop one without counting it.
 
 use std::fmt;
+use std::hash::{BuildHasher, RandomState};
 use std::net::{IpAddr, SocketAddr};
 
 use serde::Serialize;
@@ -20,9 +21,12 @@ use crate::wire::native::{self, Aged, Header, Purpose, Refusal};
 
 /// Targets that one gateway has at most: each gets every datagram.
 pub const MAX_TARGETS: usize = 32;
+/// Senders that wait for an answer with which they can show that they get what is sent to their address, most: as many as the program
+/// takes datagrams in a turn, so that none drives out another.
+const UNPROVEN: usize = 256;
 /// What was heard of a gateway of an identity that another has is true for so long, ns.
 const CONFLICT_NS: u64 = 10_000_000_000;
-/// Former lives of a target that are remembered: one that comes back was never over.
+/// Old sessions of a target that are remembered. One that is used again shows that two gateways have one identity.
 const LIVES: usize = 4;
 /// So often a target has to change between its lives before two are behind it: datagrams of one that was started anew may be late.
 const FLIPS: u32 = 3;
@@ -118,6 +122,8 @@ struct Target {
     identity: u64,
     session: u32,
     address: SocketAddr,
+    /// What it wants back.
+    cookie: u64,
     heard_ns: u64,
     /// Nothing was heard of it for too long, or it left: it gets nothing.
     lost: bool,
@@ -155,6 +161,8 @@ pub struct Gateway {
     settings: Settings,
     state: State,
     targets: Vec<Target>,
+    /// Of targets that made room for others.
+    former: Tally,
     ring: Ring,
     /// Bytes that the frames in the ring need in datagrams.
     ring_bytes: usize,
@@ -167,6 +175,10 @@ pub struct Gateway {
     /// The time of the last call that had one, ns.
     now_ns: u64,
     conflict: Option<(SocketAddr, u64)>,
+    /// What it makes of an address nobody can foresee who does not get what is sent there.
+    cookies: RandomState,
+    /// Who did not show a cookie, and what he wants back himself.
+    unproven: Vec<(SocketAddr, u64)>,
     outgoing: Vec<Aged>,
     incoming: Vec<Aged>,
     plain: Vec<Frame>,
@@ -181,6 +193,7 @@ impl Gateway {
             settings,
             state: State::Start,
             targets: Vec::new(),
+            former: Tally::default(),
             ring_bytes: 0,
             sequence: 0,
             frame_number: 0,
@@ -190,6 +203,8 @@ impl Gateway {
             events: Events::default(),
             now_ns: 0,
             conflict: None,
+            cookies: RandomState::new(),
+            unproven: Vec::new(),
             outgoing: Vec::new(),
             incoming: Vec::new(),
             plain: Vec::new(),
@@ -207,11 +222,12 @@ impl Gateway {
         let mut counters = self.counters;
         counters.to_network = self.ring.given_up();
         counters.events_untold = self.events.untold();
-        let total = |pick: fn(&Tally) -> u64| self.targets.iter().map(|target| pick(&target.tally)).sum();
-        counters.lost_datagrams = total(|tally| tally.lost_datagrams);
-        counters.lost_frames = total(|tally| tally.lost_frames);
-        counters.late_datagrams = total(|tally| tally.late);
-        counters.repeated_datagrams = total(|tally| tally.repeated);
+        let mut tally = self.former;
+        self.targets.iter().for_each(|target| tally += target.tally);
+        counters.lost_datagrams = tally.lost_datagrams;
+        counters.lost_frames = tally.lost_frames;
+        counters.late_datagrams = tally.late;
+        counters.repeated_datagrams = tally.repeated;
         counters
     }
 
@@ -260,7 +276,7 @@ impl Gateway {
         if self.settings.protocol == Protocol::Cannelloni {
             // Its peers have no names, and say nothing of themselves.
             for address in self.settings.discover.clone() {
-                self.targets.push(Target::new(0, 0, address, now_ns));
+                self.targets.push(Target::new(0, 0, address, 0, now_ns));
             }
             self.enter(State::Forward);
         } else {
@@ -346,6 +362,10 @@ impl Gateway {
             }
             return false;
         }
+        if header.echo != self.cookie(from) {
+            self.ask_for_proof(header, from, frames);
+            return false;
+        }
         if header.purpose == Purpose::Leaving {
             self.leave_by(header);
             return false;
@@ -374,15 +394,54 @@ impl Gateway {
         }
     }
 
+    /// What whoever gets datagrams at an address can send back; never 0.
+    fn cookie(&self, address: SocketAddr) -> u64 {
+        self.cookies.hash_one(address).max(1)
+    }
+
+    /// Anybody can write any address on a datagram. Who does not show that he gets what is sent there is told how with the next call
+    /// of `run`, in no more bytes than his had, and nothing else of his is believed.
+    fn ask_for_proof(&mut self, header: &Header, from: SocketAddr, frames: usize) {
+        if header.purpose != Purpose::Discover || header.echo != 0 {
+            self.counters.unproven_datagrams += 1;
+            self.counters.unproven_frames += frames as u64;
+        }
+        if header.purpose == Purpose::Leaving {
+            return;
+        }
+        // A target that asks everybody has sent its cookie before.
+        let known =
+            self.targets.iter().find(|target| target.address == from).map_or(0, |target| target.cookie);
+        let answer = (from, if header.cookie == 0 { known } else { header.cookie });
+        if self.unproven.len() < UNPROVEN && !self.unproven.contains(&answer) {
+            self.unproven.push(answer);
+        }
+    }
+
+    fn answer_unproven(&mut self, send: &mut impl FnMut(SocketAddr, &[u8]) -> bool) {
+        for (address, echo) in std::mem::take(&mut self.unproven) {
+            let header = Header { cookie: self.cookie(address), echo, ..self.header(Purpose::Discover) };
+            native::encode(&header, &mut self.datagram);
+            self.count_sent(send(address, &self.datagram));
+        }
+    }
+
+    fn count_sent(&mut self, is_sent: bool) {
+        match is_sent {
+            true => self.counters.datagrams_out += 1,
+            false => self.counters.unsent_datagrams += 1,
+        }
+    }
+
     /// The place of the target that sent `header`; it is made where it is new.
     fn target(&mut self, header: &Header, from: SocketAddr, now_ns: u64) -> Option<usize> {
         let known = self.targets.iter().position(|target| target.identity == header.identity);
         let Some(place) = known else {
             if self.targets.len() == MAX_TARGETS {
                 let lost = self.targets.iter().position(|target| target.lost)?;
-                self.targets.swap_remove(lost);
+                self.former += self.targets.swap_remove(lost).tally;
             }
-            self.targets.push(Target::new(header.identity, header.session, from, now_ns));
+            self.targets.push(Target::new(header.identity, header.session, from, header.cookie, now_ns));
             self.tell(Event::Found { identity: header.identity, address: from, again: false });
             self.alive_at_ns = now_ns;
             self.enter(State::Forward);
@@ -391,7 +450,7 @@ impl Gateway {
         let target = &mut self.targets[place];
         let (was_lost, restarted) = (target.lost, target.session != header.session);
         let before = std::mem::replace(&mut target.address, from);
-        (target.heard_ns, target.lost) = (now_ns, false);
+        (target.cookie, target.heard_ns, target.lost) = (header.cookie, now_ns, false);
         if restarted && target.is_former_life(header.session, now_ns) {
             self.counters.target_flips += 1;
             if target.is_shared(now_ns) {
@@ -411,9 +470,12 @@ impl Gateway {
         Some(place)
     }
 
+    /// What an earlier start of it says late is over.
     fn leave_by(&mut self, header: &Header) {
-        let found = self.targets.iter_mut().find(|target| target.identity == header.identity && !target.lost);
-        let Some(target) = found else { return };
+        let is_it = |target: &&mut Target| {
+            (target.identity, target.session, target.lost) == (header.identity, header.session, false)
+        };
+        let Some(target) = self.targets.iter_mut().find(is_it) else { return };
         target.lost = true;
         self.tell(Event::Left { identity: header.identity });
         self.look_again();
@@ -461,7 +523,8 @@ impl Gateway {
             Some(arrival) => {
                 let target = &mut self.targets[place];
                 target.heard_ns = now_ns;
-                target.note_byte(arrival.sequence, frames.len() as u64);
+                // Its numbers are counted and decide nothing.
+                target.track.note_byte(arrival.sequence, frames.len() as u32, &mut target.tally);
                 self.counters.malformed += u64::from(arrival.damaged);
                 self.counters.network_in += frames.len() as u64;
                 for frame in &frames {
@@ -477,6 +540,9 @@ impl Gateway {
     pub fn due_ns(&self) -> u64 {
         if matches!(self.state, State::Start | State::Address) {
             return u64::MAX;
+        }
+        if !self.unproven.is_empty() {
+            return 0;
         }
         let mut due_ns = u64::MAX;
         if self.settings.protocol == Protocol::Native {
@@ -512,6 +578,7 @@ impl Gateway {
             return;
         }
         if self.settings.protocol == Protocol::Native {
+            self.answer_unproven(send);
             self.lose_silent(now_ns);
             self.discover(now_ns, send);
             self.keep_alive(now_ns, send);
@@ -530,7 +597,10 @@ impl Gateway {
         }
         let mut outgoing = std::mem::take(&mut self.outgoing);
         outgoing.clear();
-        self.ring.drain(now_ns, &mut outgoing);
+        self.ring.hand_out(now_ns, |aged| {
+            outgoing.push(*aged);
+            true
+        });
         self.ring_bytes = 0;
         let mut rest = &outgoing[..];
         while !rest.is_empty() {
@@ -560,11 +630,16 @@ impl Gateway {
     }
 
     fn send_to_all(&mut self, send: &mut impl FnMut(SocketAddr, &[u8]) -> bool) {
-        for target in self.targets.iter().filter(|target| !target.lost) {
-            match send(target.address, &self.datagram) {
-                true => self.counters.datagrams_out += 1,
-                false => self.counters.unsent_datagrams += 1,
+        for place in 0..self.targets.len() {
+            let Target { address, cookie, lost, .. } = self.targets[place];
+            if lost {
+                continue;
             }
+            if self.settings.protocol == Protocol::Native {
+                let own = self.cookie(address);
+                native::address_to(&mut self.datagram, own, cookie);
+            }
+            self.count_sent(send(address, &self.datagram));
         }
     }
 
@@ -584,6 +659,8 @@ impl Gateway {
             session: self.settings.session,
             sequence: self.sequence,
             first_frame: self.frame_number,
+            cookie: 0,
+            echo: 0,
         }
     }
 
@@ -621,11 +698,9 @@ impl Gateway {
         native::encode(&self.header(Purpose::Discover), &mut self.datagram);
         // Also where targets were last: a broadcast need not reach them.
         let lost = self.targets.iter().filter(|target| target.lost).map(|target| target.address);
-        for address in self.settings.discover.iter().copied().chain(lost) {
-            match send(address, &self.datagram) {
-                true => self.counters.datagrams_out += 1,
-                false => self.counters.unsent_datagrams += 1,
-            }
+        let addresses: Vec<SocketAddr> = self.settings.discover.iter().copied().chain(lost).collect();
+        for address in addresses {
+            self.count_sent(send(address, &self.datagram));
         }
     }
 
@@ -651,11 +726,12 @@ impl Gateway {
 }
 
 impl Target {
-    fn new(identity: u64, session: u32, address: SocketAddr, now_ns: u64) -> Self {
+    fn new(identity: u64, session: u32, address: SocketAddr, cookie: u64, now_ns: u64) -> Self {
         Self {
             identity,
             session,
             address,
+            cookie,
             heard_ns: now_ns,
             lost: false,
             track: Track::default(),
@@ -688,17 +764,6 @@ impl Target {
     /// Whether two gateways are behind it.
     fn is_shared(&self, now_ns: u64) -> bool {
         self.flips >= FLIPS && now_ns < self.flipped_ns + CONFLICT_NS
-    }
-
-    /// A number of one byte, as cannelloni has it: a gap is counted as far as a byte can tell.
-    fn note_byte(&mut self, sequence: u8, frames: u64) {
-        let expected = (self.session & 0xff) as u8;
-        if self.tally.datagrams > 0 {
-            self.tally.lost_datagrams += u64::from(sequence.wrapping_sub(expected));
-        }
-        self.session = sequence.wrapping_add(1).into();
-        self.tally.datagrams += 1;
-        self.tally.frames += frames;
     }
 }
 

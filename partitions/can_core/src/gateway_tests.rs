@@ -23,6 +23,23 @@ fn frame(id: u16, value: u8) -> Frame {
     Frame::classic(Id::Standard(id), &[value])
 }
 
+/// Somebody at `from` meets a gateway, and shows what is sent to him.
+fn meet(gateway: &mut Gateway, identity: u64, from: SocketAddr, now_ns: u64) {
+    let cookie = gateway.cookie(from);
+    tell(gateway, Header { echo: cookie, ..claim(Purpose::Alive, identity) }, from, now_ns);
+}
+
+/// What somebody may say who has not heard anything.
+fn claim(purpose: Purpose, identity: u64) -> Header {
+    Header { purpose, identity, session: 1, sequence: 0, first_frame: 0, cookie: 7, echo: 0 }
+}
+
+fn tell(gateway: &mut Gateway, header: Header, from: SocketAddr, now_ns: u64) {
+    let mut bytes = Vec::new();
+    native::encode(&header, &mut bytes);
+    gateway.take_datagram(&bytes, from, now_ns, |_, _| ());
+}
+
 /// Gateways with a bus each, and a network that loses what it is told to.
 struct Net {
     gateways: Vec<Option<Gateway>>,
@@ -186,7 +203,10 @@ fn one_that_was_started_anew_gets_frames_within_half_a_second() {
     net.bus_says(0, frame(1, 1));
     net.bus_says(1, frame(2, 2));
     net.pass(500 * MS);
-    assert_eq!(net.buses[1], [frame(1, 1)], "the other one still had it as a target");
+    net.bus_says(0, frame(3, 3));
+    net.pass(MS);
+    assert_eq!(net.buses[1], [frame(3, 3)]);
+    assert_eq!(net.counters(1).unproven_frames, 1, "the first went to the earlier start");
     assert_eq!(net.buses[0], [frame(9, 9), frame(2, 2)]);
     assert_eq!(net.counters(0).target_restarts, 1);
 }
@@ -203,6 +223,21 @@ fn one_that_ends_in_order_is_not_waited_for() {
     net.gateways[1] = None;
     said.iter().for_each(|(to, bytes)| net.deliver(1, *to, bytes));
     assert_eq!(net.states(), [State::Discover]);
+}
+
+#[test]
+fn leaving_datagram_of_an_earlier_start_that_comes_late_does_not_disconnect_the_new_one() {
+    let mut net = Net::two();
+    let mut said = Vec::new();
+    let now_ns = net.now_ns;
+    net.gateway(1).leave(now_ns, &mut |to, bytes| {
+        said.push((to, bytes.to_vec()));
+        true
+    });
+    net.gateways[1] = Some(net.started(Settings { session: 78, ..settings(1) }));
+    net.pass(600 * MS);
+    said.iter().for_each(|(to, bytes)| net.deliver(1, *to, bytes));
+    assert_eq!(net.states(), [State::Forward, State::Forward]);
 }
 
 #[test]
@@ -279,7 +314,7 @@ fn what_is_foreign_or_flawed_is_counted_and_told_once() {
     let stranger: SocketAddr = "10.9.9.9:1".parse().unwrap();
     let mut future = vec![0; 64];
     future[..8].copy_from_slice(&native::PREFIX);
-    future[8] = 2;
+    future[8] = 3;
     for _ in 0..3 {
         let now_ns = net.now_ns;
         for bytes in [&b"hello"[..], &[], &future, &native::PREFIX] {
@@ -290,7 +325,7 @@ fn what_is_foreign_or_flawed_is_counted_and_told_once() {
     assert_eq!((counters.foreign, counters.other_version, counters.malformed), (6, 3, 3));
     net.pass(MS);
     let said: Vec<String> = net.events.iter().map(|(_, event)| event.to_string()).collect();
-    assert!(said.iter().any(|text| text.contains("version 2") && text.contains("10.9.9.9")), "{said:?}");
+    assert!(said.iter().any(|text| text.contains("version 3") && text.contains("10.9.9.9")), "{said:?}");
 }
 
 #[test]
@@ -396,14 +431,109 @@ fn a_gap_in_cannellonis_numbers_is_counted_and_nothing_is_dropped() {
 }
 
 #[test]
-fn a_full_table_of_targets_takes_no_more_and_counts_them() {
+fn datagram_of_cannelloni_that_was_overtaken_is_late_and_not_255_losses() {
+    let mut gateway =
+        Gateway::new(Settings { protocol: Protocol::Cannelloni, discover: vec![address(1)], ..settings(0) });
+    gateway.address_is_ready(0);
+    let mut heard = Vec::new();
+    for sequence in [5, 7, 6, 8, 8] {
+        let mut bytes = Vec::new();
+        cannelloni::encode(sequence, &mut bytes);
+        cannelloni::append(&frame(1, sequence), &mut bytes);
+        gateway.take_datagram(&bytes, address(1), 0, |frame, _| heard.push(frame.data()[0]));
+    }
+    let counters = gateway.counters();
+    assert_eq!(heard, [5, 7, 6, 8, 8], "its numbers decide nothing");
+    assert_eq!((counters.lost_datagrams, counters.late_datagrams, counters.repeated_datagrams), (0, 1, 1));
+}
+
+#[test]
+fn counters_of_a_target_that_makes_room_for_another_one_stay() {
+    let mut net = Net::two();
+    net.loses = |number| number == 2;
+    for value in 1..=3 {
+        net.bus_says(1, frame(1, value));
+        net.pass(MS);
+    }
+    assert_eq!(net.counters(0).lost_datagrams, 1);
+    net.gateways[1] = None;
+    net.pass(4_600 * MS);
+    let now_ns = net.now_ns;
+    for identity in 100..100 + MAX_TARGETS as u64 {
+        meet(net.gateway(0), identity, address(9), now_ns);
+    }
+    let counters = net.counters(0);
+    assert!(net.gateway(0).targets(now_ns).iter().all(|target| target.identity != format!("{:016x}", 2)));
+    assert_eq!((counters.lost_datagrams, counters.lost_frames), (1, 1));
+}
+
+#[test]
+fn forged_senders_get_no_frames_drive_out_nobody_and_are_answered_with_no_more_bytes_than_they_sent() {
+    let mut net = Net::two();
+    let victim: SocketAddr = "10.9.9.9:15210".parse().unwrap();
+    let now_ns = net.now_ns;
+    for identity in 100..100 + 2 * MAX_TARGETS as u64 {
+        for purpose in [Purpose::Discover, Purpose::Alive, Purpose::Frames] {
+            tell(net.gateway(0), claim(purpose, identity), victim, now_ns);
+        }
+    }
+    // Somebody else tries to have the frames of a target that is there.
+    tell(net.gateway(0), Header { session: 77, ..claim(Purpose::Alive, 2) }, victim, now_ns);
+    tell(net.gateway(0), Header { session: 77, ..claim(Purpose::Leaving, 2) }, victim, now_ns);
+    net.bus_says(0, frame(1, 1));
+    let mut to_victim = 0;
+    net.gateway(0).run(now_ns, &mut |to, bytes| {
+        to_victim += if to == victim { bytes.len() } else { 0 };
+        true
+    });
+    assert_eq!(to_victim, native::HEADER_BYTES, "one answer, with which he could show that he is there");
+    assert_eq!(net.gateway(0).targets(now_ns).len(), 1);
+    assert_eq!(net.gateway(0).targets(now_ns)[0].address, address(1));
+    assert_eq!(net.counters(0).unproven_datagrams, 4 * MAX_TARGETS as u64 + 2);
+    assert_eq!(net.states(), [State::Forward; 2]);
+}
+
+#[test]
+fn whoever_shows_what_was_sent_to_his_address_becomes_a_target() {
+    let mut gateway = Gateway::new(settings(0));
+    gateway.address_is_ready(0);
+    tell(&mut gateway, claim(Purpose::Discover, 2), address(1), 0);
+    assert_eq!((gateway.state(), gateway.due_ns()), (State::Discover, 0));
+    let mut answer = None;
+    gateway.run(0, &mut |to, bytes| {
+        if to == address(1) {
+            answer = native::decode(bytes, &mut Vec::new()).ok();
+        }
+        true
+    });
+    let answer = answer.unwrap();
+    assert_eq!((answer.purpose, answer.echo), (Purpose::Discover, 7));
+    let shown = Header { echo: answer.cookie, ..claim(Purpose::Discover, 2) };
+    tell(&mut gateway, shown, address(2), 0);
+    assert_eq!(gateway.state(), State::Discover, "it was sent to another address");
+    tell(&mut gateway, shown, address(1), 0);
+    assert_eq!(gateway.state(), State::Forward);
+}
+
+#[test]
+fn gateway_of_version_1_is_refused_and_said() {
     let mut gateway = Gateway::new(settings(0));
     gateway.address_is_ready(0);
     let mut bytes = Vec::new();
+    native::encode(&claim(Purpose::Discover, 2), &mut bytes);
+    bytes[8] = 1;
+    gateway.take_datagram(&bytes[..32], address(1), 0, |_, _| ());
+    assert_eq!((gateway.counters().other_version, gateway.unproven.len()), (1, 0));
+    let said: Vec<String> = std::iter::from_fn(|| gateway.event()).map(|event| event.to_string()).collect();
+    assert!(said.iter().any(|text| text.contains("of version 1, this gateway speaks version 2")), "{said:?}");
+}
+
+#[test]
+fn a_full_table_of_targets_takes_no_more_and_counts_them() {
+    let mut gateway = Gateway::new(settings(0));
+    gateway.address_is_ready(0);
     for identity in 2..2 + MAX_TARGETS as u64 + 3 {
-        let header = Header { purpose: Purpose::Alive, identity, session: 1, sequence: 0, first_frame: 0 };
-        native::encode(&header, &mut bytes);
-        gateway.take_datagram(&bytes, address(1), 0, |_, _| ());
+        meet(&mut gateway, identity, address(1), 0);
     }
     assert_eq!((gateway.targets(0).len(), gateway.counters().strangers), (MAX_TARGETS, 3));
 }

@@ -3,7 +3,8 @@
 //! Responsible for: holding frames for as long as they are worth something, and counting each one that is given up. It must
 //! never lose a frame silently, and never hand out an old one.
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::btree_map;
+use std::collections::{BTreeMap, VecDeque};
 
 use crate::Ids;
 use crate::frame::{Frame, Kind};
@@ -41,24 +42,31 @@ impl GivenUp {
 #[derive(Debug, Clone, Copy)]
 struct Entry {
     frame: Frame,
+    /// Frames that came into the ring before its place was taken.
+    number: u64,
     /// When it came from where it was made, ns; before the time at which it came here where it has aged on the way.
     born_ns: u64,
     /// Since when a frame waits in this place, ns: a newer one that takes it waits no longer for that.
     since_ns: u64,
 }
 
+impl Entry {
+    fn age_ns(&self, now_ns: u64) -> u64 {
+        now_ns.saturating_sub(self.born_ns)
+    }
+}
+
 /// See the module's text.
 #[derive(Debug)]
 pub struct Ring {
     rules: Rules,
-    entries: VecDeque<Entry>,
-    /// Entries taken out so far: an entry's number is this and its place.
-    taken: u64,
-    /// The number of the entry of each identifier whose newest wins.
-    latest: HashMap<(u32, bool), u64>,
+    /// What waits, by priority on the bus; those of one priority in the order in which they came.
+    queues: BTreeMap<u64, VecDeque<Entry>>,
+    /// The priority of each that waits, by its number: in the order in which they came.
+    arrivals: BTreeMap<u64, u64>,
+    /// Places that were taken so far.
+    came: u64,
     given_up: GivenUp,
-    /// For [`in_rounds`], which sorts in it.
-    rounds: Vec<(u32, Aged)>,
 }
 
 impl Ring {
@@ -66,23 +74,22 @@ impl Ring {
     pub fn new(rules: Rules) -> Self {
         let capacity = rules.capacity.max(1);
         Self {
-            entries: VecDeque::with_capacity(capacity),
             rules: Rules { capacity, ..rules },
-            taken: 0,
-            latest: HashMap::new(),
+            queues: BTreeMap::new(),
+            arrivals: BTreeMap::new(),
+            came: 0,
             given_up: GivenUp::default(),
-            rounds: Vec::new(),
         }
     }
 
     /// Frames that wait.
     pub fn len(&self) -> usize {
-        self.entries.len()
+        self.arrivals.len()
     }
 
     /// Whether none waits.
     pub fn is_empty(&self) -> bool {
-        self.entries.is_empty()
+        self.arrivals.is_empty()
     }
 
     /// Frames that were given up so far.
@@ -92,7 +99,8 @@ impl Ring {
 
     /// Since when the first place is taken, ns.
     pub fn oldest_ns(&self) -> Option<u64> {
-        self.entries.front().map(|entry| entry.since_ns)
+        let (_, priority) = self.arrivals.first_key_value()?;
+        self.queues.get(priority)?.front().map(|entry| entry.since_ns)
     }
 
     /// Takes a frame that is `age_ns` old at `now_ns`; whether it needed a place of its own.
@@ -102,95 +110,74 @@ impl Ring {
             return false;
         }
         let born_ns = now_ns.saturating_sub(age_ns);
-        let entry = Entry { frame, born_ns, since_ns: born_ns };
-        let newest_wins = self.rules.newest_wins.contain(frame.id());
-        if newest_wins && self.supersede(entry) {
+        let entry = Entry { frame, number: self.came, born_ns, since_ns: born_ns };
+        if self.rules.newest_wins.contain(frame.id()) && self.supersede(entry) {
             return false;
         }
-        if self.entries.len() == self.rules.capacity {
-            self.pop();
-            self.given_up.overflow += 1;
+        if self.len() == self.rules.capacity {
+            self.give_up_oldest();
         }
-        if newest_wins {
-            self.latest.insert(key(&frame), self.taken + self.entries.len() as u64);
-        }
-        self.entries.push_back(entry);
+        self.came += 1;
+        self.arrivals.insert(entry.number, frame.priority());
+        self.queues.entry(frame.priority()).or_default().push_back(entry);
         true
     }
 
     /// Puts the newest value in the place of the one that waits, if there is one.
     fn supersede(&mut self, entry: Entry) -> bool {
-        let Some(number) = self.latest.get(&key(&entry.frame)) else { return false };
-        let Some(place) = number.checked_sub(self.taken) else { return false };
-        let Some(waiting) = self.entries.get_mut(place as usize) else { return false };
-        *waiting = Entry { since_ns: waiting.since_ns, ..entry };
+        let Some(queue) = self.queues.get_mut(&entry.frame.priority()) else { return false };
+        let Some(waiting) = queue.iter_mut().rfind(|waiting| key(&waiting.frame) == key(&entry.frame)) else {
+            return false;
+        };
+        *waiting = Entry { number: waiting.number, since_ns: waiting.since_ns, ..entry };
         self.given_up.superseded += 1;
         true
     }
 
-    fn pop(&mut self) -> Option<Entry> {
-        let entry = self.entries.pop_front()?;
-        self.taken += 1;
-        Some(entry)
-    }
-
-    /// Moves every frame that is not too old into `out`, in the order in which a bus would carry them: the first of each
-    /// identifier, then the second of each, and so on. So sets of frames that are sent again and again stay sets, where several of
-    /// them wait.
-    pub fn drain(&mut self, now_ns: u64, out: &mut Vec<Aged>) {
-        let begun = out.len();
-        while let Some(Entry { frame, born_ns, .. }) = self.pop() {
-            let age_ns = now_ns.saturating_sub(born_ns);
-            if age_ns > self.rules.max_age_ns {
-                self.given_up.expired += 1;
-            } else {
-                out.push(Aged { frame, age_ns });
+    fn give_up_oldest(&mut self) {
+        let Some((_, priority)) = self.arrivals.pop_first() else { return };
+        if let btree_map::Entry::Occupied(mut queue) = self.queues.entry(priority) {
+            queue.get_mut().pop_front(); // the oldest of all is the oldest of its priority
+            if queue.get().is_empty() {
+                queue.remove();
             }
         }
-        self.latest.clear();
-        if out.len() - begun > 1 {
-            in_rounds(&mut out[begun..], &mut self.rounds);
+        self.given_up.overflow += 1;
+    }
+
+    /// Hands out every frame that is not too old, in the order in which a bus would carry them: the first of each priority, then the
+    /// second of each, and so on. So sets of frames that are sent again and again stay sets, where several of them wait. A frame
+    /// that `takes` refuses waits on, and all behind it.
+    pub fn hand_out(&mut self, now_ns: u64, mut takes: impl FnMut(&Aged) -> bool) {
+        self.expire(now_ns);
+        let mut goes_on = true;
+        while goes_on && !self.is_empty() {
+            self.queues.retain(|_, queue| {
+                if let Some(first) = queue.front().filter(|_| goes_on) {
+                    goes_on = takes(&Aged { frame: first.frame, age_ns: first.age_ns(now_ns) });
+                    if goes_on {
+                        self.arrivals.remove(&first.number);
+                        queue.pop_front();
+                    }
+                }
+                !queue.is_empty()
+            });
         }
     }
 
-    /// Takes back frames that [`Ring::drain`] gave at the same instant and that could not go on; nothing may have come in
-    /// between.
-    pub fn put_back(&mut self, now_ns: u64, rest: &[Aged]) {
-        for Aged { frame, age_ns } in rest.iter().rev() {
-            let born_ns = now_ns.saturating_sub(*age_ns);
-            self.entries.push_front(Entry { frame: *frame, born_ns, since_ns: born_ns });
-        }
-        for (place, entry) in self.entries.iter().enumerate() {
-            if self.rules.newest_wins.contain(entry.frame.id()) {
-                self.latest.insert(key(&entry.frame), self.taken + place as u64);
-            }
-        }
-    }
-
-    /// Gives up what has become too old, from the oldest on.
+    /// Gives up what has become too old.
     pub fn expire(&mut self, now_ns: u64) {
-        let born_ns = |ring: &Self| ring.entries.front().map(|entry| entry.born_ns);
-        while born_ns(self).is_some_and(|born_ns| now_ns.saturating_sub(born_ns) > self.rules.max_age_ns) {
-            self.pop();
-            self.given_up.expired += 1;
-        }
-    }
-}
-
-/// Sorts frames by how many of their identifier came before, then as a bus would; `scratch` is room to do it in.
-fn in_rounds(frames: &mut [Aged], scratch: &mut Vec<(u32, Aged)>) {
-    frames.sort_by_key(|aged| aged.frame.priority());
-    if !frames.is_sorted_by(|one, next| one.frame.priority() < next.frame.priority()) {
-        scratch.clear();
-        for aged in frames.iter() {
-            let round = match scratch.last() {
-                Some((round, before)) if before.frame.priority() == aged.frame.priority() => round + 1,
-                _ => 0,
-            };
-            scratch.push((round, *aged));
-        }
-        scratch.sort_by_key(|(round, _)| *round);
-        frames.iter_mut().zip(scratch.iter()).for_each(|(to, (_, aged))| *to = *aged);
+        self.queues.retain(|_, queue| {
+            queue.retain(|entry| {
+                let is_worth_it = entry.age_ns(now_ns) <= self.rules.max_age_ns;
+                if !is_worth_it {
+                    self.arrivals.remove(&entry.number);
+                    self.given_up.expired += 1;
+                }
+                is_worth_it
+            });
+            !queue.is_empty()
+        });
     }
 }
 
@@ -215,8 +202,11 @@ mod tests {
 
     fn drained(ring: &mut Ring, now_ns: u64) -> Vec<Frame> {
         let mut out = Vec::new();
-        ring.drain(now_ns, &mut out);
-        out.iter().map(|aged| aged.frame).collect()
+        ring.hand_out(now_ns, |aged| {
+            out.push(aged.frame);
+            true
+        });
+        out
     }
 
     #[test]
@@ -261,13 +251,45 @@ mod tests {
     fn what_could_not_go_on_waits_again_and_may_be_replaced() {
         let mut ring = Ring::new(rules(9, 100, Ids::All));
         (1..=3).for_each(|id| assert!(ring.push(frame(id, 1), 0, 0)));
-        let mut out = Vec::new();
-        ring.drain(60, &mut out);
-        ring.put_back(60, &out[1..]);
+        let mut room = 1;
+        ring.hand_out(60, |_| {
+            room -= 1;
+            room >= 0
+        });
         ring.push(frame(2, 2), 0, 90);
         assert_eq!((ring.len(), ring.oldest_ns()), (2, Some(0)), "its place is as old as it was");
         assert_eq!(drained(&mut ring, 110), [frame(2, 2)]);
         assert_eq!(ring.given_up(), GivenUp { superseded: 1, expired: 1, overflow: 0 });
+    }
+
+    #[test]
+    fn full_ring_gives_up_its_oldest_frame_and_not_the_most_urgent_also_while_the_bus_takes_nothing() {
+        let mut ring = Ring::new(rules(2, 100, Ids::None));
+        ring.push(frame(0x700, 1), 0, 0);
+        ring.push(frame(0x010, 1), 0, 1);
+        ring.hand_out(1, |_| false);
+        ring.push(frame(0x300, 1), 0, 2);
+        assert_eq!(drained(&mut ring, 2), [frame(0x010, 1), frame(0x300, 1)]);
+        assert_eq!(ring.given_up(), GivenUp { overflow: 1, ..GivenUp::default() });
+    }
+
+    #[test]
+    fn old_frame_is_given_up_also_behind_one_that_came_earlier_and_is_younger() {
+        let mut ring = Ring::new(rules(9, 100, Ids::None));
+        ring.push(frame(1, 1), 0, 1_050);
+        ring.push(frame(2, 1), 90, 1_060);
+        ring.expire(1_080);
+        assert_eq!((ring.len(), ring.given_up().expired), (1, 1));
+        assert_eq!(drained(&mut ring, 1_080), [frame(1, 1)]);
+    }
+
+    #[test]
+    fn ring_of_a_bus_that_is_absent_holds_nothing_of_frames_that_it_gave_up() {
+        let mut ring = Ring::new(rules(2, 100, Ids::All));
+        (0..100).for_each(|id| assert!(ring.push(frame(id, 1), 0, 0)));
+        assert_eq!((ring.queues.len(), ring.arrivals.len()), (2, 2));
+        ring.expire(1_000);
+        assert_eq!((ring.queues.len(), ring.arrivals.len()), (0, 0));
     }
 
     #[test]
@@ -306,6 +328,7 @@ mod tests {
         fn every_frame_is_handed_out_or_counted_and_in_order(
             frames in proptest::collection::vec((any::frame(), 0_u64..200, any::<bool>()), 0..200),
             capacity in 1_usize..40,
+            room in 1_usize..50,
             all: bool,
         ) {
             let mut ring = Ring::new(rules(capacity, 100, if all { Ids::All } else { Ids::None }));
@@ -315,8 +338,12 @@ mod tests {
                 ring.push(*frame, 0, now_ns);
                 if *drain {
                     let mut sent = Vec::new();
-                    ring.drain(now_ns, &mut sent);
-                    let mut seen = HashMap::new();
+                    ring.hand_out(now_ns, |aged| {
+                        sent.push(*aged);
+                        sent.len() <= room
+                    });
+                    sent.truncate(room);
+                    let mut seen = BTreeMap::new();
                     let rounds: Vec<_> = sent
                         .iter()
                         .map(|aged| {

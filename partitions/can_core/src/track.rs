@@ -20,6 +20,17 @@ pub struct Tally {
     pub repeated: u64,
 }
 
+impl std::ops::AddAssign for Tally {
+    fn add_assign(&mut self, other: Self) {
+        self.datagrams += other.datagrams;
+        self.frames += other.frames;
+        self.lost_datagrams += other.lost_datagrams;
+        self.lost_frames += other.lost_frames;
+        self.late += other.late;
+        self.repeated += other.repeated;
+    }
+}
+
 /// Follows the numbers of one session.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Track {
@@ -62,6 +73,13 @@ impl Track {
         tally.datagrams += 1;
         tally.frames += u64::from(frames);
         true
+    }
+
+    /// As [`Track::note`], of a sender whose numbers have one byte and who does not number frames: it is the nearest that ends so.
+    pub fn note_byte(&mut self, sequence: u8, frames: u32, tally: &mut Tally) -> bool {
+        let next = self.next.unwrap_or(sequence.into());
+        let ahead = sequence.wrapping_sub(next as u8).cast_signed();
+        self.note(next.wrapping_add_signed(ahead.into()), self.next_frame, frames, tally)
     }
 
     /// The sender says which numbers it will give next: what lies before is missing.

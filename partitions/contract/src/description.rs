@@ -116,3 +116,14 @@ pub enum PortKind {
     /// Messages in order.
     Queuing,
 }
+
+impl PortKind {
+    /// Whether a message of `bytes` can be one of a channel whose longest has `most`: the only length of a sampling channel's.
+    #[must_use]
+    pub fn carries(self, most: usize, bytes: usize) -> bool {
+        match self {
+            Self::Sampling => bytes == most,
+            Self::Queuing => (1..=most).contains(&bytes),
+        }
+    }
+}

@@ -22,7 +22,7 @@ const FREE_DRAINS: usize = 20;
 /// are many short ones.
 const TRIES: usize = 20;
 /// The same for a simulator that did not answer the last question either.
-const TRIES_IN_VAIN: usize = 2;
+const TRIES_AFTER_SILENT_WINDOW: usize = 2;
 
 /// Time, as the executive gives it.
 pub trait Waiting {
@@ -178,7 +178,7 @@ impl Conversation {
         let tries = match (self.link.is_reliable(), hopeful) {
             (true, _) => 1,
             (false, true) => TRIES,
-            (false, false) => TRIES_IN_VAIN,
+            (false, false) => TRIES_AFTER_SILENT_WINDOW,
         };
         let mut until_ns = if tries == 1 { deadline_ns } else { deadline_ns - (left_ns - left_ns / 3) };
         let (mut asked, mut looks) = (1, 0);
@@ -393,7 +393,7 @@ mod tests {
         assert_eq!(world.run_at(&mut link, 3 * CYCLE), Sensors::default());
         assert_eq!(world.asked.borrow().len(), TRIES);
         assert_eq!(world.run_at(&mut link, 4 * CYCLE), Sensors::default());
-        assert_eq!(world.asked.borrow().len(), TRIES + TRIES_IN_VAIN);
+        assert_eq!(world.asked.borrow().len(), TRIES + TRIES_AFTER_SILENT_WINDOW);
     }
 
     #[test]

@@ -13,6 +13,9 @@ const STUBBORN_WINDOWS: u32 = 50;
 const STUBBORN_FIX_WINDOWS: u32 = 100;
 /// Further from module time and from the newest sensors than this, a fix is not believed, ns: no receiver is slower.
 const FIX_NEAR_NS: u64 = 2_000_000_000;
+/// Further from the time asked for than this, sticks are not believed, ns: as long as the Servo believes those that it has. What
+/// waited in a network for longer would pass as fresh there.
+const STICKS_NEAR_NS: u64 = 100_000_000;
 /// A stamp that lies no further from the question than this answers it, whatever the cycle, ns: what a clock in
 /// floating-point seconds or in whole microseconds makes of it.
 const ROUNDING_NS: u64 = 1_000;
@@ -89,9 +92,14 @@ pub struct Inbox {
     sensors: Sensors,
     last_analog_ns: Option<u64>,
     last_gps_ns: Option<u64>,
+    last_custom_ns: Option<u64>,
     windows_without: u32,
     /// Windows since a fix was taken.
     windows_without_fix: u32,
+    /// Windows since sticks were taken.
+    windows_without_custom: u32,
+    /// Windows since a question was answered for its own time; `None`: none was.
+    windows_without_answer: Option<u32>,
     counters: Counters,
     remarks: Remarks,
 }
@@ -107,8 +115,11 @@ impl Inbox {
             sensors: Sensors::default(),
             last_analog_ns: None,
             last_gps_ns: None,
+            last_custom_ns: None,
             windows_without: 0,
             windows_without_fix: 0,
+            windows_without_custom: 0,
+            windows_without_answer: None,
             counters: Counters::default(),
             remarks: Remarks::default(),
         }
@@ -153,7 +164,7 @@ impl Inbox {
     }
 
     /// Nothing new has come for a second: what was not believed before is believed now.
-    pub(crate) fn is_alone(&self) -> bool {
+    pub(crate) fn accepts_older_stamps(&self) -> bool {
         self.windows_without >= STUBBORN_WINDOWS
     }
 
@@ -218,6 +229,12 @@ impl Inbox {
             self.last_gps_ns = Some(gps.measured_ns);
             self.windows_without_fix = 0;
         }
+        self.windows_without_custom = self.windows_without_custom.saturating_add(1);
+        if let Some(custom) = &sensors.custom {
+            self.last_custom_ns = Some(custom.measured_ns);
+            self.windows_without_custom = 0;
+        }
+        self.windows_without_answer = self.windows_without_answer.map(|windows| windows.saturating_add(1));
         self.remarks.note_values(&sensors);
         sensors
     }
@@ -247,10 +264,11 @@ impl Inbox {
                 self.sensors.analog = Some(*analog);
             }
             self.answered = true;
+            self.windows_without_answer = Some(0);
             return;
         }
         let newest = self.sensors.analog.map(|held| held.measured_ns).or(self.last_analog_ns);
-        let is_news = is_news(analog.measured_ns, newest, self.is_alone());
+        let is_news = is_news(analog.measured_ns, newest, self.accepts_older_stamps());
         self.counters.stale += u64::from(self.lockstep || !is_news);
         if !self.answered && is_news {
             self.sensors.analog = Some(*analog);
@@ -267,20 +285,43 @@ impl Inbox {
     /// A fix may be older than the question by the receiver's latency; a repeated answer repeats it. One whose time can
     /// not be would otherwise shut out all that follow.
     fn gps(&mut self, gps: &RawGps) {
-        let newest_ns = self.sensors.analog.map(|held| held.measured_ns).or(self.last_analog_ns);
-        let near = |time_ns: u64| gps.measured_ns.abs_diff(time_ns) <= FIX_NEAR_NS;
-        if near(self.asked_ns) || newest_ns.is_some_and(near) {
+        if self.is_near_question(gps.measured_ns, FIX_NEAR_NS)
+            || self.is_near_sensors(gps.measured_ns, FIX_NEAR_NS)
+        {
             return self.put_gps(*gps);
         }
         self.counters.invalid += 1;
         self.remarks.note_fix_time(i128::from(gps.measured_ns) - i128::from(self.asked_ns));
     }
 
+    /// Sticks get a new stamp with their port, which the Servo trusts: those that were published, and those that are old, are not
+    /// taken. A simulator whose answers lie beside the questions has a clock of its own: its sensors show how late it is there.
     fn custom(&mut self, custom: &Custom) {
-        let held = self.sensors.custom.filter(|held| held.measured_ns == self.asked_ns);
-        if held.is_none() {
+        let measured_ns = custom.measured_ns;
+        let own_clock = self.windows_without_answer.is_none_or(|windows| windows >= STUBBORN_WINDOWS);
+        let is_near = self.is_near_question(measured_ns, STICKS_NEAR_NS)
+            || (own_clock && self.is_near_sensors(measured_ns, STICKS_NEAR_NS));
+        self.remarks.note_sticks_time(i128::from(measured_ns) - i128::from(self.asked_ns), !is_near);
+        if !is_near {
+            self.counters.stale += 1;
+            return;
+        }
+        let held_ns = self.sensors.custom.map(|held| held.measured_ns);
+        let is_answer = measured_ns == self.asked_ns && self.last_custom_ns != Some(measured_ns);
+        let patient = self.windows_without_custom >= STUBBORN_WINDOWS;
+        let is_news = is_news(measured_ns, held_ns.or(self.last_custom_ns), patient);
+        if is_answer || (is_news && held_ns != Some(self.asked_ns)) {
             self.sensors.custom = Some(*custom);
         }
+    }
+
+    fn is_near_question(&self, measured_ns: u64, within_ns: u64) -> bool {
+        measured_ns.abs_diff(self.asked_ns) <= within_ns
+    }
+
+    fn is_near_sensors(&self, measured_ns: u64, within_ns: u64) -> bool {
+        let newest_ns = self.sensors.analog.map(|held| held.measured_ns).or(self.last_analog_ns);
+        newest_ns.is_some_and(|newest_ns| measured_ns.abs_diff(newest_ns) <= within_ns)
     }
 }
 
@@ -455,6 +496,72 @@ mod tests {
         assert!(window(2, 901 * CYCLE + 7));
         let heard = (0..60).filter(|number| window(3 + number, number * CYCLE + 7)).count();
         assert!(heard >= 9, "{heard}");
+    }
+
+    /// A datagram with sensors and sticks of a time, in the window of a cycle; gives the time of the sticks that were published.
+    fn sticks(inbox: &mut Inbox, cycle: u64, measured_ns: u64) -> Option<u64> {
+        let mut bytes = analog(measured_ns);
+        Packet::Custom(Custom { measured_ns, ..Custom::default() }).write(&mut bytes);
+        inbox.begin(cycle * CYCLE);
+        inbox.take(&bytes);
+        inbox.finish().custom.map(|custom| custom.measured_ns)
+    }
+
+    #[test]
+    fn sticks_that_come_again_or_late_are_not_published_as_fresh() {
+        let mut inbox = Inbox::new(true);
+        for cycle in 10..20 {
+            assert_eq!(sticks(&mut inbox, cycle, cycle * CYCLE), Some(cycle * CYCLE));
+        }
+        assert_eq!(sticks(&mut inbox, 20, 19 * CYCLE), None, "they were published");
+        assert_eq!(sticks(&mut inbox, 21, 20 * CYCLE), Some(20 * CYCLE), "late, and news");
+        assert_eq!(sticks(&mut inbox, 22, 19 * CYCLE), None, "older than what was published");
+        assert_eq!(sticks(&mut inbox, 60, 50 * CYCLE), None, "they waited in the network for 200 ms");
+        assert_eq!(sticks(&mut inbox, 61, 61 * CYCLE), Some(61 * CYCLE));
+    }
+
+    #[test]
+    fn sticks_that_never_have_a_time_are_refused_and_told_once() {
+        let mut inbox = Inbox::new(true);
+        let mut told = Vec::new();
+        for cycle in 10..200 {
+            let mut bytes = analog(cycle * CYCLE);
+            Packet::Custom(Custom::default()).write(&mut bytes);
+            inbox.begin(cycle * CYCLE);
+            inbox.take(&bytes);
+            assert_eq!(inbox.finish().custom, None);
+            told.extend(inbox.remarks());
+        }
+        assert!(told.len() == 1 && told[0].contains("stamp CC"), "{told:?}");
+    }
+
+    #[test]
+    fn sticks_of_a_simulator_with_its_own_clock_are_heard_and_heard_again_after_its_restart() {
+        for lockstep in [true, false] {
+            let mut inbox = Inbox::new(lockstep);
+            let own_ns = 1_700_000_000_000_000_000;
+            for cycle in 1..100 {
+                let measured_ns = own_ns + cycle * CYCLE;
+                assert_eq!(sticks(&mut inbox, cycle, measured_ns), Some(measured_ns), "cycle {cycle}");
+            }
+            let heard = (0..60).filter(|cycle| sticks(&mut inbox, 100 + cycle, cycle * CYCLE + 7).is_some());
+            assert_eq!(heard.count(), 10, "after a second");
+        }
+    }
+
+    #[test]
+    fn sticks_for_the_time_asked_for_outdo_others_whatever_the_order() {
+        for order in [[0, 1, 2], [2, 1, 0], [1, 2, 0]] {
+            let mut inbox = Inbox::new(true);
+            inbox.begin(50 * CYCLE);
+            for place in order {
+                let mut bytes = Vec::new();
+                let measured_ns = 49 * CYCLE + place * CYCLE;
+                Packet::Custom(Custom { measured_ns, ..Custom::default() }).write(&mut bytes);
+                inbox.take(&bytes);
+            }
+            assert_eq!(inbox.finish().custom.map(|custom| custom.measured_ns), Some(50 * CYCLE));
+        }
     }
 
     #[test]

@@ -32,6 +32,7 @@ impl Finding {
 pub(crate) struct Remarks {
     other_time: Finding,
     fix_time: Finding,
+    sticks_time: Finding,
     pressure: Finding,
     interval: Finding,
     waiting: Vec<String>,
@@ -56,6 +57,16 @@ impl Remarks {
             let beside_s = beside_ns as f64 / 1e9;
             self.waiting.push(format!(
                 "fix refused, {beside_s:+.3e} s beside module time: stamp GG on the clock of II, in ns"
+            ));
+        }
+    }
+
+    /// Sticks came that lie so far beside the time that was asked for; `refused`: too far.
+    pub(crate) fn note_sticks_time(&mut self, beside_ns: i128, refused: bool) {
+        if self.sticks_time.note(refused, ENOUGH) {
+            let beside_s = beside_ns as f64 / 1e9;
+            self.waiting.push(format!(
+                "sticks refused, {beside_s:+.3e} s beside module time: stamp CC on the clock of II, in ns"
             ));
         }
     }

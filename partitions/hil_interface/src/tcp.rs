@@ -30,6 +30,8 @@ pub(crate) struct TcpLink {
     next_ns: u64,
     /// What is left of a message that was sent in part.
     rest: Vec<u8>,
+    /// A connection broke while it was sent to, which is still to be told to whoever takes what comes.
+    ended: bool,
 }
 
 #[derive(Debug)]
@@ -46,7 +48,7 @@ impl TcpLink {
     /// The partition may not make connections: better said at its start than counted in each window.
     pub(crate) fn new(simulator: SocketAddr) -> io::Result<Self> {
         socket_towards(simulator)?;
-        Ok(Self { simulator, state: State::Closed, next_ns: 0, rest: Vec::new() })
+        Ok(Self { simulator, state: State::Closed, next_ns: 0, rest: Vec::new(), ended: false })
     }
 
     /// The connection, where there is one.
@@ -103,12 +105,16 @@ impl TcpLink {
         }
         if clear.is_err() {
             self.state = State::Closed;
+            self.ended = true;
         }
     }
 
     /// See [`crate::link::Link::drain`].
     pub(crate) fn drain(&mut self, mut take: impl FnMut(Chunk<'_>)) -> Counters {
         let mut counters = Counters::default();
+        if std::mem::take(&mut self.ended) {
+            take(Chunk::End);
+        }
         let State::Open(stream) = &mut self.state else { return counters };
         let mut bytes = [0; 4096];
         let mut taken = 0;
@@ -239,6 +245,34 @@ mod tests {
         link.connect(&time, 0, &mut counters);
         assert!(link.stream().is_some());
         assert_eq!(counters.connections, 2);
+    }
+
+    #[test]
+    fn connection_that_broke_while_it_was_sent_to_leaves_nothing_for_the_next_one() {
+        let simulator = TcpListener::bind("127.0.0.1:0").unwrap();
+        let (time, mut counters) = (Patient(Cell::new(5)), Counters::default());
+        let mut link = TcpLink::new(simulator.local_addr().unwrap()).unwrap();
+        link.connect(&time, 0, &mut counters);
+        let (mut peer, _) = simulator.accept().unwrap();
+        peer.write_all(b"half a mess").unwrap();
+        assert!(time.wait_readable(link.stream().unwrap(), 0));
+        assert_eq!(drained(&mut link), (b"half a mess".to_vec(), false));
+        drop(peer);
+        for _ in 0..1_000 {
+            link.send(b"is anybody there?", &mut counters);
+            if link.stream().is_none() {
+                break;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(1)); // for the answer of the kernel there
+        }
+        assert!(link.stream().is_none(), "the sending showed it");
+        time.0.set(5 + RETRY_NS);
+        link.connect(&time, 0, &mut counters);
+        let (mut peer, _) = simulator.accept().unwrap();
+        peer.write_all(b"a whole one").unwrap();
+        assert!(time.wait_readable(link.stream().unwrap(), 0));
+        assert_eq!(drained(&mut link), (b"a whole one".to_vec(), true), "what came before has ended");
+        assert_eq!(drained(&mut link), (Vec::new(), false));
     }
 
     #[test]

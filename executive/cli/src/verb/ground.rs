@@ -217,18 +217,22 @@ fn set(link: &mut Link, settings: &[String]) -> Result<Code> {
     Ok(code)
 }
 
-/// The next answer about a parameter, if it comes in time.
+/// What stands after an order to set a parameter, if it comes in time: the order is acknowledged first. A value from before that belongs
+/// to a list that somebody asked for earlier.
 fn answer(link: &mut Link, name: &str) -> Result<Option<ParameterValue>> {
     let begun = Instant::now();
-    let mut found = None;
+    let (mut acknowledged_ns, mut found) = (None, None);
     while found.is_none() && begun.elapsed() < ANSWER {
         link.flush()?;
-        link.receive(|telemetry| {
-            if let Telemetry::Parameter(value) = telemetry
-                && value.name().eq_ignore_ascii_case(name)
+        link.receive(|telemetry| match telemetry {
+            Telemetry::Acknowledge(answer) if answer.letter == b'Y' => acknowledged_ns = Some(answer.time_ns),
+            Telemetry::Parameter(value)
+                if value.name().eq_ignore_ascii_case(name)
+                    && acknowledged_ns.is_some_and(|since_ns| value.time_ns >= since_ns) =>
             {
                 found = Some(value);
             }
+            _ => {}
         })?;
         std::thread::sleep(STEP);
     }
@@ -296,6 +300,35 @@ mod tests {
         }
         drop(sender);
         assert_eq!((beats, ground.join().unwrap().unwrap()), (2, FINE));
+    }
+
+    #[test]
+    fn value_of_an_older_listing_is_not_taken_for_the_answer_to_a_setting() {
+        let (ours, mut aircraft) = UnixStream::pair().unwrap();
+        let say = |aircraft: &mut UnixStream, telemetry: Telemetry| {
+            let mut bytes = Vec::new();
+            let (letter, data) = telemetry.parts();
+            frame::encode(letter, data, &mut bytes);
+            aircraft.write_all(&bytes).unwrap();
+        };
+        let value = |time_ns, reason| {
+            let name = bateleur_messages::parameter::name_bytes("CTL_LAPS");
+            Telemetry::Parameter(ParameterValue { time_ns, reason, name, ..ParameterValue::default() })
+        };
+        say(&mut aircraft, value(1, 0));
+        let ground = std::thread::spawn(move || set(&mut Link::new(ours)?, &["CTL_LAPS=3".to_owned()]));
+        let (mut decoder, mut asked) = (Decoder::new(), false);
+        while !asked {
+            let mut bytes = [0; 256];
+            let length = aircraft.read(&mut bytes).unwrap();
+            asked = decoder.extend(&bytes[..length]).any(|frame| frame.letter == b'Y');
+        }
+        say(&mut aircraft, value(2, 0)); // of the listing, still
+        let acknowledge =
+            Acknowledge { time_ns: 3, letter: b'Y', from: FROM_CONTROLLER, ..Acknowledge::default() };
+        say(&mut aircraft, Telemetry::Acknowledge(acknowledge));
+        say(&mut aircraft, value(3, bateleur_messages::telemetry::Refusal::NoState as u32));
+        assert_eq!(ground.join().unwrap().unwrap(), WRONG, "it was refused");
     }
 
     #[test]

@@ -19,7 +19,7 @@ pub(super) struct End {
     networks: Vec<String>,
     channels: Vec<String>,
     /// Answers of the peer's computers that nobody listens there, by network: so far, and when the network was heard or told last.
-    unheard: [(u64, u64); NETWORKS],
+    port_unreachable: [(u64, u64); NETWORKS],
     /// Messages dropped for full queues when it was last said, and those that nobody received.
     overflows_told: u64,
     unreceived_told: u64,
@@ -45,7 +45,7 @@ impl End {
             peer: link.peer.clone(),
             networks: link.paths.iter().map(|path| path.network.clone()).collect(),
             channels: link.channels.iter().map(|channel| channel.name.clone()).collect(),
-            unheard: Default::default(),
+            port_unreachable: Default::default(),
             overflows_told: 0,
             unreceived_told: 0,
             unprotected: !link.authenticated,
@@ -60,8 +60,11 @@ impl End {
         while let Some(event) = self.link.next_event() {
             self.tell_one(&event, window);
         }
+        if self.link.sends_all_again() {
+            self.ports.send_all_again();
+        }
         self.tell_unreceived(window);
-        for (network, (so_far, told)) in self.unheard.iter_mut().enumerate() {
+        for (network, (so_far, told)) in self.port_unreachable.iter_mut().enumerate() {
             if self.link.is_up(network) {
                 *told = *so_far; // of a time that is over
             }
@@ -69,13 +72,13 @@ impl End {
     }
 
     /// Notes how often a network's other computer has answered that nobody listens there.
-    pub(super) fn unheard(&mut self, network: usize, count: u64) {
-        self.unheard[network].0 = count;
+    pub(super) fn note_port_unreachable(&mut self, network: usize, count: u64) {
+        self.port_unreachable[network].0 = count;
     }
 
     /// What is to be said of a network's silence beside itself.
     fn why_silent(&mut self, network: usize) -> &'static str {
-        let (so_far, told) = &mut self.unheard[network];
+        let (so_far, told) = &mut self.port_unreachable[network];
         let answered = *so_far > std::mem::replace(told, *so_far);
         if answered { "; the computer there says that no relay listens" } else { "" }
     }
@@ -106,7 +109,6 @@ impl End {
             }
             Event::Up => {
                 window.report(&format!("link {name}: up, {peer} is there"));
-                self.ports.send_all_again();
             }
             Event::Down => {
                 let heard = (0..self.networks.len()).any(|network| self.link.is_up(network));
@@ -115,8 +117,6 @@ impl End {
             }
             Event::PeerRestarted => {
                 window.report(&format!("link {name}: the relay of {peer} was restarted"));
-                // What was sent since the one before has gone may have come to nobody.
-                self.ports.send_all_again();
             }
             Event::PlanDiffers(what) if what.is_empty() => {
                 window.raise(&format!("link {name}: {peer} has another plan; nothing of it is taken"));

@@ -22,8 +22,8 @@ use status::Status;
 
 /// So many datagrams are looked at in each window, however short it is.
 const LEAST: usize = LEAST_SHARE;
-/// The part of a window in which what has come may be looked at: the rest is for what goes out.
-const LOOKING: u64 = 2;
+/// What has come is taken in the first part of a window, one in so many: the rest is for what goes out.
+const RECEIVE_WINDOW_DIVISOR: u64 = 2;
 
 /// See the module's head.
 pub(crate) struct Relay {
@@ -83,16 +83,17 @@ impl Partition for Relay {
 
 impl Relay {
     fn take_in(&mut self, window: &Window) {
-        let now_ns = window.now_ns();
         let Self { ends, endpoints, transport, inbox, .. } = self;
         if inbox.len() < TAKEN_IN_A_WINDOW {
             let share = share_of_a_window(endpoints.len());
-            transport.receive(now_ns, share, &mut |came| inbox.add(&came));
+            transport.receive(&|| window.now_ns(), share, &mut |came| inbox.add(&came));
         }
         for (number, endpoint) in endpoints.iter().enumerate() {
-            ends[endpoint.place].unheard(endpoint.network, transport.unheard(number));
+            ends[endpoint.place]
+                .note_port_unreachable(endpoint.network, transport.port_unreachable_count(number));
         }
-        let until_ns = now_ns + window.end_ns().saturating_sub(now_ns) / LOOKING;
+        let now_ns = window.now_ns();
+        let until_ns = now_ns + window.end_ns().saturating_sub(now_ns) / RECEIVE_WINDOW_DIVISOR;
         inbox.empty(&mut |done| done < LEAST || window.now_ns() < until_ns, &mut |came| {
             let endpoint = &endpoints[came.endpoint];
             let End { link, ports, .. } = &mut ends[endpoint.place];

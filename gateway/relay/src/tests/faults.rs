@@ -128,6 +128,48 @@ fn a_restarted_receiver_takes_only_what_is_meant_for_its_life() {
 }
 
 #[test]
+fn new_life_is_answered_also_while_messages_of_the_old_one_come() {
+    let mut pair = Pair::new(&LinkModelTable::default());
+    pair.meet();
+    let mut newcomer = link(&table(true), 9);
+    let sealed = newcomer.open(0, Frame::default()).unwrap().finish(0);
+    let hello = [sealed.bytes, sealed.tag(0)].concat();
+    let sent_before = pair.ends[1].sent.len();
+    for number in 0..10 {
+        assert_eq!(pair.ends[1].take(0, pair.now_ns, &hello), Err(Rejection::Restart));
+        pair.ends[0].write(ORDERS, number, pair.now_ns, &[1; 10]);
+        pair.frame();
+    }
+    let taken = pair.ends[1].sent[sent_before..].iter().filter(|(network, datagram)| {
+        let arrival = Arrival { network: *network, came_ns: 0, now_ns: 0 };
+        *network == 0 && newcomer.receive(arrival, datagram, &mut |_| true).is_ok()
+    });
+    assert!(taken.count() > 0, "it was answered nothing that it could take");
+}
+
+#[test]
+fn values_are_sent_again_to_a_restarted_peer_however_much_else_happened() {
+    let mut pair = Pair::new(&LinkModelTable::default());
+    pair.meet();
+    assert!(pair.ends.iter_mut().all(|end| end.link.sends_all_again()), "the peer was not there before");
+    assert!(pair.ends.iter_mut().all(|end| !end.link.sends_all_again()), "said once");
+    for number in 0..200 {
+        pair.ends[1].link.note(Event::Overflow(number));
+    }
+    pair.ends[0].link = link(&table(true), 3);
+    for _ in 0..4 {
+        // Nobody takes the events of the second one.
+        let sent = pair.ends[0].send(pair.now_ns);
+        let _ = pair.ends[1].take(0, pair.now_ns, &sent[0].1);
+        let sent = pair.ends[1].send(pair.now_ns);
+        let _ = pair.ends[0].take(0, pair.now_ns, &sent[0].1);
+        pair.now_ns += MINOR_NS;
+    }
+    assert_eq!(pair.ends[1].link.counters().peer_lives, 2);
+    assert!(pair.ends[1].link.sends_all_again());
+}
+
+#[test]
 fn both_restarted_at_once_meet_again() {
     let mut pair = Pair::new(&LinkModelTable::default());
     pair.meet();

@@ -125,6 +125,26 @@ fn copies_beyond_the_skew_limit_are_late_and_not_taken() {
 }
 
 #[test]
+fn message_of_a_wrong_length_is_not_sent_and_the_others_of_its_datagram_are_taken() {
+    let mut pair = Pair::new(&quiet(0));
+    pair.meet();
+    let now_ns = pair.now_ns;
+    let mut composer = pair.ends[0].link.open(now_ns, Frame::default()).unwrap();
+    assert!(composer.put(ORDERS, Stamp::default(), b"order"));
+    for (channel, bytes) in [(STATE, 63), (STATE, 65), (ORDERS, 0), (ORDERS, 201)] {
+        assert!(!composer.put(channel, Stamp::default(), &vec![1; bytes]), "{bytes} bytes on {channel}");
+    }
+    let sealed = composer.finish(now_ns);
+    let datagram = [sealed.bytes, sealed.tag(0)].concat();
+    assert_eq!(pair.ends[1].take(0, now_ns, &datagram), Ok(()));
+    assert_eq!(pair.ends[1].of(ORDERS).last().map(|message| message.3.as_slice()), Some(&b"order"[..]));
+    assert_eq!(
+        (pair.ends[0].link.counters().messages_sent, pair.ends[1].link.counters().messages_lost),
+        (1, 0)
+    );
+}
+
+#[test]
 fn without_authentication_everything_works_the_same() {
     let tables = [true, false].map(|initiator| {
         let mut table = table(initiator);

@@ -48,7 +48,7 @@ pub(crate) fn only_where_joined(socket: &impl AsRawFd) -> io::Result<()> {
 }
 
 /// Whether the peer's computer has answered that nobody listens there.
-fn is_unheard(error: &io::Error) -> bool {
+fn is_port_unreachable(error: &io::Error) -> bool {
     error.kind() == io::ErrorKind::ConnectionRefused
 }
 
@@ -57,13 +57,13 @@ pub(crate) struct Outbox {
     bytes: Vec<u8>,
     ends: Vec<usize>,
     /// Answers that nobody listens at the other end.
-    pub(crate) unheard: u64,
+    pub(crate) port_unreachable: u64,
 }
 
 impl Outbox {
     /// For datagrams of `longest` bytes.
     pub(crate) fn new(longest: usize) -> Self {
-        Self { bytes: Vec::with_capacity(longest), ends: Vec::with_capacity(BATCH), unheard: 0 }
+        Self { bytes: Vec::with_capacity(longest), ends: Vec::with_capacity(BATCH), port_unreachable: 0 }
     }
 
     /// Adds a datagram. False: it is full, flush first.
@@ -93,7 +93,8 @@ impl Outbox {
             message.msg_hdr.msg_iov = vector;
             message.msg_hdr.msg_iovlen = 1;
         }
-        let failed = send_all(socket.as_raw_fd(), &mut messages[..self.ends.len()], &mut self.unheard);
+        let failed =
+            send_all(socket.as_raw_fd(), &mut messages[..self.ends.len()], &mut self.port_unreachable);
         self.bytes.clear();
         self.ends.clear();
         failed
@@ -101,7 +102,7 @@ impl Outbox {
 }
 
 /// Gives the number of those that could not be sent, and counts answers that nobody listens there.
-fn send_all(socket: i32, messages: &mut [libc::mmsghdr], unheard: &mut u64) -> usize {
+fn send_all(socket: i32, messages: &mut [libc::mmsghdr], port_unreachable: &mut u64) -> usize {
     let (mut done, mut failed) = (0, 0);
     // An error that was reported to the socket earlier (nobody listened at the peer) shows at the next call: that
     // one is made once more.
@@ -113,7 +114,7 @@ fn send_all(socket: i32, messages: &mut [libc::mmsghdr], unheard: &mut u64) -> u
             libc::sendmmsg(socket, rest.as_mut_ptr(), rest.len() as libc::c_uint, libc::MSG_DONTWAIT)
         };
         if sent < 0 {
-            *unheard += u64::from(is_unheard(&io::Error::last_os_error()));
+            *port_unreachable += u64::from(is_port_unreachable(&io::Error::last_os_error()));
         }
         match usize::try_from(sent) {
             Ok(sent) if sent > 0 => {
@@ -137,7 +138,7 @@ pub(crate) struct Inbox {
     length: usize,
     control: [[u64; CONTROL / 8]; BATCH],
     /// Answers that nobody listens at the other end, on any socket.
-    pub(crate) unheard: u64,
+    pub(crate) port_unreachable: u64,
 }
 
 /// One datagram of an [`Inbox`].
@@ -157,7 +158,7 @@ impl Inbox {
             bytes: vec![0; longest * BATCH],
             length: longest,
             control: [[0; CONTROL / 8]; BATCH],
-            unheard: 0,
+            port_unreachable: 0,
         }
     }
 
@@ -205,7 +206,7 @@ impl Inbox {
         let nothing = |error: &io::Error| error.kind() == io::ErrorKind::WouldBlock;
         let received = match receive() {
             Err(error) if !nothing(&error) => {
-                self.unheard += u64::from(is_unheard(&error));
+                self.port_unreachable += u64::from(is_port_unreachable(&error));
                 receive().unwrap_or(0)
             }
             received => received.unwrap_or(0),

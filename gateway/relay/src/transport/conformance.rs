@@ -58,7 +58,7 @@ impl<T: RelayTransport> Bed<T> {
 }
 
 fn receive<T: RelayTransport>(transport: &mut T, now_ns: u64, most: usize, found: &mut Vec<Found>) {
-    transport.receive(now_ns, most, &mut |came| {
+    transport.receive(&|| now_ns, most, &mut |came| {
         found.push((came.endpoint, came.at_ns, came.datagram.map(<[u8]>::to_vec)));
     });
 }

@@ -115,12 +115,15 @@ pub trait RelayTransport {
     /// Sends what was taken, at `now_ns`; `failed` is told the endpoint of each datagram that could not be sent.
     fn flush(&mut self, now_ns: u64, failed: &mut dyn FnMut(usize));
 
-    /// Hands over what has come until `now_ns`, at most `most` datagrams of each endpoint; what is more waits.
-    fn receive(&mut self, now_ns: u64, most: usize, take: &mut dyn FnMut(Came<'_>));
+    /// Hands over what has come, at most `most` datagrams of each endpoint; what is more waits. `now` gives module time, ns. A
+    /// transport that is told of arrivals by another clock looks at that one first and at module time directly behind it: whatever
+    /// comes between makes an arrival late, never early. A link's estimate of the peer's clock would be wrong by more than it says
+    /// with one that is early.
+    fn receive(&mut self, now: &dyn Fn() -> u64, most: usize, take: &mut dyn FnMut(Came<'_>));
 
     /// How often an endpoint was answered that nobody listens at its remote address, where the transport is told: the other
     /// computer is there, and no relay.
-    fn unheard(&self, _endpoint: usize) -> u64 {
+    fn port_unreachable_count(&self, _endpoint: usize) -> u64 {
         0
     }
 }

@@ -160,7 +160,8 @@ impl RelayTransport for Stepped {
         }
     }
 
-    fn receive(&mut self, now_ns: u64, most: usize, take: &mut dyn FnMut(Came<'_>)) {
+    fn receive(&mut self, now: &dyn Fn() -> u64, most: usize, take: &mut dyn FnMut(Came<'_>)) {
+        let now_ns = now();
         (0..self.sockets.len()).for_each(|number| {
             self.empty(number, None);
         });
@@ -204,7 +205,7 @@ mod tests {
 
     fn came(transport: &mut Stepped, now_ns: u64) -> Vec<(usize, u64, Vec<u8>)> {
         let mut found = Vec::new();
-        transport.receive(now_ns, 100, &mut |came| {
+        transport.receive(&|| now_ns, 100, &mut |came| {
             found.push((came.endpoint, came.at_ns, came.datagram.unwrap().to_vec()));
         });
         found

@@ -19,7 +19,7 @@ const KEPT: usize = 1 << 20;
 /// When the wall clock was set by more than this since the last look, its notes say nothing, ns.
 const CLOCK_WAS_SET_NS: i64 = 100_000;
 /// Datagrams do not lie in a socket for longer, ns.
-const LONGEST_WAIT_NS: u64 = 10_000_000_000;
+const LONGEST_WAIT_NS: i64 = 10_000_000_000;
 
 /// See the module's head.
 pub struct Udp {
@@ -38,7 +38,7 @@ struct Way {
     endpoint: usize,
     failed: usize,
     /// Answers that nobody listens at the other end, to what was received.
-    unheard: u64,
+    port_unreachable: u64,
 }
 
 impl Way {
@@ -102,7 +102,7 @@ impl Way {
             outbox: Outbox::new(endpoint.max_datagram),
             endpoint: number,
             failed: 0,
-            unheard: 0,
+            port_unreachable: 0,
         })
     }
 }
@@ -123,8 +123,9 @@ impl RelayTransport for Udp {
         }
     }
 
-    fn receive(&mut self, now_ns: u64, most: usize, take: &mut dyn FnMut(Came<'_>)) {
+    fn receive(&mut self, now: &dyn Fn() -> u64, most: usize, take: &mut dyn FnMut(Came<'_>)) {
         let realtime_ns = self.wall.look();
+        let now_ns = now();
         for way in &mut self.ways {
             let (own, endpoint) = (way.own, way.endpoint);
             let mut left = most;
@@ -133,13 +134,12 @@ impl RelayTransport for Udp {
                     if own.is_some() && received.from == own {
                         return; // a group brings back what was sent to it
                     }
-                    let waited = realtime_ns.zip(received.realtime_ns);
-                    let waited_ns = waited.map_or(0, |(now_ns, came_ns)| now_ns.saturating_sub(came_ns));
-                    let at_ns = now_ns.saturating_sub(waited_ns.min(LONGEST_WAIT_NS));
+                    let noted = realtime_ns.zip(received.realtime_ns);
+                    let at_ns = noted.map_or(now_ns, |noted| arrival_ns(now_ns, noted));
                     take(Came { endpoint, at_ns, datagram: received.bytes.ok_or(Rejection::Giant) });
                 });
                 left -= received;
-                way.unheard += std::mem::take(&mut self.inbox.unheard);
+                way.port_unreachable += std::mem::take(&mut self.inbox.port_unreachable);
                 if received < BATCH {
                     break; // nothing is left
                 }
@@ -147,9 +147,16 @@ impl RelayTransport for Udp {
         }
     }
 
-    fn unheard(&self, endpoint: usize) -> u64 {
-        self.ways.get(endpoint).map_or(0, |way| way.unheard + way.outbox.unheard)
+    fn port_unreachable_count(&self, endpoint: usize) -> u64 {
+        self.ways.get(endpoint).map_or(0, |way| way.port_unreachable + way.outbox.port_unreachable)
     }
+}
+
+/// When a datagram came, module time, ns, of which the kernel noted the second instant of the wall clock, where the first one is now.
+/// It may have come since that now.
+fn arrival_ns(now_ns: u64, (wall_ns, came_ns): (u64, u64)) -> u64 {
+    let since_ns = i64::try_from(i128::from(came_ns) - i128::from(wall_ns)).unwrap_or(0);
+    now_ns.saturating_add_signed(since_ns.clamp(-LONGEST_WAIT_NS, LONGEST_WAIT_NS))
 }
 
 /// The kernel notes instants of the wall clock. It can be set; module time can not.
@@ -236,7 +243,7 @@ mod tests {
         two.send_to(b"two", at[0]).unwrap();
         one.send_to(b"one", at[0]).unwrap();
         let mut found = Vec::new();
-        hub.receive(0, 8, &mut |came| found.push((came.endpoint, came.datagram.unwrap().to_vec())));
+        hub.receive(&|| 0, 8, &mut |came| found.push((came.endpoint, came.datagram.unwrap().to_vec())));
         assert_eq!(found, [(0, b"one".to_vec()), (1, b"two".to_vec())]);
     }
 
@@ -245,7 +252,7 @@ mod tests {
         let at = free(2);
         let mut udp = Udp::open(&[endpoint(0, at[0], at[1], true)]).unwrap();
         UdpSocket::bind("127.0.0.1:0").unwrap().send_to(b"hello", at[0]).unwrap();
-        udp.receive(0, 8, &mut |came| panic!("{came:?}"));
+        udp.receive(&|| 0, 8, &mut |came| panic!("{came:?}"));
     }
 
     #[test]
@@ -257,7 +264,7 @@ mod tests {
         std::thread::sleep(std::time::Duration::from_millis(20)); // the refusal comes back to the socket
         UdpSocket::bind(at[1]).unwrap().send_to(b"now there is", at[0]).unwrap();
         let mut found = Vec::new();
-        udp.receive(0, 8, &mut |came| found.push(came.datagram.unwrap().to_vec()));
+        udp.receive(&|| 0, 8, &mut |came| found.push(came.datagram.unwrap().to_vec()));
         assert_eq!(found, [b"now there is"]);
     }
 
@@ -272,10 +279,10 @@ mod tests {
             (0..2).for_each(|number| udp.send(number, [b"is anybody there?", b""]));
             udp.flush(0, &mut |_| ());
             std::thread::sleep(std::time::Duration::from_millis(20)); // the refusal comes back to the socket
-            udp.receive(0, 8, &mut |came| panic!("{came:?}"));
+            udp.receive(&|| 0, 8, &mut |came| panic!("{came:?}"));
         }
-        assert!((1..=3).contains(&udp.unheard(0)), "{}", udp.unheard(0));
-        assert_eq!(udp.unheard(1), 0);
+        assert!((1..=3).contains(&udp.port_unreachable_count(0)), "{}", udp.port_unreachable_count(0));
+        assert_eq!(udp.port_unreachable_count(1), 0);
     }
 
     #[test]
@@ -284,6 +291,31 @@ mod tests {
         let (local, remote) = (taken.local_addr().unwrap(), free(1)[0]);
         let error = Udp::open(&[endpoint(0, local, remote, true)]).err().unwrap().to_string();
         assert!(error.contains(&local.to_string()) && error.contains("no other program has"), "{error}");
+    }
+
+    #[test]
+    fn arrival_before_and_after_the_look_at_both_clocks_is_dated_by_their_difference() {
+        assert_eq!(arrival_ns(5_000, (70_000, 69_000)), 4_000);
+        assert_eq!(arrival_ns(5_000, (70_000, 70_300)), 5_300, "it came while the sockets were read");
+        assert_eq!(arrival_ns(5_000, (70_000, 60_000)), 0, "before module time began");
+    }
+
+    #[test]
+    fn arrival_is_not_dated_before_its_sending_by_a_relay_that_is_held_between_its_looks_at_two_clocks() {
+        let at = free(2);
+        let mut udp = Udp::open(&[endpoint(0, at[0], at[1], true)]).unwrap();
+        let begun = std::time::Instant::now();
+        let module_ns = || 1_000_000_000 + begun.elapsed().as_nanos() as u64;
+        let sent_ns = module_ns();
+        UdpSocket::bind(at[1]).unwrap().send_to(b"when?", at[0]).unwrap();
+        let held = || {
+            let now_ns = module_ns();
+            std::thread::sleep(std::time::Duration::from_millis(3));
+            now_ns
+        };
+        let mut found = Vec::new();
+        udp.receive(&held, 8, &mut |came| found.push(came.at_ns));
+        assert!(found.len() == 1 && found[0] >= sent_ns, "{found:?} before {sent_ns}");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! A controller that went off the bus: when it is restarted, and what is said where that is no use. Time is an argument.
 
-/// A controller that is off the bus gets so long before it is restarted, ns; and so long again where that was no use.
+/// Delay before each restart of a controller that is bus-off, ns.
 const RESTART_AFTER_NS: u64 = 1_000_000_000;
 /// Refusals after which somebody has to hear of it: the first may be the kernel's, which restarts the controller by itself.
 const REFUSALS: u32 = 3;

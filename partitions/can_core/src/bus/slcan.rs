@@ -16,6 +16,8 @@ use crate::wire::slcan::{self, BELL, BIT_RATES, DONE, Decoder, Line};
 
 /// Speed of the serial line where no other is said, symbols a second. Adapters on USB take any.
 pub(super) const BAUD: u32 = 115_200;
+/// The rest of what the line did not take at once is tried again after so long, ns: some ten bytes at 115 200 symbols a second.
+const REST_NS: u64 = 1_000_000;
 /// Bytes that wait for the line at most: some 150 frames.
 const BACKLOG: usize = 4_096;
 
@@ -32,12 +34,23 @@ struct Text {
     output: Vec<u8>,
     /// Lines that were none.
     refused: u64,
+    /// The time of the last look, ns.
+    now_ns: u64,
 }
 
 impl Text {
     fn new(bus: String, descriptor: OwnedFd) -> Self {
         let (input, output) = (Vec::with_capacity(BACKLOG), Vec::with_capacity(BACKLOG));
-        Self { bus, file: descriptor.into(), decoder: Decoder::new(), input, taken: 0, output, refused: 0 }
+        Self {
+            bus,
+            file: descriptor.into(),
+            decoder: Decoder::new(),
+            input,
+            taken: 0,
+            output,
+            refused: 0,
+            now_ns: 0,
+        }
     }
 
     fn broken(&self, error: std::io::Error) -> BusError {
@@ -68,6 +81,15 @@ impl Text {
                 Err(error) => return Err(self.broken(error)),
             }
         }
+    }
+
+    fn tend(&mut self, now_ns: u64) -> Result<(), BusError> {
+        self.now_ns = now_ns;
+        self.flush()
+    }
+
+    fn due_ns(&self) -> u64 {
+        if self.output.is_empty() { u64::MAX } else { self.now_ns + REST_NS }
     }
 
     fn say(&mut self, bytes: &[u8]) {
@@ -192,8 +214,12 @@ impl Bus for Slcan {
         Some(self.text.file.as_fd())
     }
 
-    fn tend(&mut self, _: u64) -> Result<(), BusError> {
-        self.text.flush()
+    fn tend(&mut self, now_ns: u64) -> Result<(), BusError> {
+        self.text.tend(now_ns)
+    }
+
+    fn due_ns(&self) -> u64 {
+        self.text.due_ns()
     }
 
     fn losses(&self) -> Losses {
@@ -309,8 +335,12 @@ impl Bus for Adapter {
         Some(self.text.file.as_fd())
     }
 
-    fn tend(&mut self, _: u64) -> Result<(), BusError> {
-        self.text.flush()
+    fn tend(&mut self, now_ns: u64) -> Result<(), BusError> {
+        self.text.tend(now_ns)
+    }
+
+    fn due_ns(&self) -> u64 {
+        self.text.due_ns()
     }
 }
 
@@ -395,6 +425,21 @@ mod tests {
             }));
         }
         assert_eq!(adapter.send(&frame).unwrap(), Sent::Taken);
+    }
+
+    #[test]
+    fn rest_of_what_the_line_did_not_take_is_due_soon_and_nothing_is_due_once_it_is_out() {
+        let (mut adapter, mut host, _folder) = line();
+        let frame = Frame::classic(Id::Extended(1), &[0; 8]);
+        assert_eq!((adapter.due_ns(), host.due_ns()), (u64::MAX, u64::MAX));
+        while adapter.send(&frame).unwrap() == Sent::Taken {}
+        adapter.tend(5_000_000_000).unwrap();
+        assert!(adapter.due_ns() <= 5_001_000_000, "{}", adapter.due_ns());
+        assert!(wait(|| {
+            while host.receive().unwrap().is_some() {}
+            adapter.tend(6_000_000_000).unwrap();
+            adapter.due_ns() == u64::MAX
+        }));
     }
 
     #[test]

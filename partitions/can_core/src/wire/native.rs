@@ -3,14 +3,16 @@
 //! ```text
 //! offset  size  what                                                        (numbers: big endian)
 //!      0     8  prefix "BTLR-CAN"
-//!      8     1  version: 1
+//!      8     1  version: 2
 //!      9     1  kind: 1 frames, 2 discover, 3 alive, 4 leaving
 //!     10     2  frames in this datagram; 0 unless kind 1
 //!     12     8  identity of the sender: the same for as long as it is the same gateway
 //!     20     4  session of the sender: another one with each start
 //!     24     4  number of this datagram among those of kind 1; of other kinds, the number that the next one will have
 //!     28     4  number of the first frame among all frames sent; of other kinds, of the next one
-//!     32     …  frames, one after the other:
+//!     32     8  cookie: what the sender made of the address that this goes to, and wants back from there; 0: it goes to everybody
+//!     40     8  echo: the cookie that the receiver sent last; 0: none has come
+//!     48     …  frames, one after the other:
 //!               4  identifier, with the flags of Linux: extended 0x80000000, remote 0x40000000, error 0x20000000
 //!               1  flags: FD 1, bit-rate switch 2, error state indicator 4
 //!               1  length in bytes, 0 to 64; of a remote frame, what it asks for
@@ -18,18 +20,21 @@
 //!               …  as many data bytes as the length says; none of a remote frame
 //! ```
 //!
-//! Numbers start at 0 with a session and wrap. A datagram with one flaw is refused as a whole: nothing of it is believed.
+//! Version 1 had neither cookie nor echo: anybody could have frames sent to any address. Gateways of the two versions refuse each
+//! other's datagrams, and say so. Numbers start at 0 with a session and wrap. A datagram with one flaw is refused as a whole: nothing of it is believed.
 
 use crate::frame::{FD_BYTES, Frame, FrameError, Kind};
 
 /// What every datagram of ours begins with.
 pub const PREFIX: [u8; 8] = *b"BTLR-CAN";
 /// The version of this layout.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 /// The port that gateways listen at unless they are told another.
 pub const PORT: u16 = 15_210;
 /// Bytes before the first frame.
-pub const HEADER_BYTES: usize = 32;
+pub const HEADER_BYTES: usize = 48;
+/// Where the cookie begins; the echo follows it.
+const COOKIE_AT: usize = 32;
 /// Bytes of a frame beside its data.
 pub const FRAME_BYTES: usize = 8;
 /// Nothing longer is sent: it passes an Ethernet without being cut in pieces.
@@ -46,7 +51,7 @@ const ESI: u8 = 4;
 pub enum Purpose {
     /// Frames of a bus.
     Frames = 1,
-    /// Who is there? To everybody.
+    /// Who is there? To everybody; and to one that has not shown yet that it gets what is sent to its address.
     Discover = 2,
     /// I am here, and want your frames: the answer to that, and repeated for as long as it is so.
     Alive = 3,
@@ -74,6 +79,10 @@ pub struct Header {
     pub sequence: u32,
     /// Number of its first frame.
     pub first_frame: u32,
+    /// What the sender wants back from the address to which it sends.
+    pub cookie: u64,
+    /// What came from there last.
+    pub echo: u64,
 }
 
 /// A frame with the time that it has been on the way.
@@ -119,6 +128,14 @@ pub fn encode(header: &Header, out: &mut Vec<u8>) {
     out.extend_from_slice(&header.session.to_be_bytes());
     out.extend_from_slice(&header.sequence.to_be_bytes());
     out.extend_from_slice(&header.first_frame.to_be_bytes());
+    out.extend_from_slice(&header.cookie.to_be_bytes());
+    out.extend_from_slice(&header.echo.to_be_bytes());
+}
+
+/// Gives a datagram that [`encode`] began another cookie and echo: the same goes to several.
+pub fn address_to(out: &mut [u8], cookie: u64, echo: u64) {
+    out[COOKIE_AT..COOKIE_AT + 8].copy_from_slice(&cookie.to_be_bytes());
+    out[COOKIE_AT + 8..HEADER_BYTES].copy_from_slice(&echo.to_be_bytes());
 }
 
 /// Appends a frame to a datagram that [`encode`] began. False: it no longer fits.
@@ -127,7 +144,7 @@ pub fn append(aged: &Aged, out: &mut Vec<u8>) -> bool {
     if out.len() + size(frame) > DATAGRAM_BYTES {
         return false;
     }
-    let count = u16::from_be_bytes([out[10], out[11]]) + 1; // at most 170 fit
+    let count = u16::from_be_bytes([out[10], out[11]]) + 1; // at most 169 fit
     out[10..12].copy_from_slice(&count.to_be_bytes());
     let flags = match frame.kind() {
         Kind::Fd { brs, esi } => FD | if brs { BRS } else { 0 } | if esi { ESI } else { 0 },
@@ -154,18 +171,18 @@ pub fn decode(bytes: &[u8], frames: &mut Vec<Aged>) -> Result<Header, Refusal> {
     if bytes.len() < PREFIX.len() || bytes[..PREFIX.len()] != PREFIX {
         return Err(Refusal::Foreign);
     }
-    let (Some(head), Some(mut rest)) = (bytes.get(..HEADER_BYTES), bytes.get(HEADER_BYTES..)) else {
-        return Err(Refusal::Length);
-    };
-    if head[8] != VERSION {
-        return Err(Refusal::Version(head[8]));
+    // Another version may have another length.
+    if let Some(version) = bytes.get(PREFIX.len()).filter(|version| **version != VERSION) {
+        return Err(Refusal::Version(*version));
     }
+    let (head, mut rest) = bytes.split_at_checked(HEADER_BYTES).ok_or(Refusal::Length)?;
     let purpose = Purpose::of(head[9]).ok_or(Refusal::Purpose(head[9]))?;
     let count = u16::from_be_bytes([head[10], head[11]]);
     if (purpose != Purpose::Frames && count != 0) || bytes.len() > DATAGRAM_BYTES {
         return Err(Refusal::Length);
     }
     let word = |at: usize| u32::from_be_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
+    let long = |at: usize| u64::from(word(at)) << 32 | u64::from(word(at + 4));
     let begun = frames.len();
     for place in 0..count {
         match take_frame(&mut rest) {
@@ -186,10 +203,12 @@ pub fn decode(bytes: &[u8], frames: &mut Vec<Aged>) -> Result<Header, Refusal> {
     }
     Ok(Header {
         purpose,
-        identity: u64::from(word(12)) << 32 | u64::from(word(16)),
+        identity: long(12),
         session: word(20),
         sequence: word(24),
         first_frame: word(28),
+        cookie: long(COOKIE_AT),
+        echo: long(COOKIE_AT + 8),
     })
 }
 
@@ -225,6 +244,8 @@ mod tests {
             session: 0x1112_1314,
             sequence: 7,
             first_frame: 300,
+            cookie: 0x2122_2324_2526_2728,
+            echo: 0x3132_3334_3536_3738,
         }
     }
 
@@ -239,12 +260,16 @@ mod tests {
     fn the_bytes_are_those_of_the_book() {
         let aged = Aged { frame: Frame::classic(Id::Extended(0x1ab_cdef), &[0xaa, 0xbb]), age_ns: 1_250_000 };
         let expected =
-            b"BTLR-CAN\x01\x01\0\x01\x01\x02\x03\x04\x05\x06\x07\x08\x11\x12\x13\x14\0\0\0\x07\0\0\x01\x2c\
+            b"BTLR-CAN\x02\x01\0\x01\x01\x02\x03\x04\x05\x06\x07\x08\x11\x12\x13\x14\0\0\0\x07\0\0\x01\x2c\
+                         \x21\x22\x23\x24\x25\x26\x27\x28\x31\x32\x33\x34\x35\x36\x37\x38\
                          \x81\xab\xcd\xef\0\x02\0\x0c\xaa\xbb";
         assert_eq!(datagram(&[aged]), expected);
         let mut discover = Vec::new();
         encode(&header(Purpose::Discover), &mut discover);
         assert_eq!(discover.len(), HEADER_BYTES);
+        address_to(&mut discover, 5, 6);
+        let other = Header { cookie: 5, echo: 6, ..header(Purpose::Discover) };
+        assert_eq!(decode(&discover, &mut Vec::new()), Ok(other));
     }
 
     #[test]
@@ -287,7 +312,7 @@ mod tests {
         let mut bytes = Vec::new();
         encode(&header(Purpose::Frames), &mut bytes);
         let fitted = (0..200).take_while(|_| append(&aged, &mut bytes)).count();
-        assert_eq!((fitted, bytes.len()), (85, HEADER_BYTES + 85 * 16));
+        assert_eq!((fitted, bytes.len()), (84, HEADER_BYTES + 84 * 16));
     }
 
     proptest! {

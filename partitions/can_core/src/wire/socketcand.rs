@@ -173,8 +173,17 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_bytes_are_read_or_refused(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
-            messages(&bytes).iter().for_each(|words| drop(request(words)));
+        fn message_behind_any_bytes_is_read_and_what_is_no_request_is_unknown(
+            bytes in proptest::collection::vec(any::<u8>(), 0..300)
+        ) {
+            let all = messages(&[bytes.as_slice(), b"< send 123 1 ff >"].concat());
+            let (last, before) = all.split_last().unwrap();
+            prop_assert_eq!(request(last), Request::Send(Frame::classic(Id::Standard(0x123), &[0xff])));
+            for words in before {
+                let known = ["open", "rawmode", "echo", "send"];
+                let is_known = words.split_ascii_whitespace().next().is_some_and(|word| known.contains(&word));
+                prop_assert!(is_known || request(words) == Request::Unknown(words.clone()));
+            }
         }
     }
 }

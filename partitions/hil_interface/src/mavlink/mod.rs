@@ -186,7 +186,7 @@ impl Mavlink {
             self.clock.reset();
             self.begin_anew();
         }
-        let alone = inbox.is_alone();
+        let alone = inbox.accepts_older_stamps();
         let ties = self.clock.ties();
         let Ok(at_ns) = self.clock.sensor_ns(message.time_usec, alone) else {
             inbox.counters_mut().invalid += 1;

@@ -8,7 +8,7 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use bateleur_can_core::bus::bits::{Rates, bits};
 use bateleur_can_core::bus::memory::{MemoryBus, Node, Wire};
-use bateleur_can_core::{Frame, Gateway, Id, Settings as GatewaySettings};
+use bateleur_can_core::{Frame, Gateway, Id, Settings as GatewaySettings, State};
 use bateleur_system::time::now_ns;
 
 use super::Settings;
@@ -91,31 +91,34 @@ fn socket() -> Result<UdpSocket> {
     Ok(socket)
 }
 
-/// A gateway that has found the one at `to`.
-fn gateway(identity: u64, to: &UdpSocket) -> Result<Gateway> {
-    let address = to.local_addr()?;
-    let mut gateway = Gateway::new(GatewaySettings::new(identity, 1, vec![address]));
-    gateway.address_is_ready(0);
-    introduce(&mut gateway, 1 + identity % 2, address);
-    Ok(gateway)
-}
-
-fn introduce(gateway: &mut Gateway, other: u64, address: SocketAddr) {
-    use bateleur_can_core::wire::native::{Header, Purpose, encode};
-    let mut bytes = Vec::new();
-    encode(
-        &Header { purpose: Purpose::Alive, identity: other, session: 1, sequence: 0, first_frame: 0 },
-        &mut bytes,
-    );
-    gateway.take_datagram(&bytes, address, 0, |_, _| ());
-    gateway.run(1, &mut |_, _| true); // what it answers is not measured
+/// Two gateways at these addresses that have found each other; how is not measured.
+fn acquainted(sockets: [&UdpSocket; 2]) -> Result<[Gateway; 2]> {
+    let addresses = [sockets[0].local_addr()?, sockets[1].local_addr()?];
+    let mut gateways = [0, 1].map(|place| {
+        let mut gateway = Gateway::new(GatewaySettings::new(place as u64 + 1, 1, vec![addresses[1 - place]]));
+        gateway.address_is_ready(0);
+        gateway
+    });
+    for turn in 0..8 {
+        let (from, mut sent) = (turn % 2, Vec::new());
+        gateways[from].run(1, &mut |_, bytes| {
+            sent.push(bytes.to_vec());
+            true
+        });
+        for bytes in &sent {
+            gateways[1 - from].take_datagram(bytes, addresses[from], 1, |_, _| ());
+        }
+    }
+    let met = gateways.iter().all(|gateway| gateway.state() == State::Forward);
+    anyhow::ensure!(met, "two gateways did not find each other");
+    Ok(gateways)
 }
 
 /// From a frame that waits at the controller until the system has its datagram, and the datagram alone, ns each.
 fn bus_to_network(frames: usize) -> Result<[Vec<f64>; 2]> {
     let (from, to) = (socket()?, socket()?);
     to.set_nonblocking(true)?;
-    let mut gateway = gateway(1, &to)?;
+    let [mut gateway, _] = acquainted([&from, &to])?;
     let mut bytes = Vec::new();
     let mut times = [Vec::with_capacity(frames), Vec::with_capacity(frames)];
     let address = to.local_addr()?;
@@ -186,8 +189,7 @@ impl Bus {
 fn bus_to_bus(frames: usize) -> Result<[Vec<f64>; 2]> {
     let (near, far) = (socket()?, socket()?);
     let (near_address, stop) = (near.local_addr()?, Arc::new(AtomicBool::new(false)));
-    let mut ours = gateway(1, &far)?;
-    let theirs = gateway(2, &near)?;
+    let [mut ours, theirs] = acquainted([&near, &far])?;
     let far_address = far.local_addr()?;
     let echo = std::thread::spawn({
         let stop = stop.clone();
@@ -208,7 +210,7 @@ fn bus_to_bus(frames: usize) -> Result<[Vec<f64>; 2]> {
         }
         let between = now_ns();
         bytes[0] = RAW;
-        near.send_to(&bytes[..48], far_address)?;
+        near.send_to(&bytes[..64], far_address)?;
         near.recv_from(&mut bytes).context("no echo came over UDP")?;
         times[0].push((between - begun) as f64);
         times[1].push((now_ns() - between) as f64);
@@ -247,7 +249,7 @@ fn echo(socket: &UdpSocket, mut gateway: Gateway, to: SocketAddr, stop: &AtomicB
 fn throughput(frames: usize) -> Result<f64> {
     let (from, to) = (socket()?, socket()?);
     to.set_nonblocking(true)?;
-    let (mut ours, mut theirs) = (gateway(1, &to)?, gateway(2, &from)?);
+    let [mut ours, mut theirs] = acquainted([&from, &to])?;
     let (mut bytes, mut arrived) = ([0; 2_048], 0_usize);
     let begun = now_ns();
     for number in 0..frames {

@@ -118,7 +118,7 @@ impl End {
         let now_ns = now_ns();
         let Self { link, udp } = self;
         let mut count = 0;
-        udp.receive(now_ns, 64, &mut |came| {
+        udp.receive(&self::now_ns, 64, &mut |came| {
             if let Ok(datagram) = came.datagram {
                 let arrival = Arrival { network: 0, came_ns: came.at_ns, now_ns };
                 // What is refused here while both ends meet is sent again by nobody.

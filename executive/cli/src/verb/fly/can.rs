@@ -6,7 +6,6 @@
 //! be there, stands in the place of the adapter.
 
 use std::ffi::OsString;
-use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -18,7 +17,7 @@ use anyhow::{Context, Result, bail};
 use bateleur_plan::{Attribute, Plan};
 
 use super::simulator::place;
-use super::{Arguments, attribute, beside_self, partition_running};
+use super::{Arguments, attribute, beside_self, partition_running, ready};
 
 /// How long a process may take to end when it is asked to.
 const END_PATIENCE: Duration = Duration::from_secs(5);
@@ -232,15 +231,11 @@ impl Process {
         let (line, output) = (child.stdin.take(), child.stdout.take());
         place(child.id() as i32, arguments, plan);
         self.running = Some((child, line));
-        let mut text = String::new();
-        if let Some(output) = output {
-            let read = BufReader::new(output).read_line(&mut text);
-            read.with_context(|| format!("{} says nothing", self.program))?;
-        }
-        let ready: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
-        match ready["listening"].as_str().map(str::parse) {
-            Some(Ok(address)) => self.listen = address,
-            _ => bail!("{} did not start; its message stands above", self.program),
+        let output = output.with_context(|| format!("{} has no standard output", self.program))?;
+        let line = ready::first_line(output).with_context(|| format!("{} says nothing", self.program))?;
+        match ready::address(&line) {
+            Some(address) => self.listen = address,
+            None => bail!("{} did not start; its message stands above", self.program),
         }
         self.link.as_deref().map_or(Ok(()), grant_terminal)
     }

@@ -11,6 +11,7 @@ mod fleet;
 pub(crate) mod hosts;
 pub(crate) mod kept;
 mod mission;
+mod ready;
 mod remains;
 mod simulator;
 mod standing;

@@ -1,6 +1,5 @@
 //! The simulator's process.
 
-use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
@@ -15,6 +14,7 @@ use bateleur_system::sched;
 
 use super::Arguments;
 use super::can::Can;
+use super::ready;
 
 /// SCHED_FIFO priority of the simulator on the wall clock: it stands for an aircraft, which is never late.
 const PRIORITY: u8 = 30;
@@ -82,10 +82,11 @@ impl Simulator {
             .with_context(|| format!("cannot start {}", program.display()))?;
         let line = process.stdin.take();
         let address = match process.stdout.take() {
-            Some(output) => read_address(output),
+            Some(output) => ready::first_line(output).ok().and_then(|line| ready::address(&line)),
             None => bail!("the simulator has no standard output"),
         };
         let Some(address) = address else {
+            let _ = process.kill(); // it has ended already, or says nothing
             let status = process.wait()?;
             bail!("the simulator did not start ({status}): its own message stands above this line");
         };
@@ -125,13 +126,6 @@ impl Drop for Simulator {
     fn drop(&mut self) {
         self.finish();
     }
-}
-
-fn read_address(output: impl std::io::Read) -> Option<SocketAddr> {
-    let mut line = String::new();
-    BufReader::new(output).read_line(&mut line).ok()?;
-    let ready: serde_json::Value = serde_json::from_str(&line).ok()?;
-    ready.get("listening")?.as_str()?.parse().ok()
 }
 
 /// Virtual clock: on the partitions' core, where an exchange is a switch and not an interrupt, and ahead of the partition that

@@ -6,7 +6,7 @@
 //! there is nothing to clean up, and the machine's own network is not touched.
 #![allow(unsafe_code)]
 
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{Read, Write};
 use std::net::{IpAddr, SocketAddr};
 use std::os::unix::process::CommandExt;
 use std::process::{Child, Command};
@@ -14,6 +14,8 @@ use std::process::{Child, Command};
 use anyhow::{Context, Result, bail};
 use bateleur_plan::{ModuleId, NetworkId, Plan};
 use rustix::thread::{UnshareFlags, unshare_unsafe};
+
+use crate::verb::fly::ready;
 
 /// What a process in a new namespace says when it is there.
 const READY: &str = "ready";
@@ -68,9 +70,8 @@ impl Lan {
         module: ModuleId,
         process: &mut Child,
     ) -> Result<()> {
-        let mut line = String::new();
         let output = process.stdout.take().context("the module's process has no standard output")?;
-        BufReader::new(output).read_line(&mut line)?;
+        let line = ready::first_line(output)?;
         if line.trim() != READY {
             bail!(
                 "the namespace of module {} could not be made; its message stands above",

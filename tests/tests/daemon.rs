@@ -9,14 +9,18 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use bateleur_tests::{Sketch, among_others, await_some, bateleur, daemon, process_named};
+use bateleur_tests::{
+    Sketch, among_others, await_some, bateleur, channel_between, daemon, ports_of, process_named,
+};
 use rustix::process::Signal;
 use serde_json::json;
 
 /// A compiled plan of two partitions, in `folder`.
 fn compiled(folder: &Path) -> String {
-    let sketch =
-        Sketch::new().partition("one", "neighbour", 1000, "").partition("other", "neighbour", 1000, "");
+    let sketch = Sketch::new()
+        .table(&channel_between("one.numbers", "other.numbers"))
+        .partition("one", "neighbour", 1000, &ports_of("one", &[("numbers", "source", "sampling")]))
+        .partition("other", "neighbour", 1000, &ports_of("other", &[("numbers", "destination", "sampling")]));
     let (schedule, plan) = (sketch.write(folder), folder.join("test.plan"));
     let plan = plan.to_str().unwrap().to_owned();
     bateleur(&["check", "--compile", &plan, &schedule]).end().expect_code(0);

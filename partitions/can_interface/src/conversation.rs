@@ -149,6 +149,7 @@ impl Conversation {
             self.assemblies.iter_mut().for_each(|(_, assembly)| assembly.forget());
         }
         self.say(timers, moment, wires);
+        wires.take_restarted_peer();
         if asks {
             self.await_answer(timers, moment, wires, time, &mut sensors);
         }
@@ -206,7 +207,10 @@ impl Conversation {
             }
             if wires.wait(time, until_ns) {
                 self.hear(moment, wires, sensors);
-                continue;
+                // A gateway that was started anew has not taken the question: it asks first who we are.
+                if self.is_answered || !wires.take_restarted_peer() {
+                    continue;
+                }
             }
             if tries == 0 || time.now_ns() >= moment.deadline_ns {
                 return;

@@ -49,6 +49,8 @@ pub struct Wires {
     former_losses: Losses,
     losses_told: Losses,
     losses_at_ns: u64,
+    /// A gateway was started anew: what was sent to it before is lost.
+    has_restarted_peer: bool,
     /// What is to be said.
     pub events: Vec<String>,
 }
@@ -79,6 +81,7 @@ impl Wires {
             former_losses: Losses::default(),
             losses_told: Losses::default(),
             losses_at_ns: 0,
+            has_restarted_peer: false,
             events: Vec::new(),
         })
     }
@@ -125,11 +128,17 @@ impl Wires {
             gateway.run(now_ns, &mut send);
             gateway.flush(now_ns, &mut send);
             while let Some(event) = gateway.event() {
+                self.has_restarted_peer |= matches!(event, Event::Restarted { .. });
                 if !matches!(event, Event::State(_)) {
                     self.events.push(event.to_string());
                 }
             }
         }
+    }
+
+    /// Whether a gateway was started anew since this was last asked.
+    pub fn take_restarted_peer(&mut self) -> bool {
+        std::mem::take(&mut self.has_restarted_peer)
     }
 
     /// Gives frames that have come to `take`, each with how old it is, ns; whether more may have come than one look takes.

@@ -8,7 +8,7 @@ use std::io::{self, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use bateleur_host::trouble::Trouble;
 
@@ -18,6 +18,8 @@ const PIECES: usize = 64;
 const MOST_WAITING: usize = 1 << 20;
 /// How long the last lines may take when a run ends.
 const LAST_LINES: Duration = Duration::from_secs(2);
+/// Between two looks whether one can be handed over then.
+const LOOK: Duration = Duration::from_millis(1);
 
 /// What is done where the disk can not keep up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -106,12 +108,20 @@ impl LineLog {
 
     /// Waits a little until everything was written.
     pub fn finish(&mut self) {
-        self.flush();
-        let left = std::mem::take(&mut self.waiting).lines;
-        if self.pieces.take().is_some() && self.ended.recv_timeout(LAST_LINES).is_err() {
-            // A disk that hangs must not keep the run from ending.
-            self.trouble().lose(left + 1, "the disk did not take the last lines in time");
+        if self.pieces.is_none() {
+            return;
         }
+        let begun = Instant::now();
+        self.flush();
+        while self.waiting.lines > 0 && begun.elapsed() < LAST_LINES {
+            std::thread::sleep(LOOK);
+            self.flush();
+        }
+        drop(self.pieces.take());
+        let left = std::mem::take(&mut self.waiting).lines;
+        let is_late = self.ended.recv_timeout(LAST_LINES.saturating_sub(begun.elapsed())).is_err();
+        // A disk that hangs must not keep the run from ending.
+        self.trouble().lose(left + u64::from(is_late), "the disk did not take the last lines in time");
     }
 }
 
@@ -166,7 +176,6 @@ impl Writer {
 #[cfg(test)]
 mod tests {
     use std::os::unix::fs::OpenOptionsExt;
-    use std::time::Instant;
 
     use super::*;
 

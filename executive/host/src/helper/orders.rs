@@ -33,10 +33,10 @@ pub struct OrderedChannel {
     pub depth: Option<usize>,
     /// Destination ports.
     pub destinations: usize,
-    /// Sources beside it, see [`ChannelType`].
+    /// Sources beside it: of a standby, and of a dead process that is not cleaned up after yet.
     #[serde(default)]
     pub spare_writers: usize,
-    /// Destination ports beside them, see [`ChannelType`].
+    /// Destination ports beside them, likewise.
     #[serde(default)]
     pub spare_readers: usize,
 }

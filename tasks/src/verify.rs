@@ -75,6 +75,7 @@ fn everything(root: &Path, tally: &mut Tally) -> Result<(), String> {
     let other = other_processor(tally)?;
     shown_commands(root)?;
     tests(tally)?;
+    models(tally)?;
     fuzz_beside_guest(root, other, tally)?;
     Step::cargo("examples in comments", &["test", "--release", "--workspace", "--doc"]).run(tally)?;
     let documentation = Step::cargo("reference", &["doc", "--release", "--workspace", "--no-deps", "--lib"]);
@@ -124,6 +125,16 @@ fn dependencies(tally: &mut Tally) -> Result<(), String> {
         return Step::cargo("vulnerabilities", &offline).run(tally);
     }
     println!("== vulnerabilities: NOT CHECKED, their database can not be reached from here");
+    Ok(())
+}
+
+/// What two threads share without a lock, in every order in which they can meet. One crate after the other: each is built with the
+/// model checker's atomics, which its dependents do not know.
+fn models(tally: &mut Tally) -> Result<(), String> {
+    for crate_name in ["bateleur-contract", "bateleur-time"] {
+        let test = ["test", "--release", "--lib", "--features", "model", "-p", crate_name, "model_"];
+        Step::cargo("models of what threads share", &test).run(tally)?;
+    }
     Ok(())
 }
 

@@ -169,7 +169,7 @@ impl Gate for VirtualGate<'_> {
             let control = pair.control(self.opened[partition]);
             record.requested = self.changes.take_request(occurrence, control);
             let usage = control.usage();
-            control.fence(usage.closed_ns.is_none());
+            control.end_window(usage.closed_ns.is_none());
             // Module time stands still in a window; what the processor took is laid after its start.
             record.granted_ns = Some(occurrence.start_ns);
             record.opened_ns = usage.opened_ns.map(|_| occurrence.start_ns);

@@ -29,8 +29,8 @@ use bateleur_system::rules::{self, Granted};
 use bateleur_system::sched;
 use bateleur_system::spawn::{Counts, Namespaces, Request, Spawned, User, Walls, spawn};
 use bateleur_system::users::{HELPERS, Users};
-use bateleur_time::fence::{Fence, Processes};
 use bateleur_time::partition_control::PartitionControl;
+use bateleur_time::time_guard::{Processes, TimeGuard};
 
 /// What the module gives each of its partitions.
 #[derive(Debug, Clone)]
@@ -128,8 +128,8 @@ impl Sandbox {
             (_, Some(shared)) => Some(shared.try_clone()?),
             (bytes, None) => Some(shared_memory(&partition.name, bytes)?),
         };
-        let fence = Fence::new(Box::new(Processes(freezer)), priority);
-        let fence = if sandbox_config.clock == Clock::Virtual { fence.timeless() } else { fence };
+        let guard = TimeGuard::new(Box::new(Processes(freezer)), priority);
+        let guard = if sandbox_config.clock == Clock::Virtual { guard.timeless() } else { guard };
         let initial = plan.initial_schedule().index() as u32;
         mapped.publish_grant(
             0,
@@ -141,8 +141,8 @@ impl Sandbox {
             id,
             name: partition.name.clone(),
             control: Arc::new(match beside {
-                Some(first) => PartitionControl::new(mapped, fence, always_freeze).beside(&first.control),
-                None => PartitionControl::new(mapped, fence, always_freeze),
+                Some(first) => PartitionControl::new(mapped, guard, always_freeze).beside(&first.control),
+                None => PartitionControl::new(mapped, guard, always_freeze),
             }),
             program,
             cores: window_cores(plan, id),

@@ -9,7 +9,7 @@ use crate::health::decision::decide_module;
 use crate::health::log::{Fault, HealthLog, WindowLog};
 use crate::health::record::Level;
 use bateleur_plan::{Closed, ModuleAction, ModuleError};
-use bateleur_time::window_record::WindowRecord;
+use bateleur_time::window_record::{Missed, WindowRecord};
 
 /// Between two health entries about a late dispatcher, module time: each switch is counted, not each is told.
 const LATE_SILENCE_NS: u64 = 1_000_000_000;
@@ -105,26 +105,31 @@ impl Monitor {
         }
     }
 
-    /// Takes notice of how late the dispatcher came to the switches of a window.
+    /// Takes notice of how late the dispatcher came to the switches of a window, and of one that was lost otherwise.
     pub(super) fn judge_lateness(&mut self, record: &WindowRecord, module_ns: u64) {
         let late_ns = record.latest_ns();
-        if late_ns <= self.plan.health.late_after_ns {
-            return;
-        }
+        let at = record.occurrence;
+        let partition = &self.plan[at.window.partition].name;
+        let why = match record.missed {
+            Some(Missed::OtherCore) => format!(
+                "{partition}'s window on core {} was lost: the one on another core had not ended",
+                at.core
+            ),
+            Some(Missed::StillFrozen) => format!(
+                "{partition}'s window on core {} was lost: the kernel had not thawed the partition at its end",
+                at.core
+            ),
+            _ if late_ns <= self.plan.health.late_after_ns => return,
+            _ => format!("the dispatcher of core {} came {:.1} ms late", at.core, late_ns as f64 / 1e6),
+        };
         self.totals.too_late += 1;
         let told = self.module.late_told_ns.is_some_and(|told| module_ns < told + LATE_SILENCE_NS);
         if told {
             return;
         }
         self.module.late_told_ns = Some(module_ns);
-        let at = record.occurrence;
-        let detail = format!(
-            "the dispatcher of core {} came {:.1} ms late in frame {}, number {} of such switches",
-            at.core,
-            late_ns as f64 / 1e6,
-            at.minor_frames,
-            self.totals.too_late
-        );
+        let detail =
+            format!("{why} in frame {}, number {} of such switches", at.minor_frames, self.totals.too_late);
         self.module_fault(ModuleError::LateDispatcher, &detail, true, module_ns);
     }
 

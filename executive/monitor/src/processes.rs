@@ -7,7 +7,7 @@ use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::process::ExitStatusExt;
 use std::sync::atomic::AtomicBool;
-use std::sync::atomic::Ordering::{Acquire, Relaxed};
+use std::sync::atomic::Ordering::Relaxed;
 
 use bateleur_contract::{Mode, StartCondition, exit};
 
@@ -190,7 +190,7 @@ impl Monitor {
             Ok(process) => {
                 watched.generation += 1;
                 watched.figures.restarts += 1;
-                watched.reports_seen = watched.sandbox.control.page.report_count.load(Acquire);
+                watched.reports_seen = watched.sandbox.control.page.reports_so_far();
                 watched.life = Life::Starting(process, now_ns());
             }
             Err(error) => self.not_started(place, &error),

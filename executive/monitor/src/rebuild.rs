@@ -9,7 +9,6 @@ use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{self, Read};
 use std::os::fd::{AsFd, BorrowedFd};
-use std::sync::atomic::Ordering::Acquire;
 
 use bateleur_contract::StartCondition;
 
@@ -242,7 +241,7 @@ impl Monitor {
         if let Some(before) = watched.fault.replace(fault) {
             self.health_log.write(&before);
         }
-        watched.reports_seen = watched.sandbox.control.page.report_count.load(Acquire);
+        watched.reports_seen = watched.sandbox.control.page.reports_so_far();
         self.clean_up(place, Then::Successor, module_ns);
     }
 

@@ -1,7 +1,5 @@
 //! What partitions report by their control pages, and what they are told there of the health log.
 
-use std::sync::atomic::Ordering::Acquire;
-
 use bateleur_contract::{ReportKind, Reported};
 
 use super::repeats::{Repeats, Untold};
@@ -14,7 +12,7 @@ impl Monitor {
     /// Takes what the partition has reported since the last look.
     pub(super) fn take_reports(&mut self, place: usize, module_ns: u64) {
         let watched = &mut self.watched[place];
-        if watched.sandbox.control.page.report_count.load(Acquire) == watched.reports_seen {
+        if watched.sandbox.control.page.reports_so_far() == watched.reports_seen {
             return;
         }
         let reports = watched.sandbox.control.page.reports_since(&mut watched.reports_seen);

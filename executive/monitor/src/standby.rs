@@ -75,7 +75,7 @@ impl Standby {
     /// Starts the process that is to become incarnation number `generation`.
     pub(super) fn start(&mut self, generation: u32) -> std::io::Result<()> {
         let process = self.sandbox.launch_standby(generation)?;
-        self.reports_seen = self.sandbox.control.page.report_count.load(Acquire);
+        self.reports_seen = self.sandbox.control.page.reports_so_far();
         self.life = Waiting::Starting(process, now_ns());
         Ok(())
     }

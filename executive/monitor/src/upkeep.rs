@@ -21,7 +21,7 @@ impl Monitor {
             self.count_threads(module_ns);
             self.look_for_neighbours(module_ns);
             for place in 0..self.watched.len() {
-                self.judge_fence(place, module_ns);
+                self.judge_escapes(place, module_ns);
             }
         }
     }

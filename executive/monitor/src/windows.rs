@@ -9,8 +9,8 @@ use super::{Monitor, seconds};
 use crate::event::Event;
 use crate::watched::{Life, is_own};
 use bateleur_plan::PartitionError;
-use bateleur_time::fence::Escapes;
 use bateleur_time::partition_control::PartitionControl;
+use bateleur_time::time_guard::Escapes;
 use bateleur_time::window_record::{Missed, WindowRecord};
 
 impl Monitor {
@@ -25,7 +25,7 @@ impl Monitor {
             self.totals.windows += u64::from(record.granted_ns.is_some());
             self.totals.late += u64::from(record.is_late());
             self.totals.late_switches += record.late_switches();
-            self.totals.lost += u64::from(record.missed == Some(Missed::TooLate));
+            self.totals.lost += u64::from(record.is_lost());
             self.totals.overruns += u64::from(record.is_overrun());
             let at = record.occurrence;
             if let Some(schedule) = record.requested {
@@ -125,9 +125,9 @@ impl Monitor {
     }
 
     /// What a window's end did not hold is an overrun, whether the partition had closed its window or not.
-    pub(super) fn judge_fence(&mut self, place: usize, module_ns: u64) {
+    pub(super) fn judge_escapes(&mut self, place: usize, module_ns: u64) {
         let control = &self.watched[place].sandbox.control;
-        let Escapes { ran_on, stuck, strayed } = control.look_after_fence();
+        let Escapes { ran_on, stuck, strayed } = control.take_escapes();
         if strayed > 0 {
             control.always_freeze();
         }

@@ -9,7 +9,7 @@
 
 use std::sync::Arc;
 
-use crate::schedule_switch::ScheduleSwitch;
+use crate::schedule_switch::{FrameDecision, ScheduleSwitch};
 use bateleur_plan::{Timeline, TimelineWindow};
 
 /// A switch that comes later than this is counted as late, ns. A fiftieth of the shortest sensible window period
@@ -34,10 +34,6 @@ pub trait Meanwhile {
     fn await_close(&mut self, until_ns: u64);
     /// Gets ready for the window that opens at the switch, if one does.
     fn prepare(&mut self);
-    /// When something is to be looked at once, module time, ns; `None` if there is nothing.
-    fn look_at_ns(&self) -> Option<u64>;
-    /// Looks at it.
-    fn look(&mut self);
 }
 
 /// How windows open and close.
@@ -55,12 +51,6 @@ pub trait Gate {
     fn open(&mut self, occurrence: &Occurrence);
     /// Closes it.
     fn close(&mut self, occurrence: &Occurrence, ending: Ending);
-    /// See [`Meanwhile::look_at_ns`].
-    fn look_at_ns(&self) -> Option<u64> {
-        None
-    }
-    /// See [`Meanwhile::look`].
-    fn look(&mut self) {}
 }
 
 /// One window of one major frame.
@@ -149,6 +139,16 @@ struct Frame {
     epoch: ScheduleEpoch,
 }
 
+/// What all cores agree on for a major frame.
+enum Decided {
+    /// It runs like this.
+    Runs(Frame),
+    /// The module has ended with the frame before.
+    Ends,
+    /// This core was away for too long to know.
+    Forgotten,
+}
+
 /// The switch instants of some cores, for every schedule of the plan.
 #[derive(Debug)]
 pub struct Dispatcher {
@@ -182,7 +182,7 @@ impl Dispatcher {
     }
 
     /// Runs major frames until the gate says that the module stops, or `stop` says so of the start of a major frame, module
-    /// time, ns, that no other core has begun. False: this core was away for too long to know what runs.
+    /// time, ns, to the first core that comes to it. False: this core was away for too long to know what runs.
     pub fn run(&mut self, pace: &mut dyn Pace, gate: &mut dyn Gate, stop: &dyn Fn(u64) -> bool) -> bool {
         let mut orderly = true;
         let schedule = self.schedule_switch.current();
@@ -191,13 +191,14 @@ impl Dispatcher {
             Some(Frame { number: 0, start_ns: self.begin_ns, shift_ns: 0, minor_frames: 0, epoch });
         while let Some(before) = next.take() {
             let late_ns = self.reach_frame(&before, pace, gate);
-            if stop(before.start_ns) && !self.schedule_switch.has_begun(before.number) {
-                break;
-            }
-            // Only now, at its very start, is it decided what the frame runs.
-            let Some(frame) = self.decided(before) else {
-                orderly = false;
-                break;
+            // Only now, at its very start, is it decided what the frame runs, or whether the module ends with the one before.
+            let frame = match self.decided(before, stop) {
+                Decided::Runs(frame) => frame,
+                Decided::Ends => break,
+                Decided::Forgotten => {
+                    orderly = false;
+                    break;
+                }
             };
             self.close_all(&frame, late_ns, gate);
             if self.major_frame(&frame, late_ns, pace, gate) {
@@ -230,13 +231,20 @@ impl Dispatcher {
         }
     }
 
-    /// The frame with the schedule that all cores agree on. `None` if this core was away for too long to know it.
-    fn decided(&self, frame: Frame) -> Option<Frame> {
+    /// The frame with the schedule that all cores agree on.
+    fn decided(&self, frame: Frame, stop: &dyn Fn(u64) -> bool) -> Decided {
         let before = frame.epoch;
-        let schedule = self.schedule_switch.decide(frame.number, frame.start_ns, before.schedule)?;
-        let frame = Frame { shift_ns: self.schedule_switch.shift(frame.number)?, ..frame };
+        let stop = || stop(frame.start_ns);
+        let schedule = match self.schedule_switch.decide(frame.number, frame.start_ns, before.schedule, stop)
+        {
+            Some(FrameDecision::Run(schedule)) => schedule,
+            Some(FrameDecision::End) => return Decided::Ends,
+            None => return Decided::Forgotten,
+        };
+        let Some(shift_ns) = self.schedule_switch.shift(frame.number) else { return Decided::Forgotten };
+        let frame = Frame { shift_ns, ..frame };
         if schedule == before.schedule {
-            return Some(frame);
+            return Decided::Runs(frame);
         }
         let epoch = ScheduleEpoch {
             number: before.number + 1,
@@ -244,7 +252,7 @@ impl Dispatcher {
             after: Some(before.schedule),
             since_ns: frame.start_ns,
         };
-        Some(Frame { epoch, ..frame })
+        Decided::Runs(Frame { epoch, ..frame })
     }
 
     fn following(&self, frame: &Frame) -> Frame {
@@ -345,14 +353,6 @@ impl Meanwhile for Between<'_> {
         if let Some(window) = &self.opens {
             self.gate.prepare(window);
         }
-    }
-
-    fn look_at_ns(&self) -> Option<u64> {
-        self.gate.look_at_ns()
-    }
-
-    fn look(&mut self) {
-        self.gate.look();
     }
 }
 

@@ -53,7 +53,7 @@ impl RedundantPair {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, not(feature = "model")))]
 mod tests {
     use std::sync::Mutex;
     use std::sync::atomic::AtomicBool;
@@ -65,12 +65,13 @@ mod tests {
     use super::*;
     use crate::change::Changes;
     use crate::dispatcher::{Ending, Gate, Occurrence, ScheduleEpoch};
-    use crate::fence::{Fence, ProcessControl};
+    use crate::freeze_worker::FreezeWorker;
     use crate::partition_control::Readiness;
     use crate::schedule_switch::ScheduleSwitch;
     use crate::stall::Stall;
+    use crate::time_guard::{ProcessControl, TimeGuard};
     use crate::wall::WallGate;
-    use crate::window_record::WindowRecord;
+    use crate::window_record::{Missed, WindowRecord};
     use bateleur_plan::Timeline;
     use bateleur_system::time::now_ns;
 
@@ -126,7 +127,7 @@ mod tests {
         rustix::fs::ftruncate(&file, 4096).unwrap();
         PartitionControl::new(
             Mapped::new(file).unwrap(),
-            Fence::new(Box::new(process.clone()), Some(40)),
+            TimeGuard::new(Box::new(process.clone()), Some(40)),
             true,
         )
     }
@@ -172,6 +173,10 @@ mod tests {
 
     /// The gate of one core, and a window of the partition.
     fn gate(pair: &Arc<RedundantPair>) -> (WallGate, rtrb::Consumer<WindowRecord>, Occurrence) {
+        gate_of(pair, 0)
+    }
+
+    fn gate_of(pair: &Arc<RedundantPair>, core: u32) -> (WallGate, rtrb::Consumer<WindowRecord>, Occurrence) {
         let plan = crate::test_support::plan_of(PLAN);
         let window =
             Timeline::of(&plan, plan.module("m").unwrap().id(), plan.initial_schedule()).cores[0].windows[0];
@@ -183,12 +188,12 @@ mod tests {
             producer,
             Arc::default(),
             changes,
-            (0, 0),
+            (core, core),
             Arc::new(Stall::default()),
         );
         let occurrence = Occurrence {
             window,
-            core: 0,
+            core,
             epoch: ScheduleEpoch { number: 0, schedule: 0, after: None, since_ns: 0 },
             major_frame: 0,
             minor_frames: 0,
@@ -218,15 +223,15 @@ mod tests {
     }
 
     #[test]
-    fn one_slot_alone_stays_in_office() {
+    fn one_member_alone_stays_active() {
         let pair = RedundantPair::new(Arc::new(control(&Process::default())), None);
         pair.hand_over();
         assert_eq!((pair.active_member(), pair.all().count()), (0, 1));
     }
 
     #[test]
-    fn at_whatever_point_of_a_window_the_office_changes_the_successor_has_the_next_one_and_is_not_held_in_it()
-    {
+    fn at_whatever_point_of_a_window_another_member_is_made_active_the_successor_has_the_next_one_and_is_not_held_in_it()
+     {
         // Before each of: prepare, open, close, prepare, open, close.
         for point in 0..6 {
             let (pair, _, new) = pair();
@@ -254,5 +259,43 @@ mod tests {
                 assert!(control.try_own(3), "nobody owns it for ever: {point}");
             }
         }
+    }
+
+    /// A core that got ready for a window of the partition, and has ended one of the same partition since, does not have it any more.
+    #[test]
+    fn core_that_got_ready_too_early_neither_takes_nor_ends_the_window_of_another_core() {
+        let (pair, old, _) = pair();
+        let (mut first, mut records, window) = gate(&pair);
+        let (mut second, _, other_window) = gate_of(&pair, 1);
+        first.open(&window);
+        first.prepare(&window.window); // the next one, which begins when this one ends
+        first.close(&window, Ending::default());
+        second.open(&other_window);
+        first.open(&window);
+        assert!(!old.is_held());
+        first.close(&window, Ending::default());
+        assert!(!old.is_held(), "held in the window that it has on the other core");
+        let missed: Vec<_> = std::iter::from_fn(|| records.pop().ok()).map(|record| record.missed).collect();
+        assert_eq!(missed, [None, Some(Missed::OtherCore)]);
+        second.close(&other_window, Ending::default());
+        assert!(old.is_held() && pair.control(0).try_own(7), "held after it, and nobody owns it for ever");
+    }
+
+    #[test]
+    fn window_in_which_the_kernel_had_not_thawed_the_partition_is_lost_and_no_overrun() {
+        let (pair, old, _) = pair();
+        let (mut gate, mut records, window) = gate(&pair);
+        gate.open(&window);
+        gate.close(&window, Ending::default());
+        assert!(old.is_held());
+        let worker = FreezeWorker::new(); // which does not come to it
+        pair.control(0).guard().leave_to(&worker);
+        gate.open(&window);
+        gate.close(&window, Ending::default());
+        assert!(old.is_held());
+        let records: Vec<_> = std::iter::from_fn(|| records.pop().ok()).collect();
+        assert_eq!(records[1].missed, Some(Missed::StillFrozen));
+        assert!(records[1].is_lost() && !records[1].is_overrun());
+        worker.end();
     }
 }

@@ -8,16 +8,22 @@
 //! frames, see [`crate::alignment`]). Whoever is first writes the frame's cell: the proposal, or a dispatcher that begins
 //! the frame and finds none.
 
-use std::sync::atomic::AtomicU64;
-use std::sync::atomic::Ordering::{AcqRel, Acquire, Relaxed};
+use crate::sync::AtomicU64;
+use crate::sync::Ordering::{AcqRel, Acquire, Relaxed, Release};
 
 /// Major frames whose decision is kept: a dispatcher that was held up for longer than all of them can not know what the
 /// others went through. At the shortest sensible major frame (1 ms) that is four seconds.
+#[cfg(not(feature = "model"))]
 const HISTORY: usize = 4096;
+/// As above: as few as a model of two frames needs.
+#[cfg(feature = "model")]
+const HISTORY: usize = 4;
 /// A cell that holds no decision yet.
 const EMPTY: u64 = u64::MAX;
 /// Bits of a word that name the schedule; the others count.
 const SCHEDULE_BITS: u32 = 16;
+/// Stands for a schedule where the module ends. The checker allows no plan of so many.
+const END: usize = (1 << SCHEDULE_BITS) - 1;
 /// Bits of a shift's word that count the frame; the others are the shift, ns: nine minutes either way.
 const FRAME_BITS: u32 = 24;
 /// The largest shift that a word holds, ns. The checker allows no frame that could be moved further.
@@ -56,7 +62,6 @@ impl ScheduleSwitch {
     pub fn new(initial: usize) -> Self {
         let decisions: Box<[AtomicU64]> = (0..HISTORY).map(|_| AtomicU64::new(EMPTY)).collect();
         let first = word(0, initial);
-        decisions[0].store(first, Relaxed);
         Self {
             decisions,
             shifts: (0..HISTORY).map(|_| AtomicU64::new(EMPTY)).collect(),
@@ -70,7 +75,7 @@ impl ScheduleSwitch {
 
     /// Frame 0 is at `begin_ns` of module time: later than 0 where the module was reset.
     pub fn begin(&self, begin_ns: u64) {
-        self.newest_ns.store(begin_ns, std::sync::atomic::Ordering::Release);
+        self.newest_ns.store(begin_ns, Release);
     }
 
     /// Asks for a schedule from the next major frame on. The last request wins, also over one that is pending.
@@ -80,7 +85,7 @@ impl ScheduleSwitch {
         }
         // Numbered, so that a request is never taken for an older one of the same schedule.
         let number = self.requests.fetch_add(1, Relaxed) + 1;
-        self.request.store(word(number, schedule), std::sync::atomic::Ordering::Release);
+        self.request.store(word(number, schedule), Release);
         Requested::Pending
     }
 
@@ -106,13 +111,6 @@ impl ScheduleSwitch {
     #[must_use]
     pub fn newest_frame(&self) -> u64 {
         count_of(self.newest.load(Acquire))
-    }
-
-    /// Whether a core has begun that major frame: then all run it. Frame 0 counts from the first of its cores on that goes
-    /// on to the next one.
-    #[must_use]
-    pub fn has_begun(&self, frame: u64) -> bool {
-        frame > 0 && self.newest_frame() >= frame
     }
 
     /// When it began, module time, ns.
@@ -155,33 +153,68 @@ impl ScheduleSwitch {
         }
     }
 
-    /// The schedule of major frame `frame`, which starts at `start_ns` after one that ran `current`. `None` if the caller
-    /// was held up for so long that nobody remembers.
-    pub fn decide(&self, frame: u64, start_ns: u64, current: usize) -> Option<usize> {
+    /// What major frame `frame` runs, which starts at `start_ns` after one that ran `current`. The first core that asks decides for
+    /// all, also whether the module has ended: it asks `stop`. `None` if the caller was held up for so long that nobody remembers.
+    pub fn decide(
+        &self,
+        frame: u64,
+        start_ns: u64,
+        current: usize,
+        stop: impl Fn() -> bool,
+    ) -> Option<FrameDecision> {
         let cell = &self.decisions[(frame % HISTORY as u64) as usize];
         loop {
             let seen = cell.load(Acquire);
             if seen != EMPTY && count_of(seen) == frame {
-                return Some(schedule_of(seen));
+                return Some(FrameDecision::of(seen));
             }
             if seen != EMPTY && count_of(seen) > frame {
                 return None;
             }
-            let request = self.request.load(Acquire);
-            let choice = if request == 0 { current } else { schedule_of(request) };
+            // Frame 0 runs what the module starts with.
+            let request = if frame == 0 { 0 } else { self.request.load(Acquire) };
+            let choice = match request {
+                _ if stop() => END,
+                0 => current,
+                request => schedule_of(request),
+            };
             if cell.compare_exchange(seen, word(frame, choice), AcqRel, Acquire).is_err() {
                 continue; // another core was first: its decision counts
             }
-            if choice != current {
-                self.changed_ns.fetch_max(start_ns, AcqRel);
+            if choice != END {
+                self.note_begun(frame, start_ns, choice, choice != current);
+                if request != 0 {
+                    // Fails where somebody has asked for another one meanwhile: that is the next frame's.
+                    let _ = self.request.compare_exchange(request, 0, AcqRel, Relaxed);
+                }
             }
-            self.newest_ns.fetch_max(start_ns, AcqRel);
-            self.newest.fetch_max(word(frame, choice), AcqRel);
-            if request != 0 {
-                // Fails where somebody has asked for another one meanwhile: that is the next frame's.
-                let _ = self.request.compare_exchange(request, 0, AcqRel, Relaxed);
-            }
-            return Some(choice);
+            return Some(FrameDecision::of(word(frame, choice)));
+        }
+    }
+
+    fn note_begun(&self, frame: u64, start_ns: u64, schedule: usize, is_change: bool) {
+        if is_change {
+            self.changed_ns.fetch_max(start_ns, AcqRel);
+        }
+        self.newest_ns.fetch_max(start_ns, AcqRel);
+        self.newest.fetch_max(word(frame, schedule), AcqRel);
+    }
+}
+
+/// What was decided about a major frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FrameDecision {
+    /// It runs the schedule at this place of the plan.
+    Run(usize),
+    /// The module has ended with the frame before.
+    End,
+}
+
+impl FrameDecision {
+    fn of(word: u64) -> Self {
+        match schedule_of(word) {
+            END => Self::End,
+            schedule => Self::Run(schedule),
         }
     }
 }
@@ -218,25 +251,59 @@ fn schedule_of(word: u64) -> usize {
     (word & ((1 << SCHEDULE_BITS) - 1)) as usize
 }
 
-#[cfg(test)]
+#[cfg(all(test, not(feature = "model")))]
 mod tests {
     use super::*;
+
+    /// The schedule of a frame of a module that goes on.
+    fn run(schedule_switch: &ScheduleSwitch, frame: u64, start_ns: u64, current: usize) -> Option<usize> {
+        match schedule_switch.decide(frame, start_ns, current, || false)? {
+            FrameDecision::Run(schedule) => Some(schedule),
+            FrameDecision::End => panic!("nobody has asked for an end"),
+        }
+    }
+
+    #[test]
+    fn a_frame_that_one_core_has_begun_is_run_by_all_and_one_that_a_core_has_ended_by_none() {
+        for frame in [0, 1, 77] {
+            let schedule_switch = ScheduleSwitch::new(0);
+            assert_eq!(run(&schedule_switch, frame, 10, 0), Some(0));
+            let late = schedule_switch.decide(frame, 10, 0, || true);
+            assert_eq!(
+                late,
+                Some(FrameDecision::Run(0)),
+                "a core that saw the stop first would leave the other alone"
+            );
+            assert_eq!(schedule_switch.decide(frame + 1, 20, 0, || true), Some(FrameDecision::End));
+            let early = schedule_switch.decide(frame + 1, 20, 0, || false);
+            assert_eq!(early, Some(FrameDecision::End), "a core that looked before the stop would run alone");
+            assert_eq!(schedule_switch.newest_frame(), frame);
+        }
+    }
+
+    #[test]
+    fn a_request_before_frame_0_takes_effect_with_frame_1() {
+        let schedule_switch = ScheduleSwitch::new(0);
+        schedule_switch.request(1);
+        assert_eq!(run(&schedule_switch, 0, 0, 0), Some(0));
+        assert_eq!(run(&schedule_switch, 1, 10, 0), Some(1));
+    }
 
     #[test]
     fn a_request_takes_effect_at_the_next_frame_and_once() {
         let schedule_switch = ScheduleSwitch::new(0);
-        assert_eq!(schedule_switch.decide(1, 10, 0), Some(0));
+        assert_eq!(run(&schedule_switch, 1, 10, 0), Some(0));
         assert_eq!(schedule_switch.request(2), Requested::Pending);
         assert_eq!(
             (schedule_switch.current(), schedule_switch.next(), schedule_switch.changed_ns()),
             (0, 2, 0)
         );
-        assert_eq!(schedule_switch.decide(2, 20, 0), Some(2));
+        assert_eq!(run(&schedule_switch, 2, 20, 0), Some(2));
         assert_eq!(
             (schedule_switch.current(), schedule_switch.next(), schedule_switch.changed_ns()),
             (2, 2, 20)
         );
-        assert_eq!(schedule_switch.decide(3, 30, 2), Some(2));
+        assert_eq!(run(&schedule_switch, 3, 30, 2), Some(2));
         assert_eq!(schedule_switch.changed_ns(), 20);
     }
 
@@ -245,32 +312,32 @@ mod tests {
         let schedule_switch = ScheduleSwitch::new(0);
         schedule_switch.request(1);
         schedule_switch.request(2);
-        assert_eq!(schedule_switch.decide(1, 10, 0), Some(2));
+        assert_eq!(run(&schedule_switch, 1, 10, 0), Some(2));
         schedule_switch.request(1);
         assert_eq!(schedule_switch.request(2), Requested::Pending);
-        assert_eq!(schedule_switch.decide(2, 20, 2), Some(2));
+        assert_eq!(run(&schedule_switch, 2, 20, 2), Some(2));
         assert_eq!((schedule_switch.changed_ns(), schedule_switch.request(2)), (10, Requested::Already));
     }
 
     #[test]
     fn a_core_that_comes_late_finds_what_the_first_one_decided() {
         let schedule_switch = ScheduleSwitch::new(0);
-        assert_eq!(schedule_switch.decide(1, 10, 0), Some(0));
+        assert_eq!(run(&schedule_switch, 1, 10, 0), Some(0));
         schedule_switch.request(1);
         // The other core is late for frame 1: the request came after that was decided.
-        assert_eq!(schedule_switch.decide(2, 20, 0), Some(1));
-        assert_eq!(schedule_switch.decide(1, 10, 0), Some(0));
-        assert_eq!(schedule_switch.decide(2, 20, 0), Some(1));
+        assert_eq!(run(&schedule_switch, 2, 20, 0), Some(1));
+        assert_eq!(run(&schedule_switch, 1, 10, 0), Some(0));
+        assert_eq!(run(&schedule_switch, 2, 20, 0), Some(1));
     }
 
     #[test]
     fn a_core_that_was_away_for_longer_than_anybody_remembers_is_told_so() {
         let schedule_switch = ScheduleSwitch::new(0);
         for frame in 1..=HISTORY as u64 + 1 {
-            assert_eq!(schedule_switch.decide(frame, frame, 0), Some(0));
+            assert_eq!(run(&schedule_switch, frame, frame, 0), Some(0));
         }
-        assert_eq!(schedule_switch.decide(1, 1, 0), None);
-        assert_eq!(schedule_switch.decide(2, 2, 0), Some(0));
+        assert_eq!(run(&schedule_switch, 1, 1, 0), None);
+        assert_eq!(run(&schedule_switch, 2, 2, 0), Some(0));
     }
 
     #[test]
@@ -281,12 +348,12 @@ mod tests {
             schedule_switch.propose_shift(1, -37) && !schedule_switch.propose_shift(1, 5),
             "the first counts"
         );
-        schedule_switch.decide(1, 10, 0);
+        run(&schedule_switch, 1, 10, 0);
         assert_eq!(
             (schedule_switch.shift(1), schedule_switch.newest_frame(), schedule_switch.newest_frame_ns()),
             (Some(-37), 1, 10)
         );
-        schedule_switch.decide(2, 20, 0);
+        run(&schedule_switch, 2, 20, 0);
         assert_eq!(schedule_switch.shift(2), Some(0));
         assert!(!schedule_switch.propose_shift(2, 9), "it has begun");
         assert_eq!((schedule_switch.shift(2), schedule_switch.shift(1)), (Some(0), Some(-37)));
@@ -300,9 +367,9 @@ mod tests {
         assert!(
             schedule_switch.propose_shift(1, 600_000_000_000) && schedule_switch.propose_shift(2, i64::MIN)
         );
-        schedule_switch.decide(1, 10, 0);
+        run(&schedule_switch, 1, 10, 0);
         assert_eq!(schedule_switch.shift(1), Some(MOST_SHIFT_NS));
-        schedule_switch.decide(2, 20, 0);
+        run(&schedule_switch, 2, 20, 0);
         assert_eq!(schedule_switch.shift(2), Some(-MOST_SHIFT_NS));
         const { assert!(MOST_SHIFT_NS > 9 * 60 * 1_000_000_000) };
     }
@@ -312,7 +379,7 @@ mod tests {
         let schedule_switch = ScheduleSwitch::new(0);
         for frame in 1..=2 * HISTORY as u64 {
             schedule_switch.propose_shift(frame, frame as i64);
-            schedule_switch.decide(frame, frame, 0);
+            run(&schedule_switch, frame, frame, 0);
             assert_eq!(schedule_switch.shift(frame), Some(frame as i64));
         }
         assert_eq!(schedule_switch.shift(HISTORY as u64), None);
@@ -327,7 +394,7 @@ mod tests {
             std::thread::spawn(move || {
                 let frames = 1..3000;
                 let ends = frames.map(|frame| {
-                    schedule_switch.decide(frame, frame, 0);
+                    run(&schedule_switch, frame, frame, 0);
                     schedule_switch.shift(frame).unwrap()
                 });
                 ends.collect::<Vec<_>>()
@@ -355,7 +422,7 @@ mod tests {
                 let frames = 1..3000;
                 frames
                     .map(|frame| {
-                        current = schedule_switch.decide(frame, frame, current).unwrap();
+                        current = run(&schedule_switch, frame, frame, current).unwrap();
                         schedule_switch.request((frame % 5) as usize);
                         current
                     })
@@ -366,5 +433,76 @@ mod tests {
         let seen: Vec<_> = threads.into_iter().map(|thread| thread.join().unwrap()).collect();
         assert!(seen.windows(2).all(|pair| pair[0] == pair[1]));
         assert!(seen[0].iter().any(|schedule| *schedule != 0));
+    }
+}
+
+#[cfg(all(test, feature = "model"))]
+mod model {
+    use loom::sync::Arc;
+    use loom::thread;
+
+    use super::*;
+    use crate::sync::Ordering::SeqCst;
+    use crate::sync::{AtomicBool, explore};
+
+    /// What a core runs in the frames from 1 on, until the module ends.
+    fn core(switch: &ScheduleSwitch, stop: &AtomicBool) -> Vec<usize> {
+        let (mut ran, mut current) = (Vec::new(), 0);
+        for frame in 1..3 {
+            match switch.decide(frame, frame * 10, current, || stop.load(SeqCst)) {
+                Some(FrameDecision::Run(schedule)) => current = schedule,
+                _ => break,
+            }
+            ran.push(current);
+        }
+        ran
+    }
+
+    /// Two cores, and a third party that does `what`: both cores run the same.
+    fn agree(what: fn(&ScheduleSwitch, &AtomicBool)) {
+        explore(move || {
+            let shared = Arc::new((ScheduleSwitch::new(0), AtomicBool::new(false)));
+            let other = {
+                let shared = shared.clone();
+                thread::spawn(move || core(&shared.0, &shared.1))
+            };
+            let operator = {
+                let shared = shared.clone();
+                thread::spawn(move || what(&shared.0, &shared.1))
+            };
+            let own = core(&shared.0, &shared.1);
+            operator.join().unwrap();
+            assert_eq!(own, other.join().unwrap());
+        });
+    }
+
+    #[test]
+    fn model_schedule_switch_cores_change_together_whenever_it_is_asked_for() {
+        agree(|switch, _| {
+            switch.request(1);
+        });
+    }
+
+    #[test]
+    fn model_schedule_switch_cores_end_together_whenever_the_stop_comes() {
+        agree(|_, stop| stop.store(true, SeqCst));
+    }
+
+    #[test]
+    fn model_schedule_switch_a_frame_is_moved_for_both_cores_or_for_none() {
+        explore(|| {
+            let switch = Arc::new(ScheduleSwitch::new(0));
+            let cores = [(); 2].map(|()| {
+                let switch = switch.clone();
+                thread::spawn(move || {
+                    let _ = switch.decide(1, 10, 0, || false);
+                    switch.shift(1)
+                })
+            });
+            let taken = switch.propose_shift(1, 5);
+            let [one, other] = cores.map(|core| core.join().unwrap());
+            assert_eq!(one, other);
+            assert_eq!(one, Some(if taken { 5 } else { 0 }));
+        });
     }
 }

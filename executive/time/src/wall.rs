@@ -8,7 +8,6 @@ use rtrb::Producer;
 
 use crate::change::Changes;
 use crate::dispatcher::{Ending, Gate, Meanwhile, Occurrence, Pace};
-use crate::fence::LOOK_NS;
 use crate::partition_control::{PartitionControl, Readiness, grant_of};
 use crate::redundant_pair::RedundantPair;
 use crate::stall::Stall;
@@ -49,16 +48,6 @@ impl WallPace {
 impl Pace for WallPace {
     fn reach(&mut self, instant_ns: u64, meanwhile: &mut dyn Meanwhile) -> u64 {
         let target_ns = self.origin_ns + instant_ns;
-        if let Some(look_ns) = meanwhile.look_at_ns() {
-            let look_ns = self.origin_ns + look_ns;
-            // Where the next switch comes first, after that.
-            if look_ns + EARLY_NS < target_ns {
-                sleep_until_ns(look_ns);
-                meanwhile.look();
-            } else if look_ns <= now_ns() {
-                meanwhile.look();
-            }
-        }
         // Woken when the window is closed, or at the instant: whoever uses all of his window pays for one wake-up, not two.
         for _ in 0..WAITS {
             if meanwhile.has_slack() || now_ns() >= target_ns {
@@ -87,7 +76,7 @@ fn sleep_if_ahead(instant_ns: u64) {
 /// One of a partition's controls: the partition's place in the plan, and the number among its [`RedundantPair`].
 type PairMember = (usize, usize);
 
-/// Opens and closes windows of real processes. Nothing here blocks, allocates or writes to a file but the freezer's.
+/// Opens and closes windows of real processes. Nothing here blocks, allocates or writes to a file.
 pub struct WallGate {
     pair: Vec<Option<Arc<RedundantPair>>>,
     origin_ns: u64,
@@ -105,8 +94,6 @@ pub struct WallGate {
     prepared: Option<PairMember>,
     /// The partition control on which the open window was opened, whoever is active by now.
     opened: usize,
-    /// The partition control whose fence is to be looked at, and when, module time, ns.
-    look: Option<(PairMember, u64)>,
     stall: Arc<Stall>,
 }
 
@@ -135,7 +122,6 @@ impl WallGate {
             owns: None,
             prepared: None,
             opened: 0,
-            look: None,
             stall,
         }
     }
@@ -149,7 +135,7 @@ impl WallGate {
         // Somebody else has taken over since this core got ready.
         if let Some(before) = self.owns.take_if(|owned| owned.0 == partition && *owned != member) {
             let before = pair.control(before.1);
-            before.fence(true);
+            before.end_window(true);
             before.disown(self.core);
         }
         if let Some(action) = self.changes.action_due(occurrence, control) {
@@ -167,6 +153,10 @@ impl WallGate {
             return Err(Missed::OtherCore);
         }
         self.owns = Some(member);
+        // Once more: an operator may have found that no core has the partition, and have stopped it.
+        if control.readiness() != Readiness::Ready {
+            return Err(Missed::NoPartition);
+        }
         control.place(self.processor);
         let now = now_ns();
         control.grant(&grant_of(occurrence, self.changes.next()), now);
@@ -209,35 +199,35 @@ impl Gate for WallGate {
 
     fn open(&mut self, occurrence: &Occurrence) {
         self.stall.apply();
-        self.owns = self.prepared.take();
+        // A window of the same partition may have ended since, and let it go.
+        let (prepared, core) = (self.prepared.take(), self.core);
+        self.owns =
+            prepared.filter(|member| self.control(*member).is_some_and(|control| control.try_own(core)));
         self.granted = self.try_open(occurrence);
     }
 
     fn close(&mut self, occurrence: &Occurrence, ending: Ending) {
         let granted = std::mem::replace(&mut self.granted, Err(Missed::NoPartition));
-        let granted_ns = granted.ok();
         let partition = occurrence.window.partition.index();
         let member = (partition, self.opened);
         let control = self.control(member);
+        let granted = granted.and_then(|granted_ns| match control {
+            Some(control) if control.awaits_thaw() => Err(Missed::StillFrozen),
+            _ => Ok(granted_ns),
+        });
+        let granted_ns = granted.ok();
         let usage = granted_ns.and(control).map(PartitionControl::usage);
         let requested =
             granted_ns.and(control).and_then(|control| self.changes.take_request(occurrence, control));
-        let mut look_again = None;
         if let Some(control) = control
             && self.owns == Some(member)
         {
             // Also where it was not granted: it may have been thawed ahead of its window.
             let overrun = usage.map_or_else(|| !control.is_done(), |usage| usage.closed_ns.is_none());
-            if control.fence(overrun) {
-                look_again = Some((member, now_ns().saturating_sub(self.origin_ns) + LOOK_NS));
-            }
+            control.end_window(overrun);
             control.disown(self.core);
         }
         self.owns = None;
-        if look_again.is_some() {
-            self.look(); // at the partition before, if that has not been done
-            self.look = look_again;
-        }
         let module = |stamp: Option<u64>| stamp.map(|stamp| stamp.saturating_sub(self.origin_ns));
         let record = WindowRecord {
             occurrence: *occurrence,
@@ -251,23 +241,6 @@ impl Gate for WallGate {
         };
         if self.records.push(record).is_err() {
             self.lost.fetch_add(1, Relaxed);
-        }
-    }
-
-    fn look_at_ns(&self) -> Option<u64> {
-        self.look.map(|(_, at_ns)| at_ns)
-    }
-
-    fn look(&mut self) {
-        let Some((member, _)) = self.look.take() else { return };
-        // Where another core has opened a window of it meanwhile, nothing of it is to be held.
-        if let Some(control) = self.control(member)
-            && control.try_own(self.core)
-        {
-            control.look();
-            if self.owns != Some(member) && self.prepared != Some(member) {
-                control.disown(self.core);
-            }
         }
     }
 }

@@ -34,6 +34,8 @@ pub enum Missed {
     TooLate,
     /// Another core still had a window of the partition open.
     OtherCore,
+    /// It was granted, and nothing of the partition could run: the kernel had not thawed it yet.
+    StillFrozen,
     /// It was kept back for what a change of schedule means for its partition.
     Changed(ChangeAction),
 }
@@ -46,12 +48,19 @@ impl Missed {
             Self::NoPartition => b'S',
             Self::TooLate => b'M',
             Self::OtherCore => b'H',
+            Self::StillFrozen => b'F',
             Self::Changed(_) => b'C',
         }
     }
 }
 
 impl WindowRecord {
+    /// The executive did not give a partition its window that was there to take it.
+    #[must_use]
+    pub fn is_lost(&self) -> bool {
+        matches!(self.missed, Some(Missed::TooLate | Missed::OtherCore | Missed::StillFrozen))
+    }
+
     /// The dispatcher itself came late to its start.
     #[must_use]
     pub fn is_late(&self) -> bool {

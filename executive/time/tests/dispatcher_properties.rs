@@ -315,13 +315,10 @@ proptest! {
             std::thread::spawn(move || {
                 let random = Random(seed ^ u64::from(core));
                 let mut notes = Notes { seen: Vec::new(), schedule_switch: schedule_switch.clone(), random, schedules: count };
-                let frames = std::cell::Cell::new(0);
-                let mut dispatcher = Dispatcher::new(&timelines, schedule_switch, false, |own| own == core);
-                dispatcher.run(&mut Jumps(Random(seed)), &mut notes, &|_| {
-                    frames.set(frames.get() + 1);
-                    frames.get() > 50
-                });
-                assert_eq!(frames.get(), 51, "it never lost its way");
+                let mut dispatcher = Dispatcher::new(&timelines, schedule_switch.clone(), false, |own| own == core);
+                let stop = |_| schedule_switch.newest_frame() >= 50;
+                assert!(dispatcher.run(&mut Jumps(Random(seed)), &mut notes, &stop), "it lost its way");
+                assert_eq!(schedule_switch.newest_frame(), 50, "a core has gone on alone");
                 notes.seen
             })
         });

@@ -64,8 +64,8 @@ impl Presence {
     pub fn add(&mut self, window: &Window) {
         self.end_ns = self.end_ns.max(window.planned_end_ns);
         let lane = self.lane(&window.partition);
-        // A window that the dispatcher itself missed says nothing about the partition.
-        if !window.flags.contains('M') {
+        // A window that the executive lost says nothing about the partition.
+        if !window.flags.contains(['M', 'H', 'F']) {
             lane.note(window);
         }
         if window.overrun && lane.overruns.len() < MOST {

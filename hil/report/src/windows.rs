@@ -16,7 +16,7 @@ pub const HEADER: &str =
     "frame,minor,core,partition,planned_start_ns,planned_end_ns,granted_ns,opened_ns,closed_ns,flags";
 
 /// Flags of a window that was not granted.
-const NOT_GRANTED: [char; 4] = ['S', 'M', 'H', 'C'];
+const NOT_GRANTED: [char; 5] = ['S', 'M', 'H', 'F', 'C'];
 
 /// One window.
 #[derive(Debug, Clone, PartialEq, Eq)]

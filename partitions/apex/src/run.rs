@@ -126,7 +126,8 @@ impl<P: Partition> Life<P> {
     fn windows(&mut self) -> Result<(), End> {
         let time = self.time.clone();
         let page = time.page();
-        let mut last = 0;
+        // Grants go on from one process to the next: this one answers for none before its own.
+        let mut last = page.done.load(Acquire);
         loop {
             await_grant(page, last);
             if page.stop.load(Acquire) != 0 {

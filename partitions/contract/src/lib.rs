@@ -11,6 +11,8 @@ pub mod fault;
 pub mod packing;
 pub mod page;
 pub mod relay;
+mod ring;
+mod sync;
 
 mod mapping;
 

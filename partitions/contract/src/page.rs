@@ -9,26 +9,29 @@
 //! it is slack. A `done` that differs from `grant` at the window's end is an overrun.
 #![allow(unsafe_code)] // one `unsafe impl`, a promise about this type
 
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};
-
 use crate::fault::{FaultKind, FaultOrder};
 use crate::mapping::SharedMemory;
+use crate::ring::{Ring, RingPlace};
+use crate::sync::{AtomicU32, AtomicU64, Ordering, fence};
+
+/// The page is one for the model checker, which wants few words.
+const MODEL: bool = cfg!(feature = "model");
 
 /// First word of every control page.
 pub const MAGIC: u32 = 0x4254_4c52; // "BTLR"
 /// Raised whenever the page or the description changes its meaning.
-pub const VERSION: u32 = 11;
+pub const VERSION: u32 = 12;
 
 /// Bytes of a report's text, as in REPORT_APPLICATION_MESSAGE.
-pub const REPORT_TEXT: usize = 128;
-/// Places for errors that wait for a partition's handler: one less waits, and older ones are overwritten.
-pub const ERRORS: usize = 8;
+pub const REPORT_TEXT: usize = if MODEL { 8 } else { 128 };
+/// Places for errors that wait for a partition's handler; older ones are overwritten.
+pub const ERRORS: usize = if MODEL { 1 } else { 8 };
 /// Entries of the health log that stand for a partition that is told of them; older ones are overwritten and counted as lost.
-pub const NOTICES: usize = 8;
-/// Places for orders of faults between two windows of a partition: one less waits, and older ones are overwritten.
-pub const FAULTS: usize = 8;
-/// Places for reports between two looks of the executive: one less waits, and older ones are overwritten.
-pub const REPORTS: usize = 8;
+pub const NOTICES: usize = if MODEL { 1 } else { 8 };
+/// Places for orders of faults between two windows of a partition; older ones are overwritten.
+pub const FAULTS: usize = if MODEL { 1 } else { 8 };
+/// Places for reports between two looks of the executive; older ones are overwritten.
+pub const REPORTS: usize = if MODEL { 1 } else { 8 };
 
 /// [`ControlPage::device_expected`]: nobody counts what the world sends.
 pub const NOT_COUNTED: u64 = u64::MAX;
@@ -125,23 +128,27 @@ const IN_HANDLER: u32 = 1 << 16;
 /// One report of a partition, or one error for it.
 #[derive(Debug, Default)]
 #[repr(C)]
-pub struct Report {
+struct Report {
+    sequence: AtomicU32,
+    /// Its kind, and the length of its text in the highest eight bits.
     kind: AtomicU32,
-    length: AtomicU32,
     text: [AtomicU64; REPORT_TEXT / 8],
 }
+
+/// See [`Report::kind`].
+const LENGTH_SHIFT: u32 = 24;
 
 /// An order of a fault.
 #[derive(Debug, Default)]
 #[repr(C)]
 struct OrderedFault {
+    sequence: AtomicU32,
     /// A [`FaultKind`].
     kind: AtomicU32,
     /// [`FaultOrder::port`].
     port: AtomicU32,
     /// [`FaultOrder::messages`].
     messages: AtomicU32,
-    reserved: AtomicU32,
     /// [`FaultOrder::argument`].
     argument: AtomicU64,
 }
@@ -192,6 +199,7 @@ pub struct AlignmentTold {
 
 /// The page. Offsets are part of the contract; reserved words are zero.
 #[derive(Debug)]
+#[cfg_attr(feature = "model", derive(Default))]
 #[repr(C, align(4096))]
 pub struct ControlPage {
     // Written by the executive.
@@ -220,8 +228,7 @@ pub struct ControlPage {
     schedule: AtomicU32,
     next_schedule: AtomicU32,
     schedule_since_ns: AtomicU64,
-    /// Faults ordered so far; order `n` stands in `faults[n % FAULTS]`. The partition's library carries them out at its next
-    /// window's start.
+    /// Faults ordered so far, see [`Ring`]. The partition's library carries them out at its next window's start.
     fault_orders: AtomicU32,
     /// The grant whose window is being written or was written last: differs from `grant` while it is written.
     granting: AtomicU32,
@@ -248,13 +255,13 @@ pub struct ControlPage {
     /// The schedule that the partition asks for, and how often it has asked: see [`ControlPage::request_schedule`].
     schedule_request: AtomicU64,
     reserved_3: [AtomicU64; 1],
-    /// Reports so far; report `n` stands in `reports[n % REPORTS]`.
-    pub report_count: AtomicU32,
+    /// Reports so far, see [`Ring`].
+    report_count: AtomicU32,
     /// Not zero while the partition's error handler runs.
     pub handling: AtomicU32,
     reports: [Report; REPORTS],
     // Written by the executive.
-    /// Errors for the partition's handler so far; error `n` stands in `errors[n % ERRORS]`.
+    /// Errors for the partition's handler so far, see [`Ring`].
     error_count: AtomicU32,
     reserved_5: AtomicU32,
     errors: [Report; ERRORS],
@@ -270,7 +277,7 @@ pub struct ControlPage {
     alignment_ns: AtomicU64,
     alignment_frame: AtomicU64,
     // Written by the executive, where the plan lets the partition know.
-    /// Entries of the health log so far; entry `n` stands in `notices[n % NOTICES]`, its severity as the kind.
+    /// Entries of the health log so far, see [`Ring`]; their kind is their severity.
     notice_count: AtomicU32,
     reserved_7: AtomicU32,
     notices: [Report; NOTICES],
@@ -281,6 +288,7 @@ pub struct ControlPage {
 // SAFETY: every field is an atomic or an array of atomics, for which every bit pattern is a value.
 unsafe impl SharedMemory for ControlPage {}
 
+#[cfg(not(feature = "model"))]
 const _: () = assert!(size_of::<ControlPage>() == 4096);
 
 impl ControlPage {
@@ -345,11 +353,16 @@ impl ControlPage {
         (self.granting.load(Ordering::Relaxed) == number).then_some((number, window))
     }
 
-    /// No grant yet, for a process that is about to start (the executive). Of the last window the schedule stands.
-    pub fn forget_grants(&self) {
-        self.begin_grant(0);
-        self.grant.store(0, Ordering::Relaxed);
-        self.done.store(0, Ordering::Relaxed);
+    /// No grant yet after that of `number`, for a process that is about to start (the executive). Numbers go on from one process
+    /// to the next: a late word of the one before closes no window of its successor. Of the last window the schedule stands.
+    pub fn forget_grants(&self, number: u32) {
+        self.begin_grant(number);
+        self.grant.store(number, Ordering::Relaxed);
+        self.done.store(number, Ordering::Relaxed);
+        self.report_ring().forget_unfinished();
+        self.error_ring().forget_unfinished();
+        self.notice_ring().forget_unfinished();
+        self.fault_ring().forget_unfinished();
     }
 
     /// Closes the window of grant number `grant` (the partition); true: somebody sleeps until then, and is to be woken.
@@ -427,75 +440,28 @@ impl ControlPage {
 
     /// Orders a fault (the executive). Of those that were not carried out yet only the newest [`FAULTS`] still stand.
     pub fn order_fault(&self, order: &FaultOrder) {
-        let number = self.fault_orders.load(Ordering::Relaxed);
-        let fault = &self.faults[number as usize % FAULTS];
-        fault.kind.store(order.kind as u32, Ordering::Relaxed);
-        fault.port.store(order.port, Ordering::Relaxed);
-        fault.messages.store(order.messages, Ordering::Relaxed);
-        fault.argument.store(order.argument, Ordering::Relaxed);
-        self.fault_orders.store(number.wrapping_add(1), Ordering::Release);
+        self.fault_ring().add(|fault| fault.write(order));
     }
 
-    /// The next fault that was ordered since number `seen` (the partition), which is moved on. Of a flood the newest still stand, one
-    /// less than there are places.
+    /// The next fault that was ordered since number `seen` (the partition), which is moved on. Of a flood the newest still stand.
     pub fn fault_since(&self, seen: &mut u32) -> Option<FaultOrder> {
         loop {
-            let order = next_of(&self.faults, &self.fault_orders, seen, &mut 0, OrderedFault::read)?;
             // What is no kind was written over: the page is the partition's too.
-            if order.is_some() {
-                return order;
+            if let Some(order) = self.fault_ring().next(seen, &mut 0, OrderedFault::read)? {
+                return Some(order);
             }
         }
     }
 
-    /// Adds a report (one thread of the partition at a time). Text beyond [`REPORT_TEXT`] bytes is cut.
+    /// Adds a report (the partition, any of its threads). Text beyond [`REPORT_TEXT`] bytes is cut.
     pub fn report(&self, kind: ReportKind, text: &str) {
-        let number = self.report_count.load(Ordering::Relaxed);
         let in_handler = if self.handling.load(Ordering::Relaxed) == 0 { 0 } else { IN_HANDLER };
-        self.reports[number as usize % REPORTS].write(kind as u32 | in_handler, text);
-        self.report_count.store(number.wrapping_add(1), Ordering::Release);
+        self.report_ring().add(|report| report.write(kind as u32 | in_handler, text));
     }
 
-    /// Tells the partition's handler of an error (the executive). Text beyond [`REPORT_TEXT`] bytes is cut.
-    pub fn raise(&self, code: ErrorCode, text: &str) {
-        let number = self.error_count.load(Ordering::Relaxed);
-        self.errors[number as usize % ERRORS].write(code as u32, text);
-        self.error_count.store(number.wrapping_add(1), Ordering::Release);
-    }
-
-    /// The next error since number `seen` (the partition), which is moved on. Of a flood the newest still stand, one less than
-    /// there are places.
-    pub fn next_error(&self, seen: &mut u32) -> Option<(ErrorCode, String)> {
-        loop {
-            let (code, text) = next_of(&self.errors, &self.error_count, seen, &mut 0, Report::read)?;
-            if let Some(code) = ErrorCode::from_number(code) {
-                return Some((code, text));
-            }
-        }
-    }
-
-    /// Tells the partition of an entry of the health log (the executive). Text beyond [`REPORT_TEXT`] bytes is cut.
-    pub fn notify(&self, severity: u32, text: &str) {
-        let number = self.notice_count.load(Ordering::Relaxed);
-        self.notices[number as usize % NOTICES].write(severity, text);
-        self.notice_count.store(number.wrapping_add(1), Ordering::Release);
-    }
-
-    /// The next entry of the health log since number `seen` (the partition), with its severity. `seen` is moved on, and `lost`
-    /// by as many as were overwritten before they were read.
-    pub fn next_notice(&self, seen: &mut u32, lost: &mut u64) -> Option<(u32, String)> {
-        next_of(&self.notices, &self.notice_count, seen, lost, Report::read)
-    }
-
-    /// Errors for the handler so far (the partition, before its first window: those were its predecessor's).
-    pub fn errors_so_far(&self) -> u32 {
-        self.error_count.load(Ordering::Acquire)
-    }
-
-    /// The reports since number `seen` (the executive), which is moved on. Of a flood the newest still stand, one less than there are
-    /// places: the partition may be writing the next one.
+    /// The reports since number `seen` (the executive), which is moved on. Of a flood the newest still stand.
     pub fn reports_since(&self, seen: &mut u32) -> Vec<Reported> {
-        let next = || next_of(&self.reports, &self.report_count, seen, &mut 0, Report::read);
+        let next = || self.report_ring().next(seen, &mut 0, Report::read);
         // As many as there are places at most: a partition may go on reporting on another core.
         let found = std::iter::from_fn(next).take(REPORTS);
         let report = |(kind, text): (u32, String)| Reported {
@@ -505,37 +471,74 @@ impl ControlPage {
         };
         found.map(report).collect()
     }
+
+    /// Tells the partition's handler of an error (the executive). Text beyond [`REPORT_TEXT`] bytes is cut.
+    pub fn raise(&self, code: ErrorCode, text: &str) {
+        self.error_ring().add(|error| error.write(code as u32, text));
+    }
+
+    /// The next error since number `seen` (the partition), which is moved on. Of a flood the newest still stand.
+    pub fn next_error(&self, seen: &mut u32) -> Option<(ErrorCode, String)> {
+        loop {
+            let (code, text) = self.error_ring().next(seen, &mut 0, Report::read)?;
+            if let Some(code) = ErrorCode::from_number(code) {
+                return Some((code, text));
+            }
+        }
+    }
+
+    /// Tells the partition of an entry of the health log (the executive). Text beyond [`REPORT_TEXT`] bytes is cut.
+    pub fn notify(&self, severity: u32, text: &str) {
+        self.notice_ring().add(|notice| notice.write(severity, text));
+    }
+
+    /// The next entry of the health log since number `seen` (the partition), with its severity. `seen` is moved on, and `lost`
+    /// by as many as were overwritten before they were read.
+    pub fn next_notice(&self, seen: &mut u32, lost: &mut u64) -> Option<(u32, String)> {
+        self.notice_ring().next(seen, lost, Report::read)
+    }
+
+    /// Reports so far (the executive).
+    pub fn reports_so_far(&self) -> u32 {
+        self.report_count.load(Ordering::Acquire)
+    }
+
+    /// Errors for the handler so far (the partition, before its first window: those were its predecessor's).
+    pub fn errors_so_far(&self) -> u32 {
+        self.error_count.load(Ordering::Acquire)
+    }
+
+    fn report_ring(&self) -> Ring<'_, Report> {
+        Ring { count: &self.report_count, places: &self.reports }
+    }
+
+    fn error_ring(&self) -> Ring<'_, Report> {
+        Ring { count: &self.error_count, places: &self.errors }
+    }
+
+    fn notice_ring(&self) -> Ring<'_, Report> {
+        Ring { count: &self.notice_count, places: &self.notices }
+    }
+
+    fn fault_ring(&self) -> Ring<'_, OrderedFault> {
+        Ring { count: &self.fault_orders, places: &self.faults }
+    }
 }
 
-/// The next of `places` since number `seen`, which is moved on, and `lost` by as many as were written over before they were
-/// read. `count`: entries so far.
-fn next_of<P, E>(
-    places: &[P],
-    count: &AtomicU32,
-    seen: &mut u32,
-    lost: &mut u64,
-    read: fn(&P) -> E,
-) -> Option<E> {
-    let room = places.len() as u32;
-    loop {
-        let newest = count.load(Ordering::Acquire);
-        // One place less than there are: the executive may be writing the next one just now.
-        let skipped = newest.wrapping_sub(*seen).saturating_sub(room - 1);
-        (*seen, *lost) = (seen.wrapping_add(skipped), *lost + u64::from(skipped));
-        if *seen == newest {
-            return None;
-        }
-        let entry = read(&places[*seen as usize % places.len()]);
-        fence(Ordering::Acquire);
-        // Overwritten while it was read: it counts as lost at the next look.
-        if count.load(Ordering::Relaxed).wrapping_sub(*seen) < room {
-            *seen = seen.wrapping_add(1);
-            return Some(entry);
-        }
+impl RingPlace for OrderedFault {
+    fn sequence(&self) -> &AtomicU32 {
+        &self.sequence
     }
 }
 
 impl OrderedFault {
+    fn write(&self, order: &FaultOrder) {
+        self.kind.store(order.kind as u32, Ordering::Relaxed);
+        self.port.store(order.port, Ordering::Relaxed);
+        self.messages.store(order.messages, Ordering::Relaxed);
+        self.argument.store(order.argument, Ordering::Relaxed);
+    }
+
     /// `None` if it is of no known kind.
     fn read(&self) -> Option<FaultOrder> {
         Some(FaultOrder {
@@ -557,6 +560,12 @@ impl ReportKind {
     }
 }
 
+impl RingPlace for Report {
+    fn sequence(&self) -> &AtomicU32 {
+        &self.sequence
+    }
+}
+
 impl Report {
     fn write(&self, kind: u32, text: &str) {
         let length =
@@ -566,21 +575,23 @@ impl Report {
         for (word, chunk) in self.text.iter().zip(bytes.as_chunks().0) {
             word.store(u64::from_le_bytes(*chunk), Ordering::Relaxed);
         }
-        self.kind.store(kind, Ordering::Relaxed);
-        self.length.store(length as u32, Ordering::Relaxed);
+        self.kind.store((length as u32) << LENGTH_SHIFT | kind, Ordering::Relaxed);
     }
 
+    /// Its kind and its text.
     fn read(&self) -> (u32, String) {
         let mut bytes = [0; REPORT_TEXT];
         for (word, chunk) in self.text.iter().zip(bytes.as_chunks_mut::<8>().0) {
             *chunk = word.load(Ordering::Relaxed).to_le_bytes();
         }
-        let length = (self.length.load(Ordering::Relaxed) as usize).min(REPORT_TEXT);
-        (self.kind.load(Ordering::Relaxed), String::from_utf8_lossy(&bytes[..length]).into_owned())
+        let kind = self.kind.load(Ordering::Relaxed);
+        let length = ((kind >> LENGTH_SHIFT) as usize).min(REPORT_TEXT);
+        let text = String::from_utf8_lossy(&bytes[..length]).into_owned();
+        (kind & ((1 << LENGTH_SHIFT) - 1), text)
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, not(feature = "model")))]
 mod tests {
     use super::*;
 
@@ -643,12 +654,13 @@ mod tests {
         (0..2 * FAULTS as u64).for_each(|number| page.order_fault(&order(FaultKind::Corrupt, number)));
         let found: Vec<_> =
             std::iter::from_fn(|| page.fault_since(&mut seen)).map(|order| order.argument).collect();
-        assert_eq!(found, (FAULTS as u64 + 1..2 * FAULTS as u64).collect::<Vec<_>>());
-        // A partition that has written over its page: each place is looked at once, and no kind is made up.
+        assert_eq!(found, (FAULTS as u64..2 * FAULTS as u64).collect::<Vec<_>>());
+        // A partition that has written over its page: no kind is made up.
         page.fault_orders.store(u32::MAX, Ordering::Relaxed);
         page.faults.iter().for_each(|fault| fault.kind.store(u32::MAX, Ordering::Relaxed));
         assert_eq!(page.fault_since(&mut seen), None);
-        assert_eq!((page.fault_since(&mut seen), seen), (None, u32::MAX));
+        page.order_fault(&order(FaultKind::Drop, 5));
+        assert_eq!(page.fault_since(&mut seen), Some(order(FaultKind::Drop, 5)), "the next one is found");
     }
 
     #[test]
@@ -677,7 +689,7 @@ mod tests {
         let page = page();
         (0..20).for_each(|number| page.report(ReportKind::Message, &number.to_string()));
         let reports = page.reports_since(&mut 0);
-        assert_eq!((reports.len(), reports[0].text.as_str(), reports[6].text.as_str()), (7, "13", "19"));
+        assert_eq!((reports.len(), reports[0].text.as_str(), reports[7].text.as_str()), (8, "12", "19"));
     }
 
     #[test]
@@ -685,10 +697,11 @@ mod tests {
         let (page, mut seen) = (page(), 0);
         (0..8).for_each(|number| page.report(ReportKind::Message, &number.to_string()));
         // The partition is in the middle of a ninth, which has the place of the first.
-        page.reports[0].write(ReportKind::ApplicationError as u32, "half of the ninth");
-        let texts: Vec<_> = page.reports_since(&mut seen).into_iter().map(|report| report.text).collect();
-        assert_eq!(texts, ["1", "2", "3", "4", "5", "6", "7"]);
-        page.report_count.store(9, Ordering::Release);
+        page.report_ring().add(|place| {
+            place.write(ReportKind::ApplicationError as u32, "half of the ninth");
+            let texts: Vec<_> = page.reports_since(&mut seen).into_iter().map(|report| report.text).collect();
+            assert_eq!(texts, ["1", "2", "3", "4", "5", "6", "7"]);
+        });
         assert_eq!(page.reports_since(&mut seen).len(), 1, "and the ninth once");
     }
 
@@ -697,9 +710,11 @@ mod tests {
         let (page, mut seen) = (page(), 0);
         let order = |argument| FaultOrder { kind: FaultKind::Corrupt, port: 0, messages: 1, argument };
         (0..8).for_each(|number| page.order_fault(&order(number)));
-        page.faults[0].argument.store(77, Ordering::Relaxed);
-        let found = std::iter::from_fn(|| page.fault_since(&mut seen)).map(|order| order.argument);
-        assert_eq!(found.collect::<Vec<_>>(), [1, 2, 3, 4, 5, 6, 7]);
+        page.fault_ring().add(|place| {
+            place.argument.store(77, Ordering::Relaxed);
+            let found = std::iter::from_fn(|| page.fault_since(&mut seen)).map(|order| order.argument);
+            assert_eq!(found.collect::<Vec<_>>(), [1, 2, 3, 4, 5, 6, 7]);
+        });
     }
 
     #[test]
@@ -760,7 +775,7 @@ mod tests {
         assert_eq!(page.next_notice(&mut seen, &mut lost), None);
         (0..20).for_each(|number| page.notify(4, &number.to_string()));
         let texts: Vec<_> = std::iter::from_fn(|| Some(page.next_notice(&mut seen, &mut lost)?.1)).collect();
-        assert_eq!((texts.len(), texts[0].as_str(), texts[6].as_str(), lost), (7, "13", "19", 13));
+        assert_eq!((texts.len(), texts[0].as_str(), texts[7].as_str(), lost), (8, "12", "19", 12));
     }
 
     #[test]
@@ -771,16 +786,91 @@ mod tests {
         assert_eq!(page.next_error(&mut seen), None);
         (0..20).for_each(|number| page.raise(ErrorCode::ApplicationError, &number.to_string()));
         let texts: Vec<_> = std::iter::from_fn(|| Some(page.next_error(&mut seen)?.1)).collect();
-        assert_eq!((texts.len(), texts[0].as_str(), texts[6].as_str()), (7, "13", "19"));
+        assert_eq!((texts.len(), texts[0].as_str(), texts[7].as_str()), (8, "12", "19"));
     }
 
     #[test]
     fn error_that_is_written_over_just_now_is_not_handed_to_the_handler_in_pieces() {
         let (page, mut seen) = (page(), 0);
         (0..8).for_each(|number| page.raise(ErrorCode::ApplicationError, &number.to_string()));
-        // The executive is in the middle of a ninth, which has the place of the first and is not counted yet.
-        page.errors[0].write(ErrorCode::DeadlineMissed as u32, "half of the ninth");
-        let texts: Vec<_> = std::iter::from_fn(|| Some(page.next_error(&mut seen)?.1)).collect();
-        assert_eq!(texts, ["1", "2", "3", "4", "5", "6", "7"]);
+        // The executive is in the middle of a ninth, which has the place of the first.
+        page.error_ring().add(|place| {
+            place.write(ErrorCode::DeadlineMissed as u32, "half of the ninth");
+            let texts: Vec<_> = std::iter::from_fn(|| Some(page.next_error(&mut seen)?.1)).collect();
+            assert_eq!(texts, ["1", "2", "3", "4", "5", "6", "7"]);
+        });
+    }
+}
+
+#[cfg(all(test, feature = "model"))]
+mod model {
+    use loom::sync::Arc;
+    use loom::sync::atomic::AtomicBool;
+    use loom::thread;
+
+    use super::*;
+    use crate::sync::explore;
+
+    #[test]
+    fn model_control_page_a_grant_is_taken_whole_whenever_the_next_one_comes() {
+        explore(|| {
+            let page = Arc::new(ControlPage::default());
+            let window = |number: u32| WindowGrant {
+                start_ns: number.into(),
+                major_frame_ns: number.into(),
+                schedule: number,
+                ..WindowGrant::default()
+            };
+            let executive = {
+                let page = page.clone();
+                thread::spawn(move || page.publish_grant(1, &window(1)))
+            };
+            if let Some((number, granted)) = page.try_granted_window() {
+                assert_eq!(granted, window(number));
+            }
+            executive.join().unwrap();
+            assert_eq!(page.try_granted_window(), Some((1, window(1))));
+        });
+    }
+
+    #[test]
+    fn model_control_page_whoever_sleeps_until_a_window_is_closed_is_woken_or_sees_it() {
+        explore(|| {
+            let page = Arc::new(ControlPage::default());
+            let woken = Arc::new(AtomicBool::new(false));
+            let partition = {
+                let (page, woken) = (page.clone(), woken.clone());
+                thread::spawn(move || {
+                    if page.close(1) {
+                        woken.store(true, Ordering::SeqCst);
+                    }
+                })
+            };
+            let sleeps = page.await_close() != 1;
+            partition.join().unwrap();
+            assert!(!sleeps || woken.load(Ordering::SeqCst), "the dispatcher sleeps, and nobody wakes it");
+            page.awake();
+        });
+    }
+
+    #[test]
+    fn model_control_page_what_is_told_of_the_alignment_is_one_report() {
+        explore(|| {
+            let page = Arc::new(ControlPage::default());
+            let report = |number: u32| AlignmentReport {
+                peer_minus_own_ns: number.into(),
+                uncertainty_ns: number,
+                exchanges: number,
+            };
+            let partition = {
+                let page = page.clone();
+                thread::spawn(move || (1..3).for_each(|number| page.tell_alignment(&report(number))))
+            };
+            let mut seen = 0;
+            if let Some(told) = page.alignment_since(&mut seen) {
+                assert_eq!(told.report, report(told.report.exchanges));
+            }
+            partition.join().unwrap();
+        });
     }
 }

@@ -29,6 +29,7 @@ mod channel_holders;
 mod course;
 mod joined;
 mod run_module;
+mod wall_threads;
 
 /// What a run is asked to do, and what it was given for it.
 pub struct Options {

@@ -5,14 +5,14 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::rc::Rc;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::thread::JoinHandle;
+use std::sync::atomic::Ordering;
 
 use bateleur_contract::{Clock, StartCondition};
-use rtrb::{Consumer, RingBuffer};
+use rtrb::Consumer;
 
 use super::course::{Course, Ended};
-use super::{Options, RunError, machine};
+use super::wall_threads::{Lanes, run_wall};
+use super::{Options, RunError};
 use crate::fast::{Records, VirtualGate, VirtualPace, World};
 use crate::recording::Recording;
 use crate::world::Surroundings;
@@ -27,7 +27,7 @@ use bateleur_monitor::observers::StartObserver;
 use bateleur_monitor::operator::Operator;
 use bateleur_monitor::rebuild::RebuildHooks;
 use bateleur_monitor::{Alignment, Monitor, MonitorConfig, StartChannelCleaner};
-use bateleur_plan::{ModuleError, ModuleView, PartitionId, Plan, Timeline};
+use bateleur_plan::{ModuleView, PartitionId, Plan, Timeline};
 use bateleur_system::sched;
 use bateleur_system::time::now_ns;
 use bateleur_time::alignment::Following;
@@ -37,16 +37,7 @@ use bateleur_time::redundant_pair::RedundantPair;
 use bateleur_time::schedule_switch::ScheduleSwitch;
 use bateleur_time::shared_clock::{JointPace, Member};
 use bateleur_time::stall::Stall;
-use bateleur_time::wall::{WallGate, WallPace};
 use bateleur_time::window_record::WindowRecord;
-
-/// Why a module ends whose dispatcher has ended by itself.
-const LOST_CORE: &str =
-    "a dispatcher was held up for longer than the schedules of the major frames are remembered";
-/// Window records that wait for the monitor: two seconds of a busy core.
-const RECORDS: usize = 4096;
-/// How often the monitor looks on the wall clock, ns. A death wakes it at once.
-const MONITOR_PERIOD_NS: u64 = 5_000_000;
 
 /// What serves a run beside its partitions.
 pub(super) struct Services {
@@ -105,7 +96,7 @@ pub(super) fn run_module(
     let start = module_start(&options.order.module, options.clock(), resets);
     monitor.health_log().note_module("module_start", start, begun_ns);
     if let Some(counts) = course.surroundings.line_counts() {
-        line_cages(view, &sandboxes).for_each(|sandbox| sandbox.control.carry_on_line(counts));
+        line_sandboxes(view, &sandboxes).for_each(|sandbox| sandbox.control.carry_on_line(counts));
     }
     if options.clock() == Clock::Virtual {
         // No window runs yet: partitions initialise on every processor, not on those alone that are left for other work.
@@ -248,7 +239,7 @@ fn line_partition(view: &ModuleView<'_>) -> Option<PartitionId> {
 }
 
 /// Its sandboxes: one more where a process stands by.
-fn line_cages<'a>(view: &ModuleView<'_>, sandboxes: &'a [Sandbox]) -> impl Iterator<Item = &'a Sandbox> {
+fn line_sandboxes<'a>(view: &ModuleView<'_>, sandboxes: &'a [Sandbox]) -> impl Iterator<Item = &'a Sandbox> {
     let line = line_partition(view);
     let of_it = sandboxes.iter().filter(move |sandbox| Some(sandbox.id) == line);
     of_it.flat_map(|sandbox| std::iter::once(sandbox).chain(sandbox.standby.as_deref()))
@@ -270,7 +261,7 @@ fn connect(pair: &[Option<Arc<RedundantPair>>], plan: &Plan, clock: Clock) {
             control.await_change(1_000_000);
         }
         // It had no window yet, and must not take anybody's.
-        control.fence(!control.is_done());
+        control.end_window(!control.is_done());
     }
 }
 
@@ -325,147 +316,20 @@ impl World for Joint<'_> {
     }
 }
 
-/// What dispatcher threads share with the monitor.
-struct Lanes {
-    rings: Rc<RefCell<Vec<Consumer<WindowRecord>>>>,
-    lost: Arc<AtomicU64>,
-    spun_ns: Arc<AtomicU64>,
-    stall: Arc<Stall>,
-}
-
-fn run_wall(
-    tables: &Tables,
-    monitor: &mut Monitor,
-    surroundings: &mut Surroundings,
-    lanes: &Lanes,
-    facts: &Machine,
-    origin_ns: u64,
-) -> Result<u64, RunError> {
-    let pair = monitor.pair();
-    pair.iter().flatten().flat_map(|pair| pair.all()).for_each(|control| control.set_origin_ns(origin_ns));
-    let stop = Arc::new(AtomicBool::new(false));
-    // Dispatchers that ended because they were to: each is counted before its thread is seen to be finished.
-    let orderly = Arc::new(AtomicUsize::new(0));
-    let mut threads = Vec::new();
-    for line in tables.timelines.first().into_iter().flat_map(|timeline| &timeline.cores) {
-        let (producer, consumer) = RingBuffer::new(RECORDS);
-        let (core, real_time, all_stop) = (facts.real_core(line.core), facts.real_time, &stop);
-        let (stop, orderly) = (stop.clone(), orderly.clone());
-        let until_ns = surroundings.until_ns().unwrap_or(u64::MAX);
-        lanes.rings.borrow_mut().push(consumer);
-        let gate = WallGate::new(
-            pair.clone(),
-            origin_ns,
-            producer,
-            lanes.lost.clone(),
-            tables.changes.clone(),
-            (line.core, core),
-            lanes.stall.clone(),
-        );
-        let dispatcher = Dispatcher::new(&tables.timelines, tables.schedule_switch.clone(), false, |core| {
-            core == line.core
-        })
-        .beginning_at(tables.begin_ns);
-        let pace = WallPace::new(origin_ns, lanes.spun_ns.clone());
-        let thread = std::thread::Builder::new()
-            .name(format!("dispatch {}", line.core))
-            .stack_size(DISPATCHER_STACK)
-            .spawn(move || {
-                let stop = |frame_ns| stop.load(Ordering::Acquire) || frame_ns >= until_ns;
-                if dispatch(dispatcher, gate, pace, core, real_time, &stop) {
-                    orderly.fetch_add(1, Ordering::Release);
-                }
-            });
-        match thread {
-            Ok(thread) => threads.push(thread),
-            Err(error) => {
-                all_stop.store(true, Ordering::Release);
-                await_ends(threads);
-                return Err(machine("cannot start a dispatcher thread")(error));
-            }
-        }
-    }
-    // What was made since the machine was examined: tables, rings, pages, stacks. Refused: the list of guarantees says so.
-    let _ = rustix::mm::mlockall(rustix::mm::MlockAllFlags::CURRENT);
-    let mut next_minor_ns = tables.begin_ns;
-    loop {
-        monitor.pause(MONITOR_PERIOD_NS);
-        let module_ns = now_ns().saturating_sub(origin_ns);
-        monitor.step(module_ns);
-        let finished = threads.iter().filter(|thread| thread.is_finished()).count();
-        if finished > orderly.load(Ordering::Acquire) {
-            monitor.module_fault(ModuleError::LateDispatcher, LOST_CORE, false, module_ns);
-            break;
-        }
-        if module_ns >= next_minor_ns {
-            next_minor_ns = tables.following_minor_frame(module_ns);
-            if !surroundings.minor_frame(module_ns, monitor) || monitor.stop_asked().is_some() {
-                break;
-            }
-        }
-    }
-    stop.store(true, Ordering::Release);
-    // They end with their major frame, which may be long: what happens until then is seen.
-    while !threads.iter().all(JoinHandle::is_finished) {
-        monitor.pause(MONITOR_PERIOD_NS);
-        monitor.step(now_ns().saturating_sub(origin_ns));
-    }
-    await_ends(threads);
-    Ok(now_ns().saturating_sub(origin_ns))
-}
-
-/// Waits for dispatchers that have been told to stop.
-fn await_ends(threads: Vec<JoinHandle<()>>) {
-    for thread in threads {
-        let _ = thread.join(); // a panic there was printed; the module ends either way
-    }
-}
-
 /// All that is known about time before frame 0.
-struct Tables {
-    timelines: Vec<Timeline>,
-    schedule_switch: Arc<ScheduleSwitch>,
-    changes: Arc<Changes>,
+pub(super) struct Tables {
+    pub(super) timelines: Vec<Timeline>,
+    pub(super) schedule_switch: Arc<ScheduleSwitch>,
+    pub(super) changes: Arc<Changes>,
     /// Module time of frame 0.
-    begin_ns: u64,
+    pub(super) begin_ns: u64,
 }
 
 impl Tables {
     /// The next minor frame of the schedule that runs: when the world is asked again.
-    fn following_minor_frame(&self, module_ns: u64) -> u64 {
+    pub(super) fn following_minor_frame(&self, module_ns: u64) -> u64 {
         let minor_frame_ns = self.timelines[self.schedule_switch.current()].minor_frame_ns;
         let since_ns = self.schedule_switch.newest_frame_ns();
         since_ns + (module_ns.saturating_sub(since_ns) / minor_frame_ns + 1) * minor_frame_ns
     }
 }
-
-/// A dispatcher thread's life; whether it ended because it was to.
-fn dispatch(
-    mut dispatcher: Dispatcher,
-    mut gate: WallGate,
-    mut pace: WallPace,
-    core: u32,
-    real_time: bool,
-    stop: &dyn Fn(u64) -> bool,
-) -> bool {
-    use thread_priority::{
-        RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, set_thread_priority_and_policy,
-        thread_native_id,
-    };
-    let _ = sched::bind(0, &[core]); // said at the start where it can not be
-    if real_time && let Ok(priority) = DISPATCHER_PRIORITY.try_into() {
-        let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
-        let _ = set_thread_priority_and_policy(
-            thread_native_id(),
-            ThreadPriority::Crossplatform(priority),
-            policy,
-        ); // as above
-    }
-    dispatcher.run(&mut pace, &mut gate, stop)
-}
-
-/// Bytes of a dispatcher's stack, all of them locked: it calls a few levels deep and keeps its tables elsewhere.
-const DISPATCHER_STACK: usize = 256 << 10;
-
-/// Above every partition (50 at most) and every interrupt thread (50); below the kernel's own watchdogs (99).
-const DISPATCHER_PRIORITY: u8 = 98;

@@ -1,4 +1,5 @@
 use super::*;
+use crate::schedule_switch::FrameDecision;
 use crate::schedule_switch::ScheduleSwitch;
 use crate::test_support::plan_of;
 
@@ -139,7 +140,10 @@ impl World {
         self.start_ns += length_ns;
         self.leader_ns += length_ns as f64 * (1.0 + self.drift / 1e9);
         self.frame += 1;
-        assert_eq!(self.schedule_switch.decide(self.frame, self.start_ns, 0), Some(0));
+        assert_eq!(
+            self.schedule_switch.decide(self.frame, self.start_ns, 0, || false),
+            Some(FrameDecision::Run(0))
+        );
         let _ = self.schedule_switch.shift(self.frame);
     }
 
@@ -327,7 +331,10 @@ impl OnRealtime {
             ));
             self.start_ns += FRAME_NS.saturating_add_signed(self.schedule_switch.shift(self.frame).unwrap());
             self.frame += 1;
-            assert_eq!(self.schedule_switch.decide(self.frame, self.start_ns, 0), Some(0));
+            assert_eq!(
+                self.schedule_switch.decide(self.frame, self.start_ns, 0, || false),
+                Some(FrameDecision::Run(0))
+            );
             let _ = self.schedule_switch.shift(self.frame);
             worst_ns = worst_ns.max(self.beside_ns());
         }
@@ -404,7 +411,7 @@ fn monitor_that_is_held_up_misses_frames_and_makes_no_correction_twice() {
             world.start_ns += length_ns;
             world.leader_ns += length_ns as f64 * (1.0 + world.drift / 1e9);
             world.frame += 1;
-            world.schedule_switch.decide(world.frame, world.start_ns, 0);
+            world.schedule_switch.decide(world.frame, world.start_ns, 0, || false);
             let _ = world.schedule_switch.shift(world.frame);
         }
         world.fly(80, FAIR);

@@ -1,69 +1,51 @@
-//! Who may work on the partition's fence, and when nothing of the partition runs.
+//! Which core has the partition, and when nothing of the partition runs.
 //!
-//! Dispatchers of several cores and the monitor meet here. Two must never work on one fence at once: it could be left open
-//! and taken for shut.
+//! Dispatchers of several cores and the monitor meet here. Nobody waits for the monitor: it asks, and whoever ends the partition's
+//! window carries it out.
 
-use std::sync::atomic::Ordering::{Relaxed, SeqCst};
+use std::sync::atomic::Ordering::Relaxed;
 
 use super::{PartitionControl, Readiness};
-use crate::fence::Escapes;
-
-/// Owns a partition control in place of a core, see [`PartitionControl::alone`].
-const MONITOR: u32 = u32::MAX;
+use crate::time_guard::Escapes;
 
 impl PartitionControl {
     /// Whether the window of `core` may be opened: no other core has one of this partition open, and none can open one
     /// until [`PartitionControl::disown`].
     pub fn try_own(&self, core: u32) -> bool {
-        let own = core + 1;
-        match self.owner.compare_exchange(0, own, SeqCst, SeqCst) {
-            Ok(_) => true,
-            Err(other) => other == own,
-        }
+        self.owner.try_own(core)
     }
 
-    /// The window of `core` is closed and fenced; nothing where another core owns the partition.
+    /// The window of `core` is over, see [`PartitionControl::end_window`]; nothing where another core owns the partition.
     pub fn disown(&self, core: u32) {
-        let _ = self.owner.compare_exchange(core + 1, 0, SeqCst, SeqCst);
-    }
-
-    /// Does `what` unless a dispatcher owns the partition. Only for what is rare: a window that opens meanwhile is lost.
-    fn alone(&self, what: impl FnOnce()) {
-        if self.owner.compare_exchange(0, MONITOR, SeqCst, SeqCst).is_ok() {
-            what();
-            self.owner.store(0, SeqCst);
+        let is_stopped = || self.guard.holds() || self.guard.main() == 0;
+        while self.owner.disown(core, is_stopped) {
+            self.guard.hold(); // asked for while the window was being closed
         }
     }
 
     /// Ends the window: holds what may still run, and takes the priority of what says that it is done. `overrun`: the
-    /// partition was not. True: a look whether it took is due, see [`PartitionControl::look`].
-    pub fn fence(&self, overrun: bool) -> bool {
-        if overrun || self.always_freeze.load(Relaxed) || self.held.load(SeqCst) {
-            return self.stop_running();
+    /// partition was not.
+    pub fn end_window(&self, overrun: bool) {
+        if overrun || self.always_freeze.load(Relaxed) || self.owner.is_held() {
+            self.guard.hold();
+        } else {
+            self.guard.give_way();
         }
-        self.fence.give_way(self.tid.load(Relaxed));
-        false
     }
 
     /// From now on the process has no real-time priority, in its windows neither.
     pub fn calm(&self) {
-        self.fence.calm();
+        self.guard.calm();
     }
 
-    /// Looks once whether the last fence took.
-    pub fn look(&self) {
-        self.fence.look();
+    /// What was not held since the last question.
+    pub fn take_escapes(&self) -> Escapes {
+        self.guard.take_escapes()
     }
 
-    /// What the fence did not hold since the last question, and its work that need not be done in a window's switch.
-    pub fn look_after_fence(&self) -> Escapes {
-        if self.fence.awaits_relief() {
-            self.alone(|| self.fence.relieve());
-        }
-        if self.held.load(SeqCst) && !self.fence.holds() {
-            self.stop_held(); // its dispatcher was just closing a window when it was to be held
-        }
-        self.fence.take_escapes()
+    /// The partition has a window and is still stopped, because whoever thaws has not come to it.
+    pub fn awaits_thaw(&self) -> bool {
+        self.guard.awaits_thaw()
     }
 
     /// From now on the partition is held between its windows; false: it was already.
@@ -73,61 +55,37 @@ impl PartitionControl {
 
     /// Moves the partition's threads to a processor, if they are on another one.
     pub fn place(&self, core: u32) {
-        self.fence.place(core);
+        self.guard.place(core);
     }
 
     /// Lets the partition's threads run again, where they were held. On a shared core nothing of it runs before the
     /// dispatcher sleeps, so this may happen ahead of the window.
     pub fn thaw(&self) {
-        if self.held.load(SeqCst) {
-            return;
+        if !self.owner.is_held() {
+            self.guard.let_go();
         }
-        self.fence.let_go(self.tid.load(Relaxed));
     }
 
     /// Holds the partition until [`PartitionControl::release`]: no window is granted, nothing of it runs.
     pub fn hold(&self) {
-        // In this order: a dispatcher that is just opening a window fences it at its end whatever became of it, and then
-        // sees that the partition is held.
+        // First: a dispatcher that comes now grants nothing, and one that has just granted a window holds it at the end.
         self.set_readiness(Readiness::Held);
-        self.held.store(true, SeqCst);
-        self.stop_held();
+        if self.owner.hold() {
+            self.guard.hold();
+        }
     }
 
     /// Ends [`PartitionControl::hold`]: with its next window it goes on. Nothing of it runs before: this instant is somebody else's.
     pub fn release(&self) {
-        self.held.store(false, SeqCst);
+        self.owner.release();
         self.set_readiness(Readiness::Ready);
-    }
-
-    /// Stops what is to be held, unless a dispatcher has it: that one stops it at the window's end. Two that work on one
-    /// fence could leave it open and taken for shut.
-    fn stop_held(&self) {
-        self.alone(|| {
-            if self.held.load(SeqCst) {
-                self.stop_running();
-            }
-        });
-    }
-
-    pub(super) fn stop_running(&self) -> bool {
-        let tid = self.tid.load(Relaxed);
-        if tid == 0 {
-            return false;
-        }
-        let look = self.fence.hold(tid);
-        // The process was replaced meanwhile: its successor must not be born frozen, for nobody would thaw it.
-        if self.tid.load(SeqCst) != tid {
-            self.fence.let_run(self.tid.load(SeqCst));
-            return false;
-        }
-        look
     }
 }
 
 #[cfg(test)]
 mod tests {
     use std::sync::atomic::AtomicU32;
+    use std::sync::atomic::Ordering::SeqCst;
 
     use super::super::fixture::{WINDOW, close, control};
     use super::*;
@@ -140,15 +98,15 @@ mod tests {
         control.set_readiness(Readiness::Ready);
         control.hold();
         control.thaw();
-        assert_eq!((control.readiness(), control.fence.holds()), (Readiness::Held, true));
+        assert_eq!((control.readiness(), control.guard.holds()), (Readiness::Held, true));
         control.release();
         assert_eq!(
-            (control.readiness(), control.fence.holds()),
+            (control.readiness(), control.guard.holds()),
             (Readiness::Ready, true),
             "until its window"
         );
         control.grant(&WINDOW, now_ns());
-        assert!(!control.fence.holds());
+        assert!(!control.guard.holds());
     }
 
     #[test]
@@ -159,24 +117,22 @@ mod tests {
         assert!(control.try_own(3));
         control.grant(&WINDOW, now_ns());
         control.hold();
-        assert!(!control.fence.holds(), "the fence is the dispatcher's now");
+        assert!(!control.guard.holds(), "the window is the dispatcher's");
         close(&control, now_ns(), now_ns());
-        control.fence(false);
+        control.end_window(false);
         control.disown(3);
-        assert!(control.fence.holds());
+        assert!(control.guard.holds());
     }
 
     #[test]
-    fn a_partition_whose_dispatcher_had_just_closed_its_window_is_held_at_the_next_look() {
+    fn a_partition_whose_dispatcher_has_just_closed_its_window_is_held_when_that_lets_it_go() {
         let control = control();
         control.admit(1, &[1], &[]);
         assert!(control.try_own(3));
-        control.fence(false);
+        control.end_window(false);
         control.hold();
         control.disown(3);
-        assert!(!control.fence.holds());
-        control.look_after_fence();
-        assert!(control.fence.holds() && control.try_own(3), "and nobody owns it for that");
+        assert!(control.guard.holds() && control.try_own(4), "and nobody owns it for that");
     }
 
     #[test]
@@ -184,11 +140,12 @@ mod tests {
         let control = control();
         control.always_freeze();
         control.admit(1, &[1, 2], &[]);
-        assert!(control.fence.holds());
+        assert!(control.guard.holds());
         control.grant(&WINDOW, now_ns());
-        assert!(!control.fence.holds());
+        assert!(!control.guard.holds());
         close(&control, now_ns(), now_ns());
-        assert!(control.fence(false) && control.fence.holds());
+        control.end_window(false);
+        assert!(control.guard.holds());
     }
 
     /// What a dispatcher does for one window.
@@ -224,7 +181,7 @@ mod tests {
                 }
                 Move::Close => {
                     if self.owns {
-                        control.fence(!control.is_done());
+                        control.end_window(!control.is_done());
                         control.disown(self.number);
                     }
                     (self.owns, self.granted) = (false, false);
@@ -265,13 +222,13 @@ mod tests {
                 assert!(cores.iter().filter(|core| core.granted).count() <= 1, "{order:?}");
                 let open = cores.iter().any(|core| core.granted);
                 assert!(
-                    !open || !control.fence.holds(),
+                    !open || !control.guard.holds(),
                     "the other core's close held an open window: {order:?}"
                 );
                 lost += usize::from(*what == Move::Open && !cores[*core].granted);
                 let idle = cores.iter().all(|core| !core.owns);
                 let used = control.granted.load(Relaxed) > 0;
-                assert!(!(idle && used) || control.fence.holds(), "left running between windows: {order:?}");
+                assert!(!(idle && used) || control.guard.holds(), "left running between windows: {order:?}");
             }
             assert!(control.try_own(7), "nobody owns it for ever: {order:?}");
         }

@@ -4,18 +4,19 @@
 //! - `grant`: what a partition is told with a window, and what it made of it;
 //! - `process`: the process behind the page, and what it finds there;
 //! - `window`: a window is granted, used, waited for;
-//! - `hold`: who may work on the partition's fence, and when nothing of it runs;
+//! - `hold`: which core has the partition, and when nothing of it runs;
 //! - `change`: what a change of schedule leaves to be done.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering::{Acquire, Release};
-use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, AtomicU64};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64};
 
 use bateleur_contract::page::NOT_COUNTED;
 use bateleur_contract::{ControlPage, Mapped};
 
-use crate::fence::Fence;
 use crate::line_counts::LineCounts;
+use crate::time_guard::TimeGuard;
+use crate::window_owner::WindowOwner;
 pub use grant::{Use, grant_of};
 
 mod change;
@@ -45,18 +46,14 @@ pub enum Readiness {
 pub struct PartitionControl {
     /// Shared with the partition; nothing read from its lower half is trusted.
     pub page: Mapped<ControlPage>,
-    fence: Fence,
-    /// The core that has a window of the partition open, plus one; 0: none has.
-    owner: AtomicU32,
+    guard: TimeGuard,
+    owner: WindowOwner,
     /// The partition is held between windows even when it closed its window in time: it has several threads, or no
     /// real-time priority keeps what it left running out of the others' windows.
     always_freeze: AtomicBool,
     granted: AtomicU32,
     granted_ns: AtomicU64,
     readiness: AtomicU32,
-    tid: AtomicI32,
-    /// An operator holds the partition: whatever a dispatcher had begun, its next fence stops it.
-    held: AtomicBool,
     not_before_ns: AtomicU64,
     /// The process has started from nothing and had no window yet.
     fresh: AtomicBool,
@@ -79,18 +76,16 @@ pub struct PartitionControl {
 impl PartitionControl {
     /// A partition control without a process.
     #[must_use]
-    pub fn new(page: Mapped<ControlPage>, fence: Fence, always_freeze: bool) -> Self {
+    pub fn new(page: Mapped<ControlPage>, guard: TimeGuard, always_freeze: bool) -> Self {
         page.initialise();
         Self {
             page,
-            fence,
-            owner: AtomicU32::new(0),
+            guard,
+            owner: WindowOwner::new(),
             always_freeze: AtomicBool::new(always_freeze),
             granted: AtomicU32::new(0),
             granted_ns: AtomicU64::new(0),
             readiness: AtomicU32::new(Readiness::Absent as u32),
-            tid: AtomicI32::new(0),
-            held: AtomicBool::new(false),
             not_before_ns: AtomicU64::new(0),
             fresh: AtomicBool::new(false),
             epoch: Arc::default(),
@@ -107,6 +102,11 @@ impl PartitionControl {
     #[must_use]
     pub fn beside(self, first: &Self) -> Self {
         Self { epoch: first.epoch.clone(), ..self }
+    }
+
+    /// What holds the partition outside of its windows.
+    pub(crate) fn guard(&self) -> &TimeGuard {
+        &self.guard
     }
 
     /// Whether the partition takes windows.
@@ -135,7 +135,7 @@ mod fixture {
     use bateleur_contract::page::WindowGrant;
 
     use super::*;
-    use crate::fence::ProcessControl;
+    use crate::time_guard::ProcessControl;
 
     /// Processes that do what they are told, at once.
     #[derive(Debug)]
@@ -168,8 +168,8 @@ mod fixture {
     pub(super) fn control() -> PartitionControl {
         let file = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
         rustix::fs::ftruncate(&file, 4096).unwrap();
-        let fence = Fence::new(Box::new(Obedient), None);
-        PartitionControl::new(Mapped::new(file).unwrap(), fence, false)
+        let guard = TimeGuard::new(Box::new(Obedient), None);
+        PartitionControl::new(Mapped::new(file).unwrap(), guard, false)
     }
 
     pub(super) const WINDOW: WindowGrant = WindowGrant {

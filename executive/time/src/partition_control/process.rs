@@ -4,7 +4,7 @@
 //! may be real-time before it is admitted or called.
 
 use bateleur_contract::page::WindowGrant;
-use std::sync::atomic::Ordering::{Acquire, Relaxed, Release, SeqCst};
+use std::sync::atomic::Ordering::{Relaxed, Release};
 
 use bateleur_contract::Takeover;
 use rustix::thread::futex;
@@ -25,21 +25,19 @@ impl PartitionControl {
         self.fresh.store(cold, Relaxed);
         self.page.forget_schedule_request();
         self.schedule_requests.store(0, Relaxed);
-        self.tid.store(0, SeqCst);
-        self.granted.store(0, Relaxed);
-        self.page.forget_grants();
+        self.page.forget_grants(self.granted.load(Relaxed));
         self.page.awake();
         self.page.stop.store(0, Relaxed);
         self.page.take_over.store(0, Relaxed);
         self.page.mode.store(0, Relaxed);
         self.page.handling.store(0, Relaxed);
-        self.held.store(false, Relaxed);
-        self.fence.reset();
+        self.owner.release();
+        self.guard.reset();
     }
 
     /// Its number; 0: there is none.
     pub fn process(&self) -> i32 {
-        self.tid.load(Relaxed)
+        self.guard.main()
     }
 
     /// Says which clock module time follows: 0 the wall clock, 1 the virtual one.
@@ -81,19 +79,17 @@ impl PartitionControl {
     /// The process behind the page, once it may take windows. Until the first of them nothing of it is real-time, and
     /// what is always held between windows is held.
     pub fn admit(&self, pid: i32, main: &[i32], others: &[i32]) {
-        self.fence.set_threads(main, others);
-        self.fence.admit();
-        self.tid.store(pid, Release);
+        self.guard.admit();
+        self.guard.set_process(pid, main, others);
         if self.always_freeze.load(Relaxed) {
-            self.stop_running();
+            self.guard.hold();
         }
     }
 
     /// A process that has initialised stands by: nothing of it runs until [`PartitionControl::call`].
     pub fn stand_by(&self, pid: i32, main: &[i32], others: &[i32]) {
-        self.fence.set_threads(main, others);
-        self.tid.store(pid, Release);
-        self.stop_running();
+        self.guard.set_process(pid, main, others);
+        self.guard.hold();
     }
 
     /// Calls the process that stands by, as ordinary work and without a window: it takes over from that of `before`, whose
@@ -106,20 +102,18 @@ impl PartitionControl {
         own.port_refusals.store(old.port_refusals.load(Relaxed), Relaxed);
         self.fresh.store(order == Takeover::Cold, Relaxed);
         own.take_over.store(order as u32, Relaxed);
-        self.fence.let_run(self.tid.load(Relaxed));
+        self.guard.let_run();
         self.hand_out(grant, now_ns);
     }
 
     /// The partition's threads as they are now: those of its first process, and all others.
     pub fn set_threads(&self, main: &[i32], others: &[i32]) {
-        if self.tid.load(Acquire) != 0 {
-            self.fence.set_threads(main, others);
-        }
+        self.guard.set_threads(main, others);
     }
 
     /// Asks the partition to end instead of taking another window.
     pub fn ask_to_stop(&self) {
-        self.held.store(false, SeqCst);
+        self.owner.release();
         self.thaw();
         self.page.stop.store(1, Release);
         self.page.grant.store(self.granted.load(Relaxed).wrapping_add(1), Release);
@@ -128,8 +122,7 @@ impl PartitionControl {
 
     /// The process is gone; its number may be given to another one.
     pub fn lose_process(&self) {
-        self.tid.store(0, Release);
-        self.fence.forget();
+        self.guard.forget();
     }
 }
 
@@ -139,7 +132,7 @@ mod tests {
 
     use super::super::fixture::{Obedient, WINDOW, control};
     use super::*;
-    use crate::fence::Fence;
+    use crate::time_guard::TimeGuard;
     use bateleur_system::time::now_ns;
 
     #[test]
@@ -164,8 +157,11 @@ mod tests {
     fn a_page_that_was_written_over_is_whole_again_for_the_successor() {
         let file = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
         rustix::fs::ftruncate(&file, 4096).unwrap();
-        let control =
-            PartitionControl::new(Mapped::new(&file).unwrap(), Fence::new(Box::new(Obedient), None), false);
+        let control = PartitionControl::new(
+            Mapped::new(&file).unwrap(),
+            TimeGuard::new(Box::new(Obedient), None),
+            false,
+        );
         control.set_clock(1);
         control.set_origin_ns(1234);
         control.expect_of_device(77);
@@ -186,7 +182,7 @@ mod tests {
         control.grant(&WINDOW, now_ns());
         control.take_in(true);
         assert!(control.is_done());
-        control.fence(true); // no process: nobody is stopped, not even the caller
+        control.end_window(true); // no process: nobody is stopped, not even the caller
     }
 
     #[test]
@@ -195,6 +191,6 @@ mod tests {
         control.admit(1, &[1], &[]);
         control.hold();
         control.take_in(true);
-        assert!(!control.fence.holds());
+        assert!(!control.guard.holds());
     }
 }

@@ -32,6 +32,8 @@ pub trait Meanwhile {
     fn has_slack(&mut self) -> bool;
     /// Sleeps until the open window is closed, or until this instant of CLOCK_MONOTONIC, ns; may return before either.
     fn await_close(&mut self, until_ns: u64);
+    /// How long before the switch the window that opens there, if one does, is to be prepared, ns.
+    fn lead_ns(&self) -> u64;
     /// Gets ready for the window that opens at the switch, if one does.
     fn prepare(&mut self);
 }
@@ -40,6 +42,10 @@ pub trait Meanwhile {
 pub trait Gate {
     /// A minor frame begins; false: the module stops here.
     fn minor_frame(&mut self, instant_ns: u64) -> bool;
+    /// See [`Meanwhile::lead_ns`].
+    fn lead_ns(&self, _window: &TimelineWindow) -> u64 {
+        0
+    }
     /// Gets ready to open `window`, ahead of its instant.
     fn prepare(&mut self, window: &TimelineWindow);
     /// Whether the partition of an open window is done with it.
@@ -347,6 +353,10 @@ impl Meanwhile for Between<'_> {
         if let Some(open) = self.open.iter().flatten().next() {
             self.gate.await_close(&open.window, until_ns);
         }
+    }
+
+    fn lead_ns(&self) -> u64 {
+        self.opens.as_ref().map_or(0, |window| self.gate.lead_ns(window))
     }
 
     fn prepare(&mut self) {

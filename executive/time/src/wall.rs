@@ -19,6 +19,9 @@ use bateleur_system::time::{now_ns, sleep_until_ns, spin_until_ns};
 /// quiet machine), so that the window itself starts on time; on a busy core it would be taken from a partition.
 const EARLY_NS: u64 = 50_000;
 
+/// As above, where the next partition is frozen: the freeze worker's wake-up on another processor, and a write of some 20 µs.
+const THAW_NS: u64 = 200_000;
+
 /// How often the dispatcher lets itself be woken within a window. A partition closes its window once; one that wakes its
 /// dispatcher more often is slept through.
 const WAITS: u32 = 4;
@@ -56,7 +59,7 @@ impl Pace for WallPace {
             meanwhile.await_close(target_ns);
         }
         if meanwhile.has_slack() {
-            sleep_if_ahead(target_ns - EARLY_NS);
+            sleep_if_ahead(target_ns.saturating_sub(meanwhile.lead_ns().max(EARLY_NS)));
             meanwhile.prepare();
             self.spin(target_ns);
         } else {
@@ -171,6 +174,11 @@ impl WallGate {
 impl Gate for WallGate {
     fn minor_frame(&mut self, _: u64) -> bool {
         true
+    }
+
+    fn lead_ns(&self, window: &TimelineWindow) -> u64 {
+        let pair = self.pair[window.partition.index()].as_deref();
+        if pair.is_some_and(|pair| pair.active().guard().holds()) { THAW_NS } else { EARLY_NS }
     }
 
     fn prepare(&mut self, window: &TimelineWindow) {

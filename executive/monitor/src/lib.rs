@@ -55,6 +55,7 @@ mod faults;
 mod figures;
 pub mod health;
 pub mod inject;
+pub mod lifecycle;
 mod module_level;
 mod neighbours;
 pub mod observers;

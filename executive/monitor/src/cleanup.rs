@@ -355,6 +355,32 @@ mod tests {
     }
 
     #[test]
+    fn every_dead_process_of_a_place_is_cleaned_up_after_once_however_often_it_is_added() {
+        let pids: Rc<RefCell<Vec<i32>>> = Rc::default();
+        let log = pids.clone();
+        let start: StartChannelCleaner = Box::new(move |order| {
+            log.borrow_mut().push(order.pid);
+            Ok(shell("exit 0"))
+        });
+        let mut cleanups = Cleanups::new(start, None);
+        let order = |pid| CleanupOrder { pid, user: None, channels: text(&["a"]), damaged: Vec::new() };
+        for pid in [7, 7] {
+            cleanups.add(0, PairMember::Active, order(pid));
+        }
+        assert_eq!(cleanups.next_cleaned(), None, "it is under way");
+        // Its successor is dead before the cleaner has come to its end.
+        for pid in [7, 8] {
+            cleanups.add(0, PairMember::Active, order(pid));
+        }
+        let mut cleaned = Vec::new();
+        while cleaned.len() < 2 {
+            await_any_end(&cleanups.channel_cleaners().collect::<Vec<_>>(), 1_000_000_000);
+            cleaned.extend(cleanups.next_cleaned().map(|cleaned| cleaned.pid));
+        }
+        assert_eq!((cleaned, pids.take()), (vec![7, 8], vec![7, 8]));
+    }
+
+    #[test]
     fn a_cleanup_that_was_set_back_begins_anew() {
         let start: StartChannelCleaner = Box::new(|_| Ok(shell("echo a; sleep 60")));
         let mut cleanups = Cleanups::new(start, None);

@@ -1,18 +1,42 @@
 //! The monitor: sees processes live and die, decides by the health tables, and brings successors up.
 //!
 //! It runs beside the dispatchers on the wall clock and between two minor frames on the virtual one; either way it is
-//! stepped and never waits for a partition for longer than a step. It is in four parts, and each file imports files above it in this list
-//! only:
+//! stepped and never waits for a partition for longer than a step. It is in four parts. A file imports only files that stand above it in
+//! this list, which a test compares.
 //!
-//! - logs: `event`, `event_text`: what a run tells whoever watches; [`health`]: the health tables' decisions, and the logs of faults and
-//!   windows; `repeats`: how often the same is logged; `module_level`: errors of the module, and what outlives its reset;
-//! - life cycle: [`lifecycle`] is a state machine for each partition: events in, commands out;
-//! - helpers and figures: `cleanup`: what a dead process left; `rebuild`: channels that it damaged; `observers`: who shows channels to
-//!   operators; `align`: another module's frames; `neighbours`: other modules on the same processors; `figures`: what a status tells;
-//!   `inject`, `act`, `provoke`: what can be done to a partition;
-//! - the driver: `partition`: the processes of one; `monitor`: what the monitor consists of; `supervision`: carries out what the life
-//!   cycles command; `windows`: what windows and control pages tell; `orders`: what operators and plans of faults do; `requests`: how
-//!   operators are answered; `step`: the run from the first launch to the last end; `planned`: what is to happen when.
+//! Logs:
+//!
+//! - `event`, `event_text`: what a run tells whoever watches
+//! - `health`: the decisions of the health tables, and the logs of faults and windows
+//! - `repeats`: how often the same is logged
+//! - `module_level`: errors of the module, and what outlives its reset
+//!
+//! Life cycle:
+//!
+//! - `lifecycle`: a state machine for each partition: events in, commands out
+//! - `cleanup`: what a dead process left in shared memory
+//! - `rebuild`: channels that a partition damaged
+//! - `figures`: what a status tells of a partition
+//! - `inject`, `act`: what can be done to a partition
+//! - `provoke`: faults that end or stop its process
+//! - `partition`: its processes, and what is remembered of its windows
+//!
+//! Operator:
+//!
+//! - `observers`: who shows channels to operators
+//! - `operator`: where orders come from and answers go
+//!
+//! The driver, which turns what happens into events of life cycles and carries their commands out:
+//!
+//! - `align`: another module's frames
+//! - `neighbours`: other modules on the same processors
+//! - `monitor`: what it consists of
+//! - `supervision`: processes, faults and channels
+//! - `windows`: what windows and control pages tell
+//! - `orders`: what an operator or a plan of faults does
+//! - `requests`: how operators are answered
+//! - `step`: the run from the first launch to the last end
+//! - `planned`, `run_order`: what is to happen, and when
 
 mod act;
 mod align;

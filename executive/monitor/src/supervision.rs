@@ -62,7 +62,7 @@ impl Monitor {
             Command::Hold => control.hold(),
             Command::Release => control.release(),
             Command::AskToStop => control.ask_to_stop(),
-            Command::CleanUp(member) => self.clean_up(place, member),
+            Command::CleanUp(member) => self.clean_up(place, member, module_ns),
             Command::AwaitCleanUp(member) => self.await_clean_up(place, member),
             Command::Launch { generation, condition } => {
                 match partition.active.launch(generation, condition) {
@@ -87,7 +87,6 @@ impl Monitor {
             }
             Command::TakeOver { warm } => self.take_over(place, warm, module_ns),
             Command::LaunchStandby { generation } => self.launch_standby(place, generation, module_ns),
-            Command::RecordStandbyLoss { .. } => {} // by whoever found it: it knows why
             Command::AdmitStandby | Command::EndStandby | Command::EndStandbyRemains => {
                 let Some(standby) = &mut partition.standby else { return };
                 match (command, &standby.process) {
@@ -99,9 +98,9 @@ impl Monitor {
         }
     }
 
-    fn clean_up(&mut self, place: usize, member: PairMember) {
+    fn clean_up(&mut self, place: usize, member: PairMember, module_ns: u64) {
         let Some(dead) = self.partitions[place].member(member) else { return };
-        let Some(pid) = dead.remains else { return };
+        let Some(pid) = dead.remains else { return self.feed(place, cleaned(member, false), module_ns) };
         let order = CleanupOrder {
             pid,
             user: dead.sandbox.own_user(),
@@ -273,45 +272,22 @@ impl Monitor {
         let partition = &mut self.partitions[place];
         let limit_ns = self.plan[partition.active.sandbox.id].startup_timeout_ns;
         let Some((event, found)) = partition.look_at_standby(limit_ns) else { return };
-        match found {
-            Some((error, detail)) => self.lose_standby(place, event, error, &detail, module_ns),
-            None => self.feed(place, Event::Standby(event), module_ns),
+        if let Some((error, detail)) = found {
+            self.record_standby_loss(place, error, &detail, module_ns);
         }
+        self.feed(place, Event::Standby(event), module_ns);
     }
 
-    fn lose_standby(
-        &mut self,
-        place: usize,
-        event: StandbyEvent,
-        error: PartitionError,
-        detail: &str,
-        module_ns: u64,
-    ) {
-        let now = Instant { module_ns, real_ns: now_ns() };
-        for command in self.partitions[place].life.handle(Event::Standby(event), now) {
-            match command {
-                Command::RecordStandbyLoss { given_up } => {
-                    self.record_standby_loss(place, given_up, error, detail, module_ns);
-                }
-                command => self.carry_out(place, command, module_ns),
-            }
-        }
-    }
-
-    fn record_standby_loss(
-        &mut self,
-        place: usize,
-        given_up: bool,
-        error: PartitionError,
-        detail: &str,
-        module_ns: u64,
-    ) {
+    /// The process that stood by is lost, which is no health error of the partition.
+    fn record_standby_loss(&mut self, place: usize, error: PartitionError, detail: &str, module_ns: u64) {
         let partition = &self.partitions[place];
         let standby = partition.standby.as_ref().filter(|_| error != PartitionError::Killed);
         let words = standby.and_then(|standby| standby.sandbox.last_words());
         let detail = words.map_or_else(|| detail.to_owned(), |words| format!("{detail}: {words}"));
-        let (action, next) =
-            if given_up { ("ignore", "and is given up") } else { (NEW_STANDBY, "and is replaced") };
+        let (action, next) = match partition.life.gives_standby_up(module_ns) {
+            true => ("ignore", "and is given up"),
+            false => (NEW_STANDBY, "and is replaced"),
+        };
         let entry = Fault {
             generation: partition.life.generation() + 1,
             action: action.into(),
@@ -464,15 +440,12 @@ impl Monitor {
         self.tend_channels();
         let module_ns = self.module_ns;
         while let Some(Cleaned { place, member, pid, bad }) = self.cleanups.next_cleaned() {
-            let Some(cleaned) = self.partitions[place].member(member) else { continue };
+            let Some(dead) = self.partitions[place].member(member) else { continue };
             // Another one may have died there meanwhile, and waits for a clean-up of its own.
-            if cleaned.remains.take_if(|remains| *remains == pid).is_none() {
+            if dead.remains.take_if(|remains| *remains == pid).is_none() {
                 continue;
             }
-            let event = match member {
-                PairMember::Active => Event::CleanedUp { damaged: !bad.is_empty() },
-                PairMember::Standby => Event::Standby(StandbyEvent::CleanedUp),
-            };
+            let event = cleaned(member, !bad.is_empty());
             if member == PairMember::Active {
                 self.partitions[place].damaged = bad;
             }
@@ -546,5 +519,12 @@ impl Monitor {
         self.open_fault(place, fault);
         self.partitions[place].active.skip_reports();
         self.feed(place, Event::Reattach, module_ns);
+    }
+}
+
+fn cleaned(member: PairMember, damaged: bool) -> Event {
+    match member {
+        PairMember::Active => Event::CleanedUp { damaged },
+        PairMember::Standby => Event::Standby(StandbyEvent::CleanedUp),
     }
 }

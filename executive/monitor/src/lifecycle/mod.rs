@@ -391,6 +391,12 @@ impl Lifecycle {
         self.standby.as_ref().is_some_and(|standby| standby.can_take_over(at_ns))
     }
 
+    /// Whether the standby is not replaced if it is lost at `module_ns`.
+    #[must_use]
+    pub fn gives_standby_up(&self, module_ns: u64) -> bool {
+        self.standby.as_ref().is_some_and(|standby| standby.is_last_loss(module_ns, &self.restart))
+    }
+
     /// Where the standby is in its life; `None` if the partition has none.
     #[must_use]
     pub fn standby(&self) -> Option<StandbyState> {

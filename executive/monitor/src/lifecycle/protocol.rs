@@ -151,11 +151,6 @@ pub enum Command {
     EndStandby,
     /// End whatever the dead standby has started.
     EndStandbyRemains,
-    /// Record that the standby was lost.
-    RecordStandbyLoss {
-        /// It is not replaced.
-        given_up: bool,
-    },
     /// No successor follows the last fault: its record is complete.
     CloseFault,
     /// Hold the process: nothing of it runs, and its windows pass.

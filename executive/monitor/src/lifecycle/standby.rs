@@ -69,12 +69,12 @@ impl Standby {
             }
             (Event::Standby(StandbyEvent::Died), StandbyState::Starting | StandbyState::Ready) => {
                 commands.push(Command::EndStandbyRemains);
-                self.lose(now.module_ns, restart, commands);
+                self.lose(now.module_ns, restart);
                 clean_up(PairMember::Standby, clock, commands);
             }
             (Event::Standby(StandbyEvent::Overdue), StandbyState::Starting) => {
                 commands.push(Command::EndStandby);
-                self.lose(now.module_ns, restart, commands);
+                self.lose(now.module_ns, restart);
                 clean_up(PairMember::Standby, clock, commands);
             }
             (Event::Standby(StandbyEvent::CleanedUp), StandbyState::CleaningUp) => {
@@ -84,14 +84,18 @@ impl Standby {
         }
     }
 
-    /// It is gone. That is no health error of the partition, which goes on; one that is lost again and again is given up by the
-    /// partition's budget.
-    fn lose(&mut self, module_ns: u64, restart: &Restart, commands: &mut Vec<Command>) {
+    /// It is gone. That is no health error of the partition, which goes on.
+    fn lose(&mut self, module_ns: u64, restart: &Restart) {
         self.state = StandbyState::CleaningUp;
+        self.given_up = self.is_last_loss(module_ns, restart);
         self.losses.retain(|at| module_ns.saturating_sub(*at) < restart.within_ns);
         self.losses.push(module_ns);
-        self.given_up = self.losses.len() as u32 > restart.budget;
-        commands.push(Command::RecordStandbyLoss { given_up: self.given_up });
+    }
+
+    /// Whether it is given up if it is lost at `module_ns`: it is, by the partition's budget, where it is lost again and again.
+    pub(super) fn is_last_loss(&self, module_ns: u64, restart: &Restart) -> bool {
+        let is_recent = |at: &&u64| module_ns.saturating_sub(**at) < restart.within_ns;
+        self.losses.iter().filter(is_recent).count() as u32 >= restart.budget
     }
 
     /// Launches one that can be called from `ready_from_ns` on, where there is none and one is wanted.

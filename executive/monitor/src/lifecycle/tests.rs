@@ -145,7 +145,6 @@ impl World {
             Command::NotBefore(_)
             | Command::AdmitStandby
             | Command::EndStandbyRemains
-            | Command::RecordStandbyLoss { .. }
             | Command::CloseFault
             | Command::AskToStop => {}
         }

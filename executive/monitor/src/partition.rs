@@ -47,24 +47,25 @@ impl Sandboxed {
     }
 
     pub(crate) fn launch(&mut self, generation: u32, condition: StartCondition) -> std::io::Result<()> {
+        self.skip_reports();
         let process = self.sandbox.launch(generation, condition)?;
         self.has_launched(process);
         Ok(())
     }
 
     pub(crate) fn launch_standby(&mut self, generation: u32) -> std::io::Result<()> {
+        self.skip_reports();
         let process = self.sandbox.launch_standby(generation)?;
         self.has_launched(process);
         Ok(())
     }
 
     fn has_launched(&mut self, process: Spawned) {
-        self.skip_reports();
         self.since_ns = now_ns();
         self.process = Some(process);
     }
 
-    /// What was reported so far is not looked at.
+    /// What was reported so far is not looked at. Before a launch, not after it: the new process may report at once.
     pub(crate) fn skip_reports(&mut self) {
         self.reports_seen = self.sandbox.control.page.report_count.load(Acquire);
     }
@@ -171,7 +172,6 @@ impl Partition {
         let life = Lifecycle::new(plan[sandbox.id].restart.clone(), clock, standby.is_some());
         let mut active = Sandboxed::new(sandbox);
         active.launch(0, condition)?;
-        active.reports_seen = 0;
         Ok(Self {
             pair: Arc::new(RedundantPair::new(active.sandbox.control.clone(), behind)),
             active,

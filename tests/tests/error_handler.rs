@@ -65,6 +65,22 @@ fn handler_restarts_its_partition_warm_or_cold_within_its_budget_or_makes_it_idl
 }
 
 #[test]
+fn code_of_a_request_is_an_ordinary_exit_while_the_handler_is_not_at_work() {
+    let _turn = among_others();
+    for code in [66, 70, 71] {
+        let scratch = tempfile::tempdir().unwrap();
+        let keys = format!(
+            "{RESTART}attributes = {{ exit_at = 50, exit_code = {code} }}\nerror_handler = true\n\
+             health = {{ exit = \"stop\" }}\n"
+        );
+        let schedule = Sketch::new().partition("own", "handler", 1000, &keys).write(scratch.path());
+        let ended =
+            bateleur(&["run", "--fast", "--until", "2", "--schedule", &schedule]).end().expect_code(0);
+        assert_eq!(of_own(&ended), [entry("partition", "exit", "stop")], "code {code}");
+    }
+}
+
+#[test]
 fn error_inside_the_handler_is_one_of_the_partition() {
     let _turn = among_others();
     let table = "[health.partition]\napplication_error = \"cold_restart\"\nexit = \"idle\"\nwindow_overrun = \"ignore\"\n";

@@ -2,13 +2,14 @@
 //! says, to the [`Aligner`], tells what has changed, and writes `alignment.csv`.
 
 use std::path::Path;
+use std::sync::Arc;
 
-use super::{Monitor, seconds};
-use crate::event::Event;
 use crate::health::lines::{LineLog, Patience};
 use bateleur_control::status::AlignmentStatus;
-use bateleur_plan::{ModuleError, Timeline};
+use bateleur_plan::Timeline;
 use bateleur_time::alignment::{Aligner, Change, Following, Measured, Realtime, Reference, State};
+use bateleur_time::partition_control::PartitionControl;
+use bateleur_time::schedule_switch::ScheduleSwitch;
 
 /// Name of the log in a run's folder.
 const FILE: &str = "alignment.csv";
@@ -98,7 +99,7 @@ impl Alignment {
     }
 
     /// How it is now.
-    pub(super) fn status(&self) -> AlignmentStatus {
+    pub(crate) fn status(&self) -> AlignmentStatus {
         let (law, figures) = (self.aligner.law(), self.aligner.figures());
         AlignmentStatus {
             follows: self.aligner.following().reference.name().to_owned(),
@@ -113,51 +114,48 @@ impl Alignment {
             lost: figures.lost,
         }
     }
-}
 
-impl Monitor {
-    /// From now on the module's frames follow somebody's.
-    pub fn follow(&mut self, alignment: Alignment) {
-        self.alignment = Some(alignment);
-    }
-
-    /// Looks at what was measured, and decides about the next frame's end.
-    pub(super) fn align(&mut self, module_ns: u64) {
-        let Some(mut alignment) = self.alignment.take() else { return };
-        let (frame, frame_ns) = (self.schedule_switch.newest_frame(), self.schedule_switch.newest_frame_ns());
-        let measured = match alignment.aligner.following().reference {
-            Reference::Module(_) => self.told(&mut alignment, frame),
-            Reference::Realtime => alignment.ask(frame, frame_ns),
+    /// Looks at what was measured, and decides about the next frame's end. `page_of`: the active control of the partition
+    /// at a place of the plan.
+    pub(crate) fn step(
+        &mut self,
+        schedule_switch: &ScheduleSwitch,
+        page_of: impl Fn(usize) -> Option<Arc<PartitionControl>>,
+        module_ns: u64,
+    ) -> Option<Found> {
+        let (frame, frame_ns) = (schedule_switch.newest_frame(), schedule_switch.newest_frame_ns());
+        let measured = match self.aligner.following().reference {
+            Reference::Module(_) => self.relay.and_then(page_of).and_then(|control| {
+                let told = control.page.alignment_since(&mut self.seen)?;
+                self.aligner.heard(&told, frame)
+            }),
+            Reference::Realtime => self.ask(frame, frame_ns),
         };
-        let before = alignment.aligner.state();
-        let change = alignment.aligner.step(&self.schedule_switch, module_ns, measured);
-        alignment.write(frame, module_ns);
-        match change {
-            Some(Change::Lost(why)) => self.module_fault(ModuleError::SyncLost, &why, true, module_ns),
-            Some(Change::Locked) => self.tell_locked(&alignment, before, module_ns),
-            None => {}
+        let before = self.aligner.state();
+        let change = self.aligner.step(schedule_switch, module_ns, measured);
+        self.write(frame, module_ns);
+        match change? {
+            Change::Lost(why) => Some(Found::Lost(why)),
+            Change::Locked => Some(Found::Locked(self.locked(before))),
         }
-        self.alignment = Some(alignment);
     }
 
-    fn told(&self, alignment: &mut Alignment, frame: u64) -> Option<Measured> {
-        let place = self.places[alignment.relay?]?;
-        let control = self.watched[place].pair.active();
-        let told = control.page.alignment_since(&mut alignment.seen)?;
-        alignment.aligner.heard(&told, frame)
-    }
-
-    fn tell_locked(&mut self, alignment: &Alignment, before: State, module_ns: u64) {
-        let status = alignment.status();
+    fn locked(&self, before: State) -> String {
+        let status = self.status();
         let again = if before == State::Lost { " again" } else { "" };
-        let text = format!(
+        format!(
             "major frames follow {}{again}: {:.1} us beside, drift {:.2} ppm",
             status.follows,
             status.error_ns.unwrap_or_default() as f64 / 1e3,
             status.drift_ppb as f64 / 1e3
-        );
-        self.health_log.note_module("sync_gained", text.clone(), module_ns);
-        let partition = crate::inject::DISPATCHER.to_owned();
-        self.events.tell(&Event::Message { time_s: seconds(module_ns), partition, text });
+        )
     }
+}
+
+/// What has changed, in words.
+pub(crate) enum Found {
+    /// Whoever is followed was lost.
+    Lost(String),
+    /// It is followed.
+    Locked(String),
 }

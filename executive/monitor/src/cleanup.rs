@@ -8,16 +8,13 @@
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::fs::File;
-use std::io::Read;
+use std::io::{self, Read};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::rc::Rc;
 
-use super::standby::Waiting;
-use super::watched::{Life, Watched};
-use super::{Monitor, StartChannelCleaner};
+use crate::lifecycle::PairMember;
 use bateleur_host::helper::end_helper;
 use bateleur_host::helper::orders::BAD;
-use bateleur_plan::PartitionId;
 use bateleur_system::cpu_starvation;
 use bateleur_system::spawn::Spawned;
 use bateleur_system::time::now_ns;
@@ -30,23 +27,15 @@ const CHANNEL_CLEANER_PATIENCE_NS: u64 = 3_000_000_000;
 /// What a pipe holds (pipe(7)): more channels than a module has.
 const PROGRESS_BYTES: usize = 1 << 16;
 
-/// Whose process is dead: a partition's place, and which of its two processes it was.
-type EndedProcess = (usize, PairMember);
-
 /// Channel cleaners at work, most.
 const CHANNEL_CLEANERS: usize = 4;
 
-/// Which of a partition's processes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum PairMember {
-    /// The one that has the windows.
-    Active,
-    /// What lies behind it: one that stood by, or that was followed by one that did.
-    Standby,
-}
+/// Starts a channel cleaner for a dead process that was attached to channels, some of which are damaged. It writes the name of each
+/// into the file before it looks at its memory.
+pub type StartChannelCleaner = Box<dyn Fn(&CleanupOrder) -> io::Result<(Spawned, File)>>;
 
 /// See the module's head.
-pub(super) struct Cleanups {
+pub(crate) struct Cleanups {
     start_channel_cleaner: StartChannelCleaner,
     channel_cleaners: Vec<ChannelCleaner>,
     waiting: VecDeque<Dead>,
@@ -58,7 +47,7 @@ pub(super) struct Cleanups {
 pub type EndedHelpers = Rc<RefCell<Vec<i32>>>;
 
 /// What a channel cleaner is told.
-#[derive(Debug)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CleanupOrder {
     /// The dead process.
     pub pid: i32,
@@ -84,26 +73,49 @@ struct ChannelCleaner {
     bad: Vec<String>,
 }
 
-/// Who is cleaned up after.
+/// A dead process that is cleaned up after.
 #[derive(Debug, Clone, PartialEq, Eq)]
-enum Dead {
-    /// A process that a partition had.
-    Of(EndedProcess),
-    /// Another one that was attached to channels.
-    Helper(i32, Vec<String>),
+struct Dead {
+    /// The partition's place and which of its processes it was; `None`: it was none of a partition.
+    of: Option<(usize, PairMember)>,
+    order: CleanupOrder,
+}
+
+impl Dead {
+    fn cleaned(self, bad: Vec<String>) -> Option<Cleaned> {
+        let (place, member) = self.of?;
+        Some(Cleaned { place, member, pid: self.order.pid, bad })
+    }
+
+    fn helper(pid: i32, channels: Vec<String>) -> Self {
+        Self { of: None, order: CleanupOrder { pid, user: None, channels, damaged: Vec::new() } }
+    }
+}
+
+/// A partition's dead process that has been cleaned up after.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct Cleaned {
+    /// The partition's place.
+    pub(crate) place: usize,
+    /// Which of its processes it was.
+    pub(crate) member: PairMember,
+    /// Its number.
+    pub(crate) pid: i32,
+    /// Channels that could not be cleared.
+    pub(crate) bad: Vec<String>,
 }
 
 impl Cleanups {
-    pub(super) fn new(
+    pub(crate) fn new(
         start_channel_cleaner: StartChannelCleaner,
         ended_helpers: Option<(EndedHelpers, Vec<String>)>,
     ) -> Self {
         Self { start_channel_cleaner, channel_cleaners: Vec::new(), waiting: VecDeque::new(), ended_helpers }
     }
 
-    /// The process that `place` had there waits for its cleanup.
-    pub(super) fn add(&mut self, place: usize, member: PairMember) {
-        let dead = Dead::Of((place, member));
+    /// The process that the partition at `place` had there waits for its cleanup.
+    pub(crate) fn add(&mut self, place: usize, member: PairMember, order: CleanupOrder) {
+        let dead = Dead { of: Some((place, member)), order };
         let under_way = self.channel_cleaners.iter().any(|channel_cleaner| channel_cleaner.dead == dead);
         if !under_way && !self.waiting.contains(&dead) {
             self.waiting.push_back(dead);
@@ -111,19 +123,19 @@ impl Cleanups {
     }
 
     /// A process that is no partition was attached to `channels` when it ended.
-    pub(super) fn add_helper(&mut self, pid: i32, channels: Vec<String>) {
-        self.waiting.push_back(Dead::Helper(pid, channels));
+    pub(crate) fn add_helper(&mut self, pid: i32, channels: Vec<String>) {
+        self.waiting.push_back(Dead::helper(pid, channels));
     }
 
     /// Whether that process waits for its cleanup.
-    pub(super) fn awaits(&self, pid: i32) -> bool {
-        let is_it = |dead: &Dead| matches!(dead, Dead::Helper(helper, _) if *helper == pid);
+    pub(crate) fn awaits(&self, pid: i32) -> bool {
+        let is_it = |dead: &Dead| dead.of.is_none() && dead.order.pid == pid;
         self.channel_cleaners.iter().any(|channel_cleaner| is_it(&channel_cleaner.dead))
             || self.waiting.iter().any(is_it)
     }
 
     /// Whether somebody waits for a channel cleaner.
-    pub(super) fn are_waiting(&self) -> bool {
+    pub(crate) fn are_waiting(&self) -> bool {
         !self.waiting.is_empty()
             || self
                 .ended_helpers
@@ -131,13 +143,8 @@ impl Cleanups {
                 .is_some_and(|(ended_helpers, _)| !ended_helpers.borrow().is_empty())
     }
 
-    /// The next partition whose dead process has been cleaned up after, with the channels that could not be cleared; `None` if channel cleaners are at work,
-    /// or nobody waits. `channels_of`: those that a partition is attached to.
-    pub(super) fn next_cleaned(
-        &mut self,
-        watched: &[Watched],
-        channels_of: impl Fn(PartitionId) -> Vec<String>,
-    ) -> Option<(EndedProcess, Vec<String>)> {
+    /// The next process of a partition that has been cleaned up after; `None` if channel cleaners are at work, or nobody waits.
+    pub(crate) fn next_cleaned(&mut self) -> Option<Cleaned> {
         let mut place = 0;
         while place < self.channel_cleaners.len() {
             let status = ended(&self.channel_cleaners[place].process);
@@ -160,58 +167,39 @@ impl Cleanups {
                     continue;
                 }
             }
-            if let Dead::Of(ended_process) = channel_cleaner.dead {
-                return Some((ended_process, channel_cleaner.bad));
+            if let Some(cleaned) = channel_cleaner.dead.cleaned(channel_cleaner.bad) {
+                return Some(cleaned);
             }
         }
-        self.start_next(watched, channels_of)
+        self.start_next()
     }
 
     /// Starts channel cleaners for those who wait; gives one who can have none.
-    fn start_next(
-        &mut self,
-        watched: &[Watched],
-        channels_of: impl Fn(PartitionId) -> Vec<String>,
-    ) -> Option<(EndedProcess, Vec<String>)> {
+    fn start_next(&mut self) -> Option<Cleaned> {
         let mut place = 0;
         while self.channel_cleaners.len() < CHANNEL_CLEANERS {
             let Some(dead) = self.waiting.get(place).cloned().or_else(|| self.ended_helper()) else { break };
-            let order = match &dead {
-                Dead::Of((partition, member)) => {
-                    let watched = &watched[*partition];
-                    dead_process(watched, *member).map(|(pid, user)| CleanupOrder {
-                        pid,
-                        user,
-                        channels: channels_of(watched.sandbox.id),
-                        damaged: Vec::new(),
-                    })
-                }
-                Dead::Helper(pid, channels) => Some(CleanupOrder {
-                    pid: *pid,
-                    user: None,
-                    channels: channels.clone(),
-                    damaged: Vec::new(),
-                }),
-            };
             let at_work = |channel: &String| {
                 self.channel_cleaners
                     .iter()
                     .any(|channel_cleaner| channel_cleaner.order.channels.contains(channel))
             };
-            if order.as_ref().is_some_and(|order| order.channels.iter().any(at_work)) {
+            if dead.order.channels.iter().any(at_work) {
                 if place >= self.waiting.len() {
-                    self.waiting.push_back(dead); // one of the fallen
+                    self.waiting.push_back(dead); // a helper
                     break;
                 }
                 place += 1;
                 continue;
             }
-            self.waiting.remove(place); // out of bounds: one of the fallen
+            self.waiting.remove(place); // out of bounds: a helper
             // Without a channel cleaner a successor may still find its ports free: trying costs nothing. What is left of a stranger costs an
             // observer's place in its channels, and nothing else.
-            let is_at_work = order.is_some_and(|order| self.start(dead.clone(), order, Vec::new()));
-            if let (Dead::Of(ended_process), false) = (dead, is_at_work) {
-                return Some((ended_process, Vec::new()));
+            let order = dead.order.clone();
+            if !self.start(dead.clone(), order, Vec::new())
+                && let Some(cleaned) = dead.cleaned(Vec::new())
+            {
+                return Some(cleaned);
             }
         }
         None
@@ -219,7 +207,7 @@ impl Cleanups {
 
     fn ended_helper(&self) -> Option<Dead> {
         let (ended_helpers, channels) = self.ended_helpers.as_ref()?;
-        ended_helpers.borrow_mut().pop().map(|pid| Dead::Helper(pid, channels.clone()))
+        ended_helpers.borrow_mut().pop().map(|pid| Dead::helper(pid, channels.clone()))
     }
 
     /// Whether a channel cleaner is at work now.
@@ -237,12 +225,12 @@ impl Cleanups {
     }
 
     /// The channel cleaners at work.
-    pub(super) fn channel_cleaners(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
+    pub(crate) fn channel_cleaners(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
         self.channel_cleaners.iter().map(|channel_cleaner| channel_cleaner.process.pidfd.as_fd())
     }
 
     /// Ends channel cleaners at work in `channels`, whose cleanups begin anew when the next ones are looked for: nobody may map what is put aside.
-    pub(super) fn set_back(&mut self, channels: &[String]) {
+    pub(crate) fn set_back(&mut self, channels: &[String]) {
         let is_there = |channel_cleaner: &mut ChannelCleaner| {
             channel_cleaner.order.channels.iter().any(|channel| channels.contains(channel))
         };
@@ -253,7 +241,7 @@ impl Cleanups {
     }
 
     /// The module ends: nobody needs what is in shared memory any more.
-    pub(super) fn give_up(&mut self) {
+    pub(crate) fn give_up(&mut self) {
         self.channel_cleaners.drain(..).for_each(|channel_cleaner| end_helper(&channel_cleaner.process));
     }
 }
@@ -284,45 +272,10 @@ impl ChannelCleaner {
     }
 }
 
-impl Monitor {
-    /// Cleans up after a process that is no partition and was attached to `channels`.
-    pub fn clean_up_after_helper(&mut self, pid: i32, channels: Vec<String>) {
-        self.cleanups.add_helper(pid, channels);
-    }
-
-    /// Whether it still waits for that.
-    #[must_use]
-    pub fn awaits_cleanup(&self, pid: i32) -> bool {
-        self.cleanups.awaits(pid)
-    }
-
-    /// Waits for it, as nobody's time passes (the virtual clock).
-    pub fn await_cleanup(&mut self, pid: i32) {
-        while self.awaits_cleanup(pid) {
-            self.look_at_channel_cleaner();
-            if self.awaits_cleanup(pid) {
-                self.pause(200_000);
-            }
-        }
-    }
-}
-
 /// Whether a channel cleaner that began `elapsed_ns` ago will not come to an end. Ended before its work is done, it leaves its successor's
 /// places in the channels taken.
 fn hangs(pid: i32, elapsed_ns: u64) -> bool {
     cpu_starvation::has_had(pid, elapsed_ns, CHANNEL_CLEANER_PATIENCE_NS, cpu_starvation::STARVED_PATIENCE_NS)
-}
-
-/// The number of the process that waits there for its cleanup, and the user that it had for itself.
-fn dead_process(watched: &Watched, member: PairMember) -> Option<(i32, Option<u32>)> {
-    match (member, &watched.life, &watched.standby) {
-        (PairMember::Active, Life::Dead(pid, _), _) => Some((*pid, watched.sandbox.own_user())),
-        (PairMember::Standby, _, Some(standby)) => match standby.life {
-            Waiting::Dead(pid) => Some((pid, standby.sandbox.own_user())),
-            _ => None,
-        },
-        _ => None,
-    }
 }
 
 #[cfg(test)]
@@ -362,10 +315,10 @@ mod tests {
             Some((ended_helpers.clone(), text(&["a", "b", "c"]))),
         );
         ended_helpers.borrow_mut().push(7);
-        assert_eq!(cleanups.next_cleaned(&[], |_| Vec::new()), None);
+        assert_eq!(cleanups.next_cleaned(), None);
         while cleanups.awaits(7) {
             await_any_end(&cleanups.channel_cleaners().collect::<Vec<_>>(), 1_000_000_000);
-            assert_eq!(cleanups.next_cleaned(&[], |_| Vec::new()), None, "no partition was buried");
+            assert_eq!(cleanups.next_cleaned(), None, "no partition was buried");
         }
         told.take()
     }
@@ -396,9 +349,35 @@ mod tests {
         let mut cleanups = Cleanups::new(start, Some((ended_helpers.clone(), text(&["a"]))));
         ended_helpers.borrow_mut().push(7);
         for _ in 0..10 {
-            assert_eq!(cleanups.next_cleaned(&[], |_| Vec::new()), None);
+            assert_eq!(cleanups.next_cleaned(), None);
         }
         assert_eq!(*tries.borrow(), 1);
+    }
+
+    #[test]
+    fn every_dead_process_of_a_place_is_cleaned_up_after_once_however_often_it_is_added() {
+        let pids: Rc<RefCell<Vec<i32>>> = Rc::default();
+        let log = pids.clone();
+        let start: StartChannelCleaner = Box::new(move |order| {
+            log.borrow_mut().push(order.pid);
+            Ok(shell("exit 0"))
+        });
+        let mut cleanups = Cleanups::new(start, None);
+        let order = |pid| CleanupOrder { pid, user: None, channels: text(&["a"]), damaged: Vec::new() };
+        for pid in [7, 7] {
+            cleanups.add(0, PairMember::Active, order(pid));
+        }
+        assert_eq!(cleanups.next_cleaned(), None, "it is under way");
+        // Its successor is dead before the cleaner has come to its end.
+        for pid in [7, 8] {
+            cleanups.add(0, PairMember::Active, order(pid));
+        }
+        let mut cleaned = Vec::new();
+        while cleaned.len() < 2 {
+            await_any_end(&cleanups.channel_cleaners().collect::<Vec<_>>(), 1_000_000_000);
+            cleaned.extend(cleanups.next_cleaned().map(|cleaned| cleaned.pid));
+        }
+        assert_eq!((cleaned, pids.take()), (vec![7, 8], vec![7, 8]));
     }
 
     #[test]
@@ -406,7 +385,7 @@ mod tests {
         let start: StartChannelCleaner = Box::new(|_| Ok(shell("echo a; sleep 60")));
         let mut cleanups = Cleanups::new(start, None);
         cleanups.add_helper(7, text(&["a"]));
-        assert_eq!(cleanups.next_cleaned(&[], |_| Vec::new()), None);
+        assert_eq!(cleanups.next_cleaned(), None);
         cleanups.set_back(&text(&["b"]));
         assert_eq!(cleanups.channel_cleaners().count(), 1, "it is at work elsewhere");
         cleanups.set_back(&text(&["a"]));
@@ -420,7 +399,7 @@ mod tests {
         await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
         let channels = text(&["a", "b", "c", "d"]);
         let order = CleanupOrder { pid: 7, user: None, channels, damaged: Vec::new() };
-        let dead = Dead::Helper(7, order.channels.clone());
+        let dead = Dead::helper(7, order.channels.clone());
         let mut channel_cleaner =
             ChannelCleaner { dead, order, process, progress, since_ns: 0, bad: Vec::new() };
         let at = channel_cleaner.listen();
@@ -438,7 +417,7 @@ mod tests {
         await_any_end(&[process.pidfd.as_fd()], 1_000_000_000);
         let order =
             CleanupOrder { pid: 7, user: None, channels: text(&["a", "b", "c"]), damaged: Vec::new() };
-        let dead = Dead::Of((0, PairMember::Active));
+        let dead = Dead { of: Some((0, PairMember::Active)), order: order.clone() };
         let mut channel_cleaner =
             ChannelCleaner { dead, order, process, progress, since_ns: 0, bad: text(&["b"]) };
         assert_eq!(channel_cleaner.listen().as_deref(), Some("c"));
@@ -455,7 +434,7 @@ mod tests {
         cleanups.add_helper(9, text(&["c", "d"]));
         let begun_ns = now_ns();
         while cleanups.awaits(9) && now_ns() - begun_ns < 10_000_000_000 {
-            assert_eq!(cleanups.next_cleaned(&[], |_| Vec::new()), None);
+            assert_eq!(cleanups.next_cleaned(), None);
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
         assert_eq!([7, 8, 9].map(|pid| cleanups.awaits(pid)), [true, true, false]);

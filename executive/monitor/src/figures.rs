@@ -15,7 +15,7 @@ const DIGITS: u8 = 2;
 
 /// See the module's head.
 #[derive(Debug, Clone)]
-pub(super) struct Figures {
+pub(crate) struct Figures {
     windows: u64,
     missed: u64,
     overruns: u64,
@@ -23,12 +23,12 @@ pub(super) struct Figures {
     used: Running,
     slack: Running,
     lateness: Option<Histogram<u64>>,
-    pub(super) restarts: u64,
+    pub(crate) restarts: u64,
     last_fault: Option<LastFault>,
 }
 
 impl Figures {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             windows: 0,
             missed: 0,
@@ -43,7 +43,7 @@ impl Figures {
     }
 
     /// Adds a window.
-    pub(super) fn add(&mut self, record: &WindowRecord) {
+    pub(crate) fn add(&mut self, record: &WindowRecord) {
         self.window_ns = record.occurrence.window.duration_ns();
         let Some(granted_ns) = record.granted_ns else {
             self.missed += 1;
@@ -64,7 +64,7 @@ impl Figures {
     }
 
     /// Remembers the last error.
-    pub(super) fn fault(&mut self, fault: &Fault) {
+    pub(crate) fn fault(&mut self, fault: &Fault) {
         self.last_fault = Some(LastFault {
             time_ns: fault.time_ns,
             error: fault.error.clone(),
@@ -74,7 +74,7 @@ impl Figures {
     }
 
     /// What stands in a status; what it is about and how it lives, the caller adds.
-    pub(super) fn status(&self) -> PartitionStatus {
+    pub(crate) fn status(&self) -> PartitionStatus {
         let lateness = self.lateness.as_ref().filter(|lateness| !lateness.is_empty());
         PartitionStatus {
             restarts: self.restarts,

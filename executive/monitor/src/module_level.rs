@@ -3,13 +3,39 @@
 //! Here it is only decided and noted that the module ends or starts again; whoever conducts it does so. It must never hold
 //! up anybody: an error that comes again and again is told once a second, and counted always.
 
-use super::{Monitor, Totals, seconds};
 use crate::event::{Event, Events};
 use crate::health::decision::decide_module;
 use crate::health::log::{Fault, HealthLog, WindowLog};
 use crate::health::record::Level;
-use bateleur_plan::{Closed, ModuleAction, ModuleError};
+use bateleur_plan::{Closed, ModuleAction, ModuleError, Plan};
 use bateleur_time::window_record::{Missed, WindowRecord};
+
+/// Totals over a run.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Totals {
+    /// Windows granted.
+    pub windows: u64,
+    /// Windows whose start the dispatcher reached late.
+    pub late: u64,
+    /// Switches, starts and ends, that the dispatcher reached late.
+    pub late_switches: u64,
+    /// Windows that were lost because it came later than they last.
+    pub lost: u64,
+    /// Windows granted and not closed in time.
+    pub overruns: u64,
+    /// Switches that came later than `late_after`.
+    pub too_late: u64,
+}
+
+impl Totals {
+    fn add(&mut self, record: &WindowRecord) {
+        self.windows += u64::from(record.granted_ns.is_some());
+        self.late += u64::from(record.is_late());
+        self.late_switches += record.late_switches();
+        self.lost += u64::from(record.is_lost());
+        self.overruns += u64::from(record.is_overrun());
+    }
+}
 
 /// Between two health entries about a late dispatcher, module time: each switch is counted, not each is told.
 const LATE_SILENCE_NS: u64 = 1_000_000_000;
@@ -22,8 +48,8 @@ pub struct Kept {
     pub health_log: HealthLog,
     /// Who watches.
     pub events: Events,
-    pub(super) totals: Totals,
-    pub(super) module: ModuleLevel,
+    totals: Totals,
+    module: ModuleLevel,
 }
 
 impl Kept {
@@ -54,7 +80,7 @@ impl Kept {
 
 /// What is remembered of the module's own errors.
 #[derive(Debug, Default)]
-pub(super) struct ModuleLevel {
+struct ModuleLevel {
     /// Resets so far.
     resets: u32,
     /// Module time of those within the budget's time.
@@ -73,68 +99,68 @@ pub struct Stop {
     pub reset: bool,
 }
 
-impl Monitor {
-    /// An error of the module: decided, noted, told. `can_go_on`: the module can do its work in spite of it.
-    pub fn module_fault(&mut self, error: ModuleError, detail: &str, can_go_on: bool, module_ns: u64) {
-        let reason = format!("{error}: {detail}");
-        self.module_fault_because(error, detail, reason, can_go_on, module_ns);
-    }
-
-    /// A partition has been stopped by its health table, and the module is told.
-    pub(super) fn partition_stopped(&mut self, partition: &str, why: &str, module_ns: u64) {
-        let reason = format!("partition {partition} is stopped ({why})");
-        self.module_fault_because(ModuleError::PartitionStopped, &reason.clone(), reason, true, module_ns);
-    }
-
-    fn module_fault_because(
+impl Kept {
+    /// An error of the module: decided, noted, told. `can_go_on`: the module can do its work in spite of it. Why it shall stop, if it
+    /// shall.
+    pub(crate) fn module_fault(
         &mut self,
+        plan: &bateleur_plan::Health,
         error: ModuleError,
         detail: &str,
-        reason: String,
         can_go_on: bool,
         module_ns: u64,
-    ) {
-        let noted = Noted { plan: &self.plan.health, log: &mut self.health_log, module: &mut self.module };
+    ) -> Option<Stop> {
+        let noted = Noted { plan, log: &mut self.health_log, module: &mut self.module };
         let (fault, action) = noted.decide(error, detail, can_go_on, module_ns);
         self.events.tell(&event_of(&fault));
-        // The first that ends the module is the reason for its end; a shutdown is the end of a reset too.
         let reset = action == ModuleAction::Reset;
-        let first = self.stop.as_ref().is_none_or(|stop| stop.reset && !reset);
-        if action != ModuleAction::Ignore && first {
-            self.stop = Some(Stop { reason, reset });
-        }
+        let reason = match error {
+            ModuleError::PartitionStopped => detail.to_owned(),
+            _ => format!("{error}: {detail}"),
+        };
+        (action != ModuleAction::Ignore).then_some(Stop { reason, reset })
     }
 
-    /// Takes notice of how late the dispatcher came to the switches of a window, and of one that was lost otherwise.
-    pub(super) fn judge_lateness(&mut self, record: &WindowRecord, module_ns: u64) {
+    /// Takes notice of how late the dispatcher came to the switches of a window, and of one that was lost otherwise; an error in
+    /// words, where it is time for one. `partition`: the window's.
+    pub(crate) fn judge_lateness(
+        &mut self,
+        late_after_ns: u64,
+        partition: &str,
+        record: &WindowRecord,
+        module_ns: u64,
+    ) -> Option<String> {
         let late_ns = record.latest_ns();
-        let at = record.occurrence;
-        let partition = &self.plan[at.window.partition].name;
+        let core = record.occurrence.core;
         let why = match record.missed {
-            Some(Missed::OtherCore) => format!(
-                "{partition}'s window on core {} was lost: the one on another core had not ended",
-                at.core
-            ),
+            Some(Missed::OtherCore) => {
+                format!("{partition}'s window on core {core} was lost: the one on another core had not ended")
+            }
             Some(Missed::StillFrozen) => format!(
-                "{partition}'s window on core {} was lost: the kernel had not thawed the partition at its end",
-                at.core
+                "{partition}'s window on core {core} was lost: the kernel had not thawed the partition at its end"
             ),
-            _ if late_ns <= self.plan.health.late_after_ns => return,
-            _ => format!("the dispatcher of core {} came {:.1} ms late", at.core, late_ns as f64 / 1e6),
+            _ if late_ns <= late_after_ns => return None,
+            _ => format!("the dispatcher of core {core} came {:.1} ms late", late_ns as f64 / 1e6),
         };
         self.totals.too_late += 1;
-        let told = self.module.late_told_ns.is_some_and(|told| module_ns < told + LATE_SILENCE_NS);
-        if told {
-            return;
+        if self.module.late_told_ns.is_some_and(|told| module_ns < told + LATE_SILENCE_NS) {
+            return None;
         }
         self.module.late_told_ns = Some(module_ns);
-        let detail =
-            format!("{why} in frame {}, number {} of such switches", at.minor_frames, self.totals.too_late);
-        self.module_fault(ModuleError::LateDispatcher, &detail, true, module_ns);
+        let frame = record.occurrence.minor_frames;
+        Some(format!("{why} in frame {frame}, number {} of such switches", self.totals.too_late))
+    }
+
+    /// Writes down and counts a window of `partition`.
+    pub(crate) fn record(&mut self, plan: &Plan, partition: &str, record: &WindowRecord) {
+        let schedule = &plan.schedules[record.occurrence.epoch.schedule].name;
+        self.window_log.write(record, partition, schedule);
+        self.health_log.set_frame(record.occurrence.minor_frames);
+        self.totals.add(record);
     }
 
     /// Frame 0 begins at `begin_ns` of module time: where the module was reset, that is over.
-    pub fn begin(&mut self, begin_ns: u64) {
+    pub(crate) fn begin(&mut self, begin_ns: u64) {
         let Some(mut fault) = self.module.fault.take() else { return };
         fault.recovered_ns = Some(begin_ns);
         let after_ms = begin_ns.saturating_sub(fault.time_ns) as f64 / 1e6;
@@ -143,11 +169,24 @@ impl Monitor {
         self.events.tell(&Event::ModuleRestarted { time_s: seconds(begin_ns), after_ms });
     }
 
-    /// What goes on when the module starts again.
-    #[must_use]
-    pub fn hand_on(self) -> Kept {
-        let Self { window_log, health_log, events, totals, module, .. } = self;
-        Kept { window_log, health_log, events, totals, module }
+    /// Tells what a partition, or the module under `partition`, has to say.
+    pub(crate) fn say(&mut self, partition: &str, text: impl Into<String>, module_ns: u64) {
+        let partition = partition.to_owned();
+        self.events.tell(&Event::Message { time_s: seconds(module_ns), partition, text: text.into() });
+    }
+
+    /// Makes an entry of what is complete.
+    pub(crate) fn enter(&mut self, fault: &Fault) {
+        self.health_log.note(fault);
+        self.health_log.write(fault);
+    }
+
+    /// Tells of logs that can not be written, each once. A full disk must not stop the aircraft.
+    pub(crate) fn tell_lost(&mut self, module_ns: u64) {
+        for lost in self.health_log.take_trouble().chain(self.window_log.take_trouble()) {
+            let time_s = seconds(module_ns);
+            self.events.tell(&Event::LogLost { time_s, log: lost.log.into(), reason: lost.why });
+        }
     }
 }
 
@@ -174,10 +213,7 @@ impl Kept {
         }
         self.health_log.finish();
         self.window_log.finish();
-        for lost in self.health_log.take_trouble().chain(self.window_log.take_trouble()) {
-            let time_s = seconds(module_ns);
-            self.events.tell(&Event::LogLost { time_s, log: lost.log.into(), reason: lost.why });
-        }
+        self.tell_lost(module_ns);
     }
 }
 
@@ -231,4 +267,8 @@ fn event_of(fault: &Fault) -> Event {
         action: fault.action.clone(),
         detail: fault.detail.clone(),
     }
+}
+
+pub(crate) fn seconds(ns: u64) -> f64 {
+    ns as f64 / 1e9
 }

@@ -4,10 +4,9 @@
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
-use super::Monitor;
 use bateleur_control::{Answer, ChannelStatus, LinkName, Ordered};
 use bateleur_host::partition::{message_name, queue_depth};
-use bateleur_plan::{ChannelId, nearest};
+use bateleur_plan::{ChannelId, Plan, nearest};
 use bateleur_system::spawn::Spawned;
 use bateleur_system::wait::{ended, is_readable};
 
@@ -19,112 +18,95 @@ pub type StartObserver = Box<dyn Fn(&[String], &OwnedFd) -> io::Result<Spawned>>
 
 /// Those at work, each with its channels.
 #[derive(Default)]
-pub(super) struct Observers {
+pub(crate) struct Observers {
     start: Option<StartObserver>,
     working: Vec<(Spawned, Vec<String>)>,
 }
 
 impl Observers {
-    pub(super) fn new(start: Option<StartObserver>) -> Self {
+    pub(crate) fn new(start: Option<StartObserver>) -> Self {
         Self { start, working: Vec::new() }
     }
 
-    pub(super) fn processes(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
+    pub(crate) fn processes(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
         self.working.iter().map(|(process, _)| process.pidfd.as_fd())
     }
 
     /// The next one that has ended: its process, and the channels that it was attached to.
-    fn next_ended(&mut self) -> Option<(i32, Vec<String>)> {
+    pub(crate) fn next_ended(&mut self) -> Option<(i32, Vec<String>)> {
         let place = self.working.iter().position(|(process, _)| is_readable(process.pidfd.as_fd()))?;
         let (process, channels) = self.working.swap_remove(place);
         let _ = ended(&process); // reaps it
         Some((process.pid, channels))
     }
-}
 
-impl Monitor {
-    pub(super) fn look_at_observers(&mut self) {
-        while let Some((pid, channels)) = self.operator.observers.next_ended() {
-            self.cleanups.add_helper(pid, channels);
-        }
-    }
-
-    /// Hands the client over to an observer of `ports`; of all channels where there are none.
-    pub(super) fn watch(
-        &self,
+    /// Hands the client over to an observer of `ports` of `module`; of all its channels where there are none.
+    pub(crate) fn watch(
+        &mut self,
+        plan: &Plan,
+        module: &str,
         ordered: &Ordered,
         ports: &[String],
-    ) -> Result<(Answer, (Spawned, Vec<String>)), String> {
-        let observers = &self.operator.observers;
-        let start = observers.start.as_ref().ok_or("this module has no observers")?;
-        if observers.working.len() >= MOST {
+    ) -> Result<Answer, String> {
+        let start = self.start.as_ref().ok_or("this module has no observers")?;
+        if self.working.len() >= MOST {
             return Err(format!("{MOST} observers are at work already: end one of them first"));
         }
         let connection = ordered.connection.as_ref().ok_or("the connection could not be handed over")?;
         let mut channels: Vec<String> = match ports {
-            [] => self.channels().map(|id| self.plan.port_path(self.plan[id].source)).collect(),
-            some => some.iter().map(|port| self.channel_of(port)).collect::<Result<_, _>>()?,
+            [] => channels_of(plan, module).iter().map(|id| plan.port_path(plan[*id].source)).collect(),
+            some => some.iter().map(|port| channel_of(plan, module, port)).collect::<Result<_, _>>()?,
         };
         channels.sort_unstable();
         channels.dedup();
         let process =
             start(&channels, connection).map_err(|error| format!("cannot start an observer: {error}"))?;
-        Ok((Answer::Watching, (process, channels)))
+        self.working.push((process, channels));
+        Ok(Answer::Watching)
     }
+}
 
-    pub(super) fn take_on(&mut self, observer: (Spawned, Vec<String>)) {
-        self.operator.observers.working.push(observer);
-    }
+/// The names of the module's links.
+pub(crate) fn link_names(plan: &Plan, module: &str) -> Vec<LinkName> {
+    plan.module(module).map(|view| LinkName::of(&view)).unwrap_or_default()
+}
 
-    pub(super) fn link_names(&self) -> Vec<LinkName> {
-        let module = self.plan.module(&self.operator.about.module);
-        module.map(|view| LinkName::of(&view)).unwrap_or_default()
-    }
-
-    pub(super) fn channel_list(&self) -> Vec<ChannelStatus> {
-        let channels = self.channels().map(|id| {
-            let channel = &self.plan[id];
-            let source = &self.plan[channel.source];
-            ChannelStatus {
-                source: self.plan.port_path(channel.source),
-                destinations: channel.destinations.iter().map(|port| self.plan.port_path(*port)).collect(),
-                queue_depth: queue_depth(&self.plan, channel),
-                message: message_name(source),
-                size: source.payload.max_size_bytes(),
-            }
-        });
-        channels.collect()
-    }
-
-    fn channels(&self) -> impl Iterator<Item = ChannelId> + '_ {
-        self.plan
-            .module(&self.operator.about.module)
-            .into_iter()
-            .flat_map(|view| view.channels().collect::<Vec<_>>())
-    }
-
-    /// The source of the channel that `port` is attached to.
-    fn channel_of(&self, port: &str) -> Result<String, String> {
-        let attached = |id: &ChannelId| {
-            let channel = &self.plan[*id];
-            let mut ports = channel.destinations.iter().chain([&channel.source]);
-            ports.any(|known| self.plan.port_path(*known) == port)
-        };
-        if let Some(id) = self.channels().find(attached) {
-            return Ok(self.plan.port_path(self.plan[id].source));
+/// The module's channels, for a client.
+pub(crate) fn channel_list(plan: &Plan, module: &str) -> Vec<ChannelStatus> {
+    let status = |id: &ChannelId| {
+        let channel = &plan[*id];
+        let source = &plan[channel.source];
+        ChannelStatus {
+            source: plan.port_path(channel.source),
+            destinations: channel.destinations.iter().map(|port| plan.port_path(*port)).collect(),
+            queue_depth: queue_depth(plan, channel),
+            message: message_name(source),
+            size: source.payload.max_size_bytes(),
         }
-        let all: Vec<String> = self
-            .channels()
-            .flat_map(|id| {
-                let channel = &self.plan[id];
-                channel.destinations.iter().chain([&channel.source]).copied().collect::<Vec<_>>()
-            })
-            .map(|port| self.plan.port_path(port))
-            .collect();
-        let hint = match nearest(port, all.iter().map(String::as_str)) {
-            Some(near) => format!("did you mean `{near}`?"),
-            None => "see `bateleur ports list`".to_owned(),
-        };
-        Err(format!("no channel of the module has a port \"{port}\": {hint}"))
+    };
+    channels_of(plan, module).iter().map(status).collect()
+}
+
+fn channels_of(plan: &Plan, module: &str) -> Vec<ChannelId> {
+    plan.module(module).map(|view| view.channels().collect()).unwrap_or_default()
+}
+
+/// The source of the channel that `port` is attached to.
+fn channel_of(plan: &Plan, module: &str, port: &str) -> Result<String, String> {
+    let mut all = Vec::new();
+    for id in channels_of(plan, module) {
+        let channel = &plan[id];
+        for known in channel.destinations.iter().chain([&channel.source]) {
+            let name = plan.port_path(*known);
+            if name == port {
+                return Ok(plan.port_path(channel.source));
+            }
+            all.push(name);
+        }
     }
+    let hint = match nearest(port, all.iter().map(String::as_str)) {
+        Some(near) => format!("did you mean `{near}`?"),
+        None => "see `bateleur ports list`".to_owned(),
+    };
+    Err(format!("no channel of the module has a port \"{port}\": {hint}"))
 }

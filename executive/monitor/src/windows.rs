@@ -3,82 +3,96 @@
 //! An overrun, a missed deadline, silence, and a successor's first window are found here. It must never hold a window
 //! against a partition that the dispatcher itself has cut short.
 
-use bateleur_contract::Clock;
+use bateleur_contract::{Clock, ReportKind, Reported};
 
-use super::{Monitor, seconds};
-use crate::event::Event;
-use crate::watched::{Life, is_own};
-use bateleur_plan::PartitionError;
+use crate::event::Event as Told;
+use crate::lifecycle::{Event, Phase};
+use crate::module_level::seconds;
+use crate::monitor::Monitor;
+use crate::neighbours::has_starved;
+use crate::partition::is_own;
+use bateleur_plan::{ChangeAction, Closed, ModuleError, PartitionError, PartitionState};
+use bateleur_system::cpu_starvation::Spell;
 use bateleur_time::partition_control::PartitionControl;
 use bateleur_time::time_guard::Escapes;
 use bateleur_time::window_record::{Missed, WindowRecord};
 
 impl Monitor {
-    pub(super) fn take_records(&mut self, module_ns: u64) {
+    pub(crate) fn take_records(&mut self, module_ns: u64) {
         while let Some(record) = (self.take_record)() {
-            let Some(place) = self.places[record.occurrence.window.partition.index()] else { continue };
-            let name = &self.watched[place].sandbox.name;
-            let schedule = &self.plan.schedules[record.occurrence.epoch.schedule].name;
-            self.window_log.write(&record, name, schedule);
-            self.health_log.set_frame(record.occurrence.minor_frames);
-            self.watched[place].figures.add(&record);
-            self.totals.windows += u64::from(record.granted_ns.is_some());
-            self.totals.late += u64::from(record.is_late());
-            self.totals.late_switches += record.late_switches();
-            self.totals.lost += u64::from(record.is_lost());
-            self.totals.overruns += u64::from(record.is_overrun());
             let at = record.occurrence;
+            let Some(place) = self.places[at.window.partition.index()] else { continue };
+            let partition = &mut self.partitions[place];
+            self.kept.record(&self.plan, partition.name(), &record);
+            partition.figures.add(&record);
             if let Some(schedule) = record.requested {
-                self.note_request(place, schedule, at.end_ns);
+                self.tell(&Told::ScheduleRequested {
+                    time_s: seconds(at.end_ns),
+                    schedule: self.plan.schedules[schedule].name.clone(),
+                    by: self.partitions[place].name().to_owned(),
+                });
             }
             if let Some(Missed::Changed(_)) = record.missed {
                 self.take_pending_action(place, at.start_ns);
             }
-            self.judge_lateness(&record, module_ns);
+            let late_after_ns = self.plan.health.late_after_ns;
+            let name = self.partitions[place].name();
+            if let Some(detail) = self.kept.judge_lateness(late_after_ns, name, &record, module_ns) {
+                self.module_fault(ModuleError::LateDispatcher, &detail, true, module_ns);
+            }
             self.judge_window(place, &record, module_ns);
         }
     }
 
-    /// Does what a change of schedule has left to be done with the partition, if anything.
-    pub(super) fn take_pending_action(&mut self, place: usize, module_ns: u64) {
-        let owed = self.watched[place].pair.all().find_map(PartitionControl::take_owed);
-        if let Some((action, schedule)) = owed {
-            self.change(place, action, schedule, module_ns);
+    /// Does what a change of schedule has left to be done with the partition, if anything. The dispatcher finds a partition's first
+    /// window in a new schedule, and keeps that window back where the plan wants something done. It is no health error and uses up no
+    /// budget.
+    pub(crate) fn take_pending_action(&mut self, place: usize, module_ns: u64) {
+        let pending = self.partitions[place].pair.all().find_map(PartitionControl::take_owed);
+        let Some((action, schedule)) = pending else { return };
+        if !self.partitions[place].life.can_change(action) {
+            return;
         }
+        let text = format!("{} with schedule {}", action.name(), self.plan.schedules[schedule].name);
+        self.say(place, text, module_ns);
+        if action == ChangeAction::Idle {
+            self.close_series(place, module_ns);
+        }
+        self.feed(place, Event::Schedule(action), module_ns);
     }
 
     fn judge_window(&mut self, place: usize, record: &WindowRecord, module_ns: u64) {
         // A window of the process that was active before says nothing about the one that has taken over meanwhile.
-        if record.member != self.watched[place].pair.active_member()
-            || !is_own(record.granted_ns, self.watched[place].admitted_ns)
+        if record.member != self.partitions[place].pair.active_member()
+            || !is_own(record.granted_ns, self.partitions[place].admitted_ns)
         {
             return;
         }
-        self.watched[place].had_window = true;
+        self.feed(place, Event::WindowUsed, module_ns);
         self.note_recovery(place, record.occurrence.start_ns);
         self.judge_fault(place, record, module_ns);
         self.judge_deadline(place, record, module_ns);
-        let watched = &mut self.watched[place];
+        let partition = &mut self.partitions[place];
         if !record.is_overrun() {
-            watched.unclosed = 0;
-            watched.spell = None;
+            partition.unclosed = 0;
+            partition.spell = None;
             return;
         }
         // A window that the dispatcher itself cut to less than half says nothing about the partition; and one that died
         // in its window did not overrun it: its end is found next.
         if record.occurrence.late_ns * 2 > record.occurrence.window.duration_ns()
-            || watched.held
-            || !watched.runs()
+            || partition.life.is_held()
+            || !partition.runs()
         {
             return;
         }
         if self.had_no_processor(place, record, module_ns) {
             return;
         }
-        let watched = &mut self.watched[place];
-        watched.unclosed += 1;
-        if watched.unclosed >= self.plan.health.silence_windows {
-            watched.unclosed = 0;
+        let partition = &mut self.partitions[place];
+        partition.unclosed += 1;
+        if partition.unclosed >= self.plan.health.silence_windows {
+            partition.unclosed = 0;
             let detail = format!("no window closed in {}", self.plan.health.silence_windows);
             return self.fault(place, PartitionError::Silence, detail, module_ns);
         }
@@ -90,8 +104,8 @@ impl Monitor {
     /// A partition has closed its window within its time capacity, or it has missed its deadline. On the virtual clock
     /// computing takes no module time: there a deadline is missed only by a window that is not closed at all.
     fn judge_deadline(&mut self, place: usize, record: &WindowRecord, module_ns: u64) {
-        let watched = &self.watched[place];
-        let Some(capacity_ns) = self.plan[watched.sandbox.id].deadline_ns else { return };
+        let partition = &self.partitions[place];
+        let Some(capacity_ns) = self.plan[partition.active.sandbox.id].deadline_ns else { return };
         let occurrence = &record.occurrence;
         let deadline_ns = occurrence.start_ns + capacity_ns;
         let in_time = match (record.closed_ns, self.clock) {
@@ -99,7 +113,7 @@ impl Monitor {
             (closed_ns, _) => closed_ns.is_some(),
         };
         // The dispatcher's own delay is not the partition's.
-        if in_time || occurrence.late_ns >= capacity_ns || watched.held || !watched.runs() {
+        if in_time || occurrence.late_ns >= capacity_ns || partition.life.is_held() || !partition.runs() {
             return;
         }
         let what = match record.closed_ns {
@@ -111,27 +125,60 @@ impl Monitor {
     }
 
     fn note_recovery(&mut self, place: usize, start_ns: u64) {
-        let watched = &mut self.watched[place];
-        if !matches!(watched.life, Life::Running(_)) {
+        let partition = &mut self.partitions[place];
+        if partition.life.phase() != Phase::Running {
             return;
         }
-        let Some(mut fault) = watched.fault.take_if(|fault| start_ns >= fault.time_ns) else { return };
+        let Some(mut fault) = partition.fault.take_if(|fault| start_ns >= fault.time_ns) else { return };
         fault.recovered_ns = Some(start_ns);
         let after_ms = (start_ns - fault.time_ns) as f64 / 1e6;
-        self.health_log.write(&fault);
-        self.health_log.note_recovery(&fault, watched.generation, start_ns);
-        let partition = watched.sandbox.name.clone();
-        self.events.tell(&Event::Recovered { time_s: seconds(start_ns), partition, after_ms });
+        self.kept.health_log.write(&fault);
+        self.kept.health_log.note_recovery(&fault, partition.life.generation(), start_ns);
+        let partition = partition.name().to_owned();
+        self.kept.events.tell(&Told::Recovered { time_s: seconds(start_ns), partition, after_ms });
+    }
+
+    /// Says so where a fault that was to end or stop the partition has come to nothing: its program does not link the library that
+    /// carries faults out, or the partition does not let it.
+    fn judge_fault(&mut self, place: usize, record: &WindowRecord, module_ns: u64) {
+        let partition = &mut self.partitions[place];
+        let Some(fault) = partition.ordered.as_mut().and_then(|ordered| ordered.judge(record)) else {
+            return;
+        };
+        partition.ordered = None;
+        let text = format!("fault {fault} has come to nothing: the partition goes on");
+        let partition = partition.name().to_owned();
+        self.tell(&Told::Undone { time_s: seconds(module_ns), partition, text: text.clone() });
+        self.note_order(Some(place), &text, module_ns);
+    }
+
+    /// Whether the partition could not close its window because it had no processor for most of it. Known from the second window
+    /// in a row on that it does not close: nobody asks the kernel for more of what goes well.
+    fn had_no_processor(&mut self, place: usize, record: &WindowRecord, module_ns: u64) -> bool {
+        if self.clock == Clock::Virtual {
+            return false; // its gate has waited until it had one
+        }
+        let partition = &mut self.partitions[place];
+        let Some(process) = &partition.active.process else { return false };
+        let before = partition.spell.replace((module_ns, Spell::begin(process.pid)));
+        let starved = has_starved(before, process.pid, record);
+        if starved {
+            let sandbox = &partition.active.sandbox;
+            if let Some(text) = self.neighbours.count_starved(&sandbox.name, sandbox.cores()) {
+                self.tell_of_neighbour(text, module_ns);
+            }
+        }
+        starved
     }
 
     /// What a window's end did not hold is an overrun, whether the partition had closed its window or not.
     pub(super) fn judge_escapes(&mut self, place: usize, module_ns: u64) {
-        let control = &self.watched[place].sandbox.control;
+        let control = &self.partitions[place].active.sandbox.control;
         let Escapes { ran_on, stuck, strayed } = control.take_escapes();
         if strayed > 0 {
             control.always_freeze();
         }
-        if ran_on + stuck + strayed == 0 || !self.watched[place].runs() {
+        if ran_on + stuck + strayed == 0 || !self.partitions[place].runs() {
             return;
         }
         let detail = match (ran_on, strayed) {
@@ -145,5 +192,43 @@ impl Monitor {
             _ => format!("ran on after its window's end, {ran_on} times, until it lost its priority"),
         };
         self.fault(place, PartitionError::WindowOverrun, detail, module_ns);
+    }
+
+    /// Takes what the partition has reported by its control page since the last look.
+    pub(crate) fn take_reports(&mut self, place: usize, module_ns: u64) {
+        let member = &mut self.partitions[place].active;
+        let page = &member.sandbox.control.page;
+        if page.reports_so_far() == member.reports_seen {
+            return;
+        }
+        for Reported { kind, in_handler, text } in page.reports_since(&mut member.reports_seen) {
+            // The word about the state is of the report's time: by now the handler may have come back.
+            let state = in_handler.then_some(PartitionState::Handler);
+            // One burst of errors is one fault where it ends the process: the rest must not use up its budget.
+            if !self.partitions[place].life.has_process() && kind != ReportKind::Message {
+                continue;
+            }
+            let error = match kind {
+                ReportKind::Message => {
+                    self.take_message(place, text, module_ns);
+                    continue;
+                }
+                ReportKind::ApplicationError => PartitionError::ApplicationError,
+                ReportKind::PortError => PartitionError::PortError,
+            };
+            self.fault_in(place, error, state, text, module_ns);
+        }
+    }
+
+    /// REPORT_APPLICATION_MESSAGE: recorded and passed on, within bounds.
+    fn take_message(&mut self, place: usize, text: String, module_ns: u64) {
+        let partition = &mut self.partitions[place];
+        if let Some(text) = partition.messages.record(&text, module_ns) {
+            let generation = partition.life.generation();
+            self.kept.health_log.note_message(partition.name(), generation, text, module_ns);
+        }
+        if partition.may_speak(module_ns) {
+            self.say(place, text, module_ns);
+        }
     }
 }

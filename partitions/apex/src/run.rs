@@ -160,8 +160,9 @@ impl<P: Partition> Life<P> {
         while let Some((code, message)) = page.next_error(&mut self.errors_seen) {
             page.handling.store(1, Release);
             let response = self.partition.error_handler(&HealthError { code, message }, window);
-            page.handling.store(0, Release);
+            // What it asks for by its exit code is believed only while the page says that the handler is at work.
             response.carry_out()?;
+            page.handling.store(0, Release);
         }
         Ok(())
     }

@@ -34,8 +34,8 @@ pub const RETAINED_FD: i32 = 5;
 /// it is and how it is started.
 pub const ENVIRONMENT: &str = "BATELEUR_PARTITION";
 
-/// How a partition process ends by itself. [`exit::IDLE`], [`exit::WARM_START`] and [`exit::COLD_START`] are believed of a partition
-/// that has an error handler by its plan.
+/// How a partition process ends by itself. [`exit::IDLE`], [`exit::WARM_START`] and [`exit::COLD_START`] are requests only of a partition
+/// that has an error handler by its plan, and while its control page says that the handler is at work (`page::ControlPage::handling`).
 pub mod exit {
     /// It was asked to stop and did.
     pub const STOPPED: i32 = 0;

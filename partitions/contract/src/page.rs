@@ -257,7 +257,7 @@ pub struct ControlPage {
     reserved_3: [AtomicU64; 1],
     /// Reports so far, see [`Ring`].
     report_count: AtomicU32,
-    /// Not zero while the partition's error handler runs.
+    /// Not zero while the partition's error handler runs, and while what it has asked for is carried out.
     pub handling: AtomicU32,
     reports: [Report; REPORTS],
     // Written by the executive.

@@ -13,6 +13,9 @@ struct Handler {
     raise_at: u64,
     raise_times: u64,
     response: String,
+    /// The process ends by itself in this window, with this code.
+    exit_at: u64,
+    exit_code: i32,
 }
 
 impl Partition for Handler {
@@ -26,6 +29,8 @@ impl Partition for Handler {
             raise_at: context.attribute("raise_at", 0)?,
             raise_times: context.attribute("raise_times", 1)?,
             response: context.attribute("response", "go_on".into())?,
+            exit_at: context.attribute("exit_at", 0)?,
+            exit_code: context.attribute("exit_code", 0)?,
         })
     }
 
@@ -55,6 +60,9 @@ impl Partition for Handler {
         }
         self.count += 1;
         self.windows.store(&self.count);
+        if self.count == self.exit_at {
+            std::process::exit(self.exit_code);
+        }
         if self.count >= self.raise_at && self.count - self.raise_at < self.raise_times {
             window.raise("what it is");
         }

@@ -3,7 +3,7 @@
 use std::os::unix::process::ExitStatusExt;
 use std::process::ExitStatus;
 
-use bateleur_contract::exit;
+use bateleur_contract::{ErrorCode, exit};
 
 use bateleur_plan::{
     ErrorLevel, Exhausted, Levels, ModuleAction, ModuleError, ModuleHealth, PartitionAction, PartitionError,
@@ -190,6 +190,18 @@ fn error_of_abort(words: Option<&str>) -> (PartitionError, String) {
         PartitionError::Exit
     };
     (error, "aborted".into())
+}
+
+/// What a partition's handler is told that an error is; `None` if it is told of no such error.
+#[must_use]
+pub fn handler_code(error: PartitionError) -> Option<ErrorCode> {
+    match error {
+        PartitionError::DeadlineMissed => Some(ErrorCode::DeadlineMissed),
+        PartitionError::ApplicationError => Some(ErrorCode::ApplicationError),
+        PartitionError::PortError => Some(ErrorCode::PortError),
+        PartitionError::WindowOverrun => Some(ErrorCode::WindowOverrun),
+        _ => None,
+    }
 }
 
 #[cfg(test)]

@@ -33,6 +33,10 @@ impl Remains {
     /// # Errors
     /// One does not.
     pub(super) fn await_end(&self) -> Result<()> {
+        self.await_end_within(PATIENCE)
+    }
+
+    fn await_end_within(&self, patience: Duration) -> Result<()> {
         let begun = Instant::now();
         for process in &self.0 {
             loop {
@@ -40,8 +44,8 @@ impl Remains {
                 if poll(&mut waits, Some(&LOOK)).is_ok_and(|ready| ready > 0) {
                     break;
                 }
-                if begun.elapsed() > PATIENCE {
-                    bail!("what was left of it has not ended within {} s", PATIENCE.as_secs());
+                if begun.elapsed() > patience {
+                    bail!("what was left of it has not ended within {} s", patience.as_secs());
                 }
             }
         }
@@ -57,21 +61,28 @@ fn parent_of(pid: i32) -> Option<u32> {
 
 #[cfg(test)]
 mod tests {
-    use std::process::Command;
+    use std::io::{BufRead, BufReader};
+    use std::process::{Command, Stdio};
+
+    use rustix::process::{Signal, kill_process};
 
     use super::*;
 
     #[test]
-    fn children_are_waited_for_until_they_have_ended() {
-        let mut child = Command::new("sleep").arg("1000").spawn().unwrap();
-        let remains = Remains::of(std::process::id());
-        assert!(!remains.0.is_empty());
-        let own = Remains(vec![pidfd_open(Pid::from_child(&child), PidfdFlags::empty()).unwrap()]);
-        let thread = std::thread::spawn(move || own.await_end());
-        std::thread::sleep(Duration::from_millis(50));
-        assert!(!thread.is_finished());
-        child.kill().unwrap();
-        child.wait().unwrap();
-        thread.join().unwrap().unwrap();
+    fn children_are_waited_for_until_the_last_has_ended() {
+        let words = "sleep 1000 & echo $!; sleep 1000 & echo $!; wait";
+        let mut parent = Command::new("sh").args(["-c", words]).stdout(Stdio::piped()).spawn().unwrap();
+        let lines = BufReader::new(parent.stdout.take().unwrap()).lines();
+        let children: Vec<Pid> =
+            lines.take(2).map(|line| Pid::from_raw(line.unwrap().parse().unwrap()).unwrap()).collect();
+        let remains = Remains::of(parent.id());
+        assert_eq!(remains.0.len(), 2, "no other process of the machine is its child");
+        assert!(remains.await_end_within(Duration::ZERO).is_err(), "both live");
+        for (child, is_over) in children.into_iter().zip([false, true]) {
+            kill_process(child, Signal::KILL).unwrap();
+            let ended = if is_over { remains.await_end() } else { remains.await_end_within(Duration::ZERO) };
+            assert_eq!(ended.is_ok(), is_over, "one of two lives");
+        }
+        parent.wait().unwrap();
     }
 }

@@ -17,8 +17,8 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::flight::PORTS_FILE;
-use crate::log::{Ending, Entry, Layout, LogError, LogReader, Number};
+use bateleur_recording::PORTS_FILE;
+use bateleur_recording::{Ending, Entry, Layout, LogError, LogReader, Number};
 
 /// Messages of a port that wait for their counterparts at most, in one log: a minute of the fastest port. Beyond it the
 /// oldest counts as alone. It bounds the memory where two logs have little in common.

@@ -13,7 +13,7 @@ use bateleur_control::LINKS_FILE;
 use bateleur_control::{Answer, Client, LinkName, Request, running};
 use bateleur_messages::link::{DOWN, PLAN_DIFFERS, REASON_NAMES, UP};
 use bateleur_messages::{LinkStatus, Message};
-use bateleur_report::{hosts, log};
+use bateleur_recording::{self as log, hosts};
 use serde_json::{Value, json};
 use zerocopy::FromBytes;
 
@@ -26,7 +26,7 @@ const PATIENCE: Duration = Duration::from_secs(3);
 
 /// Show how the links between hosts are.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     /// The folder of a run or a flight, in place of what runs now.
     #[arg(conflicts_with = "module")]
     folder: Option<PathBuf>,
@@ -116,7 +116,7 @@ fn of_run(folder: &Path) -> Result<Said> {
         .with_context(|| format!("cannot read {}: it was no run with links", names.display()))?;
     let names: Vec<LinkName> =
         serde_json::from_slice(&text).with_context(|| format!("{} is not understood", names.display()))?;
-    let path = folder.join(bateleur_report::flight::PORTS_FILE);
+    let path = folder.join(bateleur_recording::PORTS_FILE);
     if !path.exists() {
         bail!(
             "{} is not there: what relays say is kept by `bateleur run --record`, and by every flight",

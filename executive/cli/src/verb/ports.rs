@@ -20,7 +20,7 @@ use crate::printed::Printed;
 
 /// Look at the channels of a running module.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     #[command(subcommand)]
     what: What,
 }

@@ -15,7 +15,7 @@ use super::{Code, FINE, Format};
 
 /// Show the running modules and their partitions.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     #[command(flatten)]
     target: Target,
     /// What to print.

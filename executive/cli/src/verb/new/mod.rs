@@ -35,7 +35,7 @@ use workspace::{Home, Workspace};
     after_help = "For example: bateleur new height_watch --add, then its ports in schedule.toml, then: bateleur new height_watch\n\n\
     Exit codes: 0 written; 1 the schedule file has no such partition yet, and what to add is printed; 2 it can not be written."
 )]
-pub(crate) struct Arguments {
+pub struct Arguments {
     /// The partition, as the schedule file calls it.
     partition: String,
     /// The schedule file.

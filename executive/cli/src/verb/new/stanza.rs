@@ -8,7 +8,7 @@ use bateleur_plan::{ModuleId, Plan, Schedule, Timeline};
 
 use super::list::with_item;
 use crate::plan_file;
-use crate::verb::{CANNOT_RUN, Code, FINE};
+use crate::{CANNOT_RUN, Code, FINE};
 
 /// Left free before and after a window that is added: a switch takes some of it.
 const GAP_NS: u64 = 100_000;

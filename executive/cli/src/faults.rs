@@ -79,21 +79,6 @@ impl Faults {
         acts.chain(injections).collect()
     }
 
-    /// A line for each whose time did not come.
-    pub fn not_reached(&self, module_time_s: f64) -> Vec<String> {
-        let lists = self.lists().into_iter();
-        let all = lists.flat_map(|(name, _, list)| list.iter().map(move |when| (name, when)));
-        let missed = all.filter(|(_, when)| when.at_s > module_time_s);
-        let line = |(name, When { partition, at_s }): (&str, &When)| {
-            format!("{name} {partition}@{at_s} was not reached: it ended at {module_time_s:.2} s")
-        };
-        let late = self.schedule_at.iter().filter(|change| change.at_s > module_time_s);
-        let change = |ScheduleChange { schedule, at_s }: &ScheduleChange| {
-            format!("--schedule-at {schedule}@{at_s} was not reached: it ended at {module_time_s:.2} s")
-        };
-        missed.map(line).chain(late.map(change)).collect()
-    }
-
     /// Changes of schedule, and their module times, ns.
     pub fn schedule_changes(&self) -> Vec<(String, u64)> {
         let change = |change: &ScheduleChange| (change.schedule.clone(), (change.at_s * 1e9) as u64);

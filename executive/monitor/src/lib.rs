@@ -50,7 +50,7 @@ mod align;
 mod change;
 pub mod cleanup;
 pub mod event;
-mod event_text;
+pub mod event_text;
 mod faults;
 mod figures;
 pub mod health;

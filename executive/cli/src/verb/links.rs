@@ -13,12 +13,13 @@ use bateleur_control::LINKS_FILE;
 use bateleur_control::{Answer, Client, LinkName, Request, running};
 use bateleur_messages::link::{DOWN, PLAN_DIFFERS, REASON_NAMES, UP};
 use bateleur_messages::{LinkStatus, Message};
+use bateleur_monitor::event_text::printable;
 use bateleur_recording::{self as log, hosts};
 use serde_json::{Value, json};
 use zerocopy::FromBytes;
 
 use super::ports::{Watch, bytes_of};
-use super::target::{Target, printable};
+use super::target::Target;
 use super::{Code, FINE, Format};
 
 /// How long a relay may take to say something, real time: it does in each of its windows.
@@ -41,7 +42,7 @@ pub struct Arguments {
 struct Said {
     module: String,
     names: Vec<LinkName>,
-    /// None: nothing.
+    /// `None` if it has said nothing.
     status: Option<LinkStatus>,
 }
 

@@ -31,6 +31,7 @@ use bateleur_ground::MissionPlan;
 use bateleur_messages::ground;
 use bateleur_messages::hil::Protocol;
 use bateleur_monitor::event::Event;
+use bateleur_monitor::planned;
 use bateleur_plan::{Attribute, Plan};
 use bateleur_report::chains::ChainBound;
 use bateleur_report::hosts as report_hosts;
@@ -407,7 +408,9 @@ fn record(arguments: &Arguments, flown: &Flown, wall_time_s: f64) -> Run {
 
 /// What was planned for later than the flight's end.
 fn not_reached(arguments: &Arguments, module_time_s: f64) -> Vec<String> {
-    let mut notes = arguments.faults.not_reached(module_time_s);
+    let faults = &arguments.faults;
+    let end_ns = (module_time_s * 1e9) as u64;
+    let mut notes = planned::not_reached(&faults.planned(), &faults.schedule_changes(), end_ns);
     notes.extend(arguments.outside.not_reached(module_time_s));
     notes.extend(arguments.can.not_reached(module_time_s));
     notes.extend(arguments.hosts.not_reached(module_time_s));
@@ -458,7 +461,7 @@ fn inputs(arguments: &Arguments, plan: &Plan, mission: &MissionPlan) -> Inputs {
     inputs
 }
 
-/// The aircraft as the laws see it; none where it cannot be read, of which the Controller tells.
+/// The aircraft as the laws see it; `None` if it can not be read, of which the Controller tells.
 fn airframe(arguments: &Arguments, plan: &Plan) -> Option<Airframe> {
     let planned = || in_effect(arguments, plan, "controller", "airframe")?.as_str().map(str::to_owned);
     let value = arguments.airframe.clone().or_else(planned).unwrap_or_else(|| "aerosonde".into());

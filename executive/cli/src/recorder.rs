@@ -23,7 +23,7 @@ struct Observed {
     ordered: OrderedChannel,
     /// Its place in the order.
     place: usize,
-    /// None: it is kept off until the channel is made anew.
+    /// `None`: it is kept off until the channel is made anew.
     end: Option<End>,
     /// It was told that something was no message.
     told: bool,

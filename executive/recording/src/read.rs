@@ -30,7 +30,7 @@ pub struct Entry<'a> {
     pub time_ns: u64,
     /// The message as it lay in the port.
     pub bytes: &'a [u8],
-    /// How it lies there, by the log's own word; none where the log says nothing that is understood.
+    /// How it lies there, by the log's own word; `None` if the log says nothing that is understood.
     pub layout: Option<&'a Layout>,
 }
 

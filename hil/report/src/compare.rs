@@ -579,7 +579,7 @@ impl Lane {
         kind.map(|kind| kind.message.clone()).unwrap_or_default()
     }
 
-    /// None: not both logs have it, or nothing of it is compared.
+    /// `None`: not both logs have it, or nothing of it is compared.
     fn result(self) -> Option<PortComparison> {
         let same_kind = self.kinds[0].is_none() || self.kinds[1].is_none() || self.kinds[0] == self.kinds[1];
         let compared = self.limits.iter().any(|(_, limit)| *limit != Limit::Ignored);

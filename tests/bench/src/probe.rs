@@ -117,7 +117,7 @@ pub(super) fn processor_time_us(pid: i32) -> Option<f64> {
     read.then(|| time.tv_sec as f64 * 1e6 + time.tv_nsec as f64 / 1e3)
 }
 
-/// Processor time of the threads of a process whose name begins with `name`, us; none where the kernel does not count.
+/// Processor time of the threads of a process whose name begins with `name`, us; `None` if the kernel does not count.
 pub(super) fn thread_time_us(pid: i32, name: &str) -> Option<f64> {
     let of_thread = |tid: i32| {
         let folder = format!("/proc/{pid}/task/{tid}");

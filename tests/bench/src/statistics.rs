@@ -1,6 +1,6 @@
 //! Quantiles of samples and medians over runs.
 
-/// The sample below or at which a share of all samples lies (nearest rank); none of nothing.
+/// The sample below or at which a share of all samples lies (nearest rank); `None` of nothing.
 pub(super) fn quantile(samples: &[f64], share: f64) -> Option<f64> {
     let mut sorted = samples.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);

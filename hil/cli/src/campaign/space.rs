@@ -48,7 +48,7 @@ pub(crate) struct Space {
     #[arg(long, value_name = "LEVELS", default_value = "calm,light,moderate", value_delimiter = ',',
           value_parser = ["calm", "light", "moderate", "severe"])]
     turbulence: Vec<String>,
-    /// How far the aircraft is from its file; none: it is as in its file.
+    /// How far the aircraft is from its file; with `none` it is as in its file.
     #[arg(long, value_name = "RANGES|none", default_value = "mass=10%,inertia=10%,derivatives=20%", value_parser = ranges)]
     vary: Vary,
     /// Share of flights in which the bias of a sensor changes in flight.

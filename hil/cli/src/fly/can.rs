@@ -126,7 +126,7 @@ struct Process {
     log: Option<PathBuf>,
     /// The link to the adapter that it is.
     link: Option<PathBuf>,
-    /// None: it has ended.
+    /// `None` if it has ended.
     running: Option<(Child, Option<ChildStdin>)>,
     /// When it is started again, module time, ns.
     again_ns: u64,

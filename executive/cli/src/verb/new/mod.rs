@@ -78,7 +78,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     }
 }
 
-/// The plan; none where it breaks rules, which are printed. A message type that nobody knows may well be meant to come.
+/// The plan; `None` if it breaks rules, which are printed. A message type that nobody knows may well be meant to come.
 fn read(arguments: &Arguments) -> Result<Option<Plan>> {
     let (path, name) = (&arguments.schedule, &arguments.partition);
     match plan_file::read_among(path, None, false)? {

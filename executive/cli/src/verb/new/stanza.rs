@@ -18,7 +18,7 @@ const LONGEST_NAME: usize = 30;
 /// The partition that is wanted.
 pub(super) struct Wish<'a> {
     pub(super) name: &'a str,
-    /// None: the only module.
+    /// `None`: the only module.
     pub(super) module: Option<&'a str>,
     pub(super) window_ns: u64,
 }

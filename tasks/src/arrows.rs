@@ -1,5 +1,6 @@
 //! Holds the crates' dependencies on each other against the table in `docs/src/architecture.md`: each crate is built on exactly those
-//! that its row names, and they stand above it, so no arrow runs back up.
+//! that its row names, and they stand above it, so no arrow runs back up. Rows of one top folder stand together, so none runs up between
+//! top folders either.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -67,9 +68,22 @@ fn faults(page: &str, manifests: &BTreeMap<String, String>) -> Vec<String> {
             below.map(|other| format!("{PAGE}: {folder} must stand below {other}, which it is built on")),
         );
     }
+    faults.extend(scattered(&rows).map(|folder| {
+        format!("{PAGE}: {folder} must stand with the other crates of its top folder, or arrows run both ways between folders")
+    }));
     let missing = packages.values().filter(|folder| !rows.iter().any(|(row, _)| row == *folder));
     faults.extend(missing.map(|folder| format!("{PAGE}: {folder} has no row in the table of crates")));
     faults
+}
+
+/// Crates that others of other top folders keep apart from those of their own.
+fn scattered<'p>(rows: &[(&'p str, Vec<&str>)]) -> impl Iterator<Item = &'p str> {
+    let top = |place: usize| rows[place].0.split('/').next();
+    let is_apart = move |place: &usize| {
+        let earlier = (0..*place).rev().find(|other| top(*other) == top(*place));
+        earlier.is_some_and(|earlier| earlier + 1 < *place)
+    };
+    (0..rows.len()).filter(is_apart).map(|place| rows[place].0)
 }
 
 /// The table's rows: a crate, and those that it is built on.
@@ -132,6 +146,16 @@ mod tests {
         let table = TABLE.replace("`a/low` | –", "`a/low` | `b/high`");
         let said = faults(&table, &project(&["high"], &["low"]));
         assert_eq!(said, [format!("{PAGE}: a/low must stand below b/high, which it is built on")]);
+    }
+
+    #[test]
+    fn an_arrow_up_between_top_folders_is_a_fault_where_each_crate_stands_below_what_it_is_built_on() {
+        let mut manifests = project(&[], &["low"]);
+        manifests.insert("a/top".to_owned(), manifest("top", &["high"]));
+        let table = format!("{TABLE}| `a/top` | `b/high` | z |\n");
+        let said = faults(&table, &manifests);
+        assert_eq!(said.len(), 1, "{said:?}");
+        assert!(said[0].starts_with(&format!("{PAGE}: a/top must stand with the other crates")), "{said:?}");
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! What the cargo aliases run: `cargo fly` and `cargo verify`; and for whoever writes pages one step of the latter alone, `commands`, and
-//! `trusted`, which counts the lines of the daemon.
+//! What the cargo aliases run: `cargo fly` and `cargo verify`; and for whoever writes pages one step of the latter alone, `commands` and
+//! `pages`, and `trusted`, which counts the lines of the daemon.
 //!
 //! Responsible for: building before flying, and everything that must pass before a change lands. It must never depend on
 //! another crate, so that the first thing a fresh clone builds is built in a second.
@@ -25,11 +25,12 @@ fn main() -> ExitCode {
     match arguments.next().as_deref().and_then(|verb| verb.to_str()) {
         Some("fly") => fly::run(arguments.collect()),
         Some("commands") => verify::only_commands(),
+        Some("pages") => verify::only_pages(),
         Some("trusted") => verify::write_trusted(),
         Some("verify") => verify::run(&arguments.collect::<Vec<OsString>>()),
         _ => {
             eprintln!(
-                "usage: cargo fly [what `bateleur fly` takes] | cargo verify | cargo run -p tasks -- commands | … trusted"
+                "usage: cargo fly [what `bateleur fly` takes] | cargo verify | cargo run -p tasks -- commands | … pages | … trusted"
             );
             ExitCode::from(CANNOT_RUN)
         }

@@ -41,7 +41,16 @@ pub(crate) fn run(arguments: &[OsString]) -> ExitCode {
 
 /// The commands of the pages alone, with the programs as they were built last.
 pub(crate) fn only_commands() -> ExitCode {
-    match shown_commands(&root()) {
+    said(shown_commands(&root()))
+}
+
+/// The links of the pages, the table of crates and that of what is trusted, alone.
+pub(crate) fn only_pages() -> ExitCode {
+    said(pages(&root()))
+}
+
+fn said(result: Result<(), String>) -> ExitCode {
+    match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(reason) => {
             println!("verify: {reason}");

@@ -265,8 +265,7 @@ fn messages_are_named_counted_and_recorded_and_a_killed_client_leaves_nothing() 
     let file = folder.path().join("recorded.mcap");
     ask(&module, &["record", "--for", "1", "--output", file.to_str().unwrap()]).expect_code(0);
     let mut recorded = 0;
-    bateleur_report::log::for_each(&file, |entry| recorded += u32::from(entry.topic == "/from/count"))
-        .unwrap();
+    bateleur_recording::for_each(&file, |entry| recorded += u32::from(entry.topic == "/from/count")).unwrap();
     assert!(recorded > 1, "{recorded} messages recorded");
     // The files in the channel's directory are those of before again, once the observers are buried.
     let gone = await_some(Duration::from_secs(10), || observers(&module).is_empty().then_some(()));
@@ -353,7 +352,7 @@ fn planned_faults_end_as_the_table_says_and_the_same_in_every_run() {
         faults.iter().for_each(|fault| arguments.extend(["--inject", fault]));
         let ended = bateleur(&arguments).end().expect_code(0);
         let mut log = Vec::new();
-        bateleur_report::log::for_each(ended.folder().join("ports.mcap"), |entry| {
+        bateleur_recording::for_each(ended.folder().join("ports.mcap"), |entry| {
             log.push((entry.time_ns, entry.sequence, entry.bytes.to_vec()));
         })
         .unwrap();

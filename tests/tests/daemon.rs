@@ -111,7 +111,7 @@ fn status(pid: i32, key: &str) -> String {
 #[test]
 fn daemon_has_the_capabilities_that_its_page_names_and_no_other() {
     if !rustix::process::geteuid().is_root() {
-        return eprintln!("not tried: an ordinary user has no capability to lay down");
+        return eprintln!("not tried: an ordinary user has no capability to drop");
     }
     let _turn = among_others();
     let folder = tempfile::tempdir().unwrap();

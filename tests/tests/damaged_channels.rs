@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use bateleur_report::log::{Ending, for_each};
+use bateleur_recording::{Ending, for_each};
 use bateleur_tests::{Ended, NINE, Sketch, alone, among_others, await_some, bateleur, edited, process_named};
 use rustix::process::Signal;
 

@@ -371,7 +371,7 @@ fn assert_messages_explained(ended: &Ended, provoked: &[Provoked]) {
     let mut last: BTreeMap<String, (u32, u64)> = BTreeMap::new();
     let (mut messages, mut unexplained) = (0_u64, Vec::new());
     let harmful_ns = provoked.iter().find(|one| SHARED.contains(&one.fault.as_str())).map(|one| one.at_ns);
-    let ending = bateleur_report::log::for_each(ended.folder().join("ports.mcap"), |entry| {
+    let ending = bateleur_recording::for_each(ended.folder().join("ports.mcap"), |entry| {
         // From there on the recorder itself may read damaged memory.
         if harmful_ns.is_some_and(|harmful| entry.time_ns + 1_000_000_000 > harmful) {
             return;

@@ -7,7 +7,7 @@ mod trace_check;
 
 use std::collections::BTreeSet;
 
-use bateleur_report::log::{Ending, read};
+use bateleur_recording::{Ending, read};
 use bateleur_tests::{Ended, among_others, bateleur, flight_schedule};
 
 fn fly(format: &str) -> Ended {

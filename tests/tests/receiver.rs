@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use bateleur_messages::{GpsPosition, GpsVelocity, Message, RawGps};
-use bateleur_report::log;
+use bateleur_recording as log;
 use bateleur_tests::{Ended, Peer, Started, among_others, bateleur, edited};
 use rustix::process::Signal;
 use serde_json::json;

@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use bateleur_messages::{Custom, GpsPosition, Rates, RawAnalog, SimulatorLink, State};
-use bateleur_report::log::{self, Recording};
+use bateleur_recording::{self as log, Recording};
 use bateleur_tests::{Ended, Peer, TWO_LAPS, alone, among_others, bateleur, flight_schedule};
 use serde_json::Value;
 

@@ -172,6 +172,13 @@ mod tests {
 
     use super::*;
 
+    /// Cleans up after process 1234 of `user` in the damaged channel `a.b`.
+    fn clean_after(domain: &Domain, user: Option<u32>) {
+        let channels = vec!["a.b".to_owned()];
+        let dead = Dead { pid: 1_234, user };
+        clean(&Cleaning { root: domain.root.clone(), dead, damaged: channels.clone(), channels });
+    }
+
     #[test]
     fn a_damaged_channel_loses_the_dead_ones_files_by_their_names_and_no_others() {
         let root = tempfile::tempdir().unwrap();
@@ -185,13 +192,7 @@ mod tests {
             fs::write(node(id).join("bateleur_node.details"), "damaged").unwrap();
             fs::write(port(id), "damaged").unwrap();
         }
-        let channels = ["a.b".to_owned()];
-        clean(&Cleaning {
-            root: domain.root.clone(),
-            dead: Dead { pid: 1_234, user: None },
-            channels: channels.to_vec(),
-            damaged: channels.to_vec(),
-        });
+        clean_after(&domain, None);
         assert_eq!([port(dead), node(dead)].map(|path| path.exists()), [false, false]);
         assert_eq!([port(alive), node(alive)].map(|path| path.exists()), [true, true]);
     }
@@ -237,13 +238,7 @@ mod tests {
         let (_root, domain, directory) = littered();
         let table = format!("bateleur_ab_{}.dynamic", 1_234_u128 << 64 | 5);
         fs::write(directory.join(&table), "").unwrap();
-        let channels = ["a.b".to_owned()];
-        clean(&Cleaning {
-            root: domain.root.clone(),
-            dead: Dead { pid: 1_234, user: None },
-            channels: channels.to_vec(),
-            damaged: channels.to_vec(),
-        });
+        clean_after(&domain, None);
         let left = listed(&directory);
         assert_eq!(left.len(), 6, "{left:?}");
         assert!(left.contains(&table), "the channel's own table stays: {left:?}");
@@ -270,13 +265,7 @@ mod tests {
             fs::set_permissions(directory.join(path), std::os::unix::fs::PermissionsExt::from_mode(0o0))
                 .unwrap();
         }
-        let channels = ["a.b".to_owned()];
-        clean(&Cleaning {
-            root: domain.root.clone(),
-            dead: Dead { pid: 1_234, user: Some(user) },
-            channels: channels.to_vec(),
-            damaged: channels.to_vec(),
-        });
+        clean_after(&domain, Some(user));
         let left: Vec<_> = listed(&directory).into_iter().filter(|path| !before.contains(path)).collect();
         assert_eq!(left, ["nodes/9"], "made by another user");
         assert!(before.iter().all(|path| directory.join(path).exists()), "of others nothing is missing");

@@ -8,6 +8,7 @@
 
 mod build;
 mod catalogue;
+mod cycle;
 pub mod facts;
 mod findings;
 mod latency;

@@ -8,6 +8,7 @@ use bateleur_plan::local::AROUND_A_DATAGRAM;
 use serde::Serialize;
 
 use super::closed::Kind;
+use super::cycle::most_between;
 use super::latency::Hop;
 use super::model::{Channel, ChannelId, Link, LinkId, ModuleId, PartitionId, Plan, Schedule};
 
@@ -32,17 +33,8 @@ pub(super) struct Carried {
 /// The most that a relay with windows at `starts` has to send in one of them: every latest value, and each message of every
 /// queue since its last window, at one message in each window of its source.
 pub(super) fn window_load(carried: &[Carried], starts: &[u64], major_ns: u64) -> Vec<Waiting> {
-    let most = |writes: &[u64]| {
-        let since = |(place, &start): (usize, &u64)| {
-            let before = starts[(place + starts.len() - 1) % starts.len()];
-            let span = (start + major_ns - before) % major_ns.max(1);
-            let span = if span == 0 { major_ns } else { span };
-            writes.iter().filter(|&&write| (write + major_ns - before) % major_ns.max(1) < span).count()
-        };
-        starts.iter().enumerate().map(since).max().unwrap_or(0) as u64
-    };
     let one = |one: &Carried| {
-        let count = if one.queuing { most(&one.writes).max(1) } else { 1 };
+        let count = if one.queuing { most_between(&one.writes, starts, major_ns).max(1) } else { 1 };
         Waiting { bytes: one.bytes, count }
     };
     carried.iter().map(one).collect()

@@ -121,7 +121,7 @@ const DESCRIPTIONS: &[Described] = &[
     (PARTITION, "memory", "The most memory that it may have, such as \"32MiB\"."),
     (PARTITION, "threads", "The most threads that it may have."),
     (PARTITION, "restart", "How, and how often, it is started again."),
-    (PARTITION, "standby", "What waits behind it, ready to take over; none: nothing does."),
+    (PARTITION, "standby", "What waits behind it, ready to take over; without it, nothing does."),
     (PARTITION, "startup_timeout", "The longest time from its start to its readiness."),
     (PARTITION, "deadline", "From the opening of its window until its work must be done."),
     (PARTITION, "priority", "Its priority among the partitions."),

@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail};
 const MARKS: [&str; 5] = ["summary.json", "run.json", "windows.csv", "health.jsonl", "ports.mcap"];
 
 /// An error where `folder` holds what an earlier run or flight wrote.
-pub(crate) fn refuse_used(folder: &Path) -> Result<()> {
+pub fn refuse_used(folder: &Path) -> Result<()> {
     if let Some(mark) = MARKS.iter().find(|mark| folder.join(mark).exists()) {
         bail!(
             "{} holds a run already (there is a {mark}): name another folder with --output, or remove this one",
@@ -22,11 +22,11 @@ pub(crate) fn refuse_used(folder: &Path) -> Result<()> {
 }
 
 /// What a log of messages begins with (MCAP, "Magic").
-pub(crate) const LOG_BEGINNING: &str = "\u{89}MCAP0\r\n";
+pub const LOG_BEGINNING: &str = "\u{89}MCAP0\r\n";
 
 /// An error where the file `output` is one of those that are read, or holds something else than what is written, which begins with
 /// `beginning`: whoever names another file by mistake would lose it.
-pub(crate) fn refuse_file(output: &Path, beginning: &str, inputs: &[&Path]) -> Result<()> {
+pub fn refuse_file(output: &Path, beginning: &str, inputs: &[&Path]) -> Result<()> {
     let Ok(about) = output.metadata() else { return Ok(()) }; // not there, or found out when it is written
     let is_same = |input: &&&Path| {
         input.metadata().is_ok_and(|input| (input.dev(), input.ino()) == (about.dev(), about.ino()))
@@ -56,7 +56,7 @@ fn bytes_of(beginning: &str) -> Vec<u8> {
 }
 
 /// Removes from a folder what made it one that holds a run: there was none after all.
-pub(crate) fn clear(folder: &Path) -> std::io::Result<()> {
+pub fn clear(folder: &Path) -> std::io::Result<()> {
     let made = ["truth.bin"].iter().chain(&MARKS).map(|name| folder.join(name));
     made.filter(|file| file.exists()).try_for_each(std::fs::remove_file)
 }

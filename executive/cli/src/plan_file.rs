@@ -13,7 +13,7 @@ use bateleur_plan::compiled::Compiled;
 use bateleur_system::privileges;
 
 /// The message types that this program was built with.
-pub(crate) struct Catalogue;
+pub struct Catalogue;
 
 impl MessageCatalogue for Catalogue {
     fn size_of(&self, name: &str) -> Option<usize> {
@@ -63,7 +63,7 @@ impl Keys for KeyFiles {
 const MOST_BYTES: u64 = 8 << 20;
 
 /// What a person wrote into `path`; a file that never ends, or an endless device, is refused before memory is.
-pub(crate) fn read_bounded(path: &Path) -> std::io::Result<String> {
+pub fn read_bounded(path: &Path) -> std::io::Result<String> {
     let mut text = String::new();
     // One more shows that there is more.
     std::fs::File::open(path)?.take(MOST_BYTES + 1).read_to_string(&mut text)?;
@@ -75,7 +75,7 @@ pub(crate) fn read_bounded(path: &Path) -> std::io::Result<String> {
 
 /// The plan in `path` with its warnings, or all that is wrong with it; programs are looked for where a folder is given,
 /// and the files with keys where that is wanted.
-pub(crate) fn read_among(
+pub fn read_among(
     path: &Path,
     programs: Option<&Path>,
     keys: bool,
@@ -84,7 +84,7 @@ pub(crate) fn read_among(
 }
 
 /// As [`read_among`], of a file whose text was read.
-pub(crate) fn check_among_files(
+pub fn check_among_files(
     path: &Path,
     text: &str,
     programs: Option<&Path>,
@@ -100,22 +100,22 @@ pub(crate) fn check_among_files(
 }
 
 /// The plan in `text`, which a program wrote; or all that is wrong with it.
-pub(crate) fn read_text(name: &str, text: &str) -> std::result::Result<Plan, Report> {
+pub fn read_text(name: &str, text: &str) -> std::result::Result<Plan, Report> {
     check(name, text, &Catalogue)
 }
 
 /// What there is to say of a `text` that can be used; or all that is wrong with it.
-pub(crate) fn read_report(name: &str, text: &str) -> std::result::Result<Report, Report> {
+pub fn read_report(name: &str, text: &str) -> std::result::Result<Report, Report> {
     check_text(name, text).map(|(_, report)| report)
 }
 
 /// The plan in `path`, with errors printed for a person; `None` if it can not be used.
-pub(crate) fn read_quietly(path: &Path) -> Result<Option<Plan>> {
+pub fn read_quietly(path: &Path) -> Result<Option<Plan>> {
     Ok(print_errors(read_among(path, None, false)?).map(|(plan, _)| plan))
 }
 
 /// As [`read_quietly`]; of warnings it says how many there are.
-pub(crate) fn read_or_say(path: &Path) -> Result<Option<Plan>> {
+pub fn read_or_say(path: &Path) -> Result<Option<Plan>> {
     let Some((plan, report)) = print_errors(read_among(path, None, false)?) else { return Ok(None) };
     say_warnings(&path.display().to_string(), &report);
     Ok(Some(plan))
@@ -131,7 +131,7 @@ fn say_warnings(name: &str, report: &Report) {
 
 /// Compiles the schedule file at `path` into `plan`, without privileges; errors are printed for a person, and of warnings, where not
 /// `quiet`, how many there are. `false`: there is no plan.
-pub(crate) fn compile(path: &Path, plan: &File, quiet: bool) -> Result<bool> {
+pub fn compile(path: &Path, plan: &File, quiet: bool) -> Result<bool> {
     let (name, text) = (path.display().to_string(), read_text_of(path)?);
     let compiled = privileges::without_privileges(|| match compiled(&name, &text, quiet) {
         Some(bytes) if (&*plan).write_all(&bytes).is_ok() => 0,
@@ -142,7 +142,7 @@ pub(crate) fn compile(path: &Path, plan: &File, quiet: bool) -> Result<bool> {
 }
 
 /// The compiled plan of a text, as a file holds it; errors and warnings are printed as in [`compile`].
-pub(crate) fn compiled(name: &str, text: &str, quiet: bool) -> Option<Vec<u8>> {
+pub fn compiled(name: &str, text: &str, quiet: bool) -> Option<Vec<u8>> {
     let (plan, report) = print_errors(check_text(name, text))?;
     if !quiet {
         say_warnings(name, &report);
@@ -160,7 +160,7 @@ fn print_errors(read: std::result::Result<(Plan, Report), Report>) -> Option<(Pl
 }
 
 /// The text of a schedule file.
-pub(crate) fn read_text_of(path: &Path) -> Result<String> {
+pub fn read_text_of(path: &Path) -> Result<String> {
     read_bounded(path)
         .with_context(|| format!("cannot read {} (name another file with --schedule)", path.display()))
 }

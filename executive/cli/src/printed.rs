@@ -11,7 +11,7 @@ use std::sync::{Mutex, PoisonError};
 static FAILURE: Mutex<Option<Error>> = Mutex::new(None);
 
 /// Standard output.
-pub(crate) struct Printed;
+pub struct Printed;
 
 impl Write for Printed {
     fn write(&mut self, bytes: &[u8]) -> Result<usize> {
@@ -24,7 +24,7 @@ impl Write for Printed {
 }
 
 /// The result, of which an error is kept for [`finish`].
-pub(crate) fn noted<T>(result: Result<T>) -> Result<T> {
+pub fn noted<T>(result: Result<T>) -> Result<T> {
     if let Err(error) = &result
         && is_failure(error.kind())
     {
@@ -42,7 +42,7 @@ fn is_failure(kind: ErrorKind) -> bool {
 }
 
 /// Writes what is still held back, and says what could not be written of all that was printed.
-pub(crate) fn finish() -> Option<Error> {
+pub fn finish() -> Option<Error> {
     let _ = Printed.flush(); // kept
     FAILURE.lock().unwrap_or_else(PoisonError::into_inner).take()
 }

@@ -16,14 +16,14 @@ use bateleur_contract::Mapped;
 use bateleur_host::helper::orders::OrderedChannel;
 use bateleur_host::helper::recording::{ATTACH_ANEW, DONE, LEFT_OUT, NO_ROOM, READ, RecorderOrder};
 use bateleur_ports::{Channel, Domain, Membership, Reader};
-use bateleur_report::log::{ChannelId, LogError, PortLog, topic};
+use bateleur_recording::{ChannelId, LogError, PortLog, topic};
 
 struct Observed {
     log: ChannelId,
     ordered: OrderedChannel,
     /// Its place in the order.
     place: usize,
-    /// None: it is kept off until the channel is made anew.
+    /// `None`: it is kept off until the channel is made anew.
     end: Option<End>,
     /// It was told that something was no message.
     told: bool,

@@ -2,7 +2,7 @@
 
 /// The error and what caused it. A cause that repeats how the text before it ends, as those of libraries do that already name theirs, is
 /// not said again.
-pub(crate) fn causes(error: &anyhow::Error) -> String {
+pub fn causes(error: &anyhow::Error) -> String {
     let mut text = String::new();
     for cause in error.chain().map(ToString::to_string) {
         let subject = cause.split(": ").next().unwrap_or_default();

@@ -4,7 +4,7 @@
 const LIKENESS: f64 = 0.6;
 
 /// The candidate that a word most likely meant.
-pub(crate) fn nearest<'c>(word: &str, candidates: impl IntoIterator<Item = &'c str>) -> Option<&'c str> {
+pub fn nearest<'c>(word: &str, candidates: impl IntoIterator<Item = &'c str>) -> Option<&'c str> {
     let like = |candidate: &str| strsim::normalized_damerau_levenshtein(word, candidate);
     let scored = candidates.into_iter().map(|candidate| (like(candidate), candidate));
     let best = scored.max_by(|a, b| a.0.total_cmp(&b.0))?;

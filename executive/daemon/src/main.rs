@@ -49,7 +49,12 @@ const USAGE: &str = "usage: bateleurd PLAN [ORDER]\n\n\
 
 fn main() -> ExitCode {
     if let Err(error) = privileges::keep_used() {
-        say(&mut std::io::stderr(), &format!("bateleur: cannot lay down capabilities: {error}"));
+        say(
+            &mut std::io::stderr(),
+            &format!(
+                "bateleur: cannot drop the capabilities that it does not use: {error}; let the unit or the container allow the system calls capset and prctl"
+            ),
+        );
         return ExitCode::from(CANNOT_RUN);
     }
     let arguments: Vec<String> = std::env::args().skip(1).collect();

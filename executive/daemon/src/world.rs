@@ -94,7 +94,7 @@ impl Surroundings {
         companion: Option<Companion>,
     ) -> Self {
         Self {
-            clock: if order.fast { Clock::Virtual } else { Clock::Wall },
+            clock: order.clock(),
             acts,
             changes: Changing::of(&order.schedule_changes),
             until_ns: order.until_ns,

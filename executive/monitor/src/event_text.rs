@@ -82,7 +82,8 @@ fn text_of(event: &Event) -> String {
     }
 }
 
-/// A partition's words without the control characters that a terminal would obey.
-fn printable(text: &str) -> String {
+/// Words of another process without the control characters that a terminal would obey.
+#[must_use]
+pub fn printable(text: &str) -> String {
     text.chars().map(|letter| if letter.is_control() { '\u{fffd}' } else { letter }).collect()
 }

@@ -42,7 +42,7 @@ mod act;
 mod align;
 pub mod cleanup;
 pub mod event;
-mod event_text;
+pub mod event_text;
 mod figures;
 pub mod health;
 pub mod inject;

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+use bateleur_contract::Clock;
 use bateleur_time::shared_clock::SharedClock;
 use serde::{Deserialize, Serialize};
 
@@ -47,4 +48,12 @@ pub struct RunOrder {
     pub events_fd: Option<i32>,
     /// Descriptor of the socket to whoever holds the other end of a partition's line under the virtual clock.
     pub companion_fd: Option<i32>,
+}
+
+impl RunOrder {
+    /// The clock that windows follow.
+    #[must_use]
+    pub fn clock(&self) -> Clock {
+        if self.fast { Clock::Virtual } else { Clock::Wall }
+    }
 }

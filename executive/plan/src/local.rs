@@ -186,7 +186,7 @@ impl Plan {
         channel.destinations.iter().find_map(depth).unwrap_or(1)
     }
 
-    /// What the relay of a module is told; none where nothing crosses there.
+    /// What the relay of a module is told; `None` if nothing crosses there.
     ///
     /// # Errors
     /// As [`Plan::digest`].

@@ -284,7 +284,7 @@ pub struct Port {
     pub role: Role,
     /// What a message on it is.
     pub payload: Payload,
-    /// The channel it is attached to; none only if it is left open, which is a warning.
+    /// The channel it is attached to; `None` only if it is left open, which is a warning.
     pub channel: Option<ChannelId>,
 }
 

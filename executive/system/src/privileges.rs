@@ -14,7 +14,7 @@ use rustix::thread::{
 /// The user and group of nobody, on every Linux.
 const NOBODY: libc::uid_t = 65_534;
 
-/// Does `work` as nobody, in a child of this process, where this process is root; else here, where there is nothing to lay down. Gives
+/// Does `work` as nobody, in a child of this process, where this process is root; else here, where there are no privileges to drop. Gives
 /// what it gives. It shares open files with this process and nothing that it does to memory; its code is above 0 where it could not begin.
 ///
 /// To be called before this process has a second thread.
@@ -29,7 +29,7 @@ pub fn without_privileges(work: impl FnOnce() -> u8) -> io::Result<u8> {
     match unsafe { libc::fork() } {
         ..0 => Err(io::Error::last_os_error()),
         0 => {
-            let code = if lay_down().is_ok() { work() } else { u8::MAX };
+            let code = if drop_privileges().is_ok() { work() } else { u8::MAX };
             // SAFETY: it ends the child without the parent's clean-up.
             unsafe { libc::_exit(code.into()) }
         }
@@ -43,7 +43,7 @@ pub fn without_privileges(work: impl FnOnce() -> u8) -> io::Result<u8> {
     }
 }
 
-fn lay_down() -> io::Result<()> {
+fn drop_privileges() -> io::Result<()> {
     let done = |result: libc::c_int| if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) };
     // SAFETY: they take numbers, and no pointer but an empty list.
     unsafe {
@@ -62,7 +62,7 @@ pub fn handed_on(name: &str) -> io::Result<File> {
     Ok(File::from(rustix::fs::memfd_create(name, rustix::fs::MemfdFlags::empty())?))
 }
 
-/// The capabilities that the executive uses, each with what for. Where it is root it lays down all others at its start, for itself
+/// The capabilities that the executive uses, each with what for. Where it is root it drops all others at its start, for itself
 /// and for whatever it starts.
 pub const USED: &[(CapabilitySet, &str, &str)] = &[
     (
@@ -91,7 +91,7 @@ pub const USED: &[(CapabilitySet, &str, &str)] = &[
 /// The highest number of a capability that this program knows of (Linux 5.9: CAP_CHECKPOINT_RESTORE).
 const LAST_CAPABILITY: u32 = 40;
 
-/// Lays down every capability but those of [`USED`], for this thread and all that follow it. To be called before there is another one.
+/// Drops every capability but those of [`USED`], for this thread and all that follow it. To be called before there is another one.
 ///
 /// # Errors
 /// The kernel refuses it.

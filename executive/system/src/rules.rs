@@ -64,7 +64,7 @@ const RESOLVER: &[&str] =
     &["/etc/hosts", "/etc/host.conf", "/etc/resolv.conf", "/etc/gai.conf", "/etc/services", "/etc/protocols"];
 const ORDINARY_DEVICES: &[&str] = &["/dev/null", "/dev/zero", "/dev/full"];
 
-/// The rules for `granted`; none where the kernel has no Landlock.
+/// The rules for `granted`; `None` if the kernel has no Landlock.
 ///
 /// # Errors
 /// The kernel refused a rule.

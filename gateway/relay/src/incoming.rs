@@ -61,7 +61,7 @@ struct Held {
 /// A message of which pieces have come.
 #[derive(Default)]
 struct Joining {
-    /// None: there is no such message.
+    /// `None` if there is no such message.
     sequence: Option<u64>,
     bytes: Vec<u8>,
     /// From, to; in order.

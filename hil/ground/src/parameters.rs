@@ -71,7 +71,7 @@ impl ParameterDesk {
     }
 }
 
-/// The order that sets a parameter, by its name; none where no function has names like that.
+/// The order that sets a parameter, by its name; `None` if no function has names like that.
 pub(crate) fn setting(name: &str, value: f64) -> Option<Order> {
     let name = name.to_ascii_uppercase();
     let of = function_of(&name)?;

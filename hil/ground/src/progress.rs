@@ -102,11 +102,11 @@ pub struct Progress {
     pub time_ns: u64,
     /// Way-point flown to, once navigation tells.
     pub next_waypoint: Option<u32>,
-    /// Estimated height above the runway, m; none where the newest estimate is old.
+    /// Estimated height above the runway, m; `None` if the newest estimate is old.
     pub altitude_m: Option<f64>,
-    /// Measured airspeed, m/s; none where the newest measurement is old.
+    /// Measured airspeed, m/s; `None` if the newest measurement is old.
     pub airspeed_mps: Option<f64>,
-    /// For how long the Estimator, which has spoken before, has been silent, ns; none where it is not.
+    /// For how long the Estimator, which has spoken before, has been silent, ns; `None` if it is not.
     pub estimator_silent_ns: Option<u64>,
     /// Way-points reached since navigation was last switched on.
     pub waypoints_reached: u32,

@@ -13,7 +13,7 @@ use bateleur_messages::{
     Acceleration, ActuatorCommand, GpsPosition, GpsVelocity, Magnetization, Message, Pressure, Rates,
     ServoTimers, State, find,
 };
-use bateleur_report::log::{ChannelId, Entry, LogError, PortLog, for_each};
+use bateleur_recording::{ChannelId, Entry, LogError, PortLog, for_each};
 use serde::Serialize;
 use zerocopy::{FromBytes, IntoBytes};
 

@@ -9,7 +9,7 @@ use bateleur_main_cycle::{
     Given, Instants, OUTPUTS, ReplayError, Replayed, Settings, Topics, Validity, replay,
 };
 use bateleur_messages::{Custom, Message, RawAnalog, RawGps, ServoTimers, find};
-use bateleur_report::log::{PortLog, read, topic};
+use bateleur_recording::{PortLog, read, topic};
 use zerocopy::IntoBytes;
 
 const PERIOD_NS: u64 = 20_000_000;

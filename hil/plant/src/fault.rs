@@ -323,7 +323,7 @@ pub(crate) struct Wrongs {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Actuation {
     pub(crate) delay_s: f64,
-    /// By [`Actuator`]: outer none: it works; inner none: it stays where it is.
+    /// By [`Actuator`]: the outer `None` if it works, the inner one if it stays where it is.
     pub(crate) stuck: [Option<Option<f64>>; 5],
 }
 

@@ -117,7 +117,7 @@ impl Follower {
     }
 }
 
-/// When a window was used, ns of module time; none where it was not, or not to its end. Under the virtual clock module
+/// When a window was used, ns of module time; `None` if it was not, or not to its end. Under the virtual clock module
 /// time stands still while a partition works, so that the planned times are the times.
 fn lasted(window: &Window, clock: Clock) -> Option<(u64, u64)> {
     if window.skipped {

@@ -17,8 +17,8 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::flight::PORTS_FILE;
-use crate::log::{Ending, Entry, Layout, LogError, LogReader, Number};
+use bateleur_recording::PORTS_FILE;
+use bateleur_recording::{Ending, Entry, Layout, LogError, LogReader, Number};
 
 /// Messages of a port that wait for their counterparts at most, in one log: a minute of the fastest port. Beyond it the
 /// oldest counts as alone. It bounds the memory where two logs have little in common.
@@ -579,7 +579,7 @@ impl Lane {
         kind.map(|kind| kind.message.clone()).unwrap_or_default()
     }
 
-    /// None: not both logs have it, or nothing of it is compared.
+    /// `None`: not both logs have it, or nothing of it is compared.
     fn result(self) -> Option<PortComparison> {
         let same_kind = self.kinds[0].is_none() || self.kinds[1].is_none() || self.kinds[0] == self.kinds[1];
         let compared = self.limits.iter().any(|(_, limit)| *limit != Limit::Ignored);

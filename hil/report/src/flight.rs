@@ -3,7 +3,6 @@
 use crate::chains::{ChainAge, ChainBound, Follower};
 use crate::error::ReportError;
 use crate::health::{self, HealthEntry};
-use crate::log;
 use crate::presence::Presence;
 use crate::run::{self, Run};
 use crate::timing::Timing;
@@ -12,14 +11,13 @@ use bateleur_flight::guidance::{GuidanceConfig, Waypoint, seed_waypoints};
 use bateleur_messages::{
     Acceleration, ActuatorCommand, GpsPosition, GpsVelocity, Magnetization, Message, Pressure, Rates, State,
 };
+use bateleur_recording::{self as log, PORTS_FILE};
 use bateleur_simulator::truth::{self, TruthRecord};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Name of the truth log in a flight's folder.
 pub const TRUTH_FILE: &str = "truth.bin";
-/// Name of the ports' log in a flight's folder.
-pub const PORTS_FILE: &str = "ports.mcap";
 /// Notes about one kind of file; more would only repeat themselves.
 const MOST_NOTES: usize = 20;
 

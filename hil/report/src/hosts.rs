@@ -6,74 +6,19 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use bateleur_messages::{LinkStatus, Message};
-use serde::{Deserialize, Serialize};
+pub use bateleur_recording::hosts::{FILE, FOLDER, Host, folder_of, of};
+use bateleur_recording::{Ending, LogError, LogReader, PORTS_FILE, PortLog, read};
 
-use crate::flight::PORTS_FILE;
 use crate::health;
-use crate::log::{Ending, LogError, LogReader, PortLog, read};
 use crate::windows;
 
-/// Below a flight's folder: the hosts' folders, by module.
-pub const FOLDER: &str = "hosts";
-/// In a flight's folder: the hosts, and how their times go together.
-pub const FILE: &str = "hosts.json";
 /// What a relay's partition is called: this and the module's name. What it passes on stands in the log of its source.
 const RELAY: &str = "/relay_";
 /// The port on which it says how its links are.
 const STATUS: &str = "status";
-
-/// A host of a flight; one that died and came back is another one for each of its starts.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Host {
-    /// The module's name.
-    pub module: String,
-    /// Which of its starts this is, from 1.
-    #[serde(default = "first", skip_serializing_if = "is_first")]
-    pub start: u32,
-    /// What has to be added to its module time to get that of the first host, ns.
-    pub shift_ns: i64,
-}
-
-fn first() -> u32 {
-    1
-}
-
-fn is_first(start: &u32) -> bool {
-    *start == first()
-}
-
-impl Host {
-    /// A module that has not been started before.
-    #[must_use]
-    pub fn of_module(module: &str) -> Self {
-        Self { module: module.to_owned(), start: first(), shift_ns: 0 }
-    }
-
-    /// The module's name; for its second start with `.2`, and so on. No name of a module has a dot.
-    #[must_use]
-    pub fn name(&self) -> String {
-        if is_first(&self.start) { self.module.clone() } else { format!("{}.{}", self.module, self.start) }
-    }
-
-    fn time_ns(&self, own_ns: u64) -> u64 {
-        // What happened before the first host's time 0 happened at 0, for all who can only count from there.
-        own_ns.saturating_add_signed(self.shift_ns)
-    }
-}
-
-/// The hosts of a flight's folder, the one whose time counts first; `None` if it flew on one.
-pub fn of(folder: &Path) -> Vec<Host> {
-    let text = std::fs::read(folder.join(FILE)).ok();
-    text.and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default()
-}
-
-/// The folder of a host.
-pub fn folder_of(folder: &Path, host: &Host) -> PathBuf {
-    folder.join(FOLDER).join(host.name())
-}
 
 /// A link between two modules, as the plan numbers it.
 #[derive(Debug, Clone)]

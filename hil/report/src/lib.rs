@@ -1,6 +1,6 @@
 //! What a flight is turned into: scores, plots, one HTML page.
 //!
-//! Responsible for: the log of the ports, reading a flight's folder, scoring it against the truth and showing it.
+//! Responsible for: reading a flight's folder, scoring it against the truth and showing it.
 //! The one thing it must never do: make a flight look better than it was. What is missing is said, what the aircraft says
 //! of itself is checked against the truth, and a flight that failed still gets its report.
 
@@ -19,7 +19,6 @@ pub mod flight;
 pub mod health;
 pub mod hosts;
 pub mod html;
-pub mod log;
 pub mod mission;
 pub mod planned;
 pub mod plot;

@@ -65,7 +65,7 @@ pub struct Conditions {
     pub wind_asked_mps: f64,
     /// Mean of the wind met, m/s: length of the mean horizontal vector.
     pub wind_mean_mps: Option<f64>,
-    /// Whether mean wind and gusts were those asked for; none without a record in the air.
+    /// Whether mean wind and gusts were those asked for; `None` without a record in the air.
     #[serde(default)]
     pub air_as_asked: Option<bool>,
     /// Root mean square of the gusts met, all axes, m/s.

@@ -7,8 +7,8 @@ mod by_hand;
 use std::path::{Path, PathBuf};
 
 use bateleur_messages::{Message, Rates, ServoTimers, State, find};
+use bateleur_recording::{PortLog, topic};
 use bateleur_report::compare::{Comparison, Options, Place, Side, Tolerance, compare};
-use bateleur_report::log::{PortLog, topic};
 use by_hand::{channel, message, schema};
 use zerocopy::IntoBytes;
 

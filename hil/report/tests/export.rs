@@ -10,8 +10,8 @@ use std::fs;
 use std::path::Path;
 
 use bateleur_messages::{ActuatorCommand, State, find};
+use bateleur_recording::{Ending, PortLog, for_each, topic};
 use bateleur_report::export::{self, Encoding, ExportError};
-use bateleur_report::log::{Ending, PortLog, for_each, topic};
 use bateleur_report::windows;
 use by_hand::{channel, message, message_behind, record, schema};
 use serde_json::{Value, json};
@@ -139,7 +139,7 @@ fn indexed_log_holds_all_ports_and_the_faults() {
     let fault: Value = serde_json::from_slice(&of("/health")[0].4).unwrap();
     assert_eq!((fault["partition"].as_str(), of("/health")[0].3), (Some("controller"), 4_000_000));
     // It is a run's log again.
-    let counted = bateleur_report::log::read(&path, |_| true).unwrap();
+    let counted = bateleur_recording::read(&path, |_| true).unwrap();
     assert_eq!(counted.tracks["/estimator/state"].typed::<State>()[1].0, 21_500_000);
 }
 

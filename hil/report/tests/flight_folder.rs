@@ -3,8 +3,8 @@
 
 mod synthetic;
 
+use bateleur_recording::{self as log, Ending};
 use bateleur_report::chains::ChainBound;
-use bateleur_report::log::{self, Ending};
 use bateleur_report::run::Clock;
 use bateleur_report::{Inputs, Judge, ReportError, summary, text, write};
 use std::path::Path;

@@ -259,6 +259,30 @@ impl Context {
         matching.map(|port| port.name.clone()).collect()
     }
 
+    /// Whether the plan declares a port of this kind and direction with this name.
+    pub fn declares(&self, kind: PortKind, direction: Direction, name: &str) -> bool {
+        let is_it = |port: &&PortDescription| (port.kind, port.direction) == (kind, direction);
+        self.description.ports.iter().filter(is_it).any(|port| port.name == name)
+    }
+
+    /// CREATE_SAMPLING_PORT, source; `None` if the plan leaves it out.
+    pub fn optional_source<T: Message>(
+        &mut self,
+        name: &str,
+    ) -> Result<Option<SamplingSource<T>>, StartError> {
+        let declared = self.declares(PortKind::Sampling, Direction::Source, name);
+        declared.then(|| self.sampling_source(name)).transpose()
+    }
+
+    /// CREATE_SAMPLING_PORT, destination; `None` if the plan leaves it out.
+    pub fn optional_destination<T: Message>(
+        &mut self,
+        name: &str,
+    ) -> Result<Option<SamplingDestination<T>>, StartError> {
+        let declared = self.declares(PortKind::Sampling, Direction::Destination, name);
+        declared.then(|| self.sampling_destination(name)).transpose()
+    }
+
     /// Memory for one value that outlives the partition; may be asked for once.
     pub fn retained<T: FromBytes + IntoBytes + Immutable + KnownLayout>(
         &mut self,

@@ -39,6 +39,7 @@ mod attributes;
 mod context;
 mod errors;
 mod faults;
+mod function_shell;
 mod harness;
 mod line;
 mod notices;
@@ -61,6 +62,7 @@ pub use bateleur_contract::{AlignmentReport, Direction, ErrorCode, PortKind, Sta
 pub use bateleur_ports::Stamp;
 pub use context::{Context, StartError};
 pub use errors::{HealthError, Response};
+pub use function_shell::{FunctionShell, Verdict};
 pub use harness::{Harness, Incarnation};
 pub use line::Line;
 pub use notices::{HealthNotice, HealthNotices};

@@ -5,22 +5,19 @@ use std::os::fd::AsFd;
 use std::process::ExitCode;
 
 use bateleur_apex::{
-    Context, Direction, Partition, PortKind, QueuingDestination, QueuingSource, Retained,
-    SamplingDestination, SamplingSource, StartError, Supervision, SupervisionEvent, Takeover, Window,
+    Context, Direction, FunctionShell, Partition, PortKind, Retained, SamplingDestination, SamplingSource,
+    StartError, Supervision, SupervisionEvent, Takeover, Window,
 };
 use bateleur_can_core::bus::BusName;
 use bateleur_can_core::wire::native;
 use bateleur_can_core::{Counters, Ids, Settings as GatewaySettings, identity};
 use bateleur_can_interface::{Conversation, Kept, Moment, Sensors, Settings, Waiting, Wires};
-use bateleur_messages::ground::Order;
-use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_HIL_INTERFACE, NOT_UNDERSTOOD, Telemetry};
+use bateleur_messages::parameter::Parameters;
+use bateleur_messages::telemetry::FROM_HIL_INTERFACE;
 use bateleur_messages::{
-    Custom, FunctionStatus, GroundMessage, Message, Rate, RawAnalog, RawGps, ServoTimers, SimulatorLink,
-    TelemetryMessage,
+    Custom, FunctionStatus, Message, Rate, RawAnalog, RawGps, ServoTimers, SimulatorLink,
 };
 
-/// Ground messages taken in one window at most; as many as the queue usually holds.
-const ORDERS_PER_WINDOW: usize = 8;
 /// What is left of the window when the wait for sensors ends, ns: to decode and publish what came.
 const PUBLISH_NS: u64 = 200_000;
 
@@ -39,8 +36,7 @@ struct CanInterface {
     custom: Option<SamplingSource<Custom>>,
     status: SamplingSource<FunctionStatus>,
     link: Option<SamplingSource<SimulatorLink>>,
-    ground: QueuingDestination<GroundMessage>,
-    telemetry: QueuingSource<TelemetryMessage>,
+    shell: FunctionShell<()>,
 }
 
 impl Partition for CanInterface {
@@ -51,10 +47,6 @@ impl Partition for CanInterface {
         let mut settings = settings(context)?;
         settings.gateway.ring.newest_wins = newest_of(&conversation)?;
         let wires = Wires::open(settings).map_err(StartError::Other)?;
-        let timers = match is_declared(context, "timers", Direction::Destination) {
-            true => Some(context.sampling_destination("timers")?),
-            false => None,
-        };
         Ok(Self {
             raw_analog: source(context, &conversation, "raw_analog")?,
             raw_gps: source(context, &conversation, "raw_gps")?,
@@ -67,14 +59,11 @@ impl Partition for CanInterface {
             starts: u64::from(context.generation()) + 1,
             measured_ns: 0,
             rate: context.sampling_destination("rate")?,
-            timers,
+            timers: context.optional_destination("timers")?,
             status: context.sampling_source("status")?,
-            link: match is_declared(context, "link", Direction::Source) {
-                true => Some(context.sampling_source("link")?),
-                false => None,
-            },
-            ground: context.queuing_destination("ground")?,
-            telemetry: context.queuing_source("telemetry")?,
+            link: context.optional_source("link")?,
+            // The ground knows it as the function that it stands for.
+            shell: FunctionShell::open(context, FROM_HIL_INTERFACE, (), no_parameters)?,
         })
     }
 
@@ -83,7 +72,9 @@ impl Partition for CanInterface {
     }
 
     fn window(&mut self, window: &Window) {
-        self.take_orders(window.start_ns());
+        if let Some(on) = self.shell.take_switch(window.start_ns()) {
+            self.switch(on);
+        }
         if self.kept.enabled == 1 {
             let sensors = self.ask(window);
             self.publish(&sensors);
@@ -103,22 +94,6 @@ impl Partition for CanInterface {
 }
 
 impl CanInterface {
-    fn take_orders(&mut self, now_ns: u64) {
-        for _ in 0..ORDERS_PER_WINDOW {
-            let Some(message) = self.ground.receive() else { return };
-            let result = match Order::parse(message.letter, message.bytes()) {
-                Ok(Order::Hil { on }) => {
-                    self.switch(on);
-                    ACCEPTED
-                }
-                _ => NOT_UNDERSTOOD,
-            };
-            // The ground knows it as the function that it stands for.
-            let answer = Acknowledge::of(&message, FROM_HIL_INTERFACE, result, now_ns);
-            self.telemetry.send(&TelemetryMessage::of(&Telemetry::Acknowledge(answer)));
-        }
-    }
-
     fn switch(&mut self, on: bool) {
         if self.kept.enabled != u64::from(on) {
             self.kept.enabled = u64::from(on);
@@ -205,6 +180,10 @@ impl CanInterface {
     }
 }
 
+fn no_parameters() -> Parameters<()> {
+    Parameters::new(FROM_HIL_INTERFACE, &[])
+}
+
 struct Clock<'a>(&'a Window);
 
 impl Waiting for Clock<'_> {
@@ -217,17 +196,13 @@ impl Waiting for Clock<'_> {
     }
 }
 
-fn is_declared(context: &Context, name: &str, direction: Direction) -> bool {
-    context.port_names(PortKind::Sampling, direction).iter().any(|port| port == name)
-}
-
 /// A source that the plan declares and the table fills; one without the other is a slip of the pen.
 fn source<T: Message>(
     context: &mut Context,
     conversation: &Conversation,
     name: &str,
 ) -> Result<Option<SamplingSource<T>>, StartError> {
-    match (is_declared(context, name, Direction::Source), conversation.has(name)) {
+    match (context.declares(PortKind::Sampling, Direction::Source, name), conversation.has(name)) {
         (true, true) => context.sampling_source(name).map(Some),
         (true, false) => Err(StartError::Other(format!(
             "the plan declares port {name}, and the table of CAN frames (attribute table) has nothing for it: take the port out of the plan, or add [port.{name}] to the table"

@@ -34,7 +34,7 @@ pub fn receivers(message: &GroundMessage) -> &'static [&'static str] {
     }
 }
 
-/// The function with this number; none where there is no such function.
+/// The function with this number; empty if there is no such function.
 fn function(of: u8) -> &'static [&'static str] {
     const NAMES: [&str; FUNCTIONS.len()] = {
         let mut names = [""; FUNCTIONS.len()];

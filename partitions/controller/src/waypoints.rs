@@ -42,7 +42,7 @@ impl List {
         Self { count, ..Self::default() }
     }
 
-    /// The points, if all are there; none otherwise.
+    /// The points, if all are there; empty otherwise.
     pub fn whole(&self) -> &[Waypoint] {
         if self.there.count_ones() as usize == self.count { &self.points[..self.count] } else { &[] }
     }

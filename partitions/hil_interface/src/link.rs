@@ -81,7 +81,7 @@ pub(crate) enum Link {
 }
 
 impl Link {
-    /// The way to the simulator at `simulator` (none: where the protocol expects it on this machine), from the own
+    /// The way to the simulator at `simulator` (`None`: where the protocol expects it on this machine), from the own
     /// address `listen`. Over TCP nothing happens before it is first used.
     pub(crate) fn open(
         protocol: Protocol,

@@ -4,21 +4,14 @@ use std::os::fd::AsFd;
 use std::process::ExitCode;
 
 use bateleur_apex::{
-    Context, Direction, Partition, PortKind, QueuingDestination, QueuingSource, Retained,
-    SamplingDestination, SamplingSource, StartError, Supervision, SupervisionEvent, Takeover, Window,
+    Context, FunctionShell, Partition, Retained, SamplingDestination, SamplingSource, StartError,
+    Supervision, SupervisionEvent, Takeover, Window,
 };
 use bateleur_hil_interface::{Conversation, Kept, Moment, Numbers, Sensors, Settings, Waiting, parameters};
-use bateleur_messages::ground::Order;
 use bateleur_messages::hil::{Protocol, UnknownProtocol};
-use bateleur_messages::parameter::Parameters;
-use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_HIL_INTERFACE, NOT_UNDERSTOOD, Telemetry};
-use bateleur_messages::{
-    Custom, FunctionStatus, GroundMessage, Rate, RawAnalog, RawGps, ServoTimers, SimulatorLink,
-    TelemetryMessage, Watch,
-};
+use bateleur_messages::telemetry::FROM_HIL_INTERFACE;
+use bateleur_messages::{Custom, FunctionStatus, Rate, RawAnalog, RawGps, ServoTimers, SimulatorLink, Watch};
 
-/// Ground messages taken in one window at most; as many as the queue usually holds.
-const ORDERS_PER_WINDOW: usize = 8;
 /// What is left of the window when the wait for the simulator ends, ns: to decode and publish what came. Too little, and
 /// the window is overrun; too much, and a late answer is missed.
 const PUBLISH_NS: u64 = 200_000;
@@ -32,8 +25,6 @@ struct HilInterface {
     kept: Kept,
     retained: Retained<Kept>,
     starts: u64,
-    numbers: Numbers,
-    parameters: Parameters<Numbers>,
     rate: SamplingDestination<Rate>,
     timers: SamplingDestination<ServoTimers>,
     raw_analog: SamplingSource<RawAnalog>,
@@ -42,8 +33,7 @@ struct HilInterface {
     status: SamplingSource<FunctionStatus>,
     /// Where the plan has it.
     link: Option<SamplingSource<SimulatorLink>>,
-    ground: QueuingDestination<GroundMessage>,
-    telemetry: QueuingSource<TelemetryMessage>,
+    shell: FunctionShell<Numbers>,
 }
 
 impl Partition for HilInterface {
@@ -60,17 +50,14 @@ impl Partition for HilInterface {
             kept: retained.load().unwrap_or(at_start),
             retained,
             starts: u64::from(context.generation()) + 1,
-            numbers,
-            parameters: parameters(),
             rate: context.sampling_destination("rate")?,
             timers: context.sampling_destination("timers")?,
             raw_analog: context.sampling_source("raw_analog")?,
             raw_gps: context.sampling_source("raw_gps")?,
             custom: context.sampling_source("custom")?,
             status: context.sampling_source("status")?,
-            link: optional_source(context, "link")?,
-            ground: context.queuing_destination("ground")?,
-            telemetry: context.queuing_source("telemetry")?,
+            link: context.optional_source("link")?,
+            shell: FunctionShell::open(context, FROM_HIL_INTERFACE, numbers, parameters)?,
         })
     }
 
@@ -79,7 +66,9 @@ impl Partition for HilInterface {
     }
 
     fn window(&mut self, window: &Window) {
-        self.take_orders(window.start_ns());
+        if let Some(on) = self.shell.take_switch(window.start_ns()) {
+            self.switch(on);
+        }
         if self.kept.enabled == 1 {
             let sensors = self.ask(window);
             self.publish(&sensors);
@@ -98,27 +87,6 @@ impl Partition for HilInterface {
 }
 
 impl HilInterface {
-    fn take_orders(&mut self, now_ns: u64) {
-        for _ in 0..ORDERS_PER_WINDOW {
-            let Some(message) = self.ground.receive() else { return };
-            if let Some(answer) = self.parameters.take(&message, &mut self.numbers, now_ns) {
-                answer.messages().for_each(|message| {
-                    self.telemetry.send(&message);
-                });
-                continue;
-            }
-            let result = match Order::parse(message.letter, message.bytes()) {
-                Ok(Order::Hil { on }) => {
-                    self.switch(on);
-                    ACCEPTED
-                }
-                _ => NOT_UNDERSTOOD,
-            };
-            let answer = Acknowledge::of(&message, FROM_HIL_INTERFACE, result, now_ns);
-            self.telemetry.send(&TelemetryMessage::of(&Telemetry::Acknowledge(answer)));
-        }
-    }
-
     fn switch(&mut self, on: bool) {
         if self.kept.enabled != u64::from(on) {
             self.kept.enabled = u64::from(on);
@@ -206,14 +174,6 @@ impl Waiting for Clock<'_> {
 }
 
 /// A port that a plan may leave out.
-fn optional_source(
-    context: &mut Context,
-    name: &str,
-) -> Result<Option<SamplingSource<SimulatorLink>>, StartError> {
-    let declared = context.port_names(PortKind::Sampling, Direction::Source).iter().any(|port| port == name);
-    declared.then(|| context.sampling_source(name)).transpose()
-}
-
 fn open(context: &mut Context, hil_mode: bool) -> Result<(Conversation, Numbers), StartError> {
     let protocol: String = context.attribute("protocol", Protocol::default().name().into())?;
     let protocol = protocol

@@ -3,35 +3,25 @@
 use std::process::ExitCode;
 
 use bateleur_apex::{
-    Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
-    StartError, Takeover, Window,
+    Context, FunctionShell, Partition, Retained, SamplingDestination, SamplingSource, StartError, Takeover,
+    Verdict, Window,
 };
 use bateleur_imu::{Imu, Initialise, Measurements, Memory, Outcome, Settings, parameters};
 use bateleur_messages::ground::{Order, SENSOR_GYROSCOPE};
-use bateleur_messages::parameter::Parameters;
-use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_IMU, NOT_UNDERSTOOD, Refusal, Telemetry};
+use bateleur_messages::telemetry::{FROM_IMU, Refusal, Telemetry};
 use bateleur_messages::{
-    Acceleration, GroundMessage, Magnetization, Pressure, Rate, Rates, RawAnalog, TelemetryMessage, Watch,
+    Acceleration, GroundMessage, Magnetization, Pressure, Rate, Rates, RawAnalog, Watch,
 };
-
-/// Ground messages taken in one window at most; as many as the queue usually holds.
-const ORDERS_PER_WINDOW: usize = 8;
 
 struct InertialUnit {
     imu: Imu,
     retained: Retained<Memory>,
     /// The order that is being carried out, with the message to answer.
     initialising: Option<(Initialise, GroundMessage)>,
-    /// What the plan says.
-    plan: Settings,
-    /// The same, and what the ground has set since.
-    settings: Settings,
-    parameters: Parameters<Settings>,
+    shell: FunctionShell<Settings>,
     raw: SamplingDestination<RawAnalog>,
     outputs: Outputs,
     rate: SamplingDestination<Rate>,
-    ground: QueuingDestination<GroundMessage>,
-    telemetry: QueuingSource<TelemetryMessage>,
     timeout: Watch,
 }
 
@@ -46,14 +36,12 @@ impl Partition for InertialUnit {
     fn start(context: &mut Context) -> Result<Self, StartError> {
         let mut retained: Retained<Memory> = context.retained()?;
         let plan = Settings::read(context.attributes())?;
-        let (imu, settings, parameters) = resume(plan, &mut retained);
+        let mut shell = FunctionShell::open(context, FROM_IMU, plan, parameters)?;
         Ok(Self {
-            imu,
+            imu: resume(&mut shell, &mut retained),
             retained,
             initialising: None,
-            plan,
-            settings,
-            parameters,
+            shell,
             raw: context.sampling_destination("raw")?,
             outputs: Outputs {
                 acceleration: context.sampling_source("acceleration")?,
@@ -62,14 +50,12 @@ impl Partition for InertialUnit {
                 pressure: context.sampling_source("pressure")?,
             },
             rate: context.sampling_destination("rate")?,
-            ground: context.queuing_destination("ground")?,
-            telemetry: context.queuing_source("telemetry")?,
             timeout: Watch::default(),
         })
     }
 
     fn take_over(&mut self, _takeover: &Takeover) {
-        (self.imu, self.settings, self.parameters) = resume(self.plan, &mut self.retained);
+        self.imu = resume(&mut self.shell, &mut self.retained);
     }
 
     fn window(&mut self, window: &Window) {
@@ -82,48 +68,51 @@ impl Partition for InertialUnit {
         }
         self.initialise(now_ns, raw.as_ref().filter(|_| measurements.is_some()));
         if self.rate.read_valid().is_some_and(|rate| self.timeout.changed(rate.timeout_3)) {
-            self.telemetry.send(&TelemetryMessage::of(&Telemetry::Imu(self.imu.telemetry())));
+            self.shell.send(&Telemetry::Imu(self.imu.telemetry()));
         }
     }
 }
 
 /// The unit as retained memory has it now.
-fn resume(plan: Settings, retained: &mut Retained<Memory>) -> (Imu, Settings, Parameters<Settings>) {
+fn resume(shell: &mut FunctionShell<Settings>, retained: &mut Retained<Memory>) -> Imu {
     let memory = retained.load().unwrap_or_default();
-    let (mut settings, mut parameters) = (plan, parameters());
-    parameters.resume(&memory.parameters, &mut settings);
-    (Imu::new(memory.biases.sane()), settings, parameters)
+    shell.resume(Some(&memory.parameters));
+    Imu::new(memory.biases.sane())
+}
+
+/// The answer to an order comes when it is carried out; a repetition meanwhile changes nothing.
+fn begin(
+    initialising: &mut Option<(Initialise, GroundMessage)>,
+    settings: &Settings,
+    (sensors, message): (u8, &GroundMessage),
+    now_ns: u64,
+) -> Verdict {
+    if sensors & SENSOR_GYROSCOPE != 0 && !settings.gyro_bias {
+        return Verdict::Refused(Refusal::SwitchedOff);
+    }
+    if !initialising.is_some_and(|(under_way, _)| under_way.covers(sensors)) {
+        let under_way = Initialise::new(sensors, settings.pitot_covered, now_ns, settings.initialise_ns);
+        *initialising = Some((under_way, *message));
+    }
+    Verdict::Later
 }
 
 impl InertialUnit {
     fn take_orders(&mut self, now_ns: u64) {
-        for _ in 0..ORDERS_PER_WINDOW {
-            let Some(message) = self.ground.receive() else { return };
-            if let Some(answer) = self.parameters.take(&message, &mut self.settings, now_ns) {
-                if answer.changed {
-                    self.keep();
+        let mut changed = false;
+        self.shell.take_orders(
+            now_ns,
+            &mut self.initialising,
+            |_, _| changed = true,
+            |initialising, settings, order, message| match order {
+                Order::InitialiseSensors { sensors } => {
+                    begin(initialising, settings, (sensors, message), now_ns)
                 }
-                answer.messages().for_each(|message| {
-                    self.telemetry.send(&message);
-                });
-                continue;
-            }
-            match Order::parse(message.letter, message.bytes()) {
-                Ok(Order::InitialiseSensors { sensors }) => self.begin(&message, sensors, now_ns),
-                _ => self.answer(&message, NOT_UNDERSTOOD, now_ns),
-            }
-        }
-    }
-
-    /// The answer to an order comes when it is carried out; a repetition meanwhile changes nothing.
-    fn begin(&mut self, message: &GroundMessage, sensors: u8, now_ns: u64) {
-        if sensors & SENSOR_GYROSCOPE != 0 && !self.settings.gyro_bias {
-            return self.refuse(message, Refusal::SwitchedOff, now_ns);
-        }
-        if !self.initialising.is_some_and(|(under_way, _)| under_way.covers(sensors)) {
-            let Settings { initialise_ns, pitot_covered, .. } = self.settings;
-            let under_way = Initialise::new(sensors, pitot_covered, now_ns, initialise_ns);
-            self.initialising = Some((under_way, *message));
+                _ => Verdict::NotUnderstood,
+            },
+        );
+        if changed {
+            self.keep();
         }
     }
 
@@ -136,24 +125,16 @@ impl InertialUnit {
             Outcome::Found(biases) => {
                 self.imu.set_biases(biases);
                 self.keep();
-                self.answer(&message, ACCEPTED, now_ns);
+                self.shell.answer(&message, Verdict::Accepted, now_ns);
             }
-            Outcome::Refused => self.refuse(&message, Refusal::NotStanding, now_ns),
+            Outcome::Refused => {
+                self.shell.answer(&message, Verdict::Refused(Refusal::NotStanding), now_ns);
+            }
         }
     }
 
     fn keep(&mut self) {
-        self.retained.store(&Memory { biases: *self.imu.biases(), parameters: *self.parameters.changed() });
-    }
-
-    fn refuse(&mut self, message: &GroundMessage, why: Refusal, now_ns: u64) {
-        let answer = Telemetry::Acknowledge(Acknowledge::refused(message, FROM_IMU, why, now_ns));
-        self.telemetry.send(&TelemetryMessage::of(&answer));
-    }
-
-    fn answer(&mut self, message: &GroundMessage, result: u8, now_ns: u64) {
-        let answer = Telemetry::Acknowledge(Acknowledge::of(message, FROM_IMU, result, now_ns));
-        self.telemetry.send(&TelemetryMessage::of(&answer));
+        self.retained.store(&Memory { biases: *self.imu.biases(), parameters: *self.shell.changed() });
     }
 }
 

@@ -264,7 +264,7 @@ pub fn battery(id: u8, volts: f64) -> MavMessage {
     })
 }
 
-/// The voltage of all cells, V; none where no cell is known.
+/// The voltage of all cells, V; `None` if no cell is known.
 pub fn battery_v(message: &BATTERY_STATUS_DATA) -> Option<f64> {
     let cells = message.voltages.iter().filter(|cell| **cell != UNKNOWN_U16);
     let further = message.voltages_ext.iter().filter(|cell| **cell != 0 && **cell != UNKNOWN_U16);

@@ -2,19 +2,11 @@
 
 use std::process::ExitCode;
 
-use bateleur_apex::{
-    Context, Direction, Partition, PortKind, QueuingDestination, QueuingSource, SamplingDestination,
-    StartError, Window,
-};
-use bateleur_messages::parameter::{Answer, Parameters};
+use bateleur_apex::{Context, FunctionShell, Partition, SamplingDestination, StartError, Window};
+use bateleur_messages::parameter::Parameters;
 use bateleur_messages::telemetry::{FROM_ONBOARD_COMPUTER, Telemetry};
-use bateleur_messages::{
-    Custom, FunctionStatus, GroundMessage, Rate, SimulatorLink, TelemetryMessage, Watch,
-};
+use bateleur_messages::{Custom, FunctionStatus, Rate, SimulatorLink, Watch};
 use bateleur_onboard_computer::{Functions, primary, voltages};
-
-/// Ground messages taken in one window at most; as many as the queue usually holds.
-const ORDERS_PER_WINDOW: usize = 8;
 
 struct OnBoardComputer {
     custom: SamplingDestination<Custom>,
@@ -25,8 +17,8 @@ struct OnBoardComputer {
     controller: SamplingDestination<FunctionStatus>,
     servo: SamplingDestination<FunctionStatus>,
     rate: SamplingDestination<Rate>,
-    ground: QueuingDestination<GroundMessage>,
-    telemetry: QueuingSource<TelemetryMessage>,
+    /// It has no parameters, and says so.
+    shell: FunctionShell<()>,
     timeout_1: Watch,
     timeout_3: Watch,
 }
@@ -36,42 +28,32 @@ impl Partition for OnBoardComputer {
         Ok(Self {
             custom: context.sampling_destination("custom")?,
             hil: context.sampling_destination("hil_status")?,
-            hil_link: declared(context, "hil_link")
-                .then(|| context.sampling_destination("hil_link"))
-                .transpose()?,
+            hil_link: context.optional_destination("hil_link")?,
             estimator: context.sampling_destination("estimator_status")?,
             controller: context.sampling_destination("controller_status")?,
             servo: context.sampling_destination("servo_status")?,
             rate: context.sampling_destination("rate")?,
-            ground: context.queuing_destination("ground")?,
-            telemetry: context.queuing_source("telemetry")?,
+            shell: FunctionShell::open(context, FROM_ONBOARD_COMPUTER, (), no_parameters)?,
             timeout_1: Watch::default(),
             timeout_3: Watch::default(),
         })
     }
 
     fn window(&mut self, window: &Window) {
-        // No ground message concerns this function, but it says that it has no parameters; none may fill its queue.
-        let mut none: Parameters<()> = Parameters::new(FROM_ONBOARD_COMPUTER, &[]);
-        for message in std::iter::from_fn(|| self.ground.receive()).take(ORDERS_PER_WINDOW) {
-            let answer = none.take(&message, &mut (), window.start_ns());
-            answer.iter().flat_map(Answer::messages).for_each(|message| {
-                self.telemetry.send(&message);
-            });
-        }
+        self.shell.take_parameters(window.start_ns());
         let Some(rate) = self.rate.read_valid() else { return };
         let primary_due = self.timeout_1.changed(rate.timeout_1);
         let secondary_due = self.timeout_3.changed(rate.timeout_3);
         if primary_due {
             let report = primary(window.start_ns(), &self.functions());
-            self.telemetry.send(&TelemetryMessage::of(&Telemetry::Primary(report)));
+            self.shell.send(&Telemetry::Primary(report));
             if let Some(link) = self.hil_link.as_mut().and_then(SamplingDestination::read_valid).copied() {
-                self.telemetry.send(&TelemetryMessage::of(&Telemetry::Simulator(link)));
+                self.shell.send(&Telemetry::Simulator(link));
             }
         }
         if secondary_due {
             let report = voltages(window.start_ns(), self.custom.read_valid());
-            self.telemetry.send(&TelemetryMessage::of(&Telemetry::Voltages(report)));
+            self.shell.send(&Telemetry::Voltages(report));
         }
     }
 }
@@ -87,9 +69,8 @@ impl OnBoardComputer {
     }
 }
 
-/// Whether the plan has the port.
-fn declared(context: &Context, name: &str) -> bool {
-    context.port_names(PortKind::Sampling, Direction::Destination).iter().any(|port| port == name)
+fn no_parameters() -> Parameters<()> {
+    Parameters::new(FROM_ONBOARD_COMPUTER, &[])
 }
 
 fn main() -> ExitCode {

@@ -3,23 +3,17 @@
 use std::process::ExitCode;
 
 use bateleur_apex::{
-    Context, Direction, Partition, PortKind, QueuingDestination, QueuingSource, SamplingSource, StartError,
-    Window,
+    Context, Direction, FunctionShell, Partition, PortKind, SamplingSource, StartError, Window,
 };
-use bateleur_messages::parameter::{Answer, Parameters};
-use bateleur_messages::{GroundMessage, Rate, TelemetryMessage};
+use bateleur_messages::Rate;
+use bateleur_messages::telemetry::FROM_RATE_GENERATOR;
 use bateleur_rate_generator::{Beat, Periods, parameters};
-
-/// Ground messages taken in one window at most; as many as the queue usually holds.
-const ORDERS_PER_WINDOW: usize = 8;
 
 struct RateGenerator {
     beat: Beat,
     rate: SamplingSource<Rate>,
-    periods: Periods,
-    parameters: Parameters<Periods>,
-    /// To and from the ground, where the plan has them.
-    ground: Option<Ground>,
+    /// `None` if the plan has no ports to and from the ground.
+    shell: Option<FunctionShell<Periods>>,
 }
 
 impl Partition for RateGenerator {
@@ -36,37 +30,22 @@ impl Partition for RateGenerator {
             ],
         };
         let beat = Beat::new(periods).map_err(|error| StartError::Other(error.to_string()))?;
-        Ok(Self {
-            beat,
-            rate: context.sampling_source("rate")?,
-            periods,
-            parameters: parameters(),
-            ground: ground(context)?,
-        })
+        Ok(Self { beat, rate: context.sampling_source("rate")?, shell: shell(context, periods)? })
     }
 
     fn window(&mut self, window: &Window) {
         // The instant in the schedule, not the one at which the processor was given: no jitter gets in.
         self.rate.write(&self.beat.at(window.start_ns()));
-        let Some((ground, telemetry)) = &mut self.ground else { return };
-        for message in std::iter::from_fn(|| ground.receive()).take(ORDERS_PER_WINDOW) {
-            let answer = self.parameters.take(&message, &mut self.periods, window.start_ns());
-            answer.iter().flat_map(Answer::messages).for_each(|message| {
-                telemetry.send(&message);
-            });
+        if let Some(shell) = &mut self.shell {
+            shell.take_parameters(window.start_ns());
         }
     }
 }
 
-type Ground = (QueuingDestination<GroundMessage>, QueuingSource<TelemetryMessage>);
-
 /// The way to the ground and back, which a plan may leave out.
-fn ground(context: &mut Context) -> Result<Option<Ground>, StartError> {
-    let ports = context.port_names(PortKind::Queuing, Direction::Destination);
-    if !ports.iter().any(|port| port == "ground") {
-        return Ok(None);
-    }
-    Ok(Some((context.queuing_destination("ground")?, context.queuing_source("telemetry")?)))
+fn shell(context: &mut Context, periods: Periods) -> Result<Option<FunctionShell<Periods>>, StartError> {
+    let has_ground = context.declares(PortKind::Queuing, Direction::Destination, "ground");
+    has_ground.then(|| FunctionShell::open(context, FROM_RATE_GENERATOR, periods, parameters)).transpose()
 }
 
 fn main() -> ExitCode {

@@ -3,26 +3,16 @@
 use std::process::ExitCode;
 
 use bateleur_apex::{
-    Context, Partition, QueuingDestination, QueuingSource, Retained, SamplingDestination, SamplingSource,
-    StartError, Takeover, Window,
+    Context, FunctionShell, Partition, Retained, SamplingDestination, SamplingSource, StartError, Takeover,
+    Verdict, Window,
 };
-use bateleur_messages::ground::Order;
-use bateleur_messages::parameter::Parameters;
-use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, FROM_SERVO, NOT_UNDERSTOOD, Telemetry};
-use bateleur_messages::{
-    ActuatorCommand, Custom, FunctionStatus, GroundMessage, Rate, ServoTimers, TelemetryMessage, Watch,
-};
+use bateleur_messages::telemetry::{FROM_SERVO, Telemetry};
+use bateleur_messages::{ActuatorCommand, Custom, FunctionStatus, Rate, ServoTimers, Watch};
 use bateleur_servo::{Memory, Servo, Settings, parameters};
 
-/// Ground messages taken in one window at most; as many as the queue usually holds.
-const ORDERS_PER_WINDOW: usize = 8;
 struct Actuators {
     servo: Servo,
-    /// What the plan says.
-    plan: Settings,
-    /// The same, and what the ground has set since.
-    settings: Settings,
-    parameters: Parameters<Settings>,
+    shell: FunctionShell<Settings>,
     retained: Retained<Memory>,
     starts: u64,
     command: SamplingDestination<ActuatorCommand>,
@@ -30,21 +20,17 @@ struct Actuators {
     timers: SamplingSource<ServoTimers>,
     status: SamplingSource<FunctionStatus>,
     rate: SamplingDestination<Rate>,
-    ground: QueuingDestination<GroundMessage>,
-    telemetry: QueuingSource<TelemetryMessage>,
     timeout: Watch,
 }
 
 impl Partition for Actuators {
     fn start(context: &mut Context) -> Result<Self, StartError> {
         let plan = Settings::read(context.attributes())?;
+        let mut shell = FunctionShell::open(context, FROM_SERVO, plan, parameters)?;
         let mut retained = context.retained()?;
-        let (servo, settings, parameters) = resume(plan, &mut retained);
         Ok(Self {
-            servo,
-            plan,
-            settings,
-            parameters,
+            servo: resume(&mut shell, &mut retained),
+            shell,
             retained,
             starts: u64::from(context.generation()) + 1,
             command: context.sampling_destination("command")?,
@@ -52,59 +38,39 @@ impl Partition for Actuators {
             timers: context.sampling_source("timers")?,
             status: context.sampling_source("status")?,
             rate: context.sampling_destination("rate")?,
-            ground: context.queuing_destination("ground")?,
-            telemetry: context.queuing_source("telemetry")?,
             timeout: Watch::default(),
         })
     }
 
     fn take_over(&mut self, _takeover: &Takeover) {
-        (self.servo, self.settings, self.parameters) = resume(self.plan, &mut self.retained);
+        self.servo = resume(&mut self.shell, &mut self.retained);
     }
 
     fn window(&mut self, window: &Window) {
         let now_ns = window.start_ns();
-        self.take_orders(now_ns);
+        self.shell.take_orders(
+            now_ns,
+            &mut self.servo,
+            |servo, settings| servo.configure(settings.hold_ns),
+            |servo, _, order, _| {
+                if servo.order(Ok(order)) { Verdict::Accepted } else { Verdict::NotUnderstood }
+            },
+        );
         let timers = self.servo.step(now_ns, self.command.read_valid(), self.custom.read_valid());
         self.timers.write(&timers);
-        self.retained.store(&Memory { function: *self.servo.kept(), parameters: *self.parameters.changed() });
+        self.retained.store(&Memory { function: *self.servo.kept(), parameters: *self.shell.changed() });
         self.status.write(&self.servo.status(self.starts));
         if self.rate.read_valid().is_some_and(|rate| self.timeout.changed(rate.timeout_2)) {
-            let telemetry = Telemetry::Servo(self.servo.telemetry(now_ns));
-            self.telemetry.send(&TelemetryMessage::of(&telemetry));
+            self.shell.send(&Telemetry::Servo(self.servo.telemetry(now_ns)));
         }
     }
 }
 
 /// The function as retained memory has it now.
-fn resume(plan: Settings, retained: &mut Retained<Memory>) -> (Servo, Settings, Parameters<Settings>) {
-    let (memory, mut settings, mut parameters) = (retained.load(), plan, parameters());
-    if let Some(memory) = &memory {
-        parameters.resume(&memory.parameters, &mut settings);
-    }
-    let kept = memory.map(|memory| memory.function);
-    (Servo::new(settings.map, settings.hold_ns, kept), settings, parameters)
-}
-
-impl Actuators {
-    fn take_orders(&mut self, now_ns: u64) {
-        for _ in 0..ORDERS_PER_WINDOW {
-            let Some(message) = self.ground.receive() else { return };
-            if let Some(answer) = self.parameters.take(&message, &mut self.settings, now_ns) {
-                if answer.changed {
-                    self.servo.configure(self.settings.hold_ns);
-                }
-                answer.messages().for_each(|message| {
-                    self.telemetry.send(&message);
-                });
-                continue;
-            }
-            let taken = self.servo.order(Order::parse(message.letter, message.bytes()));
-            let result = if taken { ACCEPTED } else { NOT_UNDERSTOOD };
-            let answer = Acknowledge::of(&message, FROM_SERVO, result, now_ns);
-            self.telemetry.send(&TelemetryMessage::of(&Telemetry::Acknowledge(answer)));
-        }
-    }
+fn resume(shell: &mut FunctionShell<Settings>, retained: &mut Retained<Memory>) -> Servo {
+    let memory = retained.load();
+    let settings = shell.resume(memory.as_ref().map(|memory| &memory.parameters));
+    Servo::new(settings.map, settings.hold_ns, memory.map(|memory| memory.function))
 }
 
 fn main() -> ExitCode {

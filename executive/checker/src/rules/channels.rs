@@ -7,6 +7,7 @@ use super::laid::Laid;
 use super::{Context, links};
 use crate::catalogue::{self, Rule};
 use crate::closed::{Direction, Kind};
+use crate::cycle::most_between;
 use crate::findings::{Finding, Span};
 use crate::latency::{self, Station};
 use crate::raw::{RawChannel, RawPort};
@@ -354,19 +355,6 @@ fn overflowing(
     true
 }
 
-/// How many instants of `writes` lie at most between two neighbours of `reads`, in a cycle: from a read on, up to the next. Both
-/// rise.
-fn most_between(writes: &[u64], reads: &[u64], cycle: u64) -> u64 {
-    let before = |instant: u64| writes.partition_point(|&write| write < instant);
-    let inside = |(&start, gap): (&u64, u64)| {
-        let end = start + gap;
-        // What reaches beyond the cycle goes on at its beginning.
-        let again = before(end.saturating_sub(cycle));
-        before(end) - before(start) + again
-    };
-    reads.iter().zip(gaps(reads, cycle)).map(inside).max().unwrap_or_default() as u64
-}
-
 /// Every port is in one channel.
 fn once(cx: &Context<'_>) {
     let mut sources = HashMap::new();
@@ -397,21 +385,4 @@ fn claim<'a>(
     };
     let finding = Finding::new(rule, &end.said.span, format!("`{}` {what}", end.name()), mend);
     cx.add(finding.also(first, "it is here before"));
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn writes_between_two_reads_are_counted_also_across_the_end_of_the_cycle() {
-        assert_eq!(most_between(&[10, 20, 30], &[25], 100), 3, "a single read has the whole cycle before it");
-        assert_eq!(most_between(&[0, 10, 90, 95], &[20, 80], 100), 4, "80 to 20 of the next");
-        assert_eq!(
-            most_between(&[20, 80], &[20, 80], 100),
-            1,
-            "one that is written as another opens comes after it"
-        );
-        assert_eq!((most_between(&[5], &[], 100), most_between(&[], &[5], 100)), (0, 0));
-    }
 }

@@ -11,6 +11,7 @@ use super::laid::Laid;
 use crate::build::defaults;
 use crate::catalogue;
 use crate::closed::{Kind, ModuleClock, Transport};
+use crate::cycle::within;
 use crate::findings::{Finding, Span};
 use crate::latency::Hop;
 use crate::links::{self, Carried, LARGEST_DATAGRAM, LONGEST_GAP_MS, SMALLEST_DATAGRAM};
@@ -543,17 +544,10 @@ fn most_that_come(
     let need = needs(cx, laid, (sender, &windows), link, crossings)?;
     let starts: Vec<u64> = windows.iter().map(|window| window.0).collect();
     // And of one more: what datagrams are late by on their way is not the same for all.
-    let sending = most_within(&starts, span, laid.major) + 1;
+    let most =
+        starts.iter().map(|&start| within(&starts, (start, span), laid.major)).max().unwrap_or_default();
+    let sending = most + 1;
     Some(sending.saturating_mul(need.datagrams.min(need.most)))
-}
-
-/// The most of `starts` that lie in a span of a cycle of `major`, wherever it begins.
-fn most_within(starts: &[u64], span: u64, major: u64) -> u64 {
-    let (rounds, rest) = (span / major.max(1), span % major.max(1));
-    let from = |&first: &u64| {
-        starts.iter().filter(|&&start| (start + major - first) % major.max(1) < rest).count() as u64
-    };
-    rounds * starts.len() as u64 + starts.iter().map(from).max().unwrap_or(0)
 }
 
 /// What a relay has to send over a link in a window.

@@ -22,7 +22,7 @@ use crate::words::nearest;
 #[command(
     after_help = "Exit codes: 0 the file can be used; 1 it has warnings, and they are denied; 2 it can not be used."
 )]
-pub(crate) struct Arguments {
+pub struct Arguments {
     /// The schedule file [default: schedule.toml].
     file: Option<PathBuf>,
     /// The schedule file, as the other verbs name it.

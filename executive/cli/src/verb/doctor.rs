@@ -16,7 +16,7 @@ use crate::plan_file;
 
 /// Say what this machine gives, what each lack costs and how to mend it.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     /// The schedule file, for its cores and ports; where there is none, the machine's last core is looked at.
     #[arg(long, short, default_value = "schedule.toml")]
     schedule: PathBuf,

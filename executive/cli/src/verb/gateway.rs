@@ -9,7 +9,7 @@ use super::{CANNOT_RUN, Code, FINE, WRONG};
 
 /// Run a gateway between CAN and Ethernet, or ask a running one.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     #[command(subcommand)]
     verb: bateleur_can::cli::Verb,
 }

@@ -18,7 +18,7 @@ use super::{Code, FINE, Format, WRONG};
 
 /// Read the health log of a run.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     /// The log, or the folder of a run.
     #[arg(value_name = "FOLDER|FILE", default_value = "target/runs/latest")]
     path: PathBuf,

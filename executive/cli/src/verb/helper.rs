@@ -6,17 +6,7 @@ use clap::Subcommand;
 use super::{Code, FINE};
 
 #[derive(Debug, Subcommand)]
-pub(crate) enum Helper {
-    /// Becomes `bateleur` with other arguments, in a network namespace of its own.
-    #[command(hide = true)]
-    Within {
-        /// An interface: NAME=OWN,OTHER,…, the addresses on its network.
-        #[arg(long)]
-        interface: Vec<String>,
-        /// What `bateleur` is told there.
-        #[arg(last = true)]
-        arguments: Vec<String>,
-    },
+pub enum Helper {
     /// Does nothing: shows that a process can be started so.
     #[command(hide = true)]
     Probe,
@@ -36,9 +26,6 @@ pub(crate) enum Helper {
 
 pub(crate) fn run(helper: &Helper) -> Result<Code> {
     match helper {
-        Helper::Within { interface, arguments } => {
-            super::fly::hosts::namespace::within(interface, arguments)?;
-        }
         Helper::Probe => {}
         Helper::Observer { order } => crate::observer::run(order)?,
         Helper::Recorder { order } => crate::recorder::run(order)?,

@@ -13,7 +13,7 @@ use super::{Code, FINE};
 
 /// Provoke a fault in a running module.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     /// A partition, a source port (PARTITION.PORT) or `dispatcher`.
     #[arg(value_name = "TARGET", required_unless_present = "list")]
     to: Option<String>,

@@ -12,7 +12,7 @@ use super::{Code, FINE};
 
 /// Make the key of a link.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     /// The file to make, such as keys/nav.key: what the schedule file calls `key`, relative to it.
     file: PathBuf,
 }

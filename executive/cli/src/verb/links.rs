@@ -13,12 +13,13 @@ use bateleur_control::LINKS_FILE;
 use bateleur_control::{Answer, Client, LinkName, Request, running};
 use bateleur_messages::link::{DOWN, PLAN_DIFFERS, REASON_NAMES, UP};
 use bateleur_messages::{LinkStatus, Message};
-use bateleur_report::{hosts, log};
+use bateleur_monitor::event_text::printable;
+use bateleur_recording::{self as log, hosts};
 use serde_json::{Value, json};
 use zerocopy::FromBytes;
 
 use super::ports::{Watch, bytes_of};
-use super::target::{Target, printable};
+use super::target::Target;
 use super::{Code, FINE, Format};
 
 /// How long a relay may take to say something, real time: it does in each of its windows.
@@ -26,7 +27,7 @@ const PATIENCE: Duration = Duration::from_secs(3);
 
 /// Show how the links between hosts are.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     /// The folder of a run or a flight, in place of what runs now.
     #[arg(conflicts_with = "module")]
     folder: Option<PathBuf>,
@@ -41,7 +42,7 @@ pub(crate) struct Arguments {
 struct Said {
     module: String,
     names: Vec<LinkName>,
-    /// None: nothing.
+    /// `None` if it has said nothing.
     status: Option<LinkStatus>,
 }
 
@@ -116,7 +117,7 @@ fn of_run(folder: &Path) -> Result<Said> {
         .with_context(|| format!("cannot read {}: it was no run with links", names.display()))?;
     let names: Vec<LinkName> =
         serde_json::from_slice(&text).with_context(|| format!("{} is not understood", names.display()))?;
-    let path = folder.join(bateleur_report::flight::PORTS_FILE);
+    let path = folder.join(bateleur_recording::PORTS_FILE);
     if !path.exists() {
         bail!(
             "{} is not there: what relays say is kept by `bateleur run --record`, and by every flight",

@@ -1,61 +1,100 @@
 //! The verbs.
 
-pub(crate) mod air;
-pub(crate) mod airframe;
-pub(crate) mod bench;
-pub(crate) mod campaign;
-pub(crate) mod check;
-pub(crate) mod compare;
-pub(crate) mod completions;
-pub(crate) mod doctor;
-pub(crate) mod export;
-pub(crate) mod faults;
-pub(crate) mod fly;
-pub(crate) mod gateway;
-pub(crate) mod ground;
-pub(crate) mod health;
-pub(crate) mod helper;
-pub(crate) mod inject;
-pub(crate) mod key;
-pub(crate) mod links;
-pub(crate) mod man;
-pub(crate) mod new;
-pub(crate) mod order;
-pub(crate) mod plan;
-pub(crate) mod ports;
-pub(crate) mod ps;
-pub(crate) mod record;
-pub(crate) mod replay;
-pub(crate) mod run;
-pub(crate) mod schema;
-pub(crate) mod show;
-pub(crate) mod target;
-pub(crate) mod top;
+mod check;
+mod doctor;
+mod gateway;
+mod health;
+mod helper;
+mod inject;
+mod key;
+mod links;
+mod new;
+mod order;
+mod plan;
+mod ports;
+mod ps;
+mod record;
+mod run;
+mod schema;
+mod show;
+mod target;
+mod top;
 
-use std::process::ExitCode;
+use anyhow::Result;
+use bateleur_control::Request;
+use clap::Subcommand;
 
-/// How a verb ends.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Code(u8);
+use crate::code::{CANNOT_RUN, Code, FINE, Format, WRONG};
 
-/// Fine.
-pub(crate) const FINE: Code = Code(0);
-/// It ran, and something was wrong.
-pub(crate) const WRONG: Code = Code(1);
-/// It could not run.
-pub(crate) const CANNOT_RUN: Code = Code(2);
-
-impl From<Code> for ExitCode {
-    fn from(code: Code) -> Self {
-        Self::from(code.0)
-    }
+/// The verbs about modules, with their arguments.
+#[derive(Debug, Subcommand)]
+#[allow(
+    missing_docs,
+    reason = "the text of a verb stands at its arguments, and would be replaced by one here"
+)]
+pub enum Verb {
+    Check(check::Arguments),
+    Doctor(doctor::Arguments),
+    Gateway(gateway::Arguments),
+    Health(health::Arguments),
+    Key(key::Arguments),
+    Links(links::Arguments),
+    /// Kill a partition of a running module; its health table says what follows.
+    Kill(order::Arguments),
+    /// End a partition of a running module until it is started; its windows pass.
+    Stop(order::Arguments),
+    /// Start a partition that is idle or stopped, from nothing and with a new budget of restarts.
+    Start(order::Arguments),
+    /// Hold a partition: it gets no windows until it is thawed.
+    Freeze(order::Arguments),
+    /// Let a held partition go on where it was.
+    Thaw(order::Arguments),
+    Inject(inject::Arguments),
+    Ports(ports::Arguments),
+    Ps(ps::Arguments),
+    New(new::Arguments),
+    Plan(plan::Arguments),
+    Record(record::Arguments),
+    Run(Box<run::Arguments>),
+    /// Change a running module to another schedule, with its next major frame.
+    Schedule(order::Schedule),
+    Top(top::Arguments),
+    Schema(schema::Arguments),
+    Show(show::Arguments),
+    #[command(flatten)]
+    Helper(helper::Helper),
 }
 
-/// What a listing prints.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub(crate) enum Format {
-    /// For a person.
-    Text,
-    /// For a program.
-    Json,
+impl Verb {
+    /// Does it.
+    ///
+    /// # Errors
+    /// It could not begin, or had to be given up.
+    pub fn run(self) -> Result<Code> {
+        match self {
+            Self::Check(arguments) => check::run(&arguments),
+            Self::Doctor(arguments) => doctor::run(&arguments),
+            Self::Gateway(arguments) => gateway::run(&arguments),
+            Self::Health(arguments) => health::run(&arguments),
+            Self::Key(arguments) => key::run(&arguments),
+            Self::Links(arguments) => links::run(&arguments),
+            Self::Kill(arguments) => order::run(&arguments, |partition| Request::Kill { partition }),
+            Self::Stop(arguments) => order::run(&arguments, |partition| Request::Stop { partition }),
+            Self::Start(arguments) => order::run(&arguments, |partition| Request::Start { partition }),
+            Self::Freeze(arguments) => order::run(&arguments, |partition| Request::Freeze { partition }),
+            Self::Thaw(arguments) => order::run(&arguments, |partition| Request::Thaw { partition }),
+            Self::Inject(arguments) => inject::run(&arguments),
+            Self::Ports(arguments) => ports::run(&arguments),
+            Self::Ps(arguments) => ps::run(&arguments),
+            Self::New(arguments) => new::run(&arguments),
+            Self::Plan(arguments) => plan::run(&arguments),
+            Self::Record(arguments) => record::run(&arguments),
+            Self::Run(arguments) => run::run(&arguments),
+            Self::Schedule(arguments) => order::schedule(&arguments),
+            Self::Top(arguments) => top::run(&arguments),
+            Self::Schema(_) => schema::run(),
+            Self::Show(arguments) => show::run(&arguments),
+            Self::Helper(helper) => helper::run(&helper),
+        }
+    }
 }

@@ -11,7 +11,7 @@ use super::{Code, FINE};
 
 /// An order to a partition.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     /// The partition.
     partition: String,
     #[command(flatten)]
@@ -20,7 +20,7 @@ pub(crate) struct Arguments {
 
 /// Another schedule.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Schedule {
+pub struct Schedule {
     /// The schedule.
     name: String,
     #[command(flatten)]

@@ -12,15 +12,16 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use bateleur_control::{Answer, ChannelStatus, Client, Observation, Request};
 use bateleur_messages::{Field, FieldKind, MessageType};
+use bateleur_monitor::event_text::printable;
 use serde_json::{Map, Value};
 
-use super::target::{Target, printable, status};
+use super::target::{Target, status};
 use super::{Code, FINE, Format};
 use crate::printed::Printed;
 
 /// Look at the channels of a running module.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     #[command(subcommand)]
     what: What,
 }

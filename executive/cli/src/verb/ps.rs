@@ -9,13 +9,14 @@ use std::fmt::Write;
 use anyhow::Result;
 use bateleur_control::status::{AlignmentStatus, Lateness, Spread};
 use bateleur_control::{ChooseError, Client, PartitionStatus, SharedCore, Status, running, shared_cores};
+use bateleur_monitor::event_text::printable;
 
-use super::target::{Target, printable, status};
+use super::target::{Target, status};
 use super::{Code, FINE, Format};
 
 /// Show the running modules and their partitions.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     #[command(flatten)]
     target: Target,
     /// What to print.

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use bateleur_report::log::{LogError, PortLog, topic};
+use bateleur_recording::{LogError, PortLog, topic};
 
 use super::ports::{Watch, bytes_of, channels};
 use super::target::Target;
@@ -18,7 +18,7 @@ use crate::output::{LOG_BEGINNING, refuse_file};
 
 /// Record the ports of a running module.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     #[command(flatten)]
     target: Target,
     /// The file.

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{Seek, Write};
+use std::io::Seek;
 use std::net::SocketAddr;
 use std::os::fd::{AsFd, AsRawFd, RawFd};
 use std::os::unix::process::CommandExt;
@@ -15,62 +15,61 @@ use std::process::Command;
 
 use anyhow::{Context, Result, anyhow};
 use bateleur_host::programs::beside_own;
-use bateleur_monitor::event::Event;
 use bateleur_monitor::run_order::RunOrder;
 use bateleur_system::privileges;
 use bateleur_time::shared_clock::SharedClock;
 
-use super::air::module_time;
-use super::faults::Faults;
 use super::{CANNOT_RUN, Code};
+use crate::faults::Faults;
 use crate::plan_file;
+use crate::setting::{Setting, module_time, parse_setting};
 
 /// Run a module of a schedule file.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     /// The schedule file.
     #[arg(long, short, default_value = "schedule.toml")]
-    pub(crate) schedule: PathBuf,
+    schedule: PathBuf,
     /// The module to run; may be left out where the file has one.
     #[arg(long, short)]
-    pub(crate) module: Option<String>,
+    module: Option<String>,
     /// Folder for logs; the default is target/runs/latest, which every run writes over that finds no other at it.
     #[arg(long, short)]
-    pub(crate) output: Option<PathBuf>,
+    output: Option<PathBuf>,
     /// Run on the virtual clock: as fast as the machine can.
     #[arg(long)]
-    pub(crate) fast: bool,
+    fast: bool,
     /// Share the virtual clock with other modules on this machine, through this file: their windows come in one order, the
     /// same in every run. The first module makes the file, the last removes it.
     #[arg(long, value_name = "FILE", requires = "fast", requires = "place")]
-    pub(crate) together: Option<PathBuf>,
+    together: Option<PathBuf>,
     /// This module's place among those that share the virtual clock, and how many they are, such as 0/2; of windows at one
     /// instant the lower place comes first.
     #[arg(long, value_name = "PLACE/COUNT", requires = "together", value_parser = parse_place)]
-    pub(crate) place: Option<(usize, usize)>,
+    place: Option<(usize, usize)>,
     /// Its process was killed and this is the next: the module time at which its windows begin again, ns.
     #[arg(long, hide = true, value_name = "NANOSECONDS", requires = "together")]
-    pub(crate) back_at: Option<u64>,
+    back_at: Option<u64>,
     /// End at this module time, seconds.
     #[arg(long, value_name = "SECONDS", value_parser = module_time, allow_negative_numbers = true)]
-    pub(crate) until: Option<f64>,
+    until: Option<f64>,
     /// Replace an attribute of the plan.
     #[arg(long, value_name = "PARTITION.ATTRIBUTE=VALUE", value_parser = parse_setting)]
-    pub(crate) set: Vec<Setting>,
+    set: Vec<Setting>,
     /// Take the key of a link from another file than the plan's; relative to the schedule file.
     #[arg(long, value_name = "LINK=FILE", value_parser = parse_key)]
-    pub(crate) key: Vec<(String, PathBuf)>,
+    key: Vec<(String, PathBuf)>,
     /// Use another address in place of one of the plan's, for this module and its peers.
     #[arg(long, value_name = "PLANNED=OTHER", value_parser = parse_address)]
-    pub(crate) address: Vec<(SocketAddr, SocketAddr)>,
+    address: Vec<(SocketAddr, SocketAddr)>,
     #[command(flatten)]
-    pub(crate) faults: Faults,
+    faults: Faults,
     /// Refuse to start where this machine lacks something.
     #[arg(long, value_name = "HOW", value_parser = ["strict"])]
-    pub(crate) require: Option<String>,
+    require: Option<String>,
     /// Write every message of every port into ports.mcap.
     #[arg(long)]
-    pub(crate) record: bool,
+    record: bool,
     /// Stop when standard input closes.
     #[arg(long)]
     until_stdin_closes: bool,
@@ -80,22 +79,6 @@ pub(crate) struct Arguments {
     /// Descriptor of the socket to whoever holds the other end of a partition's line under the virtual clock.
     #[arg(long, hide = true)]
     companion_fd: Option<RawFd>,
-}
-
-/// One `--set`.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Setting {
-    pub(crate) partition: String,
-    pub(crate) attribute: String,
-    pub(crate) value: serde_json::Value,
-}
-
-pub(crate) fn parse_setting(text: &str) -> Result<Setting, String> {
-    let wrong = || format!("\"{text}\" is not PARTITION.ATTRIBUTE=VALUE, such as controller.laps=3");
-    let (name, value) = text.split_once('=').ok_or_else(wrong)?;
-    let (partition, attribute) = name.split_once('.').ok_or_else(wrong)?;
-    let value = serde_json::from_str(value).unwrap_or_else(|_| value.into());
-    Ok(Setting { partition: partition.into(), attribute: attribute.into(), value })
 }
 
 fn parse_key(text: &str) -> Result<(String, PathBuf), String> {
@@ -175,13 +158,5 @@ fn order_of(arguments: &Arguments) -> RunOrder {
         until_stdin_closes: arguments.until_stdin_closes,
         events_fd: arguments.events_fd,
         companion_fd: arguments.companion_fd,
-    }
-}
-
-/// One event as a line for a person. A terminal or a pipe that is gone must not end the flight.
-pub(crate) fn say(event: &Event) {
-    let text = event.to_string();
-    if !text.is_empty() {
-        let _ = writeln!(std::io::stderr(), "{text}"); // nobody reads
     }
 }

@@ -10,7 +10,7 @@ use super::{Code, FINE};
     after_help = "For example: bateleur schema > schedule.schema.json, and as the first line of schedule.toml:\n\
     #:schema schedule.schema.json\n\nExit codes: 0 printed."
 )]
-pub(crate) struct Arguments {}
+pub struct Arguments {}
 
 pub(crate) fn run() -> Result<Code> {
     println!("{}", serde_json::to_string_pretty(&bateleur_checker::schema())?);

@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 use bateleur_control::{Answer, AskError, Client, Request, Running, Status, choose, running};
+use bateleur_monitor::event_text::printable;
 
 /// Chooses a running module.
 #[derive(Debug, Clone, clap::Args)]
@@ -39,9 +40,4 @@ pub(crate) fn status(client: &mut Client) -> Result<Status> {
         Answer::Status(status) => Ok(*status),
         other => Err(AskError::Strange(format!("{other:?}")).into()),
     }
-}
-
-/// Words of another process without the control characters that a terminal would obey.
-pub(crate) fn printable(text: &str) -> String {
-    text.chars().map(|letter| if letter.is_control() { '\u{fffd}' } else { letter }).collect()
 }

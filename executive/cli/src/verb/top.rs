@@ -16,7 +16,7 @@ use crate::printed::Printed;
 
 /// Watch the partitions of a running module.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     #[command(flatten)]
     target: Target,
     /// Show the figures once and end.

@@ -471,7 +471,7 @@ impl Base {
         let start_channel_cleaner = self.channel_cleaner_starter(facts.ruled)?;
         let rebuilds = self.rebuilds(order, plan.clone(), channel_holders)?;
         // On the virtual clock nobody is cleaned up after at an instant of the wall clock.
-        let ended_helpers = (options.clock() == Clock::Wall).then_some((ended_helpers, homes));
+        let ended_helpers = (options.order.clock() == Clock::Wall).then_some((ended_helpers, homes));
         let services = Services {
             recording,
             start_channel_cleaner,
@@ -509,7 +509,7 @@ impl Base {
     ) -> Result<Vec<Sandbox>, RunError> {
         let sandbox_config = SandboxConfig {
             module: options.order.module.clone(),
-            clock: options.clock(),
+            clock: options.order.clock(),
             ports_root: self.ports_root(),
             namespaces: facts.namespaces,
             users: facts.users,

@@ -62,11 +62,11 @@ impl Course {
     /// A run that has not begun. Takes what it needs of `options`.
     pub(super) fn new(plan: &Plan, view: &ModuleView<'_>, options: &mut Options) -> Result<Self, RunError> {
         // Before anything of a run that shares its clock by mistake is written over.
-        let together = options.order.together.take().filter(|_| options.clock() == Clock::Virtual);
+        let together = options.order.together.take().filter(|_| options.order.clock() == Clock::Virtual);
         let back_ns = together.as_ref().and_then(|together| together.back_ns);
         let join = |together| Member::join(together, &options.order.module, options.stop.clone());
         let member = together.map(join).transpose().map_err(RunError::SharedClock)?;
-        let patience = match options.clock() {
+        let patience = match options.order.clock() {
             Clock::Wall => Patience::Lose,
             Clock::Virtual => Patience::Wait,
         };
@@ -86,7 +86,7 @@ impl Course {
         Ok(Self {
             kept: Some(Kept::new(window_log, health_log, events)),
             surroundings,
-            clock: options.clock(),
+            clock: options.order.clock(),
             origin_ns: None,
             ended_ns: back_ns.unwrap_or(0),
             startup_ns: plan.health.reset.startup_ns,

@@ -22,7 +22,7 @@ pub(super) fn prepare(plan: Plan, options: &mut Options) -> Result<Plan, RunErro
     let (Some(relay), table) = (plan.relay_of(view.id()), table(&view)?) else { return Ok(plan) };
     let Some(mut table) = table else { return Ok(plan) };
     options.link_keys = read_keys(&view, options)?;
-    if options.clock() == Clock::Virtual {
+    if options.order.clock() == Clock::Virtual {
         table.transport = STEPPED.to_owned();
     }
     redirect(&mut table, &options.order.addresses);

@@ -6,8 +6,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use bateleur_contract::Clock;
-
 use crate::recording::part_name;
 use crate::world::Companion;
 use base::Base;
@@ -48,12 +46,6 @@ pub struct Options {
 }
 
 impl Options {
-    /// The clock.
-    #[must_use]
-    pub fn clock(&self) -> Clock {
-        if self.order.fast { Clock::Virtual } else { Clock::Wall }
-    }
-
     /// The file for every message of every port.
     #[must_use]
     pub fn port_log(&self) -> Option<PathBuf> {
@@ -176,7 +168,7 @@ pub fn run(plan: Plan, mut options: Options) -> Result<Outcome, RunError> {
     for left in clean_leftovers().1 {
         options.events.tell(&not_removed(&options.order.module, 0.0, &left));
     }
-    let facts = Machine::examine(&view, options.clock());
+    let facts = Machine::examine(&view, options.order.clock());
     let lacking: Vec<String> =
         facts.guarantees.lacking().map(|lack| format!("  {}: {}", lack.promise, lack.detail)).collect();
     if options.order.strict && !lacking.is_empty() {
@@ -215,7 +207,7 @@ fn start(
 ) -> Result<Ended, RunError> {
     let programs = find_programs(view, &options.order.plan_folder)?;
     let logs = options.order.output.join("partitions");
-    let base = Base::make((&options.order.module, options.clock()), facts, &logs, course.resets() > 0)?;
+    let base = Base::make((&options.order.module, options.order.clock()), facts, &logs, course.resets() > 0)?;
     let mut result = base.run(plan, view, options, facts, programs, course);
     if let Err(left) = base.leave() {
         let time_s = course.reached_ns() as f64 / 1e9;

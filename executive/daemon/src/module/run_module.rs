@@ -77,7 +77,7 @@ pub(super) fn run_module(
     let mut monitor = Monitor::new(MonitorConfig {
         plan: plan.clone(),
         schedule_switch: schedule_switch.clone(),
-        clock: options.clock(),
+        clock: options.order.clock(),
         start_channel_cleaner: services.start_channel_cleaner,
         ended_helpers: services.ended_helpers,
         rebuilds: services.rebuilds,
@@ -85,7 +85,7 @@ pub(super) fn run_module(
         kept,
         operator: Operator::new(
             services.inbox,
-            about(&options.order.module, options.clock()),
+            about(&options.order.module, options.order.clock()),
             stall.clone(),
             Some(services.start_observer),
         ),
@@ -93,12 +93,12 @@ pub(super) fn run_module(
     });
     let lanes = Lanes { rings, lost: Arc::default(), spun_ns: Arc::default(), stall };
     let begun_ns = course.reached_ns();
-    let start = module_start(&options.order.module, options.clock(), resets);
+    let start = module_start(&options.order.module, options.order.clock(), resets);
     monitor.health_log().note_module("module_start", start, begun_ns);
     if let Some(counts) = course.surroundings.line_counts() {
         line_sandboxes(view, &sandboxes).for_each(|sandbox| sandbox.control.carry_on_line(counts));
     }
-    if options.clock() == Clock::Virtual {
+    if options.order.clock() == Clock::Virtual {
         // No window runs yet: partitions initialise on every processor, not on those alone that are left for other work.
         let all: Vec<u32> = sched::allowed_cores().into_iter().chain(facts.partitioned_cores()).collect();
         let _ = sched::bind(0, &all); // it takes longer
@@ -110,7 +110,7 @@ pub(super) fn run_module(
             Ok(begun_ns)
         }
         Ok(true) => {
-            let (clock, output) = (options.clock(), options.order.output.as_path());
+            let (clock, output) = (options.order.clock(), options.order.output.as_path());
             let ready = Ready { plan, view, clock, facts, schedule_switch, records, lanes: &lanes, output };
             ready.run(&mut monitor, services.recording, resets, course)
         }

@@ -103,7 +103,7 @@ pub struct Member {
 #[derive(Debug)]
 struct Process {
     pid: u32,
-    /// None: it is gone already.
+    /// `None` if it is gone already.
     descriptor: Option<OwnedFd>,
 }
 
@@ -233,7 +233,7 @@ impl Member {
 
     fn has_died(&self, place: usize) -> bool {
         let mut processes = lock(&self.processes);
-        // None: it was asked to stop before all had joined.
+        // `None`: it was asked to stop before all had joined.
         let Some(process) = processes.get_mut(place) else { return false };
         let pid = self.page.pid(place);
         if process.pid != pid {

@@ -177,7 +177,7 @@ impl Page {
     }
 
     /// Whose turn it is: the earliest instant, and of equal ones the first place. A module that has not joined stands at 0.
-    /// None: all have ended.
+    /// `None` if all have ended.
     pub(super) fn first(&self) -> Option<usize> {
         let instants = self.places().map(|place| (self.lines[place].next_ns.load(SeqCst), place));
         instants.min().filter(|(next_ns, _)| *next_ns != OVER).map(|(_, place)| place)

@@ -10,7 +10,7 @@ const _: () = assert!(MOST_LINKS == LINKS, "a plan may have as many links as a r
 
 /// Writes a [`LinkStatus`] in each window.
 pub(super) struct Status {
-    /// None: the plan leaves it out.
+    /// `None` if the plan leaves it out.
     port: Option<SamplingSource<LinkStatus>>,
     starts: u64,
 }

@@ -216,7 +216,7 @@ impl Lines {
     }
 }
 
-/// The results in a campaign's folder; none where it has none yet. A last line without its end does not count.
+/// The results in a campaign's folder; nothing if it has none yet. A last line without its end does not count.
 pub fn read(folder: &Path) -> Result<Lines, CampaignError> {
     let path = folder.join(RESULTS);
     let mut lines = Lines::default();

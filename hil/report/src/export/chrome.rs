@@ -13,11 +13,11 @@ use serde::Serialize;
 use serde_json::json;
 
 use super::{ExportError, Exported, Sink, check_folder};
-use crate::flight::PORTS_FILE;
 use crate::health::{self, HealthEntry};
 use crate::hosts::{self, Host};
-use crate::log;
 use crate::windows::{self, Window};
+use bateleur_recording as log;
+use bateleur_recording::PORTS_FILE;
 
 /// The process of the cores' tracks.
 const CORES: u32 = 1;

@@ -13,9 +13,11 @@ use serde_json::json;
 
 use super::chrome::each_fault;
 use super::{ExportError, Exported, check_folder};
-use crate::flight::PORTS_FILE;
 use crate::health;
-use crate::log::{self, CDR_HEADER, Entry, LogError, MESSAGE_ENCODING, SCHEMA_ENCODING, SCHEMA_PREFIX};
+use bateleur_recording::PORTS_FILE;
+use bateleur_recording::{
+    self as log, CDR_HEADER, Entry, LogError, MESSAGE_ENCODING, SCHEMA_ENCODING, SCHEMA_PREFIX,
+};
 
 /// How messages are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use crate::log::LogError;
+use bateleur_recording::LogError;
 
 /// Why there is no export at all. Everything less than that is a note.
 #[derive(Debug, Error)]
@@ -65,9 +65,9 @@ impl Exported {
         }
     }
 
-    fn note_ending(&mut self, ending: &crate::log::Ending) {
+    fn note_ending(&mut self, ending: &bateleur_recording::Ending) {
         if let Some(flaw) = ending.flaw() {
-            self.note(crate::flight::PORTS_FILE, format_args!("{flaw}; what it holds is exported"));
+            self.note(bateleur_recording::PORTS_FILE, format_args!("{flaw}; what it holds is exported"));
         }
     }
 

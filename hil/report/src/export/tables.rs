@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use super::{ExportError, Exported, Sink, check_folder};
-use crate::flight::PORTS_FILE;
-use crate::log::{self, Entry};
+use bateleur_recording::PORTS_FILE;
+use bateleur_recording::{self as log, Entry};
 
 /// The partition and the port of a topic, "/partition/port".
 pub(super) fn port_of(topic: &str) -> (&str, &str) {

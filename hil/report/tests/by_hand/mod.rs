@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use bateleur_report::log::{CDR_HEADER, SCHEMA_PREFIX};
+use bateleur_recording::{CDR_HEADER, SCHEMA_PREFIX};
 
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 

@@ -2,7 +2,7 @@
 
 use bateleur_flight::guidance::seed_waypoints;
 use bateleur_messages::{ActuatorCommand, CATALOGUE, GpsPosition, Message, State};
-use bateleur_report::log::{ChannelId, PortLog, topic};
+use bateleur_recording::{ChannelId, PortLog, topic};
 use bateleur_report::{run, windows};
 use bateleur_simulator::Options;
 use bateleur_simulator::truth::{Header, TruthRecord, TruthWriter};

@@ -134,7 +134,7 @@ impl TakeOff {
         }
     }
 
-    /// Actuators on the ground, where it moves at `ground_mps`; none in the air, where the loops fly.
+    /// Actuators on the ground, where it moves at `ground_mps`; `None` in the air, where the loops fly.
     pub(super) fn actuators(
         &self,
         airframe: &Airframe,

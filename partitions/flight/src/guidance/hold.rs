@@ -47,7 +47,7 @@ impl Hold {
         })
     }
 
-    /// The hold again; none where the numbers are none.
+    /// The hold again; `None` if the numbers are none.
     pub(super) fn from_numbers(numbers: &[f64]) -> Option<Self> {
         let [north_m, east_m, radius_m, side, altitude_m, airspeed_mps] = numbers.try_into().ok()?;
         let sane = side * side == 1.0 && radius_m > 1.0 && airspeed_mps > 1.0;
@@ -146,7 +146,7 @@ impl Guidance {
     }
 }
 
-/// The leg from a point to where it touches a circle; none where the point is too near to it.
+/// The leg from a point to where it touches a circle; `None` if the point is too near to it.
 fn tangent(circle: &Arc, from: &Vector2<f64>) -> Option<Leg> {
     let out = from - circle.centre;
     let distance = out.norm();

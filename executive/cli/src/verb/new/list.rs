@@ -3,7 +3,7 @@
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// `text` with `item` at the end of the list under `path`, or behind the last item that `beside` finds; none where there is no
+/// `text` with `item` at the end of the list under `path`, or behind the last item that `beside` finds; `None` if there is no
 /// such list, or where the text would not be the same afterwards but for the item.
 pub(super) fn with_item(
     text: &str,

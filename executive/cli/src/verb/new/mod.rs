@@ -35,7 +35,7 @@ use workspace::{Home, Workspace};
     after_help = "For example: bateleur new height_watch --add, then its ports in schedule.toml, then: bateleur new height_watch\n\n\
     Exit codes: 0 written; 1 the schedule file has no such partition yet, and what to add is printed; 2 it can not be written."
 )]
-pub(crate) struct Arguments {
+pub struct Arguments {
     /// The partition, as the schedule file calls it.
     partition: String,
     /// The schedule file.
@@ -78,7 +78,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     }
 }
 
-/// The plan; none where it breaks rules, which are printed. A message type that nobody knows may well be meant to come.
+/// The plan; `None` if it breaks rules, which are printed. A message type that nobody knows may well be meant to come.
 fn read(arguments: &Arguments) -> Result<Option<Plan>> {
     let (path, name) = (&arguments.schedule, &arguments.partition);
     match plan_file::read_among(path, None, false)? {

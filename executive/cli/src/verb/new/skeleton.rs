@@ -57,7 +57,7 @@ pub(super) struct Skeleton {
     pub(super) type_name: String,
     pub(super) ports: Vec<SkeletonPort>,
     pub(super) attributes: Vec<SkeletonAttribute>,
-    /// None: nothing is kept.
+    /// `None`: nothing is kept.
     pub(super) retained_bytes: Option<u64>,
     pub(super) standby: bool,
     /// Errors come to it before any table.

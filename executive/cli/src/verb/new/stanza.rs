@@ -8,7 +8,7 @@ use bateleur_plan::{ModuleId, Plan, Schedule, Timeline};
 
 use super::list::with_item;
 use crate::plan_file;
-use crate::verb::{CANNOT_RUN, Code, FINE};
+use crate::{CANNOT_RUN, Code, FINE};
 
 /// Left free before and after a window that is added: a switch takes some of it.
 const GAP_NS: u64 = 100_000;
@@ -18,7 +18,7 @@ const LONGEST_NAME: usize = 30;
 /// The partition that is wanted.
 pub(super) struct Wish<'a> {
     pub(super) name: &'a str,
-    /// None: the only module.
+    /// `None`: the only module.
     pub(super) module: Option<&'a str>,
     pub(super) window_ns: u64,
 }

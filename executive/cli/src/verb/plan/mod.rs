@@ -27,7 +27,7 @@ use needs::Needs;
     telemetry = { period = \"100ms\", duration = \"1ms\", core = 2 }\n\n\
     Exit codes: 0 there is the schedule; 1 there is none, or none was found; 2 the input can not be used."
 )]
-pub(crate) struct Arguments {
+pub struct Arguments {
     /// What the partitions need.
     needs: PathBuf,
     /// The schedule file with the partitions, the cores and the chains; its windows are not looked at.

@@ -21,7 +21,7 @@ use crate::words::nearest;
 /// Show a schedule file: frames, use of the cores, chains, the graph of the channels.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Exit codes: 0 shown; 2 the file can not be used, or a picture can not be written.")]
-pub(crate) struct Arguments {
+pub struct Arguments {
     /// The schedule file [default: schedule.toml].
     file: Option<PathBuf>,
     /// The schedule file, as the other verbs name it.

@@ -1,0 +1,344 @@
+//! `bateleur campaign`: many flights on the virtual clock, each with its own seed, air, aircraft, faults and kills, side by side;
+//! a table of how their figures spread, and what to type to fly a failed one again.
+//!
+//! Results are appended to `flights.jsonl` in the campaign's folder, a whole line a flight. The same command goes on where it was stopped.
+//! With `--shard` a machine flies a part; `bateleur campaign merge` joins the parts. A flight that fails, hangs or crashes counts as failed
+//! and stops nothing. Progress goes to standard error, the result to standard output, and to `report.html` and `result.json`. Exit codes: 0 every
+//! flight completed its mission, 1 some did not, or it was stopped, 2 it could not begin.
+
+mod fleet;
+mod flight;
+mod merge;
+mod shard;
+mod space;
+
+use std::fs::{File, OpenOptions};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use anyhow::{Context, Result, bail};
+use bateleur_host::programs::program_path;
+use bateleur_plan::Plan as SchedulePlan;
+use bateleur_report::campaign::{CampaignResult, Plan, RESULTS, page, read, read_plan, repair, text};
+use bateleur_system::sched;
+use clap::Parser;
+use rustix::fs::{FlockOperation, flock};
+
+use super::air::seed;
+use super::{CANNOT_RUN, Code, FINE, Format, WRONG, fly};
+use bateleur_executive_cli::plan_file;
+use fleet::Fleet;
+use flight::Order;
+use shard::Shard;
+use space::Space;
+
+/// Memory that a flight takes at most, bytes: its processes (60 MB measured), its logs on their way to the disk, its report. Too
+/// little, and a machine with many processors and little memory ends flights.
+const FLIGHT_BYTES: u64 = 256 << 20;
+/// Where campaigns are, if nobody says otherwise.
+const CAMPAIGNS: &str = "target/campaigns";
+
+/// Fly many flights with drawn conditions and show how their figures spread.
+#[derive(Debug, clap::Args)]
+#[command(
+    args_conflicts_with_subcommands = true,
+    after_help = "Exit codes: 0 every flight completed its mission; 1 some did not, or it was stopped; 2 it could not begin."
+)]
+pub struct Arguments {
+    #[command(subcommand)]
+    merge: Option<Verb>,
+    /// How many flights there are in all shards together.
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+    flights: u64,
+    /// Seed of the first flight; the next one has the next.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_negative_numbers = true)]
+    seed: u64,
+    /// The schedule file.
+    #[arg(long, short, default_value = "schedule.toml")]
+    schedule: PathBuf,
+    #[command(flatten)]
+    space: Space,
+    /// Flights side by side [default: one for each processor that this program may use].
+    #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    jobs: Option<u16>,
+    /// Fly only this part: I/N with I from 0 to N-1; env/N or env takes the place from a job array (SLURM_ARRAY_TASK_ID,
+    /// JOB_COMPLETION_INDEX).
+    #[arg(long, value_name = "I/N", value_parser = shard::parse)]
+    shard: Option<Shard>,
+    /// Folder of the campaign; a shard has one of its own in it [default: one below target/campaigns, by what is flown].
+    #[arg(long, short)]
+    output: Option<PathBuf>,
+    /// Keep the logs of every flight, not of failed ones alone: 30 MB each.
+    #[arg(long)]
+    keep: bool,
+    /// Of how many failed flights the logs are kept; each can be flown again from its seed.
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    keep_failed: u64,
+    /// Real time after which a flight hangs, s.
+    #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    patience: u64,
+    /// What to print at the end.
+    #[arg(long, value_enum, default_value = "text")]
+    format: Format,
+    /// Options of `bateleur fly` that every flight has.
+    #[arg(last = true, value_name = "OPTIONS OF FLY")]
+    common: Vec<String>,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Verb {
+    Merge(merge::Arguments),
+}
+
+/// What the options of a flight are checked with before the first one starts.
+#[derive(Debug, Parser)]
+#[command(name = "bateleur fly", disable_help_flag = true)]
+struct OfFly {
+    #[command(flatten)]
+    _options: fly::Arguments,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
+    if let Some(Verb::Merge(merge)) = &arguments.merge {
+        return merge::run(merge);
+    }
+    let Some(schedule) = plan_file::read_or_say(&arguments.schedule)? else { return Ok(CANNOT_RUN) };
+    let hosts = flies_hosts(arguments, &schedule);
+    let victims = victims(arguments, &schedule).map_err(anyhow::Error::msg)?;
+    check_options(arguments, hosts, &victims)?;
+    let plan = plan(arguments, &schedule, &victims)?;
+    let folder = folder(arguments, &plan);
+    let results = open(&folder, &plan)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
+        signal_hook::flag::register(signal, stop.clone()).context("cannot watch for signals")?;
+    }
+    let known = read(&folder)?;
+    let missing: Vec<u64> = plan.numbers().filter(|number| !known.flights.contains_key(number)).collect();
+    say_beginning(&plan, &folder, missing.len());
+    let orders =
+        missing.into_iter().map(|number| order(arguments, (&plan, hosts), &victims, &folder, number));
+    let fleet = Fleet {
+        jobs: jobs(arguments),
+        cores: sched::allowed_cores(),
+        keep: arguments.keep,
+        keep_failed: arguments.keep_failed,
+        kept: known.flights.values().filter(|flight| !flight.completed && flight.folder.is_some()).count()
+            as u64,
+        stop: stop.clone(),
+    };
+    let flown = fleet.fly(orders.collect(), results);
+    let result = CampaignResult::of(&plan, &read(&folder)?);
+    finish(&result, Some(&folder), arguments.format)?;
+    flown?;
+    let interrupted = stop.load(Ordering::Acquire);
+    if interrupted {
+        eprintln!("stopped; the same command goes on where it was");
+    }
+    let all_well = !interrupted && result.completed == result.asked;
+    Ok(if all_well { FINE } else { WRONG })
+}
+
+/// A plan of several modules is flown with all of them, unless the options of every flight choose one.
+fn flies_hosts(arguments: &Arguments, plan: &SchedulePlan) -> bool {
+    let chosen = |word: &String| word == "--hosts" || word == "--module" || word.starts_with("--module=");
+    plan.modules.len() > 1 && !arguments.common.iter().any(chosen)
+}
+
+/// Who may be killed. Relays only where they are named: one that dies alone takes its address again in real time, and its flight is
+/// not the same twice.
+fn victims(arguments: &Arguments, plan: &SchedulePlan) -> Result<Vec<String>, String> {
+    let all: Vec<String> = plan.partitions.iter().map(|partition| partition.name.clone()).collect();
+    let is_relay = |name: &String| plan.partitions.iter().any(|one| one.relay && one.name == *name);
+    let named = arguments.space.victims(&all)?;
+    Ok(if named == all { named.into_iter().filter(|name| !is_relay(name)).collect() } else { named })
+}
+
+/// Options of fly that it would refuse would fail every flight: they are refused here.
+fn check_options(arguments: &Arguments, hosts: bool, victims: &[String]) -> Result<()> {
+    let mut words = vec!["fly".to_owned()];
+    words.extend(options(arguments, hosts, arguments.seed, victims).0);
+    words.extend(["--output=somewhere".into(), "--format=json".into()]);
+    match OfFly::try_parse_from(words) {
+        Ok(_) => Ok(()),
+        Err(error) => bail!("the options after -- are not for every flight: {error}"),
+    }
+}
+
+/// The options of the flight with a seed, and its conditions as numbers.
+fn options(
+    arguments: &Arguments,
+    hosts: bool,
+    seed: u64,
+    victims: &[String],
+) -> (Vec<String>, std::collections::BTreeMap<String, f64>) {
+    let drawn = arguments.space.draw(seed, victims);
+    let mut options = vec!["--fast".to_owned(), format!("--schedule={}", arguments.schedule.display())];
+    options.extend(hosts.then(|| "--hosts".to_owned()));
+    options.extend(drawn.options);
+    options.extend(arguments.common.iter().cloned());
+    (options, drawn.conditions)
+}
+
+fn plan(arguments: &Arguments, schedule: &SchedulePlan, victims: &[String]) -> Result<Plan> {
+    let Shard { part, parts } = arguments.shard.unwrap_or(Shard { part: 0, parts: 1 });
+    if arguments.seed.checked_add(arguments.flights).is_none() {
+        bail!("--seed and --flights together go beyond the last seed there is, {}", u64::MAX);
+    }
+    let own = std::env::current_exe().context("cannot find this program")?;
+    let folder = arguments.schedule.parent().map(Path::to_owned).unwrap_or_default();
+    Ok(Plan {
+        flights: arguments.flights,
+        seed: arguments.seed,
+        shard: (part, parts),
+        space: arguments.space.sentences(victims),
+        common: arguments.common.clone(),
+        schedule: Plan::digest_of(&[&arguments.schedule])?,
+        programs: Plan::digest_of(&programs(&own, schedule, &folder))?,
+        version: env!("CARGO_PKG_VERSION").into(),
+    })
+}
+
+/// The programs of a flight, on which its outcome depends: this one, the simulator, and whatever the schedule's partitions run.
+fn programs(own: &Path, schedule: &SchedulePlan, folder: &Path) -> Vec<PathBuf> {
+    let simulator = own.with_file_name("simulator");
+    let partitions = schedule.partitions.iter().map(|partition| program_path(&partition.program, folder));
+    // In an order that does not depend on where they lie: shards are flown on several machines.
+    [own.to_owned(), simulator].into_iter().chain(partitions).filter(|path| path.exists()).collect()
+}
+
+fn folder(arguments: &Arguments, plan: &Plan) -> PathBuf {
+    let whole = arguments.output.clone().unwrap_or_else(|| Path::new(CAMPAIGNS).join(plan.name()));
+    match arguments.shard {
+        Some(Shard { part, parts }) => whole.join(format!("shard-{part}-of-{parts}")),
+        None => whole,
+    }
+}
+
+/// Opens the results for appending, alone, with what an earlier run of the same campaign left.
+fn open(folder: &Path, plan: &Plan) -> Result<File> {
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    let path = folder.join(RESULTS);
+    let mut open = OpenOptions::new();
+    let results = open
+        .create(true)
+        .append(true)
+        .open(&path)
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    if flock(&results, FlockOperation::NonBlockingLockExclusive).is_err() {
+        bail!(
+            "another campaign writes into {}: wait for it, or name another folder with --output",
+            folder.display()
+        );
+    }
+    if let Some(older) = read_plan(folder)? {
+        let why = older
+            .disagreement(plan)
+            .or_else(|| older.other_programs(plan))
+            .or_else(|| older.other_shard(plan));
+        if let Some(why) = why {
+            bail!(
+                "{} holds another campaign ({why}): name another folder with --output, or remove this one",
+                folder.display()
+            );
+        }
+    }
+    let torn = repair(folder)?;
+    if torn > 0 {
+        eprintln!("the last line of the results was cut off and is taken away: its flight is flown again");
+    }
+    plan.write(folder)?;
+    Ok(results)
+}
+
+fn say_beginning(plan: &Plan, folder: &Path, missing: usize) {
+    let all = plan.numbers().count();
+    let done = all - missing;
+    let of = if done > 0 { format!(", {done} of {all} are there already") } else { String::new() };
+    eprintln!("{missing} flights to fly{of}; results in {}", folder.display());
+}
+
+fn order(
+    arguments: &Arguments,
+    (plan, hosts): (&Plan, bool),
+    victims: &[String],
+    folder: &Path,
+    number: u64,
+) -> Order {
+    let seed = plan.seed + number;
+    let (options, conditions) = options(arguments, hosts, seed, victims);
+    let words: Vec<String> = options.iter().map(|option| quoted(option)).collect();
+    Order {
+        number,
+        seed,
+        command: format!("bateleur fly {}", words.join(" ")),
+        options,
+        conditions,
+        folder: folder.join("flights").join(number.to_string()),
+        patience: Duration::from_secs(arguments.patience),
+    }
+}
+
+/// A word as a shell reads it.
+fn quoted(word: &str) -> String {
+    let plain = |letter: char| letter.is_ascii_alphanumeric() || "-_=./,:@%+".contains(letter);
+    if word.chars().all(plain) && !word.is_empty() {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
+    }
+}
+
+/// A flight on the virtual clock is one thread of thought: its processes take turns. So one processor flies one flight, and memory
+/// is the other bound.
+fn jobs(arguments: &Arguments) -> usize {
+    if let Some(jobs) = arguments.jobs {
+        return usize::from(jobs);
+    }
+    let by_memory = available_bytes().map_or(usize::MAX, |bytes| (bytes / FLIGHT_BYTES) as usize);
+    sched::allowed_cores().len().min(by_memory).max(1)
+}
+
+/// Memory that programs may still take, by the system's own estimate.
+fn available_bytes() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    Some(line.split_ascii_whitespace().next()?.parse::<u64>().ok()? * 1024)
+}
+
+/// Writes the result into the campaign's folder, and prints it.
+fn finish(result: &CampaignResult, folder: Option<&Path>, format: Format) -> Result<()> {
+    let json = serde_json::to_string_pretty(result)? + "\n";
+    if let Some(folder) = folder {
+        let write = |name: &str, text: &str| {
+            let path = folder.join(name);
+            std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
+        };
+        write("result.json", &json)?;
+        write("report.html", &page(result))?;
+    }
+    let mut printed = match format {
+        Format::Json => json,
+        Format::Text => text(result),
+    };
+    if let (Format::Text, Some(folder)) = (format, folder) {
+        printed += &format!("report: {}\n", folder.join("report.html").display());
+    }
+    print!("{printed}");
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::quoted;
+
+    #[test]
+    fn words_are_quoted_where_a_shell_would_take_them_apart() {
+        assert_eq!(quoted("--fault=gps_lost@100..130"), "--fault=gps_lost@100..130");
+        assert_eq!(quoted("--schedule=my file.toml"), "'--schedule=my file.toml'");
+        assert_eq!(quoted("it's"), "'it'\\''s'");
+    }
+}

@@ -1,0 +1,195 @@
+//! Computers that are none: network namespaces, joined by virtual Ethernets.
+//!
+//! The flight itself, with the simulator and the module that talks to it, goes into a namespace of its own; every other
+//! module gets one. For each network of the plan there is a bridge in the flight's. No namespace has a name, and nothing
+//! lies outside of them: when the last process in one ends, however it ends, the kernel removes it with its interfaces. So
+//! there is nothing to clean up, and the machine's own network is not touched.
+#![allow(unsafe_code)]
+
+use std::io::{Read, Write};
+use std::net::{IpAddr, SocketAddr};
+use std::os::unix::process::CommandExt;
+use std::process::{Child, Command};
+
+use anyhow::{Context, Result, bail};
+use bateleur_plan::{ModuleId, NetworkId, Plan};
+use rustix::thread::{UnshareFlags, unshare_unsafe};
+
+use crate::fly::ready;
+
+/// What a process in a new namespace says when it is there.
+const READY: &str = "ready";
+
+/// The flight's own namespace, with the bridges of all networks.
+pub(in crate::fly) struct Lan {
+    networks: Vec<(NetworkId, String)>,
+    /// Of all modules that have joined.
+    ports: Vec<Port>,
+}
+
+/// Where a module's cable is plugged in.
+struct Port {
+    network: NetworkId,
+    name: String,
+}
+
+impl Lan {
+    /// Takes the calling thread, and whatever it starts from now on, into a namespace of its own, as module `own`.
+    pub(in crate::fly) fn make(plan: &Plan, own: ModuleId) -> Result<Self> {
+        if !rustix::process::geteuid().is_root() {
+            bail!(
+                "hosts on one machine need network namespaces, and those need root: run it as root, or on the virtual \
+                 clock with --fast, which needs neither"
+            );
+        }
+        enter_new()?;
+        ip(&["link", "set", "lo", "up"])?;
+        let mut networks = Vec::new();
+        for address in &plan[own].addresses {
+            let bridge = interface(address.network);
+            // Forwards at once: it has no loops to find.
+            ip(&["link", "add", &bridge, "type", "bridge", "forward_delay", "0"])?;
+            configure(&bridge, address.socket, &others_on(plan, address.network, own))?;
+            networks.push((address.network, bridge));
+        }
+        for network in (0..plan.networks.len()).filter_map(|place| network_at(plan, place)) {
+            if !networks.iter().any(|(known, _)| *known == network) {
+                let bridge = interface(network);
+                ip(&["link", "add", &bridge, "type", "bridge", "forward_delay", "0"])?;
+                ip(&["link", "set", &bridge, "up"])?;
+                networks.push((network, bridge));
+            }
+        }
+        Ok(Self { networks, ports: Vec::new() })
+    }
+
+    /// Joins a process that waits in a namespace of its own (see [`within`]) to the networks of its module, and lets it go on.
+    pub(in crate::fly) fn join(&mut self, plan: &Plan, module: ModuleId, process: &mut Child) -> Result<()> {
+        let output = process.stdout.take().context("the module's process has no standard output")?;
+        let line = ready::first_line(output)?;
+        if line.trim() != READY {
+            bail!(
+                "the namespace of module {} could not be made; its message stands above",
+                plan[module].name
+            );
+        }
+        let pid = process.id().to_string();
+        for address in &plan[module].addresses {
+            let Some((_, bridge)) = self.networks.iter().find(|(network, _)| *network == address.network)
+            else {
+                continue;
+            };
+            let port = format!("m{}n{}", module.index(), address.network.index());
+            let inside = interface(address.network);
+            // Of a host that was killed and comes back: the kernel takes its time to remove a namespace. As a rule there is none.
+            let _ = ip(&["link", "delete", &port]);
+            ip(&["link", "add", &port, "type", "veth", "peer", "name", &inside, "netns", &pid])?;
+            ip(&["link", "set", &port, "master", bridge, "up"])?;
+            self.ports.retain(|known| known.name != port);
+            self.ports.push(Port { network: address.network, name: port });
+        }
+        let stdin = process.stdin.as_mut().context("the module's process has no standard input")?;
+        stdin.write_all(b"\n").context("the module's process has ended")
+    }
+
+    /// Cuts a network, or mends it: at the ports of its bridge. The bridge itself has the address of the flight's own module, and
+    /// the kernel forgets the ways of an interface that is down.
+    pub(in crate::fly) fn set(&self, plan: &Plan, network: &str, up: bool) -> Result<()> {
+        let Some((network, _)) = self.networks.iter().find(|(id, _)| plan[*id].name == network) else {
+            return Ok(());
+        };
+        for port in self.ports.iter().filter(|port| port.network == *network) {
+            ip(&["link", "set", &port.name, if up { "up" } else { "down" }])?;
+        }
+        Ok(())
+    }
+}
+
+/// What the process of a module is told about its interfaces: for each the name, the own address, and the others'.
+pub(in crate::fly) fn interfaces(plan: &Plan, module: ModuleId) -> Vec<String> {
+    let one = |address: &bateleur_plan::Address| {
+        let others = others_on(plan, address.network, module);
+        let all = std::iter::once(address.socket.ip()).chain(others);
+        let all: Vec<String> = all.map(|ip| ip.to_string()).collect();
+        format!("{}={}", interface(address.network), all.join(","))
+    };
+    plan[module].addresses.iter().map(one).collect()
+}
+
+fn others_on(plan: &Plan, network: NetworkId, own: ModuleId) -> Vec<IpAddr> {
+    let modules = plan.modules.iter().enumerate().filter(|(place, _)| *place != own.index());
+    modules.filter_map(|(_, module)| Some(module.address_on(network)?.ip())).collect()
+}
+
+/// Every network is on some module's list, or nobody needs it.
+fn network_at(plan: &Plan, place: usize) -> Option<NetworkId> {
+    let addresses = plan.modules.iter().flat_map(|module| &module.addresses);
+    addresses.map(|address| address.network).find(|network| network.index() == place)
+}
+
+/// A name of its own for each network, however long the plan's is: Linux allows 15 characters.
+fn interface(network: NetworkId) -> String {
+    format!("net{}", network.index())
+}
+
+/// The hidden verb `within`: goes into a new namespace, says so, waits until the interfaces are there, gives them their
+/// addresses, and becomes `bateleur` with `arguments`.
+pub(crate) fn within(interfaces: &[String], arguments: &[String]) -> Result<()> {
+    enter_new()?;
+    println!("{READY}");
+    std::io::stdout().flush()?;
+    let mut byte = [0];
+    // Byte by byte, unbuffered: the rest of standard input is the executive's. Nothing: whoever started this has died.
+    if std::io::Read::by_ref(&mut std::fs::File::from(rustix::io::dup(std::io::stdin())?)).read(&mut byte)?
+        == 0
+    {
+        return Ok(());
+    }
+    ip(&["link", "set", "lo", "up"])?;
+    for one in interfaces {
+        let (name, addresses) = one.split_once('=').context("an interface is written NAME=ADDRESS,…")?;
+        let addresses: Vec<IpAddr> = addresses.split(',').map(str::parse).collect::<Result<_, _>>()?;
+        let (own, others) = addresses.split_first().context("an interface has an address")?;
+        configure(name, SocketAddr::new(*own, 0), others)?;
+    }
+    let error = Command::new(std::env::current_exe()?).args(arguments).exec();
+    Err(error).context("cannot start the module")
+}
+
+fn enter_new() -> Result<()> {
+    // SAFETY: only the network namespace changes; no descriptor table or memory is unshared, and whoever has open sockets keeps
+    // them.
+    let entered = unsafe { unshare_unsafe(UnshareFlags::NEWNET) };
+    entered.context("cannot make a network namespace")
+}
+
+/// Gives an interface its address, and the way to everybody else on it, whatever their numbers are.
+fn configure(name: &str, own: SocketAddr, others: &[IpAddr]) -> Result<()> {
+    let whole = |ip: &IpAddr| format!("{ip}/{}", if ip.is_ipv4() { 32 } else { 128 });
+    let mut address = vec!["address", "add"];
+    let own = whole(&own.ip());
+    address.push(&own);
+    // Nobody else has it: it need not be asked for first.
+    if own.contains(':') {
+        address.push("nodad");
+    }
+    address.extend(["dev", name]);
+    ip(&address)?;
+    ip(&["link", "set", name, "up"])?;
+    for other in others {
+        ip(&["route", "replace", &whole(other), "dev", name])?;
+    }
+    Ok(())
+}
+
+fn ip(arguments: &[&str]) -> Result<()> {
+    let output = Command::new("ip")
+        .args(arguments)
+        .output()
+        .context("cannot start `ip`, which makes the networks: install the package iproute2")?;
+    if !output.status.success() {
+        let said = String::from_utf8_lossy(&output.stderr);
+        bail!("`ip {}` failed: {}", arguments.join(" "), said.trim());
+    }
+    Ok(())
+}

@@ -67,7 +67,7 @@ fn cargo(folder: &Path, arguments: &[&str]) {
 
 /// The schedule file of two partitions with everything, whose programs are those built here.
 fn schedule(folder: &Path) -> String {
-    let mut text = fs::read_to_string(repository().join("cli/tests/new/everything.toml")).unwrap();
+    let mut text = fs::read_to_string(repository().join("hil/bateleur/tests/new/everything.toml")).unwrap();
     for name in BOTH {
         let built = target().join("release").join(name);
         text = text.replace(&format!("program = \"{name}\""), &format!("program = \"{}\"", built.display()));

@@ -75,7 +75,13 @@ fn plan_is_read_as_it_was_written() {
 /// The bounds must let through whatever the rules do.
 #[test]
 fn every_schedule_file_of_the_repository_that_the_checker_lets_through_is_compiled() {
-    let folders = ["schedules", "tests/schedule", "cli/tests/new", "cli/tests/golden", "cli/tests"];
+    let folders = [
+        "schedules",
+        "tests/schedule",
+        "hil/bateleur/tests/new",
+        "hil/bateleur/tests/golden",
+        "hil/bateleur/tests",
+    ];
     let files = folders.iter().flat_map(|folder| std::fs::read_dir(repository().join(folder)).unwrap());
     let paths = files
         .map(|entry| entry.unwrap().path())

@@ -6,7 +6,7 @@ mod support;
 
 use support::{assert_golden, bateleur, repository};
 
-const NEEDS: &str = "cli/tests/needs/flight.toml";
+const NEEDS: &str = "hil/bateleur/tests/needs/flight.toml";
 
 #[test]
 fn the_nine_partitions_are_planned_and_pass_the_checker() {

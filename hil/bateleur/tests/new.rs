@@ -19,7 +19,7 @@ fn folder(schedule: &str) -> tempfile::TempDir {
 
 /// Two partitions that have everything that a schedule file can say of one.
 fn everything() -> String {
-    fs::read_to_string(repository().join("cli/tests/new/everything.toml")).unwrap()
+    fs::read_to_string(repository().join("hil/bateleur/tests/new/everything.toml")).unwrap()
 }
 
 fn new_in(folder: &Path, arguments: &[&str]) -> Ended {

@@ -11,7 +11,7 @@ use std::process::{Command, Stdio};
 use support::{bateleur, bateleur_in, repository};
 
 const SCHEDULE: &str = "schedule.toml";
-const NEEDS: &str = "cli/tests/needs/flight.toml";
+const NEEDS: &str = "hil/bateleur/tests/needs/flight.toml";
 
 /// The code and the errors of a command whose output goes to `stdout`.
 fn printed_to(stdout: impl Into<Stdio>, arguments: &[&str]) -> (i32, String) {

@@ -84,7 +84,7 @@ mod tests {
 
     #[test]
     fn every_verb_stands_in_the_page_of_the_command_line() {
-        let page = include_str!("../../docs/src/command-line.md");
+        let page = include_str!("../../../docs/src/command-line.md");
         let (_, table) = page.split_once("| verb | for |").unwrap();
         let table = table.split("\n\n").next().unwrap();
         for verb in Arguments::command().get_subcommands().filter(|verb| !verb.is_hide_set()) {

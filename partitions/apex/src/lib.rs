@@ -45,7 +45,6 @@ mod notices;
 mod ports;
 mod raw;
 mod retained;
-mod return_code;
 mod run;
 mod schedule;
 pub mod serial;
@@ -59,6 +58,7 @@ pub use alignment::Alignment;
 pub use attributes::{AttributeError, Attributes};
 pub use bateleur_contract::{AlignmentReport, Direction, ErrorCode, PortKind, StartCondition};
 pub use bateleur_ports::Stamp;
+pub use bateleur_processes::ReturnCode;
 pub use context::{Context, StartError};
 pub use errors::{HealthError, Response};
 pub use harness::{Harness, Incarnation};
@@ -70,7 +70,6 @@ pub use raw::{
     RawSamplingSource,
 };
 pub use retained::Retained;
-pub use return_code::ReturnCode;
 pub use run::{Partition, run};
 pub use schedule::{ModuleSchedules, ScheduleId, ScheduleStatus};
 pub use supervision::{Supervision, SupervisionEvent};

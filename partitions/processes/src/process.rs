@@ -31,7 +31,8 @@ pub(crate) struct Process {
     /// By SUSPEND, or by SUSPEND_SELF: then with nothing else to wait for, and perhaps a time-out.
     pub(crate) suspended: bool,
     pub(crate) priority: i32,
-    /// What the priority becomes when the process gives up its mutex or the preemption lock.
+    /// What the priority becomes when the process gives up its mutex or the preemption lock. The same as the priority of one that
+    /// owns neither.
     pub(crate) retained: i32,
     /// The mutex that it owns, by its place. Stays when it is stopped.
     pub(crate) mutex: Option<usize>,

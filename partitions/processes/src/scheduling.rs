@@ -302,8 +302,5 @@ impl Partition {
         }
         self.lock.owner = self.serve_first(self.lock.waiting);
         self.lock.level = i32::from(self.lock.owner.is_some());
-        if let Some(owner) = self.lock.owner {
-            self.processes[owner].retained = self.processes[owner].priority;
-        }
     }
 }

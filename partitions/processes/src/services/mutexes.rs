@@ -110,7 +110,6 @@ impl Partition {
             Owner::Main => self.main_mutex = id.index(),
             Owner::Process(place) => {
                 self.processes[place].mutex = id.index();
-                self.processes[place].retained = self.processes[place].priority;
                 self.change_priority(place, ceiling, true);
             }
         }
@@ -179,7 +178,6 @@ impl Partition {
         }
         if let Some(place) = self.queues.first(waiting) {
             let process = &mut self.processes[place];
-            process.retained = process.priority;
             process.priority = ceiling;
             process.mutex = id.index();
             let mutex = self.mutexes.get_mut(id.index())?;

@@ -252,10 +252,7 @@ impl Partition {
             }
             Some(_) if self.lock.level >= MAX_LOCK_LEVEL => return Err(ReturnCode::InvalidConfig),
             Some(_) => {}
-            None => {
-                self.lock.owner = Some(place);
-                self.processes[place].retained = self.processes[place].priority;
-            }
+            None => self.lock.owner = Some(place),
         }
         self.lock.level += 1;
         Ok(Progress::Done(self.lock.level))

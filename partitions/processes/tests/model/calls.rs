@@ -4,8 +4,8 @@ use bateleur_processes::standard::*;
 use bateleur_processes::{Partition, Progress, ReturnCode};
 use rand::{Rng, RngExt};
 
-use crate::model::Plan;
 use crate::ms;
+use crate::plan::Plan;
 
 /// Processes and mutexes by their place, spans in ns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,9 +59,13 @@ pub(crate) enum Given {
 
 pub(crate) type Answer = Result<Given, ReturnCode>;
 
+/// The draws that a call is made from.
+pub(crate) const DRAWS: u32 = 113;
+
 pub(crate) const NOTHING: Answer = Ok(Given::Number(0));
 
-pub(crate) fn random_call(random: &mut impl Rng, plan: &Plan, mode: OperatingMode) -> Call {
+pub(crate) fn random_call(random: &mut impl Rng, plan: &Plan, partition: &Partition) -> Call {
+    let mode = partition.get_partition_status().operating_mode;
     let process = random.random_range(0..plan.processes.len());
     let mutex = random.random_range(0..plan.mutexes.len());
     let byte = random.random_range(1..200);
@@ -69,7 +73,12 @@ pub(crate) fn random_call(random: &mut impl Rng, plan: &Plan, mode: OperatingMod
     if mode != OperatingMode::Normal && random.random_range(0..4) == 0 {
         return Call::Mode(OperatingMode::Normal);
     }
-    match random.random_range(0..110) {
+    // Otherwise few scripts would leave the error handler.
+    if partition.get_my_id().is_err() && mode == OperatingMode::Normal && random.random_range(0..2) == 0 {
+        return [Call::GetError, Call::GetError, Call::StopSelf][random.random_range(0..3)];
+    }
+    let liked = plan.liked[random.random_range(0..plan.liked.len())];
+    match if random.random_range(0..2) == 0 { liked } else { random.random_range(0..DRAWS) } {
         0 if random.random_range(0..8) == 0 => Call::Mode(OperatingMode::Idle),
         0..4 => Call::SetPriority(process, [0, 5, 10, 20, 30][random.random_range(0..5)]),
         4..8 => Call::SuspendSelf(time_out),
@@ -102,7 +111,7 @@ pub(crate) fn random_call(random: &mut impl Rng, plan: &Plan, mode: OperatingMod
         104 => Call::ResetLock(process),
         105..108 => Call::GetError,
         108 => Call::Raise,
-        109 if plan.handler => {
+        109.. if plan.handler => {
             let codes = [ErrorCode::NumericError, ErrorCode::MemoryViolation, ErrorCode::PowerFail];
             Call::Fault(codes[random.random_range(0..3)])
         }

@@ -5,6 +5,7 @@
 mod calls;
 mod model;
 mod objects;
+mod plan;
 
 use bateleur_processes::standard::*;
 use bateleur_processes::{Dispatch, Partition, Runner, Settings};
@@ -12,7 +13,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use calls::{random_call, real};
-use model::{Model, Plan};
+use model::Model;
+use plan::Plan;
 
 /// Scripts of one run; each makes some ten to a hundred steps.
 const SCRIPTS: u64 = 100_000;
@@ -41,7 +43,7 @@ fn script(seed: u64) -> u64 {
             partition.advance(now);
             model.advance(now);
         } else {
-            let call = random_call(&mut random, &plan, partition.get_partition_status().operating_mode);
+            let call = random_call(&mut random, &plan, &partition);
             history.push(format!("{:?} {call:?}", partition.dispatch()));
             if !call.is_fault() && !matches!(partition.dispatch(), Dispatch::Run { .. }) {
                 continue;

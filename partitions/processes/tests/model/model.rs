@@ -2,48 +2,14 @@
 
 use bateleur_processes::standard::*;
 use bateleur_processes::{ReturnCode, Runner};
-use rand::{Rng, RngExt};
 
 use crate::calls::{Answer, Call, Given, NOTHING};
-use crate::ms;
 use crate::objects::{Mutex, Object};
+use crate::plan::{PERIOD, Plan, PlannedProcess};
 
 const FOREVER: SystemTime = INFINITE_TIME_VALUE;
-/// Period of the partition, ns.
-const PERIOD: SystemTime = 10_000_000;
 /// Errors that wait for the handler.
 const ERRORS: usize = 3;
-
-/// What a script begins with.
-#[derive(Debug)]
-pub(crate) struct Plan {
-    pub(crate) processes: Vec<PlannedProcess>,
-    /// Their priorities.
-    pub(crate) mutexes: [i32; 2],
-    pub(crate) by_priority: bool,
-    pub(crate) handler: bool,
-}
-
-#[derive(Debug)]
-pub(crate) struct PlannedProcess {
-    pub(crate) priority: i32,
-    pub(crate) period: SystemTime,
-    pub(crate) capacity: SystemTime,
-}
-
-impl Plan {
-    pub(crate) fn random(random: &mut impl Rng) -> Self {
-        let handler = random.random_range(0..8) != 0;
-        let mut process = || PlannedProcess {
-            priority: [10, 10, 20, 30][random.random_range(0..4)],
-            period: [FOREVER, FOREVER, PERIOD, 2 * PERIOD][random.random_range(0..4)],
-            // Without a handler, the first late process would end the script.
-            capacity: if handler { [FOREVER, ms(4), ms(10)][random.random_range(0..3)] } else { FOREVER },
-        };
-        let processes = (0..5).map(|_| process()).collect();
-        Self { processes, mutexes: [20, 40], by_priority: random.random_range(0..2) == 1, handler }
-    }
-}
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Phase {

@@ -43,6 +43,7 @@ mod harness;
 mod line;
 mod notices;
 mod ports;
+pub mod processes;
 mod raw;
 mod retained;
 mod run;

@@ -202,10 +202,24 @@ impl Partition {
         self.caller().map_or(Ok(()), |place| self.processes[place].result)
     }
 
+    /// As above, of any process.
+    ///
+    /// # Errors
+    /// As above; INVALID_PARAM: there is no such process.
+    pub fn result_of(&self, id: ProcessId) -> Result<(), ReturnCode> {
+        self.processes[self.place(id)?].result
+    }
+
     /// The message that the running process was given while it waited.
     #[must_use]
     pub fn message(&self) -> &[u8] {
         self.caller().map_or(&[], |place| &self.processes[place].message)
+    }
+
+    /// As above, of any process.
+    #[must_use]
+    pub fn message_of(&self, id: ProcessId) -> &[u8] {
+        self.place(id).map_or(&[], |place| &self.processes[place].message)
     }
 
     /// The oldest notice for the driver.

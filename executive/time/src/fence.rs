@@ -352,7 +352,10 @@ impl Fence {
             && !self.calmed.load(Relaxed)
             && self.demoted.swap(false, Relaxed)
         {
-            self.threads.real_time().for_each(|tid| self.processes.promote(tid, priority));
+            // The main thread of several decides which of them runs, and has to be able to stop the others.
+            let several = self.threads.real_time().nth(1).is_some();
+            let level = |tid| if several && tid == main { priority + 1 } else { priority };
+            self.threads.real_time().for_each(|tid| self.processes.promote(tid, level(tid)));
         }
     }
 
@@ -466,8 +469,9 @@ mod tests {
             let threads = self.world().threads.clone();
             threads.into_iter().for_each(each);
         }
-        fn promote(&self, tid: i32, _: u8) {
-            self.world().said.push(format!("promote {tid}"));
+        fn promote(&self, tid: i32, priority: u8) {
+            let level = if priority == 40 { String::new() } else { format!(" to {priority}") };
+            self.world().said.push(format!("promote {tid}{level}"));
             self.world().real_time.push(tid);
         }
         fn demote(&self, tid: i32) -> bool {
@@ -510,7 +514,7 @@ mod tests {
         assert_eq!(fake.said(), "demote 10, demote 11, freeze");
         fence.look();
         fence.let_go(10);
-        assert_eq!(fake.said(), "thaw, promote 10, promote 11");
+        assert_eq!(fake.said(), "thaw, promote 10 to 41, promote 11");
         assert_eq!(fence.take_escapes(), Escapes::default());
     }
 
@@ -644,7 +648,7 @@ mod tests {
         fence.hold(10);
         assert_eq!(fake.said(), "demote 10, freeze");
         fence.let_go(10);
-        assert_eq!(fake.said(), "thaw, promote 10, promote 11");
+        assert_eq!(fake.said(), "thaw, promote 10 to 41, promote 11");
     }
 
     #[test]

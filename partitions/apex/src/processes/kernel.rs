@@ -139,11 +139,18 @@ impl Kernel {
     }
 
     fn window_without_interruption(self: &Arc<Self>) {
-        let mut state = self.lock();
-        if self.pass(&mut state, MAIN) == Passed::Away {
-            let baton = state.batons[MAIN].clone();
-            drop(state);
-            baton.take();
+        loop {
+            let mut state = self.lock();
+            thread::adopt(self, &mut state);
+            if self.pass(&mut state, MAIN) == Passed::Away {
+                let baton = state.batons[MAIN].clone();
+                drop(state);
+                baton.take();
+                state = self.lock();
+            }
+            if state.orphan.is_none() {
+                return;
+            }
         }
     }
 

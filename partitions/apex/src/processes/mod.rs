@@ -42,6 +42,8 @@ mod process;
 mod run;
 mod thread;
 
+pub(crate) use thread::fault;
+
 pub use bateleur_processes::standard;
 pub use initialisation::{Every, Initialisation};
 pub use kernel::SERVICE_NS;

@@ -67,9 +67,7 @@ pub(crate) fn kernel(
     condition: StartCondition,
     period_ns: u64,
 ) -> Arc<Kernel> {
-    if clock == Clock::Wall {
-        thread::install();
-    }
+    thread::install();
     Arc::new(Kernel::new(page, clock, Partition::new(settings(condition, period_ns))))
 }
 

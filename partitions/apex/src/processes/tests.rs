@@ -216,6 +216,70 @@ fn panic_is_a_fault_of_its_process_alone() {
 }
 
 #[test]
+fn memory_violation_and_trap_are_faults_of_their_process_alone() {
+    crate::signals::install();
+    let writes = failing(|_| {
+        crate::faults::write_byte(std::hint::black_box(8), 1);
+        Ok(())
+    });
+    assert_eq!(writes, ["begins", "MemoryViolation of 1", "begins", "MemoryViolation of 1"]);
+    let overflows = failing(|_| {
+        std::hint::black_box(crate::faults::recurse(std::hint::black_box(1)));
+        Ok(())
+    });
+    assert_eq!(overflows[1], "StackOverflow of 1");
+    let traps = failing(|_| {
+        crate::faults::illegal_instruction();
+        Ok(())
+    });
+    assert_eq!(traps[1], "IllegalRequest of 1");
+}
+
+#[test]
+fn lk_02_preemption_lock_does_not_delay_the_end_of_a_window() {
+    let (kernel, notes) = partition(Clock::Virtual, |partition, notes| {
+        let (own, other) = (notes.clone(), notes.clone());
+        partition.process("locks", Every::once().priority(10), move |process| {
+            let _ = process.call(|services| services.lock_preemption())?; // nobody else has it
+            for _ in 0..6_000 {
+                process.now_ns()?;
+            }
+            note(&own, format!("unlocks at {}", time(process)?));
+            process.call(|services| services.unlock_preemption())?;
+            note(&own, "goes on");
+            Ok(())
+        })?;
+        partition.process("urgent", Every::ms(20).priority(20), move |process| {
+            note(&other, format!("urgent at {}", time(process)?));
+            process.periodic_wait()
+        })?;
+        Ok(())
+    });
+    windows(&kernel, 0..1);
+    assert!(notes.lock().unwrap().is_empty(), "the window is over");
+    windows(&kernel, 1..2);
+    assert_eq!(*notes.lock().unwrap(), ["unlocks at 21", "urgent at 21", "goes on"]);
+}
+
+#[test]
+fn bug_31_window_changes_while_a_process_holds_the_lock() {
+    let (kernel, notes) = partition(Clock::Virtual, |partition, notes| {
+        let notes = notes.clone();
+        partition.process("locks", Every::once(), move |process| {
+            let _ = process.call(|services| services.lock_preemption())?; // nobody else has it
+            while time(process)? < 42 {}
+            note(&notes, "third window");
+            Ok(())
+        })?;
+        Ok(())
+    });
+    windows(&kernel, 0..2);
+    assert!(notes.lock().unwrap().is_empty());
+    windows(&kernel, 2..3);
+    assert_eq!(*notes.lock().unwrap(), ["third window"]);
+}
+
+#[test]
 fn error_that_a_process_returns_or_raises_is_the_handlers() {
     let returned = failing(|process| process.periodic_wait());
     assert_eq!(returned, ["begins", "ApplicationError of 1", "begins", "ApplicationError of 1"]);

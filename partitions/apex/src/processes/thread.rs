@@ -12,8 +12,10 @@ use bateleur_processes::standard::ErrorCode;
 
 use super::baton::Baton;
 use super::c_library;
-use super::kernel::{Kernel, Passed, State};
+use super::kernel::{HANDLER, Kernel, Passed, State};
+
 use super::process::{Body, Process};
+use crate::signals::set as set_handler;
 
 /// Asks a thread to look who runs. Ignored by programs that know nothing of it, and seldom used for anything else.
 const SIGNAL: libc::c_int = libc::SIGURG;
@@ -168,15 +170,12 @@ unsafe fn instruction(context: *const libc::ucontext_t) -> usize {
     unsafe { (*context).uc_mcontext.pc as usize }
 }
 
-/// Installs the handler, before any thread of a process exists.
+/// Installs the handlers, before any thread of a process exists.
 pub(crate) fn install() {
     c_library::find();
-    // SAFETY: plain data, all zero is an empty mask; the handler only does what is said at `on_signal`.
-    unsafe {
-        let mut action: libc::sigaction = std::mem::zeroed();
-        action.sa_sigaction = on_signal as *const () as usize;
-        action.sa_flags = libc::SA_RESTART | libc::SA_SIGINFO;
-        libc::sigaction(SIGNAL, &raw const action, std::ptr::null_mut()); // fails for numbers that are no signals only
+    set_handler(SIGNAL, on_signal as *const () as usize, libc::SA_RESTART | libc::SA_SIGINFO);
+    for signal in [libc::SIGFPE, libc::SIGILL] {
+        set_handler(signal, on_trap as *const () as usize, libc::SA_SIGINFO | libc::SA_ONSTACK);
     }
 }
 
@@ -202,33 +201,65 @@ extern "C" fn on_signal(_: libc::c_int, _: *mut libc::siginfo_t, context: *mut l
 
 /// Lets whoever is to run now run; comes back when it is this thread's turn.
 fn look() {
-    let kernel = KERNEL.get();
-    if kernel.is_null() {
-        return;
-    }
-    SERVING.set(true);
     // SAFETY: the thread's own stack holds the partition as long as the thread runs.
-    let kernel = unsafe { &*kernel };
-    let place = PLACE.get();
+    let Some(kernel) = (unsafe { KERNEL.get().as_ref() }) else { return };
+    SERVING.set(true);
     let mut state = kernel.lock();
-    if state.holder == place {
+    if state.holder == PLACE.get() {
         kernel.tick(&mut state, 0);
-        let baton = Arc::as_ptr(&state.batons[place]);
-        // SAFETY: its thread's stack holds one too.
-        let baton = unsafe { &*baton };
-        let life = baton.life.load(Ordering::Relaxed);
-        baton.preempted.store(true, Ordering::Relaxed);
-        let passed = kernel.pass(&mut state, place);
-        drop(state);
-        if passed == Passed::Away && (!baton.take() || baton.life.load(Ordering::Relaxed) != life) {
-            // SAFETY: ends this thread alone. Its frames are abandoned: nobody can say where they are.
-            unsafe { libc::syscall(libc::SYS_exit, 0) };
-        }
-        baton.preempted.store(false, Ordering::Relaxed);
+        stop_here(kernel, state);
     } else {
         drop(state);
     }
     SERVING.set(false);
+}
+
+/// Sleeps in the midst of the process's own code until it is its turn again; ends the thread if the process has begun anew meanwhile.
+fn stop_here(kernel: &Kernel, mut state: MutexGuard<'_, State>) {
+    let place = PLACE.get();
+    // SAFETY: its thread's stack holds the baton too. No count of owners is touched here: the interrupted code may be about to.
+    let baton = unsafe { &*Arc::as_ptr(&state.batons[place]) };
+    let life = baton.life.load(Ordering::Relaxed);
+    baton.preempted.store(true, Ordering::Relaxed);
+    let passed = kernel.pass(&mut state, place);
+    drop(state);
+    if passed == Passed::Away && (!baton.take() || baton.life.load(Ordering::Relaxed) != life) {
+        // SAFETY: ends this thread alone. Its frames are abandoned: nobody can say where they are.
+        unsafe { libc::syscall(libc::SYS_exit, 0) };
+    }
+    baton.preempted.store(false, Ordering::Relaxed);
+}
+
+/// A fault in the code of this thread's process: it is FAULTED, and sleeps until somebody resumes it or starts it again. False if nobody
+/// could go on after it: no process runs here, it is in a service or in the C library, or there is no error handler but perhaps itself.
+///
+/// # Safety
+/// `context` is the kernel's, of a signal's handler that this thread is in.
+pub(crate) unsafe fn fault(code: ErrorCode, address: u64, context: *const libc::ucontext_t) -> bool {
+    // SAFETY: as in `look`, and the caller's.
+    let (kernel, instruction) = unsafe { (KERNEL.get().as_ref(), instruction(context)) };
+    let Some(kernel) = kernel.filter(|_| !SERVING.get() && !c_library::contains(instruction)) else {
+        return false;
+    };
+    let place = PLACE.get();
+    SERVING.set(true);
+    let mut state = kernel.lock();
+    if state.holder != place || place == HANDLER || state.bodies[HANDLER].is_none() {
+        return false;
+    }
+    state.partition.fault(code, address as usize);
+    stop_here(kernel, state);
+    SERVING.set(false);
+    true
+}
+
+/// Division by zero, and what is no instruction.
+extern "C" fn on_trap(signal: libc::c_int, about: *mut libc::siginfo_t, context: *mut libc::c_void) {
+    let code = if signal == libc::SIGFPE { ErrorCode::NumericError } else { ErrorCode::IllegalRequest };
+    // SAFETY: the kernel hands a handler with SA_SIGINFO valid structures of these types.
+    if !unsafe { fault(code, (*about).si_addr() as u64, context.cast()) } {
+        set_handler(signal, libc::SIG_DFL, 0); // the instruction is tried again and ends the partition's process
+    }
 }
 
 /// Gives a process a new thread whose old one was stopped in its own code (the main thread).

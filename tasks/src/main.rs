@@ -1,9 +1,10 @@
 //! What the cargo aliases run: `cargo fly` and `cargo verify`; and for whoever writes pages one step of the latter alone, `commands` and
-//! `pages`, and `trusted`, which counts the lines of the daemon.
+//! `pages`, and `trusted` and `apex`, which write the tables of two pages: the lines of the daemon, and the requirements that have a test.
 //!
 //! Responsible for: building before flying, and everything that must pass before a change lands. It must never depend on
 //! another crate, so that the first thing a fresh clone builds is built in a second.
 
+mod apex;
 mod arrows;
 mod blocks;
 mod commands;
@@ -26,11 +27,12 @@ fn main() -> ExitCode {
         Some("fly") => fly::run(arguments.collect()),
         Some("commands") => verify::only_commands(),
         Some("pages") => verify::only_pages(),
-        Some("trusted") => verify::write_trusted(),
+        Some("apex") => verify::write_page(apex::check),
+        Some("trusted") => verify::write_page(trusted::check),
         Some("verify") => verify::run(&arguments.collect::<Vec<OsString>>()),
         _ => {
             eprintln!(
-                "usage: cargo fly [what `bateleur fly` takes] | cargo verify | cargo run -p tasks -- commands | … pages | … trusted"
+                "usage: cargo fly [what `bateleur fly` takes] | cargo verify | cargo run -p tasks -- commands | … pages | … apex | … trusted"
             );
             ExitCode::from(CANNOT_RUN)
         }

@@ -66,7 +66,7 @@ pub(crate) fn check(root: &Path, write: bool) -> Vec<String> {
 }
 
 /// A page with `text` in the part that is marked with `name`.
-fn with(page: &str, name: &str, text: &str) -> String {
+pub(crate) fn with(page: &str, name: &str, text: &str) -> String {
     let (begin, end) = (format!("<!-- made: {name} -->\n"), "<!-- /made -->");
     let parts = page.split_once(&begin).and_then(|(before, rest)| Some((before, rest.split_once(end)?.1)));
     parts.map_or_else(|| page.to_owned(), |(before, after)| format!("{before}{begin}\n{text}\n{end}{after}"))

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use crate::step::{Step, succeeds};
 use crate::tally::Tally;
-use crate::{CANNOT_RUN, arrows, cargo, commands, fly, links, trusted};
+use crate::{CANNOT_RUN, apex, arrows, cargo, commands, fly, links, trusted};
 
 /// Some test, lint or page is not as it must be.
 const FAILED: u8 = 1;
@@ -59,9 +59,9 @@ fn said(result: Result<(), String>) -> ExitCode {
     }
 }
 
-/// Writes what is counted into the page of what is trusted.
-pub(crate) fn write_trusted() -> ExitCode {
-    let faults = trusted::check(&root(), true);
+/// Writes the tables of a page, as its `check` does.
+pub(crate) fn write_page(check: fn(&Path, bool) -> Vec<String>) -> ExitCode {
+    let faults = check(&root(), true);
     faults.iter().for_each(|fault| println!("{fault}"));
     if faults.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) }
 }
@@ -95,6 +95,7 @@ fn pages(root: &Path) -> Result<(), String> {
     let mut faults = links::check(root);
     faults.extend(arrows::check(root));
     faults.extend(trusted::check(root, false));
+    faults.extend(apex::check(root, false));
     if faults.is_empty() {
         println!("== pages and the table of crates: fine");
         return Ok(());

@@ -349,7 +349,10 @@ impl TimeGuard {
             && !self.calmed.load(Relaxed)
             && self.demoted.swap(false, Relaxed)
         {
-            self.threads.real_time().for_each(|tid| self.processes.promote(tid, priority));
+            // The main thread of several decides which of them runs, and has to be able to stop the others.
+            let several = self.threads.real_time().nth(1).is_some();
+            let level = |tid| if several && tid == self.main() { priority + 1 } else { priority };
+            self.threads.real_time().for_each(|tid| self.processes.promote(tid, level(tid)));
         }
     }
 
@@ -498,8 +501,9 @@ mod tests {
             let threads = self.world().threads.clone();
             threads.into_iter().for_each(each);
         }
-        fn promote(&self, tid: i32, _: u8) {
-            self.world().said.push(format!("promote {tid}"));
+        fn promote(&self, tid: i32, priority: u8) {
+            let level = if priority == 40 { String::new() } else { format!(" to {priority}") };
+            self.world().said.push(format!("promote {tid}{level}"));
             self.world().real_time.push(tid);
         }
         fn demote(&self, tid: i32) -> bool {
@@ -543,7 +547,7 @@ mod tests {
         assert!(guard.look_at_ns().is_some());
         guard.look();
         guard.let_go();
-        assert_eq!(fake.said(), "thaw, promote 10, promote 11");
+        assert_eq!(fake.said(), "thaw, promote 10 to 41, promote 11");
         assert_eq!(guard.take_escapes(), Escapes::default());
     }
 
@@ -666,7 +670,7 @@ mod tests {
         guard.hold();
         assert_eq!(fake.said(), "demote 10, freeze");
         guard.let_go();
-        assert_eq!(fake.said(), "thaw, promote 10, promote 11");
+        assert_eq!(fake.said(), "thaw, promote 10 to 41, promote 11");
     }
 
     #[test]

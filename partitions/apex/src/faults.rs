@@ -228,7 +228,7 @@ fn illegal_call() {
     }
 }
 
-fn write_byte(address: usize, value: u8) {
+pub(crate) fn write_byte(address: usize, value: u8) {
     // SAFETY: there is none: that is the order.
     unsafe { (address as *mut u8).write_volatile(value) };
 }
@@ -283,7 +283,7 @@ fn wild_range(start: usize, length: usize, random: &mut Random) {
 }
 
 #[allow(unconditional_recursion)] // it is the order
-fn recurse(depth: u64) -> u64 {
+pub(crate) fn recurse(depth: u64) -> u64 {
     let frame = std::hint::black_box([depth; 64]);
     recurse(std::hint::black_box(frame[0] + 1)) + frame[63]
 }
@@ -305,19 +305,19 @@ fn divide_by_zero() {
 }
 
 #[cfg(target_arch = "x86_64")]
-fn illegal_instruction() {
+pub(crate) fn illegal_instruction() {
     // SAFETY: the instruction traps, and the process ends here.
     unsafe { std::arch::asm!("ud2") };
 }
 
 #[cfg(target_arch = "aarch64")]
-fn illegal_instruction() {
+pub(crate) fn illegal_instruction() {
     // SAFETY: the instruction traps, and the process ends here.
     unsafe { std::arch::asm!("udf #0") };
 }
 
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-fn illegal_instruction() {
+pub(crate) fn illegal_instruction() {
     std::process::abort();
 }
 

@@ -204,17 +204,22 @@ impl Harness {
     /// # Errors
     /// What its `start` says, and what an executive would: a port or an attribute that it does not ask for.
     pub fn start<P: Partition>(&mut self) -> Result<Incarnation<P>, StartError> {
-        let retained = match &self.retained {
-            Some(file) => Some(file.try_clone().map_err(|error| refused("retained memory", error))?),
-            None => None,
-        };
-        let mut context = Context::new(self.description.clone(), self.time.clone(), retained)?;
+        let mut context = self.context()?;
         let partition = P::start(&mut context)?;
         let started = context.finish()?;
         started.connect();
         self.description.generation += 1;
         self.description.start_condition = StartCondition::HmPartitionWarmRestart;
         Ok(Incarnation { partition, started, time: self.time.clone() })
+    }
+
+    /// What a partition is started with.
+    pub(crate) fn context(&self) -> Result<Context, StartError> {
+        let retained = match &self.retained {
+            Some(file) => Some(file.try_clone().map_err(|error| refused("retained memory", error))?),
+            None => None,
+        };
+        Context::new(self.description.clone(), self.time.clone(), retained)
     }
 
     /// What the partition has reported since this was asked last: messages to the operator, errors, refusals of ports.

@@ -44,9 +44,9 @@ mod harness;
 mod line;
 mod notices;
 mod ports;
+pub mod processes;
 mod raw;
 mod retained;
-mod return_code;
 mod run;
 mod schedule;
 pub mod serial;
@@ -60,6 +60,7 @@ pub use alignment::Alignment;
 pub use attributes::{AttributeError, Attributes};
 pub use bateleur_contract::{AlignmentReport, Direction, ErrorCode, PortKind, StartCondition};
 pub use bateleur_ports::Stamp;
+pub use bateleur_processes::ReturnCode;
 pub use context::{Context, StartError};
 pub use errors::{HealthError, Response};
 pub use function_shell::{FunctionShell, Verdict};
@@ -72,7 +73,6 @@ pub use raw::{
     RawSamplingSource,
 };
 pub use retained::Retained;
-pub use return_code::ReturnCode;
 pub use run::{Partition, run};
 pub use schedule::{ModuleSchedules, ScheduleId, ScheduleStatus};
 pub use supervision::{Supervision, SupervisionEvent};

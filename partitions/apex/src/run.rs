@@ -50,7 +50,12 @@ pub trait Partition: Sized {
 
 /// Runs partition `P` until the executive asks it to stop: the whole of its `main`.
 pub fn run<P: Partition>() -> ExitCode {
-    match live::<P>() {
+    report_end(live::<P>())
+}
+
+/// Says why it has ended, if not because it was asked to.
+pub(crate) fn report_end(result: Result<(), End>) -> ExitCode {
+    match result {
         Ok(()) => code(exit::STOPPED),
         Err(End { code: number, reason }) => {
             eprintln!("{}: {reason}", program());
@@ -59,9 +64,10 @@ pub fn run<P: Partition>() -> ExitCode {
     }
 }
 
-struct End {
-    code: i32,
-    reason: String,
+/// Why a partition process ends by itself.
+pub(crate) struct End {
+    pub(crate) code: i32,
+    pub(crate) reason: String,
 }
 
 impl Response {
@@ -77,7 +83,7 @@ impl Response {
 }
 
 fn live<P: Partition>() -> Result<(), End> {
-    let (page, description) = take_over().map_err(|reason| End { code: exit::NO_CONTRACT, reason })?;
+    let (_, page, description) = take_over().map_err(|reason| End { code: exit::NO_CONTRACT, reason })?;
     crate::signals::install();
     let (name, stands_by) = (description.partition.clone(), description.standby);
     name_process(&if stands_by { format!("{STANDBY_MARK}{name}") } else { name.clone() });
@@ -91,8 +97,7 @@ fn live<P: Partition>() -> Result<(), End> {
     page.mode.store(starting as u32, Release);
     let time = Time::new(Rc::new(page), description.clock);
     let refuse = |error: StartError| End { code: exit::START_REFUSED, reason: error.to_string() };
-    // SAFETY: the executive left this descriptor open when it says so, and nobody else in the process knows it.
-    let retained = (description.retained_bytes > 0).then(|| unsafe { File::from_raw_fd(RETAINED_FD) });
+    let retained = retained(&description);
     let mut context = Context::new(description, time.clone(), retained).map_err(refuse)?;
     let partition = P::start(&mut context).map_err(refuse)?;
     let started = context.finish().map_err(refuse)?;
@@ -104,6 +109,12 @@ fn live<P: Partition>() -> Result<(), End> {
     let errors_seen = time.page().errors_so_far();
     let mut life = Life { partition, time, started, errors_seen, stands_by: stands_by.then_some(name) };
     life.windows()
+}
+
+/// The retained memory, if the plan grants some. Asked for once.
+pub(crate) fn retained(description: &Description) -> Option<File> {
+    // SAFETY: the executive left this descriptor open when it says so, and nobody else in the process knows it.
+    (description.retained_bytes > 0).then(|| unsafe { File::from_raw_fd(RETAINED_FD) })
 }
 
 /// Why a partition does not start whose plan expects more of it.
@@ -188,14 +199,15 @@ impl<P: Partition> Life<P> {
 const STANDBY_MARK: char = '+';
 
 /// Sleeps until there is a grant after `last`.
-fn await_grant(page: &ControlPage, last: u32) {
+pub(crate) fn await_grant(page: &ControlPage, last: u32) {
     while page.grant.load(Acquire) == last {
         // Interrupted, woken or changed meanwhile: look again.
         let _ = futex::wait(&page.grant, futex::Flags::empty(), last, None);
     }
 }
 
-fn take_over() -> Result<(Mapped<ControlPage>, Description), String> {
+/// The control page, with its descriptor, and the description. Called once.
+pub(crate) fn take_over() -> Result<(OwnedFd, Mapped<ControlPage>, Description), String> {
     let by_hand = "this program is a partition: an executive starts it (see `bateleur run --help`)";
     let version = std::env::var(ENVIRONMENT).map_err(|_| by_hand.to_owned())?;
     if version != page::VERSION.to_string() {
@@ -219,11 +231,11 @@ fn take_over() -> Result<(Mapped<ControlPage>, Description), String> {
         .map_err(|error| format!("cannot read the description: {error}"))?;
     let description =
         serde_json::from_slice(&json).map_err(|error| format!("the description is damaged: {error}"))?;
-    Ok((page, description))
+    Ok((control, page, description))
 }
 
 /// What `ps` shows: the partition, not the path of its program.
-fn name_process(name: &str) {
+pub(crate) fn name_process(name: &str) {
     let short: Vec<u8> = name.bytes().filter(|byte| *byte != 0).take(15).collect();
     if let Ok(short) = std::ffi::CString::new(short) {
         let _ = rustix::thread::set_name(&short); // a name is a comfort
@@ -231,7 +243,7 @@ fn name_process(name: &str) {
 }
 
 /// A page fault in a window costs more than many windows last. Refused where the limit is low: the executive says so.
-fn lock_memory() {
+pub(crate) fn lock_memory() {
     let _ = rustix::mm::mlockall(rustix::mm::MlockAllFlags::CURRENT);
 }
 

@@ -4,7 +4,8 @@ use std::cell::Cell;
 use std::rc::Rc;
 use std::sync::atomic::Ordering::Acquire;
 
-use crate::return_code::ReturnCode;
+use bateleur_processes::ReturnCode;
+
 use crate::time::Time;
 
 /// A schedule of the plan, by its place in it.

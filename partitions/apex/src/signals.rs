@@ -2,10 +2,12 @@
 //!
 //! Responsible for: turning them into exit codes of the contract. The first process of a PID namespace does not hear a
 //! SIGABRT that it has no handler for, and its abort would look like a memory violation; and only the process itself is
-//! told that a page of the machine's memory is damaged, or where its stack pointer stood. It must never hide a fault: each handler ends the process.
+//! told that a page of the machine's memory is damaged, or where its stack pointer stood. It must never hide a fault: each handler ends
+//! the process, or hands the fault to an error handler of the partition's own.
 #![allow(unsafe_code)] // installs handlers that make one system call
 
 use bateleur_contract::exit;
+use bateleur_processes::standard::ErrorCode;
 
 /// `si_code` of a SIGBUS: damaged memory was touched, or was found elsewhere in the process.
 const DAMAGED_MEMORY: [libc::c_int; 2] = [4, 5]; // BUS_MCEERR_AR, BUS_MCEERR_AO
@@ -22,7 +24,7 @@ pub(crate) fn install() {
 /// touch every page of a frame, so that no access skips the guard page.
 const NEAR: u64 = 64 << 10;
 
-fn set(signal: libc::c_int, handler: usize, flags: libc::c_int) {
+pub(crate) fn set(signal: libc::c_int, handler: usize, flags: libc::c_int) {
     // SAFETY: plain data, all zero is an empty mask; the handlers below make async-signal-safe calls only.
     unsafe {
         let mut action: libc::sigaction = std::mem::zeroed();
@@ -40,7 +42,13 @@ extern "C" fn on_abort(_: libc::c_int) {
 extern "C" fn on_fault(signal: libc::c_int, about: *mut libc::siginfo_t, context: *mut libc::c_void) {
     // SAFETY: the kernel hands a handler with SA_SIGINFO valid structures of these types.
     let (address, stack) = unsafe { ((*about).si_addr() as u64, stack_pointer(context.cast())) };
-    if address.abs_diff(stack) < NEAR {
+    let overflow = address.abs_diff(stack) < NEAR;
+    let code = if overflow { ErrorCode::StackOverflow } else { ErrorCode::MemoryViolation };
+    // SAFETY: as above.
+    if unsafe { crate::processes::fault(code, address, context.cast()) } {
+        return;
+    }
+    if overflow {
         // SAFETY: ends the process without running anything.
         unsafe { libc::_exit(exit::STACK_OVERFLOW) }
     }
@@ -61,10 +69,16 @@ unsafe fn stack_pointer(context: *const libc::ucontext_t) -> u64 {
     unsafe { (*context).uc_mcontext.sp }
 }
 
-extern "C" fn on_bus_error(signal: libc::c_int, about: *mut libc::siginfo_t, _: *mut libc::c_void) {
-    // SAFETY: the kernel hands a handler with SA_SIGINFO a valid structure.
-    let code = unsafe { (*about).si_code };
-    if DAMAGED_MEMORY.contains(&code) {
+extern "C" fn on_bus_error(signal: libc::c_int, about: *mut libc::siginfo_t, context: *mut libc::c_void) {
+    // SAFETY: the kernel hands a handler with SA_SIGINFO valid structures.
+    let (code, address) = unsafe { ((*about).si_code, (*about).si_addr() as u64) };
+    let damaged = DAMAGED_MEMORY.contains(&code);
+    let error = if damaged { ErrorCode::HardwareFault } else { ErrorCode::MemoryViolation };
+    // SAFETY: as above.
+    if unsafe { crate::processes::fault(error, address, context.cast()) } {
+        return;
+    }
+    if damaged {
         // SAFETY: as above.
         unsafe { libc::_exit(exit::HARDWARE_FAULT) }
     }

@@ -1,0 +1,191 @@
+//! What the main process of a partition does before NORMAL.
+
+use std::ops::{Deref, DerefMut};
+use std::sync::{Arc, MutexGuard};
+
+use bateleur_processes::standard::{
+    Deadline, ErrorHandlerConcurrency, INFINITE_TIME_VALUE, Name, ProcessAttributes, ProcessId, SystemTime,
+};
+use bateleur_processes::{Partition, ReturnCode};
+
+use super::kernel::{FIRST_PROCESS, HANDLER, Kernel, State};
+use super::process::{Body, Port, Process};
+use super::thread;
+use crate::context::{Context, StartError};
+
+/// When a process runs, and how urgently.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Every {
+    period: SystemTime,
+    capacity: SystemTime,
+    delay: SystemTime,
+    priority: i32,
+    stack: u32,
+}
+
+/// Bytes of a process's stack where nothing else is said: what Rust's formatting needs, several times.
+const STACK: u32 = 256 << 10;
+
+impl Every {
+    /// Every so many ms, a multiple of the partition's period. Priority 1, no deadline.
+    #[must_use]
+    pub fn ms(period: u32) -> Self {
+        Self { period: SystemTime::from(period) * 1_000_000, ..Self::once() }
+    }
+
+    /// From the start of the partition on, without a period.
+    #[must_use]
+    pub fn once() -> Self {
+        Self {
+            period: INFINITE_TIME_VALUE,
+            capacity: INFINITE_TIME_VALUE,
+            delay: 0,
+            priority: 1,
+            stack: STACK,
+        }
+    }
+
+    /// 1 to 239, the highest is the most urgent.
+    #[must_use]
+    pub fn priority(self, priority: i32) -> Self {
+        Self { priority, ..self }
+    }
+
+    /// Time from a release to its deadline, ms.
+    #[must_use]
+    pub fn deadline_ms(self, capacity: u32) -> Self {
+        Self { capacity: SystemTime::from(capacity) * 1_000_000, ..self }
+    }
+
+    /// Begins so much later, ms (DELAYED_START).
+    #[must_use]
+    pub fn delayed_ms(self, delay: u32) -> Self {
+        Self { delay: SystemTime::from(delay) * 1_000_000, ..self }
+    }
+
+    /// Bytes of its stack.
+    #[must_use]
+    pub fn stack(self, bytes: u32) -> Self {
+        Self { stack: bytes, ..self }
+    }
+}
+
+impl From<ReturnCode> for StartError {
+    fn from(code: ReturnCode) -> Self {
+        Self::Other(format!("a service refuses while the partition starts: {code}"))
+    }
+}
+
+/// A partition of several processes before NORMAL. The processes run when this has been left, from the first window on.
+pub struct Initialisation<'p> {
+    pub(crate) context: &'p mut Context,
+    pub(crate) kernel: &'p Arc<Kernel>,
+}
+
+impl Initialisation<'_> {
+    /// Ports, attributes, retained memory.
+    pub fn context(&mut self) -> &mut Context {
+        self.context
+    }
+
+    /// Lets processes share a port.
+    pub fn port<T>(&self, port: T) -> Port<T> {
+        Port::new(port)
+    }
+
+    /// The services, as the main process calls them: to create buffers, semaphores and so on.
+    #[must_use]
+    pub fn services(&mut self) -> Services<'_> {
+        Services(self.kernel.lock())
+    }
+
+    /// Creates a process, with its thread, and starts it: CREATE_PROCESS and DELAYED_START. `body` is its entry point; an aperiodic
+    /// process ends with it, a periodic one loops and calls [`Process::periodic_wait`]. An error that it returns is raised as an
+    /// application error.
+    ///
+    /// # Errors
+    /// A service refuses, or the machine gives no thread: the plan's `threads` has to count one for each process and one more.
+    pub fn process(
+        &mut self,
+        name: &str,
+        every: Every,
+        body: impl Fn(&Process) -> Result<(), ReturnCode> + Send + Sync + 'static,
+    ) -> Result<ProcessId, StartError> {
+        let refused = |what: &str| StartError::Other(format!("process \"{name}\": {what}"));
+        let attributes = ProcessAttributes {
+            name: Name::new(name).ok_or_else(|| refused("its name has more than 32 bytes"))?,
+            entry_point: 0,
+            stack_size: every.stack,
+            base_priority: every.priority,
+            period: every.period,
+            time_capacity: every.capacity,
+            deadline: Deadline::Hard,
+        };
+        let mut state = self.kernel.lock();
+        let id = state.partition.create_process(&attributes);
+        let id = id.map_err(|code| refused(&code.to_string()))?;
+        let body = Body { name: name.into(), stack: every.stack as usize, run: Arc::new(body) };
+        let place = state.batons.len(); // `complete` sees to it that every process is made here
+        let baton = thread::spawn(self.kernel, place, body.clone());
+        state.batons.push(baton.map_err(|error| refused(&no_thread(&error)))?);
+        state.bodies.push(Some(body));
+        let started = state.partition.delayed_start(id, every.delay);
+        started.map_err(|code| refused(&code.to_string()))?;
+        Ok(id)
+    }
+
+    /// Creates the error handler, with its thread: CREATE_ERROR_HANDLER. It runs at once when an error comes, above all processes,
+    /// and reads errors with GET_ERROR_STATUS.
+    ///
+    /// # Errors
+    /// As [`Initialisation::process`].
+    pub fn error_handler(
+        &mut self,
+        body: impl Fn(&Process) -> Result<(), ReturnCode> + Send + Sync + 'static,
+    ) -> Result<(), StartError> {
+        let mut state = self.kernel.lock();
+        state.partition.create_error_handler(STACK)?;
+        let body = Body { name: "error handler".into(), stack: STACK as usize, run: Arc::new(body) };
+        let baton = thread::spawn(self.kernel, HANDLER, body.clone());
+        let baton =
+            baton.map_err(|error| StartError::Other(format!("error handler: {}", no_thread(&error))))?;
+        state.batons[HANDLER] = baton;
+        state.bodies[HANDLER] = Some(body);
+        Ok(())
+    }
+}
+
+/// Every process and the error handler have a thread.
+///
+/// # Errors
+/// One was created by its service alone.
+pub(crate) fn complete(state: &mut State) -> Result<(), StartError> {
+    let processes = state.partition.processes().count();
+    let handler = state.partition.configure_error_handler(ErrorHandlerConcurrency::ProcessesPause, 0).is_ok();
+    if processes + FIRST_PROCESS != state.batons.len() || handler != state.bodies[HANDLER].is_some() {
+        let mend = "create processes and the error handler by `Initialisation`, which gives them threads";
+        return Err(StartError::Other(mend.into()));
+    }
+    Ok(())
+}
+
+fn no_thread(error: &std::io::Error) -> String {
+    format!("no thread for it: {error}; let `threads` of the plan count one for each process and one more")
+}
+
+/// The services while the partition starts.
+pub struct Services<'p>(MutexGuard<'p, State>);
+
+impl Deref for Services<'_> {
+    type Target = Partition;
+
+    fn deref(&self) -> &Partition {
+        &self.0.partition
+    }
+}
+
+impl DerefMut for Services<'_> {
+    fn deref_mut(&mut self) -> &mut Partition {
+        &mut self.0.partition
+    }
+}

@@ -1,0 +1,229 @@
+//! Who has the baton: the partition's state behind one lock, time, and the windows.
+
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use bateleur_contract::{Clock, ControlPage, Mapped};
+use bateleur_processes::standard::{OperatingMode, SystemTime};
+use bateleur_processes::{Dispatch, End, Partition, Runner};
+
+use super::baton::Baton;
+use super::process::Body;
+use super::thread;
+use crate::time::monotonic_ns;
+
+/// What a service costs under the virtual clock, ns: a loop that only polls comes to its window's end.
+pub const SERVICE_NS: i64 = 1_000;
+/// So long before the end of a window on the wall clock the running thread is asked to stop, ns: it needs some µs, and the executive would
+/// find an overrun.
+const MARGIN_NS: i64 = 50_000;
+
+/// A thread that was asked to stop is asked again so much later, ns: it does not stop within the C library.
+const ASK_AGAIN_NS: i64 = 20_000;
+
+/// The places of batons: the main thread's, the error handler's, then those of the processes.
+pub(crate) const MAIN: usize = 0;
+pub(crate) const HANDLER: usize = 1;
+pub(crate) const FIRST_PROCESS: usize = 2;
+
+/// The partition, for all of its threads.
+pub(crate) struct Kernel {
+    pub(crate) page: Mapped<ControlPage>,
+    clock: Clock,
+    state: Mutex<State>,
+}
+
+/// What only the thread that holds the lock sees.
+pub(crate) struct State {
+    pub(crate) partition: Partition,
+    pub(crate) batons: Vec<Arc<Baton>>,
+    /// What the threads run, by the place of their baton.
+    pub(crate) bodies: Vec<Option<Body>>,
+    /// Whose turn it is.
+    pub(crate) holder: usize,
+    /// Under the virtual clock: the partition's own time, which services and waiting move on.
+    now: SystemTime,
+    window_end: SystemTime,
+    /// The window is over: the baton goes to the main thread.
+    closing: bool,
+    /// A process begins again whose thread was stopped in its own code: it needs a new one.
+    pub(crate) orphan: Option<usize>,
+}
+
+/// What became of the baton.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Passed {
+    /// Its holder keeps it.
+    Kept,
+    /// Somebody else has it.
+    Away,
+}
+
+impl Kernel {
+    pub(crate) fn new(page: Mapped<ControlPage>, clock: Clock, partition: Partition) -> Self {
+        let state = State {
+            partition,
+            batons: vec![Arc::default(), Arc::default()],
+            bodies: vec![None, None],
+            holder: MAIN,
+            now: 0,
+            window_end: 0,
+            closing: false,
+            orphan: None,
+        };
+        Self { page, clock, state: Mutex::new(state) }
+    }
+
+    /// Nobody who panics holds it for longer than a service, and each service leaves the state whole.
+    pub(crate) fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Module time on the wall clock, ns.
+    fn wall_ns(&self) -> SystemTime {
+        match self.page.origin_ns.load(Ordering::Relaxed) {
+            0 => 0,
+            origin_ns => monotonic_ns().saturating_sub(origin_ns) as SystemTime,
+        }
+    }
+
+    /// Time goes on by a service, or to what the clock says.
+    pub(crate) fn tick(&self, state: &mut State, service_ns: i64) {
+        state.now = match self.clock {
+            Clock::Virtual => state.now + service_ns,
+            Clock::Wall => self.wall_ns(),
+        };
+        state.partition.advance(state.now);
+    }
+
+    /// The holder `me` lets go if another one is to run, the window is over, or nobody is ready.
+    pub(crate) fn pass(&self, state: &mut State, me: usize) -> Passed {
+        loop {
+            if state.closing || (self.clock == Clock::Virtual && state.now >= state.window_end) {
+                return state.give(me, MAIN, 0);
+            }
+            match state.partition.dispatch() {
+                Dispatch::Run { who, life } => return state.give(me, place(who), life),
+                Dispatch::Ended(_) => return state.give(me, MAIN, 0),
+                Dispatch::Nobody => match state.partition.next_timer() {
+                    // Nothing else happens until then.
+                    Some(at) if self.clock == Clock::Virtual && at < state.window_end => {
+                        state.now = state.now.max(at);
+                        state.partition.advance(state.now);
+                    }
+                    _ => return state.give(me, MAIN, 0),
+                },
+            }
+        }
+    }
+
+    /// Lets processes run in a window (the main thread). It is over when nobody has anything to do before its end.
+    pub(crate) fn window(self: &Arc<Self>, start_ns: u64, end_ns: u64) {
+        {
+            let mut state = self.lock();
+            let state = &mut *state;
+            state.window_end = end_ns as SystemTime;
+            state.closing = false;
+            state.now = state.now.max(start_ns as SystemTime);
+            state.partition.advance(state.now);
+            if !state.is_normal() {
+                // Release points count from the first window on. In NORMAL already: it was asked for before.
+                let _ = state.partition.set_partition_mode(OperatingMode::Normal);
+            }
+            self.tick(state, 0);
+        }
+        match self.clock {
+            Clock::Virtual => self.window_without_interruption(),
+            Clock::Wall => self.window_with_interruptions(),
+        }
+    }
+
+    fn window_without_interruption(self: &Arc<Self>) {
+        loop {
+            let mut state = self.lock();
+            thread::adopt(self, &mut state);
+            if self.pass(&mut state, MAIN) == Passed::Away {
+                let baton = state.batons[MAIN].clone();
+                drop(state);
+                baton.take();
+                state = self.lock();
+            }
+            if state.orphan.is_none() {
+                return;
+            }
+        }
+    }
+
+    fn window_with_interruptions(self: &Arc<Self>) {
+        let baton = self.lock().batons[MAIN].clone();
+        loop {
+            let mut state = self.lock();
+            self.tick(&mut state, 0);
+            let last = state.window_end - MARGIN_NS;
+            state.closing |= state.now >= last;
+            let asked = state.holder != MAIN && (state.closing || !state.is_holders_turn());
+            if state.holder == MAIN {
+                thread::adopt(self, &mut state);
+                let kept = self.pass(&mut state, MAIN) == Passed::Kept;
+                let timer = state.partition.next_timer().unwrap_or(SystemTime::MAX);
+                if state.orphan.is_some() {
+                    continue;
+                }
+                if kept && (state.closing || state.ended().is_some() || timer >= last) {
+                    return;
+                }
+            } else if asked {
+                thread::interrupt(&state.batons[state.holder]);
+            }
+            let timer = state.partition.next_timer().unwrap_or(SystemTime::MAX);
+            let until = if asked { self.wall_ns() + ASK_AGAIN_NS } else { timer.min(last) };
+            let span_ns = until.saturating_sub(self.wall_ns()).clamp(0, 1_000_000_000) as u64;
+            drop(state);
+            baton.take_within(span_ns);
+        }
+    }
+}
+
+fn place(who: Runner) -> usize {
+    match who {
+        Runner::Main => MAIN,
+        Runner::Handler => HANDLER,
+        Runner::Process(id) => FIRST_PROCESS - 1 + id.0 as usize, // processes are numbered from 1
+    }
+}
+
+impl State {
+    /// The partition runs no more.
+    pub(crate) fn ended(&self) -> Option<End> {
+        match self.partition.dispatch() {
+            Dispatch::Ended(end) => Some(end),
+            Dispatch::Run { .. } | Dispatch::Nobody => None,
+        }
+    }
+
+    fn is_normal(&self) -> bool {
+        self.partition.get_partition_status().operating_mode == OperatingMode::Normal
+    }
+
+    fn is_holders_turn(&self) -> bool {
+        let Dispatch::Run { who, life } = self.partition.dispatch() else { return false };
+        place(who) == self.holder && self.batons[self.holder].life.load(Ordering::Relaxed) == life
+    }
+
+    fn give(&mut self, me: usize, next: usize, life: u32) -> Passed {
+        let baton = &self.batons[next];
+        let begins_again = baton.life.load(Ordering::Relaxed) != life;
+        if baton.preempted.load(Ordering::Relaxed) && begins_again {
+            // Threads are made by the main thread: who gives may be in a signal's handler.
+            self.orphan = Some(next);
+            return self.give(me, MAIN, 0);
+        }
+        if next == me {
+            baton.life.store(life, Ordering::Relaxed);
+            return Passed::Kept;
+        }
+        self.holder = next;
+        self.batons[next].give(life);
+        Passed::Away
+    }
+}

@@ -1,0 +1,193 @@
+//! What a process calls.
+#![allow(unsafe_code)] // ports are shared between threads of which one runs at a time
+
+use std::cell::UnsafeCell;
+use std::sync::{Arc, MutexGuard};
+
+use bateleur_processes::standard::{ProcessId, SystemTime};
+use bateleur_processes::{Partition, Progress, ReturnCode};
+
+use super::SERVICE_NS;
+use super::kernel::{FIRST_PROCESS, Kernel, Passed, State};
+use super::thread;
+
+/// What a process is made from.
+#[derive(Clone)]
+pub(crate) struct Body {
+    /// Its thread's name.
+    pub(crate) name: String,
+    /// Its thread's stack, bytes.
+    pub(crate) stack: usize,
+    pub(crate) run: Arc<EntryPoint>,
+}
+
+/// Where a process begins.
+pub(crate) type EntryPoint = dyn Fn(&Process) -> Result<(), ReturnCode> + Send + Sync;
+
+/// The process that runs, for its own code.
+pub struct Process {
+    kernel: Arc<Kernel>,
+}
+
+/// A port that processes share: they reach it through [`Process::with`], one at a time. Cheap to clone.
+pub struct Port<T>(Arc<Shared<T>>);
+
+struct Shared<T>(UnsafeCell<T>);
+
+// SAFETY: it is reached under the partition's one lock only, by one thread at a time, with everything that it shares with other ports.
+unsafe impl<T> Send for Shared<T> {}
+// SAFETY: as above.
+unsafe impl<T> Sync for Shared<T> {}
+
+impl<T> Port<T> {
+    pub(crate) fn new(port: T) -> Self {
+        Self(Arc::new(Shared(UnsafeCell::new(port))))
+    }
+}
+
+impl<T> Clone for Port<T> {
+    fn clone(&self) -> Self {
+        Self(self.0.clone())
+    }
+}
+
+impl Process {
+    pub(crate) fn new(kernel: Arc<Kernel>) -> Self {
+        Self { kernel }
+    }
+
+    /// Calls a service that does not wait. It may let another process run before it returns.
+    ///
+    /// # Errors
+    /// As the service. INVALID_MODE: called from within another service, or while a stopped process unwinds.
+    pub fn call<R>(
+        &self,
+        service: impl FnOnce(&mut Partition) -> Result<R, ReturnCode>,
+    ) -> Result<R, ReturnCode> {
+        self.serve(service)?
+    }
+
+    /// Calls a service that may wait, and returns when it is done.
+    ///
+    /// # Errors
+    /// As the service; and as [`Process::call`].
+    pub fn wait(
+        &self,
+        service: impl FnOnce(&mut Partition) -> Result<Progress, ReturnCode>,
+    ) -> Result<(), ReturnCode> {
+        match self.serve(service)?? {
+            Progress::Done(()) => Ok(()),
+            Progress::Waits => {
+                self.id().map_or(Ok(()), |id| self.look(|partition| partition.result_of(id))?)
+            }
+        }
+    }
+
+    /// As [`Process::wait`], for a service that gives a message: that is put into `into`.
+    ///
+    /// # Errors
+    /// As there. A message that comes with an error (INVALID_CONFIG of a queuing port) is in `into` as well.
+    pub fn receive(
+        &self,
+        into: &mut Vec<u8>,
+        service: impl FnOnce(&mut Partition, &mut Vec<u8>) -> Result<Progress, ReturnCode>,
+    ) -> Result<(), ReturnCode> {
+        match self.serve(|partition| service(partition, into))?? {
+            Progress::Done(()) => Ok(()),
+            Progress::Waits => self.look(|partition| {
+                let id = self.id().ok_or(ReturnCode::InvalidMode)?;
+                into.clear();
+                into.extend_from_slice(partition.message_of(id));
+                partition.result_of(id)
+            })?,
+        }
+    }
+
+    /// PERIODIC_WAIT.
+    ///
+    /// # Errors
+    /// As [`Partition::periodic_wait`].
+    pub fn periodic_wait(&self) -> Result<(), ReturnCode> {
+        self.wait(Partition::periodic_wait)
+    }
+
+    /// TIMED_WAIT, ns.
+    ///
+    /// # Errors
+    /// As [`Partition::timed_wait`].
+    pub fn timed_wait(&self, delay_ns: SystemTime) -> Result<(), ReturnCode> {
+        self.wait(|partition| partition.timed_wait(delay_ns))
+    }
+
+    /// GET_TIME: module time, ns.
+    ///
+    /// # Errors
+    /// As [`Process::call`].
+    pub fn now_ns(&self) -> Result<SystemTime, ReturnCode> {
+        self.serve(|partition| partition.get_time())
+    }
+
+    /// Uses a port. No other process runs meanwhile.
+    ///
+    /// # Errors
+    /// As [`Process::call`].
+    pub fn with<T, R>(&self, port: &Port<T>, using: impl FnOnce(&mut T) -> R) -> Result<R, ReturnCode> {
+        // SAFETY: under the lock, and not from within another service.
+        self.serve(|_| using(unsafe { &mut *port.0.0.get() }))
+    }
+
+    /// The identifier of the thread's process; `None` for the error handler.
+    fn id(&self) -> Option<ProcessId> {
+        let place = thread::own_place().checked_sub(FIRST_PROCESS)?;
+        Some(ProcessId(place as i32 + 1))
+    }
+
+    /// Does something as a service, when it is this process's turn.
+    fn serve<R>(&self, service: impl FnOnce(&mut Partition) -> R) -> Result<R, ReturnCode> {
+        if !thread::enter_service() {
+            return Err(ReturnCode::InvalidMode);
+        }
+        // Who has become more urgent meanwhile goes first.
+        let mut state = self.turn(0);
+        let result = service(&mut state.partition);
+        self.kernel.tick(&mut state, SERVICE_NS);
+        self.hand_on(state);
+        thread::leave_service();
+        Ok(result)
+    }
+
+    /// Looks at the state, which takes no time.
+    fn look<R>(&self, at: impl FnOnce(&Partition) -> R) -> Result<R, ReturnCode> {
+        if !thread::enter_service() {
+            return Err(ReturnCode::InvalidMode);
+        }
+        let result = at(&self.kernel.lock().partition);
+        thread::leave_service();
+        Ok(result)
+    }
+
+    /// Waits until it is this process's turn, `service_ns` from now.
+    fn turn(&self, service_ns: i64) -> MutexGuard<'_, State> {
+        loop {
+            let mut state = self.kernel.lock();
+            self.kernel.tick(&mut state, service_ns);
+            match self.hand_on(state) {
+                Some(state) => return state,
+                None => continue,
+            }
+        }
+    }
+
+    /// Lets others run whose turn it is. The lock, if it is this process's; `None` when it is again.
+    fn hand_on<'k>(&'k self, mut state: MutexGuard<'k, State>) -> Option<MutexGuard<'k, State>> {
+        let place = thread::own_place();
+        let baton = state.batons[place].clone();
+        let life = baton.life.load(std::sync::atomic::Ordering::Relaxed);
+        if self.kernel.pass(&mut state, place) == Passed::Kept {
+            return Some(state);
+        }
+        drop(state);
+        thread::sleep(&baton, life);
+        None
+    }
+}

@@ -1,0 +1,278 @@
+//! The thread of one process: it sleeps until it has the baton, runs from the entry point, and begins again when the process does.
+#![allow(unsafe_code)] // a signal's handler, and the calls that go with it
+
+use std::any::Any;
+use std::cell::Cell;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::ptr::null;
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, MutexGuard};
+
+use bateleur_processes::standard::ErrorCode;
+
+use super::baton::Baton;
+use super::c_library;
+use super::kernel::{HANDLER, Kernel, Passed, State};
+
+use super::process::{Body, Process};
+use crate::signals::set as set_handler;
+
+/// Asks a thread to look who runs. Ignored by programs that know nothing of it, and seldom used for anything else.
+const SIGNAL: libc::c_int = libc::SIGURG;
+
+thread_local! {
+    /// The partition that this thread belongs to; null for every other thread.
+    static KERNEL: Cell<*const Kernel> = const { Cell::new(null()) };
+    static PLACE: Cell<usize> = const { Cell::new(0) };
+    /// The thread is in a service, where the signal changes nothing.
+    static SERVING: Cell<bool> = const { Cell::new(false) };
+    /// The signal came meanwhile.
+    static PENDING: Cell<bool> = const { Cell::new(false) };
+}
+
+/// What a thread unwinds with whose process was stopped, and begins again.
+struct Stopped;
+
+/// Makes a thread with its baton, for the process at `place`.
+///
+/// # Errors
+/// The machine gives no thread.
+pub(crate) fn spawn(kernel: &Arc<Kernel>, place: usize, body: Body) -> std::io::Result<Arc<Baton>> {
+    let baton = Arc::new(Baton::default());
+    let (kernel, own) = (kernel.clone(), baton.clone());
+    let thread = std::thread::Builder::new().name(body.name.clone()).stack_size(body.stack);
+    thread.spawn(move || run(&kernel, place, &own, &body))?;
+    // A thread that has begun has everything that the C library and the executive give it.
+    while baton.thread.load(Ordering::Acquire) == 0 {
+        std::thread::yield_now();
+    }
+    Ok(baton)
+}
+
+fn run(kernel: &Arc<Kernel>, place: usize, baton: &Baton, body: &Body) {
+    KERNEL.set(Arc::as_ptr(kernel));
+    PLACE.set(place);
+    SERVING.set(true);
+    let thread = rustix::thread::gettid().as_raw_nonzero().get();
+    baton.thread.store(thread, Ordering::Release);
+    let process = Process::new(kernel.clone());
+    let mut has_baton = false;
+    loop {
+        if !has_baton && !baton.take() {
+            return;
+        }
+        let life = baton.life.load(Ordering::Relaxed);
+        leave_service();
+        let ended = catch_unwind(AssertUnwindSafe(|| (body.run)(&process)));
+        SERVING.set(true);
+        has_baton = match ended {
+            Err(payload) if payload.is::<Stopped>() => true,
+            Err(payload) => after_panic(kernel, place, baton, life, &*payload),
+            Ok(result) => {
+                let mut state = kernel.lock();
+                if let Err(code) = result {
+                    let text = format!("{code}");
+                    // At most the 128 bytes that are allowed.
+                    let _ =
+                        state.partition.raise_application_error(ErrorCode::ApplicationError, text.as_bytes());
+                }
+                stop(kernel, state, place, life)
+            }
+        };
+    }
+}
+
+/// The process has come to its end. True: it has the baton for another start.
+fn stop<'k>(kernel: &'k Kernel, mut state: MutexGuard<'k, State>, place: usize, life: u32) -> bool {
+    // An error that it raised last comes before its end.
+    while kernel.pass(&mut state, place) == Passed::Away {
+        let baton = state.batons[place].clone();
+        drop(state);
+        if !baton.take() {
+            return false;
+        }
+        if baton.life.load(Ordering::Relaxed) != life {
+            return true;
+        }
+        state = kernel.lock();
+    }
+    state.partition.stop_self();
+    kernel.tick(&mut state, super::SERVICE_NS);
+    kernel.pass(&mut state, place) == Passed::Kept
+}
+
+/// The process has faulted. When it is resumed, nothing is left that could go on: it ends. True: it has the baton for another start.
+fn after_panic(kernel: &Kernel, place: usize, baton: &Baton, life: u32, payload: &(dyn Any + Send)) -> bool {
+    let mut state = kernel.lock();
+    state.partition.fault(code_of(payload), 0);
+    let passed = kernel.pass(&mut state, place);
+    drop(state);
+    if passed == Passed::Away && !baton.take() {
+        return false;
+    }
+    if baton.life.load(Ordering::Relaxed) != life {
+        return true;
+    }
+    stop(kernel, kernel.lock(), place, life)
+}
+
+/// Rust says of arithmetic what was attempted.
+fn code_of(payload: &(dyn Any + Send)) -> ErrorCode {
+    let text = payload.downcast_ref::<&str>().copied();
+    let text = text.or_else(|| payload.downcast_ref::<String>().map(String::as_str)).unwrap_or_default();
+    if text.starts_with("attempt to ") { ErrorCode::NumericError } else { ErrorCode::IllegalRequest }
+}
+
+/// Enters a service; false if the thread is in one, or is about to end.
+pub(crate) fn enter_service() -> bool {
+    !std::thread::panicking() && !SERVING.replace(true)
+}
+
+/// Leaves it, and does what was put off meanwhile.
+pub(crate) fn leave_service() {
+    SERVING.set(false);
+    if PENDING.replace(false) {
+        look();
+    }
+}
+
+/// The place of this thread's process.
+pub(crate) fn own_place() -> usize {
+    PLACE.get()
+}
+
+/// Sleeps until the thread has the baton again, inside of a service; unwinds if its process has begun anew meanwhile.
+pub(crate) fn sleep(baton: &Baton, life: u32) {
+    if !baton.take() || baton.life.load(Ordering::Relaxed) != life {
+        resume_unwind(Box::new(Stopped));
+    }
+}
+
+/// Asks the thread that has this baton to look who runs.
+pub(crate) fn interrupt(baton: &Baton) {
+    let thread = baton.thread.load(Ordering::Acquire);
+    let own = rustix::process::getpid().as_raw_nonzero().get();
+    // SAFETY: a signal to a thread of this process whose handler is installed; if the thread has ended, nothing happens.
+    unsafe { libc::syscall(libc::SYS_tgkill, own, thread, SIGNAL) };
+}
+
+/// The instruction that was interrupted.
+#[cfg(target_arch = "x86_64")]
+unsafe fn instruction(context: *const libc::ucontext_t) -> usize {
+    // SAFETY: the caller's: a context of the kernel.
+    unsafe { (*context).uc_mcontext.gregs[libc::REG_RIP as usize] as usize }
+}
+
+/// The instruction that was interrupted.
+#[cfg(target_arch = "aarch64")]
+unsafe fn instruction(context: *const libc::ucontext_t) -> usize {
+    // SAFETY: the caller's: a context of the kernel.
+    unsafe { (*context).uc_mcontext.pc as usize }
+}
+
+/// Installs the handlers, before any thread of a process exists.
+pub(crate) fn install() {
+    c_library::find();
+    set_handler(SIGNAL, on_signal as *const () as usize, libc::SA_RESTART | libc::SA_SIGINFO);
+    for signal in [libc::SIGFPE, libc::SIGILL] {
+        set_handler(signal, on_trap as *const () as usize, libc::SA_SIGINFO | libc::SA_ONSTACK);
+    }
+}
+
+/// Takes a lock that this thread does not hold and that nobody holds while being stopped, computes, and sleeps on a futex: no memory is
+/// taken, and nothing of the interrupted code is called. Code of the C library runs on, because it may hold the lock of its memory,
+/// which other processes need: the main thread asks again.
+extern "C" fn on_signal(_: libc::c_int, _: *mut libc::siginfo_t, context: *mut libc::c_void) {
+    // SAFETY: the C library gives every thread its own errno; the interrupted code finds it as it was.
+    unsafe {
+        let errno = libc::__errno_location();
+        let before = *errno;
+        if c_library::contains(instruction(context.cast())) {
+            return;
+        }
+        if SERVING.get() {
+            PENDING.set(true);
+        } else {
+            look();
+        }
+        *errno = before;
+    }
+}
+
+/// Lets whoever is to run now run; comes back when it is this thread's turn.
+fn look() {
+    // SAFETY: the thread's own stack holds the partition as long as the thread runs.
+    let Some(kernel) = (unsafe { KERNEL.get().as_ref() }) else { return };
+    SERVING.set(true);
+    let mut state = kernel.lock();
+    if state.holder == PLACE.get() {
+        kernel.tick(&mut state, 0);
+        stop_here(kernel, state);
+    } else {
+        drop(state);
+    }
+    SERVING.set(false);
+}
+
+/// Sleeps in the midst of the process's own code until it is its turn again; ends the thread if the process has begun anew meanwhile.
+fn stop_here(kernel: &Kernel, mut state: MutexGuard<'_, State>) {
+    let place = PLACE.get();
+    // SAFETY: its thread's stack holds the baton too. No count of owners is touched here: the interrupted code may be about to.
+    let baton = unsafe { &*Arc::as_ptr(&state.batons[place]) };
+    let life = baton.life.load(Ordering::Relaxed);
+    baton.preempted.store(true, Ordering::Relaxed);
+    let passed = kernel.pass(&mut state, place);
+    drop(state);
+    if passed == Passed::Away && (!baton.take() || baton.life.load(Ordering::Relaxed) != life) {
+        // SAFETY: ends this thread alone. Its frames are abandoned: nobody can say where they are.
+        unsafe { libc::syscall(libc::SYS_exit, 0) };
+    }
+    baton.preempted.store(false, Ordering::Relaxed);
+}
+
+/// A fault in the code of this thread's process: it is FAULTED, and sleeps until somebody resumes it or starts it again. False if nobody
+/// could go on after it: no process runs here, it is in a service or in the C library, or there is no error handler but perhaps itself.
+///
+/// # Safety
+/// `context` is the kernel's, of a signal's handler that this thread is in.
+pub(crate) unsafe fn fault(code: ErrorCode, address: u64, context: *const libc::ucontext_t) -> bool {
+    // SAFETY: as in `look`, and the caller's.
+    let (kernel, instruction) = unsafe { (KERNEL.get().as_ref(), instruction(context)) };
+    let Some(kernel) = kernel.filter(|_| !SERVING.get() && !c_library::contains(instruction)) else {
+        return false;
+    };
+    let place = PLACE.get();
+    SERVING.set(true);
+    let mut state = kernel.lock();
+    if state.holder != place || place == HANDLER || state.bodies[HANDLER].is_none() {
+        return false;
+    }
+    state.partition.fault(code, address as usize);
+    stop_here(kernel, state);
+    SERVING.set(false);
+    true
+}
+
+/// Division by zero, and what is no instruction.
+extern "C" fn on_trap(signal: libc::c_int, about: *mut libc::siginfo_t, context: *mut libc::c_void) {
+    let code = if signal == libc::SIGFPE { ErrorCode::NumericError } else { ErrorCode::IllegalRequest };
+    // SAFETY: the kernel hands a handler with SA_SIGINFO valid structures of these types.
+    if !unsafe { fault(code, (*about).si_addr() as u64, context.cast()) } {
+        set_handler(signal, libc::SIG_DFL, 0); // the instruction is tried again and ends the partition's process
+    }
+}
+
+/// Gives a process a new thread whose old one was stopped in its own code (the main thread).
+pub(crate) fn adopt(kernel: &Arc<Kernel>, state: &mut State) {
+    let Some(place) = state.orphan.take() else { return };
+    let Some(body) = state.bodies[place].clone() else { return };
+    state.batons[place].dismiss();
+    match spawn(kernel, place, body) {
+        Ok(baton) => state.batons[place] = baton,
+        Err(error) => {
+            eprintln!("no new thread for a process that starts again: {error}; the partition starts again");
+            let _ =
+                state.partition.set_partition_mode(bateleur_processes::standard::OperatingMode::ColdStart);
+        }
+    }
+}

@@ -1,0 +1,26 @@
+//! One test for each requirement that is built; its name begins with the requirement's identifier (`tests/requirements.txt`).
+//!
+//! Where implementations differ, the test accepts what any of them does, and the table says what is done here.
+#![allow(clippy::unwrap_used, clippy::panic)] // a test may be blunt
+
+mod bench;
+mod deadlines;
+mod events;
+mod general;
+mod handler;
+mod health;
+mod locking;
+mod locks;
+mod messages;
+mod mutexes;
+mod objects;
+mod partition;
+mod ports;
+mod process;
+mod regressions;
+mod rules;
+mod scenarios;
+mod semaphores;
+mod start;
+mod suspension;
+mod time;

@@ -12,7 +12,7 @@ use crate::words;
 pub struct Paths<'a> {
     /// This crate.
     pub format: &'a str,
-    /// The crate `zerocopy`.
+    /// The crate `zerocopy`, as its derives take it: an external crate, or a path that begins with `self` or `super`.
     pub zerocopy: &'a str,
     /// The module that holds the types without a package, and those of the packages below it; empty: this one.
     pub root: &'a str,
@@ -25,7 +25,7 @@ pub fn rust(of: &Type, paths: Paths<'_>) -> String {
     let zerocopy = paths.zerocopy;
     let _ = write!(
         out,
-        "#[derive(::core::fmt::Debug, ::core::clone::Clone, ::core::marker::Copy, ::core::cmp::PartialEq, {zerocopy}::FromBytes, {zerocopy}::IntoBytes, {zerocopy}::Immutable, \
+        "#[allow(dead_code, unreachable_pub)]\n#[derive(::core::fmt::Debug, ::core::clone::Clone, ::core::marker::Copy, ::core::cmp::PartialEq, {zerocopy}::FromBytes, {zerocopy}::IntoBytes, {zerocopy}::Immutable, \
          {zerocopy}::KnownLayout)]\n#[zerocopy(crate = \"{zerocopy}\")]\n{}{}",
         structure(of, paths.root),
         constants(of)
@@ -78,7 +78,8 @@ fn constants(of: &Type) -> String {
     if of.constants.is_empty() {
         return String::new();
     }
-    let mut out = format!("impl {} {{\n", own_name(of));
+    // A constant may be close to one of mathematics, or have more digits than its kind.
+    let mut out = format!("#[allow(dead_code, unreachable_pub, clippy::all)]\nimpl {} {{\n", own_name(of));
     for constant in &of.constants {
         let text = if constant.text.is_empty() { constant.name.clone() } else { constant.text.clone() };
         out += &doc(&with_unit(&text, &constant.unit));

@@ -1,4 +1,5 @@
 //! Texts, right and wrong.
+#![allow(clippy::panic, clippy::unwrap_used)]
 
 mod common;
 

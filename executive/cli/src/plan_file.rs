@@ -1,31 +1,77 @@
-//! Reading a schedule file from the disk with the message types of this build.
+//! Reading a schedule file from the disk with the message types beside it.
 
 use std::fs::File;
 use std::io::{IsTerminal, Read, Seek, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use anyhow::{Context, Result};
 use bateleur_checker::{Keys, MessageCatalogue, Programs, Report, Surroundings, check, check_among};
 use bateleur_host::keys;
+use bateleur_messages::Catalogue;
+use bateleur_messages::format::{self, Fault};
 use bateleur_plan::Plan;
 use bateleur_plan::compiled::Compiled;
 use bateleur_system::privileges;
 
-/// The message types that this program was built with.
-pub(crate) struct Catalogue;
+/// The folder of message types that is looked into where the schedule file names none.
+const FOLDER: &str = "messages";
 
-impl MessageCatalogue for Catalogue {
+/// The flight's message types, and those of a folder beside a schedule file.
+pub(crate) struct Messages {
+    schedule: PathBuf,
+    opened: OnceLock<Catalogue>,
+}
+
+impl Messages {
+    /// Of a schedule file of this name.
+    pub(crate) fn beside(name: &str) -> Self {
+        let schedule = Path::new(name).parent().map(Path::to_owned).unwrap_or_default();
+        Self { schedule, opened: OnceLock::new() }
+    }
+
+    fn types(&self) -> &Catalogue {
+        self.opened.get().unwrap_or_else(|| bateleur_messages::catalogue())
+    }
+}
+
+impl MessageCatalogue for Messages {
+    fn open(&self, folder: Option<&str>) -> std::result::Result<(), Vec<(String, String)>> {
+        let path = self.schedule.join(folder.unwrap_or(FOLDER));
+        if folder.is_none() && !path.is_dir() {
+            return Ok(());
+        }
+        let own = format::sources(&path).map_err(|error| {
+            vec![(
+                error.to_string(),
+                "name the folder with the message types, or leave `messages` out".to_owned(),
+            )]
+        })?;
+        let all = bateleur_messages::sources().chain(own);
+        let types = Catalogue::read(all).map_err(|faults| {
+            let place =
+                |fault: &Fault| format!("{}:{}:{}: {}", fault.file, fault.line, fault.column, fault.what);
+            faults.0.iter().map(|fault| (place(fault), fault.mend.clone())).collect::<Vec<_>>()
+        })?;
+        let _ = self.opened.set(types);
+        Ok(())
+    }
+
     fn size_of(&self, name: &str) -> Option<usize> {
-        bateleur_messages::find(name).map(|message| message.size)
+        self.types().find(name).map(|of| of.size())
     }
 
     fn layout_of(&self, name: &str) -> u32 {
-        bateleur_messages::find(name).map_or(0, |message| bateleur_messages::layout_of(message.fields))
+        self.types().find(name).map_or(0, |of| of.layout())
+    }
+
+    fn definition_of(&self, name: &str) -> Option<String> {
+        self.types().find(name).map(|of| of.schema())
     }
 
     fn names(&self) -> Vec<&str> {
-        bateleur_messages::CATALOGUE.iter().map(|message| message.name).collect()
+        self.types().types().map(|of| of.name()).collect()
     }
 }
 
@@ -95,13 +141,14 @@ pub(crate) fn check_among_files(
     let keys = key_files.as_ref().map(|files| files as &dyn Keys);
     let folder = programs.map(|programs| Folder { programs, schedule });
     let programs = folder.as_ref().map(|folder| folder as &dyn Programs);
-    let surroundings = Surroundings { messages: &Catalogue, programs, keys };
-    check_among(&path.display().to_string(), text, &surroundings)
+    let name = path.display().to_string();
+    let surroundings = Surroundings { messages: &Messages::beside(&name), programs, keys };
+    check_among(&name, text, &surroundings)
 }
 
 /// The plan in `text`, which a program wrote; or all that is wrong with it.
 pub(crate) fn read_text(name: &str, text: &str) -> std::result::Result<Plan, Report> {
-    check(name, text, &Catalogue)
+    check(name, text, &Messages::beside(name))
 }
 
 /// What there is to say of a `text` that can be used; or all that is wrong with it.
@@ -152,7 +199,7 @@ pub(crate) fn compiled(name: &str, text: &str, quiet: bool) -> Option<Vec<u8>> {
 }
 
 fn check_text(name: &str, text: &str) -> std::result::Result<(Plan, Report), Report> {
-    check_among(name, text, &Surroundings { messages: &Catalogue, programs: None, keys: None })
+    check_among(name, text, &Surroundings { messages: &Messages::beside(name), programs: None, keys: None })
 }
 
 fn print_errors(read: std::result::Result<(Plan, Report), Report>) -> Option<(Plan, Report)> {

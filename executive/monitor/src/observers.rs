@@ -91,6 +91,7 @@ impl Monitor {
                 queue_depth: queue_depth(&self.plan, channel),
                 message: message_name(source),
                 size: source.payload.max_size_bytes(),
+                definition: self.plan.messages.get(&message_name(source)).cloned().unwrap_or_default(),
             }
         });
         channels.collect()

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::flight::PORTS_FILE;
 use crate::health;
-use crate::log::{Ending, LogError, LogReader, PortLog, read};
+use crate::log::{Ending, Layout, LogError, LogReader, PortLog, read};
 use crate::windows;
 
 /// Below a flight's folder: the hosts' folders, by module.
@@ -250,9 +250,9 @@ fn shifted_health(line: &str, host: &Host) -> Option<(u64, String)> {
 struct Waiting {
     time_ns: u64,
     topic: String,
-    message: String,
     sequence: u32,
     bytes: Vec<u8>,
+    layout: Option<Layout>,
 }
 
 struct Log<'a> {
@@ -272,9 +272,9 @@ impl Log<'_> {
                     waiting.push_back(Waiting {
                         time_ns: host.time_ns(entry.time_ns),
                         topic: entry.topic.to_owned(),
-                        message: entry.message.to_owned(),
                         sequence: entry.sequence,
                         bytes: entry.bytes.to_vec(),
+                        layout: entry.layout.cloned(),
                     });
                 }
             })?;
@@ -306,8 +306,8 @@ fn merge_ports(folder: &Path, hosts: &[Host], notes: &mut Vec<String>) -> Result
         let channel = match channels.get(&next.topic) {
             Some(channel) => *channel,
             None => {
-                let Some(message) = bateleur_messages::find(&next.message) else { continue };
-                let channel = merged.add_channel(&next.topic, message)?;
+                let Some(layout) = next.layout else { continue };
+                let channel = merged.add_channel(&next.topic, layout.message())?;
                 channels.insert(next.topic.clone(), channel);
                 channel
             }

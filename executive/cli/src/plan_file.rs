@@ -10,7 +10,7 @@ use anyhow::{Context, Result};
 use bateleur_checker::{Keys, MessageCatalogue, Programs, Report, Surroundings, check, check_among};
 use bateleur_host::keys;
 use bateleur_messages::Catalogue;
-use bateleur_messages::format::{self, Fault};
+use bateleur_messages::format::{self, Fault, Source};
 use bateleur_plan::Plan;
 use bateleur_plan::compiled::Compiled;
 use bateleur_system::privileges;
@@ -21,6 +21,8 @@ const FOLDER: &str = "messages";
 /// The flight's message types, and those of a folder beside a schedule file.
 pub(crate) struct Messages {
     schedule: PathBuf,
+    /// The texts of the folder, or why they can not be read; `None`: they are read when they are asked for.
+    read: Option<std::io::Result<Vec<Source>>>,
     opened: OnceLock<Catalogue>,
 }
 
@@ -28,7 +30,18 @@ impl Messages {
     /// Of a schedule file of this name.
     pub(crate) fn beside(name: &str) -> Self {
         let schedule = Path::new(name).parent().map(Path::to_owned).unwrap_or_default();
-        Self { schedule, opened: OnceLock::new() }
+        Self { schedule, read: None, opened: OnceLock::new() }
+    }
+
+    /// With the texts read already, of the folder that the schedule file names.
+    fn with(name: &str, folder: Option<&str>) -> Self {
+        let messages = Self::beside(name);
+        Self { read: Some(messages.sources(folder)), ..messages }
+    }
+
+    fn sources(&self, folder: Option<&str>) -> std::io::Result<Vec<Source>> {
+        let path = self.schedule.join(folder.unwrap_or(FOLDER));
+        if folder.is_none() && !path.is_dir() { Ok(Vec::new()) } else { format::sources(&path) }
     }
 
     fn types(&self) -> &Catalogue {
@@ -38,16 +51,17 @@ impl Messages {
 
 impl MessageCatalogue for Messages {
     fn open(&self, folder: Option<&str>) -> std::result::Result<(), Vec<(String, String)>> {
-        let path = self.schedule.join(folder.unwrap_or(FOLDER));
-        if folder.is_none() && !path.is_dir() {
+        let refuse = |error: &std::io::Error| {
+            let mend = "name the folder with the message types, or leave `messages` out";
+            vec![(error.to_string(), mend.to_owned())]
+        };
+        let own = match &self.read {
+            Some(read) => read.as_ref().map_err(refuse)?.clone(),
+            None => self.sources(folder).map_err(|error| refuse(&error))?,
+        };
+        if own.is_empty() {
             return Ok(());
         }
-        let own = format::sources(&path).map_err(|error| {
-            vec![(
-                error.to_string(),
-                "name the folder with the message types, or leave `messages` out".to_owned(),
-            )]
-        })?;
         let all = bateleur_messages::sources().chain(own);
         let types = Catalogue::read(all).map_err(|faults| {
             let place =
@@ -153,7 +167,7 @@ pub(crate) fn read_text(name: &str, text: &str) -> std::result::Result<Plan, Rep
 
 /// What there is to say of a `text` that can be used; or all that is wrong with it.
 pub(crate) fn read_report(name: &str, text: &str) -> std::result::Result<Report, Report> {
-    check_text(name, text).map(|(_, report)| report)
+    check_text(name, text, &Messages::beside(name)).map(|(_, report)| report)
 }
 
 /// The plan in `path`, with errors printed for a person; `None` if it can not be used.
@@ -180,7 +194,9 @@ fn say_warnings(name: &str, report: &Report) {
 /// `quiet`, how many there are. `false`: there is no plan.
 pub(crate) fn compile(path: &Path, plan: &File, quiet: bool) -> Result<bool> {
     let (name, text) = (path.display().to_string(), read_text_of(path)?);
-    let compiled = privileges::without_privileges(|| match compiled(&name, &text, quiet) {
+    // As the text itself, the types beside it may be where nobody else may read.
+    let messages = Messages::with(&name, folder_named(&text, plan)?.as_deref());
+    let compiled = privileges::without_privileges(|| match compiled(&name, &text, &messages, quiet) {
         Some(bytes) if (&*plan).write_all(&bytes).is_ok() => 0,
         _ => 1,
     });
@@ -188,9 +204,28 @@ pub(crate) fn compile(path: &Path, plan: &File, quiet: bool) -> Result<bool> {
     Ok(compiled.with_context(|| format!("{name} could not be compiled"))? == 0)
 }
 
+/// The folder of message types that a schedule file names. What a person wrote is taken apart without privileges; `scratch` is empty
+/// before and after.
+fn folder_named(text: &str, scratch: &File) -> Result<Option<String>> {
+    let named = |text: &str| {
+        let document = toml::de::DeTable::parse(text).ok()?;
+        Some(document.get_ref().get("messages")?.get_ref().as_str()?.to_owned())
+    };
+    privileges::without_privileges(|| match named(text) {
+        Some(folder) if (&*scratch).write_all(folder.as_bytes()).is_ok() => 0,
+        _ => 1,
+    })?;
+    let mut folder = String::new();
+    (&*scratch).rewind()?;
+    (&*scratch).read_to_string(&mut folder)?;
+    (&*scratch).rewind()?;
+    scratch.set_len(0)?;
+    Ok((!folder.is_empty()).then_some(folder))
+}
+
 /// The compiled plan of a text, as a file holds it; errors and warnings are printed as in [`compile`].
-pub(crate) fn compiled(name: &str, text: &str, quiet: bool) -> Option<Vec<u8>> {
-    let (plan, report) = print_errors(check_text(name, text))?;
+fn compiled(name: &str, text: &str, messages: &Messages, quiet: bool) -> Option<Vec<u8>> {
+    let (plan, report) = print_errors(check_text(name, text, messages))?;
     if !quiet {
         say_warnings(name, &report);
     }
@@ -198,8 +233,8 @@ pub(crate) fn compiled(name: &str, text: &str, quiet: bool) -> Option<Vec<u8>> {
     compiled.map_err(|error| eprintln!("bateleur: {name}: {error}")).ok()
 }
 
-fn check_text(name: &str, text: &str) -> std::result::Result<(Plan, Report), Report> {
-    check_among(name, text, &Surroundings { messages: &Messages::beside(name), programs: None, keys: None })
+fn check_text(name: &str, text: &str, messages: &Messages) -> std::result::Result<(Plan, Report), Report> {
+    check_among(name, text, &Surroundings { messages, programs: None, keys: None })
 }
 
 fn print_errors(read: std::result::Result<(Plan, Report), Report>) -> Option<(Plan, Report)> {

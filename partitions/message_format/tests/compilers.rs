@@ -115,3 +115,27 @@ fn compilers_refuse_a_place_and_a_size_that_are_not_the_layouts() {
         }
     }
 }
+
+#[test]
+fn header_of_the_flights_folder_is_written_and_compiles() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let made = |folders: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_message_header"));
+        command.args(folders.iter().map(|folder| here.join(folder))).output().unwrap()
+    };
+    let output = made(&["../messages/msg", "../../tests/messages"]);
+    assert!(output.status.success());
+    let header = String::from_utf8(output.stdout).unwrap();
+    for line in [
+        "typedef struct bateleur_State {",
+        "    acme_Echo echoes[2];",
+        "#define acme_Track_MODE_SWEEP UINT32_C(7)",
+    ] {
+        assert!(header.contains(line), "{line}");
+    }
+    compile(folder.path(), "messages.c", &format!("{header}typedef int a_c_file;\n"), C).unwrap();
+    compile(folder.path(), "messages.cpp", &header, CXX).unwrap();
+    let refused = made(&["nowhere"]);
+    assert_eq!((refused.status.code(), refused.stdout.len()), (Some(2), 0));
+}

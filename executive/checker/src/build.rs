@@ -2,6 +2,8 @@
 //!
 //! Everything here is an `Option` because the raw types are; nothing is missing once the rules have passed.
 
+use std::collections::BTreeMap;
+
 use super::MessageCatalogue;
 use super::closed::{
     ChangeAction, Direction, ErrorLevel, Exhausted, Kind, ModuleClock, PartitionAction, PartitionError,
@@ -80,6 +82,7 @@ pub(super) fn plan(file: &RawFile, names: &Names, catalogue: &dyn MessageCatalog
         links: file.links.iter().map(|raw| builder.link(raw)).collect::<Option<_>>()?,
         partitions: builder.partitions()?,
         ports: builder.ports()?,
+        messages: builder.messages(),
         channels: builder.channels()?,
         chains: builder.chains()?,
         schedules: file.schedules.iter().map(|raw| builder.schedule(raw)).collect::<Option<_>>()?,
@@ -168,6 +171,15 @@ impl Builder<'_> {
             }))
         });
         ports.chain(status).collect()
+    }
+
+    /// The texts of the types that ports name, and of a relay's status.
+    fn messages(&self) -> BTreeMap<String, String> {
+        let named = self.file.ports.iter().filter_map(|port| port.message.get());
+        let relays =
+            self.file.partitions.iter().filter(|raw| raw.generated).map(|_| links::STATUS_MESSAGE.to_owned());
+        let known = |name: String| self.catalogue.definition_of(&name).map(|text| (name, text));
+        named.chain(relays).filter_map(known).collect()
     }
 
     fn partitions(&self) -> Option<Vec<Partition>> {

@@ -69,6 +69,8 @@ rules! {
         "A channel or chain needs ports at its ends."
     UNKNOWN_MESSAGE: Error "N05-unknown-message" "port_unknown_message"
         "The size of a port's memory follows from its message type."
+    MESSAGES_UNUSABLE: Error "N09-messages-unusable" "messages_unusable"
+        "Types that can not be read have no size and no fields."
     UNKNOWN_MODULE: Error "N06-unknown-module" "partition_unknown_module"
         "A partition without a computer never runs."
     UNKNOWN_SCHEDULE: Error "N07-unknown-schedule" "schedule_permission_unknown"

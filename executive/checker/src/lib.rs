@@ -36,12 +36,24 @@ use raw::RawFile;
 
 /// The message types that ports may name.
 pub trait MessageCatalogue {
+    /// Takes the types of `folder`, as the file names it, beside those that it has anyway; `None`: the file names none. Asked once for
+    /// each file, before everything else.
+    ///
+    /// # Errors
+    /// Why they can not be used, each with how to mend it.
+    fn open(&self, _folder: Option<&str>) -> Result<(), Vec<(String, String)>> {
+        Ok(())
+    }
     /// The size of a message type in bytes, or nothing if there is no such type.
     fn size_of(&self, name: &str) -> Option<usize>;
     /// A number that differs where the fields of a message type differ, so that a partition that was built with others is
     /// found; 0: its fields are not known.
     fn layout_of(&self, _name: &str) -> u32 {
         0
+    }
+    /// The text of a message type and of those within it; nothing if its fields are not known.
+    fn definition_of(&self, _name: &str) -> Option<String> {
+        None
     }
     /// The name of every message type.
     fn names(&self) -> Vec<&str>;
@@ -144,6 +156,7 @@ fn read(text: &str, surroundings: &Surroundings<'_>, findings: &Findings<'_>) ->
     relays::add(&mut file);
     let names = Names::of(&file);
     let catalogue = surroundings.messages;
+    rules::open(&file, catalogue, findings);
     let &Surroundings { programs, keys, .. } = surroundings;
     rules::check(&rules::Context { file: &file, names: &names, catalogue, programs, keys, findings });
     if findings.has_errors() {

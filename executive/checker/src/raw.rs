@@ -26,6 +26,8 @@ pub(super) struct RawFile {
     pub(super) partitions: Vec<RawPartition>,
     /// The ports of all partitions.
     pub(super) ports: Vec<RawPort>,
+    /// The folder with message types.
+    pub(super) messages: Field<String>,
     pub(super) channels: Vec<RawChannel>,
     pub(super) chains: Vec<RawChain>,
     pub(super) schedules: Vec<RawSchedule>,
@@ -179,6 +181,7 @@ impl RawFile {
     /// Reads a parsed document; whatever is wrong with it is noted.
     pub(super) fn read(document: &DeTable<'_>, findings: &Findings<'_>) -> Self {
         let mut file = TableReader::new(document, 0..0, "the file", findings);
+        let messages = file.optional("messages");
         let modules = file.entries("module");
         let networks = file.entries("network");
         let links = file.entries("link");
@@ -200,6 +203,7 @@ impl RawFile {
             networks: networks.into_iter().filter_map(|entry| RawNetwork::read(entry, findings)).collect(),
             links: links.into_iter().filter_map(|entry| RawLink::read(entry, &beside, findings)).collect(),
             ports,
+            messages,
             channels: channels.into_iter().map(|table| RawChannel::read(table, findings)).collect(),
             chains: chains.into_iter().map(|table| RawChain::read(table, findings)).collect(),
             schedules: schedules.into_iter().filter_map(|entry| RawSchedule::read(entry, findings)).collect(),

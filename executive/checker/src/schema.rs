@@ -79,6 +79,11 @@ const INNER: &[(&str, &str, Inner)] = &[
 ];
 
 const DESCRIPTIONS: &[Described] = &[
+    (
+        FILE,
+        "messages",
+        "The folder with message types of your own, relative to this file; \"messages\" where there is such a folder and nothing is said.",
+    ),
     (FILE, "module", "Computers, by name: each runs one executive."),
     (FILE, "network", "Networks between the computers, by name."),
     (FILE, "link", "Pairs of modules that talk to each other, by name."),

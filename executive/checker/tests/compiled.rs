@@ -6,6 +6,7 @@
 mod plan_support;
 
 use bateleur_checker::{MessageCatalogue, check};
+use bateleur_plan::bounds::LONGEST_DEFINITION;
 use bateleur_plan::compiled::{Compiled, CompiledError, MOST_BYTES, VERSION};
 use bateleur_plan::{ModuleId, Plan, Timeline};
 use plan_support::repository;
@@ -22,6 +23,10 @@ impl MessageCatalogue for Any {
 
     fn layout_of(&self, name: &str) -> u32 {
         name.len() as u32
+    }
+
+    fn definition_of(&self, _: &str) -> Option<String> {
+        Some("uint64[8] words\n".to_owned())
     }
 
     fn names(&self) -> Vec<&str> {
@@ -275,5 +280,21 @@ proptest! {
         if let Ok(read) = Compiled::read(&sealed(&content)) {
             use_all_of(&read.plan);
         }
+    }
+}
+
+#[test]
+fn text_of_a_type_that_no_port_carries_or_that_is_too_long_is_not_compiled() {
+    let (name, text) = texts().remove(0);
+    let plan = check(&name, &text, &Any).unwrap();
+    assert!(plan.messages.contains_key("State"), "a plan carries the texts of its types");
+    for (message, definition, words) in [
+        ("Foreign", "uint8 x\n".to_owned(), "a message type that no port carries"),
+        ("State", "#".repeat(LONGEST_DEFINITION + 1), "message type State: its text"),
+    ] {
+        let mut wrong = plan.clone();
+        wrong.messages.insert(message.to_owned(), definition);
+        let said = Compiled::new(&name, &text, wrong).write().unwrap_err().to_string();
+        assert!(said.contains(words), "{said}");
     }
 }

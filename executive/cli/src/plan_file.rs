@@ -1,31 +1,91 @@
-//! Reading a schedule file from the disk with the message types of this build.
+//! Reading a schedule file from the disk with the message types beside it.
 
 use std::fs::File;
 use std::io::{IsTerminal, Read, Seek, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use anyhow::{Context, Result};
 use bateleur_checker::{Keys, MessageCatalogue, Programs, Report, Surroundings, check, check_among};
 use bateleur_host::keys;
+use bateleur_messages::Catalogue;
+use bateleur_messages::format::{self, Fault, Source};
 use bateleur_plan::Plan;
 use bateleur_plan::compiled::Compiled;
 use bateleur_system::privileges;
 
-/// The message types that this program was built with.
-pub struct Catalogue;
+/// The folder of message types that is looked into where the schedule file names none.
+const FOLDER: &str = "messages";
 
-impl MessageCatalogue for Catalogue {
+/// The flight's message types, and those of a folder beside a schedule file.
+pub struct Messages {
+    schedule: PathBuf,
+    /// The texts of the folder, or why they can not be read; `None`: they are read when they are asked for.
+    read: Option<std::io::Result<Vec<Source>>>,
+    opened: OnceLock<Catalogue>,
+}
+
+impl Messages {
+    /// Of a schedule file of this name.
+    pub fn beside(name: &str) -> Self {
+        let schedule = Path::new(name).parent().map(Path::to_owned).unwrap_or_default();
+        Self { schedule, read: None, opened: OnceLock::new() }
+    }
+
+    /// With the texts read already, of the folder that the schedule file names.
+    fn with(name: &str, folder: Option<&str>) -> Self {
+        let messages = Self::beside(name);
+        Self { read: Some(messages.sources(folder)), ..messages }
+    }
+
+    fn sources(&self, folder: Option<&str>) -> std::io::Result<Vec<Source>> {
+        let path = self.schedule.join(folder.unwrap_or(FOLDER));
+        if folder.is_none() && !path.is_dir() { Ok(Vec::new()) } else { format::sources(&path) }
+    }
+
+    fn types(&self) -> &Catalogue {
+        self.opened.get().unwrap_or_else(|| bateleur_messages::catalogue())
+    }
+}
+
+impl MessageCatalogue for Messages {
+    fn open(&self, folder: Option<&str>) -> std::result::Result<(), Vec<(String, String)>> {
+        let refuse = |error: &std::io::Error| {
+            let mend = "name the folder with the message types, or leave `messages` out";
+            vec![(error.to_string(), mend.to_owned())]
+        };
+        let own = match &self.read {
+            Some(read) => read.as_ref().map_err(refuse)?.clone(),
+            None => self.sources(folder).map_err(|error| refuse(&error))?,
+        };
+        if own.is_empty() {
+            return Ok(());
+        }
+        let all = bateleur_messages::sources().chain(own);
+        let types = Catalogue::read(all).map_err(|faults| {
+            let place =
+                |fault: &Fault| format!("{}:{}:{}: {}", fault.file, fault.line, fault.column, fault.what);
+            faults.0.iter().map(|fault| (place(fault), fault.mend.clone())).collect::<Vec<_>>()
+        })?;
+        let _ = self.opened.set(types);
+        Ok(())
+    }
+
     fn size_of(&self, name: &str) -> Option<usize> {
-        bateleur_messages::find(name).map(|message| message.size)
+        self.types().find(name).map(|of| of.size())
     }
 
     fn layout_of(&self, name: &str) -> u32 {
-        bateleur_messages::find(name).map_or(0, |message| bateleur_messages::layout_of(message.fields))
+        self.types().find(name).map_or(0, |of| of.layout())
+    }
+
+    fn definition_of(&self, name: &str) -> Option<String> {
+        self.types().find(name).map(|of| of.schema())
     }
 
     fn names(&self) -> Vec<&str> {
-        bateleur_messages::CATALOGUE.iter().map(|message| message.name).collect()
+        self.types().types().map(|of| of.name()).collect()
     }
 }
 
@@ -95,18 +155,19 @@ pub fn check_among_files(
     let keys = key_files.as_ref().map(|files| files as &dyn Keys);
     let folder = programs.map(|programs| Folder { programs, schedule });
     let programs = folder.as_ref().map(|folder| folder as &dyn Programs);
-    let surroundings = Surroundings { messages: &Catalogue, programs, keys };
-    check_among(&path.display().to_string(), text, &surroundings)
+    let name = path.display().to_string();
+    let surroundings = Surroundings { messages: &Messages::beside(&name), programs, keys };
+    check_among(&name, text, &surroundings)
 }
 
 /// The plan in `text`, which a program wrote; or all that is wrong with it.
 pub fn read_text(name: &str, text: &str) -> std::result::Result<Plan, Report> {
-    check(name, text, &Catalogue)
+    check(name, text, &Messages::beside(name))
 }
 
 /// What there is to say of a `text` that can be used; or all that is wrong with it.
 pub fn read_report(name: &str, text: &str) -> std::result::Result<Report, Report> {
-    check_text(name, text).map(|(_, report)| report)
+    check_text(name, text, &Messages::beside(name)).map(|(_, report)| report)
 }
 
 /// The plan in `path`, with errors printed for a person; `None` if it can not be used.
@@ -133,7 +194,9 @@ fn say_warnings(name: &str, report: &Report) {
 /// `quiet`, how many there are. `false`: there is no plan.
 pub fn compile(path: &Path, plan: &File, quiet: bool) -> Result<bool> {
     let (name, text) = (path.display().to_string(), read_text_of(path)?);
-    let compiled = privileges::without_privileges(|| match compiled(&name, &text, quiet) {
+    // As the text itself, the types beside it may be where nobody else may read.
+    let messages = Messages::with(&name, folder_named(&text, plan)?.as_deref());
+    let compiled = privileges::without_privileges(|| match compiled(&name, &text, &messages, quiet) {
         Some(bytes) if (&*plan).write_all(&bytes).is_ok() => 0,
         _ => 1,
     });
@@ -141,9 +204,28 @@ pub fn compile(path: &Path, plan: &File, quiet: bool) -> Result<bool> {
     Ok(compiled.with_context(|| format!("{name} could not be compiled"))? == 0)
 }
 
+/// The folder of message types that a schedule file names. What a person wrote is taken apart without privileges; `scratch` is empty
+/// before and after.
+fn folder_named(text: &str, scratch: &File) -> Result<Option<String>> {
+    let named = |text: &str| {
+        let document = toml::de::DeTable::parse(text).ok()?;
+        Some(document.get_ref().get("messages")?.get_ref().as_str()?.to_owned())
+    };
+    privileges::without_privileges(|| match named(text) {
+        Some(folder) if (&*scratch).write_all(folder.as_bytes()).is_ok() => 0,
+        _ => 1,
+    })?;
+    let mut folder = String::new();
+    (&*scratch).rewind()?;
+    (&*scratch).read_to_string(&mut folder)?;
+    (&*scratch).rewind()?;
+    scratch.set_len(0)?;
+    Ok((!folder.is_empty()).then_some(folder))
+}
+
 /// The compiled plan of a text, as a file holds it; errors and warnings are printed as in [`compile`].
-pub fn compiled(name: &str, text: &str, quiet: bool) -> Option<Vec<u8>> {
-    let (plan, report) = print_errors(check_text(name, text))?;
+pub fn compiled(name: &str, text: &str, messages: &Messages, quiet: bool) -> Option<Vec<u8>> {
+    let (plan, report) = print_errors(check_text(name, text, messages))?;
     if !quiet {
         say_warnings(name, &report);
     }
@@ -151,8 +233,8 @@ pub fn compiled(name: &str, text: &str, quiet: bool) -> Option<Vec<u8>> {
     compiled.map_err(|error| eprintln!("bateleur: {name}: {error}")).ok()
 }
 
-fn check_text(name: &str, text: &str) -> std::result::Result<(Plan, Report), Report> {
-    check_among(name, text, &Surroundings { messages: &Catalogue, programs: None, keys: None })
+fn check_text(name: &str, text: &str, messages: &Messages) -> std::result::Result<(Plan, Report), Report> {
+    check_among(name, text, &Surroundings { messages, programs: None, keys: None })
 }
 
 fn print_errors(read: std::result::Result<(Plan, Report), Report>) -> Option<(Plan, Report)> {

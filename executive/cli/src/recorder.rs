@@ -5,8 +5,9 @@
 //! the virtual clock nothing is lost, however fast time goes. It can not slow a writer down. What it reads may be damaged and
 //! end it: so it says in shared memory which channel it is at.
 
+use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufRead, Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -15,6 +16,7 @@ use bateleur_channels::{channel_type, join};
 use bateleur_contract::Mapped;
 use bateleur_host::helper::orders::OrderedChannel;
 use bateleur_host::helper::recording::{ATTACH_ANEW, DONE, LEFT_OUT, NO_ROOM, READ, RecorderOrder};
+use bateleur_messages::Type;
 use bateleur_ports::{Channel, Domain, Membership, Reader};
 use bateleur_recording::{ChannelId, LogError, PortLog, topic};
 
@@ -38,6 +40,8 @@ struct End {
 
 /// The log was opened by the executive, whose output folder the recorder's user may not enter.
 const LOG: &str = "/proc/self/fd/3";
+/// The texts of the message types, by their names.
+const TYPES: &str = "/proc/self/fd/5";
 /// Where it says what it is at.
 const PLACE: &str = "/proc/self/fd/4";
 
@@ -46,7 +50,11 @@ pub(crate) fn run(order: &str) -> Result<()> {
     let RecorderOrder { order, without, part } =
         serde_json::from_str(order).context("the recorder's order is damaged")?;
     let place = File::options().read(true).write(true).open(PLACE).context("nobody knows what it is at")?;
+    let types = File::open(TYPES)
+        .map_err(anyhow::Error::from)
+        .and_then(|file| Ok(serde_json::from_reader(BufReader::new(file))?));
     let mut recorder = Recorder {
+        types: types.context("the message types are not known")?,
         domain: Domain { root: order.root.clone() },
         log: PortLog::create(LOG)?,
         observed: Vec::new(),
@@ -74,6 +82,8 @@ fn answer(word: char) -> std::io::Result<()> {
 }
 
 struct Recorder {
+    /// The texts of the message types, by their names.
+    types: BTreeMap<String, String>,
     domain: Domain,
     log: PortLog,
     observed: Vec<Observed>,
@@ -121,9 +131,10 @@ impl Recorder {
                 },
             };
             // Bytes without a message type have no fields to name: they are left out.
-            let Some(message) = bateleur_messages::find(&ordered.message) else { continue };
+            let Some(definition) = self.types.get(&ordered.message) else { continue };
+            let message = Type::from_schema(&ordered.message, definition)?;
             let (partition, port) = ordered.source.split_once('.').unwrap_or((&ordered.source, "port"));
-            let log = self.log.add_channel(&topic(partition, port), message)?;
+            let log = self.log.add_channel(&topic(partition, port), &message)?;
             self.observed.push(Observed { log, ordered, place, end, told: false });
         }
         self.at.store(0, Relaxed);

@@ -142,6 +142,9 @@ pub struct ChannelStatus {
     pub message: String,
     /// Bytes of a message, at most.
     pub size: usize,
+    /// The message type's text, and behind it those of the types within it; empty: they are not known.
+    #[serde(default)]
+    pub definition: String,
 }
 
 /// A message that an observer has read: one line each.

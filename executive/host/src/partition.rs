@@ -533,6 +533,7 @@ fn describe_port(plan: &Plan, port: &Port) -> PortDescription {
             bateleur_plan::Payload::Message { layout, .. } => *layout,
             bateleur_plan::Payload::Bytes { .. } => 0,
         },
+        definition: plan.messages.get(&message_name(port)).cloned().unwrap_or_default(),
         channel: channel.map_or_else(String::new, |channel| plan.port_path(channel.source)),
         refresh_ns,
         depth: channel.map_or(0, |channel| queue_depth(plan, channel).unwrap_or(0)),

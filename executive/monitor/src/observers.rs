@@ -82,6 +82,7 @@ pub(crate) fn channel_list(plan: &Plan, module: &str) -> Vec<ChannelStatus> {
             queue_depth: queue_depth(plan, channel),
             message: message_name(source),
             size: source.payload.max_size_bytes(),
+            definition: plan.messages.get(&message_name(source)).cloned().unwrap_or_default(),
         }
     };
     channels_of(plan, module).iter().map(status).collect()

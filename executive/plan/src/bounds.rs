@@ -21,6 +21,13 @@ pub const DEEPEST_QUEUE: u32 = 512;
 pub const LONGEST_BYTES: u32 = 8192;
 /// The longest message of any type, bytes.
 const LONGEST_MESSAGE: usize = 1 << 20;
+/// The longest name of a message type: two names with a slash between them.
+const LONGEST_TYPE: usize = 2 * LONGEST_NAME + 1;
+/// The longest text of a message type with all types within it, bytes: helpers keep one for each channel, the control socket sends
+/// them.
+pub const LONGEST_DEFINITION: usize = 256 << 10;
+/// The longest of all of them together, bytes: a partition's description carries those of its ports, each run's status all.
+pub const LONGEST_DEFINITIONS: usize = 8 << 20;
 /// The most minor frames of a major frame. At 50 a second, three minutes: far beyond any cycle that a person can read. The timeline
 /// has an entry for every window in each of them, in memory that the dispatcher keeps locked.
 pub const MOST_MINOR_FRAMES: u64 = 10_000;
@@ -56,6 +63,7 @@ pub fn check(plan: &Plan) -> Checked {
         ("links", plan.links.len()),
         ("partitions", plan.partitions.len()),
         ("ports", plan.ports.len()),
+        ("message types", plan.messages.len()),
         ("channels", plan.channels.len()),
         ("chains", plan.chains.len()),
         ("schedules", plan.schedules.len()),
@@ -77,6 +85,7 @@ pub fn check(plan: &Plan) -> Checked {
     for (place, one) in plan.ports.iter().enumerate() {
         port(plan, PortId(place), one).map_err(|wrong| within("port", &one.name, &wrong))?;
     }
+    messages(plan)?;
     for one in &plan.channels {
         channel(plan, one)?;
     }
@@ -99,6 +108,27 @@ fn within(what: &str, name: &str, wrong: &OutOfBounds) -> OutOfBounds {
 fn is_plain(name: &str, longest: usize) -> bool {
     let plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     !name.is_empty() && name.len() <= longest && name.chars().all(plain)
+}
+
+/// `Name`, or `package/Name`.
+fn is_type(name: &str) -> bool {
+    let (package, own) = name.split_once('/').unwrap_or(("package", name));
+    is_plain(package, LONGEST_TYPE) && is_plain(own, LONGEST_TYPE) && name.len() <= LONGEST_TYPE
+}
+
+fn messages(plan: &Plan) -> Checked {
+    let carried = |name: &str| {
+        let names = plan.ports.iter().map(|port| &port.payload);
+        names
+            .into_iter()
+            .any(|payload| matches!(payload, Payload::Message { name: known, .. } if known == name))
+    };
+    for (name, definition) in &plan.messages {
+        require(is_type(name) && carried(name), || "a message type that no port carries".into())?;
+        require(definition.len() <= LONGEST_DEFINITION, || format!("message type {name}: its text"))?;
+    }
+    let all: usize = plan.messages.values().map(String::len).sum();
+    require(all <= LONGEST_DEFINITIONS, || "the texts of message types".into())
 }
 
 /// Names become names of files and processes; two that differ in their letters' case alone would be one somewhere.
@@ -182,7 +212,7 @@ fn port(plan: &Plan, id: PortId, port: &Port) -> Checked {
     require(owner.is_some_and(|owner| owner.ports.contains(&id)), || "its partition".into())?;
     require((1..=LONGEST_MESSAGE).contains(&port.payload.max_size_bytes()), || "its message".into())?;
     if let Payload::Message { name, .. } = &port.payload {
-        require(is_plain(name, 2 * LONGEST_NAME), || "its message".into())?;
+        require(is_type(name), || "its message".into())?;
     }
     let role = match port.role {
         Role::SamplingDestination { refresh_ns } => refresh_ns > 0,

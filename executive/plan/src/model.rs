@@ -81,6 +81,9 @@ pub struct Plan {
     pub partitions: Vec<Partition>,
     /// The ports of all partitions.
     pub ports: Vec<Port>,
+    /// The message types that ports carry, as far as their fields are known: by name the text of each, and behind it those of the
+    /// types within it. Who writes messages down or shows them takes them apart by it; what runs partitions never reads it.
+    pub messages: BTreeMap<String, String>,
     /// The channels, whether inside one module or across.
     pub channels: Vec<Channel>,
     /// The paths whose latency is bounded.

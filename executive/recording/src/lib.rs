@@ -13,7 +13,8 @@ mod layout;
 mod read;
 mod write;
 
-pub use layout::{Layout, Number};
+pub use bateleur_messages::format::Scalar;
+pub use layout::{Layout, values, word_of};
 pub use read::{Ending, Entry, LogReader, Recording, Track, for_each, read};
 pub use write::{ChannelId, PortLog, topic};
 
@@ -28,8 +29,6 @@ pub const CDR_HEADER: [u8; 4] = [0, 1, 0, 0];
 pub const MESSAGE_ENCODING: &str = "cdr";
 /// Encoding of the schemas.
 pub const SCHEMA_ENCODING: &str = "ros2msg";
-/// What stands before a message's name in its schema's name.
-pub const SCHEMA_PREFIX: &str = "bateleur/msg/";
 
 /// Why a log could not be written or read.
 #[derive(Debug, Error)]
@@ -61,14 +60,6 @@ pub enum LogError {
         found: usize,
         /// Bytes of the type.
         expected: usize,
-    },
-    /// A message type whose fields do not lie as CDR would lay them.
-    #[error("field {field} of {message} is not aligned to its size, so its bytes are not CDR")]
-    Unaligned {
-        /// The message type.
-        message: String,
-        /// The field.
-        field: String,
     },
     /// A channel number that this log never gave out.
     #[error("channel {0} was never added to this log")]

@@ -1,6 +1,7 @@
 //! Reading a log, whole or cut short.
 
-use super::{CDR_HEADER, Layout, LogError, MESSAGE_ENCODING, SCHEMA_PREFIX};
+use super::{CDR_HEADER, Layout, LogError, MESSAGE_ENCODING};
+use bateleur_messages::format::type_name_of_schema;
 use mcap::McapError;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -294,9 +295,9 @@ impl Names {
         self.seen_any = true;
         match record {
             Record::Schema { header, data } => {
-                let name = header.name.strip_prefix(SCHEMA_PREFIX).unwrap_or(&header.name);
-                let layout = std::str::from_utf8(data).ok().and_then(Layout::parse);
-                self.schemas.insert(header.id, (name.to_owned(), layout));
+                let name = type_name_of_schema(&header.name).unwrap_or_else(|| header.name.clone());
+                let layout = std::str::from_utf8(data).ok().and_then(|schema| Layout::parse(&name, schema));
+                self.schemas.insert(header.id, (name, layout));
             }
             Record::Channel(channel) => {
                 self.channels.insert(channel.id, (channel.topic.clone(), channel.schema_id));

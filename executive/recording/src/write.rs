@@ -1,11 +1,11 @@
 //! Writing the log while the module runs.
 
-use super::{CDR_HEADER, LogError, MESSAGE_ENCODING, SCHEMA_ENCODING, SCHEMA_PREFIX};
-use bateleur_messages::{Field, MessageType};
+use super::{CDR_HEADER, LogError, MESSAGE_ENCODING, SCHEMA_ENCODING};
+use bateleur_messages::Type;
+use bateleur_messages::format::schema_name;
 use mcap::records::MessageHeader;
 use mcap::{McapError, WriteOptions, Writer};
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
@@ -63,17 +63,16 @@ impl PortLog {
     }
 
     /// Adds the channel of one source port; see [`topic`].
-    pub fn add_channel(&mut self, topic: &str, message: &MessageType) -> Result<ChannelId, LogError> {
-        check_alignment(message)?;
-        let schema_name = format!("{SCHEMA_PREFIX}{}", message.name);
-        let schema = definition(message.fields);
+    pub fn add_channel(&mut self, topic: &str, message: &Type) -> Result<ChannelId, LogError> {
+        let schema_name = schema_name(message.name());
+        let schema = message.schema();
         let id = self
             .writer
             .add_schema(&schema_name, SCHEMA_ENCODING, schema.as_bytes())
             .and_then(|schema| self.writer.add_channel(schema, topic, MESSAGE_ENCODING, &BTreeMap::new()))
             .map_err(|why| self.container(why))?;
-        let (topic, name) = (topic.to_owned(), message.name.to_owned());
-        self.channels.push(Channel { id, topic, message: name, size: message.size });
+        let (topic, name) = (topic.to_owned(), message.name().to_owned());
+        self.channels.push(Channel { id, topic, message: name, size: message.size() });
         Ok(ChannelId(self.channels.len() - 1))
     }
 
@@ -130,27 +129,5 @@ impl PortLog {
 
     fn container(&self, why: McapError) -> LogError {
         LogError::Container { path: self.path.clone(), why }
-    }
-}
-
-/// The message definition in ROS 2's language.
-pub(super) fn definition(fields: &[Field]) -> String {
-    let mut text = String::new();
-    for field in fields {
-        let kind = field.kind.ros2_name();
-        let array = if field.count == 1 { String::new() } else { format!("[{}]", field.count) };
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "{kind}{array} {}", field.name);
-    }
-    text
-}
-
-/// CDR aligns each value to its size; so must the message, or its bytes would be read wrongly.
-fn check_alignment(message: &MessageType) -> Result<(), LogError> {
-    match message.fields.iter().find(|field| !field.offset.is_multiple_of(field.kind.size())) {
-        None => Ok(()),
-        Some(field) => {
-            Err(LogError::Unaligned { message: message.name.to_owned(), field: field.name.to_owned() })
-        }
     }
 }

@@ -235,7 +235,7 @@ fn what_no_crate_can_be_made_of_is_refused_with_a_way_to_mend_it() {
         (
             "message = \"Rate\"",
             "message = \"Ratio\"",
-            "a message type of your own has to be in `partitions/messages`",
+            "a message type of your own is a file beside the schedule file",
         ),
         ("program = \"talker\"", "program = \"build\"", "cargo keeps the name `build`"),
         (

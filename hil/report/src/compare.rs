@@ -18,7 +18,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use bateleur_recording::PORTS_FILE;
-use bateleur_recording::{Ending, Entry, Layout, LogError, LogReader, Number};
+use bateleur_recording::{Ending, Entry, Layout, LogError, LogReader, Scalar, word_of};
 
 /// Messages of a port that wait for their counterparts at most, in one log: a minute of the fastest port. Beyond it the
 /// oldest counts as alone. It bounds the memory where two logs have little in common.
@@ -274,7 +274,7 @@ enum Limit {
 }
 
 impl Limit {
-    fn allows(self, a: Number, b: Number) -> bool {
+    fn allows(self, a: Scalar, b: Scalar) -> bool {
         match self {
             Self::Ignored => true,
             Self::Exact => a.is_same(b),
@@ -283,8 +283,8 @@ impl Limit {
     }
 }
 
-fn both_nan(a: Number, b: Number) -> bool {
-    matches!((a, b), (Number::Real(a), Number::Real(b)) if a.is_nan() && b.is_nan())
+fn both_nan(a: Scalar, b: Scalar) -> bool {
+    a.real().is_nan() && b.real().is_nan()
 }
 
 /// One port in both logs.
@@ -569,7 +569,7 @@ impl Lane {
                 continue;
             }
             let difference = a.difference(b);
-            found.push(FieldDifference { field: name.clone(), a: a.into(), b: b.into(), difference });
+            found.push(FieldDifference { field: name.clone(), a: word_of(a), b: word_of(b), difference });
         }
         more
     }
@@ -601,7 +601,7 @@ fn whole(field: &str, a: u64, b: u64) -> FieldDifference {
         field: field.to_owned(),
         a: a.into(),
         b: b.into(),
-        difference: Number::Whole(a).difference(Number::Whole(b)),
+        difference: Scalar::Whole(a.into()).difference(Scalar::Whole(b.into())),
     }
 }
 

@@ -10,7 +10,7 @@ use std::path::Path;
 
 use bateleur_messages::{LinkStatus, Message};
 pub use bateleur_recording::hosts::{FILE, FOLDER, Host, folder_of, of};
-use bateleur_recording::{Ending, LogError, LogReader, PORTS_FILE, PortLog, read};
+use bateleur_recording::{Ending, Layout, LogError, LogReader, PORTS_FILE, PortLog, read};
 
 use crate::health;
 use crate::windows;
@@ -195,9 +195,9 @@ fn shifted_health(line: &str, host: &Host) -> Option<(u64, String)> {
 struct Waiting {
     time_ns: u64,
     topic: String,
-    message: String,
     sequence: u32,
     bytes: Vec<u8>,
+    layout: Option<Layout>,
 }
 
 struct Log<'a> {
@@ -217,9 +217,9 @@ impl Log<'_> {
                     waiting.push_back(Waiting {
                         time_ns: host.time_ns(entry.time_ns),
                         topic: entry.topic.to_owned(),
-                        message: entry.message.to_owned(),
                         sequence: entry.sequence,
                         bytes: entry.bytes.to_vec(),
+                        layout: entry.layout.cloned(),
                     });
                 }
             })?;
@@ -251,8 +251,8 @@ fn merge_ports(folder: &Path, hosts: &[Host], notes: &mut Vec<String>) -> Result
         let channel = match channels.get(&next.topic) {
             Some(channel) => *channel,
             None => {
-                let Some(message) = bateleur_messages::find(&next.message) else { continue };
-                let channel = merged.add_channel(&next.topic, message)?;
+                let Some(layout) = next.layout else { continue };
+                let channel = merged.add_channel(&next.topic, layout.message())?;
                 channels.insert(next.topic.clone(), channel);
                 channel
             }

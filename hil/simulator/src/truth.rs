@@ -5,14 +5,14 @@
 //! memory, little endian, without gaps: any tool can read them from the header alone.
 
 use bateleur_messages::hil::Actuators;
-use bateleur_messages::{Field, FieldKind, FieldType, Message};
+use bateleur_messages::{Field, FieldKind, Message};
 use bateleur_plant::Truth;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
-use zerocopy::{FromBytes, FromZeros, Immutable, IntoBytes, KnownLayout};
+use zerocopy::{FromBytes, IntoBytes};
 
 /// Name of the format, in every header.
 pub const FORMAT: &str = "bateleur-truth";
@@ -21,78 +21,7 @@ pub const VERSION: u32 = 1;
 /// Buffer of the writer, bytes: some three seconds of flight between two system calls.
 const BUFFER_BYTES: usize = 1 << 16;
 
-macro_rules! record {
-    ($(#[$about:meta])* pub struct $name:ident { $($(#[$note:meta])* pub $field:ident: $kind:ty,)* }) => {
-        $(#[$about])*
-        #[derive(Debug, Clone, Copy, PartialEq, FromBytes, IntoBytes, Immutable, KnownLayout)]
-        #[repr(C)]
-        pub struct $name { $($(#[$note])* pub $field: $kind,)* }
-
-        impl Message for $name {
-            const NAME: &'static str = stringify!($name);
-            const FIELDS: &'static [Field] = &[$(Field {
-                name: stringify!($field),
-                kind: <$kind as FieldType>::KIND,
-                count: <$kind as FieldType>::COUNT,
-                offset: std::mem::offset_of!($name, $field),
-            },)*];
-        }
-    };
-}
-
-record! {
-    /// What was really the case at one module time. North, east, down from the runway; body forward, right, down.
-    pub struct TruthRecord {
-        /// Module time of the answer, ns.
-        pub time_ns: u64,
-        /// Position, NED, m.
-        pub position_ned_m: [f64; 3],
-        /// Velocity over ground, NED, m/s.
-        pub velocity_ned_mps: [f64; 3],
-        /// Roll, pitch, yaw, rad.
-        pub euler_rad: [f64; 3],
-        /// Angular rate, body axes, rad/s.
-        pub rates_radps: [f64; 3],
-        /// Specific force at this instant, body axes, m/s².
-        pub specific_force_mps2: [f64; 3],
-        /// Airspeed, gusts included, m/s.
-        pub airspeed_mps: f64,
-        /// Angle of attack, rad.
-        pub alpha_rad: f64,
-        /// Sideslip, rad.
-        pub beta_rad: f64,
-        /// Mean wind and gust, the air's motion, NED, m/s.
-        pub wind_ned_mps: [f64; 3],
-        /// The gust alone, NED, m/s.
-        pub gust_ned_mps: [f64; 3],
-        /// Where aileron, elevator and rudder are, rad.
-        pub surfaces_rad: [f64; 3],
-        /// Throttle that acts, 0 to 1.
-        pub throttle: f64,
-        /// Slow error of the satellite receiver, reported minus true, NED, m.
-        pub gps_slow_error_ned_m: [f64; 3],
-        /// Slow error of the barometer, reported minus true, m of height.
-        pub barometer_bias_m: f64,
-        /// Bias of the accelerometer, body axes, m/s².
-        pub accelerometer_bias_mps2: [f64; 3],
-        /// Bias of the gyroscope, body axes, rad/s.
-        pub gyroscope_bias_radps: [f64; 3],
-        /// Pulses received: left and right aileron, elevator, rudder, throttle, µs.
-        pub timers_us: [u16; 5],
-        /// 1 when the packet said that the autopilot flies.
-        pub autopilot: u16,
-        /// 1 when anything touches the ground.
-        pub on_ground: u16,
-        /// 1 when the aircraft is lost.
-        pub crashed: u16,
-    }
-}
-
-impl Default for TruthRecord {
-    fn default() -> Self {
-        Self::new_zeroed()
-    }
-}
+bateleur_message_macro::messages!(bateleur_messages::format, "msg");
 
 impl TruthRecord {
     /// The record of one instant.

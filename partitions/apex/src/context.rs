@@ -7,7 +7,7 @@ use std::os::fd::AsFd;
 use std::rc::Rc;
 
 use bateleur_contract::{Description, Direction, PortDescription, PortKind, StartCondition};
-use bateleur_messages::{Message, layout_of};
+use bateleur_message_format::{Message, Type, describe, layout_of};
 use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Membership, Reader, Writer};
 use serde::de::DeserializeOwned;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
@@ -46,16 +46,21 @@ pub enum StartError {
         /// What the partition needs.
         wanted: String,
     },
-    /// Its message type has other fields in the executive's build.
+    /// Its message type has other fields in the plan.
     #[error(
-        "port \"{name}\" carries {message}, which has other fields (names, kinds or order) in the executive's build: \
-         build partition and `bateleur` from the same messages"
+        "{message} in the plan (byte, kind, name and unit of each field):\n{found}{message} in this program:\n{wanted}port \"{name}\" \
+         carries {message}, which has other fields in the plan than in this program: {}; build it from the messages of the plan",
+        first_difference(.found, .wanted)
     )]
     OtherFields {
         /// The port.
         name: String,
         /// The message type.
         message: &'static str,
+        /// The field table of the plan, a line for each field.
+        found: String,
+        /// The program's.
+        wanted: String,
     },
     /// `retained` was asked for twice: there is one memory for one value.
     #[error("retained memory is asked for twice: put both values into one type")]
@@ -91,6 +96,21 @@ pub struct Context {
     retained: Option<File>,
     /// It has been asked for.
     retains: bool,
+}
+
+/// The first line in which two field tables differ. The executive tells an operator the last line of a refusal alone.
+fn first_difference(found: &str, wanted: &str) -> String {
+    let (mut found, mut wanted) = (found.lines(), wanted.lines());
+    let words = |line: Option<&str>| {
+        let words = line.map(|line| line.split_whitespace().collect::<Vec<_>>().join(" "));
+        words.map_or("nothing more".to_owned(), |words| format!("`{words}`"))
+    };
+    loop {
+        match (found.next(), wanted.next()) {
+            (one, other) if one == other && one.is_some() => {}
+            (one, other) => return format!("the plan has {} where it has {}", words(one), words(other)),
+        }
+    }
 }
 
 impl Context {
@@ -345,8 +365,10 @@ impl Context {
         direction: Direction,
     ) -> Result<PortDescription, StartError> {
         let port = self.declared(name)?;
-        let size_fits = port.size as usize == size_of::<T>();
-        if port.kind != kind || port.direction != direction || port.message != T::NAME || !size_fits {
+        let is_it = port.kind == kind && port.direction == direction && port.message == T::NAME;
+        // A plan that knows the fields says more than a size.
+        let size_fits = port.size as usize == size_of::<T>() || port.layout != 0;
+        if !is_it || !size_fits {
             let say = |kind, direction, message: &str, size| {
                 format!("{kind:?} {direction:?} of {message} ({size} bytes)")
             };
@@ -357,7 +379,10 @@ impl Context {
             });
         }
         if port.layout != 0 && port.layout != layout_of(T::FIELDS) {
-            return Err(StartError::OtherFields { name: name.into(), message: T::NAME });
+            let found = Type::from_schema(&port.message, &port.definition).map(|of| of.describe());
+            let found = found.unwrap_or_else(|_| format!("  {} bytes\n", port.size));
+            let (name, wanted) = (name.into(), describe(T::FIELDS));
+            return Err(StartError::OtherFields { name, message: T::NAME, found, wanted });
         }
         let port = port.clone();
         self.used.insert(name.into());

@@ -49,7 +49,7 @@ use bateleur_contract::{
     Clock, ControlPage, Description, Direction, Mapped, PortDescription, PortKind, StartCondition,
     Takeover as Order,
 };
-use bateleur_messages::{Message, layout_of};
+use bateleur_message_format::{Field, Message, layout_of};
 use bateleur_ports::{Channel, ChannelType, Domain, Membership};
 use rustix::fs::{MemfdFlags, ftruncate, memfd_create};
 
@@ -292,10 +292,22 @@ fn port<T: Message>(name: &str, kind: PortKind, direction: Direction) -> PortDes
         message: T::NAME.into(),
         size: size_of::<T>() as u32, // at most what a port can carry, far below
         layout: layout_of(T::FIELDS),
+        definition: definition(T::FIELDS),
         channel: format!("harness.{name}"),
         refresh_ns: 0,
         depth: 0,
     }
+}
+
+/// Fields as the text of a type, as far as a path is no name in it.
+fn definition(fields: &[Field]) -> String {
+    let line = |field: &Field| {
+        let array = if field.count == 1 { String::new() } else { format!("[{}]", field.count) };
+        let name = field.name.replace(['.', '['], "_").replace(']', "");
+        let unit = if field.unit.is_empty() { String::new() } else { format!(" # [{}]", field.unit) };
+        format!("{}{array} {name}{unit}\n", field.kind.ros2_name())
+    };
+    fields.iter().map(line).collect()
 }
 
 fn memory(bytes: u64) -> Result<OwnedFd, StartError> {
@@ -311,7 +323,7 @@ fn refused(what: &str, error: impl std::fmt::Display) -> StartError {
 
 #[cfg(test)]
 mod tests {
-    use bateleur_messages::{Field, FieldKind, GroundMessage, Rate};
+    use bateleur_messages::{FieldKind, GroundMessage, Rate};
     use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
     use super::*;
@@ -407,8 +419,13 @@ mod tests {
 
     impl Message for OtherRate {
         const NAME: &'static str = Rate::NAME;
-        const FIELDS: &'static [Field] =
-            &[Field { name: "swapped", kind: FieldKind::U64, count: size_of::<Rate>() / 8, offset: 0 }];
+        const FIELDS: &'static [Field] = &[Field {
+            name: "swapped",
+            unit: "",
+            kind: FieldKind::U64,
+            count: size_of::<Rate>() / 8,
+            offset: 0,
+        }];
     }
 
     /// As `Rate` by name, from a build in which it was shorter.
@@ -419,7 +436,7 @@ mod tests {
     impl Message for ShortRate {
         const NAME: &'static str = Rate::NAME;
         const FIELDS: &'static [Field] =
-            &[Field { name: "synchronize", kind: FieldKind::U64, count: 1, offset: 0 }];
+            &[Field { name: "synchronize", unit: "", kind: FieldKind::U64, count: 1, offset: 0 }];
     }
 
     struct Listener<T>(#[allow(dead_code)] SamplingDestination<T>);
@@ -438,9 +455,22 @@ mod tests {
         let _source = harness.sampling_destination::<Rate>("rate", 40_000_000).unwrap();
         assert!(harness.start::<Listener<Rate>>().is_ok());
         let other = harness.start::<Listener<OtherRate>>().err().map(|error| error.to_string());
-        assert!(other.as_ref().is_some_and(|words| words.contains("other fields")), "{other:?}");
+        let other = other.unwrap();
+        // Both tables, and last what an operator is told.
+        for table in [
+            "Rate in the plan (byte",
+            "     40  uint64 synchronize_ns [ns]\n",
+            "Rate in this program:\n      0  uint64[7] swapped\n",
+        ] {
+            assert!(other.contains(table), "{other}");
+        }
+        let last = other.lines().last().unwrap();
+        assert!(
+            last.contains("the plan has `0 uint64 synchronize` where it has `0 uint64[7] swapped`"),
+            "{last}"
+        );
         let short = harness.start::<Listener<ShortRate>>().err().map(|error| error.to_string());
-        assert!(short.as_ref().is_some_and(|words| words.contains("(8 bytes)")), "{short:?}");
+        assert!(short.as_ref().is_some_and(|words| words.contains("where it has nothing more")), "{short:?}");
     }
 
     struct Keeper;

@@ -56,6 +56,19 @@ mod takeover;
 mod time;
 mod window;
 
+/// Declares the Rust types of a folder of message definitions, `messages!("messages")`: the path counts from the folder of the crate's
+/// `Cargo.toml`. `Name.msg` becomes `Name`, `package/Name.msg` becomes `package::Name`.
+#[macro_export]
+macro_rules! messages {
+    ($folder:literal) => {
+        $crate::__message_macro::messages!($crate::message_format, $folder);
+    };
+}
+/// What messages are: the trait that ports need, field tables, types as text.
+pub use bateleur_message_format as message_format;
+#[doc(hidden)]
+pub use bateleur_message_macro as __message_macro;
+
 pub use alignment::Alignment;
 pub use attributes::{AttributeError, Attributes};
 pub use bateleur_contract::{AlignmentReport, Direction, ErrorCode, PortKind, StartCondition};

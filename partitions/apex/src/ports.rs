@@ -10,7 +10,7 @@ use std::rc::Rc;
 use std::sync::atomic::Ordering::Relaxed;
 
 use bateleur_contract::ReportKind;
-use bateleur_messages::Message;
+use bateleur_message_format::Message;
 use bateleur_ports::{Channel, ChannelError, ChannelType, Reader, Received, Stamp, Writer};
 use iceoryx2::port::update_connections::UpdateConnections;
 

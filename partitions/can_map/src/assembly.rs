@@ -1,7 +1,7 @@
 //! A message put together from frames as they come.
 
 use bateleur_can_core::{Frame, Id, Kind};
-use bateleur_messages::FieldKind;
+use bateleur_messages::format::Scalar;
 
 use crate::table::{Layout, Source};
 
@@ -73,21 +73,15 @@ impl Assembly {
                 Source::Constant(value) => Some(*value),
                 Source::Frame(place, signal) => value_of(*place, signal),
             };
-            let at = slot.offset..slot.offset + slot.kind.size();
-            match slot.kind {
-                FieldKind::F64 => bytes[at].copy_from_slice(&value.unwrap_or(f64::NAN).to_le_bytes()),
-                // A cast holds a number at the ends of its range, and takes what is none for 0.
-                kind => {
+            let number = match slot.kind.range() {
+                None => Scalar::Real(value.unwrap_or(f64::NAN)),
+                // A whole number is held at the ends of its range; what is no number is none.
+                Some((lowest, highest)) => {
                     let value = value.filter(|value| !value.is_nan())?.round();
-                    let eight = match kind {
-                        FieldKind::U8 => u64::from(value as u8),
-                        FieldKind::U16 => u64::from(value as u16),
-                        FieldKind::U32 => u64::from(value as u32),
-                        _ => value as u64,
-                    };
-                    bytes[at].copy_from_slice(&eight.to_le_bytes()[..kind.size()]);
+                    Scalar::Whole((value as i128).clamp(lowest, highest))
                 }
-            }
+            };
+            number.write(slot.kind, bytes.get_mut(slot.offset..)?)?;
         }
         if let Some(stamp) = self.layout.stamp {
             let age_ns = match &self.layout.age {

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use bateleur_can_core::{Frame, Id, Kind, frame::is_fd_length, id_of};
-use bateleur_messages::{FieldKind, MessageType};
+use bateleur_messages::format::{PathError, Scalar};
+use bateleur_messages::{Catalogue, FieldKind, Type};
 use toml::Spanned;
 
 use crate::dbc::Signals;
@@ -39,9 +40,9 @@ pub struct Sync {
 }
 
 /// How one field gets its value.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Slot {
-    pub(crate) field: &'static str,
+    pub(crate) field: String,
     pub(crate) offset: usize,
     pub(crate) kind: FieldKind,
     pub(crate) source: Source,
@@ -113,13 +114,8 @@ impl Layout {
 
 /// The value of a field.
 fn field(message: &[u8], slot: &Slot) -> f64 {
-    let bytes = message.get(slot.offset..slot.offset + slot.kind.size()).unwrap_or_default();
-    let mut eight = [0; 8];
-    eight[..bytes.len()].copy_from_slice(bytes);
-    match slot.kind {
-        FieldKind::F64 => f64::from_le_bytes(eight),
-        _ => u64::from_le_bytes(eight) as f64,
-    }
+    let bytes = message.get(slot.offset..).unwrap_or_default();
+    Scalar::read(slot.kind, bytes).map_or(0.0, Scalar::real)
 }
 
 /// All layouts.
@@ -130,18 +126,31 @@ pub struct Table {
 }
 
 impl Table {
-    /// Reads a table, called `name` in messages, with the signals of a DBC file (its name and its text).
+    /// Reads a table of the flight's messages, called `name` in errors, with the signals of a DBC file (its name and its text).
     ///
     /// # Errors
     /// Everything that can not be meant, with the line where it stands.
     pub fn parse(name: &str, text: &str, dbc: Option<(&str, &str)>) -> Result<Self, TableError> {
+        Self::parse_among(name, text, dbc, bateleur_messages::catalogue())
+    }
+
+    /// As [`Table::parse`], of messages of `types`.
+    ///
+    /// # Errors
+    /// Everything that can not be meant, with the line where it stands.
+    pub fn parse_among(
+        name: &str,
+        text: &str,
+        dbc: Option<(&str, &str)>,
+        types: &Catalogue,
+    ) -> Result<Self, TableError> {
         let raw: RawTable = toml::from_str(text).map_err(|error| {
             let line = line_of(text, error.span().map_or(0, |span| span.start));
             TableError::one(format!("{name}:{line}: {}", error.message()))
         })?;
         let mut errors = Vec::new();
         let signals = dbc.map_or_else(Signals::absent, |(name, text)| Signals::read(name, text, &mut errors));
-        let mut checker = Checker { name, text, signals, errors, taken: BTreeMap::new() };
+        let mut checker = Checker { name, text, types, signals, errors, taken: BTreeMap::new() };
         let sync = raw.sync.as_ref().and_then(|sync| {
             let answer = match &sync.answer {
                 Some(answer) => Some(checker.id(answer)?),
@@ -181,6 +190,7 @@ const MOMENTS: [&str; 4] = ["measured_ns", "valid_ns", "time_ns", "module_ns"];
 struct Checker<'a> {
     name: &'a str,
     text: &'a str,
+    types: &'a Catalogue,
     signals: Signals,
     errors: Vec<String>,
     /// Which value has which bit.
@@ -209,8 +219,9 @@ impl Checker<'_> {
     fn layout(&mut self, port: &str, raw: &RawPort) -> Option<Layout> {
         let before = self.errors.len();
         let at = raw.message.span().start;
-        let Some(message) = bateleur_messages::find(raw.message.get_ref()) else {
-            let known = bateleur_messages::CATALOGUE.iter().map(|message| message.name);
+        let types = self.types;
+        let Some(message) = types.find(raw.message.get_ref()) else {
+            let known = types.types().map(|message| message.name());
             let hint = nearest(raw.message.get_ref(), known)
                 .map_or(String::new(), |near| format!("; did you mean {near}?"));
             self.wrong(at, format!("there is no message {}{hint}", raw.message.get_ref()));
@@ -278,53 +289,48 @@ impl Checker<'_> {
         });
         let slots = slots.collect();
         let age = age.map(|(id, signal)| (place(id), signal));
-        Some(Layout { port: port.into(), size: message.size, slots, complete, stamp, age, carriers })
+        Some(Layout { port: port.into(), size: message.size(), slots, complete, stamp, age, carriers })
     }
 
     /// Where the field for the time stands.
-    fn stamp(&mut self, message: &MessageType, stamp: &Spanned<String>) -> Option<usize> {
+    fn stamp(&mut self, message: &Type, stamp: &Spanned<String>) -> Option<usize> {
         let at = stamp.span().start;
         let (field, offset, kind) = self.field(message, stamp.get_ref(), at)?;
-        if kind == FieldKind::U64 && MOMENTS.contains(&field) {
+        if kind == FieldKind::U64 && MOMENTS.contains(&&*field) {
             return Some(offset);
         }
-        let moment = message.fields.iter().find(|field| MOMENTS.contains(&field.name));
+        let moment = message.members().iter().find(|field| MOMENTS.contains(&&*field.name));
         let mend = match moment {
-            Some(moment) => format!("of {} it is {}", message.name, moment.name),
-            None => format!("{} has none; leave stamp out", message.name),
+            Some(moment) => format!("of {} it is {}", message.name(), moment.name),
+            None => format!("{} has none; leave stamp out", message.name()),
         };
         self.wrong(at, format!("stamp = \"{field}\" is no time of measuring: {mend}"));
         None
     }
 
-    /// Name, place and kind of a field such as "position[1]".
-    fn field(
-        &mut self,
-        message: &MessageType,
-        name: &str,
-        at: usize,
-    ) -> Option<(&'static str, usize, FieldKind)> {
-        let (base, index) =
-            match name.split_once('[').and_then(|(base, rest)| Some((base, rest.strip_suffix(']')?))) {
-                Some((base, index)) => (base, index.parse().ok()),
-                None => (name, Some(0)),
-            };
-        let Some(field) = message.fields.iter().find(|field| field.name == base) else {
-            let hint = nearest(base, message.fields.iter().map(|field| field.name));
-            let hint = hint.map_or(String::new(), |near| format!("; did you mean {near}?"));
-            self.wrong(at, format!("{} has no field {base}{hint}", message.name));
-            return None;
-        };
-        match index.filter(|index: &usize| *index < field.count && (field.count == 1 || name != base)) {
-            Some(index) => Some((field.name, field.offset + index * field.kind.size(), field.kind)),
-            None => {
-                self.wrong(
-                    at,
-                    format!(
-                        "{base} of {} has {} elements: write {base}[0], and so on",
-                        message.name, field.count
-                    ),
+    /// Path, place and kind of a field such as "position[1]" or "echoes[0].range"; of an array the path is its name.
+    fn field(&mut self, message: &Type, path: &str, at: usize) -> Option<(String, usize, FieldKind)> {
+        match message.place(path) {
+            Ok(place) => {
+                let base = path.rsplit_once('[').filter(|(_, rest)| rest.ends_with(']'));
+                Some((base.map_or(path, |(base, _)| base).to_owned(), place.offset, place.kind))
+            }
+            Err(wrong @ PathError::NoField { .. }) => {
+                // The nearest by what this table calls near, wherever the field stands.
+                let paths = message.leaves().iter().map(|leaf| leaf.path.as_str());
+                let hint = nearest(path.split('[').next().unwrap_or(path), paths);
+                let hint = hint.map_or_else(
+                    || wrong.to_string(),
+                    |near| {
+                        let base = path.split('[').next().unwrap_or(path);
+                        format!("{} has no field {base}; did you mean {near}?", message.name())
+                    },
                 );
+                self.wrong(at, hint);
+                None
+            }
+            Err(wrong) => {
+                self.wrong(at, wrong);
                 None
             }
         }

@@ -89,6 +89,9 @@ pub struct PortDescription {
     pub size: u32,
     /// A number that differs where the message type's fields do; 0: they are not known.
     pub layout: u32,
+    /// The message type's text, and behind it those of the types within it; empty: they are not known.
+    #[serde(default)]
+    pub definition: String,
     /// The service that carries the channel; empty for a port without a channel.
     pub channel: String,
     /// Sampling destination: the age up to which a value is valid, ns.

@@ -2,24 +2,11 @@
 
 use std::ops::RangeInclusive;
 
-use crate::control::FunctionStatus;
-use crate::field::message;
 use crate::frame::Frame;
+use crate::{FunctionStatus, GroundMessage};
 
 /// Bytes of data that a ground message can hold.
 pub const GROUND_DATA: usize = 62;
-
-message! {
-    /// A message on its way from Command to a function, as it came over the serial line.
-    pub struct GroundMessage {
-        /// The frame's letter: one of the constants of this module.
-        pub letter: u8,
-        /// Bytes of `data` in use.
-        pub length: u8,
-        /// The data.
-        pub data: [u8; GROUND_DATA],
-    }
-}
 
 impl GroundMessage {
     /// The message for a frame from the serial line; nothing where its data is too long for any ground message.

@@ -9,9 +9,9 @@
 use std::fmt;
 use std::str::FromStr;
 
-use crate::field::message;
 use crate::frame;
-use crate::{Message, RawAnalog, RawGps, ServoTimers};
+pub use crate::packet::{Actuators, PilotOrder};
+use crate::{Custom, Message, RawAnalog, RawGps, ServoTimers};
 
 /// What flight computer and simulator speak. The words are those of HILInterface's attribute `protocol` and of the
 /// simulator's option of that name.
@@ -80,30 +80,6 @@ pub const CUSTOM: u8 = b'C';
 /// Ground crew → simulator: an order to the safety pilot; echoed.
 pub const PILOT: u8 = b'P';
 
-message! {
-    /// The actuators of one cycle, and the time to advance to.
-    pub struct Actuators {
-        /// Module time to which the simulator shall advance, ns.
-        pub module_ns: u64,
-        /// Cycles so far.
-        pub sequence: u64,
-        /// The timer values.
-        pub aileron_left_us: u16,
-        /// Right aileron, µs.
-        pub aileron_right_us: u16,
-        /// Elevator, µs.
-        pub elevator_us: u16,
-        /// Rudder, µs.
-        pub rudder_us: u16,
-        /// Throttle, µs.
-        pub throttle_us: u16,
-        /// 1 when the autopilot flies.
-        pub autopilot: u16,
-        /// Unused, zero.
-        pub reserved: u32,
-    }
-}
-
 impl Actuators {
     /// The packet for `timers`, to be flown until `module_ns`.
     pub fn new(module_ns: u64, sequence: u64, timers: &ServoTimers) -> Self {
@@ -121,81 +97,10 @@ impl Actuators {
     }
 }
 
-message! {
-    /// What comes beside the sensors: the safety pilot's sticks and the supply voltages.
-    pub struct Custom {
-        /// Module time of the sample, ns.
-        pub measured_ns: u64,
-        /// Stick: aileron pulse, µs.
-        pub pilot_aileron_us: u16,
-        /// Stick: elevator pulse, µs.
-        pub pilot_elevator_us: u16,
-        /// Stick: rudder pulse, µs.
-        pub pilot_rudder_us: u16,
-        /// Stick: throttle pulse, µs.
-        pub pilot_throttle_us: u16,
-        /// Main battery, V.
-        pub main_v: f64,
-        /// Backup battery, V.
-        pub backup_v: f64,
-        /// Supply of the actuator board, V.
-        pub actuator_board_v: f64,
-    }
-}
-
-message! {
-    /// What became of the conversation with the simulator so far; what each count means stands in the book, "The link
-    /// to a simulator".
-    pub struct SimulatorLink {
-        /// Module time, ns.
-        pub time_ns: u64,
-        /// Module time of the newest sensor set that was taken, ns.
-        pub measured_ns: u64,
-        /// Windows with new sensors.
-        pub accepted: u64,
-        /// Windows without.
-        pub missing: u64,
-        /// Questions that were asked again because no answer came.
-        pub repeated: u64,
-        /// Sensor sets for another time than the one asked for.
-        pub stale: u64,
-        /// Frames and datagrams that could not be read, or that belong elsewhere.
-        pub refused: u64,
-        /// Sound messages that say nothing to a flight computer (MAVLink).
-        pub unused: u64,
-        /// Values that are no numbers, and time stamps that can not be (MAVLink).
-        pub invalid: u64,
-        /// Messages that are missing by their numbers (MAVLink).
-        pub lost: u64,
-        /// Datagrams from another address, and messages of another system.
-        pub strangers: u64,
-        /// Errors of the socket.
-        pub errors: u64,
-        /// Connections made (TCP).
-        pub connections: u64,
-        /// Times that the simulator's own clock was tied to module time (MAVLink).
-        pub clock_ties: u64,
-        /// 0 native, 1 MAVLink over UDP, 2 MAVLink over TCP.
-        pub protocol: u32,
-        /// 1 in lockstep, 0 free-running.
-        pub lockstep: u32,
-    }
-}
-
-message! {
-    /// An order to the safety pilot.
-    pub struct PilotOrder {
-        /// 0 stand by with the throttle closed, 1 take off at full throttle and climb straight ahead.
-        pub order: u32,
-        /// Unused, zero.
-        pub reserved: u32,
-    }
-}
-
 /// Safety pilot: throttle closed, hands on the sticks.
-pub const PILOT_STAND_BY: u32 = 0;
+pub const PILOT_STAND_BY: u32 = PilotOrder::ORDER_STAND_BY;
 /// Safety pilot: full throttle, rotate, climb straight ahead.
-pub const PILOT_TAKE_OFF: u32 = 1;
+pub const PILOT_TAKE_OFF: u32 = PilotOrder::ORDER_TAKE_OFF;
 
 /// A frame of the simulator link, decoded.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,80 +4,48 @@
 //! show values by name), and the byte protocols of the serial line and of the simulator link. It must never
 //! know a partition, a port or a clock.
 //!
-//! One file a subject. A message is a `#[repr(C)]` structure without padding, little endian on every
-//! processor that is supported; the derive of [`zerocopy::IntoBytes`] refuses a layout with holes. Names carry
-//! units; SI and radians throughout.
+//! The layouts are the files `msg/*.msg`, and `msg/packet/*.msg` of what travels over links alone; what the language means stands in
+//! `bateleur-message-format`. Names carry units; SI and radians throughout. The Rust files, one a subject, have what is not layout.
 
-#[cfg(target_endian = "big")]
-compile_error!("port messages are shared as they lie in memory, little endian");
-
-mod field;
+use std::sync::{Arc, LazyLock};
 
 pub mod control;
 pub mod frame;
-pub mod gps;
 pub mod ground;
 pub mod hil;
-pub mod imu;
 pub mod link;
 pub mod parameter;
 pub mod rate;
 pub mod state;
 pub mod telemetry;
 
-pub use control::{ActuatorCommand, FunctionStatus, ServoTimers};
-pub use field::{Field, FieldKind, FieldType, Message, layout_of};
-pub use gps::{GpsPosition, GpsVelocity, RawGps};
-pub use ground::GroundMessage;
-pub use hil::{Custom, SimulatorLink};
-pub use imu::{Acceleration, Magnetization, Pressure, Rates, RawAnalog};
-pub use link::LinkStatus;
-pub use rate::{Rate, Watch};
-pub use state::State;
-pub use telemetry::TelemetryMessage;
+pub use bateleur_message_format as format;
+pub use bateleur_message_format::{Catalogue, Field, FieldKind, Message, Source, Type, layout_of};
+pub use rate::Watch;
 
-/// What the executive, the recorder and the command line need to know of a message type.
-#[derive(Debug, Clone, Copy)]
-pub struct MessageType {
-    /// The name that `schedule.toml` uses.
-    pub name: &'static str,
-    /// Bytes in a port.
-    pub size: usize,
-    /// The fields in order.
-    pub fields: &'static [Field],
+bateleur_message_macro::messages!(bateleur_message_format, "msg");
+
+/// The texts of the flight's types, with the names of their files.
+pub fn sources() -> impl Iterator<Item = Source> {
+    MESSAGE_SOURCES.iter().map(|(name, text)| Source {
+        name: (*name).to_owned(),
+        file: format!("the flight's own {name}.msg"),
+        text: (*text).to_owned(),
+    })
 }
 
-impl MessageType {
-    const fn of<T: Message>() -> Self {
-        Self { name: T::NAME, size: size_of::<T>(), fields: T::FIELDS }
-    }
+/// The flight's types.
+#[must_use]
+pub fn catalogue() -> &'static Catalogue {
+    // The macro has read the same texts, or this would not compile.
+    static CATALOGUE: LazyLock<Catalogue> = LazyLock::new(|| Catalogue::read(sources()).unwrap_or_default());
+    &CATALOGUE
 }
 
-/// Every message type that a port can carry. Add yours here, and `schedule.toml` may name it.
-pub const CATALOGUE: &[MessageType] = &[
-    MessageType::of::<Rate>(),
-    MessageType::of::<RawGps>(),
-    MessageType::of::<RawAnalog>(),
-    MessageType::of::<Custom>(),
-    MessageType::of::<GpsPosition>(),
-    MessageType::of::<GpsVelocity>(),
-    MessageType::of::<Acceleration>(),
-    MessageType::of::<Rates>(),
-    MessageType::of::<Magnetization>(),
-    MessageType::of::<Pressure>(),
-    MessageType::of::<State>(),
-    MessageType::of::<ActuatorCommand>(),
-    MessageType::of::<ServoTimers>(),
-    MessageType::of::<FunctionStatus>(),
-    MessageType::of::<SimulatorLink>(),
-    MessageType::of::<GroundMessage>(),
-    MessageType::of::<TelemetryMessage>(),
-    MessageType::of::<LinkStatus>(),
-];
-
-/// The message type called `name`, exactly as written.
-pub fn find(name: &str) -> Option<&'static MessageType> {
-    CATALOGUE.iter().find(|message| message.name == name)
+/// The type of the flight called `name`, exactly as written.
+#[must_use]
+pub fn find(name: &str) -> Option<&'static Arc<Type>> {
+    catalogue().find(name)
 }
 
 #[cfg(test)]
@@ -85,21 +53,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_message_is_described_from_its_first_to_its_last_byte() {
-        for message in CATALOGUE {
-            let mut end = 0;
-            for field in message.fields {
-                assert_eq!(field.offset, end, "{}.{} leaves a hole", message.name, field.name);
-                end += field.kind.size() * field.count;
-            }
-            assert_eq!(end, message.size, "{} is longer than its fields", message.name);
+    fn texts_and_structures_have_one_layout() {
+        fn check<T: Message>() {
+            let of = find(T::NAME).unwrap();
+            assert_eq!((of.size(), of.layout()), (size_of::<T>(), layout_of(T::FIELDS)), "{}", T::NAME);
         }
-    }
-
-    #[test]
-    fn names_are_unique() {
-        for (index, message) in CATALOGUE.iter().enumerate() {
-            assert!(CATALOGUE[..index].iter().all(|other| other.name != message.name));
-        }
+        check::<State>();
+        check::<LinkStatus>();
+        check::<packet::HealthText>();
+        assert_eq!(catalogue().types().count(), MESSAGE_SOURCES.len());
     }
 }

@@ -6,10 +6,10 @@
 
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
-use crate::TelemetryMessage;
-use crate::field::message;
-use crate::ground::{GroundMessage, NAME, Name, Order, ParameterSetting};
+use crate::ground::{NAME, Name, Order, ParameterSetting};
+pub use crate::packet::ParameterValue;
 use crate::telemetry::{self, ACCEPTED, Acknowledge, NOT_UNDERSTOOD, Refusal, Telemetry};
+use crate::{GroundMessage, TelemetryMessage};
 
 /// [`Order::ReadParameter`]: asked over the line of the native protocol.
 pub const ASKED_BY_LINE: u8 = 0;
@@ -35,38 +35,6 @@ impl Kind {
             .into_iter()
             .find(|kind| *kind as u8 == number)
             .unwrap_or(Self::Real)
-    }
-}
-
-message! {
-    /// `YY`: one parameter as it stands now: the answer to `RR`, and the second one to `YY`.
-    pub struct ParameterValue {
-        /// Module time, ns.
-        pub time_ns: u64,
-        /// The value in SI units, rad, or degrees where the attribute is in degrees.
-        pub value: f64,
-        /// The least value that it can be set to.
-        pub lowest: f64,
-        /// The greatest value that it can be set to.
-        pub highest: f64,
-        /// Place in the function's list, from 0; at `count` or beyond, nothing stands there.
-        pub index: u16,
-        /// Parameters that the function has.
-        pub count: u16,
-        /// The function: a `FROM_…` constant.
-        pub from: u8,
-        /// A [`Kind`].
-        pub kind: u8,
-        /// 1: it can be set while the function runs.
-        pub settable: u8,
-        /// Who asked: 0 the line, 1 Command for MAVLink.
-        pub asker: u8,
-        /// Why it was not set, a [`Refusal`]; 0 where it was, or where nobody wanted to.
-        pub reason: u32,
-        /// Unused, zero.
-        pub reserved: u32,
-        /// Its name, zeros behind; all zero where nothing stands at this place.
-        pub name: [u8; NAME],
     }
 }
 

@@ -1,26 +1,15 @@
 //! From the aircraft to the ground. One letter a message; numbers little endian, SI and radians.
 
-use crate::Message;
-use crate::field::message;
 use crate::frame::Frame;
-use crate::ground::GroundMessage;
-use crate::hil::{self, PacketError, SimulatorLink};
-use crate::parameter::ParameterValue;
+use crate::hil::{self, PacketError};
+pub use crate::packet::{
+    Acknowledge, GpsTelemetry, HealthText, ImuTelemetry, Loops, Navigation, ParameterValue, Primary,
+    ServoTelemetry, StateTelemetry, Voltages,
+};
+use crate::{GroundMessage, Message, SimulatorLink, TelemetryMessage};
 
 /// Bytes of data that a telemetry message can hold.
 pub const TELEMETRY_DATA: usize = 126;
-
-message! {
-    /// A message on its way from a function to Command, to be sent over the serial line.
-    pub struct TelemetryMessage {
-        /// The frame's letter.
-        pub letter: u8,
-        /// Bytes of `data` in use.
-        pub length: u8,
-        /// The data.
-        pub data: [u8; TELEMETRY_DATA],
-    }
-}
 
 impl TelemetryMessage {
     /// The message that carries `item`.
@@ -36,123 +25,6 @@ impl TelemetryMessage {
     /// The data in use.
     pub fn bytes(&self) -> &[u8] {
         &self.data[..usize::from(self.length).min(TELEMETRY_DATA)]
-    }
-}
-
-message! {
-    /// `PP`: the OnBoardComputer's primary telemetry, on time-out 1. One is on or ready, 0 off.
-    pub struct Primary {
-        /// Module time, ns.
-        pub time_ns: u64,
-        /// The Servo follows the autopilot.
-        pub autopilot: u8,
-        /// The Controller has the autopilot engaged.
-        pub controller: u8,
-        /// The Estimator is enabled.
-        pub estimator_enabled: u8,
-        /// The Estimator's state can be used.
-        pub estimator_ready: u8,
-        /// HIL mode is on.
-        pub hil: u8,
-        /// The simulator answers.
-        pub hil_ready: u8,
-        /// Unused, zero.
-        pub reserved: [u8; 2],
-    }
-}
-
-message! {
-    /// `VV`: the OnBoardComputer's secondary telemetry, on time-out 3.
-    pub struct Voltages {
-        /// Module time, ns.
-        pub time_ns: u64,
-        /// Main battery, V.
-        pub main_v: f64,
-        /// Backup battery, V.
-        pub backup_v: f64,
-        /// Supply of the actuator board, V.
-        pub actuator_board_v: f64,
-    }
-}
-
-message! {
-    /// `GG`: GPS, on time-out 1.
-    pub struct GpsTelemetry {
-        /// Module time of the fix, ns.
-        pub measured_ns: u64,
-        /// Latitude, rad.
-        pub latitude_rad: f64,
-        /// Longitude, rad.
-        pub longitude_rad: f64,
-        /// Height above mean sea level, m.
-        pub altitude_m: f64,
-        /// Velocity north, east, down, m/s.
-        pub velocity_ned_mps: [f64; 3],
-        /// Fixes so far.
-        pub count: u64,
-    }
-}
-
-message! {
-    /// `MM`: IMU, on time-out 3.
-    pub struct ImuTelemetry {
-        /// Module time of the sample, ns.
-        pub measured_ns: u64,
-        /// Specific force, m/s².
-        pub specific_force_mps2: [f64; 3],
-        /// Angular rate, rad/s.
-        pub rates_radps: [f64; 3],
-        /// Magnetic field, gauss.
-        pub field_gauss: [f64; 3],
-        /// Pressure altitude, m.
-        pub pressure_altitude_m: f64,
-        /// Airspeed, m/s.
-        pub airspeed_mps: f64,
-    }
-}
-
-message! {
-    /// `XX`: Estimator, on time-out 3.
-    pub struct StateTelemetry {
-        /// Module time for which it holds, ns.
-        pub valid_ns: u64,
-        /// Position north, east, down of the runway, m.
-        pub position_ned_m: [f64; 3],
-        /// Velocity north, east, down, m/s.
-        pub velocity_ned_mps: [f64; 3],
-        /// Roll, pitch, yaw, rad.
-        pub euler_rad: [f64; 3],
-        /// Wind north and east, m/s.
-        pub wind_ne_mps: [f64; 2],
-        /// As [`crate::State::status`].
-        pub status: u32,
-        /// Measurements refused so far.
-        pub rejected: u32,
-    }
-}
-
-message! {
-    /// `QQ`: Controller's navigation, on time-out 1.
-    pub struct Navigation {
-        /// Module time, ns.
-        pub time_ns: u64,
-        /// Way-point flown to.
-        pub next_waypoint: u32,
-        /// Way-points reached since navigation was switched on.
-        pub waypoints_reached: u32,
-        /// Way-points in the list.
-        pub waypoint_count: u32,
-        /// One bit each, see the `NAVIGATION_…` constants; from bit 16 on the limits that references ran into since the last
-        /// message, as [`crate::ActuatorCommand::protection`].
-        pub flags: u32,
-        /// Right of the track, m.
-        pub cross_track_m: f64,
-        /// Altitude asked for, m.
-        pub altitude_reference_m: f64,
-        /// Airspeed asked for, m/s.
-        pub airspeed_reference_mps: f64,
-        /// Bank asked for, rad.
-        pub bank_reference_rad: f64,
     }
 }
 
@@ -177,75 +49,8 @@ pub const NAVIGATION_LINK_LOST: u32 = 256;
 /// [`Navigation::flags`]: the limits begin with this bit.
 pub const NAVIGATION_PROTECTION_SHIFT: u32 = 16;
 
-message! {
-    /// `CC`: Controller's loops, on time-out 3.
-    pub struct Loops {
-        /// Module time, ns.
-        pub time_ns: u64,
-        /// Throttle 0 to 1, aileron, elevator, rudder, rad.
-        pub command: [f64; 4],
-        /// Horizontal acceleration asked for, m/s².
-        pub horizontal_acceleration_mps2: f64,
-        /// Bank asked for, rad.
-        pub bank_reference_rad: f64,
-        /// One bit a loop, by [`crate::ground::LoopId`].
-        pub engaged: u64,
-    }
-}
-
-message! {
-    /// `TT`: Servo, on time-out 2.
-    pub struct ServoTelemetry {
-        /// Module time, ns.
-        pub time_ns: u64,
-        /// Left and right aileron, elevator, rudder, throttle, µs.
-        pub timers_us: [u16; 5],
-        /// 1 when the autopilot is behind them.
-        pub autopilot: u16,
-        /// Output cycles so far.
-        pub cycle: u32,
-    }
-}
-
-message! {
-    /// `KK`: a function took or refused a ground message. The seed's protocol has no such answer; a ground station
-    /// that must know sends again until it comes.
-    pub struct Acknowledge {
-        /// Module time, ns.
-        pub time_ns: u64,
-        /// Letter of the ground message.
-        pub letter: u8,
-        /// First byte of its data (a way-point's index, a loop's number).
-        pub first: u8,
-        /// Function that answers; see the `FROM_…` constants.
-        pub from: u8,
-        /// 0 taken, 1 not understood, 2 refused now.
-        pub result: u8,
-        /// Why it was refused: a [`Refusal`]; 0 where it was not, or where nothing is known.
-        pub reason: u32,
-    }
-}
-
 /// Bytes of a [`HealthText`]'s text.
 pub const HEALTH_TEXT: usize = 104;
-
-message! {
-    /// `HH`: an entry of the module's health log: who failed, how, and what was done about it.
-    pub struct HealthText {
-        /// Module time at which Command read it, ns.
-        pub time_ns: u64,
-        /// How often it came since the last one was told; at least 1.
-        pub times: u32,
-        /// As in syslog: 1 alert, 2 critical, 3 error, 4 warning, 5 notice.
-        pub severity: u8,
-        /// Bytes of the text in use.
-        pub length: u8,
-        /// Unused, zero.
-        pub reserved: [u8; 2],
-        /// The text.
-        pub text: [u8; HEALTH_TEXT],
-    }
-}
 
 impl HealthText {
     /// Of a text that came `times` times; what is too long is cut.
@@ -368,11 +173,11 @@ impl Acknowledge {
 }
 
 /// [`Acknowledge::result`]: done.
-pub const ACCEPTED: u8 = 0;
+pub const ACCEPTED: u8 = Acknowledge::RESULT_ACCEPTED;
 /// [`Acknowledge::result`]: letter, length or value wrong.
-pub const NOT_UNDERSTOOD: u8 = 1;
+pub const NOT_UNDERSTOOD: u8 = Acknowledge::RESULT_NOT_UNDERSTOOD;
 /// [`Acknowledge::result`]: understood, but not possible in the present state.
-pub const REFUSED: u8 = 2;
+pub const REFUSED: u8 = Acknowledge::RESULT_REFUSED;
 
 /// [`Acknowledge::from`]: Command itself (no function knows the letter).
 pub const FROM_COMMAND: u8 = 0;

@@ -22,6 +22,16 @@ use super::{Keys, MessageCatalogue, Programs};
 use laid::Laid;
 pub(super) use schedules::{MOST_MINOR_FRAMES, MOST_WINDOWS};
 
+/// Opens the folder of message types, before any rule asks for one.
+pub(super) fn open(file: &RawFile, messages: &dyn MessageCatalogue, findings: &Findings<'_>) {
+    let folder = file.messages.said();
+    let start = 0..0;
+    let span = folder.map_or(&start, |folder| &folder.span);
+    for (wrong, mend) in messages.open(folder.map(|folder| folder.value.as_str())).err().unwrap_or_default() {
+        findings.add(Finding::new(&catalogue::MESSAGES_UNUSABLE, span, wrong, mend));
+    }
+}
+
 /// What every rule sees.
 pub(super) struct Context<'a> {
     pub(super) file: &'a RawFile,

@@ -34,6 +34,11 @@ const NAMES: &[&str] = &[
 ];
 
 impl MessageCatalogue for Table {
+    fn open(&self, folder: Option<&str>) -> Result<(), Vec<(String, String)>> {
+        let absent = |folder| vec![(format!("{folder}: there is no such folder"), "make it".to_owned())];
+        folder.map_or(Ok(()), |folder| Err(absent(folder)))
+    }
+
     fn size_of(&self, name: &str) -> Option<usize> {
         NAMES.contains(&name).then_some(if name == "GroundMessage" { 256 } else { 64 })
     }

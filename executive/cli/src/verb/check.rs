@@ -14,7 +14,7 @@ use bateleur_plan::compiled::{self, Compiled};
 
 use super::{CANNOT_RUN, Code, FINE, WRONG};
 use crate::output::refuse_file;
-use crate::plan_file::{self, Catalogue};
+use crate::plan_file::{self, Messages};
 use crate::words::nearest;
 
 /// Check a schedule file against every rule.
@@ -163,8 +163,8 @@ fn machine_memory_bytes() -> Option<u64> {
 
 fn explain(id: &str) -> Result<Code> {
     let rule = find(id)?;
-    let example =
-        example_of(rule, &Catalogue).context("the rule has no example: this is a fault of the checker")?;
+    let example = example_of(rule, &Messages::beside(rule.example_name))
+        .context("the rule has no example: this is a fault of the checker")?;
     println!("{}: {}\n\n{}\n", rule.id, severity(rule), rule.reason);
     println!("For example, and how to mend it:\n\n{}", example.render_first(std::io::stdout().is_terminal()));
     Ok(FINE)

@@ -11,8 +11,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use bateleur_control::{Answer, ChannelStatus, Client, Observation, Request};
-use bateleur_messages::{Field, FieldKind, MessageType};
+use bateleur_messages::Type;
+use bateleur_messages::format::{Leaf, Scalar};
 use bateleur_monitor::event_text::printable;
+use bateleur_recording::{values, word_of};
 use serde_json::{Map, Value};
 
 use super::target::{Target, status};
@@ -144,30 +146,21 @@ pub(crate) fn bytes_of(text: &str) -> Option<Vec<u8>> {
     if rest.is_empty() { bytes } else { None }
 }
 
-/// The values of a message by name.
-fn values(message: &MessageType, bytes: &[u8]) -> Map<String, Value> {
-    let value = |field: &Field| {
-        let size = field.kind.size();
-        let elements = (0..field.count).map(|place| {
-            let start = field.offset + place * size;
-            bytes.get(start..start + size).map_or(Value::Null, |bytes| element(field.kind, bytes))
-        });
-        let mut elements: Vec<Value> = elements.collect();
-        if field.count == 1 { elements.pop().unwrap_or_default() } else { elements.into() }
+/// The values of a message by name, a line for each field, with the unit and the name of a value where there are such.
+fn lines(message: &Type, bytes: &[u8]) -> String {
+    let line = |leaf: &Leaf| {
+        let numbers: Vec<Scalar> = leaf.numbers(bytes).collect();
+        let unit = if leaf.unit.is_empty() { String::new() } else { format!(" {}", leaf.unit) };
+        let names: Vec<&str> = numbers.iter().filter_map(|number| leaf.choice(*number)).collect();
+        let names = if names.is_empty() { String::new() } else { format!(" ({})", names.join(", ")) };
+        let values = match (leaf.count, numbers.as_slice()) {
+            (None, [one]) => word_of(*one),
+            (None, _) => Value::Null,
+            (Some(_), all) => all.iter().map(|number| word_of(*number)).collect(),
+        };
+        format!("  {}: {values}{unit}{names}\n", leaf.path)
     };
-    message.fields.iter().map(|field| (field.name.to_owned(), value(field))).collect()
-}
-
-fn element(kind: FieldKind, bytes: &[u8]) -> Value {
-    let mut word = [0; 8];
-    word[..bytes.len()].copy_from_slice(bytes);
-    match kind {
-        FieldKind::F64 => match f64::from_le_bytes(word) {
-            number if number.is_finite() => number.into(),
-            other => other.to_string().into(), // JSON has no word for it
-        },
-        _ => u64::from_le_bytes(word).into(),
-    }
+    message.leaves().iter().map(line).collect()
 }
 
 fn echo(common: &Common, port: &str, count: Option<u64>) -> Result<()> {
@@ -195,17 +188,17 @@ fn echo(common: &Common, port: &str, count: Option<u64>) -> Result<()> {
 
 fn message_text(observation: &Observation, channels: &[ChannelStatus], format: Format) -> String {
     let channel = channels.iter().find(|channel| channel.source == observation.source);
-    let message = channel.and_then(|channel| bateleur_messages::find(&channel.message));
+    let message = channel.and_then(|channel| Type::from_schema(&channel.message, &channel.definition).ok());
     let bytes = bytes_of(&observation.bytes).unwrap_or_default();
-    let values = match message {
-        Some(message) => values(message, &bytes),
-        // Bytes without a message type have no fields to name.
-        None => Map::from_iter([("bytes".to_owned(), observation.bytes.clone().into())]),
-    };
     match format {
         Format::Json => {
             let source = &observation.source;
             let (sequence, source_ns) = (observation.sequence, observation.source_ns);
+            let values = match message {
+                Some(message) => values(&message, &bytes, word_of),
+                // Bytes without a message type have no fields to name.
+                None => Map::from_iter([("bytes".to_owned(), observation.bytes.clone().into())]),
+            };
             format!(
                 "{}\n",
                 serde_json::json!({ "source": source, "sequence": sequence, "source_ns": source_ns, "values": values })
@@ -213,8 +206,11 @@ fn message_text(observation: &Observation, channels: &[ChannelStatus], format: F
         }
         Format::Text => {
             let time_s = observation.source_ns as f64 / 1e9;
-            let lines: Vec<_> = values.iter().map(|(name, value)| format!("  {name}: {value}\n")).collect();
-            format!("{time_s:.6} s  #{}\n{}", observation.sequence, printable_lines(&lines.concat()))
+            let lines = match message {
+                Some(message) => lines(&message, &bytes),
+                None => format!("  bytes: \"{}\"\n", observation.bytes),
+            };
+            format!("{time_s:.6} s  #{}\n{}", observation.sequence, printable_lines(&lines))
         }
     }
 }
@@ -348,19 +344,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_have_their_names() {
-        let rates = bateleur_messages::find("Rates").unwrap();
-        let bytes: Vec<u8> =
-            (0..rates.size as u64 / 8).flat_map(|n| (n as f64 + 0.5).to_le_bytes()).collect();
-        let values = values(rates, &bytes);
-        assert_eq!(values.len(), rates.fields.len());
-        assert!(values.values().all(|value| !value.is_null()), "{values:?}");
-        let short = super::values(rates, &bytes[..3]);
-        assert!(
-            short
-                .values()
-                .any(|value| value.is_null() || value.as_array().is_some_and(|list| list[0].is_null()))
-        );
+    fn values_have_their_names_units_and_words() {
+        let schema = "uint32 MODE_SWEEP = 7\nuint32 mode # [@enum MODE]\nfloat32[2] range # [m]\nE[1] echoes\n===\nMSG: bateleur/E\nint32 x";
+        let radar = Type::from_schema("Radar", schema).unwrap();
+        let bytes: Vec<u8> = [7, 1.5_f32.to_bits(), f32::NAN.to_bits(), u32::MAX]
+            .iter()
+            .flat_map(|word| word.to_le_bytes())
+            .collect();
+        assert_eq!(lines(&radar, &bytes), "  mode: 7 (SWEEP)\n  range: [1.5,\"NaN\"] m\n  echoes[0].x: -1\n");
+        let values = values(&radar, &bytes, word_of);
+        assert_eq!((&values["mode"], &values["echoes"][0]["x"]), (&7.into(), &Value::from(-1)));
+        assert!(lines(&radar, &bytes[..3]).starts_with("  mode: null\n  range: [] m\n"));
     }
 
     #[test]

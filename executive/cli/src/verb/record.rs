@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
+use bateleur_messages::Type;
 use bateleur_recording::{LogError, PortLog, topic};
 
 use super::ports::{Watch, bytes_of, channels};
@@ -51,9 +52,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let mut tracks = BTreeMap::new();
     for channel in channels(&mut client)? {
         // Bytes without a message type have no fields to name: they are left out.
-        let Some(message) = bateleur_messages::find(&channel.message) else { continue };
+        let Ok(message) = Type::from_schema(&channel.message, &channel.definition) else { continue };
         let (partition, port) = channel.source.split_once('.').unwrap_or((&channel.source, "port"));
-        tracks.insert(channel.source.clone(), log.add_channel(&topic(partition, port), message)?);
+        tracks.insert(channel.source.clone(), log.add_channel(&topic(partition, port), &message)?);
     }
     let mut watch = Watch::start(client, &[])?;
     let mut left_out: BTreeMap<String, u64> = BTreeMap::new();

@@ -3,6 +3,7 @@
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
+use std::io::Write as _;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -304,24 +305,29 @@ impl Base {
     }
 
     /// Starts the log of all ports.
-    fn record(&self, path: PathBuf, order: &Order) -> Result<Recording, RunError> {
+    fn record(
+        &self,
+        path: PathBuf,
+        order: &Order,
+        types: &BTreeMap<String, String>,
+    ) -> Result<Recording, RunError> {
         remove_earlier(&path);
         let channels = order.channels.iter().map(|channel| channel.name.clone()).collect();
-        let (copy, order) = (self.copy()?, order.clone());
+        let (copy, order, types) = (self.copy()?, order.clone(), types.clone());
         let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
         let folder = folder.to_owned();
         let start: StartRecorder =
-            Box::new(move |part, without| copy.start_recorder(&path, &order, part, without));
+            Box::new(move |part, without| copy.start_recorder(&path, (&order, &types), part, without));
         Recording::begin(start, channels, folder)
             .map_err(machine("cannot start the recorder (see partitions/helpers.log)"))
     }
 
     /// Starts the recorder of a part of the log. It runs as the partitions' user and is handed the file, whose folder it may
-    /// not enter, and memory in which it says what it is at.
+    /// not enter, memory in which it says what it is at, and the texts of the message types.
     fn start_recorder(
         &self,
         path: &Path,
-        order: &Order,
+        (order, types): (&Order, &BTreeMap<String, String>),
         part: u32,
         without: &[String],
     ) -> std::io::Result<Recorder> {
@@ -333,14 +339,17 @@ impl Base {
         })?;
         let place = File::from(memfd_create("recorder's place", MemfdFlags::CLOEXEC)?);
         place.set_len(size_of::<u32>() as u64)?;
-        for file in [&log, &place] {
+        // As a file: an argument may be too short for the texts of many types.
+        let mut texts = File::from(memfd_create("message types", MemfdFlags::CLOEXEC)?);
+        texts.write_all(&serde_json::to_vec(types)?)?;
+        for file in [&log, &place, &texts] {
             let owner = self.users.map(|_| users::HELPERS);
             std::os::unix::fs::fchown(file, owner, owner)?;
         }
         let place = OwnedFd::from(place);
         Recorder::start(&place, |input, output| {
-            let lines =
-                Lines { input: Some(input), output: Some(output), files: &[log.as_fd(), place.as_fd()] };
+            let files = &[log.as_fd(), place.as_fd(), texts.as_fd()];
+            let lines = Lines { input: Some(input), output: Some(output), files };
             self.observing_helper(&arguments, lines)
         })
     }
@@ -463,7 +472,7 @@ impl Base {
             let _ = std::fs::remove_file(&earlier); // there is none, as a rule
         }
         let port_log = options.port_log().map(|path| port_log(&path, course.resets()));
-        let recording = port_log.map(|path| self.record(path, &order)).transpose()?;
+        let recording = port_log.map(|path| self.record(path, &order, &view.plan().messages)).transpose()?;
         let error_reader = ErrorReader::start(options.order.output.join("partitions"))
             .map_err(machine("cannot read the partitions' standard error"))?;
         let sandboxes = self.sandboxes(plan, view, options, facts, programs, error_reader.logs())?;

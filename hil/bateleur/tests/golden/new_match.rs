@@ -24,7 +24,8 @@ struct Bytes64([u8; 64]);
 
 impl Message for Bytes64 {
     const NAME: &'static str = "bytes";
-    const FIELDS: &'static [Field] = &[Field { name: "bytes", kind: FieldKind::U8, count: 64, offset: 0 }];
+    const FIELDS: &'static [Field] =
+        &[Field { name: "bytes", unit: "", kind: FieldKind::U8, count: 64, offset: 0 }];
 }
 
 struct Match {

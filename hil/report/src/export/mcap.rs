@@ -14,10 +14,9 @@ use serde_json::json;
 use super::chrome::each_fault;
 use super::{ExportError, Exported, check_folder};
 use crate::health;
+use bateleur_messages::format::schema_name;
 use bateleur_recording::PORTS_FILE;
-use bateleur_recording::{
-    self as log, CDR_HEADER, Entry, LogError, MESSAGE_ENCODING, SCHEMA_ENCODING, SCHEMA_PREFIX,
-};
+use bateleur_recording::{self as log, CDR_HEADER, Entry, LogError, MESSAGE_ENCODING, SCHEMA_ENCODING};
 
 /// How messages are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -83,7 +82,7 @@ impl Output {
 
     fn message(&mut self, entry: &Entry<'_>) {
         let Some(layout) = entry.layout else { return self.refuse(entry.topic) };
-        let name = format!("{SCHEMA_PREFIX}{}", entry.message);
+        let name = schema_name(entry.message);
         let payload = match self.encoding {
             Encoding::Cdr if entry.bytes.len() == layout.size() => Some([&CDR_HEADER, entry.bytes].concat()),
             Encoding::Cdr => None,

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use bateleur_recording::{CDR_HEADER, SCHEMA_PREFIX};
+use bateleur_recording::CDR_HEADER;
 
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
@@ -17,7 +17,7 @@ pub(crate) fn record(opcode: u8, body: &[u8]) -> Vec<u8> {
 
 /// The message type `X` as number 1.
 pub(crate) fn schema(definition: &str) -> Vec<u8> {
-    let name = text(&format!("{SCHEMA_PREFIX}X"));
+    let name = text("bateleur/msg/X");
     record(3, &[&1_u16.to_le_bytes()[..], &name, &text("ros2msg"), &text(definition)].concat())
 }
 

@@ -1,7 +1,7 @@
 //! A flight made up to be known exactly: the seed's mission at constant speed, a fixed distance beside the path.
 
 use bateleur_flight::guidance::seed_waypoints;
-use bateleur_messages::{ActuatorCommand, CATALOGUE, GpsPosition, Message, State};
+use bateleur_messages::{ActuatorCommand, GpsPosition, Message, State};
 use bateleur_recording::{ChannelId, PortLog, topic};
 use bateleur_report::{run, windows};
 use bateleur_simulator::Options;
@@ -136,7 +136,7 @@ pub(crate) fn write_truth(dir: &Path, seconds: f64, change: impl Fn(&mut TruthRe
 }
 
 fn add<T: Message>(log: &mut PortLog, partition: &str, port: &str) -> ChannelId {
-    let message = CATALOGUE.iter().find(|message| message.name == T::NAME).unwrap();
+    let message = bateleur_messages::find(T::NAME).unwrap();
     log.add_channel(&topic(partition, port), message).unwrap()
 }
 

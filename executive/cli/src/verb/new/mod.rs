@@ -87,8 +87,7 @@ fn read(arguments: &Arguments) -> Result<Option<Plan>> {
             eprint!("{}", report.render(false));
             if report.violations().iter().any(|violation| violation.rule.starts_with("N05")) {
                 eprintln!(
-                    "a message type of your own has to be in `partitions/messages`, and this program built with it, before \
-                     ports may name it: see docs/src/new-partition.md"
+                    "a message type of your own is a file beside the schedule file, `messages/NAME.msg`: see docs/src/new-partition.md"
                 );
             }
             let names_it = |one: &Violation| {

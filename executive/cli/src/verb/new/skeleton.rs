@@ -1,7 +1,8 @@
 //! What a crate is made from: the partition as the plan has it, with a name in Rust for everything.
 
 use anyhow::{Result, bail};
-use bateleur_messages::{FieldKind, MessageType};
+use bateleur_messages::Type;
+use bateleur_messages::format::{Body, FieldKind, Member};
 use bateleur_plan::{Partition, Payload, Plan, Port, Role};
 
 use super::names::{CARGO_FOLDERS, Fields, type_name};
@@ -77,7 +78,7 @@ pub(super) struct SkeletonPort {
 /// What a port carries.
 #[derive(Clone, Copy)]
 pub(super) enum Content {
-    Message(&'static MessageType),
+    Message(&'static Type),
     /// Plain bytes, as long as the channel's source sends them.
     Bytes(usize),
 }
@@ -178,14 +179,14 @@ impl Content {
     /// The type in Rust.
     pub(super) fn type_name(self) -> String {
         match self {
-            Self::Message(message) => message.name.to_owned(),
+            Self::Message(message) => message.name().to_owned(),
             Self::Bytes(size) => format!("Bytes{size}"),
         }
     }
 
     fn type_name_of_message(&self) -> &str {
         match self {
-            Self::Message(message) => message.name,
+            Self::Message(message) => message.name(),
             Self::Bytes(_) => "Bytes",
         }
     }
@@ -193,17 +194,20 @@ impl Content {
     /// A value that is fit to be sent, field by field.
     pub(super) fn fields(self) -> Vec<String> {
         let Self::Message(message) = self else { return Vec::new() };
-        let value = |field: &bateleur_messages::Field| {
-            let one = if field.kind == FieldKind::F64 { "0.0" } else { "0" };
-            match (field.name, field.count) {
-                ("valid_ns", 1) => "window.start_ns()".to_owned(),
+        let value = |field: &Member| {
+            let one = match field.body {
+                Body::Plain(FieldKind::F64 | FieldKind::F32) => "0.0",
+                _ => "0",
+            };
+            match (field.name.as_str(), field.count) {
+                ("valid_ns", None) => "window.start_ns()".to_owned(),
                 // The attitude that turns nothing.
-                ("quaternion", 4) => "[1.0, 0.0, 0.0, 0.0]".to_owned(),
-                (_, 1) => one.to_owned(),
-                (_, count) => format!("[{one}; {count}]"),
+                ("quaternion", Some(4)) => "[1.0, 0.0, 0.0, 0.0]".to_owned(),
+                (_, None) => one.to_owned(),
+                (_, Some(count)) => format!("[{one}; {count}]"),
             }
         };
-        message.fields.iter().map(|field| format!("{}: {}", field.name, value(field))).collect()
+        message.members().iter().map(|field| format!("{}: {}", field.name, value(field))).collect()
     }
 }
 
@@ -230,7 +234,10 @@ fn content(plan: &Plan, port: &Port) -> Result<Content> {
     match &port.payload {
         Payload::Message { name, .. } => match bateleur_messages::find(name) {
             Some(message) => Ok(Content::Message(message)),
-            None => bail!("this program was built without the message type `{name}`"),
+            None => bail!(
+                "`{name}` is a type of your own, and the skeleton has ports of the flight's types only: take its ports out, then add \
+                 them by hand with `bateleur_apex::messages!(\"FOLDER\")`"
+            ),
         },
         Payload::Bytes { max_size_bytes } => {
             let source = port.channel.map(|channel| &plan[plan[channel].source]);

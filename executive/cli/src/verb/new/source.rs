@@ -136,7 +136,7 @@ fn types(skeleton: &Skeleton) -> String {
              #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]\n#[repr(C)]\n\
              struct Bytes{size}([u8; {size}]);\n\n\
              impl Message for Bytes{size} {{\n    const NAME: &'static str = \"bytes\";\n    \
-             const FIELDS: &'static [Field] = &[Field {{ name: \"bytes\", kind: FieldKind::U8, count: {size}, offset: 0 }}];\n}}\n"
+             const FIELDS: &'static [Field] =\n        &[Field {{ name: \"bytes\", unit: \"\", kind: FieldKind::U8, count: {size}, offset: 0 }}];\n}}\n"
         );
     }
     if skeleton.retained_bytes.is_some() {

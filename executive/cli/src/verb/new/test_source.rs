@@ -37,7 +37,7 @@ fn ports_test(skeleton: &Skeleton) -> String {
     for port in destinations {
         let call = if matches!(port.role, Role::QueuingDestination { .. }) { "send" } else { "write" };
         let value = match port.content {
-            super::skeleton::Content::Message(message) => format!("{}::default()", message.name),
+            super::skeleton::Content::Message(message) => format!("{}::default()", message.name()),
             super::skeleton::Content::Bytes(size) => format!("Bytes{size}([0; {size}])"),
         };
         let _ = writeln!(out, "        {}.{call}(&{value});", port.field);

@@ -5,13 +5,14 @@ use std::os::fd::AsFd;
 use std::process::ExitCode;
 
 use bateleur_apex::{
-    Context, Direction, FunctionShell, Partition, PortKind, Retained, SamplingDestination, SamplingSource,
-    StartError, Supervision, SupervisionEvent, Takeover, Window,
+    Context, Direction, Partition, PortKind, Retained, SamplingDestination, SamplingSource, StartError,
+    Supervision, SupervisionEvent, Takeover, Window,
 };
 use bateleur_can_core::bus::BusName;
 use bateleur_can_core::wire::native;
 use bateleur_can_core::{Counters, Ids, Settings as GatewaySettings, identity};
 use bateleur_can_interface::{Conversation, Kept, Moment, Sensors, Settings, Waiting, Wires};
+use bateleur_function_shell::FunctionShell;
 use bateleur_messages::parameter::Parameters;
 use bateleur_messages::telemetry::FROM_HIL_INTERFACE;
 use bateleur_messages::{

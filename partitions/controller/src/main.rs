@@ -3,14 +3,14 @@
 use std::process::ExitCode;
 
 use bateleur_apex::{
-    Context, FunctionShell, Partition, Retained, SamplingDestination, SamplingSource, StartError, Takeover,
-    Verdict, Window,
+    Context, Partition, Retained, SamplingDestination, SamplingSource, StartError, Takeover, Window,
 };
 use bateleur_controller::{
     Answer, Function, Memory, Sensors, Settings, navigation_state, parameters, planned_waypoints,
 };
 use bateleur_flight::estimator::NavigationState;
 use bateleur_flight::guidance::Waypoint;
+use bateleur_function_shell::{FunctionShell, Verdict};
 use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{FROM_CONTROLLER, Telemetry};
 use bateleur_messages::{Acceleration, ActuatorCommand, FunctionStatus, Pressure, Rate, Rates, State, Watch};

@@ -3,10 +3,10 @@
 use std::process::ExitCode;
 
 use bateleur_apex::{
-    Context, FunctionShell, Partition, Retained, SamplingDestination, SamplingSource, StartError, Takeover,
-    Verdict, Window,
+    Context, Partition, Retained, SamplingDestination, SamplingSource, StartError, Takeover, Window,
 };
 use bateleur_estimator::{Function, Inputs, Memory, Settings, parameters, seconds, telemetry};
+use bateleur_function_shell::{FunctionShell, Verdict};
 use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{FROM_ESTIMATOR, Refusal, Telemetry};
 use bateleur_messages::{

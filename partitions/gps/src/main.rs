@@ -2,9 +2,8 @@
 
 use std::process::ExitCode;
 
-use bateleur_apex::{
-    Context, FunctionShell, Partition, SamplingDestination, SamplingSource, StartError, Window,
-};
+use bateleur_apex::{Context, Partition, SamplingDestination, SamplingSource, StartError, Window};
+use bateleur_function_shell::FunctionShell;
 use bateleur_gps::{Gps, Origin, origin, parameters};
 use bateleur_messages::telemetry::{FROM_GPS, Telemetry};
 use bateleur_messages::{GpsPosition, GpsVelocity, Rate, RawGps, Watch};

@@ -4,9 +4,10 @@ use std::os::fd::AsFd;
 use std::process::ExitCode;
 
 use bateleur_apex::{
-    Context, FunctionShell, Partition, Retained, SamplingDestination, SamplingSource, StartError,
-    Supervision, SupervisionEvent, Takeover, Window,
+    Context, Partition, Retained, SamplingDestination, SamplingSource, StartError, Supervision,
+    SupervisionEvent, Takeover, Window,
 };
+use bateleur_function_shell::FunctionShell;
 use bateleur_hil_interface::{Conversation, Kept, Moment, Numbers, Sensors, Settings, Waiting, parameters};
 use bateleur_messages::hil::{Protocol, UnknownProtocol};
 use bateleur_messages::telemetry::FROM_HIL_INTERFACE;

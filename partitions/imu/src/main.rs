@@ -3,9 +3,9 @@
 use std::process::ExitCode;
 
 use bateleur_apex::{
-    Context, FunctionShell, Partition, Retained, SamplingDestination, SamplingSource, StartError, Takeover,
-    Verdict, Window,
+    Context, Partition, Retained, SamplingDestination, SamplingSource, StartError, Takeover, Window,
 };
+use bateleur_function_shell::{FunctionShell, Verdict};
 use bateleur_imu::{Imu, Initialise, Measurements, Memory, Outcome, Settings, parameters};
 use bateleur_messages::ground::{Order, SENSOR_GYROSCOPE};
 use bateleur_messages::telemetry::{FROM_IMU, Refusal, Telemetry};

@@ -2,7 +2,8 @@
 
 use std::process::ExitCode;
 
-use bateleur_apex::{Context, FunctionShell, Partition, SamplingDestination, StartError, Window};
+use bateleur_apex::{Context, Partition, SamplingDestination, StartError, Window};
+use bateleur_function_shell::FunctionShell;
 use bateleur_messages::parameter::Parameters;
 use bateleur_messages::telemetry::{FROM_ONBOARD_COMPUTER, Telemetry};
 use bateleur_messages::{Custom, FunctionStatus, Rate, SimulatorLink, Watch};

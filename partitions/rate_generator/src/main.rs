@@ -2,9 +2,8 @@
 
 use std::process::ExitCode;
 
-use bateleur_apex::{
-    Context, Direction, FunctionShell, Partition, PortKind, SamplingSource, StartError, Window,
-};
+use bateleur_apex::{Context, Direction, Partition, PortKind, SamplingSource, StartError, Window};
+use bateleur_function_shell::FunctionShell;
 use bateleur_messages::Rate;
 use bateleur_messages::telemetry::FROM_RATE_GENERATOR;
 use bateleur_rate_generator::{Beat, Periods, parameters};

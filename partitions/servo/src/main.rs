@@ -3,9 +3,9 @@
 use std::process::ExitCode;
 
 use bateleur_apex::{
-    Context, FunctionShell, Partition, Retained, SamplingDestination, SamplingSource, StartError, Takeover,
-    Verdict, Window,
+    Context, Partition, Retained, SamplingDestination, SamplingSource, StartError, Takeover, Window,
 };
+use bateleur_function_shell::{FunctionShell, Verdict};
 use bateleur_messages::telemetry::{FROM_SERVO, Telemetry};
 use bateleur_messages::{ActuatorCommand, Custom, FunctionStatus, Rate, ServoTimers, Watch};
 use bateleur_servo::{Memory, Servo, Settings, parameters};

@@ -1,11 +1,12 @@
 //! What every flight function has around its task: the ports to and from the ground, orders, and parameters that the ground may set.
 
+#![forbid(unsafe_code)]
+
+use bateleur_apex::{Context, QueuingDestination, QueuingSource, StartError};
 use bateleur_messages::ground::Order;
 use bateleur_messages::parameter::{Changed, Parameters};
 use bateleur_messages::telemetry::{ACCEPTED, Acknowledge, NOT_UNDERSTOOD, Refusal, Telemetry};
 use bateleur_messages::{GroundMessage, TelemetryMessage};
-
-use crate::{Context, QueuingDestination, QueuingSource, StartError};
 
 /// Ground messages taken in one window at most; as many as the queue usually holds. A long list takes a few windows.
 const ORDERS_PER_WINDOW: usize = 8;

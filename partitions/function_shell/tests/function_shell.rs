@@ -3,9 +3,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use bateleur_apex::{
-    Context, FunctionShell, Harness, Partition, QueuingDestination, QueuingSource, Retained, Sent,
-    StartError, Verdict, Window,
+    Context, Harness, Partition, QueuingDestination, QueuingSource, Retained, Sent, StartError, Window,
 };
+use bateleur_function_shell::{FunctionShell, Verdict};
 use bateleur_messages::frame::Frame;
 use bateleur_messages::ground::{Order, ParameterSetting};
 use bateleur_messages::parameter::{ASKED_BY_LINE, Changed, Kind, Parameters, Row, name_bytes};

@@ -104,6 +104,9 @@ mod tests {
         fn is_frozen(&self) -> bool {
             self.is_held()
         }
+        fn is_stopped(&self, _: i32) -> bool {
+            true
+        }
         fn stop(&self, _: i32) {}
         fn go_on(&self, _: i32) {}
         fn each_thread(&self, _: &mut dyn FnMut(i32)) {}

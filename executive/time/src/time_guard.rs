@@ -40,7 +40,9 @@ pub trait ProcessControl: Send + Sync + std::fmt::Debug {
     fn thaw(&self);
     /// Whether all have stopped.
     fn is_frozen(&self) -> bool;
-    /// Stops every process by a signal; `main` is the partition's first.
+    /// Whether `main`, the partition's first process, is stopped by a signal.
+    fn is_stopped(&self, main: i32) -> bool;
+    /// Stops every process by a signal.
     fn stop(&self, main: i32);
     /// Undoes that.
     fn go_on(&self, main: i32);
@@ -95,6 +97,9 @@ impl ProcessControl for Processes {
     }
     fn is_frozen(&self) -> bool {
         self.0.as_ref().is_none_or(Freezer::is_frozen)
+    }
+    fn is_stopped(&self, main: i32) -> bool {
+        sched::is_stopped(main)
     }
     fn stop(&self, main: i32) {
         self.signal(main, rustix::process::Signal::STOP);
@@ -160,6 +165,11 @@ impl Threads {
         self.entries.iter().take(count).map(|entry| entry.load(Relaxed))
     }
 
+    /// Whether there is no thread but one.
+    fn is_one(&self) -> bool {
+        self.count.load(Acquire) == 1
+    }
+
     fn real_time(&self) -> impl Iterator<Item = i32> {
         self.iter().filter(|tid| tid & REAL_TIME != 0).map(|tid| (tid & !REAL_TIME) as i32)
     }
@@ -188,6 +198,8 @@ pub struct TimeGuard {
     priority: Option<u8>,
     /// See [`TimeGuard::timeless`].
     timeless: bool,
+    /// See [`TimeGuard::of_one_thread`].
+    one_thread: bool,
     /// See [`TimeGuard::calm`].
     calmed: AtomicBool,
     /// The partition's first process; 0: there is none.
@@ -197,7 +209,9 @@ pub struct TimeGuard {
     request: HoldRequest,
     /// Freezes and thaws; none: whoever asks does it.
     worker: OnceLock<Arc<FreezeWorker>>,
-    /// Processes were stopped by signals, because they could not be frozen.
+    /// The control group was frozen.
+    frozen: AtomicBool,
+    /// Processes were stopped by signals.
     signalled: AtomicBool,
     /// When it is to be looked at whether the freeze took, ns of [`ProcessControl::now_ns`]; 0: not at all.
     look_at_ns: AtomicU64,
@@ -220,12 +234,14 @@ impl TimeGuard {
             processes,
             priority,
             timeless: false,
+            one_thread: false,
             calmed: AtomicBool::new(false),
             main: AtomicI32::new(0),
             threads: Threads::new(),
             demoted: AtomicBool::new(false),
             request: HoldRequest::new(),
             worker: OnceLock::new(),
+            frozen: AtomicBool::new(false),
             signalled: AtomicBool::new(false),
             look_at_ns: AtomicU64::new(0),
             ran_on: AtomicU32::new(0),
@@ -242,6 +258,13 @@ impl TimeGuard {
     #[must_use]
     pub fn timeless(self) -> Self {
         Self { timeless: true, ..self }
+    }
+
+    /// For a partition that the filter of system calls keeps from making threads and processes. Where priority keeps it from others' time
+    /// anyway, it is stopped by a signal and not frozen: a signal takes no lock of the machine.
+    #[must_use]
+    pub fn of_one_thread(self) -> Self {
+        Self { one_thread: true, ..self }
     }
 
     /// From now on `worker` freezes and thaws, as long as it runs. Nothing where priorities do not keep the partition from others'
@@ -376,24 +399,38 @@ impl TimeGuard {
     }
 
     fn stop_all(&self) {
-        if self.processes.freeze().is_ok() {
+        let main = self.main();
+        let by_signal = self.one_thread && !self.timeless && self.priority.is_some() && self.threads.is_one();
+        if by_signal {
+            // One that somebody else has stopped stays stopped when its window comes.
+            if !self.processes.is_stopped(main) {
+                self.signalled.store(true, Relaxed);
+                self.processes.stop(main);
+            }
+        } else if self.processes.freeze().is_ok() {
             let look_at_ns = if self.timeless { 0 } else { self.processes.now_ns() + LOOK_NS };
             self.look_at_ns.store(look_at_ns, Relaxed);
+            self.frozen.store(true, Relaxed);
         } else {
             self.signalled.store(true, Relaxed);
-            self.processes.stop(self.main());
+            self.processes.stop(main);
         }
     }
 
     fn start_all(&self) {
+        let (main, is_frozen) = (self.main(), self.frozen.swap(false, Relaxed));
         self.look_at_ns.store(0, Relaxed);
-        if self.signalled.swap(false, Relaxed) {
-            return self.processes.go_on(self.main());
-        }
-        if !self.timeless && self.main() != 0 && !self.processes.is_frozen() {
+        let signalled = self.signalled.swap(false, Relaxed);
+        let took = if is_frozen { self.processes.is_frozen() } else { !signalled || self.processes.is_stopped(main) };
+        if !took && !self.timeless && main != 0 {
             self.stuck.fetch_add(1, Relaxed);
         }
-        self.processes.thaw();
+        if is_frozen {
+            self.processes.thaw();
+        }
+        if signalled {
+            self.processes.go_on(main);
+        }
     }
 
     /// When [`TimeGuard::look`] is due, ns of CLOCK_MONOTONIC; `None` if there is nothing to look at.
@@ -456,6 +493,7 @@ mod tests {
         freeze_fails: bool,
         in_kernel: bool,
         frozen: bool,
+        stopped: bool,
         real_time: Vec<i32>,
         threads: Vec<i32>,
         used_ns: u64,
@@ -491,11 +529,16 @@ mod tests {
         fn is_frozen(&self) -> bool {
             self.world().frozen && !self.world().in_kernel
         }
+        fn is_stopped(&self, _: i32) -> bool {
+            self.world().stopped
+        }
         fn stop(&self, main: i32) {
             self.world().said.push(format!("stop {main}"));
+            self.world().stopped = true;
         }
         fn go_on(&self, main: i32) {
             self.world().said.push(format!("go on {main}"));
+            self.world().stopped = false;
         }
         fn each_thread(&self, each: &mut dyn FnMut(i32)) {
             let threads = self.world().threads.clone();
@@ -664,6 +707,33 @@ mod tests {
     }
 
     #[test]
+    fn partition_of_one_thread_is_stopped_by_a_signal_which_takes_no_lock_of_the_machine() {
+        let (fake, guard) = in_window(1);
+        let guard = guard.of_one_thread();
+        guard.set_threads(&[10], &[]);
+        guard.hold();
+        assert_eq!(fake.said(), "demote 10, stop 10");
+        guard.let_go();
+        assert_eq!(fake.said(), "go on 10, promote 10");
+        guard.set_threads(&[10], &[5]);
+        guard.hold();
+        assert_eq!(fake.said(), "demote 10, freeze", "it has company, whatever the filter says");
+    }
+
+    #[test]
+    fn partition_that_somebody_else_has_stopped_is_not_let_go_on_by_its_window() {
+        let (fake, guard) = in_window(1);
+        let guard = guard.of_one_thread();
+        guard.set_threads(&[10], &[]);
+        fake.world().stopped = true;
+        guard.hold();
+        guard.let_go();
+        assert_eq!(fake.said(), "demote 10, promote 10");
+        assert!(fake.world().stopped);
+        assert_eq!(guard.take_escapes(), Escapes::default());
+    }
+
+    #[test]
     fn a_thread_that_came_during_the_window_is_promoted_with_the_next_one() {
         let (fake, guard) = in_window(1);
         guard.set_threads(&[10, 11], &[5]);
@@ -705,6 +775,9 @@ mod tests {
             self.tell("thaw");
         }
         fn is_frozen(&self) -> bool {
+            true
+        }
+        fn is_stopped(&self, _: i32) -> bool {
             true
         }
         fn stop(&self, _: i32) {}

@@ -318,7 +318,6 @@ proptest! {
                 let mut dispatcher = Dispatcher::new(&timelines, schedule_switch.clone(), false, |own| own == core);
                 let stop = |_| schedule_switch.newest_frame() >= 50;
                 assert!(dispatcher.run(&mut Jumps(Random(seed)), &mut notes, &stop), "it lost its way");
-                assert_eq!(schedule_switch.newest_frame(), 50, "a core has gone on alone");
                 notes.seen
             })
         });

@@ -149,6 +149,9 @@ mod fixture {
         fn is_frozen(&self) -> bool {
             true
         }
+        fn is_stopped(&self, _: i32) -> bool {
+            true
+        }
         fn stop(&self, _: i32) {}
         fn go_on(&self, _: i32) {}
         fn each_thread(&self, _: &mut dyn FnMut(i32)) {}

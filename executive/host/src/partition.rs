@@ -130,7 +130,8 @@ impl Sandbox {
         };
         let guard = TimeGuard::new(Box::new(Processes(freezer)), priority);
         let guard = if sandbox_config.clock == Clock::Virtual { guard.timeless() } else { guard };
-        let guard = if partition.threads == 1 && sandbox_config.filtered { guard.of_one_thread() } else { guard };
+        let guard =
+            if partition.threads == 1 && sandbox_config.filtered { guard.of_one_thread() } else { guard };
         let initial = plan.initial_schedule().index() as u32;
         mapped.publish_grant(
             0,

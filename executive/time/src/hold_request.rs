@@ -88,7 +88,8 @@ impl HoldRequest {
     }
 }
 
-#[cfg(all(test, not(feature = "model")))]
+#[cfg(not(feature = "model"))]
+#[cfg(test)]
 mod tests {
     use super::*;
 
@@ -131,7 +132,8 @@ mod tests {
     }
 }
 
-#[cfg(all(test, feature = "model"))]
+#[cfg(feature = "model")]
+#[cfg(test)]
 mod model {
     use loom::sync::Arc;
     use loom::thread;

@@ -53,7 +53,8 @@ impl RedundantPair {
     }
 }
 
-#[cfg(all(test, not(feature = "model")))]
+#[cfg(not(feature = "model"))]
+#[cfg(test)]
 mod tests {
     use std::sync::Mutex;
     use std::sync::atomic::AtomicBool;

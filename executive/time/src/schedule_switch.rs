@@ -251,7 +251,8 @@ fn schedule_of(word: u64) -> usize {
     (word & ((1 << SCHEDULE_BITS) - 1)) as usize
 }
 
-#[cfg(all(test, not(feature = "model")))]
+#[cfg(not(feature = "model"))]
+#[cfg(test)]
 mod tests {
     use super::*;
 
@@ -436,7 +437,8 @@ mod tests {
     }
 }
 
-#[cfg(all(test, feature = "model"))]
+#[cfg(feature = "model")]
+#[cfg(test)]
 mod model {
     use loom::sync::Arc;
     use loom::thread;

@@ -421,7 +421,11 @@ impl TimeGuard {
         let (main, is_frozen) = (self.main(), self.frozen.swap(false, Relaxed));
         self.look_at_ns.store(0, Relaxed);
         let signalled = self.signalled.swap(false, Relaxed);
-        let took = if is_frozen { self.processes.is_frozen() } else { !signalled || self.processes.is_stopped(main) };
+        let took = if is_frozen {
+            self.processes.is_frozen()
+        } else {
+            !signalled || self.processes.is_stopped(main)
+        };
         if !took && !self.timeless && main != 0 {
             self.stuck.fetch_add(1, Relaxed);
         }
@@ -480,7 +484,8 @@ impl TimeGuard {
     }
 }
 
-#[cfg(all(test, not(feature = "model")))]
+#[cfg(not(feature = "model"))]
+#[cfg(test)]
 mod tests {
     use super::*;
     use std::sync::{Arc, Mutex};

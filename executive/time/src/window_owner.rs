@@ -59,7 +59,8 @@ impl WindowOwner {
     }
 }
 
-#[cfg(all(test, feature = "model"))]
+#[cfg(feature = "model")]
+#[cfg(test)]
 mod model {
     use loom::sync::Arc;
     use loom::thread;

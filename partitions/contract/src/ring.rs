@@ -92,7 +92,8 @@ impl<P: RingPlace> Ring<'_, P> {
     }
 }
 
-#[cfg(all(test, not(feature = "model")))]
+#[cfg(not(feature = "model"))]
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::sync::AtomicU64;
@@ -212,7 +213,8 @@ mod tests {
     }
 }
 
-#[cfg(all(test, feature = "model"))]
+#[cfg(feature = "model")]
+#[cfg(test)]
 mod model {
     use loom::sync::Arc;
     use loom::thread;

@@ -7,7 +7,10 @@
 mod apex;
 mod arrows;
 mod blocks;
+mod book;
+mod circles;
 mod commands;
+mod features;
 mod fly;
 mod links;
 mod step;

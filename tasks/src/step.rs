@@ -16,6 +16,7 @@ pub(crate) struct Step {
     program: OsString,
     arguments: Vec<String>,
     environment: Vec<(String, String)>,
+    idle: bool,
 }
 
 impl Step {
@@ -27,12 +28,18 @@ impl Step {
     /// A step of any program's.
     pub(crate) fn new(name: &'static str, program: impl Into<OsString>, arguments: &[&str]) -> Self {
         let arguments = arguments.iter().map(|&argument| argument.to_owned()).collect();
-        Self { name, program: program.into(), arguments, environment: Vec::new() }
+        Self { name, program: program.into(), arguments, environment: Vec::new(), idle: false }
     }
 
     /// With an environment variable.
     pub(crate) fn with(mut self, variable: &str, value: &str) -> Self {
         self.environment.push((variable.to_owned(), value.to_owned()));
+        self
+    }
+
+    /// On processors that nobody else wants (SCHED_IDLE), where there is `chrt` to say so.
+    pub(crate) fn idle(mut self) -> Self {
+        self.idle = succeeds("chrt", &["--version"], Duration::from_secs(5));
         self
     }
 
@@ -51,7 +58,10 @@ impl Step {
     }
 
     fn pass_through(&self, tally: &mut Tally) -> std::io::Result<bool> {
-        let mut command = Command::new(&self.program);
+        let mut command = Command::new(if self.idle { "chrt".as_ref() } else { self.program.as_os_str() });
+        if self.idle {
+            command.args(["--idle", "0"]).arg(&self.program);
+        }
         command.args(&self.arguments).envs(self.environment.iter().cloned());
         let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn()?;
         let (sender, lines) = channel();
@@ -123,6 +133,8 @@ mod tests {
         assert_eq!(tally, Tally { passed: 5, failed: 0, skipped: 1 });
         let failed = Step::new("shell", "false", &[]).with("A", "b").run(&mut tally).unwrap_err();
         assert!(failed.ends_with("to repeat it: A=\"b\" false"), "{failed}");
+        let idle = Step::new("policy", "sh", &["-c", "chrt --pid $$ | grep -q SCHED_IDLE"]).idle();
+        assert_eq!(idle.run(&mut tally), Ok(()));
         let absent = Step::new("nothing", "no-such-program", &[]).run(&mut tally).unwrap_err();
         assert!(absent.starts_with("no-such-program cannot be run"), "{absent}");
     }

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use crate::step::{Step, succeeds};
 use crate::tally::Tally;
-use crate::{CANNOT_RUN, apex, arrows, cargo, commands, fly, links, trusted};
+use crate::{CANNOT_RUN, apex, arrows, book, cargo, circles, commands, features, fly, links, trusted};
 
 /// Some test, lint or page is not as it must be.
 const FAILED: u8 = 1;
@@ -81,9 +81,8 @@ fn everything(root: &Path, tally: &mut Tally) -> Result<(), String> {
         .run(tally)?;
     Step::cargo("programs", &["build", "--release", "--workspace", "--bins"]).run(tally)?;
     schedule(tally)?;
-    let other = other_processor(tally)?;
     shown_commands(root)?;
-    tests(tally)?;
+    let other = tests_beside_other_processor(tally)?;
     models(tally)?;
     fuzz_beside_guest(root, other, tally)?;
     Step::cargo("examples in comments", &["test", "--release", "--workspace", "--doc"]).run(tally)?;
@@ -96,37 +95,42 @@ fn pages(root: &Path) -> Result<(), String> {
     faults.extend(arrows::check(root));
     faults.extend(trusted::check(root, false));
     faults.extend(apex::check(root, false));
-    if faults.is_empty() {
-        println!("== pages and the table of crates: fine");
-        return Ok(());
-    }
-    faults.iter().for_each(|fault| println!("{fault}"));
-    Err(format!("{} places in the pages are wrong (see above)", faults.len()))
+    faults.extend(features::check(root));
+    faults.extend(circles::check(root));
+    said_faults(&faults, "places in the pages and manifests are wrong")?;
+    println!("== pages, the table of crates, and features: fine");
+    Ok(())
 }
 
 fn book(root: &Path, tally: &mut Tally) -> Result<(), String> {
     if !succeeds("mdbook", &["--version"], ASKING) {
-        println!("== book: left out, mdbook is not installed (cargo install mdbook)");
-        return Ok(());
+        return left_out("book", "mdbook is not installed: cargo install mdbook --locked");
     }
     let place = fly::beside_self("book").map_err(|error| error.to_string())?;
-    let place = place.to_string_lossy();
-    let book = root.join("docs");
-    Step::new("book", "mdbook", &["build", "--dest-dir", &place, &book.to_string_lossy()]).run(tally)
+    let (shown, source) = (place.to_string_lossy(), root.join("docs"));
+    Step::new("book", "mdbook", &["build", "--dest-dir", &shown, &source.to_string_lossy()]).run(tally)?;
+    said_faults(&book::check(&place), "links and pictures of the book lead nowhere")
+}
+
+/// Without a tool a person's run leaves something out and says so; CI fails.
+fn left_out(what: &str, why: &str) -> Result<(), String> {
+    if std::env::var_os("CI").is_some_and(|value| value == "true") {
+        return Err(format!("{what}: {why}; CI needs it"));
+    }
+    println!("== {what}: NOT CHECKED, {why}");
+    Ok(())
+}
+
+/// Shows what is wrong, if something is.
+fn said_faults(faults: &[String], what: &str) -> Result<(), String> {
+    faults.iter().for_each(|fault| println!("{fault}"));
+    if faults.is_empty() { Ok(()) } else { Err(format!("{} {what} (see above)", faults.len())) }
 }
 
 /// Licences, sources and known vulnerabilities of other people's crates.
 fn dependencies(tally: &mut Tally) -> Result<(), String> {
     if !succeeds(cargo(), &["deny", "--version"], ASKING) {
-        if std::env::var_os("CI").is_some_and(|value| value == "true") {
-            return Err(
-                "cargo-deny is not installed, and CI needs it: cargo install cargo-deny --locked".into()
-            );
-        }
-        println!(
-            "== dependencies: NOT CHECKED, cargo-deny is not installed (cargo install cargo-deny --locked)"
-        );
-        return Ok(());
+        return left_out("dependencies", "cargo-deny is not installed: cargo install cargo-deny --locked");
     }
     Step::cargo("dependencies", &["deny", "--log-level", "error", "check", "bans", "licenses", "sources"])
         .run(tally)?;
@@ -174,14 +178,23 @@ fn guest(root: &Path, other: bool, tally: &mut Tally) -> Result<(), String> {
     }
     let has_kernel = std::fs::read_dir(root.join("target/guest/boot")).is_ok_and(|files| files.count() > 0);
     let prepared = has_kernel && succeeds("qemu-system-x86_64", &["--version"], ASKING);
-    match (prepared, std::env::var_os("CI").is_some_and(|value| value == "true")) {
-        (true, _) => Step::cargo("tests in a guest", &arguments).run(tally),
-        (false, true) => Err("no guest is prepared, and CI needs it: tests/guest/prepare".into()),
-        (false, false) => {
-            println!("== tests in a guest: NOT CHECKED, none is prepared (on Debian: tests/guest/prepare)");
-            Ok(())
-        }
+    if !prepared {
+        return left_out("tests in a guest", "no guest is prepared (on Debian: tests/guest/prepare)");
     }
+    Step::cargo("tests in a guest", &arguments).run(tally)
+}
+
+/// The tests leave processors idle for much of their time, and the programs for the other processor are built in that time. True: they are
+/// there.
+fn tests_beside_other_processor(tally: &mut Tally) -> Result<bool, String> {
+    let mut own = Tally::default();
+    let (tested, built) = std::thread::scope(|scope| {
+        let building = scope.spawn(|| other_processor(&mut own));
+        let tested = tests(tally);
+        (tested, building.join().unwrap_or_else(|_| Err("the step of the other processor panicked".into())))
+    });
+    tally.add(own);
+    tested.and(built)
 }
 
 /// All programs are built for the other kind of processor that aircraft carry: system calls, atomics and constants have twins.
@@ -193,9 +206,13 @@ fn other_processor(tally: &mut Tally) -> Result<bool, String> {
     let library = Command::new("rustc").args(["--print", "target-libdir", "--target", target]).output();
     let there = library.is_ok_and(|said| Path::new(String::from_utf8_lossy(&said.stdout).trim()).is_dir());
     if there && succeeds(&compiler, &["--version"], ASKING) {
-        let build = ["build", "--release", "--workspace", "--bins", "--target", target];
+        // A folder of its own: in the common one the tests would wait until it is built.
+        let folder = fly::beside_self("").map_err(|error| error.to_string())?.with_file_name("other");
+        let folder = folder.to_string_lossy();
+        let build =
+            ["build", "--release", "--workspace", "--bins", "--target-dir", &folder, "--target", target];
         let linker = format!("CARGO_TARGET_{}_LINKER", target.to_uppercase().replace('-', "_"));
-        Step::cargo("other processor", &build).with(&linker, &compiler).run(tally)?;
+        Step::cargo("other processor", &build).with(&linker, &compiler).idle().run(tally)?;
         return Ok(true);
     }
     let lack = format!(

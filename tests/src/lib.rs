@@ -6,7 +6,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // as in any test
 
 mod browser;
+mod c_programs;
 mod children;
+mod crates;
 pub mod fuzzed;
 mod guest;
 mod harm;
@@ -18,7 +20,9 @@ mod schedule;
 mod turn;
 
 pub use browser::{Browser, Seen};
+pub use c_programs::{c_library, compile_c};
 pub use children::{Process, Traces, children_of, executive_of, process_named};
+pub use crates::{building, cargo, copy, crates_target, empty_folder, expect_success};
 pub use guest::{Guest, Processor};
 pub use harm::{DISK, KERNEL, NEEDS, Sample, held, is_noticed, is_walled_in, run_watched, taken};
 pub use line::Ground;

@@ -58,8 +58,13 @@ impl Sketch {
 
     /// Adds a partition that runs one of the test programs in a window of `window_us`. `keys`: further lines.
     #[must_use]
-    pub fn partition(mut self, name: &str, runs: &str, window_us: u32, keys: &str) -> Self {
-        let path = program(runs);
+    pub fn partition(self, name: &str, runs: &str, window_us: u32, keys: &str) -> Self {
+        self.partition_at(name, &program(runs), window_us, keys)
+    }
+
+    /// As above, with a program that lies somewhere.
+    #[must_use]
+    pub fn partition_at(mut self, name: &str, path: &Path, window_us: u32, keys: &str) -> Self {
         writeln!(
             self.partitions,
             "[partition.{name}]\nprogram = \"{}\"\nmodule = \"test\"\nmemory = \"96MiB\"\n{keys}\n",

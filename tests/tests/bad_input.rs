@@ -286,3 +286,60 @@ fn folder_of_an_earlier_run_is_not_written_over() {
     }
     assert_eq!(std::fs::read_dir(&earlier).unwrap().count(), 1, "nothing was added");
 }
+
+#[test]
+fn verbs_of_flights_refuse_a_plan_that_does_not_fly_before_they_begin() {
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = Sketch::new().partition("one", "counter", 500, "").write(folder.path());
+    let output = folder.path().join("output");
+    for verb in ["fly", "campaign"] {
+        let arguments = [verb, "--schedule", &schedule, "--output", output.to_str().unwrap()];
+        let ended = bateleur(&arguments).end().expect_code(2);
+        ended.expect_words(&[
+            "no partition of the plan runs the program hil_interface",
+            "`bateleur run` runs any plan",
+        ]);
+        let made = std::fs::read_dir(&output).map_or(0, Iterator::count);
+        assert_eq!(made, 0, "{verb} has written something");
+    }
+}
+
+#[test]
+fn start_that_is_refused_leaves_the_last_run_as_it_was_and_a_script_is_no_program() {
+    let _turn = bateleur_tests::among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let sketch = Sketch::new().partition("one", "counter", 500, "");
+    let schedule = sketch.write(folder.path());
+    let output = folder.path().join("output");
+    let run = [
+        "run",
+        "--fast",
+        "--schedule",
+        &schedule,
+        "--until",
+        "1",
+        "--over",
+        "--output",
+        output.to_str().unwrap(),
+    ];
+    bateleur(&run).end().expect_code(0);
+    let logs = || {
+        ["windows.csv", "health.jsonl", "health.ring"].map(|name| std::fs::read(output.join(name)).unwrap())
+    };
+    let before = logs();
+    let text = std::fs::read_to_string(&schedule).unwrap();
+    let script = folder.path().join("script");
+    std::fs::write(&script, "#!/bin/sh\n").unwrap();
+    std::fs::set_permissions(&script, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    let built = bateleur_tests::program("counter").display().to_string();
+    for (program, words) in
+        [("/no/such/program", "there is no program"), (script.to_str().unwrap(), "is a script")]
+    {
+        std::fs::write(&schedule, text.replace(&built, program)).unwrap();
+        bateleur(&run).end().expect_code(2).expect_words(&[words]);
+        assert!(logs() == before, "{program}: the logs of the last run are others");
+    }
+    let check = ["check", &schedule, "--programs", folder.path().to_str().unwrap()];
+    let said = bateleur(&check).end().expect_code(0).stdout;
+    assert!(said.contains("is a script"), "{said}");
+}

@@ -97,7 +97,7 @@ fn error_inside_the_handler_is_one_of_the_partition() {
 }
 
 #[test]
-fn handler_that_hangs_is_an_overrun_of_the_partition_and_not_handed_to_itself() {
+fn hmt_12_handler_that_hangs_is_an_overrun_of_the_partition_and_not_handed_to_itself() {
     let _turn = alone();
     let table = "[health.partition]\nwindow_overrun = \"idle\"\n";
     let ended = run("hang", table, &[]).expect_code(0);

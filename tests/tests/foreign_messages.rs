@@ -138,3 +138,21 @@ fn type_that_can_not_be_read_is_refused_by_its_line_before_anything_starts() {
     let said = check();
     assert!(said.contains("there is no message type `acme/Track`"), "{said}");
 }
+
+#[test]
+fn messages_of_a_foreign_type_are_dropped_and_damaged_by_order() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = schedule(folder.path());
+    let samples = |inject: &[&str]| {
+        let run = ["run", "--fast", "--schedule", &schedule, "--until", "1", "--record"];
+        let ended = bateleur(&[&run[..], inject].concat()).end().expect_code(0);
+        let log = read(ended.folder().join("ports.mcap"), |_| true).unwrap();
+        log.track("/radar/track", "acme/Track").unwrap().samples.clone()
+    };
+    let whole = samples(&[]);
+    let dropped = samples(&["--inject", "radar.track:drop=2@0.5"]);
+    assert_eq!(dropped.len(), whole.len() - 2);
+    let damaged = samples(&["--inject", "radar.track:corrupt=3@0.5"]);
+    assert_eq!(damaged.iter().zip(&whole).filter(|(one, other)| one != other).count(), 3);
+}

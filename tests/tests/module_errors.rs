@@ -28,7 +28,7 @@ const RESET_ONCE: &str = "[health]\nreset = { budget = 1, within = \"60s\", star
 const STOPS: &str = "health = { killed = \"stop\" }";
 
 #[test]
-fn reset_module_begins_with_frame_0_and_that_start_condition_and_shuts_down_beyond_its_budget() {
+fn hmt_02_reset_module_begins_with_frame_0_and_that_start_condition_and_shuts_down_beyond_its_budget() {
     let _turn = among_others();
     let scratch = tempfile::tempdir().unwrap();
     let schedule = warm_pair(scratch.path(), RESET_ONCE, STOPS);

@@ -80,7 +80,7 @@ fn assert_changed(ended: &Ended, from_ms: u64, to_ms: u64) {
 }
 
 #[test]
-fn module_changes_its_schedule_at_the_end_of_the_major_frame_on_the_virtual_clock() {
+fn mms_01_module_changes_its_schedule_at_the_end_of_the_major_frame_on_the_virtual_clock() {
     let _turn = among_others();
     let text = schedules("counter|", "counter|", "", "");
     let asks = ["--schedule-at", "two@0.21", "--schedule-at", "one@0.45", "--until", "1"];
@@ -92,7 +92,7 @@ fn module_changes_its_schedule_at_the_end_of_the_major_frame_on_the_virtual_cloc
 }
 
 #[test]
-fn module_changes_its_schedule_at_the_end_of_the_major_frame_on_the_wall_clock() {
+fn bug_21_module_changes_its_schedule_at_the_end_of_the_major_frame_on_the_wall_clock() {
     let _turn = alone();
     let text = schedules("counter|", "counter|", "", "");
     let ended = run(&text, &["--schedule-at", "two@0.21", "--until", "1"]);
@@ -111,7 +111,18 @@ fn module_changes_its_schedule_at_the_end_of_the_major_frame_on_the_wall_clock()
 }
 
 #[test]
-fn partition_that_was_not_scheduled_starts_cold_when_it_is_scheduled_again() {
+fn scn_32_the_last_of_two_changes_in_a_frame_is_made() {
+    let _turn = among_others();
+    let text = schedules("counter|", "counter|", "", "");
+    let asks = ["--schedule-at", "two@0.21", "--schedule-at", "one@0.25", "--until", "0.6"];
+    let windows = run(&text, &[&["--fast"][..], &asks].concat()).windows();
+    assert!(windows.iter().all(|window| window.schedule == "one"), "{windows:?}");
+    let asks = ["--schedule-at", "one@0.21", "--schedule-at", "two@0.25", "--until", "0.6"];
+    assert_changed(&run(&text, &[&["--fast"][..], &asks].concat()), 300, 600);
+}
+
+#[test]
+fn mms_06_partition_that_was_not_scheduled_starts_cold_when_it_is_scheduled_again() {
     let _turn = among_others();
     let text = schedules("counter|", "warm|retained = \"4KiB\"\nrestart = { start = \"warm\" }", "", "");
     let asks = ["--fast", "--schedule-at", "two@0.21", "--schedule-at", "one@0.45", "--until", "1"];
@@ -131,7 +142,7 @@ fn partition_that_was_not_scheduled_starts_cold_when_it_is_scheduled_again() {
 }
 
 #[test]
-fn change_actions_make_a_partition_idle_and_bring_it_back_warm() {
+fn mms_03_change_actions_make_a_partition_idle_and_bring_it_back_warm() {
     let _turn = among_others();
     let warm = "warm|retained = \"4KiB\"\nrestart = { start = \"warm\" }";
     let text = schedules(warm, "counter|", "second = \"warm_restart\"", "second = \"idle\"");

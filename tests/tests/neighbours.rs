@@ -28,9 +28,9 @@ fn partition_whose_processor_another_living_module_takes_is_not_restarted_for_si
     let folder = tempfile::tempdir().unwrap();
     let schedule = Sketch::new().partition("victim", "counter", 2000, "priority = 1").write(folder.path());
     let mut first = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
-    first.await_words("1 partitions are ready");
+    first.await_words("1 partition is ready");
     let mut second = bateleur(&["run", "--schedule", &spinning_module(folder.path()), "--until", "100"]);
-    second.await_words("1 partitions are ready");
+    second.await_words("1 partition is ready");
     let taken = format!("is that of module second (PID {}) too", second.pid());
     first.await_words(&taken);
     first.await_words("victim had no processor in its window and is not to blame for it: processor ");
@@ -55,7 +55,7 @@ fn living_module_says_when_another_one_begins_to_use_its_processor() {
     let folder = tempfile::tempdir().unwrap();
     let schedule = Sketch::new().partition("quiet", "counter", 500, "").write(folder.path());
     let mut first = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
-    first.await_words("1 partitions are ready");
+    first.await_words("1 partition is ready");
     let second = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
     first.await_words(&format!("is that of module test (PID {}) too", second.pid()));
     // The other one has found the first when it examined the machine.

@@ -1,75 +1,21 @@
 //! Crates that `bateleur new` writes are built, tested and run as they are: in a checkout and outside of any; and so is the
 //! program of the page about it.
-//!
-//! They are built with a target folder of their own beside that of the programs: a copy of the checkout in the usual one would
-//! have everything built anew, there and back.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 use bateleur_recording::{Ending, read};
-use bateleur_tests::{among_others, bateleur, program, repository};
+use bateleur_tests::{among_others, bateleur, cargo, copy, crates_target, empty_folder, repository};
 
 const BOTH: [&str; 2] = ["talker", "match"];
-
-/// Where everything is built.
-fn target() -> PathBuf {
-    program("bateleur").ancestors().nth(2).unwrap().join("new-partition")
-}
-
-/// An empty folder outside of any checkout; of the same name each time, so that what was built for it is of use again.
-fn empty(name: &str) -> PathBuf {
-    let folder = std::env::temp_dir().join("bateleur-new-partition").join(name);
-    let _ = fs::remove_dir_all(&folder);
-    fs::create_dir_all(&folder).unwrap();
-    folder
-}
-
-/// What is not written is not touched, so that it is not built again.
-fn copy(from: &Path, to: &Path) {
-    if !from.is_dir() {
-        let text = fs::read(from).unwrap();
-        if fs::read(to).ok().as_ref() != Some(&text) {
-            fs::write(to, text).unwrap();
-        }
-        return;
-    }
-    fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap() {
-        let entry = entry.unwrap();
-        let name = entry.file_name();
-        if name != "target" && !name.to_string_lossy().starts_with('.') {
-            copy(&entry.path(), &to.join(name));
-        }
-    }
-}
-
-#[track_caller]
-fn cargo(folder: &Path, arguments: &[&str]) {
-    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    command.args(arguments).current_dir(folder).env("CARGO_TARGET_DIR", target());
-    // What is built is judged by what it does, not by how fast.
-    command.env("CARGO_PROFILE_RELEASE_OPT_LEVEL", "0").env("CARGO_PROFILE_RELEASE_DEBUG", "none");
-    // What the cargo that runs this test says of its own package.
-    for (name, _) in
-        std::env::vars().filter(|(name, _)| name.starts_with("CARGO_PKG") || name == "CARGO_MANIFEST_DIR")
-    {
-        command.env_remove(name);
-    }
-    let output = command.output().unwrap();
-    let said = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    let (out, errors) = (said(&output.stdout), said(&output.stderr));
-    assert!(output.status.success(), "cargo {arguments:?} in {}:\n{out}{errors}", folder.display());
-}
 
 /// The schedule file of two partitions with everything, whose programs are those built here.
 fn schedule(folder: &Path) -> String {
     let mut text = fs::read_to_string(repository().join("hil/bateleur/tests/new/everything.toml")).unwrap();
     for name in BOTH {
-        let built = target().join("release").join(name);
+        let built = crates_target().join("release").join(name);
         text = text.replace(&format!("program = \"{name}\""), &format!("program = \"{}\"", built.display()));
     }
     let path = folder.join("schedule.toml");
@@ -105,7 +51,7 @@ fn assert_runs(schedule: &str) {
 
 #[test]
 fn new_partitions_outside_of_a_checkout_pass_their_lints_and_tests_and_run() {
-    let folder = empty("alone");
+    let folder = empty_folder("alone");
     let schedule = schedule(&folder);
     let library = repository();
     for name in BOTH {
@@ -124,7 +70,7 @@ fn new_partitions_outside_of_a_checkout_pass_their_lints_and_tests_and_run() {
 
 /// A copy of the checkout, without what was made in it before.
 fn checkout(name: &str, made: &[&str]) -> PathBuf {
-    let copied = target().join(name);
+    let copied = crates_target().join(name);
     for name in made {
         let _ = fs::remove_dir_all(copied.join("partitions").join(name));
     }
@@ -172,7 +118,7 @@ fn program_of_the_page_is_what_can_be_made_of_a_new_partition_and_does_what_the_
     // Another version: the two copies are built in one folder, where their packages have to be told apart.
     change("Cargo.toml", &|text| {
         assert!(text.contains("\nversion = \"0.1.0\"\n"), "another version: correct this test");
-        text.replace("\nversion = \"0.1.0\"\n", "\nversion = \"0.1.0-page\"\n")
+        text.replace("version = \"0.1.0\"", "version = \"0.1.0-page\"")
     });
     // 1. The schedule file.
     let schedule = checkout.join("schedule.toml").to_str().unwrap().to_owned();

@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use bateleur_tests::{Ended, ORDINARY, Sketch, among_others, bateleur_as_ordinary};
+use bateleur_tests::{Ended, ORDINARY, Sketch, among_others, bateleur, bateleur_as_ordinary};
 
 fn sketch(attempt: &str, target: &str) -> Sketch {
     let port = "kind = \"sampling\", message = \"FunctionStatus\"";
@@ -67,4 +67,41 @@ fn partitions_of_an_ordinary_user_have_namespaces_and_a_read_only_file_system_of
         assert!(ended.faults().is_empty(), "{attempt}: {:#?}", ended.faults());
     }
     assert_eq!(std::fs::read_to_string(own).unwrap(), "of the user");
+}
+
+#[test]
+fn run_as_root_locks_no_user_out_of_his_folder() {
+    let _turn = among_others();
+    if !rustix::process::geteuid().is_root() {
+        eprintln!("skipped: needs root");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    std::os::unix::fs::chown(folder.path(), Some(ORDINARY), Some(ORDINARY)).unwrap();
+    let schedule = Sketch::new().partition("one", "counter", 500, "").write(folder.path());
+    let output = folder.path().join("target/runs/latest");
+    let run = [
+        "run",
+        "--schedule",
+        &schedule,
+        "--fast",
+        "--until",
+        "0.6",
+        "--record",
+        "--over",
+        "--output",
+        output.to_str().unwrap(),
+    ];
+    bateleur(&run).end().expect_code(0);
+    let windows = || std::fs::read_to_string(output.join("windows.csv")).unwrap();
+    let before = windows();
+    std::fs::write(output.join("windows.csv"), "root's").unwrap();
+    bateleur_as_ordinary(&run).end().expect_code(0);
+    assert_eq!(windows().lines().count(), before.lines().count());
+    assert!(output.join("health.ring.old").exists(), "what root's run left in the persistent log");
+    // Nothing is left that only root can take away.
+    for above in output.ancestors().take(3) {
+        use std::os::unix::fs::MetadataExt;
+        assert_eq!(std::fs::metadata(above).unwrap().uid(), ORDINARY, "{}", above.display());
+    }
 }

@@ -15,8 +15,7 @@ fn run(keys: &str, more: &[&str]) -> Ended {
 
 /// What `own` has reported.
 fn said(ended: &Ended) -> Vec<String> {
-    let lines = ended.stderr.lines().chain(ended.stdout.lines());
-    lines.filter_map(|line| Some(line.split_once("own: ")?.1.to_owned())).collect()
+    said_by(ended, "own")
 }
 
 #[test]
@@ -41,20 +40,116 @@ fn panic_of_one_process_is_its_error_handlers_and_the_others_go_on() {
 }
 
 #[test]
-fn thread_that_the_plan_does_not_count_is_refused_at_the_start() {
+fn partition_is_told_what_the_plan_says_of_it() {
     let _turn = among_others();
-    let ended = run("threads = 2", &["--fast"]);
-    assert!(
-        ended.stderr.contains("let `threads` of the plan count one for each process"),
-        "{}",
-        ended.stderr
-    );
+    let keys =
+        "identifier = 7\nperiod = \"20ms\"\nduration = \"2ms\"\nprocesses = 2\nattributes = { tells = true }";
+    let reports = said(&run(keys, &["--fast"]).expect_code(0));
+    assert_eq!(reports[..2], ["number 7, 2000 us in each 20000 us", "fast 0 at 20201000"], "{reports:#?}");
+    let reports = said(&run("processes = 2\nattributes = { tells = true }", &["--fast"]).expect_code(0));
+    assert_eq!(reports[0], "number 1, 2000 us in each 20000 us", "as its windows are");
+}
+
+#[test]
+fn process_that_the_plan_does_not_allow_is_refused_and_told_why() {
+    let _turn = among_others();
+    for (keys, why) in [
+        ("processes = 1", "the plan's `processes` allows 1"),
+        ("threads = 2", "the plan's `processes` allows 1"),
+        ("processes = 2\nstacks = \"300KiB\"", "the plan's `stacks` allows 307200 bytes together"),
+    ] {
+        let ended = run(keys, &["--fast"]);
+        let refused = ended.stderr.lines().find(|line| line.contains("process \"slow\": INVALID_CONFIG"));
+        assert!(refused.is_some_and(|line| line.ends_with(why)), "{keys}: {}", ended.stderr);
+    }
+}
+
+#[test]
+fn partition_that_sets_its_mode_is_started_again_as_often_as_it_likes_and_is_told_so() {
+    let _turn = among_others();
+    for mode in ["cold", "warm"] {
+        let restart = "restart = { start = \"warm\", budget = 2, within = \"10s\", then = \"idle\" }";
+        let keys = format!("threads = 4\n{restart}\nattributes = {{ again = \"{mode}\" }}");
+        let ended = run(&keys, &["--fast"]).expect_code(0);
+        let found: Vec<String> =
+            said(&ended).into_iter().filter(|line| line.starts_with("generation")).collect();
+        let expected: Vec<String> = (0..=8)
+            .map(|generation| match generation {
+                0 => "generation 0: NormalStart".to_owned(),
+                _ => format!("generation {generation}: PartitionRestart"),
+            })
+            .collect();
+        assert_eq!(found, expected, "{mode}: {}", ended.stderr);
+        let actions: Vec<String> = ended.faults().iter().map(|fault| fault.action.clone()).collect();
+        assert_eq!(actions, vec![format!("{mode}_restart"); 8]);
+    }
+}
+
+/// What can be seen of a partition of twenty processes that act at random, panic, and start their partition again.
+fn seen_of_a_hive() -> Vec<String> {
+    let folder = tempfile::tempdir().unwrap();
+    let keys =
+        "threads = 22\nrestart = { start = \"warm\", budget = 100, within = \"10s\", then = \"idle\" }";
+    let sketch = Sketch::new().partition("own", "hive", 4000, keys).partition("other", "counter", 1000, "");
+    let schedule = sketch.write(folder.path());
+    let ended = bateleur(&["run", "--fast", "--until", "2", "--schedule", &schedule]).end().expect_code(0);
+    // How long a window takes the machine is the machine's.
+    let windows = ended.windows().into_iter();
+    let windows =
+        windows.map(|window| format!("{} {:?} {}", window.partition, window.granted_ns, window.flags));
+    let faults = ended.faults().into_iter().map(|fault| format!("{fault:?}"));
+    said(&ended).into_iter().chain(windows).chain(faults).collect()
+}
+
+#[test]
+fn twenty_runs_of_many_processes_with_crashes_and_restarts_are_the_same_on_the_virtual_clock() {
+    let _turn = among_others();
+    let first = seen_of_a_hive();
+    let of = |what: &str| first.iter().filter(|line| line.contains(what)).count();
+    assert!(of(" step ") > 30 && of("own_request") >= 2, "{} {}", of(" step "), of("own_request"));
+    for run in 1..20 {
+        let again = seen_of_a_hive();
+        let differs = first.iter().zip(&again).find(|(one, other)| one != other);
+        assert!(first == again, "run {run}: {differs:?}, {} and {} lines", first.len(), again.len());
+    }
+}
+
+#[test]
+fn scn_33_idle_partition_moves_no_window_of_another() {
+    let _turn = among_others();
+    let others = |ended: &Ended| -> Vec<(u64, Option<u64>)> {
+        let windows = ended.windows();
+        let others = windows.iter().filter(|window| window.partition == "other");
+        others.map(|window| (window.planned_start_ns, window.granted_ns)).collect()
+    };
+    let idle = run("threads = 4\nattributes = { again = \"idle\" }", &["--fast"]).expect_code(0);
+    let both = run("threads = 3", &["--fast"]).expect_code(0);
+    let own = |window: &&bateleur_tests::Window| window.partition == "own" && window.granted_ns.is_some();
+    assert_eq!(idle.windows().iter().filter(own).count(), 1);
+    assert_eq!(others(&idle), others(&both));
+}
+
+#[test]
+fn partition_of_several_processes_can_not_stand_by() {
+    let _turn = among_others();
+    let ended = run("threads = 3\nstandby = \"hot\"", &["--fast"]);
+    assert!(ended.stderr.contains("can not stand by: take `standby` out of the plan"), "{}", ended.stderr);
 }
 
 #[test]
 fn on_the_wall_clock_a_process_that_computes_without_end_gives_every_window_back() {
     let _turn = alone();
-    let ended = run("threads = 4\nattributes = { computes = true }", &[]).expect_code(0);
+    assert_windows_are_given_back("threads = 4\nattributes = { computes = true }");
+}
+
+#[test]
+fn on_the_wall_clock_a_dozen_processes_that_compute_without_end_give_every_window_back() {
+    let _turn = alone();
+    assert_windows_are_given_back("threads = 15\nattributes = { many = 12 }");
+}
+
+fn assert_windows_are_given_back(keys: &str) {
+    let ended = run(keys, &[]).expect_code(0);
     let windows = ended.windows();
     let granted = windows.iter().filter(|window| window.partition == "own" && window.granted_ns.is_some());
     let (granted, closed) = granted.fold((0, 0), |(granted, closed), window| {
@@ -62,4 +157,58 @@ fn on_the_wall_clock_a_process_that_computes_without_end_gives_every_window_back
     });
     assert!(closed * 2 > granted, "{closed} of {granted} windows were closed");
     assert!(said(&ended).contains(&"slow has 75".to_owned()), "{:#?}", said(&ended));
+}
+
+/// One partition sends and the other receives, for two seconds.
+fn correspond(more: &[&str]) -> Ended {
+    let ports = |lines: &str| format!("threads = 3\n{lines}");
+    let sender = ports(
+        "attributes = { sends = true }\n[partition.own.port]\n\
+         out = { direction = \"source\", kind = \"queuing\", max_size = 64 }\n\
+         told = { direction = \"source\", kind = \"sampling\", message = \"FunctionStatus\" }",
+    );
+    let receiver = ports(
+        "[partition.other.port]\n\
+         in = { direction = \"destination\", kind = \"queuing\", max_size = 64, depth = 2 }\n\
+         silent = { direction = \"destination\", kind = \"queuing\", max_size = 64, depth = 2 }\n\
+         heard = { direction = \"destination\", kind = \"sampling\", message = \"FunctionStatus\", refresh = \"100ms\" }",
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let sketch = Sketch::new()
+        .table(&bateleur_tests::channel_between("own.out", "other.in"))
+        .table(&bateleur_tests::channel_between("own.told", "other.heard"))
+        .partition("own", "correspondent", 3000, &sender)
+        .partition("other", "correspondent", 3000, &receiver);
+    let schedule = sketch.write(folder.path());
+    bateleur(&[&["run", "--until", "2", "--schedule", &schedule], more].concat()).end().expect_code(0)
+}
+
+/// What a partition has reported.
+fn said_by(ended: &Ended, partition: &str) -> Vec<String> {
+    let lines = ended.stderr.lines().chain(ended.stdout.lines());
+    lines.filter_map(|line| Some(line.split_once(&format!("{partition}: "))?.1.to_owned())).collect()
+}
+
+#[test]
+fn messages_between_two_partitions_wait_for_room_and_arrive_whole_and_in_order_on_the_virtual_clock() {
+    let _turn = among_others();
+    let ended = correspond(&["--fast"]);
+    assert_eq!(said_by(&ended, "own"), ["full: Err(NotAvailable)"]);
+    let received = said_by(&ended, "other");
+    let messages = received.iter().filter(|line| line.contains("messages at")).count();
+    assert!(messages >= 3 && !received.iter().any(|line| line.contains(" is [")), "{received:#?}");
+    assert!(received.contains(&"20. Err(TimedOut), heard true".to_owned()), "{received:#?}");
+    assert_eq!(said_by(&correspond(&["--fast"]), "other"), received, "another run");
+}
+
+#[test]
+fn messages_between_two_partitions_wait_for_room_and_arrive_whole_and_in_order_on_the_wall_clock() {
+    let _turn = alone();
+    let ended = correspond(&[]);
+    let sent = said_by(&ended, "own");
+    assert!(sent.contains(&"full: Err(NotAvailable)".to_owned()), "{sent:#?}");
+    let received = said_by(&ended, "other");
+    let messages = received.iter().filter(|line| line.contains("messages at")).count();
+    assert!(messages >= 2 && !received.iter().any(|line| line.contains(" is [")), "{received:#?}");
+    assert!(received.contains(&"20. Err(TimedOut), heard true".to_owned()), "{received:#?}");
 }

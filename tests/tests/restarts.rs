@@ -359,7 +359,7 @@ fn partition_whose_log_has_lost_its_folder_comes_back_without_a_log_and_that_is_
     let kills = ["--kill", "victim@2", "--kill", "victim@3"];
     let run = ["run", "--schedule", &schedule, "--until", "5"];
     let mut run = bateleur(&[&run[..], &kills].concat());
-    run.await_words("1 partitions are ready");
+    run.await_words("1 partition is ready");
     std::fs::remove_dir_all(run.folder().join("partitions")).unwrap();
     let ended = run.end().expect_code(1);
     assert_eq!(told(&ended), all(&[("killed", "cold_restart"), ("killed", "cold_restart")]));

@@ -62,6 +62,39 @@ fn partition_killed_between_windows_twice_five_seconds_apart_loses_none() {
 }
 
 #[test]
+fn order_and_death_in_the_log_are_of_one_incarnation() {
+    let _turn = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = Sketch::new().partition("kept", "warm", 500, KEPT).write(folder.path());
+    let mut module = bateleur(&["run", "--schedule", &schedule, "--until", "60"]);
+    module.await_words("1 partition is ready");
+    let pid = module.pid().to_string();
+    for (number, target) in ["kept", "kept", "kept.standby"].into_iter().enumerate() {
+        let standby_is_ready = || {
+            let said = bateleur(&["ps", "--format", "json", "--module", &pid]).end().expect_code(0).stdout;
+            said.contains("\"standby\": \"ready\"").then_some(())
+        };
+        await_some(std::time::Duration::from_secs(20), standby_is_ready).expect("a standby");
+        bateleur(&["kill", target, "--module", &pid]).end().expect_code(0);
+        let deaths = || {
+            let log = std::fs::read_to_string(module.folder().join("health.jsonl")).unwrap_or_default();
+            (log.matches("ended by SIGKILL").count() > number).then_some(())
+        };
+        await_some(std::time::Duration::from_secs(20), deaths).expect("its death");
+    }
+    module.signal(rustix::process::Signal::TERM);
+    let ended = module.end().expect_code(0);
+    let log = std::fs::read_to_string(ended.folder().join("health.jsonl")).unwrap();
+    let lines: Vec<Value> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let of = |error: &str| -> Vec<(u64, u64)> {
+        let these = lines.iter().filter(|line| line["error"] == error);
+        these.map(|line| (line["time_ns"].as_u64().unwrap(), line["generation"].as_u64().unwrap())).collect()
+    };
+    assert_eq!(of("order").len(), 3, "{log}");
+    assert_eq!(of("order"), of("killed"), "{log}");
+}
+
+#[test]
 fn partition_killed_together_with_its_standby_is_started_anew_and_gets_another_standby() {
     let _turn = among_others();
     let kills = ["--kill", "kept.standby@1", "--kill", "kept@1", "--kill", "kept@2"];
@@ -177,7 +210,7 @@ fn partition_killed_from_outside_on_the_wall_clock_misses_two_windows_at_most_ea
     let folder = tempfile::tempdir().unwrap();
     let schedule = Sketch::new().partition("kept", "warm", 500, KEPT).write(folder.path());
     let mut running = bateleur(&["run", "--schedule", &schedule, "--until", "8"]);
-    running.await_words("1 partitions are ready");
+    running.await_words("1 partition is ready");
     for kill in 1..=3 {
         std::thread::sleep(std::time::Duration::from_millis(1_500));
         let find = |name: &str| children_of(running.pid()).into_iter().find(|process| process.name == name);

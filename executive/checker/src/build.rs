@@ -6,9 +6,10 @@ use std::collections::BTreeMap;
 
 use super::MessageCatalogue;
 use super::closed::{
-    ChangeAction, Direction, ErrorLevel, Exhausted, Kind, ModuleClock, PartitionAction, PartitionError,
-    PartitionState, StartMode, SystemCalls, Transport,
+    ChangeAction, Direction, ErrorLevel, Kind, PartitionAction, PartitionError, PartitionState, StartMode,
+    SystemCalls,
 };
+use super::defaults;
 use super::links;
 use super::model::{
     Address, Chain, Channel, ChannelId, Health, HealthLog, Levels, Link, Module, ModuleHealth, ModuleId,
@@ -16,76 +17,29 @@ use super::model::{
     Reset, Restart, Role, Schedule, ScheduleId, Window, default_level, default_module_action,
     default_partition_action,
 };
-use super::names::Names;
+use super::names::{Names, full_path};
+use super::processes::{self, Windows};
 use super::raw::{
     Answer, Numbers, RawFile, RawLink, RawModule, RawPartition, RawPort, RawSchedule, RawWindow,
 };
 use super::reader::{At, Bytes, Nanoseconds, Permission, Word};
-use super::rules::chains;
-
-/// What holds where the file says nothing.
-pub(super) mod defaults {
-    use super::super::closed::LogPolicy;
-    use super::{Exhausted, ModuleClock, StartMode, Transport};
-
-    /// One thread: a partition has one window loop.
-    pub(crate) const THREADS: u32 = 1;
-    /// Long enough for a debug build on a slow disk; a partition that hangs holds up the start for no longer.
-    pub(crate) const STARTUP_TIMEOUT_NS: u64 = 5_000_000_000;
-    /// Above every ordinary real-time thread of the system's own, below the dispatcher's 98.
-    pub(crate) const PRIORITY: u32 = 40;
-    /// A partition promises nothing about retained memory unless it says so.
-    pub(crate) const START: StartMode = StartMode::Cold;
-    /// With [`WITHIN_NS`]: enough for a passing fault, too few for a restart loop to go unseen.
-    pub(crate) const BUDGET: u32 = 5;
-    /// See [`BUDGET`].
-    pub(crate) const WITHIN_NS: u64 = 10_000_000_000;
-    /// The windows stay, so that nobody else's time changes.
-    pub(crate) const THEN: Exhausted = Exhausted::Idle;
-    /// About what starting a process takes; in virtual time it must be the same on every machine.
-    pub(crate) const STARTUP_NS: u64 = 20_000_000;
-    /// Half a second at 50 windows a second: long enough not to be a hiccup, short enough to fly through.
-    pub(crate) const SILENCE_WINDOWS: u32 = 25;
-    /// Several windows of 0.5 to 2 ms are lost or cut short by then: no noise of a machine that carries its schedule.
-    pub(crate) const LATE_AFTER_NS: u64 = 5_000_000;
-    /// With [`RESET_WITHIN_NS`]: a fault that a reset mends does not come back so soon.
-    pub(crate) const RESET_BUDGET: u32 = 2;
-    /// See [`RESET_BUDGET`].
-    pub(crate) const RESET_WITHIN_NS: u64 = 60_000_000_000;
-    /// About what a module of ten partitions takes; in virtual time it must be the same on every machine.
-    pub(crate) const RESET_STARTUP_NS: u64 = 200_000_000;
-    /// A thousand records: what a bad day leaves.
-    pub(crate) const HEALTH_LOG_BYTES: u64 = 256 << 10;
-    /// Several times what a switch and two network stacks take when nothing else is on the way.
-    pub(crate) const NETWORK_LATENCY_NS: u64 = 1_000_000;
-    /// A tenth of the shortest windows' distance in the plans here: beyond it a value may miss the window it was meant for.
-    pub(crate) const FOLLOWS_WITHIN_NS: u64 = 1_000_000;
-    /// What an Ethernet frame of 1500 bytes holds behind the headers of IPv6 and UDP: nobody on the way has to split it.
-    pub(crate) const MAX_BYTES: u32 = 1452;
-    /// Copies are sent at once: what is further apart than two such networks can be is no copy.
-    pub(crate) const SKEW_NS: u64 = 2_000_000;
-    /// Five windows of a relay that runs 50 times in a second.
-    pub(crate) const LOST_AFTER_NS: u64 = 100_000_000;
-    /// What every machine has.
-    pub(crate) const TRANSPORT: Transport = Transport::Udp;
-    pub(crate) const CLOCK: ModuleClock = ModuleClock::Monotonic;
-    /// What happened last explains an end.
-    pub(crate) const HEALTH_LOG_POLICY: LogPolicy = LogPolicy::Overwrite;
-}
+use bateleur_plan::Processes;
 
 /// Builds the plan; nothing if a rule has let through what it must not.
 pub(super) fn plan(file: &RawFile, names: &Names, catalogue: &dyn MessageCatalogue) -> Option<Plan> {
     let builder = Builder { file, names, catalogue };
+    let schedules: Vec<Schedule> =
+        file.schedules.iter().map(|raw| builder.schedule(raw)).collect::<Option<_>>()?;
     Some(Plan {
         modules: file.modules.iter().map(|raw| builder.module(raw)).collect::<Option<_>>()?,
         networks: builder.networks()?,
         links: file.links.iter().map(|raw| builder.link(raw)).collect::<Option<_>>()?,
-        partitions: builder.partitions()?,
+        partitions: builder.partitions(&schedules)?,
         ports: builder.ports()?,
         messages: builder.messages(),
         channels: builder.channels()?,
         chains: builder.chains()?,
-        schedules: file.schedules.iter().map(|raw| builder.schedule(raw)).collect::<Option<_>>()?,
+        schedules,
         health: builder.health(),
     })
 }
@@ -168,6 +122,7 @@ impl Builder<'_> {
                     layout: self.catalogue.layout_of(links::STATUS_MESSAGE),
                 },
                 channel: None,
+                optional: false,
             }))
         });
         ports.chain(status).collect()
@@ -182,12 +137,17 @@ impl Builder<'_> {
         named.chain(relays).filter_map(known).collect()
     }
 
-    fn partitions(&self) -> Option<Vec<Partition>> {
-        let all = self.file.partitions.iter().enumerate();
-        all.map(|(place, raw)| self.partition(place, raw)).collect()
+    fn partitions(&self, schedules: &[Schedule]) -> Option<Vec<Partition>> {
+        let identifiers = processes::identifiers(self.file);
+        let all = self.file.partitions.iter().enumerate().zip(identifiers);
+        all.map(|((place, raw), identifier)| {
+            let processes = processes::of(raw, identifier, &rhythm_of(PartitionId(place), schedules))?;
+            self.partition(place, raw, processes)
+        })
+        .collect()
     }
 
-    fn partition(&self, place: usize, raw: &RawPartition) -> Option<Partition> {
+    fn partition(&self, place: usize, raw: &RawPartition, processes: Processes) -> Option<Partition> {
         let ports = self.file.ports.iter().enumerate().filter(|(_, port)| port.partition == place);
         let devices = raw.devices.or(Vec::new())?;
         Some(Partition {
@@ -195,7 +155,8 @@ impl Builder<'_> {
             program: raw.program.get()?,
             module: ModuleId(self.names.module_of(self.file, place)?),
             memory_bytes: raw.memory.get()?.0,
-            threads: raw.threads.or(defaults::THREADS)?,
+            threads: processes::threads(raw)?,
+            processes,
             restart: restart(raw)?,
             standby: raw.standby.get().map(|word| word.0),
             startup_timeout_ns: raw.startup_timeout.or(Nanoseconds(defaults::STARTUP_TIMEOUT_NS))?.0,
@@ -245,6 +206,7 @@ impl Builder<'_> {
             partition: PartitionId(raw.partition),
             role: role(raw)?,
             payload: self.payload(raw)?,
+            optional: raw.optional.or(false)?,
             channel: self.names.channel_of(place).map(ChannelId),
         })
     }
@@ -271,7 +233,7 @@ impl Builder<'_> {
 
     fn chains(&self) -> Option<Vec<Chain>> {
         let chain = |raw: &super::raw::RawChain| {
-            let path = chains::full_path(self.file, self.names, raw).ok()?;
+            let path = full_path(self.file, self.names, raw).ok()?;
             let path = path.into_iter().map(PortId).collect();
             Some(Chain { name: raw.name.get()?, path, max_age_ns: raw.max_age.get()?.0 })
         };
@@ -338,6 +300,17 @@ impl Builder<'_> {
             },
         }
     }
+}
+
+/// The windows of a partition in the schedule that decides about its periods.
+fn rhythm_of(partition: PartitionId, schedules: &[Schedule]) -> Windows {
+    let windows = |schedule: &Schedule| {
+        let mut windows = schedule.occurrences(partition);
+        windows.sort_unstable();
+        Windows { windows, major_ns: schedule.major_frame_ns }
+    };
+    let initial = schedules.iter().filter(|schedule| schedule.initial);
+    processes::deciding(initial.chain(schedules).map(windows))
 }
 
 fn nanoseconds(said: &Option<At<Nanoseconds>>, otherwise: u64) -> u64 {

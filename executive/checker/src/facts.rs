@@ -9,6 +9,7 @@ use super::closed::Direction;
 use super::latency::{self, Station, Visit};
 use super::links::{self, LinkCost};
 use super::model::{Chain, ModuleId, PartitionId, Plan, Schedule, ScheduleId};
+use super::responses::{self, ProcessResponse};
 use super::timeline::{CoreTimeline, Timeline};
 
 /// What follows from a plan.
@@ -31,6 +32,9 @@ pub struct ScheduleFacts {
     pub chains: Vec<ChainAge>,
     /// What each link costs each of its ends.
     pub links: Vec<LinkCost>,
+    /// When each process whose times the file says is done at worst.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub responses: Vec<ProcessResponse>,
 }
 
 /// How full a core is.
@@ -133,6 +137,7 @@ impl ScheduleFacts {
             cores: cores.collect(),
             chains: chains.collect(),
             links: links::costs(plan, &plan[schedule]),
+            responses: responses::of_schedule(plan, &plan[schedule]),
         }
     }
 }

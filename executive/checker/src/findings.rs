@@ -3,8 +3,9 @@
 use std::cell::RefCell;
 use std::ops::Range;
 
+use serde_json::Value;
+
 use super::catalogue::Rule;
-use super::reader::Key;
 use super::report::{Place, Related, Severity, Violation};
 
 /// A stretch of the source, in bytes.
@@ -40,20 +41,47 @@ impl Finding {
     }
 }
 
+/// A key that a table was asked for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Key {
+    pub(super) name: &'static str,
+    pub(super) required: bool,
+    pub(super) under: Under,
+}
+
+/// What belongs under a key.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Under {
+    /// A value with this JSON schema.
+    Value(fn() -> Value),
+    /// A table, or entries with names of their own.
+    Table,
+    /// A list of tables.
+    Tables,
+}
+
 /// A table and the keys that it was asked for.
 type TableKeys = (String, Vec<Key>);
 
 /// Everything found so far in one source.
 pub(super) struct Findings<'a> {
     text: &'a str,
+    /// The tables that know a key of this name.
+    tables_with: fn(&str) -> Vec<String>,
     list: RefCell<Vec<Violation>>,
     /// What each table was asked for, where somebody wants to know.
     keys: Option<RefCell<Vec<TableKeys>>>,
 }
 
 impl<'a> Findings<'a> {
-    pub(super) fn new(text: &'a str) -> Self {
-        Self { text, list: RefCell::default(), keys: None }
+    /// In `text`; `tables_with` gives the tables that know a key, for messages.
+    pub(super) fn new(text: &'a str, tables_with: fn(&str) -> Vec<String>) -> Self {
+        Self { text, tables_with, list: RefCell::default(), keys: None }
+    }
+
+    /// The tables that know a key of this name, as messages call them.
+    pub(super) fn tables_with(&self, key: &str) -> Vec<String> {
+        (self.tables_with)(key)
     }
 
     /// What stands at a place of the source.
@@ -63,12 +91,12 @@ impl<'a> Findings<'a> {
 
     /// For what is only tried: the same source, and nothing found in it.
     pub(super) fn aside(&self) -> Self {
-        Self::new(self.text)
+        Self::new(self.text, self.tables_with)
     }
 
     /// The same, which also keeps what each table is asked for.
     pub(super) fn with_keys(text: &'a str) -> Self {
-        Self { keys: Some(RefCell::default()), ..Self::new(text) }
+        Self { keys: Some(RefCell::default()), ..Self::new(text, |_| Vec::new()) }
     }
 
     /// A table has been read: all that it was asked for.

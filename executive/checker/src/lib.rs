@@ -9,16 +9,20 @@
 mod build;
 mod catalogue;
 mod cycle;
+mod defaults;
 pub mod facts;
 mod findings;
 mod latency;
 pub mod links;
 mod names;
 pub mod planner;
+mod processes;
 mod raw;
 mod reader;
 mod relays;
 pub mod report;
+mod response;
+mod responses;
 mod rules;
 mod sarif;
 mod schema;
@@ -27,6 +31,7 @@ pub use catalogue::{RULES, Rule};
 pub use facts::Facts;
 pub use latency::Visit;
 pub use report::{Place, Related, Report, Severity, Violation};
+pub use responses::ProcessResponse;
 pub use schema::schema;
 
 use bateleur_plan::{Plan, closed, model, timeline, units};
@@ -111,7 +116,7 @@ pub fn check_among(
     text: &str,
     surroundings: &Surroundings<'_>,
 ) -> Result<(Plan, Report), Report> {
-    let findings = Findings::new(text);
+    let findings = Findings::new(text, schema::tables_with);
     let plan = read(text, surroundings, &findings);
     let report = Report::new(source_name, text, findings.into_violations());
     match plan {

@@ -2,7 +2,8 @@
 
 use std::collections::HashMap;
 
-use super::raw::{RawFile, RawLink, RawPort, RawWindow};
+use super::closed::Direction;
+use super::raw::{RawChain, RawChannel, RawFile, RawLink, RawPort, RawWindow};
 
 /// Where each name stands in the file.
 pub(super) struct Names {
@@ -116,4 +117,58 @@ pub(super) fn port_path(file: &RawFile, port: &RawPort) -> String {
 
 fn places(names: impl Iterator<Item = String>) -> HashMap<String, usize> {
     names.enumerate().map(|(place, name)| (name, place)).collect()
+}
+
+/// Why a path is not one.
+pub(super) enum Gap {
+    /// A port is not known, which another rule reports.
+    Unknown,
+    /// Nothing leads from the port at this place of the written path to the one after.
+    After(usize),
+}
+
+/// Every port of a chain, also those that the file leaves out.
+pub(super) fn full_path(file: &RawFile, names: &Names, chain: &RawChain) -> Result<Vec<usize>, Gap> {
+    let said = chain.path.said().ok_or(Gap::Unknown)?.value.iter();
+    let ports =
+        said.map(|port| names.port(&port.value)).collect::<Option<Vec<usize>>>().ok_or(Gap::Unknown)?;
+    let mut path: Vec<usize> = ports.first().copied().into_iter().collect();
+    for (place, step) in ports.windows(2).enumerate() {
+        path.extend(between(file, names, step[0], step[1]).ok_or(Gap::After(place))?);
+        path.push(step[1]);
+    }
+    Ok(path)
+}
+
+/// The ports left out between two ports of a path; nothing if there is no way.
+fn between(file: &RawFile, names: &Names, from: usize, to: usize) -> Option<Option<usize>> {
+    let direction = |port: usize| file.ports[port].direction.get().map(|word| word.0);
+    let owner = |port: usize| file.ports[port].partition;
+    match (direction(from)?, direction(to)?) {
+        (Direction::Destination, Direction::Source) => (owner(from) == owner(to)).then_some(None),
+        (Direction::Source, Direction::Destination) => {
+            destinations(file, names, from).contains(&to).then_some(None)
+        }
+        (Direction::Source, Direction::Source) => {
+            destinations(file, names, from).into_iter().find(|&port| owner(port) == owner(to)).map(Some)
+        }
+        (Direction::Destination, Direction::Destination) => {
+            let source = source(file, names, to)?;
+            (owner(from) == owner(source)).then_some(Some(source))
+        }
+    }
+}
+
+/// The ports that a source port reaches.
+pub(super) fn destinations(file: &RawFile, names: &Names, source: usize) -> Vec<usize> {
+    let path = port_path(file, &file.ports[source]);
+    let mine = |channel: &&RawChannel| channel.source.said().is_some_and(|said| said.value == path);
+    let lists = file.channels.iter().filter(mine).filter_map(|channel| channel.destinations.said());
+    lists.flat_map(|list| list.value.iter().filter_map(|port| names.port(&port.value))).collect()
+}
+
+/// The port that feeds a destination port.
+fn source(file: &RawFile, names: &Names, destination: usize) -> Option<usize> {
+    let channel = &file.channels[names.channel_of(destination)?];
+    names.port(&channel.source.said()?.value).filter(|&port| port != destination)
 }

@@ -7,8 +7,8 @@
 //! It never asks a clock or chance: the same request gives the same schedule.
 
 use super::latency::{self, Station, Windows};
-use super::rules::{MOST_MINOR_FRAMES, MOST_WINDOWS};
 use super::units::ShowTime;
+use bateleur_plan::bounds::{MOST_MINOR_FRAMES, MOST_WINDOWS};
 
 /// What one partition needs.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -47,6 +47,8 @@ pub struct Request {
     pub chains: Vec<Bound>,
     /// The minor frame, ns; `None`: the shortest period.
     pub minor_frame_ns: Option<u64>,
+    /// The major frame, ns; `None`: the shortest in which every period fits.
+    pub major_frame_ns: Option<u64>,
     /// What stays free between two windows of a core, ns.
     pub gap_ns: u64,
 }
@@ -97,6 +99,14 @@ pub enum Impossible {
         MOST_MINOR_FRAMES
     )]
     MajorTooLong,
+    /// The major frame that is asked for does not hold every period.
+    #[error("a major frame of {} is no multiple of {}, in which the minor frame and every period fit", ShowTime(*.major_ns), ShowTime(*.least_ns))]
+    MajorFrame {
+        /// What is asked for.
+        major_ns: u64,
+        /// The shortest one.
+        least_ns: u64,
+    },
     /// A window recurs more often in the major frame than any core could have windows.
     #[error("`{name}` would have {count} windows in the major frame of {}, and {MOST_WINDOWS} is the most of a core: ask for a longer period, or for a shorter minor frame", ShowTime(*.major_ns))]
     TooManyWindows {
@@ -233,6 +243,13 @@ impl Frames {
             }
             count = common_multiple(count, (period_ns / minor_ns).max(1)).ok_or(Impossible::MajorTooLong)?;
         }
+        if let Some(major_ns) = request.major_frame_ns {
+            let least_ns = minor_ns.checked_mul(count).ok_or(Impossible::MajorTooLong)?;
+            if major_ns == 0 || !major_ns.is_multiple_of(least_ns) {
+                return Err(Impossible::MajorFrame { major_ns, least_ns });
+            }
+            count = major_ns / minor_ns;
+        }
         let too_long = count > MOST_MINOR_FRAMES || minor_ns.checked_mul(count).is_none();
         if too_long { Err(Impossible::MajorTooLong) } else { Ok(Self { minor_ns, count }) }
     }
@@ -257,7 +274,7 @@ impl Frames {
     }
 }
 
-fn common_divisor(a: u64, b: u64) -> u64 {
+pub(super) fn common_divisor(a: u64, b: u64) -> u64 {
     if b == 0 { a } else { common_divisor(b, a % b) }
 }
 

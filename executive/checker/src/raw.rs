@@ -75,6 +75,12 @@ pub(super) struct RawPartition {
     pub(super) module: Field<String>,
     pub(super) memory: Field<Bytes>,
     pub(super) threads: Field<u32>,
+    pub(super) identifier: Field<u32>,
+    pub(super) period: Field<Nanoseconds>,
+    pub(super) duration: Field<Nanoseconds>,
+    pub(super) processes: Field<u32>,
+    pub(super) stacks: Field<Bytes>,
+    pub(super) declared: Vec<RawProcess>,
     pub(super) restart: RawRestart,
     pub(super) standby: Field<Word<Standby>>,
     pub(super) startup_timeout: Field<Nanoseconds>,
@@ -89,6 +95,14 @@ pub(super) struct RawPartition {
     pub(super) health: Vec<Answer<PartitionError, PartitionAction>>,
     pub(super) error_handler: Field<bool>,
     pub(super) health_texts: Field<bool>,
+}
+
+pub(super) struct RawProcess {
+    pub(super) name: At<String>,
+    pub(super) priority: Field<u32>,
+    pub(super) period: Field<Nanoseconds>,
+    pub(super) deadline: Field<Nanoseconds>,
+    pub(super) wcet: Field<Nanoseconds>,
 }
 
 pub(super) struct RawRestart {
@@ -109,6 +123,7 @@ pub(super) struct RawPort {
     pub(super) max_size: Field<u32>,
     pub(super) refresh: Field<Nanoseconds>,
     pub(super) depth: Field<u32>,
+    pub(super) optional: Field<bool>,
 }
 
 pub(super) struct RawChannel {
@@ -335,6 +350,12 @@ impl RawPartition {
             module: table.required("module", &beside.module()),
             memory: table.required("memory", "\"32MiB\""),
             threads: table.optional("threads"),
+            identifier: table.optional("identifier"),
+            period: table.optional("period"),
+            duration: table.optional("duration"),
+            processes: table.optional("processes"),
+            stacks: table.optional("stacks"),
+            declared: RawProcess::all(&mut table, findings),
             restart: RawRestart::read(table.table("restart"), findings),
             standby: table.optional("standby"),
             startup_timeout: table.optional("startup_timeout"),
@@ -368,6 +389,26 @@ impl RawPartition {
     }
 }
 
+impl RawProcess {
+    /// Those of a partition's table.
+    fn all(partition: &mut TableReader<'_, '_>, findings: &Findings<'_>) -> Vec<Self> {
+        let entries = partition.entries("process").into_iter();
+        let read = |entry: Entry<'_, '_>| {
+            let mut table = named("process", &entry, findings)?;
+            let process = Self {
+                name: entry.0,
+                priority: table.required("priority", "20"),
+                period: table.optional("period"),
+                deadline: table.optional("deadline"),
+                wcet: table.required("wcet", "\"1ms\""),
+            };
+            table.finish();
+            Some(process)
+        };
+        entries.filter_map(read).collect()
+    }
+}
+
 impl RawRestart {
     fn read(table: Option<(&DeTable<'_>, Span)>, findings: &Findings<'_>) -> Self {
         let empty = DeTable::new();
@@ -397,6 +438,7 @@ impl RawPort {
             max_size: table.optional("max_size"),
             refresh: table.optional("refresh"),
             depth: table.optional("depth"),
+            optional: table.optional("optional"),
         };
         table.finish();
         Some(port)
@@ -703,7 +745,7 @@ mod tests {
     #[test]
     fn tables_are_read_in_the_order_of_the_file() {
         let text = "[module.z]\ncores = [1]\n[module.a]\ncores = [2]\n";
-        let findings = Findings::new(text);
+        let findings = Findings::new(text, |_| Vec::new());
         let document = parse(text, &findings).unwrap();
         let file = RawFile::read(document.get_ref(), &findings);
         let names: Vec<&str> = file.modules.iter().map(|module| module.name.value.as_str()).collect();

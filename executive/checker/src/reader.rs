@@ -12,9 +12,8 @@ use toml::de::{DeInteger, DeTable, DeValue};
 
 use super::catalogue;
 use super::closed::Closed;
-use super::findings::{Finding, Findings, Span};
+use super::findings::{Finding, Findings, Key, Span, Under};
 use super::model::Attribute;
-use super::schema;
 use super::units::{self, QuantityError};
 use bateleur_plan::words::{did_you_mean, listed, nearest};
 
@@ -72,25 +71,6 @@ pub(super) trait FromToml: Sized {
 
     /// The same as a JSON schema: it may let through what the reader refuses, and never the other way round.
     fn schema() -> Value;
-}
-
-/// A key that a table was asked for.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Key {
-    pub(super) name: &'static str,
-    pub(super) required: bool,
-    pub(super) under: Under,
-}
-
-/// What belongs under a key.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Under {
-    /// A value with this JSON schema.
-    Value(fn() -> Value),
-    /// A table, or entries with names of their own.
-    Table,
-    /// A list of tables.
-    Tables,
 }
 
 /// One table on its way to a raw type.
@@ -209,7 +189,7 @@ impl<'r, 'i> TableReader<'r, 'i> {
             meant.extend(near);
             let mend = mend_of(&key.value).or_else(|| match near {
                 Some(_) => None,
-                None => belongs_to(&key.value),
+                None => belongs_to(&key.value, self.findings),
             });
             let mend = mend.unwrap_or_else(|| did_you_mean(&key.value, names()));
             self.findings.add(Finding::new(&catalogue::UNKNOWN_KEY, &key.span, message, mend));
@@ -232,8 +212,8 @@ impl<'r, 'i> TableReader<'r, 'i> {
 }
 
 /// Where a key belongs that a table does not know; nothing if no other does.
-fn belongs_to(key: &str) -> Option<String> {
-    let tables = schema::tables_with(key);
+fn belongs_to(key: &str, findings: &Findings<'_>) -> Option<String> {
+    let tables = findings.tables_with(key);
     let named = tables.iter().map(|table| match table.starts_with("the ") || table.starts_with('`') {
         true => table.clone(),
         false => format!("a {table}"),

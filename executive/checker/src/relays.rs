@@ -79,6 +79,12 @@ fn relay(name: At<String>, module: At<String>) -> RawPartition {
         module: Field::Said(module),
         memory: Field::Said(At { value: Bytes(MEMORY_BYTES), span: span.clone() }),
         threads: Field::Absent,
+        identifier: Field::Absent,
+        period: Field::Absent,
+        duration: Field::Absent,
+        processes: Field::Absent,
+        stacks: Field::Absent,
+        declared: Vec::new(),
         restart: RawRestart {
             start: Field::Absent,
             budget: Field::Absent,

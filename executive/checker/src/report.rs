@@ -78,6 +78,13 @@ impl Report {
         &self.violations
     }
 
+    /// The report of some of the violations; `None`: there is none of these.
+    #[must_use]
+    pub fn only(self, wanted: impl Fn(&Violation) -> bool) -> Option<Self> {
+        let violations: Vec<Violation> = self.violations.into_iter().filter(wanted).collect();
+        (!violations.is_empty()).then_some(Self { violations, ..self })
+    }
+
     /// How many violations forbid a plan.
     #[must_use]
     pub fn errors(&self) -> usize {
@@ -155,12 +162,6 @@ impl Report {
     pub fn render_first(&self, color: bool) -> String {
         let renderer = if color { Renderer::styled() } else { Renderer::plain() };
         self.violations.first().map_or_else(String::new, |violation| self.render_one(violation, &renderer))
-    }
-
-    /// The report as SARIF 2.1.0, for tools that show findings beside the source.
-    #[must_use]
-    pub fn to_sarif(&self) -> Value {
-        super::sarif::document(self)
     }
 
     /// The report for programs.

@@ -10,8 +10,16 @@ use super::report::{Place, Report, Severity, Violation};
 const SCHEMA: &str =
     "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json";
 
+impl Report {
+    /// The report as SARIF 2.1.0, for tools that show findings beside the source.
+    #[must_use]
+    pub fn to_sarif(&self) -> Value {
+        document(self)
+    }
+}
+
 /// The whole document: one run with every rule and every finding.
-pub(super) fn document(report: &Report) -> Value {
+fn document(report: &Report) -> Value {
     json!({
         "$schema": SCHEMA,
         "version": "2.1.0",

@@ -12,16 +12,16 @@ use super::closed::{
     ChangeAction, Closed, ErrorLevel, ModuleAction, ModuleError, PartitionAction, PartitionError,
     PartitionState,
 };
-use super::findings::Findings;
+use super::findings::{Findings, Key, Under};
 use super::raw::{self, RawFile};
-use super::reader::{FromToml, Key, Under, one_of_the_words};
+use super::reader::{FromToml, one_of_the_words};
 
 /// A file with one table of each kind.
 const PROBE: &str = "
 module.x = { addresses = {} }
 network.x = {}
 link.x = {}
-partition.x = { restart = {}, port.x = {}, health = {} }
+partition.x = { restart = {}, process.x = {}, port.x = {}, health = {} }
 channel = [{}]
 chain = [{}]
 schedule.x = { window = [{}], change_action = {} }
@@ -47,6 +47,7 @@ const NETWORK: &str = "network `x`";
 const LINK: &str = "link `x`";
 const PARTITION: &str = "partition `x`";
 const RESTART: &str = "`restart`";
+const PROCESS: &str = "process `x`";
 const PORT: &str = "port `x`";
 const CHANNEL: &str = "channel";
 const CHAIN: &str = "chain";
@@ -67,6 +68,7 @@ const INNER: &[(&str, &str, Inner)] = &[
     (FILE, "schedule", Inner::Named(SCHEDULE)),
     (FILE, "health", Inner::Plain(HEALTH)),
     (PARTITION, "restart", Inner::Plain(RESTART)),
+    (PARTITION, "process", Inner::Named(PROCESS)),
     (PARTITION, "port", Inner::Named(PORT)),
     (PARTITION, "health", Inner::Words(answers::<PartitionError, PartitionAction>)),
     (SCHEDULE, "window", Inner::Plain(WINDOW)),
@@ -125,6 +127,24 @@ const DESCRIPTIONS: &[Described] = &[
     (PARTITION, "module", "The module that it runs in."),
     (PARTITION, "memory", "The most memory that it may have, such as \"32MiB\"."),
     (PARTITION, "threads", "The most threads that it may have."),
+    (PARTITION, "identifier", "Its number in its module; the lowest that is free if not said."),
+    (
+        PARTITION,
+        "period",
+        "From one release point of its processes to the next; as its windows recur if not said.",
+    ),
+    (PARTITION, "duration", "The time that it has in each period; what its windows give if not said."),
+    (PARTITION, "processes", "The most ARINC 653 processes that it may create."),
+    (PARTITION, "process", "Processes with their worst-case execution times, by name."),
+    (PROCESS, "priority", "1 to 239, the highest is the most urgent."),
+    (
+        PROCESS,
+        "period",
+        "From one release to the next, a multiple of the partition's; without it, it is not periodic.",
+    ),
+    (PROCESS, "deadline", "From a release until it must be done."),
+    (PROCESS, "wcet", "The longest time that it computes after a release."),
+    (PARTITION, "stacks", "The most memory of its processes' stacks together, such as \"1MiB\"."),
     (PARTITION, "restart", "How, and how often, it is started again."),
     (PARTITION, "standby", "What waits behind it, ready to take over; without it, nothing does."),
     (PARTITION, "startup_timeout", "The longest time from its start to its readiness."),
@@ -155,6 +175,7 @@ const DESCRIPTIONS: &[Described] = &[
     (PORT, "max_size", "The size of a message without a type, bytes."),
     (PORT, "refresh", "The age up to which a sampling destination is valid."),
     (PORT, "depth", "How many messages a queuing destination holds."),
+    (PORT, "optional", "Whether the program may leave it out."),
     (CHANNEL, "source", "The port that writes, as \"partition.port\"."),
     (CHANNEL, "destinations", "The ports that read, as \"partition.port\"."),
     (CHAIN, "name", "What reports call it."),

@@ -226,6 +226,13 @@ fn what_the_file_leaves_out_has_a_default() {
         (5, 10_000_000_000, 20_000_000)
     );
     assert_eq!(one.startup_timeout_ns, 5_000_000_000);
+    let told = &one.processes;
+    assert_eq!((told.identifier, told.most, told.stacks_bytes), (1, 0, one.memory_bytes));
+    assert_eq!(
+        (told.release_ns, told.period_ns, told.duration_ns),
+        (0, 10_000_000, 2_000_000),
+        "its windows"
+    );
     assert_eq!(plan.health.silence_windows, 25);
     assert!(plan.schedules[0].initial, "the only schedule is initial");
 }

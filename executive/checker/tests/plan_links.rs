@@ -52,7 +52,9 @@ fn functions(plan: &Plan) -> Value {
     let partitions = value["partitions"].as_array_mut().unwrap();
     partitions.retain(|partition| partition["relay"] == false);
     for partition in partitions {
-        partition.as_object_mut().unwrap().remove("module").unwrap();
+        let partition = partition.as_object_mut().unwrap();
+        partition.remove("module").unwrap();
+        partition.remove("processes").unwrap(); // their periods follow from windows, their numbers from modules
     }
     value["ports"].as_array_mut().unwrap().retain(|port| port["payload"]["message"]["name"] != "LinkStatus");
     for schedule in value["schedules"].as_array_mut().unwrap() {

@@ -86,6 +86,26 @@ fn mutations(n: usize, length: u64) -> Vec<(&'static str, String, String)> {
         one("R05-zero-time", tables("memory", "startup_timeout = \"0s\"\nmemory")),
         one("R07-standby-memory", tables("memory", "standby = \"hot\"\nmemory")),
         one("H10-standby-without-restart", tables("memory", &without_restart("standby = \"hot\"\nmemory"))),
+        one("R11-too-few-threads", tables("memory", "threads = 2\nprocesses = 2\nmemory")),
+        one("R12-stacks-too-large", tables("memory", "stacks = \"9MiB\"\nmemory")),
+        one("R14-processes-standby", tables("memory", "processes = 2\nstandby = \"hot\"\nmemory")),
+        one("T25-period-not-divisor", tables("memory", "period = \"30ms\"\nmemory")),
+        one("T27-duration-short", tables("memory", "duration = \"9ms\"\nmemory")),
+        one("T28-duration-exceeded", tables("memory", "duration = \"1us\"\nmemory")),
+        one("T29-period-without-window", tables("memory", "period = \"10ms\"\nmemory")),
+        one("A01-process-period", tables("memory", &process("period = \"30ms\", wcet = \"10us\""))),
+        one(
+            "A02-deadline-after-period",
+            tables("memory", &process("period = \"20ms\", deadline = \"21ms\", wcet = \"10us\"")),
+        ),
+        one(
+            "A04-response-too-late",
+            tables("memory", &process("period = \"20ms\", deadline = \"9us\", wcet = \"10us\"")),
+        ),
+        one(
+            "A05-response-unbounded",
+            tables("memory", &process("period = \"20ms\", deadline = \"20ms\", wcet = \"19ms\"")),
+        ),
         one("R06-program-missing", tables("program = \"", "program = \"nowhere/")),
         one("H11-illegal-level", levels("killed = \"process\"", "")),
         one("H12-process-without-handler", levels("port_error = \"process\"", "")),
@@ -106,6 +126,11 @@ fn mutations(n: usize, length: u64) -> Vec<(&'static str, String, String)> {
         one("S05-bad-duration", (format!("duration = \"{length}us\""), format!("duration = \"{length}\""))),
         one("T06-major-not-multiple", ("\"80ms\"".to_owned(), "\"81ms\"".to_owned())),
     ]
+}
+
+/// A process with these times, before the memory of its partition.
+fn process(times: &str) -> String {
+    format!("process = {{ only = {{ priority = 7, {times} }} }}\nmemory")
 }
 
 /// What stands before `rest` in a partition that nothing restarts.

@@ -65,6 +65,15 @@ fn every_bad_file_breaks_the_rules_that_it_announces_and_no_other() {
 }
 
 #[test]
+fn prt_08_channel_has_one_source_and_a_queue_one_destination() {
+    let file = repository().join("tests/schedule/channel_queuing_several_destinations.toml");
+    assert!(broken(&report_on(&file).1).contains("C05-queuing-several-destinations"));
+    // The table of a channel has one source: a second one is a second channel into the same port.
+    let file = repository().join("tests/schedule/channel_destination_twice.toml");
+    assert!(broken(&report_on(&file).1).contains("C06-destination-twice"));
+}
+
+#[test]
 fn every_rule_has_a_bad_file() {
     let reports: Vec<Report> = bad_files().iter().map(|path| report_on(path).1).collect();
     let found: BTreeSet<&str> = reports.iter().flat_map(broken).collect();

@@ -25,7 +25,14 @@ fn need(name: &str, period_ms: u64, duration_us: u64, cores: &[u32]) -> Need {
 }
 
 fn request(needs: Vec<Need>, chains: Vec<Bound>) -> Request {
-    Request { modules: vec!["fcu".to_owned()], needs, chains, minor_frame_ns: None, gap_ns: 0 }
+    Request {
+        modules: vec!["fcu".to_owned()],
+        needs,
+        chains,
+        minor_frame_ns: None,
+        major_frame_ns: None,
+        gap_ns: 0,
+    }
 }
 
 fn bound(stations: &[usize], max_age_us: u64) -> Bound {

@@ -10,6 +10,7 @@ mod printing;
 mod code;
 mod doctor;
 pub mod faults;
+pub mod hosts;
 mod observer;
 pub mod output;
 pub mod plan_file;
@@ -17,6 +18,7 @@ pub mod printed;
 mod recorder;
 pub mod said;
 pub mod setting;
+mod templates;
 mod verb;
 pub mod words;
 

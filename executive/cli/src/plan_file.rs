@@ -105,7 +105,7 @@ impl Programs for Folder<'_> {
             Ok(found) if found.permissions().mode() & 0o111 == 0 => {
                 Some(format!("{} is not executable", path.display()))
             }
-            Ok(_) => None,
+            Ok(_) => bateleur_host::programs::script(&path),
         }
     }
 }
@@ -204,14 +204,21 @@ pub fn compile(path: &Path, plan: &File, quiet: bool) -> Result<bool> {
     Ok(compiled.with_context(|| format!("{name} could not be compiled"))? == 0)
 }
 
+fn named_folder(text: &str) -> Option<String> {
+    let document = toml::de::DeTable::parse(text).ok()?;
+    Some(document.get_ref().get("messages")?.get_ref().as_str()?.to_owned())
+}
+
+/// The folder of message types beside a schedule file with this text, whether it is there or not.
+pub fn messages_folder(schedule: &Path, text: &str) -> PathBuf {
+    let folder = named_folder(text).unwrap_or_else(|| FOLDER.to_owned());
+    schedule.parent().map(Path::to_owned).unwrap_or_default().join(folder)
+}
+
 /// The folder of message types that a schedule file names. What a person wrote is taken apart without privileges; `scratch` is empty
 /// before and after.
 fn folder_named(text: &str, scratch: &File) -> Result<Option<String>> {
-    let named = |text: &str| {
-        let document = toml::de::DeTable::parse(text).ok()?;
-        Some(document.get_ref().get("messages")?.get_ref().as_str()?.to_owned())
-    };
-    privileges::without_privileges(|| match named(text) {
+    privileges::without_privileges(|| match named_folder(text) {
         Some(folder) if (&*scratch).write_all(folder.as_bytes()).is_ok() => 0,
         _ => 1,
     })?;

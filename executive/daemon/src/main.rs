@@ -13,27 +13,26 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use bateleur_daemon::module::{Options, run};
+use bateleur_contract::Mapped;
+use bateleur_daemon::module::{Options, Supervision, run};
 use bateleur_daemon::world::Companion;
+use bateleur_daemon::{SIGPWR, WRONG, supervisor};
 use bateleur_host::helper::{guard, remover};
 use bateleur_monitor::event::{Event, Events};
+use bateleur_monitor::lines::{LineLog, Patience, Sink};
 use bateleur_monitor::planned::not_reached;
-use bateleur_monitor::run_order::RunOrder;
+use bateleur_monitor::run_order::{RunOrder, Supervised};
 use bateleur_plan::Plan;
 use bateleur_plan::compiled::{Compiled, MOST_BYTES};
-use bateleur_system::privileges;
+use bateleur_system::{folders, privileges};
 use rustix::fs::{FlockOperation, flock};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 /// It ran, and nothing was wrong.
 const FINE: u8 = 0;
-/// It ran, and something was wrong.
-const WRONG: u8 = 1;
 /// It could not run.
 const CANNOT_RUN: u8 = 2;
 
-/// The supply is going: what a machine's guard sends to whoever shall save what it can. The same number on x86-64 and aarch64.
-const SIGPWR: i32 = 30;
 /// A file would grow beyond what this process may write (Linux, signal(7)). Such a write fails then, and costs records and not the module.
 const SIGXFSZ: i32 = 25;
 /// Where a run writes that was not told otherwise.
@@ -93,7 +92,6 @@ fn run_plan(plan: &str, order: Option<&str>) -> Result<u8, String> {
     let _ = signal_hook::flag::register(SIGXFSZ, Arc::default()); // as before, too
     let bytes = read(plan, MOST_BYTES)?;
     let Compiled { plan, .. } = Compiled::read(&bytes).map_err(|error| format!("{plan}: {error}"))?;
-    drop(bytes);
     let mut order = match order {
         None => RunOrder::default(),
         Some(order) => serde_json::from_slice(&read(order, LONGEST_ORDER)?)
@@ -105,6 +103,10 @@ fn run_plan(plan: &str, order: Option<&str>) -> Result<u8, String> {
     if order.output.as_os_str().is_empty() {
         order.output = LATEST.into();
     }
+    if supervisor::is_wanted(&plan, &order) {
+        return supervisor::run(&plan, &bytes, &order);
+    }
+    drop(bytes);
     let _alone = folder(&order.output)?;
     let (acts, changes) = (order.acts.clone(), order.schedule_changes.clone());
     let for_person = order.events_fd.is_none();
@@ -142,7 +144,7 @@ fn only_module(plan: &Plan) -> Result<String, String> {
             let names: Vec<_> = several.iter().map(|module| module.name.as_str()).collect();
             let names = names.join(", ");
             Err(format!(
-                "the plan has several modules: choose one with --module ({names}); `bateleur fly --hosts` starts all of them"
+                "the plan has several modules: choose one with --module ({names}); `bateleur run --hosts` starts all of them on this machine"
             ))
         }
     }
@@ -151,7 +153,7 @@ fn only_module(plan: &Plan) -> Result<String, String> {
 /// Makes the folder for logs where it is missing, and keeps other runs out of it as long as what it gives is kept.
 fn folder(folder: &Path) -> Result<File, String> {
     let shown = folder.display();
-    std::fs::create_dir_all(folder).map_err(|error| format!("cannot make the folder {shown}: {error}"))?;
+    folders::make(folder).map_err(|error| format!("cannot make the folder {shown}: {error}"))?;
     let alone = File::open(folder).map_err(|error| format!("cannot open the folder {shown}: {error}"))?;
     flock(&alone, FlockOperation::NonBlockingLockExclusive).map_err(|_| {
         format!("another run writes into {shown}: wait for its end, or name another folder with --output")
@@ -159,7 +161,7 @@ fn folder(folder: &Path) -> Result<File, String> {
     Ok(alone)
 }
 
-fn options(order: RunOrder) -> Result<Options, String> {
+fn options(mut order: RunOrder) -> Result<Options, String> {
     let flag = |signals: &[i32]| {
         let flag = Arc::new(AtomicBool::new(false));
         for signal in signals {
@@ -176,17 +178,35 @@ fn options(order: RunOrder) -> Result<Options, String> {
         Companion::new(UnixStream::from(inherited(number)?))
             .map_err(|error| format!("the companion's socket can not be used: {error}"))
     };
-    let sink: Box<dyn Write + Send> = match order.events_fd {
-        Some(number) => Box::new(File::from(inherited(number)?)),
-        None => Box::new(Person),
+    let lines = match order.events_fd {
+        Some(number) => LineLog::to(File::from(inherited(number)?), 0, Patience::Lose),
+        None => LineLog::to(Person, 0, Patience::Lose),
     };
+    let lines = lines.map_err(|error| format!("cannot start a thread: {error}"))?;
+    let supervision = order.supervised.take().map(supervision).transpose()?;
     Ok(Options {
+        supervision,
         companion: order.companion_fd.map(companion).transpose()?,
         link_keys: Vec::new(),
-        events: Events::new(Some(sink)),
+        events: Events::new(Some(lines)),
         stop,
         power_fail: flag(&[SIGPWR])?,
         order,
+    })
+}
+
+fn supervision(handed: Supervised) -> Result<Supervision, String> {
+    let page = Mapped::new(inherited(handed.page_fd)?);
+    let page = page.map_err(|error| format!("the supervisor's page can not be used: {error}"))?;
+    let retained = handed.retained_fds.into_iter().map(|(name, number)| {
+        let memory = inherited(number)?;
+        let _ = rustix::io::fcntl_setfd(&memory, rustix::io::FdFlags::CLOEXEC); // partitions get what is theirs
+        Ok((name, Arc::new(memory)))
+    });
+    Ok(Supervision {
+        page: Arc::new(page),
+        retained: retained.collect::<Result<_, String>>()?,
+        after: handed.after,
     })
 }
 
@@ -209,15 +229,17 @@ fn stop_with_standard_input(stop: Arc<AtomicBool>) {
 /// Turns events into lines for a terminal.
 struct Person;
 
+impl Sink for Person {}
+
 impl Write for Person {
-    fn write(&mut self, line: &[u8]) -> std::io::Result<usize> {
-        if let Ok(event) = serde_json::from_slice::<Event>(line) {
-            let text = event.to_string();
-            if !text.is_empty() {
+    fn write(&mut self, lines: &[u8]) -> std::io::Result<usize> {
+        for line in lines.split(|byte| *byte == b'\n') {
+            let text = serde_json::from_slice::<Event>(line).map(|event| event.to_string());
+            if let Some(text) = text.ok().filter(|text| !text.is_empty()) {
                 say(&mut std::io::stderr(), &text);
             }
         }
-        Ok(line.len())
+        Ok(lines.len())
     }
 
     fn flush(&mut self) -> std::io::Result<()> {

@@ -37,6 +37,10 @@ impl Changing {
         Self(list)
     }
 
+    fn skip_until(&mut self, module_ns: u64) {
+        while self.due(module_ns).is_some() {}
+    }
+
     fn due(&mut self, module_ns: u64) -> Option<String> {
         self.0.pop_if(|(_, at)| *at <= module_ns).map(|(name, _)| name)
     }
@@ -115,6 +119,13 @@ impl Surroundings {
     pub fn begin(&mut self, recording: Option<Recording>, line: Option<Arc<RedundantPair>>) {
         self.recording = recording;
         self.line = line;
+    }
+
+    /// An executive before this one has come to `module_ns`: what was planned until then is not done again.
+    pub fn go_on_from(&mut self, module_ns: u64) {
+        self.acts.skip_until(module_ns);
+        self.changes.skip_until(module_ns);
+        self.module_ns = module_ns;
     }
 
     /// What the partition at the line has sent and received so far, and what it is to receive: its successors in a module

@@ -1,17 +1,18 @@
-//! Partitions' standard error: a pipe for each process, and one thread that reads all of them and appends to the
+//! Partitions' standard error: a pipe for each process, one thread that reads all of them, and one that appends to the
 //! partitions' files.
 //!
 //! A partition holds the end of a pipe and no file: it can append, and nothing else. How long the file becomes, how fast it
 //! grows and what becomes of a full disk is decided here. Last words are taken from memory. It must never let a partition
-//! hold up the monitor, nor another partition's log: who is read is read without waiting and by a bound, and only the thread
-//! touches the disk.
+//! hold up the monitor, nor another partition's log: who is read is read without waiting and by a bound. Only the second thread
+//! touches the disk: one that hangs costs text, and no partition waits for it.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -36,6 +37,10 @@ const BURST: u64 = 1 << 20;
 const BYTES_A_SECOND: u64 = 64 << 10;
 /// What has been left out goes on when so many bytes may be written: not at each few bytes.
 const RESUMED_WITH: u64 = 64 << 10;
+/// Bytes that wait for the disk, most: of one partition.
+const MOST_UNWRITTEN: u64 = BURST;
+/// How long the last words may take to the disk when a run ends.
+const LAST_WORDS: Duration = Duration::from_secs(2);
 /// Bytes of one read.
 const READ: usize = 16 << 10;
 /// Reads of one pipe in a pass of the thread.
@@ -50,11 +55,13 @@ const PAUSE: Duration = Duration::from_micros(200);
 const UNSAID_S: i64 = 1;
 const STACK: usize = 256 << 10;
 
-/// The thread that reads, and what it reads.
+/// The threads that read and write, and what they read.
 #[derive(Debug)]
 pub struct ErrorReader {
     logs: ErrorLogs,
-    thread: Option<JoinHandle<()>>,
+    reader: Option<JoinHandle<()>>,
+    /// The thread that writes has ended.
+    written: Receiver<()>,
 }
 
 /// The logs of a module's partitions.
@@ -64,12 +71,24 @@ pub struct ErrorLogs(Arc<Shared>);
 #[derive(Debug)]
 struct Shared {
     folder: PathBuf,
-    /// Wakes the thread when a pipe can be read.
+    /// Wakes the thread that reads when a pipe can be read.
     pipes: OwnedFd,
     /// Wakes it for anything else.
     wake: OwnedFd,
     stop: AtomicBool,
+    /// What the thread that writes is asked for.
+    order: Mutex<Order>,
+    ordered: Condvar,
     logs: Mutex<Vec<Arc<ErrorLog>>>,
+}
+
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Order {
+    #[default]
+    Wait,
+    Write,
+    /// Everything that there is, for the last time.
+    Finish,
 }
 
 /// One partition's standard error.
@@ -90,8 +109,9 @@ pub struct ErrorLine {
 #[derive(Debug, Default)]
 struct Inflow {
     streams: Vec<Stream>,
-    /// What the thread is to write.
+    /// What is to be written.
     unwritten: Vec<Piece>,
+    unwritten_bytes: u64,
     meter: Meter,
     /// Bytes that are not to be written, and of which nothing in `unwritten` says so yet.
     left_out: u64,
@@ -125,7 +145,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl ErrorReader {
-    /// Starts the thread; the files come into `folder`.
+    /// Starts the threads; the files come into `folder`.
     ///
     /// # Errors
     /// The machine has no descriptor or no thread left.
@@ -133,14 +153,24 @@ impl ErrorReader {
         let pipes = epoll::create(epoll::CreateFlags::CLOEXEC)?;
         let wake = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
         epoll::add(&pipes, &wake, EventData::new_u64(0), EventFlags::IN)?;
-        let (stop, logs) = (AtomicBool::new(false), Mutex::default());
-        let shared = Arc::new(Shared { folder, pipes, wake, stop, logs });
-        let thread = std::thread::Builder::new().name("error logs".into()).stack_size(STACK);
-        let thread = thread.spawn({
-            let shared = shared.clone();
-            move || shared.serve()
+        let shared = Arc::new(Shared {
+            folder,
+            pipes,
+            wake,
+            stop: AtomicBool::new(false),
+            order: Mutex::default(),
+            ordered: Condvar::new(),
+            logs: Mutex::default(),
+        });
+        let (done, written) = sync_channel(1);
+        let thread = |name: &str| std::thread::Builder::new().name(name.into()).stack_size(STACK);
+        let (reads, writes) = (shared.clone(), shared.clone());
+        let reader = thread("error logs").spawn(move || reads.read_all())?;
+        thread("error files").spawn(move || {
+            writes.write_all();
+            let _ = done.send(()); // nobody waits any more
         })?;
-        Ok(Self { logs: ErrorLogs(shared), thread: Some(thread) })
+        Ok(Self { logs: ErrorLogs(shared), reader: Some(reader), written })
     }
 
     /// The logs that it reads.
@@ -149,12 +179,14 @@ impl ErrorReader {
         self.logs.clone()
     }
 
-    /// Reads and writes what there is, for the last time.
+    /// Reads and writes what there is, for the last time. Waits a little for the disk.
     pub fn finish(&mut self) {
         self.logs.0.stop.store(true, SeqCst);
         self.logs.0.ring();
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join(); // a panic there was printed
+        if let Some(reader) = self.reader.take() {
+            let _ = reader.join(); // a panic there was printed
+            self.logs.0.order(Order::Finish);
+            let _ = self.written.recv_timeout(LAST_WORDS); // the disk hangs
         }
     }
 }
@@ -206,7 +238,7 @@ impl ErrorLine {
     #[must_use]
     pub fn tail(&self) -> Vec<u8> {
         let tail = lock(&self.log.inflow).tail(self.sandbox);
-        self.shared.ring(); // what was read is to be written
+        self.shared.order(Order::Write); // what was read
         tail
     }
 
@@ -222,26 +254,56 @@ impl Shared {
         let _ = rustix::io::write(&self.wake, &1_u64.to_ne_bytes()); // full: it rings already
     }
 
-    /// The thread's life.
-    fn serve(&self) {
-        let mut files: Vec<LogFile> = Vec::new();
+    fn order(&self, order: Order) {
+        let mut before = lock(&self.order);
+        *before = order.max(*before); // the last word stays the last
+        drop(before);
+        self.ordered.notify_one();
+    }
+
+    /// The life of the thread that reads.
+    fn read_all(&self) {
         let mut has_unsaid = false;
         loop {
             self.await_something(has_unsaid);
             let is_last = self.stop.load(SeqCst);
             let logs = lock(&self.logs).clone();
             has_unsaid = false;
-            for (place, log) in logs.iter().enumerate() {
-                if files.len() == place {
-                    files.push(LogFile::new(log.path.clone()));
-                }
-                has_unsaid |= log.pass(&mut files[place], is_last);
+            for log in &logs {
+                has_unsaid |= log.read(is_last);
             }
             if is_last {
                 return;
             }
+            self.order(Order::Write);
             std::thread::sleep(PAUSE);
         }
+    }
+
+    /// The life of the thread that writes.
+    fn write_all(&self) {
+        let mut files: Vec<LogFile> = Vec::new();
+        loop {
+            let order = self.await_order();
+            let logs = lock(&self.logs).clone();
+            for (place, log) in logs.iter().enumerate() {
+                if files.len() == place {
+                    files.push(LogFile::new(log.path.clone()));
+                }
+                if log.write(&mut files[place]) > 0 {
+                    self.ring(); // it is to be said
+                }
+            }
+            if order == Order::Finish {
+                return;
+            }
+        }
+    }
+
+    fn await_order(&self) -> Order {
+        let waits = |order: &mut Order| *order == Order::Wait;
+        let order = self.ordered.wait_while(lock(&self.order), waits);
+        std::mem::take(&mut *order.unwrap_or_else(PoisonError::into_inner))
     }
 
     fn await_something(&self, has_unsaid: bool) {
@@ -258,16 +320,22 @@ impl Shared {
 }
 
 impl ErrorLog {
-    /// Reads the pipes and writes the file; true: something is left out and not said yet. The disk is waited for by
-    /// the thread alone: nobody is kept from the pipes meanwhile.
-    fn pass(&self, file: &mut LogFile, is_last: bool) -> bool {
+    /// Reads the pipes; true: something is left out and not said yet.
+    fn read(&self, is_last: bool) -> bool {
         let mut inflow = lock(&self.inflow);
         inflow.read_all(if is_last { READS_TO_EMPTY } else { READS_IN_A_PASS });
         if is_last || inflow.meter.may_resume(now_ns()) {
             inflow.say_left_out();
         }
+        inflow.left_out > 0
+    }
+
+    /// Writes the file; how many bytes could not be written. Nobody is kept from the pipes meanwhile.
+    fn write(&self, file: &mut LogFile) -> u64 {
+        let mut inflow = lock(&self.inflow);
         let reopen = std::mem::take(&mut inflow.reopen);
         let unwritten = std::mem::take(&mut inflow.unwritten);
+        inflow.unwritten_bytes = 0;
         drop(inflow);
         let mut written = if reopen { file.open() } else { Ok(()) };
         let mut lost = 0;
@@ -280,7 +348,7 @@ impl ErrorLog {
         let mut inflow = lock(&self.inflow);
         inflow.left_out += lost;
         inflow.trouble.note(written);
-        inflow.left_out > 0
+        lost
     }
 }
 
@@ -325,10 +393,12 @@ impl Inflow {
     }
 
     fn admit(&mut self, bytes: &[u8]) {
-        if !self.meter.admits(bytes.len() as u64, now_ns()) {
-            self.left_out += bytes.len() as u64;
+        let count = bytes.len() as u64;
+        if self.unwritten_bytes + count > MOST_UNWRITTEN || !self.meter.admits(count, now_ns()) {
+            self.left_out += count;
             return;
         }
+        self.unwritten_bytes += count;
         self.say_left_out();
         match self.unwritten.last_mut() {
             Some(Piece::Bytes(before)) => before.extend_from_slice(bytes),
@@ -337,9 +407,11 @@ impl Inflow {
     }
 
     fn say_left_out(&mut self) {
-        match std::mem::take(&mut self.left_out) {
-            0 => {}
-            bytes => self.unwritten.push(Piece::LeftOut(bytes)),
+        let bytes = std::mem::take(&mut self.left_out);
+        match self.unwritten.last_mut() {
+            _ if bytes == 0 => {}
+            Some(Piece::LeftOut(before)) => *before += bytes,
+            _ => self.unwritten.push(Piece::LeftOut(bytes)),
         }
     }
 
@@ -405,7 +477,7 @@ impl Meter {
     }
 }
 
-/// A partition's file, written by the thread alone.
+/// A partition's file, written by the second thread alone.
 #[derive(Debug)]
 struct LogFile {
     path: PathBuf,
@@ -643,6 +715,37 @@ mod tests {
             .filter_map(|line| line.strip_prefix("bateleur: ")?.split(' ').next()?.parse::<usize>().ok())
             .sum();
         assert!(left_out > BYTES / 2 && left_out < BYTES, "{left_out} bytes are said to be left out");
+    }
+
+    #[test]
+    fn disk_that_hangs_keeps_no_partition_waiting_and_what_it_missed_is_said() {
+        const WRITTEN: u64 = 3 << 20;
+        let (mut reader, folder) = reader();
+        let path = folder.path().join("one.log");
+        rustix::fs::mkfifoat(rustix::fs::CWD, &path, rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR)
+            .unwrap();
+        let lines = ["one", "two"].map(|name| reader.logs().line(name));
+        let mut ends = lines.each_ref().map(|line| File::from(line.begin().unwrap()));
+        // The thread that writes waits at the pipe until somebody reads it. Nobody does.
+        for _ in 0..WRITTEN / 4096 {
+            ends.iter_mut().for_each(|end| end.write_all(&[b'.'; 4096]).unwrap());
+        }
+        ends.iter_mut().for_each(|end| end.write_all(b"\nlast words\n").unwrap());
+        assert!(lines.iter().all(|line| line.tail().ends_with(b"last words\n")));
+        let kept = |line: &ErrorLine| lock(&line.log.inflow).unwritten_bytes;
+        assert!(lines.iter().all(|line| kept(line) <= MOST_UNWRITTEN));
+        let disk = thread::spawn(move || std::fs::read(path).unwrap());
+        drop(ends);
+        reader.finish();
+        drop(reader);
+        let text = disk.join().unwrap();
+        let dots = text.iter().filter(|byte| **byte == b'.').count() as u64;
+        let text = String::from_utf8_lossy(&text);
+        let left_out: u64 = text
+            .lines()
+            .filter_map(|line| line.strip_prefix("bateleur: ")?.split(' ').next()?.parse::<u64>().ok())
+            .sum();
+        assert!(dots >= BURST / 2 && left_out > 0, "{dots} bytes written, {left_out} left out");
     }
 
     #[test]

@@ -11,8 +11,8 @@ use std::sync::Arc;
 
 use bateleur_contract::page::WindowGrant;
 use bateleur_contract::{
-    CONTROL_FD, Clock, ControlPage, Description, Direction, ENVIRONMENT, Mapped, PortDescription, PortKind,
-    RELAY_KEYS_FD, StartCondition, page,
+    CONTROL_FD, Clock, ControlPage, Description, Direction, ENVIRONMENT, Mapped, PLAIN_BYTES,
+    PortDescription, PortKind, ProcessPlan, RELAY_KEYS_FD, StartCondition, page,
 };
 use rustix::fs::{
     FallocateFlags, MemfdFlags, SealFlags, fallocate, fcntl_add_seals, ftruncate, memfd_create,
@@ -55,6 +55,8 @@ pub struct SandboxConfig {
     pub errors: ErrorLogs,
     /// The keys of the module's links, for its relay.
     pub link_keys: Vec<Key>,
+    /// Retained memories that outlive the executive, by partition.
+    pub retained: BTreeMap<String, Arc<OwnedFd>>,
 }
 
 /// A partition without its process.
@@ -126,7 +128,10 @@ impl Sandbox {
         let retained = match (partition.retained_bytes, beside.and_then(|first| first.retained.as_ref())) {
             (0, _) => None,
             (_, Some(shared)) => Some(shared.try_clone()?),
-            (bytes, None) => Some(shared_memory(&partition.name, bytes)?),
+            (bytes, None) => Some(match sandbox_config.retained.get(&partition.name) {
+                Some(kept) => kept.try_clone()?,
+                None => shared_memory(&partition.name, bytes)?,
+            }),
         };
         let guard = TimeGuard::new(Box::new(Processes(freezer)), priority);
         let guard = if sandbox_config.clock == Clock::Virtual { guard.timeless() } else { guard };
@@ -380,7 +385,10 @@ const FILE_LIMIT: u64 = 64 << 20;
 
 /// Memory that a partition may write and not resize: the executive's next look at a page that its partition has cut
 /// off would be a bus error.
-fn shared_memory(name: &str, bytes: u64) -> io::Result<OwnedFd> {
+///
+/// # Errors
+/// The machine has no memory or no descriptor left.
+pub fn shared_memory(name: &str, bytes: u64) -> io::Result<OwnedFd> {
     let file = memfd_create(name, MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING)?;
     ftruncate(&file, bytes)?;
     fcntl_add_seals(&file, SealFlags::SHRINK | SealFlags::GROW | SealFlags::SEAL)?;
@@ -499,10 +507,18 @@ fn describe(
         schedules: plan.schedules.iter().map(|schedule| schedule.name.clone()).collect(),
         may_set_schedule: partition.may_set_schedule.iter().map(|id| id.index() as u32).collect(),
         error_handler: partition.error_handler,
+        processes: process_plan(partition),
         may_align: partition.relay && plan[partition.module].follows.is_some(),
         retained_bytes: partition.retained_bytes,
         ports_root: sandbox_config.ports_root.clone(),
     }
+}
+
+fn process_plan(partition: &Partition) -> ProcessPlan {
+    let &bateleur_plan::Processes {
+        identifier, period_ns, release_ns, duration_ns, most, stacks_bytes, ..
+    } = &partition.processes;
+    ProcessPlan { identifier, period_ns, release_ns, duration_ns, most, stacks_bytes }
 }
 
 fn json(attribute: &Attribute) -> serde_json::Value {
@@ -517,6 +533,10 @@ fn json(attribute: &Attribute) -> serde_json::Value {
 
 fn describe_port(plan: &Plan, port: &Port) -> PortDescription {
     let channel = port.channel.map(|id| &plan[id]);
+    let own_depth = match port.role {
+        Role::QueuingDestination { depth } => depth,
+        _ => 0,
+    };
     let (direction, kind, refresh_ns) = match port.role {
         Role::SamplingSource => (Direction::Source, PortKind::Sampling, 0),
         Role::SamplingDestination { refresh_ns } => (Direction::Destination, PortKind::Sampling, refresh_ns),
@@ -538,7 +558,8 @@ fn describe_port(plan: &Plan, port: &Port) -> PortDescription {
         definition: plan.messages.get(&message_name(port)).cloned().unwrap_or_default(),
         channel: channel.map_or_else(String::new, |channel| plan.port_path(channel.source)),
         refresh_ns,
-        depth: channel.map_or(0, |channel| queue_depth(plan, channel).unwrap_or(0)),
+        depth: channel.map_or(own_depth, |channel| queue_depth(plan, channel).unwrap_or(0)),
+        optional: port.optional,
     }
 }
 
@@ -552,12 +573,12 @@ pub fn attached_channels(plan: &Plan, id: PartitionId) -> Vec<String> {
     homes
 }
 
-/// The message type's name; "bytes" where the plan gives a size alone.
+/// The message type's name; [`PLAIN_BYTES`] where the plan gives a size alone.
 #[must_use]
 pub fn message_name(port: &Port) -> String {
     match &port.payload {
         bateleur_plan::Payload::Message { name, .. } => name.clone(),
-        bateleur_plan::Payload::Bytes { .. } => "bytes".into(),
+        bateleur_plan::Payload::Bytes { .. } => PLAIN_BYTES.into(),
     }
 }
 

@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::health::lines::{LineLog, Patience};
+use crate::lines::{LineLog, Patience};
 use bateleur_control::status::AlignmentStatus;
 use bateleur_plan::Timeline;
 use bateleur_time::alignment::{Aligner, Change, Following, Measured, Realtime, Reference, State};

@@ -1,11 +1,8 @@
 //! What a run tells whoever watches it: lines of JSON.
 
-use std::io::Write;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::time::Duration;
-
 use serde::{Deserialize, Serialize};
 
+use crate::lines::LineLog;
 use bateleur_host::guarantee::Guarantee;
 
 /// One thing that happened.
@@ -183,40 +180,26 @@ impl Event {
     }
 }
 
-/// Lines that wait for a reader; more are dropped and counted.
-const WAITING: usize = 4096;
-/// How long the last lines may take to be read when a run ends.
-const LAST_LINES: Duration = Duration::from_secs(1);
-
 /// Where events go. A reader that is gone or does not read costs nothing: a thread of its own writes the lines.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub struct Events {
-    lines: Option<SyncSender<Vec<u8>>>,
-    written: Option<Receiver<()>>,
-    dropped: u64,
+    lines: Option<LineLog>,
     logs_lost: bool,
 }
 
 impl Events {
-    /// To `sink`, or nowhere.
+    /// Into these lines, or nowhere.
     #[must_use]
-    pub fn new(sink: Option<Box<dyn Write + Send>>) -> Self {
-        let Some(sink) = sink else { return Self::default() };
-        let (lines, waiting) = sync_channel(WAITING);
-        let (done, written) = sync_channel(1);
-        std::thread::spawn(move || {
-            write_lines(&waiting, sink);
-            let _ = done.send(()); // nobody waits any more
-        });
-        Self { lines: Some(lines), written: Some(written), ..Self::default() }
+    pub fn new(lines: Option<LineLog>) -> Self {
+        Self { lines, logs_lost: false }
     }
 
     /// Tells one.
     pub fn tell(&mut self, event: &Event) {
         self.logs_lost |= matches!(event, Event::LogLost { .. });
-        let (Some(lines), Ok(mut line)) = (&self.lines, serde_json::to_vec(event)) else { return };
+        let (Some(lines), Ok(mut line)) = (&mut self.lines, serde_json::to_vec(event)) else { return };
         line.push(b'\n');
-        self.dropped += u64::from(lines.try_send(line).is_err());
+        lines.push(&line);
     }
 
     /// Whether it was told of a log that can not be written, whoever listened.
@@ -225,20 +208,17 @@ impl Events {
         self.logs_lost
     }
 
-    /// Waits a little until what was told has been written; gives the number of events that were dropped.
-    pub fn finish(&mut self) -> u64 {
-        drop(self.lines.take());
-        if let Some(written) = self.written.take() {
-            let _ = written.recv_timeout(LAST_LINES); // a reader that does not read must not keep the run from ending
+    /// Hands on what a reader was too slow for when it was told.
+    pub fn flush(&mut self) {
+        if let Some(lines) = &mut self.lines {
+            lines.flush();
         }
-        self.dropped
     }
-}
 
-fn write_lines(waiting: &Receiver<Vec<u8>>, mut sink: Box<dyn Write + Send>) {
-    for line in waiting {
-        if sink.write_all(&line).and_then(|()| sink.flush()).is_err() {
-            return;
+    /// Waits a little until what was told has been written.
+    pub fn finish(&mut self) {
+        if let Some(lines) = &mut self.lines {
+            lines.finish();
         }
     }
 }
@@ -246,19 +226,6 @@ fn write_lines(waiting: &Receiver<Vec<u8>>, mut sink: Box<dyn Write + Send>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// A reader that has stopped reading.
-    struct Stuck;
-
-    impl Write for Stuck {
-        fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {
-            std::thread::park();
-            Ok(0)
-        }
-        fn flush(&mut self) -> std::io::Result<()> {
-            Ok(())
-        }
-    }
 
     #[test]
     fn a_log_that_was_lost_is_remembered_also_where_nobody_listens() {
@@ -268,15 +235,6 @@ mod tests {
         events.tell(&Event::LogLost { time_s: 1.0, log: "windows.csv".into(), reason: "full".into() });
         events.tell(&Event::Ready { partitions: 1 });
         assert!(events.has_told_lost_log());
-    }
-
-    #[test]
-    fn a_reader_that_does_not_read_costs_lines_and_not_the_run() {
-        let mut events = Events::new(Some(Box::new(Stuck)));
-        for partitions in 0..2 * WAITING {
-            events.tell(&Event::Ready { partitions });
-        }
-        assert!(events.finish() >= WAITING as u64 - 1);
     }
 
     #[test]

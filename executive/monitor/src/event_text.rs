@@ -24,6 +24,7 @@ fn text_of(event: &Event) -> String {
                 .collect();
             lines.join("\n")
         }
+        Event::Ready { partitions: 1 } => "1 partition is ready".to_owned(),
         Event::Ready { partitions } => format!("{partitions} partitions are ready"),
         Event::Fault { time_s, partition, error, action, detail } => {
             let line = format!("{time_s:9.3} s  {partition}: {error} ({}) -> {action}", printable(detail));

@@ -1,17 +1,9 @@
 //! The figures of one partition over a run: counters, spreads and a histogram of fixed size. Adding a window allocates
 //! nothing.
 
-use hdrhistogram::Histogram;
-
 use crate::health::log::Fault;
 use bateleur_control::status::{LastFault, Lateness, PartitionStatus, Spread};
 use bateleur_time::window_record::WindowRecord;
-
-/// Later than that is counted as that, ns: a machine that stood still for ten seconds.
-const LATEST_NS: u64 = 10_000_000_000;
-/// Significant digits of a lateness: one part in a hundred is finer than the machine repeats itself, and the histogram
-/// has some 30 KiB.
-const DIGITS: u8 = 2;
 
 /// See the module's head.
 #[derive(Debug, Clone)]
@@ -22,7 +14,7 @@ pub(crate) struct Figures {
     window_ns: u64,
     used: Running,
     slack: Running,
-    lateness: Option<Histogram<u64>>,
+    lateness: Histogram,
     pub(crate) restarts: u64,
     last_fault: Option<LastFault>,
 }
@@ -36,7 +28,7 @@ impl Figures {
             window_ns: 0,
             used: Running::default(),
             slack: Running::default(),
-            lateness: Histogram::new_with_max(LATEST_NS, DIGITS).ok(), // these bounds are good ones
+            lateness: Histogram::new(),
             restarts: 0,
             last_fault: None,
         }
@@ -51,10 +43,7 @@ impl Figures {
         };
         self.windows += 1;
         self.overruns += u64::from(record.is_overrun());
-        let late_ns = granted_ns.saturating_sub(record.occurrence.start_ns);
-        if let Some(lateness) = &mut self.lateness {
-            lateness.saturating_record(late_ns);
-        }
+        self.lateness.add(granted_ns.saturating_sub(record.occurrence.start_ns));
         if let Some(closed_ns) = record.closed_ns {
             self.used.add(closed_ns.saturating_sub(granted_ns));
         }
@@ -75,7 +64,7 @@ impl Figures {
 
     /// What stands in a status; what it is about and how it lives, the caller adds.
     pub(crate) fn status(&self) -> PartitionStatus {
-        let lateness = self.lateness.as_ref().filter(|lateness| !lateness.is_empty());
+        let lateness = &self.lateness;
         PartitionStatus {
             restarts: self.restarts,
             last_fault: self.last_fault.clone(),
@@ -85,14 +74,64 @@ impl Figures {
             window_ns: self.window_ns,
             use_ns: self.used.spread(),
             slack_ns: self.slack.spread(),
-            lateness_ns: lateness.map(|lateness| Lateness {
-                p50: lateness.value_at_quantile(0.5),
-                p99: lateness.value_at_quantile(0.99),
-                max: lateness.max(),
+            lateness_ns: (lateness.count > 0).then(|| Lateness {
+                p50: lateness.quantile(0.5),
+                p99: lateness.quantile(0.99),
+                max: lateness.most,
             }),
             ..PartitionStatus::default()
         }
     }
+}
+
+/// Later than that is counted as that, ns: a machine that stood still for ten seconds.
+const LATEST_NS: u64 = 10_000_000_000;
+/// Each doubling of a lateness is cut into so many steps, as a power of two: one part in 64 is finer than the machine repeats itself.
+const STEPS_LOG2: u32 = 6;
+
+/// How often a lateness fell into which step; some 7 KiB.
+#[derive(Debug, Clone)]
+struct Histogram {
+    counts: Box<[u32]>,
+    count: u64,
+    most: u64,
+}
+
+impl Histogram {
+    fn new() -> Self {
+        Self { counts: vec![0; step(LATEST_NS) + 1].into(), count: 0, most: 0 }
+    }
+
+    fn add(&mut self, value_ns: u64) {
+        let value_ns = value_ns.min(LATEST_NS);
+        let count = &mut self.counts[step(value_ns)];
+        *count = count.saturating_add(1);
+        self.count += 1;
+        self.most = self.most.max(value_ns);
+    }
+
+    /// The value at or below which that share of all lies: the end of its step. 0 of nothing.
+    fn quantile(&self, share: f64) -> u64 {
+        let rank = (share * self.count as f64).ceil() as u64;
+        let mut seen = 0;
+        let reached = self.counts.iter().position(|count| {
+            seen += u64::from(*count);
+            seen >= rank
+        });
+        reached.map_or(self.most, |step| last_of(step).min(self.most))
+    }
+}
+
+/// The step that a value falls into.
+fn step(value: u64) -> usize {
+    let shift = value.max(1).ilog2().saturating_sub(STEPS_LOG2);
+    ((u64::from(shift) << STEPS_LOG2) + (value >> shift)) as usize
+}
+
+/// The largest value of a step.
+fn last_of(step: usize) -> u64 {
+    let shift = (step >> STEPS_LOG2).saturating_sub(1);
+    (((step - (shift << STEPS_LOG2)) as u64 + 1) << shift) - 1
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -118,12 +157,12 @@ impl Running {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use bateleur_plan::{PartitionId, TimelineWindow};
     use bateleur_time::dispatcher::{Ending, Occurrence, ScheduleEpoch};
 
-    fn record(granted_ns: Option<u64>, closed_ns: Option<u64>) -> WindowRecord {
+    pub(crate) fn record(granted_ns: Option<u64>, closed_ns: Option<u64>) -> WindowRecord {
         let window = TimelineWindow { start_ns: 100, end_ns: 1_100, ..some_window() };
         let occurrence = Occurrence {
             window,
@@ -182,8 +221,25 @@ mod tests {
     fn lateness_beyond_all_bounds_is_counted_at_the_bound() {
         let mut figures = Figures::new();
         figures.add(&record(Some(u64::MAX), None));
-        let max = figures.status().lateness_ns.unwrap().max;
-        assert!((LATEST_NS..LATEST_NS * 102 / 100).contains(&max), "{max}");
+        assert_eq!(figures.status().lateness_ns.unwrap().max, LATEST_NS);
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn quantiles_are_those_of_the_sorted_values_to_one_part_in_64(
+            values in proptest::collection::vec((0..35_u32, proptest::num::u64::ANY), 1..300),
+        ) {
+            let mut histogram = Histogram::new();
+            let mut sorted: Vec<u64> =
+                values.iter().map(|(bits, any)| (any & ((1 << bits) - 1)).min(LATEST_NS)).collect();
+            sorted.iter().for_each(|value| histogram.add(*value));
+            sorted.sort_unstable();
+            for share in [0.01, 0.5, 0.99, 1.0] {
+                let exact = sorted[(share * sorted.len() as f64).ceil() as usize - 1];
+                let told = histogram.quantile(share);
+                proptest::prop_assert!((exact..=exact + exact / 64).contains(&told), "{told} for {exact}");
+            }
+        }
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //!
 //! Logs:
 //!
+//! - `lines`: lines that a thread of their own writes, so that the monitor waits for no disk
 //! - `event`, `event_text`: what a run tells whoever watches
 //! - `health`: the decisions of the health tables, and the logs of faults and windows
 //! - `repeats`: how often the same is logged
@@ -31,7 +32,10 @@
 //! - `align`: another module's frames
 //! - `neighbours`: other modules on the same processors
 //! - `monitor`: what it consists of
-//! - `supervision`: processes, faults and channels
+//! - `commands`: what life cycles command
+//! - `faults`: errors of partitions
+//! - `processes`: processes that become ready, die or stand by
+//! - `channels`: channels of a dead process
 //! - `windows`: what windows and control pages tell
 //! - `orders`: what an operator or a plan of faults does
 //! - `requests`: how operators are answered
@@ -40,13 +44,17 @@
 
 mod act;
 mod align;
+mod channels;
 pub mod cleanup;
+mod commands;
 pub mod event;
 pub mod event_text;
+mod faults;
 mod figures;
 pub mod health;
 pub mod inject;
 pub mod lifecycle;
+pub mod lines;
 mod module_level;
 mod monitor;
 mod neighbours;
@@ -55,13 +63,13 @@ pub mod operator;
 mod orders;
 mod partition;
 pub mod planned;
+mod processes;
 mod provoke;
 pub mod rebuild;
 mod repeats;
 mod requests;
 pub mod run_order;
 mod step;
-mod supervision;
 mod windows;
 
 pub use align::Alignment;

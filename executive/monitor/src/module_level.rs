@@ -28,6 +28,16 @@ pub struct Totals {
 }
 
 impl Totals {
+    /// As an executive leaves them to the next one.
+    #[must_use]
+    pub fn counts(&self) -> [u64; 6] {
+        [self.windows, self.late, self.late_switches, self.lost, self.overruns, self.too_late]
+    }
+
+    fn of([windows, late, late_switches, lost, overruns, too_late]: [u64; 6]) -> Self {
+        Self { windows, late, late_switches, lost, overruns, too_late }
+    }
+
     fn add(&mut self, record: &WindowRecord) {
         self.windows += u64::from(record.granted_ns.is_some());
         self.late += u64::from(record.is_late());
@@ -57,6 +67,22 @@ impl Kept {
     #[must_use]
     pub fn new(window_log: WindowLog, health_log: HealthLog, events: Events) -> Self {
         Self { window_log, health_log, events, totals: Totals::default(), module: ModuleLevel::default() }
+    }
+
+    /// The executive before this one has died or hung, at the module time `module_ns`: noted as a reset, which is the `resets`th. `counts`: its
+    /// [`Totals::counts`].
+    pub fn follow(
+        &mut self,
+        plan: &bateleur_plan::Health,
+        (error, detail): (ModuleError, &str),
+        (resets, counts): (u32, [u64; 6]),
+        module_ns: u64,
+    ) {
+        self.totals = Totals::of(counts);
+        self.module.resets = resets.saturating_sub(1);
+        let noted = Noted { plan, log: &mut self.health_log, module: &mut self.module };
+        let (fault, _) = noted.decide(error, detail, true, module_ns);
+        self.events.tell(&event_of(&fault));
     }
 
     /// Resets so far.
@@ -271,4 +297,40 @@ fn event_of(fault: &Fault) -> Event {
 
 pub(crate) fn seconds(ns: u64) -> f64 {
     ns as f64 / 1e9
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::figures::tests::record;
+    use crate::lines::Patience;
+    use bateleur_plan::{HealthLog as RingOf, LogPolicy};
+
+    #[test]
+    fn window_that_a_partition_lost_without_its_fault_is_told_as_a_late_dispatcher_with_the_cause() {
+        let folder = tempfile::tempdir().unwrap();
+        let ring = RingOf { bytes: 4096, policy: LogPolicy::Overwrite };
+        let mut kept = Kept::new(
+            WindowLog::create(folder.path(), Patience::Wait).unwrap(),
+            HealthLog::create(folder.path(), ring, Patience::Wait).unwrap(),
+            Events::new(None),
+        );
+        let lost = |missed| WindowRecord { missed, ..record(None, None) };
+        let causes = [(Missed::OtherCore, "another core had not ended"), (Missed::StillFrozen, "not thawed")];
+        for (second, (missed, words)) in causes.into_iter().enumerate() {
+            let module_ns = second as u64 * LATE_SILENCE_NS;
+            let told = kept.judge_lateness(u64::MAX, "imu", &lost(Some(missed)), module_ns).unwrap();
+            assert!(told.contains("imu's window on core 0 was lost") && told.contains(words), "{told}");
+            assert_eq!(
+                kept.judge_lateness(u64::MAX, "imu", &lost(Some(missed)), module_ns + 1),
+                None,
+                "counted only"
+            );
+        }
+        assert_eq!(kept.totals().too_late, 4);
+        for nobodys in [None, Some(Missed::NoPartition)] {
+            assert_eq!(kept.judge_lateness(u64::MAX, "imu", &lost(nobodys), u64::MAX), None);
+        }
+        assert_eq!(kept.totals().too_late, 4);
+    }
 }

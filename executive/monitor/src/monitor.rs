@@ -11,7 +11,7 @@ use crate::event::{Event, Events};
 use crate::health::log::{Fault, HealthLog};
 use crate::health::record::Level;
 use crate::lifecycle::Phase;
-use crate::module_level::{Kept, Stop};
+use crate::module_level::{Kept, Stop, Totals};
 use crate::neighbours::{NO_PROCESSOR, Neighbours};
 use crate::operator::Operator;
 use crate::partition::Partition;
@@ -155,6 +155,12 @@ impl Monitor {
         self.alignment = Some(alignment);
     }
 
+    /// Totals over all starts.
+    #[must_use]
+    pub fn totals(&self) -> Totals {
+        self.kept.totals()
+    }
+
     /// What goes on when the module starts again.
     #[must_use]
     pub fn hand_on(self) -> Kept {
@@ -212,12 +218,24 @@ impl Monitor {
 
     /// An order is an entry in the health log: whoever reads what followed from it must not take it for a fault.
     pub(crate) fn note_order(&mut self, place: Option<usize>, text: &str, module_ns: u64) {
+        let generation = place.map_or(0, |place| self.partitions[place].life.generation());
+        self.note_order_of(place, generation, text, module_ns);
+    }
+
+    /// As [`Monitor::note_order`], about an incarnation that may be over.
+    pub(crate) fn note_order_of(
+        &mut self,
+        place: Option<usize>,
+        generation: u32,
+        text: &str,
+        module_ns: u64,
+    ) {
         let partition = place.map(|place| &self.partitions[place]);
         let entry = Fault {
             time_ns: module_ns,
             level: if place.is_some() { Level::Partition } else { Level::Module },
             partition: partition.map(|partition| partition.name().to_owned()),
-            generation: partition.map_or(0, |partition| partition.life.generation()),
+            generation,
             error: ORDER.into(),
             action: "ignore".into(),
             detail: text.into(),

@@ -7,14 +7,14 @@ use std::process::ExitStatus;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Acquire;
 
-use bateleur_contract::page::WindowGrant;
+use bateleur_contract::page::{self, WindowGrant};
 use bateleur_contract::{Clock, ControlPage, Mode, StartCondition, Takeover, exit};
 
 use crate::figures::Figures;
 use crate::health::decision::{Decision, error_of};
 use crate::health::log::Fault;
 use crate::health::record::Level;
-use crate::lifecycle::{Lifecycle, PairMember, Phase, StandbyEvent, StandbyState};
+use crate::lifecycle::{Cause, Lifecycle, PairMember, Phase, StandbyEvent, StandbyState};
 use crate::provoke::{InPlaceOf, Ordered};
 use crate::repeats::{Allowance, Repeats};
 use bateleur_host::partition::Sandbox;
@@ -380,15 +380,21 @@ impl Partition {
         self.active.sandbox.control.page.handling.load(Acquire) != 0
     }
 
-    /// What its error handler asked for by the code that its process ended with; `None` if the code is none of those. Only a handler that is
-    /// at work makes a code a request.
-    pub(crate) fn asked_for(&self, code: Option<i32>) -> Option<Mode> {
-        match code.filter(|_| self.is_in_handler())? {
-            exit::IDLE => Some(Mode::Idle),
-            exit::WARM_START => Some(Mode::WarmStart),
-            exit::COLD_START => Some(Mode::ColdStart),
-            _ => None,
-        }
+    /// What it asked for by the code that its process ended with, and who of it; `None` if the code is none of those. A code is a request
+    /// only where the control page says so: of an error handler that is at work and that the plan counts on, or of the partition itself.
+    pub(crate) fn asked_for(&self, plan: &Plan, code: Option<i32>) -> Option<(Mode, Cause)> {
+        let cause = match self.active.sandbox.control.page.handling.load(Acquire) {
+            0 => return None,
+            page::OWN_REQUEST => Cause::Partition,
+            _ => Some(Cause::Handler).filter(|_| plan[self.active.sandbox.id].error_handler)?,
+        };
+        let mode = match code? {
+            exit::IDLE => Mode::Idle,
+            exit::WARM_START => Mode::WarmStart,
+            exit::COLD_START => Mode::ColdStart,
+            _ => return None,
+        };
+        Some((mode, cause))
     }
 
     /// What the log says of an error of it.

@@ -90,6 +90,12 @@ impl PlannedActs {
         Self { list, killings, next_kill_ns, candidates }
     }
 
+    /// Leaves out what came due until `module_ns`: an earlier executive has done it.
+    pub fn skip_until(&mut self, module_ns: u64) {
+        while self.list.pop_if(|(at_ns, ..)| *at_ns <= module_ns).is_some() {}
+        while self.victim(module_ns).is_some() {}
+    }
+
     /// Does what is due.
     pub fn perform(&mut self, module_ns: u64, monitor: &mut Monitor) {
         while let Some((_, aim, act)) = self.list.pop_if(|(at_ns, ..)| *at_ns <= module_ns) {
@@ -133,6 +139,22 @@ mod tests {
         let all = victims(1);
         assert_eq!(all.len(), 99);
         assert!([3, 4, 8].iter().all(|candidate| all.contains(candidate)) && !all.contains(&0));
+    }
+
+    #[test]
+    fn what_an_earlier_executive_has_done_is_not_done_again_and_the_rest_is_the_same() {
+        let acts = || PlannedActs {
+            killings: Some(Killings { every_ns: 5, seed: 9 }),
+            next_kill_ns: 5,
+            candidates: vec![3, 4, 8],
+            list: Vec::new(),
+        };
+        let (mut whole, mut later) = (acts(), acts());
+        let all: Vec<_> = (0..500).filter_map(|now_ns| whole.victim(now_ns)).collect();
+        later.skip_until(247);
+        let rest: Vec<_> = (248..500).filter_map(|now_ns| later.victim(now_ns)).collect();
+        assert_eq!(rest, all[all.len() - rest.len()..]);
+        assert_eq!(rest.len(), 50);
     }
 
     #[test]

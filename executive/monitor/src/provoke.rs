@@ -8,6 +8,7 @@ use rustix::process::Signal;
 
 use crate::inject::Fault;
 use bateleur_system::disposition::{self, Disposition};
+use bateleur_system::wait;
 use bateleur_time::window_record::WindowRecord;
 
 /// Virtual clock: how long a signal with a handler may take to end a process, real time, ns. One that goes on costs that much.
@@ -79,7 +80,7 @@ pub(crate) fn way(pid: i32, number: i32) -> Result<Way, String> {
     let signal = Signal::from_named_raw(number).ok_or("there is no such signal")?;
     match signal {
         Signal::KILL | Signal::STOP => Ok(Way::Sent(signal)),
-        Signal::CONT if disposition::is_stopped(pid) => Ok(Way::Sent(signal)),
+        Signal::CONT if wait::is_stopped(pid) => Ok(Way::Sent(signal)),
         Signal::CONT => Err("it is not stopped".into()),
         _ if OF_FAULTS.contains(&number) => Ok(Way::InPlaceOf(number)),
         _ => match disposition::of(pid, number) {

@@ -52,8 +52,11 @@ impl Monitor {
 
     fn act_on(&mut self, name: &str, act: Act, module_ns: u64) -> Result<Answer, String> {
         let place = self.place_of(name)?;
+        // Of whom it is about: a standby that takes over at once is the next one.
+        let of_standby = u32::from(matches!(act, Act::KillStandby));
+        let generation = self.partitions[place].life.generation() + of_standby;
         let text = self.carry_out_order(place, act, module_ns).map_err(|why| format!("{name} {why}"))?;
-        self.note_order(Some(place), &format!("{}, by the operator", act.name()), module_ns);
+        self.note_order_of(Some(place), generation, &format!("{}, by the operator", act.name()), module_ns);
         Ok(Answer::Done { text: format!("{name} {text}") })
     }
 

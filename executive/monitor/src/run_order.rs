@@ -5,6 +5,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use bateleur_contract::Clock;
+use bateleur_plan::ModuleError;
 use bateleur_time::shared_clock::SharedClock;
 use serde::{Deserialize, Serialize};
 
@@ -48,6 +49,34 @@ pub struct RunOrder {
     pub events_fd: Option<i32>,
     /// Descriptor of the socket to whoever holds the other end of a partition's line under the virtual clock.
     pub companion_fd: Option<i32>,
+    /// What the executive's supervisor hands to it.
+    pub supervised: Option<Supervised>,
+}
+
+/// What a supervisor keeps for executives that follow each other.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Supervised {
+    /// Descriptor of the page with the run's time and the signs of life.
+    pub page_fd: i32,
+    /// Descriptors of retained memories, by partition.
+    pub retained_fds: BTreeMap<String, i32>,
+    /// The executive that ran before; `None` if this is the first.
+    pub after: Option<DeadExecutive>,
+}
+
+/// An executive that has ended and was not to.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DeadExecutive {
+    /// `executive_died` or `executive_hung`.
+    pub error: ModuleError,
+    /// How, in words.
+    pub detail: String,
+    /// Module time, ns.
+    pub at_ns: u64,
+    /// Starts of the module before the next one.
+    pub resets: u32,
 }
 
 impl RunOrder {

@@ -225,6 +225,7 @@ impl Monitor {
             return;
         }
         self.next_upkeep_ns = module_ns + UPKEEP_NS;
+        self.kept.events.flush();
         self.tell_lost(module_ns);
         if self.clock == Clock::Virtual {
             return;

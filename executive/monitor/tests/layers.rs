@@ -12,7 +12,7 @@ fn layers(head: &str) -> Vec<&str> {
 
 /// What a file imports of the crate, its tests apart.
 fn imports(text: &str) -> Vec<&str> {
-    let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap();
+    let code = text.split("#[cfg(test)]\n").next().unwrap();
     let uses = code.split("crate::").skip(1);
     uses.map(|rest| rest.split(|letter: char| !(letter.is_alphanumeric() || letter == '_')).next().unwrap())
         .collect()

@@ -7,14 +7,21 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::model::{Attribute, Channel, Partition, Payload, Plan, Port, PortId, Role, Schedule};
+use crate::processes::{Process, Processes};
 
 /// The longest name, bytes: with a closing zero it still fits the 32 bytes of an APEX name, with one to spare for
 /// implementations that count it. Longer ones are cut off by other people's tools.
 pub const LONGEST_NAME: usize = 30;
 /// The highest priority of a partition: above it lie the executive's own threads, which a partition must not hold up.
 pub const HIGHEST_PRIORITY: u8 = 50;
-/// The most threads of a partition: as many as an APEX partition may have processes; each takes a stack of its memory.
-pub const MOST_THREADS: u32 = 128;
+/// The most processes of a partition, as APEX has it; each takes a stack of its memory.
+pub const MOST_PROCESSES: u32 = 128;
+/// The most threads of a partition: one for each process, the error handler and the main thread.
+pub const MOST_THREADS: u32 = MOST_PROCESSES + 2;
+/// The most urgent priority of a process.
+pub const MOST_URGENT: u8 = 239;
+/// The highest number of a partition: APEX counts with a sign.
+pub const HIGHEST_IDENTIFIER: u32 = i32::MAX as u32;
 /// The deepest queue: as deep as an APEX queuing port may be; its slots are locked memory.
 pub const DEEPEST_QUEUE: u32 = 512;
 /// The longest message of plain bytes: as long as an APEX message may be.
@@ -182,6 +189,7 @@ fn partition(plan: &Plan, place: usize, partition: &Partition) -> Checked {
     require(partition.retained_bytes <= partition.memory_bytes, || "its retained memory".into())?;
     require((1..=MOST_THREADS).contains(&partition.threads), || "its threads".into())?;
     require((1..=HIGHEST_PRIORITY).contains(&partition.priority), || "its priority".into())?;
+    require(processes(&partition.processes), || "its processes".into())?;
     let times = [partition.startup_timeout_ns, partition.restart.within_ns, partition.restart.startup_ns];
     let limited = times.iter().chain(&partition.deadline_ns).all(|&time| time <= LONGEST_NS);
     require(limited, || "its times".into())?;
@@ -198,6 +206,23 @@ fn partition(plan: &Plan, place: usize, partition: &Partition) -> Checked {
     }
     let devices = partition.devices.iter().all(|device| !device.is_empty() && !device.contains('\0'));
     require(devices, || "its devices".into())
+}
+
+fn processes(processes: &Processes) -> bool {
+    let &Processes { identifier, period_ns, release_ns, duration_ns, most, ref declared, .. } = processes;
+    let sound = |process: &Process| {
+        let times = [Some(process.wcet_ns), process.period_ns, process.deadline_ns];
+        (1..=MOST_URGENT).contains(&process.priority)
+            && times.iter().flatten().all(|time| (1..=LONGEST_NS).contains(time))
+            && is_plain(&process.name, LONGEST_NAME)
+    };
+    identifier <= HIGHEST_IDENTIFIER
+        && (1..=LONGEST_NS).contains(&period_ns)
+        && release_ns < period_ns
+        && duration_ns <= period_ns
+        && most <= MOST_PROCESSES
+        && declared.len() <= most as usize
+        && declared.iter().all(sound)
 }
 
 fn depth(attribute: &Attribute) -> usize {

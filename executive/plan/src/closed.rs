@@ -267,6 +267,10 @@ closed! {
         PartitionError = "partition_error",
         /// The major frames do not begin with those that they follow.
         SyncLost = "sync_lost",
+        /// The executive's process has ended and was not to.
+        ExecutiveDied = "executive_died",
+        /// The executive's process, or one of its threads, gives no sign of life.
+        ExecutiveHung = "executive_hung",
     }
 }
 

@@ -8,6 +8,7 @@ pub mod closed;
 pub mod compiled;
 pub mod local;
 pub mod model;
+pub mod processes;
 pub mod timeline;
 pub mod units;
 pub mod words;
@@ -21,5 +22,6 @@ pub use model::{
     ModuleHealth, ModuleId, ModuleView, Network, NetworkId, Partition, PartitionHealth, PartitionId, Payload,
     Plan, Port, PortId, Protection, Reset, Restart, Role, Schedule, ScheduleId, Window, leaves_the_process,
 };
+pub use processes::{Process, Processes};
 pub use timeline::{CoreTimeline, Timeline, TimelineWindow};
 pub use words::{did_you_mean, nearest};

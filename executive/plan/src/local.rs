@@ -11,7 +11,9 @@ use bateleur_contract::{ClockRole, LinkTable, PathTable, PortKind, RelayChannel,
 use serde::Serialize;
 
 use crate::closed::{Closed, Kind};
-use crate::model::{Channel, ChannelId, LinkId, ModuleId, PartitionId, Plan, Port, PortId, Protection, Role};
+use crate::model::{
+    Channel, ChannelId, LinkId, ModuleId, PartitionId, Payload, Plan, Port, PortId, Protection, Role,
+};
 use crate::timeline::gaps;
 
 /// What a datagram has around it on an Ethernet, bytes, at most: preamble 8, head 14, check 4 and gap 12 of the frame,
@@ -162,8 +164,8 @@ impl Plan {
         (like, channel): (PortId, ChannelId),
     ) -> PortId {
         let id = PortId(self.ports.len());
-        let payload = self[like].payload.clone();
-        self.ports.push(Port { name, partition: owner, role, payload, channel: Some(channel) });
+        let (payload, channel) = (self[like].payload.clone(), Some(channel));
+        self.ports.push(Port { name, partition: owner, role, payload, optional: false, channel });
         self.partitions[owner.0].ports.push(id);
         id
     }
@@ -255,6 +257,7 @@ impl Plan {
                     Kind::Sampling => PortKind::Sampling,
                     Kind::Queuing => PortKind::Queuing,
                 },
+                plain: matches!(self[channel.source].payload, Payload::Bytes { .. }),
                 max_bytes: u32::try_from(self[channel.source].payload.max_size_bytes()).ok()?,
                 depth: match channel.kind {
                     Kind::Sampling => 1,

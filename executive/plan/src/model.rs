@@ -13,6 +13,7 @@ use super::closed::{
     ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleClock,
     ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode, SystemCalls, Transport,
 };
+use super::processes::Processes;
 
 macro_rules! index {
     ($(#[$doc:meta])* $id:ident, $field:ident: $item:ident) => {
@@ -203,6 +204,8 @@ pub struct Partition {
     pub memory_bytes: u64,
     /// The most threads that it may have; at least one.
     pub threads: u32,
+    /// Its period, and what its processes may take.
+    pub processes: Processes,
     /// When and how often it may start again.
     pub restart: Restart,
     /// What waits behind it; `None` if nothing does.
@@ -287,6 +290,8 @@ pub struct Port {
     pub role: Role,
     /// What a message on it is.
     pub payload: Payload,
+    /// Its partition may leave it out.
+    pub optional: bool,
     /// The channel it is attached to; `None` only if it is left open, which is a warning.
     pub channel: Option<ChannelId>,
 }
@@ -344,7 +349,7 @@ pub enum Payload {
         /// A number that differs where its fields do; 0: they are not known.
         layout: u32,
     },
-    /// Bytes that the partitions give a meaning to; queuing ports only.
+    /// Bytes that the partitions give a meaning to, so many in each message as its writer likes.
     Bytes {
         /// The longest message; not zero.
         max_size_bytes: usize,
@@ -591,7 +596,10 @@ pub fn default_module_action(error: ModuleError) -> ModuleAction {
         | ModuleError::PartitionStopped
         | ModuleError::ConfigError
         | ModuleError::SyncLost => ModuleAction::Ignore,
-        ModuleError::PowerFail | ModuleError::PartitionError => ModuleAction::Shutdown,
+        ModuleError::PowerFail
+        | ModuleError::PartitionError
+        | ModuleError::ExecutiveDied
+        | ModuleError::ExecutiveHung => ModuleAction::Shutdown,
     }
 }
 

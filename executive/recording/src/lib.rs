@@ -2,7 +2,8 @@
 //!
 //! [`PortLog`] writes it while the module runs, [`for_each`] and [`read`] take it apart afterwards. Payloads are
 //! CDR (four bytes of header, then the message as it lies in the port) and schemas are ROS 2 message definitions, so that
-//! other people's viewers show the values by name. [`hosts`] says which folders a run on several hosts has left.
+//! other people's viewers show the values by name. [`hosts`] says which folders a run on several hosts has left, and
+//! [`windows`] reads the log of windows beside them.
 //!
 //! The one thing it must never do: take a log that is damaged or cut short for a whole one.
 
@@ -11,6 +12,7 @@
 pub mod hosts;
 mod layout;
 mod read;
+pub mod windows;
 mod write;
 
 pub use bateleur_messages::format::Scalar;

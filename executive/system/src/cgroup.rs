@@ -225,23 +225,6 @@ pub fn remove(path: &Path) {
     }
 }
 
-/// The version 2 group that this process is in.
-pub fn own_group() -> io::Result<PathBuf> {
-    let absent = || io::Error::new(io::ErrorKind::NotFound, "no cgroup version 2 hierarchy is mounted");
-    let mount = mount_point(&fs::read_to_string("/proc/self/mounts")?).ok_or_else(absent)?;
-    let groups = fs::read_to_string("/proc/self/cgroup")?;
-    let own = groups.lines().find_map(|line| line.strip_prefix("0::/")).ok_or_else(absent)?;
-    Ok(mount.join(own))
-}
-
-fn mount_point(mounts: &str) -> Option<PathBuf> {
-    let mut fields = mounts.lines().map(|line| line.split(' '));
-    fields.find_map(|mut field| {
-        let (_, at, kind) = (field.next()?, field.next()?, field.next()?);
-        (kind == "cgroup2").then(|| PathBuf::from(at))
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -264,13 +247,5 @@ mod tests {
         let mut read = Vec::new();
         each_number(&file, &mut |number| read.push(number));
         assert_eq!(read, numbers);
-    }
-
-    #[test]
-    fn the_second_version_is_found_beside_the_first() {
-        let mounts =
-            "cgroup /sys/fs/cgroup/cpu cgroup rw,cpu 0 0\ncgroup2 /sys/fs/cgroup/unified cgroup2 rw 0 0\n";
-        assert_eq!(mount_point(mounts), Some("/sys/fs/cgroup/unified".into()));
-        assert_eq!(mount_point("proc /proc proc rw 0 0\n"), None);
     }
 }

@@ -9,8 +9,6 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::cgroup::own_group;
-
 /// The leaf into which the executive steps aside.
 pub const LEAF: &str = "bateleur.executive";
 /// What is handed on to the module's groups, where the machine has it.
@@ -22,6 +20,36 @@ pub const CONTROLLERS: [&str; 2] = ["memory", "pids"];
 /// There is no hierarchy of version 2.
 pub fn base() -> io::Result<PathBuf> {
     Ok(above_leaf(own_group()?))
+}
+
+/// The version 2 group that this process is in.
+fn own_group() -> io::Result<PathBuf> {
+    let groups = fs::read_to_string("/proc/self/cgroup")?;
+    let own = groups.lines().find_map(|line| line.strip_prefix("0::/"));
+    let absent = || io::Error::new(io::ErrorKind::NotFound, absence(own));
+    let mount = mount_point(&fs::read_to_string("/proc/self/mounts")?).ok_or_else(absent)?;
+    Ok(mount.join(own.ok_or_else(absent)?))
+}
+
+/// Why there is no hierarchy for a process whose group is `own` below its root, and what to do.
+fn absence(own: Option<&str>) -> &'static str {
+    match own {
+        None | Some("") => "no cgroup version 2 hierarchy is mounted",
+        // The kernel has it, and this process is in it: somebody has mounted something else above it.
+        Some(_) => HIDDEN,
+    }
+}
+
+/// What is said where control groups are there and can not be seen.
+const HIDDEN: &str = "the cgroup version 2 hierarchy is hidden from this process, as `ip netns exec` does, which mounts /sys anew: \
+    enter the network namespace by `nsenter --net=/run/netns/NAME`, or mount it again: mount -t cgroup2 none /sys/fs/cgroup";
+
+fn mount_point(mounts: &str) -> Option<PathBuf> {
+    let mut fields = mounts.lines().map(|line| line.split(' '));
+    fields.find_map(|mut field| {
+        let (_, at, kind) = (field.next()?, field.next()?, field.next()?);
+        (kind == "cgroup2").then(|| PathBuf::from(at))
+    })
 }
 
 fn above_leaf(own: PathBuf) -> PathBuf {
@@ -141,6 +169,20 @@ fn parent_of(pid: i32) -> Option<i32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn hidden_groups_are_answered_with_what_to_do_and_absent_ones_are_not() {
+        assert!(absence(Some("user.slice/session-1.scope")).contains("nsenter --net="));
+        assert!(!absence(Some("")).contains("nsenter") && !absence(None).contains("nsenter"));
+    }
+
+    #[test]
+    fn the_second_version_is_found_beside_the_first() {
+        let mounts =
+            "cgroup /sys/fs/cgroup/cpu cgroup rw,cpu 0 0\ncgroup2 /sys/fs/cgroup/unified cgroup2 rw 0 0\n";
+        assert_eq!(mount_point(mounts), Some("/sys/fs/cgroup/unified".into()));
+        assert_eq!(mount_point("proc /proc proc rw 0 0\n"), None);
+    }
 
     #[test]
     fn groups_are_made_beside_the_leaf_and_not_inside_it() {

@@ -18,11 +18,6 @@ pub fn of(pid: i32, signal: i32) -> Disposition {
     disposition(&status(pid), signal)
 }
 
-/// Whether process `pid` is stopped by a signal.
-pub fn is_stopped(pid: i32) -> bool {
-    field(&status(pid), "State:").is_some_and(|state| state.starts_with('T'))
-}
-
 fn status(pid: i32) -> String {
     fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default()
 }

@@ -6,6 +6,7 @@ pub mod cpu_starvation;
 pub mod delegation;
 pub mod disposition;
 pub mod filter;
+pub mod folders;
 pub mod kernel_log;
 pub mod privileges;
 pub mod rules;

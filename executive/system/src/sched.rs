@@ -32,14 +32,6 @@ pub fn spares_ordinary_work() -> bool {
     runtime_us.is_ok_and(|text| text.trim().parse().is_ok_and(|runtime_us: i64| runtime_us >= 0))
 }
 
-/// Whether a process is stopped by a signal (state `T` of `/proc/PID/stat`, proc(5)).
-#[must_use]
-pub fn is_stopped(pid: i32) -> bool {
-    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    // Its name stands in brackets before the state, and may hold anything.
-    stat.rsplit_once(") ").is_some_and(|(_, rest)| rest.starts_with('T'))
-}
-
 /// Processor time that a process has used with all its threads, ns; `None` if it has ended.
 #[must_use]
 pub fn used_ns(pid: i32) -> Option<u64> {
@@ -85,22 +77,6 @@ pub fn bind(tid: i32, cores: &[u32]) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn stopped_process_is_told_from_one_that_runs_whatever_its_name() {
-        let mut sleeper = std::process::Command::new("sleep").arg("60").spawn().unwrap();
-        let pid = Pid::from_child(&sleeper);
-        assert!(!is_stopped(pid.as_raw_nonzero().get()));
-        rustix::process::kill_process(pid, rustix::process::Signal::STOP).unwrap();
-        let begun = std::time::Instant::now();
-        while !is_stopped(pid.as_raw_nonzero().get()) {
-            assert!(begun.elapsed().as_secs() < 60);
-            std::thread::yield_now();
-        }
-        sleeper.kill().unwrap();
-        sleeper.wait().unwrap();
-        assert!(!is_stopped(pid.as_raw_nonzero().get()));
-    }
 
     #[test]
     fn processor_time_of_another_process_is_read_and_grows() {

@@ -17,7 +17,9 @@ use rustix::pipe::{PipeFlags, pipe_with};
 use super::filter::Filters;
 use super::time::now_ns;
 use super::users::HELPERS;
+pub use super::users::User;
 use super::view::View;
+pub use super::wait::Spawned;
 use super::{cpu_starvation, rules};
 
 /// `clone3` only; the C library's binding is too narrow for it.
@@ -52,17 +54,6 @@ impl Namespaces {
         ];
         pairs.iter().filter(|(wanted, _)| *wanted).fold(0, |flags, (_, flag)| flags | *flag as u64)
     }
-}
-
-/// A user that a process becomes.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct User {
-    /// User number.
-    pub id: u32,
-    /// Group number.
-    pub group: u32,
-    /// Groups beside it: those of the devices that it may open.
-    pub groups: Vec<u32>,
 }
 
 /// What is shut off from a process, and what it may use. By default nothing is.
@@ -122,15 +113,6 @@ pub struct Request<'a> {
     pub user: Option<User>,
     /// Whether it is killed when the thread that starts it ends.
     pub dies_with_starter: bool,
-}
-
-/// A started process.
-#[derive(Debug)]
-pub struct Spawned {
-    /// Its number, as the executive sees it.
-    pub pid: i32,
-    /// Becomes readable when it ends.
-    pub pidfd: OwnedFd,
 }
 
 /// How far a child had come when it failed.

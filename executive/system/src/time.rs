@@ -12,9 +12,15 @@ pub fn now_ns() -> u64 {
     now.tv_sec as u64 * NS + now.tv_nsec as u64 // never negative
 }
 
+/// An instant or a span as the kernel takes it.
+#[must_use]
+pub fn timespec(nanoseconds: u64) -> Timespec {
+    Timespec { tv_sec: (nanoseconds / NS) as i64, tv_nsec: (nanoseconds % NS) as i64 }
+}
+
 /// Sleeps until an instant of CLOCK_MONOTONIC; at once if it has passed.
 pub fn sleep_until_ns(instant_ns: u64) {
-    let until = Timespec { tv_sec: (instant_ns / NS) as i64, tv_nsec: (instant_ns % NS) as i64 };
+    let until = timespec(instant_ns);
     // A signal may end the sleep early: go on until the instant. Any other error would mean a clock that is not there.
     while clock_nanosleep_absolute(ClockId::Monotonic, &until) == Err(rustix::io::Errno::INTR) {}
 }

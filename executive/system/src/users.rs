@@ -3,7 +3,16 @@
 //! What the kernel counts for each user (queued signals, timers, watches, pages in pipes) it then counts for each partition, and
 //! a file's owner says which partition made it. No such user has to exist.
 
-use super::spawn::User;
+/// A user that a process becomes.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct User {
+    /// User number.
+    pub id: u32,
+    /// Group number.
+    pub group: u32,
+    /// Groups beside it: those of the devices that it may open.
+    pub groups: Vec<u32>,
+}
 
 /// User and group of the helpers, and group of the devices that partitions are granted.
 pub const HELPERS: u32 = 61_653;

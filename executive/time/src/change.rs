@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use crate::dispatcher::Occurrence;
-use crate::partition_control::PartitionControl;
+use crate::partition_control::{PartitionControl, Readiness};
 use crate::schedule_switch::{Requested, ScheduleSwitch};
 use bateleur_plan::{ChangeAction, Plan};
 
@@ -50,7 +50,9 @@ impl Changes {
     /// What has to be done with the partition of a window before it may have one in this schedule. `None`: nothing, it
     /// may have this very window. Where there is something, the partition gets no window any more until it is done.
     pub fn action_due(&self, occurrence: &Occurrence, control: &PartitionControl) -> Option<ChangeAction> {
-        if !control.enters_epoch(occurrence.epoch.number) {
+        // What an operator holds has its action with its first window afterwards.
+        let is_held = control.readiness() == Readiness::Held;
+        if is_held || !control.enters_epoch(occurrence.epoch.number) {
             return None;
         }
         let (before, after) = (occurrence.epoch.after?, occurrence.epoch.schedule);
@@ -73,5 +75,34 @@ impl Changes {
         let at = occurrence.epoch.schedule * self.partitions + occurrence.window.partition.index();
         let legal = self.may_ask[at] && wanted < self.schedules;
         (legal && self.schedule_switch.request(wanted) == Requested::Pending).then_some(wanted)
+    }
+}
+
+#[cfg(not(feature = "model"))]
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dispatcher::ScheduleEpoch;
+    use crate::partition_control::fixture::{control, occurrence, plan};
+
+    #[test]
+    fn partition_that_is_held_over_a_change_of_schedule_has_its_action_when_it_is_released() {
+        let changes = Changes {
+            schedules: 2,
+            actions: vec![ChangeAction::WarmRestart; 4],
+            ..Changes::of(&plan(), Arc::new(ScheduleSwitch::new(0)))
+        };
+        let after = |number| occurrence(ScheduleEpoch { number, schedule: 1, after: Some(0), since_ns: 0 });
+        let control = control();
+        control.set_readiness(Readiness::Ready);
+        assert_eq!(changes.action_due(&after(1), &control), Some(ChangeAction::WarmRestart));
+        for held in 2..5 {
+            control.set_readiness(Readiness::Held);
+            assert_eq!(changes.action_due(&after(held), &control), None);
+            control.set_readiness(Readiness::Ready);
+            assert_eq!(changes.action_due(&after(held), &control), Some(ChangeAction::WarmRestart));
+            control.set_readiness(Readiness::Ready);
+            assert_eq!(changes.action_due(&after(held), &control), None, "once");
+        }
     }
 }

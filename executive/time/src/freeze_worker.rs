@@ -7,13 +7,13 @@ use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::SeqCst;
 use std::sync::{Arc, atomic::AtomicBool};
 
-use bateleur_system::time::now_ns;
+use bateleur_system::time::{now_ns, timespec};
 use rustix::thread::futex;
 
 use crate::redundant_pair::RedundantPair;
 
 /// See the module's head.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct FreezeWorker {
     /// Calls so far; the worker sleeps on it.
     calls: AtomicU32,
@@ -69,9 +69,4 @@ impl FreezeWorker {
         self.calls.fetch_add(1, SeqCst);
         let _ = futex::wake(&self.calls, futex::Flags::PRIVATE, 1); // it is awake
     }
-}
-
-fn timespec(nanoseconds: u64) -> rustix::time::Timespec {
-    let (tv_sec, tv_nsec) = ((nanoseconds / 1_000_000_000) as i64, (nanoseconds % 1_000_000_000) as i64);
-    rustix::time::Timespec { tv_sec, tv_nsec }
 }

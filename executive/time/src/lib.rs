@@ -9,6 +9,7 @@ mod hold_request;
 pub mod line_counts;
 pub mod partition_control;
 pub mod redundant_pair;
+pub mod run_page;
 pub mod schedule_switch;
 pub mod shared_clock;
 pub mod stall;

@@ -68,12 +68,12 @@ mod tests {
     use crate::dispatcher::{Ending, Gate, Occurrence, ScheduleEpoch};
     use crate::freeze_worker::FreezeWorker;
     use crate::partition_control::Readiness;
+    use crate::partition_control::fixture;
     use crate::schedule_switch::ScheduleSwitch;
     use crate::stall::Stall;
     use crate::time_guard::{ProcessControl, TimeGuard};
     use crate::wall::WallGate;
     use crate::window_record::{Missed, WindowRecord};
-    use bateleur_plan::Timeline;
     use bateleur_system::time::now_ns;
 
     /// Processes of one partition control: whether they are frozen, and what priority they were given.
@@ -171,20 +171,13 @@ mod tests {
         new.set_readiness(Readiness::Ready);
     }
 
-    const PLAN: &str = "[module.m]\ncores = [0]\n[partition.a]\nprogram = \"a\"\nmodule = \"m\"\nmemory = \"1MiB\"\n\
-         [schedule.s]\nmajor_frame = \"20ms\"\nminor_frame = \"20ms\"\ninitial = true\n\
-         [[schedule.s.window]]\npartition = \"a\"\noffset = \"0ms\"\nduration = \"2ms\"\n";
-
     /// The gate of one core, and a window of the partition.
     fn gate(pair: &Arc<RedundantPair>) -> (WallGate, rtrb::Consumer<WindowRecord>, Occurrence) {
         gate_of(pair, 0)
     }
 
     fn gate_of(pair: &Arc<RedundantPair>, core: u32) -> (WallGate, rtrb::Consumer<WindowRecord>, Occurrence) {
-        let plan = crate::test_support::plan_of(PLAN);
-        let window =
-            Timeline::of(&plan, plan.module("m").unwrap().id(), plan.initial_schedule()).cores[0].windows[0];
-        let changes = Arc::new(Changes::of(&plan, Arc::new(ScheduleSwitch::new(0))));
+        let changes = Arc::new(Changes::of(&fixture::plan(), Arc::new(ScheduleSwitch::new(0))));
         let (producer, consumer) = rtrb::RingBuffer::new(16);
         let gate = WallGate::new(
             vec![Some(pair.clone())],
@@ -195,17 +188,8 @@ mod tests {
             (core, core),
             Arc::new(Stall::default()),
         );
-        let occurrence = Occurrence {
-            window,
-            core,
-            epoch: ScheduleEpoch { number: 0, schedule: 0, after: None, since_ns: 0 },
-            major_frame: 0,
-            minor_frames: 0,
-            minor_frame_ns: 20_000_000,
-            start_ns: 0,
-            end_ns: 2_000_000,
-            late_ns: 0,
-        };
+        let epoch = ScheduleEpoch { number: 0, schedule: 0, after: None, since_ns: 0 };
+        let occurrence = Occurrence { core, ..fixture::occurrence(epoch) };
         (gate, consumer, occurrence)
     }
 

@@ -10,6 +10,7 @@ use crate::change::Changes;
 use crate::dispatcher::{Ending, Gate, Meanwhile, Occurrence, Pace};
 use crate::partition_control::{PartitionControl, Readiness, grant_of};
 use crate::redundant_pair::RedundantPair;
+use crate::run_page::Heartbeat;
 use crate::stall::Stall;
 use crate::window_record::{Missed, WindowRecord};
 use bateleur_plan::TimelineWindow;
@@ -31,14 +32,15 @@ const WAITS: u32 = 4;
 pub struct WallPace {
     origin_ns: u64,
     spun_ns: Arc<AtomicU64>,
+    beat: Heartbeat,
 }
 
 impl WallPace {
     /// Module time 0 is at `origin_ns` of CLOCK_MONOTONIC. `spun_ns` counts the time for which the processor was held in
-    /// slack, so as to be awake at the instant.
+    /// slack, so as to be awake at the instant. `beat` tells of each switch.
     #[must_use]
-    pub fn new(origin_ns: u64, spun_ns: Arc<AtomicU64>) -> Self {
-        Self { origin_ns, spun_ns }
+    pub fn new(origin_ns: u64, spun_ns: Arc<AtomicU64>, beat: Heartbeat) -> Self {
+        Self { origin_ns, spun_ns, beat }
     }
 
     fn spin(&self, until_ns: u64) {
@@ -65,7 +67,9 @@ impl Pace for WallPace {
         } else {
             sleep_if_ahead(target_ns);
         }
-        now_ns().saturating_sub(target_ns)
+        let now_ns = now_ns();
+        self.beat.beat_at(now_ns);
+        now_ns.saturating_sub(target_ns)
     }
 }
 
@@ -178,7 +182,11 @@ impl Gate for WallGate {
 
     fn lead_ns(&self, window: &TimelineWindow) -> u64 {
         let pair = self.pair[window.partition.index()].as_deref();
-        if pair.is_some_and(|pair| pair.active().guard().holds()) { THAW_NS } else { EARLY_NS }
+        let thaws = |pair: &RedundantPair| {
+            let guard = pair.active().guard();
+            guard.holds() && !guard.settles_at_once()
+        };
+        if pair.is_some_and(thaws) { THAW_NS } else { EARLY_NS }
     }
 
     fn prepare(&mut self, window: &TimelineWindow) {

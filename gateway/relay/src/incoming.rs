@@ -73,6 +73,7 @@ struct Joining {
 pub(crate) struct Incoming {
     place: usize,
     kind: PortKind,
+    plain: bool,
     max_bytes: usize,
     most_held: usize,
     /// The least number that may still be handed on.
@@ -94,6 +95,7 @@ impl Incoming {
         Self {
             place,
             kind: channel.kind,
+            plain: channel.plain,
             max_bytes: channel.max_bytes as usize,
             most_held: HELD.min(channel.depth as usize),
             next: 0,
@@ -110,7 +112,7 @@ impl Incoming {
     /// Whether a part can be one of this channel.
     pub(crate) fn accepts(&self, part: &Part<'_>) -> Result<(), Rejection> {
         let length = part.piece.map_or(part.bytes.len(), |(total, _)| total as usize);
-        self.kind.carries(self.max_bytes, length).then_some(()).ok_or(Rejection::Channel)
+        self.kind.carries(self.plain, self.max_bytes, length).then_some(()).ok_or(Rejection::Channel)
     }
 
     /// The peer begins a new life: its numbers begin at 0.
@@ -321,6 +323,7 @@ mod tests {
                 port: "p".into(),
                 outgoing: false,
                 kind,
+                plain: false,
                 max_bytes,
                 depth,
                 period_ns: 0,

@@ -36,6 +36,7 @@ pub(crate) struct Outgoing {
 #[derive(Debug, Clone, Copy)]
 struct Channel {
     kind: PortKind,
+    plain: bool,
     /// The longest message, bytes.
     most: usize,
     /// Its messages go in pieces where they do not fit.
@@ -67,6 +68,7 @@ impl Outgoing {
         let most = channels.iter().map(|channel| channel.max_bytes as usize).max().unwrap_or(0);
         let channel = |channel: &RelayChannel| Channel {
             kind: channel.kind,
+            plain: channel.plain,
             most: channel.max_bytes as usize,
             in_pieces: packing::goes_in_pieces(channel.max_bytes.into(), max_datagram),
             sent: 0,
@@ -133,7 +135,7 @@ impl<'a> Composer<'a> {
         let (Some(id), Some(known)) = (self.link.channel_id(channel), self.channel(channel)) else {
             return false;
         };
-        if !known.kind.carries(known.most, bytes.len()) || !self.takes(&known, bytes.len()) {
+        if !known.kind.carries(known.plain, known.most, bytes.len()) || !self.takes(&known, bytes.len()) {
             return false;
         }
         let fits = bytes.len() + MESSAGE_BYTES <= self.free_for_others();

@@ -14,6 +14,7 @@ fn the_help_of_the_offline_verbs_is_as_it_was() {
         "check",
         "compare",
         "completions",
+        "init",
         "man",
         "new",
         "plan",

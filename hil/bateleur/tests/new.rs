@@ -148,7 +148,7 @@ fn nothing_is_written_over_and_nothing_is_written_beside_what_is_there() {
         "{}",
         ended.stderr
     );
-    assert!(ended.stderr.contains("--dir"), "{}", ended.stderr);
+    assert!(ended.stderr.contains("name another folder"), "{}", ended.stderr);
     assert_eq!(read(folder.path(), "talker/src/main.rs"), "mine");
     assert!(!folder.path().join("talker/Cargo.toml").exists());
     let library = repository();
@@ -235,7 +235,7 @@ fn what_no_crate_can_be_made_of_is_refused_with_a_way_to_mend_it() {
         (
             "message = \"Rate\"",
             "message = \"Ratio\"",
-            "a message type of your own is a file beside the schedule file",
+            "A type of your own is a file beside the schedule file, `messages/Ratio.msg`",
         ),
         ("program = \"talker\"", "program = \"build\"", "cargo keeps the name `build`"),
         (

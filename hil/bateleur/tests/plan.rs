@@ -56,10 +56,101 @@ fn needs_that_make_no_sense_are_refused_with_a_way_to_mend_them() {
         ("\"600us\"", "\"600\"", "`600` is not a time: it has no unit"),
         ("duration = \"600us\"", "length = \"600us\"", "there is no key `length`"),
         ("offset = \"12ms\"", "core = 3", "core 3, which module `fcu` does not have"),
+        ("[need]", "major_frame = 5\n[need]", "integer 5 is no time"),
         ("duration = \"600us\"", "duration = \"0ms\"", "the duration of `servo` is zero"),
     ] {
         let ended = plan_with(|text| text.replacen(old, new, 1));
         assert_eq!(ended.code, 2, "{}", ended.stdout);
         assert!(ended.stderr.contains(words), "{words}:\n{}", ended.stderr);
     }
+}
+
+const PARTITIONS: [&str; 9] = [
+    "rate_generator",
+    "hil_interface",
+    "gps",
+    "imu",
+    "estimator",
+    "controller",
+    "servo",
+    "onboard_computer",
+    "command",
+];
+
+/// A run of 2000 periods; each partition works a little longer than the one before, and once three times as long. `last` is the last line.
+fn run_folder(last: &str) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let mut text = "frame,minor,core,partition,planned_start_ns,planned_end_ns,granted_ns,opened_ns,closed_ns,flags,slack_ns,schedule\n".to_owned();
+    for period in 0..2000_u64 {
+        for (place, name) in PARTITIONS.iter().enumerate() {
+            let start = period * 20_000_000 + 19_000_000;
+            let used = (150 + 50 * place as u64) * if period == 1000 { 3_000 } else { 1_000 };
+            let (end, closed) = (start + 1_000_000, start + used);
+            text += &format!("0,0,1,{name},{start},{end},{start},{start},{closed},,0,flight\n");
+        }
+    }
+    std::fs::write(folder.path().join("windows.csv"), text + last).unwrap();
+    folder
+}
+
+#[test]
+fn needs_come_from_a_run_with_a_margin_and_the_table_says_so() {
+    let run = run_folder("");
+    let folder = run.path().to_str().unwrap();
+    let ended = bateleur(&["plan", "--from-run", folder, "--margin", "20"]);
+    assert_eq!((ended.code, ended.stderr.as_str()), (0, ""));
+    assert_golden("plan_from_run.txt", &ended.stdout.replace(folder, "RUN"));
+    let needs = run.path().join("needs.toml");
+    std::fs::write(&needs, "[need]\nimu = { period = \"20ms\", duration = \"2ms\" }\n").unwrap();
+    let ended = bateleur(&["plan", needs.to_str().unwrap(), "--from-run", folder]);
+    let imu = ended.stdout.lines().find(|line| line.contains("partition = \"imu\""));
+    assert!(
+        imu.is_some_and(|line| line.contains("duration = \"2ms\"")),
+        "what is written goes first: {imu:?}"
+    );
+}
+
+#[test]
+fn run_that_does_not_say_what_a_partition_needs_is_refused() {
+    let open = "0,0,1,imu,99019000000,99020000000,99019000000,99019000000,,O,,flight\n";
+    let run = run_folder(open);
+    let ended = bateleur(&["plan", "--from-run", run.path().to_str().unwrap()]);
+    assert_eq!(ended.code, 2, "{}", ended.stdout);
+    assert!(ended.stderr.contains("`imu` left windows open in"), "{}", ended.stderr);
+    let ended = bateleur(&["plan", "--from-run", "/nowhere"]);
+    assert!(ended.code == 2 && ended.stderr.contains("cannot read /nowhere/windows.csv"), "{}", ended.stderr);
+    let ended = bateleur(&["plan"]);
+    assert!(ended.code == 2 && ended.stderr.contains("NEEDS"), "{}", ended.stderr);
+}
+
+#[test]
+fn major_frame_that_is_asked_for_is_taken_where_every_period_fits() {
+    let with = |major: &str| plan_with(|text| format!("major_frame = \"{major}\"\n{text}"));
+    let ended = with("200ms");
+    assert_eq!(ended.code, 0, "{}", ended.stderr);
+    assert!(ended.stdout.contains("major_frame = \"200ms\"\n"), "{}", ended.stdout);
+    let ended = with("50ms");
+    assert_eq!((ended.code, ended.stdout.as_str()), (1, ""));
+    assert!(ended.stderr.contains("a major frame of 50ms is no multiple of 20ms"), "{}", ended.stderr);
+}
+
+#[test]
+fn another_minor_frame_is_told_with_what_becomes_of_a_silence() {
+    let ended = plan_with(|text| format!("minor_frame = \"40ms\"\n{text}"));
+    let words = "`silence_windows` = 25 counts windows: of a partition with one in each minor frame a silence is 1s and no longer 500ms";
+    assert!(ended.stderr.contains(words), "{}", ended.stderr);
+}
+
+#[test]
+fn what_is_wrong_with_the_schedule_file_is_said_at_its_own_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("schedule.toml");
+    let text = std::fs::read_to_string(repository().join("schedule.toml")).unwrap();
+    let text = text.replacen("message = \"Rate\"", "message = \"Ratio\"", 1);
+    std::fs::write(&path, &text).unwrap();
+    let line = 1 + text.lines().position(|line| line.contains("\"Ratio\"")).unwrap();
+    let path = path.to_str().unwrap();
+    let ended = bateleur(&["plan", NEEDS, "--schedule", path]);
+    assert_eq!((ended.code, ended.stdout.as_str()), (2, ""));
+    assert!(ended.stderr.contains(&format!("--> {path}:{line}:")), "{}", ended.stderr);
 }

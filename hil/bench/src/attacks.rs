@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 
 use super::Settings;
 use super::module::{Line, start};
-use super::restart::{self, KILLS, restarts_ms, victim};
+use super::restart::{self, KILLS, Restarts, victim};
 use super::row::{Reach, Row};
 use super::sketch::{Sketched, schedule};
 use super::statistics::{median, quantile};
@@ -44,9 +44,9 @@ pub(super) fn rows(settings: &Settings) -> Result<Vec<Row>> {
 fn restarts(settings: &Settings) -> Result<Row> {
     let kills = if settings.quick { 3 } else { KILLS };
     let medians = |lives: u64| -> Result<Option<f64>> {
-        let runs = (0..settings.runs).map(|_| restarts_ms(&beside_litterer(settings, lives), kills));
-        let runs = runs.collect::<Result<Vec<Vec<f64>>>>()?;
-        Ok(median(&runs.iter().filter_map(|run| quantile(run, 0.5)).collect::<Vec<_>>()))
+        let runs = (0..settings.runs).map(|_| restart::restarts(&beside_litterer(settings, lives), kills));
+        let runs = runs.collect::<Result<Vec<Restarts>>>()?;
+        Ok(median(&runs.iter().filter_map(|run| quantile(&run.window_ms, 0.5)).collect::<Vec<_>>()))
     };
     let value = medians(1_000_000)?.context("no restart was seen")?;
     let about = "the same partition while its neighbour leaves its channel as it is";

@@ -17,6 +17,7 @@ mod links;
 mod module;
 mod ports;
 mod probe;
+mod processes;
 mod restart;
 mod row;
 mod scale;
@@ -35,7 +36,7 @@ use row::Row;
 /// Measure what the executive promises, beside references taken in the same run.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// Which figures; all where none is named: starts, fence, switch, ports, links, alignment,
+    /// Which figures; all where none is named: starts, fence, switch, ports, processes, links, alignment,
     /// can, restart, scale, laws, flight, virtual, attacks.
     #[arg(value_name = "NAME")]
     names: Vec<String>,
@@ -76,6 +77,7 @@ const FIGURES: &[(&str, Measure)] = &[
     ("fence", windows::fence),
     ("switch", windows::switches),
     ("ports", ports::rows),
+    ("processes", processes::rows),
     ("links", links::rows),
     ("alignment", alignment::rows),
     ("can", can::rows),
@@ -97,6 +99,7 @@ pub fn run(arguments: &Arguments) -> Result<Code> {
         bail!("there is no figure \"{name}\"; there are {}", known.join(", "));
     }
     let allowed = sched::allowed_cores();
+    let machine = probe::machine(allowed.len());
     let core = arguments.core.or(allowed.last().copied()).unwrap_or(0);
     if !allowed.contains(&core) {
         bail!("this process may not use processor {core}; it may use {allowed:?}");
@@ -125,9 +128,10 @@ pub fn run(arguments: &Arguments) -> Result<Code> {
     }
     let text = match arguments.format {
         Format::Json => {
-            format!("{:#}\n", serde_json::json!({ "core": core, "runs": runs, "quick": quick, "rows": rows }))
+            let all = serde_json::json!({ "machine": machine, "core": core, "runs": runs, "quick": quick, "rows": rows });
+            format!("{all:#}\n")
         }
-        Format::Text => row::table(&rows),
+        Format::Text => format!("{machine}, core {core}, runs: {runs}\n\n{}", row::table(&rows)),
     };
     print!("{text}");
     // A quick run shows that every figure can be taken, and judges none.

@@ -56,6 +56,7 @@ fn table(
         port: format!("bench-{id}"),
         outgoing,
         kind: PortKind::Sampling,
+        plain: false,
         max_bytes: bytes as u32, // a few thousand
         depth: 1,
         period_ns: 0,

@@ -1,6 +1,7 @@
 //! Runs of generated modules: `bateleur run` as a process of its own, and what it leaves in its folder.
 
 use std::fs;
+use std::os::fd::AsRawFd;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -97,6 +98,8 @@ pub(super) fn start_one(schedule: &str, module: Option<&str>, until_s: f64) -> R
     let own = std::env::current_exe().context("cannot find this program")?;
     let create = |name: &str| fs::File::create(folder.path().join(name)).context("cannot write");
     let (errors, events) = (create("errors.txt")?, create(EVENTS)?);
+    // The executive takes none of the standard three for its own.
+    rustix::io::fcntl_setfd(&events, rustix::io::FdFlags::empty()).context("cannot hand a file over")?;
     let process = Command::new(own)
         // Ends with this program, however that ends.
         .args(["run", "--until-stdin-closes", "--until", &until_s.to_string()])
@@ -105,8 +108,8 @@ pub(super) fn start_one(schedule: &str, module: Option<&str>, until_s: f64) -> R
         .arg("--output")
         .arg(folder.path())
         .stdin(Stdio::piped())
-        .stdout(events)
-        .args(["--events-fd", "1"])
+        .stdout(Stdio::null())
+        .args(["--events-fd", &events.as_raw_fd().to_string()])
         .args(module.into_iter().flat_map(|name| ["--module", name]))
         .stderr(errors)
         .spawn()
@@ -120,11 +123,21 @@ impl Running {
         self.process.id() as i32
     }
 
+    /// What partition `name` has written so far.
+    pub(super) fn words_of(&self, name: &str) -> String {
+        words_of(self.folder.path(), name)
+    }
+
+    /// What the module has told so far.
+    pub(super) fn events(&self) -> impl Iterator<Item = Event> {
+        events(self.folder.path())
+    }
+
     /// Waits until windows are granted; false: it ended before.
     pub(super) fn await_windows(&mut self) -> bool {
         let begun = Instant::now();
         while begun.elapsed() < PATIENCE && self.process.try_wait().is_ok_and(|ended| ended.is_none()) {
-            if events(self.folder.path()).any(|event| matches!(event, Event::Ready { .. })) {
+            if self.events().any(|event| matches!(event, Event::Ready { .. })) {
                 return true;
             }
             std::thread::sleep(Duration::from_millis(5));

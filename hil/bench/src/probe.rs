@@ -10,6 +10,28 @@ use bateleur_system::sched;
 use bateleur_system::time::{now_ns, sleep_until_ns};
 use rustix::thread::futex;
 
+/// What the figures are of, in a line: the processors that may be used, kernel, rights, and the day.
+pub(super) fn machine(processors: usize) -> String {
+    let name = rustix::system::uname();
+    let of_kernel = |text: &std::ffi::CStr| text.to_string_lossy().into_owned();
+    let (kernel, kind) = (of_kernel(name.release()), of_kernel(name.machine()));
+    let rights = if rustix::process::geteuid().is_root() { "as root" } else { "not as root" };
+    format!("{processors} processors ({kind}), Linux {kernel}, {rights}, {}", today())
+}
+
+/// The date, UTC.
+fn today() -> String {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::Realtime).tv_sec;
+    let mut text = [0_u8; 16];
+    // SAFETY: all that it is handed lives here, and it writes no more than it is told that there is room for.
+    let length = unsafe {
+        let mut date: libc::tm = std::mem::zeroed();
+        libc::gmtime_r(&now, &mut date);
+        libc::strftime(text.as_mut_ptr().cast(), text.len(), c"%Y-%m-%d".as_ptr(), &date)
+    };
+    String::from_utf8_lossy(&text[..length]).into_owned()
+}
+
 /// The dispatcher's priority, for loops that stand in for it.
 pub(super) const DISPATCHER: u8 = 98;
 /// The priority that partitions have when the plan says nothing.
@@ -171,6 +193,14 @@ fn histogram(text: &str) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn machine_is_told_with_the_day() {
+        let said = machine(2);
+        let day = said.rsplit_once(", ").map(|(_, day)| day.split('-').collect::<Vec<_>>()).unwrap();
+        assert_eq!(day.iter().map(|part| part.len()).collect::<Vec<_>>(), [4, 2, 2], "{said}");
+        assert!(day.iter().all(|part| part.parse::<u16>().is_ok()) && said.contains("Linux "), "{said}");
+    }
 
     #[test]
     fn the_histogram_of_cyclictest_becomes_samples() {

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use bateleur_monitor::event::Event;
 use bateleur_system::time::now_ns;
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -19,30 +20,50 @@ pub(super) const VICTIM: &str = "victim";
 pub(super) const FRAME_US: u64 = 20_000;
 /// Kills in one run.
 pub(super) const KILLS: u64 = 40;
-/// Between two kills, ms: longer than any restart that is within its reach.
+/// From a successor's first window to its own end, ms: the standby of a hot restart is there by then.
 const PAUSE_MS: u64 = 120;
+/// How long a successor may take to its first window, ms: beyond every reach.
+const PATIENCE_MS: u64 = 10_000;
 
 /// Cold and warm restarts, each at instants that have nothing to do with the frame.
 pub(super) fn rows(settings: &Settings) -> Result<Vec<Row>> {
+    Ok(KINDS.iter().flat_map(|kind| rows_of(settings, kind)).collect())
+}
+
+fn rows_of(settings: &Settings, kind: &Kind) -> Vec<Row> {
     let kills = if settings.quick { 3 } else { KILLS };
-    let mut rows = Vec::new();
-    for kind in KINDS {
-        if let Some(why) = not_in_this_build(settings, kind) {
-            rows.push(Row::impossible(kind.name, why));
-            continue;
-        }
-        let runs = (0..settings.runs).map(|_| restarts_ms(&module(settings, kind), kills));
-        let runs = runs.collect::<Result<Vec<Vec<f64>>>>()?;
-        for (words, share, reach) in
-            [("p50", 0.5, Reach::Stated), ("p99", 0.99, Reach::AtMost(kind.reach_ms))]
-        {
-            let of_each: Vec<f64> = runs.iter().filter_map(|run| quantile(run, share)).collect();
-            let value = median(&of_each).context("no restart was seen")?;
-            let about = "SIGKILL from outside to the first instruction of the successor's first window";
-            rows.push(Row::measured(format!("{}, {words}", kind.name), "ms", value, None, reach, about));
-        }
+    let runs = match not_in_this_build(settings, kind) {
+        Some(why) => Err(anyhow::Error::msg(why)),
+        None => (0..settings.runs).map(|_| restarts(&module(settings, kind), kills)).collect(),
+    };
+    let runs: Vec<Restarts> = match runs {
+        Ok(runs) => runs,
+        Err(error) => return vec![Row::impossible(kind.name, format!("{error:#}"))],
+    };
+    let about = "SIGKILL from outside to the first instruction of the successor's first window";
+    let windows =
+        quantiles(kind.name, runs.iter().map(|run| &run.window_ms), Reach::AtMost(kind.reach_ms), about);
+    if windows.is_empty() {
+        return vec![Row::impossible(kind.name, "the window log has no window of a successor")];
     }
-    Ok(rows)
+    let about = "SIGKILL from outside until the standby has taken over: its next window can be granted";
+    let name = format!("{}, taken over", kind.name);
+    let takeovers = quantiles(&name, runs.iter().map(|run| &run.takeover_ms), Reach::Stated, about);
+    windows.into_iter().chain(takeovers).collect()
+}
+
+/// The rows of p50 and p99, over the medians of runs; none where nothing was seen.
+fn quantiles<'r>(
+    name: &str,
+    runs: impl Iterator<Item = &'r Vec<f64>> + Clone,
+    reach: Reach,
+    about: &str,
+) -> Vec<Row> {
+    let row = |words: &str, share, reach| {
+        let of_each: Vec<f64> = runs.clone().filter_map(|run| quantile(run, share)).collect();
+        Some(Row::measured(format!("{name}, {words}"), "ms", median(&of_each)?, None, reach, about))
+    };
+    [row("p50", 0.5, Reach::Stated), row("p99", 0.99, reach)].into_iter().flatten().collect()
 }
 
 /// A way to start a successor.
@@ -96,49 +117,168 @@ pub(super) fn victim(more: &str, windows: &[(u64, u64)]) -> Sketched {
     Sketched { attributes: format!("{}, says_origin = true", plain.attributes), more: more.into(), ..plain }
 }
 
-/// Kills the victim of a module `kills` times; how long it was gone each time, ms.
-pub(super) fn restarts_ms(schedule: &str, kills: u64) -> Result<Vec<f64>> {
-    let mut running = start(schedule, kills as f64 * 2.0 * PAUSE_MS as f64 / 1e3 + 1.0)?;
+/// How long the victim of a module was gone, each time that it was killed.
+#[derive(Debug, Default)]
+pub(super) struct Restarts {
+    /// Until its successor's first window, ms.
+    pub(super) window_ms: Vec<f64>,
+    /// Until its standby had taken over, ms; empty where it has none.
+    takeover_ms: Vec<f64>,
+}
+
+/// Kills the victim of a module `kills` times.
+pub(super) fn restarts(schedule: &str, kills: u64) -> Result<Restarts> {
+    let longest_s = kills as f64 * (PATIENCE_MS + 2 * PAUSE_MS) as f64 / 1e3;
+    let mut running = start(schedule, longest_s)?;
     if !running.await_windows() {
         running.end()?;
         bail!("the module did not begin");
     }
-    let mut killed_ns = Vec::new();
-    for number in 0..kills {
-        // Phases spread over the frame: 7 and 20 have no common factor.
-        std::thread::sleep(Duration::from_millis(PAUSE_MS + number * 7 % 20));
-        killed_ns.extend(kill_victim(&running));
-    }
-    std::thread::sleep(Duration::from_millis(2 * PAUSE_MS));
+    let killed_ns = kill_each(kills, &mut running)?;
     let _ = kill_process(pid_of(running.pid())?, Signal::INT); // it has ended already: its end says why
-    let ended = running.end()?;
-    let gone = gone_ms(&ended, &killed_ns)?;
-    if gone.is_empty() {
-        bail!("none of {kills} killed processes had a successor");
+    gone(&running.end()?, &killed_ns)
+}
+
+/// What is killed again and again.
+trait Victim {
+    /// How many incarnations had a window so far.
+    fn lives(&mut self) -> usize;
+    /// Ends the present one; the instant.
+    fn kill(&mut self) -> Result<u64>;
+    fn wait_ms(&mut self, ms: u64);
+    /// What is known of it, for whoever wonders why it does not come back.
+    fn told(&mut self) -> String;
+}
+
+/// Kills each incarnation once it has had a window, `kills` in all; the instants.
+///
+/// One that is killed in a fixed rhythm may never come so far: among 64 partitions, whose windows leave a fifth of the processor, a start
+/// takes longer than a pause that suits four.
+fn kill_each(kills: u64, victim: &mut impl Victim) -> Result<Vec<u64>> {
+    let mut killed_ns = Vec::new();
+    for number in 0..=kills {
+        let mut waited_ms = 0;
+        while victim.lives() as u64 <= number {
+            if waited_ms >= PATIENCE_MS {
+                let told = victim.told();
+                bail!(
+                    "after kill {number} of {kills} no successor had a window within {PATIENCE_MS} ms{told}"
+                );
+            }
+            victim.wait_ms(5);
+            waited_ms += 5;
+        }
+        if number < kills {
+            // Phases spread over the frame: 7 and 20 have no common factor.
+            victim.wait_ms(PAUSE_MS + number * 7 % 20);
+            killed_ns.push(victim.kill()?);
+        }
     }
-    Ok(gone)
+    Ok(killed_ns)
+}
+
+impl Victim for Running {
+    fn lives(&mut self) -> usize {
+        instants(&self.words_of(VICTIM), "origin ").len()
+    }
+
+    fn kill(&mut self) -> Result<u64> {
+        let children = probe::children(self.pid());
+        let victim = children.iter().find(|(_, name)| name == VICTIM);
+        let (pid, _) = victim.context("the partition has no process, although it had a window")?;
+        let now = now_ns();
+        kill_process(pid_of(*pid)?, Signal::KILL).context("cannot kill the partition")?;
+        Ok(now)
+    }
+
+    fn wait_ms(&mut self, ms: u64) {
+        std::thread::sleep(Duration::from_millis(ms));
+    }
+
+    fn told(&mut self) -> String {
+        let of_victim = |event: &Event| match event {
+            Event::Fault { partition, .. } | Event::Message { partition, .. } => partition == VICTIM,
+            event => matches!(event, Event::ModuleFault { .. } | Event::Stopped { .. }),
+        };
+        self.events()
+            .filter(of_victim)
+            .last()
+            .map_or_else(String::new, |event| format!("; the module says: {event}"))
+    }
 }
 
 fn pid_of(number: i32) -> Result<Pid> {
     Pid::from_raw(number).context("a process without a number")
 }
 
-/// CLOCK_MONOTONIC of the kill; `None` if there is no such process right now.
-fn kill_victim(running: &Running) -> Option<u64> {
-    let children = probe::children(running.pid());
-    let (pid, _) = children.iter().find(|(_, name)| name == VICTIM)?;
-    let now = now_ns();
-    kill_process(Pid::from_raw(*pid)?, Signal::KILL).ok().map(|()| now)
+/// The instants that a partition has written behind `word`, a line each.
+fn instants(words: &str, word: &str) -> Vec<u64> {
+    words.lines().filter_map(|line| line.strip_prefix(word)?.parse().ok()).collect()
 }
 
-/// From each kill to the next window that the victim took.
-fn gone_ms(ended: &Ended, killed_ns: &[u64]) -> Result<Vec<f64>> {
+/// From each kill to the next window that the victim took, and to the next takeover.
+fn gone(ended: &Ended, killed_ns: &[u64]) -> Result<Restarts> {
     let words = ended.words_of(VICTIM);
-    let origin = words.lines().find_map(|line| line.strip_prefix("origin ")?.parse::<u64>().ok());
-    let origin_ns = origin.context("the partition did not say when module time began")?;
+    let origins = instants(&words, "origin ");
+    let origin_ns = origins.first().context("the partition did not say when module time began")?;
     let opened: Vec<u64> = ended.of(VICTIM).filter_map(|line| Some(line.opened_ns? + origin_ns)).collect();
-    let next = |killed: &u64| {
-        opened.iter().find(|opened| *opened > killed).map(|opened| (opened - killed) as f64 / 1e6)
+    let after = |instants: &[u64]| {
+        let next = |killed: &u64| Some((instants.iter().find(|at| *at > killed)? - killed) as f64 / 1e6);
+        killed_ns.iter().filter_map(next).collect()
     };
-    Ok(killed_ns.iter().filter_map(next).collect())
+    Ok(Restarts { window_ms: after(&opened), takeover_ms: after(&instants(&words, "took_over ")) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A partition in a time of its own, whose start takes some time and begins anew when it is killed.
+    struct Slow {
+        now_ms: u64,
+        start_ms: u64,
+        started_ms: u64,
+        lives: usize,
+    }
+
+    impl Slow {
+        fn new(start_ms: u64) -> Self {
+            Self { now_ms: 0, start_ms, started_ms: 0, lives: 0 }
+        }
+    }
+
+    impl Victim for Slow {
+        fn lives(&mut self) -> usize {
+            self.lives
+        }
+        fn kill(&mut self) -> Result<u64> {
+            self.started_ms = self.now_ms;
+            Ok(self.now_ms)
+        }
+        fn wait_ms(&mut self, ms: u64) {
+            let ready_ms = self.started_ms + self.start_ms;
+            self.lives += usize::from((self.now_ms + 1..=self.now_ms + ms).contains(&ready_ms));
+            self.now_ms += ms;
+        }
+        fn told(&mut self) -> String {
+            String::new()
+        }
+    }
+
+    #[test]
+    fn successor_that_starts_slowly_is_waited_for_and_not_killed_in_its_start() {
+        let mut rhythm = Slow::new(150);
+        for _ in 0..10 {
+            rhythm.wait_ms(PAUSE_MS);
+            rhythm.kill().unwrap();
+        }
+        assert_eq!(rhythm.lives, 0, "a fixed rhythm leaves none of them a window");
+        for start_ms in [1, 35, 121, 150, 846, PATIENCE_MS - 10] {
+            let mut victim = Slow::new(start_ms);
+            let killed = kill_each(10, &mut victim).unwrap();
+            assert_eq!((killed.len(), victim.lives), (10, 11), "a start of {start_ms} ms");
+        }
+        let error = kill_each(10, &mut Slow::new(PATIENCE_MS + 10)).unwrap_err().to_string();
+        assert!(error.starts_with("after kill 0 of 10 no successor had a window"), "{error}");
+    }
 }

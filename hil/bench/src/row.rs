@@ -74,7 +74,7 @@ impl Row {
     }
 }
 
-/// The table for a person.
+/// The table for a person, as it stands in a page.
 pub(super) fn table(rows: &[Row]) -> String {
     let heading = ["figure", "value", "reference", "ratio", "reach", "met"].map(str::to_owned);
     let mut lines = vec![heading];
@@ -83,16 +83,19 @@ pub(super) fn table(rows: &[Row]) -> String {
         .map(|column| lines.iter().map(|line| line[column].chars().count()).max().unwrap_or(0))
         .collect();
     let mut text = String::new();
-    for line in &lines {
+    for (number, line) in lines.iter().enumerate() {
         let padded = line.iter().zip(&widths).enumerate().map(|(column, (cell, width))| match column {
             0 | 4 | 5 => format!("{cell:width$}"),
             _ => format!("{cell:>width$}"),
         });
-        text += padded.collect::<Vec<_>>().join("  ").trim_end();
-        text.push('\n');
+        text += &format!("| {} |\n", padded.collect::<Vec<_>>().join(" | "));
+        if number == 0 {
+            let rule: Vec<String> = widths.iter().map(|width| "-".repeat(width + 2)).collect();
+            text += &format!("|{}|\n", rule.join("|"));
+        }
     }
     for row in rows.iter().filter(|row| row.value.is_none()) {
-        text += &format!("not here: {}: {}\n", row.name, row.about);
+        text += &format!("\nnot here: {}: {}\n", row.name, row.about);
     }
     text
 }
@@ -157,9 +160,11 @@ mod tests {
             Row::impossible("fence", "needs SCHED_FIFO"),
         ];
         let expected = "\
-figure               value  reference  ratio  reach         met
-window start, p50  18.6 us       9 us   2.07  <= 2.5 times  yes
-memory             123 MiB          -      -  <= 32 MiB     NO
+| figure            |   value | reference | ratio | reach        | met |
+|-------------------|---------|-----------|-------|--------------|-----|
+| window start, p50 | 18.6 us |      9 us |  2.07 | <= 2.5 times | yes |
+| memory            | 123 MiB |         - |     - | <= 32 MiB    | NO  |
+
 not here: fence: needs SCHED_FIFO
 ";
         assert_eq!(table(&rows), expected);

@@ -1,9 +1,9 @@
 //! Figures of size: 4, 16 and 64 partitions with four ports each, in the same number of windows.
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 
 use super::Settings;
-use super::restart::{VICTIM, restarts_ms, victim};
+use super::restart::{VICTIM, restarts, victim};
 use super::row::{Reach, Row};
 use super::sketch::{Link, Sketched, schedule};
 use super::statistics::median;
@@ -17,46 +17,65 @@ const FRAME_US: u64 = 20_000;
 
 /// The cost of a switch and of a restart beside those of four partitions.
 pub(super) fn rows(settings: &Settings) -> Result<Vec<Row>> {
-    let mut switch = [const { Vec::new() }; SIZES.len()];
-    let mut restart = [const { Vec::new() }; SIZES.len()];
+    let mut switch = [const { Ok(Vec::new()) }; SIZES.len()];
+    let mut restart = [const { Ok(Vec::new()) }; SIZES.len()];
     for _ in 0..settings.runs {
         for (place, size) in SIZES.into_iter().enumerate() {
-            let per_second = WINDOWS as f64 / (FRAME_US as f64 / 1e6);
-            let seconds = settings.seconds / 2.0;
-            switch[place].push(used_by_switches(&module(settings, size), seconds, per_second)?.whole_us);
-            restart[place].extend(restarts_ms(&module(settings, size), if settings.quick { 2 } else { 10 })?);
+            add(&mut switch[place], || switch_us(settings, size).map(|us| vec![us]));
+            add(&mut restart[place], || {
+                let kills = if settings.quick { 2 } else { 10 };
+                Ok(restarts(&module(settings, size), kills)?.window_ms)
+            });
         }
     }
-    let of_four = (median(&switch[0]), median(&restart[0]));
     let mut rows = Vec::new();
     for (place, size) in SIZES.into_iter().enumerate() {
         let times = (size / SIZES[0]) as f64;
-        let (switch_reach, restart_reach) = if place == 0 {
-            (Reach::Stated, Reach::Stated)
-        } else {
-            (Reach::Times(1.5), Reach::Times(times))
+        let reaches = match place {
+            0 => [Reach::Stated; 2],
+            _ => [Reach::Times(1.5), Reach::Times(times)],
         };
-        let value = median(&switch[place]).context("no run")?;
-        let about = "four partitions in as many windows";
-        rows.push(Row::measured(
+        rows.push(row(
             format!("{size} partitions, processor time per switch"),
             "us",
-            value,
-            of_four.0,
-            switch_reach,
-            about,
+            &switch,
+            place,
+            reaches[0],
         ));
-        let value = median(&restart[place]).context("no restart was seen")?;
-        rows.push(Row::measured(
-            format!("{size} partitions, restart, p50"),
-            "ms",
-            value,
-            of_four.1,
-            restart_reach,
-            about,
-        ));
+        rows.push(row(format!("{size} partitions, restart, p50"), "ms", &restart, place, reaches[1]));
     }
     Ok(rows)
+}
+
+/// Samples over the runs, or why there are none.
+type Samples = Result<Vec<f64>>;
+
+/// Adds what a run gives. One that fails fails its row, and no other.
+fn add(samples: &mut Samples, run: impl FnOnce() -> Result<Vec<f64>>) {
+    if let Ok(gathered) = samples {
+        match run() {
+            Ok(more) => gathered.extend(more),
+            Err(error) => *samples = Err(error),
+        }
+    }
+}
+
+fn row(name: String, unit: &str, of_sizes: &[Samples], place: usize, reach: Reach) -> Row {
+    let value = match &of_sizes[place] {
+        Ok(samples) => median(samples).ok_or_else(|| "nothing was seen".to_owned()),
+        Err(error) => Err(format!("{error:#}")),
+    };
+    let of_four = of_sizes[0].as_ref().ok().and_then(|samples| median(samples));
+    match value {
+        Ok(value) => Row::measured(name, unit, value, of_four, reach, "four partitions in as many windows"),
+        Err(why) => Row::impossible(name, why),
+    }
+}
+
+/// Processor time of one switch, us.
+fn switch_us(settings: &Settings, size: usize) -> Result<f64> {
+    let per_second = WINDOWS as f64 / (FRAME_US as f64 / 1e6);
+    Ok(used_by_switches(&module(settings, size), settings.seconds / 2.0, per_second)?.whole_us)
 }
 
 /// Partitions in a ring, each of which writes to the next two.
@@ -75,4 +94,22 @@ fn module(settings: &Settings, size: usize) -> String {
     let links: Vec<Link> =
         (0..size).flat_map(|from| [1, 2].map(|step| Link { from, to: (from + step) % size })).collect();
     schedule(settings.core, FRAME_US, &partitions, &links)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn run_that_fails_fails_its_row_and_no_other() {
+        let mut of_sizes: [Samples; 2] = [Ok(vec![2.0]), Ok(Vec::new())];
+        add(&mut of_sizes[1], || Ok(vec![6.0]));
+        let ratio = |of_sizes: &[Samples]| row("x".into(), "ms", of_sizes, 1, Reach::Times(2.0)).ratio;
+        assert_eq!(ratio(&of_sizes), Some(3.0));
+        add(&mut of_sizes[0], || anyhow::bail!("it did not begin"));
+        add(&mut of_sizes[0], || Ok(vec![2.0]));
+        let four = row("y".into(), "ms", &of_sizes, 0, Reach::Stated);
+        assert_eq!((four.value, four.about.as_str()), (None, "it did not begin"));
+        assert_eq!(row("x".into(), "ms", &of_sizes, 1, Reach::Stated).value, Some(6.0));
+    }
 }

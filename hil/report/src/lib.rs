@@ -29,7 +29,7 @@ pub mod summary;
 pub mod text;
 pub mod timeline;
 pub mod timing;
-pub mod windows;
+pub use bateleur_recording::windows;
 
 pub use error::ReportError;
 pub use flight::{Flight, Inputs};

@@ -6,7 +6,7 @@ use std::io::{Read, Write};
 use std::os::fd::AsFd;
 use std::rc::Rc;
 
-use bateleur_contract::{Description, Direction, PortDescription, PortKind, StartCondition};
+use bateleur_contract::{Description, Direction, PortDescription, PortKind, ProcessPlan, StartCondition};
 use bateleur_message_format::{Message, Type, describe, layout_of};
 use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Membership, Reader, Writer};
 use serde::de::DeserializeOwned;
@@ -239,7 +239,7 @@ impl Context {
     ) -> Result<(RawSamplingDestination, usize), StartError> {
         let port = self.raw_port(name, PortKind::Sampling, Direction::Destination)?;
         let bytes = port.size as usize;
-        Ok((RawSamplingDestination::new(self.reader(&port)?, bytes, self.time.clone()), bytes))
+        Ok((RawSamplingDestination::new(self.reader(&port)?, port, self.time.clone()), bytes))
     }
 
     /// As [`Context::queuing_source`], for messages of whatever type the plan says; with the longest one's length, bytes.
@@ -269,6 +269,16 @@ impl Context {
         let port = self.raw_port(name, PortKind::Queuing, Direction::Destination)?;
         let bytes = port.size as usize;
         Ok((RawQueuingDestination::new(self.inlet(&port)?, bytes, self.time.clone()), bytes))
+    }
+
+    /// What the plan says of the partition's ports.
+    pub(crate) fn described_ports(&self) -> &[PortDescription] {
+        &self.description.ports
+    }
+
+    /// Ports of the plan that were not created are none of the partition's from here on.
+    pub(crate) fn leave_ports_out(&mut self) {
+        self.used = self.description.ports.iter().map(|port| port.name.clone()).collect();
     }
 
     /// Names of the ports that the plan declares with this direction and kind, in order; for a partition whose
@@ -313,6 +323,11 @@ impl Context {
         Retained::new(self.retained.take(), self.description.retained_bytes, self.time.clone())
     }
 
+    /// Its number and times in the plan, and what its processes may take.
+    pub(crate) fn process_plan(&self) -> ProcessPlan {
+        self.description.processes
+    }
+
     /// The module's schedules: which one runs, and asking for another.
     pub fn module_schedules(&self) -> ModuleSchedules {
         let Description { schedules, may_set_schedule, .. } = &self.description;
@@ -332,7 +347,8 @@ impl Context {
     /// Nothing of the plan may be left over.
     pub(crate) fn finish(self) -> Result<Started, StartError> {
         self.attributes.all_known()?;
-        match self.description.ports.iter().find(|port| !self.used.contains(&port.name)) {
+        let is_missed = |port: &&PortDescription| !port.optional && !self.used.contains(&port.name);
+        match self.description.ports.iter().find(is_missed) {
             Some(port) => Err(StartError::UnusedPort(port.name.clone())),
             None => Ok(Started {
                 faults: self.faults(),

@@ -46,8 +46,8 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use bateleur_contract::page::WindowGrant;
 use bateleur_contract::{
-    Clock, ControlPage, Description, Direction, Mapped, PortDescription, PortKind, StartCondition,
-    Takeover as Order,
+    Clock, ControlPage, Description, Direction, Mapped, PortDescription, PortKind, ProcessPlan,
+    StartCondition, Takeover as Order,
 };
 use bateleur_message_format::{Field, Message, layout_of};
 use bateleur_ports::{Channel, ChannelType, Domain, Membership};
@@ -120,6 +120,7 @@ impl Harness {
             schedules: vec!["harness".into()],
             may_set_schedule: Vec::new(),
             error_handler: false,
+            processes: PROCESSES,
             may_align: false,
             retained_bytes: 0,
             ports_root: folder.0.to_string_lossy().into_owned(),
@@ -283,6 +284,16 @@ impl<P: Partition> Incarnation<P> {
     }
 }
 
+/// A partition of the harness may have as many processes as any.
+pub(crate) const PROCESSES: ProcessPlan = ProcessPlan {
+    identifier: 0,
+    period_ns: MINOR_FRAME_NS,
+    release_ns: 0,
+    duration_ns: MINOR_FRAME_NS,
+    most: 128,
+    stacks_bytes: 1 << 30,
+};
+
 /// A port without its refresh period or depth.
 fn port<T: Message>(name: &str, kind: PortKind, direction: Direction) -> PortDescription {
     PortDescription {
@@ -296,6 +307,7 @@ fn port<T: Message>(name: &str, kind: PortKind, direction: Direction) -> PortDes
         channel: format!("harness.{name}"),
         refresh_ns: 0,
         depth: 0,
+        optional: false,
     }
 }
 
@@ -471,6 +483,58 @@ mod tests {
         );
         let short = harness.start::<Listener<ShortRate>>().err().map(|error| error.to_string());
         assert!(short.as_ref().is_some_and(|words| words.contains("where it has nothing more")), "{short:?}");
+    }
+
+    #[test]
+    fn port_that_the_plan_calls_optional_may_be_left_out_and_no_other() {
+        let mut harness = Harness::new("listener").unwrap();
+        let _rate = harness.sampling_destination::<Rate>("rate", 40_000_000).unwrap();
+        let _spare = harness.sampling_destination::<Rate>("spare", 40_000_000).unwrap();
+        let refused = harness.start::<Listener<Rate>>().err().map(|error| error.to_string());
+        assert!(
+            refused.as_ref().is_some_and(|words| words.contains("\"spare\" that it does not use")),
+            "{refused:?}"
+        );
+        harness.description.ports[1].optional = true;
+        assert!(harness.start::<Listener<Rate>>().is_ok());
+    }
+
+    /// Plain bytes, as the far end of a channel has them.
+    #[derive(Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+    #[repr(C)]
+    struct Plain([u8; 8]);
+
+    impl Message for Plain {
+        const NAME: &'static str = bateleur_contract::PLAIN_BYTES;
+        const FIELDS: &'static [Field] = &[];
+    }
+
+    struct PlainListener(crate::RawSamplingDestination, Vec<Vec<u8>>);
+
+    impl Partition for PlainListener {
+        fn start(context: &mut Context) -> Result<Self, StartError> {
+            Ok(Self(context.raw_sampling_destination("bytes")?.0, Vec::new()))
+        }
+
+        fn window(&mut self, _window: &Window) {
+            self.1.extend(self.0.read().map(|reading| reading.bytes.to_vec()));
+        }
+    }
+
+    #[test]
+    fn sampling_port_of_plain_bytes_takes_every_length_up_to_its_own() {
+        let mut harness = Harness::new("listener").unwrap();
+        let bytes = harness.sampling_destination::<Plain>("bytes", 40_000_000).unwrap();
+        harness.description.ports[0].layout = 0;
+        let mut listener = harness.start::<PlainListener>().unwrap();
+        for length in [8, 3, 1, 0] {
+            let put = bytes.outlet.as_ref().unwrap().put(&vec![length; length.into()], Default::default(), 0);
+            assert_eq!(put.ok(), Some(1));
+            listener.window();
+        }
+        let seen = std::mem::take(&mut listener.partition.1);
+        assert_eq!(seen, [vec![8; 8], vec![3; 3], vec![1], vec![1]], "no message is empty");
+        assert_eq!(harness.reports(), ["message of 0 bytes where 1 to 8 belong"]);
     }
 
     struct Keeper;

@@ -42,6 +42,8 @@ mod faults;
 mod harness;
 mod line;
 mod notices;
+#[cfg(test)]
+mod port_rules;
 mod ports;
 pub mod processes;
 mod raw;

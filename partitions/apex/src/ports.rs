@@ -297,7 +297,7 @@ pub(crate) const REFUSED_AT_ONCE: usize = 64;
 
 /// The reading end of a queuing channel.
 pub struct QueuingDestination<T> {
-    inlet: Option<Rc<Inlet>>,
+    pub(crate) inlet: Option<Rc<Inlet>>,
     time: Time,
     message: PhantomData<T>,
 }

@@ -7,7 +7,7 @@
 use std::rc::Rc;
 use std::sync::atomic::Ordering::Relaxed;
 
-use bateleur_contract::PortKind;
+use bateleur_contract::{PortDescription, PortKind};
 use bateleur_ports::{Reader, Received, Stamp};
 
 use crate::ports::{Inlet, Outlet, REFUSED_AT_ONCE, Refusal, Sent, WAITING_AT_MOST, refused};
@@ -24,7 +24,8 @@ impl RawSamplingSource {
         Self { outlet, time }
     }
 
-    /// Replaces the channel's value. Bytes of another length than the channel's are refused by its readers.
+    /// Replaces the channel's value. Bytes of another length than the channel's are refused by its readers; plain bytes may be
+    /// fewer.
     pub fn write(&mut self, bytes: &[u8], stamp: Stamp) {
         if let Some(outlet) = &self.outlet
             && let Err(reason) = outlet.put(bytes, stamp, self.time.now_ns())
@@ -48,15 +49,14 @@ pub struct RawReading<'a> {
 /// The reading end of a sampling channel.
 pub struct RawSamplingDestination {
     reader: Option<Rc<Reader>>,
-    /// Of each message.
-    bytes: usize,
+    described: PortDescription,
     latest: Option<Received>,
     time: Time,
 }
 
 impl RawSamplingDestination {
-    pub(crate) fn new(reader: Option<Rc<Reader>>, bytes: usize, time: Time) -> Self {
-        Self { reader, bytes, latest: None, time }
+    pub(crate) fn new(reader: Option<Rc<Reader>>, described: PortDescription, time: Time) -> Self {
+        Self { reader, described, latest: None, time }
     }
 
     /// The latest value, as often as it is asked for; nothing before the first.
@@ -71,13 +71,15 @@ impl RawSamplingDestination {
         let mut updated = false;
         for _ in 0..WAITING_AT_MOST {
             match reader.receive() {
-                Ok(Some(received)) if PortKind::Sampling.carries(self.bytes, received.payload().len()) => {
+                Ok(Some(received)) if self.described.carries(received.payload().len()) => {
                     self.latest = Some(received);
                     updated = true;
                 }
                 Ok(Some(received)) => {
                     let found = received.payload().len();
-                    refused(&self.time, &format!("message of {found} bytes where {} belong", self.bytes));
+                    let fewer = if self.described.is_plain() { "1 to " } else { "" };
+                    let most = self.described.size;
+                    refused(&self.time, &format!("message of {found} bytes where {fewer}{most} belong"));
                 }
                 Ok(None) => break,
                 Err(error) => {
@@ -103,8 +105,21 @@ impl RawQueuingSource {
 
     /// Appends a message.
     pub fn send(&mut self, bytes: &[u8], stamp: Stamp) -> Sent {
+        let sent = self.put(bytes, stamp);
+        if sent != Sent::Queued {
+            self.time.page().port_refusals.fetch_add(1, Relaxed);
+        }
+        sent
+    }
+
+    /// As [`RawQueuingSource::send`], for a sender that asks again until there is room: what does not fit is no refusal. False: it is not sent.
+    pub(crate) fn offer(&mut self, bytes: &[u8], stamp: Stamp) -> bool {
+        self.put(bytes, stamp) == Sent::Queued
+    }
+
+    fn put(&mut self, bytes: &[u8], stamp: Stamp) -> Sent {
         let Some(outlet) = &self.outlet else { return Sent::NoReceiver };
-        let sent = match outlet.put(bytes, stamp, self.time.now_ns()) {
+        match outlet.put(bytes, stamp, self.time.now_ns()) {
             Ok(0) => Sent::NoReceiver,
             Ok(_) => Sent::Queued,
             Err(Refusal::Full) => Sent::Full,
@@ -112,11 +127,7 @@ impl RawQueuingSource {
                 refused(&self.time, &format!("cannot send {} bytes: {reason}", bytes.len()));
                 Sent::NoReceiver
             }
-        };
-        if sent != Sent::Queued {
-            self.time.page().port_refusals.fetch_add(1, Relaxed);
         }
-        sent
     }
 }
 
@@ -166,7 +177,7 @@ impl RawQueuingDestination {
                 Ok(received) => {
                     let received = received?;
                     let found = received.payload().len();
-                    if PortKind::Queuing.carries(self.bytes, found) {
+                    if PortKind::Queuing.carries(true, self.bytes, found) {
                         return Some(RawMessage(received));
                     }
                     let most = self.bytes;

@@ -55,11 +55,16 @@ pub fn run<P: Partition>() -> ExitCode {
 
 /// Says why it has ended, if not because it was asked to.
 pub(crate) fn report_end(result: Result<(), End>) -> ExitCode {
+    ExitCode::from(u8::try_from(report(result)).unwrap_or(u8::MAX))
+}
+
+/// As above, as a number.
+pub(crate) fn report(result: Result<(), End>) -> i32 {
     match result {
-        Ok(()) => code(exit::STOPPED),
-        Err(End { code: number, reason }) => {
+        Ok(()) => exit::STOPPED,
+        Err(End { code, reason }) => {
             eprintln!("{}: {reason}", program());
-            code(number)
+            code
         }
     }
 }
@@ -250,8 +255,4 @@ pub(crate) fn lock_memory() {
 fn program() -> String {
     let path = std::env::args().next().unwrap_or_default();
     path.rsplit('/').next().unwrap_or("partition").to_owned()
-}
-
-fn code(number: i32) -> ExitCode {
-    ExitCode::from(u8::try_from(number).unwrap_or(u8::MAX))
 }

@@ -172,7 +172,14 @@ mod tests {
         for window in 0..1_000 {
             assert!(downlink.due(window * CYCLE).len() <= BURST_BYTES as usize);
         }
-        assert!(downlink.line.state().0.len() < 700);
+        // What it keeps for a successor holds all of it, and the line that takes again gets the newest, each once.
+        let mut successor = Downlink::new(57_600);
+        successor.resume(&downlink.kept());
+        let newest: Vec<u8> = (200 - BACKLOG as u8..200).collect();
+        for downlink in [&mut downlink, &mut successor] {
+            let mut ground = Ground { window: 1_000, ..Ground::new(usize::MAX) };
+            assert_eq!(ground.hears(downlink, 200), newest);
+        }
     }
 
     #[test]

@@ -29,6 +29,8 @@ pub struct Description {
     pub may_set_schedule: Vec<u32>,
     /// The plan counts on an error handler of the partition's own.
     pub error_handler: bool,
+    /// Its number and times, and what its processes may take.
+    pub processes: ProcessPlan,
     /// The partition may tell how the module's major frames lie to a peer's: it is the relay of a module that follows.
     #[serde(default)]
     pub may_align: bool,
@@ -36,6 +38,23 @@ pub struct Description {
     pub retained_bytes: u64,
     /// Directory of the module's channels: each has a directory of its own in it.
     pub ports_root: String,
+}
+
+/// What the plan says of a partition's processes, and of the time that it gives them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ProcessPlan {
+    /// The partition's number; no other of its module has it.
+    pub identifier: u32,
+    /// From one release point to the next, ns; above 0.
+    pub period_ns: u64,
+    /// One of the release points, module time, ns.
+    pub release_ns: u64,
+    /// Time that the partition has in each period at least, ns.
+    pub duration_ns: u64,
+    /// Processes that it may create at most.
+    pub most: u32,
+    /// Bytes that their stacks may have together.
+    pub stacks_bytes: u64,
 }
 
 /// Why a partition was started (ARINC 653 START_CONDITION).
@@ -83,9 +102,9 @@ pub struct PortDescription {
     pub direction: Direction,
     /// Sampling or queuing.
     pub kind: PortKind,
-    /// The message type's name.
+    /// The message type's name; [`PLAIN_BYTES`] where there is none.
     pub message: String,
-    /// Bytes of a message; for queuing ports the most that one holds.
+    /// Bytes of a message; for queuing ports and plain bytes the most that one holds.
     pub size: u32,
     /// A number that differs where the message type's fields do; 0: they are not known.
     pub layout: u32,
@@ -98,6 +117,25 @@ pub struct PortDescription {
     pub refresh_ns: u64,
     /// Queuing: messages that wait at most.
     pub depth: u32,
+    /// The partition need not create it.
+    pub optional: bool,
+}
+
+/// Stands for the message type where the plan gives a size alone.
+pub const PLAIN_BYTES: &str = "bytes";
+
+impl PortDescription {
+    /// It carries bytes without a message type.
+    #[must_use]
+    pub fn is_plain(&self) -> bool {
+        self.message == PLAIN_BYTES && self.layout == 0
+    }
+
+    /// Whether a message of `bytes` can be one of this port's: of any length up to its size, but for a sampling port with a message type.
+    #[must_use]
+    pub fn carries(&self, bytes: usize) -> bool {
+        self.kind.carries(self.is_plain(), self.size as usize, bytes)
+    }
 }
 
 /// Which end of a channel a port is.
@@ -121,12 +159,13 @@ pub enum PortKind {
 }
 
 impl PortKind {
-    /// Whether a message of `bytes` can be one of a channel whose longest has `most`: the only length of a sampling channel's.
+    /// Whether a message of `bytes` can be one of a channel whose longest has `most`: the only length of a sampling channel's, unless
+    /// it carries `plain` bytes.
     #[must_use]
-    pub fn carries(self, most: usize, bytes: usize) -> bool {
+    pub fn carries(self, plain: bool, most: usize, bytes: usize) -> bool {
         match self {
-            Self::Sampling => bytes == most,
-            Self::Queuing => (1..=most).contains(&bytes),
+            Self::Sampling if !plain => bytes == most,
+            Self::Sampling | Self::Queuing => (1..=most).contains(&bytes),
         }
     }
 }

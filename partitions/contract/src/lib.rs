@@ -16,7 +16,9 @@ mod sync;
 
 mod mapping;
 
-pub use description::{Clock, Description, Direction, PortDescription, PortKind, StartCondition};
+pub use description::{
+    Clock, Description, Direction, PLAIN_BYTES, PortDescription, PortKind, ProcessPlan, StartCondition,
+};
 pub use fault::{FaultKind, FaultOrder};
 pub use mapping::{Mapped, MappingError, SharedMemory};
 pub use page::{
@@ -30,12 +32,15 @@ pub const CONTROL_FD: i32 = 3;
 pub const DESCRIPTION_FD: i32 = 4;
 /// Descriptor of the retained memory in a partition process; not open when the plan grants none.
 pub const RETAINED_FD: i32 = 5;
+/// So long before the end of a window on the wall clock the processes of a partition are asked to stop, ns: a timer's wake-up, which is
+/// this late on a virtual machine once in a thousand times, and the way of the signal. Later, the executive would find an overrun.
+pub const WINDOW_MARGIN_NS: u64 = 150_000;
 /// Set to the contract's version in the environment of a partition, so that a program started by hand can say what
 /// it is and how it is started.
 pub const ENVIRONMENT: &str = "BATELEUR_PARTITION";
 
-/// How a partition process ends by itself. [`exit::IDLE`], [`exit::WARM_START`] and [`exit::COLD_START`] are requests only of a partition
-/// that has an error handler by its plan, and while its control page says that the handler is at work (`page::ControlPage::handling`).
+/// How a partition process ends by itself. [`exit::IDLE`], [`exit::WARM_START`] and [`exit::COLD_START`] are requests only while its control
+/// page says so (`page::ControlPage::handling`): of an error handler that is at work and that the plan counts on, or of the partition itself.
 pub mod exit {
     /// It was asked to stop and did.
     pub const STOPPED: i32 = 0;

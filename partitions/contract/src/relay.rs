@@ -142,7 +142,10 @@ pub struct RelayChannel {
     pub outgoing: bool,
     /// The latest value, or messages in order.
     pub kind: PortKind,
-    /// The longest message, bytes; for sampling each one's length.
+    /// Bytes without a message type.
+    #[serde(default)]
+    pub plain: bool,
+    /// The longest message, bytes; for sampling each one's length, unless they are plain bytes.
     pub max_bytes: u32,
     /// Queuing: messages that wait at most on either side; sampling: 1.
     pub depth: u32,
@@ -222,6 +225,7 @@ mod tests {
                     port: "estimator-state".into(),
                     outgoing: false,
                     kind: PortKind::Sampling,
+                    plain: false,
                     max_bytes: 128,
                     depth: 1,
                     period_ns: 20_000_000,

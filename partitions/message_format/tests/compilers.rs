@@ -76,11 +76,11 @@ fn many() -> Catalogue {
 
 #[test]
 fn compilers_agree_with_the_layout_of_types_at_random() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = &common::folder("types_at_random");
     let catalogue = many();
     let program = program(&catalogue);
-    compile(folder.path(), "types.c", &program, C).unwrap();
-    compile(folder.path(), "types.cpp", &program, CXX).unwrap();
+    compile(folder, "types.c", &program, C).unwrap();
+    compile(folder, "types.cpp", &program, CXX).unwrap();
     let mut modules = String::from("#![allow(missing_docs)]\n");
     let mut open = String::new();
     for of in catalogue.types() {
@@ -92,33 +92,33 @@ fn compilers_agree_with_the_layout_of_types_at_random() {
         }
         modules += &structure(of, "super");
     }
-    compile(folder.path(), "types.rs", &(modules + "}\n"), RUSTC).unwrap();
+    compile(folder, "types.rs", &(modules + "}\n"), RUSTC).unwrap();
 }
 
 #[test]
 fn compilers_refuse_a_place_and_a_size_that_are_not_the_layouts() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = &common::folder("places_and_sizes");
     let text = "uint32 a\nuint16[2] b\nfloat64 c\n".to_owned();
     let catalogue = Catalogue::read([Source { name: "T".into(), file: "T.msg".into(), text }]).unwrap();
     let (program, rust) = (program(&catalogue), rust(&catalogue));
-    compile(folder.path(), "types.c", &program, C).unwrap();
-    compile(folder.path(), "types.rs", &rust, RUSTC).unwrap();
+    compile(folder, "types.c", &program, C).unwrap();
+    compile(folder, "types.rs", &rust, RUSTC).unwrap();
     for (right, wrong) in [("c) == 8", "c) == 16"), ("== 16 ?", "== 24 ?"), (">() == 16", ">() == 24")] {
         let (c, r) = (program.replace(right, wrong), rust.replace(right, wrong));
         assert!(c != program || r != rust, "`{right}` is in no source");
         if c != program {
-            compile(folder.path(), "wrong.c", &c, C).unwrap_err();
-            compile(folder.path(), "wrong.cpp", &c, CXX).unwrap_err();
+            compile(folder, "wrong.c", &c, C).unwrap_err();
+            compile(folder, "wrong.cpp", &c, CXX).unwrap_err();
         }
         if r != rust {
-            compile(folder.path(), "wrong.rs", &r, RUSTC).unwrap_err();
+            compile(folder, "wrong.rs", &r, RUSTC).unwrap_err();
         }
     }
 }
 
 #[test]
 fn header_of_the_flights_folder_is_written_and_compiles() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = &common::folder("header_of_the_flight");
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let made = |folders: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_message_header"));
@@ -134,8 +134,8 @@ fn header_of_the_flights_folder_is_written_and_compiles() {
     ] {
         assert!(header.contains(line), "{line}");
     }
-    compile(folder.path(), "messages.c", &format!("{header}typedef int a_c_file;\n"), C).unwrap();
-    compile(folder.path(), "messages.cpp", &header, CXX).unwrap();
+    compile(folder, "messages.c", &format!("{header}typedef int a_c_file;\n"), C).unwrap();
+    compile(folder, "messages.cpp", &header, CXX).unwrap();
     let refused = made(&["nowhere"]);
     assert_eq!((refused.status.code(), refused.stdout.len()), (Some(2), 0));
 }

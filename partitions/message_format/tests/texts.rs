@@ -215,7 +215,7 @@ fn constants_are_of_their_kind() {
 
 #[test]
 fn folder_holds_types_and_packages_and_anything_else_is_passed_over() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = &common::folder("folder_holds_types");
     for (path, text) in [
         ("Radar.msg", "uint8 x"),
         ("acme/Echo.msg", "uint8 x"),
@@ -223,16 +223,16 @@ fn folder_holds_types_and_packages_and_anything_else_is_passed_over() {
         ("README.md", "no type"),
         ("acme/notes/Deep.msg", "no type"),
     ] {
-        let path = folder.path().join(path);
+        let path = folder.join(path);
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::write(path, text).unwrap();
     }
-    let names: Vec<String> = sources(folder.path()).unwrap().into_iter().map(|source| source.name).collect();
+    let names: Vec<String> = sources(folder).unwrap().into_iter().map(|source| source.name).collect();
     assert_eq!(names, ["Radar", "acme/Echo", "ros/Time"]);
-    std::fs::write(folder.path().join("Bad.msg"), [0xff]).unwrap();
-    let said = sources(folder.path()).unwrap_err().to_string();
+    std::fs::write(folder.join("Bad.msg"), [0xff]).unwrap();
+    let said = sources(folder).unwrap_err().to_string();
     assert!(said.contains("Bad.msg: it is not UTF-8 text"), "{said}");
-    let said = sources(&folder.path().join("nowhere")).unwrap_err().to_string();
+    let said = sources(&folder.join("nowhere")).unwrap_err().to_string();
     assert!(said.contains("nowhere: "), "{said}");
 }
 

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use crate::partition::{End, Partition, Runner};
-use crate::settings::{Level, PartitionAction};
+use crate::settings::{Level, Limit, PartitionAction};
 use crate::standard::{
     ErrorCode, ErrorHandlerConcurrency, ErrorStatus, MAIN_PROCESS_ID, NULL_PROCESS_ID, Name, OperatingMode,
     ProcessId, StartCondition, SystemTime, Text,
@@ -45,6 +45,11 @@ pub enum Notice {
         /// What was decided.
         verdict: Verdict,
     },
+    /// CREATE_PROCESS was refused because of what the plan says. Told once for each kind of limit.
+    Refused {
+        /// What the plan allows.
+        limit: Limit,
+    },
     /// An object was not created because one exists whose name differs in case only.
     SameNameButCase {
         /// That of the object that was not created.
@@ -58,11 +63,13 @@ pub(crate) struct Notices {
     waiting: VecDeque<Notice>,
     most: usize,
     pub(crate) lost: u32,
+    /// The kinds of limits that were told of.
+    told: Vec<std::mem::Discriminant<Limit>>,
 }
 
 impl Notices {
     pub(crate) fn new(most: usize) -> Self {
-        Self { waiting: VecDeque::with_capacity(most), most, lost: 0 }
+        Self { waiting: VecDeque::with_capacity(most), most, lost: 0, told: Vec::new() }
     }
 
     pub(crate) fn add(&mut self, notice: Notice) {
@@ -70,6 +77,14 @@ impl Notices {
             self.waiting.push_back(notice);
         } else {
             self.lost = self.lost.saturating_add(1);
+        }
+    }
+
+    pub(crate) fn refused(&mut self, limit: Limit) {
+        let kind = std::mem::discriminant(&limit);
+        if !self.told.contains(&kind) {
+            self.told.push(kind);
+            self.add(Notice::Refused { limit });
         }
     }
 
@@ -83,6 +98,8 @@ impl Notices {
 pub(crate) struct Handler {
     /// It runs, or will as soon as the partition does.
     pub(crate) active: bool,
+    /// It sleeps outside of services, and is passed over for the time being.
+    pub(crate) lent: bool,
     /// How often it was started.
     pub(crate) life: u32,
     pub(crate) concurrency: ErrorHandlerConcurrency,
@@ -92,6 +109,7 @@ pub(crate) struct Handler {
 impl Handler {
     pub(crate) fn run(&mut self) {
         self.active = true;
+        self.lent = false;
         self.life = self.life.wrapping_add(1);
     }
 }

@@ -34,6 +34,7 @@
 #![forbid(unsafe_code)]
 
 mod health;
+mod lending;
 mod objects;
 mod partition;
 pub mod ports;
@@ -49,4 +50,4 @@ mod timers;
 pub use health::{Notice, Verdict};
 pub use partition::{Dispatch, End, Partition, Progress, Runner};
 pub use return_code::ReturnCode;
-pub use settings::{HealthTable, Level, Limits, PartitionAction, PeriodGrid, Settings};
+pub use settings::{HealthTable, Level, Limit, Limits, PartitionAction, PeriodGrid, Settings};

@@ -95,6 +95,8 @@ pub struct Partition {
     /// Started processes that wait for NORMAL, in order of their start.
     pub(crate) started: ListId,
     pub(crate) timers: Timers,
+    /// Processes that are passed over, the one that sleeps the longest first.
+    pub(crate) lent: Vec<usize>,
     pub(crate) lock: Lock,
     pub(crate) stack_memory: u64,
     pub(crate) object_memory: u64,
@@ -132,6 +134,7 @@ impl Partition {
             ready: [0; 4],
             started,
             timers: Timers::new(2 * limits.processes),
+            lent: Vec::with_capacity(limits.processes),
             lock: Lock { owner: None, level: 0, waiting },
             stack_memory: 0,
             object_memory: 0,
@@ -253,7 +256,7 @@ impl Partition {
         if self.mode != OperatingMode::Normal {
             return (!self.main_ended).then_some(Runner::Main);
         }
-        if self.handler.as_ref().is_some_and(|handler| handler.active) {
+        if self.handler.as_ref().is_some_and(|handler| handler.active && !handler.lent) {
             return Some(Runner::Handler);
         }
         let locked = self.lock.owner.filter(|owner| self.processes[*owner].is_able());

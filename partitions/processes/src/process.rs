@@ -30,6 +30,8 @@ pub(crate) struct Process {
     pub(crate) wait: Wait,
     /// By SUSPEND, or by SUSPEND_SELF: then with nothing else to wait for, and perhaps a time-out.
     pub(crate) suspended: bool,
+    /// It sleeps outside of services, and is passed over for the time being.
+    pub(crate) lent: bool,
     pub(crate) priority: i32,
     /// What the priority becomes when the process gives up its mutex or the preemption lock. The same as the priority of one that
     /// owns neither.
@@ -56,6 +58,7 @@ impl Process {
             phase: Phase::Dormant,
             wait: Wait::Nothing,
             suspended: false,
+            lent: false,
             priority: attributes.base_priority,
             retained: attributes.base_priority,
             mutex: None,
@@ -72,9 +75,14 @@ impl Process {
         self.attributes.period != INFINITE_TIME_VALUE
     }
 
+    /// It waits for something, or for RESUME.
+    pub(crate) fn waits(&self) -> bool {
+        self.wait != Wait::Nothing || self.suspended
+    }
+
     /// Nothing keeps it from running.
     pub(crate) fn is_able(&self) -> bool {
-        self.phase == Phase::Started && self.wait == Wait::Nothing && !self.suspended
+        self.phase == Phase::Started && !self.waits() && !self.lent
     }
 
     /// The deadline of a release at `at`; `None` if a time can not say it.

@@ -39,6 +39,14 @@ impl Partition {
         }
     }
 
+    /// As above, before its equals.
+    pub(crate) fn make_ready_first(&mut self, place: usize) {
+        if self.processes[place].is_able() {
+            let list = self.ready_list(place);
+            self.queues.push_front(list, place);
+        }
+    }
+
     /// Takes a ready process from its equals.
     pub(crate) fn leave_ready(&mut self, place: usize) {
         let priority = self.processes[place].priority as usize;
@@ -289,6 +297,8 @@ impl Partition {
         if self.processes[place].is_able() {
             self.leave_ready(place);
         }
+        self.processes[place].lent = false;
+        self.lent.retain(|lent| *lent != place);
         self.queues.remove(place);
         self.timers.cancel(place);
     }

@@ -69,6 +69,29 @@ impl Default for HealthTable {
     }
 }
 
+/// What the plan does not let CREATE_PROCESS do, with how to mend it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Limit {
+    /// There are as many processes as there may be.
+    Processes(usize),
+    /// The stacks would have more bytes together.
+    Stacks(u64),
+    /// The period is no multiple of the partition's, ns.
+    Period(SystemTime),
+}
+
+impl std::fmt::Display for Limit {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Processes(most) => write!(formatter, "the plan's `processes` allows {most}"),
+            Self::Stacks(most) => write!(formatter, "the plan's `stacks` allows {most} bytes together"),
+            Self::Period(period) => {
+                write!(formatter, "its period is no multiple of the partition's, {} us", period / 1000)
+            }
+        }
+    }
+}
+
 /// How much there is of everything.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Limits {
@@ -136,6 +159,36 @@ pub struct Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::standard::{Deadline, INFINITE_TIME_VALUE, Name, ProcessAttributes};
+    use crate::{Notice, Partition, ReturnCode};
+
+    #[test]
+    fn limit_of_the_plan_is_told_once_with_what_it_allows() {
+        let mut settings = Settings::every(100);
+        settings.limits.processes = 1;
+        settings.limits.stack_memory = 10_000;
+        let mut partition = Partition::new(settings);
+        let mut attributes = ProcessAttributes {
+            name: Name::new("one").unwrap(),
+            entry_point: 0,
+            stack_size: 8 << 10,
+            base_priority: 1,
+            period: 150,
+            time_capacity: INFINITE_TIME_VALUE,
+            deadline: Deadline::Soft,
+        };
+        let mut told = Vec::new();
+        for (period, stack, refused) in
+            [(150, 8192, true), (150, 8192, true), (200, 16_384, true), (200, 8192, false), (200, 8192, true)]
+        {
+            (attributes.period, attributes.stack_size) = (period, stack);
+            let created = partition.create_process(&attributes);
+            assert_eq!(created == Err(ReturnCode::InvalidConfig), refused, "{period} {stack}");
+            told.extend(partition.take_notice());
+        }
+        let limits = [Limit::Period(100), Limit::Stacks(10_000), Limit::Processes(1)];
+        assert_eq!(told, limits.map(|limit| Notice::Refused { limit }));
+    }
 
     #[test]
     fn period_start_is_the_next_one_after_an_instant() {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use bateleur_apex::StartError;
-use bateleur_apex::processes::standard::INFINITE_TIME_VALUE;
+use bateleur_apex::processes::standard::{INFINITE_TIME_VALUE, OperatingMode};
 use bateleur_apex::processes::{Every, Initialisation, Process, run_processes};
 
 fn report(process: &Process, text: &str) {
@@ -16,6 +16,13 @@ fn report(process: &Process, text: &str) {
 fn initialise(partition: &mut Initialisation<'_>) -> Result<(), StartError> {
     let computes: bool = partition.context().attribute("computes", false)?;
     let fails: bool = partition.context().attribute("fails", false)?;
+    if partition.context().attribute("tells", false)? {
+        let status = partition.services().get_partition_status();
+        let (period, duration) = (status.period / 1000, status.duration / 1000);
+        let text = format!("number {}, {duration} us in each {period} us", status.identifier);
+        partition.services().report_application_message(text.as_bytes())?;
+    }
+    let again: String = partition.context().attribute("again", String::new())?;
     let buffer = partition.services().create_buffer("numbers", 4, 4, 0_u32)?;
     partition.process("fast", Every::ms(20).priority(20), move |process| {
         for number in 0_u32.. {
@@ -40,8 +47,9 @@ fn initialise(partition: &mut Initialisation<'_>) -> Result<(), StartError> {
             }
         }
     })?;
-    if computes {
-        partition.process("computes", Every::once().priority(1), |_| {
+    let many: u32 = partition.context().attribute("many", u32::from(computes))?;
+    for number in 0..many {
+        partition.process(&format!("computes {number}"), Every::once().priority(1), |_| {
             loop {
                 std::hint::spin_loop();
             }
@@ -50,6 +58,28 @@ fn initialise(partition: &mut Initialisation<'_>) -> Result<(), StartError> {
     if fails {
         failing(partition)?;
     }
+    if !again.is_empty() {
+        let mode = match again.as_str() {
+            "warm" => OperatingMode::WarmStart,
+            "idle" => OperatingMode::Idle,
+            _ => OperatingMode::ColdStart,
+        };
+        starting_again(partition, mode)?;
+    }
+    Ok(())
+}
+
+/// A process that says how its partition was started, and starts it again eight times.
+fn starting_again(partition: &mut Initialisation<'_>, mode: OperatingMode) -> Result<(), StartError> {
+    let generation = partition.context().generation();
+    partition.process("again", Every::once().priority(40), move |process| {
+        let status = process.call(|services| Ok(services.get_partition_status()))?;
+        report(process, &format!("generation {generation}: {:?}", status.start_condition));
+        if generation < 8 {
+            process.call(|services| services.set_partition_mode(mode))?;
+        }
+        Ok(())
+    })?;
     Ok(())
 }
 

@@ -6,18 +6,10 @@ use crate::catalogue;
 use crate::closed::Direction;
 use crate::findings::Finding;
 use crate::latency::{self, Station, Visit};
-use crate::names::{Names, port_path};
-use crate::raw::{RawChain, RawFile};
+use crate::names::{Gap, destinations, full_path};
+use crate::raw::RawChain;
 use crate::units::ShowTime;
 use bateleur_plan::words::listed;
-
-/// Why a path is not one.
-pub(crate) enum Gap {
-    /// A port is not known, which another rule reports.
-    Unknown,
-    /// Nothing leads from the port at this place of the written path to the one after.
-    After(usize),
-}
 
 pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
     for chain in &cx.file.chains {
@@ -152,51 +144,4 @@ fn onward(cx: &Context<'_>, port: usize) -> Vec<String> {
             .collect(),
     };
     ports.into_iter().map(|port| cx.port_path(port)).collect()
-}
-
-/// Every port of a chain, also those that the file leaves out.
-pub(crate) fn full_path(file: &RawFile, names: &Names, chain: &RawChain) -> Result<Vec<usize>, Gap> {
-    let said = chain.path.said().ok_or(Gap::Unknown)?.value.iter();
-    let ports =
-        said.map(|port| names.port(&port.value)).collect::<Option<Vec<usize>>>().ok_or(Gap::Unknown)?;
-    let mut path: Vec<usize> = ports.first().copied().into_iter().collect();
-    for (place, step) in ports.windows(2).enumerate() {
-        path.extend(between(file, names, step[0], step[1]).ok_or(Gap::After(place))?);
-        path.push(step[1]);
-    }
-    Ok(path)
-}
-
-/// The ports left out between two ports of a path; nothing if there is no way.
-fn between(file: &RawFile, names: &Names, from: usize, to: usize) -> Option<Option<usize>> {
-    let direction = |port: usize| file.ports[port].direction.get().map(|word| word.0);
-    let owner = |port: usize| file.ports[port].partition;
-    match (direction(from)?, direction(to)?) {
-        (Direction::Destination, Direction::Source) => (owner(from) == owner(to)).then_some(None),
-        (Direction::Source, Direction::Destination) => {
-            destinations(file, names, from).contains(&to).then_some(None)
-        }
-        (Direction::Source, Direction::Source) => {
-            destinations(file, names, from).into_iter().find(|&port| owner(port) == owner(to)).map(Some)
-        }
-        (Direction::Destination, Direction::Destination) => {
-            let source = source(file, names, to)?;
-            (owner(from) == owner(source)).then_some(Some(source))
-        }
-    }
-}
-
-/// The ports that a source port reaches.
-fn destinations(file: &RawFile, names: &Names, source: usize) -> Vec<usize> {
-    let path = port_path(file, &file.ports[source]);
-    let mine =
-        |channel: &&crate::raw::RawChannel| channel.source.said().is_some_and(|said| said.value == path);
-    let lists = file.channels.iter().filter(mine).filter_map(|channel| channel.destinations.said());
-    lists.flat_map(|list| list.value.iter().filter_map(|port| names.port(&port.value))).collect()
-}
-
-/// The port that feeds a destination port.
-fn source(file: &RawFile, names: &Names, destination: usize) -> Option<usize> {
-    let channel = &file.channels[names.channel_of(destination)?];
-    names.port(&channel.source.said()?.value).filter(|&port| port != destination)
 }

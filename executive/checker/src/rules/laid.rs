@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 
 use super::Context;
-use super::schedules::{MOST_WINDOWS, minor_frames};
+use crate::processes::Windows;
 use crate::raw::{RawSchedule, RawWindow};
+use bateleur_plan::bounds::{MOST_MINOR_FRAMES, MOST_WINDOWS};
 
 /// One occurrence of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,6 +48,13 @@ impl Laid {
         mine.map(|slot| (slot.start, slot.end)).collect()
     }
 
+    /// The same, by rising start, with the major frame.
+    pub(super) fn all_windows(&self, partition: usize) -> Windows {
+        let mut windows = self.windows(partition);
+        windows.sort_unstable();
+        Windows { windows, major_ns: self.major }
+    }
+
     /// When the windows of a partition start in the major frame, rising.
     pub(super) fn starts(&self, partition: usize) -> Vec<u64> {
         let mine = self.slots.iter().filter(|slot| slot.partition == partition);
@@ -54,6 +62,13 @@ impl Laid {
         starts.sort_unstable();
         starts
     }
+}
+
+/// The minor frame and how many of it make the major frame; nothing where another rule objects.
+pub(super) fn minor_frames(schedule: &RawSchedule) -> Option<(u64, u64)> {
+    let (major, minor) = (schedule.major_frame.get()?.0, schedule.minor_frame.get()?.0);
+    let whole = minor > 0 && major > 0 && major % minor == 0 && major / minor <= MOST_MINOR_FRAMES;
+    whole.then(|| (minor, major / minor))
 }
 
 /// The core with the most windows in a major frame of so many minor `frames`, and how many: counted without laying them out.

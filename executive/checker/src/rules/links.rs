@@ -8,10 +8,10 @@ use bateleur_contract::relay::{MOST_LINKS, SENDING_NS, share_of_a_window};
 
 use super::Context;
 use super::laid::Laid;
-use crate::build::defaults;
 use crate::catalogue;
 use crate::closed::{Kind, ModuleClock, Transport};
 use crate::cycle::within;
+use crate::defaults;
 use crate::findings::{Finding, Span};
 use crate::latency::Hop;
 use crate::links::{self, Carried, LARGEST_DATAGRAM, LONGEST_GAP_MS, SMALLEST_DATAGRAM};

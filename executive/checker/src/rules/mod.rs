@@ -1,7 +1,7 @@
 //! The rules, by subject. Each looks at the raw file and notes what it finds; none depends on another having passed,
 //! and what another rule has reported already is skipped.
 
-pub(super) mod chains;
+mod chains;
 mod channels;
 mod health;
 mod laid;
@@ -9,7 +9,9 @@ mod links;
 mod modules;
 mod names;
 mod partitions;
+mod periods;
 mod ports;
+mod processes;
 mod schedules;
 mod windows;
 
@@ -20,7 +22,6 @@ use super::raw::RawFile;
 use super::reader::{At, Field};
 use super::{Keys, MessageCatalogue, Programs};
 use laid::Laid;
-pub(super) use schedules::{MOST_MINOR_FRAMES, MOST_WINDOWS};
 
 /// Opens the folder of message types, before any rule asks for one.
 pub(super) fn open(file: &RawFile, messages: &dyn MessageCatalogue, findings: &Findings<'_>) {
@@ -88,6 +89,8 @@ pub(super) fn check(cx: &Context<'_>) {
     partitions::check(cx);
     schedules::check(cx);
     windows::check(cx, &laid);
+    periods::check(cx, &laid);
+    processes::check(cx, &laid);
     ports::check(cx);
     channels::check(cx, &laid);
     links::check(cx, &laid);

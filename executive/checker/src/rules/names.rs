@@ -21,6 +21,9 @@ pub(super) fn check(cx: &Context<'_>) {
     for owner in 0..file.partitions.len() {
         set(cx, "port", file.ports.iter().filter(|port| port.partition == owner).map(|port| &port.name));
     }
+    for partition in &file.partitions {
+        set(cx, "process", partition.declared.iter().map(|process| &process.name));
+    }
     unique(cx, "chain", file.chains.iter().filter_map(|chain| chain.name.said()));
     modules(cx);
     networks(cx);
@@ -179,7 +182,14 @@ fn ports_beside(cx: &Context<'_>, port: &At<String>) -> String {
 fn messages(cx: &Context<'_>) {
     for message in cx.file.ports.iter().filter_map(|port| port.message.said()) {
         if cx.catalogue.size_of(&message.value).is_none() {
-            unknown(cx, &catalogue::UNKNOWN_MESSAGE, ("message type", message), cx.catalogue.names());
+            let name = &message.value;
+            let text = format!("there is no message type {}", listed([name.as_str()]));
+            let near = did_you_mean(name, cx.catalogue.names());
+            let end = if near.ends_with('?') { "" } else { "." };
+            let mend = format!(
+                "{near}{end} A type of your own is a file beside the schedule file, `messages/{name}.msg`: see docs/src/new-partition.md"
+            );
+            cx.note(&catalogue::UNKNOWN_MESSAGE, &message.span, text, mend);
         }
     }
 }

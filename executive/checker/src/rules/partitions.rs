@@ -4,11 +4,11 @@ use std::collections::HashMap;
 
 use super::Context;
 use crate::catalogue;
-use crate::findings::Finding;
+use crate::findings::{Finding, Span};
 use crate::raw::RawPartition;
 use crate::reader::{At, Bytes, Field, Nanoseconds};
 use crate::units::ShowSize;
-use bateleur_plan::bounds::{HIGHEST_PRIORITY, MOST_THREADS};
+use bateleur_plan::bounds::{HIGHEST_IDENTIFIER, HIGHEST_PRIORITY, MOST_PROCESSES, MOST_THREADS};
 
 /// The smallest program of this repository starts with 2 MiB, each function of the aircraft with 4.
 const SMALLEST_MEMORY_BYTES: u64 = 4 << 20;
@@ -21,6 +21,8 @@ pub(super) fn check(cx: &Context<'_>) {
     for partition in &cx.file.partitions {
         memory(cx, partition);
         cx.in_range("threads", &partition.threads, 1, MOST_THREADS);
+        cx.in_range("processes", &partition.processes, 1, MOST_PROCESSES);
+        cx.in_range("identifier", &partition.identifier, 0, HIGHEST_IDENTIFIER);
         cx.in_range("priority", &partition.priority, 1, HIGHEST_PRIORITY.into());
         devices(cx, partition);
         granted_calls(cx, partition);
@@ -29,8 +31,14 @@ pub(super) fn check(cx: &Context<'_>) {
         not_zero(cx, "startup_timeout", &partition.startup_timeout);
         not_zero(cx, "deadline", &partition.deadline);
         not_zero(cx, "within", &partition.restart.within);
+        not_zero(cx, "period", &partition.period);
+        not_zero(cx, "duration", &partition.duration);
+        threads_of_processes(cx, partition);
+        stacks(cx, partition);
+        standby_of_processes(cx, partition);
     }
     shared_devices(cx);
+    identifiers(cx);
 }
 
 fn program(cx: &Context<'_>, partition: &RawPartition) {
@@ -68,6 +76,61 @@ fn memory(cx: &Context<'_>, partition: &RawPartition) {
     }
 }
 
+fn threads_of_processes(cx: &Context<'_>, partition: &RawPartition) {
+    let (Some(threads), Some((processes, span))) = (partition.threads.said(), processes(partition)) else {
+        return;
+    };
+    if threads.value as usize > processes {
+        return;
+    }
+    let name = &partition.name.value;
+    let message = format!("`{name}` may have {processes} processes, and {} threads", threads.value);
+    let mend = "leave `threads` out: it follows from `processes`";
+    let finding = Finding::new(&catalogue::TOO_FEW_THREADS, &threads.span, message, mend);
+    cx.add(finding.also(span, "a thread for each of these, and one more"));
+}
+
+/// How many processes a partition may have, and where that is said; `None`: it is one loop, or does not say.
+pub(super) fn processes(partition: &RawPartition) -> Option<(usize, &Span)> {
+    let said = partition.processes.said().map(|said| (said.value as usize, &said.span));
+    said.or_else(|| Some((partition.declared.len(), &partition.declared.first()?.name.span)))
+}
+
+fn stacks(cx: &Context<'_>, partition: &RawPartition) {
+    let (Some(stacks), Some(memory)) = (partition.stacks.said(), partition.memory.said()) else { return };
+    if stacks.value <= memory.value {
+        return;
+    }
+    let (name, all) = (&partition.name.value, ShowSize(memory.value.0));
+    let message = format!("the stacks of `{name}` may have {} of {all} memory", ShowSize(stacks.value.0));
+    let mend = "make `stacks` smaller, or give the partition more memory";
+    let finding = Finding::new(&catalogue::STACKS_TOO_LARGE, &stacks.span, message, mend);
+    cx.add(finding.also(&memory.span, "all its memory"));
+}
+
+fn standby_of_processes(cx: &Context<'_>, partition: &RawPartition) {
+    let (Some(standby), Some((_, span))) = (partition.standby.said(), processes(partition)) else { return };
+    let message = format!("`{}` has processes and a standby", partition.name.value);
+    let mend = "take `standby` out, or make the partition one loop without processes";
+    let finding = Finding::new(&catalogue::PROCESSES_STANDBY, &standby.span, message, mend);
+    cx.add(finding.also(span, "its processes"));
+}
+
+fn identifiers(cx: &Context<'_>) {
+    let mut seen = HashMap::new();
+    for partition in &cx.file.partitions {
+        let Some(identifier) = partition.identifier.said() else { continue };
+        let key = (partition.module.get(), identifier.value);
+        let Some((one, first)) = seen.insert(key, (&partition.name.value, &identifier.span)) else {
+            continue;
+        };
+        let message = format!("`{one}` and `{}` have the number {}", partition.name.value, identifier.value);
+        let mend = "give one of them another, or leave it out for one that is free";
+        let finding = Finding::new(&catalogue::IDENTIFIER_TWICE, &identifier.span, message, mend);
+        cx.add(finding.also(first, format!("the number of `{one}`")));
+    }
+}
+
 fn standby_memory(cx: &Context<'_>, partition: &RawPartition) {
     let (Some(standby), Some(memory)) = (partition.standby.said(), partition.memory.said()) else { return };
     let (once, twice) = (ShowSize(memory.value.0), ShowSize(memory.value.0.saturating_mul(2)));
@@ -78,7 +141,7 @@ fn standby_memory(cx: &Context<'_>, partition: &RawPartition) {
     cx.add(finding.also(&memory.span, "of each process"));
 }
 
-fn not_zero(cx: &Context<'_>, what: &str, time: &Field<Nanoseconds>) {
+pub(super) fn not_zero(cx: &Context<'_>, what: &str, time: &Field<Nanoseconds>) {
     if let Some(time) = time.said().filter(|time| time.value.0 == 0) {
         let mend = "write a time above zero, or leave the key out for its default";
         cx.note(&catalogue::ZERO_TIME, &time.span, format!("`{what}` is zero"), mend);

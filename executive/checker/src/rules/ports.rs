@@ -14,9 +14,7 @@ pub(super) fn check(cx: &Context<'_>) {
             refresh(cx, port, kind.0, direction.0);
             depth(cx, port, kind.0, direction.0);
         }
-        if let Some(kind) = port.kind.get() {
-            payload(cx, port, kind.0);
-        }
+        payload(cx, port);
     }
     unconnected(cx);
 }
@@ -73,34 +71,21 @@ fn misplaced(cx: &Context<'_>, key: &str, span: Option<&Span>, (kind, direction)
         let message = format!("a {kind} {direction} has no `{key}`");
         let mend = match key {
             "refresh" => "remove it: only a sampling destination has one",
-            "depth" => "remove it: only a queuing destination has one",
-            _ => "remove it, and name a message type",
+            _ => "remove it: only a queuing destination has one",
         };
         cx.note(&catalogue::MISPLACED_KEY, span, message, mend);
     }
 }
 
-fn payload(cx: &Context<'_>, port: &RawPort, kind: Kind) {
-    if kind == Kind::Sampling {
-        if let (Some(size), Some(direction)) = (port.max_size.said(), port.direction.get()) {
-            misplaced(cx, "max_size", Some(&size.span), (kind, direction.0));
-        }
-        if port.message.is_absent() {
-            without(cx, port, "add its type, such as `message = \"Rates\"`");
-        }
-        return;
-    }
+fn payload(cx: &Context<'_>, port: &RawPort) {
     if port.message.is_absent() && port.max_size.is_absent() {
-        without(cx, port, "add `message = \"TYPE\"`, or `max_size = 256` for plain bytes");
+        let message = format!("port `{}` does not say what it carries", port.name.value);
+        let mend = "add `message = \"TYPE\"`, or `max_size = 256` for plain bytes";
+        cx.note(&catalogue::PAYLOAD_MISSING, &port.name.span, message, mend);
     }
     if let Some(size) = port.max_size.said() {
         size_of(cx, port, size);
     }
-}
-
-fn without(cx: &Context<'_>, port: &RawPort, mend: &str) {
-    let message = format!("port `{}` does not say what it carries", port.name.value);
-    cx.note(&catalogue::PAYLOAD_MISSING, &port.name.span, message, mend);
 }
 
 fn size_of(cx: &Context<'_>, port: &RawPort, size: &crate::reader::At<u32>) {

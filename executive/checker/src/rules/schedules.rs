@@ -1,6 +1,7 @@
 //! Rules about schedules as a whole: their frames, which one is initial, and who is in them.
 
-use super::{Context, laid};
+use super::Context;
+use super::laid::{self, minor_frames};
 use crate::build::starts_cold;
 use crate::catalogue;
 use crate::closed::ChangeAction;
@@ -8,7 +9,7 @@ use crate::findings::Finding;
 use crate::raw::RawSchedule;
 use crate::reader::{At, Field, Nanoseconds, Permission};
 use crate::units::ShowTime;
-pub(crate) use bateleur_plan::bounds::{MOST_MINOR_FRAMES, MOST_WINDOWS};
+use bateleur_plan::bounds::{MOST_MINOR_FRAMES, MOST_WINDOWS};
 use bateleur_plan::words::{did_you_mean, listed};
 
 pub(super) fn check(cx: &Context<'_>) {
@@ -24,13 +25,6 @@ pub(super) fn check(cx: &Context<'_>) {
         change_actions(cx, schedule);
     }
     permissions(cx);
-}
-
-/// The minor frame and how many of it make the major frame; nothing where another rule objects.
-pub(super) fn minor_frames(schedule: &RawSchedule) -> Option<(u64, u64)> {
-    let (major, minor) = (schedule.major_frame.get()?.0, schedule.minor_frame.get()?.0);
-    let whole = minor > 0 && major > 0 && major % minor == 0 && major / minor <= MOST_MINOR_FRAMES;
-    whole.then(|| (minor, major / minor))
 }
 
 fn frames(cx: &Context<'_>, schedule: &RawSchedule) {

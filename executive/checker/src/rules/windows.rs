@@ -4,8 +4,7 @@ use bateleur_plan::timeline::gaps;
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::Context;
-use super::laid::{Laid, Slot};
-use super::schedules::minor_frames;
+use super::laid::{Laid, Slot, minor_frames};
 use crate::catalogue::{self, Rule};
 use crate::findings::{Finding, Span};
 use crate::raw::{RawSchedule, RawWindow};
@@ -88,7 +87,10 @@ fn minor(cx: &Context<'_>, schedule: &RawSchedule, window: &RawWindow) {
     let Some((_, frames)) = minor_frames(schedule) else { return };
     if !minor_beyond(cx, schedule, &list.value, frames) && !even(&seen, frames) {
         let message = format!("the windows of `{name}` come at uneven intervals");
-        let mend = "choose minor frames that lie equally far apart, also across the end of the major frame";
+        let mend = format!(
+            "choose minor frames that lie equally far apart, also across the end of the major frame: {}",
+            periods(schedule, frames)
+        );
         cx.note(&catalogue::UNEVEN_MINOR, &list.span, message, mend);
     }
 }
@@ -107,6 +109,14 @@ fn minor_beyond(cx: &Context<'_>, schedule: &RawSchedule, list: &[At<u32>], fram
         });
     }
     any
+}
+
+/// The periods that windows can have in a major frame of `frames` minor frames.
+fn periods(schedule: &RawSchedule, frames: u64) -> String {
+    let minor_ns = schedule.minor_frame.said().map_or(0, |frame| frame.value.0);
+    let every = (1..=frames).filter(|every| frames.is_multiple_of(*every));
+    let shown: Vec<String> = every.map(|every| ShowTime(every * minor_ns).to_string()).collect();
+    format!("with {frames} minor frames of {} a period may be {}", ShowTime(minor_ns), shown.join(", "))
 }
 
 /// Whether minor frames lie equally far apart in a cycle of `frames`.

@@ -32,16 +32,32 @@ fn own_group(root: &Root) -> Option<(String, String)> {
     Some((mount, group))
 }
 
+/// What it costs that there are none.
+const NO_GROUPS: &str = "a window's end is SIGSTOP to one process: 21 us (median) to 71 us (99 %) past the end, and a child in a session of \
+    its own runs on";
+
+/// Whether this process is in a group below the root of a hierarchy that it can not see.
+fn is_hidden(root: &Root) -> bool {
+    let groups = root.text("proc/self/cgroup").unwrap_or_default();
+    groups.lines().any(|line| line.strip_prefix("0::/").is_some_and(|own| !own.is_empty()))
+}
+
 fn groups(root: &Root) -> Finding {
     const TOPIC: &str = "control groups";
     match own_group(root) {
         Some((mount, group)) if root.exists(&format!("{group}/cgroup.procs")) => {
             Finding::well(TOPIC, format!("version 2 at {mount}, this process in {group}"))
         }
+        None if is_hidden(root) => Finding::lacks(
+            TOPIC,
+            "the version 2 hierarchy is hidden from this process, as `ip netns exec` does, which mounts /sys anew",
+            NO_GROUPS,
+            "enter the network namespace by nsenter --net=/run/netns/NAME, or mount it again: mount -t cgroup2 none /sys/fs/cgroup",
+        ),
         _ => Finding::lacks(
             TOPIC,
             "no version 2 hierarchy is mounted",
-            "a window's end is SIGSTOP to one process: 21 us (median) to 71 us (99 %) past the end, and a child in a session of its own runs on",
+            NO_GROUPS,
             "mkdir -p /sys/fs/cgroup/unified && mount -t cgroup2 none /sys/fs/cgroup/unified; with systemd: systemd.unified_cgroup_hierarchy=1",
         ),
     }

@@ -154,6 +154,16 @@ fn without_control_groups_that_is_said_and_so_are_the_controllers() {
         lacks.iter().map(|lack| lack.topic.as_str()).collect::<Vec<_>>(),
         ["control groups", "group controllers"]
     );
+    // This process is in one, and does not see it.
+    assert!(
+        lacks[0].found.contains("ip netns exec") && lacks[0].mend.contains("nsenter --net="),
+        "{:?}",
+        lacks[0]
+    );
+    let none =
+        examined(&[("proc/self/mounts", Some("proc /proc proc rw 0 0")), ("proc/self/cgroup", Some("0::/"))]);
+    let none = none.iter().find(|finding| finding.topic == "control groups").unwrap();
+    assert!(none.found.contains("no version 2 hierarchy is mounted"), "{none:?}");
 }
 
 #[test]

@@ -5,6 +5,7 @@ mod doctor;
 mod gateway;
 mod health;
 mod helper;
+mod init;
 mod inject;
 mod key;
 mod links;
@@ -49,6 +50,7 @@ pub enum Verb {
     Freeze(order::Arguments),
     /// Let a held partition go on where it was.
     Thaw(order::Arguments),
+    Init(init::Arguments),
     Inject(inject::Arguments),
     Ports(ports::Arguments),
     Ps(ps::Arguments),
@@ -83,6 +85,7 @@ impl Verb {
             Self::Start(arguments) => order::run(&arguments, |partition| Request::Start { partition }),
             Self::Freeze(arguments) => order::run(&arguments, |partition| Request::Freeze { partition }),
             Self::Thaw(arguments) => order::run(&arguments, |partition| Request::Thaw { partition }),
+            Self::Init(arguments) => init::run(&arguments),
             Self::Inject(arguments) => inject::run(&arguments),
             Self::Ports(arguments) => ports::run(&arguments),
             Self::Ps(arguments) => ps::run(&arguments),

@@ -307,10 +307,22 @@ fn list(common: &Common, seconds: f64) -> Result<()> {
     Ok(())
 }
 
+/// What was seen, with those channels that carried nothing.
+fn with_silent(mut seen: BTreeMap<String, Seen>, channels: &[ChannelStatus]) -> BTreeMap<String, Seen> {
+    for channel in channels {
+        seen.entry(channel.source.clone()).or_default();
+    }
+    seen
+}
+
 fn hz(common: &Common, port: Option<&str>, seconds: f64) -> Result<()> {
-    let client = common.target.connect()?;
+    let mut client = common.target.connect()?;
+    let wanted = |channel: &ChannelStatus| {
+        port.is_none_or(|port| channel.source == port || channel.destinations.iter().any(|end| end == port))
+    };
+    let channels: Vec<ChannelStatus> = channels(&mut client)?.into_iter().filter(wanted).collect();
     let ports: Vec<String> = port.into_iter().map(str::to_owned).collect();
-    let seen = count(&mut Watch::start(client, &ports)?, seconds)?;
+    let seen = with_silent(count(&mut Watch::start(client, &ports)?, seconds)?, &channels);
     if common.format == Format::Json {
         let rows = seen.iter().map(|(source, seen)| {
             serde_json::json!({
@@ -355,6 +367,15 @@ mod tests {
         let values = values(&radar, &bytes, word_of);
         assert_eq!((&values["mode"], &values["echoes"][0]["x"]), (&7.into(), &Value::from(-1)));
         assert!(lines(&radar, &bytes[..3]).starts_with("  mode: null\n  range: [] m\n"));
+    }
+
+    #[test]
+    fn silent_channels_are_counted_too() {
+        let heard = BTreeMap::from([("a.b".to_owned(), Seen { messages: 3, ..Seen::default() })]);
+        let channel = |source: &str| ChannelStatus { source: source.to_owned(), ..ChannelStatus::default() };
+        let all = with_silent(heard, &[channel("a.b"), channel("c.d")]);
+        assert_eq!((all["a.b"].messages, all["c.d"].messages), (3, 0));
+        assert_eq!(all["c.d"].rate_hz(), None);
     }
 
     #[test]

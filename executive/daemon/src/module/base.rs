@@ -7,19 +7,16 @@ use std::io::Write as _;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
-use std::sync::Arc;
 
 use bateleur_contract::Clock;
 use rustix::fs::{MemfdFlags, memfd_create};
 
-use super::channel_holders::ChannelHolders;
-use super::course::{Course, Ended};
-use super::run_module::Services;
+use super::course::Course;
 use super::{Options, RunError, machine};
-use crate::recording::{Recorder, Recording, StartRecorder, part_name};
+use crate::recording::{Recorder, Recording, StartRecorder};
 use bateleur_control::{Inbox, Server};
-use bateleur_host::error_log::{ErrorLogs, ErrorReader};
-use bateleur_host::helper::orders::{Cleaning, Dead, Examination, ExaminedPort, Order, OrderedChannel};
+use bateleur_host::error_log::ErrorLogs;
+use bateleur_host::helper::orders::{Cleaning, Dead, Order, OrderedChannel};
 use bateleur_host::helper::recording::RecorderOrder;
 use bateleur_host::helper::{PARENT, end_helper};
 use bateleur_host::instance::{Alive, Instance};
@@ -27,11 +24,10 @@ use bateleur_host::machine::Machine;
 use bateleur_host::partition::{Sandbox, SandboxConfig, message_name, queue_depth};
 use bateleur_host::programs::beside_own;
 use bateleur_monitor::StartChannelCleaner;
-use bateleur_monitor::cleanup::{CleanupOrder, EndedHelpers};
+use bateleur_monitor::cleanup::CleanupOrder;
 use bateleur_monitor::event::Event;
 use bateleur_monitor::observers::StartObserver;
 use bateleur_monitor::planned::STANDBY;
-use bateleur_monitor::rebuild::RebuildHooks;
 use bateleur_plan::{ModuleView, PartitionId, Plan, PortId};
 use bateleur_system::account::Accounts;
 use bateleur_system::cgroup::Group;
@@ -67,19 +63,8 @@ fn spare(plan: &Plan, port: PortId) -> usize {
     if plan[owner].standby.is_some() { 2 } else { 0 }
 }
 
-/// What a channel probe is told about a partition's ports.
-fn examination(order: &Order, plan: &Plan, partition: PartitionId) -> Examination {
-    let ports = plan[partition].ports.iter().filter_map(|id| {
-        let source = plan[plan[*id].channel?].source;
-        let name = plan.port_path(source);
-        let channel = order.channels.iter().find(|channel| channel.name == name)?.clone();
-        Some(ExaminedPort { channel, writes: source == *id })
-    });
-    Examination { root: order.root.clone(), ports: ports.collect() }
-}
-
 /// The file of port messages: one that is closed can not be gone on with, so each start has its own.
-fn port_log(path: &Path, resets: u32) -> PathBuf {
+pub(super) fn port_log(path: &Path, resets: u32) -> PathBuf {
     match resets {
         0 => path.to_owned(),
         resets => path.with_extension(format!("reset-{resets}.mcap")),
@@ -95,7 +80,7 @@ fn part_of(path: &Path, part: u32) -> PathBuf {
 }
 
 /// Parts and resets of an earlier run in the same folder do not belong to this log.
-fn remove_earlier(path: &Path) {
+pub(super) fn remove_earlier(path: &Path) {
     let is_removed = |path: &PathBuf| std::fs::remove_file(path).is_ok();
     let resets = (1..).map(|resets| port_log(path, resets)).take_while(is_removed);
     for start in std::iter::once(path.to_owned()).chain(resets) {
@@ -113,7 +98,7 @@ struct Footing<'a> {
 
 /// What a run has outside its output folder, and the processes that serve it.
 pub(super) struct Base {
-    instance: Instance,
+    pub(super) instance: Instance,
     /// Dropped only when the run has cleaned up after itself.
     _alive: Option<Alive>,
     group: Option<Group>,
@@ -128,7 +113,7 @@ pub(super) struct Base {
     log: File,
     /// The guard, and the pipe whose end tells it that the executive is gone.
     guard: RefCell<Option<(Spawned, File)>>,
-    users: Option<Users>,
+    pub(super) users: Option<Users>,
 }
 
 /// The helpers' group inside the module's. No name of a partition has a dot.
@@ -270,7 +255,7 @@ impl Base {
         })
     }
 
-    fn order(&self, view: &ModuleView<'_>) -> Order {
+    pub(super) fn order(&self, view: &ModuleView<'_>) -> Order {
         let plan = view.plan();
         let channels = view.channels().map(|id| {
             let channel = &plan[id];
@@ -305,7 +290,7 @@ impl Base {
     }
 
     /// Starts the log of all ports.
-    fn record(
+    pub(super) fn record(
         &self,
         path: PathBuf,
         order: &Order,
@@ -355,38 +340,13 @@ impl Base {
     }
 
     /// How a channel cleaner is started.
-    fn channel_cleaner_starter(&self, ruled: bool) -> Result<StartChannelCleaner, RunError> {
+    pub(super) fn channel_cleaner_starter(&self, ruled: bool) -> Result<StartChannelCleaner, RunError> {
         let copy = self.copy()?;
         Ok(Box::new(move |order| copy.start_channel_cleaner(order, ruled)))
     }
 
-    /// How a partition's channels are examined, held, and rebuilt.
-    fn rebuilds(
-        &self,
-        order: Order,
-        plan: Arc<Plan>,
-        channel_holders: Rc<RefCell<ChannelHolders>>,
-    ) -> Result<RebuildHooks, RunError> {
-        let channel_probe = self.copy()?;
-        let examine = move |partition| {
-            let (answers, answer_end) = std::io::pipe()?;
-            let answer_end = OwnedFd::from(answer_end);
-            let order = examination(&order, &plan, partition);
-            let lines = Lines { output: Some(&answer_end), ..Lines::default() };
-            let process =
-                channel_probe.helper(&["channel-probe".into(), serde_json::to_string(&order)?], lines)?;
-            Ok((process, File::from(OwnedFd::from(answers))))
-        };
-        let tended = channel_holders.clone();
-        Ok(RebuildHooks {
-            examine: Box::new(examine),
-            rebuild: Box::new(move |channels| channel_holders.borrow_mut().rebuild(channels)),
-            tend: Box::new(move || tended.borrow_mut().tend()),
-        })
-    }
-
     /// Enough of it to start helpers.
-    fn copy(&self) -> Result<Self, RunError> {
+    pub(super) fn copy(&self) -> Result<Self, RunError> {
         Ok(Self {
             instance: self.instance.clone(),
             _alive: None,
@@ -403,7 +363,7 @@ impl Base {
     }
 
     /// How observers are started: each is told of its own channels only.
-    fn observer_starter(&self, order: Order) -> Result<StartObserver, RunError> {
+    pub(super) fn observer_starter(&self, order: Order) -> Result<StartObserver, RunError> {
         let copy = self.copy()?;
         Ok(Box::new(move |channels, connection| {
             let wanted = |channel: &&OrderedChannel| channels.contains(&channel.source);
@@ -444,59 +404,8 @@ impl Base {
         Ok((process, File::from(OwnedFd::from(progress))))
     }
 
-    pub(super) fn run(
-        &self,
-        plan: &Arc<Plan>,
-        view: &ModuleView<'_>,
-        options: &Options,
-        facts: &Machine,
-        programs: Vec<PathBuf>,
-        course: &mut Course,
-    ) -> Result<Ended, RunError> {
-        let order = self.order(view);
-        let homes: Vec<String> = order.channels.iter().map(|channel| channel.name.clone()).collect();
-        self.instance
-            .make_channel_directories(&homes, self.users)
-            .map_err(machine("cannot make the channels' directories in /dev/shm"))?;
-        let start_observer = self.observer_starter(order.clone())?;
-        let ended_helpers = EndedHelpers::default();
-        let channel_holders = ChannelHolders::begin(self.copy()?, order.clone(), ended_helpers.clone());
-        let channel_holders = channel_holders.map_err(|error| RunError::Machine {
-            what: "cannot make the module's channels".into(),
-            why: error.0,
-        })?;
-        if !options.order.record && course.resets() == 0 {
-            // What an earlier run recorded in this folder would be taken for this one's.
-            let earlier = options.order.output.join(part_name(0));
-            remove_earlier(&earlier);
-            let _ = std::fs::remove_file(&earlier); // there is none, as a rule
-        }
-        let port_log = options.port_log().map(|path| port_log(&path, course.resets()));
-        let recording = port_log.map(|path| self.record(path, &order, &view.plan().messages)).transpose()?;
-        let error_reader = ErrorReader::start(options.order.output.join("partitions"))
-            .map_err(machine("cannot read the partitions' standard error"))?;
-        let sandboxes = self.sandboxes(plan, view, options, facts, programs, error_reader.logs())?;
-        let (control, inbox) = self.open_control(&options.order.module, course);
-        let start_channel_cleaner = self.channel_cleaner_starter(facts.ruled)?;
-        let rebuilds = self.rebuilds(order, plan.clone(), channel_holders)?;
-        // On the virtual clock nobody is cleaned up after at an instant of the wall clock.
-        let ended_helpers = (options.order.clock() == Clock::Wall).then_some((ended_helpers, homes));
-        let services = Services {
-            recording,
-            start_channel_cleaner,
-            ended_helpers,
-            rebuilds,
-            start_observer,
-            inbox,
-            error_reader,
-        };
-        let ended = super::run_module::run_module(plan, view, options, facts, sandboxes, services, course);
-        drop(control);
-        ended
-    }
-
     /// A module flies without its control socket too, and says so.
-    fn open_control(&self, module: &str, course: &mut Course) -> (Option<Server>, Option<Inbox>) {
+    pub(super) fn open_control(&self, module: &str, course: &mut Course) -> (Option<Server>, Option<Inbox>) {
         match Server::open(&self.instance.directory()) {
             Ok((server, inbox)) => (Some(server), Some(inbox)),
             Err(error) => {
@@ -507,7 +416,7 @@ impl Base {
         }
     }
 
-    fn sandboxes(
+    pub(super) fn sandboxes(
         &self,
         plan: &Plan,
         view: &ModuleView<'_>,
@@ -527,6 +436,7 @@ impl Base {
             real_time: facts.real_time,
             errors,
             link_keys: options.link_keys.clone(),
+            retained: options.supervision.as_ref().map_or_else(BTreeMap::new, |kept| kept.retained.clone()),
         };
         let none = BTreeMap::new();
         let built = view.partitions().zip(programs).map(|(id, program)| {

@@ -3,18 +3,21 @@
 //! Module time is the run's and goes on; frames begin anew with frame 0, and so does everything else: control groups, shared
 //! memory, channels, processes.
 
-use bateleur_contract::Clock;
+use std::sync::Arc;
+
+use bateleur_contract::{Clock, Mapped, StartCondition};
 
 use super::{Options, Outcome, RunError, machine};
 use crate::world::Surroundings;
 use bateleur_host::guarantee::Guarantee;
 use bateleur_monitor::Kept;
 use bateleur_monitor::event::Event;
-use bateleur_monitor::health::lines::Patience;
 use bateleur_monitor::health::log::{HealthLog, WindowLog};
+use bateleur_monitor::lines::Patience;
 use bateleur_monitor::planned::PlannedActs;
 use bateleur_plan::{ModuleView, PartitionId, Plan};
 use bateleur_system::time::now_ns;
+use bateleur_time::run_page::RunPage;
 use bateleur_time::shared_clock::{Member, PATIENCE_NS};
 
 /// Real time from "ready" to frame 0: long enough for every dispatcher thread to be in its sleep.
@@ -28,6 +31,10 @@ pub(super) struct Course {
     clock: Clock,
     /// Wall clock: when module time 0 was, CLOCK_MONOTONIC ns.
     origin_ns: Option<u64>,
+    /// What the supervisor sees.
+    pub(super) page: Option<Arc<Mapped<RunPage>>>,
+    /// The next start is that after an executive's death: partitions find what they have retained.
+    follows_dead: bool,
     /// Module time at which the last start ended, ns; before the first, that at which it begins.
     ended_ns: u64,
     startup_ns: u64,
@@ -70,24 +77,39 @@ impl Course {
             Clock::Wall => Patience::Lose,
             Clock::Virtual => Patience::Wait,
         };
-        let window_log = WindowLog::create(&options.order.output, patience)
-            .map_err(machine("cannot write windows.csv"))?;
-        let health_log = HealthLog::create(&options.order.output, plan.health.log, patience)
-            .map_err(machine("cannot write health.jsonl"))?;
+        let (folder, ring) = (&options.order.output, plan.health.log);
+        let after = options.supervision.as_mut().and_then(|supervision| supervision.after.take());
+        let (window_log, health_log) = match after {
+            None => (WindowLog::create(folder, patience), HealthLog::create(folder, ring, patience)),
+            Some(_) => (WindowLog::go_on(folder, patience), HealthLog::go_on(folder, ring, patience)),
+        };
+        let window_log = window_log.map_err(machine("cannot write windows.csv"))?;
+        let window_log =
+            if options.supervision.is_some() { window_log.in_small_pieces() } else { window_log };
+        let health_log = health_log.map_err(machine("cannot write health.jsonl"))?;
         let events = std::mem::replace(&mut options.events, bateleur_monitor::event::Events::new(None));
         let candidates = view.partitions().map(PartitionId::index).collect();
-        let surroundings = Surroundings::new(
+        let mut surroundings = Surroundings::new(
             &options.order,
             PlannedActs::of(plan, &options.order.acts, options.order.killings, candidates),
             options.stop.clone(),
             options.power_fail.clone(),
             options.companion.take(),
         );
+        let mut kept = Kept::new(window_log, health_log, events);
+        let page = options.supervision.as_ref().map(|supervision| supervision.page.clone());
+        if let Some(dead) = &after {
+            let counts = page.as_ref().map_or_else(Default::default, |page| page.counts());
+            kept.follow(&plan.health, (dead.error, &dead.detail), (dead.resets, counts), dead.at_ns);
+            surroundings.go_on_from(dead.at_ns);
+        }
         Ok(Self {
-            kept: Some(Kept::new(window_log, health_log, events)),
+            kept: Some(kept),
             surroundings,
             clock: options.order.clock(),
-            origin_ns: None,
+            origin_ns: page.as_ref().and_then(|page| page.origin_ns()),
+            page,
+            follows_dead: after.is_some(),
             ended_ns: back_ns.unwrap_or(0),
             startup_ns: plan.health.reset.startup_ns,
             member,
@@ -101,6 +123,15 @@ impl Course {
     /// Resets so far.
     pub(super) fn resets(&self) -> u32 {
         self.kept.as_ref().map_or(0, Kept::resets)
+    }
+
+    /// What partitions find at the next start.
+    pub(super) fn take_condition(&mut self, resets: u32) -> StartCondition {
+        match (std::mem::take(&mut self.follows_dead), resets) {
+            (true, _) => StartCondition::HmPartitionWarmRestart,
+            (false, 0) => StartCondition::NormalStart,
+            (false, _) => StartCondition::HmModuleRestart,
+        }
     }
 
     /// Tells whoever watches.
@@ -129,6 +160,9 @@ impl Course {
         }
         let ready_ns = now_ns() + LEAD_NS;
         let origin_ns = *self.origin_ns.get_or_insert(ready_ns);
+        if let Some(page) = &self.page {
+            page.begin(origin_ns, resets);
+        }
         let begin_ns = match (self.clock, resets) {
             (Clock::Wall, 0) => 0,
             (Clock::Virtual, 0) => self.ended_ns,

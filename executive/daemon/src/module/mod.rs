@@ -1,7 +1,8 @@
 //! One run of a module: from the checked plan to the last process ended.
 
-use std::fs;
+use std::collections::BTreeMap;
 use std::net::SocketAddr;
+use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -9,16 +10,20 @@ use std::sync::atomic::AtomicBool;
 use crate::recording::part_name;
 use crate::world::Companion;
 use base::Base;
+use bateleur_contract::Mapped;
 use bateleur_host::guarantee::Guarantee;
 use bateleur_host::instance::clean_leftovers;
 use bateleur_host::keys::{Key, KeyError};
 use bateleur_host::machine::Machine;
-use bateleur_host::programs::program_path;
+use bateleur_host::programs::{program_path, script};
 use bateleur_monitor::event::{Event, Events};
+use bateleur_monitor::health::ring;
 use bateleur_monitor::planned::Act;
-use bateleur_monitor::run_order::RunOrder;
+use bateleur_monitor::run_order::{DeadExecutive, RunOrder};
 use bateleur_plan::{ModuleView, Plan};
+use bateleur_system::folders;
 use bateleur_system::tree::NotRemoved;
+use bateleur_time::run_page::RunPage;
 use bateleur_time::shared_clock::SharedClockError;
 use course::{Course, Ended};
 
@@ -26,6 +31,7 @@ mod base;
 mod channel_holders;
 mod course;
 mod joined;
+mod one_start;
 mod run_module;
 mod wall_threads;
 
@@ -43,6 +49,19 @@ pub struct Options {
     pub stop: Arc<AtomicBool>,
     /// Set by SIGPWR: the supply is going.
     pub power_fail: Arc<AtomicBool>,
+    /// What it has of a supervisor; `None` if there is none.
+    pub supervision: Option<Supervision>,
+}
+
+/// What outlives an executive that is supervised.
+#[derive(Debug)]
+pub struct Supervision {
+    /// The run's time, and signs of life.
+    pub page: Arc<Mapped<RunPage>>,
+    /// Retained memories, by partition.
+    pub retained: BTreeMap<String, Arc<OwnedFd>>,
+    /// The executive before; `None` if this is the first one.
+    pub after: Option<DeadExecutive>,
 }
 
 impl Options {
@@ -175,8 +194,14 @@ pub fn run(plan: Plan, mut options: Options) -> Result<Outcome, RunError> {
         return Err(RunError::Strict(lacking.join("\n")));
     }
     options.events.tell(&Event::Guarantees { list: facts.guarantees.list().to_vec() });
+    // Before anything of the last run is written over.
+    find_programs(&view, &options.order.plan_folder)?;
     let logs = options.order.output.join("partitions");
-    fs::create_dir_all(&logs).map_err(machine(format!("cannot make {}", logs.display())))?;
+    folders::make(&logs).map_err(machine(format!("cannot make {}", logs.display())))?;
+    for folder in [&options.order.output, &logs] {
+        let what = format!("cannot take the files of another user's run out of {}", folder.display());
+        folders::free(folder, &[ring::FILE]).map_err(machine(what))?;
+    }
     let mut course = Course::new(&plan, &view, &mut options)?;
     loop {
         match start(&plan, &view, &options, &facts, &mut course) {
@@ -223,7 +248,7 @@ fn not_removed(module: &str, time_s: f64, left: &NotRemoved) -> Event {
     Event::Message { time_s, partition: module.to_owned(), text }
 }
 
-fn module_of<'a>(plan: &'a Plan, name: &str) -> Result<ModuleView<'a>, RunError> {
+pub(crate) fn module_of<'a>(plan: &'a Plan, name: &str) -> Result<ModuleView<'a>, RunError> {
     plan.module(name).ok_or_else(|| RunError::NoModule {
         name: name.into(),
         known: plan.modules.iter().map(|module| module.name.as_str()).collect::<Vec<_>>().join(", "),
@@ -282,14 +307,14 @@ fn find_programs(view: &ModuleView<'_>, folder: &Path) -> Result<Vec<PathBuf>, R
     let programs = view.partitions().map(|id| {
         let partition = &view.plan()[id];
         let path = program_path(&partition.program, folder);
-        if !path.is_file() {
-            missing.push(format!(
-                "partition {}: there is no program {} (program = \"{}\"): build it, or correct its line in the plan",
-                partition.name,
-                path.display(),
-                partition.program
-            ));
-        }
+        let fault = match path.is_file() {
+            true => script(&path),
+            false => Some(format!("there is no program {}", path.display())),
+        };
+        missing.extend(fault.map(|fault| {
+            let (name, program) = (&partition.name, &partition.program);
+            format!("partition {name}: {fault} (program = \"{program}\"): build it, or correct its line in the plan")
+        }));
         path
     });
     let programs = programs.collect();

@@ -7,11 +7,11 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use bateleur_contract::{Clock, StartCondition};
+use bateleur_contract::Clock;
 use rtrb::Consumer;
 
 use super::course::{Course, Ended};
-use super::wall_threads::{Lanes, run_wall};
+use super::wall_threads::{Lanes, Tables, run_wall};
 use super::{Options, RunError};
 use crate::fast::{Records, VirtualGate, VirtualPace, World};
 use crate::recording::Recording;
@@ -69,7 +69,7 @@ pub(super) fn run_module(
 ) -> Result<Ended, RunError> {
     let Some(kept) = course.kept.take() else { return Err(RunError::Start("it runs already".into())) };
     let resets = kept.resets();
-    let condition = if resets == 0 { StartCondition::NormalStart } else { StartCondition::HmModuleRestart };
+    let condition = course.take_condition(resets);
     let records = Records::default();
     let rings: Rc<RefCell<Vec<Consumer<WindowRecord>>>> = Rc::default();
     let stall = Arc::new(Stall::default());
@@ -191,7 +191,7 @@ impl Ready<'_> {
                         resets,
                     ));
                 }
-                run_wall(&tables, monitor, surroundings, lanes, facts, origin_ns)
+                run_wall(&tables, monitor, (surroundings, course.page.as_ref()), lanes, facts, origin_ns)
             }
         }
     }
@@ -313,23 +313,5 @@ impl World for Joint<'_> {
     fn minor_frame(&mut self, module_ns: u64, monitor: &mut Monitor) -> bool {
         self.tell_deaths(module_ns, monitor);
         self.surroundings.minor_frame(module_ns, monitor)
-    }
-}
-
-/// All that is known about time before frame 0.
-pub(super) struct Tables {
-    pub(super) timelines: Vec<Timeline>,
-    pub(super) schedule_switch: Arc<ScheduleSwitch>,
-    pub(super) changes: Arc<Changes>,
-    /// Module time of frame 0.
-    pub(super) begin_ns: u64,
-}
-
-impl Tables {
-    /// The next minor frame of the schedule that runs: when the world is asked again.
-    pub(super) fn following_minor_frame(&self, module_ns: u64) -> u64 {
-        let minor_frame_ns = self.timelines[self.schedule_switch.current()].minor_frame_ns;
-        let since_ns = self.schedule_switch.newest_frame_ns();
-        since_ns + (module_ns.saturating_sub(since_ns) / minor_frame_ns + 1) * minor_frame_ns
     }
 }

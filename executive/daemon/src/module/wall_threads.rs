@@ -10,18 +10,21 @@ use std::thread::JoinHandle;
 
 use rtrb::{Consumer, RingBuffer};
 
-use super::run_module::Tables;
 use super::{RunError, machine};
 use crate::fast::World;
 use crate::world::Surroundings;
+use bateleur_contract::Mapped;
 use bateleur_host::machine::Machine;
 use bateleur_monitor::Monitor;
-use bateleur_plan::ModuleError;
+use bateleur_plan::{ModuleError, Timeline};
 use bateleur_system::sched;
 use bateleur_system::time::now_ns;
+use bateleur_time::change::Changes;
 use bateleur_time::dispatcher::Dispatcher;
 use bateleur_time::freeze_worker::FreezeWorker;
 use bateleur_time::redundant_pair::RedundantPair;
+use bateleur_time::run_page::{Heartbeat, RunPage};
+use bateleur_time::schedule_switch::ScheduleSwitch;
 use bateleur_time::stall::Stall;
 use bateleur_time::wall::{WallGate, WallPace};
 use bateleur_time::window_record::WindowRecord;
@@ -42,6 +45,24 @@ const FREEZE_PRIORITY: u8 = 97;
 /// The freeze worker's, where every processor has partitions: below each of them.
 const FREEZE_PRIORITY_IN_SLACK: u8 = 1;
 
+/// All that is known about time before frame 0.
+pub(super) struct Tables {
+    pub(super) timelines: Vec<Timeline>,
+    pub(super) schedule_switch: Arc<ScheduleSwitch>,
+    pub(super) changes: Arc<Changes>,
+    /// Module time of frame 0.
+    pub(super) begin_ns: u64,
+}
+
+impl Tables {
+    /// The next minor frame of the schedule that runs: when the world is asked again.
+    pub(super) fn following_minor_frame(&self, module_ns: u64) -> u64 {
+        let minor_frame_ns = self.timelines[self.schedule_switch.current()].minor_frame_ns;
+        let since_ns = self.schedule_switch.newest_frame_ns();
+        since_ns + (module_ns.saturating_sub(since_ns) / minor_frame_ns + 1) * minor_frame_ns
+    }
+}
+
 /// What dispatcher threads share with the monitor.
 pub(super) struct Lanes {
     pub(super) rings: Rc<RefCell<Vec<Consumer<WindowRecord>>>>,
@@ -54,7 +75,7 @@ pub(super) struct Lanes {
 pub(super) fn run_wall(
     tables: &Tables,
     monitor: &mut Monitor,
-    surroundings: &mut Surroundings,
+    (surroundings, page): (&mut Surroundings, Option<&Arc<Mapped<RunPage>>>),
     lanes: &Lanes,
     facts: &Machine,
     origin_ns: u64,
@@ -67,7 +88,9 @@ pub(super) fn run_wall(
     let mut threads = Vec::new();
     let _freezing =
         Freezing::begin(&pair, facts).map_err(machine("cannot start the freeze worker's thread"))?;
-    for line in tables.timelines.first().into_iter().flat_map(|timeline| &timeline.cores) {
+    let monitor_beat = Heartbeat::of_monitor(page);
+    for (place, line) in tables.timelines.first().into_iter().flat_map(|timeline| &timeline.cores).enumerate()
+    {
         let (producer, consumer) = RingBuffer::new(RECORDS);
         let (core, real_time, all_stop) = (facts.real_core(line.core), facts.real_time, &stop);
         let (stop, orderly) = (stop.clone(), orderly.clone());
@@ -86,7 +109,8 @@ pub(super) fn run_wall(
             core == line.core
         })
         .beginning_at(tables.begin_ns);
-        let pace = WallPace::new(origin_ns, lanes.spun_ns.clone());
+        let beat = Heartbeat::of_dispatcher(page, place);
+        let pace = WallPace::new(origin_ns, lanes.spun_ns.clone(), beat);
         let thread = std::thread::Builder::new()
             .name(format!("dispatch {}", line.core))
             .stack_size(DISPATCHER_STACK)
@@ -110,6 +134,10 @@ pub(super) fn run_wall(
     let mut next_minor_ns = tables.begin_ns;
     loop {
         monitor.pause(MONITOR_PERIOD_NS);
+        monitor_beat.beat();
+        if let Some(page) = page {
+            page.keep_counts(monitor.totals().counts());
+        }
         let module_ns = now_ns().saturating_sub(origin_ns);
         monitor.step(module_ns);
         let finished = threads.iter().filter(|thread| thread.is_finished()).count();
@@ -128,6 +156,7 @@ pub(super) fn run_wall(
     // They end with their major frame, which may be long: what happens until then is seen.
     while !threads.iter().all(JoinHandle::is_finished) {
         monitor.pause(MONITOR_PERIOD_NS);
+        monitor_beat.beat();
         monitor.step(now_ns().saturating_sub(origin_ns));
     }
     await_ends(threads);

@@ -179,9 +179,26 @@ fn is_arithmetic(words: &str) -> bool {
         && ["overflow", "by zero", "divisor of zero"].iter().any(|end| words.contains(end))
 }
 
-/// What an abort means, by the words that Rust's runtime ends with.
+/// How the C library begins what it says of memory that it found damaged, before it aborts.
+const DAMAGED: [&str; 10] = [
+    "free(): ",
+    "malloc(): ",
+    "realloc(): ",
+    "malloc_consolidate(): ",
+    "munmap_chunk(): ",
+    "double free or corruption",
+    "corrupted ",
+    "*** stack smashing detected ***",
+    "*** buffer overflow detected ***",
+    "Fatal glibc error: malloc",
+];
+
+/// What an abort means, by the words that the runtime of Rust or the C library ends with.
 fn error_of_abort(words: Option<&str>) -> (PartitionError, String) {
     let words = words.unwrap_or_default();
+    if DAMAGED.iter().any(|damaged| words.starts_with(damaged)) {
+        return (PartitionError::MemoryViolation, "aborted".into());
+    }
     let error = if words.starts_with("memory allocation of ") {
         PartitionError::MemoryLimit
     } else if words.contains("stack overflow") || words.contains("overflowed its stack") {
@@ -418,6 +435,11 @@ mod tests {
         assert_eq!(aborted("memory allocation of 99 bytes failed"), PartitionError::MemoryLimit);
         assert_eq!(aborted("fatal runtime error: stack overflow, aborting"), PartitionError::StackOverflow);
         assert_eq!(aborted("thread caused non-unwinding panic. aborting."), PartitionError::Exit);
+        for damaged in
+            ["free(): double free detected in tcache 2", "*** stack smashing detected ***: terminated"]
+        {
+            assert_eq!(aborted(damaged), PartitionError::MemoryViolation, "{damaged}");
+        }
         assert_eq!(of(PANICKED, "attempt to divide by zero"), PartitionError::NumericError);
         assert_eq!(of(PANICKED, "attempt to add with overflow"), PartitionError::NumericError);
         assert_eq!(of(PANICKED, "called `Option::unwrap()` on a `None` value"), PartitionError::Exit);

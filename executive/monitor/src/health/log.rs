@@ -7,9 +7,9 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::lines::{LineLog, Patience};
 use super::record::{Entry, Level};
 use super::ring::{self, RingLog};
+use crate::lines::{LineLog, Patience};
 use bateleur_host::trouble::Trouble;
 use bateleur_time::window_record::WindowRecord;
 
@@ -91,7 +91,18 @@ impl HealthLog {
     /// # Errors
     /// `health.jsonl` can not be made. A ring that can not be opened is told as trouble.
     pub fn create(folder: &Path, ring: bateleur_plan::HealthLog, patience: Patience) -> io::Result<Self> {
-        let lines = LineLog::create(&folder.join(HEALTH_FILE), 0, patience)?;
+        Self::of(LineLog::create(&folder.join(HEALTH_FILE), 0, patience)?, folder, ring)
+    }
+
+    /// That of an executive which has died is gone on with.
+    ///
+    /// # Errors
+    /// As [`HealthLog::create`].
+    pub fn go_on(folder: &Path, ring: bateleur_plan::HealthLog, patience: Patience) -> io::Result<Self> {
+        Self::of(LineLog::go_on(&folder.join(HEALTH_FILE), 0, patience)?, folder, ring)
+    }
+
+    fn of(lines: LineLog, folder: &Path, ring: bateleur_plan::HealthLog) -> io::Result<Self> {
         let (ring, ring_trouble) = match RingLog::open(&folder.join(ring::FILE), ring.bytes, ring.policy) {
             Ok(ring) => (Some(ring), Trouble::default()),
             Err(error) => {
@@ -240,6 +251,8 @@ const WINDOW_FILE: &str = "windows.csv";
 const HEADING: &[u8] = b"frame,minor,core,partition,planned_start_ns,planned_end_ns,granted_ns,opened_ns,closed_ns,flags,slack_ns,schedule\n";
 /// Bytes of it that are written at once.
 const PIECE_BYTES: usize = 1 << 16;
+/// As above where another executive may go on with the log.
+const SMALL_PIECE_BYTES: usize = 1 << 10;
 
 /// Writes window records as lines of comma-separated values.
 #[derive(Debug)]
@@ -258,6 +271,26 @@ impl WindowLog {
         let mut lines = LineLog::create(&folder.join(WINDOW_FILE), PIECE_BYTES, patience)?;
         lines.push(HEADING);
         Ok(Self { lines, line: Vec::new() })
+    }
+
+    /// Hands a window to the disk soon after it: whoever dies loses few.
+    #[must_use]
+    pub fn in_small_pieces(mut self) -> Self {
+        self.lines.hand_over_at(SMALL_PIECE_BYTES);
+        self
+    }
+
+    /// That of an executive which has died is gone on with.
+    ///
+    /// # Errors
+    /// It can not be written.
+    pub fn go_on(folder: &Path, patience: Patience) -> io::Result<Self> {
+        let path = folder.join(WINDOW_FILE);
+        let is_new = path.metadata().map_or(true, |file| file.len() < HEADING.len() as u64);
+        if is_new {
+            return Self::create(folder, patience);
+        }
+        Ok(Self { lines: LineLog::go_on(&path, PIECE_BYTES, patience)?, line: Vec::new() })
     }
 
     /// Appends a record of the partition called `name`, in the schedule of that name.

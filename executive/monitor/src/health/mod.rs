@@ -3,7 +3,6 @@
 //! has to outlive everything in the [`ring`].
 
 pub mod decision;
-pub mod lines;
 pub mod log;
 pub mod record;
 pub mod ring;

@@ -23,7 +23,7 @@ use bateleur_time::partition_control::Readiness;
 
 use crate::health::decision::{Decision, decide_restart};
 use protocol::clean_up;
-pub use protocol::{Command, Event, Instant, PairMember, StandbyEvent};
+pub use protocol::{Cause, Command, Event, Instant, PairMember, StandbyEvent};
 use standby::Standby;
 pub use standby::StandbyState;
 
@@ -127,8 +127,8 @@ impl Lifecycle {
             Event::Detach | Event::Reattach | Event::ChannelsRenewed => {
                 self.change_channels(event, now, &mut commands);
             }
-            Event::Decided { decision, survives, asked } => {
-                self.apply(decision, survives, asked, now, &mut commands);
+            Event::Decided { decision, survives, cause } => {
+                self.apply(decision, survives, cause, now, &mut commands);
             }
             Event::Begin | Event::Standby(_) => {
                 let generation = self.generation + 1;
@@ -204,7 +204,7 @@ impl Lifecycle {
         &mut self,
         decision: Decision,
         survives: bool,
-        asked: bool,
+        cause: Cause,
         now: Instant,
         commands: &mut Vec<Command>,
     ) {
@@ -219,12 +219,12 @@ impl Lifecycle {
             }
             Decision::Restart { warm } => {
                 self.restarts.retain(|at| now.module_ns.saturating_sub(*at) < self.restart.within_ns);
-                self.restarts.push(now.module_ns);
-                self.next_start = match (warm, asked) {
-                    (true, false) => StartCondition::HmPartitionWarmRestart,
-                    (false, false) => StartCondition::HmPartitionColdRestart,
-                    (true, true) => StartCondition::PartitionWarmRestart,
-                    (false, true) => StartCondition::PartitionRestart,
+                self.restarts.extend((cause != Cause::Partition).then_some(now.module_ns));
+                self.next_start = match (warm, cause) {
+                    (true, Cause::Health) => StartCondition::HmPartitionWarmRestart,
+                    (false, Cause::Health) => StartCondition::HmPartitionColdRestart,
+                    (true, _) => StartCondition::PartitionWarmRestart,
+                    (false, _) => StartCondition::PartitionRestart,
                 };
                 self.end_process(commands);
                 if self.phase == Phase::Dead && self.can_take_over(now.module_ns) {

@@ -15,6 +15,17 @@ pub struct Instant {
     pub real_ns: u64,
 }
 
+/// Who wanted what was decided.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cause {
+    /// The health tables.
+    Health,
+    /// The partition's error handler, as its answer to an error: the budget counts the restart.
+    Handler,
+    /// The partition, by SET_PARTITION_MODE, which is no answer to an error: the budget does not count it.
+    Partition,
+}
+
 /// Which of a partition's two processes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PairMember {
@@ -39,8 +50,8 @@ pub enum Event {
         decision: Decision,
         /// Its process can go on, where the decision leaves it alone.
         survives: bool,
-        /// Its own error handler asked for it.
-        asked: bool,
+        /// Who wanted it.
+        cause: Cause,
     },
     /// Its process had a window.
     WindowUsed,

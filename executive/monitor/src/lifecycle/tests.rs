@@ -99,7 +99,7 @@ impl World {
                 }
                 if self.refuses {
                     self.feed(Event::NotLaunched);
-                    return self.decided(self.life.decide_relaunch(self.now.module_ns), false, false);
+                    return self.decided(self.life.decide_relaunch(self.now.module_ns), false, Cause::Health);
                 }
                 self.expected = None;
                 self.launched += 1;
@@ -184,29 +184,35 @@ impl World {
         assert_eq!(self.life.recent_restarts(self.now.module_ns), recent, "the budget is not kept");
         let state = self.life.state(false);
         let situation = Situation { state, alive, handler: false, recent };
-        self.decided(decide(error, &self.levels, &self.table, &self.restart, &situation), alive, false);
+        self.decided(
+            decide(error, &self.levels, &self.table, &self.restart, &situation),
+            alive,
+            Cause::Health,
+        );
     }
 
-    fn decided(&mut self, decision: Decision, survives: bool, asked: bool) {
+    fn decided(&mut self, decision: Decision, survives: bool, cause: Cause) {
         match decision {
             Decision::Restart { warm } => {
                 let within = |at: &&u64| self.now.module_ns - **at < self.restart.within_ns;
                 let recent = self.restarts.iter().filter(within).count() as u32;
-                assert!(recent < self.restart.budget, "restarted beyond its budget");
-                self.restarts.push(self.now.module_ns);
+                if cause != Cause::Partition {
+                    assert!(recent < self.restart.budget, "restarted beyond its budget");
+                    self.restarts.push(self.now.module_ns);
+                }
                 self.wanted = Wanted::Run;
-                self.expected = Some(match (warm, asked) {
-                    (true, false) => StartCondition::HmPartitionWarmRestart,
-                    (false, false) => StartCondition::HmPartitionColdRestart,
-                    (true, true) => StartCondition::PartitionWarmRestart,
-                    (false, true) => StartCondition::PartitionRestart,
+                self.expected = Some(match (warm, cause) {
+                    (true, Cause::Health) => StartCondition::HmPartitionWarmRestart,
+                    (false, Cause::Health) => StartCondition::HmPartitionColdRestart,
+                    (true, _) => StartCondition::PartitionWarmRestart,
+                    (false, _) => StartCondition::PartitionRestart,
                 });
             }
             Decision::Idle | Decision::Stop => self.wanted = Wanted::Rest(Until::Started),
             _ if !survives => self.wanted = Wanted::Rest(Until::Started),
             _ => {}
         }
-        self.feed(Event::Decided { decision, survives, asked });
+        self.feed(Event::Decided { decision, survives, cause });
     }
 
     fn dies(&mut self, error: PartitionError) {
@@ -290,12 +296,15 @@ impl World {
             9 => self.renew_channels(),
             10 => self.refuses = flag,
             11 if self.active.is_some_and(|process| process.ready) => {
-                let decision =
-                    decide_restart(&self.restart, flag, self.life.recent_restarts(self.now.module_ns));
+                let cause = if what & 0x1000 == 0 { Cause::Handler } else { Cause::Partition };
+                let decision = match cause {
+                    Cause::Partition => Decision::Restart { warm: flag },
+                    _ => decide_restart(&self.restart, flag, self.life.recent_restarts(self.now.module_ns)),
+                };
                 self.active = None;
                 self.remains = Some(false);
                 self.feed(Event::Died);
-                self.decided(decision, false, true);
+                self.decided(decision, false, cause);
             }
             12 if self.standby.take().is_some() => {
                 self.standby_remains = Some(false);
@@ -449,7 +458,7 @@ proptest! {
                 2 => Event::Examined,
                 3 => Event::Schedule(ChangeAction::ColdRestart),
                 4 => Event::ChannelsRenewed,
-                5 => Event::Decided { decision: Decision::Restart { warm: true }, survives: false, asked: false },
+                5 => Event::Decided { decision: Decision::Restart { warm: true }, survives: false, cause: Cause::Health },
                 _ => Event::Look,
             });
         }
@@ -492,7 +501,7 @@ fn at(module_ms: u64) -> Instant {
 }
 
 const WARM: Event =
-    Event::Decided { decision: Decision::Restart { warm: true }, survives: false, asked: false };
+    Event::Decided { decision: Decision::Restart { warm: true }, survives: false, cause: Cause::Health };
 
 /// Runs since 1 ms.
 fn running(clock: Clock, has_standby: bool) -> Lifecycle {
@@ -531,7 +540,7 @@ fn machine_that_can_not_start_a_process_is_asked_again_later_each_time() {
         let Phase::Retrying(at_ns) = life.phase() else { panic!("{:?}", life.phase()) };
         waits.push((at_ns - now.real_ns) / MS);
         let decision = life.decide_relaunch(now.module_ns);
-        let _ = life.handle(Event::Decided { decision, survives: false, asked: false }, now);
+        let _ = life.handle(Event::Decided { decision, survives: false, cause: Cause::Health }, now);
         assert_eq!(life.handle(Event::Look, Instant { real_ns: at_ns - 1, ..now }), []);
         now.real_ns = at_ns;
         commands = life.handle(Event::Look, now);
@@ -572,7 +581,7 @@ fn process_that_hangs_in_its_start_is_in_the_state_start_and_is_ended() {
     let mut life = Lifecycle::new(restart(3), Clock::Wall, false);
     let _ = life.handle(Event::Overdue, at(9));
     assert_eq!((life.state(false), life.has_process()), (PartitionState::Start, true));
-    let idle = Event::Decided { decision: Decision::Idle, survives: false, asked: false };
+    let idle = Event::Decided { decision: Decision::Idle, survives: false, cause: Cause::Health };
     assert_eq!(
         life.handle(idle, at(9)),
         [

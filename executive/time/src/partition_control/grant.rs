@@ -32,33 +32,15 @@ pub fn grant_of(occurrence: &Occurrence, next_schedule: usize) -> WindowGrant {
 
 #[cfg(test)]
 mod tests {
+    use super::super::fixture::occurrence;
     use super::*;
+    use crate::dispatcher::ScheduleEpoch;
 
     #[test]
     fn module_that_was_reset_has_not_changed_its_schedule_yet() {
-        let text = "[module.m]\ncores = [0]\n[partition.a]\nprogram = \"a\"\nmodule = \"m\"\nmemory = \"1MiB\"\n\
-             [schedule.s]\nmajor_frame = \"20ms\"\nminor_frame = \"20ms\"\ninitial = true\n\
-             [[schedule.s.window]]\npartition = \"a\"\noffset = \"0ms\"\nduration = \"2ms\"\n";
-        let plan = crate::test_support::plan_of(text);
-        let timelines = bateleur_plan::Timeline::all(&plan, plan.module("m").unwrap().id());
-        let epoch = |after| crate::dispatcher::ScheduleEpoch {
-            number: 0,
-            schedule: 0,
-            after,
-            since_ns: 5_000_000_000,
-        };
-        let occurrence = |after| Occurrence {
-            window: timelines[0].cores[0].windows[0],
-            core: 0,
-            epoch: epoch(after),
-            major_frame: 0,
-            minor_frames: 0,
-            minor_frame_ns: 20_000_000,
-            start_ns: 5_000_000_000,
-            end_ns: 5_002_000_000,
-            late_ns: 0,
-        };
-        assert_eq!(grant_of(&occurrence(None), 0).schedule_since_ns, 0, "frame 0 is no change of schedule");
-        assert_eq!(grant_of(&occurrence(Some(1)), 0).schedule_since_ns, 5_000_000_000);
+        let epoch = |after| ScheduleEpoch { number: 0, schedule: 0, after, since_ns: 5_000_000_000 };
+        let since_ns = |after| grant_of(&occurrence(epoch(after)), 0).schedule_since_ns;
+        assert_eq!(since_ns(None), 0, "frame 0 is no change of schedule");
+        assert_eq!(since_ns(Some(1)), 5_000_000_000);
     }
 }

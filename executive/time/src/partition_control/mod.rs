@@ -127,15 +127,44 @@ impl PartitionControl {
 }
 
 #[cfg(test)]
-mod fixture {
-    //! A partition control without a dispatcher, for the tests of each part.
+pub(crate) mod fixture {
+    //! A partition control without a dispatcher, and a window without a timeline, for the tests of each part.
 
     use std::sync::atomic::Ordering::Relaxed;
 
     use bateleur_contract::page::WindowGrant;
 
+    use bateleur_plan::{Plan, Timeline};
+
     use super::*;
+    use crate::dispatcher::{Occurrence, ScheduleEpoch};
     use crate::time_guard::ProcessControl;
+
+    /// A plan of one partition with one window.
+    pub(crate) fn plan() -> Plan {
+        crate::test_support::plan_of(
+            "[module.m]\ncores = [0]\n[partition.a]\nprogram = \"a\"\nmodule = \"m\"\nmemory = \"1MiB\"\n\
+             [schedule.s]\nmajor_frame = \"20ms\"\nminor_frame = \"20ms\"\ninitial = true\n\
+             [[schedule.s.window]]\npartition = \"a\"\noffset = \"0ms\"\nduration = \"2ms\"\n",
+        )
+    }
+
+    /// That window, in an epoch of the schedule.
+    pub(crate) fn occurrence(epoch: ScheduleEpoch) -> Occurrence {
+        let plan = plan();
+        let timelines = Timeline::all(&plan, plan.module("m").unwrap().id());
+        Occurrence {
+            window: timelines[0].cores[0].windows[0],
+            core: 0,
+            epoch,
+            major_frame: 0,
+            minor_frames: 0,
+            minor_frame_ns: 20_000_000,
+            start_ns: epoch.since_ns,
+            end_ns: epoch.since_ns + 2_000_000,
+            late_ns: 0,
+        }
+    }
 
     /// Processes that do what they are told, at once.
     #[derive(Debug)]
@@ -168,7 +197,7 @@ mod fixture {
         }
     }
 
-    pub(super) fn control() -> PartitionControl {
+    pub(crate) fn control() -> PartitionControl {
         let file = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
         rustix::fs::ftruncate(&file, 4096).unwrap();
         let guard = TimeGuard::new(Box::new(Obedient), None);

@@ -9,7 +9,7 @@ use std::sync::atomic::Ordering::{Acquire, Relaxed};
 use rustix::thread::futex;
 
 use super::{PartitionControl, Use};
-use bateleur_system::time::now_ns;
+use bateleur_system::time::{now_ns, timespec};
 
 /// Woken by every wake.
 const ANYBODY: std::num::NonZeroU32 = std::num::NonZeroU32::MAX;
@@ -62,7 +62,7 @@ impl PartitionControl {
 
     /// Sleeps until the partition's `done` differs from what it was, at most `nanoseconds`.
     pub fn await_change(&self, nanoseconds: u64) {
-        let limit = rustix::time::Timespec { tv_sec: 0, tv_nsec: nanoseconds.min(999_999_999) as i64 };
+        let limit = timespec(nanoseconds);
         self.sleep_on_done(|seen| {
             let _ = futex::wait(&self.page.done, futex::Flags::empty(), seen, Some(&limit)); // any end: the caller looks
         });
@@ -71,10 +71,7 @@ impl PartitionControl {
     /// Sleeps until the partition closes its window, or until `until_ns` of CLOCK_MONOTONIC. May return before either: the
     /// word belongs to the partition.
     pub fn await_close(&self, until_ns: u64) {
-        let until = rustix::time::Timespec {
-            tv_sec: (until_ns / 1_000_000_000) as i64,
-            tv_nsec: (until_ns % 1_000_000_000) as i64,
-        };
+        let until = timespec(until_ns);
         self.sleep_on_done(|seen| {
             // The only futex call whose limit is an instant.
             let _ = futex::wait_bitset(&self.page.done, futex::Flags::empty(), seen, Some(&until), ANYBODY);

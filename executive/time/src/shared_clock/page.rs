@@ -10,6 +10,7 @@ use std::sync::atomic::Ordering::SeqCst;
 use std::sync::atomic::{AtomicU32, AtomicU64};
 
 use bateleur_contract::SharedMemory;
+use bateleur_system::time::timespec;
 use rustix::thread::futex;
 
 /// First word of the file: what it is, and the version of its layout.
@@ -209,7 +210,7 @@ impl Page {
     /// Sleeps until somebody says that it may be the turn of `place`, at most `nanoseconds`; at once if that was said since
     /// [`Page::turns`] gave `seen`.
     pub(super) fn sleep(&self, place: usize, seen: u32, nanoseconds: u64) {
-        let limit = rustix::time::Timespec { tv_sec: 0, tv_nsec: nanoseconds.min(999_999_999) as i64 };
+        let limit = timespec(nanoseconds);
         // Any end: the caller looks.
         let _ = futex::wait(&self.lines[place].turn, futex::Flags::empty(), seen, Some(&limit));
     }

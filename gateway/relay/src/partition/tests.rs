@@ -13,7 +13,8 @@ use super::*;
 fn channel(id: u16, name: &str, outgoing: bool, kind: PortKind, max_bytes: usize) -> RelayChannel {
     let depth = if kind == PortKind::Queuing { 8 } else { 1 };
     let (port, max_bytes) = (name.replace('.', "_"), max_bytes as u32);
-    RelayChannel { id, name: name.into(), port, outgoing, kind, max_bytes, depth, period_ns: 20_000_000 }
+    let (name, plain) = (name.into(), false);
+    RelayChannel { id, name, port, outgoing, kind, plain, max_bytes, depth, period_ns: 20_000_000 }
 }
 
 fn table(initiator: bool, local: SocketAddr, remote: SocketAddr, transport: &str) -> RelayTable {

@@ -10,7 +10,7 @@ fn quiet(delay_ns: u64) -> LinkModelTable {
 }
 
 #[test]
-fn two_ends_meet_and_messages_keep_their_source_and_its_time() {
+fn prt_15_two_ends_meet_and_messages_keep_their_source_and_its_time() {
     let mut pair = Pair::new(&quiet(300_000));
     pair.ends[0].write(STATE, 41, pair.now_ns, &[1; 64]);
     pair.meet();

@@ -28,7 +28,7 @@ pub(crate) const RATES: usize = 3;
 
 fn channel(id: u16, name: &str, outgoing: bool, kind: PortKind, max_bytes: u32, depth: u32) -> RelayChannel {
     let (name, port) = (name.to_owned(), name.replace('.', "-"));
-    RelayChannel { id, name, port, outgoing, kind, max_bytes, depth, period_ns: MINOR_NS }
+    RelayChannel { id, name, port, outgoing, kind, plain: false, max_bytes, depth, period_ns: MINOR_NS }
 }
 
 /// The table of "fcu" (the initiator) or of "nav", with a link of two networks and four channels.

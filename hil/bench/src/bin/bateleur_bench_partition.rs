@@ -5,8 +5,8 @@
 //! - `spin`: never closes a window. Four threads and a forked child spin, each noting the last instant of every frame at
 //!   which it ran; after `frames` frames the table goes to standard error.
 //!
-//! It says the machine's instant of module time 0 (`origin …`) in its first window where `says_origin` asks for it. It
-//! must never be part of a flight.
+//! Where `says_origin` asks for it, it says the machine's instant of module time 0 (`origin …`) in its first window, and the instant at
+//! which it has taken over from one that it stood by (`took_over …`). It must never be part of a flight.
 #![allow(unsafe_code)] // a table shared with a forked child
 
 use std::process::ExitCode;
@@ -15,7 +15,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use bateleur_apex::{
-    Context, Direction, Partition, PortKind, SamplingDestination, SamplingSource, StartError, Window,
+    Context, Direction, Partition, PortKind, SamplingDestination, SamplingSource, StartError, Takeover,
+    Window,
 };
 use bateleur_messages::Rates;
 use rustix::time::{ClockId, clock_gettime};
@@ -61,6 +62,12 @@ impl Partition for Bench {
         let destinations =
             destinations.iter().map(|name| context.sampling_destination(name)).collect::<Result<_, _>>()?;
         Ok(Self { does, says_origin: context.attribute("says_origin", false)?, sources, destinations })
+    }
+
+    fn take_over(&mut self, _: &Takeover) {
+        if self.says_origin {
+            eprintln!("took_over {}", monotonic_ns());
+        }
     }
 
     fn window(&mut self, window: &Window) {

@@ -105,6 +105,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         return merge::run(merge);
     }
     let Some(schedule) = plan_file::read_or_say(&arguments.schedule)? else { return Ok(CANNOT_RUN) };
+    crate::fly::check_flies(&schedule)?;
     let hosts = flies_hosts(arguments, &schedule);
     let victims = victims(arguments, &schedule).map_err(anyhow::Error::msg)?;
     check_options(arguments, hosts, &victims)?;

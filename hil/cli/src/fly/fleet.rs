@@ -162,7 +162,7 @@ impl Fleet {
         let (host, before) = other.context("it is the one with the ground's line")?;
         let mut next = Host { start: host.start + 1, shift_ns: 0, ..host.clone() };
         let folder = report_hosts::folder_of(&joined.folder, &next);
-        std::fs::create_dir_all(&folder)
+        bateleur_system::folders::make(&folder)
             .with_context(|| format!("cannot make the folder {}", folder.display()))?;
         let is_joint = before.is_joint();
         let mut choices = Vec::new();

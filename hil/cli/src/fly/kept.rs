@@ -37,7 +37,7 @@ impl Inputs {
     /// Writes them into the flight's folder.
     pub(super) fn keep(&self, folder: &Path) -> Result<()> {
         let folder = folder.join(FOLDER);
-        let kept = std::fs::create_dir_all(&folder).and_then(|()| {
+        let kept = bateleur_system::folders::make(&folder).and_then(|()| {
             self.0.iter().try_for_each(|(name, text)| std::fs::write(folder.join(name), text))
         });
         kept.with_context(|| format!("cannot keep what was flown in {}", folder.display()))

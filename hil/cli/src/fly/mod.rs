@@ -281,8 +281,19 @@ pub(crate) fn partition_running(plan: &Plan, name: &str) -> Result<String> {
     let runs = |program: &str| program.rsplit('/').next() == Some(name);
     match plan.partitions.iter().find(|partition| runs(&partition.program)) {
         Some(partition) => Ok(partition.name.clone()),
-        None => bail!("no partition of the plan runs the program {name}, which a flight needs"),
+        None => bail!(
+            "no partition of the plan runs the program {name}, which a flight needs: this verb is for flights, and `bateleur run` runs \
+             any plan"
+        ),
     }
+}
+
+/// The programs that talk to the simulator and to the ground.
+const OF_EVERY_FLIGHT: [&str; 2] = ["hil_interface", "command"];
+
+/// An error where the plan can not be flown.
+pub(crate) fn check_flies(plan: &Plan) -> Result<()> {
+    OF_EVERY_FLIGHT.iter().try_for_each(|program| partition_running(plan, program).map(drop))
 }
 
 pub(crate) fn read_mission(arguments: &Arguments, plan: &Plan) -> Result<MissionPlan> {
@@ -350,7 +361,7 @@ impl FlightFolder {
             Path::new("target/flights").join(name)
         });
         let is_new = !path.exists();
-        std::fs::create_dir_all(&path)
+        bateleur_system::folders::make(&path)
             .with_context(|| format!("cannot make the folder {}", path.display()))?;
         Ok(Self { path, is_new, begun: false })
     }

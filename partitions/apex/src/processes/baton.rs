@@ -29,6 +29,11 @@ impl Baton {
         self.order(GO);
     }
 
+    /// The thread shall look at the partition's state: the main thread, which goes by that and not by whose turn it is.
+    pub(crate) fn nudge(&self) {
+        self.order(GO);
+    }
+
     /// The thread shall end.
     pub(crate) fn dismiss(&self) {
         self.order(LEAVE);

@@ -4,11 +4,13 @@ use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, MutexGuard};
 
 use bateleur_processes::standard::{
-    Deadline, ErrorHandlerConcurrency, INFINITE_TIME_VALUE, Name, ProcessAttributes, ProcessId, SystemTime,
+    Deadline, ErrorHandlerConcurrency, INFINITE_TIME_VALUE, Name, ProcessAttributes, ProcessId,
+    QueuingPortId, SamplingPortId, SystemTime,
 };
 use bateleur_processes::{Partition, ReturnCode};
 
 use super::kernel::{FIRST_PROCESS, HANDLER, Kernel, State};
+use super::ports::PlanPorts;
 use super::process::{Body, Port, Process};
 use super::thread;
 use crate::context::{Context, StartError};
@@ -99,12 +101,79 @@ impl Initialisation<'_> {
         Services(self.kernel.lock())
     }
 
+    /// CREATE_SAMPLING_PORT: a port of the plan, reached by the standard's services. See [`Process::read_sampling_message`].
+    ///
+    /// # Errors
+    /// As [`Partition::create_sampling_port`]. INVALID_CONFIG too: the channel can not be opened; standard error says why.
+    pub fn create_sampling_port(
+        &mut self,
+        name: &str,
+        max_message_size: i32,
+        direction: impl Into<u32>,
+        refresh_period: SystemTime,
+    ) -> Result<SamplingPortId, ReturnCode> {
+        self.open_port(name, |partition, ports| {
+            partition.create_sampling_port(ports, name, max_message_size, direction, refresh_period)
+        })
+    }
+
+    /// CREATE_QUEUING_PORT: as above. See [`Process::receive_queuing_message`].
+    ///
+    /// # Errors
+    /// As [`Partition::create_queuing_port`], and as above.
+    pub fn create_queuing_port(
+        &mut self,
+        name: &str,
+        max_message_size: i32,
+        max_nb_message: i32,
+        direction: impl Into<u32>,
+        discipline: impl Into<u32>,
+    ) -> Result<QueuingPortId, ReturnCode> {
+        self.open_port(name, |partition, ports| {
+            partition.create_queuing_port(
+                ports,
+                name,
+                max_message_size,
+                max_nb_message,
+                direction,
+                discipline,
+            )
+        })
+    }
+
+    fn open_port<I>(
+        &mut self,
+        name: &str,
+        create: impl FnOnce(&mut Partition, &PlanPorts) -> Result<I, ReturnCode>,
+    ) -> Result<I, ReturnCode> {
+        let mut state = self.kernel.lock();
+        let State { partition, ports, .. } = &mut *state;
+        ports.declare(self.context);
+        let id = create(partition, ports)?;
+        ports.open(self.context, name).map(|()| id).map_err(|error| {
+            eprintln!("port \"{name}\": {error}");
+            ReturnCode::InvalidConfig
+        })
+    }
+
+    /// Calls a service that takes the plan's ports, as the main process calls it.
+    ///
+    /// # Errors
+    /// As the service.
+    pub fn at_ports<R>(
+        &mut self,
+        service: impl FnOnce(&mut Partition, &mut PlanPorts) -> Result<R, ReturnCode>,
+    ) -> Result<R, ReturnCode> {
+        let State { partition, ports, .. } = &mut *self.kernel.lock();
+        service(partition, ports)
+    }
+
     /// Creates a process, with its thread, and starts it: CREATE_PROCESS and DELAYED_START. `body` is its entry point; an aperiodic
     /// process ends with it, a periodic one loops and calls [`Process::periodic_wait`]. An error that it returns is raised as an
     /// application error.
     ///
     /// # Errors
-    /// A service refuses, or the machine gives no thread: the plan's `threads` has to count one for each process and one more.
+    /// A service refuses, for instance because the plan's `processes` or `stacks` allow no more; or the machine gives no thread.
     pub fn process(
         &mut self,
         name: &str,
@@ -121,15 +190,11 @@ impl Initialisation<'_> {
             time_capacity: every.capacity,
             deadline: Deadline::Hard,
         };
-        let mut state = self.kernel.lock();
-        let id = state.partition.create_process(&attributes);
-        let id = id.map_err(|code| refused(&code.to_string()))?;
-        let body = Body { name: name.into(), stack: every.stack as usize, run: Arc::new(body) };
-        let place = state.batons.len(); // `complete` sees to it that every process is made here
-        let baton = thread::spawn(self.kernel, place, body.clone());
-        state.batons.push(baton.map_err(|error| refused(&no_thread(&error)))?);
-        state.bodies.push(Some(body));
-        let started = state.partition.delayed_start(id, every.delay);
+        let (name, stack) = (name.to_owned(), every.stack as usize);
+        let body = Body { name, stack, run: Arc::new(body) };
+        let id = self.kernel.add_process(&attributes, body);
+        let id = id.map_err(|refusal| refused(&refusal.to_string()))?;
+        let started = self.kernel.lock().partition.delayed_start(id, every.delay);
         started.map_err(|code| refused(&code.to_string()))?;
         Ok(id)
     }
@@ -143,13 +208,62 @@ impl Initialisation<'_> {
         &mut self,
         body: impl Fn(&Process) -> Result<(), ReturnCode> + Send + Sync + 'static,
     ) -> Result<(), StartError> {
-        let mut state = self.kernel.lock();
-        state.partition.create_error_handler(STACK)?;
-        let body = Body { name: "error handler".into(), stack: STACK as usize, run: Arc::new(body) };
-        let baton = thread::spawn(self.kernel, HANDLER, body.clone());
-        let baton =
-            baton.map_err(|error| StartError::Other(format!("error handler: {}", no_thread(&error))))?;
-        state.batons[HANDLER] = baton;
+        let (name, stack) = ("error handler".to_owned(), STACK as usize);
+        let body = Body { name, stack, run: Arc::new(body) };
+        let added = self.kernel.add_error_handler(STACK, body);
+        added.map_err(|refusal| StartError::Other(format!("error handler: {refusal}")))
+    }
+}
+
+/// Why a process was not created.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum Refusal {
+    #[error(transparent)]
+    Service(#[from] ReturnCode),
+    #[error("{0}: {1}")]
+    Limit(ReturnCode, String),
+    #[error(
+        "no thread for it: {0}; let `threads` of the plan count one for each process, one for the error handler and one more"
+    )]
+    NoThread(std::io::Error),
+}
+
+impl Refusal {
+    /// Its return code, and on standard error why, for a caller who sees nothing but the code.
+    pub(crate) fn tell(&self, what: &str) -> ReturnCode {
+        eprintln!("{what}: {self}");
+        match self {
+            Self::Service(code) | Self::Limit(code, _) => *code,
+            Self::NoThread(_) => ReturnCode::InvalidConfig,
+        }
+    }
+}
+
+impl Kernel {
+    /// CREATE_PROCESS, with its thread.
+    pub(crate) fn add_process(
+        self: &Arc<Self>,
+        attributes: &ProcessAttributes,
+        body: Body,
+    ) -> Result<ProcessId, Refusal> {
+        let mut state = self.lock();
+        let id = state.partition.create_process(attributes);
+        let id = id.map_err(|code| match state.partition.exceeded_by(attributes) {
+            Some(limit) => Refusal::Limit(code, limit.to_string()),
+            None => code.into(),
+        })?;
+        let place = state.batons.len(); // `complete` sees to it that every process is made here
+        let baton = thread::spawn(self, place, body.clone()).map_err(Refusal::NoThread)?;
+        state.batons.push(baton);
+        state.bodies.push(Some(body));
+        Ok(id)
+    }
+
+    /// CREATE_ERROR_HANDLER, with its thread.
+    pub(crate) fn add_error_handler(self: &Arc<Self>, stack_size: u32, body: Body) -> Result<(), Refusal> {
+        let mut state = self.lock();
+        state.partition.create_error_handler(stack_size)?;
+        state.batons[HANDLER] = thread::spawn(self, HANDLER, body.clone()).map_err(Refusal::NoThread)?;
         state.bodies[HANDLER] = Some(body);
         Ok(())
     }
@@ -167,10 +281,6 @@ pub(crate) fn complete(state: &mut State) -> Result<(), StartError> {
         return Err(StartError::Other(mend.into()));
     }
     Ok(())
-}
-
-fn no_thread(error: &std::io::Error) -> String {
-    format!("no thread for it: {error}; let `threads` of the plan count one for each process and one more")
 }
 
 /// The services while the partition starts.

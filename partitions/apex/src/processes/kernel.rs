@@ -8,18 +8,25 @@ use bateleur_processes::standard::{OperatingMode, SystemTime};
 use bateleur_processes::{Dispatch, End, Partition, Runner};
 
 use super::baton::Baton;
+use super::ports::PlanPorts;
 use super::process::Body;
 use super::thread;
 use crate::time::monotonic_ns;
 
 /// What a service costs under the virtual clock, ns: a loop that only polls comes to its window's end.
 pub const SERVICE_NS: i64 = 1_000;
-/// So long before the end of a window on the wall clock the running thread is asked to stop, ns: a timer's wake-up, which is this late on
-/// a virtual machine once in a thousand times, and the way of the signal. Later, the executive would find an overrun.
-const MARGIN_NS: i64 = 150_000;
+/// So long before the end of a window on the wall clock the running thread is asked to stop, ns.
+const MARGIN_NS: i64 = bateleur_contract::WINDOW_MARGIN_NS as i64;
 
 /// A thread that was asked to stop is asked again so much later, ns: it does not stop within the C library.
 const ASK_AGAIN_NS: i64 = 20_000;
+
+/// So often the main thread looks, while processes wait at ports, what another partition has sent or received; and while several are ready,
+/// whether the running one sleeps, ns.
+const LOOK_NS: i64 = 1_000_000;
+
+/// A process that sleeps outside of services lets others run for so long, ns. Then it is seen whether it still sleeps.
+const LENT_NS: i64 = 500_000;
 
 /// The places of batons: the main thread's, the error handler's, then those of the processes.
 pub(crate) const MAIN: usize = 0;
@@ -36,6 +43,7 @@ pub(crate) struct Kernel {
 /// What only the thread that holds the lock sees.
 pub(crate) struct State {
     pub(crate) partition: Partition,
+    pub(crate) ports: PlanPorts,
     pub(crate) batons: Vec<Arc<Baton>>,
     /// What the threads run, by the place of their baton.
     pub(crate) bodies: Vec<Option<Body>>,
@@ -46,6 +54,10 @@ pub(crate) struct State {
     window_end: SystemTime,
     /// The window is over: the baton goes to the main thread.
     closing: bool,
+    /// When the main thread wakes by itself on the wall clock.
+    main_until: SystemTime,
+    /// Somebody who sleeps outside of services is passed over.
+    pub(crate) has_lent: bool,
     /// A process begins again whose thread was stopped in its own code: it needs a new one.
     pub(crate) orphan: Option<usize>,
 }
@@ -63,15 +75,25 @@ impl Kernel {
     pub(crate) fn new(page: Mapped<ControlPage>, clock: Clock, partition: Partition) -> Self {
         let state = State {
             partition,
+            ports: PlanPorts::default(),
             batons: vec![Arc::default(), Arc::default()],
             bodies: vec![None, None],
             holder: MAIN,
             now: 0,
             window_end: 0,
             closing: false,
+            main_until: SystemTime::MIN,
+            has_lent: false,
             orphan: None,
         };
         Self { page, clock, state: Mutex::new(state) }
+    }
+
+    /// The main process begins at this module time: nobody sees time go back when a partition starts again.
+    pub(crate) fn begin_at(&self, now: SystemTime) {
+        let mut state = self.lock();
+        state.now = now;
+        state.partition.advance(now);
     }
 
     /// Nobody who panics holds it for longer than a service, and each service leaves the state whole.
@@ -93,7 +115,16 @@ impl Kernel {
             Clock::Virtual => state.now + service_ns,
             Clock::Wall => self.wall_ns(),
         };
+        state.ports.now = state.now;
         state.partition.advance(state.now);
+    }
+
+    /// What a service costs under the virtual clock. On the wall clock it was read at the service's beginning, and what becomes due is the
+    /// main thread's to see.
+    pub(crate) fn spend(&self, state: &mut State, service_ns: i64) {
+        if self.clock == Clock::Virtual {
+            self.tick(state, service_ns);
+        }
     }
 
     /// The holder `me` lets go if another one is to run, the window is over, or nobody is ready.
@@ -109,7 +140,8 @@ impl Kernel {
                     // Nothing else happens until then.
                     Some(at) if self.clock == Clock::Virtual && at < state.window_end => {
                         state.now = state.now.max(at);
-                        state.partition.advance(state.now);
+                        self.tick(state, 0);
+                        state.serve_ports();
                     }
                     _ => return state.give(me, MAIN, 0),
                 },
@@ -124,6 +156,7 @@ impl Kernel {
             let state = &mut *state;
             state.window_end = end_ns as SystemTime;
             state.closing = false;
+            state.take_back();
             state.now = state.now.max(start_ns as SystemTime);
             state.partition.advance(state.now);
             if !state.is_normal() {
@@ -131,6 +164,7 @@ impl Kernel {
                 let _ = state.partition.set_partition_mode(OperatingMode::Normal);
             }
             self.tick(state, 0);
+            state.serve_ports();
         }
         match self.clock {
             Clock::Virtual => self.window_without_interruption(),
@@ -156,12 +190,14 @@ impl Kernel {
 
     fn window_with_interruptions(self: &Arc<Self>) {
         let baton = self.lock().batons[MAIN].clone();
+        let mut watch = Watch { look_at: 0, lent_until: None };
         loop {
             let mut state = self.lock();
             self.tick(&mut state, 0);
+            state.serve_ports();
             let last = state.window_end - MARGIN_NS;
             state.closing |= state.now >= last;
-            let asked = state.holder != MAIN && (state.closing || !state.is_holders_turn());
+            watch.take_back(&mut state);
             if state.holder == MAIN {
                 thread::adopt(self, &mut state);
                 let kept = self.pass(&mut state, MAIN) == Passed::Kept;
@@ -169,18 +205,58 @@ impl Kernel {
                 if state.orphan.is_some() {
                     continue;
                 }
-                if kept && (state.closing || state.ended().is_some() || timer >= last) {
+                if kept && (state.closing || state.ended().is_some() || (timer >= last && !state.has_lent)) {
                     return;
                 }
-            } else if asked {
-                thread::interrupt(&state.batons[state.holder]);
             }
-            let timer = state.partition.next_timer().unwrap_or(SystemTime::MAX);
-            let until = if asked { self.wall_ns() + ASK_AGAIN_NS } else { timer.min(last) };
+            let until = watch.look(&state, last);
+            state.main_until = until;
             let span_ns = until.saturating_sub(self.wall_ns()).clamp(0, 1_000_000_000) as u64;
             drop(state);
             baton.take_within(span_ns);
         }
+    }
+}
+
+/// What the main thread remembers of a window, module time, ns.
+struct Watch {
+    /// When the running process is asked whether it sleeps.
+    look_at: SystemTime,
+    /// When those that were passed over are asked again.
+    lent_until: Option<SystemTime>,
+}
+
+impl Watch {
+    /// Those that slept long enough may run again.
+    fn take_back(&mut self, state: &mut State) {
+        if !state.has_lent {
+            self.lent_until = None;
+            return;
+        }
+        if state.now >= *self.lent_until.get_or_insert(state.now + LENT_NS) {
+            state.take_back();
+            (self.lent_until, self.look_at) = (None, state.now + ASK_AGAIN_NS);
+        }
+    }
+
+    /// Asks the running process to stop, or whether it sleeps. When to look again: at the `last` instant of the window at the latest, but
+    /// later if it has to run to stop.
+    fn look(&mut self, state: &State, last: SystemTime) -> SystemTime {
+        let timer = state.partition.next_timer().unwrap_or(SystemTime::MAX);
+        let timer = timer.min(self.lent_until.unwrap_or(SystemTime::MAX));
+        let (runs, now) = (state.holder != MAIN, state.now);
+        if runs && (state.closing || !state.is_holders_turn()) {
+            thread::interrupt(&state.batons[state.holder]);
+            return now + ASK_AGAIN_NS;
+        }
+        let shared = runs && state.partition.others_are_ready();
+        if shared && now >= self.look_at {
+            thread::interrupt(&state.batons[state.holder]);
+            self.look_at = now + LOOK_NS;
+        }
+        let ports = if state.partition.waits_at_ports() { now + LOOK_NS } else { SystemTime::MAX };
+        let sleep = if shared { self.look_at } else { SystemTime::MAX };
+        timer.min(ports).min(sleep).min(last)
     }
 }
 
@@ -201,16 +277,49 @@ impl State {
         }
     }
 
+    /// Who runs sleeps outside of services: others run instead.
+    pub(crate) fn lend(&mut self) {
+        self.has_lent = true;
+        self.partition.lend();
+    }
+
+    fn take_back(&mut self) {
+        self.has_lent = false;
+        self.partition.take_back();
+    }
+
+    /// Processes that wait at ports get what has come, and what is no longer in their way.
+    pub(crate) fn serve_ports(&mut self) {
+        if self.partition.waits_at_ports() {
+            self.partition.serve_ports(&mut self.ports);
+        }
+    }
+
     fn is_normal(&self) -> bool {
         self.partition.get_partition_status().operating_mode == OperatingMode::Normal
     }
 
-    fn is_holders_turn(&self) -> bool {
+    /// The scheduler names who has the baton.
+    pub(crate) fn is_holders_turn(&self) -> bool {
         let Dispatch::Run { who, life } = self.partition.dispatch() else { return false };
         place(who) == self.holder && self.batons[self.holder].life.load(Ordering::Relaxed) == life
     }
 
+    /// Wakes the main thread if it would sleep for longer than it may (a process, on the wall clock).
+    fn wake_main_in_time(&mut self) {
+        let shared = self.partition.waits_at_ports() || self.partition.others_are_ready();
+        let look = if shared { self.now + LOOK_NS } else { SystemTime::MAX };
+        let wanted = self.partition.next_timer().map_or(look, |timer| timer.min(look));
+        if wanted < self.main_until {
+            self.main_until = wanted;
+            self.batons[MAIN].nudge();
+        }
+    }
+
     fn give(&mut self, me: usize, next: usize, life: u32) -> Passed {
+        if me != MAIN && next != MAIN {
+            self.wake_main_in_time();
+        }
         let baton = &self.batons[next];
         let begins_again = baton.life.load(Ordering::Relaxed) != life;
         if baton.preempted.load(Ordering::Relaxed) && begins_again {

@@ -34,19 +34,25 @@
 //! }
 //! ```
 
+mod alternate_stack;
 mod baton;
 mod c_library;
+pub mod current;
+mod foreign;
 mod initialisation;
+mod interrupted;
 mod kernel;
+mod ports;
 mod process;
 mod run;
 mod thread;
 
 pub(crate) use thread::fault;
 
-pub use bateleur_processes::standard;
+pub use bateleur_processes::{Partition as Services, Progress, ReturnCode, standard};
 pub use initialisation::{Every, Initialisation};
 pub use kernel::SERVICE_NS;
+pub use ports::PlanPorts;
 pub use process::{Port, Process};
 pub use run::run_processes;
 

@@ -2,14 +2,15 @@
 #![allow(unsafe_code)] // ports are shared between threads of which one runs at a time
 
 use std::cell::UnsafeCell;
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, MutexGuard};
 
-use bateleur_processes::standard::{ProcessId, SystemTime};
+use bateleur_processes::standard::{ProcessId, QueuingPortId, SamplingPortId, SystemTime, Validity};
 use bateleur_processes::{Partition, Progress, ReturnCode};
 
-use super::SERVICE_NS;
+use super::PlanPorts;
 use super::kernel::{FIRST_PROCESS, Kernel, Passed, State};
-use super::thread;
+use super::{foreign, thread};
 
 /// What a process is made from.
 #[derive(Clone)]
@@ -20,6 +21,22 @@ pub(crate) struct Body {
     pub(crate) stack: usize,
     pub(crate) run: Arc<EntryPoint>,
 }
+
+impl Body {
+    /// One of another language, with `stack` bytes for itself.
+    pub(crate) fn foreign(name: &str, stack: u32, entry: extern "C" fn()) -> Self {
+        let run = move |_: &Process| {
+            if !foreign::call(entry) {
+                thread::begin_again();
+            }
+            Ok(())
+        };
+        Self { name: name.into(), stack: stack as usize + OF_SERVICES, run: Arc::new(run) }
+    }
+}
+
+/// Bytes of a foreign process's stack beside what it asks for: for services, which it knows nothing of.
+const OF_SERVICES: usize = 64 << 10;
 
 /// Where a process begins.
 pub(crate) type EntryPoint = dyn Fn(&Process) -> Result<(), ReturnCode> + Send + Sync;
@@ -64,6 +81,17 @@ impl Process {
         &self,
         service: impl FnOnce(&mut Partition) -> Result<R, ReturnCode>,
     ) -> Result<R, ReturnCode> {
+        self.at_ports(|partition, _| service(partition))
+    }
+
+    /// As above, for a service that takes the plan's ports.
+    ///
+    /// # Errors
+    /// As above.
+    pub fn at_ports<R>(
+        &self,
+        service: impl FnOnce(&mut Partition, &mut PlanPorts) -> Result<R, ReturnCode>,
+    ) -> Result<R, ReturnCode> {
         self.serve(service)?
     }
 
@@ -75,11 +103,9 @@ impl Process {
         &self,
         service: impl FnOnce(&mut Partition) -> Result<Progress, ReturnCode>,
     ) -> Result<(), ReturnCode> {
-        match self.serve(service)?? {
+        match self.serve(|partition, _| service(partition))?? {
             Progress::Done(()) => Ok(()),
-            Progress::Waits => {
-                self.id().map_or(Ok(()), |id| self.look(|partition| partition.result_of(id))?)
-            }
+            Progress::Waits => self.result(),
         }
     }
 
@@ -92,15 +118,62 @@ impl Process {
         into: &mut Vec<u8>,
         service: impl FnOnce(&mut Partition, &mut Vec<u8>) -> Result<Progress, ReturnCode>,
     ) -> Result<(), ReturnCode> {
-        match self.serve(|partition| service(partition, into))?? {
+        let progress = self.serve(|partition, _| service(partition, into))??;
+        self.message(progress, into)
+    }
+
+    /// SEND_QUEUING_MESSAGE.
+    ///
+    /// # Errors
+    /// As [`Partition::send_queuing_message`].
+    pub fn send_queuing_message(
+        &self,
+        port: QueuingPortId,
+        message: &[u8],
+        time_out: SystemTime,
+    ) -> Result<(), ReturnCode> {
+        let send = |partition: &mut Partition, ports: &mut PlanPorts| {
+            partition.send_queuing_message(ports, port, message, time_out)
+        };
+        match self.at_ports(send)? {
             Progress::Done(()) => Ok(()),
-            Progress::Waits => self.look(|partition| {
-                let id = self.id().ok_or(ReturnCode::InvalidMode)?;
-                into.clear();
-                into.extend_from_slice(partition.message_of(id));
-                partition.result_of(id)
-            })?,
+            Progress::Waits => self.result(),
         }
+    }
+
+    /// RECEIVE_QUEUING_MESSAGE: the message is put into `into`.
+    ///
+    /// # Errors
+    /// As [`Partition::receive_queuing_message`]. With INVALID_CONFIG `into` has a message too: one before it was lost.
+    pub fn receive_queuing_message(
+        &self,
+        port: QueuingPortId,
+        time_out: SystemTime,
+        into: &mut Vec<u8>,
+    ) -> Result<(), ReturnCode> {
+        let progress =
+            self.at_ports(|partition, ports| partition.receive_queuing_message(ports, port, time_out, into))?;
+        self.message(progress, into)
+    }
+
+    /// WRITE_SAMPLING_MESSAGE.
+    ///
+    /// # Errors
+    /// As [`Partition::write_sampling_message`].
+    pub fn write_sampling_message(&self, port: SamplingPortId, message: &[u8]) -> Result<(), ReturnCode> {
+        self.at_ports(|partition, ports| partition.write_sampling_message(ports, port, message))
+    }
+
+    /// READ_SAMPLING_MESSAGE: the message is put into `into`.
+    ///
+    /// # Errors
+    /// As [`Partition::read_sampling_message`].
+    pub fn read_sampling_message(
+        &self,
+        port: SamplingPortId,
+        into: &mut Vec<u8>,
+    ) -> Result<Validity, ReturnCode> {
+        self.at_ports(|partition, ports| partition.read_sampling_message(ports, port, into))
     }
 
     /// PERIODIC_WAIT.
@@ -124,7 +197,7 @@ impl Process {
     /// # Errors
     /// As [`Process::call`].
     pub fn now_ns(&self) -> Result<SystemTime, ReturnCode> {
-        self.serve(|partition| partition.get_time())
+        self.serve(|partition, _| partition.get_time())
     }
 
     /// Uses a port. No other process runs meanwhile.
@@ -133,7 +206,25 @@ impl Process {
     /// As [`Process::call`].
     pub fn with<T, R>(&self, port: &Port<T>, using: impl FnOnce(&mut T) -> R) -> Result<R, ReturnCode> {
         // SAFETY: under the lock, and not from within another service.
-        self.serve(|_| using(unsafe { &mut *port.0.0.get() }))
+        self.serve(|_, _| using(unsafe { &mut *port.0.0.get() }))
+    }
+
+    /// With what the wait of this process has ended.
+    fn result(&self) -> Result<(), ReturnCode> {
+        self.id().map_or(Ok(()), |id| self.look(|partition| partition.result_of(id))?)
+    }
+
+    /// As above, and the message that it was given meanwhile.
+    fn message(&self, progress: Progress, into: &mut Vec<u8>) -> Result<(), ReturnCode> {
+        if progress == Progress::Done(()) {
+            return Ok(());
+        }
+        self.look(|partition| {
+            let id = self.id().ok_or(ReturnCode::InvalidMode)?;
+            into.clear();
+            into.extend_from_slice(partition.message_of(id));
+            partition.result_of(id)
+        })?
     }
 
     /// The identifier of the thread's process; `None` for the error handler.
@@ -143,14 +234,16 @@ impl Process {
     }
 
     /// Does something as a service, when it is this process's turn.
-    fn serve<R>(&self, service: impl FnOnce(&mut Partition) -> R) -> Result<R, ReturnCode> {
+    fn serve<R>(&self, service: impl FnOnce(&mut Partition, &mut PlanPorts) -> R) -> Result<R, ReturnCode> {
         if !thread::enter_service() {
             return Err(ReturnCode::InvalidMode);
         }
         // Who has become more urgent meanwhile goes first.
-        let mut state = self.turn(0);
-        let result = service(&mut state.partition);
-        self.kernel.tick(&mut state, SERVICE_NS);
+        let mut state = self.turn();
+        let State { partition, ports, .. } = &mut *state;
+        let result = service(partition, ports);
+        self.kernel.spend(&mut state, thread::service_ns());
+        state.serve_ports();
         self.hand_on(state);
         thread::leave_service();
         Ok(result)
@@ -166,11 +259,11 @@ impl Process {
         Ok(result)
     }
 
-    /// Waits until it is this process's turn, `service_ns` from now.
-    fn turn(&self, service_ns: i64) -> MutexGuard<'_, State> {
+    /// Waits until it is this process's turn.
+    fn turn(&self) -> MutexGuard<'_, State> {
         loop {
             let mut state = self.kernel.lock();
-            self.kernel.tick(&mut state, service_ns);
+            self.kernel.tick(&mut state, 0);
             match self.hand_on(state) {
                 Some(state) => return state,
                 None => continue,
@@ -181,11 +274,11 @@ impl Process {
     /// Lets others run whose turn it is. The lock, if it is this process's; `None` when it is again.
     fn hand_on<'k>(&'k self, mut state: MutexGuard<'k, State>) -> Option<MutexGuard<'k, State>> {
         let place = thread::own_place();
-        let baton = state.batons[place].clone();
-        let life = baton.life.load(std::sync::atomic::Ordering::Relaxed);
+        let life = state.batons[place].life.load(Ordering::Relaxed);
         if self.kernel.pass(&mut state, place) == Passed::Kept {
             return Some(state);
         }
+        let baton = state.batons[place].clone();
         drop(state);
         thread::sleep(&baton, life);
         None

@@ -16,6 +16,9 @@ use crate::context::{Context, StartError};
 use crate::harness::Harness;
 use crate::time::monotonic_ns;
 
+mod lending;
+mod ports;
+
 const MS: i64 = 1_000_000;
 
 /// What processes note, in order.
@@ -30,6 +33,16 @@ fn partition(
     clock: Clock,
     initialise: impl FnOnce(&mut Initialisation<'_>, &Notes) -> Result<(), StartError>,
 ) -> (Arc<Kernel>, Notes) {
+    let context = Harness::new("processes").unwrap().context().unwrap();
+    partition_in(context, clock, initialise)
+}
+
+/// As above, with what the plan gives it.
+fn partition_in(
+    mut context: Context,
+    clock: Clock,
+    initialise: impl FnOnce(&mut Initialisation<'_>, &Notes) -> Result<(), StartError>,
+) -> (Arc<Kernel>, Notes) {
     let page = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
     rustix::fs::ftruncate(&page, 4096).unwrap();
     let page = Mapped::<ControlPage>::new(page).unwrap();
@@ -37,9 +50,8 @@ fn partition(
     if clock == Clock::Wall {
         page.origin_ns.store(monotonic_ns(), Relaxed);
     }
-    let kernel = kernel(page, clock, StartCondition::NormalStart, 20_000_000);
+    let kernel = kernel(page, clock, StartCondition::NormalStart, &crate::harness::PROCESSES);
     let notes = Notes::default();
-    let mut context: Context = Harness::new("processes").unwrap().context().unwrap();
     initialise(&mut Initialisation { context: &mut context, kernel: &kernel }, &notes).unwrap();
     complete(&mut kernel.lock()).unwrap();
     (kernel, notes)
@@ -324,6 +336,28 @@ fn process_without_a_thread_is_refused_before_normal() {
         })
     });
     assert!(attempt.is_err());
+}
+
+#[test]
+fn on_the_wall_clock_a_process_is_released_several_times_in_a_window_while_another_one_computes() {
+    let turns = Arc::new(AtomicU32::new(0));
+    let own = turns.clone();
+    let (kernel, _) = partition(Clock::Wall, |partition, _| {
+        partition.process("urgent", Every::once().priority(20), move |process| {
+            loop {
+                process.timed_wait(2 * MS)?;
+                own.fetch_add(1, Relaxed);
+            }
+        })?;
+        partition.process("computes", Every::once().priority(10), |_| {
+            loop {
+                std::hint::spin_loop();
+            }
+        })?;
+        Ok(())
+    });
+    kernel.window(0, 1_000_000_000);
+    assert!(turns.load(Relaxed) > 20, "{} turns in a second", turns.load(Relaxed));
 }
 
 /// Grants windows of 50 ms, one after the other, until `enough`.

@@ -7,14 +7,15 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::ptr::null;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, MutexGuard};
+use std::time::Duration;
 
 use bateleur_processes::standard::ErrorCode;
 
 use super::baton::Baton;
-use super::c_library;
-use super::kernel::{HANDLER, Kernel, Passed, State};
-
+use super::interrupted;
+use super::kernel::{HANDLER, Kernel, MAIN, Passed, State};
 use super::process::{Body, Process};
+use super::{alternate_stack, c_library, current, foreign};
 use crate::signals::set as set_handler;
 
 /// Asks a thread to look who runs. Ignored by programs that know nothing of it, and seldom used for anything else.
@@ -30,6 +31,9 @@ thread_local! {
     static PENDING: Cell<bool> = const { Cell::new(false) };
 }
 
+/// Between two looks at another thread. Not by giving way: the main thread is above the others, which would never run.
+const A_MOMENT: Duration = Duration::from_micros(20);
+
 /// What a thread unwinds with whose process was stopped, and begins again.
 struct Stopped;
 
@@ -44,7 +48,7 @@ pub(crate) fn spawn(kernel: &Arc<Kernel>, place: usize, body: Body) -> std::io::
     thread.spawn(move || run(&kernel, place, &own, &body))?;
     // A thread that has begun has everything that the C library and the executive give it.
     while baton.thread.load(Ordering::Acquire) == 0 {
-        std::thread::yield_now();
+        std::thread::sleep(A_MOMENT);
     }
     Ok(baton)
 }
@@ -53,9 +57,11 @@ fn run(kernel: &Arc<Kernel>, place: usize, baton: &Baton, body: &Body) {
     KERNEL.set(Arc::as_ptr(kernel));
     PLACE.set(place);
     SERVING.set(true);
+    alternate_stack::install();
     let thread = rustix::thread::gettid().as_raw_nonzero().get();
     baton.thread.store(thread, Ordering::Release);
     let process = Process::new(kernel.clone());
+    current::enter(Process::new(kernel.clone()));
     let mut has_baton = false;
     loop {
         if !has_baton && !baton.take() {
@@ -132,7 +138,7 @@ pub(crate) fn enter_service() -> bool {
 pub(crate) fn leave_service() {
     SERVING.set(false);
     if PENDING.replace(false) {
-        look();
+        look(false);
     }
 }
 
@@ -141,33 +147,41 @@ pub(crate) fn own_place() -> usize {
     PLACE.get()
 }
 
-/// Sleeps until the thread has the baton again, inside of a service; unwinds if its process has begun anew meanwhile.
+/// What a service costs whoever runs here under the virtual clock, ns: before NORMAL nothing.
+pub(crate) fn service_ns() -> i64 {
+    if own_place() == MAIN { 0 } else { super::SERVICE_NS }
+}
+
+/// The thread that the program began with.
+pub(crate) fn is_first() -> bool {
+    rustix::thread::gettid() == rustix::process::getpid()
+}
+
+/// Unwinds to where the process begins.
+pub(crate) fn begin_again() -> ! {
+    resume_unwind(Box::new(Stopped))
+}
+
+/// Sleeps until the thread has the baton again, inside of a service; goes back to where its process begins if that has begun anew
+/// meanwhile.
 pub(crate) fn sleep(baton: &Baton, life: u32) {
     if !baton.take() || baton.life.load(Ordering::Relaxed) != life {
-        resume_unwind(Box::new(Stopped));
+        foreign::leave();
+        begin_again();
     }
 }
 
 /// Asks the thread that has this baton to look who runs.
 pub(crate) fn interrupt(baton: &Baton) {
+    signal(baton, SIGNAL);
+}
+
+/// Sends a signal to the thread that has this baton; 0 looks whether it is there. Not 0: it has ended.
+fn signal(baton: &Baton, signal: libc::c_int) -> libc::c_long {
     let thread = baton.thread.load(Ordering::Acquire);
     let own = rustix::process::getpid().as_raw_nonzero().get();
     // SAFETY: a signal to a thread of this process whose handler is installed; if the thread has ended, nothing happens.
-    unsafe { libc::syscall(libc::SYS_tgkill, own, thread, SIGNAL) };
-}
-
-/// The instruction that was interrupted.
-#[cfg(target_arch = "x86_64")]
-unsafe fn instruction(context: *const libc::ucontext_t) -> usize {
-    // SAFETY: the caller's: a context of the kernel.
-    unsafe { (*context).uc_mcontext.gregs[libc::REG_RIP as usize] as usize }
-}
-
-/// The instruction that was interrupted.
-#[cfg(target_arch = "aarch64")]
-unsafe fn instruction(context: *const libc::ucontext_t) -> usize {
-    // SAFETY: the caller's: a context of the kernel.
-    unsafe { (*context).uc_mcontext.pc as usize }
+    unsafe { libc::syscall(libc::SYS_tgkill, own, thread, signal) }
 }
 
 /// Installs the handlers, before any thread of a process exists.
@@ -181,37 +195,44 @@ pub(crate) fn install() {
 
 /// Takes a lock that this thread does not hold and that nobody holds while being stopped, computes, and sleeps on a futex: no memory is
 /// taken, and nothing of the interrupted code is called. Code of the C library runs on, because it may hold the lock of its memory,
-/// which other processes need: the main thread asks again.
+/// which other processes need: the main thread asks again. Who sleeps in the kernel holds no such lock.
 extern "C" fn on_signal(_: libc::c_int, _: *mut libc::siginfo_t, context: *mut libc::c_void) {
     // SAFETY: the C library gives every thread its own errno; the interrupted code finds it as it was.
     unsafe {
         let errno = libc::__errno_location();
         let before = *errno;
-        if c_library::contains(instruction(context.cast())) {
-            return;
-        }
+        let sleeps = interrupted::sleeps(context.cast());
         if SERVING.get() {
             PENDING.set(true);
-        } else {
-            look();
+        } else if sleeps || !c_library::contains(interrupted::instruction(context.cast())) {
+            look(sleeps);
         }
         *errno = before;
     }
 }
 
-/// Lets whoever is to run now run; comes back when it is this thread's turn.
-fn look() {
+/// Lets whoever is to run now run, or somebody else if the thread `sleeps`; comes back when it is this thread's turn.
+fn look(sleeps: bool) {
     // SAFETY: the thread's own stack holds the partition as long as the thread runs.
     let Some(kernel) = (unsafe { KERNEL.get().as_ref() }) else { return };
     SERVING.set(true);
     let mut state = kernel.lock();
     if state.holder == PLACE.get() {
         kernel.tick(&mut state, 0);
+        if sleeps && state.is_holders_turn() {
+            state.lend();
+        }
         stop_here(kernel, state);
     } else {
         drop(state);
     }
     SERVING.set(false);
+}
+
+/// Ends this thread alone. Its frames are abandoned: nobody can say where they are.
+fn end_here() {
+    // SAFETY: takes a number; what the thread has stays, as the frames do.
+    unsafe { libc::syscall(libc::SYS_exit, 0) };
 }
 
 /// Sleeps in the midst of the process's own code until it is its turn again; ends the thread if the process has begun anew meanwhile.
@@ -224,8 +245,7 @@ fn stop_here(kernel: &Kernel, mut state: MutexGuard<'_, State>) {
     let passed = kernel.pass(&mut state, place);
     drop(state);
     if passed == Passed::Away && (!baton.take() || baton.life.load(Ordering::Relaxed) != life) {
-        // SAFETY: ends this thread alone. Its frames are abandoned: nobody can say where they are.
-        unsafe { libc::syscall(libc::SYS_exit, 0) };
+        end_here();
     }
     baton.preempted.store(false, Ordering::Relaxed);
 }
@@ -237,7 +257,7 @@ fn stop_here(kernel: &Kernel, mut state: MutexGuard<'_, State>) {
 /// `context` is the kernel's, of a signal's handler that this thread is in.
 pub(crate) unsafe fn fault(code: ErrorCode, address: u64, context: *const libc::ucontext_t) -> bool {
     // SAFETY: as in `look`, and the caller's.
-    let (kernel, instruction) = unsafe { (KERNEL.get().as_ref(), instruction(context)) };
+    let (kernel, instruction) = unsafe { (KERNEL.get().as_ref(), interrupted::instruction(context)) };
     let Some(kernel) = kernel.filter(|_| !SERVING.get() && !c_library::contains(instruction)) else {
         return false;
     };
@@ -262,11 +282,25 @@ extern "C" fn on_trap(signal: libc::c_int, about: *mut libc::siginfo_t, context:
     }
 }
 
+/// Waits until a thread that was dismissed is none of the threads that the plan counts. It has nothing to do but to end.
+fn await_end(baton: &Baton) {
+    for _ in 0..AWAITED {
+        if signal(baton, 0) != 0 {
+            return;
+        }
+        std::thread::sleep(A_MOMENT);
+    }
+}
+
+/// How often that is looked for: 100 ms altogether, and longer where the machine does other things.
+const AWAITED: u32 = 5000;
+
 /// Gives a process a new thread whose old one was stopped in its own code (the main thread).
 pub(crate) fn adopt(kernel: &Arc<Kernel>, state: &mut State) {
     let Some(place) = state.orphan.take() else { return };
     let Some(body) = state.bodies[place].clone() else { return };
     state.batons[place].dismiss();
+    await_end(&state.batons[place]);
     match spawn(kernel, place, body) {
         Ok(baton) => state.batons[place] = baton,
         Err(error) => {

@@ -1,9 +1,18 @@
 //! Types at random, laid out a second time.
 
 use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 
 use bateleur_message_format::{Catalogue, FieldKind, Source};
 use proptest::prelude::*;
+
+/// An empty folder for the test of that name, below the target folder.
+pub(crate) fn folder(test: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(test);
+    let _ = std::fs::remove_dir_all(&folder); // there is none yet
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
 
 /// One field as chosen: a kind or a place among the types before, and elements.
 #[derive(Debug, Clone)]

@@ -38,7 +38,7 @@ impl Partition {
         self.initialising()?;
         self.stack_memory = stacks;
         let concurrency = ErrorHandlerConcurrency::ProcessesPause;
-        self.handler = Some(Handler { active: false, life: 0, concurrency, core: 0 });
+        self.handler = Some(Handler { active: false, lent: false, life: 0, concurrency, core: 0 });
         Ok(())
     }
 

@@ -6,6 +6,7 @@ use crate::partition::{Partition, Progress, Runner};
 use crate::process::{Phase, Process, Wait};
 use crate::return_code::ReturnCode;
 use crate::scheduling::TimeOut;
+use crate::settings::Limit;
 use crate::standard::{
     INFINITE_TIME_VALUE, MAX_LOCK_LEVEL, MAX_PRIORITY, MIN_PRIORITY, Name, OperatingMode, ProcessAttributes,
     ProcessId, ProcessState, ProcessStatus, QueuingDiscipline, SystemTime,
@@ -44,7 +45,7 @@ impl Partition {
         let state = match process.phase {
             Phase::Dormant => ProcessState::Dormant,
             Phase::Faulted => ProcessState::Faulted,
-            Phase::Started if !process.is_able() => ProcessState::Waiting,
+            Phase::Started if process.waits() => ProcessState::Waiting,
             Phase::Started if self.caller() == Some(place) => ProcessState::Running,
             Phase::Started => ProcessState::Ready,
         };
@@ -63,9 +64,10 @@ impl Partition {
     /// partition's. NO_ACTION: one with that name exists. INVALID_PARAM: stack size, priority, period or time capacity.
     /// INVALID_MODE: NORMAL.
     pub fn create_process(&mut self, attributes: &ProcessAttributes) -> Result<ProcessId, ReturnCode> {
-        let limits = &self.settings.limits;
-        let stacks = self.stack_memory + u64::from(attributes.stack_size);
-        configured(self.processes.len() < limits.processes && stacks <= limits.stack_memory)?;
+        let exceeded = self.exceeded_by(attributes);
+        if let Some(limit @ (Limit::Processes(_) | Limit::Stacks(_))) = exceeded {
+            return self.refuse(limit);
+        }
         let same = self.processes.iter().find(|process| process.attributes.name == attributes.name);
         if let Some(same) = same {
             if !same.attributes.name.is_exactly(&attributes.name) {
@@ -73,18 +75,39 @@ impl Partition {
             }
             return Err(ReturnCode::NoAction);
         }
-        valid(limits.stack.contains(&attributes.stack_size))?;
+        valid(self.settings.limits.stack.contains(&attributes.stack_size))?;
         valid(is_priority(attributes.base_priority))?;
         let (period, capacity) = (attributes.period, attributes.time_capacity);
         let (periodic, limited) = (period != INFINITE_TIME_VALUE, capacity != INFINITE_TIME_VALUE);
         valid(is_span(period))?;
-        configured(!periodic || period % self.settings.grid.period == 0)?;
+        if let Some(limit) = exceeded {
+            return self.refuse(limit);
+        }
         valid(is_span(capacity) && !(periodic && limited && capacity > period))?;
         self.initialising()?;
-        self.stack_memory = stacks;
+        self.stack_memory += u64::from(attributes.stack_size);
         self.processes.push(Process::new(*attributes));
         self.queues.add_node();
         Ok(ProcessId::of(self.processes.len() - 1))
+    }
+
+    /// What the plan says against such a process.
+    #[must_use]
+    pub fn exceeded_by(&self, attributes: &ProcessAttributes) -> Option<Limit> {
+        let (limits, grid) = (&self.settings.limits, self.settings.grid);
+        if self.processes.len() >= limits.processes {
+            return Some(Limit::Processes(limits.processes));
+        }
+        if self.stack_memory + u64::from(attributes.stack_size) > limits.stack_memory {
+            return Some(Limit::Stacks(limits.stack_memory));
+        }
+        let fits = attributes.period == INFINITE_TIME_VALUE || attributes.period % grid.period == 0;
+        (!fits).then_some(Limit::Period(grid.period))
+    }
+
+    fn refuse<T>(&mut self, limit: Limit) -> Result<T, ReturnCode> {
+        self.notices.refused(limit);
+        Err(ReturnCode::InvalidConfig)
     }
 
     /// SET_PRIORITY. That of an owner of a mutex or of the preemption lock changes when it gives it up. The place in a queue stays.

@@ -87,6 +87,12 @@ impl Partition {
         Ok(Progress::Waits)
     }
 
+    /// Whether processes wait at queuing ports, so that [`Partition::serve_ports`] has something to do.
+    #[must_use]
+    pub fn waits_at_ports(&self) -> bool {
+        self.queuing_ports.iter().any(|port| !self.queues.is_empty(port.waiting))
+    }
+
     /// Something may have changed in the channels: processes that wait at ports get what there is. The driver calls this when a
     /// window begins, and after a partition in another window may have sent or received.
     pub fn serve_ports(&mut self, ports: &mut impl Ports) {

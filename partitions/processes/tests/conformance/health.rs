@@ -27,7 +27,7 @@ fn unhandled(action: PartitionAction) -> (Bench, ProcessId) {
 fn verdict(bench: &mut Bench) -> Option<Verdict> {
     match bench.take_notice()? {
         Notice::Error { verdict, .. } => Some(verdict),
-        Notice::Report { .. } | Notice::SameNameButCase { .. } => None,
+        Notice::Report { .. } | Notice::Refused { .. } | Notice::SameNameButCase { .. } => None,
     }
 }
 

@@ -9,6 +9,7 @@ mod events;
 mod general;
 mod handler;
 mod health;
+mod lending;
 mod locking;
 mod locks;
 mod messages;

@@ -1,22 +1,20 @@
 //! `bateleur new`: writes the crate of a partition from what the schedule file says of it: ports, attributes, retained
 //! memory, a standby. It builds and runs as it is; what the partition computes is left to its author.
 //!
-//! It never writes over a file. In a checkout of this project the crate becomes a member of the workspace; anywhere else it
-//! is a workspace of its own that takes the library from a checkout. Where the file has no such partition yet, it says what
+//! It never writes over a file. In a project (`bateleur init`) or a checkout of Bateleur the crate becomes a member of the workspace;
+//! anywhere else it is a workspace of its own that takes the library from a checkout. Where the file has no such partition yet, it says what
 //! to add, or adds it (`--add`).
 //!
 //! Exit codes: 0 written, 1 the schedule file has no such partition yet, 2 it can not be written.
 
+mod crate_text;
+mod dependencies;
 mod list;
-mod manifest;
 mod names;
-mod readme;
 mod skeleton;
-mod source;
 mod stanza;
-mod test_source;
 mod values;
-mod workspace;
+pub(super) mod workspace;
 
 use std::path::{Path, PathBuf};
 
@@ -26,6 +24,8 @@ use bateleur_plan::{Partition, Plan};
 
 use super::{CANNOT_RUN, Code, FINE, WRONG};
 use crate::plan_file;
+use crate::templates::{Written, refuse_to_overwrite, write};
+use dependencies::Dependencies;
 use skeleton::Skeleton;
 use workspace::{Home, Workspace};
 
@@ -41,11 +41,12 @@ pub struct Arguments {
     /// The schedule file.
     #[arg(long, short, value_name = "FILE", default_value = "schedule.toml")]
     schedule: PathBuf,
-    /// Where the crate goes; in a checkout of this project it becomes a member of the workspace [default:
-    /// partitions/PARTITION in the checkout that holds the schedule file, else PARTITION here].
+    /// Where the crate goes; in a project or a checkout of Bateleur it becomes a member of the workspace [default:
+    /// partitions/PARTITION in the workspace that holds the schedule file, else PARTITION here].
     #[arg(long, short, value_name = "FOLDER")]
     dir: Option<PathBuf>,
-    /// The checkout that a crate outside of it takes the library from [default: the one that this program was built from].
+    /// The checkout that a crate outside of any workspace takes the library from [default: the one that this program was built
+    /// from].
     #[arg(long, value_name = "FOLDER")]
     library: Option<PathBuf>,
     /// Add the partition, without ports, and a window to the schedule file, and write no crate.
@@ -66,8 +67,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         (Some(id), false) => write_crate(arguments, &plan, &plan[id]),
         (Some(_), true) => bail!("{} has a partition `{name}` already", arguments.schedule.display()),
         (None, add) => {
-            let wish =
-                stanza::Wish { name, module: arguments.module.as_deref(), window_ns: arguments.window };
+            let wish = stanza::Wish {
+                name,
+                module: arguments.module.as_deref(),
+                window_ns: arguments.window,
+                program: program_of(arguments, name)?,
+            };
             let missing = stanza::Missing::of(&plan, &wish)?;
             if add {
                 stanza::add(&arguments.schedule, &missing)
@@ -85,11 +90,6 @@ fn read(arguments: &Arguments) -> Result<Option<Plan>> {
         Ok((plan, _)) => Ok(Some(plan)),
         Err(report) => {
             eprint!("{}", report.render(false));
-            if report.violations().iter().any(|violation| violation.rule.starts_with("N05")) {
-                eprintln!(
-                    "a message type of your own is a file beside the schedule file, `messages/NAME.msg`: see docs/src/new-partition.md"
-                );
-            }
             let names_it = |one: &Violation| {
                 one.rule.starts_with("N04")
                     && one.message.contains(&format!("no partition is called `{name}`"))
@@ -107,6 +107,26 @@ fn read(arguments: &Arguments) -> Result<Option<Plan>> {
     }
 }
 
+/// What the schedule file calls the program of a new partition: a project's programs lie in its target folder, those of a checkout
+/// beside this program.
+fn program_of(arguments: &Arguments, name: &str) -> Result<String> {
+    let schedule = found(&arguments.schedule)?;
+    Ok(match Workspace::around(&schedule).filter(|workspace| !workspace.is_checkout) {
+        Some(project) => built(&schedule, &project.root, name),
+        None => name.to_owned(),
+    })
+}
+
+/// A program that cargo builds in `folder`, as a schedule file names it.
+fn built(schedule: &Path, folder: &Path, program: &str) -> String {
+    let built = folder.join("target/release").join(program);
+    workspace::way(schedule.parent().unwrap_or(schedule), &built).display().to_string()
+}
+
+fn found(schedule: &Path) -> Result<PathBuf> {
+    schedule.canonicalize().with_context(|| format!("cannot find {}", schedule.display()))
+}
+
 fn say_missing(arguments: &Arguments, plan: &Plan, missing: &stanza::Missing) -> Result<Code> {
     let (name, file) = (&arguments.partition, arguments.schedule.display());
     let near = crate::words::nearest(name, plan.partitions.iter().map(|partition| partition.name.as_str()));
@@ -117,17 +137,14 @@ fn say_missing(arguments: &Arguments, plan: &Plan, missing: &stanza::Missing) ->
     Ok(WRONG)
 }
 
-/// One file of the crate: its path below the folder, its text.
-type Written = (&'static str, String);
-
 fn write_crate(arguments: &Arguments, plan: &Plan, partition: &Partition) -> Result<Code> {
-    let skeleton = Skeleton::of(plan, partition)?;
-    let schedule = arguments
-        .schedule
-        .canonicalize()
-        .with_context(|| format!("cannot find {}", arguments.schedule.display()))?;
-    let place = place(arguments, &schedule, &skeleton)?;
-    let files = files(&skeleton, &place.home)?;
+    let schedule = found(&arguments.schedule)?;
+    let place = place(arguments, &schedule, &partition.name)?;
+    let messages = plan_file::messages_folder(&schedule, &plan_file::read_text_of(&schedule)?);
+    let messages = workspace::way(&place.folder, &messages).display().to_string();
+    let skeleton = Skeleton::of(plan, partition, &messages)?;
+    let dependencies = Dependencies::of(&skeleton, &place.home);
+    let files = files(&skeleton, &dependencies, &place.home)?;
     refuse_to_overwrite(&place.folder, &files)?;
     if let Home::Member(workspace) = &place.home {
         workspace.refuse_a_second(&skeleton.program)?;
@@ -139,12 +156,27 @@ fn write_crate(arguments: &Arguments, plan: &Plan, partition: &Partition) -> Res
     }
     skeleton.notes().iter().for_each(|note| println!("note: {note}"));
     match &place.home {
-        Home::Member(workspace) => say_next_inside(workspace, &place, &skeleton)?,
-        Home::Alone(library) => say_next_outside(library, &place, partition, &skeleton, &schedule),
+        Home::Member(workspace) => say_next_inside(workspace, &place, &dependencies)?,
+        Home::Alone(library) => say_next_outside(library, &place),
+    }
+    if let Some(built) =
+        built_elsewhere(&place, &skeleton, &schedule).filter(|built| *built != partition.program)
+    {
+        println!("name it:   program = \"{built}\" in [partition.{}]", skeleton.partition);
     }
     println!("run it:    {}", run_command(arguments, plan, partition));
     println!("what to fill in: {}/src/main.rs", place.shown);
     Ok(FINE)
+}
+
+/// What the schedule file has to call the program where it is not built beside this one.
+fn built_elsewhere(place: &Place, skeleton: &Skeleton, schedule: &Path) -> Option<String> {
+    let folder = match &place.home {
+        Home::Member(workspace) if workspace.is_checkout => return None,
+        Home::Member(workspace) => &workspace.root,
+        Home::Alone(_) => &place.folder,
+    };
+    Some(built(schedule, folder, &skeleton.program))
 }
 
 fn run_command(arguments: &Arguments, plan: &Plan, partition: &Partition) -> String {
@@ -167,12 +199,12 @@ struct Place {
     home: Home,
 }
 
-fn place(arguments: &Arguments, schedule: &Path, skeleton: &Skeleton) -> Result<Place> {
+fn place(arguments: &Arguments, schedule: &Path, partition: &str) -> Result<Place> {
     let here = std::env::current_dir().context("there is no current folder")?;
     let given = match (&arguments.dir, Workspace::around(schedule)) {
         (Some(dir), _) => dir.clone(),
-        (None, Some(workspace)) => workspace.root.join("partitions").join(&skeleton.partition),
-        (None, None) => PathBuf::from(&skeleton.partition),
+        (None, Some(workspace)) => workspace.root.join("partitions").join(partition),
+        (None, None) => PathBuf::from(partition),
     };
     let folder = workspace::absolute(&here, &given);
     let home = match Workspace::around(&folder) {
@@ -183,54 +215,16 @@ fn place(arguments: &Arguments, schedule: &Path, skeleton: &Skeleton) -> Result<
     Ok(Place { folder, shown, home })
 }
 
-fn files(skeleton: &Skeleton, home: &Home) -> Result<Vec<Written>> {
-    let mut files = vec![
-        ("Cargo.toml", manifest::text(skeleton, home)),
-        ("README.md", readme::text(skeleton)),
-        ("src/main.rs", source::text(skeleton)),
-    ];
+fn files(skeleton: &Skeleton, dependencies: &Dependencies, home: &Home) -> Result<Vec<Written>> {
+    let mut files = crate_text::files(skeleton, dependencies)?;
     if let Home::Alone(library) = home {
         files.push((".gitignore", "/target\n".to_owned()));
-        // As the library's own: the skeleton is formatted so, and its tests may be as blunt.
-        for name in ["rustfmt.toml", "clippy.toml", "Cargo.lock"] {
-            if let Ok(text) = std::fs::read_to_string(library.root.join(name)) {
-                files.push((name, text));
-            }
-        }
+        files.extend(library.shared());
     }
     Ok(files)
 }
 
-fn refuse_to_overwrite(folder: &Path, files: &[Written]) -> Result<()> {
-    let there: Vec<&str> =
-        files.iter().map(|(name, _)| *name).filter(|name| folder.join(name).exists()).collect();
-    if there.is_empty() {
-        return Ok(());
-    }
-    bail!(
-        "{} has {} already, and nothing is written over: name another folder with --dir, or move {} away",
-        folder.display(),
-        there.join(", "),
-        if there.len() == 1 { "it" } else { "them" }
-    )
-}
-
-fn write(folder: &Path, files: &[Written]) -> Result<()> {
-    for (name, text) in files {
-        let path = folder.join(name);
-        let parent = path.parent().unwrap_or(folder);
-        std::fs::create_dir_all(parent)
-            .with_context(|| format!("cannot make the folder {}", parent.display()))?;
-        // Also where somebody was quicker: never over a file.
-        let mut file =
-            std::fs::File::create_new(&path).with_context(|| format!("cannot write {}", path.display()))?;
-        std::io::Write::write_all(&mut file, text.as_bytes())
-            .with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    Ok(())
-}
-
-fn say_next_inside(workspace: &Workspace, place: &Place, skeleton: &Skeleton) -> Result<()> {
+fn say_next_inside(workspace: &Workspace, place: &Place, dependencies: &Dependencies) -> Result<()> {
     let member = place.folder.strip_prefix(&workspace.root).unwrap_or(&place.folder).display().to_string();
     let manifest = workspace.root.join("Cargo.toml");
     match workspace.with_member(&member)? {
@@ -248,8 +242,9 @@ fn say_next_inside(workspace: &Workspace, place: &Place, skeleton: &Skeleton) ->
         }
     }
     // All of the workspace, as the README builds it: another choice of packages would build what they have in common anew.
-    println!("\nbuild it:  cargo build --release --workspace --bins");
-    println!("test it:   cargo test --release -p {}", skeleton.package);
+    let bins = if workspace.is_checkout { " --workspace --bins" } else { "" };
+    println!("\nbuild it:  cargo build --release{bins}");
+    println!("test it:   cargo test --release -p {}", dependencies.package);
     Ok(())
 }
 
@@ -259,23 +254,11 @@ fn quoted(path: String) -> String {
     if path.chars().all(plain) { path } else { format!("'{}'", path.replace('\'', "'\\''")) }
 }
 
-fn say_next_outside(
-    library: &Workspace,
-    place: &Place,
-    partition: &Partition,
-    skeleton: &Skeleton,
-    schedule: &Path,
-) {
+fn say_next_outside(library: &Workspace, place: &Place) {
     println!("it takes the library from {}", library.root.display());
     let manifest = quoted(format!("{}/Cargo.toml", place.shown));
     println!("\nbuild it:  cargo build --release --manifest-path {manifest}");
     println!("test it:   cargo test --release --manifest-path {manifest}");
-    let built = place.folder.join("target/release").join(&skeleton.program);
-    let built =
-        built.strip_prefix(schedule.parent().unwrap_or(schedule)).unwrap_or(&built).display().to_string();
-    if partition.program != built {
-        println!("name it:   program = \"{built}\" in [partition.{}]", skeleton.partition);
-    }
 }
 
 #[cfg(test)]

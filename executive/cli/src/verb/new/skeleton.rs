@@ -1,8 +1,10 @@
 //! What a crate is made from: the partition as the plan has it, with a name in Rust for everything.
 
-use anyhow::{Result, bail};
+use std::sync::Arc;
+
+use anyhow::{Context, Result, anyhow, bail};
 use bateleur_messages::Type;
-use bateleur_messages::format::{Body, FieldKind, Member};
+use bateleur_messages::format::{Body, FieldKind, Member, rust_name};
 use bateleur_plan::{Partition, Payload, Plan, Port, Role};
 
 use super::names::{CARGO_FOLDERS, Fields, type_name};
@@ -52,9 +54,6 @@ pub(super) struct Skeleton {
     pub(super) partition: String,
     /// The file that is started.
     pub(super) program: String,
-    pub(super) package: String,
-    /// Outside of a checkout.
-    pub(super) package_alone: String,
     pub(super) type_name: String,
     pub(super) ports: Vec<SkeletonPort>,
     pub(super) attributes: Vec<SkeletonAttribute>,
@@ -65,6 +64,8 @@ pub(super) struct Skeleton {
     pub(super) error_handler: bool,
     /// What else the plan grants, as comments for the author.
     pub(super) grants: Vec<String>,
+    /// The folder of message types of one's own, from the crate's; `None`: no port has such a type.
+    pub(super) messages: Option<String>,
     shares: Vec<String>,
 }
 
@@ -76,9 +77,12 @@ pub(super) struct SkeletonPort {
 }
 
 /// What a port carries.
-#[derive(Clone, Copy)]
 pub(super) enum Content {
-    Message(&'static Type),
+    Message {
+        of: Arc<Type>,
+        /// It is described beside the schedule file, and not among the flight's types.
+        own: bool,
+    },
     /// Plain bytes, as long as the channel's source sends them.
     Bytes(usize),
 }
@@ -90,7 +94,8 @@ pub(super) struct SkeletonAttribute {
 }
 
 impl Skeleton {
-    pub(super) fn of(plan: &Plan, partition: &Partition) -> Result<Self> {
+    /// `messages`: the folder of message types of one's own, from the crate's.
+    pub(super) fn of(plan: &Plan, partition: &Partition, messages: &str) -> Result<Self> {
         let program = program(partition)?;
         let mut fields = Fields::without(OWN_FIELDS);
         let mut ports = Vec::new();
@@ -110,15 +115,15 @@ impl Skeleton {
             };
             attributes.push(SkeletonAttribute { name: name.clone(), field, reading });
         }
-        let messages: Vec<&str> = ports.iter().map(|port| port.content.type_name_of_message()).collect();
-        let taken: Vec<&str> = USED_TYPES.iter().copied().chain(messages).collect();
+        let named: Vec<String> = ports.iter().map(|port| port.content.type_name()).collect();
+        let taken: Vec<&str> = USED_TYPES.iter().copied().chain(named.iter().map(String::as_str)).collect();
+        let own = |port: &SkeletonPort| matches!(port.content, Content::Message { own: true, .. });
+        let messages = ports.iter().any(own).then(|| messages.to_owned());
         let others = plan.partitions.iter().filter(|other| other.name != partition.name);
         let shares =
             others.filter(|other| other.program == partition.program).map(|other| other.name.clone());
         Ok(Self {
             partition: partition.name.clone(),
-            package: super::names::package(&partition.name, Some("bateleur")),
-            package_alone: super::names::package(&partition.name, None),
             type_name: type_name(&partition.name, &taken),
             program,
             ports,
@@ -127,6 +132,7 @@ impl Skeleton {
             standby: partition.standby.is_some(),
             error_handler: partition.error_handler,
             grants: grants(partition),
+            messages,
             shares: shares.collect(),
         })
     }
@@ -152,7 +158,7 @@ impl Skeleton {
 
     /// Any type of `bateleur-messages`.
     pub(super) fn needs_messages(&self) -> bool {
-        !self.ports.is_empty()
+        self.ports.iter().any(|port| !matches!(port.content, Content::Message { own: true, .. }))
     }
 
     pub(super) fn has_bytes(&self) -> bool {
@@ -166,7 +172,7 @@ impl Skeleton {
             .iter()
             .filter_map(|port| match port.content {
                 Content::Bytes(size) => Some(size),
-                Content::Message(_) => None,
+                Content::Message { .. } => None,
             })
             .collect();
         sizes.sort_unstable();
@@ -177,37 +183,50 @@ impl Skeleton {
 
 impl Content {
     /// The type in Rust.
-    pub(super) fn type_name(self) -> String {
+    pub(super) fn type_name(&self) -> String {
         match self {
-            Self::Message(message) => message.name().to_owned(),
+            Self::Message { of, own: false } => of.name().to_owned(),
+            Self::Message { of, own: true } => own_path(of),
             Self::Bytes(size) => format!("Bytes{size}"),
         }
     }
 
-    fn type_name_of_message(&self) -> &str {
+    /// The type as the schedule file has it.
+    pub(super) fn message_name(&self) -> String {
         match self {
-            Self::Message(message) => message.name(),
-            Self::Bytes(_) => "Bytes",
+            Self::Message { of, .. } => of.name().to_owned(),
+            Self::Bytes(_) => self.type_name(),
         }
     }
 
     /// A value that is fit to be sent, field by field.
-    pub(super) fn fields(self) -> Vec<String> {
-        let Self::Message(message) = self else { return Vec::new() };
-        let value = |field: &Member| {
-            let one = match field.body {
-                Body::Plain(FieldKind::F64 | FieldKind::F32) => "0.0",
-                _ => "0",
-            };
-            match (field.name.as_str(), field.count) {
-                ("valid_ns", None) => "window.start_ns()".to_owned(),
-                // The attitude that turns nothing.
-                ("quaternion", Some(4)) => "[1.0, 0.0, 0.0, 0.0]".to_owned(),
-                (_, None) => one.to_owned(),
-                (_, Some(count)) => format!("[{one}; {count}]"),
-            }
-        };
-        message.members().iter().map(|field| format!("{}: {}", field.name, value(field))).collect()
+    pub(super) fn fields(&self) -> Vec<String> {
+        let Self::Message { of, .. } = self else { return Vec::new() };
+        of.members().iter().map(|field| format!("{}: {}", rust_name(&field.name), value(field))).collect()
+    }
+}
+
+/// The path of a type of one's own.
+fn own_path(of: &Type) -> String {
+    match of.name().split_once('/') {
+        Some((package, name)) => format!("types::{}::{name}", rust_name(package)),
+        None => format!("types::{}", of.name()),
+    }
+}
+
+/// What a field says that says nothing.
+fn value(field: &Member) -> String {
+    let one = match &field.body {
+        Body::Plain(FieldKind::F64 | FieldKind::F32) => "0.0".to_owned(),
+        Body::Plain(_) => "0".to_owned(),
+        Body::Nested(nested) => format!("{}::default()", own_path(nested)),
+    };
+    match (field.name.as_str(), &field.body, field.count) {
+        ("valid_ns", Body::Plain(FieldKind::U64), None) => "window.start_ns()".to_owned(),
+        // The attitude that turns nothing.
+        ("quaternion", Body::Plain(FieldKind::F64), Some(4)) => "[1.0, 0.0, 0.0, 0.0]".to_owned(),
+        (_, _, None) => one,
+        (_, _, Some(count)) => format!("[{one}; {count}]"),
     }
 }
 
@@ -232,13 +251,16 @@ fn program(partition: &Partition) -> Result<String> {
 
 fn content(plan: &Plan, port: &Port) -> Result<Content> {
     match &port.payload {
-        Payload::Message { name, .. } => match bateleur_messages::find(name) {
-            Some(message) => Ok(Content::Message(message)),
-            None => bail!(
-                "`{name}` is a type of your own, and the skeleton has ports of the flight's types only: take its ports out, then add \
-                 them by hand with `bateleur_apex::messages!(\"FOLDER\")`"
-            ),
-        },
+        Payload::Message { name, .. } => {
+            if let Some(of) = bateleur_messages::find(name) {
+                return Ok(Content::Message { of: of.clone(), own: false });
+            }
+            let text =
+                plan.messages.get(name).with_context(|| format!("the plan has no text of `{name}`"))?;
+            let of = Type::from_schema(name, text)
+                .map_err(|faults| anyhow!("the text of `{name}` can not be read: {faults}"))?;
+            Ok(Content::Message { of: Arc::new(of), own: true })
+        }
         Payload::Bytes { max_size_bytes } => {
             let source = port.channel.map(|channel| &plan[plan[channel].source]);
             Ok(Content::Bytes(source.map_or(*max_size_bytes, |source| source.payload.max_size_bytes())))

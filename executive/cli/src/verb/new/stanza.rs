@@ -21,6 +21,8 @@ pub(super) struct Wish<'a> {
     /// `None`: the only module.
     pub(super) module: Option<&'a str>,
     pub(super) window_ns: u64,
+    /// As the schedule file names it.
+    pub(super) program: String,
 }
 
 /// What is missing.
@@ -71,7 +73,7 @@ impl Missing {
                 }
             )),
         };
-        let table = table(name, module_name);
+        let table = table(name, &wish.program, module_name);
         Ok(Self { name: name.to_owned(), table, schedule: schedule.name.clone(), window })
     }
 
@@ -98,10 +100,10 @@ fn module<'p>(plan: &'p Plan, wanted: Option<&str>) -> Result<(ModuleId, &'p str
     }
 }
 
-fn table(name: &str, module: &str) -> String {
+fn table(name: &str, program: &str, module: &str) -> String {
     format!(
         "[partition.{name}]\n\
-         program    = \"{name}\"\n\
+         program    = \"{program}\"\n\
          module     = \"{module}\"\n\
          memory     = \"32MiB\"\n\
          restart    = {{ start = \"cold\", budget = 5, within = \"10s\", then = \"idle\" }}\n\

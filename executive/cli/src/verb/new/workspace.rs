@@ -1,4 +1,5 @@
-//! The checkout of this project that a crate belongs to, or that it takes the library from.
+//! The workspace that a crate belongs to, a checkout of Bateleur or a project of one's own, and the checkout that the library is
+//! taken from.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -9,19 +10,23 @@ use super::list::with_item;
 
 /// What every checkout has.
 const LIBRARY: &str = "partitions/apex/Cargo.toml";
+/// Where the library is installed, beside the folder of the programs.
+const INSTALLED: &str = "share/bateleur";
 
 /// Where a crate is at home.
 pub(super) enum Home {
-    /// A member of a checkout's workspace.
+    /// A member of the workspace of a checkout or of a project.
     Member(Workspace),
     /// A workspace of its own, with the library of a checkout.
     Alone(Workspace),
 }
 
-/// A checkout.
-pub(super) struct Workspace {
+/// A workspace whose crates link the library.
+pub(crate) struct Workspace {
     /// Its folder, absolute.
-    pub(super) root: PathBuf,
+    pub(crate) root: PathBuf,
+    /// The library itself is in it.
+    pub(super) is_checkout: bool,
     text: String,
     manifest: Table,
 }
@@ -37,7 +42,7 @@ pub(super) enum Joined {
 }
 
 impl Workspace {
-    /// The checkout in which `path` lies, which need not be there.
+    /// The workspace in which `path` lies, which need not be there.
     pub(super) fn around(path: &Path) -> Option<Self> {
         path.ancestors().skip(1).find_map(Self::at)
     }
@@ -45,27 +50,39 @@ impl Workspace {
     fn at(root: &Path) -> Option<Self> {
         let text = std::fs::read_to_string(root.join("Cargo.toml")).ok()?;
         let manifest: Table = toml::from_str(&text).ok()?;
-        let is_one = manifest.contains_key("workspace") && root.join(LIBRARY).is_file();
-        is_one.then(|| Self { root: root.to_owned(), text, manifest })
+        let workspace = manifest.get("workspace")?;
+        let is_checkout = root.join(LIBRARY).is_file();
+        let links = || workspace.get("dependencies")?.get("bateleur-apex");
+        (is_checkout || links().is_some()).then(|| Self {
+            root: root.to_owned(),
+            is_checkout,
+            text,
+            manifest,
+        })
     }
 
-    /// The checkout that holds the library: the one that is named, or the one around the schedule file or this program, or the
-    /// one that this program was built from.
-    pub(super) fn library(named: Option<&Path>, schedule: &Path) -> Result<Self> {
+    /// The checkout that holds the library: the one that is named, or the one around `near` or this program, the one that lies where
+    /// this program was installed, or the one that it was built from.
+    pub(crate) fn library(named: Option<&Path>, near: &Path) -> Result<Self> {
+        let checkout = |root: &Path| Self::at(root).filter(|found| found.is_checkout);
         if let Some(named) = named {
             let root = named.canonicalize().with_context(|| format!("cannot find {}", named.display()))?;
-            return Self::at(&root).with_context(|| {
+            return checkout(&root).with_context(|| {
                 format!("{} is no checkout of Bateleur: it has no {LIBRARY}", root.display())
             });
         }
-        let built_from = Path::new(env!("CARGO_MANIFEST_DIR")).join("x");
         let program = std::env::current_exe().unwrap_or_default();
-        let near = [schedule, &program, &built_from].into_iter().find_map(Self::around);
-        near.context("there is no checkout of Bateleur near: say where one is with --library FOLDER")
+        let installed = program.parent().and_then(Path::parent).map(|prefix| prefix.join(INSTALLED));
+        let around = |path: &Path| path.ancestors().skip(1).find_map(checkout);
+        let found = around(near)
+            .or_else(|| around(&program))
+            .or_else(|| checkout(&installed?))
+            .or_else(|| around(&Path::new(env!("CARGO_MANIFEST_DIR")).join("x")));
+        found.context("there is no checkout of Bateleur near: say where one is with --library FOLDER")
     }
 
     /// A value of the manifest.
-    pub(super) fn value(&self, path: &[&str]) -> Option<&Value> {
+    pub(crate) fn value(&self, path: &[&str]) -> Option<&Value> {
         let (first, rest) = path.split_first()?;
         rest.iter().try_fold(self.manifest.get(*first)?, |value, key| value.get(*key))
     }
@@ -110,8 +127,18 @@ impl Workspace {
     }
 }
 
+/// The way from a folder to another path, both absolute: with `..` where they have more than the root in common.
+pub(crate) fn way(from: &Path, to: &Path) -> PathBuf {
+    let common = from.components().zip(to.components()).take_while(|(one, other)| one == other).count();
+    if common < 2 {
+        return to.to_owned();
+    }
+    let up = from.components().skip(common).map(|_| Component::ParentDir);
+    up.chain(to.components().skip(common)).collect()
+}
+
 /// A path from `here`, without `.` and `..`: it need not be there.
-pub(super) fn absolute(here: &Path, path: &Path) -> PathBuf {
+pub(crate) fn absolute(here: &Path, path: &Path) -> PathBuf {
     let mut plain = PathBuf::new();
     for part in here.join(path).components() {
         match part {
@@ -133,6 +160,14 @@ mod tests {
     fn a_path_that_is_not_there_is_made_absolute() {
         assert_eq!(absolute(Path::new("/a/b"), Path::new("./../c/./d")), Path::new("/a/c/d"));
         assert_eq!(absolute(Path::new("/a/b"), Path::new("/x")), Path::new("/x"));
+    }
+
+    #[test]
+    fn a_way_is_relative_unless_nothing_is_shared() {
+        let way = |from: &str, to: &str| super::way(Path::new(from), Path::new(to)).display().to_string();
+        assert_eq!(way("/home/a/tank", "/home/a/bateleur"), "../bateleur");
+        assert_eq!(way("/home/a/tank/partitions/x", "/home/a/tank/messages"), "../../messages");
+        assert_eq!(way("/home/a/tank", "/usr/share/bateleur"), "/usr/share/bateleur");
     }
 
     #[test]

@@ -1,21 +1,24 @@
 //! `bateleur plan`: makes a schedule from what the partitions need (a period and a duration each, perhaps a core or an
-//! offset), in the order of the chains and within their ages. What it prints has passed the checker.
+//! offset), in the order of the chains and within their ages. What it prints has passed the checker. Needs are written down, or taken
+//! from a run.
 //!
 //! Exit codes: 0 there is the schedule, 1 there is none or none was found, and why, 2 the input can not be used.
 
+mod from_run;
 mod module;
 mod needs;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use bateleur_checker::Severity;
 use bateleur_checker::planner::{Answer, Request, plan};
+use bateleur_checker::{Report, Severity, Violation};
 use bateleur_plan::units::ShowTime;
 
 use super::{CANNOT_RUN, Code, FINE, WRONG};
 use crate::output::refuse_file;
 use crate::plan_file;
+use from_run::Run;
 use module::Module;
 use needs::Needs;
 
@@ -29,8 +32,15 @@ use needs::Needs;
 )]
 pub struct Arguments {
     /// What the partitions need.
-    needs: PathBuf,
-    /// The schedule file with the partitions, the cores and the chains; its windows are not looked at.
+    #[arg(required_unless_present = "from_run")]
+    needs: Option<PathBuf>,
+    /// Take what NEEDS does not say from the windows of a run or flight of the schedule file, in this folder.
+    #[arg(long, value_name = "FOLDER")]
+    from_run: Option<PathBuf>,
+    /// What is added to the times of a run, in percent.
+    #[arg(long, value_name = "PERCENT", default_value = "50", requires = "from_run")]
+    margin: u32,
+    /// The schedule file with the partitions, the cores and the chains; its windows count with `--from-run` only.
     #[arg(long, short, value_name = "FILE", default_value = "schedule.toml")]
     schedule: PathBuf,
     /// Write the schedule into this file instead of printing it.
@@ -43,11 +53,24 @@ const MADE: &str = "# Made by `bateleur plan`.";
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     if let Some(output) = &arguments.output {
-        refuse_file(output, MADE, &[&arguments.needs, &arguments.schedule])?;
+        let read: Vec<&Path> =
+            [&arguments.schedule].into_iter().chain(&arguments.needs).map(PathBuf::as_path).collect();
+        refuse_file(output, MADE, &read)?;
     }
     let module = Module::read(&arguments.schedule)?;
-    let needs = Needs::read(&arguments.needs)?;
-    let request = needs.request(&module).with_context(|| format!("in {}", arguments.needs.display()))?;
+    let needs = arguments.needs.as_deref().map(Needs::read).transpose()?.unwrap_or_default();
+    let run = match &arguments.from_run {
+        None => None,
+        Some(folder) => {
+            let Some(plan) = plan_file::read_quietly(&arguments.schedule)? else { return Ok(CANNOT_RUN) };
+            Some(Run::read(folder, &plan, arguments.margin)?)
+        }
+    };
+    let request = needs.request(&module, run.as_ref());
+    let request = match &arguments.needs {
+        Some(needs) => request.with_context(|| format!("in {}", needs.display()))?,
+        None => request?,
+    };
     let answer = match plan(&request) {
         Ok(answer) => answer,
         Err(reason) => {
@@ -57,21 +80,47 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     };
     let name = needs.name.clone().unwrap_or_else(|| module.schedule_name());
     let text = text(&name, module.is_initial(&name), &request, &answer);
+    let text = match &run {
+        Some(run) => text.replacen(MADE, &format!("{MADE}\n{}", run.comments().trim_end()), 1),
+        None => text,
+    };
     let whole = module.with_schedule(&name, &text)?;
-    let title = format!("{} with the planned schedule", arguments.schedule.display());
-    match plan_file::read_report(&title, &whole) {
-        Ok(report) => {
-            report.violations().iter().filter(|one| one.severity != Severity::Note).for_each(|one| {
-                eprintln!("warning[{}]: {}", one.rule, one.message);
-            })
-        }
+    let name_of_file = arguments.schedule.display().to_string();
+    match plan_file::read_report(&name_of_file, &whole) {
+        Ok(report) => tell(&report, Severity::Warning, "warning"),
         Err(report) => {
-            eprint!("{}", report.render(false));
+            refuse(&arguments.schedule, &name_of_file, &report)?;
             return Ok(CANNOT_RUN);
         }
     }
+    if let Some(note) = module.silence_note(&name, answer.minor_frame_ns) {
+        eprintln!("{note}");
+    }
     put(arguments.output.as_deref(), &text)?;
     Ok(FINE)
+}
+
+fn tell(report: &Report, most: Severity, word: &str) {
+    for one in report.violations().iter().filter(|one| one.severity <= most) {
+        eprintln!("{word}[{}]: {}", one.rule, one.message);
+    }
+}
+
+/// Says what is wrong with the file at its lines; what only the planned schedule is to blame for has none.
+fn refuse(path: &Path, name: &str, planned: &Report) -> Result<()> {
+    let file = plan_file::read_report(name, &plan_file::read_text_of(path)?).err();
+    let of_both = |one: &Violation| {
+        planned.violations().iter().any(|other| other.rule == one.rule && other.message == one.message)
+    };
+    let own = file.and_then(|report| report.only(|one| one.severity == Severity::Error && of_both(one)));
+    match own {
+        Some(own) => eprint!("{}", own.render(false)),
+        None => {
+            eprintln!("{name} with the planned schedule in it breaks rules:");
+            tell(planned, Severity::Error, "error");
+        }
+    }
+    Ok(())
 }
 
 fn put(output: Option<&Path>, text: &str) -> Result<()> {

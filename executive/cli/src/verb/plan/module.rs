@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use bateleur_checker::planner::Bound;
-use bateleur_plan::units::duration_ns;
+use bateleur_plan::units::{ShowTime, duration_ns};
 use toml::{Table, Value};
 
 /// The file.
@@ -109,6 +109,20 @@ impl Module {
     pub(super) fn is_initial(&self, name: &str) -> bool {
         let mut others = tables(&self.document, "schedule").filter(|(other, _)| *other != name);
         !others.any(|(_, table)| says_initial(table))
+    }
+
+    /// What the length of a silence becomes where the planned schedule's minor frame is another than before: it is counted in windows.
+    pub(super) fn silence_note(&self, name: &str, minor_ns: u64) -> Option<String> {
+        let (_, schedule) = tables(&self.document, "schedule").find(|(other, _)| *other == name)?;
+        let before_ns = duration_ns(schedule.get("minor_frame")?.as_str()?).ok()?;
+        let windows = self.document.get("health")?.get("silence_windows")?.as_integer()?;
+        let windows = u64::try_from(windows).ok().filter(|_| before_ns != minor_ns)?;
+        let silence = |minor_ns: u64| ShowTime(minor_ns.saturating_mul(windows));
+        Some(format!(
+            "note: `silence_windows` = {windows} counts windows: of a partition with one in each minor frame a silence is {} and no longer {}",
+            silence(minor_ns),
+            silence(before_ns)
+        ))
     }
 
     /// The file with the schedule in it.

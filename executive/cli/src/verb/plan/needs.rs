@@ -8,16 +8,18 @@ use bateleur_checker::planner::{Need, Request};
 use bateleur_plan::units::{TIME_UNITS, duration_ns};
 use serde::{Deserialize, Deserializer};
 
+use super::from_run::Run;
 use super::module::Module;
 use crate::words::nearest;
 
 /// The whole file.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Needs {
     /// What the schedule is to be called.
     pub(super) name: Option<String>,
     minor_frame: Option<Time>,
+    major_frame: Option<Time>,
     gap: Option<Time>,
     need: BTreeMap<String, Asked>,
 }
@@ -56,8 +58,8 @@ impl Needs {
         })
     }
 
-    /// What the planner is asked: every partition of the module file with its need.
-    pub(super) fn request(&self, module: &Module) -> Result<Request> {
+    /// What the planner is asked: every partition of the module file with its need, from here or else from a run.
+    pub(super) fn request(&self, module: &Module, run: Option<&Run>) -> Result<Request> {
         if let Some(stranger) = self.need.keys().find(|name| module.partition(name).is_none()) {
             let known = module.partitions.iter().map(|partition| partition.name.as_str());
             match nearest(stranger, known) {
@@ -66,26 +68,33 @@ impl Needs {
             }
         }
         let needs = module.partitions.iter().map(|partition| {
-            let asked = self.need.get(&partition.name).with_context(|| {
+            let (cores, name) = (module.cores(partition), partition.name.as_str());
+            if let Some(asked) = self.need.get(name) {
+                return asked.need(name, cores, module.modules[partition.module].name.as_str());
+            }
+            let measured = run.map(|run| run.need(name)).transpose()?.flatten();
+            let (period_ns, duration_ns) = measured.with_context(|| {
                 format!(
                     "partition `{0}` has no need: add `{0} = {{ period = \"20ms\", duration = \"1ms\" }}` to `[need]`",
                     partition.name
                 )
             })?;
-            asked.need(&partition.name, module.cores(partition), module.modules[partition.module].name.as_str())
+            Ok(Need { name: name.to_owned(), period_ns, duration_ns, cores, offset_ns: None })
         });
         Ok(Request {
             modules: module.modules.iter().map(|module| module.name.clone()).collect(),
             needs: needs.collect::<Result<_>>()?,
             chains: module.chains()?,
             minor_frame_ns: self.minor_frame.map(|time| time.0),
+            major_frame_ns: self.major_frame.map(|time| time.0),
             gap_ns: self.gap.map_or(0, |time| time.0),
         })
     }
 }
 
 /// The keys that the file may have.
-const KEYS: [&str; 8] = ["name", "minor_frame", "gap", "need", "period", "duration", "core", "offset"];
+const KEYS: [&str; 9] =
+    ["name", "minor_frame", "major_frame", "gap", "need", "period", "duration", "core", "offset"];
 /// A need as it may stand there.
 const EXAMPLE: &str = "{ period = \"20ms\", duration = \"1ms\" }";
 

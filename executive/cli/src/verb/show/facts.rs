@@ -1,7 +1,9 @@
-//! What follows from a plan, as text: how full each core is, how old each chain becomes, and what each link costs.
+//! What follows from a plan, as text: how full each core is, how late processes are done, how old each chain becomes, and what each
+//! link costs.
 
 use std::fmt::Write;
 
+use bateleur_checker::ProcessResponse;
 use bateleur_checker::facts::{ChainAge, CoreUse, Facts, share};
 use bateleur_checker::links::LinkCost;
 use bateleur_plan::Plan;
@@ -15,6 +17,9 @@ pub(crate) fn text(plan: &Plan, facts: &Facts) -> String {
         for core in &schedule.cores {
             core_use(&mut out, core);
         }
+        for response in &schedule.responses {
+            process_response(&mut out, response);
+        }
         for chain in &schedule.chains {
             chain_age(&mut out, chain);
         }
@@ -26,6 +31,15 @@ pub(crate) fn text(plan: &Plan, facts: &Facts) -> String {
         }
     }
     out
+}
+
+fn process_response(out: &mut String, response: &ProcessResponse) {
+    let done = match response.response_ns {
+        Some(response) => format!("done {} after its release at worst", ShowTime(response)),
+        None => "nothing bounds when it is done".to_owned(),
+    };
+    let deadline = response.deadline_ns.map_or_else(String::new, |ns| format!(", deadline {}", ShowTime(ns)));
+    let _ = writeln!(out, "  process `{}.{}`: {done}{deadline}", response.partition, response.process);
 }
 
 /// What each link costs each of its ends, in the schedule that every module starts with.

@@ -8,20 +8,19 @@ pub(super) mod model;
 pub(crate) mod namespace;
 
 use std::collections::BTreeMap;
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use bateleur_host::keys;
-use bateleur_plan::{Plan, Protection};
+pub(super) use bateleur_executive_cli::hosts::place_of_target;
+use bateleur_executive_cli::hosts::{missing_keys, on_loopback, shared_clock};
+use bateleur_plan::Plan;
 use model::{Cut, Death, LinkModel};
 
 use super::{Arguments, partition_running};
 
 /// Below a flight's folder: a folder for each host.
 pub(super) use bateleur_report::hosts::FOLDER;
-/// Addresses that the loopback interface can give one flight.
-const MOST_ADDRESSES: usize = 254;
 
 /// The options of a flight on several hosts.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -80,20 +79,18 @@ impl Hosts {
         let modules: Vec<String> = plan.modules.iter().map(|module| module.name.clone()).collect();
         for module in &modules {
             let path = folder.join(FOLDER).join(module);
-            std::fs::create_dir_all(&path)
+            bateleur_system::folders::make(&path)
                 .with_context(|| format!("cannot make the folder {}", path.display()))?;
         }
         let (addresses, model) = match arguments.fast {
             true => (on_loopback(plan, std::process::id())?, Some(model::table(arguments)?)),
             false => (BTreeMap::new(), None),
         };
-        // Of this machine: a virtual clock needs memory that is really shared.
-        let together = Path::new("/dev/shm").join(format!("bateleur-hosts.{}", std::process::id()));
         Ok(Self {
             modules,
-            together: arguments.fast.then_some(together),
+            together: arguments.fast.then(shared_clock),
             addresses,
-            keys: missing_keys(arguments, plan, folder)?,
+            keys: missing_keys(&arguments.schedule, plan, &folder.join(FOLDER))?,
             model,
             folder: folder.to_owned(),
         })
@@ -205,48 +202,6 @@ pub(super) fn place_of(plan: &Plan, program: &str) -> Result<usize> {
     Ok(plan.partition(&partition).map_or(0, |id| plan[id].module.index()))
 }
 
-/// The place of the module that a target of `--set`, `--kill`, … lies on: PARTITION or PARTITION.PORT; `None`: no partition's.
-pub(super) fn place_of_target(plan: &Plan, target: &str) -> Option<usize> {
-    let partition = target.split('.').next().unwrap_or(target);
-    plan.partition(partition).map(|id| plan[id].module.index())
-}
-
-/// Addresses of the loopback interface for all of the plan's, which other flights at the same time do not have: by the
-/// number of this process.
-fn on_loopback(plan: &Plan, process: u32) -> Result<BTreeMap<SocketAddr, SocketAddr>> {
-    let all: Vec<SocketAddr> =
-        plan.modules.iter().flat_map(|module| &module.addresses).map(|address| address.socket).collect();
-    if all.len() > MOST_ADDRESSES {
-        bail!("the plan has {} addresses, and one flight on one machine {MOST_ADDRESSES} at most", all.len());
-    }
-    // 127.0 is everybody's.
-    let [_, _, high, low] = process.to_be_bytes();
-    let address = |(place, planned): (usize, SocketAddr)| {
-        let host = u8::try_from(place + 1).unwrap_or(u8::MAX);
-        let ip = IpAddr::V4(Ipv4Addr::new(127, high.max(1), low, host));
-        (planned, SocketAddr::new(ip, planned.port()))
-    };
-    Ok(all.into_iter().enumerate().map(address).collect())
-}
-
-/// Keys for this flight, for links whose own key is not there: between hosts on one machine nobody has to carry it.
-fn missing_keys(arguments: &Arguments, plan: &Plan, folder: &Path) -> Result<BTreeMap<String, PathBuf>> {
-    let schedule = arguments.schedule.parent().unwrap_or(Path::new(""));
-    let folder = std::path::absolute(folder).context("cannot tell where the flight's folder is")?;
-    let mut made = BTreeMap::new();
-    for link in &plan.links {
-        let Protection::Key { file } = &link.protection else { continue };
-        if schedule.join(file).exists() {
-            continue;
-        }
-        let path = folder.join(FOLDER).join(format!("{}.key", link.name));
-        keys::make(&path).with_context(|| format!("cannot make {}", path.display()))?;
-        eprintln!("             link {}: there is no {file}, so this flight has a key of its own", link.name);
-        made.insert(link.name.clone(), path);
-    }
-    Ok(made)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -259,17 +214,5 @@ mod tests {
         let expected = ["--cut a@300", "--kill-host nav@9999"]
             .map(|what| format!("{what} was not reached: it ended at 205.10 s"));
         assert_eq!(options.not_reached(205.1), expected);
-    }
-
-    #[test]
-    fn every_address_of_a_plan_has_its_own_on_loopback() {
-        let text = include_str!("../../../../../schedules/three-hosts.toml");
-        let plan = bateleur_executive_cli::plan_file::read_text("three-hosts.toml", text).unwrap();
-        let mapped = on_loopback(&plan, 0x0012_3456).unwrap();
-        assert_eq!(mapped.len(), 6);
-        let others: std::collections::BTreeSet<_> = mapped.values().collect();
-        assert_eq!(others.len(), 6);
-        assert!(mapped.values().all(|address| address.ip().is_loopback() && address.port() == 15300));
-        assert!(mapped.values().all(|address| address.to_string().starts_with("127.52.86.")), "{mapped:?}");
     }
 }

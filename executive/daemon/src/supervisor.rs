@@ -1,0 +1,286 @@
+//! The supervisor of an executive: where the plan says `executive_died = "reset"` or `executive_hung = "reset"`, it starts another one
+//! in place of one that has died or hangs.
+//!
+//! Responsible for: what the next executive can not find by itself: the retained memories, the time of module time 0, and how often one
+//! has died. It must know nothing of partitions, channels and frames. Before an executive is started again, everything that
+//! the one before had started has ended and its guard has cleaned up.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Write};
+use std::os::fd::{AsFd, AsRawFd, OwnedFd};
+use std::os::unix::process::ExitStatusExt;
+use std::process::{Child, Command, ExitStatus};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use bateleur_contract::Mapped;
+use bateleur_host::partition::shared_memory;
+use bateleur_monitor::health::decision::decide_module;
+use bateleur_monitor::run_order::{DeadExecutive, RunOrder, Supervised};
+use bateleur_plan::{ModuleAction, ModuleError, ModuleView, Plan};
+use bateleur_system::time::{now_ns, timespec};
+use bateleur_system::wait::{is_stopped, is_victim};
+use bateleur_time::run_page::RunPage;
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::fs::{MemfdFlags, memfd_create};
+use rustix::io::Errno;
+use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+
+use crate::module::module_of;
+use crate::{SIGPWR, WRONG};
+
+/// Between two looks at the executive, ns. Its end is seen at once.
+const LOOK_NS: u64 = 20_000_000;
+/// How long the executive may be stopped by a signal: a shell stops its supervisor together with it.
+const STOPPED_NS: u64 = 100_000_000;
+/// How much longer than the longest major frame a dispatcher may not be seen, ns.
+const DISPATCHER_SILENCE_NS: u64 = 400_000_000;
+/// How long the monitor may not be seen, ns: it is ordinary work, and partitions may have the processors for 0.95 s of a second.
+const MONITOR_SILENCE_NS: u64 = 1_100_000_000;
+/// How long what a dead executive had started may take to end.
+const ENDS_NS: u64 = 10_000_000_000;
+
+/// Whether the plan asks for a supervisor.
+#[must_use]
+pub fn is_wanted(plan: &Plan, order: &RunOrder) -> bool {
+    let resets = |error| plan.health.module.action(error) == ModuleAction::Reset;
+    order.supervised.is_none()
+        && !order.fast
+        && (resets(ModuleError::ExecutiveDied) || resets(ModuleError::ExecutiveHung))
+}
+
+/// Runs executives until one has ended by itself, or the budget of resets is used up; the exit code.
+///
+/// # Errors
+/// The machine has no memory or no process for it.
+pub fn run(plan: &Plan, compiled: &[u8], order: &RunOrder) -> Result<u8, String> {
+    let view = module_of(plan, &order.module).map_err(|error| error.to_string())?;
+    let cannot = |error: io::Error| format!("cannot supervise the executive: {error}");
+    let mut supervisor = Supervisor::new(plan, &view, compiled, order.clone()).map_err(cannot)?;
+    let _ = rustix::thread::set_name(c"supervisor"); // a name is a comfort
+    // Whatever an executive leaves becomes a child of this process: its end is seen here.
+    rustix::process::set_child_subreaper(Pid::from_raw(1)).map_err(|error| cannot(error.into()))?;
+    loop {
+        let end = supervisor.run_one().map_err(cannot)?;
+        let (error, detail, at_ns) = match end {
+            End::Orderly(code) => return Ok(code),
+            End::Fault(error, detail, at_ns) => (error, detail, at_ns),
+        };
+        if !supervisor.goes_on(error, &detail, at_ns) {
+            return Ok(WRONG);
+        }
+        if supervisor.is_asked_to_stop() {
+            say("bateleur: it was asked to stop, and is not started again");
+            return Ok(WRONG);
+        }
+    }
+}
+
+/// How an executive ended.
+enum End {
+    /// By itself, with this exit code.
+    Orderly(u8),
+    /// It was not to end: the error, its description, and when that was seen, CLOCK_MONOTONIC ns.
+    Fault(ModuleError, String, u64),
+}
+
+struct Supervisor<'a> {
+    plan: &'a Plan,
+    compiled: &'a [u8],
+    order: RunOrder,
+    page: Arc<Mapped<RunPage>>,
+    /// Kept open for the executives.
+    _handed: Vec<OwnedFd>,
+    /// Signals that are passed on.
+    signals: Vec<(i32, Arc<AtomicBool>)>,
+    /// One that ends a run was passed on.
+    asked: bool,
+    /// When executives have died, CLOCK_MONOTONIC ns.
+    deaths: Vec<u64>,
+    /// The longest time between two switches of a core, ns.
+    frame_ns: u64,
+}
+
+impl<'a> Supervisor<'a> {
+    fn new(
+        plan: &'a Plan,
+        view: &ModuleView<'_>,
+        compiled: &'a [u8],
+        mut order: RunOrder,
+    ) -> io::Result<Self> {
+        let page = inherited_memory("run", size_of::<RunPage>() as u64)?;
+        let mapped = Arc::new(Mapped::new(&page).map_err(io::Error::other)?);
+        let mut handed = Vec::new();
+        let mut retained_fds = BTreeMap::new();
+        for partition in
+            view.partitions().map(|id| &plan[id]).filter(|partition| partition.retained_bytes > 0)
+        {
+            let memory = shared_memory(&partition.name, partition.retained_bytes)?;
+            hand_over(&memory)?;
+            retained_fds.insert(partition.name.clone(), memory.as_raw_fd());
+            handed.push(memory);
+        }
+        order.supervised = Some(Supervised { page_fd: page.as_raw_fd(), retained_fds, after: None });
+        handed.push(page);
+        let signals = [SIGINT, SIGTERM, SIGHUP, SIGPWR].map(|signal| {
+            let flag = Arc::new(AtomicBool::new(false));
+            signal_hook::flag::register(signal, flag.clone()).map(|_| (signal, flag))
+        });
+        Ok(Self {
+            plan,
+            compiled,
+            order,
+            page: mapped,
+            _handed: handed,
+            signals: signals.into_iter().collect::<io::Result<_>>()?,
+            asked: false,
+            deaths: Vec::new(),
+            frame_ns: plan.schedules.iter().map(|schedule| schedule.major_frame_ns).max().unwrap_or(0),
+        })
+    }
+
+    /// One executive, from its start until everything that it has started has ended.
+    fn run_one(&mut self) -> io::Result<End> {
+        self.page.forget_threads();
+        let plan = text_in_memory("plan", self.compiled)?;
+        let order = text_in_memory("order", &serde_json::to_vec(&self.order)?)?;
+        let descriptor = |file: &OwnedFd| format!("fd:{}", file.as_raw_fd());
+        let executive =
+            Command::new(std::env::current_exe()?).args([descriptor(&plan), descriptor(&order)]).spawn()?;
+        drop((plan, order)); // it has them
+        let (status, hung) = self.watch(executive)?;
+        if hung.is_none()
+            && let Some(code) = status.code()
+            && !is_victim(Some(status))
+        {
+            return Ok(End::Orderly(code as u8)); // 0 to 255
+        }
+        let (error, detail) = match hung {
+            Some(why) => (ModuleError::ExecutiveHung, why),
+            None => (ModuleError::ExecutiveDied, died_of(status)),
+        };
+        let at_ns = now_ns();
+        await_remains();
+        Ok(End::Fault(error, detail, at_ns))
+    }
+
+    /// Waits for its end, or ends it because it hangs; how it ended, and how it hung.
+    fn watch(&mut self, mut executive: Child) -> io::Result<(ExitStatus, Option<String>)> {
+        let pid = Pid::from_child(&executive);
+        let descriptor = rustix::process::pidfd_open(pid, PidfdFlags::empty())?;
+        let (mut hung, mut stopped_ns) = (None, None);
+        loop {
+            let mut ends = [PollFd::from_borrowed_fd(descriptor.as_fd(), PollFlags::IN)];
+            let look = timespec(LOOK_NS);
+            if poll(&mut ends, Some(&look)).is_ok_and(|ready| ready > 0) {
+                return Ok((executive.wait()?, hung));
+            }
+            for (signal, flag) in &self.signals {
+                if flag.swap(false, Ordering::AcqRel) {
+                    self.asked |= *signal != SIGPWR;
+                    let signal = Signal::from_named_raw(*signal).unwrap_or(Signal::TERM);
+                    let _ = rustix::process::kill_process(pid, signal); // it has ended
+                }
+            }
+            if is_stopped(pid.as_raw_nonzero().get()) {
+                stopped_ns.get_or_insert_with(now_ns);
+            } else {
+                stopped_ns = None;
+            }
+            if hung.is_none()
+                && let Some(why) = self.hangs(stopped_ns)
+            {
+                hung = Some(why);
+                let _ = rustix::process::kill_process(pid, Signal::KILL); // as above
+            }
+        }
+    }
+
+    /// Whether a signal that ends a run has come and no executive has got it, or the last one before it could heed it.
+    fn is_asked_to_stop(&self) -> bool {
+        self.asked
+            || self.signals.iter().any(|(signal, flag)| *signal != SIGPWR && flag.load(Ordering::Acquire))
+    }
+
+    /// Whether the executive gives no sign of life, in words; never, where the plan ignores that.
+    fn hangs(&self, stopped_ns: Option<u64>) -> Option<String> {
+        if self.plan.health.module.action(ModuleError::ExecutiveHung) == ModuleAction::Ignore {
+            return None;
+        }
+        let now_ns = now_ns();
+        if stopped_ns.is_some_and(|since_ns| now_ns.saturating_sub(since_ns) >= STOPPED_NS) {
+            return Some("a signal had stopped it".into());
+        }
+        let dispatcher =
+            ("a dispatcher", self.page.dispatcher_silence_ns(now_ns), self.frame_ns + DISPATCHER_SILENCE_NS);
+        let monitor = ("the monitor", self.page.monitor_silence_ns(now_ns), MONITOR_SILENCE_NS);
+        [dispatcher, monitor].into_iter().find_map(|(who, silent_ns, most_ns)| {
+            let silent_ns = silent_ns.filter(|silent_ns| *silent_ns > most_ns)?;
+            Some(format!("{who} gave no sign of life for {} ms", silent_ns / 1_000_000))
+        })
+    }
+
+    /// Whether another executive is started after a fault. Notes what that one is told.
+    fn goes_on(&mut self, error: ModuleError, detail: &str, at_ns: u64) -> bool {
+        let health = &self.plan.health;
+        self.deaths.retain(|before_ns| at_ns.saturating_sub(*before_ns) < health.reset.within_ns);
+        let action = decide_module(error, &health.module, &health.reset, false, self.deaths.len() as u32);
+        let goes_on = action == ModuleAction::Reset;
+        let what = if goes_on { "it is started again" } else { "the module ends" };
+        say(&format!("bateleur: {error}: {detail}; {what}"));
+        let Some(supervised) = &mut self.order.supervised else { return false };
+        let resets = supervised.after.as_ref().map_or(0, |dead| dead.resets);
+        supervised.after = Some(DeadExecutive {
+            error,
+            detail: detail.to_owned(),
+            at_ns: self.page.origin_ns().map_or(0, |origin_ns| at_ns.saturating_sub(origin_ns)),
+            resets: resets.max(self.page.resets()) + 1,
+        });
+        self.deaths.push(at_ns);
+        goes_on
+    }
+}
+
+fn died_of(status: ExitStatus) -> String {
+    match status.signal() {
+        Some(signal) => format!("ended by signal {signal}"),
+        None => format!("ended with exit code {}", status.code().unwrap_or(-1)),
+    }
+}
+
+/// Waits until the guard of a dead executive has cleaned up, and everything else that it had started has ended.
+fn await_remains() {
+    let end_ns = now_ns() + ENDS_NS;
+    while now_ns() < end_ns {
+        match rustix::process::wait(WaitOptions::NOHANG) {
+            Err(Errno::CHILD) => return,
+            Ok(Some(_)) | Err(_) => {}
+            Ok(None) => std::thread::sleep(std::time::Duration::from_millis(1)),
+        }
+    }
+}
+
+fn say(text: &str) {
+    let _ = writeln!(io::stderr(), "{text}"); // nobody reads
+}
+
+/// A file in memory that executives inherit.
+fn inherited_memory(name: &str, bytes: u64) -> io::Result<OwnedFd> {
+    let file = memfd_create(name, MemfdFlags::empty())?;
+    rustix::fs::ftruncate(&file, bytes)?;
+    Ok(file)
+}
+
+fn text_in_memory(name: &str, text: &[u8]) -> io::Result<OwnedFd> {
+    let mut file = File::from(memfd_create(name, MemfdFlags::empty())?);
+    file.write_all(text)?;
+    rustix::fs::seek(&file, rustix::fs::SeekFrom::Start(0))?;
+    Ok(file.into())
+}
+
+/// Has executives inherit a descriptor.
+fn hand_over(file: &OwnedFd) -> io::Result<()> {
+    Ok(rustix::io::fcntl_setfd(file, rustix::io::FdFlags::empty())?)
+}

@@ -1,0 +1,168 @@
+//! What an executive tells its supervisor: when module time 0 was, and that its threads are alive.
+//!
+//! Every word is an atomic with one writer. Nothing waits.
+#![allow(unsafe_code)] // one `unsafe impl`, a promise about this type
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
+use std::sync::atomic::Ordering::SeqCst;
+
+use bateleur_contract::{Mapped, SharedMemory};
+use bateleur_system::time::now_ns;
+
+/// Threads that are watched, most: the monitor, and dispatchers.
+const MOST: usize = 56;
+/// Counts that an executive leaves to the next one.
+const COUNTS: usize = 6;
+
+/// The page. All zeros is one that nobody has written.
+#[derive(Debug)]
+#[repr(C, align(512))]
+pub struct RunPage {
+    /// CLOCK_MONOTONIC instant of module time 0, ns; 0: no frame has begun.
+    origin_ns: AtomicU64,
+    /// Resets of the module so far.
+    resets: AtomicU64,
+    /// What the monitor has counted, in an order of its own.
+    counts: [AtomicU64; COUNTS],
+    /// When each thread was seen last, CLOCK_MONOTONIC ns; 0: it is not to be seen.
+    seen_ns: [AtomicU64; MOST],
+}
+
+const _: () = assert!(size_of::<RunPage>() == 512);
+
+// SAFETY: every field is an atomic or an array of atomics, for which every bit pattern is a value.
+unsafe impl SharedMemory for RunPage {}
+
+impl RunPage {
+    /// Frames begin, after so many resets. Module time 0 was, or is, at this instant of CLOCK_MONOTONIC.
+    pub fn begin(&self, origin_ns: u64, resets: u32) {
+        self.resets.store(resets.into(), SeqCst);
+        self.origin_ns.store(origin_ns, SeqCst);
+    }
+
+    /// Resets of the module so far.
+    #[must_use]
+    pub fn resets(&self) -> u32 {
+        self.resets.load(SeqCst) as u32 // written from one
+    }
+
+    /// That instant; `None` if no frame has begun.
+    #[must_use]
+    pub fn origin_ns(&self) -> Option<u64> {
+        Some(self.origin_ns.load(SeqCst)).filter(|origin_ns| *origin_ns != 0)
+    }
+
+    /// Leaves counts to the executive that may follow.
+    pub fn keep_counts(&self, counts: [u64; COUNTS]) {
+        self.counts.iter().zip(counts).for_each(|(kept, count)| kept.store(count, SeqCst));
+    }
+
+    /// The counts of the executive before; zeros if there was none.
+    #[must_use]
+    pub fn counts(&self) -> [u64; COUNTS] {
+        std::array::from_fn(|place| self.counts[place].load(SeqCst))
+    }
+
+    /// For how long the monitor has not been seen, ns; `None` if it is not to be seen.
+    #[must_use]
+    pub fn monitor_silence_ns(&self, now_ns: u64) -> Option<u64> {
+        longest_silence_ns(&self.seen_ns[..1], now_ns)
+    }
+
+    /// The longest time for which a dispatcher has not been seen, ns; `None` if none is to be seen.
+    #[must_use]
+    pub fn dispatcher_silence_ns(&self, now_ns: u64) -> Option<u64> {
+        longest_silence_ns(&self.seen_ns[1..], now_ns)
+    }
+
+    /// Nobody is to be seen any more: the executive has ended.
+    pub fn forget_threads(&self) {
+        self.seen_ns.iter().for_each(|seen_ns| seen_ns.store(0, SeqCst));
+    }
+}
+
+fn longest_silence_ns(seen_ns: &[AtomicU64], now_ns: u64) -> Option<u64> {
+    let seen = seen_ns.iter().map(|seen_ns| seen_ns.load(SeqCst)).filter(|seen_ns| *seen_ns != 0);
+    seen.map(|seen_ns| now_ns.saturating_sub(seen_ns)).max()
+}
+
+/// A thread's sign of life. It is to be seen from the first one until this is dropped. Costs a store.
+#[derive(Debug)]
+pub struct Heartbeat(Option<(Arc<Mapped<RunPage>>, usize)>);
+
+impl Heartbeat {
+    /// The monitor's. Nobody watches where there is no page.
+    #[must_use]
+    pub fn of_monitor(page: Option<&Arc<Mapped<RunPage>>>) -> Self {
+        Self(page.map(|page| (page.clone(), 0)))
+    }
+
+    /// That of dispatcher number `dispatcher`. Nobody watches where there is no page, or no place for it.
+    #[must_use]
+    pub fn of_dispatcher(page: Option<&Arc<Mapped<RunPage>>>, dispatcher: usize) -> Self {
+        Self(page.filter(|_| dispatcher + 1 < MOST).map(|page| (page.clone(), dispatcher + 1)))
+    }
+
+    /// It is alive.
+    pub fn beat(&self) {
+        self.beat_at(now_ns());
+    }
+
+    /// It is alive at this instant of CLOCK_MONOTONIC, ns.
+    pub(crate) fn beat_at(&self, now_ns: u64) {
+        if let Some((page, place)) = &self.0 {
+            page.seen_ns[*place].store(now_ns, SeqCst);
+        }
+    }
+}
+
+impl Drop for Heartbeat {
+    fn drop(&mut self) {
+        if let Some((page, place)) = &self.0 {
+            page.seen_ns[*place].store(0, SeqCst);
+        }
+    }
+}
+
+#[cfg(not(feature = "model"))]
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn page() -> Arc<Mapped<RunPage>> {
+        let file = rustix::fs::memfd_create("run", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
+        rustix::fs::ftruncate(&file, size_of::<RunPage>() as u64).unwrap();
+        Arc::new(Mapped::new(file).unwrap())
+    }
+
+    #[test]
+    fn thread_is_missed_from_its_first_sign_of_life_until_it_has_ended() {
+        let page = page();
+        let monitor = Heartbeat::of_monitor(Some(&page));
+        let dispatchers = [0, MOST - 2].map(|number| Heartbeat::of_dispatcher(Some(&page), number));
+        assert_eq!(
+            (page.monitor_silence_ns(9), page.dispatcher_silence_ns(9)),
+            (None, None),
+            "none has begun"
+        );
+        monitor.beat_at(10);
+        dispatchers[0].beat_at(20);
+        dispatchers[1].beat_at(30);
+        assert_eq!((page.monitor_silence_ns(100), page.dispatcher_silence_ns(100)), (Some(90), Some(80)));
+        dispatchers[0].beat_at(40);
+        assert_eq!(page.dispatcher_silence_ns(100), Some(70), "whoever is silent longest counts");
+        drop(dispatchers);
+        assert_eq!((page.monitor_silence_ns(100), page.dispatcher_silence_ns(100)), (Some(90), None));
+        page.forget_threads();
+        assert_eq!(page.monitor_silence_ns(100), None);
+    }
+
+    #[test]
+    fn thread_that_has_no_place_is_not_watched() {
+        let page = page();
+        Heartbeat::of_dispatcher(Some(&page), MOST - 1).beat();
+        Heartbeat::of_monitor(None).beat();
+        assert_eq!((page.dispatcher_silence_ns(u64::MAX), page.origin_ns()), (None, None));
+    }
+}

@@ -1,0 +1,100 @@
+//! `bateleur run --hosts`: all modules of a plan with one command, with a message type over the link that nothing here was built with.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::fs;
+use std::path::Path;
+
+use bateleur_recording::read;
+use bateleur_tests::{among_others, bateleur, program, repository};
+
+/// A radar on one host, and who sees its tracks on another; in `folder`, with the messages beside it.
+fn schedule(folder: &Path) -> String {
+    for file in ["messages/acme/Track.msg", "messages/acme/Echo.msg"] {
+        let to = folder.join(file);
+        fs::create_dir_all(to.parent().unwrap()).unwrap();
+        fs::copy(repository().join("tests").join(file), to).unwrap();
+    }
+    let partition = |name: &str, module: &str, port: &str| {
+        let radar = program("radar").display().to_string();
+        let head =
+            format!("[partition.{name}]\nprogram = \"{radar}\"\nmodule = \"{module}\"\nmemory = \"96MiB\"\n");
+        format!(
+            "{head}\n[partition.{name}.port]\n{port}, kind = \"sampling\", message = \"acme/Track\" }}\n\n"
+        )
+    };
+    let window = |name: &str, offset_us: u32| {
+        format!("    {{ partition = \"{name}\", offset = \"{offset_us}us\", duration = \"1ms\" }},\n")
+    };
+    let windows: String = [("radar", 200), ("relay_one", 2000), ("relay_two", 6000), ("screen", 8000)]
+        .map(|(name, offset_us)| window(name, offset_us))
+        .concat();
+    let text = [
+        "[network.a]\nrate = \"100Mbit/s\"\n\n",
+        "[module.one]\ncores = [1]\naddresses = { a = \"10.99.0.1:15300\" }\n\n",
+        "[module.two]\ncores = [1]\naddresses = { a = \"10.99.0.2:15300\" }\nfollows = \"one\"\n\n",
+        "[link.tracks]\nmodules = [\"one\", \"two\"]\nkey = \"tracks.key\"\ngap = \"2ms\"\n\n",
+        "[schedule.only]\nmajor_frame = \"20ms\"\nminor_frame = \"20ms\"\nwindow = [\n",
+        &windows,
+        "]\n\n",
+        &partition("radar", "one", "track = { direction = \"source\""),
+        &partition("screen", "two", "seen = { direction = \"destination\", refresh = \"1s\""),
+        "[[channel]]\nsource = \"radar.track\"\ndestinations = [\"screen.seen\"]\n",
+    ];
+    let path = folder.join("two.toml");
+    fs::write(&path, text.concat()).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+#[test]
+fn modules_of_a_plan_run_together_on_both_clocks_and_a_foreign_type_crosses() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = schedule(folder.path());
+    for clock in [&["--fast", "--until", "1"][..], &["--until", "4"]] {
+        let run = [&["run", "--hosts", "--record", "--schedule", &schedule][..], clock].concat();
+        let ended = bateleur(&run).end().expect_code(0);
+        let ended =
+            ended.expect_words(&["these hosts have a key of their own", "screen: saw something at 2.5 m"]);
+        let hosts = ended.folder().join("hosts");
+        let log = read(hosts.join("two/ports.mcap"), |_| true).unwrap();
+        let seen = log.tracks.values().find(|track| track.message == "acme/Track");
+        assert!(seen.is_some_and(|track| track.samples.len() > 20), "{clock:?}");
+        let left: Vec<_> = fs::read_dir(&hosts).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert_eq!(left.len(), 2, "the key is gone: {left:?}");
+    }
+}
+
+#[test]
+fn same_run_on_the_virtual_clock_comes_out_the_same() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = schedule(folder.path());
+    let heard = || {
+        let kill = ["--kill", "screen@1"];
+        let run = ["run", "--hosts", "--fast", "--until", "2", "--record", "--schedule", &schedule];
+        let ended = bateleur(&[&run[..], &kill].concat()).end().expect_code(0);
+        let ended = ended.expect_words(&["screen: killed"]);
+        let log = read(ended.folder().join("hosts/two/ports.mcap"), |_| true).unwrap();
+        log.tracks.into_iter().map(|(topic, track)| (topic, track.samples)).collect::<Vec<_>>()
+    };
+    let (once, again) = (heard(), heard());
+    assert!(once.iter().any(|(_, samples)| samples.len() > 50));
+    assert!(once == again, "the messages on the second host are others");
+}
+
+#[test]
+fn module_that_can_not_run_ends_the_others_and_one_module_alone_is_refused() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = schedule(folder.path());
+    let text = fs::read_to_string(&schedule).unwrap();
+    let at = text.find("[partition.screen]").unwrap();
+    let (before, after) = text.split_at(at);
+    fs::write(&schedule, before.to_owned() + &after.replacen("/radar\"", "/no_such_program\"", 1)).unwrap();
+    let run = ["run", "--hosts", "--schedule", &schedule];
+    bateleur(&run).end().expect_code(2).expect_words(&["there is no program"]);
+    let one = repository().join("schedule.toml");
+    let run = ["run", "--hosts", "--schedule", one.to_str().unwrap()];
+    bateleur(&run).end().expect_code(2).expect_words(&["has one module: leave --hosts out"]);
+}

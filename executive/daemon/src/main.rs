@@ -85,7 +85,7 @@ fn main() -> ExitCode {
 
 /// A terminal or a pipe that is gone must not end a flight.
 fn say(to: &mut dyn Write, text: &str) {
-    let _ = writeln!(to, "{text}"); // nobody reads
+    let _ = to.write_all(format!("{text}\n").as_bytes()); // in one write, as others write there too; nobody may read
 }
 
 fn run_plan(plan: &str, order: Option<&str>) -> Result<u8, String> {

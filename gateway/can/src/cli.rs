@@ -138,14 +138,12 @@ fn run(arguments: &Run) -> Result<u8> {
             stop.store(true, std::sync::atomic::Ordering::Relaxed);
         });
     }
-    node.run(&stop, &mut |text| eprintln!("gateway {name}: {text}"));
+    // One write a line: several programs of a flight share one standard error.
+    let say = |text: &str| std::io::stderr().write_all(format!("gateway {name}: {text}\n").as_bytes());
+    node.run(&stop, &mut |text| drop(say(text)));
     let counters = node.counters();
-    eprintln!(
-        "gateway {name}: ends; {} frames from the bus, {} to it, {} lost",
-        counters.bus_in,
-        counters.bus_out,
-        counters.lost()
-    );
+    let (bus_in, bus_out, lost) = (counters.bus_in, counters.bus_out, counters.lost());
+    let _ = say(&format!("ends; {bus_in} frames from the bus, {bus_out} to it, {lost} lost"));
     Ok(0)
 }
 

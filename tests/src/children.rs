@@ -8,6 +8,9 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::await_some;
 
+/// The name of an executive's process.
+pub(crate) const EXECUTIVE: &str = "bateleurd";
+
 /// A process, told apart from a later one with the same number.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Process {
@@ -23,7 +26,8 @@ pub struct Process {
 }
 
 impl Process {
-    fn read(pid: i32) -> Option<Self> {
+    /// The process with this number, if there is one.
+    pub fn read(pid: i32) -> Option<Self> {
         let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
         let (before, after) = stat.rsplit_once(')')?;
         let fields: Vec<&str> = after.split_ascii_whitespace().collect();
@@ -52,6 +56,13 @@ impl Process {
     pub fn signal(&self, signal: Signal) {
         assert!(self.is_alive(), "{self:?} has ended");
         kill_process(Pid::from_raw(self.pid).unwrap(), signal).unwrap();
+    }
+
+    /// Kills it, if it has not ended.
+    pub(crate) fn kill(&self) {
+        if self.is_alive() {
+            let _ = kill_process(Pid::from_raw(self.pid).unwrap(), Signal::KILL); // it has ended
+        }
     }
 
     fn sockets(&self) -> Vec<String> {
@@ -90,10 +101,12 @@ pub fn process_named(pid: i32, name: &str) -> Process {
     found.unwrap_or_else(|| panic!("no process {name} below {pid}: {:?}", children_of(pid)))
 }
 
-/// The executive below a `bateleur fly`.
+/// The executive of a run whose partitions are ready and whose first process is `root`: that process, or one below a supervisor or a
+/// `bateleur fly`.
 #[track_caller]
-pub fn executive_of(fly: i32) -> Process {
-    process_named(fly, "bateleurd")
+pub fn executive_of(root: i32) -> Process {
+    let is_executive = |process: &Process| process.name == EXECUTIVE;
+    Process::read(root).filter(is_executive).unwrap_or_else(|| process_named(root, EXECUTIVE))
 }
 
 /// All that a run has on the machine at one moment.
@@ -106,9 +119,10 @@ pub struct Traces {
 }
 
 impl Traces {
-    /// Of the run whose first process is `root`, with the executive `executive`.
+    /// Of a run whose partitions are ready and whose first process is `root`.
     #[track_caller]
-    pub fn of(root: i32, executive: i32) -> Self {
+    pub fn of(root: i32) -> Self {
+        let executive = executive_of(root).pid;
         let mut processes = children_of(root);
         processes.extend(Process::read(root));
         let udp = udp_sockets();

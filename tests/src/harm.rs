@@ -80,7 +80,7 @@ fn disk_of(folder: &Path, partition: &str) -> u64 {
 pub fn run_watched(schedule: &str, partition: &str, length: Duration) -> (Ended, Vec<Sample>) {
     let mut module = bateleur(&["run", "--schedule", schedule]);
     module.await_words("partitions are ready");
-    let traces = Traces::of(module.pid(), module.pid());
+    let traces = Traces::of(module.pid());
     let samples = watch(&module, partition, length);
     let late = children_of(module.pid());
     module.signal(Signal::TERM);

@@ -12,6 +12,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 use crate::await_some;
+use crate::children::{EXECUTIVE as EXECUTIVE_NAME, Process, children_of};
 use crate::output::{Fault, Window, faults, windows};
 
 /// The project's root.
@@ -189,6 +190,15 @@ impl Started {
 
 impl Drop for Started {
     fn drop(&mut self) {
+        // A supervisor would start another executive, and an executive goes on without its supervisor.
+        let is_supervisor = Process::read(self.pid()).is_some_and(|process| process.name == "supervisor");
+        if is_supervisor {
+            self.signal(Signal::STOP);
+            children_of(self.pid())
+                .iter()
+                .filter(|child| child.name == EXECUTIVE_NAME)
+                .for_each(Process::kill);
+        }
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

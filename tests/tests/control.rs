@@ -246,7 +246,7 @@ fn observers(module: &Started) -> Vec<bateleur_tests::Process> {
 fn messages_are_named_counted_and_recorded_and_a_killed_client_leaves_nothing() {
     let _turn = alone();
     let (module, folder) = counting_module();
-    let traces = bateleur_tests::Traces::of(module.pid(), module.pid());
+    let traces = bateleur_tests::Traces::of(module.pid());
     let list = ask(&module, &["ports", "list", "--format", "json"]).expect_code(0).summary();
     assert_eq!(list[0]["source"], "from.count");
     assert_eq!(list[0]["destinations"], serde_json::json!(["to.heard"]));

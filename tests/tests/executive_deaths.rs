@@ -4,7 +4,9 @@
 
 use std::time::Duration;
 
-use bateleur_tests::{Ended, Fault, Sketch, Started, Traces, alone, bateleur, executive_of};
+use bateleur_tests::{
+    Ended, Fault, Process, Sketch, Started, Traces, alone, bateleur, children_of, executive_of,
+};
 use rustix::process::Signal;
 
 #[test]
@@ -70,7 +72,7 @@ fn module_goes_on_after_its_executive_was_killed_or_stopped_at_any_instant() {
     for (number, signal) in ways.into_iter().enumerate() {
         std::thread::sleep(Duration::from_millis(if number == 0 { 900 } else { random(&mut seed) % 400 }));
         let executive = executive_of(run.pid());
-        traces.push(Traces::of(executive.pid, executive.pid));
+        traces.push(Traces::of(executive.pid));
         executive.signal(signal);
         await_frames(&mut run, number + 1);
     }
@@ -130,7 +132,7 @@ fn budget_of_resets_bounds_how_often_an_executive_is_started_again() {
     first.signal(Signal::KILL);
     await_frames(&mut run, 1);
     let second = executive_of(run.pid());
-    let traces = Traces::of(second.pid, second.pid);
+    let traces = Traces::of(second.pid);
     second.signal(Signal::KILL);
     run.end().expect_code(1).expect_words(&["executive_died: ended by signal 9; the module ends"]);
     traces.expect_gone();
@@ -145,7 +147,7 @@ fn supervised_module_ends_as_it_is_asked_to_also_while_an_executive_follows_a_de
         let mut run = started(&schedule, &[]);
         run.await_words("2 partitions are ready");
         let executive = executive_of(run.pid());
-        let traces = Traces::of(executive.pid, executive.pid);
+        let traces = Traces::of(executive.pid);
         if dies_before {
             executive.signal(Signal::KILL);
             run.await_words("executive_died");
@@ -156,4 +158,56 @@ fn supervised_module_ends_as_it_is_asked_to_also_while_an_executive_follows_a_de
         assert!(ended.code == Some(0) || dies_before && ended.code == Some(1), "{ended:?}");
         traces.expect_gone();
     }
+}
+
+/// Waits for a supervisor that the executive has started.
+fn supervisor_below(executive: &Process, not: &[i32]) -> Process {
+    let found = bateleur_tests::await_some(Duration::from_secs(20), || {
+        let children = children_of(executive.pid).into_iter();
+        children.into_iter().find(|child| child.name == "supervisor" && !not.contains(&child.pid))
+    });
+    found.unwrap_or_else(|| panic!("no supervisor below {executive:?}"))
+}
+
+#[test]
+fn supervisor_that_is_killed_is_followed_and_the_module_outlives_supervisors_and_executives_by_turns() {
+    let _turn = alone();
+    let scratch = tempfile::tempdir().unwrap();
+    let mut seed = 19;
+    let mut run = started(&schedule(scratch.path(), 9), &["--until", "6"]);
+    run.await_words("2 partitions are ready");
+    let mut executive = executive_of(run.pid());
+    let mut traces = vec![Traces::of(run.pid())];
+    let mut supervisors = vec![run.pid()];
+    for turn in 1..=3 {
+        std::thread::sleep(Duration::from_micros(random(&mut seed) % 300_000));
+        process(*supervisors.last().unwrap()).signal(Signal::KILL);
+        let supervisor = supervisor_below(&executive, &supervisors);
+        supervisors.push(supervisor.pid);
+        std::thread::sleep(Duration::from_micros(random(&mut seed) % 300_000));
+        executive.signal(Signal::KILL);
+        let begun = bateleur_tests::await_some(Duration::from_secs(20), || {
+            (run.said().matches("frame 0 again").count() >= turn).then_some(())
+        });
+        assert!(begun.is_some(), "turn {turn}: {}", run.said());
+        executive = executive_of(supervisor.pid);
+        traces.push(Traces::of(supervisor.pid));
+    }
+    let ended = bateleur_tests::await_some(Duration::from_secs(20), || {
+        run.said().contains("stopped after 6.0").then_some(())
+    });
+    assert!(ended.is_some(), "{}", run.said());
+    traces.iter().for_each(Traces::expect_gone);
+    let ended = run.end();
+    let faults = of_executive(&ended);
+    assert_eq!(faults.len(), 3, "{faults:?}");
+    assert!(faults.iter().all(|fault| fault.error == "executive_died" && fault.action == "reset"));
+    for partition in ["first", "second"] {
+        let warm = ended.faults().into_iter().filter(|fault| fault.partition == partition).count();
+        assert_eq!(warm, 0, "{partition} has failed by itself: {:?}", ended.faults());
+    }
+}
+
+fn process(pid: i32) -> Process {
+    Process::read(pid).unwrap_or_else(|| panic!("process {pid} has ended"))
 }

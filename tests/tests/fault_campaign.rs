@@ -184,7 +184,7 @@ fn start(folder: &std::path::Path) -> (Started, Traces) {
     let mut module =
         bateleur(&["run", "--record", "--schedule", schedule.to_str().unwrap(), "--set", device]);
     module.await_words("partitions are ready");
-    let traces = Traces::of(module.pid(), module.pid());
+    let traces = Traces::of(module.pid());
     (module, traces)
 }
 

@@ -166,7 +166,7 @@ fn folders_within_each_other_are_removed_by_the_guard_and_by_the_next_start() {
         let nested = schedule(folder.path(), "how = \"nested\", end = \"stay\"");
         let mut module = who.run(&["run", "--until", "100", "--schedule", &nested]);
         module.await_words("it has littered");
-        let (pid, traces) = (module.pid(), Traces::of(module.pid(), module.pid()));
+        let (pid, traces) = (module.pid(), Traces::of(module.pid()));
         if with_guard {
             process_named(pid, "guard").signal(Signal::KILL);
         }
@@ -238,7 +238,7 @@ fn module_that_is_ended_while_channels_are_made_anew_leaves_nothing() {
             module.await_words("it has littered");
             // From before its end is seen to after its successor is there.
             std::thread::sleep(Duration::from_micros(seed * 7919 % 90_000));
-            let traces = Traces::of(module.pid(), module.pid());
+            let traces = Traces::of(module.pid());
             module.signal(if seed % 3 == 0 { Signal::KILL } else { Signal::TERM });
             drop_or_end(module, seed % 3 == 0);
             traces.expect_gone();
@@ -263,7 +263,7 @@ fn guard_that_was_stopped_does_not_stay_behind() {
     for who in Who::all() {
         let mut module = who.run(&["run", "--until", "1", "--schedule", &schedule]);
         module.await_words("partitions are ready");
-        let (guard, traces) = (process_named(module.pid(), "guard"), Traces::of(module.pid(), module.pid()));
+        let (guard, traces) = (process_named(module.pid(), "guard"), Traces::of(module.pid()));
         guard.signal(Signal::STOP);
         module.end().expect_code(0);
         assert!(!guard.is_alive(), "{who:?}");

@@ -14,7 +14,7 @@ fn run() -> (Started, Traces) {
     let mut module =
         bateleur(&["run", "--schedule", schedule.to_str().unwrap(), "--set", device, "--until", "100"]);
     module.await_words("partitions are ready");
-    let traces = Traces::of(module.pid(), module.pid());
+    let traces = Traces::of(module.pid());
     assert!(traces.has_sockets(), "hil_interface has one");
     (module, traces)
 }
@@ -25,7 +25,7 @@ fn fly() -> (Started, Traces) {
     let mut flight =
         bateleur(&["fly", "--fast", "--format", "json", "--schedule", schedule.to_str().unwrap()]);
     flight.await_words("partitions are ready");
-    let traces = Traces::of(flight.pid(), executive_of(flight.pid()).pid);
+    let traces = Traces::of(flight.pid());
     assert!(traces.has_sockets(), "the simulator and hil_interface have one each");
     (flight, traces)
 }
@@ -101,8 +101,7 @@ fn module_that_is_asked_to_end_leaves_nothing() {
 fn module_that_is_killed_leaves_nothing() {
     let _turn = alone();
     let (module, traces) = run();
-    module.signal(Signal::KILL);
-    drop(module);
+    drop(module); // by SIGKILL, with its supervisor
     traces.expect_gone();
 }
 
@@ -112,8 +111,7 @@ fn module_that_is_killed_with_its_guard_is_cleaned_up_by_the_next_start() {
     let (module, traces) = run();
     let guard = process_named(module.pid(), "guard");
     guard.signal(Signal::KILL);
-    module.signal(Signal::KILL);
-    drop(module);
+    drop(module); // by SIGKILL, with its supervisor
     // What holds memory and groups is gone with the executive, but nobody removes the names.
     assert!(!traces.shared_memory().is_empty(), "without the guard something is left");
     let schedule = flight_schedule();

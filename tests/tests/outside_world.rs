@@ -212,7 +212,7 @@ fn simulator_killed_leaves_nothing() {
     let _turn = among_others();
     let mut flight = fly(&["--fast"]);
     flight.await_words("partitions are ready");
-    let traces = Traces::of(flight.pid(), executive_of(flight.pid()).pid);
+    let traces = Traces::of(flight.pid());
     simulator_of(&flight).signal(Signal::KILL);
     flight.end().expect_code(1);
     traces.expect_gone();

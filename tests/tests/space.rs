@@ -357,7 +357,7 @@ fn children_of_a_taken_partition_do_not_survive_the_executive() {
     let children =
         await_some(Duration::from_secs(5), || Some(children_of(middle.pid)).filter(|all| all.len() == 3));
     assert!(children.is_some(), "three children");
-    let traces = Traces::of(module.pid(), module.pid());
+    let traces = Traces::of(module.pid());
     module.signal(Signal::KILL);
     drop(module);
     traces.expect_gone();

@@ -6,7 +6,6 @@
 
 use std::fs::File;
 use std::io::{Read, Write};
-use std::os::fd::{FromRawFd, OwnedFd, RawFd};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -16,7 +15,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use bateleur_contract::Mapped;
 use bateleur_daemon::module::{Options, Supervision, run};
 use bateleur_daemon::world::Companion;
-use bateleur_daemon::{SIGPWR, WRONG, supervisor};
+use bateleur_daemon::{CANNOT_RUN, FINE, SIGPWR, lost_supervisor, supervisor};
 use bateleur_host::helper::{guard, remover};
 use bateleur_monitor::event::{Event, Events};
 use bateleur_monitor::lines::{LineLog, Patience, Sink};
@@ -24,14 +23,10 @@ use bateleur_monitor::planned::not_reached;
 use bateleur_monitor::run_order::{RunOrder, Supervised};
 use bateleur_plan::Plan;
 use bateleur_plan::compiled::{Compiled, MOST_BYTES};
+use bateleur_system::handed_over::inherited;
 use bateleur_system::{folders, privileges};
 use rustix::fs::{FlockOperation, flock};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-
-/// It ran, and nothing was wrong.
-const FINE: u8 = 0;
-/// It could not run.
-const CANNOT_RUN: u8 = 2;
 
 /// A file would grow beyond what this process may write (Linux, signal(7)). Such a write fails then, and costs records and not the module.
 const SIGXFSZ: i32 = 25;
@@ -106,16 +101,27 @@ fn run_plan(plan: &str, order: Option<&str>) -> Result<u8, String> {
     if supervisor::is_wanted(&plan, &order) {
         return supervisor::run(&plan, &bytes, &order);
     }
+    if order.supervised.is_some() {
+        lost_supervisor::watch(&bytes, &order)?;
+    }
     drop(bytes);
-    let _alone = folder(&order.output)?;
+    let alone = folder(&order.output)?;
     let (acts, changes) = (order.acts.clone(), order.schedule_changes.clone());
     let for_person = order.events_fd.is_none();
-    let outcome = run(plan, options(order)?).map_err(|error| error.to_string())?;
+    let options = options(order)?;
+    let page = options.supervision.as_ref().map(|supervision| supervision.page.clone());
+    let ran = run(plan, options).map_err(|error| error.to_string());
+    drop(alone);
+    let code = ran.as_ref().map_or(CANNOT_RUN, |outcome| outcome.code());
+    if let Some(page) = page {
+        page.end(code);
+    }
+    let outcome = ran?;
     if for_person {
         let missed = not_reached(&acts, &changes, outcome.module_ns);
         missed.iter().for_each(|line| say(&mut std::io::stderr(), line));
     }
-    Ok(if outcome.faulty || outcome.logs_lost || outcome.left_behind { WRONG } else { FINE })
+    Ok(code)
 }
 
 /// What a file holds, or a descriptor that was handed over; no more than `most` bytes.
@@ -208,15 +214,6 @@ fn supervision(handed: Supervised) -> Result<Supervision, String> {
         retained: retained.collect::<Result<_, String>>()?,
         after: handed.after,
     })
-}
-
-#[allow(unsafe_code)]
-fn inherited(number: RawFd) -> Result<OwnedFd, String> {
-    if number < 3 || !Path::new(&format!("/proc/self/fd/{number}")).exists() {
-        return Err(format!("descriptor {number} was not handed over"));
-    }
-    // SAFETY: it is open, and whoever started this program handed it over for this purpose; each is taken once.
-    Ok(unsafe { OwnedFd::from_raw_fd(number) })
 }
 
 fn stop_with_standard_input(stop: Arc<AtomicBool>) {

@@ -6,11 +6,9 @@
 //! the one before had started has ended and its guard has cleaned up.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{self, Write};
-use std::os::fd::{AsFd, AsRawFd, OwnedFd};
-use std::os::unix::process::ExitStatusExt;
-use std::process::{Child, Command, ExitStatus};
+use std::io;
+use std::os::fd::{AsRawFd, OwnedFd};
+use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -19,17 +17,16 @@ use bateleur_host::partition::shared_memory;
 use bateleur_monitor::health::decision::decide_module;
 use bateleur_monitor::run_order::{DeadExecutive, RunOrder, Supervised};
 use bateleur_plan::{ModuleAction, ModuleError, ModuleView, Plan};
-use bateleur_system::time::{now_ns, timespec};
-use bateleur_system::wait::{is_stopped, is_victim};
+use bateleur_system::handed_over::{self, copy_of_inherited, inherited};
+use bateleur_system::time::now_ns;
 use bateleur_time::run_page::RunPage;
-use rustix::event::{PollFd, PollFlags, poll};
-use rustix::fs::{MemfdFlags, memfd_create};
 use rustix::io::Errno;
-use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions};
+use rustix::process::{Pid, Signal, WaitOptions, getppid};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::module::module_of;
-use crate::{SIGPWR, WRONG};
+use crate::watched_executive::WatchedExecutive;
+use crate::{SIGPWR, WRONG, say};
 
 /// Between two looks at the executive, ns. Its end is seen at once.
 const LOOK_NS: u64 = 20_000_000;
@@ -46,7 +43,7 @@ const ENDS_NS: u64 = 10_000_000_000;
 #[must_use]
 pub fn is_wanted(plan: &Plan, order: &RunOrder) -> bool {
     let resets = |error| plan.health.module.action(error) == ModuleAction::Reset;
-    order.supervised.is_none()
+    order.supervised.as_ref().is_none_or(|supervised| supervised.executive_fd.is_some())
         && !order.fast
         && (resets(ModuleError::ExecutiveDied) || resets(ModuleError::ExecutiveHung))
 }
@@ -56,14 +53,21 @@ pub fn is_wanted(plan: &Plan, order: &RunOrder) -> bool {
 /// # Errors
 /// The machine has no memory or no process for it.
 pub fn run(plan: &Plan, compiled: &[u8], order: &RunOrder) -> Result<u8, String> {
+    let parent = getppid().unwrap_or(Pid::INIT);
     let view = module_of(plan, &order.module).map_err(|error| error.to_string())?;
     let cannot = |error: io::Error| format!("cannot supervise the executive: {error}");
+    let mut found = order.supervised.as_ref().and_then(|supervised| supervised.executive_fd);
     let mut supervisor = Supervisor::new(plan, &view, compiled, order.clone()).map_err(cannot)?;
     let _ = rustix::thread::set_name(c"supervisor"); // a name is a comfort
     // Whatever an executive leaves becomes a child of this process: its end is seen here.
     rustix::process::set_child_subreaper(Pid::from_raw(1)).map_err(|error| cannot(error.into()))?;
     loop {
-        let end = supervisor.run_one().map_err(cannot)?;
+        let executive = match found.take() {
+            // The process that has started this one, or, where that has ended meanwhile, another one whose number says nothing.
+            Some(number) => WatchedExecutive::found(parent, inherited(number)?),
+            None => supervisor.start().map_err(cannot)?,
+        };
+        let end = supervisor.see_out(executive).map_err(cannot)?;
         let (error, detail, at_ns) = match end {
             End::Orderly(code) => return Ok(code),
             End::Fault(error, detail, at_ns) => (error, detail, at_ns),
@@ -110,20 +114,15 @@ impl<'a> Supervisor<'a> {
         compiled: &'a [u8],
         mut order: RunOrder,
     ) -> io::Result<Self> {
-        let page = inherited_memory("run", size_of::<RunPage>() as u64)?;
-        let mapped = Arc::new(Mapped::new(&page).map_err(io::Error::other)?);
         let mut handed = Vec::new();
-        let mut retained_fds = BTreeMap::new();
-        for partition in
-            view.partitions().map(|id| &plan[id]).filter(|partition| partition.retained_bytes > 0)
-        {
-            let memory = shared_memory(&partition.name, partition.retained_bytes)?;
-            hand_over(&memory)?;
-            retained_fds.insert(partition.name.clone(), memory.as_raw_fd());
-            handed.push(memory);
-        }
-        order.supervised = Some(Supervised { page_fd: page.as_raw_fd(), retained_fds, after: None });
-        handed.push(page);
+        let supervised = match order.supervised.take() {
+            // What was handed over stays open under its number.
+            Some(before) => Supervised { executive_fd: None, ..before },
+            None => begin(view, &mut handed)?,
+        };
+        let page = copy_of_inherited(supervised.page_fd).map_err(io::Error::other)?;
+        let page = Arc::new(Mapped::new(page).map_err(io::Error::other)?);
+        order.supervised = Some(supervised);
         let signals = [SIGINT, SIGTERM, SIGHUP, SIGPWR].map(|signal| {
             let flag = Arc::new(AtomicBool::new(false));
             signal_hook::flag::register(signal, flag.clone()).map(|_| (signal, flag))
@@ -132,7 +131,7 @@ impl<'a> Supervisor<'a> {
             plan,
             compiled,
             order,
-            page: mapped,
+            page,
             _handed: handed,
             signals: signals.into_iter().collect::<io::Result<_>>()?,
             asked: false,
@@ -141,50 +140,41 @@ impl<'a> Supervisor<'a> {
         })
     }
 
-    /// One executive, from its start until everything that it has started has ended.
-    fn run_one(&mut self) -> io::Result<End> {
-        self.page.forget_threads();
-        let plan = text_in_memory("plan", self.compiled)?;
-        let order = text_in_memory("order", &serde_json::to_vec(&self.order)?)?;
+    /// The next executive.
+    fn start(&self) -> io::Result<WatchedExecutive> {
+        self.page.forget_executive();
+        let plan = handed_over::text("plan", self.compiled)?;
+        let order = handed_over::text("order", &serde_json::to_vec(&self.order)?)?;
         let descriptor = |file: &OwnedFd| format!("fd:{}", file.as_raw_fd());
-        let executive =
-            Command::new(std::env::current_exe()?).args([descriptor(&plan), descriptor(&order)]).spawn()?;
-        drop((plan, order)); // it has them
-        let (status, hung) = self.watch(executive)?;
-        if hung.is_none()
-            && let Some(code) = status.code()
-            && !is_victim(Some(status))
-        {
-            return Ok(End::Orderly(code as u8)); // 0 to 255
-        }
-        let (error, detail) = match hung {
-            Some(why) => (ModuleError::ExecutiveHung, why),
-            None => (ModuleError::ExecutiveDied, died_of(status)),
+        let arguments = [descriptor(&plan), descriptor(&order)];
+        WatchedExecutive::started(Command::new(std::env::current_exe()?).args(arguments).spawn()?)
+    }
+
+    /// Watches an executive until everything that it has started has ended.
+    fn see_out(&mut self, mut executive: WatchedExecutive) -> io::Result<End> {
+        let hung = self.watch(&executive);
+        let (error, detail) = match (executive.end(self.page.ended())?, hung) {
+            (Ok(code), None) => return Ok(End::Orderly(code)),
+            (_, Some(why)) => (ModuleError::ExecutiveHung, why),
+            (Err(how), None) => (ModuleError::ExecutiveDied, how),
         };
         let at_ns = now_ns();
-        await_remains();
+        executive.await_guard(ENDS_NS);
+        await_children();
         Ok(End::Fault(error, detail, at_ns))
     }
 
-    /// Waits for its end, or ends it because it hangs; how it ended, and how it hung.
-    fn watch(&mut self, mut executive: Child) -> io::Result<(ExitStatus, Option<String>)> {
-        let pid = Pid::from_child(&executive);
-        let descriptor = rustix::process::pidfd_open(pid, PidfdFlags::empty())?;
+    /// Waits for its end, or ends it because it hangs; how it hung.
+    fn watch(&mut self, executive: &WatchedExecutive) -> Option<String> {
         let (mut hung, mut stopped_ns) = (None, None);
-        loop {
-            let mut ends = [PollFd::from_borrowed_fd(descriptor.as_fd(), PollFlags::IN)];
-            let look = timespec(LOOK_NS);
-            if poll(&mut ends, Some(&look)).is_ok_and(|ready| ready > 0) {
-                return Ok((executive.wait()?, hung));
-            }
+        while !executive.await_end(LOOK_NS) {
             for (signal, flag) in &self.signals {
                 if flag.swap(false, Ordering::AcqRel) {
                     self.asked |= *signal != SIGPWR;
-                    let signal = Signal::from_named_raw(*signal).unwrap_or(Signal::TERM);
-                    let _ = rustix::process::kill_process(pid, signal); // it has ended
+                    executive.signal(Signal::from_named_raw(*signal).unwrap_or(Signal::TERM));
                 }
             }
-            if is_stopped(pid.as_raw_nonzero().get()) {
+            if executive.is_stopped() {
                 stopped_ns.get_or_insert_with(now_ns);
             } else {
                 stopped_ns = None;
@@ -193,9 +183,10 @@ impl<'a> Supervisor<'a> {
                 && let Some(why) = self.hangs(stopped_ns)
             {
                 hung = Some(why);
-                let _ = rustix::process::kill_process(pid, Signal::KILL); // as above
+                executive.signal(Signal::KILL);
             }
         }
+        hung
     }
 
     /// Whether a signal that ends a run has come and no executive has got it, or the last one before it could heed it.
@@ -243,15 +234,24 @@ impl<'a> Supervisor<'a> {
     }
 }
 
-fn died_of(status: ExitStatus) -> String {
-    match status.signal() {
-        Some(signal) => format!("ended by signal {signal}"),
-        None => format!("ended with exit code {}", status.code().unwrap_or(-1)),
+/// What executives that follow each other have in common, made for the first of them.
+fn begin(view: &ModuleView<'_>, handed: &mut Vec<OwnedFd>) -> io::Result<Supervised> {
+    let page = handed_over::memory("run", size_of::<RunPage>() as u64)?;
+    let page_fd = page.as_raw_fd();
+    handed.push(page);
+    let mut retained_fds = BTreeMap::new();
+    let partitions = view.partitions().map(|id| &view.plan()[id]);
+    for partition in partitions.filter(|partition| partition.retained_bytes > 0) {
+        let memory = shared_memory(&partition.name, partition.retained_bytes)?;
+        let memory = handed_over::copy(memory)?;
+        retained_fds.insert(partition.name.clone(), memory.as_raw_fd());
+        handed.push(memory);
     }
+    Ok(Supervised { page_fd, retained_fds, after: None, executive_fd: None })
 }
 
-/// Waits until the guard of a dead executive has cleaned up, and everything else that it had started has ended.
-fn await_remains() {
+/// Waits until all that a dead executive had started has ended, its guard among it.
+fn await_children() {
     let end_ns = now_ns() + ENDS_NS;
     while now_ns() < end_ns {
         match rustix::process::wait(WaitOptions::NOHANG) {
@@ -260,27 +260,4 @@ fn await_remains() {
             Ok(None) => std::thread::sleep(std::time::Duration::from_millis(1)),
         }
     }
-}
-
-fn say(text: &str) {
-    let _ = io::stderr().write_all(format!("{text}\n").as_bytes()); // nobody reads
-}
-
-/// A file in memory that executives inherit.
-fn inherited_memory(name: &str, bytes: u64) -> io::Result<OwnedFd> {
-    let file = memfd_create(name, MemfdFlags::empty())?;
-    rustix::fs::ftruncate(&file, bytes)?;
-    Ok(file)
-}
-
-fn text_in_memory(name: &str, text: &[u8]) -> io::Result<OwnedFd> {
-    let mut file = File::from(memfd_create(name, MemfdFlags::empty())?);
-    file.write_all(text)?;
-    rustix::fs::seek(&file, rustix::fs::SeekFrom::Start(0))?;
-    Ok(file.into())
-}
-
-/// Has executives inherit a descriptor.
-fn hand_over(file: &OwnedFd) -> io::Result<()> {
-    Ok(rustix::io::fcntl_setfd(file, rustix::io::FdFlags::empty())?)
 }

@@ -63,6 +63,8 @@ pub struct Supervised {
     pub retained_fds: BTreeMap<String, i32>,
     /// The executive that ran before; `None` if this is the first.
     pub after: Option<DeadExecutive>,
+    /// For a supervisor that follows a dead one: a descriptor of the executive's process.
+    pub executive_fd: Option<i32>,
 }
 
 /// An executive that has ended and was not to.

@@ -2,7 +2,6 @@
 
 #![allow(unsafe_code)]
 
-use std::fs::File;
 use std::io;
 
 use rustix::process::{Pid, WaitOptions, waitpid};
@@ -52,14 +51,6 @@ fn drop_privileges() -> io::Result<()> {
         done(libc::setresuid(NOBODY, NOBODY, NOBODY))?;
         done(libc::prctl(libc::PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0))
     }
-}
-
-/// A file in memory that is handed to the next program: it outlives `exec`.
-///
-/// # Errors
-/// There is no memory for it.
-pub fn handed_on(name: &str) -> io::Result<File> {
-    Ok(File::from(rustix::fs::memfd_create(name, rustix::fs::MemfdFlags::empty())?))
 }
 
 /// The capabilities that the executive uses, each with what for. Where it is root it drops all others at its start, for itself

@@ -11,7 +11,7 @@ use bateleur_contract::{Mapped, SharedMemory};
 use bateleur_system::time::now_ns;
 
 /// Threads that are watched, most: the monitor, and dispatchers.
-const MOST: usize = 56;
+const MOST: usize = 55;
 /// Counts that an executive leaves to the next one.
 const COUNTS: usize = 6;
 
@@ -25,6 +25,8 @@ pub struct RunPage {
     resets: AtomicU64,
     /// What the monitor has counted, in an order of its own.
     counts: [AtomicU64; COUNTS],
+    /// The exit code that the executive is about to give, plus one; 0: it gives none yet.
+    ends: AtomicU64,
     /// When each thread was seen last, CLOCK_MONOTONIC ns; 0: it is not to be seen.
     seen_ns: [AtomicU64; MOST],
 }
@@ -64,6 +66,17 @@ impl RunPage {
         std::array::from_fn(|place| self.counts[place].load(SeqCst))
     }
 
+    /// The executive ends by itself, with this exit code.
+    pub fn end(&self, code: u8) {
+        self.ends.store(u64::from(code) + 1, SeqCst);
+    }
+
+    /// The exit code of an executive that has ended; `None` if it did not end by itself.
+    #[must_use]
+    pub fn ended(&self) -> Option<u8> {
+        Some(self.ends.load(SeqCst)).and_then(|ends| u8::try_from(ends.checked_sub(1)?).ok())
+    }
+
     /// For how long the monitor has not been seen, ns; `None` if it is not to be seen.
     #[must_use]
     pub fn monitor_silence_ns(&self, now_ns: u64) -> Option<u64> {
@@ -76,8 +89,9 @@ impl RunPage {
         longest_silence_ns(&self.seen_ns[1..], now_ns)
     }
 
-    /// Nobody is to be seen any more: the executive has ended.
-    pub fn forget_threads(&self) {
+    /// Another executive begins: nobody is to be seen yet.
+    pub fn forget_executive(&self) {
+        self.ends.store(0, SeqCst);
         self.seen_ns.iter().for_each(|seen_ns| seen_ns.store(0, SeqCst));
     }
 }
@@ -154,8 +168,10 @@ mod tests {
         assert_eq!(page.dispatcher_silence_ns(100), Some(70), "whoever is silent longest counts");
         drop(dispatchers);
         assert_eq!((page.monitor_silence_ns(100), page.dispatcher_silence_ns(100)), (Some(90), None));
-        page.forget_threads();
-        assert_eq!(page.monitor_silence_ns(100), None);
+        page.end(0);
+        assert_eq!(page.ended(), Some(0));
+        page.forget_executive();
+        assert_eq!((page.monitor_silence_ns(100), page.ended()), (None, None));
     }
 
     #[test]

@@ -174,6 +174,14 @@ pub struct Outcome {
     pub guarantees: Vec<Guarantee>,
 }
 
+impl Outcome {
+    /// The exit code that says so.
+    #[must_use]
+    pub fn code(&self) -> u8 {
+        if self.faulty || self.logs_lost || self.left_behind { crate::WRONG } else { crate::FINE }
+    }
+}
+
 /// Runs a module until it is told to stop.
 ///
 /// # Errors

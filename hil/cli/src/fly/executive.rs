@@ -6,6 +6,8 @@ use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
@@ -13,6 +15,7 @@ use anyhow::{Context, Result, bail};
 use bateleur_monitor::event::Event;
 use bateleur_plan::{ModuleId, Plan};
 use rustix::io::{FdFlags, fcntl_setfd};
+use rustix::process::{Pid, Signal, kill_process};
 
 use super::hosts::namespace::Lan;
 use super::hosts::{self, Hosts};
@@ -34,6 +37,8 @@ pub(super) struct Executive {
     /// The executive stops when this closes.
     line: Option<ChildStdin>,
     events: Receiver<Event>,
+    /// Nobody can send more events.
+    events_end: Arc<AtomicBool>,
     /// Virtual clock: the other end of the handshake.
     companion: Option<UnixStream>,
     /// How it was started.
@@ -140,7 +145,8 @@ impl Executive {
         // One that waits in its namespace is told to go on through it first.
         let line = if start.interfaces.is_some() { None } else { process.stdin.take() };
         let companion = companion.map(|(own, _)| own);
-        Ok(Self { process, line, events: read_events(events), companion, start, remains: None })
+        let (events, events_end) = read_events(events);
+        Ok(Self { process, line, events, events_end, companion, start, remains: None })
     }
 
     /// Joins it to its networks, and lets it start.
@@ -152,8 +158,12 @@ impl Executive {
 
     /// Ends it as a computer ends that loses its power.
     pub(super) fn kill(&mut self) {
-        self.remains = Some(Remains::of(self.process.id()));
-        let _ = self.process.kill(); // it has ended already
+        // A supervisor would start another executive, and an executive goes on without its supervisor.
+        if let Some(pid) = Pid::from_raw(self.process.id() as i32) {
+            let _ = kill_process(pid, Signal::STOP); // it has ended already
+        }
+        self.remains = Some(Remains::of(self.process.id()).without_executive());
+        let _ = self.process.kill(); // as above
         let _ = self.process.wait(); // as above
     }
 
@@ -195,9 +205,10 @@ impl Executive {
         self.events.try_iter().collect()
     }
 
-    /// How it ended, if it has.
+    /// How it ended, if it has. A supervisor that a signal has ended is followed by another one: the module goes on, and so do its events.
     pub(super) fn ended(&mut self) -> Option<ExitStatus> {
-        self.process.try_wait().ok().flatten()
+        let status = self.process.try_wait().ok().flatten()?;
+        (status.code().is_some() || self.events_end.load(Ordering::Acquire)).then_some(status)
     }
 
     /// The virtual clock's next question; none yet, or an error where there will be no more.
@@ -236,8 +247,7 @@ impl Executive {
             std::thread::sleep(Duration::from_millis(2));
         }
         if self.ended().is_none() {
-            let _ = self.process.kill(); // its guard cleans up
-            let _ = self.process.wait();
+            self.kill(); // its guard cleans up
         }
         // The reader ends when the pipe does.
         self.events.iter().collect()
@@ -318,16 +328,20 @@ fn add_companion(command: &mut Command) -> Result<(UnixStream, UnixStream)> {
     Ok((own, other))
 }
 
-fn read_events(pipe: impl Read + Send + 'static) -> Receiver<Event> {
+/// The events, and whether nobody can send more of them.
+fn read_events(pipe: impl Read + Send + 'static) -> (Receiver<Event>, Arc<AtomicBool>) {
     let (sender, receiver) = channel();
+    let end = Arc::new(AtomicBool::new(false));
+    let ends = end.clone();
     std::thread::spawn(move || {
         for line in BufReader::new(pipe).lines().map_while(Result::ok) {
             if let Ok(event) = serde_json::from_str(&line)
                 && sender.send(event).is_err()
             {
-                return;
+                break;
             }
         }
+        ends.store(true, Ordering::Release);
     });
-    receiver
+    (receiver, end)
 }

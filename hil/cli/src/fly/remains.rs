@@ -7,25 +7,35 @@ use std::os::fd::OwnedFd;
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
+use bateleur_system::processes::below;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::process::{Pid, PidfdFlags, pidfd_open};
+use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 
 /// How long they may take, real time.
 const PATIENCE: Duration = Duration::from_secs(20);
 /// Between two looks.
 const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
 
+/// The name of an executive's process below a supervisor.
+const EXECUTIVE: &str = "bateleurd";
+
 /// See the module's head.
-pub(super) struct Remains(Vec<OwnedFd>);
+pub(super) struct Remains(Vec<(String, OwnedFd)>);
 
 impl Remains {
-    /// The children of the process `parent`, which still lives.
-    pub(super) fn of(parent: u32) -> Self {
-        let entries = std::fs::read_dir("/proc").into_iter().flatten().flatten();
-        let pids = entries.filter_map(|entry| entry.file_name().to_str()?.parse::<i32>().ok());
-        let children = pids.filter(|pid| parent_of(*pid) == Some(parent));
+    /// All processes below the process `root`, which still lives.
+    pub(super) fn of(root: u32) -> Self {
         let open = |pid| pidfd_open(Pid::from_raw(pid)?, PidfdFlags::empty()).ok();
-        Self(children.filter_map(open).collect())
+        let below = i32::try_from(root).map_or_else(|_| Vec::new(), below);
+        Self(below.into_iter().filter_map(|process| Some((process.name, open(process.pid)?))).collect())
+    }
+
+    /// Kills an executive among them.
+    pub(super) fn without_executive(self) -> Self {
+        for (_, process) in self.0.iter().filter(|(name, _)| name == EXECUTIVE) {
+            let _ = pidfd_send_signal(process, Signal::KILL); // it has ended
+        }
+        self
     }
 
     /// Waits until all of them have ended.
@@ -38,7 +48,7 @@ impl Remains {
 
     fn await_end_within(&self, patience: Duration) -> Result<()> {
         let begun = Instant::now();
-        for process in &self.0 {
+        for (_, process) in &self.0 {
             loop {
                 let mut waits = [PollFd::new(process, PollFlags::IN)];
                 if poll(&mut waits, Some(&LOOK)).is_ok_and(|ready| ready > 0) {
@@ -51,12 +61,6 @@ impl Remains {
         }
         Ok(())
     }
-}
-
-/// Field 4 of /proc/PID/stat; the name before it may hold anything, so fields are counted from its closing bracket.
-fn parent_of(pid: i32) -> Option<u32> {
-    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    stat.rsplit_once(')')?.1.split_ascii_whitespace().nth(1)?.parse().ok()
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ use std::process::Command;
 use anyhow::{Context, Result, anyhow};
 use bateleur_host::programs::beside_own;
 use bateleur_monitor::run_order::RunOrder;
-use bateleur_system::privileges;
+use bateleur_system::handed_over;
 use bateleur_time::shared_clock::SharedClock;
 
 use super::{CANNOT_RUN, Code};
@@ -118,12 +118,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     if arguments.hosts {
         return hosts::run(arguments);
     }
-    let plan = privileges::handed_on("plan").context("no memory for the compiled plan")?;
+    let plan = handed_over::file("plan").context("no memory for the compiled plan")?;
     // Whoever started it with a channel for events has read the file too, and said so.
     if !plan_file::compile(&arguments.schedule, &plan, arguments.events_fd.is_some())? {
         return Ok(CANNOT_RUN);
     }
-    let mut order = privileges::handed_on("order").context("no memory for the order")?;
+    let mut order = handed_over::file("order").context("no memory for the order")?;
     serde_json::to_writer(&mut order, &order_of(arguments)).context("the order can not be written down")?;
     order.rewind()?;
     // This process becomes the daemon: it keeps its number, its signals and its standard streams.

@@ -1,0 +1,80 @@
+//! What the kernel says of other processes.
+
+/// Fields 1 to 4 of /proc/PID/stat.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Process {
+    /// Its number.
+    pub pid: i32,
+    /// Its name, at most 15 bytes.
+    pub name: String,
+    /// `T`: stopped by a signal; the others stand in proc_pid_stat(5).
+    pub state: char,
+    /// Who started it, or adopted it.
+    pub parent: i32,
+}
+
+/// A process that has not been waited for.
+#[must_use]
+pub fn process(pid: i32) -> Option<Process> {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    // The name may hold anything, so fields are counted from its closing bracket.
+    let (before, after) = stat.rsplit_once(')')?;
+    let mut fields = after.split_ascii_whitespace();
+    Some(Process {
+        pid,
+        name: before.split_once('(')?.1.to_owned(),
+        state: fields.next()?.chars().next()?,
+        parent: fields.next()?.parse().ok()?,
+    })
+}
+
+/// All processes below `root`, nearest first.
+#[must_use]
+pub fn below(root: i32) -> Vec<Process> {
+    let entries = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+    let numbers = entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+    let mut others: Vec<Process> = numbers.filter_map(process).collect();
+    let mut found: Vec<Process> = Vec::new();
+    let mut parents = vec![root];
+    while !parents.is_empty() {
+        let is_child = |process: &Process| parents.contains(&process.parent);
+        let (children, rest): (Vec<Process>, Vec<Process>) = others.into_iter().partition(is_child);
+        parents = children.iter().map(|child| child.pid).collect();
+        found.extend(children);
+        others = rest;
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{BufRead, BufReader};
+    use std::process::{Command, Stdio};
+
+    use super::*;
+
+    #[test]
+    fn processes_below_are_found_with_their_names() {
+        let words = "sleep 60 & echo $!; sh -c 'sleep 61; :' & echo $!; wait";
+        let mut root = Command::new("sh").args(["-c", words]).stdout(Stdio::piped()).spawn().unwrap();
+        let lines = BufReader::new(root.stdout.take().unwrap()).lines();
+        let children: Vec<i32> = lines.take(2).map(|line| line.unwrap().parse().unwrap()).collect();
+        let pid = root.id() as i32;
+        let begun = std::time::Instant::now();
+        let found = loop {
+            let found = below(pid);
+            let sleeping = found.iter().filter(|process| process.name == "sleep").count();
+            if sleeping == 2 || begun.elapsed().as_secs() > 20 {
+                break found;
+            }
+        };
+        assert_eq!(found.len(), 3, "{found:?}");
+        assert!(children.iter().all(|child| found.iter().any(|it| (it.pid, it.parent) == (*child, pid))));
+        assert_eq!(process(children[0]).unwrap().state, 'S');
+        for process in found {
+            let _ = Command::new("kill").args(["-9", &process.pid.to_string()]).status();
+        }
+        root.wait().unwrap();
+        assert_eq!(process(children[0]), None);
+    }
+}

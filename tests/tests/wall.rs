@@ -4,7 +4,11 @@
 
 use std::time::Duration;
 
-use bateleur_tests::{NINE, Sketch, TWO_LAPS, Window, alone, bateleur, flight_schedule, quantile};
+use bateleur_tests::{
+    NINE, Sketch, TWO_LAPS, Window, alone, await_some, bateleur, executive_of, flight_schedule,
+    process_named, quantile,
+};
+use rustix::process::Signal;
 use serde_json::Value;
 
 #[test]
@@ -58,12 +62,20 @@ fn run_that_ends_at_its_time_while_the_monitor_is_busy_is_no_error_of_the_module
 }
 
 #[test]
-fn flight_on_the_wall_clock_with_two_kills_completes() {
+fn flight_on_the_wall_clock_outlives_two_partitions_its_supervisor_and_its_executive() {
     let _turn = alone();
     let schedule = flight_schedule();
     let flight = ["fly", "--format", "json", "--schedule", schedule.to_str().unwrap()];
     let kills = ["--kill", "estimator@60", "--kill", "controller@70"];
-    let flight = bateleur(&[&flight[..], &kills[..]].concat());
+    let mut flight = bateleur(&[&flight[..], &kills[..]].concat());
+    let back = await_some(Duration::from_secs(150), || {
+        (flight.said().contains("controller: back") || flight.has_ended()).then_some(())
+    });
+    assert!(back.is_some() && !flight.has_ended(), "{}", flight.said());
+    let executive = executive_of(flight.pid());
+    process_named(flight.pid(), "supervisor").signal(Signal::KILL);
+    process_named(executive.pid, "supervisor");
+    executive.signal(Signal::KILL);
     let ended = flight.end_within(Duration::from_secs(300));
     let summary = ended.summary();
     eprintln!("{summary:#}");
@@ -71,6 +83,8 @@ fn flight_on_the_wall_clock_with_two_kills_completes() {
     let ended = ended.expect_code(0);
     assert_eq!(summary["waypoints"], Value::from(TWO_LAPS.to_vec()));
     assert_eq!(summary["clock"], "wall");
+    let died = ended.faults().into_iter().filter(|fault| fault.error == "executive_died").count();
+    assert_eq!(died, 1, "{:#?}", ended.faults());
     let killed: Vec<_> = ended.faults().into_iter().filter(|fault| fault.error == "killed").collect();
     assert_eq!(
         killed.iter().map(|fault| fault.partition.as_str()).collect::<Vec<_>>(),

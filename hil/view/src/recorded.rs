@@ -24,6 +24,9 @@ const MOST_STATES: usize = 20_000;
 /// Values of the plotted field that are kept.
 const MOST_VALUES: usize = 500_000;
 
+/// Module time, ns, and what the Estimator said.
+type States = Vec<(u64, State)>;
+
 /// See the module's head.
 #[derive(Debug)]
 pub(crate) struct Recorded {
@@ -32,7 +35,7 @@ pub(crate) struct Recorded {
     /// Planned start of a window, ns, and the place of its line.
     index: Vec<(u64, u64)>,
     health: Vec<HealthEntry>,
-    states: Vec<(u64, State)>,
+    states: States,
     ports: Vec<Port>,
     waypoints: Vec<Place>,
     span_ns: (u64, u64),
@@ -176,8 +179,8 @@ fn thin<T>(list: &mut Vec<T>, most: usize) {
 }
 
 /// The aircraft's states and the ports of a log; nothing of a run that has none.
-fn ports(path: &Path) -> Result<(Vec<(u64, State)>, Vec<Port>)> {
-    let (mut states, mut ports): (Vec<(u64, State)>, Vec<Port>) = (Vec::new(), Vec::new());
+fn ports(path: &Path) -> Result<(States, Vec<Port>)> {
+    let (mut states, mut ports) = (States::new(), Vec::<Port>::new());
     if !path.exists() {
         return Ok((states, ports));
     }

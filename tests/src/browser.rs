@@ -65,6 +65,11 @@ impl Browser {
         found.map(Self)
     }
 
+    /// Its program.
+    pub(crate) fn path(&self) -> &Path {
+        &self.0
+    }
+
     /// Opens a copy of a page on a screen of that width, px, measures its figures and listens to its console.
     pub fn open(&self, page: &Path, width: u32) -> Seen {
         let folder = tempfile::Builder::new().prefix("bateleur-browser-").tempdir().unwrap();

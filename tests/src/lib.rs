@@ -14,6 +14,7 @@ mod guest;
 mod harm;
 mod line;
 mod output;
+mod page;
 mod peer;
 mod programs;
 mod schedule;
@@ -27,6 +28,7 @@ pub use guest::{Guest, Processor};
 pub use harm::{DISK, KERNEL, NEEDS, Sample, held, is_noticed, is_walled_in, run_watched, taken};
 pub use line::Ground;
 pub use output::{Fault, Window, quantile};
+pub use page::Page;
 pub use peer::{Peer, python};
 pub use programs::{
     EXECUTIVE, Ended, ORDINARY, Started, bateleur, bateleur_as_ordinary, daemon, program, repository,

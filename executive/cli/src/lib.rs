@@ -11,6 +11,7 @@ mod code;
 mod doctor;
 pub mod faults;
 pub mod hosts;
+pub mod http;
 mod observer;
 pub mod output;
 pub mod plan_file;
@@ -23,4 +24,4 @@ mod verb;
 pub mod words;
 
 pub use code::{CANNOT_RUN, Code, FINE, Format, WRONG};
-pub use verb::Verb;
+pub use verb::{Target, Verb, Watch, bytes_of, channels, links_text, status};

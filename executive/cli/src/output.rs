@@ -57,7 +57,7 @@ fn bytes_of(beginning: &str) -> Vec<u8> {
 
 /// Removes from a folder what made it one that holds a run: there was none after all.
 pub fn clear(folder: &Path) -> std::io::Result<()> {
-    let made = ["truth.bin"].iter().chain(&MARKS).map(|name| folder.join(name));
+    let made = ["truth.bin", "mission.json"].iter().chain(&MARKS).map(|name| folder.join(name));
     made.filter(|file| file.exists()).try_for_each(std::fs::remove_file)
 }
 

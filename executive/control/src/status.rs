@@ -1,5 +1,7 @@
 //! What a module says about itself: the figures behind `bateleur ps` and `bateleur top`.
 
+use std::path::PathBuf;
+
 use serde::{Deserialize, Serialize};
 
 /// A module at one moment.
@@ -13,6 +15,12 @@ pub struct Status {
     pub clock: String,
     /// Module time, ns.
     pub module_ns: u64,
+    /// Where it writes its logs.
+    #[serde(default)]
+    pub folder: PathBuf,
+    /// The schedules that it has.
+    #[serde(default)]
+    pub schedules: Vec<String>,
     /// The schedule that runs.
     pub schedule: String,
     /// The schedule that was asked for and comes with the next major frame.
@@ -180,7 +188,17 @@ pub struct Lateness {
     pub p99: u64,
     /// The latest.
     pub max: u64,
+    /// How many were not later than each of [`LATENESS_BOUNDS_NS`], or later by one part in 64 of it at most.
+    #[serde(default)]
+    pub within: [u64; LATENESS_BOUNDS_NS.len()],
+    /// The sum of all, ns.
+    #[serde(default)]
+    pub sum: u64,
 }
+
+/// The bounds of [`Lateness::within`], ns.
+pub const LATENESS_BOUNDS_NS: [u64; 12] =
+    [500, 1_000, 2_000, 5_000, 10_000, 20_000, 50_000, 100_000, 200_000, 500_000, 1_000_000, 10_000_000];
 
 /// An error that the health monitor saw.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -2,7 +2,7 @@
 //! nothing.
 
 use crate::health::log::Fault;
-use bateleur_control::status::{LastFault, Lateness, PartitionStatus, Spread};
+use bateleur_control::status::{LATENESS_BOUNDS_NS, LastFault, Lateness, PartitionStatus, Spread};
 use bateleur_time::window_record::WindowRecord;
 
 /// See the module's head.
@@ -78,6 +78,8 @@ impl Figures {
                 p50: lateness.quantile(0.5),
                 p99: lateness.quantile(0.99),
                 max: lateness.most,
+                within: LATENESS_BOUNDS_NS.map(|bound_ns| lateness.within(bound_ns)),
+                sum: lateness.sum,
             }),
             ..PartitionStatus::default()
         }
@@ -95,11 +97,12 @@ struct Histogram {
     counts: Box<[u32]>,
     count: u64,
     most: u64,
+    sum: u64,
 }
 
 impl Histogram {
     fn new() -> Self {
-        Self { counts: vec![0; step(LATEST_NS) + 1].into(), count: 0, most: 0 }
+        Self { counts: vec![0; step(LATEST_NS) + 1].into(), count: 0, most: 0, sum: 0 }
     }
 
     fn add(&mut self, value_ns: u64) {
@@ -108,6 +111,12 @@ impl Histogram {
         *count = count.saturating_add(1);
         self.count += 1;
         self.most = self.most.max(value_ns);
+        self.sum = self.sum.saturating_add(value_ns);
+    }
+
+    /// How many were at or below a value, to the end of its step.
+    fn within(&self, value_ns: u64) -> u64 {
+        self.counts[..=step(value_ns.min(LATEST_NS))].iter().map(|count| u64::from(*count)).sum()
     }
 
     /// The value at or below which that share of all lies: the end of its step. 0 of nothing.
@@ -237,6 +246,8 @@ pub(crate) mod tests {
             for share in [0.01, 0.5, 0.99, 1.0] {
                 let exact = sorted[(share * sorted.len() as f64).ceil() as usize - 1];
                 let told = histogram.quantile(share);
+                let within = sorted.partition_point(|value| *value <= told) as u64;
+                proptest::prop_assert_eq!(histogram.within(told), within, "not later than {}", told);
                 proptest::prop_assert!((exact..=exact + exact / 64).contains(&told), "{told} for {exact}");
             }
         }

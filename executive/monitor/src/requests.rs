@@ -95,6 +95,7 @@ impl Monitor {
         let totals = self.kept.totals();
         Status {
             module_ns,
+            schedules: self.plan.schedules.iter().map(|schedule| schedule.name.clone()).collect(),
             schedule: schedule.name.clone(),
             next_schedule: (next != current).then(|| self.plan.schedules[next].name.clone()),
             minor_frame_ns: schedule.minor_frame_ns,

@@ -230,6 +230,8 @@ impl Monitor {
         if self.clock == Clock::Virtual {
             return;
         }
+        // Who looks at the run meanwhile sees its windows soon.
+        self.kept.window_log.flush();
         for place in 0..self.partitions.len() {
             // A partition that declared one thread is not frozen when it closes its window: the thread sleeps.
             if self.partitions[place].finds_company() {

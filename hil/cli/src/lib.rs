@@ -35,6 +35,7 @@ pub enum Verb {
     Fly(Box<fly::Arguments>),
     Ground(ground::Arguments),
     Replay(replay::Arguments),
+    View(bateleur_view::Arguments),
     /// Becomes `bateleur` with other arguments, in a network namespace of its own; a flight starts it, never a person.
     #[command(hide = true)]
     Within {
@@ -61,6 +62,7 @@ impl Verb {
             Self::Fly(arguments) => fly::run(&arguments),
             Self::Ground(arguments) => ground::run(&arguments),
             Self::Replay(arguments) => replay::run(&arguments),
+            Self::View(arguments) => bateleur_view::run(&arguments),
             Self::Within { interface, arguments } => {
                 fly::hosts::namespace::within(&interface, &arguments).map(|()| FINE)
             }

@@ -12,7 +12,8 @@ use std::fmt::Write as _;
 pub const FILE: &str = "report.html";
 /// Faults listed; the rest is counted.
 const MOST_FAULTS: usize = 40;
-const STYLE: &str = include_str!("page.css");
+/// Colours and figures, for other pages that show them too.
+pub const STYLE: &str = include_str!("page.css");
 
 /// The page of a flight.
 pub fn page(flight: &Flight, analysis: &Analysis, summary: &Summary) -> String {

@@ -86,7 +86,7 @@ fn of_running(target: &Target) -> Result<Vec<Said>> {
 }
 
 /// The next word of a running relay.
-fn latest(client: Client, module: &str) -> Result<Option<LinkStatus>> {
+pub(super) fn latest(client: Client, module: &str) -> Result<Option<LinkStatus>> {
     let mut watch = Watch::start(client, &[format!("relay_{module}.status")])?;
     let (begun, mut line) = (Instant::now(), Vec::new());
     while begun.elapsed() < PATIENCE {
@@ -146,7 +146,7 @@ fn state(code: u64) -> &'static str {
 }
 
 /// The place of a link in what its relay says.
-fn place_of(status: &LinkStatus, id: u64) -> Option<usize> {
+pub(super) fn place_of(status: &LinkStatus, id: u64) -> Option<usize> {
     let count = usize::try_from(status.links).ok()?;
     status.id.iter().take(count).position(|known| *known == id)
 }
@@ -233,11 +233,19 @@ fn age_ns(status: &LinkStatus, path: usize) -> Option<u64> {
 }
 
 fn text_of(said: &Said) -> String {
-    let mut out = String::new();
     let module = printable(&said.module);
-    let Some(status) = &said.status else { return format!("module {module}: its relay says nothing\n") };
+    match &said.status {
+        Some(status) => text(&module, &said.names, status),
+        None => format!("module {module}: its relay says nothing\n"),
+    }
+}
+
+/// What the relay of a module said last, in lines.
+#[must_use]
+pub fn text(module: &str, names: &[LinkName], status: &LinkStatus) -> String {
+    let mut out = String::new();
     let _ = writeln!(out, "module {module} at {:.3} s", status.time_ns as f64 / 1e9);
-    for name in &said.names {
+    for name in names {
         match place_of(status, name.id) {
             Some(place) => link_text(&mut out, status, place, name),
             None => drop(writeln!(out, "  link {}: its relay says nothing of it", printable(&name.name))),

@@ -9,6 +9,7 @@ mod init;
 mod inject;
 mod key;
 mod links;
+mod metrics;
 mod new;
 mod order;
 mod plan;
@@ -20,6 +21,10 @@ mod schema;
 mod show;
 mod target;
 mod top;
+
+pub use links::text as links_text;
+pub use ports::{Watch, bytes_of, channels};
+pub use target::{Target, status};
 
 use anyhow::Result;
 use bateleur_control::Request;
@@ -40,6 +45,7 @@ pub enum Verb {
     Health(health::Arguments),
     Key(key::Arguments),
     Links(links::Arguments),
+    Metrics(metrics::Arguments),
     /// Kill a partition of a running module; its health table says what follows.
     Kill(order::Arguments),
     /// End a partition of a running module until it is started; its windows pass.
@@ -80,6 +86,7 @@ impl Verb {
             Self::Health(arguments) => health::run(&arguments),
             Self::Key(arguments) => key::run(&arguments),
             Self::Links(arguments) => links::run(&arguments),
+            Self::Metrics(arguments) => metrics::run(&arguments),
             Self::Kill(arguments) => order::run(&arguments, |partition| Request::Kill { partition }),
             Self::Stop(arguments) => order::run(&arguments, |partition| Request::Stop { partition }),
             Self::Start(arguments) => order::run(&arguments, |partition| Request::Start { partition }),

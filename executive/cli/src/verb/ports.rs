@@ -84,7 +84,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
 }
 
 /// The channels of a module.
-pub(crate) fn channels(client: &mut Client) -> Result<Vec<ChannelStatus>> {
+///
+/// # Errors
+/// It gives no answer, or one that is not understood.
+pub fn channels(client: &mut Client) -> Result<Vec<ChannelStatus>> {
     match client.ask(&Request::Ports)? {
         Answer::Ports { channels } => Ok(channels),
         other => bail!("the module's answer is not understood: {other:?}"),
@@ -92,7 +95,8 @@ pub(crate) fn channels(client: &mut Client) -> Result<Vec<ChannelStatus>> {
 }
 
 /// Messages as they come.
-pub(crate) struct Watch(BufReader<UnixStream>);
+#[derive(Debug)]
+pub struct Watch(BufReader<UnixStream>);
 
 /// How long a look for the next message lasts, so that there is time for something else.
 const LOOK: Duration = Duration::from_millis(100);
@@ -101,7 +105,10 @@ const SILENCE: Duration = Duration::from_secs(2);
 
 impl Watch {
     /// Of the channels with these ports; of all where there are none.
-    pub(crate) fn start(mut client: Client, ports: &[String]) -> Result<Self> {
+    ///
+    /// # Errors
+    /// The module refuses: there is no such port, or there are two observers already.
+    pub fn start(mut client: Client, ports: &[String]) -> Result<Self> {
         match client.ask(&Request::Watch { ports: ports.to_vec() })? {
             Answer::Watching => {}
             other => bail!("the module's answer is not understood: {other:?}"),
@@ -112,7 +119,10 @@ impl Watch {
     }
 
     /// The next message; `None` if nothing has come yet. `line` holds what has come of it so far.
-    pub(crate) fn next(&mut self, line: &mut Vec<u8>) -> Result<Option<Observation>> {
+    ///
+    /// # Errors
+    /// The module has ended, or its observer.
+    pub fn next(&mut self, line: &mut Vec<u8>) -> Result<Option<Observation>> {
         match self.0.read_until(b'\n', line) {
             Ok(0) => bail!("the module, or its observer, has ended"),
             Ok(_) if line.ends_with(b"\n") => {
@@ -139,7 +149,7 @@ impl Watch {
 }
 
 /// The bytes behind hexadecimal digits; `None` if they are not such.
-pub(crate) fn bytes_of(text: &str) -> Option<Vec<u8>> {
+pub fn bytes_of(text: &str) -> Option<Vec<u8>> {
     let (pairs, rest) = text.as_bytes().as_chunks::<2>();
     let digit = |letter: u8| char::from(letter).to_digit(16).map(|digit| digit as u8);
     let bytes = pairs.iter().map(|[high, low]| Some(digit(*high)? << 4 | digit(*low)?)).collect();

@@ -215,7 +215,7 @@ mod tests {
             windows: 100,
             use_ns: Some(Spread { min: 1_000, mean: 2_400, max: 99_600 }),
             slack_ns: Some(Spread { min: 1, mean: 400_000, max: 2 }),
-            lateness_ns: Some(Lateness { p50: 0, p99: 12_000, max: 1_000_000 }),
+            lateness_ns: Some(Lateness { p50: 0, p99: 12_000, max: 1_000_000, ..Lateness::default() }),
             last_fault: Some(fault),
             ..PartitionStatus::default()
         };

@@ -6,15 +6,18 @@ use bateleur_monitor::event_text::printable;
 
 /// Chooses a running module.
 #[derive(Debug, Clone, clap::Args)]
-pub(crate) struct Target {
+pub struct Target {
     /// The module, by its name or by its executive's process number; may be left out where one runs.
     #[arg(long, short, value_name = "NAME|PID")]
-    pub(crate) module: Option<String>,
+    pub module: Option<String>,
 }
 
 impl Target {
     /// The module.
-    pub(crate) fn choose(&self) -> Result<Running> {
+    ///
+    /// # Errors
+    /// None or several fit.
+    pub fn choose(&self) -> Result<Running> {
         Ok(choose(&running(), self.module.as_deref())?.clone())
     }
 
@@ -35,7 +38,10 @@ impl Target {
 }
 
 /// The figures of a module.
-pub(crate) fn status(client: &mut Client) -> Result<Status> {
+///
+/// # Errors
+/// It gives no answer, or one that is not understood.
+pub fn status(client: &mut Client) -> Result<Status> {
     match client.ask(&Request::Status)? {
         Answer::Status(status) => Ok(*status),
         other => Err(AskError::Strange(format!("{other:?}")).into()),

@@ -26,6 +26,7 @@ use bateleur_monitor::event::Event;
 use bateleur_monitor::observers::StartObserver;
 use bateleur_monitor::operator::Operator;
 use bateleur_monitor::rebuild::RebuildHooks;
+use bateleur_monitor::run_order::RunOrder;
 use bateleur_monitor::{Alignment, Monitor, MonitorConfig, StartChannelCleaner};
 use bateleur_plan::{ModuleView, PartitionId, Plan, Timeline};
 use bateleur_system::sched;
@@ -85,7 +86,7 @@ pub(super) fn run_module(
         kept,
         operator: Operator::new(
             services.inbox,
-            about(&options.order.module, options.order.clock()),
+            about(&options.order),
             stall.clone(),
             Some(services.start_observer),
         ),
@@ -209,15 +210,17 @@ fn module_start(module: &str, clock: Clock, resets: u32) -> String {
 }
 
 /// What does not change while it runs.
-fn about(module: &str, clock: Clock) -> Status {
-    let clock = match clock {
+fn about(order: &RunOrder) -> Status {
+    let clock = match order.clock() {
         Clock::Wall => "wall",
         Clock::Virtual => "virtual",
     };
     Status {
-        module: module.to_owned(),
+        module: order.module.clone(),
         pid: std::process::id() as i32,
         clock: clock.into(),
+        // Whoever asks may be in another folder.
+        folder: std::path::absolute(&order.output).unwrap_or_else(|_| order.output.clone()),
         ..Status::default()
     }
 }

@@ -81,6 +81,11 @@ impl Executive {
         })
     }
 
+    /// Its process.
+    pub(super) fn pid(&self) -> u32 {
+        self.process.id()
+    }
+
     /// That of the module at `place`, one of several.
     pub(super) fn of_host(
         arguments: &Arguments,

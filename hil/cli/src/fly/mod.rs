@@ -15,6 +15,7 @@ mod ready;
 mod remains;
 mod simulator;
 mod standing;
+mod viewer;
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -107,6 +108,9 @@ pub struct Arguments {
     /// Folder of this flight; the default is one of its own below target/flights.
     #[arg(long, short)]
     pub(crate) output: Option<PathBuf>,
+    /// Show the flight on a page in a browser while it lasts; its address is printed.
+    #[arg(long, conflicts_with = "hosts")]
+    pub(crate) view: bool,
     /// End when standard input does: for programs that start it.
     #[arg(long)]
     pub(crate) until_stdin_closes: bool,
@@ -147,6 +151,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         });
     }
     let folder = FlightFolder::make(arguments)?;
+    keep_waypoints(&mission, &folder.path)?;
     let begun = Instant::now();
     let Some(flown) = fly(arguments, &plan, &mission, &folder.path, stop.clone())? else {
         if stop.load(Ordering::Acquire) {
@@ -184,6 +189,7 @@ fn fly(
     simulator.can = can::Can::start(arguments, plan, folder, simulator.address)?;
     let line = Line::open()?;
     let executive = executive::Executive::start(arguments, plan, folder, &simulator, &line)?;
+    let _viewer = arguments.view.then(|| viewer::Viewer::start(executive.pid())).transpose()?;
     if arguments.fast {
         // Not before: processes that are started inherit the place.
         simulator::stand(std::process::id() as i32, arguments, plan);
@@ -245,6 +251,17 @@ fn join_logs(arguments: &Arguments, plan: &Plan, folder: &Path, hosts: &[report_
         eprintln!("             {note}");
     }
     Ok(())
+}
+
+/// Writes down the way-points, for those who look at the flight while it goes on.
+fn keep_waypoints(mission: &MissionPlan, folder: &Path) -> Result<()> {
+    let place = |point: &ground::Waypoint| -> bateleur_view::Place {
+        [point.north_m, point.east_m, point.altitude_m]
+    };
+    let places: Vec<_> = mission.waypoints.iter().map(place).collect();
+    let path = folder.join(bateleur_view::MISSION_FILE);
+    std::fs::write(&path, serde_json::to_vec(&places)?)
+        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// What module and simulator speak: what was asked for, or what the plan says.

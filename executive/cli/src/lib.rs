@@ -11,6 +11,7 @@ mod code;
 mod doctor;
 pub mod faults;
 pub mod hosts;
+pub mod installed;
 mod observer;
 pub mod output;
 pub mod plan_file;

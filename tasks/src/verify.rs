@@ -67,7 +67,7 @@ pub(crate) fn write_page(check: fn(&Path, bool) -> Vec<String>) -> ExitCode {
 }
 
 /// Where the workspace lies: above this package.
-fn root() -> PathBuf {
+pub(crate) fn root() -> PathBuf {
     let package = std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_else(|| env!("CARGO_MANIFEST_DIR").into());
     Path::new(&package).parent().map_or_else(|| ".".into(), Path::to_owned)
 }

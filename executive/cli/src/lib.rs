@@ -12,6 +12,7 @@ mod doctor;
 pub mod faults;
 pub mod hosts;
 pub mod http;
+pub mod installed;
 mod observer;
 pub mod output;
 pub mod plan_file;

@@ -30,6 +30,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use bateleur_system::sched;
 
+use bateleur_executive_cli::installed::{self, SCHEDULE};
 use bateleur_executive_cli::{Code, FINE, Format, WRONG};
 use row::Row;
 
@@ -47,7 +48,7 @@ pub struct Arguments {
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
     runs: u32,
     /// The flight's schedule file, for the figures of a flight.
-    #[arg(long, short, default_value = "schedule.toml")]
+    #[arg(long, short, default_value = SCHEDULE, value_parser = installed::schedule())]
     schedule: PathBuf,
     /// The core whose time is partitioned; default: the last one that may be used.
     #[arg(long)]

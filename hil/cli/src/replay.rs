@@ -17,6 +17,7 @@ use bateleur_report::run::{FILE, Run};
 use clap::Parser;
 
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG, fly};
+use bateleur_executive_cli::installed::usual_schedule;
 use bateleur_executive_cli::output::{LOG_BEGINNING, refuse_file};
 use bateleur_executive_cli::plan_file;
 use bateleur_executive_cli::setting::parse_setting;
@@ -54,8 +55,8 @@ struct AsFlown {
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let log = file(&arguments.flight);
     if let Some(output) = &arguments.output {
-        let given = arguments.schedule.as_deref().unwrap_or(Path::new("schedule.toml"));
-        refuse_file(output, LOG_BEGINNING, &[&log, given])?;
+        let given = arguments.schedule.clone().unwrap_or_else(usual_schedule);
+        refuse_file(output, LOG_BEGINNING, &[&log, &given])?;
     }
     std::fs::metadata(&log).with_context(|| format!("cannot read {}", log.display()))?;
     let (flown, changed) = as_flown(&log).unzip();
@@ -69,7 +70,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         eprintln!("{sentence}");
     }
     let schedule = arguments.schedule.clone().or_else(|| flown.as_ref().map(|flown| flown.schedule.clone()));
-    let schedule = schedule.unwrap_or_else(|| "schedule.toml".into());
+    let schedule = schedule.unwrap_or_else(usual_schedule);
     let Some(plan) = plan_file::read_or_say(&schedule)? else { return Ok(CANNOT_RUN) };
     let mut given = planned::Attributes::of(&plan);
     let module = flown.as_ref().and_then(|flown| flown.module.clone());

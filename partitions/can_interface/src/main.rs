@@ -287,6 +287,6 @@ fn settings(context: &mut Context) -> Result<Settings, StartError> {
     Ok(Settings { bus, listen, gateway })
 }
 
-fn main() -> ExitCode {
+pub(crate) fn main() -> ExitCode {
     bateleur_apex::run::<CanInterface>()
 }

@@ -477,6 +477,6 @@ fn telemetry_ports(context: &mut Context) -> Result<Vec<QueuingDestination<Telem
     Ok(ports)
 }
 
-fn main() -> ExitCode {
+pub(crate) fn main() -> ExitCode {
     bateleur_apex::run::<Command>()
 }

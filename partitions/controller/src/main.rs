@@ -129,6 +129,6 @@ impl InputPorts {
     }
 }
 
-fn main() -> ExitCode {
+pub(crate) fn main() -> ExitCode {
     bateleur_apex::run::<ControllerPartition>()
 }

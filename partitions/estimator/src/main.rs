@@ -113,6 +113,6 @@ impl InputPorts {
     }
 }
 
-fn main() -> ExitCode {
+pub(crate) fn main() -> ExitCode {
     bateleur_apex::run::<EstimatorPartition>()
 }

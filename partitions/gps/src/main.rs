@@ -45,6 +45,6 @@ impl Partition for Receiver {
     }
 }
 
-fn main() -> ExitCode {
+pub(crate) fn main() -> ExitCode {
     bateleur_apex::run::<Receiver>()
 }

@@ -196,6 +196,6 @@ fn open(context: &mut Context, hil_mode: bool) -> Result<(Conversation, Numbers)
     Ok((conversation, numbers))
 }
 
-fn main() -> ExitCode {
+pub(crate) fn main() -> ExitCode {
     bateleur_apex::run::<HilInterface>()
 }

@@ -148,6 +148,6 @@ impl Outputs {
     }
 }
 
-fn main() -> ExitCode {
+pub(crate) fn main() -> ExitCode {
     bateleur_apex::run::<InertialUnit>()
 }

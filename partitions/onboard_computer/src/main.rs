@@ -74,6 +74,6 @@ fn no_parameters() -> Parameters<()> {
     Parameters::new(FROM_ONBOARD_COMPUTER, &[])
 }
 
-fn main() -> ExitCode {
+pub(crate) fn main() -> ExitCode {
     bateleur_apex::run::<OnBoardComputer>()
 }

@@ -47,6 +47,6 @@ fn shell(context: &mut Context, periods: Periods) -> Result<Option<FunctionShell
     has_ground.then(|| FunctionShell::open(context, FROM_RATE_GENERATOR, periods, parameters)).transpose()
 }
 
-fn main() -> ExitCode {
+pub(crate) fn main() -> ExitCode {
     bateleur_apex::run::<RateGenerator>()
 }

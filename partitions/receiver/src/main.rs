@@ -159,6 +159,6 @@ impl Driver {
     }
 }
 
-fn main() -> ExitCode {
+pub(crate) fn main() -> ExitCode {
     bateleur_apex::run::<Driver>()
 }

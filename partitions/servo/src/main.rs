@@ -73,6 +73,6 @@ fn resume(shell: &mut FunctionShell<Settings>, retained: &mut Retained<Memory>) 
     Servo::new(settings.map, settings.hold_ns, memory.map(|memory| memory.function))
 }
 
-fn main() -> ExitCode {
+pub(crate) fn main() -> ExitCode {
     bateleur_apex::run::<Actuators>()
 }

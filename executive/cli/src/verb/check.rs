@@ -13,6 +13,7 @@ use bateleur_plan::Plan;
 use bateleur_plan::compiled::{self, Compiled};
 
 use super::{CANNOT_RUN, Code, FINE, WRONG};
+use crate::installed::usual_schedule;
 use crate::output::refuse_file;
 use crate::plan_file::{self, Messages};
 use crate::words::nearest;
@@ -67,7 +68,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         return explain(rule);
     }
     let given = arguments.file.as_ref().or(arguments.schedule.as_ref());
-    let path = given.map_or(Path::new("schedule.toml"), PathBuf::as_path);
+    let path = &given.cloned().unwrap_or_else(usual_schedule);
     if let Some(folder) = arguments.programs.as_ref().filter(|folder| !folder.is_dir()) {
         bail!(
             "{} is no folder: name the one with the built programs, such as target/release",

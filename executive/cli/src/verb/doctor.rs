@@ -12,13 +12,14 @@ use bateleur_host::machine::Machine;
 use bateleur_plan::Plan;
 
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
+use crate::installed::{self, SCHEDULE};
 use crate::plan_file;
 
 /// Say what this machine gives, what each lack costs and how to mend it.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The schedule file, for its cores and ports; where there is none, the machine's last core is looked at.
-    #[arg(long, short, default_value = "schedule.toml")]
+    #[arg(long, short, default_value = SCHEDULE, value_parser = installed::schedule())]
     schedule: PathBuf,
     /// The module of it; may be left out where the file has one.
     #[arg(long, short)]
@@ -53,9 +54,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
 
 /// The plan, and what to call it; `None` if it has faults, which were printed.
 fn plan(arguments: &Arguments) -> Result<Option<(Plan, String)>> {
-    if arguments.module.is_none()
-        && arguments.schedule == Path::new("schedule.toml")
-        && !arguments.schedule.exists()
+    if arguments.module.is_none() && arguments.schedule == Path::new(SCHEDULE) && !arguments.schedule.exists()
     {
         return Ok(Some((any_plan()?, "no schedule file here, so the last core is looked at".into())));
     }

@@ -15,13 +15,14 @@ use bateleur_monitor::health::ring::{FILE, read_file};
 use bateleur_plan::LogPolicy;
 
 use super::{Code, FINE, Format, WRONG};
+use crate::installed;
 
 /// Read the health log of a run.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The log, or the folder of a run.
-    #[arg(value_name = "FOLDER|FILE", default_value = "target/runs/latest")]
-    path: PathBuf,
+    /// The log, or the folder of a run [default: target/runs/latest].
+    #[arg(value_name = "FOLDER|FILE")]
+    path: Option<PathBuf>,
     /// Only what is about this partition.
     #[arg(long, short)]
     partition: Option<String>,
@@ -34,10 +35,8 @@ pub struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
-    let path = match arguments.path.is_dir() {
-        true => arguments.path.join(FILE),
-        false => arguments.path.clone(),
-    };
+    let given = arguments.path.clone().unwrap_or_else(|| installed::outputs("runs").join("latest"));
+    let path = if given.is_dir() { given.join(FILE) } else { given };
     // First of all, so that the system says what is wrong with a path.
     let read = std::fs::metadata(&path).and_then(|_| read_file(&path));
     let mut log = read.with_context(|| {

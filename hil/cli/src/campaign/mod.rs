@@ -28,6 +28,7 @@ use rustix::fs::{FlockOperation, flock};
 
 use super::air::seed;
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG, fly};
+use bateleur_executive_cli::installed::{self, SCHEDULE};
 use bateleur_executive_cli::plan_file;
 use fleet::Fleet;
 use flight::Order;
@@ -37,9 +38,6 @@ use space::Space;
 /// Memory that a flight takes at most, bytes: its processes (60 MB measured), its logs on their way to the disk, its report. Too
 /// little, and a machine with many processors and little memory ends flights.
 const FLIGHT_BYTES: u64 = 256 << 20;
-/// Where campaigns are, if nobody says otherwise.
-const CAMPAIGNS: &str = "target/campaigns";
-
 /// Fly many flights with drawn conditions and show how their figures spread.
 #[derive(Debug, clap::Args)]
 #[command(
@@ -56,7 +54,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_negative_numbers = true)]
     seed: u64,
     /// The schedule file.
-    #[arg(long, short, default_value = "schedule.toml")]
+    #[arg(long, short, default_value = SCHEDULE, value_parser = installed::schedule())]
     schedule: PathBuf,
     #[command(flatten)]
     space: Space,
@@ -211,7 +209,7 @@ fn programs(own: &Path, schedule: &SchedulePlan, folder: &Path) -> Vec<PathBuf> 
 }
 
 fn folder(arguments: &Arguments, plan: &Plan) -> PathBuf {
-    let whole = arguments.output.clone().unwrap_or_else(|| Path::new(CAMPAIGNS).join(plan.name()));
+    let whole = arguments.output.clone().unwrap_or_else(|| installed::outputs("campaigns").join(plan.name()));
     match arguments.shard {
         Some(Shard { part, parts }) => whole.join(format!("shard-{part}-of-{parts}")),
         None => whole,

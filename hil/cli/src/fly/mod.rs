@@ -44,6 +44,7 @@ use super::air::{direction, seed, wind};
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
 use crate::line::Line;
 use bateleur_executive_cli::faults::Faults;
+use bateleur_executive_cli::installed::{self, SCHEDULE};
 use bateleur_executive_cli::output;
 use bateleur_executive_cli::plan_file;
 use bateleur_executive_cli::setting::parse_setting;
@@ -56,7 +57,7 @@ use mission::Flown;
 #[derive(Debug, Clone, clap::Args)]
 pub struct Arguments {
     /// The schedule file.
-    #[arg(long, short, default_value = "schedule.toml")]
+    #[arg(long, short, default_value = SCHEDULE, value_parser = installed::schedule())]
     pub(crate) schedule: PathBuf,
     /// The module that flies; may be left out where the file has one.
     #[arg(long, short)]
@@ -375,7 +376,7 @@ impl FlightFolder {
         let path = arguments.output.clone().unwrap_or_else(|| {
             let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
             let name = format!("{}-{}-seed{}", date(seconds), std::process::id(), arguments.seed);
-            Path::new("target/flights").join(name)
+            installed::outputs("flights").join(name)
         });
         let is_new = !path.exists();
         bateleur_system::folders::make(&path)

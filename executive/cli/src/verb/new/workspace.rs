@@ -7,11 +7,16 @@ use anyhow::{Context, Result, bail};
 use toml::{Table, Value};
 
 use super::list::with_item;
+use crate::installed::Installed;
 
 /// What every checkout has.
 const LIBRARY: &str = "partitions/apex/Cargo.toml";
-/// Where the library is installed, beside the folder of the programs.
-const INSTALLED: &str = "share/bateleur";
+
+/// The checkout that this program was built from. A package is built with another folder, so that it is the same wherever it is built.
+const BUILT_FROM: &str = match option_env!("BATELEUR_BUILT_FROM") {
+    Some(folder) => folder,
+    None => env!("CARGO_MANIFEST_DIR"),
+};
 
 /// Where a crate is at home.
 pub(super) enum Home {
@@ -72,13 +77,15 @@ impl Workspace {
             });
         }
         let program = std::env::current_exe().unwrap_or_default();
-        let installed = program.parent().and_then(Path::parent).map(|prefix| prefix.join(INSTALLED));
         let around = |path: &Path| path.ancestors().skip(1).find_map(checkout);
         let found = around(near)
             .or_else(|| around(&program))
-            .or_else(|| checkout(&installed?))
-            .or_else(|| around(&Path::new(env!("CARGO_MANIFEST_DIR")).join("x")));
-        found.context("there is no checkout of Bateleur near: say where one is with --library FOLDER")
+            .or_else(|| checkout(&Installed::here()?.library()))
+            .or_else(|| around(&Path::new(BUILT_FROM).join("x")));
+        found.context(
+            "there is no checkout of Bateleur near, and no package bateleur-dev: install that one, or say where a checkout is with --library \
+             FOLDER",
+        )
     }
 
     /// A value of the manifest.

@@ -22,7 +22,6 @@ use crate::code::{CANNOT_RUN, Code, FINE, WRONG};
 use crate::{hosts, plan_file};
 
 /// Where a run writes that was not told otherwise.
-const LATEST: &str = "target/runs/latest";
 /// Below it: a folder for each host.
 const FOLDER: &str = "hosts";
 /// How often the processes are looked at.
@@ -63,7 +62,7 @@ struct Machine {
 
 impl Machine {
     fn prepare(arguments: &Arguments, plan: &Plan) -> Result<Self> {
-        let folder = arguments.output.clone().unwrap_or_else(|| LATEST.into()).join(FOLDER);
+        let folder = arguments.output.clone().unwrap_or_else(super::latest).join(FOLDER);
         folders::make(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
         let mut addresses = hosts::on_loopback(plan, std::process::id())?;
         addresses.extend(arguments.address.iter().copied());

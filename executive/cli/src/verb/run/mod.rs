@@ -23,6 +23,7 @@ use bateleur_time::shared_clock::SharedClock;
 
 use super::{CANNOT_RUN, Code};
 use crate::faults::Faults;
+use crate::installed::{self, SCHEDULE};
 use crate::plan_file;
 use crate::setting::{Setting, module_time, parse_setting};
 
@@ -30,7 +31,7 @@ use crate::setting::{Setting, module_time, parse_setting};
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The schedule file.
-    #[arg(long, short, default_value = "schedule.toml")]
+    #[arg(long, short, default_value = SCHEDULE, value_parser = installed::schedule())]
     schedule: PathBuf,
     /// The module to run; may be left out where the file has one.
     #[arg(long, short)]
@@ -136,6 +137,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     )))
 }
 
+/// The folder of a run that was given none.
+fn latest() -> PathBuf {
+    installed::outputs("runs").join("latest")
+}
+
 fn order_of(arguments: &Arguments) -> RunOrder {
     let mut overrides: BTreeMap<String, BTreeMap<String, serde_json::Value>> = BTreeMap::new();
     for setting in &arguments.set {
@@ -149,7 +155,7 @@ fn order_of(arguments: &Arguments) -> RunOrder {
     RunOrder {
         module: arguments.module.clone().unwrap_or_default(),
         fast: arguments.fast,
-        output: arguments.output.clone().unwrap_or_default(),
+        output: arguments.output.clone().unwrap_or_else(latest),
         key_files: arguments.key.iter().map(|(link, file)| (link.clone(), plan_folder.join(file))).collect(),
         plan_folder,
         addresses: arguments.address.iter().copied().collect(),

@@ -14,6 +14,7 @@ use bateleur_checker::Facts;
 use bateleur_plan::{Plan, ScheduleId};
 
 use super::{CANNOT_RUN, Code, FINE};
+use crate::installed::usual_schedule;
 use crate::output::refuse_file;
 use crate::plan_file;
 use crate::words::nearest;
@@ -43,7 +44,7 @@ pub struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let given = arguments.file.as_ref().or(arguments.schedule.as_ref());
-    let path = given.map_or(Path::new("schedule.toml"), PathBuf::as_path);
+    let path = &given.cloned().unwrap_or_else(usual_schedule);
     let Some(plan) = plan_file::read_quietly(path)? else { return Ok(CANNOT_RUN) };
     let only = arguments.only.as_deref().map(|name| schedule_named(&plan, name)).transpose()?;
     let pictured = only.unwrap_or_else(|| plan.initial_schedule());

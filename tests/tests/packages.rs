@@ -1,0 +1,118 @@
+//! The Debian packages: one commit makes one package, and a Debian with nothing in it flies with it.
+//!
+//! They are made of the programs that the tests use, stripped; a release is made of smaller ones (profile `dist`), in the same way.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use bateleur_tests::{alone, among_others, bateleur, c_library, expect_success, program, repository};
+
+/// The digest of the delivered flight, which no way of building and starting it may change.
+const DIGEST: &str = "8440aab90bc0acca6d6bd401d0337fd84ef192f096068b17eb7d85f9fd88a79d";
+
+/// Packs the programs that were built, into `folder`; gives the archives, sorted. `None`: this machine has no `dpkg-deb`.
+fn pack(folder: &Path) -> Option<Vec<PathBuf>> {
+    if Command::new("dpkg-deb").arg("--version").output().is_err() {
+        eprintln!("skipped: no dpkg-deb here");
+        return None;
+    }
+    c_library(); // it is built with the tests
+    let programs = program("bateleur").parent().unwrap().to_owned();
+    let mut tasks = Command::new(program("tasks"));
+    tasks.arg("package").arg("--programs").arg(programs).arg("--output").arg(folder);
+    expect_success(tasks.env("SOURCE_DATE_EPOCH", "1700000000"));
+    let mut found: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    found.sort();
+    assert_eq!(found.len(), 2, "{found:?}");
+    Some(found)
+}
+
+/// What a project of one's own needs of the second package.
+fn library_is_a_checkout(development: &Path, folder: &Path) {
+    let root = folder.join("root");
+    expect_success(Command::new("dpkg-deb").arg("-x").arg(development).arg(&root));
+    let (library, project) = (root.join("usr/share/bateleur"), folder.join("tank"));
+    let [library, made] = [&library, &project].map(|path| path.to_str().unwrap());
+    bateleur(&["init", made, "--library", library]).end().expect_code(0);
+    // Cargo reads every manifest on the way to the library, and finds all crates at the versions that were tested.
+    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
+    let mut metadata = Command::new(cargo);
+    metadata.current_dir(&project).args(["metadata", "--offline", "--format-version", "1"]);
+    let found = expect_success(&mut metadata);
+    assert!(found.contains(&format!("{library}/partitions/apex/Cargo.toml")), "{found}");
+}
+
+#[test]
+fn two_packings_are_equal_to_the_byte_and_lintian_finds_no_error() {
+    let _turn = among_others();
+    let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let Some(first) = pack(folders[0].path()) else { return };
+    std::thread::sleep(std::time::Duration::from_millis(1100)); // files of another second
+    let second = pack(folders[1].path()).unwrap();
+    for (one, other) in first.iter().zip(&second) {
+        assert_eq!(one.file_name(), other.file_name());
+        assert!(fs::read(one).unwrap() == fs::read(other).unwrap(), "{} differs", one.display());
+    }
+    let development = first.iter().find(|path| path.to_string_lossy().contains("-dev_")).unwrap();
+    library_is_a_checkout(development, &folders[0].path().join("library"));
+    let Ok(lintian) = Command::new("lintian").args(["--fail-on", "error"]).args(&first).output() else {
+        eprintln!("skipped: no lintian here (tests/debian/prepare)");
+        return;
+    };
+    let said = String::from_utf8_lossy(&lintian.stdout).into_owned();
+    assert!(lintian.status.success(), "{said}{}", String::from_utf8_lossy(&lintian.stderr));
+    println!("{said}");
+}
+
+/// A newer version of a package, in which two files of settings have another line.
+fn newer(package: &Path, folder: &Path) {
+    let tree = folder.join("tree");
+    fs::create_dir_all(folder).unwrap();
+    expect_success(Command::new("dpkg-deb").arg("-R").arg(package).arg(&tree));
+    for name in ["schedule.toml", "schedules/can.toml"] {
+        let path = tree.join("etc/bateleur").join(name);
+        fs::write(&path, fs::read_to_string(&path).unwrap() + "# newer\n").unwrap();
+    }
+    let control = tree.join("DEBIAN/control");
+    let text = fs::read_to_string(&control).unwrap();
+    fs::write(&control, text.replace("\nVersion: ", "\nVersion: 1:")).unwrap();
+    let file = folder.join("bateleur_newer.deb");
+    // Quickly: nobody looks at its size.
+    expect_success(Command::new("dpkg-deb").args(["-Znone", "--build"]).arg(&tree).arg(file));
+    fs::remove_dir_all(tree).unwrap();
+}
+
+#[test]
+fn a_debian_without_compiler_and_network_flies_upgrades_and_is_clean_after_a_purge() {
+    let prepared = repository().join("target/debian/root");
+    if !repository().join("target/debian/prepared").exists() || !rustix::process::geteuid().is_root() {
+        eprintln!("skipped: no Debian root here, or not run as root (tests/debian/prepare, as root)");
+        return;
+    }
+    let _turn = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let (packages, root) = (folder.path().join("packages"), folder.path().join("root"));
+    let Some(archives) = pack(&packages) else { return };
+    newer(
+        archives.iter().find(|path| path.to_string_lossy().contains("bateleur_")).unwrap(),
+        &packages.join("newer"),
+    );
+    expect_success(Command::new("cp").args(["-a", "--reflink=auto"]).arg(prepared).arg(&root));
+    expect_success(Command::new("cp").arg("-r").arg(&packages).arg(root.join("packages")));
+    expect_success(Command::new("cp").arg(repository().join("tests/debian/fly")).arg(root.join("fly")));
+    // Mounts go away with their namespace. The root is a mount itself, as that of a machine is.
+    let script = "set -e; ip link set lo up; mount --make-rprivate /; mount --bind \"$0\" \"$0\"; cd \"$0\"; \
+                  mount -t proc proc proc; mount -t sysfs -o ro sysfs sys; mount -t tmpfs -o mode=1777 shm dev/shm; \
+                  mount -t devpts -o newinstance,ptmxmode=0666 pts dev/pts; mount --bind dev/pts/ptmx dev/ptmx; \
+                  exec chroot . /fly";
+    let namespaces = ["--net", "--mount", "--pid", "--ipc", "--fork", "--kill-child", "--"];
+    let mut command = Command::new("unshare");
+    let said = expect_success(command.args(namespaces).args(["sh", "-c", script]).arg(&root));
+    println!("{said}");
+    assert!(said.contains(DIGEST), "the flight is another one: {said}");
+    let held = said.lines().filter(|line| line.starts_with("holds: ")).count();
+    assert_eq!(held, 6, "{said}");
+}

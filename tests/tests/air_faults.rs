@@ -51,6 +51,45 @@ fn blocked_pitot_keeps_the_path() {
     assert_flown_with("pitot_blocked@60", 15.0);
 }
 
+/// Moderate air from 45°, in which an aircraft that believes its pitot is lost or flies 100 m too low.
+fn assert_wrong_pitot_is_found(fault: &str) {
+    let _turn = among_others();
+    let schedule = flight_schedule();
+    let mut arguments = vec!["fly", "--fast", "--format", "json", "--schedule", schedule.to_str().unwrap()];
+    arguments.extend(["--seed", "1", "--wind", "5", "--wind-from", "45", "--turbulence", "moderate"]);
+    arguments.extend(["--fault", fault]);
+    let summary = bateleur(&arguments).end().expect_code(0).summary();
+    let conditions = &summary["conditions"];
+    let airspeeds = (number(conditions, "airspeed_min_mps"), number(conditions, "airspeed_max_mps"));
+    eprintln!("{fault}: altitude {:.2} m RMS, airspeed {airspeeds:?}", number(&summary, "altitude_rms_m"));
+    assert_eq!(summary["completed"], true, "{fault}: {}", summary["failure"]);
+    assert!(number(&summary, "altitude_rms_m") < 2.0, "{fault}: {}", summary["altitude_rms_m"]);
+    assert!(airspeeds.1 < 34.0, "{fault}: {airspeeds:?}");
+    let told = summary["ignored_errors"]["application_error"].as_u64();
+    assert!(told.is_some_and(|told| told >= 1), "{fault}: nothing in the health log");
+}
+
+#[test]
+fn pitot_that_is_blocked_is_found_and_the_flight_goes_on_by_lift() {
+    assert_wrong_pitot_is_found("pitot_blocked@60");
+}
+
+#[test]
+fn pitot_that_ices_is_found_and_the_flight_goes_on_by_lift() {
+    assert_wrong_pitot_is_found("pitot_icing=-0.3@60");
+}
+
+#[test]
+fn pitot_that_tells_nothing_but_zero_is_found_and_the_flight_goes_on_by_lift() {
+    assert_wrong_pitot_is_found("pitot_scale=0@60");
+}
+
+#[test]
+fn second_without_inertial_values_is_flown_with_still_surfaces() {
+    let summary = assert_flown_with("inertial_lost@72..73", 60.0);
+    assert!(summary["ignored_errors"]["application_error"].as_u64() >= Some(1), "it is told");
+}
+
 #[test]
 fn one_sensor_set_in_fifty_lost_is_hardly_seen() {
     let summary = assert_flown_with("frames_lost=1/50", 15.0);

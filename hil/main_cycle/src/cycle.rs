@@ -244,6 +244,11 @@ impl MainCycle {
             pressure: self.pressure.valid(now_ns, pressure_ns),
             gps_position: self.position.valid(now_ns, position_ns),
             gps_velocity: self.velocity.valid(now_ns, velocity_ns),
+            command: self
+                .settings
+                .validity
+                .estimator_command_ns
+                .and_then(|ns| self.command.valid(now_ns, ns)),
         });
         let state = self.estimator.state();
         self.state.put(now_ns, &state);

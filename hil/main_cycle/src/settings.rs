@@ -38,6 +38,8 @@ pub struct Validity {
     pub estimator_gps_ns: [u64; 2],
     /// Estimator: acceleration, rates, field, pressure.
     pub estimator_imu_ns: [u64; 4],
+    /// Estimator: command of the cycle before, where the plan lets it have that.
+    pub estimator_command_ns: Option<u64>,
     /// Controller: state, acceleration, rates, pressure.
     pub controller_ns: [u64; 4],
     /// Servo: command and sticks.

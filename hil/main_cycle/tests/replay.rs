@@ -30,6 +30,7 @@ fn settings_with(controller: Given) -> Result<Settings, bateleur_apex::StartErro
         imu_raw_ns: short,
         estimator_gps_ns: [500_000_000; 2],
         estimator_imu_ns: [short; 4],
+        estimator_command_ns: Some(short),
         controller_ns: [short; 4],
         servo_ns: [short, 100_000_000],
     };

@@ -48,8 +48,26 @@ pub enum Fault {
     PitotLost,
     /// The pitot's opening is closed: the total pressure in it stays what it was.
     PitotBlocked,
+    /// The differential pressure sensor repeats the value it had.
+    PitotFrozen,
+    /// The pressure in the pitot follows the one outside with this time constant, s: its opening is partly closed.
+    PitotSlow(f64),
+    /// The pitot tells this many times the airspeed: it leaks, or stands askew.
+    PitotScale(f64),
+    /// Ice grows on the pitot: the airspeed that it tells changes by this each second, m/s.
+    PitotIcing(f64),
+    /// Noise on the differential pressure, standard deviation, Pa.
+    PitotNoise(f64),
     /// The static ports are closed: the pressure behind them stays what it was, for both sensors.
     StaticBlocked,
+    /// The pressure behind the static ports follows the one outside with this time constant, s.
+    StaticSlow(f64),
+    /// One axis of the accelerometer repeats the value it had: 0 forward, 1 right, 2 down.
+    AccelerometerStuck(usize),
+    /// One axis of the gyroscope does.
+    GyroscopeStuck(usize),
+    /// Neither accelerometer nor gyroscope gives values.
+    InertialLost,
     /// The accelerometer's bias changes by this on each axis, m/s².
     AccelerometerShift(f64),
     /// The gyroscope's bias changes by this on each axis, °/s.
@@ -135,10 +153,17 @@ fn gust(text: Option<&str>) -> Option<Fault> {
     sane.then_some(Fault::Gust { speed_mps, from_deg })
 }
 
+/// What a stuck axis is.
+const AXES: &str = "an axis: x (forward), y (right) or z (down)";
+
+fn axis(text: Option<&str>) -> Option<usize> {
+    ["x", "y", "z"].iter().position(|name| Some(*name) == text)
+}
+
 /// What a stuck servo's value is.
 const STUCK: &str = "a share of its travel, such as 30% or -0.3 (without: where it is)";
 
-const KINDS: [Kind; 20] = [
+const KINDS: [Kind; 29] = [
     plain("gps_lost", |_| Some(Fault::GpsLost)),
     valued("gps_late", "seconds up to 1.3, such as 0.25", |v| within(v, 0.0, LATEST_FIX_S, Fault::GpsLate)),
     valued("gps_shift", "metres north, such as 30", |v| within(v, -1e4, 1e4, Fault::GpsShift)),
@@ -148,7 +173,20 @@ const KINDS: [Kind; 20] = [
     }),
     plain("pitot_lost", |_| Some(Fault::PitotLost)),
     plain("pitot_blocked", |_| Some(Fault::PitotBlocked)),
+    plain("pitot_frozen", |_| Some(Fault::PitotFrozen)),
+    valued("pitot_slow", "seconds up to 100, such as 5", |v| within(v, 0.1, 100.0, Fault::PitotSlow)),
+    valued("pitot_scale", "a factor of the airspeed up to 3, such as 0.8", |v| {
+        within(v, 0.0, 3.0, Fault::PitotScale)
+    }),
+    valued("pitot_icing", "m/s in each second, -20 to 20, such as -0.2", |v| {
+        within(v, -20.0, 20.0, Fault::PitotIcing)
+    }),
+    valued("pitot_noise", "Pa up to 1000, such as 50", |v| within(v, 0.0, 1e3, Fault::PitotNoise)),
     plain("static_blocked", |_| Some(Fault::StaticBlocked)),
+    valued("static_slow", "seconds up to 100, such as 5", |v| within(v, 0.1, 100.0, Fault::StaticSlow)),
+    valued("accelerometer_stuck", AXES, |v| axis(v).map(Fault::AccelerometerStuck)),
+    valued("gyroscope_stuck", AXES, |v| axis(v).map(Fault::GyroscopeStuck)),
+    plain("inertial_lost", |_| Some(Fault::InertialLost)),
     valued("accelerometer_shift", "m/s² up to 50, such as 0.5", |v| {
         within(v, -50.0, 50.0, Fault::AccelerometerShift)
     }),
@@ -200,7 +238,16 @@ impl Fault {
             Self::MagnetometerShift(_) => "magnetometer_shift",
             Self::PitotLost => "pitot_lost",
             Self::PitotBlocked => "pitot_blocked",
+            Self::PitotFrozen => "pitot_frozen",
+            Self::PitotSlow(_) => "pitot_slow",
+            Self::PitotScale(_) => "pitot_scale",
+            Self::PitotIcing(_) => "pitot_icing",
+            Self::PitotNoise(_) => "pitot_noise",
             Self::StaticBlocked => "static_blocked",
+            Self::StaticSlow(_) => "static_slow",
+            Self::AccelerometerStuck(_) => "accelerometer_stuck",
+            Self::GyroscopeStuck(_) => "gyroscope_stuck",
+            Self::InertialLost => "inertial_lost",
             Self::AccelerometerShift(_) => "accelerometer_shift",
             Self::GyroscopeShift(_) => "gyroscope_shift",
             Self::FramesLost(_) => "frames_lost",
@@ -227,10 +274,18 @@ impl fmt::Display for Fault {
             | Self::AccelerometerShift(value)
             | Self::GyroscopeShift(value)
             | Self::FramesLost(value)
+            | Self::PitotSlow(value)
+            | Self::PitotScale(value)
+            | Self::PitotIcing(value)
+            | Self::PitotNoise(value)
+            | Self::StaticSlow(value)
             | Self::Delay(value)
             | Self::Stuck(_, Some(value))
             | Self::Updraft(value) => write!(f, "={value}"),
             Self::Gust { speed_mps, from_deg } => write!(f, "={speed_mps},{from_deg}"),
+            Self::AccelerometerStuck(axis) | Self::GyroscopeStuck(axis) => {
+                write!(f, "={}", ["x", "y", "z"][*axis])
+            }
             _ => Ok(()),
         }
     }
@@ -310,13 +365,34 @@ pub(crate) struct Wrongs {
     pub(crate) magnetometer_lost: bool,
     pub(crate) magnetometer_shift_gauss: f64,
     pub(crate) pitot_lost: bool,
-    pub(crate) pitot_blocked: bool,
+    pub(crate) pitot: PitotWrongs,
     pub(crate) static_blocked: bool,
+    pub(crate) static_slow_s: f64,
+    pub(crate) accelerometer_stuck: [bool; 3],
+    pub(crate) gyroscope_stuck: [bool; 3],
+    pub(crate) inertial_lost: bool,
     pub(crate) accelerometer_shift_mps2: f64,
     pub(crate) gyroscope_shift_radps: f64,
     pub(crate) frames_lost: f64,
     pub(crate) gust_ned_mps: Vector3<f64>,
     pub(crate) actuation: Actuation,
+}
+
+/// What is wrong with the pitot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct PitotWrongs {
+    pub(crate) blocked: bool,
+    pub(crate) frozen: bool,
+    pub(crate) slow_s: f64,
+    pub(crate) scale: f64,
+    pub(crate) ice_mps: f64,
+    pub(crate) noise_pa: f64,
+}
+
+impl Default for PitotWrongs {
+    fn default() -> Self {
+        Self { blocked: false, frozen: false, slow_s: 0.0, scale: 1.0, ice_mps: 0.0, noise_pa: 0.0 }
+    }
 }
 
 /// What is wrong with the actuators.
@@ -332,12 +408,12 @@ impl Wrongs {
     pub(crate) fn at(plan: &[PlannedFault], time_s: f64) -> Self {
         let mut wrongs = Self::default();
         for planned in plan.iter().filter(|planned| planned.is_active(time_s)) {
-            wrongs.add(&planned.fault, planned.swell(time_s));
+            wrongs.add(&planned.fault, planned.swell(time_s), time_s - planned.from_s);
         }
         wrongs
     }
 
-    fn add(&mut self, fault: &Fault, swell: f64) {
+    fn add(&mut self, fault: &Fault, swell: f64, since_s: f64) {
         match *fault {
             Fault::GpsLost => self.gps_lost = true,
             Fault::GpsLate(late_s) => self.gps_late_s += late_s,
@@ -345,8 +421,17 @@ impl Wrongs {
             Fault::MagnetometerLost => self.magnetometer_lost = true,
             Fault::MagnetometerShift(gauss) => self.magnetometer_shift_gauss += gauss,
             Fault::PitotLost => self.pitot_lost = true,
-            Fault::PitotBlocked => self.pitot_blocked = true,
+            Fault::PitotBlocked => self.pitot.blocked = true,
+            Fault::PitotFrozen => self.pitot.frozen = true,
+            Fault::PitotSlow(slow_s) => self.pitot.slow_s = self.pitot.slow_s.max(slow_s),
+            Fault::PitotScale(scale) => self.pitot.scale *= scale,
+            Fault::PitotIcing(mps2) => self.pitot.ice_mps += mps2 * since_s,
+            Fault::PitotNoise(pa) => self.pitot.noise_pa = self.pitot.noise_pa.hypot(pa),
             Fault::StaticBlocked => self.static_blocked = true,
+            Fault::StaticSlow(slow_s) => self.static_slow_s = self.static_slow_s.max(slow_s),
+            Fault::AccelerometerStuck(axis) => self.accelerometer_stuck[axis] = true,
+            Fault::GyroscopeStuck(axis) => self.gyroscope_stuck[axis] = true,
+            Fault::InertialLost => self.inertial_lost = true,
             Fault::AccelerometerShift(mps2) => self.accelerometer_shift_mps2 += mps2,
             Fault::GyroscopeShift(degps) => self.gyroscope_shift_radps += degps.to_radians(),
             Fault::FramesLost(share) => self.frames_lost = self.frames_lost.max(share),
@@ -388,7 +473,7 @@ mod tests {
 
     #[test]
     fn every_kind_comes_back_from_its_own_text() {
-        let values = ["", "=0.25", "=0.5,270"];
+        let values = ["", "=0.25", "=0.5,270", "=y"];
         let mut found = 0;
         for kind in &KINDS {
             let texts = values.iter().map(|value| format!("{}{value}@1..2", kind.name));

@@ -403,20 +403,37 @@ pub(crate) struct SensorSuite {
     steps: u32,
 }
 
-/// Pressures that are shut in, Pa: behind the static ports, and in the pitot.
+/// What broken sensors still have of former values: pressures that are shut in behind the static ports and in the pitot, Pa,
+/// and what a stuck one repeats.
 #[derive(Clone, Copy, Debug, Default)]
 struct Blocked {
     static_pa: Option<f64>,
     total_pa: Option<f64>,
+    differential_pa: Option<f64>,
+    force: [Option<f64>; 3],
+    rates: [Option<f64>; 3],
 }
 
 impl Blocked {
-    /// What the sensors feel of the true pressures.
-    fn felt(&mut self, static_pa: f64, total_pa: f64, wrongs: &Wrongs) -> (f64, f64) {
-        let hold = |shut: bool, held: Option<f64>, now: f64| shut.then(|| held.unwrap_or(now));
-        self.static_pa = hold(wrongs.static_blocked, self.static_pa, static_pa);
-        self.total_pa = hold(wrongs.pitot_blocked, self.total_pa, total_pa);
+    /// What the sensors feel of the true pressures, `dt_s` after the last time.
+    fn felt(&mut self, static_pa: f64, total_pa: f64, wrongs: &Wrongs, dt_s: f64) -> (f64, f64) {
+        let felt = |shut: bool, slow_s: f64, held: Option<f64>, now: f64| match (shut, slow_s > 0.0) {
+            (true, _) => Some(held.unwrap_or(now)),
+            (false, true) => Some(held.map_or(now, |held| now + (held - now) * (-dt_s / slow_s).exp())),
+            (false, false) => None,
+        };
+        self.static_pa = felt(wrongs.static_blocked, wrongs.static_slow_s, self.static_pa, static_pa);
+        self.total_pa = felt(wrongs.pitot.blocked, wrongs.pitot.slow_s, self.total_pa, total_pa);
         (self.static_pa.unwrap_or(static_pa), self.total_pa.unwrap_or(total_pa))
+    }
+
+    /// The values of three axes, of which some are stuck.
+    fn stuck(held: &mut [Option<f64>; 3], stuck: &[bool; 3], mut values: Vector3<f64>) -> Vector3<f64> {
+        for axis in 0..3 {
+            held[axis] = stuck[axis].then(|| held[axis].unwrap_or(values[axis]));
+            values[axis] = held[axis].unwrap_or(values[axis]);
+        }
+        values
     }
 }
 
@@ -521,21 +538,22 @@ impl SensorSuite {
         let louder = (NOISE_INTERVAL_S / interval_s.max(STEP_S)).sqrt();
         let wrongs = &now.wrongs;
         let field = now.state.attitude.inverse() * Vector3::from(MAGNETIC_FIELD_NED_GAUSS);
-        let (static_pressure_pa, differential_pressure_pa) = self.pressures(now);
+        let (static_pressure_pa, differential_pressure_pa) = self.pressures(now, interval_s);
         let s = &mut self.sources;
         let force_noise = s.accelerometer.gaussian3() * louder;
         let rate_noise = s.gyroscope.gaussian3() * louder;
         let field_noise = s.magnetometer.gaussian3();
         let lost = s.lost_frames.unit() < wrongs.frames_lost;
+        let nothing = missing(wrongs.inertial_lost);
+        let force =
+            self.accelerometer.measure(&force, force_noise, wrongs.accelerometer_shift_mps2 + nothing);
+        let rates = self.gyroscope.measure(&rates, rate_noise, wrongs.gyroscope_shift_radps + nothing);
+        let held = &mut self.blocked;
         let set = SensorSet {
             time_s: now.step as f64 * STEP_S,
             interval_s,
-            accelerometer_mps2: self.accelerometer.measure(
-                &force,
-                force_noise,
-                wrongs.accelerometer_shift_mps2,
-            ),
-            gyroscope_radps: self.gyroscope.measure(&rates, rate_noise, wrongs.gyroscope_shift_radps),
+            accelerometer_mps2: Blocked::stuck(&mut held.force, &wrongs.accelerometer_stuck, force),
+            gyroscope_radps: Blocked::stuck(&mut held.rates, &wrongs.gyroscope_stuck, rates),
             magnetometer_gauss: self.magnetometer.measure(
                 &field,
                 field_noise,
@@ -559,17 +577,24 @@ impl SensorSuite {
     }
 
     /// Static pressure and pitot minus static, as measured, Pa.
-    fn pressures(&mut self, now: &Instant<'_>) -> (f64, f64) {
+    fn pressures(&mut self, now: &Instant<'_>, interval_s: f64) -> (f64, f64) {
         let apparent = self.elevation_m - now.state.position.z + self.barometer.value;
         let outside_pa = atmosphere::air(apparent).pressure_pa;
-        let ram_pa = 0.5 * now.density * now.airspeed_mps * now.airspeed_mps;
-        let static_noise = self.static_noise_pa * self.sources.static_pressure.gaussian();
-        let pitot_noise = self.pitot_noise_pa * self.sources.differential_pressure.gaussian();
-        let (static_pa, total_pa) = self.blocked.felt(outside_pa, outside_pa + ram_pa, &now.wrongs);
+        let pitot = now.wrongs.pitot;
         // Without a fault the difference is taken as it is: the sum of two large numbers would cost digits.
-        let shut = now.wrongs.static_blocked || now.wrongs.pitot_blocked;
-        let difference_pa = if shut { total_pa - static_pa } else { ram_pa };
-        (static_pa + static_noise, difference_pa + self.pitot_bias_pa + pitot_noise)
+        let told_mps = now.airspeed_mps * pitot.scale + pitot.ice_mps;
+        let ram_pa = 0.5 * now.density * told_mps * told_mps.max(0.0);
+        let static_noise = self.static_noise_pa * self.sources.static_pressure.gaussian();
+        let noise = self.sources.differential_pressure.gaussian();
+        let pitot_noise = self.pitot_noise_pa.hypot(pitot.noise_pa) * noise;
+        let (static_pa, total_pa) =
+            self.blocked.felt(outside_pa, outside_pa + ram_pa, &now.wrongs, interval_s);
+        let exact = self.blocked.static_pa.is_none() && self.blocked.total_pa.is_none();
+        let difference_pa = if exact { ram_pa } else { total_pa - static_pa };
+        let told_pa = difference_pa + self.pitot_bias_pa + pitot_noise;
+        let held = &mut self.blocked.differential_pa;
+        *held = pitot.frozen.then(|| held.unwrap_or(told_pa));
+        (static_pa + static_noise, held.unwrap_or(told_pa))
     }
 }
 

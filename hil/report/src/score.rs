@@ -19,6 +19,8 @@ use serde::{Deserialize, Serialize};
 
 /// Height counts as captured within this, m: the tightest that moderate turbulence still passes at once.
 pub const CAPTURE_M: f64 = 3.0;
+/// Further off its height than this, m, an aircraft does not fly its mission any more.
+pub const LEFT_M: f64 = 100.0;
 /// Estimate and truth are compared where they are nearer in time than this, ns: one record's period.
 const NEAR_NS: u64 = 20_000_000;
 
@@ -211,6 +213,32 @@ fn hold_scores(
     scores.altitude_true_rms_m = height_true.value();
     scores.airspeed_rms_mps = airspeed.value();
     scores.airspeed_true_rms_mps = airspeed.value();
+}
+
+/// The first time after the capture at which the aircraft is further than [`LEFT_M`] off the heights of the way-points that it
+/// flies between, s, and how far it gets, m; by the truth as it is.
+pub(crate) fn left_height(flight: &Flight, passages: &[Passage]) -> Option<(f64, f64)> {
+    let Inputs { waypoints, laps, .. } = &flight.inputs;
+    let stretch = Stretch::of(passages, waypoints.len(), *laps)?;
+    let targets = Targets { passages, waypoints };
+    let (mut captured, mut first_s, mut most_m) = (false, None, 0.0_f64);
+    let mut before: Option<(f64, f64)> = None;
+    for record in stretch.of_truth(&flight.truth) {
+        let Some(target_m) = targets.at(record.time_ns).map(|target| target.altitude_m) else { continue };
+        // From one way-point's height to the next one's.
+        let (from_m, to_m) = before
+            .filter(|(_, to_m)| *to_m == target_m)
+            .unwrap_or_else(|| (before.map_or(target_m, |(_, to_m)| to_m), target_m));
+        before = Some((from_m, to_m));
+        let height_m = -record.position_ned_m[2];
+        let off_m = (from_m.min(to_m) - height_m).max(height_m - from_m.max(to_m));
+        captured |= off_m <= CAPTURE_M;
+        if captured && off_m > LEFT_M {
+            first_s.get_or_insert(seconds(record.time_ns));
+            most_m = most_m.max(off_m);
+        }
+    }
+    first_s.map(|first_s| (first_s, most_m))
 }
 
 /// Scores a flight's estimates.

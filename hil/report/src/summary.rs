@@ -280,8 +280,15 @@ impl Analysis {
         let laps = confirmed.saturating_sub(1).checked_div(count).unwrap_or(0) as u32;
         let failure = reported_failure(flight.run.as_ref())
             .or_else(|| crash(&flight.truth))
+            .or_else(|| self.left_height(flight))
             .or_else(|| self.lap_failure(flight, confirmed, laps));
         Verdict { laps, failure }
+    }
+
+    /// An aircraft that is lost says so by itself; one that was in nobody's place for a while does not.
+    fn left_height(&self, flight: &Flight) -> Option<String> {
+        let (first_s, most_m) = score::left_height(flight, &self.passages)?;
+        Some(format!("the aircraft left its height by {most_m:.0} m from {first_s:.1} s on"))
     }
 
     fn lap_failure(&self, flight: &Flight, confirmed: usize, laps: u32) -> Option<String> {

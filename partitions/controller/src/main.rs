@@ -11,6 +11,7 @@ use bateleur_controller::{
 use bateleur_flight::estimator::NavigationState;
 use bateleur_flight::guidance::Waypoint;
 use bateleur_function_shell::{FunctionShell, Verdict};
+use bateleur_messages::control::PITOT_NOT_BELIEVED;
 use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{FROM_CONTROLLER, Telemetry};
 use bateleur_messages::{Acceleration, ActuatorCommand, FunctionStatus, Pressure, Rate, Rates, State, Watch};
@@ -22,6 +23,7 @@ struct ControllerPartition {
     planned: Vec<Waypoint>,
     retained: Retained<Memory>,
     starts: u64,
+    pitot_believed: bool,
     inputs: InputPorts,
     command: SamplingSource<ActuatorCommand>,
     status: SamplingSource<FunctionStatus>,
@@ -49,6 +51,7 @@ impl Partition for ControllerPartition {
             planned,
             retained,
             starts: u64::from(context.generation()) + 1,
+            pitot_believed: true,
             inputs: InputPorts {
                 state: context.sampling_destination("state")?,
                 acceleration: context.sampling_destination("acceleration")?,
@@ -80,6 +83,7 @@ impl Partition for ControllerPartition {
             |function, _, one, _| order(function, &one, state.is_some()),
         );
         let command = self.function.step(now_ns, window.minor_frame_ns(), state.as_ref(), &sensors);
+        self.tell_pitot(window, command.protection & PITOT_NOT_BELIEVED == 0);
         self.command.write(&command);
         self.status.write(&self.function.status(self.starts));
         self.retained.store(&Memory { function: self.function.kept(), parameters: *self.shell.changed() });
@@ -108,6 +112,15 @@ fn order(function: &mut Function, order: &Order, ready: bool) -> Verdict {
 }
 
 impl ControllerPartition {
+    /// The health log has it when the verdict on the pitot changes.
+    fn tell_pitot(&mut self, window: &Window, believed: bool) {
+        match (std::mem::replace(&mut self.pitot_believed, believed), believed) {
+            (true, false) => window.raise("the pitot is not believed: airspeed by lift"),
+            (false, true) => window.report("the pitot is believed again"),
+            _ => {}
+        }
+    }
+
     fn send_telemetry(&mut self, now_ns: u64) {
         let Some(rate) = self.rate.read_valid() else { return };
         let navigation_due = self.timeout_1.changed(rate.timeout_1);

@@ -6,29 +6,39 @@
 
 mod kept;
 mod parameters;
+mod remarks;
 mod settings;
 mod state;
+mod stuck;
 
 pub use kept::Kept;
 pub use parameters::{Memory, parameters};
+pub use remarks::{Remark, Remarks};
 pub use settings::Settings;
 pub use state::{message, telemetry};
 
 use bateleur_flight::estimator::{
-    Aiding, Estimator, EstimatorConfig, GpsMeasurement, ImuSample, NavigationState, Start,
+    Aiding, Estimator, EstimatorConfig, GpsMeasurement, Health, ImuSample, NavigationState, Start,
 };
+use bateleur_messages::control::PITOT_NOT_BELIEVED;
 use bateleur_messages::ground::EstimatorOrder;
 use bateleur_messages::state::{STATUS_COARSE, STATUS_DISABLED};
 use bateleur_messages::{
-    Acceleration, FunctionStatus, GpsPosition, GpsVelocity, Magnetization, Pressure, Rates, State,
+    Acceleration, ActuatorCommand, FunctionStatus, GpsPosition, GpsVelocity, Magnetization, Pressure, Rates,
+    State,
 };
 use nalgebra::Vector3;
+use stuck::Stuck;
 
 /// Airspeed above which an aircraft is not called standing, m/s.
 const FLYING_MPS: f64 = 10.0;
 /// Samples in a row that lie before the last good one, after which the sensors' clock counts as set back: the
 /// simulator was started anew. Half a second at 50 Hz.
 const SET_BACK_SAMPLES: u32 = 25;
+/// Windows in a row without inertial values after which the state is no longer one to rely on, and after which there is none: a
+/// tenth of a second at 50 Hz.
+const DOUBTED_WINDOWS: u32 = 3;
+const SILENT_WINDOWS: u32 = 5;
 
 /// What is there in one window; each only if it is valid.
 #[derive(Debug, Clone, Copy, Default)]
@@ -45,6 +55,8 @@ pub struct Inputs<'a> {
     pub gps_position: Option<&'a GpsPosition>,
     /// From GPS.
     pub gps_velocity: Option<&'a GpsVelocity>,
+    /// From the Controller, of the cycle before: it says whether the pitot is believed.
+    pub command: Option<&'a ActuatorCommand>,
 }
 
 /// Time stamps of what was used last, ns.
@@ -63,6 +75,9 @@ pub struct Function {
     enabled: bool,
     used: Used,
     set_back: u32,
+    /// Windows in a row without inertial values.
+    silent: u32,
+    stuck: Stuck,
     airspeed_mps: f64,
     speed_mps: f64,
     /// What the filter knew when it was disabled.
@@ -81,6 +96,8 @@ impl Function {
             enabled: true,
             used: Used::default(),
             set_back: 0,
+            silent: 0,
+            stuck: Stuck::default(),
             airspeed_mps: 0.0,
             speed_mps: 0.0,
             parked: None,
@@ -120,12 +137,16 @@ impl Function {
 
     /// Takes what is new in this window.
     pub fn step(&mut self, inputs: &Inputs<'_>) {
+        if let Some(command) = inputs.command {
+            self.estimator.believe_pitot(command.protection & PITOT_NOT_BELIEVED == 0);
+        }
         match self.sample(inputs) {
             Some(sample) => {
-                self.accepted += 1;
+                (self.accepted, self.silent) = (self.accepted + 1, 0);
+                self.stuck.look(&sample.specific_force, &sample.rates);
                 self.estimator.predict(&sample);
             }
-            None => self.missing += 1,
+            None => (self.missing, self.silent) = (self.missing + 1, self.silent.saturating_add(1)),
         }
         self.aid_by_gps(inputs);
         self.aid_by_pressure(inputs);
@@ -134,13 +155,30 @@ impl Function {
 
     /// The state, if there is one.
     pub fn navigation(&self) -> Option<NavigationState> {
-        self.estimator.state().filter(|_| self.enabled)
+        self.estimator.state().filter(|_| self.enabled && !self.is_silent())
+    }
+
+    /// There have been no inertial values for so long that the last state says nothing of the present one.
+    pub fn is_silent(&self) -> bool {
+        self.silent >= SILENT_WINDOWS
+    }
+
+    /// Axes of the inertial sensors that repeat their value, one bit each: accelerometer 1, 2, 4, gyroscope 8, 16, 32.
+    pub fn stuck_axes(&self) -> u32 {
+        self.stuck.axes()
     }
 
     /// The state as the other functions get it: with its status alone while there is none.
     pub fn state(&self) -> State {
         let (refused, health) = (self.estimator.counters().refused, self.estimator.health());
         let mut state = state::message(self.navigation().as_ref(), refused, health);
+        if self.silent >= DOUBTED_WINDOWS {
+            (state.status, state.health) = (state.status.min(STATUS_COARSE), 0);
+        }
+        if self.stuck_axes() != 0 {
+            state.status = state.status.min(STATUS_COARSE);
+            state.health &= !u64::from(Health::ATTITUDE | Health::VELOCITY | Health::POSITION);
+        }
         if !self.enabled {
             state.status = STATUS_DISABLED;
         }

@@ -5,13 +5,15 @@ use std::process::ExitCode;
 use bateleur_apex::{
     Context, Partition, Retained, SamplingDestination, SamplingSource, StartError, Takeover, Window,
 };
-use bateleur_estimator::{Function, Inputs, Memory, Settings, parameters, seconds, telemetry};
+use bateleur_estimator::{
+    Function, Inputs, Memory, Remark, Remarks, Settings, parameters, seconds, telemetry,
+};
 use bateleur_function_shell::{FunctionShell, Verdict};
 use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{FROM_ESTIMATOR, Refusal, Telemetry};
 use bateleur_messages::{
-    Acceleration, FunctionStatus, GpsPosition, GpsVelocity, Magnetization, Pressure, Rate, Rates, State,
-    Watch,
+    Acceleration, ActuatorCommand, FunctionStatus, GpsPosition, GpsVelocity, Magnetization, Pressure, Rate,
+    Rates, State, Watch,
 };
 
 struct EstimatorPartition {
@@ -19,6 +21,7 @@ struct EstimatorPartition {
     shell: FunctionShell<Settings>,
     retained: Retained<Memory>,
     starts: u64,
+    remarks: Remarks,
     inputs: InputPorts,
     state: SamplingSource<State>,
     status: SamplingSource<FunctionStatus>,
@@ -33,6 +36,7 @@ struct InputPorts {
     pressure: SamplingDestination<Pressure>,
     gps_position: SamplingDestination<GpsPosition>,
     gps_velocity: SamplingDestination<GpsVelocity>,
+    command: Option<SamplingDestination<ActuatorCommand>>,
 }
 
 impl Partition for EstimatorPartition {
@@ -46,6 +50,7 @@ impl Partition for EstimatorPartition {
             shell,
             retained,
             starts: u64::from(context.generation()) + 1,
+            remarks: Remarks::default(),
             inputs: InputPorts {
                 acceleration: context.sampling_destination("acceleration")?,
                 orientation: context.sampling_destination("orientation")?,
@@ -53,6 +58,7 @@ impl Partition for EstimatorPartition {
                 pressure: context.sampling_destination("pressure")?,
                 gps_position: context.sampling_destination("gps_position")?,
                 gps_velocity: context.sampling_destination("gps_velocity")?,
+                command: context.optional_destination("command")?,
             },
             state: context.sampling_source("state")?,
             status: context.sampling_source("status")?,
@@ -75,6 +81,11 @@ impl Partition for EstimatorPartition {
         );
         self.function.step(&self.inputs.read());
         let state = self.function.state();
+        let (silent, stuck) = (self.function.is_silent(), self.function.stuck_axes());
+        self.remarks.look(&state, silent, stuck, |remark| match remark {
+            Remark::Gone(text) => window.raise(text),
+            Remark::Back(text) => window.report(text),
+        });
         self.state.write(&state);
         self.status.write(&self.function.status(&state, self.starts));
         if self.rate.read_valid().is_some_and(|rate| self.timeout.changed(rate.timeout_3)) {
@@ -109,6 +120,7 @@ impl InputPorts {
             pressure: self.pressure.read_valid(),
             gps_position: self.gps_position.read_valid(),
             gps_velocity: self.gps_velocity.read_valid(),
+            command: self.command.as_mut().and_then(SamplingDestination::read_valid),
         }
     }
 }

@@ -47,6 +47,7 @@ impl Set {
             pressure: Some(&self.pressure),
             gps_position: Some(&self.position),
             gps_velocity: Some(&self.velocity),
+            command: None,
         }
     }
 }
@@ -145,8 +146,41 @@ fn a_simulator_that_was_started_anew_is_followed_after_half_a_second() {
     let mut function = function(None, 0.0);
     run(&mut function, 5_000..5_600);
     run(&mut function, 1..20);
-    assert_eq!(function.state().valid_ns, 5_599 * CYCLE);
+    assert_eq!(function.state().status, STATUS_INITIALISING, "values of the past are none");
     run(&mut function, 20..800);
     assert_eq!(function.state().valid_ns, 799 * CYCLE);
     assert_eq!(function.state().status, STATUS_RUNNING);
+}
+
+#[test]
+fn inertial_values_that_stop_leave_no_state_after_a_tenth_of_a_second_and_a_coarse_one_before() {
+    let mut function = function(None, 0.0);
+    run(&mut function, 1..600);
+    let mut told = Vec::new();
+    for cycle in 600..606 {
+        let set = Set::standing(cycle);
+        function.step(&Inputs { acceleration: None, orientation: None, ..set.inputs() });
+        let state = function.state();
+        told.push((state.status, state.health != 0, function.navigation().is_some()));
+    }
+    assert_eq!(told[1], (STATUS_RUNNING, true, true));
+    assert_eq!(told[2], (STATUS_COARSE, false, true));
+    assert_eq!(told[4], (STATUS_INITIALISING, false, false));
+    assert_eq!(told[5], told[4]);
+    run(&mut function, 606..607);
+    assert_eq!(function.state().status, STATUS_RUNNING, "six windows are bridged");
+}
+
+#[test]
+fn stuck_axis_is_told_in_the_state_within_a_tenth_of_a_second() {
+    let mut function = function(None, 0.0);
+    run(&mut function, 1..600);
+    for cycle in 600..606 {
+        let mut set = Set::standing(cycle);
+        set.acceleration.specific_force_mps2[0] = 1e-3 * cycle as f64;
+        function.step(&set.inputs());
+    }
+    let state = function.state();
+    assert_ne!(function.stuck_axes(), 0);
+    assert_eq!((state.status, state.health & 112), (STATUS_COARSE, 0));
 }

@@ -19,6 +19,9 @@ pub const TASK_CLIMBING: u32 = ActuatorCommand::TASK_CLIMBING;
 /// [`ActuatorCommand::task`]: a take-off that was given up.
 pub const TASK_ABORTED: u32 = ActuatorCommand::TASK_ABORTED;
 
+/// [`ActuatorCommand::protection`]: the pitot is not believed, the airspeed is the one that lift tells.
+pub const PITOT_NOT_BELIEVED: u32 = 32;
+
 impl ServoTimers {
     /// What holds before the Servo has spoken: surfaces neutral, throttle closed.
     pub const AT_REST: Self = Self {

@@ -154,9 +154,7 @@ fn all(root: &Path, asked: &Asked) -> Result<(), String> {
             version: &version,
             time: &time,
         };
-        let packages: [fn(&Order<'_>, &mut Tree) -> Result<(), String>; 2] =
-            [contents::lay, development::lay];
-        for lay in packages {
+        for lay in [contents::lay as Lay, development::lay] {
             let mut tree = Tree::new(&output.join("tree"))?;
             lay(&order, &mut tree)?;
             let (file, bytes) = tree.pack(&output, &order)?;
@@ -165,6 +163,9 @@ fn all(root: &Path, asked: &Asked) -> Result<(), String> {
     }
     Ok(())
 }
+
+/// Lays the files of a package.
+type Lay = fn(&Order<'_>, &mut Tree) -> Result<(), String>;
 
 /// Builds the programs; nothing in them tells where.
 fn build(root: &Path, processor: Processor) -> Result<PathBuf, String> {

@@ -115,6 +115,7 @@ impl Look<'_> {
                 self.refresh_ns(2, "magnetization")?,
                 self.refresh_ns(2, "pressure")?,
             ],
+            estimator_command_ns: self.refresh_ns(2, "command").ok(),
             controller_ns: [
                 self.refresh_ns(3, "state")?,
                 self.refresh_ns(3, "acceleration")?,

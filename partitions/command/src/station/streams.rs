@@ -13,6 +13,7 @@ use bateleur_mavlink::common::{
     NAMED_VALUE_INT_DATA, NAV_CONTROLLER_OUTPUT_DATA, SERVO_OUTPUT_RAW_DATA, SYS_STATUS_DATA,
     SYSTEM_TIME_DATA, VFR_HUD_DATA, WIND_COV_DATA,
 };
+use bateleur_messages::control::PITOT_NOT_BELIEVED;
 use bateleur_messages::state::STATUS_COARSE;
 use bateleur_messages::telemetry::{
     GpsTelemetry, ImuTelemetry, NAVIGATION_ABORTED, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED,
@@ -276,6 +277,7 @@ impl Streams {
         if !self.fixed {
             health.remove(Sensor::MAV_SYS_STATUS_SENSOR_GPS);
         }
+        self.remove_what_is_not_taken(&mut health);
         health.set(
             Sensor::MAV_SYS_STATUS_AHRS,
             self.primary.is_some_and(|primary| primary.estimator_ready == 1),
@@ -289,6 +291,27 @@ impl Streams {
             battery_remaining: -1,
             ..SYS_STATUS_DATA::DEFAULT
         })
+    }
+
+    /// In the air, a sensor that the filter does not take is not healthy. The pitot is not needed below flying speed.
+    fn remove_what_is_not_taken(&self, health: &mut Sensor) {
+        let Some(state) = &self.estimate else { return };
+        let [north_mps, east_mps, down_mps] = state.velocity_ned_mps;
+        let flies =
+            -state.position_ned_m[2] > GROUND_M && north_mps.hypot(east_mps).hypot(down_mps) > GROUND_MPS;
+        if !flies || state.status < STATUS_COARSE {
+            return;
+        }
+        for (bit, sensor) in [
+            (1, Sensor::MAV_SYS_STATUS_SENSOR_GPS),
+            (2, Sensor::MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE),
+            (4, Sensor::MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE),
+            (8, Sensor::MAV_SYS_STATUS_SENSOR_3D_MAG),
+        ] {
+            if state.health & bit == 0 {
+                health.remove(sensor);
+            }
+        }
     }
 
     fn primary(&mut self, primary: &Primary, out: &mut Out) {
@@ -337,7 +360,7 @@ impl Streams {
     fn navigation(&mut self, navigation: &Navigation, items: &Items, out: &mut Out) {
         let before = self.navigation.replace(*navigation);
         let height_m = self.motion.map(|motion| -motion.position_ned_m[2]);
-        let airspeed_mps = self.imu.map(|imu| imu.airspeed_mps);
+        let airspeed_mps = self.airspeed_mps();
         out.say(&MavMessage::NAV_CONTROLLER_OUTPUT(NAV_CONTROLLER_OUTPUT_DATA {
             nav_roll: navigation.bank_reference_rad.to_degrees() as f32,
             alt_error: height_m.map_or(0.0, |height_m| navigation.altitude_reference_m - height_m) as f32,
@@ -359,9 +382,10 @@ impl Streams {
             (NAVIGATION_LOITER, "it circles", "the circle is left"),
             (NAVIGATION_RETURN, "it flies back to the runway", "it flies back no more"),
             (NAVIGATION_TAKE_OFF, "taking off", "the take-off is over"),
+            (PITOT_NOT_BELIEVED << NAVIGATION_PROTECTION_SHIFT, "", "the pitot is believed again"),
         ] {
             match turned(bit) {
-                (true, false) => out.text(MavSeverity::MAV_SEVERITY_NOTICE, on),
+                (true, false) if !on.is_empty() => out.text(MavSeverity::MAV_SEVERITY_NOTICE, on),
                 (false, true) => out.text(MavSeverity::MAV_SEVERITY_NOTICE, off),
                 _ => {}
             }
@@ -374,11 +398,25 @@ impl Streams {
             (4 << NAVIGATION_PROTECTION_SHIFT, "angle of attack limited"),
             (8 << NAVIGATION_PROTECTION_SHIFT, "airspeed too low: the nose goes down"),
             (16 << NAVIGATION_PROTECTION_SHIFT, "angle of climb limited"),
+            (PITOT_NOT_BELIEVED << NAVIGATION_PROTECTION_SHIFT, "pitot not believed: airspeed by lift"),
         ] {
             if turned(bit) == (true, false) {
                 out.text(MavSeverity::MAV_SEVERITY_WARNING, text);
             }
         }
+    }
+
+    /// Airspeed, m/s: the pitot's, or where it is not believed that of the motion through the wind.
+    fn airspeed_mps(&self) -> Option<f64> {
+        let doubted = PITOT_NOT_BELIEVED << NAVIGATION_PROTECTION_SHIFT;
+        if self.navigation.is_none_or(|navigation| navigation.flags & doubted == 0) {
+            return self.imu.map(|imu| imu.airspeed_mps);
+        }
+        self.motion.map(|motion| {
+            let [north_mps, east_mps, down_mps] = motion.velocity_ned_mps;
+            let [wind_north, wind_east] = motion.wind_ne_mps;
+            (north_mps - wind_north).hypot(east_mps - wind_east).hypot(down_mps)
+        })
     }
 
     fn global_position(&self, motion: &Motion) -> MavMessage {
@@ -402,7 +440,7 @@ impl Streams {
         let [north_mps, east_mps, down_mps] = motion.velocity_ned_mps;
         let throttle = self.servo.map_or(0, |servo| servo.timers_us[4].saturating_sub(1000) / 10);
         MavMessage::VFR_HUD(VFR_HUD_DATA {
-            airspeed: self.imu.map_or(0.0, |imu| imu.airspeed_mps) as f32,
+            airspeed: self.airspeed_mps().unwrap_or(0.0) as f32,
             groundspeed: north_mps.hypot(east_mps) as f32,
             alt: (self.runway.altitude_m - motion.position_ned_m[2]) as f32,
             climb: -down_mps as f32,

@@ -51,6 +51,8 @@ impl Protection {
     pub const AIRSPEED: u32 = 8;
     /// Angle of climb or descent.
     pub const CLIMB: u32 = 16;
+    /// No limit: the pitot is not believed, the airspeed is the one that lift tells.
+    pub const PITOT: u32 = 32;
 
     /// Notes a limit.
     pub fn note(&mut self, bit: u32, reached: bool) {

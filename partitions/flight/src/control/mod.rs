@@ -9,6 +9,7 @@
 //! (throttle). A channel without target goes to the safety pilot; the rudder flies coordinated whenever the
 //! autopilot is on.
 
+pub mod airspeed;
 pub mod envelope;
 pub mod fallback;
 pub mod inner;
@@ -18,10 +19,11 @@ pub mod takeoff;
 
 use crate::GRAVITY_MPS2;
 use crate::airframe::{Airframe, Trim};
-use crate::attitude::low_pass;
+use crate::attitude::{self, low_pass};
 use crate::estimator::NavigationState;
 use crate::guidance::{Guidance, GuidanceOutput, GuidanceSnapshot, Motion, PathNumbers, course_acceleration};
 use crate::servo::ActuatorCommand;
+use airspeed::AirspeedWatch;
 use envelope::{Envelope, Limits, Protection, steepness};
 use fallback::{Basis, Fallback};
 use inner::{InnerLoops, InnerTuning, Signals};
@@ -179,6 +181,12 @@ impl Default for ControllerConfig {
 
 /// Greatest bank in the climb of a take-off, rad.
 const TAKE_OFF_BANK_RAD: f64 = 0.26;
+/// Above this the wing carries a take-off, m above the runway.
+const CARRIED_BY_WING_M: f64 = 15.0;
+/// Share of the airspeed that is kept in hand while the pitot is not believed.
+const DOUBTED_SHARE: f64 = 0.05;
+/// Memory of where the actuators stand on average, s.
+const STEADY_S: f64 = 10.0;
 /// How far ahead the airspeed is looked at where its floor is kept, s.
 const FLOOR_LEAD_S: f64 = 1.0;
 /// Slew limits of the references: invisible in normal flight, they take the edge off a change of basis.
@@ -217,6 +225,8 @@ pub struct ControllerSnapshot {
     pub channels: Channels,
     /// The take-off that was under way.
     pub take_off: [f64; takeoff::NUMBERS],
+    /// What is known of the pitot.
+    pub airspeed_watch: [f64; airspeed::NUMBERS],
     /// The piece of path that was flown.
     pub path: PathNumbers,
     /// Mission progress.
@@ -236,10 +246,27 @@ pub struct Controller {
     channels: Channels,
     fallback: Fallback,
     airspeed_mps: f64,
+    airspeed_watch: AirspeedWatch,
     /// Airspeed asked for on top of the reference, because the elevator is near its stop, m/s.
     authority_mps: f64,
     last: ActuatorCommand,
+    steady: Steady,
     take_off: Option<TakeOff>,
+}
+
+/// Where the actuators stood on average, while there was a state.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Steady(Option<ActuatorCommand>);
+
+impl Steady {
+    fn follow(&mut self, command: &ActuatorCommand, dt_s: f64) {
+        let mean = self.0.get_or_insert(*command);
+        let towards = |mean: &mut f64, now: f64| *mean = low_pass(*mean, now, STEADY_S, dt_s);
+        towards(&mut mean.throttle, command.throttle);
+        towards(&mut mean.aileron_rad, command.aileron_rad);
+        towards(&mut mean.elevator_rad, command.elevator_rad);
+        towards(&mut mean.rudder_rad, command.rudder_rad);
+    }
 }
 
 impl Controller {
@@ -260,8 +287,10 @@ impl Controller {
             channels: Channels::default(),
             fallback: Fallback::new(trim.alpha_rad, config.cruise_mps),
             airspeed_mps: 0.0,
+            airspeed_watch: AirspeedWatch::default(),
             authority_mps: 0.0,
             last: trimmed(&trim),
+            steady: Steady::default(),
             take_off: None,
         }
     }
@@ -321,6 +350,7 @@ impl Controller {
             authority_mps: self.authority_mps,
             channels: self.channels,
             take_off: TakeOff::to_numbers(self.take_off.as_ref()),
+            airspeed_watch: self.airspeed_watch.to_numbers(),
             path: self.guidance.path(),
             guidance: self.guidance.snapshot(),
         }
@@ -344,6 +374,7 @@ impl Controller {
         self.authority_mps = snapshot.authority_mps.clamp(0.0, AUTHORITY_LIMIT_MPS);
         self.channels = snapshot.channels;
         self.take_off = TakeOff::from_numbers(&snapshot.take_off);
+        self.airspeed_watch = AirspeedWatch::from_numbers(&snapshot.airspeed_watch);
         self.guidance.resume(&snapshot.guidance);
         self.guidance.resume_path(&snapshot.path);
         true
@@ -360,7 +391,7 @@ impl Controller {
         let commands = commands.finite();
         let (state, basis) =
             self.fallback.update(inputs.navigation, &inputs.rates, &inputs.specific_force, dt_s);
-        let signals = self.measure(&state, inputs, dt_s);
+        let signals = self.measure(&state, inputs, basis, dt_s);
         if !commands.autopilot {
             return self.hand_over(inputs, basis, signals);
         }
@@ -372,11 +403,18 @@ impl Controller {
                 return self.on_ground(command, basis, signals);
             }
         };
+        if basis != Basis::Estimator && !attitude::finite(&inputs.rates) {
+            return self.blind(basis, signals);
+        }
         let guidance = self.navigate(&state, &commands, basis);
         let wanted = self.outer(&state, &signals, &commands, guidance.as_ref(), basis);
-        let (wanted, protection) = self.protect(&state, &signals, &wanted, basis);
+        let (wanted, mut protection) = self.protect(&state, &signals, &wanted, basis);
+        protection.note(Protection::PITOT, !self.airspeed_watch.is_believed());
         let command = self.inner(&signals, &wanted, &commands, inputs, dt_s);
         self.last = command;
+        if basis == Basis::Estimator {
+            self.steady.follow(&command, dt_s);
+        }
         ControllerOutput {
             command,
             guidance,
@@ -401,7 +439,7 @@ impl Controller {
         let (airframe, envelope) = (&self.airframe, &self.envelope);
         let course = state.velocity.y.atan2(state.velocity.x);
         let ground = state.velocity.x.hypot(state.velocity.y);
-        take_off.advance(airframe, envelope, s, course, basis != Basis::WingsLevel, dt_s);
+        take_off.advance(airframe, envelope, s, (course, ground), basis != Basis::WingsLevel, dt_s);
         self.take_off = Some(take_off);
         if let Some(command) = take_off.actuators(airframe, envelope, s, ground, &self.last, dt_s) {
             return Err(command);
@@ -438,6 +476,12 @@ impl Controller {
         }
     }
 
+    /// There is no state, and no gyroscope to fly on without one: the surfaces stay where they stood on average, and the loops wait.
+    fn blind(&mut self, basis: Basis, signals: Signals) -> ControllerOutput {
+        self.last = self.steady.0.unwrap_or_else(|| trimmed(&self.trim));
+        self.on_ground(self.last, basis, signals)
+    }
+
     /// The safety pilot flies; loops forget, so that engagement starts from the pilot's actuators.
     fn hand_over(
         &mut self,
@@ -459,7 +503,8 @@ impl Controller {
     /// What can be asked for at the airspeed of the moment.
     fn limits(&self, s: &Signals) -> Limits {
         let bank_rad = self.config.outer.bank_limit_rad;
-        self.envelope.limits(&self.airframe, s.airspeed_mps, s.density_kgpm3, bank_rad)
+        let sure = if self.airspeed_watch.is_believed() { 1.0 } else { 1.0 - DOUBTED_SHARE };
+        self.envelope.limits(&self.airframe, sure * s.airspeed_mps, s.density_kgpm3, bank_rad)
     }
 
     /// Keeps what the loops are asked for within what the aircraft can do, whoever asks. A target of an inner loop is held within
@@ -511,15 +556,14 @@ impl Controller {
     }
 
     /// Specific acceleration in wind axes and the angles the loops need.
-    fn measure(&mut self, state: &NavigationState, inputs: &ControllerInputs<'_>, dt_s: f64) -> Signals {
+    fn measure(
+        &mut self,
+        state: &NavigationState,
+        inputs: &ControllerInputs<'_>,
+        basis: Basis,
+        dt_s: f64,
+    ) -> Signals {
         let air = state.air_velocity();
-        let airspeed = inputs.airspeed_mps.filter(|v| v.is_finite()).unwrap_or(air.norm());
-        let airspeed = airspeed.clamp(self.envelope.measured_mps.0, self.envelope.measured_mps.1);
-        self.airspeed_mps = if self.airspeed_mps > 0.0 {
-            low_pass(self.airspeed_mps, airspeed, AIRSPEED_LAG_S, dt_s)
-        } else {
-            airspeed
-        };
         // Direction of flight in body axes; below flying speed, or turned away from the nose, the trimmed one.
         let nose = Vector3::new(self.trim.alpha_rad.cos(), 0.0, self.trim.alpha_rad.sin());
         let flown = state.quaternion.inverse() * air;
@@ -527,7 +571,7 @@ impl Controller {
         let right = Vector3::z().cross(&forward).try_normalize(1e-6).unwrap_or(Vector3::y());
         let down = forward.cross(&right);
         let force = state.specific_force;
-        Signals {
+        let mut signals = Signals {
             airspeed_mps: self.airspeed_mps,
             density_kgpm3: inputs.density_kgpm3.filter(|x| (0.5..1.5).contains(x)).unwrap_or(1.2),
             axial_mps2: force.dot(&forward),
@@ -539,7 +583,39 @@ impl Controller {
             bank_rad: state.euler.x,
             pitch_rad: state.euler.y,
             climb_rad: (-(state.quaternion * forward).z).clamp(-1.0, 1.0).asin(),
-        }
+        };
+        let airspeed = self.airspeed(state, inputs, &signals, basis, dt_s).unwrap_or(air.norm());
+        let airspeed = airspeed.clamp(self.envelope.measured_mps.0, self.envelope.measured_mps.1);
+        self.airspeed_mps = if self.airspeed_mps > 0.0 {
+            low_pass(self.airspeed_mps, airspeed, AIRSPEED_LAG_S, dt_s)
+        } else {
+            airspeed
+        };
+        signals.airspeed_mps = self.airspeed_mps;
+        signals
+    }
+
+    /// The airspeed to fly on, m/s: the pitot's as long as it is believed.
+    fn airspeed(
+        &mut self,
+        state: &NavigationState,
+        inputs: &ControllerInputs<'_>,
+        s: &Signals,
+        basis: Basis,
+        dt_s: f64,
+    ) -> Option<f64> {
+        let in_air = self.take_off.is_none() || state.altitude_m() > CARRIED_BY_WING_M;
+        let frame = airspeed::Frame {
+            pitot_mps: inputs.airspeed_mps,
+            density_kgpm3: s.density_kgpm3,
+            elevator_rad: self.last.elevator_rad,
+            pitch_rate_radps: s.pitch_rate_radps,
+            normal_mps2: s.normal_mps2,
+            change_mps2: s.axial_mps2 - GRAVITY_MPS2 * s.climb_rad.sin(),
+            flying: self.channels.pitch && in_air && basis != Basis::WingsLevel,
+            dt_s,
+        };
+        self.airspeed_watch.step(&self.airframe, &frame)
     }
 
     fn navigate(

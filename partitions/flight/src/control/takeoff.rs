@@ -35,6 +35,10 @@ const LEVEL_DAMPING_S: f64 = 0.05;
 const ASTRAY_RAD: f64 = 0.45;
 /// So is one that is not fast enough after this, s.
 const LONGEST_ROLL_S: f64 = 40.0;
+/// So is one that is much faster over ground than by the pitot, and would fly long since: shares of the airspeed at which it leaves
+/// the ground, and of the ground speed.
+const OVERDUE_SHARE: f64 = 1.3;
+const BELIEVABLE_SHARE: f64 = 0.6;
 /// A launch is an axial specific acceleration beyond this, m/s², for so long, s: gusts and hands do less.
 const LAUNCH_MPS2: f64 = 6.0;
 const LAUNCH_S: f64 = 0.1;
@@ -100,13 +104,14 @@ impl TakeOff {
         stops
     }
 
-    /// One frame on the ground or in somebody's hands. `course_rad` is the ground track, `known` whether there is a state.
+    /// One frame on the ground or in somebody's hands. The ground track is its direction (rad from north) and the speed along it
+    /// (m/s), `known` whether there is a state.
     pub(super) fn advance(
         &mut self,
         airframe: &Airframe,
         envelope: &Envelope,
         s: &Signals,
-        course_rad: f64,
+        (course_rad, ground_mps): (f64, f64),
         known: bool,
         dt_s: f64,
     ) {
@@ -122,7 +127,12 @@ impl TakeOff {
             Phase::Rolling => {
                 self.since_s += dt_s;
                 self.turned_rad += s.yaw_rate_radps * dt_s;
-                let lost = self.turned_rad.abs() > ASTRAY_RAD || self.since_s > LONGEST_ROLL_S || !known;
+                let unbelievable =
+                    ground_mps > OVERDUE_SHARE * fast && s.airspeed_mps < BELIEVABLE_SHARE * ground_mps;
+                let lost = self.turned_rad.abs() > ASTRAY_RAD
+                    || self.since_s > LONGEST_ROLL_S
+                    || unbelievable
+                    || !known;
                 if lost {
                     self.abort();
                 } else if s.airspeed_mps >= fast {

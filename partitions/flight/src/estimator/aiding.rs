@@ -1,13 +1,13 @@
 //! The measurements: how each looks at the state, when it is refused, and what happens if that lasts.
 
-use super::filter::{ATT, ErrorVector, Filter, MAG, POS, Scalar, VEL, WIND};
+use super::filter::{ATT, ErrorVector, Filter, MAG, POS, ProcessNoise, Scalar, VEL, WIND};
 use super::health::Aid;
 use super::history::{Past, position_row, scalar, velocity_row};
 use super::{Estimator, EstimatorStatus, GpsMeasurement, Phase};
 use crate::GRAVITY_MPS2;
 use crate::atmosphere::{airspeed_mps, density_kgpm3, pressure_altitude_m};
 use crate::attitude::{finite, skew};
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
 /// Barometer samples averaged before their mean becomes the reference: 2 s at 25 Hz leave 0.12 m of noise.
 const REFERENCE_SAMPLES: u32 = 50;
@@ -93,7 +93,59 @@ impl BarometerReference {
     }
 }
 
+/// Seconds for which winds are remembered: a pitot that is found to be wrong has been so for some.
+const WINDS: usize = 16;
+/// What the height may be off when a barometer is found to be wrong, m.
+const UNTOLD_HEIGHT_M: f64 = 2.0;
+/// What the wind may have become since, m/s, and the share of its process noise while nothing tells it.
+const WIND_SINCE_MPS: f64 = 1.0;
+const UNTOLD_WIND_SHARE: f64 = 0.1;
+
+/// The wind of the last seconds, the oldest first.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Winds {
+    past: [Vector2<f64>; WINDS],
+    count: usize,
+    last_s: f64,
+}
+
+impl Winds {
+    pub(super) fn note(&mut self, time_s: f64, wind: &Vector2<f64>) {
+        if self.count > 0 && (time_s - self.last_s).abs() < 1.0 {
+            return;
+        }
+        if self.count == WINDS {
+            self.past.rotate_left(1);
+        }
+        self.count = (self.count + 1).min(WINDS);
+        (self.past[self.count - 1], self.last_s) = (*wind, time_s);
+    }
+
+    fn oldest(&self) -> Option<Vector2<f64>> {
+        (self.count > 0).then_some(self.past[0])
+    }
+}
+
 impl Estimator {
+    /// Takes the pitot's airspeed or leaves it; from the moment on in which it is not believed any more, the wind is that of a
+    /// quarter of a minute before and stays about so.
+    pub fn believe_pitot(&mut self, believed: bool) {
+        let before = std::mem::replace(&mut self.pitot_believed, believed);
+        if let Some(wind) = self.winds.oldest().filter(|_| before && !believed) {
+            self.filter.nominal.wind = wind;
+            self.filter.forget(WIND, 2, WIND_SINCE_MPS);
+        }
+    }
+
+    /// What drives the errors just now.
+    pub(super) fn process(&self) -> ProcessNoise {
+        let process = self.config.process;
+        // Without a pitot nothing tells the wind, without satellites it is what tells the velocity.
+        let told = self.pitot_believed && self.status() != EstimatorStatus::Inertial;
+        let share = if told { 1.0 } else { UNTOLD_WIND_SHARE };
+        ProcessNoise { wind: share * process.wind, ..process }
+    }
+
     /// Fuses a fix at its measurement time.
     pub fn update_gps(&mut self, measurement: &GpsMeasurement) {
         let whole = finite(&measurement.position_ned) && finite(&measurement.velocity_ned);
@@ -116,6 +168,9 @@ impl Estimator {
         if self.standing && fix.velocity_ned.norm() > STANDING_SPEED_MPS {
             self.standing = false;
             self.barometer.leave_ground();
+        }
+        if !self.standing {
+            self.static_watch.fix(now.time_s, fix.velocity_ned.z);
         }
         let velocity = self.velocity_scalars(fix, &past);
         let position = self.position_scalars(fix, &past);
@@ -225,8 +280,21 @@ impl Estimator {
         let mut h = ErrorVector::zeros();
         h[POS + 2] = -1.0;
         let innovation = altitude - offset + self.filter.nominal.position.z;
-        let accepted =
-            self.fuse(Aid::Barometer, &[scalar(h, innovation, self.config.measurement.barometer_m)]);
+        let scalar = scalar(h, innovation, self.config.measurement.barometer_m);
+        let refused = self.filter.normalised(&scalar).abs() > self.config.measurement.gate_sigma;
+        if self.static_watch.is_believed() && refused {
+            self.static_watch.restart(); // a jump is the gate's matter: the height has not followed it
+        } else if let Some(off_m) = self.static_watch.height(time_s, altitude) {
+            // The height has followed the barometer for that long; now it follows the receiver.
+            self.filter.nominal.position.z += off_m;
+            self.filter.forget(POS + 2, 1, UNTOLD_HEIGHT_M);
+            self.history.clear();
+            self.history.push(self.now());
+        }
+        if !self.static_watch.is_believed() {
+            return;
+        }
+        let accepted = self.fuse(Aid::Barometer, &[scalar]);
         let patience = self.config.measurement.other_patience_s;
         if self.barometer_gate.out_of_patience(accepted, time_s, patience) {
             self.counters.resets += 1;
@@ -241,22 +309,32 @@ impl Estimator {
         }
         let density = density_kgpm3(pressure_altitude_m(static_pa).unwrap_or(0.0));
         let airspeed = airspeed_mps(differential_pa, density);
-        self.last_airspeed_mps = Some(airspeed);
+        if self.pitot_believed {
+            self.last_airspeed_mps = Some(airspeed);
+        }
         // Near standstill the direction of the air is unknown and the linearisation means nothing.
         let least = self.config.measurement.least_airspeed_mps;
-        let slow = airspeed < least || self.filter.nominal.velocity.norm() < 0.7 * least;
+        let slow =
+            (airspeed < least && self.pitot_believed) || self.filter.nominal.velocity.norm() < 0.7 * least;
         let due = time_s - self.last_pitot_s > self.config.measurement.airspeed_interval_s - 1e-3;
         if self.phase != Phase::Running || !self.config.aiding.pressure || slow || !due {
             return;
         }
         self.last_pitot_s = time_s;
+        if self.pitot_believed {
+            self.fuse_airspeed(time_s, airspeed);
+        }
+        if -self.filter.nominal.position.z > self.config.measurement.sideslip_height_m {
+            let scalar = self.sideslip_scalar();
+            let inertial = self.status() == EstimatorStatus::Inertial;
+            self.fuse_from(Aid::Sideslip, &[scalar], if inertial { 0 } else { WIND });
+        }
+    }
+
+    fn fuse_airspeed(&mut self, time_s: f64, airspeed: f64) {
         let inertial = self.status() == EstimatorStatus::Inertial;
         let scalar = self.airspeed_scalar(airspeed, inertial);
         let accepted = self.fuse_from(Aid::Airspeed, &[scalar], if inertial { 0 } else { WIND });
-        if -self.filter.nominal.position.z > self.config.measurement.sideslip_height_m {
-            let scalar = self.sideslip_scalar();
-            self.fuse_from(Aid::Sideslip, &[scalar], WIND);
-        }
         let patience = self.config.measurement.other_patience_s;
         if self.airspeed_gate.out_of_patience(accepted, time_s, patience) {
             self.counters.resets += 1;

@@ -17,6 +17,7 @@ mod gates;
 mod health;
 mod history;
 mod snapshot;
+mod static_watch;
 #[cfg(test)]
 mod world;
 
@@ -26,12 +27,13 @@ pub use health::{Aid, Health, Innovations};
 pub use snapshot::{Snapshot, TRIANGLE};
 
 use crate::attitude;
-use aiding::{BarometerReference, Gate};
+use aiding::{BarometerReference, Gate, Winds};
 use alignment::{Aligned, Alignment};
 use filter::{ACCEL, ATT, ErrorVector, Filter, GYRO, MAG, Nominal, POS, VEL, WIND};
 use health::Record;
 use history::{History, Past};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
+use static_watch::StaticWatch;
 
 /// An aid that was not taken for longer than this is not healthy, s.
 const HEALTHY_WITHIN_S: f64 = 2.0;
@@ -187,6 +189,9 @@ pub struct Estimator {
     last_magnetometer_s: f64,
     last_pitot_s: f64,
     last_airspeed_mps: Option<f64>,
+    pitot_believed: bool,
+    winds: Winds,
+    static_watch: StaticWatch,
     standing: bool,
     aligned_s: f64,
     counters: EstimatorCounters,
@@ -216,6 +221,9 @@ impl Estimator {
             last_magnetometer_s: f64::NEG_INFINITY,
             last_pitot_s: f64::NEG_INFINITY,
             last_airspeed_mps: None,
+            pitot_believed: true,
+            winds: Winds::default(),
+            static_watch: StaticWatch::default(),
             standing: false,
             aligned_s: f64::NEG_INFINITY,
             counters: EstimatorCounters::default(),
@@ -327,12 +335,13 @@ impl Estimator {
         }
         self.last_sample = Some(*sample);
         if self.phase == Phase::Running {
-            self.filter.propagate(&sample.rates, &sample.specific_force, dt_s, &self.config.process);
+            self.filter.propagate(&sample.rates, &sample.specific_force, dt_s, &self.process());
             if !self.filter.healthy() {
                 self.initialise(Start::Auto);
                 return;
             }
             self.history.push(self.now());
+            self.winds.note(sample.time_s, &self.filter.nominal.wind);
         } else {
             self.align(sample, dt_s.min(sample.interval_s.max(1e-3)).max(dt_s.min(0.1)));
         }

@@ -1,0 +1,174 @@
+//! Pitots that are wrong in random ways, on an aircraft whose lift follows its elevator.
+
+use super::*;
+use crate::GRAVITY_MPS2;
+use crate::airframe::tests::aerosonde;
+use crate::airframe::{Airframe, built_in};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+
+const DT_S: f64 = 0.02;
+
+/// What a pitot makes of an airspeed, `since_s` after it broke.
+type Wrong = fn(f64, f64, &mut World) -> f64;
+
+/// Airspeed that wanders with gusts; the elevator is the one that carries the load, as the airframe file has it but for a factor.
+struct World {
+    airframe: Airframe,
+    chance: ChaCha8Rng,
+    airspeed_mps: f64,
+    gust_mps: f64,
+    load: f64,
+    lie: f64,
+    held_mps: f64,
+}
+
+impl World {
+    fn new(airframe: &Airframe, seed: u64) -> Self {
+        let mut world = Self {
+            airframe: *airframe,
+            chance: ChaCha8Rng::seed_from_u64(seed),
+            airspeed_mps: 22.0,
+            gust_mps: 0.0,
+            load: 1.0,
+            lie: 1.0,
+            held_mps: 0.0,
+        };
+        world.lie = 1.0 + 0.15 * (2.0 * world.unit() - 1.0);
+        world
+    }
+
+    fn unit(&mut self) -> f64 {
+        f64::from(self.chance.next_u32()) / f64::from(u32::MAX)
+    }
+
+    fn noise(&mut self) -> f64 {
+        (0..12).map(|_| self.unit()).sum::<f64>() - 6.0
+    }
+
+    /// The true airspeed, and what a sound pitot makes of it.
+    fn step(&mut self) -> Frame {
+        let gust = self.noise();
+        self.gust_mps += -self.gust_mps * DT_S / 10.0 + 2.3 * (2.0 * DT_S / 10.0).sqrt() * gust;
+        self.load = low_pass(self.load, 1.0 + 0.5 * self.unit(), 2.0, DT_S);
+        let true_mps = (self.airspeed_mps + self.gust_mps).max(12.0);
+        let (a, m, g) = (&self.airframe.aerodynamics, &self.airframe.mass, &self.airframe.geometry);
+        let normal_mps2 = -self.load * GRAVITY_MPS2;
+        let lift = 2.0 * m.mass_kg * self.load * GRAVITY_MPS2 / (1.2 * g.wing_area_m2);
+        // The coefficient that carries it, and the elevator that holds its angle of attack.
+        let coefficient = lift / (true_mps * true_mps) * self.lie;
+        let slope = a.lift_alpha * a.pitch_elevator / a.pitch_alpha - a.lift_elevator;
+        let level = a.lift_0 - a.lift_alpha * a.pitch_0 / a.pitch_alpha;
+        let elevator_rad = (level - coefficient) / slope + 0.002 * self.noise();
+        Frame {
+            pitot_mps: Some(true_mps + 0.08 * self.noise()),
+            density_kgpm3: 1.2,
+            elevator_rad,
+            pitch_rate_radps: 0.0,
+            normal_mps2,
+            change_mps2: 0.0,
+            flying: true,
+            dt_s: DT_S,
+        }
+    }
+}
+
+fn airframes() -> Vec<Airframe> {
+    let rascal = Airframe::from_toml(built_in("rascal110").unwrap()).unwrap();
+    vec![aerosonde(), rascal]
+}
+
+/// Flies for some seconds; the time at which the pitot was rejected, s.
+fn fly(world: &mut World, watch: &mut AirspeedWatch, seconds: f64, wrong: Option<Wrong>) -> Option<f64> {
+    let airframe = world.airframe;
+    (0..(seconds / DT_S) as u32).find_map(|frame| {
+        let since_s = f64::from(frame) * DT_S;
+        let mut now = world.step();
+        if let (Some(wrong), Some(true_mps)) = (wrong, now.pitot_mps) {
+            now.pitot_mps = Some(wrong(true_mps, since_s, world).max(0.0));
+        }
+        watch.step(&airframe, &now);
+        (!watch.is_believed()).then_some(since_s)
+    })
+}
+
+#[test]
+fn sound_pitot_in_gusts_is_believed_whatever_the_airframe_file_has_wrong() {
+    for airframe in airframes() {
+        for seed in 0..60 {
+            let (mut world, mut watch) = (World::new(&airframe, seed), AirspeedWatch::default());
+            let rejected = fly(&mut world, &mut watch, 300.0, None);
+            assert_eq!(rejected, None, "seed {seed}, the file is {} of the truth", world.lie);
+        }
+    }
+}
+
+#[test]
+fn pitots_that_are_wrong_in_any_way_are_found_in_seconds() {
+    let kinds: [(&str, f64, Wrong); 6] = [
+        ("zero", 3.0, |_, _, _| 0.0),
+        ("leaks", 8.0, |true_mps, _, _| 0.75 * true_mps),
+        ("reads too much", 8.0, |true_mps, _, _| 1.3 * true_mps),
+        ("ices", 15.0, |true_mps, since_s, _| true_mps - 0.5 * since_s),
+        ("noisy", 3.0, |true_mps, _, world| true_mps + 3.0 * world.noise()),
+        ("frozen", 1.0, |true_mps, since_s, world| {
+            if since_s == 0.0 {
+                world.held_mps = true_mps;
+            }
+            world.held_mps
+        }),
+    ];
+    for airframe in airframes() {
+        for (name, within_s, wrong) in kinds {
+            for seed in 0..20 {
+                let (mut world, mut watch) = (World::new(&airframe, seed), AirspeedWatch::default());
+                assert_eq!(fly(&mut world, &mut watch, 60.0, None), None, "{name}, seed {seed}");
+                let found_s = fly(&mut world, &mut watch, 60.0, Some(wrong));
+                // An elevator that tells the lift badly is averaged for longer.
+                let within_s = within_s * watch.longer(&airframe);
+                assert!(found_s.is_some_and(|s| s < within_s), "{name}, seed {seed}: {found_s:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn pitot_that_agrees_again_is_taken_back_and_lift_tells_the_airspeed_until_then() {
+    let (mut world, mut watch) = (World::new(&aerosonde(), 5), AirspeedWatch::default());
+    let airframe = world.airframe;
+    fly(&mut world, &mut watch, 60.0, None);
+    fly(&mut world, &mut watch, 60.0, Some(|_, _, _| 0.0));
+    assert!(!watch.is_believed());
+    let mut worst = 0.0_f64;
+    let back = (0..5_000).find(|_| {
+        let now = world.step();
+        let flown = watch.step(&airframe, &now).unwrap();
+        worst = worst.max((flown - now.pitot_mps.unwrap()).abs());
+        watch.is_believed()
+    });
+    let back_s = f64::from(back.unwrap()) * DT_S;
+    assert!((25.0..60.0).contains(&back_s), "{back_s}");
+    assert!(worst < 3.5, "{worst} m/s off");
+}
+
+#[test]
+fn verdict_outlives_a_restart_and_nonsense_does_not() {
+    let (mut world, mut watch) = (World::new(&aerosonde(), 6), AirspeedWatch::default());
+    fly(&mut world, &mut watch, 60.0, None);
+    fly(&mut world, &mut watch, 10.0, Some(|_, _, _| 0.0));
+    let again = AirspeedWatch::from_numbers(&watch.to_numbers());
+    assert!(!again.is_believed() && again.by_lift_mps().is_some());
+    assert_eq!(AirspeedWatch::from_numbers(&[f64::NAN; NUMBERS]), AirspeedWatch::default());
+    assert!(AirspeedWatch::from_numbers(&[0.0; NUMBERS]).is_believed());
+}
+
+#[test]
+fn nothing_is_said_while_others_move_the_elevator() {
+    let (mut world, mut watch) = (World::new(&aerosonde(), 7), AirspeedWatch::default());
+    let airframe = world.airframe;
+    for _ in 0..3_000 {
+        let frame = Frame { pitot_mps: Some(3.0), flying: false, ..world.step() };
+        assert_eq!(watch.step(&airframe, &frame), Some(3.0));
+    }
+    assert!(watch.is_believed());
+}

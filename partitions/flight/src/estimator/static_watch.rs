@@ -1,0 +1,171 @@
+//! Whether the barometer climbs as the receiver does: a static port that is blocked shows nowhere else.
+//!
+//! Responsible for the verdict alone. Heights are compared over a third of a minute and over a minute, so that neither the noise of
+//! the one nor the weather in it counts, and the receiver's slow error does not enter: it is the velocity that is summed.
+
+/// Seconds that are looked back on.
+const SHORT: usize = 20;
+const LONG: usize = 60;
+/// Difference of the two climbs that is none of noise and weather, m: over the short time and over the long one.
+const SHORT_M: f64 = 4.0;
+const LONG_M: f64 = 6.0;
+/// So many seconds in a row.
+const AGAINST: u32 = 2;
+/// It is taken back after so many seconds with a climb or descent of that much, m, that both have seen.
+const FOR: u32 = 20;
+const SEEN_M: f64 = 8.0;
+/// Fixes further apart do not tell the climb between them, s.
+const LONGEST_GAP_S: f64 = 1.0;
+
+/// The judge of the static port.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct StaticWatch {
+    /// Height by barometer and climb by receiver, once a second, m, the newest last.
+    past: [(f64, f64); LONG + 1],
+    count: usize,
+    climb_m: f64,
+    fix: Option<(f64, f64)>,
+    sum_m: f64,
+    summed: u32,
+    next_s: f64,
+    against: u32,
+    agreed: u32,
+    believed: bool,
+}
+
+impl Default for StaticWatch {
+    fn default() -> Self {
+        Self {
+            past: [(0.0, 0.0); LONG + 1],
+            count: 0,
+            climb_m: 0.0,
+            fix: None,
+            sum_m: 0.0,
+            summed: 0,
+            next_s: 0.0,
+            against: 0,
+            agreed: 0,
+            believed: true,
+        }
+    }
+}
+
+impl StaticWatch {
+    pub(super) fn is_believed(&self) -> bool {
+        self.believed
+    }
+
+    /// Forgets what was compared, not the verdict.
+    pub(super) fn restart(&mut self) {
+        *self = Self { believed: self.believed, ..Self::default() };
+    }
+
+    /// A fix's time (s) and velocity down (m/s).
+    pub(super) fn fix(&mut self, time_s: f64, down_mps: f64) {
+        match self.fix.replace((time_s, down_mps)) {
+            Some((before_s, before_mps)) if (0.0..=LONGEST_GAP_S).contains(&(time_s - before_s)) => {
+                self.climb_m -= 0.5 * (before_mps + down_mps) * (time_s - before_s);
+            }
+            _ => {
+                let fix = self.fix;
+                self.restart();
+                self.fix = fix;
+            }
+        }
+    }
+
+    /// Takes a height by barometer, m; gives how much more it has climbed than the receiver when that is found to be wrong.
+    pub(super) fn height(&mut self, time_s: f64, height_m: f64) -> Option<f64> {
+        let fresh = self.fix.is_some_and(|(fix_s, _)| (time_s - fix_s).abs() <= LONGEST_GAP_S);
+        if !fresh {
+            return None;
+        }
+        (self.sum_m, self.summed) = (self.sum_m + height_m, self.summed + 1);
+        if time_s < self.next_s && self.next_s - time_s < 2.0 {
+            return None;
+        }
+        let mean_m = self.sum_m / f64::from(self.summed);
+        (self.sum_m, self.summed, self.next_s) = (0.0, 0, time_s + 1.0);
+        if self.count > LONG {
+            self.past.rotate_left(1);
+        }
+        self.count = (self.count + 1).min(LONG + 1);
+        self.past[self.count - 1] = (mean_m, self.climb_m);
+        self.judge()
+    }
+
+    /// How much more the barometer has climbed since so many seconds, m.
+    fn off_m(&self, seconds: usize) -> Option<f64> {
+        let newest = self.count.checked_sub(1)?;
+        let (then, now) = (self.past[newest.checked_sub(seconds)?], self.past[newest]);
+        Some((now.0 - then.0) - (now.1 - then.1))
+    }
+
+    fn judge(&mut self) -> Option<f64> {
+        let short = self.off_m(SHORT).filter(|off| off.abs() > SHORT_M);
+        let long = self.off_m(LONG).filter(|off| off.abs() > LONG_M);
+        let wrong = long.or(short);
+        self.against = if wrong.is_some() { self.against + 1 } else { 0 };
+        if self.believed && self.against >= AGAINST {
+            (self.believed, self.agreed) = (false, 0);
+            return wrong;
+        }
+        if !self.believed {
+            let near = self.off_m(SHORT).is_some_and(|off| off.abs() < 0.5 * SHORT_M);
+            self.agreed = if near && self.moved_m() > SEEN_M { self.agreed + 1 } else { 0 };
+            if self.agreed >= FOR {
+                (self.believed, self.against) = (true, 0);
+            }
+        }
+        None
+    }
+
+    /// Between the least and the greatest height by receiver in the short time, m.
+    fn moved_m(&self) -> f64 {
+        let recent = self.past[self.count.saturating_sub(SHORT)..self.count].iter().map(|(_, climb)| *climb);
+        let (low, high) = recent.fold((f64::MAX, f64::MIN), |(low, high), m| (low.min(m), high.max(m)));
+        high - low
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// Flies up and down for some seconds; when the verdict fell, s, and by how much, m.
+    fn fly(seed: u64, seconds: f64, wrong: impl Fn(f64, f64) -> f64) -> Option<(f64, f64)> {
+        let mut chance = ChaCha8Rng::seed_from_u64(seed);
+        let mut noise = || -> f64 { StandardNormal.sample(&mut chance) };
+        let (mut watch, mut height_m, mut weather_m) = (StaticWatch::default(), 160.0_f64, 0.0);
+        (0..(seconds * 25.0) as u32).find_map(|step| {
+            let time_s = f64::from(step) * 0.04;
+            let climb_mps = 1.5 * (time_s / 8.0).sin();
+            height_m += climb_mps * 0.04;
+            weather_m += 1.5 * (2.0 * 0.04 / 1100.0_f64).sqrt() * noise();
+            if step % 5 == 0 {
+                watch.fix(time_s, -climb_mps + 0.05 * noise());
+            }
+            let told_m = wrong(time_s, height_m) + weather_m + 0.8 * noise();
+            watch.height(time_s, told_m).map(|off_m| (time_s, off_m))
+        })
+    }
+
+    #[test]
+    fn sound_barometer_is_believed_for_hours() {
+        for seed in 0..10 {
+            assert_eq!(fly(seed, 3_600.0, |_, height_m| height_m), None, "seed {seed}");
+        }
+    }
+
+    #[test]
+    fn port_that_is_blocked_is_found_when_the_aircraft_climbs() {
+        for seed in 0..20 {
+            let found = fly(seed, 200.0, |time_s, height_m| if time_s < 90.0 { height_m } else { 160.0 });
+            let (time_s, off_m) = found.unwrap();
+            assert!((90.0..130.0).contains(&time_s) && off_m.abs() > SHORT_M, "{time_s} s, {off_m} m");
+        }
+    }
+}

@@ -11,6 +11,7 @@ pub mod kernel_log;
 pub mod privileges;
 pub mod rules;
 pub mod sched;
+pub mod sockets;
 pub mod spawn;
 pub mod time;
 pub mod tree;

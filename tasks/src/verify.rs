@@ -13,16 +13,26 @@ use crate::{CANNOT_RUN, apex, arrows, book, cargo, circles, commands, features, 
 
 /// Some test, lint or page is not as it must be.
 const FAILED: u8 = 1;
+/// How long random system calls are made beside the guests, s: no longer than these take.
+const FUZZ_S: &str = "120";
+/// The same by `--long`: longer than anything else, for a machine that has the time.
+const LONG_FUZZ_S: &str = "600";
 /// How long asking a tool for its version may take.
 const ASKING: Duration = Duration::from_secs(30);
 /// How long fetching the database of known vulnerabilities may take; without a network it is never there.
 const FETCHING: Duration = Duration::from_secs(90);
 
 pub(crate) fn run(arguments: &[OsString]) -> ExitCode {
-    if !arguments.is_empty() {
-        eprintln!("usage: cargo verify (it takes no arguments)");
-        return ExitCode::from(CANNOT_RUN);
-    }
+    let fuzz_s = match arguments {
+        [] => FUZZ_S,
+        [long] if long == "--long" => LONG_FUZZ_S,
+        _ => {
+            eprintln!(
+                "usage: cargo verify [--long]: random system calls for {LONG_FUZZ_S} s instead of {FUZZ_S} s"
+            );
+            return ExitCode::from(CANNOT_RUN);
+        }
+    };
     let root = root();
     if let Err(error) = std::env::set_current_dir(&root) {
         eprintln!("verify: cannot enter {}: {error}", root.display());
@@ -30,7 +40,7 @@ pub(crate) fn run(arguments: &[OsString]) -> ExitCode {
     }
     let begun = Instant::now();
     let mut tally = Tally::default();
-    let result = everything(&root, &mut tally);
+    let result = everything(&root, fuzz_s, &mut tally);
     match &result {
         Ok(()) => println!("verify: everything passed in {:.0} s", begun.elapsed().as_secs_f64()),
         Err(reason) => println!("verify: {reason}"),
@@ -72,7 +82,7 @@ pub(crate) fn root() -> PathBuf {
     Path::new(&package).parent().map_or_else(|| ".".into(), Path::to_owned)
 }
 
-fn everything(root: &Path, tally: &mut Tally) -> Result<(), String> {
+fn everything(root: &Path, fuzz_s: &str, tally: &mut Tally) -> Result<(), String> {
     Step::cargo("format", &["fmt", "--all", "--check"]).run(tally)?;
     pages(root)?;
     book(root, tally)?;
@@ -84,7 +94,7 @@ fn everything(root: &Path, tally: &mut Tally) -> Result<(), String> {
     shown_commands(root)?;
     let other = tests_beside_other_processor(tally)?;
     models(tally)?;
-    fuzz_beside_guest(root, other, tally)?;
+    fuzz_beside_guest(root, other, fuzz_s, tally)?;
     Step::cargo("examples in comments", &["test", "--release", "--workspace", "--doc"]).run(tally)?;
     let documentation = Step::cargo("reference", &["doc", "--release", "--workspace", "--no-deps", "--lib"]);
     documentation.with("RUSTDOCFLAGS", "-D warnings").run(tally)
@@ -154,10 +164,10 @@ fn models(tally: &mut Tally) -> Result<(), String> {
 
 /// A partition makes random system calls for long. The machines of `guest` have their own clocks and take no turns with windows
 /// on the wall clock, so both run at once; nothing else does.
-fn fuzz_beside_guest(root: &Path, other: bool, tally: &mut Tally) -> Result<(), String> {
+fn fuzz_beside_guest(root: &Path, other: bool, fuzz_s: &str, tally: &mut Tally) -> Result<(), String> {
     let test = ["test", "--release", "--workspace", "--test", "sandbox_fuzz", "--", "--ignored"];
     let fuzz = Step::cargo("random system calls", &[&test[..], &["--nocapture"]].concat())
-        .with("BATELEUR_FUZZ_SECONDS", "120");
+        .with("BATELEUR_FUZZ_SECONDS", fuzz_s);
     let mut own = Tally::default();
     let (fuzzed, guested) = std::thread::scope(|scope| {
         let fuzzing = scope.spawn(|| fuzz.run(&mut own));

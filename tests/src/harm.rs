@@ -31,6 +31,8 @@ pub struct Sample {
     pub kernel: i64,
     /// What sockets of the internet hold beside its memory, bytes; 0 where the kernel counts it as its memory.
     pub sockets: i64,
+    /// What open sockets of the partition have sent and still hold, bytes.
+    pub sent: i64,
     /// What the partition's logs take, bytes.
     pub disk: u64,
 }
@@ -61,6 +63,28 @@ fn socket_account(executive: i32, partition: &str) -> Option<PathBuf> {
     };
     let group = children_of(executive).into_iter().find_map(group_of)?;
     Some(Path::new("/sys/fs/cgroup/memory").join(group).join("memory.kmem.tcp.usage_in_bytes"))
+}
+
+/// The user of `partition`, which has it alone.
+fn user_of(executive: i32, partition: &str) -> Option<u32> {
+    let user = |process: Process| {
+        let groups = fs::read_to_string(format!("/proc/{}/cgroup", process.pid)).ok()?;
+        groups.lines().any(|line| Path::new(line).ends_with(partition)).then_some(())?;
+        let status = fs::read_to_string(format!("/proc/{}/status", process.pid)).ok()?;
+        status.lines().find_map(|line| line.strip_prefix("Uid:"))?.split_whitespace().next()?.parse().ok()
+    };
+    children_of(executive).into_iter().find_map(user)
+}
+
+/// What sockets of `user` have sent and still hold, bytes, by the table of UDP sockets (proc_net(5)).
+fn sent(user: u32) -> i64 {
+    let tables = ["udp", "udp6"].map(|name| fs::read_to_string(format!("/proc/thread-self/net/{name}")));
+    let of_line = |line: &str| {
+        let fields: Vec<&str> = line.split_ascii_whitespace().collect();
+        let queue = fields.get(4)?.split_once(':')?.0;
+        (fields.get(7)?.parse() == Ok(user)).then(|| i64::from_str_radix(queue, 16).unwrap_or(0))
+    };
+    tables.into_iter().flatten().map(|text| text.lines().filter_map(of_line).sum::<i64>()).sum()
 }
 
 /// The number in a file of the kernel's.
@@ -103,11 +127,13 @@ fn watch(module: &Started, partition: &str, length: Duration) -> Vec<Sample> {
     let begun = Instant::now();
     let mut samples = Vec::new();
     let account = socket_account(module.pid(), partition);
+    let user = user_of(module.pid(), partition).expect("the partition has a process and a user");
     while begun.elapsed() < length {
         samples.push(Sample {
             module_ms: begun.elapsed().as_millis() as u64,
             kernel: kernel_memory(),
             sockets: account.as_deref().map_or(0, bytes_in),
+            sent: sent(user),
             disk: disk_of(&module.folder(), partition),
         });
         std::thread::sleep(Duration::from_millis(100));

@@ -75,20 +75,38 @@ fn sketch(attacks: &[&str], keys: &str) -> Sketch {
 }
 
 /// What the kernel may keep for the connections of a partition with one port beyond what its sockets may hold, bytes.
-const CONNECTIONS: i64 = (256 + 16) * (16 << 10);
+const CONNECTIONS: i64 = (256 + 16) * (64 << 10);
 
 /// Which attack was under way.
 fn place(ns: u64) -> usize {
     (ns / (EACH_MS * 1_000_000)) as usize
 }
 
-/// Carries out the attacks, the first of which is none, and says what others noticed.
+/// Carries out the attacks. What is measured of the kernel is the whole machine's, and others use it too: an attack that seems to take
+/// too much is tried again, alone, and is blamed if it takes as much each time.
 #[track_caller]
 fn assert_nobody_notices(attacks: &[&str], keys: &str) {
     if !is_walled_in() {
         return;
     }
     let _turn = alone();
+    let (mut noticed, suspects) = carry_out(attacks, keys);
+    for (attack, found) in suspects {
+        let again: Vec<Suspect<'_>> = (0..2).map_while(|_| carry_out(&[attack], keys).1.pop()).collect();
+        match again.len() {
+            2 => noticed += &found,
+            _ => eprintln!("not seen again: {found}"),
+        }
+    }
+    assert!(noticed.is_empty(), "others notice:\n{noticed}");
+}
+
+/// An attack, and what the machine's kernel took meanwhile, in words.
+type Suspect<'a> = (&'a str, String);
+
+/// Carries out the attacks, the first of which is none, and says what others noticed; apart from that, which attacks may have
+/// taken the kernel's memory.
+fn carry_out<'a>(attacks: &[&'a str], keys: &str) -> (String, Vec<Suspect<'a>>) {
     let all = [&["nothing"], attacks].concat();
     let folder = tempfile::tempdir().unwrap();
     let schedule = sketch(&all, keys).write(folder.path());
@@ -119,6 +137,7 @@ fn assert_nobody_notices(attacks: &[&str], keys: &str) {
         let within = move |sample: &&Sample| place(sample.module_ms * 1_000_000) == attack;
         samples.iter().filter(within).copied().collect::<Vec<Sample>>()
     };
+    let mut suspects = Vec::new();
     for (number, attack) in all.iter().enumerate().skip(1) {
         let during = of(number);
         let disk = during.iter().map(|sample| sample.disk).max().unwrap_or(0);
@@ -127,21 +146,27 @@ fn assert_nobody_notices(attacks: &[&str], keys: &str) {
         }
         let kernel = held(&during, &of(0), |sample| sample.kernel);
         let sockets = held(&during, &of(0), |sample| sample.sockets);
+        let sent = held(&during, &of(0), |sample| sample.sent);
         eprintln!(
-            "{attack}: disk {} KiB, kernel {} KiB, sockets {} KiB",
+            "{attack}: disk {} KiB, kernel {} KiB, sockets {} KiB, sent {} KiB",
             disk >> 10,
             kernel >> 10,
-            sockets >> 10
+            sockets >> 10,
+            sent >> 10
         );
         let bound = if keys.contains("tcp") { KERNEL + CONNECTIONS } else { KERNEL };
-        if sockets > bound {
-            writeln!(noticed, "{attack}: {} KiB in sockets", sockets >> 10).unwrap();
+        if sockets + sent > bound {
+            writeln!(noticed, "{attack}: {} KiB in sockets, {} KiB sent", sockets >> 10, sent >> 10).unwrap();
         } else if kernel > KERNEL {
-            writeln!(noticed, "{attack}: {} KiB of the kernel's memory outside of its group", kernel >> 10)
-                .unwrap();
+            let found =
+                format!("{attack}: {} KiB of the kernel's memory outside of its group\n", kernel >> 10);
+            suspects.push((*attack, found));
         }
     }
-    assert!(noticed.is_empty(), "others notice:\n{noticed}\n{}", ended.stderr);
+    if !noticed.is_empty() {
+        writeln!(noticed, "{}", ended.stderr).unwrap();
+    }
+    (noticed, suspects)
 }
 
 #[test]
@@ -215,8 +240,34 @@ fn nobody_notices_a_partition_that_takes_the_kernels_memory() {
 
 #[test]
 fn nobody_notices_a_partition_that_fills_sockets_of_the_internet() {
-    let attacks = ["udp", "tcp", "tcp_never_accepted", "tcp_timers", "groups_of_hosts"];
+    let attacks =
+        ["udp", "incomplete_datagrams", "tcp", "tcp_never_accepted", "tcp_timers", "groups_of_hosts"];
     assert_nobody_notices(&attacks, "network = true");
+}
+
+/// A network of the test alone, with room for many neighbours of whom none is there.
+#[allow(unsafe_code)]
+fn enter_a_silent_network() {
+    // SAFETY: only this thread's network namespace changes, and it has no sockets.
+    unsafe { rustix::thread::unshare_unsafe(rustix::thread::UnshareFlags::NEWNET) }.unwrap();
+    for line in [
+        "link set lo up",
+        "link add silent type veth peer name nobody",
+        "link set nobody up",
+        "link set silent up",
+        "address add 10.99.0.1/16 dev silent",
+    ] {
+        let done = std::process::Command::new("ip").args(line.split(' ')).status();
+        assert!(done.unwrap().success(), "ip {line}");
+    }
+}
+
+#[test]
+fn nobody_notices_a_partition_that_talks_to_computers_that_are_not_there() {
+    if is_walled_in() {
+        enter_a_silent_network();
+    }
+    assert_nobody_notices(&["silent_neighbours"], "network = true");
 }
 
 #[test]

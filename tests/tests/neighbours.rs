@@ -21,12 +21,24 @@ fn spinning_module(folder: &std::path::Path) -> String {
 
 #[test]
 fn partition_whose_processor_another_living_module_takes_is_not_restarted_for_silence() {
+    assert_not_to_blame("");
+}
+
+#[test]
+fn living_module_takes_the_processor_where_one_window_is_a_silence_and_nobody_is_restarted() {
+    assert_not_to_blame("[health]\nsilence_windows = 1\n");
+}
+
+/// `health`: the table of the module that is robbed.
+#[track_caller]
+fn assert_not_to_blame(health: &str) {
     if !rustix::process::geteuid().is_root() {
         return eprintln!("not tried: windows without priority share their processor");
     }
     let _turn = alone();
     let folder = tempfile::tempdir().unwrap();
-    let schedule = Sketch::new().partition("victim", "counter", 2000, "priority = 1").write(folder.path());
+    let sketch = Sketch::new().table(health).partition("victim", "counter", 2000, "priority = 1");
+    let schedule = sketch.write(folder.path());
     let mut first = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
     first.await_words("1 partition is ready");
     let mut second = bateleur(&["run", "--schedule", &spinning_module(folder.path()), "--until", "100"]);

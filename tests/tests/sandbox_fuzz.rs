@@ -16,8 +16,21 @@ use bateleur_tests::{DISK, KERNEL, Sample, alone, held, is_noticed, is_walled_in
 /// The longest run with one seed, s.
 const RUN_S: u64 = 60;
 
-/// One run; what others noticed, in words.
+/// Runs with one seed; what others noticed, in words. What is measured of the kernel is the whole machine's, and others use it too: it
+/// counts if it is so again.
 fn fuzz(kind: &Kind, seed: u64, seconds: u64) -> String {
+    let (mut noticed, mut kernel) = run(kind, seed, seconds);
+    if kernel > KERNEL {
+        kernel = kernel.min(run(kind, seed, seconds).1);
+    }
+    if kernel > KERNEL {
+        writeln!(noticed, "{} KiB of the kernel's memory", kernel >> 10).unwrap();
+    }
+    if noticed.is_empty() { noticed } else { format!("{}, seed {seed}:\n{noticed}", kind.name) }
+}
+
+/// One run; what others noticed, and what of the kernel's memory was taken meanwhile, bytes.
+fn run(kind: &Kind, seed: u64, seconds: u64) -> (String, i64) {
     let folder = tempfile::tempdir().unwrap();
     let schedule = kind.sketch(seed).write(folder.path());
     eprintln!("{}, seed {seed}", kind.name);
@@ -39,13 +52,12 @@ fn fuzz(kind: &Kind, seed: u64, seconds: u64) -> String {
         samples.into_iter().partition(|sample| sample.module_ms < QUIET_MS);
     let disk = loud.iter().map(|sample| sample.disk).max().unwrap_or(0);
     let kernel = held(&loud, &quiet, |sample| sample.kernel);
-    let sockets = held(&loud, &quiet, |sample| sample.sockets);
+    let sockets = held(&loud, &quiet, |sample| sample.sockets + sample.sent);
     if disk > DISK {
         writeln!(noticed, "{} KiB of the disk", disk >> 10).unwrap();
     }
-    if kernel.max(sockets) > KERNEL {
-        writeln!(noticed, "{} KiB of the kernel's memory, {} KiB in sockets", kernel >> 10, sockets >> 10)
-            .unwrap();
+    if sockets > KERNEL {
+        writeln!(noticed, "{} KiB in sockets", sockets >> 10).unwrap();
     }
     let incarnations = ended.faults().iter().filter(|fault| fault.partition == "fuzzer").count();
     let log = std::fs::read(ended.folder().join("partitions/fuzzer.log")).unwrap_or_default();
@@ -58,7 +70,7 @@ fn fuzz(kind: &Kind, seed: u64, seconds: u64) -> String {
         disk >> 10,
         kernel >> 10,
     );
-    if noticed.is_empty() { noticed } else { format!("{}, seed {seed}:\n{noticed}", kind.name) }
+    (noticed, kernel)
 }
 
 fn number(name: &str, default: u64) -> u64 {

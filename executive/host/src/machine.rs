@@ -10,6 +10,7 @@ use bateleur_contract::Clock;
 
 use crate::guarantee::Guarantees;
 use crate::instance::{self, Instance};
+use crate::partition::MOST_SOCKETS;
 use bateleur_plan::ModuleView;
 use bateleur_system::account::Accounts;
 use bateleur_system::cgroup::Group;
@@ -17,6 +18,7 @@ use bateleur_system::delegation::{self, Settled};
 use bateleur_system::filter::{Filters, Grants};
 use bateleur_system::rules::{self, Granted};
 use bateleur_system::sched;
+use bateleur_system::sockets::SocketPlaces;
 use bateleur_system::spawn::{Namespaces, Request, User, Walls, spawn};
 use bateleur_system::users::{self, Users};
 use bateleur_system::wait::ended;
@@ -67,6 +69,9 @@ impl Machine {
         let users = is_root.then_some(Users { partitions });
         channels(namespaces.mount, ruled, &mut guarantees);
         let settled = memory(filtered, &mut guarantees);
+        if view.partitions().any(|id| view.plan()[id].network) {
+            sockets(&mut guarantees);
+        }
         devices(view, &mut guarantees);
         keep_housekeeping_free(&cores);
         Self { real_time, namespaces, users, filtered, ruled, guarantees, groups, cores, settled }
@@ -226,6 +231,19 @@ fn groups(guarantees: &mut Guarantees) -> bool {
     let how = format!("control groups below {place}");
     let mend = "a child that leaves its session escapes SIGSTOP; delegate a cgroup v2 subtree (systemd: Delegate=yes)";
     guarantees.examine(PROMISE, probe(), &how, mend).is_some()
+}
+
+/// Said only where the plan grants a network.
+fn sockets(guarantees: &mut Guarantees) {
+    const PROMISE: &str = "a partition has few sockets, which bounds what it has sent and still waits";
+    let probe = || {
+        let group = Group::beside_self(&format!("bateleur.probe.{}", std::process::id()))?;
+        SocketPlaces::limit(group.as_fd(), MOST_SOCKETS)
+    };
+    let how = format!("programs for its control group (BPF): {MOST_SOCKETS} datagram sockets");
+    let mend = "it has as many as descriptors; needs root (CAP_BPF, CAP_NET_ADMIN), control groups of version 2, Linux 5.12 or newer \
+                with CONFIG_CGROUP_BPF";
+    guarantees.examine(PROMISE, probe(), &how, mend);
 }
 
 /// The first user number of this run's partitions, where there are numbers for them. Without mount namespaces they share one user:

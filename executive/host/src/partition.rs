@@ -27,6 +27,7 @@ use bateleur_system::cgroup::Group;
 use bateleur_system::filter::{Filters, Grants};
 use bateleur_system::rules::{self, Granted};
 use bateleur_system::sched;
+use bateleur_system::sockets::SocketPlaces;
 use bateleur_system::spawn::{Counts, Namespaces, Request, Spawned, User, Walls, spawn};
 use bateleur_system::users::{HELPERS, Users};
 use bateleur_time::partition_control::PartitionControl;
@@ -77,6 +78,8 @@ pub struct Sandbox {
     keys: Option<OwnedFd>,
     group: Option<Group>,
     accounts: Accounts,
+    /// Those for its datagram sockets, where it has the network and the kernel counts them.
+    sockets: Option<SocketPlaces>,
     filters: Option<Filters>,
     /// Whether the kernel restricts what it opens.
     ruled: bool,
@@ -113,7 +116,10 @@ impl Sandbox {
         let page = shared_memory(&partition.name, size_of::<ControlPage>() as u64)?;
         let mapped = Mapped::<ControlPage>::new(&page).map_err(io::Error::other)?;
         let freezer = group.as_ref().map(Group::freezer).transpose()?;
-        let _ = accounts.limit_sockets(SOCKET_BYTES); // without version 1 of the controller they count as its memory
+        let (socket_count, socket_bytes) = if partition.relay { RELAY_SOCKETS } else { SOCKETS };
+        let _ = accounts.limit_sockets(socket_bytes); // without version 1 of the controller they count as its memory
+        let networked = group.as_ref().filter(|_| partition.network);
+        let sockets = networked.and_then(|group| SocketPlaces::limit(group.as_fd(), socket_count).ok()); // as the list of guarantees says
         let memory_limited = accounts.limit_memory(partition.memory_bytes).is_ok()
             || group.as_ref().is_some_and(|group| group.limit_memory(partition.memory_bytes).is_ok());
         if let Err(_absent) = accounts.limit_tasks(partition.threads)
@@ -159,6 +165,7 @@ impl Sandbox {
             keys: partition.relay.then(|| sealed_keys(&sandbox_config.link_keys)).transpose()?,
             group,
             accounts,
+            sockets,
             filters: sandbox_config
                 .filtered
                 .then(|| Filters::new(&grants(partition, sandbox_config, overrides)))
@@ -225,6 +232,8 @@ impl Sandbox {
             Description { generation, start_condition: condition, standby, ..self.description.clone() };
         let description = sealed_text(&self.name, &serde_json::to_vec(&description)?)?;
         let errors = self.errors.begin()?;
+        // A process that was ended has no socket, and its successor needs them at once.
+        self.sockets.as_ref().map_or(Ok(()), SocketPlaces::clear)?;
         let mut descriptors: Vec<BorrowedFd<'_>> = vec![self.page.as_fd(), description.as_fd()];
         descriptors.extend(self.retained.as_ref().map(AsFd::as_fd));
         if let Some(keys) = &self.keys {
@@ -444,9 +453,15 @@ const SIGNALS: u64 = 64;
 /// Bytes of message queues where the plan grants them.
 const QUEUES: u64 = 256 << 10;
 
-/// What the sockets of a partition may hold beside its memory, where the controller of version 1 counts them apart, bytes: a
-/// part of 2 MiB, because the kernel counts in whole pages and lets a socket go over it by one message.
-const SOCKET_BYTES: u64 = 1280 << 10;
+/// How many datagram sockets a partition may have, and what they may have received beside its memory, where the controller of
+/// version 1 counts them apart, bytes. With what each socket has sent (`net.core.wmem_default`: 208 KiB, and one packet) they are a part
+/// of 2 MiB, because the kernel counts in whole pages and lets a socket go over it by one message.
+const SOCKETS: (usize, u64) = (MOST_SOCKETS, 640 << 10);
+/// The same of a relay: 8 links of two networks each, with two sockets where a network is a group.
+const RELAY_SOCKETS: (usize, u64) = (64, 1280 << 10);
+
+/// Datagram sockets of a partition that is no relay.
+pub const MOST_SOCKETS: usize = 6;
 
 /// What the kernel may keep for a partition.
 fn counts(partition: &Partition) -> Counts {

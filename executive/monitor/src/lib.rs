@@ -20,6 +20,7 @@
 //! - `figures`: what a status tells of a partition
 //! - `inject`, `act`: what can be done to a partition
 //! - `provoke`: faults that end or stop its process
+//! - `unclosed`: windows that it leaves open
 //! - `partition`: its processes, and what is remembered of its windows
 //!
 //! Operator:
@@ -70,6 +71,7 @@ mod repeats;
 mod requests;
 pub mod run_order;
 mod step;
+mod unclosed;
 mod windows;
 
 pub use align::Alignment;

@@ -5,8 +5,6 @@
 
 use bateleur_host::instance;
 use bateleur_host::machine::taken_by;
-use bateleur_system::cpu_starvation::Spell;
-use bateleur_time::window_record::WindowRecord;
 
 /// Between two looks, module time, ns.
 const LOOK_NS: u64 = 5_000_000_000;
@@ -56,14 +54,4 @@ impl Neighbours {
         (starved > 1)
             .then(|| format!("partitions had no processor in {starved} windows that they did not close"))
     }
-}
-
-/// Whether a partition could not close its window because it had no processor for most of it. `before`: since when this is
-/// watched, in module time, ns; `pid`: its process.
-pub(crate) fn has_starved(before: Option<(u64, Spell)>, pid: i32, record: &WindowRecord) -> bool {
-    before.is_some_and(|(begun_ns, spell)| {
-        record.granted_ns.is_some_and(|granted_ns| granted_ns >= begun_ns)
-            && spell.is_of(pid)
-            && spell.has_starved(record.occurrence.window.duration_ns())
-    })
 }

@@ -15,6 +15,7 @@ use crate::lifecycle::{Event, Phase};
 use crate::module_level::seconds;
 use crate::monitor::Monitor;
 use crate::provoke::{InPlaceOf, Ordered, Way, way};
+use crate::unclosed::Unclosed;
 use bateleur_system::wait::await_any_end;
 use bateleur_time::schedule_switch::Requested;
 
@@ -88,7 +89,7 @@ impl Monitor {
     fn thaw(&mut self, place: usize, module_ns: u64) -> bool {
         let can = self.partitions[place].life.is_held();
         if can {
-            self.partitions[place].unclosed = 0;
+            self.partitions[place].unclosed = Unclosed::default();
             self.feed(place, Event::Thaw, module_ns);
             self.say(place, "thawed by the operator", module_ns);
         }

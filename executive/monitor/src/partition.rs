@@ -17,9 +17,10 @@ use crate::health::record::Level;
 use crate::lifecycle::{Cause, Lifecycle, PairMember, Phase, StandbyEvent, StandbyState};
 use crate::provoke::{InPlaceOf, Ordered};
 use crate::repeats::{Allowance, Repeats};
+use crate::unclosed::Unclosed;
 use bateleur_host::partition::Sandbox;
 use bateleur_plan::{PartitionError, Plan};
-use bateleur_system::cpu_starvation::{self, Spell};
+use bateleur_system::cpu_starvation;
 use bateleur_system::spawn::Spawned;
 use bateleur_system::time::now_ns;
 use bateleur_system::wait::{await_any_end, ended, is_readable};
@@ -138,9 +139,7 @@ pub(crate) struct Partition {
     /// Since when its process may have windows, module time, ns.
     pub(crate) admitted_ns: u64,
     /// Granted windows in a row that were not closed.
-    pub(crate) unclosed: u32,
-    /// Since the last of them, found at this module time, ns.
-    pub(crate) spell: Option<(u64, Spell)>,
+    pub(crate) unclosed: Unclosed,
     /// Processes that the kernel had ended for want of memory, at the last look.
     pub(crate) memory_kills: u64,
     /// Errors that leave it running, and come again and again.
@@ -180,8 +179,7 @@ impl Partition {
             fault: None,
             damaged: Vec::new(),
             admitted_ns: 0,
-            unclosed: 0,
-            spell: None,
+            unclosed: Unclosed::default(),
             memory_kills: 0,
             repeats: Repeats::default(),
             messages: Allowance::default(),
@@ -257,7 +255,7 @@ impl Partition {
     /// Its process may have windows from `module_ns` on, or is held.
     pub(crate) fn admit(&mut self, held: bool, module_ns: u64) {
         self.admitted_ns = module_ns;
-        self.unclosed = 0;
+        self.unclosed.end(self.active.process.as_ref().map(|process| process.pid), module_ns);
         if let Some(process) = &self.active.process {
             self.active.sandbox.admit(process);
         }
@@ -302,7 +300,7 @@ impl Partition {
         if let Some(process) = &self.active.process {
             self.active.sandbox.admit(process);
         }
-        self.unclosed = 0;
+        self.unclosed.end(self.active.process.as_ref().map(|process| process.pid), module_ns);
         self.admitted_ns = module_ns;
         self.active.sandbox.control.set_not_before_ns(0);
         // Only now: until here a dispatcher finds that nobody is there.

@@ -9,10 +9,8 @@ use crate::event::Event as Told;
 use crate::lifecycle::{Event, Phase};
 use crate::module_level::seconds;
 use crate::monitor::Monitor;
-use crate::neighbours::has_starved;
 use crate::partition::is_own;
 use bateleur_plan::{ChangeAction, Closed, ModuleError, PartitionError, PartitionState};
-use bateleur_system::cpu_starvation::Spell;
 use bateleur_time::partition_control::PartitionControl;
 use bateleur_time::time_guard::Escapes;
 use bateleur_time::window_record::{Missed, WindowRecord};
@@ -72,10 +70,12 @@ impl Monitor {
         self.note_recovery(place, record.occurrence.start_ns);
         self.judge_fault(place, record, module_ns);
         self.judge_deadline(place, record, module_ns);
+        let silence_windows = self.plan.health.silence_windows;
         let partition = &mut self.partitions[place];
         if !record.is_overrun() {
-            partition.unclosed = 0;
-            partition.spell = None;
+            let process = partition.active.process.as_ref().map(|process| process.pid);
+            let watched = process.filter(|_| silence_windows == 1 && self.clock == Clock::Wall);
+            partition.unclosed.end(watched, module_ns);
             return;
         }
         // A window that the dispatcher itself cut to less than half says nothing about the partition; and one that died
@@ -89,11 +89,8 @@ impl Monitor {
         if self.had_no_processor(place, record, module_ns) {
             return;
         }
-        let partition = &mut self.partitions[place];
-        partition.unclosed += 1;
-        if partition.unclosed >= self.plan.health.silence_windows {
-            partition.unclosed = 0;
-            let detail = format!("no window closed in {}", self.plan.health.silence_windows);
+        if self.partitions[place].unclosed.take(silence_windows) {
+            let detail = format!("no window closed in {silence_windows}");
             return self.fault(place, PartitionError::Silence, detail, module_ns);
         }
         let minor = record.occurrence.minor_frames;
@@ -152,16 +149,17 @@ impl Monitor {
         self.note_order(Some(place), &text, module_ns);
     }
 
-    /// Whether the partition could not close its window because it had no processor for most of it. Known from the second window
-    /// in a row on that it does not close: nobody asks the kernel for more of what goes well.
+    /// Counts a window that the partition did not close. True: it had no processor for most of it, which is known from the second
+    /// such window in a row on, and then of the first one too.
     fn had_no_processor(&mut self, place: usize, record: &WindowRecord, module_ns: u64) -> bool {
-        if self.clock == Clock::Virtual {
-            return false; // its gate has waited until it had one
-        }
         let partition = &mut self.partitions[place];
-        let Some(process) = &partition.active.process else { return false };
-        let before = partition.spell.replace((module_ns, Spell::begin(process.pid)));
-        let starved = has_starved(before, process.pid, record);
+        let process = partition.active.process.as_ref();
+        // On the virtual clock its gate has waited until it had one.
+        let Some(process) = process.filter(|_| self.clock == Clock::Wall) else {
+            partition.unclosed.count_own();
+            return false;
+        };
+        let starved = !partition.unclosed.count_watched(process.pid, record, module_ns);
         if starved {
             let sandbox = &partition.active.sandbox;
             if let Some(text) = self.neighbours.count_starved(&sandbox.name, sandbox.cores()) {

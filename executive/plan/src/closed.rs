@@ -110,6 +110,8 @@ closed! {
         LocalSockets = "local_sockets",
         /// Connections of TCP, where the partition has the network.
         Tcp = "tcp",
+        /// The machine's CAN buses, where the partition has the network.
+        Can = "can",
         /// System V objects and POSIX message queues.
         IpcObjects = "ipc_objects",
         /// Signals that carry a value.
@@ -132,8 +134,9 @@ impl SystemCalls {
             }
             Self::LocalSockets => "descriptors in flight are closed by the kernel at an instant of its own",
             Self::Tcp => {
-                "the kernel keeps up to 16 KiB for each connection beside what sockets may hold, and what waits to be accepted"
+                "the kernel keeps up to 64 KiB for each connection beside what sockets may hold, and what waits to be accepted"
             }
+            Self::Can => "the kernel keeps the frames that wait in each socket beside the partition's memory",
             Self::IpcObjects => "the kernel removes what is left of them at an instant of its own",
             Self::QueuedSignals => "64 of them are kept by the kernel",
             Self::MemoryControl => {

@@ -13,6 +13,7 @@ pub mod privileges;
 pub mod processes;
 pub mod rules;
 pub mod sched;
+pub mod sockets;
 pub mod spawn;
 pub mod time;
 pub mod tree;

@@ -127,6 +127,8 @@ fn carry_out(attack: &str, held: &mut Held, turn: &Turn) {
         "lock_all" => lock_all(held),
         "change_folder" => change_folder(held),
         "udp" => internet(held, turn, libc::SOCK_DGRAM),
+        "incomplete_datagrams" => incomplete_datagrams(held, turn),
+        "silent_neighbours" => silent_neighbours(held, turn),
         "tcp" => internet(held, turn, libc::SOCK_STREAM),
         "tcp_never_accepted" => tcp_never_accepted(held, turn),
         "tcp_timers" => tcp_timers(held, turn),
@@ -646,6 +648,63 @@ fn internet(held: &mut Held, turn: &Turn, kind: i32) {
     for sender in held.descriptors.iter().take(64) {
         call!(SYS_sendto, *sender, BYTES.as_ptr(), BYTES.len(), libc::MSG_DONTWAIT, 0, 0);
     }
+}
+
+/// Sockets with datagrams that are begun and never finished, so that the kernel keeps them.
+fn incomplete_datagrams(held: &mut Held, turn: &Turn) {
+    // All together are less than a datagram may have.
+    static BYTES: [u8; 15_000] = [0; 15_000];
+    turn.repeat(|| {
+        let socket = call!(SYS_socket, libc::AF_INET, libc::SOCK_DGRAM | libc::SOCK_NONBLOCK, 0);
+        if !keep(held, socket) {
+            return false;
+        }
+        widen(socket);
+        let address = loopback(9);
+        let length = size_of::<libc::sockaddr_in>();
+        call!(SYS_connect, socket, &raw const address, length);
+        let cork = 1_i32;
+        for level in [libc::SOL_UDP, libc::IPPROTO_UDPLITE] {
+            call!(SYS_setsockopt, socket, level, libc::UDP_CORK, &raw const cork, 4);
+        }
+        call!(SYS_write, socket, BYTES.as_ptr(), BYTES.len());
+        call!(SYS_sendto, socket, BYTES.as_ptr(), BYTES.len(), libc::MSG_MORE, &raw const address, length);
+        // SAFETY: plain data, for which zero is a value.
+        let mut message: libc::mmsghdr = unsafe { std::mem::zeroed() };
+        let mut part = libc::iovec { iov_base: BYTES.as_ptr().cast_mut().cast(), iov_len: BYTES.len() };
+        (message.msg_hdr.msg_iov, message.msg_hdr.msg_iovlen) = (&raw mut part, 1);
+        message.msg_hdr.msg_flags = libc::MSG_MORE;
+        call!(SYS_sendmsg, socket, &raw const message.msg_hdr, libc::MSG_MORE);
+        call!(SYS_sendmmsg, socket, &raw mut message, 1, libc::MSG_MORE);
+        true
+    });
+}
+
+/// Datagrams to computers that are not there: they wait until the kernel no longer asks for them, and the sockets are closed.
+fn silent_neighbours(held: &mut Held, turn: &Turn) {
+    static BYTES: [u8; 1_400] = [0; 1_400];
+    turn.repeat(|| {
+        let socket = call!(SYS_socket, libc::AF_INET, libc::SOCK_DGRAM | libc::SOCK_NONBLOCK, 0);
+        if socket < 0 {
+            return false;
+        }
+        widen(socket);
+        held.count += 1;
+        let mut address = loopback(9);
+        let number = 1 + held.count as u32 % 1_000;
+        address.sin_addr.s_addr = (u32::from_be_bytes([10, 99, 1, 0]) + number).to_be();
+        let length = size_of::<libc::sockaddr_in>();
+        while call!(SYS_sendto, socket, BYTES.as_ptr(), BYTES.len(), 0, &raw const address, length) > 0
+            && now_ns() < turn.until_ns
+        {
+            held.strike_ns += 1;
+            if held.strike_ns.is_multiple_of(100) {
+                break; // the kernel keeps no more for one neighbour
+            }
+        }
+        call!(SYS_close, socket);
+        true
+    });
 }
 
 /// Connections that are written to, closed by who made them, and never accepted: they need no descriptor.

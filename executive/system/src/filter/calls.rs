@@ -212,8 +212,8 @@ pub(super) const ORDINARY: &[Family] = &[
 
 /// Sockets that a partition with `network = true` makes and uses.
 pub(super) const NETWORK: Family = Family {
-    reason: "Sockets of UDP and CAN.",
-    bound: "What they hold counts as the partition's memory (version 2 of control groups), or as 1280 KiB beside it (version 1). No socket filters, no busy polling, no pinned pages.",
+    reason: "Sockets of UDP.",
+    bound: "6 sockets. What they have received counts as the partition's memory (version 2 of control groups), or as 640 KiB beside it (version 1). No larger room for what is sent, no incomplete datagrams, no socket filters, no busy polling, no pinned pages.",
     calls: named![SYS_bind, SYS_connect],
     of_old: of_old![],
 };
@@ -277,8 +277,17 @@ pub(super) const GRANTABLE: &[(&str, Family)] = &[
         "tcp",
         Family {
             reason: "Sockets of TCP, with `network = true`.",
-            bound: "As other sockets; the kernel goes over it by up to 16 KiB for each connection, and by what has not been accepted.",
+            bound: "As other sockets; the kernel goes over it by up to 64 KiB for each connection, and by what has not been accepted.",
             calls: named![SYS_listen, SYS_accept, SYS_accept4],
+            of_old: of_old![],
+        },
+    ),
+    (
+        "can",
+        Family {
+            reason: "Sockets of CAN, with `network = true`: `socket` with that family.",
+            bound: "Descriptors. The frames that wait in each socket are counted nowhere: `net.core.rmem_max` twice at most, and what it sent.",
+            calls: named![],
             of_old: of_old![],
         },
     ),

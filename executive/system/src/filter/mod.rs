@@ -181,7 +181,16 @@ fn refused(grants: &Grants) -> Result<Rules, seccompiler::BackendError> {
     if !grants.named.contains(&TCP) {
         sockets.extend(internet_sockets(&[libc::SOCK_STREAM])?);
     }
+    // It counts the frames that wait in a socket of CAN as nobody's memory, and nothing counts such sockets.
+    if !grants.named.contains(&CAN) {
+        sockets.push(rule([is(0, libc::AF_CAN)])?);
+    }
     rules.insert(libc::SYS_socket, sockets);
+    // A datagram that is never complete waits for ever, as nobody's memory.
+    for (call, argument) in [(libc::SYS_sendto, 3), (libc::SYS_sendmsg, 2), (libc::SYS_sendmmsg, 3)] {
+        let more = libc::MSG_MORE as u64;
+        rules.entry(call).or_insert(vec![rule([bits_are(argument, more, more)])?]);
+    }
     Ok(rules)
 }
 
@@ -241,7 +250,7 @@ fn allowed(grants: &Grants) -> Result<Rules, seccompiler::BackendError> {
                 sockets.push(rule([is(0, family), kind, is(2, protocol)])?);
             }
         }
-        // Frames of a CAN bus, whose raw sockets see that bus and nothing else.
+        // Frames of a CAN bus, whose raw sockets see that bus and nothing else. Refused where the plan does not name them.
         let raw = bits_are(1, SOCKET_TYPE, u64::from(libc::SOCK_RAW.cast_unsigned()));
         sockets.push(rule([is(0, libc::AF_CAN), raw, is(2, libc::CAN_RAW)])?);
         sockets.extend(one_of(0, &[libc::AF_UNIX, libc::AF_NETLINK])?);
@@ -251,10 +260,14 @@ fn allowed(grants: &Grants) -> Result<Rules, seccompiler::BackendError> {
         rules.extend(whole(SOCKET_CALLS));
         let of_sockets = [is(1, libc::SOL_SOCKET)];
         let harmless = SOCKET_OPTIONS_OF_NONE.iter().map(|option| is_not(2, *option));
-        let of_protocols = [is_not(1, libc::SOL_SOCKET), is_not(2, TCP_ULP)];
+        let of_protocols =
+            [libc::SOL_SOCKET, libc::SOL_UDP, libc::IPPROTO_UDPLITE].map(|level| is_not(1, level));
         rules.insert(
             libc::SYS_setsockopt,
-            vec![rule(of_sockets.into_iter().chain(harmless))?, rule(of_protocols)?],
+            vec![
+                rule(of_sockets.into_iter().chain(harmless))?,
+                rule(of_protocols.into_iter().chain([is_not(2, TCP_ULP)]))?,
+            ],
         );
     }
     Ok(rules)
@@ -360,15 +373,20 @@ const HUGE_PAGES: &[(i64, u8, u64)] = &[
 
 /// The family that lets a partition with the network make connections.
 const TCP: &str = "tcp";
+/// The family that lets a partition with the network use the machine's CAN buses.
+const CAN: &str = "can";
 /// The family that lets a partition use sockets that it did not make by `socket`.
 const LOCAL_SOCKETS: &str = "local_sockets";
 
-/// Options of sockets that put programs, polling or pinned pages into the kernel (numbers of `asm-generic/socket.h`).
+/// Options of sockets that put programs, polling or pinned pages into the kernel, or let more of what was sent wait there (numbers
+/// of `asm-generic/socket.h`). Of the level of UDP there are none: they keep datagrams back, or hand them to other parts of the kernel.
 const SOCKET_OPTIONS_OF_NONE: &[libc::c_int] = &[
     libc::SO_ATTACH_FILTER,
     libc::SO_ATTACH_BPF,
     libc::SO_ATTACH_REUSEPORT_CBPF,
     libc::SO_ATTACH_REUSEPORT_EBPF,
+    libc::SO_SNDBUF,
+    libc::SO_SNDBUFFORCE,
     libc::SO_BUSY_POLL,
     libc::SO_ZEROCOPY,
     libc::SO_TXTIME,

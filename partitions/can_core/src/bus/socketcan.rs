@@ -124,7 +124,7 @@ fn refusal(bus: &str, interface: &str, error: io::Error) -> BusError {
         Some(Errno::PERM | Errno::ACCESS) => BusError::NoPermission {
             bus,
             error,
-            mend: "a partition needs `network = true` to have a CAN socket; a container needs CAP_NET_RAW",
+            mend: "a partition needs `network = true` and `system_calls = [\"can\"]` to have a CAN socket; a container needs CAP_NET_RAW",
         },
         _ => BusError::Broken { bus, error },
     }

@@ -109,7 +109,7 @@ impl Values {
             edition: common("edition", "2024"),
             rust_version: common("rust-version", "1.89"),
             dependencies: ["bateleur-apex", "bateleur-messages", "zerocopy"].map(dependency).join("\n"),
-            profile: library.table(&["profile"], "profile"),
+            profile: library.profiles(),
             lints: library.table(&["workspace", "lints"], "workspace.lints"),
         }
     }

@@ -64,7 +64,7 @@ impl Dependencies {
                     ),
                     dependencies: packages.iter().map(dependency).collect::<Vec<_>>().join("\n"),
                     alone: true,
-                    profile: library.table(&["profile"], "profile"),
+                    profile: library.profiles(),
                     lints: library.table(&["workspace", "lints"], "lints"),
                 }
             }
@@ -103,6 +103,11 @@ impl Workspace {
         ["rustfmt.toml", "clippy.toml", "Cargo.lock"]
             .into_iter()
             .filter_map(|name| Some((name, std::fs::read_to_string(self.root.join(name)).ok()?)))
+    }
+
+    /// How this workspace's crates are built, but for its packages.
+    pub(crate) fn profiles(&self) -> String {
+        ["dev", "release"].map(|name| self.table(&["profile", name], &format!("profile.{name}"))).join("\n\n")
     }
 
     /// A table of this workspace's manifest under another name.

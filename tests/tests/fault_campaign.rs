@@ -12,7 +12,8 @@ use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 use bateleur_tests::{
-    Ended, Fault, NINE, Started, Traces, Window, alone, await_some, bateleur, children_of, edited, quantile,
+    Ended, Fault, NINE, Started, Traces, Window, alone, await_some, bateleur, children_of, edited,
+    executive_of, quantile,
 };
 use rustix::process::Signal;
 use serde_json::Value;
@@ -202,7 +203,7 @@ fn choose(random: &mut Random, sources: &[&str], shared: bool) -> (String, Strin
 }
 
 fn campaign(module: &Started, faults: u64, seed: u64) -> Vec<Provoked> {
-    let (mut random, mut control) = (Random(seed), Control::of(module.pid()));
+    let (mut random, mut control) = (Random(seed), Control::of(executive_of(module.pid()).pid));
     let channels = channels();
     let sources: Vec<&str> = channels.iter().map(|channel| channel[0].as_str()).collect();
     let mut provoked = Vec::new();
@@ -231,11 +232,11 @@ fn faults_of_all_kinds_at_random_instants_harm_nobody_else_and_leave_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let (module, traces) = start(folder.path());
     std::thread::sleep(Duration::from_secs(5));
-    let quiet_until_ns = Control::of(module.pid()).status()["module_ns"].as_u64().unwrap();
-    let before = holdings(module.pid());
+    let quiet_until_ns = Control::of(executive_of(module.pid()).pid).status()["module_ns"].as_u64().unwrap();
+    let before = holdings(executive_of(module.pid()).pid);
     let provoked = campaign(&module, faults, seed);
     std::thread::sleep(Duration::from_secs(2));
-    let after = holdings(module.pid());
+    let after = holdings(executive_of(module.pid()).pid);
     module.signal(Signal::TERM);
     let ended = module.end().expect_code(0);
     traces.expect_gone();

@@ -3,6 +3,7 @@
 use anyhow::Result;
 use bateleur_control::{Answer, AskError, Client, Request, Running, Status, choose, running};
 use bateleur_monitor::event_text::printable;
+use bateleur_system::processes::process;
 
 /// Chooses a running module.
 #[derive(Debug, Clone, clap::Args)]
@@ -18,7 +19,9 @@ impl Target {
     /// # Errors
     /// None or several fit.
     pub fn choose(&self) -> Result<Running> {
-        Ok(choose(&running(), self.module.as_deref())?.clone())
+        let running = running();
+        let below = self.module.as_deref().and_then(|asked| executive_below(asked, &running));
+        Ok(choose(&running, below.as_deref().or(self.module.as_deref()))?.clone())
     }
 
     /// A conversation with it.
@@ -35,6 +38,13 @@ impl Target {
         }
         Ok(())
     }
+}
+
+/// The number of the executive whose supervisor has the number `asked`: that of `bateleur run`, which is what a shell knows.
+fn executive_below(asked: &str, running: &[Running]) -> Option<String> {
+    let asked: i32 = asked.parse().ok()?;
+    let is_below = |one: &&Running| process(one.pid).is_some_and(|executive| executive.parent == asked);
+    running.iter().find(is_below).map(|one| one.pid.to_string())
 }
 
 /// The figures of a module.

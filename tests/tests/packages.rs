@@ -37,6 +37,7 @@ fn pack(folder: &Path) -> Option<Vec<PathBuf>> {
 /// What a project of one's own needs of the second package.
 fn library_is_a_checkout(development: &Path, folder: &Path) {
     let root = folder.join("root");
+    fs::create_dir_all(folder).unwrap();
     expect_success(Command::new("dpkg-deb").arg("-x").arg(development).arg(&root));
     let (library, project) = (root.join("usr/share/bateleur"), folder.join("tank"));
     let [library, made] = [&library, &project].map(|path| path.to_str().unwrap());

@@ -7,7 +7,9 @@ use std::net::TcpStream;
 use std::path::Path;
 use std::time::Duration;
 
-use bateleur_tests::{Browser, Page, Sketch, Started, alone, bateleur, executive_of, flight_schedule};
+use bateleur_tests::{
+    Browser, Page, Sketch, Started, alone, await_some, bateleur, executive_of, flight_schedule,
+};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -210,17 +212,18 @@ fn page_moves_while_a_flight_flies_and_its_recording_plays_with_the_slider() {
 fn figures_of_two_modules_are_told_apart_and_read_by_another_parser() {
     let _turn = alone();
     let modules = [module(), module()];
-    let text = bateleur(&["metrics"]).end().expect_code(0).stdout;
-    assert!(text.ends_with("# EOF\n"), "{text}");
-    for (module, _) in &modules {
+    let windows = |text: &str, module: &Started| -> Option<u64> {
         let labels = format!("{{module=\"test\",pid=\"{}\",partition=\"two\"}}", module.pid());
         let line = format!("bateleur_windows_total{labels} ");
-        let value = text
-            .lines()
-            .find_map(|each| each.strip_prefix(&line))
-            .unwrap_or_else(|| panic!("no {line} in\n{text}"));
-        assert!(value.parse::<u64>().unwrap() > 0);
-    }
+        text.lines().find_map(|each| each.strip_prefix(&line))?.parse().ok()
+    };
+    let mut text = String::new();
+    let both = await_some(Duration::from_secs(30), || {
+        text = bateleur(&["metrics"]).end().expect_code(0).stdout;
+        let have = |(module, _): &(Started, _)| windows(&text, module).is_some_and(|count| count > 0);
+        modules.iter().all(have).then_some(())
+    });
+    assert!(both.is_some() && text.ends_with("# EOF\n"), "{text}");
     let Some(python) = bateleur_tests::python() else { return };
     let mut parser = std::process::Command::new(python)
         .args(["-c", "import sys\nfrom prometheus_client.openmetrics.parser import text_string_to_metric_families as read\nfor f in read(sys.stdin.read()): print(f.name, f.type, len(f.samples))"])

@@ -149,7 +149,8 @@ fn settings(condition: StartCondition, plan: &ProcessPlan) -> Settings {
 /// Takes windows until it is asked to stop.
 fn windows(kernel: &Arc<Kernel>, mut started: Started) -> Result<(), End> {
     let page = &kernel.page;
-    let mut last = 0;
+    // Numbers of grants go on from the process before.
+    let mut last = page.done.load(Acquire);
     loop {
         await_grant(page, last);
         if page.stop.load(Acquire) != 0 {

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use bateleur_host::helper::orders::{Examination, ExaminedPort};
 use bateleur_host::helper::{PARENT, begin};
 use bateleur_ports::{ChannelError, ChannelType, Domain, Membership};
-use iceoryx2::port::update_connections::{ConnectionFailure, UpdateConnections};
+use iceoryx2::port::update_connections::ConnectionFailure;
 
 use crate::{channel_type, join};
 
@@ -133,9 +133,9 @@ fn attach_to(channel: &ChannelType, writes: bool, node: &Membership) -> Result<(
         reason: format!("{reason:?}"),
     };
     if writes {
-        channel.writer(&opened)?.update_connections().map_err(failed)
+        channel.writer(&opened)?.connect().map_err(failed)
     } else {
-        channel.reader(&opened)?.update_connections().map_err(failed)
+        channel.reader(&opened)?.connect().map_err(failed)
     }
 }
 
@@ -155,6 +155,7 @@ mod tests {
             destinations: 1,
             spare_writers: 0,
             spare_readers: 0,
+            sealed: None,
         }
     }
 

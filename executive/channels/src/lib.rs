@@ -9,7 +9,7 @@
 //! or when the run's directory is: the library makes what it misses, and nobody would remove it.
 
 use bateleur_host::helper::orders::OrderedChannel;
-use bateleur_ports::{ChannelError, ChannelType, Domain, Membership};
+use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Handed, Membership, Reader};
 
 pub mod channel_cleaner;
 pub mod channel_holder;
@@ -24,6 +24,28 @@ pub fn join(domain: &Domain, home: &str, name: &str) -> Result<Membership, Chann
         Ok(about) if about.is_dir() => domain.join(home, name),
         _ => Err(ChannelError::Absent(home.to_owned())),
     }
+}
+
+/// Attaches to a channel as somebody who looks at it, called `name`. What comes beside the reading end keeps the channel.
+///
+/// # Errors
+/// It is not there, or can not be attached to.
+pub fn observe(
+    domain: &Domain,
+    ordered: &OrderedChannel,
+    name: &str,
+) -> Result<(Reader, Channel, Option<Membership>), ChannelError> {
+    let kind = channel_type(ordered);
+    if let Some(at) = ordered.sealed {
+        let lost = |reason| ChannelError::Attach { channel: kind.name.clone(), reason };
+        let ring = bateleur_system::handed_over::copy_of_inherited(at.ring).map_err(lost)?;
+        let channel = Channel::Sealed(Handed { ring, index: None, checked: at.checked, incarnation: 0 });
+        return Ok((kind.observer(&channel)?, channel, None));
+    }
+    let kind = if kind.depth.is_some() { kind.observed() } else { kind };
+    let node = join(domain, kind.home(), name)?;
+    let channel = kind.open(&node)?;
+    Ok((kind.observer(&channel)?, channel, Some(node)))
 }
 
 /// What lies in shared memory for a channel.

@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 
 use super::MessageCatalogue;
 use super::closed::{
-    ChangeAction, Direction, ErrorLevel, Kind, PartitionAction, PartitionError, PartitionState, StartMode,
-    SystemCalls,
+    ChangeAction, Direction, ErrorLevel, Isolation, Kind, PartitionAction, PartitionError, PartitionState,
+    StartMode, SystemCalls,
 };
 use super::defaults;
 use super::links;
@@ -226,7 +226,12 @@ impl Builder<'_> {
             let destinations = raw.destinations.said()?.value.iter();
             let destinations = destinations.map(|path| self.names.port(&path.value).map(PortId));
             let kind = self.file.ports[source].kind.get()?.0;
-            Some(Channel { source: PortId(source), destinations: destinations.collect::<Option<_>>()?, kind })
+            let isolation = match raw.isolation.is_absent() {
+                true => self.file.isolation.or(Word(Isolation::default()))?.0,
+                false => raw.isolation.get()?.0,
+            };
+            let destinations = destinations.collect::<Option<_>>()?;
+            Some(Channel { source: PortId(source), destinations, kind, isolation })
         };
         self.file.channels.iter().map(channel).collect()
     }

@@ -8,7 +8,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::catalogue;
 use super::closed::{
-    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleClock,
+    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Isolation, Kind, LogPolicy, ModuleAction, ModuleClock,
     ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode, SystemCalls, Transport,
 };
 use super::findings::{Finding, Findings, Span};
@@ -28,6 +28,8 @@ pub(super) struct RawFile {
     pub(super) ports: Vec<RawPort>,
     /// The folder with message types.
     pub(super) messages: Field<String>,
+    /// Of channels that say nothing themselves.
+    pub(super) isolation: Field<Word<Isolation>>,
     pub(super) channels: Vec<RawChannel>,
     pub(super) chains: Vec<RawChain>,
     pub(super) schedules: Vec<RawSchedule>,
@@ -130,6 +132,7 @@ pub(super) struct RawChannel {
     pub(super) span: Span,
     pub(super) source: Field<String>,
     pub(super) destinations: Names,
+    pub(super) isolation: Field<Word<Isolation>>,
 }
 
 pub(super) struct RawChain {
@@ -197,6 +200,7 @@ impl RawFile {
     pub(super) fn read(document: &DeTable<'_>, findings: &Findings<'_>) -> Self {
         let mut file = TableReader::new(document, 0..0, "the file", findings);
         let messages = file.optional("messages");
+        let isolation = file.optional("isolation");
         let modules = file.entries("module");
         let networks = file.entries("network");
         let links = file.entries("link");
@@ -219,6 +223,7 @@ impl RawFile {
             links: links.into_iter().filter_map(|entry| RawLink::read(entry, &beside, findings)).collect(),
             ports,
             messages,
+            isolation,
             channels: channels.into_iter().map(|table| RawChannel::read(table, findings)).collect(),
             chains: chains.into_iter().map(|table| RawChain::read(table, findings)).collect(),
             schedules: schedules.into_iter().filter_map(|entry| RawSchedule::read(entry, findings)).collect(),
@@ -452,6 +457,7 @@ impl RawChannel {
             span,
             source: table.required("source", "\"partition.port\""),
             destinations: table.required("destinations", "[\"partition.port\"]"),
+            isolation: table.optional("isolation"),
         };
         table.finish();
         channel

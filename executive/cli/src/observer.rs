@@ -9,10 +9,10 @@ use std::os::fd::AsFd;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use bateleur_channels::{channel_type, join};
+use bateleur_channels::observe;
 use bateleur_control::{Answer, Observation};
 use bateleur_host::helper::orders::{Order, OrderedChannel};
-use bateleur_ports::{Channel, Domain, Membership, Reader};
+use bateleur_ports::{Channel, Domain, Membership, OBSERVER_DEPTH, Reader};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::net::sockopt::{Timeout, set_socket_timeout};
 
@@ -26,7 +26,7 @@ struct Observed {
     source: String,
     reader: Reader,
     _channel: Channel,
-    _node: Membership,
+    _node: Option<Membership>,
 }
 
 pub(crate) fn run(order: &str) -> Result<()> {
@@ -70,18 +70,16 @@ fn attach(order: &Order) -> Result<Vec<Observed>> {
 }
 
 fn attach_to(domain: &Domain, ordered: &OrderedChannel) -> Result<Observed> {
-    let kind = channel_type(ordered);
-    let kind = if kind.depth.is_some() { kind.observed() } else { kind };
-    let node = join(domain, kind.home(), "observer")?;
-    let channel = kind.open(&node)?;
-    let reader = kind.observer(&channel)?;
+    let (reader, channel, node) = observe(domain, ordered, "observer")?;
     Ok(Observed { source: ordered.source.clone(), reader, _channel: channel, _node: node })
 }
 
 fn read(one: &Observed, lines: &mut Vec<u8>) -> Result<()> {
     // A reader that fails once has met a dying writer; what the writer sent before is still there next time.
-    while let Ok(Some(sample)) = one.reader.receive() {
-        let stamp = sample.user_header();
+    // And one that writes without end must not keep it from the others.
+    for _ in 0..=OBSERVER_DEPTH {
+        let Ok(Some(sample)) = one.reader.receive() else { break };
+        let stamp = sample.stamp();
         let observation = Observation {
             source: one.source.clone(),
             sequence: stamp.sequence,

@@ -12,12 +12,12 @@ use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::Relaxed;
 
 use anyhow::{Context, Result};
-use bateleur_channels::{channel_type, join};
+use bateleur_channels::observe;
 use bateleur_contract::Mapped;
 use bateleur_host::helper::orders::OrderedChannel;
 use bateleur_host::helper::recording::{ATTACH_ANEW, DONE, LEFT_OUT, NO_ROOM, READ, RecorderOrder};
 use bateleur_messages::Type;
-use bateleur_ports::{Channel, Domain, Membership, Reader};
+use bateleur_ports::{Channel, Domain, Membership, OBSERVER_DEPTH, Reader};
 use bateleur_recording::{ChannelId, LogError, PortLog, topic};
 
 struct Observed {
@@ -35,7 +35,7 @@ struct Observed {
 struct End {
     reader: Reader,
     _channel: Channel,
-    _node: Membership,
+    _node: Option<Membership>,
 }
 
 /// The log was opened by the executive, whose output folder the recorder's user may not enter.
@@ -164,8 +164,10 @@ impl Recorder {
             let Some(end) = &one.end else { continue };
             self.at.store(one.place as u32 + 1, Relaxed);
             // A reader that fails once has met a dying writer; what the writer sent before is still there next time.
-            while let Ok(Some(sample)) = end.reader.receive() {
-                let stamp = sample.user_header();
+            // And one that writes without end must not keep it from the others.
+            for _ in 0..=OBSERVER_DEPTH {
+                let Ok(Some(sample)) = end.reader.receive() else { break };
+                let stamp = sample.stamp();
                 match self.log.write(one.log, stamp.sequence, stamp.source_ns, sample.payload()) {
                     Err(wrong @ LogError::Size { .. }) => {
                         if !std::mem::replace(&mut one.told, true) {
@@ -184,11 +186,7 @@ impl Recorder {
 
 impl End {
     fn of(domain: &Domain, ordered: &OrderedChannel) -> Result<Self> {
-        let kind = channel_type(ordered);
-        let kind = if kind.depth.is_some() { kind.observed() } else { kind };
-        let node = join(domain, kind.home(), "recorder")?;
-        let channel = kind.open(&node)?;
-        let reader = kind.observer(&channel)?;
+        let (reader, channel, node) = observe(domain, ordered, "recorder")?;
         Ok(Self { reader, _channel: channel, _node: node })
     }
 }

@@ -9,4 +9,5 @@ pub mod keys;
 pub mod machine;
 pub mod partition;
 pub mod programs;
+pub mod sealed;
 pub mod trouble;

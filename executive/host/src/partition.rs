@@ -8,6 +8,7 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use bateleur_contract::page::WindowGrant;
 use bateleur_contract::{
@@ -20,6 +21,7 @@ use rustix::fs::{
 
 use crate::error_log::{ErrorLine, ErrorLogs};
 use crate::keys::Key;
+use crate::sealed::{End, Handover, SealedChannels};
 use bateleur_plan::units::ShowSize;
 use bateleur_plan::{Attribute, Closed, Partition, PartitionId, Plan, Port, Role, SystemCalls};
 use bateleur_system::account::Accounts;
@@ -58,6 +60,8 @@ pub struct SandboxConfig {
     pub link_keys: Vec<Key>,
     /// Retained memories that outlive the executive, by partition.
     pub retained: BTreeMap<String, Arc<OwnedFd>>,
+    /// The memories of sealed channels.
+    pub sealed: Arc<SealedChannels>,
 }
 
 /// A partition without its process.
@@ -94,6 +98,10 @@ pub struct Sandbox {
     memory_bytes: u64,
     /// The directories of its channels.
     channels: Vec<PathBuf>,
+    /// Those of the sealed ones.
+    sealed: Arc<SealedChannels>,
+    /// The number of the process that was started last.
+    incarnation: AtomicU32,
     errors: ErrorLine,
     description: Description,
     /// That of a process that stands by.
@@ -188,6 +196,8 @@ impl Sandbox {
                 .iter()
                 .map(|channel| Path::new(&sandbox_config.ports_root).join(channel))
                 .collect(),
+            sealed: sandbox_config.sealed.clone(),
+            incarnation: AtomicU32::new(0),
             errors: beside
                 .map_or_else(|| sandbox_config.errors.line(&partition.name), |first| first.errors.beside()),
             description: describe(plan, partition, sandbox_config, overrides),
@@ -228,8 +238,10 @@ impl Sandbox {
     }
 
     fn start(&self, generation: u32, condition: StartCondition, standby: bool) -> io::Result<Spawned> {
-        let description =
+        let mut description =
             Description { generation, start_condition: condition, standby, ..self.description.clone() };
+        let sealed = self.hand_over(&mut description)?;
+        self.incarnation.store(generation, Ordering::Relaxed);
         let description = sealed_text(&self.name, &serde_json::to_vec(&description)?)?;
         let errors = self.errors.begin()?;
         // A process that was ended has no socket, and its successor needs them at once.
@@ -242,6 +254,7 @@ impl Sandbox {
                 descriptors.push(keys.as_fd());
             }
         }
+        descriptors.extend(sealed.files());
         let granted = Granted {
             program: &self.program,
             channels: &self.channels,
@@ -273,6 +286,31 @@ impl Sandbox {
             user: self.user.clone(),
             dies_with_starter: true,
         })
+    }
+
+    /// Opens the memories of its sealed channels, which come behind the other descriptors, and says in the description where each is.
+    fn hand_over(&self, description: &mut Description) -> io::Result<Handover> {
+        let others = match self.keys {
+            Some(_) => RELAY_KEYS_FD - CONTROL_FD + 1,
+            None => 2 + i32::from(self.retained.is_some()),
+        };
+        let mut handover = Handover::from(CONTROL_FD + others);
+        for port in &mut description.ports {
+            let end = match port.direction {
+                Direction::Source => End::Source,
+                Direction::Destination => End::Destination,
+            };
+            port.sealed = self.sealed.hand(&port.channel, end, &mut handover)?;
+        }
+        Ok(handover)
+    }
+
+    /// Its process is dead: nobody receives what its sealed queues carry.
+    pub fn detach(&self) {
+        let incarnation = self.incarnation.load(Ordering::Relaxed);
+        for port in self.description.ports.iter().filter(|port| port.direction == Direction::Destination) {
+            let _ = self.sealed.detach(&port.channel, incarnation); // its source then fills the queue
+        }
     }
 
     /// Why the partition's log could not be written, the first time that this was so.
@@ -572,6 +610,7 @@ fn describe_port(plan: &Plan, port: &Port) -> PortDescription {
         },
         definition: plan.messages.get(&message_name(port)).cloned().unwrap_or_default(),
         channel: channel.map_or_else(String::new, |channel| plan.port_path(channel.source)),
+        sealed: None,
         refresh_ns,
         depth: channel.map_or(own_depth, |channel| queue_depth(plan, channel).unwrap_or(0)),
         optional: port.optional,

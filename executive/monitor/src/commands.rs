@@ -85,6 +85,7 @@ impl Monitor {
     fn clean_up(&mut self, place: usize, member: PairMember, module_ns: u64) {
         let Some(dead) = self.partitions[place].member(member) else { return };
         let Some(pid) = dead.remains else { return self.feed(place, cleaned(member, false), module_ns) };
+        dead.sandbox.detach();
         let order = CleanupOrder {
             pid,
             user: dead.sandbox.own_user(),

@@ -62,6 +62,38 @@ closed! {
 }
 
 closed! {
+    /// What a channel's ends can do to each other.
+    Isolation, "isolation" {
+        /// They share its memory: who writes nonsense there may end the others.
+        Shared = "shared",
+        /// Each reads what the other alone can write.
+        Sealed = "sealed",
+        /// The same, and each message carries a checksum.
+        Checked = "checked",
+    }
+}
+
+impl Isolation {
+    /// Whether the channel's memory can be written by one of its ends only.
+    #[must_use]
+    pub fn is_sealed(self) -> bool {
+        self != Self::Shared
+    }
+
+    /// What a plan says that says nothing.
+    pub(crate) fn is_default(&self) -> bool {
+        !self.is_sealed()
+    }
+}
+
+// What was compiled, or agreed upon with another host, before there was a choice.
+impl Default for Isolation {
+    fn default() -> Self {
+        Self::Shared
+    }
+}
+
+closed! {
     /// What a partition may find when it starts again.
     StartMode, "start" {
         /// Nothing of the incarnation before.

@@ -14,8 +14,8 @@ pub mod units;
 pub mod words;
 
 pub use closed::{
-    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleClock,
-    ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode, SystemCalls, Transport,
+    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Isolation, Kind, LogPolicy, ModuleAction,
+    ModuleClock, ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode, SystemCalls, Transport,
 };
 pub use model::{
     Address, Attribute, Chain, Channel, ChannelId, Health, HealthLog, Levels, Link, LinkId, Module,

@@ -114,7 +114,9 @@ impl Plan {
         if let Some(source) = status {
             let kind = Kind::Sampling;
             local.ports[source.0].channel = Some(ChannelId(local.channels.len()));
-            local.channels.push(Channel { source, destinations: Vec::new(), kind });
+            // As the most careful of the plan's own.
+            let isolation = self.channels.iter().map(|channel| channel.isolation).max().unwrap_or_default();
+            local.channels.push(Channel { source, destinations: Vec::new(), kind, isolation });
         }
         local
     }
@@ -153,7 +155,7 @@ impl Plan {
             Kind::Queuing => Role::QueuingSource,
         };
         let source = local.add_port(self.in_port(id), relay, role, (channel.source, id));
-        local.channels[id.0] = Channel { source, destinations, kind: channel.kind };
+        local.channels[id.0] = Channel { source, destinations, ..channel.clone() };
     }
 
     fn add_port(

@@ -10,7 +10,7 @@ use std::ops::Index;
 use serde::{Deserialize, Serialize};
 
 use super::closed::{
-    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Kind, LogPolicy, ModuleAction, ModuleClock,
+    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Isolation, Kind, LogPolicy, ModuleAction, ModuleClock,
     ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode, SystemCalls, Transport,
 };
 use super::processes::Processes;
@@ -376,6 +376,9 @@ pub struct Channel {
     pub destinations: Vec<PortId>,
     /// How the channel keeps messages.
     pub kind: Kind,
+    /// What its ends can do to each other. Not written down where it is the default: hosts of a plan that says nothing still agree.
+    #[serde(default, skip_serializing_if = "Isolation::is_default")]
+    pub isolation: Isolation,
 }
 
 /// A path from a sensor to an actuator.

@@ -3,12 +3,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{Read, Write};
-use std::os::fd::AsFd;
+use std::os::fd::{AsFd, BorrowedFd};
 use std::rc::Rc;
 
+use bateleur_contract::sealed::SealedDescriptors;
 use bateleur_contract::{Description, Direction, PortDescription, PortKind, ProcessPlan, StartCondition};
 use bateleur_message_format::{Message, Type, describe, layout_of};
-use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Membership, Reader, Writer};
+use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Handed, Membership, Reader, Writer};
 use serde::de::DeserializeOwned;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
@@ -201,11 +202,7 @@ impl Context {
     /// CREATE_QUEUING_PORT, source.
     pub fn queuing_source<T: Message>(&mut self, name: &str) -> Result<QueuingSource<T>, StartError> {
         let port = self.port::<T>(name, PortKind::Queuing, Direction::Source)?;
-        let writer = self.writer(&port)?;
-        let observed = match &writer {
-            Some(_) => Some(self.open_writer(&channel_type(&port).observed())?),
-            None => None,
-        };
+        let (writer, observed) = (self.writer(&port)?, self.observed(&port)?);
         let outlet = writer.map(|writer| self.outlet(name, writer, observed));
         Ok(QueuingSource::new(outlet, self.time.clone()))
     }
@@ -248,11 +245,7 @@ impl Context {
     /// As there.
     pub fn raw_queuing_source(&mut self, name: &str) -> Result<(RawQueuingSource, usize), StartError> {
         let port = self.raw_port(name, PortKind::Queuing, Direction::Source)?;
-        let writer = self.writer(&port)?;
-        let observed = match &writer {
-            Some(_) => Some(self.open_writer(&channel_type(&port).observed())?),
-            None => None,
-        };
+        let (writer, observed) = (self.writer(&port)?, self.observed(&port)?);
         let outlet = writer.map(|writer| self.outlet(name, writer, observed));
         Ok((RawQueuingSource::new(outlet, self.time.clone()), port.size as usize))
     }
@@ -433,7 +426,46 @@ impl Context {
     }
 
     fn writer(&mut self, port: &PortDescription) -> Result<Option<Rc<Writer>>, StartError> {
-        if port.channel.is_empty() { Ok(None) } else { self.open_writer(&channel_type(port)).map(Some) }
+        if port.channel.is_empty() {
+            return Ok(None);
+        }
+        let kind = channel_type(port);
+        let channel = self.channel_of(port, &kind)?;
+        self.writer_of(&kind, channel).map(Some)
+    }
+
+    /// The channel on which observers see what a queue carries; a sealed one can be looked at itself.
+    fn observed(&mut self, port: &PortDescription) -> Result<Option<Rc<Writer>>, StartError> {
+        if port.channel.is_empty() || port.sealed.is_some() {
+            return Ok(None);
+        }
+        let kind = channel_type(port).observed();
+        let channel = self.open(&kind)?;
+        self.writer_of(&kind, channel).map(Some)
+    }
+
+    fn channel_of(&mut self, port: &PortDescription, kind: &ChannelType) -> Result<Channel, StartError> {
+        match port.sealed {
+            None => self.open(kind),
+            Some(at) => Ok(Channel::Sealed(self.handed(port, at)?)),
+        }
+    }
+
+    /// The memory of a sealed channel. The descriptors stay: a partition may ask for a port again.
+    #[allow(unsafe_code)] // numbers that become descriptors
+    fn handed(&self, port: &PortDescription, at: SealedDescriptors) -> Result<Handed, StartError> {
+        let copy = |number: i32| {
+            // SAFETY: the executive left it open where it says so, and nobody in this process closes it.
+            let descriptor = unsafe { BorrowedFd::borrow_raw(number) };
+            let failed = |error| StartError::Other(format!("the memory of port \"{}\" was not handed over: {error}", port.name));
+            rustix::io::fcntl_dupfd_cloexec(descriptor, 0).map_err(failed)
+        };
+        Ok(Handed {
+            ring: copy(at.ring)?,
+            index: at.index.map(copy).transpose()?,
+            checked: at.checked,
+            incarnation: self.description.generation,
+        })
     }
 
     /// Opens a channel, joining its shared memory first where this is the partition's first port in it.
@@ -446,12 +478,16 @@ impl Context {
         Ok(kind.open(&self.nodes[home])?)
     }
 
-    fn open_writer(&mut self, kind: &ChannelType) -> Result<Rc<Writer>, StartError> {
-        let channel = self.open(kind)?;
+    fn writer_of(&mut self, kind: &ChannelType, channel: Channel) -> Result<Rc<Writer>, StartError> {
         let writer = Rc::new(kind.writer(&channel)?);
-        self.channels.push(channel);
+        self.hold(channel);
         self.connections.push(writer.clone());
         Ok(writer)
+    }
+
+    /// What was mapped stays without its descriptor.
+    fn hold(&mut self, channel: Channel) {
+        self.channels.extend(Some(channel).filter(|channel| matches!(channel, Channel::Shared(_))));
     }
 
     fn inlet(&mut self, port: &PortDescription) -> Result<Option<Rc<Inlet>>, StartError> {
@@ -459,7 +495,7 @@ impl Context {
             return Ok(None);
         }
         let kind = channel_type(port);
-        let channel = self.open(&kind)?;
+        let channel = self.channel_of(port, &kind)?;
         let inlet = Rc::new(Inlet::new(kind, channel));
         if !self.description.standby {
             inlet.attach()?;
@@ -474,9 +510,9 @@ impl Context {
             return Ok(None);
         }
         let kind = channel_type(port);
-        let channel = self.open(&kind)?;
+        let channel = self.channel_of(port, &kind)?;
         let reader = Rc::new(kind.reader(&channel)?);
-        self.channels.push(channel);
+        self.hold(channel);
         self.connections.push(reader.clone());
         Ok(Some(reader))
     }

@@ -10,6 +10,7 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
+use bateleur_contract::sealed::MEMORY_NAME;
 use bateleur_contract::{ControlPage, FaultKind, FaultOrder};
 use bateleur_ports::Stamp;
 
@@ -258,8 +259,9 @@ fn wild_page(page: &ControlPage, seed: u64) {
 fn wild_ports(seed: u64) {
     let mut random = Random(seed);
     let maps = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
-    // The page and the retained memory are shared too, but are files in memory.
-    let shared = maps.lines().filter(|line| line.contains(" rw-s ") && !line.contains("/memfd:"));
+    // The page and the retained memory are files in memory too.
+    let is_a_ports = |line: &&str| !line.contains("/memfd:") || line.contains(MEMORY_NAME);
+    let shared = maps.lines().filter(|line| line.contains(" rw-s ")).filter(is_a_ports);
     let ranges: Vec<(usize, usize)> = shared.filter_map(range).collect();
     for _ in 0..WILD_BYTES {
         if ranges.is_empty() {

@@ -305,6 +305,7 @@ fn port<T: Message>(name: &str, kind: PortKind, direction: Direction) -> PortDes
         layout: layout_of(T::FIELDS),
         definition: definition(T::FIELDS),
         channel: format!("harness.{name}"),
+        sealed: None,
         refresh_ns: 0,
         depth: 0,
         optional: false,

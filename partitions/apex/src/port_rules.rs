@@ -106,8 +106,7 @@ fn read_while_written(each: impl Fn(Option<&GroundMessage>)) {
             let writer = kind.writer(&kind.open(&node).unwrap()).unwrap();
             for number in 0_u32.. {
                 let bytes = vec![number as u8; kind.size];
-                let sample = writer.loan_slice_uninit(kind.size).unwrap().write_from_slice(&bytes);
-                assert!(sample.send().is_ok());
+                assert!(writer.put(&bytes, Stamp::default()).is_ok());
                 begun.store(true, Relaxed);
                 if ends.load(Relaxed) {
                     return;

@@ -11,8 +11,7 @@ use std::sync::atomic::Ordering::Relaxed;
 
 use bateleur_contract::ReportKind;
 use bateleur_message_format::Message;
-use bateleur_ports::{Channel, ChannelError, ChannelType, Reader, Received, Stamp, Writer};
-use iceoryx2::port::update_connections::UpdateConnections;
+use bateleur_ports::{Channel, ChannelError, ChannelType, Reader, Received, Refusal, Stamp, Writer};
 
 use crate::faults::{Fate, PortFault};
 use crate::time::Time;
@@ -24,13 +23,13 @@ pub(crate) trait Connect {
 
 impl Connect for Writer {
     fn connect(&self) {
-        let _ = self.update_connections(); // a peer that fails now is met again at the next send
+        let _ = Writer::connect(self); // a peer that fails now is met again at the next send
     }
 }
 
 impl Connect for Reader {
     fn connect(&self) {
-        let _ = self.has_samples(); // as above
+        let _ = Reader::connect(self); // as above
     }
 }
 
@@ -58,14 +57,14 @@ impl Inlet {
 
 impl Connect for Inlet {
     fn connect(&self) {
-        self.reader.get().iter().for_each(|reader| reader.connect());
+        self.reader.get().iter().for_each(|reader| Connect::connect(*reader));
     }
 }
 
 /// What `read` of a sampling port gives.
 #[derive(Debug)]
 pub struct Reading<'a, T> {
-    /// The latest value, in shared memory.
+    /// The latest value, in memory that nobody changes as long as it is looked at.
     pub value: &'a T,
     /// How long ago its source wrote it, ns.
     pub age_ns: u64,
@@ -129,9 +128,9 @@ impl Outlet {
     }
 
     fn send(&self, bytes: &[u8], stamp: Stamp) -> Result<usize, Refusal> {
-        let receivers = put(&self.writer, bytes, stamp)?;
+        let receivers = self.writer.put(bytes, stamp)?;
         if let Some(observed) = self.observed.as_ref().filter(|_| receivers > 0) {
-            let _ = put(observed, bytes, stamp); // an observer's loss is no fault
+            let _ = observed.put(bytes, stamp); // an observer's loss is no fault
         }
         Ok(receivers)
     }
@@ -204,7 +203,7 @@ impl<T: Message> SamplingDestination<T> {
         let now_ns = self.time.now_ns();
         self.take_latest(now_ns);
         let latest = self.latest.as_ref()?;
-        let stamp = *latest.user_header();
+        let stamp = latest.stamp();
         let value = T::ref_from_bytes(latest.payload()).ok()?;
         let age_ns = now_ns.saturating_sub(stamp.source_ns);
         let (valid, updated) = (self.is_valid(&stamp, now_ns), std::mem::take(&mut self.updated));
@@ -242,7 +241,7 @@ impl<T: Message> SamplingDestination<T> {
                     refused_length::<T>(&self.time, received.payload().len());
                 }
                 Ok(None) => return,
-                Err(error) => return refused(&self.time, &format!("cannot read {}: {error:?}", T::NAME)),
+                Err(error) => return refused(&self.time, &format!("cannot read {}: {error}", T::NAME)),
             }
         }
     }
@@ -251,9 +250,7 @@ impl<T: Message> SamplingDestination<T> {
     /// successor since the last read; as long as this one is valid, that one is met at the next read. Looking for it
     /// every time would cost half of a read.
     fn leaves_nothing_newer(&self, received: &Received, now_ns: u64) -> bool {
-        let same_source =
-            |latest: &Received| latest.header().publisher_id() == received.header().publisher_id();
-        self.latest.as_ref().is_some_and(same_source) && self.is_valid(received.user_header(), now_ns)
+        received.is_last_after(self.latest.as_ref()) && self.is_valid(&received.stamp(), now_ns)
     }
 }
 
@@ -321,7 +318,7 @@ impl<T: Message> QueuingDestination<T> {
                     }
                 }
                 Err(error) => {
-                    refused(&self.time, &format!("cannot receive {}: {error:?}", T::NAME));
+                    refused(&self.time, &format!("cannot receive {}: {error}", T::NAME));
                     return None;
                 }
             }
@@ -330,51 +327,17 @@ impl<T: Message> QueuingDestination<T> {
     }
 }
 
-pub(crate) enum Refusal {
-    Full,
-    Other(String),
-}
-
-impl std::fmt::Display for Refusal {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Full => f.write_str("the queue is full"),
-            Self::Other(reason) => f.write_str(reason),
-        }
-    }
-}
-
-fn put(writer: &Writer, bytes: &[u8], stamp: Stamp) -> Result<usize, Refusal> {
-    let mut sample =
-        writer.loan_slice_uninit(bytes.len()).map_err(|error| Refusal::Other(format!("{error:?}")))?;
-    *sample.user_header_mut() = stamp;
-    sample.write_from_slice(bytes).send().map_err(refusal)
-}
-
-#[allow(unsafe_code)] // memory that the compiler takes for unwritten
 fn put_in_place<T: Message>(
     writer: &Writer,
     fill: impl FnOnce(&mut T),
     stamp: Stamp,
 ) -> Result<usize, Refusal> {
-    let mut sample =
-        writer.loan_slice_uninit(size_of::<T>()).map_err(|error| Refusal::Other(format!("{error:?}")))?;
-    *sample.user_header_mut() = stamp;
-    // SAFETY: the bytes lie in a shared mapping that the kernel handed out as zeros and that only messages were written
-    // to; every one of them has a value, and any value is one of a message (`FromBytes`).
-    let mut sample = unsafe { sample.assume_init() };
-    match T::mut_from_bytes(sample.payload_mut()) {
-        Ok(message) => fill(message),
-        Err(_) => return Err(Refusal::Other("a loan that is not aligned for the message".into())),
-    }
-    sample.send().map_err(refusal)
-}
-
-fn refusal(error: iceoryx2::port::SendError) -> Refusal {
-    match error {
-        iceoryx2::port::SendError::UnableToDeliver => Refusal::Full,
-        other => Refusal::Other(format!("{other:?}")),
-    }
+    writer.put_in_place(size_of::<T>(), stamp, |bytes| {
+        // As long as the message, and aligned for any.
+        if let Ok(message) = T::mut_from_bytes(bytes) {
+            fill(message);
+        }
+    })
 }
 
 fn refused_length<T: Message>(time: &Time, found: usize) {

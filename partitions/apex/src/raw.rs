@@ -8,9 +8,9 @@ use std::rc::Rc;
 use std::sync::atomic::Ordering::Relaxed;
 
 use bateleur_contract::{PortDescription, PortKind};
-use bateleur_ports::{Reader, Received, Stamp};
+use bateleur_ports::{Reader, Received, Refusal, Stamp};
 
-use crate::ports::{Inlet, Outlet, REFUSED_AT_ONCE, Refusal, Sent, WAITING_AT_MOST, refused};
+use crate::ports::{Inlet, Outlet, REFUSED_AT_ONCE, Sent, WAITING_AT_MOST, refused};
 use crate::time::Time;
 
 /// The writing end of a sampling channel. A port without a channel swallows what is written.
@@ -63,7 +63,7 @@ impl RawSamplingDestination {
     pub fn read(&mut self) -> Option<RawReading<'_>> {
         let updated = self.take_latest();
         let latest = self.latest.as_ref()?;
-        Some(RawReading { bytes: latest.payload(), stamp: *latest.user_header(), updated })
+        Some(RawReading { bytes: latest.payload(), stamp: latest.stamp(), updated })
     }
 
     fn take_latest(&mut self) -> bool {
@@ -83,7 +83,7 @@ impl RawSamplingDestination {
                 }
                 Ok(None) => break,
                 Err(error) => {
-                    refused(&self.time, &format!("cannot read: {error:?}"));
+                    refused(&self.time, &format!("cannot read: {error}"));
                     break;
                 }
             }
@@ -131,7 +131,7 @@ impl RawQueuingSource {
     }
 }
 
-/// A message out of a queue, still in shared memory.
+/// A message out of a queue.
 #[derive(Debug)]
 pub struct RawMessage(Received);
 
@@ -145,7 +145,7 @@ impl RawMessage {
     /// What its source said of it.
     #[must_use]
     pub fn stamp(&self) -> Stamp {
-        *self.0.user_header()
+        self.0.stamp()
     }
 }
 
@@ -166,7 +166,7 @@ impl RawQueuingDestination {
     #[must_use]
     pub fn has_messages(&self) -> bool {
         let reader = self.inlet.as_ref().and_then(|inlet| inlet.reader.get());
-        reader.is_some_and(|reader| reader.has_samples().unwrap_or(false)) // what can not be asked can not be received either
+        reader.is_some_and(Reader::has_messages)
     }
 
     /// Takes the oldest message. Only one may be held at a time.
@@ -184,7 +184,7 @@ impl RawQueuingDestination {
                     refused(&self.time, &format!("message of {found} bytes where 1 to {most} belong"));
                 }
                 Err(error) => {
-                    refused(&self.time, &format!("cannot receive: {error:?}"));
+                    refused(&self.time, &format!("cannot receive: {error}"));
                     return None;
                 }
             }

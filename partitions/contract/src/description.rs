@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use crate::sealed::SealedDescriptors;
+
 /// Everything a partition knows about itself.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Description {
@@ -113,6 +115,9 @@ pub struct PortDescription {
     pub definition: String,
     /// The service that carries the channel; empty for a port without a channel.
     pub channel: String,
+    /// Where the channel's memory is, if it is a sealed one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sealed: Option<SealedDescriptors>,
     /// Sampling destination: the age up to which a value is valid, ns.
     pub refresh_ns: u64,
     /// Queuing: messages that wait at most.

@@ -12,6 +12,7 @@ pub mod packing;
 pub mod page;
 pub mod relay;
 mod ring;
+pub mod sealed;
 mod sync;
 
 mod mapping;
@@ -24,6 +25,7 @@ pub use mapping::{Mapped, MappingError, SharedMemory};
 pub use page::{
     AlignmentReport, AlignmentTold, ControlPage, ErrorCode, Mode, ReportKind, Reported, Takeover,
 };
+pub use sealed::SealedDescriptors;
 pub use relay::{ClockRole, LinkTable, PathTable, RELAY_KEYS_FD, RelayChannel, RelayTable};
 
 /// Descriptor of the control page in a partition process.

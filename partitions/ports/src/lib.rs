@@ -17,27 +17,29 @@ use std::time::Duration;
 
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::port::BackpressureAction;
-use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
-use iceoryx2::sample::Sample;
 use iceoryx2::service::attribute::{AttributeKey, AttributeSpecifier, AttributeValue, AttributeVerifier};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
+mod ends;
 mod rooted;
+mod sealed;
+
+pub use ends::{Reader, Received, Refusal, Unreceived, Writer};
+use ends::{Reading, Writing};
+pub use sealed::Handed;
 
 /// The kind of service below every channel.
 pub type Shared = rooted::Rooted;
 /// A process' membership in the shared memory of one channel.
 pub type Membership = Node<Shared>;
-/// A created or opened channel; holding it keeps the channel alive.
-pub type Channel = PortFactory<Shared, [u8], Stamp>;
-/// A source port's writing end.
-pub type Writer = Publisher<Shared, [u8], Stamp>;
-/// A destination port's reading end.
-pub type Reader = Subscriber<Shared, [u8], Stamp>;
-/// One received message, still in shared memory.
-pub type Received = Sample<Shared, [u8], Stamp>;
+/// A channel that this process may attach to.
+pub enum Channel {
+    /// One that was created or opened; holding it keeps it alive.
+    Shared(PortFactory<Shared, [u8], Stamp>),
+    /// One whose memory was handed over.
+    Sealed(Handed),
+}
 
 /// Alignment of every message, bytes: enough for any plain message type.
 pub const ALIGNMENT: usize = 16;
@@ -222,6 +224,7 @@ impl ChannelType {
             .max_subscribers(readers)
             .max_nodes(readers + writers + 2) // the channel holder and a channel cleaner
             .create_with_attributes(&attributes)
+            .map(Channel::Shared)
             .map_err(|error| failed(format!("{error:?}")))
     }
 
@@ -235,12 +238,17 @@ impl ChannelType {
         let verifier = AttributeVerifier::new()
             .require(&attribute_key()?, &self.attribute()?)
             .map_err(|error| failed(format!("{error:?}")))?;
-        self.builder(node)?.open_with_attributes(&verifier).map_err(|error| failed(format!("{error:?}")))
+        let opened = self.builder(node)?.open_with_attributes(&verifier);
+        opened.map(Channel::Shared).map_err(|error| failed(format!("{error:?}")))
     }
 
     /// The writing end.
     pub fn writer(&self, channel: &Channel) -> Result<Writer, ChannelError> {
-        channel
+        let service = match channel {
+            Channel::Shared(service) => service,
+            Channel::Sealed(handed) => return Ok(Writer(Writing::Sealed(handed.writer(self)?))),
+        };
+        service
             .publisher_builder()
             .initial_max_slice_len(self.size)
             .max_loaned_samples(1)
@@ -248,24 +256,36 @@ impl ChannelType {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .set_backpressure_handler(|_| BackpressureAction::DiscardDataAndFail)
             .create()
+            .map(|publisher| Writer(Writing::Shared(publisher)))
             .map_err(|error| self.attach_failed(format!("{error:?}")))
     }
 
     /// The reading end of a destination port.
     pub fn reader(&self, channel: &Channel) -> Result<Reader, ChannelError> {
-        self.reader_with(channel, self.depth.unwrap_or(1))
+        match channel {
+            Channel::Shared(service) => self.reader_with(service, self.depth.unwrap_or(1)),
+            Channel::Sealed(handed) => Ok(Reader(Reading::Sealed(handed.reader(self)?))),
+        }
     }
 
     /// A reading end that keeps more of a sampling channel, for an observer.
     pub fn observer(&self, channel: &Channel) -> Result<Reader, ChannelError> {
-        self.reader_with(channel, OBSERVER_DEPTH)
+        match channel {
+            Channel::Shared(service) => self.reader_with(service, OBSERVER_DEPTH),
+            Channel::Sealed(handed) => Ok(Reader(Reading::Sealed(handed.observer(self)?))),
+        }
     }
 
-    fn reader_with(&self, channel: &Channel, buffer: usize) -> Result<Reader, ChannelError> {
-        channel
+    fn reader_with(
+        &self,
+        service: &PortFactory<Shared, [u8], Stamp>,
+        buffer: usize,
+    ) -> Result<Reader, ChannelError> {
+        service
             .subscriber_builder()
             .buffer_size(buffer)
             .create()
+            .map(|subscriber| Reader(Reading::Shared(subscriber)))
             .map_err(|error| self.attach_failed(format!("{error:?}")))
     }
 
@@ -357,7 +377,7 @@ mod tests {
         let channel = kind.create(&node).unwrap();
         let (writer, reader) = (kind.writer(&channel).unwrap(), kind.reader(&channel).unwrap());
         for _ in 0..3 {
-            writer.loan_slice_uninit(24).unwrap().write_from_slice(&[7; 24]).send().unwrap();
+            writer.put(&[7; 24], Stamp::default()).unwrap();
             let sample = reader.receive().unwrap().unwrap();
             assert_eq!(sample.payload().as_ptr() as usize % ALIGNMENT, 0);
         }
@@ -378,7 +398,7 @@ mod tests {
         let kind = ChannelType { depth: Some(4), ..sampling("Rates") };
         let (queue, twin) = (kind.create(&node).unwrap(), kind.observed().create(&node).unwrap());
         let (writer, reader) = (kind.writer(&queue).unwrap(), kind.reader(&queue).unwrap());
-        writer.loan_slice_uninit(24).unwrap().write_from_slice(&[7; 24]).send().unwrap();
+        writer.put(&[7; 24], Stamp::default()).unwrap();
         assert!(reader.receive().unwrap().is_some());
         assert_eq!(machine_wide(), Vec::<std::ffi::OsString>::new());
         assert_eq!(kind.observed().home(), kind.home());

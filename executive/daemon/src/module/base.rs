@@ -7,6 +7,7 @@ use std::io::Write as _;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
+use std::sync::Arc;
 
 use bateleur_contract::Clock;
 use rustix::fs::{MemfdFlags, memfd_create};
@@ -23,6 +24,7 @@ use bateleur_host::instance::{Alive, Instance};
 use bateleur_host::machine::Machine;
 use bateleur_host::partition::{Sandbox, SandboxConfig, message_name, queue_depth};
 use bateleur_host::programs::beside_own;
+use bateleur_host::sealed::{End, Handover, SealedChannels};
 use bateleur_monitor::StartChannelCleaner;
 use bateleur_monitor::cleanup::CleanupOrder;
 use bateleur_monitor::event::Event;
@@ -86,6 +88,19 @@ pub(super) fn remove_earlier(path: &Path) {
     for start in std::iter::once(path.to_owned()).chain(resets) {
         (1..).map(|part| part_of(&start, part)).take_while(is_removed).for_each(drop);
     }
+}
+
+/// The number of a helper's first descriptor behind the standard ones.
+const FIRST_FILE: i32 = 3;
+/// The same behind the recorder's log, its place, and the message types.
+const RECORDERS_FILES: i32 = FIRST_FILE + 3;
+
+/// Opens the sealed channels of an order for looking, and says in the order where each is.
+fn hand_over(mut order: Order, sealed: &SealedChannels, handover: &mut Handover) -> std::io::Result<Order> {
+    for channel in &mut order.channels {
+        channel.sealed = sealed.hand(&channel.name, End::Observer, handover)?;
+    }
+    Ok(order)
 }
 
 /// As what a helper is started.
@@ -268,6 +283,7 @@ impl Base {
                 destinations: channel.destinations.len(),
                 spare_writers: spare(plan, channel.source),
                 spare_readers: channel.destinations.iter().map(|port| spare(plan, *port)).sum(),
+                sealed: None,
             }
         });
         Order { root: self.ports_root(), channels: channels.collect() }
@@ -295,6 +311,7 @@ impl Base {
         path: PathBuf,
         order: &Order,
         types: &BTreeMap<String, String>,
+        sealed: Arc<SealedChannels>,
     ) -> Result<Recording, RunError> {
         remove_earlier(&path);
         let channels = order.channels.iter().map(|channel| channel.name.clone()).collect();
@@ -302,7 +319,7 @@ impl Base {
         let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
         let folder = folder.to_owned();
         let start: StartRecorder =
-            Box::new(move |part, without| copy.start_recorder(&path, (&order, &types), part, without));
+            Box::new(move |part, without| copy.start_recorder(&path, (&order, &types, &sealed), part, without));
         Recording::begin(start, channels, folder)
             .map_err(machine("cannot start the recorder (see partitions/helpers.log)"))
     }
@@ -312,11 +329,13 @@ impl Base {
     fn start_recorder(
         &self,
         path: &Path,
-        (order, types): (&Order, &BTreeMap<String, String>),
+        (order, types, sealed): (&Order, &BTreeMap<String, String>, &SealedChannels),
         part: u32,
         without: &[String],
     ) -> std::io::Result<Recorder> {
-        let order = RecorderOrder { order: order.clone(), without: without.to_vec(), part };
+        let mut handover = Handover::from(RECORDERS_FILES);
+        let order = hand_over(order.clone(), sealed, &mut handover)?;
+        let order = RecorderOrder { order, without: without.to_vec(), part };
         let arguments = ["recorder".into(), serde_json::to_string(&order)?];
         let path = part_of(path, part);
         let log = File::create(&path).map_err(|error| {
@@ -333,8 +352,9 @@ impl Base {
         }
         let place = OwnedFd::from(place);
         Recorder::start(&place, |input, output| {
-            let files = &[log.as_fd(), place.as_fd(), texts.as_fd()];
-            let lines = Lines { input: Some(input), output: Some(output), files };
+            let own = [log.as_fd(), place.as_fd(), texts.as_fd()];
+            let files: Vec<BorrowedFd<'_>> = own.into_iter().chain(handover.files()).collect();
+            let lines = Lines { input: Some(input), output: Some(output), files: &files };
             self.observing_helper(&arguments, lines)
         })
     }
@@ -363,13 +383,20 @@ impl Base {
     }
 
     /// How observers are started: each is told of its own channels only.
-    pub(super) fn observer_starter(&self, order: Order) -> Result<StartObserver, RunError> {
+    pub(super) fn observer_starter(
+        &self,
+        order: Order,
+        sealed: Arc<SealedChannels>,
+    ) -> Result<StartObserver, RunError> {
         let copy = self.copy()?;
         Ok(Box::new(move |channels, connection| {
             let wanted = |channel: &&OrderedChannel| channels.contains(&channel.source);
             let channels = order.channels.iter().filter(wanted).cloned().collect();
-            let order = serde_json::to_string(&Order { channels, ..order.clone() })?;
-            let lines = Lines { output: Some(connection), ..Lines::default() };
+            let mut handover = Handover::from(FIRST_FILE);
+            let order = hand_over(Order { channels, ..order.clone() }, &sealed, &mut handover)?;
+            let order = serde_json::to_string(&order)?;
+            let files: Vec<BorrowedFd<'_>> = handover.files().collect();
+            let lines = Lines { output: Some(connection), files: &files, ..Lines::default() };
             copy.observing_helper(&["observer".into(), order], lines)
         }))
     }
@@ -423,7 +450,7 @@ impl Base {
         options: &Options,
         facts: &Machine,
         programs: Vec<PathBuf>,
-        errors: ErrorLogs,
+        (errors, sealed): (ErrorLogs, Arc<SealedChannels>),
     ) -> Result<Vec<Sandbox>, RunError> {
         let sandbox_config = SandboxConfig {
             module: options.order.module.clone(),
@@ -437,6 +464,7 @@ impl Base {
             errors,
             link_keys: options.link_keys.clone(),
             retained: options.supervision.as_ref().map_or_else(BTreeMap::new, |kept| kept.retained.clone()),
+            sealed,
         };
         let none = BTreeMap::new();
         let built = view.partitions().zip(programs).map(|(id, program)| {

@@ -18,6 +18,7 @@ use crate::recording::part_name;
 use bateleur_host::error_log::ErrorReader;
 use bateleur_host::helper::orders::{Examination, ExaminedPort, Order};
 use bateleur_host::machine::Machine;
+use bateleur_host::sealed::SealedChannels;
 use bateleur_monitor::cleanup::EndedHelpers;
 use bateleur_monitor::rebuild::RebuildHooks;
 use bateleur_plan::{ModuleView, PartitionId, Plan};
@@ -34,13 +35,18 @@ impl Base {
         course: &mut Course,
     ) -> Result<Ended, RunError> {
         let order = self.order(view);
-        let homes: Vec<String> = order.channels.iter().map(|channel| channel.name.clone()).collect();
+        let sealed = SealedChannels::make(view.plan(), view.channels())
+            .map_err(machine("cannot make the memory of the sealed channels"))?;
+        let sealed = Arc::new(sealed);
+        let mut shared = order.clone();
+        shared.channels.retain(|channel| !sealed.contains(&channel.name));
+        let homes: Vec<String> = shared.channels.iter().map(|channel| channel.name.clone()).collect();
         self.instance
             .make_channel_directories(&homes, self.users)
             .map_err(machine("cannot make the channels' directories in /dev/shm"))?;
-        let start_observer = self.observer_starter(order.clone())?;
+        let start_observer = self.observer_starter(order.clone(), sealed.clone())?;
         let ended_helpers = EndedHelpers::default();
-        let channel_holders = ChannelHolders::begin(self.copy()?, order.clone(), ended_helpers.clone());
+        let channel_holders = ChannelHolders::begin(self.copy()?, shared.clone(), ended_helpers.clone());
         let channel_holders = channel_holders.map_err(|error| RunError::Machine {
             what: "cannot make the module's channels".into(),
             why: error.0,
@@ -52,13 +58,14 @@ impl Base {
             let _ = std::fs::remove_file(&earlier); // there is none, as a rule
         }
         let port_log = options.port_log().map(|path| port_log(&path, course.resets()));
-        let recording = port_log.map(|path| self.record(path, &order, &view.plan().messages)).transpose()?;
+        let record = |path| self.record(path, &order, &view.plan().messages, sealed.clone());
+        let recording = port_log.map(record).transpose()?;
         let error_reader = ErrorReader::start(options.order.output.join("partitions"))
             .map_err(machine("cannot read the partitions' standard error"))?;
-        let sandboxes = self.sandboxes(plan, view, options, facts, programs, error_reader.logs())?;
+        let sandboxes = self.sandboxes(plan, view, options, facts, programs, (error_reader.logs(), sealed.clone()))?;
         let (control, inbox) = self.open_control(&options.order.module, course);
         let start_channel_cleaner = self.channel_cleaner_starter(facts.ruled)?;
-        let rebuilds = self.rebuilds(order, plan.clone(), channel_holders)?;
+        let rebuilds = self.rebuilds(shared, plan.clone(), channel_holders)?;
         // On the virtual clock nobody is cleaned up after at an instant of the wall clock.
         let ended_helpers = (options.order.clock() == Clock::Wall).then_some((ended_helpers, homes));
         let services = Services {

@@ -1,5 +1,6 @@
 //! What helpers are told, each as its one argument, and what they answer.
 
+use bateleur_contract::SealedDescriptors;
 use serde::{Deserialize, Serialize};
 
 /// What a helper says before the name of a channel that it leaves out.
@@ -39,6 +40,9 @@ pub struct OrderedChannel {
     /// Destination ports beside them, likewise.
     #[serde(default)]
     pub spare_readers: usize,
+    /// Where its memory was handed over, if it is sealed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sealed: Option<SealedDescriptors>,
 }
 
 /// What the channel probe is told, as its one argument.

@@ -189,7 +189,7 @@ fn prt_13_refused_send_counts_as_no_lost_message() {
     for number in 1..4 {
         windows(&kernel, number..number + 1);
         let received = reader.receive().unwrap().unwrap();
-        assert_eq!(received.user_header().sequence, number, "a gap would tell of a lost message");
+        assert_eq!(received.stamp().sequence, number, "a gap would tell of a lost message");
     }
     assert_eq!(*notes.lock().unwrap(), ["[Ok(()), Err(NotAvailable)]"; 3]);
 }

@@ -155,7 +155,7 @@ fn dependencies(tally: &mut Tally) -> Result<(), String> {
 /// What two threads share without a lock, in every order in which they can meet. One crate after the other: each is built with the
 /// model checker's atomics, which its dependents do not know.
 fn models(tally: &mut Tally) -> Result<(), String> {
-    for crate_name in ["bateleur-contract", "bateleur-time"] {
+    for crate_name in ["bateleur-contract", "bateleur-ports", "bateleur-time"] {
         let test = ["test", "--release", "--lib", "--features", "model", "-p", crate_name, "model_"];
         Step::cargo("models of what threads share", &test).run(tally)?;
     }

@@ -8,8 +8,9 @@ use toml::de::{DeTable, DeValue};
 
 use super::catalogue;
 use super::closed::{
-    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Isolation, Kind, LogPolicy, ModuleAction, ModuleClock,
-    ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode, SystemCalls, Transport,
+    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Isolation, Kind, LogPolicy, ModuleAction,
+    ModuleClock, ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode,
+    SystemCalls, Transport,
 };
 use super::findings::{Finding, Findings, Span};
 use super::reader::{

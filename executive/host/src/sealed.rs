@@ -12,7 +12,8 @@ use std::os::unix::fs::FileExt;
 use bateleur_contract::sealed::{INDEX_BYTES, MEMORY_NAME, RingShape, SealedDescriptors};
 use bateleur_plan::{ChannelId, Isolation, Plan};
 use rustix::fs::{
-    FallocateFlags, MemfdFlags, Mode, OFlags, SealFlags, fallocate, fchmod, fcntl_add_seals, memfd_create, open,
+    FallocateFlags, MemfdFlags, Mode, OFlags, SealFlags, fallocate, fchmod, fcntl_add_seals, memfd_create,
+    open,
 };
 
 use crate::partition::queue_depth;
@@ -122,7 +123,9 @@ impl SealedChannels {
     /// # Errors
     /// The memory can not be written.
     pub fn detach(&self, channel: &str, incarnation: u32) -> io::Result<()> {
-        let Some(index) = self.0.get(channel).and_then(|channel| channel.index.as_ref()) else { return Ok(()) };
+        let Some(index) = self.0.get(channel).and_then(|channel| channel.index.as_ref()) else {
+            return Ok(());
+        };
         let index = std::fs::File::from(index.try_clone()?);
         let mut attached = [0; size_of::<u64>()];
         index.read_exact_at(&mut attached, 0)?;
@@ -173,9 +176,11 @@ mod tests {
     #[test]
     fn each_end_can_write_its_own_memory_alone() {
         let channels = queue();
-        for (end, expected) in
-            [(End::Source, vec![true, false]), (End::Destination, vec![false, true]), (End::Observer, vec![false])]
-        {
+        for (end, expected) in [
+            (End::Source, vec![true, false]),
+            (End::Destination, vec![false, true]),
+            (End::Observer, vec![false]),
+        ] {
             let mut handover = Handover::from(7);
             let at = channels.hand("a.b", end, &mut handover).unwrap().unwrap();
             assert_eq!((at.ring, at.index), (7, (expected.len() == 2).then_some(8)));

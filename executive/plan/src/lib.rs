@@ -15,7 +15,8 @@ pub mod words;
 
 pub use closed::{
     ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Isolation, Kind, LogPolicy, ModuleAction,
-    ModuleClock, ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode, SystemCalls, Transport,
+    ModuleClock, ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode,
+    SystemCalls, Transport,
 };
 pub use model::{
     Address, Attribute, Chain, Channel, ChannelId, Health, HealthLog, Levels, Link, LinkId, Module,

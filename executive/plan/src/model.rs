@@ -10,8 +10,9 @@ use std::ops::Index;
 use serde::{Deserialize, Serialize};
 
 use super::closed::{
-    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Isolation, Kind, LogPolicy, ModuleAction, ModuleClock,
-    ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode, SystemCalls, Transport,
+    ChangeAction, Closed, Direction, ErrorLevel, Exhausted, Isolation, Kind, LogPolicy, ModuleAction,
+    ModuleClock, ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode,
+    SystemCalls, Transport,
 };
 use super::processes::Processes;
 

@@ -457,7 +457,12 @@ impl Context {
         let copy = |number: i32| {
             // SAFETY: the executive left it open where it says so, and nobody in this process closes it.
             let descriptor = unsafe { BorrowedFd::borrow_raw(number) };
-            let failed = |error| StartError::Other(format!("the memory of port \"{}\" was not handed over: {error}", port.name));
+            let failed = |error| {
+                StartError::Other(format!(
+                    "the memory of port \"{}\" was not handed over: {error}",
+                    port.name
+                ))
+            };
             rustix::io::fcntl_dupfd_cloexec(descriptor, 0).map_err(failed)
         };
         Ok(Handed {

@@ -25,8 +25,8 @@ pub use mapping::{Mapped, MappingError, SharedMemory};
 pub use page::{
     AlignmentReport, AlignmentTold, ControlPage, ErrorCode, Mode, ReportKind, Reported, Takeover,
 };
-pub use sealed::SealedDescriptors;
 pub use relay::{ClockRole, LinkTable, PathTable, RELAY_KEYS_FD, RelayChannel, RelayTable};
+pub use sealed::SealedDescriptors;
 
 /// Descriptor of the control page in a partition process.
 pub const CONTROL_FD: i32 = 3;

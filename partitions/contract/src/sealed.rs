@@ -85,6 +85,10 @@ mod tests {
                 assert_eq!(shape.bytes(), LINE + shape.slots * shape.slot_bytes());
             }
         }
-        assert_eq!(RingShape::new(64, None).slots, MOST_KEPT + 1, "whoever looks loses no more than on a shared one");
+        assert_eq!(
+            RingShape::new(64, None).slots,
+            MOST_KEPT + 1,
+            "whoever looks loses no more than on a shared one"
+        );
     }
 }

@@ -119,7 +119,9 @@ impl Reader {
     /// There was one that could not be received.
     pub fn receive(&self) -> Result<Option<Received>, Unreceived> {
         match &self.0 {
-            Reading::Shared(subscriber) => Ok(subscriber.receive()?.map(|sample| Received(Message::Shared(sample)))),
+            Reading::Shared(subscriber) => {
+                Ok(subscriber.receive()?.map(|sample| Received(Message::Shared(sample))))
+            }
             Reading::Sealed(reader) => Ok(reader.receive()?.map(|copied| Received(Message::Copied(copied)))),
         }
     }
@@ -187,6 +189,9 @@ impl Received {
 
 impl std::fmt::Debug for Received {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Received").field("stamp", &self.stamp()).field("bytes", &self.payload().len()).finish()
+        f.debug_struct("Received")
+            .field("stamp", &self.stamp())
+            .field("bytes", &self.payload().len())
+            .finish()
     }
 }

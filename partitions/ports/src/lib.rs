@@ -34,6 +34,7 @@ pub type Shared = rooted::Rooted;
 /// A process' membership in the shared memory of one channel.
 pub type Membership = Node<Shared>;
 /// A channel that this process may attach to.
+#[derive(Debug)]
 pub enum Channel {
     /// One that was created or opened; holding it keeps it alive.
     Shared(PortFactory<Shared, [u8], Stamp>),

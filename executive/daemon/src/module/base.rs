@@ -318,8 +318,9 @@ impl Base {
         let (copy, order, types) = (self.copy()?, order.clone(), types.clone());
         let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
         let folder = folder.to_owned();
-        let start: StartRecorder =
-            Box::new(move |part, without| copy.start_recorder(&path, (&order, &types, &sealed), part, without));
+        let start: StartRecorder = Box::new(move |part, without| {
+            copy.start_recorder(&path, (&order, &types, &sealed), part, without)
+        });
         Recording::begin(start, channels, folder)
             .map_err(machine("cannot start the recorder (see partitions/helpers.log)"))
     }

@@ -62,7 +62,8 @@ impl Base {
         let recording = port_log.map(record).transpose()?;
         let error_reader = ErrorReader::start(options.order.output.join("partitions"))
             .map_err(machine("cannot read the partitions' standard error"))?;
-        let sandboxes = self.sandboxes(plan, view, options, facts, programs, (error_reader.logs(), sealed.clone()))?;
+        let sandboxes =
+            self.sandboxes(plan, view, options, facts, programs, (error_reader.logs(), sealed.clone()))?;
         let (control, inbox) = self.open_control(&options.order.module, course);
         let start_channel_cleaner = self.channel_cleaner_starter(facts.ruled)?;
         let rebuilds = self.rebuilds(shared, plan.clone(), channel_holders)?;

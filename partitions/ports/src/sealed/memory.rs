@@ -17,7 +17,7 @@ pub(crate) trait Words {
 
 /// Why memory that was handed over can not be used.
 #[derive(Debug, thiserror::Error)]
-pub enum MemoryError {
+pub(crate) enum MemoryError {
     /// The kernel refused.
     #[error("it can not be mapped: {0}")]
     Refused(#[from] rustix::io::Errno),

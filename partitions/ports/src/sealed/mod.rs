@@ -10,6 +10,9 @@ use std::rc::Rc;
 
 use bateleur_contract::sealed::{INDEX_BYTES, RingShape};
 
+use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, ftruncate, memfd_create};
+use rustix::io::Errno;
+
 use crate::ends::{Refusal, Unreceived};
 use crate::{ChannelError, ChannelType, Stamp};
 
@@ -39,6 +42,34 @@ pub struct Handed {
 }
 
 impl Handed {
+    /// Memory for a channel whose ends all are in this process or are handed it by this one: for tests and measurements. A module's is
+    /// made by its executive.
+    ///
+    /// # Errors
+    /// The machine has no memory to give.
+    pub fn alone(kind: &ChannelType, checked: bool) -> Result<Self, ChannelError> {
+        let refused =
+            |error: Errno| ChannelError::Create { channel: kind.name.clone(), reason: error.to_string() };
+        let memory = |bytes: usize| {
+            let memory = memfd_create(&kind.name, MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING)?;
+            ftruncate(&memory, bytes as u64)?;
+            fcntl_add_seals(&memory, SealFlags::SHRINK | SealFlags::GROW)?;
+            Ok(memory)
+        };
+        let ring = memory(RingShape::new(kind.size, kind.depth).bytes()).map_err(refused)?;
+        let index = kind.depth.map(|_| memory(INDEX_BYTES)).transpose().map_err(refused)?;
+        Ok(Self { ring, index, checked, incarnation: 0 })
+    }
+
+    /// The same for another incarnation.
+    ///
+    /// # Errors
+    /// The process has no descriptor left.
+    pub fn again(&self, incarnation: u32) -> std::io::Result<Self> {
+        let index = self.index.as_ref().map(OwnedFd::try_clone).transpose()?;
+        Ok(Self { ring: self.ring.try_clone()?, index, checked: self.checked, incarnation })
+    }
+
     fn ring(&self, kind: &ChannelType, writes: bool) -> Result<Ring<Memory>, ChannelError> {
         let shape = RingShape::new(kind.size, kind.depth);
         let map = if writes { Memory::writable } else { Memory::readable };
@@ -47,7 +78,9 @@ impl Handed {
     }
 
     fn index(&self, kind: &ChannelType, writes: bool) -> Result<Option<Index<Memory>>, ChannelError> {
-        let map = |index| if writes { Memory::writable(index, INDEX_BYTES) } else { Memory::readable(index, INDEX_BYTES) };
+        let map = |index| {
+            if writes { Memory::writable(index, INDEX_BYTES) } else { Memory::readable(index, INDEX_BYTES) }
+        };
         let memory = self.index.as_ref().map(map).transpose().map_err(|error| unusable(kind, &error))?;
         Ok(memory.map(Index))
     }
@@ -81,7 +114,10 @@ impl Handed {
 }
 
 fn unusable(kind: &ChannelType, error: &MemoryError) -> ChannelError {
-    ChannelError::Attach { channel: kind.name.clone(), reason: format!("its memory can not be used: {error}") }
+    ChannelError::Attach {
+        channel: kind.name.clone(),
+        reason: format!("its memory can not be used: {error}"),
+    }
 }
 
 /// A source's end.

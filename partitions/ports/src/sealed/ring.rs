@@ -228,6 +228,10 @@ impl Ring<Memory> {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, not(feature = "model")))]
 #[path = "ring_tests.rs"]
 mod tests;
+
+#[cfg(all(test, feature = "model"))]
+#[path = "ring_model.rs"]
+mod model;

@@ -181,7 +181,7 @@ mod tests {
     #[test]
     fn shortened_output_keeps_its_order_and_numbers_may_vary() {
         let block = Block { shortened: true, numbers_vary: true, ..Block::default() };
-        let said = "not on this machine: x\n   19.100 s  engaging\n  26.1 s  1 of 9 reached at 191.2 m\nend";
+        let said = "not guaranteed here: x\n   19.100 s  engaging\n  26.1 s  1 of 9 reached at 191.2 m\nend";
         assert_eq!(
             compare(&block, "    9.600 s  engaging\n   36.100 s  1 of 9 reached at 91.2 m", said),
             Ok(())

@@ -285,7 +285,7 @@ fn link_text(out: &mut String, status: &LinkStatus, place: usize, name: &LinkNam
         };
         let _ = writeln!(
             out,
-            "    network {}: {}, {heard}{}; {} sent, {} received, {} lost, {} late, {} twice, {} also on the other, {} out of order",
+            "    network {}: {}, {heard}{}; {} sent, {} received, {} lost, {} late, {} twice, {} duplicates from the other network, {} out of order",
             printable(network),
             if status.up[path] == 1 { "up" } else { "down" },
             way(status, path),

@@ -64,7 +64,7 @@ impl Monitor {
         let fault: Fault = fault.parse()?;
         let aim = fault.aim(&self.plan, target)?;
         self.provoke(fault, &aim, module_ns)?;
-        if let Some(place) = aim.partition.and_then(|partition| self.places[partition]) {
+        if let Some(place) = aim.place().and_then(|partition| self.places[partition]) {
             let text = format!("fault {fault} aimed at {target}, by the operator");
             self.note_order(Some(place), &text, module_ns);
         }

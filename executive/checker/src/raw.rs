@@ -124,6 +124,7 @@ pub(super) struct RawPort {
     pub(super) refresh: Field<Nanoseconds>,
     pub(super) depth: Field<u32>,
     pub(super) optional: Field<bool>,
+    pub(super) operator: Field<bool>,
 }
 
 pub(super) struct RawChannel {
@@ -439,6 +440,7 @@ impl RawPort {
             refresh: table.optional("refresh"),
             depth: table.optional("depth"),
             optional: table.optional("optional"),
+            operator: table.optional("operator"),
         };
         table.finish();
         Some(port)

@@ -175,7 +175,7 @@ fn aim_at_port(plan: &Plan, target: &str) -> Result<Aim, String> {
         return Err(format!("\"{target}\" is not PARTITION.PORT, which faults of messages are aimed at"));
     };
     let id = plan.partition(partition).ok_or_else(|| unknown_partition(plan, partition))?;
-    let ports = &plan[id].ports;
+    let ports: Vec<_> = plan.own_ports(&plan[id]).collect();
     let Some(place) = ports.iter().position(|port| plan[*port].name == name) else {
         let names = ports.iter().map(|port| plan[*port].name.as_str());
         return Err(format!("{partition} has no port \"{name}\": {}", did_you_mean(name, names)));

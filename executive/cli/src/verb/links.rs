@@ -18,9 +18,10 @@ use bateleur_recording::{self as log, hosts};
 use serde_json::{Value, json};
 use zerocopy::FromBytes;
 
-use super::ports::{Watch, bytes_of};
+use super::ports::Watch;
 use super::target::Target;
 use super::{Code, FINE, Format};
+use crate::hexadecimal::bytes_of;
 
 /// How long a relay may take to say something, real time: it does in each of its windows.
 const PATIENCE: Duration = Duration::from_secs(3);

@@ -227,6 +227,6 @@ mod tests {
             faults[1].starts_with("README.md:7: `bateleur ps` does not say what the page shows: goodbye"),
             "{faults:?}"
         );
-        assert!(faults[2].starts_with("README.md:12: no directive is called \"exit one\""), "{faults:?}");
+        assert!(faults[2].starts_with("README.md:11: no directive is called \"exit one\""), "{faults:?}");
     }
 }

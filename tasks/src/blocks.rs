@@ -1,11 +1,13 @@
 //! The console blocks of the project's pages: which commands they show, and what they say comes of them.
 //!
 //! A block is fenced as `console`. A line that begins with `$ ` is a command, the lines after it are its output, in which `…`
-//! stands for anything within a line, and alone on a line for any lines. Comments directly above the block, which no reader
-//! sees, say what is special: see [`Block::direct`].
+//! stands for anything within a line, and alone on a line for any lines. What is special about it stands behind `console`, which
+//! no reader of the book sees, and what has to be done first in comments directly above: see [`Block::direct`].
 
-/// What stands before each directive.
-const MARK: &str = "<!-- verify: ";
+/// What stands before a command that has to be run first.
+const MARK: &str = "<!-- before: ";
+/// What a block's fence begins with.
+const FENCE: &str = "console";
 
 /// One block of a page.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -41,11 +43,13 @@ pub(crate) fn blocks(text: &str) -> Vec<Block> {
     let mut lines = text.lines().enumerate();
     while let Some((number, line)) = lines.next() {
         if let Some(directive) = line.trim().strip_prefix(MARK).and_then(|rest| rest.strip_suffix("-->")) {
-            next.direct(directive.trim());
+            next.before.push(directive.trim().to_owned());
         } else if let Some(fence) = line.trim().strip_prefix("```") {
             let inside: Vec<&str> =
                 lines.by_ref().map(|(_, line)| line).take_while(|line| line.trim() != "```").collect();
-            if fence == "console" {
+            if let Some(special) = fence.strip_prefix(FENCE) {
+                let special = special.split("; ").map(str::trim).filter(|directive| !directive.is_empty());
+                special.for_each(|directive| next.direct(directive));
                 found.push(Block {
                     line: number + 1,
                     commands: commands(&inside),
@@ -78,7 +82,6 @@ impl Block {
         match (word, rest.trim()) {
             ("shortened", "") => self.shortened = true,
             ("numbers", "vary") => self.numbers_vary = true,
-            ("before", command) if !command.is_empty() => self.before.push(command.to_owned()),
             ("exit", code) if code.parse::<i32>().is_ok() => self.exit = code.parse().unwrap_or(0),
             ("not", rest) if rest.strip_prefix("run, ").is_some_and(|reason| !reason.is_empty()) => {
                 self.not_run = rest.strip_prefix("run, ").map(str::to_owned);
@@ -142,9 +145,9 @@ fn without_numbers(line: &str) -> String {
 mod tests {
     use super::*;
 
-    const PAGE: &str = "Text.\n\n<!-- verify: exit 1 -->\n<!-- verify: before sed -i 's/a/b/' c -->\n```console\n$ check # why\nerror\n…\n$ other\n```\n\
-                        <!-- verify: not run, needs a terminal -->\n\n```console\n$ top\n```\n```toml\n$ no = 1\n```\n<!-- verify: exit 2 -->\n\
-                        Prose between.\n```console\n$ last\n```\n<!-- verify: shortend -->\n```console\n```\n";
+    const PAGE: &str = "Text.\n\n\n<!-- before: sed -i 's/a/b/' c -->\n```console exit 1\n$ check # why\nerror\n…\n$ other\n```\n\
+                        \n```console not run, needs a terminal; numbers vary\n$ top\n```\n```toml\n$ no = 1\n```\n<!-- before: other -->\n\
+                        Prose between.\n```console\n$ last\n```\n\n```console shortend\n```\n";
 
     #[test]
     fn blocks_are_found_with_their_directives() {
@@ -157,7 +160,8 @@ mod tests {
         );
         assert_eq!(found[0].commands[1].command, "other");
         assert_eq!(found[1].not_run.as_deref(), Some("needs a terminal"));
-        assert_eq!((found[2].exit, found[2].line), (0, 21), "prose takes a directive's force");
+        assert!(found[1].numbers_vary && found[1].before.is_empty());
+        assert_eq!((found[2].before.len(), found[2].line), (0, 20), "prose takes a directive's force");
         assert_eq!(found[3].unknown, ["shortend"]);
     }
 
@@ -181,7 +185,7 @@ mod tests {
     #[test]
     fn shortened_output_keeps_its_order_and_numbers_may_vary() {
         let block = Block { shortened: true, numbers_vary: true, ..Block::default() };
-        let said = "not on this machine: x\n   19.100 s  engaging\n  26.1 s  1 of 9 reached at 191.2 m\nend";
+        let said = "not guaranteed here: x\n   19.100 s  engaging\n  26.1 s  1 of 9 reached at 191.2 m\nend";
         assert_eq!(
             compare(&block, "    9.600 s  engaging\n   36.100 s  1 of 9 reached at 91.2 m", said),
             Ok(())

@@ -195,9 +195,9 @@ mod tests {
 
     #[test]
     fn commands_find_the_programs_the_schedule_and_cargo() {
-        let page = "<!-- verify: before sed -i s/1/2/ schedule.toml -->\n```console\n$ cargo fly --fast # comment\nhello fly --fast\n\
+        let page = "<!-- before: sed -i s/1/2/ schedule.toml -->\n```console\n$ cargo fly --fast # comment\nhello fly --fast\n\
                     $ cat schedule.toml\na = 2\n$ target/release/bateleur check\nhello check\n$ ls airframes\none.toml\n```\n\
-                    <!-- verify: not run, takes minutes -->\n```console\n$ sleep 1000\n```\n";
+                    ```console not run, takes minutes\n$ sleep 1000\n```\n";
         assert_eq!(checked(page), Ok((1, 1)));
     }
 
@@ -212,14 +212,14 @@ mod tests {
 
     #[test]
     fn a_crate_that_a_page_makes_is_really_built() {
-        let page = "<!-- verify: exit 101 -->\n```console\n$ cargo build --release --manifest-path nowhere/Cargo.toml\n```\n\
+        let page = "```console exit 101\n$ cargo build --release --manifest-path nowhere/Cargo.toml\n```\n\
                     ```console\n$ cargo build --release --workspace --bins\n```\n";
         assert_eq!(checked(page), Ok((2, 0)));
     }
 
     #[test]
     fn wrong_exit_code_wrong_output_and_wrong_directive_are_told_with_their_place() {
-        let page = "# Page\n\n```console\n$ false\n```\n\n```console\n$ bateleur ps\ngoodbye\n```\n<!-- verify: exit one -->\n```console\n$ true\n```\n";
+        let page = "# Page\n\n```console\n$ false\n```\n\n```console\n$ bateleur ps\ngoodbye\n```\n```console exit one\n$ true\n```\n";
         let faults = checked(page).unwrap_err();
         assert_eq!(faults.len(), 3, "{faults:?}");
         assert!(faults[0].starts_with("README.md:3: `false` ended with"), "{faults:?}");
@@ -227,6 +227,6 @@ mod tests {
             faults[1].starts_with("README.md:7: `bateleur ps` does not say what the page shows: goodbye"),
             "{faults:?}"
         );
-        assert!(faults[2].starts_with("README.md:12: no directive is called \"exit one\""), "{faults:?}");
+        assert!(faults[2].starts_with("README.md:11: no directive is called \"exit one\""), "{faults:?}");
     }
 }

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
-use bateleur_tests::{Process, Started, among_others, await_some, bateleur, children_of, edited};
+use bateleur_tests::{Process, Sketch, Started, among_others, await_some, bateleur, children_of, edited};
 use rustix::process::Signal;
 use serde_json::Value;
 use tempfile::TempDir;
@@ -210,4 +210,71 @@ fn failed_flight_flies_again_from_its_command() {
     let again = bateleur(&words).end_within(PATIENCE).expect_code(1).summary();
     assert_eq!(again["digest"], lines(&place.path().join("out"))[&0]["digest"]);
     assert!(place.path().join("out/flights/0/ports.mcap").exists(), "logs of failed flights are kept");
+}
+
+/// A judge in a shell: it fails seed 3, and can not judge seed 5.
+const JUDGE: &str = "#!/bin/sh\ntest -s \"$1/windows.csv\" || exit 9\necho judged $BATELEUR_SEED, code $BATELEUR_EXIT\n\
+    test $BATELEUR_SEED = 3 && exit 1\ntest $BATELEUR_SEED = 5 && exit 7\nexit 0\n";
+
+fn judge(folder: &Path) -> String {
+    use std::os::unix::fs::PermissionsExt;
+    let path = folder.join("judge.sh");
+    std::fs::write(&path, JUDGE).unwrap();
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+#[test]
+fn plan_that_does_not_fly_is_judged_by_the_users_own_program() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = Sketch::new()
+        .partition("one", "counter", 1000, "")
+        .partition("two", "counter", 500, "")
+        .write(folder.path());
+    let output = folder.path().join("runs");
+    let judge = judge(folder.path());
+    let begun = |options: &[&str]| {
+        let all =
+            ["campaign", "--schedule", &schedule, "--output", output.to_str().unwrap(), "--format", "json"];
+        bateleur(&[&all[..], options].concat()).end()
+    };
+    let options = ["--flights", "6", "--until", "2", "--kills", "1..2", "--judge", &judge];
+    begun(&options).expect_code(1);
+    let runs = lines(&output);
+    assert_eq!(runs.len(), 6);
+    for (number, run) in &runs {
+        let seed = number + 1;
+        assert_eq!(run["completed"] == true, seed != 3 && seed != 5, "{run}");
+        let failure = run["failure"].as_str().unwrap_or_default();
+        match seed {
+            3 => assert_eq!(failure, "judged 3, code 0"),
+            5 => assert!(failure.contains("could not judge") && failure.contains("judged 5"), "{failure}"),
+            _ => assert_eq!(failure, ""),
+        }
+        let command = run["command"].as_str().unwrap();
+        assert!(command.starts_with("bateleur run --fast") && command.contains("--kill="), "{command}");
+    }
+    // Again nothing is left to do, and without a judge or a length nothing begins.
+    assert!(begun(&options).expect_code(1).stderr.contains("0 flights to fly"));
+    begun(&["--flights", "2"]).expect_code(2).expect_words(&["does not fly", "--until SECONDS", "--judge"]);
+    begun(&["--flights", "2", "--until", "2", "--judge", &schedule])
+        .expect_code(2)
+        .expect_words(&["no program"]);
+    begun(&[&options[..], &["--wind", "3..4"]].concat())
+        .expect_code(2)
+        .expect_words(&["only flights draw that"]);
+    begun(&[&options[..], &["--", "--bad"]].concat()).expect_code(2).expect_words(&["--bad"]);
+}
+
+#[test]
+fn flight_that_has_completed_its_mission_can_still_fail_before_a_judge() {
+    let _turn = among_others();
+    let place = place();
+    let judge = judge(place.path());
+    campaign(&place, "judged", &["--flights", "2", "--seed", "2", "--judge", &judge]).end().expect_code(1);
+    let flights = lines(&place.path().join("judged"));
+    let of = |number: u64| (flights[&number]["completed"] == true, flights[&number]["failure"].clone());
+    assert_eq!((of(0), of(1)), ((true, Value::Null), (false, "judged 3, code 0".into())));
+    assert!(flights[&1]["digest"].is_string(), "its figures are kept");
 }

@@ -38,14 +38,14 @@ fn status(module: &Started) -> Value {
 /// Both dispatchers are real-time at one priority, and neither knows of the other.
 #[test]
 fn second_module_on_a_processor_of_another_one_says_so_and_strict_doctor_and_ps_know() {
-    const PROMISE: &str = "no other module has the partitioned cores";
+    const PROMISE: &str = "exclusive cores";
     let _turn = alone();
     let (first, folder) = module(30);
     let named = format!("PID {}", first.pid());
     let (second, _folder) = module(3);
     let said = second.said();
     let line = said.lines().find(|line| line.contains(PROMISE)).expect("it is missing");
-    assert!(line.starts_with("not on this machine") && line.contains(&named), "{line}");
+    assert!(line.starts_with("not guaranteed here") && line.contains(&named), "{line}");
     let shown = ask(&first, &["ps", "--format", "json"]).expect_code(0).summary();
     let pids = shown["shared_cores"][0]["pids"].as_array().expect("a processor of two");
     assert!([&first, &second].iter().all(|module| pids.contains(&module.pid().into())), "{shown}");

@@ -5,7 +5,8 @@
 use std::time::Duration;
 
 use bateleur_tests::{
-    Ended, Fault, Process, Sketch, Started, Traces, alone, bateleur, children_of, executive_of,
+    Ended, Fault, Process, Sketch, Started, Traces, alone, among_others, bateleur, children_of, executive_of,
+    flight_schedule,
 };
 use rustix::process::Signal;
 
@@ -106,6 +107,61 @@ fn module_goes_on_after_its_executive_was_killed_or_stopped_at_any_instant() {
         .collect();
     assert_eq!(found.len(), 5, "{}", ended.stderr);
     assert!(found[0] > 20 && found.is_sorted(), "retained memory outlives the executive: {found:?}");
+}
+
+/// Flown twice with the same faults at the same random instants.
+#[test]
+fn flight_on_the_virtual_clock_outlives_executives_that_end_at_any_instant_and_is_the_same_flight_again() {
+    let _turn = among_others();
+    let mut seed = 77;
+    for ways in [["sigkill", "sigsegv"], ["sigstop", "sigkill"], ["sigabrt", "sigbus"]] {
+        let at = |seed: &mut u64| random(seed) % 190_000;
+        let aimed = ways.map(|way| format!("executive:{way}@{}", at(&mut seed) as f64 / 1e3));
+        let partition = format!("estimator@{}", at(&mut seed) as f64 / 1e3);
+        let schedule = flight_schedule();
+        let arguments = ["fly", "--fast", "--format", "json", "--schedule", schedule.to_str().unwrap()];
+        let faults = ["--inject", &aimed[0], "--inject", &aimed[1], "--kill", &partition];
+        let flown = [(); 2].map(|()| bateleur(&[&arguments[..], &faults].concat()).end().expect_code(0));
+        let [first, second] = flown.each_ref().map(Ended::summary);
+        assert_eq!(first["digest"], second["digest"], "{faults:?}");
+        assert_eq!(
+            (&first["completed"], &first["windows"]),
+            (&true.into(), &second["windows"]),
+            "{faults:?}"
+        );
+        let [first, second] = flown.each_ref().map(of_executive);
+        assert_eq!(first, second, "{faults:?}");
+        let hung = ways.iter().filter(|way| **way == "sigstop").count();
+        assert_eq!(first.len(), 2, "{faults:?}: {first:?}");
+        assert_eq!(first.iter().filter(|fault| fault.error == "executive_hung").count(), hung, "{first:?}");
+        let killed = flown[0].faults().into_iter().filter(|fault| fault.error == "killed").count();
+        assert_eq!(killed, 1, "what an earlier executive has done is not done again: {faults:?}");
+    }
+}
+
+#[test]
+fn executive_that_an_operator_has_provoked_answers_him_first() {
+    let _turn = alone();
+    let scratch = tempfile::tempdir().unwrap();
+    let mut run = started(&schedule(scratch.path(), 9), &["--until", "30"]);
+    run.await_words("2 partitions are ready");
+    let ways = [
+        ("executive", "sigkill"),
+        ("executive", "sigsegv"),
+        ("monitor", "stall=5s"),
+        ("executive", "sigstop"),
+    ];
+    for (number, (target, fault)) in ways.into_iter().enumerate() {
+        std::thread::sleep(Duration::from_millis(300));
+        let module = executive_of(run.pid()).pid.to_string();
+        let answer = bateleur(&["inject", target, fault, "--module", &module]).end();
+        assert_eq!(answer.code, Some(0), "{target} {fault}: {}", answer.stderr);
+        await_frames(&mut run, number + 1);
+    }
+    run.signal(Signal::INT);
+    let errors: Vec<_> = of_executive(&run.end()).into_iter().map(|fault| fault.error).collect();
+    let (died, hung) = ("executive_died", "executive_hung");
+    assert_eq!(errors, [died, died, hung, hung]);
 }
 
 #[test]

@@ -29,7 +29,7 @@ fn a_delegated_group_on_a_real_time_kernel_gives_every_means_and_a_strict_start(
     ));
     assert_eq!(said.code, Some(1), "nothing is left for the last ls to list: {}", said.text);
     assert!(said.text.contains("9 partitions are ready"), "{}", said.text);
-    assert!(!said.text.contains("not on this machine"), "{}", said.text);
+    assert!(!said.text.contains("not guaranteed here"), "{}", said.text);
     assert!(said.text.contains("memory pids"), "{}", said.text);
 }
 
@@ -73,7 +73,7 @@ fn hostile_partition_meets_every_wall_of_a_machine_with_control_groups_of_versio
     assert!(verdict.contains(" 0 failed"), "{}", said.text);
     assert_eq!(said.code, Some(0), "{}", said.text);
     let skipped: Vec<_> =
-        said.text.lines().filter(|line| line.contains("skipped: not on this machine")).collect();
+        said.text.lines().filter(|line| line.contains("skipped: not guaranteed here")).collect();
     assert_eq!(skipped, Vec::<&str>::new());
 }
 
@@ -438,7 +438,7 @@ fn unit_of_the_book_starts_strictly_under_systemd_stops_without_a_trace_and_come
     assert!(said.text.contains("LOGS ") && said.text.contains("windows.csv"), "{}", said.text);
     let user = told("USER ");
     assert!(user[0].starts_with("active") && !user[0].contains("root"), "{user:?}");
-    let lacks = said.text.lines().filter(|line| line.starts_with("not on this machine"));
+    let lacks = said.text.lines().filter(|line| line.starts_with("not guaranteed here"));
     // The partitions of an ordinary user are kept apart by user namespaces.
     assert_eq!(lacks.count(), 1, "an ordinary user's, none of the others': {}", said.text);
 }
@@ -495,7 +495,7 @@ fn on_aarch64_a_flight_with_crashes_is_strictly_partitioned_and_the_same_to_the_
     ] {
         assert!(said.text.contains(word), "{word:?} is not in {}", said.text);
     }
-    assert!(!said.text.contains("not on this machine"), "{}", said.text);
+    assert!(!said.text.contains("not guaranteed here"), "{}", said.text);
 }
 
 /// Windows on an emulator's wall clock mean nothing, so nobody is judged by them: on the virtual clock each fault is somebody's.

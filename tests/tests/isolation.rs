@@ -118,7 +118,7 @@ fn partition_that_says_it_is_done_and_wakes_in_another_window_takes_none_and_is_
 
 /// Whether this machine lets the executive hold every process of a partition.
 fn can_hold_children(said: &str) -> bool {
-    let lacks = said.contains("not on this machine: a window's end holds every process of a partition");
+    let lacks = said.contains("not guaranteed here: a window's end holds every process of a partition");
     if lacks {
         eprintln!("skipped: no control group of version 2 can be made here, so children escape");
     }

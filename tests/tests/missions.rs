@@ -178,3 +178,20 @@ fn mistakes_in_a_mission_file_are_told_with_their_place_before_anything_is_start
         fly(&flight_schedule(), &["--mission", &mission]).expect_code(2).expect_words(&[words]);
     }
 }
+
+/// Said at once, and not when the time for the climb is over.
+#[test]
+fn take_off_that_the_controller_gives_up_ends_the_flight_and_is_told_as_that() {
+    let _turn = among_others();
+    let schedule = flight_schedule();
+    for fault in ["rudder_stuck=100%@0", "pitot_blocked@0"] {
+        let flown = fly(&schedule, &["--take-off", "autopilot", "--fault", fault]).expect_code(1);
+        let summary = flown.summary();
+        let failure = summary["failure"].as_str().unwrap();
+        assert!(failure.starts_with("the Controller has given the take-off up"), "{fault}: {failure}");
+        let lasted_s = summary["module_time_s"].as_f64().unwrap();
+        assert!(lasted_s < 20.0, "{fault}: {lasted_s} s");
+    }
+    let flown = fly(&schedule, &["--take-off", "autopilot"]).expect_code(0);
+    assert_eq!(flown.summary()["completed"], json!(true));
+}

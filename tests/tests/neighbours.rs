@@ -43,9 +43,9 @@ fn assert_not_to_blame(health: &str) {
     first.await_words("1 partition is ready");
     let mut second = bateleur(&["run", "--schedule", &spinning_module(folder.path()), "--until", "100"]);
     second.await_words("1 partition is ready");
-    let taken = format!("is that of module second (PID {}) too", second.pid());
+    let taken = format!("module second (PID {}) also uses processor", second.pid());
     first.await_words(&taken);
-    first.await_words("victim had no processor in its window and is not to blame for it: processor ");
+    first.await_words("victim had no processor in its window and is not to blame for it: module ");
     // Far more windows than silence takes.
     std::thread::sleep(std::time::Duration::from_secs(3));
     for module in [&second, &first] {
@@ -69,14 +69,14 @@ fn living_module_says_when_another_one_begins_to_use_its_processor() {
     let mut first = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
     first.await_words("1 partition is ready");
     let second = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
-    first.await_words(&format!("is that of module test (PID {}) too", second.pid()));
+    first.await_words(&format!("module test (PID {}) also uses processor", second.pid()));
     // The other one has found the first when it examined the machine.
-    assert!(second.said().contains(&format!("is that of module test (PID {}) too", first.pid())));
+    assert!(second.said().contains(&format!("module test (PID {}) also uses processor", first.pid())));
     second.signal(Signal::INT);
     second.end().expect_code(0);
     first.signal(Signal::INT);
     let ended = first.end().expect_code(0);
-    assert_eq!(ended.stderr.matches(" is that of module test ").count(), 1, "said once: {}", ended.stderr);
+    assert_eq!(ended.stderr.matches(") also uses processor").count(), 1, "said once: {}", ended.stderr);
 }
 
 #[test]

@@ -32,7 +32,7 @@ fn run(folder: &Path, attempt: &str, target: &str) -> Option<Ended> {
     let schedule = sketch(attempt, target).write(folder);
     let started = bateleur_as_ordinary(&["run", "--schedule", &schedule, "--fast", "--until", "0.6"]);
     let ended = started.end().expect_code(0);
-    let lacks = ended.stderr.contains("not on this machine: a partition sees the file system read-only");
+    let lacks = ended.stderr.contains("not guaranteed here: a partition sees the file system read-only");
     if lacks {
         eprintln!("skipped: no user namespaces here");
     }

@@ -4,13 +4,14 @@
 
 use bateleur_tests::{Ended, Sketch, alone, among_others, bateleur};
 
-/// Runs partition `own` of several processes beside another one, for two seconds.
+/// Runs partition `own` of several processes beside another one, for two seconds where `more` says nothing else.
 fn run(keys: &str, more: &[&str]) -> Ended {
     let folder = tempfile::tempdir().unwrap();
     let sketch =
         Sketch::new().partition("own", "processes", 2000, keys).partition("other", "counter", 1000, "");
     let schedule = sketch.write(folder.path());
-    bateleur(&[&["run", "--until", "2", "--schedule", &schedule], more].concat()).end()
+    let until = if more.contains(&"--until") { &[][..] } else { &["--until", "2"] };
+    bateleur(&[&["run", "--schedule", &schedule], until, more].concat()).end()
 }
 
 /// What `own` has reported.
@@ -65,7 +66,7 @@ fn process_that_the_plan_does_not_allow_is_refused_and_told_why() {
 }
 
 #[test]
-fn partition_that_sets_its_mode_is_started_again_as_often_as_it_likes_and_is_told_so() {
+fn partition_that_sets_its_mode_is_started_again_beyond_its_budget_and_is_told_so() {
     let _turn = among_others();
     for mode in ["cold", "warm"] {
         let restart = "restart = { start = \"warm\", budget = 2, within = \"10s\", then = \"idle\" }";
@@ -83,6 +84,24 @@ fn partition_that_sets_its_mode_is_started_again_as_often_as_it_likes_and_is_tol
         let actions: Vec<String> = ended.faults().iter().map(|fault| fault.action.clone()).collect();
         assert_eq!(actions, vec![format!("{mode}_restart"); 8]);
     }
+}
+
+#[test]
+fn partition_that_starts_itself_anew_without_end_comes_to_the_end_of_its_budget() {
+    let _turn = among_others();
+    let restart = "restart = { start = \"warm\", budget = 3, within = \"60s\", then = \"idle\" }";
+    let keys = format!("threads = 4\n{restart}\nattributes = {{ again = \"without end\" }}");
+    let ended = run(&keys, &["--fast", "--until", "6"]).expect_code(0);
+    let actions: Vec<String> = ended.faults().iter().map(|fault| fault.action.clone()).collect();
+    // Twenty in ten seconds are its own affair, three its budget's.
+    assert_eq!(actions.len(), 24, "{actions:?}");
+    assert!(actions[..23].iter().all(|action| action == "cold_restart"), "{actions:?}");
+    assert_eq!(actions[23], "idle");
+    let details: Vec<_> = ended.faults().into_iter().map(|fault| fault.detail).collect();
+    assert!(
+        !details[19].contains("20 times") && details[20].contains("more than 20 times in 10 s"),
+        "{details:?}"
+    );
 }
 
 /// What can be seen of a partition of twenty processes that act at random, panic, and start their partition again.

@@ -22,9 +22,9 @@ const READ_ONLY: &str = "a partition sees the file system read-only";
 
 /// Whether this machine holds a promise.
 fn holds(ended: &Ended, promise: &str) -> bool {
-    let lacks = ended.stderr.contains(&format!("not on this machine: {promise}"));
+    let lacks = ended.stderr.contains(&format!("not guaranteed here: {promise}"));
     if lacks {
-        eprintln!("skipped: not on this machine: {promise}");
+        eprintln!("skipped: not guaranteed here: {promise}");
     }
     !lacks
 }
@@ -235,7 +235,7 @@ fn channel_of_another_can_not_be_opened_by_its_path() {
     // As the partition sees it: through its own root, which only somebody outside can look through.
     let middle = process_named(module.pid(), "middle");
     let seen = PathBuf::from(format!("/proc/{}/root", middle.pid));
-    let holds = !module.said().contains(&format!("not on this machine: {READ_ONLY}"));
+    let holds = !module.said().contains(&format!("not guaranteed here: {READ_ONLY}"));
     if holds {
         let within = |path: &str| seen.join(root.join(path).strip_prefix("/").unwrap());
         assert!(within("middle.own").is_dir(), "its own");

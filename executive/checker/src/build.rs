@@ -123,6 +123,7 @@ impl Builder<'_> {
                 },
                 channel: None,
                 optional: false,
+                operator: false,
             }))
         });
         ports.chain(status).collect()
@@ -207,6 +208,7 @@ impl Builder<'_> {
             role: role(raw)?,
             payload: self.payload(raw)?,
             optional: raw.optional.or(false)?,
+            operator: raw.operator.or(false)?,
             channel: self.names.channel_of(place).map(ChannelId),
         })
     }

@@ -127,6 +127,7 @@ pub(super) struct RawPort {
     pub(super) refresh: Field<Nanoseconds>,
     pub(super) depth: Field<u32>,
     pub(super) optional: Field<bool>,
+    pub(super) operator: Field<bool>,
 }
 
 pub(super) struct RawChannel {
@@ -445,6 +446,7 @@ impl RawPort {
             refresh: table.optional("refresh"),
             depth: table.optional("depth"),
             optional: table.optional("optional"),
+            operator: table.optional("operator"),
         };
         table.finish();
         Some(port)

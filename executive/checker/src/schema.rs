@@ -181,6 +181,11 @@ const DESCRIPTIONS: &[Described] = &[
     (PORT, "refresh", "The age up to which a sampling destination is valid."),
     (PORT, "depth", "How many messages a queuing destination holds."),
     (PORT, "optional", "Whether the program may leave it out."),
+    (
+        PORT,
+        "operator",
+        "Whether the program leaves a source to the operator, who writes with `bateleur ports pub`.",
+    ),
     (CHANNEL, "source", "The port that writes, as \"partition.port\"."),
     (CHANNEL, "destinations", "The ports that read, as \"partition.port\"."),
     (

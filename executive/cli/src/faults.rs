@@ -1,13 +1,16 @@
 //! The options of `run` and `fly` that plan what happens to partitions.
 
-use bateleur_monitor::inject::Fault;
+use bateleur_monitor::inject::{EXECUTIVE, Fault};
 use bateleur_monitor::planned::{Act, Killings, PlannedAct, STANDBY};
+
+/// As Linux numbers it.
+const SIGKILL: i32 = 9;
 
 /// What happens to partitions, and when.
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "What happens to partitions")]
 pub struct Faults {
-    /// Kill a partition's process, or the one that stands by (PARTITION.standby), at a module time (may be repeated).
+    /// Kill a partition's process, the one that stands by (PARTITION.standby), or the `executive`, at a module time (may be repeated).
     #[arg(long, value_name = "PARTITION@SECONDS", value_parser = parse_when)]
     kill: Vec<When>,
     /// End a partition until it is started (may be repeated).
@@ -62,6 +65,15 @@ impl Faults {
     /// All of them, as the executive takes them.
     pub fn planned(&self) -> Vec<PlannedAct> {
         let act = |act: Act, when: &When| {
+            // A partition of that name is hit by the signal as by the kill.
+            if act == Act::Kill && when.partition == EXECUTIVE {
+                let at_ns = (when.at_s * 1e9) as u64;
+                return PlannedAct {
+                    act: Act::Inject(Fault::Signal(SIGKILL)),
+                    partition: EXECUTIVE.into(),
+                    at_ns,
+                };
+            }
             let behind = when.partition.strip_suffix(STANDBY).filter(|_| act == Act::Kill);
             PlannedAct {
                 act: if behind.is_some() { Act::KillStandby } else { act },

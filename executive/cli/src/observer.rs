@@ -3,7 +3,6 @@
 //!
 //! It ends when the client goes, or takes its lines too slowly for too long; the executive then clears what it leaves.
 
-use std::fmt::Write as _;
 use std::io::Write;
 use std::os::fd::AsFd;
 use std::time::Duration;
@@ -15,6 +14,8 @@ use bateleur_host::helper::orders::{Order, OrderedChannel};
 use bateleur_ports::{Channel, Domain, Membership, OBSERVER_DEPTH, Reader};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::net::sockopt::{Timeout, set_socket_timeout};
+
+use crate::hexadecimal::digits_of;
 
 /// Between two looks at the channels: a channel of 50 Hz fills its 128 places in 2.5 s.
 const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 5_000_000 };
@@ -84,19 +85,12 @@ fn read(one: &Observed, lines: &mut Vec<u8>) -> Result<()> {
             source: one.source.clone(),
             sequence: stamp.sequence,
             source_ns: stamp.source_ns,
-            bytes: hexadecimal(sample.payload()),
+            bytes: digits_of(sample.payload()),
         };
         serde_json::to_writer(&mut *lines, &observation)?;
         lines.push(b'\n');
     }
     Ok(())
-}
-
-fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}"); // writing to a string can not fail
-        text
-    })
 }
 
 /// Waits for the next look; true: the client has closed its connection.

@@ -24,7 +24,9 @@ pub use client::{AskError, Client};
 pub use discovery::{ChooseError, Running, SharedCore, choose, running, shared_cores};
 pub use protocol::{Answer, Request};
 pub use server::{Inbox, Ordered, Server};
-pub use status::{ChannelStatus, LINKS_FILE, LastFault, LinkName, Observation, PartitionStatus, Status};
+pub use status::{
+    ChannelStatus, LINKS_FILE, LastFault, LinkName, Observation, PartitionStatus, Publication, Status,
+};
 
 /// The socket's name in the run's directory.
 pub const SOCKET: &str = "control";

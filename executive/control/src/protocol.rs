@@ -49,9 +49,15 @@ pub enum Request {
         /// Ports of the channels, `partition.port`; `None`: all channels.
         ports: Vec<String>,
     },
+    /// From now on each line of the client, a [`super::Publication`], is a message that is written into a port which the plan leaves to
+    /// the operator, and each is answered; nothing more can be asked on the connection.
+    Publish {
+        /// Either end of the port's channel, `partition.port`.
+        port: String,
+    },
     /// Provokes a fault, as the monitor injects them.
     Inject {
-        /// A partition, a port or the dispatcher.
+        /// A partition, a port or a part of the executive.
         target: String,
         /// The fault.
         fault: String,
@@ -81,6 +87,15 @@ pub enum Answer {
     Busy,
     /// An observer has the connection.
     Watching,
+    /// A publisher has the connection.
+    Publishing,
+    /// A message was written.
+    Published {
+        /// How many of this publisher it was.
+        sequence: u64,
+        /// Ports that it was sent to, and processes that look on.
+        receivers: u64,
+    },
     /// The figures.
     Status(Box<Status>),
     /// The links.

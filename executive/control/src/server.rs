@@ -243,7 +243,7 @@ impl Table {
             self.clients.iter().map(|client| client.number).zip(found).collect();
         while rustix::io::read(&self.wake, &mut [0; 64][..]).is_ok_and(|count| count > 0) {}
         while let Ok((number, answer)) = self.ready.try_recv() {
-            if answer == Answer::Watching {
+            if matches!(answer, Answer::Watching | Answer::Publishing) {
                 // The observer has it now, and says so itself.
                 self.clients.retain(|client| client.number != number);
             } else if let Some(client) = self.clients.iter_mut().find(|client| client.number == number) {
@@ -322,7 +322,9 @@ fn attend(client: &mut Client, orders: &SyncSender<Ordered>) -> bool {
             Some(Err(why)) => client.tell(&Answer::refused(why)),
             Some(Ok(request)) => {
                 let connection = match &request {
-                    Request::Watch { .. } => client.stream.try_clone().ok().map(OwnedFd::from),
+                    Request::Watch { .. } | Request::Publish { .. } => {
+                        client.stream.try_clone().ok().map(OwnedFd::from)
+                    }
                     _ => None,
                 };
                 let asker = client.stream.clone();

@@ -150,9 +150,20 @@ pub struct ChannelStatus {
     pub message: String,
     /// Bytes of a message, at most.
     pub size: usize,
+    /// The plan leaves the source to the operator.
+    #[serde(default)]
+    pub operator: bool,
     /// The message type's text, and behind it those of the types within it; empty: they are not known.
     #[serde(default)]
     pub definition: String,
+}
+
+/// A message that a publisher is to write: one line each.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Publication {
+    /// Its bytes, two hexadecimal digits each.
+    pub bytes: String,
 }
 
 /// A message that an observer has read: one line each.

@@ -15,6 +15,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use bateleur_contract::Mapped;
 use bateleur_host::partition::shared_memory;
 use bateleur_monitor::health::decision::decide_module;
+use bateleur_monitor::inject::Aim;
+use bateleur_monitor::planned::PlannedAct;
 use bateleur_monitor::run_order::{DeadExecutive, RunOrder, Supervised};
 use bateleur_plan::{ModuleAction, ModuleError, ModuleView, Plan};
 use bateleur_system::handed_over::{self, copy_of_inherited, inherited};
@@ -43,8 +45,10 @@ const ENDS_NS: u64 = 10_000_000_000;
 #[must_use]
 pub fn is_wanted(plan: &Plan, order: &RunOrder) -> bool {
     let resets = |error| plan.health.module.action(error) == ModuleAction::Reset;
+    let aimed = |act: &PlannedAct| act.aim(plan) == Ok(Aim::Executive);
     order.supervised.as_ref().is_none_or(|supervised| supervised.executive_fd.is_some())
-        && !order.fast
+        // On the virtual clock nothing ends it but what is planned.
+        && (!order.fast || order.acts.iter().any(aimed))
         && (resets(ModuleError::ExecutiveDied) || resets(ModuleError::ExecutiveHung))
 }
 
@@ -204,6 +208,9 @@ impl<'a> Supervisor<'a> {
         if stopped_ns.is_some_and(|since_ns| now_ns.saturating_sub(since_ns) >= STOPPED_NS) {
             return Some("a signal had stopped it".into());
         }
+        if self.order.fast {
+            return None; // module time waits for whoever is late
+        }
         let dispatcher =
             ("a dispatcher", self.page.dispatcher_silence_ns(now_ns), self.frame_ns + DISPATCHER_SILENCE_NS);
         let monitor = ("the monitor", self.page.monitor_silence_ns(now_ns), MONITOR_SILENCE_NS);
@@ -216,6 +223,8 @@ impl<'a> Supervisor<'a> {
     /// Whether another executive is started after a fault. Notes what that one is told.
     fn goes_on(&mut self, error: ModuleError, detail: &str, at_ns: u64) -> bool {
         let health = &self.plan.health;
+        // On the virtual clock everything is at an instant of module time.
+        let at_ns = if self.order.fast { self.page.reached().0 } else { at_ns };
         self.deaths.retain(|before_ns| at_ns.saturating_sub(*before_ns) < health.reset.within_ns);
         let action = decide_module(error, &health.module, &health.reset, false, self.deaths.len() as u32);
         let goes_on = action == ModuleAction::Reset;
@@ -226,7 +235,10 @@ impl<'a> Supervisor<'a> {
         supervised.after = Some(DeadExecutive {
             error,
             detail: detail.to_owned(),
-            at_ns: self.page.origin_ns().map_or(0, |origin_ns| at_ns.saturating_sub(origin_ns)),
+            at_ns: match self.page.origin_ns() {
+                _ if self.order.fast => at_ns,
+                origin_ns => origin_ns.map_or(0, |origin_ns| at_ns.saturating_sub(origin_ns)),
+            },
             resets: resets.max(self.page.resets()) + 1,
         });
         self.deaths.push(at_ns);

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use bateleur_contract::Clock;
+use bateleur_contract::{Clock, Mapped};
 
 use crate::fast::World;
 use crate::recording::Recording;
@@ -18,6 +18,7 @@ use bateleur_monitor::run_order::RunOrder;
 use bateleur_plan::ModuleError;
 use bateleur_system::wait::is_hung_up;
 use bateleur_time::redundant_pair::RedundantPair;
+use bateleur_time::run_page::RunPage;
 
 /// Module time between two exchanges with the companion and the recorder, ns: the step of a ground station.
 pub const EXCHANGE_NS: u64 = 100_000_000;
@@ -82,6 +83,8 @@ pub struct Surroundings {
     recording: Option<Recording>,
     companion: Option<Companion>,
     line: Option<Arc<RedundantPair>>,
+    /// Virtual clock: what the next executive finds, if this one dies.
+    pub page: Option<Arc<Mapped<RunPage>>>,
     next_exchange_ns: u64,
     module_ns: u64,
     reason: Option<String>,
@@ -108,6 +111,7 @@ impl Surroundings {
             recording: None,
             companion,
             line: None,
+            page: None,
             next_exchange_ns: 0,
             module_ns: 0,
             reason: None,
@@ -132,9 +136,12 @@ impl Surroundings {
     /// that was reset go on counting there. `None` if nobody counts yet.
     #[must_use]
     pub fn line_counts(&self) -> Option<[u64; 3]> {
-        let control = self.line.as_ref()?.active();
-        control.look_at_line();
-        Some(control.line_counts())
+        let Some(line) = &self.line else {
+            // The executive before this one.
+            return self.page.as_ref().map(|page| page.reached().1);
+        };
+        line.active().look_at_line();
+        Some(line.active().line_counts())
     }
 
     /// When the run is to end, module time, ns.
@@ -201,7 +208,10 @@ impl Surroundings {
 impl World for Surroundings {
     fn minor_frame(&mut self, module_ns: u64, monitor: &mut Monitor) -> bool {
         self.module_ns = module_ns;
-        if let Some(pair) = &self.line {
+        if let Some(page) = &self.page {
+            page.reach(module_ns, self.line_counts());
+            page.keep_counts(monitor.totals().counts());
+        } else if let Some(pair) = &self.line {
             pair.active().look_at_line();
         }
         self.acts.perform(module_ns, monitor);

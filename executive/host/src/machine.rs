@@ -123,7 +123,7 @@ fn map_cores(planned: &[u32], allowed: &[u32], guarantees: &mut Guarantees) -> V
 
 /// Other modules that live now. One that starts in the same instant is not among them: `bateleur ps` shows it.
 fn neighbours(clock: Clock, cores: &[(u32, u32)], guarantees: &mut Guarantees) {
-    const PROMISE: &str = "no other module has the partitioned cores";
+    const PROMISE: &str = "exclusive cores";
     if clock == Clock::Virtual {
         return guarantees.held(PROMISE, "virtual clock: no dispatcher takes a processor");
     }
@@ -140,7 +140,7 @@ pub fn taken_by(cores: &[u32], living: &[Instance]) -> Option<String> {
         let core = other.cores.iter().find(|core| cores.contains(core))?;
         // As root, the folder of any user.
         let module = other.module().replace(char::is_control, "\u{fffd}");
-        Some(format!("processor {core} is that of module {module} (PID {}) too", other.pid))
+        Some(format!("module {module} (PID {}) also uses processor {core}", other.pid))
     });
     let others: Vec<String> = others.collect();
     let mend = "each takes the other's windows; end one, or give it other cores in its plan";
@@ -459,7 +459,7 @@ mod tests {
         let living = [on(7, &[]), on(8, &[2]), on(9, &[1, 3])];
         assert_eq!(taken_by(&[0], &living), None);
         let why = taken_by(&[0, 3, 1], &living).unwrap();
-        assert!(why.starts_with("processor 1 is that of module fcu (PID 9) too: "), "{why}");
+        assert!(why.starts_with("module fcu (PID 9) also uses processor 1: "), "{why}");
     }
 
     #[test]

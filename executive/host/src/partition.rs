@@ -555,7 +555,7 @@ fn describe(
         standby: false,
         start_condition: StartCondition::NormalStart,
         clock: sandbox_config.clock,
-        ports: partition.ports.iter().map(|id| describe_port(plan, &plan[*id])).collect(),
+        ports: plan.own_ports(partition).map(|id| describe_port(plan, &plan[id])).collect(),
         attributes,
         schedules: plan.schedules.iter().map(|schedule| schedule.name.clone()).collect(),
         may_set_schedule: partition.may_set_schedule.iter().map(|id| id.index() as u32).collect(),
@@ -620,7 +620,7 @@ fn describe_port(plan: &Plan, port: &Port) -> PortDescription {
 /// The directories of the channels that a partition is attached to, each once.
 #[must_use]
 pub fn attached_channels(plan: &Plan, id: PartitionId) -> Vec<String> {
-    let channels = plan[id].ports.iter().filter_map(|port| plan[*port].channel);
+    let channels = plan.own_ports(&plan[id]).filter_map(|port| plan[port].channel);
     let mut homes: Vec<String> = channels.map(|channel| plan.port_path(plan[channel].source)).collect();
     homes.sort_unstable();
     homes.dedup();

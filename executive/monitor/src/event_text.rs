@@ -20,7 +20,7 @@ fn text_of(event: &Event) -> String {
         Event::Guarantees { list } => {
             let lacking = list.iter().filter(|guarantee| !guarantee.held);
             let lines: Vec<_> = lacking
-                .map(|lack| format!("not on this machine: {} ({})", lack.promise, lack.detail))
+                .map(|lack| format!("not guaranteed here: {} ({})", lack.promise, lack.detail))
                 .collect();
             lines.join("\n")
         }

@@ -1,8 +1,8 @@
 //! Faults that can be provoked in a running module: what they are called, whom they hit, and how they get there.
 //!
-//! Written `KIND`, `KIND=COUNT` or `KIND=COUNT/TIME`, against a partition (`imu`), a source port (`imu.orientation`) or the
-//! `dispatcher`. What a signal does is done by the executive; the dispatcher stalls itself; all else is carried out by the
-//! partition's own library at the start of its next window.
+//! Written `KIND`, `KIND=COUNT` or `KIND=COUNT/TIME`, against a partition (`imu`), a source port (`imu.orientation`), or a part of the
+//! executive: `executive`, `dispatcher`, `monitor`. What a signal does is done by the executive; its threads stall themselves; all else
+//! is carried out by the partition's own library at the start of its next window.
 
 use std::fmt;
 use std::str::FromStr;
@@ -13,8 +13,12 @@ use serde::{Deserialize, Serialize};
 use bateleur_plan::units::{ShowTime, duration_ns};
 use bateleur_plan::{Plan, Role, did_you_mean};
 
-/// Whom a stall is aimed at.
+/// A thread that a stall is aimed at.
 pub const DISPATCHER: &str = "dispatcher";
+/// The other one.
+pub const MONITOR: &str = "monitor";
+/// The executive's process, which signals are aimed at; a partition of that name goes first.
+pub const EXECUTIVE: &str = "executive";
 /// A stall that is longer would be a module that stands still, ns.
 const LONGEST_STALL_NS: u64 = 10_000_000_000;
 /// A delay that is longer is a loss, ns.
@@ -62,17 +66,61 @@ pub enum Fault {
         /// For a delay, ns.
         delay_ns: u64,
     },
-    /// The dispatcher does nothing for that long, ns.
+    /// A dispatcher or the monitor does nothing for that long, ns.
     Stall(u64),
+}
+
+/// What the monitor is about to do to its own process.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum OwnFault {
+    /// It does nothing for that long, ns.
+    Stall(u64),
+    /// The process gets this signal.
+    Signal(i32),
 }
 
 /// Where a fault goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Aim {
-    /// The partition's place in the plan; `None`: the dispatcher.
-    pub partition: Option<usize>,
-    /// The port's place in the partition's description.
-    pub port: u32,
+pub enum Aim {
+    /// A partition, or one of its ports.
+    Partition {
+        /// Its place in the plan.
+        place: usize,
+        /// The port's place in the partition's description; 0 for other faults.
+        port: u32,
+    },
+    /// The executive's process.
+    Executive,
+    /// Its dispatchers.
+    Dispatcher,
+    /// Its monitor.
+    Monitor,
+}
+
+impl Aim {
+    /// At a partition as a whole.
+    #[must_use]
+    pub fn partition(place: usize) -> Self {
+        Self::Partition { place, port: 0 }
+    }
+
+    /// The partition's place in the plan; `None`: it is a part of the executive.
+    #[must_use]
+    pub fn place(&self) -> Option<usize> {
+        match *self {
+            Self::Partition { place, .. } => Some(place),
+            Self::Executive | Self::Dispatcher | Self::Monitor => None,
+        }
+    }
+
+    /// What it is called among parts of the executive.
+    pub(crate) fn part(&self) -> &'static str {
+        match self {
+            Self::Monitor => MONITOR,
+            Self::Executive => EXECUTIVE,
+            Self::Dispatcher | Self::Partition { .. } => DISPATCHER,
+        }
+    }
 }
 
 impl Fault {
@@ -89,7 +137,8 @@ impl Fault {
             Self::Misbehave(kind) => Some(FaultOrder { kind, port: 0, messages: 0, argument: seed }),
             Self::Messages { kind, count, delay_ns } => {
                 let argument = if kind == FaultKind::Delay { delay_ns } else { seed };
-                Some(FaultOrder { kind, port: aim.port, messages: count, argument })
+                let Aim::Partition { port, .. } = *aim else { return None };
+                Some(FaultOrder { kind, port, messages: count, argument })
             }
             Self::Signal(_) | Self::Stall(_) => None,
         }
@@ -101,13 +150,17 @@ impl Fault {
     /// There is no such target, or it can not have this fault.
     pub fn aim(&self, plan: &Plan, target: &str) -> Result<Aim, String> {
         match self {
-            Self::Stall(_) if target == DISPATCHER => Ok(Aim { partition: None, port: 0 }),
-            Self::Stall(_) => Err(format!("only the {DISPATCHER} stalls: aim it at that, not at {target}")),
-            Self::Messages { .. } => aim_at_port(plan, target),
-            Self::Signal(_) | Self::Misbehave(_) => {
-                let found = plan.partition(target).ok_or_else(|| unknown_partition(plan, target))?;
-                Ok(Aim { partition: Some(found.index()), port: 0 })
+            Self::Stall(_) if target == DISPATCHER => Ok(Aim::Dispatcher),
+            Self::Stall(_) if target == MONITOR => Ok(Aim::Monitor),
+            Self::Stall(_) => {
+                Err(format!("only {DISPATCHER} and {MONITOR} stall: aim it at one of them, not at {target}"))
             }
+            Self::Messages { .. } => aim_at_port(plan, target),
+            Self::Signal(_) | Self::Misbehave(_) => match plan.partition(target) {
+                Some(found) => Ok(Aim::partition(found.index())),
+                None if target == EXECUTIVE && matches!(self, Self::Signal(_)) => Ok(Aim::Executive),
+                None => Err(unknown_partition(plan, target)),
+            },
         }
     }
 }
@@ -122,7 +175,7 @@ fn aim_at_port(plan: &Plan, target: &str) -> Result<Aim, String> {
         return Err(format!("\"{target}\" is not PARTITION.PORT, which faults of messages are aimed at"));
     };
     let id = plan.partition(partition).ok_or_else(|| unknown_partition(plan, partition))?;
-    let ports = &plan[id].ports;
+    let ports: Vec<_> = plan.own_ports(&plan[id]).collect();
     let Some(place) = ports.iter().position(|port| plan[*port].name == name) else {
         let names = ports.iter().map(|port| plan[*port].name.as_str());
         return Err(format!("{partition} has no port \"{name}\": {}", did_you_mean(name, names)));
@@ -135,7 +188,7 @@ fn aim_at_port(plan: &Plan, target: &str) -> Result<Aim, String> {
             "{target} is a destination, and messages meet their faults where they are sent{mend}"
         ));
     }
-    Ok(Aim { partition: Some(id.index()), port: place as u32 })
+    Ok(Aim::Partition { place: id.index(), port: place as u32 })
 }
 
 impl TryFrom<String> for Fault {
@@ -282,10 +335,13 @@ mod tests {
     fn faults_are_aimed_by_name() {
         let plan = plan();
         let aim = |fault: &str, target: &str| fault.parse::<Fault>().unwrap().aim(&plan, target);
-        assert_eq!(aim("panic", "b"), Ok(Aim { partition: Some(1), port: 0 }));
-        assert_eq!(aim("drop=3", "a.out"), Ok(Aim { partition: Some(0), port: 1 }));
-        assert_eq!(aim("stall=1ms", "dispatcher"), Ok(Aim { partition: None, port: 0 }));
-        assert!(aim("stall=1ms", "a").unwrap_err().contains("dispatcher"));
+        assert_eq!(aim("panic", "b"), Ok(Aim::partition(1)));
+        assert_eq!(aim("drop=3", "a.out"), Ok(Aim::Partition { place: 0, port: 1 }));
+        assert_eq!(aim("stall=1ms", "dispatcher"), Ok(Aim::Dispatcher));
+        assert_eq!(aim("stall=1ms", "monitor"), Ok(Aim::Monitor));
+        assert_eq!(aim("sigkill", "executive"), Ok(Aim::Executive));
+        assert!(aim("panic", "executive").unwrap_err().contains("no partition"), "it has no such library");
+        assert!(aim("stall=1ms", "a").unwrap_err().contains("dispatcher and monitor"));
         assert!(aim("drop=3", "b.in").unwrap_err().contains("a.out"));
         assert!(aim("drop=3", "a.uot").unwrap_err().contains("did you mean `out`?"));
         assert!(aim("panic", "bb").unwrap_err().contains("no partition"));

@@ -10,6 +10,7 @@ use crate::cleanup::{Cleanups, EndedHelpers, StartChannelCleaner};
 use crate::event::{Event, Events};
 use crate::health::log::{Fault, HealthLog};
 use crate::health::record::Level;
+use crate::inject::OwnFault;
 use crate::lifecycle::Phase;
 use crate::module_level::{Kept, Stop, Totals};
 use crate::neighbours::{NO_PROCESSOR, Neighbours};
@@ -55,6 +56,8 @@ pub struct Monitor {
     pub(crate) alignment: Option<Alignment>,
     pub(crate) kernel_log: KernelLog,
     pub(crate) neighbours: Neighbours,
+    /// What was provoked in the executive itself, and is about to happen.
+    pub(crate) own_fault: Option<OwnFault>,
 }
 
 /// What a monitor works with.
@@ -107,6 +110,7 @@ impl Monitor {
             alignment: None,
             kernel_log: KernelLog::open(),
             neighbours: Neighbours::default(),
+            own_fault: None,
         }
     }
 

@@ -1,5 +1,6 @@
-//! Observers that operators have asked for: processes that read channels and send what they carry to a client. The
-//! executive maps none of it; an observer that ends, for whatever reason, is cleaned up after like a partition.
+//! Observers and publishers that operators have asked for: processes that read channels and send what they carry to a client, or write
+//! into one what a client sends. The executive maps none of it; one that ends, for whatever reason, is cleaned up after like a
+//! partition.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -12,15 +13,41 @@ use bateleur_system::wait::{ended, is_readable};
 
 /// At a time. A channel admits four observers: one is the recorder, one is left for tools of other kinds.
 const MOST: usize = 2;
+/// Publishers at a time. Each stays for two major frames after its last message.
+pub const MOST_PUBLISHERS: usize = 8;
+/// How long a publisher stays at least, ns: those who look on look now and then.
+const LINGERS_NS: u64 = 200_000_000;
 
-/// Starts an observer of the named channels that writes into the descriptor.
-pub type StartObserver = Box<dyn Fn(&[String], &OwnedFd) -> io::Result<Spawned>>;
+/// What a process is started for that has a client's connection.
+#[derive(Debug, Clone, Copy)]
+pub enum Work<'a> {
+    /// To read these channels.
+    Watch(&'a [String]),
+    /// To write into one.
+    Publish {
+        /// That one.
+        channels: &'a [String],
+        /// CLOCK_MONOTONIC instant of module time 0, ns.
+        origin_ns: u64,
+        /// How long it stays when its client has gone, ns: what nobody has taken yet goes with it.
+        lingers_ns: u64,
+    },
+}
 
-/// Those at work, each with its channels.
+/// Starts an observer or a publisher; the descriptor is its client's connection.
+pub type StartObserver = Box<dyn Fn(Work<'_>, &OwnedFd) -> io::Result<Spawned>>;
+
+/// Those at work.
 #[derive(Default)]
 pub(crate) struct Observers {
     start: Option<StartObserver>,
-    working: Vec<(Spawned, Vec<String>)>,
+    working: Vec<Working>,
+}
+
+struct Working {
+    process: Spawned,
+    channels: Vec<String>,
+    publishes: bool,
 }
 
 impl Observers {
@@ -29,13 +56,13 @@ impl Observers {
     }
 
     pub(crate) fn processes(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
-        self.working.iter().map(|(process, _)| process.pidfd.as_fd())
+        self.working.iter().map(|one| one.process.pidfd.as_fd())
     }
 
     /// The next one that has ended: its process, and the channels that it was attached to.
     pub(crate) fn next_ended(&mut self) -> Option<(i32, Vec<String>)> {
-        let place = self.working.iter().position(|(process, _)| is_readable(process.pidfd.as_fd()))?;
-        let (process, channels) = self.working.swap_remove(place);
+        let place = self.working.iter().position(|one| is_readable(one.process.pidfd.as_fd()))?;
+        let Working { process, channels, .. } = self.working.swap_remove(place);
         let _ = ended(&process); // reaps it
         Some((process.pid, channels))
     }
@@ -49,7 +76,7 @@ impl Observers {
         ports: &[String],
     ) -> Result<Answer, String> {
         let start = self.start.as_ref().ok_or("this module has no observers")?;
-        if self.working.len() >= MOST {
+        if self.working.iter().filter(|one| !one.publishes).count() >= MOST {
             return Err(format!("{MOST} observers are at work already: end one of them first"));
         }
         let connection = ordered.connection.as_ref().ok_or("the connection could not be handed over")?;
@@ -59,10 +86,42 @@ impl Observers {
         };
         channels.sort_unstable();
         channels.dedup();
-        let process =
-            start(&channels, connection).map_err(|error| format!("cannot start an observer: {error}"))?;
-        self.working.push((process, channels));
+        let process = start(Work::Watch(&channels), connection)
+            .map_err(|error| format!("cannot start an observer: {error}"))?;
+        self.working.push(Working { process, channels, publishes: false });
         Ok(Answer::Watching)
+    }
+
+    /// Hands the client over to a publisher into the channel of `port`, where the plan leaves its source to the operator.
+    pub(crate) fn publish(
+        &mut self,
+        plan: &Plan,
+        module: &str,
+        ordered: &Ordered,
+        port: &str,
+        origin_ns: u64,
+    ) -> Result<Answer, String> {
+        let start = self.start.as_ref().ok_or("this module has no publishers")?;
+        let connection = ordered.connection.as_ref().ok_or("the connection could not be handed over")?;
+        let source = channel_of(plan, module, port)?;
+        if !channels_of(plan, module).iter().any(|id| {
+            let found = plan[*id].source;
+            plan[found].operator && plan.port_path(found) == source
+        }) {
+            return Err(format!(
+                "{source} is its partition's to write: where the plan says `operator = true` of that port, the operator may"
+            ));
+        }
+        if self.working.iter().filter(|one| one.publishes).count() >= MOST_PUBLISHERS {
+            return Ok(Answer::Busy); // one of them goes soon, as a rule
+        }
+        let channels = vec![source];
+        let longest_ns = plan.schedules.iter().map(|schedule| schedule.major_frame_ns).max().unwrap_or(0);
+        let lingers_ns = (2 * longest_ns).max(LINGERS_NS);
+        let process = start(Work::Publish { channels: &channels, origin_ns, lingers_ns }, connection)
+            .map_err(|error| format!("cannot start a publisher: {error}"))?;
+        self.working.push(Working { process, channels, publishes: true });
+        Ok(Answer::Publishing)
     }
 }
 
@@ -82,6 +141,7 @@ pub(crate) fn channel_list(plan: &Plan, module: &str) -> Vec<ChannelStatus> {
             queue_depth: queue_depth(plan, channel),
             message: message_name(source),
             size: source.payload.max_size_bytes(),
+            operator: source.operator,
             definition: plan.messages.get(&message_name(source)).cloned().unwrap_or_default(),
         }
     };

@@ -4,13 +4,16 @@
 //! but a kill, which is found as the death that it is.
 
 use std::os::fd::AsFd;
+use std::time::Duration;
 
 use bateleur_contract::Clock;
-use rustix::process::{Signal, pidfd_send_signal};
+use rustix::process::{Signal, getpid, kill_process, pidfd_send_signal};
+
+use signal_hook::consts::{SIGBUS, SIGSEGV};
 
 use crate::act::Act;
 use crate::event::Event as Told;
-use crate::inject::{Aim, DISPATCHER, Fault};
+use crate::inject::{Aim, Fault, OwnFault};
 use crate::lifecycle::{Event, Phase};
 use crate::module_level::seconds;
 use crate::monitor::Monitor;
@@ -125,7 +128,7 @@ impl Monitor {
     /// Does what was planned for this instant. What leaves no entry of its own, as a death does, is one: also that nothing was
     /// done, or a test of faults would test nothing and not say so.
     pub fn carry_out_planned(&mut self, aim: &Aim, act: Act, module_ns: u64) {
-        let place = aim.partition.map(|partition| self.places[partition]);
+        let place = aim.place().map(|partition| self.places[partition]);
         if place == Some(None) {
             return; // that partition runs on another module
         }
@@ -136,8 +139,9 @@ impl Monitor {
                 let done = self.carry_out_order(place, act, module_ns);
                 (act.name().to_owned(), done.map(drop).map_err(str::to_owned))
             }
-            (_, None) => return, // only faults hit the dispatcher
+            (_, None) => return, // only faults hit a part of the executive
         };
+        self.suffer_own_fault(module_ns);
         // What follows from these is an entry.
         let shows = match act {
             Act::Kill | Act::KillStandby => true,
@@ -149,7 +153,7 @@ impl Monitor {
             Ok(()) => format!("{what}, as planned"),
             Err(why) => {
                 let text = format!("{what} was planned, and nothing was done: {why}");
-                let partition = place.map_or(DISPATCHER, |place| self.partitions[place].name()).to_owned();
+                let partition = place.map_or(aim.part(), |place| self.partitions[place].name()).to_owned();
                 self.tell(&Told::Undone { time_s: seconds(module_ns), partition, text: text.clone() });
                 text
             }
@@ -182,7 +186,7 @@ impl Monitor {
     /// # Errors
     /// It can not be provoked now, and why.
     pub fn provoke(&mut self, fault: Fault, aim: &Aim, module_ns: u64) -> Result<(), String> {
-        let Some(partition) = aim.partition else { return self.stall(fault, module_ns) };
+        let Some(partition) = aim.place() else { return self.provoke_in_executive(fault, aim, module_ns) };
         let place = self.places[partition].ok_or("that partition runs on another module")?;
         let name = self.partitions[place].name().to_owned();
         let process = self.partitions[place].active.process.as_ref();
@@ -228,16 +232,43 @@ impl Monitor {
         Ok(())
     }
 
-    fn stall(&mut self, fault: Fault, module_ns: u64) -> Result<(), String> {
-        let Fault::Stall(stall_ns) = fault else { return Err("only a stall hits the dispatcher".into()) };
-        if self.clock == Clock::Virtual {
-            return Err("on the virtual clock the dispatcher can not be late".into());
+    fn provoke_in_executive(&mut self, fault: Fault, aim: &Aim, module_ns: u64) -> Result<(), String> {
+        if self.clock == Clock::Virtual && matches!(fault, Fault::Stall(_)) {
+            return Err(format!("on the virtual clock the {} can not be late", aim.part()));
         }
-        self.kept.say(DISPATCHER, provoked(fault), module_ns);
-        self.operator.stall.order(stall_ns);
+        self.kept.say(aim.part(), provoked(fault), module_ns);
+        match (fault, aim) {
+            (Fault::Stall(stall_ns), Aim::Dispatcher) => self.operator.stall.order(stall_ns),
+            (Fault::Stall(stall_ns), _) => self.own_fault = Some(OwnFault::Stall(stall_ns)),
+            (Fault::Signal(signal), _) => self.own_fault = Some(OwnFault::Signal(signal)),
+            (other, _) => return Err(format!("{other} does not hit the {}", aim.part())),
+        }
         Ok(())
     }
+
+    /// Does to the executive itself what was provoked. Not at once: whoever has ordered it waits for an answer.
+    pub(crate) fn suffer_own_fault(&mut self, module_ns: u64) {
+        let Some(fault) = self.own_fault.take() else { return };
+        match self.clock {
+            // What is written is the same in each run.
+            Clock::Virtual => self.kept.close_logs(module_ns),
+            Clock::Wall => std::thread::sleep(ANSWERED),
+        }
+        match fault {
+            OwnFault::Stall(stall_ns) => std::thread::sleep(Duration::from_nanos(stall_ns)),
+            // The standard library has a handler for these two, which takes one that somebody sends for none of its own.
+            OwnFault::Signal(signal @ (SIGSEGV | SIGBUS)) => {
+                let _ = signal_hook::low_level::emulate_default_handler(signal); // it ends here
+            }
+            OwnFault::Signal(signal) => {
+                let _ = Signal::from_named_raw(signal).map(|signal| kill_process(getpid(), signal));
+            }
+        }
+    }
 }
+
+/// How long an answer may take to whoever has ordered it.
+const ANSWERED: Duration = Duration::from_millis(20);
 
 fn provoked(fault: Fault) -> String {
     format!("fault {fault} is provoked")

@@ -31,7 +31,7 @@ impl PlannedAct {
                     "nothing stands by for partition \"{}\": it has no `standby`",
                     self.partition
                 )),
-                Some(found) => Ok(Aim { partition: Some(found.index()), port: 0 }),
+                Some(found) => Ok(Aim::partition(found.index())),
                 None => Err(format!("there is no partition \"{}\"", self.partition)),
             },
         }

@@ -67,17 +67,21 @@ impl Monitor {
         self.fault(place, error, detail, module_ns);
     }
 
-    /// A partition has ended itself to be started again or to be idle. Its budget counts what its error handler answers to errors.
+    /// A partition has ended itself to be started again or to be idle. Its budget counts what its error handler answers to errors, and its
+    /// own wish where that comes too often.
     fn do_as_asked(&mut self, place: usize, mode: Mode, cause: Cause, module_ns: u64) {
         let partition = &self.partitions[place];
         let restart = &self.plan[partition.active.sandbox.id].restart;
         let warm = mode == Mode::WarmStart;
+        let too_often = cause == Cause::Partition && partition.life.restarts_itself_too_often(module_ns);
+        let cause = if too_often { Cause::Handler } else { cause };
         let decision = match (mode, cause) {
             (Mode::Idle, _) => Decision::Idle,
             (_, Cause::Partition) => Decision::Restart { warm },
             _ => decide_restart(restart, warm, partition.life.recent_restarts(module_ns)),
         };
         let detail = match cause {
+            _ if too_often => "it has set its mode (SET_PARTITION_MODE) more than 20 times in 10 s",
             Cause::Partition => "it has set its mode (SET_PARTITION_MODE)",
             _ => "its error handler asked for it",
         };

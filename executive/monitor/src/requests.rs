@@ -7,8 +7,10 @@ use crate::lifecycle::{Next, Phase, StandbyState};
 use crate::monitor::Monitor;
 use crate::observers::{channel_list, link_names};
 use crate::partition::Partition;
+use bateleur_contract::Clock;
 use bateleur_control::{Answer, Ordered, PartitionStatus, Request, Status};
 use bateleur_plan::did_you_mean;
+use bateleur_system::time::now_ns;
 use bateleur_time::schedule_switch::Requested;
 
 /// Orders that are carried out in one step.
@@ -35,6 +37,19 @@ impl Monitor {
             Request::Watch { ports } => {
                 let module = module.clone();
                 self.operator.observers.watch(&self.plan, &module, ordered, ports)
+            }
+            Request::Publish { .. } if self.clock == Clock::Virtual => {
+                Err("on the virtual clock nothing may happen at an instant of real time: plan it, or run on the wall clock".into())
+            }
+            Request::Publish { port } => {
+                let origin_ns = now_ns().saturating_sub(module_ns);
+                let module = module.clone();
+                let answer = self.operator.observers.publish(&self.plan, &module, ordered, port, origin_ns)?;
+                if answer == Answer::Publishing {
+                    let place = port.split_once('.').and_then(|(partition, _)| self.place_of(partition).ok());
+                    self.note_order(place, &format!("messages for {port}, by the operator"), module_ns);
+                }
+                Ok(answer)
             }
             Request::Status => Ok(Answer::Status(Box::new(self.status(module_ns)))),
             Request::Kill { partition } => match partition.strip_suffix(STANDBY) {
@@ -64,7 +79,7 @@ impl Monitor {
         let fault: Fault = fault.parse()?;
         let aim = fault.aim(&self.plan, target)?;
         self.provoke(fault, &aim, module_ns)?;
-        if let Some(place) = aim.partition.and_then(|partition| self.places[partition]) {
+        if let Some(place) = aim.place().and_then(|partition| self.places[partition]) {
             let text = format!("fault {fault} aimed at {target}, by the operator");
             self.note_order(Some(place), &text, module_ns);
         }

@@ -120,6 +120,7 @@ impl Monitor {
             self.look_at_channel_probe(module_ns);
         }
         self.serve_requests(module_ns);
+        self.suffer_own_fault(module_ns);
         self.tell_partitions();
         self.keep_up(module_ns);
     }

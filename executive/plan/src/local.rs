@@ -167,7 +167,15 @@ impl Plan {
     ) -> PortId {
         let id = PortId(self.ports.len());
         let (payload, channel) = (self[like].payload.clone(), Some(channel));
-        self.ports.push(Port { name, partition: owner, role, payload, optional: false, channel });
+        self.ports.push(Port {
+            name,
+            partition: owner,
+            role,
+            payload,
+            optional: false,
+            operator: false,
+            channel,
+        });
         self.partitions[owner.0].ports.push(id);
         id
     }

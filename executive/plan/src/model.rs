@@ -293,6 +293,8 @@ pub struct Port {
     pub payload: Payload,
     /// Its partition may leave it out.
     pub optional: bool,
+    /// It is the operator's: the partition leaves it out, and what he publishes is written into it.
+    pub operator: bool,
     /// The channel it is attached to; `None` only if it is left open, which is a warning.
     pub channel: Option<ChannelId>,
 }
@@ -627,6 +629,11 @@ impl Plan {
         let (partition, port) = path.split_once('.')?;
         let owner = &self[self.partition(partition)?];
         owner.ports.iter().copied().find(|&id| self[id].name == port)
+    }
+
+    /// The ports of a partition that its program opens: all but those of the operator.
+    pub fn own_ports<'a>(&'a self, partition: &'a Partition) -> impl Iterator<Item = PortId> + 'a {
+        partition.ports.iter().copied().filter(|id| !self[*id].operator)
     }
 
     /// The schedule of that name.

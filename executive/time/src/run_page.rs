@@ -11,7 +11,7 @@ use bateleur_contract::{Mapped, SharedMemory};
 use bateleur_system::time::now_ns;
 
 /// Threads that are watched, most: the monitor, and dispatchers.
-const MOST: usize = 55;
+const MOST: usize = 51;
 /// Counts that an executive leaves to the next one.
 const COUNTS: usize = 6;
 
@@ -25,6 +25,10 @@ pub struct RunPage {
     resets: AtomicU64,
     /// What the monitor has counted, in an order of its own.
     counts: [AtomicU64; COUNTS],
+    /// Virtual clock: the module time that has been reached, ns.
+    reached_ns: AtomicU64,
+    /// Virtual clock: what has gone over the line to the companion, and is to come.
+    line_counts: [AtomicU64; 3],
     /// The exit code that the executive is about to give, plus one; 0: it gives none yet.
     ends: AtomicU64,
     /// When each thread was seen last, CLOCK_MONOTONIC ns; 0: it is not to be seen.
@@ -64,6 +68,20 @@ impl RunPage {
     #[must_use]
     pub fn counts(&self) -> [u64; COUNTS] {
         std::array::from_fn(|place| self.counts[place].load(SeqCst))
+    }
+
+    /// Virtual clock: module time, ns, and the counts of the line to the companion, if somebody counts there.
+    pub fn reach(&self, module_ns: u64, line_counts: Option<[u64; 3]>) {
+        self.reached_ns.store(module_ns, SeqCst);
+        let counts = line_counts.into_iter().flatten();
+        self.line_counts.iter().zip(counts).for_each(|(kept, count)| kept.store(count, SeqCst));
+    }
+
+    /// What [`RunPage::reach`] has left.
+    #[must_use]
+    pub fn reached(&self) -> (u64, [u64; 3]) {
+        let counts = std::array::from_fn(|place| self.line_counts[place].load(SeqCst));
+        (self.reached_ns.load(SeqCst), counts)
     }
 
     /// The executive ends by itself, with this exit code.

@@ -15,7 +15,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 
 /// A time- and space-partitioned executive for Linux, and the flight control unit that flies on it.
 #[derive(Debug, Parser)]
-#[command(name = "bateleur", version, arg_required_else_help = true, next_display_order = None)]
+#[command(name = "bateleur", version, next_display_order = None)]
 struct Arguments {
     #[command(subcommand)]
     verb: Verb,
@@ -35,7 +35,25 @@ enum Verb {
 /// A file would grow beyond what this process may write (Linux, signal(7)).
 const SIGXFSZ: i32 = 25;
 
+/// What to do first, for whoever has just installed it.
+const FIRST_STEPS: &str = "\
+bateleur: a partitioned executive for Linux, and the flight control unit that flies on it
+
+  bateleur fly --fast      fly the mission on the virtual clock: a few seconds, then a report
+  bateleur fly --view      fly in real time, seen on a page in a browser
+  bateleur ps              the partitions of what runs; `bateleur kill estimator` ends one of them
+  bateleur check           check schedule.toml, the plan that is flown; `bateleur show` draws it
+  bateleur doctor          what this machine can promise, and how to mend what it can not
+  bateleur init FOLDER     begin a project of one's own
+
+`bateleur help` lists all verbs; `bateleur VERB --help` explains one.
+";
+
 fn main() -> ExitCode {
+    if std::env::args_os().len() == 1 {
+        eprintln!("{}", FIRST_STEPS.trim_end());
+        return CANNOT_RUN.into();
+    }
     // Such a write fails then, and costs records and not the module. Programs that are started die of it as before.
     let _ = signal_hook::flag::register(SIGXFSZ, std::sync::Arc::default()); // as before, too
     let arguments = match Arguments::try_parse() {

@@ -278,7 +278,10 @@ impl Mission {
             Phase::SwitchNavigation => !self.retry_queue.is_pending(b'N'),
             Phase::OrderTakeOff if self.plan.own_take_off => !self.retry_queue.is_pending(b'F'),
             Phase::OrderTakeOff => self.pilot_understood(pilot),
-            Phase::Climb => self.is_high_and_rising(),
+            Phase::Climb => {
+                self.check_take_off();
+                self.is_high_and_rising()
+            }
             Phase::Engage => !self.retry_queue.is_pending(b'A'),
             Phase::Watch => self.laps_are_flown(),
             Phase::Loiter => self.in_phase_ns() as f64 >= self.plan.loiter_s * 1e9,
@@ -323,6 +326,19 @@ impl Mission {
             let high = -state.message.position_ned_m[2] > self.plan.engage_altitude_m;
             high && -state.message.velocity_ned_mps[2] > RISING_MPS && state.message.status >= STATUS_COARSE
         })
+    }
+
+    /// A take-off that the Controller has given up is not waited for.
+    fn check_take_off(&mut self) {
+        let settled_ns = self.retry_queue.settled_ns(b'F');
+        let latest = self.board.navigation.map(|navigation| navigation.message);
+        let Some(navigation) = latest.filter(|navigation| navigation.time_ns > settled_ns) else { return };
+        if self.plan.own_take_off && navigation.flags & NAVIGATION_ABORTED != 0 {
+            self.fail(
+                "the Controller has given the take-off up: the aircraft lost its direction, its speed or its state on the runway, or it was ordered to"
+                    .to_owned(),
+            );
+        }
     }
 
     /// The Controller may have been told other laps by its plan, and has finished then; but not those of an order of ours.

@@ -102,7 +102,9 @@ fn cards(out: &mut String, summary: &Summary) {
         ("windows granted", summary.windows.to_string(), late),
     ];
     out.push_str(r#"<section class="cards">"#);
-    for (label, value, detail) in cards {
+    // Without the truth there is nothing to say of the errors.
+    let known = cards.into_iter().filter(|(_, value, _)| value != text::NONE);
+    for (label, value, detail) in known {
         let (value, detail) = (escape(&value), escape(&detail));
         let _ = write!(out, "<div><small>{label}</small><b>{value}</b><small>{detail}</small></div>");
     }
@@ -137,6 +139,9 @@ fn overview(out: &mut String, flight: &Flight, analysis: &Analysis, summary: &Su
     }
     out.push_str(r#"</div><div class="tables">"#);
     text::tables(summary).iter().for_each(|each| table(out, each));
+    if let Some(what) = text::unknown(summary) {
+        let _ = write!(out, r#"<p class="sub">Not known: {}</p>"#, escape(what));
+    }
     out.push_str("</div></section>");
 }
 
@@ -259,7 +264,7 @@ passage of WP0 to the return to it, altitude and airspeed from the first instant
 way-point's altitude.</p>"#,
     );
     if let Some(digest) = &summary.digest {
-        let _ = write!(out, "<p>digest of all actuator words: <code>{}</code></p>", escape(digest));
+        let _ = write!(out, "<p>digest of all {}: <code>{}</code></p>", summary.digest_of(), escape(digest));
     }
     out.push_str("</footer>");
 }

@@ -12,10 +12,12 @@ use crate::run::{Clock, Guarantee, Run};
 use crate::score::{self, EstimatorScores, Scores};
 use crate::timing::Percentiles;
 use bateleur_flight::guidance::waypoints_to_reach;
+use bateleur_messages::ActuatorCommand;
 use bateleur_simulator::truth::TruthRecord;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
+use zerocopy::IntoBytes;
 
 /// Name of the file in a flight's folder.
 pub const FILE: &str = "summary.json";
@@ -173,7 +175,8 @@ pub struct Summary {
     pub lost_records: u64,
     /// The means that the machine gave, or did not, for each promise.
     pub guarantees: Vec<Guarantee>,
-    /// BLAKE3 over every actuator word that the simulator received, in order: equal for equal flights.
+    /// BLAKE3 over every actuator word that the simulator received, in order: equal for equal flights. Where it left no truth, over
+    /// every message on the Controller's port.
     pub digest: Option<String>,
     /// What was missing or damaged.
     pub notes: Vec<String>,
@@ -258,7 +261,10 @@ impl Analysis {
             restarts: flight.health.iter().filter(|entry| entry.restarted()).count() as u64,
             lost_records: run.map_or(0, |run| run.lost_records),
             guarantees: run.map(|run| run.guarantees.clone()).unwrap_or_default(),
-            digest: digest(&flight.truth),
+            digest: match Judge::of(flight) {
+                Judge::Truth => digest(&flight.truth),
+                Judge::Aircraft => commands_digest(&flight.commands),
+            },
             notes: {
                 let notes = run.map(|run| &run.notes).into_iter().flatten().chain(&flight.notes).cloned();
                 notes.chain(mission::height_notes(&self.passages)).collect()
@@ -351,6 +357,25 @@ fn ignored(health: &[HealthEntry]) -> BTreeMap<String, u64> {
         *counts.entry(entry.error.clone()).or_default() += 1;
     }
     counts
+}
+
+impl Summary {
+    /// What [`Summary::digest`] is made of.
+    pub(crate) fn digest_of(&self) -> &'static str {
+        match self.judged_by {
+            Judge::Truth => "actuator words",
+            Judge::Aircraft => "commands of the Controller",
+        }
+    }
+}
+
+/// BLAKE3 over the bytes of the messages, without their times.
+fn commands_digest(commands: &[(u64, ActuatorCommand)]) -> Option<String> {
+    let mut hasher = blake3::Hasher::new();
+    commands.iter().for_each(|(_, command)| {
+        hasher.update(command.as_bytes());
+    });
+    (!commands.is_empty()).then(|| hasher.finalize().to_hex().to_string())
 }
 
 /// BLAKE3 over the five pulses and the autopilot word of each record, 16 bits each, little endian.

@@ -37,6 +37,7 @@ pub fn table(summary: &Summary) -> String {
         lines.extend(table.rows.iter().map(|(label, row)| line(label, row)));
         table.note.iter().for_each(|note| wrap(&mut lines, "", note));
     }
+    list(&mut lines, "not known", unknown(summary).into_iter().map(str::to_owned));
     list(&mut lines, "faults", summary.faults.iter().take(MOST_FAULTS).map(fault));
     if summary.faults.len() > MOST_FAULTS {
         wrap(&mut lines, "", &format!("and {} more", summary.faults.len() - MOST_FAULTS));
@@ -45,11 +46,15 @@ pub fn table(summary: &Summary) -> String {
     list(&mut lines, "measured in this run", measured(summary).into_iter());
     list(&mut lines, "notes", summary.notes.iter().cloned());
     lines.push(String::new());
-    wrap(&mut lines, "digest", summary.digest.as_deref().unwrap_or(NONE));
+    let of = match summary.judged_by {
+        Judge::Truth => String::new(),
+        Judge::Aircraft => format!(" (of the {})", summary.digest_of()),
+    };
+    wrap(&mut lines, "digest", &(summary.digest.as_deref().unwrap_or(NONE).to_owned() + &of));
     lines.join("\n") + "\n"
 }
 
-const NONE: &str = "–";
+pub(crate) const NONE: &str = "–";
 
 fn line(label: &str, row: &[String]) -> String {
     let text = format!("{label:<LABEL$}{}", cells(row.iter().map(String::as_str)));
@@ -109,7 +114,7 @@ pub(crate) fn headline(summary: &Summary) -> String {
             Judge::Truth => format!("completed, {}", laps(summary.laps)),
             Judge::Aircraft => {
                 let laps = laps(summary.laps);
-                format!("completed by the aircraft's own count, {laps} (the simulator left no truth)")
+                format!("completed by the aircraft's own count, {laps}")
             }
         },
         Some(why) => format!("NOT completed: {why}"),
@@ -193,8 +198,21 @@ pub(crate) fn tables(summary: &Summary) -> Vec<Table> {
         chains(summary),
         times(summary),
     ];
+    if summary.judged_by == Judge::Aircraft {
+        // What only the truth knows; the chart of the windows has no row of dashes.
+        let known = |(_, values): &(String, Vec<String>)| values.iter().any(|value| !value.starts_with(NONE));
+        tables.iter_mut().for_each(|table| table.rows.retain(known));
+    }
     tables.retain(|table| !table.rows.is_empty());
     tables
+}
+
+/// What a flight on somebody else's simulator can not have, in a sentence.
+pub(crate) fn unknown(summary: &Summary) -> Option<&'static str> {
+    (summary.judged_by == Judge::Aircraft).then_some(
+        "what only the truth tells, which this simulator does not give: errors of track and estimate, wind and gusts, \
+         whether the aircraft was damaged",
+    )
 }
 
 /// A number with its unit, or a dash.

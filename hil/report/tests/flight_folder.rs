@@ -120,8 +120,11 @@ fn somebody_elses_simulator_leaves_no_truth_and_the_aircrafts_count_has_to_do() 
     let summary = write(dir.path(), &Inputs::default()).unwrap();
     assert_eq!((summary.completed, summary.judged_by, summary.laps), (true, Judge::Aircraft, 2));
     assert!(summary.scores.straight_cross_track_rms_m.is_none(), "no truth, no score");
+    assert_ne!(summary.digest, None, "of the Controller's commands");
+    assert!(summary.notes.iter().all(|note| !note.contains("truth")), "{:?}", summary.notes);
     let text = text::table(&summary::make(dir.path(), &Inputs::default()).unwrap());
     assert!(text.contains("by the aircraft's own count") && !text.contains("WP0?"), "{text}");
+    assert!(text.contains("not known") && !text.contains("cross-track"), "no rows of dashes: {text}");
     check_page(&page(dir.path()));
 }
 

@@ -66,7 +66,8 @@ pub fn parameters() -> Parameters<Numbers> {
     Parameters::new(FROM_COMMAND, ROWS)
 }
 
-const HZ: (f64, f64) = (0.0, 50.0);
+/// What the rates may be.
+pub(crate) const HZ: (f64, f64) = (0.0, 50.0);
 
 static ROWS: &[Row<Numbers>] = &[
     Row::settable(

@@ -177,6 +177,9 @@ pub struct Servo {
     pub elevator_limit_rad: f64,
     /// rad.
     pub rudder_limit_rad: f64,
+    /// Full width of the play in the linkages, rad.
+    #[serde(default)]
+    pub backlash_rad: f64,
 }
 
 /// What of the wheels matters to a take-off.

@@ -76,3 +76,34 @@ fn table() {
         print("height", &|x| x.1.height_m);
     }
 }
+
+/// Altitude RMS (m) of a flight whose linkages have this play (°), with laws that know of it or do not.
+#[allow(clippy::unwrap_used, reason = "a panic here is a failed test")]
+fn altitude_with_play(file: &'static str, seed: u64, play_deg: f64, delay_s: f64, known: bool) -> f64 {
+    let mut options = Options::new(seed, 8.0 * draw(seed, 1), 360.0 * draw(seed, 2), Turbulence::Calm);
+    let mut plant = bateleur_plant::Airframe::from_toml(file).unwrap();
+    plant.servo.backlash_rad = play_deg.to_radians();
+    plant.servo.delay_s = delay_s;
+    options.plant = Some(plant);
+    let told = file.replace("backlash_rad = 0.0 ", &format!("backlash_rad = {} ", play_deg.to_radians()));
+    assert!(file != told, "the file has no play to replace");
+    options.airframe = if known { Box::leak(told.into_boxed_str()) } else { file };
+    let mut flight = Flight::new(options);
+    flight.run_mission(400.0);
+    flight.score().altitude
+}
+
+#[test]
+fn play_that_the_file_names_costs_less_height() {
+    for (file, delay_s) in [(common::AEROSONDE, 0.02), (common::AEROSONDE, 0.06), (common::ULTRA_STICK, 0.02)]
+    {
+        for play_deg in [2.0, 3.0] {
+            for seed in UNSEEN..UNSEEN + 2 {
+                let [unknown, known] =
+                    [false, true].map(|known| altitude_with_play(file, seed, play_deg, delay_s, known));
+                println!("delay {delay_s} play {play_deg} seed {seed}: {unknown:.3} known {known:.3}");
+                assert!(known < unknown, "delay {delay_s}, play {play_deg}, seed {seed}: {unknown}, {known}");
+            }
+        }
+    }
+}

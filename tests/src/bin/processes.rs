@@ -64,18 +64,23 @@ fn initialise(partition: &mut Initialisation<'_>) -> Result<(), StartError> {
             "idle" => OperatingMode::Idle,
             _ => OperatingMode::ColdStart,
         };
-        starting_again(partition, mode)?;
+        let times = if again == "without end" { u32::MAX } else { 8 };
+        starting_again(partition, mode, times)?;
     }
     Ok(())
 }
 
-/// A process that says how its partition was started, and starts it again eight times.
-fn starting_again(partition: &mut Initialisation<'_>, mode: OperatingMode) -> Result<(), StartError> {
+/// A process that says how its partition was started, and starts it again so many times.
+fn starting_again(
+    partition: &mut Initialisation<'_>,
+    mode: OperatingMode,
+    times: u32,
+) -> Result<(), StartError> {
     let generation = partition.context().generation();
     partition.process("again", Every::once().priority(40), move |process| {
         let status = process.call(|services| Ok(services.get_partition_status()))?;
         report(process, &format!("generation {generation}: {:?}", status.start_condition));
-        if generation < 8 {
+        if generation < times {
             process.call(|services| services.set_partition_mode(mode))?;
         }
         Ok(())

@@ -13,6 +13,10 @@ pub(super) fn check(cx: &Context<'_>) {
         if let (Some(kind), Some(direction)) = (port.kind.get(), port.direction.get()) {
             refresh(cx, port, kind.0, direction.0);
             depth(cx, port, kind.0, direction.0);
+            if direction.0 == Direction::Destination {
+                let said = port.operator.said().filter(|operator| operator.value);
+                misplaced(cx, "operator", said.map(|at| &at.span), (kind.0, direction.0));
+            }
         }
         payload(cx, port);
     }
@@ -71,6 +75,7 @@ fn misplaced(cx: &Context<'_>, key: &str, span: Option<&Span>, (kind, direction)
         let message = format!("a {kind} {direction} has no `{key}`");
         let mend = match key {
             "refresh" => "remove it: only a sampling destination has one",
+            "operator" => "remove it: the operator writes, into a source",
             _ => "remove it: only a queuing destination has one",
         };
         cx.note(&catalogue::MISPLACED_KEY, span, message, mend);

@@ -109,7 +109,7 @@ fn broken_promise(promise: &str) -> &'static str {
         "a window's end holds every process of a partition" => {
             "SIGSTOP reaches one process, 21 us (median) to 71 us (99 %) later than a freeze; a child in a session of its own runs on in the others' windows"
         }
-        "no other module has the partitioned cores" => {
+        "exclusive cores" => {
             "two dispatchers of one priority on one processor know nothing of each other: a window begins when the other's partition lets go"
         }
         "the executive's memory stays in place" => {

@@ -103,7 +103,8 @@ fn text_of(about: &str, subject: &Subject, findings: &[Finding], lacking: usize)
         }
     }
     match lacking {
-        0 => text + "\nnothing lacks\n",
-        lacking => format!("{text}\n{lacking} lack: a flight runs all the same, with what it costs\n"),
+        0 => text + "\nno findings: all promises hold\n",
+        1 => text + "\n1 finding: a run still works, with the costs listed\n",
+        lacking => format!("{text}\n{lacking} findings: a run still works, with the costs listed\n"),
     }
 }

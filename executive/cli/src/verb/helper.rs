@@ -1,5 +1,7 @@
 //! Hidden verbs: the processes that serve an executive. They are started by it, never by a person.
 
+use std::time::Duration;
+
 use anyhow::Result;
 use clap::Subcommand;
 
@@ -16,6 +18,16 @@ pub enum Helper {
         /// The channels, as JSON.
         order: String,
     },
+    /// Writes into a channel what a client sends.
+    #[command(hide = true)]
+    Publisher {
+        /// The channel, as JSON.
+        order: String,
+        /// CLOCK_MONOTONIC instant of module time 0, ns.
+        origin_ns: u64,
+        /// How long it stays when its client has gone, ns.
+        lingers_ns: u64,
+    },
     /// Writes every message of a module into the log behind descriptor 3.
     #[command(hide = true)]
     Recorder {
@@ -28,6 +40,9 @@ pub(crate) fn run(helper: &Helper) -> Result<Code> {
     match helper {
         Helper::Probe => {}
         Helper::Observer { order } => crate::observer::run(order)?,
+        Helper::Publisher { order, origin_ns, lingers_ns } => {
+            crate::publisher::run(order, *origin_ns, Duration::from_nanos(*lingers_ns))?;
+        }
         Helper::Recorder { order } => crate::recorder::run(order)?,
     }
     Ok(FINE)

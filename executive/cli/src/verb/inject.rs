@@ -1,8 +1,8 @@
 //! `bateleur inject TARGET FAULT`: provokes a fault in a running module, to see what its health monitor and the others make
 //! of it. `run` and `fly` take the same with a time: `--inject TARGET:FAULT@SECONDS`.
 //!
-//! TARGET is a partition; for faults of messages a source port, PARTITION.PORT; for a stall the word `dispatcher`. What the
-//! faults are says `--list`. Exit codes: 0 it was provoked, 2 it was refused.
+//! TARGET is a partition; for faults of messages a source port, PARTITION.PORT; for faults of the executive itself one of
+//! `executive` (signals), `dispatcher`, `monitor` (stalls). What the faults are says `--list`. Exit codes: 0 it was provoked, 2 it was refused.
 
 use anyhow::{Result, anyhow};
 use bateleur_control::Request;
@@ -14,7 +14,7 @@ use super::{Code, FINE};
 /// Provoke a fault in a running module.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// A partition, a source port (PARTITION.PORT) or `dispatcher`.
+    /// A partition, a source port (PARTITION.PORT), or `executive`, `dispatcher`, `monitor`.
     #[arg(value_name = "TARGET", required_unless_present = "list")]
     to: Option<String>,
     /// The fault, such as `panic`, `sigkill`, `drop=10`, `delay=10/50ms`, `stall=20ms`.

@@ -18,9 +18,10 @@ use bateleur_recording::{self as log, hosts};
 use serde_json::{Value, json};
 use zerocopy::FromBytes;
 
-use super::ports::{Watch, bytes_of};
+use super::ports::Watch;
 use super::target::Target;
 use super::{Code, FINE, Format};
+use crate::hexadecimal::bytes_of;
 
 /// How long a relay may take to say something, real time: it does in each of its windows.
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -285,7 +286,7 @@ fn link_text(out: &mut String, status: &LinkStatus, place: usize, name: &LinkNam
         };
         let _ = writeln!(
             out,
-            "    network {}: {}, {heard}{}; {} sent, {} received, {} lost, {} late, {} twice, {} also on the other, {} out of order",
+            "    network {}: {}, {heard}{}; {} sent, {} received, {} lost, {} late, {} twice, {} duplicates from the other network, {} out of order",
             printable(network),
             if status.up[path] == 1 { "up" } else { "down" },
             way(status, path),

@@ -15,6 +15,7 @@ mod order;
 mod plan;
 mod ports;
 mod ps;
+mod publish;
 mod record;
 mod run;
 mod schema;
@@ -23,8 +24,8 @@ mod target;
 mod top;
 
 pub use links::text as links_text;
-pub use ports::{Watch, bytes_of, channels};
-pub use target::{Target, status};
+pub use ports::Watch;
+pub use target::{Target, channels, status};
 
 use anyhow::Result;
 use bateleur_control::Request;

@@ -1,4 +1,4 @@
-//! `bateleur ports list|echo|hz`: the channels of a running module, what they carry, and how often.
+//! `bateleur ports list|echo|hz|pub`: the channels of a running module, what they carry, and how often; and messages of one's own.
 //!
 //! Messages are read by an observer, a process of the partitions' user that the executive starts: it can not slow a
 //! writer down, and is gone when this program is. On the virtual clock it sees a part of the messages only.
@@ -17,8 +17,9 @@ use bateleur_monitor::event_text::printable;
 use bateleur_recording::{values, word_of};
 use serde_json::{Map, Value};
 
-use super::target::{Target, status};
-use super::{Code, FINE, Format};
+use super::target::{Target, channels, status};
+use super::{Code, FINE, Format, publish};
+use crate::hexadecimal::bytes_of;
 use crate::printed::Printed;
 
 /// Look at the channels of a running module.
@@ -58,6 +59,8 @@ enum What {
         #[command(flatten)]
         common: Common,
     },
+    /// Write a message by the names of its fields into a port that the plan leaves to the operator (`operator = true`).
+    Pub(publish::Arguments),
 }
 
 #[derive(Debug, clap::Args)]
@@ -79,19 +82,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         What::List { seconds, common } => list(common, *seconds),
         What::Echo { port, count, common } => echo(common, port, *count),
         What::Hz { port, seconds, common } => hz(common, port.as_deref(), *seconds),
+        What::Pub(arguments) => publish::run(arguments),
     }
     .map(|()| FINE)
-}
-
-/// The channels of a module.
-///
-/// # Errors
-/// It gives no answer, or one that is not understood.
-pub fn channels(client: &mut Client) -> Result<Vec<ChannelStatus>> {
-    match client.ask(&Request::Ports)? {
-        Answer::Ports { channels } => Ok(channels),
-        other => bail!("the module's answer is not understood: {other:?}"),
-    }
 }
 
 /// Messages as they come.
@@ -146,14 +139,6 @@ impl Watch {
         }
         Ok(())
     }
-}
-
-/// The bytes behind hexadecimal digits; `None` if they are not such.
-pub fn bytes_of(text: &str) -> Option<Vec<u8>> {
-    let (pairs, rest) = text.as_bytes().as_chunks::<2>();
-    let digit = |letter: u8| char::from(letter).to_digit(16).map(|digit| digit as u8);
-    let bytes = pairs.iter().map(|[high, low]| Some(digit(*high)? << 4 | digit(*low)?)).collect();
-    if rest.is_empty() { bytes } else { None }
 }
 
 /// The values of a message by name, a line for each field, with the unit and the name of a value where there are such.

@@ -12,9 +12,10 @@ use anyhow::{Context, Result, bail};
 use bateleur_messages::Type;
 use bateleur_recording::{LogError, PortLog, topic};
 
-use super::ports::{Watch, bytes_of, channels};
-use super::target::Target;
+use super::ports::Watch;
+use super::target::{Target, channels};
 use super::{Code, FINE};
+use crate::hexadecimal::bytes_of;
 use crate::output::{LOG_BEGINNING, refuse_file};
 
 /// Record the ports of a running module.

@@ -1,7 +1,7 @@
 //! Which of the running modules a verb means.
 
-use anyhow::Result;
-use bateleur_control::{Answer, AskError, Client, Request, Running, Status, choose, running};
+use anyhow::{Result, bail};
+use bateleur_control::{Answer, AskError, ChannelStatus, Client, Request, Running, Status, choose, running};
 use bateleur_monitor::event_text::printable;
 use bateleur_system::processes::process;
 
@@ -55,5 +55,16 @@ pub fn status(client: &mut Client) -> Result<Status> {
     match client.ask(&Request::Status)? {
         Answer::Status(status) => Ok(*status),
         other => Err(AskError::Strange(format!("{other:?}")).into()),
+    }
+}
+
+/// The channels of a module.
+///
+/// # Errors
+/// It gives no answer, or one that is not understood.
+pub fn channels(client: &mut Client) -> Result<Vec<ChannelStatus>> {
+    match client.ask(&Request::Ports)? {
+        Answer::Ports { channels } => Ok(channels),
+        other => bail!("the module's answer is not understood: {other:?}"),
     }
 }

@@ -28,7 +28,7 @@ use bateleur_host::sealed::{End, Handover, SealedChannels};
 use bateleur_monitor::StartChannelCleaner;
 use bateleur_monitor::cleanup::CleanupOrder;
 use bateleur_monitor::event::Event;
-use bateleur_monitor::observers::StartObserver;
+use bateleur_monitor::observers::{MOST_PUBLISHERS, StartObserver, Work};
 use bateleur_monitor::planned::STANDBY;
 use bateleur_plan::{ModuleView, PartitionId, Plan, PortId};
 use bateleur_system::account::Accounts;
@@ -281,7 +281,10 @@ impl Base {
                 size: plan[channel.source].payload.max_size_bytes(),
                 depth: queue_depth(plan, channel).map(|depth| depth as usize),
                 destinations: channel.destinations.len(),
-                spare_writers: spare(plan, channel.source),
+                spare_writers: match plan[channel.source].operator {
+                    false => spare(plan, channel.source),
+                    true => MOST_PUBLISHERS,
+                },
                 spare_readers: channel.destinations.iter().map(|port| spare(plan, *port)).sum(),
                 sealed: None,
             }
@@ -383,14 +386,18 @@ impl Base {
         })
     }
 
-    /// How observers are started: each is told of its own channels only.
+    /// How observers and publishers are started: each is told of its own channels only.
     pub(super) fn observer_starter(
         &self,
         order: Order,
         sealed: Arc<SealedChannels>,
     ) -> Result<StartObserver, RunError> {
         let copy = self.copy()?;
-        Ok(Box::new(move |channels, connection| {
+        Ok(Box::new(move |work, connection| {
+            let (verb, channels) = match work {
+                Work::Watch(channels) => ("observer", channels),
+                Work::Publish { channels, .. } => ("publisher", channels),
+            };
             let wanted = |channel: &&OrderedChannel| channels.contains(&channel.source);
             let channels = order.channels.iter().filter(wanted).cloned().collect();
             let mut handover = Handover::from(FIRST_FILE);
@@ -398,7 +405,11 @@ impl Base {
             let order = serde_json::to_string(&order)?;
             let files: Vec<BorrowedFd<'_>> = handover.files().collect();
             let lines = Lines { output: Some(connection), files: &files, ..Lines::default() };
-            copy.observing_helper(&["observer".into(), order], lines)
+            let mut words = vec![verb.into(), order];
+            if let Work::Publish { origin_ns, lingers_ns, .. } = work {
+                words.extend([origin_ns.to_string(), lingers_ns.to_string()]);
+            }
+            copy.observing_helper(&words, lines)
         }))
     }
 

@@ -103,14 +103,19 @@ impl Course {
             kept.follow(&plan.health, (dead.error, &dead.detail), (dead.resets, counts), dead.at_ns);
             surroundings.go_on_from(dead.at_ns);
         }
+        let clock = options.order.clock();
+        if clock == Clock::Virtual {
+            surroundings.page = page.clone();
+        }
+        let dead_ns = after.as_ref().map(|dead| dead.at_ns);
         Ok(Self {
             kept: Some(kept),
             surroundings,
-            clock: options.order.clock(),
+            clock,
             origin_ns: page.as_ref().and_then(|page| page.origin_ns()),
             page,
             follows_dead: after.is_some(),
-            ended_ns: back_ns.unwrap_or(0),
+            ended_ns: back_ns.or(dead_ns).unwrap_or(0),
             startup_ns: plan.health.reset.startup_ns,
             member,
             major_frame_ns: plan[plan.initial_schedule()].major_frame_ns,

@@ -18,6 +18,7 @@ use bateleur_host::machine::Machine;
 use bateleur_host::programs::{program_path, script};
 use bateleur_monitor::event::{Event, Events};
 use bateleur_monitor::health::ring;
+use bateleur_monitor::inject::Aim;
 use bateleur_monitor::planned::Act;
 use bateleur_monitor::run_order::{DeadExecutive, RunOrder};
 use bateleur_plan::{ModuleView, Plan};
@@ -274,7 +275,13 @@ fn check_names(view: &ModuleView<'_>, options: &Options) -> Result<(), RunError>
             known: names.join(", "),
         });
     }
-    options.order.acts.iter().try_for_each(|one| one.aim(view.plan()).map(drop)).map_err(RunError::Aim)
+    let alone = options.order.together.is_none();
+    options.order.acts.iter().try_for_each(|one| match one.aim(view.plan()).map_err(RunError::Aim)? {
+        Aim::Executive if !alone => Err(RunError::Aim(
+            "the executive can not be aimed at where modules share a virtual clock: use --kill-host".into(),
+        )),
+        _ => Ok(()),
+    })
 }
 
 /// Fewer descriptors than the smallest module and the examination of the machine need.

@@ -111,11 +111,11 @@ impl Base {
 
 /// What a channel probe is told about a partition's ports.
 fn examination(order: &Order, plan: &Plan, partition: PartitionId) -> Examination {
-    let ports = plan[partition].ports.iter().filter_map(|id| {
-        let source = plan[plan[*id].channel?].source;
+    let ports = plan.own_ports(&plan[partition]).filter_map(|id| {
+        let source = plan[plan[id].channel?].source;
         let name = plan.port_path(source);
         let channel = order.channels.iter().find(|channel| channel.name == name)?.clone();
-        Some(ExaminedPort { channel, writes: source == *id })
+        Some(ExaminedPort { channel, writes: source == id })
     });
     Examination { root: order.root.clone(), ports: ports.collect() }
 }

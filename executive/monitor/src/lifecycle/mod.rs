@@ -92,7 +92,14 @@ pub struct Lifecycle {
     held: bool,
     /// Module time of the restarts that count in its budget, ns.
     restarts: Vec<u64>,
+    /// Of those that it has asked for itself.
+    own_restarts: Vec<u64>,
 }
+
+/// How often within [`OWN_WITHIN_NS`] a partition may start itself anew before that counts in its budget.
+const MOST_OWN: usize = 20;
+/// Module time, ns.
+const OWN_WITHIN_NS: u64 = 10_000_000_000;
 
 impl Lifecycle {
     /// Of a partition whose first process has been launched.
@@ -109,6 +116,7 @@ impl Lifecycle {
             had_window: false,
             held: false,
             restarts: Vec::new(),
+            own_restarts: Vec::new(),
         }
     }
 
@@ -219,7 +227,11 @@ impl Lifecycle {
             }
             Decision::Restart { warm } => {
                 self.restarts.retain(|at| now.module_ns.saturating_sub(*at) < self.restart.within_ns);
-                self.restarts.extend((cause != Cause::Partition).then_some(now.module_ns));
+                self.own_restarts.retain(|at| now.module_ns.saturating_sub(*at) < OWN_WITHIN_NS);
+                match cause {
+                    Cause::Partition => self.own_restarts.push(now.module_ns),
+                    _ => self.restarts.push(now.module_ns),
+                }
                 self.next_start = match (warm, cause) {
                     (true, Cause::Health) => StartCondition::HmPartitionWarmRestart,
                     (false, Cause::Health) => StartCondition::HmPartitionColdRestart,
@@ -246,6 +258,7 @@ impl Lifecycle {
             }
             Event::Start if self.can_start() => {
                 self.restarts.clear();
+                self.own_restarts.clear();
                 if let Some(standby) = &mut self.standby {
                     standby.forget_losses();
                 }
@@ -408,6 +421,13 @@ impl Lifecycle {
     pub fn recent_restarts(&self, module_ns: u64) -> u32 {
         let is_recent = |at: &&u64| module_ns.saturating_sub(**at) < self.restart.within_ns;
         self.restarts.iter().filter(is_recent).count() as u32
+    }
+
+    /// It has started itself anew so often lately that once more counts in its budget: each start costs the processors that partitions leave.
+    #[must_use]
+    pub fn restarts_itself_too_often(&self, module_ns: u64) -> bool {
+        let is_recent = |at: &&u64| module_ns.saturating_sub(**at) < OWN_WITHIN_NS;
+        self.own_restarts.iter().filter(is_recent).count() >= MOST_OWN
     }
 
     /// What is done about a launch that the machine could not do: a restart like any other, as warm as the last one, because nothing of

@@ -1,4 +1,5 @@
-//! One flight of a campaign: a `bateleur fly` of its own, watched until it ends, and what is left of it.
+//! One flight of a campaign: a `bateleur fly` of its own, or a `bateleur run` of a plan that does not fly, watched until it ends, and
+//! what is left of it.
 //!
 //! It must never wait for ever: a flight that does not end is ended, and counts as failed.
 
@@ -20,6 +21,12 @@ const END_PATIENCE: Duration = Duration::from_secs(20);
 /// Files beside the flight's own, in its folder.
 const SAID: &str = "said.txt";
 const SUMMARY: &str = "summary-as-printed.json";
+/// What the judge said.
+const JUDGED: &str = "judged.txt";
+/// The verb for plans that do not fly.
+pub(super) const RUN: &str = "run";
+/// The one for those that do.
+pub(super) const FLY: &str = "fly";
 /// Letters of a flight's last words that are kept.
 const MOST_WORDS: usize = 400;
 
@@ -28,8 +35,12 @@ const MOST_WORDS: usize = 400;
 pub(super) struct Order {
     pub(super) number: u64,
     pub(super) seed: u64,
-    /// Options of `bateleur fly`, without those that say where things go.
+    /// `fly` or `run`.
+    pub(super) verb: &'static str,
+    /// Options of that verb, without those that say where things go.
     pub(super) options: Vec<String>,
+    /// The user's own program that says whether it went well.
+    pub(super) judge: Option<PathBuf>,
     /// As a person would type it.
     pub(super) command: String,
     pub(super) conditions: BTreeMap<String, f64>,
@@ -61,11 +72,55 @@ pub(super) fn fly(order: &Order, stop: &AtomicBool) -> Option<Flown> {
             let seconds = order.patience.as_secs();
             Some(failed(order, begun, format!("it hangs: no end after {seconds} s (--patience)")))
         }
-        Ending::Ended(status) => Some(match summary(&order.folder) {
-            Some(summary) if matches!(status.code(), Some(0 | 1)) => flown(order, begun, &summary),
-            _ => failed(order, begun, reason(status, &order.folder)),
-        }),
+        Ending::Ended(status) if !matches!(status.code(), Some(0 | 1)) => {
+            Some(failed(order, begun, reason(status, &order.folder)))
+        }
+        Ending::Ended(status) => {
+            let flown = match (summary(&order.folder), order.verb) {
+                (Some(summary), _) => flown(order, begun, &summary),
+                (None, RUN) => Flown { completed: true, ..empty(order, begun) },
+                (None, _) => failed(order, begun, reason(status, &order.folder)),
+            };
+            let Some(judge) = order.judge.as_ref().filter(|_| flown.completed) else { return Some(flown) };
+            let why = judged(judge, order, status, stop)?;
+            Some(Flown { completed: why.is_none(), failure: why.or(flown.failure.clone()), ..flown })
+        }
     }
+}
+
+/// Asks the judge; why it did not pass, in words. Nothing at all: the campaign was stopped meanwhile.
+fn judged(judge: &Path, order: &Order, status: ExitStatus, stop: &AtomicBool) -> Option<Option<String>> {
+    let said = order.folder.join(JUDGED);
+    let started = (|| {
+        let errors = File::create(&said)?;
+        Command::new(judge)
+            .arg(&order.folder)
+            .env("BATELEUR_SEED", order.seed.to_string())
+            .env("BATELEUR_EXIT", status.code().unwrap_or_default().to_string())
+            .stdin(Stdio::null())
+            .stdout(errors.try_clone()?)
+            .stderr(errors)
+            .process_group(0)
+            .spawn()
+    })();
+    let name = judge.display();
+    let ending = match started {
+        Ok(child) => watch(child, order.patience, stop),
+        Err(error) => return Some(Some(format!("{name} could not be started: {error}"))),
+    };
+    let words = || last_words(&std::fs::read_to_string(&said).unwrap_or_default());
+    Some(match ending {
+        Ending::Interrupted => return None,
+        Ending::Hung => {
+            Some(format!("{name} hangs: no end after {} s (--patience)", order.patience.as_secs()))
+        }
+        Ending::Ended(status) => match status.code() {
+            Some(0) => None,
+            Some(1) if words().is_empty() => Some(format!("{name} says no")),
+            Some(1) => Some(words()),
+            _ => Some(format!("{name} could not judge ({status}): {}", words())),
+        },
+    })
 }
 
 fn start(order: &Order) -> std::io::Result<Child> {
@@ -75,9 +130,10 @@ fn start(order: &Order) -> std::io::Result<Child> {
     std::fs::create_dir_all(&order.folder)?;
     let program = std::env::current_exe()?;
     Command::new(program)
-        .arg("fly")
+        .arg(order.verb)
         .args(&order.options)
-        .args(["--format=json", "--until-stdin-closes", "--output"])
+        .args(if order.verb == FLY { ["--format=json"] } else { ["--record"] })
+        .args(["--until-stdin-closes", "--output"])
         .arg(&order.folder)
         .stdin(Stdio::piped())
         .stdout(File::create(order.folder.join(SUMMARY))?)
@@ -106,7 +162,14 @@ fn watch(mut child: Child, patience: Duration, stop: &AtomicBool) -> Ending {
 
 /// Asks a flight to end, and ends it where it does not. Its executive and simulator end when it does.
 fn end(mut child: Child) {
-    drop(child.stdin.take());
+    match child.stdin.take() {
+        Some(input) => drop(input),
+        // The judge has none.
+        None => drop(rustix::process::kill_process_group(
+            rustix::process::Pid::from_child(&child),
+            rustix::process::Signal::TERM,
+        )),
+    }
     let begun = Instant::now();
     while begun.elapsed() < END_PATIENCE {
         if !matches!(child.try_wait(), Ok(None)) {

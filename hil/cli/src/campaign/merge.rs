@@ -9,7 +9,7 @@ use super::finish;
 use crate::{Code, FINE, Format, WRONG};
 
 /// Join the shards of a campaign into one result.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 #[command(
     after_help = "Exit codes: 0 every flight completed its mission; 1 some did not, or are missing; 2 they do not belong together."
 )]

@@ -39,7 +39,7 @@ use space::Space;
 /// little, and a machine with many processors and little memory ends flights.
 const FLIGHT_BYTES: u64 = 256 << 20;
 /// Fly many flights with drawn conditions and show how their figures spread.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 #[command(
     args_conflicts_with_subcommands = true,
     after_help = "Exit codes: 0 every flight completed its mission; 1 some did not, or it was stopped; 2 it could not begin."
@@ -74,18 +74,25 @@ pub struct Arguments {
     /// Of how many failed flights the logs are kept; each can be flown again from its seed.
     #[arg(long, value_name = "N", default_value_t = 20)]
     keep_failed: u64,
+    /// A program of one's own that says whether a flight or run went well: it gets the folder as its argument and the seed in
+    /// BATELEUR_SEED; exit code 0 pass, 1 fail, and its last line why.
+    #[arg(long, value_name = "PROGRAM")]
+    judge: Option<PathBuf>,
+    /// Module time of each run, s, of a plan that does not fly: kills are drawn, and the judge decides.
+    #[arg(long, value_name = "SECONDS", requires = "judge", value_parser = module_time)]
+    until: Option<f64>,
     /// Real time after which a flight hangs, s.
     #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     patience: u64,
     /// What to print at the end.
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
-    /// Options of `bateleur fly` that every flight has.
+    /// Options of `bateleur fly` (with `--until`, of `bateleur run`) that every flight has; `{seed}` in them is the flight's seed.
     #[arg(last = true, value_name = "OPTIONS OF FLY")]
     common: Vec<String>,
 }
 
-#[derive(Debug, clap::Subcommand)]
+#[derive(Debug, Clone, clap::Subcommand)]
 enum Verb {
     Merge(merge::Arguments),
 }
@@ -98,13 +105,27 @@ struct OfFly {
     _options: fly::Arguments,
 }
 
+/// The same for a plan that does not fly.
+#[derive(Debug, Parser)]
+#[command(name = "bateleur", disable_help_flag = true)]
+struct OfRun {
+    #[command(subcommand)]
+    _verb: bateleur_executive_cli::Verb,
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     if let Some(Verb::Merge(merge)) = &arguments.merge {
         return merge::run(merge);
     }
     let Some(schedule) = plan_file::read_or_say(&arguments.schedule)? else { return Ok(CANNOT_RUN) };
-    crate::fly::check_flies(&schedule)?;
-    let hosts = flies_hosts(arguments, &schedule);
+    if arguments.until.is_none() {
+        let flies = crate::fly::check_flies(&schedule);
+        flies.context("a plan that does not fly needs --until SECONDS, and a --judge of one's own")?;
+    } else if let Some(what) = arguments.space.of_flights_alone() {
+        bail!("only flights draw that ({what}): with --until a run draws kills, and nothing else");
+    }
+    let arguments = &Arguments { judge: judge(arguments)?, ..arguments.clone() };
+    let hosts = arguments.until.is_none() && flies_hosts(arguments, &schedule);
     let victims = victims(arguments, &schedule).map_err(anyhow::Error::msg)?;
     check_options(arguments, hosts, &victims)?;
     let plan = plan(arguments, &schedule, &victims)?;
@@ -140,6 +161,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     Ok(if all_well { FINE } else { WRONG })
 }
 
+/// The judge, where it is.
+fn judge(arguments: &Arguments) -> Result<Option<PathBuf>> {
+    let Some(judge) = &arguments.judge else { return Ok(None) };
+    let found = std::fs::canonicalize(judge).with_context(|| format!("--judge {}", judge.display()))?;
+    if !found.is_file() || rustix::fs::access(&found, rustix::fs::Access::EXEC_OK).is_err() {
+        bail!("--judge {}: it is no program that can be started (chmod +x?)", judge.display());
+    }
+    Ok(Some(found))
+}
+
+fn module_time(text: &str) -> Result<f64, String> {
+    let seconds = text.parse::<f64>().ok().filter(|seconds| (0.1..=1e6).contains(seconds));
+    seconds.ok_or_else(|| format!("\"{text}\" is not a number of seconds from 0.1 to 1000000"))
+}
+
 /// A plan of several modules is flown with all of them, unless the options of every flight choose one.
 fn flies_hosts(arguments: &Arguments, plan: &SchedulePlan) -> bool {
     let chosen = |word: &String| word == "--hosts" || word == "--module" || word.starts_with("--module=");
@@ -157,11 +193,18 @@ fn victims(arguments: &Arguments, plan: &SchedulePlan) -> Result<Vec<String>, St
 
 /// Options of fly that it would refuse would fail every flight: they are refused here.
 fn check_options(arguments: &Arguments, hosts: bool, victims: &[String]) -> Result<()> {
-    let mut words = vec!["fly".to_owned()];
+    let mut words = vec![flight::FLY.to_owned()];
     words.extend(options(arguments, hosts, arguments.seed, victims).0);
-    words.extend(["--output=somewhere".into(), "--format=json".into()]);
-    match OfFly::try_parse_from(words) {
-        Ok(_) => Ok(()),
+    words.push("--output=somewhere".into());
+    let checked = match arguments.until {
+        None => OfFly::try_parse_from(words.into_iter().chain(["--format=json".into()])).map(drop),
+        Some(_) => {
+            words.splice(..1, ["bateleur".into(), flight::RUN.to_owned()]);
+            OfRun::try_parse_from(words).map(drop)
+        }
+    };
+    match checked {
+        Ok(()) => Ok(()),
         Err(error) => bail!("the options after -- are not for every flight: {error}"),
     }
 }
@@ -173,11 +216,15 @@ fn options(
     seed: u64,
     victims: &[String],
 ) -> (Vec<String>, std::collections::BTreeMap<String, f64>) {
-    let drawn = arguments.space.draw(seed, victims);
+    let drawn = match arguments.until {
+        None => arguments.space.draw(seed, victims),
+        Some(until_s) => arguments.space.draw_run(seed, victims, until_s),
+    };
     let mut options = vec!["--fast".to_owned(), format!("--schedule={}", arguments.schedule.display())];
     options.extend(hosts.then(|| "--hosts".to_owned()));
+    options.extend(arguments.until.map(|until_s| format!("--until={until_s}")));
     options.extend(drawn.options);
-    options.extend(arguments.common.iter().cloned());
+    options.extend(arguments.common.iter().map(|word| word.replace("{seed}", &seed.to_string())));
     (options, drawn.conditions)
 }
 
@@ -192,10 +239,20 @@ fn plan(arguments: &Arguments, schedule: &SchedulePlan, victims: &[String]) -> R
         flights: arguments.flights,
         seed: arguments.seed,
         shard: (part, parts),
-        space: arguments.space.sentences(victims),
-        common: arguments.common.clone(),
+        space: match arguments.until {
+            None => arguments.space.sentences(victims),
+            Some(_) => arguments.space.run_sentences(victims),
+        },
+        common: arguments
+            .until
+            .map(|until_s| format!("--until={until_s}"))
+            .into_iter()
+            .chain(arguments.common.clone())
+            .collect(),
         schedule: Plan::digest_of(&[&arguments.schedule])?,
-        programs: Plan::digest_of(&programs(&own, schedule, &folder))?,
+        programs: Plan::digest_of(
+            &programs(&own, schedule, &folder).into_iter().chain(arguments.judge.clone()).collect::<Vec<_>>(),
+        )?,
         version: env!("CARGO_PKG_VERSION").into(),
     })
 }
@@ -269,12 +326,15 @@ fn order(
 ) -> Order {
     let seed = plan.seed + number;
     let (options, conditions) = options(arguments, hosts, seed, victims);
+    let verb = if arguments.until.is_some() { flight::RUN } else { flight::FLY };
     let words: Vec<String> = options.iter().map(|option| quoted(option)).collect();
     Order {
         number,
         seed,
-        command: format!("bateleur fly {}", words.join(" ")),
+        command: format!("bateleur {verb} {}", words.join(" ")),
+        verb,
         options,
+        judge: arguments.judge.clone(),
         conditions,
         folder: folder.join("flights").join(number.to_string()),
         patience: Duration::from_secs(arguments.patience),

@@ -6,9 +6,10 @@
 use std::collections::BTreeMap;
 
 use bateleur_plant::{Ranges, drawn};
+use clap::Parser;
 
 /// Module times between which faults begin, s: after the first way-point, before the end of two laps.
-const FAULTS_S: (f64, f64) = (40.0, 180.0);
+const FAULTS_S: Span = Span { from: 40.0, to: 180.0 };
 /// Shorter outages of the receiver than this are none, s: it gives a fix every 200 ms.
 const SHORTEST_OUTAGE_S: f64 = 0.2;
 /// Added latency below this is none, s.
@@ -17,6 +18,9 @@ const LEAST_LATENCY_S: f64 = 0.005;
 /// start with.
 const SHIFTS: [(&str, f64); 3] =
     [("accelerometer_shift", 0.2), ("gyroscope_shift", 0.5), ("magnetometer_shift", 0.01)];
+
+/// The dimension that every plan has.
+const KILLED: &str = "partitions killed";
 
 /// From one number to another, evenly.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,6 +72,13 @@ pub(crate) struct Space {
     kill_only: Vec<String>,
 }
 
+/// To know what nobody has asked for.
+#[derive(Debug, Parser)]
+struct Usual {
+    #[command(flatten)]
+    space: Space,
+}
+
 /// Ranges of the aircraft's numbers, or none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Vary(Option<Ranges>);
@@ -106,7 +117,7 @@ impl Space {
             ("flights with a bias that changes", self.bias_shifts.to_string()),
             ("added latency of fixes, s", self.gps_late.to_string()),
             ("receiver lost for, s", self.gps_outage.to_string()),
-            ("partitions killed", format!("{} of {}", self.kills, victims.join(", "))),
+            (KILLED, format!("{} of {}", self.kills, victims.join(", "))),
         ];
         sentences.into_iter().map(|(name, text)| (name.to_owned(), text)).collect()
     }
@@ -120,8 +131,32 @@ impl Space {
         }
         self.draw_receiver(seed, &mut drawn);
         self.draw_shift(seed, &mut drawn);
-        self.draw_kills(seed, victims, &mut drawn);
+        self.draw_kills(seed, victims, FAULTS_S, &mut drawn);
         drawn
+    }
+
+    /// The conditions of a run of a plan that does not fly, of so many seconds of module time.
+    pub(super) fn draw_run(&self, seed: u64, victims: &[String], until_s: f64) -> Drawn {
+        let mut drawn = Drawn { options: Vec::new(), conditions: BTreeMap::new() };
+        self.draw_kills(seed, victims, Span { from: 0.1 * until_s, to: 0.9 * until_s }, &mut drawn);
+        drawn
+    }
+
+    /// What is asked for that only a flight has, in words; nothing where all is as usual.
+    pub(super) fn of_flights_alone(&self) -> Option<String> {
+        let usual = Usual::try_parse_from(["usual"]).ok()?.space.sentences(&[]);
+        let asked = self
+            .sentences(&[])
+            .into_iter()
+            .find(|(name, text)| name != KILLED && usual.get(name) != Some(text));
+        asked.map(|(name, text)| format!("{name}: {text}"))
+    }
+
+    /// A sentence for each dimension of a run that does not fly.
+    pub(super) fn run_sentences(&self, victims: &[String]) -> BTreeMap<String, String> {
+        let mut sentences = self.sentences(victims);
+        sentences.retain(|name, _| name == KILLED);
+        sentences
     }
 
     fn draw_air(&self, seed: u64, into: &mut Drawn) {
@@ -159,14 +194,14 @@ impl Space {
         into.note(fault, size);
     }
 
-    fn draw_kills(&self, seed: u64, victims: &[String], into: &mut Drawn) {
+    fn draw_kills(&self, seed: u64, victims: &[String], when: Span, into: &mut Drawn) {
         let Span { from, to } = self.kills;
         // Whole numbers from the first to the last, each as likely as the others.
         let count =
             (from + ((to - from + 1.0) * bateleur_plant::drawn(seed, "kills")).floor()).min(to) as u64;
         for number in 0..count {
             if let Some(victim) = pick(victims, seed, &format!("kill-{number}")) {
-                let at_s = moment(seed, &format!("kill-{number}-at"));
+                let at_s = rounded(when.draw(seed, &format!("kill-{number}-at")), 1);
                 into.option("kill", format!("{victim}@{at_s}"));
             }
         }
@@ -185,7 +220,7 @@ impl Drawn {
 }
 
 fn moment(seed: u64, name: &str) -> f64 {
-    rounded(Span { from: FAULTS_S.0, to: FAULTS_S.1 }.draw(seed, name), 1)
+    rounded(FAULTS_S.draw(seed, name), 1)
 }
 
 fn pick<'l, T>(list: &'l [T], seed: u64, name: &str) -> Option<&'l T> {

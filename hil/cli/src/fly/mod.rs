@@ -94,6 +94,9 @@ pub struct Arguments {
     /// Way-points, laps and limits, instead of the usual two laps of four way-points.
     #[arg(long, value_name = "FILE")]
     pub(crate) mission: Option<PathBuf>,
+    /// Who takes off, instead of what the mission says: the simulator's safety pilot (`pilot`), or the aircraft by itself (`autopilot`).
+    #[arg(long, value_name = "WHO", value_parser = ["pilot", "autopilot"])]
+    pub(crate) take_off: Option<String>,
     /// What module and simulator speak: native, mavlink (over UDP), mavlink-tcp; instead of what the plan says.
     #[arg(long, value_name = "NAME")]
     pub(crate) protocol: Option<Protocol>,
@@ -315,8 +318,10 @@ pub(crate) fn check_flies(plan: &Plan) -> Result<()> {
 }
 
 pub(crate) fn read_mission(arguments: &Arguments, plan: &Plan) -> Result<MissionPlan> {
+    let own_take_off = arguments.take_off.as_deref().map(|who| who == "autopilot");
     if let Some(path) = &arguments.mission {
-        let mission = MissionPlan::from_file(path)?;
+        let mut mission = MissionPlan::from_file(path)?;
+        mission.own_take_off = own_take_off.unwrap_or(mission.own_take_off);
         let our_pilot = !arguments.no_simulator && !mission.own_take_off;
         if our_pilot && mission.engage_altitude_m > LEVEL_OFF_M {
             bail!(
@@ -333,7 +338,8 @@ pub(crate) fn read_mission(arguments: &Arguments, plan: &Plan) -> Result<Mission
         _ => None,
     });
     let thesis = MissionPlan::thesis();
-    Ok(MissionPlan { laps: laps.unwrap_or(thesis.laps), ..thesis })
+    let own_take_off = own_take_off.unwrap_or(thesis.own_take_off);
+    Ok(MissionPlan { laps: laps.unwrap_or(thesis.laps), own_take_off, ..thesis })
 }
 
 fn attribute<'a>(plan: &'a Plan, program: &str, name: &str) -> Option<&'a Attribute> {

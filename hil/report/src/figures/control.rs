@@ -4,7 +4,7 @@ use super::{ESTIMATE, GPS, SHIFTED, TRUTH, WANTED, chart, engaged, estimated, se
 use crate::flight::{Flight, seconds};
 use crate::planned::Planned;
 use crate::plot::{Chart, Style};
-use crate::score::{Stretch, Targets};
+use crate::score::{CAPTURE_M, Stretch, Targets};
 use crate::summary::Analysis;
 use bateleur_messages::ActuatorCommand;
 use bateleur_simulator::truth::TruthRecord;
@@ -62,14 +62,17 @@ fn altitude(flight: &Flight, analysis: &Analysis) -> Chart {
     }
 }
 
+/// From the first capture of the height on, as it is scored: the climb before it would hide the rest.
 fn altitude_error(flight: &Flight, analysis: &Analysis) -> Chart {
-    let scored = scored(flight, analysis);
     let waypoints = &flight.inputs.waypoints;
     let targets = Targets { passages: &analysis.passages, waypoints };
+    let off_m = |at: &TruthRecord| Some(analysis.believed.height_m(at) - targets.at(at.time_ns)?.altitude_m);
+    let climbs = |at: &&TruthRecord| off_m(at).is_none_or(|off_m| off_m.abs() > CAPTURE_M);
+    let scored: Vec<_> = scored(flight, analysis).iter().skip_while(climbs).collect();
     let error = |height_m: &dyn Fn(&TruthRecord) -> f64| {
         let error =
             |at: &TruthRecord| Some((seconds(at.time_ns), height_m(at) - targets.at(at.time_ns)?.altitude_m));
-        scored.iter().filter_map(error).collect()
+        scored.iter().copied().filter_map(error).collect()
     };
     Chart {
         least_range: 2.0,

@@ -4,8 +4,8 @@
 //! acknowledged when every function that it concerns has answered, with its reason as a text where one refused.
 
 use bateleur_mavlink::common::{
-    AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavModeFlag,
-    MavProtocolCapability, MavResult, MavSeverity, PROTOCOL_VERSION_DATA, SET_MODE_DATA,
+    AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage,
+    MavModeFlag, MavProtocolCapability, MavResult, MavSeverity, PROTOCOL_VERSION_DATA, SET_MODE_DATA,
 };
 use bateleur_messages::ground::{Manoeuvre, Order, SENSOR_ACCELEROMETER, SENSOR_GYROSCOPE, SENSOR_PRESSURE};
 use bateleur_messages::telemetry::{
@@ -16,6 +16,8 @@ use bateleur_messages::telemetry::{
 use super::parameters::Encoding;
 use super::streams::Streams;
 use super::{Out, Peer, why};
+use crate::Rates;
+use crate::numbers::HZ;
 
 /// How long the functions may take to answer, module time, ns.
 const PATIENCE_NS: u64 = 1_500_000_000;
@@ -190,6 +192,51 @@ impl Commands {
     }
 }
 
+/// A command with integers as one without; `None` where it names a place to go to, which no command here does.
+pub(super) fn without_place(command: &COMMAND_INT_DATA) -> Option<COMMAND_LONG_DATA> {
+    // MAV_CMD: numbers up to that of NAV_LAST are about navigation. Zeros and the greatest number stand for no place.
+    let navigates = (command.command as u16) < MavCmd::MAV_CMD_NAV_LAST as u16;
+    let named = [command.x, command.y].iter().any(|place| ![0, i32::MAX].contains(place));
+    (!navigates || !named).then_some(COMMAND_LONG_DATA {
+        param1: command.param1,
+        param2: command.param2,
+        param3: command.param3,
+        param4: command.param4,
+        param5: command.x as f32,
+        param6: command.y as f32,
+        param7: command.z,
+        command: command.command,
+        target_system: command.target_system,
+        target_component: command.target_component,
+        confirmation: 0,
+    })
+}
+
+/// Numbers of messages whose rates can be chosen.
+const ATTITUDE: f32 = 30.0;
+const LOCAL_POSITION_NED: f32 = 32.0;
+const GLOBAL_POSITION_INT: f32 = 33.0;
+const VFR_HUD: f32 = 74.0;
+
+impl Rates {
+    /// MAV_CMD_SET_MESSAGE_INTERVAL: the message of parameter 1 every so many microseconds as parameter 2 says; -1 never, 0 as `usual`.
+    pub(super) fn set_interval(&mut self, usual: &Self, command: &COMMAND_LONG_DATA) -> MavResult {
+        let (rate_hz, usual_hz) = match command.param1 {
+            ATTITUDE => (&mut self.attitude_hz, usual.attitude_hz),
+            LOCAL_POSITION_NED | GLOBAL_POSITION_INT => (&mut self.position_hz, usual.position_hz),
+            VFR_HUD => (&mut self.hud_hz, usual.hud_hz),
+            _ => return MavResult::MAV_RESULT_UNSUPPORTED,
+        };
+        *rate_hz = match f64::from(command.param2) {
+            -1.0 => 0.0,
+            0.0 => usual_hz,
+            interval_us if interval_us > 0.0 && interval_us.is_finite() => (1e6 / interval_us).min(HZ.1),
+            _ => return MavResult::MAV_RESULT_DENIED,
+        };
+        MavResult::MAV_RESULT_ACCEPTED
+    }
+}
+
 /// Letter and function of the answers that an order has.
 fn answers_to(order: &Order) -> &'static [(u8, u8)] {
     match order {
@@ -251,7 +298,7 @@ fn calibration(command: &COMMAND_LONG_DATA) -> Option<Order> {
     (sensors != 0).then_some(Order::InitialiseSensors { sensors })
 }
 
-fn acknowledge(command: u16, peer: Peer, result: MavResult, out: &mut Out) {
+pub(super) fn acknowledge(command: u16, peer: Peer, result: MavResult, out: &mut Out) {
     let answer = COMMAND_ACK_DATA {
         result,
         target_system: peer.0,

@@ -14,7 +14,9 @@ mod tests;
 
 use std::collections::VecDeque;
 
-use bateleur_mavlink::common::{MavMessage, MavSeverity, MavType, STATUSTEXT_DATA};
+use bateleur_mavlink::common::{
+    COMMAND_LONG_DATA, MavCmd, MavMessage, MavSeverity, MavType, STATUSTEXT_DATA,
+};
 use bateleur_mavlink::{Decoder, Encoder, Foreign, Received, Runway};
 use bateleur_messages::State;
 use bateleur_messages::ground::{Order, Waypoint};
@@ -117,6 +119,8 @@ pub struct Station {
     parameters: Parameters,
     heard: bool,
     rates: Rates,
+    /// Those of the parameters, which a ground station can come back to.
+    usual_rates: Rates,
 }
 
 impl Station {
@@ -137,6 +141,7 @@ impl Station {
             missions: Missions::new(setup.runway),
             parameters: Parameters::new(setup.functions, setup.encoding),
             rates: setup.rates,
+            usual_rates: setup.rates,
             heard: false,
         }
     }
@@ -178,7 +183,7 @@ impl Station {
 
     /// Tells things at other rates from now on.
     pub fn set_rates(&mut self, rates: Rates) {
-        self.rates = rates;
+        (self.rates, self.usual_rates) = (rates, rates);
     }
 
     /// Goes on with the Controller's way-points as they were known before a restart.
@@ -275,11 +280,12 @@ impl Station {
             return;
         }
         match message {
-            M::COMMAND_LONG(command) if is_ours(command.target_system) => {
-                self.commands.command(command, peer, now_ns, &self.streams, out);
-            }
+            M::COMMAND_LONG(command) if is_ours(command.target_system) => self.command(command, peer, now_ns),
             M::COMMAND_INT(command) if is_ours(command.target_system) => {
-                self.commands.unsupported(command.command as u16, peer, out);
+                match commands::without_place(command) {
+                    Some(command) => self.command(&command, peer, now_ns),
+                    None => self.commands.unsupported(command.command as u16, peer, out),
+                }
             }
             M::SET_MODE(message) if message.target_system == self.system => {
                 self.commands.set_mode(message, peer, now_ns, out);
@@ -292,6 +298,16 @@ impl Station {
                 self.parameters.set(message, peer, out);
             }
             message => self.missions.message(message, self.system, peer, now_ns, out),
+        }
+    }
+
+    fn command(&mut self, command: &COMMAND_LONG_DATA, peer: Peer, now_ns: u64) {
+        match command.command {
+            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
+                let result = self.rates.set_interval(&self.usual_rates, command);
+                commands::acknowledge(command.command as u16, peer, result, &mut self.out);
+            }
+            _ => self.commands.command(command, peer, now_ns, &self.streams, &mut self.out),
         }
     }
 

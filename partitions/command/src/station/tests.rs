@@ -385,7 +385,7 @@ fn foreign(message: &MavMessage, place: usize, value: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn command_that_the_dialect_does_not_know_and_one_with_integers_are_answered_unsupported() {
+fn command_that_the_dialect_does_not_know_is_answered_unsupported_and_one_with_integers_is_carried_out() {
     const NUMBER: u16 = 42_424; // a calibration of another autopilot
     let int = COMMAND_INT_DATA {
         command: MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
@@ -401,8 +401,43 @@ fn command_that_the_dialect_does_not_know_and_one_with_integers_are_answered_uns
     let unsupported = MavResult::MAV_RESULT_UNSUPPORTED;
     let [low, high] = NUMBER.to_le_bytes();
     assert_eq!((answer[7], &answer[10..13]), (77, &[low, high, unsupported as u8][..]));
-    assert_eq!(acknowledged(&world.window(&[MavMessage::COMMAND_INT(int)])), [unsupported]);
-    assert!(world.ordered.is_empty(), "nothing of either was carried out");
+    assert!(world.ordered.is_empty(), "nothing of it was carried out");
+    let mut heard = world.window(&[MavMessage::COMMAND_INT(int.clone())]);
+    heard.extend(world.windows(5));
+    assert_eq!(acknowledged(&heard), [MavResult::MAV_RESULT_ACCEPTED]);
+    assert_eq!(world.ordered, [Order::Autopilot { on: true }]);
+    let there = COMMAND_INT_DATA { command: MavCmd::MAV_CMD_NAV_LOITER_UNLIM, x: -340_000_000, ..int };
+    assert_eq!(acknowledged(&world.window(&[MavMessage::COMMAND_INT(there)])), [unsupported]);
+    assert_eq!(world.ordered.len(), 1, "it does not circle here where it was asked to circle there");
+}
+
+#[test]
+fn messages_come_as_often_as_the_ground_station_asks_for() {
+    let interval = |message: f32, interval_us: f32| {
+        MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+            command: MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
+            param1: message,
+            param2: interval_us,
+            target_system: 1,
+            ..COMMAND_LONG_DATA::DEFAULT
+        })
+    };
+    let mut world = World::new(accept);
+    world.station.state(&State { status: 3, ..State::default() });
+    let mut told = |message: f32, interval_us: f32, result: MavResult| {
+        assert_eq!(acknowledged(&world.window(&[interval(message, interval_us)])), [result]);
+        world.windows(10);
+        let heard = world.windows(100); // two seconds
+        heard.iter().filter(|message| matches!(message, MavMessage::ATTITUDE(_))).count()
+    };
+    use MavResult as R;
+    assert_eq!(told(30.0, 0.0, R::MAV_RESULT_ACCEPTED), 20, "as its parameter says");
+    assert_eq!(told(30.0, 200_000.0, R::MAV_RESULT_ACCEPTED), 10);
+    assert_eq!(told(30.0, 1.0, R::MAV_RESULT_ACCEPTED), 100, "not more often than a window comes");
+    assert_eq!(told(30.0, -1.0, R::MAV_RESULT_ACCEPTED), 0);
+    assert_eq!(told(30.0, f32::NAN, R::MAV_RESULT_DENIED), 0);
+    assert_eq!(told(24.0, 1e5, R::MAV_RESULT_UNSUPPORTED), 0, "GPS_RAW_INT comes with each fix");
+    assert_eq!(told(30.0, 0.0, R::MAV_RESULT_ACCEPTED), 20);
 }
 
 #[test]

@@ -15,6 +15,7 @@ pub mod fallback;
 pub mod inner;
 pub mod memory;
 pub mod outer;
+mod play;
 pub mod takeoff;
 
 use crate::GRAVITY_MPS2;
@@ -251,6 +252,7 @@ pub struct Controller {
     authority_mps: f64,
     last: ActuatorCommand,
     steady: Steady,
+    play: play::PlayInverse,
     take_off: Option<TakeOff>,
 }
 
@@ -291,6 +293,7 @@ impl Controller {
             authority_mps: 0.0,
             last: trimmed(&trim),
             steady: Steady::default(),
+            play: play::PlayInverse::default(),
             take_off: None,
         }
     }
@@ -414,6 +417,13 @@ impl Controller {
         self.last = command;
         if basis == Basis::Estimator {
             self.steady.follow(&command, dt_s);
+        }
+        // The loops remember where the surface is wanted, not where the servo stands for it.
+        let mut command = command;
+        if self.channels.pitch {
+            let servo = &self.airframe.servo;
+            let led = self.play.step(command.elevator_rad, servo.backlash_rad, dt_s);
+            command.elevator_rad = led.clamp(-servo.elevator_limit_rad, servo.elevator_limit_rad);
         }
         ControllerOutput {
             command,

@@ -99,8 +99,8 @@ impl Skeleton {
         let program = program(partition)?;
         let mut fields = Fields::without(OWN_FIELDS);
         let mut ports = Vec::new();
-        for id in &partition.ports {
-            let port = &plan[*id];
+        for id in plan.own_ports(partition) {
+            let port = &plan[id];
             let (name, role, content) = (port.name.clone(), port.role, content(plan, port)?);
             ports.push(SkeletonPort { field: fields.field(&name, "port"), name, role, content });
         }

@@ -9,7 +9,8 @@
 //! or when the run's directory is: the library makes what it misses, and nobody would remove it.
 
 use bateleur_host::helper::orders::OrderedChannel;
-use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Handed, Membership, Reader};
+use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Handed, Membership, Reader, Writer};
+use bateleur_system::handed_over::copy_of_inherited;
 
 pub mod channel_cleaner;
 pub mod channel_holder;
@@ -36,16 +37,43 @@ pub fn observe(
     name: &str,
 ) -> Result<(Reader, Channel, Option<Membership>), ChannelError> {
     let kind = channel_type(ordered);
-    if let Some(at) = ordered.sealed {
-        let lost = |reason| ChannelError::Attach { channel: kind.name.clone(), reason };
-        let ring = bateleur_system::handed_over::copy_of_inherited(at.ring).map_err(lost)?;
-        let channel = Channel::Sealed(Handed { ring, index: None, checked: at.checked, incarnation: 0 });
+    if let Some(channel) = handed(ordered)? {
         return Ok((kind.observer(&channel)?, channel, None));
     }
     let kind = if kind.depth.is_some() { kind.observed() } else { kind };
     let node = join(domain, kind.home(), name)?;
     let channel = kind.open(&node)?;
     Ok((kind.observer(&channel)?, channel, Some(node)))
+}
+
+/// Attaches to a channel as its source, called `name`: the writing end, that of the twin on which observers see a queue, and what keeps
+/// both.
+///
+/// # Errors
+/// As above.
+pub fn publish(
+    domain: &Domain,
+    ordered: &OrderedChannel,
+    name: &str,
+) -> Result<(Writer, Option<Writer>, Option<Membership>), ChannelError> {
+    let kind = channel_type(ordered);
+    if let Some(channel) = handed(ordered)? {
+        return Ok((kind.writer(&channel)?, None, None));
+    }
+    let node = join(domain, kind.home(), name)?;
+    let writer = kind.writer(&kind.open(&node)?)?;
+    let twin = kind.depth.map(|_| kind.observed());
+    let twin = twin.map(|twin| twin.writer(&twin.open(&node)?)).transpose()?;
+    Ok((writer, twin, Some(node)))
+}
+
+/// A sealed channel's memory, which the executive handed over.
+fn handed(ordered: &OrderedChannel) -> Result<Option<Channel>, ChannelError> {
+    let Some(at) = ordered.sealed else { return Ok(None) };
+    let lost = |reason| ChannelError::Attach { channel: ordered.name.clone(), reason };
+    let ring = copy_of_inherited(at.ring).map_err(lost)?;
+    let index = at.index.map(copy_of_inherited).transpose().map_err(lost)?;
+    Ok(Some(Channel::Sealed(Handed { ring, index, checked: at.checked, incarnation: 0 })))
 }
 
 /// What lies in shared memory for a channel.

@@ -7,10 +7,10 @@ use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
-use bateleur_channels::{channel_type, join};
+use bateleur_channels::publish;
 use bateleur_control::{Answer, Publication};
 use bateleur_host::helper::orders::Order;
-use bateleur_ports::{Domain, Stamp, Writer};
+use bateleur_ports::{Domain, Stamp};
 use bateleur_system::time::now_ns;
 
 use crate::hexadecimal::bytes_of;
@@ -29,21 +29,12 @@ pub(crate) fn run(order: &str, origin_ns: u64, lingers: Duration) -> Result<()> 
     connection.set_nonblocking(false)?;
     connection.set_write_timeout(Some(PATIENCE))?;
     let mut answers = connection.try_clone()?;
-    let kind = channel_type(ordered);
-    let attached = (|| {
-        let node = join(&Domain { root: order.root.clone() }, kind.home(), "publisher")?;
-        let writer = kind.writer(&kind.open(&node)?)?;
-        // Who looks on at a queue looks at its twin.
-        let twin = kind.depth.map(|_| kind.observed());
-        let twin = twin.map(|twin| twin.writer(&twin.open(&node)?)).transpose()?;
-        anyhow::Ok((node, writer, twin))
-    })();
-    let (_node, writer, twin) = match attached {
+    let attached = publish(&Domain { root: order.root.clone() }, ordered, "publisher");
+    let (writer, twin, _node) = match attached {
         Ok(attached) => attached,
         Err(error) => {
-            answers.write_all(
-                &Answer::refused(format!("{error:#}; does its partition write into it?")).line(),
-            )?;
+            answers
+                .write_all(&Answer::refused(format!("{error}; does its partition write into it?")).line())?;
             return Ok(());
         }
     };
@@ -58,11 +49,11 @@ pub(crate) fn run(order: &str, origin_ns: u64, lingers: Duration) -> Result<()> 
         }
         let stamp = Stamp { source_ns: now_ns().saturating_sub(origin_ns), sequence: sequence + 1 };
         let answer = match message_of(&line, ordered.size).and_then(|bytes| {
-            let receivers = send(&writer, &bytes, stamp)?;
+            let receivers = writer.put(&bytes, stamp).map_err(|error| error.to_string())?;
             if let Some(twin) = &twin {
-                let _ = send(twin, &bytes, stamp); // an observer's loss is no fault
+                let _ = twin.put(&bytes, stamp); // an observer's loss is no fault
             }
-            Ok(receivers)
+            Ok(receivers as u64)
         }) {
             Ok(receivers) => {
                 sequence += 1;
@@ -74,8 +65,10 @@ pub(crate) fn run(order: &str, origin_ns: u64, lingers: Duration) -> Result<()> 
             break;
         }
     }
-    // A reader that has not looked since then would find nothing.
-    std::thread::sleep(lingers);
+    // A reader that has not looked since then would find nothing, where the memory goes with its writer.
+    if ordered.sealed.is_none() {
+        std::thread::sleep(lingers);
+    }
     Ok(())
 }
 
@@ -88,16 +81,4 @@ fn message_of(line: &[u8], most: usize) -> Result<Vec<u8>, String> {
         return Err(format!("a message of this channel has 1 to {most} bytes, not {}", bytes.len()));
     }
     Ok(bytes)
-}
-
-/// Writes a message; how many it was sent to.
-fn send(writer: &Writer, bytes: &[u8], stamp: Stamp) -> Result<u64, String> {
-    let mut loan = writer
-        .loan_slice_uninit(bytes.len())
-        .map_err(|error| format!("the channel gives no place: {error:?}"))?;
-    *loan.user_header_mut() = stamp;
-    match loan.write_from_slice(bytes).send() {
-        Ok(receivers) => Ok(receivers as u64),
-        Err(error) => Err(format!("the queue is full, or a receiver hangs: {error:?}")),
-    }
 }

@@ -192,7 +192,7 @@ impl Sandbox {
             counts: counts(partition),
             data_limit: if memory_limited { 0 } else { partition.memory_bytes },
             memory_bytes: partition.memory_bytes,
-            channels: attached_channels(plan, id)
+            channels: shared_channels(plan, id)
                 .iter()
                 .map(|channel| Path::new(&sandbox_config.ports_root).join(channel))
                 .collect(),
@@ -619,9 +619,10 @@ fn describe_port(plan: &Plan, port: &Port) -> PortDescription {
 
 /// The directories of the channels that a partition is attached to, each once.
 #[must_use]
-pub fn attached_channels(plan: &Plan, id: PartitionId) -> Vec<String> {
+pub fn shared_channels(plan: &Plan, id: PartitionId) -> Vec<String> {
     let channels = plan.own_ports(&plan[id]).filter_map(|port| plan[port].channel);
-    let mut homes: Vec<String> = channels.map(|channel| plan.port_path(plan[channel].source)).collect();
+    let shared = channels.map(|id| &plan[id]).filter(|channel| !channel.isolation.is_sealed());
+    let mut homes: Vec<String> = shared.map(|channel| plan.port_path(channel.source)).collect();
     homes.sort_unstable();
     homes.dedup();
     homes

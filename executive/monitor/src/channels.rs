@@ -5,7 +5,7 @@ use crate::commands::cleaned;
 use crate::health::decision::Decision;
 use crate::lifecycle::{Event, PairMember, Phase};
 use crate::monitor::Monitor;
-use bateleur_host::partition::attached_channels;
+use bateleur_host::partition::shared_channels;
 use bateleur_plan::{Closed, PartitionError, StartMode};
 
 impl Monitor {
@@ -77,7 +77,7 @@ impl Monitor {
     }
 
     fn is_attached(&self, place: usize, channels: &[String]) -> bool {
-        let own = attached_channels(&self.plan, self.partitions[place].active.sandbox.id);
+        let own = shared_channels(&self.plan, self.partitions[place].active.sandbox.id);
         own.iter().any(|channel| channels.contains(channel))
     }
 

@@ -196,7 +196,8 @@ impl Cleanups {
             // Without a channel cleaner a successor may still find its ports free: trying costs nothing. What is left of a stranger costs an
             // observer's place in its channels, and nothing else.
             let order = dead.order.clone();
-            if !self.start(dead.clone(), order, Vec::new())
+            let has_left = !order.channels.is_empty();
+            if !(has_left && self.start(dead.clone(), order, Vec::new()))
                 && let Some(cleaned) = dead.cleaned(Vec::new())
             {
                 return Some(cleaned);

@@ -13,7 +13,7 @@ use crate::health::decision::Decision;
 use crate::lifecycle::{Cause, Command, Event, Instant, Next, PairMember, Phase, StandbyEvent, StandbyState};
 use crate::monitor::Monitor;
 use crate::rebuild::Suspicion;
-use bateleur_host::partition::attached_channels;
+use bateleur_host::partition::shared_channels;
 use bateleur_plan::ModuleError;
 use bateleur_system::time::now_ns;
 
@@ -89,7 +89,7 @@ impl Monitor {
         let order = CleanupOrder {
             pid,
             user: dead.sandbox.own_user(),
-            channels: attached_channels(&self.plan, dead.sandbox.id),
+            channels: shared_channels(&self.plan, dead.sandbox.id),
             damaged: Vec::new(),
         };
         self.cleanups.add(place, member, order);

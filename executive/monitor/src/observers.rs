@@ -104,15 +104,20 @@ impl Observers {
         let start = self.start.as_ref().ok_or("this module has no publishers")?;
         let connection = ordered.connection.as_ref().ok_or("the connection could not be handed over")?;
         let source = channel_of(plan, module, port)?;
-        if !channels_of(plan, module).iter().any(|id| {
-            let found = plan[*id].source;
-            plan[found].operator && plan.port_path(found) == source
-        }) {
+        let channels = channels_of(plan, module).into_iter().map(|id| &plan[id]);
+        let mut operators = channels.filter(|channel| plan[channel.source].operator);
+        let Some(channel) = operators.find(|channel| plan.port_path(channel.source) == source) else {
             return Err(format!(
                 "{source} is its partition's to write: where the plan says `operator = true` of that port, the operator may"
             ));
-        }
-        if self.working.iter().filter(|one| one.publishes).count() >= MOST_PUBLISHERS {
+        };
+        let mut publishers = self.working.iter().filter(|one| one.publishes);
+        let busy = match channel.isolation.is_sealed() {
+            // Its memory has one writer.
+            true => publishers.any(|one| one.channels.contains(&source)),
+            false => publishers.count() >= MOST_PUBLISHERS,
+        };
+        if busy {
             return Ok(Answer::Busy); // one of them goes soon, as a rule
         }
         let channels = vec![source];

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, anyhow};
 use bateleur_apex::{SamplingDestination, SamplingSource, Time};
 use bateleur_contract::{Clock, ControlPage, Mapped};
 use bateleur_messages::{Field, Message};
-use bateleur_ports::{ChannelType, Domain};
+use bateleur_ports::{Channel, ChannelType, Domain, Handed};
 use bateleur_system::time::now_ns;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
@@ -39,6 +39,8 @@ struct Cost {
     copy: f64,
     read: f64,
     again: f64,
+    sealed_write: f64,
+    sealed_read: f64,
     raw_write: f64,
     raw_read: f64,
 }
@@ -64,6 +66,25 @@ pub(super) fn rows(settings: &Settings) -> Result<Vec<Row>> {
         let within = Reach::Times(1.2);
         rows.push(Row::measured(name("write in place"), "ns", cost.write, Some(cost.raw_write), within, raw));
         rows.push(Row::measured(name("read a new value"), "ns", cost.read, Some(cost.raw_read), within, raw));
+        let sealed = |what: &str| name(&format!("{what}, sealed channel"));
+        rows.push(Row::measured(
+            sealed("write in place"),
+            "ns",
+            cost.sealed_write,
+            Some(cost.raw_write),
+            Reach::Times(1.0),
+            raw,
+        ));
+        // A reader of a sealed channel copies, so what it costs grows with the size.
+        let within = if bytes <= 1024 { Reach::Times(1.2) } else { Reach::Stated };
+        rows.push(Row::measured(
+            sealed("read a new value"),
+            "ns",
+            cost.sealed_read,
+            Some(cost.raw_read),
+            within,
+            raw,
+        ));
         rows.push(Row::measured(
             name("write a copy"),
             "ns",
@@ -92,10 +113,42 @@ pub(super) fn rows(settings: &Settings) -> Result<Vec<Row>> {
     Ok(rows)
 }
 
-/// Both kinds of port on one channel each, in a domain of its own.
-struct Bed<const N: usize> {
+/// The two ports of a channel.
+struct Ends<const N: usize> {
     source: SamplingSource<Block<N>>,
     destination: SamplingDestination<Block<N>>,
+}
+
+impl<const N: usize> Ends<N> {
+    fn of(kind: &ChannelType, channel: &Channel, time: &Time) -> Result<Self> {
+        let source = SamplingSource::new(Some(Rc::new(kind.writer(channel)?)), time.clone());
+        let reader = Rc::new(kind.reader(channel)?);
+        let destination = SamplingDestination::new(Some(reader), u64::MAX, time.clone());
+        Ok(Self { source, destination })
+    }
+
+    /// Write, read, read again.
+    fn in_place(&mut self) -> [u64; 3] {
+        let mut sums = [0; 3];
+        for number in 0..BATCH {
+            let begun = now_ns();
+            self.source.write_in_place(|block| block.0[0] = number as u8);
+            let written = now_ns();
+            let first = self.destination.read().map(|reading| reading.value.0[0]);
+            let read = now_ns();
+            let second = self.destination.read().map(|reading| reading.value.0[0]);
+            let again = now_ns();
+            std::hint::black_box((first, second));
+            add(&mut sums, [written - begun, read - written, again - read]);
+        }
+        sums
+    }
+}
+
+/// Both kinds of port on one channel each, in a domain of its own.
+struct Bed<const N: usize> {
+    shared: Ends<N>,
+    sealed: Ends<N>,
     publisher: Publisher<ipc::Service, [u8], bateleur_ports::Stamp>,
     subscriber: Subscriber<ipc::Service, [u8], bateleur_ports::Stamp>,
     time: Time,
@@ -140,9 +193,8 @@ impl<const N: usize> Bed<N> {
             spare_readers: 0,
         };
         let channel = kind.create(&node)?;
-        let source = SamplingSource::new(Some(Rc::new(kind.writer(&channel)?)), time.clone());
-        let destination =
-            SamplingDestination::new(Some(Rc::new(kind.reader(&channel)?)), u64::MAX, time.clone());
+        let shared = Ends::of(&kind, &channel, &time)?;
+        let sealed = Ends::of(&kind, &Channel::Sealed(Handed::alone(&kind, false)?), &time)?;
         let raw = |error: &dyn std::fmt::Debug| anyhow!("the library alone: {error:?}");
         let mut config = Config::default();
         let root = folder.join("raw").display().to_string();
@@ -165,40 +217,25 @@ impl<const N: usize> Bed<N> {
         let publisher = service.publisher_builder().initial_max_slice_len(N).max_loaned_samples(1);
         let publisher = publisher.create().map_err(|error| raw(&error))?;
         let subscriber = service.subscriber_builder().create().map_err(|error| raw(&error))?;
-        Ok(Self { source, destination, publisher, subscriber, time, value: Box::new(Block([0; N])) })
+        Ok(Self { shared, sealed, publisher, subscriber, time, value: Box::new(Block([0; N])) })
     }
 
     fn measure(&mut self, batches: usize) -> Cost {
-        let mut all: [Vec<f64>; 6] = Default::default();
+        let mut all: [Vec<f64>; 8] = Default::default();
         let look = clock_cost();
         for batch in 0..batches + 1 {
-            let sums = [self.ours_in_place(), self.ours_copied(), self.raw()];
+            let [shared, copied, sealed, raw] =
+                [self.shared.in_place(), self.ours_copied(), self.sealed.in_place(), self.raw()];
             if batch == 0 {
                 continue; // everything is cold
             }
             let each = |ns: u64| (ns as f64 / f64::from(BATCH) - look).max(0.0);
-            let costs = [sums[0][0], sums[1][0], sums[0][1], sums[0][2], sums[2][0], sums[2][1]];
+            let costs = [shared[0], copied[0], shared[1], shared[2], sealed[0], sealed[1], raw[0], raw[1]];
             all.iter_mut().zip(costs).for_each(|(list, ns)| list.push(each(ns)));
         }
-        let [write, copy, read, again, raw_write, raw_read] = all.map(|list| median(&list).unwrap_or(0.0));
-        Cost { write, copy, read, again, raw_write, raw_read }
-    }
-
-    /// Write, read, read again.
-    fn ours_in_place(&mut self) -> [u64; 3] {
-        let mut sums = [0; 3];
-        for number in 0..BATCH {
-            let begun = now_ns();
-            self.source.write_in_place(|block| block.0[0] = number as u8);
-            let written = now_ns();
-            let first = self.destination.read().map(|reading| reading.value.0[0]);
-            let read = now_ns();
-            let second = self.destination.read().map(|reading| reading.value.0[0]);
-            let again = now_ns();
-            std::hint::black_box((first, second));
-            add(&mut sums, [written - begun, read - written, again - read]);
-        }
-        sums
+        let [write, copy, read, again, sealed_write, sealed_read, raw_write, raw_read] =
+            all.map(|list| median(&list).unwrap_or(0.0));
+        Cost { write, copy, read, again, sealed_write, sealed_read, raw_write, raw_read }
     }
 
     fn ours_copied(&mut self) -> [u64; 3] {
@@ -206,9 +243,9 @@ impl<const N: usize> Bed<N> {
         for number in 0..BATCH {
             self.value.0[0] = number as u8;
             let begun = now_ns();
-            self.source.write(&self.value);
+            self.shared.source.write(&self.value);
             let written = now_ns();
-            std::hint::black_box(self.destination.read().map(|reading| reading.value.0[0]));
+            std::hint::black_box(self.shared.destination.read().map(|reading| reading.value.0[0]));
             add(&mut sums, [written - begun, 0, 0]);
         }
         sums

@@ -95,10 +95,15 @@ const FIRST_FILE: i32 = 3;
 /// The same behind the recorder's log, its place, and the message types.
 const RECORDERS_FILES: i32 = FIRST_FILE + 3;
 
-/// Opens the sealed channels of an order for looking, and says in the order where each is.
-fn hand_over(mut order: Order, sealed: &SealedChannels, handover: &mut Handover) -> std::io::Result<Order> {
+/// Opens the sealed channels of an order for whoever is at that end, and says in the order where each is.
+fn hand_over(
+    mut order: Order,
+    end: End,
+    sealed: &SealedChannels,
+    handover: &mut Handover,
+) -> std::io::Result<Order> {
     for channel in &mut order.channels {
-        channel.sealed = sealed.hand(&channel.name, End::Observer, handover)?;
+        channel.sealed = sealed.hand(&channel.name, end, handover)?;
     }
     Ok(order)
 }
@@ -338,7 +343,7 @@ impl Base {
         without: &[String],
     ) -> std::io::Result<Recorder> {
         let mut handover = Handover::from(RECORDERS_FILES);
-        let order = hand_over(order.clone(), sealed, &mut handover)?;
+        let order = hand_over(order.clone(), End::Observer, sealed, &mut handover)?;
         let order = RecorderOrder { order, without: without.to_vec(), part };
         let arguments = ["recorder".into(), serde_json::to_string(&order)?];
         let path = part_of(path, part);
@@ -394,14 +399,14 @@ impl Base {
     ) -> Result<StartObserver, RunError> {
         let copy = self.copy()?;
         Ok(Box::new(move |work, connection| {
-            let (verb, channels) = match work {
-                Work::Watch(channels) => ("observer", channels),
-                Work::Publish { channels, .. } => ("publisher", channels),
+            let (verb, channels, end) = match work {
+                Work::Watch(channels) => ("observer", channels, End::Observer),
+                Work::Publish { channels, .. } => ("publisher", channels, End::Source),
             };
             let wanted = |channel: &&OrderedChannel| channels.contains(&channel.source);
             let channels = order.channels.iter().filter(wanted).cloned().collect();
             let mut handover = Handover::from(FIRST_FILE);
-            let order = hand_over(Order { channels, ..order.clone() }, &sealed, &mut handover)?;
+            let order = hand_over(Order { channels, ..order.clone() }, end, &sealed, &mut handover)?;
             let order = serde_json::to_string(&order)?;
             let files: Vec<BorrowedFd<'_>> = handover.files().collect();
             let lines = Lines { output: Some(connection), files: &files, ..Lines::default() };

@@ -63,8 +63,10 @@ closed! {
 
 closed! {
     /// What a channel's ends can do to each other.
+    #[derive(Default)]
     Isolation, "isolation" {
         /// They share its memory: who writes nonsense there may end the others.
+        #[default]
         Shared = "shared",
         /// Each reads what the other alone can write.
         Sealed = "sealed",
@@ -83,13 +85,6 @@ impl Isolation {
     /// What a plan says that says nothing.
     pub(crate) fn is_default(&self) -> bool {
         !self.is_sealed()
-    }
-}
-
-// What was compiled, or agreed upon with another host, before there was a choice.
-impl Default for Isolation {
-    fn default() -> Self {
-        Self::Shared
     }
 }
 

@@ -170,7 +170,7 @@ pub(super) struct Ports {
 
 /// The own end of a channel.
 enum Port {
-    SamplingOut { port: RawSamplingDestination, again: bool },
+    SamplingOut { port: Box<RawSamplingDestination>, again: bool },
     QueuingOut(RawQueuingDestination),
     SamplingIn(RawSamplingSource),
     QueuingIn(RawQueuingSource),
@@ -182,7 +182,7 @@ impl Port {
         let (port, bytes) = match (channel.kind, channel.outgoing) {
             (PortKind::Sampling, true) => {
                 let (port, bytes) = context.raw_sampling_destination(name)?;
-                (Self::SamplingOut { port, again: true }, bytes)
+                (Self::SamplingOut { port: Box::new(port), again: true }, bytes)
             }
             (PortKind::Queuing, true) => {
                 let (port, bytes) = context.raw_queuing_destination(name)?;

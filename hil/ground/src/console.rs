@@ -11,9 +11,9 @@ use bateleur_messages::hil::Protocol;
 use bateleur_messages::hil::{PILOT_STAND_BY, PILOT_TAKE_OFF};
 use bateleur_messages::telemetry::{
     ACCEPTED, Acknowledge, HealthText, NAVIGATION_ABORTED, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED,
-    NAVIGATION_LINK_LOST, NAVIGATION_LOITER, NAVIGATION_ON, NAVIGATION_OUTSIDE, NAVIGATION_PROTECTION_SHIFT,
-    NAVIGATION_RETURN, NAVIGATION_TAKE_OFF, NOT_UNDERSTOOD, Navigation, Primary, Refusal, StateTelemetry,
-    Telemetry,
+    NAVIGATION_LANDED, NAVIGATION_LANDING, NAVIGATION_LINK_LOST, NAVIGATION_LOITER, NAVIGATION_ON,
+    NAVIGATION_OUTSIDE, NAVIGATION_PROTECTION_SHIFT, NAVIGATION_RETURN, NAVIGATION_TAKE_OFF, NOT_UNDERSTOOD,
+    Navigation, Primary, Refusal, StateTelemetry, Telemetry,
 };
 use std::fmt::Write;
 use thiserror::Error;
@@ -33,7 +33,7 @@ loop NAME TARGET                  one loop with its target, in m, m/s, rad, rad/
                                   roll_angle roll_rate pitch_rate airspeed altitude climb_rate heading
                                   axial lateral normal
 loop NAME off
-fly go_on|take_off|loiter|return|abort
+fly go_on|take_off|loiter|return|land|abort
                                   in place of mission and loops; take_off standing, then `autopilot on`
 pilot take-off|stand-by           call the simulated safety pilot
 parameters [BEGINNING]            what can be read and set of the functions, such as CTL or CTL_BANK
@@ -286,7 +286,7 @@ fn single_loop(words: &[&str]) -> Result<Order, ConsoleError> {
 fn manoeuvre(words: &[&str]) -> Result<Order, ConsoleError> {
     let usage = ConsoleError::Usage {
         command: "fly",
-        wanted: "go_on, take_off, loiter, return or abort",
+        wanted: "go_on, take_off, loiter, return, land or abort",
         example: "fly loiter",
     };
     let [name] = words else { return Err(usage) };
@@ -496,6 +496,8 @@ fn describe_navigation(n: &Navigation) -> String {
             flag(NAVIGATION_ABORTED, ", take-off given up"),
             flag(NAVIGATION_LOITER, ", circling"),
             flag(NAVIGATION_RETURN, ", flying back"),
+            flag(NAVIGATION_LANDING, ", landing"),
+            flag(NAVIGATION_LANDED, ", landed"),
             flag(NAVIGATION_LINK_LOST, ", because the ground is silent"),
             flag(NAVIGATION_OUTSIDE, ", OUTSIDE of the fence"),
             flag(u32::MAX << NAVIGATION_PROTECTION_SHIFT, ", limits reached"),

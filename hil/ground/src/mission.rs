@@ -15,8 +15,8 @@ use bateleur_messages::ground::{EstimatorOrder, Manoeuvre, Order, SENSOR_GYROSCO
 use bateleur_messages::hil::{PILOT_TAKE_OFF, PilotOrder};
 use bateleur_messages::state::{STATUS_COARSE, STATUS_DISABLED, STATUS_RUNNING};
 use bateleur_messages::telemetry::{
-    Acknowledge, NAVIGATION_ABORTED, NAVIGATION_FINISHED, NAVIGATION_LINK_LOST, NAVIGATION_OUTSIDE,
-    NAVIGATION_RETURN, NOT_UNDERSTOOD, Navigation, Refusal, StateTelemetry, Telemetry,
+    Acknowledge, NAVIGATION_ABORTED, NAVIGATION_FINISHED, NAVIGATION_LANDED, NAVIGATION_LINK_LOST,
+    NAVIGATION_OUTSIDE, NAVIGATION_RETURN, NOT_UNDERSTOOD, Navigation, Refusal, StateTelemetry, Telemetry,
 };
 
 const SECOND_NS: u64 = 1_000_000_000;
@@ -36,6 +36,10 @@ const GROUNDED_M: f64 = 3.0;
 const GROUNDED_MPS: f64 = 6.0;
 const STANDING_MPS: f64 = 2.0;
 const GROUNDED_NS: u64 = 5 * SECOND_NS;
+/// The same for one that is to be there.
+const LANDED_NS: u64 = 15 * SECOND_NS;
+/// After a landing it stands below this, m/s.
+const STOPPED_MPS: f64 = 1.0;
 
 /// The Controller's parameter for the laps.
 const LAPS: &str = "CTL_LAPS";
@@ -133,7 +137,11 @@ impl Mission {
     fn run(&mut self, link: &mut Link, pilot: &mut dyn Pilot) -> Result<(), LinkError> {
         self.read(link)?;
         while self.outcome == Outcome::Running && self.is_done(pilot) {
-            self.enter(following(self.phase), pilot);
+            let next = match following(self.phase) {
+                Phase::Land if !self.plan.landing => Phase::End,
+                next => next,
+            };
+            self.enter(next, pilot);
         }
         if self.outcome == Outcome::Running {
             self.repair();
@@ -241,6 +249,7 @@ impl Mission {
             Phase::OrderTakeOff => self.call_pilot(pilot),
             Phase::Climb if self.plan.own_take_off => self.request(Order::Autopilot { on: true }),
             Phase::Engage => self.request(Order::Autopilot { on: true }),
+            Phase::Land => self.request(Order::Manoeuvre { what: Manoeuvre::Land, link_lost: false }),
             Phase::End => self.outcome = Outcome::Finished,
             _ => {}
         }
@@ -285,6 +294,7 @@ impl Mission {
             Phase::Engage => !self.retry_queue.is_pending(b'A'),
             Phase::Watch => self.laps_are_flown(),
             Phase::Loiter => self.in_phase_ns() as f64 >= self.plan.loiter_s * 1e9,
+            Phase::Land => self.stands(),
             Phase::End => false,
         }
     }
@@ -339,6 +349,15 @@ impl Mission {
                     .to_owned(),
             );
         }
+    }
+
+    /// The Controller has landed, and the aircraft moves no more.
+    fn stands(&self) -> bool {
+        let settled_ns = self.retry_queue.settled_ns(b'F');
+        let landed = self.board.navigation.is_some_and(|navigation| {
+            navigation.message.time_ns > settled_ns && navigation.message.flags & NAVIGATION_LANDED != 0
+        });
+        landed && self.fresh_ground_speed_mps().is_some_and(|speed| speed < STOPPED_MPS)
     }
 
     /// The Controller may have been told other laps by its plan, and has finished then; but not those of an order of ours.
@@ -410,7 +429,9 @@ impl Mission {
     fn check_limits(&mut self) {
         let in_mission_ns = self.now_ns.saturating_sub(self.started_ns.unwrap_or(self.now_ns));
         let limit_s = limit_s(self.phase);
-        if in_mission_ns as f64 > self.plan.time_limit_s * 1e9 {
+        // A landing has a limit of its own, and is not cut off by that of the laps.
+        let over = in_mission_ns as f64 > self.plan.time_limit_s * 1e9;
+        if over && self.phase != Phase::Land {
             let (phase, limit) = (self.phase, self.plan.time_limit_s);
             let why = self.kept_from();
             self.fail(format!("the mission's time limit of {limit} s is over while {phase}{why}"));
@@ -492,12 +513,15 @@ impl Mission {
         let low = self.board.altitude_m().is_some_and(|height| height < GROUNDED_M);
         let slow = self.board.airspeed_mps().is_some_and(|speed| speed < GROUNDED_MPS);
         let stands = self.fresh_ground_speed_mps().is_some_and(|speed| speed < STANDING_MPS);
-        if !(low && (slow || stands) && self.phase >= Phase::Engage) {
+        // Who lands is on the ground before he says so.
+        let patience_ns = if self.phase == Phase::Land { LANDED_NS } else { GROUNDED_NS };
+        let landed = self.flags & NAVIGATION_LANDED != 0;
+        if !(low && (slow || stands) && self.phase >= Phase::Engage) || landed {
             self.grounded_since_ns = None;
             return;
         }
         let since_ns = *self.grounded_since_ns.get_or_insert(self.now_ns);
-        if self.now_ns.saturating_sub(since_ns) >= GROUNDED_NS {
+        if self.now_ns.saturating_sub(since_ns) >= patience_ns {
             self.fail(format!("the aircraft came down while {}", self.phase));
         }
     }
@@ -536,7 +560,8 @@ fn following(phase: Phase) -> Phase {
         Phase::Climb => Phase::Engage,
         Phase::Engage => Phase::Watch,
         Phase::Watch => Phase::Loiter,
-        Phase::Loiter | Phase::End => Phase::End,
+        Phase::Loiter => Phase::Land,
+        Phase::Land | Phase::End => Phase::End,
     }
 }
 
@@ -552,6 +577,7 @@ fn limit_s(phase: Phase) -> Option<u64> {
         | Phase::OrderTakeOff
         | Phase::Engage => Some(15),
         Phase::AwaitEstimator | Phase::Climb => Some(90),
+        Phase::Land => Some(600),
         Phase::Watch | Phase::Loiter | Phase::End => None,
     }
 }
@@ -564,6 +590,7 @@ fn waiting_for(phase: Phase) -> &'static str {
         Phase::OrderTakeOff => "the safety pilot does not echo the order; does the simulator run?",
         Phase::Climb => "the aircraft does not rise to the height at which the autopilot is engaged",
         Phase::Engage => "Controller and Servo have not both acknowledged the autopilot",
+        Phase::Land => "the aircraft has not come to a standstill on the runway",
         _ => "no acknowledgement came",
     }
 }

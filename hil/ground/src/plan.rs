@@ -20,6 +20,8 @@ pub struct MissionPlan {
     pub engage_altitude_m: f64,
     /// The autopilot takes off by itself, instead of the safety pilot.
     pub own_take_off: bool,
+    /// The aircraft lands after the laps; otherwise the mission ends in flight.
+    pub landing: bool,
     /// Flight after the last way-point before the mission ends, s.
     pub loiter_s: f64,
     /// Longest time from the first step to the end, s.
@@ -101,6 +103,8 @@ struct RawPlan {
     engage_altitude_m: f64,
     #[serde(default)]
     take_off: TakeOff,
+    #[serde(default)]
+    landing: bool,
     #[serde(default = "loiter_s")]
     loiter_s: f64,
     #[serde(default = "time_limit_s")]
@@ -167,6 +171,7 @@ impl MissionPlan {
             laps: laps() as u32,
             engage_altitude_m: engage_altitude_m(),
             own_take_off: false,
+            landing: false,
             loiter_s: loiter_s(),
             time_limit_s: time_limit_s(),
         }
@@ -212,6 +217,7 @@ impl MissionPlan {
             laps: raw.laps as u32, // 1 to 1000
             engage_altitude_m: raw.engage_altitude_m,
             own_take_off: raw.take_off == TakeOff::Autopilot,
+            landing: raw.landing,
             loiter_s: raw.loiter_s,
             time_limit_s: raw.time_limit_s,
         })

@@ -29,6 +29,8 @@ pub enum Phase {
     Watch,
     /// The laps are flown.
     Loiter,
+    /// Landing.
+    Land,
     /// Over.
     End,
 }
@@ -49,6 +51,7 @@ impl Phase {
             Self::Engage => "engaging the autopilot",
             Self::Watch => "flying the laps",
             Self::Loiter => "laps flown",
+            Self::Land => "landing",
             Self::End => "over",
         }
     }

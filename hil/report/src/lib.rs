@@ -29,6 +29,7 @@ pub mod summary;
 pub mod text;
 pub mod timeline;
 pub mod timing;
+pub mod touchdown;
 pub use bateleur_recording::windows;
 
 pub use error::ReportError;

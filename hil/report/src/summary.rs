@@ -11,6 +11,7 @@ use crate::planned::Planned;
 use crate::run::{Clock, Guarantee, Run};
 use crate::score::{self, EstimatorScores, Scores};
 use crate::timing::Percentiles;
+use crate::touchdown::Touchdown;
 use bateleur_flight::guidance::waypoints_to_reach;
 use bateleur_messages::ActuatorCommand;
 use bateleur_simulator::truth::TruthRecord;
@@ -82,6 +83,9 @@ pub struct Conditions {
     pub height_max_m: Option<f64>,
     /// The aircraft was lost.
     pub crashed: bool,
+    /// Its landing, if it ends with one.
+    #[serde(default)]
+    pub touchdown: Option<Touchdown>,
 }
 
 /// Who says that way-points were reached.
@@ -246,7 +250,7 @@ impl Analysis {
             scores: score::scores(flight, &self.passages, &self.planned, &self.believed),
             corner_radii_m: self.planned.radii_m(),
             estimator: score::estimator_scores(flight, &self.passages, &self.believed),
-            conditions: conditions(flight),
+            conditions: conditions(flight, &self.believed),
             windows: timing.granted,
             skipped_windows: timing.skipped,
             late_windows: timing.late,
@@ -389,7 +393,7 @@ fn digest(truth: &[TruthRecord]) -> Option<String> {
     (!truth.is_empty()).then(|| hasher.finalize().to_hex().to_string())
 }
 
-fn conditions(flight: &Flight) -> Conditions {
+fn conditions(flight: &Flight, believed: &Believed) -> Conditions {
     let asked = flight.conditions.as_ref();
     let mut found = Conditions {
         airframe: asked.map(|asked| asked.airframe.clone()).unwrap_or_default(),
@@ -398,6 +402,7 @@ fn conditions(flight: &Flight) -> Conditions {
         variation: asked.map(|asked| asked.variation.clone()).unwrap_or_default(),
         wind_asked_mps: asked.map_or(0.0, |asked| asked.wind_mps),
         crashed: flight.truth.iter().any(|record| record.crashed != 0),
+        touchdown: Touchdown::of(&flight.truth, believed),
         ..Conditions::default()
     };
     let airborne: Vec<_> = flight.truth.iter().filter(|record| record.on_ground == 0).collect();

@@ -274,6 +274,16 @@ fn air(summary: &Summary) -> Table {
         row("slowest airspeed", number(air.airspeed_min_mps, "m/s")),
         row("greatest cross-track", number(summary.scores.cross_track_max_m, "m")),
     ];
+    let landing = air.touchdown.iter().flat_map(|touchdown| {
+        let aside = if touchdown.across_m < 0.0 { "left" } else { "right" };
+        let place = format!("{:.0} m along, {:.1} m {aside}", touchdown.along_m, touchdown.across_m.abs());
+        [
+            row("touch-down, sink", number(Some(touchdown.sink_mps), "m/s")),
+            row("touch-down, place", place),
+            row("touch-down, speed", number(Some(touchdown.speed_mps), "m/s")),
+        ]
+    });
+    let rows = rows.into_iter().chain(landing).collect();
     Table { heading: "aircraft and air", columns: Vec::new(), rows, note: None }
 }
 

@@ -375,9 +375,10 @@ fn on_silence(context: &mut Context) -> Result<OnSilence, StartError> {
         "none" => None,
         "loiter" => Some(Manoeuvre::Loiter),
         "return" => Some(Manoeuvre::Return),
+        "land" => Some(Manoeuvre::Land),
         other => {
             return Err(StartError::Other(format!(
-                "attribute lost_link = \"{other}\": give \"none\", \"loiter\" or \"return\""
+                "attribute lost_link = \"{other}\": give \"none\", \"loiter\", \"return\" or \"land\""
             )));
         }
     };
@@ -442,6 +443,7 @@ fn numbers(context: &mut Context, baud: u32) -> Result<Numbers, StartError> {
         lost_link: match silence.order {
             None => 0,
             Some(Manoeuvre::Loiter) => 1,
+            Some(Manoeuvre::Land) => 3,
             Some(_) => 2,
         },
         lost_link_after_s: silence.after_ns as f64 * 1e-9,

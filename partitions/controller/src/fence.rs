@@ -2,6 +2,7 @@
 //!
 //! Responsible for the verdict, and for where to fly then. It judges the estimated position, and only while the autopilot flies.
 
+use bateleur_flight::control::landing::LandingConfig;
 use bateleur_flight::estimator::NavigationState;
 use nalgebra::Vector2;
 
@@ -10,6 +11,9 @@ const ABOVE_FLOOR_M: f64 = 5.0;
 /// Heights are kept so far inside, m, and circles so many of their radii.
 const INSIDE_M: f64 = 10.0;
 const INSIDE_RADII: f64 = 2.5;
+/// What an approach needs beside its glide slope, m, and the least height that it begins at, m.
+const LEVEL_ROOM_M: f64 = 300.0;
+const LEAST_APPROACH_M: f64 = 25.0;
 
 /// What is done where it is left.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -57,6 +61,14 @@ impl Fence {
         let least = self.floor_m.map_or(f64::NEG_INFINITY, |floor_m| floor_m + INSIDE_M);
         let most = self.ceiling_m.map_or(f64::INFINITY, |ceiling_m| ceiling_m - INSIDE_M);
         wanted_m.max(least).min(most)
+    }
+
+    /// Height (m) at which a final approach begins, for circles of `radius_m` beside it: lower where the fence is near, or there would
+    /// be no room for it.
+    pub fn approach_m(&self, landing: &LandingConfig, radius_m: f64) -> f64 {
+        let room_m =
+            self.radius_m.map_or(f64::INFINITY, |fence_m| fence_m - INSIDE_RADII * radius_m - LEVEL_ROOM_M);
+        landing.height_m.min((room_m * landing.slope_rad.tan()).max(LEAST_APPROACH_M))
     }
 
     /// A circle's centre within the fence, for circles of `radius_m`.

@@ -34,12 +34,14 @@ use bateleur_flight::guidance::{
     waypoints_to_reach,
 };
 use bateleur_flight::servo;
-use bateleur_messages::control::{TASK_ABORTED, TASK_CLIMBING, TASK_LOITER, TASK_RETURN, TASK_WAITING};
+use bateleur_messages::control::{
+    TASK_ABORTED, TASK_CLIMBING, TASK_LANDED, TASK_LANDING, TASK_LOITER, TASK_RETURN, TASK_WAITING,
+};
 use bateleur_messages::ground::{LoopId, Order};
 use bateleur_messages::telemetry::{
-    Loops, NAVIGATION_ABORTED, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED, NAVIGATION_LINK_LOST,
-    NAVIGATION_LOITER, NAVIGATION_ON, NAVIGATION_OUTSIDE, NAVIGATION_PROTECTION_SHIFT, NAVIGATION_RETURN,
-    NAVIGATION_TAKE_OFF, Navigation, Refusal,
+    Loops, NAVIGATION_ABORTED, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED, NAVIGATION_LANDED,
+    NAVIGATION_LANDING, NAVIGATION_LINK_LOST, NAVIGATION_LOITER, NAVIGATION_ON, NAVIGATION_OUTSIDE,
+    NAVIGATION_PROTECTION_SHIFT, NAVIGATION_RETURN, NAVIGATION_TAKE_OFF, Navigation, Refusal,
 };
 use bateleur_messages::{ActuatorCommand, FunctionStatus};
 use manoeuvre::{Task, Tasks};
@@ -212,6 +214,8 @@ impl Function {
                 | flag(task == TASK_RETURN, NAVIGATION_RETURN)
                 | flag((TASK_WAITING..=TASK_CLIMBING).contains(&task), NAVIGATION_TAKE_OFF)
                 | flag(task == TASK_ABORTED, NAVIGATION_ABORTED)
+                | flag(task == TASK_LANDING, NAVIGATION_LANDING)
+                | flag(task == TASK_LANDED, NAVIGATION_LANDED)
                 | flag(self.tasks.fence.outside, NAVIGATION_OUTSIDE)
                 | flag(self.tasks.link_lost, NAVIGATION_LINK_LOST)
                 | protected,

@@ -1,15 +1,15 @@
-//! What is flown in place of what was ordered before: a circle, the way back to the runway, a take-off.
+//! What is flown in place of what was ordered before: a circle, the way back to the runway, a take-off, a landing.
 //!
 //! Responsible for who may begin and end it: the ground, Command where the ground is silent, the fence. Outside of the fence nothing else is
 //! flown, and what the fence or a silent ground has begun goes on until the ground says otherwise.
 
-use bateleur_flight::control::LoopCommands;
 use bateleur_flight::control::takeoff::Phase;
+use bateleur_flight::control::{LoopCommands, landing};
 use bateleur_flight::estimator::NavigationState;
-use bateleur_flight::guidance::Motion;
+use bateleur_flight::guidance::{Finish, Motion};
 use bateleur_messages::control::{
-    TASK_ABORTED, TASK_CLIMBING, TASK_LOITER, TASK_LOOPS, TASK_MISSION, TASK_RETURN, TASK_ROLLING,
-    TASK_WAITING,
+    TASK_ABORTED, TASK_CLIMBING, TASK_LANDED, TASK_LANDING, TASK_LOITER, TASK_LOOPS, TASK_MISSION,
+    TASK_RETURN, TASK_ROLLING, TASK_WAITING,
 };
 use bateleur_messages::ground::Manoeuvre;
 use bateleur_messages::telemetry::Refusal;
@@ -33,6 +33,8 @@ pub(crate) enum Task {
     Loiter,
     /// A circle above the runway.
     Return,
+    /// A landing on it.
+    Land,
 }
 
 /// The task, and what belongs to it.
@@ -53,6 +55,7 @@ const BEGINS: u32 = 4;
 const LINK_LOST: u32 = 8;
 const OUTSIDE: u32 = 16;
 const ABOVE_FLOOR: u32 = 32;
+const LAND: u32 = 64;
 
 impl Tasks {
     /// As one number, to be kept.
@@ -60,6 +63,7 @@ impl Tasks {
         let on = |on: bool, bit: u32| if on { bit } else { 0 };
         on(self.task == Task::Loiter, LOITER)
             | on(self.task == Task::Return, RETURN)
+            | on(self.task == Task::Land, LAND)
             | on(self.begins, BEGINS)
             | on(self.link_lost, LINK_LOST)
             | on(self.fence.outside, OUTSIDE)
@@ -69,9 +73,10 @@ impl Tasks {
     /// The tasks again.
     pub(crate) fn from_bits(bits: u32) -> Self {
         let is = |bit: u32| bits & bit != 0;
-        let task = match (is(LOITER), is(RETURN)) {
-            (true, false) => Task::Loiter,
-            (false, true) => Task::Return,
+        let task = match (is(LOITER), is(RETURN), is(LAND)) {
+            (true, false, false) => Task::Loiter,
+            (false, true, false) => Task::Return,
+            (false, false, true) => Task::Land,
             _ => Task::Ordered,
         };
         let fence = FenceWatch { outside: is(OUTSIDE), above_floor: is(ABOVE_FLOOR) };
@@ -94,30 +99,54 @@ impl Function {
         let on_ground = matches!(
             self.controller.take_off_phase(),
             Some(Phase::Waiting | Phase::Rolling | Phase::Aborted)
-        );
+        ) || self.has_landed();
         match what {
             Manoeuvre::TakeOff if self.standing => {
                 self.controller.take_off(self.settings.take_off);
                 self.tasks.end();
             }
             Manoeuvre::TakeOff => return Answer::Refused(Refusal::NotStanding),
-            Manoeuvre::Abort if self.controller.abort_take_off() => {}
+            Manoeuvre::Abort if self.controller.abort_take_off() || self.controller.go_round() => {}
             Manoeuvre::Abort => return Answer::Refused(Refusal::NoTakeOff),
-            Manoeuvre::Loiter | Manoeuvre::Return if !self.orders.autopilot || on_ground => {
+            // Again, or too late to fly.
+            Manoeuvre::Land if self.tasks.task == Task::Land => {}
+            Manoeuvre::Loiter | Manoeuvre::Return | Manoeuvre::Land | Manoeuvre::GoOn
+                if self.has_landed() =>
+            {
+                return Answer::Refused(Refusal::NotFlying);
+            }
+            Manoeuvre::Loiter | Manoeuvre::Return | Manoeuvre::Land
+                if !self.orders.autopilot || on_ground =>
+            {
                 return Answer::Refused(Refusal::NotFlying);
             }
             // The fence has the last word, and a silent ground does not call an aircraft back that returns already.
             _ if self.tasks.fence.outside => return Answer::Refused(Refusal::OutsideFence),
-            Manoeuvre::Loiter if link_lost && self.tasks.task == Task::Return => {}
-            Manoeuvre::Loiter => self.tasks.begin(Task::Loiter, link_lost),
-            Manoeuvre::Return => self.tasks.begin(Task::Return, link_lost),
+            Manoeuvre::Loiter if link_lost && matches!(self.tasks.task, Task::Return | Task::Land) => {}
+            Manoeuvre::Return if link_lost && self.tasks.task == Task::Land => {}
+            Manoeuvre::Loiter => self.begin(Task::Loiter, link_lost),
+            Manoeuvre::Return => self.begin(Task::Return, link_lost),
+            Manoeuvre::Land => self.begin(Task::Land, link_lost),
             Manoeuvre::GoOn => self.go_on(),
         }
         Answer::Accepted
     }
 
+    fn begin(&mut self, task: Task, link_lost: bool) {
+        self.controller.end_landing();
+        self.tasks.begin(task, link_lost);
+    }
+
+    /// The ground holds the aircraft up after a landing.
+    fn has_landed(&self) -> bool {
+        self.controller.landing_phase().is_some_and(|phase| {
+            matches!(phase, landing::Phase::Touched | landing::Phase::Rolling | landing::Phase::Standing)
+        })
+    }
+
     /// Back to what was ordered.
     pub(crate) fn go_on(&mut self) {
+        self.controller.end_landing();
         if self.tasks.task != Task::Ordered {
             self.controller.guidance_mut().release();
             self.hold_altitude_m = None;
@@ -135,15 +164,23 @@ impl Function {
             return;
         }
         let fence = self.settings.fence;
-        if self.tasks.fence.look(&fence, state) {
+        let left = self.tasks.fence.look(&fence, state);
+        // A landing ends below any floor, and is not broken off.
+        if left && self.tasks.task != Task::Land {
             match fence.action {
                 FenceAction::None => {}
-                FenceAction::Loiter => self.tasks.begin(Task::Loiter, false),
-                FenceAction::Return => self.tasks.begin(Task::Return, false),
+                FenceAction::Loiter => self.begin(Task::Loiter, false),
+                FenceAction::Return => self.begin(Task::Return, false),
             }
         }
         if std::mem::take(&mut self.tasks.begins) {
             self.begin_circle(state);
+        }
+        // What the ground has ordered ends with the mission; the fence and a silent ground go on with theirs.
+        let over = self.tasks.task == Task::Ordered && self.controller.take_off_phase().is_none();
+        let lands = self.settings.guidance.finish == Finish::Land && self.orders.navigation;
+        if over && lands && self.is_finished(&self.controller.guidance().snapshot()) {
+            self.begin(Task::Land, false);
         }
     }
 
@@ -153,13 +190,17 @@ impl Function {
         let position = state.position.xy();
         let motion = Motion { position, velocity: state.velocity.xy(), wind: state.wind };
         let guidance = self.controller.guidance_mut();
+        let radius_m = guidance.corner_radius_m(&motion);
         match self.tasks.task {
             Task::Ordered => {}
+            Task::Land => self
+                .controller
+                .land(state, self.settings.fence.approach_m(&self.settings.control.landing, radius_m)),
             Task::Loiter if !outside => {
                 guidance.hold_here(&motion, fence.height_m(state.altitude_m()), cruise_mps);
             }
             Task::Loiter => {
-                let centre = fence.centre(&position, guidance.corner_radius_m(&motion));
+                let centre = fence.centre(&position, radius_m);
                 guidance.hold_at(&centre, &motion, fence.height_m(state.altitude_m()), cruise_mps);
             }
             Task::Return => {
@@ -185,6 +226,8 @@ impl Function {
             (Some(Phase::Rolling), _) => TASK_ROLLING,
             (Some(Phase::Climbing), _) => TASK_CLIMBING,
             (Some(Phase::Aborted), _) => TASK_ABORTED,
+            (None, Task::Land) if self.has_landed() => TASK_LANDED,
+            (None, Task::Land) => TASK_LANDING,
             (None, Task::Return) => TASK_RETURN,
             (None, Task::Loiter) => TASK_LOITER,
             (None, Task::Ordered) if holding => TASK_LOITER,

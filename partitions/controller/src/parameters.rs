@@ -111,10 +111,27 @@ static ROWS: &[Row<Settings>] = &[
     real!("CTL_ROLL_FAST", 4.0, 16.0, control.inner.roll_fast_pole),
     real!("CTL_ROLL_POLE", 1.0, 8.0, control.inner.roll_pole),
     real!("CTL_TAKEOFF_ALT", 20.0, 1_000.0, control.take_off_m),
-    Row::settable("CTL_FINISH", Kind::Choice, (0.0, 1.0), finish, |s, value| {
-        s.guidance.finish = if value == 0.0 { Finish::Loiter } else { Finish::Circuit };
+    Row::settable("CTL_FINISH", Kind::Choice, (0.0, 2.0), finish, |s, value| {
+        s.guidance.finish = match value {
+            0.0 => Finish::Loiter,
+            1.0 => Finish::Circuit,
+            _ => Finish::Land,
+        };
         true
     }),
+    real!("CTL_LAND_ALT", 25.0, 500.0, control.landing.height_m),
+    real!("CTL_LAND_SLOPE", 0.035, 0.14, control.landing.slope_rad),
+    // −1: against the wind.
+    Row::settable(
+        "CTL_RUNWAY",
+        Kind::Real,
+        (-1.0, 6.2832),
+        |s| Some(s.control.landing.course_rad.unwrap_or(-1.0)),
+        |s, value| {
+            s.control.landing.course_rad = (value >= 0.0).then_some(value);
+            true
+        },
+    ),
     // Where it may be, and how it leaves the ground: as the plan says.
     Row::fixed("CTL_TAKEOFF", Kind::Choice, |s| Some(f64::from(u8::from(s.take_off == Method::Launch)))),
     fixed!("CTL_RETURN_ALT", return_m),
@@ -195,6 +212,7 @@ fn finish(settings: &Settings) -> Option<f64> {
     Some(match settings.guidance.finish {
         Finish::Loiter => 0.0,
         Finish::Circuit => 1.0,
+        Finish::Land => 2.0,
     })
 }
 

@@ -3,6 +3,7 @@
 use bateleur_apex::{Attributes, StartError};
 use bateleur_flight::airframe::Airframe;
 use bateleur_flight::control::ControllerConfig;
+use bateleur_flight::control::landing::LandingConfig;
 use bateleur_flight::control::takeoff::Method;
 use bateleur_flight::guidance::{Corner, Finish, GuidanceConfig, Waypoint};
 
@@ -105,7 +106,7 @@ fn airframe(attributes: &mut Attributes) -> Result<Airframe, StartError> {
 fn guidance(attributes: &mut Attributes) -> Result<GuidanceConfig, StartError> {
     let corners = [("fillet", Corner::Fillet), ("fly_through", Corner::FlyThrough)];
     let corner = word(attributes, "path", "fillet", &corners)?;
-    let finishes = [("loiter", Finish::Loiter), ("circuit", Finish::Circuit)];
+    let finishes = [("loiter", Finish::Loiter), ("circuit", Finish::Circuit), ("land", Finish::Land)];
     let finish = word(attributes, "finish", "loiter", &finishes)?;
     let radius_m: Option<f64> = attributes.get("radius_m", None)?;
     if radius_m.is_some_and(|radius_m| !(10.0..=10_000.0).contains(&radius_m)) {
@@ -119,7 +120,20 @@ fn control(attributes: &mut Attributes) -> Result<ControllerConfig, StartError> 
     let usual = ControllerConfig::default();
     let cruise_mps = within(attributes, "cruise_mps", usual.cruise_mps, 10.0, 60.0)?;
     let take_off_m = within(attributes, "take_off_altitude_m", usual.take_off_m, 20.0, 1_000.0)?;
-    Ok(ControllerConfig { cruise_mps, take_off_m, ..usual })
+    let landing = landing(attributes)?;
+    Ok(ControllerConfig { cruise_mps, take_off_m, landing, ..usual })
+}
+
+fn landing(attributes: &mut Attributes) -> Result<LandingConfig, StartError> {
+    let usual = LandingConfig::default();
+    let height_m = within(attributes, "approach_altitude_m", usual.height_m, 25.0, 500.0)?;
+    let slope_deg = within(attributes, "glide_slope_deg", usual.slope_rad.to_degrees(), 2.0, 8.0)?;
+    let course_deg: Option<f64> = attributes.get("runway_deg", None)?;
+    if course_deg.is_some_and(|degrees| !(0.0..=360.0).contains(&degrees)) {
+        return Err(StartError::Other("attribute runway_deg: give 0 to 360 °, or leave it out".into()));
+    }
+    let course_rad = course_deg.map(f64::to_radians);
+    Ok(LandingConfig { height_m, slope_rad: slope_deg.to_radians(), course_rad })
 }
 
 /// Way-points of the plan: `[north m, east m, altitude m, heading °, airspeed m/s]` each.

@@ -18,6 +18,10 @@ pub const TASK_ROLLING: u32 = ActuatorCommand::TASK_ROLLING;
 pub const TASK_CLIMBING: u32 = ActuatorCommand::TASK_CLIMBING;
 /// [`ActuatorCommand::task`]: a take-off that was given up.
 pub const TASK_ABORTED: u32 = ActuatorCommand::TASK_ABORTED;
+/// [`ActuatorCommand::task`]: a landing, in the air.
+pub const TASK_LANDING: u32 = ActuatorCommand::TASK_LANDING;
+/// [`ActuatorCommand::task`]: the same on its wheels, and standing.
+pub const TASK_LANDED: u32 = ActuatorCommand::TASK_LANDED;
 
 /// [`ActuatorCommand::protection`]: the pitot is not believed, the airspeed is the one that lift tells.
 pub const PITOT_NOT_BELIEVED: u32 = 32;

@@ -111,13 +111,16 @@ pub enum Manoeuvre {
     Loiter = 2,
     /// Fly to the runway and circle above it.
     Return = 3,
-    /// Stop a take-off, as long as the wheels are on the ground.
+    /// Stop a take-off, as long as the wheels are on the ground; fly a landing round once more, as long as they are not.
     Abort = 4,
+    /// Land on the runway.
+    Land = 5,
 }
 
 impl Manoeuvre {
     /// All of them, in the order of their numbers.
-    pub const ALL: [Self; 5] = [Self::GoOn, Self::TakeOff, Self::Loiter, Self::Return, Self::Abort];
+    pub const ALL: [Self; 6] =
+        [Self::GoOn, Self::TakeOff, Self::Loiter, Self::Return, Self::Abort, Self::Land];
 
     /// The name that a person types.
     pub fn name(self) -> &'static str {
@@ -127,6 +130,7 @@ impl Manoeuvre {
             Self::Loiter => "loiter",
             Self::Return => "return",
             Self::Abort => "abort",
+            Self::Land => "land",
         }
     }
 }

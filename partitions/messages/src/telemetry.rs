@@ -46,6 +46,10 @@ pub const NAVIGATION_ABORTED: u32 = 64;
 pub const NAVIGATION_OUTSIDE: u32 = 128;
 /// [`Navigation::flags`]: what it does it does because the ground is silent.
 pub const NAVIGATION_LINK_LOST: u32 = 256;
+/// [`Navigation::flags`]: it lands, and is in the air yet.
+pub const NAVIGATION_LANDING: u32 = 512;
+/// [`Navigation::flags`]: it has landed, and rolls or stands.
+pub const NAVIGATION_LANDED: u32 = 1024;
 /// [`Navigation::flags`]: the limits begin with this bit.
 pub const NAVIGATION_PROTECTION_SHIFT: u32 = 16;
 

@@ -97,6 +97,9 @@ pub struct Arguments {
     /// Who takes off, instead of what the mission says: the simulator's safety pilot (`pilot`), or the aircraft by itself (`autopilot`).
     #[arg(long, value_name = "WHO", value_parser = ["pilot", "autopilot"])]
     pub(crate) take_off: Option<String>,
+    /// Land after the laps, and fly until the aircraft stands; as `landing = true` in the mission.
+    #[arg(long)]
+    pub(crate) land: bool,
     /// What module and simulator speak: native, mavlink (over UDP), mavlink-tcp; instead of what the plan says.
     #[arg(long, value_name = "NAME")]
     pub(crate) protocol: Option<Protocol>,
@@ -322,6 +325,7 @@ pub(crate) fn read_mission(arguments: &Arguments, plan: &Plan) -> Result<Mission
     if let Some(path) = &arguments.mission {
         let mut mission = MissionPlan::from_file(path)?;
         mission.own_take_off = own_take_off.unwrap_or(mission.own_take_off);
+        mission.landing |= arguments.land;
         let our_pilot = !arguments.no_simulator && !mission.own_take_off;
         if our_pilot && mission.engage_altitude_m > LEVEL_OFF_M {
             bail!(
@@ -339,7 +343,7 @@ pub(crate) fn read_mission(arguments: &Arguments, plan: &Plan) -> Result<Mission
     });
     let thesis = MissionPlan::thesis();
     let own_take_off = own_take_off.unwrap_or(thesis.own_take_off);
-    Ok(MissionPlan { laps: laps.unwrap_or(thesis.laps), own_take_off, ..thesis })
+    Ok(MissionPlan { laps: laps.unwrap_or(thesis.laps), own_take_off, landing: arguments.land, ..thesis })
 }
 
 fn attribute<'a>(plan: &'a Plan, program: &str, name: &str) -> Option<&'a Attribute> {

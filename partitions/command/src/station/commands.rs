@@ -78,6 +78,7 @@ impl Commands {
             MavCmd::MAV_CMD_NAV_TAKEOFF => {
                 Some(vec![manoeuvre(Manoeuvre::TakeOff), Order::Autopilot { on: true }])
             }
+            MavCmd::MAV_CMD_NAV_LAND => Some(vec![manoeuvre(Manoeuvre::Land)]),
             MavCmd::MAV_CMD_NAV_LOITER_UNLIM => Some(vec![manoeuvre(Manoeuvre::Loiter)]),
             MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH => Some(vec![manoeuvre(Manoeuvre::Return)]),
             MavCmd::MAV_CMD_PREFLIGHT_CALIBRATION => calibration(command).map(|sensors| vec![sensors]),

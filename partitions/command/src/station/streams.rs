@@ -17,8 +17,9 @@ use bateleur_messages::control::PITOT_NOT_BELIEVED;
 use bateleur_messages::state::STATUS_COARSE;
 use bateleur_messages::telemetry::{
     GpsTelemetry, ImuTelemetry, NAVIGATION_ABORTED, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED,
-    NAVIGATION_LOITER, NAVIGATION_ON, NAVIGATION_OUTSIDE, NAVIGATION_PROTECTION_SHIFT, NAVIGATION_RETURN,
-    NAVIGATION_TAKE_OFF, Navigation, Primary, ServoTelemetry, StateTelemetry, Telemetry, Voltages,
+    NAVIGATION_LANDED, NAVIGATION_LANDING, NAVIGATION_LOITER, NAVIGATION_ON, NAVIGATION_OUTSIDE,
+    NAVIGATION_PROTECTION_SHIFT, NAVIGATION_RETURN, NAVIGATION_TAKE_OFF, Navigation, Primary, ServoTelemetry,
+    StateTelemetry, Telemetry, Voltages,
 };
 use bateleur_messages::{SimulatorLink, State};
 
@@ -382,11 +383,13 @@ impl Streams {
             (NAVIGATION_LOITER, "it circles", "the circle is left"),
             (NAVIGATION_RETURN, "it flies back to the runway", "it flies back no more"),
             (NAVIGATION_TAKE_OFF, "taking off", "the take-off is over"),
+            (NAVIGATION_LANDING, "landing", ""),
+            (NAVIGATION_LANDED, "landed", ""),
             (PITOT_NOT_BELIEVED << NAVIGATION_PROTECTION_SHIFT, "", "the pitot is believed again"),
         ] {
             match turned(bit) {
                 (true, false) if !on.is_empty() => out.text(MavSeverity::MAV_SEVERITY_NOTICE, on),
-                (false, true) => out.text(MavSeverity::MAV_SEVERITY_NOTICE, off),
+                (false, true) if !off.is_empty() => out.text(MavSeverity::MAV_SEVERITY_NOTICE, off),
                 _ => {}
             }
         }

@@ -3,14 +3,16 @@
 //! Any number may come back: what goes on from it checks it first (see [`Controller::resume`](super::Controller::resume)).
 
 use super::inner::InnerLoops;
-use super::{Channels, ControllerSnapshot, References, airspeed, takeoff};
+use super::{Channels, ControllerSnapshot, References, airspeed, landing, takeoff};
 use crate::guidance::{GuidanceSnapshot, PATH_NUMBERS};
 use crate::servo::ActuatorCommand;
 
 /// Four integrators, four references, four actuators, airspeed and its reserve, four channels.
 const LOOPS: usize = 18;
-/// The loops, the take-off, the pitot, the path.
-pub const NUMBERS: usize = LOOPS + takeoff::NUMBERS + airspeed::NUMBERS + PATH_NUMBERS;
+/// The loops, the take-off, the landing, the pitot, the path.
+pub const NUMBERS: usize = LOOPS + takeoff::NUMBERS + landing::NUMBERS + airspeed::NUMBERS + PATH_NUMBERS;
+const LANDING: usize = LOOPS + takeoff::NUMBERS;
+const PITOT: usize = LANDING + landing::NUMBERS;
 
 impl ControllerSnapshot {
     /// All but the place in the mission.
@@ -20,8 +22,10 @@ impl ControllerSnapshot {
         let mut numbers = [0.0; NUMBERS];
         let (loops, path) = numbers.split_at_mut(NUMBERS - PATH_NUMBERS);
         let (loops, take_off) = loops.split_at_mut(LOOPS);
-        let (take_off, pitot) = take_off.split_at_mut(takeoff::NUMBERS);
+        let (take_off, landing) = take_off.split_at_mut(takeoff::NUMBERS);
+        let (landing, pitot) = landing.split_at_mut(landing::NUMBERS);
         take_off.copy_from_slice(&self.take_off);
+        landing.copy_from_slice(&self.landing);
         pitot.copy_from_slice(&self.airspeed_watch);
         loops.copy_from_slice(&[
             normal,
@@ -53,9 +57,11 @@ impl ControllerSnapshot {
         let mut path = [0.0; PATH_NUMBERS];
         path.copy_from_slice(&n[NUMBERS - PATH_NUMBERS..]);
         let mut take_off = [0.0; takeoff::NUMBERS];
-        take_off.copy_from_slice(&n[LOOPS..LOOPS + takeoff::NUMBERS]);
+        take_off.copy_from_slice(&n[LOOPS..LANDING]);
+        let mut landing = [0.0; landing::NUMBERS];
+        landing.copy_from_slice(&n[LANDING..PITOT]);
         let mut airspeed_watch = [0.0; airspeed::NUMBERS];
-        airspeed_watch.copy_from_slice(&n[LOOPS + takeoff::NUMBERS..NUMBERS - PATH_NUMBERS]);
+        airspeed_watch.copy_from_slice(&n[PITOT..NUMBERS - PATH_NUMBERS]);
         Self {
             loops: InnerLoops::from_numbers([n[0], n[1], n[2], n[3]]),
             references: References {
@@ -79,6 +85,7 @@ impl ControllerSnapshot {
                 thrust: n[17] > 0.5,
             },
             take_off,
+            landing,
             airspeed_watch,
             path,
             guidance,

@@ -13,10 +13,12 @@ pub mod airspeed;
 pub mod envelope;
 pub mod fallback;
 pub mod inner;
+pub mod landing;
 pub mod memory;
 pub mod outer;
 mod play;
 pub mod takeoff;
+mod wheels;
 
 use crate::GRAVITY_MPS2;
 use crate::airframe::{Airframe, Trim};
@@ -28,6 +30,7 @@ use airspeed::AirspeedWatch;
 use envelope::{Envelope, Limits, Protection, steepness};
 use fallback::{Basis, Fallback};
 use inner::{InnerLoops, InnerTuning, Signals};
+use landing::{Approach, Flown, Landing, LandingConfig};
 use nalgebra::{Vector2, Vector3};
 use outer::{OuterTuning, normal_for, slew};
 use takeoff::{Method, Phase, TakeOff};
@@ -171,12 +174,14 @@ pub struct ControllerConfig {
     pub cruise_mps: f64,
     /// Height at which a take-off is over, m above the runway.
     pub take_off_m: f64,
+    /// How it lands.
+    pub landing: LandingConfig,
 }
 
 impl Default for ControllerConfig {
     fn default() -> Self {
         let (inner, outer) = (InnerTuning::default(), OuterTuning::default());
-        Self { inner, outer, cruise_mps: 22.0, take_off_m: 60.0 }
+        Self { inner, outer, cruise_mps: 22.0, take_off_m: 60.0, landing: LandingConfig::default() }
     }
 }
 
@@ -226,6 +231,8 @@ pub struct ControllerSnapshot {
     pub channels: Channels,
     /// The take-off that was under way.
     pub take_off: [f64; takeoff::NUMBERS],
+    /// The landing that was under way.
+    pub landing: [f64; landing::NUMBERS],
     /// What is known of the pitot.
     pub airspeed_watch: [f64; airspeed::NUMBERS],
     /// The piece of path that was flown.
@@ -254,6 +261,7 @@ pub struct Controller {
     steady: Steady,
     play: play::PlayInverse,
     take_off: Option<TakeOff>,
+    landing: Option<Landing>,
 }
 
 /// Where the actuators stood on average, while there was a state.
@@ -295,13 +303,39 @@ impl Controller {
             steady: Steady::default(),
             play: play::PlayInverse::default(),
             take_off: None,
+            landing: None,
         }
     }
 
     /// Begins a take-off from standstill; it is flown as soon as the autopilot is on.
     pub fn take_off(&mut self, method: Method) {
         self.take_off = Some(TakeOff::new(method));
+        self.landing = None;
         self.last = ActuatorCommand::default();
+    }
+
+    /// Begins a landing from `state` on, or begins it anew; its final approach from `height_m` above the runway, at most.
+    pub fn land(&mut self, state: &NavigationState, height_m: f64) {
+        self.landing = Some(Landing::new(&self.config.landing, state, height_m));
+    }
+
+    /// Gives a landing up for whatever else was ordered; false: it is on the ground already.
+    pub fn end_landing(&mut self) -> bool {
+        let ends = self.landing.is_none_or(|landing| !landing.is_on_ground());
+        if ends {
+            self.landing = None;
+        }
+        ends
+    }
+
+    /// Flies round once more; false: there is no landing, or the aircraft is on the ground.
+    pub fn go_round(&mut self) -> bool {
+        self.landing.as_mut().is_some_and(Landing::go_round)
+    }
+
+    /// Where the landing stands that is under way.
+    pub fn landing_phase(&self) -> Option<landing::Phase> {
+        self.landing.map(|landing| landing.phase)
     }
 
     /// Gives a take-off up; false: there is none, or the aircraft flies already.
@@ -353,6 +387,7 @@ impl Controller {
             authority_mps: self.authority_mps,
             channels: self.channels,
             take_off: TakeOff::to_numbers(self.take_off.as_ref()),
+            landing: Landing::to_numbers(self.landing.as_ref()),
             airspeed_watch: self.airspeed_watch.to_numbers(),
             path: self.guidance.path(),
             guidance: self.guidance.snapshot(),
@@ -377,6 +412,7 @@ impl Controller {
         self.authority_mps = snapshot.authority_mps.clamp(0.0, AUTHORITY_LIMIT_MPS);
         self.channels = snapshot.channels;
         self.take_off = TakeOff::from_numbers(&snapshot.take_off);
+        self.landing = Landing::from_numbers(&snapshot.landing);
         self.airspeed_watch = AirspeedWatch::from_numbers(&snapshot.airspeed_watch);
         self.guidance.resume(&snapshot.guidance);
         self.guidance.resume_path(&snapshot.path);
@@ -398,7 +434,10 @@ impl Controller {
         if !commands.autopilot {
             return self.hand_over(inputs, basis, signals);
         }
-        let commands = match self.leave_ground(&state, &signals, basis, dt_s, &commands) {
+        let ordered = self
+            .leave_ground(&state, &signals, basis, dt_s, &commands)
+            .and_then(|commands| self.come_down(&state, &signals, basis, dt_s, &commands));
+        let commands = match ordered {
             Ok(commands) => commands,
             Err(command) => {
                 (self.last, self.channels) = (command, Channels::default());
@@ -413,7 +452,13 @@ impl Controller {
         let wanted = self.outer(&state, &signals, &commands, guidance.as_ref(), basis);
         let (wanted, mut protection) = self.protect(&state, &signals, &wanted, basis);
         protection.note(Protection::PITOT, !self.airspeed_watch.is_believed());
-        let command = self.inner(&signals, &wanted, &commands, inputs, dt_s);
+        let mut command = self.inner(&signals, &wanted, &commands, inputs, dt_s);
+        if let Some(rudder_rad) =
+            self.landing.and_then(|landing| landing.rudder_rad(&self.airframe, &signals))
+        {
+            // On its wheels, though the wings carry yet.
+            (command.rudder_rad, command.throttle) = (rudder_rad, 0.0);
+        }
         self.last = command;
         if basis == Basis::Estimator {
             self.steady.follow(&command, dt_s);
@@ -469,6 +514,54 @@ impl Controller {
         })
     }
 
+    /// A landing that is under way: as above. Without a state to be trusted it waits, wings level.
+    fn come_down(
+        &mut self,
+        state: &NavigationState,
+        s: &Signals,
+        basis: Basis,
+        dt_s: f64,
+        commands: &LoopCommands,
+    ) -> Result<LoopCommands, ActuatorCommand> {
+        let Some(mut landing) = self.landing.filter(|_| self.take_off.is_none()) else {
+            return Ok(*commands);
+        };
+        if basis == Basis::WingsLevel && !landing.is_on_ground() {
+            return Ok(LoopCommands::MISSION);
+        }
+        let aircraft = (&self.airframe, &self.envelope, &self.config.landing);
+        let motion = motion_of(state);
+        let circle = (self.guidance.corner_radius_m(&motion), self.config.cruise_mps);
+        let flown = landing.step(aircraft, state, s, circle, dt_s);
+        self.landing = Some(landing);
+        Ok(match flown {
+            Flown::Wheels(command) => return Err(command),
+            Flown::Circle(hold) => {
+                self.guidance.hold(hold);
+                LoopCommands::MISSION
+            }
+            Flown::Up(height_m) => LoopCommands {
+                autopilot: true,
+                altitude_m: Some(height_m),
+                airspeed_mps: Some(self.config.cruise_mps),
+                track_rad: Some(landing.course_rad),
+                ..LoopCommands::default()
+            },
+            Flown::Loops(Approach { climb_mps, sideways_mps2, bank_rad, airspeed_mps, least_mps2 }) => {
+                let outer = &self.config.outer;
+                let up = outer.climb_rate(climb_mps, -state.velocity.z).max(least_mps2);
+                let bank = sideways_mps2.map_or(0.0, |right| outer.bank_for(right, up, s.climb_rad));
+                LoopCommands {
+                    autopilot: true,
+                    airspeed_mps,
+                    bank_rad: Some(bank.clamp(-bank_rad, bank_rad)),
+                    normal_mps2: Some(normal_for(up, s.bank_rad, s.climb_rad)),
+                    ..LoopCommands::default()
+                }
+            }
+        })
+    }
+
     /// Airspeed below which a take-off does not climb, m/s.
     fn climb_out_mps(&self, take_off: &TakeOff, s: &Signals) -> f64 {
         take_off.climb_mps(&self.airframe, &self.envelope, s.density_kgpm3) + 2.0
@@ -507,6 +600,7 @@ impl Controller {
         if self.take_off.is_some_and(|take_off| !take_off.is_fresh()) {
             self.take_off = None;
         }
+        self.landing = None;
         self.on_ground(inputs.pilot, basis, signals)
     }
 
@@ -614,7 +708,9 @@ impl Controller {
         basis: Basis,
         dt_s: f64,
     ) -> Option<f64> {
-        let in_air = self.take_off.is_none() || state.altitude_m() > CARRIED_BY_WING_M;
+        // The ground carries the aircraft too while it takes off or lands.
+        let near_ground = self.take_off.is_some() || self.landing.is_some();
+        let in_air = !near_ground || state.altitude_m() > CARRIED_BY_WING_M;
         let frame = airspeed::Frame {
             pitot_mps: inputs.airspeed_mps,
             density_kgpm3: s.density_kgpm3,
@@ -638,11 +734,7 @@ impl Controller {
             self.guidance.disengage();
             return None;
         }
-        let motion = Motion {
-            position: Vector2::new(state.position.x, state.position.y),
-            velocity: Vector2::new(state.velocity.x, state.velocity.y),
-            wind: state.wind,
-        };
+        let motion = motion_of(state);
         // Without a position worth the name the path waits where it is.
         (basis != Basis::WingsLevel).then(|| self.guidance.step(&motion))
     }
@@ -829,6 +921,10 @@ struct Wanted {
     roll_rate: Option<f64>,
     normal: Option<f64>,
     axial: Option<f64>,
+}
+
+fn motion_of(state: &NavigationState) -> Motion {
+    Motion { position: state.position.xy(), velocity: state.velocity.xy(), wind: state.wind }
 }
 
 fn trimmed(trim: &Trim) -> ActuatorCommand {

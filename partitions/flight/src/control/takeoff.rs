@@ -7,6 +7,7 @@
 
 use super::envelope::Envelope;
 use super::inner::Signals;
+use super::wheels;
 use crate::airframe::Airframe;
 use crate::servo::ActuatorCommand;
 
@@ -15,9 +16,6 @@ pub const NUMBERS: usize = 4;
 
 /// Throttle opens by this each second: a propeller's torque must not turn the aircraft off its wheels.
 const THROTTLE_RATE: f64 = 2.0;
-/// Rudder per heading lost, and per yaw rate, s.
-const STEER_GAIN: f64 = 1.5;
-const STEER_DAMPING_S: f64 = 0.35;
 /// A tail wheel is held down with this share of the elevator up to this share of the speed of leaving the ground: it steers
 /// only then, and a tail left low longer makes the wing lift too early.
 const TAIL_DOWN_SHARE: f64 = 0.5;
@@ -26,11 +24,6 @@ const TAIL_UP_SHARE: f64 = 0.45;
 const TAIL_UP_PITCH_RAD: f64 = 0.05;
 const TAIL_UP_GAIN: f64 = 0.8;
 const TAIL_UP_DAMPING_S: f64 = 0.12;
-/// Ailerons move more while the air flows slowly over them, up to so many times.
-const SLOWEST_SHARE: f64 = 5.0;
-/// Aileron per bank, and per roll rate, s: wheels carry, the wings are only kept from dropping.
-const LEVEL_GAIN: f64 = 0.5;
-const LEVEL_DAMPING_S: f64 = 0.05;
 /// A roll that has lost this much of its direction is given up, rad.
 const ASTRAY_RAD: f64 = 0.45;
 /// So is one that is not fast enough after this, s.
@@ -159,32 +152,19 @@ impl TakeOff {
             Phase::Rolling => (last.throttle + THROTTLE_RATE * dt_s).min(1.0),
             Phase::Waiting | Phase::Aborted => 0.0,
         };
-        let limit = &airframe.servo;
-        // The third wheel is steered with the rudder, whose sign is that of its yawing moment, or the usual one without it.
-        let left = if airframe.aerodynamics.yaw_rudder > 0.0 { -1.0 } else { 1.0 };
-        let steer = STEER_GAIN * self.turned_rad + STEER_DAMPING_S * s.yaw_rate_radps;
-        let level = -LEVEL_GAIN * s.bank_rad - LEVEL_DAMPING_S * s.roll_rate_radps;
-        let held = |x: f64, limit: f64| x.clamp(-limit, limit);
-        let tail_wheel = airframe.gear.is_some_and(|gear| gear.third_wheel_m[0] < 0.0);
+        let tail_wheel = wheels::has_tail_wheel(airframe);
         let rotation = envelope.rotation_mps(airframe, s.density_kgpm3);
-        let speed = s.airspeed_mps / rotation;
         let elevator_rad = match self.phase {
             // Wind from the side is airspeed too, and the tail wheel is needed all the more then.
             Phase::Rolling if tail_wheel && ground_mps < TAIL_UP_SHARE * rotation => {
-                -TAIL_DOWN_SHARE * limit.elevator_limit_rad
+                -TAIL_DOWN_SHARE * airframe.servo.elevator_limit_rad
             }
             Phase::Rolling if tail_wheel => {
                 -TAIL_UP_GAIN * (TAIL_UP_PITCH_RAD - s.pitch_rad) + TAIL_UP_DAMPING_S * s.pitch_rate_radps
             }
             _ => 0.0,
         };
-        let level = level * (1.0 / speed.max(0.1)).powi(2).clamp(1.0, SLOWEST_SHARE);
-        Some(ActuatorCommand {
-            throttle,
-            aileron_rad: held(level, limit.aileron_limit_rad),
-            elevator_rad: held(elevator_rad, limit.elevator_limit_rad),
-            rudder_rad: held(left * steer, limit.rudder_limit_rad),
-        })
+        Some(wheels::straight_on(airframe, envelope, s, self.turned_rad, (throttle, elevator_rad)))
     }
 
     /// The airspeed (m/s) below which it does not climb.

@@ -12,6 +12,8 @@ use std::f64::consts::TAU;
 pub(super) const NUMBERS: usize = 6;
 /// Nearer to the centre than so many radii there is no room for a tangent: the circle is joined from where one is.
 const NEAR: f64 = 1.5;
+/// Centres so near to each other are those of one circle, m: the wind of the moment moves one that is laid out anew in each frame.
+const SAME_M: f64 = 30.0;
 
 /// A circle to fly.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,6 +71,16 @@ impl Guidance {
     /// Goes on with the mission, to the way-point that was next.
     pub fn release(&mut self) {
         self.disengage();
+    }
+
+    /// Holds a circle, and goes on with it where that is the one that is held.
+    pub fn hold(&mut self, circle: Hold) {
+        let same =
+            |held: &Hold| (held.centre() - circle.centre()).norm() < SAME_M && held.side == circle.side;
+        if self.hold.as_ref().is_some_and(same) {
+            return;
+        }
+        (self.hold, self.stage) = (Some(circle), Stage::Idle);
     }
 
     /// Holds a circle that begins here and turns right.

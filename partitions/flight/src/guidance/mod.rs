@@ -99,6 +99,8 @@ pub enum Finish {
     Loiter,
     /// Round again, for ever: the seed's manner.
     Circuit,
+    /// A landing, by who flies; until then a circle.
+    Land,
 }
 
 /// What one may set on guidance.
@@ -530,7 +532,7 @@ impl Guidance {
     /// One frame: moves along the path and asks for an acceleration.
     pub fn step(&mut self, motion: &Motion) -> GuidanceOutput {
         self.advance(motion);
-        if self.is_finished() && self.config.finish == Finish::Loiter && self.hold.is_none() {
+        if self.is_finished() && self.config.finish != Finish::Circuit && self.hold.is_none() {
             self.hold_where_it_ended(motion);
         }
         let (offset, on_arc, radius_m) = match &self.stage {

@@ -1,0 +1,414 @@
+//! Landing on the runway's origin, against the wind: a circle beside the final approach until height and place are right, a straight glide
+//! slope, a flare, the touch-down, and the roll to a standstill.
+//!
+//! Responsible for where the aircraft is to be then, and for flying round once more where an approach goes wrong near the ground. The
+//! height above ground is known to a metre or two only: it comes from a barometer that was set before take-off. So the flare ends in a
+//! sink rate that wheels bear, and is flown with power until the ground holds the aircraft up, wherever that is.
+
+use super::envelope::Envelope;
+use super::inner::Signals;
+use super::wheels;
+use crate::airframe::Airframe;
+use crate::attitude::{low_pass, wrap_angle};
+use crate::estimator::NavigationState;
+use crate::guidance::path::{Leg, Offset};
+use crate::guidance::{Hold, track_acceleration};
+use crate::servo::ActuatorCommand;
+use nalgebra::Vector2;
+
+/// Length of a landing as plain numbers.
+pub const NUMBERS: usize = 9;
+
+/// Airspeed of the approach, of the one at which the wing just carries the weight; and what is added for each m/s of wind, m/s at most.
+const APPROACH_SHARE: f64 = 1.45;
+const WIND_SHARE: f64 = 0.5;
+const MOST_FOR_WIND_MPS: f64 = 5.0;
+/// A wind below this says nothing of where to land, m/s.
+const CALM_MPS: f64 = 1.0;
+/// Level flight before the glide slope, in which the speed falls to that of the approach, m.
+const LEVEL_M: f64 = 150.0;
+/// The final approach is begun from the circle within this of the course, rad, of the height, m, and of the track as a share of the radius.
+const ALIGNED_RAD: f64 = 0.3;
+const ON_HEIGHT_M: f64 = 8.0;
+const ON_TRACK_SHARE: f64 = 0.3;
+/// Climb rate per height off the slope, 1/s; and how far it may differ from the slope's own, m/s.
+const SLOPE_GAIN: f64 = 0.4;
+const OFF_SLOPE_MPS: f64 = 1.5;
+/// The flare begins below this height, m, and its sink rate, m/s, is reached below that one.
+const FLARE_M: f64 = 6.0;
+const FLARED_M: f64 = 1.5;
+const TOUCH_SINK_MPS: f64 = 0.6;
+/// Vertical acceleration down at most there, m/s².
+const FLARE_DOWN_MPS2: f64 = 1.5;
+/// Seconds of flight from the flare's beginning to the touch-down on a usual slope.
+const FLOAT_S: f64 = 7.0;
+/// Banks near the ground, rad: in the final approach, and in the flare.
+const FINAL_BANK_RAD: f64 = 0.44;
+const FLARE_BANK_RAD: f64 = 0.09;
+/// An approach goes wrong, below this height, m, where it is so far from its track, m, or from its slope, m; where, below the second height, it is
+/// slower than this share of the airspeed that carries it, or sinks faster than this, m/s.
+const DECISION_M: f64 = 25.0;
+const ASIDE_M: f64 = 12.0;
+const OFF_SLOPE_M: f64 = 10.0;
+const FALLS_M: f64 = 12.0;
+const SLOWEST_SHARE: f64 = 1.1;
+const FASTEST_SINK_MPS: f64 = 4.0;
+/// Flown round so often by itself, at most: then it lands as it comes.
+const MOST_ROUNDS: f64 = 2.0;
+/// The ground may hold the aircraft up where it sinks slower than this share of what it should, for so long, s: then it is to sink at this
+/// rate, m/s, and where it does not for so long, s, it is the ground and no gust. Smoothing of the sink rate, s.
+const HELD_SHARE: f64 = 0.35;
+const DOUBT_S: f64 = 0.3;
+const PRESSED_SINK_MPS: f64 = 1.0;
+const HELD_S: f64 = 1.5;
+const SINK_LAG_S: f64 = 0.3;
+/// Sinking as fast as this again, m/s, for so long, s, it has not touched the ground.
+const FALLING_MPS: f64 = 0.25;
+const FALLING_S: f64 = 0.2;
+/// It sinks so fast, m/s, in case it was no ground.
+const TOUCHED_SINK_MPS: f64 = 0.4;
+/// Below this share of the airspeed that carries it, or after so long, s, the loops have nothing to fly.
+const ROLLING_SHARE: f64 = 0.9;
+const LONGEST_TOUCHED_S: f64 = 6.0;
+/// It stands slower than this over ground, m/s, for so long, s.
+const STANDING_MPS: f64 = 0.7;
+const STANDING_S: f64 = 1.5;
+
+/// What one may set on landings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LandingConfig {
+    /// Height at which the final approach begins, m above the runway.
+    pub height_m: f64,
+    /// Angle of the glide slope, rad.
+    pub slope_rad: f64,
+    /// Direction of the runway, rad from north; `None`: against the wind.
+    pub course_rad: Option<f64>,
+}
+
+impl Default for LandingConfig {
+    fn default() -> Self {
+        Self { height_m: 50.0, slope_rad: 4f64.to_radians(), course_rad: None }
+    }
+}
+
+/// Where a landing stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// On the circle beside the beginning of the final approach, or on the way there.
+    Pattern,
+    /// On the glide slope.
+    Final,
+    /// Near the ground.
+    Flare,
+    /// The ground holds it up; it is fast enough to fly yet.
+    Touched,
+    /// On its wheels.
+    Rolling,
+    /// It stands.
+    Standing,
+    /// Up again, straight on.
+    Round,
+}
+
+const PHASES: [Phase; 7] = [
+    Phase::Pattern,
+    Phase::Final,
+    Phase::Flare,
+    Phase::Touched,
+    Phase::Rolling,
+    Phase::Standing,
+    Phase::Round,
+];
+
+/// A landing under way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Landing {
+    /// Where it stands.
+    pub phase: Phase,
+    /// Direction of the final approach over ground, rad from north.
+    pub course_rad: f64,
+    /// Height at which that begins, m.
+    height_m: f64,
+    /// Side of the circle: +1 turns right.
+    side: f64,
+    /// How long this phase's end has been in sight, s.
+    since_s: f64,
+    /// Sink rate without its noise, m/s.
+    sink_mps: f64,
+    /// How long it has been sinking as in the air, s.
+    falling_s: f64,
+    /// Turned off its direction on the ground, rad.
+    turned_rad: f64,
+    /// Approaches that went wrong.
+    rounds: f64,
+}
+
+/// What the loops are asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Approach {
+    /// Climb rate, m/s.
+    pub climb_mps: f64,
+    /// Acceleration to the right, m/s²; `None`: wings level.
+    pub sideways_mps2: Option<f64>,
+    /// Greatest bank, rad.
+    pub bank_rad: f64,
+    /// m/s; `None`: the throttle closes.
+    pub airspeed_mps: Option<f64>,
+    /// Vertical acceleration up at least, m/s²: the nose is not to meet the ground first.
+    pub least_mps2: f64,
+}
+
+/// What one frame of a landing asks for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Flown {
+    /// A circle, by guidance.
+    Circle(Hold),
+    /// Up and straight on: the height, m.
+    Up(f64),
+    /// By the outer loops.
+    Loops(Approach),
+    /// On the wheels.
+    Wheels(ActuatorCommand),
+}
+
+impl Landing {
+    /// A landing that begins where the aircraft is, with circles of `radius_m`.
+    pub fn new(config: &LandingConfig, state: &NavigationState, height_m: f64) -> Self {
+        let mut landing = Self {
+            phase: Phase::Pattern,
+            course_rad: 0.0,
+            height_m: height_m.min(config.height_m),
+            side: 1.0,
+            since_s: 0.0,
+            sink_mps: 0.0,
+            falling_s: 0.0,
+            turned_rad: 0.0,
+            rounds: 0.0,
+        };
+        landing.lay_out(config, state);
+        landing
+    }
+
+    /// Course by the wind, and the circle on the side where the aircraft is.
+    fn lay_out(&mut self, config: &LandingConfig, state: &NavigationState) {
+        let (wind, position) = (state.wind, state.position.xy());
+        let against = (wind.norm() > CALM_MPS).then(|| (-wind.y).atan2(-wind.x));
+        let straight = (-position.y).atan2(-position.x);
+        self.course_rad = config.course_rad.or(against).unwrap_or(straight);
+        let right_m = position.dot(&self.right());
+        (self.phase, self.since_s, self.side) = (Phase::Pattern, 0.0, 1f64.copysign(right_m));
+    }
+
+    fn forward(&self) -> Vector2<f64> {
+        Vector2::new(self.course_rad.cos(), self.course_rad.sin())
+    }
+
+    fn right(&self) -> Vector2<f64> {
+        let forward = self.forward();
+        Vector2::new(-forward.y, forward.x)
+    }
+
+    /// Where the straight way begins, so far before the runway's origin, m.
+    fn final_m(&self, config: &LandingConfig, ground_mps: f64) -> f64 {
+        (self.height_m - FLARE_M) / config.slope_rad.tan() + FLOAT_S * ground_mps + LEVEL_M
+    }
+
+    fn offset(&self, length_m: f64, state: &NavigationState) -> Offset {
+        Leg { from: -length_m * self.forward(), to: Vector2::zeros() }.offset(&state.position.xy())
+    }
+
+    /// Flies round once more; false: it is on the ground.
+    pub fn go_round(&mut self) -> bool {
+        let flies = !self.is_on_ground();
+        if flies {
+            (self.phase, self.since_s) = (Phase::Round, 0.0);
+        }
+        flies
+    }
+
+    /// Whether the ground holds it up.
+    pub fn is_on_ground(&self) -> bool {
+        matches!(self.phase, Phase::Touched | Phase::Rolling | Phase::Standing)
+    }
+
+    /// One frame. `radius_m`: of circles in this wind; `cruise_mps`: airspeed on them.
+    pub(super) fn step(
+        &mut self,
+        (airframe, envelope, config): (&Airframe, &Envelope, &LandingConfig),
+        state: &NavigationState,
+        s: &Signals,
+        (radius_m, cruise_mps): (f64, f64),
+        dt_s: f64,
+    ) -> Flown {
+        let wind_mps = state.wind.norm();
+        let stall_mps = envelope.stall_mps(airframe, s.density_kgpm3);
+        let more_mps = (WIND_SHARE * wind_mps).min(MOST_FOR_WIND_MPS);
+        let approach_mps = (APPROACH_SHARE * stall_mps).max(envelope.slowest_mps) + more_mps;
+        let ground_mps = (approach_mps - wind_mps).max(0.4 * approach_mps);
+        let length_m = self.final_m(config, ground_mps);
+        let offset = self.offset(length_m, state);
+        let flown_mps = state.velocity.xy().norm();
+        let climb_mps = -state.velocity.z;
+        self.sink_mps = low_pass(self.sink_mps, -climb_mps, SINK_LAG_S, dt_s);
+        self.since_s += dt_s;
+        self.falling_s = if self.sink_mps > FALLING_MPS { self.falling_s + dt_s } else { 0.0 };
+        let slope = config.slope_rad.tan();
+        let on_slope_m = FLARE_M + (offset.left_m - FLOAT_S * ground_mps) * slope;
+        let wanted_m = on_slope_m.min(self.height_m);
+        match self.phase {
+            Phase::Pattern if self.can_begin(&offset, length_m, radius_m, state) => self.enter(Phase::Final),
+            Phase::Final | Phase::Flare
+                if self.goes_wrong(&offset, wanted_m, state) || self.falls(stall_mps, state, s) =>
+            {
+                self.rounds += 1.0;
+                self.enter(Phase::Round);
+            }
+            Phase::Final if state.altitude_m() < FLARE_M => self.enter(Phase::Flare),
+            Phase::Flare => {
+                // As long as it sinks there is no ground.
+                let held = self.sink_mps < HELD_SHARE * TOUCH_SINK_MPS;
+                self.since_s = if held { self.since_s } else { 0.0 };
+                if self.since_s > HELD_S {
+                    self.turned_rad = 0.0;
+                    self.enter(Phase::Touched);
+                }
+            }
+            Phase::Touched if self.falling_s > FALLING_S => self.enter(Phase::Flare),
+            Phase::Touched => {
+                if s.airspeed_mps < ROLLING_SHARE * stall_mps || self.since_s > LONGEST_TOUCHED_S {
+                    self.enter(Phase::Rolling);
+                }
+            }
+            Phase::Rolling => {
+                self.since_s = if flown_mps < STANDING_MPS { self.since_s } else { 0.0 };
+                if self.since_s > STANDING_S {
+                    self.enter(Phase::Standing);
+                }
+            }
+            Phase::Round if state.altitude_m() > self.height_m - ON_HEIGHT_M => self.lay_out(config, state),
+            _ => {}
+        }
+        if self.is_on_ground() {
+            self.turned_rad += s.yaw_rate_radps * dt_s;
+        }
+        let sideways = track_acceleration(&offset, &state.velocity.xy(), 0.0, 1.0);
+        match self.phase {
+            Phase::Pattern => {
+                let centre = -length_m * self.forward() + self.side * radius_m * self.right();
+                Flown::Circle(Hold {
+                    north_m: centre.x,
+                    east_m: centre.y,
+                    radius_m,
+                    side: self.side,
+                    altitude_m: self.height_m,
+                    airspeed_mps: cruise_mps,
+                })
+            }
+            Phase::Round => Flown::Up(self.height_m),
+            Phase::Final => {
+                let own = if on_slope_m < self.height_m { -flown_mps * slope } else { 0.0 };
+                let back = SLOPE_GAIN * (wanted_m - state.altitude_m());
+                Flown::Loops(Approach {
+                    climb_mps: own + back.clamp(-OFF_SLOPE_MPS, OFF_SLOPE_MPS),
+                    sideways_mps2: Some(sideways),
+                    bank_rad: FINAL_BANK_RAD,
+                    airspeed_mps: Some(approach_mps),
+                    least_mps2: f64::NEG_INFINITY,
+                })
+            }
+            Phase::Flare => Flown::Loops(Approach {
+                climb_mps: -self.flare_sink_mps(state, ground_mps * slope),
+                sideways_mps2: Some(sideways),
+                bank_rad: FLARE_BANK_RAD,
+                airspeed_mps: Some(approach_mps),
+                least_mps2: -FLARE_DOWN_MPS2,
+            }),
+            Phase::Touched => Flown::Loops(Approach {
+                climb_mps: -TOUCHED_SINK_MPS,
+                sideways_mps2: None,
+                bank_rad: 0.0,
+                airspeed_mps: None,
+                least_mps2: -FLARE_DOWN_MPS2,
+            }),
+            Phase::Rolling | Phase::Standing => {
+                Flown::Wheels(wheels::straight_on(airframe, envelope, s, self.turned_rad, (0.0, 0.0)))
+            }
+        }
+    }
+
+    /// Sink rate of the flare at this height, m/s, from that of the slope on.
+    fn flare_sink_mps(&self, state: &NavigationState, slope_mps: f64) -> f64 {
+        if self.phase == Phase::Flare && self.since_s > DOUBT_S {
+            return PRESSED_SINK_MPS;
+        }
+        let share = ((state.altitude_m() - FLARED_M) / (FLARE_M - FLARED_M)).clamp(0.0, 1.0);
+        TOUCH_SINK_MPS + share * (slope_mps - TOUCH_SINK_MPS).max(0.0)
+    }
+
+    /// Rudder in place of the coordinated one, rad.
+    pub(super) fn rudder_rad(&self, airframe: &Airframe, s: &Signals) -> Option<f64> {
+        (self.phase == Phase::Touched).then(|| wheels::rudder_rad(airframe, s, self.turned_rad))
+    }
+
+    fn enter(&mut self, phase: Phase) {
+        (self.phase, self.since_s) = (phase, 0.0);
+    }
+
+    fn can_begin(&self, offset: &Offset, length_m: f64, radius_m: f64, state: &NavigationState) -> bool {
+        let course = state.velocity.y.atan2(state.velocity.x);
+        let aligned = wrap_angle(course - self.course_rad).abs() < ALIGNED_RAD;
+        let there = offset.right_m.abs() < ON_TRACK_SHARE * radius_m
+            && (offset.left_m - length_m).abs() < 0.5 * radius_m;
+        aligned && there && (state.altitude_m() - self.height_m).abs() < ON_HEIGHT_M
+    }
+
+    fn goes_wrong(&self, offset: &Offset, wanted_m: f64, state: &NavigationState) -> bool {
+        let low = state.altitude_m() < DECISION_M;
+        let off = state.altitude_m() - wanted_m;
+        let off_slope = self.phase == Phase::Final && off.abs() > OFF_SLOPE_M;
+        low && self.rounds < MOST_ROUNDS && (offset.right_m.abs() > ASIDE_M || off_slope)
+    }
+
+    fn falls(&self, stall_mps: f64, state: &NavigationState, s: &Signals) -> bool {
+        let low = state.altitude_m() < FALLS_M && self.rounds < MOST_ROUNDS;
+        low && (s.airspeed_mps < SLOWEST_SHARE * stall_mps || self.sink_mps > FASTEST_SINK_MPS)
+    }
+
+    /// As plain numbers; all zero: none under way.
+    pub fn to_numbers(landing: Option<&Self>) -> [f64; NUMBERS] {
+        landing.map_or([0.0; NUMBERS], |l| {
+            let phase =
+                PHASES.iter().position(|phase| *phase == l.phase).map_or(0.0, |place| place as f64 + 1.0);
+            [
+                phase,
+                l.course_rad,
+                l.height_m,
+                l.side,
+                l.since_s,
+                l.sink_mps,
+                l.falling_s,
+                l.turned_rad,
+                l.rounds,
+            ]
+        })
+    }
+
+    /// The landing again; numbers that are none give none.
+    pub fn from_numbers(numbers: &[f64; NUMBERS]) -> Option<Self> {
+        let [phase, course_rad, height_m, side, since_s, sink_mps, falling_s, turned_rad, rounds] = *numbers;
+        let place = (phase >= 1.0 && phase.fract() == 0.0).then_some(phase as usize - 1)?;
+        let phase = *PHASES.get(place)?;
+        let sane = numbers.iter().all(|x| x.is_finite()) && side * side == 1.0;
+        sane.then_some(Self {
+            phase,
+            course_rad,
+            height_m,
+            side,
+            since_s,
+            sink_mps,
+            falling_s,
+            turned_rad,
+            rounds,
+        })
+    }
+}

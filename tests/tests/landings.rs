@@ -1,0 +1,67 @@
+//! Aircraft that land by themselves: on the field, softly, and standing in the end.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use bateleur_tests::{Ended, among_others, bateleur, flight_schedule, repository};
+use serde_json::Value;
+
+fn flight(options: &[&str]) -> Ended {
+    let schedule = flight_schedule();
+    let fixed = ["fly", "--fast", "--format", "json", "--schedule", schedule.to_str().unwrap()];
+    bateleur(&[&fixed[..], options].concat()).end()
+}
+
+fn number(touchdown: &Value, name: &str) -> f64 {
+    touchdown[name].as_f64().unwrap_or_else(|| panic!("no {name}: {touchdown}"))
+}
+
+#[test]
+fn aircraft_land_against_the_wind_and_stand() {
+    let _turn = among_others();
+    let ultra_stick = repository().join("airframes/ultrastick25e.toml");
+    let airframes = ["aerosonde", "rascal110", ultra_stick.to_str().unwrap()];
+    let winds = [("0", "0", "calm"), ("3", "45", "light"), ("5", "160", "light"), ("5", "290", "light")];
+    for (airframe, (wind, from, turbulence)) in airframes.iter().flat_map(|it| winds.map(|wind| (it, wind))) {
+        for seed in ["11", "12"] {
+            let air = ["--wind", wind, "--wind-from", from, "--turbulence", turbulence];
+            let ended = flight(&[&["--land", "--airframe", airframe, "--seed", seed], &air[..]].concat());
+            let ended = ended.expect_code(0);
+            let (summary, about) = (ended.summary(), format!("{airframe}, {wind} m/s from {from}°, seed {seed}"));
+            let touchdown = &summary["conditions"]["touchdown"];
+            assert!(touchdown["standing_s"].is_f64(), "{about}: {touchdown}");
+            assert!(number(touchdown, "sink_mps") < 2.5, "{about}: {touchdown}");
+            assert!(number(touchdown, "along_m").abs() < 100.0, "{about}: {touchdown}");
+            assert!(number(touchdown, "across_m").abs() < 10.0, "{about}: {touchdown}");
+        }
+    }
+}
+
+#[test]
+fn landing_is_the_same_for_one_seed_and_survives_restarts_of_the_controller() {
+    let _turn = among_others();
+    let options = ["--land", "--seed", "5", "--wind", "4", "--turbulence", "light"];
+    let digest = |more: &[&str]| {
+        let ended = flight(&[&options[..], more].concat()).expect_code(0);
+        let summary = ended.summary();
+        assert!(number(&summary["conditions"]["touchdown"], "sink_mps") < 2.5, "{}", ended.stderr);
+        summary["digest"].clone()
+    };
+    assert_eq!(digest(&[]), digest(&[]));
+    // On the circle, on the slope, and shortly before and after the touch-down.
+    for kill in ["controller@230", "controller@262", "controller@285", "controller@310", "estimator@270"] {
+        digest(&["--kill", kill]);
+    }
+}
+
+#[test]
+fn plan_that_finishes_with_a_landing_lands_without_an_order() {
+    let _turn = among_others();
+    let mission = tempfile::tempdir().unwrap();
+    let path = mission.path().join("mission.toml");
+    let text = "laps = 1\nloiter_s = 150\nwaypoint = [\n\
+        { north_m = 400, east_m = 0, altitude_m = 100 },\n{ north_m = 0, east_m = 300, altitude_m = 100 },\n]\n";
+    std::fs::write(&path, text).unwrap();
+    let ended = flight(&["--mission", path.to_str().unwrap(), "--set", "controller.finish=land"]);
+    let flown = ended.summary()["conditions"]["touchdown"].clone();
+    assert!(number(&flown, "sink_mps") < 1.5, "{flown}: {}", ended.stderr);
+}

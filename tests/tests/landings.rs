@@ -26,7 +26,8 @@ fn aircraft_land_against_the_wind_and_stand() {
             let air = ["--wind", wind, "--wind-from", from, "--turbulence", turbulence];
             let ended = flight(&[&["--land", "--airframe", airframe, "--seed", seed], &air[..]].concat());
             let ended = ended.expect_code(0);
-            let (summary, about) = (ended.summary(), format!("{airframe}, {wind} m/s from {from}°, seed {seed}"));
+            let (summary, about) =
+                (ended.summary(), format!("{airframe}, {wind} m/s from {from}°, seed {seed}"));
             let touchdown = &summary["conditions"]["touchdown"];
             assert!(touchdown["standing_s"].is_f64(), "{about}: {touchdown}");
             assert!(number(touchdown, "sink_mps") < 2.5, "{about}: {touchdown}");

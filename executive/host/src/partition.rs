@@ -612,7 +612,7 @@ fn describe_port(plan: &Plan, port: &Port) -> PortDescription {
         channel: channel.map_or_else(String::new, |channel| plan.port_path(channel.source)),
         sealed: None,
         refresh_ns,
-        depth: channel.map_or(own_depth, |channel| queue_depth(plan, channel).unwrap_or(0)),
+        depth: channel.map_or(own_depth, |channel| plan.queue_depth(channel).unwrap_or(0)),
         optional: port.optional,
     }
 }
@@ -635,15 +635,6 @@ pub fn message_name(port: &Port) -> String {
         bateleur_plan::Payload::Message { name, .. } => name.clone(),
         bateleur_plan::Payload::Bytes { .. } => PLAIN_BYTES.into(),
     }
-}
-
-/// The length of a channel's queue; `None`: sampling.
-#[must_use]
-pub fn queue_depth(plan: &Plan, channel: &bateleur_plan::Channel) -> Option<u32> {
-    channel.destinations.iter().find_map(|id| match plan[*id].role {
-        Role::QueuingDestination { depth } => Some(depth),
-        _ => None,
-    })
 }
 
 #[cfg(test)]

@@ -16,8 +16,6 @@ use rustix::fs::{
     open,
 };
 
-use crate::partition::queue_depth;
-
 /// Which end of a channel somebody has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
@@ -74,7 +72,7 @@ impl SealedChannels {
         let sealed = channels.map(|id| &plan[id]).filter(|channel| channel.isolation.is_sealed());
         let made = sealed.map(|channel| {
             let name = plan.port_path(channel.source);
-            let depth = queue_depth(plan, channel).map(|depth| depth as usize);
+            let depth = plan.queue_depth(channel).map(|depth| depth as usize);
             let shape = RingShape::new(plan[channel.source].payload.max_size_bytes(), depth);
             let ring = memory(&name, shape.bytes())?;
             let index = depth.map(|_| memory(&name, INDEX_BYTES)).transpose()?;

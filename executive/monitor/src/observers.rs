@@ -6,7 +6,7 @@ use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 use bateleur_control::{Answer, ChannelStatus, LinkName, Ordered};
-use bateleur_host::partition::{message_name, queue_depth};
+use bateleur_host::partition::message_name;
 use bateleur_plan::{ChannelId, Plan, nearest};
 use bateleur_system::spawn::Spawned;
 use bateleur_system::wait::{ended, is_readable};
@@ -143,7 +143,7 @@ pub(crate) fn channel_list(plan: &Plan, module: &str) -> Vec<ChannelStatus> {
         ChannelStatus {
             source: plan.port_path(channel.source),
             destinations: channel.destinations.iter().map(|port| plan.port_path(*port)).collect(),
-            queue_depth: queue_depth(plan, channel),
+            queue_depth: plan.queue_depth(channel),
             message: message_name(source),
             size: source.payload.max_size_bytes(),
             operator: source.operator,

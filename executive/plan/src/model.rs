@@ -631,6 +631,14 @@ impl Plan {
         owner.ports.iter().copied().find(|&id| self[id].name == port)
     }
 
+    /// The length of a channel's queue; `None`: sampling.
+    pub fn queue_depth(&self, channel: &Channel) -> Option<u32> {
+        channel.destinations.iter().find_map(|id| match self[*id].role {
+            Role::QueuingDestination { depth } => Some(depth),
+            _ => None,
+        })
+    }
+
     /// The ports of a partition that its program opens: all but those of the operator.
     pub fn own_ports<'a>(&'a self, partition: &'a Partition) -> impl Iterator<Item = PortId> + 'a {
         partition.ports.iter().copied().filter(|id| !self[*id].operator)

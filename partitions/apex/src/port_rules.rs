@@ -286,7 +286,7 @@ fn que_clear_06_source_of_a_cleared_queue_has_room_again() {
 }
 
 #[test]
-fn prt_02_message_longer_than_its_channels_is_refused_and_changes_nothing() {
+fn message_longer_than_its_channels_is_refused_and_changes_nothing() {
     for memory in ALL {
         for depth in [None, Some(2)] {
             let bed = Bed::of_bytes(memory, "bytes", 10, depth);
@@ -304,7 +304,7 @@ fn prt_02_message_longer_than_its_channels_is_refused_and_changes_nothing() {
 }
 
 #[test]
-fn prt_11_messages_of_every_length_arrive_with_their_length_and_stamp() {
+fn messages_of_every_length_arrive_with_their_length_and_stamp() {
     for memory in ALL {
         for depth in [None, Some(1)] {
             let bed = Bed::of_bytes(memory, "bytes", 130, depth);
@@ -323,7 +323,7 @@ fn prt_11_messages_of_every_length_arrive_with_their_length_and_stamp() {
 }
 
 #[test]
-fn prt_12_queue_to_which_nobody_listens_takes_nothing() {
+fn queue_to_which_nobody_listens_takes_nothing() {
     for memory in ALL {
         let bed = Bed::new::<GroundMessage>(memory, "GroundMessage", Some(2));
         let mut sender = bed.sender();
@@ -335,7 +335,7 @@ fn prt_12_queue_to_which_nobody_listens_takes_nothing() {
 }
 
 #[test]
-fn prt_13_successor_of_a_source_goes_on_where_its_channel_is() {
+fn successor_of_a_source_goes_on_where_its_channel_is() {
     for memory in ALL {
         let bed = Bed::new::<Rate>(memory, "Rate", None);
         let mut destination = bed.destination(10);
@@ -364,7 +364,7 @@ fn prt_13_successor_of_a_source_goes_on_where_its_channel_is() {
 }
 
 #[test]
-fn prt_14_queue_of_every_depth_is_full_behind_its_last_place() {
+fn queue_of_every_depth_is_full_behind_its_last_place() {
     for memory in ALL {
         for depth in [1_usize, 2, 3, 8, 64] {
             let bed = Bed::new::<GroundMessage>(memory, "GroundMessage", Some(depth));

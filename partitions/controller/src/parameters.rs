@@ -125,7 +125,7 @@ static ROWS: &[Row<Settings>] = &[
     Row::settable(
         "CTL_RUNWAY",
         Kind::Real,
-        (-1.0, 6.2832),
+        (-1.0, 6.3),
         |s| Some(s.control.landing.course_rad.unwrap_or(-1.0)),
         |s, value| {
             s.control.landing.course_rad = (value >= 0.0).then_some(value);

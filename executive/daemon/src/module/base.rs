@@ -22,7 +22,7 @@ use bateleur_host::helper::recording::RecorderOrder;
 use bateleur_host::helper::{PARENT, end_helper};
 use bateleur_host::instance::{Alive, Instance};
 use bateleur_host::machine::Machine;
-use bateleur_host::partition::{Sandbox, SandboxConfig, message_name, queue_depth};
+use bateleur_host::partition::{Sandbox, SandboxConfig, message_name};
 use bateleur_host::programs::beside_own;
 use bateleur_host::sealed::{End, Handover, SealedChannels};
 use bateleur_monitor::StartChannelCleaner;
@@ -284,7 +284,7 @@ impl Base {
                 source: plan.port_path(channel.source),
                 message: message_name(&plan[channel.source]),
                 size: plan[channel.source].payload.max_size_bytes(),
-                depth: queue_depth(plan, channel).map(|depth| depth as usize),
+                depth: plan.queue_depth(channel).map(|depth| depth as usize),
                 destinations: channel.destinations.len(),
                 spare_writers: match plan[channel.source].operator {
                     false => spare(plan, channel.source),

@@ -274,10 +274,10 @@ impl Landing {
                 }
             }
             Phase::Touched if self.falling_s > FALLING_S => self.enter(Phase::Flare),
-            Phase::Touched => {
-                if s.airspeed_mps < ROLLING_SHARE * stall_mps || self.since_s > LONGEST_TOUCHED_S {
-                    self.enter(Phase::Rolling);
-                }
+            Phase::Touched
+                if s.airspeed_mps < ROLLING_SHARE * stall_mps || self.since_s > LONGEST_TOUCHED_S =>
+            {
+                self.enter(Phase::Rolling);
             }
             Phase::Rolling => {
                 self.since_s = if flown_mps < STANDING_MPS { self.since_s } else { 0.0 };

@@ -464,7 +464,6 @@ impl Controller {
             self.steady.follow(&command, dt_s);
         }
         // The loops remember where the surface is wanted, not where the servo stands for it.
-        let mut command = command;
         if self.channels.pitch {
             let servo = &self.airframe.servo;
             let led = self.play.step(command.elevator_rad, servo.backlash_rad, dt_s);

@@ -121,7 +121,7 @@ def main():
     said["why_not_armed"] = list(ground.texts)
     said["version"] = ground.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148)
     said["version_heard"] = ground.hear("AUTOPILOT_VERSION", seconds=2.0) is not None or "AUTOPILOT_VERSION" in ground.kinds
-    said["land"] = ground.command(mavlink.MAV_CMD_NAV_LAND)
+    said["parachute"] = ground.command(mavlink.MAV_CMD_DO_PARACHUTE)
     count, found = ground.parameters()
     said["parameters"] = [count, sorted(found), {name: [value, kind] for name, value, kind in found.values()}]
     said["settable"] = ground.set_parameter("CMD_RATE_ATT", 20.0)

@@ -78,7 +78,7 @@ fn ground_station_by_others_sees_asks_loads_and_orders_on_the_wall_clock() {
     let why = said["why_not_armed"].to_string();
     assert!(why.contains("refused"), "{why}");
     assert_eq!((&said["version"], &said["version_heard"]), (&json!(ACCEPTED), &json!(true)));
-    assert_eq!(said["land"], UNSUPPORTED);
+    assert_eq!(said["parachute"], UNSUPPORTED);
     let count = said["parameters"][0].as_u64().unwrap();
     assert!(count > 100, "{count} parameters");
     assert_eq!(said["parameters"][1], json!((0..count).collect::<Vec<_>>()));
@@ -146,7 +146,7 @@ fn free_port() -> u16 {
 }
 
 /// All parameters of the delivered plan with its aircraft.
-const PARAMETERS: usize = 129;
+const PARAMETERS: usize = 132;
 
 #[test]
 fn mavproxy_as_it_is_finds_the_aircraft_and_its_parameters_and_is_told_why_on_the_wall_clock() {
@@ -207,7 +207,7 @@ fn mavlink_on_the_serial_line_is_heard_and_answers_on_the_wall_clock() {
     let result = await_some(PATIENCE, || {
         let mut question = Vec::new();
         let land = COMMAND_LONG_DATA {
-            command: MavCmd::MAV_CMD_NAV_LAND,
+            command: MavCmd::MAV_CMD_DO_PARACHUTE,
             target_system: 1,
             ..COMMAND_LONG_DATA::DEFAULT
         };

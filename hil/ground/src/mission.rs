@@ -39,7 +39,7 @@ const GROUNDED_NS: u64 = 5 * SECOND_NS;
 /// The same for one that is to be there.
 const LANDED_NS: u64 = 15 * SECOND_NS;
 /// After a landing it stands below this, m/s.
-const STOPPED_MPS: f64 = 1.0;
+const STOPPED_MPS: f64 = 0.7;
 
 /// The Controller's parameter for the laps.
 const LAPS: &str = "CTL_LAPS";

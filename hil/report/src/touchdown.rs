@@ -9,7 +9,7 @@ use crate::flight::seconds;
 /// In the air for so long, ns, before it touched the ground: a bounce is none.
 const FLIGHT_NS: u64 = 20_000_000_000;
 /// It stands slower than this over ground, m/s.
-const STANDING_MPS: f64 = 1.0;
+const STANDING_MPS: f64 = 1.5;
 
 /// How the aircraft met the ground.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

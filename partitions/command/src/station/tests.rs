@@ -365,7 +365,7 @@ fn senseless_and_unknown_commands_are_refused_and_reach_nobody() {
     let heard = world.window(&[
         command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, f32::NAN),
         command(MavCmd::MAV_CMD_DO_SET_MODE, -4.0),
-        command(MavCmd::MAV_CMD_NAV_LAND, 0.0),
+        command(MavCmd::MAV_CMD_NAV_LAND_LOCAL, 0.0),
     ]);
     let refused =
         [MavResult::MAV_RESULT_DENIED, MavResult::MAV_RESULT_DENIED, MavResult::MAV_RESULT_UNSUPPORTED];
@@ -584,7 +584,7 @@ fn items_that_can_not_be_flown_are_refused_before_anything_is_loaded() {
         (speed(f32::INFINITY), MavMissionResult::MAV_MISSION_INVALID_PARAM2),
         (MISSION_ITEM_INT_DATA { param1: 1.0, ..speed(25.0) }, MavMissionResult::MAV_MISSION_INVALID_PARAM1),
         (
-            MISSION_ITEM_INT_DATA { command: MavCmd::MAV_CMD_NAV_LAND, ..item(0.0, 0.0, 100.0) },
+            MISSION_ITEM_INT_DATA { command: MavCmd::MAV_CMD_NAV_LAND_LOCAL, ..item(0.0, 0.0, 100.0) },
             MavMissionResult::MAV_MISSION_UNSUPPORTED,
         ),
         (

@@ -18,6 +18,8 @@ pub fn project() -> PathBuf {
 pub fn run(name: &str, faults: &[&str]) -> Result<(String, String), String> {
     let program = std::env::var("BATELEUR").unwrap_or_else(|_| "bateleur".to_owned());
     let output = project().join("target/runs").join(name);
+    // The run of the last time: a folder that holds one is not written over.
+    let _ = fs::remove_dir_all(&output);
     let mut command = Command::new(&program);
     command.args(["run", "--fast", "--until", "4", "--output"]).arg(&output).args(faults);
     let ended = command.current_dir(project()).output().map_err(|error| format!("{program}: {error}"))?;

@@ -17,6 +17,8 @@ const FAILED: u8 = 1;
 const FUZZ_S: &str = "120";
 /// The same by `--long`: longer than anything else, for a machine that has the time.
 const LONG_FUZZ_S: &str = "600";
+/// The server of Foxglove's protocol, a workspace of its own.
+const FOXGLOVE: &str = "hil/foxglove/Cargo.toml";
 /// How long asking a tool for its version may take.
 const ASKING: Duration = Duration::from_secs(30);
 /// How long fetching the database of known vulnerabilities may take; without a network it is never there.
@@ -84,6 +86,7 @@ pub(crate) fn root() -> PathBuf {
 
 fn everything(root: &Path, fuzz_s: &str, tally: &mut Tally) -> Result<(), String> {
     Step::cargo("format", &["fmt", "--all", "--check"]).run(tally)?;
+    locks(tally)?;
     pages(root)?;
     book(root, tally)?;
     dependencies(tally)?;
@@ -92,12 +95,22 @@ fn everything(root: &Path, fuzz_s: &str, tally: &mut Tally) -> Result<(), String
     Step::cargo("programs", &["build", "--release", "--workspace", "--bins"]).run(tally)?;
     schedule(tally)?;
     shown_commands(root)?;
-    let other = tests_beside_other_processor(tally)?;
+    let other = tests_beside_other_builds(tally)?;
     models(tally)?;
     fuzz_beside_guest(root, other, fuzz_s, tally)?;
     Step::cargo("examples in comments", &["test", "--release", "--workspace", "--doc"]).run(tally)?;
     let documentation = Step::cargo("reference", &["doc", "--release", "--workspace", "--no-deps", "--lib"]);
     documentation.with("RUSTDOCFLAGS", "-D warnings").run(tally)
+}
+
+/// The workspaces beside this one lock what this one's crates need by now: their own builds come late, or not at all.
+fn locks(tally: &mut Tally) -> Result<(), String> {
+    for manifest in [FOXGLOVE, "gateway/zenoh/Cargo.toml"] {
+        let update = ["update", "--quiet", "--workspace", "--locked", "--manifest-path", manifest];
+        let repeat = format!("to mend it: cargo update --workspace --manifest-path {manifest}");
+        Step::cargo("locks", &update).run(tally).map_err(|error| format!("{error}; {repeat}"))?;
+    }
+    Ok(())
 }
 
 fn pages(root: &Path) -> Result<(), String> {
@@ -194,17 +207,32 @@ fn guest(root: &Path, other: bool, tally: &mut Tally) -> Result<(), String> {
     Step::cargo("tests in a guest", &arguments).run(tally)
 }
 
-/// The tests leave processors idle for much of their time, and the programs for the other processor are built in that time. True: they are
-/// there.
-fn tests_beside_other_processor(tally: &mut Tally) -> Result<bool, String> {
+/// The tests leave processors idle for much of their time, and what has a target folder of its own is built in that time. True: the programs
+/// for the other processor are there.
+fn tests_beside_other_builds(tally: &mut Tally) -> Result<bool, String> {
     let mut own = Tally::default();
-    let (tested, built) = std::thread::scope(|scope| {
-        let building = scope.spawn(|| other_processor(&mut own));
+    let (tested, (other, foxglove)) = std::thread::scope(|scope| {
+        let building = scope.spawn(|| (other_processor(&mut own), foxglove(&mut own)));
         let tested = tests(tally);
-        (tested, building.join().unwrap_or_else(|_| Err("the step of the other processor panicked".into())))
+        let panicked = |_| (Err("the step of the other processor panicked".into()), Ok(()));
+        (tested, building.join().unwrap_or_else(panicked))
     });
     tally.add(own);
-    tested.and(built)
+    tested?;
+    match foxglove {
+        Ok(()) => {
+            let test = ["test", "--release", "--workspace", "--test", "foxglove", "--", "--ignored"];
+            Step::cargo("foxglove's clients", &test).run(tally)?;
+        }
+        Err(reason) => left_out("foxglove's clients", &reason)?,
+    }
+    other
+}
+
+fn foxglove(tally: &mut Tally) -> Result<(), String> {
+    let build = ["build", "--release", "--locked", "--manifest-path", FOXGLOVE];
+    // A flight's messages are few: it need not be quick, and tests run meanwhile.
+    Step::cargo("foxglove", &build).with("CARGO_PROFILE_RELEASE_OPT_LEVEL", "1").idle().run(tally)
 }
 
 /// All programs are built for the other kind of processor that aircraft carry: system calls, atomics and constants have twins.

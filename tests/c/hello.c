@@ -22,10 +22,16 @@ static void greet(void) {
 }
 
 int main(void) {
+    static const APEX_BYTE message[] = {0x03, 0x0C, 0x31, 0x30, 1};
     PARTITION_STATUS_TYPE partition;
     PROCESS_ID_TYPE id = 0, found = 0;
     EXPECT(NO_ERROR, GET_PARTITION_STATUS(&partition, &code));
     CHECK(partition.OPERATING_MODE == COLD_START && partition.START_CONDITION == NORMAL_START);
+    CHECK(bateleur_functional_status(message, 5, VALID, 0) == NORMAL_OPERATION);
+    CHECK(bateleur_functional_status(message, 5, VALID, 1) == FUNCTIONAL_TEST);
+    CHECK(bateleur_functional_status(message, 5, VALID, 2) == NO_DATA);
+    CHECK(bateleur_functional_status(message, 5, VALID, 3) == NO_COMPUTED_DATA);
+    CHECK(bateleur_functional_status(message, 5, INVALID, 0) == NO_DATA && bateleur_functional_status(message, 3, VALID, 0) == NO_DATA);
     EXPECT(INVALID_MODE, GET_MY_ID(&id, &code));
     EXPECT(INVALID_MODE, SET_PARTITION_MODE(WARM_START, &code));
     EXPECT(INVALID_MODE, TIMED_WAIT(1, &code));

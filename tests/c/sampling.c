@@ -11,6 +11,13 @@ static void play(void) {
     RETURN_CODE_TYPE read;
 #ifndef PONG
     SAMPLING_PORT_STATUS_TYPE status;
+    SAMPLING_PORT_CURRENT_STATUS_TYPE current;
+    SYSTEM_TIME_TYPE stamp;
+    UPDATED_TYPE updated;
+    EXPECT(NO_ACTION, READ_UPDATED_SAMPLING_MESSAGE(in, (MESSAGE_ADDR_TYPE) &heard, &length, &updated, &code));
+    CHECK(updated == EMPTY_PORT && length == 0);
+    EXPECT(NO_ACTION, READ_SAMPLING_MESSAGE_CONDITIONAL(in, -1, (MESSAGE_ADDR_TYPE) &heard, &length, &stamp, &code));
+    CHECK(stamp == 0 && length == 0);
 #endif
     for (;;) {
         READ_SAMPLING_MESSAGE(in, (MESSAGE_ADDR_TYPE) &heard, &length, &validity, &read);
@@ -25,6 +32,18 @@ static void play(void) {
             EXPECT(INVALID_PARAM, WRITE_SAMPLING_MESSAGE(out, (MESSAGE_ADDR_TYPE) &mine, 0, &code));
             EXPECT(INVALID_MODE, WRITE_SAMPLING_MESSAGE(in, (MESSAGE_ADDR_TYPE) &mine, 4, &code));
             EXPECT(NO_ERROR, GET_SAMPLING_PORT_STATUS(in, &status, &code));
+            EXPECT(NO_ERROR, GET_SAMPLING_PORT_CURRENT_STATUS(in, &current, &code));
+            CHECK(current.UPDATED == CONSUMED_MESSAGE && current.MESSAGE_AGE == FRESH && current.TIME_STAMP > 0);
+            CHECK(current.REFRESH_PERIOD == 100 * MS && current.MAX_MESSAGE_SIZE == 4 && current.PORT_DIRECTION == DESTINATION);
+            EXPECT(NO_ACTION, READ_UPDATED_SAMPLING_MESSAGE(in, (MESSAGE_ADDR_TYPE) &heard, &length, &updated, &code));
+            CHECK(updated == CONSUMED_MESSAGE && length == 0);
+            EXPECT(INVALID_MODE, READ_UPDATED_SAMPLING_MESSAGE(out, (MESSAGE_ADDR_TYPE) &heard, &length, &updated, &code));
+            EXPECT(NO_ACTION, READ_SAMPLING_MESSAGE_CONDITIONAL(
+                in, current.TIME_STAMP, (MESSAGE_ADDR_TYPE) &heard, &length, &stamp, &code));
+            CHECK(stamp == current.TIME_STAMP && length == 0);
+            EXPECT(NO_ERROR, READ_SAMPLING_MESSAGE_CONDITIONAL(
+                in, current.TIME_STAMP - 1, (MESSAGE_ADDR_TYPE) &heard, &length, &stamp, &code));
+            CHECK(stamp == current.TIME_STAMP && length == sizeof heard && heard.number == mine.number - 1);
             CHECK(status.REFRESH_PERIOD == 100 * MS && status.LAST_MSG_VALIDITY == VALID && status.MAX_MESSAGE_SIZE == 4);
         }
 #endif

@@ -61,7 +61,7 @@ class Ground:
                 return None
             if message.get_type() == "MISSION_ACK":
                 return message.type
-            self.line.mav.mission_item_int_send(1, 1, message.seq, *items[message.seq])
+            self.line.mav.mission_item_int_send(1, 1, message.seq, *items[message.seq], kind)
 
     def download(self):
         self.line.mav.mission_request_list_send(1, 1, mavlink.MAV_MISSION_TYPE_MISSION)
@@ -107,6 +107,10 @@ def waypoint(latitude, longitude, altitude):
     return (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_CMD_NAV_WAYPOINT, 0, 1, 0.0, 0.0, 0.0, 0.0, round(latitude * 1e7), round(longitude * 1e7), altitude)
 
 
+def corner(latitude, longitude, count):
+    return (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, 0, 1, float(count), 0.0, 0.0, 0.0, round(latitude * 1e7), round(longitude * 1e7), 0.0)
+
+
 def main():
     ground = Ground()
     print(json.dumps({"listening": ground.address}), flush=True)
@@ -140,6 +144,11 @@ def main():
     said["too_far"] = ground.upload(items[:1] + [waypoint(latitude + 2.0, longitude, 100.0)])
     said["too_many"] = ground.upload(items * 20)
     said["fence"] = ground.upload(items[:1], mavlink.MAV_MISSION_TYPE_FENCE)
+    corners = [corner(latitude + north, longitude + east, 3) for north, east in [(-0.02, -0.02), (0.04, 0.0), (-0.02, 0.04)]]
+    said["fenced"] = ground.upload(corners, mavlink.MAV_MISSION_TYPE_FENCE)
+    said["runway_left_out"] = ground.upload([corner(latitude + north, longitude, 3) for north in (0.01, 0.02, 0.03)], mavlink.MAV_MISSION_TYPE_FENCE)
+    rally = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_CMD_NAV_RALLY_POINT, 0, 1, 0.0, 0.0, 0.0, 0.0, round((latitude + 0.002) * 1e7), round(longitude * 1e7), 90.0)
+    said["rally"] = ground.upload([rally], mavlink.MAV_MISSION_TYPE_RALLY)
     attitude = ground.hear("ATTITUDE", seconds=60.0)
     said["attitude"] = attitude and [attitude.roll, attitude.pitch, attitude.yaw]
     ground.hear("GLOBAL_POSITION_INT", seconds=5.0)

@@ -29,9 +29,9 @@ pub fn compile_c(source: &str, folder: &Path, name: &str, flags: &[&str]) -> Pat
             "-Wpedantic",
             "-Werror",
             "-fstack-clash-protection",
-            "-s",
             "-Wl,--gc-sections",
         ])
+        .args((!flags.contains(&"-g")).then_some("-s"))
         .args(flags)
         .arg("-I")
         .arg(repository().join("partitions/apex_c/include"))

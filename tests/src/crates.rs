@@ -20,7 +20,8 @@ pub fn empty_folder(name: &str) -> PathBuf {
     folder
 }
 
-/// Copies a folder, without `target` and what is hidden. What is not written is not touched, so that it is not built again.
+/// Makes `to` a copy of a folder, without `target` and what is hidden. What is the same is not touched, so that it is not built again; what
+/// an earlier run has left is removed.
 pub fn copy(from: &Path, to: &Path) {
     if !from.is_dir() {
         let text = fs::read(from).unwrap();
@@ -31,13 +32,18 @@ pub fn copy(from: &Path, to: &Path) {
         return;
     }
     fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap() {
-        let entry = entry.unwrap();
-        let name = entry.file_name();
-        if name != "target" && !name.to_string_lossy().starts_with('.') {
-            copy(&entry.path(), &to.join(name));
-        }
+    let names = |folder: &Path| {
+        let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name());
+        entries
+            .filter(|name| name != "target" && !name.to_string_lossy().starts_with('.'))
+            .collect::<Vec<_>>()
+    };
+    let wanted = names(from);
+    for name in names(to).into_iter().filter(|name| !wanted.contains(name)) {
+        let path = to.join(name);
+        if path.is_dir() { fs::remove_dir_all(path).unwrap() } else { fs::remove_file(path).unwrap() }
     }
+    wanted.iter().for_each(|name| copy(&from.join(name), &to.join(name)));
 }
 
 /// A command in `folder` that builds into [`crates_target`], without a network.

@@ -8,8 +8,8 @@ pub const QUIET_MS: u64 = 1_000;
 /// Who sends to whom, and has nothing to do with the fuzzer.
 pub const PAIRS: [(&str, &str); 3] = [("early", "late"), ("next", "last"), ("writer", "reader")];
 
-/// Whose faults are expected: the fuzzer's and those of who has a channel with it.
-pub const EXPECTED: &[&str] = &["fuzzer", "ear"];
+/// Whose faults are expected: those of whoever harms the others, and of who has a channel with it.
+pub const EXPECTED: &[&str] = &["fuzzer", "attacker", "ear"];
 
 /// What a fuzzer is granted.
 #[derive(Debug)]
@@ -39,7 +39,7 @@ pub const KINDS: [Kind; 4] = [
 ];
 
 impl Kind {
-    /// The module: three pairs around the fuzzer, and one who listens to it.
+    /// The module with a fuzzer.
     pub fn sketch(&self, seed: u64) -> Sketch {
         let fuzzer = format!(
             "attributes = {{ seed = {seed}, from_ms = {QUIET_MS}, tells = true{} }}\n\
@@ -50,27 +50,32 @@ impl Kind {
             self.keys,
             ports_of("fuzzer", &[("own", "source", "sampling")])
         );
-        let source =
-            |name: &str| ports_of(name, &[("numbers", "source", "sampling"), ("queue", "source", "queuing")]);
-        let destination = |name: &str| {
-            let ports = [("numbers", "destination", "sampling"), ("queue", "destination", "queuing")];
-            NEEDS.to_owned() + &ports_of(name, &ports)
-        };
-        let mut sketch = Sketch::new().table("[health]\nsilence_windows = 5\n");
-        for (from, to) in PAIRS {
-            sketch = sketch
-                .table(&channel_between(&format!("{from}.numbers"), &format!("{to}.numbers")))
-                .table(&channel_between(&format!("{from}.queue"), &format!("{to}.queue")));
-        }
-        sketch
-            .table(&channel_between("fuzzer.own", "ear.loose"))
-            .partition("early", "neighbour", 800, &source("early"))
-            .partition("next", "neighbour", 800, &source("next"))
-            .partition("fuzzer", "fuzzer", 5_000, &fuzzer)
-            .partition("late", "neighbour", 800, &destination("late"))
-            .partition("last", "neighbour", 800, &destination("last"))
-            .partition("writer", "neighbour", 800, &source("writer"))
-            .partition("reader", "neighbour", 800, &destination("reader"))
-            .partition("ear", "neighbour", 300, &ports_of("ear", &[("loose", "destination", "sampling")]))
+        beside_six("fuzzer", &fuzzer)
     }
+}
+
+/// The module: three pairs around a partition of that name and program, which has the port `own`, and one who listens to it.
+pub fn beside_six(program: &str, keys: &str) -> Sketch {
+    let source =
+        |name: &str| ports_of(name, &[("numbers", "source", "sampling"), ("queue", "source", "queuing")]);
+    let destination = |name: &str| {
+        let ports = [("numbers", "destination", "sampling"), ("queue", "destination", "queuing")];
+        NEEDS.to_owned() + &ports_of(name, &ports)
+    };
+    let mut sketch = Sketch::new().table("[health]\nsilence_windows = 5\n");
+    for (from, to) in PAIRS {
+        sketch = sketch
+            .table(&channel_between(&format!("{from}.numbers"), &format!("{to}.numbers")))
+            .table(&channel_between(&format!("{from}.queue"), &format!("{to}.queue")));
+    }
+    sketch
+        .table(&channel_between(&format!("{program}.own"), "ear.loose"))
+        .partition("early", "neighbour", 800, &source("early"))
+        .partition("next", "neighbour", 800, &source("next"))
+        .partition(program, program, 5_000, keys)
+        .partition("late", "neighbour", 800, &destination("late"))
+        .partition("last", "neighbour", 800, &destination("last"))
+        .partition("writer", "neighbour", 800, &source("writer"))
+        .partition("reader", "neighbour", 800, &destination("reader"))
+        .partition("ear", "neighbour", 300, &ports_of("ear", &[("loose", "destination", "sampling")]))
 }

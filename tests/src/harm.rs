@@ -37,7 +37,7 @@ pub struct Sample {
     pub disk: u64,
 }
 
-/// What the kernel has allocated for no control group: its general caches for such memory, and those of packets. Caches of
+/// What the kernel has allocated for no control group: its general caches for such memory, those of packets, and that of locks. Caches of
 /// which each object is counted in a group are left out.
 fn kernel_memory() -> i64 {
     let text = fs::read_to_string("/proc/slabinfo").unwrap_or_default();
@@ -47,7 +47,7 @@ fn kernel_memory() -> i64 {
         let general =
             name.strip_prefix("kmalloc-").is_some_and(|size| size.starts_with(|c: char| c.is_ascii_digit()));
         let (count, size) = (fields.next()?.parse::<i64>().ok()?, fields.nth(1)?.parse::<i64>().ok()?);
-        (general || name.starts_with("skbuff")).then_some(count * size)
+        (general || name.starts_with("skbuff") || name == "file_lock_cache").then_some(count * size)
     };
     text.lines().filter_map(of_line).sum()
 }
@@ -118,7 +118,7 @@ pub fn run_watched(schedule: &str, partition: &str, length: Duration) -> (Ended,
 
 /// Whether a fault is one that others than the partitions `expected` notice. How late windows begin is judged elsewhere.
 pub fn is_noticed(fault: &Fault, expected: &[&str]) -> bool {
-    !["late_dispatcher", "window_overrun", "no_processor"].contains(&fault.error.as_str())
+    !["late_dispatcher", "window_overrun", "processor_taken"].contains(&fault.error.as_str())
         && !expected.contains(&fault.partition.as_str())
 }
 

@@ -29,9 +29,9 @@ pub use harm::{DISK, KERNEL, NEEDS, Sample, held, is_noticed, is_walled_in, run_
 pub use line::Ground;
 pub use output::{Fault, Window, quantile};
 pub use page::Page;
-pub use peer::{Peer, python};
+pub use peer::{Peer, jsbsim, python};
 pub use programs::{
-    EXECUTIVE, Ended, ORDINARY, Started, bateleur, bateleur_as_ordinary, daemon, program, repository,
+    EXECUTIVE, Ended, ORDINARY, Started, bateleur, bateleur_as_ordinary, daemon, other, program, repository,
 };
 pub use schedule::{Sketch, channel_between, edited, flight_schedule, line_of, ports_of};
 pub use turn::{Turn, alone, among_others};

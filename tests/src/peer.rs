@@ -1,9 +1,9 @@
-//! Other people's programs as peers: Python programs of `tests/peers` on libraries from PyPI, in an environment that
-//! `tests/peers/prepare` makes in `target/peers` when it is first needed.
+//! Other people's programs as peers: Python programs on libraries from PyPI, in environments that are made when they are first needed:
+//! those of `tests/peers`, for which `tests/peers/prepare` makes `target/peers`, and that of `examples/jsbsim`, likewise.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::OnceLock;
 use std::time::Duration;
@@ -21,7 +21,17 @@ const PREPARING: Duration = Duration::from_secs(240);
 /// a failure.
 pub fn python() -> Option<PathBuf> {
     static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    match PYTHON.get_or_init(prepare) {
+    prepared(&PYTHON, "peers")
+}
+
+/// The Python that has JSBSim; as [`python`].
+pub fn jsbsim() -> Option<PathBuf> {
+    static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    prepared(&PYTHON, "jsbsim")
+}
+
+fn prepared(place: &OnceLock<Result<PathBuf, String>>, name: &str) -> Option<PathBuf> {
+    match place.get_or_init(|| prepare(name)) {
         Ok(python) => Some(python.clone()),
         Err(reason) if std::env::var_os("CI").is_some_and(|value| value == "true") => {
             panic!("the peers of the tests are needed in CI: {reason}")
@@ -33,12 +43,12 @@ pub fn python() -> Option<PathBuf> {
     }
 }
 
-fn prepare() -> Result<PathBuf, String> {
-    let script = repository().join("tests/peers/prepare");
+fn prepare(name: &str) -> Result<PathBuf, String> {
+    let script = repository().join(format!("tests/{name}/prepare"));
     let lock = File::options()
         .create(true)
         .append(true)
-        .open(std::env::temp_dir().join("bateleur-tests.peers"))
+        .open(std::env::temp_dir().join(format!("bateleur-tests.{name}")))
         .map_err(|error| error.to_string())?;
     flock(&lock, FlockOperation::LockExclusive).map_err(|error| error.to_string())?;
     let mut said = tempfile::tempfile().map_err(|error| error.to_string())?;
@@ -55,9 +65,9 @@ fn prepare() -> Result<PathBuf, String> {
         let mut text = String::new();
         let _ = std::io::Seek::rewind(&mut said); // an empty text then
         let _ = said.read_to_string(&mut text); // as above
-        return Err(format!("tests/peers/prepare failed: {}", text.trim()));
+        return Err(format!("tests/{name}/prepare failed: {}", text.trim()));
     }
-    Ok(repository().join("target/peers/bin/python"))
+    Ok(repository().join(format!("target/{name}/bin/python")))
 }
 
 /// A running peer; ended when dropped.
@@ -74,9 +84,13 @@ pub struct Peer {
 impl Peer {
     /// Starts `tests/peers/<script>` and waits for its first line. `None`: as [`python`].
     pub fn start(script: &str, arguments: &[&str]) -> Option<Self> {
-        let python = python()?;
+        Some(Self::run(&python()?, &format!("tests/peers/{script}"), arguments))
+    }
+
+    /// Starts a program of the repository and waits for its first line.
+    pub fn run(python: &Path, script: &str, arguments: &[&str]) -> Self {
         let mut child = Command::new(python)
-            .arg(repository().join("tests/peers").join(script))
+            .arg(repository().join(script))
             .args(arguments)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -88,7 +102,7 @@ impl Peer {
         output.read_line(&mut line).unwrap();
         let ready =
             serde_json::from_str(&line).unwrap_or_else(|error| panic!("{script} said {line:?}: {error}"));
-        Some(Self { child, input, output, ready })
+        Self { child, input, output, ready }
     }
 
     /// Where it listens.

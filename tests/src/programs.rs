@@ -43,6 +43,11 @@ pub fn program(name: &str) -> PathBuf {
 /// Names a control group that is given to each `bateleur` of a test alone, as a unit of systemd would be.
 const UNIT: &str = "BATELEUR_TESTS_UNIT";
 
+/// A program that this workspace does not build.
+pub fn other(program: &Path, arguments: &[&str]) -> Started {
+    start(Command::new(program), arguments, None)
+}
+
 /// A command for a program, in the group that the environment names.
 fn in_its_unit(program: &Path) -> Command {
     let Some(unit) = std::env::var_os(UNIT) else { return Command::new(program) };

@@ -19,9 +19,15 @@ pub fn alone() -> Turn {
 }
 
 fn take(how: FlockOperation) -> Turn {
-    let path = std::env::temp_dir().join("bateleur-tests.turn");
+    // Whoever waits to be alone keeps this one meanwhile: those who come later do not pass him.
+    let _queue = lock("bateleur-tests.queue", how);
+    Turn(lock("bateleur-tests.turn", how))
+}
+
+fn lock(name: &str, how: FlockOperation) -> File {
+    let path = std::env::temp_dir().join(name);
     let file =
         File::options().create(true).append(true).open(&path).expect("a lock file in the temporary folder");
     flock(&file, how).expect("the temporary folder allows locks");
-    Turn(file)
+    file
 }

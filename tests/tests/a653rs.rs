@@ -2,11 +2,11 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use bateleur_tests::{Sketch, among_others, bateleur, channel_between};
+use bateleur_tests::{Fault, Sketch, among_others, bateleur, channel_between};
 
 /// Each checks itself: it panics where something fails, and reports `done`.
 #[test]
-fn partitions_written_for_another_hypervisor_run() {
+fn p4_09_partitions_written_for_another_hypervisor_run() {
     let _turn = among_others();
     let folder = tempfile::tempdir().unwrap();
     let messages = folder.path().join("messages");
@@ -42,6 +42,7 @@ fn partitions_written_for_another_hypervisor_run() {
         ("objects", "threads = 3".to_owned()),
         ("processes", "threads = 4".to_owned()),
         ("errors", "threads = 3".to_owned()),
+        ("blocks", "threads = 2\nmay_set_schedule = true".to_owned()),
     ];
     let channels = [
         ("ping.out", "pong.in"),
@@ -53,6 +54,9 @@ fn partitions_written_for_another_hypervisor_run() {
         ("valve.opening", "tank.opening"),
     ];
     let tables: String = channels.iter().map(|(from, to)| channel_between(from, to)).collect();
+    let block = "[memory_block.map]\nsize = \"4KiB\"\ncontent = \"map\"\nread_write = [\"blocks\"]\n";
+    std::fs::write(folder.path().join("map"), "map").unwrap();
+    let tables = tables + block;
     let sketch = partitions.iter().fold(Sketch::new().table(&tables), |sketch, (name, keys)| {
         sketch.partition(name, "a653rs_partitions", 1000, keys)
     });
@@ -63,7 +67,11 @@ fn partitions_written_for_another_hypervisor_run() {
         let said = ended.stderr.contains(&format!("{name}: done"));
         assert!(said, "{name} is not done:\n{}\n{}", ended.stderr, log.unwrap_or_default());
     }
-    assert!(ended.faults().is_empty(), "{:?}", ended.faults());
+    // One raises errors on purpose, of which its own handler is told.
+    let faults = ended.faults();
+    assert!(!faults.is_empty());
+    let expected = |fault: &Fault| (&*fault.partition, &*fault.action) == ("errors", "error_handler");
+    assert!(faults.iter().all(expected), "{faults:?}");
     let log = std::fs::read_to_string(ended.folder().join("partitions/hello.log")).unwrap();
     assert!(log.contains("INFO  hello in round 49"), "{log}");
     let warned = ended.stderr.contains("hello: a warning is seen from outside");

@@ -77,6 +77,9 @@ fn sketch(attacks: &[&str], keys: &str) -> Sketch {
 /// What the kernel may keep for the connections of a partition with one port beyond what its sockets may hold, bytes.
 const CONNECTIONS: i64 = (256 + 16) * (64 << 10);
 
+/// To how many addresses a partition may send in its life.
+const MOST_ADDRESSES: usize = 64;
+
 /// Which attack was under way.
 fn place(ns: u64) -> usize {
     (ns / (EACH_MS * 1_000_000)) as usize
@@ -256,6 +259,7 @@ fn enter_a_silent_network() {
         "link set nobody up",
         "link set silent up",
         "address add 10.99.0.1/16 dev silent",
+        "address add fd99::1/64 dev silent nodad",
     ] {
         let done = std::process::Command::new("ip").args(line.split(' ')).status();
         assert!(done.unwrap().success(), "ip {line}");
@@ -267,7 +271,16 @@ fn nobody_notices_a_partition_that_talks_to_computers_that_are_not_there() {
     if is_walled_in() {
         enter_a_silent_network();
     }
-    assert_nobody_notices(&["silent_neighbours"], "network = true");
+    assert_nobody_notices(&["silent_neighbours", "many_neighbours"], "network = true");
+    if is_walled_in() {
+        let neighbours = std::process::Command::new("ip").args(["neighbour", "show", "nud", "all"]).output();
+        let count = String::from_utf8_lossy(&neighbours.unwrap().stdout).lines().count();
+        // Those of the attacker's successor, which begins again, and the network's own groups.
+        assert!(
+            (8..=2 * MOST_ADDRESSES + 16).contains(&count),
+            "{count} neighbours are in the machine's tables"
+        );
+    }
 }
 
 #[test]

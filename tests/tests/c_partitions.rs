@@ -2,9 +2,13 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use std::path::Path;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
-use bateleur_tests::{Ended, Sketch, alone, among_others, bateleur, channel_between, compile_c, program};
+use bateleur_tests::{
+    Ended, Sketch, alone, among_others, bateleur, c_library, channel_between, compile_c, program, repository,
+};
 
 /// A partition in C: its name, its source, flags of the compiler, keys in the schedule file.
 type InC<'t> = (&'t str, &'t str, &'t [&'t str], &'t str);
@@ -38,7 +42,9 @@ fn expect_all_done(ended: &Ended, partitions: &[InC<'_>]) {
     for (name, ..) in partitions {
         assert!(ended.stderr.contains(&format!("{name}: done")), "{name} is not done:\n{}", ended.stderr);
     }
-    assert!(ended.faults().is_empty(), "{:?}", ended.faults());
+    // An error that a handler among the processes was told of is no failure of the partition.
+    let failed: Vec<_> = ended.faults().into_iter().filter(|fault| fault.action != "error_handler").collect();
+    assert!(failed.is_empty(), "{failed:?}");
 }
 
 #[test]
@@ -55,7 +61,7 @@ fn ports_processes_and_objects_do_in_c_what_the_header_says() {
     let messages = folder.path().join("messages");
     std::fs::create_dir(&messages).unwrap();
     std::fs::write(messages.join("Number.msg"), "int32 number\n").unwrap();
-    let header = std::process::Command::new(program("message_header")).arg(&messages).output().unwrap();
+    let header = Command::new(program("message_header")).arg(&messages).output().unwrap();
     std::fs::write(folder.path().join("messages.h"), header.stdout).unwrap();
     let include = format!("-I{}", folder.path().display());
     let queuing = |name: &str, direction: &str| {
@@ -99,12 +105,38 @@ fn ports_processes_and_objects_do_in_c_what_the_header_says() {
 }
 
 #[test]
+fn lists_of_queuing_ports_work_in_c() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let ports = |name: &str, direction: &str, more: &str| {
+        let port = |port: &str| {
+            format!("{port} = {{ direction = \"{direction}\", kind = \"queuing\", max_size = 16{more} }}\n")
+        };
+        format!("threads = 2\n[partition.{name}.port]\n{}{}", port("one"), port("two"))
+    };
+    let tables =
+        channel_between("sender.one", "receiver.one") + &channel_between("sender.two", "receiver.two");
+    let (sends, receives) = (ports("sender", "source", ""), ports("receiver", "destination", ", depth = 4"));
+    let wide = ["-DRECEIVER", "-DAPEX_IDENTIFIER_BITS=64"];
+    for flags in [&wide[..1], &wide] {
+        let partitions: [InC<'_>; 2] =
+            [("sender", "lists", &[], &sends), ("receiver", "lists", flags, &receives)];
+        expect_all_done(&run(folder.path(), &tables, &partitions), &partitions);
+    }
+}
+
+#[test]
 fn mutexes_wide_identifiers_and_an_error_handler_work_in_c() {
     let _turn = among_others();
     let folder = tempfile::tempdir().unwrap();
     let partitions: [InC<'_>; 2] =
         [("mutexes", "mutexes", &[], "threads = 3"), ("handler", "handler", &[], "threads = 8")];
-    expect_all_done(&run(folder.path(), "", &partitions), &partitions);
+    let ended = run(folder.path(), "", &partitions);
+    expect_all_done(&ended, &partitions);
+    let errors: Vec<String> = ended.faults().into_iter().map(|fault| fault.error).collect();
+    let expected =
+        ["numeric_error", "memory_violation", "stack_overflow", "application_error", "deadline_missed"];
+    assert_eq!(errors, expected, "as its handler was told");
 }
 
 #[test]
@@ -149,8 +181,99 @@ fn faults_of_c_are_told_as_what_they_are() {
 fn partition_in_c_that_is_started_by_hand_says_who_starts_it() {
     let folder = tempfile::tempdir().unwrap();
     let program = compile_c("hello", folder.path(), "hello", &[]);
-    let output = std::process::Command::new(program).output().unwrap();
+    let output = Command::new(program).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(said.contains("this program is a partition: an executive starts it"), "{said}");
     assert!(!output.status.success());
+}
+
+/// Whether a program is there; in CI it has to be.
+fn is_there(program: &str) -> bool {
+    let there = Command::new(program).arg("--version").output().is_ok();
+    let needed = std::env::var_os("CI").is_some_and(|value| value == "true");
+    assert!(there || !needed, "{program} is needed in CI: tests/c/prepare installs it");
+    if !there {
+        eprintln!("NOT TESTED with {program}: it is not there (on Debian: tests/c/prepare)");
+    }
+    there
+}
+
+#[track_caller]
+fn succeeds(command: &mut Command) {
+    let output = command.output().unwrap();
+    let words = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    assert!(output.status.success(), "{command:?}\n{}{}", words(&output.stdout), words(&output.stderr));
+}
+
+#[test]
+fn example_with_cmake_is_built_from_an_installed_library_and_runs() {
+    if !is_there("cmake") || !is_there("pkg-config") {
+        return;
+    }
+    let _turn = among_others();
+    let (installed, folder) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let own = repository().join("partitions/apex_c");
+    // As the page says.
+    for (file, place) in [
+        (own.join("include/apex.h"), "include/apex.h"),
+        (c_library().join("libbateleur_apex_c.a"), "lib/libbateleur_apex_c.a"),
+        (own.join("bateleur_apex_c.pc"), "lib/pkgconfig/bateleur_apex_c.pc"),
+    ] {
+        let to = installed.path().join(place);
+        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+        std::fs::copy(file, to).unwrap();
+    }
+    let build = folder.path().join("build");
+    let mut configure = Command::new("cmake");
+    configure.arg("-S").arg(own.join("examples/greeting")).arg("-B").arg(&build);
+    succeeds(configure.env("PKG_CONFIG_PATH", installed.path().join("lib/pkgconfig")));
+    succeeds(Command::new("cmake").arg("--build").arg(&build));
+    for folder in [folder.path(), &build] {
+        std::fs::set_permissions(folder, std::fs::Permissions::from_mode(0o755)).unwrap();
+    }
+    let sketch = Sketch::new().partition_at("greeting", &build.join("greeting"), 1000, "threads = 2");
+    let schedule = sketch.write(folder.path());
+    let ended = bateleur(&["run", "--fast", "--until", "1", "--schedule", &schedule]).end().expect_code(0);
+    let greetings = ended.stderr.matches("greeting: good day at ").count();
+    assert!((9..=10).contains(&greetings), "{greetings} in a second, one each 100 ms: {}", ended.stderr);
+    assert!(ended.faults().is_empty(), "{:?}", ended.faults());
+}
+
+#[test]
+fn partitions_in_c_compile_for_the_other_processor_in_both_languages() {
+    let other = if cfg!(target_arch = "x86_64") { "aarch64-linux-gnu" } else { "x86_64-linux-gnu" };
+    let (c, cxx) = (format!("{other}-gcc"), format!("{other}-g++"));
+    if !is_there(&c) || !is_there(&cxx) {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    // The one message that they have.
+    std::fs::write(folder.path().join("Number.msg"), "int32 number\n").unwrap();
+    let header = Command::new(program("message_header")).arg(folder.path()).output().unwrap();
+    std::fs::write(folder.path().join("messages.h"), header.stdout).unwrap();
+    let sources: Vec<PathBuf> = std::fs::read_dir(repository().join("tests/c"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "c"))
+        .collect();
+    assert!(sources.len() >= 12, "{sources:?}");
+    let greeting = repository().join("partitions/apex_c/examples/greeting/greeting.c");
+    for (source, compiler, language) in sources
+        .iter()
+        .map(|source| (source, &c, "-std=c99"))
+        .chain([(&greeting, &c, "-std=c99"), (&greeting, &cxx, "-std=c++17")])
+    {
+        let mut compile = Command::new(compiler);
+        compile.args([language, "-DFAULT=aborted", "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-c"]);
+        if language.starts_with("-std=c++") {
+            compile.args(["-x", "c++"]);
+        }
+        compile.arg(source).arg("-I").arg(folder.path());
+        compile.arg("-I").arg(repository().join("partitions/apex_c/include"));
+        succeeds(compile.arg("-o").arg(folder.path().join("object.o")));
+        let object = std::fs::read(folder.path().join("object.o")).unwrap();
+        // e_machine of its ELF header: AArch64 183, x86-64 62.
+        let machine = if cfg!(target_arch = "x86_64") { 183 } else { 62 };
+        assert_eq!(u16::from_le_bytes([object[18], object[19]]), machine, "{}", source.display());
+    }
 }

@@ -39,7 +39,8 @@ fn assert_all_are_there(ended: &Ended, about: &str) {
         assert_eq!(missed, 0, "{about}: {partition} is not there\n{}", ended.stderr);
     }
     // That the machine held the dispatcher up is nobody's fault in the module.
-    let wrong = |error: &str| !["application_error", "window_overrun", "late_dispatcher"].contains(&error);
+    let others = ["application_error", "window_overrun", "late_dispatcher", "processor_taken"];
+    let wrong = |error: &str| !others.contains(&error);
     let late: Vec<_> =
         ended.faults().into_iter().filter(|fault| fault.time_ns >= from_ns && wrong(&fault.error)).collect();
     assert!(late.is_empty(), "{about}: {late:?}");

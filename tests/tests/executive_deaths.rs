@@ -267,3 +267,58 @@ fn supervisor_that_is_killed_is_followed_and_the_module_outlives_supervisors_and
 fn process(pid: i32) -> Process {
     Process::read(pid).unwrap_or_else(|| panic!("process {pid} has ended"))
 }
+
+#[test]
+fn flight_on_sealed_channels_outlives_its_executives_as_one_on_shared_channels_does() {
+    let _turn = among_others();
+    let scratch = tempfile::tempdir().unwrap();
+    let text = std::fs::read_to_string(flight_schedule()).unwrap();
+    let mut seed = 19;
+    let faults: Vec<String> = ["sigkill", "sigstop"]
+        .map(|way| format!("executive:{way}@{}", (random(&mut seed) % 190_000) as f64 / 1e3))
+        .into();
+    let flown = ["shared", "sealed", "checked"].map(|isolation| {
+        let schedule = scratch.path().join(format!("{isolation}.toml"));
+        std::fs::write(&schedule, format!("isolation = \"{isolation}\"\n{text}")).unwrap();
+        let mut arguments =
+            vec!["fly", "--fast", "--format", "json", "--schedule", schedule.to_str().unwrap()];
+        faults.iter().for_each(|fault| arguments.extend(["--inject", fault]));
+        bateleur(&arguments).end().expect_code(0)
+    });
+    for ended in &flown {
+        assert_eq!(of_executive(ended).len(), 2, "{faults:?}: {:?}", ended.faults());
+        assert_eq!(ended.summary()["completed"], true, "{faults:?}: {}", ended.stderr);
+        assert_eq!(ended.summary()["digest"], flown[0].summary()["digest"], "{faults:?}");
+    }
+}
+
+#[test]
+fn module_on_sealed_channels_goes_on_after_its_executive_was_killed_and_leaves_nothing() {
+    let _turn = alone();
+    let scratch = tempfile::tempdir().unwrap();
+    let schedule = scratch.path().join("sealed.toml");
+    let text = std::fs::read_to_string(flight_schedule()).unwrap();
+    std::fs::write(&schedule, format!("isolation = \"sealed\"\n{text}")).unwrap();
+    let set = ["--set", "command.device=/dev/nowhere", "--record", "--until", "9"];
+    let mut run = started(schedule.to_str().unwrap(), &set);
+    run.await_words("9 partitions are ready");
+    let mut traces = Vec::new();
+    for (number, signal) in [Signal::KILL, Signal::STOP].into_iter().enumerate() {
+        std::thread::sleep(Duration::from_millis(1_200));
+        let executive = executive_of(run.pid());
+        traces.push(Traces::of(executive.pid));
+        executive.signal(signal);
+        await_frames(&mut run, number + 1);
+    }
+    let ended = run.end_within(Duration::from_secs(60)).expect_code(0);
+    traces.iter().for_each(Traces::expect_gone);
+    assert_eq!(of_executive(&ended).len(), 2, "{:?}", ended.faults());
+    let last = ended.windows().into_iter().filter(|window| window.planned_start_ns > 8_000_000_000);
+    let (closed, all) = last
+        .fold((0, 0), |(closed, all), window| (closed + usize::from(window.closed_ns.is_some()), all + 1));
+    assert!(
+        all > 300 && closed * 10 > all * 9,
+        "{closed} of {all} windows of the last second were closed: {}",
+        ended.stderr
+    );
+}

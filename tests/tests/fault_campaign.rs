@@ -47,9 +47,11 @@ const CONTAINED: [&str; 26] = [
     "bus-error",
     "run-on",
 ];
-/// What can hit memory that is shared with peers, and bring down whoever records: the last part of a campaign.
+/// What can hit memory that is shared with peers, and bring down whoever records: the last part of a campaign. On sealed channels it harms
+/// nobody else, and comes at any time.
 const SHARED: [&str; 2] = ["wild-write", "wild-ports"];
-/// The share of faults, of a hundred, that are of that kind.
+const SHARED_CHANNELS: &str = "shared";
+/// The share of faults, of a hundred, that are of that kind; on sealed channels three times that.
 const SHARED_SHARE: u64 = 10;
 /// After a fault, how long an error of its partition is put down to it: `silence_windows` and a restart take a second.
 const AFTERMATH_NS: u64 = 20_000_000_000;
@@ -177,8 +179,9 @@ fn variable(name: &str, default: u64) -> u64 {
 }
 
 /// The flight's module, that restarts for ever; no simulator and no ground station.
-fn start(folder: &std::path::Path) -> (Started, Traces) {
+fn start(folder: &std::path::Path, isolation: &str) -> (Started, Traces) {
     let text = edited(&[("budget = 5,", "budget = 1000000,")]);
+    let text = format!("isolation = \"{isolation}\"\n{text}");
     let schedule = folder.join("schedule.toml");
     std::fs::write(&schedule, text).unwrap();
     let device = "command.device=/dev/nowhere";
@@ -202,7 +205,7 @@ fn choose(random: &mut Random, sources: &[&str], shared: bool) -> (String, Strin
     }
 }
 
-fn campaign(module: &Started, faults: u64, seed: u64) -> Vec<Provoked> {
+fn campaign(module: &Started, faults: u64, seed: u64, isolation: &str) -> Vec<Provoked> {
     let (mut random, mut control) = (Random(seed), Control::of(executive_of(module.pid()).pid));
     let channels = channels();
     let sources: Vec<&str> = channels.iter().map(|channel| channel[0].as_str()).collect();
@@ -212,7 +215,10 @@ fn campaign(module: &Started, faults: u64, seed: u64) -> Vec<Provoked> {
         tries += 1;
         assert!(tries < 100 * faults + 1000, "only {} of {faults} faults could be provoked", provoked.len());
         std::thread::sleep(Duration::from_micros(random.below(200_000)));
-        let shared = provoked.len() as u64 * 100 >= faults * (100 - SHARED_SHARE);
+        let shared = match isolation {
+            SHARED_CHANNELS => provoked.len() as u64 * 100 >= faults * (100 - SHARED_SHARE),
+            _ => random.below(100) < 3 * SHARED_SHARE,
+        };
         let (target, fault) = choose(&mut random, &sources, shared);
         let answer = control.ask(&serde_json::json!({ "ask": "inject", "target": target, "fault": fault }));
         // One that is just being restarted can not be provoked.
@@ -228,13 +234,23 @@ fn campaign(module: &Started, faults: u64, seed: u64) -> Vec<Provoked> {
 #[test]
 fn faults_of_all_kinds_at_random_instants_harm_nobody_else_and_leave_nothing() {
     let _turn = alone();
+    faults_leave_nothing(SHARED_CHANNELS);
+}
+
+#[test]
+fn faults_of_all_kinds_on_sealed_channels_harm_nobody_else_wild_writes_over_them_included() {
+    let _turn = alone();
+    faults_leave_nothing("checked");
+}
+
+fn faults_leave_nothing(isolation: &str) {
     let (faults, seed) = (variable("BATELEUR_CAMPAIGN_FAULTS", 30), variable("BATELEUR_CAMPAIGN_SEED", 1));
     let folder = tempfile::tempdir().unwrap();
-    let (module, traces) = start(folder.path());
+    let (module, traces) = start(folder.path(), isolation);
     std::thread::sleep(Duration::from_secs(5));
     let quiet_until_ns = Control::of(executive_of(module.pid()).pid).status()["module_ns"].as_u64().unwrap();
     let before = holdings(executive_of(module.pid()).pid);
-    let provoked = campaign(&module, faults, seed);
+    let provoked = campaign(&module, faults, seed, isolation);
     std::thread::sleep(Duration::from_secs(2));
     let after = holdings(executive_of(module.pid()).pid);
     module.signal(Signal::TERM);
@@ -243,11 +259,19 @@ fn faults_of_all_kinds_at_random_instants_harm_nobody_else_and_leave_nothing() {
     eprintln!("{} faults, seed {seed}; before {before:?}, after {after:?}", provoked.len());
     print_lateness(&ended, quiet_until_ns);
     assert_nothing_grew(before, after, channels().len());
-    let channels = channels();
-    assert_faults_explained(&ended.faults(), &provoked, &channels);
+    // Whose faults may bring down peers.
+    let harmful: &[&str] = if isolation == SHARED_CHANNELS { &SHARED } else { &[] };
+    assert_faults_explained(&ended.faults(), &provoked, &channels(), harmful);
     assert_windows_explained(&ended);
     assert_nobody_took_time(&ended.windows(), &provoked, quiet_until_ns);
-    assert_messages_explained(&ended, &provoked);
+    assert_messages_explained(&ended, &provoked, harmful);
+    if harmful.is_empty() {
+        assert!(
+            !ended.stderr.contains("made anew") && !ended.stderr.contains("the recorder has ended"),
+            "{}",
+            ended.stderr
+        );
+    }
 }
 
 fn print_lateness(ended: &Ended, quiet_until_ns: u64) {
@@ -293,7 +317,12 @@ fn acts(fault: &Fault) -> bool {
     fault.action != "ignore"
 }
 
-fn assert_faults_explained(found: &[Fault], provoked: &[Provoked], channels: &[Vec<String>]) {
+fn assert_faults_explained(
+    found: &[Fault],
+    provoked: &[Provoked],
+    channels: &[Vec<String>],
+    harmful: &[&str],
+) {
     let mut counts: BTreeMap<String, u64> = BTreeMap::new();
     let acted = found.iter().filter(|fault| acts(fault));
     let mut unexplained = Vec::new();
@@ -304,7 +333,7 @@ fn assert_faults_explained(found: &[Fault], provoked: &[Provoked], channels: &[V
             let before = one.at_ns <= fault.time_ns + 1_000_000_000;
             let recent = fault.time_ns <= one.at_ns + AFTERMATH_NS;
             let own = one.partition() == fault.partition;
-            let of_peer = SHARED.contains(&one.fault.as_str())
+            let of_peer = harmful.contains(&one.fault.as_str())
                 && peers(one.partition(), channels).any(|peer| peer == fault.partition);
             before && recent && (own || of_peer)
         };
@@ -368,10 +397,10 @@ fn assert_nobody_took_time(windows: &[Window], provoked: &[Provoked], quiet_unti
 }
 
 /// A gap in the sequence of a source's messages is one that was ordered there, or the source was harmed itself.
-fn assert_messages_explained(ended: &Ended, provoked: &[Provoked]) {
+fn assert_messages_explained(ended: &Ended, provoked: &[Provoked], harmful: &[&str]) {
     let mut last: BTreeMap<String, (u32, u64)> = BTreeMap::new();
     let (mut messages, mut unexplained) = (0_u64, Vec::new());
-    let harmful_ns = provoked.iter().find(|one| SHARED.contains(&one.fault.as_str())).map(|one| one.at_ns);
+    let harmful_ns = provoked.iter().find(|one| harmful.contains(&one.fault.as_str())).map(|one| one.at_ns);
     let ending = bateleur_recording::for_each(ended.folder().join("ports.mcap"), |entry| {
         // From there on the recorder itself may read damaged memory.
         if harmful_ns.is_some_and(|harmful| entry.time_ns + 1_000_000_000 > harmful) {

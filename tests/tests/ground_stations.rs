@@ -34,6 +34,7 @@ const TYPE_MISMATCH: u64 = 7;
 const MISSION_ACCEPTED: u64 = 0;
 const MISSION_UNSUPPORTED: u64 = 3;
 const MISSION_NO_SPACE: u64 = 4;
+const MISSION_DENIED: u64 = 14;
 const MISSION_TOO_FAR_NORTH: u64 = 10;
 
 fn angle_deg(said: &Value, place: usize) -> f64 {
@@ -98,7 +99,10 @@ fn ground_station_by_others_sees_asks_loads_and_orders_on_the_wall_clock() {
     assert_eq!(said["came_back"], json!([true, true, true, true]));
     assert_eq!(said["too_far"], MISSION_TOO_FAR_NORTH);
     assert_eq!(said["too_many"], MISSION_NO_SPACE);
-    assert_eq!(said["fence"], MISSION_UNSUPPORTED);
+    assert_eq!(said["fence"], MISSION_UNSUPPORTED, "a way-point is none of a fence");
+    assert_eq!(said["fenced"], MISSION_ACCEPTED);
+    assert_eq!(said["runway_left_out"], MISSION_DENIED);
+    assert_eq!(said["rally"], MISSION_ACCEPTED);
     assert!(angle_deg(&said, 0).abs() < 3.0 && angle_deg(&said, 1).abs() < 3.0, "{}", said["attitude"]);
     assert!((angle_deg(&said, 2) - 90.0).abs() < 8.0, "{}", said["attitude"]);
     let near = |place: usize, limit: f64| said["position"][place].as_f64().unwrap().abs() < limit;
@@ -146,7 +150,7 @@ fn free_port() -> u16 {
 }
 
 /// All parameters of the delivered plan with its aircraft.
-const PARAMETERS: usize = 132;
+const PARAMETERS: usize = 135;
 
 #[test]
 fn mavproxy_as_it_is_finds_the_aircraft_and_its_parameters_and_is_told_why_on_the_wall_clock() {

@@ -72,6 +72,63 @@ fn executive_killed_after_a_fault_leaves_it_in_the_persistent_log() {
     read(&[]).expect_code(2).expect_words(&["health.ring"]);
 }
 
+/// The entries that came, each as what it says of its fields.
+fn heard(listening: &std::os::unix::net::UnixDatagram) -> Vec<String> {
+    let mut bytes = [0; 8192];
+    std::iter::from_fn(|| {
+        let length = listening.recv(&mut bytes).ok()?;
+        Some(String::from_utf8_lossy(&bytes[..length]).into_owned())
+    })
+    .collect()
+}
+
+#[test]
+fn a_fault_on_the_wall_clock_is_in_the_machines_journal_with_fields_of_its_own_and_a_trial_is_not() {
+    if !rustix::process::geteuid().is_root() {
+        eprintln!("skipped: a socket in the journal's place needs root");
+        return;
+    }
+    let _turn = alone();
+    let scratch = tempfile::tempdir().unwrap();
+    let (schedule, socket) = (two_partitions(scratch.path()), scratch.path().join("socket"));
+    let listening = std::os::unix::net::UnixDatagram::bind(&socket).unwrap();
+    listening.set_nonblocking(true).unwrap();
+    // In a mount namespace of its own: whatever journal this machine has hears nothing.
+    let script = "mount --make-rprivate / && mount -t tmpfs run /run && mkdir -p /run/systemd/journal && touch /run/systemd/journal/socket \
+        && mount --bind \"$1\" /run/systemd/journal/socket && exec \"$0\" run --schedule \"$2\" --output \"$3\" --until 3 --kill first@0.5 $4";
+    let fly = |clock: &str| {
+        let mut run = Command::new("unshare");
+        run.args(["--mount", "--", "sh", "-c", script]).arg(bateleur_tests::program("bateleur"));
+        run.arg(&socket).arg(&schedule).arg(scratch.path().join(format!("out{clock}"))).arg(clock);
+        let ended = run.output().unwrap();
+        assert!(
+            ended.status.code().is_some_and(|code| code < 2),
+            "{}",
+            String::from_utf8_lossy(&ended.stderr)
+        );
+        heard(&listening)
+    };
+    let entries = fly("");
+    let of = |words: &str| entries.iter().filter(|entry| entry.contains(words)).collect::<Vec<_>>();
+    let faults = of("\nBATELEUR_ERROR=killed\n");
+    assert_eq!(faults.len(), 1, "{entries:#?}");
+    for field in [
+        "MESSAGE=first: killed -> cold_restart (ended by SIGKILL)",
+        "PRIORITY=3",
+        "SYSLOG_IDENTIFIER=bateleur",
+        "BATELEUR_MODULE=test",
+        "BATELEUR_PARTITION=first",
+        "BATELEUR_LEVEL=partition",
+        "BATELEUR_ACTION=cold_restart",
+        "BATELEUR_GENERATION=0",
+    ] {
+        assert!(faults[0].lines().any(|line| line == field), "{field} is not in\n{}", faults[0]);
+    }
+    assert_eq!(of("\nBATELEUR_ERROR=recovered\n").len(), 1, "{entries:#?}");
+    assert_eq!(of("\nBATELEUR_ERROR=module_start\n").len(), 1, "{entries:#?}");
+    assert_eq!(fly("--fast"), Vec::<String>::new(), "on the virtual clock");
+}
+
 /// A small file system of its own, which is gone when this is dropped.
 struct Disk(std::path::PathBuf);
 

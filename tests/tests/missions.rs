@@ -107,6 +107,95 @@ fn aircraft_of_another_size_fly_their_missions_with_nothing_but_their_file() {
     }
 }
 
+/// Twice round two places, a circle of two turns and one for a time, down in a circle, and a landing.
+const WHOLE: &str = r#"
+take_off = "autopilot"
+landing = true
+time_limit_s = 1500
+
+[[waypoint]]
+north_m = 500
+east_m = 0
+altitude_m = 120
+
+[[waypoint]]
+north_m = 500
+east_m = 600
+altitude_m = 150
+airspeed_mps = 24
+circle = { turns = 2, radius_m = -120 }
+jump = { to = 0, times = 1 }
+
+[[waypoint]]
+north_m = -300
+east_m = 600
+altitude_m = 150
+circle = { seconds = 45 }
+
+[[waypoint]]
+north_m = -300
+east_m = 0
+altitude_m = 70
+circle = { until = "altitude" }
+"#;
+
+/// Judged by the truth: the way-points in their order, and the touch-down. With functions that die on circles and at jumps.
+#[test]
+fn missions_with_circles_jumps_and_a_landing_are_flown_to_their_end() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let mission = written(folder.path(), "whole.toml", WHOLE);
+    let order = json!(["WP0", "WP1", "WP0", "WP1", "WP3", "WP4"]);
+    let flights: [&[&str]; 4] = [
+        &["--seed", "41"],
+        &["--seed", "42", "--wind", "6", "--wind-from", "200", "--turbulence", "light"],
+        &[
+            "--seed",
+            "43",
+            "--wind",
+            "4",
+            "--wind-from",
+            "80",
+            "--airframe",
+            "rascal110",
+            "--take-off",
+            "pilot",
+        ],
+        &[
+            "--seed",
+            "44",
+            "--wind",
+            "5",
+            "--turbulence",
+            "light",
+            "--kill",
+            "controller@90",
+            "--kill",
+            "command@91",
+            "--kill",
+            "controller@150",
+            "--kill",
+            "estimator@200",
+            "--inject",
+            "executive:sigkill@225",
+            "--kill",
+            "controller@250",
+            "--kill",
+            "controller@300",
+        ],
+    ];
+    for choices in flights {
+        let flown = fly(&flight_schedule(), &[&["--mission", &mission], choices].concat()).expect_code(0);
+        let summary = flown.summary();
+        assert_eq!((&summary["completed"], &summary["waypoints"]), (&json!(true), &order), "{choices:?}");
+        assert_eq!(summary["unverified_waypoints"], json!([]), "{choices:?}");
+        assert!(summary["cross_track_rms_m"].is_null(), "no circuit, no figures of one");
+        let touchdown = &summary["conditions"]["touchdown"];
+        let sink_mps = touchdown["sink_mps"].as_f64().unwrap();
+        assert!(sink_mps < 3.0 && touchdown["standing_s"].is_f64(), "{choices:?}: {touchdown}");
+    }
+}
+
 #[test]
 fn fence_that_is_left_is_told_and_is_the_reason_why_the_mission_failed() {
     let _turn = among_others();

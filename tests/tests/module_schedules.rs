@@ -164,6 +164,31 @@ fn mms_03_change_actions_make_a_partition_idle_and_bring_it_back_warm() {
 }
 
 #[test]
+fn mms_04_action_is_taken_at_the_first_window_of_the_partition_in_the_new_schedule() {
+    let _turn = among_others();
+    let text = schedules("counter|", "counter|", "", "second = \"cold_restart\"");
+    let ended = run(&text, &["--fast", "--schedule-at", "two@0.21", "--until", "0.6"]);
+    let ended = ended.expect_words(&["second: cold_restart with schedule two"]);
+    let windows = ended.windows();
+    let kept_back = of(&windows, "second").filter(|window| window.flags.contains('C'));
+    let kept_back: Vec<u64> = kept_back.map(|window| window.planned_start_ns).collect();
+    assert_eq!(kept_back, [310 * MS], "the change is at 300 ms");
+}
+
+#[test]
+fn mms_05_partition_without_windows_keeps_its_state() {
+    let _turn = among_others();
+    let block = "[memory_block.count]\nsize = \"64B\"\nread_write = [\"third\"]\n";
+    let text = schedules("counter|", "blocks|", "third = \"ignore\"", "") + block;
+    let asks = ["--fast", "--schedule-at", "two@0.21", "--schedule-at", "one@0.45", "--until", "1"];
+    let ended = run(&text, &asks);
+    let windows = ended.windows();
+    assert!(of(&windows, "third").all(|window| window.granted_ns.is_some()), "it goes on where it stood");
+    assert!(of(&windows, "third").all(|window| !(300 * MS..480 * MS).contains(&window.planned_start_ns)));
+    assert_eq!(ended.stderr.matches("third: ").count(), 1, "it has started once: {}", ended.stderr);
+}
+
+#[test]
 fn change_of_schedule_brings_back_nobody_who_was_stopped_by_the_operator_or_given_up_by_its_budget() {
     let _turn = among_others();
     let budget = "counter|restart = { start = \"cold\", budget = 1, within = \"10s\", then = \"idle\" }";
@@ -196,7 +221,7 @@ fn change_of_schedule_brings_back_nobody_who_was_stopped_by_the_operator_or_give
 }
 
 #[test]
-fn partition_with_permission_changes_the_schedule_and_sees_it_change() {
+fn mms_02_partition_with_permission_changes_the_schedule_and_sees_the_instant_of_the_change() {
     let _turn = among_others();
     let switcher = "switcher|may_set_schedule = [\"one\"]\nattributes = { at = 3, wants = \"two\" }";
     let ended = run(&schedules(switcher, "counter|", "", ""), &["--fast", "--until", "0.4"]);
@@ -258,4 +283,57 @@ fn partition_that_is_being_restarted_when_the_schedule_changes_becomes_what_the_
             }
         }
     }
+}
+
+/// Windows that `second` was granted in schedule `two`.
+fn granted_in_two(ended: &Ended) -> usize {
+    let windows = ended.windows();
+    of(&windows, "second").filter(|window| window.schedule == "two" && window.granted_ns.is_some()).count()
+}
+
+#[test]
+fn partition_that_an_operator_holds_over_a_change_of_schedule_becomes_what_the_plan_says_when_it_is_thawed() {
+    let _turn = among_others();
+    let warm = "warm|retained = \"4KiB\"\nrestart = { start = \"warm\", startup = \"40ms\" }";
+    // The change is at 0.3 s. Held while it runs, while it is being restarted, and after the change before its action is done.
+    let held = [
+        &["--freeze", "second@0.25"][..],
+        &["--kill", "second@0.27", "--freeze", "second@0.281"],
+        &["--kill", "second@0.29", "--freeze", "second@0.3"],
+        &["--freeze", "second@0.3"],
+    ];
+    for orders in held {
+        for action in ["idle", "cold_restart"] {
+            let text = schedules(warm, "counter|", "", &format!("second = \"{action}\""));
+            let asks = ["--fast", "--schedule-at", "two@0.21", "--thaw", "second@0.6", "--until", "1"];
+            let ended = run(&text, &[&asks[..], orders].concat());
+            let told = format!("second: {action} with schedule two");
+            let found = ended.stderr.contains("second: HmPartitionColdRestart found None");
+            let granted = granted_in_two(&ended);
+            assert!(ended.stderr.contains(&told), "{orders:?}: {}", ended.stderr);
+            assert_eq!(
+                (granted > 0, found),
+                (action != "idle", action != "idle"),
+                "{orders:?}: {}",
+                ended.stderr
+            );
+        }
+    }
+}
+
+#[test]
+fn idle_partition_that_an_operator_holds_while_a_change_brings_it_back_comes_back_when_it_is_thawed() {
+    let _turn = among_others();
+    let warm = "warm|retained = \"4KiB\"\nrestart = { start = \"warm\" }";
+    let text = schedules(warm, "counter|", "second = \"warm_restart\"", "second = \"idle\"");
+    let changes = ["--fast", "--schedule-at", "two@0.21", "--schedule-at", "one@0.45", "--until", "1.2"];
+    let ended = run(&text, &[&changes[..], &["--freeze", "second@0.4", "--thaw", "second@0.8"]].concat());
+    let windows = ended.windows();
+    let granted: Vec<u64> = of(&windows, "second")
+        .filter(|window| window.granted_ns.is_some())
+        .map(|window| window.planned_start_ns / MS)
+        .collect();
+    assert_eq!(granted.iter().filter(|start_ms| (300..800).contains(*start_ms)).count(), 0, "{granted:?}");
+    assert!(granted.iter().any(|start_ms| *start_ms > 800), "{}", ended.stderr);
+    assert!(ended.stderr.contains("second: HmPartitionWarmRestart found Some(15)"), "{}", ended.stderr);
 }

@@ -36,7 +36,9 @@ fn panic_of_one_process_is_its_error_handlers_and_the_others_go_on() {
     let _turn = among_others();
     let ended = run("threads = 5\nattributes = { fails = true }", &["--fast"]).expect_code(0);
     let reports = said(&ended);
-    assert_eq!(reports[..3], ["life 0", "IllegalRequest of process 3", "life 1"], "{reports:#?}");
+    let logged = "illegal_request (process fails) -> error_handler";
+    let expected = ["life 0", "IllegalRequest of process 3", "life 1", logged];
+    assert_eq!(reports[..4], expected, "{reports:#?}");
     assert!(reports.contains(&"fast 90 at 1820201000".to_owned()), "{reports:#?}");
 }
 

@@ -243,7 +243,8 @@ fn partition_killed_by_a_stranger_comes_back_too() {
 /// What is told of partitions' deaths and starts. That a machine which holds processes up makes windows late or too short is
 /// nobody's fault in the module.
 fn told(ended: &Ended) -> Vec<(String, String)> {
-    let is_the_machines = |error: &str| ["late_dispatcher", "window_overrun"].contains(&error);
+    let is_the_machines =
+        |error: &str| ["late_dispatcher", "window_overrun", "processor_taken"].contains(&error);
     let faults = ended.faults().into_iter().filter(|fault| !is_the_machines(&fault.error));
     faults.map(|fault| (fault.error, fault.action)).collect()
 }

@@ -65,7 +65,7 @@ fn partition_has_its_windows_on_both_cores_on_the_wall_clock() {
     let ended = run("counter", &["--until", "2"]);
     assert_handed_over(&ended);
     // A host that holds a processor up makes both.
-    let of_the_host = ["window_overrun", "late_dispatcher"];
+    let of_the_host = ["window_overrun", "late_dispatcher", "processor_taken"];
     assert!(
         ended.faults().iter().all(|fault| of_the_host.contains(&fault.error.as_str())),
         "{:?}",

@@ -208,6 +208,81 @@ fn page_moves_while_a_flight_flies_and_its_recording_plays_with_the_slider() {
     assert_eq!(page.console, Vec::<String>::new());
 }
 
+/// A tool that `tests/prometheus/prepare` fetches. `None`: it is not there, and that has been said. In CI that is a failure.
+fn promtool() -> Option<std::path::PathBuf> {
+    let path = bateleur_tests::repository().join("target/prometheus/usr/bin/promtool");
+    if !path.is_file() {
+        let needed = std::env::var_os("CI").is_some_and(|value| value == "true");
+        assert!(!needed, "promtool is needed in CI: tests/prometheus/prepare fetches it");
+        eprintln!("NOT TESTED with promtool: there is none (on Debian: tests/prometheus/prepare)");
+    }
+    path.is_file().then_some(path)
+}
+
+/// What a command says of what is written into it.
+#[track_caller]
+fn told(command: &mut std::process::Command, text: &str) -> String {
+    use std::process::Stdio;
+    let (input, output) = (Stdio::piped(), Stdio::piped());
+    let mut child = command.stdin(input).stdout(output).stderr(Stdio::piped()).spawn().unwrap();
+    child.stdin.take().unwrap().write_all(text.as_bytes()).unwrap();
+    let ended = child.wait_with_output().unwrap();
+    let said = [ended.stdout, ended.stderr].concat();
+    let said = String::from_utf8_lossy(&said).into_owned();
+    assert!(ended.status.success(), "{said}\n{text}");
+    said
+}
+
+#[test]
+fn figures_of_ten_modules_side_by_side_pass_promtool_in_what_is_printed_and_what_is_served() {
+    const MODULES: usize = 10;
+    let _turn = alone();
+    let modules: Vec<_> = (0..MODULES).map(|_| module()).collect();
+    let mut text = String::new();
+    let windows = |text: &str, module: &Started| {
+        let labels =
+            format!("bateleur_windows_total{{module=\"test\",pid=\"{}\",partition=\"two\"}} ", module.pid());
+        text.lines().any(|line| line.starts_with(&labels))
+    };
+    let all = await_some(Duration::from_secs(60), || {
+        text = bateleur(&["metrics", "--format", "prometheus"]).end().expect_code(0).stdout;
+        modules.iter().all(|(module, _)| windows(&text, module)).then_some(())
+    });
+    assert!(all.is_some(), "{text}");
+    // A scraper reads a name and its labels once.
+    let mut series: Vec<&str> = text.lines().filter_map(|line| Some(line.rsplit_once(' ')?.0)).collect();
+    series.retain(|line| !line.starts_with('#'));
+    let count = series.len();
+    series.sort_unstable();
+    series.dedup();
+    assert_eq!(series.len(), count, "{text}");
+    let mut served = bateleur(&["metrics", "--listen", "127.0.0.1:0"]);
+    served.await_words("metrics: http");
+    let said = served.said();
+    let address = said.split("http://").nth(1).unwrap().split('/').next().unwrap().to_owned();
+    let scrape = |accept: &str| {
+        let asked = format!("GET /metrics HTTP/1.1\r\nHost: {address}\r\nAccept: {accept}\r\n\r\n");
+        let mut stream = TcpStream::connect(&address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+        stream.write_all(asked.as_bytes()).unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        let (head, body) = answer.split_once("\r\n\r\n").unwrap();
+        (head.to_owned(), body.to_owned())
+    };
+    let (head, body) = scrape("text/plain;version=0.0.4;q=1,*/*;q=0.1");
+    assert!(head.contains("text/plain; version=0.0.4"), "{head}");
+    assert!(modules.iter().all(|(module, _)| windows(&body, module)), "{body}");
+    let (head, newer) =
+        scrape("application/openmetrics-text;version=1.0.0;q=0.5,text/plain;version=0.0.4;q=0.4");
+    assert!(head.contains("application/openmetrics-text") && newer.ends_with("# EOF\n"), "{head}\n{newer}");
+    let Some(promtool) = promtool() else { return };
+    for text in [text, body] {
+        let said = told(std::process::Command::new(&promtool).args(["check", "metrics"]), &text);
+        assert_eq!(said.trim(), "", "promtool finds nothing to say");
+    }
+}
+
 #[test]
 fn figures_of_two_modules_are_told_apart_and_read_by_another_parser() {
     let _turn = alone();

@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::closed::Direction;
-use super::latency::{self, Station, Visit};
+use super::latency::Visit;
 use super::links::{self, LinkCost};
 use super::model::{Chain, ModuleId, PartitionId, Plan, Schedule, ScheduleId};
 use super::responses::{self, ProcessResponse};
-use super::timeline::{CoreTimeline, Timeline};
+use super::timeline::{CoreTimeline, Timeline, gaps};
+use super::ways;
 
 /// What follows from a plan.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -181,35 +181,22 @@ pub fn share(part_ns: u64, whole_ns: u64) -> u64 {
 }
 
 fn largest_hole(line: &CoreTimeline, major_ns: u64) -> (u64, u64) {
-    let Some(first) = line.windows.first() else { return (major_ns, 0) };
-    let again = first.start_ns + major_ns;
-    let nexts = line.windows.iter().skip(1).map(|window| window.start_ns).chain([again]);
-    let holes = line
-        .windows
-        .iter()
-        .zip(nexts)
-        .map(|(window, next)| (next.saturating_sub(window.end_ns), window.end_ns));
-    let (hole, at) = holes.max_by_key(|&(hole, at)| (hole, std::cmp::Reverse(at))).unwrap_or_default();
-    (hole, at % major_ns.max(1))
+    let starts: Vec<u64> = line.windows.iter().map(|window| window.start_ns).collect();
+    let windows = line.windows.iter().zip(gaps(&starts, major_ns));
+    let holes = windows.map(|(window, gap)| (gap.saturating_sub(window.duration_ns()), window.end_ns));
+    let largest = holes.max_by_key(|&(hole, at)| (hole, std::cmp::Reverse(at)));
+    largest.map_or((major_ns, 0), |(hole, at)| (hole, at % major_ns.max(1)))
 }
 
 impl ChainAge {
     fn of(plan: &Plan, schedule: &Schedule, chain: &Chain) -> Option<Self> {
-        let ports = chain.path.iter().map(|&port| &plan[port]);
-        let owners = ports.map(|port| (port.partition, port.direction() == Direction::Source));
-        let stations: Vec<PartitionId> = latency::stations(owners);
-        let legs = links::legs(plan, &stations)?;
-        let on_the_way: Vec<Station> = legs
-            .iter()
-            .map(|&(partition, hop)| Station { windows: schedule.occurrences(partition), hop })
-            .collect();
-        let way = latency::worst(&on_the_way, schedule.major_frame_ns)?;
-        let steps = legs.iter().map(|(partition, _)| partition).zip(&way);
+        let way = ways::worst(plan, schedule, &chain.path)?;
+        let steps = way.partitions.iter().zip(way.visits);
         Some(Self {
             chain: chain.name.clone(),
-            age_ns: latency::age_ns(&on_the_way, &way),
+            age_ns: way.age_ns,
             max_age_ns: chain.max_age_ns,
-            way: steps.map(|(&id, &visit)| Step { partition: plan[id].name.clone(), visit }).collect(),
+            way: steps.map(|(&id, visit)| Step { partition: plan[id].name.clone(), visit }).collect(),
         })
     }
 }

@@ -1,12 +1,11 @@
 //! The schedule file: read, checked, and turned into a [`Plan`].
 //!
-//! Reading takes two steps. The first says what stands in the file, value by value, each with its place; the second
-//! looks names up and holds every rule of [`RULES`] against it. Only a file that breaks no rule of severity error
-//! becomes a plan; what is wrong with it is reported all at once.
+//! Reading takes three steps. The first says what stands in the file, value by value, each with its place. The second resolves it:
+//! names become places in lists, and what the file leaves out is filled in. The third holds every rule of [`RULES`] against
+//! both. Only a file that breaks no rule of severity error becomes a plan; what is wrong with it is reported all at once.
 //!
 //! Nothing here touches the machine: whether a core exists or a program can be started is found out elsewhere.
 
-mod build;
 mod catalogue;
 mod cycle;
 mod defaults;
@@ -14,18 +13,17 @@ pub mod facts;
 mod findings;
 mod latency;
 pub mod links;
-mod names;
 pub mod planner;
-mod processes;
 mod raw;
 mod reader;
-mod relays;
 pub mod report;
+mod resolve;
 mod response;
 mod responses;
 mod rules;
 mod sarif;
 mod schema;
+mod ways;
 
 pub use catalogue::{RULES, Rule};
 pub use facts::Facts;
@@ -36,7 +34,6 @@ pub use schema::schema;
 
 use bateleur_plan::{Plan, closed, model, timeline, units};
 use findings::{Finding, Findings};
-use names::Names;
 use raw::RawFile;
 
 /// The message types that ports may name.
@@ -76,6 +73,12 @@ pub trait Keys {
     fn fault(&self, file: &str) -> Option<String>;
 }
 
+/// The files with the contents of memory blocks.
+pub trait Contents {
+    /// Why a file, as the schedule file names it, can not fill a block of `size` bytes; nothing if it can.
+    fn fault(&self, file: &str, size: u64) -> Option<String>;
+}
+
 /// What a file refers to and does not hold itself.
 #[derive(Clone, Copy)]
 pub struct Surroundings<'a> {
@@ -85,6 +88,16 @@ pub struct Surroundings<'a> {
     pub programs: Option<&'a dyn Programs>,
     /// The files with keys; `None` if they are not looked for.
     pub keys: Option<&'a dyn Keys>,
+    /// The contents of memory blocks; `None` if they are not looked for.
+    pub contents: Option<&'a dyn Contents>,
+}
+
+impl<'a> Surroundings<'a> {
+    /// Message types, and nothing else is looked for.
+    #[must_use]
+    pub fn of(messages: &'a dyn MessageCatalogue) -> Self {
+        Self { messages, programs: None, keys: None, contents: None }
+    }
 }
 
 /// Reads and checks a schedule file; `source_name` is what the report calls it.
@@ -104,7 +117,7 @@ pub fn check_with_warnings(
     text: &str,
     messages: &dyn MessageCatalogue,
 ) -> Result<(Plan, Report), Report> {
-    check_among(source_name, text, &Surroundings { messages, programs: None, keys: None })
+    check_among(source_name, text, &Surroundings::of(messages))
 }
 
 /// As [`check_with_warnings`], with everything that the file may refer to.
@@ -130,47 +143,64 @@ pub fn check_among(
 /// None only for an id that is none of [`RULES`].
 #[must_use]
 pub fn example_of(rule: &Rule, messages: &dyn MessageCatalogue) -> Option<Report> {
-    let surroundings = Surroundings { messages, programs: Some(&NoPrograms), keys: Some(&NoKeys) };
+    let nothing = &Nothing;
+    let surroundings =
+        Surroundings { messages, programs: Some(nothing), keys: Some(nothing), contents: Some(nothing) };
     let report = match check_among(rule.example_name, rule.example, &surroundings) {
         Ok((_, report)) | Err(report) => report,
     };
     report.first_of(rule.id)
 }
 
-/// Where nothing was built yet.
-struct NoPrograms;
+/// Where nothing was built yet, and nobody has made a key.
+struct Nothing;
 
-impl Programs for NoPrograms {
+/// What is said of every file there.
+const NO_FILE: &str = "there is no such file";
+
+impl Programs for Nothing {
     fn fault(&self, _: &str) -> Option<String> {
-        Some("there is no such file".to_owned())
+        Some(NO_FILE.to_owned())
     }
 }
 
-/// Where nobody has made a key yet.
-struct NoKeys;
-
-impl Keys for NoKeys {
+impl Keys for Nothing {
     fn fault(&self, _: &str) -> Option<String> {
-        Some("there is no such file".to_owned())
+        Some(NO_FILE.to_owned())
+    }
+}
+
+impl Contents for Nothing {
+    fn fault(&self, _: &str, _: u64) -> Option<String> {
+        Some(NO_FILE.to_owned())
     }
 }
 
 fn read(text: &str, surroundings: &Surroundings<'_>, findings: &Findings<'_>) -> Option<Plan> {
     let document = raw::parse(text, findings)?;
     let mut file = RawFile::read(document.get_ref(), findings);
-    relays::add(&mut file);
-    let names = Names::of(&file);
-    let catalogue = surroundings.messages;
-    rules::open(&file, catalogue, findings);
-    let &Surroundings { programs, keys, .. } = surroundings;
-    rules::check(&rules::Context { file: &file, names: &names, catalogue, programs, keys, findings });
+    resolve::add_relays(&mut file, findings);
+    let &Surroundings { messages, programs, keys, contents } = surroundings;
+    rules::open(&file, messages, findings);
+    let resolved = resolve::resolve(&file, messages, findings);
+    let (plan, nobody) = (&resolved.plan, resolved.nobody);
+    rules::check(&rules::Context {
+        file: &file,
+        plan,
+        nobody,
+        catalogue: messages,
+        programs,
+        keys,
+        contents,
+        findings,
+    });
     if findings.has_errors() {
         return None;
     }
-    let plan = build::plan(&file, &names, catalogue);
-    if plan.is_none() {
-        let message = "the rules let through what cannot be planned: this is a fault of the checker";
+    let fault = |why| {
+        let message =
+            format!("the rules let through what can not be planned ({why}): this is a fault of the checker");
         findings.add(Finding::new(&catalogue::SYNTAX, &(0..0), message, "report it with the file"));
-    }
-    plan
+    };
+    resolved.into_plan().map_err(fault).ok()
 }

@@ -1,6 +1,4 @@
-//! What a link costs each of its ends, and the way of a value over links.
-
-use std::collections::BTreeMap;
+//! What a link costs each of its ends.
 
 use bateleur_contract::packing::{Waiting, datagrams_needed};
 use bateleur_contract::relay::{DATAGRAM_OVERHEAD_BYTES, ENTRY_OVERHEAD_BYTES, SENDING_NS};
@@ -9,8 +7,7 @@ use serde::Serialize;
 
 use super::closed::Kind;
 use super::cycle::most_between;
-use super::latency::Hop;
-use super::model::{Channel, ChannelId, Link, LinkId, ModuleId, PartitionId, Plan, Schedule};
+use super::model::{Channel, Link, LinkId, ModuleId, Plan, Schedule};
 
 /// The message type in which a relay says how its links are.
 pub(crate) const STATUS_MESSAGE: &str = "LinkStatus";
@@ -21,18 +18,18 @@ pub const LARGEST_DATAGRAM: u32 = 65_507;
 /// The longest bandwidth allocation gap, ms (as ARINC 664 part 7 has it).
 pub const LONGEST_GAP_MS: u64 = 128;
 /// A channel as its sender's relay sees it.
-pub(super) struct Carried {
+struct Carried {
     /// The longest message, bytes.
-    pub(super) bytes: u64,
+    bytes: u64,
     /// Every message counts, not only the latest.
-    pub(super) queuing: bool,
+    queuing: bool,
     /// When the windows of its source start in the major frame, ns.
-    pub(super) writes: Vec<u64>,
+    writes: Vec<u64>,
 }
 
 /// The most that a relay with windows at `starts` has to send in one of them: every latest value, and each message of every
 /// queue since its last window, at one message in each window of its source.
-pub(super) fn window_load(carried: &[Carried], starts: &[u64], major_ns: u64) -> Vec<Waiting> {
+fn window_load(carried: &[Carried], starts: &[u64], major_ns: u64) -> Vec<Waiting> {
     let one = |one: &Carried| {
         let count = if one.queuing { most_between(&one.writes, starts, major_ns).max(1) } else { 1 };
         Waiting { bytes: one.bytes, count }
@@ -53,7 +50,7 @@ pub(super) fn enough_bytes(load: &[Waiting], most: u64) -> Option<u32> {
 }
 
 /// How many datagrams of a link a relay may send in a window: one, and others as long as there is time for one more.
-pub(super) fn datagrams_in(window_ns: u64, gap_ns: u64) -> u64 {
+fn datagrams_in(window_ns: u64, gap_ns: u64) -> u64 {
     1 + window_ns.saturating_sub(SENDING_NS) / gap_ns.max(1)
 }
 
@@ -68,26 +65,30 @@ pub(super) fn reserved_bits_per_s(max_bytes: u32, gap_ns: u64) -> u64 {
     u64::try_from((bits * 1_000_000_000).div_ceil(u128::from(gap_ns.max(1)))).unwrap_or(u64::MAX)
 }
 
-/// The partitions of a path with the relays between them, and how the value comes to each; nothing where modules are not
-/// joined.
-pub(super) fn legs(plan: &Plan, stations: &[PartitionId]) -> Option<Vec<(PartitionId, Option<Hop>)>> {
-    let mut legs: Vec<(PartitionId, Option<Hop>)> = Vec::new();
-    for &partition in stations {
-        let module = plan[partition].module;
-        if let Some(from) = legs.last().map(|before| plan[before.0].module).filter(|&from| from != module) {
-            let link = plan.link_between(from, module)?;
-            let aligned_within_ns = plan.aligned_within_ns(from, module);
-            let beside_first_ns = match plan[stations.first().copied()?].module {
-                first if first == module => 0,
-                first => plan.aligned_within_ns(first, module).or(aligned_within_ns).unwrap_or(0),
-            };
-            let hop = Hop { latency_ns: plan.latency_ns(link), aligned_within_ns, beside_first_ns };
-            legs.push((plan.relay_of(from)?, None));
-            legs.push((plan.relay_of(module)?, Some(hop)));
+/// What a relay sends over a link in one of its windows, at most.
+pub(super) struct Sending {
+    /// The messages of each channel.
+    pub(super) load: Vec<Waiting>,
+    /// The datagrams that they need.
+    pub(super) datagrams: u64,
+    /// Those that the gap lets it send in its shortest window.
+    pub(super) most: u64,
+}
+
+impl Sending {
+    /// Over a link from one of its ends; nothing where no relay has windows, or the link's numbers break a rule.
+    pub(super) fn of(plan: &Plan, schedule: &Schedule, id: LinkId, from: ModuleId) -> Option<Self> {
+        let (link, relay) = (&plan[id], plan.relay_of(from)?);
+        let shortest = schedule.occurrences(relay).iter().map(|(start, end)| end - start).min()?;
+        if link.gap_ns == 0 || link.max_bytes < SMALLEST_DATAGRAM {
+            return None;
         }
-        legs.push((partition, None));
+        let carried: Vec<Carried> =
+            plan.carried(id, from).map(|channel| carried_of(plan, schedule, &plan[channel])).collect();
+        let load = window_load(&carried, &schedule.starts(relay), schedule.major_frame_ns);
+        let datagrams = datagrams_needed(&load, link.max_bytes);
+        Some(Self { load, datagrams, most: datagrams_in(shortest, link.gap_ns) })
     }
-    Some(legs)
 }
 
 /// What a link costs one of its ends in one schedule.
@@ -144,13 +145,7 @@ fn cost(plan: &Plan, schedule: &Schedule, id: LinkId, module: ModuleId) -> Optio
     let link: &Link = &plan[id];
     let (peer, relay) = (link.peer_of(module)?, plan.relay_of(module)?);
     let own = schedule.occurrences(relay);
-    let shortest = own.iter().map(|(start, end)| end - start).min()?;
-    let carried: BTreeMap<ChannelId, Carried> = plan
-        .carried(id, module)
-        .map(|channel| (channel, carried_of(plan, schedule, &plan[channel])))
-        .collect();
-    let carried: Vec<Carried> = carried.into_values().collect();
-    let load = window_load(&carried, &schedule.starts(relay), schedule.major_frame_ns);
+    let sending = Sending::of(plan, schedule, id, module)?;
     let reserved = reserved_bits_per_s(link.max_bytes, link.gap_ns);
     let share = |&network: &super::model::NetworkId| NetworkShare {
         network: plan[network].name.clone(),
@@ -161,13 +156,13 @@ fn cost(plan: &Plan, schedule: &Schedule, id: LinkId, module: ModuleId) -> Optio
         link: link.name.clone(),
         module: plan[module].name.clone(),
         peer: plan[peer].name.clone(),
-        channels: carried.len(),
+        channels: sending.load.len(),
         relay_ns: own.iter().map(|(start, end)| end - start).sum(),
         relay_windows: own.len(),
         major_frame_ns: schedule.major_frame_ns,
-        window_bytes: load_bytes(&load),
-        window_datagrams: datagrams_needed(&load, link.max_bytes),
-        window_datagrams_most: datagrams_in(shortest, link.gap_ns),
+        window_bytes: load_bytes(&sending.load),
+        window_datagrams: sending.datagrams,
+        window_datagrams_most: sending.most,
         datagram_room_bytes: datagram_room_bytes(link.max_bytes),
         latency_ns: plan.latency_ns(id),
         aligned_within_ns: plan.aligned_within_ns(module, peer),

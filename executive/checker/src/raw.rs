@@ -32,6 +32,7 @@ pub(super) struct RawFile {
     /// Of channels that say nothing themselves.
     pub(super) isolation: Field<Word<Isolation>>,
     pub(super) channels: Vec<RawChannel>,
+    pub(super) memory_blocks: Vec<RawMemoryBlock>,
     pub(super) chains: Vec<RawChain>,
     pub(super) schedules: Vec<RawSchedule>,
     pub(super) health: RawHealth,
@@ -208,6 +209,7 @@ impl RawFile {
         let links = file.entries("link");
         let partitions = file.entries("partition");
         let channels = file.tables("channel");
+        let memory_blocks = file.entries("memory_block").into_iter();
         let chains = file.tables("chain");
         let schedules = file.entries("schedule");
         let health = file.table("health");
@@ -227,6 +229,7 @@ impl RawFile {
             messages,
             isolation,
             channels: channels.into_iter().map(|table| RawChannel::read(table, findings)).collect(),
+            memory_blocks: memory_blocks.filter_map(|entry| RawMemoryBlock::read(entry, findings)).collect(),
             chains: chains.into_iter().map(|table| RawChain::read(table, findings)).collect(),
             schedules: schedules.into_iter().filter_map(|entry| RawSchedule::read(entry, findings)).collect(),
             health: health.map(|table| RawHealth::read(table, &beside, findings)).unwrap_or_default(),
@@ -272,6 +275,35 @@ impl Beside {
     fn own_answers(&self, name: &str) -> Option<String> {
         let is_one = self.partitions.iter().any(|partition| partition == name);
         is_one.then(|| format!("what holds for `{name}` alone is `health = {{ … }}` in `[partition.{name}]`"))
+    }
+}
+
+/// A memory block.
+pub(super) struct RawMemoryBlock {
+    pub(super) name: At<String>,
+    pub(super) size: Field<Bytes>,
+    pub(super) content: Field<String>,
+    pub(super) read: Names,
+    pub(super) read_write: Names,
+}
+
+impl RawMemoryBlock {
+    fn read(entry: Entry<'_, '_>, findings: &Findings<'_>) -> Option<Self> {
+        let mut table = named("memory block", &entry, findings)?;
+        let block = Self {
+            name: entry.0,
+            size: table.required("size", "\"64KiB\""),
+            content: table.optional("content"),
+            read: table.optional("read"),
+            read_write: table.optional("read_write"),
+        };
+        table.finish();
+        Some(block)
+    }
+
+    /// The partitions that it names, first those that only read.
+    pub(super) fn partitions(&self) -> impl Iterator<Item = &At<String>> {
+        self.read.items().iter().chain(self.read_write.items())
     }
 }
 

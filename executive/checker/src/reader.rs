@@ -65,6 +65,27 @@ impl<T: Clone> Field<T> {
     }
 }
 
+impl<T> Field<Vec<At<T>>> {
+    /// The items of a list; none if there is no list.
+    pub(super) fn items(&self) -> &[At<T>] {
+        self.said().map_or(&[], |list| &list.value)
+    }
+}
+
+impl Field<Nanoseconds> {
+    /// The time, or the default where there is none, ns.
+    pub(super) fn ns(&self, default: u64) -> u64 {
+        self.said().map_or(default, |at| at.value.0)
+    }
+}
+
+impl<T: Copy> Field<Word<T>> {
+    /// The word, if there is one.
+    pub(super) fn word(&self) -> Option<T> {
+        self.said().map(|at| at.value.0)
+    }
+}
+
 /// A value that can be read from TOML. A fault is reported by the reading itself.
 pub(super) trait FromToml: Sized {
     fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self>;

@@ -27,11 +27,6 @@ pub(super) fn of_schedule(plan: &Plan, schedule: &Schedule) -> Vec<ProcessRespon
 }
 
 fn of_partition(plan: &Plan, schedule: &Schedule, id: PartitionId) -> Option<Vec<ProcessResponse>> {
-    let processes = &plan[id].processes;
-    let mut windows = schedule.occurrences(id);
-    windows.sort_unstable();
-    let grid = (processes.release_ns, processes.period_ns);
-    let responses = of_windows(&processes.declared, &windows, schedule.major_frame_ns, grid)?;
     let response = |(process, response): (&Process, Response)| ProcessResponse {
         partition: plan[id].name.clone(),
         process: process.name.clone(),
@@ -41,18 +36,16 @@ fn of_partition(plan: &Plan, schedule: &Schedule, id: PartitionId) -> Option<Vec
         },
         deadline_ns: process.deadline_ns,
     };
-    Some(processes.declared.iter().zip(responses).map(response).collect())
+    let responses = worst(plan, schedule, id)?;
+    Some(plan[id].processes.declared.iter().zip(responses).map(response).collect())
 }
 
 /// Those of one partition; `None` where it has no processes, no windows, or periods that do not divide the major frame.
-pub(super) fn of_windows(
-    processes: &[Process],
-    windows: &[(u64, u64)],
-    major_ns: u64,
-    grid: (u64, u64),
-) -> Option<Vec<Response>> {
+pub(super) fn worst(plan: &Plan, schedule: &Schedule, id: PartitionId) -> Option<Vec<Response>> {
+    let told = &plan[id].processes;
+    let (processes, windows, major_ns) = (&told.declared, schedule.occurrences(id), schedule.major_frame_ns);
     let overlap = windows.windows(2).any(|pair| pair[1].0 < pair[0].1); // which is an error of its own
-    if processes.is_empty() || windows.is_empty() || overlap || !major_ns.is_multiple_of(grid.1) {
+    if processes.is_empty() || windows.is_empty() || overlap || !major_ns.is_multiple_of(told.period_ns) {
         return None;
     }
     let task = |process: &Process| Task {
@@ -61,5 +54,8 @@ pub(super) fn of_windows(
         wcet_ns: process.wcet_ns,
     };
     let tasks: Vec<Task> = processes.iter().map(task).collect();
-    Some(responses(&tasks, &Supply::new(windows, WINDOW_MARGIN_NS, major_ns, grid)))
+    Some(responses(
+        &tasks,
+        &Supply::new(&windows, WINDOW_MARGIN_NS, major_ns, (told.release_ns, told.period_ns)),
+    ))
 }

@@ -23,6 +23,7 @@ network.x = {}
 link.x = {}
 partition.x = { restart = {}, process.x = {}, port.x = {}, health = {} }
 channel = [{}]
+memory_block.x = {}
 chain = [{}]
 schedule.x = { window = [{}], change_action = {} }
 health = { level = {}, partition = {}, module = {}, reset = {}, log = {} }
@@ -50,6 +51,7 @@ const RESTART: &str = "`restart`";
 const PROCESS: &str = "process `x`";
 const PORT: &str = "port `x`";
 const CHANNEL: &str = "channel";
+const MEMORY_BLOCK: &str = "memory block `x`";
 const CHAIN: &str = "chain";
 const SCHEDULE: &str = "schedule `x`";
 const WINDOW: &str = "window";
@@ -64,6 +66,7 @@ const INNER: &[(&str, &str, Inner)] = &[
     (MODULE, "addresses", Inner::Words(addresses)),
     (FILE, "partition", Inner::Named(PARTITION)),
     (FILE, "channel", Inner::Plain(CHANNEL)),
+    (FILE, "memory_block", Inner::Named(MEMORY_BLOCK)),
     (FILE, "chain", Inner::Plain(CHAIN)),
     (FILE, "schedule", Inner::Named(SCHEDULE)),
     (FILE, "health", Inner::Plain(HEALTH)),
@@ -96,9 +99,18 @@ const DESCRIPTIONS: &[Described] = &[
     (FILE, "link", "Pairs of modules that talk to each other, by name."),
     (FILE, "partition", "Partitions, by name."),
     (FILE, "channel", "From one source port to its destination ports."),
+    (FILE, "memory_block", "Memory that partitions of a module share, by name."),
     (FILE, "chain", "A path through channels with a bound on the age of its first value."),
     (FILE, "schedule", "Schedules, by name: windows in a major frame."),
     (FILE, "health", "What is done about errors."),
+    (MEMORY_BLOCK, "size", "Its size, such as \"64KiB\"."),
+    (
+        MEMORY_BLOCK,
+        "content",
+        "The file with what stands in it when the module starts, relative to this file; zeros, if not said.",
+    ),
+    (MEMORY_BLOCK, "read", "The partitions that read it."),
+    (MEMORY_BLOCK, "read_write", "The partitions that read and write it."),
     (MODULE, "cores", "The cores whose time is partitioned."),
     (MODULE, "housekeeping_cores", "The cores for everything else."),
     (MODULE, "addresses", "Where it is reached, by network, as \"address:port\"."),
@@ -151,7 +163,11 @@ const DESCRIPTIONS: &[Described] = &[
     (PROCESS, "wcet", "The longest time that it computes after a release."),
     (PARTITION, "stacks", "The most memory of its processes' stacks together, such as \"1MiB\"."),
     (PARTITION, "restart", "How, and how often, it is started again."),
-    (PARTITION, "standby", "What waits behind it, ready to take over; without it, nothing does."),
+    (
+        PARTITION,
+        "standby",
+        "What waits behind it: its next process before its start, or one that has initialised and takes over; without it, nothing does.",
+    ),
     (PARTITION, "startup_timeout", "The longest time from its start to its readiness."),
     (PARTITION, "deadline", "From the opening of its window until its work must be done."),
     (PARTITION, "priority", "Its priority among the partitions."),

@@ -305,3 +305,18 @@ fn a_link_says_what_it_costs() {
     assert!(fcu.networks.iter().all(|network| network.reserved_bits_per_s == 6_152_000));
     assert_eq!(fcu.aligned_within_ns, Some(200_000));
 }
+
+#[test]
+fn modules_on_the_disciplined_clock_have_a_common_phase_for_rules_and_facts_alike() {
+    let text = text_of("schedules/two-hosts.toml").replace("max_age = \"25ms\"", "max_age = \"80ms\"");
+    let free = text.replace("follows   = \"fcu\"", "").replace("follows_within = \"200us\"", "");
+    let disciplined = free.replace("[module.fcu]", "[module.fcu]\nclock = \"realtime\"");
+    let disciplined = disciplined.replace("[module.nav]", "[module.nav]\nclock = \"realtime\"");
+    let answer = |text: &str| {
+        let (plan, report) = check_with_warnings("clocks.toml", text, &Table).unwrap();
+        let noted = report.violations().iter().any(|one| one.rule == "L06-chain-crosses-modules");
+        (noted, Facts::of(&plan).schedules[0].links[0].aligned_within_ns)
+    };
+    assert_eq!(answer(&free), (true, None));
+    assert_eq!(answer(&disciplined), (false, Some(2_000_000)), "1 ms each where nothing is said");
+}

@@ -13,6 +13,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use bateleur_checker::{RULES, Report, Rule, Severity, example_of};
+use bateleur_plan::{Plan, PortId};
 use plan_support::{Table, answer_to, repository};
 
 fn bad_files() -> Vec<PathBuf> {
@@ -240,5 +241,53 @@ fn answer(text: &str) {
     match answer_to("damaged.toml", text) {
         Ok((_, report)) => assert_eq!(report.errors(), 0),
         Err(report) => assert!(report.errors() > 0 && report.render(true).len() > 20),
+    }
+}
+
+/// Where names of the file stand in quotes, and what they are.
+fn names_in(text: &str, plan: &Plan) -> Vec<(std::ops::Range<usize>, &'static str)> {
+    let mut known: Vec<(String, &str)> = Vec::new();
+    known.extend(plan.modules.iter().map(|module| (module.name.clone(), "N06-unknown-module")));
+    known.extend(plan.networks.iter().map(|network| (network.name.clone(), "N08-unknown-network")));
+    known.extend(plan.partitions.iter().map(|one| (one.name.clone(), "N03-unknown-partition")));
+    let ports = (0..plan.ports.len()).map(|place| plan.port_path(PortId(place)));
+    known.extend(ports.map(|path| (path, "N04-unknown-port")));
+    let is_name = |key: &str| !["program", "name"].contains(&key);
+    let mut found = Vec::new();
+    for (name, rule) in known {
+        for (at, quoted) in text.match_indices(&format!("\"{name}\"")) {
+            let line = text[..at].rsplit('\n').next().unwrap_or_default();
+            let key = line.rsplit('=').nth(1).unwrap_or(line).trim().rsplit([' ', ',', '{']).next();
+            if key.is_some_and(is_name) && !line.contains('#') {
+                found.push((at + 1..at + quoted.len() - 1, rule));
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn a_name_that_leads_nowhere_is_reported_where_it_stands_and_hides_nothing_else() {
+    for name in ["schedule.toml", "schedules/two-hosts.toml", "schedules/three-hosts.toml"] {
+        let text = fs::read_to_string(repository().join(name)).unwrap();
+        let (plan, _) = answer_to(name, &text).unwrap();
+        // Far behind all names, and nobody's fault.
+        let faulty = format!("{text}\n[[chain]]\nname = \"none\"\npath = []\nmax_age = \"0ms\"\n");
+        let places = names_in(&text, &plan);
+        assert!(places.len() > 40, "{name}: {}", places.len());
+        for (span, rule) in places {
+            let misspelt = [&faulty[..span.start], "nowhere", &faulty[span.end..]].concat();
+            let Err(report) = answer_to(name, &misspelt) else { panic!("{name}: {span:?} is taken") };
+            let at = |rule: &str| {
+                let mut found = report.violations().iter().filter(|one| one.rule == rule);
+                found.any(|one| one.place.span.start + 1 == span.start)
+            };
+            assert!(at(rule), "{name}: {rule} at {span:?}:\n{report}");
+            let others = BTreeSet::from(["L02-chain-too-short", "L03-chain-zero-age"]);
+            assert!(broken(&report).is_superset(&others), "{name}: {span:?}:\n{report}");
+            let said = report.violations().iter().flat_map(|one| [&one.message, &one.mend]);
+            let stand_in = said.clone().find(|said| said.contains("``"));
+            assert_eq!(stand_in, None, "{name}: {span:?}");
+        }
     }
 }

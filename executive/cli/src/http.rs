@@ -33,6 +33,8 @@ pub struct Asked {
     pub query: Vec<(String, String)>,
     /// The content's type.
     pub content_type: String,
+    /// The types that are wanted, as the client says it; empty: any.
+    pub accept: String,
     /// The content.
     pub body: Vec<u8>,
 }
@@ -214,6 +216,9 @@ fn parse(bytes: &[u8]) -> Parsed {
     ) else {
         return refused(400, "a header stands twice, or the content comes in pieces");
     };
+    // A list, which may stand in several headers.
+    let wanted = request.headers.iter().filter(|header| header.name.eq_ignore_ascii_case("accept"));
+    let wanted: Vec<&str> = wanted.filter_map(|header| std::str::from_utf8(header.value).ok()).collect();
     if !is_plain_host(host) {
         return refused(403, "ask by an address or localhost: other names may be somebody else's");
     }
@@ -237,6 +242,7 @@ fn parse(bytes: &[u8]) -> Parsed {
         path: path.into(),
         query: pairs.map(pair).collect(),
         content_type: content_type.into(),
+        accept: wanted.join(","),
         body: body.to_vec(),
     })
 }

@@ -7,7 +7,9 @@
 #[macro_use]
 mod printing;
 
+mod aside;
 mod code;
+mod crash_reporter;
 mod doctor;
 pub mod faults;
 mod hexadecimal;
@@ -17,6 +19,7 @@ pub mod installed;
 mod observer;
 pub mod output;
 pub mod plan_file;
+mod player;
 pub mod printed;
 mod publisher;
 mod recorder;
@@ -26,6 +29,7 @@ mod templates;
 mod verb;
 pub mod words;
 
+pub use aside::stand_aside;
 pub use code::{CANNOT_RUN, Code, FINE, Format, WRONG};
 pub use hexadecimal::bytes_of;
 pub use verb::{Target, Verb, Watch, channels, links_text, status};

@@ -7,12 +7,15 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use anyhow::{Context, Result};
-use bateleur_checker::{Keys, MessageCatalogue, Programs, Report, Surroundings, check, check_among};
+use bateleur_checker::{
+    Contents, Keys, MessageCatalogue, Programs, Report, Surroundings, check, check_among,
+};
 use bateleur_host::keys;
 use bateleur_messages::Catalogue;
 use bateleur_messages::format::{self, Fault, Source};
 use bateleur_plan::Plan;
 use bateleur_plan::compiled::Compiled;
+use bateleur_plan::units::ShowSize;
 use bateleur_system::privileges;
 
 /// The folder of message types that is looked into where the schedule file names none.
@@ -119,6 +122,22 @@ impl Keys for KeyFiles {
     }
 }
 
+/// Contents of memory blocks as they are found on this machine: paths from the schedule file.
+struct ContentFiles(PathBuf);
+
+impl Contents for ContentFiles {
+    fn fault(&self, file: &str, size: u64) -> Option<String> {
+        match std::fs::metadata(self.0.join(file)) {
+            Err(error) => Some(error.to_string()),
+            Ok(found) if !found.is_file() => Some("it is no ordinary file".to_owned()),
+            Ok(found) if found.len() > size => {
+                Some(format!("it has {}, and the block {}", ShowSize(found.len()), ShowSize(size)))
+            }
+            Ok(_) => None,
+        }
+    }
+}
+
 /// Longest text that a person is taken to have written, bytes.
 const MOST_BYTES: u64 = 8 << 20;
 
@@ -153,10 +172,12 @@ pub fn check_among_files(
     let schedule = path.parent().map(Path::to_owned).unwrap_or_default();
     let key_files = keys.then(|| KeyFiles(schedule.clone()));
     let keys = key_files.as_ref().map(|files| files as &dyn Keys);
+    let contents = ContentFiles(schedule.clone());
     let folder = programs.map(|programs| Folder { programs, schedule });
     let programs = folder.as_ref().map(|folder| folder as &dyn Programs);
     let name = path.display().to_string();
-    let surroundings = Surroundings { messages: &Messages::beside(&name), programs, keys };
+    let surroundings =
+        Surroundings { messages: &Messages::beside(&name), programs, keys, contents: Some(&contents) };
     check_among(&name, text, &surroundings)
 }
 
@@ -241,7 +262,7 @@ pub fn compiled(name: &str, text: &str, messages: &Messages, quiet: bool) -> Opt
 }
 
 fn check_text(name: &str, text: &str, messages: &Messages) -> std::result::Result<(Plan, Report), Report> {
-    check_among(name, text, &Surroundings { messages, programs: None, keys: None })
+    check_among(name, text, &Surroundings::of(messages))
 }
 
 fn print_errors(read: std::result::Result<(Plan, Report), Report>) -> Option<(Plan, Report)> {

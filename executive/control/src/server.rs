@@ -15,6 +15,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use bateleur_system::thread;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::net::sockopt::socket_peercred;
 
@@ -110,7 +111,7 @@ impl Server {
         let (answers, ready) = sync_channel(MOST_CLIENTS);
         let table = Table { listener, wake: reader, orders, ready, clients: Vec::new(), number: 0 };
         let asked = stop.clone();
-        let thread = std::thread::Builder::new().name("control".into()).spawn(move || table.serve(&asked))?;
+        let thread = thread::named("control").spawn(move || table.serve(&asked))?;
         let inbox = Inbox { requests, answers, waker: waker.clone() };
         Ok((Self { stop, thread: Some(thread), waker }, inbox))
     }

@@ -101,6 +101,41 @@ pub struct PartitionStatus {
     pub slack_ns: Option<Spread>,
     /// From the planned start of a window to its grant, ns.
     pub lateness_ns: Option<Lateness>,
+    /// Its ARINC 653 processes as they were at the end of its last window, the error handler last; empty: it is one loop, or has
+    /// had no window. They are the partition's own words.
+    #[serde(default)]
+    pub processes: Vec<ProcessStatus>,
+}
+
+/// An ARINC 653 process of a partition.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ProcessStatus {
+    /// Its name.
+    pub name: String,
+    /// `dormant`, `ready`, `running` (it goes on in the next window), `waiting` or `faulted`.
+    pub state: String,
+    /// Its present priority.
+    pub priority: u32,
+    /// The priority that it was created with.
+    pub base_priority: u32,
+    /// From one release to the next, ns; null: it is not periodic.
+    pub period_ns: Option<u64>,
+    /// From a release to its deadline, ns; null: it has none.
+    pub capacity_ns: Option<u64>,
+    /// Its present deadline, module time, ns; null: none.
+    pub deadline_ns: Option<u64>,
+    /// Module time for which it has run so far, ns.
+    pub run_ns: u64,
+    /// How often it was let run.
+    pub switches: u32,
+    /// How often it was started.
+    pub starts: u32,
+    /// Its errors.
+    pub errors: u32,
+    /// Bytes of its stack; null: not known.
+    pub stack_bytes: Option<u64>,
+    /// The most of them that it has used; null: not known.
+    pub stack_used_bytes: Option<u64>,
 }
 
 /// In the folder of a run: what its links are called.

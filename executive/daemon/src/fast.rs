@@ -47,6 +47,9 @@ impl Pace for VirtualPace {
 pub trait World {
     /// A minor frame begins; false: the run shall end here.
     fn minor_frame(&mut self, module_ns: u64, monitor: &mut Monitor) -> bool;
+
+    /// A window is about to be opened, whether its partition runs or not.
+    fn window(&mut self, occurrence: &Occurrence);
 }
 
 /// Opens windows and waits until they are closed.
@@ -129,11 +132,12 @@ impl Gate for VirtualGate<'_> {
     fn open(&mut self, occurrence: &Occurrence) {
         let partition = occurrence.window.partition.index();
         self.granted = Err(Missed::NoPartition);
+        self.world.window(occurrence);
         let Some(pair) = self.pair[partition].clone() else { return };
         if std::mem::replace(&mut self.opened[partition], pair.active_member()) != pair.active_member() {
             self.hanging[partition] = false; // somebody else has taken over
         }
-        let control = pair.active();
+        let mut control = pair.active();
         if let Some(action) = self.changes.action_due(occurrence, control) {
             self.granted = Err(Missed::Changed(action));
             return;
@@ -143,6 +147,9 @@ impl Gate for VirtualGate<'_> {
         }
         if control.readiness() == Readiness::Absent && occurrence.start_ns >= control.not_before_ns() {
             self.monitor.await_successor(partition, occurrence.start_ns);
+            // A successor that was a spare has a partition control of its own.
+            self.opened[partition] = pair.active_member();
+            control = pair.active();
         }
         if control.readiness() == Readiness::Ready && occurrence.start_ns >= control.not_before_ns() {
             control.grant(&grant_of(occurrence, self.changes.next()), now_ns());

@@ -3,6 +3,7 @@
 pub mod fast;
 pub mod lost_supervisor;
 pub mod module;
+pub mod playing;
 pub mod recording;
 pub mod supervisor;
 mod watched_executive;

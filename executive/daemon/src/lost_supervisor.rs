@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use bateleur_monitor::run_order::RunOrder;
 use bateleur_system::handed_over::{self, copy_of_inherited};
+use bateleur_system::thread;
 use bateleur_system::wait::await_any_end;
 use rustix::process::{Pid, PidfdFlags, getpid, getppid, pidfd_open};
 
@@ -18,8 +19,6 @@ use crate::say;
 const QUESTION_NS: u64 = 3_600_000_000_000;
 /// A supervisor that ends sooner than this after its start is not followed before it is over.
 const BREATH: Duration = Duration::from_secs(1);
-/// Stack of the thread that waits, bytes: all memory of an executive is locked.
-const STACK: usize = 128 << 10;
 
 /// Watches the supervisor of this executive, and starts another one whenever it has died. To be called before the descriptors of
 /// `order` are taken.
@@ -32,8 +31,7 @@ pub fn watch(compiled: &[u8], order: &RunOrder) -> Result<(), String> {
     // One that died meanwhile has left its number to somebody else.
     let supervisor = supervisor.filter(|_| getppid() == parent);
     let succession = Succession::new(compiled, order)?;
-    let thread = std::thread::Builder::new().name("supervision".into()).stack_size(STACK);
-    let started = thread.spawn(move || succession.keep_supervised(supervisor));
+    let started = thread::named("supervision").spawn(move || succession.keep_supervised(supervisor));
     started.map(drop).map_err(|error| format!("cannot watch the supervisor: {error}"))
 }
 
@@ -59,6 +57,7 @@ impl Succession {
         if let Some(supervised) = &mut order.supervised {
             copy(&mut supervised.page_fd)?;
             supervised.retained_fds.values_mut().try_for_each(&mut copy)?;
+            supervised.memory_block_fds.values_mut().try_for_each(&mut copy)?;
             let own = pidfd_open(getpid(), PidfdFlags::empty()).map_err(|error| cannot(error.into()))?;
             let own = handed_over::copy(own).map_err(cannot)?;
             supervised.executive_fd = Some(own.as_raw_fd());

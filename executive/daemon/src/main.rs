@@ -4,6 +4,7 @@
 //! descriptor that was handed over. Exit codes: 0 it ran and was stopped, 1 an error of the module ended it, or a log could not
 //! be written, 2 it could not run.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
@@ -24,7 +25,7 @@ use bateleur_monitor::run_order::{RunOrder, Supervised};
 use bateleur_plan::Plan;
 use bateleur_plan::compiled::{Compiled, MOST_BYTES};
 use bateleur_system::handed_over::inherited;
-use bateleur_system::{folders, privileges};
+use bateleur_system::{folders, privileges, thread};
 use rustix::fs::{FlockOperation, flock};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
@@ -178,7 +179,9 @@ fn options(mut order: RunOrder) -> Result<Options, String> {
     };
     let stop = flag(&[SIGINT, SIGTERM, SIGHUP])?;
     if order.until_stdin_closes {
-        stop_with_standard_input(stop.clone());
+        stop_with_standard_input(stop.clone()).map_err(|error| {
+            format!("cannot start the thread that waits for the end of standard input: {error}")
+        })?;
     }
     let companion = |number| {
         Companion::new(UnixStream::from(inherited(number)?))
@@ -204,23 +207,28 @@ fn options(mut order: RunOrder) -> Result<Options, String> {
 fn supervision(handed: Supervised) -> Result<Supervision, String> {
     let page = Mapped::new(inherited(handed.page_fd)?);
     let page = page.map_err(|error| format!("the supervisor's page can not be used: {error}"))?;
-    let retained = handed.retained_fds.into_iter().map(|(name, number)| {
-        let memory = inherited(number)?;
-        let _ = rustix::io::fcntl_setfd(&memory, rustix::io::FdFlags::CLOEXEC); // partitions get what is theirs
-        Ok((name, Arc::new(memory)))
-    });
+    let memories = |handed: BTreeMap<String, i32>| {
+        let memory = |(name, number)| {
+            let memory = inherited(number)?;
+            let _ = rustix::io::fcntl_setfd(&memory, rustix::io::FdFlags::CLOEXEC); // partitions get what is theirs
+            Ok((name, Arc::new(memory)))
+        };
+        handed.into_iter().map(memory).collect::<Result<BTreeMap<_, _>, String>>()
+    };
     Ok(Supervision {
         page: Arc::new(page),
-        retained: retained.collect::<Result<_, String>>()?,
+        retained: memories(handed.retained_fds)?,
+        memory_blocks: memories(handed.memory_block_fds)?,
         after: handed.after,
     })
 }
 
-fn stop_with_standard_input(stop: Arc<AtomicBool>) {
-    std::thread::spawn(move || {
+fn stop_with_standard_input(stop: Arc<AtomicBool>) -> std::io::Result<()> {
+    thread::named("standard input").spawn(move || {
         let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink()); // closed either way
         stop.store(true, Ordering::Release);
-    });
+    })?;
+    Ok(())
 }
 
 /// Turns events into lines for a terminal.

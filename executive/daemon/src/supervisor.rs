@@ -1,7 +1,7 @@
 //! The supervisor of an executive: where the plan says `executive_died = "reset"` or `executive_hung = "reset"`, it starts another one
 //! in place of one that has died or hangs.
 //!
-//! Responsible for: what the next executive can not find by itself: the retained memories, the time of module time 0, and how often one
+//! Responsible for: what the next executive can not find by itself: the retained memories and memory blocks, the time of module time 0, and how often one
 //! has died. It must know nothing of partitions, channels and frames. Before an executive is started again, everything that
 //! the one before had started has ended and its guard has cleaned up.
 
@@ -13,6 +13,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use bateleur_contract::Mapped;
+use bateleur_host::instance::sweep_traces;
+use bateleur_host::memory_blocks;
 use bateleur_host::partition::shared_memory;
 use bateleur_monitor::health::decision::decide_module;
 use bateleur_monitor::inject::Aim;
@@ -20,6 +22,7 @@ use bateleur_monitor::planned::PlannedAct;
 use bateleur_monitor::run_order::{DeadExecutive, RunOrder, Supervised};
 use bateleur_plan::{ModuleAction, ModuleError, ModuleView, Plan};
 use bateleur_system::handed_over::{self, copy_of_inherited, inherited};
+use bateleur_system::service_manager::ServiceManager;
 use bateleur_system::time::now_ns;
 use bateleur_time::run_page::RunPage;
 use rustix::io::Errno;
@@ -38,6 +41,8 @@ const STOPPED_NS: u64 = 100_000_000;
 const DISPATCHER_SILENCE_NS: u64 = 400_000_000;
 /// How long the monitor may not be seen, ns: it is ordinary work, and partitions may have the processors for 0.95 s of a second.
 const MONITOR_SILENCE_NS: u64 = 1_100_000_000;
+/// How long the thread that writes the persistent log may not be seen, ns, its waits for the disk apart. No window depends on it.
+const HEALTH_LOG_SILENCE_NS: u64 = 5_000_000_000;
 /// How long what a dead executive had started may take to end.
 const ENDS_NS: u64 = 10_000_000_000;
 
@@ -57,6 +62,12 @@ pub fn is_wanted(plan: &Plan, order: &RunOrder) -> bool {
 /// # Errors
 /// The machine has no memory or no process for it.
 pub fn run(plan: &Plan, compiled: &[u8], order: &RunOrder) -> Result<u8, String> {
+    let result = supervise(plan, compiled, order);
+    sweep_traces();
+    result
+}
+
+fn supervise(plan: &Plan, compiled: &[u8], order: &RunOrder) -> Result<u8, String> {
     let parent = getppid().unwrap_or(Pid::INIT);
     let view = module_of(plan, &order.module).map_err(|error| error.to_string())?;
     let cannot = |error: io::Error| format!("cannot supervise the executive: {error}");
@@ -109,6 +120,8 @@ struct Supervisor<'a> {
     deaths: Vec<u64>,
     /// The longest time between two switches of a core, ns.
     frame_ns: u64,
+    /// To the manager of services the supervisor is the service.
+    service_manager: ServiceManager,
 }
 
 impl<'a> Supervisor<'a> {
@@ -141,6 +154,7 @@ impl<'a> Supervisor<'a> {
             asked: false,
             deaths: Vec::new(),
             frame_ns: plan.schedules.iter().map(|schedule| schedule.major_frame_ns).max().unwrap_or(0),
+            service_manager: ServiceManager::from_environment(),
         })
     }
 
@@ -172,9 +186,16 @@ impl<'a> Supervisor<'a> {
     fn watch(&mut self, executive: &WatchedExecutive) -> Option<String> {
         let (mut hung, mut stopped_ns) = (None, None);
         while !executive.await_end(LOOK_NS) {
+            match self.page.origin_ns() {
+                Some(_) => self.service_manager.lives(now_ns()),
+                None => self.service_manager.waits(now_ns()), // no frame has begun
+            }
             for (signal, flag) in &self.signals {
                 if flag.swap(false, Ordering::AcqRel) {
-                    self.asked |= *signal != SIGPWR;
+                    if *signal != SIGPWR {
+                        self.asked = true;
+                        self.service_manager.ends();
+                    }
                     executive.signal(Signal::from_named_raw(*signal).unwrap_or(Signal::TERM));
                 }
             }
@@ -214,7 +235,10 @@ impl<'a> Supervisor<'a> {
         let dispatcher =
             ("a dispatcher", self.page.dispatcher_silence_ns(now_ns), self.frame_ns + DISPATCHER_SILENCE_NS);
         let monitor = ("the monitor", self.page.monitor_silence_ns(now_ns), MONITOR_SILENCE_NS);
-        [dispatcher, monitor].into_iter().find_map(|(who, silent_ns, most_ns)| {
+        let freeze_worker =
+            ("the freeze worker", self.page.freeze_worker_silence_ns(now_ns), MONITOR_SILENCE_NS);
+        let log = ("the health log", self.page.health_log_silence_ns(now_ns), HEALTH_LOG_SILENCE_NS);
+        [dispatcher, monitor, freeze_worker, log].into_iter().find_map(|(who, silent_ns, most_ns)| {
             let silent_ns = silent_ns.filter(|silent_ns| *silent_ns > most_ns)?;
             Some(format!("{who} gave no sign of life for {} ms", silent_ns / 1_000_000))
         })
@@ -230,6 +254,7 @@ impl<'a> Supervisor<'a> {
         let goes_on = action == ModuleAction::Reset;
         let what = if goes_on { "it is started again" } else { "the module ends" };
         say(&format!("bateleur: {error}: {detail}; {what}"));
+        self.service_manager.is_at(&format!("{error}: {detail}; {what}"));
         let Some(supervised) = &mut self.order.supervised else { return false };
         let resets = supervised.after.as_ref().map_or(0, |dead| dead.resets);
         supervised.after = Some(DeadExecutive {
@@ -259,7 +284,13 @@ fn begin(view: &ModuleView<'_>, handed: &mut Vec<OwnedFd>) -> io::Result<Supervi
         retained_fds.insert(partition.name.clone(), memory.as_raw_fd());
         handed.push(memory);
     }
-    Ok(Supervised { page_fd, retained_fds, after: None, executive_fd: None })
+    let mut memory_block_fds = BTreeMap::new();
+    for block in memory_blocks::of_module(view).filter(|block| !block.read_write.is_empty()) {
+        let memory = handed_over::copy(memory_blocks::make(block).map_err(io::Error::other)?)?;
+        memory_block_fds.insert(block.name.clone(), memory.as_raw_fd());
+        handed.push(memory);
+    }
+    Ok(Supervised { page_fd, retained_fds, memory_block_fds, after: None, executive_fd: None })
 }
 
 /// Waits until all that a dead executive had started has ended, its guard among it.

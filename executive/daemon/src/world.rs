@@ -1,4 +1,4 @@
-//! What surrounds a module while it runs: planned faults, the recorder, the companion at the end of a line, and the
+//! What surrounds a module while it runs: planned faults, the recorder, the player, the companion at the end of a line, and the
 //! wish to stop. Looked at once in each minor frame, on either clock.
 
 use std::io::{self, Read, Write};
@@ -11,12 +11,16 @@ use std::time::Duration;
 use bateleur_contract::{Clock, Mapped};
 
 use crate::fast::World;
+use crate::playing::Player;
 use crate::recording::Recording;
 use bateleur_monitor::Monitor;
 use bateleur_monitor::planned::PlannedActs;
 use bateleur_monitor::run_order::RunOrder;
 use bateleur_plan::ModuleError;
+use bateleur_system::service_manager::ServiceManager;
+use bateleur_system::time::now_ns;
 use bateleur_system::wait::is_hung_up;
+use bateleur_time::dispatcher::Occurrence;
 use bateleur_time::redundant_pair::RedundantPair;
 use bateleur_time::run_page::RunPage;
 
@@ -81,10 +85,13 @@ pub struct Surroundings {
     stop: Arc<AtomicBool>,
     power_fail: Arc<AtomicBool>,
     recording: Option<Recording>,
+    player: Option<Player>,
     companion: Option<Companion>,
     line: Option<Arc<RedundantPair>>,
     /// Virtual clock: what the next executive finds, if this one dies.
     pub page: Option<Arc<Mapped<RunPage>>>,
+    /// Where the executive itself is a service.
+    pub service_manager: ServiceManager,
     next_exchange_ns: u64,
     module_ns: u64,
     reason: Option<String>,
@@ -109,9 +116,11 @@ impl Surroundings {
             stop,
             power_fail,
             recording: None,
+            player: None,
             companion,
             line: None,
             page: None,
+            service_manager: ServiceManager::default(),
             next_exchange_ns: 0,
             module_ns: 0,
             reason: None,
@@ -120,8 +129,14 @@ impl Surroundings {
 
     /// The module starts, perhaps not for the first time. `line`: the partition whose device the companion holds the other
     /// end of.
-    pub fn begin(&mut self, recording: Option<Recording>, line: Option<Arc<RedundantPair>>) {
+    pub fn begin(
+        &mut self,
+        recording: Option<Recording>,
+        player: Option<Player>,
+        line: Option<Arc<RedundantPair>>,
+    ) {
         self.recording = recording;
+        self.player = player;
         self.line = line;
     }
 
@@ -169,6 +184,9 @@ impl Surroundings {
             self.stop.store(true, Ordering::Release);
         }
         if self.stop.load(Ordering::Acquire) {
+            if self.reason.is_none() {
+                self.service_manager.ends();
+            }
             self.reason.get_or_insert_with(|| "it was asked to stop".into());
         }
     }
@@ -182,6 +200,7 @@ impl Surroundings {
 
     /// Ends what was started; gives the reason why the recorder's log is not whole, where it was not told before.
     pub fn finish(&mut self) -> Option<String> {
+        self.player = None;
         self.recording.take()?.finish()
     }
 
@@ -208,6 +227,7 @@ impl Surroundings {
 impl World for Surroundings {
     fn minor_frame(&mut self, module_ns: u64, monitor: &mut Monitor) -> bool {
         self.module_ns = module_ns;
+        self.service_manager.lives(now_ns());
         if let Some(page) = &self.page {
             page.reach(module_ns, self.line_counts());
             page.keep_counts(monitor.totals().counts());
@@ -231,5 +251,14 @@ impl World for Surroundings {
             self.reason.get_or_insert_with(|| "the asked-for time is over".into());
         }
         self.reason.is_none()
+    }
+
+    fn window(&mut self, occurrence: &Occurrence) {
+        let Some(player) = &mut self.player else { return };
+        if let Err(error) = player.before_window(occurrence) {
+            self.player = None;
+            self.reason =
+                Some(format!("the player of the recording is gone: {error} (see partitions/helpers.log)"));
+        }
     }
 }

@@ -23,6 +23,7 @@ use rustix::io::Errno;
 use rustix::pipe::{PipeFlags, pipe_with};
 
 use crate::trouble::Trouble;
+use bateleur_system::thread;
 use bateleur_system::time::now_ns;
 
 /// A partition's file that would become longer than this, in bytes, begins anew.
@@ -53,7 +54,6 @@ const FORMER_PIPES: usize = 4;
 const PAUSE: Duration = Duration::from_micros(200);
 /// How long what is left out may stay unsaid where nothing follows, s.
 const UNSAID_S: i64 = 1;
-const STACK: usize = 256 << 10;
 
 /// The threads that read and write, and what they read.
 #[derive(Debug)]
@@ -163,10 +163,9 @@ impl ErrorReader {
             logs: Mutex::default(),
         });
         let (done, written) = sync_channel(1);
-        let thread = |name: &str| std::thread::Builder::new().name(name.into()).stack_size(STACK);
         let (reads, writes) = (shared.clone(), shared.clone());
-        let reader = thread("error logs").spawn(move || reads.read_all())?;
-        thread("error files").spawn(move || {
+        let reader = thread::named("error logs").spawn(move || reads.read_all())?;
+        thread::named("error files").spawn(move || {
             writes.write_all();
             let _ = done.send(()); // nobody waits any more
         })?;

@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use rustix::fs::{FlockOperation, flock};
 
 use bateleur_system::cgroup;
+use bateleur_system::trace;
 use bateleur_system::tree::{self, Folder, NotRemoved};
 use bateleur_system::users::{self, HELPERS, Users};
 
@@ -54,6 +55,9 @@ pub struct Instance {
     /// Whether the record is locked while the process lives. Those of older versions are not: their process is looked for.
     #[serde(default)]
     pub locked: bool,
+    /// A supervisor starts another executive after this one: what can wait is not cleaned up before.
+    #[serde(default)]
+    pub supervised: bool,
 }
 
 /// The lock on a run's record: the run counts as living until this is dropped, or its process is gone. A descriptor that ends with
@@ -78,6 +82,7 @@ impl Instance {
             cores,
             users,
             locked: true,
+            supervised: false,
         };
         instance.make_directory()?;
         // Locked before there is anything in it that somebody could believe.
@@ -282,6 +287,12 @@ pub fn others() -> Vec<Instance> {
     living().into_iter().filter(|other| other.pid != own).collect()
 }
 
+/// Removes the kernel's traces that runs have left. That takes the kernel a tenth of a second.
+pub fn sweep_traces() {
+    let living: Vec<String> = living().into_iter().map(|instance| instance.name).collect();
+    trace::sweep(&format!("{NAME}."), |name| living.iter().any(|one| one == name));
+}
+
 /// Those of them whose process began after this one.
 #[must_use]
 pub fn later_ones() -> Vec<Instance> {
@@ -363,6 +374,7 @@ mod tests {
             cores: Vec::new(),
             users: None,
             locked: true,
+            supervised: false,
         };
         fs::create_dir(dead.directory()).unwrap();
         dead.record().unwrap();
@@ -459,8 +471,17 @@ mod tests {
         let planted = Path::new(SHARED_MEMORY).join(format!("bateleur.planted.{}", std::process::id()));
         let name = victim.path().file_name().unwrap().to_string_lossy().into_owned();
         let (group, accounts, cores, users) = (None, Vec::new(), Vec::new(), None);
-        let instance =
-            Instance { name, pid: i32::MAX, started_ticks: 1, group, accounts, cores, users, locked: true };
+        let instance = Instance {
+            name,
+            pid: i32::MAX,
+            started_ticks: 1,
+            group,
+            accounts,
+            cores,
+            users,
+            locked: true,
+            supervised: false,
+        };
         fs::create_dir(&planted).unwrap();
         fs::write(planted.join(RECORD), serde_json::to_vec(&instance).unwrap()).unwrap();
         assert_eq!(trusted_record(&planted, is_own), None);

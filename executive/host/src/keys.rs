@@ -9,6 +9,7 @@ use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
 use bateleur_contract::relay::KEY_BYTES;
+use rustix::fs::{MemfdFlags, Mode, fchmod, memfd_create};
 
 /// Mode bits that let somebody else at a file.
 const OTHERS: u32 = 0o077;
@@ -131,15 +132,32 @@ fn parse(text: &str) -> Option<Key> {
 /// # Errors
 /// The file can not be made.
 pub fn make(path: &Path) -> io::Result<()> {
+    let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?;
+    write_new(&mut file)
+}
+
+/// Makes one in memory, without a name: the kernel removes it with the last process that holds it. Others of the same user
+/// read it at `/proc/PID/fd/NUMBER`.
+///
+/// # Errors
+/// There is no memory for it.
+pub fn make_in_memory() -> io::Result<File> {
+    let mut file = File::from(memfd_create("key", MemfdFlags::CLOEXEC)?);
+    fchmod(&file, Mode::RUSR | Mode::WUSR)?;
+    write_new(&mut file)?;
+    Ok(file)
+}
+
+fn write_new(file: &mut File) -> io::Result<()> {
     let mut bytes = [0_u8; KEY_BYTES];
     File::open("/dev/urandom")?.read_exact(&mut bytes)?;
     let text: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
-    let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?;
     writeln!(file, "{text}")
 }
 
 #[cfg(test)]
 mod tests {
+    use std::os::fd::AsRawFd;
     use std::os::unix::fs::PermissionsExt;
 
     use super::*;
@@ -160,6 +178,15 @@ mod tests {
         make(&other).unwrap();
         assert_ne!(read(&one).unwrap(), read(&other).unwrap());
         assert!(make(&one).is_err(), "a key is not written over");
+    }
+
+    #[test]
+    fn a_key_in_memory_is_read_by_its_descriptor_and_gone_with_it() {
+        let key = make_in_memory().unwrap();
+        let path = PathBuf::from(format!("/proc/{}/fd/{}", std::process::id(), key.as_raw_fd()));
+        assert!(read(&path).unwrap() != Key::none());
+        drop(key);
+        assert!(matches!(read(&path), Err(KeyError::Read { .. })));
     }
 
     #[test]

@@ -10,15 +10,16 @@ use bateleur_contract::Clock;
 
 use crate::guarantee::Guarantees;
 use crate::instance::{self, Instance};
+use crate::network_limits::{MOST_ADDRESSES, NetworkLimits};
 use crate::partition::MOST_SOCKETS;
 use bateleur_plan::ModuleView;
 use bateleur_system::account::Accounts;
 use bateleur_system::cgroup::Group;
 use bateleur_system::delegation::{self, Settled};
 use bateleur_system::filter::{Filters, Grants};
+use bateleur_system::lock_calls::{LockCounter, LockLimit};
 use bateleur_system::rules::{self, Granted};
 use bateleur_system::sched;
-use bateleur_system::sockets::SocketPlaces;
 use bateleur_system::spawn::{Namespaces, Request, User, Walls, spawn};
 use bateleur_system::users::{self, Users};
 use bateleur_system::wait::ended;
@@ -34,6 +35,8 @@ pub struct Machine {
     pub users: Option<Users>,
     /// System calls can be filtered.
     pub filtered: bool,
+    /// Those that make locks of byte ranges can be counted.
+    pub counts_locks: bool,
     /// The kernel has rules about files.
     pub ruled: bool,
     /// Every promise, kept or not.
@@ -63,18 +66,30 @@ impl Machine {
                 "partitions run as the same user as the executive; start it as root, or from its systemd unit",
             ),
         }
-        let (filtered, ruled) = (filters(user, &mut guarantees), rules(user, &mut guarantees));
+        let (filtered, counts_locks) = filters(user, &mut guarantees);
+        let ruled = rules(user, &mut guarantees);
         let namespaces = namespaces(user, filtered, &mut guarantees);
         let partitions = partition_users(is_root, namespaces, view.plan().partitions.len(), &mut guarantees);
         let users = is_root.then_some(Users { partitions });
         channels(namespaces.mount, ruled, &mut guarantees);
         let settled = memory(filtered, &mut guarantees);
         if view.partitions().any(|id| view.plan()[id].network) {
-            sockets(&mut guarantees);
+            network_limits(&mut guarantees);
         }
         devices(view, &mut guarantees);
         keep_housekeeping_free(&cores);
-        Self { real_time, namespaces, users, filtered, ruled, guarantees, groups, cores, settled }
+        Self {
+            real_time,
+            namespaces,
+            users,
+            filtered,
+            counts_locks,
+            ruled,
+            guarantees,
+            groups,
+            cores,
+            settled,
+        }
     }
 
     /// Leaves this process's control group as it was found: who only examines changes nothing.
@@ -234,14 +249,16 @@ fn groups(guarantees: &mut Guarantees) -> bool {
 }
 
 /// Said only where the plan grants a network.
-fn sockets(guarantees: &mut Guarantees) {
-    const PROMISE: &str = "a partition has few sockets, which bounds what it has sent and still waits";
+fn network_limits(guarantees: &mut Guarantees) {
+    const PROMISE: &str = "a partition has few sockets and sends to few addresses";
     let probe = || {
         let group = Group::beside_self(&format!("bateleur.probe.{}", std::process::id()))?;
-        SocketPlaces::limit(group.as_fd(), MOST_SOCKETS)
+        NetworkLimits::of(&group, MOST_SOCKETS)
     };
-    let how = format!("programs for its control group (BPF): {MOST_SOCKETS} datagram sockets");
-    let mend = "it has as many as descriptors; needs root (CAP_BPF, CAP_NET_ADMIN), control groups of version 2, Linux 5.12 or newer \
+    let how = format!(
+        "programs for its control group (BPF): {MOST_SOCKETS} datagram sockets, {MOST_ADDRESSES} addresses"
+    );
+    let mend = "it has as many sockets as descriptors; needs root (CAP_BPF, CAP_NET_ADMIN), control groups of version 2, Linux 5.12 or newer \
                 with CONFIG_CGROUP_BPF";
     guarantees.examine(PROMISE, probe(), &how, mend);
 }
@@ -372,12 +389,27 @@ fn try_walls(walls: Walls<'_>, user: Option<&User>) -> std::io::Result<()> {
     }
 }
 
-fn filters(user: Option<&User>, guarantees: &mut Guarantees) -> bool {
+/// Whether system calls can be filtered, and whether those that make locks can be counted.
+fn filters(user: Option<&User>, guarantees: &mut Guarantees) -> (bool, bool) {
     const PROMISE: &str = "a partition that asks the kernel for what no partition needs is ended";
-    let tried = Filters::new(&Grants::default())
-        .and_then(|filters| try_walls(Walls { filters: Some(&filters), ..Walls::default() }, user));
+    const FEW_LOCKS: &str = "a partition has few locks of byte ranges, which no control group counts";
+    let filters = Filters::new(&Grants::default());
+    let try_out = |locks| {
+        let filters = filters.as_ref().map_err(|error| std::io::Error::other(error.to_string()))?;
+        try_walls(Walls { filters: Some(filters), locks, ..Walls::default() }, user)
+    };
+    let counter = LockCounter::start();
+    let counted = match &counter {
+        Ok(counter) => try_out(Some(LockLimit { counter, calls: 0 })),
+        Err(error) => Err(std::io::Error::other(error.to_string())),
+    };
+    // Most often both are to be had, and one probe says so.
+    let filtered = if counted.is_ok() { Ok(()) } else { try_out(None) };
     let mend = "needs a kernel with seccomp filters (CONFIG_SECCOMP_FILTER), on x86-64 or aarch64";
-    guarantees.examine(PROMISE, tried, "filters of system calls (seccomp)", mend).is_some()
+    let filtered = guarantees.examine(PROMISE, filtered, "filters of system calls (seccomp)", mend).is_some();
+    let mend = "it has any number; needs Linux 5.5 or newer with seccomp filters";
+    let how = "the calls that make them are counted (seccomp notifications)";
+    (filtered, guarantees.examine(FEW_LOCKS, counted, how, mend).is_some())
 }
 
 fn rules(user: Option<&User>, guarantees: &mut Guarantees) -> bool {
@@ -455,6 +487,7 @@ mod tests {
             cores: cores.to_vec(),
             users: None,
             locked: true,
+            supervised: false,
         };
         let living = [on(7, &[]), on(8, &[2]), on(9, &[1, 3])];
         assert_eq!(taken_by(&[0], &living), None);

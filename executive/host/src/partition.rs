@@ -12,24 +12,30 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use bateleur_contract::page::WindowGrant;
 use bateleur_contract::{
-    CONTROL_FD, Clock, ControlPage, Description, Direction, ENVIRONMENT, Mapped, PLAIN_BYTES,
-    PortDescription, PortKind, ProcessPlan, RELAY_KEYS_FD, StartCondition, page,
+    CONTROL_FD, Clock, ControlPage, Description, Direction, ENVIRONMENT, Mapped, PLAIN_BYTES, PlannedProcess,
+    PortDescription, PortKind, ProcessPlan, ProcessTable, RELAY_KEYS_FD, StartCondition, page,
 };
 use rustix::fs::{
     FallocateFlags, MemfdFlags, SealFlags, fallocate, fcntl_add_seals, ftruncate, memfd_create,
 };
 
+use crate::crash_memory::CrashMemory;
 use crate::error_log::{ErrorLine, ErrorLogs};
 use crate::keys::Key;
+use crate::memory_blocks::{GivenBlocks, MemoryBlocks};
+use crate::network_limits::NetworkLimits;
 use crate::sealed::{End, Handover, SealedChannels};
 use bateleur_plan::units::ShowSize;
-use bateleur_plan::{Attribute, Closed, Partition, PartitionId, Plan, Port, Role, SystemCalls};
+use bateleur_plan::{
+    Attribute, Closed, ErrorLevel, Partition, PartitionError, PartitionId, PartitionState, Plan, Port, Role,
+    Standby, SystemCalls, leaves_the_process,
+};
 use bateleur_system::account::Accounts;
 use bateleur_system::cgroup::Group;
 use bateleur_system::filter::{Filters, Grants};
+use bateleur_system::lock_calls::{LockCounter, LockLimit};
 use bateleur_system::rules::{self, Granted};
 use bateleur_system::sched;
-use bateleur_system::sockets::SocketPlaces;
 use bateleur_system::spawn::{Counts, Namespaces, Request, Spawned, User, Walls, spawn};
 use bateleur_system::users::{HELPERS, Users};
 use bateleur_time::partition_control::PartitionControl;
@@ -50,6 +56,8 @@ pub struct SandboxConfig {
     pub users: Option<Users>,
     /// Whether system calls can be filtered.
     pub filtered: bool,
+    /// Who counts locks of byte ranges, where they can be counted.
+    pub locks: Option<LockCounter>,
     /// Whether the kernel has rules about files.
     pub ruled: bool,
     /// Whether real-time priority is to be had.
@@ -60,6 +68,8 @@ pub struct SandboxConfig {
     pub link_keys: Vec<Key>,
     /// Retained memories that outlive the executive, by partition.
     pub retained: BTreeMap<String, Arc<OwnedFd>>,
+    /// The module's memory blocks.
+    pub memory_blocks: Arc<MemoryBlocks>,
     /// The memories of sealed channels.
     pub sealed: Arc<SealedChannels>,
 }
@@ -73,18 +83,23 @@ pub struct Sandbox {
     pub name: String,
     /// Shared with the dispatcher.
     pub control: Arc<PartitionControl>,
+    /// What its processes show of themselves, where it may have several; nothing read from it is trusted.
+    pub table: Option<Mapped<ProcessTable>>,
     program: PathBuf,
     cores: Vec<u32>,
     page: OwnedFd,
+    table_file: Option<OwnedFd>,
     retained: Option<OwnedFd>,
     retained_bytes: u64,
+    memory_blocks: GivenBlocks,
     /// A relay's: the keys of its links.
     keys: Option<OwnedFd>,
     group: Option<Group>,
     accounts: Accounts,
-    /// Those for its datagram sockets, where it has the network and the kernel counts them.
-    sockets: Option<SocketPlaces>,
+    /// Those of its sockets and addresses, where it has the network and the kernel counts them.
+    network_limits: Option<NetworkLimits>,
     filters: Option<Filters>,
+    locks: Option<LockCounter>,
     /// Whether the kernel restricts what it opens.
     ruled: bool,
     network: bool,
@@ -102,6 +117,8 @@ pub struct Sandbox {
     sealed: Arc<SealedChannels>,
     /// The number of the process that was started last.
     incarnation: AtomicU32,
+    /// Where it writes what happened when it ends by a fault; `None`: nowhere.
+    crash_memory: Option<CrashMemory>,
     errors: ErrorLine,
     description: Description,
     /// That of a process that stands by.
@@ -123,11 +140,14 @@ impl Sandbox {
         let partition = &plan[id];
         let page = shared_memory(&partition.name, size_of::<ControlPage>() as u64)?;
         let mapped = Mapped::<ControlPage>::new(&page).map_err(io::Error::other)?;
+        let shows_processes = partition.threads > 1;
+        let table_file = shows_processes.then(|| process_table(&partition.name)).transpose()?;
+        let table = table_file.as_ref().map(Mapped::new).transpose().map_err(io::Error::other)?;
         let freezer = group.as_ref().map(Group::freezer).transpose()?;
         let (socket_count, socket_bytes) = if partition.relay { RELAY_SOCKETS } else { SOCKETS };
         let _ = accounts.limit_sockets(socket_bytes); // without version 1 of the controller they count as its memory
         let networked = group.as_ref().filter(|_| partition.network);
-        let sockets = networked.and_then(|group| SocketPlaces::limit(group.as_fd(), socket_count).ok()); // as the list of guarantees says
+        let network_limits = networked.and_then(|group| NetworkLimits::of(group, socket_count).ok()); // as the list of guarantees says
         let memory_limited = accounts.limit_memory(partition.memory_bytes).is_ok()
             || group.as_ref().is_some_and(|group| group.limit_memory(partition.memory_bytes).is_ok());
         if let Err(_absent) = accounts.limit_tasks(partition.threads)
@@ -165,19 +185,23 @@ impl Sandbox {
                 Some(first) => PartitionControl::new(mapped, guard, always_freeze).beside(&first.control),
                 None => PartitionControl::new(mapped, guard, always_freeze),
             }),
+            table,
             program,
             cores: window_cores(plan, id),
             page,
+            table_file,
             retained,
             retained_bytes: partition.retained_bytes,
+            memory_blocks: sandbox_config.memory_blocks.of(plan, id)?,
             keys: partition.relay.then(|| sealed_keys(&sandbox_config.link_keys)).transpose()?,
             group,
             accounts,
-            sockets,
+            network_limits,
             filters: sandbox_config
                 .filtered
                 .then(|| Filters::new(&grants(partition, sandbox_config, overrides)))
                 .transpose()?,
+            locks: sandbox_config.locks.clone(),
             ruled: sandbox_config.ruled,
             network: partition.network,
             devices: devices(partition, overrides).map(PathBuf::from).collect(),
@@ -189,7 +213,7 @@ impl Sandbox {
             user: sandbox_config.users.map(|users| {
                 users.partition(id.index(), beside.is_some(), device_groups(partition, overrides))
             }),
-            counts: counts(partition),
+            counts: counts(plan, id),
             data_limit: if memory_limited { 0 } else { partition.memory_bytes },
             memory_bytes: partition.memory_bytes,
             channels: shared_channels(plan, id)
@@ -198,9 +222,15 @@ impl Sandbox {
                 .collect(),
             sealed: sandbox_config.sealed.clone(),
             incarnation: AtomicU32::new(0),
+            crash_memory: None,
             errors: beside
                 .map_or_else(|| sandbox_config.errors.line(&partition.name), |first| first.errors.beside()),
-            description: describe(plan, partition, sandbox_config, overrides),
+            description: describe(
+                plan,
+                partition,
+                (&sandbox_config.module, sandbox_config.clock, &sandbox_config.ports_root),
+                overrides,
+            ),
             standby: None,
         })
     }
@@ -217,16 +247,16 @@ impl Sandbox {
     }
 
     /// Starts incarnation number `generation`.
-    pub fn launch(&self, generation: u32, condition: StartCondition) -> io::Result<Spawned> {
+    pub fn launch(&mut self, generation: u32, condition: StartCondition) -> io::Result<Spawned> {
         if !condition.is_warm() {
             self.forget()?;
         }
-        self.start(generation, condition, false)
+        self.start(generation, condition, None)
     }
 
-    /// Starts a process that shall become incarnation number `generation`, and stands by until then.
-    pub fn launch_standby(&self, generation: u32) -> io::Result<Spawned> {
-        self.start(generation, StartCondition::HmPartitionWarmRestart, true)
+    /// Starts a process that shall become incarnation number `generation`, and waits as `standby` says until then.
+    pub fn launch_standby(&mut self, generation: u32, standby: Standby) -> io::Result<Spawned> {
+        self.start(generation, StartCondition::HmPartitionWarmRestart, Some(standby))
     }
 
     /// Retained memory is zero.
@@ -237,15 +267,33 @@ impl Sandbox {
         Ok(fallocate(retained, hole, 0, self.retained_bytes)?)
     }
 
-    fn start(&self, generation: u32, condition: StartCondition, standby: bool) -> io::Result<Spawned> {
-        let mut description =
-            Description { generation, start_condition: condition, standby, ..self.description.clone() };
-        let sealed = self.hand_over(&mut description)?;
+    fn start(
+        &mut self,
+        generation: u32,
+        condition: StartCondition,
+        standby: Option<Standby>,
+    ) -> io::Result<Spawned> {
+        let mut description = Description {
+            generation,
+            start_condition: condition,
+            standby: standby == Some(Standby::Hot),
+            spare: standby == Some(Standby::Spare),
+            ..self.description.clone()
+        };
+        let (sealed, free) = self.hand_over(&mut description)?;
+        description.process_table = self.table_file.as_ref().map(|_| free);
+        // One that died before has its own: that is read while this process runs. Without one there is no report.
+        self.crash_memory = CrashMemory::make(&self.name).ok();
+        description.crash_memory =
+            self.crash_memory.as_ref().map(|_| free + i32::from(self.table_file.is_some()));
+        if let Some(table) = &self.table {
+            table.forget();
+        }
         self.incarnation.store(generation, Ordering::Relaxed);
         let description = sealed_text(&self.name, &serde_json::to_vec(&description)?)?;
         let errors = self.errors.begin()?;
         // A process that was ended has no socket, and its successor needs them at once.
-        self.sockets.as_ref().map_or(Ok(()), SocketPlaces::clear)?;
+        self.network_limits.as_ref().map_or(Ok(()), NetworkLimits::clear)?;
         let mut descriptors: Vec<BorrowedFd<'_>> = vec![self.page.as_fd(), description.as_fd()];
         descriptors.extend(self.retained.as_ref().map(AsFd::as_fd));
         if let Some(keys) = &self.keys {
@@ -255,6 +303,8 @@ impl Sandbox {
             }
         }
         descriptors.extend(sealed.files());
+        descriptors.extend(self.table_file.as_ref().map(AsFd::as_fd));
+        descriptors.extend(self.crash_memory.as_ref().map(AsFd::as_fd));
         let granted = Granted {
             program: &self.program,
             channels: &self.channels,
@@ -277,6 +327,7 @@ impl Sandbox {
                 namespaces: self.namespaces,
                 channels: &self.channels,
                 filters: self.filters.as_ref(),
+                locks: self.locks.as_ref().map(|counter| LockLimit { counter, calls: self.lock_calls() }),
                 rules: rules.as_ref().map(AsFd::as_fd),
                 entrances: &self.accounts.entrances()?,
                 data_limit: self.data_limit,
@@ -288,8 +339,14 @@ impl Sandbox {
         })
     }
 
-    /// Opens the memories of its sealed channels, which come behind the other descriptors, and says in the description where each is.
-    fn hand_over(&self, description: &mut Description) -> io::Result<Handover> {
+    /// Calls that may set a lock of a byte range.
+    fn lock_calls(&self) -> u32 {
+        LOCK_CALLS + LOCK_CALLS_OF_A_PORT * self.description.ports.len() as u32
+    }
+
+    /// Opens the memories of its sealed channels and its memory blocks, which come behind the other descriptors, and says in the
+    /// description where each is. With the number of the descriptor behind them.
+    fn hand_over(&self, description: &mut Description) -> io::Result<(Handover, i32)> {
         let others = match self.keys {
             Some(_) => RELAY_KEYS_FD - CONTROL_FD + 1,
             None => 2 + i32::from(self.retained.is_some()),
@@ -302,7 +359,9 @@ impl Sandbox {
             };
             port.sealed = self.sealed.hand(&port.channel, end, &mut handover)?;
         }
-        Ok(handover)
+        description.memory_blocks = self.memory_blocks.hand(&mut handover)?;
+        let free = CONTROL_FD + others + handover.files().count() as i32;
+        Ok((handover, free))
     }
 
     /// Its process is dead: nobody receives what its sealed queues carry.
@@ -311,6 +370,24 @@ impl Sandbox {
         for port in self.description.ports.iter().filter(|port| port.direction == Direction::Destination) {
             let _ = self.sealed.detach(&port.channel, incarnation); // its source then fills the queue
         }
+    }
+
+    /// What the process that was started last has written down of its end, if it has written all of it; and which signal that was.
+    pub fn take_crash(&mut self) -> Option<(File, u64)> {
+        let signal = self.crash_memory.as_ref()?.signal()?;
+        Some((self.crash_memory.take()?.into_file(), signal))
+    }
+
+    /// Its process has come to the point of writing down that it ends by a signal.
+    #[must_use]
+    pub fn has_written_crash(&self) -> bool {
+        self.crash_memory.as_ref().and_then(CrashMemory::signal).is_some()
+    }
+
+    /// Its program.
+    #[must_use]
+    pub fn program(&self) -> &Path {
+        &self.program
     }
 
     /// Why the partition's log could not be written, the first time that this was so.
@@ -442,6 +519,11 @@ pub fn shared_memory(name: &str, bytes: u64) -> io::Result<OwnedFd> {
     Ok(file)
 }
 
+/// Memory for a partition's [`ProcessTable`].
+fn process_table(name: &str) -> io::Result<OwnedFd> {
+    shared_memory(&format!("{name} processes"), size_of::<ProcessTable>() as u64)
+}
+
 fn sealed_text(name: &str, text: &[u8]) -> io::Result<OwnedFd> {
     let file = memfd_create(name, MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING)?;
     let mut file = File::from(file);
@@ -486,6 +568,9 @@ fn grants(
 /// Descriptors of a program, and of each port below iceoryx2, with room to spare.
 const DESCRIPTORS: u64 = 256;
 const DESCRIPTORS_OF_A_PORT: u64 = 16;
+/// Calls that set a lock, of a program and of each port below iceoryx2, which makes one or two, with room to spare.
+const LOCK_CALLS: u32 = 256;
+const LOCK_CALLS_OF_A_PORT: u32 = 16;
 /// Queued signals and POSIX timers of a partition.
 const SIGNALS: u64 = 64;
 /// Bytes of message queues where the plan grants them.
@@ -502,9 +587,10 @@ const RELAY_SOCKETS: (usize, u64) = (64, 1280 << 10);
 pub const MOST_SOCKETS: usize = 6;
 
 /// What the kernel may keep for a partition.
-fn counts(partition: &Partition) -> Counts {
+fn counts(plan: &Plan, id: PartitionId) -> Counts {
+    let (partition, blocks) = (&plan[id], plan.memory_blocks_of(id).count() as u64);
     Counts {
-        descriptors: DESCRIPTORS + DESCRIPTORS_OF_A_PORT * partition.ports.len() as u64,
+        descriptors: DESCRIPTORS + DESCRIPTORS_OF_A_PORT * partition.ports.len() as u64 + blocks,
         signals: SIGNALS,
         queues: if partition.system_calls.contains(&SystemCalls::IpcObjects) { QUEUES } else { 0 },
     }
@@ -539,31 +625,39 @@ fn device_groups(partition: &Partition, overrides: &BTreeMap<String, serde_json:
         .collect()
 }
 
-fn describe(
+/// What a partition is told at its start: of which module, on which clock, and below which folder its channels lie.
+#[must_use]
+pub fn describe(
     plan: &Plan,
     partition: &Partition,
-    sandbox_config: &SandboxConfig,
+    (module, clock, ports_root): (&str, Clock, &str),
     overrides: &BTreeMap<String, serde_json::Value>,
 ) -> Description {
     let mut attributes: BTreeMap<String, serde_json::Value> =
         partition.attributes.iter().map(|(name, value)| (name.clone(), json(value))).collect();
     attributes.extend(overrides.iter().map(|(name, value)| (name.clone(), value.clone())));
     Description {
-        module: sandbox_config.module.clone(),
+        module: module.to_owned(),
         partition: partition.name.clone(),
         generation: 0,
         standby: false,
+        spare: false,
         start_condition: StartCondition::NormalStart,
-        clock: sandbox_config.clock,
+        clock,
         ports: plan.own_ports(partition).map(|id| describe_port(plan, &plan[id])).collect(),
         attributes,
         schedules: plan.schedules.iter().map(|schedule| schedule.name.clone()).collect(),
         may_set_schedule: partition.may_set_schedule.iter().map(|id| id.index() as u32).collect(),
         error_handler: partition.error_handler,
         processes: process_plan(partition),
+        process_table: None,
+        crash_memory: None,
+        planned_processes: planned_processes(partition),
+        taken_errors: taken_errors(plan),
         may_align: partition.relay && plan[partition.module].follows.is_some(),
         retained_bytes: partition.retained_bytes,
-        ports_root: sandbox_config.ports_root.clone(),
+        memory_blocks: Vec::new(),
+        ports_root: ports_root.to_owned(),
     }
 }
 
@@ -572,6 +666,27 @@ fn process_plan(partition: &Partition) -> ProcessPlan {
         identifier, period_ns, release_ns, duration_ns, most, stacks_bytes, ..
     } = &partition.processes;
     ProcessPlan { identifier, period_ns, release_ns, duration_ns, most, stacks_bytes }
+}
+
+fn planned_processes(partition: &Partition) -> Vec<PlannedProcess> {
+    let planned = |process: &bateleur_plan::Process| PlannedProcess {
+        name: process.name.clone(),
+        priority: process.priority,
+        period_ns: process.period_ns,
+        deadline_ns: process.deadline_ns,
+    };
+    partition.processes.declared.iter().map(planned).collect()
+}
+
+/// The errors of processes that the table of levels does not leave to an error handler of theirs. That of one which ends the
+/// partition's process where nobody handles it is the partition's by default: it is the handler's unless the file makes it the module's.
+fn taken_errors(plan: &Plan) -> Vec<String> {
+    let is_taken = |error: &&PartitionError| match plan.health.levels.level(**error, PartitionState::Normal) {
+        ErrorLevel::Process => false,
+        ErrorLevel::Partition => leaves_the_process(**error),
+        ErrorLevel::Module => true,
+    };
+    PartitionError::ALL.iter().filter(is_taken).map(|error| error.name().to_owned()).collect()
 }
 
 fn json(attribute: &Attribute) -> serde_json::Value {

@@ -57,7 +57,8 @@ impl Handover {
         self.files.iter().map(AsFd::as_fd)
     }
 
-    fn add(&mut self, file: OwnedFd) -> i32 {
+    /// Adds one; its number.
+    pub(crate) fn add(&mut self, file: OwnedFd) -> i32 {
         self.files.push(file);
         self.first + self.files.len() as i32 - 1
     }
@@ -134,18 +135,28 @@ impl SealedChannels {
     }
 }
 
-/// Memory of a size that stays, all of it there: no window waits for a page, and no reader pays for one.
 fn memory(channel: &str, bytes: usize) -> io::Result<OwnedFd> {
-    let name = format!("{}{channel}", MEMORY_NAME.trim_start_matches("memfd:"));
+    let memory = unsealed(&format!("{}{channel}", MEMORY_NAME.trim_start_matches("memfd:")), bytes as u64)?;
+    seal(&memory, SealFlags::empty())?;
+    Ok(memory)
+}
+
+/// Memory whose size is yet to be sealed, all of it there: no window waits for a page, and no reader pays for one.
+pub(crate) fn unsealed(name: &str, bytes: u64) -> io::Result<OwnedFd> {
     let memory = memfd_create(name, MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING)?;
-    fallocate(&memory, FallocateFlags::empty(), 0, bytes as u64)?;
-    fcntl_add_seals(&memory, SealFlags::SHRINK | SealFlags::GROW | SealFlags::SEAL)?;
+    fallocate(&memory, FallocateFlags::empty(), 0, bytes)?;
     // Whoever has a descriptor for reading could open one for writing through /proc, if the mode let him.
     fchmod(&memory, Mode::RUSR)?;
     Ok(memory)
 }
 
-fn for_reading(memory: &OwnedFd) -> io::Result<OwnedFd> {
+/// Its size stays, and so do its seals: these, and `more`.
+pub(crate) fn seal(memory: &OwnedFd, more: SealFlags) -> io::Result<()> {
+    Ok(fcntl_add_seals(memory, SealFlags::SHRINK | SealFlags::GROW | SealFlags::SEAL | more)?)
+}
+
+/// A descriptor that only reads.
+pub(crate) fn for_reading(memory: &OwnedFd) -> io::Result<OwnedFd> {
     let path = format!("/proc/self/fd/{}", memory.as_raw_fd());
     Ok(open(path, OFlags::RDONLY | OFlags::CLOEXEC, Mode::empty())?)
 }

@@ -2,7 +2,7 @@
 //!
 //! Every dead process is cleaned up after, also one that has no successor: its queues would stay full for its peers, and its
 //! places in the channels would stay taken. A channel cleaner that ends of what it finds in a channel is followed by one that
-//! does not look into that. It must never hold up a successor for long: one that hangs is given three seconds, and those who share
+//! does not look into that. It must never hold up a successor for long: one that hangs is given 0.3 seconds, and those who share
 //! no channel with its dead one do not wait for it.
 
 use std::cell::RefCell;
@@ -280,7 +280,7 @@ fn hangs(pid: i32, elapsed_ns: u64) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use std::os::fd::OwnedFd;
     use std::process::{Command, Stdio};
 
@@ -291,7 +291,7 @@ mod tests {
 
     /// A process that does what a shell is told.
     #[expect(clippy::zombie_processes, reason = "it is waited for by its descriptor, like every helper")]
-    fn shell(words: &str) -> (Spawned, File) {
+    pub(crate) fn shell(words: &str) -> (Spawned, File) {
         let child = Command::new("sh").args(["-c", words]).stdout(Stdio::piped()).spawn().unwrap();
         let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty()).unwrap();
         let pid = child.id().try_into().unwrap();

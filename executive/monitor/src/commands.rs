@@ -5,12 +5,14 @@
 
 use std::io;
 
-use bateleur_contract::Clock;
 use bateleur_contract::page::WindowGrant;
+use bateleur_contract::{Clock, StartCondition};
 
 use crate::cleanup::CleanupOrder;
 use crate::health::decision::Decision;
-use crate::lifecycle::{Cause, Command, Event, Instant, Next, PairMember, Phase, StandbyEvent, StandbyState};
+use crate::lifecycle::{
+    Cause, Command, Event, Instant, Next, PairMember, Phase, StandbyEvent, StandbyState, noun,
+};
 use crate::monitor::Monitor;
 use crate::rebuild::Suspicion;
 use bateleur_host::partition::shared_channels;
@@ -70,6 +72,7 @@ impl Monitor {
                 }
             }
             Command::TakeOver { warm } => self.take_over(place, warm, module_ns),
+            Command::BeginSpare { condition } => self.begin_spare(place, condition, module_ns),
             Command::LaunchStandby { generation } => self.launch_standby(place, generation, module_ns),
             Command::AdmitStandby | Command::EndStandby | Command::EndStandbyRemains => {
                 let Some(standby) = &mut partition.standby else { return };
@@ -84,7 +87,12 @@ impl Monitor {
 
     fn clean_up(&mut self, place: usize, member: PairMember, module_ns: u64) {
         let Some(dead) = self.partitions[place].member(member) else { return };
-        let Some(pid) = dead.remains else { return self.feed(place, cleaned(member, false), module_ns) };
+        // A spare that has never begun has left nothing.
+        let pid = dead.remains.filter(|_| !dead.waits);
+        let Some(pid) = pid else {
+            dead.remains = None;
+            return self.feed(place, cleaned(member, false), module_ns);
+        };
         dead.sandbox.detach();
         let order = CleanupOrder {
             pid,
@@ -126,28 +134,47 @@ impl Monitor {
     }
 
     fn launch_standby(&mut self, place: usize, generation: u32, module_ns: u64) {
-        let Some(standby) = &mut self.partitions[place].standby else { return };
-        let event = match standby.launch_standby(generation) {
+        let kind = self.plan[self.partitions[place].active.sandbox.id].standby;
+        let Some((standby, kind)) = self.partitions[place].standby.as_mut().zip(kind) else { return };
+        let event = match standby.launch_standby(generation, kind) {
             Ok(()) => StandbyEvent::Launched,
             Err(error) => {
-                self.say(place, format!("its standby can not be started: {error}"), module_ns);
+                self.say(place, format!("its {} can not be started: {error}", noun(kind)), module_ns);
                 StandbyEvent::NotLaunched
             }
         };
         self.feed(place, Event::Standby(event), module_ns);
     }
 
-    /// Puts the process that stands by in the place of the dead one, if it can.
-    fn take_over(&mut self, place: usize, warm: bool, module_ns: u64) {
+    fn begin_spare(&mut self, place: usize, condition: StartCondition, module_ns: u64) {
+        let told = self.no_window(module_ns);
+        let partition = &mut self.partitions[place];
+        let event = match partition.begin_spare(condition, &told) {
+            true => {
+                partition.figures.restarts += 1;
+                Event::Begun
+            }
+            false => Event::NotBegun,
+        };
+        self.feed(place, event, module_ns);
+    }
+
+    /// What is told outside of windows.
+    fn no_window(&self, module_ns: u64) -> WindowGrant {
         let schedule = self.schedule_switch.current();
-        let grant = WindowGrant {
+        WindowGrant {
             start_ns: module_ns,
             minor_frame_ns: self.plan.schedules[schedule].minor_frame_ns,
             schedule: schedule as u32,
             schedule_since_ns: self.schedule_switch.changed_ns(),
             next_schedule: self.schedule_switch.next() as u32,
             ..WindowGrant::default()
-        };
+        }
+    }
+
+    /// Puts the process that stands by in the place of the dead one, if it can.
+    fn take_over(&mut self, place: usize, warm: bool, module_ns: u64) {
+        let grant = self.no_window(module_ns);
         let patience_ns = match self.clock {
             Clock::Wall => CALL_PATIENCE_NS,
             Clock::Virtual => VIRTUAL_CALL_PATIENCE_NS,

@@ -3,7 +3,7 @@
 use crate::event::Event as Told;
 use crate::health::decision::{Decision, Situation, decide, handler_code};
 use crate::health::log::Fault;
-use crate::lifecycle::{Cause, Event};
+use crate::lifecycle::{Cause, Event, PairMember};
 use crate::module_level::seconds;
 use crate::monitor::Monitor;
 use crate::repeats::{Repeats, Untold, goes_on_after};
@@ -43,14 +43,34 @@ impl Monitor {
         let health = &self.plan.health;
         let decision = decide(error, &health.levels, &plan.health, &plan.restart, &situation);
         self.tell_handler(place, decision, error, &detail);
+        if !situation.alive || matches!(decision, Decision::Restart { .. } | Decision::Idle | Decision::Stop)
+        {
+            // Before the successor has that memory anew.
+            self.collect_crash(place, PairMember::Active, (error, &detail), module_ns);
+        }
         let partition = &mut self.partitions[place];
-        let module_ignores = health.module.action(ModuleError::PartitionError) == ModuleAction::Ignore;
+        let module_ignores =
+            self.plan.health.module.action(ModuleError::PartitionError) == ModuleAction::Ignore;
         if goes_on_after(error, decision, module_ignores)
             && !partition.repeats.is_told(error, decision, &detail, module_ns)
         {
             return;
         }
         self.decided(place, error.name(), (decision, Cause::Health), detail, situation.alive, module_ns);
+    }
+
+    /// An error of one of its processes that an error handler among them has been told of: noted, and nothing is left to be done.
+    pub(crate) fn note_handled(
+        &mut self,
+        place: usize,
+        error: PartitionError,
+        detail: String,
+        module_ns: u64,
+    ) {
+        let partition = &mut self.partitions[place];
+        if partition.repeats.is_told(error, Decision::Handler, &detail, module_ns) {
+            self.decided(place, error.name(), (Decision::Handler, Cause::Health), detail, true, module_ns);
+        }
     }
 
     /// Its handler is told of each error that is its own.

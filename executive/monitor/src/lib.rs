@@ -7,9 +7,12 @@
 //! Logs:
 //!
 //! - `lines`: lines that a thread of their own writes, so that the monitor waits for no disk
+//! - `process_log`: which process of a partition ran when
 //! - `event`, `event_text`: what a run tells whoever watches
 //! - `health`: the decisions of the health tables, and the logs of faults and windows
 //! - `repeats`: how often the same is logged
+//! - `why`: who had the processor when a window was late, lost or used up
+//! - `crashes`: who reads what dead processes have written down
 //! - `module_level`: errors of the module, and what outlives its reset
 //!
 //! Life cycle:
@@ -37,6 +40,7 @@
 //! - `faults`: errors of partitions
 //! - `processes`: processes that become ready, die or stand by
 //! - `channels`: channels of a dead process
+//! - `written_down`: what a dead process has written down
 //! - `windows`: what windows and control pages tell
 //! - `orders`: what an operator or a plan of faults does
 //! - `requests`: how operators are answered
@@ -48,6 +52,7 @@ mod align;
 mod channels;
 pub mod cleanup;
 mod commands;
+mod crashes;
 pub mod event;
 pub mod event_text;
 mod faults;
@@ -64,18 +69,22 @@ pub mod operator;
 mod orders;
 mod partition;
 pub mod planned;
+mod process_log;
 mod processes;
 mod provoke;
 pub mod rebuild;
-mod repeats;
+pub mod repeats;
 mod requests;
 pub mod run_order;
 mod step;
 mod unclosed;
+pub mod why;
 mod windows;
+mod written_down;
 
 pub use align::Alignment;
 pub use cleanup::StartChannelCleaner;
+pub use crashes::StartCrashReporter;
 pub use module_level::{Kept, Stop, Totals};
 pub use monitor::{Monitor, MonitorConfig, TakeRecord};
 pub use orders::UnknownSchedule;

@@ -12,6 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use bateleur_host::trouble::Trouble;
+use bateleur_system::thread;
 
 /// Pieces on their way to the thread, most.
 const PIECES: usize = 64;
@@ -89,7 +90,7 @@ impl LineLog {
         let (done, ended) = sync_channel(1);
         let trouble = Arc::new(Mutex::new(Trouble::default()));
         let writer = Writer { sink, whole, trouble: trouble.clone() };
-        std::thread::Builder::new().name("log lines".into()).spawn(move || {
+        thread::named("log lines").spawn(move || {
             writer.write_all(&waiting);
             let _ = done.send(()); // nobody waits any more
         })?;

@@ -3,10 +3,12 @@
 //! Here it is only decided and noted that the module ends or starts again; whoever conducts it does so. It must never hold
 //! up anybody: an error that comes again and again is told once a second, and counted always.
 
+use crate::crashes::Crashes;
 use crate::event::{Event, Events};
 use crate::health::decision::decide_module;
 use crate::health::log::{Fault, HealthLog, WindowLog};
 use crate::health::record::Level;
+use crate::why::Why;
 use bateleur_plan::{Closed, ModuleAction, ModuleError, Plan};
 use bateleur_time::window_record::{Missed, WindowRecord};
 
@@ -58,6 +60,10 @@ pub struct Kept {
     pub health_log: HealthLog,
     /// Who watches.
     pub events: Events,
+    /// Who answers why windows went as they did; nobody on the virtual clock, where nobody takes a processor from anybody.
+    pub why: Option<Why>,
+    /// What dead processes have written down.
+    pub(crate) crashes: Crashes,
     totals: Totals,
     module: ModuleLevel,
 }
@@ -66,7 +72,15 @@ impl Kept {
     /// Of a module that has not started yet.
     #[must_use]
     pub fn new(window_log: WindowLog, health_log: HealthLog, events: Events) -> Self {
-        Self { window_log, health_log, events, totals: Totals::default(), module: ModuleLevel::default() }
+        Self {
+            window_log,
+            health_log,
+            events,
+            why: None,
+            crashes: Crashes::default(),
+            totals: Totals::default(),
+            module: ModuleLevel::default(),
+        }
     }
 
     /// The executive before this one has died or hung, at the module time `module_ns`: noted as a reset, which is the `resets`th. `counts`: its
@@ -239,6 +253,7 @@ impl Kept {
         }
         self.health_log.finish();
         self.window_log.finish();
+        self.why = None;
         self.tell_lost(module_ns);
     }
 }
@@ -312,7 +327,13 @@ mod tests {
         let ring = RingOf { bytes: 4096, policy: LogPolicy::Overwrite };
         let mut kept = Kept::new(
             WindowLog::create(folder.path(), Patience::Wait).unwrap(),
-            HealthLog::create(folder.path(), ring, Patience::Wait).unwrap(),
+            HealthLog::create(
+                folder.path(),
+                ring,
+                Patience::Wait,
+                bateleur_time::run_page::Heartbeat::of_health_log(None),
+            )
+            .unwrap(),
             Events::new(None),
         );
         let lost = |missed| WindowRecord { missed, ..record(None, None) };

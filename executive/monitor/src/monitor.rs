@@ -7,18 +7,20 @@ use bateleur_contract::Clock;
 
 use crate::align::Alignment;
 use crate::cleanup::{Cleanups, EndedHelpers, StartChannelCleaner};
+use crate::crashes::StartCrashReporter;
 use crate::event::{Event, Events};
 use crate::health::log::{Fault, HealthLog};
 use crate::health::record::Level;
 use crate::inject::OwnFault;
 use crate::lifecycle::Phase;
 use crate::module_level::{Kept, Stop, Totals};
-use crate::neighbours::{NO_PROCESSOR, Neighbours};
+use crate::neighbours::Neighbours;
 use crate::operator::Operator;
 use crate::partition::Partition;
 use crate::rebuild::{RebuildHooks, Rebuilds};
+use crate::why::{Answer, Kind, Why};
 use bateleur_host::error_log::ErrorReader;
-use bateleur_plan::{ModuleError, Plan};
+use bateleur_plan::{Closed, ModuleError, Plan};
 use bateleur_system::kernel_log::KernelLog;
 use bateleur_system::wait::await_any_end;
 use bateleur_time::redundant_pair::RedundantPair;
@@ -58,6 +60,8 @@ pub struct Monitor {
     pub(crate) neighbours: Neighbours,
     /// What was provoked in the executive itself, and is about to happen.
     pub(crate) own_fault: Option<OwnFault>,
+    /// In the pause that the next step follows at once (the wall clock).
+    nobody_ended: bool,
 }
 
 /// What a monitor works with.
@@ -70,6 +74,8 @@ pub struct MonitorConfig {
     pub clock: Clock,
     /// How a channel cleaner is started.
     pub start_channel_cleaner: StartChannelCleaner,
+    /// How a helper is started for what a dead process has written down.
+    pub start_crash_reporter: StartCrashReporter,
     /// Channel holders that have ended, and the channels that they held; `None` if they are not cleaned up after.
     pub ended_helpers: Option<(EndedHelpers, Vec<String>)>,
     /// How damaged channels are found and rebuilt.
@@ -91,6 +97,7 @@ impl Monitor {
         let MonitorConfig { plan, schedule_switch, clock, take_record, operator, error_reader, .. } = config;
         let mut kept = config.kept;
         kept.health_log.begin_frames();
+        kept.crashes.start_by(config.start_crash_reporter);
         Self {
             told_schedule: schedule_switch.current(),
             places: vec![None; plan.partitions.len()],
@@ -111,16 +118,24 @@ impl Monitor {
             kernel_log: KernelLog::open(),
             neighbours: Neighbours::default(),
             own_fault: None,
+            nobody_ended: false,
         }
     }
 
     /// Sleeps until a process ends, at most `nanoseconds`.
-    pub fn pause(&self, nanoseconds: u64) {
+    pub fn pause(&mut self, nanoseconds: u64) {
         let helpers = self.cleanups.channel_cleaners().chain(self.rebuilds.channel_probe());
         let ends = self.partitions.iter().flat_map(Partition::ends);
         let all: Vec<BorrowedFd<'_>> =
             ends.chain(helpers).chain(self.operator.observers.processes()).collect();
-        await_any_end(&all, nanoseconds);
+        // On the virtual clock windows lie between a pause and the next step.
+        self.nobody_ended = !await_any_end(&all, nanoseconds) && self.clock == Clock::Wall;
+    }
+
+    /// As [`Monitor::do_all_run`], in the step that follows a pause: who ends in between ends the next pause at once.
+    pub(crate) fn did_all_run(&mut self) -> bool {
+        let all_run = |one: &Partition| one.life.phase() == Phase::Running && one.active.process.is_some();
+        std::mem::take(&mut self.nobody_ended) && self.partitions.iter().all(all_run) || self.do_all_run()
     }
 
     /// Whether every partition has a process that runs: one question to the kernel instead of one for each.
@@ -131,6 +146,12 @@ impl Monitor {
             _ => None,
         });
         ends.collect::<Option<Vec<_>>>().is_some_and(|ends| !await_any_end(&ends, 0))
+    }
+
+    /// Whether a process that was launched a moment ago may be ready soon.
+    #[must_use]
+    pub fn awaits_start(&self) -> bool {
+        self.partitions.iter().any(Partition::is_ready_soon)
     }
 
     /// Whether the partition's process has ended.
@@ -149,8 +170,12 @@ impl Monitor {
         }
     }
 
-    /// Frame 0 begins at `begin_ns` of module time: where the module was reset, that is over.
-    pub fn begin(&mut self, begin_ns: u64) {
+    /// Frame 0 begins at `begin_ns` of module time: where the module was reset, that is over. On the wall clock, module time 0 was at
+    /// `origin_ns` of CLOCK_MONOTONIC.
+    pub fn begin(&mut self, begin_ns: u64, origin_ns: u64) {
+        if let Some(why) = &mut self.kept.why {
+            why.set_origin_ns(origin_ns);
+        }
         self.kept.begin(begin_ns);
     }
 
@@ -249,7 +274,33 @@ impl Monitor {
     }
 
     pub(crate) fn tell_of_neighbour(&mut self, text: String, module_ns: u64) {
-        self.kept.health_log.note_module(NO_PROCESSOR, text.clone(), module_ns);
+        self.kept.health_log.note_module(ModuleError::ProcessorTaken.name(), text.clone(), module_ns);
         self.kept.say(&self.operator.about.module, text, module_ns);
+    }
+
+    /// Asks why a window of the partition at `place` went as it did.
+    pub(crate) fn ask(&mut self, kind: Kind, place: usize, record: &WindowRecord) {
+        let Some(why) = &mut self.kept.why else { return };
+        let (partitions, name) = (&self.partitions, self.partitions[place].name());
+        why.ask(kind, name, record, || {
+            let processes = partitions.iter().filter_map(|partition| {
+                let process = partition.active.process.as_ref()?;
+                Some((process.pid, partition.name().to_owned()))
+            });
+            processes.collect()
+        });
+    }
+
+    /// Tells the module of what was taken from its partitions, as far as somebody knows by now who took it.
+    pub(crate) fn tell_taken(&mut self, module_ns: u64) {
+        while let Some(answer) = self.kept.why.as_ref().and_then(Why::taken) {
+            let Answer { partition, taker, .. } = &answer;
+            let place = self.partitions.iter().position(|one| one.name() == partition);
+            let Some(place) = place else { continue };
+            let cores = self.partitions[place].active.sandbox.cores();
+            if let Some(detail) = self.neighbours.judge_taker(partition, cores, &taker.words(), module_ns) {
+                self.module_fault(ModuleError::ProcessorTaken, &detail, true, module_ns);
+            }
+        }
     }
 }

@@ -1,15 +1,20 @@
-//! Other modules that use this one's processors: found, told of once each, and looked for when a partition had no processor in
-//! its windows.
+//! Other modules that use this one's processors, and whoever else takes them: found, and told of once each.
 //!
 //! It must never hold against a partition what somebody else has taken from it, nor look often.
+
+use std::collections::HashMap;
 
 use bateleur_host::instance;
 use bateleur_host::machine::taken_by;
 
 /// Between two looks, module time, ns.
 const LOOK_NS: u64 = 5_000_000_000;
-/// What the persistent log calls it; no error of a table.
-pub(crate) const NO_PROCESSOR: &str = "no_processor";
+/// Between two entries about one who takes a processor, module time, ns.
+const SAME_NS: u64 = 60_000_000_000;
+/// Between two entries about anybody who does.
+const ANY_NS: u64 = 1_000_000_000;
+/// Of whom it is remembered, most.
+const MOST: usize = 256;
 
 /// See the module's head.
 #[derive(Debug, Default)]
@@ -19,6 +24,9 @@ pub(crate) struct Neighbours {
     told: Vec<i32>,
     /// Windows in which a partition had no processor.
     starved: u64,
+    /// Who had it, and when that was last told.
+    takers: HashMap<String, u64>,
+    next_taker_ns: u64,
 }
 
 impl Neighbours {
@@ -37,15 +45,34 @@ impl Neighbours {
         Some(text)
     }
 
-    /// Counts a window in which a partition had no processor; says whose fault it is, the first time. `cores`: the partition's.
-    pub(crate) fn count_starved(&mut self, partition: &str, cores: &[u32]) -> Option<String> {
+    /// Counts a window in which a partition had no processor.
+    pub(crate) fn count_starved(&mut self) {
         self.starved += 1;
-        if self.starved > 1 {
+    }
+
+    /// `taker` has kept `partition` from its processor, one of `cores`: an error in words, where it is time for one.
+    pub(crate) fn judge_taker(
+        &mut self,
+        partition: &str,
+        cores: &[u32],
+        taker: &str,
+        module_ns: u64,
+    ) -> Option<String> {
+        let is_told = self.takers.get(taker).is_some_and(|told| module_ns < told + SAME_NS);
+        if is_told || module_ns < self.next_taker_ns {
             return None;
         }
-        let why = taken_by(cores, &instance::others())
-            .unwrap_or_else(|| "something of a higher priority than its own has it".into());
-        Some(format!("{partition} had no processor in its window and is not to blame for it: {why}"))
+        if self.takers.len() >= MOST {
+            self.takers.clear();
+        }
+        self.takers.insert(taker.to_owned(), module_ns);
+        self.next_taker_ns = module_ns + ANY_NS;
+        let module = taken_by(cores, &instance::others()).map_or_else(String::new, |why| format!(" ({why})"));
+        let count = self.starved;
+        Some(format!(
+            "{partition} had no processor in its window and is not to blame for it: {taker} had it{module}, number {count} of such \
+             windows"
+        ))
     }
 
     /// How often that was so, if it was more than once.
@@ -53,5 +80,28 @@ impl Neighbours {
         let starved = self.starved;
         (starved > 1)
             .then(|| format!("partitions had no processor in {starved} windows that they did not close"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_takes_a_processor_is_told_of_once_a_minute_and_nobody_more_than_once_a_second() {
+        const SECOND: u64 = 1_000_000_000;
+        let mut neighbours = Neighbours::default();
+        neighbours.count_starved();
+        let mut judge = |taker, at| neighbours.judge_taker("imu", &[], taker, at);
+        let told = judge("thread hog", 0).unwrap();
+        assert!(
+            told.starts_with(
+                "imu had no processor in its window and is not to blame for it: thread hog had it"
+            )
+        );
+        assert_eq!(judge("thread hog", 2 * SECOND), None, "told");
+        assert!(judge("interrupt 7", 2 * SECOND).is_some());
+        assert_eq!(judge("thread pig", 2 * SECOND + 1), None, "too soon");
+        assert!(judge("thread hog", 60 * SECOND).is_some());
     }
 }

@@ -19,7 +19,11 @@ use crate::module_level::seconds;
 use crate::monitor::Monitor;
 use crate::provoke::{InPlaceOf, Ordered, Way, way};
 use crate::unclosed::Unclosed;
-use bateleur_system::wait::await_any_end;
+use bateleur_host::partition::Sandbox;
+use bateleur_system::disposition::{self, Disposition};
+use bateleur_system::spawn::Spawned;
+use bateleur_system::time::now_ns;
+use bateleur_system::wait::{await_any_end, is_readable};
 use bateleur_time::schedule_switch::Requested;
 
 /// How long a killed process may take to end, real time, ns.
@@ -94,6 +98,7 @@ impl Monitor {
         if can {
             self.partitions[place].unclosed = Unclosed::default();
             self.feed(place, Event::Thaw, module_ns);
+            self.take_pending_action(place, module_ns); // of a change of schedule meanwhile
             self.say(place, "thawed by the operator", module_ns);
         }
         can
@@ -213,6 +218,9 @@ impl Monitor {
         let partition = &mut self.partitions[place];
         let Some(process) = &partition.active.process else { return Ok(()) };
         let (signal, patience_ns) = way.signal();
+        if let Way::InPlaceOf(number) = way {
+            let_write_down(&partition.active.sandbox, process, *number);
+        }
         pidfd_send_signal(&process.pidfd, signal)
             .map_err(|_| format!("{} has ended already", partition.active.sandbox.name))?;
         if let Way::InPlaceOf(signal) = way {
@@ -267,6 +275,25 @@ impl Monitor {
     }
 }
 
+/// A process that is about to be ended in the place of a signal is sent that first, where it handles it: it writes down where it is, and
+/// waits.
+fn let_write_down(sandbox: &Sandbox, process: &Spawned, number: i32) {
+    let handled = disposition::of(process.pid, number) == Disposition::Handled;
+    let Some(signal) = Signal::from_named_raw(number).filter(|_| handled) else { return };
+    let begun_ns = now_ns();
+    if pidfd_send_signal(&process.pidfd, signal).is_ok() {
+        // One that is held does not hear it.
+        while !sandbox.has_written_crash()
+            && now_ns() - begun_ns < WRITTEN_NS
+            && !is_readable(process.pidfd.as_fd())
+        {
+            std::thread::sleep(Duration::from_micros(100));
+        }
+    }
+}
+
+/// How long a process may take to write down where it is, ns.
+const WRITTEN_NS: u64 = 5_000_000;
 /// How long an answer may take to whoever has ordered it.
 const ANSWERED: Duration = Duration::from_millis(20);
 

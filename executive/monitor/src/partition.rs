@@ -2,24 +2,27 @@
 //!
 //! Here is what concerns one partition alone. It must never decide what follows from what it finds.
 
+use std::io::ErrorKind;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::process::ExitStatus;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Acquire;
 
 use bateleur_contract::page::{self, WindowGrant};
-use bateleur_contract::{Clock, ControlPage, Mode, StartCondition, Takeover, exit};
+use bateleur_contract::process_table::{HANDLER_NAME, HANDLER_PLACE};
+use bateleur_contract::{Clock, ControlPage, Mode, ReportKind, StartCondition, Takeover, exit};
 
 use crate::figures::Figures;
 use crate::health::decision::{Decision, error_of};
 use crate::health::log::Fault;
 use crate::health::record::Level;
-use crate::lifecycle::{Cause, Lifecycle, PairMember, Phase, StandbyEvent, StandbyState};
+use crate::lifecycle::{Cause, Lifecycle, PairMember, Phase, StandbyEvent, StandbyState, noun};
+use crate::process_log::Spans;
 use crate::provoke::{InPlaceOf, Ordered};
 use crate::repeats::{Allowance, Repeats};
 use crate::unclosed::Unclosed;
 use bateleur_host::partition::Sandbox;
-use bateleur_plan::{PartitionError, Plan};
+use bateleur_plan::{PartitionError, Plan, Standby};
 use bateleur_system::cpu_starvation;
 use bateleur_system::spawn::Spawned;
 use bateleur_system::time::now_ns;
@@ -30,6 +33,9 @@ use bateleur_time::redundant_pair::RedundantPair;
 /// Messages of one partition that are passed on in a second of module time.
 const MESSAGES_A_SECOND: u32 = 20;
 
+/// What most starts take, ns.
+const READY_SOON_NS: u64 = 50_000_000;
+
 /// A sandbox and the process in it.
 #[derive(Debug)]
 pub(crate) struct Sandboxed {
@@ -39,36 +45,69 @@ pub(crate) struct Sandboxed {
     since_ns: u64,
     /// A dead process whose places in shared memory are not free yet.
     pub(crate) remains: Option<i32>,
+    /// The process that it has or had last is a spare that has not begun.
+    pub(crate) waits: bool,
     pub(crate) reports_seen: u32,
+    /// Errors told to a handler among its processes that were looked at.
+    handled_seen: u32,
+    /// Who has run in its windows, where it may have several processes.
+    pub(crate) spans: Spans,
 }
 
 impl Sandboxed {
     fn new(sandbox: Sandbox) -> Self {
-        Self { sandbox, process: None, since_ns: 0, remains: None, reports_seen: 0 }
+        Self {
+            sandbox,
+            process: None,
+            since_ns: 0,
+            remains: None,
+            waits: false,
+            reports_seen: 0,
+            handled_seen: 0,
+            spans: Spans::default(),
+        }
     }
 
     pub(crate) fn launch(&mut self, generation: u32, condition: StartCondition) -> std::io::Result<()> {
         self.skip_reports();
         let process = self.sandbox.launch(generation, condition)?;
-        self.has_launched(process);
+        self.has_launched(process, false);
         Ok(())
     }
 
-    pub(crate) fn launch_standby(&mut self, generation: u32) -> std::io::Result<()> {
+    pub(crate) fn launch_standby(&mut self, generation: u32, kind: Standby) -> std::io::Result<()> {
         self.skip_reports();
-        let process = self.sandbox.launch_standby(generation)?;
-        self.has_launched(process);
+        let process = self.sandbox.launch_standby(generation, kind)?;
+        self.has_launched(process, kind == Standby::Spare);
         Ok(())
     }
 
-    fn has_launched(&mut self, process: Spawned) {
+    fn has_launched(&mut self, process: Spawned, waits: bool) {
         self.since_ns = now_ns();
+        self.waits = waits;
         self.process = Some(process);
     }
 
     /// What was reported so far is not looked at. Before a launch, not after it: the new process may report at once.
     pub(crate) fn skip_reports(&mut self) {
         self.reports_seen = self.sandbox.control.page.reports_so_far();
+        if let Some(table) = &self.sandbox.table {
+            self.spans.begin(table);
+            self.handled_seen = table.errors_told();
+        }
+    }
+
+    /// The next error that an error handler among its processes was told of, and whose it is.
+    pub(crate) fn next_handled(&mut self) -> Option<(ReportKind, String)> {
+        let table = self.sandbox.table.as_ref()?;
+        // What was lost is in the processes' counts of errors.
+        let told = table.error_since(&mut self.handled_seen, &mut 0)?;
+        let whose = match told.place {
+            0 => "the main process".to_owned(),
+            HANDLER_PLACE => format!("the {HANDLER_NAME}"),
+            place => format!("process {}", table.name_at(place).unwrap_or_else(|| place.to_string())),
+        };
+        Some((told.kind, whose))
     }
 
     /// Tells the end of its process; `None` if it has none.
@@ -81,7 +120,11 @@ impl Sandboxed {
         self.end().is_some_and(is_readable)
     }
 
+    /// Whether its process has come as far as it may before its first window; a spare: before it begins.
     pub(crate) fn has_initialised(&self) -> bool {
+        if self.waits {
+            return self.sandbox.control.waits();
+        }
         Mode::from_number(self.sandbox.control.page.mode.load(Acquire)) == Some(Mode::Normal)
     }
 
@@ -151,6 +194,8 @@ pub(crate) struct Partition {
     pub(crate) figures: Figures,
     /// The executive ends its process in the place of a signal.
     pub(crate) in_place_of: Option<InPlaceOf>,
+    /// What its last process ended with by itself.
+    pub(crate) exit_code: Option<i32>,
     /// A fault that is to end or stop its process.
     pub(crate) ordered: Option<Ordered>,
 }
@@ -168,9 +213,14 @@ impl Partition {
     ) -> std::io::Result<Self> {
         let standby = sandbox.standby.take().map(|sandbox| Sandboxed::new(*sandbox));
         let behind = standby.as_ref().map(|standby| standby.sandbox.control.clone());
-        let life = Lifecycle::new(plan[sandbox.id].restart.clone(), clock, standby.is_some());
+        let kind = plan[sandbox.id].standby.filter(|_| standby.is_some());
+        let life = Lifecycle::new(plan[sandbox.id].restart.clone(), clock, kind);
         let mut active = Sandboxed::new(sandbox);
-        active.launch(0, condition)?;
+        active.launch(0, condition).or_else(|error| match error.kind() {
+            // What kept it from its program may pass, such as a lock of the kernel that somebody else on the machine holds.
+            ErrorKind::TimedOut => active.launch(0, condition),
+            _ => Err(error),
+        })?;
         Ok(Self {
             pair: Arc::new(RedundantPair::new(active.sandbox.control.clone(), behind)),
             active,
@@ -186,12 +236,18 @@ impl Partition {
             spoken: (0, 0),
             figures: Figures::new(),
             in_place_of: None,
+            exit_code: None,
             ordered: None,
         })
     }
 
     pub(crate) fn name(&self) -> &str {
         &self.active.sandbox.name
+    }
+
+    /// What stands by for it, in words.
+    pub(crate) fn noun(&self) -> &'static str {
+        noun(if self.life.has_spare() { Standby::Spare } else { Standby::Hot })
     }
 
     /// The sandbox of `member` and its process.
@@ -288,6 +344,7 @@ impl Partition {
     pub(crate) fn reap(&mut self) -> (i32, Option<ExitStatus>) {
         let (pid, status) = self.active.reap().unwrap_or_default();
         let in_place_of = self.in_place_of.take();
+        self.exit_code = status.and_then(|status| status.code());
         (pid, status.map(|status| in_place_of.map_or(status, |end| end.status(pid, status))))
     }
 
@@ -308,6 +365,23 @@ impl Partition {
         self.let_run(held);
     }
 
+    /// The spare is in the place of the one before, of whom something may be left, and begins; false: it can not.
+    pub(crate) fn begin_spare(&mut self, condition: StartCondition, told: &WindowGrant) -> bool {
+        let Some(spare) = self.standby.as_mut().filter(|spare| spare.waits && !spare.has_ended()) else {
+            return false;
+        };
+        if !condition.is_warm() && spare.sandbox.forget().is_err() {
+            return false;
+        }
+        self.active.sandbox.control.lose_process();
+        std::mem::swap(&mut self.active, spare);
+        (self.active.waits, self.active.since_ns) = (false, now_ns());
+        self.memory_kills = self.active.sandbox.out_of_memory_kills();
+        self.active.sandbox.control.begin(condition, &spare.sandbox.control, told);
+        self.pair.hand_over();
+        true
+    }
+
     /// It has threads or children that nobody knew of.
     pub(crate) fn finds_company(&self) -> bool {
         self.runs()
@@ -318,6 +392,11 @@ impl Partition {
     pub(crate) fn has_lacked_memory(&mut self) -> bool {
         let so_far = self.active.sandbox.out_of_memory_kills();
         std::mem::replace(&mut self.memory_kills, so_far) < so_far
+    }
+
+    /// Its process initialises since a moment ago.
+    pub(crate) fn is_ready_soon(&self) -> bool {
+        self.life.phase() == Phase::Starting && now_ns().saturating_sub(self.active.since_ns) < READY_SOON_NS
     }
 
     /// It takes windows and has not ended, as far as the kernel knows.

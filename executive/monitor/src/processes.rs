@@ -7,7 +7,7 @@ use bateleur_contract::{Clock, Mode};
 use crate::faults::OWN_REQUEST;
 use crate::health::decision::{Decision, decide_restart, error_of};
 use crate::health::log::Fault;
-use crate::lifecycle::{Cause, Event, Phase, StandbyState};
+use crate::lifecycle::{Cause, Event, PairMember, Phase, StandbyState};
 use crate::monitor::Monitor;
 use crate::partition::Start;
 use bateleur_plan::{Closed, PartitionError};
@@ -112,6 +112,7 @@ impl Monitor {
         let Some((event, found)) = partition.look_at_standby(limit_ns) else { return };
         if let Some((error, detail)) = found {
             self.record_standby_loss(place, error, &detail, module_ns);
+            self.collect_crash(place, PairMember::Standby, (error, &detail), module_ns);
         }
         self.feed(place, Event::Standby(event), module_ns);
     }
@@ -126,12 +127,13 @@ impl Monitor {
             true => ("ignore", "and is given up"),
             false => (NEW_STANDBY, "and is replaced"),
         };
+        let noun = partition.noun();
         let entry = Fault {
             generation: partition.life.generation() + 1,
             action: action.into(),
-            ..partition.entry(error.name(), Decision::Ignore, format!("the standby {detail}"), module_ns)
+            ..partition.entry(error.name(), Decision::Ignore, format!("the {noun} {detail}"), module_ns)
         };
         self.kept.enter(&entry);
-        self.say(place, format!("its standby {detail}, {next}"), module_ns);
+        self.say(place, format!("its {noun} {detail}, {next}"), module_ns);
     }
 }

@@ -14,7 +14,7 @@ const SECOND_NS: u64 = 1_000_000_000;
 
 /// The errors of one partition that leave it running, each with what is done about it.
 #[derive(Debug, Default)]
-pub(crate) struct Repeats(Vec<Series>);
+pub struct Repeats(Vec<Series>);
 
 /// One error, again and again.
 #[derive(Debug)]
@@ -29,15 +29,19 @@ struct Series {
 
 /// What has to be told of errors that were not told one by one.
 #[derive(Debug, PartialEq, Eq)]
-pub(crate) struct Untold {
-    pub(crate) error: PartitionError,
-    pub(crate) decision: Decision,
-    pub(crate) detail: String,
+pub struct Untold {
+    /// The error.
+    pub error: PartitionError,
+    /// What was decided about it.
+    pub decision: Decision,
+    /// How many there were, and what the last one was.
+    pub detail: String,
 }
 
 impl Repeats {
     /// Takes notice of an error; whether it gets an entry of its own.
-    pub(crate) fn is_told(
+    #[must_use]
+    pub fn is_told(
         &mut self,
         error: PartitionError,
         decision: Decision,
@@ -60,7 +64,7 @@ impl Repeats {
     }
 
     /// What is due to be told at `module_ns`; `all`: also what is not due yet.
-    pub(crate) fn take_untold(&mut self, module_ns: u64, all: bool) -> Option<Untold> {
+    pub fn take_untold(&mut self, module_ns: u64, all: bool) -> Option<Untold> {
         let due = |series: &&mut Series| series.more > 0 && (all || module_ns >= series.told_ns + SILENCE_NS);
         let series = self.0.iter_mut().find(due)?;
         let seconds = module_ns.saturating_sub(series.told_ns) as f64 / 1e9;
@@ -84,7 +88,7 @@ pub(crate) fn goes_on_after(error: PartitionError, decision: Decision, module_ig
 
 /// How many messages of a partition may still be recorded.
 #[derive(Debug)]
-pub(crate) struct Allowance {
+pub struct Allowance {
     left: u32,
     /// Since when the next one is earned, module time, ns.
     since_ns: u64,
@@ -99,7 +103,7 @@ impl Default for Allowance {
 
 impl Allowance {
     /// The text under which a message is recorded; `None` if it is one too many, and counted.
-    pub(crate) fn record(&mut self, text: &str, module_ns: u64) -> Option<String> {
+    pub fn record(&mut self, text: &str, module_ns: u64) -> Option<String> {
         let earned = module_ns.saturating_sub(self.since_ns) / SECOND_NS;
         self.since_ns += earned * SECOND_NS;
         self.left = MESSAGES.min(self.left.saturating_add(earned.try_into().unwrap_or(MESSAGES)));
@@ -115,7 +119,7 @@ impl Allowance {
     }
 
     /// Messages that were not recorded, where that has not been said yet.
-    pub(crate) fn take_unrecorded(&mut self) -> u32 {
+    pub fn take_unrecorded(&mut self) -> u32 {
         std::mem::take(&mut self.unrecorded)
     }
 }

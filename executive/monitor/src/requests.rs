@@ -8,6 +8,8 @@ use crate::monitor::Monitor;
 use crate::observers::{channel_list, link_names};
 use crate::partition::Partition;
 use bateleur_contract::Clock;
+use bateleur_contract::{ProcessRow, ProcessState, ProcessTable};
+use bateleur_control::status::ProcessStatus;
 use bateleur_control::{Answer, Ordered, PartitionStatus, Request, Status};
 use bateleur_plan::did_you_mean;
 use bateleur_system::time::now_ns;
@@ -145,6 +147,38 @@ fn status_of(partition: &Partition) -> PartitionStatus {
         mode: mode.into(),
         generation: partition.life.generation(),
         standby: partition.life.standby().map(|state| standby(state).into()),
+        processes: partition
+            .active
+            .sandbox
+            .table
+            .as_ref()
+            .map(|table| processes_of(table))
+            .unwrap_or_default(),
         ..partition.figures.status()
     }
+}
+
+fn processes_of(table: &ProcessTable) -> Vec<ProcessStatus> {
+    let (handler, rows) = table.read();
+    let status = |row: ProcessRow| ProcessStatus {
+        state: ProcessState::from_number(row.state).map_or("unknown", ProcessState::name).into(),
+        name: row.name,
+        priority: row.priority,
+        base_priority: row.base_priority,
+        period_ns: known(row.period_ns),
+        capacity_ns: known(row.capacity_ns),
+        deadline_ns: known(row.deadline_ns),
+        run_ns: row.run_ns,
+        switches: row.switches,
+        starts: row.starts,
+        errors: row.errors,
+        stack_bytes: known(row.stack.into()),
+        stack_used_bytes: known(row.stack_used.into()),
+    };
+    rows.into_iter().chain(handler).map(status).collect()
+}
+
+/// In a table, nothing is 0.
+fn known(value: u64) -> Option<u64> {
+    (value != 0).then_some(value)
 }

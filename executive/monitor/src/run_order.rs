@@ -49,8 +49,22 @@ pub struct RunOrder {
     pub events_fd: Option<i32>,
     /// Descriptor of the socket to whoever holds the other end of a partition's line under the virtual clock.
     pub companion_fd: Option<i32>,
+    /// A recording that drives the module's inputs.
+    pub play: Option<Play>,
     /// What the executive's supervisor hands to it.
     pub supervised: Option<Supervised>,
+}
+
+/// A recording that drives the module's inputs.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Play {
+    /// Descriptor of the messages, in the form of `bateleur_host::helper::playing`.
+    pub messages_fd: i32,
+    /// The partitions that are not started, because the recording stands in their place.
+    pub partitions: Vec<String>,
+    /// The source ports that it drives, in the order in which the messages number them.
+    pub ports: Vec<String>,
 }
 
 /// What a supervisor keeps for executives that follow each other.
@@ -61,6 +75,8 @@ pub struct Supervised {
     pub page_fd: i32,
     /// Descriptors of retained memories, by partition.
     pub retained_fds: BTreeMap<String, i32>,
+    /// Descriptors of the memory blocks that partitions write, by name.
+    pub memory_block_fds: BTreeMap<String, i32>,
     /// The executive that ran before; `None` if this is the first.
     pub after: Option<DeadExecutive>,
     /// For a supervisor that follows a dead one: a descriptor of the executive's process.

@@ -9,12 +9,12 @@ use bateleur_contract::{Clock, StartCondition};
 use crate::align::Found;
 use crate::event::Event as Told;
 use crate::inject::DISPATCHER;
-use crate::lifecycle::{Event, Instant, Phase, StandbyEvent, StandbyState};
+use crate::lifecycle::{Event, Instant, PairMember, Phase, StandbyEvent, StandbyState, noun};
 use crate::module_level::seconds;
 use crate::monitor::Monitor;
 use crate::partition::{Partition, Start};
 use bateleur_host::partition::Sandbox;
-use bateleur_plan::ModuleError;
+use bateleur_plan::{ModuleError, PartitionError};
 use bateleur_system::time::now_ns;
 use bateleur_system::wait::await_any_end;
 
@@ -39,11 +39,12 @@ impl Monitor {
         }
         let now = Instant::default();
         for partition in &mut self.partitions {
-            let Some(standby) = &mut partition.standby else { continue };
+            let kind = self.plan[partition.active.sandbox.id].standby;
+            let Some((standby, kind)) = partition.standby.as_mut().zip(kind) else { continue };
             let _ = partition.life.handle(Event::Begin, now); // is carried out here
             let generation = partition.life.generation() + 1;
-            standby.launch_standby(generation).map_err(|error| {
-                format!("partition {}, the standby: {error}", partition.active.sandbox.name)
+            standby.launch_standby(generation, kind).map_err(|error| {
+                format!("partition {}, the {}: {error}", partition.active.sandbox.name, noun(kind))
             })?;
             let _ = partition.life.handle(Event::Standby(StandbyEvent::Launched), now);
         }
@@ -83,6 +84,8 @@ impl Monitor {
             Start::Ready => self.feed(place, Event::Ready, self.module_ns),
             Start::Ended(detail) => {
                 self.feed(place, Event::Died, self.module_ns);
+                let found = (PartitionError::StartupTimeout, detail.as_str());
+                self.collect_crash(place, PairMember::Active, found, self.module_ns);
                 return Err(detail);
             }
             Start::Overdue(detail) => return Err(detail),
@@ -91,7 +94,8 @@ impl Monitor {
         let Some((event, found)) = partition.look_at_standby(limit_ns) else { return Ok(()) };
         if let (Some((_, detail)), Some(standby)) = (found, &partition.standby) {
             let words = standby.sandbox.last_words().unwrap_or_else(|| "it said nothing".into());
-            return Err(format!("partition {}, the standby {detail}: {words}", partition.name()));
+            let (name, noun) = (partition.name(), partition.noun());
+            return Err(format!("partition {name}, the {noun} {detail}: {words}"));
         }
         self.feed(place, Event::Standby(event), self.module_ns);
         Ok(())
@@ -103,10 +107,12 @@ impl Monitor {
         self.take_records(module_ns);
         self.tell_schedule();
         self.align(module_ns);
-        let all_run = self.do_all_run();
+        let all_run = self.did_all_run();
         for place in 0..self.partitions.len() {
             self.tell_repeats(place, module_ns, false);
             self.take_reports(place, module_ns);
+            self.take_handled(place, module_ns);
+            self.take_switches(place, module_ns);
             self.take_pending_action(place, module_ns); // whose window's record found no room
             // On the virtual clock a successor is looked at when its first window comes, whenever it was ready.
             let awaited = self.clock == Clock::Virtual && self.partitions[place].life.is_coming();
@@ -116,6 +122,7 @@ impl Monitor {
             self.tend_standby(place, module_ns);
         }
         self.look_at_channel_cleaner();
+        self.look_at_crashes(module_ns);
         if self.clock == Clock::Wall {
             self.look_at_channel_probe(module_ns);
         }
@@ -157,6 +164,7 @@ impl Monitor {
         self.take_records(module_ns);
         for place in 0..self.partitions.len() {
             self.tell_repeats(place, module_ns, true);
+            self.take_switches(place, module_ns);
             self.feed(place, Event::End, module_ns);
         }
         await_ends(&mut self.partitions, not_ended, STOP_PATIENCE_NS);
@@ -172,6 +180,10 @@ impl Monitor {
         }
         self.cleanups.give_up();
         self.rebuilds.give_up();
+        match self.stop.as_ref().is_some_and(|stop| stop.reset) {
+            true => self.kept.crashes.set_back(),
+            false => self.kept.crashes.finish(),
+        }
         self.kept.window_log.flush();
         if let Some(stop) = self.stop.as_ref().filter(|stop| !stop.reset) {
             self.kept.health_log.note_module("module_stop", stop.reason.clone(), module_ns);
@@ -247,6 +259,7 @@ impl Monitor {
         if let Some(text) = self.neighbours.look(&cores, module_ns) {
             self.tell_of_neighbour(text, module_ns);
         }
+        self.tell_taken(module_ns);
         for place in 0..self.partitions.len() {
             self.judge_escapes(place, module_ns);
         }

@@ -13,6 +13,24 @@ pub(crate) struct Unclosed {
     is_last_unknown: bool,
     /// What its process had since the last look, at this module time, ns.
     spell: Option<(u64, Spell)>,
+    /// What the last look has found.
+    seen: Option<Seen>,
+}
+
+/// What a process had between two looks, at module times, ns.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    pid: i32,
+    from_ns: u64,
+    to_ns: u64,
+    why: Why,
+}
+
+impl Seen {
+    /// Whether a window of process `pid` that began then lies between them.
+    fn is_of(&self, pid: i32, began_ns: u64) -> bool {
+        self.pid == pid && (self.from_ns..self.to_ns).contains(&began_ns)
+    }
 }
 
 /// What is known of a window that a partition has not closed.
@@ -32,15 +50,29 @@ impl Unclosed {
 
     /// A window of process `pid` was not closed. False: it had no processor for most of it.
     pub(crate) fn count_watched(&mut self, pid: i32, record: &WindowRecord, module_ns: u64) -> bool {
+        let began_ns = record.granted_ns.unwrap_or(0);
+        // A monitor that comes late looks at several windows at once: one look is for all of them.
+        let why = match &self.seen {
+            Some(seen) if seen.is_of(pid, began_ns) => seen.why,
+            _ => self.look(pid, record, module_ns).why,
+        };
+        self.count(why)
+    }
+
+    /// Asks the kernel what the process had since the last look.
+    fn look(&mut self, pid: i32, record: &WindowRecord, module_ns: u64) -> Seen {
         let before = self.spell.replace((module_ns, Spell::begin(pid)));
         let known = before.filter(|(begun_ns, spell)| {
             spell.is_of(pid) && record.granted_ns.is_some_and(|granted_ns| granted_ns >= *begun_ns)
         });
-        self.count(match known {
-            None => Why::Unknown,
-            Some((_, spell)) if spell.has_starved(record.occurrence.window.duration_ns()) => Why::NoProcessor,
-            Some(_) => Why::Itself,
-        })
+        let (from_ns, why) = match known {
+            None => (module_ns, Why::Unknown),
+            Some((begun_ns, spell)) if spell.has_starved(record.occurrence.window.duration_ns()) => {
+                (begun_ns, Why::NoProcessor)
+            }
+            Some((begun_ns, _)) => (begun_ns, Why::Itself),
+        };
+        *self.seen.insert(Seen { pid, from_ns, to_ns: module_ns, why })
     }
 
     /// A window was not closed, and the partition had a processor.

@@ -3,15 +3,17 @@
 //! An overrun, a missed deadline, silence, and a successor's first window are found here. It must never hold a window
 //! against a partition that the dispatcher itself has cut short.
 
+use bateleur_contract::process_table::TOLD_ERRORS;
 use bateleur_contract::{Clock, ReportKind, Reported};
 
 use crate::event::Event as Told;
+use crate::health::decision::reported_error;
 use crate::lifecycle::{Event, Phase};
 use crate::module_level::seconds;
 use crate::monitor::Monitor;
 use crate::partition::is_own;
+use crate::why::Kind;
 use bateleur_plan::{ChangeAction, Closed, ModuleError, PartitionError, PartitionState};
-use bateleur_time::partition_control::PartitionControl;
 use bateleur_time::time_guard::Escapes;
 use bateleur_time::window_record::{Missed, WindowRecord};
 
@@ -34,6 +36,9 @@ impl Monitor {
                 self.take_pending_action(place, at.start_ns);
             }
             let late_after_ns = self.plan.health.late_after_ns;
+            if let Some(kind) = Kind::of(&record) {
+                self.ask(kind, place, &record);
+            }
             let name = self.partitions[place].name();
             if let Some(detail) = self.kept.judge_lateness(late_after_ns, name, &record, module_ns) {
                 self.module_fault(ModuleError::LateDispatcher, &detail, true, module_ns);
@@ -44,10 +49,12 @@ impl Monitor {
 
     /// Does what a change of schedule has left to be done with the partition, if anything. The dispatcher finds a partition's first
     /// window in a new schedule, and keeps that window back where the plan wants something done. It is no health error and uses up no
-    /// budget.
+    /// budget. What an operator holds keeps it until it is released.
     pub(crate) fn take_pending_action(&mut self, place: usize, module_ns: u64) {
-        let pending = self.partitions[place].pair.all().find_map(PartitionControl::take_owed);
-        let Some((action, schedule)) = pending else { return };
+        if self.partitions[place].life.is_held() {
+            return;
+        }
+        let Some((action, schedule)) = self.partitions[place].pair.active().take_owed() else { return };
         if !self.partitions[place].life.can_change(action) {
             return;
         }
@@ -90,9 +97,11 @@ impl Monitor {
             return;
         }
         if self.partitions[place].unclosed.take(silence_windows) {
+            self.ask(Kind::Silence, place, record);
             let detail = format!("no window closed in {silence_windows}");
             return self.fault(place, PartitionError::Silence, detail, module_ns);
         }
+        self.ask(Kind::Overrun, place, record);
         let minor = record.occurrence.minor_frames;
         let detail = format!("not done at the end of its window in frame {minor}");
         self.fault(place, PartitionError::WindowOverrun, detail, module_ns);
@@ -161,10 +170,8 @@ impl Monitor {
         };
         let starved = !partition.unclosed.count_watched(process.pid, record, module_ns);
         if starved {
-            let sandbox = &partition.active.sandbox;
-            if let Some(text) = self.neighbours.count_starved(&sandbox.name, sandbox.cores()) {
-                self.tell_of_neighbour(text, module_ns);
-            }
+            self.neighbours.count_starved();
+            self.ask(Kind::ProcessorTaken, place, record);
         }
         starved
     }
@@ -206,16 +213,35 @@ impl Monitor {
             if !self.partitions[place].life.has_process() && kind != ReportKind::Message {
                 continue;
             }
-            let error = match kind {
-                ReportKind::Message => {
-                    self.take_message(place, text, module_ns);
-                    continue;
-                }
-                ReportKind::ApplicationError => PartitionError::ApplicationError,
-                ReportKind::PortError => PartitionError::PortError,
+            let Some(error) = reported_error(kind) else {
+                self.take_message(place, text, module_ns);
+                continue;
             };
             self.fault_in(place, error, state, text, module_ns);
         }
+    }
+
+    /// Takes the errors that an error handler among the partition's processes was told of: noted, and nothing is left to be done.
+    pub(crate) fn take_handled(&mut self, place: usize, module_ns: u64) {
+        // No more than there are places: a partition may go on telling on another core.
+        for _ in 0..TOLD_ERRORS {
+            let Some((kind, whose)) = self.partitions[place].active.next_handled() else { return };
+            let error = reported_error(kind).unwrap_or(PartitionError::ApplicationError);
+            self.note_handled(place, error, whose, module_ns);
+        }
+    }
+
+    /// Takes what the partition's processes have shown of who ran.
+    pub(crate) fn take_switches(&mut self, place: usize, module_ns: u64) {
+        // On the virtual clock windows that are over may lie behind the instant at which they are looked at.
+        let latest_ns = match self.clock {
+            Clock::Wall => module_ns,
+            Clock::Virtual => module_ns + self.plan.schedules[self.schedule_switch.current()].major_frame_ns,
+        };
+        let partition = &mut self.partitions[place].active;
+        let Some(table) = &partition.sandbox.table else { return };
+        let (name, log) = (&partition.sandbox.name, &mut self.kept.window_log.processes);
+        partition.spans.take(table, name, latest_ns, log);
     }
 
     /// REPORT_APPLICATION_MESSAGE: recorded and passed on, within bounds.

@@ -6,8 +6,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::model::{Attribute, Channel, Partition, Payload, Plan, Port, PortId, Role, Schedule};
+use crate::model::{
+    Attribute, Channel, MemoryBlock, ModuleId, Partition, Payload, Plan, Port, PortId, Role, Schedule,
+};
 use crate::processes::{Process, Processes};
+use crate::timeline::TimelineWindow;
 
 /// The longest name, bytes: with a closing zero it still fits the 32 bytes of an APEX name, with one to spare for
 /// implementations that count it. Longer ones are cut off by other people's tools.
@@ -35,6 +38,8 @@ const LONGEST_TYPE: usize = 2 * LONGEST_NAME + 1;
 pub const LONGEST_DEFINITION: usize = 256 << 10;
 /// The longest of all of them together, bytes: a partition's description carries those of its ports, each run's status all.
 pub const LONGEST_DEFINITIONS: usize = 8 << 20;
+/// The most bytes of a memory block: they are locked memory, all of them there before frame 0.
+pub const LARGEST_BLOCK: u64 = 1 << 30;
 /// The most minor frames of a major frame. At 50 a second, three minutes: far beyond any cycle that a person can read. The timeline
 /// has an entry for every window in each of them, in memory that the dispatcher keeps locked.
 pub const MOST_MINOR_FRAMES: u64 = 10_000;
@@ -44,7 +49,7 @@ pub const MOST_WINDOWS: u64 = 100_000;
 /// The most of any list of a plan.
 const MOST_LISTED: usize = 4096;
 /// The longest period or time, ns: a day.
-const LONGEST_NS: u64 = 86_400_000_000_000;
+pub const LONGEST_NS: u64 = 86_400_000_000_000;
 /// The deepest list within lists of an attribute.
 const DEEPEST: usize = 8;
 
@@ -72,6 +77,7 @@ pub fn check(plan: &Plan) -> Checked {
         ("ports", plan.ports.len()),
         ("message types", plan.messages.len()),
         ("channels", plan.channels.len()),
+        ("memory blocks", plan.memory_blocks.len()),
         ("chains", plan.chains.len()),
         ("schedules", plan.schedules.len()),
     ];
@@ -95,6 +101,10 @@ pub fn check(plan: &Plan) -> Checked {
     messages(plan)?;
     for one in &plan.channels {
         channel(plan, one)?;
+    }
+    names("memory block", plan.memory_blocks.iter().map(|block| &*block.name))?;
+    for one in &plan.memory_blocks {
+        memory_block(plan, one).map_err(|wrong| within("memory block", &one.name, &wrong))?;
     }
     let initial = plan.schedules.iter().filter(|schedule| schedule.initial).count();
     require(initial == 1, || format!("{initial} initial schedules"))?;
@@ -272,31 +282,44 @@ fn channel(plan: &Plan, channel: &Channel) -> Checked {
     require(channel.destinations.iter().all(fits), name)
 }
 
+fn memory_block(plan: &Plan, block: &MemoryBlock) -> Checked {
+    require((1..=LARGEST_BLOCK).contains(&block.size_bytes), || "its size".into())?;
+    let content = block.content.as_ref().is_none_or(|file| !file.is_empty() && !file.contains('\0'));
+    require(content, || "its content".into())?;
+    let (mut seen, mut modules) = (BTreeSet::new(), BTreeSet::new());
+    for id in block.partitions() {
+        let owner = plan.partitions.get(id.0);
+        require(owner.is_some_and(|owner| !owner.relay) && seen.insert(id), || "its partitions".into())?;
+        modules.extend(owner.map(|owner| owner.module));
+    }
+    require(modules.len() == 1, || "its modules".into())
+}
+
 fn schedule(plan: &Plan, schedule: &Schedule) -> Checked {
     let (major, minor) = (schedule.major_frame_ns, schedule.minor_frame_ns);
     let frames = minor > 0 && major <= LONGEST_NS && major.is_multiple_of(minor);
     require(frames && (1..=MOST_MINOR_FRAMES).contains(&(major / minor.max(1))), || "its frames".into())?;
-    let mut lines: BTreeMap<(usize, u32), Vec<(u64, u64)>> = BTreeMap::new();
     for window in &schedule.windows {
-        let owner = plan.partitions.get(window.partition.0).map(|owner| owner.module.0);
-        let module = owner.and_then(|module| plan.modules.get(module).map(|about| (module, about)));
-        let Some((module, about)) = module else { return Err(OutOfBounds("a window of nobody".into())) };
+        let owner = plan.partitions.get(window.partition.0);
+        let Some(about) = owner.and_then(|owner| plan.modules.get(owner.module.0)) else {
+            return Err(OutOfBounds("a window of nobody".into()));
+        };
         require(about.cores.contains(&window.core), || "a window on a core of others".into())?;
         let inside = window.offset_ns.checked_add(window.duration_ns).is_some_and(|end| end <= minor);
         require(inside && window.duration_ns > 0, || "a window beyond its frame".into())?;
         let rising = window.minor.windows(2).all(|pair| pair[0] < pair[1]);
         let last = window.minor.last().map(|&last| u64::from(last) < major / minor);
         require(rising && last == Some(true), || "a window in no minor frame".into())?;
-        let line = lines.entry((module, window.core)).or_default();
-        line.extend(window.minor.iter().map(|&frame| {
-            let frame_ns = u64::from(frame) * minor;
-            (frame_ns + window.offset_ns, frame_ns + window.end_ns())
-        }));
     }
-    for line in lines.values_mut() {
+    let mut lines: BTreeMap<(ModuleId, u32), Vec<TimelineWindow>> = BTreeMap::new();
+    for window in schedule.laid(|_| true) {
+        let core = (plan[window.partition].module, schedule.windows[window.declared].core);
+        lines.entry(core).or_default().push(window);
+    }
+    for line in lines.values() {
         require(line.len() as u64 <= MOST_WINDOWS, || format!("{} windows on a core", line.len()))?;
-        line.sort_unstable();
-        require(line.windows(2).all(|pair| pair[0].1 <= pair[1].0), || "windows that overlap".into())?;
+        let apart = line.windows(2).all(|pair| pair[0].end_ns <= pair[1].start_ns);
+        require(apart, || "windows that overlap".into())?;
     }
     let changed = schedule.change_actions.keys().all(|id| id.0 < plan.partitions.len());
     require(changed, || "an action for nobody".into())

@@ -121,6 +121,8 @@ closed! {
 closed! {
     /// What waits behind a partition.
     Standby, "standby" {
+        /// The next process, which waits before its start.
+        Spare = "spare",
         /// A second process that has initialised and sleeps.
         Hot = "hot",
     }
@@ -287,6 +289,8 @@ closed! {
     ModuleError, "module error" {
         /// A window was switched too late.
         LateDispatcher = "late_dispatcher",
+        /// A partition had no processor in its window, because somebody else had it.
+        ProcessorTaken = "processor_taken",
         /// What the file says could not be set up on this machine.
         ConfigError = "config_error",
         /// The supply announced that it is going.

@@ -7,6 +7,7 @@ pub mod bounds;
 pub mod closed;
 pub mod compiled;
 pub mod local;
+pub mod memory_block;
 pub mod model;
 pub mod processes;
 pub mod timeline;
@@ -18,10 +19,12 @@ pub use closed::{
     ModuleClock, ModuleError, PartitionAction, PartitionError, PartitionState, Standby, StartMode,
     SystemCalls, Transport,
 };
+pub use memory_block::MemoryAccess;
 pub use model::{
-    Address, Attribute, Chain, Channel, ChannelId, Health, HealthLog, Levels, Link, LinkId, Module,
-    ModuleHealth, ModuleId, ModuleView, Network, NetworkId, Partition, PartitionHealth, PartitionId, Payload,
-    Plan, Port, PortId, Protection, Reset, Restart, Role, Schedule, ScheduleId, Window, leaves_the_process,
+    Address, Attribute, Chain, Channel, ChannelId, Health, HealthLog, Levels, Link, LinkId, MemoryBlock,
+    Module, ModuleHealth, ModuleId, ModuleView, Network, NetworkId, Partition, PartitionHealth, PartitionId,
+    Payload, Plan, Port, PortId, Protection, Reset, Restart, Role, Schedule, ScheduleId, Window,
+    leaves_the_process,
 };
 pub use processes::{Process, Processes};
 pub use timeline::{CoreTimeline, Timeline, TimelineWindow};

@@ -90,6 +90,9 @@ impl Plan {
         sections.insert("networks".to_owned(), short_digest(&self.networks)?);
         sections.insert("links".to_owned(), short_digest(&self.without_key_files().links)?);
         sections.insert("channels".to_owned(), short_digest(&self.channels)?);
+        if !self.memory_blocks.is_empty() {
+            sections.insert("memory blocks".to_owned(), short_digest(&self.memory_blocks)?);
+        }
         sections.insert("chains".to_owned(), short_digest(&self.chains)?);
         sections.insert("health".to_owned(), short_digest(&self.health)?);
         Ok(sections)

@@ -1,7 +1,8 @@
 //! The checked plan: what the rest of the executive works from.
 //!
 //! Every name has become an index, every default is filled in, every time is in nanoseconds and every size in
-//! bytes. A [`Plan`] exists only if no rule of severity error was violated, so nobody has to check again.
+//! bytes. Outside of the checker a [`Plan`] exists only if no rule of severity error was violated, so nobody has to check again. The
+//! checker makes one of every file, with stand-ins for what can not be resolved, and holds its rules against that.
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
@@ -88,6 +89,9 @@ pub struct Plan {
     pub messages: BTreeMap<String, String>,
     /// The channels, whether inside one module or across.
     pub channels: Vec<Channel>,
+    /// Memory that partitions share. Not written down where there is none: hosts of a plan that says nothing still agree.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub memory_blocks: Vec<MemoryBlock>,
     /// The paths whose latency is bounded.
     pub chains: Vec<Chain>,
     /// The schedules; exactly one is initial.
@@ -239,6 +243,9 @@ pub struct Partition {
     pub ports: Vec<PortId>,
     /// It carries the channels that cross, and no table of the file names it.
     pub relay: bool,
+    /// A recording stands in its place in this run: it is not started. No plan that is written down says so.
+    #[serde(skip)]
+    pub played: bool,
 }
 
 impl Partition {
@@ -384,6 +391,21 @@ pub struct Channel {
     pub isolation: Isolation,
 }
 
+/// A memory block. All its partitions run on one module.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MemoryBlock {
+    /// Its name.
+    pub name: String,
+    /// Its size in bytes; not zero.
+    pub size_bytes: u64,
+    /// The file with what stands in it from its first byte on when the module starts, relative to the schedule file; `None`: zeros.
+    pub content: Option<String>,
+    /// The partitions that read it; none twice.
+    pub read: Vec<PartitionId>,
+    /// The partitions that read and write it; none of the above.
+    pub read_write: Vec<PartitionId>,
+}
+
 /// A path from a sensor to an actuator.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Chain {
@@ -417,27 +439,6 @@ impl Schedule {
     #[must_use]
     pub fn runs(&self, partition: PartitionId) -> bool {
         self.windows.iter().any(|window| window.partition == partition)
-    }
-
-    /// Start and end of each occurrence of a partition's windows in the major frame, ns from its start, in the order of the file.
-    #[must_use]
-    pub fn occurrences(&self, partition: PartitionId) -> Vec<(u64, u64)> {
-        let mine = self.windows.iter().filter(|window| window.partition == partition);
-        let laid = mine.flat_map(|window| {
-            window.minor.iter().map(|&minor| {
-                let frame = u64::from(minor) * self.minor_frame_ns;
-                (frame + window.offset_ns, frame + window.end_ns())
-            })
-        });
-        laid.collect()
-    }
-
-    /// When a partition's windows start in the major frame, ns from its start, rising.
-    #[must_use]
-    pub fn starts(&self, partition: PartitionId) -> Vec<u64> {
-        let mut starts: Vec<u64> = self.occurrences(partition).into_iter().map(|(start, _)| start).collect();
-        starts.sort_unstable();
-        starts
     }
 
     /// How many minor frames a major frame has.
@@ -599,6 +600,7 @@ pub fn default_module_action(error: ModuleError) -> ModuleAction {
         // A configuration that can not even be started is the end anyway; one partition that can not be started again in
         // flight is better than none.
         ModuleError::LateDispatcher
+        | ModuleError::ProcessorTaken
         | ModuleError::PartitionStopped
         | ModuleError::ConfigError
         | ModuleError::SyncLost => ModuleAction::Ignore,
@@ -769,7 +771,8 @@ impl<'a> ModuleView<'a> {
 
     /// The partitions that run here.
     pub fn partitions(self) -> impl Iterator<Item = PartitionId> + use<'a> {
-        self.plan.partition_ids().filter(move |&id| self.plan[id].module == self.id)
+        let plan = self.plan;
+        plan.partition_ids().filter(move |&id| plan[id].module == self.id && !plan[id].played)
     }
 
     /// The channels with every end here.

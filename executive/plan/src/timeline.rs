@@ -5,7 +5,7 @@
 
 use serde::Serialize;
 
-use super::model::{ModuleId, PartitionId, Plan, Schedule, ScheduleId};
+use super::model::{ModuleId, PartitionId, Plan, Schedule, ScheduleId, Window};
 
 /// The windows of one schedule on one module, per core.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -80,18 +80,8 @@ impl Timeline {
 
 impl CoreTimeline {
     fn of(plan: &Plan, module: ModuleId, schedule: &Schedule, core: u32) -> Self {
-        let mut windows = Vec::new();
-        for (declared, window) in schedule.windows.iter().enumerate() {
-            if window.core != core || plan[window.partition].module != module {
-                continue;
-            }
-            windows.extend(window.minor.iter().map(|&minor| {
-                let start_ns = u64::from(minor) * schedule.minor_frame_ns + window.offset_ns;
-                let end_ns = start_ns + window.duration_ns;
-                TimelineWindow { start_ns, end_ns, partition: window.partition, minor, number: 0, declared }
-            }));
-        }
-        windows.sort_by_key(|window| window.start_ns);
+        let mut windows =
+            schedule.laid(|window| window.core == core && plan[window.partition].module == module);
         number(&mut windows);
         Self { core, windows }
     }
@@ -100,6 +90,36 @@ impl CoreTimeline {
     #[must_use]
     pub fn used_ns(&self) -> u64 {
         self.windows.iter().map(TimelineWindow::duration_ns).sum()
+    }
+}
+
+impl Schedule {
+    /// Every occurrence of some windows in the major frame, by rising start; none is numbered.
+    #[must_use]
+    pub fn laid(&self, of: impl Fn(&Window) -> bool) -> Vec<TimelineWindow> {
+        let mut laid = Vec::new();
+        for (declared, window) in self.windows.iter().enumerate().filter(|(_, window)| of(window)) {
+            laid.extend(window.minor.iter().map(|&minor| {
+                let start_ns = u64::from(minor) * self.minor_frame_ns + window.offset_ns;
+                let end_ns = start_ns + window.duration_ns;
+                TimelineWindow { start_ns, end_ns, partition: window.partition, minor, number: 0, declared }
+            }));
+        }
+        laid.sort_by_key(|window| window.start_ns);
+        laid
+    }
+
+    /// Start and end of each occurrence of a partition's windows in the major frame, ns from its start, by rising start.
+    #[must_use]
+    pub fn occurrences(&self, partition: PartitionId) -> Vec<(u64, u64)> {
+        let laid = self.laid(|window| window.partition == partition);
+        laid.into_iter().map(|window| (window.start_ns, window.end_ns)).collect()
+    }
+
+    /// When a partition's windows start in the major frame, ns from its start, rising.
+    #[must_use]
+    pub fn starts(&self, partition: PartitionId) -> Vec<u64> {
+        self.occurrences(partition).into_iter().map(|(start, _)| start).collect()
     }
 }
 

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crate::bounds::LONGEST_NS;
+
 /// Why a text is not a quantity.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum QuantityError {
@@ -26,6 +28,9 @@ pub enum QuantityError {
     /// It is larger than a signed number of 64 bits holds.
     #[error("it is too large")]
     Overflow,
+    /// It is a time of more than a day.
+    #[error("it is more than a day")]
+    Long,
 }
 
 struct Units {
@@ -62,12 +67,15 @@ pub fn rate_bits_per_s(text: &str) -> Result<u64, QuantityError> {
     quantity(text, &RATE)
 }
 
-/// Reads a time such as `500us`, `20ms` or `1.5s`, in nanoseconds.
+/// Reads a time such as `500us`, `20ms` or `1.5s`, a day at most, in nanoseconds.
 ///
 /// # Errors
 /// What the text lacks, or has too much of.
 pub fn duration_ns(text: &str) -> Result<u64, QuantityError> {
-    quantity(text, &TIME)
+    match quantity(text, &TIME)? {
+        time if time <= LONGEST_NS => Ok(time),
+        _ => Err(QuantityError::Long),
+    }
 }
 
 /// Reads a size such as `64KiB`, in bytes.
@@ -230,7 +238,7 @@ mod tests {
             ("0.1s", 100_000_000),
             ("0.000000001s", 1),
             ("2min", 120_000_000_000),
-            ("9223372036854775807ns", i64::MAX.unsigned_abs()),
+            ("1440min", LONGEST_NS),
         ] {
             assert_eq!(duration_ns(text), Ok(ns), "{text}");
         }
@@ -253,6 +261,8 @@ mod tests {
             ("1e3ms", QuantityError::Unit("e3ms".to_owned())),
             ("0.5ns", QuantityError::Fraction("nanoseconds")),
             ("0.0000000001s", QuantityError::Fraction("nanoseconds")),
+            ("86400.000000001s", QuantityError::Long),
+            ("9223372036854775807ns", QuantityError::Long),
             ("9223372036854775808ns", QuantityError::Overflow),
             ("99999999999999999999999999999999999999999s", QuantityError::Overflow),
         ] {

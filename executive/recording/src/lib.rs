@@ -3,7 +3,7 @@
 //! [`PortLog`] writes it while the module runs, [`for_each`] and [`read`] take it apart afterwards. Payloads are
 //! CDR (four bytes of header, then the message as it lies in the port) and schemas are ROS 2 message definitions, so that
 //! other people's viewers show the values by name. [`hosts`] says which folders a run on several hosts has left, and
-//! [`windows`] reads the log of windows beside them.
+//! [`windows`] and [`processes`] read the logs of windows and of the processes in them.
 //!
 //! The one thing it must never do: take a log that is damaged or cut short for a whole one.
 
@@ -11,13 +11,16 @@
 
 pub mod hosts;
 mod layout;
+pub mod processes;
 mod read;
+mod tail;
 pub mod windows;
 mod write;
 
 pub use bateleur_messages::format::Scalar;
 pub use layout::{Layout, values, word_of};
 pub use read::{Ending, Entry, LogReader, Recording, Track, for_each, read};
+pub use tail::Tail;
 pub use write::{ChannelId, PortLog, topic};
 
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! Control groups of version 1 that count what version 2 does not guaranteed here: memory, and threads with processes.
+//! Control groups of version 1 that count what version 2 can not count here: memory, and threads with processes.
 //!
 //! A machine may have both versions mounted, with the controllers held by the first. There a partition is in three
 //! groups: one of version 2, which freezes and ends it, and one of version 1 for each controller. A process joins the

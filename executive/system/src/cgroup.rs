@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 pub struct Group {
     path: PathBuf,
     directory: File,
+    threads: File,
 }
 
 /// The files of a group that the time-critical path needs, kept open.
@@ -39,8 +40,8 @@ impl Group {
 
     fn make(path: PathBuf) -> io::Result<Self> {
         fs::create_dir(&path)?;
-        let directory = File::open(&path)?;
-        Ok(Self { path, directory })
+        let (directory, threads) = (File::open(&path)?, File::open(path.join("cgroup.threads"))?);
+        Ok(Self { path, directory, threads })
     }
 
     /// Where it is.
@@ -62,7 +63,7 @@ impl Group {
             freeze: OpenOptions::new().write(true).open(self.path.join("cgroup.freeze"))?,
             events: read("cgroup.events")?,
             processes: read("cgroup.procs")?,
-            threads: read("cgroup.threads")?,
+            threads: self.threads.try_clone()?,
         })
     }
 
@@ -109,8 +110,9 @@ impl Group {
     /// Threads of all processes in the group, as they are now.
     #[must_use]
     pub fn threads(&self) -> Vec<i32> {
-        let list = fs::read_to_string(self.path.join("cgroup.threads")).unwrap_or_default();
-        list.lines().filter_map(|line| line.parse().ok()).collect()
+        let mut all = Vec::new();
+        each_number(&self.threads, &mut |thread| all.push(thread));
+        all
     }
 }
 

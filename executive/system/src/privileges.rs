@@ -76,6 +76,11 @@ pub const USED: &[(CapabilitySet, &str, &str)] = &[
     (CapabilitySet::FOWNER, "CAP_FOWNER", "modes of what partitions own, before it is removed"),
     (CapabilitySet::DAC_OVERRIDE, "CAP_DAC_OVERRIDE", "control groups, and what partitions have closed"),
     (CapabilitySet::SYS_PTRACE, "CAP_SYS_PTRACE", "which program a process of the control group runs"),
+    (
+        CapabilitySet::NET_ADMIN,
+        "CAP_NET_ADMIN",
+        "programs in the kernel that bound the network of a partition (before Linux 6.9)",
+    ),
     (CapabilitySet::SYSLOG, "CAP_SYSLOG", "what the kernel says of a process that it has ended"),
 ];
 

@@ -3,21 +3,24 @@
 //!
 //! What a socket has sent and the kernel has not passed on yet counts as nobody's memory. The kernel bounds it for each socket, so
 //! the number of sockets bounds it for the partition. A closed socket keeps its place for as long as what it sent may wait.
-#![allow(unsafe_code)]
 
 use std::io;
-use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
+use std::os::fd::BorrowedFd;
+
+use crate::bpf::{
+    EXIT, Hook, Lookup, MAP_LOOKUP, Map, NOW_NS, R0, R1, R2, R6, R7, R8, R9, R10, add, attach, call, copy,
+    instruction, load_word, set, set_wide, skip_if, skip_unless,
+};
 
 /// How long what was sent waits after its socket was closed, ns: the kernel asks a neighbour three times, a second apart, where it is.
 const WAITS_NS: u64 = 4_000_000_000;
 
 /// The places for sockets of one control group. They end with the group.
 #[derive(Debug)]
-pub struct SocketPlaces {
+pub struct SocketPlaces(
     /// A value for each place: 0 or an instant of CLOCK_MONOTONIC from which on it is free, or all ones while its socket is open.
-    map: OwnedFd,
-    count: usize,
-}
+    Map,
+);
 
 impl SocketPlaces {
     /// Lets the processes of `group` have `count` open datagram sockets of the internet at most.
@@ -29,11 +32,10 @@ impl SocketPlaces {
     }
 
     fn limit_for(group: BorrowedFd<'_>, count: usize, waits_ns: u64) -> io::Result<Self> {
-        let places = Self { map: make_map(count)?, count };
-        let map = places.map.as_raw_fd();
-        attach(group, &load(&at_creation(map, count), SOCK_CREATE)?, SOCK_CREATE)?;
-        attach(group, &load(&at_release(map, count, waits_ns), SOCK_RELEASE)?, SOCK_RELEASE)?;
-        Ok(places)
+        let map = Map::new(Lookup::Array, size_of::<u32>(), count * size_of::<u64>(), 1)?;
+        attach(group, &at_creation(&map, count), Hook::SocketCreate)?;
+        attach(group, &at_release(&map, count, waits_ns), Hook::SocketRelease)?;
+        Ok(Self(map))
     }
 
     /// All places are free: for a group whose processes have ended.
@@ -41,184 +43,31 @@ impl SocketPlaces {
     /// # Errors
     /// The kernel refuses.
     pub fn clear(&self) -> io::Result<()> {
-        let (key, value) = (0_u32, vec![0_u64; self.count]);
-        let element = Element {
-            map: self.map.as_raw_fd().cast_unsigned(),
-            key: (&raw const key) as u64,
-            value: value.as_ptr() as u64,
-            flags: 0,
-        };
-        // SAFETY: the kernel reads a key of four bytes and a value as long as the map was made for.
-        unsafe { bpf(MAP_UPDATE, &element) }.map(drop)
+        self.0.zero(0)
     }
 }
-
-// Numbers of `linux/bpf.h`, which the C library's binding does not have.
-const MAP_CREATE: libc::c_int = 0;
-const MAP_UPDATE: libc::c_int = 2;
-const PROGRAM_LOAD: libc::c_int = 5;
-const PROGRAM_ATTACH: libc::c_int = 8;
-const MAP_OF_ARRAY: u32 = 2;
-const PROGRAM_OF_GROUP_SOCKETS: u32 = 9;
-const SOCK_CREATE: u32 = 2;
-const SOCK_RELEASE: u32 = 34;
-/// Programs of groups above and below run too.
-const ALLOW_MULTI: u32 = 2;
-
-#[repr(C)]
-struct MapShape {
-    kind: u32,
-    key_size: u32,
-    value_size: u32,
-    entries: u32,
-}
-
-#[repr(C)]
-struct Element {
-    map: u32,
-    key: u64,
-    value: u64,
-    flags: u64,
-}
-
-#[repr(C)]
-struct Program {
-    kind: u32,
-    length: u32,
-    instructions: u64,
-    license: u64,
-    log_level: u32,
-    log_size: u32,
-    log: u64,
-    kernel: u32,
-    flags: u32,
-    name: [u8; 16],
-    interface: u32,
-    attach: u32,
-}
-
-#[repr(C)]
-struct Attachment {
-    group: u32,
-    program: u32,
-    attach: u32,
-    flags: u32,
-}
-
-/// Makes the call; a descriptor or 0.
-///
-/// # Safety
-/// What `attributes` points to is what the kernel expects of `command`.
-unsafe fn bpf<T>(command: libc::c_int, attributes: &T) -> io::Result<libc::c_long> {
-    // SAFETY: the kernel reads as many bytes as it is told of; what they point to is the caller's promise.
-    let done =
-        unsafe { libc::syscall(libc::SYS_bpf, command, std::ptr::from_ref(attributes), size_of::<T>()) };
-    if done < 0 { Err(io::Error::last_os_error()) } else { Ok(done) }
-}
-
-fn make_map(count: usize) -> io::Result<OwnedFd> {
-    let value_size = (count * size_of::<u64>()) as u32;
-    let shape = MapShape { kind: MAP_OF_ARRAY, key_size: 4, value_size, entries: 1 };
-    // SAFETY: numbers only; the kernel returns a new descriptor, which nobody else owns.
-    unsafe { bpf(MAP_CREATE, &shape).map(|map| OwnedFd::from_raw_fd(map as i32)) }
-}
-
-fn load(instructions: &[u64], attach: u32) -> io::Result<OwnedFd> {
-    let mut name = [0; 16];
-    name[..8].copy_from_slice(b"bateleur");
-    let program = Program {
-        kind: PROGRAM_OF_GROUP_SOCKETS,
-        length: instructions.len() as u32,
-        instructions: instructions.as_ptr() as u64,
-        license: c"MIT or Apache-2.0".as_ptr() as u64,
-        log_level: 0,
-        log_size: 0,
-        log: 0,
-        kernel: 0,
-        flags: 0,
-        name,
-        interface: 0,
-        attach,
-    };
-    // SAFETY: the kernel reads the instructions and the text; it returns a new descriptor, which nobody else owns.
-    unsafe { bpf(PROGRAM_LOAD, &program).map(|program| OwnedFd::from_raw_fd(program as i32)) }
-}
-
-fn attach(group: BorrowedFd<'_>, program: &OwnedFd, attach: u32) -> io::Result<()> {
-    let attachment = Attachment {
-        group: group.as_raw_fd().cast_unsigned(),
-        program: program.as_raw_fd().cast_unsigned(),
-        attach,
-        flags: ALLOW_MULTI,
-    };
-    // SAFETY: numbers only.
-    unsafe { bpf(PROGRAM_ATTACH, &attachment) }.map(drop)
-}
-
-// The programs, in the machine's instructions of eight bytes (Linux, Documentation/bpf/standardization/instruction-set.rst).
-
-/// Registers: the result, arguments, what calls leave alone, the stack's end.
-const R0: u64 = 0;
-const R1: u64 = 1;
-const R2: u64 = 2;
-const R6: u64 = 6;
-const R7: u64 = 7;
-const R8: u64 = 8;
-const R9: u64 = 9;
-const R10: u64 = 10;
-
-/// Functions of the kernel.
-const MAP_LOOKUP: i32 = 1;
-const NOW_NS: i32 = 5;
 
 /// Where a socket's type is in what a program is given.
 const TYPE: i16 = 8;
 
-const fn instruction(operation: u64, to: u64, from: u64, offset: i16, number: i32) -> u64 {
-    let offset = offset.cast_unsigned() as u64;
-    let number = number.cast_unsigned() as u64;
-    operation | to << 8 | from << 12 | offset << 16 | number << 32
-}
-
-const fn set(to: u64, number: i32) -> u64 {
-    instruction(0xb7, to, 0, 0, number)
-}
-
-const fn copy(to: u64, from: u64) -> u64 {
-    instruction(0xbf, to, from, 0, 0)
-}
-
-const fn call(function: i32) -> u64 {
-    instruction(0x85, 0, 0, 0, function)
-}
-
-const EXIT: u64 = instruction(0x95, 0, 0, 0, 0);
-
-/// Two instructions: `to` is a number of 64 bits.
-fn set_wide(to: u64, from: u64, number: u64) -> [u64; 2] {
-    let half = |number: u64| (number as u32).cast_signed();
-    [instruction(0x18, to, from, 0, half(number)), instruction(0, 0, 0, 0, half(number >> 32))]
-}
-
 /// Goes on two instructions from its end if the socket is no datagram socket, else at its end with the instant in `R7` and the
 /// places at `R6`.
-fn find_places(map: i32, otherwise: u64) -> Vec<u64> {
-    const MAP_BY_DESCRIPTOR: u64 = 1;
+fn find_places(map: &Map, otherwise: u64) -> Vec<u64> {
     let mut program = vec![
-        instruction(0x61, R2, R1, TYPE, 0),            // R2 = its type
-        instruction(0x15, R2, 0, 2, libc::SOCK_DGRAM), // go on if that is SOCK_DGRAM
+        load_word(R2, R1, TYPE), // its type
+        skip_if(R2, libc::SOCK_DGRAM, 2),
         set(R0, 1),
         EXIT,
         call(NOW_NS),
         copy(R7, R0),
         instruction(0x62, R10, 0, -4, 0), // the key: 0
         copy(R2, R10),
-        instruction(0x07, R2, 0, 0, -4), // where it is
+        add(R2, -4), // where it is
     ];
-    program.extend(set_wide(R1, MAP_BY_DESCRIPTOR, map.cast_unsigned().into()));
+    program.extend(map.point_at(R1));
     program.extend([
         call(MAP_LOOKUP),
-        instruction(0x55, R0, 0, 2, 0), // go on if there is one, as always
+        skip_unless(R0, 0, 2), // there is one, as always
         otherwise,
         EXIT,
         copy(R6, R0),
@@ -239,7 +88,7 @@ fn exchange(place: usize, from: u64) -> u64 {
 }
 
 /// Takes the first free place; a socket that finds none is not made.
-fn at_creation(map: i32, count: usize) -> Vec<u64> {
+fn at_creation(map: &Map, count: usize) -> Vec<u64> {
     let mut program = find_places(map, set(R0, 0));
     for place in 0..count {
         program.extend([
@@ -257,7 +106,7 @@ fn at_creation(map: i32, count: usize) -> Vec<u64> {
 }
 
 /// Gives back the first place that is taken, which is as good as any, from `waits_ns` after now.
-fn at_release(map: i32, count: usize, waits_ns: u64) -> Vec<u64> {
+fn at_release(map: &Map, count: usize, waits_ns: u64) -> Vec<u64> {
     let mut program = find_places(map, set(R0, 1));
     program.extend(set_wide(R1, 0, waits_ns));
     program.push(instruction(0x0f, R7, R1, 0, 0)); // R7 += R1

@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 use rustix::pipe::{PipeFlags, pipe_with};
 
 use super::filter::Filters;
+use super::lock_calls::{self, LockLimit};
 use super::time::now_ns;
 use super::users::HELPERS;
 pub use super::users::User;
@@ -65,6 +66,8 @@ pub struct Walls<'a> {
     pub channels: &'a [PathBuf],
     /// Which system calls it may make; `None`: all.
     pub filters: Option<&'a Filters>,
+    /// How many locks of byte ranges it may set; `None`: any number.
+    pub locks: Option<LockLimit<'a>>,
     /// Which files it may open (see [`super::rules`]); `None`: what its user may.
     pub rules: Option<BorrowedFd<'a>>,
     /// Files through which it joins further groups.
@@ -155,6 +158,8 @@ impl Step {
 struct Prepared<'a> {
     program: OwnedFd,
     filters: Option<&'a Filters>,
+    /// Who counts its locks of byte ranges, and how many there may be.
+    locks: Option<(OwnedFd, u32)>,
     rules: Option<OwnedFd>,
     _strings: Vec<CString>,
     arguments: Vec<*const libc::c_char>,
@@ -279,11 +284,16 @@ fn prepare<'a>(request: &Request<'a>, trouble: i32) -> io::Result<Prepared<'a>> 
         None => File::open("/dev/null")?.into(),
     };
     let walls = &request.walls;
-    let rules =
-        walls.rules.map(|rules| rustix::io::fcntl_dupfd_cloexec(rules, OUT_OF_THE_WAY)).transpose()?;
+    let out_of_the_way = |descriptor| rustix::io::fcntl_dupfd_cloexec(descriptor, OUT_OF_THE_WAY);
+    let rules = walls.rules.map(out_of_the_way).transpose()?;
+    let locks = match walls.locks {
+        Some(limit) => Some((out_of_the_way(limit.sender())?, limit.calls)),
+        None => None,
+    };
     Ok(Prepared {
         program,
         filters: walls.filters,
+        locks,
         rules,
         arguments: pointers(arguments),
         environment: pointers(environment),
@@ -355,6 +365,13 @@ fn become_program(prepared: &Prepared<'_>) -> Step {
         if prepared.rules.as_ref().is_some_and(|rules| !rules::apply(rules.as_raw_fd())) {
             return Step::Rules;
         }
+        if prepared.locks.as_ref().is_some_and(|(to, calls)| !lock_calls::apply(to.as_raw_fd(), *calls)) {
+            return Step::Filters;
+        }
+        // After the last descriptor that is opened here, beside the hundreds of an executive of many partitions.
+        if let Some(counts) = prepared.counts {
+            limit(libc::RLIMIT_NOFILE, counts.descriptors);
+        }
         // Last of all: what follows is on the list of what is allowed.
         if prepared.filters.is_some_and(|filters| !filters.apply()) {
             return Step::Filters;
@@ -400,7 +417,8 @@ unsafe fn map_user(maps: &[CString; 2]) -> bool {
 unsafe fn arrange_descriptors(prepared: &Prepared<'_>) -> bool {
     let standard = [prepared.input.as_raw_fd(), prepared.output, prepared.errors];
     let rules = prepared.rules.as_ref().map_or(-1, AsRawFd::as_raw_fd);
-    let kept = [prepared.program.as_raw_fd(), prepared.trouble, rules];
+    let locks = prepared.locks.as_ref().map_or(-1, |(to, _)| to.as_raw_fd());
+    let kept = [prepared.program.as_raw_fd(), prepared.trouble, rules, locks];
     // Above all that is still needed: an executive of many partitions has hundreds of descriptors open.
     let mut aside = OUT_OF_THE_WAY;
     for number in standard.iter().chain(&prepared.descriptors).chain(&kept) {
@@ -423,25 +441,26 @@ unsafe fn arrange_descriptors(prepared: &Prepared<'_>) -> bool {
     }
 }
 
-unsafe fn set_limits(prepared: &Prepared<'_>) -> bool {
-    let limit = |what, value: u64| {
-        let mut limit = libc::rlimit { rlim_cur: value, rlim_max: value };
-        // SAFETY: a local structure, not kept.
-        let set = |limit: &libc::rlimit| unsafe { libc::setrlimit(what, &raw const *limit) == 0 };
-        // Who may not raise what whoever started the executive has lowered keeps that: it is the stricter of the two.
-        // SAFETY: as above.
-        let lower = |limit: &mut libc::rlimit| unsafe { libc::getrlimit(what, &raw mut *limit) == 0 };
-        set(&limit)
-            || (lower(&mut limit) && limit.rlim_max < value && {
-                limit.rlim_cur = limit.rlim_max;
-                set(&limit)
-            })
-    };
+/// Limits the process to `value`, or to what it was limited to already: who may not raise what whoever started the executive has lowered
+/// keeps that.
+fn limit(what: libc::__rlimit_resource_t, value: u64) -> bool {
+    let mut limit = libc::rlimit { rlim_cur: value, rlim_max: value };
+    // SAFETY: a local structure, not kept.
+    let set = |limit: &libc::rlimit| unsafe { libc::setrlimit(what, &raw const *limit) == 0 };
+    // SAFETY: as above.
+    let lower = |limit: &mut libc::rlimit| unsafe { libc::getrlimit(what, &raw mut *limit) == 0 };
+    set(&limit)
+        || (lower(&mut limit) && limit.rlim_max < value && {
+            limit.rlim_cur = limit.rlim_max;
+            set(&limit)
+        })
+}
+
+fn set_limits(prepared: &Prepared<'_>) -> bool {
     let data = prepared.data_limit == 0 || limit(libc::RLIMIT_DATA, prepared.data_limit);
     let files = prepared.file_limit == 0 || limit(libc::RLIMIT_FSIZE, prepared.file_limit);
     // Without privileges the hard limits may be lower already: lowering what can be lowered is all there is.
     if let Some(counts) = prepared.counts {
-        limit(libc::RLIMIT_NOFILE, counts.descriptors);
         limit(libc::RLIMIT_SIGPENDING, counts.signals);
         limit(libc::RLIMIT_MSGQUEUE, counts.queues);
     }

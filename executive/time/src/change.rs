@@ -51,8 +51,8 @@ impl Changes {
     /// may have this very window. Where there is something, the partition gets no window any more until it is done.
     pub fn action_due(&self, occurrence: &Occurrence, control: &PartitionControl) -> Option<ChangeAction> {
         // What an operator holds has its action with its first window afterwards.
-        let is_held = control.readiness() == Readiness::Held;
-        if is_held || !control.enters_epoch(occurrence.epoch.number) {
+        let is_held = || control.readiness() == Readiness::Held;
+        if is_held() || !control.enters_epoch(occurrence.epoch.number) {
             return None;
         }
         let (before, after) = (occurrence.epoch.after?, occurrence.epoch.schedule);
@@ -64,7 +64,8 @@ impl Changes {
             ChangeAction::ColdRestart => control.is_fresh(),
             ChangeAction::Idle | ChangeAction::WarmRestart => false,
         };
-        let due = !nothing && control.withhold(action != ChangeAction::Idle);
+        // An operator may have held it since: then its action is kept until it is released.
+        let due = !nothing && (control.withhold(action != ChangeAction::Idle) || is_held());
         due.then(|| control.set_pending_action(action, after));
         due.then_some(action)
     }
@@ -85,24 +86,51 @@ mod tests {
     use crate::dispatcher::ScheduleEpoch;
     use crate::partition_control::fixture::{control, occurrence, plan};
 
-    #[test]
-    fn partition_that_is_held_over_a_change_of_schedule_has_its_action_when_it_is_released() {
-        let changes = Changes {
+    fn restarting() -> Changes {
+        Changes {
             schedules: 2,
             actions: vec![ChangeAction::WarmRestart; 4],
             ..Changes::of(&plan(), Arc::new(ScheduleSwitch::new(0)))
-        };
-        let after = |number| occurrence(ScheduleEpoch { number, schedule: 1, after: Some(0), since_ns: 0 });
-        let control = control();
+        }
+    }
+
+    fn after(number: u32) -> Occurrence {
+        occurrence(ScheduleEpoch { number, schedule: 1, after: Some(0), since_ns: 0 })
+    }
+
+    #[test]
+    fn partition_that_is_held_over_a_change_of_schedule_has_its_action_when_it_is_released() {
+        let (changes, control) = (restarting(), control());
         control.set_readiness(Readiness::Ready);
         assert_eq!(changes.action_due(&after(1), &control), Some(ChangeAction::WarmRestart));
         for held in 2..5 {
-            control.set_readiness(Readiness::Held);
-            assert_eq!(changes.action_due(&after(held), &control), None);
+            assert!(control.take_owed().is_some(), "the monitor has done it");
             control.set_readiness(Readiness::Ready);
+            control.hold();
+            assert_eq!(changes.action_due(&after(held), &control), None);
+            control.release();
             assert_eq!(changes.action_due(&after(held), &control), Some(ChangeAction::WarmRestart));
             control.set_readiness(Readiness::Ready);
             assert_eq!(changes.action_due(&after(held), &control), None, "once");
+        }
+    }
+
+    /// As when the operator's order comes between the partition's first window in the new schedule and the monitor's next step, or while
+    /// the partition has no process.
+    #[test]
+    fn partition_that_is_held_before_its_action_is_done_has_no_window_before_that_when_it_is_released() {
+        let (changes, first) = (restarting(), control());
+        let standby = control().beside(&first);
+        for (number, holder, releaser) in [(1, &first, &first), (2, &first, &standby)] {
+            holder.set_readiness(Readiness::Ready);
+            assert_eq!(changes.action_due(&after(number), holder), Some(ChangeAction::WarmRestart));
+            releaser.hold(); // also one that has taken over meanwhile
+            releaser.release();
+            assert_eq!(releaser.readiness(), Readiness::Absent);
+            assert_eq!(releaser.take_owed(), Some((ChangeAction::WarmRestart, 1)));
+            releaser.hold();
+            releaser.release();
+            assert_eq!(releaser.readiness(), Readiness::Ready);
         }
     }
 }

@@ -11,6 +11,10 @@ use bateleur_system::time::{now_ns, timespec};
 use rustix::thread::futex;
 
 use crate::redundant_pair::RedundantPair;
+use crate::run_page::Heartbeat;
+
+/// Between two signs of life of a worker of whom nothing is asked, ns.
+const BEAT_NS: u64 = 200_000_000;
 
 /// See the module's head.
 #[derive(Debug)]
@@ -38,10 +42,11 @@ impl FreezeWorker {
     }
 
     /// Carries out what is asked for the partitions in `pairs`, until [`FreezeWorker::end`].
-    pub fn run(self: &Arc<Self>, pairs: &[Arc<RedundantPair>]) {
+    pub fn run(self: &Arc<Self>, pairs: &[Arc<RedundantPair>], beat: &Heartbeat) {
         let controls = || pairs.iter().flat_map(|pair| pair.all());
         controls().for_each(|control| control.guard().leave_to(self));
         loop {
+            beat.beat();
             let seen = self.calls.load(SeqCst);
             let serves = self.serves.load(SeqCst);
             controls().for_each(|control| control.guard().settle());
@@ -54,8 +59,9 @@ impl FreezeWorker {
                 .filter(|control| control.guard().look_at_ns().as_ref().is_some_and(due))
                 .for_each(|control| control.guard().look());
             let next = controls().filter_map(|control| control.guard().look_at_ns()).min();
-            let limit = next.map(|next| timespec(next.saturating_sub(now)));
-            let _ = futex::wait(&self.calls, futex::Flags::PRIVATE, seen, limit.as_ref()); // any end: it looks
+            let sleep_ns = next.map_or(BEAT_NS, |next| next.saturating_sub(now).min(BEAT_NS));
+            let limit = timespec(sleep_ns);
+            let _ = futex::wait(&self.calls, futex::Flags::PRIVATE, seen, Some(&limit)); // any end: it looks
         }
     }
 

@@ -6,42 +6,42 @@
 //! successor for what its predecessor owed, and neither of them ever waits for the other.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicUsize;
-use std::sync::atomic::Ordering::{Acquire, Release};
 
 use crate::partition_control::PartitionControl;
+use crate::sync::AtomicU32;
+use crate::sync::Ordering::{Acquire, Release};
 
 /// See the module's head.
 #[derive(Debug)]
-pub struct RedundantPair {
-    controls: Vec<Arc<PartitionControl>>,
-    active: AtomicUsize,
+pub struct RedundantPair<C = PartitionControl> {
+    controls: Vec<Arc<C>>,
+    active: AtomicU32,
 }
 
-impl RedundantPair {
+impl<C> RedundantPair<C> {
     /// `first` is active; `behind` stands by.
     #[must_use]
-    pub fn new(first: Arc<PartitionControl>, behind: Option<Arc<PartitionControl>>) -> Self {
-        Self { controls: std::iter::once(first).chain(behind).collect(), active: AtomicUsize::new(0) }
+    pub fn new(first: Arc<C>, behind: Option<Arc<C>>) -> Self {
+        Self { controls: std::iter::once(first).chain(behind).collect(), active: AtomicU32::new(0) }
     }
 
     /// Number of the active member, for [`RedundantPair::control`].
     pub fn active_member(&self) -> usize {
-        self.active.load(Acquire)
+        self.active.load(Acquire) as usize
     }
 
     /// The member with this number, or the first.
-    pub fn control(&self, member: usize) -> &PartitionControl {
+    pub fn control(&self, member: usize) -> &C {
         &self.controls[if member < self.controls.len() { member } else { 0 }]
     }
 
     /// The active member.
-    pub fn active(&self) -> &Arc<PartitionControl> {
+    pub fn active(&self) -> &Arc<C> {
         &self.controls[self.active_member() % self.controls.len()]
     }
 
     /// Both.
-    pub fn all(&self) -> impl Iterator<Item = &PartitionControl> {
+    pub fn all(&self) -> impl Iterator<Item = &C> {
         self.controls.iter().map(AsRef::as_ref)
     }
 
@@ -49,7 +49,7 @@ impl RedundantPair {
     /// there is no other.
     pub fn hand_over(&self) {
         let next = (self.active_member() + 1) % self.controls.len();
-        self.active.store(next, Release);
+        self.active.store(next as u32, Release);
     }
 }
 
@@ -270,6 +270,18 @@ mod tests {
     }
 
     #[test]
+    fn dispatcher_wakes_earlier_while_a_process_starts_on_its_processor() {
+        let pair = Arc::new(RedundantPair::new(Arc::new(fixture::control()), None));
+        let (gate, _, window) = gate(&pair);
+        pair.control(0).set_readiness(Readiness::Ready);
+        let usual = gate.lead_ns(&window.window);
+        pair.control(0).set_readiness(Readiness::Absent);
+        assert!(gate.lead_ns(&window.window) > 2 * usual);
+        pair.control(0).set_readiness(Readiness::Stopped);
+        assert_eq!(gate.lead_ns(&window.window), usual, "it has no process");
+    }
+
+    #[test]
     fn window_in_which_the_kernel_had_not_thawed_the_partition_is_lost_and_no_overrun() {
         let (pair, old, _) = pair();
         let (mut gate, mut records, window) = gate(&pair);
@@ -285,5 +297,126 @@ mod tests {
         assert_eq!(records[1].missed, Some(Missed::StillFrozen));
         assert!(records[1].is_lost() && !records[1].is_overrun());
         worker.end();
+    }
+}
+
+#[cfg(feature = "model")]
+#[cfg(test)]
+mod model {
+    use loom::thread;
+
+    use super::*;
+    use crate::sync::Ordering::{Relaxed, SeqCst};
+    use crate::sync::{AtomicBool, explore};
+    use crate::window_owner::WindowOwner;
+
+    /// A partition control: what the dispatchers and the monitor make of it.
+    struct Member {
+        owner: WindowOwner,
+        ready: AtomicBool,
+        /// Its process was told all that it needs. Nothing but the hand-over says that to the dispatchers.
+        admitted: AtomicBool,
+        stopped: AtomicBool,
+        /// Windows that are open.
+        open: AtomicU32,
+    }
+
+    impl Member {
+        fn new(runs: bool) -> Arc<Self> {
+            Arc::new(Self {
+                owner: WindowOwner::new(),
+                ready: AtomicBool::new(runs),
+                admitted: AtomicBool::new(runs),
+                stopped: AtomicBool::new(!runs),
+                open: AtomicU32::new(0),
+            })
+        }
+
+        fn disown(&self, core: u32) {
+            while self.owner.disown(core, || self.stopped.load(SeqCst)) {
+                self.stopped.store(true, SeqCst);
+            }
+        }
+    }
+
+    type Pair = RedundantPair<Member>;
+
+    fn pair() -> Arc<Pair> {
+        Arc::new(RedundantPair::new(Member::new(true), Some(Member::new(false))))
+    }
+
+    /// One window as the gate on the wall clock opens and closes it; which member had it.
+    fn window(pair: &Pair, core: u32) -> Option<usize> {
+        let early = pair.active_member();
+        let is_prepared = pair.control(early).ready.load(Acquire) && pair.control(early).owner.try_own(core);
+        let member = pair.active_member();
+        if is_prepared && member != early {
+            pair.control(early).disown(core);
+        }
+        let control = pair.control(member);
+        let has_it = control.ready.load(Acquire) && control.owner.try_own(core);
+        let is_granted = has_it && control.ready.load(Acquire);
+        if is_granted {
+            assert!(control.admitted.load(Relaxed), "a window of a process that was not admitted");
+            if !control.owner.is_held() {
+                control.stopped.store(false, SeqCst);
+            }
+            assert_eq!(control.open.fetch_add(1, SeqCst), 0, "two windows of one process at once");
+            control.open.fetch_sub(1, SeqCst);
+            if control.owner.is_held() {
+                control.stopped.store(true, SeqCst);
+            }
+        }
+        // Closed where it was opened, whoever is active by now.
+        control.disown(core);
+        is_granted.then_some(member)
+    }
+
+    /// The monitor, when the active process has died.
+    fn take_over(pair: &Pair, is_held: bool) {
+        let new = pair.control(1);
+        pair.control(0).ready.store(false, Release);
+        new.admitted.store(true, Relaxed);
+        pair.hand_over();
+        if !is_held {
+            return new.ready.store(true, Release);
+        }
+        if new.owner.hold() {
+            new.stopped.store(true, SeqCst);
+        }
+    }
+
+    /// What two cores do while the standby takes over; then what `after` says of the pair.
+    fn while_it_takes_over(is_held: bool, after: fn(&Pair)) {
+        explore(move || {
+            let pair = pair();
+            let cores = [0, 1].map(|core| {
+                let pair = pair.clone();
+                thread::spawn(move || {
+                    window(&pair, core);
+                })
+            });
+            take_over(&pair, is_held);
+            cores.into_iter().for_each(|core| core.join().unwrap());
+            after(&pair);
+            for control in pair.all() {
+                assert!(control.owner.try_own(7), "nobody has it for ever");
+            }
+        });
+    }
+
+    #[test]
+    fn model_redundant_pair_whatever_dispatchers_had_begun_the_next_window_is_that_of_the_standby() {
+        while_it_takes_over(false, |pair| {
+            assert_eq!(window(pair, 0), Some(1));
+        });
+    }
+
+    #[test]
+    fn model_redundant_pair_standby_of_a_held_partition_takes_over_and_has_no_window() {
+        while_it_takes_over(true, |pair| {
+            assert_eq!(window(pair, 0), None);
+            assert!(pair.control(1).stopped.load(SeqCst), "runs though an operator holds it");
+        });
     }
 }

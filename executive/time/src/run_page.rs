@@ -10,14 +10,18 @@ use std::sync::atomic::Ordering::SeqCst;
 use bateleur_contract::{Mapped, SharedMemory};
 use bateleur_system::time::now_ns;
 
-/// Threads that are watched, most: the monitor, and dispatchers.
-const MOST: usize = 51;
+/// Threads that are watched, most: the monitor, dispatchers, the freeze worker, and the one that writes the persistent log.
+const MOST: usize = 115;
+/// Places of those that are no dispatchers.
+const MONITOR: usize = 0;
+const FREEZE_WORKER: usize = MOST - 2;
+const HEALTH_LOG: usize = MOST - 1;
 /// Counts that an executive leaves to the next one.
 const COUNTS: usize = 6;
 
 /// The page. All zeros is one that nobody has written.
 #[derive(Debug)]
-#[repr(C, align(512))]
+#[repr(C, align(1024))]
 pub struct RunPage {
     /// CLOCK_MONOTONIC instant of module time 0, ns; 0: no frame has begun.
     origin_ns: AtomicU64,
@@ -35,7 +39,7 @@ pub struct RunPage {
     seen_ns: [AtomicU64; MOST],
 }
 
-const _: () = assert!(size_of::<RunPage>() == 512);
+const _: () = assert!(size_of::<RunPage>() == 1024);
 
 // SAFETY: every field is an atomic or an array of atomics, for which every bit pattern is a value.
 unsafe impl SharedMemory for RunPage {}
@@ -98,13 +102,25 @@ impl RunPage {
     /// For how long the monitor has not been seen, ns; `None` if it is not to be seen.
     #[must_use]
     pub fn monitor_silence_ns(&self, now_ns: u64) -> Option<u64> {
-        longest_silence_ns(&self.seen_ns[..1], now_ns)
+        longest_silence_ns(&self.seen_ns[MONITOR..=MONITOR], now_ns)
+    }
+
+    /// For how long the freeze worker has not been seen, ns; `None` if it is not to be seen.
+    #[must_use]
+    pub fn freeze_worker_silence_ns(&self, now_ns: u64) -> Option<u64> {
+        longest_silence_ns(&self.seen_ns[FREEZE_WORKER..=FREEZE_WORKER], now_ns)
+    }
+
+    /// For how long the thread that writes the persistent log has not been seen, ns; `None` if it is not to be seen, or waits for the disk.
+    #[must_use]
+    pub fn health_log_silence_ns(&self, now_ns: u64) -> Option<u64> {
+        longest_silence_ns(&self.seen_ns[HEALTH_LOG..=HEALTH_LOG], now_ns)
     }
 
     /// The longest time for which a dispatcher has not been seen, ns; `None` if none is to be seen.
     #[must_use]
     pub fn dispatcher_silence_ns(&self, now_ns: u64) -> Option<u64> {
-        longest_silence_ns(&self.seen_ns[1..], now_ns)
+        longest_silence_ns(&self.seen_ns[MONITOR + 1..FREEZE_WORKER], now_ns)
     }
 
     /// Another executive begins: nobody is to be seen yet.
@@ -127,13 +143,33 @@ impl Heartbeat {
     /// The monitor's. Nobody watches where there is no page.
     #[must_use]
     pub fn of_monitor(page: Option<&Arc<Mapped<RunPage>>>) -> Self {
-        Self(page.map(|page| (page.clone(), 0)))
+        Self(page.map(|page| (page.clone(), MONITOR)))
     }
 
     /// That of dispatcher number `dispatcher`. Nobody watches where there is no page, or no place for it.
     #[must_use]
     pub fn of_dispatcher(page: Option<&Arc<Mapped<RunPage>>>, dispatcher: usize) -> Self {
-        Self(page.filter(|_| dispatcher + 1 < MOST).map(|page| (page.clone(), dispatcher + 1)))
+        let place = MONITOR + 1 + dispatcher;
+        Self(page.filter(|_| place < FREEZE_WORKER).map(|page| (page.clone(), place)))
+    }
+
+    /// The freeze worker's. Nobody watches where there is no page.
+    #[must_use]
+    pub fn of_freeze_worker(page: Option<&Arc<Mapped<RunPage>>>) -> Self {
+        Self(page.map(|page| (page.clone(), FREEZE_WORKER)))
+    }
+
+    /// That of the thread which writes the persistent log. Nobody watches where there is no page.
+    #[must_use]
+    pub fn of_health_log(page: Option<&Arc<Mapped<RunPage>>>) -> Self {
+        Self(page.map(|page| (page.clone(), HEALTH_LOG)))
+    }
+
+    /// Somebody else takes its time now, such as a disk: it is not to be seen until its next sign of life.
+    pub fn rest(&self) {
+        if let Some((page, place)) = &self.0 {
+            page.seen_ns[*place].store(0, SeqCst);
+        }
     }
 
     /// It is alive.
@@ -151,9 +187,7 @@ impl Heartbeat {
 
 impl Drop for Heartbeat {
     fn drop(&mut self) {
-        if let Some((page, place)) = &self.0 {
-            page.seen_ns[*place].store(0, SeqCst);
-        }
+        self.rest();
     }
 }
 
@@ -172,7 +206,7 @@ mod tests {
     fn thread_is_missed_from_its_first_sign_of_life_until_it_has_ended() {
         let page = page();
         let monitor = Heartbeat::of_monitor(Some(&page));
-        let dispatchers = [0, MOST - 2].map(|number| Heartbeat::of_dispatcher(Some(&page), number));
+        let dispatchers = [0, FREEZE_WORKER - 2].map(|number| Heartbeat::of_dispatcher(Some(&page), number));
         assert_eq!(
             (page.monitor_silence_ns(9), page.dispatcher_silence_ns(9)),
             (None, None),
@@ -193,9 +227,32 @@ mod tests {
     }
 
     #[test]
+    fn each_thread_is_missed_by_itself_and_not_while_it_waits_for_a_disk() {
+        let page = page();
+        let silences = || {
+            [
+                page.monitor_silence_ns(100),
+                page.dispatcher_silence_ns(100),
+                page.freeze_worker_silence_ns(100),
+                page.health_log_silence_ns(100),
+            ]
+        };
+        let worker = Heartbeat::of_freeze_worker(Some(&page));
+        let log = Heartbeat::of_health_log(Some(&page));
+        worker.beat_at(40);
+        log.beat_at(70);
+        assert_eq!(silences(), [None, None, Some(60), Some(30)]);
+        log.rest();
+        assert_eq!(silences(), [None, None, Some(60), None]);
+        log.beat_at(90);
+        drop(worker);
+        assert_eq!(silences(), [None, None, None, Some(10)]);
+    }
+
+    #[test]
     fn thread_that_has_no_place_is_not_watched() {
         let page = page();
-        Heartbeat::of_dispatcher(Some(&page), MOST - 1).beat();
+        Heartbeat::of_dispatcher(Some(&page), FREEZE_WORKER - 1).beat();
         Heartbeat::of_monitor(None).beat();
         assert_eq!((page.dispatcher_silence_ns(u64::MAX), page.origin_ns()), (None, None));
     }

@@ -20,8 +20,9 @@ use bateleur_system::time::{now_ns, sleep_until_ns, spin_until_ns};
 /// quiet machine), so that the window itself starts on time; on a busy core it would be taken from a partition.
 const EARLY_NS: u64 = 50_000;
 
-/// As above, where the next partition is frozen: the freeze worker's wake-up on another processor, and a write of some 20 µs.
-const THAW_NS: u64 = 200_000;
+/// As above, where the next partition is frozen: the freeze worker's wake-up on another processor, and a write of some 20 µs. And where a
+/// process of the module starts: on a kernel that does not preempt itself its system calls hold the processor for as long.
+const LONG_LEAD_NS: u64 = 200_000;
 
 /// How often the dispatcher lets itself be woken within a window. A partition closes its window once; one that wakes its
 /// dispatcher more often is slept through.
@@ -186,7 +187,10 @@ impl Gate for WallGate {
             let guard = pair.active().guard();
             guard.holds() && !guard.settles_at_once()
         };
-        if pair.is_some_and(thaws) { THAW_NS } else { EARLY_NS }
+        let starts = |pair: &Option<Arc<RedundantPair>>| {
+            pair.as_deref().is_some_and(|pair| pair.active().readiness() == Readiness::Absent)
+        };
+        if pair.is_some_and(thaws) || self.pair.iter().any(starts) { LONG_LEAD_NS } else { EARLY_NS }
     }
 
     fn prepare(&mut self, window: &TimelineWindow) {

@@ -39,6 +39,8 @@ fn flown(number: u64) -> Flown {
         module_time_s: Some(205.0),
         wall_time_s: 5.0,
         folder: None,
+        engine: None,
+        compared: false,
     }
 }
 

@@ -173,15 +173,19 @@ fn memory(flight: i32) -> Option<(f64, Option<f64>)> {
         let line = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
         line.split(|byte| *byte == 0).nth(1).map(|verb| String::from_utf8_lossy(verb).into_owned())
     };
-    let children = probe::children(flight);
-    let (executive, _) = children.iter().find(|(_, name)| name == "bateleurd")?;
+    let below = |parent: i32, wanted: &str| -> Option<i32> {
+        probe::children(parent).into_iter().find_map(|(pid, name)| (name == wanted).then_some(pid))
+    };
+    // A plan may put a supervisor above the executive.
+    let supervisor = below(flight, "supervisor");
+    let executive = below(supervisor.unwrap_or(flight), "bateleurd")?;
     let resident = kib(&format!("/proc/{executive}/status"), "VmRSS:")? / 1024.0;
-    let helpers = probe::children(*executive);
     let is_helper = |pid: i32| matches!(verb(pid).as_deref(), Some("channel-holder" | "recorder" | "guard"));
+    let helpers = probe::children(executive).into_iter().filter(|(pid, _)| is_helper(*pid));
     let shares: Option<Vec<f64>> = helpers
-        .iter()
-        .filter(|(pid, _)| is_helper(*pid))
-        .map(|(pid, _)| kib(&format!("/proc/{pid}/smaps_rollup"), "Pss:"))
+        .map(|(pid, _)| pid)
+        .chain(supervisor)
+        .map(|pid| kib(&format!("/proc/{pid}/smaps_rollup"), "Pss:"))
         .collect();
     Some((resident, shares.map(|shares| shares.iter().sum::<f64>() / 1024.0)))
 }

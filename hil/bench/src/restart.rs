@@ -88,6 +88,18 @@ const KINDS: &[Kind] = &[
         reach_ms: 60.0,
     },
     Kind {
+        name: "cold restart, spare",
+        keys: "restart = { start = \"cold\", budget = 1000, within = \"1s\", then = \"idle\" }\n\
+               health = { killed = \"cold_restart\" }\nstandby = \"spare\"\n",
+        reach_ms: 25.0,
+    },
+    Kind {
+        name: "warm restart, spare",
+        keys: "restart = { start = \"warm\", budget = 1000, within = \"1s\", then = \"idle\" }\n\
+               health = { killed = \"warm_restart\" }\nretained = \"16KiB\"\nstandby = \"spare\"\n",
+        reach_ms: 25.0,
+    },
+    Kind {
         name: "hot standby",
         keys: "restart = { start = \"warm\", budget = 1000, within = \"1s\", then = \"idle\" }\n\
                health = { killed = \"warm_restart\" }\nretained = \"16KiB\"\nstandby = \"hot\"\n",

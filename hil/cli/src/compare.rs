@@ -6,7 +6,7 @@
 //! has, another message type, a file that is no log, a log that is damaged and in which nothing differs all the same.
 
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use bateleur_report::compare::{
@@ -32,6 +32,16 @@ pub struct Arguments {
     /// The other one.
     #[arg(value_name = "B")]
     b: PathBuf,
+    #[command(flatten)]
+    how: How,
+    /// Leave out what is after this module time, s.
+    #[arg(long, value_name = "SECONDS", value_parser = module_time, allow_negative_numbers = true)]
+    until: Option<f64>,
+}
+
+/// What is compared, how exactly, and how that is printed.
+#[derive(Debug, clap::Args)]
+pub(crate) struct How {
     /// Compare only this partition, port, field or element (may be repeated): estimator, estimator.state,
     /// estimator.state.euler_rad, estimator.state.euler_rad[2].
     #[arg(long, value_name = "WHERE", value_parser = place)]
@@ -49,27 +59,31 @@ pub struct Arguments {
     /// Leave out what is before this module time, s.
     #[arg(long, value_name = "SECONDS", value_parser = module_time, allow_negative_numbers = true)]
     from: Option<f64>,
-    /// Leave out what is after this module time, s.
-    #[arg(long, value_name = "SECONDS", value_parser = module_time, allow_negative_numbers = true)]
-    until: Option<f64>,
     /// What to print.
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
-    let ns = |seconds: f64| (seconds * 1e9).round() as u64;
+    compare_and_print((&file(&arguments.a), &file(&arguments.b)), &arguments.how, arguments.until.map(ns))
+}
+
+fn ns(seconds: f64) -> u64 {
+    (seconds * 1e9).round() as u64
+}
+
+/// Compares two logs, to an instant of module time, and prints what came out.
+pub(crate) fn compare_and_print((a, b): (&Path, &Path), how: &How, until_ns: Option<u64>) -> Result<Code> {
     let options = Options {
-        from_ns: arguments.from.map(ns),
-        until_ns: arguments.until.map(ns),
-        only: arguments.only.clone(),
-        ignored: arguments.ignore.clone(),
-        tolerances: arguments.tolerance.clone(),
-        time_tolerance_ns: ns(arguments.time_tolerance),
+        from_ns: how.from.map(ns),
+        until_ns,
+        only: how.only.clone(),
+        ignored: how.ignore.clone(),
+        tolerances: how.tolerance.clone(),
+        time_tolerance_ns: ns(how.time_tolerance),
     };
-    let comparison =
-        compare(&file(&arguments.a), &file(&arguments.b), &options).context("the two can not be compared")?;
-    let text = match arguments.format {
+    let comparison = compare(a, b, &options).context("the two can not be compared")?;
+    let text = match how.format {
         Format::Json => serde_json::to_string_pretty(&comparison)? + "\n",
         Format::Text => text(&comparison),
     };

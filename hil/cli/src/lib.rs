@@ -15,6 +15,7 @@ mod export;
 mod fly;
 mod ground;
 mod line;
+mod play;
 mod replay;
 
 use anyhow::Result;
@@ -34,18 +35,9 @@ pub enum Verb {
     Export(export::Arguments),
     Fly(Box<fly::Arguments>),
     Ground(ground::Arguments),
+    Play(play::Arguments),
     Replay(replay::Arguments),
     View(bateleur_view::Arguments),
-    /// Becomes `bateleur` with other arguments, in a network namespace of its own; a flight starts it, never a person.
-    #[command(hide = true)]
-    Within {
-        /// An interface: NAME=OWN,OTHER,…, the addresses on its network.
-        #[arg(long)]
-        interface: Vec<String>,
-        /// What `bateleur` is told there.
-        #[arg(last = true)]
-        arguments: Vec<String>,
-    },
 }
 
 impl Verb {
@@ -61,11 +53,9 @@ impl Verb {
             Self::Export(arguments) => export::run(&arguments),
             Self::Fly(arguments) => fly::run(&arguments),
             Self::Ground(arguments) => ground::run(&arguments),
+            Self::Play(arguments) => play::run(&arguments),
             Self::Replay(arguments) => replay::run(&arguments),
             Self::View(arguments) => bateleur_view::run(&arguments),
-            Self::Within { interface, arguments } => {
-                fly::hosts::namespace::within(&interface, &arguments).map(|()| FINE)
-            }
         }
     }
 }

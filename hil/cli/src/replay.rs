@@ -117,7 +117,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
 }
 
 /// What the flight was asked for, and a sentence for each file that is another since; nothing where its folder does not say.
-fn as_flown(log: &Path) -> Option<(fly::Arguments, Vec<String>)> {
+pub(crate) fn as_flown(log: &Path) -> Option<(fly::Arguments, Vec<String>)> {
     let folder = log.parent()?;
     let text = std::fs::read(folder.join(FILE)).ok()?;
     let run: Run = serde_json::from_slice(&text).ok()?;

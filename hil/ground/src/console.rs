@@ -4,7 +4,7 @@ use crate::board::Board;
 use crate::retry_queue::function_name;
 use bateleur_messages::SimulatorLink;
 use bateleur_messages::ground::{
-    EstimatorOrder, LoopId, Manoeuvre, Order, SENSOR_ACCELEROMETER, SENSOR_GYROSCOPE, SENSOR_PRESSURE,
+    EstimatorOrder, LoopId, Manoeuvre, Order, SENSOR_ACCELEROMETER, SENSOR_GYROSCOPE, SENSOR_PRESSURE, Step,
     Waypoint,
 };
 use bateleur_messages::hil::Protocol;
@@ -192,6 +192,7 @@ impl Console {
             altitude_m: number("altitude", altitude)?,
             heading_rad: heading.to_radians(),
             airspeed_mps: number("airspeed", airspeed)?,
+            step: Step::Pass,
         };
         self.insert(whole_number("index", index)?, point)?;
         Ok(self.waypoints.iter().copied().map(Order::Waypoint).collect())

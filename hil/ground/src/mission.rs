@@ -369,6 +369,9 @@ impl Mission {
         };
         let (reached, all) = (navigation.waypoints_reached, self.plan.waypoints_to_reach());
         let finished = navigation.flags & NAVIGATION_FINISHED != 0;
+        if !self.plan.is_circuit() {
+            return finished; // circles end it later than their places are reached
+        }
         if finished && reached < all && self.sets_laps {
             let laps = self.plan.laps;
             self.fail(format!(
@@ -605,6 +608,9 @@ fn order_name(order: &Order) -> String {
         Order::InitialiseSensors { .. } => "sensor initialisation".to_owned(),
         Order::Estimator(_) => "estimator order".to_owned(),
         Order::Manoeuvre { what, .. } => what.name().to_owned(),
+        Order::Fence(_) => "fence".to_owned(),
+        Order::Rally(_) => "rally point".to_owned(),
+        Order::GoOnWith { index } => format!("way-point {index} next"),
         Order::ReadParameter { .. } | Order::SetParameter(_) => "parameter".to_owned(),
     }
 }

@@ -1,6 +1,6 @@
 //! What a mission is: way-points, laps, limits.
 
-use bateleur_messages::ground::Waypoint;
+use bateleur_messages::ground::{Step, Waypoint};
 use serde::Deserialize;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
@@ -67,7 +67,7 @@ pub enum PlanError {
         /// The other.
         second: usize,
         /// Both.
-        points: [Waypoint; 2],
+        points: Box<[Waypoint; 2]>,
     },
     /// The text is no mission.
     #[error("line {line}, column {column}: {message}")]
@@ -82,6 +82,24 @@ pub enum PlanError {
     /// The list of way-points is empty or too long.
     #[error("the mission has {0} way-points; it must have 1 to {MOST_WAYPOINTS}")]
     Waypoints(usize),
+    /// A jump to a way-point that is not there, or back to itself.
+    #[error("way-point {of} jumps to way-point {to}, and there is none: give 0 to {last}")]
+    Jump {
+        /// Which one.
+        of: usize,
+        /// Where to.
+        to: usize,
+        /// The last there is.
+        last: usize,
+    },
+    /// More is flown than a mission of this program holds.
+    #[error("the mission's jumps make more than {MOST_PASSED} way-points to fly to")]
+    Long,
+    /// A circle says nothing, or too much, of when it is left.
+    #[error(
+        "way-point {0} circles for `turns`, or for `seconds`, or until (`until = \"altitude\"`, `\"order\"`): give one of them"
+    )]
+    Circle(usize),
     /// A value is outside its range.
     #[error("the mission's {what} is {}, but it must be {demand}", short(*value))]
     Value {
@@ -131,6 +149,39 @@ struct RawWaypoint {
     heading_deg: f64,
     #[serde(default = "airspeed_mps")]
     airspeed_mps: f64,
+    circle: Option<RawCircle>,
+    jump: Option<RawJump>,
+}
+
+/// Circles about a way-point.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawCircle {
+    turns: Option<f64>,
+    seconds: Option<f64>,
+    until: Option<Until>,
+    #[serde(default)]
+    radius_m: f64,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Until {
+    Altitude,
+    Order,
+}
+
+/// What comes after a way-point.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawJump {
+    to: usize,
+    #[serde(default = "once")]
+    times: u16,
+}
+
+fn once() -> u16 {
+    1
 }
 
 fn laps() -> i64 {
@@ -165,6 +216,7 @@ impl MissionPlan {
             altitude_m: 160.0,
             heading_rad: heading.to_radians(),
             airspeed_mps: airspeed_mps(),
+            step: Step::Pass,
         };
         Self {
             waypoints: corners.into_iter().enumerate().map(waypoint).collect(),
@@ -197,7 +249,7 @@ impl MissionPlan {
             return Err(PlanError::QGroundControl);
         }
         let raw: RawPlan = toml::from_str(text).map_err(|error| syntax(text, &error))?;
-        let count = raw.waypoint.len();
+        let count = raw.waypoint.iter().map(RawWaypoint::entries).sum();
         if !(1..=MOST_WAYPOINTS).contains(&count) {
             return Err(PlanError::Waypoints(count));
         }
@@ -205,13 +257,11 @@ impl MissionPlan {
         within("engage_altitude_m", raw.engage_altitude_m, 5.0..=2000.0, "5 to 2000 m")?;
         within("loiter_s", raw.loiter_s, 0.0..=3600.0, "0 to 3600 s")?;
         within("time_limit_s", raw.time_limit_s, 1.0..=1e6, "1 to 1000000 s")?;
-        let waypoints = raw
-            .waypoint
-            .iter()
-            .enumerate()
-            .map(|(index, raw)| raw.check(index, count))
-            .collect::<Result<Vec<_>, _>>()?;
+        let waypoints = entries(&raw.waypoint)?;
         apart(&waypoints)?;
+        if passed(&waypoints).len() > MOST_PASSED {
+            return Err(PlanError::Long);
+        }
         Ok(Self {
             waypoints,
             laps: raw.laps as u32, // 1 to 1000
@@ -223,13 +273,103 @@ impl MissionPlan {
         })
     }
 
-    /// Way-points to reach until the laps are flown: all of them in each lap, and the return to the first.
+    /// Way-points to reach until the laps are flown: all of them in each lap, and the return to the first; or all that a mission with
+    /// circles and jumps comes to.
     pub fn waypoints_to_reach(&self) -> u32 {
-        self.laps * self.waypoints.len() as u32 + 1
+        if self.is_circuit() {
+            return self.laps * self.waypoints.len() as u32 + 1;
+        }
+        passed(&self.waypoints).len() as u32 // MOST_PASSED at most
+    }
+
+    /// Whether all way-points are passed, and flown round for the laps.
+    pub fn is_circuit(&self) -> bool {
+        self.waypoints.iter().all(|waypoint| waypoint.step == Step::Pass)
+    }
+
+    /// The entries of a mission that is no circuit in the order in which they are flown to; empty for a circuit.
+    pub fn sequence(&self) -> Vec<usize> {
+        if self.is_circuit() { Vec::new() } else { passed(&self.waypoints) }
     }
 }
 
+/// Way-points that a mission with jumps can come to, most.
+const MOST_PASSED: usize = 1_000;
+
+/// The entries that are flown to, in their order; one more than [`MOST_PASSED`] where there are more.
+fn passed(waypoints: &[Waypoint]) -> Vec<usize> {
+    let (mut order, mut jumps, mut index) = (Vec::new(), vec![0; waypoints.len()], 0);
+    while let Some(waypoint) = waypoints.get(index).filter(|_| order.len() <= MOST_PASSED) {
+        match waypoint.step {
+            Step::Jump { to, times } if jumps[index] < times => {
+                jumps[index] += 1;
+                index = usize::from(to);
+                continue;
+            }
+            Step::Jump { .. } => jumps[index] = 0,
+            Step::Unlimited { .. } => {
+                order.push(index);
+                break;
+            }
+            _ => order.push(index),
+        }
+        index += 1;
+    }
+    order
+}
+
+/// The Controller's list: each way-point, and the jumps behind those that have one.
+fn entries(raw: &[RawWaypoint]) -> Result<Vec<Waypoint>, PlanError> {
+    let count = raw.iter().map(RawWaypoint::entries).sum();
+    let entry_of = |place: usize| raw[..place].iter().map(RawWaypoint::entries).sum::<usize>();
+    let mut waypoints = Vec::with_capacity(count);
+    for (place, raw_waypoint) in raw.iter().enumerate() {
+        let waypoint = raw_waypoint.check(place, count)?;
+        waypoints.push(Waypoint { index: waypoints.len() as u8, ..waypoint }); // below MOST_WAYPOINTS
+        if let Some(RawJump { to, times }) = raw_waypoint.jump {
+            within(&format!("way-point {place} jump.times"), f64::from(times), 1.0..=1000.0, "1 to 1000")?;
+            if to >= raw.len() {
+                return Err(PlanError::Jump { of: place, to, last: raw.len() - 1 });
+            }
+            let step = Step::Jump { to: entry_of(to) as u8, times }; // as above
+            waypoints.push(Waypoint { index: waypoints.len() as u8, step, ..waypoint });
+        }
+    }
+    Ok(waypoints)
+}
+
 impl RawWaypoint {
+    /// Places that it takes in the Controller's list.
+    fn entries(&self) -> usize {
+        1 + usize::from(self.jump.is_some())
+    }
+
+    fn step(&self, index: usize) -> Result<Step, PlanError> {
+        let Some(RawCircle { turns, seconds, until, radius_m }) = self.circle else { return Ok(Step::Pass) };
+        let name = |key: &str| format!("way-point {index} circle.{key}");
+        if radius_m != 0.0 {
+            within(
+                &name("radius_m"),
+                radius_m.abs(),
+                Step::NARROWEST_M..=Step::WIDEST_M,
+                "10 to 10000 m, negative to turn left",
+            )?;
+        }
+        match (turns, seconds, until) {
+            (Some(turns), None, None) => {
+                within(&name("turns"), turns, 0.0..=Step::MOST_TURNS, "0 to 1000")?;
+                Ok(Step::Turns { turns, radius_m })
+            }
+            (None, Some(seconds), None) => {
+                within(&name("seconds"), seconds, 0.0..=Step::LONGEST_S, "0 to 86400 s")?;
+                Ok(Step::Time { seconds, radius_m })
+            }
+            (None, None, Some(Until::Altitude)) => Ok(Step::Altitude { radius_m }),
+            (None, None, Some(Until::Order)) => Ok(Step::Unlimited { radius_m }),
+            _ => Err(PlanError::Circle(index)),
+        }
+    }
+
     fn check(&self, index: usize, count: usize) -> Result<Waypoint, PlanError> {
         let name = |key: &str| format!("way-point {index} {key}");
         let near = -Waypoint::FARTHEST_M..=Waypoint::FARTHEST_M;
@@ -246,20 +386,24 @@ impl RawWaypoint {
             altitude_m: self.altitude_m,
             heading_rad: self.heading_deg.to_radians(),
             airspeed_mps: self.airspeed_mps,
+            step: self.step(index)?,
         })
     }
 }
 
-/// Whether no two way-points in a row, the last and the first among them, are at the same place. One alone has no
-/// neighbour.
+/// Whether no two way-points that are passed in a row are at the same place; in a circuit the last and the first are, too. One alone has
+/// no neighbour.
 fn apart(waypoints: &[Waypoint]) -> Result<(), PlanError> {
     let count = waypoints.len();
-    let pairs =
-        (0..count).map(|first| (first, (first + 1) % count)).filter(|(first, second)| first != second);
+    let closed = waypoints.iter().all(|waypoint| waypoint.step == Step::Pass);
+    let pairs = (0..if closed { count } else { count.saturating_sub(1) })
+        .map(|first| (first, (first + 1) % count))
+        .filter(|(first, second)| first != second);
     for (first, second) in pairs {
         let points = [waypoints[first], waypoints[second]];
-        if points[0].distance_m(&points[1]) < Waypoint::NEAREST_M {
-            return Err(PlanError::Near { first, second, points });
+        let passed = points.iter().all(|point| point.step == Step::Pass);
+        if passed && points[0].distance_m(&points[1]) < Waypoint::NEAREST_M {
+            return Err(PlanError::Near { first, second, points: Box::new(points) });
         }
     }
     Ok(())
@@ -398,6 +542,64 @@ mod tests {
         assert!(through(&[(0.0, 0.0), (500.0, 0.0), (0.0, 5.0)]).is_ok());
         // The same place once more, but not in a row: a figure of eight.
         assert!(through(&[(0.0, 0.0), (500.0, 0.0), (0.0, 0.0), (0.0, 500.0)]).is_ok());
+    }
+
+    #[test]
+    fn circles_and_jumps_become_entries_and_the_order_in_which_they_are_flown() {
+        let text = "
+            [[waypoint]]
+            north_m = 500
+            east_m = 0
+            altitude_m = 160
+            jump = { to = 0, times = 1 }
+            [[waypoint]]
+            north_m = 500
+            east_m = 500
+            altitude_m = 160
+            circle = { turns = 1.5, radius_m = -120 }
+            [[waypoint]]
+            north_m = 0
+            east_m = 500
+            altitude_m = 100
+            circle = { until = \"altitude\" }
+            jump = { to = 1, times = 2 }";
+        let plan = MissionPlan::from_toml(text).unwrap();
+        let steps: Vec<_> = plan.waypoints.iter().map(|waypoint| waypoint.step).collect();
+        let expected = [
+            Step::Pass,
+            Step::Jump { to: 0, times: 1 },
+            Step::Turns { turns: 1.5, radius_m: -120.0 },
+            Step::Altitude { radius_m: 0.0 },
+            Step::Jump { to: 2, times: 2 },
+        ];
+        assert_eq!(steps, expected);
+        assert!(
+            plan.waypoints.iter().zip(0..).all(|(point, index)| (point.index, point.count) == (index, 5))
+        );
+        assert_eq!(plan.sequence(), [0, 0, 2, 3, 2, 3, 2, 3]);
+        assert_eq!(plan.waypoints_to_reach(), 8);
+    }
+
+    #[test]
+    fn circles_and_jumps_that_make_no_sense_are_refused() {
+        let with = |more: &str| {
+            let text = format!("[[waypoint]]\nnorth_m = 1\neast_m = 2\naltitude_m = 3\n{more}");
+            MissionPlan::from_toml(&text).unwrap_err().to_string()
+        };
+        let cases = [
+            ("circle = {}", "give one of them"),
+            ("circle = { turns = 1, seconds = 3 }", "give one of them"),
+            ("circle = { turns = 1, radius_m = 3 }", "10 to 10000 m"),
+            ("circle = { seconds = -1 }", "0 to 86400 s"),
+            ("circle = { turn = 1 }", "did you mean `turns`?"),
+            ("jump = { to = 1 }", "jumps to way-point 1, and there is none: give 0 to 0"),
+            ("jump = { to = 0, times = 0 }", "1 to 1000"),
+            ("jump = { to = 0, times = 1000 }", "more than 1000 way-points"),
+        ];
+        for (more, expected) in cases {
+            let message = with(more);
+            assert!(message.contains(expected), "{more}: {message}");
+        }
     }
 
     #[test]

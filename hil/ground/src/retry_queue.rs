@@ -153,9 +153,13 @@ fn answers_wanted(order: &Order) -> u8 {
     match order {
         Order::Hil { .. } => bit(FROM_HIL_INTERFACE),
         Order::Autopilot { .. } => bit(FROM_CONTROLLER) | bit(FROM_SERVO),
-        Order::Navigation { .. } | Order::Waypoint(_) | Order::Loop { .. } | Order::Manoeuvre { .. } => {
-            bit(FROM_CONTROLLER)
-        }
+        Order::Navigation { .. }
+        | Order::Waypoint(_)
+        | Order::Fence(_)
+        | Order::Rally(_)
+        | Order::GoOnWith { .. }
+        | Order::Loop { .. }
+        | Order::Manoeuvre { .. } => bit(FROM_CONTROLLER),
         Order::InitialiseSensors { .. } => bit(FROM_IMU),
         Order::Estimator(_) => bit(FROM_ESTIMATOR),
         Order::ReadParameter { .. } => 0, // answered by the parameter itself

@@ -74,7 +74,7 @@ impl WaypointDesk {
 mod tests {
     use super::*;
     use bateleur_messages::frame::Decoder;
-    use bateleur_messages::ground::Waypoint;
+    use bateleur_messages::ground::{Step, Waypoint};
     use bateleur_messages::telemetry::{FROM_COMMAND, NOT_UNDERSTOOD, REFUSED};
     use std::collections::BTreeSet;
     use std::io::Read;
@@ -91,6 +91,7 @@ mod tests {
             altitude_m: 160.0,
             heading_rad: 0.0,
             airspeed_mps: 22.0,
+            step: Step::Pass,
         };
         (0..count).map(|index| Order::Waypoint(point(index))).collect()
     }

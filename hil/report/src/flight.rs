@@ -11,6 +11,7 @@ use bateleur_flight::guidance::{GuidanceConfig, Waypoint, seed_waypoints};
 use bateleur_messages::{
     Acceleration, ActuatorCommand, GpsPosition, GpsVelocity, Magnetization, Message, Pressure, Rates, State,
 };
+use bateleur_recording::processes::{self, Span};
 use bateleur_recording::{self as log, PORTS_FILE};
 use bateleur_simulator::truth::{self, TruthRecord};
 use std::collections::BTreeMap;
@@ -20,6 +21,8 @@ use std::path::{Path, PathBuf};
 pub const TRUTH_FILE: &str = "truth.bin";
 /// Notes about one kind of file; more would only repeat themselves.
 const MOST_NOTES: usize = 20;
+/// Spans of processes that are drawn, most.
+const MOST_SPANS: usize = 20_000;
 
 /// What the flight was to do: a score needs it beside the logs.
 #[derive(Debug, Clone)]
@@ -28,6 +31,8 @@ pub struct Inputs {
     pub waypoints: Vec<Waypoint>,
     /// Laps asked for.
     pub laps: u32,
+    /// The entries of a mission with circles and jumps in the order in which they are flown to; empty: a circuit, flown round for the laps.
+    pub sequence: Vec<usize>,
     /// How corners were flown: fillets or not, and their radius.
     pub guidance: GuidanceConfig,
     /// Whether the barometer carried the estimated height (it does unless the Estimator's attribute says otherwise).
@@ -42,9 +47,20 @@ impl Default for Inputs {
         Self {
             waypoints: seed_waypoints().to_vec(),
             laps: 2,
+            sequence: Vec::new(),
             guidance: GuidanceConfig::default(),
             pressure_aiding: true,
             chains: Vec::new(),
+        }
+    }
+}
+
+impl Inputs {
+    /// The way-point that comes at this place of the flight; `None` behind the last.
+    pub(crate) fn expected(&self, place: usize) -> Option<usize> {
+        match &self.sequence[..] {
+            [] => Some(place % self.waypoints.len().max(1)),
+            sequence => sequence.get(place).copied(),
         }
     }
 }
@@ -77,6 +93,8 @@ pub struct Flight {
     pub run: Option<Run>,
     /// The health log.
     pub health: Vec<HealthEntry>,
+    /// Crash reports, by their files in the flight's folder.
+    pub crashes: Vec<String>,
     /// What the simulator was set to.
     pub conditions: Option<Conditions>,
     /// What was really the case.
@@ -105,6 +123,8 @@ pub struct Flight {
     pub chains: Vec<ChainAge>,
     /// The windows of one major frame from the middle of the flight.
     pub frame: Vec<Window>,
+    /// Who ran in its windows, of partitions of several processes.
+    pub processes: Vec<Span>,
     /// Which partitions were there, from the first window to the last.
     pub presence: Presence,
     /// What was missing or damaged.
@@ -126,8 +146,10 @@ impl Flight {
             let recording = scope.spawn(|| read_ports(&ports));
             flight.load_run(&dir.join(run::FILE));
             flight.load_health(&dir.join(health::FILE));
+            flight.crashes = crashes(dir);
             flight.load_truth(&dir.join(TRUTH_FILE));
             flight.load_windows(&dir.join(windows::FILE));
+            flight.load_processes(&dir.join(processes::FILE));
             match recording.join() {
                 Ok(recording) => flight.take_ports(&ports, recording),
                 Err(panic) => std::panic::resume_unwind(panic),
@@ -233,6 +255,24 @@ impl Flight {
         (self.timing, self.frame) = (timing, frame);
     }
 
+    /// Those of the major frame that is drawn.
+    fn load_processes(&mut self, path: &Path) {
+        let starts = self.frame.iter().map(|window| window.planned_start_ns);
+        let ends = self.frame.iter().map(|window| window.planned_end_ns);
+        let Some((from_ns, to_ns)) = starts.min().zip(ends.max()) else { return };
+        let mut spans = Vec::new();
+        let read = processes::for_each(path, |span| {
+            if span.to_ns > from_ns && span.from_ns < to_ns && spans.len() < MOST_SPANS {
+                spans.push(span);
+            }
+        });
+        match read {
+            Ok(broken) => self.note_broken_lines(path, broken),
+            Err(error) => self.notes.push(format!("{} cannot be read: {error}", short(path))),
+        }
+        self.processes = spans;
+    }
+
     fn note_broken_lines(&mut self, path: &Path, broken: usize) {
         if broken > 0 {
             self.notes.push(format!("{}: {broken} lines are damaged and left out", short(path)));
@@ -274,4 +314,14 @@ fn short(path: &Path) -> String {
 /// Nanoseconds of module time in seconds.
 pub(crate) fn seconds(ns: u64) -> f64 {
     ns as f64 / 1e9
+}
+
+/// The crash reports in a flight's folder; there is no such folder where no partition ended by a fault.
+fn crashes(dir: &Path) -> Vec<String> {
+    let files = std::fs::read_dir(dir.join("crashes")).into_iter().flatten().flatten();
+    let names = files.filter_map(|file| file.file_name().into_string().ok());
+    let mut reports: Vec<String> =
+        names.filter(|name| name.ends_with(".json")).map(|name| format!("crashes/{name}")).collect();
+    reports.sort_unstable();
+    reports
 }

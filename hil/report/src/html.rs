@@ -44,6 +44,7 @@ pub fn page(flight: &Flight, analysis: &Analysis, summary: &Summary) -> String {
     windows(&mut out, flight, summary);
     guarantees(&mut out, summary);
     faults(&mut out, summary);
+    crashes(&mut out, &flight.crashes);
     foot(&mut out, summary);
     out.push_str("</body></html>\n");
     out
@@ -190,7 +191,10 @@ fn table(out: &mut String, table: &Table) {
 
 fn windows(out: &mut String, flight: &Flight, summary: &Summary) {
     let clock = summary.clock.unwrap_or_default();
-    let pictures = [Timeline::major(&flight.frame, clock), Timeline::minor(&flight.frame, clock)];
+    let pictures = [
+        Timeline::major(&flight.frame, &flight.processes, clock),
+        Timeline::minor(&flight.frame, &flight.processes, clock),
+    ];
     if pictures.iter().all(Option::is_none) {
         return;
     }
@@ -237,6 +241,19 @@ fn faults(out: &mut String, summary: &Summary) {
             summary.ignored_errors.iter().map(|(error, count)| format!("{error}: {count}")).collect();
         let _ = write!(out, r#"<p class="sub">written down only: {}</p>"#, escape(&counts.join(", ")));
     }
+}
+
+fn crashes(out: &mut String, reports: &[String]) {
+    if reports.is_empty() {
+        return;
+    }
+    let links = reports.iter().map(|path| format!(r#"<a href="{0}">{0}</a>"#, escape(path)));
+    let links: Vec<String> = links.collect();
+    let _ = write!(
+        out,
+        r#"<p class="sub">crash reports, which <code>bateleur crash</code> shows: {}</p>"#,
+        links.join(", ")
+    );
 }
 
 fn fault(out: &mut String, fault: &Fault) {

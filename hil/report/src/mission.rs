@@ -2,7 +2,7 @@
 
 use crate::believed::Believed;
 use crate::planned::Planned;
-use bateleur_flight::guidance::Waypoint;
+use bateleur_flight::guidance::{Step, Waypoint};
 use bateleur_messages::ActuatorCommand;
 use bateleur_simulator::truth::TruthRecord;
 use std::f64::consts::PI;
@@ -14,6 +14,8 @@ const SEARCH_NS: u64 = 2_000_000_000;
 /// A passage is fair if it comes as near as the planned fillet does, plus this, m: wider than any tracking error that
 /// still counts as flying the path.
 const FAIR_MARGIN_M: f64 = 25.0;
+/// The same for a circle: its radius grows with the wind.
+const CIRCLE_MARGIN_M: f64 = 80.0;
 /// A passage that is further from the way-point's altitude, m, is told: several times what a level leg leaves.
 const FAIR_HEIGHT_M: f64 = 25.0;
 
@@ -110,6 +112,17 @@ pub fn height_notes(passages: &[Passage]) -> Vec<String> {
 /// leg at most. The radius is what the laws choose for the airspeed: an aircraft of 50 m/s needs 330 m.
 fn fair_distance_m(waypoints: &[Waypoint], index: usize, radius_m: f64) -> f64 {
     let count = waypoints.len();
+    match waypoints[index].step {
+        Step::Pass => {}
+        // A circle is as near as its radius, which the aircraft may have chosen itself.
+        Step::Turns(_, circle_m)
+        | Step::Time(_, circle_m)
+        | Step::Altitude(circle_m)
+        | Step::Unlimited(circle_m) => {
+            return circle_m.abs().max(radius_m) + CIRCLE_MARGIN_M;
+        }
+        _ => return f64::INFINITY,
+    }
     let at = |i: usize| waypoints[i % count].horizontal();
     let (inbound, outbound) = (at(index) - at(index + count - 1), at(index + 1) - at(index));
     let turn = inbound.angle(&outbound);
@@ -118,16 +131,20 @@ fn fair_distance_m(waypoints: &[Waypoint], index: usize, radius_m: f64) -> f64 {
     (radius_m * cut).min(room) + FAIR_MARGIN_M
 }
 
-/// The longest stretch of way-points in the right order from the first one on, without one missing; among equals the
-/// earliest. `fair` says which passages count at all. A Controller that lost its memory in flight begins its laps anew:
+/// The longest stretch of way-points in the right order (`expected`, by their place in the flight) from the first one on, without one
+/// missing; among equals the earliest. `fair` says which passages count at all. A Controller that lost its memory in flight begins its laps anew:
 /// what it flew before then does not count towards them, and does not spoil them.
-pub fn in_order(passages: &[Passage], count: usize, fair: impl Fn(&Passage) -> bool) -> Range<usize> {
+pub fn in_order(
+    passages: &[Passage],
+    expected: impl Fn(usize) -> Option<usize>,
+    fair: impl Fn(&Passage) -> bool,
+) -> Range<usize> {
     let run = |start: usize| {
         let right =
-            |(place, passage): &(usize, &Passage)| fair(passage) && passage.index == place % count.max(1);
+            |(place, passage): &(usize, &Passage)| fair(passage) && Some(passage.index) == expected(*place);
         start..start + passages[start..].iter().enumerate().take_while(right).count()
     };
-    let starts = (0..passages.len()).rev().filter(|start| passages[*start].index == 0);
+    let starts = (0..passages.len()).rev().filter(|start| Some(passages[*start].index) == expected(0));
     starts.map(run).max_by_key(ExactSizeIterator::len).unwrap_or(0..0)
 }
 
@@ -135,6 +152,11 @@ pub fn in_order(passages: &[Passage], count: usize, fair: impl Fn(&Passage) -> b
 mod tests {
     use super::*;
     use bateleur_flight::guidance::seed_waypoints;
+
+    /// Four way-points, round and round.
+    fn round(place: usize) -> Option<usize> {
+        Some(place % 4)
+    }
 
     fn command(time_ns: u64, next: u32, reached: u32) -> (u64, ActuatorCommand) {
         (time_ns, ActuatorCommand { next_waypoint: next, waypoints_reached: reached, ..Default::default() })
@@ -175,7 +197,7 @@ mod tests {
         let (near, far, blind) = (checked(&truth(480.0)), checked(&truth(300.0)), checked(&[]));
         assert_eq!((far.len(), far[0].verified, far[0].distance_m), (1, false, Some(200.0)));
         assert!(near[0].verified);
-        let verified = |passages: &[Passage]| in_order(passages, 4, |passage| passage.verified).len();
+        let verified = |passages: &[Passage]| in_order(passages, round, |passage| passage.verified).len();
         assert_eq!((verified(&near), verified(&far)), (1, 0));
         assert_eq!((blind[0].verified, blind[0].distance_m), (false, None));
     }
@@ -201,6 +223,8 @@ mod tests {
     fn laps_begun_anew_count_from_their_own_first_way_point() {
         let passage = |index| Passage { index, time_ns: 0, distance_m: None, above_m: None, verified: true };
         let passages: Vec<_> = [0, 1, 2, 0, 1, 2, 3, 0, 1].map(passage).into();
-        assert_eq!(in_order(&passages, 4, |_| true), 3..9);
+        assert_eq!(in_order(&passages, round, |_| true), 3..9);
+        let listed = |place: usize| [1, 2, 0, 1].get(place).copied();
+        assert_eq!(in_order(&passages, listed, |_| true), 1..5);
     }
 }

@@ -113,11 +113,14 @@ pub struct Stretch {
 }
 
 impl Stretch {
-    /// The stretch of a flight; `None` if WP0 was never passed.
-    pub fn of(passages: &[Passage], waypoints: usize, laps: u32) -> Option<Self> {
-        let run = mission::in_order(passages, waypoints, |_| true);
+    /// The stretch of a flight: its laps. `None` if WP0 was never passed, or it was no circuit.
+    pub fn of(passages: &[Passage], inputs: &Inputs) -> Option<Self> {
+        if !inputs.sequence.is_empty() {
+            return None;
+        }
+        let run = mission::in_order(passages, |place| inputs.expected(place), |_| true);
         let first = passages.get(run.start).map(|_| run.start)?;
-        let last = passages.get(first + waypoints * laps as usize);
+        let last = passages.get(first + inputs.waypoints.len() * inputs.laps as usize);
         Some(Self {
             from_ns: passages[first].time_ns,
             to_ns: last.map_or(u64::MAX, |passage| passage.time_ns),
@@ -134,8 +137,8 @@ impl Stretch {
 
 /// Scores a flight's tracking.
 pub fn scores(flight: &Flight, passages: &[Passage], planned: &Planned, believed: &Believed) -> Scores {
-    let Inputs { waypoints, laps, guidance, .. } = &flight.inputs;
-    let Some(stretch) = Stretch::of(passages, waypoints.len(), *laps) else { return Scores::default() };
+    let Inputs { waypoints, guidance, .. } = &flight.inputs;
+    let Some(stretch) = Stretch::of(passages, &flight.inputs) else { return Scores::default() };
     let truth = stretch.of_truth(&flight.truth);
     let Some(last) = truth.last() else { return Scores::default() };
     let mut scores = path_scores(truth, planned, believed);
@@ -218,8 +221,8 @@ fn hold_scores(
 /// The first time after the capture at which the aircraft is further than [`LEFT_M`] off the heights of the way-points that it
 /// flies between, s, and how far it gets, m; by the truth as it is.
 pub(crate) fn left_height(flight: &Flight, passages: &[Passage]) -> Option<(f64, f64)> {
-    let Inputs { waypoints, laps, .. } = &flight.inputs;
-    let stretch = Stretch::of(passages, waypoints.len(), *laps)?;
+    let waypoints = &flight.inputs.waypoints;
+    let stretch = Stretch::of(passages, &flight.inputs)?;
     let targets = Targets { passages, waypoints };
     let (mut captured, mut first_s, mut most_m) = (false, None, 0.0_f64);
     let mut before: Option<(f64, f64)> = None;
@@ -243,8 +246,7 @@ pub(crate) fn left_height(flight: &Flight, passages: &[Passage]) -> Option<(f64,
 
 /// Scores a flight's estimates.
 pub fn estimator_scores(flight: &Flight, passages: &[Passage], believed: &Believed) -> EstimatorScores {
-    let Inputs { waypoints, laps, .. } = &flight.inputs;
-    let Some(stretch) = Stretch::of(passages, waypoints.len(), *laps) else {
+    let Some(stretch) = Stretch::of(passages, &flight.inputs) else {
         return EstimatorScores::default();
     };
     let truth = stretch.of_truth(&flight.truth);
@@ -396,7 +398,7 @@ mod tests {
     #[test]
     fn only_the_stretch_from_first_wp0_to_the_return_counts() {
         let passages: Vec<_> = (0..9).map(|i| passage(i % 4, 10 + i as u64)).collect();
-        assert_eq!(Stretch::of(&passages, 4, 2).unwrap().to_ns, 18_000_000_000);
+        assert_eq!(Stretch::of(&passages, &Inputs::default()).unwrap().to_ns, 18_000_000_000);
         let off = vec![
             record(9.0, 900.0, 900.0, 0.0),
             record(12.0, 500.0, 250.0, 160.0),

@@ -282,12 +282,16 @@ impl Analysis {
     }
 
     fn verdict(&self, flight: &Flight) -> Verdict {
-        let count = flight.inputs.waypoints.len();
+        let inputs = &flight.inputs;
         let judge = Judge::of(flight);
         let reached = |passage: &Passage| judge == Judge::Aircraft || passage.verified;
-        let confirmed = mission::in_order(&self.passages, count, reached).len();
-        // A lap ends with the return to the first way-point.
-        let laps = confirmed.saturating_sub(1).checked_div(count).unwrap_or(0) as u32;
+        let confirmed = mission::in_order(&self.passages, |place| inputs.expected(place), reached).len();
+        let laps = match inputs.sequence.len() {
+            // A lap ends with the return to the first way-point.
+            0 => confirmed.saturating_sub(1).checked_div(inputs.waypoints.len()).unwrap_or(0) as u32,
+            all if confirmed >= all => inputs.laps,
+            _ => 0,
+        };
         let failure = reported_failure(flight.run.as_ref())
             .or_else(|| crash(&flight.truth))
             .or_else(|| self.left_height(flight))
@@ -307,7 +311,10 @@ impl Analysis {
             return None;
         }
         let counted = self.passages.len();
-        let wanted = waypoints_to_reach(asked, flight.inputs.waypoints.len()).unwrap_or(0);
+        let wanted = match flight.inputs.sequence.len() {
+            0 => waypoints_to_reach(asked, flight.inputs.waypoints.len()).unwrap_or(0),
+            all => all as u32,
+        };
         let until = unlogged(flight).map_or_else(String::new, |(logged_s, flown_s)| {
             format!(
                 "it can not be judged, the messages end at {logged_s:.1} s of {flown_s:.1} s; until then "

@@ -1,9 +1,10 @@
 //! The partitions' windows over time as a picture: planned as outlines, used time filled, one lane for each partition
-//! of each core.
+//! of each core. Below a partition of several processes each of them has a lane of its own, with when it ran.
 
 use crate::plot::{escape, ticks};
 use crate::run::Clock;
 use crate::windows::Window;
+use bateleur_recording::processes::Span;
 use std::fmt::Write as _;
 
 /// Space for the partitions' names, px.
@@ -25,16 +26,28 @@ const LEAST_BAR: f64 = 1.0;
 pub struct Timeline<'a> {
     title: String,
     windows: Vec<&'a Window>,
-    lanes: Vec<(u32, &'a str)>,
+    spans: Vec<&'a Span>,
+    lanes: Vec<Lane<'a>>,
     clock: Clock,
     from_ns: u64,
     to_ns: u64,
     minors_ns: Vec<u64>,
 }
 
+/// A partition's on a core, or that of one of its processes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Lane<'a> {
+    core: u32,
+    partition: &'a str,
+    process: Option<&'a str>,
+}
+
+/// Processes of a partition that have a lane, most: those that come first.
+const MOST_PROCESSES: usize = 32;
+
 impl<'a> Timeline<'a> {
     /// The whole major frame; `None` without windows.
-    pub fn major(windows: &'a [Window], clock: Clock) -> Option<Self> {
+    pub fn major(windows: &'a [Window], spans: &'a [Span], clock: Clock) -> Option<Self> {
         let minors_ns = minor_starts(windows);
         let from_ns = *minors_ns.first()?;
         let period = minors_ns.get(1).map_or(0, |second| second - from_ns);
@@ -42,18 +55,22 @@ impl<'a> Timeline<'a> {
         let to_ns = last_end.max(from_ns + period * minors_ns.len() as u64);
         let title = format!("Windows of major frame {}", windows.first()?.frame);
         let windows: Vec<_> = windows.iter().collect();
-        let lanes = lanes(&windows);
-        Some(Self { title, windows, lanes, clock, from_ns, to_ns, minors_ns })
+        let spans: Vec<_> =
+            spans.iter().filter(|span| span.to_ns > from_ns && span.from_ns < to_ns).collect();
+        let lanes = lanes(&windows, &spans);
+        Some(Self { title, windows, spans, lanes, clock, from_ns, to_ns, minors_ns })
     }
 
     /// Its first minor frame alone, as a magnified view; `None` where the major frame has only one.
-    pub fn minor(windows: &'a [Window], clock: Clock) -> Option<Self> {
+    pub fn minor(windows: &'a [Window], spans: &'a [Span], clock: Clock) -> Option<Self> {
         let minors_ns = minor_starts(windows);
         let (from_ns, to_ns) = (*minors_ns.first()?, *minors_ns.get(1)?);
         let title = "Its first minor frame".to_owned();
         let windows: Vec<_> = windows.iter().filter(|window| window.planned_start_ns < to_ns).collect();
-        let lanes = lanes(&windows);
-        Some(Self { title, windows, lanes, clock, from_ns, to_ns, minors_ns: vec![from_ns] })
+        let spans: Vec<_> =
+            spans.iter().filter(|span| span.to_ns > from_ns && span.from_ns < to_ns).collect();
+        let lanes = lanes(&windows, &spans);
+        Some(Self { title, windows, spans, lanes, clock, from_ns, to_ns, minors_ns: vec![from_ns] })
     }
 
     /// The picture as an SVG element; it scales with the page.
@@ -65,24 +82,46 @@ impl<'a> Timeline<'a> {
         let _ = write!(out, r#"<svg viewBox="0 0 {width} {height}" role="img" aria-label="{title}">"#);
         let _ = write!(out, r#"<text class="title" x="{LEFT}" y="14">{title}</text>"#);
         self.draw_grid(&mut out, width, bottom);
-        for (row, (core, partition)) in self.lanes.iter().enumerate() {
+        for (row, lane) in self.lanes.iter().enumerate() {
             let y = TOP + LANE * row as f64;
-            let name = escape(&self.lane_name(*core, partition));
+            let name = escape(&self.lane_name(lane));
             let _ =
                 write!(out, r#"<text class="tick end" x="{}" y="{}">{name}</text>"#, LEFT - 6.0, y + 12.5);
-            let own = self
-                .windows
+            let y = y + 0.5 * (LANE - BAR);
+            if lane.process.is_some() {
+                let is_own = |span: &&&Span| {
+                    (span.partition.as_str(), span.process.as_deref()) == (lane.partition, lane.process)
+                };
+                self.spans.iter().filter(is_own).for_each(|span| self.draw_span(&mut out, span, width, y));
+                continue;
+            }
+            let is_own =
+                |window: &&&Window| (window.core, window.partition.as_str()) == (lane.core, lane.partition);
+            self.windows
                 .iter()
-                .filter(|window| (window.core, window.partition.as_str()) == (*core, partition));
-            own.for_each(|window| self.draw_window(&mut out, window, width, y + 0.5 * (LANE - BAR)));
+                .filter(is_own)
+                .for_each(|window| self.draw_window(&mut out, window, width, y));
         }
         out.push_str("</svg>");
         out
     }
 
-    fn lane_name(&self, core: u32, partition: &str) -> String {
-        let alone = self.lanes.iter().all(|(other, _)| *other == core);
+    fn lane_name(&self, lane: &Lane<'_>) -> String {
+        let (core, partition) = (lane.core, lane.partition);
+        if let Some(process) = lane.process {
+            return format!("· {process}");
+        }
+        let alone = self.lanes.iter().all(|other| other.core == core);
         if alone { partition.to_owned() } else { format!("{partition} · core {core}") }
+    }
+
+    fn draw_span(&self, out: &mut String, span: &Span, width: f64, y: f64) {
+        let (x, end) = (self.px(span.from_ns, width), self.px(span.to_ns, width));
+        let wide = (end - x).max(LEAST_BAR);
+        let _ = write!(out, r#"<rect class="used" x="{x:.2}" y="{y}" width="{wide:.2}" height="{BAR}">"#);
+        let ran_us = (span.to_ns - span.from_ns) as f64 * 1e-3;
+        let process = escape(span.process.as_deref().unwrap_or_default());
+        let _ = write!(out, "<title>{process}: {ran_us:.1} µs</title></rect>");
     }
 
     fn px(&self, ns: u64, width: f64) -> f64 {
@@ -155,17 +194,29 @@ fn minor_starts(windows: &[Window]) -> Vec<u64> {
     starts
 }
 
-fn lanes<'a>(windows: &[&'a Window]) -> Vec<(u32, &'a str)> {
+fn lanes<'a>(windows: &[&'a Window], spans: &[&'a Span]) -> Vec<Lane<'a>> {
     let mut lanes = Vec::new();
     for window in windows {
-        let lane = (window.core, window.partition.as_str());
+        let lane = Lane { core: window.core, partition: window.partition.as_str(), process: None };
         if !lanes.contains(&lane) {
             lanes.push(lane);
         }
     }
     // By core; within one in the order of the schedule.
-    lanes.sort_by_key(|(core, _)| *core);
-    lanes
+    lanes.sort_by_key(|lane| lane.core);
+    // Below the first lane of a partition those of its processes, by name.
+    let mut all: Vec<Lane<'a>> = Vec::new();
+    for lane in lanes {
+        let is_first = all.iter().all(|other| other.partition != lane.partition);
+        all.push(lane);
+        let own = spans.iter().filter(|span| is_first && span.partition == lane.partition);
+        let mut processes: Vec<&str> = own.filter_map(|span| span.process.as_deref()).collect();
+        processes.sort_unstable();
+        processes.dedup();
+        processes.truncate(MOST_PROCESSES);
+        all.extend(processes.into_iter().map(|process| Lane { process: Some(process), ..lane }));
+    }
+    all
 }
 
 fn described(window: &Window) -> String {
@@ -192,21 +243,26 @@ mod tests {
             "4,0,2,command,400000000,402000000,,,,S",
             "4,1,1,imu,420000000,420500000,420100000,420110000,,LO",
         ]);
-        let timeline = Timeline::major(&windows, Clock::Wall).unwrap();
+        let spans: Vec<Span> = ["command,slow,399999000,400002000", "imu,fa<st,420110000,420200000"]
+            .iter()
+            .map(|line| Span::parse(line).unwrap())
+            .collect();
+        let timeline = Timeline::major(&windows, &spans, Clock::Wall).unwrap();
         assert_eq!((timeline.from_ns, timeline.to_ns), (400_000_000, 440_000_000));
         let svg = timeline.svg(900.0);
         assert!(svg.contains("imu · core 1") && svg.contains("80.0 µs used"));
+        assert!(svg.contains("· slow") && svg.contains("<title>fa&lt;st: 90.0 µs</title>"), "{svg}");
         assert!(svg.contains("planned skipped") && svg.contains("planned late") && svg.contains("used over"));
-        let minor = Timeline::minor(&windows, Clock::Virtual).unwrap();
-        assert_eq!(minor.windows.len(), 2);
+        let minor = Timeline::minor(&windows, &spans, Clock::Virtual).unwrap();
+        assert_eq!((minor.windows.len(), minor.spans.len(), minor.lanes.len()), (2, 1, 3));
         assert!(minor.svg(900.0).contains("planned skipped"));
     }
 
     #[test]
     fn no_windows_no_timeline() {
-        assert!(Timeline::major(&[], Clock::Wall).is_none());
+        assert!(Timeline::major(&[], &[], Clock::Wall).is_none());
         let one = windows(&["0,0,1,imu,0,0,0,0,0,"]);
-        assert!(Timeline::minor(&one, Clock::Wall).is_none());
-        assert!(!Timeline::major(&one, Clock::Wall).unwrap().svg(900.0).contains("NaN"));
+        assert!(Timeline::minor(&one, &[], Clock::Wall).is_none());
+        assert!(!Timeline::major(&one, &[], Clock::Wall).unwrap().svg(900.0).contains("NaN"));
     }
 }

@@ -31,7 +31,7 @@ pub struct Touchdown {
 }
 
 impl Touchdown {
-    /// The last one of a record, if it ends on the ground.
+    /// The first contact after a flight, of a record that ends on the ground.
     pub(crate) fn of(truth: &[TruthRecord], believed: &Believed) -> Option<Self> {
         if truth.last()?.on_ground == 0 {
             return None;
@@ -52,7 +52,6 @@ impl Touchdown {
         let speed_mps = north_mps.hypot(east_mps);
         let at = believed.horizontal(before);
         let (north, east) = (north_mps / speed_mps.max(0.1), east_mps / speed_mps.max(0.1));
-        let after = truth[place?..].iter();
         let stands = |record: &&TruthRecord| {
             record.on_ground != 0
                 && record.velocity_ned_mps[0].hypot(record.velocity_ned_mps[1]) < STANDING_MPS
@@ -64,7 +63,7 @@ impl Touchdown {
             bank_deg: before.euler_rad[0].to_degrees(),
             along_m: at.x * north + at.y * east,
             across_m: at.y * north - at.x * east,
-            standing_s: after.clone().find(stands).map(|record| seconds(record.time_ns)),
+            standing_s: truth[place?..].iter().find(stands).map(|record| seconds(record.time_ns)),
         })
     }
 }

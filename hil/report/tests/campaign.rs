@@ -37,6 +37,8 @@ fn flown(number: u64) -> Flown {
         module_time_s: Some(200.0),
         wall_time_s: 36.0,
         folder: None,
+        engine: None,
+        compared: false,
     }
 }
 

@@ -7,7 +7,7 @@ use crate::timers::{Sticks, Timers};
 use crate::truth::TruthRecord;
 use bateleur_messages::hil::Actuators;
 use bateleur_messages::{Custom, RawAnalog, RawGps};
-use bateleur_plant::{AirframeError, Controls, GpsFix, STEP_S, SensorSet, Simulation};
+use bateleur_plant::{AirframeError, Controls, GpsFix, STEP_S, SensorSet, Simulation, Truth};
 
 /// One plant step, ns; module time is rounded to whole steps.
 pub const STEP_NS: u64 = 2_500_000;
@@ -171,7 +171,12 @@ impl Flight {
         }
     }
 
-    /// What is really the case, as a record for the log.
+    /// What is really the case.
+    pub fn now(&self) -> Truth {
+        self.plant.truth()
+    }
+
+    /// The same as a record for the log.
     pub fn truth(&self, time_ns: u64) -> TruthRecord {
         TruthRecord::new(time_ns, &self.plant.truth(), &self.actuators)
     }

@@ -12,6 +12,7 @@
 mod counters;
 mod dialect;
 mod flight;
+pub mod flightgear;
 mod options;
 mod outside;
 mod pilot;

@@ -48,6 +48,9 @@ struct Arguments {
     /// Log what was really the case into this file.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
+    /// Show the aircraft to a FlightGear that listens at that address.
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    flightgear: Option<SocketAddr>,
     /// Print one line of JSON with the address once packets are answered, for a program, instead of a line for a person.
     #[arg(long)]
     ready: bool,
@@ -133,6 +136,7 @@ fn options(arguments: &Arguments) -> anyhow::Result<Options> {
         airframe: airframe(&arguments.airframe)?,
         free_running: arguments.free_running,
         truth: arguments.truth.clone(),
+        flightgear: arguments.flightgear,
         ..Options::default()
     };
     options.conditions.seed = arguments.seed;

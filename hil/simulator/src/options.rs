@@ -27,6 +27,8 @@ pub struct Options {
     pub free_running: bool,
     /// Where to log the truth.
     pub truth: Option<PathBuf>,
+    /// Where a FlightGear listens that is to draw the aircraft.
+    pub flightgear: Option<SocketAddr>,
 }
 
 impl Default for Options {
@@ -39,6 +41,7 @@ impl Default for Options {
             outside: Outside::default(),
             free_running: false,
             truth: None,
+            flightgear: None,
         }
     }
 }

@@ -4,7 +4,7 @@ use crate::counters::Counters;
 use crate::options::Options;
 use crate::session::{Session, SessionError};
 use crate::truth::TruthError;
-use bateleur_messages::hil::Protocol;
+use bateleur_messages::hil::{Packet, PilotOrder, Protocol};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use std::io::{self, ErrorKind, Read, Write};
@@ -120,6 +120,39 @@ impl Server {
         served?;
         flushed?;
         Ok(self.session.counters())
+    }
+
+    /// Answers whatever waits at the socket, and returns: for a flight computer in the same process.
+    pub fn serve_waiting(&mut self) {
+        if self.patience != Duration::MAX {
+            // From now on nobody waits here.
+            self.patience = Duration::MAX;
+            let _ = self.socket.set_nonblocking(true); // it would wait for the patience that it has
+        }
+        while let Ok((length, sender)) = self.socket.recv_from(&mut self.incoming[..]) {
+            self.reply.clear();
+            if self.session.take(&self.incoming[..length], &mut self.reply) {
+                self.peer = Some(sender);
+            }
+            if !self.reply.is_empty() && self.socket.send_to(&self.reply, sender).is_err() {
+                self.session.count_unsent();
+            }
+        }
+    }
+
+    /// Gives the safety pilot an order, from the same process.
+    pub fn order(&mut self, order: PilotOrder) {
+        let (mut bytes, mut echo) = (Vec::new(), Vec::new());
+        Packet::Pilot(order).write(&mut bytes);
+        self.session.take(&bytes, &mut echo);
+    }
+
+    /// Completes the log.
+    ///
+    /// # Errors
+    /// It can not be written.
+    pub fn finish(&mut self) -> Result<(), TruthError> {
+        self.session.flush()
     }
 
     fn run_lockstep(&mut self, stop: &AtomicBool) -> Result<(), RunError> {

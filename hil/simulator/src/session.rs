@@ -3,6 +3,7 @@
 use crate::counters::Counters;
 use crate::dialect::{Asked, Dialect};
 use crate::flight::{Flight, STEP_NS, STEPS_PER_CYCLE, Sample};
+use crate::flightgear::FlightGear;
 use crate::options::Options;
 use crate::truth::{Header, TruthError, TruthWriter};
 use bateleur_messages::frame::Decoder;
@@ -27,6 +28,9 @@ pub enum SessionError {
     /// The truth cannot be logged.
     #[error(transparent)]
     Truth(#[from] TruthError),
+    /// There is no socket to show the aircraft by.
+    #[error("cannot show the aircraft to FlightGear: {0}")]
+    FlightGear(std::io::Error),
 }
 
 /// A flight with the state of its conversation.
@@ -51,6 +55,7 @@ pub struct Session {
     /// Cycles that a free-running plant has had, the paused ones included.
     ticks: u64,
     log: Option<TruthWriter>,
+    flightgear: Option<FlightGear>,
     counters: Counters,
 }
 
@@ -83,6 +88,11 @@ impl Session {
             began_ns: None,
             ticks: 0,
             log,
+            flightgear: options
+                .flightgear
+                .map(FlightGear::at)
+                .transpose()
+                .map_err(SessionError::FlightGear)?,
             counters: Counters::default(),
         })
     }
@@ -248,6 +258,9 @@ impl Session {
         let sample = self.flight.sample(self.origin_ns.unwrap_or(0), module_ns);
         self.write(&sample);
         self.counters.answers += 1;
+        if let Some(flightgear) = &self.flightgear {
+            flightgear.show(&self.flight.now());
+        }
         let Some(log) = &mut self.log else { return };
         if log.append(&self.flight.truth(sample.analog.measured_ns)).is_err() {
             self.counters.unlogged += 1;

@@ -22,7 +22,6 @@ mod page;
 mod recorded;
 mod scene;
 mod server;
-mod tail;
 mod verb;
 
 pub use air::{MISSION_FILE, Place};

@@ -9,6 +9,7 @@ use anyhow::{Result, bail};
 use bateleur_control::{Answer, ChannelStatus, Client, LinkName, Request, Running, Status};
 use bateleur_executive_cli::{Watch, bytes_of, channels, links_text, status};
 use bateleur_messages::{LinkStatus, Message, State, Type};
+use bateleur_recording::Tail;
 use bateleur_report::health::{self, HealthEntry};
 use bateleur_report::run::Clock;
 use bateleur_report::windows::{self, Window};
@@ -16,7 +17,6 @@ use zerocopy::FromBytes;
 
 use crate::air::{self, Air, Place};
 use crate::scene::{Choice, MOST_ENTRIES, MOST_LINES, MOST_WINDOWS, PLOT_NS, Plot, Port, Scene};
-use crate::tail::Tail;
 
 /// Between two questions for the module's figures.
 const ASK: Duration = Duration::from_millis(100);
@@ -105,7 +105,7 @@ impl Live {
     fn follow_logs(&self, folder: &Path) -> Result<()> {
         let board = self.board.clone();
         let (mut windows, mut health) =
-            (Tail::of(folder.join(windows::FILE)), Tail::of(folder.join(health::FILE)));
+            (Tail::of_last(folder.join(windows::FILE)), Tail::of_last(folder.join(health::FILE)));
         spawn("logs", move || {
             loop {
                 let new: Vec<Window> =

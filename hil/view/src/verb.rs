@@ -13,8 +13,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use bateleur_control::Running;
-use bateleur_executive_cli::{Code, FINE, Target, http};
-use bateleur_system::sched;
+use bateleur_executive_cli::{Code, FINE, Target, http, stand_aside};
 
 use crate::live::Live;
 use crate::recorded::Recorded;
@@ -81,16 +80,6 @@ fn choose(arguments: &Arguments) -> Result<Running> {
         }
         std::thread::sleep(LOOK);
     }
-}
-
-/// Leaves the processors of the dispatchers to them, and the others to whoever wants them first.
-fn stand_aside(dispatched: &[u32]) {
-    let others: Vec<u32> =
-        sched::allowed_cores().into_iter().filter(|core| !dispatched.contains(core)).collect();
-    if !others.is_empty() {
-        let _ = sched::bind(0, &others); // it is a courtesy: dispatchers have a higher priority anyway
-    }
-    let _ = rustix::process::nice(10); // as above
 }
 
 /// 128 bits that nobody can guess.

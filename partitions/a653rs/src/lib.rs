@@ -14,6 +14,7 @@
 //! ```
 
 mod convert;
+mod extended;
 mod messages;
 mod objects;
 pub mod partition;

@@ -7,7 +7,9 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::rc::Rc;
 
 use bateleur_contract::sealed::SealedDescriptors;
-use bateleur_contract::{Description, Direction, PortDescription, PortKind, ProcessPlan, StartCondition};
+use bateleur_contract::{
+    Description, Direction, PlannedProcess, PortDescription, PortKind, ProcessPlan, StartCondition,
+};
 use bateleur_message_format::{Message, Type, describe, layout_of};
 use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Handed, Membership, Reader, Writer};
 use serde::de::DeserializeOwned;
@@ -17,13 +19,14 @@ use crate::alignment::Alignment;
 use crate::attributes::{AttributeError, Attributes};
 use crate::faults::Faults;
 use crate::line::Line;
+use crate::memory_block::MemoryBlock;
 use crate::notices::HealthNotices;
 use crate::ports::{
     Connect, Inlet, Outlet, QueuingDestination, QueuingSource, SamplingDestination, SamplingSource,
 };
 use crate::raw::{RawQueuingDestination, RawQueuingSource, RawSamplingDestination, RawSamplingSource};
 use crate::retained::Retained;
-use crate::schedule::ModuleSchedules;
+use crate::schedule::{ModuleSchedules, Schedules};
 use crate::time::Time;
 
 /// Why a partition can not start.
@@ -63,6 +66,14 @@ pub enum StartError {
         /// The program's.
         wanted: String,
     },
+    /// The plan does not give the partition the memory block.
+    #[error("the plan gives this partition no memory block \"{name}\"; it has {known}")]
+    NoSuchMemoryBlock {
+        /// The block that was asked for.
+        name: String,
+        /// Those that it is given.
+        known: String,
+    },
     /// `retained` was asked for twice: there is one memory for one value.
     #[error("retained memory is asked for twice: put both values into one type")]
     RetainedTwice,
@@ -94,6 +105,7 @@ pub struct Context {
     connections: Vec<Rc<dyn Connect>>,
     outlets: Vec<(String, Rc<Outlet>)>,
     inlets: Vec<Rc<Inlet>>,
+    memory_blocks: Vec<MemoryBlock>,
     retained: Option<File>,
     /// It has been asked for.
     retains: bool,
@@ -120,6 +132,8 @@ impl Context {
         time: Time,
         retained: Option<File>,
     ) -> Result<Self, StartError> {
+        let memory_blocks =
+            description.memory_blocks.iter().map(MemoryBlock::map).collect::<Result<_, _>>()?;
         let domain = Domain { root: description.ports_root.clone() };
         let attributes = Attributes::new(std::mem::take(&mut description.attributes));
         Ok(Self {
@@ -133,6 +147,7 @@ impl Context {
             connections: Vec::new(),
             outlets: Vec::new(),
             inlets: Vec::new(),
+            memory_blocks,
             retained,
             retains: false,
         })
@@ -316,15 +331,42 @@ impl Context {
         Retained::new(self.retained.take(), self.description.retained_bytes, self.time.clone())
     }
 
+    /// GET_MEMORY_BLOCK_STATUS: a memory block that the plan gives this partition.
+    ///
+    /// # Errors
+    /// It gives none with this name.
+    pub fn memory_block(&self, name: &str) -> Result<MemoryBlock, StartError> {
+        let block = self.memory_blocks.iter().find(|block| block.name() == name);
+        block.cloned().ok_or_else(|| {
+            let known: Vec<&str> = self.memory_blocks.iter().map(MemoryBlock::name).collect();
+            let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+            StartError::NoSuchMemoryBlock { name: name.into(), known }
+        })
+    }
+
+    pub(crate) fn memory_blocks(&self) -> &[MemoryBlock] {
+        &self.memory_blocks
+    }
+
     /// Its number and times in the plan, and what its processes may take.
     pub(crate) fn process_plan(&self) -> ProcessPlan {
         self.description.processes
     }
 
+    /// What the plan knows of its processes.
+    pub(crate) fn planned_processes(&self) -> &[PlannedProcess] {
+        &self.description.planned_processes
+    }
+
     /// The module's schedules: which one runs, and asking for another.
     pub fn module_schedules(&self) -> ModuleSchedules {
         let Description { schedules, may_set_schedule, .. } = &self.description;
-        ModuleSchedules::new(self.time.clone(), schedules.clone(), may_set_schedule.clone())
+        ModuleSchedules::new(self.time.clone(), Schedules::new(schedules, may_set_schedule))
+    }
+
+    /// As above, for processes.
+    pub(crate) fn schedules(&self) -> Schedules {
+        Schedules::new(&self.description.schedules, &self.description.may_set_schedule)
     }
 
     /// What the module's health log says, where the plan lets this partition know; from the oldest entry that still stands.

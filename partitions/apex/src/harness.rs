@@ -39,15 +39,15 @@
 //! ```
 
 use std::fs::File;
-use std::os::fd::OwnedFd;
+use std::os::fd::{IntoRawFd, OwnedFd};
 use std::path::PathBuf;
 use std::rc::Rc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use bateleur_contract::page::WindowGrant;
 use bateleur_contract::{
-    Clock, ControlPage, Description, Direction, Mapped, PortDescription, PortKind, ProcessPlan,
-    StartCondition, Takeover as Order,
+    Clock, ControlPage, Description, Direction, Mapped, MemoryBlockDescription, PortDescription, PortKind,
+    ProcessPlan, StartCondition, Takeover as Order,
 };
 use bateleur_message_format::{Field, Message, layout_of};
 use bateleur_ports::{Channel, ChannelType, Domain, Membership};
@@ -55,6 +55,7 @@ use rustix::fs::{MemfdFlags, ftruncate, memfd_create};
 
 use crate::context::{Context, StartError, Started};
 use crate::errors::{HealthError, Response};
+use crate::memory_block::MemoryBlock;
 use crate::ports::{Inlet, Outlet, QueuingDestination, QueuingSource, SamplingDestination, SamplingSource};
 use crate::run::Partition;
 use crate::takeover::Takeover;
@@ -71,6 +72,7 @@ pub struct Harness {
     description: Description,
     time: Time,
     retained: Option<File>,
+    memory_blocks: Vec<OwnedFd>,
     reports_seen: u32,
     // Held so that the channels stay; before the folder in which they lie.
     channels: Vec<(Channel, Option<Channel>, Membership)>,
@@ -114,6 +116,7 @@ impl Harness {
             generation: 0,
             start_condition: StartCondition::NormalStart,
             standby: false,
+            spare: false,
             clock: Clock::Virtual,
             ports: Vec::new(),
             attributes: std::collections::BTreeMap::new(),
@@ -121,12 +124,25 @@ impl Harness {
             may_set_schedule: Vec::new(),
             error_handler: false,
             processes: PROCESSES,
+            process_table: None,
+            crash_memory: None,
+            planned_processes: Vec::new(),
+            taken_errors: Vec::new(),
             may_align: false,
             retained_bytes: 0,
+            memory_blocks: Vec::new(),
             ports_root: folder.0.to_string_lossy().into_owned(),
         };
         let time = Time::new(Rc::new(page), Clock::Virtual);
-        Ok(Self { description, time, retained: None, reports_seen: 0, channels: Vec::new(), _folder: folder })
+        Ok(Self {
+            description,
+            time,
+            retained: None,
+            memory_blocks: Vec::new(),
+            reports_seen: 0,
+            channels: Vec::new(),
+            _folder: folder,
+        })
     }
 
     /// Gives the partition an attribute.
@@ -142,6 +158,34 @@ impl Harness {
         self.retained = Some(File::from(memory(bytes)?));
         self.description.retained_bytes = bytes;
         Ok(())
+    }
+
+    /// Gives the partition a memory block with this content, which all its incarnations share. The answer is the same memory for whoever
+    /// shares it, and may be written.
+    ///
+    /// # Errors
+    /// The machine has no memory to give.
+    pub fn memory_block(
+        &mut self,
+        name: &str,
+        content: &[u8],
+        writable: bool,
+    ) -> Result<MemoryBlock, StartError> {
+        let file = memory(content.len() as u64)?;
+        let others = file.try_clone().map_err(|error| refused("a memory block", error))?;
+        let described = MemoryBlockDescription {
+            name: name.into(),
+            bytes: content.len() as u64,
+            writable,
+            descriptor: -1,
+        };
+        let descriptor = others.into_raw_fd();
+        let others =
+            MemoryBlock::map(&MemoryBlockDescription { writable: true, descriptor, ..described.clone() })?;
+        others.write(0, content).map_err(|error| StartError::Other(error.to_string()))?;
+        self.description.memory_blocks.push(described);
+        self.memory_blocks.push(file);
+        Ok(others)
     }
 
     /// Gives the partition a sampling destination; the answer is the source that feeds it.
@@ -220,7 +264,12 @@ impl Harness {
             Some(file) => Some(file.try_clone().map_err(|error| refused("retained memory", error))?),
             None => None,
         };
-        Context::new(self.description.clone(), self.time.clone(), retained)
+        let mut description = self.description.clone();
+        for (block, file) in description.memory_blocks.iter_mut().zip(&self.memory_blocks) {
+            let file = file.try_clone().map_err(|error| refused("a memory block", error))?;
+            block.descriptor = file.into_raw_fd();
+        }
+        Context::new(description, self.time.clone(), retained)
     }
 
     /// What the partition has reported since this was asked last: messages to the operator, errors, refusals of ports.

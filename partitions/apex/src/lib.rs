@@ -37,10 +37,13 @@
 mod alignment;
 mod attributes;
 mod context;
+mod crash;
 mod errors;
 mod faults;
 mod harness;
+mod hosted;
 mod line;
+mod memory_block;
 mod notices;
 #[cfg(test)]
 mod port_rules;
@@ -78,7 +81,9 @@ pub use bateleur_processes::ReturnCode;
 pub use context::{Context, StartError};
 pub use errors::{HealthError, Response};
 pub use harness::{Harness, Incarnation};
+pub use hosted::{Hosted, Hosting};
 pub use line::Line;
+pub use memory_block::{MemoryBlock, MemoryBlockError};
 pub use notices::{HealthNotice, HealthNotices};
 pub use ports::{QueuingDestination, QueuingSource, Reading, SamplingDestination, SamplingSource, Sent};
 pub use raw::{

@@ -9,8 +9,8 @@ use std::rc::Rc;
 use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
 
 use bateleur_contract::{
-    CONTROL_FD, ControlPage, DESCRIPTION_FD, Description, ENVIRONMENT, Mapped, Mode, RETAINED_FD,
-    Takeover as Order, exit, page,
+    CONTROL_FD, ControlPage, DESCRIPTION_FD, Description, ENVIRONMENT, Mapped, MappingError, Mode,
+    ProcessTable, RETAINED_FD, StartCondition, Takeover as Order, exit, page,
 };
 use rustix::thread::futex;
 
@@ -89,6 +89,7 @@ impl Response {
 
 fn live<P: Partition>() -> Result<(), End> {
     let (_, page, description) = take_over().map_err(|reason| End { code: exit::NO_CONTRACT, reason })?;
+    crate::crash::prepare(&description);
     crate::signals::install();
     let (name, stands_by) = (description.partition.clone(), description.standby);
     name_process(&if stands_by { format!("{STANDBY_MARK}{name}") } else { name.clone() });
@@ -120,6 +121,13 @@ fn live<P: Partition>() -> Result<(), End> {
 pub(crate) fn retained(description: &Description) -> Option<File> {
     // SAFETY: the executive left this descriptor open when it says so, and nobody else in the process knows it.
     (description.retained_bytes > 0).then(|| unsafe { File::from_raw_fd(RETAINED_FD) })
+}
+
+/// The process table, if the executive keeps one. Asked for once.
+pub(crate) fn process_table(description: &Description) -> Result<Option<Mapped<ProcessTable>>, MappingError> {
+    // SAFETY: as above, and a number of a descriptor that nobody has would refuse to be mapped.
+    let file = description.process_table.map(|at| unsafe { OwnedFd::from_raw_fd(at) });
+    file.map(Mapped::new).transpose()
 }
 
 /// Why a partition does not start whose plan expects more of it.
@@ -211,7 +219,7 @@ pub(crate) fn await_grant(page: &ControlPage, last: u32) {
     }
 }
 
-/// The control page, with its descriptor, and the description. Called once.
+/// The control page, with its descriptor, and the description; of a spare, when it is to begin. Called once.
 pub(crate) fn take_over() -> Result<(OwnedFd, Mapped<ControlPage>, Description), String> {
     let by_hand = "this program is a partition: an executive starts it (see `bateleur run --help`)";
     let version = std::env::var(ENVIRONMENT).map_err(|_| by_hand.to_owned())?;
@@ -234,9 +242,27 @@ pub(crate) fn take_over() -> Result<(OwnedFd, Mapped<ControlPage>, Description),
     description
         .read_exact_at(&mut json, 0)
         .map_err(|error| format!("cannot read the description: {error}"))?;
-    let description =
+    let mut description: Description =
         serde_json::from_slice(&json).map_err(|error| format!("the description is damaged: {error}"))?;
+    if description.spare {
+        name_process(&format!("{STANDBY_MARK}{}", description.partition));
+        // What is mapped now is not waited for when it begins.
+        lock_memory();
+        description.start_condition = await_begin(&page);
+    }
     Ok((control, page, description))
+}
+
+/// A spare sleeps until it is to begin: why it does.
+fn await_begin(page: &ControlPage) -> StartCondition {
+    page.waits.store(1, Release);
+    loop {
+        match StartCondition::from_number(page.begin.load(Acquire)) {
+            Some(condition) => return condition,
+            // Interrupted, woken or changed meanwhile: look again.
+            None => drop(futex::wait(&page.begin, futex::Flags::empty(), 0, None)),
+        }
+    }
 }
 
 /// What `ps` shows: the partition, not the path of its program.

@@ -1,9 +1,10 @@
 //! Module schedules: SET_MODULE_SCHEDULE, GET_MODULE_SCHEDULE_STATUS, GET_MODULE_SCHEDULE_ID (ARINC 653 part 2).
 
-use std::cell::Cell;
 use std::rc::Rc;
 use std::sync::atomic::Ordering::Acquire;
+use std::sync::{Mutex, PoisonError};
 
+use bateleur_contract::ControlPage;
 use bateleur_processes::ReturnCode;
 
 use crate::time::Time;
@@ -23,35 +24,28 @@ pub struct ScheduleStatus {
     pub next: ScheduleId,
 }
 
-/// The module's schedules, as this partition may see and set them. Cheap to clone.
-#[derive(Debug, Clone)]
-pub struct ModuleSchedules {
-    time: Time,
-    names: Rc<[String]>,
-    permitted_in: Rc<[u32]>,
+/// What the plan says of schedules, and what was asked for.
+#[derive(Debug, Default)]
+pub(crate) struct Schedules {
+    names: Box<[String]>,
+    permitted_in: Box<[u32]>,
     /// What was asked for in a window, and the number of that window's grant: the executive takes it at the window's end.
-    asked: Rc<Cell<Option<(u32, u32)>>>,
+    asked: Mutex<Option<(u32, u32)>>,
 }
 
-impl ModuleSchedules {
-    pub(crate) fn new(time: Time, names: Vec<String>, permitted_in: Vec<u32>) -> Self {
-        Self { time, names: names.into(), permitted_in: permitted_in.into(), asked: Rc::default() }
+impl Schedules {
+    pub(crate) fn new(names: &[String], permitted_in: &[u32]) -> Self {
+        Self { names: names.into(), permitted_in: permitted_in.into(), asked: Mutex::default() }
     }
 
-    /// GET_MODULE_SCHEDULE_ID.
-    ///
-    /// # Errors
-    /// INVALID_CONFIG: the plan has no such schedule.
-    pub fn get_module_schedule_id(&self, name: &str) -> Result<ScheduleId, ReturnCode> {
+    pub(crate) fn id(&self, name: &str) -> Result<ScheduleId, ReturnCode> {
         let place = self.names.iter().position(|known| known == name);
         place.map(|place| ScheduleId(place as u32)).ok_or(ReturnCode::InvalidConfig)
     }
 
-    /// GET_MODULE_SCHEDULE_STATUS, as it was when the window was granted, and with what this partition has asked for since.
-    #[must_use]
-    pub fn get_module_schedule_status(&self) -> ScheduleStatus {
-        let (window, granted) = self.time.page().granted_window();
-        let next = match self.asked.get() {
+    pub(crate) fn status(&self, page: &ControlPage) -> ScheduleStatus {
+        let (window, granted) = page.granted_window();
+        let next = match *self.asked.lock().unwrap_or_else(PoisonError::into_inner) {
             Some((in_window, schedule)) if in_window == window => schedule,
             _ => granted.next_schedule,
         };
@@ -62,14 +56,8 @@ impl ModuleSchedules {
         }
     }
 
-    /// SET_MODULE_SCHEDULE: the module changes to `schedule` at the start of the next major frame. The last request
-    /// before that wins, whoever makes it; asking for the current schedule calls a pending one off.
-    ///
-    /// # Errors
-    /// INVALID_CONFIG: this partition may not ask, in this schedule. INVALID_PARAM: there is no such schedule.
-    /// NO_ACTION: it runs already, and no other is pending.
-    pub fn set_module_schedule(&self, schedule: ScheduleId) -> Result<(), ReturnCode> {
-        let status = self.get_module_schedule_status();
+    pub(crate) fn set(&self, page: &ControlPage, schedule: ScheduleId) -> Result<(), ReturnCode> {
+        let status = self.status(page);
         if !self.permitted_in.contains(&status.current.0) {
             return Err(ReturnCode::InvalidConfig);
         }
@@ -79,10 +67,47 @@ impl ModuleSchedules {
         if schedule == status.current && status.next == status.current {
             return Err(ReturnCode::NoAction);
         }
-        let page = self.time.page();
         page.request_schedule(schedule.0);
-        self.asked.set(Some((page.grant.load(Acquire), schedule.0)));
+        let asked = Some((page.grant.load(Acquire), schedule.0));
+        *self.asked.lock().unwrap_or_else(PoisonError::into_inner) = asked;
         Ok(())
+    }
+}
+
+/// The module's schedules, as this partition may see and set them. Cheap to clone.
+#[derive(Debug, Clone)]
+pub struct ModuleSchedules {
+    time: Time,
+    schedules: Rc<Schedules>,
+}
+
+impl ModuleSchedules {
+    pub(crate) fn new(time: Time, schedules: Schedules) -> Self {
+        Self { time, schedules: schedules.into() }
+    }
+
+    /// GET_MODULE_SCHEDULE_ID.
+    ///
+    /// # Errors
+    /// INVALID_CONFIG: the plan has no such schedule.
+    pub fn get_module_schedule_id(&self, name: &str) -> Result<ScheduleId, ReturnCode> {
+        self.schedules.id(name)
+    }
+
+    /// GET_MODULE_SCHEDULE_STATUS, as it was when the window was granted, and with what this partition has asked for since.
+    #[must_use]
+    pub fn get_module_schedule_status(&self) -> ScheduleStatus {
+        self.schedules.status(self.time.page())
+    }
+
+    /// SET_MODULE_SCHEDULE: the module changes to `schedule` at the start of the next major frame. The last request
+    /// before that wins, whoever makes it; asking for the current schedule calls a pending one off.
+    ///
+    /// # Errors
+    /// INVALID_CONFIG: this partition may not ask, in this schedule. INVALID_PARAM: there is no such schedule.
+    /// NO_ACTION: it runs already, and no other is pending.
+    pub fn set_module_schedule(&self, schedule: ScheduleId) -> Result<(), ReturnCode> {
+        self.schedules.set(self.time.page(), schedule)
     }
 }
 
@@ -90,7 +115,7 @@ impl ModuleSchedules {
 mod tests {
     use super::*;
     use bateleur_contract::page::WindowGrant;
-    use bateleur_contract::{Clock, ControlPage, Mapped};
+    use bateleur_contract::{Clock, Mapped};
 
     fn schedules(permitted_in: &[u32]) -> ModuleSchedules {
         let file = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
@@ -98,7 +123,7 @@ mod tests {
         let page = Mapped::<ControlPage>::new(file).unwrap();
         page.initialise();
         let names = ["flight", "ground", "test"].map(str::to_owned).to_vec();
-        ModuleSchedules::new(Time::new(Rc::new(page), Clock::Virtual), names, permitted_in.to_vec())
+        ModuleSchedules::new(Time::new(Rc::new(page), Clock::Virtual), Schedules::new(&names, permitted_in))
     }
 
     /// A window in `schedule`, granted while `next` was to come.
@@ -114,14 +139,20 @@ mod tests {
     }
 
     #[test]
-    fn get_module_schedule_id_of_an_unknown_name_is_invalid_config() {
+    fn mms_id_02_name_of_a_schedule_gives_its_identifier() {
         let schedules = schedules(&[]);
-        assert_eq!(schedules.get_module_schedule_id("test"), Ok(ScheduleId(2)));
+        let found = ["flight", "ground", "test"].map(|name| schedules.get_module_schedule_id(name));
+        assert_eq!(found, [0, 1, 2].map(|place| Ok(ScheduleId(place))));
+    }
+
+    #[test]
+    fn mms_id_01_unknown_name_is_a_wrong_configuration() {
+        let schedules = schedules(&[]);
         assert_eq!(schedules.get_module_schedule_id("Test"), Err(ReturnCode::InvalidConfig));
     }
 
     #[test]
-    fn set_module_schedule_without_permission_is_invalid_config() {
+    fn mms_set_01_partition_without_permission_is_refused() {
         let schedules = schedules(&[1]);
         assert_eq!(schedules.set_module_schedule(ScheduleId(1)), Err(ReturnCode::InvalidConfig));
         grant(&schedules, 1, 1, 7);
@@ -130,16 +161,22 @@ mod tests {
     }
 
     #[test]
-    fn set_module_schedule_to_an_unknown_schedule_is_invalid_param() {
+    fn mms_set_02_unknown_schedule_is_a_wrong_parameter() {
         let schedules = schedules(&[0]);
         assert_eq!(schedules.set_module_schedule(ScheduleId(3)), Err(ReturnCode::InvalidParam));
         assert_eq!(schedules.time.page().schedule_requested().0, 0);
     }
 
     #[test]
-    fn set_module_schedule_to_the_current_one_is_no_action_unless_another_is_pending() {
+    fn mms_set_03_current_schedule_is_no_action_where_none_is_pending() {
         let schedules = schedules(&[0]);
         assert_eq!(schedules.set_module_schedule(ScheduleId(0)), Err(ReturnCode::NoAction));
+        assert_eq!(schedules.time.page().schedule_requested().0, 0, "nothing is asked for");
+    }
+
+    #[test]
+    fn mms_set_04_current_schedule_calls_off_one_that_is_pending() {
+        let schedules = schedules(&[0]);
         assert_eq!(schedules.set_module_schedule(ScheduleId(2)), Ok(()));
         assert_eq!(schedules.set_module_schedule(ScheduleId(0)), Ok(()));
         assert_eq!(schedules.set_module_schedule(ScheduleId(0)), Err(ReturnCode::NoAction));
@@ -149,7 +186,37 @@ mod tests {
     }
 
     #[test]
-    fn get_module_schedule_status_gives_the_last_switch_the_current_and_the_next_schedule() {
+    fn mms_set_05_pending_schedule_may_be_asked_for_again() {
+        let schedules = schedules(&[0]);
+        for times in 1..4 {
+            assert_eq!(schedules.set_module_schedule(ScheduleId(2)), Ok(()));
+            assert_eq!(schedules.time.page().schedule_requested(), (times, 2));
+        }
+    }
+
+    #[test]
+    fn mms_set_06_last_of_several_requests_is_the_one_that_the_executive_finds() {
+        let schedules = schedules(&[0]);
+        for schedule in [1, 2, 1] {
+            assert_eq!(schedules.set_module_schedule(ScheduleId(schedule)), Ok(()));
+            assert_eq!(schedules.get_module_schedule_status().next, ScheduleId(schedule));
+        }
+        assert_eq!(schedules.time.page().schedule_requested(), (3, 1));
+    }
+
+    #[test]
+    fn mms_stat_01_status_is_given_to_a_partition_without_any_permission() {
+        let schedules = schedules(&[]);
+        grant(&schedules, 1, 2, 30);
+        let status = schedules.get_module_schedule_status();
+        assert_eq!(
+            (status.time_of_last_switch_ns, status.current, status.next),
+            (30, ScheduleId(1), ScheduleId(2))
+        );
+    }
+
+    #[test]
+    fn mms_stat_02_status_has_the_last_switch_the_current_and_the_next_schedule() {
         let schedules = schedules(&[0, 1, 2]);
         let status = |time_of_last_switch_ns, current, next| ScheduleStatus {
             time_of_last_switch_ns,

@@ -74,6 +74,7 @@ impl Window {
     /// As [`Window::wait_readable`], for a caller who will ask again when nothing came: where module time stands still while a device is
     /// waited for, a lost datagram must not cost all of the patience there is.
     pub fn wait_readable_shortly(&self, device: &impl AsFd, until_ns: u64) -> bool {
+        self.time.before_wait();
         match self.time.clock() {
             Clock::Virtual => wait(device, PollFlags::IN, monotonic_ns() + SHORTLY_NS),
             Clock::Wall => self.wait(device, PollFlags::IN, until_ns),
@@ -87,6 +88,7 @@ impl Window {
     }
 
     fn wait(&self, device: &impl AsFd, what: PollFlags, until_ns: u64) -> bool {
+        self.time.before_wait();
         let until_ns = until_ns.min(self.granted.end_ns);
         match self.time.clock() {
             Clock::Virtual => {

@@ -6,13 +6,14 @@ mod pointers;
 use bateleur_apex::ReturnCode;
 use bateleur_apex::processes::standard::{
     BlackboardId, BufferId, Deadline, EventId, MAX_LOCK_LEVEL, MutexId, ProcessAttributes, ProcessId,
-    QueuingPortId, SamplingPortId, SemaphoreId, Validity,
+    QueuingPortId, QueuingPortListId, SamplingPortId, SemaphoreId, Updated, Validity,
 };
 use bateleur_apex::processes::{Progress, Services, current, standard};
 
 use crate::types::{
-    BlackboardStatus, BufferStatus, ErrorStatus, EventStatus, Identifier, MutexStatus, PartitionStatus,
-    ProcessAttribute, ProcessStatus, QueuingPortStatus, SamplingPortStatus, SemaphoreStatus,
+    BlackboardStatus, BufferStatus, ErrorStatus, EventStatus, Identifier, MemoryBlockStatus, MutexStatus,
+    PartitionStatus, ProcessAttribute, ProcessStatus, QueuingPortStatus, SamplingPortCurrentStatus,
+    SamplingPortStatus, ScheduleStatus, SemaphoreStatus,
 };
 use pointers::{bytes, given, name_of, put, put_first, receive, tell, text};
 
@@ -66,6 +67,13 @@ fn process(id: impl Identifier) -> ProcessId {
 
 plain_services! {
     SET_PARTITION_MODE(mode: u32) { current::set_partition_mode(mode) }
+    GET_MEMORY_BLOCK_STATUS(name: *const u8, status: *mut MemoryBlockStatus) {
+        let name = name_of(name)?;
+        put_first(status, || call(|services| services.get_memory_block_status(name.text()?)).map(Into::into))
+    }
+    SET_DEFAULT_PROCESS_CORE_AFFINITY(core: i32) {
+        call(|services| services.set_default_process_core_affinity(core))
+    }
     SUSPEND_SELF(time_out: i64) { wait(|services| services.suspend_self(time_out)) }
     LOCK_PREEMPTION(level: *mut i32) {
         given(level)?;
@@ -84,7 +92,7 @@ plain_services! {
     GET_MY_INDEX(index: *mut i32) { put_first(index, || call(|services| services.get_my_index())) }
     TIMED_WAIT(delay: i64) { wait(|services| services.timed_wait(delay)) }
     PERIODIC_WAIT() { wait(|services| services.periodic_wait()) }
-    GET_TIME(time: *mut i64) { put_first(time, || call(|services| Ok(services.get_time()))) }
+    GET_TIME(time: *mut i64) { put_first(time, || current::as_process(|process| process.now_ns())) }
     REPLENISH(budget: i64) { call(|services| services.replenish(budget)) }
     REPORT_APPLICATION_MESSAGE(message: *const u8, length: i32) {
         let message = text(message, length)?;
@@ -137,6 +145,21 @@ services! {
     INITIALIZE_PROCESS_CORE_AFFINITY, INITIALIZE_PROCESS_CORE_AFFINITY_64 (id: Id, core: i32) {
         call(|services| services.initialize_process_core_affinity(process(id), core))
     }
+    SET_PROCESS_CORE_AFFINITY, SET_PROCESS_CORE_AFFINITY_64 (id: Id, core: i32) {
+        call(|services| services.set_process_core_affinity(process(id), core))
+    }
+    GET_PROCESS_CORE_AFFINITY, GET_PROCESS_CORE_AFFINITY_64 (id: Id, core: *mut i32) {
+        put_first(core, || call(|services| services.get_process_core_affinity(process(id))))
+    }
+
+    SET_MODULE_SCHEDULE, SET_MODULE_SCHEDULE_64 (id: Id) { current::set_module_schedule(id.number()) }
+    GET_MODULE_SCHEDULE_STATUS, GET_MODULE_SCHEDULE_STATUS_64 (status: *mut ScheduleStatus<Id>) {
+        put_first(status, || current::get_module_schedule_status().map(Into::into))
+    }
+    GET_MODULE_SCHEDULE_ID, GET_MODULE_SCHEDULE_ID_64 (name: *const u8, id: *mut Id) {
+        let name = name_of(name)?;
+        put_first(id, || current::get_module_schedule_id(name.text()?).map(Id::of))
+    }
 
     CREATE_SAMPLING_PORT, CREATE_SAMPLING_PORT_64
     (name: *const u8, size: i32, direction: u32, refresh: i64, id: *mut Id) {
@@ -163,6 +186,33 @@ services! {
     GET_SAMPLING_PORT_STATUS, GET_SAMPLING_PORT_STATUS_64 (id: Id, status: *mut SamplingPortStatus) {
         let id = SamplingPortId(id.number());
         put_first(status, || call(|services| services.get_sampling_port_status(id)).map(Into::into))
+    }
+    READ_UPDATED_SAMPLING_MESSAGE, READ_UPDATED_SAMPLING_MESSAGE_64
+    (id: Id, message: *mut u8, length: *mut i32, updated: *mut u32) {
+        put(updated, Updated::EmptyPort.into())?;
+        let (id, mut found) = (SamplingPortId(id.number()), Updated::EmptyPort);
+        let read = receive(message, length, |process, into| {
+            process.read_updated_sampling_message(id, into, &mut found)
+        });
+        put(updated, found.into())?;
+        read
+    }
+    READ_SAMPLING_MESSAGE_CONDITIONAL, READ_SAMPLING_MESSAGE_CONDITIONAL_64
+    (id: Id, reference: i64, message: *mut u8, length: *mut i32, time_stamp: *mut i64) {
+        put(time_stamp, 0)?;
+        let (id, mut stamp) = (SamplingPortId(id.number()), 0);
+        let read = receive(message, length, |process, into| {
+            process.read_sampling_message_conditional(id, reference, into, &mut stamp)
+        });
+        put(time_stamp, stamp)?;
+        read
+    }
+    GET_SAMPLING_PORT_CURRENT_STATUS, GET_SAMPLING_PORT_CURRENT_STATUS_64
+    (id: Id, status: *mut SamplingPortCurrentStatus) {
+        let id = SamplingPortId(id.number());
+        put_first(status, || {
+            current::as_process(|process| process.get_sampling_port_current_status(id)).map(Into::into)
+        })
     }
 
     CREATE_QUEUING_PORT, CREATE_QUEUING_PORT_64
@@ -200,6 +250,50 @@ services! {
         current::as_process(|process| process.at_ports(|services, ports| services.clear_queuing_port(ports, id)))
     }
 
+    CREATE_QUEUING_PORT_LIST, CREATE_QUEUING_PORT_LIST_64 (name: *const u8, most: i32, id: *mut Id) {
+        let name = name_of(name)?;
+        put_first(id, || {
+            call(|services| services.create_queuing_port_list(name.text()?, most)).map(|id| Id::of(id.0))
+        })
+    }
+    ADD_PORT_TO_QUEUING_PORT_LIST, ADD_PORT_TO_QUEUING_PORT_LIST_64 (list: Id, port: Id, action: u32) {
+        let (list, port) = (QueuingPortListId(list.number()), QueuingPortId(port.number()));
+        call(|services| services.add_port_to_queuing_port_list(list, port, action))
+    }
+    SET_PORT_ACTION_IN_QUEUING_PORT_LIST, SET_PORT_ACTION_IN_QUEUING_PORT_LIST_64
+    (list: Id, port: Id, action: u32) {
+        let (list, port) = (QueuingPortListId(list.number()), QueuingPortId(port.number()));
+        call(|services| services.set_port_action_in_queuing_port_list(list, port, action))
+    }
+    GET_QUEUING_PORT_ACTION_STATUS, GET_QUEUING_PORT_ACTION_STATUS_64
+    (list: Id, port: Id, action: *mut u32) {
+        let (list, port) = (QueuingPortListId(list.number()), QueuingPortId(port.number()));
+        put_first(action, || {
+            call(|services| services.get_queuing_port_action_status(list, port)).map(Into::into)
+        })
+    }
+    RECEIVE_MESSAGE_FROM_QUEUING_PORT_LIST, RECEIVE_MESSAGE_FROM_QUEUING_PORT_LIST_64
+    (list: Id, time_out: i64, message: *mut u8, size: i32, reset: u32, port: *mut Id, length: *mut i32) {
+        put(port, Id::of(0))?;
+        let (list, mut served) = (QueuingPortListId(list.number()), None);
+        let received = receive(message, length, |process, into| {
+            let into = (into, &mut served);
+            process.receive_message_from_queuing_port_list(list, time_out, size, reset, into)
+        });
+        put(port, Id::of(served.map_or(0, |port| port.0)))?;
+        received
+    }
+    WAIT_FOR_MESSAGE_FROM_QUEUING_PORT_LIST, WAIT_FOR_MESSAGE_FROM_QUEUING_PORT_LIST_64
+    (list: Id, time_out: i64, reset: u32, port: *mut Id) {
+        put(port, Id::of(0))?;
+        let (list, mut served) = (QueuingPortListId(list.number()), None);
+        let waited = current::as_process(|process| {
+            process.wait_for_message_from_queuing_port_list(list, time_out, reset, &mut served)
+        });
+        put(port, Id::of(served.map_or(0, |port| port.0)))?;
+        waited
+    }
+
     CREATE_BUFFER, CREATE_BUFFER_64
     (name: *const u8, size: i32, messages: i32, discipline: u32, id: *mut Id) {
         let name = name_of(name)?;
@@ -233,7 +327,7 @@ services! {
     }
     DISPLAY_BLACKBOARD, DISPLAY_BLACKBOARD_64 (id: Id, message: *const u8, length: i32) {
         let (id, message) = (BlackboardId(id.number()), bytes(message, length)?);
-        call(|services| services.display_blackboard(id, message))
+        current::as_process(|process| process.display_blackboard(id, message))
     }
     READ_BLACKBOARD, READ_BLACKBOARD_64 (id: Id, time_out: i64, message: *mut u8, length: *mut i32) {
         let id = BlackboardId(id.number());
@@ -242,7 +336,7 @@ services! {
         })
     }
     CLEAR_BLACKBOARD, CLEAR_BLACKBOARD_64 (id: Id) {
-        call(|services| services.clear_blackboard(BlackboardId(id.number())))
+        current::as_process(|process| process.clear_blackboard(BlackboardId(id.number())))
     }
     GET_BLACKBOARD_ID, GET_BLACKBOARD_ID_64 (name: *const u8, id: *mut Id) {
         let name = name_of(name)?;
@@ -265,7 +359,7 @@ services! {
         wait(|services| services.wait_semaphore(SemaphoreId(id.number()), time_out))
     }
     SIGNAL_SEMAPHORE, SIGNAL_SEMAPHORE_64 (id: Id) {
-        call(|services| services.signal_semaphore(SemaphoreId(id.number())))
+        current::as_process(|process| process.signal_semaphore(SemaphoreId(id.number())))
     }
     GET_SEMAPHORE_ID, GET_SEMAPHORE_ID_64 (name: *const u8, id: *mut Id) {
         let name = name_of(name)?;
@@ -280,8 +374,8 @@ services! {
         let name = name_of(name)?;
         put_first(id, || call(|services| services.create_event(name.text()?)).map(|id| Id::of(id.0)))
     }
-    SET_EVENT, SET_EVENT_64 (id: Id) { call(|services| services.set_event(EventId(id.number()))) }
-    RESET_EVENT, RESET_EVENT_64 (id: Id) { call(|services| services.reset_event(EventId(id.number()))) }
+    SET_EVENT, SET_EVENT_64 (id: Id) { current::as_process(|process| process.set_event(EventId(id.number()))) }
+    RESET_EVENT, RESET_EVENT_64 (id: Id) { current::as_process(|process| process.reset_event(EventId(id.number()))) }
     WAIT_EVENT, WAIT_EVENT_64 (id: Id, time_out: i64) {
         wait(|services| services.wait_event(EventId(id.number()), time_out))
     }

@@ -2,6 +2,7 @@
 //!
 //! Enumerations are plain numbers here: what comes from C may be any. `I` is an identifier, of 32 or 64 bits.
 
+use bateleur_apex::processes::current::ModuleScheduleStatus;
 use bateleur_apex::processes::standard;
 
 /// A name: 32 characters, or fewer and a NUL.
@@ -103,6 +104,24 @@ pub struct SamplingPortStatus {
     pub last_msg_validity: u32,
 }
 
+/// SAMPLING_PORT_CURRENT_STATUS_TYPE.
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+pub struct SamplingPortCurrentStatus {
+    /// ns.
+    pub refresh_period: i64,
+    /// When the latest message was written, ns.
+    pub time_stamp: i64,
+    /// Bytes.
+    pub max_message_size: i32,
+    /// PORT_DIRECTION_TYPE.
+    pub port_direction: u32,
+    /// MESSAGE_AGE_TYPE.
+    pub message_age: u32,
+    /// UPDATED_TYPE.
+    pub updated: u32,
+}
+
 /// QUEUING_PORT_STATUS_TYPE.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
@@ -183,6 +202,30 @@ pub struct MutexStatus<I> {
     pub waiting_processes: i32,
 }
 
+/// SCHEDULE_STATUS_TYPE (Part 2).
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+pub struct ScheduleStatus<I> {
+    /// Module time, ns; 0: the module has not changed yet.
+    pub time_of_last_schedule_switch: i64,
+    /// The schedule that runs.
+    pub current_schedule: I,
+    /// That of the next major frame.
+    pub next_schedule: I,
+}
+
+/// MEMORY_BLOCK_STATUS_TYPE (Part 2).
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+pub struct MemoryBlockStatus {
+    /// Where it begins.
+    pub memory_block_addr: usize,
+    /// MEMORY_BLOCK_MODE_TYPE.
+    pub memory_block_mode: u32,
+    /// Bytes.
+    pub memory_block_size: i32,
+}
+
 /// ERROR_STATUS_TYPE.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
@@ -197,6 +240,22 @@ pub struct ErrorStatus<I> {
     pub length: i32,
     /// The text of the one who raised it.
     pub message: [u8; standard::MAX_ERROR_MESSAGE_SIZE],
+}
+
+impl<I: Identifier> From<ModuleScheduleStatus> for ScheduleStatus<I> {
+    fn from(of: ModuleScheduleStatus) -> Self {
+        Self {
+            time_of_last_schedule_switch: of.time_of_last_switch,
+            current_schedule: I::of(of.current),
+            next_schedule: I::of(of.next),
+        }
+    }
+}
+
+impl From<standard::MemoryBlockStatus> for MemoryBlockStatus {
+    fn from(of: standard::MemoryBlockStatus) -> Self {
+        Self { memory_block_addr: of.address, memory_block_mode: of.mode.into(), memory_block_size: of.size }
+    }
 }
 
 impl From<standard::ProcessAttributes> for ProcessAttribute {
@@ -245,6 +304,19 @@ impl From<standard::SamplingPortStatus> for SamplingPortStatus {
             max_message_size: of.max_message_size,
             port_direction: of.port_direction.into(),
             last_msg_validity: of.last_msg_validity.into(),
+        }
+    }
+}
+
+impl From<standard::SamplingPortCurrentStatus> for SamplingPortCurrentStatus {
+    fn from(of: standard::SamplingPortCurrentStatus) -> Self {
+        Self {
+            refresh_period: of.refresh_period,
+            time_stamp: of.time_stamp,
+            max_message_size: of.max_message_size,
+            port_direction: of.port_direction.into(),
+            message_age: of.message_age.into(),
+            updated: of.updated.into(),
         }
     }
 }

@@ -4,7 +4,8 @@
 
 use bateleur_apex::serial::Presence;
 use bateleur_messages::frame::DecoderState;
-use bateleur_messages::ground::Waypoint;
+use bateleur_messages::ground::{Step, Waypoint};
+use bateleur_messages::mark::{MOST_MARKS, Mark, MarkKind};
 use bateleur_messages::parameter::Changed;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
@@ -26,8 +27,11 @@ pub struct Kept {
     notices_owed: u64,
     parameters: Changed,
     waypoint_count: u64,
-    /// North, east, altitude, heading, airspeed.
-    waypoints: [[f64; 5]; MOST_WAYPOINTS],
+    /// North, east, altitude, heading, airspeed; what is done there.
+    waypoints: [[f64; 8]; MOST_WAYPOINTS],
+    mark_count: u64,
+    /// Index, count, list, kind; north, east, size: fence and rally points.
+    marks: [[f64; 7]; 2 * MOST_MARKS],
 }
 
 impl Kept {
@@ -38,12 +42,20 @@ impl Kept {
         presence: &Presence,
         silence: &Silence,
         parameters: &Changed,
-        mission: &[Waypoint],
+        (mission, marks): (&[Waypoint], &[Mark]),
         (notices_read, notices_owed): (u32, u64),
     ) -> Self {
-        let mut waypoints = [[0.0; 5]; MOST_WAYPOINTS];
+        let mut waypoints = [[0.0; 8]; MOST_WAYPOINTS];
         for (place, w) in waypoints.iter_mut().zip(mission) {
-            *place = [w.north_m, w.east_m, w.altitude_m, w.heading_rad, w.airspeed_mps];
+            let [kind, amount, second] = w.step.to_numbers();
+            let (north_m, east_m) = (w.north_m, w.east_m);
+            *place = [north_m, east_m, w.altitude_m, w.heading_rad, w.airspeed_mps, kind, amount, second];
+        }
+        let mut kept_marks = [[0.0; 7]; 2 * MOST_MARKS];
+        for (place, m) in kept_marks.iter_mut().zip(marks) {
+            let heads = [m.index, m.count, m.list, m.kind as u8].map(f64::from);
+            place[..4].copy_from_slice(&heads);
+            place[4..].copy_from_slice(&[m.north_m, m.east_m, m.size]);
         }
         Self {
             uplink: uplink.state(),
@@ -55,6 +67,8 @@ impl Kept {
             parameters: *parameters,
             waypoint_count: mission.len().min(MOST_WAYPOINTS) as u64,
             waypoints,
+            mark_count: marks.len().min(2 * MOST_MARKS) as u64,
+            marks: kept_marks,
         }
     }
 
@@ -75,12 +89,27 @@ impl Kept {
         if !numbers.iter().flatten().all(|number| number.is_finite()) {
             return Vec::new();
         }
-        let waypoint = |(index, numbers): (u8, &[f64; 5])| {
-            let [north_m, east_m, altitude_m, heading_rad, airspeed_mps] = *numbers;
+        let waypoint = |(index, numbers): (u8, &[f64; 8])| {
+            let [north_m, east_m, altitude_m, heading_rad, airspeed_mps, step @ ..] = *numbers;
             let count = count as u8; // MOST_WAYPOINTS at most
-            Waypoint { index, count, north_m, east_m, altitude_m, heading_rad, airspeed_mps }
+            let step = Step::from_numbers(step)?;
+            Some(Waypoint { index, count, north_m, east_m, altitude_m, heading_rad, airspeed_mps, step })
         };
-        (0..=u8::MAX).zip(numbers).map(waypoint).collect()
+        (0..=u8::MAX).zip(numbers).map(waypoint).collect::<Option<_>>().unwrap_or_default()
+    }
+
+    /// The fence and the rally points that had gone to the Controller; empty where they make no sense.
+    pub fn marks(&self) -> Vec<Mark> {
+        let count = usize::try_from(self.mark_count).unwrap_or(usize::MAX);
+        let numbers = self.marks.get(..count).unwrap_or_default();
+        let mark = |&[index, count, list, kind, north_m, east_m, size]: &[f64; 7]| {
+            let finite = [north_m, east_m, size].iter().all(|number| number.is_finite());
+            let kind = MarkKind::of_number(kind).filter(|_| finite)?;
+            // Casts saturate.
+            let (index, count, list) = (index as u8, count as u8, list as u8);
+            Some(Mark { index, count, list, kind, north_m, east_m, size })
+        };
+        numbers.iter().map(mark).collect::<Option<_>>().unwrap_or_default()
     }
 
     /// Hands it to those of the next incarnation. What does not make sense is forgotten.
@@ -142,7 +171,15 @@ mod tests {
 
         fn kept(&self) -> Kept {
             let silence = Silence::default();
-            Kept::of(&self.uplink, &self.downlink, &self.presence, &silence, &Changed::default(), &[], (0, 0))
+            Kept::of(
+                &self.uplink,
+                &self.downlink,
+                &self.presence,
+                &silence,
+                &Changed::default(),
+                (&[], &[]),
+                (0, 0),
+            )
         }
     }
 
@@ -196,8 +233,11 @@ mod tests {
             altitude_m: 160.0,
             heading_rad: 1.0,
             airspeed_mps: 22.0,
+            step: Step::Turns { turns: f64::from(index), radius_m: -90.0 },
         };
         let mission = [waypoint(0), waypoint(1)];
+        let rally = Mark { index: 1, count: 2, size: 90.0, ..Mark::none(7, MarkKind::Rally) };
+        let marks = [Mark { kind: MarkKind::ExclusionCircle, ..rally }, rally];
         let (uplink, downlink) = (Uplink::new(), Downlink::new(57_600));
         let kept = Kept::of(
             &uplink,
@@ -205,12 +245,14 @@ mod tests {
             &Presence::default(),
             &Silence::default(),
             &Changed::default(),
-            &mission,
+            (&mission, &marks),
             (7, 2),
         );
         assert_eq!((kept.mission(), kept.notices()), (mission.to_vec(), (7, 2)));
+        assert_eq!(kept.marks(), marks);
+        assert_eq!(Kept { mark_count: 9_999, ..kept }.marks(), []);
         assert_eq!(Kept { waypoint_count: 9_999, ..kept }.mission(), []);
-        assert_eq!(Kept { waypoints: [[f64::NAN; 5]; MOST_WAYPOINTS], ..kept }.mission(), []);
+        assert_eq!(Kept { waypoints: [[f64::NAN; 8]; MOST_WAYPOINTS], ..kept }.mission(), []);
     }
 
     #[test]

@@ -25,7 +25,7 @@ const BYTES_PER_WINDOW: usize = 512;
 /// Telemetry messages taken from one function in one window, most; as many as the queue usually holds.
 const MESSAGES_PER_FUNCTION: usize = 8;
 
-struct Command {
+pub(crate) struct Command {
     path: String,
     baud: u32,
     line: Line<Device>,
@@ -142,12 +142,14 @@ impl Command {
             if let Some((_, station)) = &mut self.mavlink {
                 station.set_rates(self.numbers.rates);
                 station.resume_mission(kept.mission());
+                station.resume_marks(kept.marks());
             }
         }
     }
 
     fn keep(&mut self) {
         let mission = self.mavlink.as_ref().map(|(_, station)| station.mission()).unwrap_or_default();
+        let marks = self.mavlink.as_ref().map(|(_, station)| station.marks()).unwrap_or_default();
         let parameters = self.parameters.changed();
         let notices = (self.notices.position(), self.health.owed());
         let kept = Kept::of(
@@ -156,7 +158,7 @@ impl Command {
             &self.presence,
             &self.silence,
             parameters,
-            mission,
+            (mission, &marks),
             notices,
         );
         self.retained.store(&kept);

@@ -26,7 +26,7 @@ pub fn receivers(message: &GroundMessage) -> &'static [&'static str] {
         b'H' => &["hil_interface"],
         // The Controller computes and the Servo lets through: both must know.
         b'A' => &["controller", "servo"],
-        b'N' | b'W' | b'L' | b'F' => &["controller"],
+        b'N' | b'W' | b'L' | b'F' | b'J' | b'G' | b'P' => &["controller"],
         b'I' => &["imu"],
         b'E' => &["estimator"],
         b'R' | b'Y' => message.bytes().first().map_or(&[], |of| function(*of)),

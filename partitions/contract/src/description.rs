@@ -19,6 +19,10 @@ pub struct Description {
     pub start_condition: StartCondition,
     /// It stands by: it initialises, sleeps, and has its first window when it has taken over. Queues are attached then.
     pub standby: bool,
+    /// It is a spare: it waits before it does anything, until the control page says why it begins. That counts, and not
+    /// `start_condition`.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub spare: bool,
     /// Which clock module time follows. For the library only: a partition's own code can not tell.
     pub clock: Clock,
     /// Its ports.
@@ -33,11 +37,26 @@ pub struct Description {
     pub error_handler: bool,
     /// Its number and times, and what its processes may take.
     pub processes: ProcessPlan,
+    /// Descriptor of its [`crate::ProcessTable`]; it has none where it can have one thread only.
+    #[serde(default)]
+    pub process_table: Option<i32>,
+    /// Descriptor of its crash memory ([`crate::crash`]).
+    #[serde(default)]
+    pub crash_memory: Option<i32>,
+    /// The processes whose times the plan knows.
+    #[serde(default)]
+    pub planned_processes: Vec<PlannedProcess>,
+    /// Errors of processes, as the health tables name them, that the plan does not leave to an error handler of theirs.
+    #[serde(default)]
+    pub taken_errors: Vec<String>,
     /// The partition may tell how the module's major frames lie to a peer's: it is the relay of a module that follows.
     #[serde(default)]
     pub may_align: bool,
     /// Bytes of retained memory behind [`crate::RETAINED_FD`]; 0: none.
     pub retained_bytes: u64,
+    /// The memory blocks that it is given.
+    #[serde(default)]
+    pub memory_blocks: Vec<MemoryBlockDescription>,
     /// Directory of the module's channels: each has a directory of its own in it.
     pub ports_root: String,
 }
@@ -59,6 +78,32 @@ pub struct ProcessPlan {
     pub stacks_bytes: u64,
 }
 
+/// A process as the plan has it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PlannedProcess {
+    /// Its name.
+    pub name: String,
+    /// 1 to 239, the highest is the most urgent.
+    pub priority: u8,
+    /// From one release to the next, ns; `None`: it is not periodic.
+    pub period_ns: Option<u64>,
+    /// From a release to its deadline, ns; `None`: it has none.
+    pub deadline_ns: Option<u64>,
+}
+
+/// A memory block (ARINC 653 part 2) that a partition is given.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MemoryBlockDescription {
+    /// Its name in the plan.
+    pub name: String,
+    /// Its size.
+    pub bytes: u64,
+    /// The partition may write it; otherwise the descriptor only reads.
+    pub writable: bool,
+    /// The descriptor of its memory.
+    pub descriptor: i32,
+}
+
 /// Why a partition was started (ARINC 653 START_CONDITION).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -78,6 +123,27 @@ pub enum StartCondition {
 }
 
 impl StartCondition {
+    const ALL: [Self; 6] = [
+        Self::NormalStart,
+        Self::PartitionRestart,
+        Self::PartitionWarmRestart,
+        Self::HmModuleRestart,
+        Self::HmPartitionWarmRestart,
+        Self::HmPartitionColdRestart,
+    ];
+
+    /// Its number on the control page; never 0.
+    #[must_use]
+    pub fn number(self) -> u32 {
+        self as u32 + 1
+    }
+
+    /// The condition with this number.
+    #[must_use]
+    pub fn from_number(number: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|condition| condition.number() == number)
+    }
+
     /// Retained memory is as it was left.
     #[must_use]
     pub fn is_warm(self) -> bool {

@@ -1,15 +1,17 @@
 //! The contract between the executive and a partition, and nothing else.
 //!
-//! Responsible for: the control page that both map, the description that a partition is started with, the table of a
-//! module's links that a relay is told, the numbers of the descriptors it inherits, and its exit codes. Both sides are
+//! Responsible for: the control page and the process table that both map, the memory in which a dying process leaves what happened, the
+//! description that a partition is started with, the table of a module's links that a relay is told, the numbers of the descriptors it inherits, and its exit codes. Both sides are
 //! built from this crate, and the page carries a version, so that a partition built against another contract is refused
 //! at its start. It must never grow policy: what a fault means is the executive's business, what a window computes is
 //! the partition's.
 
+pub mod crash;
 pub mod description;
 pub mod fault;
 pub mod packing;
 pub mod page;
+pub mod process_table;
 pub mod relay;
 mod ring;
 pub mod sealed;
@@ -17,14 +19,17 @@ mod sync;
 
 mod mapping;
 
+pub use crash::CrashHead;
 pub use description::{
-    Clock, Description, Direction, PLAIN_BYTES, PortDescription, PortKind, ProcessPlan, StartCondition,
+    Clock, Description, Direction, MemoryBlockDescription, PLAIN_BYTES, PlannedProcess, PortDescription,
+    PortKind, ProcessPlan, StartCondition,
 };
 pub use fault::{FaultKind, FaultOrder};
 pub use mapping::{Mapped, MappingError, SharedMemory};
 pub use page::{
     AlignmentReport, AlignmentTold, ControlPage, ErrorCode, Mode, ReportKind, Reported, Takeover,
 };
+pub use process_table::{ProcessRow, ProcessState, ProcessTable, Switch, ToldError};
 pub use relay::{ClockRole, LinkTable, PathTable, RELAY_KEYS_FD, RelayChannel, RelayTable};
 pub use sealed::SealedDescriptors;
 

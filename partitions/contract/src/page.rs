@@ -1,8 +1,8 @@
 //! The control page: one for each partition, mapped by the executive and by that partition alone.
 //!
 //! The executive writes the upper half and trusts nothing that it reads from the lower half; a partition that
-//! writes nonsense harms itself only. Every field is an atomic; the two words that are slept on are `grant` and
-//! `done`.
+//! writes nonsense harms itself only. Every field is an atomic; the words that are slept on are `grant`, `done` and
+//! `begin`.
 //!
 //! A window: the executive stores the window's data, increments `grant` and wakes it ([`ControlPage::publish_grant`]). The partition,
 //! which sleeps on `grant`, takes a copy of the data ([`ControlPage::granted_window`]), computes, stores the grant's value in `done` and wakes who sleeps on it: the window is closed, the rest of
@@ -20,7 +20,7 @@ const MODEL: bool = cfg!(feature = "model");
 /// First word of every control page.
 pub const MAGIC: u32 = 0x4254_4c52; // "BTLR"
 /// Raised whenever the page or the description changes its meaning.
-pub const VERSION: u32 = 12;
+pub const VERSION: u32 = 15;
 
 /// Bytes of a report's text, as in REPORT_APPLICATION_MESSAGE.
 pub const REPORT_TEXT: usize = if MODEL { 8 } else { 128 };
@@ -89,6 +89,18 @@ pub enum ReportKind {
     ApplicationError = 1,
     /// A port could not be read or written: a health error.
     PortError = 2,
+    /// A process has missed its deadline: a health error, as all that follow.
+    DeadlineMissed = 3,
+    /// A process has computed what there is no number for.
+    NumericError = 4,
+    /// A process has asked for what it may not have.
+    IllegalRequest = 5,
+    /// A process has used more stack than it has.
+    StackOverflow = 6,
+    /// A process has touched memory that is not its partition's.
+    MemoryViolation = 7,
+    /// The machine has reported damage while a process ran.
+    HardwareFault = 8,
 }
 
 /// An error that a partition's own handler is told of. The first eight have the numbers of ARINC 653.
@@ -235,7 +247,9 @@ pub struct ControlPage {
     fault_orders: AtomicU32,
     /// The grant whose window is being written or was written last: differs from `grant` while it is written.
     granting: AtomicU32,
-    reserved_1: [AtomicU32; 4],
+    /// Lets a spare begin: 0 not yet, else the number of its [`crate::StartCondition`]. It sleeps on this word.
+    pub begin: AtomicU32,
+    reserved_1: [AtomicU32; 3],
     /// 1 while the executive sleeps on `done`: a partition that closes its window wakes it then, and spares itself the
     /// call otherwise. See [`ControlPage::close`].
     pub awaited: AtomicU32,
@@ -257,7 +271,9 @@ pub struct ControlPage {
     pub port_refusals: AtomicU64,
     /// The schedule that the partition asks for, and how often it has asked: see [`ControlPage::request_schedule`].
     schedule_request: AtomicU64,
-    reserved_3: [AtomicU64; 1],
+    /// 1 when a spare has come as far as it may before it begins.
+    pub waits: AtomicU32,
+    reserved_3: AtomicU32,
     /// Reports so far, see [`Ring`].
     report_count: AtomicU32,
     /// Not zero while the partition's error handler runs, and while what it has asked for is carried out; [`OWN_REQUEST`] while what the
@@ -555,10 +571,17 @@ impl OrderedFault {
 }
 
 impl ReportKind {
-    fn from_word(word: u32) -> Self {
+    /// What is no kind is an error all the same.
+    pub(crate) fn from_word(word: u32) -> Self {
         match word & !IN_HANDLER {
             0 => Self::Message,
             2 => Self::PortError,
+            3 => Self::DeadlineMissed,
+            4 => Self::NumericError,
+            5 => Self::IllegalRequest,
+            6 => Self::StackOverflow,
+            7 => Self::MemoryViolation,
+            8 => Self::HardwareFault,
             _ => Self::ApplicationError,
         }
     }

@@ -1,10 +1,12 @@
-//! Where the aircraft may be: within a distance of the runway, between a floor and a ceiling.
+//! Where the aircraft may be: within a distance of the runway, between a floor and a ceiling, and in the areas that the ground has sent.
 //!
 //! Responsible for the verdict, and for where to fly then. It judges the estimated position, and only while the autopilot flies.
 
 use bateleur_flight::control::landing::LandingConfig;
 use bateleur_flight::estimator::NavigationState;
 use nalgebra::Vector2;
+
+use crate::areas::Areas;
 
 /// The floor counts from so much above it on, m: a take-off begins below.
 const ABOVE_FLOOR_M: f64 = 5.0;
@@ -90,13 +92,13 @@ pub(crate) struct FenceWatch {
 
 impl FenceWatch {
     /// Looks at a state; true when it has just been left.
-    pub(crate) fn look(&mut self, fence: &Fence, state: &NavigationState) -> bool {
+    pub(crate) fn look(&mut self, fence: &Fence, areas: &Areas, state: &NavigationState) -> bool {
         let (height_m, away_m) = (state.altitude_m(), state.position.xy().norm());
         self.above_floor |= fence.floor_m.is_some_and(|floor_m| height_m > floor_m + ABOVE_FLOOR_M);
         let beyond = fence.radius_m.is_some_and(|radius_m| away_m > radius_m);
         let above = fence.ceiling_m.is_some_and(|ceiling_m| height_m > ceiling_m);
         let below = self.above_floor && fence.floor_m.is_some_and(|floor_m| height_m < floor_m);
-        let outside = beyond || above || below;
+        let outside = beyond || above || below || !areas.allow(&state.position.xy());
         let before = std::mem::replace(&mut self.outside, outside);
         outside && !before
     }

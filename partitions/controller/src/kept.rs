@@ -2,10 +2,11 @@
 //! the laws.
 
 use bateleur_flight::control::{ControllerSnapshot, memory};
-use bateleur_flight::guidance::{GuidanceSnapshot, MAX_WAYPOINTS, Waypoint};
+use bateleur_flight::guidance::{GuidanceSnapshot, MAX_WAYPOINTS, Step, Waypoint};
 use bateleur_messages::ground::{LoopId, Order};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
+use crate::areas::Areas;
 use crate::manoeuvre::Tasks;
 use crate::orders::{Answer, Orders};
 use crate::waypoints::{List, Waypoints};
@@ -17,7 +18,7 @@ const NAVIGATION: u32 = 2;
 /// [`Kept::switches`]: an altitude is held.
 const HOLD: u32 = 4;
 
-type Points = [[f64; 5]; MAX_WAYPOINTS];
+type Points = [[f64; 8]; MAX_WAYPOINTS];
 
 /// Plain numbers in a fixed size.
 #[derive(Debug, Clone, Copy, PartialEq, FromBytes, IntoBytes, Immutable, KnownLayout)]
@@ -43,6 +44,7 @@ pub struct Kept {
     reserved: u32,
     staged: Points,
     flown: Points,
+    pub(crate) areas: Areas,
 }
 
 impl Kept {
@@ -50,7 +52,7 @@ impl Kept {
     pub(crate) fn new(
         orders: &Orders,
         tasks: Tasks,
-        waypoints: &Waypoints,
+        (waypoints, areas): (&Waypoints, Areas),
         laws: &ControllerSnapshot,
         hold_altitude_m: Option<f64>,
         last_ns: Option<u64>,
@@ -77,6 +79,7 @@ impl Kept {
             reserved: 0,
             staged: waypoints.staged.points.map(to_numbers),
             flown: waypoints.flown.points.map(to_numbers),
+            areas,
         }
     }
 
@@ -86,7 +89,7 @@ impl Kept {
         let finite = self.targets.iter().chain(&self.laws).all(|number| number.is_finite());
         let points = self.staged.iter().chain(&self.flown).flatten().all(|number| number.is_finite());
         let whole = self.flown_count == self.flown_there.count_ones();
-        counts && finite && points && whole && self.hold_altitude_m.is_finite()
+        counts && finite && points && whole && self.areas.is_sane() && self.hold_altitude_m.is_finite()
     }
 
     /// Switches and targets.
@@ -143,10 +146,12 @@ impl Kept {
     }
 }
 
-fn to_numbers(p: Waypoint) -> [f64; 5] {
-    [p.north_m, p.east_m, p.altitude_m, p.airspeed_mps, p.heading_rad]
+fn to_numbers(p: Waypoint) -> [f64; 8] {
+    let [kind, amount, second] = p.step.to_numbers();
+    [p.north_m, p.east_m, p.altitude_m, p.airspeed_mps, p.heading_rad, kind, amount, second]
 }
 
-fn from_numbers([north_m, east_m, altitude_m, airspeed_mps, heading_rad]: [f64; 5]) -> Waypoint {
-    Waypoint { north_m, east_m, altitude_m, airspeed_mps, heading_rad }
+fn from_numbers(numbers: [f64; 8]) -> Waypoint {
+    let [north_m, east_m, altitude_m, airspeed_mps, heading_rad, step @ ..] = numbers;
+    Waypoint { north_m, east_m, altitude_m, airspeed_mps, heading_rad, step: Step::from_numbers(step) }
 }

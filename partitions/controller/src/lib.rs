@@ -8,6 +8,7 @@
 //! navigation nor a loop asks for is held as it is flown by default, wings level, at the altitude of the moment and at
 //! cruise airspeed.
 
+mod areas;
 mod convert;
 mod fence;
 mod kept;
@@ -25,13 +26,13 @@ pub use parameters::{Memory, parameters};
 pub use settings::{Settings, planned_waypoints};
 pub use waypoints::{Change, List, Waypoints};
 
+use areas::Areas;
 use bateleur_flight::control::fallback::Basis;
 use bateleur_flight::control::outer::normal_for;
 use bateleur_flight::control::{Channels, Controller, ControllerInputs, ControllerOutput, LoopCommands};
 use bateleur_flight::estimator::NavigationState;
 use bateleur_flight::guidance::{
-    Guidance, GuidanceConfig, GuidanceError, GuidanceOutput, GuidanceSnapshot, Waypoint, seed_waypoints,
-    waypoints_to_reach,
+    Guidance, GuidanceConfig, GuidanceError, GuidanceOutput, Waypoint, seed_waypoints,
 };
 use bateleur_flight::servo;
 use bateleur_messages::control::{
@@ -53,6 +54,7 @@ pub struct Function {
     controller: Box<Controller>,
     orders: Orders,
     tasks: Tasks,
+    areas: Areas,
     /// The aircraft stands on the runway, as far as the last state says.
     standing: bool,
     /// Limits that references ran into since the ground was told last.
@@ -85,6 +87,7 @@ impl Function {
             controller: Box::new(Controller::new(settings.airframe, settings.control, guidance)),
             orders: kept.map(Kept::orders).unwrap_or_default(),
             tasks: kept.map(Kept::tasks).unwrap_or_default(),
+            areas: kept.map(|kept| kept.areas).unwrap_or_default(),
             standing: false,
             protected: 0,
             waypoints,
@@ -109,6 +112,8 @@ impl Function {
     pub fn order(&mut self, order: &Order, ready: bool) -> Answer {
         let answer = match order {
             Order::Waypoint(point) => return self.take_waypoint(point),
+            Order::Fence(mark) | Order::Rally(mark) => return self.areas.take(mark),
+            Order::GoOnWith { index } => self.go_on_with(usize::from(*index)),
             Order::Navigation { on: true } if self.waypoints.flown().is_empty() => {
                 Answer::Refused(Refusal::NoWaypoints)
             }
@@ -123,7 +128,7 @@ impl Function {
             }
             order => {
                 // A mission that is over has nothing to go on with: it begins again.
-                let over = self.is_finished(&self.controller.guidance().snapshot());
+                let over = self.controller.guidance().is_finished();
                 let begins =
                     matches!(order, Order::Navigation { on: true }) && (!self.orders.navigation || over);
                 let answer = self.orders.take(order);
@@ -194,7 +199,8 @@ impl Function {
     /// What to keep over a warm restart.
     pub fn kept(&self) -> Kept {
         let laws = self.controller.snapshot();
-        Kept::new(&self.orders, self.tasks, &self.waypoints, &laws, self.hold_altitude_m, self.last_ns)
+        let (hold_altitude_m, last_ns) = (self.hold_altitude_m, self.last_ns);
+        Kept::new(&self.orders, self.tasks, (&self.waypoints, self.areas), &laws, hold_altitude_m, last_ns)
     }
 
     /// What the ground is told of navigation; limits that were reached are told once.
@@ -254,15 +260,27 @@ impl Function {
             Err(answer) => return answer,
         };
         if change != Change::None {
-            let progress = self.controller.guidance().snapshot();
             // Every point was checked when it was taken; a list that fits is a mission.
             let Ok(mut next) = guidance(&self.settings.guidance, &self.waypoints) else {
                 return Answer::Refused(Refusal::NoWaypoints);
             };
             if change == Change::Moved {
-                next.resume(&progress); // the mission goes on; another one begins at its first point
+                next.carry_on(self.controller.guidance()); // the mission goes on; another one begins at its first point
             }
             *self.controller.guidance_mut() = next;
+        }
+        Answer::Accepted
+    }
+
+    /// Flies to an entry of the list next, in place of the one that it flies to.
+    fn go_on_with(&mut self, index: usize) -> Answer {
+        let over = self.controller.guidance().is_finished();
+        if self.waypoints.flown().is_empty() || !self.controller.guidance_mut().go_on_with(index) {
+            return Answer::Refused(Refusal::NoSuchEntry);
+        }
+        // What a mission that was over ended with ends, too; what the fence has begun does not.
+        if over && !self.tasks.fence.outside {
+            self.go_on();
         }
         Answer::Accepted
     }
@@ -326,15 +344,10 @@ impl Function {
             engaged: u32::from(commands.autopilot && finite),
             next_waypoint: progress.next,
             waypoints_reached: progress.reached,
-            finished: u32::from(self.is_finished(&progress)),
+            finished: u32::from(self.controller.guidance().is_finished()),
             task: self.task_number(commands, guidance.is_some_and(|g| g.holding)),
             protection: output.protection.0,
         }
-    }
-
-    fn is_finished(&self, progress: &GuidanceSnapshot) -> bool {
-        let wanted = waypoints_to_reach(self.settings.guidance.laps, self.waypoints.flown().len());
-        wanted.is_some_and(|wanted| progress.reached >= wanted)
     }
 
     /// The loops that are closed now, one bit each.

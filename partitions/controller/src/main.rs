@@ -16,7 +16,7 @@ use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{FROM_CONTROLLER, Telemetry};
 use bateleur_messages::{Acceleration, ActuatorCommand, FunctionStatus, Pressure, Rate, Rates, State, Watch};
 
-struct ControllerPartition {
+pub(crate) struct ControllerPartition {
     function: Function,
     shell: FunctionShell<Settings>,
     /// What the plan says.

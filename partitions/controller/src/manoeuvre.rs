@@ -6,7 +6,7 @@
 use bateleur_flight::control::takeoff::Phase;
 use bateleur_flight::control::{LoopCommands, landing};
 use bateleur_flight::estimator::NavigationState;
-use bateleur_flight::guidance::{Finish, Motion};
+use bateleur_flight::guidance::{Finish, Motion, Step, Waypoint};
 use bateleur_messages::control::{
     TASK_ABORTED, TASK_CLIMBING, TASK_LANDED, TASK_LANDING, TASK_LOITER, TASK_LOOPS, TASK_MISSION,
     TASK_RETURN, TASK_ROLLING, TASK_WAITING,
@@ -146,7 +146,9 @@ impl Function {
 
     /// Back to what was ordered.
     pub(crate) fn go_on(&mut self) {
-        self.controller.end_landing();
+        if !self.controller.end_landing() {
+            return; // on the ground there is nothing to go on with
+        }
         if self.tasks.task != Task::Ordered {
             self.controller.guidance_mut().release();
             self.hold_altitude_m = None;
@@ -164,7 +166,7 @@ impl Function {
             return;
         }
         let fence = self.settings.fence;
-        let left = self.tasks.fence.look(&fence, state);
+        let left = self.tasks.fence.look(&fence, &self.areas, state);
         // A landing ends below any floor, and is not broken off.
         if left && self.tasks.task != Task::Land {
             match fence.action {
@@ -177,10 +179,24 @@ impl Function {
             self.begin_circle(state);
         }
         // What the ground has ordered ends with the mission; the fence and a silent ground go on with theirs.
-        let over = self.tasks.task == Task::Ordered && self.controller.take_off_phase().is_none();
-        let lands = self.settings.guidance.finish == Finish::Land && self.orders.navigation;
-        if over && lands && self.is_finished(&self.controller.guidance().snapshot()) {
-            self.begin(Task::Land, false);
+        let free = self.tasks.task == Task::Ordered && self.controller.take_off_phase().is_none();
+        if free && self.orders.navigation {
+            self.follow_mission();
+        }
+    }
+
+    /// What a mission asks for that guidance does not fly: the take-off that it begins with, and what it ends with.
+    fn follow_mission(&mut self) {
+        let guidance = self.controller.guidance();
+        if let Some(height_m) = guidance.take_off_m().filter(|_| self.standing && !self.has_landed()) {
+            return self.controller.take_off_to(self.settings.take_off, Some(height_m));
+        }
+        let lands = self.settings.guidance.finish == Finish::Land && !guidance.ends_in_circle();
+        match guidance.ending().map(|last| last.step) {
+            Some(Step::Return) => self.begin(Task::Return, false),
+            Some(_) => self.begin(Task::Land, false),
+            None if lands && guidance.is_finished() => self.begin(Task::Land, false),
+            None => {}
         }
     }
 
@@ -193,19 +209,25 @@ impl Function {
         let radius_m = guidance.corner_radius_m(&motion);
         match self.tasks.task {
             Task::Ordered => {}
-            Task::Land => self
-                .controller
-                .land(state, self.settings.fence.approach_m(&self.settings.control.landing, radius_m)),
+            Task::Land => {
+                let place =
+                    guidance.ending().filter(|last| last.step == Step::Land).map(Waypoint::horizontal);
+                let height_m = fence.approach_m(&self.settings.control.landing, radius_m);
+                self.controller.land(state, height_m, place.unwrap_or_default());
+            }
             Task::Loiter if !outside => {
                 guidance.hold_here(&motion, fence.height_m(state.altitude_m()), cruise_mps);
             }
             Task::Loiter => {
-                let centre = fence.centre(&position, radius_m);
+                let centre = fence.centre(&self.areas.centre(&position, 2.0 * radius_m), radius_m);
                 guidance.hold_at(&centre, &motion, fence.height_m(state.altitude_m()), cruise_mps);
             }
             Task::Return => {
-                let height_m = fence.height_m(state.altitude_m().max(self.settings.return_m));
-                guidance.hold_at(&Vector2::zeros(), &motion, height_m, cruise_mps);
+                let (place, height_m) = self
+                    .areas
+                    .refuge(&position)
+                    .unwrap_or((Vector2::zeros(), state.altitude_m().max(self.settings.return_m)));
+                guidance.hold_at(&place, &motion, fence.height_m(height_m), cruise_mps);
             }
         }
     }

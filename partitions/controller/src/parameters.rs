@@ -12,7 +12,7 @@ use bateleur_messages::parameter::{Changed, Kind, Parameters, Row};
 use bateleur_messages::telemetry::FROM_CONTROLLER;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
-use crate::fence::FenceAction;
+use crate::fence::{Fence, FenceAction};
 use crate::{Kept, Settings};
 
 /// Everything that outlives a warm restart.
@@ -132,17 +132,51 @@ static ROWS: &[Row<Settings>] = &[
             true
         },
     ),
-    // Where it may be, and how it leaves the ground: as the plan says.
+    // Where it may be; 0: without this limit.
+    Row::settable(
+        "CTL_FENCE_ACT",
+        Kind::Choice,
+        (0.0, 2.0),
+        |s| {
+            Some(match s.fence.action {
+                FenceAction::None => 0.0,
+                FenceAction::Loiter => 1.0,
+                FenceAction::Return => 2.0,
+            })
+        },
+        |s, value| {
+            s.fence.action = match value {
+                0.0 => FenceAction::None,
+                1.0 => FenceAction::Loiter,
+                _ => FenceAction::Return,
+            };
+            true
+        },
+    ),
+    Row::settable(
+        "CTL_FENCE_RADIUS",
+        Kind::Real,
+        (0.0, 50_000.0),
+        |s| Some(s.fence.radius_m.unwrap_or(0.0)),
+        |s, value| fenced(s, |fence| fence.radius_m = (value != 0.0).then_some(value)),
+    ),
+    Row::settable(
+        "CTL_FENCE_FLOOR",
+        Kind::Real,
+        (0.0, 5_000.0),
+        |s| Some(s.fence.floor_m.unwrap_or(0.0)),
+        |s, value| fenced(s, |fence| fence.floor_m = (value != 0.0).then_some(value)),
+    ),
+    Row::settable(
+        "CTL_FENCE_CEIL",
+        Kind::Real,
+        (0.0, 10_000.0),
+        |s| Some(s.fence.ceiling_m.unwrap_or(0.0)),
+        |s, value| fenced(s, |fence| fence.ceiling_m = (value != 0.0).then_some(value)),
+    ),
+    // How it leaves the ground, and comes back: as the plan says.
     Row::fixed("CTL_TAKEOFF", Kind::Choice, |s| Some(f64::from(u8::from(s.take_off == Method::Launch)))),
     fixed!("CTL_RETURN_ALT", return_m),
-    Row::fixed("CTL_FENCE_ACT", Kind::Choice, |s| match s.fence.action {
-        FenceAction::None => Some(0.0),
-        FenceAction::Loiter => Some(1.0),
-        FenceAction::Return => Some(2.0),
-    }),
-    Row::fixed("CTL_FENCE_RADIUS", Kind::Real, |s| s.fence.radius_m),
-    Row::fixed("CTL_FENCE_FLOOR", Kind::Real, |s| s.fence.floor_m),
-    Row::fixed("CTL_FENCE_CEIL", Kind::Real, |s| s.fence.ceiling_m),
     // What follows from them and the aircraft.
     gain!("CTL_K_Q", normal_gains, pitch_rate),
     gain!("CTL_K_C", normal_gains, normal),
@@ -200,6 +234,17 @@ static ROWS: &[Row<Settings>] = &[
     fixed!("CTL_ELEV_MAX", airframe.servo.elevator_limit_rad),
     fixed!("CTL_RUD_MAX", airframe.servo.rudder_limit_rad),
 ];
+
+/// Another fence, where it leaves room to fly in.
+fn fenced(settings: &mut Settings, change: impl FnOnce(&mut Fence)) -> bool {
+    let mut fence = settings.fence;
+    change(&mut fence);
+    let holds = fence.check().is_ok();
+    if holds {
+        settings.fence = fence;
+    }
+    holds
+}
 
 fn path(settings: &Settings) -> Option<f64> {
     Some(match settings.guidance.corner {

@@ -5,7 +5,7 @@ use bateleur_flight::airframe::Airframe;
 use bateleur_flight::control::ControllerConfig;
 use bateleur_flight::control::landing::LandingConfig;
 use bateleur_flight::control::takeoff::Method;
-use bateleur_flight::guidance::{Corner, Finish, GuidanceConfig, Waypoint};
+use bateleur_flight::guidance::{Corner, Finish, GuidanceConfig, Step, Waypoint};
 
 use crate::fence::{Fence, FenceAction};
 
@@ -148,6 +148,7 @@ pub fn planned_waypoints(attributes: &mut Attributes) -> Result<Vec<Waypoint>, S
         altitude_m,
         airspeed_mps,
         heading_rad: heading_deg.to_radians(),
+        step: Step::Pass,
     };
     Ok(planned.into_iter().map(point).collect())
 }

@@ -3,6 +3,7 @@ use bateleur_flight::GRAVITY_MPS2;
 use bateleur_flight::airframe::Airframe;
 use bateleur_flight::control::ControllerConfig;
 use bateleur_flight::control::takeoff::Method;
+use bateleur_flight::guidance::GuidanceSnapshot;
 use bateleur_messages::State;
 use bateleur_messages::control::{TASK_LOOPS, TASK_MISSION, TASK_ROLLING};
 use bateleur_messages::ground;
@@ -68,6 +69,7 @@ fn load_waypoints(function: &mut Function) {
             altitude_m: point.altitude_m,
             heading_rad: point.heading_rad,
             airspeed_mps: point.airspeed_mps,
+            step: ground::Step::Pass,
         };
         assert_eq!(function.order(&Order::Waypoint(message), true), Answer::Accepted);
     }
@@ -206,6 +208,7 @@ fn moving_one_way_point_does_not_begin_the_mission_anew() {
         altitude_m: 160.0,
         heading_rad: 0.0,
         airspeed_mps: 22.0,
+        step: ground::Step::Pass,
     };
     assert_eq!(function.order(&Order::Waypoint(moved), true), Answer::Accepted);
     assert_eq!(function.controller.guidance().snapshot(), progress);
@@ -222,6 +225,7 @@ fn load_another_mission(function: &mut Function, north_m: f64) {
         altitude_m: point.altitude_m,
         heading_rad: point.heading_rad,
         airspeed_mps: point.airspeed_mps,
+        step: ground::Step::Pass,
     };
     let points = seed_waypoints();
     function.order(&Order::Waypoint(message(0, 5, &points[0])), true);
@@ -257,6 +261,7 @@ fn a_restart_while_a_new_mission_comes_in_goes_on_with_the_old_one_and_begins_th
         altitude_m: 160.0,
         heading_rad: 0.0,
         airspeed_mps: 22.0,
+        step: ground::Step::Pass,
     });
     first.order(&begun, true);
     let mut second = Function::new(settings(), &[], Some(&first.kept())).unwrap();
@@ -464,4 +469,114 @@ fn limits_that_were_reached_are_told_once() {
     fly(&mut function, 10..40, Some(&flying(0.0, 160.0)));
     assert_ne!(flags(&mut function) >> NAVIGATION_PROTECTION_SHIFT, 0);
     assert_eq!(flags(&mut function) >> NAVIGATION_PROTECTION_SHIFT, 0);
+}
+
+/// An aircraft at rest on the runway.
+fn at_rest() -> NavigationState {
+    navigation_state(&State {
+        position_ned_m: [0.0, 0.0, -0.3],
+        quaternion: [1.0, 0.0, 0.0, 0.0],
+        specific_force_mps2: [0.0, 0.0, -GRAVITY_MPS2],
+        status: STATUS_RUNNING,
+        ..State::default()
+    })
+    .unwrap()
+}
+
+/// A list of these steps, 600 m apart.
+fn load_steps(function: &mut Function, steps: &[ground::Step]) {
+    for (index, step) in (0..).zip(steps.iter().copied()) {
+        let point = ground::Waypoint {
+            index,
+            count: steps.len() as u8,
+            north_m: 600.0 * f64::from(index),
+            east_m: 0.0,
+            altitude_m: 80.0,
+            heading_rad: 0.0,
+            airspeed_mps: 22.0,
+            step,
+        };
+        assert_eq!(function.order(&Order::Waypoint(point), true), Answer::Accepted);
+    }
+}
+
+#[test]
+fn mission_that_begins_with_a_take_off_takes_off_standing_and_not_in_flight() {
+    use ground::Step;
+    let begin = |state: &NavigationState| {
+        let mut function = function();
+        load_steps(&mut function, &[Step::TakeOff, Step::Pass, Step::Return]);
+        fly(&mut function, 1..5, Some(state));
+        function.order(&Order::Navigation { on: true }, true);
+        assert_eq!(fly(&mut function, 5..10, Some(state)).task, 0, "nobody has armed it");
+        function.order(&Order::Autopilot { on: true }, true);
+        fly(&mut function, 10..15, Some(state)).task
+    };
+    // The airspeed of these sensors lifts it off at once.
+    assert!([TASK_ROLLING, TASK_CLIMBING].contains(&begin(&at_rest())));
+    assert_eq!(begin(&flying(0.0, 80.0)), TASK_MISSION);
+}
+
+#[test]
+fn mission_ends_as_its_last_entry_says_and_may_be_begun_again() {
+    use ground::Step;
+    for (last, task) in [(Step::Return, TASK_RETURN), (Step::Land, TASK_LANDING)] {
+        let mut function = function();
+        load_steps(&mut function, &[Step::Pass, last]);
+        function.order(&Order::Navigation { on: true }, true);
+        function.order(&Order::Autopilot { on: true }, true);
+        assert_eq!(fly(&mut function, 1..5, Some(&flying(0.0, 80.0))).task, TASK_MISSION);
+        assert_eq!(function.order(&Order::GoOnWith { index: 1 }, true), Answer::Accepted);
+        let ended = fly(&mut function, 5..10, Some(&flying(0.0, 80.0)));
+        assert_eq!((ended.task, ended.finished), (task, 1), "{last:?}");
+        // Another entry ends that.
+        assert_eq!(function.order(&Order::GoOnWith { index: 0 }, true), Answer::Accepted);
+        assert_eq!(fly(&mut function, 10..12, Some(&flying(0.0, 80.0))).task, TASK_MISSION, "{last:?}");
+        function.order(&Order::GoOnWith { index: 1 }, true);
+        fly(&mut function, 12..15, Some(&flying(0.0, 80.0)));
+        // Over a restart of the function, too.
+        let kept = function.kept();
+        let mut function = Function::new(settings(), &[], Some(&kept)).unwrap();
+        assert_eq!(fly(&mut function, 15..20, Some(&flying(0.0, 80.0))).task, task, "{last:?}");
+        function.order(&Order::Navigation { on: true }, true);
+        let again = fly(&mut function, 20..25, Some(&flying(0.0, 80.0)));
+        assert_eq!((again.task, again.finished, again.next_waypoint), (TASK_MISSION, 0, 0), "{last:?}");
+        assert_eq!(
+            function.order(&Order::GoOnWith { index: 2 }, true),
+            Answer::Refused(Refusal::NoSuchEntry)
+        );
+    }
+}
+
+#[test]
+fn areas_of_the_ground_are_a_fence_and_its_rally_point_is_returned_to_also_after_a_restart() {
+    use bateleur_messages::mark::{Mark, MarkKind};
+    let mut function = on_mission();
+    let corners = [(-600.0, -600.0), (1500.0, -600.0), (1500.0, 700.0), (-600.0, 700.0)];
+    for (index, (north_m, east_m)) in (0..).zip(corners) {
+        let kind = MarkKind::InclusionCorner;
+        let mark = Mark { index, count: 4, list: 1, kind, north_m, east_m, size: 4.0 };
+        assert_eq!(function.order(&Order::Fence(mark), true), Answer::Accepted);
+    }
+    let rally = Mark {
+        index: 0,
+        count: 1,
+        list: 1,
+        kind: MarkKind::Rally,
+        north_m: 300.0,
+        east_m: 500.0,
+        size: 90.0,
+    };
+    assert_eq!(function.order(&Order::Rally(rally), true), Answer::Accepted);
+    let inside = fly(&mut function, 1..20, Some(&flying(600.0, 160.0)));
+    assert_eq!((inside.task, flags(&mut function) & NAVIGATION_OUTSIDE), (TASK_MISSION, 0));
+    let kept = function.kept();
+    let mut function = Function::new(settings(), &[], Some(&kept)).unwrap();
+    let outside = fly(&mut function, 20..40, Some(&flying(705.0, 160.0)));
+    assert_eq!((outside.task, flags(&mut function) & NAVIGATION_OUTSIDE), (TASK_RETURN, NAVIGATION_OUTSIDE));
+    assert_eq!(outside.altitude_reference_m, 90.0, "that of the rally point");
+    assert_eq!(function.order(&GO_ON, true), Answer::Refused(Refusal::OutsideFence));
+    // A fence that does not hold the runway is none.
+    let away = Mark { count: 1, list: 2, kind: MarkKind::InclusionCircle, north_m: 3e3, ..rally };
+    assert_eq!(function.order(&Order::Fence(away), true), Answer::Refused(Refusal::NoFence));
 }

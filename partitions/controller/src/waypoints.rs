@@ -4,7 +4,7 @@
 //! that comes again with other values is moved at once. Whoever means a new list of as many points, and not points that
 //! move, begins one of another count first: then it is put together and flown whole.
 
-use bateleur_flight::guidance::{Guidance, GuidanceConfig, GuidanceError, MAX_WAYPOINTS, Waypoint};
+use bateleur_flight::guidance::{Guidance, GuidanceConfig, GuidanceError, MAX_WAYPOINTS, Step, Waypoint};
 use bateleur_messages::ground;
 use bateleur_messages::telemetry::Refusal;
 
@@ -83,8 +83,9 @@ impl Waypoints {
             altitude_m: message.altitude_m,
             airspeed_mps: message.airspeed_mps,
             heading_rad: message.heading_rad,
+            step: Step::from_numbers(message.step.to_numbers()),
         };
-        if Guidance::new(GuidanceConfig::default(), &[point]).is_err() {
+        if !point.is_sane() {
             return Err(Answer::NotUnderstood);
         }
         if self.staged.count != count {
@@ -95,6 +96,9 @@ impl Waypoints {
         self.staged.there |= 1 << index;
         if self.staged.whole().is_empty() || self.staged == self.flown {
             return Ok(Change::None);
+        }
+        if Guidance::new(GuidanceConfig::default(), self.staged.whole()).is_err() {
+            return Err(Answer::Refused(Refusal::NoSuchEntry));
         }
         self.flown = self.staged;
         Ok(if was_whole { Change::Moved } else { Change::New })
@@ -114,6 +118,7 @@ mod tests {
             altitude_m: 160.0,
             heading_rad: 0.0,
             airspeed_mps: 22.0,
+            step: ground::Step::Pass,
         }
     }
 
@@ -177,6 +182,19 @@ mod tests {
         let count = MAX_WAYPOINTS as u8;
         load(&mut waypoints, 0..count, count, 7.0);
         assert_eq!(waypoints.flown().len(), MAX_WAYPOINTS);
+    }
+
+    #[test]
+    fn list_whose_jump_leads_nowhere_is_refused_and_what_was_flown_is_flown() {
+        let mut waypoints = Waypoints::default();
+        load(&mut waypoints, 0..2, 2, 100.0);
+        let jump = |to| ground::Waypoint { step: ground::Step::Jump { to, times: 1 }, ..point(2, 3, 0.0) };
+        load(&mut waypoints, 0..2, 3, 200.0);
+        for to in [2, 3, 200] {
+            assert_eq!(waypoints.take(&jump(to)), Err(Answer::Refused(Refusal::NoSuchEntry)), "{to}");
+            assert_eq!(waypoints.flown().len(), 2);
+        }
+        assert_eq!(waypoints.take(&jump(1)).map(|_| waypoints.flown().len()), Ok(3));
     }
 
     #[test]

@@ -144,6 +144,7 @@ impl Function {
             Some(sample) => {
                 (self.accepted, self.silent) = (self.accepted + 1, 0);
                 self.stuck.look(&sample.specific_force, &sample.rates);
+                self.estimator.doubt(self.stuck.axes());
                 self.estimator.predict(&sample);
             }
             None => (self.missing, self.silent) = (self.missing + 1, self.silent.saturating_add(1)),

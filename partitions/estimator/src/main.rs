@@ -16,7 +16,7 @@ use bateleur_messages::{
     Rates, State, Watch,
 };
 
-struct EstimatorPartition {
+pub(crate) struct EstimatorPartition {
     function: Function,
     shell: FunctionShell<Settings>,
     retained: Retained<Memory>,

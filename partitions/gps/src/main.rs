@@ -8,7 +8,7 @@ use bateleur_gps::{Gps, Origin, origin, parameters};
 use bateleur_messages::telemetry::{FROM_GPS, Telemetry};
 use bateleur_messages::{GpsPosition, GpsVelocity, Rate, RawGps, Watch};
 
-struct Receiver {
+pub(crate) struct Receiver {
     gps: Gps,
     shell: FunctionShell<Origin>,
     raw: SamplingDestination<RawGps>,

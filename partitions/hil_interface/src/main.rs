@@ -17,7 +17,7 @@ use bateleur_messages::{Custom, FunctionStatus, Rate, RawAnalog, RawGps, ServoTi
 /// the window is overrun; too much, and a late answer is missed.
 const PUBLISH_NS: u64 = 200_000;
 
-struct HilInterface {
+pub(crate) struct HilInterface {
     conversation: Conversation,
     supervision: Supervision,
     timeout: Watch,

@@ -13,7 +13,7 @@ use bateleur_messages::{
     Acceleration, GroundMessage, Magnetization, Pressure, Rate, Rates, RawAnalog, Watch,
 };
 
-struct InertialUnit {
+pub(crate) struct InertialUnit {
     imu: Imu,
     retained: Retained<Memory>,
     /// The order that is being carried out, with the message to answer.

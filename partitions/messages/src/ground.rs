@@ -3,6 +3,7 @@
 use std::ops::RangeInclusive;
 
 use crate::frame::Frame;
+use crate::mark::Mark;
 use crate::{FunctionStatus, GroundMessage};
 
 /// Bytes of data that a ground message can hold.
@@ -68,6 +69,15 @@ pub enum Order {
         /// Command gives it because the ground is silent; the ground itself never says so.
         link_lost: bool,
     },
+    /// `JJ`: flies to this entry of the list next (Controller).
+    GoOnWith {
+        /// Its position, from 0.
+        index: u8,
+    },
+    /// `GG`: one place of the fence's areas (Controller).
+    Fence(Mark),
+    /// `PP`: one rally point (Controller).
+    Rally(Mark),
     /// `RR`: says what stands at a place of a function's list of parameters.
     ReadParameter {
         /// The function: a `FROM_…` constant of [`crate::telemetry`].
@@ -170,6 +180,111 @@ pub struct Waypoint {
     pub heading_rad: f64,
     /// Airspeed, m/s.
     pub airspeed_mps: f64,
+    /// What is done there.
+    pub step: Step,
+}
+
+/// What is done at a place of a list before it goes on to the next one.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Step {
+    /// It is passed. A list of nothing else is a circuit, flown round for the laps; any other is flown once, in its order.
+    #[default]
+    Pass,
+    /// Circles about it.
+    Turns {
+        /// So many.
+        turns: f64,
+        /// Radius, m, negative to turn left; 0: the aircraft's choice.
+        radius_m: f64,
+    },
+    /// Circles about it for a time.
+    Time {
+        /// s.
+        seconds: f64,
+        /// As above.
+        radius_m: f64,
+    },
+    /// Circles about it until the altitude is reached.
+    Altitude {
+        /// As above.
+        radius_m: f64,
+    },
+    /// Circles about it until the ground orders something else.
+    Unlimited {
+        /// As above.
+        radius_m: f64,
+    },
+    /// A take-off, where the aircraft stands; passed over in flight. No place.
+    TakeOff,
+    /// Back to the runway, and a circle there. No place.
+    Return,
+    /// A landing, with the touch-down at this place.
+    Land,
+    /// Goes on with another entry. No place.
+    Jump {
+        /// Its position in the list.
+        to: u8,
+        /// So many times, then with the next one; 0: always.
+        times: u16,
+    },
+}
+
+impl Step {
+    /// Longest circling, turns and s; radius at most, and least of one that is named, m.
+    pub const MOST_TURNS: f64 = 1_000.0;
+    /// See above.
+    pub const LONGEST_S: f64 = 86_400.0;
+    /// See above.
+    pub const WIDEST_M: f64 = 10_000.0;
+    /// See above.
+    pub const NARROWEST_M: f64 = 10.0;
+
+    /// Whether it has a place on the map.
+    pub fn has_place(self) -> bool {
+        !matches!(self, Self::TakeOff | Self::Return | Self::Jump { .. })
+    }
+
+    /// As numbers: which kind; turns, seconds, or the entry to go on with; radius, or times.
+    pub fn to_numbers(self) -> [f64; 3] {
+        match self {
+            Self::Pass => [0.0; 3],
+            Self::Turns { turns, radius_m } => [1.0, turns, radius_m],
+            Self::Time { seconds, radius_m } => [2.0, seconds, radius_m],
+            Self::Altitude { radius_m } => [3.0, 0.0, radius_m],
+            Self::Unlimited { radius_m } => [4.0, 0.0, radius_m],
+            Self::TakeOff => [5.0, 0.0, 0.0],
+            Self::Return => [6.0, 0.0, 0.0],
+            Self::Land => [7.0, 0.0, 0.0],
+            Self::Jump { to, times } => [8.0, f64::from(to), f64::from(times)],
+        }
+    }
+
+    /// The step again; `None` where the numbers are none, or outside of what can be flown.
+    pub fn from_numbers([kind, amount, second]: [f64; 3]) -> Option<Self> {
+        let radius_m = second;
+        let turns = radius_m == 0.0 || (Self::NARROWEST_M..=Self::WIDEST_M).contains(&radius_m.abs());
+        let whole = |value: f64, most: u16| {
+            ((0.0..=f64::from(most)).contains(&value) && value.fract() == 0.0).then_some(value as u16)
+        };
+        Some(match kind {
+            0.0 => Self::Pass,
+            1.0 if turns && (0.0..=Self::MOST_TURNS).contains(&amount) => {
+                Self::Turns { turns: amount, radius_m }
+            }
+            2.0 if turns && (0.0..=Self::LONGEST_S).contains(&amount) => {
+                Self::Time { seconds: amount, radius_m }
+            }
+            3.0 if turns => Self::Altitude { radius_m },
+            4.0 if turns => Self::Unlimited { radius_m },
+            5.0 => Self::TakeOff,
+            6.0 => Self::Return,
+            7.0 => Self::Land,
+            8.0 => {
+                Self::Jump { to: whole(amount, u16::from(u8::MAX))? as u8, times: whole(second, u16::MAX)? }
+            }
+            _ => return None,
+        })
+    }
 }
 
 /// A loop that the ground can engage by itself, with its target's unit.
@@ -263,6 +378,9 @@ impl Order {
             Self::InitialiseSensors { .. } => b'I',
             Self::Estimator(_) => b'E',
             Self::Manoeuvre { .. } => b'F',
+            Self::GoOnWith { .. } => b'J',
+            Self::Fence(_) => b'G',
+            Self::Rally(_) => b'P',
             Self::ReadParameter { .. } => b'R',
             Self::SetParameter(_) => b'Y',
         }
@@ -279,6 +397,8 @@ impl Order {
             Self::Estimator(EstimatorOrder::Enable) => vec![1, 0],
             Self::Estimator(EstimatorOrder::Initialise { full_inertial }) => vec![2, u8::from(full_inertial)],
             Self::Manoeuvre { what, link_lost } => vec![what as u8, u8::from(link_lost)],
+            Self::GoOnWith { index } => vec![index],
+            Self::Fence(mark) | Self::Rally(mark) => mark.data(),
             Self::ReadParameter { of, index, asker } => [&[of, asker][..], &index.to_le_bytes()].concat(),
             Self::SetParameter(ParameterSetting { of, asker, name, value }) => {
                 [&[of, asker][..], &name, &value.to_le_bytes()].concat()
@@ -298,6 +418,12 @@ impl Order {
             b'I' => parse_sensors(data),
             b'E' => parse_estimator(data),
             b'F' => parse_manoeuvre(data),
+            b'J' => match *data {
+                [index] => Ok(Self::GoOnWith { index }),
+                _ => Err(OrderError::WrongLength('J')),
+            },
+            b'G' => Mark::parse(letter, false, data).map(Self::Fence),
+            b'P' => Mark::parse(letter, true, data).map(Self::Rally),
             b'R' => match *data {
                 [of, asker, low, high] => {
                     Ok(Self::ReadParameter { of, index: u16::from_le_bytes([low, high]), asker })
@@ -330,21 +456,38 @@ impl Waypoint {
         let numbers = [self.north_m, self.east_m, self.altitude_m, self.heading_rad, self.airspeed_mps];
         let mut data = vec![self.index, self.count];
         numbers.iter().for_each(|number| data.extend(number.to_le_bytes()));
+        if self.step != Step::Pass {
+            let [kind, amount, second] = self.step.to_numbers();
+            data.push(kind as u8); // 1 to 8
+            [amount, second].iter().for_each(|number| data.extend(number.to_le_bytes()));
+        }
         data
     }
 
     fn parse(data: &[u8]) -> Result<Self, OrderError> {
-        let numbers: [f64; 5] = finite(b'W', data.get(2..))?;
+        let (place, step) = data.split_at_checked(PLACE_BYTES).unwrap_or((data, &[]));
+        let numbers: [f64; 5] = finite(b'W', place.get(2..))?;
         let [north_m, east_m, altitude_m, heading_rad, airspeed_mps] = numbers;
+        let step = match step.split_first() {
+            None => Step::Pass,
+            Some((kind, rest)) => {
+                let [amount, second] = finite(b'W', Some(rest))?;
+                let step = Step::from_numbers([f64::from(*kind), amount, second]);
+                step.ok_or(OrderError::OutOfRange('W'))?
+            }
+        };
         let (index, count) = (data[0], data[1]);
         let is_near = |metres: f64| metres.abs() <= Self::FARTHEST_M;
         let is_there = is_near(north_m) && is_near(east_m) && (0.0..=Self::HIGHEST_M).contains(&altitude_m);
         if index >= count || airspeed_mps <= 0.0 || !is_there {
             return Err(OrderError::OutOfRange('W'));
         }
-        Ok(Self { index, count, north_m, east_m, altitude_m, heading_rad, airspeed_mps })
+        Ok(Self { index, count, north_m, east_m, altitude_m, heading_rad, airspeed_mps, step })
     }
 }
+
+/// Bytes of a way-point that is passed: two, and five numbers. More say what is done there.
+const PLACE_BYTES: usize = 42;
 
 fn switch(letter: u8, data: &[u8]) -> Result<bool, OrderError> {
     match data {
@@ -398,7 +541,7 @@ fn parse_setting(data: &[u8]) -> Result<Order, OrderError> {
     }
 }
 
-fn finite<const N: usize>(letter: u8, data: Option<&[u8]>) -> Result<[f64; N], OrderError> {
+pub(crate) fn finite<const N: usize>(letter: u8, data: Option<&[u8]>) -> Result<[f64; N], OrderError> {
     let data = data.filter(|data| data.len() == 8 * N).ok_or(OrderError::WrongLength(letter as char))?;
     let mut numbers = [0.0; N];
     for (number, bytes) in numbers.iter_mut().zip(data.as_chunks().0) {
@@ -414,6 +557,7 @@ fn finite<const N: usize>(letter: u8, data: Option<&[u8]>) -> Result<[f64; N], O
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mark::MarkKind;
     use proptest::prelude::*;
 
     #[test]
@@ -426,8 +570,28 @@ mod tests {
             altitude_m: 160.0,
             heading_rad: 0.0,
             airspeed_mps: 22.0,
+            step: Step::Pass,
         };
+        let corner = Mark {
+            index: 2,
+            count: 5,
+            list: 200,
+            kind: MarkKind::ExclusionCorner,
+            north_m: -900.0,
+            east_m: 70.5,
+            size: 3.0,
+        };
+        let with = |step| Order::Waypoint(Waypoint { step, ..point });
+        assert_eq!(Order::Waypoint(point).data().len(), PLACE_BYTES);
         let orders = [
+            with(Step::Turns { turns: 2.5, radius_m: -80.0 }),
+            with(Step::Time { seconds: 60.0, radius_m: 0.0 }),
+            with(Step::Altitude { radius_m: 100.0 }),
+            with(Step::Unlimited { radius_m: 0.0 }),
+            with(Step::TakeOff),
+            with(Step::Return),
+            with(Step::Land),
+            with(Step::Jump { to: 3, times: 0 }),
             Order::Hil { on: true },
             Order::Autopilot { on: false },
             Order::Navigation { on: true },
@@ -439,6 +603,10 @@ mod tests {
             Order::Estimator(EstimatorOrder::Initialise { full_inertial: true }),
             Order::Manoeuvre { what: Manoeuvre::Return, link_lost: false },
             Order::Manoeuvre { what: Manoeuvre::Loiter, link_lost: true },
+            Order::GoOnWith { index: 31 },
+            Order::Fence(corner),
+            Order::Fence(Mark::none(9, MarkKind::InclusionCorner)),
+            Order::Rally(Mark { kind: MarkKind::Rally, size: 120.0, ..corner }),
             Order::ReadParameter { of: 4, index: 300, asker: 1 },
             Order::SetParameter(ParameterSetting {
                 of: 4,
@@ -457,6 +625,22 @@ mod tests {
         let mut data = vec![0, 1];
         (0..5).for_each(|_| data.extend(f64::NAN.to_le_bytes()));
         assert_eq!(Order::parse(b'W', &data), Err(OrderError::OutOfRange('W')));
+    }
+
+    #[test]
+    fn step_that_can_not_be_flown_is_refused() {
+        let refused = [
+            [1.0, 2_000.0, 0.0],
+            [1.0, f64::NAN, 0.0],
+            [2.0, -1.0, 0.0],
+            [3.0, 0.0, 5.0],
+            [8.0, 0.5, 1.0],
+            [8.0, 300.0, 1.0],
+            [9.0, 0.0, 0.0],
+        ];
+        for numbers in refused {
+            assert_eq!(Step::from_numbers(numbers), None, "{numbers:?}");
+        }
     }
 
     proptest! {

@@ -14,6 +14,7 @@ pub mod frame;
 pub mod ground;
 pub mod hil;
 pub mod link;
+pub mod mark;
 pub mod parameter;
 pub mod rate;
 pub mod state;

@@ -105,11 +105,15 @@ pub enum Refusal {
     OutOfRange = 13,
     /// The parameter takes whole numbers.
     NotWhole = 14,
+    /// The list of way-points has no such entry, or a jump that leads to none.
+    NoSuchEntry = 15,
+    /// These areas are no fence: the runway is not inside, or a polygon is in pieces.
+    NoFence = 16,
 }
 
 impl Refusal {
     /// All of them.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 16] = [
         Self::NoState,
         Self::NoWaypoints,
         Self::TooManyWaypoints,
@@ -124,6 +128,8 @@ impl Refusal {
         Self::BelongsToPlan,
         Self::OutOfRange,
         Self::NotWhole,
+        Self::NoSuchEntry,
+        Self::NoFence,
     ];
 
     /// The reason of an answer.
@@ -159,6 +165,8 @@ impl Refusal {
             }
             Self::OutOfRange => "the value is outside its range",
             Self::NotWhole => "it takes whole numbers only",
+            Self::NoFence => "the runway is not inside of this fence, or a polygon of it is in pieces",
+            Self::NoSuchEntry => "the list has no such entry, or a jump in it leads to none",
         }
     }
 }

@@ -9,7 +9,7 @@ use bateleur_messages::telemetry::{FROM_ONBOARD_COMPUTER, Telemetry};
 use bateleur_messages::{Custom, FunctionStatus, Rate, SimulatorLink, Watch};
 use bateleur_onboard_computer::{Functions, primary, voltages};
 
-struct OnBoardComputer {
+pub(crate) struct OnBoardComputer {
     custom: SamplingDestination<Custom>,
     hil: SamplingDestination<FunctionStatus>,
     /// Where the plan has it.

@@ -117,6 +117,7 @@ impl Reader {
     ///
     /// # Errors
     /// There was one that could not be received.
+    #[inline]
     pub fn receive(&self) -> Result<Option<Received>, Unreceived> {
         match &self.0 {
             Reading::Shared(subscriber) => {
@@ -127,6 +128,7 @@ impl Reader {
     }
 
     /// Whether a message waits. What can not be asked can not be received either.
+    #[inline]
     #[must_use]
     pub fn has_messages(&self) -> bool {
         match &self.0 {
@@ -157,6 +159,7 @@ enum Message {
 
 impl Received {
     /// The message, aligned to [`crate::ALIGNMENT`].
+    #[inline]
     #[must_use]
     pub fn payload(&self) -> &[u8] {
         match &self.0 {
@@ -166,6 +169,7 @@ impl Received {
     }
 
     /// What its source said of it.
+    #[inline]
     #[must_use]
     pub fn stamp(&self) -> Stamp {
         match &self.0 {
@@ -175,6 +179,7 @@ impl Received {
     }
 
     /// Whether nothing newer of another process of its source can wait behind it, where `before` was received before it.
+    #[inline]
     #[must_use]
     pub fn is_last_after(&self, before: Option<&Self>) -> bool {
         match (&self.0, before.map(|before| &before.0)) {

@@ -28,6 +28,7 @@ impl Partition {
     }
 
     /// Somebody is ready beside the one that runs.
+    #[inline]
     #[must_use]
     pub fn others_are_ready(&self) -> bool {
         let own = usize::from(matches!(self.running(), Some(Runner::Process(_))));

@@ -33,6 +33,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+pub mod functional_status;
 mod health;
 mod lending;
 mod objects;
@@ -50,4 +51,6 @@ mod timers;
 pub use health::{Notice, Verdict};
 pub use partition::{Dispatch, End, Partition, Progress, Runner};
 pub use return_code::ReturnCode;
-pub use settings::{HealthTable, Level, Limit, Limits, PartitionAction, PeriodGrid, Settings};
+pub use settings::{
+    AffinityPermission, HealthTable, Level, Limit, Limits, PartitionAction, PeriodGrid, Settings,
+};

@@ -10,9 +10,12 @@ use crate::services::blackboards::Blackboard;
 use crate::services::buffers::Buffer;
 use crate::services::events::Event;
 use crate::services::mutexes::Mutex;
+use crate::services::port_lists::PortList;
 use crate::services::semaphores::Semaphore;
 use crate::settings::Settings;
-use crate::standard::{MAX_PRIORITY, OperatingMode, ProcessId, StartCondition, SystemTime};
+use crate::standard::{
+    CORE_AFFINITY_ANY, MAX_PRIORITY, OperatingMode, ProcessId, StartCondition, SystemTime,
+};
 use crate::timers::Timers;
 
 /// Who runs in a partition.
@@ -98,6 +101,8 @@ pub struct Partition {
     /// Processes that are passed over, the one that sleeps the longest first.
     pub(crate) lent: Vec<usize>,
     pub(crate) lock: Lock,
+    /// The core of processes that have none of their own.
+    pub(crate) default_affinity: i32,
     pub(crate) stack_memory: u64,
     pub(crate) object_memory: u64,
     pub(crate) handler: Option<Handler>,
@@ -110,6 +115,7 @@ pub struct Partition {
     pub(crate) mutexes: Objects<Mutex>,
     pub(crate) sampling_ports: Objects<SamplingPort>,
     pub(crate) queuing_ports: Objects<QueuingPort>,
+    pub(crate) port_lists: Objects<PortList>,
 }
 
 impl Partition {
@@ -117,7 +123,7 @@ impl Partition {
     #[must_use]
     pub fn new(settings: Settings) -> Self {
         let limits = settings.limits.clone();
-        let lists = MAX_PRIORITY as usize + 3 + 5 * limits.objects + limits.ports;
+        let lists = MAX_PRIORITY as usize + 3 + 6 * limits.objects + limits.ports;
         let mut queues = Queues::new(lists, limits.processes);
         (0..=MAX_PRIORITY).for_each(|_| {
             queues.add_list();
@@ -136,6 +142,7 @@ impl Partition {
             timers: Timers::new(2 * limits.processes),
             lent: Vec::with_capacity(limits.processes),
             lock: Lock { owner: None, level: 0, waiting },
+            default_affinity: CORE_AFFINITY_ANY,
             stack_memory: 0,
             object_memory: 0,
             handler: None,
@@ -148,6 +155,7 @@ impl Partition {
             mutexes: Objects::new(limits.objects),
             sampling_ports: Objects::new(limits.ports),
             queuing_ports: Objects::new(limits.ports),
+            port_lists: Objects::new(limits.objects),
             settings,
         }
     }
@@ -170,12 +178,14 @@ impl Partition {
     }
 
     /// When time alone changes something next, module time, ns.
+    #[inline]
     #[must_use]
     pub fn next_timer(&self) -> Option<SystemTime> {
         self.timers.first().map(|(at, _)| at)
     }
 
     /// Who runs. The services that follow are called by that one.
+    #[inline]
     #[must_use]
     pub fn dispatch(&self) -> Dispatch {
         if let Some(end) = self.end {
@@ -187,6 +197,13 @@ impl Partition {
         }
     }
 
+    /// How often somebody was started so far; 0 for who does not exist.
+    #[must_use]
+    pub fn starts_of(&self, who: Runner) -> u32 {
+        self.life(who)
+    }
+
+    #[inline]
     fn life(&self, who: Runner) -> u32 {
         match who {
             Runner::Main => 1,
@@ -249,6 +266,7 @@ impl Partition {
     }
 
     /// Whom the processor belongs to.
+    #[inline]
     pub(crate) fn running(&self) -> Option<Runner> {
         if self.end.is_some() {
             return None;
@@ -297,6 +315,8 @@ impl Settings {
             grid: crate::PeriodGrid { origin: 0, period },
             duration: period,
             cores: 1,
+            affinity: crate::AffinityPermission::AllModes,
+            memory_blocks: Vec::new(),
             mode: OperatingMode::ColdStart,
             condition: StartCondition::NormalStart,
             health: crate::HealthTable::default(),

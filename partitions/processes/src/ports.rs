@@ -36,6 +36,15 @@ pub struct Received {
     pub overflow: bool,
 }
 
+/// Which message of a sampling port it was.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Written {
+    /// When it was written, ns.
+    pub at: SystemTime,
+    /// Its number at its source, which begins anew where that starts again.
+    pub sequence: u64,
+}
+
 /// The ports themselves. Nothing in here waits.
 pub trait Ports {
     /// The sampling port with this name.
@@ -44,12 +53,14 @@ pub trait Ports {
     fn queuing(&self, name: &Name) -> Option<QueuingConfiguration>;
     /// Replaces the message of a sampling source.
     fn write(&mut self, port: usize, message: &[u8], now: SystemTime);
-    /// Copies the message of a sampling destination; gives when it was written. `None` before the first.
-    fn read(&mut self, port: usize, into: &mut Vec<u8>) -> Option<SystemTime>;
+    /// Copies the message of a sampling destination; gives which one it was. `None` before the first.
+    fn read(&mut self, port: usize, into: &mut Vec<u8>) -> Option<Written>;
     /// Appends a message to a queuing source. False if there is no room.
     fn send(&mut self, port: usize, message: &[u8]) -> bool;
     /// Takes the oldest message of a queuing destination. `None` if there is none.
     fn receive(&mut self, port: usize, into: &mut Vec<u8>) -> Option<Received>;
+    /// Bytes of the oldest message of a queuing destination, which stays. `None` if there is none.
+    fn next_length(&self, port: usize) -> Option<usize>;
     /// Drops all messages of a queuing destination.
     fn clear(&mut self, port: usize);
     /// Messages on this side of a queuing port.
@@ -61,6 +72,8 @@ pub(crate) struct SamplingPort {
     pub(crate) configured: SamplingConfiguration,
     /// Of the last read.
     pub(crate) validity: Validity,
+    /// The message of the last read.
+    pub(crate) consumed: Option<Written>,
 }
 
 #[derive(Debug)]

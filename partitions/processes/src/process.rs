@@ -1,7 +1,8 @@
 //! One process.
 
 use crate::return_code::ReturnCode;
-use crate::standard::{INFINITE_TIME_VALUE, ProcessAttributes, SystemTime};
+use crate::services::port_lists::Wanted;
+use crate::standard::{INFINITE_TIME_VALUE, ProcessAttributes, QueuingPortId, SystemTime};
 
 /// What a process has come to, leaving aside what it waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,6 +47,10 @@ pub(crate) struct Process {
     pub(crate) result: Result<(), ReturnCode>,
     /// What it waits to send, or what it was given while it waited.
     pub(crate) message: Vec<u8>,
+    /// What it waits for at a list of ports.
+    pub(crate) wanted: Wanted,
+    /// The port of which it was told there.
+    pub(crate) served_port: Option<QueuingPortId>,
     /// Starts so far: a driver that sees another number begins at the entry point.
     pub(crate) life: u32,
     pub(crate) affinity: i32,
@@ -66,6 +71,8 @@ impl Process {
             release: 0,
             result: Ok(()),
             message: Vec::new(),
+            wanted: Wanted::default(),
+            served_port: None,
             life: 0,
             affinity: crate::standard::CORE_AFFINITY_NO_PREFERENCE,
         }

@@ -19,6 +19,7 @@ pub(crate) enum TimeOut {
 
 impl Partition {
     /// The first process of the highest priority that is ready.
+    #[inline]
     pub(crate) fn most_urgent(&self) -> Option<usize> {
         let word = self.ready.iter().rposition(|word| *word != 0)?;
         let priority = word * 64 + self.ready[word].ilog2() as usize;

@@ -3,8 +3,8 @@
 use std::ops::RangeInclusive;
 
 use crate::standard::{
-    ErrorCode, MAX_MESSAGE_SIZE, MAX_MESSAGES, MAX_OBJECTS, MAX_PORTS, MAX_PROCESSES, OperatingMode,
-    StartCondition, SystemTime,
+    ErrorCode, MAX_MESSAGE_SIZE, MAX_MESSAGES, MAX_OBJECTS, MAX_PORTS, MAX_PROCESSES, MemoryBlockStatus,
+    Name, OperatingMode, StartCondition, SystemTime,
 };
 
 /// The instants at which a period of the partition begins: `origin`, and every `period` from there.
@@ -135,6 +135,17 @@ impl Default for Limits {
     }
 }
 
+/// When a partition may bind its processes to cores (Part 2).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AffinityPermission {
+    /// Never.
+    NotPermitted,
+    /// Before NORMAL.
+    InitOnly,
+    /// Always.
+    AllModes,
+}
+
 /// A partition as the plan has it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Settings {
@@ -146,6 +157,10 @@ pub struct Settings {
     pub duration: SystemTime,
     /// Cores that it may use; its processes take turns on one of them.
     pub cores: i32,
+    /// When it may bind its processes to one of them.
+    pub affinity: AffinityPermission,
+    /// Its memory blocks, with where the driver has mapped them.
+    pub memory_blocks: Vec<(Name, MemoryBlockStatus)>,
     /// COLD_START or WARM_START.
     pub mode: OperatingMode,
     /// Why it is started.

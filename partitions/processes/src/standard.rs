@@ -43,6 +43,8 @@ pub const NO_MUTEX_OWNED: MutexId = MutexId(-2);
 pub const PREEMPTION_LOCK_MUTEX: MutexId = MutexId(-3);
 /// A process runs on any core of the partition.
 pub const CORE_AFFINITY_NO_PREFERENCE: i32 = -1;
+/// Every core of the partition, as the default of its processes (Part 2).
+pub const CORE_AFFINITY_ANY: i32 = -2;
 
 macro_rules! numbers {
     ($(#[$about:meta])* $name:ident { $($(#[$of:meta])* $variant:ident = $number:literal),+ $(,)? }) => {
@@ -157,6 +159,28 @@ numbers! {
 }
 
 numbers! {
+    /// UPDATED: what a sampling destination has for its partition (Part 2).
+    Updated {
+        /// Nothing was written yet.
+        EmptyPort = 0,
+        /// Nothing that was not read.
+        ConsumedMessage = 1,
+        /// A message that was not read.
+        NewMessage = 2,
+    }
+}
+
+numbers! {
+    /// MESSAGE_AGE of a sampling message (Part 2).
+    MessageAge {
+        /// Older than the refresh period, or there is none.
+        Stale = 0,
+        /// Not older.
+        Fresh = 1,
+    }
+}
+
+numbers! {
     /// EMPTY_INDICATOR of a blackboard.
     EmptyIndicator {
         /// Displays nothing.
@@ -229,6 +253,36 @@ impl ErrorCode {
     }
 }
 
+numbers! {
+    /// MEMORY_BLOCK_MODE (Part 2).
+    MemoryBlockMode {
+        /// The partition reads it.
+        Read = 0,
+        /// The partition reads and writes it.
+        ReadWrite = 1,
+    }
+}
+
+numbers! {
+    /// PORT_ACTION (Part 2): what a list does with a port of it.
+    PortAction {
+        /// It is passed over.
+        Inactive = 0,
+        /// It is served.
+        Active = 1,
+    }
+}
+
+numbers! {
+    /// RESET_LIST (Part 2): where the search of a list begins.
+    ResetList {
+        /// With its first port.
+        Reset = 0,
+        /// Behind the port that was served last.
+        Continue = 1,
+    }
+}
+
 /// Identifiers of one class: their numbers have the class in their upper bits, so that one of another class is unknown.
 macro_rules! identifiers {
     ($($(#[$about:meta])* $name:ident = $class:literal),+ $(,)?) => {$(
@@ -267,6 +321,8 @@ identifiers! {
     SamplingPortId = 6,
     /// Identifier of a queuing port.
     QueuingPortId = 7,
+    /// Identifier of a list of queuing ports (Part 2).
+    QueuingPortListId = 8,
 }
 
 /// NAME_TYPE: at most 32 bytes. Upper and lower case of ASCII letters are the same.
@@ -442,6 +498,23 @@ pub struct SamplingPortStatus {
     pub last_msg_validity: Validity,
 }
 
+/// SAMPLING_PORT_CURRENT_STATUS (Part 2).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SamplingPortCurrentStatus {
+    /// The age up to which a message is valid.
+    pub refresh_period: SystemTime,
+    /// When the latest message was written; 0: there is none.
+    pub time_stamp: SystemTime,
+    /// Bytes of a message.
+    pub max_message_size: i32,
+    /// Source or destination.
+    pub port_direction: PortDirection,
+    /// Of this moment.
+    pub message_age: MessageAge,
+    /// Whether it was read.
+    pub updated: Updated,
+}
+
 /// QUEUING_PORT_STATUS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct QueuingPortStatus {
@@ -455,6 +528,17 @@ pub struct QueuingPortStatus {
     pub port_direction: PortDirection,
     /// Processes that wait at it.
     pub waiting_processes: i32,
+}
+
+/// MEMORY_BLOCK_STATUS (Part 2).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MemoryBlockStatus {
+    /// Where it begins.
+    pub address: usize,
+    /// What the partition may do with it.
+    pub mode: MemoryBlockMode,
+    /// Bytes.
+    pub size: i32,
 }
 
 /// A text of 128 bytes at most, kept in place.

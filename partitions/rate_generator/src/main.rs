@@ -8,7 +8,7 @@ use bateleur_messages::Rate;
 use bateleur_messages::telemetry::FROM_RATE_GENERATOR;
 use bateleur_rate_generator::{Beat, Periods, parameters};
 
-struct RateGenerator {
+pub(crate) struct RateGenerator {
     beat: Beat,
     rate: SamplingSource<Rate>,
     /// `None` if the plan has no ports to and from the ground.

@@ -10,7 +10,7 @@ use bateleur_messages::telemetry::{FROM_SERVO, Telemetry};
 use bateleur_messages::{ActuatorCommand, Custom, FunctionStatus, Rate, ServoTimers, Watch};
 use bateleur_servo::{Memory, Servo, Settings, parameters};
 
-struct Actuators {
+pub(crate) struct Actuators {
     servo: Servo,
     shell: FunctionShell<Settings>,
     retained: Retained<Memory>,

@@ -23,6 +23,7 @@ fn main() {
         "objects" => objects::Objects.run(),
         "processes" => processes::Processes.run(),
         "errors" => errors::Errors.run(),
+        "blocks" => blocks::Blocks.run(),
         name => panic!("no partition {name}"),
     }
 }
@@ -611,6 +612,45 @@ mod errors {
             Apex::raise_application_error(b"words").unwrap();
             assert_eq!(TOLD.load(Relaxed), told, "it is told at once");
         }
+        super::done();
+    }
+}
+
+/// A memory block with content, and the module's schedules.
+mod blocks {
+    use a653rs::prelude::*;
+    use a653rs_linux::partition::ApexLinuxPartition as Apex;
+
+    use super::objects::{name, process};
+
+    pub(crate) struct Blocks;
+
+    impl Partition<Apex> for Blocks {
+        fn cold_start(&self, ctx: &mut StartContext<Apex>) {
+            assert_eq!(Apex::get_memory_block(name("another")).unwrap_err(), Error::InvalidConfig);
+            let mut block = MemoryBlock::<Apex>::from_name(name("map")).unwrap();
+            assert_eq!(block.mode(), MemoryBlockMode::ReadWrite);
+            // SAFETY: no other partition has it.
+            let bytes = unsafe { block.write() }.unwrap();
+            assert_eq!((bytes.len(), &bytes[..4]), (4096, &b"map\0"[..]));
+            bytes[4095] = 7;
+            ctx.create_process(process("looks", looks as SystemAddress, 10)).unwrap().start().unwrap();
+        }
+
+        fn warm_start(&self, ctx: &mut StartContext<Apex>) {
+            self.cold_start(ctx);
+        }
+    }
+
+    extern "C" fn looks() {
+        let block = MemoryBlock::<Apex>::from_name(name("map")).unwrap();
+        // SAFETY: no other partition has it.
+        assert_eq!(unsafe { block.read() }[4095], 7);
+        let only = <Apex as ApexScheduleP2Ext>::get_module_schedule_id(name("only").into()).unwrap();
+        let status = <Apex as ApexScheduleP2Ext>::get_module_schedule_status().unwrap();
+        assert_eq!((status.current_schedule, status.next_schedule), (only, only));
+        assert_eq!(<Apex as ApexScheduleP2Ext>::set_module_schedule(only), Err(Error::NoAction));
+        assert_eq!(<Apex as ApexScheduleP2Ext>::set_module_schedule(0), Err(Error::InvalidParam));
         super::done();
     }
 }

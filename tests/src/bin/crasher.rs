@@ -1,5 +1,6 @@
 //! A partition that dies in window number `after`, as `how` says: segv, fpe, panic, exit, abort, stack, memory,
-//! divide, damage (of the machine's memory), call (a system call that no partition may make), or the number of an exit code.
+//! divide, damage (of the machine's memory), call (a system call that no partition may make), lie (rubbish in the memory that reports are made
+//! of, then segv), or the number of an exit code.
 #![allow(unsafe_code)] // to die of it
 
 use std::process::ExitCode;
@@ -31,6 +32,7 @@ impl Partition for Crasher {
             "memory" => println!("{:?}", std::hint::black_box(vec![1_u8; 1 << 40]).last()),
             "divide" => println!("{}", 1 / std::hint::black_box(0_i32)),
             "damage" => report_damage(),
+            "lie" => lie(),
             "call" => make_forbidden_call(),
             "panic" => panic!("the crasher was asked to panic"),
             how => std::process::exit(how.parse().unwrap_or(3)),
@@ -75,6 +77,29 @@ fn report_damage() {
         about.si_code = BUS_MCEERR_AR;
         libc::syscall(libc::SYS_rt_sigqueueinfo, libc::getpid(), libc::SIGBUS, &raw const about);
     }
+}
+
+/// Writes into whatever file in memory is its own to write, behind and instead of the library, and ends by a signal that has no handler.
+fn lie() {
+    let mut random = u64::from(std::process::id())
+        ^ std::time::UNIX_EPOCH.elapsed().map_or(1, |since| since.as_nanos() as u64);
+    let mut bytes = vec![0_u8; 128 << 10];
+    for byte in &mut bytes {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        *byte = (random >> 56) as u8;
+    }
+    // A whole report of a known architecture, of a fault at some address.
+    for (place, word) in [2_u64, 1, 11, 1].iter().enumerate() {
+        bytes[8 * place..8 * place + 8].copy_from_slice(&word.to_ne_bytes());
+    }
+    // SAFETY: calls with memory of this function's; descriptors that are none are refused.
+    unsafe {
+        libc::signal(libc::SIGSEGV, libc::SIG_DFL);
+        for descriptor in 5..40 {
+            libc::pwrite(descriptor, bytes.as_ptr().cast(), bytes.len(), 0);
+        }
+    }
+    write_to_nowhere();
 }
 
 /// Asks for its personality, which changes nothing, by a call that no partition may make.

@@ -3,30 +3,32 @@
 use std::collections::hash_map::Entry;
 use std::collections::{BTreeSet, HashMap};
 
-use super::laid::Laid;
-use super::{Context, links};
+use super::Context;
 use crate::catalogue::{self, Rule};
 use crate::closed::{Direction, Kind};
 use crate::cycle::most_between;
 use crate::findings::{Finding, Span};
 use crate::latency::{self, Station};
+use crate::model::{PartitionId, PortId, Schedule};
 use crate::raw::{RawChannel, RawPort};
 use crate::reader::At;
 use crate::units::ShowTime;
+use crate::ways;
 use bateleur_plan::timeline::gaps;
 
 /// One end of a channel: how the channel names it, and the port.
 #[derive(Clone, Copy)]
 struct End<'a> {
     said: &'a At<String>,
-    place: usize,
+    id: PortId,
     port: &'a RawPort,
+    owner: PartitionId,
 }
 
 impl<'a> End<'a> {
-    fn of(cx: &Context<'a>, said: &'a At<String>) -> Option<Self> {
-        let place = cx.names.port(&said.value)?;
-        Some(Self { said, place, port: &cx.file.ports[place] })
+    fn of(cx: &Context<'a>, said: &'a At<String>, id: PortId) -> Option<Self> {
+        let port = cx.file.ports.get(id.0)?;
+        Some(Self { said, id, port, owner: PartitionId(port.partition) })
     }
 
     fn name(&self) -> &str {
@@ -34,10 +36,17 @@ impl<'a> End<'a> {
     }
 }
 
-pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
-    for channel in &cx.file.channels {
-        let source = channel.source.said().and_then(|said| End::of(cx, said));
-        let destinations = destinations(cx, channel);
+/// The known ends of each channel.
+fn ends<'a>(cx: &Context<'a>) -> impl Iterator<Item = (&'a RawChannel, Option<End<'a>>, Vec<End<'a>>)> {
+    cx.file.channels.iter().zip(&cx.plan.channels).map(|(raw, channel)| {
+        let source = raw.source.said().and_then(|said| End::of(cx, said, channel.source));
+        let destinations = raw.destinations.items().iter().zip(&channel.destinations);
+        (raw, source, destinations.filter_map(|(said, id)| End::of(cx, said, *id)).collect())
+    })
+}
+
+pub(super) fn check(cx: &Context<'_>) {
+    for (channel, source, destinations) in ends(cx) {
         direction(cx, source.as_slice(), Direction::Source, &catalogue::SOURCE_DIRECTION);
         direction(cx, &destinations, Direction::Destination, &catalogue::DESTINATION_DIRECTION);
         count(cx, channel, source.as_ref());
@@ -47,10 +56,10 @@ pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
             itself(cx, source, destination);
             kind(cx, source, destination);
             payload(cx, source, destination);
-            time(cx, laid, source, destination);
+            time(cx, source, destination);
         }
         if let Some(source) = &source {
-            unread(cx, laid, source, &destinations);
+            unread(cx, source, &destinations);
         }
     }
     once(cx);
@@ -58,22 +67,22 @@ pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
 }
 
 /// Notes a sampling source whose values are written more often than anybody looks.
-fn unread(cx: &Context<'_>, laid: &[Laid], source: &End<'_>, destinations: &[End<'_>]) {
-    if source.port.kind.get().map(|kind| kind.0) != Some(Kind::Sampling) || destinations.is_empty() {
+fn unread(cx: &Context<'_>, source: &End<'_>, destinations: &[End<'_>]) {
+    if source.port.kind.word() != Some(Kind::Sampling) || destinations.is_empty() {
         return;
     }
-    for (schedule, laid) in cx.file.schedules.iter().zip(laid) {
-        let writes = laid.windows(source.port.partition);
-        if destinations.iter().any(|end| links::is_across(cx, source.port.partition, end.port.partition)) {
-            return; // the relay looks in each of its windows, whoever looks then
-        }
-        let readers = destinations.iter().map(|end| laid.windows(end.port.partition));
+    if destinations.iter().any(|end| is_across(cx, source.owner, end.owner)) {
+        return; // the relay looks in each of its windows, whoever looks then
+    }
+    for schedule in &cx.plan.schedules {
+        let writes = schedule.occurrences(source.owner);
+        let readers = destinations.iter().map(|end| schedule.occurrences(end.owner));
         let read: BTreeSet<u64> =
-            readers.flat_map(|reads| read_writes(&writes, &reads, laid.major)).collect();
+            readers.flat_map(|reads| read_writes(&writes, &reads, schedule.major_frame_ns)).collect();
         if writes.is_empty() || read.is_empty() || read.len() >= writes.len() {
             continue;
         }
-        let (name, schedule) = (source.name(), &schedule.name.value);
+        let (name, schedule) = (source.name(), &schedule.name);
         let message = format!(
             "{} of {} values of `{name}` in schedule `{schedule}` are read",
             read.len(),
@@ -83,6 +92,11 @@ fn unread(cx: &Context<'_>, laid: &[Laid], source: &End<'_>, destinations: &[End
         cx.note(&catalogue::UNREAD_WRITES, &source.said.span, message, mend);
         break;
     }
+}
+
+/// Whether two partitions are on different modules.
+fn is_across(cx: &Context<'_>, one: PartitionId, other: PartitionId) -> bool {
+    cx.module_of(one).is_some_and(|one| cx.module_of(other).is_some_and(|other| other != one))
 }
 
 /// The starts of the writing windows, in the major frame, whose last value some reading window sees.
@@ -95,16 +109,19 @@ fn read_writes(writes: &[(u64, u64)], reads: &[(u64, u64)], major: u64) -> Vec<u
     ways.iter().filter_map(start).collect()
 }
 
+/// From partition to partition by a channel, and where that names its source.
+type Edge<'a> = (PartitionId, PartitionId, &'a Span);
+
 /// Notes the groups of partitions in which sampling channels lead around.
 fn loops(cx: &Context<'_>) {
     let edges = sampling_edges(cx);
-    let mut told: BTreeSet<usize> = BTreeSet::new();
+    let mut told = BTreeSet::new();
     for &(from, _, _) in &edges {
         if told.contains(&from) {
             continue;
         }
         let Some(way) = way_back(&edges, from) else { continue };
-        let first_step = |edge: &&(usize, usize, _)| way.starts_with(&[edge.0, edge.1]);
+        let first_step = |edge: &&Edge<'_>| way.starts_with(&[edge.0, edge.1]);
         let Some((_, _, said)) = edges.iter().find(first_step) else { continue };
         told.extend(reachable_both_ways(&edges, from));
         let names: Vec<&str> = way.iter().map(|&partition| cx.partition_name(partition)).collect();
@@ -115,23 +132,20 @@ fn loops(cx: &Context<'_>) {
 }
 
 /// Partition to partition, with where the channel names its source.
-fn sampling_edges<'a>(cx: &'a Context<'_>) -> Vec<(usize, usize, &'a Span)> {
+fn sampling_edges<'a>(cx: &Context<'a>) -> Vec<Edge<'a>> {
     let mut edges = Vec::new();
-    for channel in &cx.file.channels {
-        let Some(source) = channel.source.said().and_then(|said| End::of(cx, said)) else { continue };
-        if source.port.kind.get().map(|kind| kind.0) != Some(Kind::Sampling) {
-            continue;
-        }
-        let others = destinations(cx, channel).into_iter().map(|end| end.port.partition);
-        let others = others.filter(|&other| other != source.port.partition);
-        edges.extend(others.map(|other| (source.port.partition, other, &source.said.span)));
+    for (_, source, destinations) in ends(cx) {
+        let source = source.filter(|source| source.port.kind.word() == Some(Kind::Sampling));
+        let Some(source) = source else { continue };
+        let others = destinations.into_iter().map(|end| end.owner).filter(|other| *other != source.owner);
+        edges.extend(others.map(|other| (source.owner, other, &source.said.span)));
     }
     edges
 }
 
 /// The shortest way from a partition back to itself, both ends included.
-fn way_back(edges: &[(usize, usize, &Span)], from: usize) -> Option<Vec<usize>> {
-    let mut before: HashMap<usize, usize> = HashMap::new();
+fn way_back(edges: &[Edge<'_>], from: PartitionId) -> Option<Vec<PartitionId>> {
+    let mut before: HashMap<PartitionId, PartitionId> = HashMap::new();
     let mut queue = std::collections::VecDeque::from([from]);
     while let Some(at) = queue.pop_front() {
         for &(_, next, _) in edges.iter().filter(|edge| edge.0 == at) {
@@ -155,7 +169,7 @@ fn way_back(edges: &[(usize, usize, &Span)], from: usize) -> Option<Vec<usize>> 
 }
 
 /// The partitions that `from` reaches and that reach it.
-fn reachable_both_ways(edges: &[(usize, usize, &Span)], from: usize) -> BTreeSet<usize> {
+fn reachable_both_ways(edges: &[Edge<'_>], from: PartitionId) -> BTreeSet<PartitionId> {
     let reach = |forward: bool| {
         let mut seen = BTreeSet::from([from]);
         let mut stack = vec![from];
@@ -170,11 +184,6 @@ fn reachable_both_ways(edges: &[(usize, usize, &Span)], from: usize) -> BTreeSet
         seen
     };
     reach(true).intersection(&reach(false)).copied().collect()
-}
-
-fn destinations<'a>(cx: &Context<'a>, channel: &'a RawChannel) -> Vec<End<'a>> {
-    let list = channel.destinations.said().into_iter().flat_map(|list| &list.value);
-    list.filter_map(|said| End::of(cx, said)).collect()
 }
 
 fn direction(cx: &Context<'_>, ends: &[End<'_>], wanted: Direction, rule: &'static Rule) {
@@ -203,8 +212,8 @@ fn count(cx: &Context<'_>, channel: &RawChannel, source: Option<&End<'_>>) {
 }
 
 fn itself(cx: &Context<'_>, source: &End<'_>, destination: &End<'_>) {
-    if source.port.partition == destination.port.partition {
-        let name = cx.partition_name(source.port.partition);
+    if source.owner == destination.owner {
+        let name = cx.partition_name(source.owner);
         let message = format!("partition `{name}` sends to itself");
         let mend = "keep the value inside the partition, or name another destination";
         let finding = Finding::new(&catalogue::SELF_CHANNEL, &destination.said.span, message, mend);
@@ -274,15 +283,15 @@ fn payload(cx: &Context<'_>, source: &End<'_>, destination: &End<'_>) {
     cx.add(finding.also(here, "what is sent").also(there, "what is taken"));
 }
 
-fn time(cx: &Context<'_>, laid: &[Laid], source: &End<'_>, destination: &End<'_>) {
-    for laid in laid {
-        let writes = laid.starts(source.port.partition);
-        let reads = laid.starts(destination.port.partition);
+fn time(cx: &Context<'_>, source: &End<'_>, destination: &End<'_>) {
+    for schedule in &cx.plan.schedules {
+        let writes = schedule.starts(source.owner);
+        let reads = schedule.starts(destination.owner);
         if writes.is_empty() || reads.is_empty() {
             continue;
         }
-        let found = stale(cx, laid, &writes, source, destination)
-            || overflowing(cx, laid, (&writes, &reads), source, destination);
+        let found = stale(cx, schedule, &writes, source, destination)
+            || overflowing(cx, schedule, (&writes, &reads), source, destination);
         if found {
             // The next schedule would say the same.
             break;
@@ -290,16 +299,22 @@ fn time(cx: &Context<'_>, laid: &[Laid], source: &End<'_>, destination: &End<'_>
     }
 }
 
-fn stale(cx: &Context<'_>, laid: &Laid, writes: &[u64], source: &End<'_>, destination: &End<'_>) -> bool {
+fn stale(
+    cx: &Context<'_>,
+    schedule: &Schedule,
+    writes: &[u64],
+    source: &End<'_>,
+    destination: &End<'_>,
+) -> bool {
     let Some(refresh) = destination.port.refresh.said().filter(|refresh| refresh.value.0 > 0) else {
         return false;
     };
-    if destination.port.kind.get().map(|kind| kind.0) != Some(Kind::Sampling) {
+    if destination.port.kind.word() != Some(Kind::Sampling) {
         return false;
     }
     let (name, limit) = (destination.name(), ShowTime(refresh.value.0));
-    let period = gaps(writes, laid.major).max().unwrap_or_default();
-    let age = age_when_read(cx, laid, source, destination);
+    let period = gaps(writes, schedule.major_frame_ns).max().unwrap_or_default();
+    let age = age_when_read(cx, schedule, source, destination);
     let (message, needed) = if refresh.value.0 < period {
         let period = ShowTime(period);
         (format!("`{name}` is valid for {limit}, but its source is written every {period} at best"), period)
@@ -316,12 +331,10 @@ fn stale(cx: &Context<'_>, laid: &Laid, writes: &[u64], source: &End<'_>, destin
 }
 
 /// The greatest age of a value as a reading window opens, counted from the opening of the window that wrote it.
-fn age_when_read(cx: &Context<'_>, laid: &Laid, source: &End<'_>, destination: &End<'_>) -> u64 {
-    let ends = [source.port.partition, destination.port.partition];
-    let Some(legs) = links::legs(cx, &ends) else { return 0 };
-    let stations: Vec<Station> =
-        legs.iter().map(|leg| Station { windows: laid.windows(leg.partition), hop: leg.hop }).collect();
-    let ways = latency::ways(&stations, laid.major);
+fn age_when_read(cx: &Context<'_>, schedule: &Schedule, source: &End<'_>, destination: &End<'_>) -> u64 {
+    let Some(legs) = ways::legs(cx.plan, &[source.owner, destination.owner]) else { return 0 };
+    let stations = ways::stations(schedule, &legs);
+    let ways = latency::ways(&stations, schedule.major_frame_ns);
     let age = |way: &Vec<latency::Visit>| match way.as_slice() {
         [write, .., read] => read.start_ns.abs_diff(write.start_ns),
         _ => 0,
@@ -331,19 +344,19 @@ fn age_when_read(cx: &Context<'_>, laid: &Laid, source: &End<'_>, destination: &
 
 fn overflowing(
     cx: &Context<'_>,
-    laid: &Laid,
+    schedule: &Schedule,
     (writes, reads): (&[u64], &[u64]),
     source: &End<'_>,
     destination: &End<'_>,
 ) -> bool {
     let Some(depth) = destination.port.depth.said().filter(|depth| depth.value > 0) else { return false };
     // Over a link they come in the bursts of the relay: all that were written since its last window.
-    let burst = links::legs(cx, &[source.port.partition, destination.port.partition])
+    let major_ns = schedule.major_frame_ns;
+    let burst = ways::legs(cx.plan, &[source.owner, destination.owner])
         .filter(|legs| legs.len() > 2)
-        .map_or(0, |legs| most_between(writes, &laid.starts(legs[1].partition), laid.major));
-    let most = most_between(writes, reads, laid.major) + burst;
-    if destination.port.kind.get().map(|kind| kind.0) != Some(Kind::Queuing) || most <= u64::from(depth.value)
-    {
+        .map_or(0, |legs| most_between(writes, &schedule.starts(legs[1].0), major_ns));
+    let most = most_between(writes, reads, major_ns) + burst;
+    if destination.port.kind.word() != Some(Kind::Queuing) || most <= u64::from(depth.value) {
         return false;
     }
     let name = destination.name();
@@ -359,11 +372,11 @@ fn overflowing(
 fn once(cx: &Context<'_>) {
     let mut sources = HashMap::new();
     let mut sinks = HashMap::new();
-    for channel in &cx.file.channels {
-        if let Some(end) = channel.source.said().and_then(|said| End::of(cx, said)) {
+    for (_, source, destinations) in ends(cx) {
+        if let Some(end) = source {
             claim(cx, &mut sources, &end, (&catalogue::SOURCE_TWICE, "is the source of two channels"));
         }
-        for end in destinations(cx, channel) {
+        for end in destinations {
             claim(cx, &mut sinks, &end, (&catalogue::DESTINATION_TWICE, "is fed twice"));
         }
     }
@@ -371,15 +384,15 @@ fn once(cx: &Context<'_>) {
 
 fn claim<'a>(
     cx: &Context<'_>,
-    claimed: &mut HashMap<usize, &'a Span>,
+    claimed: &mut HashMap<PortId, &'a Span>,
     end: &End<'a>,
     (rule, what): (&'static Rule, &str),
 ) {
-    let Some(first) = claimed.get(&end.place) else {
-        claimed.insert(end.place, &end.said.span);
+    let Some(first) = claimed.get(&end.id) else {
+        claimed.insert(end.id, &end.said.span);
         return;
     };
-    let mend = match end.port.direction.get().map(|word| word.0) {
+    let mend = match end.port.direction.word() {
         Some(Direction::Source) => "list all its destinations in one channel",
         _ => "keep one of the two, or add a port for the other",
     };

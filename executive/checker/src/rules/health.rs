@@ -1,13 +1,12 @@
 //! Rules about health tables: that what they ask for makes sense.
 
 use super::Context;
-use crate::build::{effective_action, effective_level};
 use crate::catalogue;
 use crate::closed::{
     Closed, ErrorLevel, ModuleAction, ModuleError, PartitionAction, PartitionError, PartitionState, StartMode,
 };
 use crate::findings::{Finding, Span};
-use crate::model::{default_module_action, leaves_the_process};
+use crate::model::{PartitionId, leaves_the_process};
 use crate::raw::{Answer, RawHealth, RawLevel, RawPartition};
 use crate::reader::{At, Bytes, Nanoseconds, Word};
 use crate::units::ShowTime;
@@ -27,13 +26,13 @@ pub(super) fn check(cx: &Context<'_>) {
     reset_budget(cx, health);
     log_size(cx);
     health.levels.iter().for_each(|level| level_of(cx, level));
-    for partition in &cx.file.partitions {
+    for (id, partition) in cx.partitions() {
         ignored(cx, &partition.health);
         warm(cx, partition);
         warm_answers(cx, partition);
-        budget(cx, partition);
-        standby(cx, partition);
-        deadline(cx, partition);
+        budget(cx, id, partition);
+        standby(cx, id, partition);
+        deadline(cx, id, partition);
         handler(cx, partition);
         unused_answers(cx, &partition.health);
     }
@@ -69,9 +68,7 @@ fn level_of(cx: &Context<'_>, said: &RawLevel) {
         ErrorLevel::Module => {
             let table = &cx.file.health.module;
             let said_action = table.iter().find(|answer| answer.error == ModuleError::PartitionError);
-            let action = said_action.map(|answer| answer.action.value);
-            let action = action.unwrap_or_else(|| default_module_action(ModuleError::PartitionError));
-            let what = match action {
+            let what = match cx.plan.health.module.action(ModuleError::PartitionError) {
                 ModuleAction::Ignore => return,
                 ModuleAction::Reset => "resets",
                 ModuleAction::Shutdown => "shuts down",
@@ -91,7 +88,7 @@ fn handler(cx: &Context<'_>, partition: &RawPartition) {
     let Some(said) = partition.error_handler.said().filter(|said| said.value) else { return };
     let own = |error: &&PartitionError| {
         leaves_the_process(**error)
-            && effective_level(cx.file, **error, PartitionState::Normal) == ErrorLevel::Process
+            && cx.plan.health.levels.level(**error, PartitionState::Normal) == ErrorLevel::Process
     };
     if !PartitionError::ALL.iter().any(|error| own(&error)) {
         let message = format!("no error is left to the error handler of `{}`", partition.name.value);
@@ -102,7 +99,7 @@ fn handler(cx: &Context<'_>, partition: &RawPartition) {
 
 /// Whether an error never reaches a partition's table.
 fn is_dealt_with_by_module(cx: &Context<'_>, error: PartitionError) -> bool {
-    PartitionState::ALL.iter().all(|state| effective_level(cx.file, error, *state) == ErrorLevel::Module)
+    PartitionState::ALL.iter().all(|state| cx.plan.health.levels.level(error, *state) == ErrorLevel::Module)
 }
 
 /// Answers for errors that never reach a partition's table.
@@ -234,12 +231,11 @@ fn warm_answers(cx: &Context<'_>, partition: &RawPartition) {
     }
 }
 
-fn deadline(cx: &Context<'_>, partition: &RawPartition) {
+fn deadline(cx: &Context<'_>, id: PartitionId, partition: &RawPartition) {
     let Some(deadline) = partition.deadline.said() else { return };
     let name = &partition.name.value;
-    let windows = cx.file.schedules.iter().flat_map(|schedule| &schedule.windows);
-    let of = windows.filter(|window| window.partition.said().is_some_and(|owner| owner.value == *name));
-    let durations = of.filter_map(|window| window.duration.said());
+    let windows = cx.schedules().flat_map(|pair| cx.windows_of(pair, id));
+    let durations = windows.filter_map(|window| window.duration.said());
     let Some(longest) = durations.max_by_key(|duration| duration.value.0) else { return };
     if deadline.value.0 > longest.value.0 {
         let (late, length) = (ShowTime(deadline.value.0), ShowTime(longest.value.0));
@@ -252,19 +248,19 @@ fn deadline(cx: &Context<'_>, partition: &RawPartition) {
     }
 }
 
-fn budget(cx: &Context<'_>, partition: &RawPartition) {
+fn budget(cx: &Context<'_>, id: PartitionId, partition: &RawPartition) {
     let Some(budget) = partition.restart.budget.said().filter(|budget| budget.value == 0) else { return };
-    let Some(error) = answered_by_restart(cx, partition) else { return };
+    let Some(error) = answered_by_restart(cx, id) else { return };
     let message = format!("`{error}` restarts `{}`, but its budget is zero", partition.name.value);
     let mend = "allow some restarts, or choose `idle` or `stop` for its errors";
     cx.note(&catalogue::RESTART_WITHOUT_BUDGET, &budget.span, message, mend);
 }
 
-fn standby(cx: &Context<'_>, partition: &RawPartition) {
+fn standby(cx: &Context<'_>, id: PartitionId, partition: &RawPartition) {
     let Some(standby) = partition.standby.said() else { return };
     // A handler of its own may decide for a restart, whatever the tables say.
     let decides_itself = partition.error_handler.or(false) != Some(false);
-    if !decides_itself && answered_by_restart(cx, partition).is_none() {
+    if !decides_itself && answered_by_restart(cx, id).is_none() {
         let message = format!("`{}` has a standby, and none of its errors restarts it", partition.name.value);
         let mend = "answer an error by a restart, such as `killed = \"cold_restart\"`, or remove `standby`";
         cx.note(&catalogue::STANDBY_WITHOUT_RESTART, &standby.span, message, mend);
@@ -272,9 +268,9 @@ fn standby(cx: &Context<'_>, partition: &RawPartition) {
 }
 
 /// An error after which a partition is started again, if there is one.
-fn answered_by_restart(cx: &Context<'_>, partition: &RawPartition) -> Option<PartitionError> {
+fn answered_by_restart(cx: &Context<'_>, partition: PartitionId) -> Option<PartitionError> {
     let restarts = |error: &PartitionError| {
-        let action = effective_action(cx.file, partition, *error);
+        let action = cx.plan[partition].health.action(*error);
         matches!(action, PartitionAction::WarmRestart | PartitionAction::ColdRestart)
     };
     PartitionError::ALL.iter().copied().find(restarts)

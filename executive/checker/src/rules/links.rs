@@ -3,26 +3,22 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::net::SocketAddr;
 
-use bateleur_contract::packing::{Waiting, datagrams_needed};
 use bateleur_contract::relay::{MOST_LINKS, SENDING_NS, share_of_a_window};
 
 use super::Context;
-use super::laid::Laid;
 use crate::catalogue;
-use crate::closed::{Kind, ModuleClock, Transport};
+use crate::closed::{ModuleClock, Transport};
 use crate::cycle::within;
 use crate::defaults;
 use crate::findings::{Finding, Span};
-use crate::latency::Hop;
-use crate::links::{self, Carried, LARGEST_DATAGRAM, LONGEST_GAP_MS, SMALLEST_DATAGRAM};
-use crate::raw::{RawFile, RawLink, RawSchedule};
+use crate::links::{self, LARGEST_DATAGRAM, LONGEST_GAP_MS, SMALLEST_DATAGRAM, Sending};
+use crate::model::{LinkId, ModuleId, NetworkId, PartitionId, Schedule};
+use crate::raw::{RawLink, RawModule, RawSchedule};
 use crate::reader::At;
-use crate::relays::{self, Crossing};
 use crate::units::{ShowRate, ShowTime};
 use bateleur_plan::timeline::gaps;
 
-pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
-    let crossings = relays::crossings(cx.file, cx.names);
+pub(super) fn check(cx: &Context<'_>) {
     addresses(cx);
     for network in &cx.file.networks {
         if let Some(rate) = network.rate.said().filter(|rate| rate.value.0 == 0) {
@@ -30,107 +26,27 @@ pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
             cx.note(&catalogue::RATE_EXCEEDED, &rate.span, message, "write the rate of its slowest part");
         }
     }
-    for (place, link) in cx.file.links.iter().enumerate() {
-        ends(cx, place, link);
-        networks(cx, link);
+    for (id, link) in cx.links() {
+        joined(cx, id, link);
+        networks(cx, id, link);
         key(cx, link);
         gap(cx, link);
         size(cx, link);
         not_zero(cx, link);
-        unused(cx, place, link, &crossings);
+        unused(cx, id, link);
     }
     too_many(cx);
     transports(cx);
-    carried(cx, &crossings);
-    relay_names(cx, &crossings);
-    relay_windows(cx, laid, &crossings);
+    carried(cx);
+    relay_windows(cx);
     rates(cx);
     follows(cx);
     alignable(cx);
 }
 
-/// A partition on a path, and how the value comes to it.
-#[derive(Clone, Copy)]
-pub(super) struct Leg {
-    pub(super) partition: usize,
-    pub(super) hop: Option<Hop>,
-}
-
-/// Whether two partitions are on different modules.
-pub(super) fn is_across(cx: &Context<'_>, one: usize, other: usize) -> bool {
-    match (cx.names.module_of(cx.file, one), cx.names.module_of(cx.file, other)) {
-        (Some(one), Some(other)) => one != other,
-        _ => false,
-    }
-}
-
-/// The partitions of a path with the relays between them; nothing where modules are not joined.
-pub(super) fn legs(cx: &Context<'_>, stations: &[usize]) -> Option<Vec<Leg>> {
-    let mut legs: Vec<Leg> = Vec::new();
-    let first = cx.names.module_of(cx.file, *stations.first()?)?;
-    for &partition in stations {
-        let module = cx.names.module_of(cx.file, partition)?;
-        if let Some(before) = legs.last() {
-            let from = cx.names.module_of(cx.file, before.partition)?;
-            if from != module {
-                let link = &cx.file.links[cx.names.link_between(cx.file, from, module)?];
-                let relay =
-                    |module: usize| cx.names.partition(&relays::name(&cx.file.modules[module].name.value));
-                let hop = Hop {
-                    latency_ns: latency_ns(cx, link),
-                    aligned_within_ns: aligned_within_ns(cx, from, module),
-                    beside_first_ns: beside_ns(cx, (first, from), module),
-                };
-                legs.push(Leg { partition: relay(from)?, hop: None });
-                legs.push(Leg { partition: relay(module)?, hop: Some(hop) });
-            }
-        }
-        legs.push(Leg { partition, hop: None });
-    }
-    Some(legs)
-}
-
-/// The slowest network counts: it may be the one that is left.
-fn latency_ns(cx: &Context<'_>, link: &RawLink) -> u64 {
-    let networks =
-        cx.names.link_networks(cx.file, link).into_iter().map(|network| &cx.file.networks[network]);
-    let max_bytes = link.max_bytes.get().unwrap_or(defaults::MAX_BYTES);
-    let latency = networks.map(|network| {
-        let latency_ns = network.latency.get().map_or(defaults::NETWORK_LATENCY_NS, |latency| latency.0);
-        let rate = network.rate.get().map_or(0, |rate| rate.0);
-        latency_ns.saturating_add(bateleur_plan::local::time_on_the_wire_ns(max_bytes, rate))
-    });
-    latency.max().unwrap_or_default()
-}
-
-/// How far apart the frames of two modules may begin, ns; `None`: anyhow.
-pub(super) fn aligned_within_ns(cx: &Context<'_>, one: usize, other: usize) -> Option<u64> {
-    let (first, own) = followed_to_the_end(cx, one);
-    let (second, others) = followed_to_the_end(cx, other);
-    (first == second).then_some(own.saturating_add(others))
-}
-
-/// How much later than planned the frames of `module` may begin against those of a path's first module; where both have no common
-/// phase, against those of the module `from` before it.
-fn beside_ns(cx: &Context<'_>, (first, from): (usize, usize), module: usize) -> u64 {
-    if first == module {
-        return 0;
-    }
-    aligned_within_ns(cx, first, module).or_else(|| aligned_within_ns(cx, from, module)).unwrap_or(0)
-}
-
-fn followed_to_the_end(cx: &Context<'_>, module: usize) -> (usize, u64) {
-    let (mut at, mut error_ns) = (module, 0_u64);
-    for _ in 0..cx.file.modules.len() {
-        let raw = &cx.file.modules[at];
-        let Some(leader) = raw.follows.said().and_then(|leader| cx.names.module(&leader.value)) else {
-            break;
-        };
-        let within = raw.follows_within.get().map_or(defaults::FOLLOWS_WITHIN_NS, |within| within.0);
-        error_ns = error_ns.saturating_add(within);
-        at = leader;
-    }
-    (at, error_ns)
+/// The modules of a link, where they are known, and two.
+fn ends(cx: &Context<'_>, id: LinkId) -> Option<[ModuleId; 2]> {
+    Some(cx.plan[id].ends).filter(|ends| ends[0] != cx.nobody.module)
 }
 
 fn addresses(cx: &Context<'_>) {
@@ -149,7 +65,7 @@ fn addresses(cx: &Context<'_>) {
     }
 }
 
-fn ends(cx: &Context<'_>, place: usize, link: &RawLink) {
+fn joined(cx: &Context<'_>, id: LinkId, link: &RawLink) {
     let Some(said) = link.modules.said() else { return };
     let name = &link.name.value;
     let names: BTreeSet<&str> = said.value.iter().map(|module| module.value.as_str()).collect();
@@ -159,35 +75,31 @@ fn ends(cx: &Context<'_>, place: usize, link: &RawLink) {
         cx.note(&catalogue::LINK_ENDS, &said.span, message, mend);
         return;
     }
-    let Some([one, other]) = cx.names.link_ends(link) else { return };
-    let Some(first) = cx.names.link_between(cx.file, one, other).filter(|&first| first != place) else {
-        return;
-    };
-    let (one, other) = (&cx.file.modules[one].name.value, &cx.file.modules[other].name.value);
-    let message = format!("modules `{one}` and `{other}` are joined twice");
+    let Some([one, other]) = ends(cx, id) else { return };
+    let Some(first) = cx.plan.link_between(one, other).filter(|&first| first != id) else { return };
+    let message =
+        format!("modules `{}` and `{}` are joined twice", cx.module_name(one), cx.module_name(other));
     let finding = Finding::new(&catalogue::LINK_ENDS, &said.span, message, "keep one of the two links");
-    cx.add(finding.also(&cx.file.links[first].name.span, "the first link"));
+    cx.add(finding.also(&cx.file.links[first.0].name.span, "the first link"));
 }
 
-fn networks(cx: &Context<'_>, link: &RawLink) {
-    let Some(ends) = cx.names.link_ends(link) else { return };
-    let carrying = cx.names.link_networks(cx.file, link);
+fn networks(cx: &Context<'_>, id: LinkId, link: &RawLink) {
+    let Some(ends) = ends(cx, id) else { return };
+    let carrying = &cx.plan[id].networks;
     let name = &link.name.value;
-    for said in link.networks.said().into_iter().flat_map(|list| &list.value) {
-        let Some(network) = cx.names.network(cx.file, &said.value) else { continue };
-        for module in ends.iter().map(|&module| &cx.file.modules[module]) {
-            let mut addresses = module.addresses.iter();
-            if !addresses.any(|(name, _)| cx.names.network(cx.file, &name.value) == Some(network)) {
-                let message =
-                    format!("module `{}` has no address on network `{}`", module.name.value, said.value);
-                let mend = format!("add `addresses = {{ {} = \"10.77.0.1:15300\" }}` to it", said.value);
-                let finding = Finding::new(&catalogue::NO_NETWORK, &said.span, message, mend);
-                cx.add(finding.also(&module.name.span, "the module"));
-            }
+    for said in link.networks.items() {
+        let named = carrying.iter().find(|network| cx.plan[**network].name == said.value);
+        let Some(&network) = named else { continue };
+        for module in ends.iter().filter(|module| cx.plan[**module].address_on(network).is_none()) {
+            let message =
+                format!("module `{}` has no address on network `{}`", cx.module_name(*module), said.value);
+            let mend = format!("add `addresses = {{ {} = \"10.77.0.1:15300\" }}` to it", said.value);
+            let finding = Finding::new(&catalogue::NO_NETWORK, &said.span, message, mend);
+            cx.add(finding.also(&cx.file.modules[module.0].name.span, "the module"));
         }
     }
     let span = link.networks.said().map_or(&link.name.span, |said| &said.span);
-    let ends = ends.map(|module| cx.file.modules[module].name.value.as_str());
+    let ends = ends.map(|module| cx.module_name(module));
     match carrying.as_slice() {
         [] if link.networks.said().is_some_and(|said| !said.value.is_empty()) => {}
         [] => {
@@ -199,7 +111,7 @@ fn networks(cx: &Context<'_>, link: &RawLink) {
             cx.note(&catalogue::NO_NETWORK, span, message, mend);
         }
         [only] => {
-            let message = format!("link `{name}` has one network, `{}`", cx.file.networks[*only].name.value);
+            let message = format!("link `{name}` has one network, `{}`", cx.plan[*only].name);
             let mend =
                 "nothing, if one cut may part the modules; else give both an address on a second network";
             cx.note(&catalogue::ONE_NETWORK, span, message, mend);
@@ -275,10 +187,10 @@ fn not_zero(cx: &Context<'_>, link: &RawLink) {
     }
 }
 
-fn unused(cx: &Context<'_>, place: usize, link: &RawLink, crossings: &[Crossing]) {
-    let Some(ends) = cx.names.link_ends(link) else { return };
-    let first = cx.names.link_between(cx.file, ends[0], ends[1]) == Some(place);
-    if first && !crossings.iter().any(|one| ends.contains(&one.from) && ends.contains(&one.to)) {
+fn unused(cx: &Context<'_>, id: LinkId, link: &RawLink) {
+    let Some([one, other]) = ends(cx, id) else { return };
+    let carries = |from: ModuleId| cx.plan.carried(id, from).next().is_some();
+    if cx.plan.link_between(one, other) == Some(id) && !carries(one) && !carries(other) {
         let message = format!("no channel leads over link `{}`", link.name.value);
         let mend = "remove it, or move a partition to the other module";
         cx.note(&catalogue::LINK_UNUSED, &link.name.span, message, mend);
@@ -286,154 +198,124 @@ fn unused(cx: &Context<'_>, place: usize, link: &RawLink, crossings: &[Crossing]
 }
 
 fn too_many(cx: &Context<'_>) {
-    for (number, module) in cx.file.modules.iter().enumerate() {
-        let has = |link: &&RawLink| cx.names.link_ends(link).is_some_and(|ends| ends.contains(&number));
-        let links: Vec<&RawLink> = cx.file.links.iter().filter(has).collect();
+    for (id, module) in cx.modules() {
+        let links: Vec<LinkId> = cx.plan.links_of(id).collect();
         let Some(first_beyond) = links.get(MOST_LINKS) else { continue };
         let message = format!("module `{}` has {} links", module.name.value, links.len());
         let mend =
             format!("join it with {MOST_LINKS} others at most, and let one of those carry for the rest");
-        let finding = Finding::new(&catalogue::TOO_MANY_LINKS, &first_beyond.name.span, message, mend);
+        let span = &cx.file.links[first_beyond.0].name.span;
+        let finding = Finding::new(&catalogue::TOO_MANY_LINKS, span, message, mend);
         cx.add(finding.also(&module.name.span, "the module"));
     }
 }
 
 fn transports(cx: &Context<'_>) {
-    let mut seen: BTreeMap<usize, &RawLink> = BTreeMap::new();
-    let of = |link: &RawLink| link.transport.get().map_or(defaults::TRANSPORT, |word| word.0);
-    for link in &cx.file.links {
-        if of(link) == Transport::Zenoh {
-            let span = link.transport.said().map_or(&link.name.span, |said| &said.span);
+    let mut seen: BTreeMap<ModuleId, LinkId> = BTreeMap::new();
+    let of = |id: LinkId| cx.plan[id].transport;
+    let span = |link: &RawLink| link.transport.said().map_or(&link.name.span, |said| &said.span).clone();
+    for (id, link) in cx.links() {
+        if of(id) == Transport::Zenoh {
             let message = format!(
                 "link `{}` would speak `zenoh`, which the program `relay` does not contain",
                 link.name.value
             );
             let mend = "leave `transport` out: it is \"udp\" then; gateway/zenoh is for relays that are built by hand";
-            cx.add(Finding::new(&catalogue::TRANSPORT_ABSENT, span, message, mend));
+            cx.add(Finding::new(&catalogue::TRANSPORT_ABSENT, &span(link), message, mend));
         }
     }
-    for link in &cx.file.links {
-        for module in cx.names.link_ends(link).into_iter().flatten() {
-            let first = *seen.entry(module).or_insert(link);
-            if of(first) == of(link) {
+    for (id, link) in cx.links() {
+        for module in ends(cx, id).into_iter().flatten() {
+            let first = *seen.entry(module).or_insert(id);
+            if of(first) == of(id) {
                 continue;
             }
-            let span = link.transport.said().map_or(&link.name.span, |said| &said.span);
+            let other = &cx.file.links[first.0].name;
             let message = format!(
                 "the relay of `{}` would speak `{}` on link `{}` and `{}` on link `{}`",
-                cx.file.modules[module].name.value,
+                cx.module_name(module),
                 of(first),
-                first.name.value,
-                of(link),
+                other.value,
+                of(id),
                 link.name.value
             );
             let mend = "give all links of a module one transport";
-            let finding = Finding::new(&catalogue::TRANSPORTS_DIFFER, span, message, mend);
-            cx.add(finding.also(&first.name.span, "the other link"));
+            let finding = Finding::new(&catalogue::TRANSPORTS_DIFFER, &span(link), message, mend);
+            cx.add(finding.also(&other.span, "the other link"));
             return;
         }
     }
 }
 
-/// Every crossing has a link.
-fn carried(cx: &Context<'_>, crossings: &[Crossing]) {
-    for one in crossings {
-        if cx.names.link_between(cx.file, one.from, one.to).is_some() {
-            continue;
-        }
-        let destinations = cx.file.channels[one.channel].destinations.said();
-        let Some(said) = destinations.and_then(|list| list.value.get(one.place)) else { continue };
-        let (from, to) = (&cx.file.modules[one.from].name.value, &cx.file.modules[one.to].name.value);
-        let message =
-            format!("the channel to `{}` leads from module `{from}` to `{to}`, and no link does", said.value);
-        let mend = format!(
-            "add `[link.NAME]` with `modules = [\"{from}\", \"{to}\"]`, or put both partitions on one module"
-        );
-        let finding = Finding::new(&catalogue::NO_LINK, &said.span, message, mend);
-        let source = cx.file.channels[one.channel].source.said();
-        cx.add(match source {
-            Some(source) => finding.also(&source.span, "its source"),
-            None => finding,
-        });
-    }
-}
-
-fn needing(crossings: &[Crossing]) -> BTreeSet<usize> {
-    crossings.iter().flat_map(|one| [one.from, one.to]).collect()
-}
-
-fn relay_names(cx: &Context<'_>, crossings: &[Crossing]) {
-    for module in needing(crossings) {
-        let module = &cx.file.modules[module].name.value;
-        let own = cx.names.partition(&relays::name(module)).map(|place| &cx.file.partitions[place]);
-        if let Some(taken) = own.filter(|partition| !partition.generated) {
-            let message = format!("`{}` is the name of the relay of module `{module}`", taken.name.value);
-            let mend = "rename the partition; a relay needs windows in the schedules, and no table";
-            cx.note(&catalogue::RELAY_NAME_TAKEN, &taken.name.span, message, mend);
+/// Everything that crosses has a link.
+fn carried(cx: &Context<'_>) {
+    for (raw, channel) in cx.file.channels.iter().zip(&cx.plan.channels) {
+        let Some(from) = cx.module_of(cx.plan[channel.source].partition) else { continue };
+        for (said, destination) in raw.destinations.items().iter().zip(&channel.destinations) {
+            let Some(to) = cx.module_of(cx.plan[*destination].partition) else { continue };
+            if to == from || cx.plan.link_between(from, to).is_some() {
+                continue;
+            }
+            let (from, to) = (cx.module_name(from), cx.module_name(to));
+            let message = format!(
+                "the channel to `{}` leads from module `{from}` to `{to}`, and no link does",
+                said.value
+            );
+            let mend = format!(
+                "add `[link.NAME]` with `modules = [\"{from}\", \"{to}\"]`, or put both partitions on one module"
+            );
+            let finding = Finding::new(&catalogue::NO_LINK, &said.span, message, mend);
+            cx.add(match raw.source.said() {
+                Some(source) => finding.also(&source.span, "its source"),
+                None => finding,
+            });
         }
     }
 }
 
-/// The generated relay of a module.
-fn relay_of(cx: &Context<'_>, module: usize) -> Option<usize> {
-    let place = cx.names.partition(&relays::name(&cx.file.modules[module].name.value))?;
-    cx.file.partitions[place].generated.then_some(place)
-}
-
-fn relay_windows(cx: &Context<'_>, laid: &[Laid], crossings: &[Crossing]) {
-    let unknown = |schedule: &&crate::raw::RawSchedule| {
-        schedule.windows.iter().any(|window| cx.names.owner(window).is_none())
-    };
-    for module in needing(crossings) {
-        let Some(relay) = relay_of(cx, module) else { continue };
-        let name = &cx.file.partitions[relay].name.value;
-        for (schedule, laid) in cx.file.schedules.iter().zip(laid) {
-            let has = schedule.windows.iter().any(|window| cx.names.owner(window) == Some(relay));
-            if has {
-                in_windows(cx, (schedule, laid), (module, relay), crossings);
-            } else if !unknown(&schedule) {
-                let module = &cx.file.modules[module].name;
+fn relay_windows(cx: &Context<'_>) {
+    for (relay, raw_relay) in cx.partitions().filter(|(_, partition)| partition.generated) {
+        let (name, module) = (cx.partition_name(relay), cx.plan[relay].module);
+        for (raw, schedule) in cx.schedules() {
+            if schedule.runs(relay) {
+                in_windows(cx, (raw, schedule), (module, relay));
+            } else if !cx.has_window_of_nobody(schedule) {
                 let message = format!(
                     "`{name}` carries what crosses at module `{}`, and has no window in schedule `{}`",
-                    module.value, schedule.name.value
+                    cx.module_name(module),
+                    schedule.name
                 );
                 let mend = format!(
                     "add `{{ partition = \"{name}\", offset = \"…\", duration = \"500us\" }}` to its windows"
                 );
-                let finding =
-                    Finding::new(&catalogue::RELAY_NOT_SCHEDULED, &schedule.name.span, message, mend);
-                cx.add(finding.also(&module.span, "the module"));
+                let finding = Finding::new(&catalogue::RELAY_NOT_SCHEDULED, &raw.name.span, message, mend);
+                cx.add(finding.also(&raw_relay.name.span, "the module"));
             }
         }
     }
 }
 
 /// Gap, load and patience of each link of a module, against the windows of its relay, and all of them against the shortest.
-fn in_windows(
-    cx: &Context<'_>,
-    (schedule, laid): (&RawSchedule, &Laid),
-    (module, relay): (usize, usize),
-    crossings: &[Crossing],
+fn in_windows<'a>(
+    cx: &Context<'a>,
+    (raw, schedule): (&'a RawSchedule, &'a Schedule),
+    (module, relay): (ModuleId, PartitionId),
 ) {
-    let mut sent: Vec<u64> = Vec::new();
-    let mut windows = laid.windows(relay);
-    windows.sort_unstable();
-    let starts: Vec<u64> = windows.iter().map(|window| window.0).collect();
-    let (Some(shortest), Some(longest)) = (gaps(&starts, laid.major).min(), gaps(&starts, laid.major).max())
-    else {
-        return;
+    let starts = schedule.starts(relay);
+    let waits = || gaps(&starts, schedule.major_frame_ns);
+    let (Some(shortest), Some(longest)) = (waits().min(), waits().max()) else { return };
+    let (name, mut sent) = (cx.partition_name(relay), Vec::new());
+    let first_of_two = |id: &LinkId| {
+        let [one, other] = cx.plan[*id].ends;
+        cx.plan.link_between(one, other) == Some(*id)
     };
-    let name = &cx.file.partitions[relay].name.value;
-    for (place, link) in cx.file.links.iter().enumerate() {
-        let Some(ends) = cx.names.link_ends(link).filter(|ends| ends.contains(&module)) else { continue };
-        if cx.names.link_between(cx.file, ends[0], ends[1]) != Some(place) {
-            continue;
-        }
-        let datagrams = load(cx, laid, (module, &windows), link, crossings);
+    for id in cx.plan.links_of(module).filter(first_of_two) {
+        let link = &cx.file.links[id.0];
+        let datagrams = load(cx, schedule, (module, name), id);
         gap_fits(cx, name, link, datagrams.unwrap_or(1), shortest);
-        takes_all(cx, (schedule, laid), (module, relay), link, (crossings, longest));
+        takes_all(cx, (raw, schedule), (module, relay), id, longest);
         sent.extend(datagrams);
-        let patience = link.lost_after.get().map_or(defaults::LOST_AFTER_NS, |after| after.0);
+        let patience = cx.plan[id].lost_after_ns;
         if patience < longest.saturating_mul(2) {
             let span = link.lost_after.said().map_or(&link.name.span, |said| &said.span);
             let message = format!(
@@ -446,7 +328,7 @@ fn in_windows(
             cx.note(&catalogue::SILENCE_TOO_SHORT, span, message, mend);
         }
     }
-    long_enough(cx, (schedule, relay), &sent);
+    long_enough(cx, (raw, schedule), relay, &sent);
 }
 
 /// Whether a window's last datagram is a gap before the first of the next window, `shortest` after it.
@@ -472,12 +354,14 @@ fn gap_fits(cx: &Context<'_>, relay: &str, link: &RawLink, datagrams: u64, short
 }
 
 /// Whether the shortest window of a relay is as long as sending takes that has so many datagrams for each link.
-fn long_enough(cx: &Context<'_>, (schedule, relay): (&RawSchedule, usize), sent: &[u64]) {
-    let own = schedule.windows.iter().filter(|window| cx.names.owner(window) == Some(relay));
-    let Some(shortest) = own.filter_map(|window| window.duration.said()).min_by_key(|said| said.value.0)
-    else {
-        return;
-    };
+fn long_enough<'a>(
+    cx: &Context<'a>,
+    pair: (&'a RawSchedule, &'a Schedule),
+    relay: PartitionId,
+    sent: &[u64],
+) {
+    let durations = cx.windows_of(pair, relay).filter_map(|window| window.duration.said());
+    let Some(shortest) = durations.min_by_key(|said| said.value.0) else { return };
     let datagrams = sent.iter().copied().fold(0, u64::saturating_add);
     let takes_ns = datagrams.saturating_mul(SENDING_NS);
     if takes_ns <= shortest.value.0 {
@@ -485,7 +369,7 @@ fn long_enough(cx: &Context<'_>, (schedule, relay): (&RawSchedule, usize), sent:
     }
     let message = format!(
         "`{}` sends {datagrams} datagram(s) for {} link(s) in a window, which take up to {}, and has one of {}",
-        cx.file.partitions[relay].name.value,
+        cx.partition_name(relay),
         sent.len(),
         ShowTime(takes_ns),
         ShowTime(shortest.value.0)
@@ -499,34 +383,28 @@ fn long_enough(cx: &Context<'_>, (schedule, relay): (&RawSchedule, usize), sent:
 
 /// Whether a relay takes in a window what may have come over a link since the one before, `longest` ago: else more and more waits,
 /// until the link is dead.
-fn takes_all(
-    cx: &Context<'_>,
-    (schedule, laid): (&RawSchedule, &Laid),
-    (module, relay): (usize, usize),
-    link: &RawLink,
-    (crossings, longest): (&[Crossing], u64),
+fn takes_all<'a>(
+    cx: &Context<'a>,
+    (raw, schedule): (&'a RawSchedule, &'a Schedule),
+    (module, relay): (ModuleId, PartitionId),
+    id: LinkId,
+    longest: u64,
 ) {
-    let Some(sender) = cx.names.link_ends(link).and_then(|ends| ends.into_iter().find(|&end| end != module))
-    else {
-        return;
-    };
-    let Some(come) = most_that_come(cx, laid, sender, link, (crossings, longest)) else { return };
-    let of_module = |link: &RawLink| match cx.names.link_ends(link) {
-        Some(ends) if ends.contains(&module) => cx.names.link_networks(cx.file, link).len(),
-        _ => 0,
-    };
-    let share = share_of_a_window(cx.file.links.iter().map(of_module).sum()) as u64;
+    let Some(sender) = cx.plan[id].peer_of(module) else { return };
+    let Some(come) = most_that_come(cx, schedule, sender, id, longest) else { return };
+    let networks = cx.plan.links_of(module).map(|link| cx.plan[link].networks.len()).sum();
+    let share = share_of_a_window(networks) as u64;
     if come <= share {
         return;
     }
-    let name = &cx.file.partitions[relay].name.value;
-    let own = schedule.windows.iter().find(|window| cx.names.owner(window) == Some(relay));
-    let span = own.and_then(|window| window.duration.said()).map_or(&schedule.name.span, |said| &said.span);
+    let name = cx.partition_name(relay);
+    let own = cx.windows_of((raw, schedule), relay).next();
+    let span = own.and_then(|window| window.duration.said()).map_or(&raw.name.span, |said| &said.span);
     let message = format!(
         "`{name}` takes {share} datagrams of a network of link `{}` in a window, and up to {come} come between two of its windows",
-        link.name.value
+        cx.plan[id].name
     );
-    let other = relays::name(&cx.file.modules[sender].name.value);
+    let other = cx.plan.relay_of(sender).map_or("?", |relay| cx.partition_name(relay));
     let mend = format!("give `{name}` more windows, or `{other}` fewer with `minor`");
     cx.note(&catalogue::RELAY_TAKES_TOO_FEW, span, message, mend);
 }
@@ -534,73 +412,32 @@ fn takes_all(
 /// The most datagrams of a network of a link that a module's relay sends within a span of time.
 fn most_that_come(
     cx: &Context<'_>,
-    laid: &Laid,
-    sender: usize,
-    link: &RawLink,
-    (crossings, span): (&[Crossing], u64),
+    schedule: &Schedule,
+    sender: ModuleId,
+    link: LinkId,
+    span: u64,
 ) -> Option<u64> {
-    let mut windows = laid.windows(relay_of(cx, sender)?);
-    windows.sort_unstable();
-    let need = needs(cx, laid, (sender, &windows), link, crossings)?;
-    let starts: Vec<u64> = windows.iter().map(|window| window.0).collect();
+    let sending = Sending::of(cx.plan, schedule, link, sender)?;
+    let starts = schedule.starts(cx.plan.relay_of(sender)?);
+    let windows = starts.iter().map(|&start| within(&starts, (start, span), schedule.major_frame_ns));
     // And of one more: what datagrams are late by on their way is not the same for all.
-    let most =
-        starts.iter().map(|&start| within(&starts, (start, span), laid.major)).max().unwrap_or_default();
-    let sending = most + 1;
-    Some(sending.saturating_mul(need.datagrams.min(need.most)))
-}
-
-/// What a relay has to send over a link in a window.
-struct Need {
-    load: Vec<Waiting>,
-    /// The datagrams that it needs for that.
-    datagrams: u64,
-    /// Those that the gap lets it send.
-    most: u64,
-}
-
-fn needs(
-    cx: &Context<'_>,
-    laid: &Laid,
-    (module, windows): (usize, &[(u64, u64)]),
-    link: &RawLink,
-    crossings: &[Crossing],
-) -> Option<Need> {
-    let (ends, gap) = (cx.names.link_ends(link)?, link.gap.said()?);
-    let max_bytes = link.max_bytes.get().unwrap_or(defaults::MAX_BYTES);
-    if gap.value.0 == 0 || max_bytes < SMALLEST_DATAGRAM {
-        return None; // reported already
-    }
-    let outgoing = crossings.iter().filter(|one| one.from == module && ends.contains(&one.to));
-    // A channel crosses each link once, however many destinations it has there.
-    let channels: BTreeMap<usize, usize> = outgoing.map(|one| (one.channel, one.source)).collect();
-    let carried: Vec<Carried> =
-        channels.values().filter_map(|&source| carried_of(cx, laid, source)).collect();
-    let starts: Vec<u64> = windows.iter().map(|window| window.0).collect();
-    let load = links::window_load(&carried, &starts, laid.major);
-    let shortest = windows.iter().map(|(start, end)| end - start).min().unwrap_or_default();
-    let (datagrams, most) = (datagrams_needed(&load, max_bytes), links::datagrams_in(shortest, gap.value.0));
-    Some(Need { load, datagrams, most })
+    let windows = windows.max().unwrap_or_default() + 1;
+    Some(windows.saturating_mul(sending.datagrams.min(sending.most)))
 }
 
 /// Looks at what a link has to send in a window; gives the datagrams that the relay makes of it.
-fn load(
-    cx: &Context<'_>,
-    laid: &Laid,
-    (module, windows): (usize, &[(u64, u64)]),
-    link: &RawLink,
-    crossings: &[Crossing],
-) -> Option<u64> {
-    let Need { load, datagrams: needed, most } = needs(cx, laid, (module, windows), link, crossings)?;
-    let (gap, max_bytes) = (link.gap.said()?, link.max_bytes.get().unwrap_or(defaults::MAX_BYTES));
+fn load(cx: &Context<'_>, schedule: &Schedule, (module, relay): (ModuleId, &str), id: LinkId) -> Option<u64> {
+    let Sending { load, datagrams: needed, most } = Sending::of(cx.plan, schedule, id, module)?;
     if needed > most {
-        let span = link.max_bytes.said().map_or(&gap.span, |said| &said.span);
+        let link = &cx.file.links[id.0];
+        let gap = link.gap.said().map_or(&link.name.span, |said| &said.span);
+        let span = link.max_bytes.said().map_or(gap, |said| &said.span);
         let message = format!(
-            "`{}` has up to {} bytes for link `{}` in a window, which need up to {needed} datagrams of {max_bytes} bytes, and the gap \
+            "`{relay}` has up to {} bytes for link `{}` in a window, which need up to {needed} datagrams of {} bytes, and the gap \
              lets it send {most}",
-            relays::name(&cx.file.modules[module].name.value),
             links::load_bytes(&load),
-            link.name.value
+            link.name.value,
+            cx.plan[id].max_bytes
         );
         let enough = links::enough_bytes(&load, most)
             .map_or_else(String::new, |bytes| format!("let `max_bytes` be {bytes}, "));
@@ -610,23 +447,19 @@ fn load(
     Some(needed.min(most))
 }
 
-fn carried_of(cx: &Context<'_>, laid: &Laid, source: usize) -> Option<Carried> {
-    let port = &cx.file.ports[source];
-    let bytes = match (port.message.said(), port.max_size.get()) {
-        (Some(message), _) => u64::try_from(cx.catalogue.size_of(&message.value)?).ok()?,
-        (None, size) => size?.into(),
-    };
-    let queuing = port.kind.get()?.0 == Kind::Queuing;
-    Some(Carried { bytes, queuing, writes: laid.starts(port.partition) })
-}
-
 /// What is promised on each network from each module is there.
 fn rates(cx: &Context<'_>) {
     for (place, network) in cx.file.networks.iter().enumerate() {
         let Some(rate) = network.rate.said().filter(|rate| rate.value.0 > 0) else { continue };
-        for (number, module) in cx.file.modules.iter().enumerate() {
-            let mine: Vec<&RawLink> = links_on(cx.file, cx, place, number);
-            let used: u64 = mine.iter().filter_map(|link| reserved(link)).fold(0, u64::saturating_add);
+        for (id, module) in cx.modules() {
+            let mine =
+                cx.plan.links_of(id).filter(|link| cx.plan[*link].networks.contains(&NetworkId(place)));
+            let mine: Vec<LinkId> = mine.collect();
+            let promised = |link: &LinkId| {
+                let gap = cx.file.links[link.0].gap.said()?;
+                Some(links::reserved_bits_per_s(cx.plan[*link].max_bytes, gap.value.0))
+            };
+            let used: u64 = mine.iter().filter_map(promised).fold(0, u64::saturating_add);
             let Some(last) = mine.last().filter(|_| used > rate.value.0) else { continue };
             let message = format!(
                 "module `{}` may send {} on network `{}`, which carries {}",
@@ -635,6 +468,7 @@ fn rates(cx: &Context<'_>) {
                 network.name.value,
                 ShowRate(rate.value.0)
             );
+            let last = &cx.file.links[last.0];
             let span = last.gap.said().map_or(&last.name.span, |gap: &At<_>| &gap.span);
             let mend = "make gaps longer or `max_bytes` smaller";
             let finding = Finding::new(&catalogue::RATE_EXCEEDED, span, message, mend);
@@ -643,21 +477,8 @@ fn rates(cx: &Context<'_>) {
     }
 }
 
-fn links_on<'a>(file: &'a RawFile, cx: &Context<'_>, network: usize, module: usize) -> Vec<&'a RawLink> {
-    let on = |link: &&RawLink| {
-        cx.names.link_ends(link).is_some_and(|ends| ends.contains(&module))
-            && cx.names.link_networks(file, link).contains(&network)
-    };
-    file.links.iter().filter(on).collect()
-}
-
-fn reserved(link: &RawLink) -> Option<u64> {
-    let max_bytes = link.max_bytes.get().unwrap_or(defaults::MAX_BYTES);
-    Some(links::reserved_bits_per_s(max_bytes, link.gap.get()?.0))
-}
-
 fn follows(cx: &Context<'_>) {
-    for (place, module) in cx.file.modules.iter().enumerate() {
+    for (id, module) in cx.modules() {
         if let Some(within) = module.follows_within.said() {
             if within.value.0 == 0 {
                 cx.note(
@@ -680,17 +501,14 @@ fn follows(cx: &Context<'_>) {
             let mend = "remove `follows`, or `clock = \"realtime\"`";
             cx.note(&catalogue::MISPLACED_KEY, &said.span, message, mend);
         }
-        let Some(leader) = cx.names.module(&said.value) else { continue };
-        if comes_back(cx, place) {
+        let Some(leader) = cx.plan[id].follows else { continue };
+        if comes_back(cx, id) {
             let message = format!("module `{}` follows itself, through `{}`", module.name.value, said.value);
-            let message = if leader == place {
-                format!("module `{}` follows itself", module.name.value)
-            } else {
-                message
-            };
+            let message =
+                if leader == id { format!("module `{}` follows itself", module.name.value) } else { message };
             let mend = "let one of them follow nobody";
             cx.note(&catalogue::FOLLOWS_IN_CIRCLE, &said.span, message, mend);
-        } else if cx.names.link_between(cx.file, place, leader).is_none() {
+        } else if cx.plan.link_between(id, leader).is_none() {
             let message =
                 format!("no link joins `{}` and `{}`, which it follows", module.name.value, said.value);
             let mend = format!("follow a module that it has a link with, or add one to `{}`", said.value);
@@ -704,7 +522,7 @@ const LONGEST_ALIGNED_NS: u64 = 540_000_000_000;
 
 /// Notes major frames that are too long to be aligned with others.
 fn alignable(cx: &Context<'_>) {
-    let aligned = |module: &&crate::raw::RawModule| module.follows.said().is_some() || on_realtime(module);
+    let aligned = |module: &&RawModule| module.follows.said().is_some() || on_realtime(module);
     let Some(module) = cx.file.modules.iter().find(aligned) else { return };
     for schedule in &cx.file.schedules {
         let Some(major) = schedule.major_frame.said().filter(|major| major.value.0 > LONGEST_ALIGNED_NS)
@@ -723,23 +541,12 @@ fn alignable(cx: &Context<'_>) {
     }
 }
 
-fn on_realtime(module: &crate::raw::RawModule) -> bool {
-    module.clock.get().is_some_and(|clock| clock.0 == ModuleClock::Realtime)
+fn on_realtime(module: &RawModule) -> bool {
+    module.clock.word() == Some(ModuleClock::Realtime)
 }
 
 /// Whether following leads from a module back to it.
-fn comes_back(cx: &Context<'_>, module: usize) -> bool {
-    let next = |at: usize| {
-        let said = cx.file.modules[at].follows.said()?;
-        cx.names.module(&said.value)
-    };
-    let mut at = module;
-    for _ in 0..cx.file.modules.len() {
-        match next(at) {
-            Some(leader) if leader == module => return true,
-            Some(leader) => at = leader,
-            None => return false,
-        }
-    }
-    false
+fn comes_back(cx: &Context<'_>, module: ModuleId) -> bool {
+    let led = std::iter::successors(cx.plan[module].follows, |at| cx.plan[*at].follows);
+    led.take(cx.file.modules.len()).any(|leader| leader == module)
 }

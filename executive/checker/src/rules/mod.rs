@@ -1,11 +1,11 @@
-//! The rules, by subject. Each looks at the raw file and notes what it finds; none depends on another having passed,
-//! and what another rule has reported already is skipped.
+//! The rules, by subject. Each judges what the file means, looks at the raw file for the places of what it finds, and depends on no
+//! other having passed; what has been reported already is skipped.
 
 mod chains;
 mod channels;
 mod health;
-mod laid;
 mod links;
+mod memory_blocks;
 mod modules;
 mod names;
 mod partitions;
@@ -17,11 +17,11 @@ mod windows;
 
 use super::catalogue::{self, Rule};
 use super::findings::{Finding, Findings, Span};
-use super::names::Names;
-use super::raw::RawFile;
+use super::model::{LinkId, ModuleId, PartitionId, Plan, Schedule};
+use super::raw::{RawFile, RawLink, RawModule, RawPartition, RawSchedule, RawWindow};
 use super::reader::{At, Field};
-use super::{Keys, MessageCatalogue, Programs};
-use laid::Laid;
+use super::resolve::Nobody;
+use super::{Contents, Keys, MessageCatalogue, Programs};
 
 /// Opens the folder of message types, before any rule asks for one.
 pub(super) fn open(file: &RawFile, messages: &dyn MessageCatalogue, findings: &Findings<'_>) {
@@ -36,14 +36,18 @@ pub(super) fn open(file: &RawFile, messages: &dyn MessageCatalogue, findings: &F
 /// What every rule sees.
 pub(super) struct Context<'a> {
     pub(super) file: &'a RawFile,
-    pub(super) names: &'a Names,
+    /// What it means. Its lists have the tables of the file at the same places.
+    pub(super) plan: &'a Plan,
+    /// What names mean that lead nowhere.
+    pub(super) nobody: Nobody,
     pub(super) catalogue: &'a dyn MessageCatalogue,
     pub(super) programs: Option<&'a dyn Programs>,
     pub(super) keys: Option<&'a dyn Keys>,
+    pub(super) contents: Option<&'a dyn Contents>,
     pub(super) findings: &'a Findings<'a>,
 }
 
-impl Context<'_> {
+impl<'a> Context<'a> {
     fn add(&self, finding: Finding) {
         self.findings.add(finding);
     }
@@ -52,13 +56,48 @@ impl Context<'_> {
         self.add(Finding::new(rule, span, message, mend));
     }
 
-    /// A port as the file writes it.
-    fn port_path(&self, port: usize) -> String {
-        super::names::port_path(self.file, &self.file.ports[port])
+    fn modules(&self) -> impl Iterator<Item = (ModuleId, &'a RawModule)> + use<'a> {
+        self.file.modules.iter().enumerate().map(|(place, raw)| (ModuleId(place), raw))
     }
 
-    fn partition_name(&self, partition: usize) -> &str {
-        &self.file.partitions[partition].name.value
+    fn links(&self) -> impl Iterator<Item = (LinkId, &'a RawLink)> + use<'a> {
+        self.file.links.iter().enumerate().map(|(place, raw)| (LinkId(place), raw))
+    }
+
+    fn partitions(&self) -> impl Iterator<Item = (PartitionId, &'a RawPartition)> + use<'a> {
+        self.file.partitions.iter().enumerate().map(|(place, raw)| (PartitionId(place), raw))
+    }
+
+    fn schedules(&self) -> impl Iterator<Item = (&'a RawSchedule, &'a Schedule)> + use<'a> {
+        self.file.schedules.iter().zip(&self.plan.schedules)
+    }
+
+    /// The windows of a partition in a schedule, as the file writes them.
+    fn windows_of(
+        &self,
+        (raw, schedule): (&'a RawSchedule, &'a Schedule),
+        partition: PartitionId,
+    ) -> impl Iterator<Item = &'a RawWindow> + use<'a> {
+        let windows = raw.windows.iter().zip(&schedule.windows);
+        windows.filter(move |(_, window)| window.partition == partition).map(|(raw, _)| raw)
+    }
+
+    /// The module of a partition, if it is known.
+    fn module_of(&self, partition: PartitionId) -> Option<ModuleId> {
+        Some(self.plan[partition].module).filter(|module| *module != self.nobody.module)
+    }
+
+    fn module_name(&self, module: ModuleId) -> &'a str {
+        &self.plan[module].name
+    }
+
+    fn partition_name(&self, partition: PartitionId) -> &'a str {
+        &self.plan[partition].name
+    }
+
+    /// Whether a schedule has a window of nobody known: one that seems to be missing may be meant by it.
+    fn has_window_of_nobody(&self, schedule: &Schedule) -> bool {
+        schedule.runs(self.nobody.partition)
     }
 
     /// Notes a number that is not in `low..=high`.
@@ -83,17 +122,17 @@ impl Context<'_> {
 
 /// Runs every rule.
 pub(super) fn check(cx: &Context<'_>) {
-    let laid: Vec<Laid> = cx.file.schedules.iter().map(|schedule| Laid::of(cx, schedule)).collect();
     names::check(cx);
-    modules::check(cx, &laid);
+    modules::check(cx);
     partitions::check(cx);
     schedules::check(cx);
-    windows::check(cx, &laid);
-    periods::check(cx, &laid);
-    processes::check(cx, &laid);
+    windows::check(cx);
+    periods::check(cx);
+    processes::check(cx);
     ports::check(cx);
-    channels::check(cx, &laid);
-    links::check(cx, &laid);
-    chains::check(cx, &laid);
+    channels::check(cx);
+    memory_blocks::check(cx);
+    links::check(cx);
+    chains::check(cx);
     health::check(cx);
 }

@@ -5,9 +5,11 @@ use std::collections::HashMap;
 use super::Context;
 use crate::catalogue;
 use crate::findings::{Finding, Span};
+use crate::model::PartitionId;
 use crate::raw::RawPartition;
 use crate::reader::{At, Bytes, Field, Nanoseconds};
 use crate::units::ShowSize;
+use bateleur_plan::Standby;
 use bateleur_plan::bounds::{HIGHEST_IDENTIFIER, HIGHEST_PRIORITY, MOST_PROCESSES, MOST_THREADS};
 
 /// The smallest program of this repository starts with 2 MiB, each function of the aircraft with 4.
@@ -110,8 +112,11 @@ fn stacks(cx: &Context<'_>, partition: &RawPartition) {
 
 fn standby_of_processes(cx: &Context<'_>, partition: &RawPartition) {
     let (Some(standby), Some((_, span))) = (partition.standby.said(), processes(partition)) else { return };
-    let message = format!("`{}` has processes and a standby", partition.name.value);
-    let mend = "take `standby` out, or make the partition one loop without processes";
+    if standby.value.0 == Standby::Spare {
+        return; // it has not begun, and has no process yet
+    }
+    let message = format!("`{}` has processes and a hot standby", partition.name.value);
+    let mend = "make it `standby = \"spare\"`, or make the partition one loop without processes";
     let finding = Finding::new(&catalogue::PROCESSES_STANDBY, &standby.span, message, mend);
     cx.add(finding.also(span, "its processes"));
 }
@@ -150,7 +155,7 @@ pub(super) fn not_zero(cx: &Context<'_>, what: &str, time: &Field<Nanoseconds>) 
 
 fn devices(cx: &Context<'_>, partition: &RawPartition) {
     let mut seen = HashMap::new();
-    for device in partition.devices.said().into_iter().flat_map(|list| &list.value) {
+    for device in partition.devices.items() {
         known_device(cx, partition, device);
         let Some(first) = seen.insert(&device.value, &device.span) else { continue };
         let message = format!("partition `{}` is granted `{}` twice", partition.name.value, device.value);
@@ -160,7 +165,7 @@ fn devices(cx: &Context<'_>, partition: &RawPartition) {
 }
 
 fn granted_calls(cx: &Context<'_>, partition: &RawPartition) {
-    for granted in partition.system_calls.said().into_iter().flat_map(|list| &list.value) {
+    for granted in partition.system_calls.items() {
         let calls = granted.value.0;
         let message = format!("partition `{}` may use `{calls}`: {}", partition.name.value, calls.cost());
         let mend = "nothing, if it needs them: the page on system calls says what bounds them";
@@ -188,12 +193,12 @@ fn known_device(cx: &Context<'_>, partition: &RawPartition, device: &At<String>)
 }
 
 fn shared_devices(cx: &Context<'_>) {
-    let mut seen: HashMap<(Option<String>, &str), (usize, _)> = HashMap::new();
-    for (place, partition) in cx.file.partitions.iter().enumerate() {
-        for device in partition.devices.said().into_iter().flat_map(|list| &list.value) {
+    let mut seen: HashMap<(Option<String>, &str), (PartitionId, _)> = HashMap::new();
+    for (id, partition) in cx.partitions() {
+        for device in partition.devices.items() {
             let key = (partition.module.get(), device.value.as_str());
-            let (owner, first) = *seen.entry(key).or_insert((place, &device.span));
-            if owner == place {
+            let (owner, first) = *seen.entry(key).or_insert((id, &device.span));
+            if owner == id {
                 continue;
             }
             let (one, other) = (cx.partition_name(owner), &partition.name.value);

@@ -1,36 +1,31 @@
 //! Rules about the periods of partitions: that each has its time in every one of them, and from its start on.
 
 use super::Context;
-use super::laid::Laid;
 use super::partitions::processes;
 use crate::catalogue;
 use crate::findings::{Finding, Span};
-use crate::processes::{Windows, deciding};
 use crate::raw::{RawPartition, RawSchedule};
 use crate::units::ShowTime;
-use bateleur_plan::processes::Share;
+use bateleur_plan::processes::{Share, shares};
 
-pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
-    for (place, partition) in cx.file.partitions.iter().enumerate() {
+pub(super) fn check(cx: &Context<'_>) {
+    for (id, partition) in cx.partitions() {
         // Who says nothing has no use for periods.
         let Some(asked) = Asked::of(partition) else { continue };
-        let Some(grid) = windows_that_decide(cx, laid, place).grid(partition) else { continue };
-        for (schedule, laid) in cx.file.schedules.iter().zip(laid) {
-            let windows = laid.all_windows(place);
-            if !windows.windows.is_empty() {
-                in_schedule(cx, &asked, schedule, &windows, grid);
+        let told = &cx.plan[id].processes;
+        for (raw, schedule) in cx.schedules() {
+            let windows = schedule.occurrences(id);
+            if told.period_ns > 0 && !windows.is_empty() {
+                in_schedule(
+                    cx,
+                    &asked,
+                    (raw, &windows),
+                    schedule.major_frame_ns,
+                    (told.release_ns, told.period_ns),
+                );
             }
         }
     }
-}
-
-/// The windows of a partition in the schedule that decides about its periods.
-pub(super) fn windows_that_decide(cx: &Context<'_>, laid: &[Laid], partition: usize) -> Windows {
-    let schedules = cx.file.schedules.iter().zip(laid);
-    let alone = cx.file.schedules.len() == 1;
-    let initial = schedules.filter(|(schedule, _)| schedule.initial.or(alone) == Some(true));
-    let initial = initial.map(|(_, laid)| laid);
-    deciding(initial.chain(laid).map(|laid| laid.all_windows(partition)))
 }
 
 /// A partition that asks for a period, and where it does.
@@ -54,14 +49,14 @@ impl<'a> Asked<'a> {
 fn in_schedule(
     cx: &Context<'_>,
     asked: &Asked<'_>,
-    schedule: &RawSchedule,
-    windows: &Windows,
+    (schedule, windows): (&RawSchedule, &[(u64, u64)]),
+    major_ns: u64,
     grid: (u64, u64),
 ) {
     let (name, flight) = (asked.name(), &schedule.name.value);
-    let shares = windows.shares(grid);
+    let shares = shares(windows, major_ns, grid);
     let Some(least) = shares.iter().min_by_key(|share| share.time_ns) else {
-        let (period, major) = (ShowTime(grid.1), ShowTime(windows.major_ns));
+        let (period, major) = (ShowTime(grid.1), ShowTime(major_ns));
         let message = format!(
             "the major frame of `{flight}`, {major}, is no multiple of the period of `{name}`, {period}"
         );
@@ -70,7 +65,7 @@ fn in_schedule(
         return cx.add(finding.also(&schedule.name.span, "the schedule"));
     };
     if let Some(crossed) = shares.iter().find(|share| share.crossed) {
-        let end = ShowTime((crossed.release_ns + grid.1) % windows.major_ns);
+        let end = ShowTime((crossed.release_ns + grid.1) % major_ns);
         let message =
             format!("a window of `{name}` in `{flight}` goes on beyond the end of a period at {end}");
         let mend = format!(

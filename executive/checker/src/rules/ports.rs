@@ -4,6 +4,7 @@ use super::Context;
 use crate::catalogue::{self, Rule};
 use crate::closed::{Direction, Kind};
 use crate::findings::Span;
+use crate::model::{Channel, PortId};
 use crate::raw::{RawChannel, RawPort};
 use crate::reader::Field;
 use bateleur_plan::bounds::{DEEPEST_QUEUE, LONGEST_BYTES};
@@ -108,24 +109,19 @@ fn size_of(cx: &Context<'_>, port: &RawPort, size: &crate::reader::At<u32>) {
 }
 
 fn unconnected(cx: &Context<'_>) {
-    let is_broken =
-        |channel: &RawChannel| channel.source.said().is_none() || channel.destinations.said().is_none();
-    if channel_ends(cx).any(|path| cx.names.port(path).is_none()) || cx.file.channels.iter().any(is_broken) {
+    let nobody = cx.nobody.port;
+    let is_unknown = |channel: &Channel| channel.source == nobody || channel.destinations.contains(&nobody);
+    let is_broken = |channel: &RawChannel| channel.destinations.said().is_none();
+    if cx.plan.channels.iter().any(is_unknown) || cx.file.channels.iter().any(is_broken) {
         // The channel of an unknown port, or one without an end, may well be the one that seems to be missing.
         return;
     }
     for (place, port) in cx.file.ports.iter().enumerate() {
-        if cx.names.channel_of(place).is_none() {
-            let message = format!("port `{}` is in no channel", cx.port_path(place));
+        let id = PortId(place);
+        if cx.plan[id].channel.is_none() {
+            let message = format!("port `{}` is in no channel", cx.plan.port_path(id));
             let mend = "add it to a `[[channel]]`, or remove it";
             cx.note(&catalogue::PORT_UNCONNECTED, &port.name.span, message, mend);
         }
     }
-}
-
-/// Every port that a channel names.
-fn channel_ends<'a>(cx: &'a Context<'_>) -> impl Iterator<Item = &'a str> {
-    let sources = cx.file.channels.iter().filter_map(|channel| channel.source.said());
-    let destinations = cx.file.channels.iter().filter_map(|channel| channel.destinations.said());
-    sources.chain(destinations.flat_map(|list| &list.value)).map(|at| at.value.as_str())
 }

@@ -1,21 +1,19 @@
 //! Rules about processes whose times the file says: that they can be created, and that they keep their deadlines at worst.
 
 use super::Context;
-use super::laid::Laid;
 use super::partitions::not_zero;
-use super::periods::windows_that_decide;
 use crate::catalogue;
 use crate::findings::Finding;
-use crate::processes::{Windows, declared};
+use crate::model::{PartitionId, Schedule};
 use crate::raw::{RawPartition, RawProcess, RawSchedule};
 use crate::response::Response;
-use crate::responses::of_windows;
+use crate::responses::worst;
 use crate::units::ShowTime;
 use bateleur_plan::bounds::MOST_URGENT;
 use bateleur_plan::{Process, words::listed};
 
-pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
-    for (place, partition) in cx.file.partitions.iter().enumerate() {
+pub(super) fn check(cx: &Context<'_>) {
+    for (id, partition) in cx.partitions() {
         let Some(first) = partition.declared.first() else { continue };
         for process in &partition.declared {
             cx.in_range("priority", &process.priority, 1, MOST_URGENT.into());
@@ -25,13 +23,13 @@ pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
             deadline(cx, process);
         }
         count(cx, partition, first);
-        let Some(grid) = windows_that_decide(cx, laid, place).grid(partition) else { continue };
-        let fit =
-            partition.declared.iter().filter(|process| !period(cx, partition, process, grid.1)).count() == 0;
-        let processes: Option<Vec<Process>> = partition.declared.iter().map(declared).collect();
-        let Some(processes) = processes.filter(|_| fit) else { continue };
-        for (schedule, laid) in cx.file.schedules.iter().zip(laid) {
-            in_schedule(cx, (partition, &processes), schedule, &laid.all_windows(place), grid);
+        let told = &cx.plan[id].processes;
+        if told.period_ns == 0 {
+            continue;
+        }
+        let is_misfit = |process: &&RawProcess| !period(cx, partition, process, told.period_ns);
+        if partition.declared.iter().filter(is_misfit).count() == 0 {
+            cx.schedules().for_each(|pair| in_schedule(cx, (id, partition), pair));
         }
     }
 }
@@ -82,16 +80,17 @@ fn period(cx: &Context<'_>, partition: &RawPartition, process: &RawProcess, of_p
 
 fn in_schedule(
     cx: &Context<'_>,
-    (partition, processes): (&RawPartition, &[Process]),
-    schedule: &RawSchedule,
-    windows: &Windows,
-    grid: (u64, u64),
+    (id, partition): (PartitionId, &RawPartition),
+    (raw, schedule): (&RawSchedule, &Schedule),
 ) {
-    let Some(responses) = of_windows(processes, &windows.windows, windows.major_ns, grid) else { return };
-    for ((process, response), raw) in processes.iter().zip(responses).zip(&partition.declared) {
-        let (Some(deadline_ns), Some(said)) = (process.deadline_ns, raw.deadline.said()) else { continue };
+    let Some(responses) = worst(cx.plan, schedule, id) else { return };
+    let processes = &cx.plan[id].processes.declared;
+    for ((process, response), raw_process) in processes.iter().zip(responses).zip(&partition.declared) {
+        let (Some(deadline_ns), Some(said)) = (process.deadline_ns, raw_process.deadline.said()) else {
+            continue;
+        };
         let who = format!("`{}` of `{}`", process.name, partition.name.value);
-        let flight = &schedule.name.value;
+        let flight = &schedule.name;
         let (rule, message) = match response {
             Response::Within(response) if response <= deadline_ns => continue,
             Response::Within(response) => {
@@ -118,7 +117,7 @@ fn in_schedule(
             }
         };
         let finding = Finding::new(rule, &said.span, message, mend(processes, process));
-        cx.add(finding.also(&schedule.name.span, "the schedule"));
+        cx.add(finding.also(&raw.name.span, "the schedule"));
     }
 }
 

@@ -1,29 +1,23 @@
 //! Rules about schedules as a whole: their frames, which one is initial, and who is in them.
 
 use super::Context;
-use super::laid::{self, minor_frames};
-use crate::build::starts_cold;
 use crate::catalogue;
-use crate::closed::ChangeAction;
+use crate::closed::{ChangeAction, StartMode};
 use crate::findings::Finding;
+use crate::model::{PartitionId, Schedule};
 use crate::raw::RawSchedule;
 use crate::reader::{At, Field, Nanoseconds, Permission};
 use crate::units::ShowTime;
-use bateleur_plan::bounds::{MOST_MINOR_FRAMES, MOST_WINDOWS};
-use bateleur_plan::words::{did_you_mean, listed};
+use bateleur_plan::bounds::MOST_MINOR_FRAMES;
+use bateleur_plan::words::listed;
 
 pub(super) fn check(cx: &Context<'_>) {
-    for schedule in &cx.file.schedules {
-        frames(cx, schedule);
-        windows(cx, schedule);
-    }
+    cx.file.schedules.iter().for_each(|schedule| frames(cx, schedule));
     initial(cx);
     major_frames(cx);
     minor_frames_differ(cx);
     partitions(cx);
-    for schedule in &cx.file.schedules {
-        change_actions(cx, schedule);
-    }
+    cx.schedules().for_each(|pair| change_actions(cx, pair));
     permissions(cx);
 }
 
@@ -50,22 +44,6 @@ fn frames(cx: &Context<'_>, schedule: &RawSchedule) {
         let mend = format!("shorten it: {MOST_MINOR_FRAMES} is the most");
         let finding = Finding::new(&catalogue::TOO_MANY_MINOR_FRAMES, &major.span, message, mend);
         cx.add(finding.also(&minor.span, "the minor frame"));
-    }
-}
-
-fn windows(cx: &Context<'_>, schedule: &RawSchedule) {
-    let Some((_, frames)) = minor_frames(schedule) else { return };
-    let Some(((module, core), count)) = laid::most_windows(cx, schedule, frames) else { return };
-    if count > MOST_WINDOWS {
-        let module = &cx.file.modules[module].name.value;
-        let message = format!("core {core} of `{module}` has {count} windows in a major frame");
-        let mend =
-            format!("shorten the major frame, or let windows recur less often: {MOST_WINDOWS} is the most");
-        let finding = Finding::new(&catalogue::TOO_MANY_WINDOWS, &schedule.name.span, message, mend);
-        cx.add(match schedule.major_frame.said() {
-            Some(major) => finding.also(&major.span, "the major frame"),
-            None => finding,
-        });
     }
 }
 
@@ -145,40 +123,31 @@ fn minor_frames_differ(cx: &Context<'_>) {
     }
 }
 
-fn runs_in(cx: &Context<'_>, schedule: &RawSchedule, partition: usize) -> bool {
-    schedule.windows.iter().any(|window| cx.names.owner(window) == Some(partition))
-}
-
-fn change_actions(cx: &Context<'_>, schedule: &RawSchedule) {
-    for (name, action) in &schedule.change_actions {
-        let Some(partition) = cx.names.partition(&name.value) else {
-            let known = cx.file.partitions.iter().map(|partition| partition.name.value.as_str());
-            let message = format!("there is no partition `{}`", name.value);
-            cx.note(&catalogue::UNKNOWN_PARTITION, &name.span, message, did_you_mean(&name.value, known));
-            continue;
-        };
-        let name_there = &cx.file.partitions[partition].name;
-        if !runs_in(cx, schedule, partition) {
+fn change_actions(cx: &Context<'_>, (raw, schedule): (&RawSchedule, &Schedule)) {
+    for (name, action) in &raw.change_actions {
+        let Some(partition) = cx.plan.partition(&name.value) else { continue };
+        let name_there = &cx.file.partitions[partition.0].name;
+        if !schedule.runs(partition) {
             if action.value == ChangeAction::Ignore {
                 continue; // it is meant to stand still there
             }
             let message =
-                format!("`{}` has a change action in `{}`, but no window", name.value, schedule.name.value);
+                format!("`{}` has a change action in `{}`, but no window", name.value, schedule.name);
             let mend = "give the partition a window there, or write `ignore`: it stands still there, and is meant to";
             let finding = Finding::new(&catalogue::CHANGE_ACTION_UNUSED, &name.span, message, mend);
             cx.add(finding.also(&name_there.span, "the partition"));
             continue;
         }
-        let without = cx.file.schedules.iter().find(|other| !runs_in(cx, other, partition));
-        if let (ChangeAction::Ignore, Some(other)) = (action.value, without) {
-            let (name, here, other_name) = (&name.value, &schedule.name.value, &other.name.value);
+        let without = cx.schedules().find(|(_, other)| !other.runs(partition));
+        if let (ChangeAction::Ignore, Some((other, _))) = (action.value, without) {
+            let (name, here, other_name) = (&name.value, &schedule.name, &other.name.value);
             let message =
                 format!("`{name}` goes on as if nothing had been when `{here}` follows `{other_name}`");
             let mend = "leave the action out: a newly scheduled partition starts cold";
             let finding = Finding::new(&catalogue::NEWLY_SCHEDULED_IGNORED, &action.span, message, mend);
             cx.add(finding.also(&other.name.span, "the schedule in which it stands still"));
         }
-        if action.value == ChangeAction::WarmRestart && starts_cold(&cx.file.partitions[partition]) {
+        if action.value == ChangeAction::WarmRestart && cx.plan[partition].restart.start == StartMode::Cold {
             let message = format!("a warm restart is asked for, but `{}` starts cold", name.value);
             let mend =
                 "write `cold_restart`, or let the partition start warm: `restart = { start = \"warm\" }`";
@@ -189,7 +158,7 @@ fn change_actions(cx: &Context<'_>, schedule: &RawSchedule) {
 }
 
 fn permissions(cx: &Context<'_>) {
-    for (place, partition) in cx.file.partitions.iter().enumerate() {
+    for (id, partition) in cx.partitions() {
         let Some(said) = partition.may_set_schedule.said() else { continue };
         let name = &partition.name.value;
         let listed: &[At<String>] = match &said.value {
@@ -204,46 +173,37 @@ fn permissions(cx: &Context<'_>) {
             cx.note(&catalogue::PERMISSION_UNUSED, &said.span, message, mend);
         }
         for schedule in listed {
-            permission(cx, place, schedule, alone);
+            permission(cx, id, schedule, alone);
         }
     }
 }
 
-fn permission(cx: &Context<'_>, partition: usize, schedule: &At<String>, alone: bool) {
-    let name = cx.partition_name(partition);
-    match cx.names.schedule(cx.file, &schedule.value) {
-        None => {
-            let known = cx.file.schedules.iter().map(|schedule| schedule.name.value.as_str());
-            let message = format!("there is no schedule `{}`", schedule.value);
-            let mend = did_you_mean(&schedule.value, known);
-            cx.note(&catalogue::UNKNOWN_SCHEDULE, &schedule.span, message, mend);
-        }
-        Some(place) if !alone && !runs_in(cx, &cx.file.schedules[place], partition) => {
-            let message =
-                format!("`{name}` may ask in schedule `{}`, where it has no window", schedule.value);
-            let mend = "remove the schedule from the list, or give the partition a window there";
-            let finding = Finding::new(&catalogue::PERMISSION_UNUSED, &schedule.span, message, mend);
-            cx.add(finding.also(&cx.file.schedules[place].name.span, "the schedule"));
-        }
-        Some(_) => {}
+fn permission(cx: &Context<'_>, partition: PartitionId, said: &At<String>, alone: bool) {
+    let Some((raw, schedule)) = cx.schedules().find(|(_, schedule)| schedule.name == said.value) else {
+        return;
+    };
+    if !alone && !schedule.runs(partition) {
+        let name = cx.partition_name(partition);
+        let message = format!("`{name}` may ask in schedule `{}`, where it has no window", said.value);
+        let mend = "remove the schedule from the list, or give the partition a window there";
+        let finding = Finding::new(&catalogue::PERMISSION_UNUSED, &said.span, message, mend);
+        cx.add(finding.also(&raw.name.span, "the schedule"));
     }
 }
 
 /// Every partition has a window, in every schedule at best.
 fn partitions(cx: &Context<'_>) {
-    let windows = || cx.file.schedules.iter().flat_map(|schedule| &schedule.windows);
     let is_mistyped = cx.file.schedules.iter().any(|schedule| schedule.windows_mistyped);
-    if cx.file.schedules.is_empty() || is_mistyped || windows().any(|window| cx.names.owner(window).is_none())
-    {
+    let of_nobody = cx.plan.schedules.iter().any(|schedule| cx.has_window_of_nobody(schedule));
+    if cx.file.schedules.is_empty() || is_mistyped || of_nobody {
         // A window of an unknown partition, or under an unknown key, may well be the one that seems to be missing.
         return;
     }
     let mut absent: Vec<Vec<&str>> = vec![Vec::new(); cx.file.schedules.len()];
     // What a relay needs is a rule of the links.
-    let own = cx.file.partitions.iter().enumerate().filter(|(_, partition)| !partition.generated);
-    for (place, partition) in own {
+    for (id, partition) in cx.partitions().filter(|(_, partition)| !partition.generated) {
         let name = &partition.name;
-        if !cx.file.schedules.iter().any(|schedule| runs_in(cx, schedule, place)) {
+        if !cx.plan.schedules.iter().any(|schedule| schedule.runs(id)) {
             let message = format!("partition `{}` has no window in any schedule", name.value);
             let mend = format!(
                 "add `{{ partition = \"{}\", offset = \"…\", duration = \"…\" }}` to the windows of a schedule, or remove it",
@@ -252,10 +212,9 @@ fn partitions(cx: &Context<'_>) {
             cx.note(&catalogue::NEVER_SCHEDULED, &name.span, message, &mend);
             continue;
         }
-        for (schedule, absent) in cx.file.schedules.iter().zip(&mut absent) {
-            let mut said = schedule.change_actions.iter().map(|(name, action)| (&name.value, action.value));
-            let is_meant = said.any(|said| said == (&name.value, ChangeAction::Ignore));
-            if !is_meant && !runs_in(cx, schedule, place) {
+        for (schedule, absent) in cx.plan.schedules.iter().zip(&mut absent) {
+            let is_meant = schedule.change_actions.get(&id) == Some(&ChangeAction::Ignore);
+            if !is_meant && !schedule.runs(id) {
                 absent.push(&name.value);
             }
         }

@@ -1,14 +1,15 @@
 //! Rules about windows: that each lies in its frame, and that no two are in each other's way.
 
-use bateleur_plan::timeline::gaps;
+use bateleur_plan::timeline::{TimelineWindow, gaps};
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::Context;
-use super::laid::{Laid, Slot, minor_frames};
 use crate::catalogue::{self, Rule};
 use crate::findings::{Finding, Span};
+use crate::model::{ModuleId, PartitionId, Schedule};
 use crate::raw::{RawSchedule, RawWindow};
 use crate::reader::At;
+use crate::resolve::minor_frames;
 use crate::units::ShowTime;
 
 /// A thaw, a wake-up, a freeze and its check take some tens of microseconds; a window below this is mostly switch.
@@ -16,18 +17,27 @@ const SHORTEST_NS: u64 = 100_000;
 /// Linux by default gives real-time threads 95 % of every second; the dispatcher and the kernel need some of that.
 const FULLEST_PERCENT: u64 = 90;
 
-pub(super) fn check(cx: &Context<'_>, laid: &[Laid]) {
-    for (schedule, laid) in cx.file.schedules.iter().zip(laid) {
-        for window in &schedule.windows {
+pub(super) fn check(cx: &Context<'_>) {
+    for (raw, schedule) in cx.schedules() {
+        for (window, meant) in raw.windows.iter().zip(&schedule.windows) {
             duration(cx, window);
-            frame(cx, schedule, window);
-            minor(cx, schedule, window);
-            core(cx, window);
+            frame(cx, raw, window);
+            minor(cx, (raw, schedule), window);
+            core(cx, window, meant.partition);
         }
-        overlaps(cx, schedule, laid);
-        two_cores(cx, schedule, laid);
-        fill(cx, schedule, laid);
+        let core = |window: &TimelineWindow| core_of(cx, schedule, window);
+        let mut laid = schedule.laid(|_| true);
+        laid.sort_by_key(core);
+        overlaps(cx, (raw, schedule), &laid);
+        fill(cx, (raw, schedule), &laid);
+        laid.sort_by_key(|window| (window.partition, window.start_ns, window.declared));
+        two_cores(cx, (raw, schedule), &laid);
     }
+}
+
+/// Where a window is.
+fn core_of(cx: &Context<'_>, schedule: &Schedule, window: &TimelineWindow) -> (ModuleId, u32) {
+    (cx.plan[window.partition].module, schedule.windows[window.declared].core)
 }
 
 /// The name of the partition of a window, for messages.
@@ -67,7 +77,7 @@ fn frame(cx: &Context<'_>, schedule: &RawSchedule, window: &RawWindow) {
     cx.add(finding.also(&offset.span, "it starts here").also(&frame.span, "the minor frame"));
 }
 
-fn minor(cx: &Context<'_>, schedule: &RawSchedule, window: &RawWindow) {
+fn minor(cx: &Context<'_>, (raw, schedule): (&RawSchedule, &Schedule), window: &RawWindow) {
     let Some(list) = window.minor.said() else { return };
     let name = whose(window);
     if list.value.is_empty() {
@@ -84,12 +94,13 @@ fn minor(cx: &Context<'_>, schedule: &RawSchedule, window: &RawWindow) {
             cx.add(finding.also(first, "it is here before"));
         }
     }
-    let Some((_, frames)) = minor_frames(schedule) else { return };
-    if !minor_beyond(cx, schedule, &list.value, frames) && !even(&seen, frames) {
+    let minor_ns = schedule.minor_frame_ns;
+    let Some(frames) = minor_frames(schedule.major_frame_ns, minor_ns) else { return };
+    if !minor_beyond(cx, raw, &list.value, frames) && !even(&seen, frames) {
         let message = format!("the windows of `{name}` come at uneven intervals");
         let mend = format!(
             "choose minor frames that lie equally far apart, also across the end of the major frame: {}",
-            periods(schedule, frames)
+            periods(minor_ns, frames)
         );
         cx.note(&catalogue::UNEVEN_MINOR, &list.span, message, mend);
     }
@@ -112,8 +123,7 @@ fn minor_beyond(cx: &Context<'_>, schedule: &RawSchedule, list: &[At<u32>], fram
 }
 
 /// The periods that windows can have in a major frame of `frames` minor frames.
-fn periods(schedule: &RawSchedule, frames: u64) -> String {
-    let minor_ns = schedule.minor_frame.said().map_or(0, |frame| frame.value.0);
+fn periods(minor_ns: u64, frames: u64) -> String {
     let every = (1..=frames).filter(|every| frames.is_multiple_of(*every));
     let shown: Vec<String> = every.map(|every| ShowTime(every * minor_ns).to_string()).collect();
     format!("with {frames} minor frames of {} a period may be {}", ShowTime(minor_ns), shown.join(", "))
@@ -126,11 +136,9 @@ fn even(indices: &BTreeMap<u32, &Span>, frames: u64) -> bool {
     gaps.len() <= 1
 }
 
-fn core(cx: &Context<'_>, window: &RawWindow) {
-    let (Some(core), Some(owner)) = (window.core.said(), cx.names.owner(window)) else { return };
-    let Some(module) = cx.names.module_of(cx.file, owner).map(|module| &cx.file.modules[module]) else {
-        return;
-    };
+fn core(cx: &Context<'_>, window: &RawWindow, owner: PartitionId) {
+    let (Some(core), Some(module)) = (window.core.said(), cx.module_of(owner)) else { return };
+    let module = &cx.file.modules[module.0];
     let Some(cores) = module.cores.said() else { return };
     if cores.value.iter().any(|known| known.value == core.value) {
         return;
@@ -146,39 +154,36 @@ fn core(cx: &Context<'_>, window: &RawWindow) {
     cx.add(finding.also(&cores.span, format!("the cores of `{module}`")));
 }
 
-fn overlaps(cx: &Context<'_>, schedule: &RawSchedule, laid: &Laid) {
-    let same_core = |a: &Slot, b: &Slot| (a.module, a.core) == (b.module, b.core);
-    for (a, b) in collisions(&laid.slots, same_core) {
-        let place = format!("core {} of `{}`", b.core, cx.file.modules[b.module].name.value);
-        collision(cx, &catalogue::WINDOW_OVERLAP, schedule, (a, b), &place);
+fn overlaps(cx: &Context<'_>, pair: (&RawSchedule, &Schedule), laid: &[TimelineWindow]) {
+    let core = |window: &TimelineWindow| core_of(cx, pair.1, window);
+    for (a, b) in collisions(laid, |a, b| core(a) == core(b)) {
+        let (module, core) = core(&b);
+        let place = format!("core {core} of `{}`", cx.module_name(module));
+        collision(cx, &catalogue::WINDOW_OVERLAP, pair, (a, b), &place);
     }
 }
 
-fn two_cores(cx: &Context<'_>, schedule: &RawSchedule, laid: &Laid) {
-    let mut slots = laid.slots.clone();
-    slots.sort_by_key(|slot| (slot.partition, slot.start, slot.window));
-    for (a, b) in collisions(&slots, |a, b| a.partition == b.partition) {
-        if a.core != b.core {
-            collision(
-                cx,
-                &catalogue::TWO_CORES_AT_ONCE,
-                schedule,
-                (a, b),
-                &format!("cores {} and {}", a.core, b.core),
-            );
+fn two_cores(cx: &Context<'_>, pair: (&RawSchedule, &Schedule), laid: &[TimelineWindow]) {
+    let core = |window: &TimelineWindow| core_of(cx, pair.1, window).1;
+    for (a, b) in collisions(laid, |a, b| a.partition == b.partition) {
+        if core(&a) != core(&b) {
+            let place = format!("cores {} and {}", core(&a), core(&b));
+            collision(cx, &catalogue::TWO_CORES_AT_ONCE, pair, (a, b), &place);
         }
     }
 }
 
-/// Slots that collide with one before them, each pair of windows once. The slots come sorted by what `rivals` compares,
-/// then by start.
-fn collisions(slots: &[Slot], rivals: impl Fn(&Slot, &Slot) -> bool) -> Vec<(Slot, Slot)> {
+/// Windows that collide with one before them, each declared pair once. They come sorted by what `rivals` compares, then by start.
+fn collisions(
+    laid: &[TimelineWindow],
+    rivals: impl Fn(&TimelineWindow, &TimelineWindow) -> bool,
+) -> Vec<(TimelineWindow, TimelineWindow)> {
     let mut found = Vec::new();
     let mut seen = BTreeSet::new();
-    for (place, a) in slots.iter().enumerate() {
-        let later = slots[place + 1..].iter().take_while(|b| rivals(a, b) && b.start < a.end);
+    for (place, a) in laid.iter().enumerate() {
+        let later = laid[place + 1..].iter().take_while(|b| rivals(a, b) && b.start_ns < a.end_ns);
         for b in later {
-            if seen.insert((a.window.min(b.window), a.window.max(b.window))) {
+            if seen.insert((a.declared.min(b.declared), a.declared.max(b.declared))) {
                 found.push((*a, *b));
             }
         }
@@ -189,13 +194,13 @@ fn collisions(slots: &[Slot], rivals: impl Fn(&Slot, &Slot) -> bool) -> Vec<(Slo
 fn collision(
     cx: &Context<'_>,
     rule: &'static Rule,
-    schedule: &RawSchedule,
-    (a, b): (Slot, Slot),
+    (raw, schedule): (&RawSchedule, &Schedule),
+    (a, b): (TimelineWindow, TimelineWindow),
     place: &str,
 ) {
-    let (first, second) = (&schedule.windows[a.window], &schedule.windows[b.window]);
+    let (first, second) = (&raw.windows[a.declared], &raw.windows[b.declared]);
     let (Some(here), Some(there)) = (second.offset.said(), first.offset.said()) else { return };
-    let (from, to) = (ShowTime(b.start), ShowTime(a.end.min(b.end)));
+    let (from, to) = (ShowTime(b.start_ns), ShowTime(a.end_ns.min(b.end_ns)));
     let (one, other) = (cx.partition_name(a.partition), cx.partition_name(b.partition));
     let message = if rule.id == catalogue::WINDOW_OVERLAP.id {
         format!("windows of `{one}` and `{other}` overlap on {place} from {from} to {to}")
@@ -204,30 +209,31 @@ fn collision(
     };
     let mend =
         format!("let it start at {} of the minor frame or later, or shorten the other window", ends(first));
-    let label = format!("`{one}` has core {} from {} to {}", a.core, ShowTime(a.start), ShowTime(a.end));
+    let (_, core) = core_of(cx, schedule, &a);
+    let label = format!("`{one}` has core {core} from {} to {}", ShowTime(a.start_ns), ShowTime(a.end_ns));
     cx.add(Finding::new(rule, &here.span, message, mend).also(&there.span, label));
 }
 
 /// The end of a window in its minor frame.
 fn ends(window: &RawWindow) -> ShowTime {
-    let time = |field: Option<u64>| field.unwrap_or_default();
-    ShowTime(time(window.offset.get().map(|t| t.0)).saturating_add(time(window.duration.get().map(|t| t.0))))
+    ShowTime(window.offset.ns(0).saturating_add(window.duration.ns(0)))
 }
 
-fn fill(cx: &Context<'_>, schedule: &RawSchedule, laid: &Laid) {
-    let mut used: BTreeMap<(usize, u32), u64> = BTreeMap::new();
-    for slot in &laid.slots {
-        *used.entry((slot.module, slot.core)).or_default() += slot.end - slot.start;
+fn fill(cx: &Context<'_>, (raw, schedule): (&RawSchedule, &Schedule), laid: &[TimelineWindow]) {
+    let mut used: BTreeMap<(ModuleId, u32), u64> = BTreeMap::new();
+    for window in laid {
+        *used.entry(core_of(cx, schedule, window)).or_default() += window.duration_ns();
     }
+    let major_ns = schedule.major_frame_ns;
     for ((module, core), used) in used {
-        let percent = u128::from(used) * 100 / u128::from(laid.major);
-        if u128::from(used) * 100 <= u128::from(laid.major) * u128::from(FULLEST_PERCENT) {
+        let percent = u128::from(used) * 100 / u128::from(major_ns);
+        if u128::from(used) * 100 <= u128::from(major_ns) * u128::from(FULLEST_PERCENT) {
             continue;
         }
-        let (module, schedule) = (&cx.file.modules[module].name.value, &schedule.name);
+        let (module, name) = (cx.module_name(module), &raw.name);
         let message =
-            format!("windows take {percent} % of core {core} of `{module}` in schedule `{}`", schedule.value);
+            format!("windows take {percent} % of core {core} of `{module}` in schedule `{}`", name.value);
         let mend = format!("shorten some to {FULLEST_PERCENT} % in all, or move some to another core");
-        cx.note(&catalogue::CORE_TOO_FULL, &schedule.span, message, mend);
+        cx.note(&catalogue::CORE_TOO_FULL, &name.span, message, mend);
     }
 }

@@ -7,7 +7,7 @@ pub(crate) mod schema_check;
 
 use std::path::{Path, PathBuf};
 
-use bateleur_checker::{Keys, MessageCatalogue, Programs, Report, Surroundings, check_among};
+use bateleur_checker::{Contents, Keys, MessageCatalogue, Programs, Report, Surroundings, check_among};
 use bateleur_plan::Plan;
 
 /// The message types that the schedules of the tests name, each with a size.
@@ -66,9 +66,23 @@ impl Keys for Made {
     }
 }
 
-/// The answer of the checker to a text, with programs and keys looked for.
+/// Every content is there but those in the folder `nowhere`, and has 4096 bytes.
+pub(crate) struct Filled;
+
+impl Contents for Filled {
+    fn fault(&self, file: &str, size: u64) -> Option<String> {
+        if file.starts_with("nowhere/") {
+            return Some("there is no such file".to_owned());
+        }
+        (size < 4096).then(|| "it has 4096 bytes".to_owned())
+    }
+}
+
+/// The answer of the checker to a text, with programs, keys and contents looked for.
 pub(crate) fn answer_to(name: &str, text: &str) -> Result<(Plan, Report), Report> {
-    check_among(name, text, &Surroundings { messages: &Table, programs: Some(&Built), keys: Some(&Made) })
+    let surroundings =
+        Surroundings { messages: &Table, programs: Some(&Built), keys: Some(&Made), contents: Some(&Filled) };
+    check_among(name, text, &surroundings)
 }
 
 /// The top of the repository.

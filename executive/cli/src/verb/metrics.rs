@@ -1,5 +1,5 @@
-//! `bateleur metrics`: the figures of every module that this user may control, in the text format of OpenMetrics: windows, lateness,
-//! restarts, memory and links. Prints them once, or serves them to scrapers with `--listen`, at `/metrics`.
+//! `bateleur metrics`: the figures of every module that this user may control, in the text format of OpenMetrics, or in that of Prometheus
+//! before it: windows, lateness, restarts, memory and links. Prints them once, or serves them to scrapers with `--listen`, at `/metrics`.
 //!
 //! Each value says by its labels of which module it is, by name and process, so that ten modules stand side by side. Counters
 //! begin at 0 with each run. Exit codes: 0 fine, 2 it could not listen.
@@ -25,8 +25,29 @@ use super::target::status;
 use super::{Code, FINE};
 use crate::http::{self, Reply};
 
-/// What the text is.
-const KIND: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+/// How the figures are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Text {
+    /// OpenMetrics 1.0.
+    Openmetrics,
+    /// The text format of Prometheus 0.0.4, for older scrapers and `promtool check metrics`.
+    Prometheus,
+}
+
+impl Text {
+    const fn kind(self) -> &'static str {
+        match self {
+            Self::Openmetrics => "application/openmetrics-text; version=1.0.0; charset=utf-8",
+            Self::Prometheus => "text/plain; version=0.0.4; charset=utf-8",
+        }
+    }
+
+    /// What a scraper takes, by its header `Accept`.
+    fn wanted(accept: &str) -> Self {
+        let older = accept.contains("text/plain") && !accept.contains("application/openmetrics-text");
+        if older { Self::Prometheus } else { Self::Openmetrics }
+    }
+}
 
 /// Give the figures of running modules in the format of OpenMetrics.
 #[derive(Debug, clap::Args)]
@@ -34,41 +55,68 @@ pub struct Arguments {
     /// Serve them at this address, until Ctrl-C, instead of printing them once. Whoever reaches it may read them.
     #[arg(long, value_name = "ADDRESS:PORT")]
     listen: Option<SocketAddr>,
+    /// How they are written. A scraper says itself what it takes.
+    #[arg(long, value_enum, default_value = "openmetrics", conflicts_with = "listen")]
+    format: Text,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let Some(address) = arguments.listen else {
-        print!("{}", text()?);
+        print!("{}", text(arguments.format)?);
         return Ok(FINE);
     };
     let listener = TcpListener::bind(address).with_context(|| format!("cannot listen at {address}"))?;
     eprintln!("metrics: http://{}/metrics", listener.local_addr()?);
     // One scrape at a time: a module has few places for clients.
     let one = Mutex::new(());
-    let answer: Arc<http::Answer> =
-        Arc::new(move |asked, _| {
-            if asked.path != "/metrics" {
-                return Some(Reply::refused(404, "the figures are at /metrics"));
-            }
-            let _turn = one.lock().unwrap_or_else(PoisonError::into_inner);
-            Some(text().map_or_else(
-                |error| Reply::refused(503, &format!("{error:#}")),
-                |text| Reply::of(KIND, text),
-            ))
-        });
+    let answer: Arc<http::Answer> = Arc::new(move |asked, _| {
+        if asked.path != "/metrics" {
+            return Some(Reply::refused(404, "the figures are at /metrics"));
+        }
+        let _turn = one.lock().unwrap_or_else(PoisonError::into_inner);
+        let wanted = Text::wanted(&asked.accept);
+        Some(text(wanted).map_or_else(
+            |error| Reply::refused(503, &format!("{error:#}")),
+            |text| Reply::of(wanted.kind(), text),
+        ))
+    });
     http::serve(&listener, &answer).context("cannot take more connections")?;
     Ok(FINE)
 }
 
 /// The figures of all modules that this user may control.
-fn text() -> Result<String> {
+fn text(format: Text) -> Result<String> {
     let mut registry = Registry::with_prefix("bateleur");
     // One that ends meanwhile is left out.
     let modules = running().iter().filter_map(|one| Module::ask(one).ok()).collect();
     registry.register_collector(Box::new(Modules(modules)));
     let mut text = String::new();
     prometheus_client::encoding::text::encode(&mut text, &registry).context("cannot write the figures")?;
-    Ok(text)
+    Ok(match format {
+        Text::Openmetrics => text,
+        Text::Prometheus => as_prometheus(&text),
+    })
+}
+
+/// The text of OpenMetrics as Prometheus had it before: a counter is described by the name that its values have, and nothing says units and
+/// the end.
+fn as_prometheus(text: &str) -> String {
+    let counters: Vec<&str> =
+        text.lines().filter_map(|line| line.strip_prefix("# TYPE ")?.strip_suffix(" counter")).collect();
+    let line = |line: &str| {
+        if line == "# EOF" || line.starts_with("# UNIT ") {
+            return String::new();
+        }
+        for kind in ["# HELP ", "# TYPE "] {
+            if let Some((name, rest)) = line.strip_prefix(kind).and_then(|rest| rest.split_once(' '))
+                && counters.contains(&name)
+            {
+                return format!("{kind}{name}_total {rest}\n");
+            }
+        }
+        format!("{line}\n")
+    };
+    text.lines().map(line).collect()
 }
 
 #[derive(Debug)]
@@ -101,7 +149,7 @@ impl Module {
 }
 
 /// Resident memory of a process, bytes, as the kernel counts it.
-fn resident(pid: i32) -> Option<u64> {
+pub(super) fn resident(pid: i32) -> Option<u64> {
     let text = std::fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
     let kib: u64 = line.trim().strip_suffix(" kB")?.parse().ok()?;
@@ -250,4 +298,29 @@ fn family<T>(
     }
     let mut metric = out.encode_descriptor(name, help, unit, kind)?;
     samples.into_iter().try_for_each(|(labels, value)| encode(value, metric.encode_family(&labels)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn older_scrapers_get_counters_by_the_name_of_their_values_and_no_line_that_they_do_not_know() {
+        let text = "# HELP b_windows Windows granted.\n# TYPE b_windows counter\nb_windows_total{m=\"x\"} 4\n\
+                    # HELP b_time_seconds Time.\n# TYPE b_time_seconds gauge\n# UNIT b_time_seconds seconds\n\
+                    b_time_seconds{m=\"# EOF\"} 1.5\n# EOF\n";
+        assert_eq!(
+            as_prometheus(text),
+            "# HELP b_windows_total Windows granted.\n# TYPE b_windows_total counter\nb_windows_total{m=\"x\"} 4\n\
+             # HELP b_time_seconds Time.\n# TYPE b_time_seconds gauge\nb_time_seconds{m=\"# EOF\"} 1.5\n"
+        );
+        for (accept, wanted) in [
+            ("", Text::Openmetrics),
+            ("*/*", Text::Openmetrics),
+            ("text/plain;version=0.0.4;q=1,*/*;q=0.1", Text::Prometheus),
+            ("application/openmetrics-text;version=1.0.0,text/plain;version=0.0.4;q=0.5", Text::Openmetrics),
+        ] {
+            assert_eq!(Text::wanted(accept), wanted, "{accept}");
+        }
+    }
 }

@@ -1,6 +1,7 @@
 //! The verbs.
 
 mod check;
+mod crash;
 mod doctor;
 mod gateway;
 mod health;
@@ -22,6 +23,7 @@ mod schema;
 mod show;
 mod target;
 mod top;
+mod why;
 
 pub use links::text as links_text;
 pub use ports::Watch;
@@ -41,6 +43,7 @@ use crate::code::{CANNOT_RUN, Code, FINE, Format, WRONG};
 )]
 pub enum Verb {
     Check(check::Arguments),
+    Crash(crash::Arguments),
     Doctor(doctor::Arguments),
     Gateway(gateway::Arguments),
     Health(health::Arguments),
@@ -70,6 +73,7 @@ pub enum Verb {
     Top(top::Arguments),
     Schema(schema::Arguments),
     Show(show::Arguments),
+    Why(why::Arguments),
     #[command(flatten)]
     Helper(helper::Helper),
 }
@@ -82,6 +86,7 @@ impl Verb {
     pub fn run(self) -> Result<Code> {
         match self {
             Self::Check(arguments) => check::run(&arguments),
+            Self::Crash(arguments) => crash::run(&arguments),
             Self::Doctor(arguments) => doctor::run(&arguments),
             Self::Gateway(arguments) => gateway::run(&arguments),
             Self::Health(arguments) => health::run(&arguments),
@@ -105,6 +110,7 @@ impl Verb {
             Self::Top(arguments) => top::run(&arguments),
             Self::Schema(_) => schema::run(),
             Self::Show(arguments) => show::run(&arguments),
+            Self::Why(arguments) => why::run(&arguments),
             Self::Helper(helper) => helper::run(&helper),
         }
     }

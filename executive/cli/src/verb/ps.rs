@@ -1,5 +1,6 @@
 //! `bateleur ps`: the modules that run on this machine, and how each of their partitions is: mode, process, generation,
-//! windows, how much of them it uses, how late they begin, the last fault.
+//! windows, how much of them it uses, how late they begin, the last fault. `--processes` adds the ARINC 653 processes of partitions that
+//! have several, as they were at the end of their partition's last window.
 //!
 //! Shows the modules of this user; as root, of every user. Exit codes: 0 fine, also where none runs; 2 the module that was
 //! asked for does not run, or does not answer.
@@ -19,6 +20,9 @@ use super::{Code, FINE, Format};
 pub struct Arguments {
     #[command(flatten)]
     target: Target,
+    /// Show the processes of partitions too.
+    #[arg(long)]
+    processes: bool,
     /// What to print.
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
@@ -47,7 +51,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
             eprintln!("{}", ChooseError::None);
         }
         Format::Text => {
-            let tables: Vec<_> = statuses.iter().map(table).collect();
+            let tables: Vec<_> = statuses.iter().map(|status| tables(status, arguments.processes)).collect();
             print!("{}{}", tables.join("\n"), sharing(&shared));
         }
     }
@@ -65,6 +69,54 @@ fn sharing(shared: &[SharedCore]) -> String {
         )
     };
     shared.iter().map(line).collect()
+}
+
+/// The table of a module, and behind it, where they are asked for, those of the processes of its partitions.
+pub(crate) fn tables(status: &Status, processes: bool) -> String {
+    let several = status.partitions.iter().filter(|partition| processes && !partition.processes.is_empty());
+    several.fold(table(status), |text, partition| text + "\n" + &process_table(partition))
+}
+
+/// The processes of a partition, a line for each.
+pub(crate) fn process_table(partition: &PartitionStatus) -> String {
+    let name = printable(&partition.name);
+    let mut text = format!(
+        "{name:<34}{:<9}{:>5}{:>12}{:>12}{:>12}{:>10}{:>8}{:>8}{:>16}\n",
+        "STATE",
+        "PRIO",
+        "PERIOD ms",
+        "DEADLINE ms",
+        "RUN ms",
+        "SWITCHES",
+        "STARTS",
+        "ERRORS",
+        "STACK used/all"
+    );
+    let ms = |ns: Option<u64>| ns.map_or_else(|| "-".to_owned(), |ns| format!("{}", ns as f64 / 1e6));
+    for process in &partition.processes {
+        let priority = match process.priority == process.base_priority {
+            true => process.priority.to_string(),
+            false => format!("{}>{}", process.base_priority, process.priority),
+        };
+        let stack = match (process.stack_used_bytes, process.stack_bytes) {
+            (_, None) => "-".to_owned(),
+            (None, Some(all)) => format!("-/{all}"),
+            (Some(used), Some(all)) => format!("{used}/{all}"),
+        };
+        let _ = writeln!(
+            text,
+            "  {:<32}{:<9}{priority:>5}{:>12}{:>12}{:>12.3}{:>10}{:>8}{:>8}{stack:>16}",
+            printable(&process.name),
+            printable(&process.state),
+            ms(process.period_ns),
+            ms(process.capacity_ns),
+            process.run_ns as f64 / 1e6,
+            process.switches,
+            process.starts,
+            process.errors,
+        ); // writing to a string can not fail
+    }
+    text
 }
 
 /// The heading of a module and a line for each partition.
@@ -90,7 +142,7 @@ pub(crate) fn table(status: &Status) -> String {
     text
 }
 
-fn heading(status: &Status) -> String {
+pub(crate) fn heading(status: &Status) -> String {
     let next =
         status.next_schedule.as_ref().map(|name| format!(", then {}", printable(name))).unwrap_or_default();
     format!(
@@ -154,18 +206,19 @@ fn line(partition: &PartitionStatus) -> String {
 }
 
 /// `normal+1`: another process stands by, ready.
-fn mode(partition: &PartitionStatus) -> String {
+pub(crate) fn mode(partition: &PartitionStatus) -> String {
     let ready = partition.standby.as_deref() == Some("ready");
     format!("{}{}", printable(&partition.mode), if ready { "+1" } else { "" })
 }
 
-fn us(nanoseconds: u64) -> u64 {
+pub(crate) fn us(nanoseconds: u64) -> u64 {
     nanoseconds.saturating_add(500) / 1000
 }
 
 #[cfg(test)]
 mod tests {
     use bateleur_control::LastFault;
+    use bateleur_control::status::ProcessStatus;
 
     use super::*;
 
@@ -190,6 +243,38 @@ mod tests {
         let nothing =
             AlignmentStatus { follows: "nav".into(), state: "seeking".into(), ..AlignmentStatus::default() };
         assert!(alignment(&nothing).contains("nav: seeking, nothing measured, drift"));
+    }
+
+    #[test]
+    fn processes_have_a_table_for_each_partition_that_has_several_and_only_where_they_are_asked_for() {
+        let fast = ProcessStatus {
+            name: "fa\u{1b}st".into(),
+            state: "waiting".into(),
+            priority: 30,
+            base_priority: 20,
+            period_ns: Some(20_000_000),
+            capacity_ns: Some(2_500_000),
+            run_ns: 1_234_567,
+            switches: 12,
+            starts: 2,
+            errors: 1,
+            stack_bytes: Some(262_144),
+            stack_used_bytes: Some(5_000),
+            ..ProcessStatus::default()
+        };
+        let slow = ProcessStatus { name: "slow".into(), state: "running".into(), ..ProcessStatus::default() };
+        let own =
+            PartitionStatus { name: "own".into(), processes: vec![fast, slow], ..PartitionStatus::default() };
+        let imu = PartitionStatus { name: "imu".into(), ..PartitionStatus::default() };
+        let status = Status { partitions: vec![imu, own], ..Status::default() };
+        assert_eq!(tables(&status, false), table(&status));
+        let expected = [
+            "own                               STATE     PRIO   PERIOD ms DEADLINE ms      RUN ms  SWITCHES  STARTS  ERRORS  STACK used/all",
+            "  fa\u{fffd}st                           waiting  20>30          20         2.5       1.235        12       2       1     5000/262144",
+            "  slow                            running      0           -           -       0.000         0       0       0               -",
+            "",
+        ];
+        assert_eq!(tables(&status, true), table(&status) + "\n" + &expected.join("\n"));
     }
 
     #[test]

@@ -11,28 +11,37 @@ use std::sync::Arc;
 
 use bateleur_contract::Clock;
 use rustix::fs::{MemfdFlags, memfd_create};
+use rustix::process::{Pid, setpriority_process};
 
 use super::course::Course;
 use super::{Options, RunError, machine};
+use crate::playing::Player;
 use crate::recording::{Recorder, Recording, StartRecorder};
 use bateleur_control::{Inbox, Server};
 use bateleur_host::error_log::ErrorLogs;
+use bateleur_host::helper::crash::{self, CrashOrder};
 use bateleur_host::helper::orders::{Cleaning, Dead, Order, OrderedChannel};
+use bateleur_host::helper::playing::{OPERATORS, PlayerOrder};
 use bateleur_host::helper::recording::RecorderOrder;
 use bateleur_host::helper::{PARENT, end_helper};
 use bateleur_host::instance::{Alive, Instance};
 use bateleur_host::machine::Machine;
+use bateleur_host::memory_blocks::MemoryBlocks;
 use bateleur_host::partition::{Sandbox, SandboxConfig, message_name};
 use bateleur_host::programs::beside_own;
 use bateleur_host::sealed::{End, Handover, SealedChannels};
-use bateleur_monitor::StartChannelCleaner;
 use bateleur_monitor::cleanup::CleanupOrder;
 use bateleur_monitor::event::Event;
 use bateleur_monitor::observers::{MOST_PUBLISHERS, StartObserver, Work};
 use bateleur_monitor::planned::STANDBY;
+use bateleur_monitor::run_order::Play;
+use bateleur_monitor::{StartChannelCleaner, StartCrashReporter};
 use bateleur_plan::{ModuleView, PartitionId, Plan, PortId};
 use bateleur_system::account::Accounts;
 use bateleur_system::cgroup::Group;
+use bateleur_system::filter::{Filters, Grants};
+use bateleur_system::handed_over::copy_of_inherited;
+use bateleur_system::lock_calls::LockCounter;
 use bateleur_system::rules::{self, Granted};
 use bateleur_system::spawn::{Request, Spawned, User, Walls, spawn};
 use bateleur_system::tree::NotRemoved;
@@ -94,6 +103,11 @@ pub(super) fn remove_earlier(path: &Path) {
 const FIRST_FILE: i32 = 3;
 /// The same behind the recorder's log, its place, and the message types.
 const RECORDERS_FILES: i32 = FIRST_FILE + 3;
+/// The same behind a player's messages.
+const PLAYERS_FILES: i32 = FIRST_FILE + 1;
+
+/// Bytes of data that the reader of a crash memory may have: line tables of large programs take some hundred MiB.
+const CRASH_REPORTER_MEMORY: u64 = 2 << 30;
 
 /// Opens the sealed channels of an order for whoever is at that end, and says in the order where each is.
 fn hand_over(
@@ -142,7 +156,7 @@ const HELPERS_GROUP: &str = "bateleur.helpers";
 impl Base {
     /// `goes_on`: the helpers' log of a start before is gone on with.
     pub(super) fn make(
-        (module, clock): (&str, Clock),
+        (module, clock, supervised): (&str, Clock, bool),
         facts: &Machine,
         logs: &Path,
         goes_on: bool,
@@ -152,8 +166,9 @@ impl Base {
             Clock::Virtual => Vec::new(),
         };
         let users = facts.users.and_then(|users| users.partitions);
-        let (instance, alive) = Instance::create(module, cores, users)
+        let (mut instance, alive) = Instance::create(module, cores, users)
             .map_err(machine("cannot make the module's directory in /dev/shm"))?;
+        instance.supervised = supervised;
         let made = Self::furnish((instance.clone(), alive), facts, logs, goes_on);
         if made.is_err() {
             let _ = instance.clean_up(); // the next start tries again
@@ -368,6 +383,51 @@ impl Base {
         })
     }
 
+    /// Starts the player of a recording, which is the source of some channels. Messages before `from_ns` were played before a reset.
+    pub(super) fn play(
+        &self,
+        plan: &Plan,
+        order: &Order,
+        play: &Play,
+        sealed: &SealedChannels,
+        from_ns: u64,
+    ) -> Result<Player, RunError> {
+        let mut groups = BTreeMap::new();
+        let played = plan.partitions.iter().enumerate().filter(|(_, partition)| partition.played);
+        for ((place, _), group) in played.zip(OPERATORS + 1..) {
+            groups.insert(place, group);
+        }
+        let group = |channel: &OrderedChannel| {
+            let owner = channel.source.split_once('.').and_then(|(owner, _)| plan.partition(owner));
+            owner.and_then(|owner| groups.get(&owner.index())).copied().unwrap_or(OPERATORS)
+        };
+        let channel = |port: &String| {
+            let known = order.channels.iter().find(|channel| channel.source == *port);
+            known.cloned().ok_or_else(|| RunError::Start(format!("the module has no source port {port}")))
+        };
+        let channels = play.ports.iter().map(channel).collect::<Result<Vec<_>, _>>()?;
+        let order = PlayerOrder {
+            groups: channels.iter().map(group).collect(),
+            order: Order { root: order.root.clone(), channels },
+            from_ns,
+        };
+        let what = "cannot start the player of the recording (see partitions/helpers.log)";
+        let messages = copy_of_inherited(play.messages_fd)
+            .map_err(|error| machine(what)(std::io::Error::other(error)))?;
+        Player::start(groups, |input, output| {
+            let mut handover = Handover::from(PLAYERS_FILES);
+            let order = PlayerOrder {
+                order: hand_over(order.order.clone(), End::Source, sealed, &mut handover)?,
+                ..order
+            };
+            let arguments = ["player".into(), serde_json::to_string(&order)?];
+            let files: Vec<BorrowedFd<'_>> = [messages.as_fd()].into_iter().chain(handover.files()).collect();
+            let lines = Lines { input: Some(input), output: Some(output), files: &files };
+            self.observing_helper(&arguments, lines)
+        })
+        .map_err(machine(what))
+    }
+
     /// How a channel cleaner is started.
     pub(super) fn channel_cleaner_starter(&self, ruled: bool) -> Result<StartChannelCleaner, RunError> {
         let copy = self.copy()?;
@@ -448,6 +508,81 @@ impl Base {
         Ok((process, File::from(OwnedFd::from(progress))))
     }
 
+    /// How a helper is started for what a dead process has written down.
+    pub(super) fn crash_reporter_starter(
+        &self,
+        run: &Path,
+        facts: &Machine,
+    ) -> Result<StartCrashReporter, RunError> {
+        let (copy, folder) = (self.copy()?, run.join(crash::FOLDER));
+        let (ruled, filtered) = (facts.ruled, facts.filtered);
+        Ok(Box::new(move |order, memory| {
+            copy.start_crash_reporter(&folder, order, memory, (ruled, filtered))
+        }))
+    }
+
+    /// Starts it, unless there are enough reports. It is handed its files, and the program, whose folder it may not be able to enter; of
+    /// others it reads libraries alone, and it has no privileges.
+    fn start_crash_reporter(
+        &self,
+        folder: &Path,
+        order: &CrashOrder,
+        memory: &File,
+        (ruled, filtered): (bool, bool),
+    ) -> std::io::Result<Option<Spawned>> {
+        match std::fs::create_dir(folder) {
+            Err(error) if error.kind() != std::io::ErrorKind::AlreadyExists => return Err(error),
+            _ => {}
+        }
+        let is_report =
+            |file: &std::fs::DirEntry| file.path().extension().is_some_and(|end| end == crash::REPORT);
+        let reports = std::fs::read_dir(folder)?.flatten().filter(is_report).count();
+        if reports >= crash::MOST_OF_A_RUN as usize {
+            return Ok(None);
+        }
+        let mut numbers = 1..=crash::MOST_OF_A_PARTITION;
+        let made = numbers.find_map(|number| {
+            let path = folder.join(format!("{}-{number}.{}", order.partition, crash::REPORT));
+            match File::create_new(&path) {
+                Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => None,
+                report => Some(
+                    report.and_then(|report| Ok((report, File::create(path.with_extension(crash::DUMP))?))),
+                ),
+            }
+        });
+        let Some((report, dump)) = made.transpose()? else { return Ok(None) };
+        // As the map of the process's memory names it.
+        let program = std::fs::canonicalize(&order.program).unwrap_or_else(|_| order.program.clone().into());
+        let order = &CrashOrder { program: program.display().to_string(), ..order.clone() };
+        let program = File::open(&order.program).ok();
+        let mut files = vec![memory.as_fd(), report.as_fd(), dump.as_fd()];
+        files.extend(program.as_ref().map(AsFd::as_fd));
+        let readable = [PathBuf::from(&order.program)];
+        let granted = Granted {
+            program: &self.programs.observers,
+            channels: &[],
+            devices: &[],
+            files: &readable,
+            network: false,
+        };
+        let rules = if ruled { rules::make(granted)? } else { None };
+        let filters = filtered.then(|| Filters::new(&Grants::default())).transpose()?;
+        let walls = Walls {
+            rules: rules.as_ref().map(AsFd::as_fd),
+            filters: filters.as_ref(),
+            data_limit: CRASH_REPORTER_MEMORY,
+            file_limit: crash::MOST_BYTES,
+            ..Walls::default()
+        };
+        let words = ["crash-reporter".into(), serde_json::to_string(order)?];
+        let lines = Lines { files: &files, ..Lines::default() };
+        let user = self.users.map(|_| Users::helper());
+        let process = self.helper_of_run(&self.programs.observers, &words, lines, user, walls)?;
+        let lowest = Pid::from_raw(process.pid).map(|pid| setpriority_process(Some(pid), 19));
+        let _ = lowest.transpose(); // whoever starts meanwhile waits for it
+        Ok(Some(process))
+    }
+
     /// A module flies without its control socket too, and says so.
     pub(super) fn open_control(&self, module: &str, course: &mut Course) -> (Option<Server>, Option<Inbox>) {
         match Server::open(&self.instance.directory()) {
@@ -467,8 +602,13 @@ impl Base {
         options: &Options,
         facts: &Machine,
         programs: Vec<PathBuf>,
-        (errors, sealed): (ErrorLogs, Arc<SealedChannels>),
+        (errors, sealed, memory_blocks): (ErrorLogs, Arc<SealedChannels>, Arc<MemoryBlocks>),
     ) -> Result<Vec<Sandbox>, RunError> {
+        let locks = facts
+            .counts_locks
+            .then(LockCounter::start)
+            .transpose()
+            .map_err(machine("cannot count the partitions' locks"))?;
         let sandbox_config = SandboxConfig {
             module: options.order.module.clone(),
             clock: options.order.clock(),
@@ -476,11 +616,13 @@ impl Base {
             namespaces: facts.namespaces,
             users: facts.users,
             filtered: facts.filtered,
+            locks,
             ruled: facts.ruled,
             real_time: facts.real_time,
             errors,
             link_keys: options.link_keys.clone(),
             retained: options.supervision.as_ref().map_or_else(BTreeMap::new, |kept| kept.retained.clone()),
+            memory_blocks,
             sealed,
         };
         let none = BTreeMap::new();
@@ -499,7 +641,7 @@ impl Base {
                 )
                 .map_err(machine(format!("cannot prepare partition {name}")))?;
                 sandbox.translate_cores(|core| facts.real_core(core));
-                Ok(sandbox)
+                Ok::<_, RunError>(sandbox)
             };
             let mut sandbox = build(name, None)?;
             if plan[id].standby.is_some() {

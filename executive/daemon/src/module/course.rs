@@ -12,12 +12,15 @@ use crate::world::Surroundings;
 use bateleur_host::guarantee::Guarantee;
 use bateleur_monitor::Kept;
 use bateleur_monitor::event::Event;
+use bateleur_monitor::health::journal::Journal;
 use bateleur_monitor::health::log::{HealthLog, WindowLog};
 use bateleur_monitor::lines::Patience;
 use bateleur_monitor::planned::PlannedActs;
+use bateleur_monitor::why;
 use bateleur_plan::{ModuleView, PartitionId, Plan};
+use bateleur_system::service_manager::ServiceManager;
 use bateleur_system::time::now_ns;
-use bateleur_time::run_page::RunPage;
+use bateleur_time::run_page::{Heartbeat, RunPage};
 use bateleur_time::shared_clock::{Member, PATIENCE_NS};
 
 /// Real time from "ready" to frame 0: long enough for every dispatcher thread to be in its sleep.
@@ -79,14 +82,24 @@ impl Course {
         };
         let (folder, ring) = (&options.order.output, plan.health.log);
         let after = options.supervision.as_mut().and_then(|supervision| supervision.after.take());
+        if after.is_none() {
+            let _ = std::fs::remove_file(folder.join(why::FILE)); // most often there is none
+            bateleur_host::helper::crash::remove_earlier(folder);
+        }
+        let beat =
+            Heartbeat::of_health_log(options.supervision.as_ref().map(|supervision| &supervision.page));
         let (window_log, health_log) = match after {
-            None => (WindowLog::create(folder, patience), HealthLog::create(folder, ring, patience)),
-            Some(_) => (WindowLog::go_on(folder, patience), HealthLog::go_on(folder, ring, patience)),
+            None => (WindowLog::create(folder, patience), HealthLog::create(folder, ring, patience, beat)),
+            Some(_) => (WindowLog::go_on(folder, patience), HealthLog::go_on(folder, ring, patience, beat)),
         };
         let window_log = window_log.map_err(machine("cannot write windows.csv"))?;
         let window_log =
             if options.supervision.is_some() { window_log.in_small_pieces() } else { window_log };
-        let health_log = health_log.map_err(machine("cannot write health.jsonl"))?;
+        let mut health_log = health_log.map_err(machine("cannot write health.jsonl"))?;
+        // A module on the virtual clock is a trial; thousands of them would hide what really happened on this machine.
+        if options.order.clock() == Clock::Wall {
+            health_log.tell_journal(Journal::of(&options.order.module));
+        }
         let events = std::mem::replace(&mut options.events, bateleur_monitor::event::Events::new(None));
         let candidates = view.partitions().map(PartitionId::index).collect();
         let mut surroundings = Surroundings::new(
@@ -96,6 +109,9 @@ impl Course {
             options.power_fail.clone(),
             options.companion.take(),
         );
+        if options.supervision.is_none() {
+            surroundings.service_manager = ServiceManager::from_environment();
+        }
         let mut kept = Kept::new(window_log, health_log, events);
         let page = options.supervision.as_ref().map(|supervision| supervision.page.clone());
         if let Some(dead) = &after {
@@ -128,6 +144,11 @@ impl Course {
     /// Resets so far.
     pub(super) fn resets(&self) -> u32 {
         self.kept.as_ref().map_or(0, Kept::resets)
+    }
+
+    /// The next start is that after an executive's death.
+    pub(super) fn follows_dead(&self) -> bool {
+        self.follows_dead
     }
 
     /// What partitions find at the next start.

@@ -12,12 +12,16 @@ use super::{Options, RunError};
 use bateleur_control::{LINKS_FILE, LinkName};
 use bateleur_host::keys::{self, Key};
 use bateleur_monitor::event::Event;
+use bateleur_monitor::run_order::Play;
 use bateleur_plan::{ModuleView, Plan, Protection};
 
 /// The plan as the module runs it. Leaves the relay's table and keys in `options`.
 pub(super) fn prepare(plan: Plan, options: &mut Options) -> Result<Plan, RunError> {
     let known = plan.modules.iter().flat_map(|module| &module.addresses).map(|address| address.socket);
     check_addresses(&known.collect::<Vec<_>>(), &options.order.addresses)?;
+    if let Some(play) = &options.order.play {
+        return played(plan, &options.order.module, play);
+    }
     let Some(view) = plan.module(&options.order.module) else { return Ok(plan) };
     let (Some(relay), table) = (plan.relay_of(view.id()), table(&view)?) else { return Ok(plan) };
     let Some(mut table) = table else { return Ok(plan) };
@@ -38,6 +42,22 @@ pub(super) fn prepare(plan: Plan, options: &mut Options) -> Result<Plan, RunErro
     options.order.overrides.entry(relay).or_default().insert(ATTRIBUTE.to_owned(), value);
     write_names(&view, options)?;
     Ok(plan.local(view.id()))
+}
+
+/// The plan of a module that a recording drives: without the partitions in whose place that stands, and so without keys.
+fn played(plan: Plan, module: &str, play: &Play) -> Result<Plan, RunError> {
+    let Some(view) = plan.module(module) else { return Ok(plan) };
+    let mut local = plan.local(view.id());
+    for name in &play.partitions {
+        let own = local.partition(name).filter(|&id| local[id].module == view.id());
+        let Some(id) = own else {
+            let known: Vec<&str> = view.partitions().map(|id| plan[id].name.as_str()).collect();
+            let (name, module, known) = (name.clone(), module.to_owned(), known.join(", "));
+            return Err(RunError::NoPartition { name, module, known });
+        };
+        local.partitions[id.index()].played = true;
+    }
+    Ok(local)
 }
 
 fn table(view: &ModuleView<'_>) -> Result<Option<RelayTable>, RunError> {

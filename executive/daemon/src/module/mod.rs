@@ -15,6 +15,7 @@ use bateleur_host::guarantee::Guarantee;
 use bateleur_host::instance::clean_leftovers;
 use bateleur_host::keys::{Key, KeyError};
 use bateleur_host::machine::Machine;
+use bateleur_host::memory_blocks::MemoryBlockError;
 use bateleur_host::programs::{program_path, script};
 use bateleur_monitor::event::{Event, Events};
 use bateleur_monitor::health::ring;
@@ -61,6 +62,8 @@ pub struct Supervision {
     pub page: Arc<Mapped<RunPage>>,
     /// Retained memories, by partition.
     pub retained: BTreeMap<String, Arc<OwnedFd>>,
+    /// Memory blocks that partitions write, by name.
+    pub memory_blocks: BTreeMap<String, Arc<OwnedFd>>,
     /// The executive before; `None` if this is the first one.
     pub after: Option<DeadExecutive>,
 }
@@ -140,6 +143,9 @@ pub enum RunError {
         /// What is wrong with its file.
         error: KeyError,
     },
+    /// A memory block.
+    #[error(transparent)]
+    MemoryBlock(#[from] MemoryBlockError),
     /// Something of the machine.
     #[error("{what}: {why}")]
     Machine {
@@ -241,7 +247,8 @@ fn start(
 ) -> Result<Ended, RunError> {
     let programs = find_programs(view, &options.order.plan_folder)?;
     let logs = options.order.output.join("partitions");
-    let base = Base::make((&options.order.module, options.order.clock()), facts, &logs, course.resets() > 0)?;
+    let about = (options.order.module.as_str(), options.order.clock(), options.supervision.is_some());
+    let base = Base::make(about, facts, &logs, course.resets() > 0)?;
     let mut result = base.run(plan, view, options, facts, programs, course);
     if let Err(left) = base.leave() {
         let time_s = course.reached_ns() as f64 / 1e9;

@@ -18,6 +18,7 @@ use crate::recording::part_name;
 use bateleur_host::error_log::ErrorReader;
 use bateleur_host::helper::orders::{Examination, ExaminedPort, Order};
 use bateleur_host::machine::Machine;
+use bateleur_host::memory_blocks::MemoryBlocks;
 use bateleur_host::sealed::SealedChannels;
 use bateleur_monitor::cleanup::EndedHelpers;
 use bateleur_monitor::rebuild::RebuildHooks;
@@ -38,6 +39,9 @@ impl Base {
         let sealed = SealedChannels::make(view.plan(), view.channels())
             .map_err(machine("cannot make the memory of the sealed channels"))?;
         let sealed = Arc::new(sealed);
+        let kept = options.supervision.as_ref().map(|kept| kept.memory_blocks.clone()).unwrap_or_default();
+        let (folder, warm) = (&options.order.plan_folder, course.follows_dead());
+        let memory_blocks = Arc::new(MemoryBlocks::begin(view, folder, &kept, warm)?);
         let mut shared = order.clone();
         shared.channels.retain(|channel| !sealed.contains(&channel.name));
         let homes: Vec<String> = shared.channels.iter().map(|channel| channel.name.clone()).collect();
@@ -60,23 +64,29 @@ impl Base {
         let port_log = options.port_log().map(|path| port_log(&path, course.resets()));
         let record = |path| self.record(path, &order, &view.plan().messages, sealed.clone());
         let recording = port_log.map(record).transpose()?;
+        let play = |play| self.play(plan, &order, play, &sealed, course.reached_ns());
+        let player = options.order.play.as_ref().map(play).transpose()?;
         let error_reader = ErrorReader::start(options.order.output.join("partitions"))
             .map_err(machine("cannot read the partitions' standard error"))?;
-        let sandboxes =
-            self.sandboxes(plan, view, options, facts, programs, (error_reader.logs(), sealed.clone()))?;
+        let memories = (error_reader.logs(), sealed.clone(), memory_blocks);
+        let sandboxes = self.sandboxes(plan, view, options, facts, programs, memories)?;
         let (control, inbox) = self.open_control(&options.order.module, course);
         let start_channel_cleaner = self.channel_cleaner_starter(facts.ruled)?;
+        let start_crash_reporter = self.crash_reporter_starter(&options.order.output, facts)?;
         let rebuilds = self.rebuilds(shared, plan.clone(), channel_holders)?;
         // On the virtual clock nobody is cleaned up after at an instant of the wall clock.
         let ended_helpers = (options.order.clock() == Clock::Wall).then_some((ended_helpers, homes));
         let services = Services {
             recording,
+            player,
             start_channel_cleaner,
+            start_crash_reporter,
             ended_helpers,
             rebuilds,
             start_observer,
             inbox,
             error_reader,
+            run: self.instance.name.clone(),
         };
         let ended = run_module(plan, view, options, facts, sandboxes, services, course);
         drop(control);

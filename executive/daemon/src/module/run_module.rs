@@ -14,6 +14,7 @@ use super::course::{Course, Ended};
 use super::wall_threads::{Lanes, Tables, run_wall};
 use super::{Options, RunError};
 use crate::fast::{Records, VirtualGate, VirtualPace, World};
+use crate::playing::Player;
 use crate::recording::Recording;
 use crate::world::Surroundings;
 use bateleur_contract::page::WindowGrant;
@@ -27,13 +28,14 @@ use bateleur_monitor::observers::StartObserver;
 use bateleur_monitor::operator::Operator;
 use bateleur_monitor::rebuild::RebuildHooks;
 use bateleur_monitor::run_order::RunOrder;
-use bateleur_monitor::{Alignment, Monitor, MonitorConfig, StartChannelCleaner};
+use bateleur_monitor::why::Why;
+use bateleur_monitor::{Alignment, Monitor, MonitorConfig, StartChannelCleaner, StartCrashReporter};
 use bateleur_plan::{ModuleView, PartitionId, Plan, Timeline};
 use bateleur_system::sched;
 use bateleur_system::time::now_ns;
 use bateleur_time::alignment::Following;
 use bateleur_time::change::Changes;
-use bateleur_time::dispatcher::Dispatcher;
+use bateleur_time::dispatcher::{Dispatcher, Occurrence};
 use bateleur_time::redundant_pair::RedundantPair;
 use bateleur_time::schedule_switch::ScheduleSwitch;
 use bateleur_time::shared_clock::{JointPace, Member};
@@ -44,8 +46,12 @@ use bateleur_time::window_record::WindowRecord;
 pub(super) struct Services {
     /// Writes every message down, where that was asked for.
     pub(super) recording: Option<Recording>,
+    /// Drives the module's inputs, where that was asked for.
+    pub(super) player: Option<Player>,
     /// Cleans up after the dead.
     pub(super) start_channel_cleaner: StartChannelCleaner,
+    /// Reads what the dead have written down.
+    pub(super) start_crash_reporter: StartCrashReporter,
     /// Channel holders that have ended, and the channels that they held; `None` if they are not cleaned up after.
     pub(super) ended_helpers: Option<(EndedHelpers, Vec<String>)>,
     /// Finds damaged channels and makes them anew.
@@ -56,6 +62,8 @@ pub(super) struct Services {
     pub(super) inbox: Option<Inbox>,
     /// Reads the partitions' standard error.
     pub(super) error_reader: ErrorReader,
+    /// The run's name.
+    pub(super) run: String,
 }
 
 /// Starts the partitions, runs their windows, ends them.
@@ -68,7 +76,10 @@ pub(super) fn run_module(
     services: Services,
     course: &mut Course,
 ) -> Result<Ended, RunError> {
-    let Some(kept) = course.kept.take() else { return Err(RunError::Start("it runs already".into())) };
+    let Some(mut kept) = course.kept.take() else { return Err(RunError::Start("it runs already".into())) };
+    if kept.why.is_none() {
+        kept.why = begin_why(options, facts, view, &services.run);
+    }
     let resets = kept.resets();
     let condition = course.take_condition(resets);
     let records = Records::default();
@@ -80,6 +91,7 @@ pub(super) fn run_module(
         schedule_switch: schedule_switch.clone(),
         clock: options.order.clock(),
         start_channel_cleaner: services.start_channel_cleaner,
+        start_crash_reporter: services.start_crash_reporter,
         ended_helpers: services.ended_helpers,
         rebuilds: services.rebuilds,
         take_record: take_record(records.clone(), rings.clone()),
@@ -113,7 +125,7 @@ pub(super) fn run_module(
         Ok(true) => {
             let (clock, output) = (options.order.clock(), options.order.output.as_path());
             let ready = Ready { plan, view, clock, facts, schedule_switch, records, lanes: &lanes, output };
-            ready.run(&mut monitor, services.recording, resets, course)
+            ready.run(&mut monitor, (services.recording, services.player), resets, course)
         }
         Err(reason) => Err(RunError::Start(reason)),
     };
@@ -156,7 +168,7 @@ impl Ready<'_> {
     fn run(
         self,
         monitor: &mut Monitor,
-        recording: Option<Recording>,
+        (recording, player): (Option<Recording>, Option<Player>),
         resets: u32,
         course: &mut Course,
     ) -> Result<u64, RunError> {
@@ -165,7 +177,7 @@ impl Ready<'_> {
         connect(&pair, plan, clock);
         monitor.events().tell(&Event::Ready { partitions: pair.iter().flatten().count() });
         let line = line_partition(view).and_then(|line| pair[line.index()].clone());
-        course.surroundings.begin(recording, line);
+        course.surroundings.begin(recording, player, line);
         let (begin_ns, origin_ns) = course.begin(resets)?;
         schedule_switch.begin(begin_ns);
         let tables = Tables {
@@ -174,7 +186,7 @@ impl Ready<'_> {
             schedule_switch,
             begin_ns,
         };
-        monitor.begin(begin_ns);
+        monitor.begin(begin_ns, origin_ns);
         let surroundings = &mut course.surroundings;
         match clock {
             Clock::Virtual => {
@@ -196,6 +208,17 @@ impl Ready<'_> {
             }
         }
     }
+}
+
+/// Who answers why windows went as they did: nobody on the virtual clock, where nobody takes a processor from anybody. Without him the
+/// module runs all the same.
+fn begin_why(options: &Options, facts: &Machine, view: &ModuleView<'_>, run: &str) -> Option<Why> {
+    if options.order.clock() == Clock::Virtual {
+        return None;
+    }
+    let timelines = Timeline::all(view.plan(), view.id());
+    let cores = timelines.first()?.cores.iter().map(|line| (line.core, facts.real_core(line.core)));
+    Why::begin(run, &options.order.output, cores.collect()).ok()
 }
 
 /// What the persistent log says of a run's begin. Module time begins anew with every run: the date tells them apart.
@@ -316,5 +339,9 @@ impl World for Joint<'_> {
     fn minor_frame(&mut self, module_ns: u64, monitor: &mut Monitor) -> bool {
         self.tell_deaths(module_ns, monitor);
         self.surroundings.minor_frame(module_ns, monitor)
+    }
+
+    fn window(&mut self, occurrence: &Occurrence) {
+        self.surroundings.window(occurrence);
     }
 }

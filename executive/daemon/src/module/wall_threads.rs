@@ -18,6 +18,7 @@ use bateleur_host::machine::Machine;
 use bateleur_monitor::Monitor;
 use bateleur_plan::{ModuleError, Timeline};
 use bateleur_system::sched;
+use bateleur_system::thread;
 use bateleur_system::time::now_ns;
 use bateleur_time::change::Changes;
 use bateleur_time::dispatcher::Dispatcher;
@@ -34,10 +35,10 @@ const LOST_CORE: &str =
     "a dispatcher was held up for longer than the schedules of the major frames are remembered";
 /// Window records that wait for the monitor: two seconds of a busy core.
 const RECORDS: usize = 4096;
-/// How often the monitor looks, ns. A death wakes it at once.
-const MONITOR_PERIOD_NS: u64 = 5_000_000;
-/// Bytes of a dispatcher's stack, all of them locked: it calls a few levels deep and keeps its tables elsewhere.
-const DISPATCHER_STACK: usize = 256 << 10;
+/// How often the monitor looks, ns. A death wakes it at once; what a window's record tells, and an order, wait for the next look.
+const MONITOR_PERIOD_NS: u64 = 10_000_000;
+/// As above while a partition starts, ns: it says on its control page that it is ready, which wakes nobody.
+const START_PERIOD_NS: u64 = 500_000;
 /// Above every partition (50 at most) and every interrupt thread (50); below the kernel's own watchdogs (99).
 const DISPATCHER_PRIORITY: u8 = 98;
 /// The freeze worker's, on processors that no partition has.
@@ -86,8 +87,8 @@ pub(super) fn run_wall(
     // Dispatchers that ended because they were to: each is counted before its thread is seen to be finished.
     let orderly = Arc::new(AtomicUsize::new(0));
     let mut threads = Vec::new();
-    let _freezing =
-        Freezing::begin(&pair, facts).map_err(machine("cannot start the freeze worker's thread"))?;
+    let _freezing = Freezing::begin(&pair, facts, Heartbeat::of_freeze_worker(page))
+        .map_err(machine("cannot start the freeze worker's thread"))?;
     let monitor_beat = Heartbeat::of_monitor(page);
     for (place, line) in tables.timelines.first().into_iter().flat_map(|timeline| &timeline.cores).enumerate()
     {
@@ -111,15 +112,12 @@ pub(super) fn run_wall(
         .beginning_at(tables.begin_ns);
         let beat = Heartbeat::of_dispatcher(page, place);
         let pace = WallPace::new(origin_ns, lanes.spun_ns.clone(), beat);
-        let thread = std::thread::Builder::new()
-            .name(format!("dispatch {}", line.core))
-            .stack_size(DISPATCHER_STACK)
-            .spawn(move || {
-                let stop = |frame_ns| stop.load(Ordering::Acquire) || frame_ns >= until_ns;
-                if dispatch(dispatcher, gate, pace, core, real_time, &stop) {
-                    orderly.fetch_add(1, Ordering::Release);
-                }
-            });
+        let thread = thread::named(&format!("dispatch {}", line.core)).spawn(move || {
+            let stop = |frame_ns| stop.load(Ordering::Acquire) || frame_ns >= until_ns;
+            if dispatch(dispatcher, gate, pace, core, real_time, &stop) {
+                orderly.fetch_add(1, Ordering::Release);
+            }
+        });
         match thread {
             Ok(thread) => threads.push(thread),
             Err(error) => {
@@ -133,7 +131,7 @@ pub(super) fn run_wall(
     let _ = rustix::mm::mlockall(rustix::mm::MlockAllFlags::CURRENT);
     let mut next_minor_ns = tables.begin_ns;
     loop {
-        monitor.pause(MONITOR_PERIOD_NS);
+        monitor.pause(if monitor.awaits_start() { START_PERIOD_NS } else { MONITOR_PERIOD_NS });
         monitor_beat.beat();
         if let Some(page) = page {
             page.keep_counts(monitor.totals().counts());
@@ -191,7 +189,7 @@ fn dispatch(
 struct Freezing(Option<(Arc<FreezeWorker>, JoinHandle<()>)>);
 
 impl Freezing {
-    fn begin(pairs: &[Option<Arc<RedundantPair>>], facts: &Machine) -> io::Result<Self> {
+    fn begin(pairs: &[Option<Arc<RedundantPair>>], facts: &Machine, beat: Heartbeat) -> io::Result<Self> {
         if !facts.real_time {
             return Ok(Self(None));
         }
@@ -201,12 +199,10 @@ impl Freezing {
         let priority = if shares { FREEZE_PRIORITY_IN_SLACK } else { FREEZE_PRIORITY };
         let worker = FreezeWorker::new();
         let own = worker.clone();
-        let thread = std::thread::Builder::new().name("freeze".into()).stack_size(DISPATCHER_STACK).spawn(
-            move || {
-                let _ = sched::fifo(0, priority); // said at the start where it can not be
-                own.run(&pairs);
-            },
-        )?;
+        let thread = thread::named("freeze").spawn(move || {
+            let _ = sched::fifo(0, priority); // said at the start where it can not be
+            own.run(&pairs, &beat);
+        })?;
         Ok(Self(Some((worker, thread))))
     }
 }

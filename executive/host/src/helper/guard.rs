@@ -3,7 +3,7 @@
 
 use std::io::{self, Read};
 
-use crate::instance::Instance;
+use crate::instance::{Instance, sweep_traces};
 use bateleur_system::tree::NotRemoved;
 
 /// Why the guard could not do its work.
@@ -28,5 +28,10 @@ pub fn run(instance: &str) -> Result<(), GuardError> {
     let _ = rustix::thread::set_name(c"guard"); // a name is a comfort
     let instance: Instance = serde_json::from_str(instance)?;
     io::stdin().read_to_end(&mut Vec::new())?;
-    Ok(instance.clean_up()?)
+    instance.clean_up()?;
+    // Another executive, which does so itself, must not wait for it.
+    if !instance.supervised {
+        sweep_traces();
+    }
+    Ok(())
 }

@@ -4,7 +4,8 @@
 //! - holder, cleaner and probe of channels: `executive/channels`;
 //! - a [`remover`] removes the directories of channels that were rebuilt, and ends;
 //! - the [`guard`] waits for the executive's death and removes everything that it made;
-//! - recorder and observers: `executive/cli`, which knows the messages.
+//! - recorder, observers, publishers and the player: `executive/cli`, which knows the messages;
+//! - who reads what a dead process has left ([`crash`]): `executive/cli`.
 
 use std::os::fd::AsFd;
 
@@ -16,8 +17,10 @@ use rustix::process::{
     waitid,
 };
 
+pub mod crash;
 pub mod guard;
 pub mod orders;
+pub mod playing;
 pub mod recording;
 pub mod remover;
 

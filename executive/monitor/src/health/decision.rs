@@ -3,6 +3,7 @@
 use std::os::unix::process::ExitStatusExt;
 use std::process::ExitStatus;
 
+use bateleur_contract::ReportKind;
 use bateleur_contract::{ErrorCode, exit};
 
 use bateleur_plan::{
@@ -121,6 +122,22 @@ pub fn decide_module(
         ModuleAction::Reset if recent >= reset.budget => ModuleAction::Shutdown,
         action => action,
     }
+}
+
+/// What a report says is wrong; `None`: nothing, it is a message.
+#[must_use]
+pub fn reported_error(kind: ReportKind) -> Option<PartitionError> {
+    Some(match kind {
+        ReportKind::Message => return None,
+        ReportKind::ApplicationError => PartitionError::ApplicationError,
+        ReportKind::PortError => PartitionError::PortError,
+        ReportKind::DeadlineMissed => PartitionError::DeadlineMissed,
+        ReportKind::NumericError => PartitionError::NumericError,
+        ReportKind::IllegalRequest => PartitionError::IllegalRequest,
+        ReportKind::StackOverflow => PartitionError::StackOverflow,
+        ReportKind::MemoryViolation => PartitionError::MemoryViolation,
+        ReportKind::HardwareFault => PartitionError::HardwareFault,
+    })
 }
 
 /// The error that the end of a process means, and its description. `None` if it ended as it was asked to. `words`: the last

@@ -7,10 +7,13 @@ use std::path::Path;
 
 use serde::Serialize;
 
+use super::journal::Journal;
 use super::record::{Entry, Level};
 use super::ring::{self, RingLog};
 use crate::lines::{LineLog, Patience};
+use crate::process_log::{self, ProcessLog};
 use bateleur_host::trouble::Trouble;
+use bateleur_time::run_page::Heartbeat;
 use bateleur_time::window_record::WindowRecord;
 
 /// One fault, from its detection to the successor's first window.
@@ -60,6 +63,11 @@ impl Notice {
     }
 }
 
+/// As in syslog.
+const NOTICE: u32 = 5;
+/// As in syslog.
+const INFORMATION: u32 = 6;
+
 /// How bad it is that this had to be done.
 fn severity(action: &str) -> u32 {
     match action {
@@ -79,6 +87,8 @@ pub struct HealthLog {
     lines: LineLog,
     ring: Option<RingLog>,
     ring_trouble: Trouble,
+    /// Where it is told as well.
+    journal: Option<Journal>,
     /// The minor frame of the last window that is known.
     frame: u64,
     /// What partitions are to be told.
@@ -90,20 +100,36 @@ impl HealthLog {
     ///
     /// # Errors
     /// `health.jsonl` can not be made. A ring that can not be opened is told as trouble.
-    pub fn create(folder: &Path, ring: bateleur_plan::HealthLog, patience: Patience) -> io::Result<Self> {
-        Self::of(LineLog::create(&folder.join(HEALTH_FILE), 0, patience)?, folder, ring)
+    pub fn create(
+        folder: &Path,
+        ring: bateleur_plan::HealthLog,
+        patience: Patience,
+        beat: Heartbeat,
+    ) -> io::Result<Self> {
+        Self::of(LineLog::create(&folder.join(HEALTH_FILE), 0, patience)?, folder, ring, beat)
     }
 
     /// That of an executive which has died is gone on with.
     ///
     /// # Errors
     /// As [`HealthLog::create`].
-    pub fn go_on(folder: &Path, ring: bateleur_plan::HealthLog, patience: Patience) -> io::Result<Self> {
-        Self::of(LineLog::go_on(&folder.join(HEALTH_FILE), 0, patience)?, folder, ring)
+    pub fn go_on(
+        folder: &Path,
+        ring: bateleur_plan::HealthLog,
+        patience: Patience,
+        beat: Heartbeat,
+    ) -> io::Result<Self> {
+        Self::of(LineLog::go_on(&folder.join(HEALTH_FILE), 0, patience)?, folder, ring, beat)
     }
 
-    fn of(lines: LineLog, folder: &Path, ring: bateleur_plan::HealthLog) -> io::Result<Self> {
-        let (ring, ring_trouble) = match RingLog::open(&folder.join(ring::FILE), ring.bytes, ring.policy) {
+    fn of(
+        lines: LineLog,
+        folder: &Path,
+        ring: bateleur_plan::HealthLog,
+        beat: Heartbeat,
+    ) -> io::Result<Self> {
+        let ring = RingLog::open(&folder.join(ring::FILE), ring.bytes, ring.policy, beat);
+        let (ring, ring_trouble) = match ring {
             Ok(ring) => (Some(ring), Trouble::default()),
             Err(error) => {
                 let mut trouble = Trouble::default();
@@ -111,7 +137,12 @@ impl HealthLog {
                 (None, trouble)
             }
         };
-        Ok(Self { lines, ring, ring_trouble, frame: 0, notices: Vec::new() })
+        Ok(Self { lines, ring, ring_trouble, journal: None, frame: 0, notices: Vec::new() })
+    }
+
+    /// From now on a journal is told, too.
+    pub fn tell_journal(&mut self, journal: Option<Journal>) {
+        self.journal = journal;
     }
 
     /// Frames are counted from 0 again.
@@ -126,66 +157,81 @@ impl HealthLog {
 
     /// Notes in the ring what has been decided about a fault.
     pub fn note(&mut self, fault: &Fault) {
-        self.tell(Notice::of(fault));
-        self.add(Entry {
-            sequence: 0,
-            time_ns: fault.time_ns,
-            frame: self.frame,
-            generation: fault.generation,
-            level: fault.level,
-            partition: fault.partition.clone().unwrap_or_default(),
-            error: fault.error.clone(),
-            action: fault.action.clone(),
-            detail: fault.detail.clone(),
-        });
+        let notice = Notice::of(fault);
+        let said = (notice.severity, notice.text.clone());
+        self.tell(notice);
+        self.add(
+            said,
+            Entry {
+                sequence: 0,
+                time_ns: fault.time_ns,
+                frame: self.frame,
+                generation: fault.generation,
+                level: fault.level,
+                partition: fault.partition.clone().unwrap_or_default(),
+                error: fault.error.clone(),
+                action: fault.action.clone(),
+                detail: fault.detail.clone(),
+            },
+        );
     }
 
     /// Notes in the ring that a fault's successor had its first window.
     pub fn note_recovery(&mut self, fault: &Fault, generation: u32, time_ns: u64) {
         let after_ms = time_ns.saturating_sub(fault.time_ns) as f64 / 1e6;
         let who = fault.partition.as_deref().unwrap_or("the module");
-        self.tell(Notice { severity: 5, text: format!("{who}: back after {after_ms:.1} ms") });
-        self.add(Entry {
-            sequence: 0,
-            time_ns,
-            frame: self.frame,
-            generation,
-            level: fault.level,
-            partition: fault.partition.clone().unwrap_or_default(),
-            error: "recovered".into(),
-            action: String::new(),
-            detail: format!("after {after_ms:.1} ms"),
-        });
+        let text = format!("{who}: back after {after_ms:.1} ms");
+        self.tell(Notice { severity: NOTICE, text: text.clone() });
+        self.add(
+            (NOTICE, text),
+            Entry {
+                sequence: 0,
+                time_ns,
+                frame: self.frame,
+                generation,
+                level: fault.level,
+                partition: fault.partition.clone().unwrap_or_default(),
+                error: "recovered".into(),
+                action: String::new(),
+                detail: format!("after {after_ms:.1} ms"),
+            },
+        );
     }
 
     /// Notes in the ring what a partition has said; it is no error, and nobody is told.
     pub fn note_message(&mut self, partition: &str, generation: u32, text: String, time_ns: u64) {
-        self.add(Entry {
-            sequence: 0,
-            time_ns,
-            frame: self.frame,
-            generation,
-            level: Level::Partition,
-            partition: partition.into(),
-            error: "message".into(),
-            action: String::new(),
-            detail: text,
-        });
+        self.add(
+            (INFORMATION, format!("{partition}: {text}")),
+            Entry {
+                sequence: 0,
+                time_ns,
+                frame: self.frame,
+                generation,
+                level: Level::Partition,
+                partition: partition.into(),
+                error: "message".into(),
+                action: String::new(),
+                detail: text,
+            },
+        );
     }
 
     /// Notes in the ring what became of the module.
     pub fn note_module(&mut self, what: &str, detail: String, time_ns: u64) {
-        self.add(Entry {
-            sequence: 0,
-            time_ns,
-            frame: self.frame,
-            generation: 0,
-            level: Level::Module,
-            partition: String::new(),
-            error: what.into(),
-            action: String::new(),
-            detail,
-        });
+        self.add(
+            (NOTICE, format!("the module: {what} ({detail})")),
+            Entry {
+                sequence: 0,
+                time_ns,
+                frame: self.frame,
+                generation: 0,
+                level: Level::Module,
+                partition: String::new(),
+                error: what.into(),
+                action: String::new(),
+                detail,
+            },
+        );
     }
 
     fn tell(&mut self, notice: Notice) {
@@ -199,7 +245,31 @@ impl HealthLog {
         std::mem::take(&mut self.notices)
     }
 
-    fn add(&mut self, entry: Entry) {
+    /// `severity` and `text` are what the journal is told beside the entry.
+    fn add(&mut self, (severity, text): (u32, String), entry: Entry) {
+        let journal_trouble = self.journal.as_mut().and_then(|journal| {
+            journal.note(&entry, severity, &text);
+            journal.trouble().take()
+        });
+        let time_ns = entry.time_ns;
+        self.add_to_ring(entry);
+        // The journal has a copy: that it misses some is worth knowing, and no fault of the run.
+        if let Some(detail) = journal_trouble {
+            self.add_to_ring(Entry {
+                sequence: 0,
+                time_ns,
+                frame: self.frame,
+                generation: 0,
+                level: Level::Module,
+                partition: String::new(),
+                error: "journal_loses_entries".into(),
+                action: String::new(),
+                detail,
+            });
+        }
+    }
+
+    fn add_to_ring(&mut self, entry: Entry) {
         match &mut self.ring {
             Some(ring) => ring.note(entry),
             None => self.ring_trouble.lose(1, "it could not be opened"),
@@ -254,10 +324,12 @@ const PIECE_BYTES: usize = 1 << 16;
 /// As above where another executive may go on with the log.
 const SMALL_PIECE_BYTES: usize = 1 << 10;
 
-/// Writes window records as lines of comma-separated values.
+/// Writes window records as lines of comma-separated values, and beside them who ran in the windows of partitions of several
+/// processes.
 #[derive(Debug)]
 pub struct WindowLog {
     lines: LineLog,
+    pub(crate) processes: ProcessLog,
     /// The line that is being made.
     line: Vec<u8>,
 }
@@ -270,7 +342,7 @@ impl WindowLog {
     pub fn create(folder: &Path, patience: Patience) -> io::Result<Self> {
         let mut lines = LineLog::create(&folder.join(WINDOW_FILE), PIECE_BYTES, patience)?;
         lines.push(HEADING);
-        Ok(Self { lines, line: Vec::new() })
+        Ok(Self { lines, processes: ProcessLog::create(folder, patience), line: Vec::new() })
     }
 
     /// Hands a window to the disk soon after it: whoever dies loses few.
@@ -290,7 +362,8 @@ impl WindowLog {
         if is_new {
             return Self::create(folder, patience);
         }
-        Ok(Self { lines: LineLog::go_on(&path, PIECE_BYTES, patience)?, line: Vec::new() })
+        let lines = LineLog::go_on(&path, PIECE_BYTES, patience)?;
+        Ok(Self { lines, processes: ProcessLog::go_on(folder, patience), line: Vec::new() })
     }
 
     /// Appends a record of the partition called `name`, in the schedule of that name.
@@ -331,22 +404,25 @@ impl WindowLog {
     /// Hands all lines to the thread that writes them.
     pub fn flush(&mut self) {
         self.lines.flush();
+        self.processes.flush();
     }
 
     /// Waits a little until everything was written.
     pub fn finish(&mut self) {
         self.lines.finish();
+        self.processes.finish();
     }
 
     /// That it has lost records for the first time.
     pub fn take_trouble(&mut self) -> Option<Lost> {
-        self.lines.trouble().take().map(|why| Lost { log: WINDOW_FILE, why })
+        let lost = self.lines.trouble().take().map(|why| Lost { log: WINDOW_FILE, why });
+        lost.or_else(|| self.processes.take_trouble().map(|why| Lost { log: process_log::FILE, why }))
     }
 
     /// Records lost so far.
     #[must_use]
     pub fn lost(&self) -> u64 {
-        self.lines.trouble().lost()
+        self.lines.trouble().lost() + self.processes.lost()
     }
 }
 
@@ -381,7 +457,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         symlink("/dev/full", folder.path().join(HEALTH_FILE)).unwrap();
         symlink("/dev/full", folder.path().join(ring::FILE)).unwrap();
-        let mut log = HealthLog::create(folder.path(), RING, Patience::Wait).unwrap();
+        let mut log =
+            HealthLog::create(folder.path(), RING, Patience::Wait, Heartbeat::of_health_log(None)).unwrap();
         (0..3).for_each(|time_ns| {
             log.note(&fault(time_ns));
             log.write(&fault(time_ns));

@@ -9,13 +9,15 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, Read};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use super::record::{Contents, Entry, HEADER, Ring, read};
 use bateleur_host::trouble::Trouble;
 use bateleur_plan::LogPolicy;
+use bateleur_system::thread;
+use bateleur_time::run_page::Heartbeat;
 
 /// Name of the file in a run's folder.
 pub const FILE: &str = "health.ring";
@@ -23,6 +25,8 @@ pub const FILE: &str = "health.ring";
 const MOST_BYTES: u64 = 1 << 27;
 /// Entries that wait for the disk; more are dropped and counted.
 const WAITING: usize = 1024;
+/// Between two signs of life of a thread that has nothing to write.
+const BEAT: Duration = Duration::from_millis(500);
 /// How long the last entries may take to be on the disk when a run ends.
 const LAST_ENTRIES: Duration = Duration::from_secs(2);
 
@@ -40,7 +44,7 @@ impl RingLog {
     ///
     /// # Errors
     /// The file can not be opened, moved or written, or it is none.
-    pub fn open(path: &Path, bytes: u64, policy: LogPolicy) -> io::Result<Self> {
+    pub fn open(path: &Path, bytes: u64, policy: LogPolicy, beat: Heartbeat) -> io::Result<Self> {
         let mut ring = Ring::new(bytes, policy);
         let file = match found(path)? {
             Some(found) if found.get(..HEADER) == Some(&ring.header()[..]) => {
@@ -55,15 +59,15 @@ impl RingLog {
                 begin(path, &ring)?
             }
         };
-        Self::with_file(file, ring)
+        Self::with_file(file, ring, beat)
     }
 
-    fn with_file(file: File, ring: Ring) -> io::Result<Self> {
+    fn with_file(file: File, ring: Ring, beat: Heartbeat) -> io::Result<Self> {
         let (entries, waiting) = sync_channel(WAITING);
         let (done, ended) = sync_channel(1);
         let trouble = Arc::new(Mutex::new(Trouble::default()));
-        let keeper = Keeper { file, ring, trouble: trouble.clone() };
-        std::thread::Builder::new().name("health log".into()).spawn(move || {
+        let keeper = Keeper { file, ring, trouble: trouble.clone(), beat };
+        thread::named("health log").spawn(move || {
             keeper.keep(&waiting);
             let _ = done.send(()); // nobody waits any more
         })?;
@@ -141,11 +145,19 @@ struct Keeper {
     file: File,
     ring: Ring,
     trouble: Arc<Mutex<Trouble>>,
+    beat: Heartbeat,
 }
 
 impl Keeper {
     fn keep(mut self, waiting: &Receiver<Entry>) {
-        while let Ok(first) = waiting.recv() {
+        loop {
+            self.beat.beat();
+            let first = match waiting.recv_timeout(BEAT) {
+                Ok(first) => first,
+                Err(RecvTimeoutError::Timeout) => continue,
+                Err(RecvTimeoutError::Disconnected) => return,
+            };
+            self.beat.rest(); // a disk that hangs is no fault of this program, and its end would mend nothing
             // What came meanwhile goes with it: one synchronisation for a burst.
             let burst: Vec<Entry> = std::iter::once(first).chain(waiting.try_iter().take(WAITING)).collect();
             for entry in burst {
@@ -192,7 +204,7 @@ mod tests {
     const FOUR: u64 = (HEADER + 4 * RECORD + 100) as u64;
 
     fn write(path: &Path, bytes: u64, policy: LogPolicy, times: &[u64]) {
-        let mut log = RingLog::open(path, bytes, policy).unwrap();
+        let mut log = RingLog::open(path, bytes, policy, Heartbeat::of_health_log(None)).unwrap();
         times.iter().for_each(|time_ns| log.note(entry(*time_ns)));
         log.finish();
         assert_eq!(log.trouble().take(), None);
@@ -265,14 +277,16 @@ mod tests {
     fn device_in_place_of_the_log_is_an_error_and_not_read_for_ever() {
         let (_folder, path) = scratch();
         std::os::unix::fs::symlink("/dev/full", &path).unwrap();
-        assert!(RingLog::open(&path, FOUR, LogPolicy::Overwrite).is_err());
+        assert!(RingLog::open(&path, FOUR, LogPolicy::Overwrite, Heartbeat::of_health_log(None)).is_err());
         assert!(read_file(&path).is_err());
     }
 
     #[test]
     fn disk_that_is_full_is_said_once_and_counted() {
         let full = OpenOptions::new().write(true).open("/dev/full").unwrap();
-        let mut log = RingLog::with_file(full, Ring::new(FOUR, LogPolicy::Overwrite)).unwrap();
+        let mut log =
+            RingLog::with_file(full, Ring::new(FOUR, LogPolicy::Overwrite), Heartbeat::of_health_log(None))
+                .unwrap();
         (0..5).for_each(|time_ns| log.note(entry(time_ns)));
         log.finish();
         assert!(log.trouble().take().is_some_and(|why| why.contains("No space left")));

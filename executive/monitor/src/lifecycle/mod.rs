@@ -9,8 +9,12 @@
 //!     └──Died, Overdue──────────────────▲ │                  │    └──a channel is damaged──▶ Examining ──▶ Launching
 //!                                         │                  └──nothing is to follow──▶ Resting
 //!                                         └──a standby is ready──▶ TakingOver ──TookOver──▶ Running
+//!                                         └──a spare is ready──▶ Beginning ──Begun──▶ Starting
 //! Launching ──NotLaunched──▶ Retrying ──Look, when it is time──▶ Launching
 //! ```
+//!
+//! A spare begins at once where an error has ended the one before, whose remains are removed meanwhile: on the wall clock. On the virtual one,
+//! where peers can notice an instant only, and where something else than an error ends a process, it begins in the place of a launch.
 
 mod protocol;
 mod standby;
@@ -18,14 +22,14 @@ mod standby;
 mod tests;
 
 use bateleur_contract::{Clock, StartCondition};
-use bateleur_plan::{ChangeAction, PartitionState, Restart, StartMode};
+use bateleur_plan::{ChangeAction, PartitionState, Restart, Standby as Kind, StartMode};
 use bateleur_time::partition_control::Readiness;
 
 use crate::health::decision::{Decision, decide_restart};
 use protocol::clean_up;
 pub use protocol::{Cause, Command, Event, Instant, PairMember, StandbyEvent};
 use standby::Standby;
-pub use standby::StandbyState;
+pub use standby::{StandbyState, noun};
 
 /// The first wait before a launch that failed is tried again, ns; each later one is twice as long.
 const FIRST_RETRY_NS: u64 = 50_000_000;
@@ -61,6 +65,8 @@ pub enum Phase {
     Dead,
     /// Its standby was called.
     TakingOver,
+    /// Its spare is being let begin. `true`: nothing is left of the one before.
+    Beginning(bool),
     /// What its dead process left in shared memory is being removed.
     CleaningUp(Next),
     /// Its channels are being examined, before it is launched.
@@ -104,12 +110,12 @@ const OWN_WITHIN_NS: u64 = 10_000_000_000;
 impl Lifecycle {
     /// Of a partition whose first process has been launched.
     #[must_use]
-    pub fn new(restart: Restart, clock: Clock, has_standby: bool) -> Self {
+    pub fn new(restart: Restart, clock: Clock, standby: Option<Kind>) -> Self {
         Self {
             restart,
             clock,
             phase: Phase::Starting,
-            standby: has_standby.then(Standby::default),
+            standby: standby.map(Standby::new),
             generation: 0,
             next_start: StartCondition::NormalStart,
             start_failed: false,
@@ -196,6 +202,13 @@ impl Lifecycle {
                 self.phase = Phase::Dead;
                 self.follow(now, commands);
             }
+            (Event::Begun, Phase::Beginning(buried)) => self.has_begun(buried, commands),
+            (Event::NotBegun, Phase::Beginning(true)) => self.launch_anew(commands),
+            (Event::NotBegun, Phase::Beginning(false)) => {
+                self.phase = Phase::Dead;
+                self.end_standby(commands);
+                self.follow(now, commands);
+            }
             (Event::Look, Phase::Retrying(at_ns)) if now.real_ns >= at_ns => self.launch(commands),
             (Event::Look, Phase::Running) if self.had_window => {
                 let generation = self.generation + 1;
@@ -242,6 +255,9 @@ impl Lifecycle {
                 if self.phase == Phase::Dead && self.can_take_over(now.module_ns) {
                     self.phase = Phase::TakingOver;
                     return commands.push(Command::TakeOver { warm });
+                }
+                if self.phase == Phase::Dead && self.clock == Clock::Wall && self.can_begin_spare() {
+                    return self.begin_spare(false, commands);
                 }
                 self.follow(now, commands);
             }
@@ -357,7 +373,7 @@ impl Lifecycle {
         commands.extend([Command::CloseFault, Command::Windows(readiness)]);
         self.end_standby(commands);
         self.phase = match self.phase {
-            Phase::Dead | Phase::TakingOver | Phase::CleaningUp(_) => {
+            Phase::Dead | Phase::TakingOver | Phase::Beginning(_) | Phase::CleaningUp(_) => {
                 clean_up(PairMember::Active, self.clock, commands);
                 Phase::CleaningUp(Next::Rest(until))
             }
@@ -367,7 +383,10 @@ impl Lifecycle {
 
     /// A successor follows when nothing is left of the dead one.
     fn follow(&mut self, now: Instant, commands: &mut Vec<Command>) {
-        self.end_standby(commands);
+        self.had_window = false;
+        if !self.standby.as_ref().is_some_and(Standby::is_spare) {
+            self.end_standby(commands);
+        }
         commands.push(Command::Windows(Readiness::Absent));
         if self.clock == Clock::Virtual {
             commands.push(Command::NotBefore(now.module_ns + self.restart.startup_ns));
@@ -383,7 +402,33 @@ impl Lifecycle {
     }
 
     fn launch(&mut self, commands: &mut Vec<Command>) {
+        if self.can_begin_spare() {
+            return self.begin_spare(true, commands);
+        }
+        self.launch_anew(commands);
+    }
+
+    /// `buried`: nothing is left of the one before.
+    fn begin_spare(&mut self, buried: bool, commands: &mut Vec<Command>) {
         self.had_window = false;
+        self.phase = Phase::Beginning(buried);
+        commands.push(Command::BeginSpare { condition: self.next_start });
+    }
+
+    fn has_begun(&mut self, buried: bool, commands: &mut Vec<Command>) {
+        self.generation += 1;
+        self.phase = Phase::Starting;
+        let Some(standby) = &mut self.standby else { return };
+        if buried {
+            return standby.has_left();
+        }
+        standby.has_followed();
+        clean_up(PairMember::Standby, self.clock, commands);
+    }
+
+    /// Without a spare, which is not ready or does not begin.
+    fn launch_anew(&mut self, commands: &mut Vec<Command>) {
+        self.end_standby(commands);
         self.phase = Phase::Launching;
         commands.push(Command::Launch { generation: self.generation + 1, condition: self.next_start });
     }
@@ -402,6 +447,16 @@ impl Lifecycle {
     pub fn can_take_over(&self, module_ns: u64) -> bool {
         let at_ns = if self.clock == Clock::Wall { u64::MAX } else { module_ns };
         self.standby.as_ref().is_some_and(|standby| standby.can_take_over(at_ns))
+    }
+
+    fn can_begin_spare(&self) -> bool {
+        self.standby.as_ref().is_some_and(Standby::can_begin)
+    }
+
+    /// Whether its standby is a spare.
+    #[must_use]
+    pub fn has_spare(&self) -> bool {
+        self.standby.as_ref().is_some_and(Standby::is_spare)
     }
 
     /// Whether the standby is not replaced if it is lost at `module_ns`.

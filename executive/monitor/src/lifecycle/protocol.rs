@@ -70,6 +70,10 @@ pub enum Event {
     TookOver,
     /// The answer to [`Command::TakeOver`].
     NotTakenOver,
+    /// The answer to [`Command::BeginSpare`].
+    Begun,
+    /// The answer to [`Command::BeginSpare`].
+    NotBegun,
     /// A little time has passed.
     Look,
     /// An operator ends it.
@@ -150,6 +154,11 @@ pub enum Command {
     TakeOver {
         /// With retained memory.
         warm: bool,
+    },
+    /// Put the spare in the place of the one before and let it begin, and report whether it does.
+    BeginSpare {
+        /// Why it begins.
+        condition: StartCondition,
     },
     /// Start a process that stands by and report whether that was possible.
     LaunchStandby {

@@ -1,17 +1,18 @@
-//! The process that stands by for a partition: started with the module, initialised, held, and active at the partition's next window
-//! when the one before it is gone.
+//! The process that stands by for a partition: started with the module and held. A hot one has initialised, and is active at the
+//! partition's next window when the one before it is gone. A spare has not begun: it is the partition's next process, and initialises when
+//! that is wanted.
 //!
 //! It is launched behind a process that has had a window, once nothing is left of what was there before: never while the partition itself
-//! is being brought back. An ordinary restart ends it, because its incarnation would be counted wrong.
+//! is being brought back. A restart that does without it ends it, because its incarnation would be counted wrong.
 //!
 //! ```text
-//! Absent ──first window──▶ Launching ──▶ Starting ──Ready──▶ Ready ──the other one dies──▶ active
+//! Absent ──first window──▶ Launching ──▶ Starting ──Ready──▶ Ready ──the other one dies──▶ active, or begins
 //!    ▲                                       └──Died, Overdue──┴──▶ CleaningUp ──CleanedUp──┐
 //!    └──────────────────────────────────────────────────────────────────────────────────────┘
 //! ```
 
 use bateleur_contract::Clock;
-use bateleur_plan::Restart;
+use bateleur_plan::{Restart, Standby as Kind};
 
 use super::protocol::{Command, Event, Instant, PairMember, StandbyEvent, clean_up};
 
@@ -25,15 +26,16 @@ pub enum StandbyState {
     Launching,
     /// It initialises.
     Starting,
-    /// It sleeps, and can be called.
+    /// It sleeps, and can be called, or let begin.
     Ready,
     /// What it left in shared memory, or the one that it followed, is being removed.
     CleaningUp,
 }
 
 /// See the module's head.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(super) struct Standby {
+    kind: Kind,
     state: StandbyState,
     /// Module time of its losses, ns.
     losses: Vec<u64>,
@@ -44,6 +46,10 @@ pub(super) struct Standby {
 }
 
 impl Standby {
+    pub(super) fn new(kind: Kind) -> Self {
+        Self { kind, state: StandbyState::Absent, losses: Vec::new(), given_up: false, ready_from_ns: 0 }
+    }
+
     /// `generation`: of the incarnation that it is to become. `restart`: what the plan says of the partition's.
     pub(super) fn handle(
         &mut self,
@@ -113,9 +119,23 @@ impl Standby {
         self.state = StandbyState::CleaningUp;
     }
 
+    /// It has begun in the place of one of whom nothing is left.
+    pub(super) fn has_left(&mut self) {
+        self.state = StandbyState::Absent;
+    }
+
+    pub(super) fn is_spare(&self) -> bool {
+        self.kind == Kind::Spare
+    }
+
     /// Whether it can be called at `module_ns`.
     pub(super) fn can_take_over(&self, module_ns: u64) -> bool {
-        self.state == StandbyState::Ready && module_ns >= self.ready_from_ns
+        !self.is_spare() && self.state == StandbyState::Ready && module_ns >= self.ready_from_ns
+    }
+
+    /// Whether it is a spare that can begin.
+    pub(super) fn can_begin(&self) -> bool {
+        self.is_spare() && self.state == StandbyState::Ready
     }
 
     pub(super) fn state(&self) -> StandbyState {
@@ -139,5 +159,14 @@ impl Standby {
     pub(super) fn forget_losses(&mut self) {
         self.losses.clear();
         self.given_up = false;
+    }
+}
+
+/// What stands by, in words.
+#[must_use]
+pub fn noun(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Hot => "standby",
+        Kind::Spare => "spare",
     }
 }

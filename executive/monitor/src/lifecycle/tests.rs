@@ -57,8 +57,8 @@ struct World {
 }
 
 impl World {
-    fn new(restart: Restart, table: PartitionHealth, clock: Clock, has_standby: bool) -> Self {
-        let life = Lifecycle::new(restart.clone(), clock, has_standby);
+    fn new(restart: Restart, table: PartitionHealth, clock: Clock, standby: Option<Kind>) -> Self {
+        let life = Lifecycle::new(restart.clone(), clock, standby);
         let mut world = Self {
             life,
             now: Instant::default(),
@@ -107,6 +107,7 @@ impl World {
                 self.feed(Event::Launched);
             }
             Command::TakeOver { .. } => self.take_over(),
+            Command::BeginSpare { condition } => self.begin_spare(condition),
             Command::LaunchStandby { generation } => {
                 assert_eq!((self.standby, self.standby_remains), (None, None), "a standby is active twice");
                 if self.refuses {
@@ -152,6 +153,7 @@ impl World {
 
     fn take_over(&mut self) {
         assert_eq!(self.active, None, "two processes have the windows");
+        assert!(!self.life.has_spare(), "a spare that has not begun has windows");
         let standby = self.standby.filter(|process| process.ready && !self.refuses);
         let Some(process) = standby else { return self.feed(Event::NotTakenOver) };
         assert_eq!(process.generation, self.life.generation() + 1);
@@ -161,6 +163,28 @@ impl World {
         self.standby_remains = self.remains.take();
         self.readiness = if self.life.is_held() { Readiness::Held } else { Readiness::Ready };
         self.feed(Event::TookOver);
+    }
+
+    fn begin_spare(&mut self, condition: StartCondition) {
+        assert!(self.life.has_spare(), "a standby is started twice");
+        assert_eq!(self.active, None, "a second process is started");
+        assert!(!self.examining, "a spare begins in channels that are being examined");
+        let Phase::Beginning(buried) = self.life.phase() else { panic!("{:?}", self.life.phase()) };
+        assert_eq!(self.remains.is_none(), buried);
+        assert!(buried || self.life.clock == Clock::Wall, "peers notice at no instant of module time");
+        if let Some(expected) = self.expected {
+            assert_eq!(condition, expected, "why it begins");
+        }
+        let spare = self.standby.filter(|process| process.ready && !self.refuses);
+        let Some(spare) = spare else { return self.feed(Event::NotBegun) };
+        assert_eq!(spare.generation, self.life.generation() + 1);
+        self.expected = None;
+        self.launched += 1;
+        self.active = self.standby.take().map(|process| Process { ready: false, ..process });
+        assert_eq!(self.standby_remains.take(), None);
+        self.standby_remains = self.remains.take();
+        self.readiness = Readiness::Absent;
+        self.feed(Event::Begun);
     }
 
     /// The channel cleaner ends.
@@ -347,7 +371,7 @@ impl World {
             Phase::CleaningUp(_) => assert_eq!(self.remains, Some(true), "nobody cleans up: {phase:?}"),
             Phase::Examining => assert!(self.examining, "nobody examines"),
             Phase::Retrying(_) | Phase::Resting(_) => {}
-            Phase::Dead | Phase::TakingOver | Phase::Launching | Phase::Ending(_) => {
+            Phase::Dead | Phase::TakingOver | Phase::Beginning(_) | Phase::Launching | Phase::Ending(_) => {
                 panic!("{phase:?} between two events");
             }
         }
@@ -412,11 +436,10 @@ fn any_table() -> impl Strategy<Value = PartitionHealth> {
 }
 
 fn any_world() -> impl Strategy<Value = World> {
-    (any_restart(), any_table(), any::<bool>(), any::<bool>()).prop_map(
-        |(restart, table, wall, has_standby)| {
-            World::new(restart, table, if wall { Clock::Wall } else { Clock::Virtual }, has_standby)
-        },
-    )
+    (any_restart(), any_table(), any::<bool>(), 0..3).prop_map(|(restart, table, wall, standby)| {
+        let standby = [None, Some(Kind::Hot), Some(Kind::Spare)][standby as usize];
+        World::new(restart, table, if wall { Clock::Wall } else { Clock::Virtual }, standby)
+    })
 }
 
 proptest! {
@@ -467,17 +490,23 @@ proptest! {
 
     /// The driver makes no such mistakes; if it did, no second process would come of it.
     #[test]
-    fn events_that_do_not_fit_launch_nothing(events in prop::collection::vec(any::<u8>(), EVENTS)) {
-        let mut life = Lifecycle::new(restart(3), Clock::Wall, true);
+    fn events_that_do_not_fit_launch_nothing(
+        events in prop::collection::vec(any::<u8>(), EVENTS),
+        spare in any::<bool>(),
+    ) {
+        let kind = if spare { Kind::Spare } else { Kind::Hot };
+        let mut life = Lifecycle::new(restart(3), Clock::Wall, Some(kind));
         for what in events {
-            let misfit = match what & 7 {
+            let misfit = match what & 15 {
                 0 => Event::Launched,
                 1 => Event::NotLaunched,
                 2 => Event::TookOver,
                 3 => Event::NotTakenOver,
                 4 => Event::Examined,
-                5 => Event::CleanedUp { damaged: what & 8 != 0 },
+                5 => Event::CleanedUp { damaged: what & 16 != 0 },
                 6 => Event::Reattach,
+                7 => Event::Begun,
+                9 => Event::NotBegun,
                 _ => Event::Standby(StandbyEvent::Ready),
             };
             prop_assert_eq!(life.handle(misfit, Instant::default()), []);
@@ -504,15 +533,15 @@ const WARM: Event =
     Event::Decided { decision: Decision::Restart { warm: true }, survives: false, cause: Cause::Health };
 
 /// Runs since 1 ms.
-fn running(clock: Clock, has_standby: bool) -> Lifecycle {
-    let mut life = Lifecycle::new(restart(3), clock, has_standby);
+fn running(clock: Clock, standby: Option<Kind>) -> Lifecycle {
+    let mut life = Lifecycle::new(restart(3), clock, standby);
     assert_eq!(life.handle(Event::Ready, at(1)), [Command::Admit { held: false }]);
     life
 }
 
 #[test]
 fn death_is_followed_by_clean_up_and_launch() {
-    let mut life = running(Clock::Wall, false);
+    let mut life = running(Clock::Wall, None);
     assert_eq!(life.handle(Event::Died, at(2)), [Command::EndRemains]);
     assert_eq!(
         life.handle(WARM, at(2)),
@@ -526,7 +555,7 @@ fn death_is_followed_by_clean_up_and_launch() {
 
 #[test]
 fn machine_that_can_not_start_a_process_is_asked_again_later_each_time() {
-    let mut life = Lifecycle::new(restart(9), Clock::Wall, false);
+    let mut life = Lifecycle::new(restart(9), Clock::Wall, None);
     let _ = life.handle(Event::Died, at(0));
     let _ = life.handle(WARM, at(0));
     let mut now = at(0);
@@ -555,7 +584,7 @@ fn machine_that_can_not_start_a_process_is_asked_again_later_each_time() {
 
 #[test]
 fn restart_for_a_channel_uses_up_no_budget_and_gives_none_back() {
-    let mut life = running(Clock::Wall, false);
+    let mut life = running(Clock::Wall, None);
     let back = [Event::CleanedUp { damaged: false }, Event::Launched, Event::Ready];
     for round in 0..20 {
         let died = if round < 3 { &[Event::Died, WARM][..] } else { &[] };
@@ -568,7 +597,7 @@ fn restart_for_a_channel_uses_up_no_budget_and_gives_none_back() {
 
 #[test]
 fn standby_of_the_virtual_clock_is_not_called_before_its_start_is_over() {
-    let mut life = running(Clock::Virtual, true);
+    let mut life = running(Clock::Virtual, Some(Kind::Hot));
     let _ = life.handle(Event::WindowUsed, at(5));
     assert_eq!(life.handle(Event::Look, at(5)), [Command::LaunchStandby { generation: 1 }]);
     let _ = life.handle(Event::Standby(StandbyEvent::Launched), at(5));
@@ -576,9 +605,87 @@ fn standby_of_the_virtual_clock_is_not_called_before_its_start_is_over() {
     assert!(!life.can_take_over(24 * MS) && life.can_take_over(25 * MS));
 }
 
+/// Runs, with a spare that waits.
+fn with_spare(clock: Clock) -> Lifecycle {
+    let mut life = running(clock, Some(Kind::Spare));
+    assert_eq!(life.handle(Event::Begin, at(1)), [Command::LaunchStandby { generation: 1 }]);
+    let _ = life.handle(Event::Standby(StandbyEvent::Launched), at(1));
+    assert_eq!(life.handle(Event::Standby(StandbyEvent::Ready), at(1)), [Command::AdmitStandby]);
+    life
+}
+
+const BEGIN: Command = Command::BeginSpare { condition: StartCondition::HmPartitionWarmRestart };
+
+#[test]
+fn spare_begins_at_once_while_the_dead_one_is_cleaned_up_after_in_its_place() {
+    let mut life = with_spare(Clock::Wall);
+    assert_eq!(life.handle(Event::Died, at(2)), [Command::EndRemains]);
+    assert_eq!(life.handle(WARM, at(2)), [BEGIN]);
+    assert_eq!(life.handle(Event::Begun, at(2)), [Command::CleanUp(PairMember::Standby)]);
+    assert_eq!((life.phase(), life.generation()), (Phase::Starting, 1));
+    assert_eq!(life.handle(Event::Ready, at(3)), [Command::Admit { held: false }]);
+    let _ = life.handle(Event::Standby(StandbyEvent::CleanedUp), at(4));
+    let _ = life.handle(Event::WindowUsed, at(5));
+    assert_eq!(
+        life.handle(Event::Look, at(5)),
+        [Command::LaunchStandby { generation: 2 }],
+        "and is followed"
+    );
+}
+
+#[test]
+fn spare_of_the_virtual_clock_begins_in_the_place_of_a_launch() {
+    let mut life = with_spare(Clock::Virtual);
+    let _ = life.handle(Event::Died, at(2));
+    let plain = [
+        Command::Windows(Readiness::Absent),
+        Command::NotBefore(22 * MS),
+        Command::CleanUp(PairMember::Active),
+    ];
+    assert_eq!(life.handle(WARM, at(2)), plain, "as without one");
+    assert_eq!(life.handle(Event::CleanedUp { damaged: false }, at(2)), [BEGIN]);
+    assert_eq!(life.handle(Event::Begun, at(2)), []);
+    assert_eq!((life.phase(), life.generation()), (Phase::Starting, 1));
+}
+
+#[test]
+fn partition_whose_spare_does_not_begin_is_started_anew() {
+    let mut life = with_spare(Clock::Wall);
+    let _ = life.handle(Event::Died, at(2));
+    let _ = life.handle(WARM, at(2));
+    let anew = [
+        Command::EndStandby,
+        Command::CleanUp(PairMember::Standby),
+        Command::Windows(Readiness::Absent),
+        Command::CleanUp(PairMember::Active),
+    ];
+    assert_eq!(life.handle(Event::NotBegun, at(2)), anew);
+    assert_eq!(
+        life.handle(Event::CleanedUp { damaged: false }, at(3)),
+        [Command::Launch { generation: 1, condition: StartCondition::HmPartitionWarmRestart }]
+    );
+}
+
+#[test]
+fn spare_that_dies_in_its_start_is_followed_by_an_examination_and_a_process_of_its_own() {
+    let mut life = with_spare(Clock::Wall);
+    for event in [Event::Died, WARM, Event::Begun, Event::Died] {
+        let _ = life.handle(event, at(2));
+    }
+    assert_eq!(
+        life.handle(WARM, at(3)),
+        [Command::Windows(Readiness::Absent), Command::CleanUp(PairMember::Active)]
+    );
+    assert_eq!(life.handle(Event::CleanedUp { damaged: false }, at(4)), [Command::Examine]);
+    assert_eq!(
+        life.handle(Event::Examined, at(5)),
+        [Command::Launch { generation: 2, condition: StartCondition::HmPartitionWarmRestart }]
+    );
+}
+
 #[test]
 fn process_that_hangs_in_its_start_is_in_the_state_start_and_is_ended() {
-    let mut life = Lifecycle::new(restart(3), Clock::Wall, false);
+    let mut life = Lifecycle::new(restart(3), Clock::Wall, None);
     let _ = life.handle(Event::Overdue, at(9));
     assert_eq!((life.state(false), life.has_process()), (PartitionState::Start, true));
     let idle = Event::Decided { decision: Decision::Idle, survives: false, cause: Cause::Health };

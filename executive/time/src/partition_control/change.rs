@@ -37,6 +37,11 @@ impl PartitionControl {
         self.owed.store((schedule as u32) << 2 | place as u32, Release);
     }
 
+    /// Whether something is owed.
+    pub(super) fn owes(&self) -> bool {
+        self.owed.load(Acquire) != 0
+    }
+
     /// Takes what is owed.
     pub fn take_owed(&self) -> Option<(ChangeAction, usize)> {
         if self.owed.load(Relaxed) == 0 {

@@ -75,10 +75,11 @@ impl PartitionControl {
         }
     }
 
-    /// Ends [`PartitionControl::hold`]: with its next window it goes on. Nothing of it runs before: this instant is somebody else's.
+    /// Ends [`PartitionControl::hold`]: with its next window it goes on, or when the monitor has done what a change of schedule has
+    /// meant for it meanwhile. Nothing of it runs before: this instant is somebody else's.
     pub fn release(&self) {
         self.owner.release();
-        self.set_readiness(Readiness::Ready);
+        self.set_readiness(if self.owes() { Readiness::Absent } else { Readiness::Ready });
     }
 }
 

@@ -53,6 +53,8 @@ pub struct PartitionControl {
     always_freeze: AtomicBool,
     granted: AtomicU32,
     granted_ns: AtomicU64,
+    /// Module time of the last grant, ns.
+    window_start_ns: AtomicU64,
     readiness: AtomicU32,
     not_before_ns: AtomicU64,
     /// The process has started from nothing and had no window yet.
@@ -60,8 +62,8 @@ pub struct PartitionControl {
     /// The epoch of the partition's last window, whichever of its partition controls that was on.
     epoch: Arc<AtomicU32>,
     /// What a change of schedule means for the partition and is not done yet: the place in [`OWED`] plus one, and the
-    /// schedule; 0: nothing.
-    owed: AtomicU32,
+    /// schedule; 0: nothing. Shared as the epoch is.
+    owed: Arc<AtomicU32>,
     /// Requests for a schedule that were taken from the page.
     schedule_requests: AtomicU32,
     /// What stands in the executive's half of the page for a whole run: a partition that wrote over it must not do so
@@ -85,11 +87,12 @@ impl PartitionControl {
             always_freeze: AtomicBool::new(always_freeze),
             granted: AtomicU32::new(0),
             granted_ns: AtomicU64::new(0),
+            window_start_ns: AtomicU64::new(0),
             readiness: AtomicU32::new(Readiness::Absent as u32),
             not_before_ns: AtomicU64::new(0),
             fresh: AtomicBool::new(false),
             epoch: Arc::default(),
-            owed: AtomicU32::new(0),
+            owed: Arc::default(),
             schedule_requests: AtomicU32::new(0),
             clock: AtomicU32::new(0),
             origin_ns: AtomicU64::new(0),
@@ -101,7 +104,7 @@ impl PartitionControl {
     /// The partition control of another process of the same partition as `first`.
     #[must_use]
     pub fn beside(self, first: &Self) -> Self {
-        Self { epoch: first.epoch.clone(), ..self }
+        Self { epoch: first.epoch.clone(), owed: first.owed.clone(), ..self }
     }
 
     /// What holds the partition outside of its windows.

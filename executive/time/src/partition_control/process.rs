@@ -4,12 +4,12 @@
 //! may be real-time before it is admitted or called.
 
 use bateleur_contract::page::WindowGrant;
-use std::sync::atomic::Ordering::{Relaxed, Release};
+use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
 
-use bateleur_contract::Takeover;
+use bateleur_contract::{StartCondition, Takeover};
 use rustix::thread::futex;
 
-use super::PartitionControl;
+use super::{PartitionControl, Readiness};
 use crate::line_counts::LineCounts;
 
 impl PartitionControl {
@@ -29,6 +29,8 @@ impl PartitionControl {
         self.page.awake();
         self.page.stop.store(0, Relaxed);
         self.page.take_over.store(0, Relaxed);
+        self.page.begin.store(0, Relaxed);
+        self.page.waits.store(0, Relaxed);
         self.page.mode.store(0, Relaxed);
         self.page.handling.store(0, Relaxed);
         self.owner.release();
@@ -104,6 +106,32 @@ impl PartitionControl {
         own.take_over.store(order as u32, Relaxed);
         self.guard.let_run();
         self.hand_out(grant, now_ns);
+    }
+
+    /// Lets the spare begin, as ordinary work: it follows the process of `before`, whose counts it carries on. It finds what that one was told
+    /// last: the time of its last window, and of `told` the schedule.
+    pub fn begin(&self, condition: StartCondition, before: &Self, told: &WindowGrant) {
+        before.look_at_line();
+        self.line.follow(&before.line);
+        self.line.tell(&self.page);
+        self.page.port_refusals.store(before.page.port_refusals.load(Relaxed), Relaxed);
+        self.fresh.store(!condition.is_warm(), Relaxed);
+        self.set_not_before_ns(before.not_before_ns());
+        self.set_readiness(Readiness::Absent);
+        let start_ns = before.window_start_ns.load(Relaxed);
+        self.window_start_ns.store(start_ns, Relaxed);
+        self.page.now_ns.store(start_ns, Relaxed);
+        // No grant: the number is the one that it has used up.
+        self.page.publish_grant(self.granted.load(Relaxed), &WindowGrant { start_ns, end_ns: 0, ..*told });
+        self.guard.let_run();
+        self.page.begin.store(condition.number(), Release);
+        let _ = futex::wake(&self.page.begin, futex::Flags::empty(), 1); // it looks before it sleeps
+    }
+
+    /// Whether a spare has come as far as it may.
+    #[must_use]
+    pub fn waits(&self) -> bool {
+        self.page.waits.load(Acquire) != 0
     }
 
     /// The partition's threads as they are now: those of its first process, and all others.

@@ -33,6 +33,7 @@ impl PartitionControl {
 
     pub(super) fn hand_out(&self, grant: &WindowGrant, now_ns: u64) {
         self.page.now_ns.store(grant.start_ns, Relaxed);
+        self.window_start_ns.store(grant.start_ns, Relaxed);
         if grant.end_ns != 0 && self.fresh.load(Relaxed) {
             self.fresh.store(false, Relaxed);
         }

@@ -70,10 +70,10 @@ fn services(partition: &mut Initialisation<'_>, batches: u32) -> Result<(), Star
     partition.process("measures", Every::once(), move |process| {
         let reference = mutex_ns(batches)?;
         let time = cost(batches, || process.now_ns().map(|now| assert!(black_box(now) >= 0)))?;
-        let event = cost(batches, || process.call(|services| services.set_event(event)))?;
-        let signal = cost(batches.min(100), || process.call(|services| services.signal_semaphore(semaphore)))?;
+        let event = cost(batches, || process.set_event(event))?;
+        let signal = cost(batches.min(100), || process.signal_semaphore(semaphore))?;
         let display =
-            cost(batches, || process.call(|services| services.display_blackboard(blackboard, &[7; MESSAGE])))?;
+            cost(batches, || process.display_blackboard(blackboard, &[7; MESSAGE]))?;
         eprintln!("mutex {reference}\nGET_TIME {time}\nSET_EVENT {event}\nSIGNAL_SEMAPHORE {signal}\nDISPLAY_BLACKBOARD {display}");
         Ok(())
     })?;
@@ -92,7 +92,7 @@ fn ring(partition: &mut Initialisation<'_>, processes: u32, batches: u32) -> Res
         let ends = ends.clone();
         let hand_on = move |process: &Process| {
             process.wait(|services| services.wait_semaphore(own, -1))?;
-            process.call(|services| services.signal_semaphore(next))
+            process.signal_semaphore(next)
         };
         let body = move |process: &Process| {
             if number == 0 {

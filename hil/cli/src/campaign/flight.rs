@@ -14,6 +14,9 @@ use std::time::{Duration, Instant};
 use bateleur_report::campaign::{Figure, Flown};
 use serde_json::Value;
 
+use super::again;
+use crate::fly::here::{Engine, ONE_PROCESS_ENDS};
+
 /// Between two looks whether a flight has ended.
 const LOOK: Duration = Duration::from_millis(20);
 /// How long a flight may take to end when it is asked to: it waits ten seconds for its executive itself.
@@ -37,12 +40,14 @@ pub(super) struct Order {
     pub(super) seed: u64,
     /// `fly` or `run`.
     pub(super) verb: &'static str,
-    /// Options of that verb, without those that say where things go.
+    /// What flies it: one process only where that shows all of it.
+    pub(super) engine: Engine,
+    /// The campaign flies in one process what it can.
+    pub(super) mixed: bool,
+    /// Options of that verb, without those that say where things go and what flies it.
     pub(super) options: Vec<String>,
     /// The user's own program that says whether it went well.
     pub(super) judge: Option<PathBuf>,
-    /// As a person would type it.
-    pub(super) command: String,
     pub(super) conditions: BTreeMap<String, f64>,
     /// Where it flies.
     pub(super) folder: PathBuf,
@@ -57,8 +62,56 @@ enum Ending {
     Interrupted,
 }
 
-/// Flies; nothing: the campaign was stopped meanwhile. A flight that can not even be started has failed.
+impl Order {
+    /// The same flight as partitions, into `folder`.
+    fn as_partitions(&self, folder: PathBuf) -> Self {
+        Self { engine: Engine::Partitions, folder, ..self.clone() }
+    }
+
+    /// What to type.
+    pub(super) fn command(&self) -> String {
+        let words: Vec<String> = self.words().map(|word| quoted(&word)).collect();
+        format!("bateleur {} {}", self.verb, words.join(" "))
+    }
+
+    fn words(&self) -> impl Iterator<Item = String> {
+        let engine = (self.engine != Engine::Partitions).then(|| format!("--engine={}", self.engine.name()));
+        self.options.iter().cloned().chain(engine)
+    }
+}
+
+/// Flies it, in one process where that was ordered, and there one in so many a second time as partitions; nothing: the campaign was
+/// stopped meanwhile.
 pub(super) fn fly(order: &Order, stop: &AtomicBool) -> Option<Flown> {
+    let mut flown = fly_once(order, stop)?;
+    if order.mixed {
+        flown.engine = Some(order.engine.name().into());
+    }
+    if order.engine == Engine::Partitions {
+        return Some(flown);
+    }
+    if flown.digest.is_none() || flown.failure.as_ref().is_some_and(|why| why.contains(ONE_PROCESS_ENDS)) {
+        // It came to what one process has not: partitions show it.
+        let order = order.as_partitions(order.folder.clone());
+        let engine = Some(order.engine.name().into());
+        return Some(Flown { engine, ..fly_once(&order, stop)? });
+    }
+    if again::is_drawn(order.seed) {
+        let judge = None; // of the flight, not of the comparison
+        let again = Order { judge, ..order.as_partitions(order.folder.with_extension("again")) };
+        let other = fly_once(&again, stop);
+        let found = other.map(|other| again::difference((&flown, &order.folder), (&other, &again.folder)));
+        let _ = std::fs::remove_dir_all(&again.folder); // what stays is removed when the campaign goes on
+        flown.compared = true;
+        if let Some(why) = found? {
+            (flown.completed, flown.failure) = (false, Some(why));
+        }
+    }
+    Some(flown)
+}
+
+/// Flies; nothing: the campaign was stopped meanwhile. A flight that can not even be started has failed.
+fn fly_once(order: &Order, stop: &AtomicBool) -> Option<Flown> {
     let begun = Instant::now();
     let ending = match start(order) {
         Ok(child) => watch(child, order.patience, stop),
@@ -123,6 +176,16 @@ fn judged(judge: &Path, order: &Order, status: ExitStatus, stop: &AtomicBool) ->
     })
 }
 
+/// A word as a shell reads it.
+fn quoted(word: &str) -> String {
+    let plain = |letter: char| letter.is_ascii_alphanumeric() || "-_=./,:@%+".contains(letter);
+    if word.chars().all(plain) && !word.is_empty() {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
+    }
+}
+
 fn start(order: &Order) -> std::io::Result<Child> {
     if order.folder.exists() {
         std::fs::remove_dir_all(&order.folder)?; // of a campaign that was stopped
@@ -131,7 +194,7 @@ fn start(order: &Order) -> std::io::Result<Child> {
     let program = std::env::current_exe()?;
     Command::new(program)
         .arg(order.verb)
-        .args(&order.options)
+        .args(order.words())
         .args(if order.verb == FLY { ["--format=json"] } else { ["--record"] })
         .args(["--until-stdin-closes", "--output"])
         .arg(&order.folder)
@@ -240,7 +303,7 @@ fn empty(order: &Order, begun: Instant) -> Flown {
     Flown {
         number: order.number,
         seed: order.seed,
-        command: order.command.clone(),
+        command: order.command(),
         conditions: order.conditions.clone(),
         completed: false,
         failure: None,
@@ -249,12 +312,21 @@ fn empty(order: &Order, begun: Instant) -> Flown {
         module_time_s: None,
         wall_time_s: begun.elapsed().as_secs_f64(),
         folder: None,
+        engine: None,
+        compared: false,
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn words_are_quoted_where_a_shell_would_take_them_apart() {
+        assert_eq!(quoted("--fault=gps_lost@100..130"), "--fault=gps_lost@100..130");
+        assert_eq!(quoted("--schedule=my file.toml"), "'--schedule=my file.toml'");
+        assert_eq!(quoted("it's"), "'it'\\''s'");
+    }
 
     #[test]
     fn last_words_are_the_whole_error_or_the_last_line() {

@@ -6,6 +6,7 @@
 //! and stops nothing. Progress goes to standard error, the result to standard output, and to `report.html` and `result.json`. Exit codes: 0 every
 //! flight completed its mission, 1 some did not, or it was stopped, 2 it could not begin.
 
+mod again;
 mod fleet;
 mod flight;
 mod merge;
@@ -28,6 +29,7 @@ use rustix::fs::{FlockOperation, flock};
 
 use super::air::seed;
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG, fly};
+use crate::fly::here::{self, Engine};
 use bateleur_executive_cli::installed::{self, SCHEDULE};
 use bateleur_executive_cli::plan_file;
 use fleet::Fleet;
@@ -56,6 +58,10 @@ pub struct Arguments {
     /// The schedule file.
     #[arg(long, short, default_value = SCHEDULE, value_parser = installed::schedule())]
     schedule: PathBuf,
+    /// What flies: each partition a process, or all in one process where that shows all of the flight; then one flight in twenty is
+    /// flown a second time as partitions, and every actuator word has to be the same.
+    #[arg(long, value_enum, default_value_t)]
+    engine: Engine,
     #[command(flatten)]
     space: Space,
     /// Flights side by side [default: one for each processor that this program may use].
@@ -102,7 +108,7 @@ enum Verb {
 #[command(name = "bateleur fly", disable_help_flag = true)]
 struct OfFly {
     #[command(flatten)]
-    _options: fly::Arguments,
+    options: fly::Arguments,
 }
 
 /// The same for a plan that does not fly.
@@ -121,6 +127,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     if arguments.until.is_none() {
         let flies = crate::fly::check_flies(&schedule);
         flies.context("a plan that does not fly needs --until SECONDS, and a --judge of one's own")?;
+    } else if arguments.engine != Engine::Partitions {
+        bail!(
+            "--engine {}: only flights are flown so, and with --until a plan runs that does not fly",
+            arguments.engine.name()
+        );
     } else if let Some(what) = arguments.space.of_flights_alone() {
         bail!("only flights draw that ({what}): with --until a run draws kills, and nothing else");
     }
@@ -138,8 +149,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let known = read(&folder)?;
     let missing: Vec<u64> = plan.numbers().filter(|number| !known.flights.contains_key(number)).collect();
     say_beginning(&plan, &folder, missing.len());
-    let orders =
-        missing.into_iter().map(|number| order(arguments, (&plan, hosts), &victims, &folder, number));
+    let orders = missing
+        .into_iter()
+        .map(|number| order(arguments, (&plan, &schedule, hosts), &victims, &folder, number));
     let fleet = Fleet {
         jobs: jobs(arguments),
         cores: sched::allowed_cores(),
@@ -234,6 +246,7 @@ fn plan(arguments: &Arguments, schedule: &SchedulePlan, victims: &[String]) -> R
         bail!("--seed and --flights together go beyond the last seed there is, {}", u64::MAX);
     }
     let own = std::env::current_exe().context("cannot find this program")?;
+    let engine = (arguments.engine != Engine::Partitions).then(|| arguments.engine.name());
     let folder = arguments.schedule.parent().map(Path::to_owned).unwrap_or_default();
     Ok(Plan {
         flights: arguments.flights,
@@ -247,6 +260,7 @@ fn plan(arguments: &Arguments, schedule: &SchedulePlan, victims: &[String]) -> R
             .until
             .map(|until_s| format!("--until={until_s}"))
             .into_iter()
+            .chain(engine.map(|name| format!("--engine={name}")))
             .chain(arguments.common.clone())
             .collect(),
         schedule: Plan::digest_of(&[&arguments.schedule])?,
@@ -319,7 +333,7 @@ fn say_beginning(plan: &Plan, folder: &Path, missing: usize) {
 
 fn order(
     arguments: &Arguments,
-    (plan, hosts): (&Plan, bool),
+    (plan, schedule, hosts): (&Plan, &SchedulePlan, bool),
     victims: &[String],
     folder: &Path,
     number: u64,
@@ -327,12 +341,12 @@ fn order(
     let seed = plan.seed + number;
     let (options, conditions) = options(arguments, hosts, seed, victims);
     let verb = if arguments.until.is_some() { flight::RUN } else { flight::FLY };
-    let words: Vec<String> = options.iter().map(|option| quoted(option)).collect();
     Order {
         number,
         seed,
-        command: format!("bateleur {verb} {}", words.join(" ")),
         verb,
+        engine: engine(arguments, schedule, &options),
+        mixed: arguments.engine != Engine::Partitions,
         options,
         judge: arguments.judge.clone(),
         conditions,
@@ -341,13 +355,15 @@ fn order(
     }
 }
 
-/// A word as a shell reads it.
-fn quoted(word: &str) -> String {
-    let plain = |letter: char| letter.is_ascii_alphanumeric() || "-_=./,:@%+".contains(letter);
-    if word.chars().all(plain) && !word.is_empty() {
-        word.to_owned()
-    } else {
-        format!("'{}'", word.replace('\'', "'\\''"))
+/// What flies a flight with these options: one process only where that was asked for and shows all of it.
+fn engine(arguments: &Arguments, schedule: &SchedulePlan, options: &[String]) -> Engine {
+    if arguments.engine == Engine::Partitions {
+        return Engine::Partitions;
+    }
+    let words = ["fly".to_owned()].into_iter().chain(options.iter().cloned());
+    match OfFly::try_parse_from(words) {
+        Ok(of_fly) if here::unsuitable(&of_fly.options, schedule).is_none() => Engine::OneProcess,
+        _ => Engine::Partitions,
     }
 }
 
@@ -388,16 +404,4 @@ fn finish(result: &CampaignResult, folder: Option<&Path>, format: Format) -> Res
     }
     print!("{printed}");
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::quoted;
-
-    #[test]
-    fn words_are_quoted_where_a_shell_would_take_them_apart() {
-        assert_eq!(quoted("--fault=gps_lost@100..130"), "--fault=gps_lost@100..130");
-        assert_eq!(quoted("--schedule=my file.toml"), "'--schedule=my file.toml'");
-        assert_eq!(quoted("it's"), "'it'\\''s'");
-    }
 }

@@ -5,19 +5,19 @@ use std::os::fd::{AsRawFd, OwnedFd};
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
+use bateleur_executive_cli::hosts::namespace::Lan;
 use bateleur_monitor::event::Event;
 use bateleur_plan::{ModuleId, Plan};
 use rustix::io::{FdFlags, fcntl_setfd};
 use rustix::process::{Pid, Signal, kill_process};
 
-use super::hosts::namespace::Lan;
 use super::hosts::{self, Hosts};
 use super::remains::Remains;
 use super::simulator::Simulator;
@@ -35,7 +35,7 @@ const LOOK: Duration = Duration::from_millis(100);
 pub(super) struct Executive {
     process: Child,
     /// The executive stops when this closes.
-    line: Option<ChildStdin>,
+    line: Option<UnixStream>,
     events: Receiver<Event>,
     /// Nobody can send more events.
     events_end: Arc<AtomicBool>,
@@ -139,26 +139,23 @@ impl Executive {
         command.args(["--record", "--until-stdin-closes", "--events-fd", &event_end.as_raw_fd().to_string()]);
         command.args(&start.choices).args(&start.faults).args(&start.again);
         let companion = if start.companion { Some(add_companion(&mut command)?) } else { None };
-        let output = if start.interfaces.is_some() { Stdio::piped() } else { Stdio::null() };
-        let mut process = command
-            .stdin(Stdio::piped())
-            .stdout(output)
+        let (line, input) = UnixStream::pair()?;
+        let process = command
+            .stdin(OwnedFd::from(input))
+            .stdout(Stdio::null())
             .process_group(0) // Ctrl-C is for the flight, which ends its processes in their order
             .spawn()
             .with_context(|| format!("cannot start {}", program.display()))?;
         drop(event_end);
-        // One that waits in its namespace is told to go on through it first.
-        let line = if start.interfaces.is_some() { None } else { process.stdin.take() };
         let companion = companion.map(|(own, _)| own);
         let (events, events_end) = read_events(events);
-        Ok(Self { process, line, events, events_end, companion, start, remains: None })
+        Ok(Self { process, line: Some(line), events, events_end, companion, start, remains: None })
     }
 
     /// Joins it to its networks, and lets it start.
     pub(super) fn join(&mut self, lan: &mut Lan, plan: &Plan, module: ModuleId) -> Result<()> {
-        lan.join(plan, module, &mut self.process)?;
-        self.line = self.process.stdin.take();
-        Ok(())
+        let line = self.line.as_ref().context("it was asked to stop")?;
+        lan.join(plan, module, self.process.id(), line)
     }
 
     /// Ends it as a computer ends that loses its power.
@@ -295,7 +292,7 @@ fn common(arguments: &Arguments) -> Vec<String> {
 }
 
 /// What a flight sets: the partition, and ATTRIBUTE=VALUE.
-fn settings(
+pub(super) fn settings(
     arguments: &Arguments,
     plan: &Plan,
     simulator: &Simulator,

@@ -4,20 +4,21 @@ use std::io;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
+use bateleur_executive_cli::hosts::namespace::Lan;
 use bateleur_monitor::event::Event;
 use bateleur_plan::Plan;
 use bateleur_report::hosts::{self as report_hosts, Host};
 
 use super::Arguments;
 use super::executive::{Executive, Question};
+use super::here::Module;
 use super::hosts::Hosts;
 use super::hosts::model::{Cut, Death};
-use super::hosts::namespace::Lan;
 
 /// See the module's head.
 pub(super) struct Fleet {
     /// With the ground's line; on the virtual clock the one that asks.
-    main: Executive,
+    main: Main,
     others: Vec<(Host, Executive)>,
     /// Starts of hosts that were killed and came back.
     former: Vec<Host>,
@@ -29,6 +30,65 @@ pub(super) struct Fleet {
     /// Hosts that are ready, and their partitions.
     ready: usize,
     partitions: usize,
+}
+
+/// What flies the module with the ground's line.
+enum Main {
+    Executive(Box<Executive>),
+    Here(Box<Module>),
+}
+
+impl Main {
+    fn take_events(&mut self) -> Vec<Event> {
+        match self {
+            Self::Executive(executive) => executive.take_events(),
+            Self::Here(module) => module.take_events(),
+        }
+    }
+
+    fn has_ended(&mut self) -> bool {
+        match self {
+            Self::Executive(executive) => executive.ended().is_some(),
+            Self::Here(module) => module.has_ended(),
+        }
+    }
+
+    fn question(&mut self) -> io::Result<Option<Question>> {
+        match self {
+            Self::Executive(executive) => executive.question(),
+            Self::Here(module) => module.question().map(Some),
+        }
+    }
+
+    fn answer(&mut self, bytes: u64, stop: bool) -> io::Result<()> {
+        match self {
+            Self::Executive(executive) => executive.answer(bytes, stop),
+            Self::Here(_) if stop => Err(io::ErrorKind::ConnectionAborted.into()), // as an executive that has ended
+            Self::Here(module) => {
+                module.answer(bytes);
+                Ok(())
+            }
+        }
+    }
+
+    fn kill(&mut self) {
+        if let Self::Executive(executive) = self {
+            executive.kill();
+        }
+    }
+
+    fn ask_to_stop(&mut self) {
+        if let Self::Executive(executive) = self {
+            executive.ask_to_stop();
+        }
+    }
+
+    fn finish(&mut self) -> Vec<Event> {
+        match self {
+            Self::Executive(executive) => executive.finish(),
+            Self::Here(module) => module.finish(),
+        }
+    }
 }
 
 /// What is there only while several hosts fly.
@@ -47,6 +107,15 @@ struct Joined {
 
 impl Fleet {
     pub(super) fn of_one(main: Executive) -> Self {
+        Self::of_main(Main::Executive(Box::new(main)))
+    }
+
+    /// One within this process.
+    pub(super) fn here(module: Module) -> Self {
+        Self::of_main(Main::Here(Box::new(module)))
+    }
+
+    fn of_main(main: Main) -> Self {
         let (others, former, said) = (Vec::new(), Vec::new(), Vec::new());
         Self { main, others, former, said, module: None, joined: None, ready: 0, partitions: 0 }
     }
@@ -105,7 +174,7 @@ impl Fleet {
 
     /// Whether nobody flies any more: the main one has ended.
     pub(super) fn has_ended(&mut self) -> bool {
-        self.main.ended().is_some()
+        self.main.has_ended()
     }
 
     /// A host that ended before it was ready, so that the flight can not begin.

@@ -14,6 +14,7 @@ use bateleur_report::hosts::Host;
 
 use super::Arguments;
 use super::fleet::Fleet;
+use super::here::NearPilot;
 use super::simulator::Simulator;
 use super::standing::Standing;
 use crate::line::Line;
@@ -84,12 +85,17 @@ pub(super) fn fly(
 enum FieldPilot {
     /// The one of our simulator, who repeats what he understood.
     Ours(UdpPilot),
+    /// As above, in this process.
+    Near(NearPilot),
     /// One of somebody else's, who may not.
     Theirs(Option<UdpPilot>),
 }
 
 impl FieldPilot {
     fn of(simulator: &Simulator) -> Result<Self> {
+        if let Some(server) = simulator.near() {
+            return Ok(Self::Near(NearPilot(server.clone())));
+        }
         let call = || UdpPilot::new(simulator.address).context("cannot reach the simulated safety pilot");
         Ok(match (simulator.is_ours(), simulator.protocol) {
             (true, _) => Self::Ours(call()?),
@@ -104,6 +110,7 @@ impl Pilot for FieldPilot {
     fn order(&mut self, order: PilotOrder) {
         match self {
             Self::Ours(pilot) => pilot.order(order),
+            Self::Near(pilot) => pilot.order(order),
             Self::Theirs(pilot) => {
                 if let Some(pilot) = pilot {
                     pilot.order(order);
@@ -120,7 +127,7 @@ impl Pilot for FieldPilot {
     fn confirmed(&mut self) -> bool {
         match self {
             Self::Ours(pilot) => pilot.confirmed(),
-            Self::Theirs(_) => true,
+            Self::Near(_) | Self::Theirs(_) => true,
         }
     }
 }

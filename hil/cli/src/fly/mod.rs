@@ -8,6 +8,7 @@
 mod can;
 mod executive;
 mod fleet;
+pub(crate) mod here;
 pub(crate) mod hosts;
 pub(crate) mod kept;
 mod mission;
@@ -44,13 +45,13 @@ use super::air::{direction, seed, wind};
 use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
 use crate::line::Line;
 use bateleur_executive_cli::faults::Faults;
+use bateleur_executive_cli::hosts::namespace::{self, Lan};
 use bateleur_executive_cli::installed::{self, SCHEDULE};
 use bateleur_executive_cli::output;
 use bateleur_executive_cli::plan_file;
 use bateleur_executive_cli::setting::parse_setting;
 use fleet::Fleet;
 use hosts::Hosts;
-use hosts::namespace::{self, Lan};
 use mission::Flown;
 
 /// Fly the mission hardware-in-the-loop.
@@ -65,6 +66,9 @@ pub struct Arguments {
     /// Fly on the virtual clock: as fast as the machine can, the same flight for the same seed.
     #[arg(long)]
     pub(crate) fast: bool,
+    /// What flies the partitions.
+    #[arg(long, value_enum, default_value_t)]
+    pub(crate) engine: here::Engine,
     /// Seed of everything random.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_negative_numbers = true)]
     pub(crate) seed: u64,
@@ -109,6 +113,9 @@ pub struct Arguments {
     /// Address of the simulator; port 0 takes a free one.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     pub(crate) simulator: SocketAddr,
+    /// Show the aircraft to a FlightGear that listens at that address (`--native-fdm=socket,in,50,,PORT,udp`).
+    #[arg(long, value_name = "ADDRESS:PORT", conflicts_with = "no_simulator")]
+    pub(crate) flightgear: Option<SocketAddr>,
     /// Let the simulator follow its own clock instead of the module's; on the wall clock only.
     #[arg(long, conflicts_with = "fast")]
     pub(crate) free_running: bool,
@@ -138,6 +145,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
             "--wind, --turbulence, --fault, --sensors, --vary and --plant are for this project's simulator; \
              --no-simulator flies somebody else's"
         );
+    }
+    if arguments.engine == here::Engine::OneProcess
+        && let Some(what) = here::unsuitable(arguments, &plan)
+    {
+        bail!("one process can not show {what}: fly it with --engine partitions");
     }
     if let Some(folder) = &arguments.output {
         output::refuse_used(folder)?;
@@ -189,6 +201,9 @@ fn fly(
     if arguments.hosts.hosts {
         return fly_hosts(arguments, plan, mission, folder, protocol, stop);
     }
+    if arguments.engine == here::Engine::OneProcess {
+        return fly_here(arguments, plan, mission, folder, protocol, stop);
+    }
     let mut simulator = match arguments.no_simulator {
         true => simulator::Simulator::of_somebody_else(arguments, protocol),
         false => simulator::Simulator::start(arguments, plan, folder, protocol)?,
@@ -202,6 +217,21 @@ fn fly(
         simulator::stand(std::process::id() as i32, arguments, plan);
     }
     mission::fly(arguments, mission.clone(), simulator, line, Fleet::of_one(executive), stop)
+}
+
+/// The same within this process.
+fn fly_here(
+    arguments: &Arguments,
+    plan: &Plan,
+    mission: &MissionPlan,
+    folder: &Path,
+    protocol: Protocol,
+    stop: Arc<AtomicBool>,
+) -> Result<Option<Flown>> {
+    let (simulator, neighbour) = here::simulator(arguments, folder, protocol)?;
+    let line = Line::open()?;
+    let module = here::Module::start(arguments, plan, folder, (&simulator, &neighbour), &line)?;
+    mission::fly(arguments, mission.clone(), simulator, line, Fleet::here(module), stop)
 }
 
 /// The same with one executive for each module of the plan.
@@ -219,7 +249,7 @@ fn fly_hosts(
     let near = hosts::place_of(plan, "hil_interface")?;
     let main = hosts::place_of(plan, "command")?;
     let mut lan = match (arguments.fast, id(near)) {
-        (false, Some(near)) => Some(Lan::make(plan, near)?),
+        (false, Some(near)) => Some(Lan::make(plan, Some(near))?),
         _ => None,
     };
     let simulator = simulator::Simulator::start(arguments, plan, folder, protocol)?;
@@ -486,6 +516,7 @@ fn lost_records(events: &[Event]) -> u64 {
 fn inputs(arguments: &Arguments, plan: &Plan, mission: &MissionPlan) -> Inputs {
     let mut inputs = Inputs { laps: mission.laps, chains: chains(plan), ..Inputs::default() };
     inputs.waypoints = mission.waypoints.iter().map(waypoint).collect();
+    inputs.sequence = mission.sequence();
     let given = |program, name| in_effect(arguments, plan, program, name);
     if let Some(aiding) = given("estimator", "pressure_aiding").and_then(|value| value.as_bool()) {
         inputs.pressure_aiding = aiding;
@@ -527,8 +558,9 @@ fn unflyable(arguments: &Arguments, plan: &Plan, mission: &MissionPlan) -> Vec<S
 
 /// As guidance has it.
 fn waypoint(point: &ground::Waypoint) -> guidance::Waypoint {
-    let ground::Waypoint { north_m, east_m, altitude_m, heading_rad, airspeed_mps, .. } = *point;
-    guidance::Waypoint { north_m, east_m, altitude_m, airspeed_mps, heading_rad }
+    let ground::Waypoint { north_m, east_m, altitude_m, heading_rad, airspeed_mps, step, .. } = *point;
+    let step = guidance::Step::from_numbers(step.to_numbers());
+    guidance::Waypoint { north_m, east_m, altitude_m, airspeed_mps, heading_rad, step }
 }
 
 /// The chains of the plan, each with its worst age in any schedule.

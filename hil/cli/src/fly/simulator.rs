@@ -14,6 +14,7 @@ use bateleur_system::sched;
 
 use super::Arguments;
 use super::can::Can;
+use super::here::Neighbour;
 use super::ready;
 
 /// SCHED_FIFO priority of the simulator on the wall clock: it stands for an aircraft, which is never late.
@@ -31,6 +32,8 @@ pub(super) struct Simulator {
     /// What stands between it and the module, where that has its sensors on a CAN bus.
     pub(super) can: Option<Can>,
     process: Option<Child>,
+    /// It is in this process.
+    here: Option<Neighbour>,
     /// The simulator ends when this closes.
     line: Option<ChildStdin>,
 }
@@ -42,12 +45,22 @@ impl Simulator {
         if address.port() == 0 {
             address.set_port(protocol.port());
         }
-        Self { address, protocol, can: None, process: None, line: None }
+        Self { address, protocol, can: None, process: None, here: None, line: None }
+    }
+
+    /// One in this process, which answers where it is called.
+    pub(super) fn here(address: SocketAddr, protocol: Protocol, server: Neighbour) -> Self {
+        Self { address, protocol, can: None, process: None, here: Some(server), line: None }
+    }
+
+    /// The one in this process.
+    pub(super) fn near(&self) -> Option<&Neighbour> {
+        self.here.as_ref()
     }
 
     /// Whether this flight started it.
     pub(super) fn is_ours(&self) -> bool {
-        self.process.is_some()
+        self.process.is_some() || self.here.is_some()
     }
 
     pub(super) fn start(
@@ -71,6 +84,9 @@ impl Simulator {
         ]);
         command.args(arguments.outside.arguments());
         command.arg("--truth").arg(folder.join("truth.bin")).args(["--ready", "--until-stdin-closes"]);
+        if let Some(address) = arguments.flightgear {
+            command.args(["--flightgear", &address.to_string()]);
+        }
         if arguments.free_running {
             command.arg("--free-running");
         }
@@ -91,7 +107,7 @@ impl Simulator {
             bail!("the simulator did not start ({status}): its own message stands above this line");
         };
         place(process.id() as i32, arguments, plan);
-        Ok(Self { address, protocol, can: None, process: Some(process), line })
+        Ok(Self { address, protocol, can: None, process: Some(process), here: None, line })
     }
 
     /// How it ended, if it has.
@@ -110,9 +126,12 @@ impl Simulator {
 
     /// Ends it and waits until its log is whole.
     pub(super) fn finish(&mut self) {
+        if let Some(Err(error)) = self.here.take().map(|server| server.borrow_mut().finish()) {
+            eprintln!("! {error}");
+        }
         drop(self.line.take());
         let begun = Instant::now();
-        while self.is_ours() && self.ended().is_none() && begun.elapsed() < END_PATIENCE {
+        while self.process.is_some() && self.ended().is_none() && begun.elapsed() < END_PATIENCE {
             std::thread::sleep(Duration::from_millis(2));
         }
         if let Some(process) = &mut self.process {

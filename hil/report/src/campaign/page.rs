@@ -48,6 +48,9 @@ pub fn page(result: &CampaignResult) -> String {
         let _ = write!(out, "<div><small>{label}</small><b>{value}</b></div>");
     }
     out.push_str("</section>");
+    if let Some(words) = result.engine_words() {
+        let _ = write!(out, r#"<p class="sub">{}</p>"#, escape(&words));
+    }
     figures(&mut out, result);
     failures(&mut out, result);
     space(&mut out, result);

@@ -100,6 +100,12 @@ pub struct Flown {
     pub wall_time_s: f64,
     /// Its logs, where they were kept.
     pub folder: Option<PathBuf>,
+    /// What flew it, in a campaign that does not fly partitions alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub engine: Option<String>,
+    /// It was flown a second time, as partitions, and compared.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub compared: bool,
 }
 
 /// Why a campaign's folder can not be used.

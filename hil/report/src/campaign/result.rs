@@ -96,6 +96,11 @@ pub struct CampaignResult {
     pub figures: Vec<Spread>,
     /// Real time of all flights together, h.
     pub flight_hours: f64,
+    /// Flights by what flew them, in a campaign that does not fly partitions alone.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub engines: BTreeMap<String, u64>,
+    /// Flights that were flown a second time, as partitions, and compared word by word.
+    pub compared: u64,
     /// What is missing or damaged.
     pub notes: Vec<String>,
 }
@@ -112,7 +117,13 @@ impl CampaignResult {
         for failure in &failed {
             *reasons.entry(without_numbers(&failure.reason)).or_insert(0) += 1;
         }
+        let mut engines = BTreeMap::new();
+        for engine in flights.iter().filter_map(|flight| flight.engine.clone()) {
+            *engines.entry(engine).or_insert(0) += 1;
+        }
         Self {
+            engines,
+            compared: flights.iter().filter(|flight| flight.compared).count() as u64,
             asked: asked(plan),
             flown: flights.len() as u64,
             completed: completed.len() as u64,
@@ -123,6 +134,17 @@ impl CampaignResult {
             notes: notes(plan, flights.len() as u64, others.len(), lines),
             plan: plan.clone(),
         }
+    }
+}
+
+impl CampaignResult {
+    /// What flew the flights, as a sentence; nothing where all were flown as partitions from the beginning.
+    pub fn engine_words(&self) -> Option<String> {
+        let named = |(engine, count): (&String, &u64)| format!("{count} flown by {engine}");
+        let list: Vec<String> = self.engines.iter().map(named).collect();
+        (!list.is_empty()).then(|| {
+            format!("{}; {} of them again as partitions, word by word", list.join(", "), self.compared)
+        })
     }
 }
 

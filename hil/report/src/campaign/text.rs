@@ -14,6 +14,9 @@ pub fn text(result: &CampaignResult) -> String {
     // Into a string: nothing of this can fail.
     let _ =
         writeln!(text, "{flown} of {asked} flights flown: {completed} completed, {} failed", failed.len());
+    if let Some(words) = result.engine_words() {
+        let _ = writeln!(text, "{words}");
+    }
     if !result.figures.is_empty() {
         let _ = writeln!(
             text,

@@ -1,8 +1,9 @@
 //! The trace event format that Perfetto (ui.perfetto.dev) and chrome://tracing open.
 //!
-//! Two processes: *cores*, with one track a core that shows whose window is when, and *partitions*, with one track a partition
+//! Two or three processes: *cores*, with one track a core that shows whose window is when, and *partitions*, with one track a partition
 //! that shows what it used of its windows and the slack, its faults and the messages that it wrote. A change of schedule is
-//! an instant across all of them. Times are module time, from microsecond 0. Of a flight on several hosts each module has two such
+//! an instant across all of them. Where partitions have several processes, the third process, *processes*, has one track for each of
+//! them, with when it ran in its partition's windows. Times are module time, from microsecond 0. Of a flight on several hosts each module has such
 //! processes of its own, and all times are the first module's.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -18,11 +19,16 @@ use crate::hosts::{self, Host};
 use crate::windows::{self, Window};
 use bateleur_recording as log;
 use bateleur_recording::PORTS_FILE;
+use bateleur_recording::processes::{self, Span};
 
 /// The process of the cores' tracks.
 const CORES: u32 = 1;
 /// The process of the partitions' tracks.
 const PARTITIONS: u32 = 2;
+/// The process of the tracks of partitions' processes.
+const PROCESSES: u32 = 3;
+/// Tracks of the processes of one partition lie together: so many numbers are each partition's.
+const TRACKS: u32 = 1_000;
 
 /// One event; see "Trace Event Format".
 #[derive(Serialize)]
@@ -66,6 +72,7 @@ pub fn chrome(folder: &Path, path: &Path) -> Result<Exported, ExportError> {
 /// Everything that one module left.
 fn add(folder: &Path, trace: &mut Trace, exported: &mut Exported) {
     add_windows(folder, trace, exported);
+    add_processes(folder, trace, exported);
     add_health(folder, trace, exported);
     add_messages(folder, trace, exported);
 }
@@ -75,6 +82,8 @@ struct Trace {
     first: bool,
     cores: BTreeSet<u32>,
     partitions: BTreeMap<String, u32>,
+    /// By partition and process.
+    processes: BTreeMap<(String, String), u32>,
     schedule: String,
     /// Modules before the present one.
     before: u32,
@@ -91,6 +100,7 @@ impl Trace {
             first: true,
             cores: BTreeSet::new(),
             partitions: BTreeMap::new(),
+            processes: BTreeMap::new(),
             schedule: String::new(),
             before: 0,
             host: None,
@@ -108,6 +118,7 @@ impl Trace {
         self.host = host;
         self.cores.clear();
         self.partitions.clear();
+        self.processes.clear();
         self.schedule.clear();
         self.name("process_name", CORES, 0, &cores);
         self.name("process_name", PARTITIONS, 0, &partitions);
@@ -115,7 +126,7 @@ impl Trace {
 
     /// The number of one of the present module's processes.
     fn process(&self, kind: u32) -> u32 {
-        self.before * PARTITIONS + kind
+        self.before * PROCESSES + kind
     }
 
     /// µs of the first module's time; exact for a hundred days.
@@ -195,6 +206,30 @@ impl Trace {
         }
     }
 
+    /// The track of a partition's process, named where it is new.
+    fn process_track(&mut self, partition: &str, process: &str) -> u32 {
+        let known = (partition.to_owned(), process.to_owned());
+        if let Some(tid) = self.processes.get(&known) {
+            return *tid;
+        }
+        if self.processes.is_empty() {
+            let name =
+                self.host.as_ref().map_or("processes".into(), |host| format!("{} processes", host.name()));
+            self.name("process_name", PROCESSES, 0, &name);
+        }
+        let before = self.processes.keys().filter(|(other, _)| other == partition).count() as u32;
+        let tid = self.partition(partition) * TRACKS + before;
+        self.processes.insert(known, tid);
+        self.name("thread_name", PROCESSES, tid, &format!("{partition}: {process}"));
+        tid
+    }
+
+    fn process_span(&mut self, span: &Span) {
+        let process = span.process.as_deref().unwrap_or("(not recorded)");
+        let tid = self.process_track(&span.partition, process);
+        self.span(process, PROCESSES, tid, span.from_ns, span.to_ns, json!({}));
+    }
+
     fn fault(&mut self, entry: &HealthEntry) {
         let tid = self.partition(entry.partition.as_deref().unwrap_or("module"));
         let args = json!({ "action": entry.action, "detail": entry.detail, "generation": entry.generation });
@@ -220,6 +255,17 @@ fn add_windows(folder: &Path, trace: &mut Trace, exported: &mut Exported) {
     match read {
         Ok(broken) => exported.note_broken(windows::FILE, broken),
         Err(error) => exported.note(windows::FILE, error),
+    }
+}
+
+fn add_processes(folder: &Path, trace: &mut Trace, exported: &mut Exported) {
+    let read = processes::for_each(&folder.join(processes::FILE), |span| {
+        exported.records += 1;
+        trace.process_span(&span);
+    });
+    match read {
+        Ok(broken) => exported.note_broken(processes::FILE, broken),
+        Err(error) => exported.note(processes::FILE, error),
     }
 }
 

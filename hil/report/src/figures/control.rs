@@ -89,7 +89,7 @@ fn altitude_error(flight: &Flight, analysis: &Analysis) -> Chart {
 
 /// The truth of the scored stretch.
 fn scored<'a>(flight: &'a Flight, analysis: &Analysis) -> &'a [TruthRecord] {
-    let stretch = Stretch::of(&analysis.passages, flight.inputs.waypoints.len(), flight.inputs.laps);
+    let stretch = Stretch::of(&analysis.passages, &flight.inputs);
     stretch.map_or(&[], |stretch| stretch.of_truth(&flight.truth))
 }
 

@@ -4,6 +4,8 @@ use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering};
 
 use rustix::thread::futex::{self, Timespec};
 
+use super::stack;
+
 /// Not its turn.
 const WAIT: u32 = 0;
 /// Its turn.
@@ -21,6 +23,7 @@ pub(crate) struct Baton {
     pub(crate) thread: AtomicI32,
     /// The thread was stopped by the signal, somewhere in its own code.
     pub(crate) preempted: AtomicBool,
+    pub(crate) stack: stack::Place,
 }
 
 impl Baton {

@@ -17,6 +17,7 @@ use super::process::{Body, Process};
 use super::run::{Beginning, begin, end_of};
 use super::thread;
 use crate::run::report;
+use crate::schedule::ScheduleId;
 
 /// Where a process of another language begins.
 pub type ForeignEntry = extern "C" fn();
@@ -139,6 +140,53 @@ pub fn lock_preemption() -> Result<i32, ReturnCode> {
             Ok(services.get_partition_status().lock_level)
         }),
     })
+}
+
+/// What GET_MODULE_SCHEDULE_STATUS gives, with identifiers as C and `a653rs` have them: from 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ModuleScheduleStatus {
+    /// TIME_OF_LAST_SCHEDULE_SWITCH, module time, ns; 0: the module has not changed yet.
+    pub time_of_last_switch: SystemTime,
+    /// CURRENT_SCHEDULE.
+    pub current: i32,
+    /// NEXT_SCHEDULE.
+    pub next: i32,
+}
+
+/// Identifiers are not 0.
+fn identifier_of(schedule: ScheduleId) -> i32 {
+    i32::try_from(schedule.0).unwrap_or(i32::MAX - 1) + 1
+}
+
+/// SET_MODULE_SCHEDULE (Part 2).
+///
+/// # Errors
+/// As [`Process::set_module_schedule`].
+pub fn set_module_schedule(schedule: i32) -> Result<(), ReturnCode> {
+    // What is no identifier is the place of no schedule.
+    let place = schedule.checked_sub(1).and_then(|place| u32::try_from(place).ok()).unwrap_or(u32::MAX);
+    as_process(|process| process.set_module_schedule(ScheduleId(place)))
+}
+
+/// GET_MODULE_SCHEDULE_STATUS (Part 2).
+///
+/// # Errors
+/// As [`Process::get_module_schedule_status`].
+pub fn get_module_schedule_status() -> Result<ModuleScheduleStatus, ReturnCode> {
+    let status = as_process(Process::get_module_schedule_status)?;
+    Ok(ModuleScheduleStatus {
+        time_of_last_switch: SystemTime::try_from(status.time_of_last_switch_ns).unwrap_or(SystemTime::MAX),
+        current: identifier_of(status.current),
+        next: identifier_of(status.next),
+    })
+}
+
+/// GET_MODULE_SCHEDULE_ID (Part 2).
+///
+/// # Errors
+/// As [`Process::get_module_schedule_id`].
+pub fn get_module_schedule_id(name: &str) -> Result<i32, ReturnCode> {
+    as_process(|process| process.get_module_schedule_id(name)).map(identifier_of)
 }
 
 /// CREATE_PROCESS, with its thread, which the plan's `threads` has to count. Why it is refused is on standard error.

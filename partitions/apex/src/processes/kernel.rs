@@ -1,7 +1,7 @@
 //! Who has the baton: the partition's state behind one lock, time, and the windows.
 
-use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use bateleur_contract::{Clock, ControlPage, Mapped};
 use bateleur_processes::standard::{OperatingMode, SystemTime};
@@ -10,7 +10,9 @@ use bateleur_processes::{Dispatch, End, Partition, Runner};
 use super::baton::Baton;
 use super::ports::PlanPorts;
 use super::process::Body;
+use super::shown::Shown;
 use super::thread;
+use crate::schedule::Schedules;
 use crate::time::monotonic_ns;
 
 /// What a service costs under the virtual clock, ns: a loop that only polls comes to its window's end.
@@ -37,6 +39,10 @@ pub(crate) const FIRST_PROCESS: usize = 2;
 pub(crate) struct Kernel {
     pub(crate) page: Mapped<ControlPage>,
     clock: Clock,
+    /// Nobody sees time before this, ns.
+    begun: AtomicI64,
+    /// The module's, once the plan is known.
+    pub(crate) schedules: OnceLock<Schedules>,
     state: Mutex<State>,
 }
 
@@ -49,11 +55,14 @@ pub(crate) struct State {
     pub(crate) bodies: Vec<Option<Body>>,
     /// Whose turn it is.
     pub(crate) holder: usize,
+    pub(crate) shown: Shown,
     /// Under the virtual clock: the partition's own time, which services and waiting move on.
     now: SystemTime,
     window_end: SystemTime,
     /// The window is over: the baton goes to the main thread.
     closing: bool,
+    /// The holder is whom the scheduler names, and nothing but services of its own has happened since.
+    settled: bool,
     /// When the main thread wakes by itself on the wall clock.
     main_until: SystemTime,
     /// Somebody who sleeps outside of services is passed over.
@@ -72,27 +81,31 @@ pub(crate) enum Passed {
 }
 
 impl Kernel {
-    pub(crate) fn new(page: Mapped<ControlPage>, clock: Clock, partition: Partition) -> Self {
+    pub(crate) fn new(page: Mapped<ControlPage>, clock: Clock, partition: Partition, shown: Shown) -> Self {
         let state = State {
             partition,
             ports: PlanPorts::default(),
             batons: vec![Arc::default(), Arc::default()],
             bodies: vec![None, None],
             holder: MAIN,
+            shown,
             now: 0,
             window_end: 0,
             closing: false,
+            settled: false,
             main_until: SystemTime::MIN,
             has_lent: false,
             orphan: None,
         };
-        Self { page, clock, state: Mutex::new(state) }
+        let schedules = OnceLock::new();
+        Self { page, clock, begun: AtomicI64::new(0), schedules, state: Mutex::new(state) }
     }
 
     /// The main process begins at this module time: nobody sees time go back when a partition starts again.
     pub(crate) fn begin_at(&self, now: SystemTime) {
         let mut state = self.lock();
         state.now = now;
+        self.begun.fetch_max(now, Ordering::Relaxed);
         state.partition.advance(now);
     }
 
@@ -109,8 +122,19 @@ impl Kernel {
         }
     }
 
+    /// What GET_TIME says in a window on the wall clock, without the partition's lock; `None` on the virtual one.
+    pub(crate) fn wall_time(&self) -> Option<SystemTime> {
+        (self.clock == Clock::Wall).then(|| self.wall_ns().max(self.begun.load(Ordering::Relaxed)))
+    }
+
+    /// It is the turn of the holder `me` on the wall clock, and nothing has happened since that was found.
+    pub(crate) fn is_still_turn_of(&self, state: &State, me: usize) -> bool {
+        self.clock == Clock::Wall && state.settled && !state.closing && state.holder == me
+    }
+
     /// Time goes on by a service, or to what the clock says.
     pub(crate) fn tick(&self, state: &mut State, service_ns: i64) {
+        state.settled = false;
         state.now = match self.clock {
             Clock::Virtual => state.now + service_ns,
             Clock::Wall => self.wall_ns(),
@@ -158,6 +182,7 @@ impl Kernel {
             state.closing = false;
             state.take_back();
             state.now = state.now.max(start_ns as SystemTime);
+            self.begun.fetch_max(state.now, Ordering::Relaxed);
             state.partition.advance(state.now);
             if !state.is_normal() {
                 // Release points count from the first window on. In NORMAL already: it was asked for before.
@@ -279,18 +304,19 @@ impl State {
 
     /// Who runs sleeps outside of services: others run instead.
     pub(crate) fn lend(&mut self) {
-        self.has_lent = true;
+        (self.has_lent, self.settled) = (true, false);
         self.partition.lend();
     }
 
     fn take_back(&mut self) {
-        self.has_lent = false;
+        (self.has_lent, self.settled) = (false, false);
         self.partition.take_back();
     }
 
     /// Processes that wait at ports get what has come, and what is no longer in their way.
     pub(crate) fn serve_ports(&mut self) {
         if self.partition.waits_at_ports() {
+            self.settled = false;
             self.partition.serve_ports(&mut self.ports);
         }
     }
@@ -320,6 +346,7 @@ impl State {
         if me != MAIN && next != MAIN {
             self.wake_main_in_time();
         }
+        self.settled = next != MAIN;
         let baton = &self.batons[next];
         let begins_again = baton.life.load(Ordering::Relaxed) != life;
         if baton.preempted.load(Ordering::Relaxed) && begins_again {
@@ -332,6 +359,7 @@ impl State {
             return Passed::Kept;
         }
         self.holder = next;
+        self.shown.switch(next, self.now);
         self.batons[next].give(life);
         Passed::Away
     }

@@ -45,9 +45,11 @@ mod kernel;
 mod ports;
 mod process;
 mod run;
+mod shown;
+mod stack;
 mod thread;
 
-pub(crate) use thread::fault;
+pub(crate) use thread::{fault, own_name, stack_low};
 
 pub use bateleur_processes::{Partition as Services, Progress, ReturnCode, standard};
 pub use initialisation::{Every, Initialisation};

@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 
 use bateleur_contract::{Direction, PortDescription, PortKind};
 use bateleur_ports::Stamp;
-use bateleur_processes::ports::{Ports, QueuingConfiguration, Received, SamplingConfiguration};
+use bateleur_processes::ports::{Ports, QueuingConfiguration, Received, SamplingConfiguration, Written};
 use bateleur_processes::standard::{Name, PortDirection, SystemTime};
 
 use crate::context::{Context, StartError};
@@ -118,11 +118,12 @@ impl Ports for PlanPorts {
         port.write(message, Stamp { source_ns: now as u64, sequence: *sequence });
     }
 
-    fn read(&mut self, key: usize, into: &mut Vec<u8>) -> Option<SystemTime> {
+    fn read(&mut self, key: usize, into: &mut Vec<u8>) -> Option<Written> {
         let Some(End::Reads(port)) = self.end(key) else { return None };
         let reading = port.read()?;
         into.extend_from_slice(reading.bytes);
-        Some(SystemTime::try_from(reading.stamp.source_ns).unwrap_or(SystemTime::MAX))
+        let at = SystemTime::try_from(reading.stamp.source_ns).unwrap_or(SystemTime::MAX);
+        Some(Written { at, sequence: reading.stamp.sequence })
     }
 
     fn send(&mut self, key: usize, message: &[u8]) -> bool {
@@ -136,6 +137,13 @@ impl Ports for PlanPorts {
     fn receive(&mut self, key: usize, into: &mut Vec<u8>) -> Option<Received> {
         let Some(End::Receives(queue)) = self.end(key) else { return None };
         queue.get_mut().receive(into)
+    }
+
+    fn next_length(&self, key: usize) -> Option<usize> {
+        match self.all.get(key).and_then(|port| port.end.as_ref()) {
+            Some(End::Receives(queue)) => queue.borrow_mut().next_length(),
+            _ => None,
+        }
     }
 
     fn clear(&mut self, key: usize) {
@@ -172,6 +180,12 @@ impl Queue {
         let overflow = self.last != 0 && sequence > self.last + 1;
         self.last = sequence;
         Some(Received { overflow })
+    }
+
+    /// Of the oldest message, which is taken from the channel to know.
+    fn next_length(&mut self) -> Option<usize> {
+        self.count(1);
+        self.counted.front().map(|(message, _)| message.len())
     }
 
     /// Messages that have arrived: a channel does not tell how many it holds, so they are taken from it, `most` at the most.

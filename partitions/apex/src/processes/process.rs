@@ -5,12 +5,16 @@ use std::cell::UnsafeCell;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, MutexGuard};
 
-use bateleur_processes::standard::{ProcessId, QueuingPortId, SamplingPortId, SystemTime, Validity};
+use bateleur_processes::standard::{
+    BlackboardId, EventId, ProcessId, QueuingPortId, QueuingPortListId, SamplingPortCurrentStatus,
+    SamplingPortId, SemaphoreId, SystemTime, Updated, Validity,
+};
 use bateleur_processes::{Partition, Progress, ReturnCode};
 
 use super::PlanPorts;
-use super::kernel::{FIRST_PROCESS, Kernel, Passed, State};
+use super::kernel::{FIRST_PROCESS, Kernel, MAIN, Passed, State};
 use super::{foreign, thread};
+use crate::schedule::{ScheduleId, ScheduleStatus, Schedules};
 
 /// What a process is made from.
 #[derive(Clone)]
@@ -156,6 +160,64 @@ impl Process {
         self.message(progress, into)
     }
 
+    /// RECEIVE_MESSAGE_FROM_QUEUING_PORT_LIST (Part 2): the message is put into `into`, and `port` says whose it is.
+    ///
+    /// # Errors
+    /// As [`Partition::receive_message_from_queuing_port_list`]. With INVALID_CONFIG `into` has a message too: one before it was lost.
+    pub fn receive_message_from_queuing_port_list(
+        &self,
+        list: QueuingPortListId,
+        time_out: SystemTime,
+        buffer_size: i32,
+        reset_list: u32,
+        (into, port): (&mut Vec<u8>, &mut Option<QueuingPortId>),
+    ) -> Result<(), ReturnCode> {
+        let progress = self.at_ports(|partition, ports| {
+            let into = (&mut *into, &mut *port);
+            partition.receive_message_from_queuing_port_list(
+                ports,
+                list,
+                time_out,
+                buffer_size,
+                reset_list,
+                into,
+            )
+        })?;
+        self.with_port_of_list(progress, port)?;
+        self.message(progress, into)
+    }
+
+    /// WAIT_FOR_MESSAGE_FROM_QUEUING_PORT_LIST (Part 2): the port that has a message, which stays there.
+    ///
+    /// # Errors
+    /// As [`Partition::wait_for_message_from_queuing_port_list`].
+    pub fn wait_for_message_from_queuing_port_list(
+        &self,
+        list: QueuingPortListId,
+        time_out: SystemTime,
+        reset_list: u32,
+        port: &mut Option<QueuingPortId>,
+    ) -> Result<(), ReturnCode> {
+        let progress = self.at_ports(|partition, ports| {
+            partition.wait_for_message_from_queuing_port_list(ports, list, time_out, reset_list, &mut *port)
+        })?;
+        self.with_port_of_list(progress, port)?;
+        if progress == Progress::Done(()) { Ok(()) } else { self.result() }
+    }
+
+    /// The port of which the caller was told while it waited.
+    fn with_port_of_list(
+        &self,
+        progress: Progress,
+        port: &mut Option<QueuingPortId>,
+    ) -> Result<(), ReturnCode> {
+        if progress == Progress::Waits {
+            let id = self.id().ok_or(ReturnCode::InvalidMode)?;
+            *port = self.look(|partition| partition.served_port_of(id))?;
+        }
+        Ok(())
+    }
+
     /// WRITE_SAMPLING_MESSAGE.
     ///
     /// # Errors
@@ -174,6 +236,78 @@ impl Process {
         into: &mut Vec<u8>,
     ) -> Result<Validity, ReturnCode> {
         self.at_ports(|partition, ports| partition.read_sampling_message(ports, port, into))
+    }
+
+    /// READ_UPDATED_SAMPLING_MESSAGE: a message that was not read yet is put into `into`; `updated` says what there was.
+    ///
+    /// # Errors
+    /// As [`Partition::read_updated_sampling_message`].
+    pub fn read_updated_sampling_message(
+        &self,
+        port: SamplingPortId,
+        into: &mut Vec<u8>,
+        updated: &mut Updated,
+    ) -> Result<(), ReturnCode> {
+        self.at_ports(|partition, ports| partition.read_updated_sampling_message(ports, port, into, updated))
+    }
+
+    /// READ_SAMPLING_MESSAGE_CONDITIONAL: a message that was written after `reference` is put into `into`; `time_stamp` says when it
+    /// was written.
+    ///
+    /// # Errors
+    /// As [`Partition::read_sampling_message_conditional`].
+    pub fn read_sampling_message_conditional(
+        &self,
+        port: SamplingPortId,
+        reference: SystemTime,
+        into: &mut Vec<u8>,
+        time_stamp: &mut SystemTime,
+    ) -> Result<(), ReturnCode> {
+        self.at_ports(|partition, ports| {
+            partition.read_sampling_message_conditional(ports, port, reference, into, time_stamp)
+        })
+    }
+
+    /// GET_SAMPLING_PORT_CURRENT_STATUS.
+    ///
+    /// # Errors
+    /// As [`Partition::get_sampling_port_current_status`].
+    pub fn get_sampling_port_current_status(
+        &self,
+        port: SamplingPortId,
+    ) -> Result<SamplingPortCurrentStatus, ReturnCode> {
+        self.at_ports(|partition, ports| partition.get_sampling_port_current_status(ports, port))
+    }
+
+    /// GET_MODULE_SCHEDULE_ID (Part 2).
+    ///
+    /// # Errors
+    /// INVALID_CONFIG: the plan has no such schedule. And as [`Process::call`].
+    pub fn get_module_schedule_id(&self, name: &str) -> Result<ScheduleId, ReturnCode> {
+        self.at_schedules(|schedules| schedules.id(name))
+    }
+
+    /// GET_MODULE_SCHEDULE_STATUS (Part 2), as it was when the window was granted, and with what this partition has asked for since.
+    ///
+    /// # Errors
+    /// As [`Process::call`].
+    pub fn get_module_schedule_status(&self) -> Result<ScheduleStatus, ReturnCode> {
+        self.at_schedules(|schedules| Ok(schedules.status(&self.kernel.page)))
+    }
+
+    /// SET_MODULE_SCHEDULE (Part 2).
+    ///
+    /// # Errors
+    /// As [`crate::ModuleSchedules::set_module_schedule`], and as [`Process::call`].
+    pub fn set_module_schedule(&self, schedule: ScheduleId) -> Result<(), ReturnCode> {
+        self.at_schedules(|schedules| schedules.set(&self.kernel.page, schedule))
+    }
+
+    fn at_schedules<R>(
+        &self,
+        service: impl FnOnce(&Schedules) -> Result<R, ReturnCode>,
+    ) -> Result<R, ReturnCode> {
+        self.serve(|_, _| service(self.kernel.schedules.get_or_init(Schedules::default)))?
     }
 
     /// PERIODIC_WAIT.
@@ -197,7 +331,54 @@ impl Process {
     /// # Errors
     /// As [`Process::call`].
     pub fn now_ns(&self) -> Result<SystemTime, ReturnCode> {
-        self.serve(|partition, _| partition.get_time())
+        // On the wall clock nothing of the partition is asked.
+        let now = if thread::own_place() == MAIN { None } else { self.kernel.wall_time() };
+        let Some(now) = now else { return self.serve(|partition, _| partition.get_time()) };
+        if !thread::enter_service() {
+            return Err(ReturnCode::InvalidMode);
+        }
+        thread::leave_service();
+        Ok(now)
+    }
+
+    /// SET_EVENT. This service and the four that follow know no time: on the wall clock they cost less than by [`Process::call`].
+    ///
+    /// # Errors
+    /// As [`Partition::set_event`].
+    pub fn set_event(&self, event: EventId) -> Result<(), ReturnCode> {
+        self.serve_timeless(|partition| partition.set_event(event))?
+    }
+
+    /// RESET_EVENT.
+    ///
+    /// # Errors
+    /// As [`Partition::reset_event`].
+    pub fn reset_event(&self, event: EventId) -> Result<(), ReturnCode> {
+        self.serve_timeless(|partition| partition.reset_event(event))?
+    }
+
+    /// SIGNAL_SEMAPHORE.
+    ///
+    /// # Errors
+    /// As [`Partition::signal_semaphore`].
+    pub fn signal_semaphore(&self, semaphore: SemaphoreId) -> Result<(), ReturnCode> {
+        self.serve_timeless(|partition| partition.signal_semaphore(semaphore))?
+    }
+
+    /// DISPLAY_BLACKBOARD.
+    ///
+    /// # Errors
+    /// As [`Partition::display_blackboard`].
+    pub fn display_blackboard(&self, blackboard: BlackboardId, message: &[u8]) -> Result<(), ReturnCode> {
+        self.serve_timeless(|partition| partition.display_blackboard(blackboard, message))?
+    }
+
+    /// CLEAR_BLACKBOARD.
+    ///
+    /// # Errors
+    /// As [`Partition::clear_blackboard`].
+    pub fn clear_blackboard(&self, blackboard: BlackboardId) -> Result<(), ReturnCode> {
+        self.serve_timeless(|partition| partition.clear_blackboard(blackboard))?
     }
 
     /// Uses a port. No other process runs meanwhile.
@@ -242,6 +423,25 @@ impl Process {
         let mut state = self.turn();
         let State { partition, ports, .. } = &mut *state;
         let result = service(partition, ports);
+        self.kernel.spend(&mut state, thread::service_ns());
+        state.serve_ports();
+        self.hand_on(state);
+        thread::leave_service();
+        Ok(result)
+    }
+
+    /// As above, for a service to which it is all one what time it is. On the wall clock that is not asked: what becomes due is the main
+    /// thread's to see.
+    fn serve_timeless<R>(&self, service: impl FnOnce(&mut Partition) -> R) -> Result<R, ReturnCode> {
+        if !thread::enter_service() {
+            return Err(ReturnCode::InvalidMode);
+        }
+        let mut state = self.kernel.lock();
+        if !self.kernel.is_still_turn_of(&state, thread::own_place()) {
+            drop(state);
+            state = self.turn();
+        }
+        let result = service(&mut state.partition);
         self.kernel.spend(&mut state, thread::service_ns());
         state.serve_ports();
         self.hand_on(state);

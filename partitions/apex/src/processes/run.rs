@@ -7,20 +7,26 @@ use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::{AcqRel, Acquire, Relaxed, Release};
 
 use bateleur_contract::page::OWN_REQUEST;
-use bateleur_contract::{Clock, ControlPage, Mapped, Mode, ProcessPlan, ReportKind, StartCondition, exit};
+use bateleur_contract::{
+    Clock, ControlPage, Description, Mapped, Mode, PlannedProcess, ProcessPlan, ProcessTable, ReportKind,
+    StartCondition, exit,
+};
 use bateleur_processes::standard::{
-    self, ErrorCode, MAIN_PROCESS_ID, MAX_PROCESSES, OperatingMode, ProcessId, SystemTime,
+    self, ErrorCode, MAIN_PROCESS_ID, MAX_PROCESSES, MemoryBlockMode, MemoryBlockStatus, Name, OperatingMode,
+    ProcessId, SystemTime,
 };
 use bateleur_processes::{
-    End as Ended, HealthTable, Notice, Partition, PartitionAction, PeriodGrid, Settings, Verdict,
+    End as Ended, HealthTable, Level, Notice, Partition, PartitionAction, PeriodGrid, Settings, Verdict,
 };
 use rustix::thread::futex;
 
 use super::initialisation::{Initialisation, complete};
-use super::kernel::{Kernel, State};
+use super::kernel::{HANDLER, Kernel, State};
 use super::process::Process;
+use super::shown::Shown;
 use super::{alternate_stack, current, thread};
 use crate::context::{Context, StartError, Started};
+use crate::memory_block::MemoryBlock;
 use crate::run::{End, await_grant, lock_memory, name_process, report_end, take_over};
 use crate::time::{Time, monotonic_ns};
 
@@ -64,6 +70,7 @@ pub(crate) fn begin() -> Result<Option<Beginning>, End> {
     let (control, page, description) =
         take_over().map_err(|reason| End { code: exit::NO_CONTRACT, reason })?;
     alternate_stack::install();
+    crate::crash::prepare(&description);
     crate::signals::install();
     name_process(&description.partition);
     if description.standby {
@@ -75,11 +82,17 @@ pub(crate) fn begin() -> Result<Option<Beginning>, End> {
         .map_err(|error| End { code: exit::NO_CONTRACT, reason: error.to_string() })?;
     let retained = crate::run::retained(&description);
     let (clock, condition) = (description.clock, description.start_condition);
+    let table = crate::run::process_table(&description)
+        .map_err(|error| End { code: exit::NO_CONTRACT, reason: error.to_string() })?;
+    let taken = taken(&description);
     let starting = if condition.is_warm() { Mode::WarmStart } else { Mode::ColdStart };
     page.mode.store(starting as u32, Release);
     let time = Time::new(Rc::new(page), clock);
     let context = Context::new(description, time, retained).map_err(refuse)?;
-    let kernel = kernel(shared, clock, condition, &context.process_plan());
+    let mut settings = settings(condition, &context.process_plan(), &taken);
+    settings.memory_blocks = context.memory_blocks().iter().filter_map(memory_block).collect();
+    let kernel = kernel(shared, clock, settings, table);
+    let _ = kernel.schedules.set(context.schedules()); // nobody has asked for them before
     kernel.begin_at(context.time().now_ns() as SystemTime);
     current::enter(Process::new(kernel.clone()));
     Ok(Some(Beginning { context, kernel }))
@@ -92,7 +105,7 @@ impl Beginning {
 
     /// The main process has ended: the partition runs until it is asked to stop.
     pub(crate) fn run(self) -> Result<(), End> {
-        complete(&mut self.kernel.lock()).map_err(refuse)?;
+        self.complete().map_err(refuse)?;
         let started = self.context.finish().map_err(refuse)?;
         lock_memory();
         self.kernel.page.mode.store(Mode::Normal as u32, Release);
@@ -100,23 +113,93 @@ impl Beginning {
     }
 }
 
+impl Beginning {
+    /// Every process is there: they are shown, and compared with what the plan says of them.
+    fn complete(&self) -> Result<(), StartError> {
+        let state = &mut *self.kernel.lock();
+        complete(state)?;
+        state.shown.prepare(&state.partition);
+        let differs =
+            self.context.planned_processes().iter().filter_map(|planned| differs(planned, &state.partition));
+        let differs: Vec<String> = differs.collect();
+        // A report holds one line; the first are worth more than the last.
+        differs
+            .iter()
+            .take(MOST_DIFFERENCES)
+            .for_each(|text| self.kernel.page.report(ReportKind::Message, text));
+        Ok(())
+    }
+}
+
+/// Differences between the plan and the program that are told: reports wait for the executive in a ring.
+const MOST_DIFFERENCES: usize = 6;
+
+/// What the plan says of a process and the program does not do, with both; `None`: it does.
+fn differs(planned: &PlannedProcess, partition: &Partition) -> Option<String> {
+    let name = &planned.name;
+    let status = partition.get_process_id(name).and_then(|id| partition.get_process_status(id));
+    let Ok(status) = status else {
+        return Some(format!("process {name} of the plan is not created by the program"));
+    };
+    let attributes = &status.attributes;
+    let span = |time: SystemTime| u64::try_from(time).ok().map(|ns| ns as f64 / 1e6);
+    let said = |ns: Option<u64>| ns.map(|ns| ns as f64 / 1e6);
+    let word = |ms: Option<f64>| ms.map_or_else(|| "none".to_owned(), |ms| format!("{ms} ms"));
+    let mut found = Vec::new();
+    if i32::from(planned.priority) != attributes.base_priority {
+        found.push(format!("priority {} and not {}", attributes.base_priority, planned.priority));
+    }
+    for (what, has, wants) in [
+        ("period", span(attributes.period), said(planned.period_ns)),
+        ("deadline", span(attributes.time_capacity), said(planned.deadline_ns)),
+    ] {
+        if has != wants {
+            found.push(format!("{what} {} and not {}", word(has), word(wants)));
+        }
+    }
+    (!found.is_empty()).then(|| format!("process {name} has {} as in the plan", found.join(", ")))
+}
+
+/// Errors of processes that an error handler of theirs does not decide about.
+fn taken(description: &Description) -> Vec<ErrorCode> {
+    let code = |name: &String| match name.as_str() {
+        "deadline_missed" => Some(ErrorCode::DeadlineMissed),
+        "application_error" => Some(ErrorCode::ApplicationError),
+        "numeric_error" => Some(ErrorCode::NumericError),
+        "illegal_request" => Some(ErrorCode::IllegalRequest),
+        "stack_overflow" => Some(ErrorCode::StackOverflow),
+        "memory_violation" => Some(ErrorCode::MemoryViolation),
+        "hardware_fault" => Some(ErrorCode::HardwareFault),
+        _ => None, // none of a process
+    };
+    description.taken_errors.iter().filter_map(code).collect()
+}
+
 /// What the executive is told when the partition ends before its first window.
 pub(crate) fn end_of(kernel: &Kernel) -> Result<(), End> {
     after_window(&kernel.page, &mut kernel.lock())
+}
+
+/// A memory block as the services know it; `None`: no service can say its name.
+fn memory_block(block: &MemoryBlock) -> Option<(Name, MemoryBlockStatus)> {
+    let mode = if block.is_writable() { MemoryBlockMode::ReadWrite } else { MemoryBlockMode::Read };
+    let size = i32::try_from(block.len()).unwrap_or(i32::MAX);
+    Some((Name::new(block.name())?, MemoryBlockStatus { address: block.address() as usize, mode, size }))
 }
 
 /// The partition before its main process.
 pub(crate) fn kernel(
     page: Mapped<ControlPage>,
     clock: Clock,
-    condition: StartCondition,
-    plan: &ProcessPlan,
+    settings: Settings,
+    table: Option<Mapped<ProcessTable>>,
 ) -> Arc<Kernel> {
     thread::install();
-    Arc::new(Kernel::new(page, clock, Partition::new(settings(condition, plan))))
+    Arc::new(Kernel::new(page, clock, Partition::new(settings), Shown::new(table)))
 }
 
-fn settings(condition: StartCondition, plan: &ProcessPlan) -> Settings {
+/// `taken`: errors that no handler of its processes decides about.
+pub(crate) fn settings(condition: StartCondition, plan: &ProcessPlan, taken: &[ErrorCode]) -> Settings {
     let time = |ns: u64| SystemTime::try_from(ns).unwrap_or(SystemTime::MAX);
     let period = time(plan.period_ns).max(1);
     let mut settings = Settings::every(period);
@@ -142,6 +225,9 @@ fn settings(condition: StartCondition, plan: &ProcessPlan) -> Settings {
     // Without an error handler these two are told to the executive, whose table decides. A fault leaves nothing that could go on.
     for code in [ErrorCode::DeadlineMissed, ErrorCode::ApplicationError] {
         settings.health.action[code as usize] = PartitionAction::Ignore;
+    }
+    for code in taken {
+        settings.health.level[*code as usize] = Level::Module;
     }
     settings
 }
@@ -183,6 +269,7 @@ fn windows(kernel: &Arc<Kernel>, mut started: Started) -> Result<(), End> {
 /// Tells the executive what happened in a window; the end of the partition, if it has come.
 fn after_window(page: &ControlPage, state: &mut State) -> Result<(), End> {
     tell_all(page, state);
+    state.shown.show(&state.partition, &state.batons, state.bodies[HANDLER].is_some());
     let ended = state.ended();
     let (code, reason) = match ended {
         None => return Ok(()),
@@ -199,7 +286,15 @@ fn after_window(page: &ControlPage, state: &mut State) -> Result<(), End> {
 
 fn tell_all(page: &ControlPage, state: &mut State) {
     while let Some(notice) = state.partition.take_notice() {
-        tell(page, &notice, &state.partition);
+        if let Notice::Error { process, .. } = &notice {
+            state.shown.count_error(*process);
+        }
+        match &notice {
+            Notice::Error { process, code, verdict: Verdict::Process, .. } => {
+                state.shown.tell_error(kind_of(*code), *process);
+            }
+            _ => tell(page, &notice, &state.partition),
+        }
     }
 }
 
@@ -212,17 +307,37 @@ fn called(process: ProcessId, partition: &Partition) -> String {
     }
 }
 
+/// What an error of a process is to the executive.
+fn kind_of(code: ErrorCode) -> ReportKind {
+    match code {
+        ErrorCode::DeadlineMissed => ReportKind::DeadlineMissed,
+        ErrorCode::NumericError => ReportKind::NumericError,
+        ErrorCode::IllegalRequest => ReportKind::IllegalRequest,
+        ErrorCode::StackOverflow => ReportKind::StackOverflow,
+        ErrorCode::MemoryViolation => ReportKind::MemoryViolation,
+        ErrorCode::HardwareFault => ReportKind::HardwareFault,
+        ErrorCode::ApplicationError | ErrorCode::PowerFail => ReportKind::ApplicationError,
+    }
+}
+
 fn tell(page: &ControlPage, notice: &Notice, partition: &Partition) {
     match notice {
         Notice::Report { text, .. } => {
             page.report(ReportKind::Message, &String::from_utf8_lossy(text.as_bytes()));
         }
-        Notice::Error { verdict: Verdict::Process, .. } => {}
         Notice::Error { process, code, verdict: Verdict::Lost, .. } => {
             let who = called(*process, partition);
             let text = format!("{who}: {code:?} is lost, too many errors wait for the handler");
             page.report(ReportKind::Message, &text);
         }
+        // The plan leaves it to the module.
+        Notice::Error { process, code, verdict: Verdict::Module, .. } => {
+            page.report(kind_of(*code), &called(*process, partition));
+        }
+        Notice::Error { process, code: ErrorCode::DeadlineMissed, .. } => {
+            page.report(ReportKind::DeadlineMissed, &called(*process, partition));
+        }
+        // What ends the partition is told again by its end.
         Notice::Error { process, code, .. } => {
             page.report(ReportKind::ApplicationError, &format!("{}: {code:?}", called(*process, partition)));
         }

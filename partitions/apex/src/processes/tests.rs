@@ -11,7 +11,7 @@ use bateleur_processes::standard::{ErrorCode, INFINITE_TIME_VALUE as FOREVER, Pr
 use super::initialisation::{Every, Initialisation, complete};
 use super::kernel::Kernel;
 use super::process::Process;
-use super::run::kernel;
+use super::run::{kernel, settings};
 use crate::context::{Context, StartError};
 use crate::harness::Harness;
 use crate::time::monotonic_ns;
@@ -50,7 +50,8 @@ fn partition_in(
     if clock == Clock::Wall {
         page.origin_ns.store(monotonic_ns(), Relaxed);
     }
-    let kernel = kernel(page, clock, StartCondition::NormalStart, &crate::harness::PROCESSES);
+    let settings = settings(StartCondition::NormalStart, &crate::harness::PROCESSES, &[]);
+    let kernel = kernel(page, clock, settings, None);
     let notes = Notes::default();
     initialise(&mut Initialisation { context: &mut context, kernel: &kernel }, &notes).unwrap();
     complete(&mut kernel.lock()).unwrap();

@@ -29,6 +29,10 @@ thread_local! {
     static SERVING: Cell<bool> = const { Cell::new(false) };
     /// The signal came meanwhile.
     static PENDING: Cell<bool> = const { Cell::new(false) };
+    /// The lower end of the thread's stack; 0: not known.
+    static STACK_LOW: Cell<usize> = const { Cell::new(0) };
+    /// The name of the thread's process, and its bytes; the thread's own stack holds it.
+    static NAME: Cell<(*const u8, usize)> = const { Cell::new((null(), 0)) };
 }
 
 /// Between two looks at another thread. Not by giving way: the main thread is above the others, which would never run.
@@ -56,9 +60,11 @@ pub(crate) fn spawn(kernel: &Arc<Kernel>, place: usize, body: Body) -> std::io::
 fn run(kernel: &Arc<Kernel>, place: usize, baton: &Baton, body: &Body) {
     KERNEL.set(Arc::as_ptr(kernel));
     PLACE.set(place);
+    NAME.set((body.name.as_ptr(), body.name.len()));
     SERVING.set(true);
     alternate_stack::install();
     let thread = rustix::thread::gettid().as_raw_nonzero().get();
+    STACK_LOW.set(baton.stack.note_own());
     baton.thread.store(thread, Ordering::Release);
     let process = Process::new(kernel.clone());
     current::enter(Process::new(kernel.clone()));
@@ -116,6 +122,8 @@ fn after_panic(kernel: &Kernel, place: usize, baton: &Baton, life: u32, payload:
     if passed == Passed::Away && !baton.take() {
         return false;
     }
+    // Somebody has handled it, and the partition lives.
+    crate::crash::forget();
     if baton.life.load(Ordering::Relaxed) != life {
         return true;
     }
@@ -142,6 +150,11 @@ pub(crate) fn leave_service() {
     }
 }
 
+/// The name of this thread's process: where it lies, and its bytes; none of another thread.
+pub(crate) fn own_name() -> (*const u8, usize) {
+    NAME.get()
+}
+
 /// The place of this thread's process.
 pub(crate) fn own_place() -> usize {
     PLACE.get()
@@ -150,6 +163,11 @@ pub(crate) fn own_place() -> usize {
 /// What a service costs whoever runs here under the virtual clock, ns: before NORMAL nothing.
 pub(crate) fn service_ns() -> i64 {
     if own_place() == MAIN { 0 } else { super::SERVICE_NS }
+}
+
+/// The lower end of this thread's stack, if it is a process's; below it lies the guard page.
+pub(crate) fn stack_low() -> Option<u64> {
+    Some(STACK_LOW.get() as u64).filter(|low| *low != 0)
 }
 
 /// The thread that the program began with.
@@ -188,9 +206,7 @@ fn signal(baton: &Baton, signal: libc::c_int) -> libc::c_long {
 pub(crate) fn install() {
     c_library::find();
     set_handler(SIGNAL, on_signal as *const () as usize, libc::SA_RESTART | libc::SA_SIGINFO);
-    for signal in [libc::SIGFPE, libc::SIGILL] {
-        set_handler(signal, on_trap as *const () as usize, libc::SA_SIGINFO | libc::SA_ONSTACK);
-    }
+    crate::signals::install_traps();
 }
 
 /// Takes a lock that this thread does not hold and that nobody holds while being stopped, computes, and sleeps on a futex: no memory is
@@ -273,15 +289,6 @@ pub(crate) unsafe fn fault(code: ErrorCode, address: u64, context: *const libc::
     true
 }
 
-/// Division by zero, and what is no instruction.
-extern "C" fn on_trap(signal: libc::c_int, about: *mut libc::siginfo_t, context: *mut libc::c_void) {
-    let code = if signal == libc::SIGFPE { ErrorCode::NumericError } else { ErrorCode::IllegalRequest };
-    // SAFETY: the kernel hands a handler with SA_SIGINFO valid structures of these types.
-    if !unsafe { fault(code, (*about).si_addr() as u64, context.cast()) } {
-        set_handler(signal, libc::SIG_DFL, 0); // the instruction is tried again and ends the partition's process
-    }
-}
-
 /// Waits until a thread that was dismissed is none of the threads that the plan counts. It has nothing to do but to end.
 fn await_end(baton: &Baton) {
     for _ in 0..AWAITED {
@@ -299,6 +306,7 @@ const AWAITED: u32 = 5000;
 pub(crate) fn adopt(kernel: &Arc<Kernel>, state: &mut State) {
     let Some(place) = state.orphan.take() else { return };
     let Some(body) = state.bodies[place].clone() else { return };
+    state.batons[place].stack.forget();
     state.batons[place].dismiss();
     await_end(&state.batons[place]);
     match spawn(kernel, place, body) {

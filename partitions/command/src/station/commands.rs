@@ -111,6 +111,18 @@ impl Commands {
         }
     }
 
+    /// The mission goes on with this way-point; `None`: the mission has no such item.
+    pub(super) fn go_on_with(&mut self, index: Option<u8>, peer: Peer, now_ns: u64, out: &mut Out) {
+        let number = MavCmd::MAV_CMD_DO_SET_MISSION_CURRENT as u16;
+        match index {
+            Some(index) => self.begin(number, peer, vec![Order::GoOnWith { index }], now_ns, out),
+            None => {
+                out.text(MavSeverity::MAV_SEVERITY_WARNING, "the mission has no such item");
+                acknowledge(number, peer, MavResult::MAV_RESULT_DENIED, out);
+            }
+        }
+    }
+
     /// A command that is not carried out here, in whatever form it came: who sent it must not wait.
     pub(super) fn unsupported(&self, number: u16, peer: Peer, out: &mut Out) {
         acknowledge(number, peer, MavResult::MAV_RESULT_UNSUPPORTED, out);
@@ -245,6 +257,7 @@ fn answers_to(order: &Order) -> &'static [(u8, u8)] {
         Order::Autopilot { .. } => &[(b'A', FROM_CONTROLLER), (b'A', FROM_SERVO)],
         Order::Navigation { .. } => &[(b'N', FROM_CONTROLLER)],
         Order::Manoeuvre { .. } => &[(b'F', FROM_CONTROLLER)],
+        Order::GoOnWith { .. } => &[(b'J', FROM_CONTROLLER)],
         Order::InitialiseSensors { .. } => &[(b'I', FROM_IMU)],
         _ => &[],
     }
@@ -316,6 +329,8 @@ fn version(system: u8, encoding: Encoding) -> MavMessage {
     };
     MavMessage::AUTOPILOT_VERSION(AUTOPILOT_VERSION_DATA {
         capabilities: MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MISSION_INT
+            | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
+            | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
             | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MAVLINK2
             | encoding,
         uid: u64::from(system),

@@ -8,12 +8,15 @@
 
 use bateleur_mavlink::Runway;
 use bateleur_mavlink::common::{
-    MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MISSION_REQUEST_INT_DATA, MavCmd, MavFrame,
+    MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MISSION_REQUEST_INT_DATA, MavFrame,
     MavMessage, MavMissionResult as Verdict, MavMissionType, MavSeverity,
 };
 use bateleur_messages::ground::{Order, Waypoint};
+use bateleur_messages::mark::{MOST_MARKS, Mark};
 use bateleur_messages::telemetry::{ACCEPTED, Acknowledge};
 
+use super::items::{self, COMMAND, FRAME, Items, Read, Refused};
+use super::marks::{self, Marks};
 use super::{Out, Peer, why};
 
 /// Way-points that the Controller can hold.
@@ -26,49 +29,19 @@ const PATIENCE_NS: u64 = 1_000_000_000;
 const TRIES: u32 = 5;
 /// Way-points that are on their way to the Controller at once: half of what its queue holds.
 const ON_THE_WAY: usize = 4;
-/// Airspeed before any item has named one, m/s.
-const USUAL_MPS: f64 = 22.0;
-
-/// Why an item is refused for its command, or for its frame.
-const COMMAND: (Verdict, &str) = (Verdict::MAV_MISSION_UNSUPPORTED, "only way-points and speeds are flown");
-const FRAME: (Verdict, &str) = (Verdict::MAV_MISSION_UNSUPPORTED_FRAME, "its frame is not known here");
-
-/// One item, as the ground station counts them.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Item {
-    Speed(f64),
-    /// The way-point of this place in the Controller's list.
-    Waypoint(usize),
+/// What has come in of a list.
+#[derive(Debug)]
+enum Received {
+    Mission(Vec<Read>),
+    Marks(Vec<Mark>),
 }
 
-/// The Controller's way-points as items.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Items {
-    waypoints: Vec<Waypoint>,
-}
-
-impl Items {
-    fn list(&self) -> Vec<Item> {
-        let (mut items, mut speed_mps) = (Vec::new(), USUAL_MPS);
-        for (place, waypoint) in self.waypoints.iter().enumerate() {
-            if waypoint.airspeed_mps != speed_mps {
-                speed_mps = waypoint.airspeed_mps;
-                items.push(Item::Speed(speed_mps));
-            }
-            items.push(Item::Waypoint(place));
+impl Received {
+    fn len(&self) -> usize {
+        match self {
+            Self::Mission(items) => items.len(),
+            Self::Marks(marks) => marks.len(),
         }
-        items
-    }
-
-    /// Number of items.
-    pub(super) fn count(&self) -> u16 {
-        self.list().len() as u16 // MOST_ITEMS at most
-    }
-
-    /// The item of a way-point; 0 where it is not known.
-    pub(super) fn place_of(&self, waypoint: u32) -> u16 {
-        let place = self.list().iter().position(|item| *item == Item::Waypoint(waypoint as usize));
-        place.unwrap_or(0) as u16 // MOST_ITEMS at most
     }
 }
 
@@ -78,18 +51,20 @@ enum Transfer {
     None,
     /// Items come in.
     Receiving {
+        kind: MavMissionType,
         peer: Peer,
         count: u16,
-        items: Vec<(MavCmd, Option<Waypoint>, f64)>,
+        items: Received,
         until_ns: u64,
         tries: u32,
     },
-    /// Way-points go to the Controller.
+    /// They go to the Controller.
     Loading {
+        kind: MavMissionType,
         peer: Peer,
-        waypoints: Vec<Waypoint>,
+        orders: Vec<Order>,
         /// What has to be taken before these, see the module; whether it was sent.
-        opening: Option<(Waypoint, bool)>,
+        opening: Option<(Order, bool)>,
         taken: Vec<bool>,
         sent: usize,
         until_ns: u64,
@@ -102,6 +77,7 @@ enum Transfer {
 pub(super) struct Missions {
     runway: Runway,
     items: Items,
+    marks: Marks,
     /// Way-points that the Controller has, as it says.
     told: usize,
     transfer: Transfer,
@@ -109,12 +85,22 @@ pub(super) struct Missions {
 
 impl Missions {
     pub(super) fn new(runway: Runway) -> Self {
-        Self { runway, items: Items::default(), told: 0, transfer: Transfer::None }
+        Self { runway, items: Items::default(), marks: Marks::default(), told: 0, transfer: Transfer::None }
     }
 
     /// The Controller's way-points, as they were known before.
     pub(super) fn resume(&mut self, waypoints: Vec<Waypoint>) {
         self.items.waypoints = waypoints;
+    }
+
+    /// The Controller's fence and rally points, as they were known before.
+    pub(super) fn resume_marks(&mut self, marks: Vec<Mark>) {
+        self.marks = Marks::of(marks);
+    }
+
+    /// All of them, as far as they are known.
+    pub(super) fn marks(&self) -> impl Iterator<Item = &Mark> {
+        self.marks.all()
     }
 
     pub(super) fn waypoints(&self) -> &[Waypoint] {
@@ -132,9 +118,13 @@ impl Missions {
 
     /// A way-point went to the Controller, whoever sent it.
     pub(super) fn ordered(&mut self, order: &Order) {
-        let Order::Waypoint(waypoint) = order else { return };
+        let waypoint = match order {
+            Order::Waypoint(waypoint) => waypoint,
+            Order::Fence(mark) | Order::Rally(mark) => return self.marks.ordered(mark),
+            _ => return,
+        };
         let (index, count) = (usize::from(waypoint.index), usize::from(waypoint.count));
-        if matches!(&self.transfer, Transfer::Loading { opening: Some((opening, _)), .. } if opening == waypoint)
+        if matches!(&self.transfer, Transfer::Loading { opening: Some((opening, _)), .. } if opening == order)
         {
             return; // no part of any mission
         }
@@ -186,7 +176,10 @@ impl Missions {
                 self.item(&item, peer, now_ns, out);
             }
             M::MISSION_REQUEST_LIST(m) if m.target_system == system => {
-                let count = if is_mission(m.mission_type) { self.items.count() } else { 0 };
+                let count = match m.mission_type {
+                    kind if is_mission(kind) => self.items.count(),
+                    kind => self.marks.list(kind).len() as u16, // MOST_MARKS at most
+                };
                 out.say(&M::MISSION_COUNT(MISSION_COUNT_DATA {
                     count,
                     target_system: peer.0,
@@ -207,7 +200,7 @@ impl Missions {
                     out.text(MavSeverity::MAV_SEVERITY_WARNING, text);
                     verdict(Verdict::MAV_MISSION_DENIED, m.mission_type, peer, out);
                 }
-                false => verdict(Verdict::MAV_MISSION_ACCEPTED, m.mission_type, peer, out),
+                false => self.clear_marks(m.mission_type, peer, now_ns, out),
             },
             M::MISSION_REQUEST_PARTIAL_LIST(m) if m.target_system == system => {
                 verdict(Verdict::MAV_MISSION_UNSUPPORTED, m.mission_type, peer, out);
@@ -215,12 +208,15 @@ impl Missions {
             M::MISSION_WRITE_PARTIAL_LIST(m) if m.target_system == system => {
                 verdict(Verdict::MAV_MISSION_UNSUPPORTED, m.mission_type, peer, out);
             }
-            M::MISSION_SET_CURRENT(m) if m.target_system == system => {
-                let text = "way-points are flown in their order: none can be chosen";
-                out.text(MavSeverity::MAV_SEVERITY_WARNING, text);
-                let kind = MavMissionType::MAV_MISSION_TYPE_MISSION;
-                verdict(Verdict::MAV_MISSION_UNSUPPORTED, kind, peer, out);
-            }
+            M::MISSION_SET_CURRENT(m) if m.target_system == system => match self.items.waypoint_at(m.seq) {
+                // MISSION_CURRENT says whether it is flown to.
+                Some(index) => out.orders.push(Order::GoOnWith { index }),
+                None => {
+                    out.text(MavSeverity::MAV_SEVERITY_WARNING, "the mission has no such item");
+                    let kind = MavMissionType::MAV_MISSION_TYPE_MISSION;
+                    verdict(Verdict::MAV_MISSION_INVALID_SEQUENCE, kind, peer, out);
+                }
+            },
             // The ground station has given up.
             M::MISSION_ACK(m) if m.target_system == system && m.mavtype != Verdict::MAV_MISSION_ACCEPTED => {
                 if matches!(&self.transfer, Transfer::Receiving { peer: from, .. } if *from == peer) {
@@ -233,11 +229,14 @@ impl Missions {
 
     /// The Controller's answer to a way-point.
     pub(super) fn answered(&mut self, answer: &Acknowledge, out: &mut Out) {
-        let Transfer::Loading { peer, opening, taken, .. } = &mut self.transfer else { return };
-        if answer.letter != b'W' {
+        if answer.letter == b'J' && answer.result != ACCEPTED {
+            return out.text(MavSeverity::MAV_SEVERITY_WARNING, &format!("refused: {}", why(answer)));
+        }
+        let Transfer::Loading { kind, peer, orders, opening, taken, .. } = &mut self.transfer else { return };
+        if orders.first().is_none_or(|order| answer.letter != order.letter()) {
             return;
         }
-        let peer = *peer;
+        let (kind, peer) = (*kind, *peer);
         if let Some((_, sent)) = opening
             && answer.result == ACCEPTED
         {
@@ -250,50 +249,51 @@ impl Missions {
             taken.iter_mut().skip(usize::from(answer.first)).take(1).for_each(|place| *place = true);
             if taken.iter().all(|taken| *taken) {
                 self.transfer = Transfer::None;
-                verdict(Verdict::MAV_MISSION_ACCEPTED, MavMissionType::MAV_MISSION_TYPE_MISSION, peer, out);
+                verdict(Verdict::MAV_MISSION_ACCEPTED, kind, peer, out);
             }
             return;
         }
-        out.text(MavSeverity::MAV_SEVERITY_WARNING, &format!("mission refused: {}", why(answer)));
-        self.end(Verdict::MAV_MISSION_DENIED, peer, out);
+        out.text(MavSeverity::MAV_SEVERITY_WARNING, &format!("{} refused: {}", name(kind), why(answer)));
+        self.end(Verdict::MAV_MISSION_DENIED, kind, peer, out);
     }
 
     pub(super) fn window(&mut self, now_ns: u64, out: &mut Out) {
         match &mut self.transfer {
             Transfer::None => {}
-            Transfer::Receiving { peer, items, until_ns, tries, .. } => {
+            Transfer::Receiving { kind, peer, items, until_ns, tries, .. } => {
                 if now_ns < *until_ns {
                     return;
                 }
                 (*tries, *until_ns) = (*tries + 1, now_ns + PATIENCE_NS);
-                let peer = *peer;
+                let (kind, peer) = (*kind, *peer);
                 if *tries >= TRIES {
-                    self.end(Verdict::MAV_MISSION_OPERATION_CANCELLED, peer, out);
+                    self.end(Verdict::MAV_MISSION_OPERATION_CANCELLED, kind, peer, out);
                 } else {
-                    request(items.len(), peer, out);
+                    request(items.len(), kind, peer, out);
                 }
             }
-            Transfer::Loading { peer, waypoints, opening, taken, sent, until_ns, tries } => {
+            Transfer::Loading { kind, peer, orders, opening, taken, sent, until_ns, tries } => {
                 if now_ns >= *until_ns {
                     // Begin again with the first that is missing; one that was taken may be sent twice.
                     (*tries, *until_ns) = (*tries + 1, now_ns + PATIENCE_NS);
                     *sent = taken.iter().position(|taken| !taken).unwrap_or(0);
                     opening.iter_mut().for_each(|(_, sent)| *sent = false);
                 }
-                let peer = *peer;
+                let (kind, peer) = (*kind, *peer);
                 if *tries >= TRIES {
-                    out.text(MavSeverity::MAV_SEVERITY_WARNING, "mission: the Controller does not answer");
-                    return self.end(Verdict::MAV_MISSION_ERROR, peer, out);
+                    let text = format!("{}: the Controller does not answer", name(kind));
+                    out.text(MavSeverity::MAV_SEVERITY_WARNING, &text);
+                    return self.end(Verdict::MAV_MISSION_ERROR, kind, peer, out);
                 }
-                if let Some((waypoint, sent)) = opening {
+                if let Some((order, sent)) = opening {
                     if !std::mem::replace(sent, true) {
-                        out.orders.push(Order::Waypoint(*waypoint));
+                        out.orders.push(*order);
                     }
                     return;
                 }
                 let on_the_way = taken[..*sent].iter().filter(|taken| !**taken).count();
-                for waypoint in waypoints[*sent..].iter().take(ON_THE_WAY.saturating_sub(on_the_way)) {
-                    out.orders.push(Order::Waypoint(*waypoint));
+                for order in orders[*sent..].iter().take(ON_THE_WAY.saturating_sub(on_the_way)) {
+                    out.orders.push(*order);
                     *sent += 1;
                     *until_ns = now_ns + PATIENCE_NS;
                 }
@@ -301,40 +301,66 @@ impl Missions {
         }
     }
 
-    fn end(&mut self, result: Verdict, peer: Peer, out: &mut Out) {
+    fn end(&mut self, result: Verdict, kind: MavMissionType, peer: Peer, out: &mut Out) {
         self.transfer = Transfer::None;
-        verdict(result, MavMissionType::MAV_MISSION_TYPE_MISSION, peer, out);
+        verdict(result, kind, peer, out);
+    }
+
+    /// Hands a list that is whole to the Controller.
+    fn load(&mut self, kind: MavMissionType, peer: Peer, orders: Vec<Order>, now_ns: u64) {
+        let opening = self.opening(&orders).map(|order| (order, false));
+        let (taken, until_ns) = (vec![false; orders.len()], now_ns + PATIENCE_NS);
+        self.transfer = Transfer::Loading { kind, peer, orders, opening, taken, sent: 0, until_ns, tries: 0 };
+    }
+
+    /// A fence without areas, or no rally points.
+    fn clear_marks(&mut self, kind: MavMissionType, peer: Peer, now_ns: u64, out: &mut Out) {
+        let Some(none) = marks::none(kind, list_number(now_ns)) else {
+            return verdict(Verdict::MAV_MISSION_UNSUPPORTED, kind, peer, out);
+        };
+        if matches!(self.transfer, Transfer::None) {
+            self.load(kind, peer, vec![none], now_ns);
+        } else {
+            verdict(Verdict::MAV_MISSION_DENIED, kind, peer, out);
+        }
     }
 
     fn count(&mut self, m: &MISSION_COUNT_DATA, peer: Peer, now_ns: u64, out: &mut Out) {
-        if !is_mission(m.mission_type) {
-            // Fences and rally points: none are flown, so none can be had but none.
-            let result = match m.count {
-                0 => Verdict::MAV_MISSION_ACCEPTED,
-                _ => Verdict::MAV_MISSION_UNSUPPORTED,
-            };
-            return verdict(result, m.mission_type, peer, out);
+        let kind = m.mission_type;
+        if !is_mission(kind) && !marks::is_marks(kind) {
+            return verdict(Verdict::MAV_MISSION_UNSUPPORTED, kind, peer, out);
         }
         if !matches!(self.transfer, Transfer::None)
             && !matches!(&self.transfer, Transfer::Receiving { peer: from, .. } if *from == peer)
         {
             return verdict(Verdict::MAV_MISSION_DENIED, m.mission_type, peer, out);
         }
+        let most = if is_mission(kind) { MOST_ITEMS } else { MOST_MARKS as u16 };
         match m.count {
-            0 => {
+            0 if is_mission(kind) => {
                 out.text(MavSeverity::MAV_SEVERITY_WARNING, "way-points are replaced, not cleared");
-                self.end(Verdict::MAV_MISSION_DENIED, peer, out);
+                self.end(Verdict::MAV_MISSION_DENIED, kind, peer, out);
             }
-            1..=MOST_ITEMS => {
+            0 => {
+                self.transfer = Transfer::None;
+                self.clear_marks(kind, peer, now_ns, out);
+            }
+            count if count <= most => {
+                let items = match is_mission(kind) {
+                    true => Received::Mission(Vec::new()),
+                    false => Received::Marks(Vec::new()),
+                };
                 let until_ns = now_ns + PATIENCE_NS;
-                self.transfer =
-                    Transfer::Receiving { peer, count: m.count, items: Vec::new(), until_ns, tries: 0 };
-                request(0, peer, out);
+                self.transfer = Transfer::Receiving { kind, peer, count, items, until_ns, tries: 0 };
+                request(0, kind, peer, out);
             }
             _ => {
-                let text = format!("mission refused: {MOST_WAYPOINTS} way-points at most");
+                let text = match is_mission(kind) {
+                    true => format!("mission refused: {MOST_WAYPOINTS} way-points at most"),
+                    false => format!("{} refused: {MOST_MARKS} items at most", name(kind)),
+                };
                 out.text(MavSeverity::MAV_SEVERITY_WARNING, &text);
-                self.end(Verdict::MAV_MISSION_NO_SPACE, peer, out);
+                self.end(Verdict::MAV_MISSION_NO_SPACE, kind, peer, out);
             }
         }
     }
@@ -353,9 +379,10 @@ impl Missions {
         }
     }
 
-    fn refuse(&mut self, seq: u16, (result, reason): (Verdict, &str), peer: Peer, out: &mut Out) {
+    fn refuse(&mut self, seq: u16, (result, reason): Refused, peer: Peer, out: &mut Out) {
+        let Transfer::Receiving { kind, .. } = self.transfer else { return };
         out.text(MavSeverity::MAV_SEVERITY_WARNING, &format!("item {seq}: {reason}"));
-        self.end(result, peer, out);
+        self.end(result, kind, peer, out);
     }
 
     fn item(&mut self, m: &MISSION_ITEM_INT_DATA, peer: Peer, now_ns: u64, out: &mut Out) {
@@ -363,90 +390,66 @@ impl Missions {
         if !self.awaits(m.seq, peer) {
             return;
         }
-        let Transfer::Receiving { count, items, until_ns, tries, .. } = &mut self.transfer else { return };
-        let read = match m.command {
-            MavCmd::MAV_CMD_NAV_WAYPOINT => waypoint(m, &runway).map(|waypoint| (Some(waypoint), 0.0)),
-            MavCmd::MAV_CMD_DO_CHANGE_SPEED if m.param1 != 0.0 => {
-                let text = "only airspeed is flown: give parameter 1 as 0, not ground or climb speed";
-                Err((Verdict::MAV_MISSION_INVALID_PARAM1, text))
-            }
-            MavCmd::MAV_CMD_DO_CHANGE_SPEED => match f64::from(m.param2) {
-                speed_mps if Waypoint::AIRSPEEDS_MPS.contains(&speed_mps) => Ok((None, speed_mps)),
-                _ => Err((Verdict::MAV_MISSION_INVALID_PARAM2, "airspeed between 5 and 100 m/s")),
-            },
-            _ => Err(COMMAND),
+        let Transfer::Receiving { kind, count, items, until_ns, tries, .. } = &mut self.transfer else {
+            return;
         };
-        match read {
-            Err(why) => self.refuse(m.seq, why, peer, out),
-            Ok((place, speed_mps)) => {
-                items.push((m.command, place, speed_mps));
-                (*until_ns, *tries) = (now_ns + PATIENCE_NS, 0);
-                if items.len() < usize::from(*count) {
-                    return request(items.len(), peer, out);
-                }
-                let waypoints = waypoints_of(items);
-                if waypoints.is_empty() || waypoints.len() > MOST_WAYPOINTS {
-                    let text = format!("mission refused: 1 to {MOST_WAYPOINTS} way-points");
-                    out.text(MavSeverity::MAV_SEVERITY_WARNING, &text);
-                    return self.end(Verdict::MAV_MISSION_NO_SPACE, peer, out);
-                }
-                if let Some((before, after)) = too_near(items) {
-                    let text = format!(
-                        "mission refused: items {before} and {after} are nearer than {} m to each \
-                         other (the track is closed)",
-                        Waypoint::NEAREST_M
-                    );
-                    out.text(MavSeverity::MAV_SEVERITY_WARNING, &text);
-                    return self.end(Verdict::MAV_MISSION_INVALID, peer, out);
-                }
-                let opening = self.opening(&waypoints).map(|waypoint| (waypoint, false));
-                let taken = vec![false; waypoints.len()];
-                let until_ns = now_ns + PATIENCE_NS;
-                self.transfer =
-                    Transfer::Loading { peer, waypoints, opening, taken, sent: 0, until_ns, tries: 0 };
+        // An older message has no list's name: it is one of a mission.
+        if m.mission_type != *kind {
+            return;
+        }
+        let taken = match items {
+            Received::Mission(items) => items::read(m, &runway).map(|item| items.push(item)),
+            Received::Marks(marks) => marks::read(m, &runway).map(|mark| marks.push(mark)),
+        };
+        if let Err(why) = taken {
+            return self.refuse(m.seq, why, peer, out);
+        }
+        (*until_ns, *tries) = (now_ns + PATIENCE_NS, 0);
+        let (kind, got) = (*kind, items.len());
+        if got < usize::from(*count) {
+            return request(got, kind, peer, out);
+        }
+        let orders = match items {
+            Received::Mission(items) => {
+                items::list_of(items).map(|list| list.into_iter().map(Order::Waypoint).collect())
+            }
+            Received::Marks(marks) => Ok(marks::orders(marks, kind, list_number(now_ns))),
+        };
+        match orders {
+            Ok(orders) => self.load(kind, peer, orders, now_ns),
+            Err((result, text)) => {
+                out.text(MavSeverity::MAV_SEVERITY_WARNING, &text);
+                self.end(result, kind, peer, out);
             }
         }
     }
 
     /// What these way-points must be opened with, see the module: nothing, unless the Controller may have as many.
-    fn opening(&self, waypoints: &[Waypoint]) -> Option<Waypoint> {
-        let taken = [waypoints.len(), self.items.waypoints.len(), self.told];
-        if !taken[1..].contains(&waypoints.len()) {
+    fn opening(&self, orders: &[Order]) -> Option<Order> {
+        let Some(Order::Waypoint(first)) = orders.first() else { return None };
+        let taken = [orders.len(), self.items.waypoints.len(), self.told];
+        if !taken[1..].contains(&orders.len()) {
             return None;
         }
         // Two at least: one that is whole with its first way-point would be flown.
         let count = (2..=MOST_WAYPOINTS).find(|count| !taken.contains(count))?;
-        Some(Waypoint { index: 0, count: count as u8, ..*waypoints.first()? }) // MOST_WAYPOINTS at most
+        Some(Order::Waypoint(Waypoint { index: 0, count: count as u8, ..*first })) // MOST_WAYPOINTS at most
     }
 
     fn answer(&self, seq: u16, kind: MavMissionType, peer: Peer, out: &mut Out) {
-        let item = self.items.list().get(usize::from(seq)).copied().filter(|_| is_mission(kind));
+        let item = match is_mission(kind) {
+            true => self.items.item(seq, &self.runway),
+            false => self.marks.item(seq, kind, &self.runway),
+        };
         let Some(item) = item else {
             return verdict(Verdict::MAV_MISSION_INVALID_SEQUENCE, kind, peer, out);
         };
-        let mut message = MISSION_ITEM_INT_DATA {
-            seq,
+        out.say(&MavMessage::MISSION_ITEM_INT(MISSION_ITEM_INT_DATA {
             target_system: peer.0,
             target_component: peer.1,
-            autocontinue: 1,
-            frame: MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT,
-            ..MISSION_ITEM_INT_DATA::DEFAULT
-        };
-        match item {
-            Item::Speed(speed_mps) => {
-                message.command = MavCmd::MAV_CMD_DO_CHANGE_SPEED;
-                message.frame = MavFrame::MAV_FRAME_MISSION;
-                (message.param2, message.param3) = (speed_mps as f32, -1.0);
-            }
-            Item::Waypoint(place) => {
-                let waypoint = &self.items.waypoints[place];
-                message.command = MavCmd::MAV_CMD_NAV_WAYPOINT;
-                (message.x, message.y) = self.runway.units(waypoint.north_m, waypoint.east_m);
-                message.z = waypoint.altitude_m as f32;
-                message.param4 = waypoint.heading_rad.to_degrees() as f32;
-            }
-        }
-        out.say(&MavMessage::MISSION_ITEM_INT(message));
+            mission_type: kind,
+            ..item
+        }));
     }
 }
 
@@ -458,22 +461,26 @@ fn clears_mission(kind: MavMissionType) -> bool {
     is_mission(kind) || kind == MavMissionType::MAV_MISSION_TYPE_ALL
 }
 
-/// Two items in a row, the last and the first among them, whose way-points are as good as one.
-fn too_near(items: &[(MavCmd, Option<Waypoint>, f64)]) -> Option<(usize, usize)> {
-    let places = items.iter().enumerate().filter_map(|(seq, (_, place, _))| Some((seq, (*place)?)));
-    let points: Vec<_> = places.collect();
-    let next = points.iter().cycle().skip(1);
-    let mut legs = points.iter().zip(next).filter(|_| points.len() > 1);
-    legs.find(|((_, from), (_, to))| from.distance_m(to) < Waypoint::NEAREST_M)
-        .map(|((from, _), (to, _))| (*from, *to))
+/// For a person.
+fn name(kind: MavMissionType) -> &'static str {
+    match kind {
+        MavMissionType::MAV_MISSION_TYPE_FENCE => "fence",
+        MavMissionType::MAV_MISSION_TYPE_RALLY => "rally points",
+        _ => "mission",
+    }
 }
 
-fn request(seq: usize, peer: Peer, out: &mut Out) {
+/// Another number for each list: a hundredth of a second tells two uploads apart.
+fn list_number(now_ns: u64) -> u8 {
+    (now_ns / 10_000_000) as u8
+}
+
+fn request(seq: usize, mission_type: MavMissionType, peer: Peer, out: &mut Out) {
     out.say(&MavMessage::MISSION_REQUEST_INT(MISSION_REQUEST_INT_DATA {
         seq: seq as u16, // MOST_ITEMS at most
         target_system: peer.0,
         target_component: peer.1,
-        mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
+        mission_type,
     }));
 }
 
@@ -485,47 +492,4 @@ fn verdict(result: Verdict, mission_type: MavMissionType, peer: Peer, out: &mut 
         mission_type,
         ..MISSION_ACK_DATA::DEFAULT
     }));
-}
-
-/// The way-point in an item, without its place in the list and its speed.
-fn waypoint(m: &MISSION_ITEM_INT_DATA, runway: &Runway) -> Result<Waypoint, (Verdict, &'static str)> {
-    #[allow(deprecated)] // older ground stations still send these frames
-    let (north_m, east_m, altitude_m) = match m.frame {
-        MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT | MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT => {
-            let (north_m, east_m) = runway.metres_of_units(m.x, m.y);
-            (north_m, east_m, f64::from(m.z))
-        }
-        MavFrame::MAV_FRAME_GLOBAL | MavFrame::MAV_FRAME_GLOBAL_INT => {
-            let (north_m, east_m) = runway.metres_of_units(m.x, m.y);
-            (north_m, east_m, f64::from(m.z) - runway.altitude_m)
-        }
-        MavFrame::MAV_FRAME_LOCAL_NED => (f64::from(m.x) * 1e-4, f64::from(m.y) * 1e-4, -f64::from(m.z)),
-        _ => return Err(FRAME),
-    };
-    if north_m.abs() > Waypoint::FARTHEST_M {
-        return Err((Verdict::MAV_MISSION_INVALID_PARAM5_X, "more than 50 km from the runway"));
-    }
-    if east_m.abs() > Waypoint::FARTHEST_M {
-        return Err((Verdict::MAV_MISSION_INVALID_PARAM6_Y, "more than 50 km from the runway"));
-    }
-    if !(0.0..=Waypoint::HIGHEST_M).contains(&altitude_m) {
-        return Err((Verdict::MAV_MISSION_INVALID_PARAM7, "altitude between 0 and 10 km"));
-    }
-    let heading_rad = if m.param4.is_finite() { f64::from(m.param4).to_radians() } else { 0.0 };
-    Ok(Waypoint { index: 0, count: 0, north_m, east_m, altitude_m, heading_rad, airspeed_mps: USUAL_MPS })
-}
-
-fn waypoints_of(items: &[(MavCmd, Option<Waypoint>, f64)]) -> Vec<Waypoint> {
-    let (mut waypoints, mut airspeed_mps) = (Vec::new(), USUAL_MPS);
-    for (_, place, speed_mps) in items {
-        match place {
-            None => airspeed_mps = *speed_mps,
-            Some(waypoint) => waypoints.push(Waypoint { airspeed_mps, ..*waypoint }),
-        }
-    }
-    let count = waypoints.len().min(usize::from(u8::MAX)) as u8;
-    for (index, waypoint) in waypoints.iter_mut().enumerate() {
-        (waypoint.index, waypoint.count) = (index.min(usize::from(u8::MAX)) as u8, count);
-    }
-    waypoints
 }

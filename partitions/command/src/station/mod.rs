@@ -6,7 +6,11 @@
 #![allow(deprecated)] // ground stations in use still send the older messages
 
 mod commands;
+mod items;
+mod marks;
 mod mission;
+#[cfg(test)]
+mod mission_tests;
 mod parameters;
 mod streams;
 #[cfg(test)]
@@ -20,6 +24,7 @@ use bateleur_mavlink::common::{
 use bateleur_mavlink::{Decoder, Encoder, Foreign, Received, Runway};
 use bateleur_messages::State;
 use bateleur_messages::ground::{Order, Waypoint};
+use bateleur_messages::mark::Mark;
 use bateleur_messages::telemetry::{Acknowledge, HealthText, Refusal, Telemetry};
 use mavlink::Message;
 
@@ -196,6 +201,16 @@ impl Station {
         self.missions.waypoints()
     }
 
+    /// Goes on with the Controller's fence and rally points as they were known before a restart.
+    pub fn resume_marks(&mut self, marks: Vec<Mark>) {
+        self.missions.resume_marks(marks);
+    }
+
+    /// The Controller's fence and rally points, as far as they are known.
+    pub fn marks(&self) -> Vec<Mark> {
+        self.missions.marks().copied().collect()
+    }
+
     /// Takes what a function tells the ground.
     pub fn telemetry(&mut self, telemetry: &Telemetry) {
         match telemetry {
@@ -306,6 +321,12 @@ impl Station {
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
                 let result = self.rates.set_interval(&self.usual_rates, command);
                 commands::acknowledge(command.command as u16, peer, result, &mut self.out);
+            }
+            MavCmd::MAV_CMD_DO_SET_MISSION_CURRENT => {
+                // A cast saturates: what is no item's number is none's.
+                let item = (command.param1 >= 0.0).then_some(command.param1 as u16);
+                let entry = item.and_then(|seq| self.missions.items().waypoint_at(seq));
+                self.commands.go_on_with(entry, peer, now_ns, &mut self.out);
             }
             _ => self.commands.command(command, peer, now_ns, &self.streams, &mut self.out),
         }

@@ -24,7 +24,7 @@ use bateleur_messages::telemetry::{
 use bateleur_messages::{SimulatorLink, State};
 
 use super::Out;
-use super::mission::Items;
+use super::items::Items;
 use crate::Rates;
 
 const SECOND_NS: u64 = 1_000_000_000;

@@ -16,13 +16,13 @@ const CYCLE: u64 = 20_000_000;
 const GROUND: (u8, u8) = (255, 190);
 
 /// An aircraft, the functions behind it, and a ground station.
-struct World {
-    station: Station,
+pub(super) struct World {
+    pub(super) station: Station,
     ground: Encoder,
     window: u64,
     /// What the functions answer to an order.
     answers: fn(&Order) -> Vec<Acknowledge>,
-    ordered: Vec<Order>,
+    pub(super) ordered: Vec<Order>,
     /// This function's parameters, which the Controller here has as well.
     numbers: Numbers,
     table: bateleur_messages::parameter::Parameters<Numbers>,
@@ -51,7 +51,7 @@ fn named_of(of: u8, value: ParameterValue) -> ParameterValue {
     value
 }
 
-fn accept(order: &Order) -> Vec<Acknowledge> {
+pub(super) fn accept(order: &Order) -> Vec<Acknowledge> {
     let first = order.data()[0];
     let by =
         |from| Acknowledge { letter: order.letter(), first, from, result: ACCEPTED, ..Default::default() };
@@ -61,13 +61,13 @@ fn accept(order: &Order) -> Vec<Acknowledge> {
     }
 }
 
-fn refuse(order: &Order) -> Vec<Acknowledge> {
+pub(super) fn refuse(order: &Order) -> Vec<Acknowledge> {
     let reason = Refusal::NoState as u32;
     accept(order).into_iter().map(|answer| Acknowledge { result: REFUSED, reason, ..answer }).collect()
 }
 
 impl World {
-    fn new(answers: fn(&Order) -> Vec<Acknowledge>) -> Self {
+    pub(super) fn new(answers: fn(&Order) -> Vec<Acknowledge>) -> Self {
         let numbers = numbers();
         let setup = Setup {
             system: 1,
@@ -89,7 +89,7 @@ impl World {
     }
 
     /// One window after these messages; gives what the ground hears.
-    fn window(&mut self, messages: &[MavMessage]) -> Vec<MavMessage> {
+    pub(super) fn window(&mut self, messages: &[MavMessage]) -> Vec<MavMessage> {
         self.window += 1;
         let now_ns = self.window * CYCLE;
         let mut bytes = Vec::new();
@@ -145,8 +145,17 @@ impl World {
     }
 
     /// What a ground station does that uploads `items`; gives the verdict.
-    fn upload(&mut self, items: &[MISSION_ITEM_INT_DATA]) -> Option<MavMissionResult> {
-        let mut heard = self.window(&[count(items.len() as u16, MavMissionType::MAV_MISSION_TYPE_MISSION)]);
+    pub(super) fn upload(&mut self, items: &[MISSION_ITEM_INT_DATA]) -> Option<MavMissionResult> {
+        self.upload_of(MavMissionType::MAV_MISSION_TYPE_MISSION, items)
+    }
+
+    /// The same of a list of this kind.
+    pub(super) fn upload_of(
+        &mut self,
+        kind: MavMissionType,
+        items: &[MISSION_ITEM_INT_DATA],
+    ) -> Option<MavMissionResult> {
+        let mut heard = self.window(&[count(items.len() as u16, kind)]);
         for _ in 0..300 {
             let mut answers = Vec::new();
             for message in &heard {
@@ -155,6 +164,7 @@ impl World {
                         let seq = usize::from(request.seq);
                         answers.push(MavMessage::MISSION_ITEM_INT(MISSION_ITEM_INT_DATA {
                             seq: request.seq,
+                            mission_type: kind,
                             ..items[seq].clone()
                         }));
                     }
@@ -168,7 +178,7 @@ impl World {
     }
 }
 
-fn count(count: u16, mission_type: MavMissionType) -> MavMessage {
+pub(super) fn count(count: u16, mission_type: MavMissionType) -> MavMessage {
     MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
         count,
         target_system: 1,
@@ -178,7 +188,7 @@ fn count(count: u16, mission_type: MavMissionType) -> MavMessage {
     })
 }
 
-fn item(north_m: f64, east_m: f64, z: f32) -> MISSION_ITEM_INT_DATA {
+pub(super) fn item(north_m: f64, east_m: f64, z: f32) -> MISSION_ITEM_INT_DATA {
     let (x, y) = Runway::default().units(north_m, east_m);
     MISSION_ITEM_INT_DATA {
         x,
@@ -192,7 +202,7 @@ fn item(north_m: f64, east_m: f64, z: f32) -> MISSION_ITEM_INT_DATA {
     }
 }
 
-fn speed(mps: f32) -> MISSION_ITEM_INT_DATA {
+pub(super) fn speed(mps: f32) -> MISSION_ITEM_INT_DATA {
     MISSION_ITEM_INT_DATA {
         command: MavCmd::MAV_CMD_DO_CHANGE_SPEED,
         frame: MavFrame::MAV_FRAME_MISSION,
@@ -201,7 +211,7 @@ fn speed(mps: f32) -> MISSION_ITEM_INT_DATA {
     }
 }
 
-fn command(command: MavCmd, param1: f32) -> MavMessage {
+pub(super) fn command(command: MavCmd, param1: f32) -> MavMessage {
     MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
         command,
         param1,
@@ -210,7 +220,7 @@ fn command(command: MavCmd, param1: f32) -> MavMessage {
     })
 }
 
-fn acknowledged(heard: &[MavMessage]) -> Vec<MavResult> {
+pub(super) fn acknowledged(heard: &[MavMessage]) -> Vec<MavResult> {
     let results = heard.iter().filter_map(|message| match message {
         MavMessage::COMMAND_ACK(ack) => Some(ack.result),
         _ => None,
@@ -218,7 +228,7 @@ fn acknowledged(heard: &[MavMessage]) -> Vec<MavResult> {
     results.collect()
 }
 
-fn texts(heard: &[MavMessage]) -> String {
+pub(super) fn texts(heard: &[MavMessage]) -> String {
     let texts = heard.iter().filter_map(|message| match message {
         MavMessage::STATUSTEXT(text) => Some(String::from_utf8_lossy(&*text.text).into_owned() + "\n"),
         _ => None,
@@ -599,8 +609,6 @@ fn items_that_can_not_be_flown_are_refused_before_anything_is_loaded() {
     let mut world = World::new(accept);
     assert_eq!(world.upload(&vec![item(1.0, 1.0, 100.0); 33]), Some(MavMissionResult::MAV_MISSION_NO_SPACE));
     assert_eq!(world.upload(&[]), Some(MavMissionResult::MAV_MISSION_DENIED));
-    let heard = world.window(&[count(3, MavMissionType::MAV_MISSION_TYPE_FENCE)]);
-    assert!(heard.iter().any(|message| matches!(message, MavMessage::MISSION_ACK(ack) if ack.mavtype == MavMissionResult::MAV_MISSION_UNSUPPORTED)));
 }
 
 #[test]
@@ -627,7 +635,7 @@ fn neighbours_that_are_one_place_are_refused_by_their_items_and_a_single_way_poi
     assert_eq!(world.upload(&[b.clone(), item(0.0, 0.0, 9.0)]), Some(MavMissionResult::MAV_MISSION_ACCEPTED));
 }
 
-fn verdicts(heard: &[MavMessage]) -> Vec<MavMissionResult> {
+pub(super) fn verdicts(heard: &[MavMessage]) -> Vec<MavMissionResult> {
     let verdict = |message: &MavMessage| match message {
         MavMessage::MISSION_ACK(ack) => Some(ack.mavtype),
         _ => None,
@@ -669,7 +677,7 @@ fn upload_of_as_many_way_points_as_are_flown_is_opened_so_that_the_controller_be
 }
 
 #[test]
-fn parts_of_a_mission_and_a_choice_among_its_items_are_answered_unsupported() {
+fn parts_of_a_mission_are_answered_unsupported_and_a_choice_among_no_items_refused() {
     let mut world = World::new(accept);
     let heard = world.window(&[
         MavMessage::MISSION_REQUEST_PARTIAL_LIST(MISSION_REQUEST_PARTIAL_LIST_DATA {
@@ -685,7 +693,10 @@ fn parts_of_a_mission_and_a_choice_among_its_items_are_answered_unsupported() {
             ..MISSION_SET_CURRENT_DATA::DEFAULT
         }),
     ]);
-    assert_eq!(verdicts(&heard), [MavMissionResult::MAV_MISSION_UNSUPPORTED; 3]);
+    use MavMissionResult::{
+        MAV_MISSION_INVALID_SEQUENCE as SEQUENCE, MAV_MISSION_UNSUPPORTED as UNSUPPORTED,
+    };
+    assert_eq!(verdicts(&heard), [UNSUPPORTED, UNSUPPORTED, SEQUENCE]);
 }
 
 #[test]

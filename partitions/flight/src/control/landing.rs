@@ -1,4 +1,4 @@
-//! Landing on the runway's origin, against the wind: a circle beside the final approach until height and place are right, a straight glide
+//! Landing on the runway's origin, or another place of its field, against the wind: a circle beside the final approach until height and place are right, a straight glide
 //! slope, a flare, the touch-down, and the roll to a standstill.
 //!
 //! Responsible for where the aircraft is to be then, and for flying round once more where an approach goes wrong near the ground. The
@@ -17,7 +17,7 @@ use crate::servo::ActuatorCommand;
 use nalgebra::Vector2;
 
 /// Length of a landing as plain numbers.
-pub const NUMBERS: usize = 9;
+pub const NUMBERS: usize = 11;
 
 /// Airspeed of the approach, of the one at which the wing just carries the weight; and what is added for each m/s of wind, m/s at most.
 const APPROACH_SHARE: f64 = 1.45;
@@ -141,6 +141,8 @@ pub struct Landing {
     turned_rad: f64,
     /// Approaches that went wrong.
     rounds: f64,
+    /// Where the touch-down is to be, m north and east of the runway's origin.
+    place: Vector2<f64>,
 }
 
 /// What the loops are asked for.
@@ -172,8 +174,8 @@ pub(super) enum Flown {
 }
 
 impl Landing {
-    /// A landing that begins where the aircraft is, with circles of `radius_m`.
-    pub fn new(config: &LandingConfig, state: &NavigationState, height_m: f64) -> Self {
+    /// A landing at a place (m north and east of the runway's origin) that begins where the aircraft is.
+    pub fn new(config: &LandingConfig, state: &NavigationState, height_m: f64, place: Vector2<f64>) -> Self {
         let mut landing = Self {
             phase: Phase::Pattern,
             course_rad: 0.0,
@@ -184,6 +186,7 @@ impl Landing {
             falling_s: 0.0,
             turned_rad: 0.0,
             rounds: 0.0,
+            place,
         };
         landing.lay_out(config, state);
         landing
@@ -191,7 +194,7 @@ impl Landing {
 
     /// Course by the wind, and the circle on the side where the aircraft is.
     fn lay_out(&mut self, config: &LandingConfig, state: &NavigationState) {
-        let (wind, position) = (state.wind, state.position.xy());
+        let (wind, position) = (state.wind, state.position.xy() - self.place);
         let against = (wind.norm() > CALM_MPS).then(|| (-wind.y).atan2(-wind.x));
         let straight = (-position.y).atan2(-position.x);
         self.course_rad = config.course_rad.or(against).unwrap_or(straight);
@@ -214,7 +217,7 @@ impl Landing {
     }
 
     fn offset(&self, length_m: f64, state: &NavigationState) -> Offset {
-        Leg { from: -length_m * self.forward(), to: Vector2::zeros() }.offset(&state.position.xy())
+        Leg { from: self.place - length_m * self.forward(), to: self.place }.offset(&state.position.xy())
     }
 
     /// Flies round once more; false: it is on the ground.
@@ -294,7 +297,7 @@ impl Landing {
         let sideways = track_acceleration(&offset, &state.velocity.xy(), 0.0, 1.0);
         match self.phase {
             Phase::Pattern => {
-                let centre = -length_m * self.forward() + self.side * radius_m * self.right();
+                let centre = self.place - length_m * self.forward() + self.side * radius_m * self.right();
                 Flown::Circle(Hold {
                     north_m: centre.x,
                     east_m: centre.y,
@@ -389,13 +392,16 @@ impl Landing {
                 l.falling_s,
                 l.turned_rad,
                 l.rounds,
+                l.place.x,
+                l.place.y,
             ]
         })
     }
 
     /// The landing again; numbers that are none give none.
     pub fn from_numbers(numbers: &[f64; NUMBERS]) -> Option<Self> {
-        let [phase, course_rad, height_m, side, since_s, sink_mps, falling_s, turned_rad, rounds] = *numbers;
+        let [phase, course_rad, height_m, side, since_s, sink_mps, falling_s, turned_rad, rounds, x, y] =
+            *numbers;
         let place = (phase >= 1.0 && phase.fract() == 0.0).then_some(phase as usize - 1)?;
         let phase = *PHASES.get(place)?;
         let sane = numbers.iter().all(|x| x.is_finite()) && side * side == 1.0;
@@ -409,6 +415,7 @@ impl Landing {
             falling_s,
             turned_rad,
             rounds,
+            place: Vector2::new(x, y),
         })
     }
 }

@@ -214,7 +214,7 @@ const AUTHORITY_LIMIT_MPS: f64 = 3.0;
 const AUTHORITY_LAG_S: f64 = 4.0;
 
 /// What to keep in retained memory over a restart of the controller: plain numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(C)]
 pub struct ControllerSnapshot {
     /// Integrators.
@@ -309,14 +309,20 @@ impl Controller {
 
     /// Begins a take-off from standstill; it is flown as soon as the autopilot is on.
     pub fn take_off(&mut self, method: Method) {
-        self.take_off = Some(TakeOff::new(method));
+        self.take_off_to(method, None);
+    }
+
+    /// The same, over at this height, m above the runway, in place of that of the settings.
+    pub fn take_off_to(&mut self, method: Method, height_m: Option<f64>) {
+        self.take_off = Some(TakeOff::new(method, height_m));
         self.landing = None;
         self.last = ActuatorCommand::default();
     }
 
-    /// Begins a landing from `state` on, or begins it anew; its final approach from `height_m` above the runway, at most.
-    pub fn land(&mut self, state: &NavigationState, height_m: f64) {
-        self.landing = Some(Landing::new(&self.config.landing, state, height_m));
+    /// Begins a landing from `state` on, or begins it anew; its final approach from `height_m` above the runway, at most, to a place, m
+    /// north and east of the runway's origin.
+    pub fn land(&mut self, state: &NavigationState, height_m: f64, place: Vector2<f64>) {
+        self.landing = Some(Landing::new(&self.config.landing, state, height_m, place));
     }
 
     /// Gives a landing up for whatever else was ordered; false: it is on the ground already.
@@ -448,6 +454,7 @@ impl Controller {
         if basis != Basis::Estimator && !attitude::finite(&inputs.rates) {
             return self.blind(basis, signals);
         }
+        self.guidance.observe(dt_s, state.altitude_m());
         let guidance = self.navigate(&state, &commands, basis);
         let wanted = self.outer(&state, &signals, &commands, guidance.as_ref(), basis);
         let (wanted, mut protection) = self.protect(&state, &signals, &wanted, basis);
@@ -498,14 +505,15 @@ impl Controller {
         if let Some(command) = take_off.actuators(airframe, envelope, s, ground, &self.last, dt_s) {
             return Err(command);
         }
-        if state.altitude_m() >= self.config.take_off_m && basis != Basis::WingsLevel {
+        let height_m = take_off.height_m.unwrap_or(self.config.take_off_m);
+        if state.altitude_m() >= height_m && basis != Basis::WingsLevel {
             self.take_off = None;
             return Ok(*commands);
         }
         Ok(LoopCommands {
             autopilot: true,
             // A little above, so that it does not level off before it is there.
-            altitude_m: Some(self.config.take_off_m + 10.0),
+            altitude_m: Some(height_m + 10.0),
             // No less than it climbs at, or it would wait for that for ever.
             airspeed_mps: Some(self.config.cruise_mps.max(self.climb_out_mps(&take_off, s))),
             track_rad: Some(take_off.course_rad),

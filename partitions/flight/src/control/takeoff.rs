@@ -12,7 +12,7 @@ use crate::airframe::Airframe;
 use crate::servo::ActuatorCommand;
 
 /// Length of a take-off as plain numbers.
-pub const NUMBERS: usize = 4;
+pub const NUMBERS: usize = 5;
 
 /// Throttle opens by this each second: a propeller's torque must not turn the aircraft off its wheels.
 const THROTTLE_RATE: f64 = 2.0;
@@ -72,15 +72,17 @@ pub struct TakeOff {
     turned_rad: f64,
     /// Direction of the climb over ground, rad from north.
     pub course_rad: f64,
+    /// Height at which it is over, m above the runway, where it is not that of the settings.
+    pub(super) height_m: Option<f64>,
 }
 
 impl TakeOff {
-    pub(super) fn new(method: Method) -> Self {
+    pub(super) fn new(method: Method, height_m: Option<f64>) -> Self {
         let phase = match method {
             Method::Roll => Phase::Rolling,
             Method::Launch => Phase::Waiting,
         };
-        Self { phase, since_s: 0.0, turned_rad: 0.0, course_rad: 0.0 }
+        Self { phase, since_s: 0.0, turned_rad: 0.0, course_rad: 0.0, height_m }
     }
 
     /// Whether nothing has moved yet.
@@ -181,13 +183,13 @@ impl TakeOff {
                 Phase::Climbing => 3.0,
                 Phase::Aborted => 4.0,
             };
-            [phase, t.since_s, t.turned_rad, t.course_rad]
+            [phase, t.since_s, t.turned_rad, t.course_rad, t.height_m.unwrap_or(0.0)]
         })
     }
 
     /// The take-off again; numbers that are none give none.
     pub fn from_numbers(numbers: &[f64; NUMBERS]) -> Option<Self> {
-        let [phase, since_s, turned_rad, course_rad] = *numbers;
+        let [phase, since_s, turned_rad, course_rad, height_m] = *numbers;
         let phase = match phase {
             1.0 => Phase::Waiting,
             2.0 => Phase::Rolling,
@@ -195,6 +197,8 @@ impl TakeOff {
             4.0 => Phase::Aborted,
             _ => return None,
         };
-        numbers.iter().all(|x| x.is_finite()).then_some(Self { phase, since_s, turned_rad, course_rad })
+        let height_m = (height_m > 0.0).then_some(height_m);
+        let sane = numbers.iter().all(|x| x.is_finite());
+        sane.then_some(Self { phase, since_s, turned_rad, course_rad, height_m })
     }
 }

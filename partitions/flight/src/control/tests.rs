@@ -138,7 +138,8 @@ fn snapshot_resumes_with_the_same_command() {
     let a = first.step(&inputs(Some(&state)), &LoopCommands::MISSION).command;
     let b = second.step(&inputs(Some(&state)), &LoopCommands::MISSION).command;
     assert!((a.elevator_rad - b.elevator_rad).abs() < 1e-9 && (a.throttle - b.throttle).abs() < 1e-9);
-    assert!(!second.resume(&ControllerSnapshot::default()), "zeroed memory is no snapshot");
+    let zeroed = ControllerSnapshot::from_numbers(&[0.0; memory::NUMBERS], GuidanceSnapshot::default());
+    assert!(!second.resume(&zeroed), "zeroed memory is no snapshot");
 }
 
 #[test]

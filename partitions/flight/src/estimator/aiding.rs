@@ -143,7 +143,7 @@ impl Estimator {
         // Without a pitot nothing tells the wind, without satellites it is what tells the velocity.
         let told = self.pitot_believed && self.status() != EstimatorStatus::Inertial;
         let share = if told { 1.0 } else { UNTOLD_WIND_SHARE };
-        ProcessNoise { wind: share * process.wind, ..process }
+        self.doubting(ProcessNoise { wind: share * process.wind, ..process })
     }
 
     /// Fuses a fix at its measurement time.

@@ -11,6 +11,7 @@ mod alignment;
 mod config;
 #[cfg(test)]
 mod consistency;
+mod doubtful;
 mod filter;
 #[cfg(test)]
 mod gates;
@@ -29,6 +30,7 @@ pub use snapshot::{Snapshot, TRIANGLE};
 use crate::attitude;
 use aiding::{BarometerReference, Gate, Winds};
 use alignment::{Aligned, Alignment};
+use doubtful::Doubtful;
 use filter::{ACCEL, ATT, ErrorVector, Filter, GYRO, MAG, Nominal, POS, VEL, WIND};
 use health::Record;
 use history::{History, Past};
@@ -192,6 +194,7 @@ pub struct Estimator {
     pitot_believed: bool,
     winds: Winds,
     static_watch: StaticWatch,
+    doubtful: Doubtful,
     standing: bool,
     aligned_s: f64,
     counters: EstimatorCounters,
@@ -224,6 +227,7 @@ impl Estimator {
             pitot_believed: true,
             winds: Winds::default(),
             static_watch: StaticWatch::default(),
+            doubtful: Doubtful::default(),
             standing: false,
             aligned_s: f64::NEG_INFINITY,
             counters: EstimatorCounters::default(),
@@ -333,8 +337,9 @@ impl Estimator {
         if dt_s > self.config.longest_gap_s {
             self.lose_state();
         }
-        self.last_sample = Some(*sample);
         if self.phase == Phase::Running {
+            let sample = &self.replaced(sample, dt_s);
+            self.last_sample = Some(*sample);
             self.filter.propagate(&sample.rates, &sample.specific_force, dt_s, &self.process());
             if !self.filter.healthy() {
                 self.initialise(Start::Auto);
@@ -343,6 +348,7 @@ impl Estimator {
             self.history.push(self.now());
             self.winds.note(sample.time_s, &self.filter.nominal.wind);
         } else {
+            self.last_sample = Some(*sample);
             self.align(sample, dt_s.min(sample.interval_s.max(1e-3)).max(dt_s.min(0.1)));
         }
     }

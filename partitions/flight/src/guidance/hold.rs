@@ -80,7 +80,7 @@ impl Guidance {
         if self.hold.as_ref().is_some_and(same) {
             return;
         }
-        (self.hold, self.stage) = (Some(circle), Stage::Idle);
+        (self.hold, self.stage, self.progress.circling) = (Some(circle), Stage::Idle, false);
     }
 
     /// Holds a circle that begins here and turns right.
@@ -98,19 +98,16 @@ impl Guidance {
             altitude_m,
             airspeed_mps,
         };
-        let course = motion.velocity.y.atan2(motion.velocity.x);
-        let turn = |held: &Hold| {
-            let leg = tangent(&held.circle(), &motion.position);
-            leg.map_or(0.0, |leg| wrap_angle(leg.track_rad() - course).abs())
-        };
         let (right, left) = (on(1.0), on(-1.0));
-        self.hold = Some(if turn(&left) < turn(&right) { left } else { right });
-        self.stage = Stage::Idle;
+        let shorter = tangent_turn_rad(&left, motion) < tangent_turn_rad(&right, motion);
+        self.hold = Some(if shorter { left } else { right });
+        (self.stage, self.progress.circling) = (Stage::Idle, false);
     }
 
     /// The mission is over: on round the arc of the last corner, or on the side of the next turn.
     pub(super) fn hold_where_it_ended(&mut self, motion: &Motion) {
-        let last = *self.waypoint(self.next + self.count - 1);
+        // A list that is flown once stays at its last entry.
+        let last = *self.waypoint(if self.program { self.next } else { self.next + self.count - 1 });
         if let Stage::Arc(arc, _) = self.stage {
             self.hold = Some(Hold {
                 north_m: arc.centre.x,
@@ -124,7 +121,7 @@ impl Guidance {
             return;
         }
         let course = motion.velocity.y.atan2(motion.velocity.x);
-        let turn = wrap_angle(self.circuit_leg(self.next).track_rad() - course);
+        let turn = wrap_angle(self.leg().track_rad() - course);
         let side = if turn < 0.0 { -1.0 } else { 1.0 };
         self.begin_hold(motion, side, last.altitude_m, last.airspeed_mps);
     }
@@ -137,7 +134,7 @@ impl Guidance {
         let begin = motion.position + motion.velocity * self.lead_s();
         let centre = begin + right * (side * radius_m);
         let held = Hold { north_m: centre.x, east_m: centre.y, radius_m, side, altitude_m, airspeed_mps };
-        self.hold = Some(held);
+        (self.hold, self.progress.circling) = (Some(held), false);
         self.stage = Stage::Hold(held.circle());
     }
 
@@ -156,6 +153,13 @@ impl Guidance {
             }
         }
     }
+}
+
+/// Turn (rad) onto the tangent of a circle; zero from near it.
+pub(super) fn tangent_turn_rad(held: &Hold, motion: &Motion) -> f64 {
+    let course = motion.velocity.y.atan2(motion.velocity.x);
+    let leg = tangent(&held.circle(), &motion.position);
+    leg.map_or(0.0, |leg| wrap_angle(leg.track_rad() - course).abs())
 }
 
 /// The leg from a point to where it touches a circle; `None` if the point is too near to it.

@@ -5,8 +5,10 @@
 
 mod hold;
 pub mod path;
+mod program;
 
 pub use hold::Hold;
+pub use program::Step;
 
 use crate::GRAVITY_MPS2;
 use crate::airframe::Airframe;
@@ -14,6 +16,7 @@ use crate::attitude::wrap_angle;
 use crate::control::envelope::{Banks, Envelope};
 use nalgebra::Vector2;
 use path::{Arc, Leg, Offset};
+use program::Progress;
 use thiserror::Error;
 
 /// Way-points a mission can hold.
@@ -33,6 +36,8 @@ pub struct Waypoint {
     pub airspeed_mps: f64,
     /// Kept as data; the track follows from the places (the seed's table does not fit its own square).
     pub heading_rad: f64,
+    /// What is done there.
+    pub step: Step,
 }
 
 impl Waypoint {
@@ -41,9 +46,11 @@ impl Waypoint {
         Vector2::new(self.north_m, self.east_m)
     }
 
-    fn sane(&self) -> bool {
+    /// Whether its values can be flown.
+    pub fn is_sane(&self) -> bool {
         [self.north_m, self.east_m, self.altitude_m, self.airspeed_mps, self.heading_rad]
             .iter()
+            .chain(&self.step.to_numbers())
             .all(|x| x.is_finite())
             && (5.0..=100.0).contains(&self.airspeed_mps)
     }
@@ -57,6 +64,7 @@ pub fn seed_waypoints() -> [Waypoint; 4] {
         altitude_m: 160.0,
         airspeed_mps: 22.0,
         heading_rad: heading_deg.to_radians(),
+        step: Step::Pass,
     };
     [at(500.0, 0.0, 0.0), at(500.0, 500.0, 0.0), at(0.0, 500.0, 180.0), at(0.0, 0.0, 270.0)]
 }
@@ -76,6 +84,12 @@ pub enum GuidanceError {
     /// A value that is not a number, or an airspeed outside 5 to 100 m/s.
     #[error("way-point {index} has a value that is not finite, or an airspeed outside 5 to 100 m/s")]
     Value {
+        /// Which, from 0.
+        index: usize,
+    },
+    /// A jump to an entry that is not there, or from jump to jump for ever.
+    #[error("entry {index} jumps to where nothing is flown to")]
+    Jump {
         /// Which, from 0.
         index: usize,
     },
@@ -268,8 +282,11 @@ pub struct Guidance {
     next: usize,
     reached: u32,
     stage: Stage,
-    /// A circle in place of the mission.
+    /// A circle in place of the mission, or one of the mission's.
     hold: Option<Hold>,
+    /// The list is more than places to pass.
+    program: bool,
+    progress: Progress,
 }
 
 /// What to keep over a restart: enough to go on to the same way-point.
@@ -283,14 +300,16 @@ pub struct GuidanceSnapshot {
 }
 
 /// Length of [`PathNumbers`].
-pub const PATH_NUMBERS: usize = PIECE_NUMBERS + hold::NUMBERS;
+pub const PATH_NUMBERS: usize = PIECE_NUMBERS + hold::NUMBERS + program::NUMBERS;
 const PIECE_NUMBERS: usize = 12;
+const HOLD_END: usize = PIECE_NUMBERS + hold::NUMBERS;
 
-/// The piece of path that is flown, as plain numbers: which kind, a leg (4), an arc (7); then the circle that is held. All
-/// zero: none.
+/// The piece of path that is flown, as plain numbers: which kind (0: none), a leg (4), an arc (7); then the circle that is held, and how far
+/// a mission of more than places to pass has come.
 pub type PathNumbers = [f64; PATH_NUMBERS];
 
 /// [`PathNumbers`]: kinds of pieces, whole numbers.
+const IDLE: f64 = 0.0;
 const ENTRY: f64 = 1.0;
 const LEG: f64 = 2.0;
 const LEG_WITH_ARC: f64 = 3.0;
@@ -314,12 +333,13 @@ impl Guidance {
         if waypoints.len() > MAX_WAYPOINTS {
             return Err(GuidanceError::TooMany { count: waypoints.len() });
         }
-        if let Some(index) = waypoints.iter().position(|waypoint| !waypoint.sane()) {
+        if let Some(index) = waypoints.iter().position(|waypoint| !waypoint.is_sane()) {
             return Err(GuidanceError::Value { index });
         }
+        let program = program::check(waypoints)?;
         let mut held = [Waypoint::default(); MAX_WAYPOINTS];
         held[..waypoints.len()].copy_from_slice(waypoints);
-        Ok(Self {
+        let mut guidance = Self {
             config,
             waypoints: held,
             count: waypoints.len(),
@@ -327,7 +347,11 @@ impl Guidance {
             reached: 0,
             stage: Stage::Idle,
             hold: None,
-        })
+            program,
+            progress: Progress::BEGINNING,
+        };
+        guidance.begin_program();
+        Ok(guidance)
     }
 
     /// The way-points flown.
@@ -343,11 +367,12 @@ impl Guidance {
     /// Starts the mission at its first way-point, from wherever the aircraft is at the next step.
     pub fn restart(&mut self) {
         (self.next, self.reached, self.stage, self.hold) = (0, 0, Stage::Idle, None);
+        self.begin_program();
     }
 
     /// Leaves the path but keeps the way-point: the next step joins anew.
     pub fn disengage(&mut self) {
-        (self.stage, self.hold) = (Stage::Idle, None);
+        (self.stage, self.hold, self.progress.circling) = (Stage::Idle, None, false);
     }
 
     /// What to keep over a restart.
@@ -374,11 +399,12 @@ impl Guidance {
             path[0] = kind;
             path[1..5].copy_from_slice(&leg);
             path[5..12].copy_from_slice(&arc);
-            path[PIECE_NUMBERS..].copy_from_slice(&Hold::to_numbers(self.hold.as_ref()));
+            path[PIECE_NUMBERS..HOLD_END].copy_from_slice(&Hold::to_numbers(self.hold.as_ref()));
+            path[HOLD_END..].copy_from_slice(&self.progress.to_numbers());
             path
         };
         match &self.stage {
-            Stage::Idle => [0.0; PATH_NUMBERS],
+            Stage::Idle => numbers(IDLE, None, None),
             Stage::Entry(leg) => numbers(ENTRY, Some(leg), None),
             Stage::Leg(leg, None) => numbers(LEG, Some(leg), None),
             Stage::Leg(leg, Some(arc)) => numbers(LEG_WITH_ARC, Some(leg), Some(arc)),
@@ -394,6 +420,7 @@ impl Guidance {
         if !path.iter().all(|number| number.is_finite()) {
             return;
         }
+        let progress = Progress::from_numbers(&path[HOLD_END..]);
         let [kind, from_x, from_y, to_x, to_y, x, y, radius_m, side, start_rad, sweep_rad, tangent_m, ..] =
             *path;
         let leg = Leg { from: Vector2::new(from_x, from_y), to: Vector2::new(to_x, to_y) };
@@ -407,9 +434,16 @@ impl Guidance {
             PASSED_ARC if turns => Stage::Arc(arc, true),
             TO_HOLD if turns => Stage::ToHold(leg, arc),
             HOLD if turns => Stage::Hold(arc),
+            IDLE => {
+                self.progress = progress;
+                self.progress.circling = false; // it is joined anew
+                return;
+            }
             _ => return,
         };
-        self.hold = Hold::from_numbers(&path[PIECE_NUMBERS..]);
+        self.progress = progress;
+        self.hold = Hold::from_numbers(&path[PIECE_NUMBERS..HOLD_END]);
+        self.progress.circling &= self.hold.is_some();
     }
 
     fn waypoint(&self, index: usize) -> &Waypoint {
@@ -448,7 +482,9 @@ impl Guidance {
     /// The leg, with the fillet at its end.
     fn begin_leg(&self, leg: Leg, wind: &Vector2<f64>) -> Stage {
         let arc = match self.config.corner {
-            Corner::Fillet => Arc::between(&leg, &self.circuit_leg(self.next + 1), self.radius_m(wind)),
+            Corner::Fillet => {
+                self.leg_after().and_then(|after| Arc::between(&leg, &after, self.radius_m(wind)))
+            }
             Corner::FlyThrough => None,
         };
         Stage::Leg(leg, arc)
@@ -456,9 +492,9 @@ impl Guidance {
 
     /// Joins the circuit: on the leg to the next way-point if there is room to get on it, otherwise by way of a point
     /// beside its beginning, from where the turn back leads onto it.
-    fn join(&self, motion: &Motion) -> Stage {
-        let own = self.circuit_leg(self.next);
+    fn join(&mut self, motion: &Motion) -> Stage {
         let radius_m = self.radius_m(&motion.wind);
+        let own = self.leg_to_join(motion, radius_m);
         if own.length_m() < 3.0 * radius_m {
             // Too short to be joined: straight to the way-point.
             return self.begin_leg(Leg { from: motion.position, to: own.to }, &motion.wind);
@@ -473,7 +509,24 @@ impl Guidance {
         Stage::Entry(Leg { from: motion.position, to: own.from + right * (2.0 * side * radius_m) })
     }
 
+    /// On the way to the next way-point, or to its circle.
+    fn set_out(&mut self, motion: &Motion) {
+        if !self.begin_circle(motion) {
+            self.stage = self.join(motion);
+        }
+    }
+
+    /// The same from the place that was passed.
+    fn go_straight_on(&mut self, motion: &Motion) {
+        if !self.begin_circle(motion) {
+            self.stage = self.begin_leg(self.leg(), &motion.wind);
+        }
+    }
+
     fn pass(&mut self) {
+        if self.program {
+            return self.pass_entry(Some(self.waypoint(self.next).horizontal()));
+        }
         self.next = (self.next + 1) % self.count;
         self.reached = self.reached.saturating_add(1);
     }
@@ -481,14 +534,17 @@ impl Guidance {
     /// Moves on to the next piece where this one ends.
     fn advance(&mut self, motion: &Motion) {
         if let Some(held) = self.hold {
-            return self.advance_hold(held, motion);
+            self.advance_hold(held, motion);
+            if self.progress.circling {
+                self.circle_on(held, motion);
+            }
+            return;
         }
         match self.stage {
-            Stage::ToHold(..) | Stage::Hold(_) => self.stage = self.join(motion),
-            Stage::Idle => self.stage = self.join(motion),
+            Stage::ToHold(..) | Stage::Hold(_) | Stage::Idle => self.set_out(motion),
             Stage::Entry(leg) => {
                 if (leg.to - motion.position).norm() < self.radius_m(&motion.wind) {
-                    self.stage = self.begin_leg(self.circuit_leg(self.next), &motion.wind);
+                    self.stage = self.begin_leg(self.leg(), &motion.wind);
                 }
             }
             Stage::Leg(leg, arc) => self.advance_leg(&leg, arc, motion),
@@ -515,7 +571,7 @@ impl Guidance {
             self.stage = Stage::Arc(arc, false);
         } else {
             self.pass();
-            self.stage = self.begin_leg(self.circuit_leg(self.next), &motion.wind);
+            self.go_straight_on(motion);
         }
     }
 
@@ -525,14 +581,15 @@ impl Guidance {
             self.pass();
             self.stage = Stage::Arc(arc, true);
         } else if passed && offset.left_m <= 0.0 {
-            self.stage = self.begin_leg(self.circuit_leg(self.next), &motion.wind);
+            self.go_straight_on(motion);
         }
     }
 
     /// One frame: moves along the path and asks for an acceleration.
     pub fn step(&mut self, motion: &Motion) -> GuidanceOutput {
         self.advance(motion);
-        if self.is_finished() && self.config.finish != Finish::Circuit && self.hold.is_none() {
+        let stays = self.config.finish != Finish::Circuit || self.program;
+        if self.is_finished() && stays && self.hold.is_none() {
             self.hold_where_it_ended(motion);
         }
         let (offset, on_arc, radius_m) = match &self.stage {
@@ -542,7 +599,7 @@ impl Guidance {
             Stage::Entry(leg) => (leg.offset(&motion.position), false, 0.0),
             Stage::Arc(arc, _) | Stage::Hold(arc) => (arc.offset(&motion.position), true, arc.radius_m),
             Stage::ToHold(leg, arc) => (leg.offset(&motion.position), false, arc.radius_m),
-            Stage::Idle => (self.circuit_leg(self.next).offset(&motion.position), false, 0.0),
+            Stage::Idle => (self.leg().offset(&motion.position), false, 0.0),
         };
         let target = self.waypoint(self.next);
         let (altitude_m, airspeed_mps) = self
@@ -569,8 +626,11 @@ impl Guidance {
         }
     }
 
-    /// The laps asked for are done.
-    fn is_finished(&self) -> bool {
+    /// The laps asked for are done, or all that the list asks for.
+    pub fn is_finished(&self) -> bool {
+        if self.program {
+            return self.progress.ended;
+        }
         waypoints_to_reach(self.config.laps, self.count).is_some_and(|wanted| self.reached >= wanted)
     }
 

@@ -209,3 +209,180 @@ fn circle_begins_where_it_was_asked_for_and_the_mission_goes_on_after_it() {
     guidance.release();
     assert_eq!(fly(&mut guidance, &mut flight, 80.0)[0].0, next);
 }
+
+/// An entry at 100 m and 22 m/s.
+fn entry(north_m: f64, east_m: f64, step: Step) -> Waypoint {
+    Waypoint { north_m, east_m, altitude_m: 100.0, airspeed_mps: 22.0, heading_rad: 0.0, step }
+}
+
+/// Flies a list on the point mass; entries in the order in which they were reached, and when, s.
+fn flown(guidance: &mut Guidance, flight: &mut Flight, seconds: f64) -> Vec<(usize, f64)> {
+    let mut order = Vec::new();
+    for frame in 0..(seconds / 0.02) as usize {
+        let (before, next) = (guidance.reached, guidance.next);
+        guidance.observe(0.02, 100.0);
+        let out = guidance.step(&flight.motion);
+        if guidance.reached > before {
+            order.push((next, frame as f64 * 0.02));
+        }
+        flight.step(out.horizontal_mps2);
+    }
+    order
+}
+
+fn listed(list: &[Waypoint]) -> Guidance {
+    Guidance::new(GuidanceConfig { lead_s: 0.0, laps: 2, ..GuidanceConfig::default() }, list).unwrap()
+}
+
+#[test]
+fn jumps_are_made_so_often_and_nested_ones_each_time_anew() {
+    let list = [
+        entry(500.0, 0.0, Step::Pass),
+        entry(500.0, 500.0, Step::Pass),
+        entry(0.0, 0.0, Step::Jump(0, 1)),
+        entry(0.0, 500.0, Step::Pass),
+        entry(0.0, 0.0, Step::Jump(0, 1)),
+    ];
+    for wind in [Vector2::zeros(), Vector2::new(4.0, -5.0)] {
+        let (mut guidance, mut flight) = (listed(&list), Flight::new(0.0, 0.0, 0.0, wind));
+        let order: Vec<_> = flown(&mut guidance, &mut flight, 600.0).iter().map(|one| one.0).collect();
+        assert_eq!(order, [0, 1, 0, 1, 3, 0, 1, 0, 1, 3], "{wind:?}");
+        assert!(guidance.is_finished() && guidance.step(&flight.motion).holding);
+    }
+}
+
+#[test]
+fn jump_that_leads_nowhere_and_a_list_that_flies_nowhere_are_refused() {
+    let refused = |list: &[Waypoint]| Guidance::new(GuidanceConfig::default(), list).unwrap_err();
+    let place = entry(500.0, 0.0, Step::Pass);
+    let jump = |to| entry(0.0, 0.0, Step::Jump(to, 3));
+    assert_eq!(refused(&[place, jump(1)]), GuidanceError::Jump { index: 1 });
+    assert_eq!(refused(&[place, jump(9)]), GuidanceError::Jump { index: 1 });
+    assert_eq!(refused(&[place, jump(2), jump(1)]), GuidanceError::Jump { index: 1 });
+    assert_eq!(refused(&[entry(0.0, 0.0, Step::TakeOff)]), GuidanceError::Empty);
+    assert!(Guidance::new(GuidanceConfig::default(), &[place, jump(2), jump(0)]).is_ok());
+}
+
+#[test]
+fn circles_are_flown_for_their_turns_and_their_time_from_anywhere_and_left_towards_the_next_place() {
+    for (case, heading) in (0..24).zip((0..).map(|case| f64::from(case) * 0.9)) {
+        let bearing = f64::from(case) * 0.7;
+        let wind = Vector2::new((bearing * 3.0).cos(), (bearing * 3.0).sin()) * f64::from(case % 4) * 2.5;
+        let radius_m = [0.0, 150.0, -150.0][case as usize % 3];
+        let list = [
+            entry(600.0, 0.0, Step::Turns(2.0, radius_m)),
+            entry(600.0, 900.0, Step::Time(60.0, radius_m)),
+            entry(-400.0, 300.0, Step::Pass),
+        ];
+        let mut guidance = listed(&list);
+        let mut flight = Flight::new(900.0 * bearing.cos(), 900.0 * bearing.sin(), heading, wind);
+        let (mut turned, mut last, mut on_first) = (0.0, None, 0.0);
+        let mut order = Vec::new();
+        for frame in 0..40_000 {
+            let (before, next) = (guidance.reached, guidance.next);
+            guidance.observe(0.02, 100.0);
+            let out = guidance.step(&flight.motion);
+            if guidance.reached > before {
+                order.push((next, f64::from(frame) * 0.02));
+            }
+            if next == 0 && out.on_arc {
+                let away = flight.motion.position - Vector2::new(600.0, 0.0);
+                let bearing = away.y.atan2(away.x);
+                turned += last.map_or(0.0, |last| wrap_angle(bearing - last));
+                last = Some(bearing);
+                on_first += 0.02;
+                assert!(
+                    on_first < 5.0 || out.cross_track_m.abs() < 40.0,
+                    "case {case}: {}",
+                    out.cross_track_m
+                );
+            }
+            flight.step(out.horizontal_mps2);
+        }
+        let places: Vec<_> = order.iter().map(|one| one.0).collect();
+        assert_eq!(places, [0, 1, 2], "case {case}");
+        let turns = f64::abs(turned) / std::f64::consts::TAU;
+        assert!((1.9..3.4).contains(&turns), "case {case}: {turns} turns");
+        assert!(radius_m == 0.0 || turned * radius_m > 0.0, "case {case}: the wrong way round");
+        assert!(order[1].1 - order[0].1 > 60.0, "case {case}: {order:?}");
+    }
+}
+
+#[test]
+fn circle_until_a_height_waits_for_it_and_one_for_good_is_left_by_order_alone() {
+    let list = [
+        entry(600.0, 0.0, Step::Altitude(0.0)),
+        entry(600.0, 600.0, Step::Unlimited(0.0)),
+        entry(0.0, 0.0, Step::Pass),
+    ];
+    let (mut guidance, mut flight) = (listed(&list), Flight::new(0.0, 0.0, 0.0, Vector2::new(0.0, 4.0)));
+    let mut at = |guidance: &mut Guidance, altitude_m: f64, seconds: f64| {
+        for _ in 0..(seconds / 0.02) as usize {
+            guidance.observe(0.02, altitude_m);
+            let out = guidance.step(&flight.motion);
+            flight.step(out.horizontal_mps2);
+        }
+        flight.motion.position
+    };
+    at(&mut guidance, 40.0, 300.0);
+    assert_eq!((guidance.next, guidance.reached), (0, 0));
+    at(&mut guidance, 98.0, 300.0);
+    assert_eq!((guidance.next, guidance.reached, guidance.is_finished()), (1, 2, true));
+    // Somebody else flies meanwhile; then it is the same circle again.
+    guidance.disengage();
+    let place = at(&mut guidance, 100.0, 300.0);
+    assert!((place - Vector2::new(600.0, 600.0)).norm() < 150.0, "{place}");
+    assert!(guidance.go_on_with(2) && !guidance.go_on_with(3));
+    at(&mut guidance, 100.0, 120.0);
+    assert_eq!((guidance.next, guidance.reached, guidance.is_finished()), (2, 3, true));
+}
+
+#[test]
+fn mission_goes_on_where_it_stood_after_a_restart_in_any_frame() {
+    let list = [
+        entry(0.0, 0.0, Step::TakeOff),
+        entry(500.0, 0.0, Step::Pass),
+        entry(500.0, 500.0, Step::Turns(1.0, 0.0)),
+        entry(0.0, 0.0, Step::Jump(1, 1)),
+        entry(0.0, 500.0, Step::Time(20.0, -120.0)),
+        entry(0.0, 0.0, Step::Land),
+    ];
+    let fly = |restarted: &dyn Fn(usize) -> bool| {
+        let (mut guidance, mut flight) = (listed(&list), Flight::new(0.0, 0.0, 0.0, Vector2::new(3.0, 3.0)));
+        let mut order = Vec::new();
+        for frame in 0..20_000 {
+            let (before, next) = (guidance.reached, guidance.next);
+            guidance.observe(0.02, 100.0);
+            let out = guidance.step(&flight.motion);
+            if guidance.reached > before {
+                order.push((next, frame));
+            }
+            flight.step(out.horizontal_mps2);
+            if restarted(frame) {
+                let (snapshot, path) = (guidance.snapshot(), guidance.path());
+                guidance = listed(&list);
+                guidance.resume(&snapshot);
+                guidance.resume_path(&path);
+            }
+        }
+        let ending = guidance.ending().map(|last| last.step);
+        (order, flight.motion.position, ending)
+    };
+    let undisturbed = fly(&|_| false);
+    let places: Vec<_> = undisturbed.0.iter().map(|one| one.0).collect();
+    assert_eq!((&places[..], undisturbed.2), (&[1, 2, 1, 2, 4][..], Some(Step::Land)));
+    assert_eq!(fly(&|_| true), undisturbed, "restarted after each frame");
+    assert_eq!(fly(&|frame| frame % 97 == 0), undisturbed);
+}
+
+#[test]
+fn place_inside_of_the_turn_is_reached_all_the_same() {
+    for heading in 0..8 {
+        let list = [entry(40.0, 30.0, Step::Pass), entry(700.0, 0.0, Step::Return)];
+        let (mut guidance, mut flight) =
+            (listed(&list), Flight::new(0.0, 0.0, f64::from(heading) * 0.8, Vector2::zeros()));
+        let order = flown(&mut guidance, &mut flight, 180.0);
+        assert_eq!(order.first().map(|one| one.0), Some(0), "heading {heading}");
+        assert_eq!(guidance.ending().map(|last| last.step), Some(Step::Return));
+    }
+}

@@ -6,10 +6,11 @@ use crate::partition::{Partition, Progress, Runner};
 use crate::process::{Phase, Process, Wait};
 use crate::return_code::ReturnCode;
 use crate::scheduling::TimeOut;
-use crate::settings::Limit;
+use crate::settings::{AffinityPermission, Limit};
 use crate::standard::{
-    INFINITE_TIME_VALUE, MAX_LOCK_LEVEL, MAX_PRIORITY, MIN_PRIORITY, Name, OperatingMode, ProcessAttributes,
-    ProcessId, ProcessState, ProcessStatus, QueuingDiscipline, SystemTime,
+    CORE_AFFINITY_ANY, CORE_AFFINITY_NO_PREFERENCE, INFINITE_TIME_VALUE, MAX_LOCK_LEVEL, MAX_PRIORITY,
+    MIN_PRIORITY, Name, OperatingMode, ProcessAttributes, ProcessId, ProcessState, ProcessStatus,
+    QueuingDiscipline, SystemTime,
 };
 
 /// The core on which the processes take turns.
@@ -323,7 +324,44 @@ impl Partition {
     /// GET_MY_PROCESSOR_CORE_ID.
     #[must_use]
     pub fn get_my_processor_core_id(&self) -> i32 {
-        self.caller().map_or(CORE, |place| self.processes[place].affinity.max(CORE))
+        let own = self.caller().map_or(self.default_affinity, |place| self.processes[place].affinity);
+        own.max(self.default_affinity).max(CORE)
+    }
+
+    /// SET_PROCESS_CORE_AFFINITY (Part 2).
+    ///
+    /// # Errors
+    /// INVALID_CONFIG: the partition may not bind processes, or has no such core. INVALID_PARAM: there is no such process. INVALID_MODE:
+    /// it may before NORMAL only.
+    pub fn set_process_core_affinity(&mut self, id: ProcessId, core: i32) -> Result<(), ReturnCode> {
+        let permission = self.settings.affinity;
+        configured(permission != AffinityPermission::NotPermitted)?;
+        let place = self.place(id)?;
+        configured(core == CORE_AFFINITY_NO_PREFERENCE || (0..self.settings.cores).contains(&core))?;
+        if permission == AffinityPermission::InitOnly {
+            self.initialising()?;
+        }
+        self.processes[place].affinity = core;
+        Ok(())
+    }
+
+    /// GET_PROCESS_CORE_AFFINITY (Part 2): CORE_AFFINITY_NO_PREFERENCE where a process has none of its own.
+    ///
+    /// # Errors
+    /// INVALID_PARAM: there is no such process.
+    pub fn get_process_core_affinity(&self, id: ProcessId) -> Result<i32, ReturnCode> {
+        Ok(self.processes[self.place(id)?].affinity)
+    }
+
+    /// SET_DEFAULT_PROCESS_CORE_AFFINITY (Part 2): of processes that have no core of their own.
+    ///
+    /// # Errors
+    /// INVALID_CONFIG: the partition has no such core. INVALID_MODE: NORMAL.
+    pub fn set_default_process_core_affinity(&mut self, core: i32) -> Result<(), ReturnCode> {
+        configured(core == CORE_AFFINITY_ANY || (0..self.settings.cores).contains(&core))?;
+        self.initialising()?;
+        self.default_affinity = core;
+        Ok(())
     }
 
     /// GET_MY_INDEX: a number of the caller that no other process of the partition has, from 0.

@@ -87,10 +87,11 @@ impl Partition {
         Ok(Progress::Waits)
     }
 
-    /// Whether processes wait at queuing ports, so that [`Partition::serve_ports`] has something to do.
+    /// Whether processes wait at queuing ports or lists of them, so that [`Partition::serve_ports`] has something to do.
+    #[inline]
     #[must_use]
     pub fn waits_at_ports(&self) -> bool {
-        self.queuing_ports.iter().any(|port| !self.queues.is_empty(port.waiting))
+        self.queuing_ports.iter().any(|port| !self.queues.is_empty(port.waiting)) || self.waits_at_lists()
     }
 
     /// Something may have changed in the channels: processes that wait at ports get what there is. The driver calls this when a
@@ -99,6 +100,7 @@ impl Partition {
         for place in 0..self.queuing_ports.len() {
             while self.serve_port(ports, place) {}
         }
+        self.serve_lists(ports);
     }
 
     /// The first process that waits at a port gets what it waits for. False if there is none, or nothing for it.

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::ops::{Deref, DerefMut};
 
-use bateleur_processes::ports::{Ports, QueuingConfiguration, Received, SamplingConfiguration};
+use bateleur_processes::ports::{Ports, QueuingConfiguration, Received, SamplingConfiguration, Written};
 use bateleur_processes::standard::*;
 use bateleur_processes::{Dispatch, End, Partition, Progress, ReturnCode, Runner, Settings};
 
@@ -251,11 +251,11 @@ impl Bench {
 }
 
 /// A message and its time, once there is one.
-pub(crate) type Written = Option<(Vec<u8>, SystemTime)>;
+pub(crate) type Message = Option<(Vec<u8>, SystemTime)>;
 
 #[derive(Default)]
 pub(crate) struct Channels {
-    pub(crate) sampling: Vec<(Name, SamplingConfiguration, Written)>,
+    pub(crate) sampling: Vec<(Name, SamplingConfiguration, Message)>,
     pub(crate) queuing: Vec<Queue>,
 }
 
@@ -295,10 +295,11 @@ impl Ports for Channels {
         self.sampling[port].2 = Some((message.to_vec(), now));
     }
 
-    fn read(&mut self, port: usize, into: &mut Vec<u8>) -> Option<SystemTime> {
-        let (message, written) = self.sampling[port].2.as_ref()?;
+    fn read(&mut self, port: usize, into: &mut Vec<u8>) -> Option<Written> {
+        let (message, at) = self.sampling[port].2.as_ref()?;
         into.extend_from_slice(message);
-        Some(*written)
+        // Its text is its number.
+        Some(Written { at: *at, sequence: message.iter().map(|byte| u64::from(*byte)).sum() })
     }
 
     fn send(&mut self, port: usize, message: &[u8]) -> bool {
@@ -314,6 +315,10 @@ impl Ports for Channels {
         let queue = &mut self.queuing[port];
         into.extend_from_slice(&queue.messages.pop_front()?);
         Some(Received { overflow: std::mem::take(&mut queue.overflow) })
+    }
+
+    fn next_length(&self, port: usize) -> Option<usize> {
+        self.queuing[port].messages.front().map(Vec::len)
     }
 
     fn clear(&mut self, port: usize) {

@@ -4,18 +4,23 @@
 #![allow(clippy::unwrap_used, clippy::panic)] // a test may be blunt
 
 mod bench;
+mod cores;
 mod deadlines;
 mod events;
+mod extensions;
+mod functional_status;
 mod general;
 mod handler;
 mod health;
 mod lending;
 mod locking;
 mod locks;
+mod memory_blocks;
 mod messages;
 mod mutexes;
 mod objects;
 mod partition;
+mod port_lists;
 mod ports;
 mod process;
 mod regressions;

@@ -96,6 +96,21 @@ fn time_pwait_02_aperiodic_process_must_not() {
 }
 
 #[test]
+fn p4_05_periodic_wait_of_an_aperiodic_process_beside_a_periodic_one_is_refused() {
+    let mut bench = Bench::new();
+    let mut attributes = Bench::attributes("periodic", 20);
+    attributes.period = ms(100);
+    let periodic = bench.create_process(&attributes).unwrap();
+    let aperiodic = bench.create_process(&Bench::attributes("aperiodic", 10)).unwrap();
+    bench.start(periodic).unwrap();
+    bench.start(aperiodic).unwrap();
+    bench.normal();
+    bench.runs(aperiodic);
+    assert_eq!(code(bench.periodic_wait()), IM, "until the first release of the other");
+    bench.runs(aperiodic);
+}
+
+#[test]
 fn time_pwait_03_next_deadline_beyond_all_times() {
     let mut bench = Bench::new();
     let mut attributes = Bench::attributes("p", 20);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, anyhow, bail};
 use bateleur_messages::Type;
 use bateleur_messages::format::{Body, FieldKind, Member, rust_name};
-use bateleur_plan::{Partition, Payload, Plan, Port, Role};
+use bateleur_plan::{Partition, Payload, Plan, Port, Role, Standby};
 
 use super::names::{CARGO_FOLDERS, Fields, type_name};
 use super::values::Reading;
@@ -129,7 +129,7 @@ impl Skeleton {
             ports,
             attributes,
             retained_bytes: (partition.retained_bytes > 0).then_some(partition.retained_bytes),
-            standby: partition.standby.is_some(),
+            standby: partition.standby == Some(Standby::Hot),
             error_handler: partition.error_handler,
             grants: grants(partition),
             messages,

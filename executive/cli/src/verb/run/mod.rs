@@ -5,6 +5,7 @@
 //! 1 an error of the module ended it, by the table `[health.module]`, or a log could not be written, 2 it could not run.
 
 mod hosts;
+mod play;
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -39,9 +40,11 @@ pub struct Arguments {
     /// Folder for logs; the default is target/runs/latest, which every run writes over that finds no other at it.
     #[arg(long, short)]
     output: Option<PathBuf>,
-    /// Run all modules of the plan on this machine, each in a process of its own; their relays talk over the loopback interface.
-    #[arg(long, conflicts_with_all = ["module", "together", "events_fd", "companion_fd"])]
-    hosts: bool,
+    /// Run all modules of the plan on this machine, each in a process of its own: in network namespaces that are joined by virtual
+    /// Ethernets and have the plan's addresses (root needed), or over the loopback interface; by default whichever can be.
+    #[arg(long, value_name = "WHERE", num_args = 0..=1, require_equals = true, default_missing_value = "any")]
+    #[arg(hide_possible_values = true, conflicts_with_all = ["module", "together", "events_fd", "companion_fd"])]
+    hosts: Option<hosts::Where>,
     /// The folder for logs may hold an earlier run: that of `--hosts`.
     #[arg(long, hide = true)]
     over: bool,
@@ -73,6 +76,8 @@ pub struct Arguments {
     address: Vec<(SocketAddr, SocketAddr)>,
     #[command(flatten)]
     faults: Faults,
+    #[command(flatten)]
+    recorded: play::Recorded,
     /// Refuse to start where this machine lacks something.
     #[arg(long, value_name = "HOW", value_parser = ["strict"])]
     require: Option<String>,
@@ -116,16 +121,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     if let Some(folder) = arguments.output.as_ref().filter(|_| !arguments.over) {
         crate::output::refuse_used(folder)?;
     }
-    if arguments.hosts {
-        return hosts::run(arguments);
+    if let Some(place) = arguments.hosts {
+        return hosts::run(arguments, place);
     }
+    let Ok(prepared) = arguments.recorded.prepare(&arguments.schedule, arguments.module.as_deref())? else {
+        return Ok(CANNOT_RUN);
+    };
     let plan = handed_over::file("plan").context("no memory for the compiled plan")?;
     // Whoever started it with a channel for events has read the file too, and said so.
-    if !plan_file::compile(&arguments.schedule, &plan, arguments.events_fd.is_some())? {
+    let quiet = arguments.events_fd.is_some() || arguments.recorded.is_asked_for();
+    if !plan_file::compile(&arguments.schedule, &plan, quiet)? {
         return Ok(CANNOT_RUN);
     }
     let mut order = handed_over::file("order").context("no memory for the order")?;
-    serde_json::to_writer(&mut order, &order_of(arguments)).context("the order can not be written down")?;
+    let play = prepared.as_ref().map(|prepared| prepared.play.clone());
+    serde_json::to_writer(&mut order, &RunOrder { play, ..order_of(arguments) })
+        .context("the order can not be written down")?;
     order.rewind()?;
     // This process becomes the daemon: it keeps its number, its signals and its standard streams.
     let daemon = beside_own(DAEMON);
@@ -175,6 +186,7 @@ fn order_of(arguments: &Arguments) -> RunOrder {
         until_stdin_closes: arguments.until_stdin_closes,
         events_fd: arguments.events_fd,
         companion_fd: arguments.companion_fd,
+        play: None,
         supervised: None,
     }
 }

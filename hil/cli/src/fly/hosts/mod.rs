@@ -1,11 +1,10 @@
 //! A flight on several hosts, all of them on this machine: one executive for each module of the plan.
 //!
-//! In real time each module has a network namespace of its own, as if it were a computer, see [`namespace`]. On the virtual
+//! In real time each module has a network namespace of its own, as if it were a computer. On the virtual
 //! clock the modules share one file, their relays talk over addresses of the loopback interface, and what a network does to
 //! datagrams is modelled, see [`model`].
 
 pub(super) mod model;
-pub(crate) mod namespace;
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
@@ -13,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 pub(super) use bateleur_executive_cli::hosts::place_of_target;
-use bateleur_executive_cli::hosts::{missing_keys, on_loopback, shared_clock};
+use bateleur_executive_cli::hosts::{Keys, namespace, on_loopback, shared_clock};
 use bateleur_plan::Plan;
 use model::{Cut, Death, LinkModel};
 
@@ -64,8 +63,8 @@ pub(super) struct Hosts {
     together: Option<PathBuf>,
     /// Addresses in place of the plan's.
     addresses: BTreeMap<SocketAddr, SocketAddr>,
-    /// Files with keys in place of the plan's, by link.
-    keys: BTreeMap<String, PathBuf>,
+    /// Keys in place of the plan's.
+    keys: Keys,
     /// What the modelled networks do.
     model: Option<serde_json::Value>,
     /// That of the flight.
@@ -90,7 +89,7 @@ impl Hosts {
             modules,
             together: arguments.fast.then(shared_clock),
             addresses,
-            keys: missing_keys(&arguments.schedule, plan, &folder.join(FOLDER))?,
+            keys: Keys::missing(&arguments.schedule, plan)?,
             model,
             folder: folder.to_owned(),
         })
@@ -111,7 +110,7 @@ impl Hosts {
         for (planned, other) in &self.addresses {
             list.extend(["--address".to_owned(), format!("{planned}={other}")]);
         }
-        for (link, file) in &self.keys {
+        for (link, file) in self.keys.files() {
             list.extend(["--key".to_owned(), format!("{link}={}", file.display())]);
         }
         let module = plan.module(&self.modules[place]);
@@ -128,10 +127,6 @@ impl Drop for Hosts {
     fn drop(&mut self) {
         // The last module removes it, unless it was killed.
         let _ = self.together.as_ref().map(std::fs::remove_file); // as a rule it is gone
-        // Keys that were made for this flight are of no use to anybody.
-        for file in self.keys.values() {
-            let _ = std::fs::remove_file(file); // gone already
-        }
     }
 }
 
@@ -143,6 +138,12 @@ fn check(arguments: &Arguments, plan: &Plan) -> Result<()> {
         );
     }
     let hosts = &arguments.hosts;
+    if let Some(lack) = namespace::lack(plan).filter(|_| !arguments.fast) {
+        bail!(
+            "hosts on one machine need network namespaces: {lack}. Run it as root, or on the virtual clock with --fast, which needs \
+             none"
+        );
+    }
     if hosts.link.is_some() && !arguments.fast {
         bail!("--link models networks on the virtual clock: add --fast");
     }

@@ -1,0 +1,343 @@
+//! Who had a processor in a span of time, by the events of its trace.
+
+use std::collections::VecDeque;
+
+use bateleur_system::trace::{Event, Interrupt, What};
+
+/// Who has a processor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) enum Who {
+    /// No thread.
+    Idle,
+    /// A thread, and the kernel's priority of it.
+    Thread(i32, i32),
+    Interrupt(Interrupt),
+}
+
+/// A stretch of time in which one had it, CLOCK_MONOTONIC, ns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Stretch {
+    pub(super) from_ns: u64,
+    pub(super) to_ns: u64,
+    pub(super) who: Who,
+}
+
+impl Stretch {
+    pub(super) fn length_ns(&self) -> u64 {
+        self.to_ns - self.from_ns
+    }
+}
+
+/// What the trace knows of a span.
+#[derive(Debug, Default)]
+pub(super) struct Span {
+    pub(super) stretches: Vec<Stretch>,
+    /// Threads that gave the processor away: when, who, and whether to sleep.
+    pub(super) left: Vec<(u64, i32, bool)>,
+    /// When the thread that is watched was last told to run, up to the span's end.
+    pub(super) woken_ns: Option<u64>,
+}
+
+/// Interrupts that interrupt each other, most.
+const DEEPEST: usize = 16;
+
+/// `None`: the trace does not reach back to the span's begin. `watched`: the thread that waited, if it is known.
+pub(super) fn span(
+    events: &VecDeque<Event>,
+    (from_ns, to_ns): (u64, u64),
+    watched: Option<i32>,
+) -> Option<Span> {
+    let first = events.iter().find_map(|event| match event.what {
+        // Who gives the processor away first has had it until then.
+        What::Switch { from, from_priority, .. } => Some(who(from, from_priority)),
+        _ => None,
+    });
+    let reaches = events.front().is_some_and(|event| event.at_ns <= from_ns);
+    if !reaches {
+        return None;
+    }
+    let mut has = first?;
+    let mut interrupts: Vec<Interrupt> = Vec::new();
+    let (mut span, mut since_ns) = (Span::default(), from_ns);
+    for event in events {
+        if event.at_ns >= to_ns {
+            break;
+        }
+        let present = interrupts.last().map_or(has, |interrupt| Who::Interrupt(*interrupt));
+        if event.at_ns > since_ns {
+            span.add(since_ns, event.at_ns, present);
+            since_ns = event.at_ns;
+        }
+        match event.what {
+            What::Switch { from, sleeps, to, to_priority, .. } => {
+                span.left.push((event.at_ns, from, sleeps));
+                has = who(to, to_priority);
+                interrupts.clear(); // nothing switches within an interrupt
+            }
+            What::Begin(interrupt) if interrupts.len() < DEEPEST => interrupts.push(interrupt),
+            What::Begin(_) => {}
+            What::End(interrupt) => {
+                if let Some(place) = interrupts.iter().rposition(|one| *one == interrupt) {
+                    interrupts.truncate(place);
+                }
+            }
+            What::Waking(thread) if Some(thread) == watched => span.woken_ns = Some(event.at_ns),
+            What::Waking(_) => {}
+            What::Lost if event.at_ns > from_ns => return None,
+            What::Lost => interrupts.clear(),
+        }
+    }
+    span.add(since_ns, to_ns, interrupts.last().map_or(has, |interrupt| Who::Interrupt(*interrupt)));
+    Some(span)
+}
+
+fn who(thread: i32, priority: i32) -> Who {
+    if thread == 0 { Who::Idle } else { Who::Thread(thread, priority) }
+}
+
+impl Span {
+    fn add(&mut self, from_ns: u64, to_ns: u64, who: Who) {
+        match self.stretches.last_mut() {
+            Some(last) if last.who == who && last.to_ns == from_ns => last.to_ns = to_ns,
+            _ => self.stretches.push(Stretch { from_ns, to_ns, who }),
+        }
+    }
+
+    /// How long each had it from `from_ns` on and until `to_ns`, longest first.
+    pub(super) fn shares(&self, from_ns: u64, to_ns: u64) -> Vec<(Who, u64)> {
+        let mut shares: Vec<(Who, u64)> = Vec::new();
+        for stretch in &self.stretches {
+            let length = stretch.to_ns.min(to_ns).saturating_sub(stretch.from_ns.max(from_ns));
+            if length == 0 {
+                continue;
+            }
+            match shares.iter_mut().find(|(who, _)| *who == stretch.who) {
+                Some((_, sum)) => *sum += length,
+                None => shares.push((stretch.who, length)),
+            }
+        }
+        shares.sort_by_key(|(_, length)| std::cmp::Reverse(*length));
+        shares
+    }
+}
+
+/// Who is the reason.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Verdict {
+    /// He had it for so long.
+    Had(Who, u64),
+    /// The timer's interrupt came so late, while nobody had the processor, or whose thread could have been interrupted.
+    LateTimer(Who, u64),
+    /// Whoever waited had it for so long.
+    Itself(u64),
+    /// A partition waited for something else than a processor for so long.
+    Slept(u64),
+}
+
+/// A dispatcher, thread `watched`, came late: it waited for its timer, and then for the processor.
+pub(super) fn judge_dispatcher(span: &Span, (from_ns, to_ns): (u64, u64), watched: Option<i32>) -> Verdict {
+    let woken_ns = span.woken_ns.unwrap_or(from_ns).clamp(from_ns, to_ns);
+    let is_own = |who: &Who| matches!(who, Who::Thread(thread, _) if Some(*thread) == watched);
+    // The timer waits where interrupts are off, and where there is no processor at all.
+    if (woken_ns - from_ns) * 2 > to_ns - from_ns {
+        let shares = span.shares(from_ns, woken_ns);
+        let handling: u64 =
+            shares.iter().filter(|(who, _)| matches!(who, Who::Interrupt(_))).map(|(_, length)| length).sum();
+        return match shares.first() {
+            _ if handling * 2 > woken_ns - from_ns => longest_interrupt(&shares),
+            Some((who, _)) if is_own(who) => Verdict::Itself(woken_ns - from_ns),
+            Some((who, _)) => Verdict::LateTimer(*who, woken_ns - from_ns),
+            None => Verdict::LateTimer(Who::Idle, woken_ns - from_ns),
+        };
+    }
+    let shares = span.shares(woken_ns, to_ns);
+    // One interrupt after the other is a storm, though each thread between them may have had more.
+    let handling: u64 =
+        shares.iter().filter(|(who, _)| matches!(who, Who::Interrupt(_))).map(|(_, length)| length).sum();
+    if handling * 2 > to_ns - woken_ns {
+        return longest_interrupt(&shares);
+    }
+    match shares.iter().find(|(who, _)| !matches!(who, Who::Interrupt(_))) {
+        Some((who, length)) if is_own(who) => Verdict::Itself(*length),
+        // Nobody keeps a thread that is to run from an idle processor but who has the processor itself.
+        Some((Who::Idle, length)) => Verdict::LateTimer(Who::Idle, *length),
+        Some((who, length)) => Verdict::Had(*who, *length),
+        None => longest_interrupt(&shares),
+    }
+}
+
+fn longest_interrupt(shares: &[(Who, u64)]) -> Verdict {
+    let longest = shares.iter().find(|(who, _)| matches!(who, Who::Interrupt(_)));
+    longest.map_or(Verdict::LateTimer(Who::Idle, 0), |(who, length)| Verdict::Had(*who, *length))
+}
+
+/// A partition had a window and did not close it. `is_its`: whether a thread is one of it. `starved`: it is known that it waited for a
+/// processor.
+pub(super) fn judge_partition(span: &Span, starved: bool, is_its: &mut dyn FnMut(i32) -> bool) -> Verdict {
+    let (mut own_ns, mut slept_ns) = (0, 0);
+    let mut others: Vec<(Who, u64)> = Vec::new();
+    // Those of its threads that were made to give the processor away. Until one of them had it, it waited for its first one.
+    let (mut kept_waiting, mut has_run) = (Vec::new(), false);
+    let mut left = span.left.iter().peekable();
+    for stretch in &span.stretches {
+        let length = stretch.length_ns();
+        while let Some((_, thread, sleeps)) = left.next_if(|(at_ns, ..)| *at_ns <= stretch.from_ns) {
+            if is_its(*thread) {
+                has_run = true;
+                kept_waiting.retain(|one| one != thread);
+                kept_waiting.extend((!sleeps).then_some(*thread));
+            }
+        }
+        match stretch.who {
+            Who::Thread(thread, _) if is_its(thread) => {
+                (own_ns, has_run) = (own_ns + length, true);
+                kept_waiting.retain(|one| *one != thread);
+            }
+            _ if has_run && kept_waiting.is_empty() && !starved => slept_ns += length,
+            Who::Idle if starved => {}
+            who => match others.iter_mut().find(|(one, _)| *one == who) {
+                Some((_, sum)) => *sum += length,
+                None => others.push((who, length)),
+            },
+        }
+    }
+    let taken = others.into_iter().max_by_key(|(_, length)| *length);
+    match taken {
+        Some((who, length)) if length > own_ns && length > slept_ns => Verdict::Had(who, length),
+        _ if slept_ns > own_ns => Verdict::Slept(slept_ns),
+        _ => Verdict::Itself(own_ns),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DISPATCHER: i32 = 5;
+    const TIMER: Interrupt = Interrupt::Own("timer");
+
+    fn switch(at_ns: u64, from: i32, to: i32) -> Event {
+        Event { at_ns, what: What::Switch { from, from_priority: 120, sleeps: false, to, to_priority: 120 } }
+    }
+
+    fn at(at_ns: u64, what: What) -> Event {
+        Event { at_ns, what }
+    }
+
+    fn judged(events: &[Event]) -> Verdict {
+        let span_of = (1_000, 2_000);
+        let found = span(&events.iter().copied().collect(), span_of, Some(DISPATCHER)).unwrap();
+        let sum: u64 = found.stretches.iter().map(Stretch::length_ns).sum();
+        assert_eq!(sum, 1_000, "every instant is somebody's: {found:?}");
+        judge_dispatcher(&found, span_of, Some(DISPATCHER))
+    }
+
+    fn thread(thread: i32) -> Who {
+        Who::Thread(thread, 120)
+    }
+
+    #[test]
+    fn a_dispatcher_that_is_woken_in_time_and_has_no_processor_was_kept_from_it_by_who_had_it() {
+        let events = [
+            switch(500, 0, 7),
+            at(1_001, What::Begin(TIMER)),
+            at(1_002, What::Waking(DISPATCHER)),
+            at(1_003, What::End(TIMER)),
+            switch(1_900, 7, DISPATCHER),
+        ];
+        assert_eq!(judged(&events), Verdict::Had(thread(7), 897));
+    }
+
+    #[test]
+    fn a_timer_that_comes_late_is_not_held_against_who_could_have_been_interrupted() {
+        let late = [switch(500, 9, 7), at(1_990, What::Waking(DISPATCHER)), switch(1_995, 7, DISPATCHER)];
+        assert_eq!(judged(&late), Verdict::LateTimer(thread(7), 990));
+        let idle = [switch(500, 9, 0), at(1_990, What::Waking(DISPATCHER)), switch(1_995, 0, DISPATCHER)];
+        assert_eq!(judged(&idle), Verdict::LateTimer(Who::Idle, 990));
+    }
+
+    #[test]
+    fn interrupts_one_after_the_other_are_the_reason_together() {
+        let net = Interrupt::Soft(3);
+        let mut events = vec![switch(500, 0, 7), at(1_000, What::Waking(DISPATCHER))];
+        for begin in (1_001..1_990).step_by(10) {
+            events.extend([at(begin, What::Begin(net)), at(begin + 7, What::End(net))]);
+        }
+        events.push(switch(1_995, 7, DISPATCHER));
+        assert!(matches!(judged(&events), Verdict::Had(Who::Interrupt(one), 690..) if one == net));
+    }
+
+    #[test]
+    fn who_gives_the_processor_away_in_the_first_event_has_had_it_before() {
+        let events = [at(900, What::Begin(TIMER)), at(901, What::End(TIMER)), switch(1_800, 7, DISPATCHER)];
+        assert_eq!(judged(&events), Verdict::Had(thread(7), 800));
+    }
+
+    #[test]
+    fn a_trace_that_begins_later_or_has_a_gap_knows_nothing() {
+        let begun = [switch(1_001, 0, 7)];
+        assert!(span(&begun.into(), (1_000, 2_000), None).is_none());
+        let gap = [switch(500, 0, 7), at(1_500, What::Lost), switch(1_600, 7, 8)];
+        assert!(span(&gap.into(), (1_000, 2_000), None).is_none());
+        assert!(span(&VecDeque::new(), (1_000, 2_000), None).is_none());
+    }
+
+    #[test]
+    fn a_partition_is_blamed_for_what_it_used_and_others_for_what_they_took_from_it() {
+        let judged = |events: &[Event], starved| {
+            let found = span(&events.iter().copied().collect(), (1_000, 2_000), None).unwrap();
+            judge_partition(&found, starved, &mut |thread| [20, 21].contains(&thread))
+        };
+        let sleeps = |at_ns, from, to| {
+            at(at_ns, What::Switch { from, from_priority: 120, sleeps: true, to, to_priority: 120 })
+        };
+        let had_it = [switch(900, 0, 20), switch(1_500, 20, 21)];
+        assert_eq!(judged(&had_it, false), Verdict::Itself(1_000));
+        let preempted = [switch(900, 0, 20), switch(1_100, 20, 7)];
+        assert_eq!(judged(&preempted, false), Verdict::Had(thread(7), 900));
+        let never = [switch(900, 0, 7), switch(1_990, 7, 20)];
+        assert_eq!(judged(&never, false), Verdict::Had(thread(7), 990));
+        // Whoever has the processor while it sleeps takes nothing from it.
+        let slept = [switch(900, 0, 20), sleeps(1_100, 20, 7), switch(1_500, 7, 0)];
+        assert_eq!(judged(&slept, false), Verdict::Slept(900));
+        let one_waits = [switch(900, 0, 20), switch(1_050, 20, 21), sleeps(1_100, 21, 7)];
+        assert_eq!(judged(&one_waits, false), Verdict::Had(thread(7), 900));
+        assert_eq!(judged(&slept, true), Verdict::Had(thread(7), 400), "it is known that it starved");
+    }
+
+    #[test]
+    fn any_events_in_order_account_for_the_whole_span() {
+        let mut seed = 7_u64;
+        let mut random = |below: u64| {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (seed >> 33) % below
+        };
+        for _ in 0..5_000 {
+            let mut at_ns = 0;
+            let events: VecDeque<Event> = (0..random(60))
+                .map(|_| {
+                    at_ns += random(90);
+                    let thread = random(6) as i32;
+                    let interrupt = if random(2) == 0 { TIMER } else { Interrupt::Soft(random(3) as u32) };
+                    let what = match random(5) {
+                        0 | 1 => What::Switch {
+                            from: random(6) as i32,
+                            from_priority: 0,
+                            sleeps: random(2) == 0,
+                            to: thread,
+                            to_priority: 0,
+                        },
+                        2 => What::Begin(interrupt),
+                        3 => What::End(interrupt),
+                        _ => What::Waking(DISPATCHER),
+                    };
+                    Event { at_ns, what }
+                })
+                .collect();
+            let Some(found) = span(&events, (1_000, 2_000), Some(DISPATCHER)) else { continue };
+            assert_eq!(found.stretches.iter().map(Stretch::length_ns).sum::<u64>(), 1_000);
+            assert!(found.stretches.is_sorted_by_key(|stretch| stretch.from_ns));
+            let _ = judge_dispatcher(&found, (1_000, 2_000), Some(DISPATCHER));
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! What stands in for an axis of an inertial sensor that measures nothing any more.
+//!
+//! Of the six equations of motion each holds one force and the rates: with accelerations relative to the air left out, a missing force or
+//! rate follows from the others (body axes, velocity relative to the air (u, v, w), `a × b` the turning of the axes):
+//! `f = ω × V − Rᵀ g`. Gusts are what it does not know. The roll rate has no place in it while the aircraft flies straight along its
+//! nose: nothing stands in for that.
+
+use super::filter::ProcessNoise;
+use super::{Estimator, ImuSample};
+use crate::GRAVITY_MPS2;
+use crate::attitude::low_pass;
+use nalgebra::Vector3;
+
+/// Bits of axes: accelerometer forward, right, down, then the gyroscope's.
+const FORCE_AXES: u32 = 0b111;
+const GYROSCOPE_SHIFT: u32 = 3;
+/// Those for which something stands in: without the accelerometer's first two axes the filter flies on as it is, and better.
+const REPLACED: u32 = 0b11_0100;
+
+/// Time over which pitch and yaw rates are averaged, s: gusts are shorter.
+const RATE_S: f64 = 0.1;
+/// Below this airspeed nothing is told by the air, m/s.
+const LEAST_MPS: f64 = 8.0;
+/// No manoeuvre is quicker, rad/s.
+const MOST_RADPS: f64 = 1.0;
+/// What it leaves out, as noise: velocity, m/s/√s, and attitude, rad/√s.
+const FORCE_NOISE: f64 = 0.5;
+const RATE_NOISE: f64 = 0.05;
+
+/// Axes that are not believed, and what stands in for them.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Doubtful {
+    axes: u32,
+    rates: Vector3<f64>,
+}
+
+impl Estimator {
+    /// Axes of the inertial sensors that are not to be believed from now on, one bit each: accelerometer 1, 2, 4, gyroscope 8, 16, 32.
+    pub fn doubt(&mut self, axes: u32) {
+        let axes = axes & REPLACED;
+        if axes != self.doubtful.axes {
+            self.doubtful = Doubtful { axes, ..Doubtful::default() };
+        }
+    }
+
+    /// A sample with what stands in for doubtful axes; the same where all are believed, or nothing is known of the motion.
+    pub(super) fn replaced(&mut self, sample: &ImuSample, dt_s: f64) -> ImuSample {
+        let mut sample = *sample;
+        if self.doubtful.axes == 0 {
+            return sample;
+        }
+        let nominal = &self.filter.nominal;
+        let air = nominal.velocity - Vector3::new(nominal.wind.x, nominal.wind.y, 0.0);
+        let air = nominal.attitude.inverse_transform_vector(&air);
+        let down = nominal.attitude.inverse_transform_vector(&Vector3::new(0.0, 0.0, GRAVITY_MPS2));
+        if air.x < LEAST_MPS {
+            return sample;
+        }
+        let is = |axis: usize, shift: u32| self.doubtful.axes >> (shift + axis as u32) & 1 != 0;
+        let mut rates = sample.rates - nominal.gyro_bias;
+        let force = sample.specific_force - nominal.accel_bias;
+        let told = &mut self.doubtful.rates;
+        if is(1, GYROSCOPE_SHIFT) {
+            told.y = low_pass(told.y, (rates.x * air.y - force.z - down.z) / air.x, RATE_S, dt_s);
+            rates.y = told.y;
+        }
+        if is(2, GYROSCOPE_SHIFT) {
+            told.z = low_pass(told.z, (force.y + down.y + rates.x * air.z) / air.x, RATE_S, dt_s);
+            rates.z = told.z;
+        }
+        let turned = rates.cross(&air) - down;
+        for axis in 0..3 {
+            if is(axis, GYROSCOPE_SHIFT) {
+                let rate = rates[axis].clamp(-MOST_RADPS, MOST_RADPS);
+                sample.rates[axis] = rate + nominal.gyro_bias[axis];
+            }
+            if is(axis, 0) {
+                sample.specific_force[axis] = turned[axis] + nominal.accel_bias[axis];
+            }
+        }
+        sample
+    }
+
+    /// Noise with what stands in for doubtful axes.
+    pub(super) fn doubting(&self, noise: ProcessNoise) -> ProcessNoise {
+        let (force, rate) =
+            (self.doubtful.axes & FORCE_AXES != 0, self.doubtful.axes >> GYROSCOPE_SHIFT != 0);
+        ProcessNoise {
+            accel: if force { FORCE_NOISE } else { noise.accel },
+            gyro: if rate { RATE_NOISE } else { noise.gyro },
+            ..noise
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::attitude::from_euler;
+    use crate::estimator::{EstimatorConfig, Phase};
+
+    /// A coordinated turn in still air: what the sensors say.
+    fn turn(bank_rad: f64, pitch_rad: f64) -> (Estimator, ImuSample) {
+        let mut estimator = Estimator::new(EstimatorConfig::with_field(Vector3::new(0.1, -0.05, -0.2)));
+        let airspeed_mps = 22.0;
+        estimator.phase = Phase::Running;
+        estimator.filter.nominal.attitude = from_euler(bank_rad, pitch_rad, 0.7);
+        let along = Vector3::new(airspeed_mps * pitch_rad.cos(), 0.0, airspeed_mps * pitch_rad.sin());
+        estimator.filter.nominal.velocity = estimator.filter.nominal.attitude * along;
+        let turn = GRAVITY_MPS2 * bank_rad.tan() / airspeed_mps;
+        let down = estimator.filter.nominal.attitude.inverse_transform_vector(&Vector3::z());
+        let rates = down * turn;
+        let specific_force = rates.cross(&along) - down * GRAVITY_MPS2;
+        (estimator, ImuSample { time_s: 1.0, interval_s: 0.02, specific_force, rates })
+    }
+
+    #[test]
+    fn each_missing_axis_follows_from_the_others_in_a_turn() {
+        for trial in 0..40 {
+            let bank_rad = -0.6 + 0.03 * f64::from(trial);
+            for axis in [2, 4, 5] {
+                let (mut estimator, truth) = turn(bank_rad, 0.08);
+                estimator.doubt(1 << axis);
+                let mut broken = truth;
+                if axis < 3 {
+                    broken.specific_force[axis] = 99.0
+                } else {
+                    broken.rates[axis - 3] = 9.0
+                }
+                let replaced = (0..200).map(|_| estimator.replaced(&broken, 0.02)).last().unwrap();
+                let force = (replaced.specific_force - truth.specific_force).norm();
+                let rate = (replaced.rates - truth.rates).norm();
+                assert!(force < 0.05 && rate < 0.05, "axis {axis}, bank {bank_rad}: {force} {rate}");
+            }
+        }
+    }
+
+    #[test]
+    fn sample_whose_axes_are_believed_is_the_same_to_the_bit() {
+        let (mut estimator, sample) = turn(0.3, 0.1);
+        assert_eq!(estimator.replaced(&sample, 0.02), sample);
+        estimator.doubt(4);
+        assert_ne!(
+            estimator.replaced(&ImuSample { specific_force: Vector3::zeros(), ..sample }, 0.02),
+            sample
+        );
+        estimator.doubt(0);
+        assert_eq!(estimator.replaced(&sample, 0.02), sample);
+    }
+}

@@ -10,6 +10,11 @@ pub fn flight_schedule() -> PathBuf {
     repository().join("schedule.toml")
 }
 
+/// A mission that is over after 75 s of module time.
+pub fn small_mission() -> PathBuf {
+    repository().join("tests/missions/small.toml")
+}
+
 /// The text of the flight's schedule with each first text replaced by its second, everywhere.
 #[track_caller]
 pub fn edited(changes: &[(&str, &str)]) -> String {

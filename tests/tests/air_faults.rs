@@ -5,6 +5,9 @@
 use bateleur_tests::{Ended, TWO_LAPS, among_others, bateleur, flight_schedule};
 use serde_json::Value;
 
+/// In one process: what breaks outside of the computer does the same to it, and the flight is over sooner.
+const ONE_PROCESS: [&str; 2] = ["--engine", "one-process"];
+
 fn fly(choices: &[&str]) -> Ended {
     let schedule = flight_schedule();
     let mut arguments = vec!["fly", "--fast", "--format", "json", "--schedule", schedule.to_str().unwrap()];
@@ -20,7 +23,7 @@ fn number(summary: &Value, name: &str) -> f64 {
 /// Flies with a fault: all way-points in order, and never further off the path than `cross_track_m`.
 fn assert_flown_with(fault: &str, cross_track_m: f64) -> Value {
     let _turn = among_others();
-    let summary = fly(&["--fault", fault]).expect_code(0).summary();
+    let summary = fly(&[&ONE_PROCESS[..], &["--fault", fault]].concat()).expect_code(0).summary();
     let (straight, most) =
         (number(&summary, "straight_cross_track_rms_m"), number(&summary, "cross_track_max_m"));
     eprintln!("{fault}: straight track {straight:.2} m, at most {most:.1} m off");
@@ -57,6 +60,7 @@ fn assert_wrong_pitot_is_found(fault: &str) {
     let schedule = flight_schedule();
     let mut arguments = vec!["fly", "--fast", "--format", "json", "--schedule", schedule.to_str().unwrap()];
     arguments.extend(["--seed", "1", "--wind", "5", "--wind-from", "45", "--turbulence", "moderate"]);
+    arguments.extend(ONE_PROCESS);
     arguments.extend(["--fault", fault]);
     let summary = bateleur(&arguments).end().expect_code(0).summary();
     let conditions = &summary["conditions"];
@@ -129,7 +133,8 @@ fn faults_repeat_with_their_seed_and_change_the_flight() {
 fn varied_aircraft_with_play_and_bare_sensors_flies_and_says_what_it_was() {
     let _turn = among_others();
     let aircraft = ["--vary", "mass=10%,inertia=10%,derivatives=20%", "--plant", "servo.backlash_rad=0.01"];
-    let summary = fly(&[&aircraft[..], &["--sensors", "data-sheet"]].concat()).expect_code(0).summary();
+    let summary =
+        fly(&[&ONE_PROCESS[..], &aircraft, &["--sensors", "data-sheet"]].concat()).expect_code(0).summary();
     assert_eq!(summary["completed"], true, "{}", summary["failure"]);
     let variation = summary["conditions"]["variation"].to_string();
     assert!(variation.contains("derivatives=0.2") && variation.contains("backlash"), "{variation}");

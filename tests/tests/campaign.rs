@@ -63,6 +63,7 @@ fn plan_of_several_hosts_is_flown_with_all_of_them_and_the_same_again() {
         let all = ["campaign", "--flights", "2", "--jobs", "2", "--format", "json", "--schedule"];
         let mut all = all.map(str::to_owned).to_vec();
         all.extend([schedule.display().to_string(), "--output".into(), folder.display().to_string()]);
+        all.extend(["--".into(), format!("--mission={}", bateleur_tests::small_mission().display())]);
         let ended = bateleur(&all).end_within(PATIENCE);
         assert_eq!(ended.summary()["flown"], 2, "{}", ended.stderr);
         assert!(!ended.stderr.contains("choose one with --module"), "{}", ended.stderr);

@@ -4,7 +4,9 @@
 
 use std::time::Duration;
 
-use bateleur_tests::{Ended, TWO_LAPS, alone, among_others, bateleur, flight_schedule, repository};
+use bateleur_tests::{
+    Ended, TWO_LAPS, alone, among_others, bateleur, flight_schedule, repository, small_mission,
+};
 use serde_json::Value;
 
 const GUSTY: [&str; 8] = ["--seed", "5", "--wind", "5", "--wind-from", "200", "--turbulence", "light"];
@@ -20,6 +22,11 @@ fn over_can(choices: &[&str]) -> Ended {
     fly(&repository().join("schedules/can.toml"), choices)
 }
 
+/// The same flight with sensors and servos at the simulator; in one process, where it is over sooner.
+fn without_a_bus() -> Value {
+    fly(&flight_schedule(), &["--engine", "one-process"]).summary()
+}
+
 /// Two laps, with scores within 1.2 times of those of a flight without a bus; some centimetres are nobody's fault.
 fn assert_as_good(summary: &Value, direct: &Value) {
     assert_eq!(summary["waypoints"], Value::from(TWO_LAPS.to_vec()));
@@ -33,7 +40,7 @@ fn assert_as_good(summary: &Value, direct: &Value) {
 #[test]
 fn two_laps_over_one_gateway_and_over_two_are_flown_as_well_as_without_and_the_same_for_a_seed() {
     let _turn = among_others();
-    let direct = fly(&flight_schedule(), &[]).summary();
+    let direct = without_a_bus();
     let one = over_can(&[]).summary();
     let again = over_can(&[]).summary();
     let two = over_can(&["--set", "can_interface.bus=slcan"]);
@@ -65,7 +72,7 @@ fn discoveries(ended: &Ended) -> usize {
 #[test]
 fn gateway_between_that_is_killed_in_flight_is_started_again_and_found_by_both_sides() {
     let _turn = among_others();
-    let direct = fly(&flight_schedule(), &[]).summary();
+    let direct = without_a_bus();
     let ended = over_can(&["--set", "can_interface.bus=slcan", "--kill-can", "gateway@100"]);
     let words = ["100.000 s  can_gateway is killed", "100.500 s  can_gateway is started again"];
     let ended = ended.expect_words(&words).expect_words(&["it has ended", "is there again"]);
@@ -78,7 +85,7 @@ fn gateway_between_that_is_killed_in_flight_is_started_again_and_found_by_both_s
 #[test]
 fn gateway_of_the_board_that_is_killed_in_flight_is_started_again_and_found_by_the_module() {
     let _turn = among_others();
-    let direct = fly(&flight_schedule(), &[]).summary();
+    let direct = without_a_bus();
     let words = ["can_board is killed", "can_board is started again", "was started anew"];
     let ended = over_can(&["--kill-can", "board@100"]).expect_words(&words);
     assert_as_good(&ended.summary(), &direct);
@@ -96,34 +103,10 @@ fn kill_of_what_a_flight_does_not_have_is_refused_with_what_would_help() {
     refused(&can, "wing@100").expect_words(&["gateway@100"]);
 }
 
-/// Once around a small triangle, taken off by the autopilot: some 75 s.
-const SMALL: &str = r#"
-laps = 1
-take_off = "autopilot"
-
-[[waypoint]]
-north_m = 800
-east_m = 0
-altitude_m = 100
-
-[[waypoint]]
-north_m = 750
-east_m = 200
-altitude_m = 110
-
-[[waypoint]]
-north_m = 500
-east_m = 200
-altitude_m = 100
-"#;
-
 #[test]
 fn short_flight_on_the_wall_clock_over_two_gateways_is_flown_and_one_that_is_killed_is_found_again() {
     let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let mission = folder.path().join("small.toml");
-    std::fs::write(&mission, SMALL).unwrap();
-    let schedule = repository().join("schedules/can.toml");
+    let (mission, schedule) = (small_mission(), repository().join("schedules/can.toml"));
     let flight = ["fly", "--format", "json", "--schedule", schedule.to_str().unwrap(), "--mission"];
     let choices = [mission.to_str().unwrap(), "--set", "can_interface.bus=slcan", "--kill-can", "gateway@35"];
     let ended = bateleur(&[&flight[..], &choices[..]].concat()).end_within(Duration::from_secs(200));

@@ -586,7 +586,8 @@ fn on_aarch64_a_flight_with_crashes_is_strictly_partitioned_and_the_same_to_the_
 #[test]
 #[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
 fn on_aarch64_nobody_notices_a_partition_that_makes_random_system_calls() {
-    let seconds = std::env::var("BATELEUR_FUZZ_SECONDS").map_or(8, |text| text.parse().unwrap());
+    // A second of it takes up to two minutes where the processor is emulated.
+    let seconds: f64 = std::env::var("BATELEUR_FUZZ_SECONDS").map_or(2.0, |text| text.parse().unwrap());
     let mut guest = Guest::of_the_flight_on(Processor::Aarch64).program("fuzzer").program("neighbour");
     for (number, kind) in KINDS.iter().enumerate() {
         let built = bateleur_tests::program("fuzzer");
@@ -595,9 +596,8 @@ fn on_aarch64_nobody_notices_a_partition_that_makes_random_system_calls() {
         let text = text.replace("module = \"test\"", "module = \"test\"\nstartup_timeout = \"30s\"");
         guest = guest.file(&format!("fuzz{number}.toml"), &text);
     }
-    // A second of it takes up to two minutes where the processor is emulated.
-    let each = (seconds / KINDS.len() as u64).max(2);
-    let said = guest.within(Duration::from_secs(600 + 200 * seconds)).run(&format!(
+    let each = seconds / KINDS.len() as f64;
+    let said = guest.within(Duration::from_secs_f64(600.0 + 200.0 * seconds)).run(&format!(
         "{DELEGATED}
         for number in 0 1 2 3; do
             in_unit ./bateleur run --fast --until {each} --schedule fuzz$number.toml --output /tmp/run$number || exit $?

@@ -9,7 +9,9 @@ use std::time::Duration;
 
 use bateleur_contract::relay::LinkModelTable;
 use bateleur_relay::model::LinkModel;
-use bateleur_tests::{Ended, TWO_LAPS, alone, among_others, bateleur, flight_schedule, program, repository};
+use bateleur_tests::{
+    Ended, TWO_LAPS, alone, among_others, bateleur, flight_schedule, program, repository, small_mission,
+};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -26,11 +28,17 @@ fn fly(name: &str, choices: &[&str]) -> Ended {
     bateleur(&arguments).end()
 }
 
+/// The same over sooner.
+fn fly_small(name: &str, choices: &[&str]) -> Ended {
+    fly(name, &[&["--mission", small_mission().to_str().unwrap()], choices].concat())
+}
+
+/// In one process, which flies it as partitions do, to the bit.
 fn on_one_host() -> Value {
     let schedule = flight_schedule();
     let arguments =
-        ["fly", "--fast", "--seed", "7", "--format", "json", "--schedule", schedule.to_str().unwrap()];
-    bateleur(&arguments).end().expect_code(0).summary()
+        ["fly", "--fast", "--seed", "7", "--format", "json", "--engine", "one-process", "--schedule"];
+    bateleur(&[&arguments[..], &[schedule.to_str().unwrap()]].concat()).end().expect_code(0).summary()
 }
 
 const SCORES: [&str; 3] = ["altitude_rms_m", "airspeed_rms_mps", "straight_cross_track_rms_m"];
@@ -188,7 +196,7 @@ fn both_networks_cut_are_survived_without_a_restart() {
 #[test]
 fn dead_host_ends_the_flight_in_words_and_never_hangs_it() {
     let _turn = among_others();
-    let ended = fly("two-hosts", &["--kill-host", "nav@60"]);
+    let ended = fly_small("two-hosts", &["--kill-host", "nav@60"]);
     let ended = ended.expect_words(&["host nav is killed", "link nav: down"]);
     let summary = ended.summary();
     // Without an estimate nobody flies laps; the aircraft's own module goes on, with every partition in it.
@@ -212,7 +220,7 @@ fn assert_back(ended: &Ended, module: &str) {
 #[test]
 fn dead_host_that_comes_back_is_met_again_and_the_flight_is_the_same_twice() {
     let _turn = among_others();
-    let fly = || fly("two-hosts", &["--kill-host", "nav@60-61"]);
+    let fly = || fly_small("two-hosts", &["--kill-host", "nav@60-61"]);
     let first = fly();
     assert_back(&first, "nav");
     let links = bateleur(&["links", first.folder().to_str().unwrap(), "--format", "json"]).end().summary();
@@ -240,7 +248,7 @@ fn host_with_the_line_to_the_ground_can_not_come_back_and_the_message_says_so() 
 #[test]
 fn trace_has_the_cores_and_partitions_of_each_module() {
     let _turn = among_others();
-    let ended = fly("two-hosts", &["--cut", "a@30-31"]).expect_code(0);
+    let ended = fly_small("two-hosts", &["--cut", "a@30-31"]).expect_code(0);
     let out = ended.folder();
     let trace = out.join("trace.json");
     bateleur(&["export", out.to_str().unwrap(), "--chrome", trace.to_str().unwrap()]).end().expect_code(0);

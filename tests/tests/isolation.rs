@@ -359,7 +359,7 @@ fn forbidden_system_call_is_named_where_the_kernel_tells() {
 fn window_that_is_never_closed_misses_its_deadline_in_virtual_time_too() {
     let _turn = among_others();
     let keys =
-        "deadline = \"400us\"\nattributes = { after = 5 }\nhealth = { deadline_missed = \"cold_restart\" }";
+        "deadline = \"400us\"\nattributes = { after = 40 }\nhealth = { deadline_missed = \"cold_restart\" }";
     let ended = run(&between_counters("hanger", keys), &["--fast"], 1).expect_code(0);
     let faults = ended.faults();
     let first = faults.iter().find(|fault| fault.error == "deadline_missed").expect("a missed deadline");

@@ -29,6 +29,9 @@ east_m = 300
 altitude_m = 120
 "#;
 
+/// Where nothing of it needs processes, a flight is the same in one, and over sooner.
+const ONE_PROCESS: [&str; 2] = ["--engine", "one-process"];
+
 fn fly(schedule: &Path, choices: &[&str]) -> Ended {
     let mut arguments = vec!["fly", "--fast", "--format", "json", "--schedule", schedule.to_str().unwrap()];
     arguments.extend(choices);
@@ -97,7 +100,7 @@ fn aircraft_of_another_size_fly_their_missions_with_nothing_but_their_file() {
         let path = repository().join(format!("{airframe}.toml"));
         let mission = written(folder.path(), "square.toml", &square(side_m, altitude_m, airspeed_mps));
         let choices = ["--seed", "11", "--airframe", path.to_str().unwrap(), "--mission", &mission];
-        let summary = fly(&schedule, &choices).expect_code(0).summary();
+        let summary = fly(&schedule, &[&ONE_PROCESS[..], &choices].concat()).expect_code(0).summary();
         let figure = |name: &str| summary[name].as_f64().unwrap();
         let figures = ["straight_cross_track_rms_m", "altitude_rms_m", "airspeed_rms_mps"].map(figure);
         println!("{airframe} at {airspeed_mps} m/s: {figures:.2?}");
@@ -185,7 +188,9 @@ fn missions_with_circles_jumps_and_a_landing_are_flown_to_their_end() {
         ],
     ];
     for choices in flights {
-        let flown = fly(&flight_schedule(), &[&["--mission", &mission], choices].concat()).expect_code(0);
+        let engine = if choices.contains(&"--kill") { &[] } else { &ONE_PROCESS[..] };
+        let flown = fly(&flight_schedule(), &[engine, &["--mission", &mission], choices].concat());
+        let flown = flown.expect_code(0);
         let summary = flown.summary();
         assert_eq!((&summary["completed"], &summary["waypoints"]), (&json!(true), &order), "{choices:?}");
         assert_eq!(summary["unverified_waypoints"], json!([]), "{choices:?}");

@@ -1,6 +1,6 @@
 //! Who had a processor in a span of time, by the events of its trace.
 
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 
 use bateleur_system::trace::{Event, Interrupt, What};
 
@@ -40,25 +40,55 @@ pub(super) struct Span {
 
 /// Interrupts that interrupt each other, most.
 const DEEPEST: usize = 16;
+/// Events before a span that are looked at, most: who has the processor as it begins is among them. What threads did before is in [`Left`].
+const LOOK_BACK: usize = 2_048;
+/// Threads that are remembered, most.
+const MOST_LEFT: usize = 1_024;
+
+/// When each thread gave the processor away last, and whether to sleep: a trace has too many events to look for that whenever somebody asks.
+#[derive(Debug, Default)]
+pub(super) struct Left(HashMap<i32, (u64, bool)>);
+
+impl Left {
+    /// These have happened after those that were noted.
+    pub(super) fn note<'a>(&mut self, events: impl Iterator<Item = &'a Event>) {
+        for event in events {
+            let What::Switch { from, sleeps, .. } = event.what else { continue };
+            if self.0.len() >= MOST_LEFT && !self.0.contains_key(&from) {
+                self.0.clear();
+            }
+            self.0.insert(from, (event.at_ns, sleeps));
+        }
+    }
+
+    /// Those who did before `until_ns` and have not had it since.
+    fn before(&self, until_ns: u64) -> impl Iterator<Item = (u64, i32, bool)> {
+        let all = self.0.iter().map(|(thread, (at_ns, sleeps))| (*at_ns, *thread, *sleeps));
+        all.filter(move |(at_ns, ..)| *at_ns < until_ns)
+    }
+}
 
 /// `None`: the trace does not reach back to the span's begin. `watched`: the thread that waited, if it is known.
 pub(super) fn span(
     events: &VecDeque<Event>,
+    left: &Left,
     (from_ns, to_ns): (u64, u64),
     watched: Option<i32>,
 ) -> Option<Span> {
-    let first = events.iter().find_map(|event| match event.what {
+    let before = events.partition_point(|event| event.at_ns <= from_ns);
+    if before == 0 {
+        return None;
+    }
+    let events = events.range(before.saturating_sub(LOOK_BACK)..);
+    let first = events.clone().find_map(|event| match event.what {
         // Who gives the processor away first has had it until then.
         What::Switch { from, from_priority, .. } => Some(who(from, from_priority)),
         _ => None,
     });
-    let reaches = events.front().is_some_and(|event| event.at_ns <= from_ns);
-    if !reaches {
-        return None;
-    }
     let mut has = first?;
     let mut interrupts: Vec<Interrupt> = Vec::new();
     let (mut span, mut since_ns) = (Span::default(), from_ns);
+    span.left.extend(left.before(events.clone().next()?.at_ns));
     for event in events {
         if event.at_ns >= to_ns {
             break;
@@ -224,9 +254,15 @@ mod tests {
         Event { at_ns, what }
     }
 
+    fn spanned(events: &[Event], bounds: (u64, u64), watched: Option<i32>) -> Option<Span> {
+        let mut left = Left::default();
+        left.note(events.iter());
+        span(&events.iter().copied().collect(), &left, bounds, watched)
+    }
+
     fn judged(events: &[Event]) -> Verdict {
         let span_of = (1_000, 2_000);
-        let found = span(&events.iter().copied().collect(), span_of, Some(DISPATCHER)).unwrap();
+        let found = spanned(events, span_of, Some(DISPATCHER)).unwrap();
         let sum: u64 = found.stretches.iter().map(Stretch::length_ns).sum();
         assert_eq!(sum, 1_000, "every instant is somebody's: {found:?}");
         judge_dispatcher(&found, span_of, Some(DISPATCHER))
@@ -276,16 +312,16 @@ mod tests {
     #[test]
     fn a_trace_that_begins_later_or_has_a_gap_knows_nothing() {
         let begun = [switch(1_001, 0, 7)];
-        assert!(span(&begun.into(), (1_000, 2_000), None).is_none());
+        assert!(spanned(&begun, (1_000, 2_000), None).is_none());
         let gap = [switch(500, 0, 7), at(1_500, What::Lost), switch(1_600, 7, 8)];
-        assert!(span(&gap.into(), (1_000, 2_000), None).is_none());
-        assert!(span(&VecDeque::new(), (1_000, 2_000), None).is_none());
+        assert!(spanned(&gap, (1_000, 2_000), None).is_none());
+        assert!(spanned(&[], (1_000, 2_000), None).is_none());
     }
 
     #[test]
     fn a_partition_is_blamed_for_what_it_used_and_others_for_what_they_took_from_it() {
         let judged = |events: &[Event], starved| {
-            let found = span(&events.iter().copied().collect(), (1_000, 2_000), None).unwrap();
+            let found = spanned(events, (1_000, 2_000), None).unwrap();
             judge_partition(&found, starved, &mut |thread| [20, 21].contains(&thread))
         };
         let sleeps = |at_ns, from, to| {
@@ -305,6 +341,19 @@ mod tests {
         assert_eq!(judged(&slept, true), Verdict::Had(thread(7), 400), "it is known that it starved");
     }
 
+    /// A partition's thread that went to sleep long before, while others have kept the processor busy.
+    #[test]
+    fn what_a_thread_did_before_the_events_that_are_looked_at_is_remembered() {
+        let sleeps = What::Switch { from: 20, from_priority: 120, sleeps: true, to: 7, to_priority: 120 };
+        let mut events = vec![switch(1, 0, 20), at(2, sleeps)];
+        events.extend((3..9_000).map(|at_ns| switch(at_ns, 7 + (at_ns % 2) as i32, 8 - (at_ns % 2) as i32)));
+        for starts_ns in [8_000, 100] {
+            let found = spanned(&events, (starts_ns, starts_ns + 500), None).unwrap();
+            assert_eq!(judge_partition(&found, false, &mut |thread| thread == 20), Verdict::Slept(500));
+            assert!(found.left.len() <= LOOK_BACK + 503, "{}", found.left.len());
+        }
+    }
+
     #[test]
     fn any_events_in_order_account_for_the_whole_span() {
         let mut seed = 7_u64;
@@ -314,7 +363,7 @@ mod tests {
         };
         for _ in 0..5_000 {
             let mut at_ns = 0;
-            let events: VecDeque<Event> = (0..random(60))
+            let events: Vec<Event> = (0..random(60))
                 .map(|_| {
                     at_ns += random(90);
                     let thread = random(6) as i32;
@@ -334,7 +383,7 @@ mod tests {
                     Event { at_ns, what }
                 })
                 .collect();
-            let Some(found) = span(&events, (1_000, 2_000), Some(DISPATCHER)) else { continue };
+            let Some(found) = spanned(&events, (1_000, 2_000), Some(DISPATCHER)) else { continue };
             assert_eq!(found.stretches.iter().map(Stretch::length_ns).sum::<u64>(), 1_000);
             assert!(found.stretches.is_sorted_by_key(|stretch| stretch.from_ns));
             let _ = judge_dispatcher(&found, (1_000, 2_000), Some(DISPATCHER));

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender};
 use std::time::Duration;
 
-use super::analysis::{self, Verdict, Who};
+use super::analysis::{self, Left, Verdict, Who};
 use super::answer::{Answer, Kind, Question, Share, Slice, Source, Taker};
 use super::owner::Owners;
 use super::without_trace::{self, Busy};
@@ -43,7 +43,7 @@ pub(super) struct Answerer {
     cores: Cores,
     tells: SyncSender<Answer>,
     owners: Owners,
-    events: HashMap<u32, VecDeque<Event>>,
+    events: HashMap<u32, (VecDeque<Event>, Left)>,
     dispatchers: HashMap<u32, i32>,
     /// By time: what the host had taken from each processor.
     steal: VecDeque<(u64, Vec<u64>)>,
@@ -128,9 +128,11 @@ impl Answerer {
     fn answer_by_trace(&mut self, question: &Question, real: u32, trace: &mut Trace, answer: &mut Answer) {
         let mut unknown = |why: &str| answer.taker = Taker::Unknown { why: why.into() };
         // The executive's memory is locked: it does not double.
-        let events = self.events.entry(real).or_insert_with(|| VecDeque::with_capacity(MOST_EVENTS));
-        if let Err(error) = trace.read(real, events, MOST_EVENTS) {
-            return unknown(&format!("the kernel's trace can not be read: {error}"));
+        let empty = || (VecDeque::with_capacity(MOST_EVENTS), Left::default());
+        let (events, left) = self.events.entry(real).or_insert_with(empty);
+        match trace.read(real, events, MOST_EVENTS) {
+            Ok(newest) => left.note(events.range(events.len() - newest..)),
+            Err(error) => return unknown(&format!("the kernel's trace can not be read: {error}")),
         }
         let watched = match self.dispatchers.get(&question.core) {
             Some(thread) => Some(*thread),
@@ -140,14 +142,18 @@ impl Answerer {
             self.dispatchers.insert(question.core, thread);
         }
         let bounds = (question.from_ns, question.to_ns);
-        let Some(span) = analysis::span(events, bounds, watched) else {
+        let Some(span) = analysis::span(events, left, bounds, watched) else {
             return unknown("the kernel's trace has lost that time already, or had not begun");
         };
         let verdict = match question.kind.is_dispatchers() {
             true => analysis::judge_dispatcher(&span, bounds, watched),
             false => {
-                let owners = &mut self.owners;
-                let mut is_its = |thread| owners.is_of_partition(thread, &question.partition);
+                let (owners, mut asked) = (&mut self.owners, HashMap::new());
+                let mut is_its = |thread| {
+                    *asked
+                        .entry(thread)
+                        .or_insert_with(|| owners.is_of_partition(thread, &question.partition))
+                };
                 analysis::judge_partition(&span, question.kind == Kind::ProcessorTaken, &mut is_its)
             }
         };

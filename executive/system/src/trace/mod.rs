@@ -231,18 +231,19 @@ impl Trace {
     }
 
     /// Takes what has happened on `core` since the last time, as far as the ring still has it: behind what is there, of which the newest
-    /// `most` stay.
+    /// `most` stay. Gives how many of these are new.
     ///
     /// # Errors
     /// The kernel does not give it.
-    pub fn read(&mut self, core: u32, into: &mut VecDeque<Event>, most: usize) -> io::Result<()> {
-        let Some((_, ring)) = self.rings.iter_mut().find(|(of, _)| *of == core) else { return Ok(()) };
-        let mut events = Vec::new();
+    pub fn read(&mut self, core: u32, into: &mut VecDeque<Event>, most: usize) -> io::Result<usize> {
+        let Some((_, ring)) = self.rings.iter_mut().find(|(of, _)| *of == core) else { return Ok(0) };
+        let (mut events, mut newest) = (Vec::new(), 0);
         for _ in 0..MOST_PAGES {
             match ring.read(&mut self.page) {
                 Ok(0) => break,
                 Ok(count) => {
                     self.formats.decode(&self.page[..count], &mut events, &mut self.names);
+                    newest += events.len();
                     let surplus = (into.len() + events.len()).saturating_sub(most);
                     into.drain(..surplus.min(into.len()));
                     into.extend(events.drain(..));
@@ -252,7 +253,7 @@ impl Trace {
                 Err(error) => return Err(error),
             }
         }
-        Ok(())
+        Ok(newest.min(into.len()))
     }
 
     /// What is called how.

@@ -1,5 +1,7 @@
 //! The program `bateleur_channels`: the executive starts it with the name of a helper and its order, as JSON.
 
+mod guarded_memory;
+
 use std::error::Error;
 use std::process::ExitCode;
 
@@ -12,7 +14,10 @@ fn main() -> ExitCode {
         ["channel-holder", order] => channel_holder::run(order).map_err(Into::into),
         ["channel-cleaner", order] => channel_cleaner::run(order).map_err(Into::into),
         ["channel-probe", order] => channel_probe::run(order).map_err(Into::into),
-        ["attach", order] => channel_probe::attach(order).map_err(Into::into),
+        ["attach", order] => {
+            guarded_memory::begin();
+            channel_probe::attach(order).map_err(Into::into)
+        }
         _ => Err("bateleurd starts this program; nobody needs to call it".into()),
     };
     match result {

@@ -51,6 +51,9 @@ pub const NINE: [&str; 9] = [
     "command",
 ];
 
+/// How `fly` is told to fly all partitions in one process: the same flight to the bit, and over sooner, where nothing of it needs processes.
+pub const ONE_PROCESS: [&str; 2] = ["--engine", "one-process"];
+
 /// The way-points of two laps.
 pub const TWO_LAPS: [&str; 9] = ["WP0", "WP1", "WP2", "WP3", "WP0", "WP1", "WP2", "WP3", "WP0"];
 

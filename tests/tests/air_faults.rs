@@ -2,11 +2,8 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use bateleur_tests::{Ended, TWO_LAPS, among_others, bateleur, flight_schedule};
+use bateleur_tests::{Ended, ONE_PROCESS, TWO_LAPS, among_others, bateleur, flight_schedule};
 use serde_json::Value;
-
-/// In one process: what breaks outside of the computer does the same to it, and the flight is over sooner.
-const ONE_PROCESS: [&str; 2] = ["--engine", "one-process"];
 
 fn fly(choices: &[&str]) -> Ended {
     let schedule = flight_schedule();

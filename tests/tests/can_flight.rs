@@ -5,7 +5,7 @@
 use std::time::Duration;
 
 use bateleur_tests::{
-    Ended, TWO_LAPS, alone, among_others, bateleur, flight_schedule, repository, small_mission,
+    Ended, ONE_PROCESS, TWO_LAPS, alone, among_others, bateleur, flight_schedule, repository, small_mission,
 };
 use serde_json::Value;
 
@@ -22,9 +22,9 @@ fn over_can(choices: &[&str]) -> Ended {
     fly(&repository().join("schedules/can.toml"), choices)
 }
 
-/// The same flight with sensors and servos at the simulator; in one process, where it is over sooner.
+/// The same flight with sensors and servos at the simulator.
 fn without_a_bus() -> Value {
-    fly(&flight_schedule(), &["--engine", "one-process"]).summary()
+    fly(&flight_schedule(), &ONE_PROCESS).summary()
 }
 
 /// Two laps, with scores within 1.2 times of those of a flight without a bus; some centimetres are nobody's fault.

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use bateleur_tests::{Ended, TWO_LAPS, among_others, bateleur, flight_schedule};
+use bateleur_tests::{Ended, ONE_PROCESS, TWO_LAPS, among_others, bateleur, flight_schedule};
 use serde_json::Value;
 
 /// Bounds of a flight's scores, root mean square against what the aircraft was asked to fly.
@@ -53,11 +53,10 @@ fn assert_seeds_fly(
     for number in seeds {
         let choices = choices(number);
         let seed = number.to_string();
-        let mut arguments = vec!["--engine", "one-process", "--seed", &seed];
+        let mut arguments = vec!["--seed", &seed];
         arguments.extend(choices.iter().map(String::as_str));
-        let summary = fly(&arguments).expect_code(0).summary();
+        let summary = fly(&[&arguments[..], &ONE_PROCESS].concat()).expect_code(0).summary();
         if number == first {
-            arguments[1] = "partitions";
             let partitions = fly(&arguments).expect_code(0).summary();
             assert_eq!(partitions["digest"], summary["digest"], "seed {seed}");
         }

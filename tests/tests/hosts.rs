@@ -10,7 +10,8 @@ use std::time::Duration;
 use bateleur_contract::relay::LinkModelTable;
 use bateleur_relay::model::LinkModel;
 use bateleur_tests::{
-    Ended, TWO_LAPS, alone, among_others, bateleur, flight_schedule, program, repository, small_mission,
+    Ended, ONE_PROCESS, TWO_LAPS, alone, among_others, bateleur, flight_schedule, program, repository,
+    small_mission,
 };
 use rustix::process::Signal;
 use serde_json::Value;
@@ -33,12 +34,13 @@ fn fly_small(name: &str, choices: &[&str]) -> Ended {
     fly(name, &[&["--mission", small_mission().to_str().unwrap()], choices].concat())
 }
 
-/// In one process, which flies it as partitions do, to the bit.
 fn on_one_host() -> Value {
     let schedule = flight_schedule();
-    let arguments =
-        ["fly", "--fast", "--seed", "7", "--format", "json", "--engine", "one-process", "--schedule"];
-    bateleur(&[&arguments[..], &[schedule.to_str().unwrap()]].concat()).end().expect_code(0).summary()
+    let arguments = ["fly", "--fast", "--seed", "7", "--format", "json", "--schedule"];
+    bateleur(&[&arguments[..], &[schedule.to_str().unwrap()], &ONE_PROCESS].concat())
+        .end()
+        .expect_code(0)
+        .summary()
 }
 
 const SCORES: [&str; 3] = ["altitude_rms_m", "airspeed_rms_mps", "straight_cross_track_rms_m"];

@@ -2,15 +2,14 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use bateleur_tests::{Ended, among_others, bateleur, flight_schedule, repository};
+use bateleur_tests::{Ended, ONE_PROCESS, among_others, bateleur, flight_schedule, repository};
 use serde_json::Value;
 
 fn flight(options: &[&str]) -> Ended {
     let schedule = flight_schedule();
     let fixed = ["fly", "--fast", "--format", "json", "--schedule", schedule.to_str().unwrap()];
-    // A kill needs processes; all else flies the same in one, and quicker.
-    let engine = if options.contains(&"--kill") { "partitions" } else { "one-process" };
-    bateleur(&[&fixed[..], &["--engine", engine], options].concat()).end()
+    let engine = if options.contains(&"--kill") { &[] } else { &ONE_PROCESS[..] };
+    bateleur(&[&fixed[..], engine, options].concat()).end()
 }
 
 fn number(touchdown: &Value, name: &str) -> f64 {

@@ -5,7 +5,9 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use bateleur_tests::{Ended, among_others, bateleur, edited, flight_schedule, program, repository};
+use bateleur_tests::{
+    Ended, ONE_PROCESS, among_others, bateleur, edited, flight_schedule, program, repository,
+};
 use serde_json::{Value, json};
 
 /// A triangle, once, at two heights; the autopilot takes off.
@@ -28,9 +30,6 @@ north_m = 0
 east_m = 300
 altitude_m = 120
 "#;
-
-/// Where nothing of it needs processes, a flight is the same in one, and over sooner.
-const ONE_PROCESS: [&str; 2] = ["--engine", "one-process"];
 
 fn fly(schedule: &Path, choices: &[&str]) -> Ended {
     let mut arguments = vec!["fly", "--fast", "--format", "json", "--schedule", schedule.to_str().unwrap()];

@@ -80,6 +80,11 @@ pub fn outputs(kind: &str) -> PathBuf {
     outputs_of(kind, Installed::here().is_some() && !is_project, state)
 }
 
+/// The folder of the newest run, and of a run that was given none.
+pub(crate) fn latest_run() -> PathBuf {
+    outputs("runs").join("latest")
+}
+
 fn outputs_of(kind: &str, apart: bool, state: Option<PathBuf>) -> PathBuf {
     let usual = || Path::new("target").join(kind);
     if apart { state.map_or_else(usual, |state| state.join("bateleur").join(kind)) } else { usual() }

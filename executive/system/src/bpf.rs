@@ -267,3 +267,54 @@ pub(crate) fn set_wide(to: u64, from: u64, number: u64) -> [u64; 2] {
     let half = |number: u64| (number as u32).cast_signed();
     [instruction(0x18, to, from, 0, half(number)), instruction(0, 0, 0, 0, half(number >> 32))]
 }
+
+/// What tests of such programs have in common: a control group that has them, and a process inside of it.
+#[cfg(test)]
+pub(crate) mod group {
+    use std::io;
+    use std::os::fd::BorrowedFd;
+    use std::process::{Command, Stdio};
+
+    use crate::cgroup::Group;
+
+    /// Set in the process inside of the group.
+    const INSIDE: &str = "BATELEUR_TEST_INSIDE";
+
+    /// A group that `limit` gave its programs; `None`: this machine has none of both, which is said.
+    pub(crate) fn limited<T>(
+        name: &str,
+        limit: impl FnOnce(BorrowedFd<'_>) -> io::Result<T>,
+    ) -> Option<(Group, T)> {
+        let Ok(group) = Group::beside_self(&format!("bateleur.{name}_test.{}", std::process::id())) else {
+            eprintln!("skipped: no control group of version 2 that may be used here");
+            return None;
+        };
+        match limit(group.as_fd()) {
+            Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {
+                eprintln!("skipped: no programs for control groups here: {error}");
+                None
+            }
+            made => Some((group, made.unwrap())),
+        }
+    }
+
+    /// Whether a test passes in a process of its own that was made before it came into the group: sockets belong to the group of who
+    /// makes them.
+    pub(crate) fn passes_inside(group: &Group, test: &str) -> bool {
+        let mut child = Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", test, "--nocapture"])
+            .env(INSIDE, "1")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap();
+        std::fs::write(group.path().join("cgroup.procs"), child.id().to_string()).unwrap();
+        drop(child.stdin.take());
+        child.wait().unwrap().success()
+    }
+
+    /// Whether this is that process; it goes on when it is in the group.
+    pub(crate) fn is_inside() -> bool {
+        std::env::var_os(INSIDE).is_some() && io::stdin().read_line(&mut String::new()).is_ok()
+    }
+}

@@ -102,13 +102,10 @@ const fn store_wide(offset: i32, from: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use std::net::UdpSocket;
-    use std::process::{Command, Stdio};
 
     use super::*;
-    use crate::cgroup::Group;
+    use crate::bpf::group::{is_inside, limited, passes_inside};
 
-    /// Set in the process that sends, because a socket belongs to the group of who makes it.
-    const INSIDE: &str = "BATELEUR_TEST_DESTINATIONS";
     const COUNT: usize = 5;
 
     fn reached(addresses: impl Iterator<Item = String>) -> Vec<bool> {
@@ -132,11 +129,9 @@ mod tests {
 
     #[test]
     fn processes_inside_a_group_reach_as_many_addresses_as_they_may_and_those_again() {
-        if std::env::var_os(INSIDE).is_none() {
+        if !is_inside() {
             return;
         }
-        let mut line = String::new();
-        io::stdin().read_line(&mut line).unwrap();
         let six = reached(["[::1]:9".to_owned(), "[::1]:10".to_owned()].into_iter());
         assert_eq!(six, [true, true], "two ports of one address");
         for _ in 0..3 {
@@ -152,28 +147,15 @@ mod tests {
 
     #[test]
     fn a_group_reaches_few_addresses_and_its_successor_as_many_and_others_have_what_they_had() {
-        let name = format!("bateleur.destinations_test.{}", std::process::id());
-        let Ok(group) = Group::beside_self(&name) else {
-            return eprintln!("skipped: no control group of version 2 that may be used here");
-        };
-        let destinations = match Destinations::limit(group.as_fd(), COUNT) {
-            Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {
-                return eprintln!("skipped: no programs for control groups here: {error}");
-            }
-            made => made.unwrap(),
+        let Some((group, destinations)) = limited("destinations", |group| Destinations::limit(group, COUNT))
+        else {
+            return;
         };
         let inside = || {
-            let test = "destinations::tests::processes_inside_a_group_reach_as_many_addresses_as_they_may_and_those_again";
-            let mut child = Command::new(std::env::current_exe().unwrap())
-                .args(["--exact", test, "--nocapture"])
-                .env(INSIDE, "1")
-                .stdin(Stdio::piped())
-                .stdout(Stdio::null())
-                .spawn()
-                .unwrap();
-            std::fs::write(group.path().join("cgroup.procs"), child.id().to_string()).unwrap();
-            drop(child.stdin.take());
-            child.wait().unwrap().success()
+            passes_inside(
+                &group,
+                "destinations::tests::processes_inside_a_group_reach_as_many_addresses_as_they_may_and_those_again",
+            )
         };
         assert!(inside());
         destinations.clear().unwrap();

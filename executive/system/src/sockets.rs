@@ -127,14 +127,11 @@ fn at_release(map: &Map, count: usize, waits_ns: u64) -> Vec<u64> {
 #[cfg(test)]
 mod tests {
     use std::net::{TcpListener, UdpSocket};
-    use std::process::{Command, Stdio};
     use std::time::{Duration, Instant};
 
     use super::*;
-    use crate::cgroup::Group;
+    use crate::bpf::group::{is_inside, limited, passes_inside};
 
-    /// Set in the process that makes the sockets, because a socket belongs to the group of who makes it.
-    const INSIDE: &str = "BATELEUR_TEST_SOCKET_PLACES";
     const COUNT: usize = 5;
     const WAITS: Duration = Duration::from_millis(600);
 
@@ -144,11 +141,9 @@ mod tests {
 
     #[test]
     fn sockets_inside_a_group_are_as_many_as_places_and_a_closed_one_keeps_its_place_for_a_while() {
-        if std::env::var_os(INSIDE).is_none() {
+        if !is_inside() {
             return;
         }
-        let mut line = String::new();
-        io::stdin().read_line(&mut line).unwrap();
         let mut open: Vec<UdpSocket> = std::iter::from_fn(|| socket().ok()).take(99).collect();
         assert_eq!(open.len(), COUNT);
         assert_eq!(UdpSocket::bind("[::1]:0").unwrap_err().kind(), io::ErrorKind::PermissionDenied);
@@ -173,28 +168,16 @@ mod tests {
 
     #[test]
     fn a_group_has_as_many_datagram_sockets_as_places_and_others_have_what_they_had() {
-        let name = format!("bateleur.sockets_test.{}", std::process::id());
-        let Ok(group) = Group::beside_self(&name) else {
-            return eprintln!("skipped: no control group of version 2 that may be used here");
-        };
-        let places = match SocketPlaces::limit_for(group.as_fd(), COUNT, WAITS.as_nanos() as u64) {
-            Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {
-                return eprintln!("skipped: no programs for control groups here: {error}");
-            }
-            made => made.unwrap(),
+        let Some((group, places)) =
+            limited("sockets", |group| SocketPlaces::limit_for(group, COUNT, WAITS.as_nanos() as u64))
+        else {
+            return;
         };
         let inside = || {
-            let test = "sockets::tests::sockets_inside_a_group_are_as_many_as_places_and_a_closed_one_keeps_its_place_for_a_while";
-            let mut child = Command::new(std::env::current_exe().unwrap())
-                .args(["--exact", test, "--nocapture"])
-                .env(INSIDE, "1")
-                .stdin(Stdio::piped())
-                .stdout(Stdio::null())
-                .spawn()
-                .unwrap();
-            std::fs::write(group.path().join("cgroup.procs"), child.id().to_string()).unwrap();
-            drop(child.stdin.take());
-            child.wait().unwrap().success()
+            passes_inside(
+                &group,
+                "sockets::tests::sockets_inside_a_group_are_as_many_as_places_and_a_closed_one_keeps_its_place_for_a_while",
+            )
         };
         assert!(inside());
         // Its places wait; those of a successor do not.

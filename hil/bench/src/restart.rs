@@ -69,43 +69,32 @@ fn quantiles<'r>(
 /// A way to start a successor.
 struct Kind {
     name: &'static str,
-    /// Keys of the partition.
-    keys: &'static str,
+    /// With what it has retained, and not from nothing.
+    is_warm: bool,
+    /// Who waits to be the successor, if anybody does.
+    standby: Option<&'static str>,
     reach_ms: f64,
 }
 
+impl Kind {
+    /// Keys of the partition.
+    fn keys(&self) -> String {
+        let (start, retained) = if self.is_warm { ("warm", "retained = \"16KiB\"\n") } else { ("cold", "") };
+        let standby = self.standby.map(|who| format!("standby = \"{who}\"\n")).unwrap_or_default();
+        format!(
+            "restart = {{ start = \"{start}\", budget = 1000, within = \"1s\", then = \"idle\" }}\n\
+             health = {{ killed = \"{start}_restart\" }}\n{retained}{standby}"
+        )
+    }
+}
+
 const KINDS: &[Kind] = &[
-    Kind {
-        name: "cold restart",
-        keys: "restart = { start = \"cold\", budget = 1000, within = \"1s\", then = \"idle\" }\n\
-               health = { killed = \"cold_restart\" }\n",
-        reach_ms: 60.0,
-    },
-    Kind {
-        name: "warm restart",
-        keys: "restart = { start = \"warm\", budget = 1000, within = \"1s\", then = \"idle\" }\n\
-               health = { killed = \"warm_restart\" }\nretained = \"16KiB\"\n",
-        reach_ms: 60.0,
-    },
-    Kind {
-        name: "cold restart, spare",
-        keys: "restart = { start = \"cold\", budget = 1000, within = \"1s\", then = \"idle\" }\n\
-               health = { killed = \"cold_restart\" }\nstandby = \"spare\"\n",
-        reach_ms: 25.0,
-    },
-    Kind {
-        name: "warm restart, spare",
-        keys: "restart = { start = \"warm\", budget = 1000, within = \"1s\", then = \"idle\" }\n\
-               health = { killed = \"warm_restart\" }\nretained = \"16KiB\"\nstandby = \"spare\"\n",
-        reach_ms: 25.0,
-    },
-    Kind {
-        name: "hot standby",
-        keys: "restart = { start = \"warm\", budget = 1000, within = \"1s\", then = \"idle\" }\n\
-               health = { killed = \"warm_restart\" }\nretained = \"16KiB\"\nstandby = \"hot\"\n",
-        // The next window, which is a frame away at most.
-        reach_ms: FRAME_US as f64 / 1e3 + 1.0,
-    },
+    Kind { name: "cold restart", is_warm: false, standby: None, reach_ms: 60.0 },
+    Kind { name: "warm restart", is_warm: true, standby: None, reach_ms: 60.0 },
+    Kind { name: "cold restart, spare", is_warm: false, standby: Some("spare"), reach_ms: 25.0 },
+    Kind { name: "warm restart, spare", is_warm: true, standby: Some("spare"), reach_ms: 25.0 },
+    // The next window, which is a frame away at most.
+    Kind { name: "hot standby", is_warm: true, standby: Some("hot"), reach_ms: FRAME_US as f64 / 1e3 + 1.0 },
 ];
 
 /// Why the schedule of this kind is refused, if it is.
@@ -117,7 +106,7 @@ fn not_in_this_build(settings: &Settings, kind: &Kind) -> Option<String> {
 
 fn module(settings: &Settings, kind: &Kind) -> String {
     let partitions =
-        [victim(kind.keys, &[(2_000, 500)]), Sketched::new("neighbour", "touch", &[(4_000, 500)])];
+        [victim(&kind.keys(), &[(2_000, 500)]), Sketched::new("neighbour", "touch", &[(4_000, 500)])];
     let there = Link { from: 0, to: 1 };
     let back = Link { from: 1, to: 0 };
     schedule(settings.core, FRAME_US, &partitions, &[there, there, back, back])

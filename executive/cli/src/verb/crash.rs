@@ -108,7 +108,7 @@ struct Without {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
-    let folder = arguments.run.clone().unwrap_or_else(|| installed::outputs("runs").join("latest"));
+    let folder = arguments.run.clone().unwrap_or_else(installed::latest_run);
     if !folder.is_dir() {
         bail!("{} is no folder of a run (such as one below target/flights)", folder.display());
     }

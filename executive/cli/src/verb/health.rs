@@ -7,50 +7,36 @@
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
-use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use bateleur_monitor::health::record::{Contents, Entry};
 use bateleur_monitor::health::ring::{FILE, read_file};
 use bateleur_plan::LogPolicy;
 
+use super::notes::Notes;
 use super::{Code, FINE, Format, WRONG};
-use crate::installed;
 
 /// Read the health log of a run.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The log, or the folder of a run [default: target/runs/latest].
-    #[arg(value_name = "FOLDER|FILE")]
-    path: Option<PathBuf>,
-    /// Only what is about this partition.
-    #[arg(long, short)]
-    partition: Option<String>,
-    /// Only the newest entries.
-    #[arg(long, short = 'n', value_name = "NUMBER")]
-    last: Option<usize>,
-    /// What to print.
-    #[arg(long, value_enum, default_value = "text")]
-    format: Format,
+    #[command(flatten)]
+    notes: Notes,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
-    let given = arguments.path.clone().unwrap_or_else(|| installed::outputs("runs").join("latest"));
-    let path = if given.is_dir() { given.join(FILE) } else { given };
+    let notes = &arguments.notes;
+    let path = notes.file(FILE);
     // First of all, so that the system says what is wrong with a path.
     let read = std::fs::metadata(&path).and_then(|_| read_file(&path));
     let mut log = read.with_context(|| {
         format!("cannot read {} (name the folder of a run, such as one below target/flights)", path.display())
     })?;
-    let wanted = |entry: &Entry| arguments.partition.as_ref().is_none_or(|name| *name == entry.partition);
     let full = log.is_full();
     let about = about(&log);
-    log.entries.retain(wanted);
-    let surplus = log.entries.len().saturating_sub(arguments.last.unwrap_or(usize::MAX));
-    log.entries.drain(..surplus);
-    let text = match arguments.format {
+    notes.choose(&mut log.entries, |entry| &entry.partition);
+    let text = match notes.format {
         Format::Json => serde_json::to_string_pretty(&log)? + "\n",
-        Format::Text => match &arguments.partition {
+        Format::Text => match &notes.partition {
             Some(name) if log.entries.is_empty() => {
                 format!("nothing was noted about a partition {name}; entries are {about}\n")
             }

@@ -12,6 +12,7 @@ mod key;
 mod links;
 mod metrics;
 mod new;
+mod notes;
 mod order;
 mod plan;
 mod ports;

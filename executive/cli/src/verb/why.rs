@@ -7,34 +7,23 @@
 //! be read.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use bateleur_monitor::why::{Answer, FILE};
 
+use super::notes::Notes;
 use super::{Code, FINE, Format, WRONG};
-use crate::installed;
 
 /// Say who had the processor when a window was late, lost or not closed.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The folder of a run, or its why.jsonl [default: target/runs/latest].
-    #[arg(value_name = "FOLDER|FILE")]
-    path: Option<PathBuf>,
-    /// Only windows of this partition.
-    #[arg(long, short)]
-    partition: Option<String>,
-    /// Only the newest answers.
-    #[arg(long, short = 'n', value_name = "NUMBER")]
-    last: Option<usize>,
-    /// What to print.
-    #[arg(long, value_enum, default_value = "text")]
-    format: Format,
+    #[command(flatten)]
+    notes: Notes,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
-    let given = arguments.path.clone().unwrap_or_else(|| installed::outputs("runs").join("latest"));
-    let path = if given.is_dir() { given.join(FILE) } else { given };
+    let notes = &arguments.notes;
+    let path = notes.file(FILE);
     let text = std::fs::read_to_string(&path).with_context(|| {
         format!(
             "cannot read {} (name the folder of a run on the wall clock; on the virtual clock nobody takes a processor)",
@@ -42,10 +31,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         )
     })?;
     let (mut answers, damaged) = read(&text);
-    answers.retain(|answer| arguments.partition.as_ref().is_none_or(|name| *name == answer.partition));
-    let surplus = answers.len().saturating_sub(arguments.last.unwrap_or(usize::MAX));
-    answers.drain(..surplus);
-    match arguments.format {
+    notes.choose(&mut answers, |answer| &answer.partition);
+    match notes.format {
         Format::Json => println!("{}", serde_json::to_string_pretty(&answers)?),
         Format::Text => print!("{}", sentences(&answers)),
     }

@@ -83,7 +83,7 @@ struct Module {
 
 impl Machine {
     fn prepare(arguments: &Arguments, plan: &Plan, place: Where) -> Result<Self> {
-        let folder = arguments.output.clone().unwrap_or_else(super::latest).join(FOLDER);
+        let folder = arguments.output.clone().unwrap_or_else(crate::installed::latest_run).join(FOLDER);
         folders::make(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
         let lan = lan(arguments, plan, place)?;
         let mut addresses = match &lan {

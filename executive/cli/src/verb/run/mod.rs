@@ -148,11 +148,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     )))
 }
 
-/// The folder of a run that was given none.
-fn latest() -> PathBuf {
-    installed::outputs("runs").join("latest")
-}
-
 fn order_of(arguments: &Arguments) -> RunOrder {
     let mut overrides: BTreeMap<String, BTreeMap<String, serde_json::Value>> = BTreeMap::new();
     for setting in &arguments.set {
@@ -166,7 +161,7 @@ fn order_of(arguments: &Arguments) -> RunOrder {
     RunOrder {
         module: arguments.module.clone().unwrap_or_default(),
         fast: arguments.fast,
-        output: arguments.output.clone().unwrap_or_else(latest),
+        output: arguments.output.clone().unwrap_or_else(installed::latest_run),
         key_files: arguments.key.iter().map(|(link, file)| (link.clone(), plan_folder.join(file))).collect(),
         plan_folder,
         addresses: arguments.address.iter().copied().collect(),

@@ -90,17 +90,21 @@ fn everything(root: &Path, fuzz_s: &str, tally: &mut Tally) -> Result<(), String
     pages(root)?;
     book(root, tally)?;
     dependencies(tally)?;
-    Step::cargo("lints", &["clippy", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"])
-        .run(tally)?;
-    Step::cargo("programs", &["build", "--release", "--workspace", "--bins"]).run(tally)?;
+    Step::cargo("programs and tests", &["build", "--release", "--workspace", "--all-targets"]).run(tally)?;
     schedule(tally)?;
     shown_commands(root)?;
-    let other = tests_beside_other_builds(tally)?;
-    models(tally)?;
-    fuzz_beside_guest(root, other, fuzz_s, tally)?;
-    Step::cargo("examples in comments", &["test", "--release", "--workspace", "--doc"]).run(tally)?;
-    let documentation = Step::cargo("reference", &["doc", "--release", "--workspace", "--no-deps", "--lib"]);
-    documentation.with("RUSTDOCFLAGS", "-D warnings").run(tally)
+    let mut own = Tally::default();
+    let (tested, other) = std::thread::scope(|scope| {
+        let compiling = scope.spawn(|| beside_tests(&mut own));
+        let tested = tests(tally);
+        let panicked = |_| Err("the steps beside the tests panicked".into());
+        (tested, compiling.join().unwrap_or_else(panicked))
+    });
+    tally.add(own);
+    tested?;
+    let (other, foxglove) = other?;
+    foxglove_clients(foxglove, tally)?;
+    fuzz_beside_guest(root, other, fuzz_s, tally)
 }
 
 /// The workspaces beside this one lock what this one's crates need by now: their own builds come late, or not at all.
@@ -170,7 +174,7 @@ fn dependencies(tally: &mut Tally) -> Result<(), String> {
 fn models(tally: &mut Tally) -> Result<(), String> {
     for crate_name in ["bateleur-contract", "bateleur-ports", "bateleur-time"] {
         let test = ["test", "--release", "--lib", "--features", "model", "-p", crate_name, "model_"];
-        Step::cargo("models of what threads share", &test).run(tally)?;
+        Step::cargo("models of what threads share", &test).idle().run(tally)?;
     }
     Ok(())
 }
@@ -207,32 +211,35 @@ fn guest(root: &Path, other: bool, tally: &mut Tally) -> Result<(), String> {
     Step::cargo("tests in a guest", &arguments).run(tally)
 }
 
-/// The tests leave processors idle for much of their time, and what has a target folder of its own is built in that time. True: the programs
-/// for the other processor are there.
-fn tests_beside_other_builds(tally: &mut Tally) -> Result<bool, String> {
-    let mut own = Tally::default();
-    let (tested, (other, foxglove)) = std::thread::scope(|scope| {
-        let building = scope.spawn(|| (other_processor(&mut own), foxglove(&mut own)));
-        let tested = tests(tally);
-        let panicked = |_| (Err("the step of the other processor panicked".into()), Ok(()));
-        (tested, building.join().unwrap_or_else(panicked))
-    });
-    tally.add(own);
-    tested?;
-    match foxglove {
-        Ok(()) => {
-            let test = ["test", "--release", "--workspace", "--test", "foxglove", "--", "--ignored"];
-            Step::cargo("foxglove's clients", &test).run(tally)?;
-        }
-        Err(reason) => left_out("foxglove's clients", &reason)?,
-    }
-    other
+/// What compiles, on processors that no test wants: those on the wall clock sleep for most of their time. Whether there are programs for the
+/// other processor, and whether there is a server of Foxglove's protocol.
+fn beside_tests(tally: &mut Tally) -> Result<(bool, Result<(), String>), String> {
+    let lints = ["clippy", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"];
+    Step::cargo("lints", &lints).idle().run(tally)?;
+    let other = other_processor(tally)?;
+    let foxglove = foxglove(tally);
+    models(tally)?;
+    Step::cargo("examples in comments", &["test", "--release", "--workspace", "--doc"]).idle().run(tally)?;
+    let documentation = Step::cargo("reference", &["doc", "--release", "--workspace", "--no-deps", "--lib"]);
+    documentation.with("RUSTDOCFLAGS", "-D warnings").idle().run(tally)?;
+    Ok((other, foxglove))
 }
 
 fn foxglove(tally: &mut Tally) -> Result<(), String> {
     let build = ["build", "--release", "--locked", "--manifest-path", FOXGLOVE];
     // A flight's messages are few: it need not be quick, and tests run meanwhile.
     Step::cargo("foxglove", &build).with("CARGO_PROFILE_RELEASE_OPT_LEVEL", "0").idle().run(tally)
+}
+
+/// Other people's clients read from the server, if it could be built.
+fn foxglove_clients(built: Result<(), String>, tally: &mut Tally) -> Result<(), String> {
+    match built {
+        Ok(()) => {
+            let test = ["test", "--release", "--workspace", "--test", "foxglove", "--", "--ignored"];
+            Step::cargo("foxglove's clients", &test).run(tally)
+        }
+        Err(reason) => left_out("foxglove's clients", &reason),
+    }
 }
 
 /// All programs are built for the other kind of processor that aircraft carry: system calls, atomics and constants have twins.
@@ -296,7 +303,10 @@ fn shown_commands(root: &Path) -> Result<(), String> {
 /// All of them, also after the first that fails: the count at the end shall be the whole truth.
 fn tests(tally: &mut Tally) -> Result<(), String> {
     if succeeds(cargo(), &["nextest", "--version"], ASKING) {
+        // Tests wait for processes of theirs a third of the time; those on the wall clock run alone whatever is said here.
+        let processors = std::thread::available_parallelism().map_or(2, usize::from);
         return Step::cargo("tests", &["nextest", "run", "--release", "--workspace", "--no-fail-fast"])
+            .with("NEXTEST_TEST_THREADS", &(processors + processors / 2).to_string())
             .run(tally);
     }
     Step::cargo(

@@ -13,8 +13,10 @@ pub fn among_others() -> Turn {
     take(FlockOperation::LockShared)
 }
 
-/// Waits until no other test runs, and keeps others waiting.
+/// Waits until no other test runs, and keeps others waiting. Its test lies in a module `alone`, by which `.config/nextest.toml` knows it.
 pub fn alone() -> Turn {
+    let name = std::env::var("NEXTEST_TEST_NAME").unwrap_or_default();
+    assert!(name.is_empty() || name.starts_with("alone::"), "{name} is to lie in a module `alone`");
     take(FlockOperation::LockExclusive)
 }
 

@@ -172,82 +172,6 @@ fn carry_out<'a>(attacks: &[&'a str], keys: &str) -> (String, Vec<Suspect<'a>>) 
     (noticed, suspects)
 }
 
-#[test]
-fn nobody_notices_a_partition_that_puts_work_into_interrupts() {
-    let attacks = [
-        "timers_2500",
-        "timers_20000",
-        "timers_that_repeat",
-        "timers_of_processor_time",
-        "timer_descriptors",
-        "interval_timers",
-        "queued_signals",
-    ];
-    assert_nobody_notices(&attacks, "");
-}
-
-#[test]
-fn nobody_notices_a_partition_that_uses_up_what_it_was_granted() {
-    let attacks = ["timers_2500", "timers_that_repeat", "interval_timers", "queued_signals", "watches"];
-    let keys = "system_calls = [\"timers\", \"inotify\", \"queued_signals\"]";
-    assert_nobody_notices(&attacks, keys);
-}
-
-#[test]
-fn nobody_notices_a_partition_with_threads_that_wake_and_end_in_others_time() {
-    assert_nobody_notices(&["sleepers", "children", "timers_2500"], "threads = 8");
-}
-
-#[test]
-fn nobody_notices_a_partition_that_fills_the_disk_and_its_channel() {
-    let attacks = [
-        "allocate",
-        "truncate",
-        "write_anywhere",
-        "map_log",
-        "change_log",
-        "babble",
-        "fill_channel",
-        "sparse_in_channel",
-        "names_in_channel",
-        "folders_in_channel",
-        "chmod",
-        "lock_all",
-        "change_folder",
-    ];
-    assert_nobody_notices(&attacks, "");
-}
-
-#[test]
-fn nobody_notices_a_partition_that_takes_the_kernels_memory() {
-    let attacks = [
-        "watches",
-        "descriptors",
-        "watched_descriptors",
-        "datagrams_between_sockets",
-        "streams_between_sockets",
-        "descriptors_in_flight",
-        "filters_of_sockets",
-        "pipes",
-        "message_queues",
-        "system_v",
-        "locked_memory",
-        "small_mappings",
-        "named_mappings",
-        "huge_pages",
-        "file_locks",
-        "absent_names",
-    ];
-    assert_nobody_notices(&attacks, "");
-}
-
-#[test]
-fn nobody_notices_a_partition_that_fills_sockets_of_the_internet() {
-    let attacks =
-        ["udp", "incomplete_datagrams", "tcp", "tcp_never_accepted", "tcp_timers", "groups_of_hosts"];
-    assert_nobody_notices(&attacks, "network = true");
-}
-
 /// A network of the test alone, with room for many neighbours of whom none is there.
 #[allow(unsafe_code)]
 fn enter_a_silent_network() {
@@ -266,45 +190,127 @@ fn enter_a_silent_network() {
     }
 }
 
-#[test]
-fn nobody_notices_a_partition_that_talks_to_computers_that_are_not_there() {
-    if is_walled_in() {
-        enter_a_silent_network();
-    }
-    assert_nobody_notices(&["silent_neighbours", "many_neighbours"], "network = true");
-    if is_walled_in() {
-        let neighbours = std::process::Command::new("ip").args(["neighbour", "show", "nud", "all"]).output();
-        let count = String::from_utf8_lossy(&neighbours.unwrap().stdout).lines().count();
-        // Those of the attacker's successor, which begins again, and the network's own groups.
-        assert!(
-            (8..=2 * MOST_ADDRESSES + 16).contains(&count),
-            "{count} neighbours are in the machine's tables"
-        );
-    }
-}
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
 
-#[test]
-fn nobody_notices_a_partition_that_uses_up_the_connections_it_was_granted() {
-    assert_nobody_notices(&["tcp", "tcp_timers"], "network = true\nsystem_calls = [\"tcp\"]");
-}
+    #[test]
+    fn nobody_notices_a_partition_that_puts_work_into_interrupts() {
+        let attacks = [
+            "timers_2500",
+            "timers_20000",
+            "timers_that_repeat",
+            "timers_of_processor_time",
+            "timer_descriptors",
+            "interval_timers",
+            "queued_signals",
+        ];
+        assert_nobody_notices(&attacks, "");
+    }
 
-#[test]
-fn nobody_notices_a_partition_that_keeps_the_kernel_busy() {
-    let attacks = [
-        "barriers",
-        "drain",
-        "open_and_close",
-        "make_and_remove",
-        "futexes",
-        "page_faults",
-        "long_reads",
-        "tell_tale_files",
-        "splices",
-        "execute_itself",
-        "exit",
-        "exit_with_much",
-        "stop_all",
-        "kill_all",
-    ];
-    assert_nobody_notices(&attacks, "");
+    #[test]
+    fn nobody_notices_a_partition_that_uses_up_what_it_was_granted() {
+        let attacks = ["timers_2500", "timers_that_repeat", "interval_timers", "queued_signals", "watches"];
+        let keys = "system_calls = [\"timers\", \"inotify\", \"queued_signals\"]";
+        assert_nobody_notices(&attacks, keys);
+    }
+
+    #[test]
+    fn nobody_notices_a_partition_with_threads_that_wake_and_end_in_others_time() {
+        assert_nobody_notices(&["sleepers", "children", "timers_2500"], "threads = 8");
+    }
+
+    #[test]
+    fn nobody_notices_a_partition_that_fills_the_disk_and_its_channel() {
+        let attacks = [
+            "allocate",
+            "truncate",
+            "write_anywhere",
+            "map_log",
+            "change_log",
+            "babble",
+            "fill_channel",
+            "sparse_in_channel",
+            "names_in_channel",
+            "folders_in_channel",
+            "chmod",
+            "lock_all",
+            "change_folder",
+        ];
+        assert_nobody_notices(&attacks, "");
+    }
+
+    #[test]
+    fn nobody_notices_a_partition_that_takes_the_kernels_memory() {
+        let attacks = [
+            "watches",
+            "descriptors",
+            "watched_descriptors",
+            "datagrams_between_sockets",
+            "streams_between_sockets",
+            "descriptors_in_flight",
+            "filters_of_sockets",
+            "pipes",
+            "message_queues",
+            "system_v",
+            "locked_memory",
+            "small_mappings",
+            "named_mappings",
+            "huge_pages",
+            "file_locks",
+            "absent_names",
+        ];
+        assert_nobody_notices(&attacks, "");
+    }
+
+    #[test]
+    fn nobody_notices_a_partition_that_fills_sockets_of_the_internet() {
+        let attacks =
+            ["udp", "incomplete_datagrams", "tcp", "tcp_never_accepted", "tcp_timers", "groups_of_hosts"];
+        assert_nobody_notices(&attacks, "network = true");
+    }
+
+    #[test]
+    fn nobody_notices_a_partition_that_talks_to_computers_that_are_not_there() {
+        if is_walled_in() {
+            enter_a_silent_network();
+        }
+        assert_nobody_notices(&["silent_neighbours", "many_neighbours"], "network = true");
+        if is_walled_in() {
+            let neighbours =
+                std::process::Command::new("ip").args(["neighbour", "show", "nud", "all"]).output();
+            let count = String::from_utf8_lossy(&neighbours.unwrap().stdout).lines().count();
+            // Those of the attacker's successor, which begins again, and the network's own groups.
+            assert!(
+                (8..=2 * MOST_ADDRESSES + 16).contains(&count),
+                "{count} neighbours are in the machine's tables"
+            );
+        }
+    }
+
+    #[test]
+    fn nobody_notices_a_partition_that_uses_up_the_connections_it_was_granted() {
+        assert_nobody_notices(&["tcp", "tcp_timers"], "network = true\nsystem_calls = [\"tcp\"]");
+    }
+
+    #[test]
+    fn nobody_notices_a_partition_that_keeps_the_kernel_busy() {
+        let attacks = [
+            "barriers",
+            "drain",
+            "open_and_close",
+            "make_and_remove",
+            "futexes",
+            "page_faults",
+            "long_reads",
+            "tell_tale_files",
+            "splices",
+            "execute_itself",
+            "exit",
+            "exit_with_much",
+            "stop_all",
+            "kill_all",
+        ];
+        assert_nobody_notices(&attacks, "");
+    }
 }

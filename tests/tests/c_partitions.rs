@@ -140,14 +140,6 @@ fn mutexes_wide_identifiers_and_an_error_handler_work_in_c() {
 }
 
 #[test]
-fn on_the_wall_clock_an_error_handler_in_c_starts_every_faulty_process_again() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let ended = run_on(&[], folder.path(), "", &[("handler", "handler", &[], "threads = 8")]);
-    assert!(!ended.stderr.contains("FAILED") && ended.stderr.contains("handler: done"), "{}", ended.stderr);
-}
-
-#[test]
 fn faults_of_c_are_told_as_what_they_are() {
     let _turn = among_others();
     let folder = tempfile::tempdir().unwrap();
@@ -275,5 +267,22 @@ fn partitions_in_c_compile_for_the_other_processor_in_both_languages() {
         // e_machine of its ELF header: AArch64 183, x86-64 62.
         let machine = if cfg!(target_arch = "x86_64") { 183 } else { 62 };
         assert_eq!(u16::from_le_bytes([object[18], object[19]]), machine, "{}", source.display());
+    }
+}
+
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn on_the_wall_clock_an_error_handler_in_c_starts_every_faulty_process_again() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let ended = run_on(&[], folder.path(), "", &[("handler", "handler", &[], "threads = 8")]);
+        assert!(
+            !ended.stderr.contains("FAILED") && ended.stderr.contains("handler: done"),
+            "{}",
+            ended.stderr
+        );
     }
 }

@@ -103,17 +103,23 @@ fn kill_of_what_a_flight_does_not_have_is_refused_with_what_would_help() {
     refused(&can, "wing@100").expect_words(&["gateway@100"]);
 }
 
-#[test]
-fn short_flight_on_the_wall_clock_over_two_gateways_is_flown_and_one_that_is_killed_is_found_again() {
-    let _turn = alone();
-    let (mission, schedule) = (small_mission(), repository().join("schedules/can.toml"));
-    let flight = ["fly", "--format", "json", "--schedule", schedule.to_str().unwrap(), "--mission"];
-    let choices = [mission.to_str().unwrap(), "--set", "can_interface.bus=slcan", "--kill-can", "gateway@35"];
-    let ended = bateleur(&[&flight[..], &choices[..]].concat()).end_within(Duration::from_secs(200));
-    let summary = ended.summary();
-    assert_eq!(summary["completed"], true, "{}\n{}", summary["failure"], ended.stderr);
-    let words = ["can_gateway is killed", "can_gateway is started again", "is there again"];
-    let ended = ended.expect_code(0).expect_words(&words);
-    assert_eq!((&summary["clock"], discoveries(&ended)), (&Value::from("wall"), 2), "{}", ended.stderr);
-    assert_eq!(summary["waypoints"], Value::from(vec!["WP0", "WP1", "WP2", "WP0"]));
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn short_flight_on_the_wall_clock_over_two_gateways_is_flown_and_one_that_is_killed_is_found_again() {
+        let _turn = alone();
+        let (mission, schedule) = (small_mission(), repository().join("schedules/can.toml"));
+        let flight = ["fly", "--format", "json", "--schedule", schedule.to_str().unwrap(), "--mission"];
+        let choices =
+            [mission.to_str().unwrap(), "--set", "can_interface.bus=slcan", "--kill-can", "gateway@35"];
+        let ended = bateleur(&[&flight[..], &choices[..]].concat()).end_within(Duration::from_secs(200));
+        let summary = ended.summary();
+        assert_eq!(summary["completed"], true, "{}\n{}", summary["failure"], ended.stderr);
+        let words = ["can_gateway is killed", "can_gateway is started again", "is there again"];
+        let ended = ended.expect_code(0).expect_words(&words);
+        assert_eq!((&summary["clock"], discoveries(&ended)), (&Value::from("wall"), 2), "{}", ended.stderr);
+        assert_eq!(summary["waypoints"], Value::from(vec!["WP0", "WP1", "WP2", "WP0"]));
+    }
 }

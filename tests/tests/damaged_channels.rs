@@ -57,54 +57,6 @@ fn partitions_that_write_over_their_channels_leave_a_module_with_all_its_partiti
 }
 
 #[test]
-fn channels_are_made_anew_while_dispatchers_run_on_the_wall_clock() {
-    let _turn = alone();
-    let ended = damaged("servo", "3.003", &[]);
-    assert!(ended.stderr.contains("channels made anew"), "{}", ended.stderr);
-    assert_all_are_there(&ended, "servo");
-    // Whether the recorder has ended of it or not, the log goes on: of the damaged channels too, once they are new.
-    let mut last: BTreeMap<String, u64> = BTreeMap::new();
-    for_each(ended.folder().join("ports.mcap"), |entry| {
-        last.insert(entry.topic.to_owned(), entry.time_ns);
-    })
-    .unwrap();
-    for topic in ["/servo/timers", "/rate_generator/rate"] {
-        let last_ns = last.get(topic).copied().unwrap_or_default();
-        assert!(last_ns > (END_S - 1) * 1_000_000_000, "{topic} ends at {last_ns} ns: {}", ended.stderr);
-    }
-}
-
-/// What a recorder ends of when it reads what a partition has written over; here it is made certain.
-#[test]
-fn a_recorder_that_ends_of_what_it_reads_is_followed_and_the_log_goes_on_in_its_next_part() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let schedule = folder.path().join("schedule.toml");
-    std::fs::write(&schedule, edited(&[])).unwrap();
-    let fixed = ["run", "--record", "--until", "6", "--set", "command.device=/dev/nowhere", "--schedule"];
-    let module = bateleur(&[&fixed[..], &[schedule.to_str().unwrap()]].concat());
-    let first = process_named(module.pid(), "recorder");
-    let runs = || module.said().contains("partitions are ready");
-    assert!(await_some(Duration::from_secs(20), || runs().then_some(())).is_some(), "{}", module.said());
-    std::thread::sleep(Duration::from_secs(1));
-    first.signal(Signal::KILL);
-    let ended = module.end().expect_code(0);
-    let told = "ports.mcap ends: the recorder has ended; another one goes on in ports.part-1.mcap";
-    assert!(ended.stderr.contains(told), "{}", ended.stderr);
-    assert!(ended.faults().iter().all(|fault| fault.error != "port_error"), "nobody else notices");
-    // Read as one log, it holds messages of the end, of every partition; its gap is no longer than the log says.
-    let mut last: BTreeMap<String, u64> = BTreeMap::new();
-    let ending = for_each(ended.folder().join("ports.mcap"), |entry| {
-        last.insert(entry.topic.to_owned(), entry.time_ns);
-    });
-    assert!(matches!(ending.unwrap(), Ending::Cut(_)), "the verdict says that it was cut");
-    for topic in ["/rate_generator/rate", "/hil_interface/status", "/servo/timers"] {
-        let last_ns = last.get(topic).copied().unwrap_or_default();
-        assert!(last_ns > 5_500_000_000, "{topic} ends at {last_ns} ns: {last:?}");
-    }
-}
-
-#[test]
 fn successor_that_fails_by_itself_costs_its_peers_nothing() {
     let _turn = among_others();
     let folder = tempfile::tempdir().unwrap();
@@ -125,4 +77,57 @@ fn successor_that_fails_by_itself_costs_its_peers_nothing() {
     assert!(!ended.stderr.contains("made anew"), "{}", ended.stderr);
     let peers: Vec<_> = ended.windows().into_iter().filter(|window| window.partition == "peer").collect();
     assert!(peers.len() > 100 && peers.iter().all(|window| window.closed_ns.is_some()));
+}
+
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn channels_are_made_anew_while_dispatchers_run_on_the_wall_clock() {
+        let _turn = alone();
+        let ended = damaged("servo", "3.003", &[]);
+        assert!(ended.stderr.contains("channels made anew"), "{}", ended.stderr);
+        assert_all_are_there(&ended, "servo");
+        // Whether the recorder has ended of it or not, the log goes on: of the damaged channels too, once they are new.
+        let mut last: BTreeMap<String, u64> = BTreeMap::new();
+        for_each(ended.folder().join("ports.mcap"), |entry| {
+            last.insert(entry.topic.to_owned(), entry.time_ns);
+        })
+        .unwrap();
+        for topic in ["/servo/timers", "/rate_generator/rate"] {
+            let last_ns = last.get(topic).copied().unwrap_or_default();
+            assert!(last_ns > (END_S - 1) * 1_000_000_000, "{topic} ends at {last_ns} ns: {}", ended.stderr);
+        }
+    }
+
+    /// What a recorder ends of when it reads what a partition has written over; here it is made certain.
+    #[test]
+    fn a_recorder_that_ends_of_what_it_reads_is_followed_and_the_log_goes_on_in_its_next_part() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let schedule = folder.path().join("schedule.toml");
+        std::fs::write(&schedule, edited(&[])).unwrap();
+        let fixed = ["run", "--record", "--until", "6", "--set", "command.device=/dev/nowhere", "--schedule"];
+        let module = bateleur(&[&fixed[..], &[schedule.to_str().unwrap()]].concat());
+        let first = process_named(module.pid(), "recorder");
+        let runs = || module.said().contains("partitions are ready");
+        assert!(await_some(Duration::from_secs(20), || runs().then_some(())).is_some(), "{}", module.said());
+        std::thread::sleep(Duration::from_secs(1));
+        first.signal(Signal::KILL);
+        let ended = module.end().expect_code(0);
+        let told = "ports.mcap ends: the recorder has ended; another one goes on in ports.part-1.mcap";
+        assert!(ended.stderr.contains(told), "{}", ended.stderr);
+        assert!(ended.faults().iter().all(|fault| fault.error != "port_error"), "nobody else notices");
+        // Read as one log, it holds messages of the end, of every partition; its gap is no longer than the log says.
+        let mut last: BTreeMap<String, u64> = BTreeMap::new();
+        let ending = for_each(ended.folder().join("ports.mcap"), |entry| {
+            last.insert(entry.topic.to_owned(), entry.time_ns);
+        });
+        assert!(matches!(ending.unwrap(), Ending::Cut(_)), "the verdict says that it was cut");
+        for topic in ["/rate_generator/rate", "/hil_interface/status", "/servo/timers"] {
+            let last_ns = last.get(topic).copied().unwrap_or_default();
+            assert!(last_ns > 5_500_000_000, "{topic} ends at {last_ns} ns: {last:?}");
+        }
+    }
 }

@@ -97,15 +97,6 @@ fn error_inside_the_handler_is_one_of_the_partition() {
 }
 
 #[test]
-fn hmt_12_handler_that_hangs_is_an_overrun_of_the_partition_and_not_handed_to_itself() {
-    let _turn = alone();
-    let table = "[health.partition]\nwindow_overrun = \"idle\"\n";
-    let ended = run("hang", table, &[]).expect_code(0);
-    let first = entry("process", "application_error", "error_handler");
-    assert_eq!(of_own(&ended), [first, entry("partition", "window_overrun", "idle")]);
-}
-
-#[test]
 fn error_of_a_partition_without_a_handler_is_answered_by_its_table() {
     let _turn = among_others();
     let scratch = tempfile::tempdir().unwrap();
@@ -195,4 +186,18 @@ fn error_at_the_level_of_the_module_resets_it_or_leaves_the_partition_idle() {
     assert_eq!(told, ["module", "reset"], "{faults:?}");
     let ignored = run("go_on", &tables("ignore"), &["--kill", "other@0.5"]).expect_code(0);
     assert_eq!((granted(&ignored, "other"), granted(&ignored, "own")), (25, 200));
+}
+
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn hmt_12_handler_that_hangs_is_an_overrun_of_the_partition_and_not_handed_to_itself() {
+        let _turn = alone();
+        let table = "[health.partition]\nwindow_overrun = \"idle\"\n";
+        let ended = run("hang", table, &[]).expect_code(0);
+        let first = entry("process", "application_error", "error_handler");
+        assert_eq!(of_own(&ended), [first, entry("partition", "window_overrun", "idle")]);
+    }
 }

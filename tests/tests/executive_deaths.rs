@@ -10,23 +10,6 @@ use bateleur_tests::{
 };
 use rustix::process::Signal;
 
-#[test]
-fn executive_that_is_stopped_is_left_alone_where_the_plan_ignores_that() {
-    let _turn = alone();
-    let scratch = tempfile::tempdir().unwrap();
-    let path = schedule(scratch.path(), 3);
-    let text = std::fs::read_to_string(&path).unwrap();
-    std::fs::write(&path, text.replace("executive_hung = \"reset\"", "executive_hung = \"ignore\"")).unwrap();
-    let mut run = started(&path, &["--until", "3"]);
-    run.await_words("2 partitions are ready");
-    let executive = executive_of(run.pid());
-    executive.signal(Signal::STOP);
-    std::thread::sleep(Duration::from_millis(800));
-    executive.signal(Signal::CONT);
-    let ended = run.end_within(Duration::from_secs(60)).expect_code(0);
-    assert!(of_executive(&ended).is_empty(), "{:?}", ended.faults());
-}
-
 /// Two partitions that count their windows in retained memory, and a module that starts again `budget` times.
 fn schedule(folder: &std::path::Path, budget: u32) -> String {
     let health = format!(
@@ -61,54 +44,6 @@ fn random(state: &mut u64) -> u64 {
     mixed ^ (mixed >> 27)
 }
 
-#[test]
-fn module_goes_on_after_its_executive_was_killed_or_stopped_at_any_instant() {
-    let _turn = alone();
-    let scratch = tempfile::tempdir().unwrap();
-    let schedule = schedule(scratch.path(), 20);
-    let mut run = started(&schedule, &["--until", "12", "--kill", "first@0.4"]);
-    run.await_words("2 partitions are ready");
-    let (mut seed, mut traces) = (7, Vec::new());
-    let ways = [Signal::KILL, Signal::ABORT, Signal::STOP, Signal::KILL, Signal::FPE];
-    for (number, signal) in ways.into_iter().enumerate() {
-        std::thread::sleep(Duration::from_millis(if number == 0 { 900 } else { random(&mut seed) % 400 }));
-        let executive = executive_of(run.pid());
-        traces.push(Traces::of(executive.pid));
-        executive.signal(signal);
-        await_frames(&mut run, number + 1);
-    }
-    let ended = run.end_within(Duration::from_secs(60)).expect_code(0);
-    traces.iter().for_each(Traces::expect_gone);
-    let faults = of_executive(&ended);
-    let errors: Vec<&str> = faults.iter().map(|fault| fault.error.as_str()).collect();
-    let (died, hung) = ("executive_died", "executive_hung");
-    assert_eq!(errors, [died, died, hung, died, died], "{faults:?}");
-    for (number, fault) in faults.iter().enumerate() {
-        assert_eq!((fault.action.as_str(), fault.generation), ("reset", number as u64), "{fault:?}");
-        assert!(fault.recovered_ns.is_some_and(|recovered_ns| recovered_ns > fault.time_ns), "{fault:?}");
-    }
-    let kills = ended.faults().into_iter().filter(|fault| fault.error == "killed").count();
-    assert_eq!(kills, 1, "what an earlier executive has done is not done again");
-    let windows = ended.windows();
-    assert!(
-        windows.windows(2).all(|pair| pair[0].planned_start_ns <= pair[1].planned_start_ns),
-        "time goes on"
-    );
-    assert!(windows.last().unwrap().planned_start_ns > 11_000_000_000, "until its end");
-    // What an executive had not handed to the disk when it died is lost: a few windows.
-    assert!(windows[0].planned_start_ns < 100_000_000 && windows.len() > 800, "{} windows", windows.len());
-    let begins = windows.windows(2).filter(|pair| pair[1].frame < pair[0].frame).count();
-    assert!((3..=5).contains(&begins), "frames begin with 0 each time: {begins}");
-    let found: Vec<u64> = ended
-        .stderr
-        .lines()
-        .filter_map(|line| line.split_once("second: HmPartitionWarmRestart found Some(")?.1.split(')').next())
-        .map(|count| count.parse().unwrap())
-        .collect();
-    assert_eq!(found.len(), 5, "{}", ended.stderr);
-    assert!(found[0] > 20 && found.is_sorted(), "retained memory outlives the executive: {found:?}");
-}
-
 /// Flown twice with the same faults at the same random instants.
 #[test]
 fn flight_on_the_virtual_clock_outlives_executives_that_end_at_any_instant_and_is_the_same_flight_again() {
@@ -139,83 +74,6 @@ fn flight_on_the_virtual_clock_outlives_executives_that_end_at_any_instant_and_i
     }
 }
 
-#[test]
-fn executive_that_an_operator_has_provoked_answers_him_first() {
-    let _turn = alone();
-    let scratch = tempfile::tempdir().unwrap();
-    let mut run = started(&schedule(scratch.path(), 9), &["--until", "30"]);
-    run.await_words("2 partitions are ready");
-    let ways = [
-        ("executive", "sigkill"),
-        ("executive", "sigsegv"),
-        ("monitor", "stall=5s"),
-        ("executive", "sigstop"),
-    ];
-    for (number, (target, fault)) in ways.into_iter().enumerate() {
-        std::thread::sleep(Duration::from_millis(300));
-        let module = executive_of(run.pid()).pid.to_string();
-        let answer = bateleur(&["inject", target, fault, "--module", &module]).end();
-        assert_eq!(answer.code, Some(0), "{target} {fault}: {}", answer.stderr);
-        await_frames(&mut run, number + 1);
-    }
-    run.signal(Signal::INT);
-    let errors: Vec<_> = of_executive(&run.end()).into_iter().map(|fault| fault.error).collect();
-    let (died, hung) = ("executive_died", "executive_hung");
-    assert_eq!(errors, [died, died, hung, hung]);
-}
-
-#[test]
-fn executive_whose_dispatcher_hangs_is_ended_and_another_one_goes_on() {
-    let _turn = alone();
-    let scratch = tempfile::tempdir().unwrap();
-    let run = started(&schedule(scratch.path(), 3), &["--until", "4", "--inject", "dispatcher:stall=9s@1"]);
-    let ended = run.end_within(Duration::from_secs(60)).expect_code(0);
-    let faults = of_executive(&ended);
-    assert!(
-        matches!(&faults[..], [fault] if fault.error == "executive_hung" && fault.action == "reset"),
-        "{faults:?}"
-    );
-    assert!(faults[0].detail.contains("no sign of life"), "{faults:?}");
-}
-
-#[test]
-fn budget_of_resets_bounds_how_often_an_executive_is_started_again() {
-    let _turn = alone();
-    let scratch = tempfile::tempdir().unwrap();
-    let mut run = started(&schedule(scratch.path(), 1), &["--until", "30"]);
-    run.await_words("2 partitions are ready");
-    let first = executive_of(run.pid());
-    first.signal(Signal::KILL);
-    await_frames(&mut run, 1);
-    let second = executive_of(run.pid());
-    let traces = Traces::of(second.pid);
-    second.signal(Signal::KILL);
-    run.end().expect_code(1).expect_words(&["executive_died: ended by signal 9; the module ends"]);
-    traces.expect_gone();
-}
-
-#[test]
-fn supervised_module_ends_as_it_is_asked_to_also_while_an_executive_follows_a_dead_one() {
-    let _turn = alone();
-    let scratch = tempfile::tempdir().unwrap();
-    let schedule = schedule(scratch.path(), 3);
-    for dies_before in [false, true] {
-        let mut run = started(&schedule, &[]);
-        run.await_words("2 partitions are ready");
-        let executive = executive_of(run.pid());
-        let traces = Traces::of(executive.pid);
-        if dies_before {
-            executive.signal(Signal::KILL);
-            run.await_words("executive_died");
-        }
-        run.signal(Signal::TERM);
-        let ended = run.end().expect_words(&["it was asked to stop"]);
-        // Whether another one was there already is a matter of luck.
-        assert!(ended.code == Some(0) || dies_before && ended.code == Some(1), "{ended:?}");
-        traces.expect_gone();
-    }
-}
-
 /// Waits for a supervisor that the executive has started.
 fn supervisor_below(executive: &Process, not: &[i32]) -> Process {
     let found = bateleur_tests::await_some(Duration::from_secs(20), || {
@@ -223,45 +81,6 @@ fn supervisor_below(executive: &Process, not: &[i32]) -> Process {
         children.into_iter().find(|child| child.name == "supervisor" && !not.contains(&child.pid))
     });
     found.unwrap_or_else(|| panic!("no supervisor below {executive:?}"))
-}
-
-#[test]
-fn supervisor_that_is_killed_is_followed_and_the_module_outlives_supervisors_and_executives_by_turns() {
-    let _turn = alone();
-    let scratch = tempfile::tempdir().unwrap();
-    let mut seed = 19;
-    let mut run = started(&schedule(scratch.path(), 9), &["--until", "6"]);
-    run.await_words("2 partitions are ready");
-    let mut executive = executive_of(run.pid());
-    let mut traces = vec![Traces::of(run.pid())];
-    let mut supervisors = vec![run.pid()];
-    for turn in 1..=3 {
-        std::thread::sleep(Duration::from_micros(random(&mut seed) % 300_000));
-        process(*supervisors.last().unwrap()).signal(Signal::KILL);
-        let supervisor = supervisor_below(&executive, &supervisors);
-        supervisors.push(supervisor.pid);
-        std::thread::sleep(Duration::from_micros(random(&mut seed) % 300_000));
-        executive.signal(Signal::KILL);
-        let begun = bateleur_tests::await_some(Duration::from_secs(20), || {
-            (run.said().matches("frame 0 again").count() >= turn).then_some(())
-        });
-        assert!(begun.is_some(), "turn {turn}: {}", run.said());
-        executive = executive_of(supervisor.pid);
-        traces.push(Traces::of(supervisor.pid));
-    }
-    let ended = bateleur_tests::await_some(Duration::from_secs(20), || {
-        run.said().contains("stopped after 6.0").then_some(())
-    });
-    assert!(ended.is_some(), "{}", run.said());
-    traces.iter().for_each(Traces::expect_gone);
-    let ended = run.end();
-    let faults = of_executive(&ended);
-    assert_eq!(faults.len(), 3, "{faults:?}");
-    assert!(faults.iter().all(|fault| fault.error == "executive_died" && fault.action == "reset"));
-    for partition in ["first", "second"] {
-        let warm = ended.faults().into_iter().filter(|fault| fault.partition == partition).count();
-        assert_eq!(warm, 0, "{partition} has failed by itself: {:?}", ended.faults());
-    }
 }
 
 fn process(pid: i32) -> Process {
@@ -292,33 +111,232 @@ fn flight_on_sealed_channels_outlives_its_executives_as_one_on_shared_channels_d
     }
 }
 
-#[test]
-fn module_on_sealed_channels_goes_on_after_its_executive_was_killed_and_leaves_nothing() {
-    let _turn = alone();
-    let scratch = tempfile::tempdir().unwrap();
-    let schedule = scratch.path().join("sealed.toml");
-    let text = std::fs::read_to_string(flight_schedule()).unwrap();
-    std::fs::write(&schedule, format!("isolation = \"sealed\"\n{text}")).unwrap();
-    let set = ["--set", "command.device=/dev/nowhere", "--record", "--until", "9"];
-    let mut run = started(schedule.to_str().unwrap(), &set);
-    run.await_words("9 partitions are ready");
-    let mut traces = Vec::new();
-    for (number, signal) in [Signal::KILL, Signal::STOP].into_iter().enumerate() {
-        std::thread::sleep(Duration::from_millis(1_200));
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn executive_that_is_stopped_is_left_alone_where_the_plan_ignores_that() {
+        let _turn = alone();
+        let scratch = tempfile::tempdir().unwrap();
+        let path = schedule(scratch.path(), 3);
+        let text = std::fs::read_to_string(&path).unwrap();
+        std::fs::write(&path, text.replace("executive_hung = \"reset\"", "executive_hung = \"ignore\""))
+            .unwrap();
+        let mut run = started(&path, &["--until", "3"]);
+        run.await_words("2 partitions are ready");
         let executive = executive_of(run.pid());
-        traces.push(Traces::of(executive.pid));
-        executive.signal(signal);
-        await_frames(&mut run, number + 1);
+        executive.signal(Signal::STOP);
+        std::thread::sleep(Duration::from_millis(800));
+        executive.signal(Signal::CONT);
+        let ended = run.end_within(Duration::from_secs(60)).expect_code(0);
+        assert!(of_executive(&ended).is_empty(), "{:?}", ended.faults());
     }
-    let ended = run.end_within(Duration::from_secs(60)).expect_code(0);
-    traces.iter().for_each(Traces::expect_gone);
-    assert_eq!(of_executive(&ended).len(), 2, "{:?}", ended.faults());
-    let last = ended.windows().into_iter().filter(|window| window.planned_start_ns > 8_000_000_000);
-    let (closed, all) = last
-        .fold((0, 0), |(closed, all), window| (closed + usize::from(window.closed_ns.is_some()), all + 1));
-    assert!(
-        all > 300 && closed * 10 > all * 9,
-        "{closed} of {all} windows of the last second were closed: {}",
-        ended.stderr
-    );
+
+    #[test]
+    fn module_goes_on_after_its_executive_was_killed_or_stopped_at_any_instant() {
+        let _turn = alone();
+        let scratch = tempfile::tempdir().unwrap();
+        let schedule = schedule(scratch.path(), 20);
+        let mut run = started(&schedule, &["--until", "12", "--kill", "first@0.4"]);
+        run.await_words("2 partitions are ready");
+        let (mut seed, mut traces) = (7, Vec::new());
+        let ways = [Signal::KILL, Signal::ABORT, Signal::STOP, Signal::KILL, Signal::FPE];
+        for (number, signal) in ways.into_iter().enumerate() {
+            std::thread::sleep(Duration::from_millis(if number == 0 {
+                900
+            } else {
+                random(&mut seed) % 400
+            }));
+            let executive = executive_of(run.pid());
+            traces.push(Traces::of(executive.pid));
+            executive.signal(signal);
+            await_frames(&mut run, number + 1);
+        }
+        let ended = run.end_within(Duration::from_secs(60)).expect_code(0);
+        traces.iter().for_each(Traces::expect_gone);
+        let faults = of_executive(&ended);
+        let errors: Vec<&str> = faults.iter().map(|fault| fault.error.as_str()).collect();
+        let (died, hung) = ("executive_died", "executive_hung");
+        assert_eq!(errors, [died, died, hung, died, died], "{faults:?}");
+        for (number, fault) in faults.iter().enumerate() {
+            assert_eq!((fault.action.as_str(), fault.generation), ("reset", number as u64), "{fault:?}");
+            assert!(fault.recovered_ns.is_some_and(|recovered_ns| recovered_ns > fault.time_ns), "{fault:?}");
+        }
+        let kills = ended.faults().into_iter().filter(|fault| fault.error == "killed").count();
+        assert_eq!(kills, 1, "what an earlier executive has done is not done again");
+        let windows = ended.windows();
+        assert!(
+            windows.windows(2).all(|pair| pair[0].planned_start_ns <= pair[1].planned_start_ns),
+            "time goes on"
+        );
+        assert!(windows.last().unwrap().planned_start_ns > 11_000_000_000, "until its end");
+        // What an executive had not handed to the disk when it died is lost: a few windows.
+        assert!(
+            windows[0].planned_start_ns < 100_000_000 && windows.len() > 800,
+            "{} windows",
+            windows.len()
+        );
+        let begins = windows.windows(2).filter(|pair| pair[1].frame < pair[0].frame).count();
+        assert!((3..=5).contains(&begins), "frames begin with 0 each time: {begins}");
+        let found: Vec<u64> = ended
+            .stderr
+            .lines()
+            .filter_map(|line| {
+                line.split_once("second: HmPartitionWarmRestart found Some(")?.1.split(')').next()
+            })
+            .map(|count| count.parse().unwrap())
+            .collect();
+        assert_eq!(found.len(), 5, "{}", ended.stderr);
+        assert!(found[0] > 20 && found.is_sorted(), "retained memory outlives the executive: {found:?}");
+    }
+
+    #[test]
+    fn executive_that_an_operator_has_provoked_answers_him_first() {
+        let _turn = alone();
+        let scratch = tempfile::tempdir().unwrap();
+        let mut run = started(&schedule(scratch.path(), 9), &["--until", "30"]);
+        run.await_words("2 partitions are ready");
+        let ways = [
+            ("executive", "sigkill"),
+            ("executive", "sigsegv"),
+            ("monitor", "stall=5s"),
+            ("executive", "sigstop"),
+        ];
+        for (number, (target, fault)) in ways.into_iter().enumerate() {
+            std::thread::sleep(Duration::from_millis(300));
+            let module = executive_of(run.pid()).pid.to_string();
+            let answer = bateleur(&["inject", target, fault, "--module", &module]).end();
+            assert_eq!(answer.code, Some(0), "{target} {fault}: {}", answer.stderr);
+            await_frames(&mut run, number + 1);
+        }
+        run.signal(Signal::INT);
+        let errors: Vec<_> = of_executive(&run.end()).into_iter().map(|fault| fault.error).collect();
+        let (died, hung) = ("executive_died", "executive_hung");
+        assert_eq!(errors, [died, died, hung, hung]);
+    }
+
+    #[test]
+    fn executive_whose_dispatcher_hangs_is_ended_and_another_one_goes_on() {
+        let _turn = alone();
+        let scratch = tempfile::tempdir().unwrap();
+        let run =
+            started(&schedule(scratch.path(), 3), &["--until", "4", "--inject", "dispatcher:stall=9s@1"]);
+        let ended = run.end_within(Duration::from_secs(60)).expect_code(0);
+        let faults = of_executive(&ended);
+        assert!(
+            matches!(&faults[..], [fault] if fault.error == "executive_hung" && fault.action == "reset"),
+            "{faults:?}"
+        );
+        assert!(faults[0].detail.contains("no sign of life"), "{faults:?}");
+    }
+
+    #[test]
+    fn budget_of_resets_bounds_how_often_an_executive_is_started_again() {
+        let _turn = alone();
+        let scratch = tempfile::tempdir().unwrap();
+        let mut run = started(&schedule(scratch.path(), 1), &["--until", "30"]);
+        run.await_words("2 partitions are ready");
+        let first = executive_of(run.pid());
+        first.signal(Signal::KILL);
+        await_frames(&mut run, 1);
+        let second = executive_of(run.pid());
+        let traces = Traces::of(second.pid);
+        second.signal(Signal::KILL);
+        run.end().expect_code(1).expect_words(&["executive_died: ended by signal 9; the module ends"]);
+        traces.expect_gone();
+    }
+
+    #[test]
+    fn supervised_module_ends_as_it_is_asked_to_also_while_an_executive_follows_a_dead_one() {
+        let _turn = alone();
+        let scratch = tempfile::tempdir().unwrap();
+        let schedule = schedule(scratch.path(), 3);
+        for dies_before in [false, true] {
+            let mut run = started(&schedule, &[]);
+            run.await_words("2 partitions are ready");
+            let executive = executive_of(run.pid());
+            let traces = Traces::of(executive.pid);
+            if dies_before {
+                executive.signal(Signal::KILL);
+                run.await_words("executive_died");
+            }
+            run.signal(Signal::TERM);
+            let ended = run.end().expect_words(&["it was asked to stop"]);
+            // Whether another one was there already is a matter of luck.
+            assert!(ended.code == Some(0) || dies_before && ended.code == Some(1), "{ended:?}");
+            traces.expect_gone();
+        }
+    }
+
+    #[test]
+    fn supervisor_that_is_killed_is_followed_and_the_module_outlives_supervisors_and_executives_by_turns() {
+        let _turn = alone();
+        let scratch = tempfile::tempdir().unwrap();
+        let mut seed = 19;
+        let mut run = started(&schedule(scratch.path(), 9), &["--until", "6"]);
+        run.await_words("2 partitions are ready");
+        let mut executive = executive_of(run.pid());
+        let mut traces = vec![Traces::of(run.pid())];
+        let mut supervisors = vec![run.pid()];
+        for turn in 1..=3 {
+            std::thread::sleep(Duration::from_micros(random(&mut seed) % 300_000));
+            process(*supervisors.last().unwrap()).signal(Signal::KILL);
+            let supervisor = supervisor_below(&executive, &supervisors);
+            supervisors.push(supervisor.pid);
+            std::thread::sleep(Duration::from_micros(random(&mut seed) % 300_000));
+            executive.signal(Signal::KILL);
+            let begun = bateleur_tests::await_some(Duration::from_secs(20), || {
+                (run.said().matches("frame 0 again").count() >= turn).then_some(())
+            });
+            assert!(begun.is_some(), "turn {turn}: {}", run.said());
+            executive = executive_of(supervisor.pid);
+            traces.push(Traces::of(supervisor.pid));
+        }
+        let ended = bateleur_tests::await_some(Duration::from_secs(20), || {
+            run.said().contains("stopped after 6.0").then_some(())
+        });
+        assert!(ended.is_some(), "{}", run.said());
+        traces.iter().for_each(Traces::expect_gone);
+        let ended = run.end();
+        let faults = of_executive(&ended);
+        assert_eq!(faults.len(), 3, "{faults:?}");
+        assert!(faults.iter().all(|fault| fault.error == "executive_died" && fault.action == "reset"));
+        for partition in ["first", "second"] {
+            let warm = ended.faults().into_iter().filter(|fault| fault.partition == partition).count();
+            assert_eq!(warm, 0, "{partition} has failed by itself: {:?}", ended.faults());
+        }
+    }
+
+    #[test]
+    fn module_on_sealed_channels_goes_on_after_its_executive_was_killed_and_leaves_nothing() {
+        let _turn = alone();
+        let scratch = tempfile::tempdir().unwrap();
+        let schedule = scratch.path().join("sealed.toml");
+        let text = std::fs::read_to_string(flight_schedule()).unwrap();
+        std::fs::write(&schedule, format!("isolation = \"sealed\"\n{text}")).unwrap();
+        let set = ["--set", "command.device=/dev/nowhere", "--record", "--until", "9"];
+        let mut run = started(schedule.to_str().unwrap(), &set);
+        run.await_words("9 partitions are ready");
+        let mut traces = Vec::new();
+        for (number, signal) in [Signal::KILL, Signal::STOP].into_iter().enumerate() {
+            std::thread::sleep(Duration::from_millis(1_200));
+            let executive = executive_of(run.pid());
+            traces.push(Traces::of(executive.pid));
+            executive.signal(signal);
+            await_frames(&mut run, number + 1);
+        }
+        let ended = run.end_within(Duration::from_secs(60)).expect_code(0);
+        traces.iter().for_each(Traces::expect_gone);
+        assert_eq!(of_executive(&ended).len(), 2, "{:?}", ended.faults());
+        let last = ended.windows().into_iter().filter(|window| window.planned_start_ns > 8_000_000_000);
+        let (closed, all) = last.fold((0, 0), |(closed, all), window| {
+            (closed + usize::from(window.closed_ns.is_some()), all + 1)
+        });
+        assert!(
+            all > 300 && closed * 10 > all * 9,
+            "{closed} of {all} windows of the last second were closed: {}",
+            ended.stderr
+        );
+    }
 }

@@ -231,18 +231,6 @@ fn campaign(module: &Started, faults: u64, seed: u64, isolation: &str) -> Vec<Pr
     provoked
 }
 
-#[test]
-fn faults_of_all_kinds_at_random_instants_harm_nobody_else_and_leave_nothing() {
-    let _turn = alone();
-    faults_leave_nothing(SHARED_CHANNELS);
-}
-
-#[test]
-fn faults_of_all_kinds_on_sealed_channels_harm_nobody_else_wild_writes_over_them_included() {
-    let _turn = alone();
-    faults_leave_nothing("checked");
-}
-
 fn faults_leave_nothing(isolation: &str) {
     let (faults, seed) = (variable("BATELEUR_CAMPAIGN_FAULTS", 30), variable("BATELEUR_CAMPAIGN_SEED", 1));
     let folder = tempfile::tempdir().unwrap();
@@ -426,4 +414,21 @@ fn assert_messages_explained(ended: &Ended, provoked: &[Provoked], harmful: &[&s
     eprintln!("{messages} messages in {} channels, log {:?}", last.len(), ending.unwrap());
     assert!(messages > 1000, "the log holds {messages} messages");
     assert!(unexplained.is_empty(), "lost messages of channels that nobody provoked: {unexplained:#?}");
+}
+
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn faults_of_all_kinds_at_random_instants_harm_nobody_else_and_leave_nothing() {
+        let _turn = alone();
+        faults_leave_nothing(SHARED_CHANNELS);
+    }
+
+    #[test]
+    fn faults_of_all_kinds_on_sealed_channels_harm_nobody_else_wild_writes_over_them_included() {
+        let _turn = alone();
+        faults_leave_nothing("checked");
+    }
 }

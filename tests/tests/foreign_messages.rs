@@ -92,6 +92,89 @@ fn foreign_type_is_echoed_by_the_names_of_its_fields_and_recorded_from_outside()
     assert!(log.counts["/radar/track"] > 0, "{:?}", log.counts);
 }
 
+/// A table for the CAN bus in which the fields of a track lie in frames of classic length.
+const TRACK_TABLE: &str = r#"
+[port.track]
+message = "acme/Track"
+stamp = "measured_ns"
+
+[port.track.fields]
+mode = { constant = 7 }
+sweeps = { frame = "201", start = 0, bits = 32 }
+"echoes[0].range" = { frame = "201", start = 32, bits = 32, float = true }
+"echoes[0].closing" = { frame = "202", start = 0, bits = 16, signed = true }
+"echoes[1].range" = { frame = "202", start = 16, bits = 16, scale = 0.01 }
+"echoes[1].closing" = { frame = "202", start = 32, bits = 16, signed = true }
+"#;
+
+/// A radar whose tracks go over CAN gateways to another partition's screen, by the table.
+fn over_can(folder: &Path, table: &str) -> String {
+    schedule(folder);
+    fs::write(folder.join("track.toml"), table).unwrap();
+    let sockets = [(); 2].map(|()| std::net::UdpSocket::bind("127.0.0.1:0").unwrap());
+    let [first, second] = sockets.map(|socket| socket.local_addr().unwrap());
+    let table = folder.join("track.toml");
+    let keys = |listen, peer, direction: &str| {
+        format!(
+            "network = true\nrestart = {{ start = \"warm\", budget = 0, within = \"10s\", then = \"idle\" }}\nretained = \"16KiB\"\n\
+             attributes = {{ table = \"{}\", listen = \"{listen}\", peers = [\"{peer}\"] }}\nport.track = {{ {direction}, kind = \"sampling\", message = \"acme/Track\" }}\n\
+             port.rate = {{ direction = \"destination\", kind = \"sampling\", message = \"Rate\", refresh = \"40ms\" }}\n\
+             port.status = {{ direction = \"source\", kind = \"sampling\", message = \"FunctionStatus\" }}\n\
+             port.ground = {{ direction = \"destination\", kind = \"queuing\", message = \"GroundMessage\", depth = 8 }}\n\
+             port.telemetry = {{ direction = \"source\", kind = \"queuing\", message = \"TelemetryMessage\" }}",
+            table.display()
+        )
+    };
+    let track = "[partition.radar.port]\ntrack = { direction = \"source\", kind = \"sampling\", message = \"acme/Track\" }";
+    let seen = "[partition.screen.port]\nseen = { direction = \"destination\", kind = \"sampling\", message = \"acme/Track\", refresh = \"1s\" }";
+    let channels =
+        channel_between("radar.track", "sends.track") + &channel_between("hears.track", "screen.seen");
+    Sketch::new()
+        .table(&channels)
+        .partition("radar", "radar", 1000, track)
+        .partition(
+            "sends",
+            "can_interface",
+            3000,
+            &keys(first, second, "direction = \"destination\", refresh = \"1s\""),
+        )
+        .partition("hears", "can_interface", 3000, &keys(second, first, "direction = \"source\""))
+        .partition("screen", "radar", 1000, seen)
+        .write(folder)
+}
+
+#[test]
+fn foreign_type_crosses_a_can_bus_by_the_names_of_its_fields() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let schedule = over_can(folder.path(), TRACK_TABLE);
+    let ended = bateleur(&["run", "--fast", "--schedule", &schedule, "--until", "4", "--record"]).end();
+    let ended = ended.expect_code(0).expect_words(&["screen: saw something at 2.5 m"]);
+    let log = read(ended.folder().join("ports.mcap"), |_| true).unwrap();
+    let track = log.track("/hears/track", "acme/Track").expect("it is in the log");
+    assert!(track.samples.len() > 50, "{}", track.samples.len());
+}
+
+#[test]
+fn table_and_plan_that_say_different_things_of_a_foreign_port_are_refused_with_the_mend() {
+    for (from, to, words) in [
+        (
+            "[port.track",
+            "[port.tracks",
+            "there is no port \"tracks\": give the partition a sampling port of that name",
+        ),
+        ("acme/Track", "Custom", "Custom has no field mode"),
+        ("acme/Track", "acme/Trick", "there is no message acme/Trick; did you mean acme/Track?"),
+        ("sweeps = ", "sweps = ", "did you mean sweeps?"),
+    ] {
+        let _turn = among_others();
+        let folder = tempfile::tempdir().unwrap();
+        let schedule = over_can(folder.path(), &TRACK_TABLE.replace(from, to));
+        let ended = bateleur(&["run", "--fast", "--schedule", &schedule, "--until", "1"]).end();
+        assert!(ended.stderr.contains(words), "{to}: {}", ended.stderr);
+    }
+}
+
 #[test]
 fn partition_that_was_built_with_other_fields_is_refused_with_both_layouts() {
     for (from, to, difference) in [

@@ -82,53 +82,6 @@ fn heard(listening: &std::os::unix::net::UnixDatagram) -> Vec<String> {
     .collect()
 }
 
-#[test]
-fn a_fault_on_the_wall_clock_is_in_the_machines_journal_with_fields_of_its_own_and_a_trial_is_not() {
-    if !rustix::process::geteuid().is_root() {
-        eprintln!("skipped: a socket in the journal's place needs root");
-        return;
-    }
-    let _turn = alone();
-    let scratch = tempfile::tempdir().unwrap();
-    let (schedule, socket) = (two_partitions(scratch.path()), scratch.path().join("socket"));
-    let listening = std::os::unix::net::UnixDatagram::bind(&socket).unwrap();
-    listening.set_nonblocking(true).unwrap();
-    // In a mount namespace of its own: whatever journal this machine has hears nothing.
-    let script = "mount --make-rprivate / && mount -t tmpfs run /run && mkdir -p /run/systemd/journal && touch /run/systemd/journal/socket \
-        && mount --bind \"$1\" /run/systemd/journal/socket && exec \"$0\" run --schedule \"$2\" --output \"$3\" --until 3 --kill first@0.5 $4";
-    let fly = |clock: &str| {
-        let mut run = Command::new("unshare");
-        run.args(["--mount", "--", "sh", "-c", script]).arg(bateleur_tests::program("bateleur"));
-        run.arg(&socket).arg(&schedule).arg(scratch.path().join(format!("out{clock}"))).arg(clock);
-        let ended = run.output().unwrap();
-        assert!(
-            ended.status.code().is_some_and(|code| code < 2),
-            "{}",
-            String::from_utf8_lossy(&ended.stderr)
-        );
-        heard(&listening)
-    };
-    let entries = fly("");
-    let of = |words: &str| entries.iter().filter(|entry| entry.contains(words)).collect::<Vec<_>>();
-    let faults = of("\nBATELEUR_ERROR=killed\n");
-    assert_eq!(faults.len(), 1, "{entries:#?}");
-    for field in [
-        "MESSAGE=first: killed -> cold_restart (ended by SIGKILL)",
-        "PRIORITY=3",
-        "SYSLOG_IDENTIFIER=bateleur",
-        "BATELEUR_MODULE=test",
-        "BATELEUR_PARTITION=first",
-        "BATELEUR_LEVEL=partition",
-        "BATELEUR_ACTION=cold_restart",
-        "BATELEUR_GENERATION=0",
-    ] {
-        assert!(faults[0].lines().any(|line| line == field), "{field} is not in\n{}", faults[0]);
-    }
-    assert_eq!(of("\nBATELEUR_ERROR=recovered\n").len(), 1, "{entries:#?}");
-    assert_eq!(of("\nBATELEUR_ERROR=module_start\n").len(), 1, "{entries:#?}");
-    assert_eq!(fly("--fast"), Vec::<String>::new(), "on the virtual clock");
-}
-
 /// A small file system of its own, which is gone when this is dropped.
 struct Disk(std::path::PathBuf);
 
@@ -192,59 +145,112 @@ fn partition_whose_log_is_on_a_full_disk_is_not_blocked_and_that_is_said_once() 
     assert!(said.contains("loud: back after"), "{said}");
 }
 
-#[test]
-fn recorder_that_a_full_disk_ends_is_followed_by_another_when_there_is_room_again() {
-    let _turn = alone();
-    let scratch = tempfile::tempdir().unwrap();
-    let port = "[partition.first.port]\n\
-        count = { direction = \"source\", kind = \"sampling\", message = \"FunctionStatus\" }";
-    let ear = "[partition.second.port]\n\
-        heard = { direction = \"destination\", kind = \"sampling\", message = \"FunctionStatus\", refresh = \"60ms\" }";
-    let schedule = Sketch::new()
-        .table("[[channel]]\nsource = \"first.count\"\ndestinations = [\"second.heard\"]")
-        .partition("first", "counter", 2000, port)
-        .partition("second", "counter", 2000, ear)
-        .write(scratch.path());
-    let Some(disk) = small_disk(scratch.path(), "16m") else { return };
-    let output = disk.0.join("out");
-    let run = ["run", "--schedule", &schedule, "--record", "--output", output.to_str().unwrap()];
-    let mut run = bateleur(&run);
-    run.await_words("2 partitions are ready");
-    let filler = disk.0.join("filler");
-    let full = std::fs::write(&filler, vec![0; 17 << 20]);
-    assert_eq!(full.unwrap_err().kind(), std::io::ErrorKind::StorageFull);
-    run.await_words("ports.mcap ends: the disk is full; messages are missing until there is room again");
-    std::fs::remove_file(&filler).unwrap();
-    let next = output.join("ports.part-1.mcap");
-    let grows =
-        await_some(PATIENCE, || next.metadata().is_ok_and(|about| about.len() > 10_000).then_some(()));
-    assert!(grows.is_some(), "{}", run.said());
-    run.signal(Signal::INT);
-    let ended = run.end();
-    assert_eq!(ended.stderr.matches("ports.mcap ends").count(), 1, "{}", ended.stderr);
-    assert_eq!(ended.stderr.matches("ports.part-1.mcap").count(), 1, "{}", ended.stderr);
-    let both = ["ports.mcap", "ports.part-1.mcap"].map(|name| output.join(name).metadata().unwrap().len());
-    assert!(both.iter().all(|length| *length > 0), "{both:?}");
-}
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
 
-#[test]
-fn recorder_that_hangs_is_followed_by_another_and_holds_up_nobody() {
-    let _turn = alone();
-    let scratch = tempfile::tempdir().unwrap();
-    let schedule = two_partitions(scratch.path());
-    let run = ["run", "--schedule", &schedule, "--record", "--until", "9", "--kill", "first@3"];
-    let mut run = bateleur(&run);
-    run.await_words("2 partitions are ready");
-    let is_recorder = |process: &Process| {
-        std::fs::read(format!("/proc/{}/cmdline", process.pid))
-            .is_ok_and(|line| line.split(|byte| *byte == 0).nth(1) == Some(b"recorder"))
-    };
-    let recorder = children_of(run.pid()).into_iter().find(is_recorder).expect("a recorder");
-    recorder.signal(Signal::STOP);
-    let ended = run.end().expect_code(0);
-    // Whoever waited for it would do so for five seconds.
-    let killed = ended.faults().into_iter().find(|fault| fault.error == "killed").expect("the kill");
-    assert!(killed.time_ns < 5_000_000_000, "{killed:?}");
-    let ended = ended.expect_words(&["ports.mcap ends: ", "another one goes on in ports.part-1.mcap"]);
-    assert!(ended.folder().join("ports.part-1.mcap").exists());
+    #[test]
+    fn a_fault_on_the_wall_clock_is_in_the_machines_journal_with_fields_of_its_own_and_a_trial_is_not() {
+        if !rustix::process::geteuid().is_root() {
+            eprintln!("skipped: a socket in the journal's place needs root");
+            return;
+        }
+        let _turn = alone();
+        let scratch = tempfile::tempdir().unwrap();
+        let (schedule, socket) = (two_partitions(scratch.path()), scratch.path().join("socket"));
+        let listening = std::os::unix::net::UnixDatagram::bind(&socket).unwrap();
+        listening.set_nonblocking(true).unwrap();
+        // In a mount namespace of its own: whatever journal this machine has hears nothing.
+        let script = "mount --make-rprivate / && mount -t tmpfs run /run && mkdir -p /run/systemd/journal && touch /run/systemd/journal/socket \
+        && mount --bind \"$1\" /run/systemd/journal/socket && exec \"$0\" run --schedule \"$2\" --output \"$3\" --until 3 --kill first@0.5 $4";
+        let fly = |clock: &str| {
+            let mut run = Command::new("unshare");
+            run.args(["--mount", "--", "sh", "-c", script]).arg(bateleur_tests::program("bateleur"));
+            run.arg(&socket).arg(&schedule).arg(scratch.path().join(format!("out{clock}"))).arg(clock);
+            let ended = run.output().unwrap();
+            assert!(
+                ended.status.code().is_some_and(|code| code < 2),
+                "{}",
+                String::from_utf8_lossy(&ended.stderr)
+            );
+            heard(&listening)
+        };
+        let entries = fly("");
+        let of = |words: &str| entries.iter().filter(|entry| entry.contains(words)).collect::<Vec<_>>();
+        let faults = of("\nBATELEUR_ERROR=killed\n");
+        assert_eq!(faults.len(), 1, "{entries:#?}");
+        for field in [
+            "MESSAGE=first: killed -> cold_restart (ended by SIGKILL)",
+            "PRIORITY=3",
+            "SYSLOG_IDENTIFIER=bateleur",
+            "BATELEUR_MODULE=test",
+            "BATELEUR_PARTITION=first",
+            "BATELEUR_LEVEL=partition",
+            "BATELEUR_ACTION=cold_restart",
+            "BATELEUR_GENERATION=0",
+        ] {
+            assert!(faults[0].lines().any(|line| line == field), "{field} is not in\n{}", faults[0]);
+        }
+        assert_eq!(of("\nBATELEUR_ERROR=recovered\n").len(), 1, "{entries:#?}");
+        assert_eq!(of("\nBATELEUR_ERROR=module_start\n").len(), 1, "{entries:#?}");
+        assert_eq!(fly("--fast"), Vec::<String>::new(), "on the virtual clock");
+    }
+
+    #[test]
+    fn recorder_that_a_full_disk_ends_is_followed_by_another_when_there_is_room_again() {
+        let _turn = alone();
+        let scratch = tempfile::tempdir().unwrap();
+        let port = "[partition.first.port]\n\
+        count = { direction = \"source\", kind = \"sampling\", message = \"FunctionStatus\" }";
+        let ear = "[partition.second.port]\n\
+        heard = { direction = \"destination\", kind = \"sampling\", message = \"FunctionStatus\", refresh = \"60ms\" }";
+        let schedule = Sketch::new()
+            .table("[[channel]]\nsource = \"first.count\"\ndestinations = [\"second.heard\"]")
+            .partition("first", "counter", 2000, port)
+            .partition("second", "counter", 2000, ear)
+            .write(scratch.path());
+        let Some(disk) = small_disk(scratch.path(), "16m") else { return };
+        let output = disk.0.join("out");
+        let run = ["run", "--schedule", &schedule, "--record", "--output", output.to_str().unwrap()];
+        let mut run = bateleur(&run);
+        run.await_words("2 partitions are ready");
+        let filler = disk.0.join("filler");
+        let full = std::fs::write(&filler, vec![0; 17 << 20]);
+        assert_eq!(full.unwrap_err().kind(), std::io::ErrorKind::StorageFull);
+        run.await_words("ports.mcap ends: the disk is full; messages are missing until there is room again");
+        std::fs::remove_file(&filler).unwrap();
+        let next = output.join("ports.part-1.mcap");
+        let grows =
+            await_some(PATIENCE, || next.metadata().is_ok_and(|about| about.len() > 10_000).then_some(()));
+        assert!(grows.is_some(), "{}", run.said());
+        run.signal(Signal::INT);
+        let ended = run.end();
+        assert_eq!(ended.stderr.matches("ports.mcap ends").count(), 1, "{}", ended.stderr);
+        assert_eq!(ended.stderr.matches("ports.part-1.mcap").count(), 1, "{}", ended.stderr);
+        let both =
+            ["ports.mcap", "ports.part-1.mcap"].map(|name| output.join(name).metadata().unwrap().len());
+        assert!(both.iter().all(|length| *length > 0), "{both:?}");
+    }
+
+    #[test]
+    fn recorder_that_hangs_is_followed_by_another_and_holds_up_nobody() {
+        let _turn = alone();
+        let scratch = tempfile::tempdir().unwrap();
+        let schedule = two_partitions(scratch.path());
+        let run = ["run", "--schedule", &schedule, "--record", "--until", "9", "--kill", "first@3"];
+        let mut run = bateleur(&run);
+        run.await_words("2 partitions are ready");
+        let is_recorder = |process: &Process| {
+            std::fs::read(format!("/proc/{}/cmdline", process.pid))
+                .is_ok_and(|line| line.split(|byte| *byte == 0).nth(1) == Some(b"recorder"))
+        };
+        let recorder = children_of(run.pid()).into_iter().find(is_recorder).expect("a recorder");
+        recorder.signal(Signal::STOP);
+        let ended = run.end().expect_code(0);
+        // Whoever waited for it would do so for five seconds.
+        let killed = ended.faults().into_iter().find(|fault| fault.error == "killed").expect("the kill");
+        assert!(killed.time_ns < 5_000_000_000, "{killed:?}");
+        let ended = ended.expect_words(&["ports.mcap ends: ", "another one goes on in ports.part-1.mcap"]);
+        assert!(ended.folder().join("ports.part-1.mcap").exists());
+    }
 }

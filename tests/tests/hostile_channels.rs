@@ -126,26 +126,6 @@ fn one_that_closes_its_channels_again_and_again_runs_out_of_its_budget_and_nobod
 }
 
 #[test]
-fn one_that_closes_its_channels_on_the_wall_clock_delays_nobody_elses_return() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let schedule = schedule(folder.path(), "how = \"closed\", after = 20");
-    let kills =
-        ["--kill", "writer@0.3", "--kill", "writer@0.7", "--kill", "writer@1.1", "--kill", "writer@1.6"];
-    for who in Who::all() {
-        let ended = who
-            .run(&[&["run", "--until", "3", "--schedule", &schedule], &kills[..]].concat())
-            .end()
-            .expect_code(0);
-        assert_nobody_else_is_hurt(&ended, 4, &format!("{who:?}"));
-        let back = ended.faults().into_iter().filter(|fault| fault.partition == "writer");
-        let times: Vec<u64> = back.filter_map(|fault| Some(fault.recovered_ns? - fault.time_ns)).collect();
-        // Three seconds are what a channel cleaner that hangs is given.
-        assert!(times.iter().all(|time| *time < 2_000_000_000), "{who:?}: {times:?}");
-    }
-}
-
-#[test]
 fn folders_within_each_other_are_removed_at_the_end() {
     let _turn = among_others();
     for who in Who::all() {
@@ -155,34 +135,6 @@ fn folders_within_each_other_are_removed_at_the_end() {
             assert_nobody_else_is_hurt(&ended.expect_code(0), 2, &about);
             assert_eq!(left, Vec::<String>::new(), "{about}");
         }
-    }
-}
-
-#[test]
-fn folders_within_each_other_are_removed_by_the_guard_and_by_the_next_start() {
-    let _turn = alone();
-    for (who, with_guard) in Who::all().flat_map(|who| [(who, false), (who, true)]) {
-        let folder = tempfile::tempdir().unwrap();
-        let nested = schedule(folder.path(), "how = \"nested\", end = \"stay\"");
-        let mut module = who.run(&["run", "--until", "100", "--schedule", &nested]);
-        module.await_words("it has littered");
-        let (pid, traces) = (module.pid(), Traces::of(module.pid()));
-        if with_guard {
-            process_named(pid, "guard").signal(Signal::KILL);
-        }
-        module.signal(Signal::KILL);
-        drop(module);
-        if with_guard {
-            let gone = await_some(Duration::from_secs(10), || {
-                traces.processes().iter().all(|process| !process.is_alive()).then_some(())
-            });
-            assert!(gone.is_some(), "{:?}", traces.left());
-            assert_ne!(left_of(pid), Vec::<String>::new(), "without the guard something is left");
-            let sound = tempfile::tempdir().unwrap();
-            let next = schedule(sound.path(), "lives = 0");
-            who.run(&["run", "--fast", "--until", "0.2", "--schedule", &next]).end().expect_code(0);
-        }
-        traces.expect_gone();
     }
 }
 
@@ -225,30 +177,6 @@ fn whatever_a_partition_makes_of_its_channels_nobody_else_is_hurt_and_nothing_is
     }
 }
 
-#[test]
-fn module_that_is_ended_while_channels_are_made_anew_leaves_nothing() {
-    let _turn = alone();
-    let rounds: u64 = std::env::var("BATELEUR_ROUNDS").map_or(12, |text| text.parse().unwrap());
-    for who in Who::all() {
-        for seed in 1..=rounds {
-            let folder = tempfile::tempdir().unwrap();
-            let how = if seed % 2 == 0 { "closed" } else { "random" };
-            let schedule = schedule(folder.path(), &format!("how = \"{how}\", after = 3, seed = {seed}"));
-            let mut module = who.run(&["run", "--until", "20", "--schedule", &schedule]);
-            module.await_words("it has littered");
-            // From before its end is seen to after its successor is there.
-            std::thread::sleep(Duration::from_micros(seed * 7919 % 90_000));
-            let traces = Traces::of(module.pid());
-            module.signal(if seed % 3 == 0 { Signal::KILL } else { Signal::TERM });
-            drop_or_end(module, seed % 3 == 0);
-            traces.expect_gone();
-            // What a process that was late would make anew.
-            std::thread::sleep(Duration::from_millis(300));
-            assert_eq!(traces.left(), Vec::<String>::new(), "{who:?}, seed {seed}");
-        }
-    }
-}
-
 fn drop_or_end(module: Started, killed: bool) {
     if !killed {
         module.end().expect_code(0);
@@ -271,23 +199,103 @@ fn guard_that_was_stopped_does_not_stay_behind() {
     }
 }
 
-#[test]
-fn channel_holder_that_is_killed_is_followed_and_a_channel_that_can_not_be_held_costs_no_other_one() {
-    let _turn = alone();
-    for who in Who::all() {
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn one_that_closes_its_channels_on_the_wall_clock_delays_nobody_elses_return() {
+        let _turn = alone();
         let folder = tempfile::tempdir().unwrap();
-        let schedule = schedule(folder.path(), "how = \"random\", seed = 5, end = \"stay\"");
-        let kills = ["--kill", "writer@2", "--kill", "reader@2.5", "--kill", "writer@3"];
-        let mut module = who.run(&[&["run", "--until", "4", "--schedule", &schedule], &kills[..]].concat());
-        module.await_words("it has littered");
-        process_named(module.pid(), "channel-holder").signal(Signal::KILL);
-        let ended = module.end().expect_code(0);
-        let faults: Vec<_> = ended.faults().into_iter().filter(|fault| fault.action != "ignore").collect();
-        let of = |name: &str| faults.iter().filter(|fault| fault.partition == name).collect::<Vec<_>>();
-        for (name, kills) in [("writer", 2), ("reader", 1)] {
-            let own = of(name);
-            assert_eq!(own.len(), kills, "{who:?}: {name}: {own:?}\n{}", ended.stderr);
-            assert!(own.iter().all(|fault| fault.recovered_ns.is_some()), "{who:?}: {own:?}");
+        let schedule = schedule(folder.path(), "how = \"closed\", after = 20");
+        let kills =
+            ["--kill", "writer@0.3", "--kill", "writer@0.7", "--kill", "writer@1.1", "--kill", "writer@1.6"];
+        for who in Who::all() {
+            let ended = who
+                .run(&[&["run", "--until", "3", "--schedule", &schedule], &kills[..]].concat())
+                .end()
+                .expect_code(0);
+            assert_nobody_else_is_hurt(&ended, 4, &format!("{who:?}"));
+            let back = ended.faults().into_iter().filter(|fault| fault.partition == "writer");
+            let times: Vec<u64> =
+                back.filter_map(|fault| Some(fault.recovered_ns? - fault.time_ns)).collect();
+            // Three seconds are what a channel cleaner that hangs is given.
+            assert!(times.iter().all(|time| *time < 2_000_000_000), "{who:?}: {times:?}");
+        }
+    }
+
+    #[test]
+    fn folders_within_each_other_are_removed_by_the_guard_and_by_the_next_start() {
+        let _turn = alone();
+        for (who, with_guard) in Who::all().flat_map(|who| [(who, false), (who, true)]) {
+            let folder = tempfile::tempdir().unwrap();
+            let nested = schedule(folder.path(), "how = \"nested\", end = \"stay\"");
+            let mut module = who.run(&["run", "--until", "100", "--schedule", &nested]);
+            module.await_words("it has littered");
+            let (pid, traces) = (module.pid(), Traces::of(module.pid()));
+            if with_guard {
+                process_named(pid, "guard").signal(Signal::KILL);
+            }
+            module.signal(Signal::KILL);
+            drop(module);
+            if with_guard {
+                let gone = await_some(Duration::from_secs(10), || {
+                    traces.processes().iter().all(|process| !process.is_alive()).then_some(())
+                });
+                assert!(gone.is_some(), "{:?}", traces.left());
+                assert_ne!(left_of(pid), Vec::<String>::new(), "without the guard something is left");
+                let sound = tempfile::tempdir().unwrap();
+                let next = schedule(sound.path(), "lives = 0");
+                who.run(&["run", "--fast", "--until", "0.2", "--schedule", &next]).end().expect_code(0);
+            }
+            traces.expect_gone();
+        }
+    }
+
+    #[test]
+    fn module_that_is_ended_while_channels_are_made_anew_leaves_nothing() {
+        let _turn = alone();
+        let rounds: u64 = std::env::var("BATELEUR_ROUNDS").map_or(12, |text| text.parse().unwrap());
+        for who in Who::all() {
+            for seed in 1..=rounds {
+                let folder = tempfile::tempdir().unwrap();
+                let how = if seed % 2 == 0 { "closed" } else { "random" };
+                let schedule = schedule(folder.path(), &format!("how = \"{how}\", after = 3, seed = {seed}"));
+                let mut module = who.run(&["run", "--until", "20", "--schedule", &schedule]);
+                module.await_words("it has littered");
+                // From before its end is seen to after its successor is there.
+                std::thread::sleep(Duration::from_micros(seed * 7919 % 90_000));
+                let traces = Traces::of(module.pid());
+                module.signal(if seed % 3 == 0 { Signal::KILL } else { Signal::TERM });
+                drop_or_end(module, seed % 3 == 0);
+                traces.expect_gone();
+                // What a process that was late would make anew.
+                std::thread::sleep(Duration::from_millis(300));
+                assert_eq!(traces.left(), Vec::<String>::new(), "{who:?}, seed {seed}");
+            }
+        }
+    }
+
+    #[test]
+    fn channel_holder_that_is_killed_is_followed_and_a_channel_that_can_not_be_held_costs_no_other_one() {
+        let _turn = alone();
+        for who in Who::all() {
+            let folder = tempfile::tempdir().unwrap();
+            let schedule = schedule(folder.path(), "how = \"random\", seed = 5, end = \"stay\"");
+            let kills = ["--kill", "writer@2", "--kill", "reader@2.5", "--kill", "writer@3"];
+            let mut module =
+                who.run(&[&["run", "--until", "4", "--schedule", &schedule], &kills[..]].concat());
+            module.await_words("it has littered");
+            process_named(module.pid(), "channel-holder").signal(Signal::KILL);
+            let ended = module.end().expect_code(0);
+            let faults: Vec<_> =
+                ended.faults().into_iter().filter(|fault| fault.action != "ignore").collect();
+            let of = |name: &str| faults.iter().filter(|fault| fault.partition == name).collect::<Vec<_>>();
+            for (name, kills) in [("writer", 2), ("reader", 1)] {
+                let own = of(name);
+                assert_eq!(own.len(), kills, "{who:?}: {name}: {own:?}\n{}", ended.stderr);
+                assert!(own.iter().all(|fault| fault.recovered_ns.is_some()), "{who:?}: {own:?}");
+            }
         }
     }
 }

@@ -285,88 +285,6 @@ fn in_namespaces(choices: &[&str]) -> bateleur_tests::Started {
     bateleur(&arguments)
 }
 
-#[test]
-fn hosts_in_namespaces_fly_in_real_time_and_leave_nothing_when_they_are_stopped() {
-    let _turn = alone();
-    if !is_root() {
-        let ended = in_namespaces(&[]).end();
-        ended.expect_code(2).expect_words(&["root", "--fast"]);
-        return;
-    }
-    let before = bridges_here();
-    let mut flight = in_namespaces(&[]);
-    flight.await_words("waiting for the estimator");
-    // The estimate comes over the networks.
-    flight.await_words("climbing");
-    flight.signal(Signal::INT);
-    let ended = flight.end();
-    assert!(ended.stderr.contains("link nav: up"), "{}", ended.stderr);
-    assert_eq!(bridges_here(), before);
-    let links = bateleur(&["links", ended.folder().to_str().unwrap(), "--format", "json"]).end().summary();
-    for module in ["fcu", "nav"] {
-        let (_, link) = link_at(&links, module);
-        assert_nothing_refused(&link);
-        assert!(number(&link["messages"]["received"]) > 100, "{link}");
-        assert!((0..2).all(|network| number(&link["networks"][network]["received"]) > 100), "{link}");
-    }
-}
-
-#[test]
-fn cut_networks_and_a_dead_host_are_back_in_real_time_without_a_restart_of_the_module() {
-    let _turn = alone();
-    if !is_root() {
-        return;
-    }
-    let faults = ["--cut", "a@4-5", "--cut", "b@4-5", "--kill-host", "nav@9-10"];
-    let mut flight = in_namespaces(&faults);
-    let await_ups = |flight: &bateleur_tests::Started, count: usize| {
-        let seen = bateleur_tests::await_some(Duration::from_secs(60), || {
-            (flight.said().matches("link nav: up").count() >= count).then_some(())
-        });
-        assert!(seen.is_some(), "{count} times up: {}", flight.said());
-    };
-    flight.await_words("network b is there again");
-    // At both ends, at the start and after the cut.
-    await_ups(&flight, 4);
-    flight.await_words("host nav is started again");
-    await_ups(&flight, 6);
-    std::thread::sleep(Duration::from_secs(2)); // for what is counted below
-    flight.signal(Signal::INT);
-    let ended = flight.end();
-    assert!(!ended.stderr.contains("frame 0 again"), "{}", ended.stderr);
-    let links = bateleur(&["links", ended.folder().to_str().unwrap(), "--format", "json"]).end().summary();
-    for module in ["fcu", "nav.2"] {
-        let (_, link) = link_at(&links, module);
-        assert_eq!(link["state"], "up", "{module}: {link}");
-        for network in 0..2 {
-            assert_eq!(link["networks"][network]["unsent"], 0, "{module}: {link}");
-            assert_eq!(link["networks"][network]["up"], true, "{module}: {link}");
-        }
-    }
-}
-
-#[test]
-fn hosts_in_namespaces_end_when_the_program_that_made_them_is_killed() {
-    let _turn = alone();
-    if !is_root() {
-        return;
-    }
-    let mut flight = in_namespaces(&[]);
-    flight.await_words("waiting for the estimator");
-    let group = flight.pid();
-    let all = started_by(group);
-    assert!(all.len() >= 3, "the simulator and two executives: {all:?}");
-    flight.signal(Signal::KILL);
-    let gone = bateleur_tests::await_some(Duration::from_secs(20), || {
-        all.iter().all(|pid| !is_alive(*pid)).then_some(())
-    });
-    assert!(
-        gone.is_some(),
-        "still there: {:?}",
-        all.iter().filter(|pid| is_alive(**pid)).collect::<Vec<_>>()
-    );
-}
-
 fn started_by(parent: i32) -> Vec<i32> {
     let entries = std::fs::read_dir("/proc").unwrap().flatten();
     let pids = entries.filter_map(|entry| entry.file_name().to_str()?.parse::<i32>().ok());
@@ -478,4 +396,93 @@ fn module_without_its_key_does_not_start_and_is_told_how_to_get_one() {
     std::fs::set_permissions(&key, std::os::unix::fs::PermissionsExt::from_mode(0o644)).unwrap();
     run().end().expect_code(2).expect_words(&["mode 0644", "chmod 600"]);
     assert!(!String::from_utf8_lossy(&std::fs::read(&key).unwrap()).is_empty());
+}
+
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn hosts_in_namespaces_fly_in_real_time_and_leave_nothing_when_they_are_stopped() {
+        let _turn = alone();
+        if !is_root() {
+            let ended = in_namespaces(&[]).end();
+            ended.expect_code(2).expect_words(&["root", "--fast"]);
+            return;
+        }
+        let before = bridges_here();
+        let mut flight = in_namespaces(&[]);
+        flight.await_words("waiting for the estimator");
+        // The estimate comes over the networks.
+        flight.await_words("climbing");
+        flight.signal(Signal::INT);
+        let ended = flight.end();
+        assert!(ended.stderr.contains("link nav: up"), "{}", ended.stderr);
+        assert_eq!(bridges_here(), before);
+        let links =
+            bateleur(&["links", ended.folder().to_str().unwrap(), "--format", "json"]).end().summary();
+        for module in ["fcu", "nav"] {
+            let (_, link) = link_at(&links, module);
+            assert_nothing_refused(&link);
+            assert!(number(&link["messages"]["received"]) > 100, "{link}");
+            assert!((0..2).all(|network| number(&link["networks"][network]["received"]) > 100), "{link}");
+        }
+    }
+
+    #[test]
+    fn cut_networks_and_a_dead_host_are_back_in_real_time_without_a_restart_of_the_module() {
+        let _turn = alone();
+        if !is_root() {
+            return;
+        }
+        let faults = ["--cut", "a@4-5", "--cut", "b@4-5", "--kill-host", "nav@9-10"];
+        let mut flight = in_namespaces(&faults);
+        let await_ups = |flight: &bateleur_tests::Started, count: usize| {
+            let seen = bateleur_tests::await_some(Duration::from_secs(60), || {
+                (flight.said().matches("link nav: up").count() >= count).then_some(())
+            });
+            assert!(seen.is_some(), "{count} times up: {}", flight.said());
+        };
+        flight.await_words("network b is there again");
+        // At both ends, at the start and after the cut.
+        await_ups(&flight, 4);
+        flight.await_words("host nav is started again");
+        await_ups(&flight, 6);
+        std::thread::sleep(Duration::from_secs(2)); // for what is counted below
+        flight.signal(Signal::INT);
+        let ended = flight.end();
+        assert!(!ended.stderr.contains("frame 0 again"), "{}", ended.stderr);
+        let links =
+            bateleur(&["links", ended.folder().to_str().unwrap(), "--format", "json"]).end().summary();
+        for module in ["fcu", "nav.2"] {
+            let (_, link) = link_at(&links, module);
+            assert_eq!(link["state"], "up", "{module}: {link}");
+            for network in 0..2 {
+                assert_eq!(link["networks"][network]["unsent"], 0, "{module}: {link}");
+                assert_eq!(link["networks"][network]["up"], true, "{module}: {link}");
+            }
+        }
+    }
+
+    #[test]
+    fn hosts_in_namespaces_end_when_the_program_that_made_them_is_killed() {
+        let _turn = alone();
+        if !is_root() {
+            return;
+        }
+        let mut flight = in_namespaces(&[]);
+        flight.await_words("waiting for the estimator");
+        let group = flight.pid();
+        let all = started_by(group);
+        assert!(all.len() >= 3, "the simulator and two executives: {all:?}");
+        flight.signal(Signal::KILL);
+        let gone = bateleur_tests::await_some(Duration::from_secs(20), || {
+            all.iter().all(|pid| !is_alive(*pid)).then_some(())
+        });
+        assert!(
+            gone.is_some(),
+            "still there: {:?}",
+            all.iter().filter(|pid| is_alive(**pid)).collect::<Vec<_>>()
+        );
+    }
 }

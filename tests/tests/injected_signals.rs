@@ -87,12 +87,6 @@ fn each_signal_does_to_a_partition_without_the_library_what_the_table_says() {
 }
 
 #[test]
-fn each_signal_does_to_a_partition_on_the_wall_clock_what_the_table_says() {
-    let _turn = alone();
-    assert_each_does_what_the_table_says("counter", "", &[]);
-}
-
-#[test]
 fn signal_that_a_partition_handles_is_given_to_its_handler_and_that_is_said() {
     let _turn = among_others();
     let ended = run("hostile", "attributes = { attempt = \"handle\" }", &["--fast"], &["sigusr1"]);
@@ -109,4 +103,15 @@ fn fault_that_a_partition_does_not_carry_out_is_said_to_have_come_to_nothing() {
     ended.expect_words(&["victim: fault panic has come to nothing"]);
     let ended = run("counter", "", &["--fast"], &["panic", "hang"]);
     assert_eq!(ended.orders(), [""; 0], "both were carried out");
+}
+
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn each_signal_does_to_a_partition_on_the_wall_clock_what_the_table_says() {
+        let _turn = alone();
+        assert_each_does_what_the_table_says("counter", "", &[]);
+    }
 }

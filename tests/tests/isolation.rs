@@ -62,38 +62,6 @@ fn assert_undisturbed(harmed: &Ended, quiet: &Ended) {
 }
 
 #[test]
-fn spinner_on_the_wall_clock_takes_no_window_from_others_is_restarted_and_ends_idle() {
-    let _turn = alone();
-    let quiet = run(&between_counters("counter", ""), &[], 5).expect_code(0);
-    let keys = "restart = { start = \"cold\", budget = 3, within = \"60s\", then = \"idle\" }";
-    let harmed = run(&between_counters("hanger", keys), &[], 5).expect_code(0);
-    assert_undisturbed(&harmed, &quiet);
-    let mut faults = harmed.faults();
-    // The machine may hold the dispatcher itself up: that is nobody's fault in the module.
-    faults.retain(|fault| !["late_dispatcher", "processor_taken"].contains(&fault.error.as_str()));
-    // How many windows of others may be open at their end was judged above: a few are the machine's.
-    let is_judged = |error: &str| error == "window_overrun";
-    assert!(faults.iter().all(|fault| fault.partition == "middle" || is_judged(&fault.error)), "{faults:#?}");
-    let silences: Vec<_> = faults.iter().filter(|fault| fault.error == "silence").collect();
-    let actions: Vec<_> = silences.iter().map(|fault| fault.action.as_str()).collect();
-    assert_eq!(actions, ["cold_restart", "cold_restart", "cold_restart", "idle"], "{faults:#?}");
-    assert!(faults.iter().any(|fault| fault.error == "window_overrun"), "{faults:#?}");
-    let windows = harmed.windows();
-    let overruns = of(&windows, "middle").filter(|window| window.is_overrun()).count();
-    assert!((90..=110).contains(&overruns), "25 for each of 4 incarnations: {overruns}");
-    assert!(of(&windows, "middle").last().unwrap().granted_ns.is_none(), "idle at the end");
-}
-
-#[test]
-fn sleeper_on_the_wall_clock_takes_no_window_from_others_and_is_restarted() {
-    let _turn = alone();
-    let quiet = run(&between_counters("counter", ""), &[], 2).expect_code(0);
-    let harmed = run(&between_counters("hanger", "attributes = { how = \"sleep\" }"), &[], 2).expect_code(0);
-    assert_undisturbed(&harmed, &quiet);
-    assert!(harmed.faults().iter().any(|fault| fault.error == "silence" && fault.partition == "middle"));
-}
-
-#[test]
 fn loop_that_waits_for_module_time_ends_on_the_virtual_clock() {
     let _turn = among_others();
     let run = |busy_us: u32| {
@@ -128,16 +96,6 @@ fn assert_impostor_takes_no_window(keys: &str) {
         fault.partition == "middle" && fault.error == "window_overrun" && fault.detail.contains("computed on")
     };
     assert_eq!(faults.iter().filter(named).count(), 1, "told once, and held from then on: {faults:#?}");
-}
-
-#[test]
-fn partition_that_says_it_is_done_and_computes_on_takes_no_window_from_others_and_is_named() {
-    assert_impostor_takes_no_window("");
-}
-
-#[test]
-fn partition_that_says_it_is_done_and_wakes_in_another_window_takes_none_and_is_named() {
-    assert_impostor_takes_no_window("attributes = { pause_us = 3500 }");
 }
 
 /// Whether this machine lets the executive hold every process of a partition.
@@ -177,33 +135,6 @@ fn share_of_children(keys: &str, least: usize) -> Option<(f64, Ended)> {
     Some((used as f64 * 0.01 / elapsed_s, ended))
 }
 
-#[test]
-fn children_of_a_partition_that_overruns_are_held_between_its_windows() {
-    let _turn = alone();
-    // So many restarts would hide it: silence is put far away.
-    let Some((share, ended)) = share_of_children(
-        "threads = 8\nattributes = { closes = false }\nhealth = { silence = \"ignore\" }",
-        2,
-    ) else {
-        return;
-    };
-    // Its window is 3 ms of 20: 15 % of one processor.
-    assert!(share < 0.3, "children use {share} of a processor");
-    let quiet = run(&between_counters("counter", ""), &[], 2).expect_code(0);
-    assert_undisturbed(&ended, &quiet);
-}
-
-#[test]
-fn children_of_a_partition_that_closes_its_windows_are_held_between_them() {
-    let _turn = alone();
-    let Some((share, ended)) = share_of_children("threads = 8\nattributes = { closes = true }", 4) else {
-        return;
-    };
-    assert!(share < 0.3, "children use {share} of a processor");
-    let quiet = run(&between_counters("counter", ""), &[], 2).expect_code(0);
-    assert_undisturbed(&ended, &quiet);
-}
-
 /// How many windows of the two that behave were lost while the dispatcher was on time, and how many of them in all.
 fn lost_windows(ended: &Ended) -> (usize, usize) {
     let windows = ended.windows();
@@ -231,16 +162,6 @@ fn assert_crowd_takes_no_window(keys: &str) {
     );
     let windows = harmed.windows();
     assert!(of(&windows, "middle").filter(|window| window.granted_ns.is_some()).count() > 100);
-}
-
-#[test]
-fn crowd_that_closes_its_windows_takes_none_from_others() {
-    assert_crowd_takes_no_window("attributes = { closes = true }");
-}
-
-#[test]
-fn crowd_that_spins_on_takes_no_window_from_others() {
-    assert_crowd_takes_no_window("attributes = { closes = false }\nhealth = { silence = \"ignore\" }");
 }
 
 #[test]
@@ -336,26 +257,6 @@ fn kernel_tells() -> bool {
 }
 
 #[test]
-fn forbidden_system_call_is_named_where_the_kernel_tells() {
-    let _turn = alone();
-    if !kernel_tells() {
-        return eprintln!("not tried: the kernel's log can not be read here");
-    }
-    // The kernel drops records where there are many, such as those of tests before this one.
-    for _ in 0..4 {
-        let keys = "attributes = { how = \"call\", after = 10 }";
-        let ended = run(&between_counters("crasher", keys), &["--fast"], 1).expect_code(0);
-        let faults = ended.faults();
-        let first = faults.iter().find(|fault| fault.error == "illegal_request").expect("an illegal request");
-        if first.detail.contains("SIGSYS: system call ") {
-            return assert!(first.detail.contains("(personality)"), "{first:?}");
-        }
-        std::thread::sleep(std::time::Duration::from_secs(6));
-    }
-    panic!("no call was named in four runs");
-}
-
-#[test]
 fn window_that_is_never_closed_misses_its_deadline_in_virtual_time_too() {
     let _turn = among_others();
     let keys =
@@ -377,29 +278,6 @@ fn overruns_of_an_incarnation_that_hung_are_told_as_its_own_before_its_successor
         |fault: &&bateleur_tests::Fault| fault.error == "window_overrun" && fault.detail.contains("more in");
     let first = faults.iter().find(counted).expect("overruns that were counted");
     assert_eq!((first.generation, first.time_ns), (0, silence.time_ns), "{faults:#?}");
-}
-
-#[test]
-fn window_that_is_closed_after_its_deadline_is_told_once_a_second_and_is_no_overrun() {
-    let _turn = alone();
-    let sketch = Sketch::new()
-        .partition("slow", "counter", 6_000, "deadline = \"500us\"\nattributes = { busy_us = 1500 }")
-        .partition("quick", "counter", 6_000, "deadline = \"6ms\"");
-    let ended = run(&sketch, &[], 3).expect_code(0);
-    // A window of the other one that the machine itself has held up is not closed at all: that is not meant here.
-    let missed: Vec<_> = ended
-        .faults()
-        .into_iter()
-        .filter(|fault| fault.error == "deadline_missed" && !fault.detail.contains("not at all"))
-        .collect();
-    assert!(missed.iter().all(|fault| fault.partition == "slow"), "{missed:?}");
-    assert!((2..=5).contains(&missed.len()), "{missed:?}");
-    let counts = missed.iter().skip(1).all(|fault| fault.detail.contains(" more in "));
-    assert!(counts, "none is left out of the count: {missed:?}");
-    assert!(
-        missed.iter().all(|fault| fault.action == "ignore" && fault.detail.contains("us after")),
-        "{missed:?}"
-    );
 }
 
 #[test]
@@ -477,4 +355,136 @@ fn successor_that_takes_too_long_to_start_is_started_again_until_its_budget_ends
     let expected =
         [("killed", "cold_restart"), ("startup_timeout", "cold_restart"), ("startup_timeout", "idle")];
     assert_eq!(told, expected.map(|(error, action)| (error.to_owned(), action.to_owned())));
+}
+
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn spinner_on_the_wall_clock_takes_no_window_from_others_is_restarted_and_ends_idle() {
+        let _turn = alone();
+        let quiet = run(&between_counters("counter", ""), &[], 5).expect_code(0);
+        let keys = "restart = { start = \"cold\", budget = 3, within = \"60s\", then = \"idle\" }";
+        let harmed = run(&between_counters("hanger", keys), &[], 5).expect_code(0);
+        assert_undisturbed(&harmed, &quiet);
+        let mut faults = harmed.faults();
+        // The machine may hold the dispatcher itself up: that is nobody's fault in the module.
+        faults.retain(|fault| !["late_dispatcher", "processor_taken"].contains(&fault.error.as_str()));
+        // How many windows of others may be open at their end was judged above: a few are the machine's.
+        let is_judged = |error: &str| error == "window_overrun";
+        assert!(
+            faults.iter().all(|fault| fault.partition == "middle" || is_judged(&fault.error)),
+            "{faults:#?}"
+        );
+        let silences: Vec<_> = faults.iter().filter(|fault| fault.error == "silence").collect();
+        let actions: Vec<_> = silences.iter().map(|fault| fault.action.as_str()).collect();
+        assert_eq!(actions, ["cold_restart", "cold_restart", "cold_restart", "idle"], "{faults:#?}");
+        assert!(faults.iter().any(|fault| fault.error == "window_overrun"), "{faults:#?}");
+        let windows = harmed.windows();
+        let overruns = of(&windows, "middle").filter(|window| window.is_overrun()).count();
+        assert!((90..=110).contains(&overruns), "25 for each of 4 incarnations: {overruns}");
+        assert!(of(&windows, "middle").last().unwrap().granted_ns.is_none(), "idle at the end");
+    }
+
+    #[test]
+    fn sleeper_on_the_wall_clock_takes_no_window_from_others_and_is_restarted() {
+        let _turn = alone();
+        let quiet = run(&between_counters("counter", ""), &[], 2).expect_code(0);
+        let harmed =
+            run(&between_counters("hanger", "attributes = { how = \"sleep\" }"), &[], 2).expect_code(0);
+        assert_undisturbed(&harmed, &quiet);
+        assert!(harmed.faults().iter().any(|fault| fault.error == "silence" && fault.partition == "middle"));
+    }
+
+    #[test]
+    fn partition_that_says_it_is_done_and_computes_on_takes_no_window_from_others_and_is_named() {
+        assert_impostor_takes_no_window("");
+    }
+
+    #[test]
+    fn partition_that_says_it_is_done_and_wakes_in_another_window_takes_none_and_is_named() {
+        assert_impostor_takes_no_window("attributes = { pause_us = 3500 }");
+    }
+
+    #[test]
+    fn children_of_a_partition_that_overruns_are_held_between_its_windows() {
+        let _turn = alone();
+        // So many restarts would hide it: silence is put far away.
+        let Some((share, ended)) = share_of_children(
+            "threads = 8\nattributes = { closes = false }\nhealth = { silence = \"ignore\" }",
+            2,
+        ) else {
+            return;
+        };
+        // Its window is 3 ms of 20: 15 % of one processor.
+        assert!(share < 0.3, "children use {share} of a processor");
+        let quiet = run(&between_counters("counter", ""), &[], 2).expect_code(0);
+        assert_undisturbed(&ended, &quiet);
+    }
+
+    #[test]
+    fn children_of_a_partition_that_closes_its_windows_are_held_between_them() {
+        let _turn = alone();
+        let Some((share, ended)) = share_of_children("threads = 8\nattributes = { closes = true }", 4) else {
+            return;
+        };
+        assert!(share < 0.3, "children use {share} of a processor");
+        let quiet = run(&between_counters("counter", ""), &[], 2).expect_code(0);
+        assert_undisturbed(&ended, &quiet);
+    }
+
+    #[test]
+    fn crowd_that_closes_its_windows_takes_none_from_others() {
+        assert_crowd_takes_no_window("attributes = { closes = true }");
+    }
+
+    #[test]
+    fn crowd_that_spins_on_takes_no_window_from_others() {
+        assert_crowd_takes_no_window("attributes = { closes = false }\nhealth = { silence = \"ignore\" }");
+    }
+
+    #[test]
+    fn forbidden_system_call_is_named_where_the_kernel_tells() {
+        let _turn = alone();
+        if !kernel_tells() {
+            return eprintln!("not tried: the kernel's log can not be read here");
+        }
+        // The kernel drops records where there are many, such as those of tests before this one.
+        for _ in 0..4 {
+            let keys = "attributes = { how = \"call\", after = 10 }";
+            let ended = run(&between_counters("crasher", keys), &["--fast"], 1).expect_code(0);
+            let faults = ended.faults();
+            let first =
+                faults.iter().find(|fault| fault.error == "illegal_request").expect("an illegal request");
+            if first.detail.contains("SIGSYS: system call ") {
+                return assert!(first.detail.contains("(personality)"), "{first:?}");
+            }
+            std::thread::sleep(std::time::Duration::from_secs(6));
+        }
+        panic!("no call was named in four runs");
+    }
+
+    #[test]
+    fn window_that_is_closed_after_its_deadline_is_told_once_a_second_and_is_no_overrun() {
+        let _turn = alone();
+        let sketch = Sketch::new()
+            .partition("slow", "counter", 6_000, "deadline = \"500us\"\nattributes = { busy_us = 1500 }")
+            .partition("quick", "counter", 6_000, "deadline = \"6ms\"");
+        let ended = run(&sketch, &[], 3).expect_code(0);
+        // A window of the other one that the machine itself has held up is not closed at all: that is not meant here.
+        let missed: Vec<_> = ended
+            .faults()
+            .into_iter()
+            .filter(|fault| fault.error == "deadline_missed" && !fault.detail.contains("not at all"))
+            .collect();
+        assert!(missed.iter().all(|fault| fault.partition == "slow"), "{missed:?}");
+        assert!((2..=5).contains(&missed.len()), "{missed:?}");
+        let counts = missed.iter().skip(1).all(|fault| fault.detail.contains(" more in "));
+        assert!(counts, "none is left out of the count: {missed:?}");
+        assert!(
+            missed.iter().all(|fault| fault.action == "ignore" && fault.detail.contains("us after")),
+            "{missed:?}"
+        );
+    }
 }

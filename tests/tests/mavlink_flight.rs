@@ -86,28 +86,6 @@ fn by_mavlink(simulator: &Simulator, ground: &Peer, attributes: &str) -> (Starte
 }
 
 #[test]
-fn two_laps_are_flown_by_mavlink_orders_alone() {
-    let _turn = among_others();
-    let simulator = Simulator::start(&["--protocol", "mavlink", "--seed", "11", "--wind", "3"]);
-    let Some(mut ground) = Peer::start("flight.py", &[&simulator.address]) else { return };
-    let (module, _folder) = by_mavlink(&simulator, &ground, "");
-    let said = ground.line();
-    eprintln!("{said:#}");
-    module.signal(rustix::process::Signal::TERM);
-    module.end().expect_code(0);
-    for step in ["heard", "hil", "calibrated", "ready", "auto", "pilot", "armed"] {
-        assert_eq!(said[step], true, "{step}");
-    }
-    assert_eq!((&said["laps"], &said["uploaded"]), (&json!([2, null]), &json!(0)));
-    // Two laps of four way-points, and back to the first.
-    assert_eq!(said["reached"], json!([0, 1, 2, 3, 0, 1, 2, 3, 0]));
-    let height = |place: usize| said["heights"][place].as_f64().unwrap();
-    assert!((height(0) - 160.0).abs() < 15.0 && (height(1) - 160.0).abs() < 15.0, "{}", said["heights"]);
-    assert!(said["texts"].to_string().contains("the laps are flown"), "{}", said["texts"]);
-    assert_eq!(said["mode"].as_u64().unwrap() & (128 + 32), 128 + 32, "armed, in HIL: {}", said["mode"]);
-}
-
-#[test]
 fn aircraft_whose_ground_falls_silent_comes_back_and_circles_over_the_runway() {
     let _turn = among_others();
     let simulator = Simulator::start(&["--protocol", "mavlink", "--seed", "13"]);
@@ -151,4 +129,31 @@ fn simulator_that_somebody_else_started_is_flown_when_its_pilot_has_taken_off() 
     let run: Value =
         serde_json::from_slice(&std::fs::read(ended.folder().join("run.json")).unwrap()).unwrap();
     assert_eq!(run["mission"]["waypoints_reached"], TWO_LAPS.len(), "{run:#}");
+}
+
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn two_laps_are_flown_by_mavlink_orders_alone() {
+        let _turn = among_others();
+        let simulator = Simulator::start(&["--protocol", "mavlink", "--seed", "11", "--wind", "3"]);
+        let Some(mut ground) = Peer::start("flight.py", &[&simulator.address]) else { return };
+        let (module, _folder) = by_mavlink(&simulator, &ground, "");
+        let said = ground.line();
+        eprintln!("{said:#}");
+        module.signal(rustix::process::Signal::TERM);
+        module.end().expect_code(0);
+        for step in ["heard", "hil", "calibrated", "ready", "auto", "pilot", "armed"] {
+            assert_eq!(said[step], true, "{step}");
+        }
+        assert_eq!((&said["laps"], &said["uploaded"]), (&json!([2, null]), &json!(0)));
+        // Two laps of four way-points, and back to the first.
+        assert_eq!(said["reached"], json!([0, 1, 2, 3, 0, 1, 2, 3, 0]));
+        let height = |place: usize| said["heights"][place].as_f64().unwrap();
+        assert!((height(0) - 160.0).abs() < 15.0 && (height(1) - 160.0).abs() < 15.0, "{}", said["heights"]);
+        assert!(said["texts"].to_string().contains("the laps are flown"), "{}", said["texts"]);
+        assert_eq!(said["mode"].as_u64().unwrap() & (128 + 32), 128 + 32, "armed, in HIL: {}", said["mode"]);
+    }
 }

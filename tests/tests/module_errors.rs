@@ -92,64 +92,76 @@ fn module_that_can_not_start_is_tried_again_as_often_as_its_budget_allows() {
     assert!(module.iter().all(|fault| fault.detail.contains(refused)), "{module:?}");
 }
 
-#[test]
-fn partition_whose_program_is_gone_when_it_is_to_start_again_is_a_config_error() {
-    let _turn = alone();
-    let scratch = tempfile::tempdir().unwrap();
-    let program = scratch.path().join("copy");
-    std::fs::copy(bateleur_tests::program("warm"), &program).unwrap();
-    let text = std::fs::read_to_string(warm_pair(scratch.path(), "", "")).unwrap();
-    let own = bateleur_tests::program("warm").display().to_string();
-    let schedule = scratch.path().join("gone.toml");
-    std::fs::write(&schedule, text.replacen(&own, program.to_str().unwrap(), 1)).unwrap();
-    let schedule = schedule.to_str().unwrap();
-    let mut run = bateleur(&["run", "--schedule", schedule, "--until", "4", "--kill", "first@2"]);
-    run.await_words("2 partitions are ready");
-    std::fs::remove_file(&program).unwrap();
-    let ended = run.end().expect_code(0);
-    let module = of_module(&ended, "config_error");
-    assert_eq!(module.len(), 1, "{}", ended.stderr);
-    assert_logged(&module[0], "config_error", "ignore");
-    assert!(module[0].detail.contains("partition first can not be started again"), "{module:?}");
-}
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
 
-#[test]
-fn dispatcher_that_comes_too_late_is_told_once_a_second_and_ends_the_module_where_it_shall() {
-    let _turn = alone();
-    let scratch = tempfile::tempdir().unwrap();
-    let late = |action: &str| {
-        let health =
-            format!("[health]\nlate_after = \"40ms\"\n[health.module]\nlate_dispatcher = \"{action}\"\n");
-        let schedule = warm_pair(scratch.path(), &health, "");
-        let stalls = ["--inject", "dispatcher:stall=90ms@1", "--inject", "dispatcher:stall=90ms@1.3"];
-        let run = ["run", "--until", "2.2", "--schedule", &schedule];
-        bateleur(&[&run[..], &stalls[..]].concat()).end()
-    };
-    let ignored = late("ignore").expect_code(0);
-    let module = of_module(&ignored, "late_dispatcher");
-    assert!(!module.is_empty(), "{}", ignored.stderr);
-    module.iter().for_each(|fault| assert_logged(fault, "late_dispatcher", "ignore"));
-    assert!(module.windows(2).all(|pair| pair[1].time_ns - pair[0].time_ns >= 1_000_000_000), "{module:?}");
-    assert!(module[0].detail.contains("the dispatcher of core 1 came"), "{module:?}");
-    let shut = late("shutdown").expect_code(1).expect_words(&["stopped after", "late_dispatcher"]);
-    assert_logged(of_module(&shut, "late_dispatcher").last().unwrap(), "late_dispatcher", "shutdown");
-}
+    #[test]
+    fn partition_whose_program_is_gone_when_it_is_to_start_again_is_a_config_error() {
+        let _turn = alone();
+        let scratch = tempfile::tempdir().unwrap();
+        let program = scratch.path().join("copy");
+        std::fs::copy(bateleur_tests::program("warm"), &program).unwrap();
+        let text = std::fs::read_to_string(warm_pair(scratch.path(), "", "")).unwrap();
+        let own = bateleur_tests::program("warm").display().to_string();
+        let schedule = scratch.path().join("gone.toml");
+        std::fs::write(&schedule, text.replacen(&own, program.to_str().unwrap(), 1)).unwrap();
+        let schedule = schedule.to_str().unwrap();
+        let mut run = bateleur(&["run", "--schedule", schedule, "--until", "4", "--kill", "first@2"]);
+        run.await_words("2 partitions are ready");
+        std::fs::remove_file(&program).unwrap();
+        let ended = run.end().expect_code(0);
+        let module = of_module(&ended, "config_error");
+        assert_eq!(module.len(), 1, "{}", ended.stderr);
+        assert_logged(&module[0], "config_error", "ignore");
+        assert!(module[0].detail.contains("partition first can not be started again"), "{module:?}");
+    }
 
-#[test]
-fn reset_on_the_wall_clock_lets_module_time_go_on_and_power_fail_shuts_down() {
-    let _turn = alone();
-    let scratch = tempfile::tempdir().unwrap();
-    let schedule = warm_pair(scratch.path(), RESET_ONCE, STOPS);
-    let mut run = bateleur(&["run", "--schedule", &schedule, "--kill", "first@1"]);
-    run.await_words("frame 0 again after");
-    run.await_words("first: HmModuleRestart found None");
-    run.signal(Signal::POWER);
-    let ended = run.end().expect_code(1).expect_words(&["module: power_fail", "SIGPWR", "-> shutdown"]);
-    let module = of_module(&ended, "partition_stopped");
-    assert_logged(&module[0], "partition_stopped", "reset");
-    assert!(module[0].recovered_ns.is_some_and(|again| again > module[0].time_ns), "{module:?}");
-    assert_logged(&of_module(&ended, "power_fail")[0], "power_fail", "shutdown");
-    let windows = ended.windows();
-    assert!(windows.windows(2).all(|pair| pair[0].planned_end_ns <= pair[1].planned_start_ns));
-    assert_eq!(windows.iter().filter(|window| window.frame == 0).count(), 4, "two starts of two partitions");
+    #[test]
+    fn dispatcher_that_comes_too_late_is_told_once_a_second_and_ends_the_module_where_it_shall() {
+        let _turn = alone();
+        let scratch = tempfile::tempdir().unwrap();
+        let late = |action: &str| {
+            let health =
+                format!("[health]\nlate_after = \"40ms\"\n[health.module]\nlate_dispatcher = \"{action}\"\n");
+            let schedule = warm_pair(scratch.path(), &health, "");
+            let stalls = ["--inject", "dispatcher:stall=90ms@1", "--inject", "dispatcher:stall=90ms@1.3"];
+            let run = ["run", "--until", "2.2", "--schedule", &schedule];
+            bateleur(&[&run[..], &stalls[..]].concat()).end()
+        };
+        let ignored = late("ignore").expect_code(0);
+        let module = of_module(&ignored, "late_dispatcher");
+        assert!(!module.is_empty(), "{}", ignored.stderr);
+        module.iter().for_each(|fault| assert_logged(fault, "late_dispatcher", "ignore"));
+        assert!(
+            module.windows(2).all(|pair| pair[1].time_ns - pair[0].time_ns >= 1_000_000_000),
+            "{module:?}"
+        );
+        assert!(module[0].detail.contains("the dispatcher of core 1 came"), "{module:?}");
+        let shut = late("shutdown").expect_code(1).expect_words(&["stopped after", "late_dispatcher"]);
+        assert_logged(of_module(&shut, "late_dispatcher").last().unwrap(), "late_dispatcher", "shutdown");
+    }
+
+    #[test]
+    fn reset_on_the_wall_clock_lets_module_time_go_on_and_power_fail_shuts_down() {
+        let _turn = alone();
+        let scratch = tempfile::tempdir().unwrap();
+        let schedule = warm_pair(scratch.path(), RESET_ONCE, STOPS);
+        let mut run = bateleur(&["run", "--schedule", &schedule, "--kill", "first@1"]);
+        run.await_words("frame 0 again after");
+        run.await_words("first: HmModuleRestart found None");
+        run.signal(Signal::POWER);
+        let ended = run.end().expect_code(1).expect_words(&["module: power_fail", "SIGPWR", "-> shutdown"]);
+        let module = of_module(&ended, "partition_stopped");
+        assert_logged(&module[0], "partition_stopped", "reset");
+        assert!(module[0].recovered_ns.is_some_and(|again| again > module[0].time_ns), "{module:?}");
+        assert_logged(&of_module(&ended, "power_fail")[0], "power_fail", "shutdown");
+        let windows = ended.windows();
+        assert!(windows.windows(2).all(|pair| pair[0].planned_end_ns <= pair[1].planned_start_ns));
+        assert_eq!(
+            windows.iter().filter(|window| window.frame == 0).count(),
+            4,
+            "two starts of two partitions"
+        );
+    }
 }

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use bateleur_tests::{Ended, Window, alone, among_others, bateleur, program};
+use bateleur_tests::{Ended, Window, alone, among_others, bateleur, compile_c, program};
 
 const MS: u64 = 1_000_000;
 
@@ -89,25 +89,6 @@ fn mms_01_module_changes_its_schedule_at_the_end_of_the_major_frame_on_the_virtu
     assert_changed(&ended, 300, 480);
     let ended = ended.expect_words(&["0.300 s  schedule two after one", "0.480 s  schedule one after two"]);
     assert!(ended.faults().is_empty(), "{:?}", ended.faults());
-}
-
-#[test]
-fn bug_21_module_changes_its_schedule_at_the_end_of_the_major_frame_on_the_wall_clock() {
-    let _turn = alone();
-    let text = schedules("counter|", "counter|", "", "");
-    let ended = run(&text, &["--schedule-at", "two@0.21", "--until", "1"]);
-    let windows = ended.windows();
-    // A machine that holds the monitor up asks a major frame later.
-    let change = windows.iter().find(|window| window.schedule == "two").unwrap().planned_start_ns - MS;
-    assert!(change.is_multiple_of(100 * MS) && change >= 300 * MS, "{change}");
-    assert!(of(&windows, "third").all(|window| window.planned_start_ns < change));
-    let after: Vec<&Window> = windows.iter().filter(|window| window.planned_start_ns > change).collect();
-    assert!(after.iter().all(|window| window.schedule == "two"), "it stays");
-    let first = after.iter().filter(|window| window.partition == "first");
-    assert!(first.clone().count() > 5);
-    for (number, window) in first.enumerate() {
-        assert_eq!(window.planned_start_ns, change + MS + number as u64 * 20 * MS, "no window is left out");
-    }
 }
 
 #[test]
@@ -236,6 +217,56 @@ fn mms_02_partition_with_permission_changes_the_schedule_and_sees_the_instant_of
     ]);
 }
 
+/// A partition in C that runs each 20 ms in `fast`, and each 40 ms, for longer, in `slow`.
+fn of_two_periods(folder: &std::path::Path) -> String {
+    let program = compile_c("periods", folder, "watcher", &[]);
+    format!(
+        "[module.test]\ncores = [1]\n[partition.watcher]\nprogram = \"{}\"\nmodule = \"test\"\nmemory = \"32MiB\"\nthreads = 3\nmay_set_schedule = true\n\
+         port.out = {{ direction = \"source\", kind = \"sampling\", max_size = 8 }}\n\
+         [schedule.fast]\ninitial = true\nmajor_frame = \"40ms\"\nminor_frame = \"20ms\"\nwindow = [{{ partition = \"watcher\", offset = \"2ms\", duration = \"1ms\" }}]\n\
+         [schedule.slow]\nmajor_frame = \"40ms\"\nminor_frame = \"40ms\"\nwindow = [{{ partition = \"watcher\", offset = \"5ms\", duration = \"3ms\" }}]\n",
+        program.display()
+    )
+}
+
+#[test]
+fn mms_08_period_and_duration_are_those_of_the_schedule_that_runs() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let ended = run(&of_two_periods(folder.path()), &["--fast", "--until", "2"]);
+    let said =
+        ended.stderr.lines().filter_map(|line| line.split_once("watcher: period ").map(|(_, rest)| rest));
+    let said: Vec<&str> = said.take(3).collect();
+    assert_eq!(said, ["20 ms, duration 1000 us", "40 ms, duration 3000 us", "20 ms, duration 1000 us"]);
+}
+
+#[test]
+fn mms_07_ports_memory_and_permission_stay() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let ended = run(&of_two_periods(folder.path()), &["--fast", "--until", "2"]);
+    assert!(ended.stderr.contains("watcher: done"), "it has counted over three changes: {}", ended.stderr);
+    assert!(!ended.stderr.contains("FAILED") && ended.faults().is_empty(), "{}", ended.stderr);
+}
+
+#[test]
+fn mms_09_period_that_does_not_fit_a_schedule_is_an_error_of_the_plan() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("schedules.toml");
+    let fixed = of_two_periods(folder.path()).replace("threads = 3", "threads = 3\nperiod = \"20ms\"");
+    for (text, words) in [
+        (fixed.clone(), "`watcher` has no window in its period from"),
+        (
+            fixed.replace("\"20ms\"\nmay", "\"30ms\"\nmay"),
+            "the major frame of `slow`, 40ms, is no multiple of the period of `watcher`, 30ms",
+        ),
+    ] {
+        std::fs::write(&path, text).unwrap();
+        let ended = bateleur(&["check", path.to_str().unwrap()]).end();
+        assert!(ended.stdout.contains(words), "{}", ended.stdout);
+    }
+}
+
 #[test]
 fn partition_without_permission_is_refused_and_the_schedule_stays() {
     let _turn = among_others();
@@ -336,4 +367,32 @@ fn idle_partition_that_an_operator_holds_while_a_change_brings_it_back_comes_bac
     assert_eq!(granted.iter().filter(|start_ms| (300..800).contains(*start_ms)).count(), 0, "{granted:?}");
     assert!(granted.iter().any(|start_ms| *start_ms > 800), "{}", ended.stderr);
     assert!(ended.stderr.contains("second: HmPartitionWarmRestart found Some(15)"), "{}", ended.stderr);
+}
+
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn bug_21_module_changes_its_schedule_at_the_end_of_the_major_frame_on_the_wall_clock() {
+        let _turn = alone();
+        let text = schedules("counter|", "counter|", "", "");
+        let ended = run(&text, &["--schedule-at", "two@0.21", "--until", "1"]);
+        let windows = ended.windows();
+        // A machine that holds the monitor up asks a major frame later.
+        let change = windows.iter().find(|window| window.schedule == "two").unwrap().planned_start_ns - MS;
+        assert!(change.is_multiple_of(100 * MS) && change >= 300 * MS, "{change}");
+        assert!(of(&windows, "third").all(|window| window.planned_start_ns < change));
+        let after: Vec<&Window> = windows.iter().filter(|window| window.planned_start_ns > change).collect();
+        assert!(after.iter().all(|window| window.schedule == "two"), "it stays");
+        let first = after.iter().filter(|window| window.partition == "first");
+        assert!(first.clone().count() > 5);
+        for (number, window) in first.enumerate() {
+            assert_eq!(
+                window.planned_start_ns,
+                change + MS + number as u64 * 20 * MS,
+                "no window is left out"
+            );
+        }
+    }
 }

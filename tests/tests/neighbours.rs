@@ -19,16 +19,6 @@ fn spinning_module(folder: &std::path::Path) -> String {
     path.to_str().unwrap().to_owned()
 }
 
-#[test]
-fn partition_whose_processor_another_living_module_takes_is_not_restarted_for_silence() {
-    assert_not_to_blame("");
-}
-
-#[test]
-fn living_module_takes_the_processor_where_one_window_is_a_silence_and_nobody_is_restarted() {
-    assert_not_to_blame("[health]\nsilence_windows = 1\n");
-}
-
 /// `health`: the table of the module that is robbed.
 #[track_caller]
 fn assert_not_to_blame(health: &str) {
@@ -71,35 +61,50 @@ fn assert_not_to_blame(health: &str) {
     ended.expect_words(&["partitions had no processor in "]);
 }
 
-#[test]
-fn living_module_says_when_another_one_begins_to_use_its_processor() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let schedule = Sketch::new().partition("quiet", "counter", 500, "").write(folder.path());
-    let mut first = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
-    first.await_words("1 partition is ready");
-    let second = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
-    first.await_words(&format!("module test (PID {}) also uses processor", second.pid()));
-    // The other one has found the first when it examined the machine.
-    assert!(second.said().contains(&format!("module test (PID {}) also uses processor", first.pid())));
-    second.signal(Signal::INT);
-    second.end().expect_code(0);
-    first.signal(Signal::INT);
-    let ended = first.end().expect_code(0);
-    assert_eq!(ended.stderr.matches(") also uses processor").count(), 1, "said once: {}", ended.stderr);
-}
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
 
-#[test]
-fn partition_that_computes_or_sleeps_on_beside_a_living_module_is_restarted_for_silence() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    for how in ["spin", "sleep"] {
-        let keys = format!("attributes = {{ how = \"{how}\", after = 10 }}");
-        let schedule = Sketch::new().partition("hanger", "hanger", 2000, &keys).write(folder.path());
-        let module = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
-        let silent = await_some(PATIENCE, || module.said().contains("hanger: silence").then_some(()));
-        assert!(silent.is_some(), "{how}: {}", module.said());
-        module.signal(Signal::INT);
-        module.end().expect_code(0);
+    #[test]
+    fn partition_whose_processor_another_living_module_takes_is_not_restarted_for_silence() {
+        assert_not_to_blame("");
+    }
+
+    #[test]
+    fn living_module_takes_the_processor_where_one_window_is_a_silence_and_nobody_is_restarted() {
+        assert_not_to_blame("[health]\nsilence_windows = 1\n");
+    }
+
+    #[test]
+    fn living_module_says_when_another_one_begins_to_use_its_processor() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let schedule = Sketch::new().partition("quiet", "counter", 500, "").write(folder.path());
+        let mut first = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
+        first.await_words("1 partition is ready");
+        let second = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
+        first.await_words(&format!("module test (PID {}) also uses processor", second.pid()));
+        // The other one has found the first when it examined the machine.
+        assert!(second.said().contains(&format!("module test (PID {}) also uses processor", first.pid())));
+        second.signal(Signal::INT);
+        second.end().expect_code(0);
+        first.signal(Signal::INT);
+        let ended = first.end().expect_code(0);
+        assert_eq!(ended.stderr.matches(") also uses processor").count(), 1, "said once: {}", ended.stderr);
+    }
+
+    #[test]
+    fn partition_that_computes_or_sleeps_on_beside_a_living_module_is_restarted_for_silence() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        for how in ["spin", "sleep"] {
+            let keys = format!("attributes = {{ how = \"{how}\", after = 10 }}");
+            let schedule = Sketch::new().partition("hanger", "hanger", 2000, &keys).write(folder.path());
+            let module = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
+            let silent = await_some(PATIENCE, || module.said().contains("hanger: silence").then_some(()));
+            assert!(silent.is_some(), "{how}: {}", module.said());
+            module.signal(Signal::INT);
+            module.end().expect_code(0);
+        }
     }
 }

@@ -87,26 +87,6 @@ fn successor_of_a_partition_that_is_killed_while_it_is_frozen_is_held_until_it_i
     assert_eq!(ended.faults().len(), 1);
 }
 
-#[test]
-fn frozen_spinner_uses_no_processor_on_the_wall_clock_and_goes_on_when_it_is_thawed() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let schedule = Sketch::new().partition("mill", "hanger", 5_000, "").write(folder.path());
-    let acts = ["--freeze", "mill@1", "--thaw", "mill@4", "--until", "8"];
-    let mut module = bateleur(&[&["run", "--schedule", &schedule], &acts[..]].concat());
-    module.await_words("frozen by the operator");
-    let frozen = process_named(module.pid(), "mill");
-    std::thread::sleep(Duration::from_millis(1500));
-    let later = frozen.again().expect("it lives");
-    assert!(later.used_ticks <= frozen.used_ticks + 1, "{frozen:?} {later:?}");
-    module.await_words("thawed by the operator");
-    let went_on = await_some(Duration::from_secs(3), || {
-        frozen.again().filter(|now| now.used_ticks > later.used_ticks + 10)
-    });
-    assert!(went_on.is_some(), "{:?}", frozen.again());
-    module.end().expect_code(0);
-}
-
 fn talking() -> Sketch {
     let out = "[partition.talker.port]\nout = { direction = \"source\", kind = \"queuing\", message = \"GroundMessage\" }";
     let into = "restart = { budget = 1, then = \"idle\" }\n[partition.listener.port]\n\
@@ -135,4 +115,29 @@ fn queue_of_a_partition_without_a_budget_does_not_stay_full_for_its_peer() {
     let ended = run(&talking(), &["--kill", "listener@1", "--kill", "listener@2"], "4");
     assert_eq!(ended.faults().last().unwrap().action, "idle");
     assert!(!ended.stderr.contains("refused"), "{}", ended.stderr);
+}
+
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn frozen_spinner_uses_no_processor_on_the_wall_clock_and_goes_on_when_it_is_thawed() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let schedule = Sketch::new().partition("mill", "hanger", 5_000, "").write(folder.path());
+        let acts = ["--freeze", "mill@1", "--thaw", "mill@4", "--until", "8"];
+        let mut module = bateleur(&[&["run", "--schedule", &schedule], &acts[..]].concat());
+        module.await_words("frozen by the operator");
+        let frozen = process_named(module.pid(), "mill");
+        std::thread::sleep(Duration::from_millis(1500));
+        let later = frozen.again().expect("it lives");
+        assert!(later.used_ticks <= frozen.used_ticks + 1, "{frozen:?} {later:?}");
+        module.await_words("thawed by the operator");
+        let went_on = await_some(Duration::from_secs(3), || {
+            frozen.again().filter(|now| now.used_ticks > later.used_ticks + 10)
+        });
+        assert!(went_on.is_some(), "{:?}", frozen.again());
+        module.end().expect_code(0);
+    }
 }

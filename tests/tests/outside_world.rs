@@ -60,15 +60,6 @@ fn simulator_killed_in_virtual_time_ends_the_flight_with_its_reason() {
 }
 
 #[test]
-fn simulator_killed_on_the_wall_clock_ends_the_flight_with_its_reason() {
-    let _turn = alone();
-    let mut flight = fly(&[]);
-    flight.await_words("waiting for the estimator");
-    simulator_of(&flight).signal(Signal::KILL);
-    assert_failed_by_simulator(flight.end_within(Duration::from_secs(30)));
-}
-
-#[test]
 fn simulator_stopped_in_virtual_time_fails_the_flight_and_nothing_hangs() {
     let _turn = among_others();
     let mut flight = fly(&["--fast"]);
@@ -146,43 +137,6 @@ fn run_with_device(device: &str, seconds: &str) -> Started {
 }
 
 #[test]
-fn garbage_and_half_frames_on_the_serial_line_do_not_keep_an_order_from_its_answer() {
-    let _turn = alone();
-    let mut ground = Ground::open();
-    let mut module = run_with_device(&ground.device, "120");
-    module.await_words("partitions are ready");
-    let all: Vec<u8> = (0..=255).collect();
-    ground.send(&all);
-    ground.send(b"$AA\x01"); // no end
-    ground.send(b"$$$$**$NN");
-    ground.send(&[b'$'; 100]);
-    ground.send(b"$HH\x01*\x7f"); // another checksum
-    let order = Order::Hil { on: false };
-    let answer = bateleur_tests::await_some(Duration::from_secs(20), || {
-        ground.order(&order); // noise may cost the first one
-        ground.await_answer(Duration::from_secs(1))
-    });
-    let answer = answer.expect("an answer");
-    let told = format!("{answer:?}");
-    assert_eq!(u32::from(answer.letter), u32::from(b'H'), "{told}");
-    module.signal(Signal::TERM);
-    module.end().expect_code(0);
-}
-
-#[test]
-fn serial_line_that_vanishes_is_told_once_and_the_others_go_on() {
-    let _turn = alone();
-    let ground = Ground::open();
-    let device = ground.device.clone();
-    let mut module = run_with_device(&device, "4");
-    module.await_words("partitions are ready");
-    std::thread::sleep(Duration::from_millis(500));
-    drop(ground);
-    let ended = module.end().expect_code(0);
-    assert_line_is_told(&ended, &device);
-}
-
-#[test]
 fn serial_line_that_is_not_there_at_the_start_is_told_once_and_the_others_go_on() {
     let _turn = among_others();
     let schedule = flight_schedule();
@@ -216,4 +170,55 @@ fn simulator_killed_leaves_nothing() {
     simulator_of(&flight).signal(Signal::KILL);
     flight.end().expect_code(1);
     traces.expect_gone();
+}
+
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn simulator_killed_on_the_wall_clock_ends_the_flight_with_its_reason() {
+        let _turn = alone();
+        let mut flight = fly(&[]);
+        flight.await_words("waiting for the estimator");
+        simulator_of(&flight).signal(Signal::KILL);
+        assert_failed_by_simulator(flight.end_within(Duration::from_secs(30)));
+    }
+
+    #[test]
+    fn garbage_and_half_frames_on_the_serial_line_do_not_keep_an_order_from_its_answer() {
+        let _turn = alone();
+        let mut ground = Ground::open();
+        let mut module = run_with_device(&ground.device, "120");
+        module.await_words("partitions are ready");
+        let all: Vec<u8> = (0..=255).collect();
+        ground.send(&all);
+        ground.send(b"$AA\x01"); // no end
+        ground.send(b"$$$$**$NN");
+        ground.send(&[b'$'; 100]);
+        ground.send(b"$HH\x01*\x7f"); // another checksum
+        let order = Order::Hil { on: false };
+        let answer = bateleur_tests::await_some(Duration::from_secs(20), || {
+            ground.order(&order); // noise may cost the first one
+            ground.await_answer(Duration::from_secs(1))
+        });
+        let answer = answer.expect("an answer");
+        let told = format!("{answer:?}");
+        assert_eq!(u32::from(answer.letter), u32::from(b'H'), "{told}");
+        module.signal(Signal::TERM);
+        module.end().expect_code(0);
+    }
+
+    #[test]
+    fn serial_line_that_vanishes_is_told_once_and_the_others_go_on() {
+        let _turn = alone();
+        let ground = Ground::open();
+        let device = ground.device.clone();
+        let mut module = run_with_device(&device, "4");
+        module.await_words("partitions are ready");
+        std::thread::sleep(Duration::from_millis(500));
+        drop(ground);
+        let ended = module.end().expect_code(0);
+        assert_line_is_told(&ended, &device);
+    }
 }

@@ -91,36 +91,42 @@ fn newer(package: &Path, folder: &Path) {
     fs::remove_dir_all(tree).unwrap();
 }
 
-#[test]
-fn a_debian_without_compiler_and_network_flies_upgrades_and_is_clean_after_a_purge() {
-    let prepared = repository().join("target/debian/root");
-    if !repository().join("target/debian/prepared").exists() || !rustix::process::geteuid().is_root() {
-        eprintln!("skipped: no Debian root here, or not run as root (tests/debian/prepare, as root)");
-        return;
-    }
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let (packages, root) = (folder.path().join("packages"), folder.path().join("root"));
-    let Some(archives) = pack(&packages) else { return };
-    newer(
-        archives.iter().find(|path| path.to_string_lossy().contains("bateleur_")).unwrap(),
-        &packages.join("newer"),
-    );
-    expect_success(Command::new("cp").args(["-a", "--reflink=auto"]).arg(prepared).arg(&root));
-    expect_success(Command::new("cp").arg("-r").arg(&packages).arg(root.join("packages")));
-    expect_success(Command::new("cp").arg(repository().join("tests/debian/fly")).arg(root.join("fly")));
-    // Mounts go away with their namespace. The root is a mount itself, as that of a machine is.
-    let script = "set -e; ip link set lo up; mount --make-rprivate /; mount --bind \"$0\" \"$0\"; cd \"$0\"; \
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn a_debian_without_compiler_and_network_flies_upgrades_and_is_clean_after_a_purge() {
+        let prepared = repository().join("target/debian/root");
+        if !repository().join("target/debian/prepared").exists() || !rustix::process::geteuid().is_root() {
+            eprintln!("skipped: no Debian root here, or not run as root (tests/debian/prepare, as root)");
+            return;
+        }
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let (packages, root) = (folder.path().join("packages"), folder.path().join("root"));
+        let Some(archives) = pack(&packages) else { return };
+        newer(
+            archives.iter().find(|path| path.to_string_lossy().contains("bateleur_")).unwrap(),
+            &packages.join("newer"),
+        );
+        expect_success(Command::new("cp").args(["-a", "--reflink=auto"]).arg(prepared).arg(&root));
+        expect_success(Command::new("cp").arg("-r").arg(&packages).arg(root.join("packages")));
+        expect_success(Command::new("cp").arg(repository().join("tests/debian/fly")).arg(root.join("fly")));
+        // Mounts go away with their namespace. The root is a mount itself, as that of a machine is.
+        let script = "set -e; ip link set lo up; mount --make-rprivate /; mount --bind \"$0\" \"$0\"; cd \"$0\"; \
                   mount -t proc proc proc; mount -t sysfs -o ro sysfs sys; mount -t tmpfs -o mode=1777 shm dev/shm; \
                   mount -t devpts -o newinstance,ptmxmode=0666 pts dev/pts; mount --bind dev/pts/ptmx dev/ptmx; \
                   exec chroot . /fly";
-    let namespaces = ["--net", "--mount", "--pid", "--ipc", "--fork", "--kill-child", "--"];
-    let mut command = Command::new("unshare");
-    let said = expect_success(command.args(namespaces).args(["sh", "-c", script]).arg(&root));
-    println!("{said}");
-    let schedule = flight_schedule();
-    let here = bateleur(&["fly", "--fast", "--schedule", schedule.to_str().unwrap()]).end().expect_code(0);
-    assert_eq!(digest(&said), digest(&here.stdout), "the flight is another one");
-    let held = said.lines().filter(|line| line.starts_with("holds: ")).count();
-    assert_eq!(held, 6, "{said}");
+        let namespaces = ["--net", "--mount", "--pid", "--ipc", "--fork", "--kill-child", "--"];
+        let mut command = Command::new("unshare");
+        let said = expect_success(command.args(namespaces).args(["sh", "-c", script]).arg(&root));
+        println!("{said}");
+        let schedule = flight_schedule();
+        let here =
+            bateleur(&["fly", "--fast", "--schedule", schedule.to_str().unwrap()]).end().expect_code(0);
+        assert_eq!(digest(&said), digest(&here.stdout), "the flight is another one");
+        let held = said.lines().filter(|line| line.starts_with("holds: ")).count();
+        assert_eq!(held, 6, "{said}");
+    }
 }

@@ -179,43 +179,6 @@ fn by_hand(folder: &Path) -> String {
 }
 
 #[test]
-fn what_an_operator_wrote_on_the_wall_clock_is_played_on_the_virtual_one() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let schedule = by_hand(folder.path());
-    let mut module = bateleur(&["run", "--schedule", &schedule, "--record"]);
-    module.await_words("3 partitions are ready");
-    let pid = module.pid().to_string();
-    let publish =
-        ["ports", "pub", "--module", &pid, "hand.count", "accepted=9", "--rate", "50", "--count", "40"];
-    bateleur(&publish).end().expect_code(0);
-    module.signal(Signal::INT);
-    let recorded = module.end().expect_code(0);
-    let log = read(recorded.folder().join("ports.mcap"), |_| true).unwrap();
-    let sent = &log.track("/hand/count", "FunctionStatus").unwrap().samples;
-    assert_eq!(sent.len(), 40);
-    let output = folder.path().join("played");
-    let keep = ["--output", output.to_str().unwrap(), "--time-tolerance", "0.02"];
-    let recording = recorded.folder();
-    let arguments = ["play", recording.to_str().unwrap(), "--schedule", &schedule, "--format", "json"];
-    let ended = bateleur(&[&arguments[..], &keep].concat()).end();
-    // How many windows a busy machine lost is not the matter here.
-    assert!(ended.code != Some(2), "{}", ended.stderr);
-    let again = read(output.join("ports.mcap"), |_| true).unwrap();
-    let played = &again.track("/hand/count", "FunctionStatus").unwrap().samples;
-    assert!(played == sent, "each with its time: {} messages", played.len());
-    // It was heard: while messages came, none was too old.
-    let between = |log: &bateleur_recording::Recording| -> Vec<u64> {
-        let (from_ns, to_ns) = (sent[1].0, sent[38].0);
-        let status = &log.track("/second/count", "FunctionStatus").unwrap().samples;
-        let during = status.iter().filter(|(time_ns, _)| (from_ns..to_ns).contains(time_ns));
-        during.map(|(_, bytes)| u64::from_le_bytes(bytes[16..24].try_into().unwrap())).collect()
-    };
-    let refused = between(&again);
-    assert!(refused.len() > 20 && refused.last().unwrap() - refused[0] <= 3, "{refused:?}");
-}
-
-#[test]
 fn what_can_not_be_played_is_refused_before_it_begins() {
     let _turn = among_others();
     let (folder, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
@@ -278,4 +241,46 @@ fn flight_is_played_without_its_lines_bit_for_bit() {
     let result = played.summary();
     assert_eq!(result["equal"], true, "{}", result["first"]);
     assert!(port(&result, "servo.timers")["compared"].as_u64().unwrap() > 5_000);
+}
+
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn what_an_operator_wrote_on_the_wall_clock_is_played_on_the_virtual_one() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let schedule = by_hand(folder.path());
+        let mut module = bateleur(&["run", "--schedule", &schedule, "--record"]);
+        module.await_words("3 partitions are ready");
+        let pid = module.pid().to_string();
+        let publish =
+            ["ports", "pub", "--module", &pid, "hand.count", "accepted=9", "--rate", "50", "--count", "40"];
+        bateleur(&publish).end().expect_code(0);
+        module.signal(Signal::INT);
+        let recorded = module.end().expect_code(0);
+        let log = read(recorded.folder().join("ports.mcap"), |_| true).unwrap();
+        let sent = &log.track("/hand/count", "FunctionStatus").unwrap().samples;
+        assert_eq!(sent.len(), 40);
+        let output = folder.path().join("played");
+        let keep = ["--output", output.to_str().unwrap(), "--time-tolerance", "0.02"];
+        let recording = recorded.folder();
+        let arguments = ["play", recording.to_str().unwrap(), "--schedule", &schedule, "--format", "json"];
+        let ended = bateleur(&[&arguments[..], &keep].concat()).end();
+        // How many windows a busy machine lost is not the matter here.
+        assert!(ended.code != Some(2), "{}", ended.stderr);
+        let again = read(output.join("ports.mcap"), |_| true).unwrap();
+        let played = &again.track("/hand/count", "FunctionStatus").unwrap().samples;
+        assert!(played == sent, "each with its time: {} messages", played.len());
+        // It was heard: while messages came, none was too old.
+        let between = |log: &bateleur_recording::Recording| -> Vec<u64> {
+            let (from_ns, to_ns) = (sent[1].0, sent[38].0);
+            let status = &log.track("/second/count", "FunctionStatus").unwrap().samples;
+            let during = status.iter().filter(|(time_ns, _)| (from_ns..to_ns).contains(time_ns));
+            during.map(|(_, bytes)| u64::from_le_bytes(bytes[16..24].try_into().unwrap())).collect()
+        };
+        let refused = between(&again);
+        assert!(refused.len() > 20 && refused.last().unwrap() - refused[0] <= 3, "{refused:?}");
+    }
 }

@@ -157,18 +157,6 @@ fn partition_of_several_processes_can_not_stand_by() {
     assert!(ended.stderr.contains("can not stand by: take `standby` out of the plan"), "{}", ended.stderr);
 }
 
-#[test]
-fn on_the_wall_clock_a_process_that_computes_without_end_gives_every_window_back() {
-    let _turn = alone();
-    assert_windows_are_given_back("threads = 4\nattributes = { computes = true }");
-}
-
-#[test]
-fn on_the_wall_clock_a_dozen_processes_that_compute_without_end_give_every_window_back() {
-    let _turn = alone();
-    assert_windows_are_given_back("threads = 15\nattributes = { many = 12 }");
-}
-
 fn assert_windows_are_given_back(keys: &str) {
     let ended = run(keys, &[]).expect_code(0);
     let windows = ended.windows();
@@ -222,14 +210,31 @@ fn messages_between_two_partitions_wait_for_room_and_arrive_whole_and_in_order_o
     assert_eq!(said_by(&correspond(&["--fast"]), "other"), received, "another run");
 }
 
-#[test]
-fn messages_between_two_partitions_wait_for_room_and_arrive_whole_and_in_order_on_the_wall_clock() {
-    let _turn = alone();
-    let ended = correspond(&[]);
-    let sent = said_by(&ended, "own");
-    assert!(sent.contains(&"full: Err(NotAvailable)".to_owned()), "{sent:#?}");
-    let received = said_by(&ended, "other");
-    let messages = received.iter().filter(|line| line.contains("messages at")).count();
-    assert!(messages >= 2 && !received.iter().any(|line| line.contains(" is [")), "{received:#?}");
-    assert!(received.contains(&"20. Err(TimedOut), heard true".to_owned()), "{received:#?}");
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn on_the_wall_clock_a_process_that_computes_without_end_gives_every_window_back() {
+        let _turn = alone();
+        assert_windows_are_given_back("threads = 4\nattributes = { computes = true }");
+    }
+
+    #[test]
+    fn on_the_wall_clock_a_dozen_processes_that_compute_without_end_give_every_window_back() {
+        let _turn = alone();
+        assert_windows_are_given_back("threads = 15\nattributes = { many = 12 }");
+    }
+
+    #[test]
+    fn messages_between_two_partitions_wait_for_room_and_arrive_whole_and_in_order_on_the_wall_clock() {
+        let _turn = alone();
+        let ended = correspond(&[]);
+        let sent = said_by(&ended, "own");
+        assert!(sent.contains(&"full: Err(NotAvailable)".to_owned()), "{sent:#?}");
+        let received = said_by(&ended, "other");
+        let messages = received.iter().filter(|line| line.contains("messages at")).count();
+        assert!(messages >= 2 && !received.iter().any(|line| line.contains(" is [")), "{received:#?}");
+        assert!(received.contains(&"20. Err(TimedOut), heard true".to_owned()), "{received:#?}");
+    }
 }

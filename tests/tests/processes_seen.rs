@@ -115,43 +115,48 @@ fn process_that_is_not_as_in_the_plan_is_told_once_with_both() {
     assert!(!said.contains("process slow has"), "{said}");
 }
 
-#[test]
-fn processes_of_a_running_module_are_listed_with_state_priority_period_and_stack() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let keys = "threads = 6\nattributes = { computes = true, fails = true }";
-    let schedule = Sketch::new().partition("own", "processes", 4000, keys).write(folder.path());
-    let module = bateleur(&["run", "--until", "60", "--schedule", &schedule]);
-    let pid = module.pid().to_string();
-    let listed = await_some(Duration::from_secs(30), || {
-        let ended = bateleur(&["ps", "--format", "json", "--module", &pid]).end();
-        let listed: Value = serde_json::from_str(&ended.stdout).ok()?;
-        let processes = listed["modules"][0]["partitions"][0]["processes"].as_array()?.clone();
-        // The stacks are looked at a little in each window.
-        let known = processes.iter().all(|process| process["stack_used_bytes"].is_u64());
-        (known && processes.len() > 4).then_some(processes)
-    });
-    let listed = listed.expect("all stacks are known");
-    let of = |name: &str| listed.iter().find(|process| process["name"] == name).expect(name).clone();
-    let fast = of("fast");
-    assert_eq!((&fast["priority"], &fast["period_ns"]), (&20.into(), &20_000_000.into()), "{fast}");
-    assert_eq!((&fast["state"], &fast["starts"]), (&"waiting".into(), &1.into()), "{fast}");
-    let computes = of("computes 0");
-    assert_eq!(computes["state"], "running", "it goes on in the next window: {computes}");
-    assert!(computes["run_ns"].as_u64() > fast["run_ns"].as_u64(), "{computes} {fast}");
-    let fails = of("fails");
-    assert_eq!(
-        (&fails["state"], &fails["starts"], &fails["errors"]),
-        (&"dormant".into(), &2.into(), &1.into())
-    );
-    assert!(of("error handler")["starts"] == 1);
-    let stack = fast["stack_used_bytes"].as_u64().unwrap();
-    assert!((256..256 << 10).contains(&stack), "{stack}");
-    for verb in [&["ps"][..], &["top", "--once"]] {
-        let table =
-            bateleur(&[verb, &["--processes", "--module", &pid]].concat()).end().expect_code(0).stdout;
-        assert!(table.contains("  fast ") && table.contains("STACK used/all"), "{table}");
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn processes_of_a_running_module_are_listed_with_state_priority_period_and_stack() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let keys = "threads = 6\nattributes = { computes = true, fails = true }";
+        let schedule = Sketch::new().partition("own", "processes", 4000, keys).write(folder.path());
+        let module = bateleur(&["run", "--until", "60", "--schedule", &schedule]);
+        let pid = module.pid().to_string();
+        let listed = await_some(Duration::from_secs(30), || {
+            let ended = bateleur(&["ps", "--format", "json", "--module", &pid]).end();
+            let listed: Value = serde_json::from_str(&ended.stdout).ok()?;
+            let processes = listed["modules"][0]["partitions"][0]["processes"].as_array()?.clone();
+            // The stacks are looked at a little in each window.
+            let known = processes.iter().all(|process| process["stack_used_bytes"].is_u64());
+            (known && processes.len() > 4).then_some(processes)
+        });
+        let listed = listed.expect("all stacks are known");
+        let of = |name: &str| listed.iter().find(|process| process["name"] == name).expect(name).clone();
+        let fast = of("fast");
+        assert_eq!((&fast["priority"], &fast["period_ns"]), (&20.into(), &20_000_000.into()), "{fast}");
+        assert_eq!((&fast["state"], &fast["starts"]), (&"waiting".into(), &1.into()), "{fast}");
+        let computes = of("computes 0");
+        assert_eq!(computes["state"], "running", "it goes on in the next window: {computes}");
+        assert!(computes["run_ns"].as_u64() > fast["run_ns"].as_u64(), "{computes} {fast}");
+        let fails = of("fails");
+        assert_eq!(
+            (&fails["state"], &fails["starts"], &fails["errors"]),
+            (&"dormant".into(), &2.into(), &1.into())
+        );
+        assert!(of("error handler")["starts"] == 1);
+        let stack = fast["stack_used_bytes"].as_u64().unwrap();
+        assert!((256..256 << 10).contains(&stack), "{stack}");
+        for verb in [&["ps"][..], &["top", "--once"]] {
+            let table =
+                bateleur(&[verb, &["--processes", "--module", &pid]].concat()).end().expect_code(0).stdout;
+            assert!(table.contains("  fast ") && table.contains("STACK used/all"), "{table}");
+        }
+        module.signal(rustix::process::Signal::TERM);
+        module.end().expect_code(0);
     }
-    module.signal(rustix::process::Signal::TERM);
-    module.end().expect_code(0);
 }

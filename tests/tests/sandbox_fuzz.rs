@@ -93,13 +93,18 @@ fn assert_nobody_notices(seconds: u64) {
     assert!(findings.is_empty(), "others notice:\n{findings}");
 }
 
-#[test]
-fn nobody_notices_a_partition_that_makes_random_system_calls() {
-    assert_nobody_notices(number("BATELEUR_FUZZ_SECONDS", 20));
-}
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
 
-#[test]
-#[ignore = "takes minutes: `cargo verify` runs it"]
-fn nobody_notices_a_partition_that_makes_random_system_calls_for_long() {
-    assert_nobody_notices(number("BATELEUR_FUZZ_SECONDS", 600));
+    #[test]
+    fn nobody_notices_a_partition_that_makes_random_system_calls() {
+        assert_nobody_notices(number("BATELEUR_FUZZ_SECONDS", 20));
+    }
+
+    #[test]
+    #[ignore = "takes minutes: `cargo verify` runs it"]
+    fn nobody_notices_a_partition_that_makes_random_system_calls_for_long() {
+        assert_nobody_notices(number("BATELEUR_FUZZ_SECONDS", 600));
+    }
 }

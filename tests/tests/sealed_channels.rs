@@ -75,49 +75,58 @@ fn wild_writes_of_all_partitions_over_all_that_they_map_harm_nobody_else() {
     }
 }
 
-#[test]
-fn partitions_that_are_killed_come_back_to_their_sealed_channels() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let schedule = schedule(folder.path(), "sealed");
-    let mut random = Random(0x5ea1_ed01);
-    let mut options: Vec<String> =
-        ["run", "--record", "--until", "12", "--set", "command.device=/dev/nowhere"]
-            .map(str::to_owned)
-            .to_vec();
-    options.extend(["--schedule".to_owned(), schedule]);
-    for partition in NINE {
-        let at_ms = 2_000 + random.below(7_000);
-        options.extend(["--kill".to_owned(), format!("{partition}@{}.{:03}", at_ms / 1000, at_ms % 1000)]);
-    }
-    let options: Vec<&str> = options.iter().map(String::as_str).collect();
-    let ended = bateleur(&options).end().expect_code(0);
-    let killed: Vec<String> = ended
-        .faults()
-        .into_iter()
-        .filter(|fault| fault.error == "killed")
-        .map(|fault| fault.partition)
-        .collect();
-    assert_eq!(killed.len(), NINE.len(), "{}", ended.stderr);
-    let windows = ended.windows();
-    for partition in NINE {
-        let last = windows
-            .iter()
-            .filter(|window| window.partition == partition && window.planned_start_ns >= 11_000_000_000);
-        let closed = last.filter(|window| window.closed_ns.is_some()).count();
-        assert!(closed > 40, "{partition} has closed {closed} windows of the last second: {}", ended.stderr);
-    }
-}
-
 fn sealed(source: &str, destination: &str) -> String {
     format!("{}\nisolation = \"sealed\"", channel_between(source, destination))
 }
 
-#[test]
-fn operator_and_observers_reach_sealed_channels() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let schedule = Sketch::new()
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn partitions_that_are_killed_come_back_to_their_sealed_channels() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let schedule = schedule(folder.path(), "sealed");
+        let mut random = Random(0x5ea1_ed01);
+        let mut options: Vec<String> =
+            ["run", "--record", "--until", "12", "--set", "command.device=/dev/nowhere"]
+                .map(str::to_owned)
+                .to_vec();
+        options.extend(["--schedule".to_owned(), schedule]);
+        for partition in NINE {
+            let at_ms = 2_000 + random.below(7_000);
+            options
+                .extend(["--kill".to_owned(), format!("{partition}@{}.{:03}", at_ms / 1000, at_ms % 1000)]);
+        }
+        let options: Vec<&str> = options.iter().map(String::as_str).collect();
+        let ended = bateleur(&options).end().expect_code(0);
+        let killed: Vec<String> = ended
+            .faults()
+            .into_iter()
+            .filter(|fault| fault.error == "killed")
+            .map(|fault| fault.partition)
+            .collect();
+        assert_eq!(killed.len(), NINE.len(), "{}", ended.stderr);
+        let windows = ended.windows();
+        for partition in NINE {
+            let last = windows
+                .iter()
+                .filter(|window| window.partition == partition && window.planned_start_ns >= 11_000_000_000);
+            let closed = last.filter(|window| window.closed_ns.is_some()).count();
+            assert!(
+                closed > 40,
+                "{partition} has closed {closed} windows of the last second: {}",
+                ended.stderr
+            );
+        }
+    }
+
+    #[test]
+    fn operator_and_observers_reach_sealed_channels() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let schedule = Sketch::new()
         .table(&sealed("hand.out", "queuer.in"))
         .table(&sealed("hand.rate", "reader.rate"))
         .table(&sealed("reader.other", "reader.back"))
@@ -131,20 +140,21 @@ fn operator_and_observers_reach_sealed_channels() {
             other = { direction = \"source\", kind = \"sampling\", message = \"Rate\" }\n\
             back = { direction = \"destination\", kind = \"sampling\", message = \"Rate\", refresh = \"1s\" }\n")
         .write(folder.path());
-    let mut module = bateleur(&["run", "--record", "--schedule", &schedule, "--until", "60"]);
-    module.await_words("3 partitions are ready");
-    let pid = module.pid().to_string();
-    for number in 1..=12 {
-        let message = format!("letter={number}");
-        bateleur(&["ports", "pub", "--module", &pid, "hand.out", &message]).end().expect_code(0);
-        module.await_words(&format!("queuer: heard {number}"));
+        let mut module = bateleur(&["run", "--record", "--schedule", &schedule, "--until", "60"]);
+        module.await_words("3 partitions are ready");
+        let pid = module.pid().to_string();
+        for number in 1..=12 {
+            let message = format!("letter={number}");
+            bateleur(&["ports", "pub", "--module", &pid, "hand.out", &message]).end().expect_code(0);
+            module.await_words(&format!("queuer: heard {number}"));
+        }
+        let seen = bateleur(&["ports", "echo", "--module", &pid, "reader.other", "--count", "3"]).end();
+        assert!(seen.expect_code(0).stdout.lines().count() >= 3);
+        module.signal(rustix::process::Signal::INT);
+        let ended = module.end().expect_code(0);
+        assert!(ended.faults().is_empty(), "{:?}", ended.faults());
+        let log = bateleur_recording::read(ended.folder().join("ports.mcap"), |_| true).unwrap();
+        let recorded = log.track("/hand/out", "GroundMessage").map_or(0, |track| track.samples.len());
+        assert_eq!(recorded, 12);
     }
-    let seen = bateleur(&["ports", "echo", "--module", &pid, "reader.other", "--count", "3"]).end();
-    assert!(seen.expect_code(0).stdout.lines().count() >= 3);
-    module.signal(rustix::process::Signal::INT);
-    let ended = module.end().expect_code(0);
-    assert!(ended.faults().is_empty(), "{:?}", ended.faults());
-    let log = bateleur_recording::read(ended.folder().join("ports.mcap"), |_| true).unwrap();
-    let recorded = log.track("/hand/out", "GroundMessage").map_or(0, |track| track.samples.len());
-    assert_eq!(recorded, 12);
 }

@@ -90,63 +90,80 @@ impl Manager {
     }
 }
 
-#[test]
-fn service_is_up_when_frames_begin_lives_while_it_runs_and_says_that_it_ends() {
-    let _turn = alone();
-    for module in ["executive_died = \"shutdown\"", "executive_died = \"reset\"\nexecutive_hung = \"reset\""]
-    {
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn service_is_up_when_frames_begin_lives_while_it_runs_and_says_that_it_ends() {
+        let _turn = alone();
+        for module in
+            ["executive_died = \"shutdown\"", "executive_died = \"reset\"\nexecutive_hung = \"reset\""]
+        {
+            let mut manager = Manager::new();
+            let mut run = manager.run(module);
+            manager.await_count("READY=1", 1);
+            assert!(
+                run.said().contains("1 partition is ready"),
+                "before the partitions are ready: {}",
+                run.said()
+            );
+            manager.await_count("WATCHDOG=1", 5);
+            assert_eq!(
+                (manager.count("READY=1"), manager.count("STOPPING=1")),
+                (1, 0),
+                "{:?}",
+                manager.heard
+            );
+            run.signal(Signal::TERM);
+            run.end();
+            assert_eq!(
+                (manager.count("READY=1"), manager.count("STOPPING=1")),
+                (1, 1),
+                "{:?}",
+                manager.heard
+            );
+        }
+    }
+
+    #[test]
+    fn service_lives_on_while_its_executive_is_replaced_and_says_so_and_not_when_its_supervisor_is_stopped() {
+        let _turn = alone();
         let mut manager = Manager::new();
-        let mut run = manager.run(module);
+        let mut run = manager.run("executive_died = \"reset\"\nexecutive_hung = \"reset\"");
         manager.await_count("READY=1", 1);
-        assert!(
-            run.said().contains("1 partition is ready"),
-            "before the partitions are ready: {}",
-            run.said()
-        );
-        manager.await_count("WATCHDOG=1", 5);
-        assert_eq!((manager.count("READY=1"), manager.count("STOPPING=1")), (1, 0), "{:?}", manager.heard);
+        executive_of(run.pid()).signal(Signal::KILL);
+        manager.await_count("STATUS=executive_died", 1);
+        let again =
+            await_some(Duration::from_secs(60), || run.said().contains("frame 0 again").then_some(()));
+        assert!(again.is_some(), "{}", run.said());
+        let so_far = manager.count("WATCHDOG=1");
+        manager.await_count("WATCHDOG=1", so_far + 4);
+        assert_eq!(manager.count("READY=1"), 1, "{:?}", manager.heard);
+        run.signal(Signal::STOP);
+        std::thread::sleep(Duration::from_millis(300));
+        let so_far = manager.count("WATCHDOG=1");
+        std::thread::sleep(Duration::from_millis(1_500));
+        assert_eq!(manager.count("WATCHDOG=1"), so_far, "a supervisor that hangs gives no sign of life");
+        run.signal(Signal::CONT);
+        manager.await_count("WATCHDOG=1", so_far + 2);
         run.signal(Signal::TERM);
         run.end();
-        assert_eq!((manager.count("READY=1"), manager.count("STOPPING=1")), (1, 1), "{:?}", manager.heard);
     }
-}
 
-#[test]
-fn service_lives_on_while_its_executive_is_replaced_and_says_so_and_not_when_its_supervisor_is_stopped() {
-    let _turn = alone();
-    let mut manager = Manager::new();
-    let mut run = manager.run("executive_died = \"reset\"\nexecutive_hung = \"reset\"");
-    manager.await_count("READY=1", 1);
-    executive_of(run.pid()).signal(Signal::KILL);
-    manager.await_count("STATUS=executive_died", 1);
-    let again = await_some(Duration::from_secs(60), || run.said().contains("frame 0 again").then_some(()));
-    assert!(again.is_some(), "{}", run.said());
-    let so_far = manager.count("WATCHDOG=1");
-    manager.await_count("WATCHDOG=1", so_far + 4);
-    assert_eq!(manager.count("READY=1"), 1, "{:?}", manager.heard);
-    run.signal(Signal::STOP);
-    std::thread::sleep(Duration::from_millis(300));
-    let so_far = manager.count("WATCHDOG=1");
-    std::thread::sleep(Duration::from_millis(1_500));
-    assert_eq!(manager.count("WATCHDOG=1"), so_far, "a supervisor that hangs gives no sign of life");
-    run.signal(Signal::CONT);
-    manager.await_count("WATCHDOG=1", so_far + 2);
-    run.signal(Signal::TERM);
-    run.end();
-}
-
-#[test]
-fn service_of_which_nothing_runs_any_more_is_not_said_to_live() {
-    let _turn = alone();
-    let mut manager = Manager::new();
-    let mut run = manager.run("executive_died = \"shutdown\"");
-    manager.await_count("READY=1", 1);
-    run.signal(Signal::STOP);
-    std::thread::sleep(Duration::from_millis(300));
-    let so_far = manager.count("WATCHDOG=1");
-    std::thread::sleep(Duration::from_millis(1_500));
-    assert_eq!(manager.count("WATCHDOG=1"), so_far, "an executive that is stopped");
-    run.signal(Signal::CONT);
-    run.signal(Signal::TERM);
-    run.end();
+    #[test]
+    fn service_of_which_nothing_runs_any_more_is_not_said_to_live() {
+        let _turn = alone();
+        let mut manager = Manager::new();
+        let mut run = manager.run("executive_died = \"shutdown\"");
+        manager.await_count("READY=1", 1);
+        run.signal(Signal::STOP);
+        std::thread::sleep(Duration::from_millis(300));
+        let so_far = manager.count("WATCHDOG=1");
+        std::thread::sleep(Duration::from_millis(1_500));
+        assert_eq!(manager.count("WATCHDOG=1"), so_far, "an executive that is stopped");
+        run.signal(Signal::CONT);
+        run.signal(Signal::TERM);
+        run.end();
+    }
 }

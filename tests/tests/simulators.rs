@@ -146,19 +146,6 @@ fn simulator_by_others_exchanges_in_lockstep_on_the_virtual_clock() {
 }
 
 #[test]
-fn simulator_by_others_is_flown_on_the_wall_clock() {
-    let _turn = alone();
-    for transport in ["udp", "tcp"] {
-        let Some(exchange) = exchange(&["--until", "8"], transport, &[], &[]) else { return };
-        assert_right_questions(&exchange.seen);
-        let link = exchange.link();
-        // How quickly the other program answers on a busy machine is not judged here.
-        assert!(link.accepted >= 200, "{link:?}");
-        assert_eq!((link.refused, link.invalid, link.strangers), (0, 0, 0), "{link:?}");
-    }
-}
-
-#[test]
 fn lossy_link_costs_questions_and_no_sensors_on_the_virtual_clock() {
     let _turn = among_others();
     let Some(exchange) = exchange(&["--fast", "--until", "8"], "udp", &["--lose", "0.05"], &[]) else {
@@ -246,20 +233,38 @@ fn sensor_that_is_never_updated_is_never_measured() {
 }
 
 #[test]
-fn free_running_module_on_the_wall_clock_says_so_and_takes_what_is_newest() {
-    let _turn = alone();
-    let Some(exchange) = exchange(&["--until", "5"], "udp", &[], &["lockstep=false"]) else { return };
-    assert_eq!(exchange.seen["flags"], serde_json::json!([0]));
-    assert_eq!(number(&exchange.seen["repeated"]), 0);
-    let link = exchange.link();
-    assert!(link.accepted > 100 && link.lockstep == 0, "{link:?}");
-}
-
-#[test]
 fn word_that_is_no_protocol_is_refused_with_those_that_are() {
     let schedule = flight_schedule();
     let set = "hil_interface.protocol=telnet";
     let run = ["run", "--fast", "--schedule", schedule.to_str().unwrap(), "--set", set, "--until", "1"];
     let ended = bateleur(&run).end().expect_code(2);
     ended.expect_words(&["telnet", "mavlink-tcp"]);
+}
+
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn simulator_by_others_is_flown_on_the_wall_clock() {
+        let _turn = alone();
+        for transport in ["udp", "tcp"] {
+            let Some(exchange) = exchange(&["--until", "8"], transport, &[], &[]) else { return };
+            assert_right_questions(&exchange.seen);
+            let link = exchange.link();
+            // How quickly the other program answers on a busy machine is not judged here.
+            assert!(link.accepted >= 200, "{link:?}");
+            assert_eq!((link.refused, link.invalid, link.strangers), (0, 0, 0), "{link:?}");
+        }
+    }
+
+    #[test]
+    fn free_running_module_on_the_wall_clock_says_so_and_takes_what_is_newest() {
+        let _turn = alone();
+        let Some(exchange) = exchange(&["--until", "5"], "udp", &[], &["lockstep=false"]) else { return };
+        assert_eq!(exchange.seen["flags"], serde_json::json!([0]));
+        assert_eq!(number(&exchange.seen["repeated"]), 0);
+        let link = exchange.link();
+        assert!(link.accepted > 100 && link.lockstep == 0, "{link:?}");
+    }
 }

@@ -321,46 +321,10 @@ fn partition_that_floods_its_standard_error_lives_on_and_fills_no_disk() {
 }
 
 #[test]
-fn partition_that_chatters_in_each_window_on_the_wall_clock_disturbs_nobody() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let schedule = sketch("attributes = { attempt = \"chatter\" }").write(folder.path());
-    let ended = bateleur(&["run", "--schedule", &schedule, "--until", "6"]).end().expect_code(0);
-    let faults = ended.faults();
-    // The time that it takes to write is its own, and so are its overruns; the machine takes others' time by itself now and then.
-    let of_the_machine = ["window_overrun", "late_dispatcher", "processor_taken"];
-    let harmless = |fault: &bateleur_tests::Fault| of_the_machine.contains(&fault.error.as_str());
-    assert!(faults.iter().all(harmless), "{faults:#?}");
-    let windows = ended.windows();
-    let theirs = windows.iter().filter(|window| window.partition != "middle");
-    assert_eq!(taken(theirs), 0, "windows of others:\n{}", ended.stderr);
-    let bytes = log_on_disk(&ended.folder());
-    assert!((1..=LOG_BOUND).contains(&bytes), "{bytes} bytes are kept");
-}
-
-#[test]
 fn standard_error_can_only_be_appended_to() {
     let _turn = among_others();
     let ended = run("stretch", "", "");
     assert_eq!(came_of(&ended), "0 of 6 worked");
-}
-
-#[test]
-fn children_of_a_taken_partition_do_not_survive_the_executive() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let keys = "threads = 4\nattributes = { attempt = \"fork\" }";
-    let schedule = sketch(keys).write(folder.path());
-    let mut module = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
-    module.await_words("came of it: 3 forked");
-    let middle = process_named(module.pid(), "middle");
-    let children =
-        await_some(Duration::from_secs(5), || Some(children_of(middle.pid)).filter(|all| all.len() == 3));
-    assert!(children.is_some(), "three children");
-    let traces = Traces::of(module.pid());
-    module.signal(Signal::KILL);
-    drop(module);
-    traces.expect_gone();
 }
 
 /// An executive of many partitions has hundreds of descriptors open, a partition may have fewer: no step of a start may need one above its
@@ -391,4 +355,45 @@ fn sixty_four_partitions_start_behind_all_walls_and_one_that_is_killed_comes_bac
     assert!(faults.iter().all(|fault| fault.partition == "p63"), "{faults:#?}");
     assert!(faults.iter().any(|fault| fault.recovered_ns.is_some()), "{faults:#?}");
     assert!(ended.windows().iter().all(|window| window.partition == "p63" || window.closed_ns.is_some()));
+}
+
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn partition_that_chatters_in_each_window_on_the_wall_clock_disturbs_nobody() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let schedule = sketch("attributes = { attempt = \"chatter\" }").write(folder.path());
+        let ended = bateleur(&["run", "--schedule", &schedule, "--until", "6"]).end().expect_code(0);
+        let faults = ended.faults();
+        // The time that it takes to write is its own, and so are its overruns; the machine takes others' time by itself now and then.
+        let of_the_machine = ["window_overrun", "late_dispatcher", "processor_taken"];
+        let harmless = |fault: &bateleur_tests::Fault| of_the_machine.contains(&fault.error.as_str());
+        assert!(faults.iter().all(harmless), "{faults:#?}");
+        let windows = ended.windows();
+        let theirs = windows.iter().filter(|window| window.partition != "middle");
+        assert_eq!(taken(theirs), 0, "windows of others:\n{}", ended.stderr);
+        let bytes = log_on_disk(&ended.folder());
+        assert!((1..=LOG_BOUND).contains(&bytes), "{bytes} bytes are kept");
+    }
+
+    #[test]
+    fn children_of_a_taken_partition_do_not_survive_the_executive() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let keys = "threads = 4\nattributes = { attempt = \"fork\" }";
+        let schedule = sketch(keys).write(folder.path());
+        let mut module = bateleur(&["run", "--schedule", &schedule, "--until", "100"]);
+        module.await_words("came of it: 3 forked");
+        let middle = process_named(module.pid(), "middle");
+        let children =
+            await_some(Duration::from_secs(5), || Some(children_of(middle.pid)).filter(|all| all.len() == 3));
+        assert!(children.is_some(), "three children");
+        let traces = Traces::of(module.pid());
+        module.signal(Signal::KILL);
+        drop(module);
+        traces.expect_gone();
+    }
 }

@@ -98,45 +98,6 @@ fn partition_killed_together_with_its_spare_is_started_anew() {
 }
 
 #[test]
-fn on_the_wall_clock_the_very_process_that_waited_has_the_windows_after_each_kill() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let schedule =
-        Sketch::new().partition("kept", "warm", 500, &format!("{SPARE}{KEPT}")).write(folder.path());
-    let mut running = bateleur(&["run", "--schedule", &schedule, "--until", "8"]);
-    running.await_words("1 partition is ready");
-    for kill in 1..=4 {
-        std::thread::sleep(Duration::from_millis(700));
-        let find = |name: &str| children_of(running.pid()).into_iter().find(|process| process.name == name);
-        let spare = await_some(Duration::from_secs(10), || find("+kept")).expect("a spare");
-        // It has come to where it waits: whoever is killed before that is started anew.
-        std::thread::sleep(Duration::from_millis(300));
-        find("kept").expect("the partition").signal(Signal::KILL);
-        let risen =
-            await_some(Duration::from_secs(10), || spare.again().filter(|process| process.name == "kept"));
-        assert!(risen.is_some(), "restart {kill}");
-    }
-    let ended = running.end().expect_code(0);
-    let faults: Vec<_> = ended.faults().into_iter().filter(|fault| fault.error == "killed").collect();
-    assert_eq!(faults.len(), 4, "{faults:?}");
-    for (number, fault) in faults.iter().enumerate() {
-        assert_eq!((fault.action.as_str(), fault.generation), ("warm_restart", number as u64), "{fault:?}");
-        assert!(fault.recovered_ns.is_some(), "{fault:?}");
-    }
-    let counts: Vec<u64> = ended
-        .stderr
-        .lines()
-        .filter_map(|line| {
-            line.split_once("HmPartitionWarmRestart found Some(")?.1.split(')').next()?.parse().ok()
-        })
-        .collect();
-    assert!(
-        counts.len() == 4 && counts.is_sorted() && counts[0] > 20,
-        "each has found what was kept: {counts:?}"
-    );
-}
-
-#[test]
 fn partition_of_several_processes_has_a_spare() {
     let _turn = among_others();
     let folder = tempfile::tempdir().unwrap();
@@ -183,84 +144,136 @@ fn flight_with_spares_behind_all_is_the_same_to_the_bit_whoever_is_killed() {
     assert_eq!(with["digest"], without["digest"]);
 }
 
-#[test]
-fn nine_with_spares_come_back_from_kills_at_random_on_the_wall_clock_and_nothing_is_left() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let schedule = spare_flight(folder.path());
-    for isolation in ["shared", "sealed"] {
-        let text = std::fs::read_to_string(&schedule).unwrap();
-        let path = folder.path().join(format!("{isolation}.toml"));
-        std::fs::write(&path, format!("isolation = \"{isolation}\"\n{text}")).unwrap();
-        let set = "command.device=/dev/nowhere";
-        let mut running = bateleur(&[
-            "run",
-            "--record",
-            "--until",
-            "14",
-            "--set",
-            set,
-            "--schedule",
-            path.to_str().unwrap(),
-        ]);
-        running.await_words("9 partitions are ready");
-        let executive = executive_of(running.pid());
-        let traces = Traces::of(executive.pid);
-        let mut kills = Vec::new();
-        for (number, name) in (0..).zip(NINE) {
-            std::thread::sleep(Duration::from_millis(500 + 37 * number));
-            if let Some(process) = children_of(executive.pid).into_iter().find(|process| process.name == name)
-            {
-                process.signal(Signal::KILL);
-                kills.push(name);
-            }
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn on_the_wall_clock_the_very_process_that_waited_has_the_windows_after_each_kill() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let schedule =
+            Sketch::new().partition("kept", "warm", 500, &format!("{SPARE}{KEPT}")).write(folder.path());
+        let mut running = bateleur(&["run", "--schedule", &schedule, "--until", "8"]);
+        running.await_words("1 partition is ready");
+        for kill in 1..=4 {
+            std::thread::sleep(Duration::from_millis(700));
+            let find =
+                |name: &str| children_of(running.pid()).into_iter().find(|process| process.name == name);
+            let spare = await_some(Duration::from_secs(10), || find("+kept")).expect("a spare");
+            // It has come to where it waits: whoever is killed before that is started anew.
+            std::thread::sleep(Duration::from_millis(300));
+            find("kept").expect("the partition").signal(Signal::KILL);
+            let risen = await_some(Duration::from_secs(10), || {
+                spare.again().filter(|process| process.name == "kept")
+            });
+            assert!(risen.is_some(), "restart {kill}");
         }
         let ended = running.end().expect_code(0);
-        traces.expect_gone();
-        let windows = ended.windows();
-        for partition in NINE {
-            let last = windows
-                .iter()
-                .filter(|window| window.partition == partition && window.planned_start_ns >= 13_000_000_000);
-            let closed = last.filter(|window| window.closed_ns.is_some()).count();
-            assert!(
-                closed > 40,
-                "{isolation}: {partition} has closed {closed} of its last second: {}",
-                ended.stderr
+        let faults: Vec<_> = ended.faults().into_iter().filter(|fault| fault.error == "killed").collect();
+        assert_eq!(faults.len(), 4, "{faults:?}");
+        for (number, fault) in faults.iter().enumerate() {
+            assert_eq!(
+                (fault.action.as_str(), fault.generation),
+                ("warm_restart", number as u64),
+                "{fault:?}"
             );
+            assert!(fault.recovered_ns.is_some(), "{fault:?}");
         }
-        let restarts: Vec<_> = ended.faults().into_iter().filter(|fault| fault.error == "killed").collect();
-        assert!(restarts.len() >= 7 && kills.len() >= 7, "{isolation}: {kills:?} {restarts:?}");
-        assert!(restarts.iter().all(|fault| fault.recovered_ns.is_some()), "{isolation}: {restarts:?}");
-        assert!(!ended.stderr.contains("made anew"), "{isolation}: {}", ended.stderr);
+        let counts: Vec<u64> = ended
+            .stderr
+            .lines()
+            .filter_map(|line| {
+                line.split_once("HmPartitionWarmRestart found Some(")?.1.split(')').next()?.parse().ok()
+            })
+            .collect();
+        assert!(
+            counts.len() == 4 && counts.is_sorted() && counts[0] > 20,
+            "each has found what was kept: {counts:?}"
+        );
     }
-}
 
-#[test]
-fn module_with_spares_outlives_its_executive() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let health = "[health.module]\nexecutive_died = \"reset\"\nexecutive_hung = \"reset\"\n";
-    let schedule = Sketch::new()
-        .table(health)
-        .partition("kept", "warm", 500, &format!("{SPARE}{KEPT}"))
-        .write(folder.path());
-    let mut running = bateleur(&["run", "--schedule", &schedule, "--until", "6"]);
-    running.await_words("1 partition is ready");
-    std::thread::sleep(Duration::from_secs(1));
-    let executive = executive_of(running.pid());
-    let traces = Traces::of(executive.pid);
-    executive.signal(Signal::KILL);
-    running.await_words("frame 0 again");
-    traces.expect_gone();
-    std::thread::sleep(Duration::from_secs(1));
-    let find = |name: &str| {
-        children_of(executive_of(running.pid()).pid).into_iter().find(|process| process.name == name)
-    };
-    find("+kept").expect("the next executive has started a spare");
-    find("kept").expect("the partition").signal(Signal::KILL);
-    let ended = running.end().expect_code(0);
-    let killed: Vec<_> = ended.faults().into_iter().filter(|fault| fault.error == "killed").collect();
-    assert_eq!(killed.len(), 1, "{killed:?}");
-    assert!(killed[0].recovered_ns.is_some(), "{killed:?}");
+    #[test]
+    fn nine_with_spares_come_back_from_kills_at_random_on_the_wall_clock_and_nothing_is_left() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let schedule = spare_flight(folder.path());
+        for isolation in ["shared", "sealed"] {
+            let text = std::fs::read_to_string(&schedule).unwrap();
+            let path = folder.path().join(format!("{isolation}.toml"));
+            std::fs::write(&path, format!("isolation = \"{isolation}\"\n{text}")).unwrap();
+            let set = "command.device=/dev/nowhere";
+            let mut running = bateleur(&[
+                "run",
+                "--record",
+                "--until",
+                "14",
+                "--set",
+                set,
+                "--schedule",
+                path.to_str().unwrap(),
+            ]);
+            running.await_words("9 partitions are ready");
+            let executive = executive_of(running.pid());
+            let traces = Traces::of(executive.pid);
+            let mut kills = Vec::new();
+            for (number, name) in (0..).zip(NINE) {
+                std::thread::sleep(Duration::from_millis(500 + 37 * number));
+                if let Some(process) =
+                    children_of(executive.pid).into_iter().find(|process| process.name == name)
+                {
+                    process.signal(Signal::KILL);
+                    kills.push(name);
+                }
+            }
+            let ended = running.end().expect_code(0);
+            traces.expect_gone();
+            let windows = ended.windows();
+            for partition in NINE {
+                let last = windows.iter().filter(|window| {
+                    window.partition == partition && window.planned_start_ns >= 13_000_000_000
+                });
+                let closed = last.filter(|window| window.closed_ns.is_some()).count();
+                assert!(
+                    closed > 40,
+                    "{isolation}: {partition} has closed {closed} of its last second: {}",
+                    ended.stderr
+                );
+            }
+            let restarts: Vec<_> =
+                ended.faults().into_iter().filter(|fault| fault.error == "killed").collect();
+            assert!(restarts.len() >= 7 && kills.len() >= 7, "{isolation}: {kills:?} {restarts:?}");
+            assert!(restarts.iter().all(|fault| fault.recovered_ns.is_some()), "{isolation}: {restarts:?}");
+            assert!(!ended.stderr.contains("made anew"), "{isolation}: {}", ended.stderr);
+        }
+    }
+
+    #[test]
+    fn module_with_spares_outlives_its_executive() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let health = "[health.module]\nexecutive_died = \"reset\"\nexecutive_hung = \"reset\"\n";
+        let schedule = Sketch::new()
+            .table(health)
+            .partition("kept", "warm", 500, &format!("{SPARE}{KEPT}"))
+            .write(folder.path());
+        let mut running = bateleur(&["run", "--schedule", &schedule, "--until", "6"]);
+        running.await_words("1 partition is ready");
+        std::thread::sleep(Duration::from_secs(1));
+        let executive = executive_of(running.pid());
+        let traces = Traces::of(executive.pid);
+        executive.signal(Signal::KILL);
+        running.await_words("frame 0 again");
+        traces.expect_gone();
+        std::thread::sleep(Duration::from_secs(1));
+        let find = |name: &str| {
+            children_of(executive_of(running.pid()).pid).into_iter().find(|process| process.name == name)
+        };
+        find("+kept").expect("the next executive has started a spare");
+        find("kept").expect("the partition").signal(Signal::KILL);
+        let ended = running.end().expect_code(0);
+        let killed: Vec<_> = ended.faults().into_iter().filter(|fault| fault.error == "killed").collect();
+        assert_eq!(killed.len(), 1, "{killed:?}");
+        assert!(killed[0].recovered_ns.is_some(), "{killed:?}");
+    }
 }

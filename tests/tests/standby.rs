@@ -34,23 +34,6 @@ fn missed(ended: &Ended) -> usize {
 }
 
 #[test]
-fn partition_that_dies_in_its_window_loses_that_one_alone() {
-    let _turn = among_others();
-    let ended = run(KEPT, &["--fast", "--until", "3", "--inject", "kept:panic@1"]);
-    let windows = windows_of(&ended, "kept");
-    let died = windows.iter().position(Window::is_overrun).unwrap();
-    assert_eq!(windows[died].planned_start_ns / 1_000_000, 1_000);
-    assert!(windows.iter().all(|window| window.granted_ns.is_some()));
-    assert_eq!(windows.iter().filter(|window| window.closed_ns.is_none()).count(), 1);
-    let faults = ended.faults();
-    assert_eq!((faults.len(), faults[0].action.as_str()), (1, "takeover"), "{faults:?}");
-    assert_eq!(faults[0].recovered_ns, Some(windows[died + 1].planned_start_ns));
-    // Fifty windows were closed before, and the successor knows of each.
-    assert!(ended.stderr.contains("HmPartitionWarmRestart took over Some(50)"), "{}", ended.stderr);
-    assert!(windows_of(&ended, "other").iter().all(|window| window.closed_ns.is_some()));
-}
-
-#[test]
 fn partition_killed_between_windows_twice_five_seconds_apart_loses_none() {
     let _turn = among_others();
     let ended = run(KEPT, &["--fast", "--until", "8", "--kill", "kept@1", "--kill", "kept@6"]);
@@ -59,39 +42,6 @@ fn partition_killed_between_windows_twice_five_seconds_apart_loses_none() {
     for count in ["took over Some(50)", "took over Some(300)"] {
         assert!(ended.stderr.contains(count), "{count}: {}", ended.stderr);
     }
-}
-
-#[test]
-fn order_and_death_in_the_log_are_of_one_incarnation() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let schedule = Sketch::new().partition("kept", "warm", 500, KEPT).write(folder.path());
-    let mut module = bateleur(&["run", "--schedule", &schedule, "--until", "60"]);
-    module.await_words("1 partition is ready");
-    let pid = module.pid().to_string();
-    for (number, target) in ["kept", "kept", "kept.standby"].into_iter().enumerate() {
-        let standby_is_ready = || {
-            let said = bateleur(&["ps", "--format", "json", "--module", &pid]).end().expect_code(0).stdout;
-            said.contains("\"standby\": \"ready\"").then_some(())
-        };
-        await_some(std::time::Duration::from_secs(20), standby_is_ready).expect("a standby");
-        bateleur(&["kill", target, "--module", &pid]).end().expect_code(0);
-        let deaths = || {
-            let log = std::fs::read_to_string(module.folder().join("health.jsonl")).unwrap_or_default();
-            (log.matches("ended by SIGKILL").count() > number).then_some(())
-        };
-        await_some(std::time::Duration::from_secs(20), deaths).expect("its death");
-    }
-    module.signal(rustix::process::Signal::TERM);
-    let ended = module.end().expect_code(0);
-    let log = std::fs::read_to_string(ended.folder().join("health.jsonl")).unwrap();
-    let lines: Vec<Value> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    let of = |error: &str| -> Vec<(u64, u64)> {
-        let these = lines.iter().filter(|line| line["error"] == error);
-        these.map(|line| (line["time_ns"].as_u64().unwrap(), line["generation"].as_u64().unwrap())).collect()
-    };
-    assert_eq!(of("order").len(), 3, "{log}");
-    assert_eq!(of("order"), of("killed"), "{log}");
 }
 
 #[test]
@@ -205,40 +155,6 @@ fn flight_whose_estimator_and_controller_are_killed_in_turn_loses_no_window_and_
 }
 
 #[test]
-fn partition_killed_from_outside_on_the_wall_clock_misses_two_windows_at_most_each_time() {
-    let _turn = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let schedule = Sketch::new().partition("kept", "warm", 500, KEPT).write(folder.path());
-    let mut running = bateleur(&["run", "--schedule", &schedule, "--until", "8"]);
-    running.await_words("1 partition is ready");
-    for kill in 1..=3 {
-        std::thread::sleep(std::time::Duration::from_millis(1_500));
-        let find = |name: &str| children_of(running.pid()).into_iter().find(|process| process.name == name);
-        let sleeper = await_some(std::time::Duration::from_secs(5), || find("+kept")).expect("a standby");
-        find("kept").expect("the partition").signal(rustix::process::Signal::KILL);
-        // The very process that stood by has the office now.
-        let risen = await_some(std::time::Duration::from_secs(5), || {
-            sleeper.again().filter(|process| process.name == "kept")
-        });
-        assert!(risen.is_some(), "takeover {kill}");
-    }
-    let ended = running.end().expect_code(0);
-    let faults: Vec<_> = ended.faults().into_iter().filter(|fault| fault.error == "killed").collect();
-    assert_eq!(faults.len(), 3, "{faults:?}");
-    let windows = windows_of(&ended, "kept");
-    for fault in &faults {
-        assert_eq!(fault.action, "takeover", "{fault:?}");
-        let back_ns = fault.recovered_ns.expect("the successor's first window");
-        // Windows that the machine itself lost are not the takeover's.
-        let gone = windows.iter().filter(|window| {
-            let after = window.planned_start_ns > fault.time_ns && window.planned_start_ns < back_ns;
-            after && window.granted_ns.is_none() && !window.flags.contains('M')
-        });
-        assert!(gone.count() <= 1, "{fault:?}");
-    }
-}
-
-#[test]
 fn standby_that_was_given_up_stands_by_again_when_the_operator_starts_the_partition_anew() {
     let _turn = among_others();
     let keys = KEPT.replace("budget = 5", "budget = 1").replace("10s", "60s");
@@ -246,4 +162,97 @@ fn standby_that_was_given_up_stands_by_again_when_the_operator_starts_the_partit
     let anew = ["--stop", "kept@3", "--start", "kept@4", "--kill", "kept@5"];
     let ended = run(&keys, &[&["--fast", "--until", "6"][..], &lose, &anew].concat());
     assert_eq!(actions(&ended), ["new_standby", "ignore", "takeover"], "{}", ended.stderr);
+}
+
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn partition_that_dies_in_its_window_loses_that_one_alone() {
+        let _turn = among_others();
+        let ended = run(KEPT, &["--fast", "--until", "3", "--inject", "kept:panic@1"]);
+        let windows = windows_of(&ended, "kept");
+        let died = windows.iter().position(Window::is_overrun).unwrap();
+        assert_eq!(windows[died].planned_start_ns / 1_000_000, 1_000);
+        assert!(windows.iter().all(|window| window.granted_ns.is_some()));
+        assert_eq!(windows.iter().filter(|window| window.closed_ns.is_none()).count(), 1);
+        let faults = ended.faults();
+        assert_eq!((faults.len(), faults[0].action.as_str()), (1, "takeover"), "{faults:?}");
+        assert_eq!(faults[0].recovered_ns, Some(windows[died + 1].planned_start_ns));
+        // Fifty windows were closed before, and the successor knows of each.
+        assert!(ended.stderr.contains("HmPartitionWarmRestart took over Some(50)"), "{}", ended.stderr);
+        assert!(windows_of(&ended, "other").iter().all(|window| window.closed_ns.is_some()));
+    }
+
+    #[test]
+    fn order_and_death_in_the_log_are_of_one_incarnation() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let schedule = Sketch::new().partition("kept", "warm", 500, KEPT).write(folder.path());
+        let mut module = bateleur(&["run", "--schedule", &schedule, "--until", "60"]);
+        module.await_words("1 partition is ready");
+        let pid = module.pid().to_string();
+        for (number, target) in ["kept", "kept", "kept.standby"].into_iter().enumerate() {
+            let standby_is_ready = || {
+                let said =
+                    bateleur(&["ps", "--format", "json", "--module", &pid]).end().expect_code(0).stdout;
+                said.contains("\"standby\": \"ready\"").then_some(())
+            };
+            await_some(std::time::Duration::from_secs(20), standby_is_ready).expect("a standby");
+            bateleur(&["kill", target, "--module", &pid]).end().expect_code(0);
+            let deaths = || {
+                let log = std::fs::read_to_string(module.folder().join("health.jsonl")).unwrap_or_default();
+                (log.matches("ended by SIGKILL").count() > number).then_some(())
+            };
+            await_some(std::time::Duration::from_secs(20), deaths).expect("its death");
+        }
+        module.signal(rustix::process::Signal::TERM);
+        let ended = module.end().expect_code(0);
+        let log = std::fs::read_to_string(ended.folder().join("health.jsonl")).unwrap();
+        let lines: Vec<Value> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        let of = |error: &str| -> Vec<(u64, u64)> {
+            let these = lines.iter().filter(|line| line["error"] == error);
+            these
+                .map(|line| (line["time_ns"].as_u64().unwrap(), line["generation"].as_u64().unwrap()))
+                .collect()
+        };
+        assert_eq!(of("order").len(), 3, "{log}");
+        assert_eq!(of("order"), of("killed"), "{log}");
+    }
+
+    #[test]
+    fn partition_killed_from_outside_on_the_wall_clock_misses_two_windows_at_most_each_time() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let schedule = Sketch::new().partition("kept", "warm", 500, KEPT).write(folder.path());
+        let mut running = bateleur(&["run", "--schedule", &schedule, "--until", "8"]);
+        running.await_words("1 partition is ready");
+        for kill in 1..=3 {
+            std::thread::sleep(std::time::Duration::from_millis(1_500));
+            let find =
+                |name: &str| children_of(running.pid()).into_iter().find(|process| process.name == name);
+            let sleeper = await_some(std::time::Duration::from_secs(5), || find("+kept")).expect("a standby");
+            find("kept").expect("the partition").signal(rustix::process::Signal::KILL);
+            // The very process that stood by has the office now.
+            let risen = await_some(std::time::Duration::from_secs(5), || {
+                sleeper.again().filter(|process| process.name == "kept")
+            });
+            assert!(risen.is_some(), "takeover {kill}");
+        }
+        let ended = running.end().expect_code(0);
+        let faults: Vec<_> = ended.faults().into_iter().filter(|fault| fault.error == "killed").collect();
+        assert_eq!(faults.len(), 3, "{faults:?}");
+        let windows = windows_of(&ended, "kept");
+        for fault in &faults {
+            assert_eq!(fault.action, "takeover", "{fault:?}");
+            let back_ns = fault.recovered_ns.expect("the successor's first window");
+            // Windows that the machine itself lost are not the takeover's.
+            let gone = windows.iter().filter(|window| {
+                let after = window.planned_start_ns > fault.time_ns && window.planned_start_ns < back_ns;
+                after && window.granted_ns.is_none() && !window.flags.contains('M')
+            });
+            assert!(gone.count() <= 1, "{fault:?}");
+        }
+    }
 }

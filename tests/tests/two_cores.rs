@@ -60,33 +60,38 @@ fn assert_handed_over(ended: &Ended) {
 }
 
 #[test]
-fn partition_has_its_windows_on_both_cores_on_the_wall_clock() {
-    let _turn = alone();
-    let ended = run("counter", &["--until", "2"]);
-    assert_handed_over(&ended);
-    // A host that holds a processor up makes both.
-    let of_the_host = ["window_overrun", "late_dispatcher", "processor_taken"];
-    assert!(
-        ended.faults().iter().all(|fault| of_the_host.contains(&fault.error.as_str())),
-        "{:?}",
-        ended.faults()
-    );
-}
-
-#[test]
-fn spinner_is_moved_from_core_to_core_and_takes_no_window_from_others() {
-    let _turn = alone();
-    let ended = run("hanger", &["--until", "2"]);
-    assert_handed_over(&ended);
-    let windows = ended.windows();
-    let overruns = of(&windows, "roams", 1).filter(|window| window.is_overrun()).count();
-    assert!(overruns > 20, "it never closes one: {overruns}");
-}
-
-#[test]
 fn partition_has_its_windows_on_both_cores_on_the_virtual_clock() {
     let _turn = among_others();
     let ended = run("counter", &["--fast", "--until", "2"]);
     assert!(ended.windows().iter().all(|window| window.closed_ns.is_some()));
     assert!(ended.faults().is_empty());
+}
+
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn partition_has_its_windows_on_both_cores_on_the_wall_clock() {
+        let _turn = alone();
+        let ended = run("counter", &["--until", "2"]);
+        assert_handed_over(&ended);
+        // A host that holds a processor up makes both.
+        let of_the_host = ["window_overrun", "late_dispatcher", "processor_taken"];
+        assert!(
+            ended.faults().iter().all(|fault| of_the_host.contains(&fault.error.as_str())),
+            "{:?}",
+            ended.faults()
+        );
+    }
+
+    #[test]
+    fn spinner_is_moved_from_core_to_core_and_takes_no_window_from_others() {
+        let _turn = alone();
+        let ended = run("hanger", &["--until", "2"]);
+        assert_handed_over(&ended);
+        let windows = ended.windows();
+        let overruns = of(&windows, "roams", 1).filter(|window| window.is_overrun()).count();
+        assert!(overruns > 20, "it never closes one: {overruns}");
+    }
 }

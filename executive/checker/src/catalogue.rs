@@ -124,6 +124,8 @@ rules! {
         "Whoever reads it finds zeros, always."
     BLOCK_CONTENT: Warning "R19-block-content" "memory_block_content"
         "A module whose memory block can not be filled does not start."
+    LOGBOOK_STANDBY: Error "R20-logbook-standby" "logbook_standby"
+        "Two processes that write into one logbook would write over each other's messages."
     UNKNOWN_DEVICE: Warning "R09-unknown-device" "partition_device_unknown"
         "What is granted and is no device can not be opened, and nobody says so before the partition tries."
 

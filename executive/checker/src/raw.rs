@@ -94,6 +94,7 @@ pub(super) struct RawPartition {
     pub(super) devices: Names,
     pub(super) system_calls: Field<Vec<At<Word<SystemCalls>>>>,
     pub(super) retained: Field<Bytes>,
+    pub(super) logbooks: Vec<RawLogbook>,
     pub(super) attributes: Field<Attributes>,
     pub(super) may_set_schedule: Field<Permission>,
     pub(super) health: Vec<Answer<PartitionError, PartitionAction>>,
@@ -107,6 +108,13 @@ pub(super) struct RawProcess {
     pub(super) period: Field<Nanoseconds>,
     pub(super) deadline: Field<Nanoseconds>,
     pub(super) wcet: Field<Nanoseconds>,
+}
+
+pub(super) struct RawLogbook {
+    pub(super) name: At<String>,
+    pub(super) max_size: Field<u32>,
+    pub(super) max_logged: Field<u32>,
+    pub(super) max_in_progress: Field<u32>,
 }
 
 pub(super) struct RawRestart {
@@ -404,6 +412,7 @@ impl RawPartition {
             devices: table.optional("devices"),
             system_calls: table.optional("system_calls"),
             retained: table.optional("retained"),
+            logbooks: RawLogbook::all(&mut table, findings),
             attributes: table.optional("attributes"),
             may_set_schedule: table.optional("may_set_schedule"),
             health: answers(&table.entries("health"), &PARTITION_LEVEL, (beside, findings)),
@@ -443,6 +452,25 @@ impl RawProcess {
             };
             table.finish();
             Some(process)
+        };
+        entries.filter_map(read).collect()
+    }
+}
+
+impl RawLogbook {
+    /// Those of a partition's table.
+    fn all(partition: &mut TableReader<'_, '_>, findings: &Findings<'_>) -> Vec<Self> {
+        let entries = partition.entries("logbook").into_iter();
+        let read = |entry: Entry<'_, '_>| {
+            let mut table = named("logbook", &entry, findings)?;
+            let logbook = Self {
+                name: entry.0,
+                max_size: table.required("max_size", "64"),
+                max_logged: table.required("max_logged", "100"),
+                max_in_progress: table.required("max_in_progress", "4"),
+            };
+            table.finish();
+            Some(logbook)
         };
         entries.filter_map(read).collect()
     }

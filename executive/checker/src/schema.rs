@@ -21,7 +21,7 @@ const PROBE: &str = "
 module.x = { addresses = {} }
 network.x = {}
 link.x = {}
-partition.x = { restart = {}, process.x = {}, port.x = {}, health = {} }
+partition.x = { restart = {}, process.x = {}, logbook.x = {}, port.x = {}, health = {} }
 channel = [{}]
 memory_block.x = {}
 chain = [{}]
@@ -49,6 +49,7 @@ const LINK: &str = "link `x`";
 const PARTITION: &str = "partition `x`";
 const RESTART: &str = "`restart`";
 const PROCESS: &str = "process `x`";
+const LOGBOOK: &str = "logbook `x`";
 const PORT: &str = "port `x`";
 const CHANNEL: &str = "channel";
 const MEMORY_BLOCK: &str = "memory block `x`";
@@ -72,6 +73,7 @@ const INNER: &[(&str, &str, Inner)] = &[
     (FILE, "health", Inner::Plain(HEALTH)),
     (PARTITION, "restart", Inner::Plain(RESTART)),
     (PARTITION, "process", Inner::Named(PROCESS)),
+    (PARTITION, "logbook", Inner::Named(LOGBOOK)),
     (PARTITION, "port", Inner::Named(PORT)),
     (PARTITION, "health", Inner::Words(answers::<PartitionError, PartitionAction>)),
     (SCHEDULE, "window", Inner::Plain(WINDOW)),
@@ -152,6 +154,10 @@ const DESCRIPTIONS: &[Described] = &[
     ),
     (PARTITION, "duration", "The time that it has in each period; what its windows give if not said."),
     (PARTITION, "processes", "The most ARINC 653 processes that it may create."),
+    (PARTITION, "logbook", "Its logbooks (ARINC 653 part 2), by name."),
+    (LOGBOOK, "max_size", "The longest message, bytes."),
+    (LOGBOOK, "max_logged", "How many messages it keeps."),
+    (LOGBOOK, "max_in_progress", "How many messages may be on their way to its file."),
     (PARTITION, "process", "Processes with their worst-case execution times, by name."),
     (PROCESS, "priority", "1 to 239, the highest is the most urgent."),
     (

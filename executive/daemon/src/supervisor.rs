@@ -1,7 +1,7 @@
 //! The supervisor of an executive: where the plan says `executive_died = "reset"` or `executive_hung = "reset"`, it starts another one
 //! in place of one that has died or hangs.
 //!
-//! Responsible for: what the next executive can not find by itself: the retained memories and memory blocks, the time of module time 0, and how often one
+//! Responsible for: what the next executive can not find by itself: the retained memories, memory blocks and logbooks, the time of module time 0, and how often one
 //! has died. It must know nothing of partitions, channels and frames. Before an executive is started again, everything that
 //! the one before had started has ended and its guard has cleaned up.
 
@@ -14,8 +14,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use bateleur_contract::Mapped;
 use bateleur_host::instance::sweep_traces;
-use bateleur_host::memory_blocks;
 use bateleur_host::partition::shared_memory;
+use bateleur_host::{logbooks, memory_blocks};
 use bateleur_monitor::health::decision::decide_module;
 use bateleur_monitor::inject::Aim;
 use bateleur_monitor::planned::PlannedAct;
@@ -288,6 +288,11 @@ fn begin(view: &ModuleView<'_>, handed: &mut Vec<OwnedFd>) -> io::Result<Supervi
     for block in memory_blocks::of_module(view).filter(|block| !block.read_write.is_empty()) {
         let memory = handed_over::copy(memory_blocks::make(block).map_err(io::Error::other)?)?;
         memory_block_fds.insert(block.name.clone(), memory.as_raw_fd());
+        handed.push(memory);
+    }
+    for (path, logbook) in logbooks::of_module(view) {
+        let memory = handed_over::copy(logbooks::make(&path, logbook)?)?;
+        memory_block_fds.insert(path, memory.as_raw_fd());
         handed.push(memory);
     }
     Ok(Supervised { page_fd, retained_fds, memory_block_fds, after: None, executive_fd: None })

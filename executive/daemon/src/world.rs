@@ -14,6 +14,8 @@ use crate::fast::World;
 use crate::playing::Player;
 use crate::recording::Recording;
 use bateleur_monitor::Monitor;
+use bateleur_monitor::event::Event;
+use bateleur_monitor::logbook_store::LogbookStores;
 use bateleur_monitor::planned::PlannedActs;
 use bateleur_monitor::run_order::RunOrder;
 use bateleur_plan::ModuleError;
@@ -90,6 +92,8 @@ pub struct Surroundings {
     line: Option<Arc<RedundantPair>>,
     /// Virtual clock: what the next executive finds, if this one dies.
     pub page: Option<Arc<Mapped<RunPage>>>,
+    /// The files of the partitions' logbooks.
+    pub logbooks: Option<LogbookStores>,
     /// Where the executive itself is a service.
     pub service_manager: ServiceManager,
     next_exchange_ns: u64,
@@ -120,6 +124,7 @@ impl Surroundings {
             companion,
             line: None,
             page: None,
+            logbooks: None,
             service_manager: ServiceManager::default(),
             next_exchange_ns: 0,
             module_ns: 0,
@@ -233,6 +238,13 @@ impl World for Surroundings {
             page.keep_counts(monitor.totals().counts());
         } else if let Some(pair) = &self.line {
             pair.active().look_at_line();
+        }
+        if let Some(logbooks) = &self.logbooks {
+            logbooks.store();
+            if let Some(lost) = logbooks.take_trouble() {
+                let time_s = module_ns as f64 / 1e9;
+                monitor.events().tell(&Event::LogLost { time_s, log: lost.log, reason: lost.why });
+            }
         }
         self.acts.perform(module_ns, monitor);
         while let Some(schedule) = self.changes.due(module_ns) {

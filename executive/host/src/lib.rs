@@ -7,6 +7,7 @@ pub mod guarantee;
 pub mod helper;
 pub mod instance;
 pub mod keys;
+pub mod logbooks;
 pub mod machine;
 pub mod memory_blocks;
 mod network_limits;

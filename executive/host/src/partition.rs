@@ -12,8 +12,9 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use bateleur_contract::page::WindowGrant;
 use bateleur_contract::{
-    CONTROL_FD, Clock, ControlPage, Description, Direction, ENVIRONMENT, Mapped, PLAIN_BYTES, PlannedProcess,
-    PortDescription, PortKind, ProcessPlan, ProcessTable, RELAY_KEYS_FD, StartCondition, page,
+    CONTROL_FD, Clock, ControlPage, Description, Direction, ENVIRONMENT, Mapped, PLAIN_BYTES, PartitionTimes,
+    PlannedProcess, PortDescription, PortKind, ProcessPlan, ProcessTable, RELAY_KEYS_FD, StartCondition,
+    page,
 };
 use rustix::fs::{
     FallocateFlags, MemfdFlags, SealFlags, fallocate, fcntl_add_seals, ftruncate, memfd_create,
@@ -22,13 +23,14 @@ use rustix::fs::{
 use crate::crash_memory::CrashMemory;
 use crate::error_log::{ErrorLine, ErrorLogs};
 use crate::keys::Key;
+use crate::logbooks::{GivenLogbooks, LogbookMemories};
 use crate::memory_blocks::{GivenBlocks, MemoryBlocks};
 use crate::network_limits::NetworkLimits;
 use crate::sealed::{End, Handover, SealedChannels};
 use bateleur_plan::units::ShowSize;
 use bateleur_plan::{
     Attribute, Closed, ErrorLevel, Partition, PartitionError, PartitionId, PartitionState, Plan, Port, Role,
-    Standby, SystemCalls, leaves_the_process,
+    ScheduleId, Standby, SystemCalls, leaves_the_process,
 };
 use bateleur_system::account::Accounts;
 use bateleur_system::cgroup::Group;
@@ -70,6 +72,8 @@ pub struct SandboxConfig {
     pub retained: BTreeMap<String, Arc<OwnedFd>>,
     /// The module's memory blocks.
     pub memory_blocks: Arc<MemoryBlocks>,
+    /// The memories of its logbooks.
+    pub logbooks: Arc<LogbookMemories>,
     /// The memories of sealed channels.
     pub sealed: Arc<SealedChannels>,
 }
@@ -92,6 +96,7 @@ pub struct Sandbox {
     retained: Option<OwnedFd>,
     retained_bytes: u64,
     memory_blocks: GivenBlocks,
+    logbooks: GivenLogbooks,
     /// A relay's: the keys of its links.
     keys: Option<OwnedFd>,
     group: Option<Group>,
@@ -193,6 +198,7 @@ impl Sandbox {
             retained,
             retained_bytes: partition.retained_bytes,
             memory_blocks: sandbox_config.memory_blocks.of(plan, id)?,
+            logbooks: sandbox_config.logbooks.of(&plan[id]),
             keys: partition.relay.then(|| sealed_keys(&sandbox_config.link_keys)).transpose()?,
             group,
             accounts,
@@ -344,7 +350,7 @@ impl Sandbox {
         LOCK_CALLS + LOCK_CALLS_OF_A_PORT * self.description.ports.len() as u32
     }
 
-    /// Opens the memories of its sealed channels and its memory blocks, which come behind the other descriptors, and says in the
+    /// Opens the memories of its sealed channels, its memory blocks and its logbooks, which come behind the other descriptors, and says in the
     /// description where each is. With the number of the descriptor behind them.
     fn hand_over(&self, description: &mut Description) -> io::Result<(Handover, i32)> {
         let others = match self.keys {
@@ -360,6 +366,7 @@ impl Sandbox {
             port.sealed = self.sealed.hand(&port.channel, end, &mut handover)?;
         }
         description.memory_blocks = self.memory_blocks.hand(&mut handover)?;
+        description.logbooks = self.logbooks.hand(&mut handover)?;
         let free = CONTROL_FD + others + handover.files().count() as i32;
         Ok((handover, free))
     }
@@ -588,9 +595,10 @@ pub const MOST_SOCKETS: usize = 6;
 
 /// What the kernel may keep for a partition.
 fn counts(plan: &Plan, id: PartitionId) -> Counts {
-    let (partition, blocks) = (&plan[id], plan.memory_blocks_of(id).count() as u64);
+    let partition = &plan[id];
+    let memories = plan.memory_blocks_of(id).count() as u64 + partition.logbooks.len() as u64;
     Counts {
-        descriptors: DESCRIPTORS + DESCRIPTORS_OF_A_PORT * partition.ports.len() as u64 + blocks,
+        descriptors: DESCRIPTORS + DESCRIPTORS_OF_A_PORT * partition.ports.len() as u64 + memories,
         signals: SIGNALS,
         queues: if partition.system_calls.contains(&SystemCalls::IpcObjects) { QUEUES } else { 0 },
     }
@@ -650,6 +658,7 @@ pub fn describe(
         may_set_schedule: partition.may_set_schedule.iter().map(|id| id.index() as u32).collect(),
         error_handler: partition.error_handler,
         processes: process_plan(partition),
+        schedule_times: schedule_times(partition),
         process_table: None,
         crash_memory: None,
         planned_processes: planned_processes(partition),
@@ -657,6 +666,7 @@ pub fn describe(
         may_align: partition.relay && plan[partition.module].follows.is_some(),
         retained_bytes: partition.retained_bytes,
         memory_blocks: Vec::new(),
+        logbooks: Vec::new(),
         ports_root: ports_root.to_owned(),
     }
 }
@@ -666,6 +676,14 @@ fn process_plan(partition: &Partition) -> ProcessPlan {
         identifier, period_ns, release_ns, duration_ns, most, stacks_bytes, ..
     } = &partition.processes;
     ProcessPlan { identifier, period_ns, release_ns, duration_ns, most, stacks_bytes }
+}
+
+fn schedule_times(partition: &Partition) -> BTreeMap<u32, PartitionTimes> {
+    let of = |(schedule, times): (&ScheduleId, &bateleur_plan::Times)| {
+        let &bateleur_plan::Times { period_ns, release_ns, duration_ns } = times;
+        (schedule.index() as u32, PartitionTimes { period_ns, release_ns, duration_ns })
+    };
+    partition.processes.in_schedules.iter().map(of).collect()
 }
 
 fn planned_processes(partition: &Partition) -> Vec<PlannedProcess> {

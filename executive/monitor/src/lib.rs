@@ -61,6 +61,7 @@ pub mod health;
 pub mod inject;
 pub mod lifecycle;
 pub mod lines;
+pub mod logbook_store;
 mod module_level;
 mod monitor;
 mod neighbours;

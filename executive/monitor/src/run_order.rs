@@ -75,7 +75,7 @@ pub struct Supervised {
     pub page_fd: i32,
     /// Descriptors of retained memories, by partition.
     pub retained_fds: BTreeMap<String, i32>,
-    /// Descriptors of the memory blocks that partitions write, by name.
+    /// Descriptors of the memory blocks that partitions write, by name, and of logbooks, by path.
     pub memory_block_fds: BTreeMap<String, i32>,
     /// The executive that ran before; `None` if this is the first.
     pub after: Option<DeadExecutive>,

@@ -7,9 +7,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::model::{
-    Attribute, Channel, MemoryBlock, ModuleId, Partition, Payload, Plan, Port, PortId, Role, Schedule,
+    Attribute, Channel, Logbook, MemoryBlock, ModuleId, Partition, Payload, Plan, Port, PortId, Role,
+    Schedule,
 };
-use crate::processes::{Process, Processes};
+use crate::processes::{Process, Processes, Times};
 use crate::timeline::TimelineWindow;
 
 /// The longest name, bytes: with a closing zero it still fits the 32 bytes of an APEX name, with one to spare for
@@ -40,6 +41,12 @@ pub const LONGEST_DEFINITION: usize = 256 << 10;
 pub const LONGEST_DEFINITIONS: usize = 8 << 20;
 /// The most bytes of a memory block: they are locked memory, all of them there before frame 0.
 pub const LARGEST_BLOCK: u64 = 1 << 30;
+/// The most logbooks of a partition.
+pub const MOST_LOGBOOKS: usize = 16;
+/// The most messages that a logbook keeps: with the longest messages, 80 MB.
+pub const MOST_LOGGED: u32 = 10_000;
+/// The most messages of a logbook on their way to its file.
+pub const MOST_IN_PROGRESS: u32 = 256;
 /// The most minor frames of a major frame. At 50 a second, three minutes: far beyond any cycle that a person can read. The timeline
 /// has an entry for every window in each of them, in memory that the dispatcher keeps locked.
 pub const MOST_MINOR_FRAMES: u64 = 10_000;
@@ -214,12 +221,26 @@ fn partition(plan: &Plan, place: usize, partition: &Partition) -> Checked {
     for (name, value) in &partition.attributes {
         require(depth(value) <= DEEPEST, || format!("its attribute {name:?}"))?;
     }
+    names("logbook", partition.logbooks.iter().map(|logbook| &*logbook.name))?;
+    let logbooks = partition.logbooks.len() <= MOST_LOGBOOKS && partition.logbooks.iter().all(logbook);
+    require(logbooks, || "its logbooks".into())?;
     let devices = partition.devices.iter().all(|device| !device.is_empty() && !device.contains('\0'));
     require(devices, || "its devices".into())
 }
 
+fn logbook(logbook: &Logbook) -> bool {
+    (1..=LONGEST_BYTES).contains(&logbook.max_size_bytes)
+        && (1..=MOST_LOGGED).contains(&logbook.max_logged)
+        && (1..=MOST_IN_PROGRESS).contains(&logbook.max_in_progress)
+}
+
 fn processes(processes: &Processes) -> bool {
     let &Processes { identifier, period_ns, release_ns, duration_ns, most, ref declared, .. } = processes;
+    let times = |times: &Times| {
+        (1..=LONGEST_NS).contains(&times.period_ns)
+            && times.release_ns < times.period_ns
+            && times.duration_ns <= times.period_ns
+    };
     let sound = |process: &Process| {
         let times = [Some(process.wcet_ns), process.period_ns, process.deadline_ns];
         (1..=MOST_URGENT).contains(&process.priority)
@@ -227,9 +248,8 @@ fn processes(processes: &Processes) -> bool {
             && is_plain(&process.name, LONGEST_NAME)
     };
     identifier <= HIGHEST_IDENTIFIER
-        && (1..=LONGEST_NS).contains(&period_ns)
-        && release_ns < period_ns
-        && duration_ns <= period_ns
+        && times(&Times { period_ns, release_ns, duration_ns })
+        && processes.in_schedules.values().all(times)
         && most <= MOST_PROCESSES
         && declared.len() <= most as usize
         && declared.iter().all(sound)

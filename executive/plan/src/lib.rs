@@ -21,11 +21,11 @@ pub use closed::{
 };
 pub use memory_block::MemoryAccess;
 pub use model::{
-    Address, Attribute, Chain, Channel, ChannelId, Health, HealthLog, Levels, Link, LinkId, MemoryBlock,
-    Module, ModuleHealth, ModuleId, ModuleView, Network, NetworkId, Partition, PartitionHealth, PartitionId,
-    Payload, Plan, Port, PortId, Protection, Reset, Restart, Role, Schedule, ScheduleId, Window,
+    Address, Attribute, Chain, Channel, ChannelId, Health, HealthLog, Levels, Link, LinkId, Logbook,
+    MemoryBlock, Module, ModuleHealth, ModuleId, ModuleView, Network, NetworkId, Partition, PartitionHealth,
+    PartitionId, Payload, Plan, Port, PortId, Protection, Reset, Restart, Role, Schedule, ScheduleId, Window,
     leaves_the_process,
 };
-pub use processes::{Process, Processes};
+pub use processes::{Process, Processes, Times};
 pub use timeline::{CoreTimeline, Timeline, TimelineWindow};
 pub use words::{did_you_mean, nearest};

@@ -229,6 +229,9 @@ pub struct Partition {
     pub system_calls: Vec<SystemCalls>,
     /// The memory that survives a warm restart, in bytes; may be zero.
     pub retained_bytes: u64,
+    /// Its logbooks. Not written down where there are none: hosts of a plan that says nothing still agree.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub logbooks: Vec<Logbook>,
     /// What it is told at its start, as the file says it.
     pub attributes: BTreeMap<String, Attribute>,
     /// The schedules in which it may ask for another one.
@@ -254,6 +257,19 @@ impl Partition {
     pub fn all_memory_bytes(&self) -> u64 {
         self.memory_bytes.saturating_mul(if self.standby.is_some() { 2 } else { 1 })
     }
+}
+
+/// A logbook of a partition (ARINC 653 part 2).
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Logbook {
+    /// Its name, unique in its partition.
+    pub name: String,
+    /// Bytes of a message; not zero.
+    pub max_size_bytes: u32,
+    /// Messages that it keeps; at least one.
+    pub max_logged: u32,
+    /// Messages that may be on their way to the file; at least one.
+    pub max_in_progress: u32,
 }
 
 /// When and how often a partition may start again.

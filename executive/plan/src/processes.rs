@@ -1,25 +1,52 @@
 //! What ARINC 653 knows of a partition beside its windows: its number, its period with the release points, its duration, and its
 //! processes. Who wants to know how windows lie in periods asks here.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
+
+use crate::model::ScheduleId;
 
 /// A partition as its processes see it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Processes {
     /// Its number; no other partition of its module has it.
     pub identifier: u32,
-    /// From one release point to the next, ns; not zero. The major frame of every schedule that runs it is a multiple.
+    /// From one release point to the next, ns; not zero. The major frame is a multiple.
     pub period_ns: u64,
     /// The first release point, from the start of a major frame, ns; less than the period.
     pub release_ns: u64,
     /// The least time that it has in a period, ns.
     pub duration_ns: u64,
+    /// Its times in schedules in which they are others. Not written down where there are none.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub in_schedules: BTreeMap<ScheduleId, Times>,
     /// The most processes that it may create.
     pub most: u32,
     /// The most that their stacks may have together, bytes.
     pub stacks_bytes: u64,
     /// Those whose times the file says, in its order.
     pub declared: Vec<Process>,
+}
+
+/// When a partition's periods begin, and what it has in each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Times {
+    /// From one release point to the next, ns; not zero. The major frame is a multiple.
+    pub period_ns: u64,
+    /// The first release point, from the start of a major frame, ns; less than the period.
+    pub release_ns: u64,
+    /// The least time that it has in a period, ns.
+    pub duration_ns: u64,
+}
+
+impl Processes {
+    /// Its times in a schedule.
+    #[must_use]
+    pub fn times_in(&self, schedule: ScheduleId) -> Times {
+        let &Self { period_ns, release_ns, duration_ns, .. } = self;
+        self.in_schedules.get(&schedule).copied().unwrap_or(Times { period_ns, release_ns, duration_ns })
+    }
 }
 
 /// A process whose times are known.

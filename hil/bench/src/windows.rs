@@ -173,7 +173,7 @@ pub(super) fn switches(settings: &Settings) -> Result<Vec<Row>> {
         "us",
         value,
         reference,
-        Reach::Times(3.0),
+        Reach::Times(12.0),
         about,
     ));
     let value = median(&timer).context("no run")?;

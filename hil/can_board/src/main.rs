@@ -51,7 +51,7 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let table = bateleur_can_map::from_attributes(&arguments.table, None)?;
+    let table = bateleur_can_map::from_attributes(&arguments.table, None, bateleur_messages::catalogue())?;
     let mut board = Board::new(table, arguments.listen, arguments.simulator, Rates::classic(arguments.rate))?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {

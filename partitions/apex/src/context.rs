@@ -8,7 +8,8 @@ use std::rc::Rc;
 
 use bateleur_contract::sealed::SealedDescriptors;
 use bateleur_contract::{
-    Description, Direction, PlannedProcess, PortDescription, PortKind, ProcessPlan, StartCondition,
+    Description, Direction, PartitionTimes, PlannedProcess, PortDescription, PortKind, ProcessPlan,
+    StartCondition,
 };
 use bateleur_message_format::{Message, Type, describe, layout_of};
 use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Handed, Membership, Reader, Writer};
@@ -19,6 +20,7 @@ use crate::alignment::Alignment;
 use crate::attributes::{AttributeError, Attributes};
 use crate::faults::Faults;
 use crate::line::Line;
+use crate::logbook::Logbook;
 use crate::memory_block::MemoryBlock;
 use crate::notices::HealthNotices;
 use crate::ports::{
@@ -74,6 +76,14 @@ pub enum StartError {
         /// Those that it is given.
         known: String,
     },
+    /// The plan does not give the partition the logbook.
+    #[error("the plan gives this partition no logbook \"{name}\"; it has {known}")]
+    NoSuchLogbook {
+        /// The name that was asked for.
+        name: String,
+        /// Those that there are.
+        known: String,
+    },
     /// `retained` was asked for twice: there is one memory for one value.
     #[error("retained memory is asked for twice: put both values into one type")]
     RetainedTwice,
@@ -106,6 +116,7 @@ pub struct Context {
     outlets: Vec<(String, Rc<Outlet>)>,
     inlets: Vec<Rc<Inlet>>,
     memory_blocks: Vec<MemoryBlock>,
+    logbooks: Vec<Logbook>,
     retained: Option<File>,
     /// It has been asked for.
     retains: bool,
@@ -126,6 +137,11 @@ fn first_difference(found: &str, wanted: &str) -> String {
     }
 }
 
+fn names<'n>(names: impl Iterator<Item = &'n str>) -> String {
+    let names: Vec<&str> = names.collect();
+    if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+}
+
 impl Context {
     pub(crate) fn new(
         mut description: Description,
@@ -134,6 +150,7 @@ impl Context {
     ) -> Result<Self, StartError> {
         let memory_blocks =
             description.memory_blocks.iter().map(MemoryBlock::map).collect::<Result<_, _>>()?;
+        let logbooks = description.logbooks.iter().map(Logbook::map).collect::<Result<_, _>>()?;
         let domain = Domain { root: description.ports_root.clone() };
         let attributes = Attributes::new(std::mem::take(&mut description.attributes));
         Ok(Self {
@@ -148,6 +165,7 @@ impl Context {
             outlets: Vec::new(),
             inlets: Vec::new(),
             memory_blocks,
+            logbooks,
             retained,
             retains: false,
         })
@@ -289,6 +307,13 @@ impl Context {
         self.used = self.description.ports.iter().map(|port| port.name.clone()).collect();
     }
 
+    /// The message type of a port, by its name and its text with those of the types within it; `None`: the plan has no such port, or one
+    /// of plain bytes.
+    pub fn message_type(&self, port: &str) -> Option<(&str, &str)> {
+        let port = self.description.ports.iter().find(|described| described.name == port)?;
+        (!port.is_plain()).then_some((&port.message, &port.definition))
+    }
+
     /// Names of the ports that the plan declares with this direction and kind, in order; for a partition whose
     /// ports the plan decides, such as Command.
     pub fn port_names(&self, kind: PortKind, direction: Direction) -> Vec<String> {
@@ -338,10 +363,26 @@ impl Context {
     pub fn memory_block(&self, name: &str) -> Result<MemoryBlock, StartError> {
         let block = self.memory_blocks.iter().find(|block| block.name() == name);
         block.cloned().ok_or_else(|| {
-            let known: Vec<&str> = self.memory_blocks.iter().map(MemoryBlock::name).collect();
-            let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+            let known = names(self.memory_blocks.iter().map(MemoryBlock::name));
             StartError::NoSuchMemoryBlock { name: name.into(), known }
         })
+    }
+
+    /// CREATE_LOGBOOK: a logbook that the plan gives this partition.
+    ///
+    /// # Errors
+    /// It gives none with this name.
+    pub fn logbook(&self, name: &str) -> Result<Logbook, StartError> {
+        let logbook = self.logbooks.iter().find(|logbook| logbook.name() == name).ok_or_else(|| {
+            let known = names(self.logbooks.iter().map(Logbook::name));
+            StartError::NoSuchLogbook { name: name.into(), known }
+        })?;
+        logbook.abort_unfinished();
+        Ok(logbook.clone())
+    }
+
+    pub(crate) fn logbooks(&self) -> &[Logbook] {
+        &self.logbooks
     }
 
     pub(crate) fn memory_blocks(&self) -> &[MemoryBlock] {
@@ -351,6 +392,11 @@ impl Context {
     /// Its number and times in the plan, and what its processes may take.
     pub(crate) fn process_plan(&self) -> ProcessPlan {
         self.description.processes
+    }
+
+    /// Its times in schedules in which they are others.
+    pub(crate) fn schedule_times(&self) -> &BTreeMap<u32, PartitionTimes> {
+        &self.description.schedule_times
     }
 
     /// What the plan knows of its processes.

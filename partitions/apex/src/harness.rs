@@ -46,8 +46,8 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use bateleur_contract::page::WindowGrant;
 use bateleur_contract::{
-    Clock, ControlPage, Description, Direction, Mapped, MemoryBlockDescription, PortDescription, PortKind,
-    ProcessPlan, StartCondition, Takeover as Order,
+    Clock, ControlPage, Description, Direction, LogbookDescription, LogbookSizes, Mapped,
+    MemoryBlockDescription, PortDescription, PortKind, ProcessPlan, StartCondition, Takeover as Order,
 };
 use bateleur_message_format::{Field, Message, layout_of};
 use bateleur_ports::{Channel, ChannelType, Domain, Membership};
@@ -55,6 +55,7 @@ use rustix::fs::{MemfdFlags, ftruncate, memfd_create};
 
 use crate::context::{Context, StartError, Started};
 use crate::errors::{HealthError, Response};
+use crate::logbook::LogbookStore;
 use crate::memory_block::MemoryBlock;
 use crate::ports::{Inlet, Outlet, QueuingDestination, QueuingSource, SamplingDestination, SamplingSource};
 use crate::run::Partition;
@@ -73,6 +74,7 @@ pub struct Harness {
     time: Time,
     retained: Option<File>,
     memory_blocks: Vec<OwnedFd>,
+    logbooks: Vec<OwnedFd>,
     reports_seen: u32,
     // Held so that the channels stay; before the folder in which they lie.
     channels: Vec<(Channel, Option<Channel>, Membership)>,
@@ -124,6 +126,7 @@ impl Harness {
             may_set_schedule: Vec::new(),
             error_handler: false,
             processes: PROCESSES,
+            schedule_times: std::collections::BTreeMap::new(),
             process_table: None,
             crash_memory: None,
             planned_processes: Vec::new(),
@@ -131,6 +134,7 @@ impl Harness {
             may_align: false,
             retained_bytes: 0,
             memory_blocks: Vec::new(),
+            logbooks: Vec::new(),
             ports_root: folder.0.to_string_lossy().into_owned(),
         };
         let time = Time::new(Rc::new(page), Clock::Virtual);
@@ -139,6 +143,7 @@ impl Harness {
             time,
             retained: None,
             memory_blocks: Vec::new(),
+            logbooks: Vec::new(),
             reports_seen: 0,
             channels: Vec::new(),
             _folder: folder,
@@ -186,6 +191,20 @@ impl Harness {
         self.description.memory_blocks.push(described);
         self.memory_blocks.push(file);
         Ok(others)
+    }
+
+    /// Gives the partition a logbook, which all its incarnations share. The answer stores its messages when the test asks it to.
+    ///
+    /// # Errors
+    /// The machine has no memory to give.
+    pub fn logbook(&mut self, name: &str, sizes: LogbookSizes) -> Result<LogbookStore, StartError> {
+        let file = memory(sizes.bytes())?;
+        let others = file.try_clone().map_err(|error| refused("a logbook", error))?;
+        let described = LogbookDescription { name: name.into(), sizes, descriptor: -1 };
+        let store = LogbookStore::new(&described, others)?;
+        self.description.logbooks.push(described);
+        self.logbooks.push(file);
+        Ok(store)
     }
 
     /// Gives the partition a sampling destination; the answer is the source that feeds it.
@@ -268,6 +287,10 @@ impl Harness {
         for (block, file) in description.memory_blocks.iter_mut().zip(&self.memory_blocks) {
             let file = file.try_clone().map_err(|error| refused("a memory block", error))?;
             block.descriptor = file.into_raw_fd();
+        }
+        for (logbook, file) in description.logbooks.iter_mut().zip(&self.logbooks) {
+            let file = file.try_clone().map_err(|error| refused("a logbook", error))?;
+            logbook.descriptor = file.into_raw_fd();
         }
         Context::new(description, self.time.clone(), retained)
     }

@@ -43,6 +43,7 @@ mod faults;
 mod harness;
 mod hosted;
 mod line;
+mod logbook;
 mod memory_block;
 mod notices;
 #[cfg(test)]
@@ -75,6 +76,8 @@ pub use bateleur_message_macro as __message_macro;
 
 pub use alignment::Alignment;
 pub use attributes::{AttributeError, Attributes};
+pub use bateleur_contract::LogbookSizes;
+pub use bateleur_contract::logbook::{LogbookCounts, WriteStatus};
 pub use bateleur_contract::{AlignmentReport, Direction, ErrorCode, PortKind, StartCondition};
 pub use bateleur_ports::Stamp;
 pub use bateleur_processes::ReturnCode;
@@ -83,6 +86,7 @@ pub use errors::{HealthError, Response};
 pub use harness::{Harness, Incarnation};
 pub use hosted::{Hosted, Hosting};
 pub use line::Line;
+pub use logbook::{Logbook, LogbookError, LogbookStore};
 pub use memory_block::{MemoryBlock, MemoryBlockError};
 pub use notices::{HealthNotice, HealthNotices};
 pub use ports::{QueuingDestination, QueuingSource, Reading, SamplingDestination, SamplingSource, Sent};

@@ -5,15 +5,15 @@ mod pointers;
 
 use bateleur_apex::ReturnCode;
 use bateleur_apex::processes::standard::{
-    BlackboardId, BufferId, Deadline, EventId, MAX_LOCK_LEVEL, MutexId, ProcessAttributes, ProcessId,
-    QueuingPortId, QueuingPortListId, SamplingPortId, SemaphoreId, Updated, Validity,
+    BlackboardId, BufferId, Deadline, EventId, LogbookId, MAX_LOCK_LEVEL, MutexId, ProcessAttributes,
+    ProcessId, QueuingPortId, QueuingPortListId, SamplingPortId, SemaphoreId, Updated, Validity, WriteStatus,
 };
 use bateleur_apex::processes::{Progress, Services, current, standard};
 
 use crate::types::{
-    BlackboardStatus, BufferStatus, ErrorStatus, EventStatus, Identifier, MemoryBlockStatus, MutexStatus,
-    PartitionStatus, ProcessAttribute, ProcessStatus, QueuingPortStatus, SamplingPortCurrentStatus,
-    SamplingPortStatus, ScheduleStatus, SemaphoreStatus,
+    BlackboardStatus, BufferStatus, ErrorStatus, EventStatus, Identifier, LogbookStatus, MemoryBlockStatus,
+    MutexStatus, PartitionStatus, ProcessAttribute, ProcessStatus, QueuingPortStatus,
+    SamplingPortCurrentStatus, SamplingPortStatus, ScheduleStatus, SemaphoreStatus,
 };
 use pointers::{bytes, given, name_of, put, put_first, receive, tell, text};
 
@@ -292,6 +292,41 @@ services! {
         });
         put(port, Id::of(served.map_or(0, |port| port.0)))?;
         waited
+    }
+
+    CREATE_LOGBOOK, CREATE_LOGBOOK_64
+    (name: *const u8, size: i32, logged: i32, in_progress: i32, id: *mut Id) {
+        let name = name_of(name)?;
+        put_first(id, || {
+            let logbook = call(|services| services.create_logbook(name.text()?, size, logged, in_progress));
+            logbook.map(|id| Id::of(id.0))
+        })
+    }
+    WRITE_LOGBOOK, WRITE_LOGBOOK_64 (id: Id, message: *const u8, length: i32) {
+        let (id, message) = (LogbookId(id.number()), bytes(message, length)?);
+        call(|services| services.write_logbook(id, message))
+    }
+    OVERWRITE_LOGBOOK, OVERWRITE_LOGBOOK_64 (id: Id, message: *const u8, length: i32) {
+        let (id, message) = (LogbookId(id.number()), bytes(message, length)?);
+        call(|services| services.overwrite_logbook(id, message))
+    }
+    READ_LOGBOOK, READ_LOGBOOK_64
+    (id: Id, entry: i32, message: *mut u8, length: *mut i32, status: *mut u32) {
+        put(status, WriteStatus::Aborted.into())?;
+        let id = LogbookId(id.number());
+        let read = receive(message, length, |process, into| {
+            process.call(|services| services.read_logbook(id, entry, into))
+        })?;
+        put(status, read.into())
+    }
+    CLEAR_LOGBOOK, CLEAR_LOGBOOK_64 (id: Id) { call(|services| services.clear_logbook(LogbookId(id.number()))) }
+    GET_LOGBOOK_ID, GET_LOGBOOK_ID_64 (name: *const u8, id: *mut Id) {
+        let name = name_of(name)?;
+        put_first(id, || call(|services| services.get_logbook_id(name.text()?)).map(|id| Id::of(id.0)))
+    }
+    GET_LOGBOOK_STATUS, GET_LOGBOOK_STATUS_64 (id: Id, status: *mut LogbookStatus) {
+        let id = LogbookId(id.number());
+        put_first(status, || call(|services| services.get_logbook_status(id)).map(Into::into))
     }
 
     CREATE_BUFFER, CREATE_BUFFER_64

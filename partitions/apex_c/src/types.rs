@@ -226,6 +226,24 @@ pub struct MemoryBlockStatus {
     pub memory_block_size: i32,
 }
 
+/// LOGBOOK_STATUS_TYPE (Part 2).
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+pub struct LogbookStatus {
+    /// Bytes of a message.
+    pub max_message_size: i32,
+    /// Messages that it keeps.
+    pub max_nb_logged_messages: i32,
+    /// Messages that may be on their way to the store.
+    pub max_nb_in_progress_messages: i32,
+    /// Messages that are stored.
+    pub nb_logged_messages: i32,
+    /// Messages that are on their way.
+    pub nb_in_progress_messages: i32,
+    /// Messages of both kinds that were aborted.
+    pub nb_aborted_messages: i32,
+}
+
 /// ERROR_STATUS_TYPE.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
@@ -255,6 +273,19 @@ impl<I: Identifier> From<ModuleScheduleStatus> for ScheduleStatus<I> {
 impl From<standard::MemoryBlockStatus> for MemoryBlockStatus {
     fn from(of: standard::MemoryBlockStatus) -> Self {
         Self { memory_block_addr: of.address, memory_block_mode: of.mode.into(), memory_block_size: of.size }
+    }
+}
+
+impl From<standard::LogbookStatus> for LogbookStatus {
+    fn from(of: standard::LogbookStatus) -> Self {
+        Self {
+            max_message_size: of.max_message_size,
+            max_nb_logged_messages: of.max_logged,
+            max_nb_in_progress_messages: of.max_in_progress,
+            nb_logged_messages: of.logged,
+            nb_in_progress_messages: of.in_progress,
+            nb_aborted_messages: of.aborted,
+        }
     }
 }
 

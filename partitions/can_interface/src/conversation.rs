@@ -1,7 +1,7 @@
 //! What happens on the bus in one window.
 
 use bateleur_can_core::{Frame, Id};
-use bateleur_can_map::{Assembly, Outcome, Sync, Table};
+use bateleur_can_map::{Assembly, Layout, Outcome, Sync, Table};
 use bateleur_messages::{Custom, RawAnalog, RawGps, ServoTimers};
 use zerocopy::{FromBytes, IntoBytes};
 
@@ -15,8 +15,27 @@ const LOOKS: usize = 256;
 /// Looks before the actuators are sent: a flood of frames must not keep them waiting.
 const LOOKS_BEFORE: usize = 4;
 
+/// What is sent in a window.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Actuators {
+    /// The servos' pulses.
+    pub timers: ServoTimers,
+    /// Messages of further ports, in the order of [`Conversation::new`]; `None`: nothing was written yet.
+    pub others: Vec<Option<Vec<u8>>>,
+}
+
+/// The ports that this function has of itself, where the plan and the table have them.
+pub const OWN_PORTS: [&str; 4] = ["raw_analog", "raw_gps", "custom", "timers"];
+
+/// What is wrong where the plan has a port and the table does not.
+pub fn nothing_for(port: &str) -> String {
+    format!(
+        "the plan declares port {port}, and the table of CAN frames (attribute table) has nothing for it: take the port out of the plan, or add [port.{port}] to the table"
+    )
+}
+
 /// One window's sensors, as far as they came.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Sensors {
     /// Inertial, magnetic and pressure sensors.
     pub analog: Option<RawAnalog>,
@@ -24,6 +43,8 @@ pub struct Sensors {
     pub gps: Option<RawGps>,
     /// Sticks and voltages.
     pub custom: Option<Custom>,
+    /// Messages of further ports, each with its place in the order of [`Conversation::new`].
+    pub others: Vec<(usize, Vec<u8>)>,
 }
 
 impl Sensors {
@@ -69,6 +90,8 @@ pub struct Conversation {
     table: Table,
     sync: Option<Sync>,
     assemblies: Vec<(Port, Assembly)>,
+    /// Of further ports that are sent.
+    sent: Vec<Layout>,
     counts: Counts,
     /// Sets that have come, and of which it is not yet said for which time.
     pending: Sensors,
@@ -82,6 +105,8 @@ enum Port {
     Analog,
     Gps,
     Custom,
+    /// One of the further ports.
+    Other(usize),
 }
 
 impl Port {
@@ -90,25 +115,34 @@ impl Port {
 }
 
 impl Conversation {
-    /// A conversation in the words of a table.
+    /// A conversation in the words of a table. Ports beyond this function's own: those whose messages come from frames, and those whose
+    /// messages are sent as frames.
     ///
     /// # Errors
-    /// A port in the table that this function does not have, or a message at the wrong one.
-    pub fn new(table: Table) -> Result<Self, String> {
-        let known = ["raw_analog", "raw_gps", "custom", "timers"];
-        if let Some(port) = table.ports().find(|port| !known.contains(port)) {
+    /// A port in the table that there is not, or one that the table does not have.
+    pub fn new(table: Table, received: &[String], sent: &[String]) -> Result<Self, String> {
+        let is_known =
+            |port: &str| OWN_PORTS.contains(&port) || [received, sent].concat().iter().any(|own| own == port);
+        if let Some(port) = table.ports().find(|port| !is_known(port)) {
             return Err(format!(
-                "attribute table: this function has no port \"{port}\"; it has {}",
-                known.join(", ")
+                "attribute table: there is no port \"{port}\": give the partition a sampling port of that name in the plan, or use {}",
+                OWN_PORTS.join(", ")
             ));
         }
-        let assembly = |(name, port): (&str, Port)| Some((port, Assembly::new(table.layout(name)?.clone())));
-        let assemblies = Port::ALL.into_iter().filter_map(assembly).collect();
+        let layout = |name: &String| table.layout(name).cloned().ok_or_else(|| nothing_for(name));
+        let own = Port::ALL.into_iter().filter_map(|(name, port)| Some((port, table.layout(name)?.clone())));
+        let mut layouts: Vec<(Port, Layout)> = own.collect();
+        for (place, name) in received.iter().enumerate() {
+            layouts.push((Port::Other(place), layout(name)?));
+        }
+        let assemblies = layouts.into_iter().map(|(port, layout)| (port, Assembly::new(layout))).collect();
+        let sent = sent.iter().map(layout).collect::<Result<_, _>>()?;
         let sync = table.sync();
         Ok(Self {
             table,
             sync,
             assemblies,
+            sent,
             counts: Counts::default(),
             pending: Sensors::default(),
             taken_ns: None,
@@ -121,6 +155,11 @@ impl Conversation {
         self.table.layout(port).is_some()
     }
 
+    /// The message type that the table gives a port.
+    pub fn message(&self, port: &str) -> Option<&str> {
+        self.table.layout(port).map(Layout::message)
+    }
+
     /// What became of what came.
     pub fn counts(&self) -> Counts {
         self.counts
@@ -130,7 +169,7 @@ impl Conversation {
     /// what came since the last window is taken as it is.
     pub fn exchange(
         &mut self,
-        timers: &ServoTimers,
+        actuators: &Actuators,
         moment: &Moment,
         wires: &mut Wires,
         time: &impl Waiting,
@@ -148,10 +187,10 @@ impl Conversation {
             // What is left of an answer to an earlier question is no part of the next one.
             self.assemblies.iter_mut().for_each(|(_, assembly)| assembly.forget());
         }
-        self.say(timers, moment, wires);
+        self.say(actuators, moment, wires);
         wires.take_restarted_peer();
         if asks {
-            self.await_answer(timers, moment, wires, time, &mut sensors);
+            self.await_answer(actuators, moment, wires, time, &mut sensors);
         }
         match sensors.analog.is_some() {
             true => self.counts.accepted += 1,
@@ -173,14 +212,17 @@ impl Conversation {
 
     /// Identifiers of the frames that it sends: of each the newest alone is worth anything.
     pub fn said(&self) -> impl Iterator<Item = Id> {
-        let timers = self.table.layout("timers").into_iter().flat_map(|layout| layout.ids());
-        timers.chain(self.sync.map(|sync| sync.frame))
+        let layouts = self.table.layout("timers").into_iter().chain(&self.sent);
+        layouts.flat_map(Layout::ids).chain(self.sync.map(|sync| sync.frame))
     }
 
-    fn say(&self, timers: &ServoTimers, moment: &Moment, wires: &mut Wires) {
+    fn say(&self, actuators: &Actuators, moment: &Moment, wires: &mut Wires) {
         let now_ns = moment.module_ns;
-        if let Some(layout) = self.table.layout("timers") {
-            layout.frames(timers.as_bytes(), now_ns).iter().for_each(|frame| wires.send(frame, now_ns));
+        let own = self.table.layout("timers").map(|layout| (layout, actuators.timers.as_bytes()));
+        let others = self.sent.iter().zip(&actuators.others);
+        let others = others.filter_map(|(layout, message)| Some((layout, message.as_deref()?)));
+        for (layout, message) in own.into_iter().chain(others) {
+            layout.frames(message, now_ns).iter().for_each(|frame| wires.send(frame, now_ns));
         }
         if let Some(sync) = self.sync {
             wires.send(&Frame::classic(sync.frame, &now_ns.to_le_bytes()), now_ns);
@@ -190,7 +232,7 @@ impl Conversation {
 
     fn await_answer(
         &mut self,
-        timers: &ServoTimers,
+        actuators: &Actuators,
         moment: &Moment,
         wires: &mut Wires,
         time: &impl Waiting,
@@ -217,7 +259,7 @@ impl Conversation {
             }
             tries -= 1;
             self.counts.repeated += 1;
-            self.say(timers, moment, wires);
+            self.say(actuators, moment, wires);
             until_ns = moment.deadline_ns;
         }
     }
@@ -241,6 +283,13 @@ impl Conversation {
         sensors.analog = set.analog.or(sensors.analog);
         sensors.gps = set.gps.or(sensors.gps);
         sensors.custom = set.custom.or(sensors.custom);
+        for (place, mut message) in set.others {
+            let assembly = self.assemblies.iter().find(|(port, _)| *port == Port::Other(place));
+            if let Some((_, assembly)) = assembly {
+                assembly.layout().make_older(&mut message, late_ns);
+            }
+            sensors.others.push((place, message));
+        }
     }
 
     /// Takes what has come; whether there may be more.
@@ -275,6 +324,7 @@ impl Conversation {
                         Port::Analog => set.analog.is_some(),
                         Port::Gps => set.gps.is_some(),
                         Port::Custom => set.custom.is_some(),
+                        Port::Other(place) => set.others.iter().any(|(other, _)| other == place),
                     };
                     if missing > 0 && is_there {
                         continue;
@@ -283,6 +333,10 @@ impl Conversation {
                         Port::Analog => set.analog = RawAnalog::read_from_bytes(&bytes).ok(),
                         Port::Gps => set.gps = RawGps::read_from_bytes(&bytes).ok(),
                         Port::Custom => set.custom = Custom::read_from_bytes(&bytes).ok(),
+                        Port::Other(place) => {
+                            set.others.retain(|(other, _)| other != place);
+                            set.others.push((*place, bytes));
+                        }
                     }
                 }
                 Outcome::Withheld => self.counts.withheld += 1,
@@ -305,6 +359,10 @@ mod tests {
     use super::*;
 
     const CYCLE: u64 = 20_000_000;
+
+    fn at_rest() -> Actuators {
+        Actuators { timers: ServoTimers::AT_REST, others: Vec::new() }
+    }
 
     /// A board with nodes, on the other side of a gateway, which answers in the wait; it leaves the first `ignores` questions
     /// unanswered and loses the frame with the identifier `loses`.
@@ -329,17 +387,17 @@ mod tests {
                 listen: Some("127.0.0.1:0".parse().unwrap()),
                 gateway: Settings::new(2, 2, vec![socket.local_addr().unwrap()]),
             };
-            let table = from_attributes(DISTRIBUTION_BOARD, None).unwrap();
+            let table = from_attributes(DISTRIBUTION_BOARD, None, bateleur_messages::catalogue()).unwrap();
             let (asked, now_ns) = (RefCell::default(), Cell::new(CYCLE));
             let (gateway, ignores, loses) = (RefCell::new(gateway), Cell::new(0), Cell::new(0));
             let board = Self { table: table.clone(), gateway, socket, asked, ignores, loses, now_ns };
-            (board, Wires::open(settings).unwrap(), Conversation::new(table).unwrap())
+            (board, Wires::open(settings).unwrap(), Conversation::new(table, &[], &[]).unwrap())
         }
 
         fn cycle(&self, number: u64, wires: &mut Wires, conversation: &mut Conversation) -> Sensors {
             self.now_ns.set(number * CYCLE);
             let moment = Moment { module_ns: number * CYCLE, deadline_ns: number * CYCLE + 2_500_000 };
-            conversation.exchange(&ServoTimers::AT_REST, &moment, wires, self)
+            conversation.exchange(&at_rest(), &moment, wires, self)
         }
 
         fn answer(&self) -> bool {
@@ -489,7 +547,7 @@ mod tests {
     fn a_flood_of_datagrams_does_not_hold_the_window_beyond_the_cut_off() {
         let (board, mut wires, mut conversation) = Board::new();
         let moment = Moment { module_ns: CYCLE, deadline_ns: CYCLE + 2_500_000 };
-        conversation.exchange(&ServoTimers::AT_REST, &moment, &mut wires, &Flood(&board));
+        conversation.exchange(&at_rest(), &moment, &mut wires, &Flood(&board));
         assert!(board.now_ns.get() <= moment.deadline_ns, "{} ns", board.now_ns.get());
     }
 
@@ -521,7 +579,7 @@ mod tests {
                     fields = { temperature_k = { frame = \"121\", start = 48, bits = 16 } }\n\
                     [port.custom]\nmessage = \"Custom\"\n\
                     fields = { main_v = { frame = \"121\", start = 0, bits = 16 } }\n";
-        let mut conversation = Conversation::new(Table::parse("t", text, None).unwrap()).unwrap();
+        let mut conversation = Conversation::new(Table::parse("t", text, None).unwrap(), &[], &[]).unwrap();
         let (moment, mut sensors) = (Moment { module_ns: CYCLE, deadline_ns: CYCLE }, Sensors::default());
         let frame = Frame::classic(Id::Standard(0x121), &[12, 0, 0, 0, 0, 0, 0x20, 1]);
         conversation.take(&frame, 0, &moment, &mut sensors);
@@ -534,7 +592,7 @@ mod tests {
     #[test]
     fn a_table_with_somebody_elses_port_is_refused() {
         let text = "[port.states]\nmessage = \"Custom\"\nfields = { main_v = { frame = \"100\", start = 0, bits = 8 } }\n";
-        let error = Conversation::new(Table::parse("t", text, None).unwrap()).unwrap_err();
+        let error = Conversation::new(Table::parse("t", text, None).unwrap(), &[], &[]).unwrap_err();
         assert!(error.contains("no port \"states\"") && error.contains("raw_analog"), "{error}");
     }
 

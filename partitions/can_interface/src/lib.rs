@@ -10,7 +10,7 @@
 mod conversation;
 mod wires;
 
-pub use conversation::{Conversation, Counts, Moment, Sensors};
+pub use conversation::{Actuators, Conversation, Counts, Moment, OWN_PORTS, Sensors, nothing_for};
 pub use wires::{Settings, Waiting, Wires};
 
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};

@@ -5,18 +5,20 @@ use std::os::fd::AsFd;
 use std::process::ExitCode;
 
 use bateleur_apex::{
-    Context, Direction, Partition, PortKind, Retained, SamplingDestination, SamplingSource, StartError,
-    Supervision, SupervisionEvent, Takeover, Window,
+    Context, Direction, Partition, PortKind, RawSamplingDestination, RawSamplingSource, Retained,
+    SamplingDestination, SamplingSource, Stamp, StartError, Supervision, SupervisionEvent, Takeover, Window,
 };
 use bateleur_can_core::bus::BusName;
 use bateleur_can_core::wire::native;
 use bateleur_can_core::{Counters, Ids, Settings as GatewaySettings, identity};
-use bateleur_can_interface::{Conversation, Kept, Moment, Sensors, Settings, Waiting, Wires};
+use bateleur_can_interface::{
+    Actuators, Conversation, Kept, Moment, OWN_PORTS, Sensors, Settings, Waiting, Wires, nothing_for,
+};
 use bateleur_function_shell::FunctionShell;
 use bateleur_messages::parameter::Parameters;
 use bateleur_messages::telemetry::FROM_HIL_INTERFACE;
 use bateleur_messages::{
-    Custom, FunctionStatus, Message, Rate, RawAnalog, RawGps, ServoTimers, SimulatorLink,
+    Catalogue, Custom, FunctionStatus, Message, Rate, RawAnalog, RawGps, ServoTimers, SimulatorLink, Type,
 };
 
 /// What is left of the window when the wait for sensors ends, ns: to decode and publish what came.
@@ -35,6 +37,9 @@ struct CanInterface {
     raw_analog: Option<SamplingSource<RawAnalog>>,
     raw_gps: Option<SamplingSource<RawGps>>,
     custom: Option<SamplingSource<Custom>>,
+    /// Further ports of the plan, whose messages come from frames, and are sent as frames.
+    received: Vec<(RawSamplingSource, u64)>,
+    sent: Vec<RawSamplingDestination>,
     status: SamplingSource<FunctionStatus>,
     link: Option<SamplingSource<SimulatorLink>>,
     shell: FunctionShell<()>,
@@ -44,7 +49,8 @@ impl Partition for CanInterface {
     fn start(context: &mut Context) -> Result<Self, StartError> {
         let mut retained: Retained<Kept> = context.retained()?;
         let enabled: bool = context.attribute("enabled", true)?;
-        let conversation = conversation(context)?;
+        let others = Others::of(context);
+        let conversation = conversation(context, &others)?;
         let mut settings = settings(context)?;
         settings.gateway.ring.newest_wins = newest_of(&conversation)?;
         let wires = Wires::open(settings).map_err(StartError::Other)?;
@@ -52,6 +58,8 @@ impl Partition for CanInterface {
             raw_analog: source(context, &conversation, "raw_analog")?,
             raw_gps: source(context, &conversation, "raw_gps")?,
             custom: source(context, &conversation, "custom")?,
+            received: others.sources(context, &conversation)?,
+            sent: others.destinations(context, &conversation)?,
             conversation,
             wires,
             supervision: Supervision::default(),
@@ -78,7 +86,7 @@ impl Partition for CanInterface {
         }
         if self.kept.enabled == 1 {
             let sensors = self.ask(window);
-            self.publish(&sensors);
+            self.publish(&sensors, window.start_ns());
             self.supervise(window, sensors.analog.is_some());
             self.kept.cycles += 1;
             self.retained.store(&self.kept);
@@ -112,15 +120,13 @@ impl CanInterface {
         let moment = Moment { module_ns: window.start_ns(), deadline_ns };
         // The last values stand, however old they are, as the pulse of a real actuator board would.
         let timers = self.timers.as_mut().and_then(|timers| timers.read().map(|reading| *reading.value));
-        self.conversation.exchange(
-            &timers.unwrap_or(ServoTimers::AT_REST),
-            &moment,
-            &mut self.wires,
-            &Clock(window),
-        )
+        let others = self.sent.iter_mut().map(|port| port.read().map(|reading| reading.bytes.to_vec()));
+        let actuators =
+            Actuators { timers: timers.unwrap_or(ServoTimers::AT_REST), others: others.collect() };
+        self.conversation.exchange(&actuators, &moment, &mut self.wires, &Clock(window))
     }
 
-    fn publish(&mut self, sensors: &Sensors) {
+    fn publish(&mut self, sensors: &Sensors, now_ns: u64) {
         fn put<T: Message>(port: &mut Option<SamplingSource<T>>, value: Option<&T>) {
             if let (Some(port), Some(value)) = (port, value) {
                 port.write(value);
@@ -132,6 +138,12 @@ impl CanInterface {
         put(&mut self.raw_analog, sensors.analog.as_ref());
         put(&mut self.raw_gps, sensors.gps.as_ref());
         put(&mut self.custom, sensors.custom.as_ref());
+        for (place, message) in &sensors.others {
+            if let Some((port, sequence)) = self.received.get_mut(*place) {
+                *sequence += 1;
+                port.write(message, Stamp { source_ns: now_ns, sequence: *sequence });
+            }
+        }
     }
 
     fn supervise(&mut self, window: &Window, came: bool) {
@@ -205,21 +217,88 @@ fn source<T: Message>(
 ) -> Result<Option<SamplingSource<T>>, StartError> {
     match (context.declares(PortKind::Sampling, Direction::Source, name), conversation.has(name)) {
         (true, true) => context.sampling_source(name).map(Some),
-        (true, false) => Err(StartError::Other(format!(
-            "the plan declares port {name}, and the table of CAN frames (attribute table) has nothing for it: take the port out of the plan, or add [port.{name}] to the table"
-        ))),
+        (true, false) => Err(StartError::Other(nothing_for(name))),
         _ => Ok(None),
     }
 }
 
-fn conversation(context: &mut Context) -> Result<Conversation, StartError> {
+/// Sampling ports that the plan gives this partition beyond the function's own.
+struct Others {
+    /// Their messages come from frames.
+    sources: Vec<String>,
+    /// Their messages are sent as frames.
+    destinations: Vec<String>,
+}
+
+impl Others {
+    fn of(context: &Context) -> Self {
+        let others = |direction, own: &[&str]| {
+            let mut names = context.port_names(PortKind::Sampling, direction);
+            names.retain(|name| !OWN_PORTS.contains(&name.as_str()) && !own.contains(&name.as_str()));
+            names
+        };
+        Self {
+            sources: others(Direction::Source, &["status", "link"]),
+            destinations: others(Direction::Destination, &["rate"]),
+        }
+    }
+
+    /// The flight's message types and those of these ports.
+    fn types(&self, context: &Context) -> Result<Catalogue, StartError> {
+        let described = self.sources.iter().chain(&self.destinations);
+        let described = described.filter_map(|port| context.message_type(port));
+        let read = described.map(|(name, text)| Type::from_schema(name, text));
+        let types: Vec<Type> =
+            read.collect::<Result<_, _>>().map_err(|error| StartError::Other(error.to_string()))?;
+        Ok(bateleur_messages::catalogue().and(types))
+    }
+
+    fn sources(
+        &self,
+        context: &mut Context,
+        conversation: &Conversation,
+    ) -> Result<Vec<(RawSamplingSource, u64)>, StartError> {
+        let open = |name: &String| {
+            same_message(context, conversation, name)?;
+            Ok((context.raw_sampling_source(name)?.0, 0))
+        };
+        self.sources.iter().map(open).collect()
+    }
+
+    fn destinations(
+        &self,
+        context: &mut Context,
+        conversation: &Conversation,
+    ) -> Result<Vec<RawSamplingDestination>, StartError> {
+        let open = |name: &String| {
+            same_message(context, conversation, name)?;
+            Ok(context.raw_sampling_destination(name)?.0)
+        };
+        self.destinations.iter().map(open).collect()
+    }
+}
+
+/// Plan and table say the same of a port.
+fn same_message(context: &Context, conversation: &Conversation, port: &str) -> Result<(), StartError> {
+    let of_plan = context.message_type(port).map(|(name, _)| name);
+    let of_table = conversation.message(port);
+    if of_plan == of_table {
+        return Ok(());
+    }
+    let [of_plan, of_table] = [of_plan, of_table].map(|name| name.unwrap_or("plain bytes"));
+    Err(StartError::Other(format!(
+        "port {port} carries {of_plan} in the plan, and {of_table} in the table of CAN frames (attribute table): let them say the same"
+    )))
+}
+
+fn conversation(context: &mut Context, others: &Others) -> Result<Conversation, StartError> {
     let table: String = context.attribute("table", bateleur_can_map::DISTRIBUTION_BOARD.into())?;
     let dbc: Option<String> = context.attribute("dbc", None)?;
-    let table = bateleur_can_map::from_attributes(&table, dbc.as_deref())
+    let table = bateleur_can_map::from_attributes(&table, dbc.as_deref(), &others.types(context)?)
         // One line: of a refusal the executive tells the last one.
         .map_err(|error| error.to_string().replace('\n', "; "))
         .map_err(|error| StartError::Other(format!("attributes table and dbc: {error}")))?;
-    Conversation::new(table).map_err(StartError::Other)
+    Conversation::new(table, &others.sources, &others.destinations).map_err(StartError::Other)
 }
 
 /// What it sends again and again: a board that is found must not be given a second of old commands.

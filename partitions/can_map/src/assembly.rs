@@ -35,6 +35,11 @@ impl Assembly {
         Self { parts: vec![None; layout.carriers.len()], layout }
     }
 
+    /// What it puts together.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
     /// Whether frames of this identifier belong here.
     pub fn wants(&self, id: Id) -> bool {
         self.layout.ids().any(|own| own == id)

@@ -5,6 +5,8 @@
 
 use std::io::Read as _;
 
+use bateleur_messages::Catalogue;
+
 mod assembly;
 mod dbc;
 mod raw;
@@ -19,11 +21,11 @@ pub use table::{Layout, Sync, Table, TableError};
 pub const DISTRIBUTION_BOARD: &str = "distribution_board";
 
 /// The table behind an attribute: the name of one that is built in, a file's path, or a table itself. `dbc`: a path or a
-/// text likewise.
+/// text likewise. `types`: those of the messages.
 ///
 /// # Errors
 /// The file can not be read, or what the table says can not be meant.
-pub fn from_attributes(table: &str, dbc: Option<&str>) -> Result<Table, TableError> {
+pub fn from_attributes(table: &str, dbc: Option<&str>, types: &Catalogue) -> Result<Table, TableError> {
     let (name, text) = match table {
         DISTRIBUTION_BOARD => {
             (table.to_owned(), include_str!("../tables/distribution_board.toml").to_owned())
@@ -41,7 +43,8 @@ pub fn from_attributes(table: &str, dbc: Option<&str>) -> Result<Table, TableErr
         Some(path) => Some((path.to_owned(), dbc_text(read(path, "the DBC file")?))),
         None => None,
     };
-    Table::parse(&name, &text, dbc.as_ref().map(|(name, text)| (name.as_str(), text.as_str())))
+    let dbc = dbc.as_ref().map(|(name, text)| (name.as_str(), text.as_str()));
+    Table::parse_among(&name, &text, dbc, types)
 }
 
 /// Longest file that is read, bytes: taken apart it needs many times that, and a partition's memory is small.

@@ -66,6 +66,7 @@ pub(crate) struct Carrier {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layout {
     pub(crate) port: String,
+    pub(crate) message: String,
     pub(crate) size: usize,
     pub(crate) slots: Vec<Slot>,
     /// In the order of arbitration.
@@ -82,6 +83,11 @@ impl Layout {
     /// The port.
     pub fn port(&self) -> &str {
         &self.port
+    }
+
+    /// The message type's name.
+    pub fn message(&self) -> &str {
+        &self.message
     }
 
     /// The identifiers of its frames.
@@ -109,6 +115,15 @@ impl Layout {
             Frame::new(carrier.id, kind, data).ok()
         };
         self.carriers.iter().zip(&data).filter_map(frame).collect()
+    }
+}
+
+impl Layout {
+    /// Moves the time of measuring of a message back by `by_ns`.
+    pub fn make_older(&self, message: &mut [u8], by_ns: u64) {
+        let Some(stamp) = self.stamp.and_then(|stamp| message.get_mut(stamp..stamp + 8)) else { return };
+        let measured_ns = stamp.try_into().map_or(0, u64::from_le_bytes);
+        stamp.copy_from_slice(&measured_ns.saturating_sub(by_ns).to_le_bytes());
     }
 }
 
@@ -289,7 +304,17 @@ impl Checker<'_> {
         });
         let slots = slots.collect();
         let age = age.map(|(id, signal)| (place(id), signal));
-        Some(Layout { port: port.into(), size: message.size(), slots, complete, stamp, age, carriers })
+        let name = message.name().to_owned();
+        Some(Layout {
+            port: port.into(),
+            message: name,
+            size: message.size(),
+            slots,
+            complete,
+            stamp,
+            age,
+            carriers,
+        })
     }
 
     /// Where the field for the time stands.

@@ -1,12 +1,14 @@
 //! Tables, from their text to frames and back.
 
 use super::*;
+use bateleur_messages::catalogue;
+
 use crate::{Assembly, DISTRIBUTION_BOARD, Outcome, from_attributes};
 use bateleur_messages::{Custom, Message, RawAnalog, RawGps, ServoTimers};
 use zerocopy::{FromBytes, IntoBytes};
 
 fn board() -> Table {
-    from_attributes(DISTRIBUTION_BOARD, None).unwrap()
+    from_attributes(DISTRIBUTION_BOARD, None, catalogue()).unwrap()
 }
 
 /// A message through frames and back, at this module time, where the frame with the identifier `lost` does not come.
@@ -198,9 +200,10 @@ fn signals_that_overlap_are_refused_by_name() {
 
 #[test]
 fn dbc_file_that_is_not_there_or_too_long_is_refused_as_what_it_is() {
-    let error = from_attributes(DISTRIBUTION_BOARD, Some("/nowhere/a.dbc")).unwrap_err().to_string();
+    let error =
+        from_attributes(DISTRIBUTION_BOARD, Some("/nowhere/a.dbc"), catalogue()).unwrap_err().to_string();
     assert!(error.contains("cannot read the DBC file /nowhere/a.dbc"), "{error}");
-    let error = from_attributes(DISTRIBUTION_BOARD, Some("/dev/zero")).unwrap_err().to_string();
+    let error = from_attributes(DISTRIBUTION_BOARD, Some("/dev/zero"), catalogue()).unwrap_err().to_string();
     assert!(error.contains("/dev/zero") && error.contains("longer than 1 MiB"), "{error}");
 }
 
@@ -262,9 +265,9 @@ fn a_dbc_file_in_windows_1252_is_read_and_a_table_that_is_not_utf_8_is_refused()
     let (before, after) = DBC.split_once("deg/s").unwrap();
     std::fs::write(&dbc, [before.as_bytes(), b"\xb0/s", after.as_bytes()].concat()).unwrap();
     let fields = "[port.raw_analog]\nmessage = \"RawAnalog\"\nfields = { \"rates_radps[0]\" = { signal = \"Gyro.RollDegrees\" } }\n";
-    let read = from_attributes(fields, Some(dbc_path));
+    let read = from_attributes(fields, Some(dbc_path), catalogue());
     std::fs::write(&table, b"# \xb0\n").unwrap();
-    let refused = from_attributes(table_path, None).unwrap_err().to_string();
+    let refused = from_attributes(table_path, None, catalogue()).unwrap_err().to_string();
     std::fs::remove_file(&dbc).unwrap();
     std::fs::remove_file(&table).unwrap();
     assert_eq!(read.unwrap().layout("raw_analog").unwrap().ids().next(), Some(Id::Standard(0x111)));
@@ -391,7 +394,12 @@ fn everything_that_can_not_be_meant_is_said_at_once_with_its_line() {
     );
     let age = "age = { frame = \"101\", start = 0, bits = 8 }";
     assert!(stamped(age).contains("has an age and no stamp"), "{}", stamped(age));
-    assert!(from_attributes("/nowhere/table.toml", None).unwrap_err().to_string().contains("cannot read"));
+    assert!(
+        from_attributes("/nowhere/table.toml", None, catalogue())
+            .unwrap_err()
+            .to_string()
+            .contains("cannot read")
+    );
     let mapped = "[port.custom]\nmessage = \"Custom\"\nfields = { main_v = { signal = \"Power.Main\" } }\n";
     let empty = Table::parse("t.toml", mapped, Some(("a.dbc", ""))).unwrap_err().to_string();
     assert_eq!(empty, "t.toml:3: the DBC file has no signal Power.Main, nor any other");

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use crate::logbook::LogbookSizes;
 use crate::sealed::SealedDescriptors;
 
 /// Everything a partition knows about itself.
@@ -37,6 +38,9 @@ pub struct Description {
     pub error_handler: bool,
     /// Its number and times, and what its processes may take.
     pub processes: ProcessPlan,
+    /// Its times in schedules in which they are others, by the schedule's number.
+    #[serde(default)]
+    pub schedule_times: BTreeMap<u32, PartitionTimes>,
     /// Descriptor of its [`crate::ProcessTable`]; it has none where it can have one thread only.
     #[serde(default)]
     pub process_table: Option<i32>,
@@ -57,6 +61,9 @@ pub struct Description {
     /// The memory blocks that it is given.
     #[serde(default)]
     pub memory_blocks: Vec<MemoryBlockDescription>,
+    /// Its logbooks.
+    #[serde(default)]
+    pub logbooks: Vec<LogbookDescription>,
     /// Directory of the module's channels: each has a directory of its own in it.
     pub ports_root: String,
 }
@@ -76,6 +83,17 @@ pub struct ProcessPlan {
     pub most: u32,
     /// Bytes that their stacks may have together.
     pub stacks_bytes: u64,
+}
+
+/// A partition's period in a schedule.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PartitionTimes {
+    /// From one release point to the next, ns; above 0.
+    pub period_ns: u64,
+    /// The first release point, from the start of a major frame, ns.
+    pub release_ns: u64,
+    /// Time that the partition has in each period at least, ns.
+    pub duration_ns: u64,
 }
 
 /// A process as the plan has it.
@@ -100,6 +118,17 @@ pub struct MemoryBlockDescription {
     pub bytes: u64,
     /// The partition may write it; otherwise the descriptor only reads.
     pub writable: bool,
+    /// The descriptor of its memory.
+    pub descriptor: i32,
+}
+
+/// A logbook (ARINC 653 part 2) of a partition.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LogbookDescription {
+    /// Its name in the plan.
+    pub name: String,
+    /// How much it holds.
+    pub sizes: LogbookSizes,
     /// The descriptor of its memory.
     pub descriptor: i32,
 }

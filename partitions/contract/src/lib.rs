@@ -1,6 +1,6 @@
 //! The contract between the executive and a partition, and nothing else.
 //!
-//! Responsible for: the control page and the process table that both map, the memory in which a dying process leaves what happened, the
+//! Responsible for: the control page and the process table that both map, the memory in which a dying process leaves what happened, that of a logbook, the
 //! description that a partition is started with, the table of a module's links that a relay is told, the numbers of the descriptors it inherits, and its exit codes. Both sides are
 //! built from this crate, and the page carries a version, so that a partition built against another contract is refused
 //! at its start. It must never grow policy: what a fault means is the executive's business, what a window computes is
@@ -9,6 +9,7 @@
 pub mod crash;
 pub mod description;
 pub mod fault;
+pub mod logbook;
 pub mod packing;
 pub mod page;
 pub mod process_table;
@@ -21,11 +22,12 @@ mod mapping;
 
 pub use crash::CrashHead;
 pub use description::{
-    Clock, Description, Direction, MemoryBlockDescription, PLAIN_BYTES, PlannedProcess, PortDescription,
-    PortKind, ProcessPlan, StartCondition,
+    Clock, Description, Direction, LogbookDescription, MemoryBlockDescription, PLAIN_BYTES, PartitionTimes,
+    PlannedProcess, PortDescription, PortKind, ProcessPlan, StartCondition,
 };
 pub use fault::{FaultKind, FaultOrder};
-pub use mapping::{Mapped, MappingError, SharedMemory};
+pub use logbook::{Logbook, LogbookSizes};
+pub use mapping::{Mapped, MappedWords, MappingError, SharedMemory};
 pub use page::{
     AlignmentReport, AlignmentTold, ControlPage, ErrorCode, Mode, ReportKind, Reported, Takeover,
 };

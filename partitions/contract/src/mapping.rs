@@ -5,6 +5,8 @@ use std::marker::PhantomData;
 use std::ops::Deref;
 use std::os::fd::AsFd;
 use std::ptr::NonNull;
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
 
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 
@@ -83,5 +85,54 @@ impl<T> Drop for Mapped<T> {
     fn drop(&mut self) {
         // SAFETY: the mapping was made by `new` with this length, and no reference outlives `self`.
         let _ = unsafe { munmap(self.at.as_ptr().cast(), size_of::<T>()) };
+    }
+}
+/// Words in shared memory, unmapped with the last copy of this.
+#[derive(Debug, Clone)]
+pub struct MappedWords(Arc<Words>);
+
+#[derive(Debug)]
+struct Words {
+    at: NonNull<AtomicU64>,
+    count: usize,
+}
+
+// SAFETY: they are atomics, and the mapping is valid in every thread of the process.
+unsafe impl Send for Words {}
+// SAFETY: as above.
+unsafe impl Sync for Words {}
+
+impl MappedWords {
+    /// Maps the whole words behind `descriptor`, readable and writable.
+    ///
+    /// # Errors
+    /// There are none, or the kernel refuses.
+    pub fn new(descriptor: impl AsFd) -> Result<Self, MappingError> {
+        let found = rustix::fs::fstat(&descriptor)?.st_size as u64;
+        let count = found as usize / size_of::<AtomicU64>();
+        if count == 0 {
+            return Err(MappingError::TooShort { found, expected: size_of::<AtomicU64>() as u64 });
+        }
+        let (access, bytes) = (ProtFlags::READ | ProtFlags::WRITE, count * size_of::<AtomicU64>());
+        // SAFETY: a fresh mapping at an address of the kernel's choice, page aligned, of a file that is as long.
+        let at = unsafe { mmap(std::ptr::null_mut(), bytes, access, MapFlags::SHARED, descriptor, 0)? };
+        let at = NonNull::new(at.cast()).ok_or(MappingError::Refused(rustix::io::Errno::INVAL))?;
+        Ok(Self(Arc::new(Words { at, count })))
+    }
+}
+
+impl Deref for MappedWords {
+    type Target = [AtomicU64];
+
+    fn deref(&self) -> &[AtomicU64] {
+        // SAFETY: mapped for as long as `self` lives, aligned, and atomics have a value for every content.
+        unsafe { std::slice::from_raw_parts(self.0.at.as_ptr(), self.0.count) }
+    }
+}
+
+impl Drop for Words {
+    fn drop(&mut self) {
+        // SAFETY: the mapping was made with this length, and no reference outlives `self`.
+        let _ = unsafe { munmap(self.at.as_ptr().cast(), self.count * size_of::<AtomicU64>()) };
     }
 }

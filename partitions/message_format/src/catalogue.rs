@@ -46,6 +46,16 @@ impl Catalogue {
         }
     }
 
+    /// These types and `others`, of which one with a name that is known is left out.
+    #[must_use]
+    pub fn and(&self, others: impl IntoIterator<Item = Type>) -> Self {
+        let mut types = self.types.clone();
+        for of in others {
+            types.entry(of.name().to_owned()).or_insert_with(|| Arc::new(of));
+        }
+        Self { types }
+    }
+
     /// The type called `name`, exactly as written.
     #[must_use]
     pub fn find(&self, name: &str) -> Option<&Arc<Type>> {

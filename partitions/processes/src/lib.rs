@@ -36,6 +36,7 @@
 pub mod functional_status;
 mod health;
 mod lending;
+pub mod logbooks;
 mod objects;
 mod partition;
 pub mod ports;

@@ -9,6 +9,7 @@ use crate::return_code::ReturnCode;
 use crate::services::blackboards::Blackboard;
 use crate::services::buffers::Buffer;
 use crate::services::events::Event;
+use crate::services::logbooks::Logbook;
 use crate::services::mutexes::Mutex;
 use crate::services::port_lists::PortList;
 use crate::services::semaphores::Semaphore;
@@ -116,6 +117,7 @@ pub struct Partition {
     pub(crate) sampling_ports: Objects<SamplingPort>,
     pub(crate) queuing_ports: Objects<QueuingPort>,
     pub(crate) port_lists: Objects<PortList>,
+    pub(crate) logbooks: Objects<Logbook>,
 }
 
 impl Partition {
@@ -156,6 +158,7 @@ impl Partition {
             sampling_ports: Objects::new(limits.ports),
             queuing_ports: Objects::new(limits.ports),
             port_lists: Objects::new(limits.objects),
+            logbooks: Objects::new(limits.objects),
             settings,
         }
     }
@@ -317,6 +320,7 @@ impl Settings {
             cores: 1,
             affinity: crate::AffinityPermission::AllModes,
             memory_blocks: Vec::new(),
+            logbooks: Vec::new(),
             mode: OperatingMode::ColdStart,
             condition: StartCondition::NormalStart,
             health: crate::HealthTable::default(),

@@ -2,6 +2,7 @@
 
 use std::ops::RangeInclusive;
 
+use crate::logbooks::PlannedLogbook;
 use crate::standard::{
     ErrorCode, MAX_MESSAGE_SIZE, MAX_MESSAGES, MAX_OBJECTS, MAX_PORTS, MAX_PROCESSES, MemoryBlockStatus,
     Name, OperatingMode, StartCondition, SystemTime,
@@ -161,6 +162,8 @@ pub struct Settings {
     pub affinity: AffinityPermission,
     /// Its memory blocks, with where the driver has mapped them.
     pub memory_blocks: Vec<(Name, MemoryBlockStatus)>,
+    /// Its logbooks.
+    pub logbooks: Vec<PlannedLogbook>,
     /// COLD_START or WARM_START.
     pub mode: OperatingMode,
     /// Why it is started.

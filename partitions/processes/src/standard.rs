@@ -274,6 +274,18 @@ numbers! {
 }
 
 numbers! {
+    /// WRITE_STATUS (Part 2): what has become of a message of a logbook.
+    WriteStatus {
+        /// It was not written to its end, and has no content.
+        Aborted = 0,
+        /// It is on its way to the store.
+        InProgress = 1,
+        /// It is stored.
+        Complete = 2,
+    }
+}
+
+numbers! {
     /// RESET_LIST (Part 2): where the search of a list begins.
     ResetList {
         /// With its first port.
@@ -323,6 +335,8 @@ identifiers! {
     QueuingPortId = 7,
     /// Identifier of a list of queuing ports (Part 2).
     QueuingPortListId = 8,
+    /// Identifier of a logbook (Part 2).
+    LogbookId = 9,
 }
 
 /// NAME_TYPE: at most 32 bytes. Upper and lower case of ASCII letters are the same.
@@ -539,6 +553,23 @@ pub struct MemoryBlockStatus {
     pub mode: MemoryBlockMode,
     /// Bytes.
     pub size: i32,
+}
+
+/// LOGBOOK_STATUS (Part 2).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LogbookStatus {
+    /// Bytes of a message.
+    pub max_message_size: i32,
+    /// Messages that it keeps.
+    pub max_logged: i32,
+    /// Messages that may be on their way to the store.
+    pub max_in_progress: i32,
+    /// Messages that are stored.
+    pub logged: i32,
+    /// Messages that are on their way.
+    pub in_progress: i32,
+    /// Messages of both kinds that were aborted.
+    pub aborted: i32,
 }
 
 /// A text of 128 bytes at most, kept in place.

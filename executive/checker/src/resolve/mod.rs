@@ -22,10 +22,11 @@ use super::defaults;
 use super::findings::Findings;
 use super::links::STATUS_MESSAGE;
 use super::model::{
-    Address, Channel, ChannelId, Link, Module, ModuleId, Network, NetworkId, Partition, PartitionHealth,
-    PartitionId, Payload, Plan, Port, PortId, Protection, Restart, Role, Schedule, ScheduleId,
+    Address, Channel, ChannelId, Link, Logbook, Module, ModuleId, Network, NetworkId, Partition,
+    PartitionHealth, PartitionId, Payload, Plan, Port, PortId, Protection, Restart, Role, Schedule,
+    ScheduleId,
 };
-use super::raw::{RawChannel, RawFile, RawLink, RawModule, RawNetwork, RawPartition, RawPort};
+use super::raw::{RawChannel, RawFile, RawLink, RawLogbook, RawModule, RawNetwork, RawPartition, RawPort};
 use super::reader::{At, Permission};
 use bateleur_contract::relay::STATUS_PORT;
 use bateleur_plan::Processes;
@@ -211,6 +212,7 @@ impl Resolver<'_> {
             devices: raw.devices.items().iter().map(|device| device.value.clone()).collect(),
             system_calls: each_once(raw.system_calls.items().iter().map(|calls| calls.value.0)),
             retained_bytes: raw.retained.get().map_or(0, |bytes| bytes.0),
+            logbooks: raw.logbooks.iter().map(logbook).collect(),
             attributes: raw.attributes.get().unwrap_or_default(),
             may_set_schedule: self.may_set_schedule(raw),
             health: PartitionHealth::fill(|error| self.action(raw, error)),
@@ -311,6 +313,15 @@ fn network(raw: &RawNetwork) -> Network {
 fn each_once<T: Ord>(items: impl Iterator<Item = T>) -> Vec<T> {
     let items: std::collections::BTreeSet<T> = items.collect();
     items.into_iter().collect()
+}
+
+fn logbook(raw: &RawLogbook) -> Logbook {
+    Logbook {
+        name: raw.name.value.clone(),
+        max_size_bytes: raw.max_size.get().unwrap_or_default(),
+        max_logged: raw.max_logged.get().unwrap_or_default(),
+        max_in_progress: raw.max_in_progress.get().unwrap_or_default(),
+    }
 }
 
 fn restart(raw: &RawPartition) -> Restart {

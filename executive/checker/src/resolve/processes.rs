@@ -3,11 +3,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::defaults;
-use crate::model::{ModuleId, PartitionId, Schedule};
+use crate::model::{ModuleId, PartitionId, Schedule, ScheduleId};
 use crate::raw::{RawPartition, RawProcess};
 use crate::reader::{Field, Nanoseconds};
 use bateleur_plan::bounds::MOST_PROCESSES;
-use bateleur_plan::processes::{recurrence, shares};
+use bateleur_plan::processes::{Times, Windows, recurrence, shares};
 use bateleur_plan::{Process, Processes};
 
 use super::Resolver;
@@ -20,23 +20,36 @@ pub(super) fn of(
     schedules: &[Schedule],
 ) -> Processes {
     let (windows, major_ns) = deciding(id, schedules);
-    let period_ns = match raw.period.or(Nanoseconds(0)) {
-        Some(Nanoseconds(0)) => recurrence(&windows, major_ns).unwrap_or_default(),
-        Some(said) if !windows.is_empty() => said.0,
-        _ => 0,
-    };
-    let release_ns = windows.first().and_then(|first| first.0.checked_rem(period_ns)).unwrap_or_default();
-    let shares = shares(&windows, major_ns, (release_ns, period_ns));
-    let least_ns = shares.iter().map(|share| share.time_ns).min().unwrap_or_default();
+    let first = times(raw, &windows, major_ns);
+    let Times { period_ns, release_ns, duration_ns } = first;
+    let others = schedules.iter().enumerate().filter_map(|(place, schedule)| {
+        let windows = schedule.occurrences(id);
+        let found = times(raw, &windows, schedule.major_frame_ns);
+        (found.period_ns > 0 && found != first).then_some((ScheduleId(place), found))
+    });
     Processes {
         identifier,
         period_ns,
         release_ns,
-        duration_ns: raw.duration.ns(least_ns),
+        duration_ns,
+        in_schedules: others.collect(),
         most: most(raw),
         stacks_bytes: raw.stacks.get().map_or(memory_bytes, |bytes| bytes.0),
         declared: raw.declared.iter().map(declared).collect::<Option<_>>().unwrap_or_default(),
     }
+}
+
+/// As the file says, or as the windows recur.
+fn times(raw: &RawPartition, windows: &Windows, major_ns: u64) -> Times {
+    let period_ns = match raw.period.or(Nanoseconds(0)) {
+        Some(Nanoseconds(0)) => recurrence(windows, major_ns).unwrap_or_default(),
+        Some(said) if !windows.is_empty() => said.0,
+        _ => 0,
+    };
+    let release_ns = windows.first().and_then(|first| first.0.checked_rem(period_ns)).unwrap_or_default();
+    let shares = shares(windows, major_ns, (release_ns, period_ns));
+    let least_ns = shares.iter().map(|share| share.time_ns).min().unwrap_or_default();
+    Times { period_ns, release_ns, duration_ns: raw.duration.ns(least_ns) }
 }
 
 /// A partition's windows in the schedule that decides about its periods, and the major frame: the first that has any. The schedule that

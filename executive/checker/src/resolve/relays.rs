@@ -73,6 +73,7 @@ pub(super) fn table(name: At<String>, module: At<String>) -> RawPartition {
             then: Field::Absent,
             startup: Field::Absent,
         },
+        logbooks: Vec::new(),
         standby: Field::Absent,
         startup_timeout: Field::Absent,
         deadline: Field::Absent,

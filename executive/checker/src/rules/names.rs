@@ -22,6 +22,7 @@ pub(super) fn check(cx: &Context<'_>) {
     }
     for partition in &file.partitions {
         set(cx, "process", partition.declared.iter().map(|process| &process.name));
+        set(cx, "logbook", partition.logbooks.iter().map(|logbook| &logbook.name));
     }
     unique(cx, "chain", file.chains.iter().filter_map(|chain| chain.name.said()));
     messages(cx);

@@ -10,7 +10,10 @@ use crate::raw::RawPartition;
 use crate::reader::{At, Bytes, Field, Nanoseconds};
 use crate::units::ShowSize;
 use bateleur_plan::Standby;
-use bateleur_plan::bounds::{HIGHEST_IDENTIFIER, HIGHEST_PRIORITY, MOST_PROCESSES, MOST_THREADS};
+use bateleur_plan::bounds::{
+    HIGHEST_IDENTIFIER, HIGHEST_PRIORITY, LONGEST_BYTES, MOST_IN_PROGRESS, MOST_LOGBOOKS, MOST_LOGGED,
+    MOST_PROCESSES, MOST_THREADS,
+};
 
 /// The smallest program of this repository starts with 2 MiB, each function of the aircraft with 4.
 const SMALLEST_MEMORY_BYTES: u64 = 4 << 20;
@@ -38,9 +41,32 @@ pub(super) fn check(cx: &Context<'_>) {
         threads_of_processes(cx, partition);
         stacks(cx, partition);
         standby_of_processes(cx, partition);
+        logbooks(cx, partition);
     }
     shared_devices(cx);
     identifiers(cx);
+}
+
+fn logbooks(cx: &Context<'_>, partition: &RawPartition) {
+    for logbook in &partition.logbooks {
+        cx.in_range("max_size", &logbook.max_size, 1, LONGEST_BYTES);
+        cx.in_range("max_logged", &logbook.max_logged, 1, MOST_LOGGED);
+        cx.in_range("max_in_progress", &logbook.max_in_progress, 1, MOST_IN_PROGRESS);
+    }
+    let name = &partition.name.value;
+    if let Some(one_more) = partition.logbooks.get(MOST_LOGBOOKS) {
+        let message = format!("`{name}` has {} logbooks", partition.logbooks.len());
+        let mend = format!("give it {MOST_LOGBOOKS} or fewer");
+        cx.note(&catalogue::OUT_OF_RANGE, &one_more.name.span, message, mend);
+    }
+    if let (Some(standby), Some(logbook)) = (partition.standby.said(), partition.logbooks.first())
+        && standby.value.0 != Standby::Spare
+    {
+        let message = format!("`{name}` has a logbook and a hot standby");
+        let mend = "make it `standby = \"spare\"`, or let another partition keep the logbook";
+        let finding = Finding::new(&catalogue::LOGBOOK_STANDBY, &standby.span, message, mend);
+        cx.add(finding.also(&logbook.name.span, "its logbook"));
+    }
 }
 
 fn program(cx: &Context<'_>, partition: &RawPartition) {

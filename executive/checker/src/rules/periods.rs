@@ -4,6 +4,7 @@ use super::Context;
 use super::partitions::processes;
 use crate::catalogue;
 use crate::findings::{Finding, Span};
+use crate::model::ScheduleId;
 use crate::raw::{RawPartition, RawSchedule};
 use crate::units::ShowTime;
 use bateleur_plan::processes::{Share, shares};
@@ -13,16 +14,11 @@ pub(super) fn check(cx: &Context<'_>) {
         // Who says nothing has no use for periods.
         let Some(asked) = Asked::of(partition) else { continue };
         let told = &cx.plan[id].processes;
-        for (raw, schedule) in cx.schedules() {
-            let windows = schedule.occurrences(id);
+        for (place, (raw, schedule)) in cx.schedules().enumerate() {
+            let (windows, times) = (schedule.occurrences(id), told.times_in(ScheduleId(place)));
             if told.period_ns > 0 && !windows.is_empty() {
-                in_schedule(
-                    cx,
-                    &asked,
-                    (raw, &windows),
-                    schedule.major_frame_ns,
-                    (told.release_ns, told.period_ns),
-                );
+                let grid = (times.release_ns, times.period_ns);
+                in_schedule(cx, &asked, (raw, &windows), schedule.major_frame_ns, grid);
             }
         }
     }

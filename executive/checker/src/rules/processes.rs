@@ -1,5 +1,7 @@
 //! Rules about processes whose times the file says: that they can be created, and that they keep their deadlines at worst.
 
+use std::collections::BTreeSet;
+
 use super::Context;
 use super::partitions::not_zero;
 use crate::catalogue;
@@ -27,7 +29,10 @@ pub(super) fn check(cx: &Context<'_>) {
         if told.period_ns == 0 {
             continue;
         }
-        let is_misfit = |process: &&RawProcess| !period(cx, partition, process, told.period_ns);
+        let periods: BTreeSet<u64> =
+            told.in_schedules.values().map(|times| times.period_ns).chain([told.period_ns]).collect();
+        let misfits = |process: &RawProcess| periods.iter().any(|of| !period(cx, partition, process, *of));
+        let is_misfit = |process: &&RawProcess| misfits(process);
         if partition.declared.iter().filter(is_misfit).count() == 0 {
             cx.schedules().for_each(|pair| in_schedule(cx, (id, partition), pair));
         }

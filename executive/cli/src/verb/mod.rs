@@ -10,6 +10,7 @@ mod init;
 mod inject;
 mod key;
 mod links;
+mod logbook;
 mod metrics;
 mod new;
 mod notes;
@@ -50,6 +51,7 @@ pub enum Verb {
     Health(health::Arguments),
     Key(key::Arguments),
     Links(links::Arguments),
+    Logbook(logbook::Arguments),
     Metrics(metrics::Arguments),
     /// Kill a partition of a running module; its health table says what follows.
     Kill(order::Arguments),
@@ -93,6 +95,7 @@ impl Verb {
             Self::Health(arguments) => health::run(&arguments),
             Self::Key(arguments) => key::run(&arguments),
             Self::Links(arguments) => links::run(&arguments),
+            Self::Logbook(arguments) => logbook::run(&arguments),
             Self::Metrics(arguments) => metrics::run(&arguments),
             Self::Kill(arguments) => order::run(&arguments, |partition| Request::Kill { partition }),
             Self::Stop(arguments) => order::run(&arguments, |partition| Request::Stop { partition }),

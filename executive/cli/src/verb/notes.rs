@@ -1,6 +1,6 @@
 //! What the verbs that read the notes of a run have in common: which file, and which of its notes.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::Format;
 use crate::installed;
@@ -27,6 +27,12 @@ impl Notes {
     pub(super) fn file(&self, name: &str) -> PathBuf {
         let given = self.path.clone().unwrap_or_else(installed::latest_run);
         if given.is_dir() { given.join(name) } else { given }
+    }
+
+    /// The file that was named, or those that the run in the named folder has.
+    pub(super) fn files(&self, of_run: impl Fn(&Path) -> Vec<PathBuf>) -> Vec<PathBuf> {
+        let given = self.path.clone().unwrap_or_else(installed::latest_run);
+        if given.is_dir() { of_run(&given) } else { vec![given] }
     }
 
     /// Leaves the newest of those that are about the partition.

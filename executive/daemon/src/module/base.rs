@@ -25,6 +25,7 @@ use bateleur_host::helper::playing::{OPERATORS, PlayerOrder};
 use bateleur_host::helper::recording::RecorderOrder;
 use bateleur_host::helper::{PARENT, end_helper};
 use bateleur_host::instance::{Alive, Instance};
+use bateleur_host::logbooks::LogbookMemories;
 use bateleur_host::machine::Machine;
 use bateleur_host::memory_blocks::MemoryBlocks;
 use bateleur_host::partition::{Sandbox, SandboxConfig, message_name};
@@ -121,6 +122,9 @@ fn hand_over(
     }
     Ok(order)
 }
+
+/// What partitions are handed beside their ports' channels.
+pub(super) type Memories = (ErrorLogs, Arc<SealedChannels>, Arc<MemoryBlocks>, Arc<LogbookMemories>);
 
 /// As what a helper is started.
 struct Footing<'a> {
@@ -602,7 +606,7 @@ impl Base {
         options: &Options,
         facts: &Machine,
         programs: Vec<PathBuf>,
-        (errors, sealed, memory_blocks): (ErrorLogs, Arc<SealedChannels>, Arc<MemoryBlocks>),
+        (errors, sealed, memory_blocks, logbooks): Memories,
     ) -> Result<Vec<Sandbox>, RunError> {
         let locks = facts
             .counts_locks
@@ -623,6 +627,7 @@ impl Base {
             link_keys: options.link_keys.clone(),
             retained: options.supervision.as_ref().map_or_else(BTreeMap::new, |kept| kept.retained.clone()),
             memory_blocks,
+            logbooks,
             sealed,
         };
         let none = BTreeMap::new();

@@ -62,7 +62,7 @@ pub struct Supervision {
     pub page: Arc<Mapped<RunPage>>,
     /// Retained memories, by partition.
     pub retained: BTreeMap<String, Arc<OwnedFd>>,
-    /// Memory blocks that partitions write, by name.
+    /// Memory blocks that partitions write, by name, and logbooks, by path.
     pub memory_blocks: BTreeMap<String, Arc<OwnedFd>>,
     /// The executive before; `None` if this is the first one.
     pub after: Option<DeadExecutive>,

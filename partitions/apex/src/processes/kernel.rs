@@ -1,17 +1,19 @@
 //! Who has the baton: the partition's state behind one lock, time, and the windows.
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
-use bateleur_contract::{Clock, ControlPage, Mapped};
+use bateleur_contract::{Clock, ControlPage, Mapped, PartitionTimes, ProcessPlan};
 use bateleur_processes::standard::{OperatingMode, SystemTime};
-use bateleur_processes::{Dispatch, End, Partition, Runner};
+use bateleur_processes::{Dispatch, End, Partition, PeriodGrid, Runner};
 
 use super::baton::Baton;
 use super::ports::PlanPorts;
 use super::process::Body;
 use super::shown::Shown;
 use super::thread;
+use crate::context::Context;
 use crate::schedule::Schedules;
 use crate::time::monotonic_ns;
 
@@ -67,8 +69,26 @@ pub(crate) struct State {
     main_until: SystemTime,
     /// Somebody who sleeps outside of services is passed over.
     pub(crate) has_lent: bool,
+    pub(crate) periods: Periods,
     /// A process begins again whose thread was stopped in its own code: it needs a new one.
     pub(crate) orphan: Option<usize>,
+}
+
+/// The partition's periods, which a change of the module's schedule may change.
+#[derive(Default)]
+pub(crate) struct Periods {
+    usual: Option<PartitionTimes>,
+    others: BTreeMap<u32, PartitionTimes>,
+    /// The schedule whose periods hold, and since when, ns.
+    followed: (u32, u64),
+}
+
+impl Periods {
+    pub(crate) fn of(context: &Context) -> Self {
+        let ProcessPlan { period_ns, release_ns, duration_ns, .. } = context.process_plan();
+        let usual = Some(PartitionTimes { period_ns, release_ns, duration_ns });
+        Self { usual, others: context.schedule_times().clone(), followed: (u32::MAX, 0) }
+    }
 }
 
 /// What became of the baton.
@@ -95,6 +115,7 @@ impl Kernel {
             settled: false,
             main_until: SystemTime::MIN,
             has_lent: false,
+            periods: Periods::default(),
             orphan: None,
         };
         let schedules = OnceLock::new();
@@ -294,6 +315,19 @@ fn place(who: Runner) -> usize {
 }
 
 impl State {
+    /// The window is one of this schedule, which runs since `since_ns`: its periods hold. Release points that are set stay.
+    pub(crate) fn follow_schedule(&mut self, schedule: u32, since_ns: u64) {
+        if self.periods.followed == (schedule, since_ns) {
+            return;
+        }
+        self.periods.followed = (schedule, since_ns);
+        let Some(times) = self.periods.others.get(&schedule).copied().or(self.periods.usual) else { return };
+        let time = |ns: u64| SystemTime::try_from(ns).unwrap_or(SystemTime::MAX);
+        let (origin, period) =
+            (time(since_ns.saturating_add(times.release_ns)), time(times.period_ns).max(1));
+        self.partition.change_grid(PeriodGrid { origin, period }, time(times.duration_ns));
+    }
+
     /// The partition runs no more.
     pub(crate) fn ended(&self) -> Option<End> {
         match self.partition.dispatch() {

@@ -11,6 +11,7 @@ use bateleur_contract::{
     Clock, ControlPage, Description, Mapped, Mode, PlannedProcess, ProcessPlan, ProcessTable, ReportKind,
     StartCondition, exit,
 };
+use bateleur_processes::logbooks::PlannedLogbook;
 use bateleur_processes::standard::{
     self, ErrorCode, MAIN_PROCESS_ID, MAX_PROCESSES, MemoryBlockMode, MemoryBlockStatus, Name, OperatingMode,
     ProcessId, SystemTime,
@@ -21,11 +22,12 @@ use bateleur_processes::{
 use rustix::thread::futex;
 
 use super::initialisation::{Initialisation, complete};
-use super::kernel::{HANDLER, Kernel, State};
+use super::kernel::{HANDLER, Kernel, Periods, State};
 use super::process::Process;
 use super::shown::Shown;
 use super::{alternate_stack, current, thread};
 use crate::context::{Context, StartError, Started};
+use crate::logbook::Logbook;
 use crate::memory_block::MemoryBlock;
 use crate::run::{End, await_grant, lock_memory, name_process, report_end, take_over};
 use crate::time::{Time, monotonic_ns};
@@ -91,8 +93,10 @@ pub(crate) fn begin() -> Result<Option<Beginning>, End> {
     let context = Context::new(description, time, retained).map_err(refuse)?;
     let mut settings = settings(condition, &context.process_plan(), &taken);
     settings.memory_blocks = context.memory_blocks().iter().filter_map(memory_block).collect();
+    settings.logbooks = context.logbooks().iter().filter_map(logbook).collect();
     let kernel = kernel(shared, clock, settings, table);
     let _ = kernel.schedules.set(context.schedules()); // nobody has asked for them before
+    kernel.lock().periods = Periods::of(&context);
     kernel.begin_at(context.time().now_ns() as SystemTime);
     current::enter(Process::new(kernel.clone()));
     Ok(Some(Beginning { context, kernel }))
@@ -187,6 +191,11 @@ fn memory_block(block: &MemoryBlock) -> Option<(Name, MemoryBlockStatus)> {
     Some((Name::new(block.name())?, MemoryBlockStatus { address: block.address() as usize, mode, size }))
 }
 
+/// A logbook as the services know it; `None`: no service can say its name.
+fn logbook(logbook: &Logbook) -> Option<PlannedLogbook> {
+    Some(PlannedLogbook { name: Name::new(logbook.name())?, memory: Arc::new(logbook.clone()) })
+}
+
 /// The partition before its main process.
 pub(crate) fn kernel(
     page: Mapped<ControlPage>,
@@ -251,7 +260,8 @@ fn windows(kernel: &Arc<Kernel>, mut started: Started) -> Result<(), End> {
             started.connect();
         } else {
             {
-                let _lock = kernel.lock();
+                let mut state = kernel.lock();
+                state.follow_schedule(window.schedule, window.schedule_since_ns);
                 started.faults.carry_out(page);
                 started.outlets.iter().for_each(|outlet| outlet.catch_up(window.start_ns));
             }

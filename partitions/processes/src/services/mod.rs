@@ -6,6 +6,7 @@ pub(crate) mod blackboards;
 pub(crate) mod buffers;
 pub(crate) mod events;
 mod health;
+pub(crate) mod logbooks;
 mod memory_blocks;
 pub(crate) mod mutexes;
 mod partition;

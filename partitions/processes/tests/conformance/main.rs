@@ -15,6 +15,7 @@ mod health;
 mod lending;
 mod locking;
 mod locks;
+mod logbooks;
 mod memory_blocks;
 mod messages;
 mod mutexes;

@@ -1,4 +1,5 @@
-//! The report as one HTML page that needs nothing else: no script, no font, no picture from elsewhere.
+//! The report as one HTML page that needs nothing else: no script, no font, no picture from elsewhere. Its own script lets the
+//! charts zoom and show values; without it the page is the same.
 
 use crate::figures::{self, Group};
 use crate::flight::Flight;
@@ -14,17 +15,12 @@ pub const FILE: &str = "report.html";
 const MOST_FAULTS: usize = 40;
 /// Colours and figures, for other pages that show them too.
 pub const STYLE: &str = include_str!("page.css");
+/// What lets charts zoom and show their values, for other pages that have some too.
+pub const SCRIPT: &str = include_str!("page.js");
 
 /// The page of a flight.
 pub fn page(flight: &Flight, analysis: &Analysis, summary: &Summary) -> String {
-    let mut out = String::with_capacity(1 << 20);
-    let name = escape(&summary.flight);
-    let _ = write!(
-        out,
-        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\" />\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\" />\
-         <title>Flight {name}</title><style>{STYLE}</style></head><body>"
-    );
+    let mut out = begun(&format!("Flight {}", summary.flight));
     head(&mut out, summary);
     cards(&mut out, summary);
     let groups = figures::over_time(flight, analysis);
@@ -46,7 +42,25 @@ pub fn page(flight: &Flight, analysis: &Analysis, summary: &Summary) -> String {
     faults(&mut out, summary);
     crashes(&mut out, &flight.crashes);
     foot(&mut out, summary);
-    out.push_str("</body></html>\n");
+    ended(out)
+}
+
+/// The begin of a page, to its body.
+fn begun(title: &str) -> String {
+    let mut out = String::with_capacity(1 << 20);
+    let title = escape(title);
+    let _ = write!(
+        out,
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\" />\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\" />\
+         <title>{title}</title><style>{STYLE}</style></head><body>"
+    );
+    out
+}
+
+/// The page with its script and its end.
+fn ended(mut out: String) -> String {
+    let _ = write!(out, "<script>\n{SCRIPT}</script></body></html>\n");
     out
 }
 

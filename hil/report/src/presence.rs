@@ -1,9 +1,10 @@
 //! Which partitions were there over the whole flight: a lane each, with gaps where windows found nobody to run, ticks at
 //! overruns and rings at faults.
 
+use crate::figures::TIME;
 use crate::flight::seconds;
 use crate::health::HealthEntry;
-use crate::plot::{escape, ticks};
+use crate::plot::{Across, escape};
 use crate::windows::Window;
 use std::fmt::Write as _;
 
@@ -96,43 +97,38 @@ impl Presence {
             .collect();
         let bottom = TOP + LANE * names.len() as f64;
         let mut out = String::new();
+        let (across, plot) = (
+            Across { label: TIME, from: 0.0, to: seconds(self.end_ns.max(1)) },
+            [LEFT, TOP, width - RIGHT, bottom],
+        );
         let _ = write!(
             out,
-            r#"<svg viewBox="0 0 {width} {}" role="img" aria-label="Partitions over the flight">"#,
-            bottom + BOTTOM
+            r#"<svg viewBox="0 0 {width} {}" role="img" aria-label="Partitions over the flight"{}>"#,
+            bottom + BOTTOM,
+            across.data(plot)
         );
         let _ = write!(out, r#"<text class="title" x="{LEFT}" y="14">Partitions over the flight</text>"#);
-        self.draw_grid(&mut out, width, bottom);
+        across.draw(&mut out, plot, (width - LEFT - RIGHT) / 12.0);
+        let middle = |row: usize| TOP + LANE * (row as f64 + 0.5);
         for (row, name) in names.iter().enumerate() {
-            let y = TOP + LANE * row as f64 + 0.5 * (LANE - BAR);
-            let label = escape(name);
-            let _ =
-                write!(out, r#"<text class="tick end" x="{}" y="{}">{label}</text>"#, LEFT - 6.0, y + 8.5);
-            if let Some(lane) = self.lanes.get(row) {
-                self.draw_lane(&mut out, lane, width, y);
-            }
+            let (label, y) = (escape(name), middle(row) - 0.5 * BAR + 8.5);
+            let _ = write!(out, r#"<text class="tick end" x="{}" y="{y}">{label}</text>"#, LEFT - 6.0);
+        }
+        out.push_str(r#"<g class="data">"#);
+        for (row, lane) in self.lanes.iter().enumerate() {
+            self.draw_lane(&mut out, lane, width, middle(row) - 0.5 * BAR);
         }
         for entry in health.iter().filter(|entry| entry.acted_on()) {
             let name = entry.partition.as_deref().unwrap_or(MODULE);
             let Some(row) = names.iter().position(|other| *other == name) else { continue };
-            self.draw_fault(&mut out, entry, name, width, TOP + LANE * (row as f64 + 0.5));
+            self.draw_fault(&mut out, entry, name, width, middle(row));
         }
-        out.push_str("</svg>");
+        out.push_str("</g></svg>");
         Some(out)
     }
 
     fn px(&self, ns: u64, width: f64) -> f64 {
         LEFT + (ns as f64 / self.end_ns.max(1) as f64).min(1.0) * (width - LEFT - RIGHT)
-    }
-
-    fn draw_grid(&self, out: &mut String, width: f64, bottom: f64) {
-        for (s, text) in ticks(0.0, seconds(self.end_ns), 12.0) {
-            let x = self.px((s * 1e9).round() as u64, width);
-            let _ = write!(out, r#"<line class="grid" x1="{x:.1}" y1="{TOP}" x2="{x:.1}" y2="{bottom}" />"#);
-            let _ = write!(out, r#"<text class="tick mid" x="{x:.1}" y="{}">{text}</text>"#, bottom + 14.0);
-        }
-        let (x, y) = (width - RIGHT, bottom + 29.0);
-        let _ = write!(out, r#"<text class="axis end" x="{x}" y="{y}">module time, s</text>"#);
     }
 
     fn draw_lane(&self, out: &mut String, lane: &Lane, width: f64, y: f64) {
@@ -141,19 +137,23 @@ impl Presence {
         for (from, to) in &lane.absent {
             let x = self.px(*from, width);
             let wide = (self.px(*to, width) - x).max(LEAST_WIDTH);
+            let at = format!(r#"data-at="{}" data-to="{}""#, seconds(*from), seconds(*to));
             let text = format!(
                 "{}: nobody to run from {:.2} s to {:.2} s",
                 lane.partition,
                 seconds(*from),
                 seconds(*to)
             );
-            let _ =
-                write!(out, r#"<rect class="absent" x="{x:.2}" y="{y}" width="{wide:.2}" height="{BAR}">"#);
+            let _ = write!(
+                out,
+                r#"<rect class="absent" x="{x:.2}" y="{y}" width="{wide:.2}" height="{BAR}" {at}>"#
+            );
             let _ = write!(out, "<title>{}</title></rect>", escape(&text));
         }
         for end in &lane.overruns {
             let x = self.px(*end, width);
-            let _ = write!(out, r#"<path class="overran" d="M{x:.2} {}v{}" />"#, y + BAR, 3.5);
+            let (at, y) = (seconds(*end), y + BAR);
+            let _ = write!(out, r#"<path class="overran" d="M{x:.2} {y}v3.5" data-at="{at}" />"#);
         }
     }
 
@@ -169,7 +169,8 @@ impl Presence {
             entry.action,
             entry.detail
         );
-        let _ = write!(out, r#"<circle class="fault" cx="{x:.2}" cy="{y:.1}" r="3.5">"#);
+        let at = seconds(entry.time_ns);
+        let _ = write!(out, r#"<circle class="fault" cx="{x:.2}" cy="{y:.1}" r="3.5" data-at="{at}">"#);
         let _ = write!(out, "<title>{}</title></circle>", escape(text.trim()));
     }
 }

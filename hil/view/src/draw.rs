@@ -80,7 +80,7 @@ fn map(scene: &Scene) -> String {
     let chart = Chart {
         title: "Map".into(),
         x_label: "east of the runway, m",
-        y_label: "north, m",
+        y_label: "north, m".into(),
         series: vec![
             line("way-points", 3, Style::Dashed, planned.collect()),
             line("flown, as estimated", 1, Style::Line, flown),
@@ -251,9 +251,9 @@ fn plot(plot: &Plot) -> String {
         let name = if plot.lines.len() > 1 { ELEMENTS[place % MOST_LINES] } else { "value" };
         Series { name, colour: place as u8, style, points: points.clone() }
     };
-    let unit = if plot.unit.is_empty() { String::new() } else { format!(", {}", plot.unit) };
     let chart = Chart {
-        title: format!("{}{unit}", plot.title),
+        title: plot.title.clone(),
+        y_label: plot.unit.clone().into(),
         x_label: "module time, s",
         series: plot.lines.iter().take(MOST_LINES).enumerate().map(line).collect(),
         ..Chart::default()

@@ -19,7 +19,7 @@ const WANTED: u8 = 3;
 const SHIFTED: u8 = 4;
 /// Where messages of one port are farther apart than this, s, its line is interrupted: its partition was not there.
 const GAP_S: f64 = 0.5;
-const TIME: &str = "module time, s";
+pub(crate) const TIME: &str = "module time, s";
 
 /// The seed's track over ground: planned, true, estimated, measured.
 pub fn track(flight: &Flight, analysis: &Analysis) -> Chart {
@@ -35,7 +35,7 @@ pub fn track(flight: &Flight, analysis: &Analysis) -> Chart {
     Chart {
         title: "Track over ground".into(),
         x_label: "east of the runway, m",
-        y_label: "north, m",
+        y_label: "north, m".into(),
         series: vec![
             series("satellite fixes", GPS, Style::Dots, fixes),
             series("planned", WANTED, Style::Dashed, planned),
@@ -106,7 +106,7 @@ pub fn over_time(flight: &Flight, analysis: &Analysis) -> Vec<Group> {
 }
 
 fn chart(title: &str, y_label: &'static str, series: Vec<Series>) -> Chart {
-    Chart { title: title.to_owned(), x_label: TIME, y_label, series, ..Chart::default() }
+    Chart { title: title.to_owned(), x_label: TIME, y_label: y_label.into(), series, ..Chart::default() }
 }
 
 fn series(name: &'static str, colour: u8, style: Style, points: Vec<(f64, f64)>) -> Series {

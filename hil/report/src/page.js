@@ -17,7 +17,7 @@
   const numbers = text => text.split(" ").map(Number);
   const scaled = (value, [from, to], start, end) => start + (value - from) / (to - from) * (end - start);
   const clamped = (value, [from, to]) => Math.min(Math.max(value, from), to);
-  const written = (value, decimals) => value.toFixed(clamped(decimals, [0, 9])).replace("-", "−");
+  const written = (value, decimals) => value.toFixed(clamped(decimals, [0, 9])).replace(/^-(?=[0.]*$)/, "").replace("-", "−");
   const magnitude = ([from, to]) => Math.floor(Math.log10(to - from));
 
   /* Round numbers with their texts; as in plot.rs. */
@@ -280,7 +280,7 @@
 
   addEventListener("pointerdown", event => {
     const chart = event.button === 0 && event.isPrimary ? chartAt(event) : null;
-    if (!chart) return;
+    if (!chart || event.target.closest("a")) return;
     drag = { chart, from: chart.under(event), px: event.clientX };
     chart.svg.setPointerCapture(event.pointerId);
     point(chart, drag.from);

@@ -1,6 +1,7 @@
 //! Charts as SVG text: axes with round numbers, several series, marks. Colours come from the page's style, so that one
 //! chart reads well on light and dark. A chart carries its axes as data, from which the page's script zooms it.
 
+use crate::reasons::linked;
 use std::borrow::Cow;
 use std::fmt::Write as _;
 
@@ -57,6 +58,8 @@ pub struct Mark {
     pub x: f64,
     /// What.
     pub label: String,
+    /// The place in the page that tells more of it.
+    pub anchor: Option<String>,
 }
 
 /// A named place, drawn as a ring.
@@ -240,13 +243,13 @@ impl Chart {
             let _ = write!(out, r#"<g data-at="{}">"#, mark.x);
             let _ = write!(out, r#"<line class="mark" x1="{x:.1}" y1="{top}" x2="{x:.1}" y2="{bottom}" />"#);
             if x - last > MARK_SPACE {
-                let label = escape(&mark.label);
-                let _ = write!(
-                    out,
-                    r#"<text class="mark-label" x="{:.1}" y="{}">{label}</text>"#,
+                let text = format!(
+                    r#"<text class="mark-label" x="{:.1}" y="{}">{}</text>"#,
                     x + 3.0,
-                    top + 10.0
+                    top + 10.0,
+                    escape(&mark.label)
                 );
+                out.push_str(&linked(mark.anchor.as_deref(), &text));
                 last = x;
             }
             out.push_str("</g>");

@@ -5,6 +5,7 @@ use crate::figures::TIME;
 use crate::flight::seconds;
 use crate::health::HealthEntry;
 use crate::plot::{Across, escape};
+use crate::reasons::{self, Reason, fault_anchor, linked};
 use crate::windows::Window;
 use std::fmt::Write as _;
 
@@ -84,7 +85,7 @@ impl Presence {
     }
 
     /// The picture as an SVG element; it scales with the page. `None` without windows.
-    pub fn svg(&self, health: &[HealthEntry], width: f64) -> Option<String> {
+    pub fn svg(&self, health: &[HealthEntry], reasons: &[Reason], width: f64) -> Option<String> {
         if self.lanes.is_empty() {
             return None;
         }
@@ -116,12 +117,13 @@ impl Presence {
         }
         out.push_str(r#"<g class="data">"#);
         for (row, lane) in self.lanes.iter().enumerate() {
-            self.draw_lane(&mut out, lane, width, middle(row) - 0.5 * BAR);
+            self.draw_lane(&mut out, lane, reasons, width, middle(row) - 0.5 * BAR);
         }
-        for entry in health.iter().filter(|entry| entry.acted_on()) {
-            let name = entry.partition.as_deref().unwrap_or(MODULE);
+        for (place, entry) in health.iter().filter(|entry| entry.acted_on()).enumerate() {
+            let name = entry.of_whom();
             let Some(row) = names.iter().position(|other| *other == name) else { continue };
-            self.draw_fault(&mut out, entry, name, width, middle(row));
+            let ring = self.fault(entry, width, middle(row));
+            out.push_str(&linked(fault_anchor(place).as_deref(), &ring));
         }
         out.push_str("</g></svg>");
         Some(out)
@@ -131,7 +133,7 @@ impl Presence {
         LEFT + (ns as f64 / self.end_ns.max(1) as f64).min(1.0) * (width - LEFT - RIGHT)
     }
 
-    fn draw_lane(&self, out: &mut String, lane: &Lane, width: f64, y: f64) {
+    fn draw_lane(&self, out: &mut String, lane: &Lane, reasons: &[Reason], width: f64, y: f64) {
         let wide = width - LEFT - RIGHT;
         let _ = write!(out, r#"<rect class="there" x="{LEFT}" y="{y}" width="{wide}" height="{BAR}" />"#);
         for (from, to) in &lane.absent {
@@ -153,25 +155,20 @@ impl Presence {
         for end in &lane.overruns {
             let x = self.px(*end, width);
             let (at, y) = (seconds(*end), y + BAR);
-            let _ = write!(out, r#"<path class="overran" d="M{x:.2} {y}v3.5" data-at="{at}" />"#);
+            let tick = format!(r#"<path class="overran" d="M{x:.2} {y}v3.5" data-at="{at}" />"#);
+            out.push_str(&linked(reasons::before(reasons, &lane.partition, *end).as_deref(), &tick));
         }
     }
 
-    fn draw_fault(&self, out: &mut String, entry: &HealthEntry, name: &str, width: f64, y: f64) {
-        let x = self.px(entry.time_ns, width);
-        let back = entry.recovered_ns.map_or_else(String::new, |back| {
-            format!(", back after {:.1} ms", back.saturating_sub(entry.time_ns) as f64 / 1e6)
-        });
-        let text = format!(
-            "{:.2} s {name}: {} → {}{back}. {}",
-            seconds(entry.time_ns),
-            entry.error,
-            entry.action,
-            entry.detail
-        );
-        let at = seconds(entry.time_ns);
-        let _ = write!(out, r#"<circle class="fault" cx="{x:.2}" cy="{y:.1}" r="3.5" data-at="{at}">"#);
-        let _ = write!(out, "<title>{}</title></circle>", escape(text.trim()));
+    fn fault(&self, entry: &HealthEntry, width: f64, y: f64) -> String {
+        let (x, at) = (self.px(entry.time_ns, width), seconds(entry.time_ns));
+        let back = entry.recovery_ms().map_or_else(String::new, |ms| format!(", back after {ms:.1} ms"));
+        let HealthEntry { error, action, detail, .. } = entry;
+        let text = format!("{at:.2} s {}: {error} → {action}{back}. {detail}", entry.of_whom());
+        let text = escape(text.trim());
+        format!(
+            r#"<circle class="fault" cx="{x:.2}" cy="{y:.1}" r="3.5" data-at="{at}"><title>{text}</title></circle>"#
+        )
     }
 }
 
@@ -218,9 +215,13 @@ mod tests {
             detail: "by <somebody>".into(),
             recovered_ns: Some(1_064_000_000),
         };
-        let svg = presence.svg(&[entry(Some("imu")), entry(None)], 900.0).unwrap();
+        let svg = presence.svg(&[entry(Some("imu")), entry(None)], &[], 900.0).unwrap();
         assert!(svg.contains("imu: killed → warm_restart, back after 64.0 ms. by &lt;somebody&gt;"), "{svg}");
-        assert!(svg.contains(">module</text>") && svg.matches("<circle").count() == 2);
-        assert!(Presence::default().svg(&[], 900.0).is_none());
+        assert!(
+            svg.contains(r##"<a href="#fault-1"><circle"##)
+                && svg.contains(">module</text>")
+                && svg.matches("<circle").count() == 2
+        );
+        assert!(Presence::default().svg(&[], &[], 900.0).is_none());
     }
 }

@@ -26,7 +26,7 @@ const ELEMENTS: [&str; MOST_LINES] = ["[0]", "[1]", "[2]", "[3]", "[4]"];
 pub(crate) fn parts(scene: &Scene) -> Vec<(&'static str, String)> {
     let state = scene.air.state.as_ref().map(|(_, state)| state);
     let frame = scene.frame();
-    let frame_picture = Timeline::major(&frame, &[], scene.clock).map(|picture| picture.svg(980.0));
+    let frame_picture = Timeline::major(&frame, &[], scene.clock).map(|picture| picture.svg(&[], 980.0));
     let mut parts = vec![
         ("head", head(scene)),
         ("note", escape(&scene.note)),

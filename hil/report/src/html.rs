@@ -25,7 +25,7 @@ pub fn page(flight: &Flight, analysis: &Analysis, summary: &Summary) -> String {
     head(&mut out, summary);
     cards(&mut out, flight, summary);
     let groups = figures::over_time(flight, analysis);
-    links(&mut out, flight, &groups);
+    links(&mut out, flight, summary, &groups);
     let (first, second) = groups.split_at(groups.len() / 2);
     std::thread::scope(|scope| {
         // Charts are most of the page: half of them beside the other.
@@ -136,11 +136,16 @@ fn cards(out: &mut String, flight: &Flight, summary: &Summary) {
 }
 
 /// To the parts of a long page.
-fn links(out: &mut String, flight: &Flight, groups: &[Group]) {
+fn links(out: &mut String, flight: &Flight, summary: &Summary, groups: &[Group]) {
+    let parts = [
+        (flight.frame.is_empty(), "windows", "Windows"),
+        (flight.inputs.reasons.is_empty(), "late", "Late windows"),
+        (summary.guarantees.is_empty(), "means", "Means"),
+        (flight.health.is_empty(), "faults", "Faults"),
+    ];
+    let there = parts.into_iter().filter(|(is_empty, ..)| !is_empty);
     let named = groups.iter().map(|group| (group.anchor, group.heading));
-    let late = (!flight.inputs.reasons.is_empty()).then_some(("late", "Late windows"));
-    let faults = (!flight.health.is_empty()).then_some(("faults", "Faults"));
-    let links = named.chain([("windows", "Windows")]).chain(late).chain([("means", "Means")]).chain(faults);
+    let links = named.chain(there.map(|(_, anchor, heading)| (anchor, heading)));
     out.push_str("<nav>");
     links.for_each(|(anchor, heading)| {
         let _ = write!(out, r##"<a href="#{anchor}">{heading}</a> "##);

@@ -5,7 +5,7 @@
   /* As in plot.rs: steps of a curve in a pixel, and the part of the range that is left empty above and below. */
   const STEPS = 100;
   const MARGIN = 0.06;
-  /* The narrowest span, as a part of the whole axis: a curve has some 2000 points. */
+  /* The narrowest span, as a part of the whole axis: a curve has some 3000 points. */
   const NARROWEST = 1 / 200;
   /* The lowest range of a magnified chart, as a part of the whole one: a curve has some 13000 steps in its height. */
   const LOWEST = 1 / 100;
@@ -86,6 +86,9 @@
       this.x = numbers(svg.dataset.x);
       this.y = svg.dataset.y && numbers(svg.dataset.y);
       this.shown = this.x;
+      this.range = this.y;
+      /* Of a map, which has one scale: name and unit of its upright axis. */
+      this.map = svg.dataset.map;
       this.grids = [...svg.querySelectorAll(".across, .up")].map(grid => [grid, grid.innerHTML]);
       const [width, height] = [this.right - this.left, this.bottom - this.top];
       this.clip = `clip-${Math.random().toString(36).slice(2)}`;
@@ -104,6 +107,10 @@
     /* The place on the axis under a pointer. */
     under(event) {
       const box = this.svg.getBoundingClientRect();
+      if (this.map) {
+        const px = (event.clientY - box.top) / box.height * this.svg.viewBox.baseVal.height;
+        this.high = clamped(scaled(px, [this.bottom, this.top], ...this.range), this.range);
+      }
       const px = (event.clientX - box.left) / box.width * this.svg.viewBox.baseVal.width;
       return clamped(scaled(px, [this.left, this.right], ...this.shown), this.shown);
     }
@@ -112,12 +119,16 @@
       return scaled(at, span, this.left, this.right);
     }
 
+    py(value, range = this.range) {
+      return scaled(value, range, this.bottom, this.top);
+    }
+
     /* Shows a span; null: all, as it was drawn at first. */
     show(span) {
       const x = this.shown = span || this.x;
-      const y = this.y && span ? this.fitted(x) : this.y;
+      const y = this.range = !this.y || !span ? this.y : this.map ? this.square(x) : this.fitted(x);
       for (const [grid, whole] of this.grids) {
-        grid.innerHTML = !span ? whole : grid.classList.contains("up") ? this.up(y) : this.across(x);
+        grid.innerHTML = !span ? whole : grid.classList.contains("up") ? this.up() : this.across();
       }
       const data = this.svg.querySelector(".data");
       if (span) data.setAttribute("clip-path", `url(#${this.clip})`); else data.removeAttribute("clip-path");
@@ -125,7 +136,7 @@
       const curves = data.querySelector(".curves");
       if (!curves) return;
       const [wide, high] = [(this.x[1] - this.x[0]) / (x[1] - x[0]), (this.y[1] - this.y[0]) / (y[1] - y[0])];
-      const [right, down] = [this.px(this.x[0]) - wide * this.left, scaled(this.y[0], y, this.bottom, this.top) - high * this.bottom];
+      const [right, down] = [this.px(this.x[0]) - wide * this.left, this.py(this.y[0]) - high * this.bottom];
       curves.setAttribute("transform", `matrix(${wide / STEPS} 0 0 ${high / STEPS} ${right} ${down})`);
     }
 
@@ -136,8 +147,17 @@
         element.setAttribute("x", this.px(at));
         element.setAttribute("width", Math.max(this.px(Number(element.dataset.to)) - this.px(at), 1.5));
       } else {
-        element.setAttribute("transform", `translate(${this.px(at) - this.px(at, this.x)})`);
+        const { up } = element.dataset;
+        const down = up ? this.py(Number(up)) - this.py(Number(up), this.y) : 0;
+        element.setAttribute("transform", `translate(${this.px(at) - this.px(at, this.x)} ${down})`);
       }
+    }
+
+    /* The vertical range of a map about the pointer's place. */
+    square([from, to]) {
+      const half = (to - from) * (this.bottom - this.top) / (this.right - this.left) / 2;
+      const middle = this.high ?? (this.y[0] + this.y[1]) / 2;
+      return [middle - half, middle + half];
     }
 
     /* The vertical range of what is in a span. */
@@ -156,17 +176,17 @@
       return [(low + high) / 2 - half, (low + high) / 2 + half];
     }
 
-    across(span) {
-      return ticks(span, (this.right - this.left) / 62).map(([value, text]) => {
+    across() {
+      return ticks(this.shown, (this.right - this.left) / 62).map(([value, text]) => {
         const x = this.px(value).toFixed(1);
         return `<line class="grid" x1="${x}" y1="${this.top}" x2="${x}" y2="${this.bottom}"/>
           <text class="tick mid" x="${x}" y="${this.bottom + 14}">${text}</text>`;
       }).join("");
     }
 
-    up(range) {
-      return ticks(range, (this.bottom - this.top) / 30).map(([value, text]) => {
-        const y = scaled(value, range, this.bottom, this.top);
+    up() {
+      return ticks(this.range, (this.bottom - this.top) / 30).map(([value, text]) => {
+        const y = this.py(value);
         return `<line class="grid" x1="${this.left}" y1="${y}" x2="${this.right}" y2="${y}"/>
           <text class="tick end" x="${this.left - 5}" y="${y + 3.5}">${text}</text>`;
       }).join("");
@@ -196,7 +216,12 @@
 
     /* What is to be read at a place: names, values with their units, colours. */
     values(at) {
-      const place = `${written(at, 4 - magnitude(this.x))} ${this.axis.split(", ").at(-1)}`;
+      const [name, unit = ""] = this.axis.split(", ");
+      const place = `${written(at, 4 - magnitude(this.x))} ${unit}`;
+      if (this.map) {
+        const [up, unit = ""] = this.map.split(", ");
+        return [[name, place], [up, `${written(this.high ?? (this.range[0] + this.range[1]) / 2, 4 - magnitude(this.y))} ${unit}`]];
+      }
       const values = this.curves.map(curve => {
         const value = curve.value(at);
         return [curve.name, value === null ? "–" : `${written(value, 3 - magnitude(this.y))} ${this.svg.dataset.unit}`.trim(), curve.colour];
@@ -281,17 +306,18 @@
   addEventListener("pointerdown", event => {
     const chart = event.button === 0 && event.isPrimary ? chartAt(event) : null;
     if (!chart || event.target.closest("a")) return;
-    drag = { chart, from: chart.under(event), px: event.clientX };
+    drag = { chart, from: chart.under(event), px: event.clientX, high: chart.high };
     chart.svg.setPointerCapture(event.pointerId);
     point(chart, drag.from);
   });
 
   addEventListener("pointerup", event => {
     if (!drag) return;
-    const { chart, from, px } = drag;
+    const { chart, from, px, high } = drag;
     select(drag, from);
     drag = null;
     const to = chart.under(event);
+    chart.high = (chart.high + high) / 2;
     if (Math.abs(event.clientX - px) >= LEAST_DRAG) show(chart, [Math.min(from, to), Math.max(from, to)]);
   });
 
@@ -340,6 +366,14 @@
     keys[event.key]();
     const seen = viewOf(chart).at;
     spoken.textContent = seen === null ? "" : chart.values(seen).map(([name, text]) => `${name} ${text}`).join(", ");
+  });
+
+  /* For pages that draw their charts anew. */
+  addEventListener("redrawn", () => {
+    for (const each of charts()) {
+      each.show(viewOf(each).span);
+      each.point(viewOf(each).at);
+    }
   });
 
   document.body.insertAdjacentHTML("beforeend", `<p class="bar" hidden><button type="button">Show all</button></p><p class="spoken" role="status"></p>`);

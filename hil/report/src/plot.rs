@@ -5,8 +5,9 @@ use crate::reasons::linked;
 use std::borrow::Cow;
 use std::fmt::Write as _;
 
-/// Most points drawn of one series: more than a screen has columns is only weight.
-pub const MOST_POINTS: usize = 2000;
+/// Most points drawn of one series: a few for each column of a screen, so that a magnified chart shows something new, and a flight's page
+/// stays below 2 MB.
+pub const MOST_POINTS: usize = 3000;
 /// Space left of the plot for the numbers, px.
 const LEFT: f64 = 54.0;
 /// Space right of it, px.
@@ -130,7 +131,7 @@ impl Chart {
         let mut out = String::new();
         let title = escape(&self.title);
         let axes = self.axes(width, height);
-        let data = axes.filter(|_| !self.equal).map_or_else(String::new, |axes| self.data(&axes));
+        let data = axes.map_or_else(String::new, |axes| self.data(&axes));
         let _ = write!(out, r#"<svg viewBox="0 0 {width} {height}" role="img" aria-label="{title}"{data}>"#);
         let unit = escape(&self.y_label);
         let _ = write!(
@@ -156,15 +157,13 @@ impl Chart {
     fn data(&self, axes: &Axes) -> String {
         let (x, y) = (axes.x, axes.y);
         let across = Across { label: self.x_label, from: x.from, to: x.to };
-        let unit = self.y_label.split(',').next().unwrap_or_default();
-        format!(
-            r#"{} data-y="{} {}" data-least="{}" data-unit="{}""#,
-            across.data([x.start_px, y.end_px, x.end_px, y.start_px]),
-            y.from,
-            y.to,
-            self.least_range,
-            escape(unit)
-        )
+        // Of a map both axes have names, and one scale.
+        let label = match self.equal {
+            true => format!(r#"data-map="{}""#, escape(&self.y_label)),
+            false => format!(r#"data-unit="{}""#, escape(self.y_label.split(',').next().unwrap_or_default())),
+        };
+        let plot = across.data([x.start_px, y.end_px, x.end_px, y.start_px]);
+        format!(r#"{plot} data-y="{} {}" data-least="{}" {label}"#, y.from, y.to, self.least_range)
     }
 
     fn draw(&self, out: &mut String, axes: &Axes) {
@@ -176,14 +175,16 @@ impl Chart {
         }
         out.push_str("</g>");
         self.draw_marks(out, axes);
-        out.push_str("</g>");
         for place in &self.places {
             let (x, y) = (axes.x.px(place.at.0), axes.y.px(place.at.1));
             let label = escape(&place.label);
+            let _ = write!(out, r#"<g data-at="{}" data-up="{}">"#, place.at.0, place.at.1);
             let _ = write!(out, r#"<circle class="place" cx="{x:.1}" cy="{y:.1}" r="4" />"#);
             let _ =
                 write!(out, r#"<text class="label" x="{:.1}" y="{:.1}">{label}</text>"#, x + 7.0, y - 6.0);
+            out.push_str("</g>");
         }
+        out.push_str("</g>");
     }
 
     /// The axes that hold all data; `None` without any.
@@ -487,7 +488,7 @@ mod tests {
     }
 
     #[test]
-    fn chart_over_time_says_how_it_is_zoomed_and_a_track_does_not() {
+    fn charts_and_maps_say_how_they_are_zoomed() {
         let chart = Chart {
             x_label: "time, s",
             y_label: "°, right positive".into(),
@@ -496,7 +497,8 @@ mod tests {
         let svg = chart.svg(400.0, 200.0);
         let data = r#"data-axis="time, s" data-x="0 9" data-plot="54 44 388 164" data-y="-0.12"#;
         assert!(svg.contains(data) && svg.contains(r#"data-unit="°""#), "{svg}");
-        assert!(!Chart { equal: true, ..chart }.svg(400.0, 400.0).contains("data-axis"));
+        let map = Chart { equal: true, y_label: "north, m".into(), ..chart }.svg(400.0, 400.0);
+        assert!(map.contains(r#"data-map="north, m""#), "{map}");
     }
 
     #[test]

@@ -150,7 +150,7 @@ fn faults(out: &mut String, flights: [&Flight; 2]) {
         let _ = write!(out, "<tr><td>{side:?}</td>{cells}<td>{detail}</td></tr>");
     }
     out.push_str("</tbody></table>");
-    html::more(out, entries.len());
+    html::more(out, entries.len(), MOST_LISTED);
 }
 
 #[cfg(test)]

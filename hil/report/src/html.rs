@@ -5,7 +5,7 @@ use crate::figures::{self, Group};
 use crate::flight::{Flight, seconds};
 use crate::health::HealthEntry;
 use crate::plot::escape;
-use crate::reasons::{self, Crash, MOST_LISTED, fault_anchor, linked};
+use crate::reasons::{self, Crash, MOST_ANSWERS, MOST_LISTED, fault_anchor, linked};
 use crate::run::Clock;
 use crate::summary::{Analysis, Judge, Summary};
 use crate::text::{self, Table, number};
@@ -266,19 +266,21 @@ fn late(out: &mut String, flight: &Flight, summary: &Summary) {
         return;
     }
     out.push_str(
-        r#"<h2 id="late">Late windows</h2><p class="sub">As <code>bateleur why</code> answers.</p><table class="wide"><tbody>"#,
+        r#"<h2 id="late">Late windows</h2><p class="sub">As <code>bateleur why</code> answers.</p>
+<div class="answers" tabindex="0"><table class="wide"><tbody>"#,
     );
-    for (place, answer) in answers.iter().take(MOST_LISTED).enumerate() {
+    for (place, answer) in answers.iter().take(MOST_ANSWERS).enumerate() {
         let (anchor, sentence) = (reasons::anchor(place).unwrap_or_default(), escape(&answer.sentence));
         let _ = write!(out, r#"<tr id="{anchor}"><td>{:.3} s</td><td>{sentence}</td></tr>"#, answer.time_s);
     }
-    out.push_str("</tbody></table>");
-    more(out, answers.len());
+    out.push_str("</tbody></table></div>");
+    more(out, answers.len(), MOST_ANSWERS);
 }
 
-pub(crate) fn more(out: &mut String, all: usize) {
-    if all > MOST_LISTED {
-        let _ = write!(out, r#"<p class="sub">and {} more</p>"#, all - MOST_LISTED);
+/// How many are not listed.
+pub(crate) fn more(out: &mut String, all: usize, listed: usize) {
+    if all > listed {
+        let _ = write!(out, r#"<p class="sub">and {} more</p>"#, all - listed);
     }
 }
 
@@ -313,7 +315,7 @@ fn entries(out: &mut String, flight: &Flight, entries: &[&HealthEntry]) {
         let _ = write!(out, "<tr{id}>{}<td>{}</td></tr>", cells(entry), reason(flight, entry));
     }
     out.push_str("</tbody></table>");
-    more(out, entries.len());
+    more(out, entries.len(), MOST_LISTED);
 }
 
 /// The cells of an entry of the health log that every page has.
@@ -326,13 +328,8 @@ pub(crate) fn cells(entry: &HealthEntry) -> String {
 
 /// What the health log says of it, its crash report, and who had the processor.
 fn reason(flight: &Flight, entry: &HealthEntry) -> String {
-    let crash = flight.crashes.iter().find(|crash| crash.is_of(entry)).map(|crash| {
-        let (file, partition) = (escape(&crash.file), escape(&crash.partition));
-        format!(
-            r#"<a href="{file}">crash report</a> (<code>bateleur crash {} {partition}</code>)"#,
-            escape(&flight.name)
-        )
-    });
+    let crash = flight.crashes.iter().find(|crash| crash.is_of(entry));
+    let crash = crash.map(|crash| format!(r#"<a href="{}">crash report</a>"#, escape(&crash.file)));
     let why = reasons::before(&flight.inputs.reasons, entry.of_whom(), entry.time_ns);
     let why = why.map(|anchor| linked(Some(&anchor), "who had the processor"));
     let detail = Some(escape(&entry.detail)).filter(|detail| !detail.is_empty());

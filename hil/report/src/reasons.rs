@@ -7,8 +7,10 @@ use serde::Deserialize;
 use crate::flight::seconds;
 use crate::health::HealthEntry;
 
-/// Entries of the health log and answers on a page; the rest is counted. No link leads to those.
+/// Entries of the health log on a page; the rest is counted. No link leads to those.
 pub(crate) const MOST_LISTED: usize = 200;
+/// Answers on a page: a quarter of a megabyte.
+pub(crate) const MOST_ANSWERS: usize = 1000;
 /// An answer is about the windows before a fault, not earlier than this, s: silence is noticed after some of them.
 const BEFORE_S: f64 = 1.0;
 
@@ -84,7 +86,7 @@ pub(crate) fn before(reasons: &[Reason], partition: &str, time_ns: u64) -> Optio
 
 /// The anchor of an answer by its place; `None` if it is not listed.
 pub(crate) fn anchor(place: usize) -> Option<String> {
-    (place < MOST_LISTED).then(|| format!("why-{place}"))
+    (place < MOST_ANSWERS).then(|| format!("why-{place}"))
 }
 
 /// What is drawn, with a link where there is something to be led to.
@@ -114,7 +116,7 @@ mod tests {
 
     #[test]
     fn what_is_not_listed_is_not_linked() {
-        assert_eq!((anchor(MOST_LISTED), fault_anchor(MOST_LISTED)), (None, None));
+        assert_eq!((anchor(MOST_ANSWERS), fault_anchor(MOST_LISTED)), (None, None));
         assert_eq!(linked(None, "x"), "x");
         assert_eq!(linked(fault_anchor(3).as_deref(), "x"), r##"<a href="#fault-3">x</a>"##);
     }

@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use bateleur_tests::{Browser, Ended, Page, among_others, bateleur, flight_schedule};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 /// What the thesis shows of its flights, by the titles of the page.
 const PLOTS: [&str; 31] = [
@@ -156,8 +156,10 @@ fn charts_show_values_at_the_pointer_and_zoom_together() {
         assert!(!along.is_empty() && along.iter().all(near), "{other}: {along:?}");
     }
     keep(&mut page, "report-zoomed.png");
-    page.mouse("mousePressed", from);
-    page.mouse("mouseReleased", from);
+    let lane = place(&mut page, "Partitions over the flight", [0.5, 0.5]);
+    page.mouse("mousePressed", lane);
+    page.mouse("mouseReleased", lane);
+    assert_eq!(along(&mut page, "Airspeed"), zoomed, "a click selects nothing");
     page.value("document.querySelector('.bar button').click()");
     assert_eq!(along(&mut page, "Airspeed"), whole, "all is shown again as it was drawn");
     assert_eq!(page.console, Vec::<String>::new());
@@ -188,6 +190,31 @@ fn charts_are_read_with_the_keys() {
     assert_eq!(said(&mut page), second, "the cursor stays where it was");
     page.key("Escape");
     assert_eq!((along(&mut page, "Bank"), said(&mut page)), (whole, String::new()));
+    assert_eq!(page.console, Vec::<String>::new());
+}
+
+#[test]
+fn finger_selects_a_span_on_a_phone_and_nothing_is_loaded() {
+    let Some(browser) = Browser::find() else { return };
+    let _turn = among_others();
+    let flown = fly(&["--seed", "5"]).expect_code(0);
+    let mut page = open(&browser, &flown.folder().join("report.html"));
+    page.show_on(390, 844, true);
+    page.call("Emulation.setTouchEmulationEnabled", json!({ "enabled": true }));
+    let whole = along(&mut page, "Elevator");
+    for (act, right) in [("touchStart", 0.4), ("touchMove", 0.5), ("touchMove", 0.6)] {
+        let [x, y] = place(&mut page, "Altitude error", [right, 0.5]);
+        let touch = json!({ "type": act, "touchPoints": [{ "x": x, "y": y }] });
+        page.call("Input.dispatchTouchEvent", touch);
+    }
+    page.call("Input.dispatchTouchEvent", json!({ "type": "touchEnd", "touchPoints": [] }));
+    page.await_true("!document.querySelector('.bar').hidden");
+    let zoomed = along(&mut page, "Elevator");
+    assert!(zoomed.last().unwrap() - zoomed[0] < 0.5 * whole.last().unwrap(), "{zoomed:?}");
+    keep(&mut page, "report-phone.png");
+    let widths = ["document.documentElement.scrollWidth", "innerWidth"].map(|width| page.value(width));
+    assert_eq!(widths, [390, 390].map(Value::from));
+    assert_eq!(page.value("performance.getEntriesByType('resource').length"), 0);
     assert_eq!(page.console, Vec::<String>::new());
 }
 

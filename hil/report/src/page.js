@@ -93,9 +93,12 @@
       const [width, height] = [this.right - this.left, this.bottom - this.top];
       this.clip = `clip-${Math.random().toString(36).slice(2)}`;
       svg.insertAdjacentHTML("beforeend", `<clipPath id="${this.clip}"><rect x="${this.left}" y="${this.top}" width="${width}" height="${height}"/></clipPath>
-        <rect class="selected" y="${this.top}" height="${height}" width="0"/><path class="cursor" d="M0 ${this.top}v${height}" visibility="hidden"/>`);
-      svg.insertAdjacentHTML("afterend", `<div class="readout" hidden></div>`);
-      this.readout = svg.nextElementSibling;
+        <rect class="selected" y="${this.top}" height="${height}" width="0"/>`);
+      svg.insertAdjacentHTML("afterend", `<div class="cursor" hidden><div class="readout"></div></div>`);
+      this.cursor = svg.nextElementSibling;
+      this.size = svg.viewBox.baseVal;
+      this.cursor.style.setProperty("--down", this.top / this.size.height);
+      this.cursor.style.setProperty("--tall", height / this.size.height);
       svg.tabIndex = 0;
     }
 
@@ -104,14 +107,23 @@
       return this.read;
     }
 
+    /* Of a map: the pointer's place on the upright axis. */
+    get high() {
+      return viewOf(this).high ?? (this.range[0] + this.range[1]) / 2;
+    }
+
+    set high(high) {
+      viewOf(this).high = high;
+    }
+
     /* The place on the axis under a pointer. */
     under(event) {
       const box = this.svg.getBoundingClientRect();
       if (this.map) {
-        const px = (event.clientY - box.top) / box.height * this.svg.viewBox.baseVal.height;
+        const px = (event.clientY - box.top) / box.height * this.size.height;
         this.high = clamped(scaled(px, [this.bottom, this.top], ...this.range), this.range);
       }
-      const px = (event.clientX - box.left) / box.width * this.svg.viewBox.baseVal.width;
+      const px = (event.clientX - box.left) / box.width * this.size.width;
       return clamped(scaled(px, [this.left, this.right], ...this.shown), this.shown);
     }
 
@@ -156,8 +168,7 @@
     /* The vertical range of a map about the pointer's place. */
     square([from, to]) {
       const half = (to - from) * (this.bottom - this.top) / (this.right - this.left) / 2;
-      const middle = this.high ?? (this.y[0] + this.y[1]) / 2;
-      return [middle - half, middle + half];
+      return [this.high - half, this.high + half];
     }
 
     /* The vertical range of what is in a span. */
@@ -195,15 +206,10 @@
     /* Cursor and values at a place; null: none. */
     point(at) {
       const isSeen = at !== null && at === clamped(at, this.shown);
-      const cursor = this.svg.querySelector(".cursor");
-      cursor.setAttribute("visibility", isSeen ? "visible" : "hidden");
-      this.readout.hidden = !isSeen;
+      this.cursor.hidden = !isSeen;
       if (!isSeen) return;
-      cursor.setAttribute("transform", `translate(${this.px(at)})`);
-      const { width, height } = this.svg.viewBox.baseVal;
-      this.readout.classList.toggle("before", this.px(at) > (this.left + this.right) / 2);
-      this.readout.style.setProperty("--right", this.px(at) / width);
-      this.readout.style.setProperty("--down", this.top / height);
+      this.cursor.style.setProperty("--right", this.px(at) / this.size.width);
+      this.cursor.classList.toggle("before", this.px(at) > (this.left + this.right) / 2);
       const lines = this.values(at).map(([name, text, colour]) => {
         const line = document.createElement("div");
         line.textContent = `${name} `;
@@ -211,7 +217,7 @@
         line.append(Object.assign(document.createElement("b"), { textContent: text }));
         return line;
       });
-      this.readout.replaceChildren(...lines);
+      this.cursor.firstChild.replaceChildren(...lines);
     }
 
     /* What is to be read at a place: names, values with their units, colours. */
@@ -220,7 +226,7 @@
       const place = `${written(at, 4 - magnitude(this.x))} ${unit}`;
       if (this.map) {
         const [up, unit = ""] = this.map.split(", ");
-        return [[name, place], [up, `${written(this.high ?? (this.range[0] + this.range[1]) / 2, 4 - magnitude(this.y))} ${unit}`]];
+        return [[name, place], [up, `${written(this.high, 4 - magnitude(this.y))} ${unit}`]];
       }
       const values = this.curves.map(curve => {
         const value = curve.value(at);
@@ -231,7 +237,7 @@
   }
 
   const known = new WeakMap();
-  /* By axis: the span that is shown (null: all), the cursor's place (null: none). */
+  /* By axis: the span that is shown (null: all), the cursor's place (null: none), of a map the height of both. */
   const views = {};
   const viewOf = chart => views[chart.axis] ||= { span: null, at: null };
 
@@ -306,7 +312,7 @@
   addEventListener("pointerdown", event => {
     const chart = event.button === 0 && event.isPrimary ? chartAt(event) : null;
     if (!chart || event.target.closest("a")) return;
-    drag = { chart, from: chart.under(event), px: event.clientX, high: chart.high };
+    drag = { chart, from: chart.under(event), px: event.clientX, high: chart.map && chart.high };
     chart.svg.setPointerCapture(event.pointerId);
     point(chart, drag.from);
   });
@@ -317,7 +323,7 @@
     select(drag, from);
     drag = null;
     const to = chart.under(event);
-    chart.high = (chart.high + high) / 2;
+    if (chart.map) chart.high = (chart.high + high) / 2;
     if (Math.abs(event.clientX - px) >= LEAST_DRAG) show(chart, [Math.min(from, to), Math.max(from, to)]);
   });
 

@@ -488,6 +488,18 @@ mod tests {
     }
 
     #[test]
+    fn script_of_the_page_reads_curves_as_they_are_written() {
+        for constant in [format!("const STEPS = {STEPS};"), format!("const MARGIN = {MARGIN};")] {
+            assert!(crate::html::SCRIPT.contains(&constant), "{constant}");
+        }
+        let svg = chart(vec![(0.0, 0.0), (9.0, 2.0)], Style::Line).svg(400.0, 200.0);
+        assert!(
+            svg.contains(&format!(r#"transform="scale({})""#, STEPS.recip()).replace("0.", ".")),
+            "{svg}"
+        );
+    }
+
+    #[test]
     fn charts_and_maps_say_how_they_are_zoomed() {
         let chart = Chart {
             x_label: "time, s",

@@ -138,6 +138,20 @@ impl Page {
         }
     }
 
+    /// Acts with the mouse: `mousePressed`, `mouseMoved`, `mouseReleased` at a place on the screen, px.
+    pub fn mouse(&mut self, act: &str, [x, y]: [f64; 2]) {
+        let button = if act == "mouseMoved" { "none" } else { "left" };
+        let event = json!({ "type": act, "x": x, "y": y, "button": button, "clickCount": 1 });
+        self.call("Input.dispatchMouseEvent", event);
+    }
+
+    /// Presses a key and lets it go.
+    pub fn key(&mut self, key: &str) {
+        for act in ["keyDown", "keyUp"] {
+            self.call("Input.dispatchKeyEvent", json!({ "type": act, "key": key }));
+        }
+    }
+
     /// Shows the page on a screen of that width, px, by day or by night.
     pub fn show_on(&mut self, width: u32, height: u32, dark: bool) {
         let screen =

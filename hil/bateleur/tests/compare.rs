@@ -106,6 +106,20 @@ fn damaged_log_in_which_nothing_differs_ends_neither_as_equal_nor_as_different()
 }
 
 #[test]
+fn page_of_two_flights_is_written_but_never_over_something_else() {
+    let folder = folder();
+    let ended = bateleur_in(folder.path(), &["compare", "old", "new", "--html", "both.html"]);
+    assert_eq!((ended.code, ended.stderr.lines().last()), (1, Some("page: both.html")), "{}", ended.stdout);
+    let page = std::fs::read_to_string(folder.path().join("both.html")).unwrap();
+    assert!(page.contains("estimator.state at 0.604400 s; 1 of 2 ports differ."), "{page:.2000}");
+    let again = bateleur_in(folder.path(), &["compare", "old", "same", "--html", "both.html"]);
+    assert_eq!(again.code, 0, "an earlier page is replaced: {}", again.stderr);
+    let refused = bateleur_in(folder.path(), &["compare", "old", "new", "--html", "old/ports.mcap"]);
+    assert_eq!((refused.code, refused.stdout.as_str()), (2, ""));
+    assert!(refused.stderr.contains("name another file"), "{}", refused.stderr);
+}
+
+#[test]
 fn files_that_are_no_logs_are_refused() {
     let folder = folder();
     std::fs::write(folder.path().join("notes.txt"), "nothing of the kind, and long enough to be read")

@@ -2,6 +2,7 @@
 //!
 //! A and B are folders of runs or flights, or their `ports.mcap`. Every message of every port is compared, bit for bit unless
 //! a tolerance is given. A log that was cut off is compared as far as it goes; that the other one goes on is a difference.
+//! `--html` also writes a page with both flights: tracks, charts, figures and faults.
 //! Exit codes: 0 they are equal, 1 they differ, 2 they can not be compared, or not all of it: a port that only one of them
 //! has, another message type, a file that is no log, a log that is damaged and in which nothing differs all the same.
 
@@ -12,15 +13,20 @@ use anyhow::{Context, Result};
 use bateleur_report::compare::{
     Comparison, Difference, End, Options, Place, PortComparison, Side, Tolerance, compare, file,
 };
+use bateleur_report::{Flight, beside};
 use serde_json::Value;
 
-use super::{CANNOT_RUN, Code, FINE, Format, WRONG};
+use super::replay::as_flown;
+use super::{CANNOT_RUN, Code, FINE, Format, WRONG, fly};
+use bateleur_executive_cli::output::refuse_file;
 use bateleur_executive_cli::setting::module_time;
 
 /// Fields of the first difference that are printed; the rest is counted.
 const MOST_FIELDS: usize = 12;
 /// What one look of the recorder at all ports spans at most, ns: a file may be cut off between two of them.
 const CUT_NS: u64 = 1_000_000_000;
+/// What a page begins with.
+const PAGE_BEGINNING: &str = "<!DOCTYPE html>";
 
 /// Show where two flights first differ.
 #[derive(Debug, clap::Args)]
@@ -37,6 +43,9 @@ pub struct Arguments {
     /// Leave out what is after this module time, s.
     #[arg(long, value_name = "SECONDS", value_parser = module_time, allow_negative_numbers = true)]
     until: Option<f64>,
+    /// Write a page with both flights: tracks, main charts, figures and faults of both.
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
 }
 
 /// What is compared, how exactly, and how that is printed.
@@ -65,7 +74,31 @@ pub(crate) struct How {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
-    compare_and_print((&file(&arguments.a), &file(&arguments.b)), &arguments.how, arguments.until.map(ns))
+    let logs = [&arguments.a, &arguments.b].map(|path| file(path));
+    if let Some(html) = &arguments.html {
+        refuse_file(html, PAGE_BEGINNING, &[&logs[0], &logs[1]])?;
+    }
+    let (comparison, code) =
+        compare_and_print((&logs[0], &logs[1]), &arguments.how, arguments.until.map(ns))?;
+    if let Some(html) = &arguments.html {
+        let flights = [flight(&logs[0])?, flight(&logs[1])?];
+        let page = beside::page([&flights[0], &flights[1]], &comparison);
+        std::fs::write(html, page).with_context(|| format!("cannot write {}", html.display()))?;
+        eprintln!("page: {}", html.display());
+    }
+    Ok(code)
+}
+
+/// The flight that a log is of, with what it was flown with; that of the usual mission where its folder does not say.
+fn flight(log: &Path) -> Result<Flight> {
+    let folder = match log.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let (flown, changed) = as_flown(log).unzip();
+    changed.iter().flatten().for_each(|sentence| eprintln!("{sentence}"));
+    let inputs = flown.map(|flown| fly::inputs_of(&flown, folder)).transpose()?.flatten();
+    Ok(Flight::load(folder, &inputs.unwrap_or_default())?)
 }
 
 fn ns(seconds: f64) -> u64 {
@@ -73,7 +106,11 @@ fn ns(seconds: f64) -> u64 {
 }
 
 /// Compares two logs, to an instant of module time, and prints what came out.
-pub(crate) fn compare_and_print((a, b): (&Path, &Path), how: &How, until_ns: Option<u64>) -> Result<Code> {
+pub(crate) fn compare_and_print(
+    (a, b): (&Path, &Path),
+    how: &How,
+    until_ns: Option<u64>,
+) -> Result<(Comparison, Code)> {
     let options = Options {
         from_ns: how.from.map(ns),
         until_ns,
@@ -88,11 +125,12 @@ pub(crate) fn compare_and_print((a, b): (&Path, &Path), how: &How, until_ns: Opt
         Format::Text => text(&comparison),
     };
     print!("{text}");
-    Ok(match (&comparison.incomparable[..], comparison.equal) {
+    let code = match (&comparison.incomparable[..], comparison.equal) {
         ([], true) => FINE,
         ([], false) => WRONG,
         _ => CANNOT_RUN,
-    })
+    };
+    Ok((comparison, code))
 }
 
 fn place(text: &str) -> Result<Place, String> {

@@ -80,7 +80,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     if status.code() == Some(2) {
         return Ok(CANNOT_RUN);
     }
-    let compared = compare_and_print((&log, &folder.join(PORTS_FILE)), &arguments.how, Some(last_ns))?;
+    let (_, compared) = compare_and_print((&log, &folder.join(PORTS_FILE)), &arguments.how, Some(last_ns))?;
     Ok(if compared == FINE && !status.success() { WRONG } else { compared })
 }
 

@@ -4,6 +4,7 @@ use crate::chains::{ChainAge, ChainBound, Follower};
 use crate::error::ReportError;
 use crate::health::{self, HealthEntry};
 use crate::presence::Presence;
+use crate::reasons::{Crash, Reason};
 use crate::run::{self, Run};
 use crate::timing::Timing;
 use crate::windows::{self, Window};
@@ -39,6 +40,8 @@ pub struct Inputs {
     pub pressure_aiding: bool,
     /// The chains whose ages are to be measured.
     pub chains: Vec<ChainBound>,
+    /// Why windows were late.
+    pub reasons: Vec<Reason>,
 }
 
 impl Default for Inputs {
@@ -51,6 +54,7 @@ impl Default for Inputs {
             guidance: GuidanceConfig::default(),
             pressure_aiding: true,
             chains: Vec::new(),
+            reasons: Vec::new(),
         }
     }
 }
@@ -93,8 +97,8 @@ pub struct Flight {
     pub run: Option<Run>,
     /// The health log.
     pub health: Vec<HealthEntry>,
-    /// Crash reports, by their files in the flight's folder.
-    pub crashes: Vec<String>,
+    /// Crash reports.
+    pub crashes: Vec<Crash>,
     /// What the simulator was set to.
     pub conditions: Option<Conditions>,
     /// What was really the case.
@@ -146,7 +150,7 @@ impl Flight {
             let recording = scope.spawn(|| read_ports(&ports));
             flight.load_run(&dir.join(run::FILE));
             flight.load_health(&dir.join(health::FILE));
-            flight.crashes = crashes(dir);
+            flight.crashes = Crash::read(dir);
             flight.load_truth(&dir.join(TRUTH_FILE));
             flight.load_windows(&dir.join(windows::FILE));
             flight.load_processes(&dir.join(processes::FILE));
@@ -314,14 +318,4 @@ fn short(path: &Path) -> String {
 /// Nanoseconds of module time in seconds.
 pub(crate) fn seconds(ns: u64) -> f64 {
     ns as f64 / 1e9
-}
-
-/// The crash reports in a flight's folder; there is no such folder where no partition ended by a fault.
-fn crashes(dir: &Path) -> Vec<String> {
-    let files = std::fs::read_dir(dir.join("crashes")).into_iter().flatten().flatten();
-    let names = files.filter_map(|file| file.file_name().into_string().ok());
-    let mut reports: Vec<String> =
-        names.filter(|name| name.ends_with(".json")).map(|name| format!("crashes/{name}")).collect();
-    reports.sort_unstable();
-    reports
 }

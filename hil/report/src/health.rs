@@ -29,6 +29,16 @@ pub struct HealthEntry {
 }
 
 impl HealthEntry {
+    /// The partition, or that it is of the module itself.
+    pub fn of_whom(&self) -> &str {
+        self.partition.as_deref().unwrap_or("module")
+    }
+
+    /// Until the successor's first window, ms.
+    pub fn recovery_ms(&self) -> Option<f64> {
+        self.recovered_ns.map(|recovered_ns| recovered_ns.saturating_sub(self.time_ns) as f64 / 1e6)
+    }
+
     /// Whether anything was done beyond writing it down.
     pub fn acted_on(&self) -> bool {
         self.action != "ignore"

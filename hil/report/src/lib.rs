@@ -8,6 +8,7 @@
 
 pub mod air;
 pub mod believed;
+pub mod beside;
 pub mod campaign;
 pub mod chains;
 pub mod compare;
@@ -23,6 +24,7 @@ pub mod mission;
 pub mod planned;
 pub mod plot;
 pub mod presence;
+pub mod reasons;
 pub mod run;
 pub mod score;
 pub mod summary;

@@ -1,10 +1,13 @@
 //! Charts as SVG text: axes with round numbers, several series, marks. Colours come from the page's style, so that one
-//! chart reads well on light and dark.
+//! chart reads well on light and dark. A chart carries its axes as data, from which the page's script zooms it.
 
+use crate::reasons::linked;
+use std::borrow::Cow;
 use std::fmt::Write as _;
 
-/// Most points drawn of one series: more than a screen has columns is only weight.
-pub const MOST_POINTS: usize = 2000;
+/// Most points drawn of one series: a few for each column of a screen, so that a magnified chart shows something new, and a flight's page
+/// stays below 2 MB.
+pub const MOST_POINTS: usize = 3000;
 /// Space left of the plot for the numbers, px.
 const LEFT: f64 = 54.0;
 /// Space right of it, px.
@@ -15,8 +18,11 @@ const TOP: f64 = 44.0;
 const BOTTOM: f64 = 36.0;
 /// Width of a letter of the legend, px: an estimate that suits common sans-serif faces at 11 px.
 const LETTER: f64 = 6.6;
-/// Part of the range left empty above and below the data.
+/// Part of the range left empty above and below the data; as in page.js.
 const MARGIN: f64 = 0.06;
+/// Steps of a curve in a pixel: the page's script reads values from them, and a magnified curve shows them. As in page.js, and
+/// in the transformation of `curves`.
+const STEPS: f64 = 100.0;
 /// Labels of marks nearer than this to the last one are left out, px.
 const MARK_SPACE: f64 = 46.0;
 
@@ -53,6 +59,8 @@ pub struct Mark {
     pub x: f64,
     /// What.
     pub label: String,
+    /// The place in the page that tells more of it.
+    pub anchor: Option<String>,
 }
 
 /// A named place, drawn as a ring.
@@ -71,8 +79,8 @@ pub struct Chart {
     pub title: String,
     /// Name and unit of the horizontal axis.
     pub x_label: &'static str,
-    /// Name and unit of the vertical axis; stands after the title.
-    pub y_label: &'static str,
+    /// Unit of the vertical axis, and after a comma what else there is to say of it; stands after the title.
+    pub y_label: Cow<'static, str>,
     /// The data.
     pub series: Vec<Series>,
     /// Upright lines.
@@ -122,13 +130,15 @@ impl Chart {
     pub fn svg(&self, width: f64, height: f64) -> String {
         let mut out = String::new();
         let title = escape(&self.title);
-        let _ = write!(out, r#"<svg viewBox="0 0 {width} {height}" role="img" aria-label="{title}">"#);
-        let unit = escape(self.y_label);
+        let axes = self.axes(width, height);
+        let data = axes.map_or_else(String::new, |axes| self.data(&axes));
+        let _ = write!(out, r#"<svg viewBox="0 0 {width} {height}" role="img" aria-label="{title}"{data}>"#);
+        let unit = escape(&self.y_label);
         let _ = write!(
             out,
             r#"<text class="title" x="{LEFT}" y="14">{title} <tspan class="unit">{unit}</tspan></text>"#
         );
-        match self.axes(width, height) {
+        match axes {
             Some(axes) => self.draw(&mut out, &axes),
             None => {
                 let _ = write!(
@@ -143,20 +153,38 @@ impl Chart {
         out
     }
 
+    /// What the page's script has to know.
+    fn data(&self, axes: &Axes) -> String {
+        let (x, y) = (axes.x, axes.y);
+        let across = Across { label: self.x_label, from: x.from, to: x.to };
+        // Of a map both axes have names, and one scale.
+        let label = match self.equal {
+            true => format!(r#"data-map="{}""#, escape(&self.y_label)),
+            false => format!(r#"data-unit="{}""#, escape(self.y_label.split(',').next().unwrap_or_default())),
+        };
+        let plot = across.data([x.start_px, y.end_px, x.end_px, y.start_px]);
+        format!(r#"{plot} data-y="{} {}" data-least="{}" {label}"#, y.from, y.to, self.least_range)
+    }
+
     fn draw(&self, out: &mut String, axes: &Axes) {
         self.draw_grid(out, axes);
         self.draw_legend(out);
+        out.push_str(r#"<g class="data"><g class="curves" transform="scale(.01)">"#);
         for series in &self.series {
             draw_series(out, axes, series, self.equal);
         }
+        out.push_str("</g>");
         self.draw_marks(out, axes);
         for place in &self.places {
             let (x, y) = (axes.x.px(place.at.0), axes.y.px(place.at.1));
             let label = escape(&place.label);
+            let _ = write!(out, r#"<g data-at="{}" data-up="{}">"#, place.at.0, place.at.1);
             let _ = write!(out, r#"<circle class="place" cx="{x:.1}" cy="{y:.1}" r="4" />"#);
             let _ =
                 write!(out, r#"<text class="label" x="{:.1}" y="{:.1}">{label}</text>"#, x + 7.0, y - 6.0);
+            out.push_str("</g>");
         }
+        out.push_str("</g>");
     }
 
     /// The axes that hold all data; `None` without any.
@@ -178,11 +206,9 @@ impl Chart {
     fn draw_grid(&self, out: &mut String, axes: &Axes) {
         let (left, right) = (axes.x.start_px, axes.x.end_px);
         let (bottom, top) = (axes.y.start_px, axes.y.end_px);
-        for (value, text) in ticks(axes.x.from, axes.x.to, (right - left) / 62.0) {
-            let x = axes.x.px(value);
-            let _ = write!(out, r#"<line class="grid" x1="{x:.1}" y1="{top}" x2="{x:.1}" y2="{bottom}" />"#);
-            let _ = write!(out, r#"<text class="tick mid" x="{x:.1}" y="{}">{text}</text>"#, bottom + 14.0);
-        }
+        let across = Across { label: self.x_label, from: axes.x.from, to: axes.x.to };
+        across.draw(out, [left, top, right, bottom], 62.0);
+        out.push_str(r#"<g class="up">"#);
         for (value, text) in ticks(axes.y.from, axes.y.to, (bottom - top) / 30.0) {
             let y = axes.y.px(value);
             let _ = write!(out, r#"<line class="grid" x1="{left}" y1="{y:.1}" x2="{right}" y2="{y:.1}" />"#);
@@ -190,9 +216,8 @@ impl Chart {
                 write!(out, r#"<text class="tick end" x="{}" y="{:.1}">{text}</text>"#, left - 5.0, y + 3.5);
         }
         let (wide, high) = (right - left, bottom - top);
-        let _ = write!(out, r#"<rect class="frame" x="{left}" y="{top}" width="{wide}" height="{high}" />"#);
-        let label = escape(self.x_label);
-        let _ = write!(out, r#"<text class="axis end" x="{right}" y="{}">{label}</text>"#, bottom + 29.0);
+        let _ =
+            write!(out, r#"</g><rect class="frame" x="{left}" y="{top}" width="{wide}" height="{high}" />"#);
     }
 
     fn draw_legend(&self, out: &mut String) {
@@ -216,17 +241,19 @@ impl Chart {
         for mark in self.marks.iter().filter(inside) {
             let x = axes.x.px(mark.x);
             let (top, bottom) = (axes.y.end_px, axes.y.start_px);
+            let _ = write!(out, r#"<g data-at="{}">"#, mark.x);
             let _ = write!(out, r#"<line class="mark" x1="{x:.1}" y1="{top}" x2="{x:.1}" y2="{bottom}" />"#);
             if x - last > MARK_SPACE {
-                let label = escape(&mark.label);
-                let _ = write!(
-                    out,
-                    r#"<text class="mark-label" x="{:.1}" y="{}">{label}</text>"#,
+                let text = format!(
+                    r#"<text class="mark-label" x="{:.1}" y="{}">{}</text>"#,
                     x + 3.0,
-                    top + 10.0
+                    top + 10.0,
+                    escape(&mark.label)
                 );
+                out.push_str(&linked(mark.anchor.as_deref(), &text));
                 last = x;
             }
+            out.push_str("</g>");
         }
     }
 }
@@ -242,60 +269,79 @@ fn class(series: &Series) -> String {
 
 fn draw_series(out: &mut String, axes: &Axes, series: &Series, by_stride: bool) {
     let points = if by_stride { strided(&series.points) } else { decimated(&series.points) };
-    let class = class(series);
-    let mut path = String::new();
-    let mut pen_down = false;
-    let mut last_y = 0.0;
+    let mut pen = Pen::default();
     for (x, y) in points {
         if !x.is_finite() || !y.is_finite() {
-            pen_down = false;
+            pen.is_down = false;
             continue;
         }
-        let (x, y) = (axes.x.px(x), axes.y.px(y));
-        match (series.style, pen_down) {
-            (Style::Dots, _) | (_, false) => push_point(&mut path, 'M', x, y),
-            (Style::Steps, true) => {
-                push_point(&mut path, 'L', x, last_y);
-                path.push('V');
-                push_tenths(&mut path, y);
+        let to = [axes.x.px(x), axes.y.px(y)].map(|px| (px * STEPS).round() as i64);
+        match series.style {
+            Style::Dots => {
+                pen.is_down = false;
+                pen.go(to);
             }
-            (_, true) => push_point(&mut path, 'L', x, y),
+            Style::Steps if pen.is_down => pen.go([to[0], pen.at[1]]),
+            _ => {}
         }
-        if series.style == Style::Dots {
-            path.push_str("h0");
-        }
-        (pen_down, last_y) = (true, y);
+        pen.go(to);
     }
-    if !path.is_empty() {
-        let _ = write!(out, r#"<path class="{class}" d="{path}" />"#);
+    if !pen.path.is_empty() {
+        let (class, name) = (class(series), escape(series.name));
+        let _ = write!(out, r#"<path class="{class}" data-name="{name}" d="{}" />"#, pen.path);
     }
 }
 
-fn push_point(path: &mut String, command: char, x: f64, y: f64) {
-    path.push(command);
-    push_tenths(path, x);
-    path.push(' ');
-    push_tenths(path, y);
+/// Writes a path in whole steps, each from the place before: that is short, and a page has a hundred thousand of them. A
+/// stretch begins with `m` and its place, and goes on in pairs of numbers.
+#[derive(Default)]
+struct Pen {
+    path: String,
+    at: [i64; 2],
+    is_down: bool,
 }
 
-/// A place in pixels to a tenth. A page has a hundred thousand of them, and the exact way of the standard library takes
-/// most of the page's time.
-fn push_tenths(path: &mut String, px: f64) {
-    let tenths = (px * 10.0).round() as i64;
-    if tenths < 0 {
-        path.push('-');
+impl Pen {
+    fn go(&mut self, to: [i64; 2]) {
+        let mut before = if self.is_down { " " } else { "m" };
+        for (to, at) in to.into_iter().zip(self.at) {
+            let step = to - at;
+            // A sign separates numbers as well as a space does.
+            let _ = write!(self.path, "{}{step}", if step < 0 && before == " " { "" } else { before });
+            before = " ";
+        }
+        (self.at, self.is_down) = (to, true);
     }
-    let tenths = tenths.unsigned_abs();
-    let mut digits = [b'0'; 20];
-    let (mut left, mut at) = (tenths / 10, digits.len());
-    while at == digits.len() || left > 0 {
-        at -= 1;
-        digits[at] = b'0' + (left % 10) as u8;
-        left /= 10;
+}
+
+/// The horizontal axis of a picture, between the edges of its plot: left, top, right, bottom, px.
+pub(crate) struct Across<'a> {
+    /// Name and unit. Pictures with the same one zoom together.
+    pub(crate) label: &'a str,
+    pub(crate) from: f64,
+    pub(crate) to: f64,
+}
+
+impl Across<'_> {
+    /// What the page's script has to know.
+    pub(crate) fn data(&self, [left, top, right, bottom]: [f64; 4]) -> String {
+        let Self { label, from, to } = self;
+        let label = escape(label);
+        format!(r#" data-axis="{label}" data-x="{from} {to}" data-plot="{left} {top} {right} {bottom}""#)
     }
-    path.extend(digits[at..].iter().map(|digit| char::from(*digit)));
-    path.push('.');
-    path.push(char::from(b'0' + (tenths % 10) as u8));
+
+    /// Grid, numbers and name; a number about every `apart` px.
+    pub(crate) fn draw(&self, out: &mut String, [left, top, right, bottom]: [f64; 4], apart: f64) {
+        let axis = Axis { from: self.from, to: self.to, start_px: left, end_px: right };
+        out.push_str(r#"<g class="across">"#);
+        for (value, text) in ticks(self.from, self.to, (right - left) / apart) {
+            let x = axis.px(value);
+            let _ = write!(out, r#"<line class="grid" x1="{x:.1}" y1="{top}" x2="{x:.1}" y2="{bottom}" />"#);
+            let _ = write!(out, r#"<text class="tick mid" x="{x:.1}" y="{}">{text}</text>"#, bottom + 14.0);
+        }
+        let (label, y) = (escape(self.label), bottom + 29.0);
+        let _ = write!(out, r#"</g><text class="axis end" x="{right}" y="{y}">{label}</text>"#);
+    }
 }
 
 /// At most [`MOST_POINTS`] points of a series over time, least and greatest of each stretch, so that no peak is lost.
@@ -415,7 +461,7 @@ mod tests {
         for style in [Style::Line, Style::Dots, Style::Steps, Style::Dashed] {
             let svg = chart(odd.clone(), style).svg(400.0, 200.0);
             assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
-            assert!(svg.contains("a&lt;b") && svg.matches("M").count() >= 2);
+            assert!(svg.contains("a&lt;b") && svg.matches(r#" d="m"#).count() == 1, "{svg}");
         }
         let single = Chart { equal: true, ..chart(vec![(5.0, 5.0)], Style::Line) };
         assert!(!single.svg(400.0, 200.0).contains("NaN"));
@@ -424,15 +470,47 @@ mod tests {
     }
 
     #[test]
-    fn places_are_written_to_a_tenth() {
-        let written = |px: f64| {
-            let mut text = String::new();
-            push_tenths(&mut text, px);
-            text
+    fn curve_is_written_in_steps_from_the_place_before() {
+        let drawn = |style, places: &[[i64; 2]]| {
+            let axis = Axis { from: 0.0, to: 1.0, start_px: 0.0, end_px: 1.0 };
+            let points =
+                places.iter().map(|place| place.map(|step| step as f64 / STEPS)).map(<(f64, f64)>::from);
+            let gap = |(x, y): (f64, f64)| if x < 0.0 { (x, f64::NAN) } else { (x, y) };
+            let series = Series { name: "a", colour: 0, style, points: points.map(gap).collect() };
+            let mut out = String::new();
+            draw_series(&mut out, &Axes { x: axis, y: axis }, &series, false);
+            out.split('"').nth(5).unwrap_or_default().to_owned()
         };
-        let places = [0.0, 0.04, 7.26, 54.0, 100.98, 999.96, -0.3, -12.34, 1234567.8];
-        let expected = ["0.0", "0.0", "7.3", "54.0", "101.0", "1000.0", "-0.3", "-12.3", "1234567.8"];
-        assert_eq!(places.map(written), expected);
+        let places = [[5, 9], [7, 4], [-1, 0], [8, 4], [9, 6]];
+        assert_eq!(drawn(Style::Line, &places), "m5 9 2-5m1 0 1 2");
+        assert_eq!(drawn(Style::Steps, &places), "m5 9 2 0 0-5m1 0 1 0 0 2");
+        assert_eq!(drawn(Style::Dots, &places[..2]), "m5 9 0 0m2-5 0 0");
+    }
+
+    #[test]
+    fn script_of_the_page_reads_curves_as_they_are_written() {
+        for constant in [format!("const STEPS = {STEPS};"), format!("const MARGIN = {MARGIN};")] {
+            assert!(crate::html::SCRIPT.contains(&constant), "{constant}");
+        }
+        let svg = chart(vec![(0.0, 0.0), (9.0, 2.0)], Style::Line).svg(400.0, 200.0);
+        assert!(
+            svg.contains(&format!(r#"transform="scale({})""#, STEPS.recip()).replace("0.", ".")),
+            "{svg}"
+        );
+    }
+
+    #[test]
+    fn charts_and_maps_say_how_they_are_zoomed() {
+        let chart = Chart {
+            x_label: "time, s",
+            y_label: "°, right positive".into(),
+            ..chart(vec![(0.0, 0.0), (9.0, 2.0)], Style::Line)
+        };
+        let svg = chart.svg(400.0, 200.0);
+        let data = r#"data-axis="time, s" data-x="0 9" data-plot="54 44 388 164" data-y="-0.12"#;
+        assert!(svg.contains(data) && svg.contains(r#"data-unit="°""#), "{svg}");
+        let map = Chart { equal: true, y_label: "north, m".into(), ..chart }.svg(400.0, 400.0);
+        assert!(map.contains(r#"data-map="north, m""#), "{map}");
     }
 
     #[test]

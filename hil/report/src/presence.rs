@@ -1,9 +1,11 @@
 //! Which partitions were there over the whole flight: a lane each, with gaps where windows found nobody to run, ticks at
 //! overruns and rings at faults.
 
+use crate::figures::TIME;
 use crate::flight::seconds;
 use crate::health::HealthEntry;
-use crate::plot::{escape, ticks};
+use crate::plot::{Across, escape};
+use crate::reasons::{self, Reason, fault_anchor, linked};
 use crate::windows::Window;
 use std::fmt::Write as _;
 
@@ -83,7 +85,7 @@ impl Presence {
     }
 
     /// The picture as an SVG element; it scales with the page. `None` without windows.
-    pub fn svg(&self, health: &[HealthEntry], width: f64) -> Option<String> {
+    pub fn svg(&self, health: &[HealthEntry], reasons: &[Reason], width: f64) -> Option<String> {
         if self.lanes.is_empty() {
             return None;
         }
@@ -96,28 +98,34 @@ impl Presence {
             .collect();
         let bottom = TOP + LANE * names.len() as f64;
         let mut out = String::new();
+        let (across, plot) = (
+            Across { label: TIME, from: 0.0, to: seconds(self.end_ns.max(1)) },
+            [LEFT, TOP, width - RIGHT, bottom],
+        );
         let _ = write!(
             out,
-            r#"<svg viewBox="0 0 {width} {}" role="img" aria-label="Partitions over the flight">"#,
-            bottom + BOTTOM
+            r#"<svg viewBox="0 0 {width} {}" role="img" aria-label="Partitions over the flight"{}>"#,
+            bottom + BOTTOM,
+            across.data(plot)
         );
         let _ = write!(out, r#"<text class="title" x="{LEFT}" y="14">Partitions over the flight</text>"#);
-        self.draw_grid(&mut out, width, bottom);
+        across.draw(&mut out, plot, (width - LEFT - RIGHT) / 12.0);
+        let middle = |row: usize| TOP + LANE * (row as f64 + 0.5);
         for (row, name) in names.iter().enumerate() {
-            let y = TOP + LANE * row as f64 + 0.5 * (LANE - BAR);
-            let label = escape(name);
-            let _ =
-                write!(out, r#"<text class="tick end" x="{}" y="{}">{label}</text>"#, LEFT - 6.0, y + 8.5);
-            if let Some(lane) = self.lanes.get(row) {
-                self.draw_lane(&mut out, lane, width, y);
-            }
+            let (label, y) = (escape(name), middle(row) - 0.5 * BAR + 8.5);
+            let _ = write!(out, r#"<text class="tick end" x="{}" y="{y}">{label}</text>"#, LEFT - 6.0);
         }
-        for entry in health.iter().filter(|entry| entry.acted_on()) {
-            let name = entry.partition.as_deref().unwrap_or(MODULE);
+        out.push_str(r#"<g class="data">"#);
+        for (row, lane) in self.lanes.iter().enumerate() {
+            self.draw_lane(&mut out, lane, reasons, width, middle(row) - 0.5 * BAR);
+        }
+        for (place, entry) in health.iter().filter(|entry| entry.acted_on()).enumerate() {
+            let name = entry.of_whom();
             let Some(row) = names.iter().position(|other| *other == name) else { continue };
-            self.draw_fault(&mut out, entry, name, width, TOP + LANE * (row as f64 + 0.5));
+            let ring = self.fault(entry, width, middle(row));
+            out.push_str(&linked(fault_anchor(place).as_deref(), &ring));
         }
-        out.push_str("</svg>");
+        out.push_str("</g></svg>");
         Some(out)
     }
 
@@ -125,52 +133,42 @@ impl Presence {
         LEFT + (ns as f64 / self.end_ns.max(1) as f64).min(1.0) * (width - LEFT - RIGHT)
     }
 
-    fn draw_grid(&self, out: &mut String, width: f64, bottom: f64) {
-        for (s, text) in ticks(0.0, seconds(self.end_ns), 12.0) {
-            let x = self.px((s * 1e9).round() as u64, width);
-            let _ = write!(out, r#"<line class="grid" x1="{x:.1}" y1="{TOP}" x2="{x:.1}" y2="{bottom}" />"#);
-            let _ = write!(out, r#"<text class="tick mid" x="{x:.1}" y="{}">{text}</text>"#, bottom + 14.0);
-        }
-        let (x, y) = (width - RIGHT, bottom + 29.0);
-        let _ = write!(out, r#"<text class="axis end" x="{x}" y="{y}">module time, s</text>"#);
-    }
-
-    fn draw_lane(&self, out: &mut String, lane: &Lane, width: f64, y: f64) {
+    fn draw_lane(&self, out: &mut String, lane: &Lane, reasons: &[Reason], width: f64, y: f64) {
         let wide = width - LEFT - RIGHT;
         let _ = write!(out, r#"<rect class="there" x="{LEFT}" y="{y}" width="{wide}" height="{BAR}" />"#);
         for (from, to) in &lane.absent {
             let x = self.px(*from, width);
             let wide = (self.px(*to, width) - x).max(LEAST_WIDTH);
+            let at = format!(r#"data-at="{}" data-to="{}""#, seconds(*from), seconds(*to));
             let text = format!(
                 "{}: nobody to run from {:.2} s to {:.2} s",
                 lane.partition,
                 seconds(*from),
                 seconds(*to)
             );
-            let _ =
-                write!(out, r#"<rect class="absent" x="{x:.2}" y="{y}" width="{wide:.2}" height="{BAR}">"#);
+            let _ = write!(
+                out,
+                r#"<rect class="absent" x="{x:.2}" y="{y}" width="{wide:.2}" height="{BAR}" {at}>"#
+            );
             let _ = write!(out, "<title>{}</title></rect>", escape(&text));
         }
         for end in &lane.overruns {
             let x = self.px(*end, width);
-            let _ = write!(out, r#"<path class="overran" d="M{x:.2} {}v{}" />"#, y + BAR, 3.5);
+            let (at, y) = (seconds(*end), y + BAR);
+            let tick = format!(r#"<path class="overran" d="M{x:.2} {y}v3.5" data-at="{at}" />"#);
+            out.push_str(&linked(reasons::before(reasons, &lane.partition, *end).as_deref(), &tick));
         }
     }
 
-    fn draw_fault(&self, out: &mut String, entry: &HealthEntry, name: &str, width: f64, y: f64) {
-        let x = self.px(entry.time_ns, width);
-        let back = entry.recovered_ns.map_or_else(String::new, |back| {
-            format!(", back after {:.1} ms", back.saturating_sub(entry.time_ns) as f64 / 1e6)
-        });
-        let text = format!(
-            "{:.2} s {name}: {} → {}{back}. {}",
-            seconds(entry.time_ns),
-            entry.error,
-            entry.action,
-            entry.detail
-        );
-        let _ = write!(out, r#"<circle class="fault" cx="{x:.2}" cy="{y:.1}" r="3.5">"#);
-        let _ = write!(out, "<title>{}</title></circle>", escape(text.trim()));
+    fn fault(&self, entry: &HealthEntry, width: f64, y: f64) -> String {
+        let (x, at) = (self.px(entry.time_ns, width), seconds(entry.time_ns));
+        let back = entry.recovery_ms().map_or_else(String::new, |ms| format!(", back after {ms:.1} ms"));
+        let HealthEntry { error, action, detail, .. } = entry;
+        let text = format!("{at:.2} s {}: {error} → {action}{back}. {detail}", entry.of_whom());
+        let text = escape(text.trim());
+        format!(
+            r#"<circle class="fault" cx="{x:.2}" cy="{y:.1}" r="3.5" data-at="{at}"><title>{text}</title></circle>"#
+        )
     }
 }
 
@@ -217,9 +215,13 @@ mod tests {
             detail: "by <somebody>".into(),
             recovered_ns: Some(1_064_000_000),
         };
-        let svg = presence.svg(&[entry(Some("imu")), entry(None)], 900.0).unwrap();
+        let svg = presence.svg(&[entry(Some("imu")), entry(None)], &[], 900.0).unwrap();
         assert!(svg.contains("imu: killed → warm_restart, back after 64.0 ms. by &lt;somebody&gt;"), "{svg}");
-        assert!(svg.contains(">module</text>") && svg.matches("<circle").count() == 2);
-        assert!(Presence::default().svg(&[], 900.0).is_none());
+        assert!(
+            svg.contains(r##"<a href="#fault-1"><circle"##)
+                && svg.contains(">module</text>")
+                && svg.matches("<circle").count() == 2
+        );
+        assert!(Presence::default().svg(&[], &[], 900.0).is_none());
     }
 }

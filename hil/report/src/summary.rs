@@ -40,13 +40,12 @@ pub struct Fault {
 
 impl Fault {
     fn of(entry: &HealthEntry) -> Self {
-        let recovery = entry.recovered_ns.map(|recovered| recovered.saturating_sub(entry.time_ns));
         Self {
             time_s: seconds(entry.time_ns),
-            partition: entry.partition.clone().unwrap_or_else(|| "module".to_owned()),
+            partition: entry.of_whom().to_owned(),
             error: entry.error.clone(),
             action: entry.action.clone(),
-            recovery_ms: recovery.map(|ns| ns as f64 / 1e6),
+            recovery_ms: entry.recovery_ms(),
         }
     }
 }

@@ -2,6 +2,7 @@
 //! of each core. Below a partition of several processes each of them has a lane of its own, with when it ran.
 
 use crate::plot::{escape, ticks};
+use crate::reasons::{Reason, linked, of_window};
 use crate::run::Clock;
 use crate::windows::Window;
 use bateleur_recording::processes::Span;
@@ -74,7 +75,7 @@ impl<'a> Timeline<'a> {
     }
 
     /// The picture as an SVG element; it scales with the page.
-    pub fn svg(&self, width: f64) -> String {
+    pub fn svg(&self, reasons: &[Reason], width: f64) -> String {
         let bottom = TOP + LANE * self.lanes.len() as f64;
         let height = bottom + BOTTOM;
         let mut out = String::new();
@@ -100,7 +101,7 @@ impl<'a> Timeline<'a> {
             self.windows
                 .iter()
                 .filter(is_own)
-                .for_each(|window| self.draw_window(&mut out, window, width, y));
+                .for_each(|window| self.draw_window(&mut out, window, reasons, width, y));
         }
         out.push_str("</svg>");
         out
@@ -150,7 +151,7 @@ impl<'a> Timeline<'a> {
         );
     }
 
-    fn draw_window(&self, out: &mut String, window: &Window, width: f64, y: f64) {
+    fn draw_window(&self, out: &mut String, window: &Window, reasons: &[Reason], width: f64, y: f64) {
         if let Some((from, to)) = self.used(window) {
             let (x, end) = (self.px(from, width), self.px(to, width));
             let class = if window.overrun { "used over" } else { "used" };
@@ -167,8 +168,13 @@ impl<'a> Timeline<'a> {
             _ => "planned",
         };
         let wide = (end - x).max(LEAST_BAR);
-        let _ = write!(out, r#"<rect class="{class}" x="{x:.2}" y="{y}" width="{wide:.2}" height="{BAR}">"#);
-        let _ = write!(out, "<title>{}</title></rect>", escape(&described(window)));
+        let text = escape(&described(window));
+        let outline = format!(
+            r#"<rect class="{class}" x="{x:.2}" y="{y}" width="{wide:.2}" height="{BAR}"><title>{text}</title></rect>"#
+        );
+        let was_late = window.skipped || window.late || window.overrun;
+        let reason = if was_late { of_window(reasons, &window.partition, window.frame) } else { None };
+        out.push_str(&linked(reason.as_deref(), &outline));
     }
 
     /// From when to when it worked. One never closed worked to its end. Under the virtual clock the stamps are of another
@@ -249,13 +255,13 @@ mod tests {
             .collect();
         let timeline = Timeline::major(&windows, &spans, Clock::Wall).unwrap();
         assert_eq!((timeline.from_ns, timeline.to_ns), (400_000_000, 440_000_000));
-        let svg = timeline.svg(900.0);
+        let svg = timeline.svg(&[], 900.0);
         assert!(svg.contains("imu · core 1") && svg.contains("80.0 µs used"));
         assert!(svg.contains("· slow") && svg.contains("<title>fa&lt;st: 90.0 µs</title>"), "{svg}");
         assert!(svg.contains("planned skipped") && svg.contains("planned late") && svg.contains("used over"));
         let minor = Timeline::minor(&windows, &spans, Clock::Virtual).unwrap();
         assert_eq!((minor.windows.len(), minor.spans.len(), minor.lanes.len()), (2, 1, 3));
-        assert!(minor.svg(900.0).contains("planned skipped"));
+        assert!(minor.svg(&[], 900.0).contains("planned skipped"));
     }
 
     #[test]
@@ -263,6 +269,6 @@ mod tests {
         assert!(Timeline::major(&[], &[], Clock::Wall).is_none());
         let one = windows(&["0,0,1,imu,0,0,0,0,0,"]);
         assert!(Timeline::minor(&one, &[], Clock::Wall).is_none());
-        assert!(!Timeline::major(&one, &[], Clock::Wall).unwrap().svg(900.0).contains("NaN"));
+        assert!(!Timeline::major(&one, &[], Clock::Wall).unwrap().svg(&[], 900.0).contains("NaN"));
     }
 }

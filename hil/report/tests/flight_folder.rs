@@ -5,16 +5,22 @@ mod synthetic;
 
 use bateleur_recording::{self as log, Ending};
 use bateleur_report::chains::ChainBound;
+use bateleur_report::html::SCRIPT;
+use bateleur_report::reasons::Reason;
 use bateleur_report::run::Clock;
-use bateleur_report::{Inputs, Judge, ReportError, summary, text, write};
+use bateleur_report::{Flight, Inputs, Judge, ReportError, beside, compare, summary, text, write};
+use bateleur_simulator::truth::TruthRecord;
 use std::path::Path;
 
 fn page(dir: &Path) -> String {
     std::fs::read_to_string(dir.join("report.html")).unwrap()
 }
 
-/// Every element that is opened is closed, in order; nothing that is no number got in; nothing is fetched from elsewhere.
+/// Every element that is opened is closed, in order; nothing that is no number got in; nothing is fetched from elsewhere; the page's
+/// own script is the only one.
 fn check_page(page: &str) {
+    assert!(page.len() <= 2 << 20, "{} bytes", page.len());
+    let page = &page.replacen(&format!("<script>\n{SCRIPT}</script>"), "", 1);
     let body = page.strip_prefix("<!DOCTYPE html>\n").unwrap();
     let mut open: Vec<&str> = Vec::new();
     for piece in body.split('<').skip(1) {
@@ -27,6 +33,10 @@ fn check_page(page: &str) {
         }
     }
     assert_eq!(open, Vec::<&str>::new());
+    for link in page.split("href=\"#").skip(1) {
+        let (anchor, _) = link.split_once('"').unwrap();
+        assert!(page.contains(&format!(r#"id="{anchor}""#)), "nothing is at #{anchor}");
+    }
     for bad in ["NaN", "inf\"", " inf", "http:", "https:", "<script", "<link", "<img"] {
         assert!(!page.contains(bad), "{bad} is in the page");
     }
@@ -79,6 +89,75 @@ fn known_flight_scores_what_it_was_made_with() {
     );
     check_page(&page(&dir));
     assert!(text::table(&summary).lines().all(|line| line.chars().count() <= text::WIDTH));
+}
+
+#[test]
+fn faults_and_late_windows_lead_to_their_reasons() {
+    let dir = tempfile::tempdir().unwrap();
+    synthetic::write(dir.path(), synthetic::whole_s());
+    std::fs::create_dir(dir.path().join("crashes")).unwrap();
+    let crash = r#"{"partition":"estimator","generation":0,"time_ns":100000000000,"signal":"SIGSEGV"}"#;
+    std::fs::write(dir.path().join("crashes/estimator-1.json"), crash).unwrap();
+    std::fs::write(dir.path().join("crashes/imu-1.json"), "{").unwrap();
+    let reason = |time_s, partition: &str| Reason {
+        time_s,
+        partition: partition.into(),
+        frame: 4_998,
+        sentence: format!("{partition} <waited>"),
+    };
+    let reasons = vec![reason(99.98, "estimator"), reason(150.0, "gps")];
+    write(dir.path(), &Inputs { reasons, ..Inputs::default() }).unwrap();
+    let page = page(dir.path());
+    check_page(&page);
+    let entry = concat!(
+        r#"<tr id="fault-0"><td>100.00</td><td>estimator</td><td>killed</td><td>warm_restart</td><td>64.4</td><td>SIGKILL; "#,
+        r#"<a href="crashes/estimator-1.json">crash report</a>"#,
+    );
+    assert!(page.contains(entry) && page.contains(r##"<a href="#why-0">who had the processor</a>"##));
+    assert!(page.contains(r#"<tr id="why-1"><td>150.000 s</td><td>gps &lt;waited&gt;</td></tr>"#));
+    assert!(page.contains(r##"<a href="#fault-0"><circle"##) && page.contains(r##"<a href="#late">0 late"##));
+    assert!(page.contains("written down only: window_overrun: 1") && page.contains("crashes/imu-1.json"));
+}
+
+#[test]
+fn altitude_error_is_drawn_from_the_first_capture_on() {
+    let dir = tempfile::tempdir().unwrap();
+    synthetic::write(dir.path(), synthetic::whole_s());
+    // Far below until a minute has passed: a slow climb.
+    let late_climb = |record: &mut TruthRecord| {
+        if record.time_ns < 60_000_000_000 {
+            record.position_ned_m[2] += 50.0;
+        }
+    };
+    synthetic::write_truth(dir.path(), synthetic::whole_s(), late_climb);
+    write(dir.path(), &Inputs::default()).unwrap();
+    let begins = r#"aria-label="Altitude error" data-axis="module time, s" data-x="60 "#;
+    assert!(page(dir.path()).contains(begins));
+}
+
+#[test]
+fn two_flights_are_drawn_over_one_another() {
+    let dir = tempfile::tempdir().unwrap();
+    let folders = ["a", "b"].map(|name| dir.path().join(name));
+    for folder in &folders {
+        std::fs::create_dir(folder).unwrap();
+        synthetic::write(folder, synthetic::whole_s());
+    }
+    std::fs::write(folders[1].join("health.jsonl"), "").unwrap();
+    let flights = folders.each_ref().map(|folder| Flight::load(folder, &Inputs::default()).unwrap());
+    let logs = folders.each_ref().map(|folder| folder.join("ports.mcap"));
+    let compared = compare::compare(&logs[0], &logs[1], &compare::Options::default()).unwrap();
+    let page = beside::page([&flights[0], &flights[1]], &compared);
+    check_page(&page);
+    assert!(page.contains("All their messages are equal.") && page.contains("A estimator</text>"));
+    assert!(page.contains("<tr><td>altitude, RMS</td><td>0.50 m</td><td>0.50 m</td><td>0.00 m</td></tr>"));
+    assert!(page.contains("<tr><td>A</td><td>100.00</td><td>estimator</td>"));
+    let charts = page.matches(r#"data-name="A""#).count();
+    assert_eq!((charts, page.matches(r#"data-name="B""#).count()), (11, 11));
+    // One of them failed before anything was logged.
+    let nothing = Flight::default();
+    check_page(&beside::page([&nothing, &flights[1]], &compared));
+    check_page(&beside::page([&nothing, &nothing], &compared));
 }
 
 #[test]

@@ -26,7 +26,7 @@ const ELEMENTS: [&str; MOST_LINES] = ["[0]", "[1]", "[2]", "[3]", "[4]"];
 pub(crate) fn parts(scene: &Scene) -> Vec<(&'static str, String)> {
     let state = scene.air.state.as_ref().map(|(_, state)| state);
     let frame = scene.frame();
-    let frame_picture = Timeline::major(&frame, &[], scene.clock).map(|picture| picture.svg(980.0));
+    let frame_picture = Timeline::major(&frame, &[], scene.clock).map(|picture| picture.svg(&[], 980.0));
     let mut parts = vec![
         ("head", head(scene)),
         ("note", escape(&scene.note)),
@@ -80,7 +80,7 @@ fn map(scene: &Scene) -> String {
     let chart = Chart {
         title: "Map".into(),
         x_label: "east of the runway, m",
-        y_label: "north, m",
+        y_label: "north, m".into(),
         series: vec![
             line("way-points", 3, Style::Dashed, planned.collect()),
             line("flown, as estimated", 1, Style::Line, flown),
@@ -251,9 +251,9 @@ fn plot(plot: &Plot) -> String {
         let name = if plot.lines.len() > 1 { ELEMENTS[place % MOST_LINES] } else { "value" };
         Series { name, colour: place as u8, style, points: points.clone() }
     };
-    let unit = if plot.unit.is_empty() { String::new() } else { format!(", {}", plot.unit) };
     let chart = Chart {
-        title: format!("{}{unit}", plot.title),
+        title: plot.title.clone(),
+        y_label: plot.unit.clone().into(),
         x_label: "module time, s",
         series: plot.lines.iter().take(MOST_LINES).enumerate().map(line).collect(),
         ..Chart::default()

@@ -11,7 +11,14 @@ function address(path, more) {
 }
 
 function show(parts) {
-  for (const [id, text] of Object.entries(parts)) byId(id).innerHTML = text;
+  for (const [id, text] of Object.entries(parts)) {
+    const place = byId(id);
+    if (place.querySelector("svg[data-axis]") && place.matches(":active")) continue; /* a span of it is being selected */
+    const held = place.contains(document.activeElement);
+    place.innerHTML = text;
+    if (held) place.querySelector("[tabindex], svg")?.focus();
+  }
+  dispatchEvent(new Event("redrawn"));
   if (parts.numbers) byId("air").hidden = false;
   if (parts.links) byId("links-heading").hidden = false;
 }

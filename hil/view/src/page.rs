@@ -2,7 +2,7 @@
 
 use bateleur_executive_cli::http::Reply;
 use bateleur_monitor::inject::Fault;
-use bateleur_report::html::STYLE;
+use bateleur_report::html::{SCRIPT, STYLE};
 use bateleur_report::plot::escape;
 use serde_json::{Value, json};
 
@@ -11,7 +11,7 @@ use crate::server::Source;
 
 const PAGE: &str = include_str!("page.html");
 const OWN_STYLE: &str = include_str!("page.css");
-const SCRIPT: &str = include_str!("page.js");
+const OWN_SCRIPT: &str = include_str!("page.js");
 /// No part of the page comes from elsewhere, none may be framed, and nothing that is shown runs: only its own script does.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; connect-src 'self'; base-uri 'none'; form-action 'none'; \
                       frame-ancestors 'none'; img-src data:";
@@ -46,7 +46,7 @@ pub(crate) fn reply(source: &Source, nonce: &str) -> Reply {
     let about = about.to_string().replace('<', "\\u003c");
     let page = PAGE
         .replace("{{style}}", &format!("{STYLE}{OWN_STYLE}"))
-        .replace("{{script}}", SCRIPT)
+        .replace("{{script}}", &format!("{SCRIPT}{OWN_SCRIPT}"))
         .replace("{{nonce}}", nonce)
         .replace("{{title}}", &escape(&title))
         .replace("{{about}}", &about);

@@ -33,10 +33,11 @@ use bateleur_ground::MissionPlan;
 use bateleur_messages::ground;
 use bateleur_messages::hil::Protocol;
 use bateleur_monitor::event::Event;
-use bateleur_monitor::planned;
+use bateleur_monitor::{planned, why};
 use bateleur_plan::{Attribute, Plan};
 use bateleur_report::chains::ChainBound;
 use bateleur_report::hosts as report_hosts;
+use bateleur_report::reasons::Reason;
 use bateleur_report::run::{Clock, FILE, Guarantee, Mission as MissionResult, Run};
 use bateleur_report::{Inputs, Summary};
 use bateleur_simulator::{LEVEL_OFF_M, Outside};
@@ -184,7 +185,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     std::fs::write(folder.join(FILE), serde_json::to_vec_pretty(&record)?)
         .context("cannot write run.json")?;
     kept.keep(&folder)?;
-    let summary = bateleur_report::write(&folder, &inputs(arguments, &plan, &mission))?;
+    let summary = bateleur_report::write(&folder, &inputs(arguments, &plan, &mission, &folder))?;
     print_summary(arguments, &summary, &folder)?;
     Ok(if summary.completed { FINE } else { WRONG })
 }
@@ -513,8 +514,20 @@ fn lost_records(events: &[Event]) -> u64 {
     lost.unwrap_or(0)
 }
 
-fn inputs(arguments: &Arguments, plan: &Plan, mission: &MissionPlan) -> Inputs {
-    let mut inputs = Inputs { laps: mission.laps, chains: chains(plan), ..Inputs::default() };
+/// What the report of a flight has to know besides the logs in its folder.
+///
+/// # Errors
+/// Schedule or mission can not be read.
+pub(crate) fn inputs_of(arguments: &Arguments, folder: &Path) -> Result<Option<Inputs>> {
+    let Some(plan) = plan_file::read_or_say(&arguments.schedule)? else { return Ok(None) };
+    let mission = read_mission(arguments, &plan)?;
+    let arguments = &Arguments { set: settings(arguments, &plan, &mission)?, ..arguments.clone() };
+    Ok(Some(inputs(arguments, &plan, &mission, folder)))
+}
+
+fn inputs(arguments: &Arguments, plan: &Plan, mission: &MissionPlan, folder: &Path) -> Inputs {
+    let (chains, reasons) = (chains(plan), reasons(folder));
+    let mut inputs = Inputs { laps: mission.laps, chains, reasons, ..Inputs::default() };
     inputs.waypoints = mission.waypoints.iter().map(waypoint).collect();
     inputs.sequence = mission.sequence();
     let given = |program, name| in_effect(arguments, plan, program, name);
@@ -529,6 +542,19 @@ fn inputs(arguments: &Arguments, plan: &Plan, mission: &MissionPlan) -> Inputs {
         inputs.guidance = inputs.guidance.of_airframe(&airframe);
     }
     inputs
+}
+
+/// Why windows were late, as the executive has answered; nothing on the virtual clock.
+fn reasons(folder: &Path) -> Vec<Reason> {
+    let text = std::fs::read_to_string(folder.join(why::FILE)).unwrap_or_default();
+    let answers = text.lines().filter_map(|line| serde_json::from_str::<why::Answer>(line).ok());
+    let reason = |answer: why::Answer| Reason {
+        time_s: answer.time_s,
+        frame: answer.frame,
+        sentence: answer.sentence(),
+        partition: answer.partition,
+    };
+    answers.map(reason).collect()
 }
 
 /// The aircraft as the laws see it; `None` if it can not be read, of which the Controller tells.

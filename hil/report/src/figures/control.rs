@@ -15,7 +15,12 @@ const GRAVITY_MPS2: f64 = 9.80665;
 
 /// How well the path was kept: what most readers look for first.
 pub(super) fn overview(flight: &Flight, analysis: &Analysis) -> Vec<Chart> {
-    vec![altitude(flight, analysis), altitude_error(flight, analysis), cross_track(flight, analysis)]
+    [vec![altitude(flight, analysis)], errors(flight, analysis)].concat()
+}
+
+/// How far it was off the height and off the path.
+pub(super) fn errors(flight: &Flight, analysis: &Analysis) -> Vec<Chart> {
+    vec![altitude_error(flight, analysis), cross_track(flight, analysis)]
 }
 
 /// References of guidance and the loops beside what the aircraft did.
@@ -93,7 +98,7 @@ fn scored<'a>(flight: &'a Flight, analysis: &Analysis) -> &'a [TruthRecord] {
     stretch.map_or(&[], |stretch| stretch.of_truth(&flight.truth))
 }
 
-fn airspeed(flight: &Flight) -> Chart {
+pub(super) fn airspeed(flight: &Flight) -> Chart {
     Chart {
         least_range: 2.0,
         ..chart(

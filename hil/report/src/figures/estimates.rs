@@ -20,7 +20,7 @@ const SAME_INSTANT_NS: u64 = 25_000_000;
 pub(super) fn charts(flight: &Flight, analysis: &Analysis) -> Vec<Chart> {
     let believed = &analysis.believed;
     let shifted = |axis: usize| truth(flight, |at| believed.horizontal(at)[axis]);
-    vec![
+    let places = vec![
         beside(
             flight,
             "North position",
@@ -53,9 +53,8 @@ pub(super) fn charts(flight: &Flight, analysis: &Analysis) -> Vec<Chart> {
             |state| state.velocity_ned_mps[1],
             Vec::new(),
         ),
-        angle(flight, "Roll angle", 0),
-        angle(flight, "Pitch angle", 1),
-        angle(flight, "Yaw angle", 2),
+    ];
+    let errors = vec![
         wind(flight),
         errors(flight, "Attitude error, estimate minus truth", "°", 0.5, ANGLES, |state, at, axis| {
             turned(state.euler_rad[axis] - at.euler_rad[axis]).to_degrees()
@@ -71,7 +70,17 @@ pub(super) fn charts(flight: &Flight, analysis: &Analysis) -> Vec<Chart> {
             state.position_ned_m[axis] - there
         }),
         standard_deviations(flight),
-    ]
+    ];
+    [places, angles(flight), errors].concat()
+}
+
+/// Roll, pitch and yaw.
+pub(super) fn angles(flight: &Flight) -> Vec<Chart> {
+    ["Roll angle", "Pitch angle", "Yaw angle"]
+        .iter()
+        .enumerate()
+        .map(|(axis, title)| angle(flight, title, axis))
+        .collect()
 }
 
 fn beside(

@@ -1,7 +1,9 @@
 //! The figures of a flight: which values each chart shows, in the groups of the page.
 
 use crate::flight::{Flight, seconds};
+use crate::health::HealthEntry;
 use crate::plot::{Chart, Mark, Place, Series, Style};
+use crate::reasons::fault_anchor;
 use crate::summary::Analysis;
 use bateleur_messages::{ActuatorCommand, State};
 use bateleur_simulator::truth::TruthRecord;
@@ -19,7 +21,7 @@ const WANTED: u8 = 3;
 const SHIFTED: u8 = 4;
 /// Where messages of one port are farther apart than this, s, its line is interrupted: its partition was not there.
 const GAP_S: f64 = 0.5;
-const TIME: &str = "module time, s";
+pub(crate) const TIME: &str = "module time, s";
 
 /// The seed's track over ground: planned, true, estimated, measured.
 pub fn track(flight: &Flight, analysis: &Analysis) -> Chart {
@@ -35,7 +37,7 @@ pub fn track(flight: &Flight, analysis: &Analysis) -> Chart {
     Chart {
         title: "Track over ground".into(),
         x_label: "east of the runway, m",
-        y_label: "north, m",
+        y_label: "north, m".into(),
         series: vec![
             series("satellite fixes", GPS, Style::Dots, fixes),
             series("planned", WANTED, Style::Dashed, planned),
@@ -48,6 +50,64 @@ pub fn track(flight: &Flight, analysis: &Analysis) -> Chart {
         equal: true,
         ..Chart::default()
     }
+}
+
+/// Colours of two flights.
+const SIDES: [(&str, u8); 2] = [("A", TRUTH), ("B", ESTIMATE)];
+
+/// The tracks of two flights over one another, and the paths that were planned.
+pub fn tracks(flights: [(&Flight, &Analysis); 2]) -> Chart {
+    let [mut a, b] = flights.map(|(flight, analysis)| track(flight, analysis));
+    let planned = |chart: &Chart, name| named(chart, "planned").map(|found| Series { name, ..found.clone() });
+    let way_points = flights.map(|(flight, _)| &flight.inputs.waypoints);
+    let mut series: Vec<Series> = planned(&a, "planned").into_iter().collect();
+    if way_points[0] != way_points[1] {
+        series.extend(planned(&b, "planned, B").map(|found| Series { colour: SHIFTED, ..found }));
+        a.places.extend(b.places.iter().cloned());
+    }
+    series.extend(curves([&a, &b], &["truth", "estimate"]).1);
+    Chart { title: "Tracks over ground".into(), series, ..a }
+}
+
+/// The main charts of two flights with a curve of each, the faults of both, and the time of the first message that differs, s.
+pub fn beside(flights: [(&Flight, &Analysis); 2], first_s: Option<f64>) -> Vec<Chart> {
+    let [a, b] = flights.map(|(flight, analysis)| main(flight, analysis));
+    let of = |place: usize| {
+        let mark = move |mark: Mark| Mark {
+            label: format!("{} {}", SIDES[place].0, mark.label),
+            anchor: Some("faults".into()),
+            ..mark
+        };
+        marks(flights[place].0).into_iter().map(mark)
+    };
+    let first = first_s.map(|x| Mark { x, label: "first difference".into(), anchor: None });
+    let mut marks: Vec<Mark> = first.into_iter().chain(of(0)).chain(of(1)).collect();
+    marks.sort_by(|a, b| a.x.total_cmp(&b.x));
+    a.into_iter().zip(b).map(|(a, b)| Chart { marks: marks.clone(), ..together(a, b) }).collect()
+}
+
+/// Errors of the path, airspeed, attitude, actuators.
+fn main(flight: &Flight, analysis: &Analysis) -> Vec<Chart> {
+    let paths = control::errors(flight, analysis).into_iter();
+    let held = paths.chain([control::airspeed(flight)]).chain(estimates::angles(flight));
+    held.chain(control::actuators(flight)).collect()
+}
+
+/// One chart of two, with the curve of each that says most.
+fn together(a: Chart, b: Chart) -> Chart {
+    let (name, series) = curves([&a, &b], &["shifted truth", "truth", "acting", "estimate", "commanded"]);
+    let y_label = format!("{}, {name}", a.y_label).into();
+    Chart { y_label, series, ..a }
+}
+
+/// The first of these series that either chart has, and both its curves.
+fn curves(charts: [&Chart; 2], names: &[&'static str]) -> (&'static str, Vec<Series>) {
+    let is_there = |name: &&&'static str| charts.iter().any(|chart| named(chart, name).is_some());
+    let name = names.iter().find(is_there).copied().unwrap_or_default();
+    let curve = |(chart, (side, colour)): (&Chart, (&'static str, u8))| {
+        named(chart, name).map(|found| Series { name: side, colour, ..found.clone() })
+    };
+    (name, charts.into_iter().zip(SIDES).filter_map(curve).collect())
 }
 
 /// Charts that belong together.
@@ -105,8 +165,13 @@ pub fn over_time(flight: &Flight, analysis: &Analysis) -> Vec<Group> {
     groups
 }
 
+/// The series of that name, if it has points.
+fn named<'c>(chart: &'c Chart, name: &str) -> Option<&'c Series> {
+    chart.series.iter().find(|series| series.name == name && !series.points.is_empty())
+}
+
 fn chart(title: &str, y_label: &'static str, series: Vec<Series>) -> Chart {
-    Chart { title: title.to_owned(), x_label: TIME, y_label, series, ..Chart::default() }
+    Chart { title: title.to_owned(), x_label: TIME, y_label: y_label.into(), series, ..Chart::default() }
 }
 
 fn series(name: &'static str, colour: u8, style: Style, points: Vec<(f64, f64)>) -> Series {
@@ -157,9 +222,13 @@ fn told<T>(messages: &[(u64, T)], value: impl Fn(&T) -> f64) -> Vec<(f64, f64)> 
 }
 
 fn marks(flight: &Flight) -> Vec<Mark> {
-    let acted = flight.health.iter().filter(|entry| entry.acted_on());
-    let label = |partition: &Option<String>| partition.clone().unwrap_or_else(|| "module".to_owned());
-    acted.map(|entry| Mark { x: seconds(entry.time_ns), label: label(&entry.partition) }).collect()
+    let acted = flight.health.iter().filter(|entry| entry.acted_on()).enumerate();
+    let mark = |(place, entry): (usize, &HealthEntry)| Mark {
+        x: seconds(entry.time_ns),
+        label: entry.of_whom().to_owned(),
+        anchor: fault_anchor(place),
+    };
+    acted.map(mark).collect()
 }
 
 #[cfg(test)]

@@ -107,19 +107,33 @@ fn plan_without_a_logbook_and_a_file_that_is_none_are_told_in_words() {
     let _turn = among_others();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().to_str().unwrap();
-    let nothing = bateleur(&["logbook", path]).end().expect_code(2);
-    nothing.expect_words(&["no partition of this run has a logbook"]);
+    bateleur(&["logbook", path]).end().expect_code(2).expect_words(&["there is no logbook"]);
     let file = folder.path().join("scribe.log");
     fs::write(&file, "something else").unwrap();
-    bateleur(&["logbook", file.to_str().unwrap()]).end().expect_code(2).expect_words(&["it is no logbook"]);
+    bateleur(&["logbook", file.to_str().unwrap()]).end().expect_code(1).expect_words(&["it is no logbook"]);
+    fs::write(folder.path().join("scribe.log.old"), "not gone on with").unwrap();
+    bateleur(&["logbook", path]).end().expect_code(1).expect_words(&["it is no logbook"]);
+    let both = ["run", "--fast", "--logbooks", path, "--schedule", "nowhere.toml"];
+    bateleur(&both).end().expect_code(2).expect_words(&["--logbooks"]);
 }
 
 /// What shares the machine with no other test.
 mod alone {
     use super::*;
 
-    fn wall(schedule: &str, output: &str) -> bateleur_tests::Started {
-        bateleur(&["run", "--schedule", schedule, "--output", output, "--until", "60"])
+    fn wall(schedule: &str, logbooks: &str, run: u32) -> bateleur_tests::Started {
+        let output = format!("{logbooks}-run{run}");
+        bateleur(&[
+            "run",
+            "--schedule",
+            schedule,
+            "--logbooks",
+            logbooks,
+            "--output",
+            &output,
+            "--until",
+            "60",
+        ])
     }
 
     #[test]
@@ -127,11 +141,11 @@ mod alone {
         let _turn = alone();
         let folder = tempfile::tempdir().unwrap();
         let schedule = scribe(folder.path(), "flood", "", "");
-        let output = folder.path().join("run");
-        let output = output.to_str().unwrap();
+        let logbooks = folder.path().join("kept");
+        let logbooks = logbooks.to_str().unwrap();
         let mut last = 0;
-        for milliseconds in [310, 470, 333, 601] {
-            let module = wall(&schedule, output);
+        for (run, milliseconds) in (0..).zip([310, 470, 333, 601]) {
+            let module = wall(&schedule, logbooks, run);
             await_some(Duration::from_secs(20), || module.said().contains("scribe: found ").then_some(()))
                 .unwrap_or_else(|| panic!("{}", module.said()));
             std::thread::sleep(Duration::from_millis(milliseconds));
@@ -142,7 +156,7 @@ mod alone {
             assert!(!ended.stderr.contains("FAILED"), "{}", ended.stderr);
             let before = found(&ended.stderr)[0][0];
             assert!(before >= last, "{before} where {last} was on the disk: {}", ended.stderr);
-            let messages = printed(output);
+            let messages = printed(logbooks);
             let newest = messages.iter().flatten().next_back().unwrap();
             last = newest.trim_start_matches("entry").trim().parse().unwrap();
             assert!(last > before && messages.iter().flatten().is_sorted(), "{messages:?}");
@@ -161,19 +175,19 @@ mod alone {
         fs::create_dir(&small).unwrap();
         let mount = Command::new("mount").args(["-t", "tmpfs", "-o", "size=4m", "none"]).arg(&small).status();
         assert!(mount.unwrap().success());
-        let output = small.join("run");
-        let output = output.to_str().unwrap();
-        let module = wall(&scribe(folder.path(), "write", "", ""), output);
+        let logbooks = small.join("kept");
+        let logbooks = logbooks.to_str().unwrap();
+        let module = wall(&scribe(folder.path(), "write", "", ""), logbooks, 0);
         let begun =
             await_some(Duration::from_secs(20), || module.said().contains("scribe: found ").then_some(()));
         let filled = fs::write(small.join("filler"), vec![1; 8 << 20]);
         std::thread::sleep(Duration::from_secs(1));
         module.signal(Signal::TERM);
         let ended = module.end_within(Duration::from_secs(30));
-        let messages = printed(output);
+        let messages = printed(logbooks);
         let _ = Command::new("umount").arg("--lazy").arg(&small).status(); // the folder goes either way
         assert!(begun.is_some() && filled.is_err(), "{}", ended.stderr);
-        assert!(!ended.stderr.contains("FAILED") && !ended.stderr.contains("logbooks/"), "{}", ended.stderr);
+        assert!(!ended.stderr.contains("FAILED") && !ended.stderr.contains("logbook "), "{}", ended.stderr);
         let newest = messages.iter().flatten().next_back().unwrap();
         let newest: u64 = newest.trim_start_matches("entry").trim().parse().unwrap();
         assert!(newest >= 40, "{newest}");

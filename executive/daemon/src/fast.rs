@@ -50,6 +50,9 @@ pub trait World {
 
     /// A window is about to be opened, whether its partition runs or not.
     fn window(&mut self, occurrence: &Occurrence);
+
+    /// A window is over, and what follows from it has not begun: no successor of a partition that died in it.
+    fn window_closed(&mut self);
 }
 
 /// Opens windows and waits until they are closed.
@@ -185,6 +188,7 @@ impl Gate for VirtualGate<'_> {
             record.closed_ns = took_ns.map(|took| occurrence.start_ns + took);
         }
         self.granted = Err(Missed::NoPartition);
+        self.world.window_closed();
         self.records.borrow_mut().push_back(record);
         // What is done about it begins at this instant of module time.
         let changed = matches!(record.missed, Some(Missed::Changed(_)));

@@ -14,8 +14,8 @@ use crate::fast::World;
 use crate::playing::Player;
 use crate::recording::Recording;
 use bateleur_monitor::Monitor;
-use bateleur_monitor::event::Event;
-use bateleur_monitor::logbook_store::LogbookStores;
+use bateleur_monitor::event::{Event, Events};
+use bateleur_monitor::logbook_store::{LogbookStores, Lost};
 use bateleur_monitor::planned::PlannedActs;
 use bateleur_monitor::run_order::RunOrder;
 use bateleur_plan::ModuleError;
@@ -75,6 +75,11 @@ impl Companion {
         let [bytes @ .., stop] = answer;
         Ok((u64::from_le_bytes(bytes), stop != 0))
     }
+}
+
+/// A logbook that can not be stored.
+pub fn tell_lost(events: &mut Events, lost: Lost, module_ns: u64) {
+    events.tell(&Event::LogLost { time_s: module_ns as f64 / 1e9, log: lost.log, reason: lost.why });
 }
 
 /// See the module's head.
@@ -240,11 +245,10 @@ impl World for Surroundings {
             pair.active().look_at_line();
         }
         if let Some(logbooks) = &self.logbooks {
-            logbooks.store();
-            if let Some(lost) = logbooks.take_trouble() {
-                let time_s = module_ns as f64 / 1e9;
-                monitor.events().tell(&Event::LogLost { time_s, log: lost.log, reason: lost.why });
+            if self.clock == Clock::Wall {
+                logbooks.store();
             }
+            logbooks.take_trouble().into_iter().for_each(|lost| tell_lost(monitor.events(), lost, module_ns));
         }
         self.acts.perform(module_ns, monitor);
         while let Some(schedule) = self.changes.due(module_ns) {
@@ -263,6 +267,12 @@ impl World for Surroundings {
             self.reason.get_or_insert_with(|| "the asked-for time is over".into());
         }
         self.reason.is_none()
+    }
+
+    fn window_closed(&mut self) {
+        if let Some(logbooks) = &self.logbooks {
+            logbooks.store();
+        }
     }
 
     fn window(&mut self, occurrence: &Occurrence) {

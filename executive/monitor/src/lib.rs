@@ -7,6 +7,7 @@
 //! Logs:
 //!
 //! - `lines`: lines that a thread of their own writes, so that the monitor waits for no disk
+//! - `logbook_store`: partitions' logbooks on the disk, likewise
 //! - `process_log`: which process of a partition ran when
 //! - `event`, `event_text`: what a run tells whoever watches
 //! - `health`: the decisions of the health tables, and the logs of faults and windows

@@ -21,6 +21,8 @@ pub struct RunOrder {
     pub fast: bool,
     /// Folder for logs; made where it is missing.
     pub output: PathBuf,
+    /// Folder of the partitions' logbooks, likewise. On the virtual clock they begin anew.
+    pub logbooks: PathBuf,
     /// Folder of the schedule file: programs with a path, and keys, start there.
     pub plan_folder: PathBuf,
     /// Attributes that replace the plan's, by partition.

@@ -314,6 +314,11 @@ impl Context {
         (!port.is_plain()).then_some((&port.message, &port.definition))
     }
 
+    /// Whether the plan gives the partition a port of this name.
+    pub fn has_port(&self, name: &str) -> bool {
+        self.description.ports.iter().any(|port| port.name == name)
+    }
+
     /// Names of the ports that the plan declares with this direction and kind, in order; for a partition whose
     /// ports the plan decides, such as Command.
     pub fn port_names(&self, kind: PortKind, direction: Direction) -> Vec<String> {

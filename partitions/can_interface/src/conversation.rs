@@ -1,5 +1,7 @@
 //! What happens on the bus in one window.
 
+use std::collections::BTreeMap;
+
 use bateleur_can_core::{Frame, Id};
 use bateleur_can_map::{Assembly, Layout, Outcome, Sync, Table};
 use bateleur_messages::{Custom, RawAnalog, RawGps, ServoTimers};
@@ -136,7 +138,18 @@ impl Conversation {
             layouts.push((Port::Other(place), layout(name)?));
         }
         let assemblies = layouts.into_iter().map(|(port, layout)| (port, Assembly::new(layout))).collect();
-        let sent = sent.iter().map(layout).collect::<Result<_, _>>()?;
+        let sent: Vec<Layout> = sent.iter().map(layout).collect::<Result<_, _>>()?;
+        let mut senders = BTreeMap::new();
+        for layout in table.layout("timers").into_iter().chain(&sent) {
+            for id in layout.ids() {
+                if let Some(other) = senders.insert(id, layout.port()) {
+                    return Err(format!(
+                        "attribute table: frame {id} is sent for port {other} and for port {}, each with zeros in the other's bits: give each frames of its own",
+                        layout.port()
+                    ));
+                }
+            }
+        }
         let sync = table.sync();
         Ok(Self {
             table,
@@ -153,6 +166,11 @@ impl Conversation {
     /// Whether the table has a layout for a port.
     pub fn has(&self, port: &str) -> bool {
         self.table.layout(port).is_some()
+    }
+
+    /// Whether the table has anything that comes.
+    pub fn hears(&self) -> bool {
+        !self.assemblies.is_empty()
     }
 
     /// The message type that the table gives a port.
@@ -192,11 +210,21 @@ impl Conversation {
         if asks {
             self.await_answer(actuators, moment, wires, time, &mut sensors);
         }
-        match sensors.analog.is_some() {
-            true => self.counts.accepted += 1,
-            false => self.counts.missing += 1,
+        match self.came(&sensors) {
+            Some(true) => self.counts.accepted += 1,
+            Some(false) => self.counts.missing += 1,
+            None => {}
         }
         sensors
+    }
+
+    /// Whether a window's sensors came: the inertial ones, or any where the table has none of those. `None`: it has no sensors.
+    pub fn came(&self, sensors: &Sensors) -> Option<bool> {
+        if self.has("raw_analog") {
+            return Some(sensors.analog.is_some());
+        }
+        let any = sensors.gps.is_some() || sensors.custom.is_some() || !sensors.others.is_empty();
+        (!self.assemblies.is_empty()).then_some(any)
     }
 
     /// Nothing is asked and nothing believed: what comes meanwhile is thrown away, so that it is not taken for news later.

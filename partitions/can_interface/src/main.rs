@@ -51,6 +51,7 @@ impl Partition for CanInterface {
         let enabled: bool = context.attribute("enabled", true)?;
         let others = Others::of(context);
         let conversation = conversation(context, &others)?;
+        same_messages(context, &conversation, &others)?;
         let mut settings = settings(context)?;
         settings.gateway.ring.newest_wins = newest_of(&conversation)?;
         let wires = Wires::open(settings).map_err(StartError::Other)?;
@@ -58,8 +59,8 @@ impl Partition for CanInterface {
             raw_analog: source(context, &conversation, "raw_analog")?,
             raw_gps: source(context, &conversation, "raw_gps")?,
             custom: source(context, &conversation, "custom")?,
-            received: others.sources(context, &conversation)?,
-            sent: others.destinations(context, &conversation)?,
+            received: others.sources(context)?,
+            sent: others.destinations(context)?,
             conversation,
             wires,
             supervision: Supervision::default(),
@@ -87,7 +88,7 @@ impl Partition for CanInterface {
         if self.kept.enabled == 1 {
             let sensors = self.ask(window);
             self.publish(&sensors, window.start_ns());
-            self.supervise(window, sensors.analog.is_some());
+            self.supervise(window, self.conversation.came(&sensors));
             self.kept.cycles += 1;
             self.retained.store(&self.kept);
         } else {
@@ -146,10 +147,8 @@ impl CanInterface {
         }
     }
 
-    fn supervise(&mut self, window: &Window, came: bool) {
-        if !self.conversation.has("raw_analog") {
-            return;
-        }
+    fn supervise(&mut self, window: &Window, came: Option<bool>) {
+        let Some(came) = came else { return };
         match self.supervision.note(came) {
             Some(SupervisionEvent::Gone) => window.raise("no sensors come from the CAN bus"),
             Some(SupervisionEvent::Back) => window.report("sensors come from the CAN bus again"),
@@ -165,7 +164,9 @@ impl CanInterface {
         let (counts, network) = (self.conversation.counts(), self.network());
         FunctionStatus {
             enabled: self.kept.enabled as u32, // 0 or 1
-            ready: u32::from(self.kept.enabled == 1 && self.supervision.is_ready()),
+            ready: u32::from(
+                self.kept.enabled == 1 && (self.supervision.is_ready() || !self.conversation.hears()),
+            ),
             accepted: counts.accepted,
             refused: counts.missing + counts.withheld + network.lost() + self.wires.refused,
             starts: self.starts,
@@ -253,42 +254,29 @@ impl Others {
         Ok(bateleur_messages::catalogue().and(types))
     }
 
-    fn sources(
-        &self,
-        context: &mut Context,
-        conversation: &Conversation,
-    ) -> Result<Vec<(RawSamplingSource, u64)>, StartError> {
-        let open = |name: &String| {
-            same_message(context, conversation, name)?;
-            Ok((context.raw_sampling_source(name)?.0, 0))
-        };
-        self.sources.iter().map(open).collect()
+    fn sources(&self, context: &mut Context) -> Result<Vec<(RawSamplingSource, u64)>, StartError> {
+        self.sources.iter().map(|name| Ok((context.raw_sampling_source(name)?.0, 0))).collect()
     }
 
-    fn destinations(
-        &self,
-        context: &mut Context,
-        conversation: &Conversation,
-    ) -> Result<Vec<RawSamplingDestination>, StartError> {
-        let open = |name: &String| {
-            same_message(context, conversation, name)?;
-            Ok(context.raw_sampling_destination(name)?.0)
-        };
-        self.destinations.iter().map(open).collect()
+    fn destinations(&self, context: &mut Context) -> Result<Vec<RawSamplingDestination>, StartError> {
+        self.destinations.iter().map(|name| Ok(context.raw_sampling_destination(name)?.0)).collect()
     }
 }
 
-/// Plan and table say the same of a port.
-fn same_message(context: &Context, conversation: &Conversation, port: &str) -> Result<(), StartError> {
-    let of_plan = context.message_type(port).map(|(name, _)| name);
-    let of_table = conversation.message(port);
-    if of_plan == of_table {
-        return Ok(());
+/// Plan and table say the same of each port that both have.
+fn same_messages(context: &Context, conversation: &Conversation, others: &Others) -> Result<(), StartError> {
+    let own = OWN_PORTS.into_iter().filter(|port| conversation.has(port) && context.has_port(port));
+    let others = others.sources.iter().chain(&others.destinations).map(String::as_str);
+    for port in own.chain(others) {
+        let of_plan = context.message_type(port).map_or("plain bytes", |(name, _)| name);
+        let of_table = conversation.message(port).unwrap_or("nothing");
+        if of_plan != of_table {
+            return Err(StartError::Other(format!(
+                "port {port} carries {of_plan} in the plan, and {of_table} in the table of CAN frames (attribute table): let them say the same"
+            )));
+        }
     }
-    let [of_plan, of_table] = [of_plan, of_table].map(|name| name.unwrap_or("plain bytes"));
-    Err(StartError::Other(format!(
-        "port {port} carries {of_plan} in the plan, and {of_table} in the table of CAN frames (attribute table): let them say the same"
-    )))
+    Ok(())
 }
 
 fn conversation(context: &mut Context, others: &Others) -> Result<Conversation, StartError> {

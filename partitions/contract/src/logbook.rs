@@ -25,6 +25,8 @@ const PLACES: usize = 4;
 const STATE_BITS: u32 = 2;
 /// Bytes of a word.
 const WORD: usize = 8;
+/// More than [`Logbook::overwrite`] ever needs, unless something else writes over the memory.
+const TRIES: usize = 4;
 
 /// How much a logbook holds. All above 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -165,9 +167,12 @@ impl<M: Deref<Target = [AtomicU64]>> Logbook<M> {
     /// Whoever wrote before has died: what he had not written to its end is aborted.
     pub fn abort_unfinished(&self) {
         let newest = self.word(NEWEST).load(Acquire);
+        let stored = self.word(STORED).load(Acquire);
         for number in newest.saturating_sub(self.sizes.in_progress.into()).max(1)..=newest {
             if self.is(number, State::Begun) {
-                self.place(number)[0].store(state(number, State::Aborted), Release);
+                // One that is stored was to be replaced, and had not been touched.
+                let found = if number <= stored { State::Whole } else { State::Aborted };
+                self.place(number)[0].store(state(number, found), Release);
             }
         }
     }
@@ -187,17 +192,19 @@ impl<M: Deref<Target = [AtomicU64]>> Logbook<M> {
         Ok(())
     }
 
-    /// Adds a message, or puts it in the place of the newest one where as many are on their way as may be. Needs room for two.
+    /// Adds a message, or puts it in the place of the newest one where as many are on their way as may be. Needs room for two: the
+    /// executive claims all but one at most.
     ///
     /// # Errors
     /// There is room for one only.
     pub fn overwrite(&self, message: &[u8]) -> Result<(), Busy> {
-        loop {
+        // Where the newest one is claimed, others have been stored meanwhile, and there is room.
+        for _ in 0..TRIES {
             if self.write(message).is_ok() {
                 return Ok(());
             }
             if self.sizes.in_progress < 2 {
-                return Err(Busy);
+                break;
             }
             let number = self.word(NEWEST).load(Relaxed);
             let place = &self.place(number)[0];
@@ -209,10 +216,8 @@ impl<M: Deref<Target = [AtomicU64]>> Logbook<M> {
                 return Ok(());
             }
             place.store(before, Release);
-            if self.under_way() >= self.sizes.in_progress.into() {
-                return Err(Busy); // the executive claims one after the other: something else has written here
-            }
         }
+        Err(Busy)
     }
 
     /// Reads a message; 0 is the newest one. `None`: there are not so many.
@@ -272,6 +277,18 @@ impl<M: Deref<Target = [AtomicU64]>> Logbook<M> {
         self.word(STORED).store(number, Release);
     }
 
+    /// The newest message that was begun.
+    #[must_use]
+    pub fn newest(&self) -> u64 {
+        self.word(NEWEST).load(Acquire)
+    }
+
+    /// How many messages may be claimed before [`Logbook::set_stored`] says that they are stored.
+    #[must_use]
+    pub fn most_claimed(&self) -> u64 {
+        u64::from(self.sizes.in_progress.saturating_sub(1).max(1))
+    }
+
     /// All messages up to this one are in the store, or were removed.
     pub fn set_stored(&self, number: u64) {
         self.word(STORED).store(number, Release);
@@ -296,8 +313,8 @@ impl<M: Deref<Target = [AtomicU64]>> Logbook<M> {
             && (self.is(number, State::Whole) || self.is(number, State::Aborted))
     }
 
-    /// Claims the message behind `stored`, the last one that is in the store, and copies it. True: it is whole, false: it was aborted,
-    /// `None`: it is not there, or not yet written to its end.
+    /// Claims the message behind `stored`, the last one that was claimed before or is stored, and copies it. True: it is whole, false: it
+    /// was aborted, `None`: it is not there, or not yet written to its end.
     pub fn claim(&self, stored: u64, into: &mut Vec<u8>) -> Option<bool> {
         let number = stored.wrapping_add(1);
         if self.word(NEWEST).load(Acquire) < number {
@@ -316,7 +333,8 @@ impl<M: Deref<Target = [AtomicU64]>> Logbook<M> {
     }
 }
 
-#[cfg(all(test, not(feature = "model")))]
+#[cfg(not(feature = "model"))]
+#[cfg(test)]
 mod tests {
     use std::sync::Arc;
 
@@ -416,6 +434,30 @@ mod tests {
         assert_eq!((read(&book, 1), store(&book, &mut stored)), (None, vec![Some(b"b".to_vec())]));
     }
 
+    #[test]
+    fn message_can_be_replaced_while_all_that_may_be_claimed_is_being_stored() {
+        for in_progress in 2..5 {
+            let (book, mut bytes) = (book(8, 4, in_progress), Vec::new());
+            for number in 0..in_progress {
+                book.write(&[number as u8]).unwrap();
+            }
+            for claimed in 0..book.most_claimed() {
+                assert_eq!(book.claim(claimed, &mut bytes), Some(true));
+                assert_eq!(book.overwrite(b"new"), Ok(()), "{claimed} of {in_progress}");
+            }
+        }
+    }
+
+    #[test]
+    fn stored_message_whose_writer_died_before_it_replaced_it_is_whole() {
+        let (book, mut stored) = (book(8, 4, 2), 0);
+        book.write(b"a").unwrap();
+        store(&book, &mut stored);
+        book.place(1)[0].store(state(1, State::Begun), Relaxed);
+        book.abort_unfinished();
+        assert_eq!(read(&book, 0), Some((WriteStatus::Complete, b"a".to_vec())));
+    }
+
     /// Whatever a partition writes over its logbook, each side comes back.
     #[test]
     fn any_words_in_the_memory_are_read_without_a_panic() {
@@ -444,7 +486,8 @@ mod tests {
     }
 }
 
-#[cfg(all(test, feature = "model"))]
+#[cfg(feature = "model")]
+#[cfg(test)]
 mod model {
     use loom::sync::Arc;
     use loom::thread;
@@ -484,12 +527,15 @@ mod model {
             let storing = thread::spawn(move || {
                 let (mut stored, mut found, mut bytes) = (0, Vec::new(), Vec::new());
                 for _ in 0..2 {
-                    if store.claim(stored, &mut bytes) == Some(true) {
+                    let before = stored;
+                    while stored < before + store.most_claimed()
+                        && store.claim(stored, &mut bytes) == Some(true)
+                    {
                         assert!(bytes.iter().all(|byte| *byte == bytes[0]), "torn: {bytes:?}");
                         found.push(bytes[0]);
                         stored += 1;
-                        store.set_stored(stored);
                     }
+                    store.set_stored(stored);
                 }
                 (store, stored, found)
             });

@@ -1,16 +1,18 @@
-//! `bateleur logbook`: what partitions have written into their logbooks, from the files of a run, also while it runs.
+//! `bateleur logbook`: what partitions have written into their logbooks, also while the module runs.
 //!
-//! Exit codes: 0 it was read, 2 it could not be read.
+//! Exit codes: 0 all were read, 1 some could not be read, 2 there is none.
 
 use std::fmt::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
-use bateleur_monitor::logbook_store::{FOLDER, files, read_file};
+use anyhow::{Result, bail};
+use bateleur_monitor::logbook_store::{files, read_file};
 use serde::Serialize;
 
 use super::notes::Notes;
-use super::{Code, FINE, Format};
+use super::run::LOGBOOKS;
+use super::{Code, FINE, Format, WRONG};
+use crate::installed;
 
 /// Read the logbooks that partitions have written.
 #[derive(Debug, clap::Args)]
@@ -32,19 +34,32 @@ struct Entry {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let notes = &arguments.notes;
-    let files = notes.files(files);
+    let files = match notes.path() {
+        Some(path) if path.is_dir() => first_files(&[path.join(LOGBOOKS), path.to_owned()]),
+        Some(path) => vec![path.to_owned()],
+        None => first_files(&[installed::outputs(LOGBOOKS), installed::latest_run().join(LOGBOOKS)]),
+    };
     if files.is_empty() {
-        bail!("no partition of this run has a logbook: there is nothing in its folder `{FOLDER}`");
+        bail!(
+            "there is no logbook: name the folder of `run --logbooks`, or that of a run on the virtual clock"
+        );
     }
-    let mut entries = Vec::new();
+    let (mut entries, mut code) = (Vec::new(), FINE);
     for file in &files {
-        let messages = read_file(file).with_context(|| format!("cannot read {}", file.display()))?;
+        let messages = match read_file(file) {
+            Ok(messages) => messages,
+            Err(error) => {
+                eprintln!("cannot read {}: {error}", file.display().to_string().escape_default());
+                code = WRONG;
+                continue;
+            }
+        };
         let (partition, logbook) = names(file);
         entries.extend(messages.into_iter().enumerate().rev().map(|(entry, message)| Entry {
             partition: partition.clone(),
             logbook: logbook.clone(),
             entry,
-            text: message.map(|message| message.escape_ascii().to_string()),
+            text: message.as_deref().map(printable),
         }));
     }
     notes.choose(&mut entries, |entry| &entry.partition);
@@ -52,12 +67,34 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         Format::Json => println!("{}", serde_json::to_string_pretty(&entries)?),
         Format::Text => print!("{}", table(&entries)),
     }
-    Ok(FINE)
+    Ok(code)
+}
+
+/// Those of the first folder that has any.
+fn first_files(folders: &[PathBuf]) -> Vec<PathBuf> {
+    folders.iter().map(|folder| files(folder)).find(|files| !files.is_empty()).unwrap_or_default()
+}
+
+/// Text as it is, with `\xNN` for whatever a terminal does not print.
+fn printable(message: &[u8]) -> String {
+    let mut text = String::new();
+    for chunk in message.utf8_chunks() {
+        for letter in chunk.valid().chars() {
+            match letter.is_control() {
+                true => {
+                    text.extend(letter.encode_utf8(&mut [0; 4]).bytes().map(|byte| format!("\\x{byte:02x}")))
+                }
+                false => text.push(letter),
+            }
+        }
+        text.extend(chunk.invalid().iter().map(|byte| format!("\\x{byte:02x}")));
+    }
+    text
 }
 
 /// The partition and the logbook whose file that is.
 fn names(file: &Path) -> (String, String) {
-    let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let name = printable(file.file_name().unwrap_or_default().as_encoded_bytes());
     let (partition, logbook) = name.split_once('.').unwrap_or(("", &name));
     (partition.to_owned(), logbook.to_owned())
 }

@@ -29,10 +29,9 @@ impl Notes {
         if given.is_dir() { given.join(name) } else { given }
     }
 
-    /// The file that was named, or those that the run in the named folder has.
-    pub(super) fn files(&self, of_run: impl Fn(&Path) -> Vec<PathBuf>) -> Vec<PathBuf> {
-        let given = self.path.clone().unwrap_or_else(installed::latest_run);
-        if given.is_dir() { of_run(&given) } else { vec![given] }
+    /// The folder or file that was named.
+    pub(super) fn path(&self) -> Option<&Path> {
+        self.path.as_deref()
     }
 
     /// Leaves the newest of those that are about the partition.

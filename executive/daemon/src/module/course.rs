@@ -3,18 +3,21 @@
 //! Module time is the run's and goes on; frames begin anew with frame 0, and so does everything else: control groups, shared
 //! memory, channels, processes.
 
+use std::io;
 use std::sync::Arc;
 
 use bateleur_contract::{Clock, Mapped, StartCondition};
 
 use super::{Options, Outcome, RunError, machine};
-use crate::world::Surroundings;
+use crate::world::{Surroundings, tell_lost};
 use bateleur_host::guarantee::Guarantee;
+use bateleur_host::logbooks::LogbookMemories;
 use bateleur_monitor::Kept;
 use bateleur_monitor::event::Event;
 use bateleur_monitor::health::journal::Journal;
 use bateleur_monitor::health::log::{HealthLog, WindowLog};
 use bateleur_monitor::lines::Patience;
+use bateleur_monitor::logbook_store::{Beginning, LogbookStores};
 use bateleur_monitor::planned::PlannedActs;
 use bateleur_monitor::why;
 use bateleur_plan::{ModuleView, PartitionId, Plan};
@@ -31,6 +34,8 @@ pub(super) struct Course {
     /// With the monitor while the module runs.
     pub(super) kept: Option<Kept>,
     pub(super) surroundings: Surroundings,
+    /// The memories of the partitions' logbooks.
+    pub(super) logbooks: Arc<LogbookMemories>,
     clock: Clock,
     /// Wall clock: when module time 0 was, CLOCK_MONOTONIC ns.
     origin_ns: Option<u64>,
@@ -66,6 +71,24 @@ pub(super) struct Ended {
     pub(super) lost_records: u64,
     /// What the dispatchers have spun in slack, ns.
     pub(super) spun_ns: u64,
+}
+
+/// The memories and files of the partitions' logbooks, which outlive resets of the module.
+fn logbooks(
+    view: &ModuleView<'_>,
+    options: &Options,
+    follows_dead: bool,
+) -> io::Result<(LogbookMemories, LogbookStores)> {
+    let kept = options.supervision.as_ref().map(|kept| kept.memory_blocks.clone()).unwrap_or_default();
+    let memories = LogbookMemories::begin(view, &kept)?;
+    let (clock, folder) = (options.order.clock(), &options.order.logbooks);
+    let beginning = match clock {
+        _ if follows_dead => Beginning::AfterDeath,
+        Clock::Virtual => Beginning::Anew,
+        Clock::Wall => Beginning::FromFiles,
+    };
+    let stores = LogbookStores::open(view, folder, &memories, clock, beginning)?;
+    Ok((memories, stores))
 }
 
 impl Course {
@@ -123,6 +146,9 @@ impl Course {
         if clock == Clock::Virtual {
             surroundings.page = page.clone();
         }
+        let (logbooks, stores) = logbooks(view, options, after.is_some())
+            .map_err(machine("cannot keep the partitions' logbooks"))?;
+        surroundings.logbooks = Some(stores);
         let dead_ns = after.as_ref().map(|dead| dead.at_ns);
         Ok(Self {
             kept: Some(kept),
@@ -130,6 +156,7 @@ impl Course {
             clock,
             origin_ns: page.as_ref().and_then(|page| page.origin_ns()),
             page,
+            logbooks: Arc::new(logbooks),
             follows_dead: after.is_some(),
             ended_ns: back_ns.or(dead_ns).unwrap_or(0),
             startup_ns: plan.health.reset.startup_ns,
@@ -228,6 +255,10 @@ impl Course {
     /// The run is over.
     pub(super) fn finish(mut self, ended: Ended, guarantees: Vec<Guarantee>) -> Outcome {
         let mut logs_lost = false;
+        let lost = self.surroundings.logbooks.take().map(|mut logbooks| logbooks.finish());
+        if let Some(kept) = &mut self.kept {
+            lost.into_iter().flatten().for_each(|lost| tell_lost(&mut kept.events, lost, ended.module_ns));
+        }
         if let Some(kept) = &mut self.kept {
             kept.close_logs(ended.module_ns);
             logs_lost = kept.events.has_told_lost_log();

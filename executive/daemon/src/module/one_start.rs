@@ -17,12 +17,10 @@ use super::{Options, RunError, machine};
 use crate::recording::part_name;
 use bateleur_host::error_log::ErrorReader;
 use bateleur_host::helper::orders::{Examination, ExaminedPort, Order};
-use bateleur_host::logbooks::LogbookMemories;
 use bateleur_host::machine::Machine;
 use bateleur_host::memory_blocks::MemoryBlocks;
 use bateleur_host::sealed::SealedChannels;
 use bateleur_monitor::cleanup::EndedHelpers;
-use bateleur_monitor::logbook_store::LogbookStores;
 use bateleur_monitor::rebuild::RebuildHooks;
 use bateleur_plan::{ModuleView, PartitionId, Plan};
 
@@ -44,10 +42,6 @@ impl Base {
         let kept = options.supervision.as_ref().map(|kept| kept.memory_blocks.clone()).unwrap_or_default();
         let (folder, warm) = (&options.order.plan_folder, course.follows_dead());
         let memory_blocks = Arc::new(MemoryBlocks::begin(view, folder, &kept, warm)?);
-        let logbooks = LogbookMemories::begin(view, &kept);
-        let logbooks =
-            Arc::new(logbooks.map_err(machine("cannot make the memory of the partitions' logbooks"))?);
-        course.surroundings.logbooks = Some(logbook_stores(view, options, &logbooks, course)?);
         let mut shared = order.clone();
         shared.channels.retain(|channel| !sealed.contains(&channel.name));
         let homes: Vec<String> = shared.channels.iter().map(|channel| channel.name.clone()).collect();
@@ -74,7 +68,7 @@ impl Base {
         let player = options.order.play.as_ref().map(play).transpose()?;
         let error_reader = ErrorReader::start(options.order.output.join("partitions"))
             .map_err(machine("cannot read the partitions' standard error"))?;
-        let memories = (error_reader.logs(), sealed.clone(), memory_blocks, logbooks);
+        let memories = (error_reader.logs(), sealed.clone(), memory_blocks, course.logbooks.clone());
         let sandboxes = self.sandboxes(plan, view, options, facts, programs, memories)?;
         let (control, inbox) = self.open_control(&options.order.module, course);
         let start_channel_cleaner = self.channel_cleaner_starter(facts.ruled)?;
@@ -96,7 +90,6 @@ impl Base {
         };
         let ended = run_module(plan, view, options, facts, sandboxes, services, course);
         drop(control);
-        course.surroundings.logbooks = None; // the last messages are stored
         ended
     }
 
@@ -124,19 +117,6 @@ impl Base {
             tend: Box::new(move || tended.borrow_mut().tend()),
         })
     }
-}
-
-/// The files of logbooks: on the virtual clock those of this run alone, so that each run is the same.
-fn logbook_stores(
-    view: &ModuleView<'_>,
-    options: &Options,
-    memories: &LogbookMemories,
-    course: &Course,
-) -> Result<LogbookStores, RunError> {
-    let (clock, warm) = (options.order.clock(), course.follows_dead());
-    let anew = clock == Clock::Virtual && course.resets() == 0 && !warm;
-    LogbookStores::open(view, &options.order.output, memories, clock, (warm, anew))
-        .map_err(machine("cannot keep the partitions' logbooks"))
 }
 
 /// What a channel probe is told about a partition's ports.

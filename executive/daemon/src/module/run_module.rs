@@ -344,4 +344,8 @@ impl World for Joint<'_> {
     fn window(&mut self, occurrence: &Occurrence) {
         self.surroundings.window(occurrence);
     }
+
+    fn window_closed(&mut self) {
+        self.surroundings.window_closed();
+    }
 }

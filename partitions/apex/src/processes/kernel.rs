@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
+use bateleur_contract::page::WindowGrant;
 use bateleur_contract::{Clock, ControlPage, Mapped, PartitionTimes, ProcessPlan};
 use bateleur_processes::standard::{OperatingMode, SystemTime};
 use bateleur_processes::{Dispatch, End, Partition, PeriodGrid, Runner};
@@ -315,16 +316,19 @@ fn place(who: Runner) -> usize {
 }
 
 impl State {
-    /// The window is one of this schedule, which runs since `since_ns`: its periods hold. Release points that are set stay.
-    pub(crate) fn follow_schedule(&mut self, schedule: u32, since_ns: u64) {
-        if self.periods.followed == (schedule, since_ns) {
+    /// The window is one of a schedule that may be another one: its periods hold, counted from a major frame of it. Release points that are
+    /// set stay.
+    pub(crate) fn follow_schedule(&mut self, window: &WindowGrant) {
+        let running = (window.schedule, window.schedule_since_ns);
+        if self.periods.followed == running {
             return;
         }
-        self.periods.followed = (schedule, since_ns);
+        self.periods.followed = running;
+        let schedule = window.schedule;
         let Some(times) = self.periods.others.get(&schedule).copied().or(self.periods.usual) else { return };
         let time = |ns: u64| SystemTime::try_from(ns).unwrap_or(SystemTime::MAX);
-        let (origin, period) =
-            (time(since_ns.saturating_add(times.release_ns)), time(times.period_ns).max(1));
+        let origin = time(window.major_frame_ns.saturating_add(times.release_ns));
+        let period = time(times.period_ns).max(1);
         self.partition.change_grid(PeriodGrid { origin, period }, time(times.duration_ns));
     }
 

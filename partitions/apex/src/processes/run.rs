@@ -261,7 +261,7 @@ fn windows(kernel: &Arc<Kernel>, mut started: Started) -> Result<(), End> {
         } else {
             {
                 let mut state = kernel.lock();
-                state.follow_schedule(window.schedule, window.schedule_since_ns);
+                state.follow_schedule(&window);
                 started.faults.carry_out(page);
                 started.outlets.iter().for_each(|outlet| outlet.catch_up(window.start_ns));
             }

@@ -40,6 +40,9 @@ pub struct Arguments {
     /// Folder for logs; the default is target/runs/latest, which every run writes over that finds no other at it.
     #[arg(long, short)]
     output: Option<PathBuf>,
+    /// The folder of the partitions' logbooks, which outlive the run [default: target/logbooks]; a run on the virtual clock has its own.
+    #[arg(long, value_name = "FOLDER", conflicts_with = "fast")]
+    logbooks: Option<PathBuf>,
     /// Run all modules of the plan on this machine, each in a process of its own: in network namespaces that are joined by virtual
     /// Ethernets and have the plan's addresses (root needed), or over the loopback interface; by default whichever can be.
     #[arg(long, value_name = "WHERE", num_args = 0..=1, require_equals = true, default_missing_value = "any")]
@@ -114,6 +117,9 @@ fn parse_place(text: &str) -> Result<(usize, usize), String> {
     numbers.ok_or_else(|| format!("\"{text}\" is not PLACE/COUNT, such as 0/2 for the first of two modules"))
 }
 
+/// What the folder of logbooks is called: beside those of runs, or in that of a run on the virtual clock.
+pub(crate) const LOGBOOKS: &str = "logbooks";
+
 /// What reads the compiled plan and runs its module: the only program of the project that needs root.
 const DAEMON: &str = "bateleurd";
 
@@ -158,10 +164,18 @@ fn order_of(arguments: &Arguments) -> RunOrder {
     }
     let plan_folder = arguments.schedule.parent().map(Path::to_owned).unwrap_or_default();
     let nanoseconds = |seconds: f64| (seconds * 1e9) as u64;
+    let output = arguments.output.clone().unwrap_or_else(installed::latest_run);
+    // What is kept over runs would make each run on the virtual clock another one.
+    let logbooks = match &arguments.logbooks {
+        _ if arguments.fast => output.join(LOGBOOKS),
+        Some(folder) => folder.clone(),
+        None => installed::outputs(LOGBOOKS),
+    };
     RunOrder {
         module: arguments.module.clone().unwrap_or_default(),
         fast: arguments.fast,
-        output: arguments.output.clone().unwrap_or_else(installed::latest_run),
+        output,
+        logbooks,
         key_files: arguments.key.iter().map(|(link, file)| (link.clone(), plan_folder.join(file))).collect(),
         plan_folder,
         addresses: arguments.address.iter().copied().collect(),

@@ -86,7 +86,7 @@ mod written_down;
 
 pub use align::Alignment;
 pub use cleanup::StartChannelCleaner;
-pub use crashes::StartCrashReporter;
+pub use crashes::{CrashReporter, MakeCrashFiles, StartCrashReporter};
 pub use module_level::{Kept, Stop, Totals};
 pub use monitor::{Monitor, MonitorConfig, TakeRecord};
 pub use orders::UnknownSchedule;

@@ -676,8 +676,13 @@ mod tests {
         drop(second);
         // A death before the memory was filled, and a file that is gone.
         partition.begin();
-        drop(open(Beginning::AfterDeath));
+        let mut third = open(Beginning::AfterDeath);
         assert_eq!(partition.newest(), 2);
+        for message in [b"3", b"4", b"5"] {
+            partition.write(message).unwrap();
+            third.store().unwrap();
+        }
+        drop(third);
         std::fs::remove_file(&path).unwrap();
         let mut fourth = open(Beginning::AfterDeath);
         assert_eq!(partition.newest(), 0);
@@ -789,7 +794,7 @@ mod tests {
             assert!(found.len() <= 4 && found.iter().flatten().all(|message| message.len() <= 8));
             written(&path, &[b"next"]);
             // A damaged record in the place of the next one is taken for one that was torn.
-            assert!(all(&path)[..2].contains(&Some(b"next".to_vec())));
+            assert!(all(&path).iter().take(2).any(|message| *message == Some(b"next".to_vec())));
         }
     }
 }

@@ -7,7 +7,7 @@ use bateleur_contract::Clock;
 
 use crate::align::Alignment;
 use crate::cleanup::{Cleanups, EndedHelpers, StartChannelCleaner};
-use crate::crashes::StartCrashReporter;
+use crate::crashes::CrashReporter;
 use crate::event::{Event, Events};
 use crate::health::log::{Fault, HealthLog};
 use crate::health::record::Level;
@@ -75,7 +75,7 @@ pub struct MonitorConfig {
     /// How a channel cleaner is started.
     pub start_channel_cleaner: StartChannelCleaner,
     /// How a helper is started for what a dead process has written down.
-    pub start_crash_reporter: StartCrashReporter,
+    pub crash_reporter: CrashReporter,
     /// Channel holders that have ended, and the channels that they held; `None` if they are not cleaned up after.
     pub ended_helpers: Option<(EndedHelpers, Vec<String>)>,
     /// How damaged channels are found and rebuilt.
@@ -97,7 +97,7 @@ impl Monitor {
         let MonitorConfig { plan, schedule_switch, clock, take_record, operator, error_reader, .. } = config;
         let mut kept = config.kept;
         kept.health_log.begin_frames();
-        kept.crashes.start_by(config.start_crash_reporter);
+        kept.crashes.start_by(config.crash_reporter);
         Self {
             told_schedule: schedule_switch.current(),
             places: vec![None; plan.partitions.len()],

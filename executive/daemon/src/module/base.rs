@@ -19,7 +19,7 @@ use crate::playing::Player;
 use crate::recording::{Recorder, Recording, StartRecorder};
 use bateleur_control::{Inbox, Server};
 use bateleur_host::error_log::ErrorLogs;
-use bateleur_host::helper::crash::{self, CrashOrder};
+use bateleur_host::helper::crash::{self, CrashFiles, CrashOrder};
 use bateleur_host::helper::orders::{Cleaning, Dead, Order, OrderedChannel};
 use bateleur_host::helper::playing::{OPERATORS, PlayerOrder};
 use bateleur_host::helper::recording::RecorderOrder;
@@ -36,7 +36,7 @@ use bateleur_monitor::event::Event;
 use bateleur_monitor::observers::{MOST_PUBLISHERS, StartObserver, Work};
 use bateleur_monitor::planned::STANDBY;
 use bateleur_monitor::run_order::Play;
-use bateleur_monitor::{StartChannelCleaner, StartCrashReporter};
+use bateleur_monitor::{CrashReporter, StartChannelCleaner};
 use bateleur_plan::{ModuleView, PartitionId, Plan, PortId};
 use bateleur_system::account::Accounts;
 use bateleur_system::cgroup::Group;
@@ -513,52 +513,27 @@ impl Base {
     }
 
     /// How a helper is started for what a dead process has written down.
-    pub(super) fn crash_reporter_starter(
-        &self,
-        run: &Path,
-        facts: &Machine,
-    ) -> Result<StartCrashReporter, RunError> {
-        let (copy, folder) = (self.copy()?, run.join(crash::FOLDER));
+    pub(super) fn crash_reporter(&self, run: &Path, facts: &Machine) -> Result<CrashReporter, RunError> {
+        let (copy, run) = (self.copy()?, run.to_owned());
         let (ruled, filtered) = (facts.ruled, facts.filtered);
-        Ok(Box::new(move |order, memory| {
-            copy.start_crash_reporter(&folder, order, memory, (ruled, filtered))
-        }))
+        Ok(CrashReporter {
+            make_files: Arc::new(move |order| crash::make_files(&run, order)),
+            start: Box::new(move |order, memory, files| {
+                copy.start_crash_reporter(order, memory, files, (ruled, filtered))
+            }),
+        })
     }
 
-    /// Starts it, unless there are enough reports. It is handed its files, and the program, whose folder it may not be able to enter; of
-    /// others it reads libraries alone, and it has no privileges.
+    /// It is handed its files, and the program, whose folder it may not be able to enter; of others it reads libraries alone, and it has no
+    /// privileges.
     fn start_crash_reporter(
         &self,
-        folder: &Path,
         order: &CrashOrder,
         memory: &File,
+        CrashFiles { report, dump, program: (program, name) }: &CrashFiles,
         (ruled, filtered): (bool, bool),
-    ) -> std::io::Result<Option<Spawned>> {
-        match std::fs::create_dir(folder) {
-            Err(error) if error.kind() != std::io::ErrorKind::AlreadyExists => return Err(error),
-            _ => {}
-        }
-        let is_report =
-            |file: &std::fs::DirEntry| file.path().extension().is_some_and(|end| end == crash::REPORT);
-        let reports = std::fs::read_dir(folder)?.flatten().filter(is_report).count();
-        if reports >= crash::MOST_OF_A_RUN as usize {
-            return Ok(None);
-        }
-        let mut numbers = 1..=crash::MOST_OF_A_PARTITION;
-        let made = numbers.find_map(|number| {
-            let path = folder.join(format!("{}-{number}.{}", order.partition, crash::REPORT));
-            match File::create_new(&path) {
-                Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => None,
-                report => Some(
-                    report.and_then(|report| Ok((report, File::create(path.with_extension(crash::DUMP))?))),
-                ),
-            }
-        });
-        let Some((report, dump)) = made.transpose()? else { return Ok(None) };
-        // As the map of the process's memory names it.
-        let program = std::fs::canonicalize(&order.program).unwrap_or_else(|_| order.program.clone().into());
-        let order = &CrashOrder { program: program.display().to_string(), ..order.clone() };
-        let program = File::open(&order.program).ok();
+    ) -> std::io::Result<Spawned> {
+        let order = &CrashOrder { program: name.clone(), ..order.clone() };
         let mut files = vec![memory.as_fd(), report.as_fd(), dump.as_fd()];
         files.extend(program.as_ref().map(AsFd::as_fd));
         let readable = [PathBuf::from(&order.program)];
@@ -584,7 +559,7 @@ impl Base {
         let process = self.helper_of_run(&self.programs.observers, &words, lines, user, walls)?;
         let lowest = Pid::from_raw(process.pid).map(|pid| setpriority_process(Some(pid), 19));
         let _ = lowest.transpose(); // whoever starts meanwhile waits for it
-        Ok(Some(process))
+        Ok(process)
     }
 
     /// A module flies without its control socket too, and says so.

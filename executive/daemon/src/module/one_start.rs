@@ -72,7 +72,7 @@ impl Base {
         let sandboxes = self.sandboxes(plan, view, options, facts, programs, memories)?;
         let (control, inbox) = self.open_control(&options.order.module, course);
         let start_channel_cleaner = self.channel_cleaner_starter(facts.ruled)?;
-        let start_crash_reporter = self.crash_reporter_starter(&options.order.output, facts)?;
+        let crash_reporter = self.crash_reporter(&options.order.output, facts)?;
         let rebuilds = self.rebuilds(shared, plan.clone(), channel_holders)?;
         // On the virtual clock nobody is cleaned up after at an instant of the wall clock.
         let ended_helpers = (options.order.clock() == Clock::Wall).then_some((ended_helpers, homes));
@@ -80,7 +80,7 @@ impl Base {
             recording,
             player,
             start_channel_cleaner,
-            start_crash_reporter,
+            crash_reporter,
             ended_helpers,
             rebuilds,
             start_observer,

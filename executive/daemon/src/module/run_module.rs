@@ -29,7 +29,7 @@ use bateleur_monitor::operator::Operator;
 use bateleur_monitor::rebuild::RebuildHooks;
 use bateleur_monitor::run_order::RunOrder;
 use bateleur_monitor::why::Why;
-use bateleur_monitor::{Alignment, Monitor, MonitorConfig, StartChannelCleaner, StartCrashReporter};
+use bateleur_monitor::{Alignment, CrashReporter, Monitor, MonitorConfig, StartChannelCleaner};
 use bateleur_plan::{ModuleView, PartitionId, Plan, Timeline};
 use bateleur_system::sched;
 use bateleur_system::time::now_ns;
@@ -51,7 +51,7 @@ pub(super) struct Services {
     /// Cleans up after the dead.
     pub(super) start_channel_cleaner: StartChannelCleaner,
     /// Reads what the dead have written down.
-    pub(super) start_crash_reporter: StartCrashReporter,
+    pub(super) crash_reporter: CrashReporter,
     /// Channel holders that have ended, and the channels that they held; `None` if they are not cleaned up after.
     pub(super) ended_helpers: Option<(EndedHelpers, Vec<String>)>,
     /// Finds damaged channels and makes them anew.
@@ -91,7 +91,7 @@ pub(super) fn run_module(
         schedule_switch: schedule_switch.clone(),
         clock: options.order.clock(),
         start_channel_cleaner: services.start_channel_cleaner,
-        start_crash_reporter: services.start_crash_reporter,
+        crash_reporter: services.crash_reporter,
         ended_helpers: services.ended_helpers,
         rebuilds: services.rebuilds,
         take_record: take_record(records.clone(), rings.clone()),

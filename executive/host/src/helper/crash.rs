@@ -2,6 +2,8 @@
 //!
 //! It finds the process's crash memory at [`MEMORY_FD`], the files that it is to write behind that, and the partition's program last.
 
+use std::fs::{DirEntry, File};
+use std::io;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -37,6 +39,45 @@ pub fn remove_earlier(run: &Path) {
         let _ = std::fs::remove_file(path); // one that stays is not written over
     }
     let _ = std::fs::remove_dir(folder); // there is none, as a rule; one with something else in it stays
+}
+
+/// What the helper writes, and the program that it reads.
+#[derive(Debug)]
+pub struct CrashFiles {
+    /// The report.
+    pub report: File,
+    /// The minidump.
+    pub dump: File,
+    /// The partition's program, where it can be opened, and as the map of the process's memory names it.
+    pub program: (Option<File>, String),
+}
+
+/// Makes the files of a report in the folder of a run. Takes as long as the disk takes. `None`: there are enough reports.
+///
+/// # Errors
+/// They can not be made.
+pub fn make_files(run: &Path, order: &CrashOrder) -> io::Result<Option<CrashFiles>> {
+    let folder = run.join(FOLDER);
+    match std::fs::create_dir(&folder) {
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
+        _ => {}
+    }
+    let is_report = |file: &DirEntry| file.path().extension().is_some_and(|end| end == REPORT);
+    if std::fs::read_dir(&folder)?.flatten().filter(is_report).count() >= MOST_OF_A_RUN as usize {
+        return Ok(None);
+    }
+    for number in 1..=MOST_OF_A_PARTITION {
+        let path = folder.join(format!("{}-{number}.{REPORT}", order.partition));
+        let report = match File::create_new(&path) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
+            report => report?,
+        };
+        let dump = File::create(path.with_extension(DUMP))?;
+        let name = std::fs::canonicalize(&order.program).unwrap_or_else(|_| order.program.clone().into());
+        let program = (File::open(&order.program).ok(), name.display().to_string());
+        return Ok(Some(CrashFiles { report, dump, program }));
+    }
+    Ok(None)
 }
 
 /// What the helper is told, as its one argument.

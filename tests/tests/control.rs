@@ -315,7 +315,7 @@ mod alone {
         std::fs::set_permissions(socket(&module), std::fs::Permissions::from_mode(0o666)).unwrap();
         let own = std::env::current_exe().unwrap();
         let mut other = std::process::Command::new(own);
-        other.args(["--exact", "another_user_is_not_heard_even_where_the_mode_lets_him_in"]);
+        other.args(["--exact", "alone::another_user_is_not_heard_even_where_the_mode_lets_him_in"]);
         let ended = other.env(TRIED, socket(&module)).uid(61_653).gid(61_653).output().unwrap();
         assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stdout));
         assert!(String::from_utf8_lossy(&ended.stdout).contains("1 passed"));

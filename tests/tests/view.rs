@@ -232,6 +232,12 @@ mod alone {
         let seen: Vec<Value> = [0.3, 0.6, 0.9].map(|share| time(&mut page, share)).into();
         assert!(seen[0] != seen[1] && seen[1] != seen[2], "the windows are those of the time");
         keep(&mut page, "view-recorded.png");
+        // The charts are those of the report: the one that the next moment has drawn shows its values as well.
+        page.value("document.querySelector('#plot svg').focus()");
+        page.key("End");
+        page.await_true("!document.querySelector('#plot .cursor').hidden");
+        time(&mut page, 0.902);
+        page.await_true("document.querySelector('#plot .readout').textContent.includes(' rad')");
         time(&mut page, 0.2);
         page.value("document.getElementById('play').click(); window.begun = parseFloat(document.getElementById('head').textContent)");
         page.await_true("parseFloat(document.getElementById('head').textContent) > window.begun + 1");

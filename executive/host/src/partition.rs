@@ -30,7 +30,7 @@ use crate::sealed::{End, Handover, SealedChannels};
 use bateleur_plan::units::ShowSize;
 use bateleur_plan::{
     Attribute, Closed, ErrorLevel, Partition, PartitionError, PartitionId, PartitionState, Plan, Port, Role,
-    ScheduleId, Standby, SystemCalls, leaves_the_process,
+    Standby, SystemCalls, leaves_the_process,
 };
 use bateleur_system::account::Accounts;
 use bateleur_system::cgroup::Group;
@@ -679,9 +679,9 @@ fn process_plan(partition: &Partition) -> ProcessPlan {
 }
 
 fn schedule_times(partition: &Partition) -> BTreeMap<u32, PartitionTimes> {
-    let of = |(schedule, times): (&ScheduleId, &bateleur_plan::Times)| {
+    let of = |(schedule, times): (&usize, &bateleur_plan::Times)| {
         let &bateleur_plan::Times { period_ns, release_ns, duration_ns } = times;
-        (schedule.index() as u32, PartitionTimes { period_ns, release_ns, duration_ns })
+        (*schedule as u32, PartitionTimes { period_ns, release_ns, duration_ns })
     };
     partition.processes.in_schedules.iter().map(of).collect()
 }

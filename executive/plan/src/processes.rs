@@ -5,8 +5,6 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::model::ScheduleId;
-
 /// A partition as its processes see it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Processes {
@@ -18,9 +16,9 @@ pub struct Processes {
     pub release_ns: u64,
     /// The least time that it has in a period, ns.
     pub duration_ns: u64,
-    /// Its times in schedules in which they are others. Not written down where there are none.
+    /// Its times in schedules in which they are others, by their places in the plan. Not written down where there are none.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub in_schedules: BTreeMap<ScheduleId, Times>,
+    pub in_schedules: BTreeMap<usize, Times>,
     /// The most processes that it may create.
     pub most: u32,
     /// The most that their stacks may have together, bytes.
@@ -41,9 +39,9 @@ pub struct Times {
 }
 
 impl Processes {
-    /// Its times in a schedule.
+    /// Its times in the schedule at this place.
     #[must_use]
-    pub fn times_in(&self, schedule: ScheduleId) -> Times {
+    pub fn times_in(&self, schedule: usize) -> Times {
         let &Self { period_ns, release_ns, duration_ns, .. } = self;
         self.in_schedules.get(&schedule).copied().unwrap_or(Times { period_ns, release_ns, duration_ns })
     }

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::defaults;
-use crate::model::{ModuleId, PartitionId, Schedule, ScheduleId};
+use crate::model::{ModuleId, PartitionId, Schedule};
 use crate::raw::{RawPartition, RawProcess};
 use crate::reader::{Field, Nanoseconds};
 use bateleur_plan::bounds::MOST_PROCESSES;
@@ -25,7 +25,7 @@ pub(super) fn of(
     let others = schedules.iter().enumerate().filter_map(|(place, schedule)| {
         let windows = schedule.occurrences(id);
         let found = times(raw, &windows, schedule.major_frame_ns);
-        (found.period_ns > 0 && found != first).then_some((ScheduleId(place), found))
+        (found.period_ns > 0 && found != first).then_some((place, found))
     });
     Processes {
         identifier,

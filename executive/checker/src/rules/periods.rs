@@ -4,7 +4,6 @@ use super::Context;
 use super::partitions::processes;
 use crate::catalogue;
 use crate::findings::{Finding, Span};
-use crate::model::ScheduleId;
 use crate::raw::{RawPartition, RawSchedule};
 use crate::units::ShowTime;
 use bateleur_plan::processes::{Share, shares};
@@ -15,7 +14,7 @@ pub(super) fn check(cx: &Context<'_>) {
         let Some(asked) = Asked::of(partition) else { continue };
         let told = &cx.plan[id].processes;
         for (place, (raw, schedule)) in cx.schedules().enumerate() {
-            let (windows, times) = (schedule.occurrences(id), told.times_in(ScheduleId(place)));
+            let (windows, times) = (schedule.occurrences(id), told.times_in(place));
             if told.period_ns > 0 && !windows.is_empty() {
                 let grid = (times.release_ns, times.period_ns);
                 in_schedule(cx, &asked, (raw, &windows), schedule.major_frame_ns, grid);

@@ -163,7 +163,7 @@ fn table_and_plan_that_say_different_things_of_a_foreign_port_are_refused_with_t
             "[port.tracks",
             "there is no port \"tracks\": give the partition a sampling port of that name",
         ),
-        ("acme/Track", "Custom", "Custom has no field mode"),
+        ("acme/Track", "Custom", "Custom has no field echoes"),
         ("acme/Track", "acme/Trick", "there is no message acme/Trick; did you mean acme/Track?"),
         ("sweeps = ", "sweps = ", "did you mean sweeps?"),
     ] {

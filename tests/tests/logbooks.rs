@@ -63,7 +63,7 @@ fn log_create_07_what_was_stored_is_there_after_restarts_of_the_partition_the_ex
     assert_eq!(starts[0], [0, 0, 0], "on the virtual clock a run begins with empty logbooks");
     // One message a window; those on their way are stored or still there.
     assert!(starts.windows(2).all(|pair| pair[0][0] < pair[1][0]), "{starts:?}");
-    assert!(starts[1][0] >= 22 && starts[3][0] >= 50, "{starts:?}");
+    assert!(starts[1][0] >= 22 && starts[3][0] >= 40, "{starts:?}");
     assert!(starts[1..].iter().all(|[_, stored, under_way]| stored + under_way >= 20), "{starts:?}");
     assert_eq!((messages.len(), messages.iter().flatten().count()), (20, 20));
     assert!(messages.iter().flatten().is_sorted(), "{messages:?}");

@@ -170,22 +170,20 @@ impl Shared {
     fn store(&self) {
         for store in &mut *lock(&self.stores) {
             store.budget = (store.budget + SHARE).min(BURST);
-            self.note(store, Store::store);
+            self.note(store);
         }
     }
 
     /// As much as there is, whatever it costs.
     fn store_all(&self) {
         for store in &mut *lock(&self.stores) {
-            for _ in 0..=store.sizes.in_progress {
-                store.budget = BURST;
-                self.note(store, Store::store);
-            }
+            store.budget = i64::MAX;
+            self.note(store);
         }
     }
 
-    fn note(&self, store: &mut Store, done: fn(&mut Store) -> io::Result<()>) {
-        let Err(error) = done(store) else { return };
+    fn note(&self, store: &mut Store) {
+        let Err(error) = store.store() else { return };
         if !std::mem::replace(&mut store.has_told, true) {
             self.tell(&format!("logbook {}", store.name), &error.to_string());
         }
@@ -246,8 +244,21 @@ impl Store {
         Ok(Self { name, file, memory, sizes, stored, cleared: found.cleared, budget: BURST, has_told: false })
     }
 
-    /// Writes what is in the memory and not in the file, as much as may be claimed and its budget allows.
+    /// Writes what is in the memory and not in the file, as far as its budget allows.
     fn store(&mut self) -> io::Result<()> {
+        // As many rounds as what may be on its way needs: whoever writes on meanwhile waits for the next time.
+        for _ in 0..=self.sizes.in_progress {
+            let before = self.stored;
+            self.store_claimed()?;
+            if self.stored == before {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// One round: as much as may be claimed.
+    fn store_claimed(&mut self) -> io::Result<()> {
         let cleared = self.memory.cleared();
         // A partition can write anything there; it removes what it has seen stored.
         if cleared > self.cleared && cleared <= self.stored {

@@ -281,6 +281,14 @@ fn grants(partition: &Partition) -> Vec<String> {
                 .to_owned(),
         );
     }
+    if !partition.logbooks.is_empty() {
+        let names: Vec<String> = partition
+            .logbooks
+            .iter()
+            .map(|logbook| format!("`context.logbook(\"{}\")`", logbook.name))
+            .collect();
+        grants.push(format!("Logbooks are asked for in `start`: {}.", names.join(", ")));
+    }
     if !partition.may_set_schedule.is_empty() {
         grants.push("`context.module_schedules()` says which schedule runs and asks for another.".to_owned());
     }

@@ -8,8 +8,8 @@ use std::ops::Deref;
 
 use serde::{Deserialize, Serialize};
 
-use crate::sync::AtomicU64;
 use crate::sync::Ordering::{Acquire, Relaxed, Release, SeqCst};
+use crate::sync::{AtomicU64, fence};
 
 /// The newest message that was begun. The partition's, as `CLEARED` is.
 const NEWEST: usize = 0;
@@ -210,8 +210,9 @@ impl<M: Deref<Target = [AtomicU64]>> Logbook<M> {
             let place = &self.place(number)[0];
             let before = place.load(Relaxed);
             // Either the executive sees that it is begun, or this side that it is claimed.
-            place.store(state(number, State::Begun), SeqCst);
-            if self.word(CLAIMED).load(SeqCst) < number {
+            place.store(state(number, State::Begun), Relaxed);
+            fence(SeqCst);
+            if self.word(CLAIMED).load(Acquire) < number {
                 self.put(number, message);
                 return Ok(());
             }
@@ -320,8 +321,9 @@ impl<M: Deref<Target = [AtomicU64]>> Logbook<M> {
         if self.word(NEWEST).load(Acquire) < number {
             return None;
         }
-        self.word(CLAIMED).store(number, SeqCst);
-        let found = self.place(number)[0].load(SeqCst);
+        self.word(CLAIMED).store(number, Release);
+        fence(SeqCst);
+        let found = self.place(number)[0].load(Acquire);
         if found == state(number, State::Aborted) {
             into.clear();
             return Some(false);

@@ -95,7 +95,9 @@ fn everything(root: &Path, fuzz_s: &str, tally: &mut Tally) -> Result<(), String
     shown_commands(root)?;
     let mut own = Tally::default();
     let (tested, other) = std::thread::scope(|scope| {
-        let compiling = scope.spawn(|| beside_tests(&mut own));
+        // The tests go on: whoever waits shall read it at once.
+        let compiling =
+            scope.spawn(|| beside_tests(&mut own).inspect_err(|reason| println!("== FAILED: {reason}")));
         let tested = tests(tally);
         let panicked = |_| Err("the steps beside the tests panicked".into());
         (tested, compiling.join().unwrap_or_else(panicked))
@@ -303,7 +305,7 @@ fn shown_commands(root: &Path) -> Result<(), String> {
 /// All of them, also after the first that fails: the count at the end shall be the whole truth.
 fn tests(tally: &mut Tally) -> Result<(), String> {
     if succeeds(cargo(), &["nextest", "--version"], ASKING) {
-        // Tests wait for processes of theirs a third of the time; those on the wall clock run alone whatever is said here.
+        // One waits for a process of its own while the others compute; those that have to be alone are, whatever is said here.
         let processors = std::thread::available_parallelism().map_or(2, usize::from);
         return Step::cargo("tests", &["nextest", "run", "--release", "--workspace", "--no-fail-fast"])
             .with("NEXTEST_TEST_THREADS", &(processors + processors / 2).to_string())

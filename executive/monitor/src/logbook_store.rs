@@ -35,7 +35,7 @@ const LAST_NUMBER: u64 = 1 << 60;
 const OLD: &str = ".old";
 /// How long the last messages may take to be on the disk when a run ends.
 const LAST: Duration = Duration::from_secs(2);
-/// Bytes that a logbook may write at once, and in each minor frame from then on: a partition wears no disk out.
+/// Bytes that a logbook may write at once, and each time that it is looked at from then on: a partition wears no disk out.
 const BURST: i64 = 1 << 20;
 const SHARE: i64 = 4 << 10;
 
@@ -283,38 +283,41 @@ impl Store {
     }
 }
 
-/// The file at `path` with what is in it, which no other module uses. What can not be gone on with stays beside.
+/// The file at `path` with what is in it, which no other module uses. What can not be gone on with stays beside: another user's, of which
+/// this is a copy, and whatever else has the name.
 fn file_of(path: &Path, sizes: LogbookSizes) -> io::Result<(File, Found)> {
-    let (file, bytes) = match found(path, OFlags::RDWR, file_bytes(sizes)) {
-        Ok(found) => found,
+    let (writable, bytes) = match found(path, OFlags::RDWR, file_bytes(sizes)) {
+        Ok((file, bytes)) => {
+            take(&file)?;
+            (Some(file), bytes)
+        }
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
             return Ok((begin(path, sizes)?, Found::default()));
         }
-        // Another user's, or no ordinary file: a link is none.
-        Err(_) => match found(path, OFlags::RDONLY, file_bytes(sizes)) {
-            Ok((_, bytes)) => {
-                put_beside(path)?;
-                let file = begin(path, sizes)?;
-                if read(&bytes, sizes).is_some() {
-                    file.write_all_at(&bytes, 0)?;
-                }
-                (file, bytes)
-            }
-            Err(_) => {
-                put_beside(path)?;
-                return Ok((begin(path, sizes)?, Found::default()));
-            }
-        },
+        Err(_) => {
+            let read = found(path, OFlags::RDONLY, file_bytes(sizes));
+            read.as_ref().map_or(Ok(()), |(file, _)| take(file))?;
+            (None, read.map_or_else(|_| Vec::new(), |(_, bytes)| bytes))
+        }
     };
-    let Some(there) = read(&bytes, sizes) else {
-        put_beside(path)?;
-        return Ok((begin(path, sizes)?, Found::default()));
+    let there = read(&bytes, sizes);
+    let file = match writable.filter(|_| there.is_some()) {
+        Some(file) => {
+            reserve(&file, sizes)?;
+            file
+        }
+        None => {
+            put_beside(path)?;
+            let file = begin(path, sizes)?;
+            if there.is_some() {
+                file.write_all_at(&bytes, 0)?;
+            }
+            file
+        }
     };
-    take(&file)?;
-    reserve(&file, sizes)?;
     // What a dead executive has written may still be on its way.
     file.sync_all()?;
-    Ok((file, there))
+    Ok((file, there.unwrap_or_default()))
 }
 
 /// An ordinary file, and its content; of a longer one than `most`, nothing.
@@ -393,18 +396,13 @@ fn record_bytes(sizes: LogbookSizes) -> usize {
     RECORD + sizes.message as usize
 }
 
-/// Places for records: for those that are kept, and for those that are on their way while they are.
-fn places(sizes: LogbookSizes) -> u64 {
-    u64::from(sizes.logged) + u64::from(sizes.in_progress)
-}
-
 fn file_bytes(sizes: LogbookSizes) -> u64 {
-    HEAD as u64 + places(sizes) * record_bytes(sizes) as u64
+    HEAD as u64 + (sizes.places() * record_bytes(sizes)) as u64
 }
 
 /// Where the record of a message lies.
 fn place(sizes: LogbookSizes, number: u64) -> u64 {
-    HEAD as u64 + (number % places(sizes)) * record_bytes(sizes) as u64
+    HEAD as u64 + (number % sizes.places() as u64) * record_bytes(sizes) as u64
 }
 
 fn head(sizes: LogbookSizes, cleared: u64) -> [u8; HEAD] {
@@ -453,7 +451,7 @@ fn read(bytes: &[u8], sizes: LogbookSizes) -> Option<Found> {
     if start != head(sizes, cleared) || cleared >= LAST_NUMBER {
         return None;
     }
-    let places = places(sizes);
+    let places = sizes.places() as u64;
     let mut kept: Vec<Option<(u64, Content)>> =
         records.chunks(record_bytes(sizes)).map(read_record).collect();
     kept.resize(places as usize, None);
@@ -661,9 +659,12 @@ mod tests {
         let path = folder.path().join("log");
         let (_, _store) = opened(&path);
         for beginning in [Beginning::FromFiles, Beginning::Anew] {
-            let refused = Store::open(&path, memory(SIZES), SIZES, beginning).unwrap_err();
-            assert!(refused.to_string().contains("another module that runs"), "{refused}");
+            for sizes in [SIZES, LogbookSizes { message: 9, ..SIZES }] {
+                let refused = Store::open(&path, memory(sizes), sizes, beginning).unwrap_err();
+                assert!(refused.to_string().contains("another module that runs"), "{refused}");
+            }
         }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "it was not put beside");
     }
 
     #[test]

@@ -38,7 +38,7 @@ pub enum LogbookError {
     },
     /// The store has not yet taken what was written before.
     #[error(
-        "as many messages are on their way to the store as the plan's `in_progress` allows, or one when all are to be removed: try later"
+        "messages are on their way to the store: try again in a later window, or give the logbook a higher `max_in_progress` in the plan"
     )]
     Busy,
 }
@@ -92,7 +92,7 @@ impl Logbook {
     /// OVERWRITE_LOGBOOK: adds a message; where [`Logbook::write`] finds no room, the newest one that is on its way is replaced.
     ///
     /// # Errors
-    /// Its length; or the plan's `in_progress` is 1.
+    /// Its length; or the plan's `max_in_progress` is 1.
     pub fn overwrite(&self, message: &[u8]) -> Result<(), LogbookError> {
         Ok(self.memory_for(message)?.overwrite(message)?)
     }

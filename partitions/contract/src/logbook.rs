@@ -45,7 +45,9 @@ impl LogbookSizes {
         2 + (self.message as usize).div_ceil(WORD)
     }
 
-    fn places(self) -> usize {
+    /// Places for messages: for those that are kept, and for those that are on their way while they are.
+    #[must_use]
+    pub fn places(self) -> usize {
         self.logged as usize + self.in_progress as usize
     }
 
@@ -306,14 +308,6 @@ impl<M: Deref<Target = [AtomicU64]>> Logbook<M> {
         self.word(CLEARED).store(number, Release);
     }
 
-    /// Whether there is something behind `stored` that can be copied.
-    #[must_use]
-    pub fn is_waiting(&self, stored: u64) -> bool {
-        let number = stored.wrapping_add(1);
-        self.word(NEWEST).load(Acquire) >= number
-            && (self.is(number, State::Whole) || self.is(number, State::Aborted))
-    }
-
     /// Claims the message behind `stored`, the last one that was claimed before or is stored, and copies it. True: it is whole, false: it
     /// was aborted, `None`: it is not there, or not yet written to its end.
     pub fn claim(&self, stored: u64, into: &mut Vec<u8>) -> Option<bool> {
@@ -414,7 +408,6 @@ mod tests {
         book.place(2)[0].store(state(2, State::Begun), Relaxed);
         book.word(NEWEST).store(2, Release);
         assert_eq!(store(&book, &mut stored), [Some(b"a".to_vec())]);
-        assert!(!book.is_waiting(stored), "it may still be written");
         book.abort_unfinished();
         book.write(b"c").unwrap();
         assert_eq!(book.counts(), LogbookCounts { logged: 1, in_progress: 2, aborted: 1 });
@@ -475,7 +468,6 @@ mod tests {
                 word.store(next(), Relaxed);
             }
             let stored = next();
-            let _ = book.is_waiting(stored);
             let _ = book.claim(stored, &mut bytes);
             assert!(bytes.len() <= 12);
             (0..6).for_each(|entry| {

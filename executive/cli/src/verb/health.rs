@@ -7,25 +7,29 @@
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
+use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use bateleur_monitor::health::record::{Contents, Entry};
 use bateleur_monitor::health::ring::{FILE, read_file};
 use bateleur_plan::LogPolicy;
 
-use super::notes::Notes;
+use super::notes::{Notes, file_of};
 use super::{Code, FINE, Format, WRONG};
 
 /// Read the health log of a run.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
+    /// The folder of a run, or the file itself [default: target/runs/latest].
+    #[arg(value_name = "FOLDER|FILE")]
+    path: Option<PathBuf>,
     #[command(flatten)]
     notes: Notes,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let notes = &arguments.notes;
-    let path = notes.file(FILE);
+    let path = file_of(arguments.path.as_deref(), FILE);
     // First of all, so that the system says what is wrong with a path.
     let read = std::fs::metadata(&path).and_then(|_| read_file(&path));
     let mut log = read.with_context(|| {

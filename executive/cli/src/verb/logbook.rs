@@ -17,6 +17,9 @@ use crate::installed;
 /// Read the logbooks that partitions have written.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
+    /// The folder of `run --logbooks`, that of a run on the virtual clock, or one file [default: target/logbooks].
+    #[arg(value_name = "FOLDER|FILE")]
+    path: Option<PathBuf>,
     #[command(flatten)]
     notes: Notes,
 }
@@ -34,7 +37,7 @@ struct Entry {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let notes = &arguments.notes;
-    let files = match notes.path() {
+    let files = match arguments.path.as_deref() {
         Some(path) if path.is_dir() => first_files(&[path.join(LOGBOOKS), path.to_owned()]),
         Some(path) => vec![path.to_owned()],
         None => first_files(&[installed::outputs(LOGBOOKS), installed::latest_run().join(LOGBOOKS)]),

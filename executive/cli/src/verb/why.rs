@@ -7,23 +7,27 @@
 //! be read.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use bateleur_monitor::why::{Answer, FILE};
 
-use super::notes::Notes;
+use super::notes::{Notes, file_of};
 use super::{Code, FINE, Format, WRONG};
 
 /// Say who had the processor when a window was late, lost or not closed.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
+    /// The folder of a run, or the file itself [default: target/runs/latest].
+    #[arg(value_name = "FOLDER|FILE")]
+    path: Option<PathBuf>,
     #[command(flatten)]
     notes: Notes,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let notes = &arguments.notes;
-    let path = notes.file(FILE);
+    let path = file_of(arguments.path.as_deref(), FILE);
     let text = std::fs::read_to_string(&path).with_context(|| {
         format!(
             "cannot read {} (name the folder of a run on the wall clock; on the virtual clock nobody takes a processor)",

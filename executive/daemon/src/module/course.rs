@@ -105,6 +105,9 @@ impl Course {
         };
         let (folder, ring) = (&options.order.output, plan.health.log);
         let after = options.supervision.as_mut().and_then(|supervision| supervision.after.take());
+        // They can be refused: before anything of the last run is written over.
+        let (logbooks, stores) = logbooks(view, options, after.is_some())
+            .map_err(machine("cannot keep the partitions' logbooks"))?;
         if after.is_none() {
             let _ = std::fs::remove_file(folder.join(why::FILE)); // most often there is none
             bateleur_host::helper::crash::remove_earlier(folder);
@@ -146,8 +149,6 @@ impl Course {
         if clock == Clock::Virtual {
             surroundings.page = page.clone();
         }
-        let (logbooks, stores) = logbooks(view, options, after.is_some())
-            .map_err(machine("cannot keep the partitions' logbooks"))?;
         surroundings.logbooks = Some(stores);
         let dead_ns = after.as_ref().map(|dead| dead.at_ns);
         Ok(Self {
@@ -258,8 +259,6 @@ impl Course {
         let lost = self.surroundings.logbooks.take().map(|mut logbooks| logbooks.finish());
         if let Some(kept) = &mut self.kept {
             lost.into_iter().flatten().for_each(|lost| tell_lost(&mut kept.events, lost, ended.module_ns));
-        }
-        if let Some(kept) = &mut self.kept {
             kept.close_logs(ended.module_ns);
             logs_lost = kept.events.has_told_lost_log();
             let (totals, resets, unwritten_records) = (kept.totals(), kept.resets(), kept.unwritten());

@@ -81,14 +81,14 @@ pub(crate) struct Periods {
     usual: Option<PartitionTimes>,
     others: BTreeMap<u32, PartitionTimes>,
     /// The schedule whose periods hold, and since when, ns.
-    followed: (u32, u64),
+    followed: Option<(u32, u64)>,
 }
 
 impl Periods {
     pub(crate) fn of(context: &Context) -> Self {
         let ProcessPlan { period_ns, release_ns, duration_ns, .. } = context.process_plan();
         let usual = Some(PartitionTimes { period_ns, release_ns, duration_ns });
-        Self { usual, others: context.schedule_times().clone(), followed: (u32::MAX, 0) }
+        Self { usual, others: context.schedule_times().clone(), followed: None }
     }
 }
 
@@ -319,7 +319,7 @@ impl State {
     /// The window is one of a schedule that may be another one: its periods hold, counted from a major frame of it. Release points that are
     /// set stay.
     pub(crate) fn follow_schedule(&mut self, window: &WindowGrant) {
-        let running = (window.schedule, window.schedule_since_ns);
+        let running = Some((window.schedule, window.schedule_since_ns));
         if self.periods.followed == running {
             return;
         }

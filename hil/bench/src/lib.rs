@@ -23,6 +23,7 @@ mod row;
 mod scale;
 mod sketch;
 mod statistics;
+mod turns;
 mod windows;
 
 use std::path::PathBuf;

@@ -58,8 +58,7 @@ pub(super) fn rows(settings: &Settings) -> Result<Vec<Row>> {
         ];
         anyhow::Ok(costs)
     })??;
-    let raw =
-        "iceoryx2 by hand with the same settings: loan, header with the time, one byte, send; receive, age";
+    let raw = RAW;
     let mut rows = Vec::new();
     for (bytes, cost) in costs {
         let name = |what: &str| format!("sampling port, {what}, {bytes} B");
@@ -112,6 +111,16 @@ pub(super) fn rows(settings: &Settings) -> Result<Vec<Row>> {
     }
     Ok(rows)
 }
+
+/// What writing and reading a message of 64 B costs by the library alone, ns.
+pub(super) fn raw(core: u32, batches: usize) -> Result<[f64; 2]> {
+    let cost = probe::on_core(core, probe::PARTITION, move || measure::<64>(batches))??;
+    Ok([cost.raw_write, cost.raw_read])
+}
+
+/// What the library's figures are of.
+pub(super) const RAW: &str =
+    "iceoryx2 by hand with the same settings: loan, header with the time, one byte, send; receive, age";
 
 /// The two ports of a channel.
 struct Ends<const N: usize> {

@@ -8,7 +8,8 @@ use std::time::Duration;
 use anyhow::{Context, Result, anyhow};
 use bateleur_system::sched;
 use bateleur_system::time::{now_ns, sleep_until_ns};
-use rustix::thread::futex;
+
+use super::turns::take_turns;
 
 /// What the figures are of, in a line: the processors that may be used, kernel, rights, and the day.
 pub(super) fn machine(processors: usize) -> String {
@@ -110,22 +111,6 @@ pub(super) fn futex_switch(core: u32, rounds: u32) -> Result<f64> {
         });
         (now_ns() - begun_ns) as f64 / 1e3 / f64::from(2 * rounds)
     })
-}
-
-/// Waits for the turn of `own` and hands it on, `rounds` times.
-fn take_turns(word: &AtomicU32, own: u32, rounds: u32) {
-    for round in 0..rounds {
-        let turn = 2 * round + own;
-        loop {
-            let now = word.load(Ordering::Acquire);
-            if now == turn {
-                break;
-            }
-            let _ = futex::wait(word, futex::Flags::PRIVATE, now, None); // any end: look again
-        }
-        word.store(turn + 1, Ordering::Release);
-        let _ = futex::wake(word, futex::Flags::PRIVATE, 1); // nobody asleep yet: it looks before it sleeps
-    }
 }
 
 /// Processor time that a process has used so far, us; `None` if it has ended.

@@ -23,7 +23,49 @@ pub(super) fn rows(settings: &Settings) -> Result<Vec<Row>> {
     let mut rows = services(settings)?;
     rows.extend(switches(settings)?);
     rows.extend(releases(settings)?);
+    rows.extend(traits(settings)?);
     Ok(rows)
+}
+
+/// Sampling ports by the traits of `a653rs`.
+fn traits(settings: &Settings) -> Result<Vec<Row>> {
+    const LENGTH_S: f64 = 5.0;
+    let partition = |name: &str, window, direction: &str| {
+        let mut partition = Sketched::new(name, "", &[window]);
+        partition.program = "bateleur_bench_a653rs".into();
+        partition.attributes.clear();
+        partition.threads = 2;
+        let refresh = if direction == "destination" { "refresh = \"1s\"\n" } else { "" };
+        partition.more = format!(
+            "[partition.{name}.port.data]\ndirection = \"{direction}\"\nkind = \"sampling\"\nmax_size = 64\n{refresh}"
+        );
+        partition
+    };
+    let partitions =
+        [partition("writes", (500, 8_000), "source"), partition("reads", (10_000, 8_000), "destination")];
+    let channel = "\n[[channel]]\nsource = \"writes.data\"\ndestinations = [\"reads.data\"]\n";
+    let text = schedule(settings.core, FRAME_US, &partitions, &[]) + channel;
+    let [write, read] = medians(settings, ["write", "read"], || {
+        let ended = module::start(&text, LENGTH_S)?.end()?;
+        Ok([values(&ended.words_of("writes")), values(&ended.words_of("reads"))].concat())
+    })?;
+    let [raw_write, raw_read] = super::ports::raw(settings.core, if settings.quick { 20 } else { 300 })?;
+    let row = |name: &str, value: f64, raw: f64| {
+        Row::measured(name, "ns", value, Some(raw), Reach::Times(1.5), super::ports::RAW)
+    };
+    Ok(vec![
+        row("a653rs, sampling port, write, 64 B", write, raw_write),
+        row("a653rs, sampling port, read again, 64 B", read, raw_read),
+    ])
+}
+
+/// Names and values in what a partition has said, ns.
+fn values(words: &str) -> Vec<(String, f64)> {
+    let lines = words.lines().filter_map(|line| {
+        let (name, value) = line.rsplit_once(' ')?;
+        Some((name.rsplit(' ').next()?.to_owned(), value.parse().ok()?))
+    });
+    lines.collect()
 }
 
 /// What a partition that measures has said: names and values, ns.
@@ -33,13 +75,7 @@ fn said(settings: &Settings, attributes: &str, threads: u32, length_s: f64) -> R
     attributes.clone_into(&mut partition.attributes);
     partition.threads = threads;
     let text = schedule(settings.core, FRAME_US, &[partition], &[]);
-    let ended = module::start(&text, length_s)?.end()?;
-    let words = ended.words_of("own");
-    let lines = words.lines().filter_map(|line| {
-        let (name, value) = line.rsplit_once(' ')?;
-        Some((name.rsplit(' ').next()?.to_owned(), value.parse().ok()?))
-    });
-    Ok(lines.collect())
+    Ok(values(&module::start(&text, length_s)?.end()?.words_of("own")))
 }
 
 /// The medians over the runs of the values with these names.
@@ -75,6 +111,8 @@ fn services(settings: &Settings) -> Result<Vec<Row>> {
 fn switches(settings: &Settings) -> Result<Vec<Row>> {
     let samples = if settings.quick { 20 } else { 60 };
     let of = |processes: u32| {
+        // As many switches by 64 as by 16: the run has to come to its end.
+        let samples = samples * 16 / processes.max(16);
         let attributes = format!("measures = \"switch\", processes = {processes}, samples = {samples}");
         medians(settings, ["switch"], || said(settings, &attributes, processes + 1, 8.0))
             .map(|[switch]| switch)
@@ -83,7 +121,11 @@ fn switches(settings: &Settings) -> Result<Vec<Row>> {
     let references = (0..settings.runs).map(|_| probe::futex_switch(settings.core, FUTEX_ROUNDS));
     let reference = median(&references.collect::<Result<Vec<_>>>()?).map(|us| us * 1e3);
     let futex = "hand-over between two threads on one core by futex";
+    let [inside] = medians(settings, ["handover"], || {
+        said(settings, &format!("measures = \"handover\", samples = {samples}"), 3, 8.0)
+    })?;
     Ok(vec![
+        Row::measured("process, futex inside a partition", "ns", inside, reference, Reach::Stated, futex),
         Row::measured("process, switch by a semaphore", "ns", two, reference, Reach::Times(2.0), futex),
         Row::measured(
             "process, switch among 64",

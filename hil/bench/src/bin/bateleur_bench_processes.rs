@@ -2,6 +2,7 @@
 //!
 //! - `services`: what services cost that let nobody else run, beside an uncontended mutex of the C library;
 //! - `switch`: a ring of `processes` processes in which each wakes the next one and waits;
+//! - `handover`: what the futex of two threads costs here that know nothing of processes;
 //! - `release`: how late a process runs that waits for an instant while another one computes.
 //!
 //! What it has found goes to standard error, a line for each figure: its name and its value, ns. It must never be part of a flight.
@@ -10,11 +11,14 @@
 use std::hint::black_box;
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
 use bateleur_apex::StartError;
 use bateleur_apex::processes::{Every, Initialisation, Process, ReturnCode, run_processes};
 use rustix::time::{ClockId, clock_gettime};
+
+#[path = "../turns.rs"]
+mod turns;
 
 /// Calls, or rounds of the ring, that are timed together.
 const BATCH: u32 = 200;
@@ -110,6 +114,26 @@ fn ring(partition: &mut Initialisation<'_>, processes: u32, batches: u32) -> Res
     Ok(())
 }
 
+/// A futex wake and the switch to the woken thread, in this partition's groups and behind its filter of system calls.
+fn handover(partition: &mut Initialisation<'_>, batches: u32) -> Result<(), StartError> {
+    partition.process("measures", Every::once(), move |_| {
+        let word = AtomicU32::new(0);
+        let round = std::thread::scope(|scope| {
+            scope.spawn(|| turns::take_turns(&word, 1, batches * BATCH));
+            // Each call is a round: from this thread to the other one and back.
+            let mut turn = 0;
+            cost(batches, || {
+                turns::take_turn(&word, turn);
+                turn += 2;
+                Ok(())
+            })
+        })?;
+        eprintln!("handover {}", round / 2.0);
+        Ok(())
+    })?;
+    Ok(())
+}
+
 /// `window_ns`: where in each frame of `frame_ns` a wait may begin that ends in the same window.
 fn release(
     partition: &mut Initialisation<'_>,
@@ -150,8 +174,11 @@ fn initialise(partition: &mut Initialisation<'_>) -> Result<(), StartError> {
     match measures.as_str() {
         "services" => services(partition, samples),
         "switch" => ring(partition, processes, samples),
+        "handover" => handover(partition, samples),
         "release" => release(partition, samples, frame_ns, from_ns..to_ns),
-        other => Err(StartError::Other(format!("measures = \"{other}\": services, switch or release"))),
+        other => {
+            Err(StartError::Other(format!("measures = \"{other}\": services, switch, handover or release")))
+        }
     }
 }
 

@@ -5,8 +5,8 @@
 use std::time::Duration;
 
 use bateleur_tests::{
-    NINE, Sketch, Window, alone, await_some, bateleur, executive_of, flight_schedule, process_named,
-    quantile, small_mission,
+    NINE, Sketch, Window, alone, await_some, bateleur, edited, executive_of, flight_schedule, process_named,
+    program, quantile, small_mission,
 };
 use rustix::process::Signal;
 use serde_json::Value;
@@ -99,6 +99,100 @@ mod alone {
         let chain_us = summary["chain_execution_us"]["p99"].as_f64().unwrap();
         assert!(chain_us < 13_000.0, "the chain from gyro to elevator takes {chain_us} us");
         assert!(summary["window_start_lateness_us"]["p50"].is_number());
+    }
+
+    /// Faults that end a partition, and those that it survives or is watched through.
+    const FAULTS: [&str; 14] = [
+        "panic",
+        "abort",
+        "exit",
+        "spin",
+        "hang",
+        "allocate",
+        "null-write",
+        "wild-write",
+        "stack-overflow",
+        "divide-by-zero",
+        "illegal-instruction",
+        "run-on",
+        "sigkill",
+        "sigsegv",
+    ];
+
+    /// What the flight's own windows and the flight were like.
+    #[derive(Debug)]
+    struct Measured {
+        windows: usize,
+        lost: usize,
+        late_ns: [u64; 3],
+        summary: Value,
+    }
+
+    fn measured(schedule: &str, more: &[String]) -> Measured {
+        let mission = tempfile::tempdir().unwrap();
+        let path = mission.path().join("long.toml");
+        let text = std::fs::read_to_string(small_mission()).unwrap();
+        let long = text.replace("laps = 1", "laps = 11").replace("time_limit_s = 120", "time_limit_s = 1200");
+        std::fs::write(&path, long).unwrap();
+        let mut words =
+            vec!["fly", "--format", "json", "--schedule", schedule, "--mission", path.to_str().unwrap()];
+        words.extend(more.iter().map(String::as_str));
+        let ended = bateleur(&words).end_within(Duration::from_secs(1500));
+        let summary = ended.summary();
+        assert_eq!(summary["completed"], true, "{}\n{}", summary["failure"], ended.stderr);
+        let faults = ended.faults();
+        let of_nine: Vec<_> =
+            faults.iter().filter(|fault| NINE.contains(&fault.partition.as_str())).collect();
+        assert!(of_nine.is_empty(), "{of_nine:#?}");
+        let windows = ended.windows();
+        let nine: Vec<&Window> = windows.iter().filter(|it| NINE.contains(&it.partition.as_str())).collect();
+        let late = |part| quantile(nine.iter().filter_map(|window| window.lateness_ns()), part);
+        Measured {
+            windows: nine.len(),
+            lost: nine.iter().filter(|window| window.granted_ns.is_none()).count(),
+            late_ns: [0.5, 0.99, 0.999].map(late),
+            summary,
+        }
+    }
+
+    #[test]
+    #[ignore = "flies for twenty minutes"]
+    fn partitions_of_4_16_and_64_processes_with_200_faults_change_nothing_of_the_flight_beside_them() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let crowds = [(4, "8.4ms", "1ms"), (16, "9.6ms", "1.5ms"), (64, "15.2ms", "3ms")];
+        let window = |(processes, offset, duration)| {
+            format!(
+                "{{ partition = \"crowd_{processes}\", offset = \"{offset}\", duration = \"{duration}\" }},\n]\n"
+            )
+        };
+        let mut text = edited(&[]);
+        let end = text.find("\n]\n").unwrap() + 1;
+        let windows = crowds.map(window).concat().replace("]\n", "") + "]\n";
+        text.replace_range(end..end + 2, &windows);
+        for (processes, ..) in crowds {
+            text += &format!(
+                "\n[partition.crowd_{processes}]\nprogram = \"{}\"\nmodule = \"fcu\"\nmemory = \"128MiB\"\n\
+                 threads = {}\nattributes = {{ processes = {processes} }}\n\
+                 restart = {{ start = \"warm\", budget = 1000, within = \"10s\", then = \"idle\" }}\n",
+                program("hive").display(),
+                processes + 2,
+            );
+        }
+        let schedule = folder.path().join("schedule.toml");
+        std::fs::write(&schedule, text).unwrap();
+        let fault = |number: usize| {
+            let (processes, ..) = crowds[number % 3];
+            format!(
+                "--inject=crowd_{processes}:{}@{}",
+                FAULTS[number % FAULTS.len()],
+                20.0 + 2.8 * number as f64
+            )
+        };
+        let beside = measured(schedule.to_str().unwrap(), &(0..200).map(fault).collect::<Vec<_>>());
+        let alone = measured(flight_schedule().to_str().unwrap(), &[]);
+        eprintln!("beside them {beside:#?}\nalone {alone:#?}");
+        assert!(beside.lost <= alone.lost + alone.windows / 1000, "{} and {}", beside.lost, alone.lost);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! A partition of twenty processes that do at random what processes do: wait, send, signal, suspend, stop and start each other, panic. Its
+//! A partition of processes, twenty or as many as its attribute `processes` says, that do at random what processes do: wait, send, signal, suspend, stop and start each other, panic. Its
 //! error handler starts again what has faulted; now and then the partition starts itself again. Each says a digest of what it has seen.
 
 use std::process::ExitCode;
@@ -7,11 +7,12 @@ use bateleur_apex::StartError;
 use bateleur_apex::processes::standard::{BufferId, EventId, OperatingMode, ProcessId, SemaphoreId};
 use bateleur_apex::processes::{Every, Initialisation, Process, ReturnCode, run_processes};
 
-const PROCESSES: u64 = 20;
 const MS: i64 = 1_000_000;
 
 #[derive(Clone, Copy)]
 struct Objects {
+    /// How many processes share them.
+    processes: u64,
     buffer: BufferId,
     semaphore: SemaphoreId,
     event: EventId,
@@ -31,8 +32,9 @@ impl Random {
 
 /// One of the things that processes do; what came of it.
 fn act(process: &Process, own: u64, random: &mut Random, objects: Objects, message: &mut Vec<u8>) -> String {
+    let processes = objects.processes;
     let span = random.below(8) as i64 * MS / 2;
-    let other = ProcessId(1 + random.below(PROCESSES) as i32);
+    let other = ProcessId(1 + random.below(processes) as i32);
     match random.below(12) {
         0 => format!("{:?}", process.timed_wait(span)),
         1 | 2 => {
@@ -77,14 +79,16 @@ fn lives(process: &Process, own: u64, generation: u64, objects: Objects) -> Resu
 
 fn initialise(partition: &mut Initialisation<'_>) -> Result<(), StartError> {
     let generation = u64::from(partition.context().generation());
+    let processes = partition.context().attribute("processes", 20)?;
     let mut services = partition.services();
     let objects = Objects {
+        processes,
         buffer: services.create_buffer("buffer", 16, 4, 0_u32)?,
         semaphore: services.create_semaphore("semaphore", 1, 3, 1_u32)?,
         event: services.create_event("event")?,
     };
     drop(services);
-    for own in 1..=PROCESSES {
+    for own in 1..=processes {
         let every = Every::once().priority(10 + (own as i32 * 7) % 12).stack(64 << 10);
         partition
             .process(&format!("bee {own}"), every, move |process| lives(process, own, generation, objects))?;

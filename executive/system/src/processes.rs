@@ -64,7 +64,8 @@ mod tests {
         // A process has its name before it runs for the first time: on a busy machine it is seen as `R` for a while.
         let found = loop {
             let found = below(pid);
-            let asleep = found.iter().filter(|process| process.name == "sleep" && process.state == 'S').count();
+            let asleep =
+                found.iter().filter(|process| process.name == "sleep" && process.state == 'S').count();
             if asleep == 2 || begun.elapsed().as_secs() > 20 {
                 break found;
             }

@@ -4,7 +4,7 @@
 #include "partition.h"
 
 static PROCESS_ID_TYPE divides, writes, overflows, raises, late;
-static int lives[6], errors;
+static int lives[6], errors, before_normal;
 
 static volatile int zero = 0, one = 1;
 static volatile int *volatile nowhere = (volatile int *) 16;
@@ -48,6 +48,12 @@ static void handle(void) {
     for (;;) {
         GET_ERROR_STATUS(&error, &got);
         if (got == NO_ACTION) STOP_SELF();
+        if (error.FAILED_PROCESS_ID == MAIN_PROCESS_ID) {
+            CHECK(error.ERROR_CODE == APPLICATION_ERROR && error.LENGTH == 5);
+            EXPECT(INVALID_MODE, SET_PARTITION_MODE(NORMAL, &code));
+            before_normal++;
+            continue;
+        }
         errors++;
         if (error.FAILED_PROCESS_ID == divides) {
 #if defined(__x86_64__)
@@ -81,8 +87,12 @@ static void watch(void) {
 
 int main(void) {
     PROCESS_ATTRIBUTE_TYPE attributes;
+    EXPECT(NO_ACTION, ENABLE_ERROR_HANDLER(&code));
     EXPECT(NO_ERROR, CREATE_ERROR_HANDLER(handle, 32 * 1024, &code));
     EXPECT(NO_ACTION, CREATE_ERROR_HANDLER(handle, 32 * 1024, &code));
+    EXPECT(NO_ERROR, ENABLE_ERROR_HANDLER(&code));
+    EXPECT(NO_ERROR, RAISE_APPLICATION_ERROR(APPLICATION_ERROR, (MESSAGE_ADDR_TYPE) "early", 5, &code));
+    CHECK(before_normal == 1);
     divides = begin("divides", divide, 50, 0);
     writes = begin("writes", write_nowhere, 40, 0);
     overflows = begin("overflows", overflow, 30, 0);

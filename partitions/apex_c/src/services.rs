@@ -101,6 +101,7 @@ plain_services! {
     CREATE_ERROR_HANDLER(entry: usize, stack: u32) {
         current::create_error_handler(entry_of(entry)?, stack)
     }
+    ENABLE_ERROR_HANDLER() { call(|services| services.enable_error_handler()) }
     RAISE_APPLICATION_ERROR(code: u32, message: *const u8, length: i32) {
         let message = text(message, length)?;
         call(|services| services.raise_application_error(code, message))

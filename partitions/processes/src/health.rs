@@ -102,6 +102,8 @@ pub(crate) struct Handler {
     pub(crate) lent: bool,
     /// How often it was started.
     pub(crate) life: u32,
+    /// It has errors before NORMAL too.
+    pub(crate) serves_start: bool,
     pub(crate) concurrency: ErrorHandlerConcurrency,
     pub(crate) core: i32,
 }
@@ -202,12 +204,17 @@ impl Partition {
         self.notices.add(Notice::Error { time, process, code, verdict });
     }
 
-    /// Who decides. The handler does so in NORMAL only, and not about itself.
+    /// Who decides. The handler does not do so about itself, before NORMAL only if it was enabled, and never about a fault of the main
+    /// process, which could not go on.
     fn level_of(&self, error: &Occurrence) -> Level {
         let level = self.settings.health.level[error.code as usize];
-        let handled = self.mode == OperatingMode::Normal
-            && self.handler.is_some()
-            && error.who != Some(Runner::Handler);
+        let serves = |handler: &Handler| self.mode == OperatingMode::Normal || handler.serves_start;
+        let decides = match error.who {
+            Some(Runner::Handler) => false,
+            Some(Runner::Main) => !error.code.stops_its_process(),
+            Some(Runner::Process(_)) | None => true,
+        };
+        let handled = decides && self.handler.as_ref().is_some_and(serves);
         if level == Level::Process && !handled { Level::Partition } else { level }
     }
 

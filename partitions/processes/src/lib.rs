@@ -50,7 +50,7 @@ pub mod standard;
 mod timers;
 
 pub use health::{Notice, Verdict};
-pub use partition::{Dispatch, End, Partition, Progress, Runner};
+pub use partition::{Dispatch, End, Partition, Progress, Runner, Standing};
 pub use return_code::ReturnCode;
 pub use settings::{
     AffinityPermission, HealthTable, Level, Limit, Limits, PartitionAction, PeriodGrid, Settings,

@@ -60,6 +60,16 @@ pub enum Dispatch {
     Ended(End),
 }
 
+/// What decides who runs in NORMAL, and when time changes that: after a service that has left it as it was, its caller runs on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Standing {
+    changes: u64,
+    lock: Option<usize>,
+    handler: Option<(u32, bool, bool)>,
+    ended: bool,
+    timer: Option<SystemTime>,
+}
+
 /// What became of a service that may have to wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[must_use]
@@ -200,6 +210,19 @@ impl Partition {
         }
     }
 
+    /// What decides who runs, and when time changes that.
+    #[inline]
+    #[must_use]
+    pub fn standing(&self) -> Standing {
+        Standing {
+            changes: self.queues.changes(),
+            lock: self.lock.owner,
+            handler: self.handler.as_ref().map(|handler| (handler.life, handler.active, handler.lent)),
+            ended: self.end.is_some(),
+            timer: self.next_timer(),
+        }
+    }
+
     /// How often somebody was started so far; 0 for who does not exist.
     #[must_use]
     pub fn starts_of(&self, who: Runner) -> u32 {
@@ -274,11 +297,11 @@ impl Partition {
         if self.end.is_some() {
             return None;
         }
-        if self.mode != OperatingMode::Normal {
-            return (!self.main_ended).then_some(Runner::Main);
-        }
         if self.handler.as_ref().is_some_and(|handler| handler.active && !handler.lent) {
             return Some(Runner::Handler);
+        }
+        if self.mode != OperatingMode::Normal {
+            return (!self.main_ended).then_some(Runner::Main);
         }
         let locked = self.lock.owner.filter(|owner| self.processes[*owner].is_able());
         locked.or_else(|| self.most_urgent()).map(|place| Runner::Process(ProcessId::of(place)))

@@ -36,12 +36,14 @@ struct Node {
 pub(crate) struct Queues {
     lists: Vec<List>,
     nodes: Vec<Node>,
+    /// How often a process has entered or left a list.
+    changes: u64,
 }
 
 impl Queues {
     /// With space for so many of both, so that neither grows later.
     pub(crate) fn new(lists: usize, nodes: usize) -> Self {
-        Self { lists: Vec::with_capacity(lists), nodes: Vec::with_capacity(nodes) }
+        Self { lists: Vec::with_capacity(lists), nodes: Vec::with_capacity(nodes), changes: 0 }
     }
 
     pub(crate) fn add_list(&mut self) -> ListId {
@@ -52,6 +54,10 @@ impl Queues {
     /// Nodes are numbered from 0.
     pub(crate) fn add_node(&mut self) {
         self.nodes.push(Node { list: NONE, before: NONE, after: NONE, key: 0 });
+    }
+
+    pub(crate) fn changes(&self) -> u64 {
+        self.changes
     }
 
     pub(crate) fn first(&self, list: ListId) -> Option<usize> {
@@ -101,6 +107,7 @@ impl Queues {
         if list == NONE {
             return;
         }
+        self.changes = self.changes.wrapping_add(1);
         let whole = &mut self.lists[list as usize];
         whole.length -= 1;
         if before == NONE {
@@ -117,6 +124,7 @@ impl Queues {
     }
 
     fn link(&mut self, list: ListId, node: usize, before: u16, after: u16) {
+        self.changes = self.changes.wrapping_add(1);
         let whole = &mut self.lists[list.0 as usize];
         whole.length += 1;
         let place = node as u16;

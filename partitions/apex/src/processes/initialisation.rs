@@ -98,7 +98,7 @@ impl Initialisation<'_> {
     /// The services, as the main process calls them: to create buffers, semaphores and so on.
     #[must_use]
     pub fn services(&mut self) -> Services<'_> {
-        Services(self.kernel.lock())
+        Services { state: self.kernel.lock(), _after: HandlerFirst(self.kernel) }
     }
 
     /// CREATE_SAMPLING_PORT: a port of the plan, reached by the standard's services. See [`Process::read_sampling_message`].
@@ -283,19 +283,34 @@ pub(crate) fn complete(state: &mut State) -> Result<(), StartError> {
     Ok(())
 }
 
-/// The services while the partition starts.
-pub struct Services<'p>(MutexGuard<'p, State>);
+/// The services while the partition starts. When this is dropped, an error handler that was enabled serves the errors that were raised.
+pub struct Services<'p> {
+    state: MutexGuard<'p, State>,
+    /// Dropped after the lock.
+    _after: HandlerFirst<'p>,
+}
+
+/// When this is dropped, the main process waits until the error handler has nothing to do.
+struct HandlerFirst<'p>(&'p Kernel);
+
+impl Drop for HandlerFirst<'_> {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            self.0.let_handler_run();
+        }
+    }
+}
 
 impl Deref for Services<'_> {
     type Target = Partition;
 
     fn deref(&self) -> &Partition {
-        &self.0.partition
+        &self.state.partition
     }
 }
 
 impl DerefMut for Services<'_> {
     fn deref_mut(&mut self) -> &mut Partition {
-        &mut self.0.partition
+        &mut self.state.partition
     }
 }

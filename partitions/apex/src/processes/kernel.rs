@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use bateleur_contract::page::WindowGrant;
 use bateleur_contract::{Clock, ControlPage, Mapped, PartitionTimes, ProcessPlan};
 use bateleur_processes::standard::{OperatingMode, SystemTime};
-use bateleur_processes::{Dispatch, End, Partition, PeriodGrid, Runner};
+use bateleur_processes::{Dispatch, End, Partition, PeriodGrid, Runner, Standing};
 
 use super::baton::Baton;
 use super::ports::PlanPorts;
@@ -92,6 +92,14 @@ impl Periods {
     }
 }
 
+/// What a service asks before it begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Asks {
+    /// What time it is.
+    Time,
+    Nothing,
+}
+
 /// What became of the baton.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Passed {
@@ -111,7 +119,7 @@ impl Kernel {
             holder: MAIN,
             shown,
             now: 0,
-            window_end: 0,
+            window_end: SystemTime::MAX,
             closing: false,
             settled: false,
             main_until: SystemTime::MIN,
@@ -149,15 +157,24 @@ impl Kernel {
         (self.clock == Clock::Wall).then(|| self.wall_ns().max(self.begun.load(Ordering::Relaxed)))
     }
 
-    /// It is the turn of the holder `me` on the wall clock, and nothing has happened since that was found.
-    pub(crate) fn is_still_turn_of(&self, state: &State, me: usize) -> bool {
-        self.clock == Clock::Wall && state.settled && !state.closing && state.holder == me
+    /// On the wall clock: how the partition stands at the beginning of a service of the holder `me`, if it is still that one's turn.
+    pub(crate) fn keep_turn(&self, state: &mut State, me: usize, asks: Asks) -> Option<Standing> {
+        if self.clock != Clock::Wall || !state.settled || state.closing || state.holder != me {
+            return None;
+        }
+        let standing = state.partition.standing();
+        if asks == Asks::Time {
+            self.tick(state, 0);
+        }
+        state.is_as_it_was(Some(standing)).then_some(standing)
     }
 
     /// Time goes on by a service, or to what the clock says.
     pub(crate) fn tick(&self, state: &mut State, service_ns: i64) {
         state.settled = false;
         state.now = match self.clock {
+            // Before NORMAL no window counts.
+            Clock::Virtual if !state.is_normal() => state.now,
             Clock::Virtual => state.now + service_ns,
             Clock::Wall => self.wall_ns(),
         };
@@ -192,6 +209,21 @@ impl Kernel {
                     _ => return state.give(me, MAIN, 0),
                 },
             }
+        }
+    }
+
+    /// The main process waits until the error handler has nothing to do.
+    pub(crate) fn let_handler_run(&self) {
+        loop {
+            let mut state = self.lock();
+            self.tick(&mut state, 0);
+            // Who created it by its service alone is told later that it has no thread.
+            if state.bodies[HANDLER].is_none() || self.pass(&mut state, MAIN) == Passed::Kept {
+                return;
+            }
+            let baton = state.batons[MAIN].clone();
+            drop(state);
+            baton.take();
         }
     }
 
@@ -357,6 +389,13 @@ impl State {
             self.settled = false;
             self.partition.serve_ports(&mut self.ports);
         }
+    }
+
+    /// The partition stands as it did: whoever had the turn keeps it.
+    pub(crate) fn is_as_it_was(&mut self, standing: Option<Standing>) -> bool {
+        let same = standing == Some(self.partition.standing());
+        self.settled |= same;
+        same
     }
 
     fn is_normal(&self) -> bool {

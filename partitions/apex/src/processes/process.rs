@@ -12,7 +12,7 @@ use bateleur_processes::standard::{
 use bateleur_processes::{Partition, Progress, ReturnCode};
 
 use super::PlanPorts;
-use super::kernel::{FIRST_PROCESS, Kernel, MAIN, Passed, State};
+use super::kernel::{Asks, FIRST_PROCESS, Kernel, MAIN, Passed, State};
 use super::{foreign, thread};
 use crate::schedule::{ScheduleId, ScheduleStatus, Schedules};
 
@@ -416,35 +416,41 @@ impl Process {
 
     /// Does something as a service, when it is this process's turn.
     fn serve<R>(&self, service: impl FnOnce(&mut Partition, &mut PlanPorts) -> R) -> Result<R, ReturnCode> {
-        if !thread::enter_service() {
-            return Err(ReturnCode::InvalidMode);
-        }
-        // Who has become more urgent meanwhile goes first.
-        let mut state = self.turn();
-        let State { partition, ports, .. } = &mut *state;
-        let result = service(partition, ports);
-        self.kernel.spend(&mut state, thread::service_ns());
-        state.serve_ports();
-        self.hand_on(state);
-        thread::leave_service();
-        Ok(result)
+        self.serve_at(Asks::Time, service)
     }
 
     /// As above, for a service to which it is all one what time it is. On the wall clock that is not asked: what becomes due is the main
     /// thread's to see.
     fn serve_timeless<R>(&self, service: impl FnOnce(&mut Partition) -> R) -> Result<R, ReturnCode> {
+        self.serve_at(Asks::Nothing, |partition, _| service(partition))
+    }
+
+    fn serve_at<R>(
+        &self,
+        asks: Asks,
+        service: impl FnOnce(&mut Partition, &mut PlanPorts) -> R,
+    ) -> Result<R, ReturnCode> {
         if !thread::enter_service() {
             return Err(ReturnCode::InvalidMode);
         }
         let mut state = self.kernel.lock();
-        if !self.kernel.is_still_turn_of(&state, thread::own_place()) {
+        let standing = self.kernel.keep_turn(&mut state, thread::own_place(), asks);
+        if standing.is_none() {
             drop(state);
+            // Who has become more urgent meanwhile goes first.
             state = self.turn();
         }
-        let result = service(&mut state.partition);
-        self.kernel.spend(&mut state, thread::service_ns());
-        state.serve_ports();
-        self.hand_on(state);
+        let State { partition, ports, .. } = &mut *state;
+        let result = service(partition, ports);
+        if standing.is_none() || asks == Asks::Time {
+            self.kernel.spend(&mut state, thread::service_ns());
+            state.serve_ports();
+        }
+        if state.is_as_it_was(standing) {
+            drop(state);
+        } else {
+            self.hand_on(state);
+        }
         thread::leave_service();
         Ok(result)
     }
@@ -480,7 +486,11 @@ impl Process {
         }
         let baton = state.batons[place].clone();
         drop(state);
-        thread::sleep(&baton, life);
+        if place == MAIN {
+            baton.take(); // the main process does not begin again
+        } else {
+            thread::sleep(&baton, life);
+        }
         None
     }
 }

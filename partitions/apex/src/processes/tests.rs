@@ -417,3 +417,52 @@ fn on_the_wall_clock_a_process_that_computes_for_ever_is_stopped_and_begins_agai
     });
     windows_until(&kernel, || misses.load(Relaxed) >= 5 && begins.load(Relaxed) >= 5);
 }
+
+#[test]
+fn handler_that_is_enabled_serves_errors_while_the_partition_starts() {
+    for clock in [Clock::Virtual, Clock::Wall] {
+        let (kernel, notes) = partition(clock, |partition, notes| {
+            let handler = notes.clone();
+            partition.error_handler(move |process| {
+                while let Ok(error) = process.call(|services| services.get_error_status()) {
+                    note(&handler, String::from_utf8_lossy(error.message.as_bytes()));
+                    let normal = process.call(|services| services.set_partition_mode(3_u32));
+                    note(&handler, format!("{normal:?}"));
+                }
+                Ok(())
+            })?;
+            partition.services().enable_error_handler()?;
+            for text in ["first", "second"] {
+                partition.services().raise_application_error(ErrorCode::ApplicationError, text.as_bytes())?;
+                note(notes, format!("after the {text}"));
+            }
+            let process = notes.clone();
+            partition.process("a", Every::once(), move |_| {
+                note(&process, "a");
+                Ok(())
+            })?;
+            Ok(())
+        });
+        let expected = [
+            "first",
+            "Err(InvalidMode)",
+            "after the first",
+            "second",
+            "Err(InvalidMode)",
+            "after the second",
+            "a",
+        ];
+        // On the wall clock a window may have passed before it is granted here.
+        for _ in 0..100 {
+            let start_ns = match clock {
+                Clock::Virtual => 0,
+                Clock::Wall => monotonic_ns() - kernel.page.origin_ns.load(Relaxed),
+            };
+            kernel.window(start_ns, start_ns + 5_000_000);
+            if notes.lock().unwrap().len() >= expected.len() {
+                break;
+            }
+        }
+        assert_eq!(*notes.lock().unwrap(), expected, "{clock:?}");
+    }
+}

@@ -38,7 +38,18 @@ impl Partition {
         self.initialising()?;
         self.stack_memory = stacks;
         let concurrency = ErrorHandlerConcurrency::ProcessesPause;
-        self.handler = Some(Handler { active: false, lent: false, life: 0, concurrency, core: 0 });
+        let (active, lent, serves_start) = (false, false, false);
+        self.handler = Some(Handler { active, lent, life: 0, serves_start, concurrency, core: 0 });
+        Ok(())
+    }
+
+    /// ENABLE_ERROR_HANDLER: before NORMAL too, the error handler runs at once when an error comes. A fault of the main process, which
+    /// could not go on, is still the partition's.
+    ///
+    /// # Errors
+    /// NO_ACTION: there is no error handler.
+    pub fn enable_error_handler(&mut self) -> Result<(), ReturnCode> {
+        self.handler.as_mut().ok_or(ReturnCode::NoAction)?.serves_start = true;
         Ok(())
     }
 

@@ -1,6 +1,6 @@
 //! Partition management.
 
-use crate::partition::{End, Partition};
+use crate::partition::{End, Partition, Runner};
 use crate::return_code::ReturnCode;
 use crate::standard::{OperatingMode, PartitionStatus, StartCondition};
 
@@ -23,12 +23,16 @@ impl Partition {
     /// this partition runs again.
     ///
     /// # Errors
-    /// INVALID_PARAM: there is no such mode. NO_ACTION: NORMAL in NORMAL. INVALID_MODE: WARM_START in COLD_START.
+    /// INVALID_PARAM: there is no such mode. NO_ACTION: NORMAL in NORMAL. INVALID_MODE: WARM_START in COLD_START, or NORMAL by the error
+    /// handler, which can not end the main process.
     pub fn set_partition_mode(&mut self, mode: impl Into<u32>) -> Result<(), ReturnCode> {
         let mode = OperatingMode::try_from(mode.into())?;
         match (self.mode, mode) {
             (OperatingMode::Normal, OperatingMode::Normal) => return Err(ReturnCode::NoAction),
             (OperatingMode::ColdStart, OperatingMode::WarmStart) => return Err(ReturnCode::InvalidMode),
+            (_, OperatingMode::Normal) if self.running() == Some(Runner::Handler) => {
+                return Err(ReturnCode::InvalidMode);
+            }
             (_, OperatingMode::Normal) => self.enter_normal(),
             (_, OperatingMode::Idle) => self.become_idle(),
             (_, OperatingMode::ColdStart | OperatingMode::WarmStart) => {

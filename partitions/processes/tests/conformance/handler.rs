@@ -107,3 +107,48 @@ fn eh_09_faulty_process_that_nobody_stops_stays_faulted() {
         bench.runs(p);
     }
 }
+
+/// A partition before NORMAL with an enabled error handler.
+fn enabled() -> Bench {
+    let mut bench = Bench::new();
+    bench.create_error_handler(STACK).unwrap();
+    assert_eq!(bench.enable_error_handler(), NE);
+    bench
+}
+
+#[test]
+fn ehx_01_handler_that_is_enabled_serves_errors_before_normal() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.enable_error_handler(), NA, "there is none");
+    let mut bench = enabled();
+    let main = bench.dispatch();
+    assert_eq!(bench.raise_application_error(ErrorCode::ApplicationError, b"x"), NE);
+    bench.handler_runs();
+    let error = bench.get_error_status().unwrap();
+    assert_eq!((error.error_code, error.failed_process_id), (ErrorCode::ApplicationError, MAIN_PROCESS_ID));
+    assert_eq!(bench.set_partition_mode(OperatingMode::Normal), IM, "the main process has not ended");
+    bench.stop_self();
+    assert_eq!((bench.dispatch(), bench.end()), (main, None), "the main process goes on");
+    let process = bench.started("a", 10);
+    bench.normal();
+    assert_eq!(bench.state(process), ProcessState::Running);
+}
+
+#[test]
+fn fault_of_the_main_process_and_one_of_the_handler_are_the_partitions() {
+    let mut bench = enabled();
+    bench.fault(ErrorCode::MemoryViolation, 0);
+    assert!(matches!(bench.end(), Some(End::Restart { .. })));
+    let mut bench = enabled();
+    assert_eq!(bench.raise_application_error(ErrorCode::ApplicationError, b"x"), NE);
+    bench.fault(ErrorCode::NumericError, 0);
+    assert!(matches!(bench.end(), Some(End::Restart { .. })));
+}
+
+#[test]
+fn error_before_normal_is_the_partitions_while_the_handler_is_not_enabled() {
+    let mut bench = Bench::new();
+    bench.create_error_handler(STACK).unwrap();
+    assert_eq!(bench.raise_application_error(ErrorCode::ApplicationError, b"x"), NE);
+    assert!(matches!(bench.end(), Some(End::Restart { .. })));
+}

@@ -1,7 +1,7 @@
 //! What happens in a script.
 
 use bateleur_processes::standard::*;
-use bateleur_processes::{Partition, Progress, ReturnCode};
+use bateleur_processes::{Dispatch, Partition, Progress, ReturnCode, Runner};
 use rand::{Rng, RngExt};
 
 use crate::ms;
@@ -38,6 +38,7 @@ pub(crate) enum Call {
     Reset(usize, usize),
     ResetLock(usize),
     GetError,
+    EnableHandler,
     Raise,
     Fault(ErrorCode),
 }
@@ -60,7 +61,7 @@ pub(crate) enum Given {
 pub(crate) type Answer = Result<Given, ReturnCode>;
 
 /// The draws that a call is made from.
-pub(crate) const DRAWS: u32 = 113;
+pub(crate) const DRAWS: u32 = 114;
 
 pub(crate) const NOTHING: Answer = Ok(Given::Number(0));
 
@@ -74,7 +75,9 @@ pub(crate) fn random_call(random: &mut impl Rng, plan: &Plan, partition: &Partit
         return Call::Mode(OperatingMode::Normal);
     }
     // Otherwise few scripts would leave the error handler.
-    if partition.get_my_id().is_err() && mode == OperatingMode::Normal && random.random_range(0..2) == 0 {
+    let handler = matches!(partition.dispatch(), Dispatch::Run { who: Runner::Handler, .. });
+    let nobody = partition.get_my_id().is_err() && mode == OperatingMode::Normal;
+    if (handler || nobody) && random.random_range(0..2) == 0 {
         return [Call::GetError, Call::GetError, Call::StopSelf][random.random_range(0..3)];
     }
     let liked = plan.liked[random.random_range(0..plan.liked.len())];
@@ -84,7 +87,7 @@ pub(crate) fn random_call(random: &mut impl Rng, plan: &Plan, partition: &Partit
         4..8 => Call::SuspendSelf(time_out),
         8..14 => Call::Suspend(process),
         14..22 => Call::Resume(process),
-        22..25 if mode == OperatingMode::Normal => Call::StopSelf,
+        22..25 if mode == OperatingMode::Normal || handler => Call::StopSelf,
         25..29 => Call::Stop(process),
         29..43 => {
             let delay = [0, 0, 0, ms(3), ms(9), ms(11), -1, -2][random.random_range(0..8)];
@@ -111,6 +114,7 @@ pub(crate) fn random_call(random: &mut impl Rng, plan: &Plan, partition: &Partit
         104 => Call::ResetLock(process),
         105..108 => Call::GetError,
         108 => Call::Raise,
+        113 => Call::EnableHandler,
         109.. if plan.handler => {
             let codes = [ErrorCode::NumericError, ErrorCode::MemoryViolation, ErrorCode::PowerFail];
             Call::Fault(codes[random.random_range(0..3)])
@@ -180,6 +184,7 @@ pub(crate) fn real(partition: &mut Partition, call: Call) -> Answer {
                 i64::from(u32::from(error.error_code)) * 1000 + i64::from(error.failed_process_id.0),
             )
         }),
+        Call::EnableHandler => plain(partition.enable_error_handler()),
         Call::Raise => plain(partition.raise_application_error(ErrorCode::ApplicationError, b"x")),
         Call::Fault(code) => {
             partition.fault(code, 7);

@@ -73,6 +73,7 @@ pub(crate) struct Model {
     pub(crate) by_priority: bool,
     has_handler: bool,
     handler_runs: bool,
+    serves_start: bool,
     handler_life: u32,
     errors: Vec<(ErrorCode, i32)>,
     pub(crate) value: i32,
@@ -116,6 +117,7 @@ impl Model {
             by_priority: plan.by_priority,
             has_handler: plan.handler,
             handler_runs: false,
+            serves_start: false,
             handler_life: 0,
             errors: Vec::new(),
             value: 0,
@@ -130,11 +132,11 @@ impl Model {
         if self.ended {
             return None;
         }
-        if !self.normal {
-            return if self.main_ended { None } else { Some(Runner::Main) };
-        }
         if self.handler_runs {
             return Some(Runner::Handler);
+        }
+        if !self.normal {
+            return if self.main_ended { None } else { Some(Runner::Main) };
         }
         let mut best: Option<usize> = None;
         for (place, process) in self.processes.iter().enumerate() {
@@ -242,7 +244,7 @@ impl Model {
     }
 
     fn error(&mut self, code: ErrorCode, process: i32) {
-        if !self.normal || !self.has_handler {
+        if !self.has_handler || !(self.normal || self.serves_start) {
             self.ended = true;
             return;
         }
@@ -294,6 +296,11 @@ impl Model {
             Call::TimedWait(delay) => self.timed_wait(delay),
             Call::PeriodicWait => self.periodic_wait(),
             Call::Replenish(budget) => self.replenish(budget),
+            Call::EnableHandler if !self.has_handler => Err(ReturnCode::NoAction),
+            Call::EnableHandler => {
+                self.serves_start = true;
+                NOTHING
+            }
             Call::GetError => {
                 if !self.handler_runs || self.running() != Some(Runner::Handler) {
                     return Err(ReturnCode::InvalidConfig);
@@ -307,6 +314,7 @@ impl Model {
             Call::Raise => {
                 match self.running() {
                     Some(Runner::Process(id)) => self.error(ErrorCode::ApplicationError, id.0),
+                    Some(Runner::Main) => self.error(ErrorCode::ApplicationError, MAIN_PROCESS_ID.0),
                     _ => self.ended = true,
                 }
                 NOTHING
@@ -324,6 +332,8 @@ impl Model {
             self.ended = true;
         } else if self.normal {
             return Err(ReturnCode::NoAction);
+        } else if self.running() == Some(Runner::Handler) {
+            return Err(ReturnCode::InvalidMode);
         } else {
             self.normal = true;
             let mut order: Vec<usize> = (0..self.processes.len()).collect();

@@ -120,7 +120,6 @@ mod alone {
     ];
 
     /// What the flight's own windows and the flight were like.
-    #[derive(Debug)]
     struct Measured {
         windows: usize,
         lost: usize,
@@ -191,7 +190,13 @@ mod alone {
         };
         let beside = measured(schedule.to_str().unwrap(), &(0..200).map(fault).collect::<Vec<_>>());
         let alone = measured(flight_schedule().to_str().unwrap(), &[]);
-        eprintln!("beside them {beside:#?}\nalone {alone:#?}");
+        for (what, found) in [("beside them", &beside), ("alone", &alone)] {
+            let Measured { windows, lost, late_ns, summary } = found;
+            let cross_m = &summary["straight_cross_track_true_rms_m"];
+            eprintln!(
+                "{what}: {lost} of {windows} windows lost, late by {late_ns:?} ns, {cross_m} m beside the legs"
+            );
+        }
         assert!(beside.lost <= alone.lost + alone.windows / 1000, "{} and {}", beside.lost, alone.lost);
     }
 

@@ -169,6 +169,11 @@ impl RawQueuingDestination {
         reader.is_some_and(Reader::has_messages)
     }
 
+    /// How many messages wait, where the channel can tell without giving them.
+    pub(crate) fn waiting(&self) -> Option<usize> {
+        self.inlet.as_ref()?.reader.get()?.waiting()
+    }
+
     /// Takes the oldest message. Only one may be held at a time.
     pub fn receive(&mut self) -> Option<RawMessage> {
         let reader = self.inlet.as_ref()?.reader.get()?;

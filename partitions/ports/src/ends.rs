@@ -137,6 +137,15 @@ impl Reader {
         }
     }
 
+    /// How many messages of a queue wait; `None`: they have to be received to know, as on every channel that is not sealed.
+    #[must_use]
+    pub fn waiting(&self) -> Option<usize> {
+        match &self.0 {
+            Reading::Shared(_) => None,
+            Reading::Sealed(reader) => reader.waiting(),
+        }
+    }
+
     /// Meets the writers that came since.
     ///
     /// # Errors

@@ -184,18 +184,26 @@ impl Queue {
 
     /// Of the oldest message, which is taken from the channel to know.
     fn next_length(&mut self) -> Option<usize> {
-        self.count(1);
+        self.fetch(1);
         self.counted.front().map(|(message, _)| message.len())
     }
 
-    /// Messages that have arrived: a channel does not tell how many it holds, so they are taken from it, `most` at the most.
+    /// Messages that have arrived, `most` at the most. A channel that does not tell how many it holds has to give them.
     fn count(&mut self, most: usize) -> i32 {
+        let waiting = self.port.waiting().unwrap_or_else(|| {
+            self.fetch(most);
+            0
+        });
+        (self.counted.len() + waiting).min(most) as i32 // at most the depth of a queue
+    }
+
+    /// Takes messages from the channel until `most` are here.
+    fn fetch(&mut self, most: usize) {
         while self.counted.len() < most {
             let mut message = Vec::new();
             let Some(received) = self.take(&mut message) else { break };
             self.counted.push_back((message, received));
         }
-        self.counted.len() as i32 // at most the depth of a queue
     }
 }
 
@@ -207,5 +215,47 @@ fn direction(port: &PortDescription) -> PortDirection {
     match port.direction {
         Direction::Source => PortDirection::Source,
         Direction::Destination => PortDirection::Destination,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::rc::Rc;
+
+    use bateleur_ports::{Channel, ChannelType, Handed, Refusal};
+
+    use super::*;
+    use crate::ports::Inlet;
+    use crate::time::Time;
+
+    #[test]
+    fn counting_a_sealed_queue_makes_no_room_for_its_source_and_asking_for_a_length_takes_one() {
+        let kind = ChannelType {
+            name: "queue".into(),
+            message: "bytes".into(),
+            size: 8,
+            depth: Some(3),
+            destinations: 1,
+            spare_writers: 0,
+            spare_readers: 0,
+        };
+        let handed = Handed::alone(&kind, false).unwrap();
+        let inlet = Inlet::new(kind.clone(), Channel::Sealed(handed.again(0).unwrap()));
+        inlet.attach().unwrap();
+        let port = RawQueuingDestination::new(Some(Rc::new(inlet)), 8, Time::standing());
+        let mut queue = Queue { port, last: 0, counted: VecDeque::new() };
+        let writer = kind.writer(&Channel::Sealed(handed)).unwrap();
+        let send = |sequence: u64| writer.put(&[sequence as u8], Stamp { source_ns: 0, sequence });
+        assert_eq!(queue.count(3), 0);
+        assert!((1..4).all(|sequence| send(sequence).is_ok()));
+        for _ in 0..2 {
+            assert_eq!(queue.count(3), 3);
+            assert!(matches!(send(4), Err(Refusal::Full)), "the queue holds three");
+        }
+        assert_eq!((queue.next_length(), queue.count(3)), (Some(1), 3));
+        let mut message = Vec::new();
+        let order = std::iter::from_fn(|| queue.receive(&mut message).map(|_| message[0]));
+        assert_eq!(order.collect::<Vec<u8>>(), [1, 2, 3]);
+        assert_eq!(queue.count(3), 0);
     }
 }

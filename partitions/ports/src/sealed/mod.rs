@@ -211,4 +211,12 @@ impl Reader {
     pub(crate) fn has_messages(&self) -> bool {
         self.ring.newest() != self.seen.get()
     }
+
+    /// Messages of a queue that wait; `None`: it is none.
+    pub(crate) fn waiting(&self) -> Option<usize> {
+        let Way::Queue { depth, .. } = &self.way else { return None };
+        // What the source says may be anything.
+        let waiting = self.ring.newest().wrapping_sub(self.seen.get()).min(*depth);
+        usize::try_from(waiting).ok()
+    }
 }

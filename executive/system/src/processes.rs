@@ -64,15 +64,16 @@ mod tests {
         // A process has its name before it runs for the first time: on a busy machine it is seen as `R` for a while.
         let found = loop {
             let found = below(pid);
-            let asleep =
-                found.iter().filter(|process| process.name == "sleep" && process.state == 'S').count();
-            if asleep == 2 || begun.elapsed().as_secs() > 20 {
+            let asleep = |name: &str| {
+                found.iter().filter(|process| process.state == 'S' && process.name == name).count()
+            };
+            if (asleep("sleep"), asleep("sh")) == (2, 1) || begun.elapsed().as_secs() > 20 {
                 break found;
             }
         };
         assert_eq!(found.len(), 3, "{found:?}");
-        assert!(children.iter().all(|child| found.iter().any(|it| (it.pid, it.parent) == (*child, pid))));
         assert!(found.iter().all(|process| process.state == 'S'), "{found:?}");
+        assert!(children.iter().all(|child| found.iter().any(|it| (it.pid, it.parent) == (*child, pid))));
         for process in found {
             let _ = Command::new("kill").args(["-9", &process.pid.to_string()]).status();
         }

@@ -20,6 +20,7 @@ class Topic:
         self.first_ns = self.last_ns = None
         self.gaps_ns = collections.Counter()
         self.last = None
+        self.all = []  # of what is JSON: seldom, and small
         schema = channel["schemaName"]
         self.decode = json.loads
         if channel["encoding"] == "cdr":
@@ -33,6 +34,8 @@ class Topic:
         self.last_ns = time_ns
         self.count += 1
         self.last = self.decode(payload)
+        if self.channel["encoding"] != "cdr":
+            self.all.append(self.last)
 
     def said(self):
         last = self.last
@@ -40,7 +43,7 @@ class Topic:
             last = {name: plain(getattr(last, name)) for name in last.__slots__}
         return {
             "encoding": self.channel["encoding"], "schema": self.channel["schemaName"], "count": self.count,
-            "first_ns": self.first_ns, "last_ns": self.last_ns, "gaps_ns": sorted(self.gaps_ns), "last": last,
+            "first_ns": self.first_ns, "last_ns": self.last_ns, "gaps_ns": sorted(self.gaps_ns), "last": last, "all": self.all,
         }
 
 

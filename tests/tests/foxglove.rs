@@ -76,8 +76,10 @@ mod alone {
         }
         assert!(heard["times"].as_u64().unwrap() > 50, "module time is told");
         for heard in [&heard, &heard_late] {
-            let fault = &heard["topics"]["/health"]["last"];
-            assert_eq!((&fault["partition"], &fault["error"]), (&"gps".into(), &"killed".into()), "{fault}");
+            // On a busy machine the log also tells of windows that were late.
+            let entries = heard["topics"]["/health"]["all"].as_array().unwrap();
+            let is_kill = |fault: &&Value| fault["partition"] == "gps" && fault["error"] == "killed";
+            assert_eq!(entries.iter().filter(is_kill).count(), 1, "{entries:#?}");
         }
         assert_eq!(topics["/module"]["last"]["module"], "fcu");
 

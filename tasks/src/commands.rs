@@ -19,14 +19,15 @@ use crate::links::files;
 const PATIENCE: Duration = Duration::from_secs(300);
 
 /// What the shell finds as `cargo`. The programs are built already; a crate that a page makes is built, where the tests of such
-/// crates build theirs, and finds the result in its own folder.
+/// crates build theirs, as these do (`tests/src/crates.rs`), and finds the result in its own folder.
 fn cargo_of_a_page(programs: &Path, cargo: &Path) -> String {
     let built = programs.parent().unwrap_or(programs).join("new-partition");
     format!(
         "#!/bin/sh\ncase \"$1 $3\" in\n\
          'fly '*) shift; exec bateleur fly \"$@\" ;;\n\
          'build --manifest-path')\n  \
-         CARGO_TARGET_DIR='{built}' '{cargo}' \"$@\" --offline --quiet || exit\n  \
+         CARGO_TARGET_DIR='{built}' CARGO_PROFILE_RELEASE_OPT_LEVEL=0 CARGO_PROFILE_RELEASE_DEBUG=none \
+         '{cargo}' \"$@\" --offline --quiet || exit\n  \
          ln -s '{built}' \"$(dirname \"$4\")/target\" ;;\n\
          'build '*) exit 0 ;;\n\
          *) echo \"cargo $1 is not run here\" >&2; exit 2 ;;\nesac\n",

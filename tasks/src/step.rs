@@ -20,9 +20,16 @@ pub(crate) struct Step {
 }
 
 impl Step {
-    /// A step of cargo's.
+    /// A step of cargo's. In CI what compiles does so at the levels of `.ci/levels.toml`.
     pub(crate) fn cargo(name: &'static str, arguments: &[&str]) -> Self {
-        Self::new(name, crate::cargo(), arguments)
+        let levels: &[&str] = match arguments.first() {
+            Some(&("build" | "clippy" | "doc" | "nextest" | "test")) if in_ci() => {
+                &["--config", ".ci/levels.toml"]
+            }
+            _ => &[],
+        };
+        let at = arguments.iter().position(|&word| word == "--release").unwrap_or(arguments.len());
+        Self::new(name, crate::cargo(), &[&arguments[..at], levels, &arguments[at..]].concat())
     }
 
     /// A step of any program's.
@@ -100,6 +107,11 @@ fn read_lines(pipe: impl Read + Send + 'static, lines: Sender<String>) -> thread
             }
         }
     })
+}
+
+/// Whether this is a machine that decides what lands: nothing may be left out there.
+pub(crate) fn in_ci() -> bool {
+    std::env::var_os("CI").is_some_and(|value| value == "true")
 }
 
 /// Whether a program can be started and ends well, silently and in time.

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::{Duration, Instant};
 
-use crate::step::{Step, succeeds};
+use crate::step::{Step, in_ci, succeeds};
 use crate::tally::Tally;
 use crate::{CANNOT_RUN, apex, arrows, book, cargo, circles, commands, features, fly, links, trusted};
 
@@ -143,7 +143,7 @@ fn book(root: &Path, tally: &mut Tally) -> Result<(), String> {
 
 /// Without a tool a person's run leaves something out and says so; CI fails.
 fn left_out(what: &str, why: &str) -> Result<(), String> {
-    if std::env::var_os("CI").is_some_and(|value| value == "true") {
+    if in_ci() {
         return Err(format!("{what}: {why}; CI needs it"));
     }
     println!("== {what}: NOT CHECKED, {why}");
@@ -184,7 +184,7 @@ fn models(tally: &mut Tally) -> Result<(), String> {
 /// A partition makes random system calls for long. The machines of `guest` have their own clocks and take no turns with windows
 /// on the wall clock, so both run at once; nothing else does.
 fn fuzz_beside_guest(root: &Path, other: bool, fuzz_s: &str, tally: &mut Tally) -> Result<(), String> {
-    let test = ["test", "--release", "--workspace", "--test", "sandbox_fuzz", "--", "--ignored"];
+    let test = ["test", "--release", "--workspace", "--test", "system", "--", "--ignored", "sandbox_fuzz::"];
     let fuzz = Step::cargo("random system calls", &[&test[..], &["--nocapture"]].concat())
         .with("BATELEUR_FUZZ_SECONDS", fuzz_s);
     let mut own = Tally::default();
@@ -200,7 +200,8 @@ fn fuzz_beside_guest(root: &Path, other: bool, fuzz_s: &str, tally: &mut Tally) 
 /// What only another kernel or processor can show, in a virtual machine: see tests/guest. `other`: programs for the other processor
 /// were built.
 fn guest(root: &Path, other: bool, tally: &mut Tally) -> Result<(), String> {
-    let mut arguments = vec!["test", "--release", "--workspace", "--test", "guest", "--", "--ignored"];
+    let mut arguments =
+        vec!["test", "--release", "--workspace", "--test", "system", "--", "--ignored", "guest::"];
     if !other {
         println!("== tests on aarch64: NOT RUN, there are no programs for it (see above)");
         arguments.extend(["--skip", "on_aarch64"]);
@@ -237,7 +238,8 @@ fn foxglove(tally: &mut Tally) -> Result<(), String> {
 fn foxglove_clients(built: Result<(), String>, tally: &mut Tally) -> Result<(), String> {
     match built {
         Ok(()) => {
-            let test = ["test", "--release", "--workspace", "--test", "foxglove", "--", "--ignored"];
+            let test =
+                ["test", "--release", "--workspace", "--test", "system", "--", "--ignored", "foxglove::"];
             Step::cargo("foxglove's clients", &test).run(tally)
         }
         Err(reason) => left_out("foxglove's clients", &reason),

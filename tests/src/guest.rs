@@ -157,9 +157,9 @@ impl Guest {
         self
     }
 
-    /// With the tests of a file in `tests/tests` and the partitions that they start: `./NAME` runs them.
-    pub fn tests(mut self, name: &str, partitions: &[&str]) -> Self {
-        self.programs.push(test_program(name));
+    /// With the program that runs this test, `./system`, and the partitions that its tests start there.
+    pub fn tests(mut self, partitions: &[&str]) -> Self {
+        self.programs.push(std::env::current_exe().unwrap());
         partitions.iter().fold(self, |guest, partition| guest.program(partition))
     }
 
@@ -345,22 +345,6 @@ fn pack_program(archive: &mut Archive, path: &Path, strip: &str) -> io::Result<(
     // A test program's name ends with a number of the compiler's.
     let short = if own { name.rsplit_once('-').map_or(&*name, |(short, _)| short) } else { &name };
     archive.add(&format!("flight/{short}"), 0o120_777, place.as_bytes())
-}
-
-/// The newest build of the tests of a file in `tests/tests`.
-fn test_program(name: &str) -> PathBuf {
-    let own = std::env::current_exe().unwrap();
-    let beside = fs::read_dir(own.parent().unwrap()).unwrap().flatten().map(|entry| entry.path());
-    let is_it = |path: &PathBuf| {
-        let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let number = file.strip_prefix(name).and_then(|rest| rest.strip_prefix('-'));
-        number.is_some_and(|number| number.len() == 16 && number.bytes().all(|byte| byte.is_ascii_hexdigit()))
-    };
-    let built = |path: &PathBuf| fs::metadata(path).and_then(|data| data.modified()).ok();
-    let newest = beside.filter(is_it).max_by_key(built);
-    newest.unwrap_or_else(|| {
-        panic!("the tests of {name} are not built: cargo test --release --no-run --workspace")
-    })
 }
 
 /// A module that `tests/guest/prepare` unpacked.

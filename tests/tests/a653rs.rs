@@ -1,7 +1,5 @@
 //! Partitions written with the traits of `a653rs`, under the executive.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{Fault, Sketch, among_others, bateleur, channel_between};
 
 /// Each checks itself: it panics where something fails, and reports `done`.

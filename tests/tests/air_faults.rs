@@ -1,7 +1,5 @@
 //! Faults outside of the flight computer: sensors, actuators, air and the simulator's time. The aircraft flies its two laps.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{Ended, ONE_PROCESS, TWO_LAPS, among_others, bateleur, flight_schedule};
 use serde_json::Value;
 

@@ -1,7 +1,5 @@
 //! `bateleur airframe`: what is wrong with a file, and what follows from it.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{bateleur, flight_schedule, line_of, repository};
 use serde_json::Value;
 

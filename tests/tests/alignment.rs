@@ -1,8 +1,6 @@
 //! A module whose major frames follow another one's, over a link, or the machine's disciplined clock. Whether this machine has
 //! one is its own affair: the module runs on either way, and says how it stands. No duration is judged.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{Started, alone, bateleur, program};
 use rustix::process::Signal;
 

@@ -4,8 +4,6 @@
 //!
 //! One run carries out several attacks, each for a while; what is noticed is told with the attack that was under way.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::fmt::Write;
 use std::time::Duration;
 

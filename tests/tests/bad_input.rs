@@ -1,7 +1,5 @@
 //! Wrong files and wrong words: a message that says where and how to mend it, exit code 2, and nothing started.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{Ended, Sketch, bateleur, edited, flight_schedule, line_of};
 
 fn schedule() -> String {

@@ -1,7 +1,5 @@
 //! Partitions in C, under the executive. Each checks itself: it reports what fails, and `done`.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,7 +1,5 @@
 //! Campaigns that really fly: few flights of one lap, in virtual time.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;

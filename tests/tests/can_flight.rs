@@ -1,7 +1,5 @@
 //! Flights whose sensors and servos are on a CAN bus, behind one gateway or two.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::time::Duration;
 
 use bateleur_tests::{

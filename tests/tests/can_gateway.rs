@@ -1,7 +1,5 @@
 //! The CAN gateway as a program, with other people's programs on its buses.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};

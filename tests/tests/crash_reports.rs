@@ -1,7 +1,5 @@
 //! Partitions that end by faults leave reports: with the function and the line, bounded, and nothing else.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::path::Path;
 
 use bateleur_tests::{Ended, Sketch, among_others, bateleur, compile_c, line_of, repository};

@@ -1,8 +1,6 @@
 //! The program that runs as root, without the command line before it: what it reads, what it refuses, which privileges it keeps, and a
 //! disk that hangs under it.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::fs::File;
 use std::io::Read;
 use std::os::unix::fs::OpenOptionsExt;

@@ -1,8 +1,6 @@
 //! Channels whose memory a partition has written over: they are found, made anew, and everybody is there again. A partition
 //! that fails by itself costs its peers nothing.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::collections::BTreeMap;
 use std::time::Duration;
 

@@ -1,7 +1,5 @@
 //! Errors at the level of a process, which the partition's own handler deals with, and at that of the module.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{Ended, Fault, Sketch, alone, among_others, bateleur};
 
 const RESTART: &str =

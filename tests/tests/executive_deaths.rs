@@ -1,7 +1,5 @@
 //! Executives that die or hang while their module runs, where the plan has them started again.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::time::Duration;
 
 use bateleur_tests::{

@@ -4,8 +4,6 @@
 //! `BATELEUR_CAMPAIGN_FAULTS` says how many (30), `BATELEUR_CAMPAIGN_SEED` which (1). How late windows began is printed
 //! and not judged.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;

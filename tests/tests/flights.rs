@@ -1,8 +1,6 @@
 //! Flights in virtual time: every seed, with and without wind; and that the same seed is the same flight. The first seed of each group flies as
 //! partitions; the others in one process, which is over sooner and the same to the bit.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 

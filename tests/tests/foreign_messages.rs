@@ -1,7 +1,5 @@
 //! Message types in a folder beside the schedule file, which `bateleur` was not built with.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::fs;
 use std::path::Path;
 

@@ -1,8 +1,6 @@
 //! `bateleur_foxglove` as Foxglove sees it: a client of its protocol that somebody else wrote, which decodes what comes with somebody else's
 //! decoder. The program has a workspace of its own; it is tested where it was built.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::collections::BTreeMap;
 use std::time::Duration;
 

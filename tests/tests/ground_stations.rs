@@ -1,8 +1,6 @@
 //! Ground stations that speak MAVLink and are not ours: pymavlink (`tests/peers/ground.py`), with the aircraft of
 //! `tests/peers/simulator.py`, which stands on the runway and looks east; MAVProxy as it comes.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::io::Write;
 use std::process::{Command, Stdio};
 use std::sync::Arc;

@@ -2,9 +2,6 @@
 //! delegated group, as a unit of systemd gives it; and what needs the other kind of processor that aircraft carry. See
 //! `tests/guest/prepare`.
 
-#![cfg(target_arch = "x86_64")] // the guest's kernel is
-#![allow(clippy::unwrap_used, clippy::panic)] // as in any test
-
 use std::time::Duration;
 
 use bateleur_tests::fuzzed::{self, KINDS};
@@ -60,12 +57,29 @@ fn a_group_that_is_shared_with_strangers_is_left_as_it_is_and_the_lack_is_said()
 #[test]
 #[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
 fn hostile_partition_meets_every_wall_of_a_machine_with_control_groups_of_version_2() {
-    let guest = Guest::of_the_flight().tests("space", &["hostile", "counter"]);
+    let guest = Guest::of_the_flight().tests(&["hostile", "counter"]);
+    let walls = [
+        "alone::children_of_a_taken",
+        "calls_that_others_pay_for",
+        "control_group",
+        "forks_end",
+        "kernels_settings",
+        "libraries",
+        "network_that_was_granted",
+        "others_processes",
+        "partition_that_exceeds_its_memory",
+        "partition_that_mounts",
+        "passwords",
+        "session",
+        "shared_memory",
+        "temporary_folder",
+        "threads_end",
+    ];
     let said = guest.run(&format!(
         "{DELEGATED}
         export BATELEUR_TESTS_UNIT=/sys/fs/cgroup/unit.service
-        ./space --test-threads 1 --nocapture exceeds_its_memory control_group declared children \\
-            network_that_was others_processes others_pay session passwords written mounts_is"
+        ./system --test-threads 1 --nocapture {}",
+        walls.map(|wall| format!("space::{wall}")).join(" ")
     ));
     // What the filter of system calls ends is the same on every kernel; one of them stands for all.
     let verdict =

@@ -1,7 +1,5 @@
 //! The logs of a run when things end badly: the persistent one outlives a killed executive, and a full disk stops nobody.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::process::Command;
 
 use bateleur_tests::{PATIENCE, Process, Sketch, alone, among_others, await_some, bateleur, children_of};

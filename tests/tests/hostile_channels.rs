@@ -1,8 +1,6 @@
 //! Partitions that spoil the directories of their channels: with modes, depth, names and numbers of what they make there. Who shares
 //! no channel with them notices nothing, their own budgets end it, and nothing of it is left behind.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::time::Duration;

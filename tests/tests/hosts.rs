@@ -1,8 +1,6 @@
 //! Flights on several hosts: the Estimator, the Controller and the Servo on computers of their own, over networks that work,
 //! that lose and delay, and that are cut; hosts that die; on one virtual clock, and in real time in network namespaces.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::Duration;

@@ -4,8 +4,6 @@
 //!
 //! `BATELEUR_HOSTS_FLIGHTS` says how many (the first of each kind), `BATELEUR_HOSTS_SEED` from which seed (1).
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::time::Duration;
 
 use bateleur_tests::{Ended, among_others, bateleur, repository};

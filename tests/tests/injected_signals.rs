@@ -1,8 +1,6 @@
 //! Signals that are injected do to a partition, process 1 of its namespace, what they do to any process; where one does
 //! nothing, that is said.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{Ended, Sketch, alone, among_others, bateleur};
 
 /// Every signal that ends a process, and what the health table calls that.

@@ -1,7 +1,5 @@
 //! Partitions that misbehave: what they do stays in their own windows.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::time::{Duration, Instant};
 
 use bateleur_tests::{

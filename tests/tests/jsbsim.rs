@@ -1,7 +1,5 @@
 //! The example `examples/jsbsim`: an aircraft of JSBSim, which nobody here has made, flown by the partitions and by an airframe file of its own.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::time::Duration;
 
 use bateleur_messages::State;

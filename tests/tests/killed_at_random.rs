@@ -1,7 +1,5 @@
 //! A flight in which chance kills a partition every five seconds: it is hardly to be told from the one without.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{TWO_LAPS, among_others, bateleur, flight_schedule};
 use serde_json::Value;
 

@@ -1,7 +1,5 @@
 //! Aircraft that land by themselves: on the field, softly, and standing in the end.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{Ended, ONE_PROCESS, among_others, bateleur, flight_schedule, repository};
 use serde_json::Value;
 

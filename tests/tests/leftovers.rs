@@ -1,7 +1,5 @@
 //! However a run ends, nothing of it is left: no process, no shared memory, no control group, no socket.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{
     Started, Traces, alone, among_others, bateleur, executive_of, flight_schedule, process_named,
 };

@@ -1,7 +1,5 @@
 //! Logbooks of a plan, under the executive: what is stored, and what outlives what.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::fs;
 use std::path::Path;
 use std::process::Command;

@@ -1,7 +1,5 @@
 //! Flights that are not `bateleur fly`'s own: by orders in MAVLink alone, and with a simulator that somebody else has started.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::io::{BufRead, BufReader};
 use std::net::UdpSocket;
 use std::process::{Child, Command, Stdio};

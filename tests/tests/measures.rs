@@ -1,7 +1,5 @@
 //! `bateleur bench` and `bateleur doctor` as a user meets them. No duration is judged here: the machine is shared.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::time::Duration;
 
 use bateleur_tests::{Ended, alone, among_others, bateleur, flight_schedule};

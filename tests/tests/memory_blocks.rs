@@ -1,7 +1,5 @@
 //! Memory blocks of a plan, under the executive.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::path::Path;
 
 use bateleur_tests::{Ended, Sketch, among_others, bateleur, compile_c};

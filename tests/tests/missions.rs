@@ -1,7 +1,5 @@
 //! Missions of one's own: flown, judged by their own way-points, kept with the flight; and what is left of those that fail.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::path::Path;
 use std::process::{Command, Stdio};
 

@@ -1,7 +1,5 @@
 //! Errors of the module itself: what `[health.module]` says is done, on either clock, and stands in every log.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{Ended, Fault, Sketch, alone, among_others, bateleur};
 use rustix::process::Signal;
 

@@ -1,7 +1,5 @@
 //! Several schedules: the module changes at the end of a major frame, and partitions find what the plan says.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{Ended, Window, alone, among_others, bateleur, compile_c, program};
 
 const MS: u64 = 1_000_000;

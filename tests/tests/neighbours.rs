@@ -1,7 +1,5 @@
 //! Two modules on one processor: who is robbed of it is not to blame, and both learn of each other.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{PATIENCE, Sketch, alone, await_some, bateleur, program};
 use rustix::process::Signal;
 

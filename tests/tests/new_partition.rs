@@ -1,8 +1,6 @@
 //! Crates that `bateleur new` writes are built, tested and run as they are: in a checkout and outside of any; and so is the
 //! program of the page about it.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::fs;
 use std::path::{Path, PathBuf};
 

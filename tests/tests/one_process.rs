@@ -1,7 +1,5 @@
 //! Flights in one process beside the same flights as partitions: every actuator word, and what a campaign makes of both.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::collections::BTreeMap;
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::{Path, PathBuf};

@@ -1,7 +1,5 @@
 //! What an operator may do to a partition: stop, start, freeze and thaw, planned by module time.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::time::Duration;
 
 use bateleur_tests::{Ended, Sketch, alone, among_others, await_some, bateleur, process_named};

@@ -1,7 +1,5 @@
 //! A module of an ordinary user: its partitions are kept apart by user namespaces where the kernel allows them.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::path::Path;
 
 use bateleur_tests::{Ended, ORDINARY, Sketch, among_others, bateleur, bateleur_as_ordinary};

@@ -1,7 +1,5 @@
 //! What a flight writes: one JSON document, a page that needs nothing else, a log of every port.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 #[path = "../../hil/report/tests/trace_check/mod.rs"]
 mod trace_check;
 

@@ -1,7 +1,5 @@
 //! What is not Bateleur's: the simulator, the network, the serial line. They may be busy, gone, silent or mad.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::net::UdpSocket;
 use std::time::Duration;
 

@@ -1,8 +1,6 @@
 //! A project of one's own, as `bateleur init` makes it and as it lies in `examples`: it is built, tested and flown outside of this
 //! workspace, a partition is added to it, and what its crates link can be packaged.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::fs;
 use std::path::{Path, PathBuf};
 

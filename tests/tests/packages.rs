@@ -2,8 +2,6 @@
 //!
 //! They are made of the programs that the tests use, stripped; a release is made of smaller ones (profile `dist`), in the same way.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;

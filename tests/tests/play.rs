@@ -1,7 +1,5 @@
 //! A recording drives the inputs of a module, and what comes out is compared with what is in it.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::fs;
 use std::path::{Path, PathBuf};
 

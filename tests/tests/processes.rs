@@ -1,7 +1,5 @@
 //! Partitions of several ARINC 653 processes, under the executive.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{Ended, Sketch, alone, among_others, bateleur};
 
 /// Runs partition `own` of several processes beside another one, for two seconds where `more` says nothing else.

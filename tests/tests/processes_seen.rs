@@ -1,7 +1,5 @@
 //! What is seen from outside of a partition of several processes: who ran when, how each is, and their errors.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::collections::BTreeMap;
 use std::time::Duration;
 

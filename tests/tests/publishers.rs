@@ -1,7 +1,5 @@
 //! Messages that an operator writes into ports which the plan leaves to him.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{Sketch, Started, alone, bateleur, channel_between};
 
 /// `hand` is a program without ports whose ports are the operator's; `queuer` says how many messages it has heard.

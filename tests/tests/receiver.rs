@@ -1,7 +1,5 @@
 //! A satellite receiver as pyubx2 encodes it, on a serial line and behind a TCP port, instead of the simulator's.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_messages::{GpsPosition, GpsVelocity, Message, RawGps};
 use bateleur_recording as log;
 use bateleur_tests::{Ended, Peer, Started, among_others, bateleur, edited};

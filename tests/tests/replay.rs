@@ -1,7 +1,5 @@
 //! The partitioned flight and the plain loop, exactly: the same sensors, sticks and orders, every actuator word compared.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{Ended, among_others, bateleur, flight_schedule};
 use serde_json::Value;
 

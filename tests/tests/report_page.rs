@@ -1,7 +1,5 @@
 //! The page of a flight as a reader sees it: in a browser.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::path::Path;
 
 use bateleur_tests::{Browser, Ended, Page, among_others, bateleur, flight_schedule};

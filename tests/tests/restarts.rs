@@ -1,7 +1,5 @@
 //! Partitions that are killed in flight: they come back, and the flight goes on.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{
     Ended, NINE, Sketch, TWO_LAPS, among_others, bateleur, edited, executive_of, flight_schedule,
 };

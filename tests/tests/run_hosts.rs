@@ -1,7 +1,5 @@
 //! `bateleur run --hosts`: all modules of a plan with one command, with a message type over the link that nothing here was built with.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -5,8 +5,6 @@
 //! `BATELEUR_FUZZ_SECONDS`: how long, all runs together. `BATELEUR_FUZZ_SEED`: the first run's seed; each further run has
 //! the next one. A finding names its seed, and the health log the incarnation at that time: see `tests/src/bin/fuzzer.rs`.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::fmt::Write;
 use std::time::Duration;
 

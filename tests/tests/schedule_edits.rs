@@ -1,7 +1,5 @@
 //! The schedule is data: what is edited in `schedule.toml` is what happens, with the same programs.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{Ended, among_others, bateleur, edited};
 
 fn fly(schedule: &str) -> Ended {

@@ -1,7 +1,5 @@
 //! Sealed channels in whole modules: what a partition writes over its port memory harms nobody else, and everything else is as on shared ones.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::path::Path;
 
 use bateleur_recording::{Ending, for_each};

@@ -1,7 +1,5 @@
 //! What a service manager hears of a run: that it is up, that it lives, and that it ends.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::fs::{File, read_to_string};
 use std::os::unix::net::UnixDatagram;
 use std::process::{Child, Command, ExitStatus, Stdio};

@@ -1,8 +1,6 @@
 //! Simulators: ours over every protocol, and one that somebody could have written from docs/src/hil.md alone, on a library
 //! that is not ours (`tests/peers/simulator.py`, pymavlink).
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_messages::{Custom, GpsPosition, Rates, RawAnalog, SimulatorLink, State};
 use bateleur_recording::{self as log, Recording};
 use bateleur_tests::{Ended, Peer, TWO_LAPS, alone, among_others, bateleur, flight_schedule};

@@ -1,7 +1,5 @@
 //! The schedule files that these tests generate meet the schema that editors hold against them.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 #[path = "../../executive/checker/tests/plan_support/schema_check.rs"]
 mod schema_check;
 

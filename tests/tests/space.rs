@@ -1,8 +1,6 @@
 //! A partition that has been taken over tries everything that it should not be able to do: each attempt fails, and how it
 //! fails is what the book promises. Where a wall is missing on this machine, the test says so and ends.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 use std::time::Duration;

@@ -1,7 +1,5 @@
 //! Partitions behind which a spare waits: the next process, which has not begun. Killed, they come back as without one, only sooner.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::time::Duration;
 
 use bateleur_tests::{

@@ -1,7 +1,5 @@
 //! Partitions behind which a second process stands by: killed, they have their next window all the same.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{
     Ended, Sketch, TWO_LAPS, Window, alone, among_others, await_some, bateleur, children_of, edited,
 };

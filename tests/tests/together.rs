@@ -1,8 +1,6 @@
 //! Several modules on one virtual clock: their windows come in one order, the same in every run, whatever happens to one of
 //! them.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::net::UdpSocket;
 use std::path::Path;
 use std::time::Duration;

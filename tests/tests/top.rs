@@ -1,7 +1,5 @@
 //! `bateleur top` as whoever sits before it sees it: in a terminal (tmux), by what it shows after each key.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::path::PathBuf;
 use std::process::Command;
 use std::time::Duration;

@@ -1,7 +1,5 @@
 //! A partition with windows on two cores, one after the other.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use bateleur_tests::{Ended, Window, alone, among_others, bateleur, program};
 
 /// `roams` has a window on core 0 and, touching it, one on core 1, in each minor frame of 20 ms; `stays` follows on core 1.

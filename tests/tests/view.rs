@@ -1,7 +1,5 @@
 //! `bateleur view` and `bateleur metrics` as a user sees them: in a browser, by a scraper's parser, and by whoever is not meant to see them.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::Path;

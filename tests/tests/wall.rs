@@ -1,7 +1,5 @@
 //! The wall clock: real windows on a real processor. The longest flight of the suite on it is here.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::time::Duration;
 
 use bateleur_tests::{

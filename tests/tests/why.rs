@@ -1,7 +1,5 @@
 //! Why was it late: whoever takes a processor from a module is named, by the kernel's own trace.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

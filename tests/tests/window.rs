@@ -1,7 +1,5 @@
 //! `fly --flightgear`: what FlightGear is told is where the aircraft really was, read by somebody else's reader of that format.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use std::collections::BTreeSet;
 use std::path::Path;
 

@@ -9,7 +9,7 @@ use anyhow::{Context, Result, anyhow};
 use bateleur_system::sched;
 use bateleur_system::time::{now_ns, sleep_until_ns};
 
-use super::turns::take_turns;
+use super::turns::Ring;
 
 /// What the figures are of, in a line: the processors that may be used, kernel, rights, and the day.
 pub(super) fn machine(processors: usize) -> String {
@@ -99,15 +99,15 @@ fn own_time_us() -> f64 {
 /// A futex wake of a thread on the same processor and the switch to it, us: half of a round of two threads.
 pub(super) fn futex_switch(core: u32, rounds: u32) -> Result<f64> {
     on_core(core, DISPATCHER, move || {
-        let word = AtomicU32::new(0);
+        let ring = Ring::new(2);
         let begun_ns = now_ns();
         // A scoped thread inherits neither priority nor processor reliably: it takes them itself.
         std::thread::scope(|scope| {
             scope.spawn(|| {
                 let ready = sched::bind(0, &[core]).and_then(|()| sched::fifo(0, DISPATCHER));
-                ready.map(|()| take_turns(&word, 1, rounds))
+                ready.map(|()| ring.take_turns(1, rounds))
             });
-            take_turns(&word, 0, rounds);
+            ring.take_turns(0, rounds);
         });
         (now_ns() - begun_ns) as f64 / 1e3 / f64::from(2 * rounds)
     })

@@ -110,31 +110,30 @@ fn services(settings: &Settings) -> Result<Vec<Row>> {
 
 fn switches(settings: &Settings) -> Result<Vec<Row>> {
     let samples = if settings.quick { 20 } else { 60 };
-    let of = |processes: u32| {
+    let of = |measures: &str, processes: u32| {
         // As many switches by 64 as by 16: the run has to come to its end.
         let samples = samples * 16 / processes.max(16);
-        let attributes = format!("measures = \"switch\", processes = {processes}, samples = {samples}");
-        medians(settings, ["switch"], || said(settings, &attributes, processes + 1, 8.0))
-            .map(|[switch]| switch)
+        let attributes = format!("measures = \"{measures}\", processes = {processes}, samples = {samples}");
+        medians(settings, [measures], || said(settings, &attributes, processes + 1, 8.0)).map(|[cost]| cost)
     };
-    let (two, four, many) = (of(2)?, of(4)?, of(64)?);
+    let (two, four, many) = (of("switch", 2)?, of("switch", 4)?, of("switch", 64)?);
+    let (bare_two, bare_four, bare_many) = (of("handover", 2)?, of("handover", 4)?, of("handover", 64)?);
     let references = (0..settings.runs).map(|_| probe::futex_switch(settings.core, FUTEX_ROUNDS));
     let reference = median(&references.collect::<Result<Vec<_>>>()?).map(|us| us * 1e3);
     let futex = "hand-over between two threads on one core by futex";
-    let [inside] = medians(settings, ["handover"], || {
-        said(settings, &format!("measures = \"handover\", samples = {samples}"), 3, 8.0)
-    })?;
+    let among = "the same among 4";
     Ok(vec![
-        Row::measured("process, futex inside a partition", "ns", inside, reference, Reach::Stated, futex),
-        Row::measured("process, switch by a semaphore", "ns", two, reference, Reach::Times(2.0), futex),
+        Row::measured("process, futex inside a partition", "ns", bare_two, reference, Reach::Stated, futex),
         Row::measured(
-            "process, switch among 64",
+            "process, futex inside a partition, among 64",
             "ns",
-            many,
-            Some(four),
-            Reach::Times(1.3),
-            "the same among 4",
+            bare_many,
+            Some(bare_four),
+            Reach::Stated,
+            among,
         ),
+        Row::measured("process, switch by a semaphore", "ns", two, reference, Reach::Times(2.0), futex),
+        Row::measured("process, switch among 64", "ns", many, Some(four), Reach::Times(1.3), among),
     ])
 }
 

@@ -2,7 +2,7 @@
 //!
 //! - `services`: what services cost that let nobody else run, beside an uncontended mutex of the C library;
 //! - `switch`: a ring of `processes` processes in which each wakes the next one and waits;
-//! - `handover`: what the futex of two threads costs here that know nothing of processes;
+//! - `handover`: what futexes of a ring of threads cost here that know nothing of processes;
 //! - `release`: how late a process runs that waits for an instant while another one computes.
 //!
 //! What it has found goes to standard error, a line for each figure: its name and its value, ns. It must never be part of a flight.
@@ -11,7 +11,7 @@
 use std::hint::black_box;
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use bateleur_apex::StartError;
 use bateleur_apex::processes::{Every, Initialisation, Process, ReturnCode, run_processes};
@@ -19,6 +19,7 @@ use rustix::time::{ClockId, clock_gettime};
 
 #[path = "../turns.rs"]
 mod turns;
+use turns::Ring;
 
 /// Calls, or rounds of the ring, that are timed together.
 const BATCH: u32 = 200;
@@ -115,20 +116,21 @@ fn ring(partition: &mut Initialisation<'_>, processes: u32, batches: u32) -> Res
 }
 
 /// A futex wake and the switch to the woken thread, in this partition's groups and behind its filter of system calls.
-fn handover(partition: &mut Initialisation<'_>, batches: u32) -> Result<(), StartError> {
+fn handover(partition: &mut Initialisation<'_>, threads: u32, batches: u32) -> Result<(), StartError> {
     partition.process("measures", Every::once(), move |_| {
-        let word = AtomicU32::new(0);
+        let ring = Ring::new(threads);
         let round = std::thread::scope(|scope| {
-            scope.spawn(|| turns::take_turns(&word, 1, batches * BATCH));
-            // Each call is a round: from this thread to the other one and back.
-            let mut turn = 0;
+            for own in 1..threads as usize {
+                let ring = &ring;
+                scope.spawn(move || ring.take_turns(own, batches * BATCH));
+            }
+            // Each call is a round: from this thread to all others and back.
             cost(batches, || {
-                turns::take_turn(&word, turn);
-                turn += 2;
+                ring.take_turn(0);
                 Ok(())
             })
         })?;
-        eprintln!("handover {}", round / 2.0);
+        eprintln!("handover {}", round / f64::from(threads));
         Ok(())
     })?;
     Ok(())
@@ -174,7 +176,7 @@ fn initialise(partition: &mut Initialisation<'_>) -> Result<(), StartError> {
     match measures.as_str() {
         "services" => services(partition, samples),
         "switch" => ring(partition, processes, samples),
-        "handover" => handover(partition, samples),
+        "handover" => handover(partition, processes, samples),
         "release" => release(partition, samples, frame_ns, from_ns..to_ns),
         other => {
             Err(StartError::Other(format!("measures = \"{other}\": services, switch, handover or release")))

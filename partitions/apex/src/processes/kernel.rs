@@ -23,8 +23,10 @@ pub const SERVICE_NS: i64 = 1_000;
 /// So long before the end of a window on the wall clock the running thread is asked to stop, ns.
 const MARGIN_NS: i64 = bateleur_contract::WINDOW_MARGIN_NS as i64;
 
-/// A thread that was asked to stop is asked again so much later, ns: it does not stop within the C library.
-const ASK_AGAIN_NS: i64 = 20_000;
+/// A thread that was asked to stop is asked again so much later, ns: it does not stop within the C library. Longer than a hand-over takes,
+/// which a timer that ends meanwhile would delay; at a window's end, where little time is left, sooner.
+const ASK_AGAIN_NS: i64 = 50_000;
+const ASK_AGAIN_AT_THE_END_NS: i64 = 20_000;
 
 /// So often the main thread looks, while processes wait at ports, what another partition has sent or received; and while several are ready,
 /// whether the running one sleeps, ns.
@@ -326,7 +328,7 @@ impl Watch {
         let (runs, now) = (state.holder != MAIN, state.now);
         if runs && (state.closing || !state.is_holders_turn()) {
             thread::interrupt(&state.batons[state.holder]);
-            return now + ASK_AGAIN_NS;
+            return now + if state.closing { ASK_AGAIN_AT_THE_END_NS } else { ASK_AGAIN_NS };
         }
         let shared = runs && state.partition.others_are_ready();
         if shared && now >= self.look_at {

@@ -21,10 +21,12 @@ pub(crate) fn check(root: &Path) -> Vec<String> {
 /// Every crate with its features, a line each.
 fn crates(root: &Path, edges: &str) -> Vec<String> {
     let mut command = Command::new(cargo());
-    command.args(["tree", "--workspace", "--no-dedupe", "--prefix", "none", "--format", "{p} {f}"]);
+    command.args(["tree", "--workspace", "--prefix", "none", "--format", "{p} {f}"]);
     let said = command.args(["--edges", edges]).current_dir(root).output();
     let text = said.map(|said| String::from_utf8_lossy(&said.stdout).into_owned()).unwrap_or_default();
-    let mut lines: Vec<String> = text.lines().map(|line| line.trim_end().to_owned()).collect();
+    // A crate that was shown before has a mark.
+    let shown = |line: &str| line.trim_end_matches("(*)").trim_end().to_owned();
+    let mut lines: Vec<String> = text.lines().map(shown).collect();
     lines.sort_unstable();
     lines.dedup();
     lines

@@ -92,13 +92,12 @@ fn everything(root: &Path, fuzz_s: &str, tally: &mut Tally) -> Result<(), String
     dependencies(tally)?;
     Step::cargo("programs and tests", &["build", "--release", "--workspace", "--all-targets"]).run(tally)?;
     schedule(tally)?;
-    shown_commands(root)?;
     let mut own = Tally::default();
     let (tested, other) = std::thread::scope(|scope| {
         // The tests go on: whoever waits shall read it at once.
         let compiling =
             scope.spawn(|| beside_tests(&mut own).inspect_err(|reason| println!("== FAILED: {reason}")));
-        let tested = tests(tally);
+        let tested = shown_commands(root).and_then(|()| tests(tally));
         let panicked = |_| Err("the steps beside the tests panicked".into());
         (tested, compiling.join().unwrap_or_else(panicked))
     });
@@ -217,10 +216,11 @@ fn guest(root: &Path, other: bool, tally: &mut Tally) -> Result<(), String> {
 /// What compiles, on processors that no test wants: those on the wall clock sleep for most of their time. Whether there are programs for the
 /// other processor, and whether there is a server of Foxglove's protocol.
 fn beside_tests(tally: &mut Tally) -> Result<(bool, Result<(), String>), String> {
-    let lints = ["clippy", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"];
-    Step::cargo("lints", &lints).idle().run(tally)?;
+    // First what is built in folders of its own: in the common one the tests would wait for it before they begin.
     let other = other_processor(tally)?;
     let foxglove = foxglove(tally);
+    let lints = ["clippy", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"];
+    Step::cargo("lints", &lints).idle().run(tally)?;
     models(tally)?;
     Step::cargo("examples in comments", &["test", "--release", "--workspace", "--doc"]).idle().run(tally)?;
     let documentation = Step::cargo("reference", &["doc", "--release", "--workspace", "--no-deps", "--lib"]);

@@ -124,6 +124,18 @@ fn lists_of_queuing_ports_work_in_c() {
 }
 
 #[test]
+fn name_services_answer_in_c_what_the_plan_says() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let table = "[name_service.stations]\nground = \"10.77.0.1:14550\"\nrelay = \"10.77.0.2:14550\"\n";
+    let partitions: [InC<'_>; 2] = [
+        ("narrow", "name_services", &[], "threads = 2"),
+        ("wide", "name_services", &["-DAPEX_IDENTIFIER_BITS=64"], "threads = 2"),
+    ];
+    expect_all_done(&run(folder.path(), table, &partitions), &partitions);
+}
+
+#[test]
 fn mutexes_wide_identifiers_and_an_error_handler_work_in_c() {
     let _turn = among_others();
     let folder = tempfile::tempdir().unwrap();

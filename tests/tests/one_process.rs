@@ -77,7 +77,7 @@ fn conditions(seed: u64) -> Vec<String> {
 fn every_word_is_that_of_the_partitions_over_seeds_winds_aircraft_and_faults() {
     let _turn = among_others();
     let place = place();
-    for seed in 7001..7013 {
+    for seed in 7001..7009 {
         let options = conditions(seed);
         let here = fly(place.path(), "one-process", &format!("{seed}-here"), &options);
         let there = fly(place.path(), "partitions", &format!("{seed}-there"), &options);

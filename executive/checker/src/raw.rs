@@ -1,7 +1,7 @@
 //! What the file says, table by table, with the place of every value: names are not yet looked up, and nothing is
 //! compared with anything else.
 
-use std::net::SocketAddr;
+use std::net::{SocketAddr, SocketAddrV4};
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -14,7 +14,8 @@ use super::closed::{
 };
 use super::findings::{Finding, Findings, Span};
 use super::reader::{
-    At, Attributes, Bytes, Entry, Field, FromToml, Nanoseconds, Permission, Rate, TableReader, Word, table_of,
+    At, Attributes, Bytes, Entry, Field, FromToml, Nanoseconds, Permission, Rate, TableReader, Word,
+    in_order, table_of,
 };
 use super::units;
 use bateleur_plan::words::{did_you_mean, listed};
@@ -33,6 +34,7 @@ pub(super) struct RawFile {
     pub(super) isolation: Field<Word<Isolation>>,
     pub(super) channels: Vec<RawChannel>,
     pub(super) memory_blocks: Vec<RawMemoryBlock>,
+    pub(super) name_services: Vec<RawNameService>,
     pub(super) chains: Vec<RawChain>,
     pub(super) schedules: Vec<RawSchedule>,
     pub(super) health: RawHealth,
@@ -218,6 +220,7 @@ impl RawFile {
         let partitions = file.entries("partition");
         let channels = file.tables("channel");
         let memory_blocks = file.entries("memory_block").into_iter();
+        let name_services = file.entries("name_service").into_iter();
         let chains = file.tables("chain");
         let schedules = file.entries("schedule");
         let health = file.table("health");
@@ -238,6 +241,7 @@ impl RawFile {
             isolation,
             channels: channels.into_iter().map(|table| RawChannel::read(table, findings)).collect(),
             memory_blocks: memory_blocks.filter_map(|entry| RawMemoryBlock::read(entry, findings)).collect(),
+            name_services: name_services.filter_map(|entry| RawNameService::read(entry, findings)).collect(),
             chains: chains.into_iter().map(|table| RawChain::read(table, findings)).collect(),
             schedules: schedules.into_iter().filter_map(|entry| RawSchedule::read(entry, findings)).collect(),
             health: health.map(|table| RawHealth::read(table, &beside, findings)).unwrap_or_default(),
@@ -312,6 +316,23 @@ impl RawMemoryBlock {
     /// The partitions that it names, first those that only read.
     pub(super) fn partitions(&self) -> impl Iterator<Item = &At<String>> {
         self.read.items().iter().chain(self.read_write.items())
+    }
+}
+
+/// What a name service knows.
+pub(super) struct RawNameService {
+    pub(super) name: At<String>,
+    /// Addresses of service access points, by their names.
+    pub(super) addresses: Vec<(At<String>, At<SocketAddrV4>)>,
+}
+
+impl RawNameService {
+    fn read((name, value): Entry<'_, '_>, findings: &Findings<'_>) -> Option<Self> {
+        let addresses = in_order(table_of(value, findings)?).into_iter().filter_map(|(point, value)| {
+            let address = SocketAddrV4::from_toml(value, findings)?;
+            Some((point, At { value: address, span: value.span() }))
+        });
+        Some(Self { addresses: addresses.collect(), name })
     }
 }
 

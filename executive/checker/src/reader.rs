@@ -4,7 +4,7 @@
 //! file reports every unknown key, missing key and wrong type in it, each at its place.
 
 use std::collections::BTreeMap;
-use std::net::SocketAddr;
+use std::net::{SocketAddr, SocketAddrV4};
 
 use serde_json::{Value, json};
 use toml::Spanned;
@@ -466,6 +466,26 @@ impl FromToml for SocketAddr {
 
     fn schema() -> Value {
         json!({ "type": "string", "pattern": "^.+:[0-9]+$" })
+    }
+}
+
+/// Where a service access point is reached: SAP_ADDRESS has no other form.
+impl FromToml for SocketAddrV4 {
+    fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
+        match SocketAddr::from_toml(value, findings)? {
+            SocketAddr::V4(address) => Some(address),
+            SocketAddr::V6(address) => {
+                let message =
+                    format!("`{address}` is no address of a service access point: it is one of IP version 6");
+                let mend = "write an address of version 4, such as \"10.77.0.1:15300\"";
+                findings.add(Finding::new(&catalogue::BAD_ADDRESS, &value.span(), message, mend));
+                None
+            }
+        }
+    }
+
+    fn schema() -> Value {
+        json!({ "type": "string", "pattern": "^[0-9.]+:[0-9]+$" })
     }
 }
 

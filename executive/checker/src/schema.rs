@@ -4,7 +4,7 @@
 //! them for. So a new key is in the schema as soon as it is read; only its description stands here. The schema must never
 //! refuse what the reader takes.
 
-use std::net::SocketAddr;
+use std::net::{SocketAddr, SocketAddrV4};
 
 use serde_json::{Map, Value, json};
 
@@ -24,6 +24,7 @@ link.x = {}
 partition.x = { restart = {}, process.x = {}, logbook.x = {}, port.x = {}, health = {} }
 channel = [{}]
 memory_block.x = {}
+name_service.x = {}
 chain = [{}]
 schedule.x = { window = [{}], change_action = {} }
 health = { level = {}, partition = {}, module = {}, reset = {}, log = {} }
@@ -68,6 +69,7 @@ const INNER: &[(&str, &str, Inner)] = &[
     (FILE, "partition", Inner::Named(PARTITION)),
     (FILE, "channel", Inner::Plain(CHANNEL)),
     (FILE, "memory_block", Inner::Named(MEMORY_BLOCK)),
+    (FILE, "name_service", Inner::Words(name_services)),
     (FILE, "chain", Inner::Plain(CHAIN)),
     (FILE, "schedule", Inner::Named(SCHEDULE)),
     (FILE, "health", Inner::Plain(HEALTH)),
@@ -102,6 +104,11 @@ const DESCRIPTIONS: &[Described] = &[
     (FILE, "partition", "Partitions, by name."),
     (FILE, "channel", "From one source port to its destination ports."),
     (FILE, "memory_block", "Memory that partitions of a module share, by name."),
+    (
+        FILE,
+        "name_service",
+        "What partitions can ask for by GET_ADDRESS and GET_NAME, by name: \"address:port\" of service access points, by theirs.",
+    ),
     (FILE, "chain", "A path through channels with a bound on the age of its first value."),
     (FILE, "schedule", "Schedules, by name: windows in a major frame."),
     (FILE, "health", "What is done about errors."),
@@ -343,6 +350,11 @@ fn levels() -> Value {
 
 fn addresses() -> Value {
     json!({ "type": "object", "additionalProperties": <SocketAddr as FromToml>::schema() })
+}
+
+fn name_services() -> Value {
+    let addresses = json!({ "type": "object", "additionalProperties": <SocketAddrV4 as FromToml>::schema() });
+    json!({ "type": "object", "additionalProperties": addresses })
 }
 
 fn change_actions() -> Value {

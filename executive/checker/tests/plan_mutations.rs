@@ -190,7 +190,7 @@ fn link_mutations(n: usize) -> Vec<(&'static str, String, String)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn every_mutation_of_a_valid_file_breaks_the_rule_that_it_is_made_for(

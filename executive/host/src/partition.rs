@@ -667,6 +667,7 @@ pub fn describe(
         retained_bytes: partition.retained_bytes,
         memory_blocks: Vec::new(),
         logbooks: Vec::new(),
+        name_services: plan.name_services.clone(),
         ports_root: ports_root.to_owned(),
     }
 }

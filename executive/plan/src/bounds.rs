@@ -85,6 +85,8 @@ pub fn check(plan: &Plan) -> Checked {
         ("message types", plan.messages.len()),
         ("channels", plan.channels.len()),
         ("memory blocks", plan.memory_blocks.len()),
+        ("name services", plan.name_services.len()),
+        ("addresses of name services", plan.name_services.values().map(BTreeMap::len).sum()),
         ("chains", plan.chains.len()),
         ("schedules", plan.schedules.len()),
     ];
@@ -112,6 +114,11 @@ pub fn check(plan: &Plan) -> Checked {
     names("memory block", plan.memory_blocks.iter().map(|block| &*block.name))?;
     for one in &plan.memory_blocks {
         memory_block(plan, one).map_err(|wrong| within("memory block", &one.name, &wrong))?;
+    }
+    names("name service", plan.name_services.keys().map(String::as_str))?;
+    for (name, addresses) in &plan.name_services {
+        names("service access point", addresses.keys().map(String::as_str))
+            .map_err(|wrong| within("name service", name, &wrong))?;
     }
     let initial = plan.schedules.iter().filter(|schedule| schedule.initial).count();
     require(initial == 1, || format!("{initial} initial schedules"))?;

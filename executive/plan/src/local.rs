@@ -93,6 +93,9 @@ impl Plan {
         if !self.memory_blocks.is_empty() {
             sections.insert("memory blocks".to_owned(), short_digest(&self.memory_blocks)?);
         }
+        if !self.name_services.is_empty() {
+            sections.insert("name services".to_owned(), short_digest(&self.name_services)?);
+        }
         sections.insert("chains".to_owned(), short_digest(&self.chains)?);
         sections.insert("health".to_owned(), short_digest(&self.health)?);
         Ok(sections)

@@ -5,7 +5,7 @@
 //! checker makes one of every file, with stand-ins for what can not be resolved, and holds its rules against that.
 
 use std::collections::BTreeMap;
-use std::net::SocketAddr;
+use std::net::{SocketAddr, SocketAddrV4};
 use std::ops::Index;
 
 use serde::{Deserialize, Serialize};
@@ -92,6 +92,9 @@ pub struct Plan {
     /// Memory that partitions share. Not written down where there is none: hosts of a plan that says nothing still agree.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub memory_blocks: Vec<MemoryBlock>,
+    /// The name services that partitions can ask for addresses, by name. As above.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub name_services: BTreeMap<String, BTreeMap<String, SocketAddrV4>>,
     /// The paths whose latency is bounded.
     pub chains: Vec<Chain>,
     /// The schedules; exactly one is initial.

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{Read, Write};
+use std::net::SocketAddrV4;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::rc::Rc;
 
@@ -384,6 +385,11 @@ impl Context {
         })?;
         logbook.abort_unfinished();
         Ok(logbook.clone())
+    }
+
+    /// The module's name services: addresses of service access points by their names.
+    pub(crate) fn name_services(&self) -> &BTreeMap<String, BTreeMap<String, SocketAddrV4>> {
+        &self.description.name_services
     }
 
     pub(crate) fn logbooks(&self) -> &[Logbook] {

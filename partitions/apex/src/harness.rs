@@ -135,9 +135,10 @@ impl Harness {
             retained_bytes: 0,
             memory_blocks: Vec::new(),
             logbooks: Vec::new(),
+            name_services: std::collections::BTreeMap::new(),
             ports_root: folder.0.to_string_lossy().into_owned(),
         };
-        let time = Time::new(Rc::new(page), Clock::Virtual);
+        let time = Time::new(Rc::new(page), Clock::Virtual).granted_by_caller();
         Ok(Self {
             description,
             time,
@@ -628,5 +629,23 @@ mod tests {
         harness.retained(4096).unwrap();
         let error = harness.start::<Keeper>().err().map(|error| error.to_string());
         assert!(error.as_ref().is_some_and(|words| words.contains("asked for twice")), "{error:?}");
+    }
+
+    struct Poller;
+
+    impl Partition for Poller {
+        fn start(_: &mut Context) -> Result<Self, StartError> {
+            Ok(Self)
+        }
+
+        fn window(&mut self, window: &Window) {
+            while window.now_ns() < window.start_ns() + 10 * WINDOW_NS {}
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "looks at module time until its window is over")]
+    fn loop_that_waits_for_an_instant_beyond_its_window_fails_the_test_and_does_not_hang_it() {
+        Harness::new("poller").unwrap().start::<Poller>().unwrap().window();
     }
 }

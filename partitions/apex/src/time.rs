@@ -27,6 +27,7 @@ pub struct Time {
     patience_ns: Rc<Cell<u64>>,
     looks: Rc<Cell<Looks>>,
     neighbour: Option<Neighbour>,
+    granted_by_caller: bool,
 }
 
 /// Looks at the virtual clock while it stood still.
@@ -55,7 +56,13 @@ impl Time {
             patience_ns: Rc::new(Cell::new(PATIENCE_NS)),
             looks: Rc::default(),
             neighbour: None,
+            granted_by_caller: false,
         }
+    }
+
+    /// The thread that looks is the one that grants windows, one call each: nobody else could grant the next one.
+    pub(crate) fn granted_by_caller(self) -> Self {
+        Self { granted_by_caller: true, ..self }
     }
 
     pub(crate) fn beside(self, neighbour: Neighbour) -> Self {
@@ -72,6 +79,10 @@ impl Time {
     /// Time since the start of frame 0, ns. Never decreases. The virtual clock stands still in a window, but for who waits in a loop
     /// until it moves: after ten thousand looks in one window each further look takes a microsecond. At the window's end the caller
     /// is held until the next window, as on the wall clock.
+    ///
+    /// # Panics
+    /// At the window's end in a [`crate::Harness`], or where the partition is one of several in a process: nobody could grant the next
+    /// window.
     #[inline]
     pub fn now_ns(&self) -> u64 {
         match self.clock {
@@ -100,6 +111,11 @@ impl Time {
         if now_ns < window.end_ns {
             return now_ns;
         }
+        assert!(
+            !self.granted_by_caller,
+            "the partition looks at module time until its window is over, at {} ns; in flight that is an overrun, which is not shown here",
+            window.end_ns
+        );
         self.hold(number);
         self.page.now_ns.load(Relaxed).max(window.end_ns)
     }

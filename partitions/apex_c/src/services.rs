@@ -5,15 +5,16 @@ mod pointers;
 
 use bateleur_apex::ReturnCode;
 use bateleur_apex::processes::standard::{
-    BlackboardId, BufferId, Deadline, EventId, LogbookId, MAX_LOCK_LEVEL, MutexId, ProcessAttributes,
-    ProcessId, QueuingPortId, QueuingPortListId, SamplingPortId, SemaphoreId, Updated, Validity, WriteStatus,
+    BlackboardId, BufferId, Deadline, EventId, LogbookId, MAX_LOCK_LEVEL, MutexId, NameServiceId,
+    ProcessAttributes, ProcessId, QueuingPortId, QueuingPortListId, SamplingPortId, SemaphoreId, Updated,
+    Validity, WriteStatus,
 };
 use bateleur_apex::processes::{Progress, Services, current, standard};
 
 use crate::types::{
     BlackboardStatus, BufferStatus, ErrorStatus, EventStatus, Identifier, LogbookStatus, MemoryBlockStatus,
     MutexStatus, PartitionStatus, ProcessAttribute, ProcessStatus, QueuingPortStatus,
-    SamplingPortCurrentStatus, SamplingPortStatus, ScheduleStatus, SemaphoreStatus,
+    SamplingPortCurrentStatus, SamplingPortStatus, SapAddress, ScheduleStatus, SemaphoreStatus,
 };
 use pointers::{bytes, given, name_of, put, put_first, receive, tell, text};
 
@@ -328,6 +329,25 @@ services! {
     GET_LOGBOOK_STATUS, GET_LOGBOOK_STATUS_64 (id: Id, status: *mut LogbookStatus) {
         let id = LogbookId(id.number());
         put_first(status, || call(|services| services.get_logbook_status(id)).map(Into::into))
+    }
+
+    CREATE_NAME_SERVICE, CREATE_NAME_SERVICE_64 (name: *const u8, discipline: u32, id: *mut Id) {
+        let name = name_of(name)?;
+        put_first(id, || {
+            call(|services| services.create_name_service(name.text()?, discipline)).map(|id| Id::of(id.0))
+        })
+    }
+    GET_NAME, GET_NAME_64
+    (id: Id, address: SapAddress, time_out: i64, name: *mut u8, most: i32, length: *mut i32) {
+        let id = NameServiceId(id.number());
+        receive(name, length, |process, into| process.get_name(id, address.into(), time_out, most, into))
+    }
+    GET_ADDRESS, GET_ADDRESS_64
+    (id: Id, name: *const u8, length: i32, time_out: i64, address: *mut SapAddress) {
+        let (id, name) = (NameServiceId(id.number()), bytes(name, length)?);
+        put_first(address, || {
+            current::as_process(|process| process.get_address(id, name, time_out)).map(Into::into)
+        })
     }
 
     CREATE_BUFFER, CREATE_BUFFER_64

@@ -226,6 +226,29 @@ pub struct MemoryBlockStatus {
     pub memory_block_size: i32,
 }
 
+/// SAP_ADDRESS_TYPE (Part 2).
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct SapAddress {
+    /// The address in IP, version 4: its first number in the upper eight bits.
+    pub ip_address: u32,
+    /// The port.
+    pub udp_port: u32,
+}
+
+impl From<standard::SapAddress> for SapAddress {
+    fn from(of: standard::SapAddress) -> Self {
+        Self { ip_address: of.ip().to_bits(), udp_port: of.port().into() }
+    }
+}
+
+impl From<SapAddress> for standard::SapAddress {
+    /// A port that none can have is 0, which the plan gives nobody.
+    fn from(of: SapAddress) -> Self {
+        Self::new(of.ip_address.into(), of.udp_port.try_into().unwrap_or(0))
+    }
+}
+
 /// LOGBOOK_STATUS_TYPE (Part 2).
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]

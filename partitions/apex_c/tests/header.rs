@@ -9,7 +9,7 @@ use std::process::{Command, Output};
 use bateleur_apex_c::types::{
     BlackboardStatus, BufferStatus, ErrorStatus, EventStatus, LogbookStatus, MemoryBlockStatus, MutexStatus,
     PartitionStatus, ProcessAttribute, ProcessStatus, QueuingPortStatus, SamplingPortCurrentStatus,
-    SamplingPortStatus, ScheduleStatus, SemaphoreStatus,
+    SamplingPortStatus, SapAddress, ScheduleStatus, SemaphoreStatus,
 };
 
 const STRICT: [&str; 4] = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"];
@@ -99,6 +99,7 @@ macro_rules! layouts {
                 memory_block_addr "MEMORY_BLOCK_ADDR", memory_block_mode "MEMORY_BLOCK_MODE",
                 memory_block_size "MEMORY_BLOCK_SIZE",
             }),
+            layout!(SapAddress as "SAP_ADDRESS_TYPE" { ip_address "IP_ADDRESS", udp_port "UDP_PORT" }),
             layout!(LogbookStatus as "LOGBOOK_STATUS_TYPE" {
                 max_message_size "MAX_MESSAGE_SIZE", max_nb_logged_messages "MAX_NB_LOGGED_MESSAGES",
                 max_nb_in_progress_messages "MAX_NB_IN_PROGRESS_MESSAGES", nb_logged_messages "NB_LOGGED_MESSAGES",
@@ -123,8 +124,8 @@ fn assertions(bits: u32, layouts: &[Layout]) -> String {
 
 #[test]
 fn typ_01_records_lie_in_c_as_they_do_in_the_library_on_both_processors() {
-    let narrow: [Layout; 15] = layouts!(i32);
-    let wide: [Layout; 15] = layouts!(i64);
+    let narrow: [Layout; 16] = layouts!(i32);
+    let wide: [Layout; 16] = layouts!(i64);
     assert_eq!((narrow[0].1, narrow[2].1, narrow[11].1), (72, 40, 152), "as other implementations have them");
     assert_eq!((wide[10].1, narrow[12].1, wide[12].1, narrow[13].1), (24, 16, 24, 16));
     for (bits, layouts) in [(32, &narrow), (64, &wide)] {

@@ -1,6 +1,7 @@
 //! What a partition is told at its start, as JSON behind [`crate::DESCRIPTION_FD`].
 
 use std::collections::BTreeMap;
+use std::net::SocketAddrV4;
 
 use serde::{Deserialize, Serialize};
 
@@ -64,6 +65,9 @@ pub struct Description {
     /// Its logbooks.
     #[serde(default)]
     pub logbooks: Vec<LogbookDescription>,
+    /// The module's name services, by name: addresses of service access points, by theirs.
+    #[serde(default)]
+    pub name_services: BTreeMap<String, BTreeMap<String, SocketAddrV4>>,
     /// Directory of the module's channels: each has a directory of its own in it.
     pub ports_root: String,
 }

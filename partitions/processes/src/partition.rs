@@ -11,6 +11,7 @@ use crate::services::buffers::Buffer;
 use crate::services::events::Event;
 use crate::services::logbooks::Logbook;
 use crate::services::mutexes::Mutex;
+use crate::services::name_services::NameService;
 use crate::services::port_lists::PortList;
 use crate::services::semaphores::Semaphore;
 use crate::settings::Settings;
@@ -128,6 +129,7 @@ pub struct Partition {
     pub(crate) queuing_ports: Objects<QueuingPort>,
     pub(crate) port_lists: Objects<PortList>,
     pub(crate) logbooks: Objects<Logbook>,
+    pub(crate) name_services: Objects<NameService>,
 }
 
 impl Partition {
@@ -135,7 +137,7 @@ impl Partition {
     #[must_use]
     pub fn new(settings: Settings) -> Self {
         let limits = settings.limits.clone();
-        let lists = MAX_PRIORITY as usize + 3 + 6 * limits.objects + limits.ports;
+        let lists = MAX_PRIORITY as usize + 3 + 7 * limits.objects + limits.ports;
         let mut queues = Queues::new(lists, limits.processes);
         (0..=MAX_PRIORITY).for_each(|_| {
             queues.add_list();
@@ -169,6 +171,7 @@ impl Partition {
             queuing_ports: Objects::new(limits.ports),
             port_lists: Objects::new(limits.objects),
             logbooks: Objects::new(limits.objects),
+            name_services: Objects::new(limits.objects),
             settings,
         }
     }
@@ -344,6 +347,7 @@ impl Settings {
             affinity: crate::AffinityPermission::AllModes,
             memory_blocks: Vec::new(),
             logbooks: Vec::new(),
+            name_services: Vec::new(),
             mode: OperatingMode::ColdStart,
             condition: StartCondition::NormalStart,
             health: crate::HealthTable::default(),

@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use crate::logbooks::PlannedLogbook;
 use crate::standard::{
     ErrorCode, MAX_MESSAGE_SIZE, MAX_MESSAGES, MAX_OBJECTS, MAX_PORTS, MAX_PROCESSES, MemoryBlockStatus,
-    Name, OperatingMode, StartCondition, SystemTime,
+    Name, OperatingMode, SapAddress, StartCondition, SystemTime,
 };
 
 /// The instants at which a period of the partition begins: `origin`, and every `period` from there.
@@ -164,6 +164,8 @@ pub struct Settings {
     pub memory_blocks: Vec<(Name, MemoryBlockStatus)>,
     /// Its logbooks.
     pub logbooks: Vec<PlannedLogbook>,
+    /// The module's name services: what each knows, by name.
+    pub name_services: Vec<(Name, Vec<(String, SapAddress)>)>,
     /// COLD_START or WARM_START.
     pub mode: OperatingMode,
     /// Why it is started.

@@ -337,7 +337,12 @@ identifiers! {
     QueuingPortListId = 8,
     /// Identifier of a logbook (Part 2).
     LogbookId = 9,
+    /// Identifier of a name service (Part 2).
+    NameServiceId = 10,
 }
+
+/// SAP_ADDRESS (Part 2): where a service access point is reached by UDP.
+pub type SapAddress = std::net::SocketAddrV4;
 
 /// NAME_TYPE: at most 32 bytes. Upper and lower case of ASCII letters are the same.
 #[derive(Clone, Copy)]

@@ -31,15 +31,7 @@ const WHOLE_TEXT: usize = 5_000;
 /// The crates of others that are linked into the programs of `crates`, sorted.
 pub(super) fn linked(order: &Order<'_>, crates: &[&str]) -> Result<Vec<Crate>, String> {
     let mut tree = Command::new(crate::cargo());
-    tree.current_dir(order.root).args([
-        "tree",
-        "--locked",
-        "--edges",
-        "normal",
-        "--prefix",
-        "none",
-        "--no-dedupe",
-    ]);
+    tree.current_dir(order.root).args(["tree", "--locked", "--edges", "normal", "--prefix", "none"]);
     tree.args(["--format", "{p}|{l}|{r}", "--target", order.processor.target()]);
     tree.args(crates.iter().flat_map(|name| ["--package", name]));
     let found: BTreeSet<Crate> = words_of(&mut tree)?.lines().filter_map(of_line).collect();
@@ -48,7 +40,8 @@ pub(super) fn linked(order: &Order<'_>, crates: &[&str]) -> Result<Vec<Crate>, S
 
 /// `None` of a crate of this workspace, which has a path behind its version.
 fn of_line(line: &str) -> Option<Crate> {
-    let mut fields = line.split('|');
+    // A crate that was shown before has a mark.
+    let mut fields = line.trim_end_matches("(*)").trim_end().split('|');
     let (package, licence) = (fields.next()?, fields.next()?);
     let mut words = package.split_whitespace();
     let (name, version) = (words.next()?, words.next()?.strip_prefix('v')?);
@@ -153,6 +146,7 @@ mod tests {
         assert_eq!(of_line("bateleur-apex v0.1.0 (/a/partitions/apex)|MIT OR Apache-2.0|"), None);
         let made = of_line("serde_derive v1.0.2 (proc-macro)|MIT|https://x").unwrap();
         assert_eq!(made.name, "serde_derive");
+        assert_eq!(of_line("serde_derive v1.0.2 (proc-macro)|MIT|https://x (*)"), Some(made));
         assert_eq!(of_line("bateleur-message-macro v0.1.0 (proc-macro) (/a/b)|MIT|"), None);
         assert_eq!(of_line(""), None);
     }

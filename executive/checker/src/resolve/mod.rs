@@ -15,6 +15,7 @@ mod relays;
 mod schedules;
 
 use std::collections::{BTreeMap, HashMap};
+use std::net::SocketAddrV4;
 
 use super::MessageCatalogue;
 use super::closed::{Direction, Kind};
@@ -26,7 +27,9 @@ use super::model::{
     PartitionHealth, PartitionId, Payload, Plan, Port, PortId, Protection, Restart, Role, Schedule,
     ScheduleId,
 };
-use super::raw::{RawChannel, RawFile, RawLink, RawLogbook, RawModule, RawNetwork, RawPartition, RawPort};
+use super::raw::{
+    RawChannel, RawFile, RawLink, RawLogbook, RawModule, RawNameService, RawNetwork, RawPartition, RawPort,
+};
 use super::reader::{At, Permission};
 use bateleur_contract::relay::STATUS_PORT;
 use bateleur_plan::Processes;
@@ -103,6 +106,7 @@ impl Resolver<'_> {
             ports: self.ports(&channels),
             messages: self.messages(),
             memory_blocks: file.memory_blocks.iter().map(|raw| self.memory_block(raw)).collect(),
+            name_services: file.name_services.iter().map(name_service).collect(),
             chains: Vec::new(),
             health: self.health(),
             modules,
@@ -307,6 +311,11 @@ fn network(raw: &RawNetwork) -> Network {
         rate_bits_per_s: raw.rate.get().map_or(0, |rate| rate.0),
         latency_ns: raw.latency.ns(defaults::NETWORK_LATENCY_NS),
     }
+}
+
+fn name_service(raw: &RawNameService) -> (String, BTreeMap<String, SocketAddrV4>) {
+    let addresses = raw.addresses.iter().map(|(point, address)| (point.value.clone(), address.value));
+    (raw.name.value.clone(), addresses.collect())
 }
 
 /// Each once, in their order.

@@ -16,6 +16,10 @@ pub(super) fn check(cx: &Context<'_>) {
     set(cx, "link", file.links.iter().map(|link| &link.name));
     set(cx, "partition", file.partitions.iter().map(|partition| &partition.name));
     set(cx, "memory block", file.memory_blocks.iter().map(|block| &block.name));
+    set(cx, "name service", file.name_services.iter().map(|service| &service.name));
+    for service in &file.name_services {
+        set(cx, "service access point", service.addresses.iter().map(|(point, _)| point));
+    }
     set(cx, "schedule", file.schedules.iter().map(|schedule| &schedule.name));
     for owner in 0..file.partitions.len() {
         set(cx, "port", file.ports.iter().filter(|port| port.partition == owner).map(|port| &port.name));

@@ -6,8 +6,8 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, MutexGuard};
 
 use bateleur_processes::standard::{
-    BlackboardId, EventId, ProcessId, QueuingPortId, QueuingPortListId, SamplingPortCurrentStatus,
-    SamplingPortId, SemaphoreId, SystemTime, Updated, Validity,
+    BlackboardId, EventId, NameServiceId, ProcessId, QueuingPortId, QueuingPortListId,
+    SamplingPortCurrentStatus, SamplingPortId, SapAddress, SemaphoreId, SystemTime, Updated, Validity,
 };
 use bateleur_processes::{Partition, Progress, ReturnCode};
 
@@ -339,6 +339,36 @@ impl Process {
         }
         thread::leave_service();
         Ok(now)
+    }
+
+    /// GET_ADDRESS: where the service access point with that name is reached.
+    ///
+    /// # Errors
+    /// As [`Partition::get_address`]; and as [`Process::call`].
+    pub fn get_address(
+        &self,
+        service: NameServiceId,
+        name: &[u8],
+        time_out: SystemTime,
+    ) -> Result<SapAddress, ReturnCode> {
+        let mut found = None;
+        self.wait(|services| services.get_address(service, name, time_out, &mut found))?;
+        found.ok_or(ReturnCode::NotAvailable)
+    }
+
+    /// GET_NAME: the name of the service access point that is reached there, into `into`.
+    ///
+    /// # Errors
+    /// As [`Partition::get_name`]; and as [`Process::call`].
+    pub fn get_name(
+        &self,
+        service: NameServiceId,
+        address: SapAddress,
+        time_out: SystemTime,
+        max_length: i32,
+        into: &mut Vec<u8>,
+    ) -> Result<(), ReturnCode> {
+        self.wait(|services| services.get_name(service, address, time_out, max_length, into))
     }
 
     /// SET_EVENT. This service and the four that follow know no time: on the wall clock they cost less than by [`Process::call`].

@@ -1,5 +1,6 @@
 //! The life of a partition of several processes: the main thread takes windows and lets processes run in them.
 
+use std::collections::BTreeMap;
 use std::process::ExitCode;
 use std::rc::Rc;
 use std::sync::Arc;
@@ -14,7 +15,7 @@ use bateleur_contract::{
 use bateleur_processes::logbooks::PlannedLogbook;
 use bateleur_processes::standard::{
     self, ErrorCode, MAIN_PROCESS_ID, MAX_PROCESSES, MemoryBlockMode, MemoryBlockStatus, Name, OperatingMode,
-    ProcessId, SystemTime,
+    ProcessId, SapAddress, SystemTime,
 };
 use bateleur_processes::{
     End as Ended, HealthTable, Level, Notice, Partition, PartitionAction, PeriodGrid, Settings, Verdict,
@@ -94,6 +95,7 @@ pub(crate) fn begin() -> Result<Option<Beginning>, End> {
     let mut settings = settings(condition, &context.process_plan(), &taken);
     settings.memory_blocks = context.memory_blocks().iter().filter_map(memory_block).collect();
     settings.logbooks = context.logbooks().iter().filter_map(logbook).collect();
+    settings.name_services = name_services(&context);
     let kernel = kernel(shared, clock, settings, table);
     let _ = kernel.schedules.set(context.schedules()); // nobody has asked for them before
     kernel.lock().periods = Periods::of(&context);
@@ -194,6 +196,15 @@ fn memory_block(block: &MemoryBlock) -> Option<(Name, MemoryBlockStatus)> {
 /// A logbook as the services know it; `None`: no service can say its name.
 fn logbook(logbook: &Logbook) -> Option<PlannedLogbook> {
     Some(PlannedLogbook { name: Name::new(logbook.name())?, memory: Arc::new(logbook.clone()) })
+}
+
+/// The name services as the services know them, without those whose name no service can say.
+fn name_services(context: &Context) -> Vec<(Name, Vec<(String, SapAddress)>)> {
+    let service = |(name, addresses): (&String, &BTreeMap<String, SapAddress>)| {
+        let addresses = addresses.iter().map(|(point, address)| (point.clone(), *address));
+        Some((Name::new(name)?, addresses.collect()))
+    };
+    context.name_services().iter().filter_map(service).collect()
 }
 
 /// The partition before its main process.

@@ -9,6 +9,7 @@ mod health;
 pub(crate) mod logbooks;
 mod memory_blocks;
 pub(crate) mod mutexes;
+pub(crate) mod name_services;
 mod partition;
 pub(crate) mod port_lists;
 mod process;

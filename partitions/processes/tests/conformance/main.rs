@@ -19,6 +19,7 @@ mod logbooks;
 mod memory_blocks;
 mod messages;
 mod mutexes;
+mod name_services;
 mod objects;
 mod partition;
 mod port_lists;

@@ -250,6 +250,7 @@ fn example_with_cmake_is_built_from_an_installed_library_and_runs() {
 
 #[test]
 fn partitions_in_c_compile_for_the_other_processor_in_both_languages() {
+    let _turn = among_others();
     let other = if cfg!(target_arch = "x86_64") { "aarch64-linux-gnu" } else { "x86_64-linux-gnu" };
     let (c, cxx) = (format!("{other}-gcc"), format!("{other}-g++"));
     if !is_there(&c) || !is_there(&cxx) {

@@ -66,6 +66,7 @@ fn say(peer: &mut Peer, frames: &[Value]) {
 
 #[test]
 fn nodes_of_python_can_meet_over_socketcand_two_gateways_and_a_serial_adapter() {
+    let _turn = among_others();
     let folder = tempfile::tempdir().unwrap();
     let first = Gateway::start(
         folder.path(),

@@ -23,7 +23,6 @@ fn schedule(folder: &Path) -> String {
 
 /// Both run, hear each other, keep what is to be kept, and one is taken over from.
 fn assert_runs(schedule: &str) {
-    let _turn = among_others();
     let run = ["run", "--fast", "--schedule", schedule, "--until", "2", "--record", "--kill", "talker@1"];
     let ended = bateleur(&run).end().expect_code(0);
     let windows = ended.windows();
@@ -49,6 +48,7 @@ fn assert_runs(schedule: &str) {
 
 #[test]
 fn new_partitions_outside_of_a_checkout_pass_their_lints_and_tests_and_run() {
+    let _turn = among_others();
     let folder = empty_folder("alone");
     let schedule = schedule(&folder);
     let library = repository();
@@ -63,7 +63,7 @@ fn new_partitions_outside_of_a_checkout_pass_their_lints_and_tests_and_run() {
         cargo(own, &["build", "--offline", "--release"]);
     }
     assert_runs(&schedule);
-    fs::remove_dir_all(folder.parent().unwrap()).unwrap();
+    fs::remove_dir_all(folder).unwrap();
 }
 
 /// A copy of the checkout, without what was made in it before.
@@ -86,6 +86,7 @@ fn checkout(name: &str, made: &[&str]) -> PathBuf {
 
 #[test]
 fn new_partitions_in_a_checkout_are_members_of_it_and_run() {
+    let _turn = among_others();
     let checkout = checkout("checkout", &BOTH);
     let schedule = schedule(&checkout);
     for name in BOTH {
@@ -106,6 +107,7 @@ fn block<'p>(page: &'p str, fence: &str, words: &str) -> &'p str {
 
 #[test]
 fn program_of_the_page_is_what_can_be_made_of_a_new_partition_and_does_what_the_page_says() {
+    let _turn = among_others();
     let page = fs::read_to_string(repository().join("docs/src/new-partition.md")).unwrap();
     let checkout = checkout("page", &["height_watch"]);
     let change = |path: &str, change: &dyn Fn(&str) -> String| {

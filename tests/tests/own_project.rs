@@ -116,6 +116,7 @@ fn example_passes_its_own_script_and_takes_a_partition_more() {
 
 #[test]
 fn crates_that_a_partition_links_can_be_packaged() {
+    let _turn = among_others();
     let target = crates_target();
     let mut command = building(&std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned()), &repository());
     command.args(["package", "--offline", "--no-verify", "--allow-dirty", "--target-dir"]).arg(&target);

@@ -57,7 +57,7 @@ rules! {
     BAD_RATE: Error "S09-bad-rate" "rate_bad"
         "A rate without a unit, or with a wrong one, is off by a factor of a thousand."
     BAD_ADDRESS: Error "S10-bad-address" "address_bad"
-        "A relay listens at one address and port, which the other host has to know."
+        "A relay listens at one address and port, which the other host has to know; a service access point is reached at one."
 
     BAD_NAME: Error "N01-bad-name" "name_bad"
         "Names become file, cgroup and service names and must fit an APEX name."

@@ -450,18 +450,7 @@ impl FromToml for Rate {
 /// An address and a port. Names are not looked up: what they stand for may differ from host to host.
 impl FromToml for SocketAddr {
     fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
-        let text = String::from_toml(value, findings)?;
-        let fault = match text.parse::<Self>() {
-            Ok(address) if address.port() == 0 => "port 0 is none",
-            Ok(address) if address.ip().is_unspecified() => "it stands for every address of a computer",
-            Ok(address) => return Some(address),
-            Err(_) if text.parse::<std::net::IpAddr>().is_ok() => "it has no port",
-            Err(_) => "it is not written as one",
-        };
-        let message = format!("`{text}` is no address of a module: {fault}");
-        let mend = "write the number of the interface and a port, such as \"10.77.0.1:15300\" or \"[fd00::1]:15300\"";
-        findings.add(Finding::new(&catalogue::BAD_ADDRESS, &value.span(), message, mend));
-        None
+        socket("module", "\"10.77.0.1:15300\" or \"[fd00::1]:15300\"", Ok, value, findings)
     }
 
     fn schema() -> Value {
@@ -472,21 +461,40 @@ impl FromToml for SocketAddr {
 /// Where a service access point is reached: SAP_ADDRESS has no other form.
 impl FromToml for SocketAddrV4 {
     fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
-        match SocketAddr::from_toml(value, findings)? {
-            SocketAddr::V4(address) => Some(address),
-            SocketAddr::V6(address) => {
-                let message =
-                    format!("`{address}` is no address of a service access point: it is one of IP version 6");
-                let mend = "write an address of version 4, such as \"10.77.0.1:15300\"";
-                findings.add(Finding::new(&catalogue::BAD_ADDRESS, &value.span(), message, mend));
-                None
-            }
-        }
+        let of_version_4 = |address| match address {
+            SocketAddr::V4(address) => Ok(address),
+            SocketAddr::V6(_) => Err("it is one of IP version 6"),
+        };
+        socket("service access point", "\"10.77.0.1:15300\"", of_version_4, value, findings)
     }
 
     fn schema() -> Value {
         json!({ "type": "string", "pattern": "^[0-9.]+:[0-9]+$" })
     }
+}
+
+/// An address of `whose` with its port, which `taken` may refuse with what is wrong.
+fn socket<T>(
+    whose: &str,
+    examples: &str,
+    taken: impl FnOnce(SocketAddr) -> Result<T, &'static str>,
+    value: &Spanned<DeValue<'_>>,
+    findings: &Findings<'_>,
+) -> Option<T> {
+    let text = String::from_toml(value, findings)?;
+    let address = match text.parse::<SocketAddr>() {
+        Ok(address) if address.port() == 0 => Err("port 0 is none"),
+        Ok(address) if address.ip().is_unspecified() => Err("it stands for every address of a computer"),
+        Ok(address) => taken(address),
+        Err(_) if text.parse::<std::net::IpAddr>().is_ok() => Err("it has no port"),
+        Err(_) => Err("it is not written as one"),
+    };
+    let note = |fault| {
+        let message = format!("`{text}` is no address of a {whose}: {fault}");
+        let mend = format!("write the number of the interface and a port, such as {examples}");
+        findings.add(Finding::new(&catalogue::BAD_ADDRESS, &value.span(), message, mend));
+    };
+    address.map_err(note).ok()
 }
 
 fn quantity(

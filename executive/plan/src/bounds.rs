@@ -119,6 +119,7 @@ pub fn check(plan: &Plan) -> Checked {
     for (name, addresses) in &plan.name_services {
         names("service access point", addresses.keys().map(String::as_str))
             .map_err(|wrong| within("name service", name, &wrong))?;
+        require(addresses.values().all(|address| address.port() != 0), || "a port of 0".into())?;
     }
     let initial = plan.schedules.iter().filter(|schedule| schedule.initial).count();
     require(initial == 1, || format!("{initial} initial schedules"))?;

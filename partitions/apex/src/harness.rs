@@ -138,7 +138,7 @@ impl Harness {
             name_services: std::collections::BTreeMap::new(),
             ports_root: folder.0.to_string_lossy().into_owned(),
         };
-        let time = Time::new(Rc::new(page), Clock::Virtual).granted_by_caller();
+        let time = Time::new(Rc::new(page), Clock::Virtual).granted_by_caller(&description.partition);
         Ok(Self {
             description,
             time,

@@ -66,7 +66,7 @@ impl Hosted {
                 checked: memory.checked,
             });
         }
-        let time = Time::new(Rc::new(page()?), Clock::Virtual).granted_by_caller();
+        let time = Time::new(Rc::new(page()?), Clock::Virtual).granted_by_caller(&description.partition);
         let time = time.beside(Neighbour(neighbour));
         let mut context = Context::new(description, time.clone(), None)?;
         let partition = Box::new(P::start(&mut context)?);

@@ -227,8 +227,8 @@ pub struct MemoryBlockStatus {
 }
 
 /// SAP_ADDRESS_TYPE (Part 2).
+#[derive(Debug, Clone, Copy)]
 #[repr(C)]
-#[derive(Clone, Copy)]
 pub struct SapAddress {
     /// The address in IP, version 4: its first number in the upper eight bits.
     pub ip_address: u32,

@@ -25,6 +25,8 @@ use turns::Ring;
 const BATCH: u32 = 200;
 /// How long a process waits for its release, ns.
 const WAIT_NS: i64 = 1_000_000;
+/// Bytes of a thread's stack, of which there may be many.
+const STACK: usize = 64 << 10;
 /// Bytes on the blackboard.
 const MESSAGE: usize = 64;
 
@@ -110,7 +112,7 @@ fn ring(partition: &mut Initialisation<'_>, processes: u32, batches: u32) -> Res
             }
             Ok(())
         };
-        partition.process(&format!("member {number}"), Every::once().stack(64 << 10), body)?;
+        partition.process(&format!("member {number}"), Every::once().stack(STACK as u32), body)?;
     }
     Ok(())
 }
@@ -122,7 +124,9 @@ fn handover(partition: &mut Initialisation<'_>, threads: u32, batches: u32) -> R
         let round = std::thread::scope(|scope| {
             for own in 1..threads as usize {
                 let ring = &ring;
-                scope.spawn(move || ring.take_turns(own, batches * BATCH));
+                let thread = std::thread::Builder::new().stack_size(STACK);
+                let made = thread.spawn_scoped(scope, move || ring.take_turns(own, batches * BATCH));
+                made.map_err(|_| ReturnCode::InvalidConfig)?;
             }
             // Each call is a round: from this thread to all others and back.
             cost(batches, || {

@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
 
-use bateleur_tests::{PATIENCE, Peer, await_some, program};
+use bateleur_tests::{PATIENCE, Peer, among_others, await_some, program};
 use serde_json::{Value, json};
 
 /// A gateway that runs; it ends when dropped.

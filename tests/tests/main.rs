@@ -77,3 +77,14 @@ mod view;
 mod wall;
 mod why;
 mod window;
+
+#[test]
+fn every_file_of_this_folder_is_part_of_this_program() {
+    let folder = bateleur_tests::repository().join("tests/tests");
+    for file in std::fs::read_dir(folder).unwrap() {
+        let name = file.unwrap().file_name().into_string().unwrap();
+        let named = name == "main.rs"
+            || include_str!("main.rs").contains(&format!("mod {};", name.replace(".rs", "")));
+        assert!(named, "tests/main.rs does not name {name}");
+    }
+}

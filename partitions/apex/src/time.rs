@@ -159,7 +159,8 @@ impl Time {
 #[allow(clippy::panic)] // a partition that goes on here would never end
 fn beyond_the_window(partition: &str, end_ns: u64) -> ! {
     panic!(
-        "{partition} looks at module time until its window is over, at {end_ns} ns; in flight that is an overrun, which is not shown here"
+        "{partition} looks at module time until its window is over, at {end_ns} ns; in flight that is an overrun, which is not shown here: \
+         return from the window, and go on in the next one"
     );
 }
 

@@ -58,6 +58,14 @@ impl<T> Objects<T> {
         Err(ReturnCode::NoAction)
     }
 
+    /// As above, for a new one that has to be in the plan, which has none with a name that is none.
+    pub(crate) fn new_planned_name(&self, name: &str, notices: &mut Notices) -> Result<Name, ReturnCode> {
+        self.new_name(name, notices).map_err(|code| match code {
+            ReturnCode::InvalidParam => ReturnCode::InvalidConfig,
+            other => other,
+        })
+    }
+
     /// The place of the new one.
     pub(crate) fn add(&mut self, name: Name, item: T) -> usize {
         self.items.push((name, item));

@@ -24,10 +24,7 @@ impl Partition {
         max_logged: i32,
         max_in_progress: i32,
     ) -> Result<LogbookId, ReturnCode> {
-        let name = match self.logbooks.new_name(name, &mut self.notices) {
-            Err(ReturnCode::InvalidParam) => Err(ReturnCode::InvalidConfig), // the plan has none with that name
-            other => other,
-        }?;
+        let name = self.logbooks.new_planned_name(name, &mut self.notices)?;
         let planned = self.settings.logbooks.iter().find(|planned| planned.name == name);
         let memory = planned.ok_or(ReturnCode::InvalidConfig)?.memory.clone();
         let LogbookStatus { max_message_size: size, max_logged: logged, max_in_progress: under_way, .. } =

@@ -28,10 +28,7 @@ impl Partition {
         name: &str,
         queuing_discipline: impl Into<u32>,
     ) -> Result<NameServiceId, ReturnCode> {
-        let name = match self.name_services.new_name(name, &mut self.notices) {
-            Err(ReturnCode::InvalidParam) => Err(ReturnCode::InvalidConfig), // the plan has none with that name
-            other => other,
-        }?;
+        let name = self.name_services.new_planned_name(name, &mut self.notices)?;
         let planned = self.settings.name_services.iter().find(|(planned, _)| *planned == name);
         let addresses = planned.ok_or(ReturnCode::InvalidConfig)?.1.clone();
         let discipline = discipline(queuing_discipline).map_err(|_| ReturnCode::InvalidConfig)?;

@@ -17,6 +17,8 @@ const FAILED: u8 = 1;
 const FUZZ_S: &str = "120";
 /// The same by `--long`: longer than anything else, for a machine that has the time.
 const LONG_FUZZ_S: &str = "600";
+/// Tests read it: `1`, they fly and draw as often as a release asks for.
+const LONG: &str = "BATELEUR_LONG";
 /// The server of Foxglove's protocol, a workspace of its own.
 const FOXGLOVE: &str = "hil/foxglove/Cargo.toml";
 /// How long asking a tool for its version may take.
@@ -25,12 +27,12 @@ const ASKING: Duration = Duration::from_secs(30);
 const FETCHING: Duration = Duration::from_secs(90);
 
 pub(crate) fn run(arguments: &[OsString]) -> ExitCode {
-    let fuzz_s = match arguments {
-        [] => FUZZ_S,
-        [long] if long == "--long" => LONG_FUZZ_S,
+    let is_long = match arguments {
+        [] => false,
+        [long] if long == "--long" => true,
         _ => {
             eprintln!(
-                "usage: cargo verify [--long]: random system calls for {LONG_FUZZ_S} s instead of {FUZZ_S} s"
+                "usage: cargo verify [--long]: campaigns and random system calls as long as before a release"
             );
             return ExitCode::from(CANNOT_RUN);
         }
@@ -42,7 +44,7 @@ pub(crate) fn run(arguments: &[OsString]) -> ExitCode {
     }
     let begun = Instant::now();
     let mut tally = Tally::default();
-    let result = everything(&root, fuzz_s, &mut tally);
+    let result = everything(&root, is_long, &mut tally);
     match &result {
         Ok(()) => println!("verify: everything passed in {:.0} s", begun.elapsed().as_secs_f64()),
         Err(reason) => println!("verify: {reason}"),
@@ -84,7 +86,7 @@ pub(crate) fn root() -> PathBuf {
     Path::new(&package).parent().map_or_else(|| ".".into(), Path::to_owned)
 }
 
-fn everything(root: &Path, fuzz_s: &str, tally: &mut Tally) -> Result<(), String> {
+fn everything(root: &Path, is_long: bool, tally: &mut Tally) -> Result<(), String> {
     Step::cargo("format", &["fmt", "--all", "--check"]).run(tally)?;
     locks(tally)?;
     pages(root)?;
@@ -97,7 +99,7 @@ fn everything(root: &Path, fuzz_s: &str, tally: &mut Tally) -> Result<(), String
         // The tests go on: whoever waits shall read it at once.
         let compiling =
             scope.spawn(|| beside_tests(&mut own).inspect_err(|reason| println!("== FAILED: {reason}")));
-        let tested = shown_commands(root).and_then(|()| tests(tally));
+        let tested = shown_commands(root).and_then(|()| tests(is_long, tally));
         let panicked = |_| Err("the steps beside the tests panicked".into());
         (tested, compiling.join().unwrap_or_else(panicked))
     });
@@ -105,7 +107,11 @@ fn everything(root: &Path, fuzz_s: &str, tally: &mut Tally) -> Result<(), String
     tested?;
     let (other, foxglove) = other?;
     foxglove_clients(foxglove, tally)?;
-    fuzz_beside_guest(root, other, fuzz_s, tally)
+    fuzz_beside_guest(root, other, is_long, tally)
+}
+
+fn long(is_long: bool) -> &'static str {
+    if is_long { "1" } else { "0" }
 }
 
 /// The workspaces beside this one lock what this one's crates need by now: their own builds come late, or not at all.
@@ -182,14 +188,14 @@ fn models(tally: &mut Tally) -> Result<(), String> {
 
 /// A partition makes random system calls for long. The machines of `guest` have their own clocks and take no turns with windows
 /// on the wall clock, so both run at once; nothing else does.
-fn fuzz_beside_guest(root: &Path, other: bool, fuzz_s: &str, tally: &mut Tally) -> Result<(), String> {
+fn fuzz_beside_guest(root: &Path, other: bool, is_long: bool, tally: &mut Tally) -> Result<(), String> {
     let test = ["test", "--release", "--workspace", "--test", "system", "--", "--ignored", "sandbox_fuzz::"];
     let fuzz = Step::cargo("random system calls", &[&test[..], &["--nocapture"]].concat())
-        .with("BATELEUR_FUZZ_SECONDS", fuzz_s);
+        .with("BATELEUR_FUZZ_SECONDS", if is_long { LONG_FUZZ_S } else { FUZZ_S });
     let mut own = Tally::default();
     let (fuzzed, guested) = std::thread::scope(|scope| {
         let fuzzing = scope.spawn(|| fuzz.run(&mut own));
-        let guested = guest(root, other, tally);
+        let guested = guest(root, other, is_long, tally);
         (fuzzing.join().unwrap_or_else(|_| Err("the step of random system calls panicked".into())), guested)
     });
     tally.add(own);
@@ -198,7 +204,7 @@ fn fuzz_beside_guest(root: &Path, other: bool, fuzz_s: &str, tally: &mut Tally) 
 
 /// What only another kernel or processor can show, in a virtual machine: see tests/guest. `other`: programs for the other processor
 /// were built.
-fn guest(root: &Path, other: bool, tally: &mut Tally) -> Result<(), String> {
+fn guest(root: &Path, other: bool, is_long: bool, tally: &mut Tally) -> Result<(), String> {
     let mut arguments =
         vec!["test", "--release", "--workspace", "--test", "system", "--", "--ignored", "guest::"];
     if !other {
@@ -210,7 +216,7 @@ fn guest(root: &Path, other: bool, tally: &mut Tally) -> Result<(), String> {
     if !prepared {
         return left_out("tests in a guest", "no guest is prepared (on Debian: tests/guest/prepare)");
     }
-    Step::cargo("tests in a guest", &arguments).run(tally)
+    Step::cargo("tests in a guest", &arguments).with(LONG, long(is_long)).run(tally)
 }
 
 /// What compiles, on processors that no test wants: those on the wall clock sleep for most of their time. Whether there are programs for the
@@ -305,17 +311,19 @@ fn shown_commands(root: &Path) -> Result<(), String> {
 }
 
 /// All of them, also after the first that fails: the count at the end shall be the whole truth.
-fn tests(tally: &mut Tally) -> Result<(), String> {
+fn tests(is_long: bool, tally: &mut Tally) -> Result<(), String> {
     if succeeds(cargo(), &["nextest", "--version"], ASKING) {
         // One waits for a process of its own while the others compute; those that have to be alone are, whatever is said here.
         let processors = std::thread::available_parallelism().map_or(2, usize::from);
         return Step::cargo("tests", &["nextest", "run", "--release", "--workspace", "--no-fail-fast"])
             .with("NEXTEST_TEST_THREADS", &(processors + processors / 2).to_string())
+            .with(LONG, long(is_long))
             .run(tally);
     }
     Step::cargo(
         "tests",
         &["test", "--release", "--workspace", "--lib", "--bins", "--tests", "--no-fail-fast"],
     )
+    .with(LONG, long(is_long))
     .run(tally)
 }

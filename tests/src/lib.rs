@@ -38,6 +38,11 @@ pub use turn::{Turn, alone, among_others};
 
 use std::time::{Duration, Instant};
 
+/// Whether tests fly and draw as often as a release asks for: `cargo verify --long` says so. Otherwise once of each kind.
+pub fn is_long() -> bool {
+    std::env::var_os("BATELEUR_LONG").is_some_and(|value| value == "1")
+}
+
 /// The nine partitions of the flight, in the order of their windows.
 pub const NINE: [&str; 9] = [
     "rate_generator",

@@ -139,6 +139,17 @@ impl Started {
         self.child.id() as i32
     }
 
+    /// The module that it runs, as `--module` takes it: once that answers.
+    #[track_caller]
+    pub fn module(&self) -> String {
+        let module = crate::executive_of(self.pid()).pid.to_string();
+        let answers = await_some(crate::PATIENCE, || {
+            bateleur(&["ps", "--module", &module]).end().code.filter(|code| *code == 0)
+        });
+        assert!(answers.is_some(), "the module never came: {}", self.said());
+        module
+    }
+
     /// Its output folder.
     pub fn folder(&self) -> PathBuf {
         self.scratch.as_ref().unwrap().path().join("out")

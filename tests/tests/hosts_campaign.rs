@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use bateleur_tests::{Ended, among_others, bateleur, repository};
+use bateleur_tests::{Ended, among_others, bateleur, is_long, repository, small_mission};
 
 /// SplitMix64.
 struct Random(u64);
@@ -99,6 +99,12 @@ fn number(name: &str, usual: u64) -> u64 {
 fn cuts_and_deaths_at_random_instants_end_as_the_book_says() {
     let _turn = among_others();
     let seed = number("BATELEUR_HOSTS_SEED", 1);
+    // Over sooner than the two laps of the schedule, and not before the last instant that is drawn.
+    let folder = tempfile::tempdir().unwrap();
+    let mission = folder.path().join("mission.toml");
+    let text = std::fs::read_to_string(small_mission()).unwrap();
+    let text = text.replace("laps = 1", "laps = 5").replace("time_limit_s = 120", "time_limit_s = 400");
+    std::fs::write(&mission, text).unwrap();
     for number in 0..number("BATELEUR_HOSTS_FLIGHTS", KINDS.len() as u64) {
         let (kind, options) = drawn(seed, number);
         let schedule = repository().join("schedules/two-hosts.toml");
@@ -107,6 +113,9 @@ fn cuts_and_deaths_at_random_instants_end_as_the_book_says() {
             vec!["fly", "--fast", "--hosts", "--format", "json", "--seed", &flight_seed, "--schedule"];
         arguments.push(schedule.to_str().unwrap());
         arguments.extend(options.iter().map(String::as_str));
+        if !is_long() {
+            arguments.extend(["--mission", mission.to_str().unwrap()]);
+        }
         let which = format!("flight {number} of seed {seed}: {}", arguments.join(" "));
         eprintln!("{which}");
         judge(kind, &bateleur(&arguments).end_within(Duration::from_secs(300)), &which);

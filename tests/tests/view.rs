@@ -5,8 +5,10 @@ use std::net::TcpStream;
 use std::path::Path;
 use std::time::Duration;
 
+use bateleur_recording::PORTS_FILE;
 use bateleur_tests::{
-    Browser, Page, Sketch, Started, alone, await_some, bateleur, executive_of, flight_schedule,
+    Browser, Page, Peer, Sketch, Started, alone, await_some, bateleur, flight_schedule, quantile,
+    small_mission,
 };
 use rustix::process::Signal;
 use serde_json::Value;
@@ -43,6 +45,33 @@ fn keep(page: &mut Page, name: &str) {
 fn expect_as_wide_as_the_screen(page: &mut Page) {
     let [width, screen] = ["document.documentElement.scrollWidth", "innerWidth"].map(|what| page.value(what));
     assert!(width.as_f64() <= screen.as_f64(), "{width} px wide on a screen of {screen}");
+}
+
+/// Starts what a scraper reads from and gives its address.
+fn metrics() -> (Started, String) {
+    let mut served = bateleur(&["metrics", "--listen", "127.0.0.1:0"]);
+    served.await_words("metrics: http");
+    let said = served.said();
+    let address = said.split("http://").nth(1).unwrap().split('/').next().unwrap().to_owned();
+    (served, address)
+}
+
+/// Head and body of what a scraper is told.
+fn scrape(address: &str, accept: &str) -> (String, String) {
+    let asked = format!("GET /metrics HTTP/1.1\r\nHost: {address}\r\nAccept: {accept}\r\n\r\n");
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    stream.write_all(asked.as_bytes()).unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    let (head, body) = answer.split_once("\r\n\r\n").unwrap();
+    (head.to_owned(), body.to_owned())
+}
+
+/// Module time, ns.
+fn module_ns(module: &str) -> u64 {
+    let status = bateleur(&["ps", "--format", "json", "--module", module]).end().expect_code(0).summary();
+    status["modules"][0]["module_ns"].as_u64().unwrap()
 }
 
 /// What a server says to a request.
@@ -170,11 +199,7 @@ mod alone {
         let schedule = flight_schedule();
         let flight =
             bateleur(&["fly", "--wind", "5", "--wind-from", "250", "--schedule", schedule.to_str().unwrap()]);
-        let module = executive_of(flight.pid()).pid.to_string();
-        let shown = bateleur_tests::await_some(Duration::from_secs(60), || {
-            bateleur(&["ps", "--module", &module]).end().code.filter(|code| *code == 0)
-        });
-        assert!(shown.is_some(), "the module never came: {}", flight.said());
+        let module = flight.module();
         let (view, address) = view(&["--module", &module]);
         let mut page = Page::open(&browser);
         page.show_on(1280, 900, false);
@@ -267,25 +292,14 @@ mod alone {
         series.sort_unstable();
         series.dedup();
         assert_eq!(series.len(), count, "{text}");
-        let mut served = bateleur(&["metrics", "--listen", "127.0.0.1:0"]);
-        served.await_words("metrics: http");
-        let said = served.said();
-        let address = said.split("http://").nth(1).unwrap().split('/').next().unwrap().to_owned();
-        let scrape = |accept: &str| {
-            let asked = format!("GET /metrics HTTP/1.1\r\nHost: {address}\r\nAccept: {accept}\r\n\r\n");
-            let mut stream = TcpStream::connect(&address).unwrap();
-            stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
-            stream.write_all(asked.as_bytes()).unwrap();
-            let mut answer = String::new();
-            stream.read_to_string(&mut answer).unwrap();
-            let (head, body) = answer.split_once("\r\n\r\n").unwrap();
-            (head.to_owned(), body.to_owned())
-        };
-        let (head, body) = scrape("text/plain;version=0.0.4;q=1,*/*;q=0.1");
+        let (_served, address) = metrics();
+        let (head, body) = scrape(&address, "text/plain;version=0.0.4;q=1,*/*;q=0.1");
         assert!(head.contains("text/plain; version=0.0.4"), "{head}");
         assert!(modules.iter().all(|(module, _)| windows(&body, module)), "{body}");
-        let (head, newer) =
-            scrape("application/openmetrics-text;version=1.0.0;q=0.5,text/plain;version=0.0.4;q=0.4");
+        let (head, newer) = scrape(
+            &address,
+            "application/openmetrics-text;version=1.0.0;q=0.5,text/plain;version=0.0.4;q=0.4",
+        );
         assert!(
             head.contains("application/openmetrics-text") && newer.ends_with("# EOF\n"),
             "{head}\n{newer}"
@@ -331,5 +345,72 @@ mod alone {
         ] {
             assert!(families.contains(family), "{family} is not in\n{families}");
         }
+    }
+
+    #[test]
+    #[ignore = "flies for ten minutes, and needs the server of Foxglove's protocol"]
+    fn flight_of_ten_minutes_is_watched_by_a_browser_a_scraper_and_foxglove_and_is_late_no_more_often() {
+        let Some(browser) = Browser::find() else { return };
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let mission = folder.path().join("long.toml");
+        let text = std::fs::read_to_string(small_mission()).unwrap();
+        let long = text.replace("laps = 1", "laps = 19").replace("time_limit_s = 120", "time_limit_s = 1200");
+        std::fs::write(&mission, long).unwrap();
+        let schedule = flight_schedule();
+        let (schedule, mission) = (schedule.to_str().unwrap(), mission.to_str().unwrap());
+        let mut flight = bateleur(&["fly", "--format", "json", "--schedule", schedule, "--mission", mission]);
+        let module = flight.module();
+        let Some((server, address)) = crate::foxglove::serve(&module) else { return };
+        let foxglove = Peer::start("foxglove.py", &[&address]).unwrap();
+        let mut page = Page::open(&browser);
+        let (mut watched, mut alone, mut delays) = (Vec::new(), Vec::new(), Vec::new());
+        let settled = Duration::from_secs(4);
+        let minute = |work: &mut dyn FnMut()| {
+            std::thread::sleep(settled);
+            let begun_ns = module_ns(&module);
+            for _ in 0..26 {
+                std::thread::sleep(Duration::from_secs(1));
+                work();
+            }
+            begun_ns..module_ns(&module)
+        };
+        for _ in 0..9 {
+            alone.push(minute(&mut || ()));
+            let (view, address) = view(&["--module", &module]);
+            let (metrics, scraped) = metrics();
+            page.go(&address);
+            page.await_true("Number(document.getElementById('delay').dataset.p95) > 0");
+            watched.push(minute(&mut || {
+                scrape(&scraped, "application/openmetrics-text;version=1.0.0");
+            }));
+            delays.push(page.value("document.getElementById('delay').dataset.p95"));
+            page.go("about:blank");
+            drop((view, metrics));
+            if flight.has_ended() {
+                break;
+            }
+        }
+        let heard = foxglove.finish();
+        let flown = flight.end_within(Duration::from_secs(300));
+        let closing = server.end().expect_code(0);
+        let summary = flown.summary();
+        assert_eq!(summary["completed"], true, "{}\n{}", summary["failure"], flown.stderr);
+        let windows = flown.windows();
+        let within = |spans: &[std::ops::Range<u64>]| {
+            let of_these = |window: &&bateleur_tests::Window| {
+                spans.iter().any(|span| span.contains(&window.planned_start_ns))
+            };
+            let late: Vec<u64> =
+                windows.iter().filter(of_these).filter_map(|window| window.lateness_ns()).collect();
+            (late.len(), [0.5, 0.99, 0.999].map(|part| quantile(late.iter().copied(), part)))
+        };
+        eprintln!("late by (p50, p99, p99.9 in ns), watched: {:?}", within(&watched));
+        eprintln!("late by (p50, p99, p99.9 in ns), alone: {:?}", within(&alone));
+        eprintln!("from a port's write to the screen, p95 in ms: {delays:?}");
+        let compared =
+            crate::foxglove::assert_nothing_lost(&heard["topics"], &flown.folder().join(PORTS_FILE));
+        eprintln!("{compared} messages to Foxglove, none lost");
+        closing.expect_words(&["messages handed on, 0 not seen"]);
     }
 }

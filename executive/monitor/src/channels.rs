@@ -5,6 +5,7 @@ use crate::commands::cleaned;
 use crate::health::decision::Decision;
 use crate::lifecycle::{Event, PairMember, Phase};
 use crate::monitor::Monitor;
+use bateleur_contract::Clock;
 use bateleur_host::partition::shared_channels;
 use bateleur_plan::{Closed, PartitionError, StartMode};
 
@@ -12,7 +13,11 @@ impl Monitor {
     pub(crate) fn look_at_channel_cleaner(&mut self) {
         self.tend_channels();
         let module_ns = self.module_ns;
-        while let Some(Cleaned { place, member, pid, bad }) = self.cleanups.next_cleaned() {
+        loop {
+            // On the virtual clock nobody's time passes while somebody cleans up.
+            let (partitions, on_wall) = (&self.partitions, self.clock == Clock::Wall);
+            let starts = |place: usize| on_wall && partitions[place].life.phase() == Phase::Starting;
+            let Some(Cleaned { place, member, pid, bad }) = self.cleanups.next_cleaned(starts) else { break };
             let Some(dead) = self.partitions[place].member(member) else { continue };
             // Another one may have died there meanwhile, and waits for a clean-up of its own.
             if dead.remains.take_if(|remains| *remains == pid).is_none() {

@@ -143,8 +143,9 @@ impl Cleanups {
                 .is_some_and(|(ended_helpers, _)| !ended_helpers.borrow().is_empty())
     }
 
-    /// The next process of a partition that has been cleaned up after; `None` if channel cleaners are at work, or nobody waits.
-    pub(crate) fn next_cleaned(&mut self) -> Option<Cleaned> {
+    /// The next process of a partition that has been cleaned up after; `None` if channel cleaners are at work, or nobody waits. Where the
+    /// partition at a place `starts`, what was its standby waits: a channel cleaner would share the processor with the successor.
+    pub(crate) fn next_cleaned(&mut self, starts: impl Fn(usize) -> bool) -> Option<Cleaned> {
         let mut place = 0;
         while place < self.channel_cleaners.len() {
             let status = ended(&self.channel_cleaners[place].process);
@@ -171,11 +172,11 @@ impl Cleanups {
                 return Some(cleaned);
             }
         }
-        self.start_next()
+        self.start_next(starts)
     }
 
     /// Starts channel cleaners for those who wait; gives one who can have none.
-    fn start_next(&mut self) -> Option<Cleaned> {
+    fn start_next(&mut self, starts: impl Fn(usize) -> bool) -> Option<Cleaned> {
         let mut place = 0;
         while self.channel_cleaners.len() < CHANNEL_CLEANERS {
             let Some(dead) = self.waiting.get(place).cloned().or_else(|| self.ended_helper()) else { break };
@@ -184,7 +185,8 @@ impl Cleanups {
                     .iter()
                     .any(|channel_cleaner| channel_cleaner.order.channels.contains(channel))
             };
-            if dead.order.channels.iter().any(at_work) {
+            let waits = matches!(dead.of, Some((of, PairMember::Standby)) if starts(of));
+            if waits || dead.order.channels.iter().any(at_work) {
                 if place >= self.waiting.len() {
                     self.waiting.push_back(dead); // a helper
                     break;
@@ -316,10 +318,10 @@ pub(crate) mod tests {
             Some((ended_helpers.clone(), text(&["a", "b", "c"]))),
         );
         ended_helpers.borrow_mut().push(7);
-        assert_eq!(cleanups.next_cleaned(), None);
+        assert_eq!(cleanups.next_cleaned(|_| false), None);
         while cleanups.awaits(7) {
             await_any_end(&cleanups.channel_cleaners().collect::<Vec<_>>(), 1_000_000_000);
-            assert_eq!(cleanups.next_cleaned(), None, "no partition was buried");
+            assert_eq!(cleanups.next_cleaned(|_| false), None, "no partition was buried");
         }
         told.take()
     }
@@ -350,7 +352,7 @@ pub(crate) mod tests {
         let mut cleanups = Cleanups::new(start, Some((ended_helpers.clone(), text(&["a"]))));
         ended_helpers.borrow_mut().push(7);
         for _ in 0..10 {
-            assert_eq!(cleanups.next_cleaned(), None);
+            assert_eq!(cleanups.next_cleaned(|_| false), None);
         }
         assert_eq!(*tries.borrow(), 1);
     }
@@ -368,7 +370,7 @@ pub(crate) mod tests {
         for pid in [7, 7] {
             cleanups.add(0, PairMember::Active, order(pid));
         }
-        assert_eq!(cleanups.next_cleaned(), None, "it is under way");
+        assert_eq!(cleanups.next_cleaned(|_| false), None, "it is under way");
         // Its successor is dead before the cleaner has come to its end.
         for pid in [7, 8] {
             cleanups.add(0, PairMember::Active, order(pid));
@@ -376,9 +378,27 @@ pub(crate) mod tests {
         let mut cleaned = Vec::new();
         while cleaned.len() < 2 {
             await_any_end(&cleanups.channel_cleaners().collect::<Vec<_>>(), 1_000_000_000);
-            cleaned.extend(cleanups.next_cleaned().map(|cleaned| cleaned.pid));
+            cleaned.extend(cleanups.next_cleaned(|_| false).map(|cleaned| cleaned.pid));
         }
         assert_eq!((cleaned, pids.take()), (vec![7, 8], vec![7, 8]));
+    }
+
+    #[test]
+    fn a_successor_that_starts_keeps_the_processor_until_it_is_ready() {
+        let mut cleanups = Cleanups::new(Box::new(|_| Ok(shell("exit 0"))), None);
+        let order = |pid| CleanupOrder { pid, user: None, channels: text(&["a"]), damaged: Vec::new() };
+        cleanups.add(3, PairMember::Standby, order(7));
+        let at_work = |cleanups: &Cleanups| cleanups.channel_cleaners().count();
+        assert_eq!((cleanups.next_cleaned(|place| place == 3), at_work(&cleanups)), (None, 0));
+        // Who has no successor yet waits for none, and nobody waits for another partition's.
+        cleanups.add(4, PairMember::Active, order(8));
+        assert_eq!((cleanups.next_cleaned(|_| true), at_work(&cleanups)), (None, 1));
+        let mut cleaned = Vec::new();
+        while cleaned.len() < 2 {
+            await_any_end(&cleanups.channel_cleaners().collect::<Vec<_>>(), 1_000_000_000);
+            cleaned.extend(cleanups.next_cleaned(|place| place == 4).map(|cleaned| cleaned.pid));
+        }
+        assert_eq!(cleaned, [8, 7]);
     }
 
     #[test]
@@ -386,7 +406,7 @@ pub(crate) mod tests {
         let start: StartChannelCleaner = Box::new(|_| Ok(shell("echo a; sleep 60")));
         let mut cleanups = Cleanups::new(start, None);
         cleanups.add_helper(7, text(&["a"]));
-        assert_eq!(cleanups.next_cleaned(), None);
+        assert_eq!(cleanups.next_cleaned(|_| false), None);
         cleanups.set_back(&text(&["b"]));
         assert_eq!(cleanups.channel_cleaners().count(), 1, "it is at work elsewhere");
         cleanups.set_back(&text(&["a"]));
@@ -435,7 +455,7 @@ pub(crate) mod tests {
         cleanups.add_helper(9, text(&["c", "d"]));
         let begun_ns = now_ns();
         while cleanups.awaits(9) && now_ns() - begun_ns < 10_000_000_000 {
-            assert_eq!(cleanups.next_cleaned(), None);
+            assert_eq!(cleanups.next_cleaned(|_| false), None);
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
         assert_eq!([7, 8, 9].map(|pid| cleanups.awaits(pid)), [true, true, false]);

@@ -10,6 +10,8 @@ use bateleur_system::time::now_ns;
 const MOST: usize = 4_096;
 /// Between two looks for other modules, ns.
 const LOOK_NS: u64 = 1_000_000_000;
+/// The same, where a process is nobody's that is known: its module may have just begun.
+const STRANGER_LOOK_NS: u64 = 50_000_000;
 /// Parents that are followed, most: a child of a partition's child is the partition's.
 const GENERATIONS: usize = 16;
 /// Whose children the kernel's own threads are.
@@ -63,34 +65,42 @@ impl Owners {
     }
 
     fn look_up(&mut self, thread: i32) -> Option<String> {
-        if now_ns().saturating_sub(self.looked_ns) > LOOK_NS {
+        let (first, owner) = self.known(thread)?;
+        let most_ns = if owner.is_some() { LOOK_NS } else { STRANGER_LOOK_NS };
+        if now_ns().saturating_sub(self.looked_ns) > most_ns {
             self.looked_ns = now_ns();
             self.others = instance::others();
         }
+        let owner = self.known(thread).map_or(owner, |(_, again)| again); // it may have ended meanwhile
+        Some(owner.unwrap_or_else(|| format!("process {first}")))
+    }
+
+    /// A thread's process, and whose that is, if that is known.
+    fn known(&self, thread: i32) -> Option<(i32, Option<String>)> {
         let own = std::process::id() as i32;
         let (first, mut parent) = process_of(thread)?;
         let mut process = first;
         for _ in 0..GENERATIONS {
             if let Some(name) = self.processes.get(&process) {
-                return Some(partition(name));
+                return Some((first, Some(partition(name))));
             }
             if process == own {
                 let helper = if first == own { "the executive" } else { "a helper of the executive" };
-                return Some(helper.into());
+                return Some((first, Some(helper.into())));
             }
             if let Some(other) = self.others.iter().find(|other| other.pid == process) {
                 let module = other.module().replace(char::is_control, "\u{fffd}");
-                return Some(format!("module {module} (PID {process})"));
+                return Some((first, Some(format!("module {module} (PID {process})"))));
             }
             if process == KERNEL || parent == KERNEL {
-                return Some("the kernel".into());
+                return Some((first, Some("the kernel".into())));
             }
             if process <= 1 {
                 break;
             }
             (process, parent) = process_of(parent)?;
         }
-        Some(format!("process {first}"))
+        Some((first, None))
     }
 }
 

@@ -60,87 +60,26 @@ mod tests {
     use std::sync::atomic::AtomicBool;
     use std::sync::atomic::Ordering::{Relaxed, SeqCst};
 
+    use bateleur_contract::Takeover;
     use bateleur_contract::page::WindowGrant;
-    use bateleur_contract::{Mapped, Takeover};
 
     use super::*;
     use crate::change::Changes;
     use crate::dispatcher::{Ending, Gate, Occurrence, ScheduleEpoch};
     use crate::freeze_worker::FreezeWorker;
     use crate::partition_control::Readiness;
-    use crate::partition_control::fixture;
+    use crate::partition_control::fixture::{self, Obedient, controlled};
     use crate::schedule_switch::ScheduleSwitch;
     use crate::stall::Stall;
-    use crate::time_guard::{ProcessControl, TimeGuard};
     use crate::wall::WallGate;
     use crate::window_record::{Missed, WindowRecord};
     use bateleur_system::time::now_ns;
 
-    /// Processes of one partition control: whether they are frozen, and what priority they were given.
-    #[derive(Debug, Clone, Default)]
-    struct Process(Arc<(AtomicBool, Mutex<Vec<&'static str>>)>);
-
-    impl Process {
-        fn is_held(&self) -> bool {
-            self.0.0.load(SeqCst)
-        }
-        fn say(&self, what: &'static str) {
-            self.0.1.lock().unwrap().push(what);
-        }
-        fn said(&self) -> Vec<&'static str> {
-            std::mem::take(&mut self.0.1.lock().unwrap())
-        }
-    }
-
-    impl ProcessControl for Process {
-        fn freeze(&self) -> std::io::Result<()> {
-            self.0.0.store(true, SeqCst);
-            self.say("freeze");
-            Ok(())
-        }
-        fn thaw(&self) {
-            self.0.0.store(false, SeqCst);
-            self.say("thaw");
-        }
-        fn is_frozen(&self) -> bool {
-            self.is_held()
-        }
-        fn is_stopped(&self, _: i32) -> bool {
-            true
-        }
-        fn stop(&self, _: i32) {}
-        fn go_on(&self, _: i32) {}
-        fn each_thread(&self, _: &mut dyn FnMut(i32)) {}
-        fn promote(&self, _: i32, _: u8) {
-            self.say("promote");
-        }
-        fn demote(&self, _: i32) -> bool {
-            false
-        }
-        fn place(&self, _: i32, _: u32) {}
-        fn used_ns(&self, _: i32) -> Option<u64> {
-            None
-        }
-        fn now_ns(&self) -> u64 {
-            0
-        }
-    }
-
-    fn control(process: &Process) -> PartitionControl {
-        let file = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
-        rustix::fs::ftruncate(&file, 4096).unwrap();
-        PartitionControl::new(
-            Mapped::new(file).unwrap(),
-            TimeGuard::new(Box::new(process.clone()), Some(40)),
-            true,
-        )
-    }
-
     /// A partition with a process active and one that stands by.
-    fn pair() -> (Arc<RedundantPair>, Process, Process) {
-        let (old, new) = (Process::default(), Process::default());
-        let first = control(&old);
-        let behind = control(&new).beside(&first);
+    fn pair() -> (Arc<RedundantPair>, Obedient, Obedient) {
+        let (old, new) = (Obedient::default(), Obedient::default());
+        let first = controlled(&old, Some(40), true);
+        let behind = controlled(&new, Some(40), true).beside(&first);
         first.admit(1, &[1], &[]);
         first.set_readiness(Readiness::Ready);
         behind.stand_by(2, &[2], &[]);
@@ -212,7 +151,7 @@ mod tests {
 
     #[test]
     fn one_member_alone_stays_active() {
-        let pair = RedundantPair::new(Arc::new(control(&Process::default())), None);
+        let pair = RedundantPair::new(Arc::new(controlled(&Obedient::default(), Some(40), true)), None);
         pair.hand_over();
         assert_eq!((pair.active_member(), pair.all().count()), (0, 1));
     }

@@ -133,7 +133,9 @@ impl PartitionControl {
 pub(crate) mod fixture {
     //! A partition control without a dispatcher, and a window without a timeline, for the tests of each part.
 
-    use std::sync::atomic::Ordering::Relaxed;
+    use std::sync::atomic::AtomicBool;
+    use std::sync::atomic::Ordering::{Relaxed, SeqCst};
+    use std::sync::{Arc, Mutex};
 
     use bateleur_contract::page::WindowGrant;
 
@@ -169,17 +171,34 @@ pub(crate) mod fixture {
         }
     }
 
-    /// Processes that do what they are told, at once.
-    #[derive(Debug)]
-    pub(super) struct Obedient;
+    /// Processes that do what they are told, at once: whether they are frozen, and what they were told.
+    #[derive(Debug, Clone, Default)]
+    pub(crate) struct Obedient(Arc<(AtomicBool, Mutex<Vec<&'static str>>)>);
+
+    impl Obedient {
+        pub(crate) fn is_held(&self) -> bool {
+            self.0.0.load(SeqCst)
+        }
+        pub(crate) fn said(&self) -> Vec<&'static str> {
+            std::mem::take(&mut self.0.1.lock().unwrap())
+        }
+        fn say(&self, what: &'static str) {
+            self.0.1.lock().unwrap().push(what);
+        }
+    }
 
     impl ProcessControl for Obedient {
         fn freeze(&self) -> std::io::Result<()> {
+            self.0.0.store(true, SeqCst);
+            self.say("freeze");
             Ok(())
         }
-        fn thaw(&self) {}
+        fn thaw(&self) {
+            self.0.0.store(false, SeqCst);
+            self.say("thaw");
+        }
         fn is_frozen(&self) -> bool {
-            true
+            self.is_held()
         }
         fn is_stopped(&self, _: i32) -> bool {
             true
@@ -187,7 +206,9 @@ pub(crate) mod fixture {
         fn stop(&self, _: i32) {}
         fn go_on(&self, _: i32) {}
         fn each_thread(&self, _: &mut dyn FnMut(i32)) {}
-        fn promote(&self, _: i32, _: u8) {}
+        fn promote(&self, _: i32, _: u8) {
+            self.say("promote");
+        }
         fn demote(&self, _: i32) -> bool {
             false
         }
@@ -201,10 +222,19 @@ pub(crate) mod fixture {
     }
 
     pub(crate) fn control() -> PartitionControl {
+        controlled(&Obedient::default(), None, false)
+    }
+
+    /// `priority`: what its processes are given in windows.
+    pub(crate) fn controlled(
+        processes: &Obedient,
+        priority: Option<u8>,
+        always_freeze: bool,
+    ) -> PartitionControl {
         let file = rustix::fs::memfd_create("page", rustix::fs::MemfdFlags::CLOEXEC).unwrap();
         rustix::fs::ftruncate(&file, 4096).unwrap();
-        let guard = TimeGuard::new(Box::new(Obedient), None);
-        PartitionControl::new(Mapped::new(file).unwrap(), guard, false)
+        let guard = TimeGuard::new(Box::new(processes.clone()), priority);
+        PartitionControl::new(Mapped::new(file).unwrap(), guard, always_freeze)
     }
 
     pub(super) const WINDOW: WindowGrant = WindowGrant {

@@ -187,7 +187,7 @@ mod tests {
         rustix::fs::ftruncate(&file, 4096).unwrap();
         let control = PartitionControl::new(
             Mapped::new(&file).unwrap(),
-            TimeGuard::new(Box::new(Obedient), None),
+            TimeGuard::new(Box::new(Obedient::default()), None),
             false,
         );
         control.set_clock(1);

@@ -45,17 +45,19 @@ fn expect_all_done(ended: &Ended, partitions: &[InC<'_>]) {
     assert!(failed.is_empty(), "{failed:?}");
 }
 
+/// The keys of one end of a pair that plays ping and pong with messages of type `Number`.
+fn sampling(name: &str) -> String {
+    format!(
+        "threads = 2\n[partition.{name}.port]\n\
+         out = {{ direction = \"source\", kind = \"sampling\", message = \"Number\" }}\n\
+         in = {{ direction = \"destination\", kind = \"sampling\", message = \"Number\", refresh = \"100ms\" }}"
+    )
+}
+
 #[test]
 fn ports_processes_and_objects_do_in_c_what_the_header_says() {
     let _turn = among_others();
     let folder = tempfile::tempdir().unwrap();
-    let sampling = |name: &str| {
-        format!(
-            "threads = 2\n[partition.{name}.port]\n\
-             out = {{ direction = \"source\", kind = \"sampling\", message = \"Number\" }}\n\
-             in = {{ direction = \"destination\", kind = \"sampling\", message = \"Number\", refresh = \"100ms\" }}"
-        )
-    };
     let messages = folder.path().join("messages");
     std::fs::create_dir(&messages).unwrap();
     std::fs::write(messages.join("Number.msg"), "int32 number\n").unwrap();
@@ -100,6 +102,46 @@ fn ports_processes_and_objects_do_in_c_what_the_header_says() {
         log("refused").contains("port \"nowhere\" is refused: the program asks for sampling source, 8 bytes")
     );
     assert!(log("ping").contains("the plan has sampling source, 4 bytes"), "{}", log("ping"));
+}
+
+#[test]
+fn partition_in_c_that_was_built_with_other_fields_is_refused_at_its_start() {
+    let _turn = among_others();
+    let folder = tempfile::tempdir().unwrap();
+    let messages = folder.path().join("messages");
+    std::fs::create_dir(&messages).unwrap();
+    let include = format!("-I{}", folder.path().display());
+    let keys = sampling("ping");
+    let tables = channel_between("ping.out", "pong.in") + &channel_between("pong.out", "ping.in");
+    // As many bytes each; a unit and a nested type make another one, too.
+    for (built, plan) in [
+        ("int32 number\n", "uint32 number\n"),
+        ("int32 number\n", "int32 number  # [m]\n"),
+        ("int32 number\n", "int32 other\n"),
+        ("Inner inner\nint32 number\n", "Inner inner\nint32 number\n"),
+    ] {
+        let write = |text: &str, inner: &str| {
+            std::fs::write(messages.join("Number.msg"), text).unwrap();
+            std::fs::write(messages.join("Inner.msg"), inner).unwrap();
+        };
+        write(built, "float32 value\n");
+        let header = Command::new(program("message_header")).arg(&messages).output().unwrap();
+        std::fs::write(folder.path().join("messages.h"), header.stdout).unwrap();
+        let pong = compile_c("sampling", folder.path(), "pong", &["-DPONG", &include]);
+        let ping = compile_c("sampling", folder.path(), "ping", &[&include]);
+        let schedule = Sketch::new().table(&tables);
+        let schedule = schedule.partition_at("ping", &ping, 1000, &keys).partition_at(
+            "pong",
+            &pong,
+            1000,
+            &sampling("pong"),
+        );
+        write(plan, "uint32 value\n");
+        let schedule = schedule.write(folder.path());
+        let ended = bateleur(&["run", "--fast", "--until", "1", "--schedule", &schedule]).end();
+        assert_ne!(ended.code, Some(0), "{built} for {plan}");
+        ended.expect_words(&["carries Number, which has other fields in the plan than in this program"]);
+    }
 }
 
 #[test]

@@ -212,6 +212,7 @@ fn type_that_can_not_be_read_is_refused_by_its_line_before_anything_starts() {
     let said = check();
     assert!(said.contains("N09-messages-unusable"), "{said}");
     assert!(said.contains("Track.msg:7:1: `string` has no fixed length"), "{said}");
+    assert!(!said.contains("there is no message type"), "one fault is told once: {said}");
     let run = ["run", "--fast", "--schedule", &schedule, "--until", "1"];
     bateleur(&run).end().expect_code(2).expect_words(&["Track.msg:7:1"]);
     // A type that nobody describes.

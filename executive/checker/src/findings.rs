@@ -125,6 +125,11 @@ impl<'a> Findings<'a> {
         });
     }
 
+    /// Whether this rule is violated somewhere.
+    pub(super) fn has(&self, rule: &Rule) -> bool {
+        self.list.borrow().iter().any(|violation| violation.rule == rule.id)
+    }
+
     /// Whether anything found forbids a plan.
     pub(super) fn has_errors(&self) -> bool {
         self.list.borrow().iter().any(|violation| violation.severity == Severity::Error)

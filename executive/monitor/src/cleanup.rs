@@ -21,8 +21,10 @@ use bateleur_system::time::now_ns;
 use bateleur_system::wait::{ended, is_victim};
 
 /// A channel cleaner that has used more time than this is ended: the library's clean-up can hang. One that works takes some
-/// milliseconds.
-const CHANNEL_CLEANER_PATIENCE_NS: u64 = 3_000_000_000;
+/// milliseconds, and on a machine that is emulated a thousand times as long: hence the more, as a multiple of what its start took.
+const LEAST_PATIENCE_NS: u64 = 3_000_000_000;
+const MOST_PATIENCE_NS: u64 = 20_000_000_000;
+const STARTS: u64 = 100;
 
 /// What a pipe holds (pipe(7)): more channels than a module has.
 const PROGRESS_BYTES: usize = 1 << 16;
@@ -69,6 +71,8 @@ struct ChannelCleaner {
     progress: File,
     /// CLOCK_MONOTONIC, ns.
     since_ns: u64,
+    /// What it may use, ns.
+    patience_ns: u64,
     /// Those that it, or one before it, could not clear.
     bad: Vec<String>,
 }
@@ -150,8 +154,7 @@ impl Cleanups {
         while place < self.channel_cleaners.len() {
             let status = ended(&self.channel_cleaners[place].process);
             let channel_cleaner = &self.channel_cleaners[place];
-            let hangs =
-                status.is_none() && hangs(channel_cleaner.process.pid, now_ns() - channel_cleaner.since_ns);
+            let hangs = status.is_none() && channel_cleaner.hangs();
             if status.is_none() && !hangs {
                 place += 1;
                 continue;
@@ -215,13 +218,17 @@ impl Cleanups {
 
     /// Whether a channel cleaner is at work now.
     fn start(&mut self, dead: Dead, order: CleanupOrder, bad: Vec<String>) -> bool {
+        let begun_ns = now_ns();
         let Ok((process, progress)) = (self.start_channel_cleaner)(&order) else { return false };
+        let since_ns = now_ns();
+        let patience_ns = (since_ns - begun_ns) * STARTS;
         self.channel_cleaners.push(ChannelCleaner {
             dead,
             order,
             process,
             progress,
-            since_ns: now_ns(),
+            since_ns,
+            patience_ns: patience_ns.clamp(LEAST_PATIENCE_NS, MOST_PATIENCE_NS),
             bad,
         });
         true
@@ -250,6 +257,13 @@ impl Cleanups {
 }
 
 impl ChannelCleaner {
+    /// Whether it will not come to an end. Ended before its work is done, it leaves its successor's places in the channels taken.
+    fn hangs(&self) -> bool {
+        let elapsed_ns = now_ns() - self.since_ns;
+        let most_ns = cpu_starvation::STARVED_PATIENCE_NS;
+        cpu_starvation::has_had(self.process.pid, elapsed_ns, self.patience_ns, most_ns)
+    }
+
     /// Takes down what it has said: the channels that it could not clear; and gives the one at which it was last.
     fn listen(&mut self) -> Option<String> {
         let mut said = vec![0; PROGRESS_BYTES];
@@ -273,12 +287,6 @@ impl ChannelCleaner {
         self.order.damaged.push(at);
         true
     }
-}
-
-/// Whether a channel cleaner that began `elapsed_ns` ago will not come to an end. Ended before its work is done, it leaves its successor's
-/// places in the channels taken.
-fn hangs(pid: i32, elapsed_ns: u64) -> bool {
-    cpu_starvation::has_had(pid, elapsed_ns, CHANNEL_CLEANER_PATIENCE_NS, cpu_starvation::STARVED_PATIENCE_NS)
 }
 
 #[cfg(test)]
@@ -422,7 +430,7 @@ pub(crate) mod tests {
         let order = CleanupOrder { pid: 7, user: None, channels, damaged: Vec::new() };
         let dead = Dead::helper(7, order.channels.clone());
         let mut channel_cleaner =
-            ChannelCleaner { dead, order, process, progress, since_ns: 0, bad: Vec::new() };
+            ChannelCleaner { dead, order, process, progress, since_ns: 0, patience_ns: 0, bad: Vec::new() };
         let at = channel_cleaner.listen();
         assert!(channel_cleaner.spare(at, true));
         assert_eq!(
@@ -440,7 +448,7 @@ pub(crate) mod tests {
             CleanupOrder { pid: 7, user: None, channels: text(&["a", "b", "c"]), damaged: Vec::new() };
         let dead = Dead { of: Some((0, PairMember::Active)), order: order.clone() };
         let mut channel_cleaner =
-            ChannelCleaner { dead, order, process, progress, since_ns: 0, bad: text(&["b"]) };
+            ChannelCleaner { dead, order, process, progress, since_ns: 0, patience_ns: 0, bad: text(&["b"]) };
         assert_eq!(channel_cleaner.listen().as_deref(), Some("c"));
         assert_eq!(channel_cleaner.bad, text(&["b", "a"]));
     }

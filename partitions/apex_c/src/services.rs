@@ -3,6 +3,8 @@
 
 mod pointers;
 
+use std::ffi::{CStr, c_char};
+
 use bateleur_apex::ReturnCode;
 use bateleur_apex::processes::standard::{
     BlackboardId, BufferId, Deadline, EventId, LogbookId, MAX_LOCK_LEVEL, MutexId, NameServiceId,
@@ -165,6 +167,7 @@ services! {
 
     CREATE_SAMPLING_PORT, CREATE_SAMPLING_PORT_64
     (name: *const u8, size: i32, direction: u32, refresh: i64, id: *mut Id) {
+        std::hint::black_box(bateleur_built_with as *const ()); // it is linked
         let name = name_of(name)?;
         put_first(id, || {
             current::create_sampling_port(name.text()?, size, direction, refresh).map(|id| Id::of(id.0))
@@ -219,6 +222,7 @@ services! {
 
     CREATE_QUEUING_PORT, CREATE_QUEUING_PORT_64
     (name: *const u8, size: i32, messages: i32, direction: u32, discipline: u32, id: *mut Id) {
+        std::hint::black_box(bateleur_built_with as *const ()); // it is linked
         let name = name_of(name)?;
         put_first(id, || {
             let port = current::create_queuing_port(name.text()?, size, messages, direction, discipline);
@@ -474,6 +478,15 @@ services! {
 
     GET_ERROR_STATUS, GET_ERROR_STATUS_64 (status: *mut ErrorStatus<Id>) {
         put_first(status, || call(|services| services.get_error_status()).map(Into::into))
+    }
+}
+
+/// What a header of message types tells of one of them before `main`. It is weak there: whoever creates ports has it linked.
+#[unsafe(no_mangle)]
+unsafe extern "C" fn bateleur_built_with(name: *const c_char, layout: u32) {
+    // SAFETY: the header gives a literal.
+    if let Ok(name) = unsafe { CStr::from_ptr(name) }.to_str() {
+        current::built_with(name, layout);
     }
 }
 

@@ -12,7 +12,8 @@ use crate::words::PACKAGE;
 /// A header with `types` and all types within them. `guard` is what keeps it from being read twice, a C identifier.
 ///
 /// A type `package/Name` is the structure `package_Name`, one without a package `bateleur_Name`. Sizes and places of fields are
-/// asserted when it is compiled. `…_NAME` and `…_LAYOUT` are what the schedule file and a port's description call them.
+/// asserted when it is compiled. `…_NAME` and `…_LAYOUT` are what the schedule file and a port's description call them. A program with the
+/// library for C tells it both when it begins, so that a port whose type has other fields in the plan is refused.
 #[must_use]
 pub fn header<'a>(guard: &str, types: impl IntoIterator<Item = &'a Type>) -> String {
     let mut out = format!(
@@ -23,12 +24,22 @@ pub fn header<'a>(guard: &str, types: impl IntoIterator<Item = &'a Type>) -> Str
     for of in types {
         add(of, &mut out, &mut told);
     }
-    let _ = write!(out, "\n#endif /* {guard} */\n");
+    // Weak: whoever only decodes messages has no library.
+    out.push_str(
+        "\n#if defined(__GNUC__)\n#ifdef __cplusplus\nextern \"C\"\n#endif\n\
+         void bateleur_built_with(const char *name, uint32_t layout) __attribute__((weak));\n",
+    );
+    let _ = writeln!(out, "static void __attribute__((constructor, unused)) {guard}_is_told(void)\n{{");
+    out.push_str("    if (!bateleur_built_with) {\n        return;\n    }\n");
+    for name in told.iter().map(|name| c_name(name)) {
+        let _ = writeln!(out, "    bateleur_built_with({name}_NAME, {name}_LAYOUT);");
+    }
+    let _ = write!(out, "}}\n#endif\n\n#endif /* {guard} */\n");
     out
 }
 
-fn c_name(of: &Type) -> String {
-    let (package, name) = of.name.split_once('/').unwrap_or((PACKAGE, &of.name));
+fn c_name(of: &str) -> String {
+    let (package, name) = of.split_once('/').unwrap_or((PACKAGE, of));
     format!("{package}_{name}")
 }
 
@@ -41,13 +52,13 @@ fn add(of: &Type, out: &mut String, told: &mut BTreeSet<String>) {
             add(nested, out, told);
         }
     }
-    let name = c_name(of);
+    let name = c_name(&of.name);
     let _ = write!(out, "\n{}", comment("", &of.text, ""));
     let _ = writeln!(out, "typedef struct {name} {{");
     for member in &of.members {
         let kind = match &member.body {
             Body::Plain(kind) => kind.c_name().to_owned(),
-            Body::Nested(nested) => c_name(nested),
+            Body::Nested(nested) => c_name(&nested.name),
         };
         let array = member.count.map_or(String::new(), |count| format!("[{count}]"));
         out.push_str(&comment("    ", &member.text, &member.unit));

@@ -10,6 +10,8 @@ const CRATES: [&str; 7] =
     ["apex", "contract", "message_format", "message_macro", "messages", "ports", "processes"];
 /// Where `bateleur init` looks for them.
 const SOURCES: &str = "usr/share/bateleur";
+/// What `bateleur init` takes over from there into a project.
+const SHARED: [&str; 3] = ["Cargo.lock", "clippy.toml", "rustfmt.toml"];
 const CONTROL: &str = "Package: bateleur-dev
 Section: devel
 Suggests: cargo (>= 1.89), pkg-config
@@ -37,7 +39,9 @@ pub(super) fn lay(order: &Order<'_>, tree: &mut Tree) -> Result<(), String> {
         tree.folder(&order.root.join("partitions").join(name), &format!("{SOURCES}/partitions/{name}"))?;
     }
     tree.text(&format!("{SOURCES}/Cargo.toml"), &manifest(&read(&order.root.join("Cargo.toml"))?)?)?;
-    tree.copy(&order.root.join("Cargo.lock"), &format!("{SOURCES}/Cargo.lock"))?;
+    for name in SHARED {
+        tree.copy(&order.root.join(name), &format!("{SOURCES}/{name}"))?;
+    }
     let linked = licences::linked(order, &["bateleur-apex-c", "bateleur-message-format"])?;
     tree.documents(order, "bateleur-dev", &licences::text(order, &linked)?)?;
     tree.text(

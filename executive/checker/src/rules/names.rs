@@ -88,6 +88,9 @@ fn twice(cx: &Context<'_>, what: &str, first: &At<String>, second: &At<String>) 
 }
 
 fn messages(cx: &Context<'_>) {
+    if cx.findings.has(&catalogue::MESSAGES_UNUSABLE) {
+        return; // none of one's own is known
+    }
     for message in cx.file.ports.iter().filter_map(|port| port.message.said()) {
         if cx.catalogue.size_of(&message.value).is_none() {
             let name = &message.value;

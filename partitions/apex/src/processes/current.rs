@@ -4,9 +4,10 @@
 //! unwind through frames of another language: they are left (see `foreign.rs`).
 
 use std::cell::{OnceCell, RefCell};
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
-use bateleur_contract::PortDescription;
+use bateleur_contract::{Direction, PortDescription, ReportKind, exit};
+use bateleur_message_format::Type;
 use bateleur_processes::standard::{
     OperatingMode, ProcessAttributes, ProcessId, QueuingPortId, SamplingPortId, SystemTime,
 };
@@ -16,7 +17,7 @@ use super::initialisation::Initialisation;
 use super::process::{Body, Process};
 use super::run::{Beginning, begin, end_of};
 use super::thread;
-use crate::run::report;
+use crate::run::{End, report};
 use crate::schedule::ScheduleId;
 
 /// Where a process of another language begins.
@@ -227,10 +228,12 @@ pub fn create_sampling_port(
     refresh_period: SystemTime,
 ) -> Result<SamplingPortId, ReturnCode> {
     let asked = || {
-        format!(
-            "sampling {}, {max_message_size} bytes, refresh {refresh_period} ns",
-            direction_word(direction)
-        )
+        // A source's means nothing.
+        let refresh = match refresh_period {
+            ..=0 => "a refresh period that is not above 0 ns".to_owned(),
+            period => format!("refresh {period} ns"),
+        };
+        format!("sampling {}, {max_message_size} bytes, {refresh}", direction_word(direction))
     };
     create_port(name, asked, |main| {
         main.create_sampling_port(name, max_message_size, direction, refresh_period)
@@ -285,13 +288,48 @@ fn create_port<I>(
     create: impl FnOnce(&mut Initialisation<'_>) -> Result<I, ReturnCode>,
 ) -> Option<Result<I, ReturnCode>> {
     as_main(|main| {
+        if let Some(reason) = built_with_other_fields(main.context.described_ports(), name) {
+            // As a partition in Rust does: whatever it read and wrote would be taken for something else.
+            std::process::exit(report(Err(End { code: exit::START_REFUSED, reason })));
+        }
         let created = create(&mut main.initialisation());
         if matches!(created, Err(ReturnCode::InvalidConfig)) {
             let planned = planned(main.context.described_ports(), name);
-            eprintln!("port \"{name}\" is refused: the program asks for {}; {planned}", asked());
+            let text = format!("port \"{name}\" is refused: the program asks for {}; {planned}", asked());
+            eprintln!("{text}");
+            // A program that does not look at the code runs without it.
+            main.kernel.page.report(ReportKind::Message, &text);
         }
         created
     })
+}
+
+/// Message types that the program was built with, and their layouts.
+static BUILT_WITH: Mutex<Vec<(String, u32)>> = Mutex::new(Vec::new());
+
+/// The program was built with `message` of that layout, as a header that `message_header` wrote says of each type within it.
+pub fn built_with(message: &str, layout: u32) {
+    let mut all = BUILT_WITH.lock().unwrap_or_else(PoisonError::into_inner);
+    if !all.iter().any(|(name, known)| name == message && *known == layout) {
+        all.push((message.to_owned(), layout));
+    }
+}
+
+/// Why a port is not this program's: it was built with other fields of its message type.
+fn built_with_other_fields(ports: &[PortDescription], name: &str) -> Option<String> {
+    let port = ports.iter().find(|port| port.name.eq_ignore_ascii_case(name))?;
+    let built = BUILT_WITH.lock().unwrap_or_else(PoisonError::into_inner);
+    let differs = |(message, layout): &(String, u32)| *message == port.message && *layout != port.layout;
+    if port.layout == 0 || !built.iter().any(differs) {
+        return None;
+    }
+    let message = &port.message;
+    let fields = Type::from_schema(message, &port.definition).map(|of| of.describe()).unwrap_or_default();
+    Some(format!(
+        "{message} in the plan (byte, kind, name and unit of each field):\n{fields}port \"{}\" carries {message}, which has other \
+         fields in the plan than in this program; write its header anew (message_header) and build the program again",
+        port.name
+    ))
 }
 
 fn planned(ports: &[PortDescription], name: &str) -> String {
@@ -302,6 +340,9 @@ fn planned(ports: &[PortDescription], name: &str) -> String {
     let (kind, direction) = (format!("{:?}", port.kind), format!("{:?}", port.direction));
     let head = format!("the plan has {} {}", kind.to_lowercase(), direction.to_lowercase());
     match port.depth {
+        0 if port.direction == Direction::Source => {
+            format!("{head}, {} bytes, any refresh period above 0 ns", port.size)
+        }
         0 => format!("{head}, {} bytes, refresh {} ns", port.size, port.refresh_ns),
         depth => format!("{head}, {depth} messages of {} bytes", port.size),
     }

@@ -256,24 +256,92 @@ fn succeeds(command: &mut Command) {
     assert!(output.status.success(), "{command:?}\n{}{}", words(&output.stdout), words(&output.stderr));
 }
 
+/// The library for C, installed as the page says.
+fn installed() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let own = repository().join("partitions/apex_c");
+    for (file, place) in [
+        (own.join("include/apex.h"), "include/apex.h"),
+        (c_library().join("libbateleur_apex_c.a"), "lib/libbateleur_apex_c.a"),
+        (own.join("bateleur_apex_c.pc"), "lib/pkgconfig/bateleur_apex_c.pc"),
+    ] {
+        let to = folder.path().join(place);
+        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+        std::fs::copy(file, to).unwrap();
+    }
+    folder
+}
+
+#[test]
+fn new_writes_a_partition_in_c_that_builds_without_a_warning_and_runs() {
+    if !is_there("pkg-config") {
+        return;
+    }
+    let _turn = among_others();
+    let (installed, folder) = (installed(), tempfile::tempdir().unwrap());
+    let messages = folder.path().join("messages/plant");
+    std::fs::create_dir_all(&messages).unwrap();
+    std::fs::write(messages.join("Level.msg"), "float64 level  # [m]\nuint8[8] flags\n").unwrap();
+    let sources = "processes = 1\nthreads = 3\n[partition.one.port]\n\
+        level = { direction = \"source\", kind = \"sampling\", message = \"plant/Level\" }\n\
+        double = { direction = \"source\", kind = \"sampling\", message = \"Pressure\" }\n\
+        raw-bytes = { direction = \"source\", kind = \"sampling\", max_size = 12 }\n\
+        orders = { direction = \"source\", kind = \"queuing\", message = \"plant/Level\" }\n";
+    let destinations = "processes = 1\nthreads = 3\n[partition.two.port]\n\
+        level = { direction = \"destination\", kind = \"sampling\", message = \"plant/Level\", refresh = \"50ms\" }\n\
+        double = { direction = \"destination\", kind = \"sampling\", message = \"Pressure\", refresh = \"50ms\" }\n\
+        raw-bytes = { direction = \"destination\", kind = \"sampling\", max_size = 12, refresh = \"1s\" }\n\
+        orders = { direction = \"destination\", kind = \"queuing\", message = \"plant/Level\", depth = 3 }\n";
+    let ports = ["level", "double", "raw-bytes", "orders"];
+    let tables: String =
+        ports.map(|port| channel_between(&format!("one.{port}"), &format!("two.{port}"))).concat();
+    let names = [("one", sources), ("two", destinations)];
+    let built = |name: &str| folder.path().join("built").join(name);
+    let sketch = names.iter().fold(Sketch::new().table(&tables), |sketch, (name, keys)| {
+        sketch.partition_at(name, &built(name), 1000, keys)
+    });
+    let schedule = sketch.write(folder.path());
+    let library = repository().display().to_string();
+    let programs = program("message_header").parent().unwrap().display().to_string();
+    let path = format!("{programs}:{}", std::env::var("PATH").unwrap_or_default());
+    for (name, _) in names {
+        let source = folder.path().join("sources").join(name);
+        let new = ["new", name, "--language", "c", "--schedule", &schedule, "--library", &library, "--dir"];
+        bateleur(&[&new[..], &[source.to_str().unwrap()]].concat()).end().expect_code(0);
+        let mut build = Command::new(source.join("build"));
+        let flags = ("CFLAGS", "-Wpedantic -Werror");
+        build.envs([flags, ("PATH", &path)]).env("PKG_CONFIG_PATH", installed.path().join("lib/pkgconfig"));
+        succeeds(&mut build);
+        let again = bateleur(&[&new[..], &[source.to_str().unwrap()]].concat()).end().expect_code(2);
+        again.expect_words(&["has main.c, build already, and nothing is written over"]);
+    }
+    for folder in [folder.path().to_owned(), folder.path().join("built")] {
+        std::fs::set_permissions(folder, std::fs::Permissions::from_mode(0o755)).unwrap();
+    }
+    let run = ["run", "--fast", "--record", "--until", "3", "--schedule", &schedule];
+    let ended = bateleur(&run).end().expect_code(0);
+    assert!(ended.faults().is_empty(), "{:?}", ended.faults());
+    let mut counts = std::collections::BTreeMap::new();
+    bateleur_recording::for_each(ended.folder().join(bateleur_recording::PORTS_FILE), |entry| {
+        *counts.entry(entry.topic.to_owned()).or_insert(0) += 1;
+    })
+    .unwrap();
+    for (port, least) in ports.into_iter().zip([100, 100, 100, 2]) {
+        assert!(
+            counts.get(&format!("/one/{port}")).is_some_and(|count| *count >= least),
+            "{port}: {counts:?}"
+        );
+    }
+}
+
 #[test]
 fn example_with_cmake_is_built_from_an_installed_library_and_runs() {
     if !is_there("cmake") || !is_there("pkg-config") {
         return;
     }
     let _turn = among_others();
-    let (installed, folder) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let (installed, folder) = (installed(), tempfile::tempdir().unwrap());
     let own = repository().join("partitions/apex_c");
-    // As the page says.
-    for (file, place) in [
-        (own.join("include/apex.h"), "include/apex.h"),
-        (c_library().join("libbateleur_apex_c.a"), "lib/libbateleur_apex_c.a"),
-        (own.join("bateleur_apex_c.pc"), "lib/pkgconfig/bateleur_apex_c.pc"),
-    ] {
-        let to = installed.path().join(place);
-        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
-        std::fs::copy(file, to).unwrap();
-    }
     let build = folder.path().join("build");
     let mut configure = Command::new("cmake");
     configure.arg("-S").arg(own.join("examples/greeting")).arg("-B").arg(&build);

@@ -56,9 +56,7 @@ impl<C> RedundantPair<C> {
 #[cfg(not(feature = "model"))]
 #[cfg(test)]
 mod tests {
-    use std::sync::Mutex;
-    use std::sync::atomic::AtomicBool;
-    use std::sync::atomic::Ordering::{Relaxed, SeqCst};
+    use std::sync::atomic::Ordering::Relaxed;
 
     use bateleur_contract::Takeover;
     use bateleur_contract::page::WindowGrant;

@@ -54,6 +54,9 @@ macro_rules! plain_services {
     };
 }
 
+/// How a program in Rust ends that has panicked.
+const PANICKED: i32 = 101;
+
 /// Calls a service that does not wait.
 fn call<R>(service: impl FnOnce(&mut Services) -> Result<R, ReturnCode>) -> Result<R, ReturnCode> {
     current::as_process(|process| process.call(service))
@@ -69,7 +72,12 @@ fn process(id: impl Identifier) -> ProcessId {
 }
 
 plain_services! {
-    SET_PARTITION_MODE(mode: u32) { current::set_partition_mode(mode) }
+    SET_PARTITION_MODE(mode: u32) {
+        // It ends the program as a panic in Rust does: into C nothing unwinds, and an abort there prints a backtrace, for which the
+        // partition may lack memory and time.
+        let set = std::panic::catch_unwind(|| current::set_partition_mode(mode));
+        set.unwrap_or_else(|_| std::process::exit(PANICKED))
+    }
     GET_MEMORY_BLOCK_STATUS(name: *const u8, status: *mut MemoryBlockStatus) {
         let name = name_of(name)?;
         put_first(status, || call(|services| services.get_memory_block_status(name.text()?)).map(Into::into))

@@ -38,7 +38,9 @@ pub fn header<'a>(guard: &str, types: impl IntoIterator<Item = &'a Type>) -> Str
     out
 }
 
-fn c_name(of: &str) -> String {
+/// The structure in C of the type with this name: `package_Name`, of one without a package `bateleur_Name`.
+#[must_use]
+pub fn c_name(of: &str) -> String {
     let (package, name) = of.split_once('/').unwrap_or((PACKAGE, of));
     format!("{package}_{name}")
 }

@@ -24,7 +24,7 @@ mod syntax;
 mod value;
 mod words;
 
-pub use c::header;
+pub use c::{c_name, header};
 pub use catalogue::{Catalogue, Source};
 pub use fault::{Fault, Faults};
 pub use field::{Field, FieldKind, Message, describe, layout_of};

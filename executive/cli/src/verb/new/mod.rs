@@ -7,6 +7,7 @@
 //!
 //! Exit codes: 0 written, 1 the schedule file has no such partition yet, 2 it can not be written.
 
+mod c_text;
 mod crate_text;
 mod dependencies;
 mod list;
@@ -16,6 +17,8 @@ mod stanza;
 mod values;
 pub(super) mod workspace;
 
+use std::fs::Permissions;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -28,6 +31,9 @@ use crate::templates::{Written, refuse_to_overwrite, write};
 use dependencies::Dependencies;
 use skeleton::Skeleton;
 use workspace::{Home, Workspace};
+
+/// In the library: the flight's message types.
+const FLIGHT_MESSAGES: &str = "partitions/messages/msg";
 
 /// Write the crate of a partition from what the schedule file says of it.
 #[derive(Debug, clap::Args)]
@@ -52,6 +58,9 @@ pub struct Arguments {
     /// Add the partition, without ports, and a window to the schedule file, and write no crate.
     #[arg(long, conflicts_with_all = ["dir", "library"])]
     add: bool,
+    /// What it is written in; C needs what the package `bateleur-dev` installs.
+    #[arg(long, value_enum, default_value_t = Language::Rust)]
+    language: Language,
     /// The length of that window.
     #[arg(long, value_name = "TIME", default_value = "500us", value_parser = stanza::window_length)]
     window: u64,
@@ -60,11 +69,21 @@ pub struct Arguments {
     module: Option<String>,
 }
 
+/// What a partition is written in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Language {
+    Rust,
+    C,
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let Some(plan) = read(arguments)? else { return Ok(CANNOT_RUN) };
     let name = &arguments.partition;
     match (plan.partition(name), arguments.add) {
-        (Some(id), false) => write_crate(arguments, &plan, &plan[id]),
+        (Some(id), false) => match arguments.language {
+            Language::Rust => write_crate(arguments, &plan, &plan[id]),
+            Language::C => write_c(arguments, &plan, &plan[id]),
+        },
         (Some(_), true) => bail!("{} has a partition `{name}` already", arguments.schedule.display()),
         (None, add) => {
             let wish = stanza::Wish {
@@ -72,6 +91,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
                 module: arguments.module.as_deref(),
                 window_ns: arguments.window,
                 program: program_of(arguments, name)?,
+                // A partition in C has processes; one in Rust need not.
+                processes: if arguments.language == Language::C { 1 } else { 0 },
             };
             let missing = stanza::Missing::of(&plan, &wish)?;
             if add {
@@ -169,6 +190,45 @@ fn write_crate(arguments: &Arguments, plan: &Plan, partition: &Partition) -> Res
     Ok(FINE)
 }
 
+/// Source and build script of a partition in C.
+fn write_c(arguments: &Arguments, plan: &Plan, partition: &Partition) -> Result<Code> {
+    let schedule = found(&arguments.schedule)?;
+    let (folder, shown) = folder(arguments, &schedule, &partition.name)?;
+    let own = plan_file::messages_folder(&schedule, &plan_file::read_text_of(&schedule)?);
+    let own = workspace::way(&folder, &own).display().to_string();
+    let skeleton = Skeleton::of(plan, partition, &own)?;
+    let mut folders: Vec<String> = skeleton.messages.iter().cloned().collect();
+    if skeleton.has_flight_messages() {
+        let library = Workspace::library(arguments.library.as_deref(), &schedule)?;
+        folders.push(library.root.join(FLIGHT_MESSAGES).display().to_string());
+    }
+    let near = schedule.parent().unwrap_or(&schedule);
+    let program = match (partition.program.contains('/'), Workspace::around(&folder)) {
+        (true, _) => near.join(&partition.program),
+        (false, Some(workspace)) => workspace.root.join("target/release").join(&skeleton.program),
+        (false, None) => folder.join(&skeleton.program),
+    };
+    let files = c_text::files(&skeleton, &workspace::way(&folder, &program).display().to_string(), &folders)?;
+    refuse_to_overwrite(&folder, &files)?;
+    write(&folder, &files)?;
+    let script = folder.join(c_text::SCRIPT);
+    std::fs::set_permissions(&script, Permissions::from_mode(0o755))
+        .with_context(|| format!("cannot make {} a program", script.display()))?;
+    println!("{shown}: partition `{}` in C", skeleton.partition);
+    files.iter().for_each(|(name, _)| println!("  {name}"));
+    skeleton.notes().iter().for_each(|note| println!("note: {note}"));
+    if !skeleton.attributes.is_empty() {
+        println!("note: it has attributes, and no service of ARINC 653 reads them");
+    }
+    if partition.processes.most == 0 {
+        println!("note: it creates a process: put `processes = 1` into [partition.{}]", skeleton.partition);
+    }
+    println!("\nbuild it:  {}", quoted(format!("{shown}/{}", c_text::SCRIPT)));
+    println!("run it:    {}", run_command(arguments, plan, partition));
+    println!("what to fill in: {shown}/main.c");
+    Ok(FINE)
+}
+
 /// What the schedule file has to call the program where it is not built beside this one.
 fn built_elsewhere(place: &Place, skeleton: &Skeleton, schedule: &Path) -> Option<String> {
     let folder = match &place.home {
@@ -199,7 +259,8 @@ struct Place {
     home: Home,
 }
 
-fn place(arguments: &Arguments, schedule: &Path, partition: &str) -> Result<Place> {
+/// The folder of what is written, absolute and as the user would write it.
+fn folder(arguments: &Arguments, schedule: &Path, partition: &str) -> Result<(PathBuf, String)> {
     let here = std::env::current_dir().context("there is no current folder")?;
     let given = match (&arguments.dir, Workspace::around(schedule)) {
         (Some(dir), _) => dir.clone(),
@@ -207,11 +268,16 @@ fn place(arguments: &Arguments, schedule: &Path, partition: &str) -> Result<Plac
         (None, None) => PathBuf::from(partition),
     };
     let folder = workspace::absolute(&here, &given);
+    let shown = folder.strip_prefix(&here).unwrap_or(&folder).display().to_string();
+    Ok((folder, shown))
+}
+
+fn place(arguments: &Arguments, schedule: &Path, partition: &str) -> Result<Place> {
+    let (folder, shown) = folder(arguments, schedule, partition)?;
     let home = match Workspace::around(&folder) {
         Some(workspace) => Home::Member(workspace),
         None => Home::Alone(Workspace::library(arguments.library.as_deref(), schedule)?),
     };
-    let shown = folder.strip_prefix(&here).unwrap_or(&folder).display().to_string();
     Ok(Place { folder, shown, home })
 }
 

@@ -73,6 +73,8 @@ pub(super) struct SkeletonPort {
     pub(super) name: String,
     pub(super) field: String,
     pub(super) role: Role,
+    /// Messages that wait in its channel at most; 0: it keeps the latest value.
+    pub(super) depth: u32,
     pub(super) content: Content,
 }
 
@@ -102,7 +104,9 @@ impl Skeleton {
         for id in plan.own_ports(partition) {
             let port = &plan[id];
             let (name, role, content) = (port.name.clone(), port.role, content(plan, port)?);
-            ports.push(SkeletonPort { field: fields.field(&name, "port"), name, role, content });
+            let own_depth = if let Role::QueuingDestination { depth } = role { depth } else { 0 };
+            let depth = port.channel.map_or(own_depth, |channel| plan.queue_depth(channel).unwrap_or(0));
+            ports.push(SkeletonPort { field: fields.field(&name, "port"), name, role, depth, content });
         }
         let mut attributes = Vec::new();
         for (name, value) in &partition.attributes {
@@ -135,6 +139,11 @@ impl Skeleton {
             messages,
             shares: shares.collect(),
         })
+    }
+
+    /// Whether a port carries a message type of the flight's.
+    pub(super) fn has_flight_messages(&self) -> bool {
+        self.ports.iter().any(|port| matches!(port.content, Content::Message { own: false, .. }))
     }
 
     /// What the author should know beside the files.

@@ -23,6 +23,8 @@ pub(super) struct Wish<'a> {
     pub(super) window_ns: u64,
     /// As the schedule file names it.
     pub(super) program: String,
+    /// The most that it may create.
+    pub(super) processes: u32,
 }
 
 /// What is missing.
@@ -73,7 +75,7 @@ impl Missing {
                 }
             )),
         };
-        let table = table(name, &wish.program, module_name);
+        let table = table(wish, module_name);
         Ok(Self { name: name.to_owned(), table, schedule: schedule.name.clone(), window })
     }
 
@@ -100,12 +102,18 @@ fn module<'p>(plan: &'p Plan, wanted: Option<&str>) -> Result<(ModuleId, &'p str
     }
 }
 
-fn table(name: &str, program: &str, module: &str) -> String {
+fn table(wish: &Wish<'_>, module: &str) -> String {
+    let Wish { name, program, .. } = wish;
+    let processes = match wish.processes {
+        0 => String::new(),
+        most => format!("processes  = {most}\n"),
+    };
     format!(
         "[partition.{name}]\n\
          program    = \"{program}\"\n\
          module     = \"{module}\"\n\
          memory     = \"32MiB\"\n\
+         {processes}\
          restart    = {{ start = \"cold\", budget = 5, within = \"10s\", then = \"idle\" }}\n\
          \n\
          [partition.{name}.port]\n\

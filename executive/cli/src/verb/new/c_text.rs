@@ -1,0 +1,107 @@
+//! The files of a partition in C: templates, and what is put into them.
+
+use anyhow::Result;
+use bateleur_messages::format::c_name;
+use bateleur_plan::Role;
+use serde::Serialize;
+
+use super::quoted;
+use super::skeleton::{Content, Skeleton, SkeletonPort};
+use crate::templates::{Written, filled};
+
+const MAIN: &str = include_str!("../../../templates/partition_c/main.c");
+const BUILD: &str = include_str!("../../../templates/partition_c/build");
+
+/// The script that builds it.
+pub(super) const SCRIPT: &str = "build";
+
+/// What the templates take.
+#[derive(Serialize)]
+struct Values<'a> {
+    partition: &'a str,
+    /// The program and its folder, from that of the source, as a shell takes them.
+    program: String,
+    out: String,
+    /// The folders of message types, each with a blank before it.
+    folders: String,
+    has_messages: bool,
+    ports: Vec<PortText>,
+    receives: bool,
+    samples: bool,
+    takes: bool,
+    sends: bool,
+}
+
+#[derive(Serialize)]
+struct PortText {
+    /// As a string of C.
+    name: String,
+    field: String,
+    kind: &'static str,
+    direction: &'static str,
+    reads: bool,
+    r#type: String,
+    /// `[N]` of plain bytes.
+    length: String,
+    size: String,
+    depth: u32,
+    refresh: String,
+}
+
+/// `main.c` and [`SCRIPT`]. `program`: what is built, from the source's folder; `folders`: those of message types, likewise.
+pub(super) fn files(skeleton: &Skeleton, program: &str, folders: &[String]) -> Result<Vec<Written>> {
+    let out = program.rsplit_once('/').map_or(".", |(folder, _)| folder);
+    let has = |role: fn(Role) -> bool| skeleton.ports.iter().any(|port| role(port.role));
+    let (samples, takes) = (
+        has(|role| matches!(role, Role::SamplingDestination { .. })),
+        has(|role| matches!(role, Role::QueuingDestination { .. })),
+    );
+    let values = Values {
+        partition: &skeleton.partition,
+        program: quoted(program.to_owned()),
+        out: quoted(out.to_owned()),
+        folders: folders.iter().map(|folder| format!(" {}", quoted(folder.clone()))).collect(),
+        has_messages: !folders.is_empty(),
+        ports: skeleton.ports.iter().map(port).collect(),
+        receives: samples || takes,
+        samples,
+        takes,
+        sends: has(|role| role == Role::QueuingSource),
+    };
+    Ok(vec![("main.c", filled(MAIN, &values)?), (SCRIPT, filled(BUILD, &values)?)])
+}
+
+fn port(port: &SkeletonPort) -> PortText {
+    let (kind, reads) = match port.role {
+        Role::SamplingSource => ("SAMPLING", false),
+        Role::SamplingDestination { .. } => ("SAMPLING", true),
+        Role::QueuingSource => ("QUEUING", false),
+        Role::QueuingDestination { .. } => ("QUEUING", true),
+    };
+    let refresh = match port.role {
+        Role::SamplingDestination { refresh_ns } => format!("INT64_C({refresh_ns})"),
+        _ => "1".to_owned(), // it means nothing, and has to be above 0
+    };
+    // A keyword of C is no name there.
+    let field = format!("port_{}", port.field.trim_start_matches("r#"));
+    let (kind_of, length) = match &port.content {
+        Content::Message { of, .. } => (c_name(of.name()), String::new()),
+        Content::Bytes(size) => ("char".to_owned(), format!("[{size}]")),
+    };
+    let size = match &port.content {
+        Content::Message { .. } => format!("sizeof({kind_of})"),
+        Content::Bytes(size) => size.to_string(),
+    };
+    PortText {
+        name: format!("\"{}\"", port.name),
+        field,
+        kind,
+        direction: if reads { "DESTINATION" } else { "SOURCE" },
+        reads,
+        r#type: kind_of,
+        length,
+        size,
+        depth: port.depth,
+        refresh,
+    }
+}

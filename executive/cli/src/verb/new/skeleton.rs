@@ -105,7 +105,8 @@ impl Skeleton {
             let port = &plan[id];
             let (name, role, content) = (port.name.clone(), port.role, content(plan, port)?);
             let own_depth = if let Role::QueuingDestination { depth } = role { depth } else { 0 };
-            let depth = port.channel.map_or(own_depth, |channel| plan.queue_depth(channel).unwrap_or(0));
+            let depth =
+                port.channel.map_or(own_depth, |channel| plan.queue_depth(&plan[channel]).unwrap_or(0));
             ports.push(SkeletonPort { field: fields.field(&name, "port"), name, role, depth, content });
         }
         let mut attributes = Vec::new();

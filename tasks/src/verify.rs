@@ -110,8 +110,9 @@ fn everything(root: &Path, is_long: bool, tally: &mut Tally) -> Result<(), Strin
     fuzz_beside_guest(root, other, is_long, tally)
 }
 
-fn long(is_long: bool) -> &'static str {
-    if is_long { "1" } else { "0" }
+/// What the tests are told; without the option what the environment says.
+fn long(is_long: bool) -> String {
+    if is_long { "1".to_owned() } else { std::env::var(LONG).unwrap_or_default() }
 }
 
 /// The workspaces beside this one lock what this one's crates need by now: their own builds come late, or not at all.
@@ -216,7 +217,7 @@ fn guest(root: &Path, other: bool, is_long: bool, tally: &mut Tally) -> Result<(
     if !prepared {
         return left_out("tests in a guest", "no guest is prepared (on Debian: tests/guest/prepare)");
     }
-    Step::cargo("tests in a guest", &arguments).with(LONG, long(is_long)).run(tally)
+    Step::cargo("tests in a guest", &arguments).with(LONG, &long(is_long)).run(tally)
 }
 
 /// What compiles, on processors that no test wants: those on the wall clock sleep for most of their time. Whether there are programs for the
@@ -317,13 +318,13 @@ fn tests(is_long: bool, tally: &mut Tally) -> Result<(), String> {
         let processors = std::thread::available_parallelism().map_or(2, usize::from);
         return Step::cargo("tests", &["nextest", "run", "--release", "--workspace", "--no-fail-fast"])
             .with("NEXTEST_TEST_THREADS", &(processors + processors / 2).to_string())
-            .with(LONG, long(is_long))
+            .with(LONG, &long(is_long))
             .run(tally);
     }
     Step::cargo(
         "tests",
         &["test", "--release", "--workspace", "--lib", "--bins", "--tests", "--no-fail-fast"],
     )
-    .with(LONG, long(is_long))
+    .with(LONG, &long(is_long))
     .run(tally)
 }

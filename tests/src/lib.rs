@@ -38,7 +38,7 @@ pub use turn::{Turn, alone, among_others};
 
 use std::time::{Duration, Instant};
 
-/// Whether tests fly and draw as often as a release asks for: `cargo verify --long` says so. Otherwise once of each kind.
+/// Whether tests fly long missions, more seeds and more repetitions, as before a release: `cargo verify --long` says so.
 pub fn is_long() -> bool {
     std::env::var_os("BATELEUR_LONG").is_some_and(|value| value == "1")
 }

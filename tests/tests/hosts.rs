@@ -59,7 +59,7 @@ fn assert_flown_as_on_one(summary: &Value, one: &Value, which: &str) {
 }
 
 #[test]
-fn two_laps_are_the_same_flight_wherever_estimator_controller_and_servo_run() {
+fn flights_are_the_same_wherever_estimator_controller_and_servo_run() {
     let _turn = among_others();
     let one = on_one_host();
     let one_small = fly_one(&["--mission", small_mission().to_str().unwrap()]);

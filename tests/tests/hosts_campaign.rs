@@ -104,6 +104,7 @@ fn cuts_and_deaths_at_random_instants_end_as_the_book_says() {
     let mission = folder.path().join("mission.toml");
     let text = std::fs::read_to_string(small_mission()).unwrap();
     let text = text.replace("laps = 1", "laps = 5").replace("time_limit_s = 120", "time_limit_s = 400");
+    assert!(text.contains("laps = 5") && text.contains("time_limit_s = 400"), "{text}");
     std::fs::write(&mission, text).unwrap();
     for number in 0..number("BATELEUR_HOSTS_FLIGHTS", KINDS.len() as u64) {
         let (kind, options) = drawn(seed, number);

@@ -45,7 +45,7 @@ fn library_is_a_checkout(development: &Path, folder: &Path) {
     // Cargo reads every manifest on the way to the library, and finds all crates at the versions that were tested.
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
     // The first line of the project's `ci`.
-    expect_success(Command::new(&cargo).current_dir(&project).args(["fmt", "--all", "--check"]));
+    expect_success(Command::new(&cargo).current_dir(&project).args(["fmt", "--check"]));
     let mut metadata = Command::new(cargo);
     metadata.current_dir(&project).args(["metadata", "--offline", "--format-version", "1"]);
     let found = expect_success(&mut metadata);

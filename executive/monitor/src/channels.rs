@@ -5,9 +5,14 @@ use crate::commands::cleaned;
 use crate::health::decision::Decision;
 use crate::lifecycle::{Event, PairMember, Phase};
 use crate::monitor::Monitor;
+use crate::partition::Partition;
 use bateleur_contract::Clock;
 use bateleur_host::partition::shared_channels;
 use bateleur_plan::{Closed, PartitionError, StartMode};
+use bateleur_system::time::now_ns;
+
+/// How long a spare that begins keeps the channel cleaner of the one before it waiting, at most, ns: peers find its queues full meanwhile.
+const MOST_DELAY_NS: u64 = 100_000_000;
 
 impl Monitor {
     pub(crate) fn look_at_channel_cleaner(&mut self) {
@@ -16,7 +21,11 @@ impl Monitor {
         loop {
             // On the virtual clock nobody's time passes while somebody cleans up.
             let (partitions, on_wall) = (&self.partitions, self.clock == Clock::Wall);
-            let starts = |place: usize| on_wall && partitions[place].life.phase() == Phase::Starting;
+            let starts = |place: usize| {
+                let partition: &Partition = &partitions[place];
+                let is_starting = on_wall && partition.life.phase() == Phase::Starting;
+                is_starting && now_ns().saturating_sub(partition.active.since_ns) < MOST_DELAY_NS
+            };
             let Some(Cleaned { place, member, pid, bad }) = self.cleanups.next_cleaned(starts) else { break };
             let Some(dead) = self.partitions[place].member(member) else { continue };
             // Another one may have died there meanwhile, and waits for a clean-up of its own.

@@ -2,7 +2,7 @@
 //!
 //! Every dead process is cleaned up after, also one that has no successor: its queues would stay full for its peers, and its
 //! places in the channels would stay taken. A channel cleaner that ends of what it finds in a channel is followed by one that
-//! does not look into that. It must never hold up a successor for long: one that hangs is given 0.3 seconds, and those who share
+//! does not look into that. It must never hold up a successor for long: one that hangs is given some seconds of its own, and those who share
 //! no channel with its dead one do not wait for it.
 
 use std::cell::RefCell;

@@ -28,8 +28,9 @@ pub type TendChannels = Box<dyn Fn() -> Vec<String>>;
 #[error("{0}")]
 pub struct NotHeld(pub String);
 
-/// A channel probe that takes longer is ended, ns. It gives the channels twice 20 s at most, all at a time.
-const CHANNEL_PROBE_PATIENCE_NS: u64 = 60_000_000_000;
+/// A channel probe that takes longer is ended, ns. It gives a process that does nothing 20 s at most, and the channels twice as long, all at
+/// a time.
+const CHANNEL_PROBE_PATIENCE_NS: u64 = 90_000_000_000;
 
 /// How channels are examined and renewed.
 pub struct RebuildHooks {

@@ -26,7 +26,7 @@ pub fn header<'a>(guard: &str, types: impl IntoIterator<Item = &'a Type>) -> Str
     }
     // Weak: whoever only decodes messages has no library.
     out.push_str(
-        "\n#if defined(__GNUC__)\n#ifdef __cplusplus\nextern \"C\"\n#endif\n\
+        "\n#if defined(__GNUC__) && defined(__ELF__)\n#ifdef __cplusplus\nextern \"C\"\n#endif\n\
          void bateleur_built_with(const char *name, uint32_t layout) __attribute__((weak));\n",
     );
     let _ = writeln!(out, "static void __attribute__((constructor, unused)) {guard}_is_told(void)\n{{");

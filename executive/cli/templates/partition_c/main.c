@@ -21,7 +21,7 @@ static void step(void)
     RETURN_CODE_TYPE code;
 {% endif %}
 {% for port in ports %}
-    {{ port.type }} {{ port.field }}_message{{ port.length }};
+    static {{ port.type }} {{ port.field }}_message{{ port.length }}; /* a process's stack is small */
 {% endfor %}
 {% if receives %}
     MESSAGE_SIZE_TYPE length;

@@ -13,7 +13,7 @@
 //! Launching ──NotLaunched──▶ Retrying ──Look, when it is time──▶ Launching
 //! ```
 //!
-//! A spare begins at once where an error has ended the one before, whose remains are removed meanwhile: on the wall clock. On the virtual one,
+//! A spare begins at once where an error has ended the one before, whose remains are removed when it is ready: on the wall clock. On the virtual one,
 //! where peers can notice an instant only, and where something else than an error ends a process, it begins in the place of a launch.
 
 mod protocol;

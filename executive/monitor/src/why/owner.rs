@@ -56,7 +56,10 @@ impl Owners {
         if let Some(found) = self.found.get(&thread) {
             return Some(found.clone());
         }
-        let found = self.look_up(thread)?;
+        let (found, is_sure) = self.look_up(thread)?;
+        if !is_sure {
+            return Some(found);
+        }
         if self.found.len() >= MOST {
             self.found.clear();
         }
@@ -64,15 +67,18 @@ impl Owners {
         Some(found)
     }
 
-    fn look_up(&mut self, thread: i32) -> Option<String> {
+    /// And whether a look for other modules would change nothing.
+    fn look_up(&mut self, thread: i32) -> Option<(String, bool)> {
         let (first, owner) = self.known(thread)?;
         let most_ns = if owner.is_some() { LOOK_NS } else { STRANGER_LOOK_NS };
-        if now_ns().saturating_sub(self.looked_ns) > most_ns {
+        let looks = now_ns().saturating_sub(self.looked_ns) > most_ns;
+        if looks {
             self.looked_ns = now_ns();
             self.others = instance::others();
         }
         let owner = self.known(thread).map_or(owner, |(_, again)| again); // it may have ended meanwhile
-        Some(owner.unwrap_or_else(|| format!("process {first}")))
+        let is_sure = looks || owner.is_some();
+        Some((owner.unwrap_or_else(|| format!("process {first}")), is_sure))
     }
 
     /// A thread's process, and whose that is, if that is known.

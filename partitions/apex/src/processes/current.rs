@@ -6,7 +6,7 @@
 use std::cell::{OnceCell, RefCell};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-use bateleur_contract::{Direction, PortDescription, ReportKind, exit};
+use bateleur_contract::{Direction, PortDescription, PortKind, ReportKind, exit};
 use bateleur_message_format::Type;
 use bateleur_processes::standard::{
     OperatingMode, ProcessAttributes, ProcessId, QueuingPortId, SamplingPortId, SystemTime,
@@ -340,7 +340,7 @@ fn planned(ports: &[PortDescription], name: &str) -> String {
     let (kind, direction) = (format!("{:?}", port.kind), format!("{:?}", port.direction));
     let head = format!("the plan has {} {}", kind.to_lowercase(), direction.to_lowercase());
     match port.depth {
-        0 if port.direction == Direction::Source => {
+        0 if port.kind == PortKind::Sampling && port.direction == Direction::Source => {
             format!("{head}, {} bytes, any refresh period above 0 ns", port.size)
         }
         0 => format!("{head}, {} bytes, refresh {} ns", port.size, port.refresh_ns),

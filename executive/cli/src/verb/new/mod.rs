@@ -76,6 +76,13 @@ enum Language {
     C,
 }
 
+impl Language {
+    /// As it is asked for, where it is not the usual one.
+    fn option(self) -> &'static str {
+        if self == Self::C { " --language c" } else { "" }
+    }
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let Some(plan) = read(arguments)? else { return Ok(CANNOT_RUN) };
     let name = &arguments.partition;
@@ -93,6 +100,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
                 program: program_of(arguments, name)?,
                 // A partition in C has processes; one in Rust need not.
                 processes: if arguments.language == Language::C { 1 } else { 0 },
+                option: arguments.language.option(),
             };
             let missing = stanza::Missing::of(&plan, &wish)?;
             if add {
@@ -154,7 +162,7 @@ fn say_missing(arguments: &Arguments, plan: &Plan, missing: &stanza::Missing) ->
     let hint = near.map_or_else(String::new, |near| format!(": did you mean `{near}`?"));
     eprintln!("there is no partition `{name}` in {file}{hint}\n");
     eprintln!("{}", missing.advice());
-    eprintln!("`bateleur new {name} --add` writes that into the file.");
+    eprintln!("`bateleur new {name} --add{}` writes that into the file.", arguments.language.option());
     Ok(WRONG)
 }
 
@@ -200,14 +208,28 @@ fn write_c(arguments: &Arguments, plan: &Plan, partition: &Partition) -> Result<
     let mut folders: Vec<String> = skeleton.messages.iter().cloned().collect();
     if skeleton.has_flight_messages() {
         let library = Workspace::library(arguments.library.as_deref(), &schedule)?;
-        folders.push(library.root.join(FLIGHT_MESSAGES).display().to_string());
+        folders.push(workspace::way(&folder, &library.root.join(FLIGHT_MESSAGES)).display().to_string());
     }
     let near = schedule.parent().unwrap_or(&schedule);
-    let program = match (partition.program.contains('/'), Workspace::around(&folder)) {
-        (true, _) => near.join(&partition.program),
-        (false, Some(workspace)) => workspace.root.join("target/release").join(&skeleton.program),
-        (false, None) => folder.join(&skeleton.program),
+    // A name without a folder is looked for beside the executive's programs: those of a checkout are.
+    let (program, name) = match (partition.program.contains('/'), Workspace::around(&folder)) {
+        (true, _) => (workspace::absolute(near, Path::new(&partition.program)), None),
+        (false, Some(workspace)) => {
+            let name = built(&schedule, &workspace.root, &skeleton.program);
+            let program = workspace.root.join("target/release").join(&skeleton.program);
+            (program, (!workspace.is_checkout).then_some(name))
+        }
+        (false, None) => {
+            let name = built(&schedule, &folder, &skeleton.program);
+            (folder.join("target/release").join(&skeleton.program), Some(name))
+        }
     };
+    if program == folder {
+        bail!(
+            "the program `{}` would lie where its folder {shown} is: give it another place in the schedule file",
+            partition.program
+        );
+    }
     let files = c_text::files(&skeleton, &workspace::way(&folder, &program).display().to_string(), &folders)?;
     refuse_to_overwrite(&folder, &files)?;
     write(&folder, &files)?;
@@ -224,6 +246,9 @@ fn write_c(arguments: &Arguments, plan: &Plan, partition: &Partition) -> Result<
         println!("note: it creates a process: put `processes = 1` into [partition.{}]", skeleton.partition);
     }
     println!("\nbuild it:  {}", quoted(format!("{shown}/{}", c_text::SCRIPT)));
+    if let Some(name) = name {
+        println!("name it:   program = \"{name}\" in [partition.{}]", skeleton.partition);
+    }
     println!("run it:    {}", run_command(arguments, plan, partition));
     println!("what to fill in: {shown}/main.c");
     Ok(FINE)

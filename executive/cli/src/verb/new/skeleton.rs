@@ -142,9 +142,13 @@ impl Skeleton {
         })
     }
 
-    /// Whether a port carries a message type of the flight's.
+    /// Whether a port carries a message type of the flight's, or one in which such a type is.
     pub(super) fn has_flight_messages(&self) -> bool {
-        self.ports.iter().any(|port| matches!(port.content, Content::Message { own: false, .. }))
+        fn has(of: &Type) -> bool {
+            let nested = |member: &Member| matches!(&member.body, Body::Nested(nested) if has(nested));
+            bateleur_messages::find(of.name()).is_some() || of.members().iter().any(nested)
+        }
+        self.ports.iter().any(|port| matches!(&port.content, Content::Message { of, .. } if has(of)))
     }
 
     /// What the author should know beside the files.

@@ -25,6 +25,8 @@ pub(super) struct Wish<'a> {
     pub(super) program: String,
     /// The most that it may create.
     pub(super) processes: u32,
+    /// What else the command that writes it has to say.
+    pub(super) option: &'static str,
 }
 
 /// What is missing.
@@ -36,6 +38,7 @@ pub(super) struct Missing {
     schedule: String,
     /// Its window there; `None` if it would have to be so long in every minor frame, and no hole of the core is.
     window: Result<String, String>,
+    option: &'static str,
 }
 
 /// A length of a window on the command line.
@@ -76,7 +79,8 @@ impl Missing {
             )),
         };
         let table = table(wish, module_name);
-        Ok(Self { name: name.to_owned(), table, schedule: schedule.name.clone(), window })
+        let (schedule, option) = (schedule.name.clone(), wish.option);
+        Ok(Self { name: name.to_owned(), table, schedule, window, option })
     }
 
     /// For a person who adds it.
@@ -180,6 +184,9 @@ pub(super) fn add(path: &Path, missing: &Missing) -> Result<Code> {
         "and at its end [partition.{0}] and [partition.{0}.port]; nothing else was changed",
         missing.name
     );
-    println!("\nnext: its ports there, an end for each in a channel, then `bateleur new {}`", missing.name);
+    println!(
+        "\nnext: its ports there, an end for each in a channel, then `bateleur new {}{}`",
+        missing.name, missing.option
+    );
     Ok(FINE)
 }

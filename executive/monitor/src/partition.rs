@@ -42,7 +42,7 @@ pub(crate) struct Sandboxed {
     pub(crate) sandbox: Sandbox,
     pub(crate) process: Option<Spawned>,
     /// When it was launched, CLOCK_MONOTONIC, ns.
-    since_ns: u64,
+    pub(crate) since_ns: u64,
     /// A dead process whose places in shared memory are not free yet.
     pub(crate) remains: Option<i32>,
     /// The process that it has or had last is a spare that has not begun.

@@ -1,10 +1,12 @@
-//! Campaigns that really fly: few flights of one lap, in virtual time.
+//! Campaigns that really fly: few flights of a small mission, in virtual time.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
-use bateleur_tests::{Process, Sketch, Started, among_others, await_some, bateleur, children_of, edited};
+use bateleur_tests::{
+    Process, Sketch, Started, among_others, await_some, bateleur, children_of, edited, small_mission,
+};
 use rustix::process::Signal;
 use serde_json::Value;
 use tempfile::TempDir;
@@ -12,15 +14,15 @@ use tempfile::TempDir;
 /// Longer than a few flights take on a machine that is busy with other things.
 const PATIENCE: Duration = Duration::from_secs(200);
 
-/// A folder with a schedule of one lap.
+/// A folder with the schedule.
 fn place() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("lap.toml"), edited(&[("laps = 2", "laps = 1")])).unwrap();
+    std::fs::write(folder.path().join("schedule.toml"), edited(&[])).unwrap();
     folder
 }
 
 fn campaign(place: &TempDir, output: &str, options: &[&str]) -> Started {
-    let (schedule, output) = (place.path().join("lap.toml"), place.path().join(output));
+    let (schedule, output) = (place.path().join("schedule.toml"), place.path().join(output));
     let mut all =
         vec!["campaign", "--schedule", schedule.to_str().unwrap(), "--output", output.to_str().unwrap()];
     all.extend(["--format", "json"]);
@@ -28,6 +30,11 @@ fn campaign(place: &TempDir, output: &str, options: &[&str]) -> Started {
         all.extend(["--jobs", "2"]);
     }
     all.extend(options);
+    // Over sooner than the laps of the schedule.
+    let mission = format!("--mission={}", small_mission().display());
+    if !options.contains(&"--") {
+        all.extend(["--", &mission]);
+    }
     bateleur(&all)
 }
 
@@ -61,7 +68,7 @@ fn plan_of_several_hosts_is_flown_with_all_of_them_and_the_same_again() {
         let all = ["campaign", "--flights", "2", "--jobs", "2", "--format", "json", "--schedule"];
         let mut all = all.map(str::to_owned).to_vec();
         all.extend([schedule.display().to_string(), "--output".into(), folder.display().to_string()]);
-        all.extend(["--".into(), format!("--mission={}", bateleur_tests::small_mission().display())]);
+        all.extend(["--".into(), format!("--mission={}", small_mission().display())]);
         let ended = bateleur(&all).end_within(PATIENCE);
         assert_eq!(ended.summary()["flown"], 2, "{}", ended.stderr);
         assert!(!ended.stderr.contains("choose one with --module"), "{}", ended.stderr);

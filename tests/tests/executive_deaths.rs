@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use bateleur_tests::{
     Ended, Fault, Process, Sketch, Started, Traces, alone, among_others, bateleur, children_of, executive_of,
-    flight_schedule,
+    flight_schedule, is_long, small_mission,
 };
 use rustix::process::Signal;
 
@@ -46,15 +46,22 @@ fn random(state: &mut u64) -> u64 {
 #[test]
 fn flight_on_the_virtual_clock_outlives_executives_that_end_at_any_instant_and_is_the_same_flight_again() {
     let _turn = among_others();
+    let small = small_mission();
+    // Deaths before the end of the mission, ms.
+    let (mission, until_ms) = match is_long() {
+        true => (vec![], 190_000),
+        false => (vec!["--mission", small.to_str().unwrap()], 65_000),
+    };
     let mut seed = 77;
     for ways in [["sigkill", "sigsegv"], ["sigstop", "sigkill"], ["sigabrt", "sigbus"]] {
-        let at = |seed: &mut u64| random(seed) % 190_000;
+        let at = |seed: &mut u64| random(seed) % until_ms;
         let aimed = ways.map(|way| format!("executive:{way}@{}", at(&mut seed) as f64 / 1e3));
         let partition = format!("estimator@{}", at(&mut seed) as f64 / 1e3);
         let schedule = flight_schedule();
         let arguments = ["fly", "--fast", "--format", "json", "--schedule", schedule.to_str().unwrap()];
         let faults = ["--inject", &aimed[0], "--inject", &aimed[1], "--kill", &partition];
-        let flown = [(); 2].map(|()| bateleur(&[&arguments[..], &faults].concat()).end().expect_code(0));
+        let flown =
+            [(); 2].map(|()| bateleur(&[&arguments[..], &mission, &faults].concat()).end().expect_code(0));
         let [first, second] = flown.each_ref().map(Ended::summary);
         assert_eq!(first["digest"], second["digest"], "{faults:?}");
         assert_eq!(

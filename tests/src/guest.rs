@@ -116,6 +116,11 @@ impl Processor {
     }
 }
 
+/// The flight's schedule, with time for starts on a processor that is emulated, on a machine that is busy with other things.
+pub fn patient(schedule: &str) -> String {
+    schedule.replace("module     = \"fcu\"", "module = \"fcu\"\nstartup_timeout = \"60s\"")
+}
+
 /// What is put into a guest.
 #[derive(Debug, Default)]
 pub struct Guest {
@@ -146,8 +151,8 @@ impl Guest {
     pub fn of_the_flight_on(processor: Processor) -> Self {
         let own = crate::NINE.iter().chain(&EXECUTIVE).chain(&["simulator"]);
         let programs = own.map(|name| processor.program(name));
-        let schedule = fs::read(repository().join("schedule.toml")).unwrap();
-        let files = vec![("schedule.toml".into(), schedule)];
+        let schedule = patient(&fs::read_to_string(repository().join("schedule.toml")).unwrap());
+        let files = vec![("schedule.toml".into(), schedule.into_bytes())];
         Self { processor, programs: programs.collect(), files, ..Self::default() }
     }
 

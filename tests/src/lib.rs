@@ -24,7 +24,7 @@ pub use browser::{Browser, Seen};
 pub use c_programs::{c_library, compile_c};
 pub use children::{Process, Traces, children_of, executive_of, process_named};
 pub use crates::{building, cargo, copy, crates_target, empty_folder, expect_success};
-pub use guest::{Guest, Processor};
+pub use guest::{Guest, Processor, patient};
 pub use harm::{DISK, KERNEL, NEEDS, Sample, held, is_noticed, is_walled_in, run_watched, taken};
 pub use line::Ground;
 pub use output::{Fault, Window, quantile};

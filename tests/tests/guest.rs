@@ -5,7 +5,9 @@
 use std::time::Duration;
 
 use bateleur_tests::fuzzed::{self, KINDS};
-use bateleur_tests::{EXECUTIVE, Guest, Processor, bateleur, is_long, ports_of, repository, small_mission};
+use bateleur_tests::{
+    EXECUTIVE, Guest, Processor, bateleur, is_long, patient, ports_of, repository, small_mission,
+};
 
 /// Puts the script's shell into a group of its own, which has its controllers, and `bateleur` alone into one inside.
 const DELEGATED: &str = "
@@ -234,11 +236,6 @@ fn gateway_tells_bus_off_comes_back_after_it_and_names_what_is_wrong_with_an_int
     // Taken down and brought up again under a running gateway: told once each.
     let told = |words: &str| said.text.lines().filter(|line| line.contains(words)).count();
     assert_eq!((told("vcan1: the interface is down"), told("vcan1 is there again")), (1, 1), "{}", said.text);
-}
-
-/// The schedule of the flight for an emulator on a busy machine, which takes its time.
-fn patient(schedule: &str) -> String {
-    schedule.replace("module     = \"fcu\"", "module = \"fcu\"\nstartup_timeout = \"60s\"")
 }
 
 /// A guest with a bus of the kernel, and what flies one lap over it.

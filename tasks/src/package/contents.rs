@@ -64,9 +64,7 @@ pub(super) fn lay(order: &Order<'_>, tree: &mut Tree) -> Result<(), String> {
     tree.link("usr/bin/bateleur", "../lib/bateleur/bateleur")?;
     settings(order, tree)?;
     manual(order, tree)?;
-    for (from, name) in [("docs/src", "book"), ("docs/decisions", "decisions")] {
-        tree.folder(&order.root.join(from), &format!("usr/share/doc/bateleur/{name}"))?;
-    }
+    tree.folder(&order.root.join("docs/src"), "usr/share/doc/bateleur/book")?;
     for (name, text) in [
         ("postinst", include_str!("../../packaging/postinst")),
         ("prerm", include_str!("../../packaging/prerm")),

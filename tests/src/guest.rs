@@ -16,7 +16,7 @@ use crate::await_some;
 use crate::programs::{EXECUTIVE, program, repository};
 
 /// A guest boots in some 6 s and is slower than the machine below by a factor of ten; a whole file of tests takes minutes.
-const PATIENCE: Duration = Duration::from_secs(600);
+const PATIENCE: Duration = Duration::from_secs(1200);
 /// Memory of a guest, MiB: the programs lie in it twice, packed and unpacked.
 const MEMORY_MIB: u32 = 2048;
 

@@ -2,6 +2,8 @@
 //!
 //! Responsible for: one way to fill them in. What they say is theirs.
 
+use std::fs::Permissions;
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
@@ -50,4 +52,10 @@ pub(crate) fn write(folder: &Path, files: &[Written]) -> Result<()> {
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(())
+}
+
+/// Lets everybody run a script that was written.
+pub(crate) fn make_a_program(script: &Path) -> Result<()> {
+    std::fs::set_permissions(script, Permissions::from_mode(0o755))
+        .with_context(|| format!("cannot make {} a program", script.display()))
 }

@@ -3,8 +3,6 @@
 //!
 //! Exit codes: 0 written, 2 it can not be written.
 
-use std::fs::Permissions;
-use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
@@ -13,7 +11,7 @@ use toml::Value;
 
 use super::new::workspace::{Workspace, absolute, way};
 use super::{Code, FINE};
-use crate::templates::{Written, filled, refuse_to_overwrite, write};
+use crate::templates::{Written, filled, make_a_program, refuse_to_overwrite, write};
 
 /// Make a project of one's own: schedule, two partitions, messages, tests.
 #[derive(Debug, clap::Args)]
@@ -78,9 +76,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     files.extend(library.shared());
     refuse_to_overwrite(&folder, &files)?;
     write(&folder, &files)?;
-    let script = folder.join(SCRIPT);
-    std::fs::set_permissions(&script, Permissions::from_mode(0o755))
-        .with_context(|| format!("cannot make {} a program", script.display()))?;
+    make_a_program(&folder.join(SCRIPT))?;
     say(arguments, &library, &files);
     Ok(FINE)
 }

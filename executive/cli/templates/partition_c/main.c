@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "apex.h"
-{% if has_messages %}
+{% if folders %}
 #include "messages.h"
 {% endif %}
 {% if ports %}
@@ -23,7 +23,7 @@ static void step(void)
 {% for port in ports %}
     static {{ port.type }} {{ port.field }}_message{{ port.length }}; /* a process's stack is small */
 {% endfor %}
-{% if receives %}
+{% if samples or takes %}
     MESSAGE_SIZE_TYPE length;
 {% endif %}
 {% if samples %}
@@ -36,14 +36,14 @@ static void step(void)
     static unsigned periods;
 {% endif %}
 
-{% for port in ports if port.reads and port.kind == "SAMPLING" %}
+{% for port in ports if port.direction == "DESTINATION" and port.kind == "SAMPLING" %}
     /* NO_ACTION before the first message; INVALID once the last is older than the port's `refresh`. */
     READ_SAMPLING_MESSAGE({{ port.field }}, (MESSAGE_ADDR_TYPE) &{{ port.field }}_message, &length, &validity, &code);
     if (code == NO_ERROR && validity == VALID) {
         /* Use it here. */
     }
 {% endfor %}
-{% for port in ports if port.reads and port.kind == "QUEUING" %}
+{% for port in ports if port.direction == "DESTINATION" and port.kind == "QUEUING" %}
     for (taken = 0; taken < {{ port.depth }}; taken++) {
         RECEIVE_QUEUING_MESSAGE({{ port.field }}, 0, (MESSAGE_ADDR_TYPE) &{{ port.field }}_message, &length, &code);
         if (code != NO_ERROR && code != INVALID_CONFIG) {
@@ -55,14 +55,14 @@ static void step(void)
 
     /* Compute here. */
 
-{% for port in ports if not port.reads and port.kind == "SAMPLING" %}
+{% for port in ports if port.direction == "SOURCE" and port.kind == "SAMPLING" %}
     memset(&{{ port.field }}_message, 0, sizeof {{ port.field }}_message);
     WRITE_SAMPLING_MESSAGE({{ port.field }}, (MESSAGE_ADDR_TYPE) &{{ port.field }}_message, sizeof {{ port.field }}_message, &code);
 {% endfor %}
 {% if sends %}
     /* In one of 50 periods: a full queue helps nobody. Any code but NO_ERROR means that it was not taken. Never wait. */
     if (periods++ % 50 == 0) {
-{% for port in ports if not port.reads and port.kind == "QUEUING" %}
+{% for port in ports if port.direction == "SOURCE" and port.kind == "QUEUING" %}
         memset(&{{ port.field }}_message, 0, sizeof {{ port.field }}_message);
         SEND_QUEUING_MESSAGE({{ port.field }}, (MESSAGE_ADDR_TYPE) &{{ port.field }}_message, sizeof {{ port.field }}_message, 0, &code);
 {% endfor %}

@@ -24,9 +24,7 @@ struct Values<'a> {
     out: String,
     /// The folders of message types, each with a blank before it.
     folders: String,
-    has_messages: bool,
     ports: Vec<PortText>,
-    receives: bool,
     samples: bool,
     takes: bool,
     sends: bool,
@@ -39,7 +37,6 @@ struct PortText {
     field: String,
     kind: &'static str,
     direction: &'static str,
-    reads: bool,
     r#type: String,
     /// `[N]` of plain bytes.
     length: String,
@@ -52,31 +49,25 @@ struct PortText {
 pub(super) fn files(skeleton: &Skeleton, program: &str, folders: &[String]) -> Result<Vec<Written>> {
     let out = program.rsplit_once('/').map_or(".", |(folder, _)| folder);
     let has = |role: fn(Role) -> bool| skeleton.ports.iter().any(|port| role(port.role));
-    let (samples, takes) = (
-        has(|role| matches!(role, Role::SamplingDestination { .. })),
-        has(|role| matches!(role, Role::QueuingDestination { .. })),
-    );
     let values = Values {
         partition: &skeleton.partition,
         program: quoted(program.to_owned()),
         out: quoted(out.to_owned()),
         folders: folders.iter().map(|folder| format!(" {}", quoted(folder.clone()))).collect(),
-        has_messages: !folders.is_empty(),
         ports: skeleton.ports.iter().map(port).collect(),
-        receives: samples || takes,
-        samples,
-        takes,
+        samples: has(|role| matches!(role, Role::SamplingDestination { .. })),
+        takes: has(|role| matches!(role, Role::QueuingDestination { .. })),
         sends: has(|role| role == Role::QueuingSource),
     };
     Ok(vec![("main.c", filled(MAIN, &values)?), (SCRIPT, filled(BUILD, &values)?)])
 }
 
 fn port(port: &SkeletonPort) -> PortText {
-    let (kind, reads) = match port.role {
-        Role::SamplingSource => ("SAMPLING", false),
-        Role::SamplingDestination { .. } => ("SAMPLING", true),
-        Role::QueuingSource => ("QUEUING", false),
-        Role::QueuingDestination { .. } => ("QUEUING", true),
+    let (kind, direction) = match port.role {
+        Role::SamplingSource => ("SAMPLING", "SOURCE"),
+        Role::SamplingDestination { .. } => ("SAMPLING", "DESTINATION"),
+        Role::QueuingSource => ("QUEUING", "SOURCE"),
+        Role::QueuingDestination { .. } => ("QUEUING", "DESTINATION"),
     };
     let refresh = match port.role {
         Role::SamplingDestination { refresh_ns } => format!("INT64_C({refresh_ns})"),
@@ -84,20 +75,18 @@ fn port(port: &SkeletonPort) -> PortText {
     };
     // A keyword of C is no name there.
     let field = format!("port_{}", port.field.trim_start_matches("r#"));
-    let (kind_of, length) = match &port.content {
-        Content::Message { of, .. } => (c_name(of.name()), String::new()),
-        Content::Bytes(size) => ("char".to_owned(), format!("[{size}]")),
-    };
-    let size = match &port.content {
-        Content::Message { .. } => format!("sizeof({kind_of})"),
-        Content::Bytes(size) => size.to_string(),
+    let (kind_of, length, size) = match &port.content {
+        Content::Message { of, .. } => {
+            let name = c_name(of.name());
+            (name.clone(), String::new(), format!("sizeof({name})"))
+        }
+        Content::Bytes(size) => ("char".to_owned(), format!("[{size}]"), size.to_string()),
     };
     PortText {
         name: format!("\"{}\"", port.name),
         field,
         kind,
-        direction: if reads { "DESTINATION" } else { "SOURCE" },
-        reads,
+        direction,
         r#type: kind_of,
         length,
         size,

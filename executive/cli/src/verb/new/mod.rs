@@ -17,8 +17,6 @@ mod stanza;
 mod values;
 pub(super) mod workspace;
 
-use std::fs::Permissions;
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -27,7 +25,7 @@ use bateleur_plan::{Partition, Plan};
 
 use super::{CANNOT_RUN, Code, FINE, WRONG};
 use crate::plan_file;
-use crate::templates::{Written, refuse_to_overwrite, write};
+use crate::templates::{Written, make_a_program, refuse_to_overwrite, write};
 use dependencies::Dependencies;
 use skeleton::Skeleton;
 use workspace::{Home, Workspace};
@@ -233,9 +231,7 @@ fn write_c(arguments: &Arguments, plan: &Plan, partition: &Partition) -> Result<
     let files = c_text::files(&skeleton, &workspace::way(&folder, &program).display().to_string(), &folders)?;
     refuse_to_overwrite(&folder, &files)?;
     write(&folder, &files)?;
-    let script = folder.join(c_text::SCRIPT);
-    std::fs::set_permissions(&script, Permissions::from_mode(0o755))
-        .with_context(|| format!("cannot make {} a program", script.display()))?;
+    make_a_program(&folder.join(c_text::SCRIPT))?;
     println!("{shown}: partition `{}` in C", skeleton.partition);
     files.iter().for_each(|(name, _)| println!("  {name}"));
     skeleton.notes().iter().for_each(|note| println!("note: {note}"));

@@ -33,7 +33,9 @@ pub use peer::{Peer, jsbsim, python};
 pub use programs::{
     EXECUTIVE, Ended, ORDINARY, Started, bateleur, bateleur_as_ordinary, daemon, other, program, repository,
 };
-pub use schedule::{Sketch, channel_between, edited, flight_schedule, line_of, ports_of, small_mission};
+pub use schedule::{
+    Sketch, channel_between, edited, flight_schedule, laps_of_small_mission, line_of, ports_of, small_mission,
+};
 pub use turn::{Turn, alone, among_others};
 
 use std::time::{Duration, Instant};

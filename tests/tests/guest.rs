@@ -569,13 +569,11 @@ fn on_aarch64_a_flight_with_crashes_is_strictly_partitioned_and_the_same_to_the_
     let summary = std::fs::read_to_string(here.folder().join("summary.json")).unwrap();
     let digest = summary.lines().find(|line| line.contains("\"digest\"")).unwrap();
 
-    let schedule = patient(&std::fs::read_to_string(schedule).unwrap());
-    let guest = Guest::of_the_flight_on(Processor::Aarch64).file("patient.toml", &schedule);
-    let said = guest.file("mission.toml", TRIANGLE).run(&format!(
+    let said = Guest::of_the_flight_on(Processor::Aarch64).file("mission.toml", TRIANGLE).run(&format!(
         "{DELEGATED}
         uname -m
         grep -q 1 /sys/kernel/realtime || exit 9
-        in_unit ./bateleur {WITH_CRASHES} --require strict --schedule patient.toml --mission mission.toml \\
+        in_unit ./bateleur {WITH_CRASHES} --require strict --schedule schedule.toml --mission mission.toml \\
             --output /tmp/flight || exit $?
         grep digest /tmp/flight/summary.json
         ./bateleur health /tmp/flight > /tmp/faults || exit $?

@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use bateleur_tests::{Ended, among_others, bateleur, is_long, repository, small_mission};
+use bateleur_tests::{Ended, among_others, bateleur, is_long, laps_of_small_mission, repository};
 
 /// SplitMix64.
 struct Random(u64);
@@ -101,11 +101,7 @@ fn cuts_and_deaths_at_random_instants_end_as_the_book_says() {
     let seed = number("BATELEUR_HOSTS_SEED", 1);
     // Over sooner than the two laps of the schedule, and not before the last instant that is drawn.
     let folder = tempfile::tempdir().unwrap();
-    let mission = folder.path().join("mission.toml");
-    let text = std::fs::read_to_string(small_mission()).unwrap();
-    let text = text.replace("laps = 1", "laps = 5").replace("time_limit_s = 120", "time_limit_s = 400");
-    assert!(text.contains("laps = 5") && text.contains("time_limit_s = 400"), "{text}");
-    std::fs::write(&mission, text).unwrap();
+    let mission = laps_of_small_mission(folder.path(), 5);
     for number in 0..number("BATELEUR_HOSTS_FLIGHTS", KINDS.len() as u64) {
         let (kind, options) = drawn(seed, number);
         let schedule = repository().join("schedules/two-hosts.toml");

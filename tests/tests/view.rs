@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use bateleur_recording::PORTS_FILE;
 use bateleur_tests::{
-    Browser, Page, Peer, Sketch, Started, alone, await_some, bateleur, flight_schedule, quantile,
-    small_mission,
+    Browser, Page, Peer, Sketch, Started, alone, await_some, bateleur, flight_schedule,
+    laps_of_small_mission, quantile,
 };
 use rustix::process::Signal;
 use serde_json::Value;
@@ -353,10 +353,7 @@ mod alone {
         let Some(browser) = Browser::find() else { return };
         let _turn = alone();
         let folder = tempfile::tempdir().unwrap();
-        let mission = folder.path().join("long.toml");
-        let text = std::fs::read_to_string(small_mission()).unwrap();
-        let long = text.replace("laps = 1", "laps = 19").replace("time_limit_s = 120", "time_limit_s = 1200");
-        std::fs::write(&mission, long).unwrap();
+        let mission = laps_of_small_mission(folder.path(), 19);
         let schedule = flight_schedule();
         let (schedule, mission) = (schedule.to_str().unwrap(), mission.to_str().unwrap());
         let mut flight = bateleur(&["fly", "--format", "json", "--schedule", schedule, "--mission", mission]);

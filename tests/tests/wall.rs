@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use bateleur_tests::{
-    NINE, Sketch, Window, alone, await_some, bateleur, edited, executive_of, flight_schedule, process_named,
-    program, quantile, small_mission,
+    NINE, Sketch, Window, alone, await_some, bateleur, edited, executive_of, flight_schedule,
+    laps_of_small_mission, process_named, program, quantile, small_mission,
 };
 use rustix::process::Signal;
 use serde_json::Value;
@@ -127,10 +127,7 @@ mod alone {
 
     fn measured(schedule: &str, more: &[String]) -> Measured {
         let mission = tempfile::tempdir().unwrap();
-        let path = mission.path().join("long.toml");
-        let text = std::fs::read_to_string(small_mission()).unwrap();
-        let long = text.replace("laps = 1", "laps = 11").replace("time_limit_s = 120", "time_limit_s = 1200");
-        std::fs::write(&path, long).unwrap();
+        let path = laps_of_small_mission(mission.path(), 11);
         let mut words =
             vec!["fly", "--format", "json", "--schedule", schedule, "--mission", path.to_str().unwrap()];
         words.extend(more.iter().map(String::as_str));

@@ -19,7 +19,7 @@ use crate::{channel_type, join};
 /// How long processes may take to attach, as a multiple of what one takes that attaches to nothing: a machine with ten times
 /// the work that it can do must not make a sound channel look damaged.
 const TIMES: u32 = 30;
-/// The least and the most of it. A sound channel takes some milliseconds on a quiet machine, and half a second on an emulated one.
+/// The least and the most of it. A sound channel takes some milliseconds on a quiet machine.
 const LEAST: Duration = Duration::from_millis(400);
 const MOST: Duration = Duration::from_secs(20);
 /// A channel is damaged when so many processes in a row could not attach to it.

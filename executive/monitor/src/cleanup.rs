@@ -21,7 +21,7 @@ use bateleur_system::time::now_ns;
 use bateleur_system::wait::{ended, is_victim};
 
 /// A channel cleaner that has used more time than this is ended: the library's clean-up can hang. One that works takes some
-/// milliseconds, and on a machine that is emulated a thousand times as long: hence the more, as a multiple of what its start took.
+/// milliseconds; a slow or emulated machine is known by what its start took, of which this is a multiple.
 const LEAST_PATIENCE_NS: u64 = 3_000_000_000;
 const MOST_PATIENCE_NS: u64 = 20_000_000_000;
 const STARTS: u64 = 100;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use bateleur_tests::{
-    alone, among_others, bateleur, c_library, expect_success, flight_schedule, program, repository,
+    alone, among_others, bateleur, c_library, expect_success, flight_schedule, is_long, program, repository,
 };
 
 /// What a flight says of its digest, which no way of building and starting it may change.
@@ -65,7 +65,18 @@ fn two_packings_are_equal_to_the_byte_and_lintian_finds_no_error() {
     }
     let development = first.iter().find(|path| path.to_string_lossy().contains("-dev_")).unwrap();
     library_is_a_checkout(development, &folders[0].path().join("library"));
-    let Ok(lintian) = Command::new("lintian").args(["--fail-on", "error"]).args(&first).output() else {
+    // Lintian takes most of its time for the 500 objects of the static library, of which it has nothing to say but that they are there.
+    let judged: Vec<PathBuf> = first
+        .iter()
+        .map(|package| match package == development && !is_long() {
+            true => repacked(package, &folders[1].path().join("short"), |tree| {
+                let folder = fs::read_dir(tree.join("usr/lib")).unwrap().next().unwrap().unwrap().path();
+                fs::remove_file(folder.join("libbateleur_apex_c.a")).unwrap();
+            }),
+            false => package.clone(),
+        })
+        .collect();
+    let Ok(lintian) = Command::new("lintian").args(["--fail-on", "error"]).args(&judged).output() else {
         eprintln!("skipped: no lintian here (tests/debian/prepare)");
         return;
     };
@@ -74,11 +85,21 @@ fn two_packings_are_equal_to_the_byte_and_lintian_finds_no_error() {
     println!("{said}");
 }
 
-/// A newer version of a package, in which two files of settings have another line.
-fn newer(package: &Path, folder: &Path) {
-    let tree = folder.join("tree");
+/// A package of the tree of another one after a change, in a folder of its own.
+fn repacked(package: &Path, folder: &Path, change: impl FnOnce(&Path)) -> PathBuf {
+    let (tree, file) = (folder.join("tree"), folder.join(package.file_name().unwrap()));
     fs::create_dir_all(folder).unwrap();
     expect_success(Command::new("dpkg-deb").arg("-R").arg(package).arg(&tree));
+    change(&tree);
+    expect_success(
+        Command::new("dpkg-deb").args(["-Znone", "--root-owner-group", "--build"]).arg(&tree).arg(&file),
+    );
+    fs::remove_dir_all(tree).unwrap();
+    file
+}
+
+/// As a newer version has it: two files of settings have another line.
+fn make_newer(tree: &Path) {
     for name in ["schedule.toml", "schedules/can.toml"] {
         let path = tree.join("etc/bateleur").join(name);
         fs::write(&path, fs::read_to_string(&path).unwrap() + "# newer\n").unwrap();
@@ -86,9 +107,6 @@ fn newer(package: &Path, folder: &Path) {
     let control = tree.join("DEBIAN/control");
     let text = fs::read_to_string(&control).unwrap();
     fs::write(&control, text.replace("\nVersion: ", "\nVersion: 1:")).unwrap();
-    let file = folder.join("bateleur_newer.deb");
-    expect_success(Command::new("dpkg-deb").args(["-Znone", "--build"]).arg(&tree).arg(file));
-    fs::remove_dir_all(tree).unwrap();
 }
 
 /// What shares the machine with no other test.
@@ -106,10 +124,8 @@ mod alone {
         let folder = tempfile::tempdir().unwrap();
         let (packages, root) = (folder.path().join("packages"), folder.path().join("root"));
         let Some(archives) = pack(&packages) else { return };
-        newer(
-            archives.iter().find(|path| path.to_string_lossy().contains("bateleur_")).unwrap(),
-            &packages.join("newer"),
-        );
+        let programs = archives.iter().find(|path| path.to_string_lossy().contains("bateleur_")).unwrap();
+        repacked(programs, &packages.join("newer"), make_newer);
         expect_success(Command::new("cp").args(["-a", "--reflink=auto"]).arg(prepared).arg(&root));
         expect_success(Command::new("cp").arg("-r").arg(&packages).arg(root.join("packages")));
         expect_success(Command::new("cp").arg(repository().join("tests/debian/fly")).arg(root.join("fly")));

@@ -4,8 +4,8 @@ use crate::board::Board;
 use crate::retry_queue::function_name;
 use bateleur_messages::SimulatorLink;
 use bateleur_messages::ground::{
-    EstimatorOrder, LoopId, Manoeuvre, Order, SENSOR_ACCELEROMETER, SENSOR_GYROSCOPE, SENSOR_PRESSURE, Step,
-    Waypoint,
+    EstimatorOrder, LoopId, Manoeuvre, Order, Reason, SENSOR_ACCELEROMETER, SENSOR_GYROSCOPE,
+    SENSOR_PRESSURE, Step, Waypoint,
 };
 use bateleur_messages::hil::Protocol;
 use bateleur_messages::hil::{PILOT_STAND_BY, PILOT_TAKE_OFF};
@@ -292,7 +292,7 @@ fn manoeuvre(words: &[&str]) -> Result<Order, ConsoleError> {
     };
     let [name] = words else { return Err(usage) };
     let what = Manoeuvre::ALL.into_iter().find(|what| what.name() == *name).ok_or(usage)?;
-    Ok(Order::Manoeuvre { what, link_lost: false })
+    Ok(Order::Manoeuvre { what, reason: Reason::Ordered })
 }
 
 fn sensors(words: &[&str]) -> Result<Order, ConsoleError> {

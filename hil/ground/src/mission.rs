@@ -11,7 +11,9 @@ use crate::plan::MissionPlan;
 use crate::progress::{Event, Outcome, Phase, Progress, Severity};
 use crate::retry_queue::{RETRY_NS, RetryQueue, Settled, function_name};
 use crate::watch::{Losses, Watch};
-use bateleur_messages::ground::{EstimatorOrder, Manoeuvre, Order, SENSOR_GYROSCOPE, SENSOR_PRESSURE};
+use bateleur_messages::ground::{
+    EstimatorOrder, Manoeuvre, Order, Reason, SENSOR_GYROSCOPE, SENSOR_PRESSURE,
+};
 use bateleur_messages::hil::{PILOT_TAKE_OFF, PilotOrder};
 use bateleur_messages::state::{STATUS_COARSE, STATUS_DISABLED, STATUS_RUNNING};
 use bateleur_messages::telemetry::{
@@ -244,12 +246,12 @@ impl Mission {
             Phase::LoadWaypoints => self.request_waypoints(),
             Phase::SwitchNavigation => self.request(Order::Navigation { on: true }),
             Phase::OrderTakeOff if self.plan.own_take_off => {
-                self.request(Order::Manoeuvre { what: Manoeuvre::TakeOff, link_lost: false });
+                self.request(Order::Manoeuvre { what: Manoeuvre::TakeOff, reason: Reason::Ordered });
             }
             Phase::OrderTakeOff => self.call_pilot(pilot),
             Phase::Climb if self.plan.own_take_off => self.request(Order::Autopilot { on: true }),
             Phase::Engage => self.request(Order::Autopilot { on: true }),
-            Phase::Land => self.request(Order::Manoeuvre { what: Manoeuvre::Land, link_lost: false }),
+            Phase::Land => self.request(Order::Manoeuvre { what: Manoeuvre::Land, reason: Reason::Ordered }),
             Phase::End => self.outcome = Outcome::Finished,
             _ => {}
         }

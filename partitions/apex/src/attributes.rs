@@ -128,7 +128,8 @@ fn finding(words: &str) -> String {
     }
 }
 
-fn parse_duration(text: &str) -> Option<u64> {
+/// A duration such as "20ms", "1.5s" or "5min", as nanoseconds; `None`: it is none.
+pub fn parse_duration(text: &str) -> Option<u64> {
     let split = text.find(|c: char| !c.is_ascii_digit() && c != '.')?;
     let number: f64 = text[..split].parse().ok()?;
     let unit = match &text[split..] {
@@ -136,6 +137,7 @@ fn parse_duration(text: &str) -> Option<u64> {
         "us" | "µs" => 1e3,
         "ms" => 1e6,
         "s" => 1e9,
+        "min" => 6e10,
         _ => return None,
     };
     let ns = (number * unit).round();

@@ -75,7 +75,7 @@ pub use bateleur_message_format as message_format;
 pub use bateleur_message_macro as __message_macro;
 
 pub use alignment::Alignment;
-pub use attributes::{AttributeError, Attributes};
+pub use attributes::{AttributeError, Attributes, parse_duration};
 pub use bateleur_contract::LogbookSizes;
 pub use bateleur_contract::logbook::{LogbookCounts, WriteStatus};
 pub use bateleur_contract::{AlignmentReport, Direction, ErrorCode, PortKind, StartCondition};

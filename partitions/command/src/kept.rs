@@ -11,7 +11,7 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
 use crate::downlink::KeptDownlink;
 use crate::station::MOST_WAYPOINTS;
-use crate::{Downlink, Silence, Uplink};
+use crate::{Contingencies, Downlink, Uplink, contingency};
 
 /// Plain data in a fixed size.
 #[derive(Debug, Clone, Copy, PartialEq, FromBytes, IntoBytes, Immutable, KnownLayout)]
@@ -21,7 +21,7 @@ pub struct Kept {
     downlink: KeptDownlink,
     /// Not zero: the device was reported missing.
     missing: u64,
-    silence: [u64; 2],
+    contingencies: [u64; contingency::NUMBERS],
     /// Entries of the health log that were read, and those of them that were not told.
     notices_read: u64,
     notices_owed: u64,
@@ -40,7 +40,7 @@ impl Kept {
         uplink: &Uplink,
         downlink: &Downlink,
         presence: &Presence,
-        silence: &Silence,
+        contingencies: &Contingencies,
         parameters: &Changed,
         (mission, marks): (&[Waypoint], &[Mark]),
         (notices_read, notices_owed): (u32, u64),
@@ -61,7 +61,7 @@ impl Kept {
             uplink: uplink.state(),
             downlink: downlink.kept(),
             missing: u64::from(presence.is_reported()),
-            silence: silence.kept(),
+            contingencies: contingencies.kept(),
             notices_read: u64::from(notices_read),
             notices_owed,
             parameters: *parameters,
@@ -118,9 +118,9 @@ impl Kept {
         uplink: &mut Uplink,
         downlink: &mut Downlink,
         presence: &mut Presence,
-        silence: &mut Silence,
+        contingencies: &mut Contingencies,
     ) {
-        silence.resume(self.silence);
+        contingencies.resume(self.contingencies);
         uplink.resume(&self.uplink);
         downlink.resume(&self.downlink);
         *presence = Presence::after(self.missing != 0);
@@ -149,7 +149,7 @@ mod tests {
             let (mut uplink, mut downlink) = (Uplink::new(), Downlink::new(57_600));
             let mut presence = Presence::default();
             if let Some(kept) = kept {
-                kept.resume(&mut uplink, &mut downlink, &mut presence, &mut Silence::default());
+                kept.resume(&mut uplink, &mut downlink, &mut presence, &mut Contingencies::default());
             }
             Self { uplink, downlink, presence }
         }
@@ -170,12 +170,12 @@ mod tests {
         }
 
         fn kept(&self) -> Kept {
-            let silence = Silence::default();
+            let contingencies = Contingencies::default();
             Kept::of(
                 &self.uplink,
                 &self.downlink,
                 &self.presence,
-                &silence,
+                &contingencies,
                 &Changed::default(),
                 (&[], &[]),
                 (0, 0),
@@ -243,7 +243,7 @@ mod tests {
             &uplink,
             &downlink,
             &Presence::default(),
-            &Silence::default(),
+            &Contingencies::default(),
             &Changed::default(),
             (&mission, &marks),
             (7, 2),

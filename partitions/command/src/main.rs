@@ -5,11 +5,11 @@ use std::process::ExitCode;
 use bateleur_apex::serial::{Change, Device, Presence};
 use bateleur_apex::{
     Context, Direction, HealthNotices, Line, Partition, PortKind, QueuingDestination, QueuingSource,
-    Retained, SamplingDestination, Sent, StartError, Takeover, Window,
+    Retained, SamplingDestination, Sent, StartError, Takeover, Window, parse_duration,
 };
 use bateleur_command::{
-    Delivery, Downlink, Encoding, HealthTexts, Heard, Kept, Numbers, OnSilence, Paced, Radio, Rates, Setup,
-    Silence, Station, Uplink, parameters, receivers, sane_runway,
+    Contingencies, Delivery, Downlink, Encoding, HealthTexts, Kept, Ladder, MOST_RUNGS, Numbers, Paced, Plan,
+    Radio, Rates, Rung, Setup, Station, Uplink, parameters, receivers, sane_runway,
 };
 use bateleur_mavlink::Runway;
 use bateleur_messages::frame::Frame;
@@ -19,7 +19,10 @@ use bateleur_messages::telemetry::{
     Acknowledge, FROM_COMMAND, FUNCTIONS, NOT_UNDERSTOOD, Refusal, Telemetry,
 };
 use bateleur_messages::{GroundMessage, Rate, State, TelemetryMessage, Watch};
+use serde::Deserialize;
 
+/// A second, ns.
+const SECOND_NS: u64 = 1_000_000_000;
 /// Bytes read in one window, most: four times what a line of 57600 baud carries in 20 ms.
 const BYTES_PER_WINDOW: usize = 512;
 /// Telemetry messages taken from one function in one window, most; as many as the queue usually holds.
@@ -45,7 +48,9 @@ pub(crate) struct Command {
     rate: SamplingDestination<Rate>,
     timeout: Watch,
     retained: Retained<Kept>,
-    silence: Silence,
+    contingencies: Contingencies,
+    /// Module time of the window, ns.
+    now_ns: u64,
     /// A ground station that speaks MAVLink, beside the line or on it.
     mavlink: Option<(Way, Station)>,
     /// What the module's health log says, where the plan lets this partition know.
@@ -93,7 +98,8 @@ impl Partition for Command {
             rate: context.sampling_destination("rate")?,
             timeout: Watch::default(),
             retained: context.retained()?,
-            silence: Silence::new(on_silence(context)?),
+            contingencies: Contingencies::new(plan(context)?),
+            now_ns: 0,
             notices: context.health_notices(),
             health: HealthTexts::default(),
             state: state_port(context)?,
@@ -109,6 +115,7 @@ impl Partition for Command {
     }
 
     fn window(&mut self, window: &Window) {
+        self.now_ns = window.start_ns();
         if self.presence.is_due(window.start_ns()) {
             self.open(window);
         }
@@ -132,7 +139,7 @@ impl Command {
     /// Goes on with what was on its way when the incarnation before ended.
     fn resume(&mut self) {
         if let Some(kept) = self.retained.load() {
-            kept.resume(&mut self.uplink, &mut self.downlink, &mut self.presence, &mut self.silence);
+            kept.resume(&mut self.uplink, &mut self.downlink, &mut self.presence, &mut self.contingencies);
             self.dropped_told = self.downlink.dropped();
             let (read, owed) = kept.notices();
             self.notices.resume(read);
@@ -156,7 +163,7 @@ impl Command {
             &self.uplink,
             &self.downlink,
             &self.presence,
-            &self.silence,
+            &self.contingencies,
             parameters,
             (mission, &marks),
             notices,
@@ -200,36 +207,28 @@ impl Command {
         }
     }
 
-    /// Notices a ground that is not heard any more, and gives the order that the plan has for that.
+    /// Gives the order that the plan has for what is lost, the ground first of all.
     fn listen(&mut self, window: &Window) {
         let now_ns = window.start_ns();
         if self.mavlink.as_mut().is_some_and(|(_, station)| station.was_heard()) {
-            self.silence.heard(now_ns);
+            self.contingencies.heard(now_ns);
         }
-        let text = match self.silence.window(now_ns) {
-            None => return,
-            Some(Heard::Back) => "the ground is heard again".to_owned(),
-            Some(Heard::Lost(order)) => {
-                let frame = Frame { letter: order.letter(), data: order.data() };
-                if let Some(message) = GroundMessage::from_frame(&frame) {
-                    self.pass_on(&message, receivers(&message), now_ns);
-                }
-                let what = match order {
-                    Order::Manoeuvre { what, .. } => what.name(),
-                    _ => "",
-                };
-                format!("the ground was not heard for {} s: {what}", self.silence.patience_s())
+        let Some(change) = self.contingencies.window(now_ns) else { return };
+        if let Some(order) = change.order {
+            let frame = Frame { letter: order.letter(), data: order.data() };
+            if let Some(message) = GroundMessage::from_frame(&frame) {
+                self.pass_on(&message, receivers(&message), now_ns);
             }
-        };
-        window.report(&text);
+        }
+        window.report(&change.text);
         if let Some((_, station)) = &mut self.mavlink {
-            station.warn(&text);
+            station.warn(&change.text);
         }
     }
 
     fn deliver(&mut self, now_ns: u64) {
         for delivery in self.uplink.take(&self.received) {
-            self.silence.heard(now_ns);
+            self.contingencies.heard(now_ns);
             match delivery {
                 Delivery::Beat => {}
                 Delivery::To(message, functions) => self.pass_on(&message, functions, now_ns),
@@ -311,10 +310,13 @@ impl Command {
     /// What a function tells the ground, for both kinds of ground station.
     fn told(&mut self, message: TelemetryMessage) {
         let mut for_the_line = true;
+        let telemetry = Telemetry::of(&Frame { letter: message.letter, data: message.bytes().to_vec() });
+        if let Ok(telemetry) = &telemetry {
+            self.contingencies.telemetry(telemetry, self.now_ns);
+        }
         if let Some((way, station)) = &mut self.mavlink {
             for_the_line = !matches!(way, Way::Line(_));
-            let frame = Frame { letter: message.letter, data: message.bytes().to_vec() };
-            if let Ok(telemetry) = Telemetry::of(&frame) {
+            if let Ok(telemetry) = telemetry {
                 // What was asked for MAVLink is none of the line's.
                 for_the_line &=
                     !matches!(&telemetry, Telemetry::Parameter(value) if value.asker != ASKED_BY_LINE);
@@ -370,25 +372,77 @@ impl Command {
     }
 }
 
-/// What is flown when the ground is silent.
-fn on_silence(context: &mut Context) -> Result<OnSilence, StartError> {
-    let given: String = context.attribute("lost_link", "none".into())?;
-    let order = match given.as_str() {
-        "none" => None,
-        "loiter" => Some(Manoeuvre::Loiter),
-        "return" => Some(Manoeuvre::Return),
-        "land" => Some(Manoeuvre::Land),
-        other => {
-            return Err(StartError::Other(format!(
-                "attribute lost_link = \"{other}\": give \"none\", \"loiter\", \"return\" or \"land\""
-            )));
-        }
-    };
-    let after_ns = context.duration_ns("lost_link_after", 10_000_000_000)?;
-    if after_ns < 1_000_000_000 {
-        return Err(StartError::Other("attribute lost_link_after: give 1s or more".into()));
+/// What is flown where something is lost, and for how long.
+fn plan(context: &mut Context) -> Result<Plan, StartError> {
+    let low_battery = ladder(context, "low_battery", 5 * SECOND_NS)?;
+    let low_battery_v: Option<f64> = context.attribute("low_battery_v", None)?;
+    if low_battery[0].is_some() && !low_battery_v.is_some_and(|volts| (1.0..=1000.0).contains(&volts)) {
+        return Err(StartError::Other(
+            "attribute low_battery: give low_battery_v too, the voltage below which the battery is low, from 1 to 1000 V".into(),
+        ));
     }
-    Ok(OnSilence { order, after_ns })
+    Ok(Plan {
+        ladders: [
+            ladder(context, "lost_link", 10 * SECOND_NS)?,
+            low_battery,
+            ladder(context, "lost_satellites", 30 * SECOND_NS)?,
+            ladder(context, "lost_pitot", 10 * SECOND_NS)?,
+        ],
+        low_battery_v: low_battery_v.unwrap_or_default(),
+    })
+}
+
+/// What an attribute says: one manoeuvre, or several, each after so long.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Words {
+    One(String),
+    Several(Vec<Step>),
+}
+
+/// One of several.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Step {
+    fly: String,
+    after: String,
+}
+
+/// The ladder of an attribute; `usual_ns` and the attribute `…_after` are for one manoeuvre.
+fn ladder(context: &mut Context, name: &str, usual_ns: u64) -> Result<Ladder, StartError> {
+    let wrong = |what: String| StartError::Other(format!("attribute {name}: {what}"));
+    let after_ns = context.duration_ns(&format!("{name}_after"), usual_ns)?;
+    let words = context.attribute(name, Words::One("none".into())).map_err(|_| {
+        wrong("give one manoeuvre, or several such as [{ fly = \"loiter\", after = \"10s\" }]".into())
+    })?;
+    let steps = match words {
+        Words::One(none) if none == "none" => Vec::new(),
+        Words::One(fly) => vec![(fly, after_ns)],
+        Words::Several(steps) => steps
+            .into_iter()
+            .map(|Step { fly, after }| {
+                let after_ns = parse_duration(&after)
+                    .ok_or_else(|| wrong(format!("after = \"{after}\": give a duration such as \"10s\"")))?;
+                Ok((fly, after_ns))
+            })
+            .collect::<Result<_, StartError>>()?,
+    };
+    if steps.len() > MOST_RUNGS {
+        return Err(wrong(format!("{} manoeuvres: give {MOST_RUNGS} at most", steps.len())));
+    }
+    let mut ladder = Ladder::default();
+    let mut before_ns = 0;
+    for (place, (fly, after_ns)) in ladder.iter_mut().zip(steps) {
+        let flown = [Manoeuvre::Loiter, Manoeuvre::Return, Manoeuvre::Land];
+        let Some(fly) = flown.into_iter().find(|one| one.name() == fly) else {
+            return Err(wrong(format!("\"{fly}\": give \"none\", \"loiter\", \"return\" or \"land\"")));
+        };
+        if after_ns < SECOND_NS || after_ns <= before_ns {
+            return Err(wrong("give 1s or more, and each manoeuvre after the one before".into()));
+        }
+        (*place, before_ns) = (Some(Rung { after_ns, fly }), after_ns);
+    }
+    Ok(ladder)
 }
 
 /// A ground station that speaks MAVLink, where the plan names one.
@@ -424,7 +478,7 @@ fn mavlink(
 fn numbers(context: &mut Context, baud: u32) -> Result<Numbers, StartError> {
     let usual = Runway::default();
     let encoding: String = context.attribute("parameter_encoding", "bytes".into())?;
-    let silence = on_silence(context)?;
+    let [silence, ..] = plan(context)?.ladders;
     let address: Option<String> = context.attribute("mavlink", None)?;
     Ok(Numbers {
         baud,
@@ -442,13 +496,13 @@ fn numbers(context: &mut Context, baud: u32) -> Result<Numbers, StartError> {
             ))
         })?,
         rates: Rates::default(),
-        lost_link: match silence.order {
+        lost_link: match silence[0].map(|rung| rung.fly) {
             None => 0,
             Some(Manoeuvre::Loiter) => 1,
             Some(Manoeuvre::Land) => 3,
             Some(_) => 2,
         },
-        lost_link_after_s: silence.after_ns as f64 * 1e-9,
+        lost_link_after_s: silence[0].map_or(0.0, |rung| rung.after_ns as f64 * 1e-9),
     })
 }
 

@@ -108,7 +108,7 @@ fn head(frame: &Frame) -> GroundMessage {
 mod tests {
     use super::*;
     use bateleur_messages::frame::encode;
-    use bateleur_messages::ground::{LoopId, Manoeuvre, Order};
+    use bateleur_messages::ground::{LoopId, Manoeuvre, Order, Reason};
 
     fn bytes(letter: u8, data: &[u8]) -> Vec<u8> {
         let mut bytes = Vec::new();
@@ -130,7 +130,10 @@ mod tests {
         assert_eq!(route(&Order::Navigation { on: true }), ["controller"]);
         assert_eq!(route(&Order::Loop { id: LoopId::Normal, on: true, target: -9.8 }), ["controller"]);
         assert_eq!(route(&Order::InitialiseSensors { sensors: 7 }), ["imu"]);
-        assert_eq!(route(&Order::Manoeuvre { what: Manoeuvre::Loiter, link_lost: false }), ["controller"]);
+        assert_eq!(
+            route(&Order::Manoeuvre { what: Manoeuvre::Loiter, reason: Reason::Ordered }),
+            ["controller"]
+        );
         assert_eq!(Uplink::new().take(&bytes(BEAT, &[])), [Delivery::Beat]);
         assert_eq!(route(&Order::ReadParameter { of: 0, index: 0, asker: 0 }), ["command"]);
         assert_eq!(route(&Order::ReadParameter { of: 8, index: 0, asker: 0 }), ["rate_generator"]);

@@ -120,7 +120,7 @@ impl Function {
             Order::Autopilot { on: true } if !ready && !self.orders.autopilot => {
                 Answer::Refused(Refusal::NoState)
             }
-            Order::Manoeuvre { what, link_lost } => self.manoeuvre(*what, *link_lost),
+            Order::Manoeuvre { what, reason } => self.manoeuvre(*what, *reason),
             Order::Navigation { on: true }
                 if self.tasks.fence.outside && self.tasks.task != Task::Ordered =>
             {

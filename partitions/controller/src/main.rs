@@ -11,7 +11,7 @@ use bateleur_controller::{
 use bateleur_flight::estimator::NavigationState;
 use bateleur_flight::guidance::Waypoint;
 use bateleur_function_shell::{FunctionShell, Verdict};
-use bateleur_messages::control::PITOT_NOT_BELIEVED;
+use bateleur_messages::control::{NO_POWER, PITOT_NOT_BELIEVED};
 use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{FROM_CONTROLLER, Telemetry};
 use bateleur_messages::{Acceleration, ActuatorCommand, FunctionStatus, Pressure, Rate, Rates, State, Watch};
@@ -23,7 +23,8 @@ pub(crate) struct ControllerPartition {
     planned: Vec<Waypoint>,
     retained: Retained<Memory>,
     starts: u64,
-    pitot_believed: bool,
+    /// [`ActuatorCommand::protection`] of the last window.
+    told: u32,
     inputs: InputPorts,
     command: SamplingSource<ActuatorCommand>,
     status: SamplingSource<FunctionStatus>,
@@ -51,7 +52,7 @@ impl Partition for ControllerPartition {
             planned,
             retained,
             starts: u64::from(context.generation()) + 1,
-            pitot_believed: true,
+            told: 0,
             inputs: InputPorts {
                 state: context.sampling_destination("state")?,
                 acceleration: context.sampling_destination("acceleration")?,
@@ -83,7 +84,7 @@ impl Partition for ControllerPartition {
             |function, _, one, _| order(function, &one, state.is_some()),
         );
         let command = self.function.step(now_ns, window.minor_frame_ns(), state.as_ref(), &sensors);
-        self.tell_pitot(window, command.protection & PITOT_NOT_BELIEVED == 0);
+        self.tell(window, command.protection);
         self.command.write(&command);
         self.status.write(&self.function.status(self.starts));
         self.retained.store(&Memory { function: self.function.kept(), parameters: *self.shell.changed() });
@@ -112,12 +113,23 @@ fn order(function: &mut Function, order: &Order, ready: bool) -> Verdict {
 }
 
 impl ControllerPartition {
-    /// The health log has it when the verdict on the pitot changes.
-    fn tell_pitot(&mut self, window: &Window, believed: bool) {
-        match (std::mem::replace(&mut self.pitot_believed, believed), believed) {
-            (true, false) => window.raise("the pitot is not believed: airspeed by lift"),
-            (false, true) => window.report("the pitot is believed again"),
-            _ => {}
+    /// The health log has it when the verdict on the pitot or on the motor changes.
+    fn tell(&mut self, window: &Window, protection: u32) {
+        let verdicts = [
+            (
+                PITOT_NOT_BELIEVED,
+                "the pitot is not believed: airspeed by lift",
+                "the pitot is believed again",
+            ),
+            (NO_POWER, "no power: gliding to the runway", "the motor drives again"),
+        ];
+        let before = std::mem::replace(&mut self.told, protection);
+        for (bit, on, off) in verdicts {
+            match (before & bit != 0, protection & bit != 0) {
+                (false, true) => window.raise(on),
+                (true, false) => window.report(off),
+                _ => {}
+            }
         }
     }
 

@@ -1,6 +1,6 @@
 //! What is flown in place of what was ordered before: a circle, the way back to the runway, a take-off, a landing.
 //!
-//! Responsible for who may begin and end it: the ground, Command where the ground is silent, the fence. Outside of the fence nothing else is
+//! Responsible for who may begin and end it: the ground, Command where the ground is silent, the fence, a motor that gives nothing. Outside of the fence nothing else is
 //! flown, and what the fence or a silent ground has begun goes on until the ground says otherwise.
 
 use bateleur_flight::control::takeoff::Phase;
@@ -11,7 +11,7 @@ use bateleur_messages::control::{
     TASK_ABORTED, TASK_CLIMBING, TASK_LANDED, TASK_LANDING, TASK_LOITER, TASK_LOOPS, TASK_MISSION,
     TASK_RETURN, TASK_ROLLING, TASK_WAITING,
 };
-use bateleur_messages::ground::Manoeuvre;
+use bateleur_messages::ground::{Manoeuvre, Reason};
 use bateleur_messages::telemetry::Refusal;
 use nalgebra::Vector2;
 
@@ -95,11 +95,9 @@ impl Tasks {
 
 impl Function {
     /// Takes order `F`.
-    pub(crate) fn manoeuvre(&mut self, what: Manoeuvre, link_lost: bool) -> Answer {
-        let on_ground = matches!(
-            self.controller.take_off_phase(),
-            Some(Phase::Waiting | Phase::Rolling | Phase::Aborted)
-        ) || self.has_landed();
+    pub(crate) fn manoeuvre(&mut self, what: Manoeuvre, reason: Reason) -> Answer {
+        let (link_lost, by_itself) = (reason == Reason::LostLink, reason != Reason::Ordered);
+        let on_ground = self.is_on_ground();
         match what {
             Manoeuvre::TakeOff if self.standing => {
                 self.controller.take_off(self.settings.take_off);
@@ -120,16 +118,22 @@ impl Function {
             {
                 return Answer::Refused(Refusal::NotFlying);
             }
-            // The fence has the last word, and a silent ground does not call an aircraft back that returns already.
+            // The fence has the last word, and nothing that is lost calls an aircraft back that returns already.
             _ if self.tasks.fence.outside => return Answer::Refused(Refusal::OutsideFence),
-            Manoeuvre::Loiter if link_lost && matches!(self.tasks.task, Task::Return | Task::Land) => {}
-            Manoeuvre::Return if link_lost && self.tasks.task == Task::Land => {}
+            Manoeuvre::Loiter if by_itself && matches!(self.tasks.task, Task::Return | Task::Land) => {}
+            Manoeuvre::Return if by_itself && self.tasks.task == Task::Land => {}
             Manoeuvre::Loiter => self.begin(Task::Loiter, link_lost),
             Manoeuvre::Return => self.begin(Task::Return, link_lost),
             Manoeuvre::Land => self.begin(Task::Land, link_lost),
             Manoeuvre::GoOn => self.go_on(),
         }
         Answer::Accepted
+    }
+
+    /// Before the take-off or after a landing.
+    fn is_on_ground(&self) -> bool {
+        let waits = |phase| matches!(phase, Phase::Waiting | Phase::Rolling | Phase::Aborted);
+        self.controller.take_off_phase().is_some_and(waits) || self.has_landed()
     }
 
     fn begin(&mut self, task: Task, link_lost: bool) {
@@ -174,6 +178,10 @@ impl Function {
                 FenceAction::Loiter => self.begin(Task::Loiter, false),
                 FenceAction::Return => self.begin(Task::Return, false),
             }
+        }
+        // Nothing else can be flown for long.
+        if self.controller.has_lost_power() && self.tasks.task != Task::Land && !self.is_on_ground() {
+            self.begin(Task::Land, false);
         }
         if std::mem::take(&mut self.tasks.begins) {
             self.begin_circle(state);

@@ -7,7 +7,7 @@ use bateleur_flight::guidance::GuidanceSnapshot;
 use bateleur_messages::State;
 use bateleur_messages::control::{TASK_LOOPS, TASK_MISSION, TASK_ROLLING};
 use bateleur_messages::ground;
-use bateleur_messages::ground::Manoeuvre;
+use bateleur_messages::ground::{Manoeuvre, Reason};
 use bateleur_messages::state::STATUS_RUNNING;
 use nalgebra::Vector3;
 
@@ -297,8 +297,8 @@ fn two_laps_of_four_way_points_are_finished_with_the_return_to_the_first() {
     assert_eq!(function.controller.guidance().snapshot(), GuidanceSnapshot::default());
 }
 
-const LOITER: Order = Order::Manoeuvre { what: Manoeuvre::Loiter, link_lost: false };
-const GO_ON: Order = Order::Manoeuvre { what: Manoeuvre::GoOn, link_lost: false };
+const LOITER: Order = Order::Manoeuvre { what: Manoeuvre::Loiter, reason: Reason::Ordered };
+const GO_ON: Order = Order::Manoeuvre { what: Manoeuvre::GoOn, reason: Reason::Ordered };
 
 fn flags(function: &mut Function) -> u32 {
     function.navigation(0).flags
@@ -337,7 +337,7 @@ fn the_way_back_leads_to_the_runway_at_no_less_than_its_height() {
     let mut function = on_mission();
     let state = flying(600.0, 60.0);
     fly(&mut function, 1..20, Some(&state));
-    let back = Order::Manoeuvre { what: Manoeuvre::Return, link_lost: true };
+    let back = Order::Manoeuvre { what: Manoeuvre::Return, reason: Reason::LostLink };
     assert_eq!(function.order(&back, true), Answer::Accepted);
     let command = fly(&mut function, 20..60, Some(&state));
     assert_eq!((command.task, command.altitude_reference_m), (TASK_RETURN, 100.0));
@@ -345,7 +345,7 @@ fn the_way_back_leads_to_the_runway_at_no_less_than_its_height() {
     assert_eq!(told & (NAVIGATION_RETURN | NAVIGATION_LINK_LOST), NAVIGATION_RETURN | NAVIGATION_LINK_LOST);
     assert!(command.bank_reference_rad < -0.3, "the runway lies to the left: {command:?}");
     // A silent ground that would circle does not stop the way back.
-    let circle = Order::Manoeuvre { what: Manoeuvre::Loiter, link_lost: true };
+    let circle = Order::Manoeuvre { what: Manoeuvre::Loiter, reason: Reason::LostLink };
     function.order(&circle, true);
     assert_eq!(fly(&mut function, 60..70, Some(&state)).task, TASK_RETURN);
     function.order(&Order::Navigation { on: true }, true);
@@ -413,7 +413,7 @@ fn floor_and_ceiling_are_part_of_the_fence_and_the_floor_counts_after_the_climb(
 
 #[test]
 fn a_take_off_is_ordered_standing_and_aborted_rolling() {
-    let order = |what| Order::Manoeuvre { what, link_lost: false };
+    let order = |what| Order::Manoeuvre { what, reason: Reason::Ordered };
     let standing = navigation_state(&State {
         position_ned_m: [0.0, 0.0, -0.3],
         quaternion: [1.0, 0.0, 0.0, 0.0],

@@ -475,10 +475,21 @@ impl Airframe {
     }
 
     fn level_drag_n(&self, airspeed_mps: f64, density_kgpm3: f64) -> f64 {
-        let lift = self.level_lift_coefficient(airspeed_mps, density_kgpm3);
+        self.drag_n(airspeed_mps, density_kgpm3, -GRAVITY_MPS2)
+    }
+
+    /// Drag (N) at the lift that a normal specific acceleration (m/s², −9.8 in level flight) takes.
+    pub fn drag_n(&self, airspeed_mps: f64, density_kgpm3: f64, normal_mps2: f64) -> f64 {
+        let lift = self.level_lift_coefficient(airspeed_mps, density_kgpm3) * normal_mps2 / GRAVITY_MPS2;
         let pressure = 0.5 * density_kgpm3 * airspeed_mps * airspeed_mps;
         let drag = self.aerodynamics.drag_0 + self.aerodynamics.drag_induced * lift * lift;
         pressure * self.geometry.wing_area_m2 * drag
+    }
+
+    /// Airspeed (m/s) at which it glides farthest, at sea level: induced drag is as large as the rest, C_L² = C_D0 / k.
+    pub fn farthest_glide_mps(&self) -> f64 {
+        let a = &self.aerodynamics;
+        self.stall_mps((a.drag_0 / a.drag_induced).sqrt(), crate::atmosphere::SEA_LEVEL_DENSITY_KGPM3)
     }
 
     /// Angle of attack, elevator and throttle of level flight.

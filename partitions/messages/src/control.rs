@@ -25,6 +25,8 @@ pub const TASK_LANDED: u32 = ActuatorCommand::TASK_LANDED;
 
 /// [`ActuatorCommand::protection`]: the pitot is not believed, the airspeed is the one that lift tells.
 pub const PITOT_NOT_BELIEVED: u32 = 32;
+/// [`ActuatorCommand::protection`]: the propeller drives nothing, the aircraft glides.
+pub const NO_POWER: u32 = 64;
 
 impl ServoTimers {
     /// What holds before the Servo has spoken: surfaces neutral, throttle closed.

@@ -66,8 +66,8 @@ pub enum Order {
     Manoeuvre {
         /// What.
         what: Manoeuvre,
-        /// Command gives it because the ground is silent; the ground itself never says so.
-        link_lost: bool,
+        /// Why.
+        reason: Reason,
     },
     /// `JJ`: flies to this entry of the list next (Controller).
     GoOnWith {
@@ -143,6 +143,23 @@ impl Manoeuvre {
             Self::Land => "land",
         }
     }
+}
+
+/// Why something is flown in place of what was ordered before. The ground itself gives the first alone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Reason {
+    /// The ground asks for it.
+    Ordered = 0,
+    /// Command does, because the ground is silent.
+    LostLink = 1,
+    /// Command does, because something is lost that the plan names.
+    Contingency = 2,
+}
+
+impl Reason {
+    /// All of them, in the order of their numbers.
+    pub const ALL: [Self; 3] = [Self::Ordered, Self::LostLink, Self::Contingency];
 }
 
 /// A ground station that has nothing to say says this, once a second or so, where the plan asks for a link that is not lost:
@@ -396,7 +413,7 @@ impl Order {
             Self::Estimator(EstimatorOrder::Disable) => vec![0, 0],
             Self::Estimator(EstimatorOrder::Enable) => vec![1, 0],
             Self::Estimator(EstimatorOrder::Initialise { full_inertial }) => vec![2, u8::from(full_inertial)],
-            Self::Manoeuvre { what, link_lost } => vec![what as u8, u8::from(link_lost)],
+            Self::Manoeuvre { what, reason } => vec![what as u8, reason as u8],
             Self::GoOnWith { index } => vec![index],
             Self::Fence(mark) | Self::Rally(mark) => mark.data(),
             Self::ReadParameter { of, index, asker } => [&[of, asker][..], &index.to_le_bytes()].concat(),
@@ -524,9 +541,10 @@ fn parse_estimator(data: &[u8]) -> Result<Order, OrderError> {
 }
 
 fn parse_manoeuvre(data: &[u8]) -> Result<Order, OrderError> {
-    let [what, link_lost] = data else { return Err(OrderError::WrongLength('F')) };
+    let [what, reason] = data else { return Err(OrderError::WrongLength('F')) };
     let what = Manoeuvre::ALL.get(usize::from(*what)).copied().ok_or(OrderError::OutOfRange('F'))?;
-    Ok(Order::Manoeuvre { what, link_lost: switch(b'F', &[*link_lost])? })
+    let reason = Reason::ALL.get(usize::from(*reason)).copied().ok_or(OrderError::OutOfRange('F'))?;
+    Ok(Order::Manoeuvre { what, reason })
 }
 
 fn parse_setting(data: &[u8]) -> Result<Order, OrderError> {
@@ -601,8 +619,8 @@ mod tests {
             Order::Estimator(EstimatorOrder::Disable),
             Order::Estimator(EstimatorOrder::Enable),
             Order::Estimator(EstimatorOrder::Initialise { full_inertial: true }),
-            Order::Manoeuvre { what: Manoeuvre::Return, link_lost: false },
-            Order::Manoeuvre { what: Manoeuvre::Loiter, link_lost: true },
+            Order::Manoeuvre { what: Manoeuvre::Return, reason: Reason::Ordered },
+            Order::Manoeuvre { what: Manoeuvre::Loiter, reason: Reason::LostLink },
             Order::GoOnWith { index: 31 },
             Order::Fence(corner),
             Order::Fence(Mark::none(9, MarkKind::InclusionCorner)),

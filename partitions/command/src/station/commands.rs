@@ -7,7 +7,9 @@ use bateleur_mavlink::common::{
     AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage,
     MavModeFlag, MavProtocolCapability, MavResult, MavSeverity, PROTOCOL_VERSION_DATA, SET_MODE_DATA,
 };
-use bateleur_messages::ground::{Manoeuvre, Order, SENSOR_ACCELEROMETER, SENSOR_GYROSCOPE, SENSOR_PRESSURE};
+use bateleur_messages::ground::{
+    Manoeuvre, Order, Reason, SENSOR_ACCELEROMETER, SENSOR_GYROSCOPE, SENSOR_PRESSURE,
+};
 use bateleur_messages::telemetry::{
     ACCEPTED, Acknowledge, FROM_COMMAND, FROM_CONTROLLER, FROM_HIL_INTERFACE, FROM_IMU, FROM_SERVO,
     NOT_UNDERSTOOD,
@@ -264,7 +266,7 @@ fn answers_to(order: &Order) -> &'static [(u8, u8)] {
 }
 
 fn manoeuvre(what: Manoeuvre) -> Order {
-    Order::Manoeuvre { what, link_lost: false }
+    Order::Manoeuvre { what, reason: Reason::Ordered }
 }
 
 fn switch(value: f32) -> Option<bool> {

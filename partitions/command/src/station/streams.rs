@@ -13,7 +13,7 @@ use bateleur_mavlink::common::{
     NAMED_VALUE_INT_DATA, NAV_CONTROLLER_OUTPUT_DATA, SERVO_OUTPUT_RAW_DATA, SYS_STATUS_DATA,
     SYSTEM_TIME_DATA, VFR_HUD_DATA, WIND_COV_DATA,
 };
-use bateleur_messages::control::PITOT_NOT_BELIEVED;
+use bateleur_messages::control::{NO_POWER, PITOT_NOT_BELIEVED};
 use bateleur_messages::state::STATUS_COARSE;
 use bateleur_messages::telemetry::{
     GpsTelemetry, ImuTelemetry, NAVIGATION_ABORTED, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED,
@@ -386,6 +386,7 @@ impl Streams {
             (NAVIGATION_LANDING, "landing", ""),
             (NAVIGATION_LANDED, "landed", ""),
             (PITOT_NOT_BELIEVED << NAVIGATION_PROTECTION_SHIFT, "", "the pitot is believed again"),
+            (NO_POWER << NAVIGATION_PROTECTION_SHIFT, "", "the motor drives again"),
         ] {
             match turned(bit) {
                 (true, false) if !on.is_empty() => out.text(MavSeverity::MAV_SEVERITY_NOTICE, on),
@@ -402,6 +403,7 @@ impl Streams {
             (8 << NAVIGATION_PROTECTION_SHIFT, "airspeed too low: the nose goes down"),
             (16 << NAVIGATION_PROTECTION_SHIFT, "angle of climb limited"),
             (PITOT_NOT_BELIEVED << NAVIGATION_PROTECTION_SHIFT, "pitot not believed: airspeed by lift"),
+            (NO_POWER << NAVIGATION_PROTECTION_SHIFT, "no power: gliding to the runway"),
         ] {
             if turned(bit) == (true, false) {
                 out.text(MavSeverity::MAV_SEVERITY_WARNING, text);

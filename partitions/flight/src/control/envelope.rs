@@ -31,6 +31,10 @@ const MEASURED_MPS: (f64, f64) = (10.0, 60.0);
 const MEASURED_SHARES: (f64, f64) = (0.7, 1.3);
 /// Share of the roll rate at full aileron that a bank is turned to with: what is left steadies.
 const ROLL_SHARE: f64 = 0.8;
+/// Least airspeed of a glide, of the one at which the wing just carries the weight: there is no throttle to get it back with.
+const GLIDE_SHARE: f64 = 1.4;
+/// And beyond the one below which the elevator holds no turn, m/s.
+const GLIDE_MORE_MPS: f64 = 2.0;
 /// How hard it is kept, 1/s.
 const STEEPEST_GAIN: f64 = 3.0;
 /// Airspeed at which a wheel may leave the ground, of the same.
@@ -53,6 +57,8 @@ impl Protection {
     pub const CLIMB: u32 = 16;
     /// No limit: the pitot is not believed, the airspeed is the one that lift tells.
     pub const PITOT: u32 = 32;
+    /// No limit: the propeller drives nothing, the aircraft glides.
+    pub const POWER: u32 = 64;
 
     /// Notes a limit.
     pub fn note(&mut self, bit: u32, reached: bool) {
@@ -191,6 +197,13 @@ impl Envelope {
     /// Airspeed (m/s) at which the wing just carries the weight.
     pub fn stall_mps(&self, airframe: &Airframe, density_kgpm3: f64) -> f64 {
         airframe.stall_mps(self.greatest_lift, density_kgpm3)
+    }
+
+    /// Airspeed (m/s) of a glide.
+    pub fn glide_mps(&self, airframe: &Airframe, density_kgpm3: f64) -> f64 {
+        let by_lift_mps = GLIDE_SHARE * self.stall_mps(airframe, density_kgpm3);
+        let least_mps = by_lift_mps.max(self.slowest_mps + GLIDE_MORE_MPS);
+        airframe.farthest_glide_mps().min(self.fastest_mps).max(least_mps)
     }
 
     /// Airspeed (m/s) at which it may leave the ground.

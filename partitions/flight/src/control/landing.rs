@@ -7,17 +7,20 @@
 
 use super::envelope::Envelope;
 use super::inner::Signals;
+use super::power::PowerWatch;
 use super::wheels;
+use crate::GRAVITY_MPS2;
 use crate::airframe::Airframe;
 use crate::attitude::{low_pass, wrap_angle};
 use crate::estimator::NavigationState;
 use crate::guidance::path::{Leg, Offset};
-use crate::guidance::{Hold, track_acceleration};
+use crate::guidance::{Hold, course_acceleration, track_acceleration};
 use crate::servo::ActuatorCommand;
 use nalgebra::Vector2;
+use std::f64::consts::TAU;
 
 /// Length of a landing as plain numbers.
-pub const NUMBERS: usize = 11;
+pub const NUMBERS: usize = 12;
 
 /// Airspeed of the approach, of the one at which the wing just carries the weight; and what is added for each m/s of wind, m/s at most.
 const APPROACH_SHARE: f64 = 1.45;
@@ -61,6 +64,8 @@ const HELD_SHARE: f64 = 0.35;
 const DOUBT_S: f64 = 0.3;
 const PRESSED_SINK_MPS: f64 = 1.0;
 const HELD_S: f64 = 1.5;
+/// The same without power, where nothing is lost if it was none.
+const GLIDE_HELD_S: f64 = 0.4;
 const SINK_LAG_S: f64 = 0.3;
 /// Sinking as fast as this again, m/s, for so long, s, it has not touched the ground.
 const FALLING_MPS: f64 = 0.25;
@@ -73,6 +78,28 @@ const LONGEST_TOUCHED_S: f64 = 6.0;
 /// It stands slower than this over ground, m/s, for so long, s.
 const STANDING_MPS: f64 = 0.7;
 const STANDING_S: f64 = 1.5;
+
+/// Without power: straight ahead before the flare, and from its beginning to the touch-down, s; the way out beyond the circle at most, m.
+const GLIDE_FINAL_S: f64 = 12.0;
+const GLIDE_FLOAT_S: f64 = 6.0;
+/// Share of the height that the way is laid out for: turns cost more than a straight glide.
+const GLIDE_SHARE: f64 = 0.85;
+/// Height that is kept beyond, s of gliding: a final glide that is too long is flown faster.
+const GLIDE_SPARE_S: f64 = 3.0;
+/// Airspeed beyond the one below which the elevator holds no flare, m/s.
+const GLIDE_MORE_MPS: f64 = 3.0;
+const FARTHEST_M: f64 = 3_000.0;
+/// The final glide is faster by this for each second that it would come too far, m/s, at most by so much, m/s.
+const LONG_GAIN_MPS: f64 = 0.5;
+const FASTER_MPS: f64 = 6.0;
+/// Above this height, m, and in full so much higher, m.
+const FASTER_M: f64 = 15.0;
+/// Height above that where the flare ends, for each m/s that it sinks faster than it should there, s.
+const GLIDE_FLARE_S: f64 = 2.2;
+/// Further off its way than this, rad, a way from where it is is laid out.
+const TURNED_RAD: f64 = 0.5;
+/// Height kept for the turn into the wind where the runway can not be reached, m.
+const TURN_SPARE_M: f64 = 8.0;
 
 /// What one may set on landings.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -143,6 +170,33 @@ pub struct Landing {
     rounds: f64,
     /// Where the touch-down is to be, m north and east of the runway's origin.
     place: Vector2<f64>,
+    /// The height does not last to there: it lands where it comes down.
+    short: bool,
+}
+
+/// How it comes down without power.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Glide {
+    /// As far as it goes, m/s.
+    pub airspeed_mps: f64,
+    /// What drag takes of the airspeed in level flight, m/s².
+    pub slows_mps2: f64,
+    /// Radius of a turn in the air, m.
+    pub turn_m: f64,
+    /// What is known of the motor.
+    pub power: PowerWatch,
+}
+
+impl Glide {
+    /// How long it is until the flare, s.
+    fn lasts_s(&self, state: &NavigationState) -> f64 {
+        (state.altitude_m() - FLARE_M) / self.sink_mps(self.airspeed_mps)
+    }
+
+    /// At an airspeed, m/s.
+    fn sink_mps(&self, airspeed_mps: f64) -> f64 {
+        airspeed_mps * self.slows_mps2 / GRAVITY_MPS2
+    }
 }
 
 /// What the loops are asked for.
@@ -163,8 +217,8 @@ pub(super) struct Approach {
 /// What one frame of a landing asks for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Flown {
-    /// A circle, by guidance.
-    Circle(Hold),
+    /// A circle, by guidance; `true`: on the way that leads there from here, whatever it was before.
+    Circle(Hold, bool),
     /// Up and straight on: the height, m.
     Up(f64),
     /// By the outer loops.
@@ -187,6 +241,7 @@ impl Landing {
             turned_rad: 0.0,
             rounds: 0.0,
             place,
+            short: false,
         };
         landing.lay_out(config, state);
         landing
@@ -229,26 +284,39 @@ impl Landing {
         flies
     }
 
+    /// In the flare, or held up by the ground.
+    pub(super) fn is_low(&self) -> bool {
+        self.phase == Phase::Flare || self.is_on_ground()
+    }
+
     /// Whether the ground holds it up.
     pub fn is_on_ground(&self) -> bool {
         matches!(self.phase, Phase::Touched | Phase::Rolling | Phase::Standing)
     }
 
-    /// One frame. `radius_m`: of circles in this wind; `cruise_mps`: airspeed on them.
+    /// One frame. `radius_m`: of circles in this wind; `cruise_mps`: airspeed on them; `glide`: there is no power.
     pub(super) fn step(
         &mut self,
         (airframe, envelope, config): (&Airframe, &Envelope, &LandingConfig),
         state: &NavigationState,
         s: &Signals,
         (radius_m, cruise_mps): (f64, f64),
+        glide: Option<&Glide>,
         dt_s: f64,
     ) -> Flown {
         let wind_mps = state.wind.norm();
         let stall_mps = envelope.stall_mps(airframe, s.density_kgpm3);
         let more_mps = (WIND_SHARE * wind_mps).min(MOST_FOR_WIND_MPS);
-        let approach_mps = (APPROACH_SHARE * stall_mps).max(envelope.slowest_mps) + more_mps;
+        let by_lift_mps = APPROACH_SHARE * stall_mps;
+        let approach_mps = match glide {
+            Some(_) => (by_lift_mps + 1.5).max(envelope.slowest_mps + GLIDE_MORE_MPS),
+            None => by_lift_mps.max(envelope.slowest_mps),
+        } + more_mps;
         let ground_mps = (approach_mps - wind_mps).max(0.4 * approach_mps);
-        let length_m = self.final_m(config, ground_mps);
+        let length_m = match glide {
+            Some(glide) => self.glide_final_m(glide, radius_m, ground_mps, state),
+            None => self.final_m(config, ground_mps),
+        };
         let offset = self.offset(length_m, state);
         let flown_mps = state.velocity.xy().norm();
         let climb_mps = -state.velocity.z;
@@ -258,20 +326,42 @@ impl Landing {
         let slope = config.slope_rad.tan();
         let on_slope_m = FLARE_M + (offset.left_m - FLOAT_S * ground_mps) * slope;
         let wanted_m = on_slope_m.min(self.height_m);
+        // A glide turns once more where its height lasts for it.
+        let right_height = match glide {
+            Some(glide) => {
+                let straight_s = length_m / ground_mps - GLIDE_FLOAT_S;
+                GLIDE_SHARE * glide.lasts_s(state) < straight_s + TAU * radius_m / glide.airspeed_mps
+            }
+            None => (state.altitude_m() - self.height_m).abs() < ON_HEIGHT_M,
+        };
+        let flare_m = match glide {
+            Some(_) => FLARE_M.max(GLIDE_FLARE_S * self.sink_mps),
+            None => FLARE_M,
+        };
         match self.phase {
-            Phase::Pattern if self.can_begin(&offset, length_m, radius_m, state) => self.enter(Phase::Final),
+            Phase::Pattern | Phase::Round
+                if glide
+                    .is_some_and(|glide| self.falls_short(glide, radius_m, length_m, ground_mps, state)) =>
+            {
+                self.short = true;
+                self.enter(Phase::Final);
+            }
+            Phase::Pattern if right_height && self.is_before(&offset, length_m, radius_m, state) => {
+                self.enter(Phase::Final);
+            }
             Phase::Final | Phase::Flare
-                if self.goes_wrong(&offset, wanted_m, state) || self.falls(stall_mps, state, s) =>
+                if glide.is_none()
+                    && (self.goes_wrong(&offset, wanted_m, state) || self.falls(stall_mps, state, s)) =>
             {
                 self.rounds += 1.0;
                 self.enter(Phase::Round);
             }
-            Phase::Final if state.altitude_m() < FLARE_M => self.enter(Phase::Flare),
+            Phase::Final if state.altitude_m() < flare_m => self.enter(Phase::Flare),
             Phase::Flare => {
                 // As long as it sinks there is no ground.
                 let held = self.sink_mps < HELD_SHARE * TOUCH_SINK_MPS;
                 self.since_s = if held { self.since_s } else { 0.0 };
-                if self.since_s > HELD_S {
+                if self.since_s > if glide.is_some() { GLIDE_HELD_S } else { HELD_S } {
                     self.turned_rad = 0.0;
                     self.enter(Phase::Touched);
                 }
@@ -288,26 +378,48 @@ impl Landing {
                     self.enter(Phase::Standing);
                 }
             }
-            Phase::Round if state.altitude_m() > self.height_m - ON_HEIGHT_M => self.lay_out(config, state),
+            Phase::Round if glide.is_some() || state.altitude_m() > self.height_m - ON_HEIGHT_M => {
+                self.lay_out(config, state);
+            }
             _ => {}
         }
         if self.is_on_ground() {
             self.turned_rad += s.yaw_rate_radps * dt_s;
         }
-        let sideways = track_acceleration(&offset, &state.velocity.xy(), 0.0, 1.0);
+        let sideways = match self.short {
+            true => course_acceleration(self.course_rad, &state.velocity.xy()),
+            false => track_acceleration(&offset, &state.velocity.xy(), 0.0, 1.0),
+        };
         match self.phase {
             Phase::Pattern => {
-                let centre = self.place - length_m * self.forward() + self.side * radius_m * self.right();
-                Flown::Circle(Hold {
+                let centre = self.centre(radius_m, length_m);
+                let anew = glide.is_some() && self.turn_rad(&centre, radius_m, state) > TURNED_RAD;
+                let hold = Hold {
                     north_m: centre.x,
                     east_m: centre.y,
                     radius_m,
                     side: self.side,
                     altitude_m: self.height_m,
                     airspeed_mps: cruise_mps,
-                })
+                };
+                Flown::Circle(hold, anew)
             }
             Phase::Round => Flown::Up(self.height_m),
+            Phase::Final if let Some(glide) = glide => {
+                let sink_mps = glide.sink_mps(approach_mps);
+                let lasts_s = (state.altitude_m() - FLARE_M) / sink_mps;
+                let long_s = lasts_s + GLIDE_FLOAT_S - offset.left_m / flown_mps.max(1.0);
+                let high = ((state.altitude_m() - FASTER_M) / FASTER_M).clamp(0.0, 1.0);
+                let most_mps = if self.short { 0.0 } else { FASTER_MPS * high };
+                let faster_mps = (LONG_GAIN_MPS * long_s).clamp(0.0, most_mps);
+                Flown::Loops(Approach {
+                    climb_mps: glide.power.climb_mps(approach_mps + faster_mps, s.airspeed_mps),
+                    sideways_mps2: Some(sideways),
+                    bank_rad: FINAL_BANK_RAD,
+                    airspeed_mps: None,
+                    least_mps2: f64::NEG_INFINITY,
+                })
+            }
             Phase::Final => {
                 let own = if on_slope_m < self.height_m { -flown_mps * slope } else { 0.0 };
                 let back = SLOPE_GAIN * (wanted_m - state.altitude_m());
@@ -320,10 +432,10 @@ impl Landing {
                 })
             }
             Phase::Flare => Flown::Loops(Approach {
-                climb_mps: -self.flare_sink_mps(state, ground_mps * slope),
+                climb_mps: -self.flare_sink_mps(state, ground_mps * slope, glide.is_some()),
                 sideways_mps2: Some(sideways),
                 bank_rad: FLARE_BANK_RAD,
-                airspeed_mps: Some(approach_mps),
+                airspeed_mps: glide.is_none().then_some(approach_mps),
                 least_mps2: -FLARE_DOWN_MPS2,
             }),
             Phase::Touched => Flown::Loops(Approach {
@@ -339,10 +451,13 @@ impl Landing {
         }
     }
 
-    /// Sink rate of the flare at this height, m/s, from that of the slope on.
-    fn flare_sink_mps(&self, state: &NavigationState, slope_mps: f64) -> f64 {
+    /// Sink rate of the flare at this height, m/s, from that of the slope on, or of the glide.
+    fn flare_sink_mps(&self, state: &NavigationState, slope_mps: f64, glides: bool) -> f64 {
         if self.phase == Phase::Flare && self.since_s > DOUBT_S {
             return PRESSED_SINK_MPS;
+        }
+        if glides {
+            return TOUCH_SINK_MPS + (state.altitude_m() - FLARED_M).max(0.0) / GLIDE_FLARE_S;
         }
         let share = ((state.altitude_m() - FLARED_M) / (FLARE_M - FLARED_M)).clamp(0.0, 1.0);
         TOUCH_SINK_MPS + share * (slope_mps - TOUCH_SINK_MPS).max(0.0)
@@ -357,12 +472,88 @@ impl Landing {
         (self.phase, self.since_s) = (phase, 0.0);
     }
 
-    fn can_begin(&self, offset: &Offset, length_m: f64, radius_m: f64, state: &NavigationState) -> bool {
+    /// How far before the runway's origin the straight way of a glide begins, m: as near as it may where the height does not last for
+    /// more, and where it does, as far out as uses it up, if it does not last for another turn.
+    fn glide_final_m(&self, glide: &Glide, radius_m: f64, ground_mps: f64, state: &NavigationState) -> f64 {
+        let nearest_m = (GLIDE_FINAL_S + GLIDE_FLOAT_S) * ground_mps;
+        let spare_s = |length_m: f64| {
+            let straight_s = length_m / ground_mps - GLIDE_FLOAT_S;
+            GLIDE_SHARE * glide.lasts_s(state)
+                - GLIDE_SPARE_S
+                - self.way_s(glide, radius_m, length_m, state)
+                - straight_s
+        };
+        let turn_s = TAU * radius_m / glide.airspeed_mps;
+        if !(0.0..turn_s).contains(&spare_s(nearest_m)) {
+            return nearest_m;
+        }
+        let (mut near_m, mut far_m) = (nearest_m, nearest_m + FARTHEST_M);
+        for _ in 0..12 {
+            let middle_m = 0.5 * (near_m + far_m);
+            if spare_s(middle_m) > 0.0 {
+                near_m = middle_m;
+            } else {
+                far_m = middle_m;
+            }
+        }
+        near_m
+    }
+
+    /// Centre of the circle whose tangent the straight way is.
+    fn centre(&self, radius_m: f64, length_m: f64) -> Vector2<f64> {
+        self.place - length_m * self.forward() + self.side * radius_m * self.right()
+    }
+
+    /// Turn to where the way to a circle leads, or round it, rad.
+    fn turn_rad(&self, centre: &Vector2<f64>, radius_m: f64, state: &NavigationState) -> f64 {
+        let inwards = centre - state.position.xy();
+        let aside_rad = (radius_m / inwards.norm().max(radius_m)).asin();
+        let course = state.velocity.y.atan2(state.velocity.x);
+        wrap_angle(inwards.y.atan2(inwards.x) - self.side * aside_rad - course).abs()
+    }
+
+    /// Time of a glide to the circle and round it to the beginning of the straight way, s.
+    fn way_s(&self, glide: &Glide, radius_m: f64, length_m: f64, state: &NavigationState) -> f64 {
+        let bearing = |way: &Vector2<f64>| way.y.atan2(way.x);
+        let out = state.position.xy() - self.centre(radius_m, length_m);
+        let distance_m = out.norm().max(1.0);
+        let share = (radius_m / distance_m).min(1.0);
+        let straight_m = (distance_m * distance_m - radius_m * radius_m).max(0.0).sqrt();
+        let tangent = -self.side * self.right();
+        let round_rad = (self.side * (bearing(&tangent) - bearing(&out)) - share.acos()).rem_euclid(TAU);
+        // First it turns to where the way leads.
+        let turn_rad = self.turn_rad(&self.centre(radius_m, length_m), radius_m, state);
+        let straight_mps =
+            (glide.airspeed_mps - state.wind.dot(&out) / distance_m).max(0.3 * glide.airspeed_mps);
+        // The wind takes from one side of a circle more than it gives on the other.
+        let wind_share = (state.wind.norm() / glide.airspeed_mps).min(0.7);
+        let round_mps = glide.airspeed_mps * (1.0 - wind_share * wind_share).sqrt();
+        straight_m / straight_mps + (turn_rad + round_rad) * radius_m / round_mps
+    }
+
+    /// The height does not last to the runway, and no longer than the turn into the wind takes.
+    fn falls_short(
+        &self,
+        glide: &Glide,
+        radius_m: f64,
+        length_m: f64,
+        ground_mps: f64,
+        state: &NavigationState,
+    ) -> bool {
+        let course = state.velocity.y.atan2(state.velocity.x);
+        let turn_s = wrap_angle(course - self.course_rad).abs() * glide.turn_m / glide.airspeed_mps;
+        let spare_s = glide.lasts_s(state) - TURN_SPARE_M / glide.sink_mps(glide.airspeed_mps);
+        let way_s = self.way_s(glide, radius_m, length_m, state) + length_m / ground_mps - GLIDE_FLOAT_S;
+        spare_s < turn_s.min(way_s)
+    }
+
+    /// Whether the straight way begins here, in its direction.
+    fn is_before(&self, offset: &Offset, length_m: f64, radius_m: f64, state: &NavigationState) -> bool {
         let course = state.velocity.y.atan2(state.velocity.x);
         let aligned = wrap_angle(course - self.course_rad).abs() < ALIGNED_RAD;
         let there = offset.right_m.abs() < ON_TRACK_SHARE * radius_m
             && (offset.left_m - length_m).abs() < 0.5 * radius_m;
-        aligned && there && (state.altitude_m() - self.height_m).abs() < ON_HEIGHT_M
+        aligned && there
     }
 
     fn goes_wrong(&self, offset: &Offset, wanted_m: f64, state: &NavigationState) -> bool {
@@ -394,14 +585,27 @@ impl Landing {
                 l.rounds,
                 l.place.x,
                 l.place.y,
+                if l.short { 1.0 } else { 0.0 },
             ]
         })
     }
 
     /// The landing again; numbers that are none give none.
     pub fn from_numbers(numbers: &[f64; NUMBERS]) -> Option<Self> {
-        let [phase, course_rad, height_m, side, since_s, sink_mps, falling_s, turned_rad, rounds, x, y] =
-            *numbers;
+        let [
+            phase,
+            course_rad,
+            height_m,
+            side,
+            since_s,
+            sink_mps,
+            falling_s,
+            turned_rad,
+            rounds,
+            x,
+            y,
+            short,
+        ] = *numbers;
         let place = (phase >= 1.0 && phase.fract() == 0.0).then_some(phase as usize - 1)?;
         let phase = *PHASES.get(place)?;
         let sane = numbers.iter().all(|x| x.is_finite()) && side * side == 1.0;
@@ -416,6 +620,7 @@ impl Landing {
             turned_rad,
             rounds,
             place: Vector2::new(x, y),
+            short: short == 1.0,
         })
     }
 }

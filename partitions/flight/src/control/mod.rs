@@ -17,6 +17,7 @@ pub mod landing;
 pub mod memory;
 pub mod outer;
 mod play;
+pub mod power;
 pub mod takeoff;
 mod wheels;
 
@@ -30,9 +31,10 @@ use airspeed::AirspeedWatch;
 use envelope::{Envelope, Limits, Protection, steepness};
 use fallback::{Basis, Fallback};
 use inner::{InnerLoops, InnerTuning, Signals};
-use landing::{Approach, Flown, Landing, LandingConfig};
+use landing::{Approach, Flown, Glide, Landing, LandingConfig};
 use nalgebra::{Vector2, Vector3};
 use outer::{OuterTuning, normal_for, slew};
+use power::PowerWatch;
 use takeoff::{Method, Phase, TakeOff};
 
 /// Which loops are on, each with its target; `None` is off.
@@ -235,6 +237,8 @@ pub struct ControllerSnapshot {
     pub landing: [f64; landing::NUMBERS],
     /// What is known of the pitot.
     pub airspeed_watch: [f64; airspeed::NUMBERS],
+    /// What is known of the motor.
+    pub power: [f64; power::NUMBERS],
     /// The piece of path that was flown.
     pub path: PathNumbers,
     /// Mission progress.
@@ -255,6 +259,7 @@ pub struct Controller {
     fallback: Fallback,
     airspeed_mps: f64,
     airspeed_watch: AirspeedWatch,
+    power: PowerWatch,
     /// Airspeed asked for on top of the reference, because the elevator is near its stop, m/s.
     authority_mps: f64,
     last: ActuatorCommand,
@@ -298,6 +303,7 @@ impl Controller {
             fallback: Fallback::new(trim.alpha_rad, config.cruise_mps),
             airspeed_mps: 0.0,
             airspeed_watch: AirspeedWatch::default(),
+            power: PowerWatch::default(),
             authority_mps: 0.0,
             last: trimmed(&trim),
             steady: Steady::default(),
@@ -315,13 +321,20 @@ impl Controller {
     /// The same, over at this height, m above the runway, in place of that of the settings.
     pub fn take_off_to(&mut self, method: Method, height_m: Option<f64>) {
         self.take_off = Some(TakeOff::new(method, height_m));
-        self.landing = None;
+        (self.landing, self.power) = (None, PowerWatch::default());
         self.last = ActuatorCommand::default();
+    }
+
+    /// The propeller drives nothing.
+    pub fn has_lost_power(&self) -> bool {
+        self.power.is_lost()
     }
 
     /// Begins a landing from `state` on, or begins it anew; its final approach from `height_m` above the runway, at most, to a place, m
     /// north and east of the runway's origin.
     pub fn land(&mut self, state: &NavigationState, height_m: f64, place: Vector2<f64>) {
+        // A climb that nothing drives is over.
+        self.take_off = None;
         self.landing = Some(Landing::new(&self.config.landing, state, height_m, place));
     }
 
@@ -395,6 +408,7 @@ impl Controller {
             take_off: TakeOff::to_numbers(self.take_off.as_ref()),
             landing: Landing::to_numbers(self.landing.as_ref()),
             airspeed_watch: self.airspeed_watch.to_numbers(),
+            power: self.power.to_numbers(),
             path: self.guidance.path(),
             guidance: self.guidance.snapshot(),
         }
@@ -420,6 +434,7 @@ impl Controller {
         self.take_off = TakeOff::from_numbers(&snapshot.take_off);
         self.landing = Landing::from_numbers(&snapshot.landing);
         self.airspeed_watch = AirspeedWatch::from_numbers(&snapshot.airspeed_watch);
+        self.power = PowerWatch::from_numbers(&snapshot.power);
         self.guidance.resume(&snapshot.guidance);
         self.guidance.resume_path(&snapshot.path);
         true
@@ -443,8 +458,10 @@ impl Controller {
         let ordered = self
             .leave_ground(&state, &signals, basis, dt_s, &commands)
             .and_then(|commands| self.come_down(&state, &signals, basis, dt_s, &commands));
-        let commands = match ordered {
-            Ok(commands) => commands,
+        // Whether a motor drives it is seen from the throttle that was flown.
+        self.watch_power(&state, &signals, basis, dt_s);
+        let (commands, closes) = match ordered {
+            Ok(ordered) => ordered,
             Err(command) => {
                 (self.last, self.channels) = (command, Channels::default());
                 self.guidance.disengage();
@@ -459,12 +476,15 @@ impl Controller {
         let wanted = self.outer(&state, &signals, &commands, guidance.as_ref(), basis);
         let (wanted, mut protection) = self.protect(&state, &signals, &wanted, basis);
         protection.note(Protection::PITOT, !self.airspeed_watch.is_believed());
+        protection.note(Protection::POWER, self.power.is_lost());
         let mut command = self.inner(&signals, &wanted, &commands, inputs, dt_s);
         if let Some(rudder_rad) =
             self.landing.and_then(|landing| landing.rudder_rad(&self.airframe, &signals))
         {
-            // On its wheels, though the wings carry yet.
-            (command.rudder_rad, command.throttle) = (rudder_rad, 0.0);
+            command.rudder_rad = rudder_rad; // on its wheels, though the wings carry yet
+        }
+        if closes {
+            command.throttle = 0.0;
         }
         self.last = command;
         if basis == Basis::Estimator {
@@ -521,7 +541,7 @@ impl Controller {
         })
     }
 
-    /// A landing that is under way: as above. Without a state to be trusted it waits, wings level.
+    /// A landing that is under way: as above, and whether the throttle is closed whatever the loops say. Without a state to be trusted it waits, wings level.
     fn come_down(
         &mut self,
         state: &NavigationState,
@@ -529,21 +549,35 @@ impl Controller {
         basis: Basis,
         dt_s: f64,
         commands: &LoopCommands,
-    ) -> Result<LoopCommands, ActuatorCommand> {
+    ) -> Result<(LoopCommands, bool), ActuatorCommand> {
         let Some(mut landing) = self.landing.filter(|_| self.take_off.is_none()) else {
-            return Ok(*commands);
+            return Ok((*commands, false));
         };
         if basis == Basis::WingsLevel && !landing.is_on_ground() {
-            return Ok(LoopCommands::MISSION);
+            return Ok((LoopCommands::MISSION, false));
         }
+        let glide = self.power.is_lost().then(|| {
+            let airspeed_mps = self.envelope.glide_mps(&self.airframe, s.density_kgpm3);
+            let slows_mps2 = self.power.slows_mps2(&self.airframe, airspeed_mps, s.density_kgpm3);
+            let turn_m = self.guidance.radius_at_m(airspeed_mps, &Vector2::zeros());
+            Glide { airspeed_mps, slows_mps2, turn_m, power: self.power }
+        });
         let aircraft = (&self.airframe, &self.envelope, &self.config.landing);
         let motion = motion_of(state);
-        let circle = (self.guidance.corner_radius_m(&motion), self.config.cruise_mps);
-        let flown = landing.step(aircraft, state, s, circle, dt_s);
+        let radius_m = match &glide {
+            Some(glide) => self.guidance.radius_at_m(glide.airspeed_mps, &state.wind),
+            None => self.guidance.corner_radius_m(&motion),
+        };
+        let circle = (radius_m, self.config.cruise_mps);
+        let flown = landing.step(aircraft, state, s, circle, glide.as_ref(), dt_s);
         self.landing = Some(landing);
-        Ok(match flown {
+        let closes = matches!(flown, Flown::Loops(Approach { airspeed_mps: None, .. }));
+        let commands = match flown {
             Flown::Wheels(command) => return Err(command),
-            Flown::Circle(hold) => {
+            Flown::Circle(hold, anew) => {
+                if anew {
+                    self.guidance.release();
+                }
                 self.guidance.hold(hold);
                 LoopCommands::MISSION
             }
@@ -566,7 +600,24 @@ impl Controller {
                     ..LoopCommands::default()
                 }
             }
-        })
+        };
+        Ok((commands, closes))
+    }
+
+    fn watch_power(&mut self, state: &NavigationState, s: &Signals, basis: Basis, dt_s: f64) {
+        let rolls = self.take_off.is_some_and(|take_off| take_off.phase != Phase::Climbing)
+            || self.landing.is_some_and(|landing| landing.is_on_ground());
+        let frame = power::Frame {
+            throttle: self.last.throttle,
+            airspeed_mps: s.airspeed_mps,
+            altitude_m: state.altitude_m(),
+            density_kgpm3: s.density_kgpm3,
+            axial_mps2: s.axial_mps2,
+            normal_mps2: s.normal_mps2,
+            flying: self.channels.pitch && !rolls && basis != Basis::WingsLevel,
+            dt_s,
+        };
+        self.power.step(&self.airframe, &frame);
     }
 
     /// Airspeed below which a take-off does not climb, m/s.
@@ -633,7 +684,9 @@ impl Controller {
         // What the airspeed will be in a moment: below the floor it is too late.
         let change = s.axial_mps2 - GRAVITY_MPS2 * s.climb_rad.sin();
         let lack = limits.floor_mps - s.airspeed_mps - FLOOR_LEAD_S * change.min(0.0);
-        let slow = lack > 0.0 && basis != Basis::WingsLevel;
+        // What a glide has left is used up above the ground.
+        let flares = self.power.is_lost() && self.landing.is_some_and(|landing| landing.is_low());
+        let slow = lack > 0.0 && basis != Basis::WingsLevel && !flares;
         let held = wanted.normal.is_some() || wanted.axial.is_some();
         protection.note(Protection::AIRSPEED, slow && held);
         if let Some(bank) = wanted.bank {
@@ -783,6 +836,11 @@ impl Controller {
     ) -> Option<f64> {
         let outer = &self.config.outer;
         let target = commands.altitude_m.or(guidance.map(|g| g.altitude_m));
+        if self.power.is_lost() && target.is_some() {
+            let glide_mps = self.envelope.glide_mps(&self.airframe, s.density_kgpm3);
+            let climb = s.airspeed_mps * s.climb_rad.sin();
+            return Some(outer.climb_rate(self.power.climb_mps(glide_mps, s.airspeed_mps), climb));
+        }
         if basis == Basis::WingsLevel {
             // No height to be trusted: keep the nose where level flight has it.
             let climb = s.airspeed_mps * (s.pitch_rad - self.trim.alpha_rad).sin();

@@ -3,7 +3,7 @@
 //! A circle that is far off is joined along its tangent. It never ends by itself: whoever began it ends it.
 
 use super::path::{Arc, Leg};
-use super::{Guidance, Motion, Stage};
+use super::{Guidance, Motion, STRONGEST_WIND_MPS, Stage};
 use crate::attitude::wrap_angle;
 use nalgebra::Vector2;
 use std::f64::consts::TAU;
@@ -66,6 +66,11 @@ impl Guidance {
     /// Radius (m) of corners and circles in the wind of the moment.
     pub fn corner_radius_m(&self, motion: &Motion) -> f64 {
         self.radius_m(&motion.wind)
+    }
+
+    /// The same at an airspeed, m/s.
+    pub fn radius_at_m(&self, airspeed_mps: f64, wind: &Vector2<f64>) -> f64 {
+        self.config.corner_radius_m(airspeed_mps, wind.norm().min(STRONGEST_WIND_MPS))
     }
 
     /// Goes on with the mission, to the way-point that was next.

@@ -476,7 +476,7 @@ impl Guidance {
     }
 
     fn radius_m(&self, wind: &Vector2<f64>) -> f64 {
-        self.config.corner_radius_m(self.airspeed_mps(), wind.norm().min(STRONGEST_WIND_MPS))
+        self.radius_at_m(self.airspeed_mps(), wind)
     }
 
     /// The leg, with the fillet at its end.

@@ -1,0 +1,119 @@
+//! Landing without power, with the estimator in the loop: from wherever in the mission it is lost, softly, against the wind, and on the
+//! runway where the height lasts for it.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a panic here is a failed test")]
+
+mod common;
+
+use bateleur_flight::airframe::Airframe;
+use bateleur_flight::control::landing::Phase;
+use bateleur_plant::Turbulence;
+use common::{Flight, Options};
+use nalgebra::Vector2;
+
+const AIRCRAFT: [(&str, &str); 3] = [
+    ("Aerosonde", common::AEROSONDE),
+    ("Rascal 110", common::RASCAL),
+    ("Ultra Stick 25e", common::ULTRA_STICK),
+];
+
+/// How it came down.
+struct TouchDown {
+    told_s: f64,
+    sink_mps: f64,
+    roll_deg: f64,
+    /// From the runway's origin.
+    away_m: f64,
+}
+
+fn options(text: &'static str, seed: u64, wind: f64, from: f64, turbulence: Turbulence) -> Options {
+    let mut options = Options::new(seed, wind, from, turbulence);
+    options.airframe = text;
+    options.guidance = options.guidance.of_airframe(&Airframe::from_toml(text).unwrap());
+    options
+}
+
+/// Flies the mission, loses its power at `at_s`, and lands by what the laws say; panics if it is damaged or does not stand in the end.
+fn landed(about: &str, mut options: Options, at_s: f64) -> TouchDown {
+    options.conditions.faults = vec![format!("throttle_stuck=0@{at_s}").parse().unwrap()];
+    let mut flight = Flight::new(options);
+    let (mut told_s, mut touched) = (None, None);
+    for _ in 0..20_000 {
+        let before = flight.plant.truth();
+        flight.step();
+        if flight.controller.has_lost_power() && told_s.is_none() {
+            assert!(before.time_s >= at_s, "{about}: told without a reason: {}", flight.describe());
+            told_s = Some(before.time_s - at_s);
+            let state = flight.last().navigation.unwrap();
+            flight.controller.land(&state, 50.0, Vector2::zeros());
+        }
+        let t = flight.plant.truth();
+        let phase = flight.controller.landing_phase();
+        assert!(!t.crashed, "{about}: {phase:?}, sink {} {}", before.velocity_ned_mps.z, flight.describe());
+        if let Some(told_s) = told_s.filter(|_| t.on_ground && touched.is_none()) {
+            touched = Some(TouchDown {
+                told_s,
+                sink_mps: before.velocity_ned_mps.z,
+                roll_deg: t.roll_rad.to_degrees(),
+                away_m: t.position_ned_m.xy().norm(),
+            });
+        }
+        if phase == Some(Phase::Standing) {
+            return touched.unwrap();
+        }
+    }
+    panic!("{about}: {:?} {}", flight.controller.landing_phase(), flight.describe());
+}
+
+#[test]
+fn aircraft_without_power_land_softly_and_most_of_them_on_the_runway() {
+    let (mut flights, mut near) = (0, 0);
+    for (name, text) in AIRCRAFT {
+        // A light one is thrown about by what a heavier one does not notice.
+        let strong = if name == "Ultra Stick 25e" { 5.0 } else { 7.0 };
+        let winds = [(0.0, 0.0), (4.0, 60.0), (strong, 200.0)];
+        for (seed, (wind, from)) in (760_001..).zip(winds) {
+            let turbulence = if wind > 0.0 { Turbulence::Light } else { Turbulence::Calm };
+            for at_s in [70.0, 95.0, 120.0, 150.0] {
+                let about = format!("{name}, {wind} m/s from {from}°, at {at_s} s");
+                let down = landed(&about, options(text, seed, wind, from, turbulence), at_s);
+                let (sink_mps, roll_deg, away_m) = (down.sink_mps, down.roll_deg, down.away_m);
+                println!(
+                    "{about}: told after {:.1} s, {sink_mps:.1} m/s, {roll_deg:.0}°, {away_m:.0} m away",
+                    down.told_s
+                );
+                assert!(down.told_s < 6.0, "{about}: {}", down.told_s);
+                assert!(sink_mps < 3.5 && roll_deg.abs() < 15.0, "{about}: {sink_mps} m/s, {roll_deg}°");
+                assert!(away_m < 600.0, "{about}: {away_m} m away");
+                flights += 1;
+                near += u32::from(away_m < 250.0);
+            }
+        }
+    }
+    assert!(4 * near > 3 * flights, "{near} of {flights} within 250 m");
+}
+
+#[test]
+fn power_that_is_there_is_never_missed_and_what_comes_back_is_told() {
+    for seed in 1..=24 {
+        let mut flight = Flight::new(common::varied(760_100 + seed));
+        for _ in 0..15_000 {
+            flight.step();
+            assert!(!flight.controller.has_lost_power(), "{}", flight.describe());
+        }
+        let mut flight =
+            Flight::new(options(AIRCRAFT[seed as usize % 3].1, seed, 0.0, 0.0, Turbulence::Severe));
+        for _ in 0..15_000 {
+            flight.step();
+            assert!(!flight.controller.has_lost_power(), "{}", flight.describe());
+        }
+    }
+    let mut options = options(common::AEROSONDE, 760_011, 3.0, 90.0, Turbulence::Light);
+    options.conditions.faults = vec!["throttle_stuck=0@60..75".parse().unwrap()];
+    let mut flight = Flight::new(options);
+    flight.run(70.0);
+    assert!(flight.controller.has_lost_power(), "{}", flight.describe());
+    flight.run(15.0);
+    assert!(!flight.controller.has_lost_power(), "{}", flight.describe());
+    flight.run_mission(400.0);
+}

@@ -11,6 +11,7 @@ use crate::plan::MissionPlan;
 use crate::progress::{Event, Outcome, Phase, Progress, Severity};
 use crate::retry_queue::{RETRY_NS, RetryQueue, Settled, function_name};
 use crate::watch::{Losses, Watch};
+use bateleur_messages::control::NO_POWER;
 use bateleur_messages::ground::{
     EstimatorOrder, Manoeuvre, Order, Reason, SENSOR_GYROSCOPE, SENSOR_PRESSURE,
 };
@@ -18,7 +19,8 @@ use bateleur_messages::hil::{PILOT_TAKE_OFF, PilotOrder};
 use bateleur_messages::state::{STATUS_COARSE, STATUS_DISABLED, STATUS_RUNNING};
 use bateleur_messages::telemetry::{
     Acknowledge, NAVIGATION_ABORTED, NAVIGATION_FINISHED, NAVIGATION_LANDED, NAVIGATION_LINK_LOST,
-    NAVIGATION_OUTSIDE, NAVIGATION_RETURN, NOT_UNDERSTOOD, Navigation, Refusal, StateTelemetry, Telemetry,
+    NAVIGATION_OUTSIDE, NAVIGATION_PROTECTION_SHIFT, NAVIGATION_RETURN, NOT_UNDERSTOOD, Navigation, Refusal,
+    StateTelemetry, Telemetry,
 };
 
 const SECOND_NS: u64 = 1_000_000_000;
@@ -50,7 +52,11 @@ const NO_PILOT: &str = "; is a safety pilot at the sticks? For a simulator that 
                         the mission file (--mission)";
 
 /// What the aircraft does instead of flying to its way-points, by the flags of its navigation; the first says most.
-const CONDITIONS: [(u32, &str); 4] = [
+const CONDITIONS: [(u32, &str); 5] = [
+    (
+        NO_POWER << NAVIGATION_PROTECTION_SHIFT,
+        "the aircraft has no power and glides to the runway; way-points are not flown to",
+    ),
     (NAVIGATION_OUTSIDE, "the aircraft has left its fence and acts on that; way-points are not flown to"),
     (
         NAVIGATION_LINK_LOST,
@@ -359,7 +365,11 @@ impl Mission {
         let landed = self.board.navigation.is_some_and(|navigation| {
             navigation.message.time_ns > settled_ns && navigation.message.flags & NAVIGATION_LANDED != 0
         });
-        landed && self.fresh_ground_speed_mps().is_some_and(|speed| speed < STOPPED_MPS)
+        landed && self.is_stopped()
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.fresh_ground_speed_mps().is_some_and(|speed| speed < STOPPED_MPS)
     }
 
     /// The Controller may have been told other laps by its plan, and has finished then; but not those of an order of ours.
@@ -434,6 +444,13 @@ impl Mission {
     fn check_limits(&mut self) {
         let in_mission_ns = self.now_ns.saturating_sub(self.started_ns.unwrap_or(self.now_ns));
         let limit_s = limit_s(self.phase);
+        if matches!(self.phase, Phase::Watch | Phase::Loiter)
+            && self.flags & NAVIGATION_LANDED != 0
+            && self.is_stopped()
+        {
+            let (phase, why) = (self.phase, self.kept_from());
+            self.fail(format!("it landed while {phase}{why}"));
+        }
         // A landing has a limit of its own, and is not cut off by that of the laps.
         let over = in_mission_ns as f64 > self.plan.time_limit_s * 1e9;
         if over && self.phase != Phase::Land {

@@ -76,6 +76,8 @@ pub enum Fault {
     FramesLost(f64),
     /// The simulator stands still and answers nobody. The plant alone knows nothing of it.
     Pause,
+    /// The main battery has this share of its charge left, or less. The plant alone knows nothing of it.
+    Battery(f64),
     /// Commands reach the servos this much later than they do anyway, s.
     Delay(f64),
     /// A servo runs to this share of its travel (−1 to 1, throttle 0 to 1) and stays; `None` if it stays where it is.
@@ -163,7 +165,7 @@ fn axis(text: Option<&str>) -> Option<usize> {
 /// What a stuck servo's value is.
 const STUCK: &str = "a share of its travel, such as 30% or -0.3 (without: where it is)";
 
-const KINDS: [Kind; 29] = [
+const KINDS: [Kind; 30] = [
     plain("gps_lost", |_| Some(Fault::GpsLost)),
     valued("gps_late", "seconds up to 1.3, such as 0.25", |v| within(v, 0.0, LATEST_FIX_S, Fault::GpsLate)),
     valued("gps_shift", "metres north, such as 30", |v| within(v, -1e4, 1e4, Fault::GpsShift)),
@@ -197,6 +199,9 @@ const KINDS: [Kind; 29] = [
         share(v?).filter(|share| (0.0..1.0).contains(share)).map(Fault::FramesLost)
     }),
     Kind { ends: true, ..plain("pause", |_| Some(Fault::Pause)) },
+    valued("battery", "a share from 0 to 1, such as 10%", |v| {
+        share(v?).filter(|share| (0.0..=1.0).contains(share)).map(Fault::Battery)
+    }),
     valued("delay", "seconds up to 0.5, such as 0.06", |v| within(v, 0.0, LONGEST_DELAY_S, Fault::Delay)),
     valued("left_aileron_stuck", STUCK, |v| stuck(v, Actuator::LeftAileron)),
     valued("right_aileron_stuck", STUCK, |v| stuck(v, Actuator::RightAileron)),
@@ -252,6 +257,7 @@ impl Fault {
             Self::GyroscopeShift(_) => "gyroscope_shift",
             Self::FramesLost(_) => "frames_lost",
             Self::Pause => "pause",
+            Self::Battery(_) => "battery",
             Self::Delay(_) => "delay",
             Self::Stuck(Actuator::LeftAileron, _) => "left_aileron_stuck",
             Self::Stuck(Actuator::RightAileron, _) => "right_aileron_stuck",
@@ -274,6 +280,7 @@ impl fmt::Display for Fault {
             | Self::AccelerometerShift(value)
             | Self::GyroscopeShift(value)
             | Self::FramesLost(value)
+            | Self::Battery(value)
             | Self::PitotSlow(value)
             | Self::PitotScale(value)
             | Self::PitotIcing(value)
@@ -435,7 +442,7 @@ impl Wrongs {
             Fault::AccelerometerShift(mps2) => self.accelerometer_shift_mps2 += mps2,
             Fault::GyroscopeShift(degps) => self.gyroscope_shift_radps += degps.to_radians(),
             Fault::FramesLost(share) => self.frames_lost = self.frames_lost.max(share),
-            Fault::Pause => {}
+            Fault::Pause | Fault::Battery(_) => {}
             Fault::Delay(delay_s) => self.actuation.delay_s += delay_s,
             Fault::Stuck(actuator, at) => self.actuation.stuck[actuator as usize] = Some(at),
             Fault::Gust { speed_mps, from_deg } => {

@@ -7,7 +7,9 @@ use crate::timers::{Sticks, Timers};
 use crate::truth::TruthRecord;
 use bateleur_messages::hil::Actuators;
 use bateleur_messages::{Custom, RawAnalog, RawGps};
-use bateleur_plant::{AirframeError, Controls, GpsFix, STEP_S, SensorSet, Simulation, Truth};
+use bateleur_plant::{
+    AirframeError, Controls, Fault, GpsFix, PlannedFault, STEP_S, SensorSet, Simulation, Truth,
+};
 
 /// One plant step, ns; module time is rounded to whole steps.
 pub const STEP_NS: u64 = 2_500_000;
@@ -45,6 +47,7 @@ pub struct Flight {
     plant: Simulation,
     pilot: SafetyPilot,
     supply: Supply,
+    faults: Vec<PlannedFault>,
     timers: Timers,
     speed_accuracy_mps: f64,
     sticks: Sticks,
@@ -63,6 +66,7 @@ impl Flight {
             plant: Simulation::new(&options.airframe, &options.conditions)?,
             pilot: SafetyPilot::new(&options.airframe, options.conditions.runway_heading_rad),
             supply: Supply::new(&options.airframe),
+            faults: options.conditions.faults.clone(),
             timers: Timers::new(&options.airframe.servo),
             speed_accuracy_mps: options.conditions.sensors.gps.velocity_noise_mps.max(SPEED_ACCURACY_MPS),
             sticks: Sticks::default(),
@@ -105,6 +109,12 @@ impl Flight {
     fn fly(&mut self, controls: Controls, steps: u64) {
         let dt_s = steps as f64 * STEP_S;
         self.plant.advance(controls, dt_s);
+        let time_s = self.plant.time_s();
+        for planned in self.faults.iter().filter(|planned| (planned.from_s..planned.to_s).contains(&time_s)) {
+            if let Fault::Battery(left) = planned.fault {
+                self.supply.drain(left);
+            }
+        }
         self.supply.draw(if controls.throttle.is_finite() { controls.throttle } else { 0.0 }, dt_s);
         self.steps += steps;
     }

@@ -55,6 +55,11 @@ impl Supply {
         self.used = (self.used + (IDLE_SHARE + throttle) * dt_s / FULL_THROTTLE_S).min(1.0);
     }
 
+    /// From here on it holds no more than this share of its charge.
+    pub(crate) fn drain(&mut self, left: f64) {
+        self.used = self.used.max(1.0 - left);
+    }
+
     pub(crate) fn volts(&self) -> Volts {
         Volts {
             main: self.full_v * (1.0 - DISCHARGE_DROP * self.used - LOAD_DROP * self.throttle),

@@ -4,12 +4,16 @@
 //! Responsible for giving each order of the plan's ladders once, at its time, and for saying when its cause is over. Nothing is given on
 //! the ground, where the Controller would refuse it, and a ground or a receiver that was never heard is not lost.
 
+use bateleur_apex::{Attributes, StartError, parse_duration};
 use bateleur_messages::control::PITOT_NOT_BELIEVED;
 use bateleur_messages::ground::{Manoeuvre, Order, Reason};
 use bateleur_messages::telemetry::{
     NAVIGATION_AUTOPILOT, NAVIGATION_LANDED, NAVIGATION_PROTECTION_SHIFT, NAVIGATION_TAKE_OFF, Telemetry,
 };
+use serde::Deserialize;
 
+/// A second, ns.
+const SECOND_NS: u64 = 1_000_000_000;
 /// Orders of a ladder, at most.
 pub const MOST_RUNGS: usize = 4;
 /// Plain numbers that outlive a restart.
@@ -65,11 +69,89 @@ pub type Ladder = [Option<Rung>; MOST_RUNGS];
 
 /// What the plan says of all.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Plan {
+pub struct Contingency {
     /// In the order of [`Cause::ALL`].
     pub ladders: [Ladder; Cause::ALL.len()],
     /// Below this the battery is low, V.
     pub low_battery_v: f64,
+}
+
+impl Contingency {
+    /// Reads it.
+    ///
+    /// # Errors
+    /// When an attribute has another type or a value that makes no sense.
+    pub fn read(attributes: &mut Attributes) -> Result<Self, StartError> {
+        let low_battery = ladder(attributes, "low_battery", 5 * SECOND_NS)?;
+        let low_battery_v: Option<f64> = attributes.get("low_battery_v", None)?;
+        if low_battery[0].is_some() && !low_battery_v.is_some_and(|volts| (1.0..=1000.0).contains(&volts)) {
+            return Err(StartError::Other(
+                "attribute low_battery: give low_battery_v too, the voltage below which the battery is low, from 1 to 1000 V".into(),
+            ));
+        }
+        Ok(Self {
+            ladders: [
+                ladder(attributes, "lost_link", 10 * SECOND_NS)?,
+                low_battery,
+                ladder(attributes, "lost_satellites", 30 * SECOND_NS)?,
+                ladder(attributes, "lost_pitot", 10 * SECOND_NS)?,
+            ],
+            low_battery_v: low_battery_v.unwrap_or_default(),
+        })
+    }
+}
+
+/// What an attribute says: one manoeuvre, or several, each after so long.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Words {
+    One(String),
+    Several(Vec<Written>),
+}
+
+/// One of several.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Written {
+    fly: String,
+    after: String,
+}
+
+/// The ladder of an attribute; `usual_ns` and the attribute `…_after` are for one manoeuvre.
+fn ladder(attributes: &mut Attributes, name: &str, usual_ns: u64) -> Result<Ladder, StartError> {
+    let wrong = |what: String| StartError::Other(format!("attribute {name}: {what}"));
+    let after_ns = attributes.duration_ns(&format!("{name}_after"), usual_ns)?;
+    let words = attributes.get(name, Words::One("none".into())).map_err(|_| {
+        wrong("give one manoeuvre, or several such as [{ fly = \"loiter\", after = \"10s\" }]".into())
+    })?;
+    let steps = match words {
+        Words::One(none) if none == "none" => Vec::new(),
+        Words::One(fly) => vec![(fly, after_ns)],
+        Words::Several(steps) => steps
+            .into_iter()
+            .map(|Written { fly, after }| {
+                let after_ns = parse_duration(&after)
+                    .ok_or_else(|| wrong(format!("after = \"{after}\": give a duration such as \"10s\"")))?;
+                Ok((fly, after_ns))
+            })
+            .collect::<Result<_, StartError>>()?,
+    };
+    if steps.len() > MOST_RUNGS {
+        return Err(wrong(format!("{} manoeuvres: give {MOST_RUNGS} at most", steps.len())));
+    }
+    let mut ladder = Ladder::default();
+    let mut before_ns = 0;
+    for (place, (fly, after_ns)) in ladder.iter_mut().zip(steps) {
+        let flown = [Manoeuvre::Loiter, Manoeuvre::Return, Manoeuvre::Land];
+        let Some(fly) = flown.into_iter().find(|one| one.name() == fly) else {
+            return Err(wrong(format!("\"{fly}\": give \"none\", \"loiter\", \"return\" or \"land\"")));
+        };
+        if after_ns < SECOND_NS || after_ns <= before_ns {
+            return Err(wrong("give 1s or more, and each manoeuvre after the one before".into()));
+        }
+        (*place, before_ns) = (Some(Rung { after_ns, fly }), after_ns);
+    }
+    Ok(ladder)
 }
 
 /// What has changed.
@@ -84,7 +166,7 @@ pub struct Change {
 /// Watches over the causes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Contingencies {
-    plan: Plan,
+    plan: Contingency,
     /// Module time at which each began, ns; of ground and receiver when they were heard last; zero: never.
     since_ns: [u64; Cause::ALL.len()],
     /// How many orders of each ladder were given.
@@ -95,7 +177,7 @@ pub struct Contingencies {
 
 impl Contingencies {
     /// Nothing was heard yet.
-    pub fn new(plan: Plan) -> Self {
+    pub fn new(plan: Contingency) -> Self {
         Self { plan, ..Self::default() }
     }
 
@@ -179,7 +261,7 @@ mod tests {
     use super::*;
     use bateleur_messages::telemetry::{GpsTelemetry, Navigation, Voltages};
 
-    const SECOND: u64 = 1_000_000_000;
+    const SECOND: u64 = SECOND_NS;
 
     fn rung(after_s: u64, fly: Manoeuvre) -> Option<Rung> {
         Some(Rung { after_ns: after_s * SECOND, fly })
@@ -187,7 +269,7 @@ mod tests {
 
     /// The ladder for one cause, in the air.
     fn with(cause: Cause, ladder: Ladder) -> Contingencies {
-        let mut plan = Plan { low_battery_v: 20.0, ..Plan::default() };
+        let mut plan = Contingency { low_battery_v: 20.0, ..Contingency::default() };
         plan.ladders[cause as usize] = ladder;
         let mut contingencies = Contingencies::new(plan);
         contingencies.telemetry(&navigation(NAVIGATION_AUTOPILOT), 1);
@@ -297,5 +379,36 @@ mod tests {
         let mut third = plan;
         third.resume(second.kept());
         assert_eq!(ordered(&mut third, 20..60), [(25, Manoeuvre::Land)], "each once");
+    }
+
+    fn read(json: &str) -> Result<Contingency, String> {
+        let mut attributes = Attributes::new(serde_json::from_str(json).unwrap());
+        Contingency::read(&mut attributes).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn plan_names_one_manoeuvre_or_several_and_what_makes_no_sense_is_refused_by_name() {
+        let one = read(r#"{"lost_link": "return", "lost_link_after": "20s"}"#).unwrap();
+        assert_eq!(one.ladders[Cause::Link as usize], [rung(20, Manoeuvre::Return), None, None, None]);
+        let several =
+            r#"{"lost_satellites": [{"fly": "loiter", "after": "10s"}, {"fly": "land", "after": "5min"}]}"#;
+        let ladder = read(several).unwrap().ladders[Cause::Satellites as usize];
+        assert_eq!(ladder, [rung(10, Manoeuvre::Loiter), rung(300, Manoeuvre::Land), None, None]);
+        assert_eq!(read("{}").unwrap(), Contingency::default());
+        for (wrong, named) in [
+            (r#"{"lost_pitot": "dive"}"#, "lost_pitot"),
+            (r#"{"lost_pitot": "take_off"}"#, "lost_pitot"),
+            (r#"{"lost_link": "land", "lost_link_after": "10ms"}"#, "1s or more"),
+            (
+                r#"{"lost_link": [{"fly": "loiter", "after": "9s"}, {"fly": "land", "after": "9s"}]}"#,
+                "after the one before",
+            ),
+            (r#"{"lost_link": [{"fly": "loiter", "after": "soon"}]}"#, "soon"),
+            (r#"{"lost_link": 3}"#, "one manoeuvre"),
+            (r#"{"low_battery": "land"}"#, "low_battery_v"),
+        ] {
+            let said = read(wrong).unwrap_err();
+            assert!(said.contains(named), "{wrong}: {said}");
+        }
     }
 }

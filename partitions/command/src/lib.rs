@@ -14,7 +14,7 @@ mod radio;
 mod station;
 mod uplink;
 
-pub use contingency::{Cause, Change, Contingencies, Ladder, MOST_RUNGS, Plan, Rung};
+pub use contingency::{Cause, Change, Contingencies, Contingency, Ladder, MOST_RUNGS, Rung};
 pub use downlink::{BACKLOG, Downlink};
 pub use health::HealthTexts;
 pub use kept::Kept;

@@ -5,11 +5,11 @@ use std::process::ExitCode;
 use bateleur_apex::serial::{Change, Device, Presence};
 use bateleur_apex::{
     Context, Direction, HealthNotices, Line, Partition, PortKind, QueuingDestination, QueuingSource,
-    Retained, SamplingDestination, Sent, StartError, Takeover, Window, parse_duration,
+    Retained, SamplingDestination, Sent, StartError, Takeover, Window,
 };
 use bateleur_command::{
-    Contingencies, Delivery, Downlink, Encoding, HealthTexts, Kept, Ladder, MOST_RUNGS, Numbers, Paced, Plan,
-    Radio, Rates, Rung, Setup, Station, Uplink, parameters, receivers, sane_runway,
+    Contingencies, Contingency, Delivery, Downlink, Encoding, HealthTexts, Kept, Numbers, Paced, Radio,
+    Rates, Setup, Station, Uplink, parameters, receivers, sane_runway,
 };
 use bateleur_mavlink::Runway;
 use bateleur_messages::frame::Frame;
@@ -19,10 +19,7 @@ use bateleur_messages::telemetry::{
     Acknowledge, FROM_COMMAND, FUNCTIONS, NOT_UNDERSTOOD, Refusal, Telemetry,
 };
 use bateleur_messages::{GroundMessage, Rate, State, TelemetryMessage, Watch};
-use serde::Deserialize;
 
-/// A second, ns.
-const SECOND_NS: u64 = 1_000_000_000;
 /// Bytes read in one window, most: four times what a line of 57600 baud carries in 20 ms.
 const BYTES_PER_WINDOW: usize = 512;
 /// Telemetry messages taken from one function in one window, most; as many as the queue usually holds.
@@ -98,7 +95,7 @@ impl Partition for Command {
             rate: context.sampling_destination("rate")?,
             timeout: Watch::default(),
             retained: context.retained()?,
-            contingencies: Contingencies::new(plan(context)?),
+            contingencies: Contingencies::new(Contingency::read(context.attributes())?),
             now_ns: 0,
             notices: context.health_notices(),
             health: HealthTexts::default(),
@@ -372,79 +369,6 @@ impl Command {
     }
 }
 
-/// What is flown where something is lost, and for how long.
-fn plan(context: &mut Context) -> Result<Plan, StartError> {
-    let low_battery = ladder(context, "low_battery", 5 * SECOND_NS)?;
-    let low_battery_v: Option<f64> = context.attribute("low_battery_v", None)?;
-    if low_battery[0].is_some() && !low_battery_v.is_some_and(|volts| (1.0..=1000.0).contains(&volts)) {
-        return Err(StartError::Other(
-            "attribute low_battery: give low_battery_v too, the voltage below which the battery is low, from 1 to 1000 V".into(),
-        ));
-    }
-    Ok(Plan {
-        ladders: [
-            ladder(context, "lost_link", 10 * SECOND_NS)?,
-            low_battery,
-            ladder(context, "lost_satellites", 30 * SECOND_NS)?,
-            ladder(context, "lost_pitot", 10 * SECOND_NS)?,
-        ],
-        low_battery_v: low_battery_v.unwrap_or_default(),
-    })
-}
-
-/// What an attribute says: one manoeuvre, or several, each after so long.
-#[derive(Deserialize)]
-#[serde(untagged)]
-enum Words {
-    One(String),
-    Several(Vec<Step>),
-}
-
-/// One of several.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Step {
-    fly: String,
-    after: String,
-}
-
-/// The ladder of an attribute; `usual_ns` and the attribute `…_after` are for one manoeuvre.
-fn ladder(context: &mut Context, name: &str, usual_ns: u64) -> Result<Ladder, StartError> {
-    let wrong = |what: String| StartError::Other(format!("attribute {name}: {what}"));
-    let after_ns = context.duration_ns(&format!("{name}_after"), usual_ns)?;
-    let words = context.attribute(name, Words::One("none".into())).map_err(|_| {
-        wrong("give one manoeuvre, or several such as [{ fly = \"loiter\", after = \"10s\" }]".into())
-    })?;
-    let steps = match words {
-        Words::One(none) if none == "none" => Vec::new(),
-        Words::One(fly) => vec![(fly, after_ns)],
-        Words::Several(steps) => steps
-            .into_iter()
-            .map(|Step { fly, after }| {
-                let after_ns = parse_duration(&after)
-                    .ok_or_else(|| wrong(format!("after = \"{after}\": give a duration such as \"10s\"")))?;
-                Ok((fly, after_ns))
-            })
-            .collect::<Result<_, StartError>>()?,
-    };
-    if steps.len() > MOST_RUNGS {
-        return Err(wrong(format!("{} manoeuvres: give {MOST_RUNGS} at most", steps.len())));
-    }
-    let mut ladder = Ladder::default();
-    let mut before_ns = 0;
-    for (place, (fly, after_ns)) in ladder.iter_mut().zip(steps) {
-        let flown = [Manoeuvre::Loiter, Manoeuvre::Return, Manoeuvre::Land];
-        let Some(fly) = flown.into_iter().find(|one| one.name() == fly) else {
-            return Err(wrong(format!("\"{fly}\": give \"none\", \"loiter\", \"return\" or \"land\"")));
-        };
-        if after_ns < SECOND_NS || after_ns <= before_ns {
-            return Err(wrong("give 1s or more, and each manoeuvre after the one before".into()));
-        }
-        (*place, before_ns) = (Some(Rung { after_ns, fly }), after_ns);
-    }
-    Ok(ladder)
-}
-
 /// A ground station that speaks MAVLink, where the plan names one.
 fn mavlink(
     context: &mut Context,
@@ -478,7 +402,7 @@ fn mavlink(
 fn numbers(context: &mut Context, baud: u32) -> Result<Numbers, StartError> {
     let usual = Runway::default();
     let encoding: String = context.attribute("parameter_encoding", "bytes".into())?;
-    let [silence, ..] = plan(context)?.ladders;
+    let [silence, ..] = Contingency::read(context.attributes())?.ladders;
     let address: Option<String> = context.attribute("mavlink", None)?;
     Ok(Numbers {
         baud,

@@ -66,3 +66,52 @@ fn plan_that_finishes_with_a_landing_lands_without_an_order() {
     let flown = ended.summary()["conditions"]["touchdown"].clone();
     assert!(number(&flown, "sink_mps") < 1.5, "{flown}: {}", ended.stderr);
 }
+
+#[test]
+fn aircraft_that_lose_their_power_glide_to_the_runway_and_stand() {
+    let _turn = among_others();
+    let winds = [("0", "0", "calm"), ("5", "160", "light")];
+    for (airframe, (wind, from, turbulence)) in
+        ["aerosonde", "rascal110"].iter().flat_map(|it| winds.map(|wind| (it, wind)))
+    {
+        for fault in ["throttle_stuck=0@75", "throttle_stuck=0@130"] {
+            let air = ["--wind", wind, "--wind-from", from, "--turbulence", turbulence, "--fault", fault];
+            let ended = flight(&[&["--airframe", airframe, "--seed", "21"], &air[..]].concat());
+            let (about, ended) = (format!("{airframe}, {wind} m/s, {fault}"), ended.expect_code(1));
+            let touchdown = &ended.summary()["conditions"]["touchdown"];
+            assert!(touchdown["standing_s"].is_f64(), "{about}: {touchdown} {}", ended.stderr);
+            assert!(number(touchdown, "sink_mps") < 3.5, "{about}: {touchdown}");
+            assert!(
+                ended.stderr.contains("it landed while flying the laps; the aircraft has no power"),
+                "{}",
+                ended.stderr
+            );
+            let told =
+                |fault: &&bateleur_tests::Fault| fault.detail.contains("no power: gliding to the runway");
+            assert_eq!(ended.faults().iter().filter(told).count(), 1, "{about}");
+        }
+    }
+}
+
+#[test]
+fn what_is_lost_in_flight_has_the_plans_ladder_flown() {
+    let _turn = among_others();
+    let lost = |set: &[&str], fault: &str| {
+        let set: Vec<&str> = set.iter().flat_map(|one| ["--set", one]).collect();
+        flight(&[&["--seed", "22", "--wind", "3", "--fault", fault], &set[..]].concat()).expect_code(1)
+    };
+    let battery = lost(&["command.low_battery=land", "command.low_battery_v=38.5"], "battery=5%@100");
+    let touchdown = &battery.summary()["conditions"]["touchdown"];
+    assert!(touchdown["standing_s"].is_f64(), "{touchdown} {}", battery.stderr);
+    assert!(battery.stderr.contains("it landed while flying the laps"), "{}", battery.stderr);
+    for (set, fault, told) in [
+        ("command.lost_satellites=return", "gps_lost@90", "the receiver has no fix for 30 s: return"),
+        ("command.lost_pitot=return", "pitot_frozen@90", "the pitot is not believed for 10 s: return"),
+    ] {
+        let ended = lost(&[set], fault);
+        let circles = "the aircraft flies back to the runway and circles there";
+        assert!(ended.stderr.contains(circles), "{fault}: {}", ended.stderr);
+        let faults = ended.faults();
+        assert!(faults.iter().any(|entry| entry.detail.contains(told)), "{fault}: {faults:?}");
+    }
+}

@@ -33,8 +33,8 @@ fn options(text: &'static str, seed: u64, wind: f64, from: f64, turbulence: Turb
     options
 }
 
-/// Flies the mission, loses its power at `at_s`, and lands by what the laws say; panics if it is damaged or does not stand in the end.
-fn landed(about: &str, mut options: Options, at_s: f64) -> TouchDown {
+/// Flies the mission, loses its power at `at_s`, and lands by what the laws say; why it is damaged or does not stand in the end.
+fn landed(mut options: Options, at_s: f64) -> Result<TouchDown, String> {
     options.conditions.faults = vec![format!("throttle_stuck=0@{at_s}").parse().unwrap()];
     let mut flight = Flight::new(options);
     let (mut told_s, mut touched) = (None, None);
@@ -42,14 +42,22 @@ fn landed(about: &str, mut options: Options, at_s: f64) -> TouchDown {
         let before = flight.plant.truth();
         flight.step();
         if flight.controller.has_lost_power() && told_s.is_none() {
-            assert!(before.time_s >= at_s, "{about}: told without a reason: {}", flight.describe());
+            if before.time_s < at_s {
+                return Err(format!("told without a reason: {}", flight.describe()));
+            }
             told_s = Some(before.time_s - at_s);
             let state = flight.last().navigation.unwrap();
             flight.controller.land(&state, 50.0, Vector2::zeros());
         }
         let t = flight.plant.truth();
         let phase = flight.controller.landing_phase();
-        assert!(!t.crashed, "{about}: {phase:?}, sink {} {}", before.velocity_ned_mps.z, flight.describe());
+        if t.crashed {
+            return Err(format!(
+                "{phase:?}, sink {:.1} m/s, {}",
+                before.velocity_ned_mps.z,
+                flight.describe()
+            ));
+        }
         if let Some(told_s) = told_s.filter(|_| t.on_ground && touched.is_none()) {
             touched = Some(TouchDown {
                 told_s,
@@ -59,10 +67,10 @@ fn landed(about: &str, mut options: Options, at_s: f64) -> TouchDown {
             });
         }
         if phase == Some(Phase::Standing) {
-            return touched.unwrap();
+            return Ok(touched.unwrap());
         }
     }
-    panic!("{about}: {:?} {}", flight.controller.landing_phase(), flight.describe());
+    Err(format!("{:?} {}", flight.controller.landing_phase(), flight.describe()))
 }
 
 #[test]
@@ -76,7 +84,8 @@ fn aircraft_without_power_land_softly_and_most_of_them_on_the_runway() {
             let turbulence = if wind > 0.0 { Turbulence::Light } else { Turbulence::Calm };
             for at_s in [70.0, 95.0, 120.0, 150.0] {
                 let about = format!("{name}, {wind} m/s from {from}°, at {at_s} s");
-                let down = landed(&about, options(text, seed, wind, from, turbulence), at_s);
+                let down = landed(options(text, seed, wind, from, turbulence), at_s)
+                    .unwrap_or_else(|why| panic!("{about}: {why}"));
                 let (sink_mps, roll_deg, away_m) = (down.sink_mps, down.roll_deg, down.away_m);
                 println!(
                     "{about}: told after {:.1} s, {sink_mps:.1} m/s, {roll_deg:.0}°, {away_m:.0} m away",
@@ -116,4 +125,42 @@ fn power_that_is_there_is_never_missed_and_what_comes_back_is_told() {
     flight.run(15.0);
     assert!(!flight.controller.has_lost_power(), "{}", flight.describe());
     flight.run_mission(400.0);
+}
+
+/// Not a test: how many of 50 flights for each aircraft and kind of air are damaged, and how the others come down.
+#[test]
+#[ignore = "a survey"]
+fn survey_of_landings_without_power() {
+    let mut state: u64 = 1;
+    let mut draw = |most: f64| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as f64 / f64::from(1_u32 << 31) * most
+    };
+    for (name, text) in AIRCRAFT {
+        for turbulence in [Turbulence::Calm, Turbulence::Light, Turbulence::Moderate] {
+            let (mut sinks, mut away, mut damaged) = (Vec::new(), Vec::new(), Vec::new());
+            for seed in 0..50 {
+                let (wind, from, at_s) = (draw(8.0), draw(360.0), 60.0 + draw(140.0));
+                match landed(options(text, 770_000 + seed, wind, from, turbulence), at_s) {
+                    Ok(down) => {
+                        sinks.push(down.sink_mps);
+                        away.push(down.away_m);
+                    }
+                    Err(why) => damaged.push(format!("{wind:.1} m/s from {from:.0}, at {at_s:.0}: {why}")),
+                }
+            }
+            sinks.sort_by(f64::total_cmp);
+            away.sort_by(f64::total_cmp);
+            let part = |values: &[f64], part: f64| values[(part * (values.len() - 1) as f64) as usize];
+            println!(
+                "{name}, {turbulence:?}: {} damaged; sink p50 {:.1}, p95 {:.1} m/s; away p50 {:.0}, p95 {:.0} m",
+                damaged.len(),
+                part(&sinks, 0.5),
+                part(&sinks, 0.95),
+                part(&away, 0.5),
+                part(&away, 0.95)
+            );
+            damaged.iter().for_each(|why| println!("   {why}"));
+        }
+    }
 }

@@ -93,9 +93,10 @@ const FARTHEST_M: f64 = 3_000.0;
 const LONG_GAIN_MPS: f64 = 0.5;
 const FASTER_MPS: f64 = 6.0;
 /// Above this height, m, and in full so much higher, m.
-const FASTER_M: f64 = 15.0;
+const FASTER_M: f64 = 25.0;
 /// Height above that where the flare ends, for each m/s that it sinks faster than it should there, s.
 const GLIDE_FLARE_S: f64 = 2.2;
+const HIGHEST_FLARE_M: f64 = 12.0;
 /// Further off its way than this, rad, a way from where it is is laid out.
 const TURNED_RAD: f64 = 0.5;
 /// Height kept for the turn into the wind where the runway can not be reached, m.
@@ -284,9 +285,9 @@ impl Landing {
         flies
     }
 
-    /// In the flare, or held up by the ground.
-    pub(super) fn is_low(&self) -> bool {
-        self.phase == Phase::Flare || self.is_on_ground()
+    /// At the end of the flare, or held up by the ground.
+    pub(super) fn is_low(&self, state: &NavigationState) -> bool {
+        self.is_on_ground() || (self.phase == Phase::Flare && state.altitude_m() < FLARE_M)
     }
 
     /// Whether the ground holds it up.
@@ -335,7 +336,7 @@ impl Landing {
             None => (state.altitude_m() - self.height_m).abs() < ON_HEIGHT_M,
         };
         let flare_m = match glide {
-            Some(_) => FLARE_M.max(GLIDE_FLARE_S * self.sink_mps),
+            Some(_) => (GLIDE_FLARE_S * self.sink_mps).clamp(FLARE_M, HIGHEST_FLARE_M),
             None => FLARE_M,
         };
         match self.phase {

@@ -685,7 +685,7 @@ impl Controller {
         let change = s.axial_mps2 - GRAVITY_MPS2 * s.climb_rad.sin();
         let lack = limits.floor_mps - s.airspeed_mps - FLOOR_LEAD_S * change.min(0.0);
         // What a glide has left is used up above the ground.
-        let flares = self.power.is_lost() && self.landing.is_some_and(|landing| landing.is_low());
+        let flares = self.power.is_lost() && self.landing.is_some_and(|landing| landing.is_low(state));
         let slow = lack > 0.0 && basis != Basis::WingsLevel && !flares;
         let held = wanted.normal.is_some() || wanted.axial.is_some();
         protection.note(Protection::AIRSPEED, slow && held);

@@ -251,7 +251,7 @@ impl Contingencies {
         }
         *given += 1;
         let reason = if cause == Cause::Link { Reason::LostLink } else { Reason::Contingency };
-        let text = format!("{} for {} s: {}", cause.text(), rung.after_ns as f64 * 1e-9, rung.fly.name());
+        let text = format!("{} for {} s: {}", cause.text(), rung.after_ns as f64 / 1e9, rung.fly.name());
         Some(Change { text, order: Some(Order::Manoeuvre { what: rung.fly, reason }) })
     }
 }

@@ -626,6 +626,8 @@ impl Controller {
     }
 
     fn on_ground(&self, command: ActuatorCommand, basis: Basis, signals: Signals) -> ControllerOutput {
+        let mut protection = Protection::default();
+        protection.note(Protection::POWER, self.power.is_lost());
         ControllerOutput {
             command,
             guidance: None,
@@ -633,7 +635,7 @@ impl Controller {
             references: self.references,
             signals,
             channels: self.channels,
-            protection: Protection::default(),
+            protection,
         }
     }
 

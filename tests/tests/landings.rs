@@ -62,7 +62,8 @@ fn plan_that_finishes_with_a_landing_lands_without_an_order() {
     let text = "laps = 1\nloiter_s = 150\nwaypoint = [\n\
         { north_m = 400, east_m = 0, altitude_m = 100 },\n{ north_m = 0, east_m = 300, altitude_m = 100 },\n]\n";
     std::fs::write(&path, text).unwrap();
-    let ended = flight(&["--mission", path.to_str().unwrap(), "--set", "controller.finish=land"]);
+    let ended =
+        flight(&["--mission", path.to_str().unwrap(), "--set", "controller.finish=land"]).expect_code(0);
     let flown = ended.summary()["conditions"]["touchdown"].clone();
     assert!(number(&flown, "sink_mps") < 1.5, "{flown}: {}", ended.stderr);
 }

@@ -445,7 +445,7 @@ impl Mission {
         let in_mission_ns = self.now_ns.saturating_sub(self.started_ns.unwrap_or(self.now_ns));
         let limit_s = limit_s(self.phase);
         if matches!(self.phase, Phase::Watch | Phase::Loiter)
-            && self.flags & NAVIGATION_LANDED != 0
+            && self.flags & (NAVIGATION_LANDED | NAVIGATION_FINISHED) == NAVIGATION_LANDED
             && self.is_stopped()
         {
             let (phase, why) = (self.phase, self.kept_from());

@@ -8,12 +8,15 @@ use bateleur_apex::{Attributes, StartError, parse_duration};
 use bateleur_messages::control::PITOT_NOT_BELIEVED;
 use bateleur_messages::ground::{Manoeuvre, Order, Reason};
 use bateleur_messages::telemetry::{
-    NAVIGATION_AUTOPILOT, NAVIGATION_LANDED, NAVIGATION_PROTECTION_SHIFT, NAVIGATION_TAKE_OFF, Telemetry,
+    NAVIGATION_ABORTED, NAVIGATION_AUTOPILOT, NAVIGATION_LANDED, NAVIGATION_LANDING, NAVIGATION_LOITER,
+    NAVIGATION_OUTSIDE, NAVIGATION_PROTECTION_SHIFT, NAVIGATION_RETURN, NAVIGATION_TAKE_OFF, Telemetry,
 };
 use serde::Deserialize;
 
 /// A second, ns.
 const SECOND_NS: u64 = 1_000_000_000;
+/// Least time for what telemetry tells, which comes every two seconds.
+const LEAST_NS: u64 = 5 * SECOND_NS;
 /// Orders of a ladder, at most.
 pub const MOST_RUNGS: usize = 4;
 /// Plain numbers that outlive a restart.
@@ -53,6 +56,12 @@ impl Cause {
             Self::Pitot => "the pitot is believed again",
         }
     }
+}
+
+/// In the air, with the autopilot on.
+fn is_flying(flags: u32) -> bool {
+    let on_ground = NAVIGATION_TAKE_OFF | NAVIGATION_ABORTED | NAVIGATION_LANDED;
+    flags & NAVIGATION_AUTOPILOT != 0 && flags & on_ground == 0
 }
 
 /// One order of a ladder.
@@ -141,13 +150,15 @@ fn ladder(attributes: &mut Attributes, name: &str, usual_ns: u64) -> Result<Ladd
     }
     let mut ladder = Ladder::default();
     let mut before_ns = 0;
+    let least_ns = if name == "lost_link" { SECOND_NS } else { LEAST_NS };
     for (place, (fly, after_ns)) in ladder.iter_mut().zip(steps) {
         let flown = [Manoeuvre::Loiter, Manoeuvre::Return, Manoeuvre::Land];
         let Some(fly) = flown.into_iter().find(|one| one.name() == fly) else {
             return Err(wrong(format!("\"{fly}\": give \"none\", \"loiter\", \"return\" or \"land\"")));
         };
-        if after_ns < SECOND_NS || after_ns <= before_ns {
-            return Err(wrong("give 1s or more, and each manoeuvre after the one before".into()));
+        if after_ns < least_ns || after_ns <= before_ns {
+            let least_s = least_ns / SECOND_NS;
+            return Err(wrong(format!("give {least_s}s or more, and each manoeuvre after the one before")));
         }
         (*place, before_ns) = (Some(Rung { after_ns, fly }), after_ns);
     }
@@ -157,6 +168,8 @@ fn ladder(attributes: &mut Attributes, name: &str, usual_ns: u64) -> Result<Ladd
 /// What has changed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Change {
+    /// What it is about.
+    pub cause: Cause,
     /// For the health log and the ground.
     pub text: String,
     /// For the Controller.
@@ -171,8 +184,8 @@ pub struct Contingencies {
     since_ns: [u64; Cause::ALL.len()],
     /// How many orders of each ladder were given.
     given: [u64; Cause::ALL.len()],
-    /// In the air, with the autopilot on.
-    flying: bool,
+    /// What the Controller says of navigation, [`Navigation::flags`].
+    flags: u32,
 }
 
 impl Contingencies {
@@ -183,15 +196,15 @@ impl Contingencies {
 
     /// Goes on where the incarnation before stood, see [`Contingencies::kept`].
     pub fn resume(&mut self, kept: [u64; NUMBERS]) {
-        let [flying, rest @ ..] = kept;
+        let [flags, rest @ ..] = kept;
         self.since_ns.copy_from_slice(&rest[..4]);
         self.given.copy_from_slice(&rest[4..]);
-        self.flying = flying == 1;
+        self.flags = u32::try_from(flags).unwrap_or_default();
     }
 
     /// What its successor goes on from.
     pub fn kept(&self) -> [u64; NUMBERS] {
-        let mut kept = [u64::from(self.flying); NUMBERS];
+        let mut kept = [u64::from(self.flags); NUMBERS];
         kept[1..5].copy_from_slice(&self.since_ns);
         kept[5..].copy_from_slice(&self.given);
         kept
@@ -214,12 +227,40 @@ impl Contingencies {
                 *since_ns = (*since_ns).max(gps.measured_ns);
             }
             Telemetry::Navigation(navigation) => {
-                let is = |bit: u32| navigation.flags & bit != 0;
-                self.flying = is(NAVIGATION_AUTOPILOT) && !is(NAVIGATION_TAKE_OFF) && !is(NAVIGATION_LANDED);
-                self.lasts(Cause::Pitot, is(PITOT_NOT_BELIEVED << NAVIGATION_PROTECTION_SHIFT), now_ns);
+                let flew = self.is_flying();
+                self.flags = navigation.flags;
+                let since_ns = &mut self.since_ns[Cause::Battery as usize];
+                if *since_ns != 0 && !flew && is_flying(navigation.flags) {
+                    *since_ns = now_ns; // a climb at full throttle says nothing
+                }
+                let doubted = self.is(PITOT_NOT_BELIEVED << NAVIGATION_PROTECTION_SHIFT);
+                self.lasts(Cause::Pitot, doubted, now_ns);
             }
             _ => {}
         }
+    }
+
+    fn is(&self, bit: u32) -> bool {
+        self.flags & bit != 0
+    }
+
+    fn is_flying(&self) -> bool {
+        is_flying(self.flags)
+    }
+
+    /// Whether this would take more of the mission than what is flown already, and would not be refused.
+    fn is_more(&self, fly: Manoeuvre) -> bool {
+        let flown = [NAVIGATION_LANDING, NAVIGATION_RETURN, NAVIGATION_LOITER]
+            .into_iter()
+            .position(|bit| self.is(bit));
+        let asked =
+            [Manoeuvre::Land, Manoeuvre::Return, Manoeuvre::Loiter].into_iter().position(|one| one == fly);
+        asked < flown.or(Some(usize::MAX))
+    }
+
+    /// The Controller took the order of a change.
+    pub fn given(&mut self, cause: Cause) {
+        self.given[cause as usize] += 1;
     }
 
     fn lasts(&mut self, cause: Cause, lasts: bool, now_ns: u64) {
@@ -231,7 +272,7 @@ impl Contingencies {
         };
     }
 
-    /// Called in each window; at most one change in each.
+    /// Called in each window; at most one change in each. One with an order comes again until it was [`Contingencies::given`].
     pub fn window(&mut self, now_ns: u64) -> Option<Change> {
         Cause::ALL.into_iter().find_map(|cause| self.look(cause, now_ns))
     }
@@ -239,20 +280,25 @@ impl Contingencies {
     fn look(&mut self, cause: Cause, now_ns: u64) -> Option<Change> {
         let (ladder, since_ns) = (self.plan.ladders[cause as usize], self.since_ns[cause as usize]);
         let lasted_ns = if since_ns == 0 { 0 } else { now_ns.saturating_sub(since_ns) };
-        let given = &mut self.given[cause as usize];
+        let given = self.given[cause as usize];
         let first = ladder[0]?;
-        if *given > 0 && lasted_ns <= first.after_ns {
-            *given = 0;
-            return Some(Change { text: cause.is_over().to_owned(), order: None });
+        if given > 0 && lasted_ns <= first.after_ns {
+            self.given[cause as usize] = 0;
+            return Some(Change { cause, text: cause.is_over().to_owned(), order: None });
         }
-        let rung = ladder.get(usize::try_from(*given).ok()?).copied().flatten()?;
-        if lasted_ns <= rung.after_ns || !self.flying {
+        let rung = ladder.get(usize::try_from(given).ok()?).copied().flatten()?;
+        // Outside of the fence the Controller takes a landing alone.
+        let waits = self.is(NAVIGATION_OUTSIDE) && rung.fly != Manoeuvre::Land;
+        if lasted_ns <= rung.after_ns || !self.is_flying() || waits {
             return None;
         }
-        *given += 1;
+        if !self.is_more(rung.fly) {
+            self.given(cause);
+            return None;
+        }
         let reason = if cause == Cause::Link { Reason::LostLink } else { Reason::Contingency };
         let text = format!("{} for {} s: {}", cause.text(), rung.after_ns as f64 / 1e9, rung.fly.name());
-        Some(Change { text, order: Some(Order::Manoeuvre { what: rung.fly, reason }) })
+        Some(Change { cause, text, order: Some(Order::Manoeuvre { what: rung.fly, reason }) })
     }
 }
 
@@ -288,9 +334,9 @@ mod tests {
     fn ordered(contingencies: &mut Contingencies, seconds: std::ops::Range<u64>) -> Vec<(u64, Manoeuvre)> {
         let mut orders = Vec::new();
         for second in seconds {
-            if let Some(Order::Manoeuvre { what, .. }) =
-                contingencies.window(second * SECOND + 1).and_then(|change| change.order)
-            {
+            let Some(change) = contingencies.window(second * SECOND + 1) else { continue };
+            if let Some(Order::Manoeuvre { what, .. }) = change.order {
+                contingencies.given(change.cause);
                 orders.push((second, what));
             }
         }
@@ -308,6 +354,8 @@ mod tests {
             (lost.order, lost.text.as_str()),
             (Some(order), "the ground was not heard for 10 s: return")
         );
+        assert_eq!(silence.window(16 * SECOND), Some(lost), "until the Controller took it");
+        silence.given(Cause::Link);
         assert_eq!(silence.window(17 * SECOND), None);
         silence.heard(20 * SECOND);
         let back = silence.window(20 * SECOND).unwrap();
@@ -359,12 +407,44 @@ mod tests {
     fn nothing_is_ordered_on_the_ground_and_what_lasts_is_ordered_in_the_air() {
         let mut pitot = with(Cause::Pitot, [rung(5, Manoeuvre::Return), None, None, None]);
         let doubted = PITOT_NOT_BELIEVED << NAVIGATION_PROTECTION_SHIFT | NAVIGATION_AUTOPILOT;
-        for on_ground in [NAVIGATION_TAKE_OFF, NAVIGATION_LANDED] {
+        for on_ground in [NAVIGATION_TAKE_OFF, NAVIGATION_LANDED, NAVIGATION_ABORTED] {
             pitot.telemetry(&navigation(doubted | on_ground), SECOND);
             assert_eq!(ordered(&mut pitot, 1..60), []);
         }
         pitot.telemetry(&navigation(doubted), 60 * SECOND);
         assert_eq!(ordered(&mut pitot, 60..70), [(60, Manoeuvre::Return)]);
+    }
+
+    #[test]
+    fn nothing_calls_an_aircraft_back_and_outside_of_the_fence_only_a_landing_is_ordered() {
+        for (flags, ordered_then) in [
+            (NAVIGATION_LANDING, vec![]),
+            (NAVIGATION_RETURN, vec![(20, Manoeuvre::Land)]),
+            (NAVIGATION_LOITER, vec![(10, Manoeuvre::Return), (20, Manoeuvre::Land)]),
+        ] {
+            let mut link =
+                with(Cause::Link, [rung(9, Manoeuvre::Return), rung(19, Manoeuvre::Land), None, None]);
+            link.heard(SECOND);
+            link.telemetry(&navigation(NAVIGATION_AUTOPILOT | flags), 2 * SECOND);
+            assert_eq!(ordered(&mut link, 2..60), ordered_then);
+        }
+        let mut link = with(Cause::Link, [rung(9, Manoeuvre::Return), rung(19, Manoeuvre::Land), None, None]);
+        link.heard(SECOND);
+        link.telemetry(&navigation(NAVIGATION_AUTOPILOT | NAVIGATION_OUTSIDE), 2 * SECOND);
+        assert_eq!(ordered(&mut link, 2..30), []);
+        link.telemetry(&navigation(NAVIGATION_AUTOPILOT), 30 * SECOND);
+        assert_eq!(ordered(&mut link, 30..60), [(30, Manoeuvre::Return), (31, Manoeuvre::Land)]);
+    }
+
+    #[test]
+    fn battery_that_is_low_in_the_climb_alone_is_not_low() {
+        let mut low = with(Cause::Battery, [rung(5, Manoeuvre::Land), None, None, None]);
+        low.telemetry(&navigation(NAVIGATION_AUTOPILOT | NAVIGATION_TAKE_OFF), SECOND);
+        low.telemetry(&battery(19.0), 2 * SECOND);
+        low.telemetry(&navigation(NAVIGATION_AUTOPILOT), 40 * SECOND);
+        assert_eq!(ordered(&mut low, 40..44), []);
+        low.telemetry(&battery(21.0), 44 * SECOND);
+        assert_eq!(ordered(&mut low, 44..80), []);
     }
 
     #[test]

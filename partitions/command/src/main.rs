@@ -213,9 +213,11 @@ impl Command {
         let Some(change) = self.contingencies.window(now_ns) else { return };
         if let Some(order) = change.order {
             let frame = Frame { letter: order.letter(), data: order.data() };
-            if let Some(message) = GroundMessage::from_frame(&frame) {
-                self.pass_on(&message, receivers(&message), now_ns);
+            let Some(message) = GroundMessage::from_frame(&frame) else { return };
+            if !self.pass_on(&message, receivers(&message), now_ns) {
+                return; // in a later window
             }
+            self.contingencies.given(change.cause);
         }
         window.report(&change.text);
         if let Some((_, station)) = &mut self.mavlink {
@@ -228,13 +230,17 @@ impl Command {
             self.contingencies.heard(now_ns);
             match delivery {
                 Delivery::Beat => {}
-                Delivery::To(message, functions) => self.pass_on(&message, functions, now_ns),
+                Delivery::To(message, functions) => {
+                    self.pass_on(&message, functions, now_ns);
+                }
                 Delivery::NotUnderstood(message) => self.answer(not_understood(&message, now_ns)),
             }
         }
     }
 
-    fn pass_on(&mut self, message: &GroundMessage, functions: &[&str], now_ns: u64) {
+    /// Whether all functions have taken it.
+    fn pass_on(&mut self, message: &GroundMessage, functions: &[&str], now_ns: u64) -> bool {
+        let mut taken = true;
         if let (Some((_, station)), Ok(order)) =
             (&mut self.mavlink, Order::parse(message.letter, message.bytes()))
         {
@@ -245,8 +251,10 @@ impl Command {
                 self.own(message, now_ns);
             } else if let Some(answer) = self.order(function, message, now_ns) {
                 self.answer(answer);
+                taken = false;
             }
         }
+        taken
     }
 
     fn tell_health(&mut self, now_ns: u64) {

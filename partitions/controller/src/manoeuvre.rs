@@ -96,7 +96,8 @@ impl Tasks {
 impl Function {
     /// Takes order `F`.
     pub(crate) fn manoeuvre(&mut self, what: Manoeuvre, reason: Reason) -> Answer {
-        let (link_lost, by_itself) = (reason == Reason::LostLink, reason != Reason::Ordered);
+        let by_itself = reason != Reason::Ordered;
+        let link_lost = reason == Reason::LostLink || (by_itself && self.tasks.link_lost);
         let on_ground = self.is_on_ground();
         match what {
             Manoeuvre::TakeOff if self.standing => {
@@ -118,6 +119,8 @@ impl Function {
             {
                 return Answer::Refused(Refusal::NotFlying);
             }
+            // Nothing that is lost waits for the way back into the fence.
+            Manoeuvre::Land if by_itself => self.begin(Task::Land, link_lost),
             // The fence has the last word, and nothing that is lost calls an aircraft back that returns already.
             _ if self.tasks.fence.outside => return Answer::Refused(Refusal::OutsideFence),
             Manoeuvre::Loiter if by_itself && matches!(self.tasks.task, Task::Return | Task::Land) => {}

@@ -7,6 +7,7 @@ mod common;
 
 use bateleur_flight::airframe::Airframe;
 use bateleur_flight::control::landing::Phase;
+use bateleur_flight::control::takeoff;
 use bateleur_plant::Turbulence;
 use common::{Flight, Options};
 use nalgebra::Vector2;
@@ -36,7 +37,10 @@ fn options(text: &'static str, seed: u64, wind: f64, from: f64, turbulence: Turb
 /// Flies the mission, loses its power at `at_s`, and lands by what the laws say; why it is damaged or does not stand in the end.
 fn landed(mut options: Options, at_s: f64) -> Result<TouchDown, String> {
     options.conditions.faults = vec![format!("throttle_stuck=0@{at_s}").parse().unwrap()];
-    let mut flight = Flight::new(options);
+    landed_in(Flight::new(options), at_s)
+}
+
+fn landed_in(mut flight: Flight, at_s: f64) -> Result<TouchDown, String> {
     let (mut told_s, mut touched) = (None, None);
     for _ in 0..20_000 {
         let before = flight.plant.truth();
@@ -100,6 +104,42 @@ fn aircraft_without_power_land_softly_and_most_of_them_on_the_runway() {
         }
     }
     assert!(4 * near > 3 * flights, "{near} of {flights} within 250 m");
+}
+
+#[test]
+fn power_that_is_lost_in_the_climb_ends_straight_ahead_or_against_the_wind() {
+    for (name, text) in AIRCRAFT {
+        for (wind, from) in [(0.0, 0.0), (4.0, 0.0)] {
+            for climbed_s in [6.0, 8.0, 11.0, 15.0] {
+                let mut options = options(text, 760_201, wind, from, Turbulence::Calm);
+                // When it leaves the ground is known after the first flight.
+                let mut ahead = Flight::new(self::options(text, 760_201, wind, from, Turbulence::Calm));
+                let climbing =
+                    |flight: &Flight| flight.controller.take_off_phase() == Some(takeoff::Phase::Climbing);
+                let begin = |flight: &mut Flight| {
+                    flight.run(6.0);
+                    flight.controller.take_off(takeoff::Method::Roll);
+                    flight.engaged = true;
+                };
+                begin(&mut ahead);
+                while !climbing(&ahead) {
+                    ahead.step();
+                }
+                let at_s = ahead.plant.truth().time_s + climbed_s;
+                options.conditions.faults = vec![format!("throttle_stuck=0@{at_s}").parse().unwrap()];
+                let mut flight = Flight::new(options);
+                begin(&mut flight);
+                let down = landed_in(flight, at_s);
+                let down =
+                    down.unwrap_or_else(|why| panic!("{name}, {wind} m/s, after {climbed_s} s: {why}"));
+                println!(
+                    "{name}, {wind} m/s, after {climbed_s} s: {:.1} m/s, {:.0} m away",
+                    down.sink_mps, down.away_m
+                );
+                assert!(down.sink_mps < 3.5 && down.roll_deg.abs() < 15.0, "{name}: {}", down.sink_mps);
+            }
+        }
+    }
 }
 
 #[test]

@@ -228,6 +228,24 @@ pub(super) enum Flown {
     Wheels(ActuatorCommand),
 }
 
+/// Against the wind, rad from north; `None`: there is none.
+fn against_rad(state: &NavigationState) -> Option<f64> {
+    let wind = state.wind;
+    (wind.norm() > CALM_MPS).then(|| (-wind.y).atan2(-wind.x))
+}
+
+/// Time of a turn from the track of the moment, s.
+fn turn_s(glide: &Glide, state: &NavigationState, to_rad: f64) -> f64 {
+    let course = state.velocity.y.atan2(state.velocity.x);
+    wrap_angle(course - to_rad).abs() * glide.turn_m / glide.airspeed_mps
+}
+
+/// Where to come down short of the runway: against the wind if the height lasts for the turn, else straight ahead; rad from north.
+fn down_rad(glide: &Glide, state: &NavigationState) -> f64 {
+    let lasts = |against_rad: &f64| turn_s(glide, state, *against_rad) < glide.lasts_s(state);
+    against_rad(state).filter(lasts).unwrap_or_else(|| state.velocity.y.atan2(state.velocity.x))
+}
+
 impl Landing {
     /// A landing at a place (m north and east of the runway's origin) that begins where the aircraft is.
     pub fn new(config: &LandingConfig, state: &NavigationState, height_m: f64, place: Vector2<f64>) -> Self {
@@ -250,12 +268,12 @@ impl Landing {
 
     /// Course by the wind, and the circle on the side where the aircraft is.
     fn lay_out(&mut self, config: &LandingConfig, state: &NavigationState) {
-        let (wind, position) = (state.wind, state.position.xy() - self.place);
-        let against = (wind.norm() > CALM_MPS).then(|| (-wind.y).atan2(-wind.x));
+        let position = state.position.xy() - self.place;
         let straight = (-position.y).atan2(-position.x);
-        self.course_rad = config.course_rad.or(against).unwrap_or(straight);
+        self.course_rad = config.course_rad.or(against_rad(state)).unwrap_or(straight);
         let right_m = position.dot(&self.right());
         (self.phase, self.since_s, self.side) = (Phase::Pattern, 0.0, 1f64.copysign(right_m));
+        self.short = false;
     }
 
     fn forward(&self) -> Vector2<f64> {
@@ -345,6 +363,9 @@ impl Landing {
                     .is_some_and(|glide| self.falls_short(glide, radius_m, length_m, ground_mps, state)) =>
             {
                 self.short = true;
+                if let Some(glide) = glide {
+                    self.course_rad = down_rad(glide, state);
+                }
                 self.enter(Phase::Final);
             }
             Phase::Pattern if right_height && self.is_before(&offset, length_m, radius_m, state) => {
@@ -541,8 +562,7 @@ impl Landing {
         ground_mps: f64,
         state: &NavigationState,
     ) -> bool {
-        let course = state.velocity.y.atan2(state.velocity.x);
-        let turn_s = wrap_angle(course - self.course_rad).abs() * glide.turn_m / glide.airspeed_mps;
+        let turn_s = against_rad(state).map_or(0.0, |against_rad| turn_s(glide, state, against_rad));
         let spare_s = glide.lasts_s(state) - TURN_SPARE_M / glide.sink_mps(glide.airspeed_mps);
         let way_s = self.way_s(glide, radius_m, length_m, state) + length_m / ground_mps - GLIDE_FLOAT_S;
         spare_s < turn_s.min(way_s)

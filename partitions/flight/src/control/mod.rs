@@ -191,6 +191,8 @@ impl Default for ControllerConfig {
 const TAKE_OFF_BANK_RAD: f64 = 0.26;
 /// Above this the wing carries a take-off, m above the runway.
 const CARRIED_BY_WING_M: f64 = 15.0;
+/// Airspeed that is asked for beyond that of a glide, m/s.
+const OPEN_THROTTLE_MPS: f64 = 3.0;
 /// Share of the airspeed that is kept in hand while the pitot is not believed.
 const DOUBTED_SHARE: f64 = 0.05;
 /// Memory of where the actuators stand on average, s.
@@ -333,8 +335,6 @@ impl Controller {
     /// Begins a landing from `state` on, or begins it anew; its final approach from `height_m` above the runway, at most, to a place, m
     /// north and east of the runway's origin.
     pub fn land(&mut self, state: &NavigationState, height_m: f64, place: Vector2<f64>) {
-        // A climb that nothing drives is over.
-        self.take_off = None;
         self.landing = Some(Landing::new(&self.config.landing, state, height_m, place));
     }
 
@@ -460,6 +460,9 @@ impl Controller {
             .and_then(|commands| self.come_down(&state, &signals, basis, dt_s, &commands));
         // Whether a motor drives it is seen from the throttle that was flown.
         self.watch_power(&state, &signals, basis, dt_s);
+        if self.power.is_lost() && self.landing.is_some() {
+            self.take_off = None; // a climb that nothing drives is over
+        }
         let (commands, closes) = match ordered {
             Ok(ordered) => ordered,
             Err(command) => {
@@ -568,7 +571,9 @@ impl Controller {
             Some(glide) => self.guidance.radius_at_m(glide.airspeed_mps, &state.wind),
             None => self.guidance.corner_radius_m(&motion),
         };
-        let circle = (radius_m, self.config.cruise_mps);
+        // Without power the throttle stays open: so it is seen that it is back.
+        let least_mps = glide.as_ref().map_or(0.0, |glide| glide.airspeed_mps + OPEN_THROTTLE_MPS);
+        let circle = (radius_m, self.config.cruise_mps.max(least_mps));
         let flown = landing.step(aircraft, state, s, circle, glide.as_ref(), dt_s);
         self.landing = Some(landing);
         let closes = matches!(flown, Flown::Loops(Approach { airspeed_mps: None, .. }));
@@ -660,7 +665,8 @@ impl Controller {
         if self.take_off.is_some_and(|take_off| !take_off.is_fresh()) {
             self.take_off = None;
         }
-        self.landing = None;
+        // Whether there is power is judged by the throttle that the loops ask for.
+        (self.landing, self.power) = (None, PowerWatch::default());
         self.on_ground(inputs.pilot, basis, signals)
     }
 

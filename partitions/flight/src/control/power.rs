@@ -95,9 +95,9 @@ impl PowerWatch {
         self.energy_m = Some(average_m);
         let glide_mps = frame.airspeed_mps * drag_n / (mass_kg * GRAVITY_MPS2);
         let sinks = (average_m - energy_m) / ENERGY_S > SINK_SHARE * glide_mps;
-        let lacks = self.expected_mps2 - self.felt_mps2 > LEAST_LACK_MPS2;
-        let none = sinks && lacks && self.felt_mps2 < LOST_SHARE * self.expected_mps2;
         let says = self.expected_mps2 > LEAST_MPS2;
+        let lacks = self.expected_mps2 - self.felt_mps2 > LEAST_LACK_MPS2;
+        let none = says && sinks && lacks && self.felt_mps2 < LOST_SHARE * self.expected_mps2;
         let some = says && self.felt_mps2 > BACK_SHARE * self.expected_mps2;
         self.against_s = if none { self.against_s + dt_s } else { 0.0 };
         self.for_s = if some { self.for_s + dt_s } else { 0.0 };
@@ -144,12 +144,23 @@ mod tests {
     use crate::airframe::tests::aerosonde;
 
     /// Flight at 22 m/s for so long, with so much of the thrust of its throttle.
-    fn fly((watch, altitude_m): (&mut PowerWatch, &mut f64), throttle: f64, share: f64, seconds: f64) {
+    fn fly(watch: (&mut PowerWatch, &mut f64), throttle: f64, share: f64, seconds: f64) {
+        fly_with(watch, throttle, share, 0.0, seconds);
+    }
+
+    /// The same with drag beyond that of the airframe file, m/s².
+    fn fly_with(
+        (watch, altitude_m): (&mut PowerWatch, &mut f64),
+        throttle: f64,
+        share: f64,
+        more_mps2: f64,
+        seconds: f64,
+    ) {
         let airframe = aerosonde();
         let (airspeed_mps, density_kgpm3) = (22.0, 1.2);
         let drag_n = airframe.drag_n(airspeed_mps, density_kgpm3, -GRAVITY_MPS2);
         let thrust_n = share * airframe.thrust_n(throttle, airspeed_mps, density_kgpm3);
-        let axial_mps2 = (thrust_n - drag_n) / airframe.mass.mass_kg;
+        let axial_mps2 = (thrust_n - drag_n) / airframe.mass.mass_kg - more_mps2;
         let frame = Frame {
             throttle,
             airspeed_mps,
@@ -183,7 +194,7 @@ mod tests {
     fn closed_throttle_says_nothing_of_the_motor() {
         let (mut watch, mut altitude_m) = (PowerWatch::default(), 100.0);
         fly((&mut watch, &mut altitude_m), 0.8, 1.0, 10.0);
-        fly((&mut watch, &mut altitude_m), 0.0, 1.0, 60.0);
+        fly_with((&mut watch, &mut altitude_m), 0.0, 1.0, 2.5, 60.0);
         assert!(!watch.is_lost());
     }
 

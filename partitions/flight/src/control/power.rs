@@ -76,7 +76,8 @@ impl PowerWatch {
 
     /// Takes a frame.
     pub fn step(&mut self, airframe: &Airframe, frame: &Frame) {
-        if !frame.flying || !(frame.axial_mps2.is_finite() && frame.normal_mps2.is_finite()) {
+        let judged = frame.flying && frame.axial_mps2.is_finite() && frame.normal_mps2.is_finite();
+        if !judged {
             (self.against_s, self.for_s, self.energy_m) = (0.0, 0.0, None);
             return;
         }

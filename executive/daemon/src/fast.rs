@@ -17,9 +17,10 @@ use bateleur_time::redundant_pair::RedundantPair;
 use bateleur_time::window_record::{Missed, WindowRecord};
 
 /// Real time after which a window that is not closed counts as overrun, without the time for which the partition waited for a
-/// processor: what others compute on this machine must not change a flight. Longer than a partition may wait for its device
-/// (two seconds), far longer than any computation: it is met by a partition that hangs, and by no other.
-const PATIENCE_NS: u64 = 3_000_000_000;
+/// processor: what others compute on this machine must not change a flight. Longer than a partition may wait for its device (two
+/// seconds, and again in the same window for a simulator that pauses: three were too few), far longer than any computation: it is met
+/// by a partition that hangs, and by no other.
+const PATIENCE_NS: u64 = 5_000_000_000;
 /// As above, whatever it waited for: a machine that lets nobody run for so long is not flown on.
 const STARVED_PATIENCE_NS: u64 = 120_000_000_000;
 /// As above, for a partition that is known to hang: it must not hold up the others at every window.

@@ -9,7 +9,7 @@ use std::io::{self, Write};
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use crate::await_some;
@@ -17,6 +17,11 @@ use crate::programs::{EXECUTIVE, program, repository};
 
 /// A guest boots in some 6 s and is slower than the machine below by a factor of ten; a whole file of tests takes minutes.
 const PATIENCE: Duration = Duration::from_secs(1200);
+/// What a guest says before its script begins.
+const BEGAN: &str = "guest-began\n";
+/// An emulated kernel hangs at its start at times, before it says anything: after so long it is started again, so often in all.
+const START: Duration = Duration::from_secs(180);
+const STARTS: u32 = 3;
 /// Memory of a guest, MiB: the programs lie in it twice, packed and unpacked.
 const MEMORY_MIB: u32 = 2048;
 
@@ -213,25 +218,41 @@ impl Guest {
         let kernels = format!(
             "console={console_line} output=/dev/{output_line} quiet panic=-1 systemd.unit=script.service"
         );
-        let mut machine = Command::new(self.processor.emulator())
-            .args(["-accel", "tcg,thread=multi", "-smp", "2", "-m"])
-            .arg(MEMORY_MIB.to_string())
-            .args(["-display", "none", "-no-reboot", "-kernel"])
-            .arg(kernel(&self.processor.prepared()))
-            .arg("-initrd")
-            .arg(&disk)
-            .args(["-append", &kernels, "-serial"])
-            .arg(format!("file:{}", console.display()))
-            .args(self.processor.board(&output))
-            .stdin(Stdio::null())
-            .spawn()
-            .expect("an emulator is needed: tests/guest/prepare installs it");
-        let ended = await_some(self.patience.unwrap_or(PATIENCE), || machine.try_wait().unwrap());
-        if ended.is_none() {
+        let start = || {
+            Command::new(self.processor.emulator())
+                .args(["-accel", "tcg,thread=multi", "-smp", "2", "-m"])
+                .arg(MEMORY_MIB.to_string())
+                .args(["-display", "none", "-no-reboot", "-kernel"])
+                .arg(kernel(&self.processor.prepared()))
+                .arg("-initrd")
+                .arg(&disk)
+                .args(["-append", &kernels, "-serial"])
+                .arg(format!("file:{}", console.display()))
+                .args(self.processor.board(&output))
+                .stdin(Stdio::null())
+                .spawn()
+                .expect("an emulator is needed: tests/guest/prepare installs it")
+        };
+        let said = || String::from_utf8_lossy(&fs::read(&output).unwrap_or_default()).into_owned();
+        let end = |machine: &mut Child| {
             machine.kill().unwrap();
             machine.wait().unwrap();
+        };
+        let mut machine = start();
+        for _ in 1..STARTS {
+            let begins = || (machine.try_wait().unwrap().is_some() || said().contains(BEGAN)).then_some(());
+            if await_some(START, begins).is_some() {
+                break;
+            }
+            eprintln!("the guest's kernel did not come up within {} s: started again", START.as_secs());
+            end(&mut machine);
+            machine = start();
         }
-        let text = String::from_utf8_lossy(&fs::read(&output).unwrap_or_default()).into_owned();
+        if await_some(self.patience.unwrap_or(PATIENCE), || machine.try_wait().unwrap()).is_none() {
+            end(&mut machine);
+        }
+        let text = said();
+        let text = text.split_once(BEGAN).map_or(text.as_str(), |(_, text)| text).to_owned();
         let (text, code) = match text.rsplit_once("guest-exit ") {
             Some((text, code)) => (text.to_owned(), code.trim().parse().ok()),
             None => (text + &fs::read_to_string(&console).unwrap_or_default(), None),

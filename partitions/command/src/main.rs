@@ -73,7 +73,8 @@ impl Partition for Command {
                 "attribute baud = 0: give the speed of the line, such as 57600".into(),
             ));
         }
-        let numbers = numbers(context, baud)?;
+        let contingency = Contingency::read(context.attributes())?;
+        let numbers = numbers(context, baud, &contingency)?;
         let orders = order_ports(context)?;
         let absent = Device::absent()
             .map_err(|error| StartError::Other(format!("cannot make a stand-in for the device: {error}")))?;
@@ -95,7 +96,7 @@ impl Partition for Command {
             rate: context.sampling_destination("rate")?,
             timeout: Watch::default(),
             retained: context.retained()?,
-            contingencies: Contingencies::new(Contingency::read(context.attributes())?),
+            contingencies: Contingencies::new(contingency),
             now_ns: 0,
             notices: context.health_notices(),
             health: HealthTexts::default(),
@@ -407,10 +408,10 @@ fn mavlink(
 }
 
 /// The attributes that are numbers.
-fn numbers(context: &mut Context, baud: u32) -> Result<Numbers, StartError> {
+fn numbers(context: &mut Context, baud: u32, contingency: &Contingency) -> Result<Numbers, StartError> {
     let usual = Runway::default();
     let encoding: String = context.attribute("parameter_encoding", "bytes".into())?;
-    let [silence, ..] = Contingency::read(context.attributes())?.ladders;
+    let [silence, ..] = contingency.ladders;
     let address: Option<String> = context.attribute("mavlink", None)?;
     Ok(Numbers {
         baud,

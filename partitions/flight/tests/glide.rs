@@ -169,7 +169,7 @@ fn power_that_is_there_is_never_missed_and_what_comes_back_is_told() {
 
 /// Not a test: how many of 50 flights for each aircraft and kind of air are damaged, and how the others come down.
 #[test]
-#[ignore = "a survey"]
+#[ignore = "prints how drawn landings without power end, asserts nothing"]
 fn survey_of_landings_without_power() {
     let mut state: u64 = 1;
     let mut draw = |most: f64| {

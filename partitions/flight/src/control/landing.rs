@@ -86,7 +86,8 @@ const GLIDE_FLOAT_S: f64 = 6.0;
 const GLIDE_SHARE: f64 = 0.85;
 /// Height that is kept beyond, s of gliding: a final glide that is too long is flown faster.
 const GLIDE_SPARE_S: f64 = 3.0;
-/// Airspeed beyond the one below which the elevator holds no flare, m/s.
+/// Airspeed of the final glide beyond that of an approach with power, m/s; and beyond the one below which the elevator holds no flare, m/s.
+const GLIDE_APPROACH_MPS: f64 = 1.5;
 const GLIDE_MORE_MPS: f64 = 3.0;
 const FARTHEST_M: f64 = 3_000.0;
 /// The final glide is faster by this for each second that it would come too far, m/s, at most by so much, m/s.
@@ -189,9 +190,9 @@ pub(super) struct Glide {
 }
 
 impl Glide {
-    /// How long it is until the flare, s.
-    fn lasts_s(&self, state: &NavigationState) -> f64 {
-        (state.altitude_m() - FLARE_M) / self.sink_mps(self.airspeed_mps)
+    /// How long it is until the flare at an airspeed, m/s; s.
+    fn lasts_s(&self, airspeed_mps: f64, state: &NavigationState) -> f64 {
+        (state.altitude_m() - FLARE_M) / self.sink_mps(airspeed_mps)
     }
 
     /// At an airspeed, m/s.
@@ -242,7 +243,8 @@ fn turn_s(glide: &Glide, state: &NavigationState, to_rad: f64) -> f64 {
 
 /// Where to come down short of the runway: against the wind if the height lasts for the turn, else straight ahead; rad from north.
 fn down_rad(glide: &Glide, state: &NavigationState) -> f64 {
-    let lasts = |against_rad: &f64| turn_s(glide, state, *against_rad) < glide.lasts_s(state);
+    let lasts =
+        |against_rad: &f64| turn_s(glide, state, *against_rad) < glide.lasts_s(glide.airspeed_mps, state);
     against_rad(state).filter(lasts).unwrap_or_else(|| state.velocity.y.atan2(state.velocity.x))
 }
 
@@ -328,7 +330,7 @@ impl Landing {
         let more_mps = (WIND_SHARE * wind_mps).min(MOST_FOR_WIND_MPS);
         let by_lift_mps = APPROACH_SHARE * stall_mps;
         let approach_mps = match glide {
-            Some(_) => (by_lift_mps + 1.5).max(envelope.slowest_mps + GLIDE_MORE_MPS),
+            Some(_) => (by_lift_mps + GLIDE_APPROACH_MPS).max(envelope.slowest_mps + GLIDE_MORE_MPS),
             None => by_lift_mps.max(envelope.slowest_mps),
         } + more_mps;
         let ground_mps = (approach_mps - wind_mps).max(0.4 * approach_mps);
@@ -349,7 +351,8 @@ impl Landing {
         let right_height = match glide {
             Some(glide) => {
                 let straight_s = length_m / ground_mps - GLIDE_FLOAT_S;
-                GLIDE_SHARE * glide.lasts_s(state) < straight_s + TAU * radius_m / glide.airspeed_mps
+                GLIDE_SHARE * glide.lasts_s(glide.airspeed_mps, state)
+                    < straight_s + TAU * radius_m / glide.airspeed_mps
             }
             None => (state.altitude_m() - self.height_m).abs() < ON_HEIGHT_M,
         };
@@ -427,32 +430,23 @@ impl Landing {
                 Flown::Circle(hold, anew)
             }
             Phase::Round => Flown::Up(self.height_m),
-            Phase::Final if let Some(glide) = glide => {
-                let sink_mps = glide.sink_mps(approach_mps);
-                let lasts_s = (state.altitude_m() - FLARE_M) / sink_mps;
-                let long_s = lasts_s + GLIDE_FLOAT_S - offset.left_m / flown_mps.max(1.0);
-                let high = ((state.altitude_m() - FASTER_M) / FASTER_M).clamp(0.0, 1.0);
-                let most_mps = if self.short { 0.0 } else { FASTER_MPS * high };
-                let faster_mps = (LONG_GAIN_MPS * long_s).clamp(0.0, most_mps);
-                Flown::Loops(Approach {
-                    climb_mps: glide.power.climb_mps(approach_mps + faster_mps, s.airspeed_mps),
-                    sideways_mps2: Some(sideways),
-                    bank_rad: FINAL_BANK_RAD,
-                    airspeed_mps: None,
-                    least_mps2: f64::NEG_INFINITY,
-                })
-            }
-            Phase::Final => {
-                let own = if on_slope_m < self.height_m { -flown_mps * slope } else { 0.0 };
-                let back = SLOPE_GAIN * (wanted_m - state.altitude_m());
-                Flown::Loops(Approach {
-                    climb_mps: own + back.clamp(-OFF_SLOPE_MPS, OFF_SLOPE_MPS),
-                    sideways_mps2: Some(sideways),
-                    bank_rad: FINAL_BANK_RAD,
-                    airspeed_mps: Some(approach_mps),
-                    least_mps2: f64::NEG_INFINITY,
-                })
-            }
+            Phase::Final => Flown::Loops(Approach {
+                climb_mps: match glide {
+                    Some(glide) => {
+                        let faster_mps = self.faster_mps(glide, &offset, flown_mps, approach_mps, state);
+                        glide.power.climb_mps(approach_mps + faster_mps, s.airspeed_mps)
+                    }
+                    None => {
+                        let own = if on_slope_m < self.height_m { -flown_mps * slope } else { 0.0 };
+                        let back = SLOPE_GAIN * (wanted_m - state.altitude_m());
+                        own + back.clamp(-OFF_SLOPE_MPS, OFF_SLOPE_MPS)
+                    }
+                },
+                sideways_mps2: Some(sideways),
+                bank_rad: FINAL_BANK_RAD,
+                airspeed_mps: glide.is_none().then_some(approach_mps),
+                least_mps2: f64::NEG_INFINITY,
+            }),
             Phase::Flare => Flown::Loops(Approach {
                 climb_mps: -self.flare_sink_mps(state, ground_mps * slope, glide.is_some()),
                 sideways_mps2: Some(sideways),
@@ -471,6 +465,21 @@ impl Landing {
                 Flown::Wheels(wheels::straight_on(airframe, envelope, s, self.turned_rad, (0.0, 0.0)))
             }
         }
+    }
+
+    /// Airspeed beyond that of the approach, m/s, where a final glide would come too far.
+    fn faster_mps(
+        &self,
+        glide: &Glide,
+        offset: &Offset,
+        flown_mps: f64,
+        approach_mps: f64,
+        state: &NavigationState,
+    ) -> f64 {
+        let long_s = glide.lasts_s(approach_mps, state) + GLIDE_FLOAT_S - offset.left_m / flown_mps.max(1.0);
+        let high = ((state.altitude_m() - FASTER_M) / FASTER_M).clamp(0.0, 1.0);
+        let most_mps = if self.short { 0.0 } else { FASTER_MPS * high };
+        (LONG_GAIN_MPS * long_s).clamp(0.0, most_mps)
     }
 
     /// Sink rate of the flare at this height, m/s, from that of the slope on, or of the glide.
@@ -500,7 +509,7 @@ impl Landing {
         let nearest_m = (GLIDE_FINAL_S + GLIDE_FLOAT_S) * ground_mps;
         let spare_s = |length_m: f64| {
             let straight_s = length_m / ground_mps - GLIDE_FLOAT_S;
-            GLIDE_SHARE * glide.lasts_s(state)
+            GLIDE_SHARE * glide.lasts_s(glide.airspeed_mps, state)
                 - GLIDE_SPARE_S
                 - self.way_s(glide, radius_m, length_m, state)
                 - straight_s
@@ -563,7 +572,8 @@ impl Landing {
         state: &NavigationState,
     ) -> bool {
         let turn_s = against_rad(state).map_or(0.0, |against_rad| turn_s(glide, state, against_rad));
-        let spare_s = glide.lasts_s(state) - TURN_SPARE_M / glide.sink_mps(glide.airspeed_mps);
+        let spare_s =
+            glide.lasts_s(glide.airspeed_mps, state) - TURN_SPARE_M / glide.sink_mps(glide.airspeed_mps);
         let way_s = self.way_s(glide, radius_m, length_m, state) + length_m / ground_mps - GLIDE_FLOAT_S;
         spare_s < turn_s.min(way_s)
     }

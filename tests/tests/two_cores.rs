@@ -2,7 +2,7 @@
 
 use bateleur_tests::{Ended, Window, alone, among_others, bateleur, program};
 
-/// `roams` has a window on core 0 and, touching it, one on core 1, in each minor frame of 20 ms; `stays` follows on core 1.
+/// `roams` has a window of 3 ms on core 0 and, touching it, one on core 1, in each minor frame of 20 ms; `stays` follows on core 1.
 fn schedule(roams: &str) -> String {
     let partition = |name: &str, runs: &str| {
         let path = program(runs);

@@ -81,6 +81,10 @@ fn sleep_if_ahead(instant_ns: u64) {
     }
 }
 
+/// How late another core's dispatcher may make a window's start, ns. Two that wake at one instant are some 10 us apart; on a machine
+/// whose processors are held up by its host, some 100.
+const HANDOVER_NS: u64 = 500_000;
+
 /// One of a partition's controls: the partition's place in the plan, and the number among its [`RedundantPair`].
 type PairMember = (usize, usize);
 
@@ -157,7 +161,7 @@ impl WallGate {
         if occurrence.late_ns >= length_ns {
             return Err(Missed::TooLate);
         }
-        if !await_own(control, self.core, length_ns / 4) {
+        if !await_own(control, self.core, (length_ns / 4).min(HANDOVER_NS)) {
             return Err(Missed::OtherCore);
         }
         self.owns = Some(member);
@@ -265,17 +269,13 @@ impl Gate for WallGate {
     }
 }
 
-/// How long a window's start waits for the dispatcher of another core, whose window of the same partition has ended by the
-/// schedule, to close it, ns. Two dispatchers that wake at one instant are further apart only on a machine that holds
-/// one of them up.
-const HANDOVER_NS: u64 = 50_000;
-
-/// Waits for another dispatcher, never for a partition.
+/// Waits for another core's dispatcher, whose window of the same partition has ended by the schedule, to close it; never for a
+/// partition. `most_ns`: as long as the start may be late for it.
 fn await_own(control: &PartitionControl, core: u32, most_ns: u64) -> bool {
     if control.try_own(core) {
         return true;
     }
-    let limit_ns = now_ns() + HANDOVER_NS.min(most_ns);
+    let limit_ns = now_ns() + most_ns;
     while now_ns() < limit_ns {
         if control.try_own(core) {
             return true;

@@ -9,6 +9,9 @@ use bateleur_apex::StartError;
 use bateleur_apex::processes::standard::{INFINITE_TIME_VALUE, OperatingMode};
 use bateleur_apex::processes::{Every, Initialisation, Process, run_processes};
 
+/// Little, so that it is soon known how much of it was used.
+const STACK: u32 = 64 << 10;
+
 fn report(process: &Process, text: &str) {
     let _ = process.call(|services| services.report_application_message(text.as_bytes())); // at most 128 bytes
 }
@@ -24,7 +27,7 @@ fn initialise(partition: &mut Initialisation<'_>) -> Result<(), StartError> {
     }
     let again: String = partition.context().attribute("again", String::new())?;
     let buffer = partition.services().create_buffer("numbers", 4, 4, 0_u32)?;
-    partition.process("fast", Every::ms(20).priority(20), move |process| {
+    partition.process("fast", Every::ms(20).priority(20).stack(STACK), move |process| {
         for number in 0_u32.. {
             process.wait(|services| services.send_buffer(buffer, &number.to_le_bytes(), 0))?;
             if number % 10 == 0 {
@@ -35,7 +38,7 @@ fn initialise(partition: &mut Initialisation<'_>) -> Result<(), StartError> {
         }
         Ok(())
     })?;
-    partition.process("slow", Every::once().priority(10), move |process| {
+    partition.process("slow", Every::once().priority(10).stack(STACK), move |process| {
         let mut message = Vec::new();
         loop {
             process.receive(&mut message, |services, into| {
@@ -49,7 +52,7 @@ fn initialise(partition: &mut Initialisation<'_>) -> Result<(), StartError> {
     })?;
     let many: u32 = partition.context().attribute("many", u32::from(computes))?;
     for number in 0..many {
-        partition.process(&format!("computes {number}"), Every::once().priority(1), |_| {
+        partition.process(&format!("computes {number}"), Every::once().priority(1).stack(STACK), |_| {
             loop {
                 std::hint::spin_loop();
             }
@@ -91,7 +94,7 @@ fn starting_again(
 /// A process that panics in its first life, and the handler that starts it again.
 fn failing(partition: &mut Initialisation<'_>) -> Result<(), StartError> {
     let lives = Arc::new(AtomicU32::new(0));
-    let id = partition.process("fails", Every::once().priority(30), move |process| {
+    let id = partition.process("fails", Every::once().priority(30).stack(STACK), move |process| {
         let life = lives.fetch_add(1, Relaxed);
         report(process, &format!("life {life}"));
         assert!(life > 0, "as it was told");

@@ -126,6 +126,8 @@ rules! {
         "A module whose memory block can not be filled does not start."
     LOGBOOK_STANDBY: Error "R20-logbook-standby" "logbook_standby"
         "Two processes that write into one logbook would write over each other's messages."
+    REPLICAS: Error "R21-replicas" "partition_replicas"
+        "What three replicas do and nobody votes on is done three times; and without three there is no majority."
     UNKNOWN_DEVICE: Warning "R09-unknown-device" "partition_device_unknown"
         "What is granted and is no device can not be opened, and nobody says so before the partition tries."
 

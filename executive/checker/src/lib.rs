@@ -179,6 +179,7 @@ impl Contents for Nothing {
 fn read(text: &str, surroundings: &Surroundings<'_>, findings: &Findings<'_>) -> Option<Plan> {
     let document = raw::parse(text, findings)?;
     let mut file = RawFile::read(document.get_ref(), findings);
+    resolve::expand_replicas(&mut file, findings);
     resolve::add_relays(&mut file, findings);
     let &Surroundings { messages, programs, keys, contents } = surroundings;
     rules::open(&file, messages, findings);

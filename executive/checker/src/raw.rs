@@ -14,8 +14,8 @@ use super::closed::{
 };
 use super::findings::{Finding, Findings, Span};
 use super::reader::{
-    At, Attributes, Bytes, Entry, Field, FromToml, Nanoseconds, Permission, Rate, TableReader, Word,
-    in_order, table_of,
+    At, Attributes, Bytes, Entry, Field, FromToml, Nanoseconds, Permission, Rate, Replicas, TableReader,
+    Word, in_order, table_of,
 };
 use super::units;
 use bateleur_plan::words::{did_you_mean, listed};
@@ -73,10 +73,15 @@ pub(super) struct RawLink {
     pub(super) lost_after: Field<Nanoseconds>,
 }
 
+#[derive(Clone)]
 pub(super) struct RawPartition {
     /// No table of the file: see [`super::relays`].
     pub(super) generated: bool,
     pub(super) name: At<String>,
+    /// Three of it, or where each of the three runs.
+    pub(super) replicas: Field<Replicas>,
+    /// The places of its replicas: see [`super::replicas`].
+    pub(super) voted: Vec<usize>,
     pub(super) program: Field<String>,
     pub(super) module: Field<String>,
     pub(super) memory: Field<Bytes>,
@@ -104,6 +109,7 @@ pub(super) struct RawPartition {
     pub(super) health_texts: Field<bool>,
 }
 
+#[derive(Clone)]
 pub(super) struct RawProcess {
     pub(super) name: At<String>,
     pub(super) priority: Field<u32>,
@@ -112,6 +118,7 @@ pub(super) struct RawProcess {
     pub(super) wcet: Field<Nanoseconds>,
 }
 
+#[derive(Clone)]
 pub(super) struct RawLogbook {
     pub(super) name: At<String>,
     pub(super) max_size: Field<u32>,
@@ -119,6 +126,7 @@ pub(super) struct RawLogbook {
     pub(super) max_in_progress: Field<u32>,
 }
 
+#[derive(Clone)]
 pub(super) struct RawRestart {
     pub(super) start: Field<Word<StartMode>>,
     pub(super) budget: Field<u32>,
@@ -127,6 +135,7 @@ pub(super) struct RawRestart {
     pub(super) startup: Field<Nanoseconds>,
 }
 
+#[derive(Clone)]
 pub(super) struct RawPort {
     /// The place of the partition in the file.
     pub(super) partition: usize,
@@ -139,8 +148,10 @@ pub(super) struct RawPort {
     pub(super) depth: Field<u32>,
     pub(super) optional: Field<bool>,
     pub(super) operator: Field<bool>,
+    pub(super) outvote: Field<bool>,
 }
 
+#[derive(Clone)]
 pub(super) struct RawChannel {
     pub(super) span: Span,
     pub(super) source: Field<String>,
@@ -414,6 +425,8 @@ impl RawPartition {
                 .is_some_and(|table| table.len() == 1 && table.contains_key("port"));
         let partition = Self {
             generated: false,
+            replicas: table.optional("replicas"),
+            voted: Vec::new(),
             program: table.required("program", &format!("\"{}\"", entry.0.value)),
             module: table.required("module", &beside.module()),
             memory: table.required("memory", "\"32MiB\""),
@@ -528,6 +541,7 @@ impl RawPort {
             depth: table.optional("depth"),
             optional: table.optional("optional"),
             operator: table.optional("operator"),
+            outvote: table.optional("outvote"),
         };
         table.finish();
         Some(port)

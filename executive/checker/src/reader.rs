@@ -573,6 +573,32 @@ impl FromToml for Permission {
     }
 }
 
+/// How a partition is replicated.
+#[derive(Clone, Debug)]
+pub(super) enum Replicas {
+    /// So many, all on its module.
+    Number(u32),
+    /// One on each of these modules.
+    On(Vec<At<String>>),
+}
+
+impl FromToml for Replicas {
+    fn from_toml(value: &Spanned<DeValue<'_>>, findings: &Findings<'_>) -> Option<Self> {
+        match value.get_ref() {
+            DeValue::Array(_) => Vec::<At<String>>::from_toml(value, findings).map(Self::On),
+            DeValue::Integer(_) => u32::from_toml(value, findings).map(Self::Number),
+            _ => {
+                let mend = "write `3`, or a list of three modules in brackets".to_owned();
+                wrong_type("a number or a list of modules", value, mend, findings)
+            }
+        }
+    }
+
+    fn schema() -> Value {
+        json!({ "anyOf": [u32::schema(), Vec::<At<String>>::schema()] })
+    }
+}
+
 /// The free table that a partition is told at its start.
 pub(super) type Attributes = BTreeMap<String, Attribute>;
 

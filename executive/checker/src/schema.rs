@@ -194,6 +194,11 @@ const DESCRIPTIONS: &[Described] = &[
         "may_set_schedule",
         "Whether it may ask for another schedule: true, false, or the schedules in which it may.",
     ),
+    (
+        PARTITION,
+        "replicas",
+        "3: three processes run its program and a voter writes what most of them say; or the three modules that they run on.",
+    ),
     (PARTITION, "health", "Its own answers to errors, in place of those of `health.partition`."),
     (PARTITION, "error_handler", "Whether it has an error handler of its own."),
     (PARTITION, "health_texts", "Whether it is told of every fault in the module, to pass it on."),
@@ -214,6 +219,11 @@ const DESCRIPTIONS: &[Described] = &[
         PORT,
         "operator",
         "Whether the program leaves a source to the operator, who writes with `bateleur ports pub`.",
+    ),
+    (
+        PORT,
+        "outvote",
+        "Of a source with replicas: whether one that writes otherwise is restarted; false: what most say is written, and that is all.",
     ),
     (CHANNEL, "source", "The port that writes, as \"partition.port\"."),
     (CHANNEL, "destinations", "The ports that read, as \"partition.port\"."),

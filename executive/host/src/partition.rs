@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Write};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{FileExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -77,6 +77,9 @@ pub struct SandboxConfig {
     /// The memories of sealed channels.
     pub sealed: Arc<SealedChannels>,
 }
+
+/// Times that memory which is being written is read again until it stands still.
+const TAKING_UP: usize = 8;
 
 /// A partition without its process.
 #[derive(Debug)]
@@ -271,6 +274,31 @@ impl Sandbox {
         // A hole reads as zeros; the seals allow no other way.
         let hole = FallocateFlags::PUNCH_HOLE | FallocateFlags::KEEP_SIZE;
         Ok(fallocate(retained, hole, 0, self.retained_bytes)?)
+    }
+
+    /// Retained memory is what `other`, of the same size, retains; false: there is none, or it was written all the time.
+    pub fn take_up(&self, other: &Self) -> io::Result<bool> {
+        let (Some(own), Some(others)) = (&self.retained, &other.retained) else { return Ok(false) };
+        if self.retained_bytes != other.retained_bytes {
+            return Ok(false);
+        }
+        let (own, others) = (File::from(own.try_clone()?), File::from(others.try_clone()?));
+        let read = || -> io::Result<Vec<u8>> {
+            let mut bytes = vec![0; self.retained_bytes as usize];
+            others.read_exact_at(&mut bytes, 0)?;
+            Ok(bytes)
+        };
+        let mut bytes = read()?;
+        for _ in 0..TAKING_UP {
+            // The other one runs, and may be at writing.
+            let again = read()?;
+            if bytes == again {
+                own.write_all_at(&bytes, 0)?;
+                return Ok(true);
+            }
+            bytes = again;
+        }
+        Ok(false)
     }
 
     fn start(

@@ -36,7 +36,36 @@ impl Monitor {
         }
     }
 
+    /// A replica starts with what another one has retained, or it would differ from then on: a cold start becomes a warm one.
+    fn as_replica(&self, place: usize, command: Command) -> Command {
+        let starts =
+            matches!(command, Command::Launch { .. } | Command::TakeOver { .. } | Command::BeginSpare { .. });
+        if !starts || !self.has_memory_of_another(place) {
+            return command;
+        }
+        let condition = StartCondition::HmPartitionWarmRestart;
+        match command {
+            Command::Launch { generation, .. } => Command::Launch { generation, condition },
+            Command::TakeOver { .. } => Command::TakeOver { warm: true },
+            Command::BeginSpare { .. } => Command::BeginSpare { condition },
+            other => other,
+        }
+    }
+
+    /// Copies what another replica of the partition at `place` retains; false: it has none that runs here, or it retains nothing.
+    fn has_memory_of_another(&self, place: usize) -> bool {
+        let own = &self.partitions[place].active.sandbox;
+        let Some(voter) = self.plan.voter_of(own.id) else { return false };
+        let other = |one: &&crate::partition::Partition| {
+            let id = one.active.sandbox.id;
+            id != own.id && self.plan[voter].replicas.contains(&id) && one.runs()
+        };
+        let mut others = self.partitions.iter().filter(other);
+        others.any(|other| own.take_up(&other.active.sandbox).unwrap_or(false))
+    }
+
     fn carry_out(&mut self, place: usize, command: Command, module_ns: u64) {
+        let command = self.as_replica(place, command);
         let partition = &mut self.partitions[place];
         let control = &partition.active.sandbox.control;
         match command {

@@ -213,11 +213,38 @@ impl Monitor {
             if !self.partitions[place].life.has_process() && kind != ReportKind::Message {
                 continue;
             }
+            if let Some(replica) = kind.outvoted_place() {
+                self.take_verdict(place, replica, text, module_ns);
+                continue;
+            }
             let Some(error) = reported_error(kind) else {
                 self.take_message(place, text, module_ns);
                 continue;
             };
             self.fault_in(place, error, state, text, module_ns);
+        }
+    }
+
+    /// The partition says that one of its replicas is outvoted.
+    fn take_verdict(&mut self, place: usize, replica: usize, text: String, module_ns: u64) {
+        let voter = &self.plan[self.partitions[place].active.sandbox.id];
+        let Some(&accused) = voter.replicas.get(replica) else {
+            let text = format!("says that a replica is outvoted, and has none: {text}");
+            self.fault(place, PartitionError::ApplicationError, text, module_ns);
+            return;
+        };
+        match self.partitions.iter().position(|partition| partition.active.sandbox.id == accused) {
+            // One burst of verdicts is one fault: what was said of its predecessor is not held against a process that starts.
+            Some(accused) if self.partitions[accused].runs() => {
+                self.fault(accused, PartitionError::Outvoted, text, module_ns);
+            }
+            Some(_) => {}
+            // Its module is another one, and its health is dealt with there.
+            None => self.take_message(
+                place,
+                format!("{} is outvoted: {text}", self.plan[accused].name),
+                module_ns,
+            ),
         }
     }
 

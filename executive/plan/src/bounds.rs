@@ -6,6 +6,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use bateleur_contract::REPLICAS;
+
 use crate::model::{
     Attribute, Channel, Logbook, MemoryBlock, ModuleId, Partition, Payload, Plan, Port, PortId, Role,
     Schedule,
@@ -218,6 +220,9 @@ fn partition(plan: &Plan, place: usize, partition: &Partition) -> Checked {
     let times = [partition.startup_timeout_ns, partition.restart.within_ns, partition.restart.startup_ns];
     let limited = times.iter().chain(&partition.deadline_ns).all(|&time| time <= LONGEST_NS);
     require(limited, || "its times".into())?;
+    let replicas = &partition.replicas;
+    let known = replicas.iter().all(|id| id.0 < plan.partitions.len() && id.0 != place);
+    require(known && matches!(replicas.len(), 0 | REPLICAS), || "its replicas".into())?;
     let schedules = partition.may_set_schedule.iter().all(|id| id.0 < plan.schedules.len());
     require(schedules, || "schedules that it may ask for".into())?;
     let mut ports = BTreeSet::new();

@@ -217,6 +217,8 @@ closed! {
         MemoryLimit = "memory_limit",
         /// A port could not be read or written.
         PortError = "port_error",
+        /// It is a replica, and what it wrote was not what the others wrote.
+        Outvoted = "outvoted",
     }
 }
 

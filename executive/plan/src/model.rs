@@ -247,6 +247,10 @@ pub struct Partition {
     pub health_texts: bool,
     /// Its ports, in the order of the file.
     pub ports: Vec<PortId>,
+    /// The partitions whose words it votes on: none, or three. Not written down where there are none: hosts of a plan that says nothing
+    /// still agree.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub replicas: Vec<PartitionId>,
     /// It carries the channels that cross, and no table of the file names it.
     pub relay: bool,
     /// A recording stands in its place in this run: it is not started. No plan that is written down says so.
@@ -686,6 +690,19 @@ impl Plan {
     /// The links of a module, in the order of the file.
     pub fn links_of(&self, module: ModuleId) -> impl Iterator<Item = LinkId> + use<'_> {
         (0..self.links.len()).map(LinkId).filter(move |&id| self[id].peer_of(module).is_some())
+    }
+
+    /// The partition that votes on what this one writes; `None`: it is no replica.
+    #[must_use]
+    pub fn voter_of(&self, replica: PartitionId) -> Option<PartitionId> {
+        self.partition_ids().find(|&id| self[id].replicas.contains(&replica))
+    }
+
+    /// Whether what is set in the partition of that name is set in this one: a voter hands it to its replicas.
+    #[must_use]
+    pub fn takes_settings_of(&self, id: PartitionId, name: &str) -> bool {
+        let by_voter = || self.voter_of(id).is_some_and(|voter| self[voter].name == name);
+        (self[id].name == name && self[id].replicas.is_empty()) || by_voter()
     }
 
     /// The relay of a module, where something crosses.

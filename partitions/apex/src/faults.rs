@@ -50,6 +50,8 @@ pub(crate) struct KeptBack {
 #[derive(Default)]
 pub(crate) struct PortFault {
     order: Cell<Option<FaultOrder>>,
+    /// The message that is sent again and again.
+    stuck: RefCell<Vec<u8>>,
     kept: RefCell<VecDeque<KeptBack>>,
 }
 
@@ -57,6 +59,7 @@ impl PortFault {
     /// The next messages meet `order`.
     fn set(&self, order: FaultOrder) {
         self.order.set((order.messages > 0).then_some(order));
+        self.stuck.borrow_mut().clear();
     }
 
     /// Every message passes.
@@ -74,6 +77,15 @@ impl PortFault {
         match order.map(|order| (order.kind, order.argument)) {
             Some((FaultKind::Drop, _)) => Fate::Withhold,
             Some((FaultKind::Corrupt, seed)) => Fate::Replace(corrupted(bytes, seed ^ stamp.sequence)),
+            Some((FaultKind::Bias, _)) => Fate::Replace(biased(bytes)),
+            Some((FaultKind::Swap, seed)) => Fate::Replace(swapped(bytes, seed)),
+            Some((FaultKind::Stuck, _)) => {
+                let mut stuck = self.stuck.borrow_mut();
+                if stuck.is_empty() {
+                    stuck.extend_from_slice(bytes);
+                }
+                Fate::Replace(stuck.clone())
+            }
             Some((FaultKind::Delay, delay_ns)) => {
                 self.keep_back(bytes, stamp, now_ns.saturating_add(delay_ns))
             }
@@ -106,6 +118,31 @@ fn corrupted(bytes: &[u8], seed: u64) -> Vec<u8> {
             let place = random.below(bytes.len() as u64) as usize;
             bytes[place] ^= random.next() as u8 | 1; // at least one bit is wrong
         }
+    }
+    bytes
+}
+
+/// Numbers of other sizes than a double's are rare in messages, and left alone.
+fn biased(bytes: &[u8]) -> Vec<u8> {
+    let mut bytes = bytes.to_vec();
+    for word in bytes.as_chunks_mut::<8>().0 {
+        let value = f64::from_le_bytes(*word);
+        // What has another exponent is a counter, a time or a word of flags.
+        if value == 0.0 || (1e-12..1e12).contains(&value.abs()) {
+            *word = (value * 1.1 + 0.1).to_le_bytes();
+        }
+    }
+    bytes
+}
+
+/// The same two fields as long as `seed` is the same.
+fn swapped(bytes: &[u8], seed: u64) -> Vec<u8> {
+    let mut bytes = bytes.to_vec();
+    let words = bytes.as_chunks_mut::<8>().0;
+    if let Some(others) = (words.len() as u64).checked_sub(1).filter(|others| *others > 0) {
+        let mut random = Random(seed);
+        let (one, further) = (random.below(words.len() as u64) as usize, 1 + random.below(others) as usize);
+        words.swap(one, (one + further) % words.len());
     }
     bytes
 }
@@ -176,7 +213,13 @@ fn misbehave(order: &FaultOrder, page: &ControlPage) {
         FaultKind::DivideByZero => divide_by_zero(),
         FaultKind::IllegalInstruction => illegal_instruction(),
         FaultKind::BusError => bus_error(),
-        FaultKind::Drop | FaultKind::Delay | FaultKind::Corrupt | FaultKind::RunOn => {}
+        FaultKind::Drop
+        | FaultKind::Delay
+        | FaultKind::Corrupt
+        | FaultKind::Stuck
+        | FaultKind::Bias
+        | FaultKind::Swap
+        | FaultKind::RunOn => {}
     }
 }
 

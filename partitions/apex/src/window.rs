@@ -118,6 +118,14 @@ impl Window {
     pub fn raise(&self, text: &str) {
         self.time.page().report(ReportKind::ApplicationError, text);
     }
+
+    /// Says that the replica at `place` is outvoted, of a partition whose voter this one is: the health monitor does with that partition
+    /// what the plan says of the error `outvoted`. Text over 128 bytes is cut off.
+    pub fn outvote(&self, place: usize, text: &str) {
+        if let Some(kind) = ReportKind::outvoted(place) {
+            self.time.page().report(kind, text);
+        }
+    }
 }
 
 /// Polls until `deadline_ns` on CLOCK_MONOTONIC. A freeze between two windows can interrupt the call: it goes on.

@@ -47,11 +47,17 @@ pub enum FaultKind {
     Corrupt = 20,
     /// Says that it is done with its window, and computes on in the others'.
     RunOn = 21,
+    /// They are the first of them, again and again.
+    Stuck = 22,
+    /// Each of their numbers is wrong by a tenth of itself and a tenth.
+    Bias = 23,
+    /// Two of their fields stand in each other's place.
+    Swap = 24,
 }
 
 impl FaultKind {
     /// All of them.
-    pub const ALL: [Self; 21] = [
+    pub const ALL: [Self; 24] = [
         Self::Panic,
         Self::Abort,
         Self::Exit,
@@ -73,6 +79,9 @@ impl FaultKind {
         Self::Delay,
         Self::Corrupt,
         Self::RunOn,
+        Self::Stuck,
+        Self::Bias,
+        Self::Swap,
     ];
 
     /// Its word.
@@ -99,6 +108,9 @@ impl FaultKind {
             Self::Delay => "delay",
             Self::Corrupt => "corrupt",
             Self::RunOn => "run-on",
+            Self::Stuck => "stuck",
+            Self::Bias => "bias",
+            Self::Swap => "swap",
         }
     }
 
@@ -131,7 +143,7 @@ impl FaultKind {
 
     /// It happens to the messages of a port, and not to the partition.
     pub const fn is_of_port(self) -> bool {
-        matches!(self, Self::Drop | Self::Delay | Self::Corrupt)
+        matches!(self, Self::Drop | Self::Delay | Self::Corrupt | Self::Stuck | Self::Bias | Self::Swap)
     }
 }
 

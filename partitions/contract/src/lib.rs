@@ -29,7 +29,7 @@ pub use fault::{FaultKind, FaultOrder};
 pub use logbook::{Logbook, LogbookSizes};
 pub use mapping::{Mapped, MappedWords, MappingError, SharedMemory};
 pub use page::{
-    AlignmentReport, AlignmentTold, ControlPage, ErrorCode, Mode, ReportKind, Reported, Takeover,
+    AlignmentReport, AlignmentTold, ControlPage, ErrorCode, Mode, REPLICAS, ReportKind, Reported, Takeover,
 };
 pub use process_table::{ProcessRow, ProcessState, ProcessTable, Switch, ToldError};
 pub use relay::{ClockRole, LinkTable, PathTable, RELAY_KEYS_FD, RelayChannel, RelayTable};

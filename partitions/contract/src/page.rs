@@ -101,7 +101,20 @@ pub enum ReportKind {
     MemoryViolation = 7,
     /// The machine has reported damage while a process ran.
     HardwareFault = 8,
+    /// The first of three replicas is outvoted: a health error of that partition, reported by its voter.
+    FirstOutvoted = 9,
+    /// The second is.
+    SecondOutvoted = 10,
+    /// The third is.
+    ThirdOutvoted = 11,
 }
+
+/// How a voter says that a replica is outvoted, by the replica's place.
+const OUTVOTED: [ReportKind; REPLICAS] =
+    [ReportKind::FirstOutvoted, ReportKind::SecondOutvoted, ReportKind::ThirdOutvoted];
+
+/// Replicas of a partition that has any: the fewest with a majority against one.
+pub const REPLICAS: usize = 3;
 
 /// An error that a partition's own handler is told of. The first eight have the numbers of ARINC 653.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -571,6 +584,16 @@ impl OrderedFault {
 }
 
 impl ReportKind {
+    /// The replica at `place` is outvoted; `None`: there is no such place.
+    pub fn outvoted(place: usize) -> Option<Self> {
+        OUTVOTED.get(place).copied()
+    }
+
+    /// The place of the replica that is outvoted; `None`: it is about the partition that reports.
+    pub fn outvoted_place(self) -> Option<usize> {
+        OUTVOTED.iter().position(|kind| *kind == self)
+    }
+
     /// What is no kind is an error all the same.
     pub(crate) fn from_word(word: u32) -> Self {
         match word & !IN_HANDLER {
@@ -582,6 +605,9 @@ impl ReportKind {
             6 => Self::StackOverflow,
             7 => Self::MemoryViolation,
             8 => Self::HardwareFault,
+            9 => Self::FirstOutvoted,
+            10 => Self::SecondOutvoted,
+            11 => Self::ThirdOutvoted,
             _ => Self::ApplicationError,
         }
     }

@@ -1,7 +1,7 @@
 //! The flight's partitions in one file, for packages: each is started by its own name, as a link to this file, and is a process of its own
 //! with walls of its own, as it is with a program of its own.
 //!
-//! Eleven programs of two megabytes hold the same library eleven times (decision 62). A partition's code is its own crate's alone; here is
+//! Twelve programs of two megabytes hold the same library twelve times (decision 62). A partition's code is its own crate's alone; here is
 //! only which name means which.
 
 #[path = "../../can_interface/src/main.rs"]
@@ -26,13 +26,15 @@ mod rate_generator;
 mod receiver;
 #[path = "../../servo/src/main.rs"]
 mod servo;
+#[path = "../../voter/src/main.rs"]
+mod voter;
 
 use std::process::ExitCode;
 
 /// A partition's program: its name, and what it runs.
 type Program = (&'static str, fn() -> ExitCode);
 
-const PROGRAMS: [Program; 11] = [
+const PROGRAMS: [Program; 12] = [
     ("rate_generator", rate_generator::main),
     ("hil_interface", hil_interface::main),
     ("gps", gps::main),
@@ -44,6 +46,7 @@ const PROGRAMS: [Program; 11] = [
     ("command", command::main),
     ("receiver", receiver::main),
     ("can_interface", can_interface::main),
+    ("voter", voter::main),
 ];
 
 /// It was started by a name that is no partition's.

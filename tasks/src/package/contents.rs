@@ -13,8 +13,8 @@ const FILES: [&str; 7] =
     ["bateleur", "bateleurd", "bateleur_channels", "relay", "can_gateway", "can_board", "simulator"];
 /// All partitions of the flight in one file.
 const TOGETHER: &str = "bateleur_partitions";
-/// The names of that file, in the order of their windows, and then those that may replace the simulator's.
-const PARTITIONS: [&str; 11] = [
+/// The names of that file, in the order of their windows, then those that may replace the simulator's, and the voter of replicas.
+const PARTITIONS: [&str; 12] = [
     "rate_generator",
     "hil_interface",
     "gps",
@@ -26,6 +26,7 @@ const PARTITIONS: [&str; 11] = [
     "command",
     "receiver",
     "can_interface",
+    "voter",
 ];
 /// Where each shell looks, and what `bateleur completions` calls it.
 const SHELLS: [(&str, &str); 3] = [

@@ -12,6 +12,7 @@ mod names;
 mod paths;
 mod processes;
 mod relays;
+mod replicas;
 mod schedules;
 
 use std::collections::{BTreeMap, HashMap};
@@ -38,6 +39,7 @@ use names::Names;
 
 pub(super) use names::Nobody;
 pub(super) use relays::add as add_relays;
+pub(super) use replicas::expand as expand_replicas;
 pub(super) use schedules::minor_frames;
 
 /// What a file means.
@@ -185,7 +187,7 @@ impl Resolver<'_> {
                 self.partition(PartitionId(place), raw, processes)
             });
         let nameless = || At { value: String::new(), span: 0..0 };
-        let raw = relays::table(nameless(), nameless());
+        let raw = relays::table("", nameless(), nameless());
         let processes = processes::of((self.nobody.partition, &raw), 0, 0, &[]);
         let nobody = Partition {
             relay: false,
@@ -223,6 +225,7 @@ impl Resolver<'_> {
             error_handler: raw.error_handler.get().unwrap_or_default(),
             health_texts: raw.health_texts.get().unwrap_or_default(),
             ports: ports.map(|(port, _)| PortId(port)).chain(status).collect(),
+            replicas: raw.voted.iter().copied().map(PartitionId).collect(),
             relay: raw.generated,
             played: false,
         }

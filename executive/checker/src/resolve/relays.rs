@@ -12,7 +12,7 @@ use super::names::{RELAY_PREFIX, port_path};
 
 /// The relay's program.
 const PROGRAM: &str = "relay";
-/// What a relay may use: as the other partitions of its size.
+/// What a relay or a voter may use: as the other partitions of its size.
 const MEMORY_BYTES: u64 = 32 << 20;
 
 /// Adds the tables of the relays that the file needs, behind all others.
@@ -21,7 +21,11 @@ pub(crate) fn add(file: &mut RawFile, findings: &Findings<'_>) {
         let module = file.modules[module].name.clone();
         let name = At { value: format!("{RELAY_PREFIX}{}", module.value), span: module.span.clone() };
         match file.partitions.iter().find(|partition| partition.name.value == name.value) {
-            None => file.partitions.push(table(name, module)),
+            None => file.partitions.push(RawPartition {
+                generated: true,
+                network: Field::Said(At { value: true, span: name.span.clone() }),
+                ..table(PROGRAM, name, module)
+            }),
             Some(taken) => {
                 let message =
                     format!("`{}` is the name of the relay of module `{}`", name.value, module.value);
@@ -51,14 +55,16 @@ fn needing(file: &RawFile) -> BTreeSet<usize> {
     needing
 }
 
-/// As the file would write it.
-pub(super) fn table(name: At<String>, module: At<String>) -> RawPartition {
+/// As the file would write it, without network.
+pub(super) fn table(program: &str, name: At<String>, module: At<String>) -> RawPartition {
     let span = name.span.clone();
     RawPartition {
-        generated: true,
-        program: Field::Said(At { value: PROGRAM.to_owned(), span: span.clone() }),
+        generated: false,
+        replicas: Field::Absent,
+        voted: Vec::new(),
+        program: Field::Said(At { value: program.to_owned(), span: span.clone() }),
         module: Field::Said(module),
-        memory: Field::Said(At { value: Bytes(MEMORY_BYTES), span: span.clone() }),
+        memory: Field::Said(At { value: Bytes(MEMORY_BYTES), span }),
         threads: Field::Absent,
         identifier: Field::Absent,
         period: Field::Absent,
@@ -78,7 +84,7 @@ pub(super) fn table(name: At<String>, module: At<String>) -> RawPartition {
         startup_timeout: Field::Absent,
         deadline: Field::Absent,
         priority: Field::Absent,
-        network: Field::Said(At { value: true, span }),
+        network: Field::Absent,
         devices: Field::Absent,
         system_calls: Field::Absent,
         retained: Field::Absent,

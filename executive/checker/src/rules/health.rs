@@ -161,7 +161,11 @@ fn incomplete<E: Closed + PartialEq, A>(
 ) {
     let Some(span) = span else { return };
     let named = |error: &&E| table.iter().any(|answer| answer.error == **error);
-    let missing: Vec<&str> = E::ALL.iter().filter(|error| !named(error)).map(|error| error.name()).collect();
+    // Of a module without voters it never happens.
+    let has_voters = cx.file.partitions.iter().any(|partition| !partition.voted.is_empty());
+    let occurs = |error: &&E| has_voters || error.name() != PartitionError::Outvoted.name();
+    let missing = E::ALL.iter().filter(occurs).filter(|error| !named(error));
+    let missing: Vec<&str> = missing.map(|error| error.name()).collect();
     if !missing.is_empty() {
         let (some, more) = missing.split_at(missing.len().min(MOST_LISTED));
         let some = listed(some.iter().copied());

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use bateleur_host::keys;
-use bateleur_plan::{Plan, Protection};
+use bateleur_plan::{PartitionId, Plan, Protection};
 
 /// Addresses that the loopback interface can give one run.
 const MOST_ADDRESSES: usize = 254;
@@ -22,6 +22,16 @@ const MOST_ADDRESSES: usize = 254;
 pub fn place_of_target(plan: &Plan, target: &str) -> Option<usize> {
     let partition = target.split('.').next().unwrap_or(target);
     plan.partition(partition).map(|id| plan[id].module.index())
+}
+
+/// Whether a `--set` for a partition concerns the module at `place`: it, or one of its replicas, runs there. `otherwise`: the module that
+/// refuses what is aimed at no partition.
+pub fn concerns_setting(plan: &Plan, partition: &str, place: usize, otherwise: usize) -> bool {
+    let takes = |id: &PartitionId| plan.takes_settings_of(*id, partition);
+    match plan.partition(partition) {
+        Some(_) => plan.partition_ids().filter(takes).any(|id| plan[id].module.index() == place),
+        None => otherwise == place,
+    }
 }
 
 /// The file in which modules on one virtual clock share it. Of this machine: a virtual clock needs memory that is really shared.

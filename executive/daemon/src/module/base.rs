@@ -605,10 +605,12 @@ impl Base {
             logbooks,
             sealed,
         };
-        let none = BTreeMap::new();
         let built = view.partitions().zip(programs).map(|(id, program)| {
             let name = &plan[id].name;
-            let overrides = options.order.overrides.get(name).unwrap_or(&none);
+            let all = options.order.overrides.iter();
+            let overrides =
+                all.filter(|(of, _)| plan.takes_settings_of(id, of)).flat_map(|(_, set)| set.clone());
+            let overrides: BTreeMap<_, _> = overrides.collect();
             let build = |groups: &str, beside: Option<&Sandbox>| {
                 let mut sandbox = Sandbox::build(
                     plan,
@@ -616,7 +618,7 @@ impl Base {
                     program.clone(),
                     self.groups(groups)?,
                     &sandbox_config,
-                    overrides,
+                    &overrides,
                     beside,
                 )
                 .map_err(machine(format!("cannot prepare partition {name}")))?;

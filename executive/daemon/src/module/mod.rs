@@ -274,8 +274,14 @@ pub(crate) fn module_of<'a>(plan: &'a Plan, name: &str) -> Result<ModuleView<'a>
 fn check_names(view: &ModuleView<'_>, options: &Options) -> Result<(), RunError> {
     let names: Vec<&str> = view.partitions().map(|id| view.plan()[id].name.as_str()).collect();
     let acts = options.order.acts.iter().filter(|one| !matches!(one.act, Act::Inject(_)));
-    let mut asked = acts.map(|one| &one.partition).chain(options.order.overrides.keys());
-    if let Some(name) = asked.find(|name| !names.contains(&name.as_str())) {
+    let unknown = |name: &&String| !names.contains(&name.as_str());
+    // A partition of another module may have replicas here.
+    let takes = |name: &str| view.partitions().any(|id| view.plan().takes_settings_of(id, name));
+    let mut asked = acts
+        .map(|one| &one.partition)
+        .filter(unknown)
+        .chain(options.order.overrides.keys().filter(|name| !takes(name)));
+    if let Some(name) = asked.next() {
         return Err(RunError::NoPartition {
             name: name.clone(),
             module: options.order.module.clone(),

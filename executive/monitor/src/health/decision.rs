@@ -129,6 +129,10 @@ pub fn decide_module(
 pub fn reported_error(kind: ReportKind) -> Option<PartitionError> {
     Some(match kind {
         ReportKind::Message => return None,
+        // Of a partition that has no replicas: see `take_verdict`.
+        ReportKind::FirstOutvoted | ReportKind::SecondOutvoted | ReportKind::ThirdOutvoted => {
+            PartitionError::ApplicationError
+        }
         ReportKind::ApplicationError => PartitionError::ApplicationError,
         ReportKind::PortError => PartitionError::PortError,
         ReportKind::DeadlineMissed => PartitionError::DeadlineMissed,

@@ -98,13 +98,17 @@ impl Executive {
         let main = hosts::place_of(plan, "command")?;
         // What is aimed at no partition is for the module with the ground's line.
         let is_here = |target: &str| hosts::place_of_target(plan, target).unwrap_or(main) == place;
+        let concerns = |setting: &str| {
+            let partition = setting.split('.').next().unwrap_or(setting);
+            hosts::concerns_setting(plan, partition, place, main)
+        };
         let mut choices = hosts.arguments(plan, place);
         for (target, setting) in settings(arguments, plan, simulator, line)? {
-            if is_here(&target) {
+            if concerns(&target) {
                 choices.extend(["--set".into(), format!("{target}.{setting}")]);
             }
         }
-        let asked = arguments.set.iter().filter(|setting| is_here(setting));
+        let asked = arguments.set.iter().filter(|setting| concerns(setting));
         choices.extend(asked.flat_map(|setting| ["--set".into(), setting.clone()]));
         Self::spawn(Start {
             folder: hosts.folder_of(&hosts.modules[place]),

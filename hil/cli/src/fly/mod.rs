@@ -34,7 +34,7 @@ use bateleur_messages::ground;
 use bateleur_messages::hil::Protocol;
 use bateleur_monitor::event::Event;
 use bateleur_monitor::{planned, why};
-use bateleur_plan::{Attribute, Plan};
+use bateleur_plan::{Attribute, PartitionId, Plan};
 use bateleur_report::chains::ChainBound;
 use bateleur_report::hosts as report_hosts;
 use bateleur_report::reasons::Reason;
@@ -334,8 +334,11 @@ fn beside_self(name: &str) -> Result<PathBuf> {
 /// The partition that runs program `name`, so that a plan may call its partitions as it likes.
 pub(crate) fn partition_running(plan: &Plan, name: &str) -> Result<String> {
     let runs = |program: &str| program.rsplit('/').next() == Some(name);
-    match plan.partitions.iter().find(|partition| runs(&partition.program)) {
-        Some(partition) => Ok(partition.name.clone()),
+    match plan.partitions.iter().enumerate().find(|(_, partition)| runs(&partition.program)) {
+        // Who sets something in a replica sets it in all of them.
+        Some((place, partition)) => {
+            Ok(plan.voter_of(PartitionId(place)).map_or(&partition.name, |voter| &plan[voter].name).clone())
+        }
         None => bail!(
             "no partition of the plan runs the program {name}, which a flight needs: this verb is for flights, and `bateleur run` runs \
              any plan"

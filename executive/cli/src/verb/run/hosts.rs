@@ -135,7 +135,9 @@ impl Machine {
         for (link, file) in self.keys.files().chain(asked) {
             add("--key", format!("{link}={}", file.display()));
         }
-        for setting in arguments.set.iter().filter(|setting| is_here(&setting.partition)) {
+        for setting in
+            arguments.set.iter().filter(|setting| hosts::concerns_setting(plan, &setting.partition, place, 0))
+        {
             add("--set", format!("{}.{}={}", setting.partition, setting.attribute, setting.value));
         }
         if let Some(until_s) = arguments.until {

@@ -11,8 +11,8 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-pub(super) use bateleur_executive_cli::hosts::place_of_target;
 use bateleur_executive_cli::hosts::{Keys, namespace, on_loopback, shared_clock};
+pub(super) use bateleur_executive_cli::hosts::{concerns_setting, place_of_target};
 use bateleur_plan::Plan;
 use model::{Cut, Death, LinkModel};
 

@@ -1,0 +1,211 @@
+//! The partition that stands for three replicas: it writes what most of them say, and says which of them says something else.
+//!
+//! The plan makes it of a partition with `replicas`, with its name and its ports. For a port `p` it has the ports `p_1` to `p_3`
+//! beside, one for each replica.
+
+use std::process::ExitCode;
+
+use bateleur_apex::{
+    Context, Partition, RawQueuingDestination, RawQueuingSource, RawSamplingDestination, RawSamplingSource,
+    Sent, Stamp, StartError, Window,
+};
+use bateleur_message_format::Type;
+use bateleur_voter::standing::{Conduct, Standing, Verdict};
+use bateleur_voter::{Ballot, Difference, Election, REPLICAS, queues};
+
+/// Messages of one replica that are taken from a queue in a window: a replica that babbles can not take the voter's time.
+const TAKEN: usize = 16;
+
+pub(crate) struct Voter {
+    values: Vec<Value>,
+    messages: Vec<Messages>,
+    orders: Vec<Orders>,
+}
+
+/// A sampling port.
+struct Value {
+    name: String,
+    outvotes: bool,
+    from: [RawSamplingDestination; REPLICAS],
+    to: RawSamplingSource,
+    election: Election,
+    standing: Standing,
+    /// Those that have written since the last vote.
+    fresh: [bool; REPLICAS],
+    /// A single one had written at the end of the last window.
+    waits: bool,
+    /// It has been said that two differ and nobody knows which is right.
+    undecided: bool,
+    sequence: u64,
+}
+
+/// A queue that leaves the partition.
+struct Messages {
+    from: [RawQueuingDestination; REPLICAS],
+    to: RawQueuingSource,
+    sequence: u64,
+}
+
+/// A queue that comes to the partition: each replica gets all of it.
+struct Orders {
+    from: RawQueuingDestination,
+    to: [RawQueuingSource; REPLICAS],
+}
+
+impl Partition for Voter {
+    fn start(context: &mut Context) -> Result<Self, StartError> {
+        let masked: Vec<String> = context.attribute("not_outvoted", Vec::new())?;
+        let mut names = |list| context.attribute::<Vec<String>>(list, Vec::new());
+        let (values, messages, orders) = (names("values")?, names("messages")?, names("orders")?);
+        let value = |name: &String| Value::open(context, name, !masked.contains(name));
+        let values = values.iter().map(value).collect::<Result<_, _>>()?;
+        let messages = messages.iter().map(|name| Messages::open(context, name)).collect::<Result<_, _>>()?;
+        let orders = orders.iter().map(|name| Orders::open(context, name)).collect::<Result<_, _>>()?;
+        Ok(Self { values, messages, orders })
+    }
+
+    fn window(&mut self, window: &Window) {
+        self.orders.iter_mut().for_each(Orders::pass);
+        self.values.iter_mut().for_each(|value| value.decide(window));
+        let doubt =
+            |replica| self.values.iter().map(|value| value.standing.doubt(replica)).max().unwrap_or(0);
+        let doubts = std::array::from_fn(doubt);
+        self.messages.iter_mut().for_each(|messages| messages.pass(doubts, window.start_ns()));
+    }
+}
+
+/// The ports of the three replicas for a port.
+fn each<T>(
+    name: &str,
+    mut open: impl FnMut(&str) -> Result<T, StartError>,
+) -> Result<[T; REPLICAS], StartError> {
+    let opened = (1..=REPLICAS).map(|number| open(&format!("{name}_{number}")));
+    let opened: Vec<T> = opened.collect::<Result<_, _>>()?;
+    opened.try_into().map_err(|_| StartError::Other(format!("port {name} has no three replicas")))
+}
+
+impl Value {
+    fn open(context: &mut Context, name: &str, outvotes: bool) -> Result<Self, StartError> {
+        let of = context.message_type(name).map(|(message, text)| Type::from_schema(message, text));
+        let of = of.transpose().map_err(|faults| StartError::Other(format!("port {name}: {faults}")))?;
+        Ok(Self {
+            from: each(name, |port| Ok(context.raw_sampling_destination(port)?.0))?,
+            to: context.raw_sampling_source(name)?.0,
+            name: name.to_owned(),
+            outvotes,
+            election: Election::new(of.as_ref()),
+            standing: Standing::default(),
+            fresh: [false; REPLICAS],
+            waits: false,
+            undecided: false,
+            sequence: 0,
+        })
+    }
+
+    fn decide(&mut self, window: &Window) {
+        let [first, second, third] = &mut self.from;
+        let readings = [first.read(), second.read(), third.read()];
+        for (fresh, reading) in self.fresh.iter_mut().zip(&readings) {
+            *fresh |= reading.as_ref().is_some_and(|reading| reading.updated);
+        }
+        let count = self.fresh.iter().filter(|fresh| **fresh).count();
+        // The others may be a window later, on another host. It is asked again in the next one.
+        let waits = std::mem::replace(&mut self.waits, count == 1);
+        if count == 0 || (count == 1 && !waits) {
+            return;
+        }
+        let fresh = std::mem::take(&mut self.fresh);
+        self.waits = false;
+        let ballot = |replica: usize| {
+            let reading = readings[replica].as_ref().filter(|_| fresh[replica])?;
+            Some(Ballot { bytes: reading.bytes, source_ns: reading.stamp.source_ns })
+        };
+        let standing = &self.standing;
+        let outcome =
+            self.election.vote(std::array::from_fn(ballot), window.minor_frame_ns(), |one, other| {
+                standing.is_doubted(one, other)
+            });
+        let undecided = std::mem::replace(&mut self.undecided, outcome.source_ns.is_none());
+        match outcome.source_ns {
+            Some(source_ns) => {
+                self.sequence += 1;
+                self.to.write(self.election.message(), Stamp { source_ns, sequence: self.sequence });
+            }
+            None if !undecided => {
+                window.raise(&format!("{}: replicas differ, and none is in the majority", self.name));
+            }
+            None => {}
+        }
+        if !self.outvotes || outcome.source_ns.is_none() {
+            return;
+        }
+        for (replica, difference) in outcome.differences.iter().enumerate() {
+            let conduct = match (fresh[replica], difference) {
+                (false, _) => Conduct::Silent,
+                (true, None) => Conduct::Agrees,
+                (true, Some(_)) => Conduct::Differs,
+            };
+            match self.standing.note(replica, conduct) {
+                Some(Verdict::Differs) => {
+                    window.outvote(replica, &describe(&self.name, difference.as_ref()));
+                }
+                Some(Verdict::Silent) => window.outvote(replica, &format!("{}: writes nothing", self.name)),
+                None => {}
+            }
+        }
+    }
+}
+
+fn describe(port: &str, difference: Option<&Difference>) -> String {
+    match difference {
+        Some(Difference { field: Some(field), values: Some((own, most)) }) => {
+            format!("{port}.{field} is {own:.4} and {most:.4} by most")
+        }
+        _ => format!("{port}: late, or other bytes"),
+    }
+}
+
+impl Messages {
+    fn open(context: &mut Context, name: &str) -> Result<Self, StartError> {
+        Ok(Self {
+            from: each(name, |port| Ok(context.raw_queuing_destination(port)?.0))?,
+            to: context.raw_queuing_source(name)?.0,
+            sequence: 0,
+        })
+    }
+
+    fn pass(&mut self, doubts: [u32; REPLICAS], now_ns: u64) {
+        let sent = self.from.each_mut().map(|port| {
+            let messages = std::iter::from_fn(|| port.receive());
+            messages.take(TAKEN).map(|message| message.bytes().to_vec()).collect::<Vec<_>>()
+        });
+        for message in queues::merge(&sent, doubts) {
+            self.sequence += 1;
+            // What has no room is lost, as it is where the partition itself sends it; the port counts it.
+            let _: Sent = self.to.send(message, Stamp { source_ns: now_ns, sequence: self.sequence });
+        }
+    }
+}
+
+impl Orders {
+    fn open(context: &mut Context, name: &str) -> Result<Self, StartError> {
+        Ok(Self {
+            from: context.raw_queuing_destination(name)?.0,
+            to: each(name, |port| Ok(context.raw_queuing_source(port)?.0))?,
+        })
+    }
+
+    fn pass(&mut self) {
+        for _ in 0..TAKEN {
+            let Some(message) = self.from.receive() else { return };
+            for port in &mut self.to {
+                // A replica that is not there has no room; it takes up what another one has made of the order.
+                let _: Sent = port.send(message.bytes(), message.stamp());
+            }
+        }
+    }
+}
+
+pub(crate) fn main() -> ExitCode {
+    bateleur_apex::run::<Voter>()
+}

@@ -58,6 +58,7 @@ mod processes_seen;
 mod publishers;
 mod receiver;
 mod replay;
+mod replicas;
 mod report_page;
 mod restarts;
 mod run_hosts;

@@ -59,17 +59,17 @@ impl Monitor {
         self.decided(place, error.name(), (decision, Cause::Health), detail, situation.alive, module_ns);
     }
 
-    /// An error of one of its processes that an error handler among them has been told of: noted, and nothing is left to be done.
-    pub(crate) fn note_handled(
+    /// An error that somebody else deals with, as `decision` says: it is noted.
+    pub(crate) fn note(
         &mut self,
         place: usize,
-        error: PartitionError,
+        (error, decision): (PartitionError, Decision),
         detail: String,
         module_ns: u64,
     ) {
         let partition = &mut self.partitions[place];
-        if partition.repeats.is_told(error, Decision::Handler, &detail, module_ns) {
-            self.decided(place, error.name(), (Decision::Handler, Cause::Health), detail, true, module_ns);
+        if partition.repeats.is_told(error, decision, &detail, module_ns) {
+            self.decided(place, error.name(), (decision, Cause::Health), detail, true, module_ns);
         }
     }
 

@@ -7,7 +7,7 @@ use bateleur_contract::process_table::TOLD_ERRORS;
 use bateleur_contract::{Clock, ReportKind, Reported};
 
 use crate::event::Event as Told;
-use crate::health::decision::reported_error;
+use crate::health::decision::{Decision, reported_error};
 use crate::lifecycle::{Event, Phase};
 use crate::module_level::seconds;
 use crate::monitor::Monitor;
@@ -239,12 +239,11 @@ impl Monitor {
                 self.fault(accused, PartitionError::Outvoted, text, module_ns);
             }
             Some(_) => {}
-            // Its module is another one, and its health is dealt with there.
-            None => self.take_message(
-                place,
-                format!("{} is outvoted: {text}", self.plan[accused].name),
-                module_ns,
-            ),
+            // Its module is another one, whose executive is not told.
+            None => {
+                let text = format!("{} is outvoted: {text}", self.plan[accused].name);
+                self.note(place, (PartitionError::Outvoted, Decision::Ignore), text, module_ns);
+            }
         }
     }
 
@@ -254,7 +253,7 @@ impl Monitor {
         for _ in 0..TOLD_ERRORS {
             let Some((kind, whose)) = self.partitions[place].active.next_handled() else { return };
             let error = reported_error(kind).unwrap_or(PartitionError::ApplicationError);
-            self.note_handled(place, error, whose, module_ns);
+            self.note(place, (error, Decision::Handler), whose, module_ns);
         }
     }
 

@@ -9,7 +9,7 @@ use bateleur_apex::{
     Context, Partition, RawQueuingDestination, RawQueuingSource, RawSamplingDestination, RawSamplingSource,
     Sent, Stamp, StartError, Window,
 };
-use bateleur_message_format::Type;
+use bateleur_message_format::{Scalar, Type};
 use bateleur_voter::standing::{Conduct, Standing, Verdict};
 use bateleur_voter::{Ballot, Difference, Election, REPLICAS, queues};
 
@@ -159,9 +159,20 @@ impl Value {
 fn describe(port: &str, difference: Option<&Difference>) -> String {
     match difference {
         Some(Difference { field: Some(field), values: Some((own, most)) }) => {
-            format!("{port}.{field} is {own:.4} and {most:.4} by most")
+            format!("{port}.{field} is {} and {} by most", number(*own), number(*most))
         }
         _ => format!("{port}: late, or other bytes"),
+    }
+}
+
+/// A wrong number may be as large or as small as there are.
+fn number(value: Scalar) -> String {
+    match value {
+        Scalar::Single(_) | Scalar::Real(_) => match value.real() {
+            plain if plain == 0.0 || (1e-3..1e6).contains(&plain.abs()) => format!("{plain:.4}"),
+            other => format!("{other:.3e}"),
+        },
+        _ => value.to_string(),
     }
 }
 

@@ -45,7 +45,8 @@ fn lies(seed: u64) -> (Vec<String>, BTreeMap<&'static str, usize>) {
     while at_s < 195.0 {
         let kind = KINDS[random.below(KINDS.len() as u64) as usize];
         let port = ["command", "command", "status"][random.below(3) as usize];
-        let messages = 1 + random.below(if random.below(2) == 0 { 8 } else { 400 });
+        let most = [8, 400][random.below(2) as usize];
+        let messages = 1 + random.below(most);
         let delay = if kind == "delay" { format!("/{}ms", 30 + random.below(400)) } else { String::new() };
         let replica = 1 + random.below(3);
         let instant_s = at_s + random.below(400) as f64 / 1000.0;

@@ -60,8 +60,10 @@ impl Monitor {
             let id = one.active.sandbox.id;
             id != own.id && self.plan[voter].replicas.contains(&id) && one.runs()
         };
-        let mut others = self.partitions.iter().filter(other);
-        others.any(|other| own.take_up(&other.active.sandbox).unwrap_or(false))
+        // What was retained is not all that a partition knows: the one that was started again least often knows most.
+        let mut others: Vec<_> = self.partitions.iter().filter(other).collect();
+        others.sort_by_key(|other| other.life.generation());
+        others.iter().any(|other| own.take_up(&other.active.sandbox).unwrap_or(false))
     }
 
     fn carry_out(&mut self, place: usize, command: Command, module_ns: u64) {

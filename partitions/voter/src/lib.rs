@@ -14,6 +14,8 @@ pub mod standing;
 
 use bateleur_message_format::{Scalar, Type};
 
+use standing::Standing;
+
 /// Replicas of a partition.
 pub const REPLICAS: usize = 3;
 /// How far a number with a fraction may be off, as a share of the largest that its field had.
@@ -91,24 +93,23 @@ impl Election {
         &self.message
     }
 
-    /// Decides between what the replicas wrote, `None` for one that wrote nothing. Where two are left and differ, the one that
-    /// `is_doubted` loses, and without doubt in either there is no message.
+    /// Decides between what the replicas wrote, `None` for one that wrote nothing. Where two are left and differ, the doubted one loses;
+    /// without doubt in either there is no message, but where replicas may differ (`masks`) the first in rank speaks.
     pub fn vote(
         &mut self,
         ballots: [Option<Ballot<'_>>; REPLICAS],
         minor_frame_ns: u64,
-        is_doubted: impl Fn(usize, usize) -> bool,
+        (standing, masks): (&Standing, bool),
     ) -> Outcome {
         let mut present: Vec<(usize, Ballot<'_>)> =
             ballots.iter().enumerate().filter_map(|(replica, one)| Some((replica, (*one)?))).collect();
+        present.sort_by_key(|(replica, _)| standing.rank(*replica));
         if let &[(one, first), (other, second)] = present.as_slice() {
-            let alike = self.differences(first, second, minor_frame_ns).is_none();
-            match (alike, is_doubted(one, other), is_doubted(other, one)) {
-                (true, ..) => present.truncate(1),
-                (false, true, _) => drop(present.remove(0)),
-                (false, _, true) => present.truncate(1),
-                (false, false, false) => return Outcome::default(),
+            let decides = masks || standing.is_doubted(other, one);
+            if !decides && self.differences(first, second, minor_frame_ns).is_some() {
+                return Outcome::default();
             }
+            present.truncate(1);
         }
         let Some(&(_, first)) = present.first() else { return Outcome::default() };
         self.message.clear();

@@ -67,10 +67,8 @@ impl Partition for Voter {
     fn window(&mut self, window: &Window) {
         self.orders.iter_mut().for_each(Orders::pass);
         self.values.iter_mut().for_each(|value| value.decide(window));
-        let doubt =
-            |replica| self.values.iter().map(|value| value.standing.doubt(replica)).max().unwrap_or(0);
-        let doubts = std::array::from_fn(doubt);
-        self.messages.iter_mut().for_each(|messages| messages.pass(doubts, window.start_ns()));
+        let rank = |replica| (self.values.iter().map(|value| value.standing.rank(replica)).max(), replica);
+        self.messages.iter_mut().for_each(|messages| messages.pass(rank, window.start_ns()));
     }
 }
 
@@ -120,11 +118,8 @@ impl Value {
             let reading = readings[replica].as_ref().filter(|_| fresh[replica])?;
             Some(Ballot { bytes: reading.bytes, source_ns: reading.stamp.source_ns })
         };
-        let standing = &self.standing;
-        let outcome =
-            self.election.vote(std::array::from_fn(ballot), window.minor_frame_ns(), |one, other| {
-                standing.is_doubted(one, other)
-            });
+        let ballots = std::array::from_fn(ballot);
+        let outcome = self.election.vote(ballots, window.minor_frame_ns(), (&self.standing, !self.outvotes));
         let undecided = std::mem::replace(&mut self.undecided, outcome.source_ns.is_none());
         match outcome.source_ns {
             Some(source_ns) => {
@@ -136,19 +131,20 @@ impl Value {
             }
             None => {}
         }
-        if !self.outvotes || outcome.source_ns.is_none() {
+        if outcome.source_ns.is_none() {
             return;
         }
         for (replica, difference) in outcome.differences.iter().enumerate() {
             let conduct = match (fresh[replica], difference) {
                 (false, _) => Conduct::Silent,
-                (true, None) => Conduct::Agrees,
-                (true, Some(_)) => Conduct::Differs,
+                (true, Some(_)) if self.outvotes => Conduct::Differs,
+                (true, _) => Conduct::Agrees,
             };
             match self.standing.note(replica, conduct) {
                 Some(Verdict::Differs) => {
                     window.outvote(replica, &describe(&self.name, difference.as_ref()));
                 }
+                Some(Verdict::Silent) if !self.outvotes => {}
                 Some(Verdict::Silent) => window.outvote(replica, &format!("{}: writes nothing", self.name)),
                 None => {}
             }
@@ -185,12 +181,12 @@ impl Messages {
         })
     }
 
-    fn pass(&mut self, doubts: [u32; REPLICAS], now_ns: u64) {
+    fn pass<R: Ord>(&mut self, rank: impl Fn(usize) -> R, now_ns: u64) {
         let sent = self.from.each_mut().map(|port| {
             let messages = std::iter::from_fn(|| port.receive());
             messages.take(TAKEN).map(|message| message.bytes().to_vec()).collect::<Vec<_>>()
         });
-        for message in queues::merge(&sent, doubts) {
+        for message in queues::merge(&sent, rank) {
             self.sequence += 1;
             // What has no room is lost, as it is where the partition itself sends it; the port counts it.
             let _: Sent = self.to.send(message, Stamp { source_ns: now_ns, sequence: self.sequence });

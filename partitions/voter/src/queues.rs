@@ -1,18 +1,18 @@
 //! Messages of three queues become one: in each window as many as most replicas sent.
 //!
 //! Messages of replicas that are right need not be the same: each has the time at which it was made. Where two are, that is the message;
-//! otherwise the replica with the least doubt speaks.
+//! otherwise the first in rank speaks.
 
 use crate::REPLICAS;
 
-/// What is to be handed on of what each replica sent since the last window. `doubts`: of each.
-pub fn merge<'a>(sent: &'a [Vec<Vec<u8>>; REPLICAS], doubts: [u32; REPLICAS]) -> Vec<&'a [u8]> {
+/// What is to be handed on of what each replica sent since the last window. `rank`: of each, the lowest speaks first.
+pub fn merge<R: Ord>(sent: &[Vec<Vec<u8>>; REPLICAS], rank: impl Fn(usize) -> R) -> Vec<&[u8]> {
     let mut counts = sent.each_ref().map(Vec::len);
     counts.sort_unstable();
     let count = counts[REPLICAS / 2];
-    // Whoever sent as many is asked first, then whoever is least in doubt, then whoever is first.
+    // Whoever sent as many is asked first.
     let mut asked: Vec<usize> = (0..REPLICAS).collect();
-    asked.sort_by_key(|&replica| (sent[replica].len() != count, doubts[replica], replica));
+    asked.sort_by_key(|&replica| (sent[replica].len() != count, rank(replica)));
     let nth = |replica: usize, place: usize| sent[replica].get(place).map(Vec::as_slice);
     let chosen = |place: usize| {
         let same = |&&replica: &&usize| {

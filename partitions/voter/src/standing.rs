@@ -40,6 +40,8 @@ pub struct Standing {
     silent: [u32; REPLICAS],
     /// It wrote something since it was outvoted last.
     heard: [bool; REPLICAS],
+    /// Times that it fell silent or was outvoted.
+    absences: [u32; REPLICAS],
 }
 
 impl Standing {
@@ -49,7 +51,10 @@ impl Standing {
             (&mut self.doubts[replica], &mut self.silent[replica], &mut self.heard[replica]);
         match conduct {
             Conduct::Silent if !*heard => return None,
-            Conduct::Silent => *silent += 1,
+            Conduct::Silent => {
+                self.absences[replica] += u32::from(*silent == 0);
+                *silent += 1;
+            }
             Conduct::Agrees => (*heard, *silent, *doubt) = (true, 0, doubt.saturating_sub(1)),
             Conduct::Differs => (*heard, *silent, *doubt) = (true, 0, *doubt + DIFFERS),
         }
@@ -59,18 +64,20 @@ impl Standing {
             (false, false) => return None,
         };
         (*doubt, *silent, *heard) = (0, 0, false);
+        self.absences[replica] += u32::from(verdict == Verdict::Differs);
         Some(verdict)
     }
 
-    /// The replica differed more, of late, than the other one.
+    /// Whether the word of one replica counts less than the other one's because it differed more, of late.
     #[must_use]
     pub fn is_doubted(&self, replica: usize, other: usize) -> bool {
         self.doubts[replica] > self.doubts[other]
     }
 
-    /// Doubt in a replica, to be compared.
+    /// Who speaks first among those that say the same: least in doubt, then absent least often, since what a replica retains is not all that
+    /// it knew.
     #[must_use]
-    pub fn doubt(&self, replica: usize) -> u32 {
-        self.doubts[replica]
+    pub fn rank(&self, replica: usize) -> (u32, u32, usize) {
+        (self.doubts[replica], self.absences[replica], replica)
     }
 }

@@ -18,8 +18,9 @@ fn message(angle: f64, time_ns: u64, flags: u32) -> Vec<u8> {
     [&angle.to_le_bytes()[..], &time_ns.to_le_bytes(), &flags.to_le_bytes(), &[1, 2, 3, 4]].concat()
 }
 
-fn never(_: usize, _: usize) -> bool {
-    false
+/// Nobody is in doubt, and replicas may not differ.
+fn vote(election: &mut Election, ballots: [Option<Ballot<'_>>; REPLICAS]) -> Outcome {
+    election.vote(ballots, FRAME_NS, (&Standing::default(), false))
 }
 
 fn ballots(messages: &[Vec<u8>; REPLICAS]) -> [Option<Ballot<'_>>; REPLICAS] {
@@ -62,7 +63,7 @@ fn whatever_one_of_three_writes_each_field_lies_between_those_of_the_two_others(
         } else {
             one
         };
-        let outcome = election.vote(ballots(&all), FRAME_NS, never);
+        let outcome = vote(&mut election, ballots(&all));
         assert_eq!(outcome.source_ns, Some(40_000_000));
         let angle = f64::from_le_bytes(election.message()[..8].try_into().unwrap());
         let time = u64::from_le_bytes(election.message()[8..16].try_into().unwrap());
@@ -82,7 +83,7 @@ fn replicas_that_read_an_input_a_window_apart_do_not_differ_and_each_kind_of_lie
         let all = [honest.clone(), lie, honest];
         let mut written = ballots(&all);
         written[1].as_mut().unwrap().source_ns = source_ns;
-        let outcome = election.vote(written, FRAME_NS, never);
+        let outcome = vote(&mut election, written);
         outcome.differences[1].clone().map(|difference| difference.field.unwrap_or_else(|| "late".into()))
     };
     assert_eq!(differs(message(0.2501, 105_000_000, 5), 45_000_000), None);
@@ -99,27 +100,32 @@ fn of_two_that_differ_the_doubted_one_loses_and_without_doubt_nothing_is_written
     let (one, other) = (message(0.25, 100, 5), message(0.5, 100, 5));
     let ballot = |bytes| Some(Ballot { bytes, source_ns: 0 });
     let mut election = election(TEXT);
-    assert_eq!(election.vote([ballot(&one), None, ballot(&other)], FRAME_NS, never).source_ns, None);
+    assert_eq!(vote(&mut election, [ballot(&one), None, ballot(&other)]).source_ns, None);
     for doubted in [0, 2] {
-        let outcome = election.vote([ballot(&one), None, ballot(&other)], FRAME_NS, |one, _| one == doubted);
+        let mut standing = Standing::default();
+        standing.note(doubted, Conduct::Differs);
+        let two = [ballot(&one), None, ballot(&other)];
+        let outcome = election.vote(two, FRAME_NS, (&standing, false));
         assert_eq!(outcome.source_ns, Some(0));
         assert_eq!(election.message(), if doubted == 0 { &other } else { &one });
         assert!(outcome.differences[doubted].is_some() && outcome.differences[2 - doubted].is_none());
     }
-    let outcome = election.vote([None, None, ballot(&other)], FRAME_NS, never);
+    let outcome = election.vote([ballot(&one), None, ballot(&other)], FRAME_NS, (&Standing::default(), true));
+    assert_eq!((outcome.source_ns, election.message()), (Some(0), &one[..]), "they may differ");
+    let outcome = vote(&mut election, [None, None, ballot(&other)]);
     assert_eq!((outcome.source_ns, election.message()), (Some(0), &other[..]));
-    assert_eq!(election.vote([None, None, None], FRAME_NS, never).source_ns, None);
+    assert_eq!(vote(&mut election, [None, None, None]).source_ns, None);
 }
 
 #[test]
 fn plain_bytes_are_those_that_two_wrote() {
     let mut election = Election::new(None);
     let written = |bytes: &'static [u8]| Some(Ballot { bytes, source_ns: 0 });
-    let outcome = election.vote([written(b"abc"), written(b"xy"), written(b"abc")], FRAME_NS, never);
+    let outcome = vote(&mut election, [written(b"abc"), written(b"xy"), written(b"abc")]);
     assert_eq!((election.message(), outcome.differences[1].is_some()), (&b"abc"[..], true));
-    let outcome = election.vote([written(b"1"), written(b"xy"), written(b"xy")], FRAME_NS, never);
+    let outcome = vote(&mut election, [written(b"1"), written(b"xy"), written(b"xy")]);
     assert_eq!((election.message(), outcome.differences[0].is_some()), (&b"xy"[..], true));
-    assert_eq!(election.vote([written(b"1"), written(b"2"), written(b"3")], FRAME_NS, never).source_ns, None);
+    assert_eq!(vote(&mut election, [written(b"1"), written(b"2"), written(b"3")]).source_ns, None);
 }
 
 #[test]
@@ -146,13 +152,23 @@ fn a_replica_that_falls_silent_is_outvoted_once_and_not_while_it_starts_again() 
 }
 
 #[test]
+fn who_was_away_speaks_after_those_who_never_were() {
+    let mut standing = Standing::default();
+    (0..REPLICAS).for_each(|replica| assert_eq!(standing.note(replica, Conduct::Agrees), None));
+    (0..3).for_each(|_| assert_eq!(standing.note(0, Conduct::Silent), None));
+    let mut order = [0, 1, 2];
+    order.sort_by_key(|replica| standing.rank(*replica));
+    assert_eq!(order, [1, 2, 0]);
+}
+
+#[test]
 fn queues_hand_on_as_many_messages_as_most_sent_and_those_that_two_sent() {
     let sent = |lists: [&[&str]; REPLICAS]| {
         lists.map(|list| list.iter().map(|text| text.as_bytes().to_vec()).collect::<Vec<_>>())
     };
-    let merged = |lists, doubts| {
+    let merged = |lists, doubts: [u32; 3]| {
         let lists = sent(lists);
-        let merged = merge(&lists, doubts);
+        let merged = merge(&lists, |replica| (doubts[replica], replica));
         merged.iter().map(|bytes| String::from_utf8(bytes.to_vec()).unwrap()).collect::<Vec<_>>()
     };
     assert_eq!(merged([&["x", "b"], &["a", "b"], &["a", "b"]], [0; 3]), ["a", "b"]);

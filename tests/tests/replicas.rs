@@ -34,8 +34,8 @@ fn digest(ended: &Ended) -> String {
 /// Once around a small triangle.
 fn fly_shortly(schedule: &str, options: &[&str]) -> Ended {
     let mission = small_mission();
-    let options =
-        ["--mission", mission.to_str().unwrap()].iter().chain(options).map(|&option| option.to_owned());
+    let mission = ["--mission", mission.to_str().unwrap()];
+    let options = mission.iter().chain(options).map(|&option| option.to_owned());
     fly(schedule, &options.collect::<Vec<_>>()).expect_code(0)
 }
 

@@ -194,11 +194,14 @@ fn choose(random: &mut Random, sources: &[&str], shared: bool) -> (String, Strin
     if shared {
         return (random.of(&NINE).to_owned(), random.of(&SHARED).to_owned());
     }
-    match random.below(CONTAINED.len() as u64 + 4) {
+    match random.below(CONTAINED.len() as u64 + 7) {
         0 => (random.of(sources).to_owned(), "drop=5".into()),
         1 => (random.of(sources).to_owned(), "delay=5/60ms".into()),
         2 => (random.of(sources).to_owned(), "corrupt=5".into()),
-        3 => ("dispatcher".into(), "stall=5ms".into()),
+        3 => (random.of(sources).to_owned(), "stuck=5".into()),
+        4 => (random.of(sources).to_owned(), "bias=5".into()),
+        5 => (random.of(sources).to_owned(), "swap=5".into()),
+        6 => ("dispatcher".into(), "stall=5ms".into()),
         _ => (random.of(&NINE).to_owned(), random.of(&CONTAINED).to_owned()),
     }
 }

@@ -311,7 +311,7 @@ mod tests {
             let text = match name {
                 "stall" => "stall=20ms".to_owned(),
                 "delay" => "delay=10/50ms".to_owned(),
-                "drop" | "corrupt" => format!("{name}=3"),
+                "drop" | "corrupt" | "stuck" | "bias" | "swap" => format!("{name}=3"),
                 name => name.to_owned(),
             };
             let fault: Fault = text.parse().unwrap();

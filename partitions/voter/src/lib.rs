@@ -19,7 +19,7 @@ use standing::Standing;
 /// Replicas of a partition.
 pub const REPLICAS: usize = 3;
 /// How far a number with a fraction may be off, as a share of the largest that its field had.
-pub const SHARE: f64 = 0.02;
+pub const SHARE: f64 = 0.05;
 /// How far times may be off, minor frames.
 pub const LATE_FRAMES: f64 = 1.5;
 

@@ -277,5 +277,7 @@ fn answered_by_restart(cx: &Context<'_>, partition: PartitionId) -> Option<Parti
         let action = cx.plan[partition].health.action(*error);
         matches!(action, PartitionAction::WarmRestart | PartitionAction::ColdRestart)
     };
-    PartitionError::ALL.iter().copied().find(restarts)
+    let is_replica = cx.plan.voter_of(partition).is_some();
+    let occurs = |error: &PartitionError| *error != PartitionError::Outvoted || is_replica;
+    PartitionError::ALL.iter().copied().filter(occurs).find(restarts)
 }

@@ -196,6 +196,40 @@ fn setting_of_the_partition_is_set_in_each_replica() {
     assert_ne!(digest(&ended), digest(&fly_shortly(&schedule(), &[])));
 }
 
+#[test]
+fn what_a_replica_writes_into_a_queue_and_what_the_last_one_left_writes_reaches_the_ground() {
+    let _turn = among_others();
+    for kind in ["corrupt=9999", "swap=9999", "drop=9999", "stuck=9999"] {
+        let lie = format!("controller_1.telemetry:{kind}@20");
+        let ended = fly_shortly(&schedule(), &["--inject", &lie]);
+        assert!(ended.faults().iter().all(|fault| fault.error == "order"), "{kind}: {:?}", ended.faults());
+    }
+    fly_shortly(&schedule(), &["--stop", "controller_1@30", "--stop", "controller_2@35"]);
+}
+
+#[test]
+fn voter_that_starts_again_knows_how_far_replicas_may_be_apart() {
+    let _turn = among_others();
+    let kills = ["controller_1@25", "controller@35", "controller@45", "controller@55"];
+    let kills: Vec<&str> = kills.iter().flat_map(|kill| ["--kill", kill]).collect();
+    let ended = fly_shortly(&schedule(), &kills);
+    assert!(ended.faults().iter().all(|fault| fault.error == "killed"), "{:?}", ended.faults());
+}
+
+#[test]
+fn replica_that_an_operator_holds_is_not_outvoted() {
+    let _turn = among_others();
+    let ended = fly_shortly(&schedule(), &["--freeze", "controller_1@30"]);
+    assert!(ended.faults().iter().all(|fault| fault.error != "outvoted"), "{:?}", ended.faults());
+}
+
+#[test]
+fn flight_takes_the_laps_from_the_plan_of_the_replicas() {
+    let _turn = among_others();
+    let ended = fly(&schedule().replace("laps = 2", "laps = 1"), &[]).expect_code(0);
+    assert!(ended.stderr.contains("completed, 1 lap"), "{}", ended.stderr);
+}
+
 /// The plan above with a replica on each of three computers.
 fn on_three_hosts() -> String {
     let (one, three) = (schedule(), std::fs::read_to_string(repository().join("schedules/three-hosts.toml")));

@@ -115,14 +115,19 @@ impl<'a> Findings<'a> {
     pub(super) fn add(&self, finding: Finding) {
         let place = |span: &Span| Place::in_text(self.text, span);
         let related = finding.related.into_iter();
-        self.list.borrow_mut().push(Violation {
+        let violation = Violation {
             rule: finding.rule.id,
             severity: finding.rule.severity,
             message: finding.message,
             place: place(&finding.span),
             related: related.map(|(span, label)| Related { place: place(&span), label }).collect(),
             mend: finding.mend,
-        });
+        };
+        // What holds for three replicas stands in the file once.
+        let mut list = self.list.borrow_mut();
+        if !list.contains(&violation) {
+            list.push(violation);
+        }
     }
 
     /// Whether this rule is violated somewhere.

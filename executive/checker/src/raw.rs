@@ -159,6 +159,7 @@ pub(super) struct RawChannel {
     pub(super) isolation: Field<Word<Isolation>>,
 }
 
+#[derive(Clone)]
 pub(super) struct RawChain {
     pub(super) name: Field<String>,
     pub(super) path: Names,

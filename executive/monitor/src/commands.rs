@@ -40,7 +40,8 @@ impl Monitor {
     fn as_replica(&self, place: usize, command: Command) -> Command {
         let starts =
             matches!(command, Command::Launch { .. } | Command::TakeOver { .. } | Command::BeginSpare { .. });
-        if !starts || !self.has_memory_of_another(place) {
+        // What it took up may be what its start failed of.
+        if !starts || self.partitions[place].life.start_failed() || !self.has_memory_of_another(place) {
             return command;
         }
         let condition = StartCondition::HmPartitionWarmRestart;

@@ -206,6 +206,7 @@ impl Monitor {
         if page.reports_so_far() == member.reports_seen {
             return;
         }
+        let mut accused = Vec::new();
         for Reported { kind, in_handler, text } in page.reports_since(&mut member.reports_seen) {
             // The word about the state is of the report's time: by now the handler may have come back.
             let state = in_handler.then_some(PartitionState::Handler);
@@ -214,7 +215,11 @@ impl Monitor {
                 continue;
             }
             if let Some(replica) = kind.outvoted_place() {
-                self.take_verdict(place, replica, text, module_ns);
+                // One burst of verdicts is one fault: the rest is of the one that was ended.
+                if !accused.contains(&replica) {
+                    accused.push(replica);
+                    self.take_verdict(place, replica, text, module_ns);
+                }
                 continue;
             }
             let Some(error) = reported_error(kind) else {
@@ -234,8 +239,8 @@ impl Monitor {
             return;
         };
         match self.partitions.iter().position(|partition| partition.active.sandbox.id == accused) {
-            // One burst of verdicts is one fault: what was said of its predecessor is not held against a process that starts.
-            Some(accused) if self.partitions[accused].runs() => {
+            // What was said of its predecessor is not held against one that starts, nor silence against one that an operator holds.
+            Some(accused) if self.partitions[accused].runs() && !self.partitions[accused].life.is_held() => {
                 self.fault(accused, PartitionError::Outvoted, text, module_ns);
             }
             Some(_) => {}

@@ -127,8 +127,8 @@ fn biased(bytes: &[u8]) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     for word in bytes.as_chunks_mut::<8>().0 {
         let value = f64::from_le_bytes(*word);
-        // What has another exponent is a counter, a time or a word of flags.
-        if value == 0.0 || (1e-12..1e12).contains(&value.abs()) {
+        // What has another exponent is a counter, a time, a word of flags, or zero, which may be either.
+        if (1e-12..1e12).contains(&value.abs()) {
             *word = (value * 1.1 + 0.1).to_le_bytes();
         }
     }

@@ -87,6 +87,11 @@ impl Election {
         Self { elements: elements.collect(), message: Vec::new() }
     }
 
+    /// The largest number that each field had so far, by which it is judged how far two are apart.
+    pub fn scale(&mut self) -> impl Iterator<Item = &mut f64> {
+        self.elements.iter_mut().map(|element| &mut element.largest)
+    }
+
     /// The message that the last vote decided on.
     #[must_use]
     pub fn message(&self) -> &[u8] {
@@ -104,12 +109,14 @@ impl Election {
         let mut present: Vec<(usize, Ballot<'_>)> =
             ballots.iter().enumerate().filter_map(|(replica, one)| Some((replica, (*one)?))).collect();
         present.sort_by_key(|(replica, _)| standing.rank(*replica));
+        let mut agree = false;
         if let &[(one, first), (other, second)] = present.as_slice() {
             let decides = masks || standing.is_doubted(other, one);
             if !decides && self.differences(first, second, minor_frame_ns).is_some() {
                 return Outcome::default();
             }
             present.truncate(1);
+            agree = !decides;
         }
         let Some(&(_, first)) = present.first() else { return Outcome::default() };
         self.message.clear();
@@ -125,7 +132,9 @@ impl Election {
         {
             outcome.differences[replica] = self.differences(ballot, decided, minor_frame_ns);
         }
-        self.note_largest();
+        if present.len() > 1 || agree {
+            self.note_largest();
+        }
         outcome
     }
 

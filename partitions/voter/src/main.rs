@@ -7,12 +7,15 @@ use std::process::ExitCode;
 
 use bateleur_apex::{
     Context, Partition, RawQueuingDestination, RawQueuingSource, RawSamplingDestination, RawSamplingSource,
-    Sent, Stamp, StartError, Window,
+    Retained, Sent, Stamp, StartError, Window,
 };
 use bateleur_message_format::{Scalar, Type};
+use bateleur_voter::queues::Merger;
 use bateleur_voter::standing::{Conduct, Standing, Verdict};
-use bateleur_voter::{Ballot, Difference, Election, REPLICAS, queues};
+use bateleur_voter::{Ballot, Difference, Election, REPLICAS};
 
+/// Numbers that are kept over a restart: the scale of the first fields.
+const SCALE: usize = 2048;
 /// Messages of one replica that are taken from a queue in a window: a replica that babbles can not take the voter's time.
 const TAKEN: usize = 16;
 
@@ -20,6 +23,8 @@ pub(crate) struct Voter {
     values: Vec<Value>,
     messages: Vec<Messages>,
     orders: Vec<Orders>,
+    scale: Box<[f64; SCALE]>,
+    retained: Retained<[f64; SCALE]>,
 }
 
 /// A sampling port.
@@ -30,6 +35,8 @@ struct Value {
     to: RawSamplingSource,
     election: Election,
     standing: Standing,
+    /// What each has written last: a copy, which it can not change any more.
+    written: [(Vec<u8>, u64); REPLICAS],
     /// Those that have written since the last vote.
     fresh: [bool; REPLICAS],
     /// A single one had written at the end of the last window.
@@ -43,6 +50,7 @@ struct Value {
 struct Messages {
     from: [RawQueuingDestination; REPLICAS],
     to: RawQueuingSource,
+    merger: Merger,
     sequence: u64,
 }
 
@@ -61,7 +69,13 @@ impl Partition for Voter {
         let values = values.iter().map(value).collect::<Result<_, _>>()?;
         let messages = messages.iter().map(|name| Messages::open(context, name)).collect::<Result<_, _>>()?;
         let orders = orders.iter().map(|name| Orders::open(context, name)).collect::<Result<_, _>>()?;
-        Ok(Self { values, messages, orders })
+        let retained = context.retained()?;
+        let mut voter = Self { values, messages, orders, scale: Box::new([0.0; SCALE]), retained };
+        if let Some(kept) = voter.retained.load() {
+            let fields = voter.values.iter_mut().flat_map(|value| value.election.scale());
+            fields.zip(kept).for_each(|(largest, kept)| *largest = kept);
+        }
+        Ok(voter)
     }
 
     fn window(&mut self, window: &Window) {
@@ -69,6 +83,9 @@ impl Partition for Voter {
         self.values.iter_mut().for_each(|value| value.decide(window));
         let rank = |replica| (self.values.iter().map(|value| value.standing.rank(replica)).max(), replica);
         self.messages.iter_mut().for_each(|messages| messages.pass(rank, window.start_ns()));
+        let fields = self.values.iter_mut().flat_map(|value| value.election.scale());
+        self.scale.iter_mut().zip(fields).for_each(|(kept, largest)| *kept = *largest);
+        self.retained.store(&self.scale);
     }
 }
 
@@ -93,6 +110,7 @@ impl Value {
             outvotes,
             election: Election::new(of.as_ref()),
             standing: Standing::default(),
+            written: Default::default(),
             fresh: [false; REPLICAS],
             waits: false,
             undecided: false,
@@ -101,22 +119,27 @@ impl Value {
     }
 
     fn decide(&mut self, window: &Window) {
-        let [first, second, third] = &mut self.from;
-        let readings = [first.read(), second.read(), third.read()];
-        for (fresh, reading) in self.fresh.iter_mut().zip(&readings) {
-            *fresh |= reading.as_ref().is_some_and(|reading| reading.updated);
+        for ((port, written), fresh) in self.from.iter_mut().zip(&mut self.written).zip(&mut self.fresh) {
+            if let Some(reading) = port.read().filter(|reading| reading.updated) {
+                written.0.clear();
+                written.0.extend_from_slice(reading.bytes);
+                written.1 = reading.stamp.source_ns;
+                *fresh = true;
+            }
         }
         let count = self.fresh.iter().filter(|fresh| **fresh).count();
+        let is_awaited = |replica: usize| !self.fresh[replica] && !self.standing.is_away(replica);
+        let is_alone = count == 1 && (0..REPLICAS).any(is_awaited);
         // The others may be a window later, on another host. It is asked again in the next one.
-        let waits = std::mem::replace(&mut self.waits, count == 1);
-        if count == 0 || (count == 1 && !waits) {
+        let waits = std::mem::replace(&mut self.waits, is_alone);
+        if count == 0 || (is_alone && !waits) {
             return;
         }
         let fresh = std::mem::take(&mut self.fresh);
         self.waits = false;
         let ballot = |replica: usize| {
-            let reading = readings[replica].as_ref().filter(|_| fresh[replica])?;
-            Some(Ballot { bytes: reading.bytes, source_ns: reading.stamp.source_ns })
+            let (bytes, source_ns) = &self.written[replica];
+            fresh[replica].then_some(Ballot { bytes, source_ns: *source_ns })
         };
         let ballots = std::array::from_fn(ballot);
         let outcome = self.election.vote(ballots, window.minor_frame_ns(), (&self.standing, !self.outvotes));
@@ -177,6 +200,7 @@ impl Messages {
         Ok(Self {
             from: each(name, |port| Ok(context.raw_queuing_destination(port)?.0))?,
             to: context.raw_queuing_source(name)?.0,
+            merger: Merger::default(),
             sequence: 0,
         })
     }
@@ -186,10 +210,10 @@ impl Messages {
             let messages = std::iter::from_fn(|| port.receive());
             messages.take(TAKEN).map(|message| message.bytes().to_vec()).collect::<Vec<_>>()
         });
-        for message in queues::merge(&sent, rank) {
+        for message in self.merger.take(sent, rank) {
             self.sequence += 1;
             // What has no room is lost, as it is where the partition itself sends it; the port counts it.
-            let _: Sent = self.to.send(message, Stamp { source_ns: now_ns, sequence: self.sequence });
+            let _: Sent = self.to.send(&message, Stamp { source_ns: now_ns, sequence: self.sequence });
         }
     }
 }
@@ -206,7 +230,7 @@ impl Orders {
         for _ in 0..TAKEN {
             let Some(message) = self.from.receive() else { return };
             for port in &mut self.to {
-                // A replica that is not there has no room; it takes up what another one has made of the order.
+                // One that is not there misses it, and differs, and starts again with what another one has made of it.
                 let _: Sent = port.send(message.bytes(), message.stamp());
             }
         }

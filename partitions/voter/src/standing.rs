@@ -13,6 +13,9 @@ const OUTVOTED: u32 = 12;
 /// one that was ended and starts again is not ended again.
 const SILENT: u32 = 25;
 
+/// Votes in a row without its word after which nobody waits for it.
+const AWAY: u32 = 2;
+
 /// What a replica did in a vote.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Conduct {
@@ -72,6 +75,12 @@ impl Standing {
     #[must_use]
     pub fn is_doubted(&self, replica: usize, other: usize) -> bool {
         self.doubts[replica] > self.doubts[other]
+    }
+
+    /// Nobody waits for its word: it has not spoken yet, or was silent in the last votes.
+    #[must_use]
+    pub fn is_away(&self, replica: usize) -> bool {
+        !self.heard[replica] || self.silent[replica] >= AWAY
     }
 
     /// Who speaks first among those that say the same: least in doubt, then absent least often, since what a replica retains is not all that

@@ -1,4 +1,4 @@
-use super::queues::merge;
+use super::queues::Merger;
 use super::standing::{Conduct, Standing, Verdict};
 use super::*;
 use bateleur_message_format::{Catalogue, Source};
@@ -161,20 +161,40 @@ fn who_was_away_speaks_after_those_who_never_were() {
     assert_eq!(order, [1, 2, 0]);
 }
 
+/// What is handed on of the messages of each window.
+fn merged(windows: &[[&[&str]; REPLICAS]], first: usize) -> Vec<String> {
+    let mut merger = Merger::default();
+    let bytes = |list: &[&str]| list.iter().map(|text| text.as_bytes().to_vec()).collect::<Vec<_>>();
+    let rank = |replica: usize| (replica != first, replica);
+    let taken = windows.iter().flat_map(|sent| merger.take(sent.map(bytes), rank)).collect::<Vec<_>>();
+    taken.into_iter().map(|bytes| String::from_utf8(bytes).unwrap()).collect()
+}
+
 #[test]
-fn queues_hand_on_as_many_messages_as_most_sent_and_those_that_two_sent() {
-    let sent = |lists: [&[&str]; REPLICAS]| {
-        lists.map(|list| list.iter().map(|text| text.as_bytes().to_vec()).collect::<Vec<_>>())
-    };
-    let merged = |lists, doubts: [u32; 3]| {
-        let lists = sent(lists);
-        let merged = merge(&lists, |replica| (doubts[replica], replica));
-        merged.iter().map(|bytes| String::from_utf8(bytes.to_vec()).unwrap()).collect::<Vec<_>>()
-    };
-    assert_eq!(merged([&["x", "b"], &["a", "b"], &["a", "b"]], [0; 3]), ["a", "b"]);
-    assert_eq!(merged([&["x"; 9], &["a"], &["a"]], [0; 3]), ["a"], "one that babbles");
-    assert_eq!(merged([&[], &["a"], &["a"]], [0; 3]), ["a"], "one that is silent");
-    assert_eq!(merged([&["x"; 9], &[], &[]], [0; 3]), [""; 0]);
-    assert_eq!(merged([&["1"], &["2"], &["3"]], [0; 3]), ["1"], "each with its own time");
-    assert_eq!(merged([&["1"], &["2"], &["3"]], [6, 3, 3]), ["2"], "the first is in doubt");
+fn queues_hand_on_the_messages_that_two_sent() {
+    assert_eq!(merged(&[[&["x", "b"], &["a", "b"], &["a", "b"]]], 0), ["a", "b"]);
+    assert_eq!(
+        merged(&[[&["at 1: 5"], &["at 2: 5"], &["at 3: 5"]]], 1),
+        ["at 2: 5"],
+        "each with its own time"
+    );
+    assert_eq!(merged(&[[&["at 1: 9 laps"], &["at 2: 5"], &["at 3: 5"]]], 0), ["at 2: 5"], "a lie");
+    assert_eq!(merged(&[[&[], &["a"], &["a"]]], 0), ["a"], "one that is silent");
+}
+
+#[test]
+fn one_queue_that_babbles_or_comes_a_window_later_is_in_step_again() {
+    let silence: [&[&str]; REPLICAS] = [&[]; REPLICAS];
+    let babble: [&[&str]; REPLICAS] = [&["x", "x", "x", "a"], &["a"], &["a"]];
+    let after: [&[&str]; REPLICAS] = [&["b"], &["b"], &["b"]];
+    assert_eq!(merged(&[babble, silence, after], 0), ["a", "b"]);
+    let apart: [[&[&str]; REPLICAS]; 4] =
+        [[&["a"], &[], &[]], [&["b"], &["a"], &["a"]], [&["c"], &["b"], &["b"]], [&[], &["c"], &["c"]]];
+    assert_eq!(merged(&apart, 0), ["a", "b", "c"]);
+}
+
+#[test]
+fn the_last_queue_that_is_left_is_handed_on_alone() {
+    let alone: [&[&str]; REPLICAS] = [&["a"], &[], &[]];
+    assert_eq!(merged(&[alone; 10], 0).len(), 9, "one is lost until it is known that nobody else is there");
 }

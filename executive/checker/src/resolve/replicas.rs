@@ -9,11 +9,11 @@ use std::collections::{BTreeMap, HashMap};
 use bateleur_contract::REPLICAS;
 
 use crate::catalogue;
-use crate::closed::{Direction, Kind};
+use crate::closed::{ChangeAction, Direction, Isolation, Kind, StartMode};
 use crate::findings::{Finding, Findings, Span};
 use crate::model::Attribute;
-use crate::raw::{RawChannel, RawFile, RawPartition, RawPort};
-use crate::reader::{At, Field, Nanoseconds, Replicas, Word};
+use crate::raw::{RawChain, RawChannel, RawFile, RawPartition, RawPort, RawRestart};
+use crate::reader::{At, Bytes, Field, Nanoseconds, Permission, Replicas, Word};
 
 use super::relays;
 
@@ -23,6 +23,10 @@ const PROGRAM: &str = "voter";
 const VOTER_REFRESH_NS: u64 = 10_000_000_000;
 /// Messages that wait for the voter, where nobody receives what it hands on.
 const DEPTH: u32 = 8;
+/// What a voter retains, bytes.
+const RETAINED: u64 = 64 << 10;
+/// The most that a replica retains, bytes: as much as is copied in a part of a millisecond.
+const MOST_RETAINED: u64 = 1 << 20;
 /// What a partition's table can not say where it runs three times, and why.
 const ONCE: &str = "would be done three times, and nobody votes on it";
 
@@ -31,11 +35,12 @@ pub(crate) fn expand(file: &mut RawFile, findings: &Findings<'_>) {
     let names: Vec<String> = file.partitions.iter().map(|partition| partition.name.value.clone()).collect();
     let mut replicated = HashMap::new();
     for place in 0..names.len() {
-        let Some(replicas) = file.partitions[place].replicas.said().cloned() else { continue };
-        let modules = match modules(&replicas, findings) {
-            Some(modules) => modules,
-            None => vec![None; REPLICAS],
+        let (modules, span) = match &file.partitions[place].replicas {
+            Field::Absent => continue,
+            Field::Broken => (None, file.partitions[place].name.span.clone()),
+            Field::Said(replicas) => (modules(replicas, findings), replicas.span.clone()),
         };
+        let modules = modules.unwrap_or_else(|| vec![None; REPLICAS]);
         for taken in (1..=REPLICAS).map(|number| numbered(&names[place], number)) {
             if let Some(other) = names.iter().position(|name| *name == taken) {
                 let message = format!("`{taken}` is the name of a replica of `{}`", names[place]);
@@ -44,7 +49,7 @@ pub(crate) fn expand(file: &mut RawFile, findings: &Findings<'_>) {
         }
         refuse(file, place, findings);
         replicated.insert(names[place].clone(), Ports::default());
-        replicate(file, place, &modules, &replicas.span);
+        replicate(file, place, &modules, &span);
     }
     unused(file, &names, findings);
     if replicated.is_empty() {
@@ -85,11 +90,12 @@ fn wrong(findings: &Findings<'_>, span: &Span, message: String, mend: &str) {
 fn refuse(file: &RawFile, place: usize, findings: &Findings<'_>) {
     let partition = &file.partitions[place];
     let name = &partition.name.value;
+    let asks = partition.may_set_schedule.said().filter(|at| !matches!(at.value, Permission::Always(false)));
     let said = [
         ("network", partition.network.said().filter(|network| network.value).map(|at| &at.span)),
         ("devices", partition.devices.said().filter(|devices| !devices.value.is_empty()).map(|at| &at.span)),
         ("identifier", partition.identifier.said().map(|at| &at.span)),
-        ("may_set_schedule", partition.may_set_schedule.said().map(|at| &at.span)),
+        ("may_set_schedule", asks.map(|at| &at.span)),
         ("logbook", partition.logbooks.first().map(|logbook| &logbook.name.span)),
     ];
     for (key, span) in said.into_iter().filter_map(|(key, span)| Some((key, span?))) {
@@ -99,6 +105,15 @@ fn refuse(file: &RawFile, place: usize, findings: &Findings<'_>) {
             span,
             message,
             "give it to a partition of its own, which talks to this one through ports",
+        );
+    }
+    if let Some(retained) = partition.retained.said().filter(|retained| retained.value.0 > MOST_RETAINED) {
+        let message = format!("`{name}` has replicas and retains more than {} KiB", MOST_RETAINED >> 10);
+        wrong(
+            findings,
+            &retained.span,
+            message,
+            "retain less: a replica that starts again gets a copy of it between two windows",
         );
     }
     for block in &file.memory_blocks {
@@ -114,11 +129,19 @@ fn unused(file: &RawFile, names: &[String], findings: &Findings<'_>) {
     for port in &file.ports {
         let Some(outvote) = port.outvote.said() else { continue };
         let owner = &file.partitions[port.partition];
-        let is_voted = !owner.voted.is_empty() && port.direction.word() == Some(Direction::Source);
+        let is_voted = !owner.voted.is_empty()
+            && port.direction.word() == Some(Direction::Source)
+            && port.kind.word() == Some(Kind::Sampling)
+            && port.operator.get() != Some(true);
         if !is_voted {
             let name = names.get(port.partition).map_or("", String::as_str);
             let message = format!("port `{name}.{}` has `outvote`, and nobody votes there", port.name.value);
-            wrong(findings, &outvote.span, message, "it is for the sources of a partition with `replicas`");
+            wrong(
+                findings,
+                &outvote.span,
+                message,
+                "it is for the sampling sources of a partition with `replicas`",
+            );
         }
     }
 }
@@ -135,12 +158,26 @@ fn replicate(file: &mut RawFile, place: usize, modules: &[Option<At<String>>], s
         file.partitions.push(replica);
     }
     let module = At { value: String::new(), span: span.clone() };
+    let at_name = |value| Field::Said(At { value, span: name.span.clone() });
+    let table = relays::table(PROGRAM, name.clone(), module);
     file.partitions[place] = RawPartition {
+        // How large the numbers of each field are.
+        retained: Field::Said(At { value: Bytes(RETAINED), span: name.span.clone() }),
+        restart: RawRestart { start: at_name(Word(StartMode::Warm)), ..table.restart.clone() },
         module: original.module,
         replicas: original.replicas,
         voted: (first..first + modules.len()).collect(),
-        ..relays::table(PROGRAM, name, module)
+        ..table
     };
+    for schedule in &mut file.schedules {
+        let of_it = |(name, _): &&(At<String>, At<ChangeAction>)| name.value == original.name.value;
+        if let Some((name, action)) = schedule.change_actions.iter().find(of_it).cloned() {
+            let each = |number| {
+                (At { value: numbered(&name.value, number), span: name.span.clone() }, action.clone())
+            };
+            schedule.change_actions.extend((1..=REPLICAS).map(each));
+        }
+    }
     for block in &mut file.memory_blocks {
         let Field::Said(read) = &mut block.read else { continue };
         let name = &original.name.value;
@@ -169,7 +206,12 @@ fn distribute(file: &mut RawFile, place: usize, findings: &Findings<'_>) -> Port
     let mut ports = Ports::default();
     let mut told: BTreeMap<&str, Vec<Attribute>> = BTreeMap::new();
     let own: Vec<usize> = (0..file.ports.len()).filter(|&port| file.ports[port].partition == place).collect();
-    let names: Vec<String> = own.iter().map(|&port| file.ports[port].name.value.clone()).collect();
+    let stays = |port: &&usize| {
+        let port = &file.ports[**port];
+        (port.kind.word(), port.direction.word()) != (Some(Kind::Sampling), Some(Direction::Destination))
+    };
+    let names: Vec<String> =
+        own.iter().filter(stays).map(|&port| file.ports[port].name.value.clone()).collect();
     let mut further = Vec::new();
     for port in own {
         let original = file.ports[port].clone();
@@ -277,18 +319,49 @@ fn lead(file: &mut RawFile, replicated: &HashMap<String, Ports>) {
             file.channels.extend((1..=REPLICAS).map(|number| between(name, port, number)));
         }
     }
-    for chain in &mut file.chains {
-        let Field::Said(path) = &mut chain.path else { continue };
-        // All three have the same windows behind them but one: the last.
-        let each = |hop: At<String>| match of_path(&hop.value) {
-            Some((owner, port, ports)) if ports.passed.iter().any(|passed| passed.name.value == port) => {
-                let replica = format!("{}.{port}", numbered(&owner, REPLICAS));
-                vec![At { value: replica, span: hop.span.clone() }, hop]
+    let chains = std::mem::take(&mut file.chains);
+    file.chains = chains.into_iter().flat_map(|chain| through_each(&chain, &of_path)).collect();
+}
+
+/// A chain that leads through replicas is one for each of them: they are at different instants.
+fn through_each<'p>(
+    chain: &RawChain,
+    of_path: &impl Fn(&str) -> Option<(String, String, &'p Ports)>,
+) -> Vec<RawChain> {
+    let through = |number: usize| {
+        let mut replica = None;
+        let mut path: Vec<At<String>> = Vec::new();
+        for hop in chain.path.items() {
+            let Some((owner, port, ports)) = of_path(&hop.value) else {
+                path.push(hop.clone());
+                continue;
+            };
+            let of_replica = format!("{}.{port}", numbered(&owner, number));
+            let of_replica = At { value: of_replica, span: hop.span.clone() };
+            replica = Some(numbered(&owner, number));
+            let passed = ports.passed.iter().find(|passed| passed.name.value == port);
+            let of_any = |number| format!("{}.{port}", numbered(&owner, number));
+            let is_named =
+                path.last().is_some_and(|last| (1..=REPLICAS).any(|one| last.value == of_any(one)));
+            match passed.map(|passed| passed.direction.word()) {
+                Some(_) if is_named => path.push(hop.clone()),
+                None => path.push(of_replica),
+                Some(Some(Direction::Destination)) => path.extend([hop.clone(), of_replica]),
+                Some(_) => path.extend([of_replica, hop.clone()]),
             }
-            _ => vec![hop],
+        }
+        let Field::Said(said) = &chain.path else { return None };
+        let path = Field::Said(At { value: path, span: said.span.clone() });
+        let name = match &chain.name {
+            Field::Said(name) => {
+                Field::Said(At { value: format!("{}, {}", name.value, replica?), span: name.span.clone() })
+            }
+            other => other.clone(),
         };
-        path.value = std::mem::take(&mut path.value).into_iter().flat_map(each).collect();
-    }
+        Some(RawChain { name, path, max_age: chain.max_age.clone() })
+    };
+    let each: Option<Vec<RawChain>> = (1..=REPLICAS).map(through).collect();
+    each.unwrap_or_else(|| vec![chain.clone()])
 }
 
 /// The channel between a replica's port and its voter.
@@ -303,6 +376,7 @@ fn between(name: &str, port: &RawPort, number: usize) -> RawChannel {
         span: span.clone(),
         source: Field::Said(source),
         destinations: Field::Said(At { value: vec![destination], span: span.clone() }),
-        isolation: Field::Absent,
+        // A replica that writes wildly must not take the voter with it.
+        isolation: Field::Said(At { value: Word(Isolation::Sealed), span: span.clone() }),
     }
 }

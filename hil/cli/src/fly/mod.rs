@@ -333,12 +333,16 @@ fn beside_self(name: &str) -> Result<PathBuf> {
 
 /// The partition that runs program `name`, so that a plan may call its partitions as it likes.
 pub(crate) fn partition_running(plan: &Plan, name: &str) -> Result<String> {
+    let partition = running(plan, name)?;
+    // Who sets something in a replica sets it in all of them.
+    Ok(plan[plan.voter_of(partition).unwrap_or(partition)].name.clone())
+}
+
+/// The first partition that runs the program.
+pub(crate) fn running(plan: &Plan, name: &str) -> Result<PartitionId> {
     let runs = |program: &str| program.rsplit('/').next() == Some(name);
-    match plan.partitions.iter().enumerate().find(|(_, partition)| runs(&partition.program)) {
-        // Who sets something in a replica sets it in all of them.
-        Some((place, partition)) => {
-            Ok(plan.voter_of(PartitionId(place)).map_or(&partition.name, |voter| &plan[voter].name).clone())
-        }
+    match plan.partitions.iter().position(|partition| runs(&partition.program)) {
+        Some(place) => Ok(PartitionId(place)),
         None => bail!(
             "no partition of the plan runs the program {name}, which a flight needs: this verb is for flights, and `bateleur run` runs \
              any plan"
@@ -381,8 +385,7 @@ pub(crate) fn read_mission(arguments: &Arguments, plan: &Plan) -> Result<Mission
 }
 
 fn attribute<'a>(plan: &'a Plan, program: &str, name: &str) -> Option<&'a Attribute> {
-    let partition = partition_running(plan, program).ok()?;
-    plan[plan.partition(&partition)?].attributes.get(name)
+    plan[running(plan, program).ok()?].attributes.get(name)
 }
 
 /// The attributes that are replaced: those asked for, and the laps of a mission of one's own, after which the aircraft is to circle.

@@ -227,7 +227,7 @@ fn replica_that_an_operator_holds_is_not_outvoted() {
 fn flight_takes_the_laps_from_the_plan_of_the_replicas() {
     let _turn = among_others();
     let ended = fly(&schedule().replace("laps = 2", "laps = 1"), &[]).expect_code(0);
-    assert!(ended.stderr.contains("completed, 1 lap"), "{}", ended.stderr);
+    assert!(ended.stderr.contains("5 of 5 way-points"), "{}", ended.stderr);
 }
 
 /// The plan above with a replica on each of three computers.

@@ -4,7 +4,7 @@
 //! Whoever names `NAME` or one of its ports means the voter and what it has decided; the replicas are `NAME_1` to `NAME_3`. Sampling
 //! values reach the replicas directly; messages of a queue go through the voter, so that each replica has all of them.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
 use bateleur_contract::REPLICAS;
 
@@ -15,6 +15,7 @@ use crate::model::Attribute;
 use crate::raw::{RawChain, RawChannel, RawFile, RawPartition, RawPort, RawRestart};
 use crate::reader::{At, Bytes, Field, Nanoseconds, Permission, Replicas, Word};
 
+use super::names::port_path;
 use super::relays;
 
 /// The voter's program.
@@ -32,33 +33,25 @@ const ONCE: &str = "would be done three times, and nobody votes on it";
 
 /// Makes three partitions and a voter of every partition that has replicas.
 pub(crate) fn expand(file: &mut RawFile, findings: &Findings<'_>) {
+    unused(file, findings);
     let names: Vec<String> = file.partitions.iter().map(|partition| partition.name.value.clone()).collect();
-    let mut replicated = HashMap::new();
-    for place in 0..names.len() {
+    let mut replicated = BTreeMap::new();
+    for (place, name) in names.iter().enumerate() {
         let (modules, span) = match &file.partitions[place].replicas {
             Field::Absent => continue,
             Field::Broken => (None, file.partitions[place].name.span.clone()),
             Field::Said(replicas) => (modules(replicas, findings), replicas.span.clone()),
         };
         let modules = modules.unwrap_or_else(|| vec![None; REPLICAS]);
-        for taken in (1..=REPLICAS).map(|number| numbered(&names[place], number)) {
+        for taken in (1..=REPLICAS).map(|number| numbered(name, number)) {
             if let Some(other) = names.iter().position(|name| *name == taken) {
-                let message = format!("`{taken}` is the name of a replica of `{}`", names[place]);
+                let message = format!("`{taken}` is the name of a replica of `{name}`");
                 wrong(findings, &file.partitions[other].name.span, message, "rename the partition");
             }
         }
         refuse(file, place, findings);
-        replicated.insert(names[place].clone(), Ports::default());
         replicate(file, place, &modules, &span);
-    }
-    unused(file, &names, findings);
-    if replicated.is_empty() {
-        return;
-    }
-    for place in 0..names.len() {
-        if let Some(ports) = replicated.get_mut(&names[place]) {
-            *ports = distribute(file, place, findings);
-        }
+        replicated.insert(name.clone(), distribute(file, place, findings));
     }
     lead(file, &replicated);
 }
@@ -125,17 +118,16 @@ fn refuse(file: &RawFile, place: usize, findings: &Findings<'_>) {
 }
 
 /// Reports a key that only ports with replicas behind them have.
-fn unused(file: &RawFile, names: &[String], findings: &Findings<'_>) {
+fn unused(file: &RawFile, findings: &Findings<'_>) {
     for port in &file.ports {
         let Some(outvote) = port.outvote.said() else { continue };
         let owner = &file.partitions[port.partition];
-        let is_voted = !owner.voted.is_empty()
+        let is_voted = !owner.replicas.is_absent()
             && port.direction.word() == Some(Direction::Source)
             && port.kind.word() == Some(Kind::Sampling)
             && port.operator.get() != Some(true);
         if !is_voted {
-            let name = names.get(port.partition).map_or("", String::as_str);
-            let message = format!("port `{name}.{}` has `outvote`, and nobody votes there", port.name.value);
+            let message = format!("port `{}` has `outvote`, and nobody votes there", port_path(file, port));
             wrong(
                 findings,
                 &outvote.span,
@@ -286,15 +278,11 @@ fn depth_behind(file: &RawFile, place: usize, port: &RawPort) -> Option<u32> {
         .iter()
         .find(|channel| channel.source.said().is_some_and(|source| source.value == path))?;
     let destination = &channel.destinations.items().first()?.value;
-    let is_it = |port: &&RawPort| {
-        let (owner, name) = destination.split_once('.').unwrap_or_default();
-        file.partitions[port.partition].name.value == owner && port.name.value == name
-    };
-    file.ports.iter().find(is_it)?.depth.get()
+    file.ports.iter().find(|port| port_path(file, port) == *destination)?.depth.get()
 }
 
 /// Channels and chains lead through voters.
-fn lead(file: &mut RawFile, replicated: &HashMap<String, Ports>) {
+fn lead(file: &mut RawFile, replicated: &BTreeMap<String, Ports>) {
     let of_path = |path: &str| {
         let (owner, port) = path.split_once('.')?;
         Some((owner.to_owned(), port.to_owned(), replicated.get(owner)?))
@@ -312,10 +300,8 @@ fn lead(file: &mut RawFile, replicated: &HashMap<String, Ports>) {
         };
         destinations.value = std::mem::take(&mut destinations.value).into_iter().flat_map(each).collect();
     }
-    let mut names: Vec<&String> = replicated.keys().collect();
-    names.sort();
-    for name in names {
-        for port in &replicated[name].passed {
+    for (name, ports) in replicated {
+        for port in &ports.passed {
             file.channels.extend((1..=REPLICAS).map(|number| between(name, port, number)));
         }
     }

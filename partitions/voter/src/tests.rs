@@ -48,7 +48,7 @@ fn whatever_one_of_three_writes_each_field_lies_between_those_of_the_two_others(
         let (one, other) = (message(0.25, 100, 5), message(0.25 + near, 105, 5));
         let mut lie = one.clone();
         for byte in &mut lie {
-            if random.next() % 3 == 0 {
+            if random.next().is_multiple_of(3) {
                 *byte = random.next() as u8;
             }
         }

@@ -78,6 +78,12 @@ pub struct Aerodynamics {
     pub drag_0: f64,
     /// Factor of C_L² in C_D.
     pub drag_induced: f64,
+    /// C_D per rad of |α|.
+    #[serde(default)]
+    pub drag_alpha: f64,
+    /// C_D per rad of |δe|.
+    #[serde(default)]
+    pub drag_elevator: f64,
     /// C_lp.
     pub roll_roll_rate: f64,
     /// C_lδa, positive.
@@ -486,6 +492,26 @@ impl Airframe {
         pressure * self.geometry.wing_area_m2 * drag
     }
 
+    /// The same with what angle of attack and elevator cost beyond the polar: much, where a wing is trimmed without a tail.
+    pub fn trimmed_drag_n(&self, airspeed_mps: f64, density_kgpm3: f64, normal_mps2: f64) -> f64 {
+        let a = &self.aerodynamics;
+        let lift = self.level_lift_coefficient(airspeed_mps, density_kgpm3) * -normal_mps2 / GRAVITY_MPS2;
+        let (alpha_rad, elevator_rad) = self.attitude_for(lift);
+        let pressure = 0.5 * density_kgpm3 * airspeed_mps * airspeed_mps;
+        let further = a.drag_alpha * alpha_rad.abs() + a.drag_elevator * elevator_rad.abs();
+        self.drag_n(airspeed_mps, density_kgpm3, normal_mps2)
+            + pressure * self.geometry.wing_area_m2 * further
+    }
+
+    /// Angle of attack and elevator, rad, of a lift coefficient: lift and pitching moment are two linear equations in them.
+    fn attitude_for(&self, lift: f64) -> (f64, f64) {
+        let a = &self.aerodynamics;
+        let determinant = a.lift_alpha * a.pitch_elevator - a.lift_elevator * a.pitch_alpha;
+        let alpha_rad = ((lift - a.lift_0) * a.pitch_elevator + a.lift_elevator * a.pitch_0) / determinant;
+        let elevator_rad = (-a.lift_alpha * a.pitch_0 - a.pitch_alpha * (lift - a.lift_0)) / determinant;
+        (alpha_rad, elevator_rad)
+    }
+
     /// Airspeed (m/s) at which it glides farthest, at sea level: induced drag is as large as the rest, C_L² = C_D0 / k.
     pub fn farthest_glide_mps(&self) -> f64 {
         let a = &self.aerodynamics;
@@ -494,12 +520,8 @@ impl Airframe {
 
     /// Angle of attack, elevator and throttle of level flight.
     pub fn trim(&self, airspeed_mps: f64, density_kgpm3: f64) -> Trim {
-        let a = &self.aerodynamics;
         let lift = self.level_lift_coefficient(airspeed_mps, density_kgpm3);
-        // Lift and pitching moment, two linear equations in angle of attack and elevator.
-        let determinant = a.lift_alpha * a.pitch_elevator - a.lift_elevator * a.pitch_alpha;
-        let alpha_rad = ((lift - a.lift_0) * a.pitch_elevator + a.lift_elevator * a.pitch_0) / determinant;
-        let elevator_rad = (-a.lift_alpha * a.pitch_0 - a.pitch_alpha * (lift - a.lift_0)) / determinant;
+        let (alpha_rad, elevator_rad) = self.attitude_for(lift);
         Trim { alpha_rad, elevator_rad, throttle: self.level_throttle(airspeed_mps, density_kgpm3) }
     }
 

@@ -637,7 +637,7 @@ impl Landing {
             y,
             short,
         ] = *numbers;
-        let place = (phase >= 1.0 && phase.fract() == 0.0).then_some(phase as usize - 1)?;
+        let place = (phase >= 1.0 && phase.fract() == 0.0).then(|| phase as usize - 1)?;
         let phase = *PHASES.get(place)?;
         let sane = numbers.iter().all(|x| x.is_finite()) && side * side == 1.0;
         sane.then_some(Self {

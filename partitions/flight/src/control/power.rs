@@ -22,6 +22,8 @@ const LOST_SHARE: f64 = 0.25;
 const LOST_S: f64 = 3.0;
 const BACK_SHARE: f64 = 0.6;
 const BACK_S: f64 = 3.0;
+/// An aircraft that has not sunk for so long, s, has power, whatever the forces say: its drag is not that of its file.
+const KEPT_UP_S: f64 = 12.0;
 /// Averaging of height and airspeed, s; and how fast they are used up, of what a glide does, where there is no power.
 const ENERGY_S: f64 = 3.0;
 const SINK_SHARE: f64 = 0.4;
@@ -65,6 +67,7 @@ pub struct PowerWatch {
     energy_m: Option<f64>,
     against_s: f64,
     for_s: f64,
+    kept_up_s: f64,
     lost: bool,
 }
 
@@ -78,13 +81,13 @@ impl PowerWatch {
     pub fn step(&mut self, airframe: &Airframe, frame: &Frame) {
         let judged = frame.flying && frame.axial_mps2.is_finite() && frame.normal_mps2.is_finite();
         if !judged {
-            (self.against_s, self.for_s, self.energy_m) = (0.0, 0.0, None);
+            (self.against_s, self.for_s, self.kept_up_s, self.energy_m) = (0.0, 0.0, 0.0, None);
             return;
         }
         let (mass_kg, dt_s) = (airframe.mass.mass_kg, frame.dt_s);
         let thrust_n = airframe.thrust_n(frame.throttle, frame.airspeed_mps, frame.density_kgpm3);
         self.lagged_mps2 = low_pass(self.lagged_mps2, thrust_n / mass_kg, airframe.thrust_lag_s(), dt_s);
-        let drag_n = airframe.drag_n(frame.airspeed_mps, frame.density_kgpm3, frame.normal_mps2);
+        let drag_n = airframe.trimmed_drag_n(frame.airspeed_mps, frame.density_kgpm3, frame.normal_mps2);
         let felt_mps2 = frame.axial_mps2 + drag_n / mass_kg;
         self.expected_mps2 = low_pass(self.expected_mps2, self.lagged_mps2, AVERAGE_S, dt_s);
         self.felt_mps2 = low_pass(self.felt_mps2, felt_mps2, AVERAGE_S, dt_s);
@@ -102,11 +105,12 @@ impl PowerWatch {
         let some = says && self.felt_mps2 > BACK_SHARE * self.expected_mps2;
         self.against_s = if none { self.against_s + dt_s } else { 0.0 };
         self.for_s = if some { self.for_s + dt_s } else { 0.0 };
+        self.kept_up_s = if sinks { 0.0 } else { self.kept_up_s + dt_s };
         if self.against_s > LOST_S {
             // The longer average has seen the motor yet.
             self.glide_mps2 = if self.lost { self.glide_mps2 } else { self.axial_mps2 };
             self.lost = true;
-        } else if self.for_s > BACK_S {
+        } else if self.for_s > BACK_S || self.kept_up_s > KEPT_UP_S {
             self.lost = false;
         }
     }
@@ -189,6 +193,26 @@ mod tests {
             fly((&mut watch, &mut altitude_m), 0.8, 1.0, 8.0);
             assert!(!watch.is_lost(), "it is back");
         }
+    }
+
+    #[test]
+    fn aircraft_that_keeps_its_height_has_power_though_it_drags_more_than_its_file_says() {
+        let (mut watch, mut altitude_m) = (PowerWatch::default(), 100.0);
+        fly_with((&mut watch, &mut altitude_m), 0.8, 0.9, 6.0, 10.0);
+        assert!(watch.is_lost(), "it sinks, as if nothing drove it");
+        let airframe = aerosonde();
+        let frame = Frame {
+            throttle: 0.8,
+            airspeed_mps: 22.0,
+            altitude_m,
+            density_kgpm3: 1.2,
+            axial_mps2: -airframe.drag_n(22.0, 1.2, -GRAVITY_MPS2) / airframe.mass.mass_kg,
+            normal_mps2: -GRAVITY_MPS2,
+            flying: true,
+            dt_s: 0.02,
+        };
+        (0..2000).for_each(|_| watch.step(&airframe, &frame));
+        assert!(!watch.is_lost());
     }
 
     #[test]

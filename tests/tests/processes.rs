@@ -57,7 +57,7 @@ fn process_that_the_plan_does_not_allow_is_refused_and_told_why() {
     for (keys, why) in [
         ("processes = 1", "the plan's `processes` allows 1"),
         ("threads = 2", "the plan's `processes` allows 1"),
-        ("processes = 2\nstacks = \"300KiB\"", "the plan's `stacks` allows 307200 bytes together"),
+        ("processes = 2\nstacks = \"100KiB\"", "the plan's `stacks` allows 102400 bytes together"),
     ] {
         let ended = run(keys, &["--fast"]);
         let refused = ended.stderr.lines().find(|line| line.contains("process \"slow\": INVALID_CONFIG"));

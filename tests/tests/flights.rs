@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use bateleur_tests::{Ended, ONE_PROCESS, TWO_LAPS, among_others, bateleur, flight_schedule};
+use bateleur_tests::{Ended, ONE_PROCESS, TWO_LAPS, among_others, bateleur, flight_schedule, repository};
 use serde_json::Value;
 
 /// Bounds of a flight's scores, root mean square against what the aircraft was asked to fly.
@@ -114,6 +114,18 @@ fn second_airframe_flies_two_laps_in_calm_air_and_in_gusts() {
 fn third_airframe_flies_two_laps_with_only_its_file_added() {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../airframes/ultrastick25e.toml");
     assert_airframe_flies(file);
+}
+
+#[test]
+fn flying_wing_and_an_aircraft_of_sixty_kilograms_complete_in_calm_air_and_in_wind() {
+    let _turn = among_others();
+    for file in ["zagi", "vtail60"] {
+        let file = repository().join(format!("airframes/{file}.toml"));
+        for air in [&[][..], &["--wind", "8", "--wind-from", "45", "--turbulence", "moderate"]] {
+            let choices = ["--seed", "1", "--airframe", file.to_str().unwrap()];
+            fly(&[&choices[..], air, &ONE_PROCESS].concat()).expect_code(0);
+        }
+    }
 }
 
 fn digest(seed: &str) -> String {

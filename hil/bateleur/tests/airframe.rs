@@ -8,7 +8,7 @@ use support::{assert_golden, bateleur, bateleur_in, repository};
 
 #[test]
 fn what_follows_from_each_delivered_airframe_is_as_it_was() {
-    for name in ["aerosonde", "rascal110", "ultrastick25e"] {
+    for name in ["aerosonde", "rascal110", "ultrastick25e", "zagi", "vtail60"] {
         let ended = bateleur(&["airframe", &format!("airframes/{name}.toml")]);
         assert_eq!((ended.code, ended.stderr.as_str()), (0, ""));
         assert_golden(&format!("airframe_{name}.txt"), &ended.stdout);

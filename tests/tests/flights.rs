@@ -117,13 +117,15 @@ fn third_airframe_flies_two_laps_with_only_its_file_added() {
 }
 
 #[test]
-fn flying_wing_and_an_aircraft_of_sixty_kilograms_complete_in_calm_air_and_in_wind() {
+fn flying_wing_and_an_aircraft_of_sixty_kilograms_fly_in_wind_and_land() {
     let _turn = among_others();
     for file in ["zagi", "vtail60"] {
         let file = repository().join(format!("airframes/{file}.toml"));
-        for air in [&[][..], &["--wind", "8", "--wind-from", "45", "--turbulence", "moderate"]] {
-            let choices = ["--seed", "1", "--airframe", file.to_str().unwrap()];
-            fly(&[&choices[..], air, &ONE_PROCESS].concat()).expect_code(0);
+        for air in [["8", "--turbulence", "moderate"], ["5", "--turbulence", "light"]] {
+            let choices = ["--land", "--seed", "1", "--airframe", file.to_str().unwrap()];
+            let wind = ["--wind-from", "45", "--wind"];
+            let ended = fly(&[&choices[..], &wind, &air, &ONE_PROCESS].concat()).expect_code(0);
+            assert!(!ended.stderr.contains("no power"), "{}", ended.stderr);
         }
     }
 }

@@ -80,7 +80,7 @@ pub(super) struct RawPartition {
     pub(super) name: At<String>,
     /// Three of it, or where each of the three runs.
     pub(super) replicas: Field<Replicas>,
-    /// The places of its replicas: see [`super::replicas`].
+    /// The places of its replicas, filled in by `resolve::replicas`.
     pub(super) voted: Vec<usize>,
     pub(super) program: Field<String>,
     pub(super) module: Field<String>,

@@ -12,12 +12,11 @@
 pub mod queues;
 pub mod standing;
 
+pub use bateleur_contract::REPLICAS;
 use bateleur_message_format::{Scalar, Type};
 
 use standing::Standing;
 
-/// Replicas of a partition.
-pub const REPLICAS: usize = 3;
 /// How far a number with a fraction may be off, as a share of the largest that its field had.
 pub const SHARE: f64 = 0.05;
 /// How far times may be off, minor frames.
@@ -125,13 +124,14 @@ impl Election {
         if present.len() == REPLICAS && !self.take_medians(&present) {
             return Outcome::default();
         }
-        let decided =
-            Ballot { bytes: &self.message.clone(), source_ns: source_ns.unwrap_or(first.source_ns) };
+        let message = std::mem::take(&mut self.message);
+        let decided = Ballot { bytes: &message, source_ns: source_ns.unwrap_or(first.source_ns) };
         let mut outcome = Outcome { source_ns: Some(decided.source_ns), differences: Default::default() };
         for (replica, ballot) in ballots.iter().enumerate().filter_map(|(place, one)| Some((place, (*one)?)))
         {
             outcome.differences[replica] = self.differences(ballot, decided, minor_frame_ns);
         }
+        self.message = message;
         if present.len() > 1 || agree {
             self.note_largest();
         }

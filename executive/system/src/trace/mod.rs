@@ -401,12 +401,13 @@ mod tests {
         assert!(events.make_contiguous().is_sorted_by_key(|event| event.at_ns));
         let late = events.iter().filter(|event| (begun_ns..ended_ns).contains(&event.at_ns)).count();
         assert!(late * 2 > events.len(), "their clock is CLOCK_MONOTONIC: {late} of {}", events.len());
-        // Who has the processor next is who gives it away then.
-        let mut has = None;
+        // Who gets the processor is who gives it away next. A machine's own watch can hide how it gives
+        // a processor away, so this holds for the thread of this test alone.
+        let mut taken = false;
         for event in &events {
             let What::Switch { from, to, .. } = event.what else { continue };
-            assert!(has.is_none_or(|has| has == from), "{event:?}");
-            has = Some(to);
+            assert!(!taken || from == taker, "{event:?}");
+            taken = to == taker;
         }
         assert!(exists(&name));
         drop(trace);

@@ -269,6 +269,12 @@ impl Ended {
         faults(&self.folder()).into_iter().filter(|entry| entry.error != "order").collect()
     }
 
+    /// The health log of another module of the same run.
+    #[track_caller]
+    pub fn faults_on(&self, module: &str) -> Vec<Fault> {
+        faults(&self.folder().join("hosts").join(module))
+    }
+
     /// The orders in the health log: what was done, or not.
     #[track_caller]
     pub fn orders(&self) -> Vec<String> {

@@ -61,17 +61,15 @@ fn assert_flown_as_on_one(summary: &Value, one: &Value, which: &str) {
 #[test]
 fn flights_are_the_same_wherever_estimator_controller_and_servo_run() {
     let _turn = among_others();
-    let one = on_one_host();
-    let one_small = fly_one(&["--mission", small_mission().to_str().unwrap()]);
-    for (name, whole) in [("two-hosts", true), ("controls-apart", is_long()), ("three-hosts", is_long())] {
+    let one = fly_one(&["--mission", small_mission().to_str().unwrap()]);
+    for name in ["two-hosts", "controls-apart", "three-hosts"] {
         // Nothing is lost and everything comes in its minor frame: every actuator word is the same.
-        if whole {
-            let summary = fly(name, &[]).expect_code(0).summary();
+        let summary = fly_small(name, &[]).expect_code(0).summary();
+        assert_eq!(summary["digest"], one["digest"], "{name}");
+        if is_long() {
+            let (summary, one) = (fly(name, &[]).expect_code(0).summary(), on_one_host());
             assert_flown_as_on_one(&summary, &one, name);
             assert_eq!(summary["digest"], one["digest"], "{name}");
-        } else {
-            let summary = fly_small(name, &[]).expect_code(0).summary();
-            assert_eq!(summary["digest"], one_small["digest"], "{name}");
         }
     }
 }
@@ -150,7 +148,7 @@ fn expected(mut model: LinkModel, sent_ns: &[u64], until_ns: u64) -> [u64; 4] {
 #[test]
 fn counters_of_a_flight_over_bad_networks_are_what_the_networks_did() {
     let _turn = among_others();
-    let ended = fly("two-hosts", &["--link", BAD_LINK]).expect_code(0);
+    let ended = fly_small("two-hosts", &["--link", BAD_LINK]).expect_code(0);
     let out = ended.folder();
     let links =
         bateleur(&["links", out.to_str().unwrap(), "--format", "json"]).end().expect_code(0).summary();
@@ -178,8 +176,8 @@ fn told(ended: &Ended, words: &str) -> usize {
 #[test]
 fn one_network_that_is_cut_costs_nothing_and_is_told() {
     let _turn = among_others();
-    let one = on_one_host();
-    let ended = fly("two-hosts", &["--cut", "a@100-120"]).expect_code(0);
+    let one = fly_one(&["--mission", small_mission().to_str().unwrap()]);
+    let ended = fly_small("two-hosts", &["--cut", "a@30-50"]).expect_code(0);
     assert_eq!(ended.summary()["digest"], one["digest"], "nothing was lost");
     assert_eq!(told(&ended, "nothing comes on network a"), 2, "at both ends: {:?}", ended.faults());
     assert_eq!(told(&ended, "down"), 0, "the link itself never was: {:?}", ended.faults());
@@ -195,7 +193,7 @@ fn one_network_that_is_cut_costs_nothing_and_is_told() {
 #[test]
 fn both_networks_cut_are_survived_without_a_restart() {
     let _turn = among_others();
-    let ended = fly("two-hosts", &["--cut", "a@100-102", "--cut", "b@100-102"]);
+    let ended = fly_small("two-hosts", &["--cut", "a@40-42", "--cut", "b@40-42"]);
     let summary = ended.summary();
     assert_eq!(summary["completed"], true, "{}\n{}", summary["failure"], ended.stderr);
     assert_eq!(told(&ended, "link nav: down"), 2, "at both ends: {:?}", ended.faults());

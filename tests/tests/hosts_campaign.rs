@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use bateleur_tests::{Ended, among_others, bateleur, is_long, laps_of_small_mission, repository};
+use bateleur_tests::{Ended, among_others, bateleur, is_long, repository, small_mission};
 
 /// SplitMix64.
 struct Random(u64);
@@ -46,7 +46,7 @@ const KINDS: [Kind; 5] = [Kind::One, Kind::Both, Kind::Back, Kind::Death, Kind::
 fn drawn(seed: u64, number: u64) -> (Kind, Vec<String>) {
     let kind = KINDS[(number % KINDS.len() as u64) as usize];
     let mut random = Random(seed.wrapping_mul(1_000_003).wrapping_add(number));
-    let from_s = random.seconds(40.0, 150.0);
+    let from_s = random.seconds(30.0, if is_long() { 150.0 } else { 60.0 });
     let span = |length_s: f64| format!("{from_s:.1}-{:.1}", from_s + length_s);
     let options = match kind {
         Kind::One => {
@@ -100,8 +100,7 @@ fn cuts_and_deaths_at_random_instants_end_as_the_book_says() {
     let _turn = among_others();
     let seed = number("BATELEUR_HOSTS_SEED", 1);
     // Over sooner than the two laps of the schedule, and not before the last instant that is drawn.
-    let folder = tempfile::tempdir().unwrap();
-    let mission = laps_of_small_mission(folder.path(), 5);
+    let mission = small_mission();
     for number in 0..number("BATELEUR_HOSTS_FLIGHTS", KINDS.len() as u64) {
         let (kind, options) = drawn(seed, number);
         let schedule = repository().join("schedules/two-hosts.toml");

@@ -192,6 +192,8 @@ rules! {
         "Processes that are released in it run a period late."
     RELEASE_WITHOUT_WINDOW: Warning "T30-release-without-window" "period_release_late"
         "Periodic processes begin at uneven distances, and their deadlines count from the release point."
+    REPLICAS_APART: Warning "T31-replicas-apart" "replica_windows_apart"
+        "Replicas that have read something else write something else, and nobody lied."
 
     PROCESS_PERIOD: Error "A01-process-period" "process_period"
         "Processes are released at the release points of their partition, and nowhere between."

@@ -692,6 +692,7 @@ pub fn describe(
         planned_processes: planned_processes(partition),
         taken_errors: taken_errors(plan),
         may_align: partition.relay && plan[partition.module].follows.is_some(),
+        voted_elsewhere: plan.is_voted_elsewhere(partition),
         retained_bytes: partition.retained_bytes,
         memory_blocks: Vec::new(),
         logbooks: Vec::new(),

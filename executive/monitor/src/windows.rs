@@ -232,8 +232,12 @@ impl Monitor {
 
     /// The partition says that one of its replicas is outvoted.
     fn take_verdict(&mut self, place: usize, replica: usize, text: String, module_ns: u64) {
-        let voter = &self.plan[self.partitions[place].active.sandbox.id];
-        let Some(&accused) = voter.replicas.get(replica) else {
+        let own = self.partitions[place].active.sandbox.id;
+        let voter = &self.plan[own];
+        // A replica hands on what its voter on another module says of it.
+        let accused =
+            if self.plan.is_voted_elsewhere(voter) { Some(&own) } else { voter.replicas.get(replica) };
+        let Some(&accused) = accused else {
             let text = format!("says that a replica is outvoted, and has none: {text}");
             self.fault(place, PartitionError::ApplicationError, text, module_ns);
             return;
@@ -244,7 +248,7 @@ impl Monitor {
                 self.fault(accused, PartitionError::Outvoted, text, module_ns);
             }
             Some(_) => {}
-            // Its module is another one, whose executive is not told.
+            // Its module is another one, and it tells the executive there.
             None => {
                 let text = format!("{} is outvoted: {text}", self.plan[accused].name);
                 self.note(place, (PartitionError::Outvoted, Decision::Ignore), text, module_ns);

@@ -698,6 +698,13 @@ impl Plan {
         self.partition_ids().find(|&id| self[id].replicas.contains(&replica))
     }
 
+    /// Whether the partition is a replica whose voter is on another module.
+    #[must_use]
+    pub fn is_voted_elsewhere(&self, partition: &Partition) -> bool {
+        let has_it = |voter: &Partition| voter.replicas.iter().any(|&id| self[id].name == partition.name);
+        self.partitions.iter().any(|voter| voter.module != partition.module && has_it(voter))
+    }
+
     /// Whether what is set in the partition of that name is set in this one: a voter hands it to its replicas.
     #[must_use]
     pub fn takes_settings_of(&self, id: PartitionId, name: &str) -> bool {

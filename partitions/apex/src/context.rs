@@ -9,8 +9,8 @@ use std::rc::Rc;
 
 use bateleur_contract::sealed::SealedDescriptors;
 use bateleur_contract::{
-    Description, Direction, PartitionTimes, PlannedProcess, PortDescription, PortKind, ProcessPlan,
-    StartCondition,
+    ControlPage, Description, Direction, PartitionTimes, PlannedProcess, PortDescription, PortKind,
+    ProcessPlan, StartCondition,
 };
 use bateleur_message_format::{Message, Type, describe, layout_of};
 use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Handed, Membership, Reader, Writer};
@@ -31,6 +31,7 @@ use crate::raw::{RawQueuingDestination, RawQueuingSource, RawSamplingDestination
 use crate::retained::Retained;
 use crate::schedule::{ModuleSchedules, Schedules};
 use crate::time::Time;
+use crate::verdict::Verdicts;
 
 /// Why a partition can not start.
 #[derive(Debug, thiserror::Error)]
@@ -121,6 +122,8 @@ pub struct Context {
     retained: Option<File>,
     /// It has been asked for.
     retains: bool,
+    /// The port of a replica whose voter is on another module.
+    outvoted: Option<PortDescription>,
 }
 
 /// The first line in which two field tables differ. The executive tells an operator the last line of a refusal alone.
@@ -154,6 +157,8 @@ impl Context {
         let logbooks = description.logbooks.iter().map(Logbook::map).collect::<Result<_, _>>()?;
         let domain = Domain { root: description.ports_root.clone() };
         let attributes = Attributes::new(std::mem::take(&mut description.attributes));
+        // The last one, so that the others keep their places.
+        let outvoted = description.ports.pop_if(|_| description.voted_elsewhere);
         Ok(Self {
             description,
             attributes,
@@ -169,6 +174,7 @@ impl Context {
             logbooks,
             retained,
             retains: false,
+            outvoted,
         })
     }
 
@@ -437,13 +443,20 @@ impl Context {
     }
 
     /// Nothing of the plan may be left over.
-    pub(crate) fn finish(self) -> Result<Started, StartError> {
+    pub(crate) fn finish(mut self) -> Result<Started, StartError> {
         self.attributes.all_known()?;
+        let verdicts = match self.outvoted.take() {
+            Some(port) => {
+                Some(Verdicts::new(RawSamplingDestination::new(self.reader(&port)?, port, self.time.clone())))
+            }
+            None => None,
+        };
         let is_missed = |port: &&PortDescription| !port.optional && !self.used.contains(&port.name);
         match self.description.ports.iter().find(is_missed) {
             Some(port) => Err(StartError::UnusedPort(port.name.clone())),
             None => Ok(Started {
                 faults: self.faults(),
+                verdicts,
                 outlets: self.outlets.into_iter().map(|(_, outlet)| outlet).collect(),
                 connections: self.connections,
                 inlets: self.inlets,
@@ -628,6 +641,7 @@ pub(crate) struct Started {
     pub(crate) outlets: Vec<Rc<Outlet>>,
     pub(crate) inlets: Vec<Rc<Inlet>>,
     pub(crate) faults: Faults,
+    verdicts: Option<Verdicts>,
     _channels: Vec<Channel>,
     _nodes: BTreeMap<String, Membership>,
 }
@@ -636,6 +650,15 @@ impl Started {
     /// Meets every peer that is there.
     pub(crate) fn connect(&self) {
         self.connections.iter().for_each(|port| port.connect());
+    }
+
+    /// A window begins: faults that were ordered are carried out, and verdicts handed on.
+    pub(crate) fn begin_window(&mut self, page: &ControlPage, start_ns: u64) {
+        self.faults.carry_out(page);
+        self.outlets.iter().for_each(|outlet| outlet.catch_up(start_ns));
+        if let Some(verdicts) = &mut self.verdicts {
+            verdicts.hand_on(page, start_ns);
+        }
     }
 
     /// Receives what queues carry from now on, where it stood by until now.

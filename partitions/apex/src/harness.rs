@@ -132,6 +132,7 @@ impl Harness {
             planned_processes: Vec::new(),
             taken_errors: Vec::new(),
             may_align: false,
+            voted_elsewhere: false,
             retained_bytes: 0,
             memory_blocks: Vec::new(),
             logbooks: Vec::new(),

@@ -59,6 +59,7 @@ mod signals;
 mod supervision;
 mod takeover;
 mod time;
+mod verdict;
 mod window;
 
 /// Declares the Rust types of a folder of message definitions, `messages!("messages")`: the path counts from the folder of the crate's

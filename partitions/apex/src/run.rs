@@ -164,8 +164,7 @@ impl<P: Partition> Life<P> {
                 self.called()
                     .map_err(|error| End { code: exit::START_REFUSED, reason: error.to_string() })?;
             } else {
-                self.started.faults.carry_out(page);
-                self.started.outlets.iter().for_each(|outlet| outlet.catch_up(window.start_ns()));
+                self.started.begin_window(page, window.start_ns());
                 self.handle_errors(&window)?;
                 self.partition.window(&window);
             }

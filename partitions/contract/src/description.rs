@@ -8,6 +8,13 @@ use serde::{Deserialize, Serialize};
 use crate::logbook::LogbookSizes;
 use crate::sealed::SealedDescriptors;
 
+/// The port through which a replica is told by a voter on another module that it is outvoted: plain bytes, the reason, with the stamp of
+/// the message that it is outvoted for. The voter's port is called so, with `_` and the replica's number behind.
+pub const OUTVOTED_PORT: &str = "outvoted";
+
+/// The longest such reason, bytes.
+pub const OUTVOTED_BYTES: u32 = 128;
+
 /// Everything a partition knows about itself.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Description {
@@ -57,6 +64,10 @@ pub struct Description {
     /// The partition may tell how the module's major frames lie to a peer's: it is the relay of a module that follows.
     #[serde(default)]
     pub may_align: bool,
+    /// It is a replica, and its voter is on another module: through its last port, [`OUTVOTED_PORT`], it is told of verdicts on what it
+    /// wrote. For the library only: it is none of the ports that a partition's own code sees.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub voted_elsewhere: bool,
     /// Bytes of retained memory behind [`crate::RETAINED_FD`]; 0: none.
     pub retained_bytes: u64,
     /// The memory blocks that it is given.

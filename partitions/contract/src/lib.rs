@@ -22,8 +22,8 @@ mod mapping;
 
 pub use crash::CrashHead;
 pub use description::{
-    Clock, Description, Direction, LogbookDescription, MemoryBlockDescription, PLAIN_BYTES, PartitionTimes,
-    PlannedProcess, PortDescription, PortKind, ProcessPlan, StartCondition,
+    Clock, Description, Direction, LogbookDescription, MemoryBlockDescription, OUTVOTED_BYTES, OUTVOTED_PORT,
+    PLAIN_BYTES, PartitionTimes, PlannedProcess, PortDescription, PortKind, ProcessPlan, StartCondition,
 };
 pub use fault::{FaultKind, FaultOrder};
 pub use logbook::{Logbook, LogbookSizes};

@@ -9,6 +9,7 @@ use bateleur_apex::{
     Context, Partition, RawQueuingDestination, RawQueuingSource, RawSamplingDestination, RawSamplingSource,
     Retained, Sent, Stamp, StartError, Window,
 };
+use bateleur_contract::{OUTVOTED_BYTES, OUTVOTED_PORT};
 use bateleur_message_format::{Scalar, Type};
 use bateleur_voter::queues::Merger;
 use bateleur_voter::standing::{Conduct, Standing, Verdict};
@@ -23,6 +24,8 @@ pub(crate) struct Voter {
     values: Vec<Value>,
     messages: Vec<Messages>,
     orders: Vec<Orders>,
+    /// Where a replica on another module is told that it is outvoted.
+    elsewhere: [Option<RawSamplingSource>; REPLICAS],
     scale: Box<[f64; SCALE]>,
     retained: Retained<[f64; SCALE]>,
 }
@@ -69,8 +72,17 @@ impl Partition for Voter {
         let values = values.iter().map(value).collect::<Result<_, _>>()?;
         let messages = messages.iter().map(|name| Messages::open(context, name)).collect::<Result<_, _>>()?;
         let orders = orders.iter().map(|name| Orders::open(context, name)).collect::<Result<_, _>>()?;
+        let mut elsewhere = [const { None }; REPLICAS];
+        for (number, port) in (1..).zip(&mut elsewhere) {
+            let name = format!("{OUTVOTED_PORT}_{number}");
+            *port = context
+                .has_port(&name)
+                .then(|| context.raw_sampling_source(&name))
+                .transpose()?
+                .map(|(port, _)| port);
+        }
         let retained = context.retained()?;
-        let mut voter = Self { values, messages, orders, scale: Box::new([0.0; SCALE]), retained };
+        let mut voter = Self { values, messages, orders, elsewhere, scale: Box::new([0.0; SCALE]), retained };
         if let Some(kept) = voter.retained.load() {
             let fields = voter.values.iter_mut().flat_map(|value| value.election.scale());
             fields.zip(kept).for_each(|(largest, kept)| *largest = kept);
@@ -80,7 +92,16 @@ impl Partition for Voter {
 
     fn window(&mut self, window: &Window) {
         self.orders.iter_mut().for_each(Orders::pass);
-        self.values.iter_mut().for_each(|value| value.decide(window));
+        let elsewhere = &mut self.elsewhere;
+        // `source_ns` is the time of what the replica wrote last.
+        let mut outvote = |replica: usize, source_ns: u64, text: &str| {
+            window.outvote(replica, text);
+            if let Some(port) = &mut elsewhere[replica] {
+                let text = &text.as_bytes()[..text.len().min(OUTVOTED_BYTES as usize)];
+                port.write(text, Stamp { source_ns, sequence: window.start_ns() });
+            }
+        };
+        self.values.iter_mut().for_each(|value| value.decide(window, &mut outvote));
         let rank = |replica| (self.values.iter().map(|value| value.standing.rank(replica)).max(), replica);
         self.messages.iter_mut().for_each(|messages| messages.pass(rank, window.start_ns()));
         let fields = self.values.iter_mut().flat_map(|value| value.election.scale());
@@ -118,7 +139,7 @@ impl Value {
         })
     }
 
-    fn decide(&mut self, window: &Window) {
+    fn decide(&mut self, window: &Window, outvote: &mut impl FnMut(usize, u64, &str)) {
         for ((port, written), fresh) in self.from.iter_mut().zip(&mut self.written).zip(&mut self.fresh) {
             if let Some(reading) = port.read().filter(|reading| reading.updated) {
                 written.0.clear();
@@ -163,14 +184,12 @@ impl Value {
                 (true, Some(_)) if self.outvotes => Conduct::Differs,
                 (true, _) => Conduct::Agrees,
             };
-            match self.standing.note(replica, conduct) {
-                Some(Verdict::Differs) => {
-                    window.outvote(replica, &describe(&self.name, difference.as_ref()));
-                }
-                Some(Verdict::Silent) if !self.outvotes => {}
-                Some(Verdict::Silent) => window.outvote(replica, &format!("{}: writes nothing", self.name)),
-                None => {}
-            }
+            let reason = match self.standing.note(replica, conduct) {
+                Some(Verdict::Differs) => describe(&self.name, difference.as_ref()),
+                Some(Verdict::Silent) if self.outvotes => format!("{}: writes nothing", self.name),
+                Some(Verdict::Silent) | None => continue,
+            };
+            outvote(replica, self.written[replica].1, &reason);
         }
     }
 }

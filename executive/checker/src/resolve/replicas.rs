@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use bateleur_contract::REPLICAS;
+use bateleur_contract::{OUTVOTED_BYTES, OUTVOTED_PORT, REPLICAS};
 
 use crate::catalogue;
 use crate::closed::{ChangeAction, Direction, Isolation, Kind, StartMode};
@@ -52,6 +52,7 @@ pub(crate) fn expand(file: &mut RawFile, findings: &Findings<'_>) {
         refuse(file, place, findings);
         replicate(file, place, &modules, &span);
         replicated.insert(name.clone(), distribute(file, place, findings));
+        tell_elsewhere(file, place, &modules, findings);
     }
     lead(file, &replicated);
 }
@@ -248,6 +249,45 @@ fn distribute(file: &mut RawFile, place: usize, findings: &Findings<'_>) -> Port
     let value = told.into_iter().map(|(list, names)| (list.to_owned(), Attribute::Array(names))).collect();
     file.partitions[place].attributes = Field::Said(At { value, span });
     ports
+}
+
+/// Gives a replica on another module than its voter's a port, its last one, through which the voter tells it that it is outvoted.
+fn tell_elsewhere(file: &mut RawFile, place: usize, modules: &[Option<At<String>>], findings: &Findings<'_>) {
+    let voter = &file.partitions[place];
+    let (name, replicas) = (voter.name.clone(), voter.voted.clone());
+    let Some(home) = voter.module.said().map(|home| home.value.clone()) else { return };
+    for (number, module) in (1..).zip(modules) {
+        let Some(module) = module.as_ref().filter(|module| module.value != home) else { continue };
+        let replica = replicas[number - 1];
+        let is_taken = |port: &&RawPort| port.partition == replica && port.name.value == OUTVOTED_PORT;
+        if let Some(taken) = file.ports.iter().find(is_taken) {
+            let message = format!(
+                "`{OUTVOTED_PORT}` is the port through which the voter reaches a replica on another module"
+            );
+            wrong(findings, &taken.name.span, message, "rename the port");
+            continue;
+        }
+        let span = &module.span;
+        let said = |value| Field::Said(At { value, span: span.clone() });
+        let port = |partition, name, direction, refresh| RawPort {
+            partition,
+            name: At { value: name, span: span.clone() },
+            direction: Field::Said(At { value: Word(direction), span: span.clone() }),
+            kind: Field::Said(At { value: Word(Kind::Sampling), span: span.clone() }),
+            message: Field::Absent,
+            max_size: said(OUTVOTED_BYTES),
+            refresh,
+            depth: Field::Absent,
+            optional: Field::Absent,
+            operator: Field::Absent,
+            outvote: Field::Absent,
+        };
+        let refresh = Field::Said(At { value: Nanoseconds(VOTER_REFRESH_NS), span: span.clone() });
+        let from = port(place, numbered(OUTVOTED_PORT, number), Direction::Source, Field::Absent);
+        let to = port(replica, OUTVOTED_PORT.to_owned(), Direction::Destination, refresh);
+        file.channels.push(between(&name.value, &to, number));
+        file.ports.extend([from, to]);
+    }
 }
 
 /// The voter's end of a channel to or from one replica.

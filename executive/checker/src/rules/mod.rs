@@ -12,6 +12,7 @@ mod partitions;
 mod periods;
 mod ports;
 mod processes;
+mod replicas;
 mod schedules;
 mod windows;
 
@@ -129,6 +130,7 @@ pub(super) fn check(cx: &Context<'_>) {
     windows::check(cx);
     periods::check(cx);
     processes::check(cx);
+    replicas::check(cx);
     ports::check(cx);
     channels::check(cx);
     memory_blocks::check(cx);

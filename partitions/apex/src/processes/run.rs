@@ -273,8 +273,7 @@ fn windows(kernel: &Arc<Kernel>, mut started: Started) -> Result<(), End> {
             {
                 let mut state = kernel.lock();
                 state.follow_schedule(&window);
-                started.faults.carry_out(page);
-                started.outlets.iter().for_each(|outlet| outlet.catch_up(window.start_ns));
+                started.begin_window(page, window.start_ns);
             }
             kernel.window(window.start_ns, window.end_ns);
             after_window(page, &mut kernel.lock())?;

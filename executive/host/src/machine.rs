@@ -54,7 +54,10 @@ impl Machine {
         let is_root = rustix::process::geteuid().is_root();
         let user = is_root.then(Users::helper);
         let user = user.as_ref();
-        let cores = map_cores(view.cores(), &sched::allowed_cores(), &mut guarantees);
+        let cores = match clock {
+            Clock::Wall => map_cores(view.cores(), &sched::allowed_cores(), &mut guarantees),
+            Clock::Virtual => on_one_core(view.cores(), &mut guarantees),
+        };
         neighbours(clock, &cores, &mut guarantees);
         let real_time = real_time(clock, &mut guarantees);
         let groups = groups(&mut guarantees);
@@ -120,20 +123,39 @@ impl Machine {
     }
 }
 
+const OWN_CORES: &str = "each partitioned core is a processor of its own";
+
 /// A machine may have fewer cores than the plan names: the last one that it has stands in.
 fn map_cores(planned: &[u32], allowed: &[u32], guarantees: &mut Guarantees) -> Vec<(u32, u32)> {
-    const PROMISE: &str = "each partitioned core is a processor of its own";
     let last = allowed.last().copied().unwrap_or(0);
     let map: Vec<_> =
         planned.iter().map(|&core| (core, if allowed.contains(&core) { core } else { last })).collect();
     match map.iter().find(|(planned, real)| planned != real) {
-        None => guarantees.held(PROMISE, format!("{planned:?}")),
+        None => guarantees.held(OWN_CORES, format!("{planned:?}")),
         Some((core, real)) => guarantees.missing(
-            PROMISE,
+            OWN_CORES,
             format!("this process may not use processor {core} of the plan; processor {real} stands in"),
         ),
     }
     map
+}
+
+/// On the virtual clock one window follows the other, on any processor.
+fn on_one_core(planned: &[u32], guarantees: &mut Guarantees) -> Vec<(u32, u32)> {
+    let real = least_used(planned, &sched::allowed_cores(), &instance::living());
+    guarantees.held(OWN_CORES, format!("virtual clock: one window follows the other, on processor {real}"));
+    planned.iter().map(|&core| (core, real)).collect()
+}
+
+/// The processor that the fewest modules have; the plan's, or the last one, where others have no fewer.
+fn least_used(planned: &[u32], allowed: &[u32], living: &[Instance]) -> u32 {
+    let last = allowed.last().copied().unwrap_or(0);
+    let own = planned.first().copied().filter(|core| allowed.contains(core)).unwrap_or(last);
+    let modules = |core: u32| {
+        let has_it = |other: &&Instance| other.cores.contains(&core) || other.virtual_cores.contains(&core);
+        living.iter().filter(has_it).count()
+    };
+    allowed.iter().copied().min_by_key(|&core| (modules(core), core != own)).unwrap_or(own)
 }
 
 /// Other modules that live now. One that starts in the same instant is not among them: `bateleur ps` shows it.
@@ -476,23 +498,40 @@ fn memory(filtered: bool, guarantees: &mut Guarantees) -> Option<Settled> {
 mod tests {
     use super::*;
 
-    #[test]
-    fn a_module_that_lives_on_the_same_processor_is_named_and_others_are_not() {
-        let on = |pid, cores: &[u32]| Instance {
+    fn instance(pid: i32, cores: &[u32]) -> Instance {
+        Instance {
             name: format!("bateleur.fcu.{pid}"),
             pid,
             started_ticks: 1,
             group: None,
             accounts: Vec::new(),
             cores: cores.to_vec(),
+            virtual_cores: Vec::new(),
             users: None,
             locked: true,
             supervised: false,
-        };
-        let living = [on(7, &[]), on(8, &[2]), on(9, &[1, 3])];
+        }
+    }
+
+    #[test]
+    fn a_module_that_lives_on_the_same_processor_is_named_and_others_are_not() {
+        let living = [instance(7, &[]), instance(8, &[2]), instance(9, &[1, 3])];
         assert_eq!(taken_by(&[0], &living), None);
         let why = taken_by(&[0, 3, 1], &living).unwrap();
         assert!(why.starts_with("module fcu (PID 9) also uses processor 1: "), "{why}");
+    }
+
+    #[test]
+    fn modules_on_the_virtual_clock_share_the_processors_out() {
+        let mut living = Vec::new();
+        let mut start = |allowed: &[u32]| {
+            let core = least_used(&[1, 2], allowed, &living);
+            living.push(Instance { virtual_cores: vec![core], ..instance(1, &[]) });
+            core
+        };
+        assert_eq!([(); 5].map(|()| start(&[0, 1, 2])), [1, 0, 2, 1, 0]);
+        assert_eq!(start(&[5]), 5);
+        assert_eq!(least_used(&[1], &[0, 1], &[instance(1, &[1])]), 0, "a dispatcher takes it");
     }
 
     #[test]

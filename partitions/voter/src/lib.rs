@@ -12,7 +12,7 @@
 pub mod queues;
 pub mod standing;
 
-pub use bateleur_contract::REPLICAS;
+pub use bateleur_contract::{OUTVOTED_BYTES, OUTVOTED_PORT, REPLICAS};
 use bateleur_message_format::{Scalar, Type};
 
 use standing::Standing;

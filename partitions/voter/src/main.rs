@@ -9,11 +9,10 @@ use bateleur_apex::{
     Context, Partition, RawQueuingDestination, RawQueuingSource, RawSamplingDestination, RawSamplingSource,
     Retained, Sent, Stamp, StartError, Window,
 };
-use bateleur_contract::{OUTVOTED_BYTES, OUTVOTED_PORT};
 use bateleur_message_format::{Scalar, Type};
 use bateleur_voter::queues::Merger;
 use bateleur_voter::standing::{Conduct, Standing, Verdict};
-use bateleur_voter::{Ballot, Difference, Election, REPLICAS};
+use bateleur_voter::{Ballot, Difference, Election, OUTVOTED_BYTES, OUTVOTED_PORT, REPLICAS};
 
 /// Numbers that are kept over a restart: the scale of the first fields.
 const SCALE: usize = 2048;

@@ -47,16 +47,22 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Tries everything that the module of `view` will need.
+    /// Tries everything that the module of `view` will need. `processor` is that for all windows on the virtual clock; `None`: see
+    /// [`least_used`].
     #[must_use]
-    pub fn examine(view: &ModuleView<'_>, clock: Clock) -> Self {
+    pub fn examine(view: &ModuleView<'_>, clock: Clock, processor: Option<u32>) -> Self {
         let mut guarantees = Guarantees::default();
         let is_root = rustix::process::geteuid().is_root();
         let user = is_root.then(Users::helper);
         let user = user.as_ref();
         let cores = match clock {
             Clock::Wall => map_cores(view.cores(), &sched::allowed_cores(), &mut guarantees),
-            Clock::Virtual => on_one_core(view.cores(), &mut guarantees),
+            Clock::Virtual => {
+                let real = processor.unwrap_or_else(|| least_used(view.cores()));
+                const HOW: &str = "virtual clock: one window follows the other, on processor";
+                guarantees.held(OWN_CORES, format!("{HOW} {real}"));
+                view.cores().iter().map(|&core| (core, real)).collect()
+            }
         };
         neighbours(clock, &cores, &mut guarantees);
         let real_time = real_time(clock, &mut guarantees);
@@ -140,15 +146,14 @@ fn map_cores(planned: &[u32], allowed: &[u32], guarantees: &mut Guarantees) -> V
     map
 }
 
-/// On the virtual clock one window follows the other, on any processor.
-fn on_one_core(planned: &[u32], guarantees: &mut Guarantees) -> Vec<(u32, u32)> {
-    let real = least_used(planned, &sched::allowed_cores(), &instance::living());
-    guarantees.held(OWN_CORES, format!("virtual clock: one window follows the other, on processor {real}"));
-    planned.iter().map(|&core| (core, real)).collect()
+/// On the virtual clock one window follows the other, on any processor: that which the fewest modules have; the plan's, or the last one,
+/// where others have no fewer.
+#[must_use]
+pub fn least_used(planned: &[u32]) -> u32 {
+    least_used_of(&sched::allowed_cores(), planned, &instance::living())
 }
 
-/// The processor that the fewest modules have; the plan's, or the last one, where others have no fewer.
-fn least_used(planned: &[u32], allowed: &[u32], living: &[Instance]) -> u32 {
+fn least_used_of(allowed: &[u32], planned: &[u32], living: &[Instance]) -> u32 {
     let last = allowed.last().copied().unwrap_or(0);
     let own = planned.first().copied().filter(|core| allowed.contains(core)).unwrap_or(last);
     let modules = |core: u32| {
@@ -525,13 +530,13 @@ mod tests {
     fn modules_on_the_virtual_clock_share_the_processors_out() {
         let mut living = Vec::new();
         let mut start = |allowed: &[u32]| {
-            let core = least_used(&[1, 2], allowed, &living);
+            let core = least_used_of(allowed, &[1, 2], &living);
             living.push(Instance { virtual_cores: vec![core], ..instance(1, &[]) });
             core
         };
         assert_eq!([(); 5].map(|()| start(&[0, 1, 2])), [1, 0, 2, 1, 0]);
         assert_eq!(start(&[5]), 5);
-        assert_eq!(least_used(&[1], &[0, 1], &[instance(1, &[1])]), 0, "a dispatcher takes it");
+        assert_eq!(least_used_of(&[0, 1], &[1], &[instance(1, &[1])]), 0, "a dispatcher takes it");
     }
 
     #[test]

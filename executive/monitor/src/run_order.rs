@@ -19,6 +19,9 @@ pub struct RunOrder {
     pub module: String,
     /// The virtual clock.
     pub fast: bool,
+    /// On the virtual clock: the processor for all windows; `None`: that which the fewest modules have.
+    #[serde(default)]
+    pub processor: Option<u32>,
     /// Folder for logs; made where it is missing.
     pub output: PathBuf,
     /// Folder of the partitions' logbooks, likewise. On the virtual clock they begin anew.

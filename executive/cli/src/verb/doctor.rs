@@ -33,7 +33,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let Some((plan, about)) = plan(arguments)? else { return Ok(CANNOT_RUN) };
     let name = module_name(&plan, arguments.module.as_deref())?;
     let view = plan.module(&name).with_context(|| format!("the plan has no module \"{name}\""))?;
-    let machine = Machine::examine(&view, Clock::Wall);
+    let machine = Machine::examine(&view, Clock::Wall, None);
     let subject = Subject {
         cores: machine.partitioned_cores(),
         ports: view.partitions().map(|id| plan[id].ports.len()).sum(),

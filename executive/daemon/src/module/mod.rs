@@ -202,7 +202,7 @@ pub fn run(plan: Plan, mut options: Options) -> Result<Outcome, RunError> {
     for left in clean_leftovers().1 {
         options.events.tell(&not_removed(&options.order.module, 0.0, &left));
     }
-    let facts = Machine::examine(&view, options.order.clock());
+    let facts = Machine::examine(&view, options.order.clock(), options.order.processor);
     let lacking: Vec<String> =
         facts.guarantees.lacking().map(|lack| format!("  {}: {}", lack.promise, lack.detail)).collect();
     if options.order.strict && !lacking.is_empty() {

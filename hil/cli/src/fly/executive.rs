@@ -289,6 +289,7 @@ fn common(arguments: &Arguments) -> Vec<String> {
     if arguments.fast {
         list.push("--fast".to_owned());
     }
+    list.extend(arguments.processor.iter().flat_map(|core| ["--processor".to_owned(), core.to_string()]));
     if let Some(how) = &arguments.require {
         list.extend(["--require".to_owned(), how.clone()]);
     }

@@ -30,6 +30,7 @@ use bateleur_flight::airframe::Airframe;
 use bateleur_flight::control::envelope::Envelope;
 use bateleur_flight::guidance::{self, Corner};
 use bateleur_ground::MissionPlan;
+use bateleur_host::machine;
 use bateleur_messages::ground;
 use bateleur_messages::hil::Protocol;
 use bateleur_monitor::event::Event;
@@ -67,6 +68,9 @@ pub struct Arguments {
     /// Fly on the virtual clock: as fast as the machine can, the same flight for the same seed.
     #[arg(long)]
     pub(crate) fast: bool,
+    /// On the virtual clock: the processor of the flight.
+    #[arg(skip)]
+    pub(crate) processor: Option<u32>,
     /// What flies the partitions.
     #[arg(long, value_enum, default_value_t)]
     pub(crate) engine: here::Engine,
@@ -155,7 +159,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     if let Some(folder) = &arguments.output {
         output::refuse_used(folder)?;
     }
-    let arguments = &Arguments { set: settings(arguments, &plan, &mission)?, ..arguments.clone() };
+    let processor = arguments.fast.then(|| machine::least_used(&simulator::planned_cores(&plan)));
+    let set = settings(arguments, &plan, &mission)?;
+    let arguments = &Arguments { set, processor, ..arguments.clone() };
     let kept = kept::Inputs::read(arguments)?;
     let unflyable = unflyable(arguments, &plan, &mission);
     unflyable.iter().for_each(|note| eprintln!("{note}"));

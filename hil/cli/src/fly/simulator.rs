@@ -147,8 +147,8 @@ impl Drop for Simulator {
     }
 }
 
-/// Virtual clock: on the partitions' core, where an exchange is a switch and not an interrupt, and ahead of the partition that
-/// asks it, which finds the answer when it looks. Wall clock: off that core, ahead of everything ordinary.
+/// Virtual clock: on the partitions' processor, where an exchange is a switch and not an interrupt, and ahead of the partition that
+/// asks it, which finds the answer when it looks. Wall clock: off those processors, ahead of everything ordinary.
 pub(super) fn place(pid: i32, arguments: &Arguments, plan: &Plan) {
     stand(pid, arguments, plan);
     let priority =
@@ -162,12 +162,19 @@ pub(super) fn place(pid: i32, arguments: &Arguments, plan: &Plan) {
 
 /// The processor of [`place`], without its priority.
 pub(super) fn stand(pid: i32, arguments: &Arguments, plan: &Plan) {
-    let partitioned: Vec<u32> = plan.modules.iter().flat_map(|module| module.cores.clone()).collect();
-    let wanted = |core: &u32| partitioned.contains(core) == arguments.fast;
-    let cores: Vec<u32> = sched::allowed_cores().into_iter().filter(wanted).collect();
+    let partitioned = planned_cores(plan);
+    let cores = match arguments.processor {
+        Some(core) => vec![core],
+        None => sched::allowed_cores().into_iter().filter(|core| !partitioned.contains(core)).collect(),
+    };
     if !cores.is_empty() {
         for tid in sched::threads(pid) {
             let _ = sched::bind(tid, &cores); // a comfort: slower or later otherwise, nothing else
         }
     }
+}
+
+/// The processors that the plan's modules name.
+pub(super) fn planned_cores(plan: &Plan) -> Vec<u32> {
+    plan.modules.iter().flat_map(|module| module.cores.clone()).collect()
 }

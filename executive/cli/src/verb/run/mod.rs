@@ -96,6 +96,9 @@ pub struct Arguments {
     /// Descriptor of the socket to whoever holds the other end of a partition's line under the virtual clock.
     #[arg(long, hide = true)]
     companion_fd: Option<RawFd>,
+    /// Virtual clock: the processor for all windows.
+    #[arg(long, hide = true, requires = "fast")]
+    processor: Option<u32>,
 }
 
 fn parse_key(text: &str) -> Result<(String, PathBuf), String> {
@@ -174,6 +177,7 @@ fn order_of(arguments: &Arguments) -> RunOrder {
     RunOrder {
         module: arguments.module.clone().unwrap_or_default(),
         fast: arguments.fast,
+        processor: arguments.processor,
         output,
         logbooks,
         key_files: arguments.key.iter().map(|(link, file)| (link.clone(), plan_folder.join(file))).collect(),

@@ -86,7 +86,10 @@ impl Machine {
             network_limits(&mut guarantees);
         }
         devices(view, &mut guarantees);
-        keep_housekeeping_free(&cores);
+        // On the virtual clock the other processors may be those of other modules, which leave nothing of them.
+        if clock == Clock::Wall {
+            keep_housekeeping_free(&cores);
+        }
         Self {
             real_time,
             namespaces,

@@ -16,7 +16,6 @@ use serde::{Deserialize, Serialize};
 
 use rustix::fs::{FlockOperation, flock};
 
-use bateleur_contract::Clock;
 use bateleur_system::cgroup;
 use bateleur_system::trace;
 use bateleur_system::tree::{self, Folder, NotRemoved};
@@ -50,9 +49,6 @@ pub struct Instance {
     /// The processors that its dispatchers have; none on the virtual clock, and in the records of older versions.
     #[serde(default)]
     pub cores: Vec<u32>,
-    /// The processors on which its windows follow each other on the virtual clock: nobody is kept from them.
-    #[serde(default)]
-    pub virtual_cores: Vec<u32>,
     /// First user number of its partitions, where they have users of their own.
     #[serde(default)]
     pub users: Option<u32>,
@@ -73,17 +69,9 @@ pub struct Alive(#[allow(dead_code)] File);
 const NAMES: usize = 16;
 
 impl Instance {
-    /// The run of `module` by this process, on `cores` and that clock, with the user numbers of its partitions from `users` on. Makes its
+    /// The run of `module` by this process, whose dispatchers have `cores` and whose partitions the user numbers from `users` on. Makes its
     /// directory.
-    pub fn create(
-        module: &str,
-        (cores, clock): (Vec<u32>, Clock),
-        users: Option<u32>,
-    ) -> io::Result<(Self, Alive)> {
-        let (cores, virtual_cores) = match clock {
-            Clock::Wall => (cores, Vec::new()),
-            Clock::Virtual => (Vec::new(), cores),
-        };
+    pub fn create(module: &str, cores: Vec<u32>, users: Option<u32>) -> io::Result<(Self, Alive)> {
         let pid = std::process::id() as i32;
         let mut instance = Self {
             name: format!("{NAME}.{module}.{pid}"),
@@ -92,7 +80,6 @@ impl Instance {
             group: None,
             accounts: Vec::new(),
             cores,
-            virtual_cores,
             users,
             locked: true,
             supervised: false,
@@ -376,7 +363,7 @@ mod tests {
 
     #[test]
     fn a_living_run_is_left_alone_and_a_dead_one_is_removed() {
-        let (living, _alive) = Instance::create("instance_test", (Vec::new(), Clock::Virtual), None).unwrap();
+        let (living, _alive) = Instance::create("instance_test", Vec::new(), None).unwrap();
         // A process number that can not exist stands for an executive that was killed.
         let dead = Instance {
             name: "bateleur.instance_test.dead".into(),
@@ -385,7 +372,6 @@ mod tests {
             group: None,
             accounts: Vec::new(),
             cores: Vec::new(),
-            virtual_cores: Vec::new(),
             users: None,
             locked: true,
             supervised: false,
@@ -413,8 +399,7 @@ mod tests {
 
     #[test]
     fn a_run_whose_process_can_not_be_seen_from_here_lives_as_long_as_its_lock_is_held() {
-        let (mut unseen, alive) =
-            Instance::create("instance_unseen", (Vec::new(), Clock::Virtual), None).unwrap();
+        let (mut unseen, alive) = Instance::create("instance_unseen", Vec::new(), None).unwrap();
         // As its own container numbers it: here there is no such process.
         unseen.pid = i32::MAX;
         unseen.set_groups(None, Vec::new()).unwrap();
@@ -426,8 +411,7 @@ mod tests {
 
     #[test]
     fn a_record_stays_as_long_as_a_group_that_it_names_could_not_be_removed() {
-        let (mut instance, alive) =
-            Instance::create("instance_stuck", (Vec::new(), Clock::Virtual), None).unwrap();
+        let (mut instance, alive) = Instance::create("instance_stuck", Vec::new(), None).unwrap();
         let folder = tempfile::tempdir().unwrap();
         // A folder that is not empty goes as little as a group with a process that can not die.
         let stuck = folder.path().join(&instance.name);
@@ -446,8 +430,7 @@ mod tests {
 
     #[test]
     fn a_lock_is_kept_by_no_child_that_the_executive_starts() {
-        let (instance, alive) =
-            Instance::create("instance_child", (Vec::new(), Clock::Virtual), None).unwrap();
+        let (instance, alive) = Instance::create("instance_child", Vec::new(), None).unwrap();
         let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
         drop(alive);
         let living = is_taken_for_living(&instance);
@@ -459,8 +442,7 @@ mod tests {
 
     #[test]
     fn a_run_of_an_older_version_without_a_lock_lives_as_long_as_its_process() {
-        let (mut older, alive) =
-            Instance::create("instance_older", (Vec::new(), Clock::Virtual), None).unwrap();
+        let (mut older, alive) = Instance::create("instance_older", Vec::new(), None).unwrap();
         drop(alive);
         older.locked = false;
         older.record().unwrap();
@@ -473,9 +455,8 @@ mod tests {
 
     #[test]
     fn a_name_that_somebody_has_taken_before_keeps_no_module_from_starting() {
-        let (first, _one) = Instance::create("instance_taken", (Vec::new(), Clock::Virtual), None).unwrap();
-        let (second, _other) =
-            Instance::create("instance_taken", (Vec::new(), Clock::Virtual), None).unwrap();
+        let (first, _one) = Instance::create("instance_taken", Vec::new(), None).unwrap();
+        let (second, _other) = Instance::create("instance_taken", Vec::new(), None).unwrap();
         let (name, module) = (second.name.clone(), second.module().to_owned());
         assert!(is_taken_for_living(&second));
         first.clean_up().unwrap();
@@ -497,7 +478,6 @@ mod tests {
             group,
             accounts,
             cores,
-            virtual_cores: Vec::new(),
             users,
             locked: true,
             supervised: false,
@@ -512,8 +492,7 @@ mod tests {
 
     #[test]
     fn a_channel_is_made_anew_whatever_was_made_of_its_directory_and_the_others_stay_as_they_are() {
-        let (instance, _alive) =
-            Instance::create("instance_remade", (Vec::new(), Clock::Virtual), None).unwrap();
+        let (instance, _alive) = Instance::create("instance_remade", Vec::new(), None).unwrap();
         let channels = ["a.out", "b.out", "c.out"].map(str::to_owned);
         instance.make_channel_directories(&channels, None).unwrap();
         let directory = |channel: &str| instance.channel_directory(channel);

@@ -12,6 +12,7 @@ pub mod machine;
 pub mod memory_blocks;
 mod network_limits;
 pub mod partition;
+pub mod processor;
 pub mod programs;
 pub mod sealed;
 #[cfg(test)]

@@ -12,6 +12,7 @@ use crate::guarantee::Guarantees;
 use crate::instance::{self, Instance};
 use crate::network_limits::{MOST_ADDRESSES, NetworkLimits};
 use crate::partition::MOST_SOCKETS;
+use crate::processor::Claim;
 use bateleur_plan::ModuleView;
 use bateleur_system::account::Accounts;
 use bateleur_system::cgroup::Group;
@@ -44,21 +45,24 @@ pub struct Machine {
     groups: bool,
     cores: Vec<(u32, u32)>,
     settled: Option<Settled>,
+    _claim: Option<Claim>,
 }
 
 impl Machine {
-    /// Tries everything that the module of `view` will need. `processor` is that for all windows on the virtual clock; `None`: see
-    /// [`least_used`].
+    /// Tries everything that the module of `view` will need. `processor` is that for all windows on the virtual clock; `None`: it is
+    /// claimed here.
     #[must_use]
     pub fn examine(view: &ModuleView<'_>, clock: Clock, processor: Option<u32>) -> Self {
         let mut guarantees = Guarantees::default();
         let is_root = rustix::process::geteuid().is_root();
         let user = is_root.then(Users::helper);
         let user = user.as_ref();
+        let mut claim = None;
         let cores = match clock {
             Clock::Wall => map_cores(view.cores(), &sched::allowed_cores(), &mut guarantees),
             Clock::Virtual => {
-                let real = processor.unwrap_or_else(|| least_used(view.cores()));
+                claim = processor.is_none().then(|| Claim::take(view.cores()));
+                let real = processor.or(claim.as_ref().map(Claim::processor)).unwrap_or(0);
                 const HOW: &str = "virtual clock: one window follows the other, on processor";
                 guarantees.held(OWN_CORES, format!("{HOW} {real}"));
                 view.cores().iter().map(|&core| (core, real)).collect()
@@ -101,6 +105,7 @@ impl Machine {
             groups,
             cores,
             settled,
+            _claim: claim,
         }
     }
 
@@ -147,23 +152,6 @@ fn map_cores(planned: &[u32], allowed: &[u32], guarantees: &mut Guarantees) -> V
         ),
     }
     map
-}
-
-/// On the virtual clock one window follows the other, on any processor: that which the fewest modules have; the plan's, or the last one,
-/// where others have no fewer.
-#[must_use]
-pub fn least_used(planned: &[u32]) -> u32 {
-    least_used_of(&sched::allowed_cores(), planned, &instance::living())
-}
-
-fn least_used_of(allowed: &[u32], planned: &[u32], living: &[Instance]) -> u32 {
-    let last = allowed.last().copied().unwrap_or(0);
-    let own = planned.first().copied().filter(|core| allowed.contains(core)).unwrap_or(last);
-    let modules = |core: u32| {
-        let has_it = |other: &&Instance| other.cores.contains(&core) || other.virtual_cores.contains(&core);
-        living.iter().filter(has_it).count()
-    };
-    allowed.iter().copied().min_by_key(|&core| (modules(core), core != own)).unwrap_or(own)
 }
 
 /// Other modules that live now. One that starts in the same instant is not among them: `bateleur ps` shows it.
@@ -514,7 +502,6 @@ mod tests {
             group: None,
             accounts: Vec::new(),
             cores: cores.to_vec(),
-            virtual_cores: Vec::new(),
             users: None,
             locked: true,
             supervised: false,
@@ -527,19 +514,6 @@ mod tests {
         assert_eq!(taken_by(&[0], &living), None);
         let why = taken_by(&[0, 3, 1], &living).unwrap();
         assert!(why.starts_with("module fcu (PID 9) also uses processor 1: "), "{why}");
-    }
-
-    #[test]
-    fn modules_on_the_virtual_clock_share_the_processors_out() {
-        let mut living = Vec::new();
-        let mut start = |allowed: &[u32]| {
-            let core = least_used_of(allowed, &[1, 2], &living);
-            living.push(Instance { virtual_cores: vec![core], ..instance(1, &[]) });
-            core
-        };
-        assert_eq!([(); 5].map(|()| start(&[0, 1, 2])), [1, 0, 2, 1, 0]);
-        assert_eq!(start(&[5]), 5);
-        assert_eq!(least_used_of(&[0, 1], &[1], &[instance(1, &[1])]), 0, "a dispatcher takes it");
     }
 
     #[test]

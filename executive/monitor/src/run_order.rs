@@ -19,7 +19,7 @@ pub struct RunOrder {
     pub module: String,
     /// The virtual clock.
     pub fast: bool,
-    /// On the virtual clock: the processor for all windows; `None`: that which the fewest modules have.
+    /// On the virtual clock: the processor for all windows; `None`: the executive claims one.
     #[serde(default)]
     pub processor: Option<u32>,
     /// Folder for logs; made where it is missing.

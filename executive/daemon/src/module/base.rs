@@ -165,8 +165,12 @@ impl Base {
         logs: &Path,
         goes_on: bool,
     ) -> Result<Self, RunError> {
+        let cores = match clock {
+            Clock::Wall => facts.partitioned_cores(),
+            Clock::Virtual => Vec::new(),
+        };
         let users = facts.users.and_then(|users| users.partitions);
-        let (mut instance, alive) = Instance::create(module, (facts.partitioned_cores(), clock), users)
+        let (mut instance, alive) = Instance::create(module, cores, users)
             .map_err(machine("cannot make the module's directory in /dev/shm"))?;
         instance.supervised = supervised;
         let made = Self::furnish((instance.clone(), alive), facts, logs, goes_on);

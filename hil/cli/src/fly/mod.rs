@@ -30,7 +30,7 @@ use bateleur_flight::airframe::Airframe;
 use bateleur_flight::control::envelope::Envelope;
 use bateleur_flight::guidance::{self, Corner};
 use bateleur_ground::MissionPlan;
-use bateleur_host::machine;
+use bateleur_host::processor::Claim;
 use bateleur_messages::ground;
 use bateleur_messages::hil::Protocol;
 use bateleur_monitor::event::Event;
@@ -159,7 +159,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     if let Some(folder) = &arguments.output {
         output::refuse_used(folder)?;
     }
-    let processor = arguments.fast.then(|| machine::least_used(&simulator::planned_cores(&plan)));
+    let claim = arguments.fast.then(|| Claim::take(&simulator::planned_cores(&plan)));
+    let processor = claim.as_ref().map(Claim::processor);
     let set = settings(arguments, &plan, &mission)?;
     let arguments = &Arguments { set, processor, ..arguments.clone() };
     let kept = kept::Inputs::read(arguments)?;

@@ -162,7 +162,7 @@ fn counters_of_a_flight_over_bad_networks_are_what_the_networks_did() {
             let found = ["received", "duplicated", "lost", "reordered"].map(|key| number(&counted[key]));
             let expected = expected(model, &sent, until_ns);
             assert_eq!(found, expected, "{sender} to {receiver} on {network}");
-            assert!(expected.iter().all(|count| *count > 10), "the network does something: {expected:?}");
+            assert!(expected.iter().all(|count| *count > 5), "the network does something: {expected:?}");
         }
         assert_nothing_refused(&link);
     }

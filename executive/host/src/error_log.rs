@@ -71,6 +71,8 @@ pub struct ErrorLogs(Arc<Shared>);
 #[derive(Debug)]
 struct Shared {
     folder: PathBuf,
+    /// What is written first where something of an earlier run stands.
+    begin: String,
     /// Wakes the thread that reads when a pipe can be read.
     pipes: OwnedFd,
     /// Wakes it for anything else.
@@ -145,16 +147,17 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl ErrorReader {
-    /// Starts the threads; the files come into `folder`.
+    /// Starts the threads; the files come into `folder`. A file of an earlier run is gone on with, behind a line that says `begin`.
     ///
     /// # Errors
     /// The machine has no descriptor or no thread left.
-    pub fn start(folder: PathBuf) -> io::Result<Self> {
+    pub fn start(folder: PathBuf, begin: &str) -> io::Result<Self> {
         let pipes = epoll::create(epoll::CreateFlags::CLOEXEC)?;
         let wake = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
         epoll::add(&pipes, &wake, EventData::new_u64(0), EventFlags::IN)?;
         let shared = Arc::new(Shared {
             folder,
+            begin: format!("bateleur: {begin}\n"),
             pipes,
             wake,
             stop: AtomicBool::new(false),
@@ -287,7 +290,7 @@ impl Shared {
             let logs = lock(&self.logs).clone();
             for (place, log) in logs.iter().enumerate() {
                 if files.len() == place {
-                    files.push(LogFile::new(log.path.clone()));
+                    files.push(LogFile::new(log.path.clone(), self.begin.clone()));
                 }
                 if log.write(&mut files[place]) > 0 {
                     self.ring(); // it is to be said
@@ -483,16 +486,22 @@ struct LogFile {
     file: Option<File>,
     /// The last line has no end yet.
     in_line: bool,
+    /// What is written first into a file that is not empty; nothing once it was opened.
+    begin: String,
 }
 
 impl LogFile {
-    fn new(path: PathBuf) -> Self {
-        Self { path, file: None, in_line: false }
+    fn new(path: PathBuf, begin: String) -> Self {
+        Self { path, file: None, in_line: false, begin }
     }
 
     fn open(&mut self) -> io::Result<()> {
         self.file = None;
-        let opened = OpenOptions::new().create(true).append(true).open(&self.path)?;
+        let mut opened = OpenOptions::new().create(true).append(true).open(&self.path)?;
+        let begin = std::mem::take(&mut self.begin);
+        if opened.metadata()?.len() > 0 {
+            opened.write_all(begin.as_bytes())?;
+        }
         self.file = Some(opened);
         Ok(())
     }
@@ -558,7 +567,11 @@ mod tests {
 
     fn reader() -> (ErrorReader, tempfile::TempDir) {
         let folder = tempfile::tempdir().unwrap();
-        (ErrorReader::start(folder.path().to_owned()).unwrap(), folder)
+        (start(&folder), folder)
+    }
+
+    fn start(folder: &tempfile::TempDir) -> ErrorReader {
+        ErrorReader::start(folder.path().to_owned(), "begins").unwrap()
     }
 
     fn written(folder: &tempfile::TempDir, file: &str) -> Vec<u8> {
@@ -585,6 +598,22 @@ mod tests {
         let mut lines: Vec<&str> = file.lines().collect();
         lines.sort_unstable();
         assert_eq!(lines, ["first", "stands by"]);
+    }
+
+    #[test]
+    fn file_of_an_earlier_run_is_gone_on_with_behind_a_line_that_says_so() {
+        let folder = tempfile::tempdir().unwrap();
+        for words in ["first\n", "second\n"] {
+            let mut reader = start(&folder);
+            let line = reader.logs().line("one");
+            // Whoever comes next in the same run writes behind it.
+            for _ in 0..2 {
+                File::from(line.begin().unwrap()).write_all(words.as_bytes()).unwrap();
+            }
+            reader.finish();
+        }
+        let file = String::from_utf8(written(&folder, "one.log")).unwrap();
+        assert_eq!(file, "first\nfirst\nbateleur: begins\nsecond\nsecond\n");
     }
 
     #[test]
@@ -657,7 +686,7 @@ mod tests {
     #[test]
     fn file_that_is_too_long_begins_anew_and_its_end_is_kept() {
         let folder = tempfile::tempdir().unwrap();
-        let mut file = LogFile::new(folder.path().join("babbler.log"));
+        let mut file = LogFile::new(folder.path().join("babbler.log"), String::new());
         file.append(&Piece::Bytes(vec![b'.'; FILE_LIMIT as usize - 4])).unwrap();
         file.append(&Piece::Bytes(b"lastanew".to_vec())).unwrap();
         let kept = written(&folder, "babbler.log.old");
@@ -678,7 +707,7 @@ mod tests {
             [Piece::Bytes(b"0123456789".to_vec()), Piece::LeftOut(11), Piece::Bytes(b"again".to_vec())];
         assert_eq!(inflow.unwritten, expected);
         let folder = tempfile::tempdir().unwrap();
-        let mut file = LogFile::new(folder.path().join("one.log"));
+        let mut file = LogFile::new(folder.path().join("one.log"), String::new());
         inflow.unwritten.iter().for_each(|piece| file.append(piece).unwrap());
         assert_eq!(written(&folder, "one.log"), b"0123456789\nbateleur: 11 bytes are left out here\nagain");
     }

@@ -12,7 +12,7 @@ use bateleur_contract::Clock;
 use super::base::{Base, Lines, port_log, remove_earlier};
 use super::channel_holders::ChannelHolders;
 use super::course::{Course, Ended};
-use super::run_module::{Services, run_module};
+use super::run_module::{Services, module_start, run_module};
 use super::{Options, RunError, machine};
 use crate::recording::part_name;
 use bateleur_host::error_log::ErrorReader;
@@ -66,7 +66,8 @@ impl Base {
         let recording = port_log.map(record).transpose()?;
         let play = |play| self.play(plan, &order, play, &sealed, course.reached_ns());
         let player = options.order.play.as_ref().map(play).transpose()?;
-        let error_reader = ErrorReader::start(options.order.output.join("partitions"))
+        let begin = module_start(&options.order.module, options.order.clock(), course.resets());
+        let error_reader = ErrorReader::start(options.order.output.join("partitions"), &begin)
             .map_err(machine("cannot read the partitions' standard error"))?;
         let memories = (error_reader.logs(), sealed.clone(), memory_blocks, course.logbooks.clone());
         let sandboxes = self.sandboxes(plan, view, options, facts, programs, memories)?;

@@ -221,8 +221,8 @@ fn begin_why(options: &Options, facts: &Machine, view: &ModuleView<'_>, run: &st
     Why::begin(run, &options.order.output, cores.collect()).ok()
 }
 
-/// What the persistent log says of a run's begin. Module time begins anew with every run: the date tells them apart.
-fn module_start(module: &str, clock: Clock, resets: u32) -> String {
+/// What the persistent log and the partitions' logs say of a run's begin. Module time begins anew with every run: the date tells them apart.
+pub(super) fn module_start(module: &str, clock: Clock, resets: u32) -> String {
     let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
     let clock = match clock {
         Clock::Wall => "wall",

@@ -1,4 +1,4 @@
-//! Figures of restarts: from SIGKILL to the successor's first window.
+//! Figures of restarts: from SIGKILL to the successor's first window, of a partition and of the executive.
 
 use std::time::Duration;
 
@@ -20,6 +20,10 @@ pub(super) const VICTIM: &str = "victim";
 pub(super) const FRAME_US: u64 = 20_000;
 /// Kills in one run.
 pub(super) const KILLS: u64 = 40;
+/// As above, of the executive: each takes all partitions with it.
+const EXECUTIVES: u64 = 20;
+/// What the executive's process is called.
+const EXECUTIVE: &str = "bateleurd";
 /// From a successor's first window to its own end, ms: the standby of a hot restart is there by then.
 const PAUSE_MS: u64 = 120;
 /// How long a successor may take to its first window, ms: beyond every reach.
@@ -31,24 +35,31 @@ pub(super) fn rows(settings: &Settings) -> Result<Vec<Row>> {
 }
 
 fn rows_of(settings: &Settings, kind: &Kind) -> Vec<Row> {
-    let kills = if settings.quick { 3 } else { KILLS };
+    let kills = match (settings.quick, kind.ends) {
+        (true, _) => 3,
+        (false, Ends::Victim) => KILLS,
+        (false, Ends::Executive(_)) => EXECUTIVES,
+    };
     let runs = match not_in_this_build(settings, kind) {
         Some(why) => Err(anyhow::Error::msg(why)),
-        None => (0..settings.runs).map(|_| restarts(&module(settings, kind), kills)).collect(),
+        None => (0..settings.runs).map(|_| ends(&module(settings, kind), kills, kind.ends)).collect(),
     };
     let runs: Vec<Restarts> = match runs {
         Ok(runs) => runs,
         Err(error) => return vec![Row::impossible(kind.name, format!("{error:#}"))],
     };
-    let about = "SIGKILL from outside to the first instruction of the successor's first window";
-    let windows =
-        quantiles(kind.name, runs.iter().map(|run| &run.window_ms), Reach::AtMost(kind.reach_ms), about);
+    let about = match kind.ends {
+        Ends::Victim => "SIGKILL from outside to the first instruction of the successor's first window",
+        Ends::Executive(_) => "the signal to the next window of a partition, among nine",
+    };
+    let windows = quantiles(kind.name, runs.iter().map(|run| &run.window_ms), kind.reaches(), about);
     if windows.is_empty() {
         return vec![Row::impossible(kind.name, "the window log has no window of a successor")];
     }
     let about = "SIGKILL from outside until the standby has taken over: its next window can be granted";
     let name = format!("{}, taken over", kind.name);
-    let takeovers = quantiles(&name, runs.iter().map(|run| &run.takeover_ms), Reach::Stated, about);
+    let stated = [Reach::Stated, Reach::Stated];
+    let takeovers = quantiles(&name, runs.iter().map(|run| &run.takeover_ms), stated, about);
     windows.into_iter().chain(takeovers).collect()
 }
 
@@ -56,14 +67,14 @@ fn rows_of(settings: &Settings, kind: &Kind) -> Vec<Row> {
 fn quantiles<'r>(
     name: &str,
     runs: impl Iterator<Item = &'r Vec<f64>> + Clone,
-    reach: Reach,
+    [middle, most]: [Reach; 2],
     about: &str,
 ) -> Vec<Row> {
     let row = |words: &str, share, reach| {
         let of_each: Vec<f64> = runs.clone().filter_map(|run| quantile(run, share)).collect();
         Some(Row::measured(format!("{name}, {words}"), "ms", median(&of_each)?, None, reach, about))
     };
-    [row("p50", 0.5, Reach::Stated), row("p99", 0.99, reach)].into_iter().flatten().collect()
+    [row("p50", 0.5, middle), row("p99", 0.99, most)].into_iter().flatten().collect()
 }
 
 /// A way to start a successor.
@@ -73,10 +84,29 @@ struct Kind {
     is_warm: bool,
     /// Who waits to be the successor, if anybody does.
     standby: Option<&'static str>,
-    reach_ms: f64,
+    ends: Ends,
+    /// At p50, if it has one there, and at p99.
+    reach_ms: (Option<f64>, f64),
+}
+
+/// What is ended.
+#[derive(Clone, Copy)]
+enum Ends {
+    /// The partition, by SIGKILL.
+    Victim,
+    /// The executive, by that signal.
+    Executive(Signal),
 }
 
 impl Kind {
+    const fn new(name: &'static str, is_warm: bool, p50_ms: Option<f64>, p99_ms: f64) -> Self {
+        Self { name, is_warm, standby: None, ends: Ends::Victim, reach_ms: (p50_ms, p99_ms) }
+    }
+
+    fn reaches(&self) -> [Reach; 2] {
+        [self.reach_ms.0.map_or(Reach::Stated, Reach::AtMost), Reach::AtMost(self.reach_ms.1)]
+    }
+
     /// Keys of the partition.
     fn keys(&self) -> String {
         let (start, retained) = if self.is_warm { ("warm", "retained = \"16KiB\"\n") } else { ("cold", "") };
@@ -89,12 +119,14 @@ impl Kind {
 }
 
 const KINDS: &[Kind] = &[
-    Kind { name: "cold restart", is_warm: false, standby: None, reach_ms: 60.0 },
-    Kind { name: "warm restart", is_warm: true, standby: None, reach_ms: 60.0 },
-    Kind { name: "cold restart, spare", is_warm: false, standby: Some("spare"), reach_ms: 25.0 },
-    Kind { name: "warm restart, spare", is_warm: true, standby: Some("spare"), reach_ms: 25.0 },
+    Kind::new("cold restart", false, None, 60.0),
+    Kind::new("warm restart", true, None, 60.0),
+    Kind { standby: Some("spare"), ..Kind::new("cold restart, spare", false, Some(15.0), 25.0) },
+    Kind { standby: Some("spare"), ..Kind::new("warm restart, spare", true, Some(15.0), 25.0) },
     // The next window, which is a frame away at most.
-    Kind { name: "hot standby", is_warm: true, standby: Some("hot"), reach_ms: FRAME_US as f64 / 1e3 + 1.0 },
+    Kind { standby: Some("hot"), ..Kind::new("hot standby", true, None, FRAME_US as f64 / 1e3 + 1.0) },
+    Kind { ends: Ends::Executive(Signal::KILL), ..Kind::new("executive killed", true, Some(300.0), 1_000.0) },
+    Kind { ends: Ends::Executive(Signal::STOP), ..Kind::new("executive stopped", true, None, 1_500.0) },
 ];
 
 /// Why the schedule of this kind is refused, if it is.
@@ -105,11 +137,25 @@ fn not_in_this_build(settings: &Settings, kind: &Kind) -> Option<String> {
 }
 
 fn module(settings: &Settings, kind: &Kind) -> String {
+    if let Ends::Executive(_) = kind.ends {
+        return of_nine(settings, kind);
+    }
     let partitions =
         [victim(&kind.keys(), &[(2_000, 500)]), Sketched::new("neighbour", "touch", &[(4_000, 500)])];
     let there = Link { from: 0, to: 1 };
     let back = Link { from: 1, to: 0 };
     schedule(settings.core, FRAME_US, &partitions, &[there, there, back, back])
+}
+
+/// A module of as many partitions as the flight's, each with a channel to the next one, that outlives its executive.
+fn of_nine(settings: &Settings, kind: &Kind) -> String {
+    let window = |place: u64| [(1_000 + 1_500 * place, 500)];
+    let mut partitions = vec![victim(&kind.keys(), &window(0))];
+    partitions.extend((1..9).map(|place| Sketched::new(format!("p{place}"), "touch", &window(place))));
+    let links: Vec<Link> = (0..9).map(|from| Link { from, to: (from + 1) % 9 }).collect();
+    schedule(settings.core, FRAME_US, &partitions, &links)
+        + "\n[health.module]\nexecutive_died = \"reset\"\nexecutive_hung = \"reset\"\n\n\
+           [health.reset]\nbudget = 1000\nwithin = \"1s\"\n"
 }
 
 /// The partition that is killed; it says when module time began.
@@ -129,13 +175,18 @@ pub(super) struct Restarts {
 
 /// Kills the victim of a module `kills` times.
 pub(super) fn restarts(schedule: &str, kills: u64) -> Result<Restarts> {
+    ends(schedule, kills, Ends::Victim)
+}
+
+/// Ends the victim of a module, or the executive below it, `kills` times.
+fn ends(schedule: &str, kills: u64, ends: Ends) -> Result<Restarts> {
     let longest_s = kills as f64 * (PATIENCE_MS + 2 * PAUSE_MS) as f64 / 1e3;
     let mut running = start(schedule, longest_s)?;
     if !running.await_windows() {
         running.end()?;
         bail!("the module did not begin");
     }
-    let killed_ns = kill_each(kills, &mut running)?;
+    let killed_ns = kill_each(kills, &mut Aim { running: &mut running, ends })?;
     let _ = kill_process(pid_of(running.pid())?, Signal::INT); // it has ended already: its end says why
     gone(&running.end()?, &killed_ns)
 }
@@ -178,17 +229,27 @@ fn kill_each(kills: u64, victim: &mut impl Victim) -> Result<Vec<u64>> {
     Ok(killed_ns)
 }
 
-impl Victim for Running {
+/// What is ended of a module that runs.
+struct Aim<'r> {
+    running: &'r mut Running,
+    ends: Ends,
+}
+
+impl Victim for Aim<'_> {
     fn lives(&mut self) -> usize {
-        instants(&self.words_of(VICTIM), "origin ").len()
+        instants(&self.running.words_of(VICTIM), "origin ").len()
     }
 
     fn kill(&mut self) -> Result<u64> {
-        let children = probe::children(self.pid());
-        let victim = children.iter().find(|(_, name)| name == VICTIM);
-        let (pid, _) = victim.context("the partition has no process, although it had a window")?;
+        let (name, signal) = match self.ends {
+            Ends::Victim => (VICTIM, Signal::KILL),
+            Ends::Executive(signal) => (EXECUTIVE, signal),
+        };
+        let children = probe::children(self.running.pid());
+        let victim = children.iter().find(|(_, one)| one == name);
+        let (pid, _) = victim.with_context(|| format!("{name} has no process, although it had a window"))?;
         let now = now_ns();
-        kill_process(pid_of(*pid)?, Signal::KILL).context("cannot kill the partition")?;
+        kill_process(pid_of(*pid)?, signal).with_context(|| format!("cannot end {name}"))?;
         Ok(now)
     }
 
@@ -201,7 +262,8 @@ impl Victim for Running {
             Event::Fault { partition, .. } | Event::Message { partition, .. } => partition == VICTIM,
             event => matches!(event, Event::ModuleFault { .. } | Event::Stopped { .. }),
         };
-        self.events()
+        self.running
+            .events()
             .filter(of_victim)
             .last()
             .map_or_else(String::new, |event| format!("; the module says: {event}"))

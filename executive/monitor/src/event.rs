@@ -18,6 +18,9 @@ pub enum Event {
     Ready {
         /// Partitions of the module.
         partitions: usize,
+        /// The module, where the plan has several.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        module: Option<String>,
     },
     /// A health error.
     Fault {
@@ -227,13 +230,17 @@ impl Events {
 mod tests {
     use super::*;
 
+    fn ready(partitions: usize) -> Event {
+        Event::Ready { partitions, module: None }
+    }
+
     #[test]
     fn a_log_that_was_lost_is_remembered_also_where_nobody_listens() {
         let mut events = Events::new(None);
-        events.tell(&Event::Ready { partitions: 1 });
+        events.tell(&ready(1));
         assert!(!events.has_told_lost_log());
         events.tell(&Event::LogLost { time_s: 1.0, log: "windows.csv".into(), reason: "full".into() });
-        events.tell(&Event::Ready { partitions: 1 });
+        events.tell(&ready(1));
         assert!(events.has_told_lost_log());
     }
 
@@ -241,6 +248,6 @@ mod tests {
     fn event_of_a_host_that_came_back_is_told_in_the_time_of_the_flight() {
         let event = |time_s| Event::Message { time_s, partition: "relay_nav".into(), text: "up".into() };
         assert_eq!(event(0.5).later(62.0), event(62.5));
-        assert_eq!(Event::Ready { partitions: 9 }.later(62.0), Event::Ready { partitions: 9 });
+        assert_eq!(ready(9).later(62.0), ready(9));
     }
 }

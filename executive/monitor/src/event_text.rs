@@ -24,8 +24,13 @@ fn text_of(event: &Event) -> String {
                 .collect();
             lines.join("\n")
         }
-        Event::Ready { partitions: 1 } => "1 partition is ready".to_owned(),
-        Event::Ready { partitions } => format!("{partitions} partitions are ready"),
+        Event::Ready { partitions, module } => {
+            let module = module.as_ref().map_or_else(String::new, |module| format!("module {module}: "));
+            match partitions {
+                1 => format!("{module}1 partition is ready"),
+                _ => format!("{module}{partitions} partitions are ready"),
+            }
+        }
         Event::Fault { time_s, partition, error, action, detail } => {
             let line = format!("{time_s:9.3} s  {partition}: {error} ({}) -> {action}", printable(detail));
             let lacks_line = detail.starts_with("ground link") && !detail.contains("is gone");

@@ -175,7 +175,8 @@ impl Ready<'_> {
         let Self { plan, view, clock, facts, schedule_switch, records, lanes, output } = self;
         let pair = monitor.pair();
         connect(&pair, plan, clock);
-        monitor.events().tell(&Event::Ready { partitions: pair.iter().flatten().count() });
+        let module = (plan.modules.len() > 1).then(|| plan[view.id()].name.clone());
+        monitor.events().tell(&Event::Ready { partitions: pair.iter().flatten().count(), module });
         let line = line_partition(view).and_then(|line| pair[line.index()].clone());
         course.surroundings.begin(recording, player, line);
         let (begin_ns, origin_ns) = course.begin(resets)?;

@@ -153,7 +153,7 @@ impl Fleet {
         }
         let ready_before = self.ready;
         events.retain(|event| match event {
-            Event::Ready { partitions } => {
+            Event::Ready { partitions, .. } => {
                 self.ready += 1;
                 self.partitions += partitions;
                 false
@@ -161,7 +161,7 @@ impl Fleet {
             _ => true,
         });
         if self.ready > ready_before && self.ready == self.others.len() + 1 {
-            events.push(Event::Ready { partitions: self.partitions });
+            events.push(Event::Ready { partitions: self.partitions, module: None });
         }
         events
     }

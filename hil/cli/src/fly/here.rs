@@ -129,7 +129,7 @@ impl Module {
             folder,
             neighbour: Rc::new(move || server.borrow_mut().serve_waiting()),
         })?;
-        let said = vec![Event::Ready { partitions: flight.partitions() }];
+        let said = vec![Event::Ready { partitions: flight.partitions(), module: None }];
         Ok(Self { flight, said, stopped: None })
     }
 

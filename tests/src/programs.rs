@@ -269,10 +269,11 @@ impl Ended {
         faults(&self.folder()).into_iter().filter(|entry| entry.error != "order").collect()
     }
 
-    /// The health log of another module of the same run.
+    /// The same of another module of the run.
     #[track_caller]
     pub fn faults_on(&self, module: &str) -> Vec<Fault> {
-        faults(&self.folder().join("hosts").join(module))
+        let all = faults(&self.folder().join("hosts").join(module)).into_iter();
+        all.filter(|entry| entry.error != "order").collect()
     }
 
     /// The orders in the health log: what was done, or not.

@@ -51,7 +51,8 @@ fn drawn(seed: u64, number: u64) -> (Kind, Vec<String>) {
     let options = match kind {
         Kind::One => {
             let network = ["a", "b"][random.below(2) as usize];
-            vec!["--cut".to_owned(), format!("{network}@{}", span(random.seconds(0.1, 30.0)))]
+            let longest_s = if is_long() { 30.0 } else { 10.0 };
+            vec!["--cut".to_owned(), format!("{network}@{}", span(random.seconds(0.1, longest_s)))]
         }
         Kind::Both => {
             let both = span(random.seconds(0.1, 2.0));

@@ -9,6 +9,7 @@
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::os::fd::OwnedFd;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -71,7 +72,7 @@ pub struct ErrorLogs(Arc<Shared>);
 #[derive(Debug)]
 struct Shared {
     folder: PathBuf,
-    /// What is written first where something of an earlier run stands.
+    /// What is written first where something of an earlier start stands.
     begin: String,
     /// Wakes the thread that reads when a pipe can be read.
     pipes: OwnedFd,
@@ -147,7 +148,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl ErrorReader {
-    /// Starts the threads; the files come into `folder`. A file of an earlier run is gone on with, behind a line that says `begin`.
+    /// Starts the threads; the files come into `folder`. A file of an earlier start is gone on with, behind a line that says `begin`.
     ///
     /// # Errors
     /// The machine has no descriptor or no thread left.
@@ -497,11 +498,15 @@ impl LogFile {
 
     fn open(&mut self) -> io::Result<()> {
         self.file = None;
-        let mut opened = OpenOptions::new().create(true).append(true).open(&self.path)?;
-        let begin = std::mem::take(&mut self.begin);
-        if opened.metadata()?.len() > 0 {
-            opened.write_all(begin.as_bytes())?;
+        let mut opened = OpenOptions::new().create(true).read(true).append(true).open(&self.path)?;
+        let length = opened.metadata()?.len();
+        if length > 0 && !self.begin.is_empty() {
+            let mut last = [0];
+            opened.read_exact_at(&mut last, length - 1)?;
+            let end_of_line = if last == *b"\n" { "" } else { "\n" };
+            opened.write_all(format!("{end_of_line}{}", self.begin).as_bytes())?;
         }
+        self.begin.clear();
         self.file = Some(opened);
         Ok(())
     }
@@ -601,9 +606,9 @@ mod tests {
     }
 
     #[test]
-    fn file_of_an_earlier_run_is_gone_on_with_behind_a_line_that_says_so() {
+    fn file_of_an_earlier_start_is_gone_on_with_behind_a_line_that_says_so() {
         let folder = tempfile::tempdir().unwrap();
-        for words in ["first\n", "second\n"] {
+        for words in ["first\n", "second, ", "third\n"] {
             let mut reader = start(&folder);
             let line = reader.logs().line("one");
             // Whoever comes next in the same run writes behind it.
@@ -613,7 +618,10 @@ mod tests {
             reader.finish();
         }
         let file = String::from_utf8(written(&folder, "one.log")).unwrap();
-        assert_eq!(file, "first\nfirst\nbateleur: begins\nsecond\nsecond\n");
+        assert_eq!(
+            file,
+            "first\nfirst\nbateleur: begins\nsecond, second, \nbateleur: begins\nthird\nthird\n"
+        );
     }
 
     #[test]

@@ -356,26 +356,31 @@ fn started_ticks(pid: i32) -> Option<u64> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use std::os::unix::fs::PermissionsExt;
 
     use super::*;
+
+    /// A record without a directory.
+    pub(crate) fn instance(pid: i32, cores: &[u32]) -> Instance {
+        Instance {
+            name: format!("bateleur.fcu.{pid}"),
+            pid,
+            started_ticks: 1,
+            group: None,
+            accounts: Vec::new(),
+            cores: cores.to_vec(),
+            users: None,
+            locked: true,
+            supervised: false,
+        }
+    }
 
     #[test]
     fn a_living_run_is_left_alone_and_a_dead_one_is_removed() {
         let (living, _alive) = Instance::create("instance_test", Vec::new(), None).unwrap();
         // A process number that can not exist stands for an executive that was killed.
-        let dead = Instance {
-            name: "bateleur.instance_test.dead".into(),
-            pid: i32::MAX,
-            started_ticks: 1,
-            group: None,
-            accounts: Vec::new(),
-            cores: Vec::new(),
-            users: None,
-            locked: true,
-            supervised: false,
-        };
+        let dead = Instance { name: "bateleur.instance_test.dead".into(), ..instance(i32::MAX, &[]) };
         fs::create_dir(dead.directory()).unwrap();
         dead.record().unwrap();
         dead.make_channel_directories(&["imu.rates".into()], None).unwrap();
@@ -470,18 +475,7 @@ mod tests {
         let victim = tempfile::tempdir_in(SHARED_MEMORY).unwrap();
         let planted = Path::new(SHARED_MEMORY).join(format!("bateleur.planted.{}", std::process::id()));
         let name = victim.path().file_name().unwrap().to_string_lossy().into_owned();
-        let (group, accounts, cores, users) = (None, Vec::new(), Vec::new(), None);
-        let instance = Instance {
-            name,
-            pid: i32::MAX,
-            started_ticks: 1,
-            group,
-            accounts,
-            cores,
-            users,
-            locked: true,
-            supervised: false,
-        };
+        let instance = Instance { name, ..instance(i32::MAX, &[]) };
         fs::create_dir(&planted).unwrap();
         fs::write(planted.join(RECORD), serde_json::to_vec(&instance).unwrap()).unwrap();
         assert_eq!(trusted_record(&planted, is_own), None);

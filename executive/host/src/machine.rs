@@ -90,7 +90,7 @@ impl Machine {
             network_limits(&mut guarantees);
         }
         devices(view, &mut guarantees);
-        // On the virtual clock the other processors may be those of other modules, which leave nothing of them.
+        // On the virtual clock the other processors may be those of other modules, whose partitions would starve the helpers there.
         if clock == Clock::Wall {
             keep_housekeeping_free(&cores);
         }
@@ -493,20 +493,7 @@ fn memory(filtered: bool, guarantees: &mut Guarantees) -> Option<Settled> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn instance(pid: i32, cores: &[u32]) -> Instance {
-        Instance {
-            name: format!("bateleur.fcu.{pid}"),
-            pid,
-            started_ticks: 1,
-            group: None,
-            accounts: Vec::new(),
-            cores: cores.to_vec(),
-            users: None,
-            locked: true,
-            supervised: false,
-        }
-    }
+    use crate::instance::tests::instance;
 
     #[test]
     fn a_module_that_lives_on_the_same_processor_is_named_and_others_are_not() {

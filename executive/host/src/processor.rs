@@ -8,10 +8,10 @@ use bateleur_system::sched;
 
 use crate::instance::{self, Instance};
 
-/// Modules on one processor, most, that know of each other.
+/// How many modules may share a processor and be counted.
 const MOST: usize = 64;
 
-/// A processor, and that one more has it until this is dropped. Nobody is kept from it.
+/// Counts one more module on a processor until it is dropped. It locks nobody out.
 #[derive(Debug)]
 pub struct Claim {
     processor: u32,
@@ -20,7 +20,8 @@ pub struct Claim {
 }
 
 impl Claim {
-    /// That which the fewest have of those that this process may use; the plan's first, or the last one, where others have no fewer.
+    /// The processor with the fewest modules, of those that this process may use. At a tie the plan's first, or the last one if that may not
+    /// be used.
     #[must_use]
     pub fn take(planned: &[u32]) -> Self {
         Self::of(&sched::allowed_cores(), planned, &instance::living(), "bateleur")
@@ -54,6 +55,7 @@ impl Claim {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::instance::tests::instance;
 
     #[test]
     fn modules_share_the_processors_out_and_leave_them_again() {
@@ -68,12 +70,11 @@ mod tests {
     }
 
     #[test]
-    fn processor_of_a_dispatcher_is_taken_last() {
+    fn module_on_the_wall_clock_counts_too() {
         let prefix = format!("bateleur-dispatcher-{}", std::process::id());
-        let (fcu, _alive) = Instance::create("processor_test", vec![1], None).unwrap();
-        let take = || Claim::of(&[0, 1], &[1], std::slice::from_ref(&fcu), &prefix);
+        let living = [instance(1, &[1])];
+        let take = || Claim::of(&[0, 1], &[1], &living, &prefix);
         let claims = [take(), take(), take()];
         assert_eq!(claims.map(|claim| claim.processor()), [0, 1, 0]);
-        fcu.clean_up().unwrap();
     }
 }

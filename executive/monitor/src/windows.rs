@@ -233,10 +233,10 @@ impl Monitor {
     /// The partition says that one of its replicas is outvoted.
     fn take_verdict(&mut self, place: usize, replica: usize, text: String, module_ns: u64) {
         let own = self.partitions[place].active.sandbox.id;
-        let voter = &self.plan[own];
+        let reporter = &self.plan[own];
         // A replica hands on what its voter on another module says of it.
-        let accused =
-            if self.plan.is_voted_elsewhere(voter) { Some(&own) } else { voter.replicas.get(replica) };
+        let is_replica = self.plan.is_voted_elsewhere(reporter);
+        let accused = if is_replica { Some(&own) } else { reporter.replicas.get(replica) };
         let Some(&accused) = accused else {
             let text = format!("says that a replica is outvoted, and has none: {text}");
             self.fault(place, PartitionError::ApplicationError, text, module_ns);

@@ -698,6 +698,12 @@ impl Plan {
         self.partition_ids().find(|&id| self[id].replicas.contains(&replica))
     }
 
+    /// The processors that its modules name.
+    #[must_use]
+    pub fn cores(&self) -> Vec<u32> {
+        self.modules.iter().flat_map(|module| module.cores.clone()).collect()
+    }
+
     /// Whether the partition is a replica whose voter is on another module.
     #[must_use]
     pub fn is_voted_elsewhere(&self, partition: &Partition) -> bool {

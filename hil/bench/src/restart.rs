@@ -1,4 +1,4 @@
-//! Figures of restarts: from SIGKILL to the successor's first window, of a partition and of the executive.
+//! Figures of restarts, of a partition and of the executive: from the signal to the next window.
 
 use std::time::Duration;
 
@@ -29,7 +29,7 @@ const PAUSE_MS: u64 = 120;
 /// How long a successor may take to its first window, ms: beyond every reach.
 const PATIENCE_MS: u64 = 10_000;
 
-/// Cold and warm restarts, each at instants that have nothing to do with the frame.
+/// Each kind of restart, at instants that have nothing to do with the frame.
 pub(super) fn rows(settings: &Settings) -> Result<Vec<Row>> {
     Ok(KINDS.iter().flat_map(|kind| rows_of(settings, kind)).collect())
 }

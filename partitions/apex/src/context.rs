@@ -9,8 +9,8 @@ use std::rc::Rc;
 
 use bateleur_contract::sealed::SealedDescriptors;
 use bateleur_contract::{
-    ControlPage, Description, Direction, PartitionTimes, PlannedProcess, PortDescription, PortKind,
-    ProcessPlan, StartCondition,
+    ControlPage, Description, Direction, OUTVOTED_PORT, PartitionTimes, PlannedProcess, PortDescription,
+    PortKind, ProcessPlan, StartCondition,
 };
 use bateleur_message_format::{Message, Type, describe, layout_of};
 use bateleur_ports::{Channel, ChannelError, ChannelType, Domain, Handed, Membership, Reader, Writer};
@@ -158,7 +158,8 @@ impl Context {
         let domain = Domain { root: description.ports_root.clone() };
         let attributes = Attributes::new(std::mem::take(&mut description.attributes));
         // The last one, so that the others keep their places.
-        let outvoted = description.ports.pop_if(|_| description.voted_elsewhere);
+        let is_voted_elsewhere = description.voted_elsewhere;
+        let outvoted = description.ports.pop_if(|port| is_voted_elsewhere && port.name == OUTVOTED_PORT);
         Ok(Self {
             description,
             attributes,

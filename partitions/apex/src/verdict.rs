@@ -1,4 +1,4 @@
-//! What a voter on another module says of this partition, a replica: handed on to the executive, which knows what the plan says of it.
+//! This partition is a replica, and its voter runs on another module. What the voter says of it is handed on to the executive here.
 
 use bateleur_contract::{ControlPage, ReportKind};
 

@@ -24,7 +24,7 @@ pub(crate) struct Voter {
     messages: Vec<Messages>,
     orders: Vec<Orders>,
     /// Where a replica on another module is told that it is outvoted.
-    elsewhere: [Option<RawSamplingSource>; REPLICAS],
+    elsewhere: [Option<Elsewhere>; REPLICAS],
     scale: Box<[f64; SCALE]>,
     retained: Retained<[f64; SCALE]>,
 }
@@ -46,6 +46,19 @@ struct Value {
     /// It has been said that two differ and nobody knows which is right.
     undecided: bool,
     sequence: u64,
+}
+
+/// Why a replica is outvoted.
+struct Reason {
+    text: String,
+    /// When it wrote the wrong value that it is outvoted for; `None`: it is late or silent.
+    wrong_since_ns: Option<u64>,
+}
+
+/// A replica on another module, which is told here that it is outvoted.
+struct Elsewhere {
+    port: RawSamplingSource,
+    told: u64,
 }
 
 /// A queue that leaves the partition.
@@ -72,13 +85,8 @@ impl Partition for Voter {
         let messages = messages.iter().map(|name| Messages::open(context, name)).collect::<Result<_, _>>()?;
         let orders = orders.iter().map(|name| Orders::open(context, name)).collect::<Result<_, _>>()?;
         let mut elsewhere = [const { None }; REPLICAS];
-        for (number, port) in (1..).zip(&mut elsewhere) {
-            let name = format!("{OUTVOTED_PORT}_{number}");
-            *port = context
-                .has_port(&name)
-                .then(|| context.raw_sampling_source(&name))
-                .transpose()?
-                .map(|(port, _)| port);
+        for (number, replica) in (1..).zip(&mut elsewhere) {
+            *replica = Elsewhere::open(context, number)?;
         }
         let retained = context.retained()?;
         let mut voter = Self { values, messages, orders, elsewhere, scale: Box::new([0.0; SCALE]), retained };
@@ -92,12 +100,10 @@ impl Partition for Voter {
     fn window(&mut self, window: &Window) {
         self.orders.iter_mut().for_each(Orders::pass);
         let elsewhere = &mut self.elsewhere;
-        // `source_ns` is the time of what the replica wrote last.
-        let mut outvote = |replica: usize, source_ns: u64, text: &str| {
-            window.outvote(replica, text);
-            if let Some(port) = &mut elsewhere[replica] {
-                let text = &text.as_bytes()[..text.len().min(OUTVOTED_BYTES as usize)];
-                port.write(text, Stamp { source_ns, sequence: window.start_ns() });
+        let mut outvote = |replica: usize, reason: &Reason| {
+            window.outvote(replica, &reason.text);
+            if let Some((port, source_ns)) = elsewhere[replica].as_mut().zip(reason.wrong_since_ns) {
+                port.tell(&reason.text, source_ns);
             }
         };
         self.values.iter_mut().for_each(|value| value.decide(window, &mut outvote));
@@ -138,7 +144,7 @@ impl Value {
         })
     }
 
-    fn decide(&mut self, window: &Window, outvote: &mut impl FnMut(usize, u64, &str)) {
+    fn decide(&mut self, window: &Window, outvote: &mut impl FnMut(usize, &Reason)) {
         for ((port, written), fresh) in self.from.iter_mut().zip(&mut self.written).zip(&mut self.fresh) {
             if let Some(reading) = port.read().filter(|reading| reading.updated) {
                 written.0.clear();
@@ -183,12 +189,15 @@ impl Value {
                 (true, Some(_)) if self.outvotes => Conduct::Differs,
                 (true, _) => Conduct::Agrees,
             };
-            let reason = match self.standing.note(replica, conduct) {
+            let text = match self.standing.note(replica, conduct) {
                 Some(Verdict::Differs) => describe(&self.name, difference.as_ref()),
                 Some(Verdict::Silent) if self.outvotes => format!("{}: writes nothing", self.name),
                 Some(Verdict::Silent) | None => continue,
             };
-            outvote(replica, self.written[replica].1, &reason);
+            // What is late or missing may be the network's fault.
+            let is_wrong = difference.as_ref().is_some_and(|difference| difference.field.is_some());
+            let wrong_since_ns = is_wrong.then_some(self.written[replica].1);
+            outvote(replica, &Reason { text, wrong_since_ns });
         }
     }
 }
@@ -210,6 +219,23 @@ fn number(value: Scalar) -> String {
             other => format!("{other:.3e}"),
         },
         _ => value.to_string(),
+    }
+}
+
+impl Elsewhere {
+    /// `None`: the replica of that number runs on the voter's module.
+    fn open(context: &mut Context, number: usize) -> Result<Option<Self>, StartError> {
+        let name = format!("{OUTVOTED_PORT}_{number}");
+        if !context.has_port(&name) {
+            return Ok(None);
+        }
+        Ok(Some(Self { port: context.raw_sampling_source(&name)?.0, told: 0 }))
+    }
+
+    fn tell(&mut self, text: &str, source_ns: u64) {
+        self.told += 1;
+        let text = &text.as_bytes()[..text.len().min(OUTVOTED_BYTES as usize)];
+        self.port.write(text, Stamp { source_ns, sequence: self.told });
     }
 }
 

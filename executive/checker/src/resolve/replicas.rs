@@ -52,7 +52,7 @@ pub(crate) fn expand(file: &mut RawFile, findings: &Findings<'_>) {
         refuse(file, place, findings);
         replicate(file, place, &modules, &span);
         replicated.insert(name.clone(), distribute(file, place, findings));
-        tell_elsewhere(file, place, &modules, findings);
+        tell_elsewhere(file, place, &modules);
     }
     lead(file, &replicated);
 }
@@ -109,6 +109,14 @@ fn refuse(file: &RawFile, place: usize, findings: &Findings<'_>) {
             message,
             "retain less: a replica that starts again gets a copy of it between two windows",
         );
+    }
+    for port in file.ports.iter().filter(|port| port.partition == place) {
+        let name = &port.name.value;
+        if *name == OUTVOTED_PORT || (1..=REPLICAS).any(|number| *name == numbered(OUTVOTED_PORT, number)) {
+            let message =
+                format!("`{name}` is the name of a port through which a voter reaches its replicas");
+            wrong(findings, &port.name.span, message, "rename the port");
+        }
     }
     for block in &file.memory_blocks {
         if let Some(writer) = block.read_write.items().iter().find(|writer| writer.value == *name) {
@@ -252,21 +260,13 @@ fn distribute(file: &mut RawFile, place: usize, findings: &Findings<'_>) -> Port
 }
 
 /// Gives a replica on another module than its voter's a port, its last one, through which the voter tells it that it is outvoted.
-fn tell_elsewhere(file: &mut RawFile, place: usize, modules: &[Option<At<String>>], findings: &Findings<'_>) {
+fn tell_elsewhere(file: &mut RawFile, place: usize, modules: &[Option<At<String>>]) {
     let voter = &file.partitions[place];
     let (name, replicas) = (voter.name.clone(), voter.voted.clone());
     let Some(home) = voter.module.said().map(|home| home.value.clone()) else { return };
     for (number, module) in (1..).zip(modules) {
         let Some(module) = module.as_ref().filter(|module| module.value != home) else { continue };
         let replica = replicas[number - 1];
-        let is_taken = |port: &&RawPort| port.partition == replica && port.name.value == OUTVOTED_PORT;
-        if let Some(taken) = file.ports.iter().find(is_taken) {
-            let message = format!(
-                "`{OUTVOTED_PORT}` is the port through which the voter reaches a replica on another module"
-            );
-            wrong(findings, &taken.name.span, message, "rename the port");
-            continue;
-        }
         let span = &module.span;
         let said = |value| Field::Said(At { value, span: span.clone() });
         let port = |partition, name, direction, refresh| RawPort {

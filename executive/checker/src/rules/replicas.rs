@@ -2,6 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use bateleur_contract::OUTVOTED_PORT;
+
 use super::Context;
 use crate::catalogue;
 use crate::findings::{Finding, Span};
@@ -19,7 +21,7 @@ pub(super) fn check(cx: &Context<'_>) {
         }
         for (module, replicas) in by_module.into_iter().filter(|(_, replicas)| replicas.len() > 1) {
             let mut others = writers(cx, module, &replicas);
-            others.insert(voter);
+            others.extend(Some(voter).filter(|voter| cx.plan[*voter].module == module));
             for (raw, schedule) in cx.schedules() {
                 in_schedule(cx, &said.span, (raw, schedule), &replicas, &others);
             }
@@ -29,7 +31,10 @@ pub(super) fn check(cx: &Context<'_>) {
 
 /// The partitions of the module that write what the replicas read.
 fn writers(cx: &Context<'_>, module: ModuleId, replicas: &[PartitionId]) -> BTreeSet<PartitionId> {
-    let reads = |port: PortId| replicas.contains(&cx.plan[port].partition);
+    let reads = |port: PortId| {
+        let port = &cx.plan[port];
+        replicas.contains(&port.partition) && port.name != OUTVOTED_PORT
+    };
     let channels =
         cx.plan.channels.iter().filter(|channel| channel.destinations.iter().any(|&port| reads(port)));
     let writer = |source: PartitionId| match cx.plan[source].module == module {
@@ -58,16 +63,14 @@ fn in_schedule(
         let (one, other) = ((name(0), starts[0].len()), (name(other), starts[other].len()));
         let message =
             format!("`{}` has {} windows in `{flight}`, and `{}` {}", one.0, one.1, other.0, other.1);
-        return note(
-            message,
-            "give each replica as many: one without a window writes nothing, and is outvoted",
-        );
+        return note(message, "give each replica as many: the voter compares what they write in them");
     }
     for round in 0..starts[0].len() {
         let of_round = || starts.iter().map(|starts| starts[round]);
         let (Some(first), Some(last)) = (of_round().min(), of_round().max()) else { continue };
         let between = |&other: &PartitionId| {
-            let at = schedule.starts(other).into_iter().find(|at| (first..last).contains(at))?;
+            let windows = schedule.occurrences(other).into_iter();
+            let (at, _) = windows.into_iter().find(|(start, end)| *start < last && *end > first)?;
             Some((other, at))
         };
         if let Some((other, at)) = others.iter().find_map(between) {

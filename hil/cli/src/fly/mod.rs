@@ -159,7 +159,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     if let Some(folder) = &arguments.output {
         output::refuse_used(folder)?;
     }
-    let claim = arguments.fast.then(|| Claim::take(&simulator::planned_cores(&plan)));
+    // One process is left where the kernel puts it.
+    let is_bound = arguments.fast && arguments.engine == here::Engine::Partitions;
+    let claim = is_bound.then(|| Claim::take(&plan.cores()));
     let processor = claim.as_ref().map(Claim::processor);
     let set = settings(arguments, &plan, &mission)?;
     let arguments = &Arguments { set, processor, ..arguments.clone() };
@@ -186,6 +188,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
         }
         return Ok(CANNOT_RUN);
     };
+    drop(claim);
     let folder = folder.keep();
     let mut record = record(arguments, &flown, begun.elapsed().as_secs_f64());
     record.notes.extend(unflyable);

@@ -162,7 +162,7 @@ pub(super) fn place(pid: i32, arguments: &Arguments, plan: &Plan) {
 
 /// The processor of [`place`], without its priority.
 pub(super) fn stand(pid: i32, arguments: &Arguments, plan: &Plan) {
-    let partitioned = planned_cores(plan);
+    let partitioned = plan.cores();
     let cores = match arguments.processor {
         Some(core) => vec![core],
         None => sched::allowed_cores().into_iter().filter(|core| !partitioned.contains(core)).collect(),
@@ -172,9 +172,4 @@ pub(super) fn stand(pid: i32, arguments: &Arguments, plan: &Plan) {
             let _ = sched::bind(tid, &cores); // a comfort: slower or later otherwise, nothing else
         }
     }
-}
-
-/// The processors that the plan's modules name.
-pub(super) fn planned_cores(plan: &Plan) -> Vec<u32> {
-    plan.modules.iter().flat_map(|module| module.cores.clone()).collect()
 }

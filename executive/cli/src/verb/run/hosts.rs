@@ -16,6 +16,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use bateleur_host::processor::Claim;
 use bateleur_plan::Plan;
 use bateleur_system::folders;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -67,8 +68,8 @@ pub(super) fn run(arguments: &Arguments, place: Where) -> Result<Code> {
 /// What is the same for all hosts.
 struct Machine {
     folder: PathBuf,
-    /// On the virtual clock: the file that they share.
-    together: Option<PathBuf>,
+    /// On the virtual clock: the file that they share, and their processor, because they wait for each other.
+    together: Option<(PathBuf, Claim)>,
     /// Their networks; none on the loopback interface.
     lan: Option<Lan>,
     addresses: BTreeMap<SocketAddr, SocketAddr>,
@@ -92,7 +93,8 @@ impl Machine {
         };
         addresses.extend(arguments.address.iter().copied());
         let keys = Keys::missing(&arguments.schedule, plan)?;
-        Ok(Self { folder, together: arguments.fast.then(hosts::shared_clock), lan, addresses, keys })
+        let together = arguments.fast.then(|| (hosts::shared_clock(), Claim::take(&plan.cores())));
+        Ok(Self { folder, together, lan, addresses, keys })
     }
 
     /// The process of the module at `place`.
@@ -107,8 +109,9 @@ impl Machine {
         }
         command.arg("run").arg("--schedule").arg(&arguments.schedule).args(["--module", name]);
         command.arg("--output").arg(self.folder.join(name)).args(["--over", "--until-stdin-closes"]);
-        if let Some(file) = &self.together {
+        if let Some((file, claim)) = &self.together {
             command.arg("--fast").arg("--together").arg(file);
+            command.args(["--processor", &claim.processor().to_string()]);
             command.args(["--place", &format!("{place}/{}", plan.modules.len())]);
         }
         command.args(self.choices(arguments, plan, place));
@@ -156,7 +159,7 @@ impl Machine {
 impl Drop for Machine {
     fn drop(&mut self) {
         // The last module removes it, unless it was killed.
-        let _ = self.together.as_ref().map(std::fs::remove_file); // as a rule it is gone
+        let _ = self.together.as_ref().map(|(file, _)| std::fs::remove_file(file)); // as a rule it is gone
     }
 }
 

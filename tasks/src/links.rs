@@ -13,6 +13,10 @@ pub(crate) fn check(root: &Path) -> Vec<String> {
         let shown = page.strip_prefix(root).unwrap_or(&page).display();
         let dead = targets(&text).filter(|target| !folder.join(target).exists());
         faults.extend(dead.map(|target| format!("{shown}: there is no {target}")));
+        if page.starts_with(root.join("docs/src")) {
+            let lost = named_files(&text).filter(|file| is_below(root, file) && !root.join(file).exists());
+            faults.extend(lost.map(|file| format!("{shown}: there is no {file}")));
+        }
     }
     faults.extend(unreachable(&root.join("docs/src")));
     faults.extend(outdated(root));
@@ -55,6 +59,20 @@ fn targets(text: &str) -> impl Iterator<Item = &str> {
     let links = prose.flat_map(|line| line.split("](").skip(1).filter_map(|rest| rest.split(')').next()));
     let files = links.map(|link| link.split(['#', ' ']).next().unwrap_or_default());
     files.filter(|link| !link.is_empty() && !link.contains("://") && !link.starts_with("mailto:"))
+}
+
+/// Files that a page names in its prose, as code; names with capitals stand for others.
+fn named_files(text: &str) -> impl Iterator<Item = &str> {
+    let is_file = |code: &&str| {
+        [".rs", ".toml", ".md", ".html"].iter().any(|ending| code.ends_with(ending))
+            && code.bytes().all(|byte| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'_' | b'-' | b'.' | b'/'))
+    };
+    text.lines().flat_map(|line| line.split('`').skip(1).step_by(2)).filter(is_file)
+}
+
+/// Whether a path begins with a folder of the project.
+fn is_below(root: &Path, file: &str) -> bool {
+    file.split_once('/').is_some_and(|(folder, _)| !folder.starts_with('.') && root.join(folder).is_dir())
 }
 
 /// Pages of the book that its summary does not name.
@@ -120,13 +138,15 @@ mod tests {
         let book = root.join("docs/src");
         fs::create_dir_all(&book).unwrap();
         fs::write(book.join("SUMMARY.md"), "- [One](one.md)").unwrap();
-        fs::write(book.join("one.md"), "[gone](nowhere.md)").unwrap();
+        let one = "[gone](nowhere.md), `docs/lost.rs`, `docs/src/two.md`, `docs/NAME.rs`, `lib/other.rs`";
+        fs::write(book.join("one.md"), one).unwrap();
         fs::write(book.join("two.md"), "").unwrap();
         let faults = check(&root);
         fs::remove_dir_all(&root).unwrap();
-        assert_eq!(faults.len(), 2, "{faults:?}");
+        assert_eq!(faults.len(), 3, "{faults:?}");
         assert_eq!(faults[0], "docs/src/one.md: there is no nowhere.md");
-        assert!(faults[1].ends_with("two.md: docs/src/SUMMARY.md does not name it"));
+        assert_eq!(faults[1], "docs/src/one.md: there is no docs/lost.rs");
+        assert!(faults[2].ends_with("two.md: docs/src/SUMMARY.md does not name it"));
     }
 
     #[test]

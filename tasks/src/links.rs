@@ -72,7 +72,9 @@ fn named_files(text: &str) -> impl Iterator<Item = &str> {
 
 /// Whether a path begins with a folder of the project.
 fn is_below(root: &Path, file: &str) -> bool {
-    file.split_once('/').is_some_and(|(folder, _)| !folder.starts_with('.') && root.join(folder).is_dir())
+    file.split_once('/').is_some_and(|(folder, _)| {
+        !folder.is_empty() && !folder.starts_with('.') && root.join(folder).is_dir()
+    })
 }
 
 /// Pages of the book that its summary does not name.
@@ -138,7 +140,7 @@ mod tests {
         let book = root.join("docs/src");
         fs::create_dir_all(&book).unwrap();
         fs::write(book.join("SUMMARY.md"), "- [One](one.md)").unwrap();
-        let one = "[gone](nowhere.md), `docs/lost.rs`, `docs/src/two.md`, `docs/NAME.rs`, `lib/other.rs`";
+        let one = "[gone](nowhere.md), `docs/lost.rs`, `docs/src/two.md`, `docs/NAME.rs`, `lib/other.rs`, `/etc/other.toml`";
         fs::write(book.join("one.md"), one).unwrap();
         fs::write(book.join("two.md"), "").unwrap();
         let faults = check(&root);

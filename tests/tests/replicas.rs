@@ -306,10 +306,9 @@ fn replicas_on_three_hosts_outvote_one_on_any_of_them() {
         (&["--inject", "controller_3.command:delay=100000/200ms@40"][..], "ctl"),
         (&["--inject", "controller_3.command:drop=100000@40"], "ctl"),
         (&["--cut", "a@40-42", "--cut", "b@40-42"], "nav"),
-        (&["--freeze", "controller_3@40", "--thaw", "controller_3@42"], "ctl"),
     ]
     .into_iter()
-    .take(if is_long() { 4 } else { 1 })
+    .take(if is_long() { 3 } else { 1 })
     {
         let ended = flown(fault);
         assert!(
@@ -322,5 +321,8 @@ fn replicas_on_three_hosts_outvote_one_on_any_of_them() {
             "{fault:?}: {:?}",
             ended.faults()
         );
-    }
+    } // It has missed two seconds, and nobody gives it another one's memory: it differs, and does not use up its restarts.
+    let thawed = flown(&["--freeze", "controller_3@40", "--thaw", "controller_3@42"]);
+    let actions: Vec<String> = thawed.faults_on("ctl").into_iter().map(|fault| fault.action).collect();
+    assert!(!actions.is_empty() && actions.iter().all(|action| action == "warm_restart"), "{actions:?}");
 }

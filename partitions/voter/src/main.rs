@@ -16,6 +16,8 @@ use bateleur_voter::{Ballot, Difference, Election, OUTVOTED_BYTES, OUTVOTED_PORT
 
 /// Numbers that are kept over a restart: the scale of the first fields.
 const SCALE: usize = 2048;
+/// Between two verdicts on a replica on another module, ns.
+const APART_NS: u64 = 5_000_000_000;
 /// Messages of one replica that are taken from a queue in a window: a replica that babbles can not take the voter's time.
 const TAKEN: usize = 16;
 
@@ -55,10 +57,12 @@ struct Reason {
     wrong_since_ns: Option<u64>,
 }
 
-/// A replica on another module, which is told here that it is outvoted.
+/// A replica on another module, which is told here that it is outvoted. It starts again with its own memory and may differ for long: it is
+/// outvoted once in [`APART_NS`], or its restarts would be used up.
 struct Elsewhere {
     port: RawSamplingSource,
     told: u64,
+    next_ns: u64,
 }
 
 /// A queue that leaves the partition.
@@ -101,9 +105,9 @@ impl Partition for Voter {
         self.orders.iter_mut().for_each(Orders::pass);
         let elsewhere = &mut self.elsewhere;
         let mut outvote = |replica: usize, reason: &Reason| {
-            window.outvote(replica, &reason.text);
-            if let Some((port, source_ns)) = elsewhere[replica].as_mut().zip(reason.wrong_since_ns) {
-                port.tell(&reason.text, source_ns);
+            let elsewhere = elsewhere[replica].as_mut();
+            if elsewhere.is_none_or(|replica| replica.is_told(reason, window.start_ns())) {
+                window.outvote(replica, &reason.text);
             }
         };
         self.values.iter_mut().for_each(|value| value.decide(window, &mut outvote));
@@ -229,13 +233,21 @@ impl Elsewhere {
         if !context.has_port(&name) {
             return Ok(None);
         }
-        Ok(Some(Self { port: context.raw_sampling_source(&name)?.0, told: 0 }))
+        Ok(Some(Self { port: context.raw_sampling_source(&name)?.0, told: 0, next_ns: 0 }))
     }
 
-    fn tell(&mut self, text: &str, source_ns: u64) {
-        self.told += 1;
-        let text = &text.as_bytes()[..text.len().min(OUTVOTED_BYTES as usize)];
-        self.port.write(text, Stamp { source_ns, sequence: self.told });
+    /// Tells it, where it wrote something wrong; false: it is too soon.
+    fn is_told(&mut self, reason: &Reason, now_ns: u64) -> bool {
+        if now_ns < self.next_ns {
+            return false;
+        }
+        self.next_ns = now_ns + APART_NS;
+        if let Some(source_ns) = reason.wrong_since_ns {
+            self.told += 1;
+            let text = &reason.text.as_bytes()[..reason.text.len().min(OUTVOTED_BYTES as usize)];
+            self.port.write(text, Stamp { source_ns, sequence: self.told });
+        }
+        true
     }
 }
 

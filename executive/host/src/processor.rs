@@ -6,8 +6,6 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 
 use bateleur_system::sched;
 
-use crate::instance::{self, Instance};
-
 /// How many modules may share a processor and be counted.
 const MOST: usize = 64;
 
@@ -24,7 +22,7 @@ impl Claim {
     /// be used.
     #[must_use]
     pub fn take(planned: &[u32]) -> Self {
-        Self::of(&sched::allowed_cores(), planned, &instance::living(), "bateleur")
+        Self::of(&sched::allowed_cores(), planned, "bateleur")
     }
 
     /// Which one it is.
@@ -33,17 +31,15 @@ impl Claim {
         self.processor
     }
 
-    /// `living` are modules whose dispatchers, on the wall clock, take their processors.
-    fn of(allowed: &[u32], planned: &[u32], living: &[Instance], prefix: &str) -> Self {
+    /// A module on the wall clock does not count: its windows go before, and on the other processors its monitor needs room.
+    fn of(allowed: &[u32], planned: &[u32], prefix: &str) -> Self {
         let last = allowed.last().copied().unwrap_or(0);
         let own = planned.first().copied().filter(|core| allowed.contains(core)).unwrap_or(last);
         let others = allowed.iter().copied().filter(|core| *core != own);
         let all: Vec<u32> = [own].into_iter().chain(others).collect();
-        let dispatched = |core| living.iter().filter(|module| module.cores.contains(&core)).count();
         (0..MOST)
             .flat_map(|number| all.iter().map(move |core| (number, *core)))
             .find_map(|(number, processor)| {
-                let number = number.checked_sub(dispatched(processor))?;
                 let name = SocketAddr::from_abstract_name(format!("{prefix}.processor.{processor}.{number}"));
                 let name = UnixDatagram::bind_addr(&name.ok()?).ok()?;
                 Some(Self { processor, _name: Some(name) })
@@ -55,26 +51,16 @@ impl Claim {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::instance::tests::instance;
 
     #[test]
     fn modules_share_the_processors_out_and_leave_them_again() {
         let prefix = format!("bateleur-test-{}", std::process::id());
-        let take = |allowed: &[u32]| Claim::of(allowed, &[1, 2], &[], &prefix);
+        let take = |allowed: &[u32]| Claim::of(allowed, &[1, 2], &prefix);
         let mut claims: Vec<Claim> = (0..5).map(|_| take(&[0, 1, 2])).collect();
         let processors: Vec<u32> = claims.iter().map(Claim::processor).collect();
         assert_eq!(processors, [1, 0, 2, 1, 0]);
         drop(claims.remove(1));
         assert_eq!(take(&[0, 1, 2]).processor(), 0, "the place of the one that has ended");
         assert_eq!(take(&[5]).processor(), 5);
-    }
-
-    #[test]
-    fn module_on_the_wall_clock_counts_too() {
-        let prefix = format!("bateleur-dispatcher-{}", std::process::id());
-        let living = [instance(1, &[1])];
-        let take = || Claim::of(&[0, 1], &[1], &living, &prefix);
-        let claims = [take(), take(), take()];
-        assert_eq!(claims.map(|claim| claim.processor()), [0, 1, 0]);
     }
 }

@@ -5,6 +5,7 @@
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
 use crate::step::{Step, in_ci, succeeds};
@@ -13,12 +14,14 @@ use crate::{CANNOT_RUN, apex, arrows, book, cargo, circles, commands, features, 
 
 /// Some test, lint or page is not as it must be.
 const FAILED: u8 = 1;
-/// How long random system calls are made beside the guests, s: no longer than these take.
+/// How long random system calls are made, s: all kinds together.
 const FUZZ_S: &str = "120";
 /// The same by `--long`: longer than anything else, for a machine that has the time.
 const LONG_FUZZ_S: &str = "600";
 /// Tests read it: `1`, they fly and draw as often as a release asks for.
 const LONG: &str = "BATELEUR_LONG";
+/// The tests that hold to be alone, as `.config/nextest.toml` knows them.
+const ALONE: &str = "package(bateleur-tests) & test(/::alone::/)";
 /// The server of Foxglove's protocol, a workspace of its own.
 const FOXGLOVE: &str = "hil/foxglove/Cargo.toml";
 /// How long asking a tool for its version may take.
@@ -94,20 +97,20 @@ fn everything(root: &Path, is_long: bool, tally: &mut Tally) -> Result<(), Strin
     dependencies(tally)?;
     Step::cargo("programs and tests", &["build", "--release", "--workspace", "--all-targets"]).run(tally)?;
     schedule(tally)?;
-    let mut own = Tally::default();
-    let (tested, other) = std::thread::scope(|scope| {
+    let (mut own, (only_alone_left, processors_free)) = (Tally::default(), channel());
+    let counted = &mut own;
+    let (tested, beside) = std::thread::scope(|scope| {
         // The tests go on: whoever waits shall read it at once.
-        let compiling =
-            scope.spawn(|| beside_tests(&mut own).inspect_err(|reason| println!("== FAILED: {reason}")));
-        let tested = shown_commands(root).and_then(|()| tests(is_long, tally));
-        let panicked = |_| Err("the steps beside the tests panicked".into());
-        (tested, compiling.join().unwrap_or_else(panicked))
+        let beside = scope.spawn(move || {
+            let foxglove = beside_tests(root, &processors_free, is_long, counted);
+            foxglove.inspect_err(|reason| println!("== FAILED: {reason}"))
+        });
+        let tested = shown_commands(root).and_then(|()| tests(only_alone_left, is_long, tally));
+        (tested, beside.join().unwrap_or_else(|_| Err("the steps beside the tests panicked".into())))
     });
     tally.add(own);
     tested?;
-    let (other, foxglove) = other?;
-    foxglove_clients(foxglove, tally)?;
-    fuzz_beside_guest(root, other, is_long, tally)
+    foxglove_clients(beside?, tally)
 }
 
 /// What the tests are told; without the option what the environment says.
@@ -187,22 +190,6 @@ fn models(tally: &mut Tally) -> Result<(), String> {
     Ok(())
 }
 
-/// A partition makes random system calls for long. The machines of `guest` have their own clocks and take no turns with windows
-/// on the wall clock, so both run at once; nothing else does.
-fn fuzz_beside_guest(root: &Path, other: bool, is_long: bool, tally: &mut Tally) -> Result<(), String> {
-    let test = ["test", "--release", "--workspace", "--test", "system", "--", "--ignored", "sandbox_fuzz::"];
-    let fuzz = Step::cargo("random system calls", &[&test[..], &["--nocapture"]].concat())
-        .with("BATELEUR_FUZZ_SECONDS", if is_long { LONG_FUZZ_S } else { FUZZ_S });
-    let mut own = Tally::default();
-    let (fuzzed, guested) = std::thread::scope(|scope| {
-        let fuzzing = scope.spawn(|| fuzz.run(&mut own));
-        let guested = guest(root, other, is_long, tally);
-        (fuzzing.join().unwrap_or_else(|_| Err("the step of random system calls panicked".into())), guested)
-    });
-    tally.add(own);
-    fuzzed.and(guested)
-}
-
 /// What only another kernel or processor can show, in a virtual machine: see tests/guest. `other`: programs for the other processor
 /// were built.
 fn guest(root: &Path, other: bool, is_long: bool, tally: &mut Tally) -> Result<(), String> {
@@ -217,12 +204,18 @@ fn guest(root: &Path, other: bool, is_long: bool, tally: &mut Tally) -> Result<(
     if !prepared {
         return left_out("tests in a guest", "no guest is prepared (on Debian: tests/guest/prepare)");
     }
-    Step::cargo("tests in a guest", &arguments).with(LONG, &long(is_long)).run(tally)
+    Step::cargo("tests in a guest", &arguments).idle().with(LONG, &long(is_long)).run(tally)
 }
 
-/// What compiles, on processors that no test wants: those on the wall clock sleep for most of their time. Whether there are programs for the
-/// other processor, and whether there is a server of Foxglove's protocol.
-fn beside_tests(tally: &mut Tally) -> Result<(bool, Result<(), String>), String> {
+/// What compiles and what is emulated, on processors that no test wants: those on the wall clock sleep for most of their time. The guests, whose
+/// tests have limits of real time, wait until `processors_free` says that only such tests are left. Whether there is a server of Foxglove's
+/// protocol.
+fn beside_tests(
+    root: &Path,
+    processors_free: &Receiver<()>,
+    is_long: bool,
+    tally: &mut Tally,
+) -> Result<Result<(), String>, String> {
     // First what is built in folders of its own: in the common one the tests would wait for it before they begin.
     let other = other_processor(tally)?;
     let foxglove = foxglove(tally);
@@ -232,7 +225,12 @@ fn beside_tests(tally: &mut Tally) -> Result<(bool, Result<(), String>), String>
     Step::cargo("examples in comments", &["test", "--release", "--workspace", "--doc"]).idle().run(tally)?;
     let documentation = Step::cargo("reference", &["doc", "--release", "--workspace", "--no-deps", "--lib"]);
     documentation.with("RUSTDOCFLAGS", "-D warnings").idle().run(tally)?;
-    Ok((other, foxglove))
+    if processors_free.recv().is_ok() {
+        guest(root, other, is_long, tally)?;
+    } else {
+        println!("== tests in a guest: NOT RUN, other tests have failed");
+    }
+    Ok(foxglove)
 }
 
 fn foxglove(tally: &mut Tally) -> Result<(), String> {
@@ -311,20 +309,30 @@ fn shown_commands(root: &Path) -> Result<(), String> {
     }
 }
 
-/// All of them, also after the first that fails: the count at the end shall be the whole truth.
-fn tests(is_long: bool, tally: &mut Tally) -> Result<(), String> {
-    if succeeds(cargo(), &["nextest", "--version"], ASKING) {
-        // One waits for a process of its own while the others compute; those that have to be alone are, whatever is said here.
-        let processors = std::thread::available_parallelism().map_or(2, usize::from);
-        return Step::cargo("tests", &["nextest", "run", "--release", "--workspace", "--no-fail-fast"])
-            .with("NEXTEST_TEST_THREADS", &(processors + processors / 2).to_string())
-            .with(LONG, &long(is_long))
-            .run(tally);
+/// All of them, also after the first that fails: the count at the end shall be the whole truth. Those that are alone, then a partition that makes
+/// random system calls, follow when the others are through, which `only_alone_left` is told.
+fn tests(only_alone_left: Sender<()>, is_long: bool, tally: &mut Tally) -> Result<(), String> {
+    let fuzz = ["test", "--release", "--workspace", "--test", "system", "--", "--ignored", "sandbox_fuzz::"];
+    let fuzz = Step::cargo("random system calls", &[&fuzz[..], &["--nocapture"]].concat())
+        .with("BATELEUR_FUZZ_SECONDS", if is_long { LONG_FUZZ_S } else { FUZZ_S });
+    if !succeeds(cargo(), &["nextest", "--version"], ASKING) {
+        let all = ["test", "--release", "--workspace", "--lib", "--bins", "--tests", "--no-fail-fast"];
+        Step::cargo("tests", &all).with(LONG, &long(is_long)).run(tally)?;
+        let _ = only_alone_left.send(()); // whoever listened has failed, and said it
+        return fuzz.run(tally);
     }
-    Step::cargo(
-        "tests",
-        &["test", "--release", "--workspace", "--lib", "--bins", "--tests", "--no-fail-fast"],
-    )
-    .with(LONG, &long(is_long))
-    .run(tally)
+    // One waits for a process of its own while the others compute.
+    let processors = std::thread::available_parallelism().map_or(2, usize::from);
+    let threads = (processors + processors / 2).to_string();
+    let mut some = |name, filter: &str| {
+        let run = ["nextest", "run", "--release", "--workspace", "--no-fail-fast", "-E", filter];
+        Step::cargo(name, &run).with("NEXTEST_TEST_THREADS", &threads).with(LONG, &long(is_long)).run(tally)
+    };
+    let others = some("tests", &format!("not ({ALONE})"));
+    if others.is_ok() {
+        let _ = only_alone_left.send(()); // as above
+    }
+    let alone = some("tests that are alone", ALONE);
+    others.and(alone)?;
+    fuzz.run(tally)
 }

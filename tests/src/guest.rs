@@ -260,6 +260,24 @@ impl Guest {
         Said { text, code }
     }
 
+    /// Boots once and runs `scripts` one after the other, each by a shell of its own; gives what each printed.
+    pub fn run_each<const COUNT: usize>(self, scripts: [&str; COUNT]) -> [Said; COUNT] {
+        let numbered = scripts.iter().enumerate();
+        let guest = numbered.fold(self, |guest, (number, text)| guest.file(&format!("part{number}"), text));
+        let run = |number| format!("sh ./part{number}; echo \"part-exit $?\"\n");
+        let mut said = guest.run(&(0..COUNT).map(run).collect::<String>()).text;
+        scripts.map(|_| {
+            let (text, after) = match said.split_once("part-exit ") {
+                Some((text, after)) => (text.to_owned(), after.to_owned()),
+                None => (std::mem::take(&mut said), String::new()),
+            };
+            let (code, rest) = after.split_once('\n').unwrap_or((&after, ""));
+            let code = code.trim().parse().ok();
+            said = rest.to_owned();
+            Said { text, code }
+        })
+    }
+
     /// What this project's tests expect of the folder that they were built in: that it is there, and holds the schedule.
     fn pack_repository(&self, archive: &mut Archive) -> io::Result<()> {
         let root = repository();

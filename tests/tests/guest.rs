@@ -9,51 +9,63 @@ use bateleur_tests::{
     EXECUTIVE, Guest, Processor, bateleur, is_long, patient, ports_of, repository, small_mission,
 };
 
-/// Puts the script's shell into a group of its own, which has its controllers, and `bateleur` alone into one inside.
+/// Makes a group with every controller, as a unit of systemd has, and starts programs in it.
 const DELEGATED: &str = "
 echo '+memory +pids' > /sys/fs/cgroup/cgroup.subtree_control
-mkdir /sys/fs/cgroup/unit.service
-in_unit() { sh -c 'echo $$ > /sys/fs/cgroup/unit.service/cgroup.procs; exec \"$@\"' sh \"$@\"; }
+export unit=/sys/fs/cgroup/unit$$.service
+mkdir $unit
+in_unit() { sh -c 'echo $$ > $unit/cgroup.procs; exec \"$@\"' sh \"$@\"; }
 ";
 
 #[test]
 #[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
-fn a_delegated_group_on_a_real_time_kernel_gives_every_means_and_a_strict_start() {
-    let said = Guest::of_the_flight().run(&format!(
+fn real_time_kernel_with_a_delegated_group_starts_strictly_and_what_one_lacks_is_said() {
+    let started = format!(
         "{DELEGATED}
         grep -q 1 /sys/kernel/realtime || exit 9
         in_unit ./bateleur run --fast --until 2 --require strict --output /tmp/run || exit $?
-        cat /sys/fs/cgroup/unit.service/cgroup.subtree_control
-        ls -d /sys/fs/cgroup/unit.service/bateleur.fcu.* /dev/shm/bateleur.* 2>/dev/null"
-    ));
-    assert_eq!(said.code, Some(1), "nothing is left for the last ls to list: {}", said.text);
-    assert!(said.text.contains("9 partitions are ready"), "{}", said.text);
-    assert!(!said.text.contains("not guaranteed here"), "{}", said.text);
-    assert!(said.text.contains("memory pids"), "{}", said.text);
-}
-
-#[test]
-#[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
-fn a_group_that_is_shared_with_strangers_is_left_as_it_is_and_the_lack_is_said() {
-    let said = Guest::of_the_flight().run(&format!(
+        cat $unit/cgroup.subtree_control
+        ls -d $unit/bateleur.fcu.* /dev/shm/bateleur.* 2>/dev/null"
+    );
+    let shared = format!(
         "{DELEGATED}
-        sh -c 'echo $$ > /sys/fs/cgroup/unit.service/cgroup.procs; exec sleep 60' &
+        in_unit sleep 600 &
         sleep 1
-        in_unit ./bateleur run --fast --until 1 --output /tmp/run || exit $?
-        cat /sys/fs/cgroup/unit.service/cgroup.procs | wc -l"
-    ));
-    assert_eq!(said.code, Some(0), "{}", said.text);
-    assert!(
-        said.text.contains("is shared with process") && said.text.contains("Delegate=yes"),
-        "{}",
-        said.text
+        in_unit ./bateleur run --fast --until 1 --output /tmp/shared || exit $?
+        cat $unit/cgroup.procs | wc -l"
     );
-    assert_eq!(
-        said.text.lines().last().map(str::trim),
-        Some("1"),
-        "the stranger stays where it is: {}",
-        said.text
+    let examined = format!(
+        "{DELEGATED}
+        in_unit ./bateleur doctor
+        echo doctor ended with $?"
     );
+    let [started, shared, examined] = Guest::of_the_flight().run_each([&started, &shared, &examined]);
+
+    assert_eq!(started.code, Some(1), "nothing is left for the last ls to list: {}", started.text);
+    assert!(started.text.contains("9 partitions are ready"), "{}", started.text);
+    assert!(!started.text.contains("not guaranteed here"), "{}", started.text);
+    assert!(started.text.contains("memory pids"), "{}", started.text);
+
+    assert_eq!(shared.code, Some(0), "{}", shared.text);
+    let is_said = shared.text.contains("is shared with process") && shared.text.contains("Delegate=yes");
+    assert!(is_said, "{}", shared.text);
+    let last = shared.text.lines().last().map(str::trim);
+    assert_eq!(last, Some("1"), "the stranger stays where it is: {}", shared.text);
+
+    let line = |word: &str| {
+        let is_about = |line: &&str| line.split_once("  ").is_some_and(|(_, rest)| rest.trim().starts_with(word));
+        let found = examined.text.lines().find(is_about);
+        found.unwrap_or_else(|| panic!("nothing about {word}: {}", examined.text))
+    };
+    assert!(line("PREEMPT_RT").starts_with("well"), "{}", examined.text);
+    assert!(line("control groups").contains("version 2"), "{}", examined.text);
+    assert!(line("group controllers").contains("memory, pids"), "{}", examined.text);
+    assert!(line("real-time priority").starts_with("well"), "{}", examined.text);
+    // It is an emulator, and its lacks are named with a mend.
+    assert!(line("isolated cores").starts_with("LACKS"), "{}", examined.text);
+    for words in ["mend   kernel parameter isolcpus=1", "doctor ended with 1"] {
+        assert!(examined.text.contains(words), "{}", examined.text);
+    }
 }
 
 #[test]
@@ -79,7 +91,7 @@ fn hostile_partition_meets_every_wall_of_a_machine_with_control_groups_of_versio
     ];
     let said = guest.run(&format!(
         "{DELEGATED}
-        export BATELEUR_TESTS_UNIT=/sys/fs/cgroup/unit.service
+        export BATELEUR_TESTS_UNIT=$unit
         ./system --test-threads 1 --nocapture {}",
         walls.map(|wall| format!("space::{wall}")).join(" ")
     ));
@@ -91,65 +103,6 @@ fn hostile_partition_meets_every_wall_of_a_machine_with_control_groups_of_versio
     let skipped: Vec<_> =
         said.text.lines().filter(|line| line.contains("skipped: not guaranteed here")).collect();
     assert_eq!(skipped, Vec::<&str>::new());
-}
-
-#[test]
-#[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
-fn doctor_finds_a_real_time_kernel_and_every_controller() {
-    let said = Guest::of_the_flight().run(&format!(
-        "{DELEGATED}
-        in_unit ./bateleur doctor
-        echo doctor ended with $?"
-    ));
-    let line = |word: &str| {
-        let found = said
-            .text
-            .lines()
-            .find(|line| line.split_once("  ").is_some_and(|(_, rest)| rest.trim().starts_with(word)));
-        found.unwrap_or_else(|| panic!("nothing about {word}: {}", said.text))
-    };
-    assert!(line("PREEMPT_RT").starts_with("well"), "{}", said.text);
-    assert!(line("control groups").contains("version 2"), "{}", said.text);
-    assert!(line("group controllers").contains("memory, pids"), "{}", said.text);
-    assert!(line("real-time priority").starts_with("well"), "{}", said.text);
-    // It is an emulator, and its lacks are named with a mend.
-    assert!(line("isolated cores").starts_with("LACKS"), "{}", said.text);
-    assert!(said.text.contains("mend   kernel parameter isolcpus=1"), "{}", said.text);
-    assert!(said.text.contains("doctor ended with 1"), "{}", said.text);
-}
-
-#[test]
-#[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
-fn laps_are_flown_in_virtual_time() {
-    // Two laps where there is time for them.
-    let (mission, flown) =
-        if is_long() { ("", "completed, 2 laps") } else { ("--mission small.toml", "completed, 1 lap") };
-    let small = std::fs::read_to_string(small_mission()).unwrap();
-    let said = Guest::of_the_flight().file("small.toml", &small).run(&format!(
-        "{DELEGATED}
-        in_unit ./bateleur fly --fast --seed 4 --turbulence light --wind 4 --kill imu@50 {mission} --output /tmp/out"
-    ));
-    assert_eq!(said.code, Some(0), "{}", said.text);
-    assert!(said.text.contains(flown), "{}", said.text);
-    assert!(said.text.contains("imu: back after"), "{}", said.text);
-}
-
-#[test]
-#[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
-fn a_bus_of_the_kernel_carries_classic_and_fd_frames() {
-    let said = Guest::of_the_flight().can().run(&format!(
-        "{}
-        candump -L -n 3 vcan0 > /tmp/heard &
-        sleep 1
-        cansend vcan0 123#0102 && cansend vcan0 1ABCDEF0#R && cansend vcan0 321##1aabbcc || exit 7
-        wait
-        cut -d ' ' -f 3 /tmp/heard",
-        Guest::LOAD_CAN
-    ));
-    assert_eq!(said.code, Some(0), "{}", said.text);
-    let heard: Vec<_> = said.text.split_whitespace().collect();
-    // The kernel adds the flag of an FD frame (4) to the bit-rate switch (1).
-    assert_eq!(heard, ["123#0102", "1ABCDEF0#R", "321##5AABBCC"], "{}", said.text);
 }
 
 /// Two buses with a gateway each, which have found one another.
@@ -165,9 +118,19 @@ until forwards a && forwards b; do sleep 1; turns=$((turns + 1)); [ $turns -lt 6
 
 #[test]
 #[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
-fn two_gateways_on_buses_of_the_kernel_carry_the_frames_of_can_utils() {
-    let said = Guest::default().program("can_gateway").can().run(&format!(
-        "{}{TWO_GATEWAYS}
+fn buses_of_the_kernel_and_two_gateways_carry_the_frames_of_can_utils_and_gateways_tell_what_is_wrong_with_a_bus() {
+    let bus = format!(
+        "{}
+        candump -L -n 3 vcan0 > /tmp/heard &
+        sleep 1
+        cansend vcan0 123#0102 && cansend vcan0 1ABCDEF0#R && cansend vcan0 321##1aabbcc || exit 7
+        wait
+        cut -d ' ' -f 3 /tmp/heard",
+        Guest::LOAD_CAN
+    );
+    let frames = format!(
+        "export PATH=$PATH:/flight
+        {TWO_GATEWAYS}
         candump -L vcan1 > /tmp/heard &
         listener=$!
         candump -L vcan0 > /tmp/back &
@@ -185,24 +148,10 @@ fn two_gateways_on_buses_of_the_kernel_carry_the_frames_of_can_utils() {
         grep vcan1 /tmp/heard | tail -n 1000 | cut -d ' ' -f 3 | sort | md5sum > /tmp/there
         grep vcan0 /tmp/back | tail -n 1000 | cut -d ' ' -f 3 | sort | md5sum > /tmp/here
         cmp /tmp/there /tmp/here && echo SAME
-        ./can_gateway status --name b",
-        Guest::LOAD_CAN
-    ));
-    assert_eq!(said.code, Some(0), "{}", said.text);
-    let line = |word: &str| said.text.lines().find(|line| line.starts_with(word)).unwrap_or_default();
-    // The kernel adds the flag of an FD frame (4) to the bit-rate switch (1). The last came from this bus itself.
-    let sent = "123#0102 1ABCDEF0#11 123#R4 321##5AABBCC 7FF# 055#0504";
-    assert_eq!(line("FRAMES").trim_end(), format!("FRAMES {sent}"), "{}", said.text);
-    assert_eq!(line("BACK").trim_end(), "BACK 055#0504", "{}", said.text);
-    assert!(said.text.contains("SAME"), "{}", said.text);
-    assert!(line("lost").contains(" 0 frames"), "{}", said.text);
-}
-
-#[test]
-#[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
-fn gateway_tells_bus_off_comes_back_after_it_and_names_what_is_wrong_with_an_interface() {
-    let said = Guest::default().program("can_gateway").can().run(&format!(
-        "{}{TWO_GATEWAYS}
+        ./can_gateway status --name b"
+    );
+    let faults = "
+        export PATH=$PATH:/flight
         cansend vcan1 20000040#0000000000000000 || exit 6
         sleep 2
         ./can_gateway status --name b | grep bus-off && echo OFF
@@ -210,7 +159,6 @@ fn gateway_tells_bus_off_comes_back_after_it_and_names_what_is_wrong_with_an_int
         sleep 2
         ./can_gateway status --name b | grep 'error active' && echo ACTIVE
         candump -L -n 1 vcan1 > /tmp/heard &
-        listener=$!
         sleep 1
         cansend vcan0 234#01
         turns=0
@@ -225,67 +173,77 @@ fn gateway_tells_bus_off_comes_back_after_it_and_names_what_is_wrong_with_an_int
         ip link set vcan1 up
         turns=0
         until ./can_gateway status --name b | grep 'error active' || [ $turns -gt 30 ]; do sleep 1; turns=$((turns + 1)); done
-        cat /tmp/said.b",
-        Guest::LOAD_CAN
-    ));
-    assert_eq!(said.code, Some(0), "{}", said.text);
-    for word in ["OFF", "ACTIVE", "HEARD 234#01", "DOWN 2", "NONE 2", "GONE"] {
-        assert!(said.text.lines().any(|line| line.trim_end() == word), "no {word}: {}", said.text);
-    }
-    assert!(said.text.contains("ip link set vcan2 up"), "{}", said.text);
-    // Taken down and brought up again under a running gateway: told once each.
-    let told = |words: &str| said.text.lines().filter(|line| line.contains(words)).count();
-    assert_eq!((told("vcan1: the interface is down"), told("vcan1 is there again")), (1, 1), "{}", said.text);
-}
+        cat /tmp/said.b";
+    let guest = Guest::default().program("can_gateway").can();
+    let [bus, frames, faults] = guest.run_each([&bus, &frames, faults]);
 
-/// A guest with a bus of the kernel, and what flies one lap over it.
-fn with_the_flight_over_can() -> Guest {
-    let schedule = std::fs::read_to_string(repository().join("schedules/can.toml")).unwrap();
-    let schedule = schedule.replace("laps = 2", "laps = 1");
-    assert!(schedule.contains("laps = 1"), "the controller is told how many");
-    let schedule = patient(&schedule);
-    let guest = ["can_interface", "can_board", "can_gateway"]
-        .iter()
-        .fold(Guest::of_the_flight().can(), |guest, name| guest.program(name));
-    guest.file("can.toml", &schedule)
+    assert_eq!(bus.code, Some(0), "{}", bus.text);
+    let heard: Vec<_> = bus.text.split_whitespace().collect();
+    // The kernel adds the flag of an FD frame (4) to the bit-rate switch (1).
+    assert_eq!(heard, ["123#0102", "1ABCDEF0#R", "321##5AABBCC"], "{}", bus.text);
+
+    assert_eq!(frames.code, Some(0), "{}", frames.text);
+    let line = |word: &str| frames.text.lines().find(|line| line.starts_with(word)).unwrap_or_default();
+    // As above. The last came from this bus itself.
+    let sent = "123#0102 1ABCDEF0#11 123#R4 321##5AABBCC 7FF# 055#0504";
+    assert_eq!(line("FRAMES").trim_end(), format!("FRAMES {sent}"), "{}", frames.text);
+    assert_eq!(line("BACK").trim_end(), "BACK 055#0504", "{}", frames.text);
+    assert!(frames.text.contains("SAME"), "{}", frames.text);
+    assert!(line("lost").contains(" 0 frames"), "{}", frames.text);
+
+    assert_eq!(faults.code, Some(0), "{}", faults.text);
+    for word in ["OFF", "ACTIVE", "HEARD 234#01", "DOWN 2", "NONE 2", "GONE"] {
+        assert!(faults.text.lines().any(|line| line.trim_end() == word), "no {word}: {}", faults.text);
+    }
+    assert!(faults.text.contains("ip link set vcan2 up"), "{}", faults.text);
+    // Taken down and brought up again under a running gateway: told once each.
+    let told = |words: &str| faults.text.lines().filter(|line| line.contains(words)).count();
+    let down_and_up = (told("vcan1: the interface is down"), told("vcan1 is there again"));
+    assert_eq!(down_and_up, (1, 1), "{}", faults.text);
 }
 
 #[test]
 #[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
-fn partition_in_its_cage_flies_over_a_bus_of_the_kernel_and_is_found_again_after_it_was_killed() {
-    let said = with_the_flight_over_can().run(&format!(
+fn partition_in_its_cage_flies_over_a_bus_of_the_kernel_is_found_again_after_it_was_killed_and_has_no_bus_without_a_grant() {
+    let schedule = std::fs::read_to_string(repository().join("schedules/can.toml")).unwrap();
+    let small = std::fs::read_to_string(small_mission()).unwrap();
+    let guest = ["can_interface", "can_board", "can_gateway"]
+        .iter()
+        .fold(Guest::of_the_flight().can(), |guest, name| guest.program(name))
+        .file("can.toml", &patient(&schedule))
+        .file("small.toml", &small);
+    // Two laps where there is time for them.
+    let (mission, completed) =
+        if is_long() { ("", "completed, 2 laps") } else { ("--mission small.toml", "completed, 1 lap") };
+    let flown = format!(
         "{}{DELEGATED}
         candump -L vcan0 > /tmp/heard &
         listener=$!
         in_unit ./bateleur fly --fast --require strict --schedule can.toml --set can_interface.bus=socketcan:vcan0 \\
-            --seed 4 --kill can_interface@60 --output /tmp/out
+            --seed 4 --turbulence light --wind 4 --kill can_interface@40 --kill imu@50 {mission} --output /tmp/out
         echo FLIGHT $?
         kill $listener
         echo QUESTIONS $(grep -c ' 2F0#' /tmp/heard) ANSWERS $(grep -c ' 1F0#' /tmp/heard)",
         Guest::LOAD_CAN
-    ));
-    assert!(said.text.contains("FLIGHT 0"), "{}", said.text);
-    assert!(said.text.contains("completed, 1 lap"), "{}", said.text);
-    assert!(said.text.contains("can_interface: back after"), "{}", said.text);
-    let counts = said.text.lines().find_map(|line| line.strip_prefix("QUESTIONS ")).unwrap_or_default();
-    let numbers: Vec<u32> = counts.split_whitespace().filter_map(|word| word.parse().ok()).collect();
-    assert!(numbers.len() == 2 && numbers.iter().all(|number| *number > 4_000), "{}", said.text);
-}
-
-#[test]
-#[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
-fn partition_without_a_grant_of_the_network_is_ended_when_it_asks_for_a_can_socket() {
-    let said = with_the_flight_over_can().run(&format!(
-        "{}{DELEGATED}
+    );
+    let denied = format!(
+        "{DELEGATED}
         sed 's/^network    = true$/network    = false/' can.toml > denied.toml
         cmp -s can.toml denied.toml && exit 9
         in_unit ./bateleur run --fast --until 1 --require strict --schedule denied.toml --set can_interface.bus=socketcan:vcan0 \\
-            --output /tmp/out
-        echo ENDED $?",
-        Guest::LOAD_CAN
-    ));
-    assert!(said.text.contains("SIGSYS"), "{}", said.text);
-    assert!(!said.text.contains("ENDED 0"), "{}", said.text);
+            --output /tmp/denied
+        echo ENDED $?"
+    );
+    let [flown, denied] = guest.run_each([&flown, &denied]);
+    for words in ["FLIGHT 0", completed, "can_interface: back after", "imu: back after"] {
+        assert!(flown.text.contains(words), "{words:?} is not in {}", flown.text);
+    }
+    let counts = flown.text.lines().find_map(|line| line.strip_prefix("QUESTIONS ")).unwrap_or_default();
+    let numbers: Vec<u32> = counts.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+    assert!(numbers.len() == 2 && numbers.iter().all(|number| *number > 3_000), "{}", flown.text);
+
+    assert!(denied.text.contains("SIGSYS"), "{}", denied.text);
+    assert!(denied.text.contains("ENDED ") && !denied.text.contains("ENDED 0"), "{}", denied.text);
 }
 
 /// A plan in which somebody fills every socket of the kernel's buses that it gets, beside six that do not talk to it; with or without
@@ -382,7 +340,7 @@ fn frames_follow_the_disciplined_clock_and_follow_it_again_after_it_was_set_and_
         await() {{ turns=0; until [ $(grep -c \"$2\" /tmp/said) -ge $1 ]; do
             sleep 1; turns=$((turns + 1)); [ $turns -lt 90 ] || {{ cat /tmp/said; exit 7; }}; done; }}
         clock_keeper kept 20 || exit 8
-        sh -c 'echo $$ > /sys/fs/cgroup/unit.service/cgroup.procs; exec ./bateleur run --output /tmp/run' > /tmp/said 2>&1 &
+        sh -c 'echo $$ > $unit/cgroup.procs; exec ./bateleur run --output /tmp/run' > /tmp/said 2>&1 &
         module=$!
         await 1 'major frames follow realtime'
         sleep 2
@@ -626,7 +584,7 @@ fn on_aarch64_nobody_notices_a_partition_that_makes_random_system_calls() {
         for number in 0 1 2 3; do
             in_unit ./bateleur run --fast --until {each} --schedule fuzz$number.toml --output /tmp/run$number || exit $?
             sed \"s/^/FAULT /\" /tmp/run$number/health.jsonl
-            ls -d /dev/shm/bateleur.* /sys/fs/cgroup/unit.service/bateleur.test.* && exit 9
+            ls -d /dev/shm/bateleur.* $unit/bateleur.test.* && exit 9
         done; true"
     ));
     assert_eq!(said.code, Some(0), "{}", said.text);

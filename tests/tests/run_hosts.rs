@@ -70,6 +70,19 @@ fn modules_of_a_plan_run_together_on_both_clocks_and_a_foreign_type_crosses() {
         assert!(seen.is_some_and(|track| track.samples.len() > 20), "{clock:?} {place}");
         let left: Vec<_> = fs::read_dir(&hosts).unwrap().map(|entry| entry.unwrap().file_name()).collect();
         assert_eq!(left.len(), 2, "nothing but the hosts' folders: {left:?}");
+        what_reads_a_run_knows_its_modules(&ended.folder());
+    }
+}
+
+fn what_reads_a_run_knows_its_modules(run: &Path) {
+    let run = run.to_str().unwrap();
+    let links = bateleur(&["links", run]).end().expect_code(0);
+    for words in ["module one at", "link tracks to two: ", "module two at", "link tracks to one: "] {
+        assert!(links.stdout.contains(words), "{words:?} is missing in:\n{}", links.stdout);
+    }
+    for verb in ["health", "why", "crash"] {
+        let advice = "holds the runs of several modules: name the folder of one, such as ";
+        bateleur(&[verb, run]).end().expect_code(2).expect_words(&[advice, "hosts/one"]);
     }
 }
 

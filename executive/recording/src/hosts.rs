@@ -55,6 +55,14 @@ pub fn of(folder: &Path) -> Vec<Host> {
     text.and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default()
 }
 
+/// The folders of the modules of a run of several, by name, whether or not a flight has joined their times; empty if there was one.
+pub fn folders_in(folder: &Path) -> Vec<PathBuf> {
+    let all = std::fs::read_dir(folder.join(FOLDER)).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut folders: Vec<PathBuf> = all.filter(|path| path.is_dir()).collect();
+    folders.sort();
+    folders
+}
+
 /// The folder of a host.
 pub fn folder_of(folder: &Path, host: &Host) -> PathBuf {
     folder.join(FOLDER).join(host.name())

@@ -62,7 +62,8 @@ struct Reason {
 struct Elsewhere {
     port: RawSamplingSource,
     told: u64,
-    next_ns: u64,
+    /// From when on it may be outvoted again: for being late, and for a wrong value, which a late one does not put off.
+    next_ns: [u64; 2],
 }
 
 /// A queue that leaves the partition.
@@ -233,15 +234,16 @@ impl Elsewhere {
         if !context.has_port(&name) {
             return Ok(None);
         }
-        Ok(Some(Self { port: context.raw_sampling_source(&name)?.0, told: 0, next_ns: 0 }))
+        Ok(Some(Self { port: context.raw_sampling_source(&name)?.0, told: 0, next_ns: [0; 2] }))
     }
 
     /// Tells it, where it wrote something wrong; false: it is too soon.
     fn is_told(&mut self, reason: &Reason, now_ns: u64) -> bool {
-        if now_ns < self.next_ns {
+        let kind = usize::from(reason.wrong_since_ns.is_some());
+        if now_ns < self.next_ns[kind] {
             return false;
         }
-        self.next_ns = now_ns + APART_NS;
+        self.next_ns[..=kind].fill(now_ns + APART_NS);
         if let Some(source_ns) = reason.wrong_since_ns {
             self.told += 1;
             let text = &reason.text.as_bytes()[..reason.text.len().min(OUTVOTED_BYTES as usize)];

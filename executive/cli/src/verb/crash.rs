@@ -18,6 +18,7 @@ use bateleur_recording::windows::{self, Window};
 use bateleur_recording::{PORTS_FILE, for_each};
 use serde::Serialize;
 
+use super::notes::file_of;
 use super::{Code, FINE, Format, WRONG};
 use crate::installed;
 
@@ -112,12 +113,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     if !folder.is_dir() {
         bail!("{} is no folder of a run (such as one below target/flights)", folder.display());
     }
+    let health = file_of(Some(&folder), ring::FILE)?;
     let wanted = |name: &str| arguments.partition.as_deref().is_none_or(|partition| partition == name);
     let (mut reports, damaged) = read_reports(&folder)?;
     reports.retain(|told| wanted(&told.report.death.partition));
     add_windows(&folder, &mut reports);
     add_messages(&folder, &mut reports);
-    let without = ring::read_file(&folder.join(ring::FILE)).map_or_else(
+    let without = ring::read_file(&health).map_or_else(
         |_| Vec::new(),
         |log| {
             let entries = log.entries.iter().filter(|entry| wanted(&entry.partition));

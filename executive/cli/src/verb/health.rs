@@ -29,7 +29,7 @@ pub struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let notes = &arguments.notes;
-    let path = file_of(arguments.path.as_deref(), FILE);
+    let path = file_of(arguments.path.as_deref(), FILE)?;
     // First of all, so that the system says what is wrong with a path.
     let read = std::fs::metadata(&path).and_then(|_| read_file(&path));
     let mut log = read.with_context(|| {

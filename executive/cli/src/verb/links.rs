@@ -101,15 +101,18 @@ pub(super) fn latest(client: Client, module: &str) -> Result<Option<LinkStatus>>
 }
 
 fn of_folder(folder: &Path) -> Result<Vec<Said>> {
-    let hosts = hosts::of(folder);
-    if hosts.is_empty() {
+    // In the order of their starts; by name where no flight has joined them.
+    let flown = hosts::of(folder).into_iter().map(|host| hosts::folder_of(folder, &host)).collect::<Vec<_>>();
+    let folders = if flown.is_empty() { hosts::folders_in(folder) } else { flown };
+    if folders.is_empty() {
         return Ok(vec![of_run(folder)?]);
     }
-    let of_host = |host: &hosts::Host| {
-        let said = of_run(&hosts::folder_of(folder, host))?;
-        Ok(Said { module: host.name(), ..said })
-    };
-    hosts.iter().map(of_host).collect()
+    let of_host = |folder: &PathBuf| Ok(Said { module: name_of(folder), ..of_run(folder)? });
+    folders.iter().map(of_host).collect()
+}
+
+fn name_of(folder: &Path) -> String {
+    folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
 }
 
 fn of_run(folder: &Path) -> Result<Said> {
@@ -133,8 +136,7 @@ fn of_run(folder: &Path) -> Result<Said> {
         }
     })?;
     let (module, status) = found.unzip();
-    let own = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-    Ok(Said { module: module.unwrap_or(own), names, status })
+    Ok(Said { module: module.unwrap_or_else(|| name_of(folder)), names, status })
 }
 
 fn state(code: u64) -> &'static str {

@@ -2,13 +2,30 @@
 
 use std::path::{Path, PathBuf};
 
+use anyhow::{Result, bail};
+use bateleur_recording::hosts;
+
 use super::Format;
 use crate::installed;
 
 /// The file that was named, or the one called `name` in the folder of a run.
-pub(super) fn file_of(path: Option<&Path>, name: &str) -> PathBuf {
+///
+/// # Errors
+/// The folder has none, but those of several modules.
+pub(super) fn file_of(path: Option<&Path>, name: &str) -> Result<PathBuf> {
     let given = path.map_or_else(installed::latest_run, Path::to_owned);
-    if given.is_dir() { given.join(name) } else { given }
+    if !given.is_dir() {
+        return Ok(given);
+    }
+    let file = given.join(name);
+    match hosts::folders_in(&given).first() {
+        Some(first) if !file.exists() => bail!(
+            "{} holds the runs of several modules: name the folder of one, such as {}",
+            given.display(),
+            first.display()
+        ),
+        _ => Ok(file),
+    }
 }
 
 /// Which notes of a run are printed, and how.

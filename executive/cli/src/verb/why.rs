@@ -27,7 +27,7 @@ pub struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     let notes = &arguments.notes;
-    let path = file_of(arguments.path.as_deref(), FILE);
+    let path = file_of(arguments.path.as_deref(), FILE)?;
     let text = std::fs::read_to_string(&path).with_context(|| {
         format!(
             "cannot read {} (name the folder of a run on the wall clock; on the virtual clock nobody takes a processor)",

@@ -18,6 +18,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 use bateleur_host::processor::Claim;
 use bateleur_plan::Plan;
+use bateleur_recording::hosts::FOLDER;
 use bateleur_system::folders;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
@@ -27,8 +28,6 @@ use crate::hosts::namespace::{self, Lan};
 use crate::hosts::{self, Keys};
 use crate::plan_file;
 
-/// In the folder of the output: a folder for each host.
-const FOLDER: &str = "hosts";
 /// How often the processes are looked at.
 const LOOK: Duration = Duration::from_millis(20);
 

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use bateleur_tests::{
     Ended, Sketch, Started, Traces, alone, among_others, await_some, bateleur, bateleur_as_ordinary,
-    process_named,
+    is_long, process_named,
 };
 use rustix::process::Signal;
 
@@ -105,6 +105,12 @@ fn littered(who: Who, attributes: &str) -> (Ended, Vec<String>) {
     (run.end(), left_of(pid))
 }
 
+/// How often chance is asked.
+fn rounds() -> u64 {
+    let usual = if is_long() { 16 } else { 7 };
+    std::env::var("BATELEUR_ROUNDS").map_or(usual, |text| text.parse().unwrap())
+}
+
 /// What is left in shared memory of the run of process `pid`.
 fn left_of(pid: i32) -> Vec<String> {
     let names = std::fs::read_dir("/dev/shm").unwrap().map(|entry| entry.unwrap().file_name());
@@ -155,7 +161,7 @@ fn channels_that_were_filled_with_files_are_empty_for_the_successor() {
 #[test]
 fn whatever_a_partition_makes_of_its_channels_nobody_else_is_hurt_and_nothing_is_left() {
     let _turn = among_others();
-    let rounds: u64 = std::env::var("BATELEUR_ROUNDS").map_or(16, |text| text.parse().unwrap());
+    let rounds = rounds();
     for who in Who::all() {
         for seed in 1..=rounds {
             let end = if seed % 3 == 0 { "stay" } else { "exit" };
@@ -253,7 +259,7 @@ mod alone {
     #[test]
     fn module_that_is_ended_while_channels_are_made_anew_leaves_nothing() {
         let _turn = alone();
-        let rounds: u64 = std::env::var("BATELEUR_ROUNDS").map_or(12, |text| text.parse().unwrap());
+        let rounds = rounds();
         for who in Who::all() {
             for seed in 1..=rounds {
                 let folder = tempfile::tempdir().unwrap();

@@ -5,6 +5,8 @@
 
 mod plan_support;
 
+use std::sync::LazyLock;
+
 use bateleur_checker::{MessageCatalogue, check};
 use bateleur_plan::bounds::LONGEST_DEFINITION;
 use bateleur_plan::compiled::{Compiled, CompiledError, MOST_BYTES, VERSION};
@@ -261,8 +263,11 @@ proptest! {
 
     #[test]
     fn damaged_file_is_refused(seed in any::<u64>(), bit in 0_u8..8) {
-        let (name, text) = &texts()[0];
-        let mut bytes = compiled(name, text).write().unwrap();
+        static WHOLE: LazyLock<Vec<u8>> = LazyLock::new(|| {
+            let (name, text) = &texts()[0];
+            compiled(name, text).write().unwrap()
+        });
+        let mut bytes = WHOLE.clone();
         let place = (seed % bytes.len() as u64) as usize;
         bytes[place] ^= 1 << bit;
         prop_assert!(Compiled::read(&bytes).is_err(), "bit {bit} of byte {place}");
@@ -278,8 +283,10 @@ proptest! {
         which in 0_usize..4,
         changes in prop::collection::vec((any::<u64>(), any::<u8>(), any::<u64>()), 1..4),
     ) {
-        let (name, text) = &texts()[which];
-        let mut content = serde_json::to_value(compiled(name, text)).unwrap();
+        static CONTENTS: LazyLock<Vec<Value>> = LazyLock::new(|| {
+            texts().iter().map(|(name, text)| serde_json::to_value(compiled(name, text)).unwrap()).collect()
+        });
+        let mut content = CONTENTS[which].clone();
         for (place, how, number) in changes {
             let mut all = Vec::new();
             places(&content, "", &mut all);

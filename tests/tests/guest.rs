@@ -53,7 +53,8 @@ fn real_time_kernel_with_a_delegated_group_starts_strictly_and_what_one_lacks_is
     assert_eq!(last, Some("1"), "the stranger stays where it is: {}", shared.text);
 
     let line = |word: &str| {
-        let is_about = |line: &&str| line.split_once("  ").is_some_and(|(_, rest)| rest.trim().starts_with(word));
+        let is_about =
+            |line: &&str| line.split_once("  ").is_some_and(|(_, rest)| rest.trim().starts_with(word));
         let found = examined.text.lines().find(is_about);
         found.unwrap_or_else(|| panic!("nothing about {word}: {}", examined.text))
     };
@@ -118,7 +119,8 @@ until forwards a && forwards b; do sleep 1; turns=$((turns + 1)); [ $turns -lt 6
 
 #[test]
 #[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
-fn buses_of_the_kernel_and_two_gateways_carry_the_frames_of_can_utils_and_gateways_tell_what_is_wrong_with_a_bus() {
+fn buses_of_the_kernel_and_two_gateways_carry_the_frames_of_can_utils_and_gateways_tell_what_is_wrong_with_a_bus()
+ {
     let bus = format!(
         "{}
         candump -L -n 3 vcan0 > /tmp/heard &
@@ -204,7 +206,8 @@ fn buses_of_the_kernel_and_two_gateways_carry_the_frames_of_can_utils_and_gatewa
 
 #[test]
 #[ignore = "needs an emulator and a kernel: tests/guest/prepare, then `cargo verify`"]
-fn partition_in_its_cage_flies_over_a_bus_of_the_kernel_is_found_again_after_it_was_killed_and_has_no_bus_without_a_grant() {
+fn partition_in_its_cage_flies_over_a_bus_of_the_kernel_is_found_again_after_it_was_killed_and_has_no_bus_without_a_grant()
+ {
     let schedule = std::fs::read_to_string(repository().join("schedules/can.toml")).unwrap();
     let small = std::fs::read_to_string(small_mission()).unwrap();
     let guest = ["can_interface", "can_board", "can_gateway"]

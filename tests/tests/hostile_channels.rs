@@ -6,8 +6,8 @@ use std::path::Path;
 use std::time::Duration;
 
 use bateleur_tests::{
-    Ended, Sketch, Started, Traces, alone, among_others, await_some, bateleur, bateleur_as_ordinary,
-    is_long, process_named,
+    Ended, Sketch, Started, Traces, alone, among_others, await_some, bateleur, bateleur_as_ordinary, is_long,
+    process_named,
 };
 use rustix::process::Signal;
 

@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use bateleur_system::sched;
 use bateleur_tests::{
     Ended, Process, Sketch, Window, alone, among_others, bateleur, children_of, process_named, quantile,
 };
@@ -430,6 +431,28 @@ mod alone {
         assert!(share < 0.3, "children use {share} of a processor");
         let quiet = run(&between_counters("counter", ""), &[], 2).expect_code(0);
         assert_undisturbed(&ended, &quiet);
+    }
+
+    /// Nothing of the executive runs beside it, or after a window for which no dispatcher is left.
+    #[test]
+    fn crowd_that_spins_on_the_only_processor_ends_with_its_module() {
+        let _turn = alone();
+        let keys = "attributes = { closes = false }\nhealth = { silence = \"ignore\" }";
+        let sketch =
+            Sketch::new().partition("crowd", "crowd", 1200, keys).partition("after", "counter", 500, "");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("one.toml");
+        let often = sketch.text().replace("\"200us\"", "\"0us\"").replace("20ms", "3ms");
+        std::fs::write(&path, often).unwrap();
+        let given = sched::allowed_cores();
+        for until in ["0.25", "0.31", "0.5"] {
+            sched::bind(0, &given[..1]).unwrap();
+            let module = bateleur(&["run", "--schedule", path.to_str().unwrap(), "--until", until]);
+            sched::bind(0, &given).unwrap();
+            let ended = module.end_within(Duration::from_secs(15)).expect_code(0);
+            let closed = |window: &Window| window.partition == "after" && window.closed_ns.is_some();
+            assert!(ended.windows().iter().filter(|window| closed(window)).count() > 40, "{}", ended.stderr);
+        }
     }
 
     #[test]

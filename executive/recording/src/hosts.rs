@@ -57,7 +57,8 @@ pub fn of(folder: &Path) -> Vec<Host> {
 
 /// The folders of the modules of a run of several, by name, whether or not a flight has joined their times; empty if there was one.
 pub fn folders_in(folder: &Path) -> Vec<PathBuf> {
-    let all = std::fs::read_dir(folder.join(FOLDER)).into_iter().flatten().flatten().map(|entry| entry.path());
+    let all =
+        std::fs::read_dir(folder.join(FOLDER)).into_iter().flatten().flatten().map(|entry| entry.path());
     let mut folders: Vec<PathBuf> = all.filter(|path| path.is_dir()).collect();
     folders.sort();
     folders

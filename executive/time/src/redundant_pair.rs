@@ -207,6 +207,21 @@ mod tests {
     }
 
     #[test]
+    fn partition_that_a_core_got_ready_for_a_window_that_does_not_come_is_held() {
+        let (pair, old, _) = pair();
+        let (mut gate, _, window) = gate(&pair);
+        gate.open(&window);
+        gate.close(&window, Ending::default());
+        assert!(old.is_held());
+        gate.prepare(&window.window);
+        assert!(!old.is_held());
+        old.said();
+        gate.end();
+        assert!(old.is_held() && pair.control(0).try_own(7), "and nobody owns it for ever");
+        assert_eq!(old.said(), ["freeze"]);
+    }
+
+    #[test]
     fn dispatcher_wakes_earlier_while_a_process_starts_on_its_processor() {
         let pair = Arc::new(RedundantPair::new(Arc::new(fixture::control()), None));
         let (gate, _, window) = gate(&pair);

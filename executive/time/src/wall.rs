@@ -267,6 +267,15 @@ impl Gate for WallGate {
             self.lost.fetch_add(1, Relaxed);
         }
     }
+
+    /// What was thawed ahead would have its priority for ever: where it shares the processor with the executive, nothing could end it.
+    fn end(&mut self) {
+        let prepared = self.prepared.take();
+        if let Some(control) = prepared.and_then(|member| self.control(member)) {
+            control.end_window(true);
+            control.disown(self.core);
+        }
+    }
 }
 
 /// Waits for another core's dispatcher, whose window of the same partition has ended by the schedule, to close it; never for a

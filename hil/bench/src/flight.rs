@@ -10,7 +10,7 @@ use bateleur_plan::Plan;
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::Settings;
-use super::module::{Line, read_windows};
+use super::module::{Line, read_windows, spawn};
 use super::probe;
 use super::row::{Reach, Row};
 use super::statistics::{median, quantile};
@@ -147,7 +147,7 @@ fn fly(settings: &Settings, folder: &Path, more: &[&str]) -> Result<Child> {
     command.args(["fly", "--format", "json", "--seed", "7"]).args(more);
     command.arg("--schedule").arg(&settings.schedule).arg("--output").arg(folder);
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
-    command.spawn().context("cannot start `bateleur fly`")
+    spawn(&mut command).context("cannot start `bateleur fly`")
 }
 
 fn runs(process: &mut Child) -> bool {

@@ -106,10 +106,7 @@ pub fn run(arguments: &Arguments) -> Result<Code> {
     if !allowed.contains(&core) {
         bail!("this process may not use processor {core}; it may use {allowed:?}");
     }
-    let others: Vec<u32> = allowed.into_iter().filter(|other| *other != core).collect();
-    if !others.is_empty() {
-        let _ = sched::bind(0, &others); // disturbs its own measurement otherwise
-    }
+    module::leave(core, allowed);
     let quick = arguments.quick;
     let runs = if quick { 1 } else { arguments.runs as usize };
     let settings = Settings {

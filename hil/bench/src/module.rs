@@ -1,19 +1,43 @@
 //! Runs of generated modules: `bateleur run` as a process of its own, and what it leaves in its folder.
 
 use std::fs;
+use std::io;
 use std::os::fd::AsRawFd;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use bateleur_monitor::event::Event;
+use bateleur_system::sched;
 
 /// Longer than any run takes to start and to end beside its own time.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Where it tells what happens.
 const EVENTS: &str = "events.jsonl";
+
+/// The processors of this program when it began: those of the modules that it runs.
+static GIVEN: OnceLock<Vec<u32>> = OnceLock::new();
+
+/// Leaves `core` to the modules: this program would disturb its own measurements there.
+pub(super) fn leave(core: u32, given: Vec<u32>) {
+    let others: Vec<u32> = given.iter().copied().filter(|other| *other != core).collect();
+    let _ = GIVEN.set(given); // once
+    if !others.is_empty() {
+        let _ = sched::bind(0, &others); // noisier figures, nothing else
+    }
+}
+
+/// Starts a program on all processors that this one was given, also on that which it has left.
+pub(super) fn spawn(command: &mut Command) -> io::Result<Child> {
+    let own = sched::allowed_cores();
+    let _ = GIVEN.get().map(|given| sched::bind(0, given)); // as above
+    let child = command.spawn();
+    let _ = sched::bind(0, &own); // as above
+    child
+}
 
 /// A module that runs; killed when dropped before its end.
 pub(super) struct Running {
@@ -100,7 +124,8 @@ pub(super) fn start_one(schedule: &str, module: Option<&str>, until_s: f64) -> R
     let (errors, events) = (create("errors.txt")?, create(EVENTS)?);
     // The executive takes none of the standard three for its own.
     rustix::io::fcntl_setfd(&events, rustix::io::FdFlags::empty()).context("cannot hand a file over")?;
-    let process = Command::new(own)
+    let mut command = Command::new(own);
+    command
         // Ends with this program, however that ends.
         .args(["run", "--until-stdin-closes", "--until", &until_s.to_string()])
         .arg("--schedule")
@@ -111,9 +136,8 @@ pub(super) fn start_one(schedule: &str, module: Option<&str>, until_s: f64) -> R
         .stdout(Stdio::null())
         .args(["--events-fd", &events.as_raw_fd().to_string()])
         .args(module.into_iter().flat_map(|name| ["--module", name]))
-        .stderr(errors)
-        .spawn()
-        .context("cannot start `bateleur run`")?;
+        .stderr(errors);
+    let process = spawn(&mut command).context("cannot start `bateleur run`")?;
     Ok(Running { process, folder, until_s })
 }
 

@@ -614,7 +614,7 @@ mod tests {
             asked.get() > 1
         });
         assert_eq!(notes.frames, 2);
-        assert_eq!(notes.lines.last().unwrap(), "close 1");
+        assert_eq!(notes.lines[notes.lines.len() - 2..], ["close 1", "end"]);
     }
 
     const SCHEDULES: &str = r#"

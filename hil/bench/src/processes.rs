@@ -109,12 +109,13 @@ fn services(settings: &Settings) -> Result<Vec<Row>> {
 }
 
 fn switches(settings: &Settings) -> Result<Vec<Row>> {
-    let samples = if settings.quick { 20 } else { 60 };
+    let (samples, length_s) = if settings.quick { (10, 3.0) } else { (60, 8.0) };
     let of = |measures: &str, processes: u32| {
         // As many switches by 64 as by 16: the run has to come to its end.
         let samples = samples * 16 / processes.max(16);
         let attributes = format!("measures = \"{measures}\", processes = {processes}, samples = {samples}");
-        medians(settings, [measures], || said(settings, &attributes, processes + 1, 8.0)).map(|[cost]| cost)
+        medians(settings, [measures], || said(settings, &attributes, processes + 1, length_s))
+            .map(|[cost]| cost)
     };
     let (two, four, many) = (of("switch", 2)?, of("switch", 4)?, of("switch", 64)?);
     let (bare_two, bare_four, bare_many) = (of("handover", 2)?, of("handover", 4)?, of("handover", 64)?);

@@ -30,19 +30,15 @@ pub(super) fn rows(settings: &Settings) -> Result<Vec<Row>> {
     }
     let mut rows = Vec::new();
     for (place, size) in SIZES.into_iter().enumerate() {
-        let times = (size / SIZES[0]) as f64;
-        let reaches = match place {
-            0 => [Reach::Stated; 2],
-            _ => [Reach::Times(1.5), Reach::Times(times)],
-        };
+        let reach = if place == 0 { Reach::Stated } else { Reach::Times(1.5) };
         rows.push(row(
             format!("{size} partitions, processor time per switch"),
             "us",
             &switch,
             place,
-            reaches[0],
+            reach,
         ));
-        rows.push(row(format!("{size} partitions, restart, p50"), "ms", &restart, place, reaches[1]));
+        rows.push(row(format!("{size} partitions, restart, p50"), "ms", &restart, place, reach));
     }
     Ok(rows)
 }

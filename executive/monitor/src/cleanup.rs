@@ -297,7 +297,6 @@ pub(crate) mod tests {
     use rustix::process::{Pid, PidfdFlags, pidfd_open};
 
     use super::*;
-    use bateleur_system::held_mounts::HeldMounts;
     use bateleur_system::wait::await_any_end;
 
     /// A process that does what a shell is told.
@@ -306,10 +305,7 @@ pub(crate) mod tests {
         let child = Command::new("sh").args(["-c", words]).stdout(Stdio::piped()).spawn().unwrap();
         let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty()).unwrap();
         let pid = child.id().try_into().unwrap();
-        (
-            Spawned { pid, pidfd, mounts: HeldMounts::default() },
-            File::from(OwnedFd::from(child.stdout.unwrap())),
-        )
+        (Spawned { pid, pidfd }, File::from(OwnedFd::from(child.stdout.unwrap())))
     }
 
     fn text(names: &[&str]) -> Vec<String> {

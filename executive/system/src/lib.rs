@@ -10,7 +10,6 @@ pub mod disposition;
 pub mod filter;
 pub mod folders;
 pub mod handed_over;
-pub mod held_mounts;
 pub mod kernel_log;
 pub mod lock_calls;
 pub mod privileges;

@@ -15,7 +15,6 @@ use std::path::{Path, PathBuf};
 use rustix::pipe::{PipeFlags, pipe_with};
 
 use super::filter::Filters;
-use super::held_mounts::HeldMounts;
 use super::lock_calls::{self, LockLimit};
 use super::time::now_ns;
 use super::users::HELPERS;
@@ -210,11 +209,7 @@ pub fn spawn(request: &Request<'_>) -> io::Result<Spawned> {
             drop(writer);
             // SAFETY: the kernel stored a new descriptor there, which nobody else owns.
             let pidfd = unsafe { OwnedFd::from_raw_fd(pidfd) };
-            let mut spawned = confirm(reader, pidfd, pid as i32)?;
-            if request.walls.namespaces.mount {
-                spawned.mounts = HeldMounts::of(spawned.pid);
-            }
-            Ok(spawned)
+            confirm(reader, pidfd, pid as i32)
         }
     }
 }
@@ -245,7 +240,7 @@ fn confirm(reader: OwnedFd, pidfd: OwnedFd, pid: i32) -> io::Result<Spawned> {
     if !speaks_in_time(&reader, pid) {
         let _ = rustix::process::pidfd_send_signal(&pidfd, rustix::process::Signal::KILL); // ended already
         crate::wait::await_any_end(&[pidfd.as_fd()], START_PATIENCE_NS);
-        let _ = crate::wait::ended(&Spawned { pid, pidfd, mounts: HeldMounts::default() });
+        let _ = crate::wait::ended(&Spawned { pid, pidfd });
         return Err(io::Error::new(io::ErrorKind::TimedOut, "it did not come as far as its program"));
     }
     match File::from(reader).read(&mut trouble)? {
@@ -258,7 +253,7 @@ fn confirm(reader: OwnedFd, pidfd: OwnedFd, pid: i32) -> io::Result<Spawned> {
             let error = io::Error::from_raw_os_error(code);
             Err(io::Error::new(error.kind(), format!("{} failed: {error}", Step::text(trouble[0]))))
         }
-        _ => Ok(Spawned { pid, pidfd, mounts: HeldMounts::default() }),
+        _ => Ok(Spawned { pid, pidfd }),
     }
 }
 

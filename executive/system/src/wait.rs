@@ -7,7 +7,6 @@ use std::process::ExitStatus;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, WaitId, WaitIdOptions, waitid};
 
-use crate::held_mounts::HeldMounts;
 use crate::time::{now_ns, timespec};
 
 /// A started process.
@@ -17,8 +16,6 @@ pub struct Spawned {
     pub pid: i32,
     /// Becomes readable when it ends.
     pub pidfd: OwnedFd,
-    /// Its mount namespace, where it has one of its own.
-    pub mounts: HeldMounts,
 }
 
 /// How a process ended, if it has; reaps it.

@@ -42,7 +42,6 @@ use bateleur_system::account::Accounts;
 use bateleur_system::cgroup::Group;
 use bateleur_system::filter::{Filters, Grants};
 use bateleur_system::handed_over::copy_of_inherited;
-use bateleur_system::held_mounts::HeldMounts;
 use bateleur_system::lock_calls::LockCounter;
 use bateleur_system::rules::{self, Granted};
 use bateleur_system::spawn::{Request, Spawned, User, Walls, spawn};
@@ -267,11 +266,7 @@ impl Base {
         let process = self.start(program, arguments, lines, Footing { user, walls, is_guard: false })?;
         let mut helpers = self.helpers.borrow_mut();
         helpers.retain(|helper| !is_readable(helper.pidfd.as_fd()));
-        helpers.push(Spawned {
-            pid: process.pid,
-            pidfd: process.pidfd.try_clone()?,
-            mounts: HeldMounts::default(),
-        });
+        helpers.push(Spawned { pid: process.pid, pidfd: process.pidfd.try_clone()? });
         Ok(process)
     }
 

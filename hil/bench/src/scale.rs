@@ -31,13 +31,7 @@ pub(super) fn rows(settings: &Settings) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
     for (place, size) in SIZES.into_iter().enumerate() {
         let reach = if place == 0 { Reach::Stated } else { Reach::Times(1.5) };
-        rows.push(row(
-            format!("{size} partitions, processor time per switch"),
-            "us",
-            &switch,
-            place,
-            reach,
-        ));
+        rows.push(row(format!("{size} partitions, processor time per switch"), "us", &switch, place, reach));
         rows.push(row(format!("{size} partitions, restart, p50"), "ms", &restart, place, reach));
     }
     Ok(rows)

@@ -26,6 +26,8 @@ const ALONE: &str = "package(bateleur-tests) & test(/::alone::/)";
 const FOXGLOVE: &str = "hil/foxglove/Cargo.toml";
 /// How long asking a tool for its version may take.
 const ASKING: Duration = Duration::from_secs(30);
+/// How long a tool may still be installed when all else is done.
+const INSTALLING: Duration = Duration::from_secs(900);
 /// How long fetching the database of known vulnerabilities may take; without a network it is never there.
 const FETCHING: Duration = Duration::from_secs(90);
 
@@ -93,13 +95,13 @@ fn everything(root: &Path, is_long: bool, tally: &mut Tally) -> Result<(), Strin
     Step::cargo("format", &["fmt", "--all", "--check"]).run(tally)?;
     locks(tally)?;
     pages(root)?;
-    // What has no tool yet is checked at the end: `.ci/run` installs it meanwhile.
-    let (has_mdbook, has_deny) = (has_mdbook(), has_deny());
-    if has_mdbook {
-        book(root, tally)?;
-    }
-    if has_deny {
-        dependencies(tally)?;
+    let mut late = Vec::new();
+    for (has_tool, check) in WITH_TOOLS {
+        if has_tool() {
+            check(root, tally)?;
+        } else {
+            late.push((has_tool, check));
+        }
     }
     Step::cargo("programs and tests", &["build", "--release", "--workspace", "--all-targets"]).run(tally)?;
     schedule(tally)?;
@@ -117,14 +119,20 @@ fn everything(root: &Path, is_long: bool, tally: &mut Tally) -> Result<(), Strin
     tally.add(own);
     tested?;
     foxglove_clients(beside?, tally)?;
-    if !has_mdbook {
-        book(root, tally)?;
-    }
-    if !has_deny {
-        dependencies(tally)?;
+    for (has_tool, check) in late {
+        let begun = Instant::now();
+        while in_ci() && !has_tool() && begun.elapsed() < INSTALLING {
+            std::thread::sleep(Duration::from_secs(1));
+        }
+        check(root, tally)?;
     }
     Ok(())
 }
+
+/// Whether a tool is there, and what is checked with it: first of all, or, where `.ci/run` still installs it, last.
+const WITH_TOOLS: [(fn() -> bool, Check); 2] = [(has_mdbook, book), (has_deny, dependencies)];
+
+type Check = fn(&Path, &mut Tally) -> Result<(), String>;
 
 fn has_mdbook() -> bool {
     succeeds("mdbook", &["--version"], ASKING)
@@ -187,7 +195,7 @@ fn said_faults(faults: &[String], what: &str) -> Result<(), String> {
 }
 
 /// Licences, sources and known vulnerabilities of other people's crates.
-fn dependencies(tally: &mut Tally) -> Result<(), String> {
+fn dependencies(_: &Path, tally: &mut Tally) -> Result<(), String> {
     if !has_deny() {
         return left_out("dependencies", "cargo-deny is not installed: cargo install cargo-deny --locked");
     }

@@ -4,9 +4,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use bateleur_tests::{
-    Ended, ONE_PROCESS, TWO_LAPS, among_others, bateleur, flight_schedule, repository, small_mission,
-};
+use bateleur_tests::{Ended, ONE_PROCESS, TWO_LAPS, among_others, bateleur, flight_schedule, repository};
 use serde_json::Value;
 
 /// Bounds of a flight's scores, root mean square against what the aircraft was asked to fly.
@@ -133,9 +131,8 @@ fn flying_wing_and_an_aircraft_of_sixty_kilograms_fly_in_wind_and_land() {
 }
 
 fn digest(seed: &str) -> String {
-    let mission = small_mission();
-    let gusty = ["--seed", seed, "--turbulence", "light", "--wind", "5", "--wind-from", "200", "--mission"];
-    let summary = fly(&[&gusty[..], &[mission.to_str().unwrap()]].concat()).expect_code(0).summary();
+    let gusty = ["--seed", seed, "--turbulence", "light", "--wind", "5", "--wind-from", "200"];
+    let summary = fly(&gusty).expect_code(0).summary();
     summary["digest"].as_str().expect("a digest").to_owned()
 }
 

@@ -57,8 +57,6 @@ pub trait Gate {
     fn open(&mut self, occurrence: &Occurrence);
     /// Closes it.
     fn close(&mut self, occurrence: &Occurrence, ending: Ending);
-    /// No window comes any more, not even the one that it was got ready for.
-    fn end(&mut self) {}
 }
 
 /// One window of one major frame.
@@ -216,7 +214,6 @@ impl Dispatcher {
         for open in self.open.iter_mut().filter_map(Option::take) {
             gate.close(&open, Ending::default());
         }
-        gate.end();
         orderly
     }
 
@@ -522,9 +519,6 @@ mod tests {
         fn close(&mut self, occurrence: &Occurrence, _: Ending) {
             self.lines.push(format!("close {}", occurrence.window.partition.index()));
         }
-        fn end(&mut self) {
-            self.lines.push("end".to_owned());
-        }
     }
 
     #[test]
@@ -535,7 +529,6 @@ mod tests {
             ["frame 0", "open 0 0", "close 0", "frame 20", "open 0 20", "close 0", "open 1 22", "close 1"];
         assert_eq!(notes.lines[..8], first_major);
         assert_eq!(notes.lines[8..10], ["frame 40", "open 0 40"]);
-        assert_eq!(notes.lines.iter().position(|line| line == "end"), Some(notes.lines.len() - 1));
     }
 
     /// A window that lasts until the end of the frame, and one before it.
@@ -614,7 +607,7 @@ mod tests {
             asked.get() > 1
         });
         assert_eq!(notes.frames, 2);
-        assert_eq!(notes.lines[notes.lines.len() - 2..], ["close 1", "end"]);
+        assert_eq!(notes.lines.last().unwrap(), "close 1");
     }
 
     const SCHEDULES: &str = r#"

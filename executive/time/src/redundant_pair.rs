@@ -207,18 +207,35 @@ mod tests {
     }
 
     #[test]
-    fn partition_that_a_core_got_ready_for_a_window_that_does_not_come_is_held() {
+    fn partition_whose_dispatcher_ends_before_its_window_or_within_it_is_held() {
+        for is_opened in [false, true] {
+            let (pair, old, _) = pair();
+            let (mut gate, _, window) = gate(&pair);
+            gate.prepare(&window.window);
+            if is_opened {
+                gate.open(&window);
+            }
+            assert!(!old.is_held());
+            old.said();
+            drop(gate);
+            assert_eq!(old.said(), ["freeze"], "opened: {is_opened}");
+            assert!(pair.control(0).try_own(7), "and nobody owns it for ever");
+        }
+    }
+
+    #[test]
+    fn dispatcher_that_ends_does_not_hold_a_partition_in_its_window_on_another_core() {
         let (pair, old, _) = pair();
-        let (mut gate, _, window) = gate(&pair);
-        gate.open(&window);
-        gate.close(&window, Ending::default());
-        assert!(old.is_held());
-        gate.prepare(&window.window);
+        let (mut first, _, window) = gate(&pair);
+        let (mut second, _, other_window) = gate_of(&pair, 1);
+        first.open(&window);
+        first.prepare(&window.window); // that of the next frame, which does not come
+        first.close(&window, Ending::default());
+        second.open(&other_window);
+        drop(first);
         assert!(!old.is_held());
-        old.said();
-        gate.end();
-        assert!(old.is_held() && pair.control(0).try_own(7), "and nobody owns it for ever");
-        assert_eq!(old.said(), ["freeze"]);
+        second.close(&other_window, Ending::default());
+        assert!(old.is_held());
     }
 
     #[test]

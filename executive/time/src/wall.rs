@@ -267,13 +267,18 @@ impl Gate for WallGate {
             self.lost.fetch_add(1, Relaxed);
         }
     }
+}
 
-    /// What was thawed ahead would have its priority for ever: where it shares the processor with the executive, nothing could end it.
-    fn end(&mut self) {
-        let prepared = self.prepared.take();
-        if let Some(control) = prepared.and_then(|member| self.control(member)) {
-            control.end_window(true);
-            control.disown(self.core);
+/// Whoever is open or was thawed ahead of a window that does not come would have its priority for ever: where it shares the processor with the
+/// executive, nothing could end it.
+impl Drop for WallGate {
+    fn drop(&mut self) {
+        for member in [self.owns, self.prepared].into_iter().flatten() {
+            // Another core may have its window by now.
+            if let Some(control) = self.control(member).filter(|control| control.try_own(self.core)) {
+                control.end_window(true);
+                control.disown(self.core);
+            }
         }
     }
 }

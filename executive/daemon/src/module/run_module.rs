@@ -279,7 +279,7 @@ fn connect(pair: &[Option<Arc<RedundantPair>>], plan: &Plan, clock: Clock) {
     for pair in pair.iter().flatten() {
         pair.all().for_each(|control| control.set_clock(u32::from(clock == Clock::Virtual)));
         let control = pair.active();
-        control.grant(
+        control.grant_without_window(
             &WindowGrant { minor_frame_ns, schedule, next_schedule: schedule, ..WindowGrant::default() },
             now_ns(),
         );

@@ -104,6 +104,11 @@ impl PartitionControl {
         own.port_refusals.store(old.port_refusals.load(Relaxed), Relaxed);
         self.fresh.store(order == Takeover::Cold, Relaxed);
         own.take_over.store(order as u32, Relaxed);
+        self.grant_without_window(grant, now_ns);
+    }
+
+    /// Hands out a grant that is used up as ordinary work: the process has no window.
+    pub fn grant_without_window(&self, grant: &WindowGrant, now_ns: u64) {
         self.guard.let_run();
         self.hand_out(grant, now_ns);
     }
@@ -139,10 +144,10 @@ impl PartitionControl {
         self.guard.set_threads(main, others);
     }
 
-    /// Asks the partition to end instead of taking another window.
+    /// Asks the partition to end, as ordinary work, instead of taking another window.
     pub fn ask_to_stop(&self) {
         self.owner.release();
-        self.thaw();
+        self.guard.let_run();
         self.page.stop.store(1, Release);
         self.page.grant.store(self.granted.load(Relaxed).wrapping_add(1), Release);
         let _ = futex::wake(&self.page.grant, futex::Flags::empty(), 1); // not asleep: it looks before it sleeps

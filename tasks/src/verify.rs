@@ -296,7 +296,7 @@ fn other_processor(tally: &mut Tally) -> Result<bool, String> {
             ["build", "--release", "--workspace", "--bins", "--target-dir", &folder, "--target", target];
         let linker = format!("CARGO_TARGET_{}_LINKER", target.to_uppercase().replace('-', "_"));
         // They are emulated; what they compute is the same at every level.
-        let build = Step::cargo("other processor", &build).with("CARGO_PROFILE_RELEASE_OPT_LEVEL", "0");
+        let build = Step::cargo("other processor", &build).with("CARGO_PROFILE_RELEASE_OPT_LEVEL", "1");
         build.with(&linker, &compiler).idle().run(tally)?;
         return Ok(true);
     }

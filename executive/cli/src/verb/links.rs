@@ -101,13 +101,12 @@ pub(super) fn latest(client: Client, module: &str) -> Result<Option<LinkStatus>>
 }
 
 fn of_folder(folder: &Path) -> Result<Vec<Said>> {
-    let flown: Vec<_> = hosts::of(folder).into_iter().map(|host| hosts::folder_of(folder, &host)).collect();
-    let folders = match flown.is_empty() {
-        false => flown,
-        // A run of one module is newer than the folders of a run of several beside it.
-        true if folder.join(LINKS_FILE).exists() => Vec::new(),
-        true => hosts::folders_in(folder),
-    };
+    let mut folders: Vec<_> =
+        hosts::of(folder).into_iter().map(|host| hosts::folder_of(folder, &host)).collect();
+    // A run of one module is newer than the folders of a run of several beside it.
+    if folders.is_empty() && !folder.join(LINKS_FILE).exists() {
+        folders = hosts::folders_in(folder);
+    }
     if folders.is_empty() {
         return Ok(vec![of_run(folder)?]);
     }

@@ -59,7 +59,7 @@ impl Process {
     }
 
     /// Kills it, if it has not ended.
-    pub(crate) fn kill(&self) {
+    pub fn kill(&self) {
         if self.is_alive() {
             let _ = kill_process(Pid::from_raw(self.pid).unwrap(), Signal::KILL); // it has ended
         }

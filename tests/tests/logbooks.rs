@@ -149,7 +149,7 @@ mod alone {
             std::thread::sleep(Duration::from_millis(milliseconds));
             let below = children_of(module.pid());
             module.signal(Signal::KILL);
-            below.iter().for_each(|process| process.signal(Signal::KILL));
+            below.iter().for_each(|process| process.kill());
             let ended = module.end_within(Duration::from_secs(30));
             assert!(!ended.stderr.contains("FAILED"), "{}", ended.stderr);
             let before = found(&ended.stderr)[0][0];

@@ -32,6 +32,10 @@ pub trait Meanwhile {
     fn has_slack(&mut self) -> bool;
     /// Sleeps until the open window is closed, or until this instant of CLOCK_MONOTONIC, ns; may return before either.
     fn await_close(&mut self, until_ns: u64);
+    /// Whether a partition whose window has ended could run on in slack, because the kernel does not know yet that it is to be stopped.
+    fn may_run_on(&self) -> bool {
+        false
+    }
     /// How long before the switch the window that opens there, if one does, is to be prepared, ns.
     fn lead_ns(&self) -> u64;
     /// Gets ready for the window that opens at the switch, if one does.
@@ -42,6 +46,10 @@ pub trait Meanwhile {
 pub trait Gate {
     /// A minor frame begins; false: the module stops here.
     fn minor_frame(&mut self, instant_ns: u64) -> bool;
+    /// See [`Meanwhile::may_run_on`].
+    fn may_run_on(&self) -> bool {
+        false
+    }
     /// See [`Meanwhile::lead_ns`].
     fn lead_ns(&self, _window: &TimelineWindow) -> u64 {
         0
@@ -353,6 +361,10 @@ impl Meanwhile for Between<'_> {
         if let Some(open) = self.open.iter().flatten().next() {
             self.gate.await_close(&open.window, until_ns);
         }
+    }
+
+    fn may_run_on(&self) -> bool {
+        self.gate.may_run_on()
     }
 
     fn lead_ns(&self) -> u64 {

@@ -23,13 +23,20 @@ pub struct FreezeWorker {
     calls: AtomicU32,
     /// Whether it takes calls.
     serves: AtomicBool,
+    /// See [`FreezeWorker::new`].
+    is_apart: bool,
 }
 
 impl FreezeWorker {
-    /// A worker that takes calls from now on: [`FreezeWorker::run`] it.
+    /// A worker that takes calls from now on: [`FreezeWorker::run`] it. `is_apart`: on processors that no dispatcher uses.
     #[must_use]
-    pub fn new() -> Arc<Self> {
-        Arc::new(Self { calls: AtomicU32::new(0), serves: AtomicBool::new(true) })
+    pub fn new(is_apart: bool) -> Arc<Self> {
+        Arc::new(Self { calls: AtomicU32::new(0), serves: AtomicBool::new(true), is_apart })
+    }
+
+    /// Whether it works while a dispatcher holds its own processor.
+    pub(crate) fn is_apart(&self) -> bool {
+        self.is_apart
     }
 
     /// Something was asked for; false: it takes no calls any more.

@@ -257,7 +257,7 @@ mod tests {
         gate.open(&window);
         gate.close(&window, Ending::default());
         assert!(old.is_held());
-        let worker = FreezeWorker::new(); // which does not come to it
+        let worker = FreezeWorker::new(false); // which does not come to it
         pair.control(0).guard().leave_to(&worker);
         gate.open(&window);
         gate.close(&window, Ending::default());
@@ -266,6 +266,24 @@ mod tests {
         assert_eq!(records[1].missed, Some(Missed::StillFrozen));
         assert!(records[1].is_lost() && !records[1].is_overrun());
         worker.end();
+    }
+
+    #[test]
+    fn dispatcher_knows_of_an_overrun_whom_the_freeze_worker_has_not_come_to_whoever_had_a_window_since() {
+        for is_apart in [true, false] {
+            let (pair, old, _) = pair();
+            let (mut gate, _, window) = gate(&pair);
+            pair.control(0).guard().leave_to(&FreezeWorker::new(is_apart)); // which does not come to it
+            gate.open(&window);
+            gate.close(&window, Ending::default());
+            assert_eq!(gate.may_run_on(), is_apart, "one on the same processor is not waited for");
+            let lost = Occurrence { late_ns: u64::MAX, ..window };
+            gate.open(&lost);
+            gate.close(&lost, Ending::default());
+            assert_eq!(gate.may_run_on(), is_apart);
+            pair.control(0).guard().settle();
+            assert!(old.is_held() && !gate.may_run_on());
+        }
     }
 }
 

@@ -24,6 +24,10 @@ const EARLY_NS: u64 = 50_000;
 /// process of the module starts: on a kernel that does not preempt itself its system calls hold the processor for as long.
 const LONG_LEAD_NS: u64 = 200_000;
 
+/// For how long at most the dispatcher holds the processor in slack, so that a partition whose window has ended does not run on before the
+/// freeze worker, on another processor, has come to it, ns. That takes some 50; a host that holds a processor up makes it some 500.
+const FREEZE_NS: u64 = 1_000_000;
+
 /// How often the dispatcher lets itself be woken within a window. A partition closes its window once; one that wakes its
 /// dispatcher more often is slept through.
 const WAITS: u32 = 4;
@@ -49,6 +53,18 @@ impl WallPace {
         spin_until_ns(until_ns);
         self.spun_ns.fetch_add(until_ns.saturating_sub(begun_ns), Relaxed);
     }
+
+    /// See [`FREEZE_NS`].
+    fn spin_while_it_may_run_on(&self, meanwhile: &dyn Meanwhile, until_ns: u64) {
+        if meanwhile.may_run_on() {
+            let begun_ns = now_ns();
+            let until_ns = until_ns.min(begun_ns + FREEZE_NS);
+            while meanwhile.may_run_on() && now_ns() < until_ns {
+                std::hint::spin_loop();
+            }
+            self.spun_ns.fetch_add(now_ns().saturating_sub(begun_ns), Relaxed);
+        }
+    }
 }
 
 impl Pace for WallPace {
@@ -62,7 +78,9 @@ impl Pace for WallPace {
             meanwhile.await_close(target_ns);
         }
         if meanwhile.has_slack() {
-            sleep_if_ahead(target_ns.saturating_sub(meanwhile.lead_ns().max(EARLY_NS)));
+            let awake_ns = target_ns.saturating_sub(meanwhile.lead_ns().max(EARLY_NS));
+            self.spin_while_it_may_run_on(meanwhile, awake_ns);
+            sleep_if_ahead(awake_ns);
             meanwhile.prepare();
             self.spin(target_ns);
         } else {
@@ -106,6 +124,8 @@ pub struct WallGate {
     prepared: Option<PairMember>,
     /// The partition control on which the open window was opened, whoever is active by now.
     opened: usize,
+    /// Whom the freeze worker had not come to when the window was closed, if this core's worker is on another processor.
+    runs_on: Option<PairMember>,
     stall: Arc<Stall>,
 }
 
@@ -134,6 +154,7 @@ impl WallGate {
             owns: None,
             prepared: None,
             opened: 0,
+            runs_on: None,
             stall,
         }
     }
@@ -183,6 +204,11 @@ impl WallGate {
 impl Gate for WallGate {
     fn minor_frame(&mut self, _: u64) -> bool {
         true
+    }
+
+    fn may_run_on(&self) -> bool {
+        let control = self.runs_on.and_then(|member| self.control(member));
+        control.is_some_and(|control| control.guard().awaits_freeze())
     }
 
     fn lead_ns(&self, window: &TimelineWindow) -> u64 {
@@ -249,7 +275,11 @@ impl Gate for WallGate {
             // Also where it was not granted: it may have been thawed ahead of its window.
             let overrun = usage.map_or_else(|| !control.is_done(), |usage| usage.closed_ns.is_none());
             control.end_window(overrun);
+            let runs_on = control.guard().awaits_freeze();
             control.disown(self.core);
+            if runs_on {
+                self.runs_on = Some(member);
+            }
         }
         self.owns = None;
         let module = |stamp: Option<u64>| stamp.map(|stamp| stamp.saturating_sub(self.origin_ns));
@@ -297,4 +327,49 @@ fn await_own(control: &PartitionControl, core: u32, most_ns: u64) -> bool {
         std::hint::spin_loop();
     }
     false
+}
+
+#[cfg(not(feature = "model"))]
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::*;
+
+    /// Slack in which somebody may run on until it was asked so often.
+    struct Slack {
+        asks_left: Cell<u32>,
+        prepared_with: Option<u32>,
+    }
+
+    impl Meanwhile for Slack {
+        fn has_slack(&mut self) -> bool {
+            true
+        }
+        fn await_close(&mut self, _: u64) {}
+        fn may_run_on(&self) -> bool {
+            self.asks_left.set(self.asks_left.get().saturating_sub(1));
+            self.asks_left.get() > 0
+        }
+        fn lead_ns(&self) -> u64 {
+            0
+        }
+        fn prepare(&mut self) {
+            self.prepared_with = Some(self.asks_left.get());
+        }
+    }
+
+    #[test]
+    fn processor_is_held_in_slack_while_somebody_may_run_on_and_not_for_ever() {
+        for asks in [0, 5, u32::MAX] {
+            let spun_ns = Arc::new(AtomicU64::new(0));
+            let mut pace = WallPace::new(now_ns(), spun_ns.clone(), Heartbeat::of_freeze_worker(None));
+            let mut slack = Slack { asks_left: Cell::new(asks), prepared_with: None };
+            pace.reach(5 * FREEZE_NS, &mut slack);
+            let left = slack.prepared_with.expect("got ready for the next window");
+            let was_held = spun_ns.load(Relaxed) >= FREEZE_NS;
+            assert!(left == 0 || was_held, "{asks}: let go while it may run on, {left} left");
+            assert!(left > 0 || asks < u32::MAX);
+        }
+    }
 }

@@ -197,7 +197,7 @@ impl Freezing {
         let partitioned = facts.partitioned_cores();
         let shares = sched::allowed_cores().iter().any(|core| partitioned.contains(core));
         let priority = if shares { FREEZE_PRIORITY_IN_SLACK } else { FREEZE_PRIORITY };
-        let worker = FreezeWorker::new();
+        let worker = FreezeWorker::new(!shares);
         let own = worker.clone();
         let thread = thread::named("freeze").spawn(move || {
             let _ = sched::fifo(0, priority); // said at the start where it can not be

@@ -5,7 +5,7 @@
 //! fault acts from its FROM on, until just before its TO.
 
 use crate::words::unknown;
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 use std::f64::consts::TAU;
 use std::fmt;
 use std::str::FromStr;
@@ -433,7 +433,7 @@ impl Wrongs {
             Fault::PitotSlow(slow_s) => self.pitot.slow_s = self.pitot.slow_s.max(slow_s),
             Fault::PitotScale(scale) => self.pitot.scale *= scale,
             Fault::PitotIcing(mps2) => self.pitot.ice_mps += mps2 * since_s,
-            Fault::PitotNoise(pa) => self.pitot.noise_pa = self.pitot.noise_pa.hypot(pa),
+            Fault::PitotNoise(pa) => self.pitot.noise_pa = Vector2::new(self.pitot.noise_pa, pa).norm(),
             Fault::StaticBlocked => self.static_blocked = true,
             Fault::StaticSlow(slow_s) => self.static_slow_s = self.static_slow_s.max(slow_s),
             Fault::AccelerometerStuck(axis) => self.accelerometer_stuck[axis] = true,

@@ -2,7 +2,7 @@
 
 use crate::airframe::Gear;
 use crate::rigid_body::{Loads, RigidState};
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
 /// Friction is full from about this sliding speed on, m/s. Smaller makes the equations too stiff for a step of 2.5 ms,
 /// larger lets a parked aircraft creep faster in a side wind.
@@ -108,7 +108,7 @@ impl GroundContact {
             part * (self.gear.spring_n_per_m * touch.depth + self.gear.damping_ns_per_m * touch.velocity.z);
         let normal = press.max(0.0);
         let forward = state.attitude * Vector3::new(angle.cos(), angle.sin(), 0.0);
-        let length = forward.x.hypot(forward.y).max(1e-6);
+        let length = forward.xy().norm().max(1e-6);
         let (north, east) = (forward.x / length, forward.y / length);
         let rolling = touch.velocity.x * north + touch.velocity.y * east;
         let sliding = touch.velocity.y * north - touch.velocity.x * east;
@@ -121,5 +121,5 @@ impl GroundContact {
 
 /// Sign of the speed, smoothed about zero.
 fn saturate(speed: f64) -> f64 {
-    speed / speed.hypot(SLIP_MPS)
+    speed / Vector2::new(speed, SLIP_MPS).norm()
 }

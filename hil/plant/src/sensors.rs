@@ -10,7 +10,7 @@ use crate::fault::Wrongs;
 use crate::geodesy::{Geodetic, LocalFrame};
 use crate::noise::{Noise, Source};
 use crate::rigid_body::{RigidState, StepMean};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
 use serde::Deserialize;
 
 /// Magnetic field at the runway at the beginning of 2026, NED, gauss: declination −26.90°, inclination −64.59°.
@@ -586,7 +586,7 @@ impl SensorSuite {
         let ram_pa = 0.5 * now.density * told_mps * told_mps.max(0.0);
         let static_noise = self.static_noise_pa * self.sources.static_pressure.gaussian();
         let noise = self.sources.differential_pressure.gaussian();
-        let pitot_noise = self.pitot_noise_pa.hypot(pitot.noise_pa) * noise;
+        let pitot_noise = Vector2::new(self.pitot_noise_pa, pitot.noise_pa).norm() * noise;
         let (static_pa, total_pa) =
             self.blocked.felt(outside_pa, outside_pa + ram_pa, &now.wrongs, interval_s);
         let exact = self.blocked.static_pa.is_none() && self.blocked.total_pa.is_none();

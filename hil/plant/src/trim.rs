@@ -8,7 +8,7 @@ use crate::atmosphere::GRAVITY_MPS2;
 use crate::dynamics::{Held, Model};
 use crate::rigid_body::{Rate, RigidState};
 use crate::wind::AirMotion;
-use nalgebra::{Matrix6, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Matrix6, UnitQuaternion, Vector2, Vector3, Vector6};
 use thiserror::Error;
 
 /// Heading north, no wind.
@@ -83,7 +83,8 @@ fn pitch(trim: &Trim) -> f64 {
     }
     let along = alpha.cos() * beta.cos();
     let below = bank.sin() * beta.sin() + bank.cos() * alpha.sin() * beta.cos();
-    below.atan2(along) + (trim.climb_angle_rad.sin() / along.hypot(below)).clamp(-1.0, 1.0).asin()
+    below.atan2(along)
+        + (trim.climb_angle_rad.sin() / Vector2::new(along, below).norm()).clamp(-1.0, 1.0).asin()
 }
 
 struct Problem<'a> {

@@ -4,6 +4,7 @@ use bateleur_flight::estimator::{EstimatorStatus, Health, NavigationState};
 use bateleur_messages::State;
 use bateleur_messages::state::{STATUS_COARSE, STATUS_DISABLED, STATUS_INITIALISING, STATUS_RUNNING};
 use bateleur_messages::telemetry::StateTelemetry;
+use nalgebra::Vector2;
 
 /// The message for a state; without one, a level attitude at the origin that says it is being initialised. `rejected`
 /// measurements were refused so far.
@@ -51,7 +52,7 @@ pub fn telemetry(state: &State) -> StateTelemetry {
 fn attitude_sigma(n: &NavigationState) -> [f64; 3] {
     let (sin, cos) = n.euler.z.sin_cos();
     let (north, east, down) = (n.sigmas.attitude.x, n.sigmas.attitude.y, n.sigmas.attitude.z);
-    [(cos * north).hypot(sin * east), (sin * north).hypot(cos * east), down]
+    [Vector2::new(cos * north, sin * east).norm(), Vector2::new(sin * north, cos * east).norm(), down]
 }
 
 fn status(status: EstimatorStatus) -> u32 {

@@ -522,7 +522,7 @@ impl Controller {
         let Some(mut take_off) = self.take_off else { return Ok(*commands) };
         let (airframe, envelope) = (&self.airframe, &self.envelope);
         let course = state.velocity.y.atan2(state.velocity.x);
-        let ground = state.velocity.x.hypot(state.velocity.y);
+        let ground = state.velocity.xy().norm();
         take_off.advance(airframe, envelope, s, (course, ground), basis != Basis::WingsLevel, dt_s);
         self.take_off = Some(take_off);
         if let Some(command) = take_off.actuators(airframe, envelope, s, ground, &self.last, dt_s) {

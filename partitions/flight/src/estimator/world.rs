@@ -3,6 +3,7 @@
 
 use super::*;
 use crate::GRAVITY_MPS2;
+use nalgebra::Vector2;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -113,8 +114,8 @@ impl World {
         let walk = self.chance.three();
         n.position += Vector3::new(p.position * walk.x, p.position * walk.y, p.height * walk.z) * root;
         // The sensors of this frame carry the biases of its beginning; those walk on afterwards.
-        let attitude = p.gyro.hypot(p.gyro_per_rate * rates.norm());
-        let velocity = p.accel.hypot(p.accel_per_force * (force.norm() - GRAVITY_MPS2).abs());
+        let attitude = Vector2::new(p.gyro, p.gyro_per_rate * rates.norm()).norm();
+        let velocity = Vector2::new(p.accel, p.accel_per_force * (force.norm() - GRAVITY_MPS2)).norm();
         let sample = ImuSample {
             time_s: self.time_s,
             interval_s: DT_S,

@@ -179,7 +179,7 @@ impl Circuit {
             }
         };
         let beyond = (-offset.along_m).max(-offset.left_m).max(0.0);
-        let distance = offset.right_m.hypot(beyond);
+        let distance = Vector2::new(offset.right_m, beyond).norm();
         Some((distance, distance.copysign(offset.right_m)))
     }
 }

@@ -15,7 +15,7 @@ use crate::{CANNOT_RUN, apex, arrows, book, cargo, circles, commands, features, 
 /// Some test, lint or page is not as it must be.
 const FAILED: u8 = 1;
 /// How long random system calls are made, s: all kinds together.
-const FUZZ_S: &str = "120";
+const FUZZ_S: &str = "60";
 /// The same by `--long`: longer than anything else, for a machine that has the time.
 const LONG_FUZZ_S: &str = "600";
 /// Tests read it: `1`, they fly and draw as often as a release asks for.
@@ -105,12 +105,13 @@ fn everything(root: &Path, is_long: bool, tally: &mut Tally) -> Result<(), Strin
     }
     Step::cargo("programs and tests", &["build", "--release", "--workspace", "--all-targets"]).run(tally)?;
     schedule(tally)?;
+    let other = other_processor(tally)?;
     let (mut own, (only_alone_left, processors_free)) = (Tally::default(), channel());
     let counted = &mut own;
     let (tested, beside) = std::thread::scope(|scope| {
         // The tests go on: whoever waits shall read it at once.
         let beside = scope.spawn(move || {
-            let foxglove = beside_tests(root, &processors_free, is_long, counted);
+            let foxglove = beside_tests(root, other, &processors_free, is_long, counted);
             foxglove.inspect_err(|reason| println!("== FAILED: {reason}"))
         });
         let tested = shown_commands(root).and_then(|()| tests(only_alone_left, is_long, tally));
@@ -241,12 +242,12 @@ fn guest(root: &Path, other: bool, is_long: bool, tally: &mut Tally) -> Result<(
 /// protocol.
 fn beside_tests(
     root: &Path,
+    other: bool,
     processors_free: &Receiver<()>,
     is_long: bool,
     tally: &mut Tally,
 ) -> Result<Result<(), String>, String> {
-    // First what is built in folders of its own: in the common one the tests would wait for it before they begin.
-    let other = other_processor(tally)?;
+    // First what is built in a folder of its own: in the common one the tests would wait for it before they begin.
     let foxglove = foxglove(tally);
     let lints = ["clippy", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"];
     Step::cargo("lints", &lints).idle().run(tally)?;
@@ -289,15 +290,12 @@ fn other_processor(tally: &mut Tally) -> Result<bool, String> {
     let library = Command::new("rustc").args(["--print", "target-libdir", "--target", target]).output();
     let there = library.is_ok_and(|said| Path::new(String::from_utf8_lossy(&said.stdout).trim()).is_dir());
     if there && succeeds(&compiler, &["--version"], ASKING) {
-        // A folder of its own: in the common one the tests would wait until it is built.
-        let folder = fly::beside_self("").map_err(|error| error.to_string())?.with_file_name("other");
-        let folder = folder.to_string_lossy();
-        let build =
-            ["build", "--release", "--workspace", "--bins", "--target-dir", &folder, "--target", target];
+        // In the common folder, before the tests want it: macros and build scripts have been built there.
+        let build = ["build", "--release", "--workspace", "--bins", "--target", target];
         let linker = format!("CARGO_TARGET_{}_LINKER", target.to_uppercase().replace('-', "_"));
         // They are emulated; what they compute is the same at every level.
         let build = Step::cargo("other processor", &build).with("CARGO_PROFILE_RELEASE_OPT_LEVEL", "1");
-        build.with(&linker, &compiler).idle().run(tally)?;
+        build.with(&linker, &compiler).run(tally)?;
         return Ok(true);
     }
     let lack = format!(

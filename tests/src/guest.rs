@@ -36,7 +36,7 @@ pub enum Processor {
     /// That of the machine below the tests.
     #[default]
     X86_64,
-    /// Programs for it are those that `cargo verify` builds in `target/other`, libraries those of the C compiler for it.
+    /// Programs for it are those that `cargo verify` builds, libraries those of the C compiler for it.
     Aarch64,
 }
 
@@ -93,7 +93,7 @@ impl Processor {
             Self::X86_64 => own,
             Self::Aarch64 => {
                 let target = own.ancestors().nth(2).unwrap_or(&own);
-                let path = target.join("other/aarch64-unknown-linux-gnu/release").join(name);
+                let path = target.join("aarch64-unknown-linux-gnu/release").join(name);
                 assert!(path.is_file(), "there is no {}: `cargo verify` builds it", path.display());
                 path
             }

@@ -51,6 +51,20 @@ const SHARED: [&str; 2] = ["wild-write", "wild-ports"];
 const SHARED_CHANNELS: &str = "shared";
 /// The share of faults, of a hundred, that are of that kind; on sealed channels three times that.
 const SHARED_SHARE: u64 = 10;
+/// What ends the executive, or makes it hang until its supervisor ends it.
+const OF_EXECUTIVE: [(&str, &str); 7] = [
+    (EXECUTIVE_TARGET, "sigkill"),
+    (EXECUTIVE_TARGET, "sigsegv"),
+    (EXECUTIVE_TARGET, "sigabrt"),
+    (EXECUTIVE_TARGET, "sigbus"),
+    (EXECUTIVE_TARGET, "sigstop"),
+    ("dispatcher", "stall=9s"),
+    ("monitor", "stall=9s"),
+];
+/// Where faults of the executive stand in the health log and in a campaign.
+const EXECUTIVE_TARGET: &str = "executive";
+/// The share of faults, of a thousand, that are of that kind.
+const EXECUTIVE_SHARE: u64 = 40;
 /// After a fault, how long an error of its partition is put down to it: `silence_windows` and a restart take a second.
 const AFTERMATH_NS: u64 = 20_000_000_000;
 
@@ -119,6 +133,10 @@ impl Provoked {
     fn partition(&self) -> &str {
         self.target.split('.').next().unwrap()
     }
+
+    fn ends_the_executive(&self) -> bool {
+        OF_EXECUTIVE.contains(&(self.target.as_str(), self.fault.as_str()))
+    }
 }
 
 /// What the module has on the machine.
@@ -178,7 +196,8 @@ fn variable(name: &str, default: u64) -> u64 {
 
 /// The flight's module, that restarts for ever; no simulator and no ground station.
 fn start(folder: &std::path::Path, isolation: &str) -> (Started, Traces) {
-    let text = edited(&[("budget = 5,", "budget = 1000000,")]);
+    let resets = ("[health]\n", "[health]\nreset = { budget = 1000000, within = \"60s\" }\n");
+    let text = edited(&[("budget = 5,", "budget = 1000000,"), resets]);
     let text = format!("isolation = \"{isolation}\"\n{text}");
     let schedule = folder.join("schedule.toml");
     std::fs::write(&schedule, text).unwrap();
@@ -188,6 +207,15 @@ fn start(folder: &std::path::Path, isolation: &str) -> (Started, Traces) {
     module.await_words("partitions are ready");
     let traces = Traces::of(module.pid());
     (module, traces)
+}
+
+/// The executive that follows the one of this number, when its partitions are ready.
+fn successor(module: &Started, pid: i32, resets: usize) -> Control {
+    let begun = await_some(Duration::from_secs(60), || {
+        (module.said().matches("frame 0 again").count() >= resets).then_some(())
+    });
+    assert!(begun.is_some(), "no executive follows {pid}: {}", module.said());
+    Control::of(executive_of(module.pid()).pid)
 }
 
 fn choose(random: &mut Random, sources: &[&str], shared: bool) -> (String, String) {
@@ -211,7 +239,7 @@ fn campaign(module: &Started, faults: u64, seed: u64, isolation: &str) -> Vec<Pr
     let channels = channels();
     let sources: Vec<&str> = channels.iter().map(|channel| channel[0].as_str()).collect();
     let mut provoked = Vec::new();
-    let mut tries = 0;
+    let (mut tries, mut resets) = (0, 0);
     while (provoked.len() as u64) < faults {
         tries += 1;
         assert!(tries < 100 * faults + 1000, "only {} of {faults} faults could be provoked", provoked.len());
@@ -220,16 +248,37 @@ fn campaign(module: &Started, faults: u64, seed: u64, isolation: &str) -> Vec<Pr
             SHARED_CHANNELS => provoked.len() as u64 * 100 >= faults * (100 - SHARED_SHARE),
             _ => random.below(100) < 3 * SHARED_SHARE,
         };
-        let (target, fault) = choose(&mut random, &sources, shared);
+        let ends_executive = random.below(1000) < EXECUTIVE_SHARE;
+        let (target, fault) = match ends_executive {
+            true => {
+                let (target, fault) = OF_EXECUTIVE[random.below(OF_EXECUTIVE.len() as u64) as usize];
+                (target.to_owned(), fault.to_owned())
+            }
+            false => choose(&mut random, &sources, shared),
+        };
+        let (pid, before_ns) =
+            (executive_of(module.pid()).pid, control.status()["module_ns"].as_u64().unwrap());
         let answer = control.ask(&serde_json::json!({ "ask": "inject", "target": target, "fault": fault }));
         // One that is just being restarted can not be provoked.
         if answer["answer"] == "done" {
-            let at_ns = control.status()["module_ns"].as_u64().unwrap();
+            let at_ns = match ends_executive {
+                true => {
+                    resets += 1;
+                    control = successor(module, pid, resets);
+                    before_ns
+                }
+                false => control.status()["module_ns"].as_u64().unwrap(),
+            };
             provoked.push(Provoked { target, fault, at_ns });
         }
     }
     control.await_calm();
     provoked
+}
+
+/// Those of the module itself stand in the health log without a partition.
+fn is_of_executive(fault: &Fault) -> bool {
+    fault.error.starts_with("executive_")
 }
 
 fn faults_leave_nothing(isolation: &str) {
@@ -242,9 +291,12 @@ fn faults_leave_nothing(isolation: &str) {
     let provoked = campaign(&module, faults, seed, isolation);
     std::thread::sleep(Duration::from_secs(2));
     let after = holdings(executive_of(module.pid()).pid);
+    let last = Traces::of(module.pid());
     module.signal(Signal::TERM);
     let ended = module.end().expect_code(0);
     traces.expect_gone();
+    last.expect_gone();
+    assert_executives_told(&ended, &provoked);
     eprintln!("{} faults, seed {seed}; before {before:?}, after {after:?}", provoked.len());
     print_lateness(&ended, quiet_until_ns);
     assert_nothing_grew(before, after, channels().len());
@@ -260,6 +312,18 @@ fn faults_leave_nothing(isolation: &str) {
             "{}",
             ended.stderr
         );
+    }
+}
+
+/// Each death of an executive is told once, and no other.
+fn assert_executives_told(ended: &Ended, provoked: &[Provoked]) {
+    let told: Vec<Fault> = ended.faults().into_iter().filter(is_of_executive).collect();
+    let ordered: Vec<&Provoked> = provoked.iter().filter(|one| one.ends_the_executive()).collect();
+    eprintln!("{} of them ended the executive", ordered.len());
+    assert_eq!(told.len(), ordered.len(), "{told:#?} of {ordered:#?}");
+    for (fault, one) in told.iter().zip(ordered) {
+        let is_its = fault.time_ns.abs_diff(one.at_ns) < AFTERMATH_NS && fault.recovered_ns.is_some();
+        assert!(fault.action == "reset" && is_its, "{fault:?} of {one:?}");
     }
 }
 
@@ -313,7 +377,7 @@ fn assert_faults_explained(
     harmful: &[&str],
 ) {
     let mut counts: BTreeMap<String, u64> = BTreeMap::new();
-    let acted = found.iter().filter(|fault| acts(fault));
+    let acted = found.iter().filter(|fault| acts(fault) && !is_of_executive(fault));
     let mut unexplained = Vec::new();
     for fault in acted {
         *counts.entry(format!("{} -> {}", fault.error, fault.action)).or_default() += 1;
@@ -343,7 +407,7 @@ fn assert_windows_explained(ended: &Ended) {
     let unexplained: Vec<_> = missed
         .filter(|window| {
             !faults.iter().any(|fault| {
-                fault.partition == window.partition
+                (fault.partition == window.partition || is_of_executive(fault))
                     && acts(fault)
                     && fault.time_ns <= window.planned_end_ns + slack_ns
                     && fault.recovered_ns.is_none_or(|recovered| window.planned_start_ns <= recovered)
@@ -365,7 +429,8 @@ fn assert_nobody_took_time(windows: &[Window], provoked: &[Provoked], quiet_unti
             let lately = one.at_ns.saturating_sub(OWN_NS)..=one.at_ns + OWN_NS;
             let concerns = one.partition() == window.partition
                 || SHARED.contains(&one.fault.as_str())
-                || one.target == "dispatcher";
+                || one.target == "dispatcher"
+                || one.ends_the_executive();
             concerns && lately.contains(&window.planned_start_ns)
         })
     };
@@ -409,7 +474,7 @@ fn assert_messages_explained(ended: &Ended, provoked: &[Provoked], harmful: &[&s
         let source = entry.topic.trim_start_matches('/').replace('/', ".");
         let ordered = provoked.iter().any(|one| {
             let near = one.at_ns <= entry_ns + 1_000_000_000 && time_ns <= one.at_ns + AFTERMATH_NS;
-            near && (one.target == source || one.target == owner(&source))
+            near && (one.target == source || one.target == owner(&source) || one.ends_the_executive())
         });
         if !ordered {
             unexplained.push(format!("{source}: {} after {sequence} at {entry_ns} ns", entry.sequence));

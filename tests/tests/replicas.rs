@@ -230,6 +230,11 @@ fn flight_takes_the_laps_from_the_plan_of_the_replicas() {
     let _turn = among_others();
     let ended = fly(&schedule().replace("laps = 2", "laps = 1"), &[]).expect_code(0);
     assert!(ended.stderr.contains("5 of 5 way-points"), "{}", ended.stderr);
+    let replay = bateleur(&["replay", ended.folder().to_str().unwrap()]).end().expect_code(2);
+    replay.expect_words(&["`controller` has replicas: a plain loop has one of each function"]);
+    fly(&schedule(), &["--engine=one-process".to_owned()])
+        .expect_code(2)
+        .expect_words(&["partition controller has replicas; fly it with --engine partitions"]);
 }
 
 /// The plan above with a replica on each of three computers.

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use bateleur_tests::{
-    Ended, NINE, Sketch, TWO_LAPS, among_others, bateleur, edited, executive_of, flight_schedule,
+    Ended, NINE, Sketch, TWO_LAPS, alone, among_others, bateleur, edited, executive_of, flight_schedule,
     small_mission,
 };
 use serde_json::Value;
@@ -360,20 +360,26 @@ fn exit_code_of_a_partition_without_an_error_handler_asks_for_nothing() {
     }
 }
 
-#[test]
-fn partition_whose_log_has_lost_its_folder_comes_back_without_a_log_and_that_is_said_once() {
-    let _turn = among_others();
-    let folder = tempfile::tempdir().unwrap();
-    let schedule = Sketch::new().partition("victim", "counter", 500, "").write(folder.path());
-    let kills = ["--kill", "victim@2", "--kill", "victim@3"];
-    let run = ["run", "--schedule", &schedule, "--until", "5"];
-    let mut run = bateleur(&[&run[..], &kills].concat());
-    run.await_words("1 partition is ready");
-    std::fs::remove_dir_all(run.folder().join("partitions")).unwrap();
-    let ended = run.end().expect_code(1);
-    assert_eq!(told(&ended), all(&[("killed", "cold_restart"), ("killed", "cold_restart")]));
-    let is_back = |fault: &bateleur_tests::Fault| fault.action == "ignore" || fault.recovered_ns.is_some();
-    assert!(ended.faults().iter().all(is_back), "{}", ended.stderr);
-    let words = "partitions/victim.log can not be written any more: No such file or directory";
-    assert_eq!(ended.stderr.matches(words).count(), 1, "{}", ended.stderr);
+/// What shares the machine with no other test.
+mod alone {
+    use super::*;
+
+    #[test]
+    fn partition_whose_log_has_lost_its_folder_comes_back_without_a_log_and_that_is_said_once() {
+        let _turn = alone();
+        let folder = tempfile::tempdir().unwrap();
+        let schedule = Sketch::new().partition("victim", "counter", 500, "").write(folder.path());
+        let kills = ["--kill", "victim@2", "--kill", "victim@3"];
+        let run = ["run", "--schedule", &schedule, "--until", "5"];
+        let mut run = bateleur(&[&run[..], &kills].concat());
+        run.await_words("1 partition is ready");
+        std::fs::remove_dir_all(run.folder().join("partitions")).unwrap();
+        let ended = run.end().expect_code(1);
+        assert_eq!(told(&ended), all(&[("killed", "cold_restart"), ("killed", "cold_restart")]));
+        let is_back =
+            |fault: &bateleur_tests::Fault| fault.action == "ignore" || fault.recovered_ns.is_some();
+        assert!(ended.faults().iter().all(is_back), "{}", ended.stderr);
+        let words = "partitions/victim.log can not be written any more: No such file or directory";
+        assert_eq!(ended.stderr.matches(words).count(), 1, "{}", ended.stderr);
+    }
 }

@@ -1,9 +1,9 @@
 //! `bateleur run --hosts`: all modules of a plan with one command, with a message type over the link that nothing here was built with.
 
 use std::collections::BTreeSet;
-use std::fs;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, UNIX_EPOCH};
 
 use bateleur_recording::read;
 use bateleur_tests::{among_others, await_some, bateleur, children_of, program, repository};
@@ -80,6 +80,9 @@ fn what_reads_a_run_knows_its_modules(run: &Path) {
     for words in ["module one at", "link tracks to two: ", "module two at", "link tracks to one: "] {
         assert!(links.stdout.contains(words), "{words:?} is missing in:\n{}", links.stdout);
     }
+    // A module that ran there alone, long ago.
+    let older = File::create(Path::new(run).join("health.ring")).unwrap();
+    older.set_modified(UNIX_EPOCH + Duration::from_secs(1)).unwrap();
     for verb in ["health", "why", "crash"] {
         let advice = "holds the runs of several modules: name the folder of one, such as ";
         bateleur(&[verb, run]).end().expect_code(2).expect_words(&[advice, "hosts/one"]);

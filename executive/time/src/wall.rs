@@ -1,5 +1,6 @@
 //! The wall clock: windows at their instants, one dispatcher thread on each partitioned core.
 
+use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use std::sync::atomic::Ordering::Relaxed;
@@ -125,7 +126,7 @@ pub struct WallGate {
     /// The partition control on which the open window was opened, whoever is active by now.
     opened: usize,
     /// Whom the freeze worker had not come to when the window was closed, if this core's worker is on another processor.
-    runs_on: Option<PairMember>,
+    runs_on: Cell<Option<PairMember>>,
     stall: Arc<Stall>,
 }
 
@@ -154,7 +155,7 @@ impl WallGate {
             owns: None,
             prepared: None,
             opened: 0,
-            runs_on: None,
+            runs_on: Cell::new(None),
             stall,
         }
     }
@@ -167,9 +168,7 @@ impl WallGate {
         let control = pair.control(self.opened);
         // Somebody else has taken over since this core got ready.
         if let Some(before) = self.owns.take_if(|owned| owned.0 == partition && *owned != member) {
-            let before = pair.control(before.1);
-            before.end_window(true);
-            before.disown(self.core);
+            self.let_go(before, true);
         }
         if let Some(action) = self.changes.action_due(occurrence, control) {
             return Err(Missed::Changed(action));
@@ -196,6 +195,18 @@ impl WallGate {
         Ok(now.saturating_sub(self.origin_ns))
     }
 
+    /// Ends the window of a control that is this core's, and leaves it to whoever has the next one.
+    fn let_go(&self, member: PairMember, overrun: bool) {
+        if let Some(control) = self.control(member) {
+            control.end_window(overrun);
+            let runs_on = control.guard().awaits_freeze();
+            control.disown(self.core);
+            if runs_on {
+                self.runs_on.set(Some(member));
+            }
+        }
+    }
+
     fn control(&self, (partition, member): PairMember) -> Option<&PartitionControl> {
         self.pair[partition].as_deref().map(|pair| pair.control(member))
     }
@@ -207,7 +218,7 @@ impl Gate for WallGate {
     }
 
     fn may_run_on(&self) -> bool {
-        let control = self.runs_on.and_then(|member| self.control(member));
+        let control = self.runs_on.get().and_then(|member| self.control(member));
         control.is_some_and(|control| control.guard().awaits_freeze())
     }
 
@@ -274,12 +285,7 @@ impl Gate for WallGate {
         {
             // Also where it was not granted: it may have been thawed ahead of its window.
             let overrun = usage.map_or_else(|| !control.is_done(), |usage| usage.closed_ns.is_none());
-            control.end_window(overrun);
-            let runs_on = control.guard().awaits_freeze();
-            control.disown(self.core);
-            if runs_on {
-                self.runs_on = Some(member);
-            }
+            self.let_go(member, overrun);
         }
         self.owns = None;
         let module = |stamp: Option<u64>| stamp.map(|stamp| stamp.saturating_sub(self.origin_ns));
@@ -305,9 +311,8 @@ impl Drop for WallGate {
     fn drop(&mut self) {
         for member in [self.owns, self.prepared].into_iter().flatten() {
             // Another core may have its window by now.
-            if let Some(control) = self.control(member).filter(|control| control.try_own(self.core)) {
-                control.end_window(true);
-                control.disown(self.core);
+            if self.control(member).is_some_and(|control| control.try_own(self.core)) {
+                self.let_go(member, true);
             }
         }
     }
@@ -332,8 +337,6 @@ fn await_own(control: &PartitionControl, core: u32, most_ns: u64) -> bool {
 #[cfg(not(feature = "model"))]
 #[cfg(test)]
 mod tests {
-    use std::cell::Cell;
-
     use super::*;
 
     /// Slack in which somebody may run on until it was asked so often.

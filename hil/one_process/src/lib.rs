@@ -129,6 +129,9 @@ pub fn unsuitable(plan: &Plan, module: &str) -> Option<String> {
     view.partitions().find_map(|id| {
         let partition = &plan[id];
         let name = &partition.name;
+        if !partition.replicas.is_empty() {
+            return Some(format!("partition {name} has replicas"));
+        }
         if functions::of(&partition.program).is_none() {
             return Some(format!("partition {name} runs {}, a program of its own", partition.program));
         }

@@ -18,8 +18,10 @@ pub(super) fn file_of(path: Option<&Path>, name: &str) -> Result<PathBuf> {
         return Ok(given);
     }
     let file = given.join(name);
+    let written = |path: &Path| path.metadata().and_then(|about| about.modified()).ok();
     match hosts::folders_in(&given).first() {
-        Some(first) if !file.exists() => bail!(
+        // A module alone may have run there before, or since.
+        Some(first) if written(&file) < written(&first.join(name)) || !file.exists() => bail!(
             "{} holds the runs of several modules: name the folder of one, such as {}",
             given.display(),
             first.display()

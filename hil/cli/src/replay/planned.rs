@@ -43,6 +43,9 @@ fn given(attributes: &BTreeMap<String, Attribute>) -> Given {
 
 /// The functions' settings, and where the log has what they take and give.
 pub(super) fn read(plan: &Plan, module: Option<&str>, given: &Attributes) -> Result<(Settings, Topics)> {
+    if let Some(voter) = plan.partitions.iter().find(|partition| !partition.replicas.is_empty()) {
+        bail!("`{}` has replicas: a plain loop has one of each function", voter.name);
+    }
     let names: Vec<String> =
         FUNCTIONS.iter().map(|program| partition_running(plan, program)).collect::<Result<_>>()?;
     let of = |program: usize| given.0.get(&names[program]).cloned().unwrap_or_default();

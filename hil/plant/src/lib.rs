@@ -20,7 +20,6 @@
 //! positive rudder turns the nose left (C_nδr < 0). Throttle is 0 to 1.
 
 #![forbid(unsafe_code)]
-#![warn(clippy::disallowed_methods)]
 
 pub mod aerodynamics;
 pub mod airframe;

@@ -10,7 +10,6 @@
 //! Frames: NED with its origin on the runway; body x forward, y right, z down. SI units and radians throughout,
 //! magnetic field in gauss. Quaternions turn body vectors into NED vectors.
 #![forbid(unsafe_code)]
-#![warn(clippy::disallowed_methods)]
 
 pub mod airframe;
 pub mod atmosphere;

@@ -152,7 +152,7 @@ fn errors_over_unseen_seeds_are_excellent_against_the_truth_that_can_be_seen() {
                 && e.pitch_deg < 0.25
                 && e.yaw_deg < 0.5
                 && e.velocity_mps < 0.05
-                && e.horizontal_m.hypot(e.height_m) < 0.8;
+                && nalgebra::Vector2::new(e.horizontal_m, e.height_m).norm() < 0.8;
             assert!(good, "{turbulence:?} seed {seed}: {e:?}");
             // Against the truth as it is there is the receiver's and the barometer's slow error more, and nothing else.
             let (off, slow) = flight.true_position_errors(40.0);

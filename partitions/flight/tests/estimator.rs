@@ -82,7 +82,7 @@ fn heading_without_magnetometer_comes_from_the_turns() {
 fn missed_declination_would_be_27_degrees() {
     let mut options = Options::new(1, 0.0, 0.0, Turbulence::Calm);
     let f = options.estimator.field_ned_gauss;
-    options.estimator.field_ned_gauss = Vector3::new(f.x.hypot(f.y), 0.0, f.z);
+    options.estimator.field_ned_gauss = Vector3::new(f.xy().norm(), 0.0, f.z);
     let mut flight = Flight::new(options);
     flight.run(6.0);
     let yaw = flight.estimator.state().unwrap().euler.z - flight.plant.truth().yaw_rad;

@@ -41,7 +41,7 @@ fn figures_are_reached_by_every_one_of_twenty_unseen_seeds() {
             let seen = e.roll_deg.max(e.pitch_deg) <= 0.25
                 && e.yaw_deg <= 0.5
                 && e.velocity_mps <= 0.05
-                && e.horizontal_m.hypot(e.height_m) <= 0.8;
+                && nalgebra::Vector2::new(e.horizontal_m, e.height_m).norm() <= 0.8;
             assert!(held && seen, "{turbulence:?} seed {seed}: {score:?} {e:?}");
         }
     }

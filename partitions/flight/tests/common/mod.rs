@@ -294,7 +294,7 @@ impl Flight {
             sums[3].add((n.velocity - t.velocity_ned_mps).norm() / 3f64.sqrt());
             let seen = t.position_ned_m + t.gps_slow_error_ned_m;
             let off = n.position - seen;
-            sums[4].add(off.x.hypot(off.y));
+            sums[4].add(off.xy().norm());
             sums[5]
                 .add(-n.position.z + t.position_ned_m.z - (t.barometer_bias_m - self.barometer_at_start_m));
         }
@@ -316,7 +316,7 @@ impl Flight {
             let slow = t.gps_slow_error_ned_m;
             let up = t.barometer_bias_m - self.barometer_at_start_m;
             sums[0].add((n.position - t.position_ned_m).norm());
-            sums[1].add(slow.xy().norm().hypot(up));
+            sums[1].add(nalgebra::Vector2::new(slow.xy().norm(), up).norm());
         }
         (sums[0].rms(), sums[1].rms())
     }

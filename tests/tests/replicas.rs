@@ -234,7 +234,7 @@ fn flight_takes_the_laps_from_the_plan_of_the_replicas() {
     replay.expect_words(&["`controller` has replicas: a plain loop has one of each function"]);
     fly(&schedule(), &["--engine=one-process".to_owned()])
         .expect_code(2)
-        .expect_words(&["partition controller has replicas; fly it with --engine partitions"]);
+        .expect_words(&["partition controller has replicas: fly it with --engine partitions"]);
 }
 
 /// The plan above with a replica on each of three computers.

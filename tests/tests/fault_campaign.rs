@@ -303,7 +303,7 @@ fn faults_leave_nothing(isolation: &str) {
     // Whose faults may bring down peers.
     let harmful: &[&str] = if isolation == SHARED_CHANNELS { &SHARED } else { &[] };
     assert_faults_explained(&ended.faults(), &provoked, &channels(), harmful);
-    assert_windows_explained(&ended);
+    assert_windows_explained(&ended, &provoked, harmful);
     assert_nobody_took_time(&ended.windows(), &provoked, quiet_until_ns);
     assert_messages_explained(&ended, &provoked, harmful);
     if harmful.is_empty() {
@@ -398,8 +398,18 @@ fn assert_faults_explained(
     assert!(unexplained.is_empty(), "nobody provoked these: {unexplained:#?}");
 }
 
-/// Every window that passed without its partition lies between a fault of that partition and its recovery.
-fn assert_windows_explained(ended: &Ended) {
+/// Every window that passed without its partition lies between a fault of that partition and its recovery. A fault whose partition had not
+/// come back when the executive ended is no entry of `health.jsonl`: there it is one that was provoked.
+fn assert_windows_explained(ended: &Ended, provoked: &[Provoked], harmful: &[&str]) {
+    let cut_off = |window: &Window| {
+        let lately = |at_ns: u64| {
+            at_ns <= window.planned_end_ns + OWN_NS && window.planned_start_ns <= at_ns + 2 * OWN_NS
+        };
+        let is_its =
+            |one: &&Provoked| one.partition() == window.partition || harmful.contains(&one.fault.as_str());
+        provoked.iter().any(|one| one.ends_the_executive() && lately(one.at_ns))
+            && provoked.iter().filter(is_its).any(|one| lately(one.at_ns))
+    };
     let faults = ended.faults();
     let slack_ns = 1_000_000_000; // a death is found a little after it happens; its entry has the time of the finding
     let windows = ended.windows();
@@ -411,7 +421,7 @@ fn assert_windows_explained(ended: &Ended) {
                     && acts(fault)
                     && fault.time_ns <= window.planned_end_ns + slack_ns
                     && fault.recovered_ns.is_none_or(|recovered| window.planned_start_ns <= recovered)
-            })
+            }) && !cut_off(window)
         })
         .collect();
     assert!(

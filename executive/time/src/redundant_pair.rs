@@ -273,8 +273,8 @@ mod tests {
         for is_apart in [true, false] {
             let (pair, old, _) = pair();
             let (mut gate, _, window) = gate(&pair);
-            pair.control(0).guard().leave_to(&FreezeWorker::new(is_apart)); // which does not come to it
             gate.open(&window);
+            pair.control(0).guard().leave_to(&FreezeWorker::new(is_apart)); // which does not come to it
             gate.close(&window, Ending::default());
             assert_eq!(gate.may_run_on(), is_apart, "one on the same processor is not waited for");
             let lost = Occurrence { late_ns: u64::MAX, ..window };

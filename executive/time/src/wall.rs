@@ -26,8 +26,9 @@ const EARLY_NS: u64 = 50_000;
 const LONG_LEAD_NS: u64 = 200_000;
 
 /// For how long at most the dispatcher holds the processor in slack, so that a partition whose window has ended does not run on before the
-/// freeze worker, on another processor, has come to it, ns. That takes some 50; a host that holds a processor up makes it some 500.
-const FREEZE_NS: u64 = 1_000_000;
+/// freeze worker, on another processor, has come to it, ns. That takes some 50 us. Less than [`LONG_LEAD_NS`]: the worker of another module may have
+/// to run here before a window of its own.
+const FREEZE_NS: u64 = 100_000;
 
 /// How often the dispatcher lets itself be woken within a window. A partition closes its window once; one that wakes its
 /// dispatcher more often is slept through.

@@ -21,22 +21,17 @@ const BEAT_NS: u64 = 200_000_000;
 pub struct FreezeWorker {
     /// Calls so far; the worker sleeps on it.
     calls: AtomicU32,
+    /// Calls that were carried out.
+    served: AtomicU32,
     /// Whether it takes calls.
     serves: AtomicBool,
-    /// See [`FreezeWorker::new`].
-    is_apart: bool,
 }
 
 impl FreezeWorker {
-    /// A worker that takes calls from now on: [`FreezeWorker::run`] it. `is_apart`: on processors that no dispatcher uses.
+    /// A worker that takes calls from now on: [`FreezeWorker::run`] it.
     #[must_use]
-    pub fn new(is_apart: bool) -> Arc<Self> {
-        Arc::new(Self { calls: AtomicU32::new(0), serves: AtomicBool::new(true), is_apart })
-    }
-
-    /// Whether it works while a dispatcher holds its own processor.
-    pub(crate) fn is_apart(&self) -> bool {
-        self.is_apart
+    pub fn new() -> Arc<Self> {
+        Arc::new(Self { calls: AtomicU32::new(0), served: AtomicU32::new(0), serves: AtomicBool::new(true) })
     }
 
     /// Something was asked for; false: it takes no calls any more.
@@ -48,6 +43,11 @@ impl FreezeWorker {
         true
     }
 
+    /// Whether something was asked for that the kernel does not know yet.
+    pub(crate) fn is_behind(&self) -> bool {
+        self.served.load(SeqCst) != self.calls.load(SeqCst)
+    }
+
     /// Carries out what is asked for the partitions in `pairs`, until [`FreezeWorker::end`].
     pub fn run(self: &Arc<Self>, pairs: &[Arc<RedundantPair>], beat: &Heartbeat) {
         let controls = || pairs.iter().flat_map(|pair| pair.all());
@@ -57,6 +57,7 @@ impl FreezeWorker {
             let seen = self.calls.load(SeqCst);
             let serves = self.serves.load(SeqCst);
             controls().for_each(|control| control.guard().settle());
+            self.served.store(seen, SeqCst);
             if !serves {
                 return;
             }

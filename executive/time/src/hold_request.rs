@@ -49,11 +49,6 @@ impl HoldRequest {
         is_stop(self.newest.load(SeqCst))
     }
 
-    /// A stop is asked for, and the kernel does not know it yet.
-    pub(crate) fn stop_is_pending(&self) -> bool {
-        self.is_stop_asked() && !is_stop(self.told.load(SeqCst))
-    }
-
     /// Everything is to run again, and the kernel does not know it yet.
     pub(crate) fn release_is_pending(&self) -> bool {
         !self.is_stop_asked() && is_stop(self.told.load(SeqCst))

@@ -67,6 +67,7 @@ mod tests {
     use crate::freeze_worker::FreezeWorker;
     use crate::partition_control::Readiness;
     use crate::partition_control::fixture::{self, Obedient, controlled};
+    use crate::run_page::Heartbeat;
     use crate::schedule_switch::ScheduleSwitch;
     use crate::stall::Stall;
     use crate::wall::WallGate;
@@ -257,7 +258,7 @@ mod tests {
         gate.open(&window);
         gate.close(&window, Ending::default());
         assert!(old.is_held());
-        let worker = FreezeWorker::new(false); // which does not come to it
+        let worker = FreezeWorker::new(); // which does not come to it
         pair.control(0).guard().leave_to(&worker);
         gate.open(&window);
         gate.close(&window, Ending::default());
@@ -269,20 +270,26 @@ mod tests {
     }
 
     #[test]
-    fn dispatcher_knows_of_an_overrun_whom_the_freeze_worker_has_not_come_to_whoever_had_a_window_since() {
+    fn dispatcher_knows_of_all_that_the_freeze_worker_beside_it_has_not_come_to() {
         for is_apart in [true, false] {
-            let (pair, old, _) = pair();
-            let (mut gate, _, window) = gate(&pair);
-            gate.open(&window);
-            pair.control(0).guard().leave_to(&FreezeWorker::new(is_apart)); // which does not come to it
-            gate.close(&window, Ending::default());
-            assert_eq!(gate.may_run_on(), is_apart, "one on the same processor is not waited for");
-            let lost = Occurrence { late_ns: u64::MAX, ..window };
-            gate.open(&lost);
-            gate.close(&lost, Ending::default());
-            assert_eq!(gate.may_run_on(), is_apart);
-            pair.control(0).guard().settle();
-            assert!(old.is_held() && !gate.may_run_on());
+            let worker = FreezeWorker::new();
+            let pairs = [(); 2].map(|()| pair().0);
+            let mut gates = pairs.each_ref().map(|pair| {
+                let (gate, _, window) = gate(pair);
+                (gate.beside(is_apart.then(|| worker.clone())), window)
+            });
+            for (gate, window) in &mut gates {
+                gate.open(window);
+            }
+            pairs.iter().for_each(|pair| pair.control(0).guard().leave_to(&worker)); // who does not come to them
+            for (gate, window) in &mut gates {
+                gate.close(window, Ending::default());
+                assert_eq!(gate.may_run_on(), is_apart, "one on the same processor is not waited for");
+            }
+            worker.end();
+            worker.run(&pairs, &Heartbeat::of_freeze_worker(None));
+            assert!(gates.iter().all(|(gate, _)| !gate.may_run_on()), "it has come to all");
+            assert!(pairs.iter().all(|pair| pair.control(0).guard().holds()));
         }
     }
 }

@@ -350,12 +350,6 @@ impl TimeGuard {
         self.request.is_stop_asked()
     }
 
-    /// The partition is to be stopped, and a worker on another processor has not come to it.
-    #[must_use]
-    pub fn awaits_freeze(&self) -> bool {
-        self.request.stop_is_pending() && self.worker.get().is_some_and(|worker| worker.is_apart())
-    }
-
     /// The partition is to run, and is still stopped because whoever thaws has not come to it.
     #[must_use]
     pub fn awaits_thaw(&self) -> bool {

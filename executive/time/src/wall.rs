@@ -1,6 +1,5 @@
 //! The wall clock: windows at their instants, one dispatcher thread on each partitioned core.
 
-use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use std::sync::atomic::Ordering::Relaxed;
@@ -9,6 +8,7 @@ use rtrb::Producer;
 
 use crate::change::Changes;
 use crate::dispatcher::{Ending, Gate, Meanwhile, Occurrence, Pace};
+use crate::freeze_worker::FreezeWorker;
 use crate::partition_control::{PartitionControl, Readiness, grant_of};
 use crate::redundant_pair::RedundantPair;
 use crate::run_page::Heartbeat;
@@ -26,9 +26,9 @@ const EARLY_NS: u64 = 50_000;
 const LONG_LEAD_NS: u64 = 200_000;
 
 /// For how long at most the dispatcher holds the processor in slack, so that a partition whose window has ended does not run on before the
-/// freeze worker, on another processor, has come to it, ns. That takes some 50 us. Less than [`LONG_LEAD_NS`]: the worker of another module may have
-/// to run here before a window of its own.
-const FREEZE_NS: u64 = 100_000;
+/// freeze worker, on another processor, has come to it, ns. That takes some 50 us, and more than a millisecond where the host has to wake that
+/// processor.
+const FREEZE_NS: u64 = 1_000_000;
 
 /// How often the dispatcher lets itself be woken within a window. A partition closes its window once; one that wakes its
 /// dispatcher more often is slept through.
@@ -60,8 +60,9 @@ impl WallPace {
     fn spin_while_it_may_run_on(&self, meanwhile: &dyn Meanwhile, until_ns: u64) {
         if meanwhile.may_run_on() {
             let begun_ns = now_ns();
-            let until_ns = until_ns.min(begun_ns + FREEZE_NS);
-            while meanwhile.may_run_on() && now_ns() < until_ns {
+            // Half of the slack at most: whoever holds the kernel's lock may need this processor to let go of it.
+            let most_ns = FREEZE_NS.min(until_ns.saturating_sub(begun_ns) / 2);
+            while meanwhile.may_run_on() && now_ns() < begun_ns + most_ns {
                 std::hint::spin_loop();
             }
             self.spun_ns.fetch_add(now_ns().saturating_sub(begun_ns), Relaxed);
@@ -126,8 +127,8 @@ pub struct WallGate {
     prepared: Option<PairMember>,
     /// The partition control on which the open window was opened, whoever is active by now.
     opened: usize,
-    /// Whom the freeze worker had not come to when the window was closed, if this core's worker is on another processor.
-    runs_on: Cell<Option<PairMember>>,
+    /// See [`WallGate::beside`].
+    worker: Option<Arc<FreezeWorker>>,
     stall: Arc<Stall>,
 }
 
@@ -156,9 +157,16 @@ impl WallGate {
             owns: None,
             prepared: None,
             opened: 0,
-            runs_on: Cell::new(None),
+            worker: None,
             stall,
         }
+    }
+
+    /// With a freeze worker that works while this dispatcher holds its own processor.
+    #[must_use]
+    pub fn beside(mut self, worker: Option<Arc<FreezeWorker>>) -> Self {
+        self.worker = worker;
+        self
     }
 
     fn try_open(&mut self, occurrence: &Occurrence) -> Result<u64, Missed> {
@@ -200,11 +208,7 @@ impl WallGate {
     fn let_go(&self, member: PairMember, overrun: bool) {
         if let Some(control) = self.control(member) {
             control.end_window(overrun);
-            let runs_on = control.guard().awaits_freeze();
             control.disown(self.core);
-            if runs_on {
-                self.runs_on.set(Some(member));
-            }
         }
     }
 
@@ -219,8 +223,7 @@ impl Gate for WallGate {
     }
 
     fn may_run_on(&self) -> bool {
-        let control = self.runs_on.get().and_then(|member| self.control(member));
-        control.is_some_and(|control| control.guard().awaits_freeze())
+        self.worker.as_deref().is_some_and(FreezeWorker::is_behind)
     }
 
     fn lead_ns(&self, window: &TimelineWindow) -> u64 {
@@ -338,6 +341,8 @@ fn await_own(control: &PartitionControl, core: u32, most_ns: u64) -> bool {
 #[cfg(not(feature = "model"))]
 #[cfg(test)]
 mod tests {
+    use std::cell::Cell;
+
     use super::*;
 
     /// Slack in which somebody may run on until it was asked so often.

@@ -87,7 +87,7 @@ pub(super) fn run_wall(
     // Dispatchers that ended because they were to: each is counted before its thread is seen to be finished.
     let orderly = Arc::new(AtomicUsize::new(0));
     let mut threads = Vec::new();
-    let _freezing = Freezing::begin(&pair, facts, Heartbeat::of_freeze_worker(page))
+    let freezing = Freezing::begin(&pair, facts, Heartbeat::of_freeze_worker(page))
         .map_err(machine("cannot start the freeze worker's thread"))?;
     let monitor_beat = Heartbeat::of_monitor(page);
     for (place, line) in tables.timelines.first().into_iter().flat_map(|timeline| &timeline.cores).enumerate()
@@ -105,7 +105,8 @@ pub(super) fn run_wall(
             tables.changes.clone(),
             (line.core, core),
             lanes.stall.clone(),
-        );
+        )
+        .beside(freezing.apart.clone());
         let dispatcher = Dispatcher::new(&tables.timelines, tables.schedule_switch.clone(), false, |core| {
             core == line.core
         })
@@ -186,30 +187,35 @@ fn dispatch(
 
 /// The freeze worker at work, until this is dropped. Without real-time priorities a dispatcher freezes by itself: nothing else would stop
 /// a partition at its window's end.
-struct Freezing(Option<(Arc<FreezeWorker>, JoinHandle<()>)>);
+struct Freezing {
+    worker: Option<(Arc<FreezeWorker>, JoinHandle<()>)>,
+    /// The worker, if no dispatcher uses its processors.
+    apart: Option<Arc<FreezeWorker>>,
+}
 
 impl Freezing {
     fn begin(pairs: &[Option<Arc<RedundantPair>>], facts: &Machine, beat: Heartbeat) -> io::Result<Self> {
         if !facts.real_time {
-            return Ok(Self(None));
+            return Ok(Self { worker: None, apart: None });
         }
         let pairs: Vec<_> = pairs.iter().flatten().cloned().collect();
         let partitioned = facts.partitioned_cores();
         let shares = sched::allowed_cores().iter().any(|core| partitioned.contains(core));
         let priority = if shares { FREEZE_PRIORITY_IN_SLACK } else { FREEZE_PRIORITY };
-        let worker = FreezeWorker::new(!shares);
+        let worker = FreezeWorker::new();
         let own = worker.clone();
         let thread = thread::named("freeze").spawn(move || {
             let _ = sched::fifo(0, priority); // said at the start where it can not be
             own.run(&pairs, &beat);
         })?;
-        Ok(Self(Some((worker, thread))))
+        let apart = (!shares).then(|| worker.clone());
+        Ok(Self { worker: Some((worker, thread)), apart })
     }
 }
 
 impl Drop for Freezing {
     fn drop(&mut self) {
-        if let Some((worker, thread)) = self.0.take() {
+        if let Some((worker, thread)) = self.worker.take() {
             worker.end();
             let _ = thread.join(); // a panic there was printed; whoever asks freezes by himself
         }

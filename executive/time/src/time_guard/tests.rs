@@ -282,7 +282,7 @@ fn a_successor_is_born_free_and_ordinary() {
 fn nobody_who_asks_waits_for_whoever_holds_the_kernels_lock() {
     let fake = Fake::default();
     let guard = TimeGuard::new(Box::new(fake.clone()), Some(40));
-    let worker = FreezeWorker::new(false);
+    let worker = FreezeWorker::new();
     guard.leave_to(&worker);
     guard.set_process(10, &[10], &[]);
     let somebody_else = fake.kernel.lock().unwrap();
@@ -316,7 +316,7 @@ fn nobody_who_asks_waits_for_whoever_holds_the_kernels_lock() {
 fn partition_of_one_thread_is_stopped_and_goes_on_at_once_while_the_worker_is_kept_by_another() {
     let fake = Fake::default();
     let guard = TimeGuard::new(Box::new(fake.clone()), Some(40)).of_one_thread();
-    guard.leave_to(&FreezeWorker::new(false)); // takes calls, and never comes to them
+    guard.leave_to(&FreezeWorker::new()); // takes calls, and never comes to them
     guard.admit();
     guard.set_process(10, &[10], &[]);
     guard.let_go();

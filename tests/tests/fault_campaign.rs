@@ -51,20 +51,16 @@ const SHARED: [&str; 2] = ["wild-write", "wild-ports"];
 const SHARED_CHANNELS: &str = "shared";
 /// The share of faults, of a hundred, that are of that kind; on sealed channels three times that.
 const SHARED_SHARE: u64 = 10;
-/// What ends the executive, or makes it hang until its supervisor ends it.
+/// What ends the executive, or makes it hang until its supervisor ends it: each in turn, once for ten faults, when all else has been judged.
 const OF_EXECUTIVE: [(&str, &str); 7] = [
-    (EXECUTIVE_TARGET, "sigkill"),
-    (EXECUTIVE_TARGET, "sigsegv"),
-    (EXECUTIVE_TARGET, "sigabrt"),
-    (EXECUTIVE_TARGET, "sigbus"),
-    (EXECUTIVE_TARGET, "sigstop"),
-    ("dispatcher", "stall=9s"),
     ("monitor", "stall=9s"),
+    ("executive", "sigkill"),
+    ("dispatcher", "stall=9s"),
+    ("executive", "sigsegv"),
+    ("executive", "sigstop"),
+    ("executive", "sigabrt"),
+    ("executive", "sigbus"),
 ];
-/// Where faults of the executive stand in the health log and in a campaign.
-const EXECUTIVE_TARGET: &str = "executive";
-/// The share of faults, of a thousand, that are of that kind.
-const EXECUTIVE_SHARE: u64 = 40;
 /// After a fault, how long an error of its partition is put down to it: `silence_windows` and a restart take a second.
 const AFTERMATH_NS: u64 = 20_000_000_000;
 
@@ -107,6 +103,10 @@ impl Control {
 
     fn status(&mut self) -> Value {
         self.ask(&serde_json::json!({ "ask": "status" }))
+    }
+
+    fn module_ns(&mut self) -> u64 {
+        self.status()["module_ns"].as_u64().unwrap()
     }
 
     /// Waits until every partition takes windows.
@@ -209,15 +209,6 @@ fn start(folder: &std::path::Path, isolation: &str) -> (Started, Traces) {
     (module, traces)
 }
 
-/// The executive that follows the one of this number, when its partitions are ready.
-fn successor(module: &Started, pid: i32, resets: usize) -> Control {
-    let begun = await_some(Duration::from_secs(60), || {
-        (module.said().matches("frame 0 again").count() >= resets).then_some(())
-    });
-    assert!(begun.is_some(), "no executive follows {pid}: {}", module.said());
-    Control::of(executive_of(module.pid()).pid)
-}
-
 fn choose(random: &mut Random, sources: &[&str], shared: bool) -> (String, String) {
     if shared {
         return (random.of(&NINE).to_owned(), random.of(&SHARED).to_owned());
@@ -234,12 +225,22 @@ fn choose(random: &mut Random, sources: &[&str], shared: bool) -> (String, Strin
     }
 }
 
+/// Provokes a fault, unless its partition is just being restarted. What it has done may be told before it is answered.
+fn provoke(control: &mut Control, (target, fault): (String, String)) -> Option<Provoked> {
+    let at_ns = control.module_ns();
+    let answer = control.ask(&serde_json::json!({ "ask": "inject", "target": target, "fault": fault }));
+    (answer["answer"] == "done").then_some(Provoked { target, fault, at_ns })
+}
+
+fn sources(channels: &[Vec<String>]) -> Vec<&str> {
+    channels.iter().map(|channel| channel[0].as_str()).collect()
+}
+
 fn campaign(module: &Started, faults: u64, seed: u64, isolation: &str) -> Vec<Provoked> {
     let (mut random, mut control) = (Random(seed), Control::of(executive_of(module.pid()).pid));
     let channels = channels();
-    let sources: Vec<&str> = channels.iter().map(|channel| channel[0].as_str()).collect();
     let mut provoked = Vec::new();
-    let (mut tries, mut resets) = (0, 0);
+    let mut tries = 0;
     while (provoked.len() as u64) < faults {
         tries += 1;
         assert!(tries < 100 * faults + 1000, "only {} of {faults} faults could be provoked", provoked.len());
@@ -248,32 +249,39 @@ fn campaign(module: &Started, faults: u64, seed: u64, isolation: &str) -> Vec<Pr
             SHARED_CHANNELS => provoked.len() as u64 * 100 >= faults * (100 - SHARED_SHARE),
             _ => random.below(100) < 3 * SHARED_SHARE,
         };
-        let ends_executive = random.below(1000) < EXECUTIVE_SHARE;
-        let (target, fault) = match ends_executive {
-            true => {
-                let (target, fault) = OF_EXECUTIVE[random.below(OF_EXECUTIVE.len() as u64) as usize];
-                (target.to_owned(), fault.to_owned())
-            }
-            false => choose(&mut random, &sources, shared),
-        };
-        let (pid, before_ns) =
-            (executive_of(module.pid()).pid, control.status()["module_ns"].as_u64().unwrap());
-        let answer = control.ask(&serde_json::json!({ "ask": "inject", "target": target, "fault": fault }));
-        // One that is just being restarted can not be provoked.
-        if answer["answer"] == "done" {
-            let at_ns = match ends_executive {
-                true => {
-                    resets += 1;
-                    control = successor(module, pid, resets);
-                    before_ns
-                }
-                false => control.status()["module_ns"].as_u64().unwrap(),
-            };
-            provoked.push(Provoked { target, fault, at_ns });
-        }
+        let chosen = choose(&mut random, &sources(&channels), shared);
+        provoked.extend(provoke(&mut control, chosen));
     }
     control.await_calm();
     provoked
+}
+
+/// Ends the executive so often, each time soon after a fault of a partition; what each of the executives had on the machine.
+fn end_executives(module: &Started, count: u64, seed: u64, provoked: &mut Vec<Provoked>) -> Vec<Traces> {
+    let (mut random, channels) = (Random(seed), channels());
+    let after = |number| {
+        let begun = || (module.said().matches("frame 0 again").count() as u64 >= number).then_some(());
+        let begun = await_some(Duration::from_secs(60), begun);
+        assert!(begun.is_some(), "no executive follows number {number}: {}", module.said());
+        let mut control = Control::of(executive_of(module.pid()).pid);
+        control.await_calm();
+        control
+    };
+    let ways = (0..count).map(|number| {
+        let mut control = after(number);
+        let traces = Traces::of(module.pid());
+        let chosen = choose(&mut random, &sources(&channels), false);
+        provoked.extend(provoke(&mut control, chosen));
+        std::thread::sleep(Duration::from_micros(random.below(200_000)));
+        let (target, fault) = OF_EXECUTIVE[((seed + number) % OF_EXECUTIVE.len() as u64) as usize];
+        let ended = provoke(&mut control, (target.to_owned(), fault.to_owned()));
+        provoked.push(ended.expect("what is aimed at the executive is done"));
+        traces
+    });
+    let mut traces: Vec<Traces> = ways.collect();
+    after(count);
+    traces.push(Traces::of(module.pid()));
+    traces
 }
 
 /// Those of the module itself stand in the health log without a partition.
@@ -286,16 +294,16 @@ fn faults_leave_nothing(isolation: &str) {
     let folder = tempfile::tempdir().unwrap();
     let (module, traces) = start(folder.path(), isolation);
     std::thread::sleep(Duration::from_secs(5));
-    let quiet_until_ns = Control::of(executive_of(module.pid()).pid).status()["module_ns"].as_u64().unwrap();
+    let quiet_until_ns = Control::of(executive_of(module.pid()).pid).module_ns();
     let before = holdings(executive_of(module.pid()).pid);
-    let provoked = campaign(&module, faults, seed, isolation);
+    let mut provoked = campaign(&module, faults, seed, isolation);
     std::thread::sleep(Duration::from_secs(2));
     let after = holdings(executive_of(module.pid()).pid);
-    let last = Traces::of(module.pid());
+    let of_executives = end_executives(&module, faults.div_ceil(10), seed, &mut provoked);
     module.signal(Signal::TERM);
     let ended = module.end().expect_code(0);
     traces.expect_gone();
-    last.expect_gone();
+    of_executives.iter().for_each(Traces::expect_gone);
     assert_executives_told(&ended, &provoked);
     eprintln!("{} faults, seed {seed}; before {before:?}, after {after:?}", provoked.len());
     print_lateness(&ended, quiet_until_ns);
@@ -483,8 +491,13 @@ fn assert_messages_explained(ended: &Ended, provoked: &[Provoked], harmful: &[&s
         }
         let source = entry.topic.trim_start_matches('/').replace('/', ".");
         let ordered = provoked.iter().any(|one| {
-            let near = one.at_ns <= entry_ns + 1_000_000_000 && time_ns <= one.at_ns + AFTERMATH_NS;
-            near && (one.target == source || one.target == owner(&source) || one.ends_the_executive())
+            let is_its = one.target == source || one.target == owner(&source);
+            // A recorder that begins anew has missed what came meanwhile, and no more.
+            let (concerns, after_ns) = match one.ends_the_executive() {
+                true => (true, 2 * OWN_NS),
+                false => (is_its, AFTERMATH_NS),
+            };
+            concerns && one.at_ns <= entry_ns + 1_000_000_000 && time_ns <= one.at_ns + after_ns
         });
         if !ordered {
             unexplained.push(format!("{source}: {} after {sequence} at {entry_ns} ns", entry.sequence));

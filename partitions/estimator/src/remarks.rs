@@ -5,6 +5,7 @@
 use bateleur_flight::estimator::Health;
 use bateleur_messages::State;
 use bateleur_messages::state::STATUS_COARSE;
+use nalgebra::Vector2;
 
 /// Slower than this over ground, m/s, nothing is said.
 const FLYING_MPS: f64 = 10.0;
@@ -66,7 +67,7 @@ impl Remarks {
             return;
         }
         let [north_mps, east_mps, _] = state.velocity_ned_mps;
-        self.flies = north_mps.hypot(east_mps) > FLYING_MPS;
+        self.flies = Vector2::new(north_mps, east_mps).norm() > FLYING_MPS;
         for (bit, gone, back) in SENSORS {
             let missing = state.health & u64::from(bit) == 0;
             match (missing, self.gone & bit != 0) {

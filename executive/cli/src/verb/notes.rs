@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
+use bateleur_monitor::health::ring::FILE;
 use bateleur_recording::hosts;
 
 use super::Format;
@@ -20,8 +21,8 @@ pub(super) fn file_of(path: Option<&Path>, name: &str) -> Result<PathBuf> {
     let file = given.join(name);
     let written = |path: &Path| path.metadata().and_then(|about| about.modified()).ok();
     match hosts::folders_in(&given).first() {
-        // A module alone may have run there before, or since.
-        Some(first) if written(&file) < written(&first.join(name)) || !file.exists() => bail!(
+        // A module alone may have run there before, or since: each run begins a health log.
+        Some(first) if written(&given.join(FILE)) < written(&first.join(FILE)) || !file.exists() => bail!(
             "{} holds the runs of several modules: name the folder of one, such as {}",
             given.display(),
             first.display()

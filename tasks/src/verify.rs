@@ -5,7 +5,6 @@
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
-use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
 use crate::step::{Step, in_ci, succeeds};
@@ -106,20 +105,22 @@ fn everything(root: &Path, is_long: bool, tally: &mut Tally) -> Result<(), Strin
     Step::cargo("programs and tests", &["build", "--release", "--workspace", "--all-targets"]).run(tally)?;
     schedule(tally)?;
     let other = other_processor(tally)?;
-    let (mut own, (only_alone_left, processors_free)) = (Tally::default(), channel());
+    let mut own = Tally::default();
     let counted = &mut own;
     let (tested, beside) = std::thread::scope(|scope| {
         // The tests go on: whoever waits shall read it at once.
         let beside = scope.spawn(move || {
-            let foxglove = beside_tests(root, other, &processors_free, is_long, counted);
+            let foxglove = beside_tests(counted);
             foxglove.inspect_err(|reason| println!("== FAILED: {reason}"))
         });
-        let tested = shown_commands(root).and_then(|()| tests(only_alone_left, is_long, tally));
+        let tested = shown_commands(root).and_then(|()| tests(is_long, tally));
         (tested, beside.join().unwrap_or_else(|_| Err("the steps beside the tests panicked".into())))
     });
     tally.add(own);
     tested?;
-    foxglove_clients(beside?, tally)?;
+    let foxglove = beside?;
+    guest(root, other, is_long, tally)?;
+    foxglove_clients(foxglove, tally)?;
     for (has_tool, check) in late {
         let begun = Instant::now();
         while in_ci() && !has_tool() && begun.elapsed() < INSTALLING {
@@ -220,8 +221,8 @@ fn models(tally: &mut Tally) -> Result<(), String> {
     Ok(())
 }
 
-/// What only another kernel or processor can show, in a virtual machine: see tests/guest. `other`: programs for the other processor
-/// were built.
+/// What only another kernel or processor can show, in a virtual machine: see tests/guest. Beside nothing else: limits of real time hold within
+/// a guest, and beside tests of real-time priority it starves. `other`: programs for the other processor were built.
 fn guest(root: &Path, other: bool, is_long: bool, tally: &mut Tally) -> Result<(), String> {
     let mut arguments =
         vec!["test", "--release", "--workspace", "--test", "system", "--", "--ignored", "guest::"];
@@ -234,19 +235,12 @@ fn guest(root: &Path, other: bool, is_long: bool, tally: &mut Tally) -> Result<(
     if !prepared {
         return left_out("tests in a guest", "no guest is prepared (on Debian: tests/guest/prepare)");
     }
-    Step::cargo("tests in a guest", &arguments).idle().with(LONG, &long(is_long)).run(tally)
+    Step::cargo("tests in a guest", &arguments).with(LONG, &long(is_long)).run(tally)
 }
 
-/// What compiles and what is emulated, on processors that no test wants: those on the wall clock sleep for most of their time. The guests, whose
-/// tests have limits of real time, wait until `processors_free` says that only such tests are left. Whether there is a server of Foxglove's
-/// protocol.
-fn beside_tests(
-    root: &Path,
-    other: bool,
-    processors_free: &Receiver<()>,
-    is_long: bool,
-    tally: &mut Tally,
-) -> Result<Result<(), String>, String> {
+/// What compiles, on processors that no test wants: those on the wall clock sleep for most of their time. Whether there is a server of
+/// Foxglove's protocol.
+fn beside_tests(tally: &mut Tally) -> Result<Result<(), String>, String> {
     // First what is built in a folder of its own: in the common one the tests would wait for it before they begin.
     let foxglove = foxglove(tally);
     let lints = ["clippy", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"];
@@ -255,11 +249,6 @@ fn beside_tests(
     Step::cargo("examples in comments", &["test", "--release", "--workspace", "--doc"]).idle().run(tally)?;
     let documentation = Step::cargo("reference", &["doc", "--release", "--workspace", "--no-deps", "--lib"]);
     documentation.with("RUSTDOCFLAGS", "-D warnings").idle().run(tally)?;
-    if processors_free.recv().is_ok() {
-        guest(root, other, is_long, tally)?;
-    } else {
-        println!("== tests in a guest: NOT RUN, other tests have failed");
-    }
     Ok(foxglove)
 }
 
@@ -337,15 +326,14 @@ fn shown_commands(root: &Path) -> Result<(), String> {
 }
 
 /// All of them, also after the first that fails: the count at the end shall be the whole truth. Those that are alone, then a partition that makes
-/// random system calls, follow when the others are through, which `only_alone_left` is told.
-fn tests(only_alone_left: Sender<()>, is_long: bool, tally: &mut Tally) -> Result<(), String> {
+/// random system calls, follow when the others are through.
+fn tests(is_long: bool, tally: &mut Tally) -> Result<(), String> {
     let fuzz = ["test", "--release", "--workspace", "--test", "system", "--", "--ignored", "sandbox_fuzz::"];
     let fuzz = Step::cargo("random system calls", &[&fuzz[..], &["--nocapture"]].concat())
         .with("BATELEUR_FUZZ_SECONDS", if is_long { LONG_FUZZ_S } else { FUZZ_S });
     if !succeeds(cargo(), &["nextest", "--version"], ASKING) {
         let all = ["test", "--release", "--workspace", "--lib", "--bins", "--tests", "--no-fail-fast"];
         Step::cargo("tests", &all).with(LONG, &long(is_long)).run(tally)?;
-        let _ = only_alone_left.send(()); // whoever listened has failed, and said it
         return fuzz.run(tally);
     }
     // One waits for a process of its own while the others compute.
@@ -356,9 +344,6 @@ fn tests(only_alone_left: Sender<()>, is_long: bool, tally: &mut Tally) -> Resul
         Step::cargo(name, &run).with("NEXTEST_TEST_THREADS", &threads).with(LONG, &long(is_long)).run(tally)
     };
     let others = some("tests", &format!("not ({ALONE})"));
-    if others.is_ok() {
-        let _ = only_alone_left.send(()); // as above
-    }
     let alone = some("tests that are alone", ALONE);
     others.and(alone)?;
     fuzz.run(tally)

@@ -248,14 +248,23 @@ impl Guest {
             end(&mut machine);
             machine = start();
         }
-        if await_some(self.patience.unwrap_or(PATIENCE), || machine.try_wait().unwrap()).is_none() {
+        let patience = self.patience.unwrap_or(PATIENCE);
+        let ended = await_some(patience, || machine.try_wait().unwrap());
+        let how = ended.map_or_else(
+            || format!("it was ended after {} s", patience.as_secs()),
+            |status| format!("its emulator ended with {status}"),
+        );
+        if ended.is_none() {
             end(&mut machine);
         }
         let text = said();
         let text = text.split_once(BEGAN).map_or(text.as_str(), |(_, text)| text).to_owned();
         let (text, code) = match text.rsplit_once("guest-exit ") {
             Some((text, code)) => (text.to_owned(), code.trim().parse().ok()),
-            None => (text + &fs::read_to_string(&console).unwrap_or_default(), None),
+            None => {
+                let console = fs::read_to_string(&console).unwrap_or_default();
+                (format!("{text}{console}\nthe guest's script did not end: {how}"), None)
+            }
         };
         Said { text, code }
     }

@@ -561,10 +561,10 @@ fn on_aarch64_a_flight_with_crashes_is_strictly_partitioned_and_the_same_to_the_
         "imu[0]: memory_violation (ended by SIGSEGV",
         "servo[0]: memory_violation (ended by SIGBUS",
         "command[1]: recovered",
-        digest,
     ] {
         assert!(said.text.contains(word), "{word:?} is not in {}", said.text);
     }
+    assert!(said.text.contains(digest), "there:\n{}\nhere, {digest}:\n{}", said.text, here.stdout);
     assert!(!said.text.contains("not guaranteed here"), "{}", said.text);
 }
 

@@ -20,6 +20,7 @@ use crate::monitor::Monitor;
 use crate::provoke::{InPlaceOf, Ordered, Way, way};
 use crate::unclosed::Unclosed;
 use bateleur_host::partition::Sandbox;
+use bateleur_system::cpu_starvation::{STARVED_PATIENCE_NS, Spell};
 use bateleur_system::disposition::{self, Disposition};
 use bateleur_system::spawn::Spawned;
 use bateleur_system::time::now_ns;
@@ -28,6 +29,18 @@ use bateleur_time::schedule_switch::Requested;
 
 /// How long a killed process may take to end, real time, ns.
 const KILL_PATIENCE_NS: u64 = 1_000_000_000;
+
+/// Waits until `process` ends, which may take `patience_ns` of real time. On the virtual clock its waits for a processor are not counted: what others
+/// compute on this machine must not change a flight.
+fn await_end(process: &Spawned, clock: Clock, patience_ns: u64) {
+    let most_ns = if clock == Clock::Virtual { STARVED_PATIENCE_NS } else { patience_ns };
+    let (begun_ns, spell) = (now_ns(), Spell::begin(process.pid));
+    while !await_any_end(&[process.pidfd.as_fd()], patience_ns) {
+        if spell.has_had(now_ns() - begun_ns, patience_ns, most_ns) {
+            return;
+        }
+    }
+}
 
 /// A schedule that the plan does not have.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -45,7 +58,7 @@ impl Monitor {
         let Some(place) = self.places[partition] else { return false };
         let Some(process) = &self.partitions[place].active.process else { return false };
         let _ = pidfd_send_signal(&process.pidfd, Signal::KILL); // ended already
-        await_any_end(&[process.pidfd.as_fd()], KILL_PATIENCE_NS);
+        await_end(process, self.clock, KILL_PATIENCE_NS);
         self.look_at_process(place, module_ns);
         true
     }
@@ -55,7 +68,7 @@ impl Monitor {
         let standby = self.partitions[place].standby.as_ref();
         let Some(process) = standby.and_then(|standby| standby.process.as_ref()) else { return false };
         let _ = pidfd_send_signal(&process.pidfd, Signal::KILL); // ended already
-        await_any_end(&[process.pidfd.as_fd()], KILL_PATIENCE_NS);
+        await_end(process, self.clock, KILL_PATIENCE_NS);
         self.look_at_standby(place, module_ns);
         true
     }
@@ -233,8 +246,9 @@ impl Monitor {
         }
         self.say(place, text, module_ns);
         if self.clock == Clock::Virtual && patience_ns > 0 {
-            let ends: Vec<_> = self.partitions[place].active.end().into_iter().collect();
-            await_any_end(&ends, patience_ns);
+            if let Some(process) = &self.partitions[place].active.process {
+                await_end(process, self.clock, patience_ns);
+            }
             self.look_at_process(place, module_ns);
         }
         Ok(())
@@ -299,4 +313,31 @@ const ANSWERED: Duration = Duration::from_millis(20);
 
 fn provoked(fault: Fault) -> String {
     format!("fault {fault} is provoked")
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Instant;
+
+    use super::*;
+    use crate::cleanup::tests::shell;
+
+    #[test]
+    fn a_process_that_ends_is_awaited_no_longer_than_it_takes_and_one_that_sleeps_on_as_long_as_was_said() {
+        let (process, _output) = shell("exec sleep 60");
+        for clock in [Clock::Virtual, Clock::Wall] {
+            let begun = Instant::now();
+            await_end(&process, clock, 50_000_000);
+            let elapsed = begun.elapsed();
+            assert!(elapsed >= Duration::from_millis(50), "{clock:?}: {elapsed:?}");
+            assert!(
+                elapsed.as_nanos() < u128::from(STARVED_PATIENCE_NS),
+                "it sleeps: {clock:?}: {elapsed:?}"
+            );
+        }
+        pidfd_send_signal(&process.pidfd, Signal::KILL).unwrap();
+        let begun = Instant::now();
+        await_end(&process, Clock::Virtual, STARVED_PATIENCE_NS);
+        assert!(begun.elapsed().as_nanos() < u128::from(STARVED_PATIENCE_NS));
+    }
 }

@@ -48,6 +48,11 @@ impl Spell {
         self.spent().map_or(elapsed_ns, |since| used_of(&since, elapsed_ns))
     }
 
+    /// As [`has_had`], of this time.
+    pub fn has_had(&self, elapsed_ns: u64, limit_ns: u64, most_ns: u64) -> bool {
+        elapsed_ns >= limit_ns && (elapsed_ns >= most_ns || self.used_ns(elapsed_ns) >= limit_ns)
+    }
+
     /// Whether the process, which was to have a processor for `due_ns` of this time, waited for one and had none for most of it.
     pub fn has_starved(&self, due_ns: u64) -> bool {
         self.spent().is_some_and(|since| is_starved(&since, due_ns))

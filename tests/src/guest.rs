@@ -203,7 +203,7 @@ impl Guest {
         self
     }
 
-    /// Given that much time instead of ten minutes.
+    /// Given that much time instead of twenty minutes.
     pub fn within(self, patience: Duration) -> Self {
         Self { patience: Some(patience), ..self }
     }

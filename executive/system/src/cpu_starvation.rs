@@ -27,7 +27,12 @@ pub const STARVED_PATIENCE_NS: u64 = 30_000_000_000;
 /// Whether process `pid`, which began `elapsed_ns` ago, has had `limit_ns` for itself. Waits for a processor are not counted, until
 /// `most_ns` are over.
 pub fn has_had(pid: i32, elapsed_ns: u64, limit_ns: u64, most_ns: u64) -> bool {
-    elapsed_ns >= limit_ns && (elapsed_ns >= most_ns || used_ns(pid, elapsed_ns) >= limit_ns)
+    is_had(elapsed_ns, limit_ns, most_ns, || used_ns(pid, elapsed_ns))
+}
+
+/// The kernel is asked only where its answer decides.
+fn is_had(elapsed_ns: u64, limit_ns: u64, most_ns: u64, used_ns: impl FnOnce() -> u64) -> bool {
+    elapsed_ns >= limit_ns && (elapsed_ns >= most_ns || used_ns() >= limit_ns)
 }
 
 /// A time of a process's life that begins somewhere in it.
@@ -50,7 +55,7 @@ impl Spell {
 
     /// As [`has_had`], of this time.
     pub fn has_had(&self, elapsed_ns: u64, limit_ns: u64, most_ns: u64) -> bool {
-        elapsed_ns >= limit_ns && (elapsed_ns >= most_ns || self.used_ns(elapsed_ns) >= limit_ns)
+        is_had(elapsed_ns, limit_ns, most_ns, || self.used_ns(elapsed_ns))
     }
 
     /// Whether the process, which was to have a processor for `due_ns` of this time, waited for one and had none for most of it.

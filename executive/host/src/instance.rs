@@ -7,10 +7,13 @@
 
 use std::fs::{self, File};
 use std::hash::{BuildHasher, RandomState};
-use std::io;
+use std::io::{
+    self,
+    ErrorKind::{AlreadyExists, NotFound},
+};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use serde::{Deserialize, Serialize};
 
@@ -29,6 +32,8 @@ const NAME: &str = "bateleur";
 const RECORD: &str = "instance.json";
 /// Holds the directories of channels that were rebuilt until they are removed. No partition reaches it.
 const DISCARDED: &str = "discarded";
+/// How long a process may take that is dying.
+const DYING: Duration = Duration::from_secs(10);
 /// A run's directory without a record that somebody holds is removed when it is older: before, its run may still be making it.
 const MAKING: Duration = Duration::from_secs(10);
 
@@ -84,24 +89,27 @@ impl Instance {
             locked: true,
             supervised: false,
         };
-        instance.make_directory()?;
+        let record = instance.make_directory()?;
         // Locked before there is anything in it that somebody could believe.
-        let record = File::create(instance.directory().join(RECORD))?;
         flock(&record, FlockOperation::LockExclusive)?;
         instance.record()?;
         Ok((instance, Alive(record)))
     }
 
-    /// The name with the process in it can be foreseen and another run may have it: a process of the same number in another
-    /// container, or somebody who does not want this one to start. Then another name is drawn.
-    fn make_directory(&mut self) -> io::Result<()> {
+    /// Gives the empty record. The name with the process in it can be foreseen and another run may have it: a process of the same number
+    /// in another container, or somebody who does not want this one to start. Or another start removes the directory while it is empty.
+    /// Then another name is drawn.
+    fn make_directory(&mut self) -> io::Result<File> {
         let plain = self.name.clone();
-        // Whatever the user's umask says: a record that others could write is not believed.
-        let make = |instance: &Self| fs::DirBuilder::new().mode(0o755).create(instance.directory());
+        let make = |instance: &Self| {
+            // Whatever the user's umask says: a record that others could write is not believed.
+            fs::DirBuilder::new().mode(0o755).create(instance.directory())?;
+            File::create_new(instance.directory().join(RECORD))
+        };
         let mut made = make(self);
         for _ in 0..NAMES {
             match &made {
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(error) if matches!(error.kind(), AlreadyExists | NotFound) => {}
                 _ => break,
             }
             self.name = format!("{plain}-{:08x}", RandomState::new().hash_one(0) as u32);
@@ -176,14 +184,14 @@ impl Instance {
     ) -> io::Result<Vec<PathBuf>> {
         let discarded = self.directory().join(DISCARDED);
         match fs::DirBuilder::new().mode(0o700).create(&discarded) {
-            Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
+            Err(error) if error.kind() != AlreadyExists => return Err(error),
             _ => {}
         }
         let mut aside = Vec::new();
         for channel in channels {
             let place = discarded.join(format!("{channel}.{:016x}", RandomState::new().hash_one(0)));
             match tree::put_aside(&self.channel_directory(channel), &place) {
-                Err(error) if error.kind() == io::ErrorKind::NotFound => {} // somebody was faster
+                Err(error) if error.kind() == NotFound => {} // somebody was faster
                 put => {
                     put?;
                     aside.push(place);
@@ -206,16 +214,26 @@ impl Instance {
         let groups = || self.group.iter().chain(&self.accounts);
         // Before anything is removed: a helper may make anew what it misses.
         groups().for_each(|group| cgroup::remove(group));
-        let Some(stuck) = groups().find(|group| group.exists()) else {
-            return tree::remove(&self.directory());
-        };
-        // A process that can not die yet keeps its group, and the record is all that the next start knows of it.
         let failed = |why| NotRemoved { path: self.directory(), why };
-        let folder = Folder::open(&self.directory()).map_err(failed)?;
-        let entries = folder.entries().map_err(failed)?;
-        let others = entries.iter().filter(|entry| entry.name.to_bytes() != RECORD.as_bytes());
-        others.map(|entry| folder.remove(&entry.name)).fold(Ok(()), Result::and)?;
-        Err(NotRemoved { path: stuck.clone(), why: io::Error::other("a process in it has not ended") })
+        let entries = match Folder::open(&self.directory()) {
+            Err(error) if error.kind() == NotFound => Vec::new(),
+            folder => {
+                let folder = folder.map_err(failed)?;
+                let mut entries = folder.entries().map_err(failed)?;
+                entries.retain(|entry| entry.name.to_bytes() != RECORD.as_bytes());
+                entries.into_iter().map(|entry| folder.remove(&entry.name)).collect()
+            }
+        };
+        entries.into_iter().fold(Ok(()), Result::and)?;
+        match groups().find(|group| group.exists()) {
+            // A process that can not die yet keeps its group, and the record is all that the next start knows of it.
+            Some(stuck) => Err(NotRemoved {
+                path: stuck.clone(),
+                why: io::Error::other("a process in it has not ended"),
+            }),
+            // The record goes last: what a guard leaves that is killed itself, the next start finds by it.
+            None => tree::remove(&self.directory()),
+        }
     }
 
     fn is_alive(&self) -> bool {
@@ -225,16 +243,36 @@ impl Instance {
             false => started_ticks(self.pid) == Some(self.started_ticks),
         }
     }
+
+    /// Whether it lives, and goes on living: an executive that was killed holds its lock until its memory is gone, and that is waited for.
+    fn stays_alive(&self) -> bool {
+        let begun = Instant::now();
+        // A process that has taken its SIGKILL and does not exit yet looks like any other, for microseconds.
+        let mut looks = 2;
+        while self.is_alive() {
+            let dies = stat(self.pid).is_some_and(|it| it.dying && it.started_ticks == self.started_ticks);
+            looks -= u32::from(!dies);
+            if looks == 0 || begun.elapsed() > DYING {
+                return true;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        false
+    }
 }
 
 /// Removes what killed runs have left: their directories and groups, and what only looks like a run's directory.
 /// Gives the names, and what could not be removed.
 pub fn clean_leftovers() -> (Vec<String>, Vec<NotRemoved>) {
-    let dead: Vec<_> = records(is_own).filter(|instance| !instance.is_alive()).collect();
+    let dead = records(is_own).filter(|instance| !instance.stays_alive());
+    // As they were at their ends: one that was beginning may have had no groups yet.
+    let dead: Vec<_> = dead.filter_map(|dead| trusted_record(&dead.directory(), is_own)).collect();
     let runs = dead.into_iter().map(|instance| (instance.clean_up(), instance.name));
     let runs: Vec<_> = runs.collect();
+    // Whose record was removed and nothing after it. One that is being made takes another name.
+    let emptied = |path: &PathBuf| is_own_directory(path) && fs::remove_dir(path).is_ok();
     // What the runs before did not take: it has no record, or none that may be believed.
-    let wrecks = directories().filter(|path| is_wreck(path)).map(|path| {
+    let wrecks = directories().filter(|path| emptied(path) || is_wreck(path)).map(|path| {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         (tree::remove(&path), name)
     });
@@ -260,6 +298,10 @@ fn is_wreck(path: &Path) -> bool {
         && trusted_record(path, is_own).is_none()
         && !is_locked(&path.join(RECORD))
         && age().is_some_and(|age| age > MAKING)
+}
+
+fn is_own_directory(path: &Path) -> bool {
+    fs::symlink_metadata(path).is_ok_and(|about| about.is_dir() && is_own(about.uid()))
 }
 
 /// Whether a process holds the lock on a record.
@@ -344,15 +386,32 @@ fn trusted_record(directory: &Path, trusted: impl Fn(u32) -> bool) -> Option<Ins
 /// Mode bits that let somebody else put files into a directory.
 const WRITABLE_BY_OTHERS: u32 = 0o022;
 
-/// Field 22 of /proc/PID/stat; the name before it may hold anything, so fields are counted from its closing bracket.
-fn started_ticks(pid: i32) -> Option<u64> {
+/// What proc_pid_stat(5) tells of a process.
+struct Stat {
+    /// It has ended, or its first thread has.
+    zombie: bool,
+    /// It is ending, or SIGKILL waits for it.
+    dying: bool,
+    /// When it was started, clock ticks since boot.
+    started_ticks: u64,
+}
+
+/// The flag `PF_EXITING` of include/linux/sched.h.
+const EXITING: u64 = 4;
+
+fn stat(pid: i32) -> Option<Stat> {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    let after_name = stat.rsplit_once(')')?.1;
-    let mut fields = after_name.split_ascii_whitespace();
-    if fields.next()? == "Z" {
-        return None;
-    }
-    fields.nth(18)?.parse().ok()
+    // The name may hold anything, so fields are counted from its closing bracket: that is the end of field 2.
+    let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_ascii_whitespace().collect();
+    let field = |number: usize| fields.get(number - 3)?.parse::<u64>().ok();
+    let zombie = matches!(fields.first(), Some(&"Z" | &"X"));
+    let killed = field(31)? & (1 << (libc::SIGKILL - 1)) != 0;
+    Some(Stat { zombie, dying: zombie || killed || field(9)? & EXITING != 0, started_ticks: field(22)? })
+}
+
+/// When a process was started, clock ticks since boot; `None`: it has ended.
+fn started_ticks(pid: i32) -> Option<u64> {
+    stat(pid).filter(|stat| !stat.zombie).map(|stat| stat.started_ticks)
 }
 
 #[cfg(test)]
@@ -396,10 +455,63 @@ pub(crate) mod tests {
         assert!(!living.directory().exists());
     }
 
+    #[test]
+    fn whoever_is_killed_while_it_cleans_up_leaves_the_record_to_the_next_start() {
+        let (instance, alive) = Instance::create("instance_halfway", Vec::new(), None).unwrap();
+        drop(alive);
+        for file in 0..2000 {
+            fs::create_dir_all(instance.ports_root().join(file.to_string())).unwrap();
+            fs::write(instance.directory().join(format!("segment{file}")), "").unwrap();
+        }
+        let directory = instance.directory();
+        let left_without_record = || {
+            let record = directory.join(RECORD).exists();
+            let entries = fs::read_dir(&directory).into_iter().flatten();
+            if record { 0 } else { entries.count() }
+        };
+        std::thread::scope(|scope| {
+            let removal = scope.spawn(|| instance.clean_up());
+            let mut looks = 0;
+            while directory.exists() {
+                assert_eq!(left_without_record(), 0);
+                looks += 1;
+            }
+            removal.join().unwrap().unwrap();
+            assert!(looks > 1, "{looks}");
+        });
+    }
+
+    #[test]
+    fn a_directory_whose_guard_was_killed_before_its_last_step_is_removed_at_once() {
+        let path = Path::new(SHARED_MEMORY).join(format!("bateleur.instance_empty.{}", std::process::id()));
+        fs::create_dir(&path).unwrap();
+        clean_leftovers();
+        assert!(!path.exists());
+    }
+
+    #[test]
+    fn processes_that_are_dying_are_told_from_those_that_live() {
+        let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
+        let pid = child.id() as i32;
+        let lives = stat(pid).unwrap();
+        child.kill().unwrap();
+        let begun = Instant::now();
+        let mut looks = Vec::new();
+        // Until it is waited for it is there, in whatever stage of its death.
+        while begun.elapsed() < Duration::from_millis(50) {
+            looks.push(stat(pid).unwrap().dying);
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        child.wait().unwrap();
+        assert!(!lives.dying && !lives.zombie);
+        assert!(looks.iter().filter(|dying| !**dying).count() < 2, "{looks:?}");
+        assert!(stat(pid).is_none() && started_ticks(pid).is_none());
+    }
+
     /// Whether the run's record, as whoever starts next reads it, is that of one who lives. Not by [`clean_leftovers`], which would look
     /// at the runs of others too.
     fn is_taken_for_living(instance: &Instance) -> bool {
-        trusted_record(&instance.directory(), is_own).unwrap().is_alive()
+        trusted_record(&instance.directory(), is_own).is_some_and(|read| read.is_alive())
     }
 
     #[test]
@@ -438,7 +550,12 @@ pub(crate) mod tests {
         let (instance, alive) = Instance::create("instance_child", Vec::new(), None).unwrap();
         let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
         drop(alive);
-        let living = is_taken_for_living(&instance);
+        // Between `fork` and `exec` a child of another test has it too.
+        let still_lives = |_| {
+            std::thread::sleep(Duration::from_millis(1));
+            is_taken_for_living(&instance)
+        };
+        let living = (0..1000).all(still_lives);
         child.kill().unwrap();
         child.wait().unwrap();
         instance.clean_up().unwrap();

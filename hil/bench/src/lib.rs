@@ -10,6 +10,7 @@ extern crate bateleur_executive_cli;
 
 mod alignment;
 mod attacks;
+mod bare_switch;
 mod can;
 mod flight;
 mod laws;

@@ -91,7 +91,7 @@ pub(super) fn timer_wake_us(core: u32, rounds: u32) -> Result<f64> {
 }
 
 /// Processor time of the calling thread, us.
-fn own_time_us() -> f64 {
+pub(super) fn own_time_us() -> f64 {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
     time.tv_sec as f64 * 1e6 + time.tv_nsec as f64 / 1e3
 }

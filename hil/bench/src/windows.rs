@@ -5,6 +5,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 
 use super::Settings;
+use super::bare_switch;
 use super::module::{Ended, start};
 use super::probe;
 use super::row::{Reach, Row};
@@ -147,7 +148,7 @@ const SWITCH_FRAME_US: u64 = 10_000;
 /// The executive's processor time for each switch of windows.
 pub(super) fn switches(settings: &Settings) -> Result<Vec<Row>> {
     let (mut whole, mut dispatcher, mut spun) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut futex, mut timer) = (Vec::new(), Vec::new());
+    let (mut futex, mut timer, mut bare) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..settings.runs {
         let partitions: Vec<Sketched> = (0..SWITCHES)
             .map(|number| {
@@ -163,6 +164,7 @@ pub(super) fn switches(settings: &Settings) -> Result<Vec<Row>> {
         let (short, long) = if settings.quick { (100, 2_000) } else { (2_000, 20_000) };
         futex.push(probe::futex_switch(settings.core, long)?);
         timer.push(probe::timer_wake_us(settings.core, short)?);
+        bare.push(bare_switch::switch_us(settings.core, short)?);
     }
     let reference = median(&futex);
     let about = "a futex wake and the switch to the woken thread on the same core, measured alone";
@@ -179,6 +181,9 @@ pub(super) fn switches(settings: &Settings) -> Result<Vec<Row>> {
     let value = median(&timer).context("no run")?;
     let alone = "one clock_nanosleep while a partition's thread spins: the least that being woken by the clock costs here";
     rows.push(Row::measured("a timer wake-up alone", "us", value, reference, Reach::Stated, alone));
+    let value = median(&bare).context("no run")?;
+    let steps = "a dispatcher of two bare threads: a wait with a limit, a wake, and a priority given and taken, without an executive";
+    rows.push(Row::measured("the steps of a switch alone", "us", value, reference, Reach::Stated, steps));
     rows.push(match median(&dispatcher) {
         Some(value) => Row::measured(
             "dispatcher's processor time per switch",

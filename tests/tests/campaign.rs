@@ -5,7 +5,8 @@ use std::path::Path;
 use std::time::Duration;
 
 use bateleur_tests::{
-    Process, Sketch, Started, among_others, await_some, bateleur, children_of, edited, small_mission,
+    Process, Sketch, Started, among_others, await_some, bateleur, children_of, edited, laps_of_small_mission,
+    small_mission,
 };
 use rustix::process::Signal;
 use serde_json::Value;
@@ -80,6 +81,29 @@ fn plan_of_several_hosts_is_flown_with_all_of_them_and_the_same_again() {
         assert!(command.contains(" --hosts ") && !command.contains("--kill=relay_"), "{command}");
     }
     assert_eq!(digests(&once), digests(&again));
+}
+
+#[test]
+fn executives_are_killed_at_drawn_instants_and_their_flights_go_on() {
+    let _turn = among_others();
+    let place = place();
+    let mission = laps_of_small_mission(place.path(), 5);
+    let mission = format!("--mission={}", mission.display());
+    let kills = ["--flights", "2", "--kills", "2", "--kill-only", "executive", "--keep", "--", &mission];
+    campaign(&place, "out", &kills).end_within(PATIENCE).expect_code(0);
+    let folder = place.path().join("out");
+    let mut died = 0;
+    for (number, flight) in lines(&folder) {
+        let command = flight["command"].as_str().unwrap();
+        assert_eq!(command.matches(" --kill=executive@").count(), 2, "{command}");
+        let health = folder.join(format!("flights/{number}/health.jsonl"));
+        died += std::fs::read_to_string(health).unwrap().matches("\"executive_died\"").count();
+    }
+    assert!(died > 0, "no instant was before the end of its flight");
+    campaign(&place, "none", &["--flights", "1", "--kill-only", "executiv"])
+        .end()
+        .expect_code(2)
+        .expect_words(&["did you mean `executive`?"]);
 }
 
 #[test]

@@ -1,6 +1,8 @@
 //! Aircraft that land by themselves: on the field, softly, and standing in the end.
 
-use bateleur_tests::{Ended, ONE_PROCESS, among_others, bateleur, flight_schedule, is_long, repository};
+use bateleur_tests::{
+    Ended, ONE_PROCESS, among_others, bateleur, flight_schedule, is_long, repository, small_mission,
+};
 use serde_json::Value;
 
 fn flight(options: &[&str]) -> Ended {
@@ -54,6 +56,34 @@ fn landing_is_the_same_for_one_seed_and_survives_restarts_of_the_controller() {
     let kills = ["controller@262", "controller@310", "estimator@270", "controller@230", "controller@285"];
     for kill in &kills[..if is_long() { 5 } else { 3 }] {
         digest(&["--kill", kill]);
+    }
+}
+
+#[test]
+fn range_finder_brings_the_touch_down_to_its_place_and_none_of_its_faults_makes_one_hard() {
+    let _turn = among_others();
+    let mission = small_mission().display().to_string();
+    for seed in 31..if is_long() { 55 } else { 34 } {
+        let (seed, from) = (seed.to_string(), (seed * 37 % 360).to_string());
+        let land = |fault: &[&str]| {
+            let own = ["--land", "--mission", &mission, "--seed", &seed, "--wind", "2", "--wind-from", &from];
+            let ended = flight(&[&own[..], fault].concat()).expect_code(0);
+            ended.summary()["conditions"]["touchdown"].clone()
+        };
+        let sound = land(&[]);
+        let (along_m, sink_mps) = (number(&sound, "along_m"), number(&sound, "sink_mps"));
+        assert!(along_m.abs() < 15.0 && sink_mps < 1.0, "seed {seed}: {sound}");
+        // From the pattern to the flare.
+        for (place, kind) in
+            ["range_lost", "range_stuck", "range_shift=-2.5", "range_shift=2.5"].iter().enumerate()
+        {
+            let before_s = 3.0 + 11.0 * ((place as u32 + seed.parse::<u32>().unwrap()) % 4) as f64;
+            let fault = format!("{kind}@{}", number(&sound, "time_s") - before_s);
+            let touchdown = land(&["--fault", &fault]);
+            assert!(touchdown["standing_s"].is_f64(), "seed {seed}, {fault}: {touchdown}");
+            assert!(number(&touchdown, "sink_mps") < 2.0, "seed {seed}, {fault}: {touchdown}");
+            assert!(number(&touchdown, "along_m").abs() < 120.0, "seed {seed}, {fault}: {touchdown}");
+        }
     }
 }
 

@@ -88,6 +88,7 @@ fn fly(seed: u64, frames: usize) -> Result<Timed> {
             specific_force: sensors.accelerometer_mps2,
             airspeed_mps: Some(airspeed_mps(sensors.differential_pressure_pa, density)),
             density_kgpm3: Some(density),
+            range_m: sensors.range_m,
             pilot,
             dt_s: FRAME_S,
         };

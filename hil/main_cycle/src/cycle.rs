@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 
-use bateleur_controller::{Sensors, navigation_state};
+use bateleur_controller::{Distances, Sensors, navigation_state};
 use bateleur_estimator::Inputs;
 use bateleur_flight::guidance::GuidanceError;
 use bateleur_gps::Gps;
@@ -14,7 +14,7 @@ use bateleur_messages::ground::{Order, SENSOR_GYROSCOPE};
 use bateleur_messages::parameter::Parameters;
 use bateleur_messages::{
     Acceleration, ActuatorCommand, Custom, GpsPosition, GpsVelocity, GroundMessage, Magnetization, Pressure,
-    Rates, RawAnalog, RawGps, ServoTimers, State,
+    Range, Rates, RawAnalog, RawGps, ServoTimers, State,
 };
 
 use crate::settings::Settings;
@@ -51,6 +51,7 @@ pub(crate) struct Outside {
     pub(crate) raw_gps: VecDeque<(u64, RawGps)>,
     pub(crate) raw_analog: VecDeque<(u64, RawAnalog)>,
     pub(crate) custom: VecDeque<(u64, Custom)>,
+    pub(crate) range: VecDeque<(u64, Range)>,
     pub(crate) imu_orders: VecDeque<(u64, GroundMessage)>,
     pub(crate) estimator_orders: VecDeque<(u64, GroundMessage)>,
     pub(crate) controller_orders: VecDeque<(u64, GroundMessage)>,
@@ -113,6 +114,8 @@ pub struct MainCycle {
     raw_gps: Latest<RawGps>,
     raw_analog: Latest<RawAnalog>,
     custom: Latest<Custom>,
+    range: Latest<Range>,
+    distances: Distances,
     position: Latest<GpsPosition>,
     velocity: Latest<GpsVelocity>,
     acceleration: Latest<Acceleration>,
@@ -152,6 +155,8 @@ impl MainCycle {
             raw_gps: Latest::default(),
             raw_analog: Latest::default(),
             custom: Latest::default(),
+            range: Latest::default(),
+            distances: Distances::default(),
             position: Latest::default(),
             velocity: Latest::default(),
             acceleration: Latest::default(),
@@ -256,12 +261,16 @@ impl MainCycle {
     }
 
     fn run_controller(&mut self, now_ns: u64, outside: &mut Outside) -> ActuatorCommand {
+        arrive(&mut outside.range, now_ns, &mut self.range);
+        let range = self.settings.validity.controller_range_ns.and_then(|ns| self.range.valid(now_ns, ns));
+        let range_m = self.distances.take(range);
         let [state_ns, acceleration_ns, orientation_ns, pressure_ns] = self.settings.validity.controller_ns;
         let state = self.state.valid(now_ns, state_ns).and_then(navigation_state);
         let sensors = Sensors::of(
             self.acceleration.valid(now_ns, acceleration_ns),
             self.orientation.valid(now_ns, orientation_ns),
             self.pressure.valid(now_ns, pressure_ns),
+            range_m,
         );
         for message in orders(&mut outside.controller_orders, now_ns) {
             let settings = &mut self.settings.controller;

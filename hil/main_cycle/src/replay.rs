@@ -35,6 +35,8 @@ const WORDS: [&str; 6] =
 pub struct Topics {
     /// Raw fixes, sensors, sticks.
     pub sensors: [String; 3],
+    /// Distances to the ground, if the Controller reads them.
+    pub range: Option<String>,
     /// Orders to IMU, Estimator, Controller and Servo.
     pub orders: [String; 4],
     /// What came of it, in the order of [`OUTPUTS`].
@@ -44,7 +46,12 @@ pub struct Topics {
 impl Topics {
     /// Whether what is on `topic` is used.
     fn has(&self, topic: &str) -> bool {
-        self.sensors.iter().chain(&self.orders).chain(&self.outputs[TIMERS..]).any(|one| one == topic)
+        self.sensors
+            .iter()
+            .chain(&self.range)
+            .chain(&self.orders)
+            .chain(&self.outputs[TIMERS..])
+            .any(|one| one == topic)
     }
 }
 
@@ -240,6 +247,7 @@ impl Replay<'_> {
                 put(&mut outside.raw_analog, entry)
             }
             _ if is(custom) => put(&mut outside.custom, entry),
+            _ if self.topics.range.as_ref().is_some_and(is) => put(&mut outside.range, entry),
             _ if is(imu) => put(&mut outside.imu_orders, entry),
             _ if is(estimator) => put(&mut outside.estimator_orders, entry),
             _ if is(controller) => put(&mut outside.controller_orders, entry),

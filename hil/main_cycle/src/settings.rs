@@ -42,6 +42,8 @@ pub struct Validity {
     pub estimator_command_ns: Option<u64>,
     /// Controller: state, acceleration, rates, pressure.
     pub controller_ns: [u64; 4],
+    /// Controller: the distance to the ground, if it reads it.
+    pub controller_range_ns: Option<u64>,
     /// Servo: command and sticks.
     pub servo_ns: [u64; 2],
 }

@@ -32,6 +32,7 @@ fn settings_with(controller: Given) -> Result<Settings, bateleur_apex::StartErro
         estimator_imu_ns: [short; 4],
         estimator_command_ns: Some(short),
         controller_ns: [short; 4],
+        controller_range_ns: Some(short),
         servo_ns: [short, 100_000_000],
     };
     let none = BTreeMap::new;
@@ -43,6 +44,7 @@ fn topics() -> Topics {
     let order = |to: &str| topic("command", to);
     Topics {
         sensors: [of("raw_gps"), of("raw_analog"), of("custom")],
+        range: Some(of("range")),
         orders: [order("to_imu"), order("to_estimator"), order("to_controller"), order("to_servo")],
         outputs: OUTPUTS.map(|(partition, port)| topic(partition, port)),
     }

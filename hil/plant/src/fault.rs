@@ -62,6 +62,12 @@ pub enum Fault {
     StaticBlocked,
     /// The pressure behind the static ports follows the one outside with this time constant, s.
     StaticSlow(f64),
+    /// The range finder has no echo.
+    RangeLost,
+    /// The range finder repeats the distance it had.
+    RangeStuck,
+    /// The range finder tells this much more, m: it sees something below the aircraft, or grass.
+    RangeShift(f64),
     /// One axis of the accelerometer repeats the value it had: 0 forward, 1 right, 2 down.
     AccelerometerStuck(usize),
     /// One axis of the gyroscope does.
@@ -165,7 +171,7 @@ fn axis(text: Option<&str>) -> Option<usize> {
 /// What a stuck servo's value is.
 const STUCK: &str = "a share of its travel, such as 30% or -0.3 (without: where it is)";
 
-const KINDS: [Kind; 30] = [
+const KINDS: [Kind; 33] = [
     plain("gps_lost", |_| Some(Fault::GpsLost)),
     valued("gps_late", "seconds up to 1.3, such as 0.25", |v| within(v, 0.0, LATEST_FIX_S, Fault::GpsLate)),
     valued("gps_shift", "metres north, such as 30", |v| within(v, -1e4, 1e4, Fault::GpsShift)),
@@ -186,6 +192,9 @@ const KINDS: [Kind; 30] = [
     valued("pitot_noise", "Pa up to 1000, such as 50", |v| within(v, 0.0, 1e3, Fault::PitotNoise)),
     plain("static_blocked", |_| Some(Fault::StaticBlocked)),
     valued("static_slow", "seconds up to 100, such as 5", |v| within(v, 0.1, 100.0, Fault::StaticSlow)),
+    plain("range_lost", |_| Some(Fault::RangeLost)),
+    plain("range_stuck", |_| Some(Fault::RangeStuck)),
+    valued("range_shift", "metres, -50 to 50, such as -1.5", |v| within(v, -50.0, 50.0, Fault::RangeShift)),
     valued("accelerometer_stuck", AXES, |v| axis(v).map(Fault::AccelerometerStuck)),
     valued("gyroscope_stuck", AXES, |v| axis(v).map(Fault::GyroscopeStuck)),
     plain("inertial_lost", |_| Some(Fault::InertialLost)),
@@ -250,6 +259,9 @@ impl Fault {
             Self::PitotNoise(_) => "pitot_noise",
             Self::StaticBlocked => "static_blocked",
             Self::StaticSlow(_) => "static_slow",
+            Self::RangeLost => "range_lost",
+            Self::RangeStuck => "range_stuck",
+            Self::RangeShift(_) => "range_shift",
             Self::AccelerometerStuck(_) => "accelerometer_stuck",
             Self::GyroscopeStuck(_) => "gyroscope_stuck",
             Self::InertialLost => "inertial_lost",
@@ -286,6 +298,7 @@ impl fmt::Display for Fault {
             | Self::PitotIcing(value)
             | Self::PitotNoise(value)
             | Self::StaticSlow(value)
+            | Self::RangeShift(value)
             | Self::Delay(value)
             | Self::Stuck(_, Some(value))
             | Self::Updraft(value) => write!(f, "={value}"),
@@ -375,6 +388,9 @@ pub(crate) struct Wrongs {
     pub(crate) pitot: PitotWrongs,
     pub(crate) static_blocked: bool,
     pub(crate) static_slow_s: f64,
+    pub(crate) range_lost: bool,
+    pub(crate) range_stuck: bool,
+    pub(crate) range_shift_m: f64,
     pub(crate) accelerometer_stuck: [bool; 3],
     pub(crate) gyroscope_stuck: [bool; 3],
     pub(crate) inertial_lost: bool,
@@ -425,6 +441,9 @@ impl Wrongs {
             Fault::GpsLost => self.gps_lost = true,
             Fault::GpsLate(late_s) => self.gps_late_s += late_s,
             Fault::GpsShift(north_m) => self.gps_shift_m += north_m,
+            Fault::RangeLost => self.range_lost = true,
+            Fault::RangeStuck => self.range_stuck = true,
+            Fault::RangeShift(shift_m) => self.range_shift_m += shift_m,
             Fault::MagnetometerLost => self.magnetometer_lost = true,
             Fault::MagnetometerShift(gauss) => self.magnetometer_shift_gauss += gauss,
             Fault::PitotLost => self.pitot_lost = true,

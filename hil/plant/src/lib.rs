@@ -47,7 +47,7 @@ pub use airframe_file::{Flaw, Flaws};
 pub use fault::{Fault, FaultError, PlannedFault};
 pub use geodesy::{Geodetic, LocalFrame};
 pub use modes::{Mode, Modes};
-pub use sensors::{GpsErrors, GpsFix, SensorErrors, SensorSet};
+pub use sensors::{GpsErrors, GpsFix, RangeErrors, SensorErrors, SensorSet};
 pub use simulation::{Conditions, Controls, FlightStart, STEP_S, Simulation, StartError, Truth};
 pub use trim::{Trim, TrimError, trim};
 pub use variation::{Ranges, vary};

@@ -24,6 +24,7 @@ pub(crate) enum Source {
     GpsMissed = 14,
     GpsOutage = 15,
     LostFrames = 16,
+    Range = 17,
 }
 
 /// One stream.

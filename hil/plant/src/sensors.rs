@@ -1,4 +1,4 @@
-//! Sensors and their errors: inertial, magnetic, pressure, satellite.
+//! Sensors and their errors: inertial, magnetic, pressure, satellite, distance to the ground.
 //!
 //! Every error has a number in [`SensorErrors`]; the defaults are those of a small autopilot board after its factory
 //! calibration. Turn-on biases are drawn once from the seed. Two slow errors no filter can see, the receiver's and the
@@ -54,6 +54,26 @@ pub struct SensorErrors {
     pub differential_pressure_bias_max_pa: f64,
     /// Satellite receiver.
     pub gps: GpsErrors,
+    /// Range finder.
+    pub range: RangeErrors,
+}
+
+/// Errors of the range finder, which looks down along the body's own axis.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(default, deny_unknown_fields)]
+pub struct RangeErrors {
+    /// Whether there is one. Default true.
+    pub fitted: bool,
+    /// Noise of a sample, m. Default 0.05 (Benewake TF03: 0.1 m below 10 m, that is two of them).
+    pub noise_m: f64,
+    /// Offset, even within ± this, m. Default 0.05.
+    pub bias_max_m: f64,
+    /// Shortest distance that it measures, m. Default 0.1.
+    pub least_m: f64,
+    /// Longest one over ground that reflects a tenth of the light, m. Default 50.
+    pub most_m: f64,
+    /// Share of the samples without an echo. Default 2 %.
+    pub missed: f64,
 }
 
 /// Errors of the satellite receiver.
@@ -103,7 +123,14 @@ impl Default for SensorErrors {
             differential_pressure_noise_pa: 2.0,
             differential_pressure_bias_max_pa: 2.0,
             gps: GpsErrors::default(),
+            range: RangeErrors::default(),
         }
+    }
+}
+
+impl Default for RangeErrors {
+    fn default() -> Self {
+        Self { fitted: true, noise_m: 0.05, bias_max_m: 0.05, least_m: 0.1, most_m: 50.0, missed: 0.02 }
     }
 }
 
@@ -151,6 +178,7 @@ impl SensorErrors {
                 outage_every_s: 0.0,
                 ..GpsErrors::default()
             },
+            range: RangeErrors { noise_m: 0.0, bias_max_m: 0.0, missed: 0.0, ..RangeErrors::default() },
             ..Self::default()
         }
     }
@@ -194,6 +222,8 @@ pub struct SensorSet {
     pub differential_pressure_pa: f64,
     /// A fix, if one has come in since the last sample.
     pub gps: Option<GpsFix>,
+    /// Distance to the ground along the body's axis down, where there is an echo, m.
+    pub range_m: Option<f64>,
 }
 
 /// What the receiver reports. It is old by the latency when it comes in.
@@ -374,6 +404,35 @@ impl Gaps {
     }
 }
 
+/// The range finder. It looks from the place of the inertial sensors.
+#[derive(Clone, Debug)]
+struct RangeFinder {
+    errors: RangeErrors,
+    bias_m: f64,
+    source: Noise,
+    held_m: Option<f64>,
+}
+
+impl RangeFinder {
+    fn new(seed: u64, errors: &RangeErrors) -> Self {
+        let mut source = Noise::new(seed, Source::Range);
+        let bias_m = source.within(errors.bias_max_m);
+        Self { errors: errors.clone(), bias_m, source, held_m: None }
+    }
+
+    fn sample(&mut self, state: &RigidState, wrongs: &Wrongs) -> Option<f64> {
+        let e = &self.errors;
+        // Drawn always, so that a fault does not shift what follows.
+        let (noise, missed) = (self.source.gaussian(), self.source.unit() < e.missed);
+        let down = (state.attitude * Vector3::z()).z;
+        let distance_m = (-state.position.z / down) + self.bias_m + noise * e.noise_m;
+        let echo = e.fitted && !missed && down > 0.0 && (e.least_m..=e.most_m).contains(&distance_m);
+        let seen_m = echo.then_some(distance_m + wrongs.range_shift_m);
+        self.held_m = if wrongs.range_stuck { self.held_m.or(seen_m) } else { None };
+        self.held_m.or(seen_m).filter(|_| !wrongs.range_lost)
+    }
+}
+
 /// What the sensors need to know at the instant of a sample.
 pub(crate) struct Instant<'a> {
     pub(crate) step: u64,
@@ -395,6 +454,7 @@ pub(crate) struct SensorSuite {
     pitot_noise_pa: f64,
     barometer: GaussMarkov,
     gps: Gps,
+    range: RangeFinder,
     frame: LocalFrame,
     elevation_m: f64,
     blocked: Blocked,
@@ -495,6 +555,7 @@ impl SensorSuite {
             pitot_noise_pa: e.differential_pressure_noise_pa,
             barometer,
             gps: Gps::new(seed, &e.gps),
+            range: RangeFinder::new(seed, &e.range),
             frame: LocalFrame::new(elevation_m),
             elevation_m,
             blocked: Blocked::default(),
@@ -562,6 +623,7 @@ impl SensorSuite {
             static_pressure_pa,
             differential_pressure_pa: differential_pressure_pa + missing(wrongs.pitot_lost),
             gps: self.gps.take(now.step),
+            range_m: self.range.sample(now.state, wrongs),
         };
         self.sum = StepMean::default();
         self.steps = 0;
@@ -616,6 +678,7 @@ impl SensorSet {
             static_pressure_pa: f64::NAN,
             differential_pressure_pa: f64::NAN,
             gps: None,
+            range_m: None,
         }
     }
 }

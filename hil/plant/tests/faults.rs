@@ -48,6 +48,31 @@ fn receiver_lost_late_and_shifted_is_all_of_that_for_its_time() {
 }
 
 #[test]
+fn range_finder_lost_stuck_and_shifted_is_that_for_its_time() {
+    let mut conditions = quiet();
+    conditions.sensors.range.most_m = 300.0;
+    let sunk = "updraft=-6@1..21";
+    let ranges = |fault: &str| -> Vec<(f64, Option<f64>)> {
+        let rows = flown(conditions.clone(), &[sunk, fault], 6.0);
+        rows.into_iter().map(|(set, _)| (set.time_s, set.range_m)).collect()
+    };
+    let usual = ranges("gps_lost@0..0.1");
+    for (fault, during) in [
+        ("range_lost@3..5", (|_, _| None) as fn(f64, f64) -> Option<f64>),
+        ("range_shift=-1.5@3..5", |now, _| Some(now - 1.5)),
+        ("range_stuck@3..5", |_, then| Some(then)),
+    ] {
+        let mut then = None;
+        for ((time_s, plain), (_, told)) in usual.iter().zip(ranges(fault)) {
+            let acts = (3.0..5.0).contains(time_s);
+            then = then.or(*plain).filter(|_| acts);
+            let expected = if acts { during(plain.unwrap(), then.or(*plain).unwrap()) } else { *plain };
+            assert_eq!(told, expected, "{fault} at {time_s} s");
+        }
+    }
+}
+
+#[test]
 fn blocked_pitot_reads_height_and_blocked_static_ports_the_opposite() {
     // A descent in an updraft turned down.
     let sinking = "updraft=-6@1..21";

@@ -3,7 +3,9 @@
 
 use bateleur_plant::atmosphere::GRAVITY_MPS2;
 use bateleur_plant::sensors::MAGNETIC_FIELD_NED_GAUSS;
-use bateleur_plant::{Airframe, Conditions, Controls, FlightStart, GpsErrors, SensorErrors, Simulation};
+use bateleur_plant::{
+    Airframe, Conditions, Controls, FlightStart, GpsErrors, RangeErrors, SensorErrors, Simulation,
+};
 use nalgebra::Vector3;
 
 /// Mean and deviation of a series.
@@ -100,6 +102,38 @@ fn perfect_sensors_in_trimmed_flight_tell_the_truth() {
     let airspeed = (2.0 * s.differential_pressure_pa / t.density_kgpm3).sqrt();
     assert!((airspeed - 22.0).abs() < 0.01, "pitot {airspeed}");
     assert!((s.differential_pressure_pa - 290.0).abs() < 6.0, "{}", s.differential_pressure_pa);
+}
+
+#[test]
+fn range_finder_looks_along_the_bodys_axis_as_far_as_it_can_and_misses_some() {
+    let far = RangeErrors { most_m: 300.0, ..SensorErrors::none().range };
+    let (mut plant, controls) = flying(SensorErrors { range: far.clone(), ..SensorErrors::none() });
+    for aileron_rad in [0.0, 0.1, -0.05] {
+        plant.advance(Controls { aileron_rad, ..controls }, 0.6);
+        let (s, t) = (plant.sensors(), plant.truth());
+        let down = (t.attitude * Vector3::z()).z;
+        assert!((s.range_m.unwrap() * down + t.position_ned_m.z).abs() < 1e-9, "{down}");
+    }
+    let (mut plant, controls) = flying(SensorErrors::none());
+    plant.advance(controls, 0.1);
+    assert_eq!(plant.sensors().range_m, None, "160 m are too far for it");
+    let none = RangeErrors { fitted: false, ..far };
+    let (mut plant, controls) = flying(SensorErrors { range: none, ..SensorErrors::none() });
+    plant.advance(controls, 0.1);
+    assert_eq!(plant.sensors().range_m, None);
+    let mut seen = Vec::new();
+    for seed in 0..40 {
+        let mut plant = parked(seed, SensorErrors::default());
+        for _ in 0..100 {
+            plant.advance(Controls::default(), 0.02);
+            seen.extend(plant.sensors().range_m);
+        }
+    }
+    let (mean_m, deviation_m) = statistics(&seen);
+    let stands_m = -parked(1, SensorErrors::none()).truth().position_ned_m.z;
+    assert!((mean_m - stands_m).abs() < 0.03, "{mean_m} {stands_m}");
+    assert!((0.05..0.07).contains(&deviation_m), "{deviation_m}: noise and offset");
+    assert!((3_880..3_960).contains(&seen.len()), "{} of 4000", seen.len());
 }
 
 #[test]

@@ -99,6 +99,9 @@ impl Dialect {
             self.encoder.write(&hil::battery(hil::BACKUP_BATTERY, sample.custom.backup_v), out);
             self.encoder.write(&hil::board_supply(sample.custom.actuator_board_v), out);
         }
+        if let Some(range) = &sample.range {
+            self.encoder.write(&hil::distance(range), out);
+        }
         self.answers += 1;
         self.encoder.write(&hil::sticks(&sample.custom), out);
         self.encoder.write(&hil::sensor(&sample.analog), out);

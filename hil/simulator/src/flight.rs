@@ -6,7 +6,7 @@ use crate::supply::Supply;
 use crate::timers::{Sticks, Timers};
 use crate::truth::TruthRecord;
 use bateleur_messages::hil::Actuators;
-use bateleur_messages::{Custom, RawAnalog, RawGps};
+use bateleur_messages::{Custom, Range, RawAnalog, RawGps};
 use bateleur_plant::{
     AirframeError, Controls, Fault, GpsFix, PlannedFault, STEP_S, SensorSet, Simulation, Truth,
 };
@@ -39,6 +39,8 @@ pub struct Sample {
     pub custom: Custom,
     /// A fix, where one came in since the last sample.
     pub gps: Option<RawGps>,
+    /// Distance to the ground, where the range finder sees it.
+    pub range: Option<Range>,
 }
 
 /// One aircraft with its pilot.
@@ -50,6 +52,8 @@ pub struct Flight {
     faults: Vec<PlannedFault>,
     timers: Timers,
     speed_accuracy_mps: f64,
+    /// Shortest and longest distance of the range finder, m.
+    range_limits_m: [f64; 2],
     sticks: Sticks,
     actuators: Actuators,
     steps: u64,
@@ -69,6 +73,10 @@ impl Flight {
             faults: options.conditions.faults.clone(),
             timers: Timers::new(&options.airframe.servo),
             speed_accuracy_mps: options.conditions.sensors.gps.velocity_noise_mps.max(SPEED_ACCURACY_MPS),
+            range_limits_m: [
+                options.conditions.sensors.range.least_m,
+                options.conditions.sensors.range.most_m,
+            ],
             sticks: Sticks::default(),
             actuators: Actuators::default(),
             steps: 0,
@@ -135,6 +143,10 @@ impl Flight {
             analog: self.analog(&set, measured_ns),
             custom: self.custom(measured_ns),
             gps: set.gps.map(|fix| self.raw_gps(&fix, origin_ns)),
+            range: set.range_m.map(|distance_m| {
+                let [least_m, most_m] = self.range_limits_m;
+                Range { measured_ns, distance_m, least_m, most_m }
+            }),
         }
     }
 

@@ -277,6 +277,9 @@ impl Session {
         if let Some(fix) = sample.gps {
             Packet::Gps(fix).write(&mut self.answer);
         }
+        if let Some(range) = sample.range {
+            Packet::Range(range).write(&mut self.answer);
+        }
     }
 
     fn is_paused(&self, since_ns: u64) -> bool {
@@ -342,7 +345,7 @@ fn round_to_steps(time_ns: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bateleur_messages::{Custom, RawAnalog, RawGps};
+    use bateleur_messages::{Custom, Range, RawAnalog, RawGps};
 
     fn packet(module_ns: u64, pulse_us: u16) -> Vec<u8> {
         let mut bytes = Vec::new();
@@ -434,6 +437,7 @@ mod tests {
             ("`I` analogue", size_of::<RawAnalog>()),
             ("`C` custom", size_of::<Custom>()),
             ("`G` fix", size_of::<RawGps>()),
+            ("`R` range", size_of::<Range>()),
             ("`P` pilot", size_of::<PilotOrder>()),
         ];
         let readme = include_str!("../README.md");

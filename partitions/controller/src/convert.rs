@@ -2,7 +2,7 @@
 
 use bateleur_flight::estimator::{EstimatorStatus, NavigationState, StateSigmas};
 use bateleur_messages::state::{STATUS_COARSE, STATUS_RUNNING};
-use bateleur_messages::{Acceleration, Pressure, Rates, State};
+use bateleur_messages::{Acceleration, Pressure, Range, Rates, State};
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 
 /// Raw measurements beside the state. What is missing is not a number: the laws then hold what they had.
@@ -16,6 +16,8 @@ pub struct Sensors {
     pub airspeed_mps: Option<f64>,
     /// Air density, kg/m³.
     pub density_kgpm3: Option<f64>,
+    /// Distance to the ground, m, where there is a new one.
+    pub range_m: Option<f64>,
 }
 
 impl Sensors {
@@ -24,6 +26,7 @@ impl Sensors {
         acceleration: Option<&Acceleration>,
         orientation: Option<&Rates>,
         pressure: Option<&Pressure>,
+        range_m: Option<f64>,
     ) -> Self {
         let missing = Vector3::repeat(f64::NAN);
         Self {
@@ -32,7 +35,23 @@ impl Sensors {
                 .map_or(missing, |force| Vector3::from(force.specific_force_mps2)),
             airspeed_mps: pressure.map(|pressure| pressure.airspeed_mps),
             density_kgpm3: pressure.map(|pressure| pressure.density_kgpm3),
+            range_m,
         }
+    }
+}
+
+/// The distances of a port of which each counts once.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Distances {
+    last_ns: Option<u64>,
+}
+
+impl Distances {
+    /// The distance, m, if it is a new one.
+    pub fn take(&mut self, range: Option<&Range>) -> Option<f64> {
+        let new = range.filter(|range| Some(range.measured_ns) != self.last_ns)?;
+        self.last_ns = Some(new.measured_ns);
+        Some(new.distance_m)
     }
 }
 
@@ -81,7 +100,7 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_not_a_number() {
-        let sensors = Sensors::of(None, None, None);
+        let sensors = Sensors::of(None, None, None, None);
         assert!(sensors.rates_radps.x.is_nan() && sensors.specific_force_mps2.z.is_nan());
         assert_eq!(sensors.airspeed_mps, None);
     }

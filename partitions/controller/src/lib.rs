@@ -18,7 +18,7 @@ mod parameters;
 mod settings;
 mod waypoints;
 
-pub use convert::{Sensors, navigation_state};
+pub use convert::{Distances, Sensors, navigation_state};
 pub use fence::{Fence, FenceAction};
 pub use kept::Kept;
 pub use orders::{Answer, Orders};
@@ -175,6 +175,7 @@ impl Function {
             specific_force: sensors.specific_force_mps2,
             airspeed_mps: sensors.airspeed_mps,
             density_kgpm3: sensors.density_kgpm3,
+            range_m: sensors.range_m,
             pilot: self.trimmed(),
             dt_s: elapsed_ns as f64 * 1e-9,
         };

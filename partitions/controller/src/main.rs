@@ -6,7 +6,7 @@ use bateleur_apex::{
     Context, Partition, Retained, SamplingDestination, SamplingSource, StartError, Takeover, Window,
 };
 use bateleur_controller::{
-    Answer, Function, Memory, Sensors, Settings, navigation_state, parameters, planned_waypoints,
+    Answer, Distances, Function, Memory, Sensors, Settings, navigation_state, parameters, planned_waypoints,
 };
 use bateleur_flight::estimator::NavigationState;
 use bateleur_flight::guidance::Waypoint;
@@ -14,7 +14,9 @@ use bateleur_function_shell::{FunctionShell, Verdict};
 use bateleur_messages::control::{NO_POWER, PITOT_NOT_BELIEVED};
 use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{FROM_CONTROLLER, Telemetry};
-use bateleur_messages::{Acceleration, ActuatorCommand, FunctionStatus, Pressure, Rate, Rates, State, Watch};
+use bateleur_messages::{
+    Acceleration, ActuatorCommand, FunctionStatus, Pressure, Range, Rate, Rates, State, Watch,
+};
 
 pub(crate) struct ControllerPartition {
     function: Function,
@@ -38,6 +40,9 @@ struct InputPorts {
     acceleration: SamplingDestination<Acceleration>,
     orientation: SamplingDestination<Rates>,
     pressure: SamplingDestination<Pressure>,
+    /// Where the plan has it.
+    range: Option<SamplingDestination<Range>>,
+    distances: Distances,
 }
 
 impl Partition for ControllerPartition {
@@ -58,6 +63,8 @@ impl Partition for ControllerPartition {
                 acceleration: context.sampling_destination("acceleration")?,
                 orientation: context.sampling_destination("orientation")?,
                 pressure: context.sampling_destination("pressure")?,
+                range: context.optional_destination("range")?,
+                distances: Distances::default(),
             },
             command: context.sampling_source("command")?,
             status: context.sampling_source("status")?,
@@ -150,7 +157,8 @@ impl InputPorts {
     fn read(&mut self) -> (Option<NavigationState>, Sensors) {
         let state = self.state.read_valid().and_then(navigation_state);
         let acceleration = self.acceleration.read_valid();
-        (state, Sensors::of(acceleration, self.orientation.read_valid(), self.pressure.read_valid()))
+        let range_m = self.distances.take(self.range.as_mut().and_then(SamplingDestination::read_valid));
+        (state, Sensors::of(acceleration, self.orientation.read_valid(), self.pressure.read_valid(), range_m))
     }
 }
 

@@ -48,6 +48,7 @@ fn sensors() -> Sensors {
         specific_force_mps2: Vector3::new(0.0, 0.0, -GRAVITY_MPS2),
         airspeed_mps: Some(22.0),
         density_kgpm3: Some(1.2),
+        range_m: None,
     }
 }
 

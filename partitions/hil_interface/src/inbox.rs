@@ -2,7 +2,7 @@
 
 use bateleur_messages::frame::Decoder;
 use bateleur_messages::hil::Packet;
-use bateleur_messages::{Custom, RawAnalog, RawGps};
+use bateleur_messages::{Custom, Range, RawAnalog, RawGps};
 
 use crate::remarks::Remarks;
 
@@ -31,6 +31,8 @@ pub struct Sensors {
     pub gps: Option<RawGps>,
     /// Sticks and voltages.
     pub custom: Option<Custom>,
+    /// Distance to the ground.
+    pub range: Option<Range>,
 }
 
 /// What became of what came.
@@ -93,6 +95,7 @@ pub struct Inbox {
     last_analog_ns: Option<u64>,
     last_gps_ns: Option<u64>,
     last_custom_ns: Option<u64>,
+    last_range_ns: Option<u64>,
     windows_without: u32,
     /// Windows since a fix was taken.
     windows_without_fix: u32,
@@ -116,6 +119,7 @@ impl Inbox {
             last_analog_ns: None,
             last_gps_ns: None,
             last_custom_ns: None,
+            last_range_ns: None,
             windows_without: 0,
             windows_without_fix: 0,
             windows_without_custom: 0,
@@ -234,6 +238,7 @@ impl Inbox {
             self.last_custom_ns = Some(custom.measured_ns);
             self.windows_without_custom = 0;
         }
+        self.last_range_ns = sensors.range.map(|range| range.measured_ns).or(self.last_range_ns);
         self.windows_without_answer = self.windows_without_answer.map(|windows| windows.saturating_add(1));
         self.remarks.note_values(&sensors);
         sensors
@@ -244,6 +249,7 @@ impl Inbox {
             Packet::Analog(analog) => self.analog(analog),
             Packet::Gps(gps) => self.gps(gps),
             Packet::Custom(custom) => self.custom(custom),
+            Packet::Range(range) => self.range(range),
             // What only the simulator takes.
             Packet::Actuators(_) | Packet::Pilot(_) => self.counters.refused += 1,
         }
@@ -312,6 +318,23 @@ impl Inbox {
         let is_news = is_news(measured_ns, held_ns.or(self.last_custom_ns), patient);
         if is_answer || (is_news && held_ns != Some(self.asked_ns)) {
             self.sensors.custom = Some(*custom);
+        }
+    }
+
+    /// A distance is one of this window's set or nothing: it is not waited for, and what waited in a network is of no use near the ground.
+    fn range(&mut self, range: &Range) {
+        let set_ns = self.sensors.analog.map(|analog| analog.measured_ns);
+        if set_ns == Some(range.measured_ns) || self.is_near_question(range.measured_ns, STICKS_NEAR_NS) {
+            self.put_range(*range);
+        } else {
+            self.counters.stale += 1;
+        }
+    }
+
+    /// A distance whose time can be, which is taken if it is news.
+    pub(crate) fn put_range(&mut self, range: Range) {
+        if Some(range.measured_ns) != self.last_range_ns {
+            self.sensors.range = Some(range);
         }
     }
 
@@ -562,6 +585,36 @@ mod tests {
             }
             assert_eq!(inbox.finish().custom.map(|custom| custom.measured_ns), Some(50 * CYCLE));
         }
+    }
+
+    /// A datagram with sensors and a distance of a time, in the window of a cycle; the time of the distance that was published.
+    fn distance(inbox: &mut Inbox, cycle: u64, set_ns: u64, measured_ns: u64) -> Option<u64> {
+        let mut bytes = analog(set_ns);
+        Packet::Range(Range { measured_ns, distance_m: 7.0, ..Range::default() }).write(&mut bytes);
+        inbox.begin(cycle * CYCLE);
+        inbox.take(&bytes);
+        inbox.finish().range.map(|range| range.measured_ns)
+    }
+
+    #[test]
+    fn distances_are_published_once_and_old_ones_never() {
+        let mut inbox = Inbox::new(true);
+        assert_eq!(distance(&mut inbox, 10, 10 * CYCLE, 10 * CYCLE), Some(10 * CYCLE));
+        assert_eq!(distance(&mut inbox, 11, 11 * CYCLE, 10 * CYCLE), None, "it was published");
+        assert_eq!(
+            distance(&mut inbox, 40, 40 * CYCLE, 30 * CYCLE),
+            None,
+            "it waited in the network for 200 ms"
+        );
+        assert_eq!((inbox.counters().stale, inbox.counters().accepted), (1, 3));
+        let own_ns = 1_700_000_000_000_000_000;
+        assert_eq!(
+            distance(&mut inbox, 41, own_ns, own_ns),
+            Some(own_ns),
+            "a clock of its own, as its sensors'"
+        );
+        inbox.begin(42 * CYCLE);
+        assert_eq!(inbox.finish().range, None);
     }
 
     #[test]

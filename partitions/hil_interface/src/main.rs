@@ -11,7 +11,9 @@ use bateleur_function_shell::FunctionShell;
 use bateleur_hil_interface::{Conversation, Kept, Moment, Numbers, Sensors, Settings, Waiting, parameters};
 use bateleur_messages::hil::{Protocol, UnknownProtocol};
 use bateleur_messages::telemetry::FROM_HIL_INTERFACE;
-use bateleur_messages::{Custom, FunctionStatus, Rate, RawAnalog, RawGps, ServoTimers, SimulatorLink, Watch};
+use bateleur_messages::{
+    Custom, FunctionStatus, Range, Rate, RawAnalog, RawGps, ServoTimers, SimulatorLink, Watch,
+};
 
 /// What is left of the window when the wait for the simulator ends, ns: to decode and publish what came. Too little, and
 /// the window is overrun; too much, and a late answer is missed.
@@ -31,6 +33,8 @@ pub(crate) struct HilInterface {
     raw_analog: SamplingSource<RawAnalog>,
     raw_gps: SamplingSource<RawGps>,
     custom: SamplingSource<Custom>,
+    /// Where the plan has it.
+    range: Option<SamplingSource<Range>>,
     status: SamplingSource<FunctionStatus>,
     /// Where the plan has it.
     link: Option<SamplingSource<SimulatorLink>>,
@@ -56,6 +60,7 @@ impl Partition for HilInterface {
             raw_analog: context.sampling_source("raw_analog")?,
             raw_gps: context.sampling_source("raw_gps")?,
             custom: context.sampling_source("custom")?,
+            range: context.optional_source("range")?,
             status: context.sampling_source("status")?,
             link: context.optional_source("link")?,
             shell: FunctionShell::open(context, FROM_HIL_INTERFACE, numbers, parameters)?,
@@ -116,6 +121,9 @@ impl HilInterface {
         sensors.analog.iter().for_each(|analog| self.raw_analog.write(analog));
         sensors.gps.iter().for_each(|gps| self.raw_gps.write(gps));
         sensors.custom.iter().for_each(|custom| self.custom.write(custom));
+        if let (Some(port), Some(range)) = (&mut self.range, &sensors.range) {
+            port.write(range);
+        }
     }
 
     fn supervise(&mut self, window: &Window, answered: bool) {

@@ -4,11 +4,11 @@
 //! pitches down, rudder positive yaws left. The whole table stands in the book, "The link to a simulator".
 
 use bateleur_messages::hil::Actuators;
-use bateleur_messages::{Custom, RawAnalog, RawGps, ServoTimers};
+use bateleur_messages::{Custom, Range, RawAnalog, RawGps, ServoTimers};
 use mavlink::dialects::common::{
-    BATTERY_STATUS_DATA, HEARTBEAT_DATA, HIL_ACTUATOR_CONTROLS_DATA, HIL_GPS_DATA, HIL_RC_INPUTS_RAW_DATA,
-    HIL_SENSOR_DATA, HilActuatorControlsFlags, HilSensorUpdatedFlags, MavAutopilot, MavMessage, MavModeFlag,
-    MavPowerStatus, MavState, MavType, POWER_STATUS_DATA,
+    BATTERY_STATUS_DATA, DISTANCE_SENSOR_DATA, HEARTBEAT_DATA, HIL_ACTUATOR_CONTROLS_DATA, HIL_GPS_DATA,
+    HIL_RC_INPUTS_RAW_DATA, HIL_SENSOR_DATA, HilActuatorControlsFlags, HilSensorUpdatedFlags, MavAutopilot,
+    MavMessage, MavModeFlag, MavPowerStatus, MavSensorOrientation, MavState, MavType, POWER_STATUS_DATA,
 };
 
 /// Places in the list of controls.
@@ -32,6 +32,8 @@ pub const PA_PER_HPA: f64 = 100.0;
 pub const CELSIUS_ZERO_K: f64 = 273.15;
 /// `eph` and `epv` of a receiver that does not know its errors, and the voltage of a cell that is not there.
 pub const UNKNOWN_U16: u16 = u16::MAX;
+/// `covariance` of a range finder that does not know it.
+const UNKNOWN_COVARIANCE: u8 = u8::MAX;
 /// Degrees in one unit of latitude and longitude.
 const DEGREES: f64 = 1e-7;
 /// Errors that stand for unknown ones, m: those of an ordinary receiver.
@@ -223,6 +225,37 @@ pub fn raw_gps(message: &HIL_GPS_DATA, measured_ns: u64) -> RawGps {
     }
 }
 
+/// The simulator's side: a distance to the ground.
+pub fn distance(range: &Range) -> MavMessage {
+    let centimetres = |metres: f64| (metres * 1e2).round() as u16; // saturates
+    MavMessage::DISTANCE_SENSOR(DISTANCE_SENSOR_DATA {
+        time_boot_ms: (range.measured_ns / 1_000_000) as u32, // after 49 days anew
+        min_distance: centimetres(range.least_m),
+        max_distance: centimetres(range.most_m),
+        current_distance: centimetres(range.distance_m),
+        orientation: MavSensorOrientation::MAV_SENSOR_ROTATION_PITCH_270,
+        covariance: UNKNOWN_COVARIANCE,
+        ..DISTANCE_SENSOR_DATA::DEFAULT
+    })
+}
+
+/// The distance to the ground in a message that came in the window of module time `measured_ns`; nothing where the sensor looks elsewhere, or
+/// saw nothing. A message without limits has none.
+pub fn range(message: &DISTANCE_SENSOR_DATA, measured_ns: u64) -> Option<Range> {
+    let metres = |centimetres: u16| f64::from(centimetres) * 1e-2;
+    let (least, most) =
+        (message.min_distance, if message.max_distance == 0 { u16::MAX } else { message.max_distance });
+    let down = message.orientation == MavSensorOrientation::MAV_SENSOR_ROTATION_PITCH_270;
+    let seen = down && message.current_distance > 0 && (least..most).contains(&message.current_distance);
+    let range = || Range {
+        measured_ns,
+        distance_m: metres(message.current_distance),
+        least_m: metres(least),
+        most_m: metres(most),
+    };
+    seen.then(range)
+}
+
 /// The simulator's side: the safety pilot's sticks.
 pub fn sticks(custom: &Custom) -> MavMessage {
     MavMessage::HIL_RC_INPUTS_RAW(HIL_RC_INPUTS_RAW_DATA {
@@ -348,6 +381,18 @@ mod tests {
             satellites: 11,
             fix: 3,
         };
+        let sensed = Range { measured_ns: 5_000, distance_m: 3.21, least_m: 0.1, most_m: 50.0 };
+        let MavMessage::DISTANCE_SENSOR(message) = distance(&sensed) else { panic!() };
+        let back = range(&message, 5_000).unwrap();
+        assert!((back.distance_m - 3.21).abs() < 0.005 && (back.most_m - 50.0).abs() < 1e-9);
+        let no_echo = DISTANCE_SENSOR_DATA { current_distance: 5_000, ..message.clone() };
+        let forward = DISTANCE_SENSOR_DATA {
+            orientation: MavSensorOrientation::MAV_SENSOR_ROTATION_NONE,
+            ..message.clone()
+        };
+        let no_limits = DISTANCE_SENSOR_DATA { min_distance: 0, max_distance: 0, ..message };
+        assert_eq!((range(&no_echo, 1), range(&forward, 1)), (None, None));
+        assert!(range(&no_limits, 1).is_some());
         let MavMessage::HIL_GPS(message) = fix(&gps) else { panic!() };
         let back = raw_gps(&message, 5_000);
         assert!((back.latitude_rad - gps.latitude_rad).abs() < 2e-9);

@@ -1,8 +1,8 @@
 //! The link to the simulator: which protocols there are, and the native one, frames of [`crate::frame`] in UDP datagrams.
 //!
 //! Once a cycle the flight computer sends `TT` ([`Actuators`]); the simulator advances its aircraft to the module
-//! time that stands in it and answers with one datagram that holds `II` ([`crate::RawAnalog`]), `CC` ([`Custom`]) and,
-//! where a fix is due, `GG` ([`crate::RawGps`]). A repeated `TT` with the same time gets the same answer again, so that
+//! time that stands in it and answers with one datagram that holds `II` ([`crate::RawAnalog`]), `CC` ([`Custom`]),
+//! `GG` ([`crate::RawGps`]) where a fix is due, and `RR` ([`crate::Range`]) where a range finder sees the ground. A repeated `TT` with the same time gets the same answer again, so that
 //! a retry is harmless. `PP` ([`PilotOrder`]) tells the simulated safety pilot at the field what to do; the simulator
 //! echoes it.
 
@@ -11,7 +11,7 @@ use std::str::FromStr;
 
 use crate::frame;
 pub use crate::packet::{Actuators, PilotOrder};
-use crate::{Custom, Message, RawAnalog, RawGps, ServoTimers};
+use crate::{Custom, Message, Range, RawAnalog, RawGps, ServoTimers};
 
 /// What flight computer and simulator speak. The words are those of HILInterface's attribute `protocol` and of the
 /// simulator's option of that name.
@@ -77,6 +77,8 @@ pub const ANALOG: u8 = b'I';
 pub const GPS: u8 = b'G';
 /// Simulator → flight computer: safety pilot's sticks and supply voltages.
 pub const CUSTOM: u8 = b'C';
+/// Simulator → flight computer: distance to the ground.
+pub const RANGE: u8 = b'R';
 /// Ground crew → simulator: an order to the safety pilot; echoed.
 pub const PILOT: u8 = b'P';
 
@@ -114,6 +116,8 @@ pub enum Packet {
     Gps(RawGps),
     /// See [`CUSTOM`].
     Custom(Custom),
+    /// See [`RANGE`].
+    Range(Range),
     /// See [`PILOT`].
     Pilot(PilotOrder),
 }
@@ -122,7 +126,7 @@ pub enum Packet {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PacketError {
     /// A letter that the link does not use.
-    #[error("frame \"{0}\" is not one of T, I, G, C, P")]
+    #[error("frame \"{0}\" is not one of T, I, G, C, R, P")]
     UnknownLetter(char),
     /// Data of another length than the message's.
     #[error("frame \"{letter}\" holds {found} bytes where {expected} belong")]
@@ -144,6 +148,7 @@ impl Packet {
             ANALOG => data(frame).map(Self::Analog),
             GPS => data(frame).map(Self::Gps),
             CUSTOM => data(frame).map(Self::Custom),
+            RANGE => data(frame).map(Self::Range),
             PILOT => data(frame).map(Self::Pilot),
             letter => Err(PacketError::UnknownLetter(letter as char)),
         }
@@ -156,6 +161,7 @@ impl Packet {
             Self::Analog(message) => append(ANALOG, message, out),
             Self::Gps(message) => append(GPS, message, out),
             Self::Custom(message) => append(CUSTOM, message, out),
+            Self::Range(message) => append(RANGE, message, out),
             Self::Pilot(message) => append(PILOT, message, out),
         }
     }

@@ -21,6 +21,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use bateleur_host::programs::program_path;
+use bateleur_monitor::inject::EXECUTIVE;
 use bateleur_plan::Plan as SchedulePlan;
 use bateleur_report::campaign::{CampaignResult, Plan, RESULTS, page, read, read_plan, repair, text};
 use bateleur_system::sched;
@@ -137,7 +138,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
     }
     let arguments = &Arguments { judge: judge(arguments)?, ..arguments.clone() };
     let hosts = arguments.until.is_none() && flies_hosts(arguments, &schedule);
-    let victims = victims(arguments, &schedule).map_err(anyhow::Error::msg)?;
+    let victims = victims(arguments, &schedule, hosts).map_err(anyhow::Error::msg)?;
     check_options(arguments, hosts, &victims)?;
     let plan = plan(arguments, &schedule, &victims)?;
     let folder = folder(arguments, &plan);
@@ -195,12 +196,15 @@ fn flies_hosts(arguments: &Arguments, plan: &SchedulePlan) -> bool {
 }
 
 /// Who may be killed. Relays only where they are named: one that dies alone takes its address again in real time, and its flight is
-/// not the same twice.
-fn victims(arguments: &Arguments, plan: &SchedulePlan) -> Result<Vec<String>, String> {
-    let all: Vec<String> = plan.partitions.iter().map(|partition| partition.name.clone()).collect();
-    let is_relay = |name: &String| plan.partitions.iter().any(|one| one.relay && one.name == *name);
-    let named = arguments.space.victims(&all)?;
-    Ok(if named == all { named.into_iter().filter(|name| !is_relay(name)).collect() } else { named })
+/// not the same twice. The executive, too, as `--kill` takes it.
+fn victims(arguments: &Arguments, plan: &SchedulePlan, hosts: bool) -> Result<Vec<String>, String> {
+    let names = |with_all: bool| {
+        let partitions = plan.partitions.iter().filter(move |one| with_all || !one.relay);
+        partitions.map(|partition| partition.name.clone())
+    };
+    let executive = (!hosts).then(|| EXECUTIVE.to_owned());
+    let named = arguments.space.victims(&names(true).chain(executive).collect::<Vec<_>>())?;
+    Ok(if named.is_empty() { names(false).collect() } else { named.to_vec() })
 }
 
 /// Options of fly that it would refuse would fail every flight: they are refused here.

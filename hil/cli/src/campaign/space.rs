@@ -20,7 +20,7 @@ const SHIFTS: [(&str, f64); 3] =
     [("accelerometer_shift", 0.2), ("gyroscope_shift", 0.5), ("magnetometer_shift", 0.01)];
 
 /// The dimension that every plan has.
-const KILLED: &str = "partitions killed";
+const KILLED: &str = "killed";
 
 /// From one number to another, evenly.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,7 +67,7 @@ pub(crate) struct Space {
     /// How many partitions are killed.
     #[arg(long, value_name = "FROM..TO", default_value = "0..2", value_parser = kills)]
     kills: Span,
-    /// Those that may be killed [default: all but relays].
+    /// Those that may be killed, and `executive` [default: all partitions but relays].
     #[arg(long, value_name = "PARTITIONS", value_delimiter = ',')]
     kill_only: Vec<String>,
 }
@@ -93,18 +93,14 @@ pub(super) struct Drawn {
 }
 
 impl Space {
-    /// Names of the partitions that may be killed, checked against those that there are.
-    pub(super) fn victims(&self, partitions: &[String]) -> Result<Vec<String>, String> {
-        match self.kill_only.iter().find(|name| !partitions.contains(name)) {
-            Some(unknown) => {
-                let near =
-                    bateleur_executive_cli::words::nearest(unknown, partitions.iter().map(String::as_str));
-                let hint = near.map_or_else(String::new, |near| format!(": did you mean `{near}`?"));
-                Err(format!("--kill-only: there is no partition `{unknown}`{hint}"))
-            }
-            None if self.kill_only.is_empty() => Ok(partitions.to_vec()),
-            None => Ok(self.kill_only.clone()),
-        }
+    /// Who may be killed, checked against those who can be; empty: nobody is named.
+    pub(super) fn victims(&self, known: &[String]) -> Result<&[String], String> {
+        let Some(unknown) = self.kill_only.iter().find(|name| !known.contains(name)) else {
+            return Ok(&self.kill_only);
+        };
+        let near = bateleur_executive_cli::words::nearest(unknown, known.iter().map(String::as_str));
+        let hint = near.map_or_else(String::new, |near| format!(": did you mean `{near}`?"));
+        Err(format!("--kill-only: there is no partition `{unknown}` here{hint}"))
     }
 
     /// A sentence for each dimension: two campaigns with the same ones draw the same.

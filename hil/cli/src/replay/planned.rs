@@ -125,6 +125,7 @@ impl Look<'_> {
                 self.refresh_ns(3, "orientation")?,
                 self.refresh_ns(3, "pressure")?,
             ],
+            controller_range_ns: self.refresh_ns(3, "range").ok(),
             servo_ns: [self.refresh_ns(4, "command")?, self.refresh_ns(4, "custom")?],
         })
     }
@@ -147,6 +148,7 @@ impl Look<'_> {
         let ground = |function| self.source(function, "ground");
         Ok(Topics {
             sensors: [self.source(0, "raw")?, self.source(1, "raw")?, self.source(4, "custom")?],
+            range: self.source(3, "range").ok(),
             orders: [ground(1)?, ground(2)?, ground(3)?, ground(4)?],
             outputs,
         })

@@ -43,8 +43,9 @@ const FLARED_M: f64 = 1.5;
 const TOUCH_SINK_MPS: f64 = 0.6;
 /// Vertical acceleration down at most there, m/s².
 const FLARE_DOWN_MPS2: f64 = 1.5;
-/// Seconds of flight from the flare's beginning to the touch-down on a usual slope.
-const FLOAT_S: f64 = 7.0;
+/// How much later than it is told to the aircraft sinks, s; and height of the sensors where it stands, m.
+const SINKS_LATE_S: f64 = 0.4;
+const STAND_M: f64 = 0.3;
 /// Banks near the ground, rad: in the final approach, and in the flare.
 const FINAL_BANK_RAD: f64 = 0.44;
 const FLARE_BANK_RAD: f64 = 0.09;
@@ -64,8 +65,10 @@ const HELD_SHARE: f64 = 0.35;
 const DOUBT_S: f64 = 0.3;
 const PRESSED_SINK_MPS: f64 = 1.0;
 const HELD_S: f64 = 1.5;
-/// The same without power, where nothing is lost if it was none.
-const GLIDE_HELD_S: f64 = 0.4;
+/// The same without power, where nothing is lost if it was none, and where the ground is known to be nearer than this, m: an aircraft's
+/// sensors stand as high on its wheels at most.
+const SURE_HELD_S: f64 = 0.4;
+const TOUCH_M: f64 = 1.0;
 const SINK_LAG_S: f64 = 0.3;
 /// Sinking as fast as this again, m/s, for so long, s, it has not touched the ground.
 const FALLING_MPS: f64 = 0.25;
@@ -174,6 +177,15 @@ pub struct Landing {
     place: Vector2<f64>,
     /// The height does not last to there: it lands where it comes down.
     short: bool,
+}
+
+/// Time from the flare's beginning to the touch-down, s, by the sink rates that [`Landing::flare_sink_mps`] has from that of the slope on.
+fn float_s(slope_mps: f64) -> f64 {
+    let more_mps = (slope_mps - TOUCH_SINK_MPS).max(1e-3);
+    let flaring_s = (FLARE_M - FLARED_M) / more_mps * (more_mps / TOUCH_SINK_MPS).ln_1p();
+    // What it has sunk too far meanwhile.
+    let late_m = SINKS_LATE_S * more_mps;
+    flaring_s + (FLARED_M - STAND_M - late_m) / TOUCH_SINK_MPS
 }
 
 /// How it comes down without power.
@@ -289,7 +301,8 @@ impl Landing {
 
     /// Where the straight way begins, so far before the runway's origin, m.
     fn final_m(&self, config: &LandingConfig, ground_mps: f64) -> f64 {
-        (self.height_m - FLARE_M) / config.slope_rad.tan() + FLOAT_S * ground_mps + LEVEL_M
+        let slope = config.slope_rad.tan();
+        (self.height_m - FLARE_M) / slope + float_s(ground_mps * slope) * ground_mps + LEVEL_M
     }
 
     fn offset(&self, length_m: f64, state: &NavigationState) -> Offset {
@@ -305,6 +318,11 @@ impl Landing {
         flies
     }
 
+    /// On its straight way to the ground, or there.
+    pub(super) fn comes_down(&self) -> bool {
+        !matches!(self.phase, Phase::Pattern | Phase::Round)
+    }
+
     /// At the end of the flare, or held up by the ground.
     pub(super) fn is_low(&self, state: &NavigationState) -> bool {
         self.is_on_ground() || (self.phase == Phase::Flare && state.altitude_m() < FLARE_M)
@@ -315,11 +333,11 @@ impl Landing {
         matches!(self.phase, Phase::Touched | Phase::Rolling | Phase::Standing)
     }
 
-    /// One frame. `radius_m`: of circles in this wind; `cruise_mps`: airspeed on them; `glide`: there is no power.
+    /// One frame. `measured`: the height of `state` is that above the ground; `radius_m`: of circles in this wind; `cruise_mps`: airspeed on them; `glide`: there is no power.
     pub(super) fn step(
         &mut self,
         (airframe, envelope, config): (&Airframe, &Envelope, &LandingConfig),
-        state: &NavigationState,
+        (state, measured): (&NavigationState, bool),
         s: &Signals,
         (radius_m, cruise_mps): (f64, f64),
         glide: Option<&Glide>,
@@ -339,13 +357,15 @@ impl Landing {
             None => self.final_m(config, ground_mps),
         };
         let offset = self.offset(length_m, state);
+        // Nothing but the ground holds it up so low.
+        let is_near = measured && state.altitude_m() < TOUCH_M;
         let flown_mps = state.velocity.xy().norm();
         let climb_mps = -state.velocity.z;
         self.sink_mps = low_pass(self.sink_mps, -climb_mps, SINK_LAG_S, dt_s);
         self.since_s += dt_s;
         self.falling_s = if self.sink_mps > FALLING_MPS { self.falling_s + dt_s } else { 0.0 };
         let slope = config.slope_rad.tan();
-        let on_slope_m = FLARE_M + (offset.left_m - FLOAT_S * ground_mps) * slope;
+        let on_slope_m = FLARE_M + (offset.left_m - float_s(ground_mps * slope) * ground_mps) * slope;
         let wanted_m = on_slope_m.min(self.height_m);
         // A glide turns once more where its height lasts for it.
         let right_height = match glide {
@@ -386,7 +406,7 @@ impl Landing {
                 // As long as it sinks there is no ground.
                 let held = self.sink_mps < HELD_SHARE * TOUCH_SINK_MPS;
                 self.since_s = if held { self.since_s } else { 0.0 };
-                if self.since_s > if glide.is_some() { GLIDE_HELD_S } else { HELD_S } {
+                if self.since_s > if glide.is_some() || is_near { SURE_HELD_S } else { HELD_S } {
                     self.turned_rad = 0.0;
                     self.enter(Phase::Touched);
                 }
@@ -448,7 +468,7 @@ impl Landing {
                 least_mps2: f64::NEG_INFINITY,
             }),
             Phase::Flare => Flown::Loops(Approach {
-                climb_mps: -self.flare_sink_mps(state, ground_mps * slope, glide.is_some()),
+                climb_mps: -self.flare_sink_mps(state, ground_mps * slope, (glide.is_some(), is_near)),
                 sideways_mps2: Some(sideways),
                 bank_rad: FLARE_BANK_RAD,
                 airspeed_mps: glide.is_none().then_some(approach_mps),
@@ -483,8 +503,13 @@ impl Landing {
     }
 
     /// Sink rate of the flare at this height, m/s, from that of the slope on, or of the glide.
-    fn flare_sink_mps(&self, state: &NavigationState, slope_mps: f64, glides: bool) -> f64 {
-        if self.phase == Phase::Flare && self.since_s > DOUBT_S {
+    fn flare_sink_mps(
+        &self,
+        state: &NavigationState,
+        slope_mps: f64,
+        (glides, is_near): (bool, bool),
+    ) -> f64 {
+        if self.phase == Phase::Flare && self.since_s > DOUBT_S && !is_near {
             return PRESSED_SINK_MPS;
         }
         if glides {

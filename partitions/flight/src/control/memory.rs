@@ -3,17 +3,18 @@
 //! Any number may come back: what goes on from it checks it first (see [`Controller::resume`](super::Controller::resume)).
 
 use super::inner::InnerLoops;
-use super::{Channels, ControllerSnapshot, References, airspeed, landing, power, takeoff};
+use super::{Channels, ControllerSnapshot, References, airspeed, ground, landing, power, takeoff};
 use crate::guidance::{GuidanceSnapshot, PATH_NUMBERS};
 use crate::servo::ActuatorCommand;
 
 /// Four integrators, four references, four actuators, airspeed and its reserve, four channels.
 const LOOPS: usize = 18;
-/// The loops, the take-off, the landing, the pitot, the motor, the path.
-pub const NUMBERS: usize = POWER + power::NUMBERS + PATH_NUMBERS;
+/// The loops, the take-off, the landing, the pitot, the motor, the ground, the path.
+pub const NUMBERS: usize = GROUND + ground::NUMBERS + PATH_NUMBERS;
 const LANDING: usize = LOOPS + takeoff::NUMBERS;
 const PITOT: usize = LANDING + landing::NUMBERS;
 const POWER: usize = PITOT + airspeed::NUMBERS;
+const GROUND: usize = POWER + power::NUMBERS;
 
 impl ControllerSnapshot {
     /// All but the place in the mission.
@@ -26,10 +27,12 @@ impl ControllerSnapshot {
         let (take_off, landing) = take_off.split_at_mut(takeoff::NUMBERS);
         let (landing, pitot) = landing.split_at_mut(landing::NUMBERS);
         let (pitot, power) = pitot.split_at_mut(airspeed::NUMBERS);
+        let (power, ground) = power.split_at_mut(power::NUMBERS);
         take_off.copy_from_slice(&self.take_off);
         landing.copy_from_slice(&self.landing);
         pitot.copy_from_slice(&self.airspeed_watch);
         power.copy_from_slice(&self.power);
+        ground.copy_from_slice(&self.ground);
         loops.copy_from_slice(&[
             normal,
             lateral,
@@ -66,7 +69,9 @@ impl ControllerSnapshot {
         let mut airspeed_watch = [0.0; airspeed::NUMBERS];
         airspeed_watch.copy_from_slice(&n[PITOT..POWER]);
         let mut power = [0.0; power::NUMBERS];
-        power.copy_from_slice(&n[POWER..NUMBERS - PATH_NUMBERS]);
+        power.copy_from_slice(&n[POWER..GROUND]);
+        let mut ground = [0.0; ground::NUMBERS];
+        ground.copy_from_slice(&n[GROUND..NUMBERS - PATH_NUMBERS]);
         Self {
             loops: InnerLoops::from_numbers([n[0], n[1], n[2], n[3]]),
             references: References {
@@ -93,6 +98,7 @@ impl ControllerSnapshot {
             landing,
             airspeed_watch,
             power,
+            ground,
             path,
             guidance,
         }

@@ -12,6 +12,7 @@
 pub mod airspeed;
 pub mod envelope;
 pub mod fallback;
+pub mod ground;
 pub mod inner;
 pub mod landing;
 pub mod memory;
@@ -30,6 +31,7 @@ use crate::servo::ActuatorCommand;
 use airspeed::AirspeedWatch;
 use envelope::{Envelope, Limits, Protection, steepness};
 use fallback::{Basis, Fallback};
+use ground::GroundWatch;
 use inner::{InnerLoops, InnerTuning, Signals};
 use landing::{Approach, Flown, Glide, Landing, LandingConfig};
 use nalgebra::{Vector2, Vector3};
@@ -113,6 +115,8 @@ pub struct ControllerInputs<'a> {
     pub airspeed_mps: Option<f64>,
     /// Air density, kg/m³, if known.
     pub density_kgpm3: Option<f64>,
+    /// Distance to the ground along the body's axis down, m, if a range finder has a new one.
+    pub range_m: Option<f64>,
     /// The safety pilot's sticks: flown on channels that are off, and where engagement starts.
     pub pilot: ActuatorCommand,
     /// Time since the last step, s.
@@ -241,6 +245,8 @@ pub struct ControllerSnapshot {
     pub airspeed_watch: [f64; airspeed::NUMBERS],
     /// What is known of the motor.
     pub power: [f64; power::NUMBERS],
+    /// What is known of the ground.
+    pub ground: [f64; ground::NUMBERS],
     /// The piece of path that was flown.
     pub path: PathNumbers,
     /// Mission progress.
@@ -262,6 +268,7 @@ pub struct Controller {
     airspeed_mps: f64,
     airspeed_watch: AirspeedWatch,
     power: PowerWatch,
+    ground: GroundWatch,
     /// Airspeed asked for on top of the reference, because the elevator is near its stop, m/s.
     authority_mps: f64,
     last: ActuatorCommand,
@@ -306,6 +313,7 @@ impl Controller {
             airspeed_mps: 0.0,
             airspeed_watch: AirspeedWatch::default(),
             power: PowerWatch::default(),
+            ground: GroundWatch::default(),
             authority_mps: 0.0,
             last: trimmed(&trim),
             steady: Steady::default(),
@@ -409,6 +417,7 @@ impl Controller {
             landing: Landing::to_numbers(self.landing.as_ref()),
             airspeed_watch: self.airspeed_watch.to_numbers(),
             power: self.power.to_numbers(),
+            ground: self.ground.to_numbers(),
             path: self.guidance.path(),
             guidance: self.guidance.snapshot(),
         }
@@ -435,6 +444,7 @@ impl Controller {
         self.landing = Landing::from_numbers(&snapshot.landing);
         self.airspeed_watch = AirspeedWatch::from_numbers(&snapshot.airspeed_watch);
         self.power = PowerWatch::from_numbers(&snapshot.power);
+        self.ground = GroundWatch::from_numbers(&snapshot.ground);
         self.guidance.resume(&snapshot.guidance);
         self.guidance.resume_path(&snapshot.path);
         true
@@ -452,6 +462,7 @@ impl Controller {
         let (state, basis) =
             self.fallback.update(inputs.navigation, &inputs.rates, &inputs.specific_force, dt_s);
         let signals = self.measure(&state, inputs, basis, dt_s);
+        self.watch_ground(&state, inputs.range_m, basis, dt_s);
         if !commands.autopilot {
             return self.hand_over(inputs, basis, signals);
         }
@@ -574,7 +585,8 @@ impl Controller {
         // Without power the throttle stays open: so it is seen that it is back.
         let least_mps = glide.as_ref().map_or(0.0, |glide| glide.airspeed_mps + OPEN_THROTTLE_MPS);
         let circle = (radius_m, self.config.cruise_mps.max(least_mps));
-        let flown = landing.step(aircraft, state, s, circle, glide.as_ref(), dt_s);
+        let over = (self.ground.over_ground(state), self.ground.is_known());
+        let flown = landing.step(aircraft, (&over.0, over.1), s, circle, glide.as_ref(), dt_s);
         self.landing = Some(landing);
         let closes = matches!(flown, Flown::Loops(Approach { airspeed_mps: None, .. }));
         let commands = match flown {
@@ -609,6 +621,16 @@ impl Controller {
         Ok((commands, closes))
     }
 
+    /// A circle may lead over a ditch: the ground is looked for on the way down alone.
+    fn watch_ground(&mut self, state: &NavigationState, range_m: Option<f64>, basis: Basis, dt_s: f64) {
+        let comes_down = self.landing.is_some_and(|landing| landing.comes_down());
+        if !comes_down {
+            self.ground.wait(range_m, state, dt_s);
+        } else if basis == Basis::Estimator {
+            self.ground.step(range_m, state, dt_s);
+        }
+    }
+
     fn watch_power(&mut self, state: &NavigationState, s: &Signals, basis: Basis, dt_s: f64) {
         let rolls = self.take_off.is_some_and(|take_off| take_off.phase != Phase::Climbing)
             || self.landing.is_some_and(|landing| landing.is_on_ground());
@@ -620,6 +642,7 @@ impl Controller {
             axial_mps2: s.axial_mps2,
             normal_mps2: s.normal_mps2,
             flying: self.channels.pitch && !rolls && basis != Basis::WingsLevel,
+            comes_down: self.landing.is_some(),
             dt_s,
         };
         self.power.step(&self.airframe, &frame);
@@ -693,7 +716,10 @@ impl Controller {
         let change = s.axial_mps2 - GRAVITY_MPS2 * s.climb_rad.sin();
         let lack = limits.floor_mps - s.airspeed_mps - FLOOR_LEAD_S * change.min(0.0);
         // What a glide has left is used up above the ground.
-        let flares = self.power.is_lost() && self.landing.is_some_and(|landing| landing.is_low(state));
+        let flares = self.power.is_lost() && {
+            let over = self.ground.over_ground(state);
+            self.landing.is_some_and(|landing| landing.is_low(&over))
+        };
         let slow = lack > 0.0 && basis != Basis::WingsLevel && !flares;
         let held = wanted.normal.is_some() || wanted.axial.is_some();
         protection.note(Protection::AIRSPEED, slow && held);

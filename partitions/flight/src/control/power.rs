@@ -22,6 +22,11 @@ const LOST_SHARE: f64 = 0.25;
 const LOST_S: f64 = 3.0;
 const BACK_SHARE: f64 = 0.6;
 const BACK_S: f64 = 3.0;
+/// The same for an aircraft that is to sink: that it loses height says nothing then, and gusts near the ground are taken for drag.
+const SINKING_LACK_MPS2: f64 = 2.0;
+const SINKING_LOST_S: f64 = 4.0;
+/// Averaging of how rough the air is, s.
+const ROUGH_S: f64 = 10.0;
 /// An aircraft that has not sunk for so long, s, has power, whatever the forces say: its drag is not that of its file.
 const KEPT_UP_S: f64 = 12.0;
 /// Averaging of height and airspeed, s; and how fast they are used up, of what a glide does, where there is no power.
@@ -48,6 +53,8 @@ pub struct Frame {
     pub normal_mps2: f64,
     /// Wings carry the weight, and no wheel touches anything.
     pub flying: bool,
+    /// It is on its way to the ground as ordered.
+    pub comes_down: bool,
     /// s.
     pub dt_s: f64,
 }
@@ -58,8 +65,9 @@ pub struct PowerWatch {
     /// Thrust over mass that the throttle stands for, behind it as the motor is, and its average, m/s².
     lagged_mps2: f64,
     expected_mps2: f64,
-    /// Average of that which the forces tell, m/s².
+    /// Average of that which the forces tell, and how far they are from it, m/s².
     felt_mps2: f64,
+    rough_mps2: f64,
     /// Axial specific acceleration, averaged for a second and for longer, m/s².
     axial_mps2: f64,
     glide_mps2: f64,
@@ -91,6 +99,7 @@ impl PowerWatch {
         let felt_mps2 = frame.axial_mps2 + drag_n / mass_kg;
         self.expected_mps2 = low_pass(self.expected_mps2, self.lagged_mps2, AVERAGE_S, dt_s);
         self.felt_mps2 = low_pass(self.felt_mps2, felt_mps2, AVERAGE_S, dt_s);
+        self.rough_mps2 = low_pass(self.rough_mps2, (felt_mps2 - self.felt_mps2).abs(), ROUGH_S, dt_s);
         self.axial_mps2 = low_pass(self.axial_mps2, frame.axial_mps2, RECENT_S, dt_s);
         self.glide_mps2 = low_pass(self.glide_mps2, frame.axial_mps2, GLIDE_S, dt_s);
         // In gusts lift seems drag; an aircraft that keeps height and airspeed is driven by something.
@@ -100,13 +109,17 @@ impl PowerWatch {
         let glide_mps = frame.airspeed_mps * drag_n / (mass_kg * GRAVITY_MPS2);
         let sinks = (average_m - energy_m) / ENERGY_S > SINK_SHARE * glide_mps;
         let says = self.expected_mps2 > LEAST_MPS2;
-        let lacks = self.expected_mps2 - self.felt_mps2 > LEAST_LACK_MPS2;
+        let (lack_mps2, lost_s) = match frame.comes_down {
+            true => (SINKING_LACK_MPS2, SINKING_LOST_S),
+            false => (LEAST_LACK_MPS2, LOST_S),
+        };
+        let lacks = self.expected_mps2 - self.felt_mps2 > lack_mps2 + self.rough_mps2;
         let none = says && sinks && lacks && self.felt_mps2 < LOST_SHARE * self.expected_mps2;
         let some = says && self.felt_mps2 > BACK_SHARE * self.expected_mps2;
         self.against_s = if none { self.against_s + dt_s } else { 0.0 };
         self.for_s = if some { self.for_s + dt_s } else { 0.0 };
         self.kept_up_s = if sinks { 0.0 } else { self.kept_up_s + dt_s };
-        if self.against_s > LOST_S {
+        if self.against_s > lost_s {
             // The longer average has seen the motor yet.
             self.glide_mps2 = if self.lost { self.glide_mps2 } else { self.axial_mps2 };
             self.lost = true;
@@ -174,6 +187,7 @@ mod tests {
             axial_mps2,
             normal_mps2: -GRAVITY_MPS2,
             flying: true,
+            comes_down: false,
             dt_s: 0.02,
         };
         for _ in 0..(seconds / frame.dt_s) as u32 {
@@ -209,6 +223,7 @@ mod tests {
             axial_mps2: -airframe.drag_n(22.0, 1.2, -GRAVITY_MPS2) / airframe.mass.mass_kg,
             normal_mps2: -GRAVITY_MPS2,
             flying: true,
+            comes_down: false,
             dt_s: 0.02,
         };
         (0..2000).for_each(|_| watch.step(&airframe, &frame));

@@ -38,6 +38,7 @@ fn inputs(state: Option<&NavigationState>) -> ControllerInputs<'_> {
         specific_force: level_state().specific_force,
         airspeed_mps: Some(22.0),
         density_kgpm3: Some(1.2),
+        range_m: None,
         pilot: ActuatorCommand { throttle: 0.7, aileron_rad: 0.01, elevator_rad: -0.2, rudder_rad: 0.02 },
         dt_s: 0.02,
     }

@@ -165,6 +165,7 @@ impl Flight {
             specific_force: sensors.accelerometer_mps2,
             airspeed_mps: Some(airspeed_mps(sensors.differential_pressure_pa, density)),
             density_kgpm3: Some(density),
+            range_m: sensors.range_m,
             pilot: pilot(truth),
             dt_s: self.options.frame_s,
         };

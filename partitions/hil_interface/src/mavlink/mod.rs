@@ -224,6 +224,10 @@ impl Mavlink {
             MavMessage::HIL_RC_INPUTS_RAW(message) => self.beside.sticks(message, self.asked_ns),
             MavMessage::BATTERY_STATUS(message) => self.beside.battery(message, self.asked_ns),
             MavMessage::POWER_STATUS(message) => self.beside.power(message, self.asked_ns),
+            // Its milliseconds since some start say nothing: it came with this window's sensors.
+            MavMessage::DISTANCE_SENSOR(message) => {
+                hil::range(message, self.asked_ns).into_iter().for_each(|range| inbox.put_range(range));
+            }
             _ => inbox.counters_mut().unused += 1,
         }
     }

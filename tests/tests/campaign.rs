@@ -104,6 +104,10 @@ fn executives_are_killed_at_drawn_instants_and_their_flights_go_on() {
         .end()
         .expect_code(2)
         .expect_words(&["did you mean `executive`?"]);
+    let stays_dead = edited(&[("executive_died    = \"reset\"", "executive_died    = \"shutdown\"")]);
+    std::fs::write(place.path().join("schedule.toml"), stays_dead).unwrap();
+    let refused = campaign(&place, "none", &["--flights", "1", "--kill-only", "executive"]).end();
+    refused.expect_code(2).expect_words(&["executive_died = \"reset\""]);
 }
 
 #[test]

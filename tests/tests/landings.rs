@@ -128,6 +128,30 @@ fn aircraft_that_lose_their_power_glide_to_the_runway_and_stand() {
 }
 
 #[test]
+fn aircraft_that_lose_their_power_on_the_approach_are_told_so_and_come_down_softly() {
+    let _turn = among_others();
+    let mission = small_mission().display().to_string();
+    for seed in 41..if is_long() { 61 } else { 43 } {
+        let (seed, from) = (seed.to_string(), (seed * 53 % 360).to_string());
+        let land = |more: &[&str]| {
+            let own = ["--land", "--mission", &mission, "--seed", &seed, "--wind", "3", "--wind-from", &from];
+            flight(&[&own[..], &["--turbulence", "light"], more].concat())
+        };
+        let sound = land(&[]).expect_code(0).summary()["conditions"]["touchdown"].clone();
+        for before_s in [70.0, 45.0, 25.0] {
+            let fault = format!("throttle_stuck=0@{}", number(&sound, "time_s") - before_s);
+            let ended = land(&["--fault", &fault]);
+            let touchdown = ended.summary()["conditions"]["touchdown"].clone();
+            let about = format!("seed {seed}, {fault}: {touchdown}");
+            assert!(touchdown["standing_s"].is_f64(), "{about}");
+            assert!(number(&touchdown, "sink_mps") < 3.5, "{about}");
+            let told = |fault: &bateleur_tests::Fault| fault.detail.contains("no power");
+            assert!(ended.faults().iter().any(told), "{about}");
+        }
+    }
+}
+
+#[test]
 fn what_is_lost_in_flight_has_the_plans_ladder_flown() {
     let _turn = among_others();
     let lost = |set: &[&str], fault: &str| {

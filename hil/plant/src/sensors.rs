@@ -410,14 +410,15 @@ struct RangeFinder {
     errors: RangeErrors,
     bias_m: f64,
     source: Noise,
-    held_m: Option<f64>,
+    /// What it saw last, m.
+    last_m: Option<f64>,
 }
 
 impl RangeFinder {
     fn new(seed: u64, errors: &RangeErrors) -> Self {
         let mut source = Noise::new(seed, Source::Range);
         let bias_m = source.within(errors.bias_max_m);
-        Self { errors: errors.clone(), bias_m, source, held_m: None }
+        Self { errors: errors.clone(), bias_m, source, last_m: None }
     }
 
     fn sample(&mut self, state: &RigidState, wrongs: &Wrongs) -> Option<f64> {
@@ -425,11 +426,12 @@ impl RangeFinder {
         // Drawn always, so that a fault does not shift what follows.
         let (noise, missed) = (self.source.gaussian(), self.source.unit() < e.missed);
         let down = (state.attitude * Vector3::z()).z;
-        let distance_m = (-state.position.z / down) + self.bias_m + noise * e.noise_m;
+        let distance_m = (-state.position.z / down) + self.bias_m + noise * e.noise_m + wrongs.range_shift_m;
         let echo = e.fitted && !missed && down > 0.0 && (e.least_m..=e.most_m).contains(&distance_m);
-        let seen_m = echo.then_some(distance_m + wrongs.range_shift_m);
-        self.held_m = if wrongs.range_stuck { self.held_m.or(seen_m) } else { None };
-        self.held_m.or(seen_m).filter(|_| !wrongs.range_lost)
+        let seen_m = echo.then_some(distance_m);
+        self.last_m = if wrongs.range_stuck { self.last_m } else { seen_m.or(self.last_m) };
+        let told_m = if wrongs.range_stuck { self.last_m } else { seen_m };
+        told_m.filter(|_| !wrongs.range_lost)
     }
 }
 

@@ -62,11 +62,11 @@ fn range_finder_lost_stuck_and_shifted_is_that_for_its_time() {
         ("range_shift=-1.5@3..5", |now, _| Some(now - 1.5)),
         ("range_stuck@3..5", |_, then| Some(then)),
     ] {
-        let mut then = None;
+        let mut before = None;
         for ((time_s, plain), (_, told)) in usual.iter().zip(ranges(fault)) {
             let acts = (3.0..5.0).contains(time_s);
-            then = then.or(*plain).filter(|_| acts);
-            let expected = if acts { during(plain.unwrap(), then.or(*plain).unwrap()) } else { *plain };
+            let expected = if acts { during(plain.unwrap(), before.unwrap()) } else { *plain };
+            before = if acts { before } else { *plain };
             assert_eq!(told, expected, "{fault} at {time_s} s");
         }
     }

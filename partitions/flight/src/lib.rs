@@ -22,3 +22,5 @@ pub mod servo;
 
 /// Standard gravity, m/s² (ISO 80000-3); the plant uses the same value, a difference would look like accelerometer bias.
 pub const GRAVITY_MPS2: f64 = 9.80665;
+/// How high the inertial sensors are taken to stand above the runway, m: the Aerosonde's height on its wheels.
+pub const STANDING_HEIGHT_M: f64 = 0.3;

@@ -101,6 +101,8 @@ pub struct Inbox {
     windows_without_fix: u32,
     /// Windows since sticks were taken.
     windows_without_custom: u32,
+    /// Windows since a distance was taken.
+    windows_without_range: u32,
     /// Windows since a question was answered for its own time; `None`: none was.
     windows_without_answer: Option<u32>,
     counters: Counters,
@@ -123,6 +125,7 @@ impl Inbox {
             windows_without: 0,
             windows_without_fix: 0,
             windows_without_custom: 0,
+            windows_without_range: 0,
             windows_without_answer: None,
             counters: Counters::default(),
             remarks: Remarks::default(),
@@ -238,7 +241,11 @@ impl Inbox {
             self.last_custom_ns = Some(custom.measured_ns);
             self.windows_without_custom = 0;
         }
-        self.last_range_ns = sensors.range.map(|range| range.measured_ns).or(self.last_range_ns);
+        self.windows_without_range = self.windows_without_range.saturating_add(1);
+        if let Some(range) = &sensors.range {
+            self.last_range_ns = Some(range.measured_ns);
+            self.windows_without_range = 0;
+        }
         self.windows_without_answer = self.windows_without_answer.map(|windows| windows.saturating_add(1));
         self.remarks.note_values(&sensors);
         sensors
@@ -304,9 +311,7 @@ impl Inbox {
     /// taken. A simulator whose answers lie beside the questions has a clock of its own: its sensors show how late it is there.
     fn custom(&mut self, custom: &Custom) {
         let measured_ns = custom.measured_ns;
-        let own_clock = self.windows_without_answer.is_none_or(|windows| windows >= STUBBORN_WINDOWS);
-        let is_near = self.is_near_question(measured_ns, STICKS_NEAR_NS)
-            || (own_clock && self.is_near_sensors(measured_ns, STICKS_NEAR_NS));
+        let is_near = self.is_recent(measured_ns);
         self.remarks.note_sticks_time(i128::from(measured_ns) - i128::from(self.asked_ns), !is_near);
         if !is_near {
             self.counters.stale += 1;
@@ -321,21 +326,33 @@ impl Inbox {
         }
     }
 
-    /// A distance is one of this window's set or nothing: it is not waited for, and what waited in a network is of no use near the ground.
+    /// A distance that waited in a network is of no use near the ground.
     fn range(&mut self, range: &Range) {
-        let set_ns = self.sensors.analog.map(|analog| analog.measured_ns);
-        if set_ns == Some(range.measured_ns) || self.is_near_question(range.measured_ns, STICKS_NEAR_NS) {
+        if self.is_recent(range.measured_ns) {
             self.put_range(*range);
         } else {
             self.counters.stale += 1;
         }
     }
 
-    /// A distance whose time can be, which is taken if it is news.
+    /// A distance whose time can be, which is taken if it is news, and what its range finder can measure.
     pub(crate) fn put_range(&mut self, range: Range) {
-        if Some(range.measured_ns) != self.last_range_ns {
+        let measured = (range.least_m..=range.most_m).contains(&range.distance_m);
+        if !measured || range.distance_m <= 0.0 || !range.distance_m.is_finite() {
+            return; // no echo
+        }
+        let newest = self.sensors.range.map(|held| held.measured_ns).or(self.last_range_ns);
+        let patient = self.windows_without_range >= STUBBORN_WINDOWS;
+        if is_news(range.measured_ns, newest, patient) {
             self.sensors.range = Some(range);
         }
+    }
+
+    /// Whether what must not be old is not. The sensors of a simulator with a clock of its own show how late it is there.
+    fn is_recent(&self, measured_ns: u64) -> bool {
+        let own_clock = self.windows_without_answer.is_none_or(|windows| windows >= STUBBORN_WINDOWS);
+        self.is_near_question(measured_ns, STICKS_NEAR_NS)
+            || (own_clock && self.is_near_sensors(measured_ns, STICKS_NEAR_NS))
     }
 
     fn is_near_question(&self, measured_ns: u64, within_ns: u64) -> bool {
@@ -590,7 +607,8 @@ mod tests {
     /// A datagram with sensors and a distance of a time, in the window of a cycle; the time of the distance that was published.
     fn distance(inbox: &mut Inbox, cycle: u64, set_ns: u64, measured_ns: u64) -> Option<u64> {
         let mut bytes = analog(set_ns);
-        Packet::Range(Range { measured_ns, distance_m: 7.0, ..Range::default() }).write(&mut bytes);
+        let sound = Range { measured_ns, distance_m: 7.0, least_m: 0.1, most_m: 50.0 };
+        Packet::Range(sound).write(&mut bytes);
         inbox.begin(cycle * CYCLE);
         inbox.take(&bytes);
         inbox.finish().range.map(|range| range.measured_ns)
@@ -607,14 +625,38 @@ mod tests {
             "it waited in the network for 200 ms"
         );
         assert_eq!((inbox.counters().stale, inbox.counters().accepted), (1, 3));
+        let sound = Range { measured_ns: 41 * CYCLE, distance_m: 7.0, least_m: 0.1, most_m: 50.0 };
+        let mut older_after_newer = analog(41 * CYCLE);
+        for measured_ns in [41 * CYCLE, 40 * CYCLE, 41 * CYCLE - 1] {
+            Packet::Range(Range { measured_ns, ..sound }).write(&mut older_after_newer);
+        }
+        inbox.begin(41 * CYCLE);
+        inbox.take(&older_after_newer);
+        assert_eq!(inbox.finish().range.map(|range| range.measured_ns), Some(41 * CYCLE));
+        let mut own = Inbox::new(true);
         let own_ns = 1_700_000_000_000_000_000;
         assert_eq!(
-            distance(&mut inbox, 41, own_ns, own_ns),
+            distance(&mut own, 41, own_ns, own_ns),
             Some(own_ns),
             "a clock of its own, as its sensors'"
         );
-        inbox.begin(42 * CYCLE);
-        assert_eq!(inbox.finish().range, None);
+    }
+
+    #[test]
+    fn what_is_no_distance_is_none() {
+        let mut inbox = Inbox::new(true);
+        let sound = Range { measured_ns: 0, distance_m: 7.0, least_m: 0.1, most_m: 50.0 };
+        let no_limits = Range { least_m: f64::NEG_INFINITY, most_m: f64::INFINITY, ..sound };
+        let values = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -7.0, 0.0];
+        let all = values
+            .iter()
+            .flat_map(|&distance_m| [Range { distance_m, ..sound }, Range { distance_m, ..no_limits }]);
+        let beyond = [50.1, 1e300].map(|distance_m| Range { distance_m, ..sound });
+        for (cycle, range) in (1..).zip(all.chain(beyond)) {
+            inbox.begin(cycle * CYCLE);
+            inbox.put_range(Range { measured_ns: cycle * CYCLE, ..range });
+            assert_eq!(inbox.finish().range, None, "{range:?}");
+        }
     }
 
     #[test]

@@ -22,7 +22,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 use bateleur_host::programs::program_path;
 use bateleur_monitor::inject::EXECUTIVE;
-use bateleur_plan::Plan as SchedulePlan;
+use bateleur_plan::{ModuleAction, ModuleError, Plan as SchedulePlan};
 use bateleur_report::campaign::{CampaignResult, Plan, RESULTS, page, read, read_plan, repair, text};
 use bateleur_system::sched;
 use clap::Parser;
@@ -204,6 +204,12 @@ fn victims(arguments: &Arguments, plan: &SchedulePlan, hosts: bool) -> Result<Ve
     };
     let executive = (!hosts).then(|| EXECUTIVE.to_owned());
     let named = arguments.space.victims(&names(true).chain(executive).collect::<Vec<_>>())?;
+    let comes_back = plan.health.module.action(ModuleError::ExecutiveDied) == ModuleAction::Reset;
+    if named.iter().any(|name| name == EXECUTIVE) && !comes_back {
+        return Err(format!(
+            "--kill-only {EXECUTIVE}: it would end the flight; write executive_died = \"reset\" in [health.module] of the plan"
+        ));
+    }
     Ok(if named.is_empty() { names(false).collect() } else { named.to_vec() })
 }
 

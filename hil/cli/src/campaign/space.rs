@@ -64,7 +64,7 @@ pub(crate) struct Space {
     /// How long the receiver is lost, once, s.
     #[arg(long, value_name = "FROM..TO", default_value = "0..10", value_parser = outage)]
     gps_outage: Span,
-    /// How many partitions are killed.
+    /// How often somebody is killed.
     #[arg(long, value_name = "FROM..TO", default_value = "0..2", value_parser = kills)]
     kills: Span,
     /// Those that may be killed, and `executive` [default: all partitions but relays].

@@ -1,21 +1,21 @@
 //! Landing on the runway's origin, or another place of its field, against the wind: a circle beside the final approach until height and place are right, a straight glide
 //! slope, a flare, the touch-down, and the roll to a standstill.
 //!
-//! Responsible for where the aircraft is to be then, and for flying round once more where an approach goes wrong near the ground. The
-//! height above ground is known to a metre or two only: it comes from a barometer that was set before take-off. So the flare ends in a
+//! Responsible for where the aircraft is to be then, and for flying round once more where an approach goes wrong near the ground. Without
+//! a range finder the height above ground is known to a metre or two only: it comes from a barometer that was set before take-off. So the flare ends in a
 //! sink rate that wheels bear, and is flown with power until the ground holds the aircraft up, wherever that is.
 
 use super::envelope::Envelope;
 use super::inner::Signals;
 use super::power::PowerWatch;
 use super::wheels;
-use crate::GRAVITY_MPS2;
 use crate::airframe::Airframe;
 use crate::attitude::{low_pass, wrap_angle};
 use crate::estimator::NavigationState;
 use crate::guidance::path::{Leg, Offset};
 use crate::guidance::{Hold, course_acceleration, track_acceleration};
 use crate::servo::ActuatorCommand;
+use crate::{GRAVITY_MPS2, STANDING_HEIGHT_M};
 use nalgebra::Vector2;
 use std::f64::consts::TAU;
 
@@ -43,9 +43,8 @@ const FLARED_M: f64 = 1.5;
 const TOUCH_SINK_MPS: f64 = 0.6;
 /// Vertical acceleration down at most there, m/s².
 const FLARE_DOWN_MPS2: f64 = 1.5;
-/// How much later than it is told to the aircraft sinks, s; and height of the sensors where it stands, m.
+/// How much later than it is told to the aircraft sinks, s.
 const SINKS_LATE_S: f64 = 0.4;
-const STAND_M: f64 = 0.3;
 /// Banks near the ground, rad: in the final approach, and in the flare.
 const FINAL_BANK_RAD: f64 = 0.44;
 const FLARE_BANK_RAD: f64 = 0.09;
@@ -65,8 +64,7 @@ const HELD_SHARE: f64 = 0.35;
 const DOUBT_S: f64 = 0.3;
 const PRESSED_SINK_MPS: f64 = 1.0;
 const HELD_S: f64 = 1.5;
-/// The same without power, where nothing is lost if it was none, and where the ground is known to be nearer than this, m: an aircraft's
-/// sensors stand as high on its wheels at most.
+/// The same without power, where nothing is lost if it was none, and below this height, m, where a range finder has found the ground.
 const SURE_HELD_S: f64 = 0.4;
 const TOUCH_M: f64 = 1.0;
 const SINK_LAG_S: f64 = 0.3;
@@ -185,7 +183,7 @@ fn float_s(slope_mps: f64) -> f64 {
     let flaring_s = (FLARE_M - FLARED_M) / more_mps * (more_mps / TOUCH_SINK_MPS).ln_1p();
     // What it has sunk too far meanwhile.
     let late_m = SINKS_LATE_S * more_mps;
-    flaring_s + (FLARED_M - STAND_M - late_m) / TOUCH_SINK_MPS
+    flaring_s + (FLARED_M - STANDING_HEIGHT_M - late_m) / TOUCH_SINK_MPS
 }
 
 /// How it comes down without power.
@@ -333,7 +331,8 @@ impl Landing {
         matches!(self.phase, Phase::Touched | Phase::Rolling | Phase::Standing)
     }
 
-    /// One frame. `measured`: the height of `state` is that above the ground; `radius_m`: of circles in this wind; `cruise_mps`: airspeed on them; `glide`: there is no power.
+    /// One frame. `measured`: the height of `state` is that above the ground. `radius_m`: of circles in this wind; `cruise_mps`: airspeed on
+    /// them. `glide`: there is no power.
     pub(super) fn step(
         &mut self,
         (airframe, envelope, config): (&Airframe, &Envelope, &LandingConfig),

@@ -3,14 +3,14 @@
 //! Any number may come back: what goes on from it checks it first (see [`Controller::resume`](super::Controller::resume)).
 
 use super::inner::InnerLoops;
-use super::{Channels, ControllerSnapshot, References, airspeed, ground, landing, power, takeoff};
+use super::{Channels, ControllerSnapshot, References, airspeed, landing, power, range_finder, takeoff};
 use crate::guidance::{GuidanceSnapshot, PATH_NUMBERS};
 use crate::servo::ActuatorCommand;
 
 /// Four integrators, four references, four actuators, airspeed and its reserve, four channels.
 const LOOPS: usize = 18;
 /// The loops, the take-off, the landing, the pitot, the motor, the ground, the path.
-pub const NUMBERS: usize = GROUND + ground::NUMBERS + PATH_NUMBERS;
+pub const NUMBERS: usize = GROUND + range_finder::NUMBERS + PATH_NUMBERS;
 const LANDING: usize = LOOPS + takeoff::NUMBERS;
 const PITOT: usize = LANDING + landing::NUMBERS;
 const POWER: usize = PITOT + airspeed::NUMBERS;
@@ -70,7 +70,7 @@ impl ControllerSnapshot {
         airspeed_watch.copy_from_slice(&n[PITOT..POWER]);
         let mut power = [0.0; power::NUMBERS];
         power.copy_from_slice(&n[POWER..GROUND]);
-        let mut ground = [0.0; ground::NUMBERS];
+        let mut ground = [0.0; range_finder::NUMBERS];
         ground.copy_from_slice(&n[GROUND..NUMBERS - PATH_NUMBERS]);
         Self {
             loops: InnerLoops::from_numbers([n[0], n[1], n[2], n[3]]),

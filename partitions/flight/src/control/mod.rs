@@ -12,13 +12,13 @@
 pub mod airspeed;
 pub mod envelope;
 pub mod fallback;
-pub mod ground;
 pub mod inner;
 pub mod landing;
 pub mod memory;
 pub mod outer;
 mod play;
 pub mod power;
+pub mod range_finder;
 pub mod takeoff;
 mod wheels;
 
@@ -31,12 +31,12 @@ use crate::servo::ActuatorCommand;
 use airspeed::AirspeedWatch;
 use envelope::{Envelope, Limits, Protection, steepness};
 use fallback::{Basis, Fallback};
-use ground::GroundWatch;
 use inner::{InnerLoops, InnerTuning, Signals};
 use landing::{Approach, Flown, Glide, Landing, LandingConfig};
 use nalgebra::{Vector2, Vector3};
 use outer::{OuterTuning, normal_for, slew};
 use power::PowerWatch;
+use range_finder::GroundWatch;
 use takeoff::{Method, Phase, TakeOff};
 
 /// Which loops are on, each with its target; `None` is off.
@@ -246,7 +246,7 @@ pub struct ControllerSnapshot {
     /// What is known of the motor.
     pub power: [f64; power::NUMBERS],
     /// What is known of the ground.
-    pub ground: [f64; ground::NUMBERS],
+    pub ground: [f64; range_finder::NUMBERS],
     /// The piece of path that was flown.
     pub path: PathNumbers,
     /// Mission progress.
@@ -623,11 +623,14 @@ impl Controller {
 
     /// A circle may lead over a ditch: the ground is looked for on the way down alone.
     fn watch_ground(&mut self, state: &NavigationState, range_m: Option<f64>, basis: Basis, dt_s: f64) {
-        let comes_down = self.landing.is_some_and(|landing| landing.comes_down());
-        if !comes_down {
-            self.ground.wait(range_m, state, dt_s);
-        } else if basis == Basis::Estimator {
-            self.ground.step(range_m, state, dt_s);
+        let range_m = range_m.filter(|_| basis == Basis::Estimator);
+        if self.landing.is_some_and(|landing| landing.comes_down()) {
+            return self.ground.step(range_m, state, dt_s);
+        }
+        self.ground.forget();
+        // In the hands of who launches it nothing is learnt.
+        if self.take_off.is_none_or(|take_off| take_off.phase == Phase::Rolling) {
+            self.ground.stand(range_m, state, dt_s);
         }
     }
 
@@ -642,7 +645,7 @@ impl Controller {
             axial_mps2: s.axial_mps2,
             normal_mps2: s.normal_mps2,
             flying: self.channels.pitch && !rolls && basis != Basis::WingsLevel,
-            comes_down: self.landing.is_some(),
+            may_sink: self.landing.is_some_and(|landing| landing.phase != landing::Phase::Round),
             dt_s,
         };
         self.power.step(&self.airframe, &frame);

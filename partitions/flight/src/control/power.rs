@@ -25,8 +25,9 @@ const BACK_S: f64 = 3.0;
 /// The same for an aircraft that is to sink: that it loses height says nothing then, and gusts near the ground are taken for drag.
 const SINKING_LACK_MPS2: f64 = 2.0;
 const SINKING_LOST_S: f64 = 4.0;
-/// Averaging of how rough the air is, s.
+/// Averaging of how rough the air is, s, and what counts of a frame, m/s², at most.
 const ROUGH_S: f64 = 10.0;
+const ROUGHEST_MPS2: f64 = 5.0;
 /// An aircraft that has not sunk for so long, s, has power, whatever the forces say: its drag is not that of its file.
 const KEPT_UP_S: f64 = 12.0;
 /// Averaging of height and airspeed, s; and how fast they are used up, of what a glide does, where there is no power.
@@ -53,8 +54,8 @@ pub struct Frame {
     pub normal_mps2: f64,
     /// Wings carry the weight, and no wheel touches anything.
     pub flying: bool,
-    /// It is on its way to the ground as ordered.
-    pub comes_down: bool,
+    /// It is to lose height: on the approach of a landing.
+    pub may_sink: bool,
     /// s.
     pub dt_s: f64,
 }
@@ -99,7 +100,8 @@ impl PowerWatch {
         let felt_mps2 = frame.axial_mps2 + drag_n / mass_kg;
         self.expected_mps2 = low_pass(self.expected_mps2, self.lagged_mps2, AVERAGE_S, dt_s);
         self.felt_mps2 = low_pass(self.felt_mps2, felt_mps2, AVERAGE_S, dt_s);
-        self.rough_mps2 = low_pass(self.rough_mps2, (felt_mps2 - self.felt_mps2).abs(), ROUGH_S, dt_s);
+        let off_mps2 = (felt_mps2 - self.felt_mps2).abs().min(ROUGHEST_MPS2);
+        self.rough_mps2 = low_pass(self.rough_mps2, off_mps2, ROUGH_S, dt_s);
         self.axial_mps2 = low_pass(self.axial_mps2, frame.axial_mps2, RECENT_S, dt_s);
         self.glide_mps2 = low_pass(self.glide_mps2, frame.axial_mps2, GLIDE_S, dt_s);
         // In gusts lift seems drag; an aircraft that keeps height and airspeed is driven by something.
@@ -109,7 +111,7 @@ impl PowerWatch {
         let glide_mps = frame.airspeed_mps * drag_n / (mass_kg * GRAVITY_MPS2);
         let sinks = (average_m - energy_m) / ENERGY_S > SINK_SHARE * glide_mps;
         let says = self.expected_mps2 > LEAST_MPS2;
-        let (lack_mps2, lost_s) = match frame.comes_down {
+        let (lack_mps2, lost_s) = match frame.may_sink {
             true => (SINKING_LACK_MPS2, SINKING_LOST_S),
             false => (LEAST_LACK_MPS2, LOST_S),
         };
@@ -187,7 +189,7 @@ mod tests {
             axial_mps2,
             normal_mps2: -GRAVITY_MPS2,
             flying: true,
-            comes_down: false,
+            may_sink: false,
             dt_s: 0.02,
         };
         for _ in 0..(seconds / frame.dt_s) as u32 {
@@ -223,7 +225,7 @@ mod tests {
             axial_mps2: -airframe.drag_n(22.0, 1.2, -GRAVITY_MPS2) / airframe.mass.mass_kg,
             normal_mps2: -GRAVITY_MPS2,
             flying: true,
-            comes_down: false,
+            may_sink: false,
             dt_s: 0.02,
         };
         (0..2000).for_each(|_| watch.step(&airframe, &frame));

@@ -1,6 +1,7 @@
 //! What one may set on the estimator; every default stands with its reason.
 
 use super::filter::ProcessNoise;
+use crate::STANDING_HEIGHT_M;
 use crate::magnetic::{MagneticError, Site, field_ned_gauss};
 use nalgebra::Vector3;
 
@@ -158,7 +159,7 @@ impl EstimatorConfig {
             measurement: MeasurementNoise::default(),
             initial: InitialSigmas::default(),
             incidence_rad: 0.08,
-            standing_height_m: 0.3,
+            standing_height_m: STANDING_HEIGHT_M,
             gps_extra_latency_s: 0.0,
             longest_gap_s: 0.5,
         }

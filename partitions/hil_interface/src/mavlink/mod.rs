@@ -138,7 +138,8 @@ impl Mavlink {
             MavMessage::HIL_GPS(_)
             | MavMessage::HIL_RC_INPUTS_RAW(_)
             | MavMessage::BATTERY_STATUS(_)
-            | MavMessage::POWER_STATUS(_) => {
+            | MavMessage::POWER_STATUS(_)
+            | MavMessage::DISTANCE_SENSOR(_) => {
                 if self.hears(sender, false, inbox) {
                     self.count(received.sequence, inbox);
                     self.beside(message, inbox);

@@ -1,6 +1,6 @@
 use super::*;
 use bateleur_mavlink::common::{BATTERY_STATUS_DATA, HIL_ACTUATOR_CONTROLS_DATA, HilActuatorControlsFlags};
-use bateleur_messages::{RawAnalog, RawGps};
+use bateleur_messages::{Range, RawAnalog, RawGps};
 
 const CYCLE: u64 = 20_000_000;
 
@@ -207,6 +207,25 @@ fn a_fix_has_module_time_and_is_published_once() {
     let gps = world.inbox.finish().gps.unwrap();
     assert_eq!((gps.measured_ns, gps.fix), (CYCLE, 3));
     assert!((gps.latitude_rad - 0.5).abs() < 1e-8);
+}
+
+#[test]
+fn a_distance_to_the_ground_counts_for_the_window_in_which_it_comes() {
+    let mut world = World::new();
+    let told =
+        |distance_m: f64| hil::distance(&Range { measured_ns: 7, distance_m, least_m: 0.1, most_m: 50.0 });
+    let mut window = |number: u64, messages: &[MavMessage]| {
+        let bytes = bytes_of(&mut world.simulator, messages);
+        world.inbox.begin(number * CYCLE);
+        world.mavlink.ask(number * CYCLE, &ServoTimers::AT_REST, &mut Vec::new());
+        world.mavlink.take(Chunk::Datagram(&bytes), &mut world.inbox);
+        world.mavlink.finish(&mut world.inbox);
+        world.inbox.finish().range.map(|range| (range.measured_ns, (range.distance_m * 100.0).round()))
+    };
+    assert_eq!(window(1, &[at(CYCLE)]), None);
+    assert_eq!(window(2, &[told(12.34), at(2 * CYCLE)]), Some((2 * CYCLE, 1234.0)));
+    assert_eq!(window(3, &[at(3 * CYCLE)]), None, "none came");
+    assert_eq!(window(4, &[told(60.0), at(4 * CYCLE)]), None, "no echo");
 }
 
 #[test]

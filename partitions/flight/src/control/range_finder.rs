@@ -4,6 +4,9 @@
 //! also see grass, something that hangs below the aircraft, or nothing new for ever. So the ground that it tells is believed while it stands
 //! still, and as near to where the barometer has it as a barometer can be wrong. What was believed last stands when it is not.
 
+use std::ops::Range;
+
+use crate::STANDING_HEIGHT_M;
 use crate::attitude::low_pass;
 use crate::estimator::NavigationState;
 
@@ -14,23 +17,25 @@ pub const NUMBERS: usize = 3;
 const MOST_M: f64 = 8.0;
 /// Tilted further than this, cosine, it does not look down.
 const LEAST_DOWN: f64 = 0.8;
-/// Averaging of what it tells, s; over which it is to stand still, s, but for this, m: a sensor that is stuck carries the ground down with the
-/// aircraft, which sinks by a metre each second.
+/// Averaging of the ground's height, s.
 const AVERAGE_S: f64 = 0.2;
+/// The ground stands still where that average differs from one over this time, s, by less than this, m. A sensor that is stuck carries the ground
+/// down with the aircraft, which sinks by a metre each second.
 const STILL_S: f64 = 2.0;
 const STILL_M: f64 = 0.8;
-/// It is believed after so long, s, and what was seen before is forgotten after so long without an echo, s.
+/// It is believed when it has stood still for so long, s.
 const BELIEVED_S: f64 = 3.0;
+/// What was seen before is forgotten after so long without an echo, s.
 const FORGOTTEN_S: f64 = 1.0;
 /// So many equal distances in a row are one that is stuck: they have noise.
 const EQUAL: u32 = 25;
 
-/// Slower than this, m/s, and nearer to the ground than this, m, it stands on it: so high are its sensors on its wheels. Averaging of that, s; and
-/// what it is taken for before it was seen: the Estimator's own height there, m.
+/// Slower than this, m/s, before its take-off it stands on its wheels.
 const STANDING_MPS: f64 = 0.7;
-const HIGHEST_STAND_M: f64 = 3.0;
+/// Its sensors are so high there, m. The highest of the delivered aircraft has them at 0.6 m.
+const STAND_M: Range<f64> = 0.05..1.5;
+/// Averaging of that height, s.
 const STAND_S: f64 = 1.0;
-const STAND_M: f64 = 0.3;
 
 /// The judge of the range finder.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,17 +65,21 @@ impl Default for GroundWatch {
             last_m: 0.0,
             equal: 0,
             known_m: None,
-            stand_m: STAND_M,
+            stand_m: STANDING_HEIGHT_M,
         }
     }
 }
 
 impl GroundWatch {
-    /// One frame of an aircraft that does not come down: nothing is known of the place where it will.
-    pub(super) fn wait(&mut self, range_m: Option<f64>, state: &NavigationState, dt_s: f64) {
+    /// Forgets the ground: the aircraft does not come down, and it is not known where it will.
+    pub(super) fn forget(&mut self) {
         *self = Self { stand_m: self.stand_m, ..Self::default() };
+    }
+
+    /// One frame on wheels: learns how high the sensors stand.
+    pub(super) fn stand(&mut self, range_m: Option<f64>, state: &NavigationState, dt_s: f64) {
         let down = state.euler.x.cos() * state.euler.y.cos();
-        let stand_m = range_m.map(|range_m| range_m * down).filter(|stand_m| *stand_m < HIGHEST_STAND_M);
+        let stand_m = range_m.map(|range_m| range_m * down).filter(|stand_m| STAND_M.contains(stand_m));
         if let Some(stand_m) = stand_m.filter(|_| state.velocity.norm() < STANDING_MPS) {
             self.stand_m = low_pass(self.stand_m, stand_m, STAND_S, dt_s);
         }
@@ -108,7 +117,7 @@ impl GroundWatch {
     /// The state with its height above the ground where that is known, as if it stood as high as the Estimator takes it to.
     pub(super) fn over_ground(&self, state: &NavigationState) -> NavigationState {
         let mut over = *state;
-        over.position.z += self.known_m.map_or(0.0, |ground_m| ground_m + self.stand_m - STAND_M);
+        over.position.z += self.known_m.map_or(0.0, |ground_m| ground_m + self.stand_m - STANDING_HEIGHT_M);
         over
     }
 
@@ -125,7 +134,7 @@ impl GroundWatch {
     /// What was known; numbers that are none give nothing.
     pub fn from_numbers(&[known, ground_m, stand_m]: &[f64; NUMBERS]) -> Self {
         let sane = known == 1.0 && ground_m.abs() < MOST_M;
-        let stand_m = if (0.01..HIGHEST_STAND_M).contains(&stand_m) { stand_m } else { STAND_M };
+        let stand_m = if STAND_M.contains(&stand_m) { stand_m } else { STANDING_HEIGHT_M };
         Self { known_m: sane.then_some(ground_m), stand_m, ..Self::default() }
     }
 }
@@ -218,8 +227,12 @@ mod tests {
     fn aircraft_whose_sensors_stand_higher_is_as_high_over_the_ground_when_it_stands_again() {
         let mut watch = GroundWatch::default();
         let standing = NavigationState { velocity: Vector3::zeros(), ..state(0.3, 0.0) };
-        (0..200).for_each(|_| watch.wait(Some(1.1), &standing, DT_S));
-        (0..200).for_each(|_| watch.wait(Some(2.0), &state(2.0, 0.0), DT_S)); // rolling: not where it stands
+        (0..200).for_each(|_| watch.stand(Some(1.1), &standing, DT_S));
+        (0..200).for_each(|_| watch.stand(Some(1.4), &state(2.0, 0.0), DT_S)); // rolling: not where it stands
+        for none in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1e300, -0.3, 0.0, 1.6, 1e300] {
+            watch.stand(Some(none), &standing, DT_S);
+        }
+        watch.forget();
         (0..400)
             .for_each(|frame| watch.step(Some(3.1 + 0.01 * f64::from(frame % 3)), &state(1.0, 0.0), DT_S));
         let height_m = watch.over_ground(&state(1.0, 0.0)).altitude_m();

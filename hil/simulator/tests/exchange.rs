@@ -61,6 +61,7 @@ impl Answer {
                 Packet::Analog(packet) => analog = Some(packet),
                 Packet::Custom(packet) => custom = Some(packet),
                 Packet::Gps(packet) => gps = Some(packet),
+                Packet::Range(_) => {}
                 other => panic!("{other:?} in an answer"),
             }
         }

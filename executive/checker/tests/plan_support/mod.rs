@@ -18,6 +18,7 @@ const NAMES: &[&str] = &[
     "RawGps",
     "RawAnalog",
     "Custom",
+    "Range",
     "GpsPosition",
     "GpsVelocity",
     "Acceleration",

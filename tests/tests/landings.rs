@@ -12,6 +12,14 @@ fn flight(options: &[&str]) -> Ended {
     bateleur(&[&fixed[..], engine, options].concat()).end()
 }
 
+/// A landing after a lap of some 30 s; wind from another direction for each seed.
+fn landing(seed: u32, options: &[&str]) -> Ended {
+    let mission = small_mission().display().to_string();
+    let (seed, from) = (seed.to_string(), (seed * 37 % 360).to_string());
+    let own = ["--land", "--mission", &mission, "--seed", &seed, "--wind-from", &from];
+    flight(&[&own[..], options].concat())
+}
+
 fn number(touchdown: &Value, name: &str) -> f64 {
     touchdown[name].as_f64().unwrap_or_else(|| panic!("no {name}: {touchdown}"))
 }
@@ -62,12 +70,9 @@ fn landing_is_the_same_for_one_seed_and_survives_restarts_of_the_controller() {
 #[test]
 fn range_finder_brings_the_touch_down_to_its_place_and_none_of_its_faults_makes_one_hard() {
     let _turn = among_others();
-    let mission = small_mission().display().to_string();
     for seed in 31..if is_long() { 55 } else { 34 } {
-        let (seed, from) = (seed.to_string(), (seed * 37 % 360).to_string());
         let land = |fault: &[&str]| {
-            let own = ["--land", "--mission", &mission, "--seed", &seed, "--wind", "2", "--wind-from", &from];
-            let ended = flight(&[&own[..], fault].concat()).expect_code(0);
+            let ended = landing(seed, &[&["--wind", "2"], fault].concat()).expect_code(0);
             ended.summary()["conditions"]["touchdown"].clone()
         };
         let sound = land(&[]);
@@ -77,7 +82,7 @@ fn range_finder_brings_the_touch_down_to_its_place_and_none_of_its_faults_makes_
         for (place, kind) in
             ["range_lost", "range_stuck", "range_shift=-2.5", "range_shift=2.5"].iter().enumerate()
         {
-            let before_s = 3.0 + 11.0 * ((place as u32 + seed.parse::<u32>().unwrap()) % 4) as f64;
+            let before_s = 3.0 + 11.0 * f64::from((place as u32 + seed) % 4);
             let fault = format!("{kind}@{}", number(&sound, "time_s") - before_s);
             let touchdown = land(&["--fault", &fault]);
             assert!(touchdown["standing_s"].is_f64(), "seed {seed}, {fault}: {touchdown}");
@@ -130,13 +135,8 @@ fn aircraft_that_lose_their_power_glide_to_the_runway_and_stand() {
 #[test]
 fn aircraft_that_lose_their_power_on_the_approach_are_told_so_and_come_down_softly() {
     let _turn = among_others();
-    let mission = small_mission().display().to_string();
     for seed in 41..if is_long() { 61 } else { 43 } {
-        let (seed, from) = (seed.to_string(), (seed * 53 % 360).to_string());
-        let land = |more: &[&str]| {
-            let own = ["--land", "--mission", &mission, "--seed", &seed, "--wind", "3", "--wind-from", &from];
-            flight(&[&own[..], &["--turbulence", "light"], more].concat())
-        };
+        let land = |more: &[&str]| landing(seed, &[&["--wind", "3", "--turbulence", "light"], more].concat());
         let sound = land(&[]).expect_code(0).summary()["conditions"]["touchdown"].clone();
         for before_s in [70.0, 45.0, 25.0] {
             let fault = format!("throttle_stuck=0@{}", number(&sound, "time_s") - before_s);

@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use rustix::fs::{FlockOperation, flock};
 
 use bateleur_system::cgroup;
+use bateleur_system::processes::process;
 use bateleur_system::trace;
 use bateleur_system::tree::{self, Folder, NotRemoved};
 use bateleur_system::users::{self, HELPERS, Users};
@@ -214,17 +215,7 @@ impl Instance {
         let groups = || self.group.iter().chain(&self.accounts);
         // Before anything is removed: a helper may make anew what it misses.
         groups().for_each(|group| cgroup::remove(group));
-        let failed = |why| NotRemoved { path: self.directory(), why };
-        let entries = match Folder::open(&self.directory()) {
-            Err(error) if error.kind() == NotFound => Vec::new(),
-            folder => {
-                let folder = folder.map_err(failed)?;
-                let mut entries = folder.entries().map_err(failed)?;
-                entries.retain(|entry| entry.name.to_bytes() != RECORD.as_bytes());
-                entries.into_iter().map(|entry| folder.remove(&entry.name)).collect()
-            }
-        };
-        entries.into_iter().fold(Ok(()), Result::and)?;
+        self.remove_all_but_the_record()?;
         match groups().find(|group| group.exists()) {
             // A process that can not die yet keeps its group, and the record is all that the next start knows of it.
             Some(stuck) => Err(NotRemoved {
@@ -234,6 +225,17 @@ impl Instance {
             // The record goes last: what a guard leaves that is killed itself, the next start finds by it.
             None => tree::remove(&self.directory()),
         }
+    }
+
+    fn remove_all_but_the_record(&self) -> Result<(), NotRemoved> {
+        let failed = |why| NotRemoved { path: self.directory(), why };
+        let folder = match Folder::open(&self.directory()) {
+            Err(error) if error.kind() == NotFound => return Ok(()),
+            folder => folder.map_err(failed)?,
+        };
+        let entries = folder.entries().map_err(failed)?;
+        let others = entries.iter().filter(|entry| entry.name.to_bytes() != RECORD.as_bytes());
+        others.map(|entry| folder.remove(&entry.name)).fold(Ok(()), Result::and)
     }
 
     fn is_alive(&self) -> bool {
@@ -250,7 +252,7 @@ impl Instance {
         // A process that has taken its SIGKILL and does not exit yet looks like any other, for microseconds.
         let mut looks = 2;
         while self.is_alive() {
-            let dies = stat(self.pid).is_some_and(|it| it.dying && it.started_ticks == self.started_ticks);
+            let dies = process(self.pid).is_some_and(|it| it.dying && it.started_ticks == self.started_ticks);
             looks -= u32::from(!dies);
             if looks == 0 || begun.elapsed() > DYING {
                 return true;
@@ -388,32 +390,9 @@ fn trusted_record(directory: &Path, trusted: impl Fn(u32) -> bool) -> Option<Ins
 /// Mode bits that let somebody else put files into a directory.
 const WRITABLE_BY_OTHERS: u32 = 0o022;
 
-/// What proc_pid_stat(5) tells of a process.
-struct Stat {
-    /// It has ended, or its first thread has.
-    zombie: bool,
-    /// It is ending, or SIGKILL waits for it.
-    dying: bool,
-    /// When it was started, clock ticks since boot.
-    started_ticks: u64,
-}
-
-/// The flag `PF_EXITING` of include/linux/sched.h.
-const EXITING: u64 = 4;
-
-fn stat(pid: i32) -> Option<Stat> {
-    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    // The name may hold anything, so fields are counted from its closing bracket: that is the end of field 2.
-    let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_ascii_whitespace().collect();
-    let field = |number: usize| fields.get(number - 3)?.parse::<u64>().ok();
-    let zombie = matches!(fields.first(), Some(&"Z" | &"X"));
-    let killed = field(31)? & (1 << (libc::SIGKILL - 1)) != 0;
-    Some(Stat { zombie, dying: zombie || killed || field(9)? & EXITING != 0, started_ticks: field(22)? })
-}
-
 /// When a process was started, clock ticks since boot; `None`: it has ended.
 fn started_ticks(pid: i32) -> Option<u64> {
-    stat(pid).filter(|stat| !stat.zombie).map(|stat| stat.started_ticks)
+    process(pid).filter(|process| !process.has_ended()).map(|process| process.started_ticks)
 }
 
 #[cfg(test)]
@@ -489,25 +468,6 @@ pub(crate) mod tests {
         fs::create_dir(&path).unwrap();
         clean_leftovers();
         assert!(!path.exists());
-    }
-
-    #[test]
-    fn processes_that_are_dying_are_told_from_those_that_live() {
-        let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
-        let pid = child.id() as i32;
-        let lives = stat(pid).unwrap();
-        child.kill().unwrap();
-        let begun = Instant::now();
-        let mut looks = Vec::new();
-        // Until it is waited for it is there, in whatever stage of its death.
-        while begun.elapsed() < Duration::from_millis(50) {
-            looks.push(stat(pid).unwrap().dying);
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        child.wait().unwrap();
-        assert!(!lives.dying && !lives.zombie);
-        assert!(looks.iter().filter(|dying| !**dying).count() < 2, "{looks:?}");
-        assert!(stat(pid).is_none() && started_ticks(pid).is_none());
     }
 
     /// Whether the run's record, as whoever starts next reads it, is that of one who lives. Not by [`clean_leftovers`], which would look

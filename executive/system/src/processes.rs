@@ -1,31 +1,52 @@
 //! What the kernel says of other processes.
 
-/// Fields 1 to 4 of /proc/PID/stat.
+/// What proc_pid_stat(5) says of a process.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Process {
     /// Its number.
     pub pid: i32,
     /// Its name, at most 15 bytes.
     pub name: String,
-    /// `T`: stopped by a signal; the others stand in proc_pid_stat(5).
+    /// `T`: stopped by a signal; the others stand there.
     pub state: char,
     /// Who started it, or adopted it.
     pub parent: i32,
+    /// When it was started, clock ticks since boot: a number that is used again is not the same process.
+    pub started_ticks: u64,
+    /// It, or its first thread, is exiting or has ended, or SIGKILL waits for it. For microseconds in between none of this can be seen.
+    pub dying: bool,
+}
+
+/// The flag `PF_EXITING` of include/linux/sched.h.
+const EXITING: u64 = 4;
+
+impl Process {
+    /// Whether it has ended and is not waited for, or its first thread has.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        matches!(self.state, 'Z' | 'X')
+    }
 }
 
 /// A process that has not been waited for.
 #[must_use]
 pub fn process(pid: i32) -> Option<Process> {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    // The name may hold anything, so fields are counted from its closing bracket.
+    // The name may hold anything, so fields are counted from its closing bracket, the end of field 2.
     let (before, after) = stat.rsplit_once(')')?;
-    let mut fields = after.split_ascii_whitespace();
-    Some(Process {
+    let fields: Vec<&str> = after.split_ascii_whitespace().collect();
+    let field = |number: usize| fields.get(number - 3)?.parse::<u64>().ok();
+    let is_killed = field(31)? & (1 << (libc::SIGKILL - 1)) != 0;
+    let mut process = Process {
         pid,
         name: before.split_once('(')?.1.to_owned(),
-        state: fields.next()?.chars().next()?,
-        parent: fields.next()?.parse().ok()?,
-    })
+        state: fields.first()?.chars().next()?,
+        parent: fields.get(1)?.parse().ok()?,
+        started_ticks: field(22)?,
+        dying: is_killed || field(9)? & EXITING != 0,
+    };
+    process.dying |= process.has_ended();
+    Some(process)
 }
 
 /// All processes below `root`, nearest first.
@@ -79,5 +100,26 @@ mod tests {
         }
         root.wait().unwrap();
         assert_eq!(process(children[0]), None);
+    }
+
+    #[test]
+    fn processes_that_are_dying_are_told_from_those_that_live() {
+        let mut child = Command::new("sleep").arg("60").spawn().unwrap();
+        let pid = child.id() as i32;
+        let lives = process(pid).unwrap();
+        child.kill().unwrap();
+        let begun = std::time::Instant::now();
+        let mut looks = Vec::new();
+        // Until it is waited for it is there, in whatever stage of its death.
+        while begun.elapsed().as_millis() < 50 {
+            looks.push(process(pid).unwrap().dying);
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        let ended = process(pid).unwrap();
+        child.wait().unwrap();
+        assert!(!lives.dying && !lives.has_ended() && ended.has_ended());
+        assert_eq!(lives.started_ticks, ended.started_ticks);
+        assert!(looks.iter().filter(|dying| !**dying).count() < 2, "{looks:?}");
+        assert_eq!(process(pid), None);
     }
 }

@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 
-use bateleur_controller::{Distances, Sensors, navigation_state};
+use bateleur_controller::{Sensors, navigation_state};
 use bateleur_estimator::Inputs;
 use bateleur_flight::guidance::GuidanceError;
 use bateleur_gps::Gps;
@@ -63,11 +63,14 @@ pub(crate) fn pop_before<T>(queue: &mut VecDeque<(u64, T)>, now_ns: u64) -> Opti
     if queue.front().is_some_and(|(time_ns, _)| *time_ns < now_ns) { queue.pop_front() } else { None }
 }
 
-/// Moves what was written before `now_ns` into place.
-fn arrive<T: Copy>(queue: &mut VecDeque<(u64, T)>, now_ns: u64, latest: &mut Latest<T>) {
+/// Moves what was written before `now_ns` into place; false: nothing was.
+fn arrive<T: Copy>(queue: &mut VecDeque<(u64, T)>, now_ns: u64, latest: &mut Latest<T>) -> bool {
+    let mut updated = false;
     while let Some((time_ns, value)) = pop_before(queue, now_ns) {
         latest.put(time_ns, &value);
+        updated = true;
     }
+    updated
 }
 
 /// The orders that a function takes now.
@@ -115,7 +118,6 @@ pub struct MainCycle {
     raw_analog: Latest<RawAnalog>,
     custom: Latest<Custom>,
     range: Latest<Range>,
-    distances: Distances,
     position: Latest<GpsPosition>,
     velocity: Latest<GpsVelocity>,
     acceleration: Latest<Acceleration>,
@@ -156,7 +158,6 @@ impl MainCycle {
             raw_analog: Latest::default(),
             custom: Latest::default(),
             range: Latest::default(),
-            distances: Distances::default(),
             position: Latest::default(),
             velocity: Latest::default(),
             acceleration: Latest::default(),
@@ -261,16 +262,16 @@ impl MainCycle {
     }
 
     fn run_controller(&mut self, now_ns: u64, outside: &mut Outside) -> ActuatorCommand {
-        arrive(&mut outside.range, now_ns, &mut self.range);
-        let range = self.settings.validity.controller_range_ns.and_then(|ns| self.range.valid(now_ns, ns));
-        let range_m = self.distances.take(range);
+        let updated = arrive(&mut outside.range, now_ns, &mut self.range);
+        let valid_ns = self.settings.validity.controller_range_ns.filter(|_| updated);
+        let range = valid_ns.and_then(|valid_ns| self.range.valid(now_ns, valid_ns));
         let [state_ns, acceleration_ns, orientation_ns, pressure_ns] = self.settings.validity.controller_ns;
         let state = self.state.valid(now_ns, state_ns).and_then(navigation_state);
         let sensors = Sensors::of(
             self.acceleration.valid(now_ns, acceleration_ns),
             self.orientation.valid(now_ns, orientation_ns),
             self.pressure.valid(now_ns, pressure_ns),
-            range_m,
+            range.map(|range| range.distance_m),
         );
         for message in orders(&mut outside.controller_orders, now_ns) {
             let settings = &mut self.settings.controller;

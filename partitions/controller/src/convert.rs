@@ -2,7 +2,7 @@
 
 use bateleur_flight::estimator::{EstimatorStatus, NavigationState, StateSigmas};
 use bateleur_messages::state::{STATUS_COARSE, STATUS_RUNNING};
-use bateleur_messages::{Acceleration, Pressure, Range, Rates, State};
+use bateleur_messages::{Acceleration, Pressure, Rates, State};
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 
 /// Raw measurements beside the state. What is missing is not a number: the laws then hold what they had.
@@ -37,21 +37,6 @@ impl Sensors {
             density_kgpm3: pressure.map(|pressure| pressure.density_kgpm3),
             range_m,
         }
-    }
-}
-
-/// The distances of a port of which each counts once.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Distances {
-    last_ns: Option<u64>,
-}
-
-impl Distances {
-    /// The distance, m, if it is a new one.
-    pub fn take(&mut self, range: Option<&Range>) -> Option<f64> {
-        let new = range.filter(|range| Some(range.measured_ns) != self.last_ns)?;
-        self.last_ns = Some(new.measured_ns);
-        Some(new.distance_m)
     }
 }
 

@@ -18,7 +18,7 @@ mod parameters;
 mod settings;
 mod waypoints;
 
-pub use convert::{Distances, Sensors, navigation_state};
+pub use convert::{Sensors, navigation_state};
 pub use fence::{Fence, FenceAction};
 pub use kept::Kept;
 pub use orders::{Answer, Orders};

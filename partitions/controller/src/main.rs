@@ -6,7 +6,7 @@ use bateleur_apex::{
     Context, Partition, Retained, SamplingDestination, SamplingSource, StartError, Takeover, Window,
 };
 use bateleur_controller::{
-    Answer, Distances, Function, Memory, Sensors, Settings, navigation_state, parameters, planned_waypoints,
+    Answer, Function, Memory, Sensors, Settings, navigation_state, parameters, planned_waypoints,
 };
 use bateleur_flight::estimator::NavigationState;
 use bateleur_flight::guidance::Waypoint;
@@ -42,7 +42,6 @@ struct InputPorts {
     pressure: SamplingDestination<Pressure>,
     /// Where the plan has it.
     range: Option<SamplingDestination<Range>>,
-    distances: Distances,
 }
 
 impl Partition for ControllerPartition {
@@ -64,7 +63,6 @@ impl Partition for ControllerPartition {
                 orientation: context.sampling_destination("orientation")?,
                 pressure: context.sampling_destination("pressure")?,
                 range: context.optional_destination("range")?,
-                distances: Distances::default(),
             },
             command: context.sampling_source("command")?,
             status: context.sampling_source("status")?,
@@ -157,7 +155,8 @@ impl InputPorts {
     fn read(&mut self) -> (Option<NavigationState>, Sensors) {
         let state = self.state.read_valid().and_then(navigation_state);
         let acceleration = self.acceleration.read_valid();
-        let range_m = self.distances.take(self.range.as_mut().and_then(SamplingDestination::read_valid));
+        let range = self.range.as_mut().and_then(SamplingDestination::read);
+        let range_m = range.filter(|range| range.valid && range.updated).map(|range| range.value.distance_m);
         (state, Sensors::of(acceleration, self.orientation.read_valid(), self.pressure.read_valid(), range_m))
     }
 }

@@ -337,7 +337,8 @@ impl Inbox {
 
     /// A distance whose time can be, which is taken if it is news, and what its range finder can measure.
     pub(crate) fn put_range(&mut self, range: Range) {
-        let measured = (range.least_m..=range.most_m).contains(&range.distance_m);
+        // At its longest distance a range finder says that it sees nothing.
+        let measured = (range.least_m..range.most_m).contains(&range.distance_m);
         if !measured || range.distance_m <= 0.0 || !range.distance_m.is_finite() {
             return; // no echo
         }

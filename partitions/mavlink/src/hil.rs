@@ -239,21 +239,18 @@ pub fn distance(range: &Range) -> MavMessage {
     })
 }
 
-/// The distance to the ground in a message that came in the window of module time `measured_ns`; nothing where the sensor looks elsewhere, or
-/// saw nothing. A message without limits has none.
+/// The distance to the ground in a message that came in the window of module time `measured_ns`; nothing where the sensor looks elsewhere. A
+/// longest distance of 0 is none.
 pub fn range(message: &DISTANCE_SENSOR_DATA, measured_ns: u64) -> Option<Range> {
     let metres = |centimetres: u16| f64::from(centimetres) * 1e-2;
-    let (least, most) =
-        (message.min_distance, if message.max_distance == 0 { u16::MAX } else { message.max_distance });
+    let most = if message.max_distance == 0 { u16::MAX } else { message.max_distance };
     let down = message.orientation == MavSensorOrientation::MAV_SENSOR_ROTATION_PITCH_270;
-    let seen = down && message.current_distance > 0 && (least..most).contains(&message.current_distance);
-    let range = || Range {
+    down.then(|| Range {
         measured_ns,
         distance_m: metres(message.current_distance),
-        least_m: metres(least),
+        least_m: metres(message.min_distance),
         most_m: metres(most),
-    };
-    seen.then(range)
+    })
 }
 
 /// The simulator's side: the safety pilot's sticks.
@@ -385,14 +382,13 @@ mod tests {
         let MavMessage::DISTANCE_SENSOR(message) = distance(&sensed) else { panic!() };
         let back = range(&message, 5_000).unwrap();
         assert!((back.distance_m - 3.21).abs() < 0.005 && (back.most_m - 50.0).abs() < 1e-9);
-        let no_echo = DISTANCE_SENSOR_DATA { current_distance: 5_000, ..message.clone() };
         let forward = DISTANCE_SENSOR_DATA {
             orientation: MavSensorOrientation::MAV_SENSOR_ROTATION_NONE,
             ..message.clone()
         };
         let no_limits = DISTANCE_SENSOR_DATA { min_distance: 0, max_distance: 0, ..message };
-        assert_eq!((range(&no_echo, 1), range(&forward, 1)), (None, None));
-        assert!(range(&no_limits, 1).is_some());
+        assert_eq!(range(&forward, 1), None);
+        assert!(range(&no_limits, 1).unwrap().most_m > 600.0);
         let MavMessage::HIL_GPS(message) = fix(&gps) else { panic!() };
         let back = raw_gps(&message, 5_000);
         assert!((back.latitude_rad - gps.latitude_rad).abs() < 2e-9);

@@ -177,13 +177,14 @@ pub struct Landing {
     short: bool,
 }
 
-/// Time from the flare's beginning to the touch-down, s, by the sink rates that [`Landing::flare_sink_mps`] has from that of the slope on.
+/// Time from the flare's beginning to the touch-down, s, by the sink rates that [`Landing::flare_sink_mps`] has from that of the slope on;
+/// Simpson's rule over the height.
 fn float_s(slope_mps: f64) -> f64 {
-    let more_mps = (slope_mps - TOUCH_SINK_MPS).max(1e-3);
-    let flaring_s = (FLARE_M - FLARED_M) / more_mps * (more_mps / TOUCH_SINK_MPS).ln_1p();
+    let (from_mps, to_mps) = (slope_mps.max(TOUCH_SINK_MPS), TOUCH_SINK_MPS);
+    let flaring_s = (FLARE_M - FLARED_M) / 6.0 * (1.0 / from_mps + 8.0 / (from_mps + to_mps) + 1.0 / to_mps);
     // What it has sunk too far meanwhile.
-    let late_m = SINKS_LATE_S * more_mps;
-    flaring_s + (FLARED_M - STANDING_HEIGHT_M - late_m) / TOUCH_SINK_MPS
+    let late_m = SINKS_LATE_S * (from_mps - to_mps);
+    flaring_s + (FLARED_M - STANDING_HEIGHT_M - late_m) / to_mps
 }
 
 /// How it comes down without power.

@@ -9,8 +9,7 @@ use bateleur_system::trace::{Event, Interrupt, What};
 pub(super) enum Who {
     /// No thread.
     Idle,
-    /// A thread, and the kernel's priority of it.
-    Thread(i32, i32),
+    Thread(i32),
     Interrupt(Interrupt),
 }
 
@@ -20,6 +19,8 @@ pub(super) struct Stretch {
     pub(super) from_ns: u64,
     pub(super) to_ns: u64,
     pub(super) who: Who,
+    /// Whose the processor is where an interrupt has it; 0: no thread's.
+    thread: i32,
 }
 
 impl Stretch {
@@ -32,7 +33,7 @@ impl Stretch {
 #[derive(Debug, Default)]
 pub(super) struct Span {
     pub(super) stretches: Vec<Stretch>,
-    /// Threads that gave the processor away: when, who, and whether to sleep.
+    /// Threads that gave the processor away or were woken: when, who, and whether it sleeps from then on.
     pub(super) left: Vec<(u64, i32, bool)>,
     /// When the thread that is watched was last told to run, up to the span's end.
     pub(super) woken_ns: Option<u64>,
@@ -45,7 +46,8 @@ const LOOK_BACK: usize = 2_048;
 /// Threads that are remembered, most.
 const MOST_LEFT: usize = 1_024;
 
-/// When each thread gave the processor away last, and whether to sleep: a trace has too many events to look for that whenever somebody asks.
+/// When each thread gave the processor away or was woken last, and whether it sleeps since then: a trace has too many events to look for
+/// that whenever somebody asks.
 #[derive(Debug, Default)]
 pub(super) struct Left(HashMap<i32, (u64, bool)>);
 
@@ -53,11 +55,11 @@ impl Left {
     /// These have happened after those that were noted.
     pub(super) fn note<'a>(&mut self, events: impl Iterator<Item = &'a Event>) {
         for event in events {
-            let What::Switch { from, sleeps, .. } = event.what else { continue };
-            if self.0.len() >= MOST_LEFT && !self.0.contains_key(&from) {
+            let Some((at_ns, thread, sleeps)) = change(event) else { continue };
+            if self.0.len() >= MOST_LEFT && !self.0.contains_key(&thread) {
                 self.0.clear();
             }
-            self.0.insert(from, (event.at_ns, sleeps));
+            self.0.insert(thread, (at_ns, sleeps));
         }
     }
 
@@ -65,6 +67,14 @@ impl Left {
     fn before(&self, until_ns: u64) -> impl Iterator<Item = (u64, i32, bool)> {
         let all = self.0.iter().map(|(thread, (at_ns, sleeps))| (*at_ns, *thread, *sleeps));
         all.filter(move |(at_ns, ..)| *at_ns < until_ns)
+    }
+}
+
+fn change(event: &Event) -> Option<(u64, i32, bool)> {
+    match event.what {
+        What::Switch { sleeps, .. } => Some((event.at_ns, event.thread, sleeps)),
+        What::Waking(thread) => Some((event.at_ns, thread, false)),
+        _ => None,
     }
 }
 
@@ -80,29 +90,30 @@ pub(super) fn span(
         return None;
     }
     let events = events.range(before.saturating_sub(LOOK_BACK)..);
-    let first = events.clone().find_map(|event| match event.what {
-        // Who gives the processor away first has had it until then.
-        What::Switch { from, from_priority, .. } => Some(who(from, from_priority)),
-        _ => None,
-    });
-    let mut has = first?;
+    let mut has = events.clone().next()?.thread;
     let mut interrupts: Vec<Interrupt> = Vec::new();
     let (mut span, mut since_ns) = (Span::default(), from_ns);
     span.left.extend(left.before(events.clone().next()?.at_ns));
     for event in events {
+        // A switch before it was left out, or is in what was lost. It came right after the event before,
+        // where that is what woke this thread.
+        if event.thread != has && event.what != What::Lost {
+            has = event.thread;
+            interrupts.clear(); // nothing switches within an interrupt
+        }
+        let until_ns = event.at_ns.min(to_ns);
+        if until_ns > since_ns {
+            span.add(since_ns, until_ns, has, interrupts.last());
+            since_ns = until_ns;
+        }
         if event.at_ns >= to_ns {
             break;
         }
-        let present = interrupts.last().map_or(has, |interrupt| Who::Interrupt(*interrupt));
-        if event.at_ns > since_ns {
-            span.add(since_ns, event.at_ns, present);
-            since_ns = event.at_ns;
-        }
+        span.left.extend(change(event));
         match event.what {
-            What::Switch { from, sleeps, to, to_priority, .. } => {
-                span.left.push((event.at_ns, from, sleeps));
-                has = who(to, to_priority);
-                interrupts.clear(); // nothing switches within an interrupt
+            What::Switch { to, .. } => {
+                has = to;
+                interrupts.clear();
             }
             What::Begin(interrupt) if interrupts.len() < DEEPEST => interrupts.push(interrupt),
             What::Begin(_) => {}
@@ -117,19 +128,22 @@ pub(super) fn span(
             What::Lost => interrupts.clear(),
         }
     }
-    span.add(since_ns, to_ns, interrupts.last().map_or(has, |interrupt| Who::Interrupt(*interrupt)));
+    if to_ns > since_ns {
+        span.add(since_ns, to_ns, has, interrupts.last());
+    }
     Some(span)
 }
 
-fn who(thread: i32, priority: i32) -> Who {
-    if thread == 0 { Who::Idle } else { Who::Thread(thread, priority) }
-}
-
 impl Span {
-    fn add(&mut self, from_ns: u64, to_ns: u64, who: Who) {
+    fn add(&mut self, from_ns: u64, to_ns: u64, thread: i32, interrupt: Option<&Interrupt>) {
+        let who = match interrupt {
+            Some(interrupt) => Who::Interrupt(*interrupt),
+            None if thread == 0 => Who::Idle,
+            None => Who::Thread(thread),
+        };
         match self.stretches.last_mut() {
-            Some(last) if last.who == who && last.to_ns == from_ns => last.to_ns = to_ns,
-            _ => self.stretches.push(Stretch { from_ns, to_ns, who }),
+            Some(last) if (last.who, last.thread, last.to_ns) == (who, thread, from_ns) => last.to_ns = to_ns,
+            _ => self.stretches.push(Stretch { from_ns, to_ns, who, thread }),
         }
     }
 
@@ -167,7 +181,7 @@ pub(super) enum Verdict {
 /// A dispatcher, thread `watched`, came late: it waited for its timer, and then for the processor.
 pub(super) fn judge_dispatcher(span: &Span, (from_ns, to_ns): (u64, u64), watched: Option<i32>) -> Verdict {
     let woken_ns = span.woken_ns.unwrap_or(from_ns).clamp(from_ns, to_ns);
-    let is_own = |who: &Who| matches!(who, Who::Thread(thread, _) if Some(*thread) == watched);
+    let is_own = |who: &Who| matches!(who, Who::Thread(thread) if Some(*thread) == watched);
     // The timer waits where interrupts are off, and where there is no processor at all.
     if (woken_ns - from_ns) * 2 > to_ns - from_ns {
         let shares = span.shares(from_ns, woken_ns);
@@ -219,11 +233,13 @@ pub(super) fn judge_partition(span: &Span, starved: bool, is_its: &mut dyn FnMut
             }
         }
         match stretch.who {
-            Who::Thread(thread, _) if is_its(thread) => {
+            Who::Thread(thread) if is_its(thread) => {
                 (own_ns, has_run) = (own_ns + length, true);
                 kept_waiting.retain(|one| *one != thread);
             }
-            _ if has_run && kept_waiting.is_empty() && !starved => slept_ns += length,
+            _ if has_run && kept_waiting.is_empty() && !starved && !is_its(stretch.thread) => {
+                slept_ns += length;
+            }
             Who::Idle if starved => {}
             who => match others.iter_mut().find(|(one, _)| *one == who) {
                 Some((_, sum)) => *sum += length,
@@ -247,11 +263,16 @@ mod tests {
     const TIMER: Interrupt = Interrupt::Own("timer");
 
     fn switch(at_ns: u64, from: i32, to: i32) -> Event {
-        Event { at_ns, what: What::Switch { from, from_priority: 120, sleeps: false, to, to_priority: 120 } }
+        Event { at_ns, thread: from, what: What::Switch { sleeps: false, to } }
     }
 
-    fn at(at_ns: u64, what: What) -> Event {
-        Event { at_ns, what }
+    fn sleeps(at_ns: u64, from: i32, to: i32) -> Event {
+        Event { at_ns, thread: from, what: What::Switch { sleeps: true, to } }
+    }
+
+    /// While this thread has the processor.
+    fn during(thread: i32, at_ns: u64, what: What) -> Event {
+        Event { at_ns, thread, what }
     }
 
     fn spanned(events: &[Event], bounds: (u64, u64), watched: Option<i32>) -> Option<Span> {
@@ -269,16 +290,16 @@ mod tests {
     }
 
     fn thread(thread: i32) -> Who {
-        Who::Thread(thread, 120)
+        Who::Thread(thread)
     }
 
     #[test]
     fn a_dispatcher_that_is_woken_in_time_and_has_no_processor_was_kept_from_it_by_who_had_it() {
         let events = [
             switch(500, 0, 7),
-            at(1_001, What::Begin(TIMER)),
-            at(1_002, What::Waking(DISPATCHER)),
-            at(1_003, What::End(TIMER)),
+            during(7, 1_001, What::Begin(TIMER)),
+            during(7, 1_002, What::Waking(DISPATCHER)),
+            during(7, 1_003, What::End(TIMER)),
             switch(1_900, 7, DISPATCHER),
         ];
         assert_eq!(judged(&events), Verdict::Had(thread(7), 897));
@@ -286,18 +307,20 @@ mod tests {
 
     #[test]
     fn a_timer_that_comes_late_is_not_held_against_who_could_have_been_interrupted() {
-        let late = [switch(500, 9, 7), at(1_990, What::Waking(DISPATCHER)), switch(1_995, 7, DISPATCHER)];
+        let late =
+            [switch(500, 9, 7), during(7, 1_990, What::Waking(DISPATCHER)), switch(1_995, 7, DISPATCHER)];
         assert_eq!(judged(&late), Verdict::LateTimer(thread(7), 990));
-        let idle = [switch(500, 9, 0), at(1_990, What::Waking(DISPATCHER)), switch(1_995, 0, DISPATCHER)];
+        let idle =
+            [switch(500, 9, 0), during(0, 1_990, What::Waking(DISPATCHER)), switch(1_995, 0, DISPATCHER)];
         assert_eq!(judged(&idle), Verdict::LateTimer(Who::Idle, 990));
     }
 
     #[test]
     fn interrupts_one_after_the_other_are_the_reason_together() {
         let net = Interrupt::Soft(3);
-        let mut events = vec![switch(500, 0, 7), at(1_000, What::Waking(DISPATCHER))];
+        let mut events = vec![switch(500, 0, 7), during(7, 1_000, What::Waking(DISPATCHER))];
         for begin in (1_001..1_990).step_by(10) {
-            events.extend([at(begin, What::Begin(net)), at(begin + 7, What::End(net))]);
+            events.extend([during(7, begin, What::Begin(net)), during(7, begin + 7, What::End(net))]);
         }
         events.push(switch(1_995, 7, DISPATCHER));
         assert!(matches!(judged(&events), Verdict::Had(Who::Interrupt(one), 690..) if one == net));
@@ -305,15 +328,41 @@ mod tests {
 
     #[test]
     fn who_gives_the_processor_away_in_the_first_event_has_had_it_before() {
-        let events = [at(900, What::Begin(TIMER)), at(901, What::End(TIMER)), switch(1_800, 7, DISPATCHER)];
+        let events = [
+            during(7, 900, What::Begin(TIMER)),
+            during(7, 901, What::End(TIMER)),
+            switch(1_800, 7, DISPATCHER),
+        ];
         assert_eq!(judged(&events), Verdict::Had(thread(7), 800));
+    }
+
+    /// Kernels leave out how a thread got an idle processor: found with one whose trace has no switch from there.
+    #[test]
+    fn a_thread_whose_begin_is_not_in_the_trace_has_had_the_processor_since_what_woke_it() {
+        let events = [
+            switch(500, 7, 0),
+            during(0, 990, What::Begin(TIMER)),
+            during(0, 1_100, What::End(TIMER)),
+            during(7, 1_001 + 400, What::Begin(TIMER)),
+            during(7, 1_402, What::Waking(DISPATCHER)),
+            during(7, 1_403, What::End(TIMER)),
+            switch(1_900, 7, DISPATCHER),
+        ];
+        let found = spanned(&events, (1_000, 2_000), Some(DISPATCHER)).unwrap();
+        assert_eq!(
+            found.shares(1_000, 2_000),
+            [(thread(7), 301 + 497), (Who::Interrupt(TIMER), 100 + 2), (thread(DISPATCHER), 100),]
+        );
+        // The last event before the span's end says nothing of what comes after it: the next one does.
+        let events = [switch(500, 7, 0), during(0, 990, What::End(TIMER)), switch(2_500, 7, DISPATCHER)];
+        assert_eq!(judged(&events), Verdict::Had(thread(7), 1_000));
     }
 
     #[test]
     fn a_trace_that_begins_later_or_has_a_gap_knows_nothing() {
         let begun = [switch(1_001, 0, 7)];
         assert!(spanned(&begun, (1_000, 2_000), None).is_none());
-        let gap = [switch(500, 0, 7), at(1_500, What::Lost), switch(1_600, 7, 8)];
+        let gap = [switch(500, 0, 7), during(0, 1_500, What::Lost), switch(1_600, 7, 8)];
         assert!(spanned(&gap, (1_000, 2_000), None).is_none());
         assert!(spanned(&[], (1_000, 2_000), None).is_none());
     }
@@ -323,9 +372,6 @@ mod tests {
         let judged = |events: &[Event], starved| {
             let found = spanned(events, (1_000, 2_000), None).unwrap();
             judge_partition(&found, starved, &mut |thread| [20, 21].contains(&thread))
-        };
-        let sleeps = |at_ns, from, to| {
-            at(at_ns, What::Switch { from, from_priority: 120, sleeps: true, to, to_priority: 120 })
         };
         let had_it = [switch(900, 0, 20), switch(1_500, 20, 21)];
         assert_eq!(judged(&had_it, false), Verdict::Itself(1_000));
@@ -339,13 +385,26 @@ mod tests {
         let one_waits = [switch(900, 0, 20), switch(1_050, 20, 21), sleeps(1_100, 21, 7)];
         assert_eq!(judged(&one_waits, false), Verdict::Had(thread(7), 900));
         assert_eq!(judged(&slept, true), Verdict::Had(thread(7), 400), "it is known that it starved");
+        let waited = [switch(800, 0, 20), sleeps(900, 20, 7), switch(1_900, 7, 20)];
+        assert_eq!(judged(&waited, false), Verdict::Slept(900));
+        let interrupted =
+            [switch(900, 0, 20), during(20, 1_100, What::Begin(TIMER)), during(20, 1_800, What::End(TIMER))];
+        assert_eq!(judged(&interrupted, false), Verdict::Had(Who::Interrupt(TIMER), 700));
+        // The grant has woken it.
+        let woken = [
+            switch(800, 0, 20),
+            sleeps(900, 20, DISPATCHER),
+            during(DISPATCHER, 1_001, What::Waking(20)),
+            switch(1_002, DISPATCHER, 7),
+            switch(1_900, 7, 20),
+        ];
+        assert_eq!(judged(&woken, false), Verdict::Had(thread(7), 898));
     }
 
     /// A partition's thread that went to sleep long before, while others have kept the processor busy.
     #[test]
     fn what_a_thread_did_before_the_events_that_are_looked_at_is_remembered() {
-        let sleeps = What::Switch { from: 20, from_priority: 120, sleeps: true, to: 7, to_priority: 120 };
-        let mut events = vec![switch(1, 0, 20), at(2, sleeps)];
+        let mut events = vec![switch(1, 0, 20), sleeps(2, 20, 7)];
         events.extend((3..9_000).map(|at_ns| switch(at_ns, 7 + (at_ns % 2) as i32, 8 - (at_ns % 2) as i32)));
         for starts_ns in [8_000, 100] {
             let found = spanned(&events, (starts_ns, starts_ns + 500), None).unwrap();
@@ -369,18 +428,12 @@ mod tests {
                     let thread = random(6) as i32;
                     let interrupt = if random(2) == 0 { TIMER } else { Interrupt::Soft(random(3) as u32) };
                     let what = match random(5) {
-                        0 | 1 => What::Switch {
-                            from: random(6) as i32,
-                            from_priority: 0,
-                            sleeps: random(2) == 0,
-                            to: thread,
-                            to_priority: 0,
-                        },
+                        0 | 1 => What::Switch { sleeps: random(2) == 0, to: thread },
                         2 => What::Begin(interrupt),
                         3 => What::End(interrupt),
                         _ => What::Waking(DISPATCHER),
                     };
-                    Event { at_ns, what }
+                    Event { at_ns, thread: random(6) as i32, what }
                 })
                 .collect();
             let Some(found) = spanned(&events, (1_000, 2_000), Some(DISPATCHER)) else { continue };

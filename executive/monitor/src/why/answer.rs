@@ -212,6 +212,12 @@ impl Taker {
     }
 }
 
+impl Taker {
+    fn is_of_partition(&self, partition: &str) -> bool {
+        matches!(self, Self::Thread { of: Some(of), .. } if of.strip_prefix("partition ") == Some(partition))
+    }
+}
+
 impl Answer {
     /// In a sentence.
     #[must_use]
@@ -235,7 +241,14 @@ impl Answer {
             (Taker::Itself, _) if self.kind.is_dispatchers() => {
                 format!("the dispatcher itself was at work for {took_ms:.1} ms of {span_ms:.1}")
             }
-            (Taker::Itself, _) => format!("it computed for {took_ms:.1} ms of {span_ms:.1}"),
+            (Taker::Itself, _) => {
+                let others = self.shares.iter().filter(|share| !share.who.is_of_partition(&self.partition));
+                let most = others.max_by(|one, other| one.ms.total_cmp(&other.ms));
+                let beside = most
+                    .filter(|share| share.ms * 10.0 >= span_ms)
+                    .map(|share| format!("; {} had the processor for {:.1} ms", share.who.words(), share.ms));
+                format!("it computed for {took_ms:.1} ms of {span_ms:.1}{}", beside.unwrap_or_default())
+            }
             (Taker::Nobody, _) if self.kind.is_dispatchers() => {
                 format!("the processor was idle for {took_ms:.1} ms of {span_ms:.1}")
             }
@@ -312,6 +325,15 @@ mod tests {
             let line = serde_json::to_string(&answer).unwrap();
             assert_eq!(serde_json::from_str::<Answer>(&line).unwrap(), answer, "{line}");
         }
+        let share = |who, ms| Share { who, ms };
+        let storm = Taker::Interrupt { name: "soft 3 (network receive)".into() };
+        let shares = vec![share(thread.clone(), 0.5), share(storm, 1.5), share(Taker::Nobody, 0.1)];
+        let beside = Answer { shares, ..answer(Kind::Overrun, Taker::Itself) };
+        assert_eq!(
+            beside.sentence(),
+            "imu did not close its window on core 1 in frame 75: it computed for 8.0 ms of 8.2; interrupt soft 3 (network receive) \
+             had the processor for 1.5 ms"
+        );
         let counted = Answer { source: Source::Counters, ..answer(Kind::ProcessorTaken, thread) };
         assert!(counted.sentence().ends_with("as far as counters tell (there is no trace)"));
     }

@@ -72,7 +72,7 @@ impl Answerer {
         let real: Vec<u32> = self.cores.iter().map(|(_, real)| *real).collect();
         instance::sweep_traces(); // of executives that were killed
         // Without one, answers say that they are from counters.
-        let mut trace = Trace::begin(run, &real, DISPATCHER).ok();
+        let mut trace = Trace::begin(run, &real).ok();
         self.look_at_host();
         loop {
             match questions.recv_timeout(LOOK) {
@@ -161,7 +161,7 @@ impl Answerer {
             Verdict::Had(who, length) => (self.taker(who, trace), length),
             Verdict::Itself(length) => (Taker::Itself, length),
             Verdict::Slept(length) => (Taker::Nobody, length),
-            Verdict::LateTimer(Who::Thread(thread, _), length) if answer.steal_ms == 0 => {
+            Verdict::LateTimer(Who::Thread(thread), length) if answer.steal_ms == 0 => {
                 (Taker::Kernel { name: name_of(thread, trace) }, length)
             }
             Verdict::LateTimer(_, length) => (Taker::Host, length),
@@ -178,7 +178,7 @@ impl Answerer {
             for_us: stretch.length_ns() / 1_000,
             name: match stretch.who {
                 Who::Idle => "idle".into(),
-                Who::Thread(thread, _) => name_of(thread, trace),
+                Who::Thread(thread) => name_of(thread, trace),
                 Who::Interrupt(interrupt) => format!("interrupt {}", trace.names().interrupt(interrupt)),
             },
         });
@@ -189,10 +189,13 @@ impl Answerer {
         match who {
             Who::Idle => Taker::Nobody,
             Who::Interrupt(interrupt) => Taker::Interrupt { name: trace.names().interrupt(interrupt) },
-            Who::Thread(tid, priority) => Taker::Thread {
+            Who::Thread(tid) => Taker::Thread {
                 name: name_of(tid, trace),
                 tid,
-                priority: priority_words(priority),
+                priority: trace
+                    .names()
+                    .thread(tid)
+                    .map_or("of unknown priority".into(), |known| priority_words(known.priority)),
                 of: self.owners.of(tid),
             },
         }
@@ -248,12 +251,9 @@ impl Answerer {
     }
 }
 
-/// What the names of dispatchers begin with.
-const DISPATCHER: &str = "dispatch ";
-
 /// The dispatcher's thread of a processor.
 fn dispatcher_of(core: u32) -> Option<i32> {
-    let name = format!("{DISPATCHER}{core}");
+    let name = format!("dispatch {core}");
     let threads = fs::read_dir("/proc/self/task").ok()?.flatten();
     threads.filter_map(|entry| entry.file_name().to_str()?.parse().ok()).find(|thread: &i32| {
         let own = fs::read_to_string(format!("/proc/self/task/{thread}/comm"));
@@ -262,7 +262,7 @@ fn dispatcher_of(core: u32) -> Option<i32> {
 }
 
 fn name_of(thread: i32, trace: &Trace) -> String {
-    trace.names().thread(thread).map_or_else(|| thread.to_string(), without_controls)
+    trace.names().thread(thread).map_or_else(|| thread.to_string(), |known| without_controls(&known.name))
 }
 
 /// A thread calls itself what it likes.

@@ -38,7 +38,7 @@ impl Role {
     fn fields(self) -> &'static [&'static str] {
         match self {
             Self::Switch => {
-                &["prev_pid", "prev_prio", "next_pid", "next_prio", "next_comm", "prev_comm", "prev_state"]
+                &["prev_pid", "prev_prio", "prev_comm", "prev_state", "next_pid", "next_prio", "next_comm"]
             }
             Self::Waking => &["pid"],
             Self::Begin => &["irq", "name"],
@@ -53,6 +53,8 @@ impl Role {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Format {
     role: Role,
+    /// Where the number of the present thread stands.
+    thread: usize,
     /// Offset and size of each of [`Role::fields`].
     fields: Vec<(usize, usize)>,
 }
@@ -61,8 +63,9 @@ impl Format {
     /// Reads a `format` file; gives the event's number too. `None`: it is not what is expected.
     pub(super) fn parse(text: &str, role: Role) -> Option<(u16, Self)> {
         let number = text.lines().find_map(|line| line.strip_prefix("ID:"))?.trim().parse().ok()?;
+        let (thread, _) = field(text, "common_pid")?;
         let fields = role.fields().iter().map(|name| field(text, name)).collect::<Option<Vec<_>>>()?;
-        Some((number, Self { role, fields }))
+        Some((number, Self { role, thread, fields }))
     }
 }
 
@@ -97,7 +100,7 @@ impl Formats {
     pub(super) fn decode(&self, page: &[u8], events: &mut Vec<Event>, names: &mut Names) {
         let (Some(begun_ns), Some(count)) = (word_64(page, 0), word_64(page, 8)) else { return };
         if count & MISSED != 0 {
-            events.push(Event { at_ns: begun_ns, what: What::Lost });
+            events.push(Event { at_ns: begun_ns, thread: 0, what: What::Lost });
         }
         let end = page.len().min(HEAD + (count & COUNT) as usize);
         let (mut at, mut now_ns) = (HEAD, begun_ns);
@@ -133,14 +136,15 @@ impl Formats {
             };
             now_ns += delta;
             let Some(record) = page.get(body..(body + length).min(end)) else { return };
-            if let Some(what) = self.what(record, names) {
-                events.push(Event { at_ns: now_ns, what });
+            if let Some((thread, what)) = self.what(record, names) {
+                events.push(Event { at_ns: now_ns, thread, what });
             }
             at = body + length;
         }
     }
 
-    fn what(&self, record: &[u8], names: &mut Names) -> Option<What> {
+    /// Whose it is, and what.
+    fn what(&self, record: &[u8], names: &mut Names) -> Option<(i32, What)> {
         let number = u16::from_le_bytes(record.get(..2)?.try_into().ok()?);
         let format = self.0.get(&number)?;
         let value = |place: usize| {
@@ -151,18 +155,13 @@ impl Formats {
             let (offset, size) = *format.fields.get(place)?;
             record.get(offset..offset + size)
         };
-        Some(match format.role {
+        let thread = word_32(record, format.thread)?.cast_signed();
+        let what = match format.role {
             Role::Switch => {
-                let (from, to) = (value(0)?.cast_signed(), value(2)?.cast_signed());
-                names.note_thread(to, bytes(4)?);
-                names.note_thread(from, bytes(5)?);
-                What::Switch {
-                    from,
-                    from_priority: value(1)?.cast_signed(),
-                    sleeps: value(6)? & STATES != 0,
-                    to,
-                    to_priority: value(3)?.cast_signed(),
-                }
+                let to = value(4)?.cast_signed();
+                names.note_thread(value(0)?.cast_signed(), bytes(2)?, value(1)?.cast_signed());
+                names.note_thread(to, bytes(6)?, value(5)?.cast_signed());
+                What::Switch { sleeps: value(3)? & STATES != 0, to }
             }
             Role::Waking => What::Waking(value(0)?.cast_signed()),
             Role::Begin => {
@@ -180,7 +179,8 @@ impl Formats {
             Role::SoftEnd => What::End(Interrupt::Soft(value(0)?)),
             Role::OwnBegin(name) => What::Begin(Interrupt::Own(name)),
             Role::OwnEnd(name) => What::End(Interrupt::Own(name)),
-        })
+        };
+        Some((thread, what))
     }
 }
 
@@ -194,6 +194,7 @@ fn word_64(bytes: &[u8], at: usize) -> Option<u64> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Thread;
     use super::*;
 
     const SWITCH: &str = "name: sched_switch\nID: 372\nformat:\n\
@@ -218,6 +219,7 @@ mod tests {
         let mut record = vec![0; 64];
         record[..2].copy_from_slice(&372_u16.to_le_bytes());
         record[8..11].copy_from_slice(b"old");
+        record[4..8].copy_from_slice(&from.to_le_bytes());
         record[24..28].copy_from_slice(&from.to_le_bytes());
         record[28..32].copy_from_slice(&120_i32.to_le_bytes());
         record[40..43].copy_from_slice(b"new");
@@ -239,7 +241,8 @@ mod tests {
     fn a_format_is_read_by_the_names_of_its_fields() {
         let (number, format) = Format::parse(SWITCH, Role::Switch).unwrap();
         assert_eq!(number, 372);
-        assert_eq!(format.fields, [(24, 4), (28, 4), (56, 4), (60, 4), (40, 16), (8, 16), (32, 8)]);
+        assert_eq!(format.thread, 4);
+        assert_eq!(format.fields, [(24, 4), (28, 4), (8, 16), (32, 8), (56, 4), (60, 4), (40, 16)]);
         assert_eq!(Format::parse("ID: 1\n", Role::Switch), None);
         assert_eq!(field("\tfield:__data_loc char[] name;\toffset:12;\tsize:4;", "name"), Some((12, 4)));
     }
@@ -262,11 +265,12 @@ mod tests {
         let times: Vec<u64> = events.iter().map(|event| event.at_ns).collect();
         assert_eq!(times, [1_010, 1_010 + (5 << 27) + 1 + 3 + 2]);
         let to = |event: &Event| match event.what {
-            What::Switch { to, to_priority: 0, .. } => to,
-            _ => -1,
+            What::Switch { to, .. } => (event.thread, to),
+            _ => (-1, -1),
         };
-        assert_eq!(events.iter().map(to).collect::<Vec<_>>(), [8, 9]);
-        assert_eq!(names.thread(9), Some("new"));
+        assert_eq!(events.iter().map(to).collect::<Vec<_>>(), [(7, 8), (8, 9)]);
+        assert_eq!(names.thread(9), Some(&Thread { name: "new".into(), priority: 0 }));
+        assert_eq!(names.thread(8), Some(&Thread { name: "old".into(), priority: 120 }));
     }
 
     #[test]

@@ -27,7 +27,7 @@ const MOST_PAGES: usize = 1_024;
 const MOST_NAMES: usize = 4_096;
 
 /// Which events are traced, where the kernel has them: the folder, and what they mean.
-const EVENTS: [(&str, Role); 14] = [
+const EVENTS: [(&str, Role); 16] = [
     ("sched/sched_switch", Role::Switch),
     ("sched/sched_waking", Role::Waking),
     ("irq/irq_handler_entry", Role::Begin),
@@ -41,6 +41,9 @@ const EVENTS: [(&str, Role); 14] = [
     ("irq_vectors/call_function_exit", Role::OwnEnd("call from another processor")),
     ("irq_vectors/call_function_single_entry", Role::OwnBegin("call from another processor")),
     ("irq_vectors/call_function_single_exit", Role::OwnEnd("call from another processor")),
+    // What ends the idle time of a processor for a thread that another one has woken.
+    ("irq_vectors/reschedule_entry", Role::OwnBegin("call from another processor")),
+    ("irq_vectors/reschedule_exit", Role::OwnEnd("call from another processor")),
     ("ipi/ipi_entry", Role::OwnBegin("call from another processor")),
     ("ipi/ipi_exit", Role::OwnEnd("call from another processor")),
 ];
@@ -61,18 +64,12 @@ pub enum Interrupt {
 pub enum What {
     /// Another thread has it from now on; 0: none.
     Switch {
-        /// Who had it.
-        from: i32,
-        /// The kernel's priority of that thread.
-        from_priority: i32,
-        /// It waits for something else than a processor.
+        /// Who had it waits for something else than a processor.
         sleeps: bool,
         /// Who has it.
         to: i32,
-        /// The kernel's priority of that thread.
-        to_priority: i32,
     },
-    /// A thread of the kind that is watched is to run from now on.
+    /// A thread that slept is to run from now on; who was woken on another processor is not seen.
     Waking(i32),
     /// An interrupt has it from now on.
     Begin(Interrupt),
@@ -87,6 +84,9 @@ pub enum What {
 pub struct Event {
     /// CLOCK_MONOTONIC, ns.
     pub at_ns: u64,
+    /// The thread that has had the processor up to now, or was interrupted on it; 0: none. Kernels leave out switches (6.18 those from an
+    /// idle processor, in some builds): this is what each event knows of them.
+    pub thread: i32,
     /// What.
     pub what: What,
 }
@@ -94,15 +94,24 @@ pub struct Event {
 /// What threads and interrupts are called.
 #[derive(Debug, Default)]
 pub struct Names {
-    threads: HashMap<i32, String>,
+    threads: HashMap<i32, Thread>,
     devices: HashMap<i32, String>,
 }
 
+/// A thread, as it was when it last got a processor or gave it away.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Thread {
+    /// What it calls itself.
+    pub name: String,
+    /// The kernel's priority of it: 0 (real time, 99) to 139 (nice 19); -1 is work with a deadline.
+    pub priority: i32,
+}
+
 impl Names {
-    /// A thread's, as it was when it last had a processor.
+    /// A thread's.
     #[must_use]
-    pub fn thread(&self, id: i32) -> Option<&str> {
-        self.threads.get(&id).map(String::as_str)
+    pub fn thread(&self, id: i32) -> Option<&Thread> {
+        self.threads.get(&id)
     }
 
     /// An interrupt's.
@@ -132,15 +141,17 @@ impl Names {
         }
     }
 
-    fn note_thread(&mut self, id: i32, name: &[u8]) {
+    fn note_thread(&mut self, id: i32, name: &[u8], priority: i32) {
         let name = text_of(name);
-        if self.threads.get(&id).map(String::as_str) == Some(&*name) {
-            return;
+        match self.threads.get_mut(&id) {
+            Some(known) if known.name == name => known.priority = priority,
+            _ => {
+                if self.threads.len() >= MOST_NAMES {
+                    self.threads.clear();
+                }
+                self.threads.insert(id, Thread { name: name.into_owned(), priority });
+            }
         }
-        if self.threads.len() >= MOST_NAMES {
-            self.threads.clear();
-        }
-        self.threads.insert(id, name.into_owned());
     }
 
     fn note_device(&mut self, number: i32, name: &[u8]) {
@@ -167,12 +178,11 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Traces `cores` from now on, in an instance of this name. `watched`: with which words the names of threads begin whose wake-ups are
-    /// traced.
+    /// Traces `cores` from now on, in an instance of this name.
     ///
     /// # Errors
     /// This kernel has no tracefs, or this user may not use it.
-    pub fn begin(name: &str, cores: &[u32], watched: &str) -> io::Result<Self> {
+    pub fn begin(name: &str, cores: &[u32]) -> io::Result<Self> {
         let root = mount()?;
         let path = path_of(name)?;
         mkdirat(&root, &path, Mode::from_raw_mode(0o700))?;
@@ -185,11 +195,11 @@ impl Trace {
             names: Names::default(),
             page: vec![0; PAGE],
         };
-        trace.furnish(cores, watched)?;
+        trace.furnish(cores)?;
         Ok(trace)
     }
 
-    fn furnish(&mut self, cores: &[u32], watched: &str) -> io::Result<()> {
+    fn furnish(&mut self, cores: &[u32]) -> io::Result<()> {
         self.write("tracing_on", "0")?;
         self.write("trace_clock", "mono")?;
         self.write("buffer_size_kb", &LEAST_KIB.to_string())?;
@@ -202,11 +212,6 @@ impl Trace {
         for (event, role) in EVENTS {
             let Ok(format) = self.text(&format!("events/{event}/format")) else { continue };
             let Some((number, format)) = Format::parse(&format, role) else { continue };
-            if role == Role::Waking
-                && self.write(&format!("events/{event}/filter"), &format!("comm ~ \"{watched}*\"")).is_err()
-            {
-                continue;
-            }
             self.formats.add(number, format);
             if let Err(error) = self.write(&format!("events/{event}/enable"), "1")
                 && role == Role::Switch
@@ -371,7 +376,7 @@ mod tests {
     fn threads_that_take_turns_on_a_processor_are_seen_with_their_names_in_order() {
         let core = crate::sched::allowed_cores()[0];
         let name = format!("bateleur-test-{}", std::process::id());
-        let mut trace = match Trace::begin(&name, &[core], "taker") {
+        let mut trace = match Trace::begin(&name, &[core]) {
             Ok(trace) => trace,
             Err(why) => return eprintln!("not tried: {why}"),
         };
@@ -392,22 +397,26 @@ mod tests {
         let ended_ns = crate::time::now_ns();
         let turns = events
             .iter()
-            .filter(|event| matches!(event.what, What::Switch { to, .. } if to == taker))
+            .filter(|event| event.thread == taker && matches!(event.what, What::Switch { .. }))
             .count();
         assert!(turns >= 50, "{turns} of {}", events.len());
         let wakings = events.iter().filter(|event| event.what == What::Waking(taker)).count();
         assert!(wakings >= 40, "{wakings}: a thread that moves to the processor is woken on another one");
-        assert_eq!(trace.names().thread(taker), Some("taker of turns")); // 15 letters are kept
+        let known = trace.names().thread(taker).map(|thread| (&*thread.name, thread.priority));
+        assert_eq!(known, Some(("taker of turns", 120))); // 15 letters are kept
         assert!(events.make_contiguous().is_sorted_by_key(|event| event.at_ns));
         let late = events.iter().filter(|event| (begun_ns..ended_ns).contains(&event.at_ns)).count();
         assert!(late * 2 > events.len(), "their clock is CLOCK_MONOTONIC: {late} of {}", events.len());
-        // Who gets the processor is who gives it away next. A machine's own watch can hide how it gives
-        // a processor away, so this holds for the thread of this test alone.
-        let mut taken = false;
+        // Who gets the processor is whose the next event is. A kernel that leaves out switches leaves
+        // out those from an idle processor.
+        let mut has = None;
         for event in &events {
-            let What::Switch { from, to, .. } = event.what else { continue };
-            assert!(!taken || from == taker, "{event:?}");
-            taken = to == taker;
+            assert!(has.is_none_or(|has| has == event.thread || has == 0), "{event:?} after {has:?}");
+            has = match event.what {
+                What::Switch { to, .. } => Some(to),
+                What::Lost => None,
+                _ => Some(event.thread),
+            };
         }
         assert!(exists(&name));
         drop(trace);

@@ -18,6 +18,56 @@ const LEAST_LATENCY_S: f64 = 0.005;
 /// start with.
 const SHIFTS: [(&str, f64); 3] =
     [("accelerometer_shift", 0.2), ("gyroscope_shift", 0.5), ("magnetometer_shift", 0.01)];
+/// What a sensor can do in flight, by the sensor: a fault of `bateleur fly`, the span of its value where it has one, and how long it lasts, s;
+/// without: to the end. What nobody can fly without ends.
+const SENSOR_FAULTS: [(&str, &[SensorFault]); 6] = [
+    (
+        "airspeed",
+        &[
+            ("pitot_blocked", None, None),
+            ("pitot_frozen", None, None),
+            ("pitot_lost", None, None),
+            ("pitot_slow", Some(Span { from: 2.0, to: 20.0 }), None),
+            ("pitot_scale", Some(Span { from: 0.5, to: 0.9 }), None),
+            ("pitot_scale", Some(Span { from: 1.1, to: 1.5 }), None),
+            ("pitot_icing", Some(Span { from: -0.5, to: 0.5 }), Some(Span { from: 20.0, to: 60.0 })),
+            ("pitot_noise", Some(Span { from: 20.0, to: 100.0 }), None),
+        ],
+    ),
+    (
+        "static-pressure",
+        &[("static_blocked", None, None), ("static_slow", Some(Span { from: 2.0, to: 20.0 }), None)],
+    ),
+    ("satellites", &[("gps_lost", None, Some(Span { from: 60.0, to: 60.0 }))]),
+    (
+        "magnetometer",
+        &[
+            ("magnetometer_lost", None, None),
+            ("magnetometer_shift", Some(Span { from: -0.2, to: 0.2 }), None),
+        ],
+    ),
+    (
+        "inertial",
+        &[
+            ("accelerometer_stuck", None, None),
+            ("gyroscope_stuck", None, None),
+            ("accelerometer_shift", Some(Span { from: -2.0, to: 2.0 }), None),
+            ("gyroscope_shift", Some(Span { from: -5.0, to: 5.0 }), None),
+            ("inertial_lost", None, Some(Span { from: 0.1, to: 1.0 })),
+        ],
+    ),
+    (
+        "range",
+        &[
+            ("range_lost", None, None),
+            ("range_stuck", None, None),
+            ("range_shift", Some(Span { from: -5.0, to: 5.0 }), None),
+        ],
+    ),
+];
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+type SensorFault = (&'static str, Option<Span>, Option<Span>);
 
 /// The dimension that every plan has.
 const KILLED: &str = "killed";
@@ -58,6 +108,13 @@ pub(crate) struct Space {
     /// Share of flights in which the bias of a sensor changes in flight.
     #[arg(long, value_name = "SHARE", default_value = "0.25", value_parser = share)]
     bias_shifts: f64,
+    /// Share of flights in which a sensor fails, of each of these alone: airspeed, static pressure, satellites (60 s), magnetometer,
+    /// inertial sensors, range finder.
+    #[arg(long, value_name = "SHARE", default_value = "0", value_parser = share)]
+    sensor_faults: f64,
+    /// Aircraft, one of which each flight has: names or files [default: what every flight has].
+    #[arg(long, value_name = "AIRCRAFT", value_delimiter = ',')]
+    airframes: Vec<String>,
     /// How much later than usual the receiver's fixes come, s.
     #[arg(long, value_name = "FROM..TO", default_value = "0..0.2", value_parser = latency)]
     gps_late: Span,
@@ -111,6 +168,8 @@ impl Space {
             ("turbulence", self.turbulence.join(", ")),
             ("aircraft about its file", vary),
             ("flights with a bias that changes", self.bias_shifts.to_string()),
+            ("flights in which a sensor fails, of each", self.sensor_faults.to_string()),
+            ("aircraft", self.airframes.join(", ")),
             ("added latency of fixes, s", self.gps_late.to_string()),
             ("receiver lost for, s", self.gps_outage.to_string()),
             (KILLED, format!("{} of {}", self.kills, victims.join(", "))),
@@ -127,6 +186,10 @@ impl Space {
         }
         self.draw_receiver(seed, &mut drawn);
         self.draw_shift(seed, &mut drawn);
+        self.draw_sensor_faults(seed, &mut drawn);
+        if let Some(airframe) = pick(&self.airframes, seed, "airframe") {
+            drawn.option("airframe", airframe);
+        }
         self.draw_kills(seed, victims, FAULTS_S, &mut drawn);
         drawn
     }
@@ -188,6 +251,27 @@ impl Space {
         let size = rounded(Span { from: -*most, to: *most }.draw(seed, "shift-size"), 4);
         into.option("fault", format!("{fault}={size}@{}", moment(seed, "shift-from")));
         into.note(fault, size);
+    }
+
+    fn draw_sensor_faults(&self, seed: u64, into: &mut Drawn) {
+        for (sensor, faults) in SENSOR_FAULTS {
+            let named = |what: &str| format!("{sensor}-{what}");
+            let fails = bateleur_plant::drawn(seed, &named("fails")) < self.sensor_faults;
+            let Some((fault, value, lasts)) = pick(faults, seed, &named("fault")).filter(|_| fails) else {
+                continue;
+            };
+            let value = match (value, pick(&AXES, seed, &named("axis"))) {
+                (Some(span), _) => format!("={}", rounded(span.draw(seed, &named("value")), 2)),
+                (None, Some(axis)) if fault.ends_with("_stuck") && sensor == "inertial" => format!("={axis}"),
+                _ => String::new(),
+            };
+            let from_s = moment(seed, &named("from"));
+            let until = lasts
+                .map(|span| format!("..{}", rounded(from_s + span.draw(seed, &named("lasts")), 1)))
+                .unwrap_or_default();
+            into.option("fault", format!("{fault}{value}@{from_s}{until}"));
+            into.note(fault, 1.0);
+        }
     }
 
     fn draw_kills(&self, seed: u64, victims: &[String], when: Span, into: &mut Drawn) {
@@ -329,6 +413,30 @@ mod tests {
         let severe = all.iter().filter(|drawn| drawn.options.contains(&"--turbulence=severe".into())).count();
         assert!((150..250).contains(&severe), "{severe}");
         assert!(all.iter().all(|drawn| !drawn.options.iter().any(|option| option.contains("vary"))));
+    }
+
+    #[test]
+    fn each_sensor_fails_in_its_share_of_flights_with_faults_that_the_plant_knows() {
+        let space = space(&["--sensor-faults=10%", "--airframes=zagi,vtail60", "--gps-late=0", "--gps-outage=0"]);
+        let all: Vec<Drawn> = (0..4_000).map(|seed| space.draw(seed, &nine())).collect();
+        for (sensor, faults) in SENSOR_FAULTS {
+            let failed = all.iter().filter(|drawn| {
+                faults.iter().any(|(fault, ..)| drawn.conditions.get(*fault) == Some(&1.0))
+            });
+            let share = failed.count() as f64 / all.len() as f64;
+            assert!((0.08..0.12).contains(&share), "{sensor}: {share}");
+            for (fault, ..) in faults {
+                assert!(all.iter().any(|drawn| drawn.conditions.contains_key(*fault)), "{fault}");
+            }
+        }
+        for option in all.iter().flat_map(|drawn| &drawn.options) {
+            if let Some(fault) = option.strip_prefix("--fault=") {
+                let known: Result<bateleur_plant::fault::PlannedFault, _> = fault.parse();
+                assert!(known.is_ok(), "{known:?}");
+            }
+        }
+        let zagi = all.iter().filter(|drawn| drawn.options.contains(&"--airframe=zagi".into())).count();
+        assert!((1_800..2_200).contains(&zagi), "{zagi}");
     }
 
     #[test]

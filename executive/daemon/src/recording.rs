@@ -18,15 +18,18 @@ use bateleur_contract::{Clock, Mapped};
 use bateleur_host::helper::recording::{ATTACH_ANEW, LEFT_OUT, NO_ROOM, READ};
 use bateleur_monitor::Monitor;
 use bateleur_monitor::event::Event;
+use bateleur_system::cpu_starvation::{STARVED_PATIENCE_NS, Spell};
 use bateleur_system::spawn::Spawned;
 use bateleur_system::time::now_ns;
 use bateleur_system::wait::{await_any_end, ended, is_readable, is_victim};
 
 /// How long the first recorder may take to attach itself, real time.
 const ATTACH_PATIENCE_NS: u64 = 20_000_000_000;
-/// How long one may take to answer in flight, real time. A disk that stalls for longer costs the log. On the wall clock nobody
-/// waits for it meanwhile: what partitions write in that time is read later, as far as it still stands.
+/// How long one may take to answer in flight, real time, and then for itself: waits for a processor or a disk are not counted, for
+/// [`STARVED_PATIENCE_NS`] at most. On the wall clock nobody waits for it meanwhile: what partitions write in that time is read later, as far
+/// as it still stands.
 const PATIENCE_NS: u64 = 5_000_000_000;
+const OWN_PATIENCE_NS: u64 = 1_000_000_000;
 /// How long the end of one that is ended may take, real time.
 const END_PATIENCE_NS: u64 = 1_000_000_000;
 /// How long a dead one may wait until no partition is being restarted, real time: it was attached to every channel, the
@@ -56,6 +59,8 @@ pub struct Recorder {
     place: Mapped<AtomicU32>,
     /// Since when it owes an answer, CLOCK_MONOTONIC, ns.
     asked_ns: Option<u64>,
+    /// The time since its patience was over.
+    late: Option<(u64, Spell)>,
     /// Channels that were rebuilt, of which it has not been told.
     rebuilt: Vec<String>,
     /// It has said that something was left out.
@@ -85,15 +90,16 @@ impl Recorder {
             answers,
             place,
             asked_ns: Some(now_ns()),
+            late: None,
             rebuilt: Vec::new(),
             has_left_out: false,
         })
     }
 
     /// Has it attach itself anew to channels that were rebuilt, and read what has been written since the last time; each
-    /// when it has finished what it is at, for which it is waited so long.
-    fn read_channels(&mut self, patience_ns: u64) {
-        if !self.has_answered(patience_ns, PATIENCE_NS) {
+    /// when it has finished what it is at, for which it is waited or not.
+    fn read_channels(&mut self, waits: bool) {
+        if !self.has_answered(PATIENCE_NS, waits) {
             return;
         }
         if !self.rebuilt.is_empty() {
@@ -101,7 +107,7 @@ impl Recorder {
             self.rebuilt.clear();
             self.order(order.as_bytes());
         }
-        if self.has_answered(patience_ns, PATIENCE_NS) {
+        if self.has_answered(PATIENCE_NS, waits) {
             self.order(&[READ as u8]);
         }
     }
@@ -114,16 +120,21 @@ impl Recorder {
         }
     }
 
-    /// Takes the answer that it owes, and waits for it for so long; false: not yet. One that owes it for longer than
+    /// Takes the answer that it owes, and waits for it or not; false: not yet. One that owes it for longer than
     /// `most_ns` is ended: it maps what partitions may have damaged, and a hanging log must not keep the module from living on.
-    fn has_answered(&mut self, patience_ns: u64, most_ns: u64) -> bool {
+    fn has_answered(&mut self, most_ns: u64, waits: bool) -> bool {
         let Some(asked_ns) = self.asked_ns else { return true };
-        await_any_end(&[self.answers.as_fd()], patience_ns);
-        let speaks = is_readable(self.answers.as_fd());
-        if !speaks && now_ns().saturating_sub(asked_ns) < most_ns {
-            return false;
-        }
-        self.asked_ns = None;
+        let speaks = loop {
+            await_any_end(&[self.answers.as_fd()], if waits { OWN_PATIENCE_NS } else { 0 });
+            let speaks = is_readable(self.answers.as_fd());
+            if speaks || self.hangs(asked_ns, most_ns) {
+                break speaks;
+            }
+            if !waits {
+                return false;
+            }
+        };
+        (self.asked_ns, self.late) = (None, None);
         let mut answer = [0; 1];
         let heard = speaks && self.answers.read(&mut answer).is_ok_and(|count| count == 1);
         self.has_left_out |= heard && char::from(answer[0]) == LEFT_OUT;
@@ -132,6 +143,17 @@ impl Recorder {
             let _ = rustix::process::pidfd_send_signal(&self.process.pidfd, rustix::process::Signal::KILL);
         }
         true
+    }
+
+    /// Whether it has owed its answer for so long, and has had the time to give it.
+    fn hangs(&mut self, asked_ns: u64, most_ns: u64) -> bool {
+        let now = now_ns();
+        if now.saturating_sub(asked_ns) < most_ns {
+            return false;
+        }
+        let pid = self.process.pid;
+        let (since_ns, spell) = self.late.get_or_insert_with(|| (now, Spell::begin(pid)));
+        spell.has_had(now.saturating_sub(*since_ns), OWN_PATIENCE_NS, STARVED_PATIENCE_NS)
     }
 
     fn works(&self) -> bool {
@@ -208,7 +230,7 @@ impl Recording {
     /// It could not be started, or ended at once.
     pub fn begin(start: StartRecorder, channels: Vec<String>, folder: PathBuf) -> io::Result<Self> {
         let mut recorder = start(0, &[])?;
-        recorder.has_answered(ATTACH_PATIENCE_NS, ATTACH_PATIENCE_NS);
+        recorder.has_answered(ATTACH_PATIENCE_NS, true);
         if !recorder.works() {
             return Err(io::Error::other("it ended at once"));
         }
@@ -224,7 +246,7 @@ impl Recording {
         let waits = clock == Clock::Virtual;
         if let State::Working(recorder) = &mut self.state {
             recorder.rebuilt.extend(rebuilt);
-            recorder.read_channels(if waits { PATIENCE_NS } else { 0 });
+            recorder.read_channels(waits);
             if std::mem::take(&mut recorder.has_left_out) {
                 let (time_s, log) = (module_ns as f64 / 1e9, part_name(self.part));
                 let reason = "something is no message of its port's type, and is left out (partitions/helpers.log \
@@ -304,8 +326,8 @@ impl Recording {
     /// Has everything read and the log closed; gives the reason why it is not whole, where that was not told before.
     pub(crate) fn finish(self) -> Option<String> {
         let State::Working(mut recorder) = self.state else { return None };
-        recorder.read_channels(PATIENCE_NS);
-        recorder.has_answered(PATIENCE_NS, 0);
+        recorder.read_channels(true);
+        recorder.has_answered(PATIENCE_NS, true);
         recorder.orders = None;
         let whole = recorder.end(PATIENCE_NS).is_some_and(|status| status.success());
         (!whole).then(|| ENDED.into())

@@ -13,10 +13,12 @@ struct Spent {
     waited_ns: u64,
     /// It has a processor or waits for one at this moment.
     is_runnable: bool,
+    /// It waits for a disk at this moment.
+    is_stalled: bool,
 }
 
-/// How long process `pid`, which began `elapsed_ns` ago, has run or waited for something else than a processor, ns; all of it where
-/// the kernel does not tell.
+/// How long process `pid`, which began `elapsed_ns` ago, has run or waited for something else than a processor, or a disk at this moment,
+/// ns; all of it where the kernel does not tell.
 pub fn used_ns(pid: i32, elapsed_ns: u64) -> u64 {
     spent_of(pid).map_or(elapsed_ns, |spent| used_of(&spent, elapsed_ns))
 }
@@ -83,7 +85,7 @@ fn spent_of(pid: i32) -> Option<Spent> {
 }
 
 fn used_of(spent: &Spent, elapsed_ns: u64) -> u64 {
-    match spent.is_runnable {
+    match spent.is_runnable || spent.is_stalled {
         // How long it has been waiting this time is not known.
         true => spent.ran_ns,
         false => elapsed_ns.saturating_sub(spent.waited_ns),
@@ -102,7 +104,7 @@ fn spent(schedstat: &str, stat: &str) -> Option<Spent> {
     let (Some(Ok(ran_ns)), Some(Ok(waited_ns))) = (words.next(), words.next()) else { return None };
     // A name may hold blanks and parentheses; the state follows the last one.
     let state = stat.rsplit_once(')')?.1.trim_start().chars().next()?;
-    Some(Spent { ran_ns, waited_ns, is_runnable: state == 'R' })
+    Some(Spent { ran_ns, waited_ns, is_runnable: state == 'R', is_stalled: state == 'D' })
 }
 
 #[cfg(test)]
@@ -118,12 +120,15 @@ mod tests {
         assert_eq!(used_of(&starved, 20 * SECOND_NS), 7_000_000);
         let asleep = spent("7000000 2000000000 9\n", "42 (channel-cleaner) S 1 42 0").unwrap();
         assert_eq!(used_of(&asleep, 20 * SECOND_NS), 18 * SECOND_NS);
+        let stalled = spent("7000000 2000000000 9\n", "42 (recorder) D 1 42 0").unwrap();
+        assert_eq!(used_of(&stalled, 20 * SECOND_NS), 7_000_000, "it waits for a disk");
         assert_eq!(spent("", "42 (channel-cleaner) S 1"), None);
     }
 
     #[test]
     fn a_window_in_which_a_process_waited_for_a_processor_is_told_from_one_that_it_used_or_slept_through() {
-        let spent = |ran_ns, waited_ns, is_runnable| Spent { ran_ns, waited_ns, is_runnable };
+        let spent =
+            |ran_ns, waited_ns, is_runnable| Spent { ran_ns, waited_ns, is_runnable, is_stalled: false };
         assert!(is_starved(&spent(10, 0, true), 1_000), "it waits still");
         assert!(is_starved(&spent(10, 900, false), 1_000), "it waited, and is held now");
         assert!(!is_starved(&spent(900, 50, true), 1_000), "it computed");

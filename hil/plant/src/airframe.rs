@@ -272,6 +272,15 @@ impl Propulsion {
     }
 }
 
+/// The airframes that are embedded, by name.
+pub const EMBEDDED: [(&str, &str); 5] = [
+    ("aerosonde", include_str!("../../../airframes/aerosonde.toml")),
+    ("rascal110", include_str!("../../../airframes/rascal110.toml")),
+    ("ultrastick25e", include_str!("../../../airframes/ultrastick25e.toml")),
+    ("vtail60", include_str!("../../../airframes/vtail60.toml")),
+    ("zagi", include_str!("../../../airframes/zagi.toml")),
+];
+
 impl Airframe {
     /// Reads an airframe from TOML text and checks it.
     ///
@@ -283,12 +292,12 @@ impl Airframe {
 
     /// The Aerosonde, the aircraft flown when nothing else is asked for.
     pub fn aerosonde() -> Self {
-        Self::embedded(include_str!("../../../airframes/aerosonde.toml"))
+        Self::embedded(EMBEDDED[0].1)
     }
 
     /// The Rascal 110.
     pub fn rascal110() -> Self {
-        Self::embedded(include_str!("../../../airframes/rascal110.toml"))
+        Self::embedded(EMBEDDED[1].1)
     }
 
     #[expect(clippy::expect_used, reason = "the text is part of the program and read by a test")]

@@ -42,7 +42,7 @@ pub mod wind;
 mod words;
 
 pub use aerodynamics::Surfaces;
-pub use airframe::{Airframe, AirframeError};
+pub use airframe::{Airframe, AirframeError, EMBEDDED};
 pub use airframe_file::{Flaw, Flaws};
 pub use fault::{Fault, FaultError, PlannedFault};
 pub use geodesy::{Geodetic, LocalFrame};

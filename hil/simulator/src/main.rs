@@ -25,7 +25,7 @@ struct Arguments {
     /// 15200, mavlink 14560, mavlink-tcp 4560.
     #[arg(long, value_name = "ADDRESS:PORT")]
     listen: Option<SocketAddr>,
-    /// aerosonde, rascal110, or a TOML file.
+    /// aerosonde, rascal110, ultrastick25e, vtail60, zagi, or a TOML file.
     #[arg(long, value_name = "NAME|FILE", default_value = "aerosonde")]
     airframe: String,
     /// Seed of all chance: the same seed and the same packets give the same flight.

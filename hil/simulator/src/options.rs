@@ -2,9 +2,9 @@
 
 use crate::outside::Outside;
 use bateleur_messages::hil::Protocol;
-use bateleur_plant::{Airframe, Conditions, Flaws, airframe_file};
+use bateleur_plant::{Airframe, Conditions, EMBEDDED, Flaws, airframe_file};
 use std::net::{Ipv4Addr, SocketAddr};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use thiserror::Error;
 
 /// Port on which flight computers expect the simulator, in the native protocol.
@@ -51,8 +51,9 @@ impl Default for Options {
 pub enum AirframeChoiceError {
     /// Neither an embedded airframe nor a file.
     #[error(
-        "\"{choice}\" is neither an embedded airframe nor a readable file ({error}); embedded are \"aerosonde\" and \
-         \"rascal110\", and a path names a TOML file of your own"
+        "\"{choice}\" is neither an embedded airframe nor a readable file ({error}); embedded are {}, and a path names a \
+         TOML file of your own",
+        embedded()
     )]
     Unknown {
         /// What was asked for.
@@ -75,17 +76,16 @@ pub enum AirframeChoiceError {
 /// # Errors
 /// When there is none, or it makes no sense.
 pub fn airframe(choice: &str) -> Result<Airframe, AirframeChoiceError> {
-    match choice {
-        "aerosonde" => Ok(Airframe::aerosonde()),
-        "rascal110" => Ok(Airframe::rascal110()),
-        _ => from_file(Path::new(choice)),
-    }
+    let text = match EMBEDDED.iter().find(|(name, _)| *name == choice) {
+        Some((_, text)) => (*text).to_owned(),
+        None => std::fs::read_to_string(choice)
+            .map_err(|error| AirframeChoiceError::Unknown { choice: choice.to_owned(), error })?,
+    };
+    airframe_file::read(&text).map_err(|flaws| AirframeChoiceError::Invalid { path: choice.into(), flaws })
 }
 
-fn from_file(path: &Path) -> Result<Airframe, AirframeChoiceError> {
-    let unknown = |error| AirframeChoiceError::Unknown { choice: path.display().to_string(), error };
-    let text = std::fs::read_to_string(path).map_err(unknown)?;
-    airframe_file::read(&text).map_err(|flaws| AirframeChoiceError::Invalid { path: path.to_owned(), flaws })
+fn embedded() -> String {
+    EMBEDDED.map(|(name, _)| format!("\"{name}\"")).join(", ")
 }
 
 #[cfg(test)]
@@ -95,7 +95,10 @@ mod tests {
     #[test]
     fn misspelt_airframe_names_those_that_exist() {
         let message = airframe("aerosond").unwrap_err().to_string();
-        assert!(message.contains("\"aerosonde\" and \"rascal110\""), "{message}");
+        assert!(message.contains("\"aerosonde\", \"rascal110\", "), "{message}");
+        for (name, _) in EMBEDDED {
+            assert!(airframe(name).is_ok(), "{name}");
+        }
     }
 
     #[test]

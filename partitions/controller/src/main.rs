@@ -11,7 +11,7 @@ use bateleur_controller::{
 use bateleur_flight::estimator::NavigationState;
 use bateleur_flight::guidance::Waypoint;
 use bateleur_function_shell::{FunctionShell, Verdict};
-use bateleur_messages::control::{NO_POWER, PITOT_NOT_BELIEVED};
+use bateleur_messages::control::{NO_POWER, PITOT_NOT_BELIEVED, STALLED};
 use bateleur_messages::ground::Order;
 use bateleur_messages::telemetry::{FROM_CONTROLLER, Telemetry};
 use bateleur_messages::{
@@ -118,7 +118,7 @@ fn order(function: &mut Function, order: &Order, ready: bool) -> Verdict {
 }
 
 impl ControllerPartition {
-    /// The health log has it when the verdict on the pitot or on the motor changes.
+    /// The health log has it when the verdict on the pitot, the motor or the wing changes.
     fn tell(&mut self, window: &Window, protection: u32) {
         let verdicts = [
             (
@@ -127,6 +127,7 @@ impl ControllerPartition {
                 "the pitot is believed again",
             ),
             (NO_POWER, "no power: gliding to the runway", "the motor drives again"),
+            (STALLED, "the wing has stalled: nose down, and faster from now on", "the wing carries again"),
         ];
         let before = std::mem::replace(&mut self.told, protection);
         for (bit, on, off) in verdicts {

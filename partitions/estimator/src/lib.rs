@@ -9,7 +9,6 @@ mod parameters;
 mod remarks;
 mod settings;
 mod state;
-mod stuck;
 
 pub use kept::Kept;
 pub use parameters::{Memory, parameters};
@@ -20,6 +19,7 @@ pub use state::{message, telemetry};
 use bateleur_flight::estimator::{
     Aiding, Estimator, EstimatorConfig, GpsMeasurement, Health, ImuSample, NavigationState, Start,
 };
+use bateleur_flight::stuck::Stuck;
 use bateleur_messages::control::PITOT_NOT_BELIEVED;
 use bateleur_messages::ground::EstimatorOrder;
 use bateleur_messages::state::{STATUS_COARSE, STATUS_DISABLED};
@@ -28,7 +28,6 @@ use bateleur_messages::{
     State,
 };
 use nalgebra::Vector3;
-use stuck::Stuck;
 
 /// Airspeed above which an aircraft is not called standing, m/s.
 const FLYING_MPS: f64 = 10.0;

@@ -234,9 +234,12 @@ const LEAST_LIFT: f64 = 0.1;
 const FASTEST_MPS: f64 = 100.0;
 
 /// The airframes that are built in, by name.
-const BUILT_IN: [(&str, &str); 2] = [
+pub const BUILT_IN: [(&str, &str); 5] = [
     ("aerosonde", include_str!("../../../airframes/aerosonde.toml")),
     ("rascal110", include_str!("../../../airframes/rascal110.toml")),
+    ("ultrastick25e", include_str!("../../../airframes/ultrastick25e.toml")),
+    ("vtail60", include_str!("../../../airframes/vtail60.toml")),
+    ("zagi", include_str!("../../../airframes/zagi.toml")),
 ];
 
 /// The text of a built-in airframe, by its name.

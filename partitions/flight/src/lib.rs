@@ -19,6 +19,7 @@ pub mod estimator;
 pub mod guidance;
 pub mod magnetic;
 pub mod servo;
+pub mod stuck;
 
 /// Standard gravity, m/s² (ISO 80000-3); the plant uses the same value, a difference would look like accelerometer bias.
 pub const GRAVITY_MPS2: f64 = 9.80665;

@@ -91,7 +91,8 @@ impl Design {
         (0..frames)
             .map(|_| {
                 wanted = (wanted - 60.0 * FRAME_S).max(-GRAVITY_MPS2 - by);
-                let command = self.loops.normal(&self.airframe, &self.tuning, &self.s, wanted, FRAME_S);
+                let command =
+                    self.loops.normal(&self.airframe, &self.tuning, &self.s, (wanted, -1.0), FRAME_S);
                 for _ in 0..FINE {
                     let (delta, c) = (elevator.step(command), self.s.normal_mps2 + GRAVITY_MPS2);
                     let q = self.s.pitch_rate_radps;

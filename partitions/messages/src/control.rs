@@ -27,6 +27,8 @@ pub const TASK_LANDED: u32 = ActuatorCommand::TASK_LANDED;
 pub const PITOT_NOT_BELIEVED: u32 = 32;
 /// [`ActuatorCommand::protection`]: the propeller drives nothing, the aircraft glides.
 pub const NO_POWER: u32 = 64;
+/// [`ActuatorCommand::protection`]: the wing has stalled, the nose goes down.
+pub const STALLED: u32 = 128;
 
 impl ServoTimers {
     /// What holds before the Servo has spoken: surfaces neutral, throttle closed.

@@ -11,6 +11,7 @@ use std::path::Path;
 
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 use anyhow::{Context, Result};
+use bateleur_flight::airframe::{BUILT_IN, built_in};
 use bateleur_flight::control::envelope::Envelope;
 use bateleur_plant::airframe_file::{self, Flaw};
 
@@ -24,7 +25,7 @@ use facts::{Facts, Point};
     after_help = "Exit codes: 0 it can be flown; 1 the laws can not fly it at this airspeed; 2 the file can not be used."
 )]
 pub struct Arguments {
-    /// The airframe file, or aerosonde or rascal110.
+    /// The airframe file, or aerosonde, rascal110, ultrastick25e, vtail60 or zagi.
     #[arg(value_name = "FILE|NAME")]
     file: String,
     /// Airspeed of modes, gains and limits, m/s [default: 22, or the nearest that it flies].
@@ -80,13 +81,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Code> {
 }
 
 fn text_of(name: &str) -> Result<String> {
-    let built_in = bateleur_flight::airframe::built_in(name);
-    match built_in {
+    match built_in(name) {
         Some(text) => Ok(text.to_owned()),
         None => plan_file::read_bounded(Path::new(name)).with_context(|| {
-            format!(
-                "cannot read {name}: name an airframe file, or one of the built-in aerosonde and rascal110"
-            )
+            let names = BUILT_IN.map(|(name, _)| name).join(", ");
+            format!("cannot read {name}: name an airframe file, or one of the built-in {names}")
         }),
     }
 }

@@ -113,7 +113,7 @@ pub(crate) struct Space {
     #[arg(long, value_name = "SHARE", default_value = "0", value_parser = share)]
     sensor_faults: f64,
     /// Aircraft, one of which each flight has: names or files [default: what every flight has].
-    #[arg(long, value_name = "AIRCRAFT", value_delimiter = ',')]
+    #[arg(long, value_name = "AIRCRAFT", value_delimiter = ',', value_parser = airframe)]
     airframes: Vec<String>,
     /// How much later than usual the receiver's fixes come, s.
     #[arg(long, value_name = "FROM..TO", default_value = "0..0.2", value_parser = latency)]
@@ -354,6 +354,18 @@ fn ranges(text: &str) -> Result<Vary, String> {
     }
 }
 
+/// A name or a file; what is wrong in a file is told before the first flight.
+fn airframe(text: &str) -> Result<String, String> {
+    let names = bateleur_flight::airframe::BUILT_IN.map(|(name, _)| name);
+    if names.contains(&text) {
+        return Ok(text.to_owned());
+    }
+    let file = std::fs::read_to_string(text)
+        .map_err(|error| format!("\"{text}\": {error}; name a file, or one of {}", names.join(", ")))?;
+    bateleur_plant::Airframe::from_toml(&file).map_err(|error| format!("{text}: {error}"))?;
+    Ok(text.to_owned())
+}
+
 fn share(text: &str) -> Result<f64, String> {
     let number = match text.strip_suffix('%') {
         Some(percent) => percent.parse::<f64>().ok().map(|percent| percent / 100.0),
@@ -417,12 +429,13 @@ mod tests {
 
     #[test]
     fn each_sensor_fails_in_its_share_of_flights_with_faults_that_the_plant_knows() {
-        let space = space(&["--sensor-faults=10%", "--airframes=zagi,vtail60", "--gps-late=0", "--gps-outage=0"]);
+        let space =
+            space(&["--sensor-faults=10%", "--airframes=zagi,vtail60", "--gps-late=0", "--gps-outage=0"]);
         let all: Vec<Drawn> = (0..4_000).map(|seed| space.draw(seed, &nine())).collect();
         for (sensor, faults) in SENSOR_FAULTS {
-            let failed = all.iter().filter(|drawn| {
-                faults.iter().any(|(fault, ..)| drawn.conditions.get(*fault) == Some(&1.0))
-            });
+            let failed = all
+                .iter()
+                .filter(|drawn| faults.iter().any(|(fault, ..)| drawn.conditions.get(*fault) == Some(&1.0)));
             let share = failed.count() as f64 / all.len() as f64;
             assert!((0.08..0.12).contains(&share), "{sensor}: {share}");
             for (fault, ..) in faults {
@@ -448,6 +461,8 @@ mod tests {
             "--kills=0.5..1",
             "--gps-late=0..9",
             "--vary=wings=3%",
+            "--airframes=aerosonde,zaggi",
+            "--sensor-faults=11",
         ] {
             assert!(Program::try_parse_from(["program", wrong]).is_err(), "{wrong}");
         }

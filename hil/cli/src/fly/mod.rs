@@ -86,7 +86,8 @@ pub struct Arguments {
     /// Gusts.
     #[arg(long, value_name = "LEVEL", default_value = "calm", value_parser = ["calm", "light", "moderate", "severe"])]
     pub(crate) turbulence: String,
-    /// The aircraft, for the simulator and for the laws: aerosonde, rascal110, or the file of an airframe.
+    /// The aircraft, for the simulator and for the laws: aerosonde, rascal110, ultrastick25e, vtail60, zagi, or the file of
+    /// an airframe.
     #[arg(long, value_name = "NAME|FILE")]
     pub(crate) airframe: Option<String>,
     #[command(flatten)]

@@ -13,7 +13,7 @@ use bateleur_mavlink::common::{
     NAMED_VALUE_INT_DATA, NAV_CONTROLLER_OUTPUT_DATA, SERVO_OUTPUT_RAW_DATA, SYS_STATUS_DATA,
     SYSTEM_TIME_DATA, VFR_HUD_DATA, WIND_COV_DATA,
 };
-use bateleur_messages::control::{NO_POWER, PITOT_NOT_BELIEVED};
+use bateleur_messages::control::{NO_POWER, PITOT_NOT_BELIEVED, STALLED};
 use bateleur_messages::state::STATUS_COARSE;
 use bateleur_messages::telemetry::{
     GpsTelemetry, ImuTelemetry, NAVIGATION_ABORTED, NAVIGATION_AUTOPILOT, NAVIGATION_FINISHED,
@@ -404,6 +404,7 @@ impl Streams {
             (16 << NAVIGATION_PROTECTION_SHIFT, "angle of climb limited"),
             (PITOT_NOT_BELIEVED << NAVIGATION_PROTECTION_SHIFT, "pitot not believed: airspeed by lift"),
             (NO_POWER << NAVIGATION_PROTECTION_SHIFT, "no power: gliding to the runway"),
+            (STALLED << NAVIGATION_PROTECTION_SHIFT, "the wing has stalled: nose down"),
         ] {
             if turned(bit) == (true, false) {
                 out.text(MavSeverity::MAV_SEVERITY_WARNING, text);

@@ -11,7 +11,7 @@ use crate::airframe::Airframe;
 use crate::attitude::low_pass;
 
 /// Plain numbers that outlive a restart.
-pub const NUMBERS: usize = 7;
+pub const NUMBERS: usize = 8;
 
 /// Averaging of lift and coefficient for the verdict, s: a few short periods; and for flying on them, where gusts count.
 const AVERAGE_S: f64 = 4.0;
@@ -33,6 +33,9 @@ const DOUBT: f64 = 0.25;
 const DOUBT_S: f64 = 20.0;
 /// Memory of what was learnt, s.
 const LEARNING_S: f64 = 60.0;
+/// What the file may have wrong at another lift coefficient than that at which was learnt, as a share of the airspeed: for one that is 2.4
+/// times as large, or as small.
+const DOUBT_APART: f64 = 0.05;
 /// Learnt factors beyond are no error of an airframe file.
 const FACTORS: (f64, f64) = (0.7, 1.4);
 /// Beyond the limit for so long, s, weighted by how far, it is not believed; within half of it for so long it is again.
@@ -84,6 +87,8 @@ pub struct AirspeedWatch {
     /// Pitot over lift, learnt.
     factor: f64,
     learnt_s: f64,
+    /// Lift over the square of the pitot's airspeed, where that was learnt.
+    learnt_at: f64,
     against_s: f64,
     for_s: f64,
     last_mps: f64,
@@ -104,6 +109,7 @@ impl Default for AirspeedWatch {
             seen_s: 0.0,
             factor: 1.0,
             learnt_s: 0.0,
+            learnt_at: 0.0,
             against_s: 0.0,
             for_s: 0.0,
             last_mps: 0.0,
@@ -119,6 +125,11 @@ impl AirspeedWatch {
     /// Whether the pitot is believed.
     pub fn is_believed(&self) -> bool {
         self.believed
+    }
+
+    /// How many times the lift that is there the elevator tells, as far as that was learnt.
+    pub fn elevator_factor(&self) -> f64 {
+        if self.learnt_s > DOUBT_S { self.factor * self.factor } else { 1.0 }
     }
 
     /// Share of the airspeed per coefficient of the pitching moment: half of what the lift coefficient makes of it.
@@ -144,7 +155,8 @@ impl AirspeedWatch {
         if frame.flying {
             self.average(airframe, frame);
         } else if self.believed {
-            *self = Self { factor: self.factor, learnt_s: self.learnt_s, ..Self::default() };
+            let Self { factor, learnt_s, learnt_at, .. } = *self;
+            *self = Self { factor, learnt_s, learnt_at, ..Self::default() };
         }
         let pitot = frame.pitot_mps.filter(|mps| mps.is_finite());
         if let Some(pitot_mps) = pitot.filter(|_| frame.flying) {
@@ -198,11 +210,17 @@ impl AirspeedWatch {
         let ratio = (self.by_pitot.max(0.0) / self.lift.max(1.0)).sqrt();
         let off = (ratio / self.factor - 1.0).abs();
         let gusts = MOMENT * self.sensitivity(airframe) / self.longer(airframe).sqrt();
-        let limit = LIMIT.max(DEVIATIONS * gusts) + DOUBT * (1.0 - self.learnt_s / DOUBT_S).max(0.0);
+        let at = self.lift / (pitot_mps * pitot_mps).max(1.0);
+        let times = if self.learnt_at > 0.0 { (at / self.learnt_at).max(0.1) } else { 1.0 };
+        let apart = (0.5 * (times - 1.0 / times)).abs().min(1.0);
+        let limit = LIMIT.max(DEVIATIONS * gusts)
+            + DOUBT * (1.0 - self.learnt_s / DOUBT_S).max(0.0)
+            + DOUBT_APART * apart;
         if self.believed && off < 0.5 * limit {
             self.learnt_s += dt_s;
             let memory_s = self.learnt_s.min(LEARNING_S);
             self.factor = low_pass(self.factor, ratio, memory_s, dt_s).clamp(FACTORS.0, FACTORS.1);
+            self.learnt_at = low_pass(self.learnt_at, at, memory_s, dt_s);
         }
         let broken = self.repeated >= FROZEN_FRAMES || self.jump2.sqrt() > NOISY * by_lift_mps;
         let weight = if off > limit { (off / limit).min(HEAVIEST) } else { -1.0 };
@@ -218,19 +236,21 @@ impl AirspeedWatch {
     /// As plain numbers.
     pub fn to_numbers(&self) -> [f64; NUMBERS] {
         let believed = if self.believed { 0.0 } else { 1.0 };
-        [self.lift, self.coefficient, self.recent_mps, self.seen_s, self.factor, self.learnt_s, believed]
+        let Self { lift, coefficient, recent_mps, seen_s, factor, learnt_s, learnt_at, .. } = *self;
+        [lift, coefficient, recent_mps, seen_s, factor, learnt_s, learnt_at, believed]
     }
 
     /// From plain numbers; from nonsense a new one.
     pub fn from_numbers(numbers: &[f64; NUMBERS]) -> Self {
-        let [lift, coefficient, recent_mps, seen_s, factor, learnt_s, believed] = *numbers;
+        let [lift, coefficient, recent_mps, seen_s, factor, learnt_s, learnt_at, believed] = *numbers;
         let sane = numbers.iter().all(|number| number.is_finite())
             && (FACTORS.0..=FACTORS.1).contains(&factor)
             && (0.0..3.0).contains(&coefficient)
             && (0.0..1e4).contains(&lift)
             && recent_mps.abs() < 50.0
             && seen_s >= 0.0
-            && learnt_s >= 0.0;
+            && learnt_s >= 0.0
+            && learnt_at >= 0.0;
         if !sane {
             return Self::default();
         }
@@ -245,6 +265,7 @@ impl AirspeedWatch {
             seen_s,
             factor,
             learnt_s,
+            learnt_at,
             believed,
             ..Self::default()
         }

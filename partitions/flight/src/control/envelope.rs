@@ -59,6 +59,8 @@ impl Protection {
     pub const PITOT: u32 = 32;
     /// No limit: the propeller drives nothing, the aircraft glides.
     pub const POWER: u32 = 64;
+    /// No limit: the wing has stalled, the nose goes down.
+    pub const STALL: u32 = 128;
 
     /// Notes a limit.
     pub fn note(&mut self, bit: u32, reached: bool) {
@@ -151,8 +153,13 @@ pub struct Envelope {
 impl Envelope {
     /// Of an airframe.
     pub fn new(airframe: &Airframe) -> Self {
+        Self::with_lift(airframe, 1.0)
+    }
+
+    /// The same for a wing that gives this share of the greatest lift of the airframe file.
+    pub fn with_lift(airframe: &Airframe, share: f64) -> Self {
         let envelope = Self {
-            greatest_lift: airframe.greatest_lift(),
+            greatest_lift: share * airframe.greatest_lift(),
             measured_mps: MEASURED_MPS,
             roll_per_airspeed: airframe.roll_per_airspeed(),
             slowest_mps: 0.0,

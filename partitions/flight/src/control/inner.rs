@@ -118,18 +118,18 @@ impl Default for InnerTuning {
 const RUDDER_TRIM_LIMIT_RAD: f64 = 0.08;
 
 impl InnerLoops {
-    /// Normal loop: elevator (rad) so that C follows its reference (m/s²).
+    /// Normal loop: elevator (rad) so that C follows its reference (m/s²), not below `least_rad`.
     pub fn normal(
         &mut self,
         airframe: &Airframe,
         tuning: &InnerTuning,
         s: &Signals,
-        wanted_mps2: f64,
+        (wanted_mps2, least_rad): (f64, f64),
         dt_s: f64,
     ) -> f64 {
         let law = normal_law(airframe, tuning, s, wanted_mps2);
         let limit = airframe.servo.elevator_limit_rad;
-        run(&mut self.normal, &law, -limit, limit, dt_s)
+        run(&mut self.normal, &law, least_rad.clamp(-limit, limit), limit, dt_s)
     }
 
     /// Lateral loop: rudder (rad), a Dutch-roll damper about the coordinated turn with a slow trim on B.
@@ -369,7 +369,7 @@ pub fn normal_zero_radps(airframe: &Airframe, s: &Signals) -> Option<f64> {
 }
 
 /// Pitch rate of a steady turn: (g/V) sin²φ / cos φ.
-fn turn_pitch_rate(s: &Signals) -> f64 {
+pub(super) fn turn_pitch_rate(s: &Signals) -> f64 {
     let (sin, cos) = s.bank_rad.sin_cos();
     GRAVITY_MPS2 / s.airspeed_mps * sin * sin / cos.max(0.3)
 }
@@ -441,7 +441,7 @@ fn roll_law(airframe: &Airframe, tuning: &InnerTuning, s: &Signals, wanted_radps
 pub fn roll_gains(airframe: &Airframe, tuning: &InnerTuning, s: &Signals) -> RollGains {
     let (aero, span) = (&airframe.aerodynamics, airframe.geometry.wing_span_m);
     let (force, inertia) = (s.pressure_force(airframe), airframe.mass.inertia_xx_kgm2);
-    let l_p = force * span * span * aero.roll_roll_rate / (2.0 * s.airspeed_mps * inertia);
+    let l_p = -roll_damping_per_s(airframe, s);
     let l_delta = force * span * aero.roll_aileron / inertia;
     let fast = tuning.roll_fast_pole.max(-l_p);
     let p = tuning.roll_pole;
@@ -452,6 +452,13 @@ pub fn roll_gains(airframe: &Airframe, tuning: &InnerTuning, s: &Signals) -> Rol
         forward: integral / p,
         poles_radps: [fast, p],
     }
+}
+
+/// How fast a roll dies by itself, 1/s.
+pub(super) fn roll_damping_per_s(airframe: &Airframe, s: &Signals) -> f64 {
+    let (span, inertia) = (airframe.geometry.wing_span_m, airframe.mass.inertia_xx_kgm2);
+    let force = s.pressure_force(airframe);
+    -force * span * span * airframe.aerodynamics.roll_roll_rate / (2.0 * s.airspeed_mps * inertia)
 }
 
 #[cfg(test)]
@@ -476,7 +483,7 @@ mod tests {
         let mut loops = InnerLoops::default();
         let mut peak: f64 = 0.0;
         for _ in 0..(seconds / dt) as usize {
-            let elevator = loops.normal(&airframe, &InnerTuning::default(), &s, wanted, dt);
+            let elevator = loops.normal(&airframe, &InnerTuning::default(), &s, (wanted, -1.0), dt);
             for _ in 0..20 {
                 let (h, c) = (dt / 20.0, s.normal_mps2 + GRAVITY_MPS2);
                 let q_dot =
@@ -565,7 +572,7 @@ mod tests {
         loops.engage_normal(&airframe, &tuning, &s, -10.0, -0.21);
         loops.engage_roll(&airframe, &tuning, &s, 0.1, 0.03);
         loops.engage_axial(&airframe, &tuning, &s, 0.0, 0.8);
-        assert!((loops.normal(&airframe, &tuning, &s, -10.0, 1e-9) + 0.21).abs() < 1e-6);
+        assert!((loops.normal(&airframe, &tuning, &s, (-10.0, -1.0), 1e-9) + 0.21).abs() < 1e-6);
         assert!((loops.roll(&airframe, &tuning, &s, 0.1, 1e-9) - 0.03).abs() < 1e-6);
         assert!((loops.axial(&airframe, &tuning, &s, 0.0, 1e-9) - 0.8).abs() < 1e-6);
     }

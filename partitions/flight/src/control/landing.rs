@@ -34,6 +34,11 @@ const LEVEL_M: f64 = 150.0;
 const ALIGNED_RAD: f64 = 0.3;
 const ON_HEIGHT_M: f64 = 8.0;
 const ON_TRACK_SHARE: f64 = 0.3;
+/// After so long on the circle, s, these grow by themselves once in so long, s, to this many times at most: with what is left of its sensors the
+/// aircraft holds it no better.
+const WAITS_S: f64 = 150.0;
+const GROWS_S: f64 = 60.0;
+const MOST_TIMES: f64 = 4.0;
 /// Climb rate per height off the slope, 1/s; and how far it may differ from the slope's own, m/s.
 const SLOPE_GAIN: f64 = 0.4;
 const OFF_SLOPE_MPS: f64 = 1.5;
@@ -43,6 +48,8 @@ const FLARED_M: f64 = 1.5;
 const TOUCH_SINK_MPS: f64 = 0.6;
 /// Vertical acceleration down at most there, m/s².
 const FLARE_DOWN_MPS2: f64 = 1.5;
+/// The same where the ground is seen to be near.
+const NEAR_DOWN_MPS2: f64 = 0.7;
 /// How much later than it is told to the aircraft sinks, s.
 const SINKS_LATE_S: f64 = 0.4;
 /// Banks near the ground, rad: in the final approach, and in the flare.
@@ -61,6 +68,13 @@ const MOST_ROUNDS: f64 = 2.0;
 /// The ground may hold the aircraft up where it sinks slower than this share of what it should, for so long, s: then it is to sink at this
 /// rate, m/s, and where it does not for so long, s, it is the ground and no gust. Smoothing of the sink rate, s.
 const HELD_SHARE: f64 = 0.35;
+/// Normal specific acceleration by which a wheel has met the ground, where the ground is seen to be near, m/s².
+const KNOCK_MPS2: f64 = 25.0;
+/// The same where a range finder sees the ground so far below, m: it may be wrong.
+const HIGH_M: f64 = 4.0;
+const HIGH_HELD_S: f64 = 4.0;
+/// A gust lifts what rises faster than this, m/s.
+const LIFTED_MPS: f64 = 0.5;
 const DOUBT_S: f64 = 0.3;
 const PRESSED_SINK_MPS: f64 = 1.0;
 const HELD_S: f64 = 1.5;
@@ -332,20 +346,20 @@ impl Landing {
         matches!(self.phase, Phase::Touched | Phase::Rolling | Phase::Standing)
     }
 
-    /// One frame. `measured`: the height of `state` is that above the ground. `radius_m`: of circles in this wind; `cruise_mps`: airspeed on
-    /// them. `glide`: there is no power.
+    /// One frame. `measured`: the height of `state` is that above the ground. `more_mps`: airspeed that is kept in hand beside that for
+    /// wind. `radius_m`: of circles in this wind; `cruise_mps`: airspeed on them. `glide`: there is no power.
     pub(super) fn step(
         &mut self,
         (airframe, envelope, config): (&Airframe, &Envelope, &LandingConfig),
         (state, measured): (&NavigationState, bool),
-        s: &Signals,
+        (s, more_mps): (&Signals, f64),
         (radius_m, cruise_mps): (f64, f64),
         glide: Option<&Glide>,
         dt_s: f64,
     ) -> Flown {
         let wind_mps = state.wind.norm();
         let stall_mps = envelope.stall_mps(airframe, s.density_kgpm3);
-        let more_mps = (WIND_SHARE * wind_mps).min(MOST_FOR_WIND_MPS);
+        let more_mps = (WIND_SHARE * wind_mps).min(MOST_FOR_WIND_MPS) + more_mps;
         let by_lift_mps = APPROACH_SHARE * stall_mps;
         let approach_mps = match glide {
             Some(_) => (by_lift_mps + GLIDE_APPROACH_MPS).max(envelope.slowest_mps + GLIDE_MORE_MPS),
@@ -359,6 +373,7 @@ impl Landing {
         let offset = self.offset(length_m, state);
         // Nothing but the ground holds it up so low.
         let is_near = measured && state.altitude_m() < TOUCH_M;
+        let is_high = measured && state.altitude_m() > HIGH_M;
         let flown_mps = state.velocity.xy().norm();
         let climb_mps = -state.velocity.z;
         self.sink_mps = low_pass(self.sink_mps, -climb_mps, SINK_LAG_S, dt_s);
@@ -374,7 +389,7 @@ impl Landing {
                 GLIDE_SHARE * glide.lasts_s(glide.airspeed_mps, state)
                     < straight_s + TAU * radius_m / glide.airspeed_mps
             }
-            None => (state.altitude_m() - self.height_m).abs() < ON_HEIGHT_M,
+            None => (state.altitude_m() - self.height_m).abs() < self.wider() * ON_HEIGHT_M,
         };
         let flare_m = match glide {
             Some(_) => (GLIDE_FLARE_S * self.sink_mps).clamp(FLARE_M, HIGHEST_FLARE_M),
@@ -402,16 +417,28 @@ impl Landing {
                 self.enter(Phase::Round);
             }
             Phase::Final if state.altitude_m() < flare_m => self.enter(Phase::Flare),
+            // A wheel has met the ground: flown on with power it would be thrown up again.
+            Phase::Flare if is_near && s.normal_mps2 < -KNOCK_MPS2 => {
+                self.turned_rad = 0.0;
+                self.enter(Phase::Touched);
+            }
             Phase::Flare => {
-                // As long as it sinks there is no ground.
-                let held = self.sink_mps < HELD_SHARE * TOUCH_SINK_MPS;
+                // As long as it sinks there is no ground, nor where it is lifted.
+                let held = (-LIFTED_MPS..HELD_SHARE * TOUCH_SINK_MPS).contains(&self.sink_mps);
                 self.since_s = if held { self.since_s } else { 0.0 };
-                if self.since_s > if glide.is_some() || is_near { SURE_HELD_S } else { HELD_S } {
+                let held_s = match (glide.is_some() || is_near, is_high) {
+                    (true, _) => SURE_HELD_S,
+                    (_, true) => HIGH_HELD_S,
+                    _ => HELD_S,
+                };
+                if self.since_s > held_s {
                     self.turned_rad = 0.0;
                     self.enter(Phase::Touched);
                 }
             }
-            Phase::Touched if self.falling_s > FALLING_S => self.enter(Phase::Flare),
+            Phase::Touched if !is_near && (self.falling_s > FALLING_S || self.sink_mps < -LIFTED_MPS) => {
+                self.enter(Phase::Flare);
+            }
             Phase::Touched
                 if s.airspeed_mps < ROLLING_SHARE * stall_mps || self.since_s > LONGEST_TOUCHED_S =>
             {
@@ -472,7 +499,7 @@ impl Landing {
                 sideways_mps2: Some(sideways),
                 bank_rad: FLARE_BANK_RAD,
                 airspeed_mps: glide.is_none().then_some(approach_mps),
-                least_mps2: -FLARE_DOWN_MPS2,
+                least_mps2: -if is_near { NEAR_DOWN_MPS2 } else { FLARE_DOWN_MPS2 },
             }),
             Phase::Touched => Flown::Loops(Approach {
                 climb_mps: -TOUCHED_SINK_MPS,
@@ -606,10 +633,16 @@ impl Landing {
     /// Whether the straight way begins here, in its direction.
     fn is_before(&self, offset: &Offset, length_m: f64, radius_m: f64, state: &NavigationState) -> bool {
         let course = state.velocity.y.atan2(state.velocity.x);
-        let aligned = wrap_angle(course - self.course_rad).abs() < ALIGNED_RAD;
-        let there = offset.right_m.abs() < ON_TRACK_SHARE * radius_m
-            && (offset.left_m - length_m).abs() < 0.5 * radius_m;
+        let (wider, aside_m) = (self.wider(), offset.right_m.abs());
+        let aligned = wrap_angle(course - self.course_rad).abs() < wider * ALIGNED_RAD;
+        let there = aside_m < wider * ON_TRACK_SHARE * radius_m
+            && (offset.left_m - length_m).abs() < wider * 0.5 * radius_m;
         aligned && there
+    }
+
+    /// How many times what a circle is usually left with is enough.
+    fn wider(&self) -> f64 {
+        (1.0 + (self.since_s - WAITS_S) / GROWS_S).clamp(1.0, MOST_TIMES)
     }
 
     fn goes_wrong(&self, offset: &Offset, wanted_m: f64, state: &NavigationState) -> bool {

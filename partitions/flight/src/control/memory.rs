@@ -3,37 +3,39 @@
 //! Any number may come back: what goes on from it checks it first (see [`Controller::resume`](super::Controller::resume)).
 
 use super::inner::InnerLoops;
-use super::{Channels, ControllerSnapshot, References, airspeed, landing, power, range_finder, takeoff};
+use super::{
+    Channels, ControllerSnapshot, References, airspeed, gusts, landing, power, range_finder, stall, takeoff,
+};
 use crate::guidance::{GuidanceSnapshot, PATH_NUMBERS};
 use crate::servo::ActuatorCommand;
 
 /// Four integrators, four references, four actuators, airspeed and its reserve, four channels.
 const LOOPS: usize = 18;
-/// The loops, the take-off, the landing, the pitot, the motor, the ground, the path.
-pub const NUMBERS: usize = GROUND + range_finder::NUMBERS + PATH_NUMBERS;
-const LANDING: usize = LOOPS + takeoff::NUMBERS;
-const PITOT: usize = LANDING + landing::NUMBERS;
-const POWER: usize = PITOT + airspeed::NUMBERS;
-const GROUND: usize = POWER + power::NUMBERS;
+/// The loops, the take-off, the landing, the pitot, the motor, the ground, the wing, the gusts, the path.
+pub const NUMBERS: usize = LOOPS
+    + takeoff::NUMBERS
+    + landing::NUMBERS
+    + airspeed::NUMBERS
+    + power::NUMBERS
+    + range_finder::NUMBERS
+    + stall::NUMBERS
+    + gusts::NUMBERS
+    + PATH_NUMBERS;
+
+/// The first `N` of `numbers`, which then begin behind them; zeros where there are not so many.
+fn take<const N: usize>(numbers: &mut &[f64]) -> [f64; N] {
+    numbers.split_first_chunk().map_or([0.0; N], |(first, rest)| {
+        *numbers = rest;
+        *first
+    })
+}
 
 impl ControllerSnapshot {
     /// All but the place in the mission.
     pub fn to_numbers(&self) -> [f64; NUMBERS] {
         let (r, c, on) = (&self.references, &self.command, |on: bool| if on { 1.0 } else { 0.0 });
         let [normal, lateral, axial, roll] = self.loops.to_numbers();
-        let mut numbers = [0.0; NUMBERS];
-        let (loops, path) = numbers.split_at_mut(NUMBERS - PATH_NUMBERS);
-        let (loops, take_off) = loops.split_at_mut(LOOPS);
-        let (take_off, landing) = take_off.split_at_mut(takeoff::NUMBERS);
-        let (landing, pitot) = landing.split_at_mut(landing::NUMBERS);
-        let (pitot, power) = pitot.split_at_mut(airspeed::NUMBERS);
-        let (power, ground) = power.split_at_mut(power::NUMBERS);
-        take_off.copy_from_slice(&self.take_off);
-        landing.copy_from_slice(&self.landing);
-        pitot.copy_from_slice(&self.airspeed_watch);
-        power.copy_from_slice(&self.power);
-        ground.copy_from_slice(&self.ground);
-        loops.copy_from_slice(&[
+        let loops: [f64; LOOPS] = [
             normal,
             lateral,
             axial,
@@ -52,26 +54,27 @@ impl ControllerSnapshot {
             on(self.channels.pitch),
             on(self.channels.yaw),
             on(self.channels.thrust),
-        ]);
-        path.copy_from_slice(&self.path);
+        ];
+        let parts: [&[f64]; 9] = [
+            &loops,
+            &self.take_off,
+            &self.landing,
+            &self.airspeed_watch,
+            &self.power,
+            &self.ground,
+            &self.stall,
+            &self.gusts,
+            &self.path,
+        ];
+        let mut numbers = [0.0; NUMBERS];
+        numbers.iter_mut().zip(parts.into_iter().flatten()).for_each(|(number, part)| *number = *part);
         numbers
     }
 
     /// The snapshot again, with the place in the mission.
     pub fn from_numbers(numbers: &[f64; NUMBERS], guidance: GuidanceSnapshot) -> Self {
-        let n = numbers;
-        let mut path = [0.0; PATH_NUMBERS];
-        path.copy_from_slice(&n[NUMBERS - PATH_NUMBERS..]);
-        let mut take_off = [0.0; takeoff::NUMBERS];
-        take_off.copy_from_slice(&n[LOOPS..LANDING]);
-        let mut landing = [0.0; landing::NUMBERS];
-        landing.copy_from_slice(&n[LANDING..PITOT]);
-        let mut airspeed_watch = [0.0; airspeed::NUMBERS];
-        airspeed_watch.copy_from_slice(&n[PITOT..POWER]);
-        let mut power = [0.0; power::NUMBERS];
-        power.copy_from_slice(&n[POWER..GROUND]);
-        let mut ground = [0.0; range_finder::NUMBERS];
-        ground.copy_from_slice(&n[GROUND..NUMBERS - PATH_NUMBERS]);
+        let mut rest = numbers.as_slice();
+        let n: [f64; LOOPS] = take(&mut rest);
         Self {
             loops: InnerLoops::from_numbers([n[0], n[1], n[2], n[3]]),
             references: References {
@@ -94,12 +97,15 @@ impl ControllerSnapshot {
                 yaw: n[16] > 0.5,
                 thrust: n[17] > 0.5,
             },
-            take_off,
-            landing,
-            airspeed_watch,
-            power,
-            ground,
-            path,
+            // In the order of `parts`.
+            take_off: take(&mut rest),
+            landing: take(&mut rest),
+            airspeed_watch: take(&mut rest),
+            power: take(&mut rest),
+            ground: take(&mut rest),
+            stall: take(&mut rest),
+            gusts: take(&mut rest),
+            path: take(&mut rest),
             guidance,
         }
     }

@@ -12,6 +12,7 @@
 pub mod airspeed;
 pub mod envelope;
 pub mod fallback;
+pub mod gusts;
 pub mod inner;
 pub mod landing;
 pub mod memory;
@@ -19,6 +20,8 @@ pub mod outer;
 mod play;
 pub mod power;
 pub mod range_finder;
+pub mod roll;
+pub mod stall;
 pub mod takeoff;
 mod wheels;
 
@@ -28,15 +31,19 @@ use crate::attitude::{self, low_pass};
 use crate::estimator::NavigationState;
 use crate::guidance::{Guidance, GuidanceOutput, GuidanceSnapshot, Motion, PathNumbers, course_acceleration};
 use crate::servo::ActuatorCommand;
+use crate::stuck::{ROLL_RATE, Stuck};
 use airspeed::AirspeedWatch;
 use envelope::{Envelope, Limits, Protection, steepness};
 use fallback::{Basis, Fallback};
+use gusts::GustWatch;
 use inner::{InnerLoops, InnerTuning, Signals};
 use landing::{Approach, Flown, Glide, Landing, LandingConfig};
 use nalgebra::{Vector2, Vector3};
 use outer::{OuterTuning, normal_for, slew};
 use power::PowerWatch;
 use range_finder::GroundWatch;
+use roll::RollModel;
+use stall::StallGuard;
 use takeoff::{Method, Phase, TakeOff};
 
 /// Which loops are on, each with its target; `None` is off.
@@ -193,12 +200,19 @@ impl Default for ControllerConfig {
 
 /// Greatest bank in the climb of a take-off, rad.
 const TAKE_OFF_BANK_RAD: f64 = 0.26;
+/// Slower than this share of the airspeed that carries it, an aircraft does not fly.
+const STALLS_SHARE: f64 = 0.6;
 /// Above this the wing carries a take-off, m above the runway.
 const CARRIED_BY_WING_M: f64 = 15.0;
 /// Airspeed that is asked for beyond that of a glide, m/s.
 const OPEN_THROTTLE_MPS: f64 = 3.0;
-/// Share of the airspeed that is kept in hand while the pitot is not believed.
+/// Share of the airspeed that is kept in hand while the pitot is not believed; on an approach, which is flown at another lift than that at
+/// which the airspeed by lift was learnt.
 const DOUBTED_SHARE: f64 = 0.05;
+const DOUBTED_APPROACH_SHARE: f64 = 0.12;
+/// Airspeed of an approach for each m/s of the gusts' standard deviation, m/s at most.
+const GUST_SHARE: f64 = 2.0;
+const MOST_FOR_GUSTS_MPS: f64 = 5.0;
 /// Memory of where the actuators stand on average, s.
 const STEADY_S: f64 = 10.0;
 /// How far ahead the airspeed is looked at where its floor is kept, s.
@@ -247,6 +261,10 @@ pub struct ControllerSnapshot {
     pub power: [f64; power::NUMBERS],
     /// What is known of the ground.
     pub ground: [f64; range_finder::NUMBERS],
+    /// What is known of the wing.
+    pub stall: [f64; stall::NUMBERS],
+    /// What is known of gusts.
+    pub gusts: [f64; gusts::NUMBERS],
     /// The piece of path that was flown.
     pub path: PathNumbers,
     /// Mission progress.
@@ -269,6 +287,10 @@ pub struct Controller {
     airspeed_watch: AirspeedWatch,
     power: PowerWatch,
     ground: GroundWatch,
+    stall: StallGuard,
+    gusts: GustWatch,
+    stuck: Stuck,
+    roll: RollModel,
     /// Airspeed asked for on top of the reference, because the elevator is near its stop, m/s.
     authority_mps: f64,
     last: ActuatorCommand,
@@ -314,6 +336,10 @@ impl Controller {
             airspeed_watch: AirspeedWatch::default(),
             power: PowerWatch::default(),
             ground: GroundWatch::default(),
+            stall: StallGuard::default(),
+            gusts: GustWatch::default(),
+            stuck: Stuck::default(),
+            roll: RollModel::default(),
             authority_mps: 0.0,
             last: trimmed(&trim),
             steady: Steady::default(),
@@ -418,6 +444,8 @@ impl Controller {
             airspeed_watch: self.airspeed_watch.to_numbers(),
             power: self.power.to_numbers(),
             ground: self.ground.to_numbers(),
+            stall: self.stall.to_numbers(),
+            gusts: self.gusts.to_numbers(),
             path: self.guidance.path(),
             guidance: self.guidance.snapshot(),
         }
@@ -445,6 +473,9 @@ impl Controller {
         self.airspeed_watch = AirspeedWatch::from_numbers(&snapshot.airspeed_watch);
         self.power = PowerWatch::from_numbers(&snapshot.power);
         self.ground = GroundWatch::from_numbers(&snapshot.ground);
+        self.stall = StallGuard::from_numbers(&snapshot.stall);
+        self.gusts = GustWatch::from_numbers(&snapshot.gusts);
+        self.learn_lift();
         self.guidance.resume(&snapshot.guidance);
         self.guidance.resume_path(&snapshot.path);
         true
@@ -461,7 +492,12 @@ impl Controller {
         let commands = commands.finite();
         let (state, basis) =
             self.fallback.update(inputs.navigation, &inputs.rates, &inputs.specific_force, dt_s);
-        let signals = self.measure(&state, inputs, basis, dt_s);
+        let mut signals = self.measure(&state, inputs, basis, dt_s);
+        self.stuck.look(&inputs.specific_force, &inputs.rates);
+        let by_ailerons = self.roll.step(&self.airframe, &signals, self.last.aileron_rad, dt_s);
+        if self.rolls_blind() {
+            signals.roll_rate_radps = by_ailerons;
+        }
         self.watch_ground(&state, inputs.range_m, basis, dt_s);
         if !commands.autopilot {
             return self.hand_over(inputs, basis, signals);
@@ -492,6 +528,8 @@ impl Controller {
         protection.note(Protection::PITOT, !self.airspeed_watch.is_believed());
         protection.note(Protection::POWER, self.power.is_lost());
         let mut command = self.inner(&signals, &wanted, &commands, inputs, dt_s);
+        self.watch_wing(&signals, &command, basis, dt_s);
+        protection.note(Protection::STALL, self.stall.is_stalled());
         if let Some(rudder_rad) =
             self.landing.and_then(|landing| landing.rudder_rad(&self.airframe, &signals))
         {
@@ -586,7 +624,10 @@ impl Controller {
         let least_mps = glide.as_ref().map_or(0.0, |glide| glide.airspeed_mps + OPEN_THROTTLE_MPS);
         let circle = (radius_m, self.config.cruise_mps.max(least_mps));
         let over = (self.ground.over_ground(state), self.ground.is_known());
-        let flown = landing.step(aircraft, (&over.0, over.1), s, circle, glide.as_ref(), dt_s);
+        let doubted = if self.airspeed_watch.is_believed() { 0.0 } else { DOUBTED_APPROACH_SHARE };
+        let gusts_mps = (GUST_SHARE * self.gusts.deviation_mps()).min(MOST_FOR_GUSTS_MPS);
+        let air = (s, gusts_mps + doubted * s.airspeed_mps);
+        let flown = landing.step(aircraft, (&over.0, over.1), air, circle, glide.as_ref(), dt_s);
         self.landing = Some(landing);
         let closes = matches!(flown, Flown::Loops(Approach { airspeed_mps: None, .. }));
         let commands = match flown {
@@ -634,6 +675,33 @@ impl Controller {
         }
     }
 
+    /// A wing that stalls where its file has lift yet is flown with the lift that it gave, from then on.
+    fn watch_wing(&mut self, s: &Signals, command: &ActuatorCommand, basis: Basis, dt_s: f64) {
+        let on_ground = self.landing.is_some_and(|landing| landing.is_on_ground())
+            || s.airspeed_mps < STALLS_SHARE * self.envelope.stall_mps(&self.airframe, s.density_kgpm3);
+        if !self.channels.pitch || self.take_off.is_some() || on_ground || basis == Basis::WingsLevel {
+            return;
+        }
+        // An elevator that is at its own stop can not hold a stall.
+        let least_rad = self.least_elevator_rad(s);
+        let at_limit =
+            least_rad > -self.airframe.servo.elevator_limit_rad && command.elevator_rad <= least_rad + 1e-3;
+        let asked = (self.references.normal_mps2, at_limit);
+        if self.stall.step(&self.airframe, self.airframe.greatest_lift(), s, asked, dt_s) {
+            self.learn_lift();
+        }
+    }
+
+    fn least_elevator_rad(&self, s: &Signals) -> f64 {
+        let (lift, factor) = (self.airframe.greatest_lift(), self.airspeed_watch.elevator_factor());
+        self.stall.least_elevator_rad(&self.airframe, lift, factor, s)
+    }
+
+    fn learn_lift(&mut self) {
+        self.envelope = Envelope::with_lift(&self.airframe, self.stall.share());
+        self.configure(self.config);
+    }
+
     fn watch_power(&mut self, state: &NavigationState, s: &Signals, basis: Basis, dt_s: f64) {
         let rolls = self.take_off.is_some_and(|take_off| take_off.phase != Phase::Climbing)
             || self.landing.is_some_and(|landing| landing.is_on_ground());
@@ -644,7 +712,7 @@ impl Controller {
             density_kgpm3: s.density_kgpm3,
             axial_mps2: s.axial_mps2,
             normal_mps2: s.normal_mps2,
-            flying: self.channels.pitch && !rolls && basis != Basis::WingsLevel,
+            flying: self.channels.pitch && !rolls && basis != Basis::WingsLevel && !self.stall.is_stalled(),
             may_sink: self.landing.is_some_and(|landing| landing.phase != landing::Phase::Round),
             dt_s,
         };
@@ -696,9 +764,15 @@ impl Controller {
         self.on_ground(inputs.pilot, basis, signals)
     }
 
+    /// The gyroscope does not tell the roll rate.
+    fn rolls_blind(&self) -> bool {
+        self.stuck.axes() & ROLL_RATE != 0
+    }
+
     /// What can be asked for at the airspeed of the moment.
     fn limits(&self, s: &Signals) -> Limits {
-        let bank_rad = self.config.outer.bank_limit_rad;
+        let most_rad = if self.rolls_blind() { roll::BANK_RAD } else { f64::INFINITY };
+        let bank_rad = self.config.outer.bank_limit_rad.min(most_rad);
         let sure = if self.airspeed_watch.is_believed() { 1.0 } else { 1.0 - DOUBTED_SHARE };
         self.envelope.limits(&self.airframe, sure * s.airspeed_mps, s.density_kgpm3, bank_rad)
     }
@@ -730,7 +804,8 @@ impl Controller {
             let bank = limits.bank(bank, &mut protection);
             wanted.bank = Some(bank);
             let most = self.envelope.roll_rate_radps(s.airspeed_mps);
-            wanted.roll_rate = Some(outer.bank(bank, s.bank_rad).clamp(-most, most));
+            let share = if self.rolls_blind() { roll::BANK_SHARE } else { 1.0 };
+            wanted.roll_rate = Some((share * outer.bank(bank, s.bank_rad)).clamp(-most, most));
         } else if let Some(rate) = wanted.roll_rate {
             // A roll rate by itself would roll on and on: beyond the limit only back.
             let (high, low) =
@@ -815,9 +890,13 @@ impl Controller {
             pitch_rate_radps: s.pitch_rate_radps,
             normal_mps2: s.normal_mps2,
             change_mps2: s.axial_mps2 - GRAVITY_MPS2 * s.climb_rad.sin(),
-            flying: self.channels.pitch && in_air && basis != Basis::WingsLevel,
+            flying: self.channels.pitch && in_air && basis != Basis::WingsLevel && !self.stall.is_stalled(),
             dt_s,
         };
+        match inputs.airspeed_mps.filter(|_| in_air && self.airspeed_watch.is_believed()) {
+            Some(pitot_mps) => self.gusts.step(pitot_mps, frame.change_mps2, dt_s),
+            None => self.gusts.pause(),
+        }
         self.airspeed_watch.step(&self.airframe, &frame)
     }
 
@@ -949,6 +1028,7 @@ impl Controller {
         let lateral = commands.lateral_mps2.unwrap_or(0.0);
         self.engage(s, wanted, lateral);
         self.slew_references(wanted, dt_s);
+        let least_rad = self.least_elevator_rad(s);
         let (airframe, tuning, r) = (&self.airframe, &self.config.inner, &self.references);
         let loops = &mut self.loops;
         let mut command = inputs.pilot;
@@ -956,7 +1036,7 @@ impl Controller {
             command.aileron_rad = loops.roll(airframe, tuning, s, r.roll_rate_radps, dt_s);
         }
         if wanted.normal.is_some() {
-            command.elevator_rad = loops.normal(airframe, tuning, s, r.normal_mps2, dt_s);
+            command.elevator_rad = loops.normal(airframe, tuning, s, (r.normal_mps2, least_rad), dt_s);
         }
         let used = -command.elevator_rad / airframe.servo.elevator_limit_rad;
         let more = (AUTHORITY_GAIN_MPS * (used - ELEVATOR_COMFORT)).clamp(0.0, AUTHORITY_LIMIT_MPS);

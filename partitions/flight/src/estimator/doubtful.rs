@@ -3,7 +3,7 @@
 //! Of the six equations of motion each holds one force and the rates: with accelerations relative to the air left out, a missing force or
 //! rate follows from the others (body axes, velocity relative to the air (u, v, w), `a × b` the turning of the axes):
 //! `f = ω × V − Rᵀ g`. Gusts are what it does not know. The roll rate has no place in it while the aircraft flies straight along its
-//! nose: nothing stands in for that.
+//! nose: there the bank is told by the yaw rate and the lateral force, `g cos θ sin φ = r u − f_y`, and the rate turns the state towards it.
 
 use super::filter::ProcessNoise;
 use super::{Estimator, ImuSample};
@@ -15,10 +15,13 @@ use nalgebra::Vector3;
 const FORCE_AXES: u32 = 0b111;
 const GYROSCOPE_SHIFT: u32 = 3;
 /// Those for which something stands in: without the accelerometer's first two axes the filter flies on as it is, and better.
-const REPLACED: u32 = 0b11_0100;
+const REPLACED: u32 = 0b11_1100;
 
 /// Time over which pitch and yaw rates are averaged, s: gusts are shorter.
 const RATE_S: f64 = 0.1;
+/// How fast the bank follows that which is told, 1/s; and the steepest one that is told.
+const BANK_GAIN: f64 = 2.0;
+const MOST_SINE: f64 = 0.9;
 /// Below this airspeed nothing is told by the air, m/s.
 const LEAST_MPS: f64 = 8.0;
 /// No manoeuvre is quicker, rad/s.
@@ -67,6 +70,11 @@ impl Estimator {
         if is(2, GYROSCOPE_SHIFT) {
             told.z = low_pass(told.z, (force.y + down.y + rates.x * air.z) / air.x, RATE_S, dt_s);
             rates.z = told.z;
+        }
+        if is(0, GYROSCOPE_SHIFT) {
+            let (bank, pitch, _) = nominal.attitude.euler_angles();
+            let sine = (rates.z * air.x - force.y) / (GRAVITY_MPS2 * pitch.cos().max(0.3));
+            rates.x = BANK_GAIN * (sine.clamp(-MOST_SINE, MOST_SINE).asin() - bank);
         }
         let turned = rates.cross(&air) - down;
         for axis in 0..3 {
@@ -118,7 +126,7 @@ mod tests {
     fn each_missing_axis_follows_from_the_others_in_a_turn() {
         for trial in 0..40 {
             let bank_rad = -0.6 + 0.03 * f64::from(trial);
-            for axis in [2, 4, 5] {
+            for axis in [2, 3, 4, 5] {
                 let (mut estimator, truth) = turn(bank_rad, 0.08);
                 estimator.doubt(1 << axis);
                 let mut broken = truth;

@@ -6,18 +6,21 @@ use nalgebra::Vector3;
 const REPEATS: u32 = 5;
 
 /// Accelerometer and gyroscope, forward, right, down.
-pub(crate) const AXES: usize = 6;
+pub const AXES: usize = 6;
+
+/// [`Stuck::axes`]: the roll rate.
+pub const ROLL_RATE: u32 = 8;
 
 /// What each axis said last, and how often in a row.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Stuck {
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Stuck {
     last: [f64; AXES],
     repeats: [u32; AXES],
 }
 
 impl Stuck {
     /// Takes a sample: specific force (m/s²) and rates (rad/s).
-    pub(crate) fn look(&mut self, force: &Vector3<f64>, rates: &Vector3<f64>) {
+    pub fn look(&mut self, force: &Vector3<f64>, rates: &Vector3<f64>) {
         let now = [force.x, force.y, force.z, rates.x, rates.y, rates.z];
         for (axis, value) in now.into_iter().enumerate() {
             let same = value.to_bits() == self.last[axis].to_bits();
@@ -30,7 +33,7 @@ impl Stuck {
     }
 
     /// The axes that are stuck, one bit each: accelerometer 1, 2, 4, gyroscope 8, 16, 32.
-    pub(crate) fn axes(&self) -> u32 {
+    pub fn axes(&self) -> u32 {
         let bits = self.repeats.iter().enumerate().filter(|(_, repeats)| **repeats >= REPEATS);
         bits.fold(0, |all, (axis, _)| all | 1 << axis)
     }

@@ -1,0 +1,85 @@
+//! How gusty the air is: what the airspeed does that the aircraft's own acceleration does not tell.
+//!
+//! Responsible for one number. It must never count a change of speed that the aircraft makes by itself.
+
+use crate::attitude::low_pass;
+
+/// Plain numbers that outlive a restart.
+pub const NUMBERS: usize = 2;
+
+/// Changes of wind slower than this are none, s; and memory of their size, s.
+const SLOW_S: f64 = 5.0;
+const MEMORY_S: f64 = 20.0;
+/// What noise of the pitot and errors of the accelerometer leave, m/s.
+const NOISE_MPS: f64 = 0.3;
+
+/// See the module's head.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct GustWatch {
+    /// Airspeed without gusts, m/s; 0: not known.
+    smooth_mps: f64,
+    /// Mean square of the gusts, m²/s².
+    square: f64,
+}
+
+impl GustWatch {
+    /// Standard deviation of the gusts along the way, m/s.
+    pub fn deviation_mps(&self) -> f64 {
+        (self.square - NOISE_MPS * NOISE_MPS).max(0.0).sqrt()
+    }
+
+    /// Takes a frame: of the pitot, m/s, and the change of airspeed in steady air, m/s².
+    pub fn step(&mut self, pitot_mps: f64, change_mps2: f64, dt_s: f64) {
+        if !(pitot_mps.is_finite() && change_mps2.is_finite()) {
+            return;
+        }
+        if self.smooth_mps <= 0.0 {
+            self.smooth_mps = pitot_mps;
+        }
+        let gust_mps = pitot_mps - self.smooth_mps;
+        self.smooth_mps += (change_mps2 + gust_mps / SLOW_S) * dt_s;
+        self.square = low_pass(self.square, gust_mps * gust_mps, MEMORY_S, dt_s);
+    }
+
+    /// There was no airspeed to be judged by: what it was is no measure of what it will be.
+    pub fn pause(&mut self) {
+        self.smooth_mps = 0.0;
+    }
+
+    /// As plain numbers.
+    pub fn to_numbers(&self) -> [f64; NUMBERS] {
+        [self.smooth_mps, self.square]
+    }
+
+    /// From plain numbers; from nonsense a new one.
+    pub fn from_numbers([smooth_mps, square]: &[f64; NUMBERS]) -> Self {
+        match (0.0..200.0).contains(smooth_mps) && (0.0..1e3).contains(square) {
+            true => Self { smooth_mps: *smooth_mps, square: *square },
+            false => Self::default(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gusts_are_counted_and_a_change_of_speed_is_not() {
+        let mut watch = GustWatch::default();
+        let mut airspeed_mps = 20.0;
+        for frame in 0..3_000 {
+            let change_mps2 = if frame % 1_000 < 500 { 1.0 } else { -1.0 };
+            airspeed_mps += 0.02 * change_mps2;
+            watch.step(airspeed_mps, change_mps2, 0.02);
+        }
+        assert!(watch.deviation_mps() < 0.1, "{watch:?}");
+        for frame in 0..3_000 {
+            let gust_mps = 2.0 * (f64::from(frame) * 0.02 * 3.0).sin();
+            watch.step(airspeed_mps + gust_mps, 0.0, 0.02);
+        }
+        assert!((1.2..1.6).contains(&watch.deviation_mps()), "{watch:?}");
+        assert_eq!(GustWatch::from_numbers(&watch.to_numbers()), watch);
+        assert_eq!(GustWatch::from_numbers(&[f64::NAN, 0.0]), GustWatch::default());
+    }
+}

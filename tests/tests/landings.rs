@@ -92,6 +92,35 @@ fn range_finder_brings_the_touch_down_to_its_place_and_none_of_its_faults_makes_
     }
 }
 
+/// Mass, inertia and derivatives off their file: this one's wing stalls in the first turn, at a load that its file allows.
+#[test]
+fn wing_that_stalls_before_its_file_says_so_flies_again_and_lands() {
+    let _turn = among_others();
+    for seed in ["100014", "100088"] {
+        let air = ["--airframe", "vtail60", "--seed", seed, "--wind", "3", "--wind-from", "100"];
+        let ended =
+            flight(&[&air[..], &["--vary", "mass=10%,inertia=10%,derivatives=20%", "--land"]].concat());
+        let ended = ended.expect_code(0);
+        let stalled = |fault: &bateleur_tests::Fault| fault.detail.contains("the wing has stalled");
+        assert!(ended.faults().iter().any(stalled), "seed {seed} stalls no more: {}", ended.stderr);
+        let touchdown = ended.summary()["conditions"]["touchdown"].clone();
+        assert!(number(&touchdown, "sink_mps") < 2.0, "{touchdown}");
+    }
+}
+
+#[test]
+fn aircraft_whose_gyroscope_tells_no_roll_rate_lands() {
+    let _turn = among_others();
+    for (seed, airframe) in ["aerosonde", "rascal110", "ultrastick25e", "vtail60", "zagi"].iter().enumerate()
+    {
+        let seed = (41 + seed).to_string();
+        let air = ["--airframe", airframe, "--seed", &seed, "--wind", "3", "--fault", "gyroscope_stuck=x@50"];
+        let ended = flight(&[&["--land"], &air[..]].concat()).expect_code(0);
+        let touchdown = ended.summary()["conditions"]["touchdown"].clone();
+        assert!(number(&touchdown, "sink_mps") < 2.0, "{airframe}: {touchdown}");
+    }
+}
+
 #[test]
 fn plan_that_finishes_with_a_landing_lands_without_an_order() {
     let _turn = among_others();

@@ -18,7 +18,7 @@ use bateleur_contract::{Clock, Mapped};
 use bateleur_host::helper::recording::{ATTACH_ANEW, LEFT_OUT, NO_ROOM, READ};
 use bateleur_monitor::Monitor;
 use bateleur_monitor::event::Event;
-use bateleur_system::cpu_starvation::{STARVED_PATIENCE_NS, Spell};
+use bateleur_system::cpu_starvation::{STARVED_PATIENCE_NS, Spell, waits_for_disk};
 use bateleur_system::spawn::Spawned;
 use bateleur_system::time::now_ns;
 use bateleur_system::wait::{await_any_end, ended, is_readable, is_victim};
@@ -152,6 +152,10 @@ impl Recorder {
             return false;
         }
         let pid = self.process.pid;
+        if now.saturating_sub(asked_ns) < most_ns + STARVED_PATIENCE_NS && waits_for_disk(pid) {
+            self.late = None; // its own time begins anew
+            return false;
+        }
         let (since_ns, spell) = self.late.get_or_insert_with(|| (now, Spell::begin(pid)));
         spell.has_had(now.saturating_sub(*since_ns), OWN_PATIENCE_NS, STARVED_PATIENCE_NS)
     }

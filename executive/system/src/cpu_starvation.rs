@@ -13,12 +13,10 @@ struct Spent {
     waited_ns: u64,
     /// It has a processor or waits for one at this moment.
     is_runnable: bool,
-    /// It waits for a disk at this moment.
-    is_stalled: bool,
 }
 
-/// How long process `pid`, which began `elapsed_ns` ago, has run or waited for something else than a processor, or a disk at this moment,
-/// ns; all of it where the kernel does not tell.
+/// How long process `pid`, which began `elapsed_ns` ago, has run or waited for something else than a processor, ns; all of it where
+/// the kernel does not tell.
 pub fn used_ns(pid: i32, elapsed_ns: u64) -> u64 {
     spent_of(pid).map_or(elapsed_ns, |spent| used_of(&spent, elapsed_ns))
 }
@@ -35,6 +33,16 @@ pub fn has_had(pid: i32, elapsed_ns: u64, limit_ns: u64, most_ns: u64) -> bool {
 /// The kernel is asked only where its answer decides.
 fn is_had(elapsed_ns: u64, limit_ns: u64, most_ns: u64, used_ns: impl FnOnce() -> u64) -> bool {
     elapsed_ns >= limit_ns && (elapsed_ns >= most_ns || used_ns() >= limit_ns)
+}
+
+/// Whether it waits for a disk at this moment.
+pub fn waits_for_disk(pid: i32) -> bool {
+    fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| state_in(&stat) == Some('D'))
+}
+
+/// A name may hold blanks and parentheses; the state follows the last one.
+fn state_in(stat: &str) -> Option<char> {
+    stat.rsplit_once(')')?.1.trim_start().chars().next()
 }
 
 /// A time of a process's life that begins somewhere in it.
@@ -85,7 +93,7 @@ fn spent_of(pid: i32) -> Option<Spent> {
 }
 
 fn used_of(spent: &Spent, elapsed_ns: u64) -> u64 {
-    match spent.is_runnable || spent.is_stalled {
+    match spent.is_runnable {
         // How long it has been waiting this time is not known.
         true => spent.ran_ns,
         false => elapsed_ns.saturating_sub(spent.waited_ns),
@@ -102,9 +110,8 @@ fn is_starved(spent: &Spent, due_ns: u64) -> bool {
 fn spent(schedstat: &str, stat: &str) -> Option<Spent> {
     let mut words = schedstat.split_ascii_whitespace().map(str::parse);
     let (Some(Ok(ran_ns)), Some(Ok(waited_ns))) = (words.next(), words.next()) else { return None };
-    // A name may hold blanks and parentheses; the state follows the last one.
-    let state = stat.rsplit_once(')')?.1.trim_start().chars().next()?;
-    Some(Spent { ran_ns, waited_ns, is_runnable: state == 'R', is_stalled: state == 'D' })
+    let state = state_in(stat)?;
+    Some(Spent { ran_ns, waited_ns, is_runnable: state == 'R' })
 }
 
 #[cfg(test)]
@@ -120,15 +127,12 @@ mod tests {
         assert_eq!(used_of(&starved, 20 * SECOND_NS), 7_000_000);
         let asleep = spent("7000000 2000000000 9\n", "42 (channel-cleaner) S 1 42 0").unwrap();
         assert_eq!(used_of(&asleep, 20 * SECOND_NS), 18 * SECOND_NS);
-        let stalled = spent("7000000 2000000000 9\n", "42 (recorder) D 1 42 0").unwrap();
-        assert_eq!(used_of(&stalled, 20 * SECOND_NS), 7_000_000, "it waits for a disk");
         assert_eq!(spent("", "42 (channel-cleaner) S 1"), None);
     }
 
     #[test]
     fn a_window_in_which_a_process_waited_for_a_processor_is_told_from_one_that_it_used_or_slept_through() {
-        let spent =
-            |ran_ns, waited_ns, is_runnable| Spent { ran_ns, waited_ns, is_runnable, is_stalled: false };
+        let spent = |ran_ns, waited_ns, is_runnable| Spent { ran_ns, waited_ns, is_runnable };
         assert!(is_starved(&spent(10, 0, true), 1_000), "it waits still");
         assert!(is_starved(&spent(10, 900, false), 1_000), "it waited, and is held now");
         assert!(!is_starved(&spent(900, 50, true), 1_000), "it computed");

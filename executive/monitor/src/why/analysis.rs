@@ -93,6 +93,8 @@ pub(super) fn span(
     let mut has = events.clone().next()?.thread;
     let mut interrupts: Vec<Interrupt> = Vec::new();
     let (mut span, mut since_ns) = (Span::default(), from_ns);
+    // Somebody waits from here on: a new stretch begins, though nobody else has the processor.
+    let mut wakes = false;
     span.left.extend(left.before(events.clone().next()?.at_ns));
     for event in events {
         // A switch before it was left out, or is in what was lost. It came right after the event before,
@@ -103,13 +105,14 @@ pub(super) fn span(
         }
         let until_ns = event.at_ns.min(to_ns);
         if until_ns > since_ns {
-            span.add(since_ns, until_ns, has, interrupts.last());
+            span.add(since_ns, until_ns, has, interrupts.last(), std::mem::take(&mut wakes));
             since_ns = until_ns;
         }
         if event.at_ns >= to_ns {
             break;
         }
         span.left.extend(change(event));
+        wakes |= matches!(event.what, What::Waking(_));
         match event.what {
             What::Switch { to, .. } => {
                 has = to;
@@ -129,20 +132,22 @@ pub(super) fn span(
         }
     }
     if to_ns > since_ns {
-        span.add(since_ns, to_ns, has, interrupts.last());
+        span.add(since_ns, to_ns, has, interrupts.last(), wakes);
     }
     Some(span)
 }
 
 impl Span {
-    fn add(&mut self, from_ns: u64, to_ns: u64, thread: i32, interrupt: Option<&Interrupt>) {
+    fn add(&mut self, from_ns: u64, to_ns: u64, thread: i32, interrupt: Option<&Interrupt>, anew: bool) {
         let who = match interrupt {
             Some(interrupt) => Who::Interrupt(*interrupt),
             None if thread == 0 => Who::Idle,
             None => Who::Thread(thread),
         };
         match self.stretches.last_mut() {
-            Some(last) if (last.who, last.thread, last.to_ns) == (who, thread, from_ns) => last.to_ns = to_ns,
+            Some(last) if !anew && (last.who, last.thread, last.to_ns) == (who, thread, from_ns) => {
+                last.to_ns = to_ns;
+            }
             _ => self.stretches.push(Stretch { from_ns, to_ns, who, thread }),
         }
     }
@@ -399,6 +404,14 @@ mod tests {
             switch(1_900, 7, 20),
         ];
         assert_eq!(judged(&woken, false), Verdict::Had(thread(7), 898));
+        // Whoever wakes it and goes on keeps it from the processor.
+        let kept = [
+            switch(800, 0, 20),
+            sleeps(900, 20, 7),
+            during(7, 1_200, What::Waking(20)),
+            switch(1_900, 7, 20),
+        ];
+        assert_eq!(judged(&kept, false), Verdict::Had(thread(7), 700));
     }
 
     /// A partition's thread that went to sleep long before, while others have kept the processor busy.

@@ -169,7 +169,10 @@ impl Space {
             ("aircraft about its file", vary),
             ("flights with a bias that changes", self.bias_shifts.to_string()),
             ("flights in which a sensor fails, of each", self.sensor_faults.to_string()),
-            ("aircraft", self.airframes.join(", ")),
+            (
+                "aircraft",
+                if self.airframes.is_empty() { "as asked".into() } else { self.airframes.join(", ") },
+            ),
             ("added latency of fixes, s", self.gps_late.to_string()),
             ("receiver lost for, s", self.gps_outage.to_string()),
             (KILLED, format!("{} of {}", self.kills, victims.join(", "))),
@@ -270,7 +273,7 @@ impl Space {
                 .map(|span| format!("..{}", rounded(from_s + span.draw(seed, &named("lasts")), 1)))
                 .unwrap_or_default();
             into.option("fault", format!("{fault}{value}@{from_s}{until}"));
-            into.note(fault, 1.0);
+            into.note(&format!("{}_fails", sensor.replace('-', "_")), 1.0);
         }
     }
 
@@ -433,13 +436,13 @@ mod tests {
             space(&["--sensor-faults=10%", "--airframes=zagi,vtail60", "--gps-late=0", "--gps-outage=0"]);
         let all: Vec<Drawn> = (0..4_000).map(|seed| space.draw(seed, &nine())).collect();
         for (sensor, faults) in SENSOR_FAULTS {
-            let failed = all
-                .iter()
-                .filter(|drawn| faults.iter().any(|(fault, ..)| drawn.conditions.get(*fault) == Some(&1.0)));
+            let noted = format!("{}_fails", sensor.replace('-', "_"));
+            let failed = all.iter().filter(|drawn| drawn.conditions.contains_key(&noted));
             let share = failed.count() as f64 / all.len() as f64;
             assert!((0.08..0.12).contains(&share), "{sensor}: {share}");
             for (fault, ..) in faults {
-                assert!(all.iter().any(|drawn| drawn.conditions.contains_key(*fault)), "{fault}");
+                let drawn = |option: &String| option.starts_with(&format!("--fault={fault}"));
+                assert!(all.iter().any(|one| one.options.iter().any(drawn)), "{fault}");
             }
         }
         for option in all.iter().flat_map(|drawn| &drawn.options) {

@@ -162,8 +162,18 @@ impl AirspeedWatch {
         if let Some(pitot_mps) = pitot.filter(|_| frame.flying) {
             self.judge(airframe, pitot_mps, frame);
         }
-        let by_lift = self.by_lift_mps();
+        self.flown_mps(frame.pitot_mps)
+    }
+
+    /// The airspeed to fly on, m/s, with nothing judged.
+    pub fn flown_mps(&self, pitot_mps: Option<f64>) -> Option<f64> {
+        let (pitot, by_lift) = (pitot_mps.filter(|mps| mps.is_finite()), self.by_lift_mps());
         if self.believed { pitot.or(by_lift) } else { by_lift }
+    }
+
+    /// The pitot is believed, and nothing speaks against it.
+    pub fn is_sure(&self) -> bool {
+        self.believed && self.against_s == 0.0
     }
 
     fn average(&mut self, airframe: &Airframe, frame: &Frame) {

@@ -5,7 +5,7 @@
 use crate::attitude::low_pass;
 
 /// Plain numbers that outlive a restart.
-pub const NUMBERS: usize = 2;
+pub const NUMBERS: usize = 3;
 
 /// Changes of wind slower than this are none, s; and memory of their size, s.
 const SLOW_S: f64 = 5.0;
@@ -18,7 +18,8 @@ const NOISE_MPS: f64 = 0.3;
 pub struct GustWatch {
     /// Airspeed without gusts, m/s; 0: not known.
     smooth_mps: f64,
-    /// Mean square of the gusts, m²/s².
+    /// Mean of what is beyond it, m/s: an error of the accelerometer is no gust; and mean square about that, m²/s².
+    mean_mps: f64,
     square: f64,
 }
 
@@ -38,23 +39,26 @@ impl GustWatch {
         }
         let gust_mps = pitot_mps - self.smooth_mps;
         self.smooth_mps += (change_mps2 + gust_mps / SLOW_S) * dt_s;
-        self.square = low_pass(self.square, gust_mps * gust_mps, MEMORY_S, dt_s);
+        self.mean_mps = low_pass(self.mean_mps, gust_mps, MEMORY_S, dt_s);
+        let off_mps = gust_mps - self.mean_mps;
+        self.square = low_pass(self.square, off_mps * off_mps, MEMORY_S, dt_s);
     }
 
-    /// There was no airspeed to be judged by: what it was is no measure of what it will be.
-    pub fn pause(&mut self) {
-        self.smooth_mps = 0.0;
+    /// There is no airspeed to be judged by: what it was last may have been a fault, and is forgotten.
+    pub fn pause(&mut self, dt_s: f64) {
+        (self.smooth_mps, self.mean_mps) = (0.0, 0.0);
+        self.square = low_pass(self.square, 0.0, MEMORY_S, dt_s);
     }
 
     /// As plain numbers.
     pub fn to_numbers(&self) -> [f64; NUMBERS] {
-        [self.smooth_mps, self.square]
+        [self.smooth_mps, self.mean_mps, self.square]
     }
 
     /// From plain numbers; from nonsense a new one.
-    pub fn from_numbers([smooth_mps, square]: &[f64; NUMBERS]) -> Self {
-        match (0.0..200.0).contains(smooth_mps) && (0.0..1e3).contains(square) {
-            true => Self { smooth_mps: *smooth_mps, square: *square },
+    pub fn from_numbers([smooth_mps, mean_mps, square]: &[f64; NUMBERS]) -> Self {
+        match (0.0..200.0).contains(smooth_mps) && mean_mps.abs() < 50.0 && (0.0..1e3).contains(square) {
+            true => Self { smooth_mps: *smooth_mps, mean_mps: *mean_mps, square: *square },
             false => Self::default(),
         }
     }
@@ -80,6 +84,17 @@ mod tests {
         }
         assert!((1.2..1.6).contains(&watch.deviation_mps()), "{watch:?}");
         assert_eq!(GustWatch::from_numbers(&watch.to_numbers()), watch);
-        assert_eq!(GustWatch::from_numbers(&[f64::NAN, 0.0]), GustWatch::default());
+        assert_eq!(GustWatch::from_numbers(&[f64::NAN, 0.0, 0.0]), GustWatch::default());
+    }
+
+    #[test]
+    fn error_of_the_accelerometer_is_no_gust_and_a_fault_of_the_pitot_is_forgotten() {
+        let mut watch = GustWatch::default();
+        (0..6_000).for_each(|_| watch.step(20.0, 0.4, 0.02));
+        assert!(watch.deviation_mps() < 0.2, "{watch:?}");
+        (0..100).for_each(|_| watch.step(0.0, 0.0, 0.02));
+        assert!(watch.deviation_mps() > 2.0);
+        (0..8_000).for_each(|_| watch.pause(0.02));
+        assert!(watch.deviation_mps() < 0.5, "{watch:?}");
     }
 }

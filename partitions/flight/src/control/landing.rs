@@ -34,8 +34,9 @@ const LEVEL_M: f64 = 150.0;
 const ALIGNED_RAD: f64 = 0.3;
 const ON_HEIGHT_M: f64 = 8.0;
 const ON_TRACK_SHARE: f64 = 0.3;
-/// After so long on the circle, s, these grow by themselves once in so long, s, to this many times at most: with what is left of its sensors the
+/// After so long within so many radii of the circle's centre, s, these grow by themselves once in so long, s, to this many times at most: with what is left of its sensors the
 /// aircraft holds it no better.
+const NEAR_CIRCLE: f64 = 2.0;
 const WAITS_S: f64 = 150.0;
 const GROWS_S: f64 = 60.0;
 const MOST_TIMES: f64 = 4.0;
@@ -68,16 +69,16 @@ const MOST_ROUNDS: f64 = 2.0;
 /// The ground may hold the aircraft up where it sinks slower than this share of what it should, for so long, s: then it is to sink at this
 /// rate, m/s, and where it does not for so long, s, it is the ground and no gust. Smoothing of the sink rate, s.
 const HELD_SHARE: f64 = 0.35;
-/// Normal specific acceleration by which a wheel has met the ground, where the ground is seen to be near, m/s².
-const KNOCK_MPS2: f64 = 25.0;
-/// The same where a range finder sees the ground so far below, m: it may be wrong.
-const HIGH_M: f64 = 4.0;
-const HIGH_HELD_S: f64 = 4.0;
-/// A gust lifts what rises faster than this, m/s.
-const LIFTED_MPS: f64 = 0.5;
 const DOUBT_S: f64 = 0.3;
 const PRESSED_SINK_MPS: f64 = 1.0;
 const HELD_S: f64 = 1.5;
+/// The same where a range finder sees the ground so far below, m: it may be wrong.
+const HIGH_M: f64 = 4.0;
+const HIGH_HELD_S: f64 = 4.0;
+/// Normal specific acceleration by which a wheel has met the ground, where the ground is seen to be near, m/s².
+const KNOCK_MPS2: f64 = 25.0;
+/// A gust lifts what rises faster than this, m/s.
+const LIFTED_MPS: f64 = 0.5;
 /// The same without power, where nothing is lost if it was none, and below this height, m, where a range finder has found the ground.
 const SURE_HELD_S: f64 = 0.4;
 const TOUCH_M: f64 = 1.0;
@@ -85,6 +86,8 @@ const SINK_LAG_S: f64 = 0.3;
 /// Sinking as fast as this again, m/s, for so long, s, it has not touched the ground.
 const FALLING_MPS: f64 = 0.25;
 const FALLING_S: f64 = 0.2;
+/// The same where a range finder sees the ground within a metre: it may be wrong, and a wheel that was thrown up comes down again.
+const NEAR_FALLING_S: f64 = 0.6;
 /// It sinks so fast, m/s, in case it was no ground.
 const TOUCHED_SINK_MPS: f64 = 0.4;
 /// Below this share of the airspeed that carries it, or after so long, s, the loops have nothing to fly.
@@ -359,7 +362,8 @@ impl Landing {
     ) -> Flown {
         let wind_mps = state.wind.norm();
         let stall_mps = envelope.stall_mps(airframe, s.density_kgpm3);
-        let more_mps = (WIND_SHARE * wind_mps).min(MOST_FOR_WIND_MPS) + more_mps;
+        let more_mps =
+            (WIND_SHARE * wind_mps).min(MOST_FOR_WIND_MPS) + if glide.is_none() { more_mps } else { 0.0 };
         let by_lift_mps = APPROACH_SHARE * stall_mps;
         let approach_mps = match glide {
             Some(_) => (by_lift_mps + GLIDE_APPROACH_MPS).max(envelope.slowest_mps + GLIDE_MORE_MPS),
@@ -377,7 +381,10 @@ impl Landing {
         let flown_mps = state.velocity.xy().norm();
         let climb_mps = -state.velocity.z;
         self.sink_mps = low_pass(self.sink_mps, -climb_mps, SINK_LAG_S, dt_s);
-        self.since_s += dt_s;
+        // On the way to the circle it has not begun.
+        let away_m = (self.centre(radius_m, length_m) - state.position.xy()).norm();
+        let is_away = self.phase == Phase::Pattern && away_m > NEAR_CIRCLE * radius_m;
+        self.since_s = if is_away { 0.0 } else { self.since_s + dt_s };
         self.falling_s = if self.sink_mps > FALLING_MPS { self.falling_s + dt_s } else { 0.0 };
         let slope = config.slope_rad.tan();
         let on_slope_m = FLARE_M + (offset.left_m - float_s(ground_mps * slope) * ground_mps) * slope;
@@ -389,7 +396,7 @@ impl Landing {
                 GLIDE_SHARE * glide.lasts_s(glide.airspeed_mps, state)
                     < straight_s + TAU * radius_m / glide.airspeed_mps
             }
-            None => (state.altitude_m() - self.height_m).abs() < self.wider() * ON_HEIGHT_M,
+            None => (state.altitude_m() - self.height_m).abs() < self.wider(glide) * ON_HEIGHT_M,
         };
         let flare_m = match glide {
             Some(_) => (GLIDE_FLARE_S * self.sink_mps).clamp(FLARE_M, HIGHEST_FLARE_M),
@@ -406,7 +413,9 @@ impl Landing {
                 }
                 self.enter(Phase::Final);
             }
-            Phase::Pattern if right_height && self.is_before(&offset, length_m, radius_m, state) => {
+            Phase::Pattern
+                if right_height && self.is_before(&offset, length_m, radius_m, self.wider(glide), state) =>
+            {
                 self.enter(Phase::Final);
             }
             Phase::Final | Phase::Flare
@@ -436,7 +445,10 @@ impl Landing {
                     self.enter(Phase::Touched);
                 }
             }
-            Phase::Touched if !is_near && (self.falling_s > FALLING_S || self.sink_mps < -LIFTED_MPS) => {
+            Phase::Touched
+                if self.falling_s > if is_near { NEAR_FALLING_S } else { FALLING_S }
+                    || (!is_near && self.sink_mps < -LIFTED_MPS) =>
+            {
                 self.enter(Phase::Flare);
             }
             Phase::Touched
@@ -631,18 +643,28 @@ impl Landing {
     }
 
     /// Whether the straight way begins here, in its direction.
-    fn is_before(&self, offset: &Offset, length_m: f64, radius_m: f64, state: &NavigationState) -> bool {
+    fn is_before(
+        &self,
+        offset: &Offset,
+        length_m: f64,
+        radius_m: f64,
+        wider: f64,
+        state: &NavigationState,
+    ) -> bool {
         let course = state.velocity.y.atan2(state.velocity.x);
-        let (wider, aside_m) = (self.wider(), offset.right_m.abs());
+        let aside_m = offset.right_m.abs();
         let aligned = wrap_angle(course - self.course_rad).abs() < wider * ALIGNED_RAD;
         let there = aside_m < wider * ON_TRACK_SHARE * radius_m
             && (offset.left_m - length_m).abs() < wider * 0.5 * radius_m;
         aligned && there
     }
 
-    /// How many times what a circle is usually left with is enough.
-    fn wider(&self) -> f64 {
-        (1.0 + (self.since_s - WAITS_S) / GROWS_S).clamp(1.0, MOST_TIMES)
+    /// How many times what a circle is usually left with is enough. The way of a glide is laid out for its height.
+    fn wider(&self, glide: Option<&Glide>) -> f64 {
+        match glide {
+            Some(_) => 1.0,
+            None => (1.0 + (self.since_s - WAITS_S) / GROWS_S).clamp(1.0, MOST_TIMES),
+        }
     }
 
     fn goes_wrong(&self, offset: &Offset, wanted_m: f64, state: &NavigationState) -> bool {

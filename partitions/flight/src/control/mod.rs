@@ -206,10 +206,12 @@ const STALLS_SHARE: f64 = 0.6;
 const CARRIED_BY_WING_M: f64 = 15.0;
 /// Airspeed that is asked for beyond that of a glide, m/s.
 const OPEN_THROTTLE_MPS: f64 = 3.0;
-/// Share of the airspeed that is kept in hand while the pitot is not believed; on an approach, which is flown at another lift than that at
-/// which the airspeed by lift was learnt.
+/// Airspeed on the way to way-points at least, of the one at which the wing just carries the weight.
+const TURNS_SHARE: f64 = 1.3;
+/// Share of the airspeed that is kept in hand while the pitot is not believed; and on an approach, which is flown at another lift than that at
+/// which the airspeed by lift was learnt, of the airspeed that just carries the weight.
 const DOUBTED_SHARE: f64 = 0.05;
-const DOUBTED_APPROACH_SHARE: f64 = 0.12;
+const DOUBTED_APPROACH_SHARE: f64 = 0.17;
 /// Airspeed of an approach for each m/s of the gusts' standard deviation, m/s at most.
 const GUST_SHARE: f64 = 2.0;
 const MOST_FOR_GUSTS_MPS: f64 = 5.0;
@@ -230,9 +232,12 @@ const LONGEST_STEP_S: f64 = 0.2;
 
 /// Share of the elevator's travel from which more airspeed is asked for: at one lift the elevator needed falls with V².
 const ELEVATOR_COMFORT: f64 = 0.75;
-/// Airspeed added per share of travel beyond it, m/s, its limit, and how slowly it comes and goes, s.
+/// Airspeed added per share of travel beyond it, m/s, and beyond the second share, where the elevator is about to hold no level flight any
+/// more; its limit, and how slowly it comes and goes, s.
 const AUTHORITY_GAIN_MPS: f64 = 12.0;
-const AUTHORITY_LIMIT_MPS: f64 = 3.0;
+const ELEVATOR_END: f64 = 0.9;
+const END_GAIN_MPS: f64 = 60.0;
+const AUTHORITY_LIMIT_MPS: f64 = 9.0;
 const AUTHORITY_LAG_S: f64 = 4.0;
 
 /// What to keep in retained memory over a restart of the controller: plain numbers.
@@ -358,6 +363,7 @@ impl Controller {
     pub fn take_off_to(&mut self, method: Method, height_m: Option<f64>) {
         self.take_off = Some(TakeOff::new(method, height_m));
         (self.landing, self.power) = (None, PowerWatch::default());
+        self.stall.wait(f64::INFINITY);
         self.last = ActuatorCommand::default();
     }
 
@@ -522,7 +528,7 @@ impl Controller {
             return self.blind(basis, signals);
         }
         self.guidance.observe(dt_s, state.altitude_m());
-        let guidance = self.navigate(&state, &commands, basis);
+        let guidance = self.navigate(&state, &signals, &commands, basis);
         let wanted = self.outer(&state, &signals, &commands, guidance.as_ref(), basis);
         let (wanted, mut protection) = self.protect(&state, &signals, &wanted, basis);
         protection.note(Protection::PITOT, !self.airspeed_watch.is_believed());
@@ -626,7 +632,7 @@ impl Controller {
         let over = (self.ground.over_ground(state), self.ground.is_known());
         let doubted = if self.airspeed_watch.is_believed() { 0.0 } else { DOUBTED_APPROACH_SHARE };
         let gusts_mps = (GUST_SHARE * self.gusts.deviation_mps()).min(MOST_FOR_GUSTS_MPS);
-        let air = (s, gusts_mps + doubted * s.airspeed_mps);
+        let air = (s, gusts_mps + doubted * self.envelope.stall_mps(&self.airframe, s.density_kgpm3));
         let flown = landing.step(aircraft, (&over.0, over.1), air, circle, glide.as_ref(), dt_s);
         self.landing = Some(landing);
         let closes = matches!(flown, Flown::Loops(Approach { airspeed_mps: None, .. }));
@@ -680,13 +686,13 @@ impl Controller {
         let on_ground = self.landing.is_some_and(|landing| landing.is_on_ground())
             || s.airspeed_mps < STALLS_SHARE * self.envelope.stall_mps(&self.airframe, s.density_kgpm3);
         if !self.channels.pitch || self.take_off.is_some() || on_ground || basis == Basis::WingsLevel {
-            return;
+            return self.stall.wait(dt_s);
         }
         // An elevator that is at its own stop can not hold a stall.
         let least_rad = self.least_elevator_rad(s);
         let at_limit =
             least_rad > -self.airframe.servo.elevator_limit_rad && command.elevator_rad <= least_rad + 1e-3;
-        let asked = (self.references.normal_mps2, at_limit);
+        let asked = (self.references.normal_mps2, at_limit, self.airspeed_watch.is_sure());
         if self.stall.step(&self.airframe, self.airframe.greatest_lift(), s, asked, dt_s) {
             self.learn_lift();
         }
@@ -698,8 +704,12 @@ impl Controller {
     }
 
     fn learn_lift(&mut self) {
-        self.envelope = Envelope::with_lift(&self.airframe, self.stall.share());
-        self.configure(self.config);
+        if self.stall.share() < 1.0 {
+            self.envelope = Envelope::with_lift(&self.airframe, self.stall.share());
+            let banks = self.envelope.banks(&self.airframe);
+            self.guidance.fly_within(self.envelope.slowest_mps, Some(banks));
+            self.configure(self.config);
+        }
     }
 
     fn watch_power(&mut self, state: &NavigationState, s: &Signals, basis: Basis, dt_s: f64) {
@@ -712,11 +722,13 @@ impl Controller {
             density_kgpm3: s.density_kgpm3,
             axial_mps2: s.axial_mps2,
             normal_mps2: s.normal_mps2,
-            flying: self.channels.pitch && !rolls && basis != Basis::WingsLevel && !self.stall.is_stalled(),
+            flying: self.channels.pitch && !rolls && basis != Basis::WingsLevel,
             may_sink: self.landing.is_some_and(|landing| landing.phase != landing::Phase::Round),
             dt_s,
         };
-        self.power.step(&self.airframe, &frame);
+        if !self.stall.is_stalled() {
+            self.power.step(&self.airframe, &frame);
+        }
     }
 
     /// Airspeed below which a take-off does not climb, m/s.
@@ -761,6 +773,7 @@ impl Controller {
         }
         // Whether there is power is judged by the throttle that the loops ask for.
         (self.landing, self.power) = (None, PowerWatch::default());
+        self.stall.wait(f64::INFINITY);
         self.on_ground(inputs.pilot, basis, signals)
     }
 
@@ -890,19 +903,25 @@ impl Controller {
             pitch_rate_radps: s.pitch_rate_radps,
             normal_mps2: s.normal_mps2,
             change_mps2: s.axial_mps2 - GRAVITY_MPS2 * s.climb_rad.sin(),
-            flying: self.channels.pitch && in_air && basis != Basis::WingsLevel && !self.stall.is_stalled(),
+            flying: self.channels.pitch && in_air && basis != Basis::WingsLevel,
             dt_s,
         };
         match inputs.airspeed_mps.filter(|_| in_air && self.airspeed_watch.is_believed()) {
             Some(pitot_mps) => self.gusts.step(pitot_mps, frame.change_mps2, dt_s),
-            None => self.gusts.pause(),
+            None => self.gusts.pause(dt_s),
+        }
+        // What a stalled wing does says nothing of the pitot.
+        if self.stall.is_stalled() {
+            return self.airspeed_watch.flown_mps(inputs.airspeed_mps);
         }
         self.airspeed_watch.step(&self.airframe, &frame)
     }
 
+    /// Where the path leads, at no airspeed that leaves too little lift for turns in these gusts.
     fn navigate(
         &mut self,
         state: &NavigationState,
+        s: &Signals,
         commands: &LoopCommands,
         basis: Basis,
     ) -> Option<GuidanceOutput> {
@@ -911,6 +930,12 @@ impl Controller {
             return None;
         }
         let motion = motion_of(state);
+        let stall_mps = self.envelope.stall_mps(&self.airframe, s.density_kgpm3);
+        let least_mps = TURNS_SHARE * stall_mps + self.gusts.deviation_mps();
+        self.guidance.fly_within(least_mps.max(self.envelope.slowest_mps), None);
+        if self.rolls_blind() {
+            self.guidance.turn_no_steeper(roll::BANK_RAD);
+        }
         // Without a position worth the name the path waits where it is.
         (basis != Basis::WingsLevel).then(|| self.guidance.step(&motion))
     }
@@ -1039,7 +1064,8 @@ impl Controller {
             command.elevator_rad = loops.normal(airframe, tuning, s, (r.normal_mps2, least_rad), dt_s);
         }
         let used = -command.elevator_rad / airframe.servo.elevator_limit_rad;
-        let more = (AUTHORITY_GAIN_MPS * (used - ELEVATOR_COMFORT)).clamp(0.0, AUTHORITY_LIMIT_MPS);
+        let more = AUTHORITY_GAIN_MPS * (used - ELEVATOR_COMFORT).max(0.0)
+            + END_GAIN_MPS * (used - ELEVATOR_END).clamp(0.0, 1.0 - ELEVATOR_END);
         self.authority_mps = low_pass(self.authority_mps, more, AUTHORITY_LAG_S, dt_s);
         if wanted.axial.is_some() {
             command.throttle = loops.axial(airframe, tuning, s, r.axial_mps2, dt_s);

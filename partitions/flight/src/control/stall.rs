@@ -79,13 +79,20 @@ impl StallGuard {
         if slope < 0.0 && elevator_rad.is_finite() { elevator_rad.clamp(-limit, limit) } else { -limit }
     }
 
-    /// Takes a frame of flight: what is asked for, and whether the elevator is at its limit. True: the wing has stalled in it.
+    /// Takes a frame of which nothing is to be judged.
+    pub fn wait(&mut self, dt_s: f64) {
+        self.recovers_s = (self.recovers_s - dt_s).max(0.0);
+        self.lacking_s = (self.lacking_s - dt_s).max(0.0);
+    }
+
+    /// Takes a frame of flight: what is asked for, whether the elevator is at its limit, and whether the airspeed is sure. True: the wing has
+    /// stalled in it, and what it gave is known.
     pub fn step(
         &mut self,
         airframe: &Airframe,
         greatest_lift: f64,
         s: &Signals,
-        (wanted_mps2, at_limit): (f64, bool),
+        (wanted_mps2, at_limit, is_sure): (f64, bool, bool),
         dt_s: f64,
     ) -> bool {
         let force = 0.5 * s.density_kgpm3 * s.airspeed_mps * s.airspeed_mps * airframe.geometry.wing_area_m2;
@@ -98,11 +105,13 @@ impl StallGuard {
         self.lacking_s = if counts { self.lacking_s + dt_s } else { (self.lacking_s - dt_s).max(0.0) };
         let stalls = self.lacking_s > LACKING_S;
         if stalls {
-            let reached = SURE_SHARE * self.reached / greatest_lift;
-            (self.share, self.lacking_s) = (reached.clamp(LEAST_SHARE, self.share.max(LEAST_SHARE)), 0.0);
-            self.recovers_s = RECOVERY_S;
+            (self.lacking_s, self.recovers_s) = (0.0, RECOVERY_S);
+            if is_sure {
+                let reached = SURE_SHARE * self.reached / greatest_lift;
+                self.share = reached.clamp(LEAST_SHARE, self.share);
+            }
         }
-        stalls
+        stalls && is_sure
     }
 
     /// As plain numbers.
@@ -155,7 +164,13 @@ mod tests {
         let fly = |guard: &mut StallGuard, load: f64, at_limit: bool, seconds: f64| {
             (0..(seconds / 0.02) as u32)
                 .map(|_| {
-                    guard.step(&airframe, lift, &signals(22.0, load), (-1.3 * GRAVITY_MPS2, at_limit), 0.02)
+                    guard.step(
+                        &airframe,
+                        lift,
+                        &signals(22.0, load),
+                        (-1.3 * GRAVITY_MPS2, at_limit, true),
+                        0.02,
+                    )
                 })
                 .filter(|stalls| *stalls)
                 .count()

@@ -144,6 +144,20 @@ mod tests {
     }
 
     #[test]
+    fn bank_that_is_off_goes_back_without_a_roll_rate() {
+        for (bank_rad, off_rad) in [(0.0, 0.2), (0.0, -0.2), (0.4, -0.2), (-0.5, 0.15)] {
+            let (mut estimator, truth) = turn(bank_rad, 0.08);
+            estimator.doubt(1 << 3);
+            let mut broken = truth;
+            broken.rates.x = 9.0;
+            estimator.filter.nominal.attitude = from_euler(bank_rad + off_rad, 0.08, 0.7);
+            let rate = estimator.replaced(&broken, 0.02).rates.x;
+            let wanted = truth.rates.x - BANK_GAIN * off_rad;
+            assert!((rate - wanted).abs() < 0.2 * BANK_GAIN * off_rad.abs(), "{bank_rad}: {rate} {wanted}");
+        }
+    }
+
+    #[test]
     fn sample_whose_axes_are_believed_is_the_same_to_the_bit() {
         let (mut estimator, sample) = turn(0.3, 0.1);
         assert_eq!(estimator.replaced(&sample, 0.02), sample);

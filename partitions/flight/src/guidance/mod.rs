@@ -251,6 +251,8 @@ const REACTION_S: f64 = 1.0;
 const SETTLED_S: f64 = 3.0;
 /// A wind beyond this is taken for a wrong estimate where the radius is chosen, m/s.
 const STRONGEST_WIND_MPS: f64 = 15.0;
+/// Share of a bank that is flown at most which a corner is laid out for: the rest steers.
+const LAID_OUT_SHARE: f64 = 0.9;
 /// A way-point passed abeam within this share of the radius counts as reached.
 const REACHED_SHARE: f64 = 0.5;
 /// Ground speeds below this count as this, m/s: the laws divide by it.
@@ -446,6 +448,17 @@ impl Guidance {
         self.progress.circling &= self.hold.is_some();
     }
 
+    /// The aircraft flies no slower than this from now on, m/s, and holds these banks.
+    pub fn fly_within(&mut self, slowest_mps: f64, banks: Option<Banks>) {
+        self.config.slowest_mps = slowest_mps;
+        self.config.banks = banks.unwrap_or(self.config.banks);
+    }
+
+    /// Corners and circles are laid out for less bank than this from now on, rad.
+    pub fn turn_no_steeper(&mut self, bank_rad: f64) {
+        self.config.turn_bank_rad = self.config.turn_bank_rad.min(LAID_OUT_SHARE * bank_rad);
+    }
+
     fn waypoint(&self, index: usize) -> &Waypoint {
         &self.waypoints[index % self.count]
     }
@@ -457,7 +470,12 @@ impl Guidance {
 
     /// Airspeed that is flown to the next way-point, m/s.
     fn airspeed_mps(&self) -> f64 {
-        self.waypoint(self.next).airspeed_mps.min(self.config.fastest_mps).max(self.config.slowest_mps)
+        self.flown_mps(self.waypoint(self.next).airspeed_mps)
+    }
+
+    /// What is flown where this is asked for, m/s.
+    fn flown_mps(&self, asked_mps: f64) -> f64 {
+        asked_mps.min(self.config.fastest_mps).max(self.config.slowest_mps)
     }
 
     /// Roll rate that a bank is turned to with, rad/s.
@@ -613,7 +631,7 @@ impl Guidance {
                 self.agility(),
             ),
             altitude_m,
-            airspeed_mps,
+            airspeed_mps: self.flown_mps(airspeed_mps),
             next: self.next,
             reached: self.reached,
             cross_track_m: offset.right_m,

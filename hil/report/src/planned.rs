@@ -129,6 +129,10 @@ fn radii(flight: &Flight) -> Vec<(u64, f64)> {
             guidance
                 .resume(&GuidanceSnapshot { next: logged.next_waypoint, reached: logged.waypoints_reached });
         }
+        // It may have flown faster than it was asked to: corners are wider then.
+        if logged.airspeed_reference_mps > 0.0 {
+            guidance.fly_within(logged.airspeed_reference_mps, None);
+        }
         let radius_m = guidance.step(&motion(state)).radius_m;
         if radius_m > 0.0 {
             radii.push((*time_ns, radius_m));
@@ -187,6 +191,21 @@ mod tests {
         let least = Inputs::default().guidance.least_radius_m;
         assert_eq!(flown(0.0), [least]);
         assert!(flown(8.0)[0] > least + 20.0);
+    }
+
+    /// An aircraft that has learnt that its wing stalls early flies faster than it is asked to.
+    #[test]
+    fn corners_are_as_wide_as_the_airspeed_that_was_flown_makes_them() {
+        let flown = |airspeed_reference_mps: f64| {
+            let frames = (0..5).map(|i| frame(i * 20_000_000, 0.0)).map(|(state, (time_ns, command))| {
+                (state, (time_ns, ActuatorCommand { airspeed_reference_mps, ..command }))
+            });
+            let (states, commands) = frames.unzip();
+            let flight = Flight { states, commands, ..Default::default() };
+            Planned::of(&flight, &[]).radii_m()[0]
+        };
+        assert!(flown(30.0) > flown(22.0) + 20.0);
+        assert_eq!(flown(22.0), flown(0.0));
     }
 
     #[test]

@@ -140,6 +140,8 @@ impl Banks {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Envelope {
     greatest_lift: f64,
+    /// That of the airframe file.
+    pub file_lift: f64,
     /// Airspeeds outside are taken as these, m/s.
     pub measured_mps: (f64, f64),
     /// See [`Airframe::roll_per_airspeed`].
@@ -158,8 +160,10 @@ impl Envelope {
 
     /// The same for a wing that gives this share of the greatest lift of the airframe file.
     pub fn with_lift(airframe: &Airframe, share: f64) -> Self {
+        let file_lift = airframe.greatest_lift();
         let envelope = Self {
-            greatest_lift: share * airframe.greatest_lift(),
+            greatest_lift: share * file_lift,
+            file_lift,
             measured_mps: MEASURED_MPS,
             roll_per_airspeed: airframe.roll_per_airspeed(),
             slowest_mps: 0.0,

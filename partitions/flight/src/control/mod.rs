@@ -693,13 +693,13 @@ impl Controller {
         let at_limit =
             least_rad > -self.airframe.servo.elevator_limit_rad && command.elevator_rad <= least_rad + 1e-3;
         let asked = (self.references.normal_mps2, at_limit, self.airspeed_watch.is_sure());
-        if self.stall.step(&self.airframe, self.airframe.greatest_lift(), s, asked, dt_s) {
+        if self.stall.step(&self.airframe, self.envelope.file_lift, s, asked, dt_s) {
             self.learn_lift();
         }
     }
 
     fn least_elevator_rad(&self, s: &Signals) -> f64 {
-        let (lift, factor) = (self.airframe.greatest_lift(), self.airspeed_watch.elevator_factor());
+        let (lift, factor) = (self.envelope.file_lift, self.airspeed_watch.elevator_factor());
         self.stall.least_elevator_rad(&self.airframe, lift, factor, s)
     }
 

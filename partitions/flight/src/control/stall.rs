@@ -79,7 +79,7 @@ impl StallGuard {
         if slope < 0.0 && elevator_rad.is_finite() { elevator_rad.clamp(-limit, limit) } else { -limit }
     }
 
-    /// Takes a frame of which nothing is to be judged.
+    /// Takes a frame in which nothing is judged.
     pub fn wait(&mut self, dt_s: f64) {
         self.recovers_s = (self.recovers_s - dt_s).max(0.0);
         self.lacking_s = (self.lacking_s - dt_s).max(0.0);
@@ -99,10 +99,12 @@ impl StallGuard {
         let coefficient = -airframe.mass.mass_kg * s.normal_mps2 / force.max(1e-3);
         self.coefficient = low_pass(self.coefficient, coefficient, LIFT_LAG_S, dt_s);
         self.reached = self.coefficient.max(low_pass(self.reached, self.coefficient, REACHED_S, dt_s));
-        self.recovers_s = (self.recovers_s - dt_s).max(0.0);
         let lacks = s.normal_mps2 > LACKING_SHARE * wanted_mps2.min(-0.5 * GRAVITY_MPS2);
-        let counts = at_limit && lacks && !self.is_stalled();
-        self.lacking_s = if counts { self.lacking_s + dt_s } else { (self.lacking_s - dt_s).max(0.0) };
+        let lacking_s = self.lacking_s;
+        self.wait(dt_s);
+        if at_limit && lacks && !self.is_stalled() {
+            self.lacking_s = lacking_s + dt_s;
+        }
         let stalls = self.lacking_s > LACKING_S;
         if stalls {
             (self.lacking_s, self.recovers_s) = (0.0, RECOVERY_S);

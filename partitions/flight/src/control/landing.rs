@@ -34,8 +34,8 @@ const LEVEL_M: f64 = 150.0;
 const ALIGNED_RAD: f64 = 0.3;
 const ON_HEIGHT_M: f64 = 8.0;
 const ON_TRACK_SHARE: f64 = 0.3;
-/// After so long within so many radii of the circle's centre, s, these grow by themselves once in so long, s, to this many times at most: with what is left of its sensors the
-/// aircraft holds it no better.
+/// After so long within so many radii of the circle's centre, s, these grow by themselves once in so long, s, to this many times at most:
+/// with what is left of its sensors the aircraft holds it no better.
 const NEAR_CIRCLE: f64 = 2.0;
 const WAITS_S: f64 = 150.0;
 const GROWS_S: f64 = 60.0;
@@ -72,16 +72,16 @@ const HELD_SHARE: f64 = 0.35;
 const DOUBT_S: f64 = 0.3;
 const PRESSED_SINK_MPS: f64 = 1.0;
 const HELD_S: f64 = 1.5;
-/// The same where a range finder sees the ground so far below, m: it may be wrong.
+/// The same without power, where nothing is lost if it was none, and below this height, m, where a range finder has found the ground.
+const SURE_HELD_S: f64 = 0.4;
+const TOUCH_M: f64 = 1.0;
+/// It takes so long, s, where a range finder sees the ground so far below, m: that may be wrong.
 const HIGH_M: f64 = 4.0;
 const HIGH_HELD_S: f64 = 4.0;
 /// Normal specific acceleration by which a wheel has met the ground, where the ground is seen to be near, m/s².
 const KNOCK_MPS2: f64 = 25.0;
 /// A gust lifts what rises faster than this, m/s.
 const LIFTED_MPS: f64 = 0.5;
-/// The same without power, where nothing is lost if it was none, and below this height, m, where a range finder has found the ground.
-const SURE_HELD_S: f64 = 0.4;
-const TOUCH_M: f64 = 1.0;
 const SINK_LAG_S: f64 = 0.3;
 /// Sinking as fast as this again, m/s, for so long, s, it has not touched the ground.
 const FALLING_MPS: f64 = 0.25;

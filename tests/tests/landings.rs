@@ -121,6 +121,23 @@ fn aircraft_whose_gyroscope_tells_no_roll_rate_lands() {
     }
 }
 
+/// The heights that are left may be many metres off: the ground is where it holds the aircraft up.
+#[test]
+fn aircraft_whose_static_port_is_blocked_lands_and_knows_that_it_stands() {
+    let _turn = among_others();
+    let airframes = ["aerosonde", "rascal110", "ultrastick25e", "vtail60", "zagi"];
+    for seed in 51..if is_long() { 71 } else { 56 } {
+        let airframe = airframes[seed % airframes.len()];
+        let fault = ["static_blocked@60", "static_slow=8@60"][seed % 2];
+        let seed = seed.to_string();
+        let air = ["--airframe", airframe, "--seed", &seed, "--wind", "3", "--fault", fault];
+        let ended = flight(&[&["--land", "--fault", "range_lost@100"], &air[..]].concat()).expect_code(0);
+        let touchdown = ended.summary()["conditions"]["touchdown"].clone();
+        assert!(touchdown["standing_s"].is_f64(), "{airframe}, {fault}: {touchdown}");
+        assert!(number(&touchdown, "sink_mps") < 3.0, "{airframe}, {fault}: {touchdown}");
+    }
+}
+
 #[test]
 fn plan_that_finishes_with_a_landing_lands_without_an_order() {
     let _turn = among_others();

@@ -78,6 +78,9 @@ const TOUCH_M: f64 = 1.0;
 /// It takes so long, s, where a range finder sees the ground so far below, m: that may be wrong.
 const HIGH_M: f64 = 4.0;
 const HIGH_HELD_S: f64 = 4.0;
+/// On the glide slope it takes so long, too, where the aircraft is asked to sink faster than this, m/s; faster than the second counts as that.
+const LEAST_ASKED_MPS: f64 = 0.8;
+const MOST_ASKED_MPS: f64 = 1.5;
 /// Normal specific acceleration by which a wheel has met the ground, where the ground is seen to be near, m/s².
 const KNOCK_MPS2: f64 = 25.0;
 /// A gust lifts what rises faster than this, m/s.
@@ -389,6 +392,8 @@ impl Landing {
         let slope = config.slope_rad.tan();
         let on_slope_m = FLARE_M + (offset.left_m - float_s(ground_mps * slope) * ground_mps) * slope;
         let wanted_m = on_slope_m.min(self.height_m);
+        let on_slope_mps = if on_slope_m < self.height_m { -flown_mps * slope } else { 0.0 }
+            + (SLOPE_GAIN * (wanted_m - state.altitude_m())).clamp(-OFF_SLOPE_MPS, OFF_SLOPE_MPS);
         // A glide turns once more where its height lasts for it.
         let right_height = match glide {
             Some(glide) => {
@@ -426,6 +431,18 @@ impl Landing {
                 self.enter(Phase::Round);
             }
             Phase::Final if state.altitude_m() < flare_m => self.enter(Phase::Flare),
+            // The ground is not where the heights have it, if they are wrong.
+            Phase::Final => {
+                let asked_mps =
+                    glide.map_or(-on_slope_mps, |glide| glide.sink_mps(approach_mps)).min(MOST_ASKED_MPS);
+                let held = asked_mps > LEAST_ASKED_MPS
+                    && (-LIFTED_MPS..HELD_SHARE * asked_mps).contains(&self.sink_mps);
+                self.since_s = if held { self.since_s } else { 0.0 };
+                if self.since_s > HIGH_HELD_S {
+                    self.turned_rad = 0.0;
+                    self.enter(Phase::Touched);
+                }
+            }
             // A wheel has met the ground: flown on with power it would be thrown up again.
             Phase::Flare if is_near && s.normal_mps2 < -KNOCK_MPS2 => {
                 self.turned_rad = 0.0;
@@ -495,11 +512,7 @@ impl Landing {
                         let faster_mps = self.faster_mps(glide, &offset, flown_mps, approach_mps, state);
                         glide.power.climb_mps(approach_mps + faster_mps, s.airspeed_mps)
                     }
-                    None => {
-                        let own = if on_slope_m < self.height_m { -flown_mps * slope } else { 0.0 };
-                        let back = SLOPE_GAIN * (wanted_m - state.altitude_m());
-                        own + back.clamp(-OFF_SLOPE_MPS, OFF_SLOPE_MPS)
-                    }
+                    None => on_slope_mps,
                 },
                 sideways_mps2: Some(sideways),
                 bank_rad: FINAL_BANK_RAD,

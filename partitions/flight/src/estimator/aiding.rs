@@ -195,7 +195,8 @@ impl Estimator {
 
     fn position_scalars(&self, fix: &GpsMeasurement, past: &Past) -> [Scalar; 3] {
         let noise = &self.config.measurement;
-        let known = self.standing || self.barometer.settled_offset().is_some();
+        let known =
+            self.standing || (self.barometer.settled_offset().is_some() && self.static_watch.is_believed());
         let by_barometer = self.config.aiding.pressure && known;
         let vertical = if by_barometer { noise.gps_vertical_with_barometer_m } else { noise.gps_vertical_m };
         let sigmas = [noise.gps_horizontal_m, noise.gps_horizontal_m, vertical];
@@ -281,25 +282,39 @@ impl Estimator {
         h[POS + 2] = -1.0;
         let innovation = altitude - offset + self.filter.nominal.position.z;
         let scalar = scalar(h, innovation, self.config.measurement.barometer_m);
-        let refused = self.filter.normalised(&scalar).abs() > self.config.measurement.gate_sigma;
-        if self.static_watch.is_believed() && refused {
-            self.static_watch.restart(); // a jump is the gate's matter: the height has not followed it
+        let believed = self.static_watch.is_believed();
+        let gate_share = self.filter.normalised(&scalar).abs() / self.config.measurement.gate_sigma;
+        if self.static_watch.leaps(gate_share) && believed {
+            self.static_watch.restart(); // a leap is the gate's matter: the height has not followed it
         } else if let Some(off_m) = self.static_watch.height(time_s, altitude) {
-            // The height has followed the barometer for that long; now it follows the receiver.
-            self.filter.nominal.position.z += off_m;
-            self.filter.forget(POS + 2, 1, UNTOLD_HEIGHT_M);
-            self.history.clear();
-            self.history.push(self.now());
+            self.leave_barometer(off_m);
         }
-        if !self.static_watch.is_believed() {
-            return;
+        match (believed, self.static_watch.is_believed()) {
+            (_, false) => return,
+            (false, true) => return self.zero_barometer(time_s), // it stands elsewhere than before
+            (true, true) => {}
         }
         let accepted = self.fuse(Aid::Barometer, &[scalar]);
         let patience = self.config.measurement.other_patience_s;
         if self.barometer_gate.out_of_patience(accepted, time_s, patience) {
-            self.counters.resets += 1;
-            self.barometer = BarometerReference { last_s: Some(time_s), ..BarometerReference::default() };
+            match self.static_watch.give_up(time_s) {
+                Some(off_m) => self.leave_barometer(off_m),
+                None => self.zero_barometer(time_s),
+            }
         }
+    }
+
+    /// The height has followed a barometer that climbed so much too far, m; now it follows the receiver.
+    fn leave_barometer(&mut self, off_m: f64) {
+        self.filter.nominal.position.z += off_m;
+        self.filter.forget(POS + 2, 1, UNTOLD_HEIGHT_M);
+        self.history.clear();
+        self.history.push(self.now());
+    }
+
+    fn zero_barometer(&mut self, time_s: f64) {
+        self.counters.resets += 1;
+        self.barometer = BarometerReference { last_s: Some(time_s), ..BarometerReference::default() };
     }
 
     /// Fuses differential pressure (Pa) as airspeed: ground velocity less wind; it is what tells the wind.

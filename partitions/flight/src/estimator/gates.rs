@@ -109,6 +109,47 @@ fn barometer_that_jumps_for_good_is_zeroed_anew_and_the_height_stays() {
     assert!((estimator.filter.nominal.position.z - world.real.nominal.position.z).abs() < 1.0);
 }
 
+/// A port that is blocked, or follows slowly: zeroed anew, it would carry the height with it once more.
+#[test]
+fn barometer_that_does_not_climb_with_the_aircraft_is_left_and_not_zeroed_anew() {
+    // How slowly the port follows, s, and how much faster the aircraft sinks than that of the world for 15 s, m/s.
+    for (follows_s, faster_mps) in [
+        (f64::INFINITY, 0.0),
+        (3.0, 0.0),
+        (10.0, 0.0),
+        (20.0, 0.0),
+        (20.0, 4.0),
+        (f64::INFINITY, 3.0),
+        (f64::INFINITY, 6.0),
+    ] {
+        let (mut world, mut estimator) = settled();
+        let (mut told_m, mut worst_m) = (-world.real.nominal.position.z, 0f64);
+        for frame in 0..6_000 {
+            let sample = world.step();
+            estimator.predict(&sample);
+            let n = world.real.nominal;
+            told_m += (-n.position.z - told_m) * DT_S / follows_s;
+            let sunk_m = faster_mps * (f64::from(frame) * DT_S).min(15.0);
+            if frame % 2 == 0 {
+                estimator.update_baro(world.time_s, static_pa(told_m + sunk_m));
+            }
+            if frame % 10 == 0 {
+                let fix = GpsMeasurement {
+                    time_s: world.time_s,
+                    position_ned: n.position,
+                    velocity_ned: n.velocity,
+                };
+                estimator.update_gps(&fix);
+            }
+            worst_m = worst_m.max((estimator.filter.nominal.position.z - n.position.z).abs());
+        }
+        let about = format!("follows in {follows_s} s, sinks {faster_mps} m/s faster");
+        assert!(worst_m < 20.0, "{about}: {worst_m} m");
+        let off_m = (estimator.filter.nominal.position.z - world.real.nominal.position.z).abs();
+        assert!(off_m < 2.0, "{about}: {off_m} m at the end");
+    }
+}
+
 #[test]
 fn field_that_jumps_for_good_becomes_bias_and_the_attitude_stays() {
     let (mut world, mut estimator) = settled();

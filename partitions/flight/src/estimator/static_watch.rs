@@ -14,6 +14,8 @@ const AGAINST: u32 = 2;
 /// It is taken back after so many seconds with a climb or descent of that much, m, that both have seen.
 const FOR: u32 = 20;
 const SEEN_M: f64 = 8.0;
+/// A height is well within the gate below this share of it.
+const NEAR_SHARE: f64 = 0.5;
 /// Fixes further apart do not tell the climb between them, s.
 const LONGEST_GAP_S: f64 = 1.0;
 
@@ -31,6 +33,10 @@ pub(super) struct StaticWatch {
     against: u32,
     agreed: u32,
     believed: bool,
+    /// The last height was well within the gate; this one is beyond it; and it came there in one leap.
+    near: bool,
+    beyond: bool,
+    leapt: bool,
 }
 
 impl Default for StaticWatch {
@@ -46,6 +52,9 @@ impl Default for StaticWatch {
             against: 0,
             agreed: 0,
             believed: true,
+            near: true,
+            beyond: false,
+            leapt: false,
         }
     }
 }
@@ -57,7 +66,34 @@ impl StaticWatch {
 
     /// Forgets what was compared, not the verdict.
     pub(super) fn restart(&mut self) {
-        *self = Self { believed: self.believed, ..Self::default() };
+        let Self { believed, near, beyond, leapt, .. } = *self;
+        *self = Self { believed, near, beyond, leapt, ..Self::default() };
+    }
+
+    /// How far a height is from the one expected, as a share of the gate. True if it is beyond, and came there in one leap: the
+    /// barometer may be sound and only stand elsewhere. One that drifts there does not climb as the aircraft does.
+    pub(super) fn leaps(&mut self, share: f64) -> bool {
+        let beyond = share > 1.0;
+        if beyond && !self.beyond {
+            self.leapt = self.near;
+        }
+        (self.near, self.beyond) = (share < NEAR_SHARE, beyond);
+        beyond && self.leapt
+    }
+
+    /// Heights have been refused for too long. Gives how much more the barometer has climbed than the receiver, m, where it drifted
+    /// away from it and is therefore no longer believed; `None` where it leapt, or where no receiver is there to compare it with.
+    pub(super) fn give_up(&mut self, time_s: f64) -> Option<f64> {
+        let off_m = self.off_m(self.count.checked_sub(1)?)?;
+        let drifted = !self.leapt && self.is_fresh(time_s);
+        if drifted {
+            (self.believed, self.agreed) = (false, 0);
+        }
+        drifted.then_some(off_m)
+    }
+
+    fn is_fresh(&self, time_s: f64) -> bool {
+        self.fix.is_some_and(|(fix_s, _)| (time_s - fix_s).abs() <= LONGEST_GAP_S)
     }
 
     /// A fix's time (s) and velocity down (m/s).
@@ -76,8 +112,7 @@ impl StaticWatch {
 
     /// Takes a height by barometer, m; gives how much more it has climbed than the receiver when that is found to be wrong.
     pub(super) fn height(&mut self, time_s: f64, height_m: f64) -> Option<f64> {
-        let fresh = self.fix.is_some_and(|(fix_s, _)| (time_s - fix_s).abs() <= LONGEST_GAP_S);
-        if !fresh {
+        if !self.is_fresh(time_s) {
             return None;
         }
         (self.sum_m, self.summed) = (self.sum_m + height_m, self.summed + 1);

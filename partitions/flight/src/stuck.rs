@@ -8,6 +8,8 @@ const REPEATS: u32 = 5;
 /// Accelerometer and gyroscope, forward, right, down.
 pub const AXES: usize = 6;
 
+/// [`Stuck::axes`]: the lateral force.
+pub const LATERAL_FORCE: u32 = 2;
 /// [`Stuck::axes`]: the roll rate.
 pub const ROLL_RATE: u32 = 8;
 

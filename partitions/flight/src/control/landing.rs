@@ -78,7 +78,7 @@ const TOUCH_M: f64 = 1.0;
 /// It takes so long, s, where a range finder sees the ground so far below, m: that may be wrong.
 const HIGH_M: f64 = 4.0;
 const HIGH_HELD_S: f64 = 4.0;
-/// On the glide slope it takes so long, too, where the aircraft is asked to sink faster than this, m/s; faster than the second counts as that.
+/// Above the flare it takes so long, too, where the aircraft is asked to sink faster than this, m/s; faster than the second counts as that.
 const LEAST_ASKED_MPS: f64 = 0.8;
 const MOST_ASKED_MPS: f64 = 1.5;
 /// Normal specific acceleration by which a wheel has met the ground, where the ground is seen to be near, m/s².
@@ -431,18 +431,6 @@ impl Landing {
                 self.enter(Phase::Round);
             }
             Phase::Final if state.altitude_m() < flare_m => self.enter(Phase::Flare),
-            // The ground is not where the heights have it, if they are wrong.
-            Phase::Final => {
-                let asked_mps =
-                    glide.map_or(-on_slope_mps, |glide| glide.sink_mps(approach_mps)).min(MOST_ASKED_MPS);
-                let held = asked_mps > LEAST_ASKED_MPS
-                    && (-LIFTED_MPS..HELD_SHARE * asked_mps).contains(&self.sink_mps);
-                self.since_s = if held { self.since_s } else { 0.0 };
-                if self.since_s > HIGH_HELD_S {
-                    self.turned_rad = 0.0;
-                    self.enter(Phase::Touched);
-                }
-            }
             // A wheel has met the ground: flown on with power it would be thrown up again.
             Phase::Flare if is_near && s.normal_mps2 < -KNOCK_MPS2 => {
                 self.turned_rad = 0.0;
@@ -481,6 +469,19 @@ impl Landing {
             }
             Phase::Round if glide.is_some() || state.altitude_m() > self.height_m - ON_HEIGHT_M => {
                 self.lay_out(config, state);
+            }
+            // The ground is not where the heights have it, if they are wrong.
+            Phase::Final | Phase::Round => {
+                let held = match (self.phase, glide) {
+                    (Phase::Round, _) => self.stands(stall_mps, state),
+                    (_, Some(glide)) => self.is_held(glide.sink_mps(approach_mps)),
+                    (_, None) => self.is_held(-on_slope_mps),
+                };
+                self.since_s = if held { self.since_s } else { 0.0 };
+                if self.since_s > HIGH_HELD_S {
+                    self.turned_rad = 0.0;
+                    self.enter(Phase::Touched);
+                }
             }
             _ => {}
         }
@@ -680,6 +681,18 @@ impl Landing {
         }
     }
 
+    /// It does not sink where it is asked to, m/s.
+    fn is_held(&self, asked_mps: f64) -> bool {
+        let most_mps = HELD_SHARE * asked_mps.min(MOST_ASKED_MPS);
+        asked_mps > LEAST_ASKED_MPS && (-LIFTED_MPS..most_mps).contains(&self.sink_mps)
+    }
+
+    /// It is too slow to fly, and neither climbs nor sinks.
+    fn stands(&self, stall_mps: f64, state: &NavigationState) -> bool {
+        let air_mps = (state.velocity.xy() - state.wind).norm();
+        air_mps < ROLLING_SHARE * stall_mps && self.sink_mps.abs() < LIFTED_MPS
+    }
+
     fn goes_wrong(&self, offset: &Offset, wanted_m: f64, state: &NavigationState) -> bool {
         let low = state.altitude_m() < DECISION_M;
         let off = state.altitude_m() - wanted_m;
@@ -748,3 +761,7 @@ impl Landing {
         })
     }
 }
+
+#[cfg(test)]
+#[path = "landing_tests.rs"]
+mod tests;

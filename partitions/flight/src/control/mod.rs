@@ -31,7 +31,7 @@ use crate::attitude::{self, low_pass};
 use crate::estimator::NavigationState;
 use crate::guidance::{Guidance, GuidanceOutput, GuidanceSnapshot, Motion, PathNumbers, course_acceleration};
 use crate::servo::ActuatorCommand;
-use crate::stuck::{ROLL_RATE, Stuck};
+use crate::stuck::{LATERAL_FORCE, ROLL_RATE, Stuck};
 use airspeed::AirspeedWatch;
 use envelope::{Envelope, Limits, Protection, steepness};
 use fallback::{Basis, Fallback};
@@ -500,6 +500,9 @@ impl Controller {
             self.fallback.update(inputs.navigation, &inputs.rates, &inputs.specific_force, dt_s);
         let mut signals = self.measure(&state, inputs, basis, dt_s);
         self.stuck.look(&inputs.specific_force, &inputs.rates);
+        if self.stuck.axes() & LATERAL_FORCE != 0 {
+            signals.lateral_mps2 = 0.0; // the rudder's trim stays: it would run to its end
+        }
         let by_ailerons = self.roll.step(&self.airframe, &signals, self.last.aileron_rad, dt_s);
         if self.rolls_blind() {
             signals.roll_rate_radps = by_ailerons;

@@ -11,7 +11,7 @@ fn controller() -> Controller {
     Controller::new(aerosonde(), ControllerConfig::default(), guidance)
 }
 
-fn level_state() -> NavigationState {
+pub(super) fn level_state() -> NavigationState {
     let quaternion = attitude::from_euler(0.0, 0.08, 0.0);
     let one = Vector3::repeat(0.1);
     NavigationState {
@@ -184,6 +184,25 @@ fn numbers_that_are_no_path_are_passed_over() {
     for path in [[f64::NAN; PATH_NUMBERS], [9.0; PATH_NUMBERS], [4.0; PATH_NUMBERS], [-1.0; PATH_NUMBERS]] {
         guidance.resume_path(&path);
         assert_eq!(guidance.path(), [0.0; PATH_NUMBERS]);
+    }
+}
+
+#[test]
+fn lateral_force_that_is_stuck_does_not_drive_the_rudder_to_its_end() {
+    for stuck_mps2 in [-2.0, -0.3, 0.1, 1.0] {
+        let mut controller = controller();
+        let mut trim = [0.0; 2];
+        for frame in 0..3_000 {
+            let mut state = level_state();
+            state.specific_force.y = stuck_mps2;
+            let mut measured = inputs(Some(&state));
+            let moving = 1e-3 * f64::from(frame % 17);
+            measured.specific_force = Vector3::new(moving, stuck_mps2, -GRAVITY_MPS2 + moving);
+            measured.rates = Vector3::repeat(1e-3 * moving);
+            let rudder_rad = controller.step(&measured, &LoopCommands::MISSION).command.rudder_rad;
+            trim[usize::from(frame > 100)] = rudder_rad;
+        }
+        assert!((trim[1] - trim[0]).abs() < 0.01, "{stuck_mps2} m/s²: {trim:?}");
     }
 }
 

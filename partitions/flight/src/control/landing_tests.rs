@@ -1,0 +1,83 @@
+//! Aircraft that the ground holds up, while their heights have them in the air.
+
+use super::*;
+use crate::airframe::tests::aerosonde;
+use crate::control::tests::level_state;
+use nalgebra::Vector3;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+
+const DT_S: f64 = 0.02;
+const WITHIN_S: f64 = 30.0;
+
+/// A landing that stands in a phase; time until it has found the ground, s. `sinks`: with the vertical speed asked for, and gusts.
+fn found_s(phase: Phase, seed: u64, sinks: bool) -> Option<f64> {
+    let airframe = aerosonde();
+    let (envelope, config) = (Envelope::new(&airframe), LandingConfig::default());
+    let mut chance = ChaCha8Rng::seed_from_u64(seed);
+    let mut between =
+        |low: f64, high: f64| low + (high - low) * f64::from(chance.next_u32()) / f64::from(u32::MAX);
+    let stall_mps = envelope.stall_mps(&airframe, 1.2);
+    // On the ground it may be anywhere; so slow that no wing carries it, where it was to climb.
+    let (height_m, most_mps) = match phase {
+        Phase::Round => (between(0.0, 40.0), 0.8 * stall_mps),
+        _ => (between(9.0, 30.0), 1.5 * stall_mps),
+    };
+    let (flown_mps, airspeed_mps) =
+        (between(if phase == Phase::Round { 0.0 } else { 4.0 }, most_mps), between(0.0, 60.0));
+    let flown_mps = if sinks { 1.5 * stall_mps } else { flown_mps };
+    let mut state = level_state();
+    (state.velocity, state.wind) = (Vector3::new(flown_mps, 0.0, 0.0), Vector2::zeros());
+    state.position = Vector3::new(between(-200.0, -50.0), 0.0, -height_m);
+    let mut landing = Landing::new(&config, &state, 50.0, Vector2::zeros());
+    (landing.phase, landing.rounds) = (phase, MOST_ROUNDS);
+    let s = Signals { airspeed_mps, density_kgpm3: 1.2, normal_mps2: -GRAVITY_MPS2, ..Signals::default() };
+    for frame in 0..(WITHIN_S / DT_S) as u32 {
+        let flown = landing.step(
+            (&airframe, &envelope, &config),
+            (&state, false),
+            (&s, 0.0),
+            (150.0, 22.0),
+            None,
+            DT_S,
+        );
+        if landing.is_on_ground() {
+            return Some(f64::from(frame) * DT_S);
+        }
+        let gust_mps: f64 = StandardNormal.sample(&mut chance);
+        let asked_mps = match flown {
+            Flown::Loops(approach) => approach.climb_mps,
+            _ => 3.0,
+        };
+        if sinks {
+            state.velocity.z +=
+                ((0.5 * gust_mps - asked_mps - state.velocity.z) * DT_S / 0.5).clamp(-0.2, 0.2);
+            state.position += state.velocity * DT_S;
+            state.position.z = state.position.z.min(-9.0);
+        } else {
+            state.position.x += flown_mps * DT_S;
+        }
+    }
+    None
+}
+
+#[test]
+fn aircraft_that_the_ground_holds_up_knows_it_whatever_its_heights_and_its_pitot_say() {
+    for phase in [Phase::Final, Phase::Round] {
+        for seed in 0..200 {
+            let found = found_s(phase, seed, false);
+            assert!(found.is_some_and(|found_s| found_s < 25.0), "{phase:?}, seed {seed}: {found:?}");
+        }
+    }
+}
+
+#[test]
+fn aircraft_that_sinks_through_gusts_or_climbs_away_is_not_on_the_ground() {
+    for phase in [Phase::Final, Phase::Round] {
+        for seed in 0..200 {
+            let found = found_s(phase, seed, true);
+            assert!(found.is_none(), "{phase:?}, seed {seed}: {found:?}");
+        }
+    }
+}

@@ -132,6 +132,27 @@ fn pitots_that_are_wrong_in_any_way_are_found_in_seconds() {
     }
 }
 
+/// Gains that are made for a third of the airspeed lose the aircraft before the verdict.
+#[test]
+fn what_is_flown_on_until_the_verdict_is_never_far_below_the_airspeed() {
+    for airframe in airframes() {
+        for seed in 0..40 {
+            let (mut world, mut watch) = (World::new(&airframe, seed), AirspeedWatch::default());
+            fly(&mut world, &mut watch, 60.0, None);
+            let mut least = f64::INFINITY;
+            for frame in 0..1_500 {
+                let now = world.step();
+                let true_mps = now.pitot_mps.unwrap();
+                let told_mps =
+                    (true_mps - 0.02 * (1.0 + seed as f64) * DT_S * f64::from(frame * 10)).max(0.0);
+                let flown = watch.step(&airframe, &Frame { pitot_mps: Some(told_mps), ..now }).unwrap();
+                least = least.min(flown / true_mps);
+            }
+            assert!(least > 0.45, "seed {seed}: {least} of the airspeed");
+        }
+    }
+}
+
 #[test]
 fn pitot_that_agrees_again_is_taken_back_and_lift_tells_the_airspeed_until_then() {
     let (mut world, mut watch) = (World::new(&aerosonde(), 5), AirspeedWatch::default());

@@ -10,6 +10,8 @@ pub const AXES: usize = 6;
 
 /// [`Stuck::axes`]: the lateral force.
 pub const LATERAL_FORCE: u32 = 2;
+/// [`Stuck::axes`]: the pitch rate.
+pub const PITCH_RATE: u32 = 16;
 /// [`Stuck::axes`]: the roll rate.
 pub const ROLL_RATE: u32 = 8;
 

@@ -85,6 +85,8 @@ pub struct InnerTuning {
     pub normal_pole: f64,
     /// Least damping of the short period.
     pub normal_damping: f64,
+    /// The pitch rate is not known: the short period stays as it is, and a slow integrator alone moves the elevator.
+    pub pitches_blind: bool,
     /// Damping added to the Dutch roll.
     pub yaw_damping: f64,
     /// Rudder per lateral velocity change not felt, rad/(m/s).
@@ -104,6 +106,7 @@ impl Default for InnerTuning {
         Self {
             normal_pole: 3.0,
             normal_damping: 0.75,
+            pitches_blind: false,
             yaw_damping: 0.5,
             lateral_gain: 0.02,
             axial_bandwidth: 1.5,
@@ -322,6 +325,9 @@ fn normal_law(airframe: &Airframe, tuning: &InnerTuning, s: &Signals, wanted_mps
 /// delays.
 const ZERO_SHARE: f64 = 3.0;
 
+/// Pole of the normal loop's integrator without a pitch rate, rad/s.
+const BLIND_POLE: f64 = 1.0;
+
 /// The normal loop's gains at an airspeed and a density.
 pub fn normal_gains(airframe: &Airframe, tuning: &InnerTuning, s: &Signals) -> NormalGains {
     let (aero, mass, chord) = (&airframe.aerodynamics, &airframe.mass, airframe.geometry.mean_chord_m);
@@ -334,6 +340,20 @@ pub fn normal_gains(airframe: &Airframe, tuning: &InnerTuning, s: &Signals) -> N
     let m_alpha = force * chord * aero.pitch_alpha / mass.inertia_yy_kgm2 - a * m_alpha_rate;
     let m_delta = force * chord * aero.pitch_elevator / mass.inertia_yy_kgm2;
     let natural = (-m_alpha - a * m_q).max(1.0).sqrt();
+    if tuning.pitches_blind {
+        let integral = -BLIND_POLE * natural * natural / (v * a * m_delta);
+        let damping = (a - m_q) / (2.0 * natural);
+        let (pitch_rate, normal, forward) = (0.0, 0.0, 0.0);
+        return NormalGains {
+            pitch_rate,
+            normal,
+            integral,
+            forward,
+            frequency_radps: natural,
+            damping,
+            pole_radps: BLIND_POLE,
+        };
+    }
     let room = normal_zero_radps(airframe, s).map_or(f64::INFINITY, |zero| zero / ZERO_SHARE);
     let frequency = natural.min(room);
     let zeta = tuning.normal_damping.max((a - m_q) / (2.0 * frequency));

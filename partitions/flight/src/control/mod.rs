@@ -31,7 +31,7 @@ use crate::attitude::{self, low_pass};
 use crate::estimator::NavigationState;
 use crate::guidance::{Guidance, GuidanceOutput, GuidanceSnapshot, Motion, PathNumbers, course_acceleration};
 use crate::servo::ActuatorCommand;
-use crate::stuck::{LATERAL_FORCE, ROLL_RATE, Stuck};
+use crate::stuck::{LATERAL_FORCE, PITCH_RATE, ROLL_RATE, Stuck};
 use airspeed::AirspeedWatch;
 use envelope::{Envelope, Limits, Protection, steepness};
 use fallback::{Basis, Fallback};
@@ -500,6 +500,7 @@ impl Controller {
             self.fallback.update(inputs.navigation, &inputs.rates, &inputs.specific_force, dt_s);
         let mut signals = self.measure(&state, inputs, basis, dt_s);
         self.stuck.look(&inputs.specific_force, &inputs.rates);
+        self.config.inner.pitches_blind = self.stuck.axes() & PITCH_RATE != 0;
         if self.stuck.axes() & LATERAL_FORCE != 0 {
             signals.lateral_mps2 = 0.0; // the rudder's trim stays: it would run to its end
         }

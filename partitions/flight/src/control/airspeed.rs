@@ -50,6 +50,8 @@ const NOISY: f64 = 0.04;
 /// No less than this share of the airspeed that lift tells is flown on, whatever the pitot says before the verdict: loops whose gains
 /// are made for half of the airspeed are unstable.
 const LEAST_SHARE: f64 = 0.6;
+/// Least lift coefficient that does so clearly.
+const CLEAR_LIFT: f64 = 0.15;
 /// Least lift coefficient that says anything.
 const LEAST_LIFT: f64 = 0.05;
 
@@ -171,7 +173,8 @@ impl AirspeedWatch {
     /// The airspeed to fly on, m/s, with nothing judged.
     pub fn flown_mps(&self, pitot_mps: Option<f64>) -> Option<f64> {
         let (pitot, by_lift) = (pitot_mps.filter(|mps| mps.is_finite()), self.by_lift_mps());
-        let least_mps = by_lift.filter(|_| self.learnt_s > DOUBT_S).map_or(0.0, |mps| LEAST_SHARE * mps);
+        let told = self.learnt_s > DOUBT_S && self.flown[1] > CLEAR_LIFT;
+        let least_mps = by_lift.filter(|_| told).map_or(0.0, |mps| LEAST_SHARE * mps);
         if self.believed { pitot.map(|mps| mps.max(least_mps)).or(by_lift) } else { by_lift }
     }
 

@@ -341,7 +341,8 @@ pub fn normal_gains(airframe: &Airframe, tuning: &InnerTuning, s: &Signals) -> N
     let m_delta = force * chord * aero.pitch_elevator / mass.inertia_yy_kgm2;
     let natural = (-m_alpha - a * m_q).max(1.0).sqrt();
     if tuning.pitches_blind {
-        let integral = -BLIND_POLE * natural * natural / (v * a * m_delta);
+        let pole = BLIND_POLE.min(0.5 * natural);
+        let integral = -pole * natural * natural / (v * a * m_delta);
         let damping = (a - m_q) / (2.0 * natural);
         let (pitch_rate, normal, forward) = (0.0, 0.0, 0.0);
         return NormalGains {
@@ -351,7 +352,7 @@ pub fn normal_gains(airframe: &Airframe, tuning: &InnerTuning, s: &Signals) -> N
             forward,
             frequency_radps: natural,
             damping,
-            pole_radps: BLIND_POLE,
+            pole_radps: pole,
         };
     }
     let room = normal_zero_radps(airframe, s).map_or(f64::INFINITY, |zero| zero / ZERO_SHARE);

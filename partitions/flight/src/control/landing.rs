@@ -96,6 +96,7 @@ const TOUCHED_SINK_MPS: f64 = 0.4;
 /// Below this share of the airspeed that carries it, or after so long, s, the loops have nothing to fly.
 const ROLLING_SHARE: f64 = 0.9;
 const LONGEST_TOUCHED_S: f64 = 6.0;
+const SURELY_DOWN_S: f64 = 2.0;
 /// It stands slower than this over ground, m/s, for so long, s.
 const STANDING_MPS: f64 = 0.7;
 const STANDING_S: f64 = 1.5;
@@ -454,10 +455,14 @@ impl Landing {
                 if self.falling_s > if is_near { NEAR_FALLING_S } else { FALLING_S }
                     || (!is_near && self.sink_mps < -LIFTED_MPS) =>
             {
-                self.enter(Phase::Flare);
+                let high = state.altitude_m() > HIGHEST_FLARE_M;
+                self.enter(if high { Phase::Final } else { Phase::Flare });
             }
+            // What the airspeed says counts when it has had the time to fall, if it was in the air.
             Phase::Touched
-                if s.airspeed_mps < ROLLING_SHARE * stall_mps || self.since_s > LONGEST_TOUCHED_S =>
+                if (s.airspeed_mps < ROLLING_SHARE * stall_mps
+                    && (self.since_s > SURELY_DOWN_S || state.altitude_m() < HIGHEST_FLARE_M))
+                    || self.since_s > LONGEST_TOUCHED_S =>
             {
                 self.enter(Phase::Rolling);
             }
@@ -474,7 +479,7 @@ impl Landing {
             Phase::Final | Phase::Round => {
                 let held = match (self.phase, glide) {
                     (Phase::Round, _) => self.stands(stall_mps, state),
-                    (_, Some(glide)) => self.is_held(glide.sink_mps(approach_mps)),
+                    (_, Some(_)) => false, // a glide may be held up by rising air
                     (_, None) => self.is_held(-on_slope_mps),
                 };
                 self.since_s = if held { self.since_s } else { 0.0 };
@@ -690,7 +695,9 @@ impl Landing {
     /// It is too slow to fly, and neither climbs nor sinks.
     fn stands(&self, stall_mps: f64, state: &NavigationState) -> bool {
         let air_mps = (state.velocity.xy() - state.wind).norm();
-        air_mps < ROLLING_SHARE * stall_mps && self.sink_mps.abs() < LIFTED_MPS
+        // The wind may be wrong, by a pitot that is.
+        let fastest_mps = air_mps.max(state.velocity.xy().norm());
+        fastest_mps < ROLLING_SHARE * stall_mps && self.sink_mps.abs() < LIFTED_MPS
     }
 
     fn goes_wrong(&self, offset: &Offset, wanted_m: f64, state: &NavigationState) -> bool {

@@ -81,3 +81,25 @@ fn aircraft_that_sinks_through_gusts_or_climbs_away_is_not_on_the_ground() {
         }
     }
 }
+
+/// Rising air holds it up at 40 m for some seconds, and the pitot says that it is too slow to fly.
+#[test]
+fn aircraft_that_rising_air_held_up_goes_on_with_its_approach() {
+    let airframe = aerosonde();
+    let (envelope, config) = (Envelope::new(&airframe), LandingConfig::default());
+    let mut state = level_state();
+    state.position = Vector3::new(-100.0, 0.0, -40.0);
+    let mut landing = Landing::new(&config, &state, 50.0, Vector2::zeros());
+    (landing.phase, landing.rounds) = (Phase::Final, MOST_ROUNDS);
+    let s =
+        Signals { airspeed_mps: 5.0, density_kgpm3: 1.2, normal_mps2: -GRAVITY_MPS2, ..Signals::default() };
+    let mut seen = Vec::new();
+    for frame in 0..400 {
+        state.velocity.z = if frame < 230 { 0.0 } else { 1.5 };
+        landing.step((&airframe, &envelope, &config), (&state, false), (&s, 0.0), (150.0, 22.0), None, DT_S);
+        if seen.last() != Some(&landing.phase) {
+            seen.push(landing.phase);
+        }
+    }
+    assert_eq!(seen, [Phase::Final, Phase::Touched, Phase::Final]);
+}

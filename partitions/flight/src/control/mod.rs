@@ -500,7 +500,10 @@ impl Controller {
             self.fallback.update(inputs.navigation, &inputs.rates, &inputs.specific_force, dt_s);
         let mut signals = self.measure(&state, inputs, basis, dt_s);
         self.stuck.look(&inputs.specific_force, &inputs.rates);
-        self.config.inner.pitches_blind = self.stuck.axes() & PITCH_RATE != 0;
+        let pitches_blind = self.stuck.axes() & PITCH_RATE != 0;
+        if pitches_blind != std::mem::replace(&mut self.config.inner.pitches_blind, pitches_blind) {
+            self.channels.pitch = false; // engaged anew with the other gains, the elevator goes on from where it is
+        }
         if self.stuck.axes() & LATERAL_FORCE != 0 {
             signals.lateral_mps2 = 0.0; // the rudder's trim stays: it would run to its end
         }

@@ -244,7 +244,7 @@ impl Estimator {
         let moved = now.position - past.position;
         nominal.velocity = fix.velocity_ned + now.velocity - past.velocity;
         nominal.position = fix.position_ned + moved + (fix.velocity_ned - past.velocity) * lag;
-        if self.barometer.settled_offset().is_some() {
+        if self.barometer.settled_offset().is_some() && self.static_watch.is_believed() {
             nominal.position.z = now.position.z;
         }
         self.filter.forget(VEL, 3, 1.0);
@@ -306,6 +306,7 @@ impl Estimator {
 
     /// The height has followed a barometer that climbed so much too far, m; now it follows the receiver.
     fn leave_barometer(&mut self, off_m: f64) {
+        self.barometer_gate = Gate::default();
         self.filter.nominal.position.z += off_m;
         self.filter.forget(POS + 2, 1, UNTOLD_HEIGHT_M);
         self.history.clear();
@@ -313,6 +314,7 @@ impl Estimator {
     }
 
     fn zero_barometer(&mut self, time_s: f64) {
+        self.barometer_gate = Gate::default();
         self.counters.resets += 1;
         self.barometer = BarometerReference { last_s: Some(time_s), ..BarometerReference::default() };
     }

@@ -14,8 +14,9 @@ const AGAINST: u32 = 2;
 /// It is taken back after so many seconds with a climb or descent of that much, m, that both have seen.
 const FOR: u32 = 20;
 const SEEN_M: f64 = 8.0;
-/// A height is well within the gate below this share of it.
+/// A height is well within the gate below this share of it; and a leap takes so many heights at most.
 const NEAR_SHARE: f64 = 0.5;
+const LEAP: u32 = 4;
 /// Fixes further apart do not tell the climb between them, s.
 const LONGEST_GAP_S: f64 = 1.0;
 
@@ -33,10 +34,12 @@ pub(super) struct StaticWatch {
     against: u32,
     agreed: u32,
     believed: bool,
-    /// The last height was well within the gate; this one is beyond it; and it came there in one leap.
-    near: bool,
+    /// Heights since one was well within the gate; this one is beyond it; and it came there in one leap.
+    near: u32,
     beyond: bool,
     leapt: bool,
+    /// How much more the barometer had climbed than the receiver when its heights began to be refused, m.
+    followed_m: Option<f64>,
 }
 
 impl Default for StaticWatch {
@@ -52,9 +55,10 @@ impl Default for StaticWatch {
             against: 0,
             agreed: 0,
             believed: true,
-            near: true,
+            near: 0,
             beyond: false,
             leapt: false,
+            followed_m: None,
         }
     }
 }
@@ -75,9 +79,14 @@ impl StaticWatch {
     pub(super) fn leaps(&mut self, share: f64) -> bool {
         let beyond = share > 1.0;
         if beyond && !self.beyond {
-            self.leapt = self.near;
+            self.leapt = self.near <= LEAP;
+            self.followed_m = self.count.checked_sub(1).and_then(|seconds| self.off_m(seconds));
         }
-        (self.near, self.beyond) = (share < NEAR_SHARE, beyond);
+        if !beyond {
+            self.followed_m = None;
+        }
+        self.near = if share < NEAR_SHARE { 0 } else { self.near.saturating_add(1) };
+        self.beyond = beyond;
         beyond && self.leapt
     }
 
@@ -85,11 +94,12 @@ impl StaticWatch {
     /// away from it and is therefore no longer believed; `None` where it leapt, or where no receiver is there to compare it with.
     pub(super) fn give_up(&mut self, time_s: f64) -> Option<f64> {
         let off_m = self.off_m(self.count.checked_sub(1)?)?;
-        let drifted = !self.leapt && self.is_fresh(time_s);
+        let drifted = !self.leapt && off_m.abs() > 0.5 * SHORT_M && self.is_fresh(time_s);
         if drifted {
             (self.believed, self.agreed) = (false, 0);
         }
-        drifted.then_some(off_m)
+        // What was refused since the height has not followed.
+        drifted.then(|| self.followed_m.unwrap_or(0.0))
     }
 
     fn is_fresh(&self, time_s: f64) -> bool {
@@ -143,7 +153,7 @@ impl StaticWatch {
         self.against = if wrong.is_some() { self.against + 1 } else { 0 };
         if self.believed && self.against >= AGAINST {
             (self.believed, self.agreed) = (false, 0);
-            return wrong;
+            return self.followed_m.or(wrong);
         }
         if !self.believed {
             let near = self.off_m(SHORT).is_some_and(|off| off.abs() < 0.5 * SHORT_M);

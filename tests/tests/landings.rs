@@ -108,22 +108,30 @@ fn wing_that_stalls_before_its_file_says_so_flies_again_and_lands() {
     }
 }
 
+/// The touch-down of a whole mission in a light wind, with faults.
+fn with_faults(airframe: &str, seed: usize, faults: &[&str]) -> Value {
+    let seed = seed.to_string();
+    let faults = faults.iter().flat_map(|fault| ["--fault", fault]);
+    let air = ["--land", "--airframe", airframe, "--seed", &seed, "--wind", "3"];
+    let ended = flight(&air.into_iter().chain(faults).collect::<Vec<_>>()).expect_code(0);
+    ended.summary()["conditions"]["touchdown"].clone()
+}
+
+const AIRFRAMES: [&str; 5] = ["ultrastick25e", "vtail60", "aerosonde", "rascal110", "zagi"];
+
 #[test]
 fn aircraft_without_a_roll_rate_a_pitch_rate_or_a_lateral_force_lands() {
     let _turn = among_others();
-    let airframes = ["ultrastick25e", "vtail60", "aerosonde", "rascal110", "zagi"];
-    // Of ten, the lateral force of the first two: they have the weakest side force, and the strongest.
     let flights = [("gyroscope_stuck=x@50", 5), ("gyroscope_stuck=y@50", 4), ("accelerometer_stuck=y@50", 2)];
-    let flights = flights.map(|(fault, count)| (fault, if is_long() { 5 } else { count }));
-    for (fault, airframe) in
-        flights.iter().flat_map(|(fault, count)| airframes[..*count].iter().map(move |it| (fault, it)))
-    {
-        for seed in 41..if is_long() { 51 } else { 42 } {
-            let seed = seed.to_string();
-            let air = ["--airframe", airframe, "--seed", &seed, "--wind", "3", "--fault", fault];
-            let ended = flight(&[&["--land"], &air[..]].concat()).expect_code(0);
-            let touchdown = ended.summary()["conditions"]["touchdown"].clone();
-            assert!(number(&touchdown, "sink_mps") < 2.0, "{airframe}, {fault}, seed {seed}: {touchdown}");
+    for (fault, count) in flights {
+        for airframe in &AIRFRAMES[..if is_long() { 5 } else { count }] {
+            for seed in 41..if is_long() { 51 } else { 42 } {
+                let touchdown = with_faults(airframe, seed, &[fault]);
+                assert!(
+                    number(&touchdown, "sink_mps") < 2.0,
+                    "{airframe}, {fault}, seed {seed}: {touchdown}"
+                );
+            }
         }
     }
 }
@@ -132,14 +140,9 @@ fn aircraft_without_a_roll_rate_a_pitch_rate_or_a_lateral_force_lands() {
 #[test]
 fn aircraft_whose_static_port_is_blocked_lands_and_knows_that_it_stands() {
     let _turn = among_others();
-    let airframes = ["aerosonde", "rascal110", "ultrastick25e", "vtail60", "zagi"];
     for seed in 51..if is_long() { 71 } else { 56 } {
-        let airframe = airframes[seed % airframes.len()];
-        let fault = ["static_blocked@60", "static_slow=8@60"][seed % 2];
-        let seed = seed.to_string();
-        let air = ["--airframe", airframe, "--seed", &seed, "--wind", "3", "--fault", fault];
-        let ended = flight(&[&["--land", "--fault", "range_lost@100"], &air[..]].concat()).expect_code(0);
-        let touchdown = ended.summary()["conditions"]["touchdown"].clone();
+        let (airframe, fault) = (AIRFRAMES[seed % 5], ["static_blocked@60", "static_slow=8@60"][seed % 2]);
+        let touchdown = with_faults(airframe, seed, &[fault, "range_lost@100"]);
         assert!(touchdown["standing_s"].is_f64(), "{airframe}, {fault}: {touchdown}");
         assert!(number(&touchdown, "sink_mps") < 3.0, "{airframe}, {fault}: {touchdown}");
     }

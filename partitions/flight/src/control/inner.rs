@@ -25,6 +25,8 @@ pub struct Signals {
     pub roll_rate_radps: f64,
     /// Body, rad/s.
     pub pitch_rate_radps: f64,
+    /// It is not known: the short period stays as it is, and a slow integrator alone moves the elevator.
+    pub pitches_blind: bool,
     /// Body, rad/s.
     pub yaw_rate_radps: f64,
     /// rad.
@@ -85,8 +87,6 @@ pub struct InnerTuning {
     pub normal_pole: f64,
     /// Least damping of the short period.
     pub normal_damping: f64,
-    /// The pitch rate is not known: the short period stays as it is, and a slow integrator alone moves the elevator.
-    pub pitches_blind: bool,
     /// Damping added to the Dutch roll.
     pub yaw_damping: f64,
     /// Rudder per lateral velocity change not felt, rad/(m/s).
@@ -106,7 +106,6 @@ impl Default for InnerTuning {
         Self {
             normal_pole: 3.0,
             normal_damping: 0.75,
-            pitches_blind: false,
             yaw_damping: 0.5,
             lateral_gain: 0.02,
             axial_bandwidth: 1.5,
@@ -340,7 +339,7 @@ pub fn normal_gains(airframe: &Airframe, tuning: &InnerTuning, s: &Signals) -> N
     let m_alpha = force * chord * aero.pitch_alpha / mass.inertia_yy_kgm2 - a * m_alpha_rate;
     let m_delta = force * chord * aero.pitch_elevator / mass.inertia_yy_kgm2;
     let natural = (-m_alpha - a * m_q).max(1.0).sqrt();
-    if tuning.pitches_blind {
+    if s.pitches_blind {
         let pole = BLIND_POLE.min(0.5 * natural);
         let integral = -pole * natural * natural / (v * a * m_delta);
         let damping = (a - m_q) / (2.0 * natural);

@@ -96,6 +96,7 @@ const TOUCHED_SINK_MPS: f64 = 0.4;
 /// Below this share of the airspeed that carries it, or after so long, s, the loops have nothing to fly.
 const ROLLING_SHARE: f64 = 0.9;
 const LONGEST_TOUCHED_S: f64 = 6.0;
+/// High up that airspeed counts after so long, s: it falls by then, if it was no ground.
 const SURELY_DOWN_S: f64 = 2.0;
 /// It stands slower than this over ground, m/s, for so long, s.
 const STANDING_MPS: f64 = 0.7;
@@ -458,7 +459,6 @@ impl Landing {
                 let high = state.altitude_m() > HIGHEST_FLARE_M;
                 self.enter(if high { Phase::Final } else { Phase::Flare });
             }
-            // What the airspeed says counts when it has had the time to fall, if it was in the air.
             Phase::Touched
                 if (s.airspeed_mps < ROLLING_SHARE * stall_mps
                     && (self.since_s > SURELY_DOWN_S || state.altitude_m() < HIGHEST_FLARE_M))

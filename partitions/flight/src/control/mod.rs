@@ -295,6 +295,8 @@ pub struct Controller {
     stall: StallGuard,
     gusts: GustWatch,
     stuck: Stuck,
+    /// As of the last frame.
+    pitches_blind: bool,
     roll: RollModel,
     /// Airspeed asked for on top of the reference, because the elevator is near its stop, m/s.
     authority_mps: f64,
@@ -344,6 +346,7 @@ impl Controller {
             stall: StallGuard::default(),
             gusts: GustWatch::default(),
             stuck: Stuck::default(),
+            pitches_blind: false,
             roll: RollModel::default(),
             authority_mps: 0.0,
             last: trimmed(&trim),
@@ -500,8 +503,8 @@ impl Controller {
             self.fallback.update(inputs.navigation, &inputs.rates, &inputs.specific_force, dt_s);
         let mut signals = self.measure(&state, inputs, basis, dt_s);
         self.stuck.look(&inputs.specific_force, &inputs.rates);
-        let pitches_blind = self.stuck.axes() & PITCH_RATE != 0;
-        if pitches_blind != std::mem::replace(&mut self.config.inner.pitches_blind, pitches_blind) {
+        signals.pitches_blind = self.stuck.axes() & PITCH_RATE != 0;
+        if signals.pitches_blind != std::mem::replace(&mut self.pitches_blind, signals.pitches_blind) {
             self.channels.pitch = false; // engaged anew with the other gains, the elevator goes on from where it is
         }
         if self.stuck.axes() & LATERAL_FORCE != 0 {
@@ -875,6 +878,7 @@ impl Controller {
             normal_mps2: force.dot(&down),
             roll_rate_radps: state.rates.dot(&forward),
             pitch_rate_radps: state.rates.y,
+            pitches_blind: false,
             yaw_rate_radps: state.rates.z,
             bank_rad: state.euler.x,
             pitch_rad: state.euler.y,

@@ -195,9 +195,7 @@ impl Estimator {
 
     fn position_scalars(&self, fix: &GpsMeasurement, past: &Past) -> [Scalar; 3] {
         let noise = &self.config.measurement;
-        let known =
-            self.standing || (self.barometer.settled_offset().is_some() && self.static_watch.is_believed());
-        let by_barometer = self.config.aiding.pressure && known;
+        let by_barometer = self.config.aiding.pressure && (self.standing || self.barometer_carries());
         let vertical = if by_barometer { noise.gps_vertical_with_barometer_m } else { noise.gps_vertical_m };
         let sigmas = [noise.gps_horizontal_m, noise.gps_horizontal_m, vertical];
         let now = self.now();
@@ -240,11 +238,12 @@ impl Estimator {
         self.counters.resets += 1;
         self.last_gps_reset_s = now.time_s;
         let lag = now.time_s - fix.time_s;
+        let by_barometer = self.barometer_carries();
         let nominal = &mut self.filter.nominal;
         let moved = now.position - past.position;
         nominal.velocity = fix.velocity_ned + now.velocity - past.velocity;
         nominal.position = fix.position_ned + moved + (fix.velocity_ned - past.velocity) * lag;
-        if self.barometer.settled_offset().is_some() && self.static_watch.is_believed() {
+        if by_barometer {
             nominal.position.z = now.position.z;
         }
         self.filter.forget(VEL, 3, 1.0);
@@ -311,6 +310,11 @@ impl Estimator {
         self.filter.forget(POS + 2, 1, UNTOLD_HEIGHT_M);
         self.history.clear();
         self.history.push(self.now());
+    }
+
+    /// Its zero is known, and it is believed.
+    pub(super) fn barometer_carries(&self) -> bool {
+        self.barometer.settled_offset().is_some() && self.static_watch.is_believed()
     }
 
     fn zero_barometer(&mut self, time_s: f64) {

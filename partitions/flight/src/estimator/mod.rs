@@ -436,7 +436,7 @@ impl Estimator {
         if !standing && !self.slow_known {
             self.barometer.restart();
         }
-        if !standing && self.barometer.settled_offset().is_some() {
+        if !standing && self.barometer_carries() {
             // The height found is the receiver's, many metres off; the barometer shall pull it back at once.
             sigmas[POS + 2] = self.config.measurement.gps_vertical_with_barometer_m;
         }

@@ -34,11 +34,10 @@ pub(super) struct StaticWatch {
     against: u32,
     agreed: u32,
     believed: bool,
-    /// Heights since one was well within the gate; this one is beyond it; and it came there in one leap.
+    /// Heights since one was well within the gate; and that beyond it was reached in one leap.
     near: u32,
-    beyond: bool,
     leapt: bool,
-    /// How much more the barometer had climbed than the receiver when its heights began to be refused, m.
+    /// While heights are refused: how much more the barometer had climbed than the receiver when that began, m.
     followed_m: Option<f64>,
 }
 
@@ -56,7 +55,6 @@ impl Default for StaticWatch {
             agreed: 0,
             believed: true,
             near: 0,
-            beyond: false,
             leapt: false,
             followed_m: None,
         }
@@ -70,24 +68,22 @@ impl StaticWatch {
 
     /// Forgets what was compared, not the verdict.
     pub(super) fn restart(&mut self) {
-        let Self { believed, near, beyond, leapt, .. } = *self;
-        *self = Self { believed, near, beyond, leapt, ..Self::default() };
+        let Self { believed, near, leapt, followed_m, .. } = *self;
+        *self = Self { believed, near, leapt, followed_m, ..Self::default() };
     }
 
     /// How far a height is from the one expected, as a share of the gate. True if it is beyond, and came there in one leap: the
     /// barometer may be sound and only stand elsewhere. One that drifts there does not climb as the aircraft does.
     pub(super) fn leaps(&mut self, share: f64) -> bool {
-        let beyond = share > 1.0;
-        if beyond && !self.beyond {
-            self.leapt = self.near <= LEAP;
-            self.followed_m = self.count.checked_sub(1).and_then(|seconds| self.off_m(seconds));
-        }
-        if !beyond {
+        if share <= 1.0 {
             self.followed_m = None;
+        } else if self.followed_m.is_none() {
+            self.leapt = self.near <= LEAP;
+            let longest = self.count.checked_sub(1).and_then(|seconds| self.off_m(seconds));
+            self.followed_m = Some(longest.unwrap_or(0.0));
         }
         self.near = if share < NEAR_SHARE { 0 } else { self.near.saturating_add(1) };
-        self.beyond = beyond;
-        beyond && self.leapt
+        self.followed_m.is_some() && self.leapt
     }
 
     /// Heights have been refused for too long. Gives how much more the barometer has climbed than the receiver, m, where it drifted

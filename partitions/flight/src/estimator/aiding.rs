@@ -4,7 +4,6 @@ use super::filter::{ATT, ErrorVector, Filter, MAG, POS, ProcessNoise, Scalar, VE
 use super::health::Aid;
 use super::history::{Past, position_row, scalar, velocity_row};
 use super::{Estimator, EstimatorStatus, GpsMeasurement, Phase};
-use crate::GRAVITY_MPS2;
 use crate::atmosphere::{airspeed_mps, density_kgpm3, pressure_altitude_m};
 use crate::attitude::{finite, skew};
 use nalgebra::{Vector2, Vector3};
@@ -184,8 +183,7 @@ impl Estimator {
     fn velocity_scalars(&self, fix: &GpsMeasurement, past: &Past) -> [Scalar; 3] {
         let rotation = self.filter.nominal.attitude.to_rotation_matrix().into_inner();
         let (now, sigma) = (self.now(), self.config.measurement.gps_velocity_mps);
-        let excess = self.last_sample.map_or(0.0, |sample| sample.specific_force.norm() - GRAVITY_MPS2);
-        let gathered = Filter::velocity_density(excess, &self.config.process) * (now.time_s - past.time_s);
+        let gathered = now.velocity_noise - past.velocity_noise;
         [0, 1, 2].map(|axis| {
             let innovation = fix.velocity_ned[axis] - past.velocity[axis];
             let row = velocity_row(axis, &now, past, &rotation);

@@ -104,6 +104,8 @@ pub(crate) struct Filter {
     pub(crate) nominal: Nominal,
     pub(crate) covariance: Covariance,
     pending: ErrorVector,
+    /// Variance that noise has added to each axis of the velocity since the filter began, m²/s².
+    pub(crate) velocity_noise: f64,
 }
 
 /// One scalar measurement, linearised: `innovation = h · error + noise`.
@@ -123,6 +125,7 @@ impl Scalar {
         let mut column = covariance * self.h;
         let mut variance = self.h.dot(&column) + self.variance;
         if let Some((at, gathered)) = self.since {
+            let gathered = gathered.min(own_variance(covariance, at));
             column[at] -= gathered;
             variance = (variance - gathered).max(self.variance);
         }
@@ -130,10 +133,17 @@ impl Scalar {
     }
 }
 
+/// Variance of an error state that no other state and no measurement tells of, so much of its noise is still in it: more taken off would leave a
+/// covariance that is none.
+fn own_variance(covariance: &Covariance, at: usize) -> f64 {
+    let unit = ErrorVector::from_fn(|i, _| if i == at { 1.0 } else { 0.0 });
+    covariance.cholesky().map_or(0.0, |root| 1.0 / root.solve(&unit)[at])
+}
+
 impl Filter {
     pub(crate) fn new(nominal: Nominal, sigmas: &ErrorVector) -> Self {
         let covariance = Covariance::from_diagonal(&sigmas.component_mul(sigmas));
-        Self { nominal, covariance, pending: ErrorVector::zeros() }
+        Self { nominal, covariance, pending: ErrorVector::zeros(), velocity_noise: 0.0 }
     }
 
     /// Strapdown step over `dt_s` with the mean rates and specific force (body) of that interval, then the covariance.
@@ -194,15 +204,11 @@ impl Filter {
         }
     }
 
-    /// Density of the velocity's noise, m²/s³, at a specific force.
-    pub(crate) fn velocity_density(excess_force: f64, noise: &ProcessNoise) -> f64 {
-        noise.accel * noise.accel + (noise.accel_per_force * excess_force).powi(2)
-    }
-
     fn add_noise(&mut self, rate: f64, excess_force: f64, dt_s: f64, noise: &ProcessNoise) {
         let square = |x: f64| x * x;
         let attitude = square(noise.gyro) + square(noise.gyro_per_rate * rate);
-        let velocity = Self::velocity_density(excess_force, noise);
+        let velocity = square(noise.accel) + square(noise.accel_per_force * excess_force);
+        self.velocity_noise += velocity * dt_s;
         let blocks = [
             (ATT, attitude),
             (VEL, velocity),

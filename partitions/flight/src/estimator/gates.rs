@@ -214,3 +214,25 @@ fn late_fixes_of_any_latency_give_the_same_errors() {
     assert!(errors.iter().all(|error| *error < 0.04), "{errors:?}");
     assert!(errors[4] < 1.6 * errors[0], "{errors:?}");
 }
+
+/// A wheel that meets the ground: for two frames the force is ten times the weight and more. Fixes that come then are older than that.
+#[test]
+fn knock_of_any_strength_and_time_costs_neither_state_nor_covariance() {
+    for number in 0..60 {
+        let mut world = World::new(number, config(true));
+        let mut estimator = world.estimator();
+        let latency_s = [0.06, 0.12, 0.2, 0.26][number as usize % 4];
+        let mut back = Vector3::zeros();
+        for frame in 0..1_000 {
+            let mut sample = world.step();
+            let knocks = frame > 500 && back == Vector3::zeros() && world.chance.one() > 1.2;
+            let force = world.chance.three() * 10f64.powf(1.5 + 0.3 * world.chance.one());
+            let force = if knocks { force } else { Vector3::zeros() };
+            sample.specific_force += force - back;
+            back = force;
+            estimator.predict(&sample);
+            world.measure(&mut estimator, latency_s);
+            assert!(estimator.filter.healthy() && estimator.state().is_some(), "{number}, frame {frame}");
+        }
+    }
+}

@@ -14,12 +14,15 @@ pub(crate) struct Past {
     pub(crate) time_s: f64,
     pub(crate) velocity: Vector3<f64>,
     pub(crate) position: Vector3<f64>,
+    /// [`Filter::velocity_noise`](super::filter::Filter::velocity_noise) then, m²/s².
+    pub(crate) velocity_noise: f64,
 }
 
 const NOTHING: Past = Past {
     time_s: f64::NEG_INFINITY,
     velocity: Vector3::new(0.0, 0.0, 0.0),
     position: Vector3::new(0.0, 0.0, 0.0),
+    velocity_noise: 0.0,
 };
 
 /// Past states, newest last.
@@ -67,6 +70,7 @@ impl History {
                 time_s,
                 velocity: older.velocity.lerp(&newer.velocity, share),
                 position: older.position.lerp(&newer.position, share),
+                velocity_noise: older.velocity_noise + share * (newer.velocity_noise - older.velocity_noise),
             }
         })
     }
@@ -135,6 +139,7 @@ mod tests {
             time_s,
             velocity: Vector3::new(time_s, 0.0, 0.0),
             position: Vector3::new(0.0, 2.0 * time_s, 0.0),
+            velocity_noise: 0.0,
         }
     }
 

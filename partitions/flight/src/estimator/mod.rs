@@ -472,6 +472,7 @@ impl Estimator {
             time_s: self.last_sample.map_or(f64::NEG_INFINITY, |sample| sample.time_s),
             velocity: self.filter.nominal.velocity,
             position: self.filter.nominal.position,
+            velocity_noise: self.filter.velocity_noise,
         }
     }
 

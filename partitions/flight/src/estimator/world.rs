@@ -12,13 +12,13 @@ use std::collections::VecDeque;
 /// A frame, s.
 pub(super) const DT_S: f64 = 0.02;
 /// Normal numbers.
-struct Chance(ChaCha8Rng);
+pub(super) struct Chance(ChaCha8Rng);
 
 impl Chance {
-    fn one(&mut self) -> f64 {
+    pub(super) fn one(&mut self) -> f64 {
         StandardNormal.sample(&mut self.0)
     }
-    fn three(&mut self) -> Vector3<f64> {
+    pub(super) fn three(&mut self) -> Vector3<f64> {
         Vector3::new(self.one(), self.one(), self.one())
     }
 }
@@ -47,7 +47,7 @@ fn attitude_at(time_s: f64, heading_rad: f64) -> (UnitQuaternion<f64>, Vector3<f
 }
 
 pub(super) struct World {
-    chance: Chance,
+    pub(super) chance: Chance,
     pub(super) config: EstimatorConfig,
     pub(super) real: Real,
     heading_rad: f64,

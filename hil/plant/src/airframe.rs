@@ -252,7 +252,7 @@ pub struct Gear {
     pub lateral_friction: f64,
     /// Angle of the third wheel per rudder angle.
     pub steering_ratio: f64,
-    /// Sink rate of a wheel from which the aircraft counts as lost, m/s; half of it for the structure.
+    /// Sink rate of a wheel from which the aircraft counts as lost, m/s; half of it for the structure, any for the nose: there is the propeller.
     pub crash_sink_mps: f64,
 }
 

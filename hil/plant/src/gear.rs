@@ -14,6 +14,7 @@ const SCRAPE: f64 = 0.4;
 /// Banked more than this while touching the ground, the aircraft is lost, as the cosine of the tilt (75°).
 const LARGEST_TILT_COS: f64 = 0.26;
 const WHEELS: usize = 3;
+const NOSE: usize = 3;
 const STEERED: usize = 2;
 
 /// Points of contact in body axes: left and right wheel, steered wheel, nose, tail, left and right wing tip.
@@ -77,7 +78,8 @@ impl GroundContact {
             let Some(touch) = self.touch(state, point) else { return false };
             let limit = self.gear.crash_sink_mps * if point < WHEELS { 1.0 } else { 0.5 };
             let crushed = point >= WHEELS && touch.depth > CRUSH_M;
-            touch.velocity.z > limit || crushed || upright < LARGEST_TILT_COS
+            // A propeller that strikes the ground is damage at any speed.
+            point == NOSE || touch.velocity.z > limit || crushed || upright < LARGEST_TILT_COS
         })
     }
 

@@ -12,8 +12,9 @@ use std::ops::Range;
 /// closest approach this long before and after, ns: the fillet's nearest point lies within.
 const SEARCH_NS: u64 = 2_000_000_000;
 /// A passage is fair if it comes as near as the planned fillet does, plus this, m: wider than any tracking error that
-/// still counts as flying the path.
+/// still counts as flying the path; or plus this share of the widest radius of the flight, within which the guidance counts a way-point as reached.
 const FAIR_MARGIN_M: f64 = 25.0;
+const FAIR_SHARE: f64 = 0.35;
 /// The same for a circle: its radius grows with the wind.
 const CIRCLE_MARGIN_M: f64 = 80.0;
 /// A passage that is further from the way-point's altitude, m, is told: several times what a level leg leaves.
@@ -57,9 +58,11 @@ pub fn verify(
     truth: &[TruthRecord],
     believed: &Believed,
 ) {
+    let widest_m = planned.radii_m().into_iter().fold(0.0, f64::max);
+    let margin_m = FAIR_MARGIN_M.max(FAIR_SHARE * widest_m);
     for passage in passages {
         let Some(waypoint) = waypoints.get(passage.index) else { continue };
-        let fair_m = fair_distance_m(waypoints, passage.index, planned.radius_m(passage.time_ns));
+        let fair_m = fair_distance_m(waypoints, passage.index, planned.radius_m(passage.time_ns), margin_m);
         (passage.distance_m, passage.above_m) = closest(truth, believed, waypoint, passage.time_ns).unzip();
         passage.verified = passage.distance_m.is_some_and(|distance| distance <= fair_m);
     }
@@ -110,7 +113,7 @@ pub fn height_notes(passages: &[Passage]) -> Vec<String> {
 
 /// How near the path comes to a way-point at most: a fillet cuts the corner by R (1/cos(turn/2) − 1), and by half of the shorter
 /// leg at most. The radius is what the laws choose for the airspeed: an aircraft of 50 m/s needs 330 m.
-fn fair_distance_m(waypoints: &[Waypoint], index: usize, radius_m: f64) -> f64 {
+fn fair_distance_m(waypoints: &[Waypoint], index: usize, radius_m: f64, margin_m: f64) -> f64 {
     let count = waypoints.len();
     match waypoints[index].step {
         Step::Pass => {}
@@ -128,7 +131,7 @@ fn fair_distance_m(waypoints: &[Waypoint], index: usize, radius_m: f64) -> f64 {
     let turn = inbound.angle(&outbound);
     let cut = if turn < 0.9 * PI { 1.0 / (0.5 * turn).cos() - 1.0 } else { 0.0 };
     let room = 0.5 * inbound.norm().min(outbound.norm());
-    (radius_m * cut).min(room) + FAIR_MARGIN_M
+    (radius_m * cut).min(room) + margin_m
 }
 
 /// The longest stretch of way-points in the right order (`expected`, by their place in the flight) from the first one on, without one

@@ -7,6 +7,7 @@
 
 use super::envelope::Envelope;
 use super::inner::Signals;
+use super::pitch_hold::Aim;
 use super::power::PowerWatch;
 use super::wheels;
 use crate::airframe::Airframe;
@@ -20,7 +21,7 @@ use nalgebra::Vector2;
 use std::f64::consts::TAU;
 
 /// Length of a landing as plain numbers.
-pub const NUMBERS: usize = 12;
+pub const NUMBERS: usize = 13;
 
 /// Airspeed of the approach, of the one at which the wing just carries the weight; and what is added for each m/s of wind, m/s at most.
 const APPROACH_SHARE: f64 = 1.45;
@@ -86,16 +87,24 @@ const KNOCK_MPS2: f64 = 25.0;
 /// A gust lifts what rises faster than this, m/s.
 const LIFTED_MPS: f64 = 0.5;
 const SINK_LAG_S: f64 = 0.3;
-/// Sinking as fast as this again, m/s, for so long, s, it has not touched the ground.
+/// So far below the height at which it touched the ground, m, and sinking, it has not touched it; so far above it and rising it was thrown up, and
+/// flies again. Slower than this, m/s, it is the height that drifts.
+const FELL_M: f64 = 0.3;
+const THROWN_UP_M: f64 = 2.5;
 const FALLING_MPS: f64 = 0.25;
-const FALLING_S: f64 = 0.2;
-/// The same where a range finder sees the ground within a metre: it may be wrong, and a wheel that was thrown up comes down again.
-const NEAR_FALLING_S: f64 = 0.6;
 /// It sinks so fast, m/s, in case it was no ground.
 const TOUCHED_SINK_MPS: f64 = 0.4;
-/// Below this share of the airspeed that carries it, or after so long, s, the loops have nothing to fly.
-const ROLLING_SHARE: f64 = 0.9;
-const LONGEST_TOUCHED_S: f64 = 6.0;
+/// Attitude on the wheels below the incidence of the approach, rad: they are pressed on, and a hop sinks no faster than an approach does.
+const WHEELS_RAD: f64 = 0.035;
+/// Memory of that incidence, s.
+const INCIDENCE_LAG_S: f64 = 4.0;
+/// Below this share of the airspeed that carries it a wing carries nothing. Below the second one, or after so long, s, it rolls: till then a gust can
+/// lift it.
+const CARRIES_SHARE: f64 = 0.9;
+const ROLLING_SHARE: f64 = 0.6;
+const LONGEST_TOUCHED_S: f64 = 25.0;
+/// Share of the elevator's travel up with which a tail wheel is held on the ground.
+const TAIL_DOWN_SHARE: f64 = 0.5;
 /// High up that airspeed counts after so long, s: it falls by then, if it was no ground.
 const SURELY_DOWN_S: f64 = 2.0;
 /// It stands slower than this over ground, m/s, for so long, s.
@@ -187,8 +196,10 @@ pub struct Landing {
     since_s: f64,
     /// Sink rate without its noise, m/s.
     sink_mps: f64,
-    /// How long it has been sinking as in the air, s.
-    falling_s: f64,
+    /// Incidence of the approach: pitch above the climb through the air, rad.
+    incidence_rad: f64,
+    /// Height at which it touched the ground, m.
+    touched_m: f64,
     /// Turned off its direction on the ground, rad.
     turned_rad: f64,
     /// Approaches that went wrong.
@@ -247,6 +258,8 @@ pub(super) struct Approach {
     pub airspeed_mps: Option<f64>,
     /// Vertical acceleration up at least, m/s²: the nose is not to meet the ground first.
     pub least_mps2: f64,
+    /// What the pitch attitude is held for; `None`: the normal loop has the elevator.
+    pub aim: Option<Aim>,
 }
 
 /// What one frame of a landing asks for.
@@ -291,7 +304,8 @@ impl Landing {
             side: 1.0,
             since_s: 0.0,
             sink_mps: 0.0,
-            falling_s: 0.0,
+            incidence_rad: 0.0,
+            touched_m: 0.0,
             turned_rad: 0.0,
             rounds: 0.0,
             place,
@@ -390,7 +404,10 @@ impl Landing {
         let away_m = (self.centre(radius_m, length_m) - state.position.xy()).norm();
         let is_away = self.phase == Phase::Pattern && away_m > NEAR_CIRCLE * radius_m;
         self.since_s = if is_away { 0.0 } else { self.since_s + dt_s };
-        self.falling_s = if self.sink_mps > FALLING_MPS { self.falling_s + dt_s } else { 0.0 };
+        if self.phase == Phase::Final && self.since_s < DOUBT_S {
+            let now_rad = s.pitch_rad - s.climb_rad;
+            self.incidence_rad = low_pass(self.incidence_rad, now_rad, INCIDENCE_LAG_S, dt_s);
+        }
         let slope = config.slope_rad.tan();
         let on_slope_m = FLARE_M + (offset.left_m - float_s(ground_mps * slope) * ground_mps) * slope;
         let wanted_m = on_slope_m.min(self.height_m);
@@ -434,10 +451,7 @@ impl Landing {
             }
             Phase::Final if state.altitude_m() < flare_m => self.enter(Phase::Flare),
             // A wheel has met the ground: flown on with power it would be thrown up again.
-            Phase::Flare if is_near && s.normal_mps2 < -KNOCK_MPS2 => {
-                self.turned_rad = 0.0;
-                self.enter(Phase::Touched);
-            }
+            Phase::Flare if is_near && s.normal_mps2 < -KNOCK_MPS2 => self.touch(state),
             Phase::Flare => {
                 // As long as it sinks there is no ground, nor where it is lifted.
                 let held = (-LIFTED_MPS..HELD_SHARE * TOUCH_SINK_MPS).contains(&self.sink_mps);
@@ -448,14 +462,10 @@ impl Landing {
                     _ => HELD_S,
                 };
                 if self.since_s > held_s {
-                    self.turned_rad = 0.0;
-                    self.enter(Phase::Touched);
+                    self.touch(state);
                 }
             }
-            Phase::Touched
-                if self.falling_s > if is_near { NEAR_FALLING_S } else { FALLING_S }
-                    || (!is_near && self.sink_mps < -LIFTED_MPS) =>
-            {
+            Phase::Touched if self.flies_again(state) => {
                 let high = state.altitude_m() > HIGHEST_FLARE_M;
                 self.enter(if high { Phase::Final } else { Phase::Flare });
             }
@@ -484,8 +494,7 @@ impl Landing {
                 };
                 self.since_s = if held { self.since_s } else { 0.0 };
                 if self.since_s > HIGH_HELD_S {
-                    self.turned_rad = 0.0;
-                    self.enter(Phase::Touched);
+                    self.touch(state);
                 }
             }
             _ => {}
@@ -524,23 +533,39 @@ impl Landing {
                 bank_rad: FINAL_BANK_RAD,
                 airspeed_mps: glide.is_none().then_some(approach_mps),
                 least_mps2: f64::NEG_INFINITY,
+                // On the ground the normal loop would push it onto its nose.
+                aim: (glide.is_none() && self.since_s > DOUBT_S)
+                    .then(|| self.sinking(on_slope_mps, state, s)),
             }),
-            Phase::Flare => Flown::Loops(Approach {
-                climb_mps: -self.flare_sink_mps(state, ground_mps * slope, (glide.is_some(), is_near)),
-                sideways_mps2: Some(sideways),
-                bank_rad: FLARE_BANK_RAD,
-                airspeed_mps: glide.is_none().then_some(approach_mps),
-                least_mps2: -if is_near { NEAR_DOWN_MPS2 } else { FLARE_DOWN_MPS2 },
-            }),
+            Phase::Flare => {
+                let climb_mps = -self.flare_sink_mps(state, ground_mps * slope, (glide.is_some(), is_near));
+                Flown::Loops(Approach {
+                    climb_mps,
+                    sideways_mps2: Some(sideways),
+                    bank_rad: FLARE_BANK_RAD,
+                    airspeed_mps: glide.is_none().then_some(approach_mps),
+                    least_mps2: -if is_near { NEAR_DOWN_MPS2 } else { FLARE_DOWN_MPS2 },
+                    aim: glide.is_none().then(|| self.sinking(climb_mps, state, s)),
+                })
+            }
             Phase::Touched => Flown::Loops(Approach {
                 climb_mps: -TOUCHED_SINK_MPS,
                 sideways_mps2: None,
                 bank_rad: 0.0,
                 airspeed_mps: None,
                 least_mps2: -FLARE_DOWN_MPS2,
+                aim: Some(self.on_wheels(airframe, s.airspeed_mps < stall_mps)),
             }),
             Phase::Rolling | Phase::Standing => {
-                Flown::Wheels(wheels::straight_on(airframe, envelope, s, self.turned_rad, (0.0, 0.0)))
+                let up_rad = TAIL_DOWN_SHARE * airframe.servo.elevator_limit_rad;
+                let elevator_rad = if wheels::has_tail_wheel(airframe) { -up_rad } else { 0.0 };
+                Flown::Wheels(wheels::straight_on(
+                    airframe,
+                    envelope,
+                    s,
+                    self.turned_rad,
+                    (0.0, elevator_rad),
+                ))
             }
         }
     }
@@ -577,9 +602,36 @@ impl Landing {
         TOUCH_SINK_MPS + share * (slope_mps - TOUCH_SINK_MPS).max(0.0)
     }
 
+    /// The attitude in which the approach's incidence gives a climb rate, m/s.
+    fn sinking(&self, climb_mps: f64, state: &NavigationState, s: &Signals) -> Aim {
+        Aim::Climb {
+            about_rad: self.incidence_rad + climb_mps / s.airspeed_mps.max(1.0),
+            lacking_mps: climb_mps + state.velocity.z,
+        }
+    }
+
+    /// The attitude that keeps it on its wheels: a nose wheel is not to come down first.
+    fn on_wheels(&self, airframe: &Airframe, is_slow: bool) -> Aim {
+        let least_rad = if wheels::has_tail_wheel(airframe) { f64::NEG_INFINITY } else { 0.0 };
+        Aim::Wheels { pitch_rad: (self.incidence_rad - WHEELS_RAD).max(least_rad), is_slow }
+    }
+
     /// Rudder in place of the coordinated one, rad.
     pub(super) fn rudder_rad(&self, airframe: &Airframe, s: &Signals) -> Option<f64> {
         (self.phase == Phase::Touched).then(|| wheels::rudder_rad(airframe, s, self.turned_rad))
+    }
+
+    /// It fell on after it had touched the ground, or was thrown up.
+    fn flies_again(&self, state: &NavigationState) -> bool {
+        let above_m = state.altitude_m() - self.touched_m;
+        let fell = above_m < -FELL_M && self.sink_mps > FALLING_MPS;
+        fell || (above_m > THROWN_UP_M && self.sink_mps < -FALLING_MPS)
+    }
+
+    /// The ground holds it up.
+    fn touch(&mut self, state: &NavigationState) {
+        (self.turned_rad, self.touched_m) = (0.0, state.altitude_m());
+        self.enter(Phase::Touched);
     }
 
     fn enter(&mut self, phase: Phase) {
@@ -697,7 +749,7 @@ impl Landing {
         let air_mps = (state.velocity.xy() - state.wind).norm();
         // The wind may be wrong, by a pitot that is.
         let fastest_mps = air_mps.max(state.velocity.xy().norm());
-        fastest_mps < ROLLING_SHARE * stall_mps && self.sink_mps.abs() < LIFTED_MPS
+        fastest_mps < CARRIES_SHARE * stall_mps && self.sink_mps.abs() < LIFTED_MPS
     }
 
     fn goes_wrong(&self, offset: &Offset, wanted_m: f64, state: &NavigationState) -> bool {
@@ -724,7 +776,8 @@ impl Landing {
                 l.side,
                 l.since_s,
                 l.sink_mps,
-                l.falling_s,
+                l.incidence_rad,
+                l.touched_m,
                 l.turned_rad,
                 l.rounds,
                 l.place.x,
@@ -743,7 +796,8 @@ impl Landing {
             side,
             since_s,
             sink_mps,
-            falling_s,
+            incidence_rad,
+            touched_m,
             turned_rad,
             rounds,
             x,
@@ -760,7 +814,8 @@ impl Landing {
             side,
             since_s,
             sink_mps,
-            falling_s,
+            incidence_rad,
+            touched_m,
             turned_rad,
             rounds,
             place: Vector2::new(x, y),

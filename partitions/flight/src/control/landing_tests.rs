@@ -96,6 +96,7 @@ fn aircraft_that_rising_air_held_up_goes_on_with_its_approach() {
     let mut seen = Vec::new();
     for frame in 0..400 {
         state.velocity.z = if frame < 230 { 0.0 } else { 1.5 };
+        state.position.z += state.velocity.z * DT_S;
         landing.step((&airframe, &envelope, &config), (&state, false), (&s, 0.0), (150.0, 22.0), None, DT_S);
         if seen.last() != Some(&landing.phase) {
             seen.push(landing.phase);

@@ -17,6 +17,7 @@ pub mod inner;
 pub mod landing;
 pub mod memory;
 pub mod outer;
+mod pitch_hold;
 mod play;
 pub mod power;
 pub mod range_finder;
@@ -40,6 +41,7 @@ use inner::{InnerLoops, InnerTuning, Signals};
 use landing::{Approach, Flown, Glide, Landing, LandingConfig};
 use nalgebra::{Vector2, Vector3};
 use outer::{OuterTuning, normal_for, slew};
+use pitch_hold::{Aim, PitchHold};
 use power::PowerWatch;
 use range_finder::GroundWatch;
 use roll::RollModel;
@@ -296,6 +298,8 @@ pub struct Controller {
     gusts: GustWatch,
     stuck: Stuck,
     /// As of the last frame.
+    /// The elevator's, near the ground.
+    pitch_hold: PitchHold,
     pitches_blind: bool,
     roll: RollModel,
     /// Airspeed asked for on top of the reference, because the elevator is near its stop, m/s.
@@ -346,6 +350,7 @@ impl Controller {
             stall: StallGuard::default(),
             gusts: GustWatch::default(),
             stuck: Stuck::default(),
+            pitch_hold: PitchHold::default(),
             pitches_blind: false,
             roll: RollModel::default(),
             authority_mps: 0.0,
@@ -518,6 +523,7 @@ impl Controller {
         if !commands.autopilot {
             return self.hand_over(inputs, basis, signals);
         }
+        self.pitch_hold.aim = None;
         let ordered = self
             .leave_ground(&state, &signals, basis, dt_s, &commands)
             .and_then(|commands| self.come_down(&state, &signals, basis, dt_s, &commands));
@@ -662,7 +668,8 @@ impl Controller {
                 track_rad: Some(landing.course_rad),
                 ..LoopCommands::default()
             },
-            Flown::Loops(Approach { climb_mps, sideways_mps2, bank_rad, airspeed_mps, least_mps2 }) => {
+            Flown::Loops(Approach { climb_mps, sideways_mps2, bank_rad, airspeed_mps, least_mps2, aim }) => {
+                self.pitch_hold.aim = aim;
                 let outer = &self.config.outer;
                 let up = outer.climb_rate(climb_mps, -state.velocity.z).max(least_mps2);
                 let bank = sideways_mps2.map_or(0.0, |right| outer.bank_for(right, up, s.climb_rad));
@@ -693,7 +700,10 @@ impl Controller {
 
     /// A wing that stalls where its file has lift yet is flown with the lift that it gave, from then on.
     fn watch_wing(&mut self, s: &Signals, command: &ActuatorCommand, basis: Basis, dt_s: f64) {
-        let on_ground = self.landing.is_some_and(|landing| landing.is_on_ground())
+        // Gusts near the ground look like a stall, and the nose is not to go down for one there.
+        let on_ground = self
+            .landing
+            .is_some_and(|landing| landing.is_on_ground() || landing.phase == landing::Phase::Flare)
             || s.airspeed_mps < STALLS_SHARE * self.envelope.stall_mps(&self.airframe, s.density_kgpm3);
         if !self.channels.pitch || self.take_off.is_some() || on_ground || basis == Basis::WingsLevel {
             return self.stall.wait(dt_s);
@@ -1062,6 +1072,12 @@ impl Controller {
         dt_s: f64,
     ) -> ActuatorCommand {
         let lateral = commands.lateral_mps2.unwrap_or(0.0);
+        let aim = self.pitch_hold.aim.filter(|aim| !s.pitches_blind || matches!(aim, Aim::Wheels { .. }));
+        // The normal loop begins where the elevator was held.
+        self.channels.pitch &= aim.is_some() || !self.pitch_hold.is_on();
+        if !self.channels.pitch {
+            self.pitch_hold.release();
+        }
         self.engage(s, wanted, lateral);
         self.slew_references(wanted, dt_s);
         let least_rad = self.least_elevator_rad(s);
@@ -1072,7 +1088,10 @@ impl Controller {
             command.aileron_rad = loops.roll(airframe, tuning, s, r.roll_rate_radps, dt_s);
         }
         if wanted.normal.is_some() {
-            command.elevator_rad = loops.normal(airframe, tuning, s, (r.normal_mps2, least_rad), dt_s);
+            command.elevator_rad = match &aim {
+                Some(aim) => self.pitch_hold.step(airframe, s, aim, self.last.elevator_rad, dt_s),
+                None => loops.normal(airframe, tuning, s, (r.normal_mps2, least_rad), dt_s),
+            };
         }
         let used = -command.elevator_rad / airframe.servo.elevator_limit_rad;
         let more = AUTHORITY_GAIN_MPS * (used - ELEVATOR_COMFORT).max(0.0)

@@ -1,6 +1,6 @@
 //! The measurements: how each looks at the state, when it is refused, and what happens if that lasts.
 
-use super::filter::{ATT, ErrorVector, Filter, MAG, POS, ProcessNoise, Scalar, VEL, WIND};
+use super::filter::{ATT, ErrorVector, MAG, POS, ProcessNoise, Scalar, VEL, WIND};
 use super::health::Aid;
 use super::history::{Past, position_row, scalar, velocity_row};
 use super::{Estimator, EstimatorStatus, GpsMeasurement, Phase};

@@ -1,0 +1,147 @@
+//! The elevator near the ground: it holds a pitch attitude.
+//!
+//! Gusts near the ground change within half a second, as fast as the normal loop follows. It would pitch the aircraft after each of them, and late.
+//! With its attitude held the aircraft gives way to a gust and comes back by itself; and on its wheels, where the normal acceleration says nothing,
+//! it stays off its nose.
+
+use super::inner::Signals;
+use super::outer::slew;
+use crate::airframe::Airframe;
+
+/// Frequency of the attitude, rad/s, at most, its damping, and what servo and frames leave of the frequency: a share of one over their delay.
+const FREQUENCY_RADPS: f64 = 12.0;
+const DAMPING: f64 = 1.0;
+const DELAY_SHARE: f64 = 0.6;
+/// The frequency where the pitch rate is not known, rad/s: the airframe's own damping has to do.
+const BLIND_RADPS: f64 = 4.0;
+/// Delay of the frames: an actuator command is taken half a frame late on the average, and acts a frame later.
+const FRAMES: f64 = 1.5;
+/// Share of the frequency with which the trim follows.
+const TRIM_SHARE: f64 = 0.17;
+/// Attitude per angle of climb that is lacking, and how fast it is learnt from that, 1/s.
+const CLIMB_GAIN: f64 = 0.5;
+const CLIMB_LEARNT: f64 = 0.5;
+/// Angle of climb that is made up for at most, rad.
+const MOST_CLIMB_RAD: f64 = 0.3;
+/// How far the attitude goes below and above the one that is known, rad.
+const DOWN_RAD: f64 = 0.07;
+const UP_RAD: f64 = 0.14;
+/// How fast it goes to the one on the wheels, rad/s.
+const TO_WHEELS_RADPS: f64 = 0.26;
+/// Share of its travel down that the elevator has where the aircraft is too slow to fly: nothing can lift it there, and the tail may sink.
+const SLOW_SHARE: f64 = 0.2;
+/// Airspeed below which elevators have no effect to reckon with, m/s.
+const LEAST_MPS: f64 = 5.0;
+
+/// What the attitude is for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Aim {
+    /// A climb rate.
+    Climb {
+        /// Attitude in which it is known to be flown, rad.
+        about_rad: f64,
+        /// What it lacks yet, m/s.
+        lacking_mps: f64,
+    },
+    /// Staying on the wheels.
+    Wheels {
+        /// rad.
+        pitch_rad: f64,
+        /// It is too slow to fly.
+        is_slow: bool,
+    },
+}
+
+/// See the module's head.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct PitchHold {
+    /// What is asked for in this frame; `None`: the normal loop has the elevator.
+    pub aim: Option<Aim>,
+    held: Option<Held>,
+}
+
+/// What it remembers from frame to frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Held {
+    /// Attitude, rad.
+    pitch_rad: f64,
+    /// What climb rates have taught of it, rad.
+    learnt_rad: f64,
+    /// Of the elevator, rad.
+    trim_rad: f64,
+}
+
+impl PitchHold {
+    /// It holds the elevator, or did in the frame before.
+    pub(super) fn is_on(&self) -> bool {
+        self.held.is_some()
+    }
+
+    /// Lets go of the elevator.
+    pub(super) fn release(&mut self) {
+        self.held = None;
+    }
+
+    /// Elevator (rad) for an aim; it begins at `last_rad`.
+    pub(super) fn step(
+        &mut self,
+        airframe: &Airframe,
+        s: &Signals,
+        aim: &Aim,
+        last_rad: f64,
+        dt_s: f64,
+    ) -> f64 {
+        let v = s.airspeed_mps.max(LEAST_MPS);
+        let (mut pitch_rad, mut learnt_rad) =
+            self.held.map_or((s.pitch_rad, 0.0), |held| (held.pitch_rad, held.learnt_rad));
+        match *aim {
+            Aim::Climb { lacking_mps, about_rad } => {
+                let lacking_rad = (lacking_mps / v).clamp(-MOST_CLIMB_RAD, MOST_CLIMB_RAD);
+                learnt_rad = (learnt_rad + CLIMB_LEARNT * lacking_rad * dt_s).clamp(-DOWN_RAD, UP_RAD);
+                pitch_rad = about_rad + (learnt_rad + CLIMB_GAIN * lacking_rad).clamp(-DOWN_RAD, UP_RAD);
+            }
+            Aim::Wheels { pitch_rad: wanted_rad, .. } => {
+                pitch_rad = slew(pitch_rad, wanted_rad, TO_WHEELS_RADPS, dt_s);
+            }
+        }
+        let gains = gains(airframe, s, v, dt_s);
+        let off_rad = pitch_rad - s.pitch_rad;
+        let law = gains.rate * s.pitch_rate_radps - gains.attitude * off_rad;
+        let limit = airframe.servo.elevator_limit_rad;
+        let is_slow = matches!(aim, Aim::Wheels { is_slow: true, .. });
+        let high = if is_slow { SLOW_SHARE * limit } else { limit };
+        let mut trim_rad = self.held.map_or(last_rad - law, |held| held.trim_rad);
+        let step = -gains.trim * off_rad * dt_s;
+        let out = law + trim_rad;
+        if !((out >= high && step > 0.0) || (out <= -limit && step < 0.0)) {
+            trim_rad = (trim_rad + step).clamp(-limit, high);
+        }
+        self.held = Some(Held { pitch_rad, learnt_rad, trim_rad });
+        (law + trim_rad).clamp(-limit, high)
+    }
+}
+
+/// Elevator per attitude that is lacking, per pitch rate (s), and of the trim (1/s).
+struct Gains {
+    attitude: f64,
+    rate: f64,
+    trim: f64,
+}
+
+/// Gains that give `s² + 2ζω s + ω²` to θ̈ = m_q θ̇ + m_δ δ; what m_α adds is a disturbance to it.
+fn gains(airframe: &Airframe, s: &Signals, v: f64, dt_s: f64) -> Gains {
+    let (aero, mass, chord) = (&airframe.aerodynamics, &airframe.mass, airframe.geometry.mean_chord_m);
+    let force = 0.5 * s.density_kgpm3 * v * v * airframe.geometry.wing_area_m2;
+    let per_rate = force * chord * chord / (2.0 * v * mass.inertia_yy_kgm2);
+    let m_q = per_rate * (aero.pitch_pitch_rate + aero.pitch_alpha_rate);
+    let m_delta = force * chord * aero.pitch_elevator / mass.inertia_yy_kgm2;
+    let delay_s = airframe.servo.delay_s + FRAMES * dt_s;
+    let (most, damping) = if s.pitches_blind { (BLIND_RADPS, 0.0) } else { (FREQUENCY_RADPS, DAMPING) };
+    let frequency = most.min(DELAY_SHARE / delay_s);
+    let attitude = -frequency * frequency / m_delta;
+    Gains {
+        attitude,
+        rate: (2.0 * damping * frequency + m_q).max(0.0) / -m_delta,
+        trim: TRIM_SHARE * frequency * attitude,
+    }
+}

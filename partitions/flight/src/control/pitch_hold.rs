@@ -12,6 +12,8 @@ use crate::airframe::Airframe;
 const FREQUENCY_RADPS: f64 = 12.0;
 const DAMPING: f64 = 1.0;
 const DELAY_SHARE: f64 = 0.6;
+/// Share of the stiffness that the loop adds at least.
+const LEAST_SHARE: f64 = 0.25;
 /// The frequency where the pitch rate is not known, rad/s: the airframe's own damping has to do.
 const BLIND_RADPS: f64 = 4.0;
 /// Delay of the frames: an actuator command is taken half a frame late on the average, and acts a frame later.
@@ -128,20 +130,148 @@ struct Gains {
     trim: f64,
 }
 
-/// Gains that give `s² + 2ζω s + ω²` to θ̈ = m_q θ̇ + m_δ δ; what m_α adds is a disturbance to it.
+/// Gains that give `s² + 2ζω s + ω²` to θ̈ = m_q θ̇ + m_α θ + m_δ δ. An airframe that is as stiff by itself keeps its stiffness and gets a share.
 fn gains(airframe: &Airframe, s: &Signals, v: f64, dt_s: f64) -> Gains {
     let (aero, mass, chord) = (&airframe.aerodynamics, &airframe.mass, airframe.geometry.mean_chord_m);
     let force = 0.5 * s.density_kgpm3 * v * v * airframe.geometry.wing_area_m2;
     let per_rate = force * chord * chord / (2.0 * v * mass.inertia_yy_kgm2);
     let m_q = per_rate * (aero.pitch_pitch_rate + aero.pitch_alpha_rate);
+    let m_alpha = force * chord * aero.pitch_alpha / mass.inertia_yy_kgm2;
     let m_delta = force * chord * aero.pitch_elevator / mass.inertia_yy_kgm2;
     let delay_s = airframe.servo.delay_s + FRAMES * dt_s;
     let (most, damping) = if s.pitches_blind { (BLIND_RADPS, 0.0) } else { (FREQUENCY_RADPS, DAMPING) };
     let frequency = most.min(DELAY_SHARE / delay_s);
-    let attitude = -frequency * frequency / m_delta;
+    let square = frequency * frequency;
+    let attitude = -(square + m_alpha).max(LEAST_SHARE * square) / m_delta;
     Gains {
         attitude,
         rate: (2.0 * damping * frequency + m_q).max(0.0) / -m_delta,
-        trim: TRIM_SHARE * frequency * attitude,
+        trim: -TRIM_SHARE * frequency * square / m_delta,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::airframe::BUILT_IN;
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+    use std::collections::VecDeque;
+
+    /// The design model of pitch and path in gusts: changes about a trimmed flight.
+    struct Model {
+        airframe: Airframe,
+        s: Signals,
+        /// Path and gust as angles, rad.
+        path_rad: f64,
+        gust_rad: f64,
+        sent: VecDeque<f64>,
+    }
+
+    impl Model {
+        fn new(text: &str, delay_s: f64, dt_s: f64) -> Self {
+            let mut airframe = Airframe::from_toml(text).unwrap();
+            airframe.servo.delay_s = delay_s;
+            let airspeed_mps = 1.4
+                * (2.0 * airframe.mass.mass_kg * 9.81
+                    / (1.2 * airframe.geometry.wing_area_m2 * airframe.greatest_lift()))
+                .sqrt();
+            let sent = VecDeque::from(vec![0.0; 1 + (delay_s / dt_s).ceil() as usize]);
+            let s = Signals { airspeed_mps, density_kgpm3: 1.2, ..Signals::default() };
+            Self { airframe, s, path_rad: 0.0, gust_rad: 0.0, sent }
+        }
+
+        /// A frame with the elevator that was asked for a delay and a frame ago.
+        fn step(&mut self, elevator_rad: f64, dt_s: f64) {
+            self.sent.push_back(elevator_rad);
+            let elevator_rad = self.sent.pop_front().unwrap();
+            let (a, v) = (&self.airframe, self.s.airspeed_mps);
+            let (aero, inertia) = (&a.aerodynamics, a.mass.inertia_yy_kgm2);
+            let (force, chord) = (0.6 * v * v * a.geometry.wing_area_m2, a.geometry.mean_chord_m);
+            for _ in 0..20 {
+                let h = dt_s / 20.0;
+                let alpha = self.s.pitch_rad - self.path_rad + self.gust_rad;
+                let rate = chord / (2.0 * v) * (aero.pitch_pitch_rate + aero.pitch_alpha_rate);
+                let moment = aero.pitch_alpha * alpha
+                    + aero.pitch_elevator * elevator_rad
+                    + rate * self.s.pitch_rate_radps;
+                self.s.pitch_rate_radps += h * force * chord * moment / inertia;
+                self.s.pitch_rad += h * self.s.pitch_rate_radps;
+                self.path_rad += h * force * aero.lift_alpha * alpha / (a.mass.mass_kg * v);
+            }
+        }
+    }
+
+    fn each(mut check: impl FnMut(&str, &str, f64, f64)) {
+        for (name, text) in BUILT_IN {
+            for delay_s in [0.0, 0.02, 0.06] {
+                for dt_s in [0.01, 0.02, 0.04] {
+                    check(name, text, delay_s, dt_s);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn attitude_is_reached_and_does_not_swing_with_any_aircraft_and_delay() {
+        each(|name, text, delay_s, dt_s| {
+            let (mut model, mut hold) = (Model::new(text, delay_s, dt_s), PitchHold::default());
+            let aim = Aim::Wheels { pitch_rad: 0.07, is_slow: false };
+            let (mut most, mut last) = (0f64, 0f64);
+            for frame in 0..(8.0 / dt_s) as u32 {
+                let elevator_rad = hold.step(&model.airframe, &model.s, &aim, 0.0, dt_s);
+                model.step(elevator_rad, dt_s);
+                most = most.max(model.s.pitch_rad);
+                last = if f64::from(frame) * dt_s > 6.0 {
+                    last.max((model.s.pitch_rad - 0.07).abs())
+                } else {
+                    0.0
+                };
+            }
+            assert!(most < 0.13, "{name}, servo {delay_s} s, frames {dt_s} s: {most} rad");
+            assert!(last < 0.045, "{name}, servo {delay_s} s, frames {dt_s} s: {last} rad off");
+        });
+    }
+
+    #[test]
+    fn gusts_turn_no_aircraft_further_than_a_few_degrees() {
+        let mut chance = ChaCha8Rng::seed_from_u64(1);
+        each(|name, text, delay_s, dt_s| {
+            let (mut model, mut hold) = (Model::new(text, delay_s, dt_s), PitchHold::default());
+            let v = model.s.airspeed_mps;
+            let aim = Aim::Wheels { pitch_rad: 0.0, is_slow: false };
+            let (mut gust_mps, mut squares) = (0.0, 0.0);
+            let frames = (60.0 / dt_s) as u32;
+            for _ in 0..frames {
+                // 1.5 m/s, and 3 m long.
+                let keep = (-dt_s * v / 3.0).exp();
+                let noise: f64 = StandardNormal.sample(&mut chance);
+                gust_mps = keep * gust_mps + 1.5 * (1.0 - keep * keep).sqrt() * noise;
+                model.gust_rad = gust_mps / v;
+                let elevator_rad = hold.step(&model.airframe, &model.s, &aim, 0.0, dt_s);
+                model.step(elevator_rad, dt_s);
+                squares += model.s.pitch_rad * model.s.pitch_rad;
+            }
+            let off_rad = (squares / f64::from(frames)).sqrt();
+            let bound_rad = if delay_s + dt_s < 0.05 { 0.07 } else { 0.13 };
+            assert!(off_rad < bound_rad, "{name}, servo {delay_s} s, frames {dt_s} s: {off_rad} rad");
+        });
+    }
+
+    #[test]
+    fn tail_may_sink_once_nothing_can_lift_the_aircraft() {
+        for (_, text) in BUILT_IN {
+            let airframe = Airframe::from_toml(text).unwrap();
+            let s = Signals { airspeed_mps: 8.0, density_kgpm3: 1.2, pitch_rad: 0.3, ..Signals::default() };
+            let elevator_rad = |is_slow: bool| {
+                let mut hold = PitchHold::default();
+                let aim = Aim::Wheels { pitch_rad: 0.0, is_slow };
+                (0..200).map(|_| hold.step(&airframe, &s, &aim, 0.0, 0.02)).fold(0.0, f64::max)
+            };
+            let limit = airframe.servo.elevator_limit_rad;
+            assert!((elevator_rad(false) - limit).abs() < 1e-9);
+            assert!(elevator_rad(true) < 0.21 * limit);
+        }
     }
 }

@@ -294,6 +294,12 @@ fn down_rad(glide: &Glide, state: &NavigationState) -> f64 {
     against_rad(state).filter(lasts).unwrap_or_else(|| state.velocity.y.atan2(state.velocity.x))
 }
 
+/// Airspeed by velocity and wind, which may be wrong, by a pitot that is: no less than the speed over ground, m/s.
+fn fastest_mps(state: &NavigationState) -> f64 {
+    let ground = state.velocity.xy();
+    (ground - state.wind).norm().max(ground.norm())
+}
+
 impl Landing {
     /// A landing at a place (m north and east of the runway's origin) that begins where the aircraft is.
     pub fn new(config: &LandingConfig, state: &NavigationState, height_m: f64, place: Vector2<f64>) -> Self {
@@ -398,6 +404,8 @@ impl Landing {
         let is_near = measured && state.altitude_m() < TOUCH_M;
         let is_high = measured && state.altitude_m() > HIGH_M;
         let flown_mps = state.velocity.xy().norm();
+        // On the ground no lift tells the airspeed that a pitot does not.
+        let rolling_mps = s.airspeed_mps.min(fastest_mps(state));
         let climb_mps = -state.velocity.z;
         self.sink_mps = low_pass(self.sink_mps, -climb_mps, SINK_LAG_S, dt_s);
         // On the way to the circle it has not begun.
@@ -470,7 +478,7 @@ impl Landing {
                 self.enter(if high { Phase::Final } else { Phase::Flare });
             }
             Phase::Touched
-                if (s.airspeed_mps < ROLLING_SHARE * stall_mps
+                if (rolling_mps < ROLLING_SHARE * stall_mps
                     && (self.since_s > SURELY_DOWN_S || state.altitude_m() < HIGHEST_FLARE_M))
                     || self.since_s > LONGEST_TOUCHED_S =>
             {
@@ -506,6 +514,7 @@ impl Landing {
             true => course_acceleration(self.course_rad, &state.velocity.xy()),
             false => track_acceleration(&offset, &state.velocity.xy(), 0.0, 1.0),
         };
+        let is_doubtful = glide.is_none() && self.since_s > DOUBT_S;
         match self.phase {
             Phase::Pattern => {
                 let centre = self.centre(radius_m, length_m);
@@ -530,12 +539,11 @@ impl Landing {
                     None => on_slope_mps,
                 },
                 sideways_mps2: Some(sideways),
-                bank_rad: FINAL_BANK_RAD,
+                bank_rad: if is_doubtful { FLARE_BANK_RAD } else { FINAL_BANK_RAD },
                 airspeed_mps: glide.is_none().then_some(approach_mps),
                 least_mps2: f64::NEG_INFINITY,
                 // On the ground the normal loop would push it onto its nose.
-                aim: (glide.is_none() && self.since_s > DOUBT_S)
-                    .then(|| self.sinking(on_slope_mps, state, s)),
+                aim: is_doubtful.then(|| self.sinking(on_slope_mps, state, s)),
             }),
             Phase::Flare => {
                 let climb_mps = -self.flare_sink_mps(state, ground_mps * slope, (glide.is_some(), is_near));
@@ -554,7 +562,7 @@ impl Landing {
                 bank_rad: 0.0,
                 airspeed_mps: None,
                 least_mps2: -FLARE_DOWN_MPS2,
-                aim: Some(self.on_wheels(airframe, s.airspeed_mps < stall_mps)),
+                aim: Some(self.on_wheels(airframe, rolling_mps < stall_mps)),
             }),
             Phase::Rolling | Phase::Standing => {
                 let up_rad = TAIL_DOWN_SHARE * airframe.servo.elevator_limit_rad;
@@ -746,10 +754,7 @@ impl Landing {
 
     /// It is too slow to fly, and neither climbs nor sinks.
     fn stands(&self, stall_mps: f64, state: &NavigationState) -> bool {
-        let air_mps = (state.velocity.xy() - state.wind).norm();
-        // The wind may be wrong, by a pitot that is.
-        let fastest_mps = air_mps.max(state.velocity.xy().norm());
-        fastest_mps < CARRIES_SHARE * stall_mps && self.sink_mps.abs() < LIFTED_MPS
+        fastest_mps(state) < CARRIES_SHARE * stall_mps && self.sink_mps.abs() < LIFTED_MPS
     }
 
     fn goes_wrong(&self, offset: &Offset, wanted_m: f64, state: &NavigationState) -> bool {

@@ -64,18 +64,13 @@ fn functions(plan: &Plan) -> Value {
 }
 
 #[test]
-fn the_shipped_schedules_of_several_hosts_differ_in_modules_windows_and_two_channels_only() {
+fn the_shipped_schedules_of_several_hosts_differ_in_modules_windows_and_one_channel_only() {
     let schedule = text_of("schedule.toml");
     // The Controller's verdict on the pitot would cross the networks: one port of the Estimator is on one host only.
     let (before, after) = schedule.split_once("[partition.estimator.port]").unwrap();
     let port = after.lines().find(|line| line.starts_with("command ")).unwrap();
     let schedule = format!("{before}[partition.estimator.port]{}", after.replacen(port, "", 1));
-    // The range finder is the one host's.
-    let channel =
-        "[[channel]]\nsource       = \"hil_interface.range\"\ndestinations = [\"controller.range\"]\n";
-    let schedule = schedule.replace(channel, "");
-    let kept: Vec<&str> = schedule.lines().filter(|line| !line.starts_with("range ")).collect();
-    let one = functions(&plan_of("schedule.toml", &kept.join("\n").replace(", \"estimator.command\"", "")));
+    let one = functions(&plan_of("schedule.toml", &schedule.replace(", \"estimator.command\"", "")));
     for name in ["two-hosts", "controls-apart", "three-hosts"] {
         let several = shipped(&format!("schedules/{name}.toml"));
         assert!(several.modules.len() > 1);

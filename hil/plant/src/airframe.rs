@@ -445,6 +445,11 @@ impl Airframe {
         let supported = g.main_wheel_m[0] * g.third_wheel_m[0] < 0.0;
         let demand = "on the other side of the centre of gravity than the main wheels";
         found.demand(supported, "gear.third_wheel_m[0]", g.third_wheel_m[0], demand);
+        // The line through the wheels, at the nose.
+        let (main, third, nose) = (g.main_wheel_m, g.third_wheel_m, g.nose_m);
+        let ground_m = main[2] + (third[2] - main[2]) / (third[0] - main[0]) * (nose[0] - main[0]);
+        let demand = "above the line through the wheels: a nose on the ground is the end of the aircraft";
+        found.demand(!supported || nose[2] < ground_m, "gear.nose_m[2]", nose[2], demand);
         found.positive("gear.spring_n_per_m", g.spring_n_per_m);
         found.not_negative("gear.damping_ns_per_m", g.damping_ns_per_m);
         found.not_negative("gear.rolling_friction", g.rolling_friction);

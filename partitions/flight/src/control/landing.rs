@@ -103,6 +103,8 @@ const INCIDENCE_LAG_S: f64 = 4.0;
 const CARRIES_SHARE: f64 = 0.9;
 const ROLLING_SHARE: f64 = 0.6;
 const LONGEST_TOUCHED_S: f64 = 25.0;
+/// No aircraft flies so slowly over ground, m/s, down here.
+const SLOWLY_MPS: f64 = 2.0;
 /// Share of the elevator's travel up with which a tail wheel is held on the ground.
 const TAIL_DOWN_SHARE: f64 = 0.5;
 /// High up that airspeed counts after so long, s: it falls by then, if it was no ground.
@@ -256,7 +258,7 @@ pub(super) struct Approach {
     pub bank_rad: f64,
     /// m/s; `None`: the throttle closes.
     pub airspeed_mps: Option<f64>,
-    /// Vertical acceleration up at least, m/s²: the nose is not to meet the ground first.
+    /// Vertical acceleration up at least without an aim, m/s²: the nose is not to meet the ground first.
     pub least_mps2: f64,
     /// What the pitch attitude is held for; `None`: the normal loop has the elevator.
     pub aim: Option<Aim>,
@@ -413,6 +415,9 @@ impl Landing {
         let is_away = self.phase == Phase::Pattern && away_m > NEAR_CIRCLE * radius_m;
         self.since_s = if is_away { 0.0 } else { self.since_s + dt_s };
         if self.phase == Phase::Final && self.since_s < DOUBT_S {
+            if self.incidence_rad == 0.0 {
+                self.incidence_rad = s.pitch_rad - s.climb_rad; // a glide's way may be short
+            }
             let now_rad = s.pitch_rad - s.climb_rad;
             self.incidence_rad = low_pass(self.incidence_rad, now_rad, INCIDENCE_LAG_S, dt_s);
         }
@@ -478,8 +483,9 @@ impl Landing {
                 self.enter(if high { Phase::Final } else { Phase::Flare });
             }
             Phase::Touched
-                if (rolling_mps < ROLLING_SHARE * stall_mps
-                    && (self.since_s > SURELY_DOWN_S || state.altitude_m() < HIGHEST_FLARE_M))
+                if flown_mps < SLOWLY_MPS
+                    || (rolling_mps < ROLLING_SHARE * stall_mps
+                        && (self.since_s > SURELY_DOWN_S || state.altitude_m() < HIGHEST_FLARE_M))
                     || self.since_s > LONGEST_TOUCHED_S =>
             {
                 self.enter(Phase::Rolling);
@@ -514,7 +520,7 @@ impl Landing {
             true => course_acceleration(self.course_rad, &state.velocity.xy()),
             false => track_acceleration(&offset, &state.velocity.xy(), 0.0, 1.0),
         };
-        let is_doubtful = glide.is_none() && self.since_s > DOUBT_S;
+        let is_doubtful = glide.is_none() && self.since_s > HELD_S;
         match self.phase {
             Phase::Pattern => {
                 let centre = self.centre(radius_m, length_m);
@@ -542,7 +548,7 @@ impl Landing {
                 bank_rad: if is_doubtful { FLARE_BANK_RAD } else { FINAL_BANK_RAD },
                 airspeed_mps: glide.is_none().then_some(approach_mps),
                 least_mps2: f64::NEG_INFINITY,
-                // On the ground the normal loop would push it onto its nose.
+                // If it is the ground, the normal loop would push it onto its nose.
                 aim: is_doubtful.then(|| self.sinking(on_slope_mps, state, s)),
             }),
             Phase::Flare => {
@@ -639,6 +645,9 @@ impl Landing {
     /// The ground holds it up.
     fn touch(&mut self, state: &NavigationState) {
         (self.turned_rad, self.touched_m) = (0.0, state.altitude_m());
+        if state.altitude_m() < FALLS_M {
+            self.rounds = MOST_ROUNDS; // no full power after a hop
+        }
         self.enter(Phase::Touched);
     }
 

@@ -4,14 +4,15 @@
 
 use super::inner::InnerLoops;
 use super::{
-    Channels, ControllerSnapshot, References, airspeed, gusts, landing, power, range_finder, stall, takeoff,
+    Channels, ControllerSnapshot, References, airspeed, gusts, landing, pitch_hold, power, range_finder,
+    stall, takeoff,
 };
 use crate::guidance::{GuidanceSnapshot, PATH_NUMBERS};
 use crate::servo::ActuatorCommand;
 
 /// Four integrators, four references, four actuators, airspeed and its reserve, four channels.
 const LOOPS: usize = 18;
-/// The loops, the take-off, the landing, the pitot, the motor, the ground, the wing, the gusts, the path.
+/// The loops, the take-off, the landing, the pitot, the motor, the ground, the wing, the gusts, the pitch, the path.
 pub const NUMBERS: usize = LOOPS
     + takeoff::NUMBERS
     + landing::NUMBERS
@@ -20,6 +21,7 @@ pub const NUMBERS: usize = LOOPS
     + range_finder::NUMBERS
     + stall::NUMBERS
     + gusts::NUMBERS
+    + pitch_hold::NUMBERS
     + PATH_NUMBERS;
 
 /// The first `N` of `numbers`, which then begin behind them; zeros where there are not so many.
@@ -55,7 +57,7 @@ impl ControllerSnapshot {
             on(self.channels.yaw),
             on(self.channels.thrust),
         ];
-        let parts: [&[f64]; 9] = [
+        let parts: [&[f64]; 10] = [
             &loops,
             &self.take_off,
             &self.landing,
@@ -64,6 +66,7 @@ impl ControllerSnapshot {
             &self.ground,
             &self.stall,
             &self.gusts,
+            &self.pitch_hold,
             &self.path,
         ];
         let mut numbers = [0.0; NUMBERS];
@@ -105,6 +108,7 @@ impl ControllerSnapshot {
             ground: take(&mut rest),
             stall: take(&mut rest),
             gusts: take(&mut rest),
+            pitch_hold: take(&mut rest),
             path: take(&mut rest),
             guidance,
         }

@@ -272,6 +272,8 @@ pub struct ControllerSnapshot {
     pub stall: [f64; stall::NUMBERS],
     /// What is known of gusts.
     pub gusts: [f64; gusts::NUMBERS],
+    /// The elevator's hold near the ground.
+    pub pitch_hold: [f64; pitch_hold::NUMBERS],
     /// The piece of path that was flown.
     pub path: PathNumbers,
     /// Mission progress.
@@ -297,9 +299,9 @@ pub struct Controller {
     stall: StallGuard,
     gusts: GustWatch,
     stuck: Stuck,
-    /// As of the last frame.
     /// The elevator's, near the ground.
     pitch_hold: PitchHold,
+    /// As of the last frame.
     pitches_blind: bool,
     roll: RollModel,
     /// Airspeed asked for on top of the reference, because the elevator is near its stop, m/s.
@@ -460,6 +462,7 @@ impl Controller {
             ground: self.ground.to_numbers(),
             stall: self.stall.to_numbers(),
             gusts: self.gusts.to_numbers(),
+            pitch_hold: self.pitch_hold.to_numbers(),
             path: self.guidance.path(),
             guidance: self.guidance.snapshot(),
         }
@@ -489,6 +492,7 @@ impl Controller {
         self.ground = GroundWatch::from_numbers(&snapshot.ground);
         self.stall = StallGuard::from_numbers(&snapshot.stall);
         self.gusts = GustWatch::from_numbers(&snapshot.gusts);
+        self.pitch_hold = PitchHold::from_numbers(&snapshot.pitch_hold);
         self.learn_lift();
         self.guidance.resume(&snapshot.guidance);
         self.guidance.resume_path(&snapshot.path);
@@ -700,11 +704,10 @@ impl Controller {
 
     /// A wing that stalls where its file has lift yet is flown with the lift that it gave, from then on.
     fn watch_wing(&mut self, s: &Signals, command: &ActuatorCommand, basis: Basis, dt_s: f64) {
-        // Gusts near the ground look like a stall, and the nose is not to go down for one there.
-        let on_ground = self
-            .landing
-            .is_some_and(|landing| landing.is_on_ground() || landing.phase == landing::Phase::Flare)
+        let on_ground = self.landing.is_some_and(|landing| landing.is_on_ground())
             || s.airspeed_mps < STALLS_SHARE * self.envelope.stall_mps(&self.airframe, s.density_kgpm3);
+        // An attitude that is held follows no normal acceleration, and the nose is not to go down for gusts near the ground.
+        let on_ground = on_ground || self.pitch_hold.is_on();
         if !self.channels.pitch || self.take_off.is_some() || on_ground || basis == Basis::WingsLevel {
             return self.stall.wait(dt_s);
         }
@@ -1093,7 +1096,9 @@ impl Controller {
                 None => loops.normal(airframe, tuning, s, (r.normal_mps2, least_rad), dt_s),
             };
         }
-        let used = -command.elevator_rad / airframe.servo.elevator_limit_rad;
+        // What answers gusts near the ground is no trim.
+        let trim_rad = if aim.is_some() { 0.0 } else { command.elevator_rad };
+        let used = -trim_rad / airframe.servo.elevator_limit_rad;
         let more = AUTHORITY_GAIN_MPS * (used - ELEVATOR_COMFORT).max(0.0)
             + END_GAIN_MPS * (used - ELEVATOR_END).clamp(0.0, 1.0 - ELEVATOR_END);
         self.authority_mps = low_pass(self.authority_mps, more, AUTHORITY_LAG_S, dt_s);

@@ -4,15 +4,15 @@
 
 use super::inner::InnerLoops;
 use super::{
-    Channels, ControllerSnapshot, References, airspeed, gusts, landing, pitch_hold, power, range_finder,
-    stall, takeoff,
+    Channels, ControllerSnapshot, References, airspeed, gusts, landing, pitch_hold, play, power,
+    range_finder, stall, takeoff,
 };
 use crate::guidance::{GuidanceSnapshot, PATH_NUMBERS};
 use crate::servo::ActuatorCommand;
 
 /// Four integrators, four references, four actuators, airspeed and its reserve, four channels.
 const LOOPS: usize = 18;
-/// The loops, the take-off, the landing, the pitot, the motor, the ground, the wing, the gusts, the pitch, the path.
+/// The loops, the take-off, the landing, the pitot, the motor, the ground, the wing, the gusts, the pitch, the play, the path.
 pub const NUMBERS: usize = LOOPS
     + takeoff::NUMBERS
     + landing::NUMBERS
@@ -22,6 +22,7 @@ pub const NUMBERS: usize = LOOPS
     + stall::NUMBERS
     + gusts::NUMBERS
     + pitch_hold::NUMBERS
+    + play::NUMBERS
     + PATH_NUMBERS;
 
 /// The first `N` of `numbers`, which then begin behind them; zeros where there are not so many.
@@ -57,7 +58,7 @@ impl ControllerSnapshot {
             on(self.channels.yaw),
             on(self.channels.thrust),
         ];
-        let parts: [&[f64]; 10] = [
+        let parts: [&[f64]; 11] = [
             &loops,
             &self.take_off,
             &self.landing,
@@ -67,6 +68,7 @@ impl ControllerSnapshot {
             &self.stall,
             &self.gusts,
             &self.pitch_hold,
+            &self.play,
             &self.path,
         ];
         let mut numbers = [0.0; NUMBERS];
@@ -109,6 +111,7 @@ impl ControllerSnapshot {
             stall: take(&mut rest),
             gusts: take(&mut rest),
             pitch_hold: take(&mut rest),
+            play: take(&mut rest),
             path: take(&mut rest),
             guidance,
         }

@@ -274,6 +274,8 @@ pub struct ControllerSnapshot {
     pub gusts: [f64; gusts::NUMBERS],
     /// The elevator's hold near the ground.
     pub pitch_hold: [f64; pitch_hold::NUMBERS],
+    /// Where the elevator's linkage stands in its gap.
+    pub play: [f64; play::NUMBERS],
     /// The piece of path that was flown.
     pub path: PathNumbers,
     /// Mission progress.
@@ -463,6 +465,7 @@ impl Controller {
             stall: self.stall.to_numbers(),
             gusts: self.gusts.to_numbers(),
             pitch_hold: self.pitch_hold.to_numbers(),
+            play: self.play.to_numbers(),
             path: self.guidance.path(),
             guidance: self.guidance.snapshot(),
         }
@@ -493,6 +496,7 @@ impl Controller {
         self.stall = StallGuard::from_numbers(&snapshot.stall);
         self.gusts = GustWatch::from_numbers(&snapshot.gusts);
         self.pitch_hold = PitchHold::from_numbers(&snapshot.pitch_hold);
+        self.play = play::PlayInverse::from_numbers(&snapshot.play);
         self.learn_lift();
         self.guidance.resume(&snapshot.guidance);
         self.guidance.resume_path(&snapshot.path);

@@ -12,7 +12,10 @@ const REVERSAL_RAD: f64 = 0.15 * std::f64::consts::PI / 180.0;
 /// Fastest change of sides, rad/s.
 const CROSSING_RADPS: f64 = 0.5;
 
-/// Where the linkage stands in its gap. Begins in the middle, also after a restart.
+/// Plain numbers that outlive a restart.
+pub(crate) const NUMBERS: usize = 3;
+
+/// Where the linkage stands in its gap. Begins in the middle.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct PlayInverse {
     furthest_rad: f64,
@@ -21,6 +24,17 @@ pub(crate) struct PlayInverse {
 }
 
 impl PlayInverse {
+    /// As plain numbers.
+    pub(crate) fn to_numbers(self) -> [f64; NUMBERS] {
+        [self.furthest_rad, self.side, self.lead_rad]
+    }
+
+    /// From plain numbers; nonsense begins in the middle.
+    pub(crate) fn from_numbers(&[furthest_rad, side, lead_rad]: &[f64; NUMBERS]) -> Self {
+        let sane = furthest_rad.abs() < 1.6 && [-1.0, 0.0, 1.0].contains(&side) && lead_rad.abs() < 0.2;
+        if sane { Self { furthest_rad, side, lead_rad } } else { Self::default() }
+    }
+
     /// The command (rad) that puts the surface at `wanted_rad` through a gap of `play_rad` full width.
     pub(crate) fn step(&mut self, wanted_rad: f64, play_rad: f64, dt_s: f64) -> f64 {
         if !play_rad.is_finite() || play_rad <= 0.0 {
@@ -47,6 +61,19 @@ mod tests {
         for k in 0..1000 {
             let wanted = (f64::from(k) * 0.1).sin();
             assert_eq!(inverse.step(wanted, 0.0, 0.02).to_bits(), wanted.to_bits());
+        }
+    }
+
+    #[test]
+    fn side_of_the_gap_outlives_a_restart_and_nonsense_does_not() {
+        let mut inverse = PlayInverse::default();
+        for k in 0..200 {
+            let again = PlayInverse::from_numbers(&inverse.to_numbers());
+            assert_eq!(again, inverse);
+            inverse.step(0.03 * (f64::from(k) * 0.1).sin(), 0.05, 0.02);
+        }
+        for nonsense in [[f64::NAN, 1.0, 0.0], [0.0, 0.5, 0.0], [0.0, 1.0, 3.0]] {
+            assert_eq!(PlayInverse::from_numbers(&nonsense), PlayInverse::default());
         }
     }
 

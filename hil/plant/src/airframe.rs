@@ -448,7 +448,7 @@ impl Airframe {
         // The line through the wheels, at the nose.
         let (main, third, nose) = (g.main_wheel_m, g.third_wheel_m, g.nose_m);
         let ground_m = main[2] + (third[2] - main[2]) / (third[0] - main[0]) * (nose[0] - main[0]);
-        let demand = "above the line through the wheels: a nose on the ground is the end of the aircraft";
+        let demand = "less than the line through the wheels has at the nose (z points down): a nose on the ground is the end of the aircraft";
         found.demand(!supported || nose[2] < ground_m, "gear.nose_m[2]", nose[2], demand);
         found.positive("gear.spring_n_per_m", g.spring_n_per_m);
         found.not_negative("gear.damping_ns_per_m", g.damping_ns_per_m);
@@ -532,6 +532,23 @@ mod tests {
         let text = include_str!("../../../airframes/rascal110.toml").replace("[-0.826,", "[0.826,");
         let message = Airframe::from_toml(&text).unwrap_err().to_string();
         assert!(message.contains("gear.third_wheel_m[0]"), "{message}");
+    }
+
+    #[test]
+    fn nose_below_the_wheels_is_refused_and_one_above_is_not() {
+        let text = include_str!("../../../airframes/aerosonde.toml");
+        let nose = |z: &str| {
+            Airframe::from_toml(
+                &text.replace("nose_m = [0.65, 0.0, 0.0]", &format!("nose_m = [0.65, 0.0, {z}]")),
+            )
+        };
+        // The wheels are at 0.30 and 0.36, the line through them at 0.37.
+        assert!(nose("0.36").is_ok());
+        let message = nose("0.38").unwrap_err().to_string();
+        assert!(
+            message.contains("gear.nose_m[2] is 0.38") && message.contains("line through the wheels"),
+            "{message}"
+        );
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use crate::believed::Believed;
 use crate::planned::Planned;
-use bateleur_flight::guidance::{Step, Waypoint};
+use bateleur_flight::guidance::{REACHED_SHARE, Step, Waypoint};
 use bateleur_messages::ActuatorCommand;
 use bateleur_simulator::truth::TruthRecord;
 use std::f64::consts::PI;
@@ -12,9 +12,8 @@ use std::ops::Range;
 /// closest approach this long before and after, ns: the fillet's nearest point lies within.
 const SEARCH_NS: u64 = 2_000_000_000;
 /// A passage is fair if it comes as near as the planned fillet does, plus this, m: wider than any tracking error that
-/// still counts as flying the path; or plus this share of the widest radius of the flight, within which the guidance counts a way-point as reached.
+/// still counts as flying the path; or plus [`REACHED_SHARE`] of the widest radius of the flight, within which the guidance counts a way-point as reached.
 const FAIR_MARGIN_M: f64 = 25.0;
-const FAIR_SHARE: f64 = 0.35;
 /// The same for a circle: its radius grows with the wind.
 const CIRCLE_MARGIN_M: f64 = 80.0;
 /// A passage that is further from the way-point's altitude, m, is told: several times what a level leg leaves.
@@ -59,7 +58,7 @@ pub fn verify(
     believed: &Believed,
 ) {
     let widest_m = planned.radii_m().into_iter().fold(0.0, f64::max);
-    let margin_m = FAIR_MARGIN_M.max(FAIR_SHARE * widest_m);
+    let margin_m = FAIR_MARGIN_M.max(REACHED_SHARE * widest_m);
     for passage in passages {
         let Some(waypoint) = waypoints.get(passage.index) else { continue };
         let fair_m = fair_distance_m(waypoints, passage.index, planned.radius_m(passage.time_ns), margin_m);

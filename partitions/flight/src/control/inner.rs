@@ -52,8 +52,16 @@ pub struct Integrator {
 }
 
 impl Integrator {
+    pub(super) fn new(value: f64) -> Self {
+        Self { value }
+    }
+
+    pub(super) fn value(self) -> f64 {
+        self.value
+    }
+
     /// Adds a step unless the actuator stands at a stop and the step pushes further into it.
-    fn advance(&mut self, step: f64, output: f64, low: f64, high: f64) {
+    pub(super) fn advance(&mut self, step: f64, output: f64, low: f64, high: f64) {
         let pushes = (output >= high && step > 0.0) || (output <= low && step < 0.0);
         if !pushes {
             self.value = (self.value + step).clamp(low, high);
@@ -241,7 +249,7 @@ impl InnerLoops {
 
     /// Loops with these memories.
     pub fn from_numbers(numbers: [f64; 4]) -> Self {
-        let [normal, lateral, axial, roll] = numbers.map(|value| Integrator { value });
+        let [normal, lateral, axial, roll] = numbers.map(Integrator::new);
         Self { normal, lateral, axial, roll }
     }
 
@@ -327,17 +335,37 @@ const ZERO_SHARE: f64 = 3.0;
 /// Pole of the normal loop's integrator without a pitch rate, rad/s.
 const BLIND_POLE: f64 = 1.0;
 
+/// How lift and pitching moment answer, at an airspeed and a density.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Pitching {
+    /// Of the path to the incidence, 1/s.
+    pub a: f64,
+    /// Pitch acceleration per pitch rate, 1/s.
+    pub m_q: f64,
+    /// Per incidence, 1/s².
+    pub m_alpha: f64,
+    /// Per elevator, 1/s².
+    pub m_delta: f64,
+}
+
+impl Pitching {
+    pub(super) fn new(airframe: &Airframe, s: &Signals) -> Self {
+        let (aero, mass, chord) = (&airframe.aerodynamics, &airframe.mass, airframe.geometry.mean_chord_m);
+        let (force, v) = (s.pressure_force(airframe), s.airspeed_mps);
+        let a = force * aero.lift_alpha / (mass.mass_kg * v);
+        let per_rate = force * chord * chord / (2.0 * v * mass.inertia_yy_kgm2);
+        let m_alpha_rate = per_rate * aero.pitch_alpha_rate;
+        // C_mα̇ acts on α̇ = Q + (C + g)/V: damping as C_mq is, and some stiffness taken away.
+        let m_q = per_rate * aero.pitch_pitch_rate + m_alpha_rate;
+        let m_alpha = force * chord * aero.pitch_alpha / mass.inertia_yy_kgm2 - a * m_alpha_rate;
+        let m_delta = force * chord * aero.pitch_elevator / mass.inertia_yy_kgm2;
+        Self { a, m_q, m_alpha, m_delta }
+    }
+}
+
 /// The normal loop's gains at an airspeed and a density.
 pub fn normal_gains(airframe: &Airframe, tuning: &InnerTuning, s: &Signals) -> NormalGains {
-    let (aero, mass, chord) = (&airframe.aerodynamics, &airframe.mass, airframe.geometry.mean_chord_m);
-    let (force, v) = (s.pressure_force(airframe), s.airspeed_mps);
-    let a = force * aero.lift_alpha / (mass.mass_kg * v);
-    let per_rate = force * chord * chord / (2.0 * v * mass.inertia_yy_kgm2);
-    let m_alpha_rate = per_rate * aero.pitch_alpha_rate;
-    // C_mα̇ acts on α̇ = Q + (C + g)/V: damping as C_mq is, and some stiffness taken away.
-    let m_q = per_rate * aero.pitch_pitch_rate + m_alpha_rate;
-    let m_alpha = force * chord * aero.pitch_alpha / mass.inertia_yy_kgm2 - a * m_alpha_rate;
-    let m_delta = force * chord * aero.pitch_elevator / mass.inertia_yy_kgm2;
+    let (Pitching { a, m_q, m_alpha, m_delta }, v) = (Pitching::new(airframe, s), s.airspeed_mps);
     let natural = (-m_alpha - a * m_q).max(1.0).sqrt();
     if s.pitches_blind {
         let pole = BLIND_POLE.min(0.5 * natural);

@@ -92,8 +92,6 @@ const SINK_LAG_S: f64 = 0.3;
 const FELL_M: f64 = 0.3;
 const THROWN_UP_M: f64 = 2.5;
 const FALLING_MPS: f64 = 0.25;
-/// It sinks so fast, m/s, in case it was no ground.
-const TOUCHED_SINK_MPS: f64 = 0.4;
 /// Attitude on the wheels below the incidence of the approach, rad: they are pressed on, and a hop sinks no faster than an approach does.
 const WHEELS_RAD: f64 = 0.035;
 /// Memory of that incidence, s.
@@ -105,8 +103,6 @@ const ROLLING_SHARE: f64 = 0.6;
 const LONGEST_TOUCHED_S: f64 = 25.0;
 /// No aircraft flies so slowly over ground, m/s, down here.
 const SLOWLY_MPS: f64 = 2.0;
-/// Share of the elevator's travel up with which a tail wheel is held on the ground.
-const TAIL_DOWN_SHARE: f64 = 0.5;
 /// High up that airspeed counts after so long, s: it falls by then, if it was no ground.
 const SURELY_DOWN_S: f64 = 2.0;
 /// It stands slower than this over ground, m/s, for so long, s.
@@ -415,11 +411,10 @@ impl Landing {
         let is_away = self.phase == Phase::Pattern && away_m > NEAR_CIRCLE * radius_m;
         self.since_s = if is_away { 0.0 } else { self.since_s + dt_s };
         if self.phase == Phase::Final && self.since_s < DOUBT_S {
-            if self.incidence_rad == 0.0 {
-                self.incidence_rad = s.pitch_rad - s.climb_rad; // a glide's way may be short
-            }
             let now_rad = s.pitch_rad - s.climb_rad;
-            self.incidence_rad = low_pass(self.incidence_rad, now_rad, INCIDENCE_LAG_S, dt_s);
+            // Zero is none yet: a glide's way may be too short to learn it from there.
+            let before_rad = if self.incidence_rad == 0.0 { now_rad } else { self.incidence_rad };
+            self.incidence_rad = low_pass(before_rad, now_rad, INCIDENCE_LAG_S, dt_s);
         }
         let slope = config.slope_rad.tan();
         let on_slope_m = FLARE_M + (offset.left_m - float_s(ground_mps * slope) * ground_mps) * slope;
@@ -563,7 +558,7 @@ impl Landing {
                 })
             }
             Phase::Touched => Flown::Loops(Approach {
-                climb_mps: -TOUCHED_SINK_MPS,
+                climb_mps: -TOUCH_SINK_MPS,
                 sideways_mps2: None,
                 bank_rad: 0.0,
                 airspeed_mps: None,
@@ -571,8 +566,8 @@ impl Landing {
                 aim: Some(self.on_wheels(airframe, rolling_mps < stall_mps)),
             }),
             Phase::Rolling | Phase::Standing => {
-                let up_rad = TAIL_DOWN_SHARE * airframe.servo.elevator_limit_rad;
-                let elevator_rad = if wheels::has_tail_wheel(airframe) { -up_rad } else { 0.0 };
+                let tail_wheel = wheels::has_tail_wheel(airframe);
+                let elevator_rad = if tail_wheel { wheels::tail_down_rad(airframe) } else { 0.0 };
                 Flown::Wheels(wheels::straight_on(
                     airframe,
                     envelope,

@@ -711,8 +711,8 @@ impl Controller {
         let on_ground = self.landing.is_some_and(|landing| landing.is_on_ground())
             || s.airspeed_mps < STALLS_SHARE * self.envelope.stall_mps(&self.airframe, s.density_kgpm3);
         // An attitude that is held follows no normal acceleration, and the nose is not to go down for gusts near the ground.
-        let on_ground = on_ground || self.pitch_hold.is_on();
-        if !self.channels.pitch || self.take_off.is_some() || on_ground || basis == Basis::WingsLevel {
+        let held = on_ground || self.pitch_hold.is_on();
+        if !self.channels.pitch || self.take_off.is_some() || held || basis == Basis::WingsLevel {
             return self.stall.wait(dt_s);
         }
         // An elevator that is at its own stop can not hold a stall.

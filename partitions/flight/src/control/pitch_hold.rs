@@ -4,9 +4,8 @@
 //! With its attitude held the aircraft gives way to a gust and comes back by itself; and on its wheels, where the normal acceleration says nothing,
 //! it stays off its nose.
 
-use super::inner::Signals;
+use super::inner::{Integrator, Pitching, Signals};
 use super::outer::slew;
-use crate::GRAVITY_MPS2;
 use crate::airframe::Airframe;
 
 /// Frequency of the attitude, rad/s, at most, its damping, and what servo and frames leave of the frequency: a share of one over their delay.
@@ -73,7 +72,7 @@ struct Held {
     /// What climb rates have taught of it, rad.
     learnt_rad: f64,
     /// Of the elevator, rad.
-    trim_rad: f64,
+    trim: Integrator,
 }
 
 /// Plain numbers that outlive a restart.
@@ -82,13 +81,14 @@ pub(super) const NUMBERS: usize = 4;
 impl PitchHold {
     /// As plain numbers; all zero: it does not hold the elevator.
     pub(super) fn to_numbers(self) -> [f64; NUMBERS] {
-        self.held.map_or([0.0; NUMBERS], |held| [1.0, held.pitch_rad, held.learnt_rad, held.trim_rad])
+        self.held.map_or([0.0; NUMBERS], |held| [1.0, held.pitch_rad, held.learnt_rad, held.trim.value()])
     }
 
     /// From plain numbers; nonsense begins anew.
     pub(super) fn from_numbers(&[on, pitch_rad, learnt_rad, trim_rad]: &[f64; NUMBERS]) -> Self {
         let sane = [pitch_rad, learnt_rad, trim_rad].iter().all(|x| x.abs() < 1.6);
-        let held = (on == 1.0 && sane).then_some(Held { pitch_rad, learnt_rad, trim_rad });
+        let trim = Integrator::new(trim_rad);
+        let held = (on == 1.0 && sane).then_some(Held { pitch_rad, learnt_rad, trim });
         Self { aim: None, held }
     }
 
@@ -130,14 +130,10 @@ impl PitchHold {
         let limit = airframe.servo.elevator_limit_rad;
         let is_slow = matches!(aim, Aim::Wheels { is_slow: true, .. });
         let high = if is_slow { SLOW_SHARE * limit } else { limit };
-        let mut trim_rad = self.held.map_or(last_rad - law, |held| held.trim_rad);
-        let step = -gains.trim * off_rad * dt_s;
-        let out = law + trim_rad;
-        if !((out >= high && step > 0.0) || (out <= -limit && step < 0.0)) {
-            trim_rad = (trim_rad + step).clamp(-limit, high);
-        }
-        self.held = Some(Held { pitch_rad, learnt_rad, trim_rad });
-        (law + trim_rad).clamp(-limit, high)
+        let mut trim = self.held.map_or(Integrator::new(last_rad - law), |held| held.trim);
+        trim.advance(-gains.trim * off_rad * dt_s, law + trim.value(), -limit, high);
+        self.held = Some(Held { pitch_rad, learnt_rad, trim });
+        (law + trim.value()).clamp(-limit, high)
     }
 }
 
@@ -150,15 +146,9 @@ struct Gains {
 
 /// Gains that give `s² + 2ζω s + ω²` to θ̈ = m_q θ̇ + m_α θ + m_δ δ. An airframe that is as stiff by itself keeps its stiffness and gets a share.
 fn gains(airframe: &Airframe, s: &Signals, dt_s: f64) -> Gains {
-    let (aero, mass, chord) = (&airframe.aerodynamics, &airframe.mass, airframe.geometry.mean_chord_m);
-    let wing = 0.5 * s.density_kgpm3 * airframe.geometry.wing_area_m2;
-    let carries_mps = (mass.mass_kg * GRAVITY_MPS2 / (wing * airframe.greatest_lift())).sqrt();
-    let v = s.airspeed_mps.max(GAINS_SHARE * carries_mps).max(LEAST_MPS);
-    let force = wing * v * v;
-    let per_rate = force * chord * chord / (2.0 * v * mass.inertia_yy_kgm2);
-    let m_q = per_rate * (aero.pitch_pitch_rate + aero.pitch_alpha_rate);
-    let m_alpha = force * chord * aero.pitch_alpha / mass.inertia_yy_kgm2;
-    let m_delta = force * chord * aero.pitch_elevator / mass.inertia_yy_kgm2;
+    let least_mps = GAINS_SHARE * airframe.stall_mps(airframe.greatest_lift(), s.density_kgpm3);
+    let airspeed_mps = s.airspeed_mps.max(least_mps);
+    let Pitching { m_q, m_alpha, m_delta, .. } = Pitching::new(airframe, &Signals { airspeed_mps, ..*s });
     let delay_s = airframe.servo.delay_s + 1.0 / airframe.servo.bandwidth_radps + FRAMES * dt_s;
     let (most, damping) = if s.pitches_blind { (BLIND_RADPS, 0.0) } else { (FREQUENCY_RADPS, DAMPING) };
     let frequency = most.min(DELAY_SHARE / delay_s);
@@ -195,10 +185,7 @@ mod tests {
         fn new(text: &str, (speed, delay_s, dt_s): (f64, f64, f64)) -> Self {
             let mut airframe = Airframe::from_toml(text).unwrap();
             airframe.servo.delay_s = delay_s;
-            let airspeed_mps = speed
-                * (2.0 * airframe.mass.mass_kg * 9.81
-                    / (1.2 * airframe.geometry.wing_area_m2 * airframe.greatest_lift()))
-                .sqrt();
+            let airspeed_mps = speed * airframe.stall_mps(airframe.greatest_lift(), 1.2);
             let sent = VecDeque::from(vec![0.0; 1 + (delay_s / dt_s).ceil() as usize]);
             let s = Signals { airspeed_mps, density_kgpm3: 1.2, ..Signals::default() };
             Self { airframe, s, path_rad: 0.0, gust_rad: 0.0, sent, surface_rad: 0.0 }

@@ -16,9 +16,8 @@ pub const NUMBERS: usize = 5;
 
 /// Throttle opens by this each second: a propeller's torque must not turn the aircraft off its wheels.
 const THROTTLE_RATE: f64 = 2.0;
-/// A tail wheel is held down with this share of the elevator up to this share of the speed of leaving the ground: it steers
-/// only then, and a tail left low longer makes the wing lift too early.
-const TAIL_DOWN_SHARE: f64 = 0.5;
+/// A tail wheel is held down up to this share of the speed of leaving the ground: it steers only then, and a tail left low longer makes the wing
+/// lift too early.
 const TAIL_UP_SHARE: f64 = 0.45;
 /// Then it is raised to this pitch, rad, by so much elevator per pitch, and per pitch rate, s.
 const TAIL_UP_PITCH_RAD: f64 = 0.05;
@@ -159,7 +158,7 @@ impl TakeOff {
         let elevator_rad = match self.phase {
             // Wind from the side is airspeed too, and the tail wheel is needed all the more then.
             Phase::Rolling if tail_wheel && ground_mps < TAIL_UP_SHARE * rotation => {
-                -TAIL_DOWN_SHARE * airframe.servo.elevator_limit_rad
+                wheels::tail_down_rad(airframe)
             }
             Phase::Rolling if tail_wheel => {
                 -TAIL_UP_GAIN * (TAIL_UP_PITCH_RAD - s.pitch_rad) + TAIL_UP_DAMPING_S * s.pitch_rate_radps

@@ -14,6 +14,14 @@ const SLOWEST_SHARE: f64 = 5.0;
 const LEVEL_GAIN: f64 = 0.5;
 const LEVEL_DAMPING_S: f64 = 0.05;
 
+/// Share of the elevator's travel up with which a tail wheel is held on the ground.
+const TAIL_DOWN_SHARE: f64 = 0.5;
+
+/// The elevator (rad) that holds a tail wheel on the ground.
+pub(super) fn tail_down_rad(airframe: &Airframe) -> f64 {
+    -TAIL_DOWN_SHARE * airframe.servo.elevator_limit_rad
+}
+
 /// Whether the aircraft's third wheel is behind its main ones.
 pub(super) fn has_tail_wheel(airframe: &Airframe) -> bool {
     airframe.gear.is_some_and(|gear| gear.third_wheel_m[0] < 0.0)

@@ -254,7 +254,7 @@ const STRONGEST_WIND_MPS: f64 = 15.0;
 /// Share of a bank that is flown at most which a corner is laid out for: the rest steers.
 const LAID_OUT_SHARE: f64 = 0.9;
 /// A way-point passed abeam within this share of the radius counts as reached.
-const REACHED_SHARE: f64 = 0.35;
+pub const REACHED_SHARE: f64 = 0.35;
 /// Ground speeds below this count as this, m/s: the laws divide by it.
 const LEAST_GROUND_SPEED_MPS: f64 = 5.0;
 

@@ -145,8 +145,10 @@ fn lines(folder: &Path) -> BTreeMap<u64, Value> {
     flights.map(|flight| (flight["number"].as_u64().unwrap(), flight)).collect()
 }
 
-fn same(folder: &Path) -> Vec<[Value; 4]> {
-    let of = |flight: &Value| ["digest", "completed", "engine", "compared"].map(|what| flight[what].clone());
+fn same(folder: &Path) -> Vec<[Value; 5]> {
+    let of = |flight: &Value| {
+        ["digest", "completed", "failure", "engine", "compared"].map(|what| flight[what].clone())
+    };
     lines(folder).values().map(of).collect()
 }
 
@@ -164,9 +166,10 @@ fn shards_together_are_the_campaign_in_one_piece_and_a_killed_one_goes_on() {
     let children = children_of(first.pid());
     first.signal(Signal::KILL);
     first.end_within(PATIENCE);
+    // Its flights are still ending, and write into their folders.
+    let summary = campaign(&place, "whole", &SIX).end_within(PATIENCE).summary();
     let gone = || children.iter().all(|child| !child.is_alive()).then_some(());
     assert!(await_some(Duration::from_secs(30), gone).is_some(), "{children:?}");
-    let summary = campaign(&place, "whole", &SIX).end_within(PATIENCE).summary();
     assert_eq!(summary["flown"], 6, "{summary}");
     for shard in ["0/2", "1/2"] {
         let mut options = SIX.to_vec();

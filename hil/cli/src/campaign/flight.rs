@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
+use std::io;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -12,6 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use bateleur_report::campaign::{Figure, Flown};
+use rustix::fs::{FlockOperation, flock};
 use serde_json::Value;
 
 use super::again;
@@ -113,8 +115,9 @@ pub(super) fn fly(order: &Order, stop: &AtomicBool) -> Option<Flown> {
 /// Flies; nothing: the campaign was stopped meanwhile. A flight that can not even be started has failed.
 fn fly_once(order: &Order, stop: &AtomicBool) -> Option<Flown> {
     let begun = Instant::now();
-    let ending = match start(order) {
-        Ok(child) => watch(child, order.patience, stop),
+    let ending = match start(order, stop) {
+        Ok(Some(child)) => watch(child, order.patience, stop),
+        Ok(None) => return None,
         Err(error) => {
             return Some(failed(order, begun, format!("the flight could not be started: {error}")));
         }
@@ -186,13 +189,20 @@ fn quoted(word: &str) -> String {
     }
 }
 
-fn start(order: &Order) -> std::io::Result<Child> {
+/// Starts it in an empty folder; nothing: the campaign was stopped meanwhile.
+fn start(order: &Order, stop: &AtomicBool) -> io::Result<Option<Child>> {
     if order.folder.exists() {
-        std::fs::remove_dir_all(&order.folder)?; // of a campaign that was stopped
+        // Of a campaign that was stopped.
+        if !await_writers(order, stop)? {
+            return Ok(None);
+        }
+        std::fs::remove_dir_all(&order.folder)?;
     }
     std::fs::create_dir_all(&order.folder)?;
+    let said = File::create(order.folder.join(SAID))?;
+    flock(&said, FlockOperation::NonBlockingLockExclusive)?;
     let program = std::env::current_exe()?;
-    Command::new(program)
+    let child = Command::new(program)
         .arg(order.verb)
         .args(order.words())
         .args(if order.verb == FLY { ["--format=json"] } else { ["--record"] })
@@ -200,9 +210,28 @@ fn start(order: &Order) -> std::io::Result<Child> {
         .arg(&order.folder)
         .stdin(Stdio::piped())
         .stdout(File::create(order.folder.join(SUMMARY))?)
-        .stderr(File::create(order.folder.join(SAID))?)
+        .stderr(said) // with the lock, which the flight's own processes inherit
         .process_group(0) // Ctrl-C is for the campaign, which ends its flights in their order
-        .spawn()
+        .spawn();
+    child.map(Some)
+}
+
+/// Waits until nobody writes into the flight's folder: flights of a campaign that was killed end a little later than it does. False:
+/// this campaign was stopped meanwhile.
+fn await_writers(order: &Order, stop: &AtomicBool) -> io::Result<bool> {
+    let Ok(said) = File::open(order.folder.join(SAID)) else { return Ok(true) };
+    let begun = Instant::now();
+    while flock(&said, FlockOperation::NonBlockingLockExclusive).is_err() {
+        if stop.load(Ordering::Acquire) {
+            return Ok(false);
+        }
+        if begun.elapsed() > order.patience {
+            let folder = order.folder.display();
+            return Err(io::Error::other(format!("an earlier flight still writes into {folder}")));
+        }
+        std::thread::sleep(LOOK);
+    }
+    Ok(true)
 }
 
 fn watch(mut child: Child, patience: Duration, stop: &AtomicBool) -> Ending {

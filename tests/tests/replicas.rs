@@ -191,6 +191,22 @@ fn deaths_of_replicas_change_nothing_and_the_flight_outlives_its_voter() {
 }
 
 #[test]
+fn replica_that_starts_again_flies_with_the_others_to_the_landing_and_is_not_outvoted() {
+    let _turn = among_others();
+    let mut random = Random(98);
+    for seed in 0..if is_long() { 24 } else { 3 } {
+        let at_ms = 30_000 + random.below(90_000);
+        let kill = format!("controller_{}@{}.{:03}", 1 + seed % 3, at_ms / 1000, at_ms % 1000);
+        let wind = format!("{}", random.below(8));
+        let air = ["--land", "--turbulence", "light", "--wind", &wind, "--kill", &kill];
+        let ended = fly_shortly(&schedule(), &air);
+        let restarts: Vec<_> =
+            ended.faults().into_iter().filter(|fault| fault.action == "warm_restart").collect();
+        assert!(restarts.len() == 1 && restarts[0].error == "killed", "{air:?}: {restarts:#?}");
+    }
+}
+
+#[test]
 fn setting_of_the_partition_is_set_in_each_replica() {
     let _turn = among_others();
     let ended = fly_shortly(&schedule(), &["--set", "controller.path=fly_through"]);

@@ -1,8 +1,8 @@
 //! What outlives a warm restart: all that the ground has said, the place in the mission and on the path, and the memory of
-//! the laws.
+//! the laws, all of it.
 
-use bateleur_flight::control::{ControllerSnapshot, memory};
-use bateleur_flight::guidance::{GuidanceSnapshot, MAX_WAYPOINTS, Step, Waypoint};
+use bateleur_flight::control::memory::{self, ControllerSnapshot};
+use bateleur_flight::guidance::{MAX_WAYPOINTS, Step, Waypoint};
 use bateleur_messages::ground::{LoopId, Order};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
@@ -18,6 +18,9 @@ const NAVIGATION: u32 = 2;
 /// [`Kept::switches`]: an altitude is held.
 const HOLD: u32 = 4;
 
+/// Bytes of the laws, up to the next number.
+const LAWS: usize = memory::BYTES.next_multiple_of(8);
+
 type Points = [[f64; 8]; MAX_WAYPOINTS];
 
 /// Plain numbers in a fixed size.
@@ -31,10 +34,8 @@ pub struct Kept {
     hold_altitude_m: f64,
     /// Module time of the last step, ns.
     last_ns: u64,
-    /// The laws: integrators, references, actuators, the piece of path.
-    laws: [f64; memory::NUMBERS],
-    next: u32,
-    reached: u32,
+    /// The laws and the guidance.
+    laws: [u8; LAWS],
     staged_count: u32,
     staged_there: u32,
     flown_count: u32,
@@ -59,7 +60,6 @@ impl Kept {
     ) -> Self {
         let on = |on: bool, bit: u32| if on { bit } else { 0 };
         let is_on = |id: &LoopId| orders.target(*id).is_some();
-        let progress = &laws.guidance;
         Self {
             switches: on(orders.autopilot, AUTOPILOT)
                 | on(orders.navigation, NAVIGATION)
@@ -68,9 +68,7 @@ impl Kept {
             targets: LoopId::ALL.map(|id| orders.target(id).unwrap_or(0.0)),
             hold_altitude_m: hold_altitude_m.unwrap_or(0.0),
             last_ns: last_ns.unwrap_or(0),
-            laws: laws.to_numbers(),
-            next: progress.next,
-            reached: progress.reached,
+            laws: padded(laws),
             staged_count: waypoints.staged.count as u32,
             staged_there: waypoints.staged.there,
             flown_count: waypoints.flown.count as u32,
@@ -86,7 +84,7 @@ impl Kept {
     /// Whether it can be gone on from. Memory that something else has written into is better forgotten whole.
     pub fn is_sane(&self) -> bool {
         let counts = self.staged_count.max(self.flown_count) as usize <= MAX_WAYPOINTS;
-        let finite = self.targets.iter().chain(&self.laws).all(|number| number.is_finite());
+        let finite = self.targets.iter().all(|number| number.is_finite());
         let points = self.staged.iter().chain(&self.flown).flatten().all(|number| number.is_finite());
         let whole = self.flown_count == self.flown_there.count_ones();
         counts && finite && points && whole && self.areas.is_sane() && self.hold_altitude_m.is_finite()
@@ -125,25 +123,26 @@ impl Kept {
         }
     }
 
-    /// The place in the mission.
-    pub fn progress(&self) -> GuidanceSnapshot {
-        GuidanceSnapshot { next: self.next, reached: self.reached }
-    }
-
     /// The altitude that was held.
     pub fn hold_altitude_m(&self) -> Option<f64> {
         (self.switches & HOLD != 0).then_some(self.hold_altitude_m)
     }
 
-    /// Where the laws stood.
-    pub fn laws(&self) -> ControllerSnapshot {
-        ControllerSnapshot::from_numbers(&self.laws, self.progress())
+    /// Where the laws stood, and the mission.
+    pub fn laws(&self) -> Option<ControllerSnapshot> {
+        ControllerSnapshot::from_bytes(self.laws.first_chunk()?)
     }
 
     /// Module time of the last step, ns.
     pub fn last_ns(&self) -> Option<u64> {
         (self.last_ns > 0).then_some(self.last_ns)
     }
+}
+
+fn padded(laws: &ControllerSnapshot) -> [u8; LAWS] {
+    let mut bytes = [0; LAWS];
+    bytes[..memory::BYTES].copy_from_slice(&laws.to_bytes());
+    bytes
 }
 
 fn to_numbers(p: Waypoint) -> [f64; 8] {

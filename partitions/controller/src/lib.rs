@@ -16,6 +16,7 @@ mod manoeuvre;
 mod orders;
 mod parameters;
 mod settings;
+mod voted;
 mod waypoints;
 
 pub use convert::{Sensors, navigation_state};
@@ -46,6 +47,7 @@ use bateleur_messages::telemetry::{
 };
 use bateleur_messages::{ActuatorCommand, FunctionStatus};
 use manoeuvre::{Task, Tasks};
+use voted::OwnCommands;
 
 /// The function.
 #[derive(Debug)]
@@ -64,6 +66,7 @@ pub struct Function {
     hold_altitude_m: Option<f64>,
     last_ns: Option<u64>,
     command: ActuatorCommand,
+    commands: OwnCommands,
     basis: Basis,
     channels: Channels,
     accepted: u64,
@@ -94,13 +97,13 @@ impl Function {
             hold_altitude_m: kept.and_then(Kept::hold_altitude_m),
             last_ns: kept.and_then(Kept::last_ns),
             command: ActuatorCommand::default(),
+            commands: OwnCommands::default(),
             basis: Basis::WingsLevel,
             channels: Channels::default(),
             accepted: 0,
             missing: 0,
         };
-        if let Some(kept) = kept {
-            let laws = kept.laws();
+        if let Some(laws) = kept.and_then(Kept::laws) {
             function.controller.guidance_mut().resume(&laws.guidance);
             function.controller.assume_actuators(&laws.command);
             function.controller.resume(&laws); // not engaged yet: then there is no more to go on from
@@ -156,6 +159,13 @@ impl Function {
         self.controller.guidance_mut().configure(settings.guidance);
     }
 
+    /// Takes notice of what the voter of its replicas handed on at `voted_ns`.
+    pub fn equalise(&mut self, voted: &ActuatorCommand, voted_ns: u64, cycle_ns: u64) {
+        if let Some(off) = self.commands.off(voted, voted_ns, cycle_ns) {
+            self.controller.equalise(&off, cycle_ns as f64 * 1e-9);
+        }
+    }
+
     /// Flies one cycle of `cycle_ns` at `now_ns`.
     pub fn step(
         &mut self,
@@ -182,6 +192,7 @@ impl Function {
         let output = self.controller.step(&inputs, &commands);
         (self.basis, self.channels) = (output.basis, output.channels);
         self.command = self.message(&commands, &output);
+        self.commands.remember(now_ns, &self.command);
         self.protected |= self.command.protection;
         self.command
     }

@@ -42,6 +42,8 @@ struct InputPorts {
     pressure: SamplingDestination<Pressure>,
     /// Where the plan has it.
     range: Option<SamplingDestination<Range>>,
+    /// What the voter of its replicas hands on, where the plan gives it back to them.
+    voted: Option<SamplingDestination<ActuatorCommand>>,
 }
 
 impl Partition for ControllerPartition {
@@ -63,6 +65,7 @@ impl Partition for ControllerPartition {
                 orientation: context.sampling_destination("orientation")?,
                 pressure: context.sampling_destination("pressure")?,
                 range: context.optional_destination("range")?,
+                voted: context.optional_destination("voted")?,
             },
             command: context.sampling_source("command")?,
             status: context.sampling_source("status")?,
@@ -82,6 +85,9 @@ impl Partition for ControllerPartition {
     fn window(&mut self, window: &Window) {
         let now_ns = window.start_ns();
         let (state, sensors) = self.inputs.read();
+        if let Some((voted, voted_ns)) = self.inputs.voted(window.now_ns()) {
+            self.function.equalise(&voted, voted_ns, window.minor_frame_ns());
+        }
         self.shell.take_orders(
             now_ns,
             &mut self.function,
@@ -156,9 +162,15 @@ impl InputPorts {
     fn read(&mut self) -> (Option<NavigationState>, Sensors) {
         let state = self.state.read_valid().and_then(navigation_state);
         let acceleration = self.acceleration.read_valid();
-        let range = self.range.as_mut().and_then(SamplingDestination::read);
-        let range_m = range.filter(|range| range.valid && range.updated).map(|range| range.value.distance_m);
+        let range = self.range.as_mut().and_then(SamplingDestination::read_updated);
+        let range_m = range.map(|range| range.distance_m);
         (state, Sensors::of(acceleration, self.orientation.read_valid(), self.pressure.read_valid(), range_m))
+    }
+
+    /// A fresh vote, and when it was taken, ns.
+    fn voted(&mut self, now_ns: u64) -> Option<(ActuatorCommand, u64)> {
+        let voted = self.voted.as_mut()?.read().filter(|voted| voted.valid && voted.updated)?;
+        Some((*voted.value, now_ns.saturating_sub(voted.age_ns)))
     }
 }
 

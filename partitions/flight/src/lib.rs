@@ -17,6 +17,7 @@ pub mod attitude;
 pub mod control;
 pub mod estimator;
 pub mod guidance;
+mod kept;
 pub mod magnetic;
 pub mod servo;
 pub mod stuck;

@@ -3,6 +3,8 @@
 //! 1500 µs is neutral, 1000 and 2000 µs are the stops. A surface deflection is a linear share of its full travel;
 //! the throttle goes from 1000 µs (idle) to 2000 µs (full).
 
+use crate::kept::kept;
+
 /// Timer value at rest, µs; the safety pilot's transmitter and the plant both use it as neutral.
 pub const NEUTRAL_US: f64 = 1500.0;
 /// Half the timer range, µs.
@@ -21,6 +23,8 @@ pub struct ActuatorCommand {
     /// Rudder deflection, rad, sign of the airframe's derivatives.
     pub rudder_rad: f64,
 }
+
+kept!(ActuatorCommand { throttle: f64, aileron_rad: f64, elevator_rad: f64, rudder_rad: f64 });
 
 /// Timer values, µs, in the order of the servo message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,5 +1,6 @@
 //! Finds an axis of an inertial sensor that repeats its value: a sensor that measures is never twice the same to the last bit.
 
+use crate::kept::kept;
 use nalgebra::Vector3;
 
 /// So many times in a row, while another axis moves: a tenth of a second at 50 Hz.
@@ -26,6 +27,7 @@ impl Stuck {
     /// Takes a sample: specific force (m/s²) and rates (rad/s).
     pub fn look(&mut self, force: &Vector3<f64>, rates: &Vector3<f64>) {
         let now = [force.x, force.y, force.z, rates.x, rates.y, rates.z];
+        let now = now.map(|value| if value.is_finite() { value } else { 0.0 });
         for (axis, value) in now.into_iter().enumerate() {
             let same = value.to_bits() == self.last[axis].to_bits();
             self.repeats[axis] = if same { self.repeats[axis].saturating_add(1) } else { 0 };
@@ -42,6 +44,8 @@ impl Stuck {
         bits.fold(0, |all, (axis, _)| all | 1 << axis)
     }
 }
+
+kept!(Stuck { last: [f64; AXES], repeats: [u32; AXES] });
 
 #[cfg(test)]
 mod tests {

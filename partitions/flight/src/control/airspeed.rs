@@ -9,9 +9,7 @@
 
 use crate::airframe::Airframe;
 use crate::attitude::low_pass;
-
-/// Plain numbers that outlive a restart.
-pub const NUMBERS: usize = 8;
+use crate::kept::kept;
 
 /// Averaging of lift and coefficient for the verdict, s: a few short periods; and for flying on them, where gusts count.
 const AVERAGE_S: f64 = 4.0;
@@ -249,45 +247,26 @@ impl AirspeedWatch {
             (self.believed, self.against_s) = (true, 0.0);
         }
     }
-
-    /// As plain numbers.
-    pub fn to_numbers(&self) -> [f64; NUMBERS] {
-        let believed = if self.believed { 0.0 } else { 1.0 };
-        let Self { lift, coefficient, recent_mps, seen_s, factor, learnt_s, learnt_at, .. } = *self;
-        [lift, coefficient, recent_mps, seen_s, factor, learnt_s, learnt_at, believed]
-    }
-
-    /// From plain numbers; from nonsense a new one.
-    pub fn from_numbers(numbers: &[f64; NUMBERS]) -> Self {
-        let [lift, coefficient, recent_mps, seen_s, factor, learnt_s, learnt_at, believed] = *numbers;
-        let sane = numbers.iter().all(|number| number.is_finite())
-            && (FACTORS.0..=FACTORS.1).contains(&factor)
-            && (0.0..3.0).contains(&coefficient)
-            && (0.0..1e4).contains(&lift)
-            && recent_mps.abs() < 50.0
-            && seen_s >= 0.0
-            && learnt_s >= 0.0
-            && learnt_at >= 0.0;
-        if !sane {
-            return Self::default();
-        }
-        let by_pitot = factor * factor * lift;
-        let (believed, flown) = (believed == 0.0, [lift, coefficient]);
-        Self {
-            flown,
-            lift,
-            coefficient,
-            by_pitot,
-            recent_mps,
-            seen_s,
-            factor,
-            learnt_s,
-            learnt_at,
-            believed,
-            ..Self::default()
-        }
-    }
 }
+
+kept!(AirspeedWatch {
+    lift: f64,
+    coefficient: f64,
+    by_pitot: f64,
+    flown: [f64; 2],
+    recent_mps: f64,
+    seen_s: f64,
+    factor: f64,
+    learnt_s: f64,
+    learnt_at: f64,
+    against_s: f64,
+    for_s: f64,
+    last_mps: f64,
+    last_pa: f64,
+    repeated: u32,
+    jump2: f64,
+    believed: bool,
+} if |watch| (FACTORS.0..=FACTORS.1).contains(&watch.factor));
 
 #[cfg(test)]
 #[path = "airspeed_tests.rs"]

@@ -4,6 +4,7 @@ use super::*;
 use crate::GRAVITY_MPS2;
 use crate::airframe::tests::aerosonde;
 use crate::airframe::{Airframe, built_in};
+use crate::kept::tests::again;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
@@ -177,10 +178,11 @@ fn verdict_outlives_a_restart_and_nonsense_does_not() {
     let (mut world, mut watch) = (World::new(&aerosonde(), 6), AirspeedWatch::default());
     fly(&mut world, &mut watch, 60.0, None);
     fly(&mut world, &mut watch, 10.0, Some(|_, _, _| 0.0));
-    let again = AirspeedWatch::from_numbers(&watch.to_numbers());
-    assert!(!again.is_believed() && again.by_lift_mps().is_some());
-    assert_eq!(AirspeedWatch::from_numbers(&[f64::NAN; NUMBERS]), AirspeedWatch::default());
-    assert!(AirspeedWatch::from_numbers(&[0.0; NUMBERS]).is_believed());
+    assert!(!watch.is_believed() && watch.by_lift_mps().is_some());
+    assert_eq!(again(&watch), Some(watch));
+    for factor in [-1.0, 0.0, 9.0] {
+        assert_eq!(again(&AirspeedWatch { factor, ..watch }), None, "{factor}");
+    }
 }
 
 #[test]

@@ -6,6 +6,7 @@
 use crate::GRAVITY_MPS2;
 use crate::attitude;
 use crate::estimator::{EstimatorStatus, NavigationState, StateSigmas};
+use crate::kept::kept;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 /// How long the propagated state is flown on as if it were fresh, s: 2 % of scale error in a 45° turn is 1° after
@@ -36,7 +37,6 @@ impl Fallback {
     pub fn new(alpha_rad: f64, airspeed_mps: f64) -> Self {
         let quaternion = attitude::from_euler(0.0, alpha_rad, 0.0);
         let zero = Vector3::zeros();
-        let unknown = Vector3::repeat(1.0);
         let state = NavigationState {
             time_s: 0.0,
             position: zero,
@@ -49,10 +49,10 @@ impl Fallback {
             gyro_bias: zero,
             accel_bias: zero,
             mag_bias: zero,
-            sigmas: StateSigmas { attitude: unknown, velocity: unknown, position: unknown },
+            sigmas: StateSigmas::UNKNOWN,
             status: EstimatorStatus::Stopped,
         };
-        Self { state, age_s: f64::INFINITY }
+        Self { state, age_s: f64::MAX }
     }
 
     /// Takes this frame's state, or carries the last one on with raw rates (rad/s) and specific force (m/s²).
@@ -65,7 +65,9 @@ impl Fallback {
     ) -> (NavigationState, Basis) {
         match fresh.filter(|state| usable(state)) {
             Some(state) => {
-                *self = Self { state: *state, age_s: 0.0 };
+                // No law asks for more of it.
+                let (mag_bias, sigmas) = (Vector3::zeros(), StateSigmas::UNKNOWN);
+                *self = Self { state: NavigationState { mag_bias, sigmas, ..*state }, age_s: 0.0 };
                 (*state, Basis::Estimator)
             }
             None => {
@@ -105,6 +107,8 @@ fn usable(state: &NavigationState) -> bool {
         && state.wind.iter().all(|x| x.is_finite());
     finite && !matches!(state.status, EstimatorStatus::Stopped | EstimatorStatus::Aligning)
 }
+
+kept!(Fallback { state: NavigationState, age_s: f64 } if |fallback| fallback.age_s >= 0.0);
 
 #[cfg(test)]
 mod tests {

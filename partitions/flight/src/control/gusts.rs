@@ -3,9 +3,7 @@
 //! Responsible for one number. It must never count a change of speed that the aircraft makes by itself.
 
 use crate::attitude::low_pass;
-
-/// Plain numbers that outlive a restart.
-pub const NUMBERS: usize = 3;
+use crate::kept::kept;
 
 /// Changes of wind slower than this are none, s; and memory of their size, s.
 const SLOW_S: f64 = 5.0;
@@ -49,24 +47,14 @@ impl GustWatch {
         (self.smooth_mps, self.mean_mps) = (0.0, 0.0);
         self.square = low_pass(self.square, 0.0, MEMORY_S, dt_s);
     }
-
-    /// As plain numbers.
-    pub fn to_numbers(&self) -> [f64; NUMBERS] {
-        [self.smooth_mps, self.mean_mps, self.square]
-    }
-
-    /// From plain numbers; from nonsense a new one.
-    pub fn from_numbers([smooth_mps, mean_mps, square]: &[f64; NUMBERS]) -> Self {
-        match (0.0..200.0).contains(smooth_mps) && mean_mps.abs() < 50.0 && (0.0..1e3).contains(square) {
-            true => Self { smooth_mps: *smooth_mps, mean_mps: *mean_mps, square: *square },
-            false => Self::default(),
-        }
-    }
 }
+
+kept!(GustWatch { smooth_mps: f64, mean_mps: f64, square: f64 });
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kept::tests::again;
 
     #[test]
     fn gusts_are_counted_and_a_change_of_speed_is_not() {
@@ -83,8 +71,8 @@ mod tests {
             watch.step(airspeed_mps + gust_mps, 0.0, 0.02);
         }
         assert!((1.2..1.6).contains(&watch.deviation_mps()), "{watch:?}");
-        assert_eq!(GustWatch::from_numbers(&watch.to_numbers()), watch);
-        assert_eq!(GustWatch::from_numbers(&[f64::NAN, 0.0, 0.0]), GustWatch::default());
+        assert_eq!(again(&watch), Some(watch));
+        assert_eq!(again(&GustWatch { smooth_mps: f64::NAN, ..watch }), None);
     }
 
     #[test]

@@ -5,8 +5,11 @@
 //! are computed anew from airspeed and density in every frame: that is the gain schedule. Integrators are kept in
 //! actuator units, so that a changing gain does not move the actuator.
 
+use super::Channels;
 use crate::GRAVITY_MPS2;
 use crate::airframe::Airframe;
+use crate::kept::kept;
+use crate::servo::ActuatorCommand;
 
 /// What the inner loops measure.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -69,6 +72,8 @@ impl Integrator {
     }
 }
 
+kept!(Integrator { value: f64 });
+
 /// One loop: an actuator output from proportional terms and an integrator.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Law {
@@ -87,6 +92,8 @@ pub struct InnerLoops {
     axial: Integrator,
     roll: Integrator,
 }
+
+kept!(InnerLoops { normal: Integrator, lateral: Integrator, axial: Integrator, roll: Integrator });
 
 /// Poles wanted; the same for every aircraft.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -228,6 +235,19 @@ impl InnerLoops {
         self.axial.value = (throttle - law.proportional).clamp(0.0, 1.0);
     }
 
+    /// Moves the memories of the loops that are on, by parts of the actuators' travel (rad, throttle 0 to 1).
+    pub(super) fn shift(&mut self, on: &Channels, by: &ActuatorCommand) {
+        let loops = [
+            (on.roll, &mut self.roll, by.aileron_rad),
+            (on.pitch, &mut self.normal, by.elevator_rad),
+            (on.yaw, &mut self.lateral, by.rudder_rad),
+            (on.thrust, &mut self.axial, by.throttle),
+        ];
+        for (on, memory, by) in loops {
+            memory.value += if on { by } else { 0.0 };
+        }
+    }
+
     /// Sets the roll loop's memory so that its output is `aileron_rad` now.
     pub fn engage_roll(
         &mut self,
@@ -240,22 +260,6 @@ impl InnerLoops {
         let limit = airframe.servo.aileron_limit_rad;
         let value = aileron_rad - roll_law(airframe, tuning, s, wanted_radps).proportional;
         self.roll.value = value.clamp(-limit, limit);
-    }
-
-    /// The memories of the normal, lateral, axial and roll loop.
-    pub fn to_numbers(&self) -> [f64; 4] {
-        [self.normal, self.lateral, self.axial, self.roll].map(|integrator| integrator.value)
-    }
-
-    /// Loops with these memories.
-    pub fn from_numbers(numbers: [f64; 4]) -> Self {
-        let [normal, lateral, axial, roll] = numbers.map(Integrator::new);
-        Self { normal, lateral, axial, roll }
-    }
-
-    /// Whether all memories are finite, after a restart from retained memory.
-    pub fn sane(&self) -> bool {
-        [self.normal, self.lateral, self.axial, self.roll].iter().all(|i| i.value.is_finite())
     }
 }
 

@@ -15,13 +15,11 @@ use crate::attitude::{low_pass, wrap_angle};
 use crate::estimator::NavigationState;
 use crate::guidance::path::{Leg, Offset};
 use crate::guidance::{Hold, course_acceleration, track_acceleration};
+use crate::kept::kept;
 use crate::servo::ActuatorCommand;
 use crate::{GRAVITY_MPS2, STANDING_HEIGHT_M};
 use nalgebra::Vector2;
 use std::f64::consts::TAU;
-
-/// Length of a landing as plain numbers.
-pub const NUMBERS: usize = 13;
 
 /// Airspeed of the approach, of the one at which the wing just carries the weight; and what is added for each m/s of wind, m/s at most.
 const APPROACH_SHARE: f64 = 1.45;
@@ -168,16 +166,6 @@ pub enum Phase {
     /// Up again, straight on.
     Round,
 }
-
-const PHASES: [Phase; 7] = [
-    Phase::Pattern,
-    Phase::Final,
-    Phase::Flare,
-    Phase::Touched,
-    Phase::Rolling,
-    Phase::Standing,
-    Phase::Round,
-];
 
 /// A landing under way.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -772,66 +760,23 @@ impl Landing {
         let low = state.altitude_m() < FALLS_M && self.rounds < MOST_ROUNDS;
         low && (s.airspeed_mps < SLOWEST_SHARE * stall_mps || self.sink_mps > FASTEST_SINK_MPS)
     }
-
-    /// As plain numbers; all zero: none under way.
-    pub fn to_numbers(landing: Option<&Self>) -> [f64; NUMBERS] {
-        landing.map_or([0.0; NUMBERS], |l| {
-            let phase =
-                PHASES.iter().position(|phase| *phase == l.phase).map_or(0.0, |place| place as f64 + 1.0);
-            [
-                phase,
-                l.course_rad,
-                l.height_m,
-                l.side,
-                l.since_s,
-                l.sink_mps,
-                l.incidence_rad,
-                l.touched_m,
-                l.turned_rad,
-                l.rounds,
-                l.place.x,
-                l.place.y,
-                if l.short { 1.0 } else { 0.0 },
-            ]
-        })
-    }
-
-    /// The landing again; numbers that are none give none.
-    pub fn from_numbers(numbers: &[f64; NUMBERS]) -> Option<Self> {
-        let [
-            phase,
-            course_rad,
-            height_m,
-            side,
-            since_s,
-            sink_mps,
-            incidence_rad,
-            touched_m,
-            turned_rad,
-            rounds,
-            x,
-            y,
-            short,
-        ] = *numbers;
-        let place = (phase >= 1.0 && phase.fract() == 0.0).then(|| phase as usize - 1)?;
-        let phase = *PHASES.get(place)?;
-        let sane = numbers.iter().all(|x| x.is_finite()) && side * side == 1.0;
-        sane.then_some(Self {
-            phase,
-            course_rad,
-            height_m,
-            side,
-            since_s,
-            sink_mps,
-            incidence_rad,
-            touched_m,
-            turned_rad,
-            rounds,
-            place: Vector2::new(x, y),
-            short: short == 1.0,
-        })
-    }
 }
+
+kept!(Phase = Pattern | Final | Flare | Touched | Rolling | Standing | Round);
+kept!(Landing {
+    phase: Phase,
+    course_rad: f64,
+    height_m: f64,
+    side: f64,
+    since_s: f64,
+    sink_mps: f64,
+    incidence_rad: f64,
+    touched_m: f64,
+    turned_rad: f64,
+    rounds: f64,
+    place: Vector2<f64>,
+    short: bool,
+} if |landing| landing.side.abs() == 1.0);
 
 #[cfg(test)]
 #[path = "landing_tests.rs"]

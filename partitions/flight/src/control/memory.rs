@@ -1,119 +1,91 @@
-//! The controller's memory as plain numbers, for memory that outlives a process.
-//!
-//! Any number may come back: what goes on from it checks it first (see [`Controller::resume`](super::Controller::resume)).
+//! What a controller remembers from frame to frame, to be kept in memory that outlives its process.
 
+use super::airspeed::AirspeedWatch;
+use super::fallback::Fallback;
+use super::gusts::GustWatch;
 use super::inner::InnerLoops;
-use super::{
-    Channels, ControllerSnapshot, References, airspeed, gusts, landing, pitch_hold, play, power,
-    range_finder, stall, takeoff,
-};
-use crate::guidance::{GuidanceSnapshot, PATH_NUMBERS};
+use super::landing::Landing;
+use super::pitch_hold::PitchHold;
+use super::play::PlayInverse;
+use super::power::PowerWatch;
+use super::range_finder::GroundWatch;
+use super::roll::RollModel;
+use super::stall::StallGuard;
+use super::takeoff::TakeOff;
+use super::{Channels, References, Steady};
+use crate::guidance::{GuidanceSnapshot, Path};
+use crate::kept::{Kept, kept};
 use crate::servo::ActuatorCommand;
+use crate::stuck::Stuck;
 
-/// Four integrators, four references, four actuators, airspeed and its reserve, four channels.
-const LOOPS: usize = 18;
-/// The loops, the take-off, the landing, the pitot, the motor, the ground, the wing, the gusts, the pitch, the play, the path.
-pub const NUMBERS: usize = LOOPS
-    + takeoff::NUMBERS
-    + landing::NUMBERS
-    + airspeed::NUMBERS
-    + power::NUMBERS
-    + range_finder::NUMBERS
-    + stall::NUMBERS
-    + gusts::NUMBERS
-    + pitch_hold::NUMBERS
-    + play::NUMBERS
-    + PATH_NUMBERS;
+/// Length of a [`ControllerSnapshot`] as plain bytes.
+pub const BYTES: usize = ControllerSnapshot::BYTES;
 
-/// The first `N` of `numbers`, which then begin behind them; zeros where there are not so many.
-fn take<const N: usize>(numbers: &mut &[f64]) -> [f64; N] {
-    numbers.split_first_chunk().map_or([0.0; N], |(first, rest)| {
-        *numbers = rest;
-        *first
-    })
+/// All of it: a controller that goes on from it gives the words that the one it was taken from gives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ControllerSnapshot {
+    pub(super) loops: InnerLoops,
+    pub(super) references: References,
+    pub(super) channels: Channels,
+    pub(super) fallback: Fallback,
+    /// Smoothed, m/s; zero: nothing has flown yet.
+    pub(super) airspeed_mps: f64,
+    pub(super) airspeed_watch: AirspeedWatch,
+    pub(super) power: PowerWatch,
+    pub(super) ground: GroundWatch,
+    pub(super) stall: StallGuard,
+    pub(super) gusts: GustWatch,
+    pub(super) stuck: Stuck,
+    pub(super) pitch_hold: PitchHold,
+    pub(super) pitches_blind: bool,
+    pub(super) roll: RollModel,
+    pub(super) authority_mps: f64,
+    /// Last command.
+    pub command: ActuatorCommand,
+    pub(super) steady: Steady,
+    pub(super) play: PlayInverse,
+    pub(super) take_off: Option<TakeOff>,
+    pub(super) landing: Option<Landing>,
+    pub(super) path: Path,
+    /// Mission progress.
+    pub guidance: GuidanceSnapshot,
 }
 
+kept!(ControllerSnapshot {
+    loops: InnerLoops,
+    references: References,
+    channels: Channels,
+    fallback: Fallback,
+    airspeed_mps: f64,
+    airspeed_watch: AirspeedWatch,
+    power: PowerWatch,
+    ground: GroundWatch,
+    stall: StallGuard,
+    gusts: GustWatch,
+    stuck: Stuck,
+    pitch_hold: PitchHold,
+    pitches_blind: bool,
+    roll: RollModel,
+    authority_mps: f64,
+    command: ActuatorCommand,
+    steady: Steady,
+    play: PlayInverse,
+    take_off: Option<TakeOff>,
+    landing: Option<Landing>,
+    path: Path,
+    guidance: GuidanceSnapshot,
+});
+
 impl ControllerSnapshot {
-    /// All but the place in the mission.
-    pub fn to_numbers(&self) -> [f64; NUMBERS] {
-        let (r, c, on) = (&self.references, &self.command, |on: bool| if on { 1.0 } else { 0.0 });
-        let [normal, lateral, axial, roll] = self.loops.to_numbers();
-        let loops: [f64; LOOPS] = [
-            normal,
-            lateral,
-            axial,
-            roll,
-            r.roll_rate_radps,
-            r.normal_mps2,
-            r.axial_mps2,
-            r.bank_rad,
-            c.throttle,
-            c.aileron_rad,
-            c.elevator_rad,
-            c.rudder_rad,
-            self.airspeed_mps,
-            self.authority_mps,
-            on(self.channels.roll),
-            on(self.channels.pitch),
-            on(self.channels.yaw),
-            on(self.channels.thrust),
-        ];
-        let parts: [&[f64]; 11] = [
-            &loops,
-            &self.take_off,
-            &self.landing,
-            &self.airspeed_watch,
-            &self.power,
-            &self.ground,
-            &self.stall,
-            &self.gusts,
-            &self.pitch_hold,
-            &self.play,
-            &self.path,
-        ];
-        let mut numbers = [0.0; NUMBERS];
-        numbers.iter_mut().zip(parts.into_iter().flatten()).for_each(|(number, part)| *number = *part);
-        numbers
+    /// As plain bytes.
+    pub fn to_bytes(&self) -> [u8; BYTES] {
+        let mut bytes = [0; BYTES];
+        self.put(&mut bytes);
+        bytes
     }
 
-    /// The snapshot again, with the place in the mission.
-    pub fn from_numbers(numbers: &[f64; NUMBERS], guidance: GuidanceSnapshot) -> Self {
-        let mut rest = numbers.as_slice();
-        let n: [f64; LOOPS] = take(&mut rest);
-        Self {
-            loops: InnerLoops::from_numbers([n[0], n[1], n[2], n[3]]),
-            references: References {
-                roll_rate_radps: n[4],
-                normal_mps2: n[5],
-                axial_mps2: n[6],
-                bank_rad: n[7],
-            },
-            command: ActuatorCommand {
-                throttle: n[8],
-                aileron_rad: n[9],
-                elevator_rad: n[10],
-                rudder_rad: n[11],
-            },
-            airspeed_mps: n[12],
-            authority_mps: n[13],
-            channels: Channels {
-                roll: n[14] > 0.5,
-                pitch: n[15] > 0.5,
-                yaw: n[16] > 0.5,
-                thrust: n[17] > 0.5,
-            },
-            // In the order of `parts`.
-            take_off: take(&mut rest),
-            landing: take(&mut rest),
-            airspeed_watch: take(&mut rest),
-            power: take(&mut rest),
-            ground: take(&mut rest),
-            stall: take(&mut rest),
-            gusts: take(&mut rest),
-            pitch_hold: take(&mut rest),
-            play: take(&mut rest),
-            path: take(&mut rest),
-            guidance,
-        }
+    /// The snapshot again; `None`: no controller has written these bytes.
+    pub fn from_bytes(bytes: &[u8; BYTES]) -> Option<Self> {
+        Self::take(bytes)
     }
 }

@@ -30,7 +30,8 @@ use crate::GRAVITY_MPS2;
 use crate::airframe::{Airframe, Trim};
 use crate::attitude::{self, low_pass};
 use crate::estimator::NavigationState;
-use crate::guidance::{Guidance, GuidanceOutput, GuidanceSnapshot, Motion, PathNumbers, course_acceleration};
+use crate::guidance::{Guidance, GuidanceOutput, Motion, course_acceleration};
+use crate::kept::kept;
 use crate::servo::ActuatorCommand;
 use crate::stuck::{LATERAL_FORCE, PITCH_RATE, ROLL_RATE, Stuck};
 use airspeed::AirspeedWatch;
@@ -39,6 +40,7 @@ use fallback::{Basis, Fallback};
 use gusts::GustWatch;
 use inner::{InnerLoops, InnerTuning, Signals};
 use landing::{Approach, Flown, Glide, Landing, LandingConfig};
+use memory::ControllerSnapshot;
 use nalgebra::{Vector2, Vector3};
 use outer::{OuterTuning, normal_for, slew};
 use pitch_hold::{Aim, PitchHold};
@@ -145,6 +147,8 @@ pub struct Channels {
     pub thrust: bool,
 }
 
+kept!(Channels { roll: bool, pitch: bool, yaw: bool, thrust: bool });
+
 /// What the inner loops are asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[repr(C)]
@@ -158,6 +162,8 @@ pub struct References {
     /// rad; what the bank loop works towards.
     pub bank_rad: f64,
 }
+
+kept!(References { roll_rate_radps: f64, normal_mps2: f64, axial_mps2: f64, bank_rad: f64 });
 
 /// What a frame gives.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -229,6 +235,8 @@ const AXIAL_SLEW_MPS3: f64 = 8.0;
 const COORDINATING_SHARE: f64 = 0.8;
 /// Smoothing of the pitot's noise, s.
 const AIRSPEED_LAG_S: f64 = 0.15;
+/// How fast the integrators of a controller that is not listened to come to those of the one that is, s.
+const EQUALISED_S: f64 = 0.25;
 /// Longest step taken as one, s; after a longer pause the rest is not made up.
 const LONGEST_STEP_S: f64 = 0.2;
 
@@ -241,46 +249,6 @@ const ELEVATOR_END: f64 = 0.9;
 const END_GAIN_MPS: f64 = 60.0;
 const AUTHORITY_LIMIT_MPS: f64 = 9.0;
 const AUTHORITY_LAG_S: f64 = 4.0;
-
-/// What to keep in retained memory over a restart of the controller: plain numbers.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[repr(C)]
-pub struct ControllerSnapshot {
-    /// Integrators.
-    pub loops: InnerLoops,
-    /// References.
-    pub references: References,
-    /// Last command.
-    pub command: ActuatorCommand,
-    /// Smoothed airspeed, m/s; zero marks an empty snapshot.
-    pub airspeed_mps: f64,
-    /// Airspeed asked for because the elevator is near its stop, m/s.
-    pub authority_mps: f64,
-    /// Which channels the autopilot had.
-    pub channels: Channels,
-    /// The take-off that was under way.
-    pub take_off: [f64; takeoff::NUMBERS],
-    /// The landing that was under way.
-    pub landing: [f64; landing::NUMBERS],
-    /// What is known of the pitot.
-    pub airspeed_watch: [f64; airspeed::NUMBERS],
-    /// What is known of the motor.
-    pub power: [f64; power::NUMBERS],
-    /// What is known of the ground.
-    pub ground: [f64; range_finder::NUMBERS],
-    /// What is known of the wing.
-    pub stall: [f64; stall::NUMBERS],
-    /// What is known of gusts.
-    pub gusts: [f64; gusts::NUMBERS],
-    /// The elevator's hold near the ground.
-    pub pitch_hold: [f64; pitch_hold::NUMBERS],
-    /// Where the elevator's linkage stands in its gap.
-    pub play: [f64; play::NUMBERS],
-    /// The piece of path that was flown.
-    pub path: PathNumbers,
-    /// Mission progress.
-    pub guidance: GuidanceSnapshot,
-}
 
 /// The controller.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -317,11 +285,15 @@ pub struct Controller {
 
 /// Where the actuators stood on average, while there was a state.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Steady(Option<ActuatorCommand>);
+struct Steady {
+    mean: Option<ActuatorCommand>,
+}
+
+kept!(Steady { mean: Option<ActuatorCommand> });
 
 impl Steady {
     fn follow(&mut self, command: &ActuatorCommand, dt_s: f64) {
-        let mean = self.0.get_or_insert(*command);
+        let mean = self.mean.get_or_insert(*command);
         let towards = |mean: &mut f64, now: f64| *mean = low_pass(*mean, now, STEADY_S, dt_s);
         towards(&mut mean.throttle, command.throttle);
         towards(&mut mean.aileron_rad, command.aileron_rad);
@@ -450,62 +422,118 @@ impl Controller {
 
     /// What to keep over a restart.
     pub fn snapshot(&self) -> ControllerSnapshot {
+        // Every field of a controller is kept, or stands here: it comes from the settings.
+        let Self {
+            airframe: _,
+            config: _,
+            trim: _,
+            envelope: _,
+            guidance,
+            loops,
+            references,
+            channels,
+            fallback,
+            airspeed_mps,
+            airspeed_watch,
+            power,
+            ground,
+            stall,
+            gusts,
+            stuck,
+            pitch_hold,
+            pitches_blind,
+            roll,
+            authority_mps,
+            last,
+            steady,
+            play,
+            take_off,
+            landing,
+        } = *self;
         ControllerSnapshot {
-            loops: self.loops,
-            references: self.references,
-            command: self.last,
-            airspeed_mps: self.airspeed_mps,
-            authority_mps: self.authority_mps,
-            channels: self.channels,
-            take_off: TakeOff::to_numbers(self.take_off.as_ref()),
-            landing: Landing::to_numbers(self.landing.as_ref()),
-            airspeed_watch: self.airspeed_watch.to_numbers(),
-            power: self.power.to_numbers(),
-            ground: self.ground.to_numbers(),
-            stall: self.stall.to_numbers(),
-            gusts: self.gusts.to_numbers(),
-            pitch_hold: self.pitch_hold.to_numbers(),
-            play: self.play.to_numbers(),
-            path: self.guidance.path(),
-            guidance: self.guidance.snapshot(),
+            loops,
+            references,
+            channels,
+            fallback,
+            airspeed_mps,
+            airspeed_watch,
+            power,
+            ground,
+            stall,
+            gusts,
+            stuck,
+            pitch_hold: pitch_hold.between_frames(),
+            pitches_blind,
+            roll,
+            authority_mps,
+            command: last,
+            steady,
+            play,
+            take_off,
+            landing,
+            path: guidance.path(),
+            guidance: guidance.snapshot(),
         }
     }
 
-    /// Goes on where a snapshot stood; false if it is empty or not finite.
+    /// Goes on where a snapshot stood; false: nothing has flown there yet.
     pub fn resume(&mut self, snapshot: &ControllerSnapshot) -> bool {
-        let c = &snapshot.command;
-        let r = &snapshot.references;
-        let numbers =
-            [c.throttle, c.aileron_rad, c.elevator_rad, c.rudder_rad, r.roll_rate_radps, r.normal_mps2];
-        let others = [r.axial_mps2, r.bank_rad, snapshot.authority_mps];
-        let sane = numbers.iter().chain(&others).all(|x| x.is_finite()) && snapshot.loops.sane();
-        if !sane || !snapshot.airspeed_mps.is_finite() || snapshot.airspeed_mps <= 0.0 {
+        if snapshot.airspeed_mps <= 0.0 {
             return false;
         }
-        self.loops = snapshot.loops;
-        self.references = snapshot.references;
-        self.last = snapshot.command;
-        self.airspeed_mps = snapshot.airspeed_mps;
-        self.authority_mps = snapshot.authority_mps.clamp(0.0, AUTHORITY_LIMIT_MPS);
-        self.channels = snapshot.channels;
-        self.take_off = TakeOff::from_numbers(&snapshot.take_off);
-        self.landing = Landing::from_numbers(&snapshot.landing);
-        self.airspeed_watch = AirspeedWatch::from_numbers(&snapshot.airspeed_watch);
-        self.power = PowerWatch::from_numbers(&snapshot.power);
-        self.ground = GroundWatch::from_numbers(&snapshot.ground);
-        self.stall = StallGuard::from_numbers(&snapshot.stall);
-        self.gusts = GustWatch::from_numbers(&snapshot.gusts);
-        self.pitch_hold = PitchHold::from_numbers(&snapshot.pitch_hold);
-        self.play = play::PlayInverse::from_numbers(&snapshot.play);
+        let s = *snapshot;
+        *self = Self {
+            airframe: self.airframe,
+            config: self.config,
+            trim: self.trim,
+            envelope: self.envelope,
+            guidance: self.guidance,
+            loops: s.loops,
+            references: s.references,
+            channels: s.channels,
+            fallback: s.fallback,
+            airspeed_mps: s.airspeed_mps,
+            airspeed_watch: s.airspeed_watch,
+            power: s.power,
+            ground: s.ground,
+            stall: s.stall,
+            gusts: s.gusts,
+            stuck: s.stuck,
+            pitch_hold: s.pitch_hold,
+            pitches_blind: s.pitches_blind,
+            roll: s.roll,
+            authority_mps: s.authority_mps.clamp(0.0, AUTHORITY_LIMIT_MPS),
+            last: s.command,
+            steady: s.steady,
+            play: s.play,
+            take_off: s.take_off,
+            landing: s.landing,
+        };
         self.learn_lift();
-        self.guidance.resume(&snapshot.guidance);
-        self.guidance.resume_path(&snapshot.path);
+        self.guidance.resume(&s.guidance);
+        self.guidance.resume_path(&s.path);
         true
     }
 
     /// Tells a controller that was started in flight where the actuators stand, so that it takes over from there.
     pub fn assume_actuators(&mut self, command: &ActuatorCommand) {
         self.last = *command;
+    }
+
+    /// Takes notice of what flies instead of its own last command, where several controllers fly and one of them, or none, is listened to:
+    /// `off` is that less its own. Integrators that nobody listens to would drift away from those that fly.
+    pub fn equalise(&mut self, off: &ActuatorCommand, dt_s: f64) {
+        let share = (dt_s / EQUALISED_S).clamp(0.0, 1.0);
+        let by = ActuatorCommand {
+            throttle: share * off.throttle,
+            aileron_rad: share * off.aileron_rad,
+            elevator_rad: share * off.elevator_rad,
+            rudder_rad: share * off.rudder_rad,
+        };
+        if [by.throttle, by.aileron_rad, by.elevator_rad, by.rudder_rad].iter().all(|by| by.is_finite()) {
+            self.loops.shift(&self.channels, &by);
+            self.pitch_hold.shift(by.elevator_rad);
+        }
     }
 
     /// One frame.
@@ -779,7 +807,7 @@ impl Controller {
 
     /// There is no state, and no gyroscope to fly on without one: the surfaces stay where they stood on average, and the loops wait.
     fn blind(&mut self, basis: Basis, signals: Signals) -> ControllerOutput {
-        self.last = self.steady.0.unwrap_or_else(|| trimmed(&self.trim));
+        self.last = self.steady.mean.unwrap_or_else(|| trimmed(&self.trim));
         self.on_ground(self.last, basis, signals)
     }
 

@@ -7,6 +7,7 @@
 use super::inner::{Integrator, Pitching, Signals};
 use super::outer::slew;
 use crate::airframe::Airframe;
+use crate::kept::kept;
 
 /// Frequency of the attitude, rad/s, at most, its damping, and what servo and frames leave of the frequency: a share of one over their delay.
 const FREQUENCY_RADPS: f64 = 12.0;
@@ -75,26 +76,25 @@ struct Held {
     trim: Integrator,
 }
 
-/// Plain numbers that outlive a restart.
-pub(super) const NUMBERS: usize = 4;
+kept!(Held { pitch_rad: f64, learnt_rad: f64, trim: Integrator });
+kept!(PitchHold { held: Option<Held>; aim = None });
 
 impl PitchHold {
-    /// As plain numbers; all zero: it does not hold the elevator.
-    pub(super) fn to_numbers(self) -> [f64; NUMBERS] {
-        self.held.map_or([0.0; NUMBERS], |held| [1.0, held.pitch_rad, held.learnt_rad, held.trim.value()])
-    }
-
-    /// From plain numbers; nonsense begins anew.
-    pub(super) fn from_numbers(&[on, pitch_rad, learnt_rad, trim_rad]: &[f64; NUMBERS]) -> Self {
-        let sane = [pitch_rad, learnt_rad, trim_rad].iter().all(|x| x.abs() < 1.6);
-        let trim = Integrator::new(trim_rad);
-        let held = (on == 1.0 && sane).then_some(Held { pitch_rad, learnt_rad, trim });
-        Self { aim: None, held }
+    /// What is left of it when a frame is over.
+    pub(super) fn between_frames(self) -> Self {
+        Self { aim: None, ..self }
     }
 
     /// It holds the elevator, or did in the frame before.
     pub(super) fn is_on(&self) -> bool {
         self.held.is_some()
+    }
+
+    /// Moves the elevator's trim, rad.
+    pub(super) fn shift(&mut self, by_rad: f64) {
+        if let Some(held) = &mut self.held {
+            held.trim = Integrator::new(held.trim.value() + by_rad);
+        }
     }
 
     /// Lets go of the elevator.

@@ -4,6 +4,7 @@
 //! three times, that makes a limit cycle. The inverse adds half the gap to the side the law moves to.
 
 use super::outer::slew;
+use crate::kept::kept;
 
 /// Share of the file's gap that is made up for: too much would cycle by itself.
 const SHARE: f64 = 0.8;
@@ -11,9 +12,6 @@ const SHARE: f64 = 0.8;
 const REVERSAL_RAD: f64 = 0.15 * std::f64::consts::PI / 180.0;
 /// Fastest change of sides, rad/s.
 const CROSSING_RADPS: f64 = 0.5;
-
-/// Plain numbers that outlive a restart.
-pub(crate) const NUMBERS: usize = 3;
 
 /// Where the linkage stands in its gap. Begins in the middle.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -24,17 +22,6 @@ pub(crate) struct PlayInverse {
 }
 
 impl PlayInverse {
-    /// As plain numbers.
-    pub(crate) fn to_numbers(self) -> [f64; NUMBERS] {
-        [self.furthest_rad, self.side, self.lead_rad]
-    }
-
-    /// From plain numbers; nonsense begins in the middle.
-    pub(crate) fn from_numbers(&[furthest_rad, side, lead_rad]: &[f64; NUMBERS]) -> Self {
-        let sane = furthest_rad.abs() < 1.6 && [-1.0, 0.0, 1.0].contains(&side) && lead_rad.abs() < 0.2;
-        if sane { Self { furthest_rad, side, lead_rad } } else { Self::default() }
-    }
-
     /// The command (rad) that puts the surface at `wanted_rad` through a gap of `play_rad` full width.
     pub(crate) fn step(&mut self, wanted_rad: f64, play_rad: f64, dt_s: f64) -> f64 {
         if !play_rad.is_finite() || play_rad <= 0.0 {
@@ -51,9 +38,13 @@ impl PlayInverse {
     }
 }
 
+kept!(PlayInverse { furthest_rad: f64, side: f64, lead_rad: f64 }
+    if |play| [-1.0, 0.0, 1.0].contains(&play.side));
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kept::tests::again;
 
     #[test]
     fn without_play_the_command_is_the_laws_to_the_bit() {
@@ -68,12 +59,11 @@ mod tests {
     fn side_of_the_gap_outlives_a_restart_and_nonsense_does_not() {
         let mut inverse = PlayInverse::default();
         for k in 0..200 {
-            let again = PlayInverse::from_numbers(&inverse.to_numbers());
-            assert_eq!(again, inverse);
+            assert_eq!(again(&inverse), Some(inverse));
             inverse.step(0.03 * (f64::from(k) * 0.1).sin(), 0.05, 0.02);
         }
-        for nonsense in [[f64::NAN, 1.0, 0.0], [0.0, 0.5, 0.0], [0.0, 1.0, 3.0]] {
-            assert_eq!(PlayInverse::from_numbers(&nonsense), PlayInverse::default());
+        for (furthest_rad, side) in [(f64::NAN, 1.0), (0.0, 0.5), (0.0, -2.0)] {
+            assert_eq!(again(&PlayInverse { furthest_rad, side, lead_rad: 0.0 }), None);
         }
     }
 

@@ -6,9 +6,7 @@
 use crate::GRAVITY_MPS2;
 use crate::airframe::Airframe;
 use crate::attitude::low_pass;
-
-/// Plain numbers that outlive a restart.
-pub const NUMBERS: usize = 3;
+use crate::kept::kept;
 
 /// Averaging of what is compared, s; of the deceleration that a glide is flown with, and planned with, s.
 const AVERAGE_S: f64 = 2.0;
@@ -142,26 +140,27 @@ impl PowerWatch {
         let idle_n = airframe.thrust_n(0.0, airspeed_mps, density_kgpm3).min(0.0);
         ((drag_n - idle_n) / airframe.mass.mass_kg).max(-self.glide_mps2)
     }
-
-    /// As plain numbers.
-    pub fn to_numbers(&self) -> [f64; NUMBERS] {
-        [if self.lost { 1.0 } else { 0.0 }, self.axial_mps2, self.glide_mps2]
-    }
-
-    /// From plain numbers; from nonsense a new one.
-    pub fn from_numbers(numbers: &[f64; NUMBERS]) -> Self {
-        let [lost, axial_mps2, glide_mps2] = *numbers;
-        if !(axial_mps2.abs() < 50.0 && glide_mps2.abs() < 50.0) {
-            return Self::default();
-        }
-        Self { lost: lost == 1.0, axial_mps2, glide_mps2, ..Self::default() }
-    }
 }
+
+kept!(PowerWatch {
+    lagged_mps2: f64,
+    expected_mps2: f64,
+    felt_mps2: f64,
+    rough_mps2: f64,
+    axial_mps2: f64,
+    glide_mps2: f64,
+    energy_m: Option<f64>,
+    against_s: f64,
+    for_s: f64,
+    kept_up_s: f64,
+    lost: bool,
+});
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::airframe::tests::aerosonde;
+    use crate::kept::tests::again;
 
     /// Flight at 22 m/s for so long, with so much of the thrust of its throttle.
     fn fly(watch: (&mut PowerWatch, &mut f64), throttle: f64, share: f64, seconds: f64) {
@@ -244,10 +243,9 @@ mod tests {
     fn restart_knows_that_there_is_no_power_and_nonsense_is_forgotten() {
         let (mut watch, mut altitude_m) = (PowerWatch::default(), 100.0);
         fly((&mut watch, &mut altitude_m), 0.8, 0.0, 10.0);
-        let again = PowerWatch::from_numbers(&watch.to_numbers());
-        let slows_mps2 = |watch: &PowerWatch| watch.slows_mps2(&aerosonde(), 18.0, 1.2);
-        assert!(again.is_lost() && (slows_mps2(&again) - slows_mps2(&watch)).abs() < 1e-12);
-        assert_eq!(PowerWatch::from_numbers(&[1.0, f64::NAN, 0.0]), PowerWatch::default());
+        assert!(watch.is_lost());
+        assert_eq!(again(&watch), Some(watch));
+        assert_eq!(again(&PowerWatch { axial_mps2: f64::NAN, ..watch }), None);
     }
 
     #[test]

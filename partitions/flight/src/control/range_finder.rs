@@ -9,9 +9,7 @@ use std::ops::Range;
 use crate::STANDING_HEIGHT_M;
 use crate::attitude::low_pass;
 use crate::estimator::NavigationState;
-
-/// Plain numbers that outlive a restart.
-pub const NUMBERS: usize = 3;
+use crate::kept::kept;
 
 /// Further from the runway's height than this, m, no ground is believed.
 const MOST_M: f64 = 8.0;
@@ -125,24 +123,24 @@ impl GroundWatch {
     pub(super) fn is_known(&self) -> bool {
         self.known_m.is_some()
     }
-
-    /// As plain numbers.
-    pub fn to_numbers(&self) -> [f64; NUMBERS] {
-        [if self.is_known() { 1.0 } else { 0.0 }, self.known_m.unwrap_or(0.0), self.stand_m]
-    }
-
-    /// What was known; numbers that are none give nothing.
-    pub fn from_numbers(&[known, ground_m, stand_m]: &[f64; NUMBERS]) -> Self {
-        let sane = known == 1.0 && ground_m.abs() < MOST_M;
-        let stand_m = if STAND_M.contains(&stand_m) { stand_m } else { STANDING_HEIGHT_M };
-        Self { known_m: sane.then_some(ground_m), stand_m, ..Self::default() }
-    }
 }
+
+kept!(GroundWatch {
+    now_m: f64,
+    mean_m: f64,
+    still_s: f64,
+    silent_s: f64,
+    last_m: f64,
+    equal: u32,
+    known_m: Option<f64>,
+    stand_m: f64,
+} if |watch| watch.known_m.is_none_or(|ground_m| ground_m.abs() < MOST_M) && STAND_M.contains(&watch.stand_m));
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::estimator::{EstimatorStatus, StateSigmas};
+    use crate::kept::tests::again;
     use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
     const DT_S: f64 = 0.02;
@@ -242,12 +240,12 @@ mod tests {
     #[test]
     fn memory_that_something_wrote_into_knows_no_ground() {
         let known = GroundWatch { known_m: Some(1.5), stand_m: 0.8, ..GroundWatch::default() };
-        assert_eq!(GroundWatch::from_numbers(&known.to_numbers()), known);
-        for [known, ground_m] in [[0.0, 1.5], [1.0, 9.0], [1.0, f64::NAN], [2.0, 1.0], [f64::INFINITY, 0.0]] {
-            for stand_m in [0.0, -1.0, 7.0, f64::NAN] {
-                let read = GroundWatch::from_numbers(&[known, ground_m, stand_m]);
-                assert_eq!(read, GroundWatch::default(), "{known} {ground_m} {stand_m}");
-            }
+        assert_eq!(again(&known), Some(known));
+        for (ground_m, stand_m) in
+            [(9.0, 0.8), (f64::NAN, 0.8), (1.5, 0.0), (1.5, -1.0), (1.5, 7.0), (1.5, f64::NAN)]
+        {
+            let wrong = GroundWatch { known_m: Some(ground_m), stand_m, ..known };
+            assert_eq!(again(&wrong), None, "{ground_m} {stand_m}");
         }
     }
 }

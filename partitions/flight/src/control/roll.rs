@@ -3,6 +3,7 @@
 use super::inner::{Signals, roll_damping_per_s};
 use crate::airframe::Airframe;
 use crate::attitude::low_pass;
+use crate::kept::kept;
 
 /// Share of the bank loop's gain that is left: the bank is known half a second late.
 pub const BANK_SHARE: f64 = 0.4;
@@ -25,6 +26,8 @@ impl RollModel {
         self.rate_radps
     }
 }
+
+kept!(RollModel { rate_radps: f64 });
 
 #[cfg(test)]
 mod tests {

@@ -9,9 +9,7 @@ use super::inner::{Signals, turn_pitch_rate};
 use crate::GRAVITY_MPS2;
 use crate::airframe::Airframe;
 use crate::attitude::low_pass;
-
-/// Plain numbers that outlive a restart.
-pub const NUMBERS: usize = 1;
+use crate::kept::kept;
 
 /// Less than this share of the lift that is asked for, at the elevator's limit, for so long, s, is a stall.
 const LACKING_SHARE: f64 = 0.8;
@@ -115,25 +113,16 @@ impl StallGuard {
         }
         stalls && is_sure
     }
-
-    /// As plain numbers.
-    pub fn to_numbers(&self) -> [f64; NUMBERS] {
-        [self.share]
-    }
-
-    /// From plain numbers; from nonsense a new one.
-    pub fn from_numbers([share]: &[f64; NUMBERS]) -> Self {
-        match (LEAST_SHARE..=1.0).contains(share) {
-            true => Self { share: *share, ..Self::default() },
-            false => Self::default(),
-        }
-    }
 }
+
+kept!(StallGuard { share: f64, lacking_s: f64, coefficient: f64, reached: f64, recovers_s: f64 }
+    if |guard| (LEAST_SHARE..=1.0).contains(&guard.share));
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::airframe::built_in;
+    use crate::kept::tests::again;
 
     fn vtail() -> Airframe {
         Airframe::from_toml(built_in("vtail60").unwrap()).unwrap()
@@ -188,8 +177,7 @@ mod tests {
         assert_eq!(fly(&mut guard, 1.1, false, 1.2), 0);
         assert!(!guard.is_stalled());
         assert!(guard.least_elevator_rad(&airframe, lift, 1.0, &signals(22.0, 0.7)) < down);
-        let again = StallGuard::from_numbers(&guard.to_numbers());
-        assert_eq!(again.share(), guard.share());
-        assert_eq!(StallGuard::from_numbers(&[f64::NAN]), StallGuard::default());
+        assert_eq!(again(&guard), Some(guard));
+        assert_eq!(again(&StallGuard { share: 0.1, ..guard }), None);
     }
 }

@@ -9,10 +9,8 @@ use super::envelope::Envelope;
 use super::inner::Signals;
 use super::wheels;
 use crate::airframe::Airframe;
+use crate::kept::kept;
 use crate::servo::ActuatorCommand;
-
-/// Length of a take-off as plain numbers.
-pub const NUMBERS: usize = 5;
 
 /// Throttle opens by this each second: a propeller's torque must not turn the aircraft off its wheels.
 const THROTTLE_RATE: f64 = 2.0;
@@ -172,32 +170,7 @@ impl TakeOff {
     pub(super) fn climb_mps(&self, airframe: &Airframe, envelope: &Envelope, density_kgpm3: f64) -> f64 {
         CLIMB_SHARE * envelope.rotation_mps(airframe, density_kgpm3).max(10.5)
     }
-
-    /// As plain numbers; all zero: none under way.
-    pub fn to_numbers(take_off: Option<&Self>) -> [f64; NUMBERS] {
-        take_off.map_or([0.0; NUMBERS], |t| {
-            let phase = match t.phase {
-                Phase::Waiting => 1.0,
-                Phase::Rolling => 2.0,
-                Phase::Climbing => 3.0,
-                Phase::Aborted => 4.0,
-            };
-            [phase, t.since_s, t.turned_rad, t.course_rad, t.height_m.unwrap_or(0.0)]
-        })
-    }
-
-    /// The take-off again; numbers that are none give none.
-    pub fn from_numbers(numbers: &[f64; NUMBERS]) -> Option<Self> {
-        let [phase, since_s, turned_rad, course_rad, height_m] = *numbers;
-        let phase = match phase {
-            1.0 => Phase::Waiting,
-            2.0 => Phase::Rolling,
-            3.0 => Phase::Climbing,
-            4.0 => Phase::Aborted,
-            _ => return None,
-        };
-        let height_m = (height_m > 0.0).then_some(height_m);
-        let sane = numbers.iter().all(|x| x.is_finite());
-        sane.then_some(Self { phase, since_s, turned_rad, course_rad, height_m })
-    }
 }
+
+kept!(Phase = Waiting | Rolling | Climbing | Aborted);
+kept!(TakeOff { phase: Phase, since_s: f64, turned_rad: f64, course_rad: f64, height_m: Option<f64> });

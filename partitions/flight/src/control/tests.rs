@@ -4,7 +4,9 @@ use super::*;
 use crate::airframe::tests::aerosonde;
 use crate::attitude;
 use crate::estimator::{EstimatorStatus, StateSigmas};
-use crate::guidance::{GuidanceConfig, PATH_NUMBERS, seed_waypoints};
+use crate::guidance::{GuidanceConfig, seed_waypoints};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 fn controller() -> Controller {
     let guidance = Guidance::new(GuidanceConfig::default(), &seed_waypoints()).unwrap();
@@ -139,52 +141,90 @@ fn snapshot_resumes_with_the_same_command() {
     let a = first.step(&inputs(Some(&state)), &LoopCommands::MISSION).command;
     let b = second.step(&inputs(Some(&state)), &LoopCommands::MISSION).command;
     assert!((a.elevator_rad - b.elevator_rad).abs() < 1e-9 && (a.throttle - b.throttle).abs() < 1e-9);
-    let zeroed = ControllerSnapshot::from_numbers(&[0.0; memory::NUMBERS], GuidanceSnapshot::default());
-    assert!(!second.resume(&zeroed), "zeroed memory is no snapshot");
+    assert_eq!(ControllerSnapshot::from_bytes(&[0; memory::BYTES]), None, "zeroed memory is no snapshot");
+    assert!(!second.resume(&controller().snapshot()), "nothing has flown");
 }
 
-#[test]
-fn numbers_bring_back_the_same_controller_on_every_piece_of_path() {
-    let mut first = controller();
+/// Flies what it is told by chance: anywhere in the air and on the ground, with sensors that come, go, repeat and say nonsense.
+fn wander(random: &mut ChaCha8Rng, frames: u32, mut look: impl FnMut(&mut Controller)) {
+    let mut controller = controller();
     let mut state = level_state();
-    let mut kinds = std::collections::BTreeSet::new();
-    for frame in 0..3_000 {
-        // Round the square, 22 m/s, without a thought for the laws: every piece of path comes by.
-        let along = f64::from(frame) * 0.44;
-        let corner = |from: f64| (along - from).clamp(0.0, 500.0);
-        state.position.x = corner(0.0) - corner(1000.0);
-        state.position.y = corner(500.0) - corner(1500.0);
-        let flown = |from: f64| (from..from + 500.0).contains(&along);
-        let speed = |there: bool, back: bool| {
-            if there {
-                22.0
-            } else if back {
-                -22.0
-            } else {
-                0.0
+    let mut commands = LoopCommands::MISSION;
+    for frame in 0..frames {
+        if random.random_range(0..400) == 0 {
+            state.position = Vector3::new(0.0, 0.0, -100.0 * random.random::<f64>());
+        }
+        let mut near = |value: f64, off: f64| value + off * (2.0 * random.random::<f64>() - 1.0);
+        let course_rad = near(f64::from(frame) * 0.02 * 0.2, 0.05);
+        state.velocity = Vector3::new(22.0 * course_rad.cos(), 22.0 * course_rad.sin(), near(0.0, 2.0));
+        state.position += state.velocity * 0.02;
+        state.position.z = state.position.z.clamp(-120.0, 0.0);
+        state.euler = Vector3::new(near(0.0, 0.6), near(0.05, 0.2), course_rad);
+        state.quaternion = attitude::from_euler(state.euler.x, state.euler.y, state.euler.z);
+        state.rates = Vector3::from_fn(|_, _| near(0.0, 0.5));
+        state.wind = Vector2::new(near(2.0, 1.0), near(-1.0, 1.0));
+        let mut seen = inputs(Some(&state));
+        seen.rates = state.rates;
+        seen.specific_force += Vector3::from_fn(|_, _| near(0.0, 3.0));
+        seen.airspeed_mps = Some(near(22.0, 3.0));
+        seen.range_m = Some(near(-state.position.z, 0.5).max(0.0));
+        match random.random_range(0..400) {
+            0 => controller.land(&state, 60.0, Vector2::new(10.0, -5.0)),
+            1 => controller.take_off(Method::Roll),
+            2 => {
+                controller.end_landing();
+                controller.abort_take_off();
             }
-        };
-        state.velocity.x = speed(flown(0.0), flown(1000.0));
-        state.velocity.y = speed(flown(500.0), flown(1500.0));
-        first.step(&inputs(Some(&state)), &LoopCommands::MISSION);
-        let snapshot = first.snapshot();
-        kinds.insert(snapshot.path[0] as u32);
-        let back = ControllerSnapshot::from_numbers(&snapshot.to_numbers(), snapshot.guidance);
-        assert_eq!(back, snapshot);
-        let mut second = controller();
-        assert!(second.resume(&back));
-        assert_eq!(second.snapshot(), snapshot, "frame {frame}");
+            3 => commands = LoopCommands { autopilot: random.random(), ..LoopCommands::MISSION },
+            4 => {
+                commands =
+                    LoopCommands { altitude_m: Some(50.0), track_rad: Some(1.0), ..LoopCommands::MISSION }
+            }
+            5 => controller.guidance_mut().restart(),
+            _ => {}
+        }
+        let unseen = random.random_range(0..4) == 0;
+        if frame / 100 % 5 == 4 && unseen {
+            match random.random_range(0..5) {
+                0 => seen.navigation = None,
+                1 => seen.rates = Vector3::repeat(f64::NAN),
+                2 => seen.specific_force = Vector3::repeat(f64::INFINITY),
+                3 => (seen.airspeed_mps, seen.density_kgpm3) = (Some(f64::NAN), None),
+                _ => (seen.airspeed_mps, seen.range_m) = (None, Some(f64::NAN)),
+            }
+        }
+        if frame / 200 % 3 == 2 {
+            (seen.rates.y, seen.specific_force.y) = (0.1, 0.2); // stuck
+        }
+        controller.step(&seen, &commands);
+        look(&mut controller);
     }
-    assert!(kinds.len() >= 3, "{kinds:?}");
 }
 
 #[test]
-fn numbers_that_are_no_path_are_passed_over() {
-    let mut guidance = *controller().guidance();
-    for path in [[f64::NAN; PATH_NUMBERS], [9.0; PATH_NUMBERS], [4.0; PATH_NUMBERS], [-1.0; PATH_NUMBERS]] {
-        guidance.resume_path(&path);
-        assert_eq!(guidance.path(), [0.0; PATH_NUMBERS]);
+fn controller_that_goes_on_from_memory_is_the_one_that_wrote_them() {
+    let mut landings = 0;
+    for seed in 0..20 {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let (mut frame, mut chosen) = (0, random.random_range(1..30));
+        wander(&mut random, 2_000, |first| {
+            frame += 1;
+            if frame % chosen != 0 {
+                return;
+            }
+            chosen = 1 + (chosen * 7 + 3) % 41;
+            landings += u32::from(first.landing.is_some());
+            let snapshot = first.snapshot();
+            let back = ControllerSnapshot::from_bytes(&snapshot.to_bytes());
+            assert_eq!(back, Some(snapshot), "seed {seed}, frame {frame}");
+            let mut second = controller();
+            if second.resume(&snapshot) {
+                first.pitch_hold = first.pitch_hold.between_frames();
+                assert_eq!(second, *first, "seed {seed}, frame {frame}");
+            }
+        });
     }
+    assert!(landings > 100, "{landings}");
 }
 
 #[test]

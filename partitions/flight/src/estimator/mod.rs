@@ -28,6 +28,7 @@ pub use health::{Aid, Health, Innovations};
 pub use snapshot::{Snapshot, TRIANGLE};
 
 use crate::attitude;
+use crate::kept::kept;
 use aiding::{BarometerReference, Gate, Winds};
 use alignment::{Aligned, Alignment};
 use doubtful::Doubtful;
@@ -136,6 +137,30 @@ pub struct StateSigmas {
     /// m.
     pub position: Vector3<f64>,
 }
+
+impl StateSigmas {
+    /// Nothing is known.
+    pub const UNKNOWN: Self = {
+        let one = Vector3::new(1.0, 1.0, 1.0);
+        Self { attitude: one, velocity: one, position: one }
+    };
+}
+
+kept!(EstimatorStatus = Stopped | Aligning | Converging | Ready | Inertial);
+kept!(NavigationState {
+    time_s: f64,
+    position: Vector3<f64>,
+    velocity: Vector3<f64>,
+    quaternion: UnitQuaternion<f64>,
+    euler: Vector3<f64>,
+    rates: Vector3<f64>,
+    specific_force: Vector3<f64>,
+    wind: Vector2<f64>,
+    gyro_bias: Vector3<f64>,
+    accel_bias: Vector3<f64>,
+    status: EstimatorStatus;
+    mag_bias = Vector3::zeros(), sigmas = StateSigmas::UNKNOWN
+});
 
 impl NavigationState {
     /// Velocity relative to the air, NED, m/s.

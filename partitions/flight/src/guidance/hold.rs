@@ -5,11 +5,10 @@
 use super::path::{Arc, Leg};
 use super::{Guidance, Motion, STRONGEST_WIND_MPS, Stage};
 use crate::attitude::wrap_angle;
+use crate::kept::kept;
 use nalgebra::Vector2;
 use std::f64::consts::TAU;
 
-/// Length of a hold as plain numbers.
-pub(super) const NUMBERS: usize = 6;
 /// Nearer to the centre than so many radii there is no room for a tangent: the circle is joined from where one is.
 const NEAR: f64 = 1.5;
 /// Centres so near to each other are those of one circle, m: the wind of the moment moves one that is laid out anew in each frame.
@@ -42,20 +41,10 @@ impl Hold {
         let (centre, radius_m, side) = (self.centre(), self.radius_m, self.side);
         Arc { centre, radius_m, side, start_rad: 0.0, sweep_rad: TAU, tangent_m: radius_m }
     }
-
-    pub(super) fn to_numbers(held: Option<&Self>) -> [f64; NUMBERS] {
-        held.map_or([0.0; NUMBERS], |h| {
-            [h.north_m, h.east_m, h.radius_m, h.side, h.altitude_m, h.airspeed_mps]
-        })
-    }
-
-    /// The hold again; `None` if the numbers are none.
-    pub(super) fn from_numbers(numbers: &[f64]) -> Option<Self> {
-        let [north_m, east_m, radius_m, side, altitude_m, airspeed_mps] = numbers.try_into().ok()?;
-        let sane = side * side == 1.0 && radius_m > 1.0 && airspeed_mps > 1.0;
-        sane.then_some(Self { north_m, east_m, radius_m, side, altitude_m, airspeed_mps })
-    }
 }
+
+kept!(Hold { north_m: f64, east_m: f64, radius_m: f64, side: f64, altitude_m: f64, airspeed_mps: f64 }
+    if |hold| hold.side.abs() == 1.0 && hold.radius_m > 1.0 && hold.airspeed_mps > 1.0);
 
 impl Guidance {
     /// The circle that is held.

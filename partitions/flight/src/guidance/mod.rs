@@ -14,6 +14,7 @@ use crate::GRAVITY_MPS2;
 use crate::airframe::Airframe;
 use crate::attitude::wrap_angle;
 use crate::control::envelope::{Banks, Envelope};
+use crate::kept::{Kept, kept, put_first, take_first};
 use nalgebra::Vector2;
 use path::{Arc, Leg, Offset};
 use program::Progress;
@@ -275,6 +276,40 @@ enum Stage {
     Hold(Arc),
 }
 
+/// Which one, with a leg and an arc where it has them.
+impl Kept for Stage {
+    const BYTES: usize = u8::BYTES + Option::<Leg>::BYTES + Option::<Arc>::BYTES;
+
+    fn put(&self, mut bytes: &mut [u8]) {
+        let (which, leg, arc): (u8, _, _) = match *self {
+            Self::Idle => (0, None, None),
+            Self::Entry(leg) => (1, Some(leg), None),
+            Self::Leg(leg, arc) => (2, Some(leg), arc),
+            Self::Arc(arc, passed) => (if passed { 4 } else { 3 }, None, Some(arc)),
+            Self::ToHold(leg, arc) => (5, Some(leg), Some(arc)),
+            Self::Hold(arc) => (6, None, Some(arc)),
+        };
+        put_first(&which, &mut bytes);
+        put_first(&leg, &mut bytes);
+        put_first(&arc, &mut bytes);
+    }
+
+    fn take(mut bytes: &[u8]) -> Option<Self> {
+        let which: u8 = take_first(&mut bytes)?;
+        let (leg, arc) = (take_first(&mut bytes)?, take_first(&mut bytes)?);
+        Some(match (which, leg, arc) {
+            (0, None, None) => Self::Idle,
+            (1, Some(leg), None) => Self::Entry(leg),
+            (2, Some(leg), arc) => Self::Leg(leg, arc),
+            (3, None, Some(arc)) => Self::Arc(arc, false),
+            (4, None, Some(arc)) => Self::Arc(arc, true),
+            (5, Some(leg), Some(arc)) => Self::ToHold(leg, arc),
+            (6, None, Some(arc)) => Self::Hold(arc),
+            _ => return None,
+        })
+    }
+}
+
 /// Guidance over a circuit of way-points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Guidance {
@@ -301,24 +336,20 @@ pub struct GuidanceSnapshot {
     pub reached: u32,
 }
 
-/// Length of [`PathNumbers`].
-pub const PATH_NUMBERS: usize = PIECE_NUMBERS + hold::NUMBERS + program::NUMBERS;
-const PIECE_NUMBERS: usize = 12;
-const HOLD_END: usize = PIECE_NUMBERS + hold::NUMBERS;
+kept!(GuidanceSnapshot { next: u32, reached: u32 });
 
-/// The piece of path that is flown, as plain numbers: which kind (0: none), a leg (4), an arc (7); then the circle that is held, and how far
-/// a mission of more than places to pass has come.
-pub type PathNumbers = [f64; PATH_NUMBERS];
+/// Where on the path, and what corners are laid out for, to keep over a restart.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Path {
+    stage: Stage,
+    hold: Option<Hold>,
+    progress: Progress,
+    slowest_mps: f64,
+    turn_bank_rad: f64,
+}
 
-/// [`PathNumbers`]: kinds of pieces, whole numbers.
-const IDLE: f64 = 0.0;
-const ENTRY: f64 = 1.0;
-const LEG: f64 = 2.0;
-const LEG_WITH_ARC: f64 = 3.0;
-const ARC: f64 = 4.0;
-const PASSED_ARC: f64 = 5.0;
-const TO_HOLD: f64 = 6.0;
-const HOLD: f64 = 7.0;
+kept!(Path { stage: Stage, hold: Option<Hold>, progress: Progress, slowest_mps: f64, turn_bank_rad: f64 }
+    if |path| path.turn_bank_rad > 0.0);
 
 /// Way-points to reach until `laps` laps of `count` way-points are flown: every lap ends with the return to the first
 /// one. `None`: for ever.
@@ -389,63 +420,17 @@ impl Guidance {
         self.stage = Stage::Idle;
     }
 
-    /// The piece of path that is flown.
-    pub fn path(&self) -> PathNumbers {
-        let numbers = |kind: f64, leg: Option<&Leg>, arc: Option<&Arc>| {
-            let leg = leg.map_or([0.0; 4], |leg| [leg.from.x, leg.from.y, leg.to.x, leg.to.y]);
-            let arc = arc.map_or([0.0; 7], |arc| {
-                let (x, y) = (arc.centre.x, arc.centre.y);
-                [x, y, arc.radius_m, arc.side, arc.start_rad, arc.sweep_rad, arc.tangent_m]
-            });
-            let mut path = [0.0; PATH_NUMBERS];
-            path[0] = kind;
-            path[1..5].copy_from_slice(&leg);
-            path[5..12].copy_from_slice(&arc);
-            path[PIECE_NUMBERS..HOLD_END].copy_from_slice(&Hold::to_numbers(self.hold.as_ref()));
-            path[HOLD_END..].copy_from_slice(&self.progress.to_numbers());
-            path
-        };
-        match &self.stage {
-            Stage::Idle => numbers(IDLE, None, None),
-            Stage::Entry(leg) => numbers(ENTRY, Some(leg), None),
-            Stage::Leg(leg, None) => numbers(LEG, Some(leg), None),
-            Stage::Leg(leg, Some(arc)) => numbers(LEG_WITH_ARC, Some(leg), Some(arc)),
-            Stage::Arc(arc, passed) => numbers(if *passed { PASSED_ARC } else { ARC }, None, Some(arc)),
-            Stage::ToHold(leg, arc) => numbers(TO_HOLD, Some(leg), Some(arc)),
-            Stage::Hold(arc) => numbers(HOLD, None, Some(arc)),
-        }
+    /// Where on the path it is, beside [`Guidance::snapshot`].
+    pub(crate) fn path(&self) -> Path {
+        let Self { stage, hold, progress, config, .. } = *self;
+        Path { stage, hold, progress, slowest_mps: config.slowest_mps, turn_bank_rad: config.turn_bank_rad }
     }
 
-    /// Goes on with the piece of path of before, after [`Guidance::resume`]; numbers that are no piece are passed over, and
-    /// the next step joins anew.
-    pub fn resume_path(&mut self, path: &PathNumbers) {
-        if !path.iter().all(|number| number.is_finite()) {
-            return;
-        }
-        let progress = Progress::from_numbers(&path[HOLD_END..]);
-        let [kind, from_x, from_y, to_x, to_y, x, y, radius_m, side, start_rad, sweep_rad, tangent_m, ..] =
-            *path;
-        let leg = Leg { from: Vector2::new(from_x, from_y), to: Vector2::new(to_x, to_y) };
-        let arc = Arc { centre: Vector2::new(x, y), radius_m, side, start_rad, sweep_rad, tangent_m };
-        let turns = side.abs() == 1.0 && radius_m > 1.0;
-        self.stage = match kind {
-            ENTRY => Stage::Entry(leg),
-            LEG => Stage::Leg(leg, None),
-            LEG_WITH_ARC if turns => Stage::Leg(leg, Some(arc)),
-            ARC if turns => Stage::Arc(arc, false),
-            PASSED_ARC if turns => Stage::Arc(arc, true),
-            TO_HOLD if turns => Stage::ToHold(leg, arc),
-            HOLD if turns => Stage::Hold(arc),
-            IDLE => {
-                self.progress = progress;
-                self.progress.circling = false; // it is joined anew
-                return;
-            }
-            _ => return,
-        };
-        self.progress = progress;
-        self.hold = Hold::from_numbers(&path[PIECE_NUMBERS..HOLD_END]);
-        self.progress.circling &= self.hold.is_some();
+    /// Goes on there, after [`Guidance::resume`].
+    pub(crate) fn resume_path(&mut self, path: &Path) {
+        (self.stage, self.hold, self.progress) = (path.stage, path.hold, path.progress);
+        self.config.slowest_mps = path.slowest_mps;
+        self.config.turn_bank_rad = self.config.turn_bank_rad.min(path.turn_bank_rad);
     }
 
     /// The aircraft flies no slower than this from now on, m/s, and holds these banks.

@@ -5,6 +5,7 @@
 
 use super::{MAX_WAYPOINTS, Waypoint};
 use crate::attitude::wrap_angle;
+use crate::kept::kept;
 use nalgebra::Vector2;
 use std::f64::consts::FRAC_PI_2;
 
@@ -38,6 +39,16 @@ pub struct Arc {
     /// Distance from its ends to the way-point, m.
     pub tangent_m: f64,
 }
+
+kept!(Leg { from: Vector2<f64>, to: Vector2<f64> });
+kept!(Arc {
+    centre: Vector2<f64>,
+    radius_m: f64,
+    side: f64,
+    start_rad: f64,
+    sweep_rad: f64,
+    tangent_m: f64,
+} if |arc| arc.side.abs() == 1.0 && arc.radius_m > 1.0);
 
 /// Position relative to a piece of path.
 #[derive(Debug, Clone, Copy, PartialEq)]

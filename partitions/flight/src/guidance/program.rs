@@ -7,11 +7,10 @@ use super::hold::tangent_turn_rad;
 use super::path::Leg;
 use super::{Guidance, GuidanceError, Hold, MAX_WAYPOINTS, Motion, Stage, Waypoint};
 use crate::attitude::wrap_angle;
+use crate::kept::kept;
 use nalgebra::Vector2;
 use std::f64::consts::TAU;
 
-/// Length of [`Progress`] as plain numbers.
-pub(super) const NUMBERS: usize = 10 + MAX_WAYPOINTS;
 /// A leg that begins where the aircraft is is this many radii long at least: there is room to come back onto it.
 const LEG_RADII: f64 = 5.0;
 /// A circle is begun to be counted within this share of its radius.
@@ -142,47 +141,21 @@ impl Progress {
     fn towards_next(&self, from: Option<Vector2<f64>>) -> Self {
         Self { from, jumps: self.jumps, dt_s: self.dt_s, altitude_m: self.altitude_m, ..Self::BEGINNING }
     }
-
-    pub(super) fn to_numbers(self) -> [f64; NUMBERS] {
-        let on = |on: bool| if on { 1.0 } else { 0.0 };
-        let from = self.from.unwrap_or_default();
-        let mut numbers = [0.0; NUMBERS];
-        numbers[..10].copy_from_slice(&[
-            on(self.from.is_some()),
-            from.x,
-            from.y,
-            on(self.circling),
-            on(self.ended),
-            on(self.arrived),
-            self.bearing_rad,
-            self.turned_rad,
-            self.since_s,
-            self.over_rad.map_or(0.0, |over| over.max(f64::MIN_POSITIVE)),
-        ]);
-        for (number, jumps) in numbers[10..].iter_mut().zip(self.jumps) {
-            *number = f64::from(jumps);
-        }
-        numbers
-    }
-
-    /// As it was; the numbers are finite.
-    pub(super) fn from_numbers(numbers: &[f64]) -> Self {
-        let mut progress = Self::BEGINNING;
-        let (Some(&[has_from, x, y, circling, ended, arrived, bearing, turned, since, over]), Some(jumps)) =
-            (numbers.first_chunk::<10>(), numbers.get(10..))
-        else {
-            return progress;
-        };
-        progress.from = (has_from > 0.5).then(|| Vector2::new(x, y));
-        (progress.circling, progress.ended, progress.arrived) = (circling > 0.5, ended > 0.5, arrived > 0.5);
-        (progress.bearing_rad, progress.turned_rad, progress.since_s) = (wrap_angle(bearing), turned, since);
-        progress.over_rad = (over > 0.0).then_some(over);
-        for (count, number) in progress.jumps.iter_mut().zip(jumps) {
-            *count = *number as u16; // saturates
-        }
-        progress
-    }
 }
+
+kept!(Progress {
+    from: Option<Vector2<f64>>,
+    circling: bool,
+    ended: bool,
+    arrived: bool,
+    bearing_rad: f64,
+    turned_rad: f64,
+    since_s: f64,
+    over_rad: Option<f64>,
+    jumps: [u16; MAX_WAYPOINTS],
+    dt_s: f64,
+    altitude_m: f64,
+});
 
 /// Whether a list is such a mission, and what is wrong with it as one.
 pub(super) fn check(waypoints: &[Waypoint]) -> Result<bool, GuidanceError> {

@@ -4,7 +4,7 @@ use crate::kept::kept;
 use nalgebra::Vector3;
 
 /// So many times in a row, while another axis moves: a tenth of a second at 50 Hz.
-const REPEATS: u32 = 5;
+const REPEATS: u8 = 5;
 
 /// Accelerometer and gyroscope, forward, right, down.
 pub const AXES: usize = 6;
@@ -20,7 +20,7 @@ pub const ROLL_RATE: u32 = 8;
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Stuck {
     last: [f64; AXES],
-    repeats: [u32; AXES],
+    repeats: [u8; AXES],
 }
 
 impl Stuck {
@@ -45,7 +45,7 @@ impl Stuck {
     }
 }
 
-kept!(Stuck { last: [f64; AXES], repeats: [u32; AXES] });
+kept!(Stuck { last: [f64; AXES], repeats: [u8; AXES] });
 
 #[cfg(test)]
 mod tests {

@@ -244,6 +244,8 @@ const TRACK_SHARE: f64 = 0.6;
 const CLOSING_GAIN: f64 = 1.2;
 /// Gain from course error to turn rate, 1/s: a third of the bank loop's, so that a slow roller does not swing.
 const COURSE_GAIN: f64 = 0.75;
+/// It flies so many radii away from a place that it can not turn to.
+const AWAY_RADII: f64 = 2.5;
 /// Greatest horizontal acceleration, m/s²: 47° of bank, which leaves a third of the lift a wing has at 22 m/s.
 const HORIZONTAL_LIMIT_MPS2: f64 = 10.5;
 /// Time an engagement takes to bend the track, s.
@@ -324,6 +326,8 @@ pub struct Guidance {
     /// The list is more than places to pass.
     program: bool,
     progress: Progress,
+    /// How often the next way-point was passed too far off.
+    missed: u8,
 }
 
 /// What to keep over a restart: enough to go on to the same way-point.
@@ -344,11 +348,12 @@ pub(crate) struct Path {
     stage: Stage,
     hold: Option<Hold>,
     progress: Progress,
+    missed: u8,
     slowest_mps: f64,
     turn_bank_rad: f64,
 }
 
-kept!(Path { stage: Stage, hold: Option<Hold>, progress: Progress, slowest_mps: f64, turn_bank_rad: f64 }
+kept!(Path { stage: Stage, hold: Option<Hold>, progress: Progress, missed: u8, slowest_mps: f64, turn_bank_rad: f64 }
     if |path| path.turn_bank_rad > 0.0);
 
 /// Way-points to reach until `laps` laps of `count` way-points are flown: every lap ends with the return to the first
@@ -378,6 +383,7 @@ impl Guidance {
             count: waypoints.len(),
             next: 0,
             reached: 0,
+            missed: 0,
             stage: Stage::Idle,
             hold: None,
             program,
@@ -399,7 +405,8 @@ impl Guidance {
 
     /// Starts the mission at its first way-point, from wherever the aircraft is at the next step.
     pub fn restart(&mut self) {
-        (self.next, self.reached, self.stage, self.hold) = (0, 0, Stage::Idle, None);
+        (self.next, self.reached, self.missed) = (0, 0, 0);
+        (self.stage, self.hold) = (Stage::Idle, None);
         self.begin_program();
     }
 
@@ -422,13 +429,15 @@ impl Guidance {
 
     /// Where on the path it is, beside [`Guidance::snapshot`].
     pub(crate) fn path(&self) -> Path {
-        let Self { stage, hold, progress, config, .. } = *self;
-        Path { stage, hold, progress, slowest_mps: config.slowest_mps, turn_bank_rad: config.turn_bank_rad }
+        let Self { stage, hold, progress, missed, config, .. } = *self;
+        let GuidanceConfig { slowest_mps, turn_bank_rad, .. } = config;
+        Path { stage, hold, progress, missed, slowest_mps, turn_bank_rad }
     }
 
     /// Goes on there, after [`Guidance::resume`].
     pub(crate) fn resume_path(&mut self, path: &Path) {
-        (self.stage, self.hold, self.progress) = (path.stage, path.hold, path.progress);
+        (self.stage, self.hold) = (path.stage, path.hold);
+        (self.progress, self.missed) = (path.progress, path.missed);
         self.config.slowest_mps = path.slowest_mps;
         self.config.turn_bank_rad = self.config.turn_bank_rad.min(path.turn_bank_rad);
     }
@@ -498,9 +507,15 @@ impl Guidance {
     fn join(&mut self, motion: &Motion) -> Stage {
         let radius_m = self.radius_m(&motion.wind);
         let own = self.leg_to_join(motion, radius_m);
-        if own.length_m() < 3.0 * radius_m {
-            // Too short to be joined: straight to the way-point.
-            return self.begin_leg(Leg { from: motion.position, to: own.to }, &motion.wind);
+        if self.goes_straight(&own, radius_m) {
+            let (to, from) = (own.to, motion.position);
+            let speed = motion.velocity.norm();
+            if speed > LEAST_GROUND_SPEED_MPS && is_within_turn(&(to - from), &motion.velocity, radius_m) {
+                // Away from it first, further each time that it was missed.
+                let away_m = (AWAY_RADII + f64::from(self.missed)) * radius_m;
+                return Stage::Entry(Leg { from, to: from + motion.velocity * (away_m / speed) });
+            }
+            return self.begin_leg(Leg { from, to }, &motion.wind);
         }
         let offset = own.offset(&motion.position);
         if has_room(&offset, &motion.velocity, radius_m) {
@@ -510,6 +525,11 @@ impl Guidance {
         let right = Vector2::new(-track.sin(), track.cos());
         let side = 1f64.copysign(offset.right_m);
         Stage::Entry(Leg { from: motion.position, to: own.from + right * (2.0 * side * radius_m) })
+    }
+
+    /// Whether it flies straight to the end of the leg: that is too short to be joined, or its end was missed.
+    fn goes_straight(&self, leg: &Leg, radius_m: f64) -> bool {
+        leg.length_m() < 3.0 * radius_m || self.missed > 0
     }
 
     /// On the way to the next way-point, or to its circle.
@@ -527,6 +547,7 @@ impl Guidance {
     }
 
     fn pass(&mut self) {
+        self.missed = 0;
         if self.program {
             return self.pass_entry(Some(self.waypoint(self.next).horizontal()));
         }
@@ -546,8 +567,13 @@ impl Guidance {
         match self.stage {
             Stage::ToHold(..) | Stage::Hold(_) | Stage::Idle => self.set_out(motion),
             Stage::Entry(leg) => {
-                if (leg.to - motion.position).norm() < self.radius_m(&motion.wind) {
-                    self.stage = self.begin_leg(self.leg(), &motion.wind);
+                let radius_m = self.radius_m(&motion.wind);
+                if (leg.to - motion.position).norm() < radius_m {
+                    let own = self.leg_to_join(motion, radius_m);
+                    self.stage = match self.goes_straight(&own, radius_m) {
+                        true => self.join(motion),
+                        false => self.begin_leg(own, &motion.wind),
+                    };
                 }
             }
             Stage::Leg(leg, arc) => self.advance_leg(&leg, arc, motion),
@@ -569,6 +595,7 @@ impl Guidance {
         let radius_m = self.radius_m(&motion.wind);
         if offset.right_m.abs() > REACHED_SHARE * arc.map_or(radius_m, |arc| arc.radius_m.min(radius_m)) {
             // Too far off to count: fly to it again.
+            self.missed = self.missed.saturating_add(1);
             self.stage = self.join(motion);
         } else if let Some(arc) = arc {
             self.stage = Stage::Arc(arc, false);
@@ -656,6 +683,13 @@ impl Guidance {
             _ => 0.0,
         }
     }
+}
+
+/// Whether a place (m from here) lies within the circle of a turn to its side, so that no turn leads to it.
+fn is_within_turn(way: &Vector2<f64>, velocity: &Vector2<f64>, radius_m: f64) -> bool {
+    let speed = velocity.norm().max(LEAST_GROUND_SPEED_MPS);
+    let (along_m, aside_m) = (way.dot(velocity) / speed, velocity.perp(way).abs() / speed);
+    Vector2::new(along_m, aside_m - radius_m).norm() < radius_m
 }
 
 /// Whether a leg can still be joined so that its end is passed near enough: at an intercept of 37° most of the

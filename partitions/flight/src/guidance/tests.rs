@@ -1,6 +1,8 @@
 //! Guidance on a point mass that does what it is told: order, capture, corners.
 
 use super::*;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 struct Flight {
     motion: Motion,
@@ -384,5 +386,51 @@ fn place_inside_of_the_turn_is_reached_all_the_same() {
         let order = flown(&mut guidance, &mut flight, 180.0);
         assert_eq!(order.first().map(|one| one.0), Some(0), "heading {heading}");
         assert_eq!(guidance.ending().map(|last| last.step), Some(Step::Return));
+    }
+}
+
+/// Flies one lap on a point mass whose bank lags; the time, s.
+fn lap_of(places: &[Waypoint], wind: Vector2<f64>, corner: Corner) -> Option<f64> {
+    let config = GuidanceConfig { laps: 1, corner, ..GuidanceConfig::default() };
+    let mut guidance = Guidance::new(config, places).unwrap();
+    let mut flight = Flight::new(0.0, 0.0, 0.0, wind);
+    let mut flown_mps2 = 0.0;
+    let end = (0..150_000).find(|_| {
+        let out = guidance.step(&flight.motion);
+        flown_mps2 += (out.horizontal_mps2 - flown_mps2) * 0.02 / 0.5;
+        flight.step(flown_mps2);
+        out.finished
+    });
+    end.map(|frame| 0.02 * f64::from(frame))
+}
+
+#[test]
+fn lap_of_way_points_that_lie_anywhere_comes_to_its_end_in_any_wind() {
+    for seed in 0..400 {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let size_m = random.random_range(150.0..700.0);
+        let count = random.random_range(3..7);
+        let mut places: Vec<Waypoint> = Vec::new();
+        while places.len() < count {
+            let [north_m, east_m] = [(); 2].map(|()| random.random_range(-size_m..size_m));
+            let one = entry(north_m, east_m, Step::Pass);
+            let apart_m = |other: &Waypoint| (other.horizontal() - one.horizontal()).norm();
+            if places.iter().all(|other| apart_m(other) > 100.0) {
+                places.push(one);
+            }
+        }
+        let (strong_mps, from_rad) = (random.random_range(0.0..0.6 * 22.0), random.random_range(0.0..6.3f64));
+        let wind = strong_mps * Vector2::new(from_rad.cos(), from_rad.sin());
+        let legs = (0..count).map(|i| places[i].horizontal() - places[(i + 1) % count].horizontal());
+        let length_m = places[0].horizontal().norm() + legs.map(|leg| leg.norm()).sum::<f64>();
+        let straight_s = length_m / 22.0 / (1.0 - (strong_mps / 22.0).powi(2));
+        for corner in [Corner::Fillet, Corner::FlyThrough] {
+            let time_s = lap_of(&places, wind, corner);
+            let most_s = 2.0 * (straight_s + 25.0 * count as f64);
+            assert!(
+                time_s.is_some_and(|time_s| time_s < most_s),
+                "seed {seed}, {corner:?}: {time_s:?}, {most_s:.0} s of {places:?} in {strong_mps:.1} m/s"
+            );
+        }
     }
 }

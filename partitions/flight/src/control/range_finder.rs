@@ -11,8 +11,10 @@ use crate::attitude::low_pass;
 use crate::estimator::NavigationState;
 use crate::kept::kept;
 
-/// Further from the runway's height than this, m, no ground is believed.
-const MOST_M: f64 = 8.0;
+/// Further from the runway's height than this and so many standard deviations of the aircraft's height, m, no ground is believed.
+const NEAR_M: f64 = 8.0;
+const SIGMAS: f64 = 3.0;
+const MOST_M: f64 = 30.0;
 /// Tilted further than this, cosine, it does not look down.
 const LEAST_DOWN: f64 = 0.8;
 /// Averaging of the ground's height, s.
@@ -94,7 +96,8 @@ impl GroundWatch {
         self.equal = if range_m == self.last_m { self.equal.saturating_add(1) } else { 0 };
         self.last_m = range_m;
         let ground_m = state.altitude_m() - range_m * down;
-        let (is_new, can_be) = (self.silent_s > FORGOTTEN_S || self.still_s == 0.0, ground_m.abs() < MOST_M);
+        let most_m = (NEAR_M + SIGMAS * state.sigmas.position.z).min(MOST_M);
+        let (is_new, can_be) = (self.silent_s > FORGOTTEN_S || self.still_s == 0.0, ground_m.abs() < most_m);
         let since_s = std::mem::take(&mut self.silent_s) + dt_s;
         if !can_be || self.equal >= EQUAL {
             self.still_s = 0.0;
@@ -167,6 +170,16 @@ mod tests {
     /// A descent of 1.4 m/s from 40 m, over ground that is at `ground_m` in the Estimator's heights. `told`: what is told of the true distance, m,
     /// at a time, s. Gives the error of the height above ground at the end, m, if that is known.
     fn descent(ground_m: f64, seconds: f64, told: impl Fn(f64, f64) -> Option<f64>) -> Option<f64> {
+        descent_with(ground_m, 0.1, seconds, told)
+    }
+
+    /// The same with this standard deviation of the height, m.
+    fn descent_with(
+        ground_m: f64,
+        sigma_m: f64,
+        seconds: f64,
+        told: impl Fn(f64, f64) -> Option<f64>,
+    ) -> Option<f64> {
         let mut watch = GroundWatch::default();
         let mut error_m = None;
         for frame in 0..(seconds / DT_S) as u32 {
@@ -175,7 +188,8 @@ mod tests {
             let roll_rad = 0.3 * (0.7 * time_s).sin();
             // Noise that never comes twice.
             let noise_m = 0.05 * (f64::from(frame) * 12.9898).sin();
-            let now = state(over_m + ground_m, roll_rad);
+            let mut now = state(over_m + ground_m, roll_rad);
+            now.sigmas.position.z = sigma_m;
             watch.step(told(over_m / roll_rad.cos() + noise_m, time_s), &now, DT_S);
             error_m = watch.is_known().then(|| watch.over_ground(&now).altitude_m() - over_m);
         }
@@ -192,6 +206,20 @@ mod tests {
                 let error_m = descent(ground_m, 20.0, told).unwrap();
                 assert!(error_m.abs() < 0.15, "{ground_m} {gaps}: {error_m}");
             }
+        }
+    }
+
+    #[test]
+    fn ground_is_found_far_from_a_height_that_nobody_knows_better() {
+        for ground_m in [-20.0, -12.0, 12.0, 20.0] {
+            let told = |range_m: f64, _| Some(range_m);
+            assert_eq!(
+                descent_with(ground_m, 0.1, 20.0, told),
+                None,
+                "{ground_m}: the barometer knows better"
+            );
+            let error_m = descent_with(ground_m, 5.0, 20.0, told).unwrap();
+            assert!(error_m.abs() < 0.15, "{ground_m}: {error_m}");
         }
     }
 
@@ -242,7 +270,7 @@ mod tests {
         let known = GroundWatch { known_m: Some(1.5), stand_m: 0.8, ..GroundWatch::default() };
         assert_eq!(again(&known), Some(known));
         for (ground_m, stand_m) in
-            [(9.0, 0.8), (f64::NAN, 0.8), (1.5, 0.0), (1.5, -1.0), (1.5, 7.0), (1.5, f64::NAN)]
+            [(31.0, 0.8), (f64::NAN, 0.8), (1.5, 0.0), (1.5, -1.0), (1.5, 7.0), (1.5, f64::NAN)]
         {
             let wrong = GroundWatch { known_m: Some(ground_m), stand_m, ..known };
             assert_eq!(again(&wrong), None, "{ground_m} {stand_m}");

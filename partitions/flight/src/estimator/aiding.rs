@@ -1,6 +1,6 @@
 //! The measurements: how each looks at the state, when it is refused, and what happens if that lasts.
 
-use super::filter::{ATT, ErrorVector, MAG, POS, ProcessNoise, Scalar, VEL, WIND};
+use super::filter::{ACCEL, ATT, ErrorVector, MAG, POS, ProcessNoise, Scalar, VEL, WIND};
 use super::health::Aid;
 use super::history::{Past, position_row, scalar, velocity_row};
 use super::{Estimator, EstimatorStatus, GpsMeasurement, Phase};
@@ -96,6 +96,9 @@ impl BarometerReference {
 const WINDS: usize = 16;
 /// What the height may be off when a barometer is found to be wrong, m.
 const UNTOLD_HEIGHT_M: f64 = 2.0;
+/// What the sink rate and the accelerometers may be off, m/s and m/s², when the height has come away from the barometer.
+const UNTOLD_SINK_MPS: f64 = 3.0;
+const UNTOLD_ACCELERATION_MPS2: f64 = 0.5;
 /// What the wind may have become since, m/s, and the share of its process noise while nothing tells it.
 const WIND_SINCE_MPS: f64 = 1.0;
 const UNTOLD_WIND_SHARE: f64 = 0.1;
@@ -292,13 +295,28 @@ impl Estimator {
             (true, true) => {}
         }
         let accepted = self.fuse(Aid::Barometer, &[scalar]);
-        let patience = self.config.measurement.other_patience_s;
+        // Without satellites it is what they are.
+        let alone = self.status() == EstimatorStatus::Inertial && !self.static_watch.has_leapt();
+        let noise = &self.config.measurement;
+        let patience = if alone { noise.gps_patience_s } else { noise.other_patience_s };
         if self.barometer_gate.out_of_patience(accepted, time_s, patience) {
             match self.static_watch.give_up(time_s) {
                 Some(off_m) => self.leave_barometer(off_m),
+                None if alone => self.return_to_barometer(innovation),
                 None => self.zero_barometer(time_s),
             }
         }
+    }
+
+    /// A height that has slowly come away from the barometer by `off_m`, m, is wrong itself, by an error of the accelerometers.
+    fn return_to_barometer(&mut self, off_m: f64) {
+        self.counters.resets += 1;
+        self.filter.nominal.position.z -= off_m;
+        self.filter.forget(POS + 2, 1, UNTOLD_HEIGHT_M);
+        self.filter.forget(VEL + 2, 1, UNTOLD_SINK_MPS);
+        self.filter.widen(ACCEL, 3, UNTOLD_ACCELERATION_MPS2);
+        self.history.clear();
+        self.history.push(self.now());
     }
 
     /// The height has followed a barometer that climbed so much too far, m; now it follows the receiver.

@@ -2,6 +2,9 @@
 
 use super::world::{DT_S, World, config, static_pa};
 use super::*;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
 
 /// A world and its estimator after half a minute.
 fn settled() -> (World, Estimator) {
@@ -147,6 +150,29 @@ fn barometer_that_does_not_climb_with_the_aircraft_is_left_and_not_zeroed_anew()
         assert!(worst_m < 20.0, "{about}: {worst_m} m");
         let off_m = (estimator.filter.nominal.position.z - world.real.nominal.position.z).abs();
         assert!(off_m < 2.0, "{about}: {off_m} m at the end");
+    }
+}
+
+#[test]
+fn accelerometers_that_jump_without_satellites_do_not_carry_the_height_away_from_the_barometer() {
+    for seed in 0..40 {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let shift = Vector3::from_fn(|_, _| random.random_range(-1.0..1.0));
+        let (mut world, mut estimator) = settled();
+        let mut worst_m = 0f64;
+        for frame in 0..3_000 {
+            let mut sample = world.step();
+            if frame > 500 {
+                sample.specific_force += shift;
+            }
+            estimator.predict(&sample);
+            world.measure_without_fixes(&mut estimator);
+            worst_m =
+                worst_m.max((estimator.filter.nominal.position.z - world.real.nominal.position.z).abs());
+        }
+        assert!(worst_m < 30.0, "{shift:?}: {worst_m} m");
+        let off_m = (estimator.filter.nominal.position.z - world.real.nominal.position.z).abs();
+        assert!(off_m < 5.0, "{shift:?}: {off_m} m at the end");
     }
 }
 

@@ -81,6 +81,9 @@ pub enum Start {
     Flight,
 }
 
+/// Slow error of a satellite receiver's height, m, standard deviation: from the positions of satellites and the air between.
+const SLOW_HEIGHT_ERROR_M: f64 = 5.0;
+
 /// How far the state can be trusted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum EstimatorStatus {
@@ -514,6 +517,11 @@ impl Estimator {
         let sample = self.last_sample.filter(|_| self.phase == Phase::Running)?;
         let n = &self.filter.nominal;
         let sigma = |at: usize| Vector3::from_fn(|i, _| self.filter.sigma(at + i));
+        let mut position = sigma(POS);
+        if !self.barometer_carries() {
+            // The filter knows the noise of the receiver's heights alone.
+            position.z = Vector2::new(position.z, SLOW_HEIGHT_ERROR_M).norm();
+        }
         Some(NavigationState {
             time_s: sample.time_s,
             position: n.position,
@@ -526,7 +534,7 @@ impl Estimator {
             gyro_bias: n.gyro_bias,
             accel_bias: n.accel_bias,
             mag_bias: n.mag_bias,
-            sigmas: StateSigmas { attitude: sigma(ATT), velocity: sigma(VEL), position: sigma(POS) },
+            sigmas: StateSigmas { attitude: sigma(ATT), velocity: sigma(VEL), position },
             status: self.status(),
         })
     }

@@ -66,6 +66,11 @@ impl StaticWatch {
         self.believed
     }
 
+    /// The last height beyond the gate came there in one leap.
+    pub(super) fn has_leapt(&self) -> bool {
+        self.leapt
+    }
+
     /// Forgets what was compared, not the verdict.
     pub(super) fn restart(&mut self) {
         let Self { believed, near, leapt, followed_m, .. } = *self;

@@ -135,6 +135,11 @@ impl World {
 
     /// Gives the measurements of this frame; fixes are `latency_s` old.
     pub(super) fn measure(&mut self, estimator: &mut Estimator, latency_s: f64) {
+        self.measure_without_fixes(estimator);
+        self.fix(estimator, latency_s);
+    }
+
+    pub(super) fn measure_without_fixes(&mut self, estimator: &mut Estimator) {
         let m = self.config.measurement;
         let n = self.real.nominal;
         if self.frame.is_multiple_of(5) {
@@ -146,6 +151,10 @@ impl World {
             let height = -n.position.z + m.barometer_m * self.chance.one();
             estimator.update_baro(self.time_s, static_pa(height));
         }
+    }
+
+    fn fix(&mut self, estimator: &mut Estimator, latency_s: f64) {
+        let m = self.config.measurement;
         if self.frame.is_multiple_of(10) {
             let then = self.time_s - latency_s;
             let Some(&(time_s, position, velocity)) = self.past.iter().find(|x| (x.0 - then).abs() < 1e-6)

@@ -244,6 +244,8 @@ const TRACK_SHARE: f64 = 0.6;
 const CLOSING_GAIN: f64 = 1.2;
 /// Gain from course error to turn rate, 1/s: a third of the bank loop's, so that a slow roller does not swing.
 const COURSE_GAIN: f64 = 0.75;
+/// A fillet is no tighter than this share of the radius.
+const TIGHTEST_SHARE: f64 = 0.6;
 /// It flies so many radii away from a place that it can not turn to.
 const AWAY_RADII: f64 = 2.5;
 /// Greatest horizontal acceleration, m/s²: 47° of bank, which leaves a third of the lift a wing has at 22 m/s.
@@ -495,7 +497,10 @@ impl Guidance {
     fn begin_leg(&self, leg: Leg, wind: &Vector2<f64>) -> Stage {
         let arc = match self.config.corner {
             Corner::Fillet => {
-                self.leg_after().and_then(|after| Arc::between(&leg, &after, self.radius_m(wind)))
+                let radius_m = self.radius_m(wind);
+                let arc = self.leg_after().and_then(|after| Arc::between(&leg, &after, radius_m));
+                // Where the legs leave no room for it, the way-point itself is passed.
+                arc.filter(|arc| arc.radius_m > TIGHTEST_SHARE * radius_m)
             }
             Corner::FlyThrough => None,
         };

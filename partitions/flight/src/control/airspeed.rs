@@ -39,6 +39,9 @@ const FACTORS: (f64, f64) = (0.7, 1.4);
 /// Beyond the limit for so long, s, weighted by how far, it is not believed; within half of it for so long it is again.
 const PATIENCE_S: f64 = 2.0;
 const AGAIN_S: f64 = 30.0;
+/// One that has moved away from the inertial values by this, m/s, is judged by this share of the limit: gusts move it so far for moments.
+const APART_MPS: f64 = 5.0;
+const APART_SHARE: f64 = 0.5;
 /// A difference weighs this much at most.
 const HEAVIEST: f64 = 8.0;
 /// Frames in a row in which a sensor that has noise tells the same number.
@@ -58,6 +61,8 @@ const LEAST_LIFT: f64 = 0.05;
 pub struct Frame {
     /// Of the pitot, m/s.
     pub pitot_mps: Option<f64>,
+    /// How far that has moved away from what the inertial values tell of the last seconds, m/s.
+    pub apart_mps: f64,
     /// kg/m³.
     pub density_kgpm3: f64,
     /// rad.
@@ -237,6 +242,8 @@ impl AirspeedWatch {
             self.factor = low_pass(self.factor, ratio, memory_s, dt_s).clamp(FACTORS.0, FACTORS.1);
             self.learnt_at = low_pass(self.learnt_at, at, memory_s, dt_s);
         }
+        // Where both lift and inertial values say so, less of it will do.
+        let limit = if frame.apart_mps.abs() > APART_MPS { APART_SHARE * limit } else { limit };
         let broken = self.repeated >= FROZEN_FRAMES || self.jump2.sqrt() > NOISY * by_lift_mps;
         let weight = if off > limit { (off / limit).min(HEAVIEST) } else { -1.0 };
         self.against_s = (self.against_s + weight * dt_s).max(0.0);

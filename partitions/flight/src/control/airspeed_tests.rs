@@ -62,6 +62,7 @@ impl World {
         let level = a.lift_0 - a.lift_alpha * a.pitch_0 / a.pitch_alpha;
         let elevator_rad = (level - coefficient) / slope + 0.002 * self.noise();
         Frame {
+            apart_mps: 0.0,
             pitot_mps: Some(true_mps + 0.08 * self.noise()),
             density_kgpm3: 1.2,
             elevator_rad,
@@ -171,6 +172,29 @@ fn pitot_that_agrees_again_is_taken_back_and_lift_tells_the_airspeed_until_then(
     let back_s = f64::from(back.unwrap()) * DT_S;
     assert!((25.0..60.0).contains(&back_s), "{back_s}");
     assert!(worst < 3.5, "{worst} m/s off");
+}
+
+#[test]
+fn pitot_that_moves_away_from_the_inertial_values_is_found_sooner_and_a_gust_is_none() {
+    for airframe in airframes() {
+        for seed in 0..10 {
+            // Moved away for so long of each ten seconds, s; and what the pitot tells of the airspeed.
+            let found_s = |apart_s: f64, share: f64| {
+                let (mut world, mut watch) = (World::new(&airframe, seed), AirspeedWatch::default());
+                fly(&mut world, &mut watch, 60.0, None);
+                (0..(60.0 / DT_S) as u32).map(|frame| f64::from(frame) * DT_S).find(|since_s| {
+                    let now = world.step();
+                    let apart_mps = if since_s % 10.0 < apart_s { -6.0 } else { 0.0 };
+                    let pitot_mps = now.pitot_mps.map(|true_mps| share * true_mps);
+                    watch.step(&airframe, &Frame { apart_mps, pitot_mps, ..now });
+                    !watch.is_believed()
+                })
+            };
+            assert_eq!(found_s(1.5, 1.0), None, "seed {seed}: sound, in gusts");
+            let (alone_s, both_s) = (found_s(0.0, 0.8), found_s(10.0, 0.8).unwrap());
+            assert!(alone_s.is_none_or(|alone_s| both_s < alone_s), "seed {seed}: {alone_s:?}, {both_s}");
+        }
+    }
 }
 
 #[test]

@@ -27,6 +27,11 @@ impl GustWatch {
         (self.square - NOISE_MPS * NOISE_MPS).max(0.0).sqrt()
     }
 
+    /// How far the pitot has moved away from the airspeed that the inertial values tell of the last seconds, m/s.
+    pub fn apart_mps(&self, pitot_mps: f64) -> f64 {
+        if self.smooth_mps > 0.0 { pitot_mps - self.smooth_mps - self.mean_mps } else { 0.0 }
+    }
+
     /// Takes a frame: of the pitot, m/s, and the change of airspeed in steady air, m/s².
     pub fn step(&mut self, pitot_mps: f64, change_mps2: f64, dt_s: f64) {
         if !(pitot_mps.is_finite() && change_mps2.is_finite()) {

@@ -954,6 +954,7 @@ impl Controller {
         let in_air = !near_ground || state.altitude_m() > CARRIED_BY_WING_M;
         let frame = airspeed::Frame {
             pitot_mps: inputs.airspeed_mps,
+            apart_mps: inputs.airspeed_mps.map_or(0.0, |pitot_mps| self.gusts.apart_mps(pitot_mps)),
             density_kgpm3: s.density_kgpm3,
             elevator_rad: self.last.elevator_rad,
             pitch_rate_radps: s.pitch_rate_radps,

@@ -15,12 +15,12 @@ pub fn small_mission() -> PathBuf {
     repository().join("tests/missions/small.toml")
 }
 
-/// A mission of so many laps of that triangle, some 30 s each, in a file of `folder`.
+/// A mission of so many laps of that triangle, some 50 s each, in a file of `folder`.
 #[track_caller]
 pub fn laps_of_small_mission(folder: &Path, laps: u32) -> PathBuf {
     let mut text = std::fs::read_to_string(small_mission()).unwrap();
     for (old, new) in
-        [("laps = 1", format!("laps = {laps}")), ("time_limit_s = 120", "time_limit_s = 1200".into())]
+        [("laps = 1", format!("laps = {laps}")), ("time_limit_s = 180", "time_limit_s = 1800".into())]
     {
         assert!(text.contains(old), "small.toml no longer has {old:?}: correct this helper");
         text = text.replace(old, &new);

@@ -345,6 +345,7 @@ fn replicas_on_three_hosts_outvote_one_on_any_of_them() {
     }
     // It has missed two seconds, and nobody gives it another one's memory: it comes to what flies, or does not use up its restarts.
     let thawed = flown(&["--freeze", "controller_3@40", "--thaw", "controller_3@42"]);
+    assert_eq!(digest(&thawed), clean);
     let actions: Vec<String> = thawed.faults_on("ctl").into_iter().map(|fault| fault.action).collect();
     assert!(actions.iter().all(|action| action == "warm_restart"), "{actions:?}");
 }

@@ -20,6 +20,9 @@ pub struct Sensors {
     pub range_m: Option<f64>,
 }
 
+/// No airspeed of an aircraft of this kind, m/s: a word that was changed on its way.
+const FASTEST_MPS: f64 = 200.0;
+
 impl Sensors {
     /// From the measurements that are valid.
     pub fn of(
@@ -33,7 +36,9 @@ impl Sensors {
             rates_radps: orientation.map_or(missing, |rates| Vector3::from(rates.rates_radps)),
             specific_force_mps2: acceleration
                 .map_or(missing, |force| Vector3::from(force.specific_force_mps2)),
-            airspeed_mps: pressure.map(|pressure| pressure.airspeed_mps),
+            airspeed_mps: pressure
+                .map(|pressure| pressure.airspeed_mps)
+                .filter(|mps| mps.abs() < FASTEST_MPS),
             density_kgpm3: pressure.map(|pressure| pressure.density_kgpm3),
             range_m,
         }

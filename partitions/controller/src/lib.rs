@@ -103,7 +103,12 @@ impl Function {
             accepted: 0,
             missing: 0,
         };
-        if let Some(laws) = kept.and_then(Kept::laws) {
+        let laws = kept.and_then(Kept::laws);
+        if laws.is_none() {
+            // A circle, a return, a landing is begun anew.
+            function.tasks.begins = function.tasks.task != Task::Ordered;
+        }
+        if let Some(laws) = laws {
             function.controller.guidance_mut().resume(&laws.guidance);
             function.controller.assume_actuators(&laws.command);
             function.controller.resume(&laws); // not engaged yet: then there is no more to go on from
@@ -280,6 +285,8 @@ impl Function {
                 next.carry_on(self.controller.guidance()); // the mission goes on; another one begins at its first point
             }
             *self.controller.guidance_mut() = next;
+            // The circle that was flown in place of the mission is begun anew.
+            self.tasks.begins |= matches!(self.tasks.task, Task::Loiter | Task::Return);
         }
         Answer::Accepted
     }

@@ -1,12 +1,12 @@
 //! A replica beside what its voter hands on: how far its own command was off.
 //!
-//! The voter may be on another host: what it hands on is compared with the command that it was made of, however long it was on its way.
+//! The voter may be on another host: what it hands on is compared with the command that it was made of, also if it comes some cycles later.
 
 use bateleur_flight::servo;
 use bateleur_messages::ActuatorCommand;
 
-/// Cycles after which what the voter hands on is too old to be compared.
-const REMEMBERED: usize = 8;
+/// Cycles after which what the voter hands on is too old to be compared: its port's values are valid for two.
+const REMEMBERED: usize = 4;
 
 /// The last commands, newest first, each with the time of its cycle, ns.
 #[derive(Debug, Clone, Copy, Default)]
@@ -67,7 +67,7 @@ mod tests {
                 assert_eq!(off, servo::ActuatorCommand { throttle: 0.25, ..Default::default() }, "{late}");
             }
         }
-        assert_eq!(own.off(&command(0.5), 20 * 11 + 3, 20), None, "forgotten");
+        assert_eq!(own.off(&command(0.5), 20 * 14 + 3, 20), None, "forgotten");
     }
 
     #[test]

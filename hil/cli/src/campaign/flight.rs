@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 
 use bateleur_report::campaign::{Figure, Flown};
 use rustix::fs::{FlockOperation, flock};
+use rustix::io::Errno;
 use serde_json::Value;
 
 use super::again;
@@ -200,7 +201,7 @@ fn start(order: &Order, stop: &AtomicBool) -> io::Result<Option<Child>> {
     }
     std::fs::create_dir_all(&order.folder)?;
     let said = File::create(order.folder.join(SAID))?;
-    flock(&said, FlockOperation::NonBlockingLockExclusive)?;
+    let _ = flock(&said, FlockOperation::NonBlockingLockExclusive); // no file system has to have locks
     let program = std::env::current_exe()?;
     let child = Command::new(program)
         .arg(order.verb)
@@ -219,9 +220,9 @@ fn start(order: &Order, stop: &AtomicBool) -> io::Result<Option<Child>> {
 /// Waits until nobody writes into the flight's folder: flights of a campaign that was killed end a little later than it does. False:
 /// this campaign was stopped meanwhile.
 fn await_writers(order: &Order, stop: &AtomicBool) -> io::Result<bool> {
-    let Ok(said) = File::open(order.folder.join(SAID)) else { return Ok(true) };
+    let Ok(said) = File::options().append(true).open(order.folder.join(SAID)) else { return Ok(true) };
     let begun = Instant::now();
-    while flock(&said, FlockOperation::NonBlockingLockExclusive).is_err() {
+    while flock(&said, FlockOperation::NonBlockingLockExclusive) == Err(Errno::WOULDBLOCK) {
         if stop.load(Ordering::Acquire) {
             return Ok(false);
         }

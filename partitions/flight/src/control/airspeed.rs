@@ -243,7 +243,8 @@ impl AirspeedWatch {
             self.learnt_at = low_pass(self.learnt_at, at, memory_s, dt_s);
         }
         // Where both lift and inertial values say so, less of it will do.
-        let limit = if frame.apart_mps.abs() > APART_MPS { APART_SHARE * limit } else { limit };
+        let same_way = (ratio > self.factor) == (frame.apart_mps > 0.0);
+        let limit = if same_way && frame.apart_mps.abs() > APART_MPS { APART_SHARE * limit } else { limit };
         let broken = self.repeated >= FROZEN_FRAMES || self.jump2.sqrt() > NOISY * by_lift_mps;
         let weight = if off > limit { (off / limit).min(HEAVIEST) } else { -1.0 };
         self.against_s = (self.against_s + weight * dt_s).max(0.0);

@@ -236,15 +236,16 @@ impl InnerLoops {
     }
 
     /// Moves the memories of the loops that are on, by parts of the actuators' travel (rad, throttle 0 to 1).
-    pub(super) fn shift(&mut self, on: &Channels, by: &ActuatorCommand) {
+    pub(super) fn shift(&mut self, airframe: &Airframe, on: &Channels, by: &ActuatorCommand) {
+        let servo = &airframe.servo;
         let loops = [
-            (on.roll, &mut self.roll, by.aileron_rad),
-            (on.pitch, &mut self.normal, by.elevator_rad),
-            (on.yaw, &mut self.lateral, by.rudder_rad),
-            (on.thrust, &mut self.axial, by.throttle),
+            (on.roll, &mut self.roll, by.aileron_rad, servo.aileron_limit_rad),
+            (on.pitch, &mut self.normal, by.elevator_rad, servo.elevator_limit_rad),
+            (on.yaw, &mut self.lateral, by.rudder_rad, servo.rudder_limit_rad),
+            (on.thrust, &mut self.axial, by.throttle, 1.0),
         ];
-        for (on, memory, by) in loops {
-            memory.value += if on { by } else { 0.0 };
+        for (_, memory, by, limit) in loops.into_iter().filter(|(on, _, by, _)| *on && *by != 0.0) {
+            memory.value = (memory.value + by).clamp(-limit, limit);
         }
     }
 

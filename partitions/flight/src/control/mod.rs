@@ -29,7 +29,7 @@ mod wheels;
 use crate::GRAVITY_MPS2;
 use crate::airframe::{Airframe, Trim};
 use crate::attitude::{self, low_pass};
-use crate::estimator::NavigationState;
+use crate::estimator::{EstimatorStatus, NavigationState};
 use crate::guidance::{Guidance, GuidanceOutput, Motion, course_acceleration};
 use crate::kept::kept;
 use crate::servo::ActuatorCommand;
@@ -233,6 +233,8 @@ const NORMAL_SLEW_MPS3: f64 = 60.0;
 const AXIAL_SLEW_MPS3: f64 = 8.0;
 /// Share of the rudder's travel that coordinates, at most: what is left damps.
 const COORDINATING_SHARE: f64 = 0.8;
+/// How far the airspeed of lift may be from that of satellites and wind, m/s: gusts, and what the wind has become since.
+const BY_WIND_MPS: f64 = 5.0;
 /// Smoothing of the pitot's noise, s.
 const AIRSPEED_LAG_S: f64 = 0.15;
 /// How fast the integrators of a controller that is not listened to come to those of the one that is, s.
@@ -531,7 +533,7 @@ impl Controller {
             rudder_rad: share * off.rudder_rad,
         };
         if [by.throttle, by.aileron_rad, by.elevator_rad, by.rudder_rad].iter().all(|by| by.is_finite()) {
-            self.loops.shift(&self.channels, &by);
+            self.loops.shift(&self.airframe, &self.channels, &by);
             self.pitch_hold.shift(by.elevator_rad);
         }
     }
@@ -968,10 +970,17 @@ impl Controller {
             None => self.gusts.pause(dt_s),
         }
         // What a stalled wing does says nothing of the pitot.
-        if self.stall.is_stalled() {
-            return self.airspeed_watch.flown_mps(inputs.airspeed_mps);
+        let told_mps = match self.stall.is_stalled() {
+            true => self.airspeed_watch.flown_mps(inputs.airspeed_mps),
+            false => self.airspeed_watch.step(&self.airframe, &frame),
+        };
+        let has_fixes = basis == Basis::Estimator && state.status == EstimatorStatus::Ready;
+        if self.airspeed_watch.is_believed() || !has_fixes {
+            return told_mps;
         }
-        self.airspeed_watch.step(&self.airframe, &frame)
+        // Lift is told badly by some elevators; satellites and the wind of before know about where the airspeed is.
+        let over_ground_mps = state.air_velocity().norm();
+        told_mps.map(|mps| mps.clamp(over_ground_mps - BY_WIND_MPS, over_ground_mps + BY_WIND_MPS))
     }
 
     /// Where the path leads, at no airspeed that leaves too little lift for turns in these gusts.

@@ -96,6 +96,8 @@ impl BarometerReference {
 const WINDS: usize = 16;
 /// What the height may be off when a barometer is found to be wrong, m.
 const UNTOLD_HEIGHT_M: f64 = 2.0;
+/// A barometer that has moved by this while it was refused is not blocked, m.
+const ALIVE_M: f64 = 1.5;
 /// What the sink rate and the accelerometers may be off, m/s and m/s², when the height has come away from the barometer.
 const UNTOLD_SINK_MPS: f64 = 3.0;
 const UNTOLD_ACCELERATION_MPS2: f64 = 0.5;
@@ -295,8 +297,13 @@ impl Estimator {
             (true, true) => {}
         }
         let accepted = self.fuse(Aid::Barometer, &[scalar]);
-        // Without satellites it is what they are.
-        let alone = self.status() == EstimatorStatus::Inertial && !self.static_watch.has_leapt();
+        let inertial = self.status() == EstimatorStatus::Inertial;
+        if accepted || !inertial {
+            self.refused_from_m = altitude;
+        }
+        // Without satellites it is what they are: one that moves, against which nothing has spoken.
+        let moves = (altitude - self.refused_from_m).abs() > ALIVE_M;
+        let alone = inertial && moves && !self.static_watch.is_doubtful();
         let noise = &self.config.measurement;
         let patience = if alone { noise.gps_patience_s } else { noise.other_patience_s };
         if self.barometer_gate.out_of_patience(accepted, time_s, patience) {

@@ -211,6 +211,8 @@ pub struct Estimator {
     barometer: BarometerReference,
     gps_gate: Gate,
     barometer_gate: Gate,
+    /// What it told when that began while there were no satellites, m.
+    refused_from_m: f64,
     airspeed_gate: Gate,
     magnetometer_gate: Gate,
     last_sample: Option<ImuSample>,
@@ -244,6 +246,7 @@ impl Estimator {
             barometer: BarometerReference::default(),
             gps_gate: Gate::default(),
             barometer_gate: Gate::default(),
+            refused_from_m: 0.0,
             airspeed_gate: Gate::default(),
             magnetometer_gate: Gate::default(),
             last_sample: None,
@@ -518,7 +521,7 @@ impl Estimator {
         let n = &self.filter.nominal;
         let sigma = |at: usize| Vector3::from_fn(|i, _| self.filter.sigma(at + i));
         let mut position = sigma(POS);
-        if !self.barometer_carries() {
+        if !self.config.aiding.pressure || !self.barometer_carries() {
             // The filter knows the noise of the receiver's heights alone.
             position.z = Vector2::new(position.z, SLOW_HEIGHT_ERROR_M).norm();
         }

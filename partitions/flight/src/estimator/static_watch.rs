@@ -66,9 +66,10 @@ impl StaticWatch {
         self.believed
     }
 
-    /// The last height beyond the gate came there in one leap.
-    pub(super) fn has_leapt(&self) -> bool {
-        self.leapt
+    /// The last height beyond the gate came there in one leap, or the receiver said otherwise while it was there.
+    pub(super) fn is_doubtful(&self) -> bool {
+        let off_m = self.count.checked_sub(1).and_then(|seconds| self.off_m(seconds));
+        self.leapt || off_m.is_some_and(|off_m| off_m.abs() > 0.5 * SHORT_M)
     }
 
     /// Forgets what was compared, not the verdict.

@@ -248,6 +248,8 @@ const COURSE_GAIN: f64 = 0.75;
 const TIGHTEST_SHARE: f64 = 0.6;
 /// It flies so many radii away from a place that it can not turn to.
 const AWAY_RADII: f64 = 2.5;
+/// And one more each time that it was missed, up to so many.
+const MOST_MISSED: u8 = 5;
 /// Greatest horizontal acceleration, m/s²: 47° of bank, which leaves a third of the lift a wing has at 22 m/s.
 const HORIZONTAL_LIMIT_MPS2: f64 = 10.5;
 /// Time an engagement takes to bend the track, s.
@@ -415,6 +417,7 @@ impl Guidance {
     /// Leaves the path but keeps the way-point: the next step joins anew.
     pub fn disengage(&mut self) {
         (self.stage, self.hold, self.progress.circling) = (Stage::Idle, None, false);
+        self.missed = 0;
     }
 
     /// What to keep over a restart.
@@ -493,14 +496,21 @@ impl Guidance {
         self.radius_at_m(self.airspeed_mps(), wind)
     }
 
+    /// Radius (m) that it turns with, whatever corners are asked for.
+    fn turn_radius_m(&self, wind: &Vector2<f64>) -> f64 {
+        let own = GuidanceConfig { radius_m: None, ..self.config };
+        own.corner_radius_m(self.airspeed_mps(), wind.norm().min(STRONGEST_WIND_MPS))
+    }
+
     /// The leg, with the fillet at its end.
     fn begin_leg(&self, leg: Leg, wind: &Vector2<f64>) -> Stage {
         let arc = match self.config.corner {
             Corner::Fillet => {
                 let radius_m = self.radius_m(wind);
                 let arc = self.leg_after().and_then(|after| Arc::between(&leg, &after, radius_m));
-                // Where the legs leave no room for it, the way-point itself is passed.
-                arc.filter(|arc| arc.radius_m > TIGHTEST_SHARE * radius_m)
+                // Where the legs leave no room for one that it can fly, the way-point itself is passed.
+                let least_m = TIGHTEST_SHARE * radius_m.min(self.turn_radius_m(wind));
+                arc.filter(|arc| arc.radius_m > least_m)
             }
             Corner::FlyThrough => None,
         };
@@ -515,9 +525,10 @@ impl Guidance {
         if self.goes_straight(&own, radius_m) {
             let (to, from) = (own.to, motion.position);
             let speed = motion.velocity.norm();
-            if speed > LEAST_GROUND_SPEED_MPS && is_within_turn(&(to - from), &motion.velocity, radius_m) {
+            let turn_m = self.turn_radius_m(&motion.wind);
+            if speed > LEAST_GROUND_SPEED_MPS && is_within_turn(&(to - from), &motion.velocity, turn_m) {
                 // Away from it first, further each time that it was missed.
-                let away_m = (AWAY_RADII + f64::from(self.missed)) * radius_m;
+                let away_m = (AWAY_RADII + f64::from(self.missed.min(MOST_MISSED))) * turn_m;
                 return Stage::Entry(Leg { from, to: from + motion.velocity * (away_m / speed) });
             }
             return self.begin_leg(Leg { from, to }, &motion.wind);
@@ -573,7 +584,8 @@ impl Guidance {
             Stage::ToHold(..) | Stage::Hold(_) | Stage::Idle => self.set_out(motion),
             Stage::Entry(leg) => {
                 let radius_m = self.radius_m(&motion.wind);
-                if (leg.to - motion.position).norm() < radius_m {
+                let is_past = leg.offset(&motion.position).left_m <= 0.0;
+                if is_past || (leg.to - motion.position).norm() < radius_m {
                     let own = self.leg_to_join(motion, radius_m);
                     self.stage = match self.goes_straight(&own, radius_m) {
                         true => self.join(motion),

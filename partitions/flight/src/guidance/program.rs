@@ -291,7 +291,7 @@ impl Guidance {
 
     /// An entry was reached: on to the next one, from a place.
     pub(super) fn pass_entry(&mut self, from: Option<Vector2<f64>>) {
-        self.reached = self.reached.saturating_add(1);
+        (self.reached, self.missed) = (self.reached.saturating_add(1), 0);
         let mut jumps = self.progress.jumps;
         let after = self.entry_from(self.next + 1, &mut jumps);
         self.progress = Progress { jumps, ..self.progress.towards_next(from) };

@@ -207,6 +207,9 @@ impl<P: Partition> Life<P> {
     }
 }
 
+/// Stack of a start, bytes: twice what the flight's functions use with their libraries.
+const START_STACK: usize = 256 << 10;
+
 /// Before the name of a process that stands by, for `ps` and whoever reads it.
 const STANDBY_MARK: char = '+';
 
@@ -246,10 +249,18 @@ pub(crate) fn take_over() -> Result<(OwnedFd, Mapped<ControlPage>, Description),
     if description.spare {
         name_process(&format!("{STANDBY_MARK}{}", description.partition));
         // What is mapped now is not waited for when it begins.
+        grow_stack();
         lock_memory();
         description.start_condition = await_begin(&page);
     }
     Ok((control, page, description))
+}
+
+/// Has the kernel map the stack that a start may use. It grows by itself, but not beyond what may be locked once it is locked.
+#[inline(never)]
+fn grow_stack() {
+    let mut pages = [0_u8; START_STACK];
+    std::hint::black_box(&mut pages);
 }
 
 /// A spare sleeps until it is to begin: why it does.

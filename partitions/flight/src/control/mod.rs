@@ -483,34 +483,17 @@ impl Controller {
         if snapshot.airspeed_mps <= 0.0 {
             return false;
         }
-        let s = *snapshot;
-        *self = Self {
-            airframe: self.airframe,
-            config: self.config,
-            trim: self.trim,
-            envelope: self.envelope,
-            guidance: self.guidance,
-            loops: s.loops,
-            references: s.references,
-            channels: s.channels,
-            fallback: s.fallback,
-            airspeed_mps: s.airspeed_mps,
-            airspeed_watch: s.airspeed_watch,
-            power: s.power,
-            ground: s.ground,
-            stall: s.stall,
-            gusts: s.gusts,
-            stuck: s.stuck,
-            pitch_hold: s.pitch_hold,
-            pitches_blind: s.pitches_blind,
-            roll: s.roll,
-            authority_mps: s.authority_mps.clamp(0.0, AUTHORITY_LIMIT_MPS),
-            last: s.command,
-            steady: s.steady,
-            play: s.play,
-            take_off: s.take_off,
-            landing: s.landing,
-        };
+        // Field by field: a whole controller on the stack is much for a partition.
+        let s = snapshot;
+        (self.loops, self.references, self.channels) = (s.loops, s.references, s.channels);
+        (self.fallback, self.airspeed_mps, self.airspeed_watch) =
+            (s.fallback, s.airspeed_mps, s.airspeed_watch);
+        (self.power, self.ground, self.stall, self.gusts) = (s.power, s.ground, s.stall, s.gusts);
+        (self.stuck, self.pitch_hold, self.pitches_blind) = (s.stuck, s.pitch_hold, s.pitches_blind);
+        self.roll = s.roll;
+        self.authority_mps = s.authority_mps.clamp(0.0, AUTHORITY_LIMIT_MPS);
+        (self.last, self.steady, self.play) = (s.command, s.steady, s.play);
+        (self.take_off, self.landing) = (s.take_off, s.landing);
         self.learn_lift();
         self.guidance.resume(&s.guidance);
         self.guidance.resume_path(&s.path);

@@ -190,7 +190,7 @@ mod tests {
             (0..100).map(record).collect::<Vec<_>>()
         };
         let waypoints = seed_waypoints();
-        let planned = Planned::fixed(&waypoints, 70.0);
+        let planned = Planned::fixed(&waypoints, 70.0, 70.0);
         let checked = |truth: &[TruthRecord]| {
             let mut found = passages(&commands, 4);
             verify(&mut found, &waypoints, &planned, truth, &Believed::default());

@@ -39,15 +39,18 @@ impl Planned {
         let Inputs { waypoints, guidance, .. } = &flight.inputs;
         let fixed = if guidance.corner == Corner::FlyThrough { Some(0.0) } else { guidance.radius_m };
         match fixed {
-            Some(radius_m) => Self::fixed(waypoints, radius_m),
+            Some(radius_m) => {
+                let airspeed_mps = waypoints.first().map_or(0.0, |waypoint| waypoint.airspeed_mps);
+                Self::fixed(waypoints, radius_m, guidance.turn_radius_m(airspeed_mps, 0.0))
+            }
             None => Self::chosen(waypoints, passages, &radii(flight), guidance.least_radius_m),
         }
     }
 
-    /// The path with one radius throughout, m; zero flies through the way-points.
-    pub fn fixed(waypoints: &[Waypoint], radius_m: f64) -> Self {
+    /// The path with one radius throughout, m; zero flies through the way-points. The aircraft turns with `turn_m`.
+    pub fn fixed(waypoints: &[Waypoint], radius_m: f64, turn_m: f64) -> Self {
         let mut planned = Self { waypoints: waypoints.to_vec(), stages: Vec::new() };
-        planned.push(0, radius_m);
+        planned.push(0, radius_m, turn_m);
         planned
     }
 
@@ -57,17 +60,23 @@ impl Planned {
         let mut last_ns = 0;
         for passage in passages {
             let from_ns = if last_ns == 0 { 0 } else { u64::midpoint(last_ns, passage.time_ns.max(last_ns)) };
-            planned.push(from_ns, radius_at(radii, passage.time_ns).unwrap_or(least_m));
+            planned.push_chosen(from_ns, radius_at(radii, passage.time_ns).unwrap_or(least_m));
             last_ns = passage.time_ns;
         }
         if passages.is_empty() {
-            planned.push(0, radius_at(radii, u64::MAX).unwrap_or(least_m));
+            planned.push_chosen(0, radius_at(radii, u64::MAX).unwrap_or(least_m));
         }
         planned
     }
 
-    fn push(&mut self, from_ns: u64, radius_m: f64) {
-        self.stages.push(Stage { from_ns, radius_m, circuit: Circuit::new(&self.waypoints, radius_m) });
+    /// A radius that guidance chose is what the aircraft turns with.
+    fn push_chosen(&mut self, from_ns: u64, radius_m: f64) {
+        self.push(from_ns, radius_m, radius_m);
+    }
+
+    fn push(&mut self, from_ns: u64, radius_m: f64, turn_m: f64) {
+        let circuit = Circuit::new(&self.waypoints, radius_m, turn_m);
+        self.stages.push(Stage { from_ns, radius_m, circuit });
     }
 
     fn stage(&self, time_ns: u64) -> Option<&Stage> {
@@ -230,11 +239,11 @@ mod tests {
 
     #[test]
     fn outline_closes() {
-        let planned = Planned::fixed(&seed_waypoints(), 70.0);
+        let planned = Planned::fixed(&seed_waypoints(), 70.0, 70.0);
         let outline = planned.outline(0);
         assert_eq!(outline.first(), outline.last());
         assert!(outline.iter().all(|point| planned.cross_track(0, point).unwrap().0.abs() < 1e-6));
-        assert_eq!(Planned::fixed(&seed_waypoints(), 0.0).outline(0).len(), 5);
-        assert!(Planned::fixed(&[], 70.0).outline(0).is_empty());
+        assert_eq!(Planned::fixed(&seed_waypoints(), 0.0, 70.0).outline(0).len(), 5);
+        assert!(Planned::fixed(&[], 70.0, 70.0).outline(0).is_empty());
     }
 }

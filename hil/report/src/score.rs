@@ -335,7 +335,7 @@ mod tests {
 
     fn of(flight: &Flight, passages: &[Passage]) -> Scores {
         let believed = Believed::of(&flight.truth, true);
-        scores(flight, passages, &Planned::fixed(&seed_waypoints(), 70.0), &believed)
+        scores(flight, passages, &Planned::fixed(&seed_waypoints(), 70.0, 70.0), &believed)
     }
 
     #[test]

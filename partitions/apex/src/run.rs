@@ -207,7 +207,7 @@ impl<P: Partition> Life<P> {
     }
 }
 
-/// Stack of a start, bytes: twice what the flight's functions use with their libraries.
+/// Stack that a start may use, bytes. What the kernel maps for a new process (132 KiB) is too little for the Controller's with its libraries.
 const START_STACK: usize = 256 << 10;
 
 /// Before the name of a process that stands by, for `ps` and whoever reads it.

@@ -104,13 +104,11 @@ impl Function {
             missing: 0,
         };
         let laws = kept.and_then(Kept::laws);
-        if laws.is_none() {
-            // A circle, a return, a landing is begun anew.
-            function.tasks.begins = function.tasks.task != Task::Ordered;
-        }
+        // Without them a circle, a return, a landing is begun anew.
+        function.tasks.begins |= laws.is_none() && function.tasks.task != Task::Ordered;
         if let Some(laws) = laws {
             function.controller.guidance_mut().resume(&laws.guidance);
-            function.controller.assume_actuators(&laws.command);
+            function.controller.assume_actuators(laws.command());
             function.controller.resume(&laws); // not engaged yet: then there is no more to go on from
         }
         Ok(function)

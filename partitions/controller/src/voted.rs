@@ -41,7 +41,13 @@ impl OwnCommands {
 
 fn flies(command: &ActuatorCommand) -> Option<servo::ActuatorCommand> {
     let ActuatorCommand { throttle, aileron_rad, elevator_rad, rudder_rad, engaged, .. } = *command;
-    (engaged == 1).then_some(servo::ActuatorCommand { throttle, aileron_rad, elevator_rad, rudder_rad })
+    let finite = [throttle, aileron_rad, elevator_rad, rudder_rad].iter().all(|number| number.is_finite());
+    (engaged == 1 && finite).then_some(servo::ActuatorCommand {
+        throttle,
+        aileron_rad,
+        elevator_rad,
+        rudder_rad,
+    })
 }
 
 #[cfg(test)]

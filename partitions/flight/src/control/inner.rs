@@ -235,17 +235,17 @@ impl InnerLoops {
         self.axial.value = (throttle - law.proportional).clamp(0.0, 1.0);
     }
 
-    /// Moves the memories of the loops that are on, by parts of the actuators' travel (rad, throttle 0 to 1).
-    pub(super) fn shift(&mut self, airframe: &Airframe, on: &Channels, by: &ActuatorCommand) {
+    /// Moves the memories of the loops that are on by a share of what the actuators are off (rad, throttle 0 to 1).
+    pub(super) fn shift(&mut self, airframe: &Airframe, on: &Channels, off: &ActuatorCommand, share: f64) {
         let servo = &airframe.servo;
         let loops = [
-            (on.roll, &mut self.roll, by.aileron_rad, servo.aileron_limit_rad),
-            (on.pitch, &mut self.normal, by.elevator_rad, servo.elevator_limit_rad),
-            (on.yaw, &mut self.lateral, by.rudder_rad, servo.rudder_limit_rad),
-            (on.thrust, &mut self.axial, by.throttle, 1.0),
+            (on.roll, &mut self.roll, off.aileron_rad, servo.aileron_limit_rad),
+            (on.pitch, &mut self.normal, off.elevator_rad, servo.elevator_limit_rad),
+            (on.yaw, &mut self.lateral, off.rudder_rad, servo.rudder_limit_rad),
+            (on.thrust, &mut self.axial, off.throttle, 1.0),
         ];
-        for (_, memory, by, limit) in loops.into_iter().filter(|(on, _, by, _)| *on && *by != 0.0) {
-            memory.value = (memory.value + by).clamp(-limit, limit);
+        for (_, memory, off, limit) in loops.into_iter().filter(|(on, _, off, _)| *on && *off != 0.0) {
+            memory.value = (memory.value + share * off).clamp(-limit, limit);
         }
     }
 

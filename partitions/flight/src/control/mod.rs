@@ -33,21 +33,16 @@ use crate::estimator::{EstimatorStatus, NavigationState};
 use crate::guidance::{Guidance, GuidanceOutput, Motion, course_acceleration};
 use crate::kept::kept;
 use crate::servo::ActuatorCommand;
-use crate::stuck::{LATERAL_FORCE, PITCH_RATE, ROLL_RATE, Stuck};
-use airspeed::AirspeedWatch;
+use crate::stuck::{LATERAL_FORCE, PITCH_RATE, ROLL_RATE};
 use envelope::{Envelope, Limits, Protection, steepness};
-use fallback::{Basis, Fallback};
-use gusts::GustWatch;
-use inner::{InnerLoops, InnerTuning, Signals};
+use fallback::Basis;
+use inner::{InnerTuning, Signals};
 use landing::{Approach, Flown, Glide, Landing, LandingConfig};
-use memory::ControllerSnapshot;
+use memory::{ControllerSnapshot, Memory};
 use nalgebra::{Vector2, Vector3};
 use outer::{OuterTuning, normal_for, slew};
-use pitch_hold::{Aim, PitchHold};
+use pitch_hold::Aim;
 use power::PowerWatch;
-use range_finder::GroundWatch;
-use roll::RollModel;
-use stall::StallGuard;
 use takeoff::{Method, Phase, TakeOff};
 
 /// Which loops are on, each with its target; `None` is off.
@@ -223,8 +218,6 @@ const DOUBTED_APPROACH_SHARE: f64 = 0.17;
 /// Airspeed of an approach for each m/s of the gusts' standard deviation, m/s at most.
 const GUST_SHARE: f64 = 2.0;
 const MOST_FOR_GUSTS_MPS: f64 = 5.0;
-/// Memory of where the actuators stand on average, s.
-const STEADY_S: f64 = 10.0;
 /// How far ahead the airspeed is looked at where its floor is kept, s.
 const FLOOR_LEAD_S: f64 = 1.0;
 /// Slew limits of the references: invisible in normal flight, they take the edge off a change of basis.
@@ -260,48 +253,7 @@ pub struct Controller {
     trim: Trim,
     envelope: Envelope,
     guidance: Guidance,
-    loops: InnerLoops,
-    references: References,
-    channels: Channels,
-    fallback: Fallback,
-    airspeed_mps: f64,
-    airspeed_watch: AirspeedWatch,
-    power: PowerWatch,
-    ground: GroundWatch,
-    stall: StallGuard,
-    gusts: GustWatch,
-    stuck: Stuck,
-    /// The elevator's, near the ground.
-    pitch_hold: PitchHold,
-    /// As of the last frame.
-    pitches_blind: bool,
-    roll: RollModel,
-    /// Airspeed asked for on top of the reference, because the elevator is near its stop, m/s.
-    authority_mps: f64,
-    last: ActuatorCommand,
-    steady: Steady,
-    play: play::PlayInverse,
-    take_off: Option<TakeOff>,
-    landing: Option<Landing>,
-}
-
-/// Where the actuators stood on average, while there was a state.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Steady {
-    mean: Option<ActuatorCommand>,
-}
-
-kept!(Steady { mean: Option<ActuatorCommand> });
-
-impl Steady {
-    fn follow(&mut self, command: &ActuatorCommand, dt_s: f64) {
-        let mean = self.mean.get_or_insert(*command);
-        let towards = |mean: &mut f64, now: f64| *mean = low_pass(*mean, now, STEADY_S, dt_s);
-        towards(&mut mean.throttle, command.throttle);
-        towards(&mut mean.aileron_rad, command.aileron_rad);
-        towards(&mut mean.elevator_rad, command.elevator_rad);
-        towards(&mut mean.rudder_rad, command.rudder_rad);
-    }
+    memory: Memory,
 }
 
 impl Controller {
@@ -311,33 +263,7 @@ impl Controller {
         let cruise_mps = envelope.cruise_mps(&airframe, config.cruise_mps);
         let config = ControllerConfig { cruise_mps, ..config };
         let trim = airframe.trim(config.cruise_mps, 1.2);
-        Self {
-            airframe,
-            config,
-            trim,
-            envelope,
-            guidance,
-            loops: InnerLoops::default(),
-            references: References { normal_mps2: -GRAVITY_MPS2, ..References::default() },
-            channels: Channels::default(),
-            fallback: Fallback::new(trim.alpha_rad, config.cruise_mps),
-            airspeed_mps: 0.0,
-            airspeed_watch: AirspeedWatch::default(),
-            power: PowerWatch::default(),
-            ground: GroundWatch::default(),
-            stall: StallGuard::default(),
-            gusts: GustWatch::default(),
-            stuck: Stuck::default(),
-            pitch_hold: PitchHold::default(),
-            pitches_blind: false,
-            roll: RollModel::default(),
-            authority_mps: 0.0,
-            last: trimmed(&trim),
-            steady: Steady::default(),
-            play: play::PlayInverse::default(),
-            take_off: None,
-            landing: None,
-        }
+        Self { airframe, config, trim, envelope, guidance, memory: Memory::new(&trim, config.cruise_mps) }
     }
 
     /// Begins a take-off from standstill; it is flown as soon as the autopilot is on.
@@ -347,50 +273,50 @@ impl Controller {
 
     /// The same, over at this height, m above the runway, in place of that of the settings.
     pub fn take_off_to(&mut self, method: Method, height_m: Option<f64>) {
-        self.take_off = Some(TakeOff::new(method, height_m));
-        (self.landing, self.power) = (None, PowerWatch::default());
-        self.stall.wait(f64::INFINITY);
-        self.last = ActuatorCommand::default();
+        self.memory.take_off = Some(TakeOff::new(method, height_m));
+        (self.memory.landing, self.memory.power) = (None, PowerWatch::default());
+        self.memory.stall.wait(f64::INFINITY);
+        self.memory.last = ActuatorCommand::default();
     }
 
     /// The propeller drives nothing.
     pub fn has_lost_power(&self) -> bool {
-        self.power.is_lost()
+        self.memory.power.is_lost()
     }
 
     /// Begins a landing from `state` on, or begins it anew; its final approach from `height_m` above the runway, at most, to a place, m
     /// north and east of the runway's origin.
     pub fn land(&mut self, state: &NavigationState, height_m: f64, place: Vector2<f64>) {
-        self.landing = Some(Landing::new(&self.config.landing, state, height_m, place));
+        self.memory.landing = Some(Landing::new(&self.config.landing, state, height_m, place));
     }
 
     /// Gives a landing up for whatever else was ordered; false: it is on the ground already.
     pub fn end_landing(&mut self) -> bool {
-        let ends = self.landing.is_none_or(|landing| !landing.is_on_ground());
+        let ends = self.memory.landing.is_none_or(|landing| !landing.is_on_ground());
         if ends {
-            self.landing = None;
+            self.memory.landing = None;
         }
         ends
     }
 
     /// Flies round once more; false: there is no landing, or the aircraft is on the ground.
     pub fn go_round(&mut self) -> bool {
-        self.landing.as_mut().is_some_and(Landing::go_round)
+        self.memory.landing.as_mut().is_some_and(Landing::go_round)
     }
 
     /// Where the landing stands that is under way.
     pub fn landing_phase(&self) -> Option<landing::Phase> {
-        self.landing.map(|landing| landing.phase)
+        self.memory.landing.map(|landing| landing.phase)
     }
 
     /// Gives a take-off up; false: there is none, or the aircraft flies already.
     pub fn abort_take_off(&mut self) -> bool {
-        self.take_off.as_mut().is_some_and(TakeOff::abort)
+        self.memory.take_off.as_mut().is_some_and(TakeOff::abort)
     }
 
     /// Where the take-off stands that is under way.
     pub fn take_off_phase(&self) -> Option<Phase> {
-        self.take_off.map(|take_off| take_off.phase)
+        self.memory.take_off.map(|take_off| take_off.phase)
     }
 
     /// The mission, to replace or restart it.
@@ -424,101 +350,35 @@ impl Controller {
 
     /// What to keep over a restart.
     pub fn snapshot(&self) -> ControllerSnapshot {
-        // Every field of a controller is kept, or stands here: it comes from the settings.
-        let Self {
-            airframe: _,
-            config: _,
-            trim: _,
-            envelope: _,
-            guidance,
-            loops,
-            references,
-            channels,
-            fallback,
-            airspeed_mps,
-            airspeed_watch,
-            power,
-            ground,
-            stall,
-            gusts,
-            stuck,
-            pitch_hold,
-            pitches_blind,
-            roll,
-            authority_mps,
-            last,
-            steady,
-            play,
-            take_off,
-            landing,
-        } = *self;
-        ControllerSnapshot {
-            loops,
-            references,
-            channels,
-            fallback,
-            airspeed_mps,
-            airspeed_watch,
-            power,
-            ground,
-            stall,
-            gusts,
-            stuck,
-            pitch_hold: pitch_hold.between_frames(),
-            pitches_blind,
-            roll,
-            authority_mps,
-            command: last,
-            steady,
-            play,
-            take_off,
-            landing,
-            path: guidance.path(),
-            guidance: guidance.snapshot(),
-        }
+        let mut memory = self.memory;
+        memory.pitch_hold.aim = None; // that of a frame
+        ControllerSnapshot { memory, path: self.guidance.path(), guidance: self.guidance.snapshot() }
     }
 
     /// Goes on where a snapshot stood; false: nothing has flown there yet.
     pub fn resume(&mut self, snapshot: &ControllerSnapshot) -> bool {
-        if snapshot.airspeed_mps <= 0.0 {
+        if snapshot.memory.airspeed_mps <= 0.0 {
             return false;
         }
-        // Field by field: a whole controller on the stack is much for a partition.
-        let s = snapshot;
-        (self.loops, self.references, self.channels) = (s.loops, s.references, s.channels);
-        (self.fallback, self.airspeed_mps, self.airspeed_watch) =
-            (s.fallback, s.airspeed_mps, s.airspeed_watch);
-        (self.power, self.ground, self.stall, self.gusts) = (s.power, s.ground, s.stall, s.gusts);
-        (self.stuck, self.pitch_hold, self.pitches_blind) = (s.stuck, s.pitch_hold, s.pitches_blind);
-        self.roll = s.roll;
-        self.authority_mps = s.authority_mps.clamp(0.0, AUTHORITY_LIMIT_MPS);
-        (self.last, self.steady, self.play) = (s.command, s.steady, s.play);
-        (self.take_off, self.landing) = (s.take_off, s.landing);
+        self.memory = snapshot.memory;
         self.learn_lift();
-        self.guidance.resume(&s.guidance);
-        self.guidance.resume_path(&s.path);
+        self.guidance.resume(&snapshot.guidance);
+        self.guidance.resume_path(&snapshot.path);
         true
     }
 
     /// Tells a controller that was started in flight where the actuators stand, so that it takes over from there.
     pub fn assume_actuators(&mut self, command: &ActuatorCommand) {
-        self.last = *command;
+        self.memory.last = *command;
     }
 
     /// Takes notice of what flies instead of its own last command, where several controllers fly and one of them, or none, is listened to:
     /// `off` is that less its own. Integrators that nobody listens to would drift away from those that fly.
     pub fn equalise(&mut self, off: &ActuatorCommand, dt_s: f64) {
         let share = (dt_s / EQUALISED_S).clamp(0.0, 1.0);
-        let by = ActuatorCommand {
-            throttle: share * off.throttle,
-            aileron_rad: share * off.aileron_rad,
-            elevator_rad: share * off.elevator_rad,
-            rudder_rad: share * off.rudder_rad,
-        };
-        if [by.throttle, by.aileron_rad, by.elevator_rad, by.rudder_rad].iter().all(|by| by.is_finite()) {
-            self.loops.shift(&self.airframe, &self.channels, &by);
-            self.pitch_hold.shift(by.elevator_rad);
-        }
+        let Memory { loops, channels, pitch_hold, .. } = &mut self.memory;
+        loops.shift(&self.airframe, channels, off, share);
+        pitch_hold.shift(share * off.elevator_rad);
     }
 
     /// One frame.
@@ -526,17 +386,17 @@ impl Controller {
         let dt_s = if inputs.dt_s.is_finite() { inputs.dt_s.clamp(1e-4, LONGEST_STEP_S) } else { 0.02 };
         let commands = commands.finite();
         let (state, basis) =
-            self.fallback.update(inputs.navigation, &inputs.rates, &inputs.specific_force, dt_s);
+            self.memory.fallback.update(inputs.navigation, &inputs.rates, &inputs.specific_force, dt_s);
         let mut signals = self.measure(&state, inputs, basis, dt_s);
-        self.stuck.look(&inputs.specific_force, &inputs.rates);
-        signals.pitches_blind = self.stuck.axes() & PITCH_RATE != 0;
-        if signals.pitches_blind != std::mem::replace(&mut self.pitches_blind, signals.pitches_blind) {
-            self.channels.pitch = false; // engaged anew with the other gains, the elevator goes on from where it is
+        self.memory.stuck.look(&inputs.specific_force, &inputs.rates);
+        signals.pitches_blind = self.memory.stuck.axes() & PITCH_RATE != 0;
+        if signals.pitches_blind != std::mem::replace(&mut self.memory.pitches_blind, signals.pitches_blind) {
+            self.memory.channels.pitch = false; // engaged anew with the other gains, the elevator goes on from where it is
         }
-        if self.stuck.axes() & LATERAL_FORCE != 0 {
+        if self.memory.stuck.axes() & LATERAL_FORCE != 0 {
             signals.lateral_mps2 = 0.0; // the rudder's trim stays: it would run to its end
         }
-        let by_ailerons = self.roll.step(&self.airframe, &signals, self.last.aileron_rad, dt_s);
+        let by_ailerons = self.memory.roll.step(&self.airframe, &signals, self.memory.last.aileron_rad, dt_s);
         if self.rolls_blind() {
             signals.roll_rate_radps = by_ailerons;
         }
@@ -544,19 +404,19 @@ impl Controller {
         if !commands.autopilot {
             return self.hand_over(inputs, basis, signals);
         }
-        self.pitch_hold.aim = None;
+        self.memory.pitch_hold.aim = None;
         let ordered = self
             .leave_ground(&state, &signals, basis, dt_s, &commands)
             .and_then(|commands| self.come_down(&state, &signals, basis, dt_s, &commands));
         // Whether a motor drives it is seen from the throttle that was flown.
         self.watch_power(&state, &signals, basis, dt_s);
-        if self.power.is_lost() && self.landing.is_some() {
-            self.take_off = None; // a climb that nothing drives is over
+        if self.memory.power.is_lost() && self.memory.landing.is_some() {
+            self.memory.take_off = None; // a climb that nothing drives is over
         }
         let (commands, closes) = match ordered {
             Ok(ordered) => ordered,
             Err(command) => {
-                (self.last, self.channels) = (command, Channels::default());
+                (self.memory.last, self.memory.channels) = (command, Channels::default());
                 self.guidance.disengage();
                 return self.on_ground(command, basis, signals);
             }
@@ -568,36 +428,36 @@ impl Controller {
         let guidance = self.navigate(&state, &signals, &commands, basis);
         let wanted = self.outer(&state, &signals, &commands, guidance.as_ref(), basis);
         let (wanted, mut protection) = self.protect(&state, &signals, &wanted, basis);
-        protection.note(Protection::PITOT, !self.airspeed_watch.is_believed());
-        protection.note(Protection::POWER, self.power.is_lost());
+        protection.note(Protection::PITOT, !self.memory.airspeed_watch.is_believed());
+        protection.note(Protection::POWER, self.memory.power.is_lost());
         let mut command = self.inner(&signals, &wanted, &commands, inputs, dt_s);
         self.watch_wing(&signals, &command, basis, dt_s);
-        protection.note(Protection::STALL, self.stall.is_stalled());
+        protection.note(Protection::STALL, self.memory.stall.is_stalled());
         if let Some(rudder_rad) =
-            self.landing.and_then(|landing| landing.rudder_rad(&self.airframe, &signals))
+            self.memory.landing.and_then(|landing| landing.rudder_rad(&self.airframe, &signals))
         {
             command.rudder_rad = rudder_rad; // on its wheels, though the wings carry yet
         }
         if closes {
             command.throttle = 0.0;
         }
-        self.last = command;
+        self.memory.last = command;
         if basis == Basis::Estimator {
-            self.steady.follow(&command, dt_s);
+            self.memory.steady.follow(&command, dt_s);
         }
         // The loops remember where the surface is wanted, not where the servo stands for it.
-        if self.channels.pitch {
+        if self.memory.channels.pitch {
             let servo = &self.airframe.servo;
-            let led = self.play.step(command.elevator_rad, servo.backlash_rad, dt_s);
+            let led = self.memory.play.step(command.elevator_rad, servo.backlash_rad, dt_s);
             command.elevator_rad = led.clamp(-servo.elevator_limit_rad, servo.elevator_limit_rad);
         }
         ControllerOutput {
             command,
             guidance,
             basis,
-            references: self.references,
+            references: self.memory.references,
             signals,
-            channels: self.channels,
+            channels: self.memory.channels,
             protection,
         }
     }
@@ -611,18 +471,18 @@ impl Controller {
         dt_s: f64,
         commands: &LoopCommands,
     ) -> Result<LoopCommands, ActuatorCommand> {
-        let Some(mut take_off) = self.take_off else { return Ok(*commands) };
+        let Some(mut take_off) = self.memory.take_off else { return Ok(*commands) };
         let (airframe, envelope) = (&self.airframe, &self.envelope);
         let course = state.velocity.y.atan2(state.velocity.x);
         let ground = state.velocity.xy().norm();
         take_off.advance(airframe, envelope, s, (course, ground), basis != Basis::WingsLevel, dt_s);
-        self.take_off = Some(take_off);
-        if let Some(command) = take_off.actuators(airframe, envelope, s, ground, &self.last, dt_s) {
+        self.memory.take_off = Some(take_off);
+        if let Some(command) = take_off.actuators(airframe, envelope, s, ground, &self.memory.last, dt_s) {
             return Err(command);
         }
         let height_m = take_off.height_m.unwrap_or(self.config.take_off_m);
         if state.altitude_m() >= height_m && basis != Basis::WingsLevel {
-            self.take_off = None;
+            self.memory.take_off = None;
             return Ok(*commands);
         }
         Ok(LoopCommands {
@@ -645,17 +505,17 @@ impl Controller {
         dt_s: f64,
         commands: &LoopCommands,
     ) -> Result<(LoopCommands, bool), ActuatorCommand> {
-        let Some(mut landing) = self.landing.filter(|_| self.take_off.is_none()) else {
+        let Some(mut landing) = self.memory.landing.filter(|_| self.memory.take_off.is_none()) else {
             return Ok((*commands, false));
         };
         if basis == Basis::WingsLevel && !landing.is_on_ground() {
             return Ok((LoopCommands::MISSION, false));
         }
-        let glide = self.power.is_lost().then(|| {
+        let glide = self.memory.power.is_lost().then(|| {
             let airspeed_mps = self.envelope.glide_mps(&self.airframe, s.density_kgpm3);
-            let slows_mps2 = self.power.slows_mps2(&self.airframe, airspeed_mps, s.density_kgpm3);
+            let slows_mps2 = self.memory.power.slows_mps2(&self.airframe, airspeed_mps, s.density_kgpm3);
             let turn_m = self.guidance.radius_at_m(airspeed_mps, &Vector2::zeros());
-            Glide { airspeed_mps, slows_mps2, turn_m, power: self.power }
+            Glide { airspeed_mps, slows_mps2, turn_m, power: self.memory.power }
         });
         let aircraft = (&self.airframe, &self.envelope, &self.config.landing);
         let motion = motion_of(state);
@@ -666,12 +526,12 @@ impl Controller {
         // Without power the throttle stays open: so it is seen that it is back.
         let least_mps = glide.as_ref().map_or(0.0, |glide| glide.airspeed_mps + OPEN_THROTTLE_MPS);
         let circle = (radius_m, self.config.cruise_mps.max(least_mps));
-        let over = (self.ground.over_ground(state), self.ground.is_known());
-        let doubted = if self.airspeed_watch.is_believed() { 0.0 } else { DOUBTED_APPROACH_SHARE };
-        let gusts_mps = (GUST_SHARE * self.gusts.deviation_mps()).min(MOST_FOR_GUSTS_MPS);
+        let over = (self.memory.ground.over_ground(state), self.memory.ground.is_known());
+        let doubted = if self.memory.airspeed_watch.is_believed() { 0.0 } else { DOUBTED_APPROACH_SHARE };
+        let gusts_mps = (GUST_SHARE * self.memory.gusts.deviation_mps()).min(MOST_FOR_GUSTS_MPS);
         let air = (s, gusts_mps + doubted * self.envelope.stall_mps(&self.airframe, s.density_kgpm3));
         let flown = landing.step(aircraft, (&over.0, over.1), air, circle, glide.as_ref(), dt_s);
-        self.landing = Some(landing);
+        self.memory.landing = Some(landing);
         let closes = matches!(flown, Flown::Loops(Approach { airspeed_mps: None, .. }));
         let commands = match flown {
             Flown::Wheels(command) => return Err(command),
@@ -690,7 +550,7 @@ impl Controller {
                 ..LoopCommands::default()
             },
             Flown::Loops(Approach { climb_mps, sideways_mps2, bank_rad, airspeed_mps, least_mps2, aim }) => {
-                self.pitch_hold.aim = aim;
+                self.memory.pitch_hold.aim = aim;
                 let outer = &self.config.outer;
                 let up = outer.climb_rate(climb_mps, -state.velocity.z).max(least_mps2);
                 let bank = sideways_mps2.map_or(0.0, |right| outer.bank_for(right, up, s.climb_rad));
@@ -709,43 +569,44 @@ impl Controller {
     /// A circle may lead over a ditch: the ground is looked for on the way down alone.
     fn watch_ground(&mut self, state: &NavigationState, range_m: Option<f64>, basis: Basis, dt_s: f64) {
         let range_m = range_m.filter(|_| basis == Basis::Estimator);
-        if self.landing.is_some_and(|landing| landing.comes_down()) {
-            return self.ground.step(range_m, state, dt_s);
+        if self.memory.landing.is_some_and(|landing| landing.comes_down()) {
+            return self.memory.ground.step(range_m, state, dt_s);
         }
-        self.ground.forget();
+        self.memory.ground.forget();
         // In the hands of who launches it nothing is learnt.
-        if self.take_off.is_none_or(|take_off| take_off.phase == Phase::Rolling) {
-            self.ground.stand(range_m, state, dt_s);
+        if self.memory.take_off.is_none_or(|take_off| take_off.phase == Phase::Rolling) {
+            self.memory.ground.stand(range_m, state, dt_s);
         }
     }
 
     /// A wing that stalls where its file has lift yet is flown with the lift that it gave, from then on.
     fn watch_wing(&mut self, s: &Signals, command: &ActuatorCommand, basis: Basis, dt_s: f64) {
-        let on_ground = self.landing.is_some_and(|landing| landing.is_on_ground())
+        let on_ground = self.memory.landing.is_some_and(|landing| landing.is_on_ground())
             || s.airspeed_mps < STALLS_SHARE * self.envelope.stall_mps(&self.airframe, s.density_kgpm3);
         // An attitude that is held follows no normal acceleration, and the nose is not to go down for gusts near the ground.
-        let held = on_ground || self.pitch_hold.is_on();
-        if !self.channels.pitch || self.take_off.is_some() || held || basis == Basis::WingsLevel {
-            return self.stall.wait(dt_s);
+        let held = on_ground || self.memory.pitch_hold.is_on();
+        if !self.memory.channels.pitch || self.memory.take_off.is_some() || held || basis == Basis::WingsLevel
+        {
+            return self.memory.stall.wait(dt_s);
         }
         // An elevator that is at its own stop can not hold a stall.
         let least_rad = self.least_elevator_rad(s);
         let at_limit =
             least_rad > -self.airframe.servo.elevator_limit_rad && command.elevator_rad <= least_rad + 1e-3;
-        let asked = (self.references.normal_mps2, at_limit, self.airspeed_watch.is_sure());
-        if self.stall.step(&self.airframe, self.envelope.file_lift, s, asked, dt_s) {
+        let asked = (self.memory.references.normal_mps2, at_limit, self.memory.airspeed_watch.is_sure());
+        if self.memory.stall.step(&self.airframe, self.envelope.file_lift, s, asked, dt_s) {
             self.learn_lift();
         }
     }
 
     fn least_elevator_rad(&self, s: &Signals) -> f64 {
-        let (lift, factor) = (self.envelope.file_lift, self.airspeed_watch.elevator_factor());
-        self.stall.least_elevator_rad(&self.airframe, lift, factor, s)
+        let (lift, factor) = (self.envelope.file_lift, self.memory.airspeed_watch.elevator_factor());
+        self.memory.stall.least_elevator_rad(&self.airframe, lift, factor, s)
     }
 
     fn learn_lift(&mut self) {
-        if self.stall.share() < 1.0 {
-            self.envelope = Envelope::with_lift(&self.airframe, self.stall.share());
+        if self.memory.stall.share() < 1.0 {
+            self.envelope = Envelope::with_lift(&self.airframe, self.memory.stall.share());
             let banks = self.envelope.banks(&self.airframe);
             self.guidance.fly_within(self.envelope.slowest_mps, Some(banks));
             self.configure(self.config);
@@ -753,21 +614,21 @@ impl Controller {
     }
 
     fn watch_power(&mut self, state: &NavigationState, s: &Signals, basis: Basis, dt_s: f64) {
-        let rolls = self.take_off.is_some_and(|take_off| take_off.phase != Phase::Climbing)
-            || self.landing.is_some_and(|landing| landing.is_on_ground());
+        let rolls = self.memory.take_off.is_some_and(|take_off| take_off.phase != Phase::Climbing)
+            || self.memory.landing.is_some_and(|landing| landing.is_on_ground());
         let frame = power::Frame {
-            throttle: self.last.throttle,
+            throttle: self.memory.last.throttle,
             airspeed_mps: s.airspeed_mps,
             altitude_m: state.altitude_m(),
             density_kgpm3: s.density_kgpm3,
             axial_mps2: s.axial_mps2,
             normal_mps2: s.normal_mps2,
-            flying: self.channels.pitch && !rolls && basis != Basis::WingsLevel,
-            may_sink: self.landing.is_some_and(|landing| landing.phase != landing::Phase::Round),
+            flying: self.memory.channels.pitch && !rolls && basis != Basis::WingsLevel,
+            may_sink: self.memory.landing.is_some_and(|landing| landing.phase != landing::Phase::Round),
             dt_s,
         };
-        if !self.stall.is_stalled() {
-            self.power.step(&self.airframe, &frame);
+        if !self.memory.stall.is_stalled() {
+            self.memory.power.step(&self.airframe, &frame);
         }
     }
 
@@ -778,22 +639,22 @@ impl Controller {
 
     fn on_ground(&self, command: ActuatorCommand, basis: Basis, signals: Signals) -> ControllerOutput {
         let mut protection = Protection::default();
-        protection.note(Protection::POWER, self.power.is_lost());
+        protection.note(Protection::POWER, self.memory.power.is_lost());
         ControllerOutput {
             command,
             guidance: None,
             basis,
-            references: self.references,
+            references: self.memory.references,
             signals,
-            channels: self.channels,
+            channels: self.memory.channels,
             protection,
         }
     }
 
     /// There is no state, and no gyroscope to fly on without one: the surfaces stay where they stood on average, and the loops wait.
     fn blind(&mut self, basis: Basis, signals: Signals) -> ControllerOutput {
-        self.last = self.steady.mean.unwrap_or_else(|| trimmed(&self.trim));
-        self.on_ground(self.last, basis, signals)
+        self.memory.last = self.memory.steady.mean.unwrap_or_else(|| trimmed(&self.trim));
+        self.on_ground(self.memory.last, basis, signals)
     }
 
     /// The safety pilot flies; loops forget, so that engagement starts from the pilot's actuators.
@@ -803,30 +664,30 @@ impl Controller {
         basis: Basis,
         signals: Signals,
     ) -> ControllerOutput {
-        self.channels = Channels::default();
+        self.memory.channels = Channels::default();
         self.guidance.disengage();
-        self.authority_mps = 0.0;
-        self.last = inputs.pilot;
+        self.memory.authority_mps = 0.0;
+        self.memory.last = inputs.pilot;
         // A take-off that was ordered on the ground waits for the autopilot; one that had begun is the pilot's.
-        if self.take_off.is_some_and(|take_off| !take_off.is_fresh()) {
-            self.take_off = None;
+        if self.memory.take_off.is_some_and(|take_off| !take_off.is_fresh()) {
+            self.memory.take_off = None;
         }
         // Whether there is power is judged by the throttle that the loops ask for.
-        (self.landing, self.power) = (None, PowerWatch::default());
-        self.stall.wait(f64::INFINITY);
+        (self.memory.landing, self.memory.power) = (None, PowerWatch::default());
+        self.memory.stall.wait(f64::INFINITY);
         self.on_ground(inputs.pilot, basis, signals)
     }
 
     /// The gyroscope does not tell the roll rate.
     fn rolls_blind(&self) -> bool {
-        self.stuck.axes() & ROLL_RATE != 0
+        self.memory.stuck.axes() & ROLL_RATE != 0
     }
 
     /// What can be asked for at the airspeed of the moment.
     fn limits(&self, s: &Signals) -> Limits {
         let most_rad = if self.rolls_blind() { roll::BANK_RAD } else { f64::INFINITY };
         let bank_rad = self.config.outer.bank_limit_rad.min(most_rad);
-        let sure = if self.airspeed_watch.is_believed() { 1.0 } else { 1.0 - DOUBTED_SHARE };
+        let sure = if self.memory.airspeed_watch.is_believed() { 1.0 } else { 1.0 - DOUBTED_SHARE };
         self.envelope.limits(&self.airframe, sure * s.airspeed_mps, s.density_kgpm3, bank_rad)
     }
 
@@ -846,9 +707,9 @@ impl Controller {
         let change = s.axial_mps2 - GRAVITY_MPS2 * s.climb_rad.sin();
         let lack = limits.floor_mps - s.airspeed_mps - FLOOR_LEAD_S * change.min(0.0);
         // What a glide has left is used up above the ground.
-        let flares = self.power.is_lost() && {
-            let over = self.ground.over_ground(state);
-            self.landing.is_some_and(|landing| landing.is_low(&over))
+        let flares = self.memory.power.is_lost() && {
+            let over = self.memory.ground.over_ground(state);
+            self.memory.landing.is_some_and(|landing| landing.is_low(&over))
         };
         let slow = lack > 0.0 && basis != Basis::WingsLevel && !flares;
         let held = wanted.normal.is_some() || wanted.axial.is_some();
@@ -901,7 +762,7 @@ impl Controller {
         let down = forward.cross(&right);
         let force = state.specific_force;
         let mut signals = Signals {
-            airspeed_mps: self.airspeed_mps,
+            airspeed_mps: self.memory.airspeed_mps,
             density_kgpm3: inputs.density_kgpm3.filter(|x| (0.5..1.5).contains(x)).unwrap_or(1.2),
             axial_mps2: force.dot(&forward),
             lateral_mps2: force.y,
@@ -916,12 +777,12 @@ impl Controller {
         };
         let airspeed = self.airspeed(state, inputs, &signals, basis, dt_s).unwrap_or(air.norm());
         let airspeed = airspeed.clamp(self.envelope.measured_mps.0, self.envelope.measured_mps.1);
-        self.airspeed_mps = if self.airspeed_mps > 0.0 {
-            low_pass(self.airspeed_mps, airspeed, AIRSPEED_LAG_S, dt_s)
+        self.memory.airspeed_mps = if self.memory.airspeed_mps > 0.0 {
+            low_pass(self.memory.airspeed_mps, airspeed, AIRSPEED_LAG_S, dt_s)
         } else {
             airspeed
         };
-        signals.airspeed_mps = self.airspeed_mps;
+        signals.airspeed_mps = self.memory.airspeed_mps;
         signals
     }
 
@@ -935,30 +796,30 @@ impl Controller {
         dt_s: f64,
     ) -> Option<f64> {
         // The ground carries the aircraft too while it takes off or lands.
-        let near_ground = self.take_off.is_some() || self.landing.is_some();
+        let near_ground = self.memory.take_off.is_some() || self.memory.landing.is_some();
         let in_air = !near_ground || state.altitude_m() > CARRIED_BY_WING_M;
         let frame = airspeed::Frame {
             pitot_mps: inputs.airspeed_mps,
-            apart_mps: inputs.airspeed_mps.map_or(0.0, |pitot_mps| self.gusts.apart_mps(pitot_mps)),
+            apart_mps: inputs.airspeed_mps.map_or(0.0, |pitot_mps| self.memory.gusts.apart_mps(pitot_mps)),
             density_kgpm3: s.density_kgpm3,
-            elevator_rad: self.last.elevator_rad,
+            elevator_rad: self.memory.last.elevator_rad,
             pitch_rate_radps: s.pitch_rate_radps,
             normal_mps2: s.normal_mps2,
             change_mps2: s.axial_mps2 - GRAVITY_MPS2 * s.climb_rad.sin(),
-            flying: self.channels.pitch && in_air && basis != Basis::WingsLevel,
+            flying: self.memory.channels.pitch && in_air && basis != Basis::WingsLevel,
             dt_s,
         };
-        match inputs.airspeed_mps.filter(|_| in_air && self.airspeed_watch.is_believed()) {
-            Some(pitot_mps) => self.gusts.step(pitot_mps, frame.change_mps2, dt_s),
-            None => self.gusts.pause(dt_s),
+        match inputs.airspeed_mps.filter(|_| in_air && self.memory.airspeed_watch.is_believed()) {
+            Some(pitot_mps) => self.memory.gusts.step(pitot_mps, frame.change_mps2, dt_s),
+            None => self.memory.gusts.pause(dt_s),
         }
         // What a stalled wing does says nothing of the pitot.
-        let told_mps = match self.stall.is_stalled() {
-            true => self.airspeed_watch.flown_mps(inputs.airspeed_mps),
-            false => self.airspeed_watch.step(&self.airframe, &frame),
+        let told_mps = match self.memory.stall.is_stalled() {
+            true => self.memory.airspeed_watch.flown_mps(inputs.airspeed_mps),
+            false => self.memory.airspeed_watch.step(&self.airframe, &frame),
         };
         let has_fixes = basis == Basis::Estimator && state.status == EstimatorStatus::Ready;
-        if self.airspeed_watch.is_believed() || !has_fixes {
+        if self.memory.airspeed_watch.is_believed() || !has_fixes {
             return told_mps;
         }
         // Lift is told badly by some elevators; satellites and the wind of before know about where the airspeed is.
@@ -980,7 +841,7 @@ impl Controller {
         }
         let motion = motion_of(state);
         let stall_mps = self.envelope.stall_mps(&self.airframe, s.density_kgpm3);
-        let least_mps = TURNS_SHARE * stall_mps + self.gusts.deviation_mps();
+        let least_mps = TURNS_SHARE * stall_mps + self.memory.gusts.deviation_mps();
         self.guidance.fly_within(least_mps.max(self.envelope.slowest_mps), None);
         if self.rolls_blind() {
             self.guidance.turn_no_steeper(roll::BANK_RAD);
@@ -1026,10 +887,10 @@ impl Controller {
     ) -> Option<f64> {
         let outer = &self.config.outer;
         let target = commands.altitude_m.or(guidance.map(|g| g.altitude_m));
-        if self.power.is_lost() && target.is_some() {
+        if self.memory.power.is_lost() && target.is_some() {
             let glide_mps = self.envelope.glide_mps(&self.airframe, s.density_kgpm3);
             let climb = s.airspeed_mps * s.climb_rad.sin();
-            return Some(outer.climb_rate(self.power.climb_mps(glide_mps, s.airspeed_mps), climb));
+            return Some(outer.climb_rate(self.memory.power.climb_mps(glide_mps, s.airspeed_mps), climb));
         }
         if basis == Basis::WingsLevel {
             // No height to be trusted: keep the nose where level flight has it.
@@ -1037,7 +898,7 @@ impl Controller {
             return (commands.navigation || target.is_some()).then(|| outer.climb_rate(0.0, climb));
         }
         let reference = self.airspeed_wanted(commands, guidance);
-        let taking_off = self.take_off.map(|take_off| self.climb_out_mps(&take_off, s));
+        let taking_off = self.memory.take_off.map(|take_off| self.climb_out_mps(&take_off, s));
         let reference = taking_off.or(reference);
         let lack = reference.map_or(0.0, |v| v - s.airspeed_mps);
         target.map(|altitude| outer.altitude(altitude - state.altitude_m(), -state.velocity.z, lack))
@@ -1063,7 +924,7 @@ impl Controller {
         let sideways = sideways.or(guidance.map(|g| g.horizontal_mps2))?;
         let bank = self.config.outer.bank_for(sideways, vertical, s.climb_rad);
         // Wheels and wing tips are near the ground yet.
-        let most = if self.take_off.is_some() { TAKE_OFF_BANK_RAD } else { f64::INFINITY };
+        let most = if self.memory.take_off.is_some() { TAKE_OFF_BANK_RAD } else { f64::INFINITY };
         Some(bank.clamp(-most, most))
     }
 
@@ -1085,7 +946,7 @@ impl Controller {
         let waiting = (basis == Basis::WingsLevel && commands.navigation).then_some(self.config.cruise_mps);
         let target = self.airspeed_wanted(commands, guidance).or(waiting);
         let floor = self.limits(s).floor_mps;
-        let wanted = target.map(|v| v.max(floor) + self.authority_mps);
+        let wanted = target.map(|v| v.max(floor) + self.memory.authority_mps);
         let by_speed = wanted.map(|v| self.config.outer.airspeed(v - s.airspeed_mps, s.climb_rad));
         commands.axial_mps2.or(by_speed)
     }
@@ -1100,24 +961,27 @@ impl Controller {
         dt_s: f64,
     ) -> ActuatorCommand {
         let lateral = commands.lateral_mps2.unwrap_or(0.0);
-        let aim = self.pitch_hold.aim.filter(|aim| !s.pitches_blind || matches!(aim, Aim::Wheels { .. }));
+        let aim =
+            self.memory.pitch_hold.aim.filter(|aim| !s.pitches_blind || matches!(aim, Aim::Wheels { .. }));
         // The normal loop begins where the elevator was held.
-        self.channels.pitch &= aim.is_some() || !self.pitch_hold.is_on();
-        if !self.channels.pitch {
-            self.pitch_hold.release();
+        self.memory.channels.pitch &= aim.is_some() || !self.memory.pitch_hold.is_on();
+        if !self.memory.channels.pitch {
+            self.memory.pitch_hold.release();
         }
         self.engage(s, wanted, lateral);
         self.slew_references(wanted, dt_s);
         let least_rad = self.least_elevator_rad(s);
-        let (airframe, tuning, r) = (&self.airframe, &self.config.inner, &self.references);
-        let loops = &mut self.loops;
+        let (airframe, tuning, r) = (&self.airframe, &self.config.inner, &self.memory.references);
+        let loops = &mut self.memory.loops;
         let mut command = inputs.pilot;
         if wanted.roll_rate.is_some() {
             command.aileron_rad = loops.roll(airframe, tuning, s, r.roll_rate_radps, dt_s);
         }
         if wanted.normal.is_some() {
             command.elevator_rad = match &aim {
-                Some(aim) => self.pitch_hold.step(airframe, s, aim, self.last.elevator_rad, dt_s),
+                Some(aim) => {
+                    self.memory.pitch_hold.step(airframe, s, aim, self.memory.last.elevator_rad, dt_s)
+                }
                 None => loops.normal(airframe, tuning, s, (r.normal_mps2, least_rad), dt_s),
             };
         }
@@ -1126,7 +990,7 @@ impl Controller {
         let used = -trim_rad / airframe.servo.elevator_limit_rad;
         let more = AUTHORITY_GAIN_MPS * (used - ELEVATOR_COMFORT).max(0.0)
             + END_GAIN_MPS * (used - ELEVATOR_END).clamp(0.0, 1.0 - ELEVATOR_END);
-        self.authority_mps = low_pass(self.authority_mps, more, AUTHORITY_LAG_S, dt_s);
+        self.memory.authority_mps = low_pass(self.memory.authority_mps, more, AUTHORITY_LAG_S, dt_s);
         if wanted.axial.is_some() {
             command.throttle = loops.axial(airframe, tuning, s, r.axial_mps2, dt_s);
         }
@@ -1139,25 +1003,25 @@ impl Controller {
     }
 
     fn engage(&mut self, s: &Signals, wanted: &Wanted, lateral: f64) {
-        let (airframe, tuning, last) = (&self.airframe, &self.config.inner, &self.last);
-        let loops = &mut self.loops;
-        if wanted.roll_rate.is_some() && !self.channels.roll {
-            self.references.roll_rate_radps = s.roll_rate_radps.clamp(-1.6, 1.6);
-            loops.engage_roll(airframe, tuning, s, self.references.roll_rate_radps, last.aileron_rad);
+        let (airframe, tuning, last) = (&self.airframe, &self.config.inner, &self.memory.last);
+        let loops = &mut self.memory.loops;
+        if wanted.roll_rate.is_some() && !self.memory.channels.roll {
+            self.memory.references.roll_rate_radps = s.roll_rate_radps.clamp(-1.6, 1.6);
+            loops.engage_roll(airframe, tuning, s, self.memory.references.roll_rate_radps, last.aileron_rad);
         }
-        if wanted.normal.is_some() && !self.channels.pitch {
+        if wanted.normal.is_some() && !self.memory.channels.pitch {
             let limits = self.envelope.limits(airframe, s.airspeed_mps, s.density_kgpm3, 0.0);
-            self.references.normal_mps2 = limits.normal(s.normal_mps2, &mut Protection::default());
-            loops.engage_normal(airframe, tuning, s, self.references.normal_mps2, last.elevator_rad);
+            self.memory.references.normal_mps2 = limits.normal(s.normal_mps2, &mut Protection::default());
+            loops.engage_normal(airframe, tuning, s, self.memory.references.normal_mps2, last.elevator_rad);
         }
-        if wanted.axial.is_some() && !self.channels.thrust {
-            self.references.axial_mps2 = s.axial_mps2.clamp(-3.0, 4.0);
-            loops.engage_axial(airframe, tuning, s, self.references.axial_mps2, last.throttle);
+        if wanted.axial.is_some() && !self.memory.channels.thrust {
+            self.memory.references.axial_mps2 = s.axial_mps2.clamp(-3.0, 4.0);
+            loops.engage_axial(airframe, tuning, s, self.memory.references.axial_mps2, last.throttle);
         }
-        if !self.channels.yaw {
+        if !self.memory.channels.yaw {
             loops.engage_lateral(airframe, tuning, s, lateral, last.rudder_rad);
         }
-        self.channels = Channels {
+        self.memory.channels = Channels {
             roll: wanted.roll_rate.is_some(),
             pitch: wanted.normal.is_some(),
             yaw: true,
@@ -1166,7 +1030,7 @@ impl Controller {
     }
 
     fn slew_references(&mut self, wanted: &Wanted, dt_s: f64) {
-        let r = &mut self.references;
+        let r = &mut self.memory.references;
         let limit = self.config.outer.roll_rate_radps;
         if let Some(target) = wanted.roll_rate {
             r.roll_rate_radps =

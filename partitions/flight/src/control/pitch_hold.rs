@@ -80,11 +80,6 @@ kept!(Held { pitch_rad: f64, learnt_rad: f64, trim: Integrator });
 kept!(PitchHold { held: Option<Held>; aim = None });
 
 impl PitchHold {
-    /// What is left of it when a frame is over.
-    pub(super) fn between_frames(self) -> Self {
-        Self { aim: None, ..self }
-    }
-
     /// It holds the elevator, or did in the frame before.
     pub(super) fn is_on(&self) -> bool {
         self.held.is_some()

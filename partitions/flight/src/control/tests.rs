@@ -213,18 +213,43 @@ fn controller_that_goes_on_from_memory_is_the_one_that_wrote_them() {
                 return;
             }
             chosen = 1 + (chosen * 7 + 3) % 41;
-            landings += u32::from(first.landing.is_some());
+            landings += u32::from(first.memory.landing.is_some());
             let snapshot = first.snapshot();
             let back = ControllerSnapshot::from_bytes(&snapshot.to_bytes());
             assert_eq!(back, Some(snapshot), "seed {seed}, frame {frame}");
             let mut second = controller();
             if second.resume(&snapshot) {
-                first.pitch_hold = first.pitch_hold.between_frames();
+                first.memory.pitch_hold.aim = None;
                 assert_eq!(second, *first, "seed {seed}, frame {frame}");
             }
         });
     }
     assert!(landings > 100, "{landings}");
+}
+
+#[test]
+fn without_a_pitot_the_airspeed_stays_near_that_over_ground() {
+    for over_ground_mps in [14.0, 36.0] {
+        let flown_mps = |status| {
+            let mut controller = controller();
+            let mut state = NavigationState { status, ..level_state() };
+            // It repeats its value, and is not believed before long.
+            for _ in 0..1_000 {
+                controller.step(&inputs(Some(&state)), &LoopCommands::MISSION);
+            }
+            assert!(!controller.memory.airspeed_watch.is_believed());
+            state.velocity.x = over_ground_mps;
+            let steps = (0..100).map(|_| controller.step(&inputs(Some(&state)), &LoopCommands::MISSION));
+            steps.last().unwrap().signals.airspeed_mps
+        };
+        let off_mps = flown_mps(EstimatorStatus::Ready) - over_ground_mps;
+        assert!(off_mps.abs() < BY_WIND_MPS + 0.1, "{over_ground_mps}: {off_mps}");
+        let off_mps = flown_mps(EstimatorStatus::Converging) - over_ground_mps;
+        assert!(
+            off_mps.abs() > BY_WIND_MPS + 1.0,
+            "{over_ground_mps}: {off_mps}, the velocity is not known either"
+        );
+    }
 }
 
 #[test]

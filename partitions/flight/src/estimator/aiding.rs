@@ -252,9 +252,7 @@ impl Estimator {
         self.filter.forget(VEL, 3, 1.0);
         self.filter.forget(POS, 3, 5.0);
         self.filter.widen(ATT, 3, 0.1);
-        self.history.clear();
-        let now = self.now();
-        self.history.push(now);
+        self.begin_history();
     }
 
     /// Fuses static pressure (Pa) as height above the runway; call as often as there are values, it fuses at 25 Hz.
@@ -322,8 +320,7 @@ impl Estimator {
         self.filter.forget(POS + 2, 1, UNTOLD_HEIGHT_M);
         self.filter.forget(VEL + 2, 1, UNTOLD_SINK_MPS);
         self.filter.widen(ACCEL, 3, UNTOLD_ACCELERATION_MPS2);
-        self.history.clear();
-        self.history.push(self.now());
+        self.begin_history();
     }
 
     /// The height has followed a barometer that climbed so much too far, m; now it follows the receiver.
@@ -331,6 +328,11 @@ impl Estimator {
         self.barometer_gate = Gate::default();
         self.filter.nominal.position.z += off_m;
         self.filter.forget(POS + 2, 1, UNTOLD_HEIGHT_M);
+        self.begin_history();
+    }
+
+    /// The state was set: the past that led to another one says nothing of it.
+    fn begin_history(&mut self) {
         self.history.clear();
         self.history.push(self.now());
     }

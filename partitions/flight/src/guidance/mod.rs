@@ -164,9 +164,15 @@ impl GuidanceConfig {
     /// than a share of the bank that the aircraft holds.
     #[must_use]
     pub fn corner_radius_m(&self, airspeed_mps: f64, wind_mps: f64) -> f64 {
+        self.radius_m.unwrap_or(self.turn_radius_m(airspeed_mps, wind_mps))
+    }
+
+    /// The same whatever radius of corners is set: what the aircraft turns with.
+    #[must_use]
+    pub fn turn_radius_m(&self, airspeed_mps: f64, wind_mps: f64) -> f64 {
         let fastest = airspeed_mps + wind_mps;
         let tangent = self.turn_bank_rad.tan().min(BANK_SHARE * self.banks.tangent(airspeed_mps));
-        self.radius_m.unwrap_or((fastest * fastest / (GRAVITY_MPS2 * tangent)).max(self.least_radius_m))
+        (fastest * fastest / (GRAVITY_MPS2 * tangent)).max(self.least_radius_m)
     }
 }
 
@@ -244,8 +250,6 @@ const TRACK_SHARE: f64 = 0.6;
 const CLOSING_GAIN: f64 = 1.2;
 /// Gain from course error to turn rate, 1/s: a third of the bank loop's, so that a slow roller does not swing.
 const COURSE_GAIN: f64 = 0.75;
-/// A fillet is no tighter than this share of the radius.
-const TIGHTEST_SHARE: f64 = 0.6;
 /// It flies so many radii away from a place that it can not turn to.
 const AWAY_RADII: f64 = 2.5;
 /// And one more each time that it was missed, up to so many.
@@ -498,19 +502,15 @@ impl Guidance {
 
     /// Radius (m) that it turns with, whatever corners are asked for.
     fn turn_radius_m(&self, wind: &Vector2<f64>) -> f64 {
-        let own = GuidanceConfig { radius_m: None, ..self.config };
-        own.corner_radius_m(self.airspeed_mps(), wind.norm().min(STRONGEST_WIND_MPS))
+        self.config.turn_radius_m(self.airspeed_mps(), wind.norm().min(STRONGEST_WIND_MPS))
     }
 
     /// The leg, with the fillet at its end.
     fn begin_leg(&self, leg: Leg, wind: &Vector2<f64>) -> Stage {
         let arc = match self.config.corner {
             Corner::Fillet => {
-                let radius_m = self.radius_m(wind);
-                let arc = self.leg_after().and_then(|after| Arc::between(&leg, &after, radius_m));
-                // Where the legs leave no room for one that it can fly, the way-point itself is passed.
-                let least_m = TIGHTEST_SHARE * radius_m.min(self.turn_radius_m(wind));
-                arc.filter(|arc| arc.radius_m > least_m)
+                let (radius_m, turn_m) = (self.radius_m(wind), self.turn_radius_m(wind));
+                self.leg_after().and_then(|after| Arc::between(&leg, &after, radius_m, turn_m))
             }
             Corner::FlyThrough => None,
         };

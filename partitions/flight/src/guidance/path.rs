@@ -13,6 +13,8 @@ use std::f64::consts::FRAC_PI_2;
 const SHARPEST_FILLET_RAD: f64 = 2.6;
 /// A fillet may take up this share of either leg, so that two of them leave a straight piece.
 const LARGEST_LEG_SHARE: f64 = 0.45;
+/// One that is tighter than this share of what the aircraft turns with is none: the way-point itself is passed.
+const TIGHTEST_SHARE: f64 = 0.6;
 
 /// A straight piece.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -88,8 +90,8 @@ impl Leg {
 
 impl Arc {
     /// The fillet between two legs that meet, as wide as `radius_m` and the legs allow; `None` where the track goes
-    /// straight on or turns back.
-    pub fn between(inbound: &Leg, outbound: &Leg, radius_m: f64) -> Option<Self> {
+    /// straight on or turns back, or the legs leave no room for an aircraft that turns with `turn_m`.
+    pub fn between(inbound: &Leg, outbound: &Leg, radius_m: f64, turn_m: f64) -> Option<Self> {
         let turn = wrap_angle(outbound.track_rad() - inbound.track_rad());
         if turn.abs() < 1e-3 || turn.abs() > SHARPEST_FILLET_RAD {
             return None;
@@ -97,7 +99,11 @@ impl Arc {
         let half = (0.5 * turn.abs()).tan();
         let room = LARGEST_LEG_SHARE * inbound.length_m().min(outbound.length_m());
         let tangent_m = (radius_m * half).min(room);
+        let least_m = TIGHTEST_SHARE * radius_m.min(turn_m);
         let radius_m = tangent_m / half;
+        if radius_m < least_m {
+            return None;
+        }
         let side = turn.signum();
         let track = inbound.track_rad();
         let forward = Vector2::new(track.cos(), track.sin());
@@ -143,8 +149,8 @@ pub struct Circuit {
 
 impl Circuit {
     /// The circuit through all way-points (at most [`MAX_WAYPOINTS`]) and back to the first, with one radius.
-    /// A radius of zero gives the polygon itself (the fly-through path).
-    pub fn new(waypoints: &[Waypoint], radius_m: f64) -> Self {
+    /// A radius of zero gives the polygon itself (the fly-through path). The aircraft turns with `turn_m`.
+    pub fn new(waypoints: &[Waypoint], radius_m: f64, turn_m: f64) -> Self {
         let count = waypoints.len().min(MAX_WAYPOINTS);
         let nowhere = Leg { from: Vector2::zeros(), to: Vector2::zeros() };
         let mut circuit = Self { legs: [nowhere; MAX_WAYPOINTS], arcs: [None; MAX_WAYPOINTS], count };
@@ -154,7 +160,8 @@ impl Circuit {
         }
         if radius_m > 0.0 {
             for i in 0..count {
-                circuit.arcs[i] = Arc::between(&circuit.legs[i], &circuit.legs[(i + 1) % count], radius_m);
+                let (leg, after) = (&circuit.legs[i], &circuit.legs[(i + 1) % count]);
+                circuit.arcs[i] = Arc::between(leg, after, radius_m, turn_m);
             }
         }
         circuit
@@ -209,7 +216,7 @@ mod tests {
 
     #[test]
     fn fillet_touches_both_legs() {
-        let circuit = Circuit::new(&seed_waypoints(), 70.0);
+        let circuit = Circuit::new(&seed_waypoints(), 70.0, 70.0);
         let arc = circuit.arc(0).unwrap();
         assert!((arc.centre - Vector2::new(430.0, 70.0)).norm() < 1e-9);
         assert!((arc.tangent_m - 70.0).abs() < 1e-9 && arc.side > 0.0);
@@ -224,7 +231,7 @@ mod tests {
     fn left_turn_has_its_centre_on_the_left() {
         let inbound = Leg { from: Vector2::new(0.0, 0.0), to: Vector2::new(300.0, 0.0) };
         let outbound = Leg { from: inbound.to, to: Vector2::new(300.0, -300.0) };
-        let arc = Arc::between(&inbound, &outbound, 50.0).unwrap();
+        let arc = Arc::between(&inbound, &outbound, 50.0, 50.0).unwrap();
         assert!((arc.centre - Vector2::new(250.0, -50.0)).norm() < 1e-9);
         // Outside of a left turn is right of the track.
         assert!(arc.offset(&Vector2::new(251.0, 3.0)).right_m > 2.9);
@@ -234,14 +241,15 @@ mod tests {
     fn wide_fillets_shrink_to_the_legs_and_reversals_get_none() {
         let inbound = Leg { from: Vector2::new(0.0, 0.0), to: Vector2::new(100.0, 0.0) };
         let square = Leg { from: inbound.to, to: Vector2::new(100.0, 100.0) };
-        assert!((Arc::between(&inbound, &square, 500.0).unwrap().radius_m - 45.0).abs() < 1e-9);
+        assert!((Arc::between(&inbound, &square, 500.0, 70.0).unwrap().radius_m - 45.0).abs() < 1e-9);
+        assert_eq!(Arc::between(&inbound, &square, 500.0, 80.0), None, "tighter than it turns");
         let back = Leg { from: inbound.to, to: inbound.from };
-        assert!(Arc::between(&inbound, &back, 50.0).is_none());
+        assert!(Arc::between(&inbound, &back, 50.0, 50.0).is_none());
     }
 
     #[test]
     fn score_sees_the_nearest_piece_and_its_side() {
-        let circuit = Circuit::new(&seed_waypoints(), 70.0);
+        let circuit = Circuit::new(&seed_waypoints(), 70.0, 70.0);
         let (right, piece) = circuit.nearest(&Vector2::new(250.0, -3.0)).unwrap();
         assert!((right + 3.0).abs() < 1e-9);
         assert_eq!(piece, Piece::Leg(0));

@@ -251,7 +251,7 @@ impl Flight {
             if let Some(r) = frame.output.guidance.map(|g| g.radius_m).filter(|r| *r > 0.0) {
                 radius = r;
             }
-            let circuit = Circuit::new(&seed_waypoints(), radius);
+            let circuit = Circuit::new(&seed_waypoints(), radius, radius);
             let here = t.position_ned_m + t.gps_slow_error_ned_m;
             let (right, piece) = circuit.nearest(&Vector2::new(here.x, here.y)).unwrap();
             all.add(right);

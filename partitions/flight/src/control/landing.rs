@@ -599,11 +599,12 @@ impl Landing {
         TOUCH_SINK_MPS + share * (slope_mps - TOUCH_SINK_MPS).max(0.0)
     }
 
-    /// The attitude in which the approach's incidence gives a climb rate, m/s.
+    /// A climb rate, m/s, about the attitude in which the approach's incidence gives it.
     fn sinking(&self, climb_mps: f64, state: &NavigationState, s: &Signals) -> Aim {
         Aim::Climb {
             about_rad: self.incidence_rad + climb_mps / s.airspeed_mps.max(1.0),
             lacking_mps: climb_mps + state.velocity.z,
+            gust_mps: s.airspeed_mps - state.air_velocity().norm(),
         }
     }
 

@@ -10,6 +10,7 @@
 //! autopilot is on.
 
 pub mod airspeed;
+mod climb_regulator;
 pub mod envelope;
 pub mod fallback;
 pub mod gusts;
@@ -218,6 +219,8 @@ const DOUBTED_APPROACH_SHARE: f64 = 0.17;
 /// Airspeed of an approach for each m/s of the gusts' standard deviation, m/s at most.
 const GUST_SHARE: f64 = 2.0;
 const MOST_FOR_GUSTS_MPS: f64 = 5.0;
+/// How much of the angle of climb that is lacking in a flare the motor makes up for: with 1 the airspeed stays, and more lifts.
+const LACKING_SHARE: f64 = 2.0;
 /// How far ahead the airspeed is looked at where its floor is kept, s.
 const FLOOR_LEAD_S: f64 = 1.0;
 /// Slew limits of the references: invisible in normal flight, they take the edge off a change of basis.
@@ -947,7 +950,13 @@ impl Controller {
         let target = self.airspeed_wanted(commands, guidance).or(waiting);
         let floor = self.limits(s).floor_mps;
         let wanted = target.map(|v| v.max(floor) + self.memory.authority_mps);
-        let by_speed = wanted.map(|v| self.config.outer.airspeed(v - s.airspeed_mps, s.climb_rad));
+        // Near the ground gusts take height and airspeed at once: a sink that was not asked for gives no airspeed back.
+        let lacking_rad = match self.memory.pitch_hold.aim {
+            Some(Aim::Climb { lacking_mps, .. }) => lacking_mps / s.airspeed_mps.max(1.0),
+            _ => 0.0,
+        };
+        let climb_rad = s.climb_rad + LACKING_SHARE * lacking_rad;
+        let by_speed = wanted.map(|v| self.config.outer.airspeed(v - s.airspeed_mps, climb_rad));
         commands.axial_mps2.or(by_speed)
     }
 

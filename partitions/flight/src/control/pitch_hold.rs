@@ -1,12 +1,14 @@
-//! The elevator near the ground: it holds a pitch attitude.
+//! The elevator near the ground: it regulates a sink rate in the air, and holds a pitch attitude on the wheels.
 //!
 //! Gusts near the ground change within half a second, as fast as the normal loop follows. It would pitch the aircraft after each of them, and late.
-//! With its attitude held the aircraft gives way to a gust and comes back by itself; and on its wheels, where the normal acceleration says nothing,
-//! it stays off its nose.
+//! In the air [`super::climb_regulator`] has the gains. On its wheels, where neither the normal acceleration nor the sink rate says anything, an
+//! attitude keeps the aircraft off its nose; so it does in a hop, which is no flight.
 
+use super::climb_regulator;
 use super::inner::{Integrator, Pitching, Signals};
 use super::outer::slew;
 use crate::airframe::Airframe;
+use crate::attitude::low_pass;
 use crate::kept::kept;
 
 /// Frequency of the attitude, rad/s, at most, its damping, and what servo and frames leave of the frequency: a share of one over their delay.
@@ -21,24 +23,20 @@ const BLIND_RADPS: f64 = 4.0;
 const FRAMES: f64 = 1.5;
 /// Share of the frequency with which the trim follows.
 const TRIM_SHARE: f64 = 0.17;
-/// Attitude per angle of climb that is lacking, and how fast it is learnt from that, 1/s.
-const CLIMB_GAIN: f64 = 0.5;
-const CLIMB_LEARNT: f64 = 0.5;
-/// Angle of climb that is made up for at most, rad.
-const MOST_CLIMB_RAD: f64 = 0.3;
-/// How far the attitude goes below and above the one that is known, rad.
-const DOWN_RAD: f64 = 0.07;
-const UP_RAD: f64 = 0.14;
-/// How fast it goes to the one on the wheels, rad/s.
+/// What the regulator answers at most: sink rate that is too much, and that part of it that moves the trim, m/s; pitch off, rad; gust, m/s. The model
+/// is one of small changes.
+const MOST_SINK_MPS: f64 = 4.0;
+const MOST_LEARNT_MPS: f64 = 2.0;
+const MOST_PITCH_RAD: f64 = 0.3;
+const MOST_GUST_MPS: f64 = 6.0;
+/// How fast it goes to the attitude on the wheels, rad/s.
 const TO_WHEELS_RADPS: f64 = 0.26;
 /// Share of its travel down that the elevator has where the aircraft is too slow to fly: nothing can lift it there, and the tail may sink.
 const SLOW_SHARE: f64 = 0.2;
 /// Below this airspeed, of the one that carries the aircraft, the gains grow no more: the airframe's own damping falls with the airspeed.
 const GAINS_SHARE: f64 = 1.2;
-/// Airspeed at least, m/s.
-const LEAST_MPS: f64 = 5.0;
 
-/// What the attitude is for.
+/// What the elevator is for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Aim {
     /// A climb rate.
@@ -47,6 +45,8 @@ pub(super) enum Aim {
         about_rad: f64,
         /// What it lacks yet, m/s.
         lacking_mps: f64,
+        /// What gusts add to the airspeed, m/s.
+        gust_mps: f64,
     },
     /// Staying on the wheels.
     Wheels {
@@ -68,15 +68,15 @@ pub(super) struct PitchHold {
 /// What it remembers from frame to frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Held {
-    /// Attitude, rad.
-    pitch_rad: f64,
-    /// What climb rates have taught of it, rad.
-    learnt_rad: f64,
+    /// By which law.
+    on_wheels: bool,
+    /// On the wheels the attitude that is asked for, in the air where the elevator is by now; rad.
+    reached_rad: f64,
     /// Of the elevator, rad.
     trim: Integrator,
 }
 
-kept!(Held { pitch_rad: f64, learnt_rad: f64, trim: Integrator });
+kept!(Held { on_wheels: bool, reached_rad: f64, trim: Integrator });
 kept!(PitchHold { held: Option<Held>; aim = None });
 
 impl PitchHold {
@@ -106,29 +106,48 @@ impl PitchHold {
         last_rad: f64,
         dt_s: f64,
     ) -> f64 {
-        let v = s.airspeed_mps.max(LEAST_MPS);
-        let (mut pitch_rad, mut learnt_rad) =
-            self.held.map_or((s.pitch_rad, 0.0), |held| (held.pitch_rad, held.learnt_rad));
-        match *aim {
-            Aim::Climb { lacking_mps, about_rad } => {
-                let lacking_rad = (lacking_mps / v).clamp(-MOST_CLIMB_RAD, MOST_CLIMB_RAD);
-                learnt_rad = (learnt_rad + CLIMB_LEARNT * lacking_rad * dt_s).clamp(-DOWN_RAD, UP_RAD);
-                pitch_rad = about_rad + (learnt_rad + CLIMB_GAIN * lacking_rad).clamp(-DOWN_RAD, UP_RAD);
-            }
-            Aim::Wheels { pitch_rad: wanted_rad, .. } => {
-                pitch_rad = slew(pitch_rad, wanted_rad, TO_WHEELS_RADPS, dt_s);
-            }
-        }
-        let gains = gains(airframe, s, dt_s);
-        let off_rad = pitch_rad - s.pitch_rad;
-        let law = gains.rate * s.pitch_rate_radps - gains.attitude * off_rad;
         let limit = airframe.servo.elevator_limit_rad;
         let is_slow = matches!(aim, Aim::Wheels { is_slow: true, .. });
         let high = if is_slow { SLOW_SHARE * limit } else { limit };
-        let mut trim = self.held.map_or(Integrator::new(last_rad - law), |held| held.trim);
-        trim.advance(-gains.trim * off_rad * dt_s, law + trim.value(), -limit, high);
-        self.held = Some(Held { pitch_rad, learnt_rad, trim });
-        (law + trim.value()).clamp(-limit, high)
+        // The other law begins anew, where the elevator is.
+        let on_wheels = matches!(aim, Aim::Wheels { .. });
+        let held = self.held.filter(|held| held.on_wheels == on_wheels);
+        let least_mps = GAINS_SHARE * airframe.stall_mps(airframe.greatest_lift(), s.density_kgpm3);
+        let at = Signals { airspeed_mps: s.airspeed_mps.max(least_mps), ..*s };
+        let delay_s = airframe.servo.delay_s + 1.0 / airframe.servo.bandwidth_radps + FRAMES * dt_s;
+        match *aim {
+            Aim::Climb { lacking_mps, about_rad, gust_mps } => {
+                let gains = climb_regulator::gains(airframe, &at, delay_s, dt_s);
+                let within = |value: f64, most: f64| value.clamp(-most, most);
+                let law = -gains.sink * within(lacking_mps, MOST_SINK_MPS)
+                    - gains.pitch * within(s.pitch_rad - about_rad, MOST_PITCH_RAD)
+                    - gains.rate * s.pitch_rate_radps
+                    - gains.gust * within(gust_mps, MOST_GUST_MPS);
+                let mut held = held.unwrap_or(Held {
+                    on_wheels,
+                    reached_rad: last_rad,
+                    trim: Integrator::new(last_rad - law),
+                });
+                let law = law - gains.elevator * (held.reached_rad - held.trim.value());
+                let learnt = -gains.sum * within(lacking_mps, MOST_LEARNT_MPS);
+                held.trim.advance(learnt * dt_s, law + held.trim.value(), -limit, high);
+                let elevator_rad = (law + held.trim.value()).clamp(-limit, high);
+                held.reached_rad = low_pass(held.reached_rad, elevator_rad, delay_s, dt_s);
+                self.held = Some(held);
+                elevator_rad
+            }
+            Aim::Wheels { pitch_rad, .. } => {
+                let reached_rad = held.map_or(s.pitch_rad, |held| held.reached_rad);
+                let reached_rad = slew(reached_rad, pitch_rad, TO_WHEELS_RADPS, dt_s);
+                let gains = gains(airframe, &at, delay_s);
+                let off_rad = reached_rad - s.pitch_rad;
+                let law = gains.rate * s.pitch_rate_radps - gains.attitude * off_rad;
+                let mut trim = held.map_or(Integrator::new(last_rad - law), |held| held.trim);
+                trim.advance(-gains.trim * off_rad * dt_s, law + trim.value(), -limit, high);
+                self.held = Some(Held { on_wheels, reached_rad, trim });
+                (law + trim.value()).clamp(-limit, high)
+            }
+        }
     }
 }
 
@@ -140,11 +159,8 @@ struct Gains {
 }
 
 /// Gains that give `s² + 2ζω s + ω²` to θ̈ = m_q θ̇ + m_α θ + m_δ δ. An airframe that is as stiff by itself keeps its stiffness and gets a share.
-fn gains(airframe: &Airframe, s: &Signals, dt_s: f64) -> Gains {
-    let least_mps = GAINS_SHARE * airframe.stall_mps(airframe.greatest_lift(), s.density_kgpm3);
-    let airspeed_mps = s.airspeed_mps.max(least_mps);
-    let Pitching { m_q, m_alpha, m_delta, .. } = Pitching::new(airframe, &Signals { airspeed_mps, ..*s });
-    let delay_s = airframe.servo.delay_s + 1.0 / airframe.servo.bandwidth_radps + FRAMES * dt_s;
+fn gains(airframe: &Airframe, s: &Signals, delay_s: f64) -> Gains {
+    let Pitching { m_q, m_alpha, m_delta, .. } = Pitching::new(airframe, s);
     let (most, damping) = if s.pitches_blind { (BLIND_RADPS, 0.0) } else { (FREQUENCY_RADPS, DAMPING) };
     let frequency = most.min(DELAY_SHARE / delay_s);
     let square = frequency * frequency;
@@ -159,6 +175,7 @@ fn gains(airframe: &Airframe, s: &Signals, dt_s: f64) -> Gains {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::GRAVITY_MPS2;
     use crate::airframe::BUILT_IN;
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::SeedableRng;
@@ -269,6 +286,59 @@ mod tests {
             let bound_rad = if delay_s + dt_s < 0.045 { 0.1 } else { 0.2 };
             assert!(off_rad < bound_rad, "{name}, {about:?}: {off_rad} rad");
         });
+    }
+
+    /// Root mean square of the sink rate in gusts, m/s, with an aim for each sink rate (m/s) and gust along the way (m/s).
+    fn sink_in_gusts_mps(model: &mut Model, dt_s: f64, aim: impl Fn(f64, f64) -> Aim) -> f64 {
+        let (mut hold, mut chance) = (PitchHold::default(), ChaCha8Rng::seed_from_u64(1));
+        let v = model.s.airspeed_mps;
+        let (mut gust_mps, mut along_mps, mut squares) = (0.0, 0.0, 0.0);
+        let frames = (60.0 / dt_s) as u32;
+        for frame in 0..frames {
+            let mut next = |value: f64, deviation: f64, scale_m: f64| {
+                let keep = (-dt_s * v / scale_m).exp();
+                let noise: f64 = StandardNormal.sample(&mut chance);
+                keep * value + deviation * (1.0 - keep * keep).sqrt() * noise
+            };
+            (gust_mps, along_mps) = (next(gust_mps, 1.5, 3.0), next(along_mps, 3.0, 23.0));
+            model.gust_rad = gust_mps / v;
+            model.path_rad += 2.0 * GRAVITY_MPS2 * along_mps / (v * v) * dt_s;
+            let sink_mps = -model.path_rad * v;
+            let elevator_rad = hold.step(&model.airframe, &model.s, &aim(sink_mps, along_mps), 0.0, dt_s);
+            model.step(elevator_rad, dt_s);
+            // The first seconds are those of the trim.
+            if f64::from(frame) * dt_s > 10.0 {
+                squares += sink_mps * sink_mps;
+            }
+        }
+        (squares / f64::from(frames)).sqrt()
+    }
+
+    #[test]
+    fn regulated_sink_rate_strays_less_in_gusts_than_that_of_an_attitude_that_follows_it() {
+        let (mut regulated, mut held) = (0.0, 0.0);
+        each(|name, text, about| {
+            let (speed, .., dt_s) = about;
+            if speed < 1.4 {
+                return; // the elevator is at its stop for much of the time
+            }
+            let model = || Model::new(text, about);
+            let v = model().s.airspeed_mps;
+            let regulated_mps = sink_in_gusts_mps(&mut model(), dt_s, |lacking_mps, gust_mps| Aim::Climb {
+                about_rad: 0.0,
+                lacking_mps,
+                gust_mps,
+            });
+            let held_mps = sink_in_gusts_mps(&mut model(), dt_s, |sink_mps, _| Aim::Wheels {
+                pitch_rad: (0.5 * sink_mps / v).clamp(-0.07, 0.14),
+                is_slow: false,
+            });
+            // An elevator that is weak beside the wing's own damping has less to give.
+            assert!(regulated_mps < 1.2 * held_mps, "{name}, {about:?}: {regulated_mps} and {held_mps} m/s");
+            regulated += regulated_mps;
+            held += held_mps;
+        });
+        assert!(regulated < 0.75 * held, "{regulated} and {held}");
     }
 
     #[test]

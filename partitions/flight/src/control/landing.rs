@@ -532,7 +532,7 @@ impl Landing {
                 airspeed_mps: glide.is_none().then_some(approach_mps),
                 least_mps2: f64::NEG_INFINITY,
                 // If it is the ground, the normal loop would push it onto its nose.
-                aim: is_doubtful.then(|| self.sinking(on_slope_mps, state, s)),
+                aim: is_doubtful.then(|| self.attitude(on_slope_mps, s)),
             }),
             Phase::Flare => {
                 let climb_mps = -self.flare_sink_mps(state, ground_mps * slope, (glide.is_some(), is_near));
@@ -542,7 +542,10 @@ impl Landing {
                     bank_rad: FLARE_BANK_RAD,
                     airspeed_mps: glide.is_none().then_some(approach_mps),
                     least_mps2: -if is_near { NEAR_DOWN_MPS2 } else { FLARE_DOWN_MPS2 },
-                    aim: glide.is_none().then(|| self.sinking(climb_mps, state, s)),
+                    aim: glide.is_none().then(|| match self.may_be_ground(is_near) {
+                        true => self.attitude(climb_mps, s),
+                        false => self.sinking(climb_mps, state, s),
+                    }),
                 })
             }
             Phase::Touched => Flown::Loops(Approach {
@@ -589,7 +592,7 @@ impl Landing {
         slope_mps: f64,
         (glides, is_near): (bool, bool),
     ) -> f64 {
-        if self.phase == Phase::Flare && self.since_s > DOUBT_S && !is_near {
+        if self.phase == Phase::Flare && self.may_be_ground(is_near) {
             return PRESSED_SINK_MPS;
         }
         if glides {
@@ -599,10 +602,25 @@ impl Landing {
         TOUCH_SINK_MPS + share * (slope_mps - TOUCH_SINK_MPS).max(0.0)
     }
 
-    /// A climb rate, m/s, about the attitude in which the approach's incidence gives it.
+    /// Something holds the flare up. `is_near`: the ground is seen.
+    fn may_be_ground(&self, is_near: bool) -> bool {
+        self.since_s > DOUBT_S && !is_near
+    }
+
+    /// The attitude in which the approach's incidence gives a climb rate, m/s, rad.
+    fn pitch_rad(&self, climb_mps: f64, s: &Signals) -> f64 {
+        self.incidence_rad + climb_mps / s.airspeed_mps.max(1.0)
+    }
+
+    /// That attitude held: on the ground a sink rate that does not come would be sought until the nose is there.
+    fn attitude(&self, climb_mps: f64, s: &Signals) -> Aim {
+        Aim::Attitude { pitch_rad: self.pitch_rad(climb_mps, s), is_slow: false }
+    }
+
+    /// A climb rate, m/s.
     fn sinking(&self, climb_mps: f64, state: &NavigationState, s: &Signals) -> Aim {
         Aim::Climb {
-            about_rad: self.incidence_rad + climb_mps / s.airspeed_mps.max(1.0),
+            about_rad: self.pitch_rad(climb_mps, s),
             lacking_mps: climb_mps + state.velocity.z,
             gust_mps: s.airspeed_mps - state.air_velocity().norm(),
         }
@@ -611,7 +629,7 @@ impl Landing {
     /// The attitude that keeps it on its wheels: a nose wheel is not to come down first.
     fn on_wheels(&self, airframe: &Airframe, is_slow: bool) -> Aim {
         let least_rad = if wheels::has_tail_wheel(airframe) { f64::NEG_INFINITY } else { 0.0 };
-        Aim::Wheels { pitch_rad: (self.incidence_rad - WHEELS_RAD).max(least_rad), is_slow }
+        Aim::Attitude { pitch_rad: (self.incidence_rad - WHEELS_RAD).max(least_rad), is_slow }
     }
 
     /// Rudder in place of the coordinated one, rad.

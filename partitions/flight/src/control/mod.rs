@@ -971,7 +971,7 @@ impl Controller {
     ) -> ActuatorCommand {
         let lateral = commands.lateral_mps2.unwrap_or(0.0);
         let aim =
-            self.memory.pitch_hold.aim.filter(|aim| !s.pitches_blind || matches!(aim, Aim::Wheels { .. }));
+            self.memory.pitch_hold.aim.filter(|aim| !s.pitches_blind || matches!(aim, Aim::Attitude { .. }));
         // The normal loop begins where the elevator was held.
         self.memory.channels.pitch &= aim.is_some() || !self.memory.pitch_hold.is_on();
         if !self.memory.channels.pitch {

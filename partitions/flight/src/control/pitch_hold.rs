@@ -29,8 +29,8 @@ const MOST_SINK_MPS: f64 = 4.0;
 const MOST_LEARNT_MPS: f64 = 2.0;
 const MOST_PITCH_RAD: f64 = 0.3;
 const MOST_GUST_MPS: f64 = 6.0;
-/// How fast it goes to the attitude on the wheels, rad/s.
-const TO_WHEELS_RADPS: f64 = 0.26;
+/// How fast it goes to another attitude, rad/s.
+const TO_ATTITUDE_RADPS: f64 = 0.26;
 /// Share of its travel down that the elevator has where the aircraft is too slow to fly: nothing can lift it there, and the tail may sink.
 const SLOW_SHARE: f64 = 0.2;
 /// Below this airspeed, of the one that carries the aircraft, the gains grow no more: the airframe's own damping falls with the airspeed.
@@ -48,8 +48,8 @@ pub(super) enum Aim {
         /// What gusts add to the airspeed, m/s.
         gust_mps: f64,
     },
-    /// Staying on the wheels.
-    Wheels {
+    /// An attitude: that on the wheels, or where the ground may be.
+    Attitude {
         /// rad.
         pitch_rad: f64,
         /// It is too slow to fly.
@@ -68,15 +68,15 @@ pub(super) struct PitchHold {
 /// What it remembers from frame to frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Held {
-    /// By which law.
-    on_wheels: bool,
-    /// On the wheels the attitude that is asked for, in the air where the elevator is by now; rad.
+    /// It holds an attitude, and regulates no climb rate.
+    attitude: bool,
+    /// The attitude that is asked for by now, or where the elevator is; rad.
     reached_rad: f64,
     /// Of the elevator, rad.
     trim: Integrator,
 }
 
-kept!(Held { on_wheels: bool, reached_rad: f64, trim: Integrator });
+kept!(Held { attitude: bool, reached_rad: f64, trim: Integrator });
 kept!(PitchHold { held: Option<Held>; aim = None });
 
 impl PitchHold {
@@ -107,11 +107,11 @@ impl PitchHold {
         dt_s: f64,
     ) -> f64 {
         let limit = airframe.servo.elevator_limit_rad;
-        let is_slow = matches!(aim, Aim::Wheels { is_slow: true, .. });
+        let is_slow = matches!(aim, Aim::Attitude { is_slow: true, .. });
         let high = if is_slow { SLOW_SHARE * limit } else { limit };
         // The other law begins anew, where the elevator is.
-        let on_wheels = matches!(aim, Aim::Wheels { .. });
-        let held = self.held.filter(|held| held.on_wheels == on_wheels);
+        let attitude = matches!(aim, Aim::Attitude { .. });
+        let held = self.held.filter(|held| held.attitude == attitude);
         let least_mps = GAINS_SHARE * airframe.stall_mps(airframe.greatest_lift(), s.density_kgpm3);
         let at = Signals { airspeed_mps: s.airspeed_mps.max(least_mps), ..*s };
         let delay_s = airframe.servo.delay_s + 1.0 / airframe.servo.bandwidth_radps + FRAMES * dt_s;
@@ -124,7 +124,7 @@ impl PitchHold {
                     - gains.rate * s.pitch_rate_radps
                     - gains.gust * within(gust_mps, MOST_GUST_MPS);
                 let mut held = held.unwrap_or(Held {
-                    on_wheels,
+                    attitude,
                     reached_rad: last_rad,
                     trim: Integrator::new(last_rad - law),
                 });
@@ -136,15 +136,15 @@ impl PitchHold {
                 self.held = Some(held);
                 elevator_rad
             }
-            Aim::Wheels { pitch_rad, .. } => {
+            Aim::Attitude { pitch_rad, .. } => {
                 let reached_rad = held.map_or(s.pitch_rad, |held| held.reached_rad);
-                let reached_rad = slew(reached_rad, pitch_rad, TO_WHEELS_RADPS, dt_s);
+                let reached_rad = slew(reached_rad, pitch_rad, TO_ATTITUDE_RADPS, dt_s);
                 let gains = gains(airframe, &at, delay_s);
                 let off_rad = reached_rad - s.pitch_rad;
                 let law = gains.rate * s.pitch_rate_radps - gains.attitude * off_rad;
                 let mut trim = held.map_or(Integrator::new(last_rad - law), |held| held.trim);
                 trim.advance(-gains.trim * off_rad * dt_s, law + trim.value(), -limit, high);
-                self.held = Some(Held { on_wheels, reached_rad, trim });
+                self.held = Some(Held { attitude, reached_rad, trim });
                 (law + trim.value()).clamp(-limit, high)
             }
         }
@@ -242,7 +242,7 @@ mod tests {
         each(|name, text, about| {
             let (mut model, mut hold) = (Model::new(text, about), PitchHold::default());
             let (.., dt_s) = about;
-            let aim = Aim::Wheels { pitch_rad: 0.07, is_slow: false };
+            let aim = Aim::Attitude { pitch_rad: 0.07, is_slow: false };
             let (mut most, mut last) = (0f64, 0f64);
             for frame in 0..(8.0 / dt_s) as u32 {
                 let elevator_rad = hold.step(&model.airframe, &model.s, &aim, 0.0, dt_s);
@@ -269,7 +269,7 @@ mod tests {
                 return; // on its wheels
             }
             let v = model.s.airspeed_mps;
-            let aim = Aim::Wheels { pitch_rad: 0.0, is_slow: false };
+            let aim = Aim::Attitude { pitch_rad: 0.0, is_slow: false };
             let (mut gust_mps, mut squares) = (0.0, 0.0);
             let frames = (20.0 / dt_s) as u32;
             for _ in 0..frames {
@@ -329,7 +329,7 @@ mod tests {
                 lacking_mps,
                 gust_mps,
             });
-            let held_mps = sink_in_gusts_mps(&mut model(), dt_s, |sink_mps, _| Aim::Wheels {
+            let held_mps = sink_in_gusts_mps(&mut model(), dt_s, |sink_mps, _| Aim::Attitude {
                 pitch_rad: (0.5 * sink_mps / v).clamp(-0.07, 0.14),
                 is_slow: false,
             });
@@ -348,7 +348,7 @@ mod tests {
             let s = Signals { airspeed_mps: 8.0, density_kgpm3: 1.2, pitch_rad: 0.3, ..Signals::default() };
             let elevator_rad = |is_slow: bool| {
                 let mut hold = PitchHold::default();
-                let aim = Aim::Wheels { pitch_rad: 0.0, is_slow };
+                let aim = Aim::Attitude { pitch_rad: 0.0, is_slow };
                 (0..200).map(|_| hold.step(&airframe, &s, &aim, 0.0, 0.02)).fold(0.0, f64::max)
             };
             let limit = airframe.servo.elevator_limit_rad;

@@ -1,8 +1,8 @@
 //! The elevator's gains for a climb rate in gusts: a linear-quadratic regulator.
 //!
 //! Responsible for the gains alone; [`super::pitch_hold`] flies with them. Near the ground the air moves up and down by 1.5 m/s and along by 3 m/s
-//! within half a second (MIL-F-8785C, moderate). Sink rates that a wheel bears ask for the smallest deviation that an elevator with its
-//! delay can give, which is what such a regulator is. Gains come from the published derivatives and are computed anew from airspeed and density in
+//! within half a second (MIL-F-8785C, moderate). A wheel bears a sink rate of a few metres a second, so that is what has to stray least, for what the
+//! elevator moves and with its delay. Gains come from the published derivatives and are computed anew from airspeed and density in
 //! every frame, as those of the inner loops are.
 
 use super::inner::{Pitching, Signals};
@@ -15,9 +15,10 @@ const STATES: usize = 6;
 type Matrix = SMatrix<f64, STATES, STATES>;
 type Vector = SVector<f64, STATES>;
 
-/// What an elevator of one radian costs beside a sink rate of 1 m/s, squared; and what a height of 1 m.
-const ELEVATOR_COST: f64 = 30.0;
-const HEIGHT_COST: f64 = 0.3;
+/// What an elevator of one radian costs beside a sink rate of 1 m/s, squared, for each 1/s² of pitch acceleration that it gives: one that turns the
+/// aircraft fast also turns it wrongly fast, if its file is wrong. And what a height of 1 m costs.
+const ELEVATOR_COST: f64 = 0.3;
+const HEIGHT_COST: f64 = 1.0;
 /// The sum forgets with this, 1/s: it is for the elevator's trim, and one that never forgets has no solution where the elevator moves nothing.
 const FORGETS_PER_S: f64 = 0.05;
 /// Time constant of the gusts along the way near the ground, s: their scale of some 23 m (MIL-F-8785C at 10 ft) at 15 m/s.
@@ -48,11 +49,16 @@ pub(super) fn gains(airframe: &Airframe, s: &Signals, delay_s: f64, dt_s: f64) -
     let (step, input) = model(airframe, s, delay_s, dt_s);
     let mut costs = Matrix::zeros();
     (costs[(0, 0)], costs[(4, 4)]) = (1.0, HEIGHT_COST);
-    let value = value(&step, &input, &costs);
-    let weight = ELEVATOR_COST + (input.transpose() * value * input).x;
+    let elevator_cost = elevator_cost(airframe, s);
+    let value = value(&step, &input, &costs, elevator_cost);
+    let weight = elevator_cost + (input.transpose() * value * input).x;
     let [sink, pitch, rate, elevator, sum, gust] =
         (input.transpose() * value * step / weight).transpose().data.0[0];
     Gains { sink, pitch, rate, elevator, sum, gust }
+}
+
+fn elevator_cost(airframe: &Airframe, s: &Signals) -> f64 {
+    ELEVATOR_COST * -Pitching::new(airframe, s).m_delta
 }
 
 /// One frame: what the states become, and what a command adds.
@@ -84,8 +90,8 @@ fn model(airframe: &Airframe, s: &Signals, delay_s: f64, dt_s: f64) -> (Matrix, 
 }
 
 /// The solution of the discrete Riccati equation, by structure-preserving doubling (Chu, Fan, Lin and Wang, 2004).
-fn value(step: &Matrix, input: &Vector, costs: &Matrix) -> Matrix {
-    let (mut step, mut reach, mut value) = (*step, input * input.transpose() / ELEVATOR_COST, *costs);
+fn value(step: &Matrix, input: &Vector, costs: &Matrix, elevator_cost: f64) -> Matrix {
+    let (mut step, mut reach, mut value) = (*step, input * input.transpose() / elevator_cost, *costs);
     for _ in 0..DOUBLINGS {
         // Both are positive semi-definite: there is an inverse.
         let Some(inverse) = (Matrix::identity() + reach * value).try_inverse() else { break };
@@ -121,8 +127,9 @@ mod tests {
             let (step, input) = model(airframe, s, delay_s, 0.02);
             let mut costs = Matrix::zeros();
             (costs[(0, 0)], costs[(4, 4)]) = (1.0, HEIGHT_COST);
-            let value = value(&step, &input, &costs);
-            let weight = ELEVATOR_COST + (input.transpose() * value * input).x;
+            let elevator_cost = elevator_cost(airframe, s);
+            let value = value(&step, &input, &costs, elevator_cost);
+            let weight = elevator_cost + (input.transpose() * value * input).x;
             let gain = input.transpose() * value * step / weight;
             let again = costs + step.transpose() * value * (step - input * gain);
             assert!((again - value).norm() < 1e-6 * value.norm(), "{name}, {delay_s} s: {}", again - value);

@@ -244,7 +244,7 @@ pub(super) struct Approach {
     pub airspeed_mps: Option<f64>,
     /// Vertical acceleration up at least without an aim, m/s²: the nose is not to meet the ground first.
     pub least_mps2: f64,
-    /// What the pitch attitude is held for; `None`: the normal loop has the elevator.
+    /// What the elevator is for; `None`: the normal loop has it.
     pub aim: Option<Aim>,
 }
 

@@ -219,7 +219,7 @@ const DOUBTED_APPROACH_SHARE: f64 = 0.17;
 /// Airspeed of an approach for each m/s of the gusts' standard deviation, m/s at most.
 const GUST_SHARE: f64 = 2.0;
 const MOST_FOR_GUSTS_MPS: f64 = 5.0;
-/// How much of the angle of climb that is lacking in a flare the motor makes up for: with 1 the airspeed stays, and more lifts.
+/// How much of the angle of climb that is lacking in a flare, or too much, the motor makes up for.
 const LACKING_SHARE: f64 = 2.0;
 /// How far ahead the airspeed is looked at where its floor is kept, s.
 const FLOOR_LEAD_S: f64 = 1.0;
@@ -586,7 +586,7 @@ impl Controller {
     fn watch_wing(&mut self, s: &Signals, command: &ActuatorCommand, basis: Basis, dt_s: f64) {
         let on_ground = self.memory.landing.is_some_and(|landing| landing.is_on_ground())
             || s.airspeed_mps < STALLS_SHARE * self.envelope.stall_mps(&self.airframe, s.density_kgpm3);
-        // An attitude that is held follows no normal acceleration, and the nose is not to go down for gusts near the ground.
+        // The elevator follows no normal acceleration then, and the nose is not to go down for gusts near the ground.
         let held = on_ground || self.memory.pitch_hold.is_on();
         if !self.memory.channels.pitch || self.memory.take_off.is_some() || held || basis == Basis::WingsLevel
         {
@@ -952,7 +952,7 @@ impl Controller {
         let wanted = target.map(|v| v.max(floor) + self.memory.authority_mps);
         // Near the ground gusts take height and airspeed at once: a sink that was not asked for gives no airspeed back.
         let lacking_rad = match self.memory.pitch_hold.aim {
-            Some(Aim::Climb { lacking_mps, .. }) => lacking_mps / s.airspeed_mps.max(1.0),
+            Some(Aim::Climb { lacking_mps, .. }) if !s.pitches_blind => lacking_mps / s.airspeed_mps.max(1.0),
             _ => 0.0,
         };
         let climb_rad = s.climb_rad + LACKING_SHARE * lacking_rad;

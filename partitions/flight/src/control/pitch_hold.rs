@@ -123,13 +123,13 @@ impl PitchHold {
                     - gains.pitch * within(s.pitch_rad - about_rad, MOST_PITCH_RAD)
                     - gains.rate * s.pitch_rate_radps
                     - gains.gust * within(gust_mps, MOST_GUST_MPS);
-                let mut held = held.unwrap_or(Held {
-                    attitude,
-                    reached_rad: last_rad,
-                    trim: Integrator::new(last_rad - law),
-                });
+                // Trim counts this much, as the elevator beyond it is fed back.
+                let trim_share = 1.0 + gains.elevator;
+                let trim_rad = (last_rad - law / trim_share).clamp(-limit, limit);
+                let begun = Held { attitude, reached_rad: last_rad, trim: Integrator::new(trim_rad) };
+                let mut held = held.unwrap_or(begun);
                 let law = law - gains.elevator * (held.reached_rad - held.trim.value());
-                let learnt = -gains.sum * within(lacking_mps, MOST_LEARNT_MPS);
+                let learnt = -gains.sum / trim_share * within(lacking_mps, MOST_LEARNT_MPS);
                 held.trim.advance(learnt * dt_s, law + held.trim.value(), -limit, high);
                 let elevator_rad = (law + held.trim.value()).clamp(-limit, high);
                 held.reached_rad = low_pass(held.reached_rad, elevator_rad, delay_s, dt_s);
@@ -312,6 +312,22 @@ mod tests {
             }
         }
         (squares / f64::from(frames)).sqrt()
+    }
+
+    #[test]
+    fn regulator_begins_where_the_elevator_is_whatever_is_off() {
+        each(|name, text, about| {
+            if about.0 < 1.4 {
+                return; // a weak elevator's trim is at its stop
+            }
+            let mut model = Model::new(text, about);
+            (model.s.pitch_rad, model.s.pitch_rate_radps) = (-0.02, -0.05);
+            for (lacking_mps, gust_mps, last_rad) in [(0.5, -1.0, -0.1), (-0.5, 1.0, -0.05)] {
+                let aim = Aim::Climb { about_rad: 0.0, lacking_mps, gust_mps };
+                let first_rad = PitchHold::default().step(&model.airframe, &model.s, &aim, last_rad, about.2);
+                assert!((first_rad - last_rad).abs() < 0.02, "{name}, {about:?}: {last_rad} to {first_rad}");
+            }
+        });
     }
 
     #[test]

@@ -46,61 +46,70 @@ pub(super) struct Gains {
 
 /// Gains at an airspeed and a density. `delay_s`: from a command to the surface, on the average.
 pub(super) fn gains(airframe: &Airframe, s: &Signals, delay_s: f64, dt_s: f64) -> Gains {
-    let (step, input) = model(airframe, s, delay_s, dt_s);
-    let mut costs = Matrix::zeros();
-    (costs[(0, 0)], costs[(4, 4)]) = (1.0, HEIGHT_COST);
-    let elevator_cost = elevator_cost(airframe, s);
-    let value = value(&step, &input, &costs, elevator_cost);
-    let weight = elevator_cost + (input.transpose() * value * input).x;
-    let [sink, pitch, rate, elevator, sum, gust] =
-        (input.transpose() * value * step / weight).transpose().data.0[0];
+    let problem = Problem::new(airframe, s, delay_s, dt_s);
+    let [sink, pitch, rate, elevator, sum, gust] = problem.feedback(&problem.value()).data.0[0];
     Gains { sink, pitch, rate, elevator, sum, gust }
 }
 
-fn elevator_cost(airframe: &Airframe, s: &Signals) -> f64 {
-    ELEVATOR_COST * -Pitching::new(airframe, s).m_delta
+/// One frame: what the states become, what a command adds, and what both cost.
+struct Problem {
+    step: Matrix,
+    input: Vector,
+    costs: Matrix,
+    elevator_cost: f64,
 }
 
-/// One frame: what the states become, and what a command adds.
-fn model(airframe: &Airframe, s: &Signals, delay_s: f64, dt_s: f64) -> (Matrix, Vector) {
-    let (Pitching { a, m_q, m_alpha, m_delta }, v) = (Pitching::new(airframe, s), s.airspeed_mps);
-    let aero = &airframe.aerodynamics;
-    let mut rates = Matrix::zeros();
-    // Sink: lift by incidence θ + sink/V and by the elevator; a gust from ahead lifts, too.
-    rates[(0, 0)] = -a;
-    rates[(0, 1)] = -a * v;
-    rates[(0, 3)] = -a * v * aero.lift_elevator / aero.lift_alpha;
-    rates[(0, 5)] = -2.0 * GRAVITY_MPS2 / v;
-    rates[(1, 2)] = 1.0;
-    rates[(2, 0)] = m_alpha / v;
-    rates[(2, 1)] = m_alpha;
-    rates[(2, 2)] = m_q;
-    rates[(2, 3)] = m_delta;
-    // Servo, delay and frames as one lag.
-    rates[(3, 3)] = -1.0 / delay_s;
-    (rates[(4, 0)], rates[(4, 4)]) = (1.0, -FORGETS_PER_S);
-    rates[(5, 5)] = -1.0 / GUST_S;
-    let (mut step, mut sum, mut term) = (Matrix::identity(), dt_s * Matrix::identity(), Matrix::identity());
-    for n in 1..=TERMS {
-        term *= rates * (dt_s / f64::from(n));
-        step += term;
-        sum += term * (dt_s / f64::from(n + 1));
+impl Problem {
+    fn new(airframe: &Airframe, s: &Signals, delay_s: f64, dt_s: f64) -> Self {
+        let (Pitching { a, m_q, m_alpha, m_delta }, v) = (Pitching::new(airframe, s), s.airspeed_mps);
+        let aero = &airframe.aerodynamics;
+        let mut rates = Matrix::zeros();
+        // Sink: lift by incidence θ + sink/V and by the elevator; a gust from ahead lifts, too.
+        rates[(0, 0)] = -a;
+        rates[(0, 1)] = -a * v;
+        rates[(0, 3)] = -a * v * aero.lift_elevator / aero.lift_alpha;
+        rates[(0, 5)] = -2.0 * GRAVITY_MPS2 / v;
+        rates[(1, 2)] = 1.0;
+        rates[(2, 0)] = m_alpha / v;
+        rates[(2, 1)] = m_alpha;
+        rates[(2, 2)] = m_q;
+        rates[(2, 3)] = m_delta;
+        // Servo, delay and frames as one lag.
+        rates[(3, 3)] = -1.0 / delay_s;
+        (rates[(4, 0)], rates[(4, 4)]) = (1.0, -FORGETS_PER_S);
+        rates[(5, 5)] = -1.0 / GUST_S;
+        let (mut step, mut sum, mut term) =
+            (Matrix::identity(), dt_s * Matrix::identity(), Matrix::identity());
+        for n in 1..=TERMS {
+            term *= rates * (dt_s / f64::from(n));
+            step += term;
+            sum += term * (dt_s / f64::from(n + 1));
+        }
+        let mut costs = Matrix::zeros();
+        (costs[(0, 0)], costs[(4, 4)]) = (1.0, HEIGHT_COST);
+        Self { step, input: sum.column(3) / delay_s, costs, elevator_cost: ELEVATOR_COST * -m_delta }
     }
-    (step, sum.column(3) / delay_s)
-}
 
-/// The solution of the discrete Riccati equation, by structure-preserving doubling (Chu, Fan, Lin and Wang, 2004).
-fn value(step: &Matrix, input: &Vector, costs: &Matrix, elevator_cost: f64) -> Matrix {
-    let (mut step, mut reach, mut value) = (*step, input * input.transpose() / elevator_cost, *costs);
-    for _ in 0..DOUBLINGS {
-        // Both are positive semi-definite: there is an inverse.
-        let Some(inverse) = (Matrix::identity() + reach * value).try_inverse() else { break };
-        let next = step * inverse;
-        reach += next * reach * step.transpose();
-        value += step.transpose() * value * inverse * step;
-        step = next * step;
+    /// The solution of the discrete Riccati equation, by structure-preserving doubling (Chu, Fan, Lin and Wang, 2004).
+    fn value(&self) -> Matrix {
+        let reach = self.input * self.input.transpose() / self.elevator_cost;
+        let (mut step, mut reach, mut value) = (self.step, reach, self.costs);
+        for _ in 0..DOUBLINGS {
+            // Both are positive semi-definite: there is an inverse.
+            let Some(inverse) = (Matrix::identity() + reach * value).try_inverse() else { break };
+            let next = step * inverse;
+            reach += next * reach * step.transpose();
+            value += step.transpose() * value * inverse * step;
+            step = next * step;
+        }
+        value
     }
-    value
+
+    /// The command that the solution gives, with its sign turned, per state.
+    fn feedback(&self, value: &Matrix) -> Vector {
+        let weight = self.elevator_cost + (self.input.transpose() * value * self.input).x;
+        (self.input.transpose() * value * self.step / weight).transpose()
+    }
 }
 
 #[cfg(test)]
@@ -124,14 +133,10 @@ mod tests {
     #[test]
     fn doubling_solves_the_riccati_equation() {
         each(|name, airframe, s, delay_s| {
-            let (step, input) = model(airframe, s, delay_s, 0.02);
-            let mut costs = Matrix::zeros();
-            (costs[(0, 0)], costs[(4, 4)]) = (1.0, HEIGHT_COST);
-            let elevator_cost = elevator_cost(airframe, s);
-            let value = value(&step, &input, &costs, elevator_cost);
-            let weight = elevator_cost + (input.transpose() * value * input).x;
-            let gain = input.transpose() * value * step / weight;
-            let again = costs + step.transpose() * value * (step - input * gain);
+            let problem = Problem::new(airframe, s, delay_s, 0.02);
+            let value = problem.value();
+            let regulated = problem.step - problem.input * problem.feedback(&value).transpose();
+            let again = problem.costs + problem.step.transpose() * value * regulated;
             assert!((again - value).norm() < 1e-6 * value.norm(), "{name}, {delay_s} s: {}", again - value);
         });
     }
@@ -139,7 +144,7 @@ mod tests {
     #[test]
     fn regulated_model_comes_to_rest_within_seconds() {
         each(|name, airframe, s, delay_s| {
-            let (step, input) = model(airframe, s, delay_s, 0.02);
+            let Problem { step, input, .. } = Problem::new(airframe, s, delay_s, 0.02);
             let g = gains(airframe, s, delay_s, 0.02);
             let gain = Vector::new(g.sink, g.pitch, g.rate, g.elevator, g.sum, g.gust).transpose();
             let mut state = Vector::new(2.0, 0.05, 0.2, 0.0, 0.0, 3.0);

@@ -145,9 +145,15 @@ fn aircraft_land_in_moderate_air_and_stay_off_their_noses() {
 }
 
 #[test]
-fn aircraft_without_a_roll_rate_a_pitch_rate_or_a_lateral_force_lands() {
+fn aircraft_without_one_of_its_rates_or_forces_lands() {
     let _turn = among_others();
-    let flights = [("gyroscope_stuck=x@50", 5), ("gyroscope_stuck=y@50", 4), ("accelerometer_stuck=y@50", 2)];
+    let flights = [
+        ("gyroscope_stuck=x@50", 5),
+        ("gyroscope_stuck=y@50", 4),
+        ("gyroscope_stuck=z@50", 1),
+        ("accelerometer_stuck=x@50", 5),
+        ("accelerometer_stuck=y@50", 2),
+    ];
     for (fault, count) in flights {
         for airframe in &AIRFRAMES[..if is_long() { 5 } else { count }] {
             for seed in 41..if is_long() { 51 } else { 42 } {
@@ -158,6 +164,19 @@ fn aircraft_without_a_roll_rate_a_pitch_rate_or_a_lateral_force_lands() {
                 );
             }
         }
+    }
+}
+
+/// Nothing but the way through the air tells the heading, and the gyroscope turns it away.
+#[test]
+fn aircraft_whose_gyroscope_shifts_without_a_magnetometer_flies_on_and_lands() {
+    let _turn = among_others();
+    for seed in 61..if is_long() { 101 } else { 66 } {
+        let degps = [-4.4, 1.0, 2.5, -2.0, 4.8][seed % 5] * if seed > 80 { -1.0 } else { 1.0 };
+        let (airframe, at_s) = (AIRFRAMES[seed % 5], 70 + seed % 7 * 20);
+        let shift = format!("gyroscope_shift={degps}@{at_s}");
+        let touchdown = with_faults(airframe, seed, &["magnetometer_lost@60", &shift]);
+        assert!(number(&touchdown, "sink_mps") < 2.0, "{airframe}, {shift}, seed {seed}: {touchdown}");
     }
 }
 

@@ -49,8 +49,9 @@ const FROZEN_FRAMES: u32 = 25;
 /// Change from frame to frame, as a share of the airspeed, RMS over a second: three times what severe turbulence does.
 const NOISY: f64 = 0.04;
 /// No less than this share of the airspeed that lift tells is flown on, whatever the pitot says before the verdict: loops whose gains
-/// are made for half of the airspeed are unstable.
+/// are made for half of the airspeed are unstable. And where the inertial values say so, too.
 const LEAST_SHARE: f64 = 0.6;
+const LEAST_SHARE_APART: f64 = 0.85;
 /// Least lift coefficient that does so clearly.
 const CLEAR_LIFT: f64 = 0.15;
 /// Least lift coefficient that says anything.
@@ -170,14 +171,15 @@ impl AirspeedWatch {
         if let Some(pitot_mps) = pitot.filter(|_| frame.flying) {
             self.judge(airframe, pitot_mps, frame);
         }
-        self.flown_mps(frame.pitot_mps)
+        self.flown_mps(frame.pitot_mps, frame.apart_mps)
     }
 
-    /// The airspeed to fly on, m/s, with nothing judged.
-    pub fn flown_mps(&self, pitot_mps: Option<f64>) -> Option<f64> {
+    /// The airspeed to fly on, m/s, with nothing judged. `apart_mps`: as in [`Frame`].
+    pub fn flown_mps(&self, pitot_mps: Option<f64>, apart_mps: f64) -> Option<f64> {
         let (pitot, by_lift) = (pitot_mps.filter(|mps| mps.is_finite()), self.by_lift_mps());
         let told = self.learnt_s > DOUBT_S && self.flown[1] > CLEAR_LIFT;
-        let least_mps = by_lift.filter(|_| told).map_or(0.0, |mps| LEAST_SHARE * mps);
+        let share = if apart_mps < -APART_MPS { LEAST_SHARE_APART } else { LEAST_SHARE };
+        let least_mps = by_lift.filter(|_| told).map_or(0.0, |mps| share * mps);
         if self.believed { pitot.map(|mps| mps.max(least_mps)).or(by_lift) } else { by_lift }
     }
 

@@ -219,3 +219,21 @@ fn nothing_is_said_while_others_move_the_elevator() {
     }
     assert!(watch.is_believed());
 }
+
+/// A blocked pitot falls in a descent: what opens the throttle for it has loops at the wrong gains before lift alone has told.
+#[test]
+fn pitot_that_lift_and_inertial_values_speak_against_is_not_flown_on_before_the_verdict() {
+    let zagi = Airframe::from_toml(built_in("zagi").unwrap()).unwrap();
+    for airframe in airframes().into_iter().chain([zagi]) {
+        for seed in 0..20 {
+            let (mut world, mut watch) = (World::new(&airframe, seed), AirspeedWatch::default());
+            fly(&mut world, &mut watch, 60.0, None);
+            let sound_mps = world.step().pitot_mps.unwrap();
+            for share in [0.3, 0.5, 0.65] {
+                let flown_mps = watch.flown_mps(Some(share * sound_mps), (share - 1.0) * sound_mps).unwrap();
+                assert!(flown_mps > 0.7 * sound_mps, "seed {seed}: {flown_mps} m/s of {sound_mps} m/s");
+            }
+            assert_eq!(watch.flown_mps(Some(sound_mps), 0.0), Some(sound_mps), "seed {seed}");
+        }
+    }
+}

@@ -62,7 +62,7 @@ const ASIDE_M: f64 = 12.0;
 const OFF_SLOPE_M: f64 = 10.0;
 const FALLS_M: f64 = 12.0;
 const SLOWEST_SHARE: f64 = 1.1;
-const FASTEST_SINK_MPS: f64 = 4.0;
+const FASTEST_SINK_MPS: f64 = 6.0;
 /// Flown round so often by itself, at most: then it lands as it comes.
 const MOST_ROUNDS: f64 = 2.0;
 /// The ground may hold the aircraft up where it sinks slower than this share of what it should, for so long, s: then it is to sink at this

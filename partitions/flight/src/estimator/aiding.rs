@@ -1,6 +1,6 @@
 //! The measurements: how each looks at the state, when it is refused, and what happens if that lasts.
 
-use super::filter::{ACCEL, ATT, ErrorVector, MAG, POS, ProcessNoise, Scalar, VEL, WIND};
+use super::filter::{ACCEL, ATT, ErrorVector, GYRO, MAG, POS, ProcessNoise, Scalar, VEL, WIND};
 use super::health::Aid;
 use super::history::{Past, position_row, scalar, velocity_row};
 use super::{Estimator, EstimatorStatus, GpsMeasurement, Phase};
@@ -17,6 +17,10 @@ const FEWEST_REFERENCE_SAMPLES: u32 = 10;
 const LONGEST_REFERENCE_SAMPLES: u32 = 1500;
 /// Two GPS resets within this time, s: the attitude is to blame, so everything is found anew.
 const GPS_RESET_MEMORY_S: f64 = 6.0;
+/// What the gyroscope's bias may be off then, rad/s.
+const UNTOLD_RATE_RADPS: f64 = 0.03;
+/// A magnetometer that was not taken for so long, s, does not carry the heading.
+const HEADING_WITHIN_S: f64 = 2.0;
 /// Faster than this over ground, m/s, the aircraft no longer stands.
 const STANDING_SPEED_MPS: f64 = 3.0;
 
@@ -235,6 +239,7 @@ impl Estimator {
         let now = self.now();
         if now.time_s - self.last_gps_reset_s < GPS_RESET_MEMORY_S {
             self.last_gps_reset_s = f64::NEG_INFINITY;
+            self.filter.widen(GYRO, 3, UNTOLD_RATE_RADPS);
             self.lose_state();
             return;
         }
@@ -372,8 +377,10 @@ impl Estimator {
         }
         if -self.filter.nominal.position.z > self.config.measurement.sideslip_height_m {
             let scalar = self.sideslip_scalar();
-            let inertial = self.status() == EstimatorStatus::Inertial;
-            self.fuse_from(Aid::Sideslip, &[scalar], if inertial { 0 } else { WIND });
+            // It tells the heading where no magnetometer does.
+            let alone = self.status() == EstimatorStatus::Inertial
+                || !self.record.fresh(Aid::Magnetometer, time_s, HEADING_WITHIN_S);
+            self.fuse_from(Aid::Sideslip, &[scalar], if alone { 0 } else { WIND });
         }
     }
 

@@ -13,6 +13,9 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 /// Integrated samples kept; a fix must not be older than this many frames (1.28 s at 50 Hz).
 const CAPACITY: usize = 64;
+/// Time between the fixes that a flying aircraft is aligned by, s; and where no magnetic field was measured in it.
+const LEAST_S: f64 = 0.35;
+const WITHOUT_FIELD_S: f64 = 1.0;
 
 /// Where the integration stood at a time.
 #[derive(Debug, Clone, Copy)]
@@ -193,7 +196,8 @@ impl Alignment {
     ) -> Option<Aligned> {
         let (first, last) = (self.first?, self.last?);
         let span = last.at.time_s - first.at.time_s;
-        if span < 0.35 || self.mags < 1.0 {
+        let least_s = if self.mags < 1.0 { WITHOUT_FIELD_S } else { LEAST_S };
+        if span < least_s {
             return None;
         }
         let gravity = Vector3::new(0.0, 0.0, GRAVITY_MPS2);
@@ -206,10 +210,10 @@ impl Alignment {
         let nose = last.at.turn * Vector3::new(incidence_rad.cos(), 0.0, incidence_rad.sin());
         let pairs = [
             Pair { body, ned, sigma_rad: 0.03 + 0.1 / ned.norm() },
-            Pair { body: self.mag / self.mags, ned: *field_ned, sigma_rad: 0.06 },
             Pair { body: nose, ned: air, sigma_rad: 0.1 + wind_sigma_mps / air.norm().max(5.0) },
+            Pair { body: self.mag / self.mags.max(1.0), ned: *field_ned, sigma_rad: 0.06 },
         ];
-        let (start, covariance) = wahba(&pairs)?;
+        let (start, covariance) = wahba(if self.mags < 1.0 { &pairs[..2] } else { &pairs })?;
         let now = self.now();
         let lag = now.time_s - last.at.time_s;
         let gained = start * (now.force - last.at.force) + gravity * lag;
@@ -266,16 +270,29 @@ mod tests {
 
     #[test]
     fn turning_aircraft_is_aligned_without_assuming_level_flight() {
+        assert!(error_after_turning(30, true).unwrap() < 0.02);
+    }
+
+    #[test]
+    fn aircraft_without_a_magnetometer_is_aligned_by_its_way_through_the_air_and_takes_longer() {
+        assert_eq!(error_after_turning(30, false), None);
+        assert!(error_after_turning(75, false).unwrap() < 0.05);
+    }
+
+    /// Error of the attitude after so many frames of a turn, rad.
+    fn error_after_turning(frames: u32, has_field: bool) -> Option<f64> {
         let (speed, yaw_rate, bank): (f64, f64, f64) = (22.0, 0.446, 45f64.to_radians());
         let field = Vector3::new(0.09584, -0.04861, -0.22624);
         let attitude = |t: f64| UnitQuaternion::from_euler_angles(bank, 0.0, 1.0 + yaw_rate * t);
         let mut alignment = Alignment::new();
-        for k in 1..=30 {
+        for k in 1..=frames {
             let time_s = f64::from(k) * 0.02;
             let rates = Vector3::new(0.0, yaw_rate * bank.sin(), yaw_rate * bank.cos());
             let specific_force = Vector3::new(0.0, 0.0, -GRAVITY_MPS2 / bank.cos());
             alignment.add_imu(&ImuSample { time_s, interval_s: 0.02, specific_force, rates }, 0.02);
-            alignment.add_magnetometer(&(attitude(time_s).inverse() * field));
+            if has_field {
+                alignment.add_magnetometer(&(attitude(time_s).inverse() * field));
+            }
             if k % 10 == 6 {
                 let measured = time_s - 0.1;
                 let velocity_ned =
@@ -288,9 +305,8 @@ mod tests {
                 });
             }
         }
-        let found = alignment.in_flight(&field, &Vector3::zeros(), 5.0, 0.0).unwrap();
-        let error = found.attitude.angle_to(&attitude(0.6));
-        assert!(error < 0.02, "{error}");
+        let found = alignment.in_flight(&field, &Vector3::zeros(), 5.0, 0.0)?;
         assert!((found.velocity.norm() - speed).abs() < 0.3);
+        Some(found.attitude.angle_to(&attitude(f64::from(frames) * 0.02)))
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Of the six equations of motion each holds one force and the rates: with accelerations relative to the air left out, a missing force or
 //! rate follows from the others (body axes, velocity relative to the air (u, v, w), `a × b` the turning of the axes):
-//! `f = ω × V − Rᵀ g`. Gusts are what it does not know. The roll rate has no place in it while the aircraft flies straight along its
+//! `f = ω × V − Rᵀ g`, and along the nose what the pitot's airspeed gains. Gusts are what it does not know. The roll rate has no place in it while the aircraft flies straight along its
 //! nose: there the bank is told by the yaw rate and the lateral force, `g cos θ sin φ = r u − f_y`, and the rate turns the state towards it.
 
 use super::filter::ProcessNoise;
@@ -14,11 +14,13 @@ use nalgebra::Vector3;
 /// Bits of axes: accelerometer forward, right, down, then the gyroscope's.
 const FORCE_AXES: u32 = 0b111;
 const GYROSCOPE_SHIFT: u32 = 3;
-/// Those for which something stands in: without the accelerometer's first two axes the filter flies on as it is, and better.
-const REPLACED: u32 = 0b11_1100;
+/// Those for which something stands in: without the accelerometer's second axis the filter flies on as it is, and better.
+const REPLACED: u32 = 0b11_1101;
 
 /// Time over which pitch and yaw rates are averaged, s: gusts are shorter.
 const RATE_S: f64 = 0.1;
+/// The same for what the airspeed gains, s.
+const GAIN_S: f64 = 0.5;
 /// How fast the bank follows that which is told, 1/s; and the steepest one that is told.
 const BANK_GAIN: f64 = 2.0;
 const MOST_SINE: f64 = 0.9;
@@ -26,15 +28,33 @@ const MOST_SINE: f64 = 0.9;
 const LEAST_MPS: f64 = 8.0;
 /// No manoeuvre is quicker, rad/s.
 const MOST_RADPS: f64 = 1.0;
-/// What it leaves out, as noise: velocity, m/s/√s, and attitude, rad/√s.
+/// What it leaves out, as noise: velocity, m/s/√s, and attitude, about that axis alone, rad/√s. The roll rate's lets the magnetometer tell the bank.
 const FORCE_NOISE: f64 = 0.5;
-const RATE_NOISE: f64 = 0.05;
+const RATE_NOISE: [f64; 3] = [0.3, 0.15, 0.15];
 
 /// Axes that are not believed, and what stands in for them.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Doubtful {
     axes: u32,
     rates: Vector3<f64>,
+    /// Airspeed of the last moments, m/s; 0: none yet.
+    airspeed_mps: f64,
+}
+
+impl Doubtful {
+    /// What the airspeed gains, m/s²; zero where nothing tells it.
+    fn gained_mps2(&mut self, airspeed_mps: Option<f64>, dt_s: f64) -> f64 {
+        let Some(airspeed_mps) = airspeed_mps else {
+            self.airspeed_mps = 0.0;
+            return 0.0;
+        };
+        if self.airspeed_mps <= 0.0 {
+            self.airspeed_mps = airspeed_mps;
+        }
+        let gained_mps2 = (airspeed_mps - self.airspeed_mps) / GAIN_S;
+        self.airspeed_mps = low_pass(self.airspeed_mps, airspeed_mps, GAIN_S, dt_s);
+        gained_mps2
+    }
 }
 
 impl Estimator {
@@ -56,10 +76,15 @@ impl Estimator {
         let air = nominal.velocity - Vector3::new(nominal.wind.x, nominal.wind.y, 0.0);
         let air = nominal.attitude.inverse_transform_vector(&air);
         let down = nominal.attitude.inverse_transform_vector(&Vector3::new(0.0, 0.0, GRAVITY_MPS2));
+        let axes = self.doubtful.axes;
+        let is = |axis: usize, shift: u32| axes >> (shift + axis as u32) & 1 != 0;
         if air.x < LEAST_MPS {
+            // It stands or rolls, and hardly turns.
+            (0..3)
+                .filter(|axis| is(*axis, GYROSCOPE_SHIFT))
+                .for_each(|axis| sample.rates[axis] = nominal.gyro_bias[axis]);
             return sample;
         }
-        let is = |axis: usize, shift: u32| self.doubtful.axes >> (shift + axis as u32) & 1 != 0;
         let mut rates = sample.rates - nominal.gyro_bias;
         let force = sample.specific_force - nominal.accel_bias;
         let told = &mut self.doubtful.rates;
@@ -76,7 +101,9 @@ impl Estimator {
             let sine = (rates.z * air.x - force.y) / (GRAVITY_MPS2 * pitch.cos().max(0.3));
             rates.x = BANK_GAIN * (sine.clamp(-MOST_SINE, MOST_SINE).asin() - bank);
         }
-        let turned = rates.cross(&air) - down;
+        let gained_mps2 =
+            self.doubtful.gained_mps2(self.last_airspeed_mps.filter(|_| self.pitot_believed), dt_s);
+        let turned = rates.cross(&air) - down + Vector3::new(gained_mps2, 0.0, 0.0);
         for axis in 0..3 {
             if is(axis, GYROSCOPE_SHIFT) {
                 let rate = rates[axis].clamp(-MOST_RADPS, MOST_RADPS);
@@ -91,13 +118,12 @@ impl Estimator {
 
     /// Noise with what stands in for doubtful axes.
     pub(super) fn doubting(&self, noise: ProcessNoise) -> ProcessNoise {
-        let (force, rate) =
-            (self.doubtful.axes & FORCE_AXES != 0, self.doubtful.axes >> GYROSCOPE_SHIFT != 0);
-        ProcessNoise {
-            accel: if force { FORCE_NOISE } else { noise.accel },
-            gyro: if rate { RATE_NOISE } else { noise.gyro },
-            ..noise
-        }
+        let force = self.doubtful.axes & FORCE_AXES != 0;
+        let turning = Vector3::from_fn(|axis, _| {
+            let is_doubtful = self.doubtful.axes >> (GYROSCOPE_SHIFT + axis as u32) & 1 != 0;
+            if is_doubtful { RATE_NOISE[axis] } else { 0.0 }
+        });
+        ProcessNoise { accel: if force { FORCE_NOISE } else { noise.accel }, turning, ..noise }
     }
 }
 
@@ -126,7 +152,7 @@ mod tests {
     fn each_missing_axis_follows_from_the_others_in_a_turn() {
         for trial in 0..40 {
             let bank_rad = -0.6 + 0.03 * f64::from(trial);
-            for axis in [2, 3, 4, 5] {
+            for axis in [0, 2, 3, 4, 5] {
                 let (mut estimator, truth) = turn(bank_rad, 0.08);
                 estimator.doubt(1 << axis);
                 let mut broken = truth;
@@ -141,6 +167,33 @@ mod tests {
                 assert!(force < 0.05 && rate < 0.05, "axis {axis}, bank {bank_rad}: {force} {rate}");
             }
         }
+    }
+
+    #[test]
+    fn missing_force_along_the_nose_follows_the_airspeed_that_a_believed_pitot_gains() {
+        for gains_mps2 in [-1.5, -0.4, 0.4, 1.5] {
+            for believed in [true, false] {
+                let (mut estimator, truth) = turn(0.3, 0.08);
+                estimator.doubt(1);
+                estimator.pitot_believed = believed;
+                let replaced = (0..200).map(|frame| {
+                    estimator.last_airspeed_mps = Some(22.0 + gains_mps2 * 0.02 * f64::from(frame));
+                    estimator.replaced(&truth, 0.02).specific_force.x
+                });
+                let gained_mps2 = replaced.last().unwrap() - truth.specific_force.x;
+                let expected_mps2 = if believed { gains_mps2 } else { 0.0 };
+                assert!((gained_mps2 - expected_mps2).abs() < 0.1, "{gains_mps2}, {believed}: {gained_mps2}");
+            }
+        }
+    }
+
+    #[test]
+    fn aircraft_that_is_too_slow_to_fly_is_not_turned_by_an_axis_that_is_stuck() {
+        let (mut estimator, truth) = turn(0.0, 0.0);
+        estimator.doubt(0b11_1000);
+        estimator.filter.nominal.velocity *= 0.2;
+        let rates = estimator.replaced(&ImuSample { rates: Vector3::repeat(0.5), ..truth }, 0.02).rates;
+        assert_eq!(rates, estimator.filter.nominal.gyro_bias);
     }
 
     #[test]

@@ -62,6 +62,8 @@ pub struct ProcessNoise {
     pub gyro: f64,
     /// Further attitude noise per unit of rate, √s: stands for scale and cross-axis errors, which no state models.
     pub gyro_per_rate: f64,
+    /// Further attitude noise about each body axis, rad/√s: a gyroscope that does not measure it.
+    pub turning: Vector3<f64>,
     /// Accelerometer white noise, m/s/√s.
     pub accel: f64,
     /// Further velocity noise per unit of specific force beyond 1 g, √s.
@@ -86,6 +88,7 @@ impl Default for ProcessNoise {
         Self {
             gyro: 6e-4,
             gyro_per_rate: 3e-3,
+            turning: Vector3::zeros(),
             accel: 1.2e-2,
             accel_per_force: 3e-3,
             position: 0.2,
@@ -167,7 +170,7 @@ impl Filter {
         state.attitude = middle * half_turn;
         state.attitude.renormalize();
         self.propagate_covariance(&rotation, &force_ned, dt_s);
-        self.add_noise(rates.norm(), (force.norm() - GRAVITY_MPS2).abs(), dt_s, noise);
+        self.add_noise(&rotation, rates.norm(), (force.norm() - GRAVITY_MPS2).abs(), dt_s, noise);
     }
 
     /// `P ← F P Fᵀ` with F = 1 except θ←gyro bias (−R dt), v←θ (−[Δv]×), v←accel bias (−R dt), p←v (dt).
@@ -204,7 +207,14 @@ impl Filter {
         }
     }
 
-    fn add_noise(&mut self, rate: f64, excess_force: f64, dt_s: f64, noise: &ProcessNoise) {
+    fn add_noise(
+        &mut self,
+        rotation: &Matrix3<f64>,
+        rate: f64,
+        excess_force: f64,
+        dt_s: f64,
+        noise: &ProcessNoise,
+    ) {
         let square = |x: f64| x * x;
         let attitude = square(noise.gyro) + square(noise.gyro_per_rate * rate);
         let velocity = square(noise.accel) + square(noise.accel_per_force * excess_force);
@@ -221,6 +231,12 @@ impl Filter {
             for i in at..at + 3 {
                 p[(i, i)] += density * dt_s;
             }
+        }
+        if noise.turning != Vector3::zeros() {
+            let turning =
+                rotation * Matrix3::from_diagonal(&noise.turning.map(square)) * rotation.transpose();
+            let mut block = p.fixed_view_mut::<3, 3>(ATT, ATT);
+            block += turning * dt_s;
         }
         for i in 0..2 {
             p[(POS + i, POS + i)] += square(noise.position) * dt_s;

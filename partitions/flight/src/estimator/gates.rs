@@ -88,6 +88,38 @@ fn measurement_beyond_its_gate_leaves_no_trace_and_one_within_is_taken() {
     }
 }
 
+/// The way through the air tells the heading, where nothing else does.
+#[test]
+fn gyroscope_that_shifts_without_a_magnetometer_is_learnt_in_flight() {
+    for seed in 0..12 {
+        let degps: f64 = [-5.0, -2.5, -1.0, 1.0, 2.5, 5.0][seed as usize % 6];
+        let mut world = World::new(seed, config(true));
+        world.real.nominal.wind = Vector2::zeros();
+        let mut estimator = world.estimator();
+        let mut fly = |estimator: &mut Estimator, seconds: f64, shift_radps: f64| {
+            for _ in 0..(seconds / DT_S) as u32 {
+                let sample = world.step();
+                estimator
+                    .predict(&ImuSample { rates: sample.rates + Vector3::repeat(shift_radps), ..sample });
+                world.measure(estimator, 0.12);
+                let speed = world.real.nominal.velocity.norm();
+                let (pressure_pa, density) = (static_pa(160.0), crate::atmosphere::density_kgpm3(160.0));
+                estimator.update_airspeed(world.time_s, 0.5 * density * speed * speed, pressure_pa);
+            }
+            world.real.nominal.attitude
+        };
+        fly(&mut estimator, 30.0, 0.0);
+        estimator.set_aiding(Aiding { magnetometer: false, ..estimator.aiding() });
+        fly(&mut estimator, 10.0, 0.0);
+        let attitude = fly(&mut estimator, 40.0, degps.to_radians());
+        let off_rad = estimator.filter.nominal.attitude.angle_to(&attitude);
+        let learnt = estimator.filter.nominal.gyro_bias.z.to_degrees();
+        assert_eq!(estimator.status(), EstimatorStatus::Ready, "seed {seed}, {degps}°/s");
+        assert!(off_rad < 0.15, "seed {seed}, {degps}°/s: {off_rad} rad, learnt {learnt}°/s");
+        assert!((learnt - degps).abs() < 0.3 + 0.1 * degps.abs(), "seed {seed}, {degps}°/s: {learnt}°/s");
+    }
+}
+
 #[test]
 fn barometer_that_jumps_for_good_is_zeroed_anew_and_the_height_stays() {
     let (mut world, mut estimator) = settled();

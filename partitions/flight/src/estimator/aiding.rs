@@ -178,7 +178,7 @@ impl Estimator {
             self.barometer.leave_ground();
         }
         if !self.standing {
-            self.static_watch.fix(now.time_s, fix.velocity_ned.z);
+            self.static_watch.fix(fix.time_s, fix.velocity_ned.z);
         }
         let velocity = self.velocity_scalars(fix, &past);
         let position = self.position_scalars(fix, &past);

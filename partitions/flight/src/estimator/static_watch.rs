@@ -17,8 +17,9 @@ const SEEN_M: f64 = 8.0;
 /// A height is well within the gate below this share of it; and a leap takes so many heights at most.
 const NEAR_SHARE: f64 = 0.5;
 const LEAP: u32 = 4;
-/// Fixes further apart do not tell the climb between them, s.
+/// Fixes further apart do not tell the climb between them, s; and one that is older does not tell that up to now, s.
 const LONGEST_GAP_S: f64 = 1.0;
+const OLDEST_S: f64 = 1.5;
 
 /// The judge of the static port.
 #[derive(Debug, Clone, Copy)]
@@ -28,7 +29,8 @@ pub(super) struct StaticWatch {
     count: usize,
     climb_m: f64,
     fix: Option<(f64, f64)>,
-    sum_m: f64,
+    /// Of heights and climbs, m, and how many of them.
+    sums_m: (f64, f64),
     summed: u32,
     next_s: f64,
     against: u32,
@@ -48,7 +50,7 @@ impl Default for StaticWatch {
             count: 0,
             climb_m: 0.0,
             fix: None,
-            sum_m: 0.0,
+            sums_m: (0.0, 0.0),
             summed: 0,
             next_s: 0.0,
             against: 0,
@@ -105,10 +107,10 @@ impl StaticWatch {
     }
 
     fn is_fresh(&self, time_s: f64) -> bool {
-        self.fix.is_some_and(|(fix_s, _)| (time_s - fix_s).abs() <= LONGEST_GAP_S)
+        self.fix.is_some_and(|(fix_s, _)| (time_s - fix_s).abs() <= OLDEST_S)
     }
 
-    /// A fix's time (s) and velocity down (m/s).
+    /// When a fix was measured, s, and its velocity down, m/s.
     pub(super) fn fix(&mut self, time_s: f64, down_mps: f64) {
         match self.fix.replace((time_s, down_mps)) {
             Some((before_s, before_mps)) if (0.0..=LONGEST_GAP_S).contains(&(time_s - before_s)) => {
@@ -124,20 +126,22 @@ impl StaticWatch {
 
     /// Takes a height by barometer, m; gives how much more it has climbed than the receiver when that is found to be wrong.
     pub(super) fn height(&mut self, time_s: f64, height_m: f64) -> Option<f64> {
-        if !self.is_fresh(time_s) {
-            return None;
-        }
-        (self.sum_m, self.summed) = (self.sum_m + height_m, self.summed + 1);
+        let (fix_s, down_mps) = self.fix.filter(|_| self.is_fresh(time_s))?;
+        // In a dive a few tenths of a second are metres.
+        let climb_m = self.climb_m - down_mps * (time_s - fix_s);
+        self.sums_m = (self.sums_m.0 + height_m, self.sums_m.1 + climb_m);
+        self.summed += 1;
         if time_s < self.next_s && self.next_s - time_s < 2.0 {
             return None;
         }
-        let mean_m = self.sum_m / f64::from(self.summed);
-        (self.sum_m, self.summed, self.next_s) = (0.0, 0, time_s + 1.0);
+        let mean = |sum_m: f64| sum_m / f64::from(self.summed);
+        let means_m = (mean(self.sums_m.0), mean(self.sums_m.1));
+        (self.sums_m, self.summed, self.next_s) = ((0.0, 0.0), 0, time_s + 1.0);
         if self.count > LONG {
             self.past.rotate_left(1);
         }
         self.count = (self.count + 1).min(LONG + 1);
-        self.past[self.count - 1] = (mean_m, self.climb_m);
+        self.past[self.count - 1] = means_m;
         self.judge()
     }
 
@@ -184,16 +188,26 @@ mod tests {
 
     /// Flies up and down for some seconds; when the verdict fell, s, and by how much, m.
     fn fly(seed: u64, seconds: f64, wrong: impl Fn(f64, f64) -> f64) -> Option<(f64, f64)> {
+        fly_with(seed, seconds, |time_s| 1.5 * (time_s / 8.0).sin(), wrong)
+    }
+
+    /// The same with a climb rate, m/s. Fixes come late, by another time in each flight.
+    fn fly_with(
+        seed: u64,
+        seconds: f64,
+        climb_mps: impl Fn(f64) -> f64,
+        wrong: impl Fn(f64, f64) -> f64,
+    ) -> Option<(f64, f64)> {
+        let late_s = 0.04 * (seed % 8) as f64;
         let mut chance = ChaCha8Rng::seed_from_u64(seed);
         let mut noise = || -> f64 { StandardNormal.sample(&mut chance) };
         let (mut watch, mut height_m, mut weather_m) = (StaticWatch::default(), 160.0_f64, 0.0);
         (0..(seconds * 25.0) as u32).find_map(|step| {
             let time_s = f64::from(step) * 0.04;
-            let climb_mps = 1.5 * (time_s / 8.0).sin();
-            height_m += climb_mps * 0.04;
+            height_m += climb_mps(time_s) * 0.04;
             weather_m += 1.5 * (2.0 * 0.04 / 1100.0_f64).sqrt() * noise();
             if step % 5 == 0 {
-                watch.fix(time_s, -climb_mps + 0.05 * noise());
+                watch.fix(time_s - late_s, -climb_mps(time_s - late_s) + 0.05 * noise());
             }
             let told_m = wrong(time_s, height_m) + weather_m + 0.8 * noise();
             watch.height(time_s, told_m).map(|off_m| (time_s, off_m))
@@ -204,6 +218,19 @@ mod tests {
     fn sound_barometer_is_believed_for_hours() {
         for seed in 0..10 {
             assert_eq!(fly(seed, 3_600.0, |_, height_m| height_m), None, "seed {seed}");
+        }
+    }
+
+    /// A loss of control that was recovered from: 80 m within four seconds, in each minute.
+    #[test]
+    fn sound_barometer_is_believed_through_dives() {
+        for seed in 0..24 {
+            let most_mps = 10.0 + seed as f64;
+            let climb_mps = |time_s: f64| match (time_s + seed as f64) % 60.0 {
+                phase if phase < 4.0 => -most_mps * (phase * std::f64::consts::PI / 4.0).sin(),
+                _ => 1.0,
+            };
+            assert_eq!(fly_with(seed, 600.0, climb_mps, |_, height_m| height_m), None, "seed {seed}");
         }
     }
 

@@ -172,7 +172,7 @@ fn aircraft_without_one_of_its_rates_or_forces_lands() {
 fn aircraft_whose_gyroscope_shifts_without_a_magnetometer_flies_on_and_lands() {
     let _turn = among_others();
     for seed in 61..if is_long() { 101 } else { 66 } {
-        let degps = [-4.4, 1.0, 2.5, -2.0, 4.8][seed % 5] * if seed > 80 { -1.0 } else { 1.0 };
+        let degps = [-4.4, 1.0, 2.5, -2.0, 4.8][(seed + seed / 5) % 5];
         let (airframe, at_s) = (AIRFRAMES[seed % 5], 70 + seed % 7 * 20);
         let shift = format!("gyroscope_shift={degps}@{at_s}");
         let touchdown = with_faults(airframe, seed, &["magnetometer_lost@60", &shift]);

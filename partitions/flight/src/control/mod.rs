@@ -818,7 +818,7 @@ impl Controller {
         }
         // What a stalled wing does says nothing of the pitot.
         let told_mps = match self.memory.stall.is_stalled() {
-            true => self.memory.airspeed_watch.flown_mps(frame.pitot_mps, frame.apart_mps),
+            true => self.memory.airspeed_watch.flown_mps(frame.pitot_mps, 0.0),
             false => self.memory.airspeed_watch.step(&self.airframe, &frame),
         };
         let has_fixes = basis == Basis::Estimator && state.status == EstimatorStatus::Ready;

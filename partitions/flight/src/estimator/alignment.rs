@@ -4,7 +4,7 @@
 //! (`C` turns today's body vectors into it). Between two GPS fixes the velocity gained without gravity is known in
 //! NED, and the integral of `C f` is the same vector in the first body frame: no assumption on bank, turn rate or
 //! coordinated flight is needed, the centripetal part is in both. The magnetometer gives a second pair of vectors,
-//! the direction of flight a weak third one. Wahba's problem (G. Wahba, SIAM Review 7(3), 1965) joins them; its
+//! the direction of flight a weak third one, which has to do where no field is measured. Wahba's problem (G. Wahba, SIAM Review 7(3), 1965) joins them; its
 //! information matrix gives the initial covariance.
 
 use super::{GpsMeasurement, ImuSample};

@@ -39,7 +39,7 @@ pub struct MeasurementNoise {
     /// wind alone, for gusts last ten seconds and would be taken for motion.
     pub airspeed_mps: f64,
     /// Air from the side, m/s: none on average in coordinated flight, which makes both components of the wind
-    /// observable on a straight leg. It corrects the wind alone.
+    /// observable on a straight leg. It corrects the wind alone, and the whole state where no magnetometer is taken.
     pub sideslip_mps: f64,
     /// Height above the runway from which the flight is taken to be coordinated, m; wheels roll sideways to the air.
     pub sideslip_height_m: f64,

@@ -79,11 +79,7 @@ impl Estimator {
         let axes = self.doubtful.axes;
         let is = |axis: usize, shift: u32| axes >> (shift + axis as u32) & 1 != 0;
         if air.x < LEAST_MPS {
-            // It stands or rolls, and hardly turns.
-            (0..3)
-                .filter(|axis| is(*axis, GYROSCOPE_SHIFT))
-                .for_each(|axis| sample.rates[axis] = nominal.gyro_bias[axis]);
-            return sample;
+            return self.unturned(&sample); // it stands or rolls, and hardly turns
         }
         let mut rates = sample.rates - nominal.gyro_bias;
         let force = sample.specific_force - nominal.accel_bias;
@@ -101,8 +97,10 @@ impl Estimator {
             let sine = (rates.z * air.x - force.y) / (GRAVITY_MPS2 * pitch.cos().max(0.3));
             rates.x = BANK_GAIN * (sine.clamp(-MOST_SINE, MOST_SINE).asin() - bank);
         }
-        let gained_mps2 =
-            self.doubtful.gained_mps2(self.last_airspeed_mps.filter(|_| self.pitot_believed), dt_s);
+        let gained_mps2 = self.doubtful.gained_mps2(
+            self.last_airspeed_mps.filter(|_| self.pitot_believed && self.config.aiding.pressure),
+            dt_s,
+        );
         let turned = rates.cross(&air) - down + Vector3::new(gained_mps2, 0.0, 0.0);
         for axis in 0..3 {
             if is(axis, GYROSCOPE_SHIFT) {
@@ -114,6 +112,15 @@ impl Estimator {
             }
         }
         sample
+    }
+
+    /// A sample with no turn about doubtful axes: nothing is known of the motion.
+    pub(super) fn unturned(&self, sample: &ImuSample) -> ImuSample {
+        let rates = Vector3::from_fn(|axis, _| {
+            let is_doubtful = self.doubtful.axes >> (GYROSCOPE_SHIFT + axis as u32) & 1 != 0;
+            if is_doubtful { self.filter.nominal.gyro_bias[axis] } else { sample.rates[axis] }
+        });
+        ImuSample { rates, ..*sample }
     }
 
     /// Noise with what stands in for doubtful axes.

@@ -346,6 +346,23 @@ mod tests {
     }
 
     #[test]
+    fn noise_of_a_missing_rate_is_about_its_body_axis_alone() {
+        // Nose to the east: its roll is about that axis.
+        let attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_2);
+        let nominal = Nominal { attitude, ..Nominal::default() };
+        let widened = |turning: Vector3<f64>| {
+            let mut filter = Filter::new(nominal, &ErrorVector::repeat(0.01));
+            let noise = ProcessNoise { turning, ..ProcessNoise::default() };
+            let force = Vector3::new(0.0, 0.0, -GRAVITY_MPS2);
+            filter.propagate(&Vector3::zeros(), &force, 0.02, &noise);
+            filter.covariance.fixed_view::<3, 3>(ATT, ATT).into_owned()
+        };
+        let more = widened(Vector3::new(0.3, 0.0, 0.0)) - widened(Vector3::zeros());
+        let expected = Matrix3::from_diagonal(&Vector3::new(0.0, 0.3 * 0.3 * 0.02, 0.0));
+        assert!((more - expected).norm() < 1e-12, "{more}");
+    }
+
+    #[test]
     fn block_propagation_equals_the_dense_product() {
         let rotation = UnitQuaternion::from_euler_angles(0.3, 0.2, 1.0).to_rotation_matrix().into_inner();
         let force = Vector3::new(1.0, -2.0, -11.0);

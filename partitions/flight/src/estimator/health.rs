@@ -91,6 +91,6 @@ impl Record {
 
     /// Whether an aid was taken at most `within_s` before `now_s`.
     pub(super) fn fresh(&self, aid: Aid, now_s: f64, within_s: f64) -> bool {
-        self.of(aid).taken_s.is_some_and(|taken_s| now_s - taken_s <= within_s)
+        self.of(aid).taken_s.is_some_and(|taken_s| (now_s - taken_s).abs() <= within_s)
     }
 }

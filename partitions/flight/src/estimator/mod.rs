@@ -380,7 +380,7 @@ impl Estimator {
             self.winds.note(sample.time_s, &self.filter.nominal.wind);
         } else {
             self.last_sample = Some(*sample);
-            self.align(sample, dt_s.min(sample.interval_s.max(1e-3)).max(dt_s.min(0.1)));
+            self.align(&self.unturned(sample), dt_s.min(sample.interval_s.max(1e-3)).max(dt_s.min(0.1)));
         }
     }
 

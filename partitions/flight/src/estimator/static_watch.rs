@@ -112,6 +112,9 @@ impl StaticWatch {
 
     /// When a fix was measured, s, and its velocity down, m/s.
     pub(super) fn fix(&mut self, time_s: f64, down_mps: f64) {
+        if self.fix.is_some_and(|(last_s, _)| (last_s - LONGEST_GAP_S..last_s).contains(&time_s)) {
+            return; // it was overtaken
+        }
         match self.fix.replace((time_s, down_mps)) {
             Some((before_s, before_mps)) if (0.0..=LONGEST_GAP_S).contains(&(time_s - before_s)) => {
                 self.climb_m -= 0.5 * (before_mps + down_mps) * (time_s - before_s);
@@ -191,7 +194,7 @@ mod tests {
         fly_with(seed, seconds, |time_s| 1.5 * (time_s / 8.0).sin(), wrong)
     }
 
-    /// The same with a climb rate, m/s. Fixes come late, by another time in each flight.
+    /// The same with a climb rate, m/s. Fixes come late, by another time in each flight, and some in the wrong order.
     fn fly_with(
         seed: u64,
         seconds: f64,
@@ -207,6 +210,9 @@ mod tests {
             height_m += climb_mps(time_s) * 0.04;
             weather_m += 1.5 * (2.0 * 0.04 / 1100.0_f64).sqrt() * noise();
             if step % 5 == 0 {
+                if step % 15 == 0 {
+                    watch.fix(time_s - late_s - 0.4, -climb_mps(time_s - late_s - 0.4));
+                }
                 watch.fix(time_s - late_s, -climb_mps(time_s - late_s) + 0.05 * noise());
             }
             let told_m = wrong(time_s, height_m) + weather_m + 0.8 * noise();

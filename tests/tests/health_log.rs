@@ -53,9 +53,10 @@ fn executive_killed_after_a_fault_leaves_it_in_the_persistent_log() {
     assert!(noted.is_some(), "read while it is written: {}", read(&[]).stdout);
     run.signal(Signal::KILL);
     let told = read(&["--partition", "first", "--format", "json"]).expect_code(0).summary();
-    let fault = &told["entries"][0];
-    assert_eq!((&fault["error"], &fault["action"]), (&"killed".into(), &"cold_restart".into()), "{told}");
-    assert_eq!(fault["generation"], 0);
+    // A machine with other work may stop a window late before.
+    let entries = told["entries"].as_array().unwrap();
+    let fault = entries.iter().find(|entry| entry["error"] == "killed").expect("the kill is in the log");
+    assert_eq!((&fault["action"], &fault["generation"]), (&"cold_restart".into(), &0.into()), "{told}");
     let all = read(&[]).expect_code(0).stdout;
     assert!(all.contains("a run began") && all.contains("first[0]: killed (ended by SIGKILL)"), "{all}");
     // Cut off in the middle of its second record.

@@ -42,6 +42,16 @@ pub(super) struct Doubtful {
 }
 
 impl Doubtful {
+    /// The gyroscope does not tell the rate about an axis.
+    fn lacks_rate(&self, axis: usize) -> bool {
+        self.axes >> (GYROSCOPE_SHIFT + axis as u32) & 1 != 0
+    }
+
+    /// The accelerometer does not tell the force along an axis.
+    fn lacks_force(&self, axis: usize) -> bool {
+        self.axes >> axis & 1 != 0
+    }
+
     /// What the airspeed gains, m/s²; zero where nothing tells it.
     fn gained_mps2(&mut self, airspeed_mps: Option<f64>, dt_s: f64) -> f64 {
         let Some(airspeed_mps) = airspeed_mps else {
@@ -76,38 +86,37 @@ impl Estimator {
         let air = nominal.velocity - Vector3::new(nominal.wind.x, nominal.wind.y, 0.0);
         let air = nominal.attitude.inverse_transform_vector(&air);
         let down = nominal.attitude.inverse_transform_vector(&Vector3::new(0.0, 0.0, GRAVITY_MPS2));
-        let axes = self.doubtful.axes;
-        let is = |axis: usize, shift: u32| axes >> (shift + axis as u32) & 1 != 0;
         if air.x < LEAST_MPS {
             return self.unturned(&sample); // it stands or rolls, and hardly turns
         }
         let mut rates = sample.rates - nominal.gyro_bias;
         let force = sample.specific_force - nominal.accel_bias;
-        let told = &mut self.doubtful.rates;
-        if is(1, GYROSCOPE_SHIFT) {
+        let mut told = self.doubtful.rates;
+        if self.doubtful.lacks_rate(1) {
             told.y = low_pass(told.y, (rates.x * air.y - force.z - down.z) / air.x, RATE_S, dt_s);
             rates.y = told.y;
         }
-        if is(2, GYROSCOPE_SHIFT) {
+        if self.doubtful.lacks_rate(2) {
             told.z = low_pass(told.z, (force.y + down.y + rates.x * air.z) / air.x, RATE_S, dt_s);
             rates.z = told.z;
         }
-        if is(0, GYROSCOPE_SHIFT) {
+        if self.doubtful.lacks_rate(0) {
             let (bank, pitch, _) = nominal.attitude.euler_angles();
             let sine = (rates.z * air.x - force.y) / (GRAVITY_MPS2 * pitch.cos().max(0.3));
             rates.x = BANK_GAIN * (sine.clamp(-MOST_SINE, MOST_SINE).asin() - bank);
         }
+        self.doubtful.rates = told;
         let gained_mps2 = self.doubtful.gained_mps2(
             self.last_airspeed_mps.filter(|_| self.pitot_believed && self.config.aiding.pressure),
             dt_s,
         );
         let turned = rates.cross(&air) - down + Vector3::new(gained_mps2, 0.0, 0.0);
         for axis in 0..3 {
-            if is(axis, GYROSCOPE_SHIFT) {
+            if self.doubtful.lacks_rate(axis) {
                 let rate = rates[axis].clamp(-MOST_RADPS, MOST_RADPS);
                 sample.rates[axis] = rate + nominal.gyro_bias[axis];
             }
-            if is(axis, 0) {
+            if self.doubtful.lacks_force(axis) {
                 sample.specific_force[axis] = turned[axis] + nominal.accel_bias[axis];
             }
         }
@@ -117,8 +126,11 @@ impl Estimator {
     /// A sample with no turn about doubtful axes: nothing is known of the motion.
     pub(super) fn unturned(&self, sample: &ImuSample) -> ImuSample {
         let rates = Vector3::from_fn(|axis, _| {
-            let is_doubtful = self.doubtful.axes >> (GYROSCOPE_SHIFT + axis as u32) & 1 != 0;
-            if is_doubtful { self.filter.nominal.gyro_bias[axis] } else { sample.rates[axis] }
+            if self.doubtful.lacks_rate(axis) {
+                self.filter.nominal.gyro_bias[axis]
+            } else {
+                sample.rates[axis]
+            }
         });
         ImuSample { rates, ..*sample }
     }
@@ -126,10 +138,8 @@ impl Estimator {
     /// Noise with what stands in for doubtful axes.
     pub(super) fn doubting(&self, noise: ProcessNoise) -> ProcessNoise {
         let force = self.doubtful.axes & FORCE_AXES != 0;
-        let turning = Vector3::from_fn(|axis, _| {
-            let is_doubtful = self.doubtful.axes >> (GYROSCOPE_SHIFT + axis as u32) & 1 != 0;
-            if is_doubtful { RATE_NOISE[axis] } else { 0.0 }
-        });
+        let turning =
+            Vector3::from_fn(|axis, _| if self.doubtful.lacks_rate(axis) { RATE_NOISE[axis] } else { 0.0 });
         ProcessNoise { accel: if force { FORCE_NOISE } else { noise.accel }, turning, ..noise }
     }
 }

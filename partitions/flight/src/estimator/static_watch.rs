@@ -227,7 +227,7 @@ mod tests {
         }
     }
 
-    /// A loss of control that was recovered from: 80 m within four seconds, in each minute.
+    /// A loss of control that was recovered from: up to 84 m within four seconds, in each minute.
     #[test]
     fn sound_barometer_is_believed_through_dives() {
         for seed in 0..24 {

@@ -32,7 +32,10 @@ fn flown(number: u64) -> Flown {
         conditions: BTreeMap::new(),
         completed,
         failure: (!completed).then(|| format!("no way-point for {}.5 s", 60 + number)),
-        figures: BTreeMap::from([("altitude_rms_m".to_owned(), number as f64)]),
+        figures: BTreeMap::from([
+            ("altitude_rms_m".to_owned(), number as f64),
+            ("touchdown.along_m".to_owned(), 10.0 - number as f64),
+        ]),
         digest: Some(format!("digest {number}")),
         module_time_s: Some(200.0),
         wall_time_s: 36.0,
@@ -104,6 +107,12 @@ fn percentiles_are_values_that_were_flown_and_the_worst_has_its_seed() {
     assert_eq!((altitude.p50, altitude.p95, altitude.p99), (49.0, 95.0, 99.0));
     assert_eq!((altitude.worst, altitude.worst_flight, altitude.worst_seed), (99.0, 99, 109));
     assert!(result.failed[0].command.contains("--seed=13"));
+    let short = &result.figures[1];
+    assert_eq!(
+        (short.figure.as_str(), short.worst),
+        ("touchdown.along_m", 89.0),
+        "89 m short is off as well"
+    );
 }
 
 #[test]

@@ -18,8 +18,8 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// Those of every campaign: larger is worse.
-    pub const ALL: [Self; 15] = [
+    /// Those of every campaign: larger is worse, on either side of zero.
+    pub const ALL: [Self; 18] = [
         Self { name: "cross_track_rms_m", label: "cross-track, RMS", unit: "m" },
         Self { name: "straight_cross_track_rms_m", label: "cross-track, straight legs", unit: "m" },
         Self { name: "cross_track_max_m", label: "cross-track, greatest", unit: "m" },
@@ -33,6 +33,9 @@ impl Figure {
         Self { name: "estimator.yaw_rms_deg", label: "estimate: yaw", unit: "°" },
         Self { name: "estimator.velocity_rms_mps", label: "estimate: velocity", unit: "m/s" },
         Self { name: "estimator.position_rms_m", label: "estimate: position", unit: "m" },
+        Self { name: "touchdown.sink_mps", label: "touch-down, sink rate", unit: "m/s" },
+        Self { name: "touchdown.along_m", label: "touch-down, off along", unit: "m" },
+        Self { name: "touchdown.across_m", label: "touch-down, off across", unit: "m" },
         Self { name: "recovery_max_ms", label: "back after a fault, latest", unit: "ms" },
         Self { name: "module_time_s", label: "flight, module time", unit: "s" },
     ];
@@ -195,7 +198,9 @@ fn notes(plan: &Plan, flown: u64, others: usize, lines: &Lines) -> Vec<String> {
 }
 
 fn spread(figure: &Figure, completed: &[&Flown]) -> Option<Spread> {
-    let value = |flight: &&Flown| flight.figures.get(figure.name).copied().filter(|value| value.is_finite());
+    let value = |flight: &&Flown| {
+        flight.figures.get(figure.name).map(|value| value.abs()).filter(|value| value.is_finite())
+    };
     let worst = completed.iter().filter_map(|flight| Some((value(flight)?, *flight)));
     let (worst, flight) = worst.max_by(|a, b| a.0.total_cmp(&b.0))?;
     let mut values: Vec<f64> = completed.iter().filter_map(value).collect();

@@ -1,6 +1,7 @@
 //! The measurements: how each looks at the state, when it is refused, and what happens if that lasts.
 
 use super::filter::{ACCEL, ATT, ErrorVector, GYRO, MAG, POS, ProcessNoise, Scalar, VEL, WIND};
+use super::gusts::Part;
 use super::health::Aid;
 use super::history::{Past, position_row, scalar, velocity_row};
 use super::{Estimator, EstimatorStatus, GpsMeasurement, Phase};
@@ -17,8 +18,11 @@ const FEWEST_REFERENCE_SAMPLES: u32 = 10;
 const LONGEST_REFERENCE_SAMPLES: u32 = 1500;
 /// Two GPS resets within this time, s: the attitude is to blame, so everything is found anew.
 const GPS_RESET_MEMORY_S: f64 = 6.0;
-/// What the gyroscope's bias may be off then, rad/s.
+/// What the gyroscope's bias may be off then, rad/s, and the attitude where the magnetometer tells it first, rad.
 const UNTOLD_RATE_RADPS: f64 = 0.03;
+const UNTOLD_TURN_RAD: f64 = 0.05;
+/// A field that comes away by less than this share of what it is off, in a tenth of a second, does not leap.
+const TURNING_SHARE: f64 = 0.6;
 /// A magnetometer that was not taken for so long, s, does not carry the heading.
 const HEADING_WITHIN_S: f64 = 2.0;
 /// Faster than this over ground, m/s, the aircraft no longer stands.
@@ -376,10 +380,11 @@ impl Estimator {
             self.fuse_airspeed(time_s, airspeed);
         }
         if -self.filter.nominal.position.z > self.config.measurement.sideslip_height_m {
-            let scalar = self.sideslip_scalar();
+            let inertial = self.status() == EstimatorStatus::Inertial;
+            let scalar = self.sideslip_scalar(inertial);
+            self.note_gust(Part::Across, scalar.innovation, inertial);
             // It tells the heading where no magnetometer does.
-            let alone = self.status() == EstimatorStatus::Inertial
-                || !self.record.fresh(Aid::Magnetometer, time_s, HEADING_WITHIN_S);
+            let alone = inertial || !self.record.fresh(Aid::Magnetometer, time_s, HEADING_WITHIN_S);
             self.fuse_from(Aid::Sideslip, &[scalar], if alone { 0 } else { WIND });
         }
     }
@@ -387,6 +392,7 @@ impl Estimator {
     fn fuse_airspeed(&mut self, time_s: f64, airspeed: f64) {
         let inertial = self.status() == EstimatorStatus::Inertial;
         let scalar = self.airspeed_scalar(airspeed, inertial);
+        self.note_gust(Part::Along, scalar.innovation, inertial);
         let accepted = self.fuse_from(Aid::Airspeed, &[scalar], if inertial { 0 } else { WIND });
         let patience = self.config.measurement.other_patience_s;
         if self.airspeed_gate.out_of_patience(accepted, time_s, patience) {
@@ -407,12 +413,13 @@ impl Estimator {
         h[WIND] = -air.x / expected;
         h[WIND + 1] = -air.y / expected;
         let noise = &self.config.measurement;
-        let sigma = if inertial { noise.airspeed_without_gps_mps } else { noise.airspeed_mps };
+        let sigma =
+            if inertial { self.beside_inertial(noise.airspeed_without_gps_mps) } else { noise.airspeed_mps };
         scalar(h, airspeed - expected, sigma)
     }
 
     /// The air comes along the plane of symmetry: `b · (v − w) = 0` with the body's y axis `b = R e_y`.
-    fn sideslip_scalar(&self) -> Scalar {
+    fn sideslip_scalar(&self, inertial: bool) -> Scalar {
         let nominal = &self.filter.nominal;
         let air = nominal.velocity - Vector3::new(nominal.wind.x, nominal.wind.y, 0.0);
         let right = nominal.attitude * Vector3::y();
@@ -424,7 +431,16 @@ impl Estimator {
         }
         h[WIND] = -right.x;
         h[WIND + 1] = -right.y;
-        scalar(h, -right.dot(&air), self.config.measurement.sideslip_mps)
+        let sigma = self.config.measurement.sideslip_mps;
+        scalar(h, -right.dot(&air), if inertial { self.beside_inertial(sigma) } else { sigma })
+    }
+
+    fn note_gust(&mut self, part: Part, innovation: f64, inertial: bool) {
+        self.gusts.note(part, innovation, self.config.measurement.airspeed_interval_s, inertial);
+    }
+
+    fn beside_inertial(&self, least_mps: f64) -> f64 {
+        self.gusts.noise_mps(least_mps, self.config.measurement.airspeed_interval_s)
     }
 
     /// Fuses the magnetic field (body, gauss) against the model's at the site; fuses at 10 Hz.
@@ -444,13 +460,26 @@ impl Estimator {
         }
         self.last_magnetometer_s = time_s;
         let scalars = self.magnetometer_scalars(field_gauss);
-        let accepted = self.fuse(Aid::Magnetometer, &scalars);
+        let mut accepted = self.fuse(Aid::Magnetometer, &scalars);
+        let off = Vector3::from_fn(|axis, _| scalars[axis].innovation);
+        if !accepted && self.turns_away(&off) {
+            self.filter.widen(ATT, 3, UNTOLD_TURN_RAD);
+            self.filter.widen(GYRO, 3, UNTOLD_RATE_RADPS);
+            accepted = self.fuse(Aid::Magnetometer, &scalars);
+        }
+        self.field_off_gauss = accepted.then_some(off);
         let patience = self.config.measurement.other_patience_s;
         if self.magnetometer_gate.out_of_patience(accepted, time_s, patience) {
             self.counters.resets += 1;
             self.filter.forget(MAG, 3, 5.0 * self.config.initial.mag_bias);
             self.filter.widen(ATT + 2, 1, 0.3);
         }
+    }
+
+    /// The field comes away step by step: the attitude turns wrongly. A magnetometer that is wrong leaps.
+    fn turns_away(&self, off_gauss: &Vector3<f64>) -> bool {
+        let near = |before: Vector3<f64>| (off_gauss - before).norm() < TURNING_SHARE * off_gauss.norm();
+        self.field_off_gauss.is_some_and(near)
     }
 
     /// `m_body = Rᵀ m + b`, with `R = (1 + [θ]×) R̂`: the rows are `R̂ᵀ [m]×` and the identity for the bias.

@@ -43,7 +43,7 @@ pub struct MeasurementNoise {
     pub sideslip_mps: f64,
     /// Height above the runway from which the flight is taken to be coordinated, m; wheels roll sideways to the air.
     pub sideslip_height_m: f64,
-    /// The same as `airspeed_mps` without GPS, when it has to carry the velocity: so large that gusts hardly tilt the attitude.
+    /// The same as `airspeed_mps` without GPS, when it has to carry the velocity, in still air; gusts raise it.
     pub airspeed_without_gps_mps: f64,
     /// Magnetometer, each axis, gauss.
     pub magnetometer_gauss: f64,

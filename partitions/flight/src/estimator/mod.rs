@@ -15,6 +15,7 @@ mod doubtful;
 mod filter;
 #[cfg(test)]
 mod gates;
+mod gusts;
 mod health;
 mod history;
 mod snapshot;
@@ -33,6 +34,7 @@ use aiding::{BarometerReference, Gate, Winds};
 use alignment::{Aligned, Alignment};
 use doubtful::Doubtful;
 use filter::{ACCEL, ATT, ErrorVector, Filter, GYRO, MAG, Nominal, POS, VEL, WIND};
+use gusts::Gusts;
 use health::Record;
 use history::{History, Past};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
@@ -223,6 +225,9 @@ pub struct Estimator {
     last_airspeed_mps: Option<f64>,
     pitot_believed: bool,
     winds: Winds,
+    gusts: Gusts,
+    /// Innovation of the magnetic field before, body, gauss, where it was taken.
+    field_off_gauss: Option<Vector3<f64>>,
     static_watch: StaticWatch,
     doubtful: Doubtful,
     standing: bool,
@@ -257,6 +262,8 @@ impl Estimator {
             last_airspeed_mps: None,
             pitot_believed: true,
             winds: Winds::default(),
+            gusts: Gusts::default(),
+            field_off_gauss: None,
             static_watch: StaticWatch::default(),
             doubtful: Doubtful::default(),
             standing: false,

@@ -88,6 +88,62 @@ fn measurement_beyond_its_gate_leaves_no_trace_and_one_within_is_taken() {
     }
 }
 
+/// What the sensors say beside what they measure, and whether there are satellites.
+#[derive(Clone, Copy, Default)]
+struct Shift {
+    rates_radps: Vector3<f64>,
+    field_gauss: Vector3<f64>,
+    without_fixes: bool,
+}
+
+/// Flies with a pitot and gives the real attitude at the end.
+fn fly_with(
+    world: &mut World,
+    estimator: &mut Estimator,
+    seconds: f64,
+    shift: Shift,
+) -> nalgebra::UnitQuaternion<f64> {
+    for _ in 0..(seconds / DT_S) as u32 {
+        let sample = world.step();
+        estimator.predict(&ImuSample { rates: sample.rates + shift.rates_radps, ..sample });
+        // It is part of the field that the world measures.
+        world.real.nominal.mag_bias += shift.field_gauss;
+        match shift.without_fixes {
+            true => world.measure_without_fixes(estimator),
+            false => world.measure(estimator, 0.12),
+        }
+        world.real.nominal.mag_bias -= shift.field_gauss;
+        let speed = world.real.nominal.velocity.norm();
+        let (pressure_pa, density) = (static_pa(160.0), crate::atmosphere::density_kgpm3(160.0));
+        estimator.update_airspeed(world.time_s, 0.5 * density * speed * speed, pressure_pa);
+    }
+    world.real.nominal.attitude
+}
+
+/// The magnetic field tells a gyroscope that shifts, whose error grows, from a magnetometer that does, whose error is there at once.
+#[test]
+fn without_satellites_the_field_tells_a_shifted_gyroscope_and_a_shifted_magnetometer_is_left() {
+    for seed in 0..40 {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut world = World::new(seed, config(true));
+        world.real.nominal.wind = Vector2::zeros();
+        let mut estimator = world.estimator();
+        fly_with(&mut world, &mut estimator, 30.0, Shift::default());
+        let direction = Vector3::from_fn(|_, _| random.random_range(-1.0..1.0f64)).normalize();
+        let size = random.random_range(0.0..1.0);
+        let (rates_radps, field_gauss) = match seed % 2 {
+            0 => (direction * (0.01 + 0.07 * size), Vector3::zeros()),
+            _ => (Vector3::zeros(), direction * (0.04 + 0.3 * size)),
+        };
+        let before_s = random.random_range(0.0..10.0);
+        fly_with(&mut world, &mut estimator, before_s, Shift { without_fixes: true, ..Shift::default() });
+        let shift = Shift { rates_radps, field_gauss, without_fixes: true };
+        let attitude = fly_with(&mut world, &mut estimator, 50.0 - before_s, shift);
+        let off_deg = estimator.filter.nominal.attitude.angle_to(&attitude).to_degrees();
+        assert!(off_deg < 5.0, "seed {seed}, {rates_radps}, {field_gauss}: {off_deg}°");
+    }
+}
+
 /// The way through the air tells the heading, where nothing else does.
 #[test]
 fn gyroscope_that_shifts_without_a_magnetometer_is_learnt_in_flight() {
@@ -96,22 +152,11 @@ fn gyroscope_that_shifts_without_a_magnetometer_is_learnt_in_flight() {
         let mut world = World::new(seed, config(true));
         world.real.nominal.wind = Vector2::zeros();
         let mut estimator = world.estimator();
-        let mut fly = |estimator: &mut Estimator, seconds: f64, shift_radps: f64| {
-            for _ in 0..(seconds / DT_S) as u32 {
-                let sample = world.step();
-                estimator
-                    .predict(&ImuSample { rates: sample.rates + Vector3::repeat(shift_radps), ..sample });
-                world.measure(estimator, 0.12);
-                let speed = world.real.nominal.velocity.norm();
-                let (pressure_pa, density) = (static_pa(160.0), crate::atmosphere::density_kgpm3(160.0));
-                estimator.update_airspeed(world.time_s, 0.5 * density * speed * speed, pressure_pa);
-            }
-            world.real.nominal.attitude
-        };
-        fly(&mut estimator, 30.0, 0.0);
+        fly_with(&mut world, &mut estimator, 30.0, Shift::default());
         estimator.set_aiding(Aiding { magnetometer: false, ..estimator.aiding() });
-        fly(&mut estimator, 10.0, 0.0);
-        let attitude = fly(&mut estimator, 40.0, degps.to_radians());
+        fly_with(&mut world, &mut estimator, 10.0, Shift::default());
+        let rates_radps = Vector3::repeat(degps.to_radians());
+        let attitude = fly_with(&mut world, &mut estimator, 40.0, Shift { rates_radps, ..Shift::default() });
         let off_rad = estimator.filter.nominal.attitude.angle_to(&attitude);
         let learnt = estimator.filter.nominal.gyro_bias.z.to_degrees();
         assert_eq!(estimator.status(), EstimatorStatus::Ready, "seed {seed}, {degps}°/s");

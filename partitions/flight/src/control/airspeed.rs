@@ -26,6 +26,9 @@ const DEVIATIONS: f64 = 5.5;
 const SETTLED_S: f64 = 6.0;
 /// Share of the airspeed by which the two may differ: 2 m/s at 22.
 const LIMIT: f64 = 0.09;
+/// Less will do where they have differed by less: so many of the deviations that were learnt, and no less than this share.
+const SPREADS: f64 = 5.0;
+const LEAST_LIMIT: f64 = 0.045;
 /// What the airframe file may have wrong before anything is learnt, as a share of the airspeed, and how long learning takes that away, s.
 const DOUBT: f64 = 0.25;
 const DOUBT_S: f64 = 20.0;
@@ -98,6 +101,8 @@ pub struct AirspeedWatch {
     learnt_s: f64,
     /// Lift over the square of the pitot's airspeed, where that was learnt.
     learnt_at: f64,
+    /// Mean square of the difference, as a share of the airspeed, while they went together.
+    spread2: f64,
     against_s: f64,
     for_s: f64,
     last_mps: f64,
@@ -119,6 +124,7 @@ impl Default for AirspeedWatch {
             factor: 1.0,
             learnt_s: 0.0,
             learnt_at: 0.0,
+            spread2: 0.0,
             against_s: 0.0,
             for_s: 0.0,
             last_mps: 0.0,
@@ -154,9 +160,13 @@ impl AirspeedWatch {
 
     /// The airspeed that lift tells, as the pitot would read it, m/s; `None` before there was enough flight.
     pub fn by_lift_mps(&self) -> Option<f64> {
-        let [lift, coefficient] = self.flown;
+        self.by_lift_of(self.flown[1])
+    }
+
+    /// The same with another lift coefficient.
+    fn by_lift_of(&self, coefficient: f64) -> Option<f64> {
         let settled = self.seen_s >= SETTLED_S && coefficient > LEAST_LIFT;
-        settled.then(|| self.factor * (lift / coefficient).max(0.0).sqrt() + self.recent_mps)
+        settled.then(|| self.factor * (self.flown[0] / coefficient).max(0.0).sqrt() + self.recent_mps)
     }
 
     /// Takes a frame; gives the airspeed to fly on: the pitot's or the lift's, `None` if there is neither.
@@ -164,8 +174,8 @@ impl AirspeedWatch {
         if frame.flying {
             self.average(airframe, frame);
         } else if self.believed {
-            let Self { factor, learnt_s, learnt_at, .. } = *self;
-            *self = Self { factor, learnt_s, learnt_at, ..Self::default() };
+            let Self { factor, learnt_s, learnt_at, spread2, .. } = *self;
+            *self = Self { factor, learnt_s, learnt_at, spread2, ..Self::default() };
         }
         let pitot = frame.pitot_mps.filter(|mps| mps.is_finite());
         if let Some(pitot_mps) = pitot.filter(|_| frame.flying) {
@@ -177,9 +187,10 @@ impl AirspeedWatch {
     /// The airspeed to fly on, m/s, with nothing judged. `apart_mps`: as in [`Frame`].
     pub fn flown_mps(&self, pitot_mps: Option<f64>, apart_mps: f64) -> Option<f64> {
         let (pitot, by_lift) = (pitot_mps.filter(|mps| mps.is_finite()), self.by_lift_mps());
-        let told = self.learnt_s > DOUBT_S && self.flown[1] > CLEAR_LIFT;
         let share = if apart_mps < -APART_MPS { LEAST_SHARE_APART } else { LEAST_SHARE };
-        let least_mps = by_lift.filter(|_| told).map_or(0.0, |mps| share * mps);
+        // A coefficient that is small, and uncertain, stands for an airspeed that is no less.
+        let least = self.by_lift_of(self.flown[1].max(CLEAR_LIFT)).filter(|_| self.learnt_s > DOUBT_S);
+        let least_mps = least.map_or(0.0, |mps| share * mps);
         if self.believed { pitot.map(|mps| mps.max(least_mps)).or(by_lift) } else { by_lift }
     }
 
@@ -235,7 +246,9 @@ impl AirspeedWatch {
         let at = self.lift / (pitot_mps * pitot_mps).max(1.0);
         let times = if self.learnt_at > 0.0 { (at / self.learnt_at).max(0.1) } else { 1.0 };
         let apart = (0.5 * (times - 1.0 / times)).abs().min(1.0);
-        let limit = LIMIT.max(DEVIATIONS * gusts)
+        let most = LIMIT.max(DEVIATIONS * gusts);
+        let usual = if self.learnt_s > LEARNING_S { SPREADS * self.spread2.sqrt() } else { most };
+        let limit = usual.max(LEAST_LIMIT).min(most)
             + DOUBT * (1.0 - self.learnt_s / DOUBT_S).max(0.0)
             + DOUBT_APART * apart;
         if self.believed && off < 0.5 * limit {
@@ -243,6 +256,7 @@ impl AirspeedWatch {
             let memory_s = self.learnt_s.min(LEARNING_S);
             self.factor = low_pass(self.factor, ratio, memory_s, dt_s).clamp(FACTORS.0, FACTORS.1);
             self.learnt_at = low_pass(self.learnt_at, at, memory_s, dt_s);
+            self.spread2 = low_pass(self.spread2, off * off, memory_s, dt_s);
         }
         // Where both lift and inertial values say so, less of it will do.
         let same_way = (ratio > self.factor) == (frame.apart_mps > 0.0);
@@ -269,6 +283,7 @@ kept!(AirspeedWatch {
     factor: f64,
     learnt_s: f64,
     learnt_at: f64,
+    spread2: f64,
     against_s: f64,
     for_s: f64,
     last_mps: f64,

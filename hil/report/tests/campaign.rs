@@ -34,7 +34,7 @@ fn flown(number: u64) -> Flown {
         failure: (!completed).then(|| format!("no way-point for {}.5 s", 60 + number)),
         figures: BTreeMap::from([
             ("altitude_rms_m".to_owned(), number as f64),
-            ("touchdown.along_m".to_owned(), 10.0 - number as f64),
+            ("conditions.touchdown.along_m".to_owned(), 10.0 - number as f64),
         ]),
         digest: Some(format!("digest {number}")),
         module_time_s: Some(200.0),
@@ -110,7 +110,7 @@ fn percentiles_are_values_that_were_flown_and_the_worst_has_its_seed() {
     let short = &result.figures[1];
     assert_eq!(
         (short.figure.as_str(), short.worst),
-        ("touchdown.along_m", 89.0),
+        ("conditions.touchdown.along_m", 89.0),
         "89 m short is off as well"
     );
 }

@@ -33,9 +33,9 @@ impl Figure {
         Self { name: "estimator.yaw_rms_deg", label: "estimate: yaw", unit: "°" },
         Self { name: "estimator.velocity_rms_mps", label: "estimate: velocity", unit: "m/s" },
         Self { name: "estimator.position_rms_m", label: "estimate: position", unit: "m" },
-        Self { name: "touchdown.sink_mps", label: "touch-down, sink rate", unit: "m/s" },
-        Self { name: "touchdown.along_m", label: "touch-down, off along", unit: "m" },
-        Self { name: "touchdown.across_m", label: "touch-down, off across", unit: "m" },
+        Self { name: "conditions.touchdown.sink_mps", label: "touch-down, sink rate", unit: "m/s" },
+        Self { name: "conditions.touchdown.along_m", label: "touch-down, off along", unit: "m" },
+        Self { name: "conditions.touchdown.across_m", label: "touch-down, off across", unit: "m" },
         Self { name: "recovery_max_ms", label: "back after a fault, latest", unit: "ms" },
         Self { name: "module_time_s", label: "flight, module time", unit: "s" },
     ];

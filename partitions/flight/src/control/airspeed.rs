@@ -246,12 +246,13 @@ impl AirspeedWatch {
         let at = self.lift / (pitot_mps * pitot_mps).max(1.0);
         let times = if self.learnt_at > 0.0 { (at / self.learnt_at).max(0.1) } else { 1.0 };
         let apart = (0.5 * (times - 1.0 / times)).abs().min(1.0);
-        let most = LIMIT.max(DEVIATIONS * gusts);
-        let usual = if self.learnt_s > LEARNING_S { SPREADS * self.spread2.sqrt() } else { most };
-        let limit = usual.max(LEAST_LIMIT).min(most)
+        let most = LIMIT.max(DEVIATIONS * gusts)
             + DOUBT * (1.0 - self.learnt_s / DOUBT_S).max(0.0)
             + DOUBT_APART * apart;
-        if self.believed && off < 0.5 * limit {
+        // The air may become rougher than it was when this was learnt.
+        let learnt = (SPREADS * self.spread2.sqrt()).max(LEAST_LIMIT).max(DEVIATIONS * gusts);
+        let limit = if self.learnt_s > LEARNING_S { most.min(learnt + DOUBT_APART * apart) } else { most };
+        if self.believed && off < 0.5 * most {
             self.learnt_s += dt_s;
             let memory_s = self.learnt_s.min(LEARNING_S);
             self.factor = low_pass(self.factor, ratio, memory_s, dt_s).clamp(FACTORS.0, FACTORS.1);
@@ -264,7 +265,7 @@ impl AirspeedWatch {
         let broken = self.repeated >= FROZEN_FRAMES || self.jump2.sqrt() > NOISY * by_lift_mps;
         let weight = if off > limit { (off / limit).min(HEAVIEST) } else { -1.0 };
         self.against_s = (self.against_s + weight * dt_s).max(0.0);
-        self.for_s = if off < 0.5 * limit && !broken { self.for_s + dt_s } else { 0.0 };
+        self.for_s = if off < 0.5 * most && !broken { self.for_s + dt_s } else { 0.0 };
         if self.believed && (broken || self.against_s >= PATIENCE_S) {
             (self.believed, self.for_s) = (false, 0.0);
         } else if !self.believed && self.for_s >= AGAIN_S {

@@ -229,11 +229,10 @@ const NORMAL_SLEW_MPS3: f64 = 60.0;
 const AXIAL_SLEW_MPS3: f64 = 8.0;
 /// Share of the rudder's travel that coordinates, at most: what is left damps.
 const COORDINATING_SHARE: f64 = 0.8;
-/// How far the airspeed of lift may be from that of satellites and wind: so many deviations of gusts, and what the wind has become since,
-/// m/s; both at most, m/s.
-const BY_GUSTS: f64 = 2.0;
-const BY_WIND_MPS: f64 = 2.0;
-const MOST_BY_WIND_MPS: f64 = 5.0;
+/// How far the airspeed of lift may be below that of satellites and wind, and above it, m/s: gusts, and what the wind has become since. It is
+/// better too fast.
+const BELOW_BY_WIND_MPS: f64 = 5.0;
+const ABOVE_BY_WIND_MPS: f64 = 2.5;
 /// Smoothing of the pitot's noise, s.
 const AIRSPEED_LAG_S: f64 = 0.15;
 /// How fast the integrators of a controller that is not listened to come to those of the one that is, s.
@@ -830,8 +829,9 @@ impl Controller {
         }
         // Lift is told badly by some elevators; satellites and the wind of before know about where the airspeed is.
         let over_ground_mps = state.air_velocity().norm();
-        let apart_mps = (BY_WIND_MPS + BY_GUSTS * self.memory.gusts.deviation_mps()).min(MOST_BY_WIND_MPS);
-        told_mps.map(|mps| mps.clamp(over_ground_mps - apart_mps, over_ground_mps + apart_mps))
+        let (least_mps, most_mps) =
+            (over_ground_mps - BELOW_BY_WIND_MPS, over_ground_mps + ABOVE_BY_WIND_MPS);
+        told_mps.map(|mps| mps.clamp(least_mps, most_mps))
     }
 
     /// Where the path leads, at no airspeed that leaves too little lift for turns in these gusts.

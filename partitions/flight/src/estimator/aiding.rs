@@ -21,8 +21,13 @@ const GPS_RESET_MEMORY_S: f64 = 6.0;
 /// What the gyroscope's bias may be off then, rad/s, and the attitude where the magnetometer tells it first, rad.
 const UNTOLD_RATE_RADPS: f64 = 0.03;
 const UNTOLD_TURN_RAD: f64 = 0.05;
-/// A field that comes away by less than this share of what it is off, in a tenth of a second, does not leap.
+/// A field that comes away by less than this share of what it is off, within this time, s, does not leap. One of which less than this share is
+/// a change of its size has turned. Satellites mend that; when they are lost this shortly after it, s, the field does. Once in an outage: a magnetometer that drifts would
+/// be followed further and further.
 const TURNING_SHARE: f64 = 0.6;
+const STEP_S: f64 = 0.3;
+const GROWN_SHARE: f64 = 0.35;
+const TURN_KNOWN_S: f64 = 6.0;
 /// A magnetometer that was not taken for so long, s, does not carry the heading.
 const HEADING_WITHIN_S: f64 = 2.0;
 /// Faster than this over ground, m/s, the aircraft no longer stands.
@@ -113,16 +118,16 @@ const UNTOLD_ACCELERATION_MPS2: f64 = 0.5;
 const WIND_SINCE_MPS: f64 = 1.0;
 const UNTOLD_WIND_SHARE: f64 = 0.1;
 
-/// The wind of the last seconds, the oldest first.
+/// The wind of the last seconds, m/s, and what was learnt of its gusts, the oldest first.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Winds {
-    past: [Vector2<f64>; WINDS],
+    past: [(Vector2<f64>, f64); WINDS],
     count: usize,
     last_s: f64,
 }
 
 impl Winds {
-    pub(super) fn note(&mut self, time_s: f64, wind: &Vector2<f64>) {
+    pub(super) fn note(&mut self, time_s: f64, wind: &Vector2<f64>, gusts: f64) {
         if self.count > 0 && (time_s - self.last_s).abs() < 1.0 {
             return;
         }
@@ -130,10 +135,10 @@ impl Winds {
             self.past.rotate_left(1);
         }
         self.count = (self.count + 1).min(WINDS);
-        (self.past[self.count - 1], self.last_s) = (*wind, time_s);
+        (self.past[self.count - 1], self.last_s) = ((*wind, gusts), time_s);
     }
 
-    fn oldest(&self) -> Option<Vector2<f64>> {
+    fn oldest(&self) -> Option<(Vector2<f64>, f64)> {
         (self.count > 0).then_some(self.past[0])
     }
 }
@@ -143,7 +148,8 @@ impl Estimator {
     /// quarter of a minute before and stays about so.
     pub fn believe_pitot(&mut self, believed: bool) {
         let before = std::mem::replace(&mut self.pitot_believed, believed);
-        if let Some(wind) = self.winds.oldest().filter(|_| before && !believed) {
+        if let Some((wind, gusts)) = self.winds.oldest().filter(|_| before && !believed) {
+            self.gusts.go_back(gusts);
             self.filter.nominal.wind = wind;
             self.filter.forget(WIND, 2, WIND_SINCE_MPS);
         }
@@ -382,7 +388,7 @@ impl Estimator {
         if -self.filter.nominal.position.z > self.config.measurement.sideslip_height_m {
             let inertial = self.status() == EstimatorStatus::Inertial;
             let scalar = self.sideslip_scalar(inertial);
-            self.note_gust(Part::Across, scalar.innovation, inertial);
+            self.compare(Part::Across, &scalar, inertial);
             // It tells the heading where no magnetometer does.
             let alone = inertial || !self.record.fresh(Aid::Magnetometer, time_s, HEADING_WITHIN_S);
             self.fuse_from(Aid::Sideslip, &[scalar], if alone { 0 } else { WIND });
@@ -392,8 +398,11 @@ impl Estimator {
     fn fuse_airspeed(&mut self, time_s: f64, airspeed: f64) {
         let inertial = self.status() == EstimatorStatus::Inertial;
         let scalar = self.airspeed_scalar(airspeed, inertial);
-        self.note_gust(Part::Along, scalar.innovation, inertial);
+        self.compare(Part::Along, &scalar, inertial);
         let accepted = self.fuse_from(Aid::Airspeed, &[scalar], if inertial { 0 } else { WIND });
+        if accepted && !inertial {
+            self.gusts.learn(scalar.innovation, self.config.measurement.airspeed_interval_s);
+        }
         let patience = self.config.measurement.other_patience_s;
         if self.airspeed_gate.out_of_patience(accepted, time_s, patience) {
             self.counters.resets += 1;
@@ -435,8 +444,9 @@ impl Estimator {
         scalar(h, -right.dot(&air), if inertial { self.beside_inertial(sigma) } else { sigma })
     }
 
-    fn note_gust(&mut self, part: Part, innovation: f64, inertial: bool) {
-        self.gusts.note(part, innovation, self.config.measurement.airspeed_interval_s, inertial);
+    fn compare(&mut self, part: Part, scalar: &Scalar, inertial: bool) {
+        let interval_s = self.config.measurement.airspeed_interval_s;
+        self.gusts.compare(part, scalar.innovation, interval_s, inertial);
     }
 
     fn beside_inertial(&self, least_mps: f64) -> f64 {
@@ -462,12 +472,20 @@ impl Estimator {
         let scalars = self.magnetometer_scalars(field_gauss);
         let mut accepted = self.fuse(Aid::Magnetometer, &scalars);
         let off = Vector3::from_fn(|axis, _| scalars[axis].innovation);
-        if !accepted && self.turns_away(&off) {
-            self.filter.widen(ATT, 3, UNTOLD_TURN_RAD);
+        if !accepted && self.turns_away(time_s, field_gauss, &off) {
+            self.turned_s = time_s;
+        }
+        let alone = self.status() == EstimatorStatus::Inertial && !self.standing;
+        self.turn_followed &= alone;
+        let since_s = time_s - self.turned_s;
+        if !accepted && alone && since_s < TURN_KNOWN_S && !self.turn_followed {
+            self.turn_followed = true;
+            self.counters.resets += 1;
+            self.filter.widen(ATT, 3, UNTOLD_TURN_RAD + 2.0 * UNTOLD_RATE_RADPS * since_s);
             self.filter.widen(GYRO, 3, UNTOLD_RATE_RADPS);
             accepted = self.fuse(Aid::Magnetometer, &scalars);
         }
-        self.field_off_gauss = accepted.then_some(off);
+        self.field_off = accepted.then_some((time_s, off));
         let patience = self.config.measurement.other_patience_s;
         if self.magnetometer_gate.out_of_patience(accepted, time_s, patience) {
             self.counters.resets += 1;
@@ -476,10 +494,17 @@ impl Estimator {
         }
     }
 
-    /// The field comes away step by step: the attitude turns wrongly. A magnetometer that is wrong leaps.
-    fn turns_away(&self, off_gauss: &Vector3<f64>) -> bool {
-        let near = |before: Vector3<f64>| (off_gauss - before).norm() < TURNING_SHARE * off_gauss.norm();
-        self.field_off_gauss.is_some_and(near)
+    /// The field comes away step by step, and is as large as before: the attitude turns wrongly. A magnetometer that shifts leaps, and one
+    /// that drifts changes the field's size.
+    fn turns_away(&self, time_s: f64, field_gauss: &Vector3<f64>, off_gauss: &Vector3<f64>) -> bool {
+        let off = off_gauss.norm();
+        let near = |(before_s, before): (f64, Vector3<f64>)| {
+            time_s - before_s < STEP_S && (off_gauss - before).norm() < TURNING_SHARE * off
+        };
+        let expected = (field_gauss - self.filter.nominal.mag_bias - off_gauss).norm();
+        let grown = ((field_gauss - self.filter.nominal.mag_bias).norm() - expected).abs();
+        self.field_off.is_some_and(near)
+            && grown < GROWN_SHARE * off + 2.0 * self.config.measurement.magnetometer_gauss
     }
 
     /// `m_body = Rᵀ m + b`, with `R = (1 + [θ]×) R̂`: the rows are `R̂ᵀ [m]×` and the identity for the bias.

@@ -40,6 +40,7 @@ pub struct MeasurementNoise {
     pub airspeed_mps: f64,
     /// Air from the side, m/s: none on average in coordinated flight, which makes both components of the wind
     /// observable on a straight leg. It corrects the wind alone, and the whole state where no magnetometer is taken.
+    /// Gusts raise it without GPS.
     pub sideslip_mps: f64,
     /// Height above the runway from which the flight is taken to be coordinated, m; wheels roll sideways to the air.
     pub sideslip_height_m: f64,

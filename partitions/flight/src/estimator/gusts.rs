@@ -15,8 +15,9 @@ const FOLLOWED: f64 = 1.5;
 /// Further apart than so many deviations it is no gust; the least deviation for this, m/s.
 const APART: f64 = 4.0;
 const LEAST_MPS: f64 = 0.3;
-/// No air is so rough, m/s.
+/// No air is so rough, m/s; nor is a gust, m/s.
 const MOST_MPS: f64 = 60.0;
+const MOST_GUST_MPS: f64 = 15.0;
 
 /// Along the airspeed and across it.
 #[derive(Debug, Clone, Copy)]
@@ -33,14 +34,25 @@ pub(super) struct Gusts {
 }
 
 impl Gusts {
-    /// Notes an innovation, m/s, of samples that come each `interval_s`.
-    pub(super) fn note(&mut self, part: Part, innovation: f64, interval_s: f64, inertial: bool) {
-        let towards = |mean: f64, time_s: f64| mean + (innovation * innovation - mean) * interval_s / time_s;
+    /// Notes an innovation, m/s, that was taken while satellites told the velocity, of samples that come each `interval_s`.
+    pub(super) fn learn(&mut self, innovation: f64, interval_s: f64) {
+        self.learnt = towards(self.learnt, innovation, interval_s, LEARN_S);
+    }
+
+    /// Notes one, taken or not; without satellites it tells whether velocity and air come apart.
+    pub(super) fn compare(&mut self, part: Part, innovation: f64, interval_s: f64, inertial: bool) {
         let apart = &mut self.apart[part as usize];
-        *apart = if inertial { towards(*apart, COMPARE_S) } else { 0.0 };
-        if !inertial && matches!(part, Part::Along) {
-            self.learnt = towards(self.learnt, LEARN_S);
-        }
+        *apart = if inertial { towards(*apart, innovation, interval_s, COMPARE_S) } else { 0.0 };
+    }
+
+    /// Takes what was learnt for `learnt`, m²/s²: since then a pitot was wrong.
+    pub(super) fn go_back(&mut self, learnt: f64) {
+        *self = Self { learnt, ..Self::default() };
+    }
+
+    /// Mean square of the gusts' part that was learnt, m²/s².
+    pub(super) fn learnt(&self) -> f64 {
+        self.learnt
     }
 
     /// Noise of such a sample beside inertial values, m/s, no less than `least_mps`.
@@ -54,13 +66,18 @@ impl Gusts {
     }
 }
 
+fn towards(mean: f64, innovation: f64, interval_s: f64, time_s: f64) -> f64 {
+    let bound = innovation.clamp(-MOST_GUST_MPS, MOST_GUST_MPS);
+    mean + (bound * bound - mean) * interval_s / time_s
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn after_gusts_of(gust_mps: f64) -> Gusts {
         let mut gusts = Gusts::default();
-        (0..1200).for_each(|_| gusts.note(Part::Along, gust_mps, 0.1, false));
+        (0..1200).for_each(|_| gusts.learn(gust_mps, 0.1));
         gusts
     }
 
@@ -71,11 +88,11 @@ mod tests {
             let mut gusts = after_gusts_of(1.5);
             let noise = gusts.noise_mps(6.0, 0.1);
             assert!((30.0..45.0).contains(&noise), "{noise}");
-            (0..100).for_each(|_| gusts.note(part, 4.0, 0.1, true));
+            (0..100).for_each(|_| gusts.compare(part, 4.0, 0.1, true));
             assert!((gusts.noise_mps(6.0, 0.1) - noise).abs() < 1e-9, "a gust of 4 m/s");
-            (0..100).for_each(|_| gusts.note(part, -9.0, 0.1, true));
+            (0..100).for_each(|_| gusts.compare(part, -9.0, 0.1, true));
             assert!((gusts.noise_mps(6.0, 0.1) - 6.0).abs() < 1e-9, "9 m/s are no gust");
-            gusts.note(part, 0.0, 0.1, false);
+            gusts.compare(part, 0.0, 0.1, false);
             assert!(gusts.noise_mps(6.0, 0.1) > 20.0, "satellites are back");
         }
     }

@@ -226,8 +226,11 @@ pub struct Estimator {
     pitot_believed: bool,
     winds: Winds,
     gusts: Gusts,
-    /// Innovation of the magnetic field before, body, gauss, where it was taken.
-    field_off_gauss: Option<Vector3<f64>>,
+    /// Time and innovation of the magnetic field before, body, gauss, where it was taken.
+    field_off: Option<(f64, Vector3<f64>)>,
+    /// When it last told that a gyroscope shifted, s, and whether that was followed since the satellites were lost.
+    turned_s: f64,
+    turn_followed: bool,
     static_watch: StaticWatch,
     doubtful: Doubtful,
     standing: bool,
@@ -263,7 +266,9 @@ impl Estimator {
             pitot_believed: true,
             winds: Winds::default(),
             gusts: Gusts::default(),
-            field_off_gauss: None,
+            field_off: None,
+            turned_s: f64::NEG_INFINITY,
+            turn_followed: false,
             static_watch: StaticWatch::default(),
             doubtful: Doubtful::default(),
             standing: false,
@@ -384,7 +389,7 @@ impl Estimator {
                 return;
             }
             self.history.push(self.now());
-            self.winds.note(sample.time_s, &self.filter.nominal.wind);
+            self.winds.note(sample.time_s, &self.filter.nominal.wind, self.gusts.learnt());
         } else {
             self.last_sample = Some(*sample);
             self.align(&self.unturned(sample), dt_s.min(sample.interval_s.max(1e-3)).max(dt_s.min(0.1)));
@@ -503,6 +508,8 @@ impl Estimator {
         self.barometer_gate = Gate::default();
         self.airspeed_gate = Gate::default();
         self.magnetometer_gate = Gate::default();
+        self.gusts.go_back(self.gusts.learnt());
+        (self.field_off, self.turned_s) = (None, f64::NEG_INFINITY);
     }
 
     fn now(&self) -> Past {

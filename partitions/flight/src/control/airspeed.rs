@@ -26,9 +26,6 @@ const DEVIATIONS: f64 = 5.5;
 const SETTLED_S: f64 = 6.0;
 /// Share of the airspeed by which the two may differ: 2 m/s at 22.
 const LIMIT: f64 = 0.09;
-/// Less will do where they have differed by less: so many of the deviations that were learnt, and no less than this share.
-const SPREADS: f64 = 5.0;
-const LEAST_LIMIT: f64 = 0.045;
 /// What the airframe file may have wrong before anything is learnt, as a share of the airspeed, and how long learning takes that away, s.
 const DOUBT: f64 = 0.25;
 const DOUBT_S: f64 = 20.0;
@@ -101,8 +98,6 @@ pub struct AirspeedWatch {
     learnt_s: f64,
     /// Lift over the square of the pitot's airspeed, where that was learnt.
     learnt_at: f64,
-    /// Mean square of the difference, as a share of the airspeed, while they went together.
-    spread2: f64,
     against_s: f64,
     for_s: f64,
     last_mps: f64,
@@ -124,7 +119,6 @@ impl Default for AirspeedWatch {
             factor: 1.0,
             learnt_s: 0.0,
             learnt_at: 0.0,
-            spread2: 0.0,
             against_s: 0.0,
             for_s: 0.0,
             last_mps: 0.0,
@@ -174,8 +168,8 @@ impl AirspeedWatch {
         if frame.flying {
             self.average(airframe, frame);
         } else if self.believed {
-            let Self { factor, learnt_s, learnt_at, spread2, .. } = *self;
-            *self = Self { factor, learnt_s, learnt_at, spread2, ..Self::default() };
+            let Self { factor, learnt_s, learnt_at, .. } = *self;
+            *self = Self { factor, learnt_s, learnt_at, ..Self::default() };
         }
         let pitot = frame.pitot_mps.filter(|mps| mps.is_finite());
         if let Some(pitot_mps) = pitot.filter(|_| frame.flying) {
@@ -246,18 +240,14 @@ impl AirspeedWatch {
         let at = self.lift / (pitot_mps * pitot_mps).max(1.0);
         let times = if self.learnt_at > 0.0 { (at / self.learnt_at).max(0.1) } else { 1.0 };
         let apart = (0.5 * (times - 1.0 / times)).abs().min(1.0);
-        let most = LIMIT.max(DEVIATIONS * gusts)
+        let limit = LIMIT.max(DEVIATIONS * gusts)
             + DOUBT * (1.0 - self.learnt_s / DOUBT_S).max(0.0)
             + DOUBT_APART * apart;
-        // The air may become rougher than it was when this was learnt.
-        let learnt = (SPREADS * self.spread2.sqrt()).max(LEAST_LIMIT).max(DEVIATIONS * gusts);
-        let limit = if self.learnt_s > LEARNING_S { most.min(learnt + DOUBT_APART * apart) } else { most };
-        if self.believed && off < 0.5 * most {
+        if self.believed && off < 0.5 * limit {
             self.learnt_s += dt_s;
             let memory_s = self.learnt_s.min(LEARNING_S);
             self.factor = low_pass(self.factor, ratio, memory_s, dt_s).clamp(FACTORS.0, FACTORS.1);
             self.learnt_at = low_pass(self.learnt_at, at, memory_s, dt_s);
-            self.spread2 = low_pass(self.spread2, off * off, memory_s, dt_s);
         }
         // Where both lift and inertial values say so, less of it will do.
         let same_way = (ratio > self.factor) == (frame.apart_mps > 0.0);
@@ -265,7 +255,7 @@ impl AirspeedWatch {
         let broken = self.repeated >= FROZEN_FRAMES || self.jump2.sqrt() > NOISY * by_lift_mps;
         let weight = if off > limit { (off / limit).min(HEAVIEST) } else { -1.0 };
         self.against_s = (self.against_s + weight * dt_s).max(0.0);
-        self.for_s = if off < 0.5 * most && !broken { self.for_s + dt_s } else { 0.0 };
+        self.for_s = if off < 0.5 * limit && !broken { self.for_s + dt_s } else { 0.0 };
         if self.believed && (broken || self.against_s >= PATIENCE_S) {
             (self.believed, self.for_s) = (false, 0.0);
         } else if !self.believed && self.for_s >= AGAIN_S {
@@ -284,7 +274,6 @@ kept!(AirspeedWatch {
     factor: f64,
     learnt_s: f64,
     learnt_at: f64,
-    spread2: f64,
     against_s: f64,
     for_s: f64,
     last_mps: f64,

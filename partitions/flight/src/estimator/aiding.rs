@@ -21,12 +21,12 @@ const GPS_RESET_MEMORY_S: f64 = 6.0;
 /// What the gyroscope's bias may be off then, rad/s, and the attitude where the magnetometer tells it first, rad.
 const UNTOLD_RATE_RADPS: f64 = 0.03;
 const UNTOLD_TURN_RAD: f64 = 0.05;
-/// A field that comes away by less than this share of what it is off, within this time, s, does not leap. One of which less than this share is
-/// a change of its size has turned. Satellites mend that; when they are lost this shortly after it, s, the field does. Once in an outage: a magnetometer that drifts would
-/// be followed further and further.
+/// A field that comes away by less than this share of what it is off, within this time, s, does not leap; one of which less than this share is a
+/// change of its size has turned.
 const TURNING_SHARE: f64 = 0.6;
 const STEP_S: f64 = 0.3;
 const GROWN_SHARE: f64 = 0.35;
+/// Satellites mend that. When they are lost this shortly after it, s, the field does.
 const TURN_KNOWN_S: f64 = 6.0;
 /// A magnetometer that was not taken for so long, s, does not carry the heading.
 const HEADING_WITHIN_S: f64 = 2.0;
@@ -382,11 +382,11 @@ impl Estimator {
             return;
         }
         self.last_pitot_s = time_s;
+        let inertial = self.status() == EstimatorStatus::Inertial;
         if self.pitot_believed {
-            self.fuse_airspeed(time_s, airspeed);
+            self.fuse_airspeed(time_s, airspeed, inertial);
         }
         if -self.filter.nominal.position.z > self.config.measurement.sideslip_height_m {
-            let inertial = self.status() == EstimatorStatus::Inertial;
             let scalar = self.sideslip_scalar(inertial);
             self.compare(Part::Across, &scalar, inertial);
             // It tells the heading where no magnetometer does.
@@ -395,8 +395,7 @@ impl Estimator {
         }
     }
 
-    fn fuse_airspeed(&mut self, time_s: f64, airspeed: f64) {
-        let inertial = self.status() == EstimatorStatus::Inertial;
+    fn fuse_airspeed(&mut self, time_s: f64, airspeed: f64, inertial: bool) {
         let scalar = self.airspeed_scalar(airspeed, inertial);
         self.compare(Part::Along, &scalar, inertial);
         let accepted = self.fuse_from(Aid::Airspeed, &[scalar], if inertial { 0 } else { WIND });
@@ -475,6 +474,7 @@ impl Estimator {
         if !accepted && self.turns_away(time_s, field_gauss, &off) {
             self.turned_s = time_s;
         }
+        // Once in an outage: a magnetometer that drifts would be followed further and further.
         let alone = self.status() == EstimatorStatus::Inertial && !self.standing;
         self.turn_followed &= alone;
         let since_s = time_s - self.turned_s;

@@ -5,6 +5,8 @@
 //! gusts' deviation σ as it was while satellites told the velocity. Inertial values are better than that for a minute, unless one of
 //! them is wrong: then velocity and air come apart by more than gusts do, and the air is believed.
 
+use crate::attitude::low_pass;
+
 /// Correlation time of a gust, s: some 260 m (MIL-F-8785C, low altitude) at 20 m/s.
 const GUST_S: f64 = 13.0;
 /// Time over which gusts are learnt, and over which velocity and air are compared, s.
@@ -36,13 +38,13 @@ pub(super) struct Gusts {
 impl Gusts {
     /// Notes an innovation, m/s, that was taken while satellites told the velocity, of samples that come each `interval_s`.
     pub(super) fn learn(&mut self, innovation: f64, interval_s: f64) {
-        self.learnt = towards(self.learnt, innovation, interval_s, LEARN_S);
+        self.learnt = low_pass(self.learnt, square(innovation), LEARN_S, interval_s);
     }
 
     /// Notes one, taken or not; without satellites it tells whether velocity and air come apart.
     pub(super) fn compare(&mut self, part: Part, innovation: f64, interval_s: f64, inertial: bool) {
         let apart = &mut self.apart[part as usize];
-        *apart = if inertial { towards(*apart, innovation, interval_s, COMPARE_S) } else { 0.0 };
+        *apart = if inertial { low_pass(*apart, square(innovation), COMPARE_S, interval_s) } else { 0.0 };
     }
 
     /// Takes what was learnt for `learnt`, m²/s²: since then a pitot was wrong.
@@ -66,9 +68,8 @@ impl Gusts {
     }
 }
 
-fn towards(mean: f64, innovation: f64, interval_s: f64, time_s: f64) -> f64 {
-    let bound = innovation.clamp(-MOST_GUST_MPS, MOST_GUST_MPS);
-    mean + (bound * bound - mean) * interval_s / time_s
+fn square(innovation: f64) -> f64 {
+    innovation.clamp(-MOST_GUST_MPS, MOST_GUST_MPS).powi(2)
 }
 
 #[cfg(test)]

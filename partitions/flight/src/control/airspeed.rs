@@ -44,7 +44,7 @@ const APART_MPS: f64 = 5.0;
 const APART_SHARE: f64 = 0.5;
 /// A difference weighs this much at most.
 const HEAVIEST: f64 = 8.0;
-/// Frames in a row in which a sensor that has noise tells the same number.
+/// Frames in a row in which a sensor that has noise tells the same number, or none.
 const FROZEN_FRAMES: u32 = 25;
 /// Change from frame to frame, as a share of the airspeed, RMS over a second: three times what severe turbulence does.
 const NOISY: f64 = 0.04;
@@ -133,7 +133,7 @@ impl Default for AirspeedWatch {
 impl AirspeedWatch {
     /// Whether the pitot is believed.
     pub fn is_believed(&self) -> bool {
-        self.believed
+        self.believed && self.repeated < FROZEN_FRAMES
     }
 
     /// How many times the lift that is there the elevator tells, as far as that was learnt.
@@ -167,13 +167,15 @@ impl AirspeedWatch {
     pub fn step(&mut self, airframe: &Airframe, frame: &Frame) -> Option<f64> {
         if frame.flying {
             self.average(airframe, frame);
-        } else if self.believed {
+        } else if self.is_believed() {
             let Self { factor, learnt_s, learnt_at, .. } = *self;
             *self = Self { factor, learnt_s, learnt_at, ..Self::default() };
         }
         let pitot = frame.pitot_mps.filter(|mps| mps.is_finite());
-        if let Some(pitot_mps) = pitot.filter(|_| frame.flying) {
-            self.judge(airframe, pitot_mps, frame);
+        match pitot.filter(|_| frame.flying) {
+            Some(pitot_mps) => self.judge(airframe, pitot_mps, frame),
+            None if frame.flying => self.repeated = self.repeated.saturating_add(1),
+            None => {}
         }
         self.flown_mps(frame.pitot_mps, frame.apart_mps)
     }
@@ -190,7 +192,7 @@ impl AirspeedWatch {
 
     /// The pitot is believed, and nothing speaks against it.
     pub fn is_sure(&self) -> bool {
-        self.believed && self.against_s == 0.0
+        self.is_believed() && self.against_s == 0.0
     }
 
     fn average(&mut self, airframe: &Airframe, frame: &Frame) {

@@ -245,3 +245,24 @@ fn pitot_that_lift_and_inertial_values_speak_against_is_not_flown_on_before_the_
         }
     }
 }
+
+#[test]
+fn pitot_that_is_silent_is_not_believed_until_it_speaks_again() {
+    let (mut world, mut watch) = (World::new(&aerosonde(), 8), AirspeedWatch::default());
+    let airframe = world.airframe;
+    fly(&mut world, &mut watch, 60.0, None);
+    for silent_s in [0.4, 0.6, 20.0] {
+        for _ in 0..(silent_s / DT_S) as u32 {
+            let frame = Frame { pitot_mps: None, ..world.step() };
+            assert!(watch.step(&airframe, &frame).is_some());
+        }
+        assert_eq!(watch.is_believed(), silent_s < 0.5, "{silent_s} s");
+        // On its way down it goes on being silent.
+        if !watch.is_believed() {
+            watch.step(&airframe, &Frame { pitot_mps: None, flying: false, ..world.step() });
+            assert!(!watch.is_believed() && watch.by_lift_mps().is_some());
+        }
+        fly(&mut world, &mut watch, 0.1, None);
+        assert!(watch.is_believed(), "{silent_s} s");
+    }
+}

@@ -27,6 +27,8 @@ const WIND_SHARE: f64 = 0.5;
 const MOST_FOR_WIND_MPS: f64 = 5.0;
 /// A wind below this says nothing of where to land, m/s.
 const CALM_MPS: f64 = 1.0;
+/// Airspeed of the approach for a gust from ahead, m/s at most: what it gives is lost again when it ends.
+const MOST_FOR_SHEAR_MPS: f64 = 5.0;
 /// Level flight before the glide slope, in which the speed falls to that of the approach, m.
 const LEVEL_M: f64 = 150.0;
 /// The final approach is begun from the circle within this of the course, rad, of the height, m, and of the track as a share of the radius.
@@ -46,6 +48,8 @@ const OFF_SLOPE_MPS: f64 = 1.5;
 const FLARE_M: f64 = 6.0;
 const FLARED_M: f64 = 1.5;
 const TOUCH_SINK_MPS: f64 = 0.6;
+/// The flare sinks slower or faster by these shares at most where it would come down short of its place, or beyond it.
+const FLARE_SHARES: (f64, f64) = (0.5, 1.5);
 /// Vertical acceleration down at most there, m/s².
 const FLARE_DOWN_MPS2: f64 = 1.5;
 /// The same where the ground is seen to be near.
@@ -99,8 +103,6 @@ const INCIDENCE_LAG_S: f64 = 4.0;
 const CARRIES_SHARE: f64 = 0.9;
 const ROLLING_SHARE: f64 = 0.6;
 const LONGEST_TOUCHED_S: f64 = 25.0;
-/// No aircraft flies so slowly over ground, m/s, down here.
-const SLOWLY_MPS: f64 = 2.0;
 /// High up that airspeed counts after so long, s: it falls by then, if it was no ground.
 const SURELY_DOWN_S: f64 = 2.0;
 /// It stands slower than this over ground, m/s, for so long, s.
@@ -196,14 +198,29 @@ pub struct Landing {
     short: bool,
 }
 
-/// Time from the flare's beginning to the touch-down, s, by the sink rates that [`Landing::flare_sink_mps`] has from that of the slope on;
-/// Simpson's rule over the height.
-fn float_s(slope_mps: f64) -> f64 {
-    let (from_mps, to_mps) = (slope_mps.max(TOUCH_SINK_MPS), TOUCH_SINK_MPS);
-    let flaring_s = (FLARE_M - FLARED_M) / 6.0 * (1.0 / from_mps + 8.0 / (from_mps + to_mps) + 1.0 / to_mps);
+/// Sink rate of the flare at a height, m/s, from that of the slope on.
+fn flare_sink_mps(height_m: f64, slope_mps: f64) -> f64 {
+    let share = ((height_m - FLARED_M) / (FLARE_M - FLARED_M)).clamp(0.0, 1.0);
+    TOUCH_SINK_MPS + share * (slope_mps - TOUCH_SINK_MPS).max(0.0)
+}
+
+/// Time from a height in the flare that is not below [`FLARED_M`], m, to the touch-down, s; Simpson's rule over the height.
+fn float_s(height_m: f64, slope_mps: f64) -> f64 {
+    let (from_mps, to_mps) = (flare_sink_mps(height_m, slope_mps), TOUCH_SINK_MPS);
+    let flaring_s = (height_m - FLARED_M) / 6.0 * (1.0 / from_mps + 8.0 / (from_mps + to_mps) + 1.0 / to_mps);
     // What it has sunk too far meanwhile.
     let late_m = SINKS_LATE_S * (from_mps - to_mps);
     flaring_s + (FLARED_M - STANDING_HEIGHT_M - late_m) / to_mps
+}
+
+/// The same where the place of the touch-down is so far ahead, s. Near the ground that counts no more.
+fn flare_to_mps(height_m: f64, slope_mps: f64, left_s: f64) -> f64 {
+    let sink_mps = flare_sink_mps(height_m, slope_mps);
+    if height_m < FLARED_M {
+        return sink_mps;
+    }
+    let share = float_s(height_m, slope_mps) / left_s.max(f64::EPSILON);
+    sink_mps * share.clamp(FLARE_SHARES.0, FLARE_SHARES.1)
 }
 
 /// How it comes down without power.
@@ -329,7 +346,7 @@ impl Landing {
     /// Where the straight way begins, so far before the runway's origin, m.
     fn final_m(&self, config: &LandingConfig, ground_mps: f64) -> f64 {
         let slope = config.slope_rad.tan();
-        (self.height_m - FLARE_M) / slope + float_s(ground_mps * slope) * ground_mps + LEVEL_M
+        (self.height_m - FLARE_M) / slope + float_s(FLARE_M, ground_mps * slope) * ground_mps + LEVEL_M
     }
 
     fn offset(&self, length_m: f64, state: &NavigationState) -> Offset {
@@ -386,6 +403,8 @@ impl Landing {
             None => self.final_m(config, ground_mps),
         };
         let offset = self.offset(length_m, state);
+        let gust_mps = s.airspeed_mps - state.air_velocity().norm();
+        let asked_mps = approach_mps + gust_mps.clamp(0.0, MOST_FOR_SHEAR_MPS);
         // Nothing but the ground holds it up so low.
         let is_near = measured && state.altitude_m() < TOUCH_M;
         let is_high = measured && state.altitude_m() > HIGH_M;
@@ -405,7 +424,8 @@ impl Landing {
             self.incidence_rad = low_pass(before_rad, now_rad, INCIDENCE_LAG_S, dt_s);
         }
         let slope = config.slope_rad.tan();
-        let on_slope_m = FLARE_M + (offset.left_m - float_s(ground_mps * slope) * ground_mps) * slope;
+        let on_slope_m =
+            FLARE_M + (offset.left_m - float_s(FLARE_M, ground_mps * slope) * ground_mps) * slope;
         let wanted_m = on_slope_m.min(self.height_m);
         let on_slope_mps = if on_slope_m < self.height_m { -flown_mps * slope } else { 0.0 }
             + (SLOPE_GAIN * (wanted_m - state.altitude_m())).clamp(-OFF_SLOPE_MPS, OFF_SLOPE_MPS);
@@ -466,9 +486,8 @@ impl Landing {
                 self.enter(if high { Phase::Final } else { Phase::Flare });
             }
             Phase::Touched
-                if flown_mps < SLOWLY_MPS
-                    || (rolling_mps < ROLLING_SHARE * stall_mps
-                        && (self.since_s > SURELY_DOWN_S || state.altitude_m() < HIGHEST_FLARE_M))
+                if (rolling_mps < ROLLING_SHARE * stall_mps
+                    && (self.since_s > SURELY_DOWN_S || state.altitude_m() < HIGHEST_FLARE_M))
                     || self.since_s > LONGEST_TOUCHED_S =>
             {
                 self.enter(Phase::Rolling);
@@ -529,18 +548,24 @@ impl Landing {
                 },
                 sideways_mps2: Some(sideways),
                 bank_rad: if is_doubtful { FLARE_BANK_RAD } else { FINAL_BANK_RAD },
-                airspeed_mps: glide.is_none().then_some(approach_mps),
+                airspeed_mps: glide.is_none().then_some(asked_mps),
                 least_mps2: f64::NEG_INFINITY,
                 // If it is the ground, the normal loop would push it onto its nose.
                 aim: is_doubtful.then(|| self.attitude(on_slope_mps, s)),
             }),
             Phase::Flare => {
-                let climb_mps = -self.flare_sink_mps(state, ground_mps * slope, (glide.is_some(), is_near));
+                let left_s = offset.left_m / flown_mps.max(1.0);
+                let sink_mps = match glide {
+                    _ if self.may_be_ground(is_near) => PRESSED_SINK_MPS,
+                    Some(_) => TOUCH_SINK_MPS + (state.altitude_m() - FLARED_M).max(0.0) / GLIDE_FLARE_S,
+                    None => flare_to_mps(state.altitude_m(), ground_mps * slope, left_s),
+                };
+                let climb_mps = -sink_mps;
                 Flown::Loops(Approach {
                     climb_mps,
                     sideways_mps2: Some(sideways),
                     bank_rad: FLARE_BANK_RAD,
-                    airspeed_mps: glide.is_none().then_some(approach_mps),
+                    airspeed_mps: glide.is_none().then_some(asked_mps),
                     least_mps2: -if is_near { NEAR_DOWN_MPS2 } else { FLARE_DOWN_MPS2 },
                     aim: glide.is_none().then(|| match self.may_be_ground(is_near) {
                         true => self.attitude(climb_mps, s),
@@ -583,23 +608,6 @@ impl Landing {
         let high = ((state.altitude_m() - FASTER_M) / FASTER_M).clamp(0.0, 1.0);
         let most_mps = if self.short { 0.0 } else { FASTER_MPS * high };
         (LONG_GAIN_MPS * long_s).clamp(0.0, most_mps)
-    }
-
-    /// Sink rate of the flare at this height, m/s, from that of the slope on, or of the glide.
-    fn flare_sink_mps(
-        &self,
-        state: &NavigationState,
-        slope_mps: f64,
-        (glides, is_near): (bool, bool),
-    ) -> f64 {
-        if self.phase == Phase::Flare && self.may_be_ground(is_near) {
-            return PRESSED_SINK_MPS;
-        }
-        if glides {
-            return TOUCH_SINK_MPS + (state.altitude_m() - FLARED_M).max(0.0) / GLIDE_FLARE_S;
-        }
-        let share = ((state.altitude_m() - FLARED_M) / (FLARE_M - FLARED_M)).clamp(0.0, 1.0);
-        TOUCH_SINK_MPS + share * (slope_mps - TOUCH_SINK_MPS).max(0.0)
     }
 
     /// Something holds the flare up. `is_near`: the ground is seen.

@@ -104,3 +104,66 @@ fn aircraft_that_rising_air_held_up_goes_on_with_its_approach() {
     }
     assert_eq!(seen, [Phase::Final, Phase::Touched, Phase::Final]);
 }
+
+/// A step of a landing in `phase`, with these velocity and wind along its course; m/s, all of them.
+fn stepped(landing: &mut Landing, airspeed_mps: f64, flown_mps: f64, wind_mps: f64) -> Flown {
+    let airframe = aerosonde();
+    let (envelope, config) = (Envelope::new(&airframe), LandingConfig::default());
+    let mut state = level_state();
+    state.position = Vector3::new(-300.0, 0.0, -20.0);
+    (state.velocity, state.wind) = (Vector3::new(flown_mps, 0.0, 0.0), Vector2::new(wind_mps, 0.0));
+    let s = Signals { airspeed_mps, density_kgpm3: 1.2, normal_mps2: -GRAVITY_MPS2, ..Signals::default() };
+    landing.step((&airframe, &envelope, &config), (&state, false), (&s, 0.0), (150.0, 22.0), None, DT_S)
+}
+
+fn landing_in(phase: Phase) -> Landing {
+    let mut landing = Landing::new(&LandingConfig::default(), &level_state(), 50.0, Vector2::zeros());
+    (landing.phase, landing.course_rad, landing.rounds) = (phase, 0.0, MOST_ROUNDS);
+    landing
+}
+
+#[test]
+fn approach_keeps_what_a_gust_from_ahead_gives_and_asks_no_less_for_one_from_behind() {
+    let asked_mps = |gust_mps: f64| match stepped(&mut landing_in(Phase::Final), 18.0, 14.0 - gust_mps, -4.0)
+    {
+        Flown::Loops(approach) => approach.airspeed_mps.unwrap(),
+        other => panic!("{other:?}"),
+    };
+    let still_mps = asked_mps(0.0);
+    assert!((asked_mps(3.0) - still_mps - 3.0).abs() < 1e-9);
+    assert!((asked_mps(9.0) - still_mps - MOST_FOR_SHEAR_MPS).abs() < 1e-9);
+    assert_eq!(asked_mps(-3.0), still_mps);
+}
+
+/// With its tail down it would fly again.
+#[test]
+fn aircraft_that_stands_over_ground_in_a_strong_wind_does_not_roll_yet() {
+    let mut landing = landing_in(Phase::Touched);
+    for _ in 0..(5.0 / DT_S) as u32 {
+        stepped(&mut landing, 13.0, 1.0, -12.0);
+        assert_eq!(landing.phase, Phase::Touched);
+    }
+    for _ in 0..5 {
+        stepped(&mut landing, 5.0, 1.0, -4.0);
+    }
+    assert_eq!(landing.phase, Phase::Rolling);
+}
+
+#[test]
+fn flare_that_begins_at_the_wrong_place_comes_down_nearer_to_the_right_one() {
+    for slope_mps in [0.8, 1.2, 1.8] {
+        let whole_s = float_s(FLARE_M, slope_mps);
+        for percent in (70..=140).step_by(5) {
+            let place_s = whole_s * f64::from(percent) / 100.0;
+            let (mut height_m, mut sink_mps, mut time_s) = (FLARE_M, slope_mps, 0.0);
+            while height_m > STANDING_HEIGHT_M {
+                let asked_mps = flare_to_mps(height_m, slope_mps, place_s - time_s);
+                sink_mps = low_pass(sink_mps, asked_mps, SINKS_LATE_S, DT_S);
+                (height_m, time_s) = (height_m - sink_mps * DT_S, time_s + DT_S);
+            }
+            let (off_s, before_s) = ((time_s - place_s).abs(), (whole_s - place_s).abs());
+            assert!(off_s < 0.5 * before_s + 0.4, "{slope_mps} m/s, {percent} %: {off_s} of {before_s} s");
+            assert!(sink_mps < 1.2 * TOUCH_SINK_MPS, "{slope_mps} m/s, {percent} %: {sink_mps}");
+        }
+    }
+}

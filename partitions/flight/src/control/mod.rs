@@ -215,7 +215,7 @@ const TURNS_SHARE: f64 = 1.3;
 /// Share of the airspeed that is kept in hand while the pitot is not believed; and on an approach, which is flown at another lift than that at
 /// which the airspeed by lift was learnt, of the airspeed that just carries the weight.
 const DOUBTED_SHARE: f64 = 0.05;
-const DOUBTED_APPROACH_SHARE: f64 = 0.17;
+const DOUBTED_APPROACH_SHARE: f64 = 0.25;
 /// Airspeed of an approach for each m/s of the gusts' standard deviation, m/s at most.
 const GUST_SHARE: f64 = 2.0;
 const MOST_FOR_GUSTS_MPS: f64 = 5.0;
@@ -802,7 +802,10 @@ impl Controller {
     ) -> Option<f64> {
         // The ground carries the aircraft too while it takes off or lands.
         let near_ground = self.memory.take_off.is_some() || self.memory.landing.is_some();
-        let in_air = !near_ground || state.altitude_m() > CARRIED_BY_WING_M;
+        // But an approach has no other airspeed to fly on than that of lift, where the pitot tells none.
+        let by_lift = !self.memory.airspeed_watch.is_believed()
+            && self.memory.landing.is_some_and(|landing| landing.comes_down() && !landing.is_on_ground());
+        let in_air = !near_ground || state.altitude_m() > CARRIED_BY_WING_M || by_lift;
         let frame = airspeed::Frame {
             pitot_mps: inputs.airspeed_mps,
             apart_mps: inputs.airspeed_mps.map_or(0.0, |pitot_mps| self.memory.gusts.apart_mps(pitot_mps)),

@@ -15,6 +15,8 @@ pub const LATERAL_FORCE: u32 = 2;
 pub const PITCH_RATE: u32 = 16;
 /// [`Stuck::axes`]: the roll rate.
 pub const ROLL_RATE: u32 = 8;
+/// [`Stuck::axes`]: the yaw rate.
+pub const YAW_RATE: u32 = 32;
 
 /// What each axis said last, and how often in a row.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

@@ -44,8 +44,9 @@ const APART_MPS: f64 = 5.0;
 const APART_SHARE: f64 = 0.5;
 /// A difference weighs this much at most.
 const HEAVIEST: f64 = 8.0;
-/// Frames in a row in which a sensor that has noise tells the same number, or none.
+/// Frames in a row in which a sensor that has noise tells the same number; and in which one that is silent tells none.
 const FROZEN_FRAMES: u32 = 25;
+const SILENT_FRAMES: u32 = 50;
 /// Change from frame to frame, as a share of the airspeed, RMS over a second: three times what severe turbulence does.
 const NOISY: f64 = 0.04;
 /// No less than this share of the airspeed that lift tells is flown on, whatever the pitot says before the verdict: loops whose gains
@@ -76,6 +77,8 @@ pub struct Frame {
     pub change_mps2: f64,
     /// The autopilot moves the elevator, and wings carry the weight.
     pub flying: bool,
+    /// That is sure enough for a verdict.
+    pub judged: bool,
     /// s.
     pub dt_s: f64,
 }
@@ -133,7 +136,7 @@ impl Default for AirspeedWatch {
 impl AirspeedWatch {
     /// Whether the pitot is believed.
     pub fn is_believed(&self) -> bool {
-        self.believed && self.repeated < FROZEN_FRAMES
+        self.believed && self.repeated < SILENT_FRAMES
     }
 
     /// How many times the lift that is there the elevator tells, as far as that was learnt.
@@ -167,14 +170,15 @@ impl AirspeedWatch {
     pub fn step(&mut self, airframe: &Airframe, frame: &Frame) -> Option<f64> {
         if frame.flying {
             self.average(airframe, frame);
-        } else if self.is_believed() {
+        } else if self.believed {
             let Self { factor, learnt_s, learnt_at, .. } = *self;
             *self = Self { factor, learnt_s, learnt_at, ..Self::default() };
         }
         let pitot = frame.pitot_mps.filter(|mps| mps.is_finite());
-        match pitot.filter(|_| frame.flying) {
-            Some(pitot_mps) => self.judge(airframe, pitot_mps, frame),
-            None if frame.flying => self.repeated = self.repeated.saturating_add(1),
+        match pitot {
+            Some(pitot_mps) if frame.flying && frame.judged => self.judge(airframe, pitot_mps, frame),
+            Some(_) => self.repeated = 0,
+            None if frame.flying => (self.repeated, self.last_mps) = (self.repeated.saturating_add(1), 0.0),
             None => {}
         }
         self.flown_mps(frame.pitot_mps, frame.apart_mps)

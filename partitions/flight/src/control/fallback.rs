@@ -55,6 +55,11 @@ impl Fallback {
         Self { state, age_s: f64::MAX }
     }
 
+    /// Heading of the last frame, rad.
+    pub fn yaw_rad(&self) -> f64 {
+        self.state.euler.z
+    }
+
     /// Takes this frame's state, or carries the last one on with raw rates (rad/s) and specific force (m/s²).
     pub fn update(
         &mut self,

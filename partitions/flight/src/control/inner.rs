@@ -32,6 +32,8 @@ pub struct Signals {
     pub pitches_blind: bool,
     /// Body, rad/s.
     pub yaw_rate_radps: f64,
+    /// The gyroscope does not tell that.
+    pub yaws_blind: bool,
     /// rad.
     pub bank_rad: f64,
     /// rad.

@@ -12,7 +12,7 @@ use super::power::PowerWatch;
 use super::wheels;
 use crate::airframe::Airframe;
 use crate::attitude::{low_pass, wrap_angle};
-use crate::estimator::NavigationState;
+use crate::estimator::{EstimatorStatus, NavigationState};
 use crate::guidance::path::{Leg, Offset};
 use crate::guidance::{Hold, course_acceleration, track_acceleration};
 use crate::kept::kept;
@@ -48,8 +48,8 @@ const OFF_SLOPE_MPS: f64 = 1.5;
 const FLARE_M: f64 = 6.0;
 const FLARED_M: f64 = 1.5;
 const TOUCH_SINK_MPS: f64 = 0.6;
-/// The flare sinks slower or faster by these shares at most where it would come down short of its place, or beyond it.
-const FLARE_SHARES: (f64, f64) = (0.5, 1.5);
+/// The flare sinks so many times as fast at most where it would come down beyond its place.
+const FASTER_FLARE: f64 = 1.5;
 /// Vertical acceleration down at most there, m/s².
 const FLARE_DOWN_MPS2: f64 = 1.5;
 /// The same where the ground is seen to be near.
@@ -101,7 +101,7 @@ const INCIDENCE_LAG_S: f64 = 4.0;
 /// Below this share of the airspeed that carries it a wing carries nothing. Below the second one, or after so long, s, it rolls: till then a gust can
 /// lift it.
 const CARRIES_SHARE: f64 = 0.9;
-const ROLLING_SHARE: f64 = 0.6;
+const ROLLING_SHARE: f64 = 0.75;
 const LONGEST_TOUCHED_S: f64 = 25.0;
 /// High up that airspeed counts after so long, s: it falls by then, if it was no ground.
 const SURELY_DOWN_S: f64 = 2.0;
@@ -213,14 +213,15 @@ fn float_s(height_m: f64, slope_mps: f64) -> f64 {
     flaring_s + (FLARED_M - STANDING_HEIGHT_M - late_m) / to_mps
 }
 
-/// The same where the place of the touch-down is so far ahead, s. Near the ground that counts no more.
-fn flare_to_mps(height_m: f64, slope_mps: f64, left_s: f64) -> f64 {
+/// The same where the place of the touch-down is so far ahead, s, if that is known. Near the ground that counts no more: the contact does. Where
+/// the ground is not `measured`, it may be nearer than it seems.
+fn flare_to_mps(height_m: f64, slope_mps: f64, left_s: Option<f64>, measured: bool) -> f64 {
     let sink_mps = flare_sink_mps(height_m, slope_mps);
-    if height_m < FLARED_M {
-        return sink_mps;
+    let most = if measured { FASTER_FLARE } else { 1.0 };
+    match left_s.filter(|left_s| height_m > FLARED_M && *left_s > 0.0) {
+        Some(left_s) => (sink_mps * (float_s(height_m, slope_mps) / left_s).min(most)).max(TOUCH_SINK_MPS),
+        None => sink_mps,
     }
-    let share = float_s(height_m, slope_mps) / left_s.max(f64::EPSILON);
-    sink_mps * share.clamp(FLARE_SHARES.0, FLARE_SHARES.1)
 }
 
 /// How it comes down without power.
@@ -403,7 +404,8 @@ impl Landing {
             None => self.final_m(config, ground_mps),
         };
         let offset = self.offset(length_m, state);
-        let gust_mps = s.airspeed_mps - state.air_velocity().norm();
+        let has_fixes = state.status == EstimatorStatus::Ready;
+        let gust_mps = if has_fixes { s.airspeed_mps - state.air_velocity().norm() } else { 0.0 };
         let asked_mps = approach_mps + gust_mps.clamp(0.0, MOST_FOR_SHEAR_MPS);
         // Nothing but the ground holds it up so low.
         let is_near = measured && state.altitude_m() < TOUCH_M;
@@ -554,11 +556,11 @@ impl Landing {
                 aim: is_doubtful.then(|| self.attitude(on_slope_mps, s)),
             }),
             Phase::Flare => {
-                let left_s = offset.left_m / flown_mps.max(1.0);
+                let left_s = has_fixes.then_some(offset.left_m / flown_mps.max(1.0));
                 let sink_mps = match glide {
                     _ if self.may_be_ground(is_near) => PRESSED_SINK_MPS,
                     Some(_) => TOUCH_SINK_MPS + (state.altitude_m() - FLARED_M).max(0.0) / GLIDE_FLARE_S,
-                    None => flare_to_mps(state.altitude_m(), ground_mps * slope, left_s),
+                    None => flare_to_mps(state.altitude_m(), ground_mps * slope, left_s, measured),
                 };
                 let climb_mps = -sink_mps;
                 Flown::Loops(Approach {
@@ -583,7 +585,9 @@ impl Landing {
             }),
             Phase::Rolling | Phase::Standing => {
                 let tail_wheel = wheels::has_tail_wheel(airframe);
-                let elevator_rad = if tail_wheel { wheels::tail_down_rad(airframe) } else { 0.0 };
+                // In a strong wind it would fly again.
+                let carries = rolling_mps > ROLLING_SHARE * stall_mps;
+                let elevator_rad = if tail_wheel && !carries { wheels::tail_down_rad(airframe) } else { 0.0 };
                 Flown::Wheels(wheels::straight_on(
                     airframe,
                     envelope,

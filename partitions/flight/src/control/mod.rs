@@ -29,12 +29,12 @@ mod wheels;
 
 use crate::GRAVITY_MPS2;
 use crate::airframe::{Airframe, Trim};
-use crate::attitude::{self, low_pass};
+use crate::attitude::{self, low_pass, wrap_angle};
 use crate::estimator::{EstimatorStatus, NavigationState};
 use crate::guidance::{Guidance, GuidanceOutput, Motion, course_acceleration};
 use crate::kept::kept;
 use crate::servo::ActuatorCommand;
-use crate::stuck::{LATERAL_FORCE, PITCH_RATE, ROLL_RATE};
+use crate::stuck::{LATERAL_FORCE, PITCH_RATE, ROLL_RATE, YAW_RATE};
 use envelope::{Envelope, Limits, Protection, steepness};
 use fallback::Basis;
 use inner::{InnerTuning, Signals};
@@ -390,6 +390,7 @@ impl Controller {
     pub fn step(&mut self, inputs: &ControllerInputs<'_>, commands: &LoopCommands) -> ControllerOutput {
         let dt_s = if inputs.dt_s.is_finite() { inputs.dt_s.clamp(1e-4, LONGEST_STEP_S) } else { 0.02 };
         let commands = commands.finite();
+        let yaw_before_rad = self.memory.fallback.yaw_rad();
         let (state, basis) =
             self.memory.fallback.update(inputs.navigation, &inputs.rates, &inputs.specific_force, dt_s);
         let mut signals = self.measure(&state, inputs, basis, dt_s);
@@ -397,6 +398,10 @@ impl Controller {
         signals.pitches_blind = self.memory.stuck.axes() & PITCH_RATE != 0;
         if signals.pitches_blind != std::mem::replace(&mut self.memory.pitches_blind, signals.pitches_blind) {
             self.memory.channels.pitch = false; // engaged anew with the other gains, the elevator goes on from where it is
+        }
+        signals.yaws_blind = self.memory.stuck.axes() & YAW_RATE != 0;
+        if signals.yaws_blind && self.is_on_wheels() {
+            signals.yaw_rate_radps = wrap_angle(state.euler.z - yaw_before_rad) / dt_s; // it steers by that
         }
         if self.memory.stuck.axes() & LATERAL_FORCE != 0 {
             signals.lateral_mps2 = 0.0; // the rudder's trim stays: it would run to its end
@@ -619,8 +624,6 @@ impl Controller {
     }
 
     fn watch_power(&mut self, state: &NavigationState, s: &Signals, basis: Basis, dt_s: f64) {
-        let rolls = self.memory.take_off.is_some_and(|take_off| take_off.phase != Phase::Climbing)
-            || self.memory.landing.is_some_and(|landing| landing.is_on_ground());
         let frame = power::Frame {
             throttle: self.memory.last.throttle,
             airspeed_mps: s.airspeed_mps,
@@ -628,7 +631,7 @@ impl Controller {
             density_kgpm3: s.density_kgpm3,
             axial_mps2: s.axial_mps2,
             normal_mps2: s.normal_mps2,
-            flying: self.memory.channels.pitch && !rolls && basis != Basis::WingsLevel,
+            flying: self.memory.channels.pitch && !self.is_on_wheels() && basis != Basis::WingsLevel,
             may_sink: self.memory.landing.is_some_and(|landing| landing.phase != landing::Phase::Round),
             dt_s,
         };
@@ -681,6 +684,11 @@ impl Controller {
         (self.memory.landing, self.memory.power) = (None, PowerWatch::default());
         self.memory.stall.wait(f64::INFINITY);
         self.on_ground(inputs.pilot, basis, signals)
+    }
+
+    fn is_on_wheels(&self) -> bool {
+        self.memory.take_off.is_some_and(|take_off| take_off.phase != Phase::Climbing)
+            || self.memory.landing.is_some_and(|landing| landing.is_on_ground())
     }
 
     /// The gyroscope does not tell the roll rate.
@@ -775,6 +783,7 @@ impl Controller {
             roll_rate_radps: state.rates.dot(&forward),
             pitch_rate_radps: state.rates.y,
             pitches_blind: false,
+            yaws_blind: false,
             yaw_rate_radps: state.rates.z,
             bank_rad: state.euler.x,
             pitch_rad: state.euler.y,
@@ -802,10 +811,9 @@ impl Controller {
     ) -> Option<f64> {
         // The ground carries the aircraft too while it takes off or lands.
         let near_ground = self.memory.take_off.is_some() || self.memory.landing.is_some();
-        // But an approach has no other airspeed to fly on than that of lift, where the pitot tells none.
-        let by_lift = !self.memory.airspeed_watch.is_believed()
-            && self.memory.landing.is_some_and(|landing| landing.comes_down() && !landing.is_on_ground());
-        let in_air = !near_ground || state.altitude_m() > CARRIED_BY_WING_M || by_lift;
+        let in_air = !near_ground || state.altitude_m() > CARRIED_BY_WING_M;
+        // An approach may need the airspeed of lift, down to the ground.
+        let lands = self.memory.landing.is_some_and(|landing| !landing.is_on_ground());
         let frame = airspeed::Frame {
             pitot_mps: inputs.airspeed_mps,
             apart_mps: inputs.airspeed_mps.map_or(0.0, |pitot_mps| self.memory.gusts.apart_mps(pitot_mps)),
@@ -814,7 +822,8 @@ impl Controller {
             pitch_rate_radps: s.pitch_rate_radps,
             normal_mps2: s.normal_mps2,
             change_mps2: s.axial_mps2 - GRAVITY_MPS2 * s.climb_rad.sin(),
-            flying: self.memory.channels.pitch && in_air && basis != Basis::WingsLevel,
+            flying: self.memory.channels.pitch && (in_air || lands) && basis != Basis::WingsLevel,
+            judged: in_air,
             dt_s,
         };
         match inputs.airspeed_mps.filter(|_| in_air && self.memory.airspeed_watch.is_believed()) {

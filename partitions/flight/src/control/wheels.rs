@@ -8,6 +8,8 @@ use crate::servo::ActuatorCommand;
 /// Rudder per heading lost, and per yaw rate, s.
 const STEER_GAIN: f64 = 1.5;
 const STEER_DAMPING_S: f64 = 0.35;
+/// Share of both where the gyroscope does not tell the yaw rate: the heading comes too late to steer by.
+const BLIND_SHARE: f64 = 0.1;
 /// Ailerons move more while the air flows slowly over them, up to so many times.
 const SLOWEST_SHARE: f64 = 5.0;
 /// Aileron per bank, and per roll rate, s: wheels carry, the wings are only kept from dropping.
@@ -32,7 +34,8 @@ pub(super) fn rudder_rad(airframe: &Airframe, s: &Signals, turned_rad: f64) -> f
     // The third wheel is steered with the rudder, whose sign is that of its yawing moment, or the usual one without it.
     let left = if airframe.aerodynamics.yaw_rudder > 0.0 { -1.0 } else { 1.0 };
     let limit = airframe.servo.rudder_limit_rad;
-    (left * (STEER_GAIN * turned_rad + STEER_DAMPING_S * s.yaw_rate_radps)).clamp(-limit, limit)
+    let share = if s.yaws_blind { BLIND_SHARE } else { 1.0 };
+    (left * share * (STEER_GAIN * turned_rad + STEER_DAMPING_S * s.yaw_rate_radps)).clamp(-limit, limit)
 }
 
 /// Actuators that keep it straight on, with a throttle and an elevator (rad).

@@ -167,6 +167,32 @@ fn aircraft_without_one_of_its_rates_or_forces_lands() {
     }
 }
 
+/// Steered by a heading that comes late, a nose wheel swings up: every fourth was lost.
+#[test]
+fn aircraft_on_a_nose_wheel_without_its_yaw_rate_rolls_straight_on() {
+    let _turn = among_others();
+    for seed in if is_long() { 101..161 } else { 103..107 } {
+        let (seed, from) = (seed.to_string(), (seed * 37 % 360).to_string());
+        let own =
+            ["--land", "--airframe", "ultrastick25e", "--seed", &seed, "--fault", "gyroscope_stuck=z@60"];
+        let air = ["--wind", "5", "--wind-from", &from, "--turbulence", "light"];
+        flight(&[&own[..], &air[..]].concat()).expect_code(0);
+    }
+}
+
+/// Gusts from behind near the ground: with the margins of a pitot the first one stalled, and one in fifty.
+#[test]
+fn light_aircraft_without_a_pitot_lands_in_gusts() {
+    let _turn = among_others();
+    for seed in 2_000_058..if is_long() { 2_000_108 } else { 2_000_060 } {
+        let own =
+            ["--land", "--airframe", "rascal110", "--seed", &seed.to_string(), "--fault", "pitot_lost@100"];
+        let air = ["--wind", "0.46", "--wind-from", "118", "--turbulence", "light"];
+        let vary = ["--vary", "mass=10%,inertia=10%,derivatives=20%"];
+        flight(&[&own[..], &air[..], &vary[..]].concat()).expect_code(0);
+    }
+}
+
 /// Nothing but the way through the air tells the heading, and the gyroscope turns it away.
 #[test]
 fn aircraft_whose_gyroscope_shifts_without_a_magnetometer_flies_on_and_lands() {

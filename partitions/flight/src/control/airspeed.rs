@@ -77,7 +77,7 @@ pub struct Frame {
     pub change_mps2: f64,
     /// The autopilot moves the elevator, and wings carry the weight.
     pub flying: bool,
-    /// That is sure enough for a verdict.
+    /// What the pitot tells may be judged by that.
     pub judged: bool,
     /// s.
     pub dt_s: f64,
@@ -139,9 +139,14 @@ impl AirspeedWatch {
         self.believed && self.repeated < SILENT_FRAMES
     }
 
+    /// The pitot has told for long enough what the airframe file has wrong.
+    pub fn has_learnt(&self) -> bool {
+        self.learnt_s > DOUBT_S
+    }
+
     /// How many times the lift that is there the elevator tells, as far as that was learnt.
     pub fn elevator_factor(&self) -> f64 {
-        if self.learnt_s > DOUBT_S { self.factor * self.factor } else { 1.0 }
+        if self.has_learnt() { self.factor * self.factor } else { 1.0 }
     }
 
     /// Share of the airspeed per coefficient of the pitching moment: half of what the lift coefficient makes of it.
@@ -171,8 +176,8 @@ impl AirspeedWatch {
         if frame.flying {
             self.average(airframe, frame);
         } else if self.believed {
-            let Self { factor, learnt_s, learnt_at, .. } = *self;
-            *self = Self { factor, learnt_s, learnt_at, ..Self::default() };
+            let Self { factor, learnt_s, learnt_at, repeated, .. } = *self;
+            *self = Self { factor, learnt_s, learnt_at, repeated, ..Self::default() };
         }
         let pitot = frame.pitot_mps.filter(|mps| mps.is_finite());
         match pitot {
@@ -189,7 +194,7 @@ impl AirspeedWatch {
         let (pitot, by_lift) = (pitot_mps.filter(|mps| mps.is_finite()), self.by_lift_mps());
         let share = if apart_mps < -APART_MPS { LEAST_SHARE_APART } else { LEAST_SHARE };
         // A coefficient that is small, and uncertain, stands for an airspeed that is no less.
-        let least = self.by_lift_of(self.flown[1].max(CLEAR_LIFT)).filter(|_| self.learnt_s > DOUBT_S);
+        let least = self.by_lift_of(self.flown[1].max(CLEAR_LIFT)).filter(|_| self.has_learnt());
         let least_mps = least.map_or(0.0, |mps| share * mps);
         if self.believed { pitot.map(|mps| mps.max(least_mps)).or(by_lift) } else { by_lift }
     }

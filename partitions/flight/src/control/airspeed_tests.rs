@@ -263,11 +263,13 @@ fn pitot_that_is_silent_is_not_believed_until_it_speaks_again() {
         assert!(watch.is_believed(), "{silent_s} s");
         world.airspeed_mps -= 8.0;
     }
-    // The ground carries it: what it told of the air is forgotten.
+    // On the ground lift says nothing more, and the pitot is as silent as before.
     for _ in 0..100 {
         watch.step(&airframe, &Frame { pitot_mps: None, judged: false, ..world.step() });
     }
     assert!(!watch.is_believed() && watch.by_lift_mps().is_some());
     watch.step(&airframe, &Frame { pitot_mps: None, flying: false, ..world.step() });
-    assert!(watch.is_believed() && watch.by_lift_mps().is_none());
+    assert!(!watch.is_believed() && watch.by_lift_mps().is_none());
+    watch.step(&airframe, &Frame { flying: false, ..world.step() });
+    assert!(watch.is_believed());
 }

@@ -103,6 +103,8 @@ const INCIDENCE_LAG_S: f64 = 4.0;
 const CARRIES_SHARE: f64 = 0.9;
 const ROLLING_SHARE: f64 = 0.75;
 const LONGEST_TOUCHED_S: f64 = 25.0;
+/// No aircraft flies so slowly over ground, m/s, down here.
+const SLOWLY_MPS: f64 = 2.0;
 /// High up that airspeed counts after so long, s: it falls by then, if it was no ground.
 const SURELY_DOWN_S: f64 = 2.0;
 /// It stands slower than this over ground, m/s, for so long, s.
@@ -488,8 +490,9 @@ impl Landing {
                 self.enter(if high { Phase::Final } else { Phase::Flare });
             }
             Phase::Touched
-                if (rolling_mps < ROLLING_SHARE * stall_mps
-                    && (self.since_s > SURELY_DOWN_S || state.altitude_m() < HIGHEST_FLARE_M))
+                if flown_mps < SLOWLY_MPS
+                    || (rolling_mps < ROLLING_SHARE * stall_mps
+                        && (self.since_s > SURELY_DOWN_S || state.altitude_m() < HIGHEST_FLARE_M))
                     || self.since_s > LONGEST_TOUCHED_S =>
             {
                 self.enter(Phase::Rolling);
@@ -585,8 +588,8 @@ impl Landing {
             }),
             Phase::Rolling | Phase::Standing => {
                 let tail_wheel = wheels::has_tail_wheel(airframe);
-                // In a strong wind it would fly again.
-                let carries = rolling_mps > ROLLING_SHARE * stall_mps;
+                // In a strong wind, or in a gust, it would fly again.
+                let carries = s.airspeed_mps.max(fastest_mps(state)) > ROLLING_SHARE * stall_mps;
                 let elevator_rad = if tail_wheel && !carries { wheels::tail_down_rad(airframe) } else { 0.0 };
                 Flown::Wheels(wheels::straight_on(
                     airframe,

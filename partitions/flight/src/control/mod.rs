@@ -836,7 +836,9 @@ impl Controller {
             false => self.memory.airspeed_watch.step(&self.airframe, &frame),
         };
         let has_fixes = basis == Basis::Estimator && state.status == EstimatorStatus::Ready;
-        if self.memory.airspeed_watch.is_believed() || !has_fixes {
+        // Nor is there a wind without a pitot that told it.
+        let watch = &self.memory.airspeed_watch;
+        if watch.is_believed() || !has_fixes || !watch.has_learnt() {
             return told_mps;
         }
         // Lift is told badly by some elevators; satellites and the wind of before know about where the airspeed is.

@@ -233,10 +233,14 @@ fn without_a_pitot_the_airspeed_stays_near_that_over_ground() {
         let flown_mps = |status| {
             let mut controller = controller();
             let mut state = NavigationState { status, ..level_state() };
-            // It repeats its value, and is not believed before long.
-            for _ in 0..1_000 {
-                controller.step(&inputs(Some(&state)), &LoopCommands::MISSION);
+            // In the end it repeats its value, and is not believed before long.
+            for frame in 0..2_500 {
+                let mut measured = inputs(Some(&state));
+                let moving_mps = if frame < 1_500 { 1e-3 * f64::from(frame % 17) } else { 0.0 };
+                measured.airspeed_mps = measured.airspeed_mps.map(|mps| mps + moving_mps);
+                controller.step(&measured, &LoopCommands::MISSION);
             }
+            assert!(controller.memory.airspeed_watch.has_learnt());
             assert!(!controller.memory.airspeed_watch.is_believed());
             state.velocity.x = over_ground_mps;
             let steps = (0..100).map(|_| controller.step(&inputs(Some(&state)), &LoopCommands::MISSION));

@@ -215,7 +215,7 @@ fn float_s(height_m: f64, slope_mps: f64) -> f64 {
     flaring_s + (FLARED_M - STANDING_HEIGHT_M - late_m) / to_mps
 }
 
-/// The same where the place of the touch-down is so far ahead, s, if that is known. Near the ground that counts no more: the contact does. Where
+/// That sink rate where the place of the touch-down is so far ahead, s, if that is known. Near the ground the contact counts alone. Where
 /// the ground is not `measured`, it may be nearer than it seems.
 fn flare_to_mps(height_m: f64, slope_mps: f64, left_s: Option<f64>, measured: bool) -> f64 {
     let sink_mps = flare_sink_mps(height_m, slope_mps);

@@ -101,10 +101,12 @@ const INCIDENCE_LAG_S: f64 = 4.0;
 /// Below this share of the airspeed that carries it a wing carries nothing. Below the second one, or after so long, s, it rolls: till then a gust can
 /// lift it.
 const CARRIES_SHARE: f64 = 0.9;
-const ROLLING_SHARE: f64 = 0.75;
+const ROLLING_SHARE: f64 = 0.6;
 const LONGEST_TOUCHED_S: f64 = 25.0;
 /// No aircraft flies so slowly over ground, m/s, down here.
 const SLOWLY_MPS: f64 = 2.0;
+/// So slow in a wind of more than this share of the airspeed that carries it, it would fly again with its tail down.
+const WINDY_SHARE: f64 = 0.75;
 /// High up that airspeed counts after so long, s: it falls by then, if it was no ground.
 const SURELY_DOWN_S: f64 = 2.0;
 /// It stands slower than this over ground, m/s, for so long, s.
@@ -588,9 +590,10 @@ impl Landing {
             }),
             Phase::Rolling | Phase::Standing => {
                 let tail_wheel = wheels::has_tail_wheel(airframe);
-                // In a strong wind, or in a gust, it would fly again.
-                let carries = s.airspeed_mps.max(fastest_mps(state)) > ROLLING_SHARE * stall_mps;
-                let elevator_rad = if tail_wheel && !carries { wheels::tail_down_rad(airframe) } else { 0.0 };
+                let is_windy = flown_mps < SLOWLY_MPS
+                    && s.airspeed_mps.max(fastest_mps(state)) > WINDY_SHARE * stall_mps;
+                let elevator_rad =
+                    if tail_wheel && !is_windy { wheels::tail_down_rad(airframe) } else { 0.0 };
                 Flown::Wheels(wheels::straight_on(
                     airframe,
                     envelope,

@@ -167,9 +167,9 @@ fn aircraft_without_one_of_its_rates_or_forces_lands() {
     }
 }
 
-/// Steered by a heading that comes late, a nose wheel swings up: every fourth was lost.
+/// Steered by the integral of a rate that sticks, 14 of 53 drawn ones were lost.
 #[test]
-fn aircraft_on_a_nose_wheel_without_its_yaw_rate_rolls_straight_on() {
+fn light_aircraft_without_its_yaw_rate_rolls_straight_on() {
     let _turn = among_others();
     for seed in if is_long() { 101..161 } else { 103..107 } {
         let (seed, from) = (seed.to_string(), (seed * 37 % 360).to_string());

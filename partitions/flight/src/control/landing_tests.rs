@@ -106,7 +106,7 @@ fn aircraft_that_rising_air_held_up_goes_on_with_its_approach() {
     assert_eq!(seen, [Phase::Final, Phase::Touched, Phase::Final]);
 }
 
-/// A step of a landing in `phase`, with these velocity and wind along its course; m/s, all of them.
+/// A frame of a landing, with these velocity and wind along its course, m/s.
 fn stepped(
     airframe: &Airframe,
     landing: &mut Landing,

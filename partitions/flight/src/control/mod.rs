@@ -395,15 +395,16 @@ impl Controller {
             self.memory.fallback.update(inputs.navigation, &inputs.rates, &inputs.specific_force, dt_s);
         let mut signals = self.measure(&state, inputs, basis, dt_s);
         self.memory.stuck.look(&inputs.specific_force, &inputs.rates);
-        signals.pitches_blind = self.memory.stuck.axes() & PITCH_RATE != 0;
+        let stuck = self.memory.stuck.axes();
+        signals.pitches_blind = stuck & PITCH_RATE != 0;
         if signals.pitches_blind != std::mem::replace(&mut self.memory.pitches_blind, signals.pitches_blind) {
             self.memory.channels.pitch = false; // engaged anew with the other gains, the elevator goes on from where it is
         }
-        signals.yaws_blind = self.memory.stuck.axes() & YAW_RATE != 0;
+        signals.yaws_blind = stuck & YAW_RATE != 0;
         if signals.yaws_blind && self.is_on_wheels() {
             signals.yaw_rate_radps = wrap_angle(state.euler.z - yaw_before_rad) / dt_s; // it steers by that
         }
-        if self.memory.stuck.axes() & LATERAL_FORCE != 0 {
+        if stuck & LATERAL_FORCE != 0 {
             signals.lateral_mps2 = 0.0; // the rudder's trim stays: it would run to its end
         }
         let by_ailerons = self.memory.roll.step(&self.airframe, &signals, self.memory.last.aileron_rad, dt_s);

@@ -77,6 +77,17 @@ fn partition_on_the_bus_that_is_killed_in_flight_is_restarted_and_finds_its_gate
     }
 }
 
+#[test]
+fn landing_over_can_flares_by_the_range_finder_on_the_bus() {
+    let _turn = among_others();
+    let mission = small_mission().display().to_string();
+    let summary = over_can(&["--mission", &mission, "--land"]).summary();
+    let ranges = summary["messages"]["/can_interface/range"].as_u64().unwrap();
+    assert!(ranges > 1_000, "{ranges} distances to the ground");
+    let touchdown = &summary["conditions"]["touchdown"];
+    assert!(touchdown["sink_mps"].as_f64().unwrap() < 2.0, "{touchdown}");
+}
+
 /// How often the gateway between said that it has found the board's.
 fn discoveries(ended: &Ended) -> usize {
     ended.stderr.lines().filter(|line| line.starts_with("gateway flight: found ")).count()

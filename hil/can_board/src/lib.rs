@@ -55,7 +55,7 @@ impl Board {
         };
         let layout =
             |port: &str| table.layout(port).ok_or_else(|| anyhow::anyhow!("the table has no [port.{port}]"));
-        for port in ["raw_analog", "raw_gps", "custom"] {
+        for port in ["raw_analog", "raw_gps", "custom", "range"] {
             layout(port)?;
         }
         let servo = Assembly::new(layout("timers")?.clone());
@@ -161,7 +161,7 @@ impl Board {
 
     /// The aircraft flies to `module_ns`; the nodes say what their sensors measure there.
     fn sample(&mut self, module_ns: u64) {
-        let Some(Answer { analog, gps, custom }) = self.simulator.ask(module_ns, &self.timers) else {
+        let Some(Answer { analog, gps, custom, range }) = self.simulator.ask(module_ns, &self.timers) else {
             return;
         };
         self.cycles += 1;
@@ -174,6 +174,7 @@ impl Board {
         say("raw_analog", analog.as_bytes());
         custom.iter().for_each(|custom| say("custom", custom.as_bytes()));
         gps.iter().for_each(|gps| say("raw_gps", gps.as_bytes()));
+        range.iter().for_each(|range| say("range", range.as_bytes()));
         if let Some(answer) = self.sync.answer {
             frames.push(Frame::classic(answer, &module_ns.to_le_bytes()));
         }

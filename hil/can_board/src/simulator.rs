@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use bateleur_messages::frame::Decoder;
 use bateleur_messages::hil::{Actuators, Packet};
-use bateleur_messages::{Custom, RawAnalog, RawGps, ServoTimers};
+use bateleur_messages::{Custom, Range, RawAnalog, RawGps, ServoTimers};
 
 /// How long an answer is waited for before it is asked for again.
 const PATIENCE: Duration = Duration::from_millis(500);
@@ -21,6 +21,8 @@ pub struct Answer {
     pub gps: Option<RawGps>,
     /// Sticks and voltages.
     pub custom: Option<Custom>,
+    /// A distance to the ground, where there is one.
+    pub range: Option<Range>,
 }
 
 /// A simulator in its native frames.
@@ -62,17 +64,18 @@ impl Simulator {
 
 /// What a datagram says of `module_ns`.
 fn answer(bytes: &[u8], module_ns: u64) -> Option<Answer> {
-    let (mut analog, mut gps, mut custom) = (None, None, None);
+    let (mut analog, mut gps, mut custom, mut range) = (None, None, None, None);
     for frame in Decoder::new().extend(bytes) {
         match Packet::of(&frame) {
             Ok(Packet::Analog(sensors)) => analog = Some(sensors),
             Ok(Packet::Gps(fix)) => gps = Some(fix),
             Ok(Packet::Custom(sticks)) => custom = Some(sticks),
+            Ok(Packet::Range(distance)) => range = Some(distance),
             _ => {}
         }
     }
     let analog = analog.filter(|analog| analog.measured_ns == module_ns)?;
-    Some(Answer { analog, gps, custom })
+    Some(Answer { analog, gps, custom, range })
 }
 
 #[cfg(test)]
@@ -83,6 +86,7 @@ mod tests {
         let mut bytes = Vec::new();
         Packet::Analog(RawAnalog { measured_ns, ..RawAnalog::default() }).write(&mut bytes);
         Packet::Gps(RawGps { measured_ns: 3, ..RawGps::default() }).write(&mut bytes);
+        Packet::Range(Range { measured_ns: 4, ..Range::default() }).write(&mut bytes);
         bytes
     }
 
@@ -99,8 +103,13 @@ mod tests {
         });
         let answer = simulator.ask(20, &ServoTimers::default()).unwrap();
         assert_eq!(
-            (answer.analog.measured_ns, answer.gps.unwrap().measured_ns, answer.custom),
-            (20, 3, None)
+            (
+                answer.analog.measured_ns,
+                answer.gps.unwrap().measured_ns,
+                answer.range.unwrap().measured_ns,
+                answer.custom
+            ),
+            (20, 3, 4, None)
         );
         answering.join().unwrap();
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use bateleur_can_core::{Frame, Id};
 use bateleur_can_map::{Assembly, Layout, Outcome, Sync, Table};
-use bateleur_messages::{Custom, RawAnalog, RawGps, ServoTimers};
+use bateleur_messages::{Custom, Range, RawAnalog, RawGps, ServoTimers};
 use zerocopy::{FromBytes, IntoBytes};
 
 use crate::wires::{Waiting, Wires};
@@ -27,7 +27,7 @@ pub struct Actuators {
 }
 
 /// The ports that this function has of itself, where the plan and the table have them.
-pub const OWN_PORTS: [&str; 4] = ["raw_analog", "raw_gps", "custom", "timers"];
+pub const OWN_PORTS: [&str; 5] = ["raw_analog", "raw_gps", "custom", "range", "timers"];
 
 /// What is wrong where the plan has a port and the table does not.
 pub fn nothing_for(port: &str) -> String {
@@ -45,6 +45,8 @@ pub struct Sensors {
     pub gps: Option<RawGps>,
     /// Sticks and voltages.
     pub custom: Option<Custom>,
+    /// A distance to the ground.
+    pub range: Option<Range>,
     /// Messages of further ports, each with its place in the order of [`Conversation::new`].
     pub others: Vec<(usize, Vec<u8>)>,
 }
@@ -54,7 +56,8 @@ impl Sensors {
         let analog = self.analog.as_mut().map(|analog| &mut analog.measured_ns);
         let gps = self.gps.as_mut().map(|gps| &mut gps.measured_ns);
         let custom = self.custom.as_mut().map(|custom| &mut custom.measured_ns);
-        [analog, gps, custom].into_iter().flatten()
+        let range = self.range.as_mut().map(|range| &mut range.measured_ns);
+        [analog, gps, custom, range].into_iter().flatten()
     }
 }
 
@@ -107,13 +110,18 @@ enum Port {
     Analog,
     Gps,
     Custom,
+    Range,
     /// One of the further ports.
     Other(usize),
 }
 
 impl Port {
-    const ALL: [(&'static str, Self); 3] =
-        [("raw_analog", Self::Analog), ("raw_gps", Self::Gps), ("custom", Self::Custom)];
+    const ALL: [(&'static str, Self); 4] = [
+        ("raw_analog", Self::Analog),
+        ("raw_gps", Self::Gps),
+        ("custom", Self::Custom),
+        ("range", Self::Range),
+    ];
 }
 
 impl Conversation {
@@ -311,6 +319,7 @@ impl Conversation {
         sensors.analog = set.analog.or(sensors.analog);
         sensors.gps = set.gps.or(sensors.gps);
         sensors.custom = set.custom.or(sensors.custom);
+        sensors.range = set.range.or(sensors.range);
         for (place, mut message) in set.others {
             let assembly = self.assemblies.iter().find(|(port, _)| *port == Port::Other(place));
             if let Some((_, assembly)) = assembly {
@@ -352,6 +361,7 @@ impl Conversation {
                         Port::Analog => set.analog.is_some(),
                         Port::Gps => set.gps.is_some(),
                         Port::Custom => set.custom.is_some(),
+                        Port::Range => set.range.is_some(),
                         Port::Other(place) => set.others.iter().any(|(other, _)| other == place),
                     };
                     if missing > 0 && is_there {
@@ -361,6 +371,7 @@ impl Conversation {
                         Port::Analog => set.analog = RawAnalog::read_from_bytes(&bytes).ok(),
                         Port::Gps => set.gps = RawGps::read_from_bytes(&bytes).ok(),
                         Port::Custom => set.custom = Custom::read_from_bytes(&bytes).ok(),
+                        Port::Range => set.range = Range::read_from_bytes(&bytes).ok(),
                         Port::Other(place) => {
                             set.others.retain(|(other, _)| other != place);
                             set.others.push((*place, bytes));
@@ -463,8 +474,11 @@ mod tests {
                 ..RawAnalog::default()
             };
             let custom = Custom { measured_ns: now_ns, pilot_throttle_us: 1100, ..Custom::default() };
+            // Measured half a cycle before it is said.
+            let range = Range { measured_ns: now_ns - CYCLE / 2, distance_m: 2.5, ..Range::default() };
             let mut out = self.table.layout("raw_analog").unwrap().frames(analog.as_bytes(), now_ns);
             out.extend(self.table.layout("custom").unwrap().frames(custom.as_bytes(), now_ns));
+            out.extend(self.table.layout("range").unwrap().frames(range.as_bytes(), now_ns));
             out.push(Frame::classic(self.table.sync().unwrap().answer.unwrap(), &now_ns.to_le_bytes()));
             let said = out.iter().filter(|frame| frame.id().number() != self.loses.get());
             said.for_each(|frame| gateway.take_frame(frame, 0));
@@ -502,6 +516,7 @@ mod tests {
             let analog = sensors.analog.unwrap();
             assert_eq!((analog.measured_ns, analog.interval_ns), (number * CYCLE, CYCLE));
             assert_eq!(sensors.custom.unwrap().pilot_throttle_us, 1100);
+            assert_eq!(sensors.range.map(|range| range.measured_ns), Some(number * CYCLE - CYCLE / 2));
             assert_eq!(sensors.gps, None);
             assert!(board.now_ns.get() < number * CYCLE + 2_500_000);
         }
@@ -534,6 +549,7 @@ mod tests {
         board.say(2 * CYCLE);
         let late = board.cycle(3, &mut wires, &mut conversation);
         assert_eq!(late.analog.map(|analog| analog.measured_ns), Some(2 * CYCLE));
+        assert_eq!(late.range.map(|range| range.measured_ns), Some(2 * CYCLE - CYCLE / 2));
         assert_eq!(conversation.counts().stale, 2);
         board.say(2 * CYCLE);
         assert_eq!(board.cycle(4, &mut wires, &mut conversation), Sensors::default());

@@ -18,7 +18,8 @@ use bateleur_function_shell::FunctionShell;
 use bateleur_messages::parameter::Parameters;
 use bateleur_messages::telemetry::FROM_HIL_INTERFACE;
 use bateleur_messages::{
-    Catalogue, Custom, FunctionStatus, Message, Rate, RawAnalog, RawGps, ServoTimers, SimulatorLink, Type,
+    Catalogue, Custom, FunctionStatus, Message, Range, Rate, RawAnalog, RawGps, ServoTimers, SimulatorLink,
+    Type,
 };
 
 /// What is left of the window when the wait for sensors ends, ns: to decode and publish what came.
@@ -37,6 +38,7 @@ struct CanInterface {
     raw_analog: Option<SamplingSource<RawAnalog>>,
     raw_gps: Option<SamplingSource<RawGps>>,
     custom: Option<SamplingSource<Custom>>,
+    range: Option<SamplingSource<Range>>,
     /// Further ports of the plan, whose messages come from frames, and are sent as frames.
     received: Vec<(RawSamplingSource, u64)>,
     sent: Vec<RawSamplingDestination>,
@@ -59,6 +61,7 @@ impl Partition for CanInterface {
             raw_analog: source(context, &conversation, "raw_analog")?,
             raw_gps: source(context, &conversation, "raw_gps")?,
             custom: source(context, &conversation, "custom")?,
+            range: source(context, &conversation, "range")?,
             received: others.sources(context)?,
             sent: others.destinations(context)?,
             conversation,
@@ -139,6 +142,7 @@ impl CanInterface {
         put(&mut self.raw_analog, sensors.analog.as_ref());
         put(&mut self.raw_gps, sensors.gps.as_ref());
         put(&mut self.custom, sensors.custom.as_ref());
+        put(&mut self.range, sensors.range.as_ref());
         for (place, message) in &sensors.others {
             if let Some((port, sequence)) = self.received.get_mut(*place) {
                 *sequence += 1;

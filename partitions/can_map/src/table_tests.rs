@@ -4,7 +4,7 @@ use super::*;
 use bateleur_messages::catalogue;
 
 use crate::{Assembly, DISTRIBUTION_BOARD, Outcome, from_attributes};
-use bateleur_messages::{Custom, Message, RawAnalog, RawGps, ServoTimers};
+use bateleur_messages::{Custom, Message, Range, RawAnalog, RawGps, ServoTimers};
 use zerocopy::{FromBytes, IntoBytes};
 
 fn board() -> Table {
@@ -72,6 +72,8 @@ fn sensors_come_back_within_half_a_step_and_times_exactly() {
         cycle: 70_000,
         ..ServoTimers::default()
     };
+    let range = Range { measured_ns: 180_000_000, distance_m: 7.125, least_m: 0.2, most_m: 40.0 };
+    assert_eq!(through("range", &range, 200_500_000, None), Some((range, 0)));
     assert_eq!(through("timers", &timers, 0, None), Some((timers, 0)));
 }
 

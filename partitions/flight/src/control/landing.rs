@@ -89,6 +89,8 @@ const KNOCK_MPS2: f64 = 25.0;
 /// A gust lifts what rises faster than this, m/s.
 const LIFTED_MPS: f64 = 0.5;
 const SINK_LAG_S: f64 = 0.3;
+/// The same by the height alone, over bumps, and where the velocity strays from it.
+const BUMPS_LAG_S: f64 = 1.5;
 /// So far below the height at which it touched the ground, m, and sinking, it has not touched it; so far above it and rising it was thrown up, and
 /// flies again. Slower than this, m/s, it is the height that drifts.
 const FELL_M: f64 = 0.3;
@@ -188,6 +190,8 @@ pub struct Landing {
     since_s: f64,
     /// Sink rate without its noise, m/s.
     sink_mps: f64,
+    /// Height by the last seconds, m.
+    mean_m: f64,
     /// Incidence of the approach: pitch above the climb through the air, rad.
     incidence_rad: f64,
     /// Height at which it touched the ground, m.
@@ -303,7 +307,7 @@ fn down_rad(glide: &Glide, state: &NavigationState) -> f64 {
 }
 
 /// Airspeed by velocity and wind, which may be wrong, by a pitot that is: no less than the speed over ground, m/s.
-fn fastest_mps(state: &NavigationState) -> f64 {
+pub(super) fn fastest_mps(state: &NavigationState) -> f64 {
     let ground = state.velocity.xy();
     (ground - state.wind).norm().max(ground.norm())
 }
@@ -318,6 +322,7 @@ impl Landing {
             side: 1.0,
             since_s: 0.0,
             sink_mps: 0.0,
+            mean_m: state.altitude_m(),
             incidence_rad: 0.0,
             touched_m: 0.0,
             turned_rad: 0.0,
@@ -419,6 +424,7 @@ impl Landing {
         let rolling_mps = s.airspeed_mps.min(fastest_mps(state));
         let climb_mps = -state.velocity.z;
         self.sink_mps = low_pass(self.sink_mps, -climb_mps, SINK_LAG_S, dt_s);
+        self.mean_m = low_pass(self.mean_m, state.altitude_m(), BUMPS_LAG_S, dt_s);
         // On the way to the circle it has not begun.
         let away_m = (self.centre(radius_m, length_m) - state.position.xy()).norm();
         let is_away = self.phase == Phase::Pattern && away_m > NEAR_CIRCLE * radius_m;
@@ -476,7 +482,7 @@ impl Landing {
             Phase::Flare if is_near && s.normal_mps2 < -KNOCK_MPS2 => self.touch(state),
             Phase::Flare => {
                 // As long as it sinks there is no ground, nor where it is lifted.
-                let held = (-LIFTED_MPS..HELD_SHARE * TOUCH_SINK_MPS).contains(&self.sink_mps);
+                let held = self.is_held(TOUCH_SINK_MPS, state);
                 self.since_s = if held { self.since_s } else { 0.0 };
                 let held_s = match (glide.is_some() || is_near, is_high) {
                     (true, _) => SURE_HELD_S,
@@ -513,7 +519,10 @@ impl Landing {
                 let held = match (self.phase, glide) {
                     (Phase::Round, _) => self.stands(stall_mps, state),
                     (_, Some(_)) => false, // a glide may be held up by rising air
-                    (_, None) => self.is_held(-on_slope_mps),
+                    (_, None) => {
+                        let asked_mps = -on_slope_mps;
+                        asked_mps > LEAST_ASKED_MPS && self.is_held(asked_mps.min(MOST_ASKED_MPS), state)
+                    }
                 };
                 self.since_s = if held { self.since_s } else { 0.0 };
                 if self.since_s > HIGH_HELD_S {
@@ -776,9 +785,10 @@ impl Landing {
     }
 
     /// It does not sink where it is asked to, m/s.
-    fn is_held(&self, asked_mps: f64) -> bool {
-        let most_mps = HELD_SHARE * asked_mps.min(MOST_ASKED_MPS);
-        asked_mps > LEAST_ASKED_MPS && (-LIFTED_MPS..most_mps).contains(&self.sink_mps)
+    fn is_held(&self, asked_mps: f64, state: &NavigationState) -> bool {
+        let most_mps = HELD_SHARE * asked_mps;
+        let mean_mps = (self.mean_m - state.altitude_m()) / BUMPS_LAG_S;
+        (-LIFTED_MPS..most_mps).contains(&self.sink_mps) || mean_mps.abs() < most_mps
     }
 
     /// It is too slow to fly, and neither climbs nor sinks.
@@ -807,6 +817,7 @@ kept!(Landing {
     side: f64,
     since_s: f64,
     sink_mps: f64,
+    mean_m: f64,
     incidence_rad: f64,
     touched_m: f64,
     turned_rad: f64,

@@ -836,9 +836,14 @@ impl Controller {
             true => self.memory.airspeed_watch.flown_mps(frame.pitot_mps, 0.0),
             false => self.memory.airspeed_watch.step(&self.airframe, &frame),
         };
+        let watch = &self.memory.airspeed_watch;
+        // Lift told it last in the air: with that on the wheels, the elevator would answer too little.
+        let rolls_out = self.memory.landing.is_some_and(|landing| landing.is_on_ground());
+        if rolls_out && !watch.is_believed() {
+            return told_mps.map(|mps| mps.min(landing::fastest_mps(state)));
+        }
         let has_fixes = basis == Basis::Estimator && state.status == EstimatorStatus::Ready;
         // Nor is there a wind without a pitot that told it.
-        let watch = &self.memory.airspeed_watch;
         if watch.is_believed() || !has_fixes || !watch.has_learnt() {
             return told_mps;
         }

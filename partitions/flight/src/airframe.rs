@@ -188,11 +188,13 @@ pub struct Servo {
     pub backlash_rad: f64,
 }
 
-/// What of the wheels matters to a take-off.
+/// What of the wheels matters to take-off and landing.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 pub struct Gear {
     /// The steered wheel, body axes, m: ahead of the centre of gravity or behind it.
     pub third_wheel_m: [f64; 3],
+    /// The right main wheel, body axes, m.
+    pub main_wheel_m: [f64; 3],
 }
 
 /// An aircraft as the laws see it.

@@ -30,6 +30,8 @@ pub struct Signals {
     pub pitch_rate_radps: f64,
     /// It is not known: the short period stays as it is, and a slow integrator alone moves the elevator.
     pub pitches_blind: bool,
+    /// Nor does a magnetic field tell the attitude, which is found from forces and comes late.
+    pub pitches_late: bool,
     /// Body, rad/s.
     pub yaw_rate_radps: f64,
     /// The gyroscope does not tell that.

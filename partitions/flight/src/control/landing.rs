@@ -98,6 +98,8 @@ const THROWN_UP_M: f64 = 2.5;
 const FALLING_MPS: f64 = 0.25;
 /// Attitude on the wheels below the incidence of the approach, rad: they are pressed on, and a hop sinks no faster than an approach does.
 const WHEELS_RAD: f64 = 0.035;
+/// Without a pitch rate, a nose wheel is kept off the ground by so much, rad.
+const OFF_NOSE_WHEEL_RAD: f64 = 0.05;
 /// Memory of that incidence, s.
 const INCIDENCE_LAG_S: f64 = 4.0;
 /// Below this share of the airspeed that carries it a wing carries nothing. Below the second one, or after so long, s, it rolls: till then a gust can
@@ -595,7 +597,7 @@ impl Landing {
                 bank_rad: 0.0,
                 airspeed_mps: None,
                 least_mps2: -FLARE_DOWN_MPS2,
-                aim: Some(self.on_wheels(airframe, rolling_mps < stall_mps)),
+                aim: Some(self.on_wheels(airframe, s, rolling_mps < stall_mps)),
             }),
             Phase::Rolling | Phase::Standing => {
                 let tail_wheel = wheels::has_tail_wheel(airframe);
@@ -653,9 +655,14 @@ impl Landing {
         }
     }
 
-    /// The attitude that keeps it on its wheels: a nose wheel is not to come down first.
-    fn on_wheels(&self, airframe: &Airframe, is_slow: bool) -> Aim {
-        let least_rad = if wheels::has_tail_wheel(airframe) { f64::NEG_INFINITY } else { 0.0 };
+    /// The attitude that keeps it on its wheels: a nose wheel is not to come down first. Where the pitch rate is not known, nothing damps what
+    /// one that did would do.
+    fn on_wheels(&self, airframe: &Airframe, s: &Signals, is_slow: bool) -> Aim {
+        let least_rad = match (wheels::has_tail_wheel(airframe), s.pitches_blind) {
+            (true, _) => f64::NEG_INFINITY,
+            (_, true) => wheels::stance_rad(airframe) + OFF_NOSE_WHEEL_RAD,
+            _ => 0.0,
+        };
         Aim::Attitude { pitch_rad: (self.incidence_rad - WHEELS_RAD).max(least_rad), is_slow }
     }
 

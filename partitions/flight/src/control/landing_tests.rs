@@ -27,7 +27,9 @@ fn found_s(phase: Phase, seed: u64, sinks: bool) -> Option<f64> {
     };
     let (flown_mps, airspeed_mps) =
         (between(if phase == Phase::Round { 0.0 } else { 4.0 }, most_mps), between(0.0, 60.0));
-    let flown_mps = if sinks { 1.5 * stall_mps } else { flown_mps };
+    // High enough that it does not come down before the time is over.
+    let (flown_mps, height_m) =
+        if sinks { (1.5 * stall_mps, height_m + 120.0) } else { (flown_mps, height_m) };
     let mut state = level_state();
     (state.velocity, state.wind) = (Vector3::new(flown_mps, 0.0, 0.0), Vector2::zeros());
     state.position = Vector3::new(between(-200.0, -50.0), 0.0, -height_m);
@@ -55,7 +57,6 @@ fn found_s(phase: Phase, seed: u64, sinks: bool) -> Option<f64> {
             state.velocity.z +=
                 ((0.5 * gust_mps - asked_mps - state.velocity.z) * DT_S / 0.5).clamp(-0.2, 0.2);
             state.position += state.velocity * DT_S;
-            state.position.z = state.position.z.min(-9.0);
         } else {
             state.position.x += flown_mps * DT_S;
         }
@@ -81,6 +82,82 @@ fn aircraft_that_sinks_through_gusts_or_climbs_away_is_not_on_the_ground() {
             assert!(found.is_none(), "{phase:?}, seed {seed}: {found:?}");
         }
     }
+}
+
+/// A flare whose range finder has the ground metres too low, so that the heights are never low; time until it has found the ground, s. On the
+/// ground the height bounces, and the vertical speed strays from it; in the air it sinks as it is asked to.
+fn flare_found_s(seed: u64, on_ground: bool) -> Option<f64> {
+    let airframe = aerosonde();
+    let (envelope, config) = (Envelope::new(&airframe), LandingConfig::default());
+    let mut chance = ChaCha8Rng::seed_from_u64(seed);
+    let mut normal = || -> f64 { StandardNormal.sample(&mut chance) };
+    let mut state = level_state();
+    (state.velocity, state.wind) = (Vector3::new(16.0, 0.0, 0.0), Vector2::zeros());
+    let stray_mps = 0.2 * normal();
+    let low_m = 4.6 + normal().abs();
+    state.position = Vector3::new(-20.0, 0.0, if on_ground { -low_m } else { -6.0 });
+    let mut landing = Landing::new(&config, &state, 50.0, Vector2::zeros());
+    (landing.phase, landing.rounds) = (Phase::Flare, MOST_ROUNDS);
+    let s =
+        Signals { airspeed_mps: 16.0, density_kgpm3: 1.2, normal_mps2: -GRAVITY_MPS2, ..Signals::default() };
+    let (mut bump_m, mut bump_mps) = (0.0, 0.0);
+    for frame in 0..1_000 {
+        let flown = landing.step(
+            (&airframe, &envelope, &config),
+            (&state, true),
+            (&s, 0.0),
+            (150.0, 22.0),
+            None,
+            DT_S,
+        );
+        if landing.is_on_ground() {
+            return Some(f64::from(frame) * DT_S);
+        }
+        let Flown::Loops(approach) = flown else { return None };
+        if on_ground {
+            // Bumps of a decimetre, a second long.
+            bump_mps += DT_S * (-40.0 * bump_m - 2.0 * bump_mps) + 0.12 * normal();
+            bump_m += DT_S * bump_mps;
+            (state.position.z, state.velocity.z) = (-low_m - bump_m, stray_mps - bump_mps);
+        } else {
+            state.velocity.z += ((-approach.climb_mps - state.velocity.z) * DT_S / 0.5) + 0.05 * normal();
+            state.position.z += state.velocity.z * DT_S;
+            if state.altitude_m() < 1.2 {
+                return None;
+            }
+        }
+    }
+    None
+}
+
+#[test]
+fn ground_under_a_range_finder_that_sees_it_too_low_is_found_over_bumps() {
+    for seed in 0..200 {
+        let found = flare_found_s(seed, true);
+        assert!(found.is_some_and(|found_s| found_s < 9.0), "seed {seed}: {found:?}");
+        let found = flare_found_s(seed, false);
+        assert!(found.is_none(), "in the air, seed {seed}: {found:?}");
+    }
+}
+
+#[test]
+fn nose_wheel_is_kept_off_the_ground_where_nothing_damps_the_pitch() {
+    for name in ["aerosonde", "rascal110", "ultrastick25e", "vtail60", "zagi"] {
+        let airframe = Airframe::from_toml(built_in(name).unwrap()).unwrap();
+        let landing = landing_in(Phase::Touched);
+        let pitch_rad = |pitches_blind| {
+            let s = Signals { pitches_blind, ..Signals::default() };
+            match landing.on_wheels(&airframe, &s, false) {
+                Aim::Attitude { pitch_rad, .. } => pitch_rad,
+                Aim::Climb { .. } => f64::NAN,
+            }
+        };
+        let nose = !wheels::has_tail_wheel(&airframe);
+        assert_eq!(nose, pitch_rad(true) >= wheels::stance_rad(&airframe) + OFF_NOSE_WHEEL_RAD, "{name}");
+        assert_eq!(!nose, pitch_rad(false) < 0.0, "{name}");
+    }
+    let stance_rad = wheels::stance_rad(&aerosonde());
+    assert!((stance_rad - (0.06f64 / 0.61).atan()).abs() < 1e-12, "{stance_rad}");
 }
 
 /// Rising air holds it up at 40 m for some seconds, and the pitot says that it is too slow to fly.

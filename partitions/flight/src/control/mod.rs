@@ -233,6 +233,8 @@ const COORDINATING_SHARE: f64 = 0.8;
 /// better too fast.
 const BELOW_BY_WIND_MPS: f64 = 5.0;
 const ABOVE_BY_WIND_MPS: f64 = 2.5;
+/// An attitude that is surer than this, rad, is told by a magnetic field, too.
+const LATE_RAD: f64 = 0.03;
 /// Smoothing of the pitot's noise, s.
 const AIRSPEED_LAG_S: f64 = 0.15;
 /// How fast the integrators of a controller that is not listened to come to those of the one that is, s.
@@ -784,6 +786,7 @@ impl Controller {
             roll_rate_radps: state.rates.dot(&forward),
             pitch_rate_radps: state.rates.y,
             pitches_blind: false,
+            pitches_late: state.sigmas.attitude.y > LATE_RAD,
             yaws_blind: false,
             yaw_rate_radps: state.rates.z,
             bank_rad: state.euler.x,

@@ -19,6 +19,8 @@ const DELAY_SHARE: f64 = 0.84;
 const LEAST_SHARE: f64 = 0.25;
 /// The frequency where the pitch rate is not known, rad/s: the airframe's own damping has to do.
 const BLIND_RADPS: f64 = 4.0;
+/// And where the attitude comes late, too.
+const LATE_RADPS: f64 = 1.6;
 /// Delay of the frames: an actuator command is taken half a frame late on the average, and acts a frame later.
 const FRAMES: f64 = 1.5;
 /// Share of the frequency with which the trim follows.
@@ -161,7 +163,11 @@ struct Gains {
 /// Gains that give `s² + 2ζω s + ω²` to θ̈ = m_q θ̇ + m_α θ + m_δ δ. An airframe that is as stiff by itself keeps its stiffness and gets a share.
 fn gains(airframe: &Airframe, s: &Signals, delay_s: f64) -> Gains {
     let Pitching { m_q, m_alpha, m_delta, .. } = Pitching::new(airframe, s);
-    let (most, damping) = if s.pitches_blind { (BLIND_RADPS, 0.0) } else { (FREQUENCY_RADPS, DAMPING) };
+    let (most, damping) = match (s.pitches_blind, s.pitches_late) {
+        (true, true) => (LATE_RADPS, 0.0),
+        (true, _) => (BLIND_RADPS, 0.0),
+        _ => (FREQUENCY_RADPS, DAMPING),
+    };
     let frequency = most.min(DELAY_SHARE / delay_s);
     let square = frequency * frequency;
     let attitude = -(square + m_alpha).max(LEAST_SHARE * square) / m_delta;
@@ -256,6 +262,33 @@ mod tests {
             }
             assert!(most < 0.14, "{name}, {about:?}: {most} rad");
             assert!(last < 0.045, "{name}, {about:?}: {last} rad off");
+        });
+    }
+
+    #[test]
+    fn attitude_that_comes_late_without_a_pitch_rate_does_not_swing_up() {
+        each(|name, text, about| {
+            let (.., dt_s) = about;
+            let (mut model, mut hold) = (Model::new(text, about), PitchHold::default());
+            let mut told = VecDeque::from(vec![0.0; (0.3 / dt_s) as usize]);
+            let aim = Aim::Attitude { pitch_rad: 0.07, is_slow: false };
+            let mut last = 0f64;
+            for frame in 0..(20.0 / dt_s) as u32 {
+                told.push_back(model.s.pitch_rad);
+                let pitch_rad = told.pop_front().unwrap();
+                let s = Signals {
+                    pitch_rad,
+                    pitch_rate_radps: 0.0,
+                    pitches_blind: true,
+                    pitches_late: true,
+                    ..model.s
+                };
+                model.step(hold.step(&model.airframe, &s, &aim, 0.0, dt_s), dt_s);
+                if f64::from(frame) * dt_s > 15.0 {
+                    last = last.max((model.s.pitch_rad - 0.07).abs());
+                }
+            }
+            assert!(last < 0.1, "{name}, {about:?}: {last} rad off");
         });
     }
 

@@ -254,6 +254,38 @@ fn without_a_pitot_the_airspeed_stays_near_that_over_ground() {
     }
 }
 
+/// A controller whose pitot was blocked in the air, and which then touched the ground with 22 m/s; its airspeed at each speed over ground, m/s.
+fn rolling_out(speeds_mps: &[f64]) -> Vec<f64> {
+    let mut controller = controller();
+    let mut state = level_state();
+    for frame in 0..2_500 {
+        let mut measured = inputs(Some(&state));
+        let moving_mps = if frame < 1_500 { 1e-3 * f64::from(frame % 17) } else { 0.0 };
+        measured.airspeed_mps = Some(22.0 + moving_mps);
+        controller.step(&measured, &LoopCommands::MISSION);
+    }
+    assert!(!controller.memory.airspeed_watch.is_believed());
+    state.position = Vector3::new(0.0, 0.0, -1.0);
+    controller.land(&state, 50.0, Vector2::zeros());
+    let told_mps = |speed_mps: &f64| {
+        state.velocity.x = *speed_mps;
+        let steps = (0..60).map(|_| {
+            controller.memory.landing.as_mut().unwrap().phase = landing::Phase::Touched;
+            controller.step(&inputs(Some(&state)), &LoopCommands::MISSION).signals.airspeed_mps
+        });
+        steps.last().unwrap()
+    };
+    speeds_mps.iter().map(told_mps).collect()
+}
+
+#[test]
+fn on_the_wheels_no_airspeed_of_lift_is_faster_than_velocity_and_wind() {
+    let speeds_mps = [18.0, 14.0, 10.0];
+    for (told_mps, over_ground_mps) in rolling_out(&speeds_mps).into_iter().zip(speeds_mps) {
+        assert!(told_mps < over_ground_mps + 0.5, "{told_mps} at {over_ground_mps} m/s");
+    }
+}
+
 #[test]
 fn lateral_force_that_is_stuck_does_not_drive_the_rudder_to_its_end() {
     for stuck_mps2 in [-2.0, -0.3, 0.1, 1.0] {

@@ -2,7 +2,7 @@
 
 use super::envelope::Envelope;
 use super::inner::Signals;
-use crate::airframe::Airframe;
+use crate::airframe::{Airframe, Gear};
 use crate::servo::ActuatorCommand;
 
 /// Rudder per heading lost, and per yaw rate, s.
@@ -27,6 +27,15 @@ pub(super) fn tail_down_rad(airframe: &Airframe) -> f64 {
 /// Whether the aircraft's third wheel is behind its main ones.
 pub(super) fn has_tail_wheel(airframe: &Airframe) -> bool {
     airframe.gear.is_some_and(|gear| gear.third_wheel_m[0] < 0.0)
+}
+
+/// Pitch (rad) with which it stands on all its wheels.
+pub(super) fn stance_rad(airframe: &Airframe) -> f64 {
+    let stance_rad = |gear: Gear| {
+        let [ahead_m, _, below_m] = [0, 1, 2].map(|n| gear.third_wheel_m[n] - gear.main_wheel_m[n]);
+        (below_m / ahead_m).atan()
+    };
+    airframe.gear.map_or(0.0, stance_rad)
 }
 
 /// The rudder (rad) that brings it back to the direction from which it has turned by `turned_rad`.

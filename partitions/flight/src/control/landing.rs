@@ -80,7 +80,7 @@ const SURE_HELD_S: f64 = 0.4;
 const TOUCH_M: f64 = 1.0;
 /// It takes so long, s, where a range finder sees the ground so far below, m: that may be wrong.
 const HIGH_M: f64 = 4.0;
-const HIGH_HELD_S: f64 = 4.0;
+const HIGH_HELD_S: f64 = 2.0;
 /// Above the flare it takes so long, too, where the aircraft is asked to sink faster than this, m/s; faster than the second counts as that.
 const LEAST_ASKED_MPS: f64 = 0.8;
 const MOST_ASKED_MPS: f64 = 1.5;
@@ -90,7 +90,7 @@ const KNOCK_MPS2: f64 = 25.0;
 const LIFTED_MPS: f64 = 0.5;
 const SINK_LAG_S: f64 = 0.3;
 /// The same by the height alone, over bumps, and where the velocity strays from it.
-const BUMPS_LAG_S: f64 = 1.5;
+const BUMPS_LAG_S: f64 = 0.8;
 /// So far below the height at which it touched the ground, m, and sinking, it has not touched it; so far above it and rising it was thrown up, and
 /// flies again. Slower than this, m/s, it is the height that drifts.
 const FELL_M: f64 = 0.3;
@@ -112,7 +112,7 @@ const SLOWLY_MPS: f64 = 2.0;
 /// So slow in a wind of more than this share of the airspeed that carries it, it would fly again with its tail down.
 const WINDY_SHARE: f64 = 0.75;
 /// High up that airspeed counts after so long, s: it falls by then, if it was no ground.
-const SURELY_DOWN_S: f64 = 2.0;
+const SURELY_DOWN_S: f64 = 4.0;
 /// It stands slower than this over ground, m/s, for so long, s.
 const STANDING_MPS: f64 = 0.7;
 const STANDING_S: f64 = 1.5;

@@ -86,6 +86,7 @@ fn landing_over_can_flares_by_the_range_finder_on_the_bus() {
     assert!(ranges > 1_000, "{ranges} distances to the ground");
     let touchdown = &summary["conditions"]["touchdown"];
     assert!(touchdown["sink_mps"].as_f64().unwrap() < 2.0, "{touchdown}");
+    assert!(touchdown["along_m"].as_f64().unwrap().abs() < 15.0, "{touchdown}");
 }
 
 /// How often the gateway between said that it has found the board's.

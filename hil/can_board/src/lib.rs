@@ -55,7 +55,7 @@ impl Board {
         };
         let layout =
             |port: &str| table.layout(port).ok_or_else(|| anyhow::anyhow!("the table has no [port.{port}]"));
-        for port in ["raw_analog", "raw_gps", "custom", "range"] {
+        for port in ["raw_analog", "raw_gps", "custom"] {
             layout(port)?;
         }
         let servo = Assembly::new(layout("timers")?.clone());

@@ -231,7 +231,8 @@ impl Conversation {
         if self.has("raw_analog") {
             return Some(sensors.analog.is_some());
         }
-        let any = sensors.gps.is_some() || sensors.custom.is_some() || !sensors.others.is_empty();
+        let Sensors { gps, custom, range, others, .. } = sensors;
+        let any = gps.is_some() || custom.is_some() || range.is_some() || !others.is_empty();
         (!self.assemblies.is_empty()).then_some(any)
     }
 

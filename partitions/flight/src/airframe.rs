@@ -1,6 +1,6 @@
 //! What the laws need to know of an aircraft, read from the same file as the plant reads.
 //!
-//! Sections `[mass]`, `[geometry]`, `[aerodynamics]`, `[propulsion]`, `[servo]`; anything else is ignored, so that
+//! Sections `[mass]`, `[geometry]`, `[aerodynamics]`, `[propulsion]`, `[servo]`, `[gear]`; anything else is ignored, so that
 //! the plant may keep its own keys in the same file. SI units, derivatives per rad.
 
 use crate::GRAVITY_MPS2;
@@ -193,8 +193,8 @@ pub struct Servo {
 pub struct Gear {
     /// The steered wheel, body axes, m: ahead of the centre of gravity or behind it.
     pub third_wheel_m: [f64; 3],
-    /// The right main wheel, body axes, m.
-    pub main_wheel_m: [f64; 3],
+    /// The right main wheel, body axes, m, where the file has it.
+    pub main_wheel_m: Option<[f64; 3]>,
 }
 
 /// An aircraft as the laws see it.

@@ -70,7 +70,7 @@ impl Fallback {
     ) -> (NavigationState, Basis) {
         match fresh.filter(|state| usable(state)) {
             Some(state) => {
-                // No law asks for more of it.
+                // No law asks for them.
                 let (mag_bias, sigmas) = (Vector3::zeros(), StateSigmas::UNKNOWN);
                 *self = Self { state: NavigationState { mag_bias, sigmas, ..*state }, age_s: 0.0 };
                 (*state, Basis::Estimator)

@@ -81,6 +81,8 @@ const TOUCH_M: f64 = 1.0;
 /// It takes so long, s, where a range finder sees the ground so far below, m: that may be wrong.
 const HIGH_M: f64 = 4.0;
 const HIGH_HELD_S: f64 = 2.0;
+/// More time at the beginning of the final approach, s.
+const LEVEL_S: f64 = 2.0;
 /// Above the flare it takes so long, too, where the aircraft is asked to sink faster than this, m/s; faster than the second counts as that.
 const LEAST_ASKED_MPS: f64 = 0.8;
 const MOST_ASKED_MPS: f64 = 1.5;
@@ -111,7 +113,7 @@ const LONGEST_TOUCHED_S: f64 = 25.0;
 const SLOWLY_MPS: f64 = 2.0;
 /// So slow in a wind of more than this share of the airspeed that carries it, it would fly again with its tail down.
 const WINDY_SHARE: f64 = 0.75;
-/// High up that airspeed counts after so long, s: it falls by then, if it was no ground.
+/// High up those count after so long, s: it falls by then, if it was no ground.
 const SURELY_DOWN_S: f64 = 4.0;
 /// It stands slower than this over ground, m/s, for so long, s.
 const STANDING_MPS: f64 = 0.7;
@@ -484,7 +486,7 @@ impl Landing {
             Phase::Flare if is_near && s.normal_mps2 < -KNOCK_MPS2 => self.touch(state),
             Phase::Flare => {
                 // As long as it sinks there is no ground, nor where it is lifted.
-                let held = self.is_held(TOUCH_SINK_MPS, state);
+                let held = self.is_held(TOUCH_SINK_MPS, state, glide);
                 self.since_s = if held { self.since_s } else { 0.0 };
                 let held_s = match (glide.is_some() || is_near, is_high) {
                     (true, _) => SURE_HELD_S,
@@ -500,10 +502,9 @@ impl Landing {
                 self.enter(if high { Phase::Final } else { Phase::Flare });
             }
             Phase::Touched
-                if flown_mps < SLOWLY_MPS
-                    || (rolling_mps < ROLLING_SHARE * stall_mps
-                        && (self.since_s > SURELY_DOWN_S || state.altitude_m() < HIGHEST_FLARE_M))
-                    || self.since_s > LONGEST_TOUCHED_S =>
+                if self.since_s > LONGEST_TOUCHED_S
+                    || ((flown_mps < SLOWLY_MPS || rolling_mps < ROLLING_SHARE * stall_mps)
+                        && (self.since_s > SURELY_DOWN_S || state.altitude_m() < HIGHEST_FLARE_M)) =>
             {
                 self.enter(Phase::Rolling);
             }
@@ -523,7 +524,8 @@ impl Landing {
                     (_, Some(_)) => false, // a glide may be held up by rising air
                     (_, None) => {
                         let asked_mps = -on_slope_mps;
-                        asked_mps > LEAST_ASKED_MPS && self.is_held(asked_mps.min(MOST_ASKED_MPS), state)
+                        asked_mps > LEAST_ASKED_MPS
+                            && self.is_held(asked_mps.min(MOST_ASKED_MPS), state, glide)
                     }
                 };
                 self.since_s = if held { self.since_s } else { 0.0 };
@@ -688,7 +690,8 @@ impl Landing {
     }
 
     fn enter(&mut self, phase: Phase) {
-        (self.phase, self.since_s) = (phase, 0.0);
+        // The final approach begins in level flight.
+        (self.phase, self.since_s) = (phase, if phase == Phase::Final { -LEVEL_S } else { 0.0 });
     }
 
     /// How far before the runway's origin the straight way of a glide begins, m: as near as it may where the height does not last for
@@ -791,11 +794,12 @@ impl Landing {
         }
     }
 
-    /// It does not sink where it is asked to, m/s.
-    fn is_held(&self, asked_mps: f64, state: &NavigationState) -> bool {
+    /// It does not sink where it is asked to, m/s: by its vertical speed, or with power, where there is time, by its height. That leaps where the
+    /// ground becomes known.
+    fn is_held(&self, asked_mps: f64, state: &NavigationState, glide: Option<&Glide>) -> bool {
         let most_mps = HELD_SHARE * asked_mps;
         let mean_mps = (self.mean_m - state.altitude_m()) / BUMPS_LAG_S;
-        (-LIFTED_MPS..most_mps).contains(&self.sink_mps) || mean_mps.abs() < most_mps
+        (-LIFTED_MPS..most_mps).contains(&self.sink_mps) || (glide.is_none() && mean_mps.abs() < most_mps)
     }
 
     /// It is too slow to fly, and neither climbs nor sinks.

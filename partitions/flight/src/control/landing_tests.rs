@@ -27,13 +27,14 @@ fn found_s(phase: Phase, seed: u64, sinks: bool) -> Option<f64> {
     };
     let (flown_mps, airspeed_mps) =
         (between(if phase == Phase::Round { 0.0 } else { 4.0 }, most_mps), between(0.0, 60.0));
-    // High enough that it does not come down before the time is over.
+    // On its slope, and not down before the time is over.
     let (flown_mps, height_m) =
-        if sinks { (1.5 * stall_mps, height_m + 120.0) } else { (flown_mps, height_m) };
+        if sinks { (1.5 * stall_mps, height_m + 30.0) } else { (flown_mps, height_m) };
     let mut state = level_state();
     (state.velocity, state.wind) = (Vector3::new(flown_mps, 0.0, 0.0), Vector2::zeros());
-    state.position = Vector3::new(between(-200.0, -50.0), 0.0, -height_m);
-    let mut landing = Landing::new(&config, &state, 50.0, Vector2::zeros());
+    let north_m = if sinks { -height_m / config.slope_rad.tan() } else { between(-200.0, -50.0) };
+    state.position = Vector3::new(north_m, 0.0, -height_m);
+    let mut landing = Landing::new(&config, &state, 90.0, Vector2::zeros());
     (landing.phase, landing.rounds) = (phase, MOST_ROUNDS);
     let s = Signals { airspeed_mps, density_kgpm3: 1.2, normal_mps2: -GRAVITY_MPS2, ..Signals::default() };
     for frame in 0..(WITHIN_S / DT_S) as u32 {

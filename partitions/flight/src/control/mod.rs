@@ -786,7 +786,7 @@ impl Controller {
             roll_rate_radps: state.rates.dot(&forward),
             pitch_rate_radps: state.rates.y,
             pitches_blind: false,
-            pitches_late: state.sigmas.attitude.y > LATE_RAD,
+            pitches_late: basis == Basis::Estimator && state.sigmas.attitude.y > LATE_RAD,
             yaws_blind: false,
             yaw_rate_radps: state.rates.z,
             bank_rad: state.euler.x,
@@ -840,14 +840,16 @@ impl Controller {
             false => self.memory.airspeed_watch.step(&self.airframe, &frame),
         };
         let watch = &self.memory.airspeed_watch;
+        let has_fixes = basis == Basis::Estimator && state.status == EstimatorStatus::Ready;
+        if watch.is_believed() || !has_fixes {
+            return told_mps;
+        }
         // Lift told it last in the air: with that on the wheels, the elevator would answer too little.
-        let rolls_out = self.memory.landing.is_some_and(|landing| landing.is_on_ground());
-        if rolls_out && !watch.is_believed() {
+        if self.memory.landing.is_some_and(|landing| landing.is_on_ground()) {
             return told_mps.map(|mps| mps.min(landing::fastest_mps(state)));
         }
-        let has_fixes = basis == Basis::Estimator && state.status == EstimatorStatus::Ready;
         // Nor is there a wind without a pitot that told it.
-        if watch.is_believed() || !has_fixes || !watch.has_learnt() {
+        if !watch.has_learnt() {
             return told_mps;
         }
         // Lift is told badly by some elevators; satellites and the wind of before know about where the airspeed is.

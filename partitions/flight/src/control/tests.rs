@@ -279,6 +279,16 @@ fn rolling_out(speeds_mps: &[f64]) -> Vec<f64> {
 }
 
 #[test]
+fn pitch_that_no_magnetic_field_tells_is_late() {
+    for (sigma_rad, is_late) in [(0.009, false), (0.09, true)] {
+        let mut state = level_state();
+        state.sigmas.attitude = Vector3::new(0.0, sigma_rad, 0.0);
+        let output = controller().step(&inputs(Some(&state)), &LoopCommands::MISSION);
+        assert_eq!(output.signals.pitches_late, is_late, "{sigma_rad} rad");
+    }
+}
+
+#[test]
 fn on_the_wheels_no_airspeed_of_lift_is_faster_than_velocity_and_wind() {
     let speeds_mps = [18.0, 14.0, 10.0];
     for (told_mps, over_ground_mps) in rolling_out(&speeds_mps).into_iter().zip(speeds_mps) {

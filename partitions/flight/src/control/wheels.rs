@@ -16,6 +16,8 @@ const SLOWEST_SHARE: f64 = 5.0;
 const LEVEL_GAIN: f64 = 0.5;
 const LEVEL_DAMPING_S: f64 = 0.05;
 
+/// No aircraft stands steeper, rad; files are not checked for that.
+const STANCE_RAD: f64 = 0.3;
 /// Share of the elevator's travel up with which a tail wheel is held on the ground.
 const TAIL_DOWN_SHARE: f64 = 0.5;
 
@@ -32,10 +34,10 @@ pub(super) fn has_tail_wheel(airframe: &Airframe) -> bool {
 /// Pitch (rad) with which it stands on all its wheels.
 pub(super) fn stance_rad(airframe: &Airframe) -> f64 {
     let stance_rad = |gear: Gear| {
-        let [ahead_m, _, below_m] = [0, 1, 2].map(|n| gear.third_wheel_m[n] - gear.main_wheel_m[n]);
-        (below_m / ahead_m).atan()
+        let (third, main) = (gear.third_wheel_m, gear.main_wheel_m?);
+        Some(((third[2] - main[2]) / (third[0] - main[0])).atan().clamp(-STANCE_RAD, STANCE_RAD))
     };
-    airframe.gear.map_or(0.0, stance_rad)
+    airframe.gear.and_then(stance_rad).unwrap_or(0.0)
 }
 
 /// The rudder (rad) that brings it back to the direction from which it has turned by `turned_rad`.

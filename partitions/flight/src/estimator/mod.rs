@@ -126,7 +126,7 @@ pub struct NavigationState {
     pub accel_bias: Vector3<f64>,
     /// Body, gauss.
     pub mag_bias: Vector3<f64>,
-    /// Standard deviations of attitude error (NED axes, rad), velocity (m/s), position (m).
+    /// Standard deviations of attitude error (NED axes, rad; the Controller gets roll, pitch and yaw), velocity (m/s), position (m).
     pub sigmas: StateSigmas,
     /// How far it can be trusted.
     pub status: EstimatorStatus,

@@ -288,7 +288,8 @@ mod tests {
                     last = last.max((model.s.pitch_rad - 0.07).abs());
                 }
             }
-            assert!(last < 0.1, "{name}, {about:?}: {last} rad off");
+            // An elevator that stays where it is leaves 0.07.
+            assert!(last < 0.065, "{name}, {about:?}: {last} rad off");
         });
     }
 

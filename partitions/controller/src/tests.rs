@@ -316,9 +316,13 @@ fn a_circle_takes_the_place_of_mission_and_loops_until_the_ground_says_go_on() {
         }
         fly(&mut function, 1..50, Some(&state));
         assert_eq!(function.order(&LOITER, true), Answer::Accepted);
-        let circle = fly(&mut function, 50..150, Some(&state));
+        fly(&mut function, 50..51, Some(&state));
+        // The circle begins a lead ahead.
+        let lead_s = GuidanceConfig::default().lead_s;
+        let begun = NavigationState { position: state.position + state.velocity * lead_s, ..state };
+        let circle = fly(&mut function, 51..150, Some(&begun));
         assert_eq!((circle.task, circle.altitude_reference_m), (TASK_LOITER, 155.0));
-        assert!(circle.bank_reference_rad > 0.2, "{circle:?}");
+        assert!(circle.bank_reference_rad > 0.5, "{circle:?}");
         assert_eq!(flags(&mut function) & NAVIGATION_LOITER, NAVIGATION_LOITER);
         assert_eq!(function.order(&GO_ON, true), Answer::Accepted);
         let after = fly(&mut function, 150..200, Some(&state));

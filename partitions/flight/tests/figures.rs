@@ -6,7 +6,7 @@ use bateleur_plant::Turbulence;
 use common::{EstimateErrors, Flight, Options, Score};
 
 /// First of the seeds that are kept for this: no law may be tuned on them.
-const UNSEEN: u64 = 700_000;
+const UNSEEN: u64 = 770_000;
 
 fn draw(seed: u64, salt: u64) -> f64 {
     let mut x = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ salt.wrapping_mul(0xD1B5_4A32_D192_ED03);
@@ -25,9 +25,9 @@ fn fly(seed: u64, turbulence: Turbulence) -> (Score, EstimateErrors) {
 
 /// The goals for straight legs (m), altitude (m) and airspeed (m/s), by level.
 const GOALS: [(Turbulence, [f64; 3]); 3] = [
-    (Turbulence::Calm, [0.6, 0.5, 0.2]),
-    (Turbulence::Light, [0.8, 0.6, 0.9]),
-    (Turbulence::Moderate, [1.5, 0.8, 1.7]),
+    (Turbulence::Calm, [0.5, 0.35, 0.15]),
+    (Turbulence::Light, [0.6, 0.4, 0.5]),
+    (Turbulence::Moderate, [0.9, 0.5, 1.0]),
 ];
 
 #[test]

@@ -221,6 +221,8 @@ const GUST_SHARE: f64 = 2.0;
 const MOST_FOR_GUSTS_MPS: f64 = 5.0;
 /// How much of the angle of climb that is lacking in a flare, or too much, the motor makes up for.
 const LACKING_SHARE: f64 = 2.0;
+/// Share of the airspeed's gain on the straight way to the ground: gusts that are answered in full spread the touch-down along.
+const FINAL_SPEED_SHARE: f64 = 0.7;
 /// How far ahead the airspeed is looked at where its floor is kept, s.
 const FLOOR_LEAD_S: f64 = 1.0;
 /// Slew limits of the references: invisible in normal flight, they take the edge off a change of basis.
@@ -985,7 +987,9 @@ impl Controller {
             _ => 0.0,
         };
         let climb_rad = s.climb_rad + LACKING_SHARE * lacking_rad;
-        let by_speed = wanted.map(|v| self.config.outer.airspeed(v - s.airspeed_mps, climb_rad));
+        let comes_down = self.memory.landing.is_some_and(|landing| landing.comes_down());
+        let share = if comes_down { FINAL_SPEED_SHARE } else { 1.0 };
+        let by_speed = wanted.map(|v| self.config.outer.airspeed(share * (v - s.airspeed_mps), climb_rad));
         commands.axial_mps2.or(by_speed)
     }
 

@@ -38,7 +38,7 @@ impl Default for OuterTuning {
             floor_descent_mps: 6.0,
             climb_mps: 4.0,
             climb_gain: 1.2,
-            airspeed_gain: 0.5,
+            airspeed_gain: 0.7,
             airspeed_integral: 0.0,
             bank_gain: 2.2,
             roll_rate_radps: 1.6,

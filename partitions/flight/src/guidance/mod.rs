@@ -243,11 +243,11 @@ const SLOW_ROLL_RADPS: f64 = 0.6;
 /// Bank that is rolled to where an arc begins, rad: half of it is how much longer a slow roll's lag is.
 const LEAD_BANK_RAD: f64 = 0.33;
 /// Gain from cross-track error to closing speed, 1/s.
-const TRACK_GAIN: f64 = 0.35;
+const TRACK_GAIN: f64 = 0.5;
 /// Closing speed as a share of ground speed: an intercept of 37°.
 const TRACK_SHARE: f64 = 0.6;
 /// Gain from closing-speed error to acceleration, 1/s.
-const CLOSING_GAIN: f64 = 1.2;
+const CLOSING_GAIN: f64 = 1.6;
 /// Gain from course error to turn rate, 1/s: a third of the bank loop's, so that a slow roller does not swing.
 const COURSE_GAIN: f64 = 0.75;
 /// It flies so many radii away from a place that it can not turn to.
@@ -722,7 +722,7 @@ fn has_room(offset: &Offset, velocity: &Vector2<f64>, radius_m: f64) -> bool {
 }
 
 /// Acceleration to the right (m/s²) that closes a cross-track error and follows the curvature (1/m):
-/// `ẏ_ref = clamp(−0.35 y, ±0.6 V_g)`, `a = clamp(1.2 (ẏ_ref − ẏ) + V_g²/R, ±10.5)`; from a course more than 70° off
+/// `ẏ_ref = clamp(−0.5 y, ±0.6 V_g)`, `a = clamp(1.6 (ẏ_ref − ẏ) + V_g²/R, ±10.5)`; from a course more than 70° off
 /// the wanted one it turns as hard as it may, the shorter way round. `agility`: share of both gains.
 pub fn track_acceleration(offset: &Offset, velocity: &Vector2<f64>, curvature: f64, agility: f64) -> f64 {
     let speed = velocity.norm().max(LEAST_GROUND_SPEED_MPS);

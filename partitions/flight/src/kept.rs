@@ -92,17 +92,23 @@ macro_rules! whole {
 }
 whole!(u8, u16, u32, u64);
 
-impl Kept for f64 {
-    const BYTES: usize = u64::BYTES;
+/// Numbers that are finite, by their bits.
+macro_rules! finite {
+    ($($number:ty: $bits:ty),+) => {
+        $(impl Kept for $number {
+            const BYTES: usize = <$bits as Kept>::BYTES;
 
-    fn put(&self, bytes: &mut [u8]) {
-        self.to_bits().put(bytes);
-    }
+            fn put(&self, bytes: &mut [u8]) {
+                self.to_bits().put(bytes);
+            }
 
-    fn take(bytes: &[u8]) -> Option<Self> {
-        u64::take(bytes).map(Self::from_bits).filter(|number| number.is_finite())
-    }
+            fn take(bytes: &[u8]) -> Option<Self> {
+                <$bits>::take(bytes).map(Self::from_bits).filter(|number| number.is_finite())
+            }
+        })+
+    };
 }
+finite!(f32: u32, f64: u64);
 
 impl Kept for bool {
     const BYTES: usize = 1;
@@ -203,9 +209,10 @@ pub(crate) mod tests {
         times: [u16; 2],
         place: Option<Vector2<f64>>,
         bright: f64,
+        warm: f32,
         seen: u32,
     }
-    kept!(Lamp { colour: Colour, is_on: bool, times: [u16; 2], place: Option<Vector2<f64>>, bright: f64; seen = 0 }
+    kept!(Lamp { colour: Colour, is_on: bool, times: [u16; 2], place: Option<Vector2<f64>>, bright: f64, warm: f32; seen = 0 }
         if |lamp| lamp.bright >= 0.0);
 
     const LAMP: Lamp = Lamp {
@@ -214,6 +221,7 @@ pub(crate) mod tests {
         times: [7, u16::MAX],
         place: Some(Vector2::new(0.1, -1e-300)),
         bright: 1.0 / 3.0,
+        warm: 1.0 / 3.0,
         seen: 0,
     };
 
@@ -231,6 +239,9 @@ pub(crate) mod tests {
     fn bytes_that_no_state_has_written_are_refused() {
         for bright in [-1.0, f64::NAN, f64::INFINITY] {
             assert_eq!(again(&Lamp { bright, ..LAMP }), None, "{bright}");
+        }
+        for warm in [f32::NAN, f32::NEG_INFINITY] {
+            assert_eq!(again(&Lamp { warm, ..LAMP }), None, "{warm}");
         }
         assert_eq!(again(&Lamp { place: Some(Vector2::new(0.0, f64::NAN)), ..LAMP }), None);
         let mut fine = [0; Lamp::BYTES];

@@ -369,7 +369,7 @@ const OUTER: [Outer; 6] = [
     },
     Outer {
         what: "airspeed",
-        rate: 0.5,
+        rate: 0.7,
         seconds: 15.0,
         from: 22.0,
         to: 24.0,

@@ -39,9 +39,12 @@ const FACTORS: (f64, f64) = (0.7, 1.4);
 /// Beyond the limit for so long, s, weighted by how far, it is not believed; within half of it for so long it is again.
 const PATIENCE_S: f64 = 2.0;
 const AGAIN_S: f64 = 30.0;
-/// One that has moved away from the inertial values by this, m/s, is judged by this share of the limit: gusts move it so far for moments.
+/// One that has moved away from the inertial values by this, m/s, or from satellites and wind by more than gusts explain, is judged by this
+/// share of the limit: gusts move it so far for moments.
 const APART_MPS: f64 = 5.0;
 const APART_SHARE: f64 = 0.5;
+/// So far away from satellites and wind it is not believed where lift tells nothing.
+const FAR_AWAY: f64 = 1.6;
 /// A difference weighs this much at most.
 const HEAVIEST: f64 = 8.0;
 /// Frames in a row in which a sensor that has noise tells the same number; and in which one that is silent tells none.
@@ -65,6 +68,10 @@ pub struct Frame {
     pub pitot_mps: Option<f64>,
     /// How far that has moved away from what the inertial values tell of the last seconds, m/s.
     pub apart_mps: f64,
+    /// How far it has come away from velocity by satellites and wind: 1 where gusts do not explain it, negative where it tells too little.
+    pub away: f64,
+    /// What lift is to be learnt from while no pitot is believed, m/s.
+    pub learnt_mps: Option<f64>,
     /// kg/m³.
     pub density_kgpm3: f64,
     /// rad.
@@ -98,15 +105,16 @@ pub struct AirspeedWatch {
     seen_s: f64,
     /// Pitot over lift, learnt.
     factor: f64,
+    /// And by how much more lift is taken while no pitot is believed.
+    correction: f32,
     learnt_s: f64,
     /// Lift over the square of the pitot's airspeed, where that was learnt.
     learnt_at: f64,
     against_s: f64,
     for_s: f64,
-    last_mps: f64,
     last_pa: f64,
     repeated: u32,
-    jump2: f64,
+    jump2: f32,
     believed: bool,
 }
 
@@ -120,11 +128,11 @@ impl Default for AirspeedWatch {
             recent_mps: 0.0,
             seen_s: 0.0,
             factor: 1.0,
+            correction: 1.0,
             learnt_s: 0.0,
             learnt_at: 0.0,
             against_s: 0.0,
             for_s: 0.0,
-            last_mps: 0.0,
             last_pa: 0.0,
             repeated: 0,
             jump2: 0.0,
@@ -160,6 +168,16 @@ impl AirspeedWatch {
         (self.sensitivity(airframe) / EASY).clamp(1.0, LONGEST)
     }
 
+    /// Learns from another airspeed, m/s, while no pitot is believed: lift whose file is wrong tells less the faster the aircraft flies.
+    fn learn(&mut self, airspeed_mps: f64, dt_s: f64) {
+        if let Some(by_lift_mps) = self.by_lift_mps().filter(|mps| *mps > 0.0) {
+            let correction = f64::from(self.correction);
+            let wanted = correction * airspeed_mps / by_lift_mps;
+            self.correction =
+                low_pass(correction, wanted, LEARNING_S, dt_s).clamp(FACTORS.0, FACTORS.1) as f32;
+        }
+    }
+
     /// The airspeed that lift tells, as the pitot would read it, m/s; `None` before there was enough flight.
     pub fn by_lift_mps(&self) -> Option<f64> {
         self.by_lift_of(self.flown[1])
@@ -168,7 +186,8 @@ impl AirspeedWatch {
     /// The same with another lift coefficient.
     fn by_lift_of(&self, coefficient: f64) -> Option<f64> {
         let settled = self.seen_s >= SETTLED_S && coefficient > LEAST_LIFT;
-        settled.then(|| self.factor * (self.flown[0] / coefficient).max(0.0).sqrt() + self.recent_mps)
+        let factor = self.factor * f64::from(self.correction);
+        settled.then(|| factor * (self.flown[0] / coefficient).max(0.0).sqrt() + self.recent_mps)
     }
 
     /// Takes a frame; gives the airspeed to fly on: the pitot's or the lift's, `None` if there is neither.
@@ -183,7 +202,12 @@ impl AirspeedWatch {
         match pitot {
             Some(pitot_mps) if frame.flying && frame.judged => self.judge(airframe, pitot_mps, frame),
             Some(_) => self.repeated = 0,
-            None if frame.flying => (self.repeated, self.last_mps) = (self.repeated.saturating_add(1), 0.0),
+            None if frame.flying => (self.repeated, self.last_pa) = (self.repeated.saturating_add(1), 0.0),
+            None => {}
+        }
+        match frame.learnt_mps.filter(|_| frame.flying) {
+            _ if self.is_believed() => self.correction = 1.0,
+            Some(learnt_mps) => self.learn(learnt_mps, frame.dt_s),
             None => {}
         }
         self.flown_mps(frame.pitot_mps, frame.apart_mps)
@@ -240,11 +264,17 @@ impl AirspeedWatch {
         // The pressure is what a sensor repeats; the airspeed that it stands for moves with the density.
         let ram_pa = 0.5 * frame.density_kgpm3 * pitot_mps * pitot_mps;
         self.repeated = if (ram_pa - self.last_pa).abs() <= 1e-9 * ram_pa { self.repeated + 1 } else { 0 };
+        let last_mps = (2.0 * self.last_pa / frame.density_kgpm3).sqrt();
+        let jump = if last_mps > 0.0 { pitot_mps - last_mps } else { 0.0 };
+        self.jump2 = low_pass(f64::from(self.jump2), jump * jump, 1.0, dt_s) as f32;
         self.last_pa = ram_pa;
-        let jump = if self.last_mps > 0.0 { pitot_mps - self.last_mps } else { 0.0 };
-        self.jump2 = low_pass(self.jump2, jump * jump, 1.0, dt_s);
-        self.last_mps = pitot_mps;
-        let Some(by_lift_mps) = self.by_lift_mps() else { return };
+        let Some(by_lift_mps) = self.by_lift_mps() else {
+            // An aircraft that is fast has little lift to tell it by.
+            if self.seen_s >= SETTLED_S && frame.away.abs() > FAR_AWAY {
+                self.count(true, 1.0, dt_s);
+            }
+            return;
+        };
         let ratio = (self.by_pitot.max(0.0) / self.lift.max(1.0)).sqrt();
         let off = (ratio / self.factor - 1.0).abs();
         let gusts = MOMENT * self.sensitivity(airframe) / self.longer(airframe).sqrt();
@@ -260,17 +290,29 @@ impl AirspeedWatch {
             self.factor = low_pass(self.factor, ratio, memory_s, dt_s).clamp(FACTORS.0, FACTORS.1);
             self.learnt_at = low_pass(self.learnt_at, at, memory_s, dt_s);
         }
-        // Where both lift and inertial values say so, less of it will do.
-        let same_way = (ratio > self.factor) == (frame.apart_mps > 0.0);
-        let limit = if same_way && frame.apart_mps.abs() > APART_MPS { APART_SHARE * limit } else { limit };
-        let broken = self.repeated >= FROZEN_FRAMES || self.jump2.sqrt() > NOISY * by_lift_mps;
-        let weight = if off > limit { (off / limit).min(HEAVIEST) } else { -1.0 };
-        self.against_s = (self.against_s + weight * dt_s).max(0.0);
+        // Where lift and inertial values, or lift and satellites say so, less of it will do.
+        let with = |apart: f64, least: f64| apart.abs() > least && (ratio > self.factor) == (apart > 0.0);
+        let limit = if with(frame.apart_mps, APART_MPS) || with(frame.away, 1.0) {
+            APART_SHARE * limit
+        } else {
+            limit
+        };
+        let broken = self.repeated >= FROZEN_FRAMES || f64::from(self.jump2).sqrt() > NOISY * by_lift_mps;
         self.for_s = if off < 0.5 * limit && !broken { self.for_s + dt_s } else { 0.0 };
-        if self.believed && (broken || self.against_s >= PATIENCE_S) {
+        self.count(off > limit, off / limit, dt_s);
+        if self.believed && broken {
             (self.believed, self.for_s) = (false, 0.0);
         } else if !self.believed && self.for_s >= AGAIN_S {
             (self.believed, self.against_s) = (true, 0.0);
+        }
+    }
+
+    /// Counts what speaks against the pitot, by its weight, or for it.
+    fn count(&mut self, against: bool, weight: f64, dt_s: f64) {
+        let weight = if against { weight.min(HEAVIEST) } else { -1.0 };
+        self.against_s = (self.against_s + weight * dt_s).max(0.0);
+        if self.believed && self.against_s >= PATIENCE_S {
+            (self.believed, self.for_s) = (false, 0.0);
         }
     }
 }
@@ -283,16 +325,16 @@ kept!(AirspeedWatch {
     recent_mps: f64,
     seen_s: f64,
     factor: f64,
+    correction: f32,
     learnt_s: f64,
     learnt_at: f64,
     against_s: f64,
     for_s: f64,
-    last_mps: f64,
     last_pa: f64,
     repeated: u32,
-    jump2: f64,
+    jump2: f32,
     believed: bool,
-} if |watch| (FACTORS.0..=FACTORS.1).contains(&watch.factor));
+} if |watch| [watch.factor, f64::from(watch.correction)].iter().all(|x| (FACTORS.0..=FACTORS.1).contains(x)));
 
 #[cfg(test)]
 #[path = "airspeed_tests.rs"]

@@ -63,6 +63,8 @@ impl World {
         let elevator_rad = (level - coefficient) / slope + 0.002 * self.noise();
         Frame {
             apart_mps: 0.0,
+            away: 0.0,
+            learnt_mps: None,
             pitot_mps: Some(true_mps + 0.08 * self.noise()),
             density_kgpm3: 1.2,
             elevator_rad,
@@ -195,6 +197,79 @@ fn pitot_that_moves_away_from_the_inertial_values_is_found_sooner_and_a_gust_is_
             let (alone_s, both_s) = (found_s(0.0, 0.8), found_s(10.0, 0.8).unwrap());
             assert!(alone_s.is_none_or(|alone_s| both_s < alone_s), "seed {seed}: {alone_s:?}, {both_s}");
         }
+    }
+}
+
+#[test]
+fn pitot_that_comes_away_from_satellites_and_wind_is_found_sooner_and_a_gust_is_none() {
+    for airframe in airframes() {
+        for seed in 0..10 {
+            // Away by so much for so long of each ten seconds, s; and what the pitot tells of the airspeed.
+            let found_s = |away: f64, away_s: f64, share: f64| {
+                let (mut world, mut watch) = (World::new(&airframe, seed), AirspeedWatch::default());
+                fly(&mut world, &mut watch, 60.0, None);
+                (0..(60.0 / DT_S) as u32).map(|frame| f64::from(frame) * DT_S).find(|since_s| {
+                    let now = world.step();
+                    let away = if since_s % 10.0 < away_s { away } else { 0.0 };
+                    let pitot_mps = now.pitot_mps.map(|true_mps| share * true_mps);
+                    watch.step(&airframe, &Frame { away, pitot_mps, ..now });
+                    !watch.is_believed()
+                })
+            };
+            for away in [-2.0, 2.0] {
+                assert_eq!(found_s(away, 1.5, 1.0), None, "seed {seed}: sound, in gusts");
+            }
+            let (alone_s, both_s) = (found_s(0.0, 0.0, 0.8), found_s(-1.1, 10.0, 0.8).unwrap());
+            assert!(alone_s.is_none_or(|alone_s| both_s < alone_s), "seed {seed}: {alone_s:?}, {both_s}");
+        }
+    }
+}
+
+#[test]
+fn where_lift_tells_nothing_satellites_and_wind_find_the_pitot_but_not_before_it_could_have_told() {
+    let airframe = aerosonde();
+    for away in [-2.0, -1.1, 0.0, 1.1, 2.0] {
+        let (mut world, mut watch) = (World::new(&airframe, 8), AirspeedWatch::default());
+        let found = (0..3_000).find(|_| {
+            // An elevator that is down tells of no lift at all.
+            let now = Frame { away, elevator_rad: 0.3, ..world.step() };
+            watch.step(&airframe, &now);
+            assert_eq!(watch.by_lift_mps(), None);
+            !watch.is_believed()
+        });
+        let found_s = found.map(|frame| f64::from(frame) * DT_S);
+        let expected = if away.abs() > 1.5 { Some(SETTLED_S + PATIENCE_S) } else { None };
+        let near = |(is_s, should_s): (f64, f64)| (is_s - should_s).abs() < 0.1;
+        assert!(found_s.zip(expected).map_or(found_s == expected, near), "{away}: {found_s:?}");
+    }
+}
+
+#[test]
+fn lift_that_tells_another_airspeed_than_before_is_learnt_anew_without_a_pitot_and_forgotten_with_it() {
+    for airframe in airframes() {
+        let off = |learns: bool, flying: bool| {
+            let (mut world, mut watch) = (World::new(&airframe, 7), AirspeedWatch::default());
+            fly(&mut world, &mut watch, 60.0, None);
+            let factor = watch.factor;
+            // The aircraft flies at another lift, of which the file has more wrong.
+            world.lie *= 1.3;
+            let mut told = Vec::new();
+            for _ in 0..12_000 {
+                let now = world.step();
+                let learnt_mps = now.pitot_mps.filter(|_| learns);
+                let frame = Frame { pitot_mps: None, learnt_mps, flying, ..now };
+                watch.step(&airframe, &frame);
+                told.push(watch.by_lift_mps().unwrap_or(0.0) / now.pitot_mps.unwrap());
+            }
+            assert_eq!(watch.factor, factor);
+            let off = told[9_000..].iter().sum::<f64>() / 3_000.0 - 1.0;
+            let now = world.step();
+            watch.step(&airframe, &now);
+            assert!(watch.is_believed() && watch.correction == 1.0, "it was only silent");
+            off
+        };
+        assert!(off(true, true).abs() < 0.05 && off(false, true).abs() > 0.08, "{}", off(true, true));
+        assert_eq!(off(true, false), off(false, false), "nothing is learnt while nobody flies");
     }
 }
 

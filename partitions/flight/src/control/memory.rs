@@ -12,6 +12,7 @@ use super::range_finder::GroundWatch;
 use super::roll::RollModel;
 use super::stall::StallGuard;
 use super::takeoff::TakeOff;
+use super::wind::WindWatch;
 use super::{AUTHORITY_LIMIT_MPS, Channels, References, trimmed};
 use crate::GRAVITY_MPS2;
 use crate::airframe::Trim;
@@ -41,6 +42,7 @@ pub(super) struct Memory {
     pub ground: GroundWatch,
     pub stall: StallGuard,
     pub gusts: GustWatch,
+    pub wind: WindWatch,
     pub stuck: Stuck,
     /// The elevator's, near the ground.
     pub pitch_hold: PitchHold,
@@ -68,6 +70,7 @@ kept!(Memory {
     ground: GroundWatch,
     stall: StallGuard,
     gusts: GustWatch,
+    wind: WindWatch,
     stuck: Stuck,
     pitch_hold: PitchHold,
     pitches_blind: bool,
@@ -94,6 +97,7 @@ impl Memory {
             ground: GroundWatch::default(),
             stall: StallGuard::default(),
             gusts: GustWatch::default(),
+            wind: WindWatch::default(),
             stuck: Stuck::default(),
             pitch_hold: PitchHold::default(),
             pitches_blind: false,

@@ -26,6 +26,7 @@ pub mod roll;
 pub mod stall;
 pub mod takeoff;
 mod wheels;
+mod wind;
 
 use crate::GRAVITY_MPS2;
 use crate::airframe::{Airframe, Trim};
@@ -45,6 +46,7 @@ use outer::{OuterTuning, normal_for, slew};
 use pitch_hold::Aim;
 use power::PowerWatch;
 use takeoff::{Method, Phase, TakeOff};
+use wind::WindWatch;
 
 /// Which loops are on, each with its target; `None` is off.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -231,10 +233,10 @@ const NORMAL_SLEW_MPS3: f64 = 60.0;
 const AXIAL_SLEW_MPS3: f64 = 8.0;
 /// Share of the rudder's travel that coordinates, at most: what is left damps.
 const COORDINATING_SHARE: f64 = 0.8;
-/// How far the airspeed of lift may be below that of satellites and wind, and above it, m/s: gusts, and what the wind has become since. It is
-/// better too fast.
-const BELOW_BY_WIND_MPS: f64 = 5.0;
-const ABOVE_BY_WIND_MPS: f64 = 2.5;
+/// How far the airspeed of lift may be below that of satellites and wind, and above it, in deviations of gusts and at most, m/s: gusts, and what
+/// the wind has become since. It is better too fast. The way to the ground has the most, because the wind changes there.
+const BELOW_BY_WIND: (f64, f64) = (1.5, 5.0);
+const ABOVE_BY_WIND: (f64, f64) = (1.0, 2.5);
 /// An attitude that is surer than this, rad, is told by a magnetic field, too.
 const LATE_RAD: f64 = 0.03;
 /// Smoothing of the pitot's noise, s.
@@ -584,7 +586,7 @@ impl Controller {
     /// A circle may lead over a ditch: the ground is looked for on the way down alone.
     fn watch_ground(&mut self, state: &NavigationState, range_m: Option<f64>, basis: Basis, dt_s: f64) {
         let range_m = range_m.filter(|_| basis == Basis::Estimator);
-        if self.memory.landing.is_some_and(|landing| landing.comes_down()) {
+        if self.comes_down() {
             return self.memory.ground.step(range_m, state, dt_s);
         }
         self.memory.ground.forget();
@@ -820,30 +822,41 @@ impl Controller {
         let in_air = !near_ground || state.altitude_m() > CARRIED_BY_WING_M;
         // An approach may need the airspeed of lift, down to the ground.
         let lands = self.memory.landing.is_some_and(|landing| !landing.is_on_ground());
+        let mut believed = self.memory.airspeed_watch.is_believed();
+        let pitot_mps = inputs.airspeed_mps.filter(|_| in_air && believed);
+        let has_fixes = basis == Basis::Estimator && state.status == EstimatorStatus::Ready;
+        let flying = self.memory.channels.pitch && (in_air || lands) && basis != Basis::WingsLevel;
         let frame = airspeed::Frame {
             pitot_mps: inputs.airspeed_mps,
             apart_mps: inputs.airspeed_mps.map_or(0.0, |pitot_mps| self.memory.gusts.apart_mps(pitot_mps)),
+            away: self.away(state, pitot_mps.filter(|_| flying), has_fixes, dt_s),
+            learnt_mps: self.airspeed_to_learn(state).filter(|_| has_fixes),
             density_kgpm3: s.density_kgpm3,
             elevator_rad: self.memory.last.elevator_rad,
             pitch_rate_radps: s.pitch_rate_radps,
             normal_mps2: s.normal_mps2,
             change_mps2: s.axial_mps2 - GRAVITY_MPS2 * s.climb_rad.sin(),
-            flying: self.memory.channels.pitch && (in_air || lands) && basis != Basis::WingsLevel,
+            flying,
             judged: in_air,
             dt_s,
         };
-        match inputs.airspeed_mps.filter(|_| in_air && self.memory.airspeed_watch.is_believed()) {
+        match pitot_mps {
             Some(pitot_mps) => self.memory.gusts.step(pitot_mps, frame.change_mps2, dt_s),
             None => self.memory.gusts.pause(dt_s),
+        }
+        if believed && !flying {
+            self.memory.wind = WindWatch::default();
         }
         // What a stalled wing does says nothing of the pitot.
         let told_mps = match self.memory.stall.is_stalled() {
             true => self.memory.airspeed_watch.flown_mps(frame.pitot_mps, 0.0),
             false => self.memory.airspeed_watch.step(&self.airframe, &frame),
         };
-        let watch = &self.memory.airspeed_watch;
-        let has_fixes = basis == Basis::Estimator && state.status == EstimatorStatus::Ready;
-        if watch.is_believed() || !has_fixes {
+        let believed_before = std::mem::replace(&mut believed, self.memory.airspeed_watch.is_believed());
+        if believed && !believed_before {
+            self.memory.wind = WindWatch::default();
+        }
+        if believed || !has_fixes {
             return told_mps;
         }
         // Lift told it last in the air: with that on the wheels, the elevator would answer too little.
@@ -851,14 +864,41 @@ impl Controller {
             return told_mps.map(|mps| mps.min(landing::fastest_mps(state)));
         }
         // Nor is there a wind without a pitot that told it.
-        if !watch.has_learnt() {
+        if !self.memory.wind.is_known() {
             return told_mps;
         }
         // Lift is told badly by some elevators; satellites and the wind of before know about where the airspeed is.
-        let over_ground_mps = state.air_velocity().norm();
-        let (least_mps, most_mps) =
-            (over_ground_mps - BELOW_BY_WIND_MPS, over_ground_mps + ABOVE_BY_WIND_MPS);
+        let (over_ground_mps, gusts_mps) = (state.air_velocity().norm(), self.memory.wind.deviation_mps());
+        let comes_down = self.comes_down();
+        let room_mps = |(deviations, most_mps): (f64, f64)| {
+            if comes_down { most_mps } else { (deviations * gusts_mps).min(most_mps) }
+        };
+        let least_mps = over_ground_mps - room_mps(BELOW_BY_WIND);
+        let most_mps = over_ground_mps + room_mps(ABOVE_BY_WIND);
         told_mps.map(|mps| mps.clamp(least_mps, most_mps))
+    }
+
+    /// How far the pitot (m/s, where it is believed) has come away from satellites and wind, see [`WindWatch::step`]. Not in a landing: the wind
+    /// changes towards the ground.
+    fn away(&mut self, state: &NavigationState, pitot_mps: Option<f64>, has_fixes: bool, dt_s: f64) -> f64 {
+        let wind = &mut self.memory.wind;
+        match pitot_mps.filter(|_| self.memory.landing.is_none()) {
+            Some(pitot_mps) if has_fixes => return wind.step(state, pitot_mps, dt_s),
+            Some(_) => wind.pause(dt_s),
+            None => {}
+        }
+        0.0
+    }
+
+    /// The airspeed of satellites and wind that lift is learnt from, m/s; not where the wind changes.
+    fn airspeed_to_learn(&self, state: &NavigationState) -> Option<f64> {
+        let known = self.memory.wind.is_known() && !self.comes_down();
+        known.then(|| state.air_velocity().norm())
+    }
+
+    /// On the straight way to the ground, or there.
+    fn comes_down(&self) -> bool {
+        self.memory.landing.is_some_and(|landing| landing.comes_down())
     }
 
     /// Where the path leads, at no airspeed that leaves too little lift for turns in these gusts.
@@ -987,8 +1027,7 @@ impl Controller {
             _ => 0.0,
         };
         let climb_rad = s.climb_rad + LACKING_SHARE * lacking_rad;
-        let comes_down = self.memory.landing.is_some_and(|landing| landing.comes_down());
-        let share = if comes_down { FINAL_SPEED_SHARE } else { 1.0 };
+        let share = if self.comes_down() { FINAL_SPEED_SHARE } else { 1.0 };
         let by_speed = wanted.map(|v| self.config.outer.airspeed(share * (v - s.airspeed_mps), climb_rad));
         commands.axial_mps2.or(by_speed)
     }

@@ -232,26 +232,54 @@ fn without_a_pitot_the_airspeed_stays_near_that_over_ground() {
     for over_ground_mps in [14.0, 36.0] {
         let flown_mps = |status| {
             let mut controller = controller();
-            let mut state = NavigationState { status, ..level_state() };
+            let mut state = level_state();
             // In the end it repeats its value, and is not believed before long.
-            for frame in 0..2_500 {
+            for frame in 0..6_000 {
                 let mut measured = inputs(Some(&state));
-                let moving_mps = if frame < 1_500 { 1e-3 * f64::from(frame % 17) } else { 0.0 };
+                let moving_mps = if frame < 5_000 { 1e-3 * f64::from(frame % 17) } else { 0.0 };
                 measured.airspeed_mps = measured.airspeed_mps.map(|mps| mps + moving_mps);
                 controller.step(&measured, &LoopCommands::MISSION);
             }
-            assert!(controller.memory.airspeed_watch.has_learnt());
+            assert!(controller.memory.wind.deviation_mps() < 0.6, "{:?}", controller.memory.wind);
             assert!(!controller.memory.airspeed_watch.is_believed());
-            state.velocity.x = over_ground_mps;
+            (state.velocity.x, state.status) = (over_ground_mps, status);
             let steps = (0..100).map(|_| controller.step(&inputs(Some(&state)), &LoopCommands::MISSION));
             steps.last().unwrap().signals.airspeed_mps
         };
+        // In calm air the wind has not changed by much since.
         let off_mps = flown_mps(EstimatorStatus::Ready) - over_ground_mps;
-        let near = -BELOW_BY_WIND_MPS - 0.1..ABOVE_BY_WIND_MPS + 0.1;
-        assert!(near.contains(&off_mps), "{over_ground_mps}: {off_mps}");
+        assert!((-1.0..0.7).contains(&off_mps), "{over_ground_mps}: {off_mps}");
         let off_mps = flown_mps(EstimatorStatus::Converging) - over_ground_mps;
         assert!(off_mps.abs() > 6.0, "{over_ground_mps}: {off_mps}, the velocity is not known either");
     }
+}
+
+/// Satellites find a pitot that drifts before lift alone does; not in an outage, and not with what was learnt on the ground.
+#[test]
+fn pitot_that_drifts_is_found_sooner_by_satellites_and_nothing_is_known_on_the_ground() {
+    let rascal = Airframe::from_toml(crate::airframe::built_in("rascal110").unwrap()).unwrap();
+    let guidance = Guidance::new(GuidanceConfig::default(), &seed_waypoints()).unwrap();
+    let found_s = |status: EstimatorStatus| {
+        let mut controller = Controller::new(rascal, ControllerConfig::default(), guidance);
+        let state = NavigationState { status, ..level_state() };
+        let found = (0..8_000).find(|frame| {
+            let drift_mps = 0.3 * 0.02 * f64::from((frame - 4_000).max(0));
+            let mut measured = inputs(Some(&state));
+            measured.airspeed_mps = Some(22.0 + 1e-3 * f64::from(frame % 17) - drift_mps);
+            controller.step(&measured, &LoopCommands::MISSION);
+            !controller.memory.airspeed_watch.is_believed()
+        });
+        f64::from(found.unwrap() - 4_000) * 0.02
+    };
+    let (with_s, without_s) = (found_s(EstimatorStatus::Ready), found_s(EstimatorStatus::Converging));
+    assert!(with_s > 0.0 && with_s + 1.0 < without_s, "{with_s} {without_s}");
+
+    let mut controller = controller();
+    let standing = NavigationState { velocity: Vector3::zeros(), ..level_state() };
+    for _ in 0..4_000 {
+        controller.step(&inputs(Some(&standing)), &LoopCommands::default());
+    }
+    assert!(!controller.memory.wind.is_known());
 }
 
 /// A controller whose pitot was blocked in the air, and which then touched the ground with 22 m/s; its airspeed at each speed over ground, m/s.

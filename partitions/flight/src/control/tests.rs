@@ -254,6 +254,21 @@ fn without_a_pitot_the_airspeed_stays_near_that_over_ground() {
     }
 }
 
+#[test]
+fn airspeed_is_kept_less_closely_on_the_straight_way_to_the_ground_and_as_closely_before_it() {
+    let mut controller = controller();
+    let s =
+        Signals { airspeed_mps: 20.5, density_kgpm3: 1.2, normal_mps2: -GRAVITY_MPS2, ..Signals::default() };
+    let commands = LoopCommands { airspeed_mps: Some(22.0), ..LoopCommands::MISSION };
+    let asked_mps2 =
+        |controller: &Controller| controller.axial(&s, &commands, None, Basis::Estimator).unwrap();
+    let in_flight = asked_mps2(&controller);
+    controller.land(&level_state(), 50.0, Vector2::zeros());
+    assert_eq!(asked_mps2(&controller), in_flight);
+    controller.memory.landing.as_mut().unwrap().phase = landing::Phase::Final;
+    assert!((asked_mps2(&controller) / in_flight - FINAL_SPEED_SHARE).abs() < 1e-9);
+}
+
 /// Satellites find a pitot that drifts before lift alone does; not in an outage, and not with what was learnt on the ground.
 #[test]
 fn pitot_that_drifts_is_found_sooner_by_satellites_and_nothing_is_known_on_the_ground() {

@@ -271,7 +271,7 @@ impl AirspeedWatch {
         let Some(by_lift_mps) = self.by_lift_mps() else {
             // An aircraft that is fast has little lift to tell it by.
             if self.seen_s >= SETTLED_S && frame.away.abs() > FAR_AWAY {
-                self.count(true, 1.0, dt_s);
+                self.count(1.0, dt_s);
             }
             return;
         };
@@ -299,7 +299,7 @@ impl AirspeedWatch {
         };
         let broken = self.repeated >= FROZEN_FRAMES || f64::from(self.jump2).sqrt() > NOISY * by_lift_mps;
         self.for_s = if off < 0.5 * limit && !broken { self.for_s + dt_s } else { 0.0 };
-        self.count(off > limit, off / limit, dt_s);
+        self.count(if off > limit { (off / limit).min(HEAVIEST) } else { -1.0 }, dt_s);
         if self.believed && broken {
             (self.believed, self.for_s) = (false, 0.0);
         } else if !self.believed && self.for_s >= AGAIN_S {
@@ -307,9 +307,8 @@ impl AirspeedWatch {
         }
     }
 
-    /// Counts what speaks against the pitot, by its weight, or for it.
-    fn count(&mut self, against: bool, weight: f64, dt_s: f64) {
-        let weight = if against { weight.min(HEAVIEST) } else { -1.0 };
+    /// Counts what speaks against the pitot, by its weight; what is below zero speaks for it.
+    fn count(&mut self, weight: f64, dt_s: f64) {
         self.against_s = (self.against_s + weight * dt_s).max(0.0);
         if self.believed && self.against_s >= PATIENCE_S {
             (self.believed, self.for_s) = (false, 0.0);

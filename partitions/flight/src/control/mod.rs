@@ -822,15 +822,18 @@ impl Controller {
         let in_air = !near_ground || state.altitude_m() > CARRIED_BY_WING_M;
         // An approach may need the airspeed of lift, down to the ground.
         let lands = self.memory.landing.is_some_and(|landing| !landing.is_on_ground());
-        let mut believed = self.memory.airspeed_watch.is_believed();
-        let pitot_mps = inputs.airspeed_mps.filter(|_| in_air && believed);
+        let was_believed = self.memory.airspeed_watch.is_believed();
+        let pitot_mps = inputs.airspeed_mps.filter(|_| in_air && was_believed);
         let has_fixes = basis == Basis::Estimator && state.status == EstimatorStatus::Ready;
         let flying = self.memory.channels.pitch && (in_air || lands) && basis != Basis::WingsLevel;
+        let comes_down = self.comes_down();
+        // There is no wind without a pitot that told it.
+        let by_wind_mps = (has_fixes && self.memory.wind.is_known()).then(|| state.air_velocity().norm());
         let frame = airspeed::Frame {
             pitot_mps: inputs.airspeed_mps,
             apart_mps: inputs.airspeed_mps.map_or(0.0, |pitot_mps| self.memory.gusts.apart_mps(pitot_mps)),
             away: self.away(state, pitot_mps.filter(|_| flying), has_fixes, dt_s),
-            learnt_mps: self.airspeed_to_learn(state).filter(|_| has_fixes),
+            learnt_mps: by_wind_mps.filter(|_| !comes_down),
             density_kgpm3: s.density_kgpm3,
             elevator_rad: self.memory.last.elevator_rad,
             pitch_rate_radps: s.pitch_rate_radps,
@@ -844,16 +847,13 @@ impl Controller {
             Some(pitot_mps) => self.memory.gusts.step(pitot_mps, frame.change_mps2, dt_s),
             None => self.memory.gusts.pause(dt_s),
         }
-        if believed && !flying {
-            self.memory.wind = WindWatch::default();
-        }
         // What a stalled wing does says nothing of the pitot.
         let told_mps = match self.memory.stall.is_stalled() {
             true => self.memory.airspeed_watch.flown_mps(frame.pitot_mps, 0.0),
             false => self.memory.airspeed_watch.step(&self.airframe, &frame),
         };
-        let believed_before = std::mem::replace(&mut believed, self.memory.airspeed_watch.is_believed());
-        if believed && !believed_before {
+        let believed = self.memory.airspeed_watch.is_believed();
+        if believed && !(was_believed && flying) {
             self.memory.wind = WindWatch::default();
         }
         if believed || !has_fixes {
@@ -863,19 +863,14 @@ impl Controller {
         if self.memory.landing.is_some_and(|landing| landing.is_on_ground()) {
             return told_mps.map(|mps| mps.min(landing::fastest_mps(state)));
         }
-        // Nor is there a wind without a pitot that told it.
-        if !self.memory.wind.is_known() {
-            return told_mps;
-        }
         // Lift is told badly by some elevators; satellites and the wind of before know about where the airspeed is.
-        let (over_ground_mps, gusts_mps) = (state.air_velocity().norm(), self.memory.wind.deviation_mps());
-        let comes_down = self.comes_down();
+        let Some(by_wind_mps) = by_wind_mps else { return told_mps };
+        let gusts_mps = self.memory.wind.deviation_mps();
         let room_mps = |(deviations, most_mps): (f64, f64)| {
             if comes_down { most_mps } else { (deviations * gusts_mps).min(most_mps) }
         };
-        let least_mps = over_ground_mps - room_mps(BELOW_BY_WIND);
-        let most_mps = over_ground_mps + room_mps(ABOVE_BY_WIND);
-        told_mps.map(|mps| mps.clamp(least_mps, most_mps))
+        let (below_mps, above_mps) = (room_mps(BELOW_BY_WIND), room_mps(ABOVE_BY_WIND));
+        told_mps.map(|mps| mps.clamp(by_wind_mps - below_mps, by_wind_mps + above_mps))
     }
 
     /// How far the pitot (m/s, where it is believed) has come away from satellites and wind, see [`WindWatch::step`]. Not in a landing: the wind
@@ -888,12 +883,6 @@ impl Controller {
             None => {}
         }
         0.0
-    }
-
-    /// The airspeed of satellites and wind that lift is learnt from, m/s; not where the wind changes.
-    fn airspeed_to_learn(&self, state: &NavigationState) -> Option<f64> {
-        let known = self.memory.wind.is_known() && !self.comes_down();
-        known.then(|| state.air_velocity().norm())
     }
 
     /// On the straight way to the ground, or there.

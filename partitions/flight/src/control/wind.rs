@@ -1,7 +1,7 @@
 //! The airspeed by satellites: velocity over ground, less the wind as it was before.
 //!
 //! Responsible for how far the pitot has come away from that, measured by what gusts do. The wind that it remembers follows the
-//! Estimator's so slowly that a pitot that drifts by 0.1 m/s each second is seen before the wind has followed it.
+//! Estimator's so slowly that a pitot that drifts by 0.25 m/s each second is seen before the wind has followed it.
 
 use super::NavigationState;
 use crate::kept::kept;
